@@ -646,7 +646,7 @@ QP_LANES static void pull(struct apc_mpc *p)
     for (i = 0; i + 4 <= rows; i += 4) {
         const double *row = p->G + i * n, *const four[] = {row, row + n, row + 2 * n, row + 3 * n};
 
-        qp_add_four(n, p->pulling + i, four, 0, p->f);
+        qp_add_four(n, p->pulling + i, four, p->f);
     }
     for (; i < rows; i++)
         qp_add(n, -p->pulling[i], p->G + i * n, p->f);

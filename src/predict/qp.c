@@ -23,6 +23,7 @@
            */
 #define VOUCH       1e-9 /* and up to which an answer is called optimal */
 #define REFINEMENTS 3
+#define LINE        64    /* bytes: of a cache */
 #define LARGEST     16384 /* rows: indices fit, and the packed triangles an address space */
 
 /* ---- Creation --------------------------------------------------------------------------------- */
@@ -86,7 +87,9 @@ static size_t lay_out(struct apc_qp *qp, unsigned char *block)
     qp->pending = cut(block, &used, rows + 1, sizeof(*qp->pending));
     qp->column = cut(block, &used, m * n, sizeof(*qp->column));
     qp->filled = cut(block, &used, m, sizeof(*qp->filled));
+    qp->zeros = cut(block, &used, m, sizeof(*qp->zeros));
     qp->work = cut(block, &used, rows + 1, sizeof(*qp->work));
+    qp->order = cut(block, &used, 2 * rows, sizeof(*qp->order));
     qp->state = cut(block, &used, rows, 1);
     qp->side = cut(block, &used, rows, 1);
     return used;
@@ -113,15 +116,17 @@ int apc_qp_create(struct apc_qp **qp, size_t n, size_t m, const struct apc_qp_op
     if (!(o.tolerance >= 0.0) || o.tolerance > APC_VALUE_MAX || weights_check(n + m, o.linear) ||
         weights_check(n + m, o.square))
         return apc_fail(why, APC_EINVAL, "a QP's tolerance and weights are numbers that are not negative");
-    size = lay_out(&plan, NULL);
-    block = calloc(1, size);
-    if (!block)
+    size = lay_out(&plan, NULL) + LINE;
+    plan.memory = malloc(size);
+    if (!plan.memory)
         return apc_fail(why, APC_ENOMEM, "no memory for a QP of %zu variables and %zu rows: %zu bytes", n, m,
                         size);
     plan.most = o.iterations ? o.iterations : (unsigned)(10 * (n + m));
     plan.tolerance = o.tolerance > 0.0 ? o.tolerance : 1e-9;
     plan.enough = o.enough;
     plan.ctx = o.ctx;
+    block = (unsigned char *)plan.memory + (LINE - (uintptr_t)plan.memory % LINE) % LINE;
+    memset(block, 0, size - LINE); /* no page is touched for the first time in a solve */
     (void)lay_out(&plan, block);
     memcpy(block, &plan, sizeof plan);
     *qp = (struct apc_qp *)(void *)block;
@@ -130,18 +135,11 @@ int apc_qp_create(struct apc_qp **qp, size_t n, size_t m, const struct apc_qp_op
 
 void apc_qp_destroy(struct apc_qp *qp)
 {
-    free(qp);
+    if (qp)
+        free(qp->memory);
 }
 
 /* ---- The problem ------------------------------------------------------------------------------ */
-
-static bool all_finite(size_t n, const double *v)
-{
-    for (size_t i = 0; i < n; i++)
-        if (!isfinite(v[i]))
-            return false;
-    return true;
-}
 
 /** J = R^-1, an upper triangle, from H = R'R. Returns 0 or the pivot that fails, from 1 on. */
 QP_LANES static size_t invert(struct apc_qp *qp)
@@ -191,6 +189,7 @@ QP_LANES static void transform(struct apc_qp *qp)
             qp_add(n - c, a, qp->J + c * n + c, qp->M + r * n + c);
         }
         qp->filled[r] = filled;
+        qp->zeros[r] = (filled ? column[0] : n) / 8 * 8;
     }
     for (size_t i = 0; i < qp->rows; i++) {
         size_t from;
@@ -213,7 +212,7 @@ int apc_qp_set(struct apc_qp *qp, const double *H, const double *A, struct apc_e
             qp->H[i * n + j] = qp->H[j * n + i] = H[i * n + j];
     if (qp->m > 0)
         memcpy(qp->A, A, qp->m * n * sizeof(*A));
-    if (!all_finite(n * n, qp->H) || !all_finite(qp->m * n, qp->A))
+    if (!qp_all_finite(n * n, qp->H) || !qp_all_finite(qp->m * n, qp->A))
         return apc_fail(why, APC_EINVAL, "the QP's H or A has an element that is no finite number");
     pivot = invert(qp);
     if (pivot)
@@ -223,7 +222,7 @@ int apc_qp_set(struct apc_qp *qp, const double *H, const double *A, struct apc_e
             "a weight",
             pivot, n);
     transform(qp);
-    if (!all_finite(n * n, qp->J) || !all_finite(qp->m * n, qp->M))
+    if (!qp_all_finite(n * n, qp->J) || !qp_all_finite(qp->m * n, qp->M))
         return apc_fail(why, APC_EINVAL, "H of the QP is too badly scaled: its factor has no finite inverse");
     for (size_t i = 0; i < n; i++)
         qp->root[i] = sqrt(qp->H[i * n + i]);
@@ -343,15 +342,31 @@ static void leave(struct apc_qp *qp, size_t at)
         line_up(qp, i, lambda, direction);
 }
 
+/** May four rows of W, from @p j on, go @p most of the way along @p move? */
+static inline bool are_free(const struct apc_qp *qp, const double *move, double most, size_t j)
+{
+    const apc_lanes step = QP_FOUR(move + j), to = QP_FOUR(qp->lambda + j) + most * step;
+    const apc_masks held = (~(step <= 0.0) & ~(to <= QP_FOUR(qp->most_of + j))) |
+                           (~(step >= 0.0) & ~(to >= QP_FOUR(qp->least + j)));
+
+    return !qp_any(&held);
+}
+
 /** How far W may go along @p move; *@p at is the row that says so, its lambda's end *@p end. */
-static double reach(const struct apc_qp *qp, const double *move, double most, bool careful, size_t *at,
-                    double *end)
+QP_LANES static double reach(const struct apc_qp *qp, const double *move, double most, bool careful,
+                             size_t *at, double *end)
 {
     double best = most, steepest = 0.0;
 
     *at = qp->k;
     for (size_t j = 0; j < qp->k; j++) {
-        double bound = move[j] > 0.0 ? qp->most_of[j] : qp->least[j], step;
+        double bound, step;
+
+        while (j + 4 <= qp->k && are_free(qp, move, most, j))
+            j += 4;
+        if (j == qp->k)
+            break;
+        bound = move[j] > 0.0 ? qp->most_of[j] : qp->least[j];
 
         if (move[j] == 0.0 || (move[j] > 0.0 ? qp->lambda[j] + most * move[j] <= bound
                                              : qp->lambda[j] + most * move[j] >= bound))
@@ -477,8 +492,18 @@ static double within(const struct apc_qp *qp, size_t i, double *sign)
     return much > allowance(qp, limit) ? much : 0.0;
 }
 
+/** Are four rows, from @p i on, within their limits, and none of them of F? */
+static inline bool are_calm(const struct apc_qp *qp, size_t i)
+{
+    const apc_lanes value = QP_FOUR(qp->value + i);
+    const apc_masks off = (value - QP_FOUR(qp->high + i) > qp->tolerance) |
+                          (QP_FOUR(qp->low + i) - value > qp->tolerance) | (QP_FOUR(qp->fixed + i) != 0.0);
+
+    return !qp_any(&off);
+}
+
 /** The row that is to come in: rows when there is none. */
-static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
+QP_LANES static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
 {
     size_t found = qp->rows;
     double most = 0.0;
@@ -486,8 +511,10 @@ static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
     for (size_t i = 0; i < qp->rows; i++) {
         double which, much;
 
-        if (qp->value[i] <= qp->high[i] && qp->value[i] >= qp->low[i] && qp->fixed[i] == 0.0)
-            continue; /* nearly all, so it comes first */
+        while (i + 4 <= qp->rows && are_calm(qp, i)) /* nearly all, so it comes first */
+            i += 4;
+        if (i == qp->rows)
+            break;
         much = qp->fixed[i] == 0.0 ? beyond(qp, i, &which) : within(qp, i, &which);
         if (much == 0.0 || (qp->state[i] && qp->fixed[i] == 0.0) || (qp->size[i] == 0.0 && soft(qp, i)))
             continue; /* as it should be, or of W, or of zeros and free to be violated */
@@ -523,12 +550,18 @@ static void come_in(struct apc_qp *qp, size_t i, double sign)
 /** q from f and F alone, F in the order of its rows. */
 QP_LANES static void base(struct apc_qp *qp)
 {
-    size_t n = qp->n;
+    size_t n = qp->n, i = 0;
 
     memset(qp->q, 0, n * sizeof(*qp->q));
-    for (size_t i = 0; i < n; i++)
+    for (; i + 4 <= n; i += 4) { /* J's zeros are there */
+        const double *row = qp->J + i * n + i;
+
+        qp_add_each(n - i, qp->f + i, (const double *const[]){row, row + n, row + 2 * n, row + 3 * n},
+                    qp->q + i);
+    }
+    for (; i < n; i++)
         qp_add(n - i, qp->f[i], qp->J + i * n + i, qp->q + i);
-    for (size_t i = 0; i < qp->rows; i++)
+    for (i = 0; i < qp->rows; i++)
         if (qp->fixed[i] != 0.0)
             qp_row_add(qp, i, qp->fixed[i], qp->q);
     qp->shifted = false;
@@ -691,17 +724,22 @@ static double astray(const struct apc_qp *qp, size_t at)
     return (sign > 0.0 ? qp->high[i] : qp->low[i]) + excess - qp->value[i];
 }
 
-/** The dual residual, each variable's in the scale of its own terms. Needs gradient(). */
-QP_LANES static double misfit(const struct apc_qp *qp)
+/** Is the dual residual of each variable at most a share of the scale of its own terms? Needs gradient(). */
+QP_LANES static bool fits(const struct apc_qp *qp, double share)
 {
-    double most = 0.0, scale = sqrt(qp_dot(qp->n, qp->w, qp->w)) + sqrt(qp_dot(qp->n, qp->q, qp->q));
+    const double scale = sqrt(qp_dot(qp->n, qp->w, qp->w)) + sqrt(qp_dot(qp->n, qp->q, qp->q));
+    apc_masks off = {0};
+    size_t i = 0;
 
-    for (size_t i = 0; i < qp->n; i++) {
-        double own = fabs(qp->g[i]) / (qp->root[i] * scale + DBL_MIN);
+    for (; i + 4 <= qp->n; i += 4) {
+        const apc_lanes g = QP_FOUR(qp->g + i), most = share * (QP_FOUR(qp->root + i) * scale + DBL_MIN);
 
-        most = own > most ? own : most;
+        off |= (g > most) | (g < -most);
     }
-    return most;
+    for (; i < qp->n; i++)
+        if (fabs(qp->g[i]) > share * (qp->root[i] * scale + DBL_MIN))
+            return false;
+    return !qp_any(&off);
 }
 
 static bool holds(const struct apc_qp *qp, double share)
@@ -746,7 +784,7 @@ static bool confirm(struct apc_qp *qp)
 
     publish(qp);
     gradient(qp);
-    for (round = 0; round < REFINEMENTS && !(misfit(qp) <= REFINE && holds(qp, 0.1)); round++)
+    for (round = 0; round < REFINEMENTS && !(fits(qp, REFINE) && holds(qp, 0.1)); round++)
         refine(qp);
     if (round == 0)
         return true;
@@ -771,18 +809,35 @@ static bool confirm(struct apc_qp *qp)
     return true;
 }
 
+/** Are four rows, from @p i on, within their limits, and does none of them pull? */
+static inline bool are_idle(const struct apc_qp *qp, size_t i)
+{
+    const apc_lanes value = QP_FOUR(qp->value + i);
+    const apc_masks busy = (QP_FOUR(qp->multiplier + i) != 0.0) | ~(value <= QP_FOUR(qp->high + i)) |
+                           ~(value >= QP_FOUR(qp->low + i));
+
+    return !qp_any(&busy);
+}
+
 /** Figures of the point as it stands. Needs gradient(). */
-static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
+QP_LANES static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
 {
     r->objective = 0.5 * qp_dot(qp->n, qp->x, qp->e) + qp_dot(qp->n, qp->x, qp->f);
     for (size_t i = 0; i < qp->n; i++)
         r->dual = fabs(qp->g[i]) > r->dual ? fabs(qp->g[i]) : r->dual;
-    for (size_t i = 0; i < qp->rows; i++) {
-        double lambda = qp->multiplier[i], above = qp->value[i] - qp->high[i],
-               below = qp->low[i] - qp->value[i];
-        double excess = above > below ? above : below, off = 0.0;
-
+    for (size_t i = 0; i < qp->rows; i++)
         r->active += qp->state[i] != 0;
+    for (size_t i = 0; i < qp->rows; i++) {
+        double lambda, above, below, excess, off = 0.0;
+
+        while (i + 4 <= qp->rows && are_idle(qp, i))
+            i += 4;
+        if (i == qp->rows)
+            break;
+        lambda = qp->multiplier[i];
+        above = qp->value[i] - qp->high[i];
+        below = qp->low[i] - qp->value[i];
+        excess = above > below ? above : below;
         if (lambda == 0.0 && excess <= 0.0)
             continue;
         if (lambda != 0.0)
@@ -832,14 +887,24 @@ static int refuse(struct apc_qp *qp, double *x, struct apc_qp_result *result, en
     return err;
 }
 
-/** f and limits are numbers, no low above its high. */
-static int look(struct apc_qp *qp, const double *f, const double *low, const double *high)
+static inline bool are_limits(const double *low, const double *high)
 {
-    size_t crossing = qp->rows;
+    const apc_lanes from = QP_FOUR(low), to = QP_FOUR(high);
+    const apc_masks wrong = ~(from <= to) | ~(from < HUGE_VAL) | ~(to > -HUGE_VAL);
 
-    if (!all_finite(qp->n, f))
+    return !qp_any(&wrong);
+}
+
+/** f and limits are numbers, no low above its high. */
+QP_LANES static int look(struct apc_qp *qp, const double *f, const double *low, const double *high)
+{
+    size_t crossing = qp->rows, rest = qp->rows;
+
+    if (!qp_all_finite(qp->n, f))
         return APC_EINVAL;
-    for (size_t i = qp->rows; i-- > 0;) {
+    while (rest >= 4 && are_limits(low + rest - 4, high + rest - 4))
+        rest -= 4;
+    for (size_t i = rest; i-- > 0;) {
         if (low[i] <= high[i] && low[i] < HUGE_VAL && high[i] > -HUGE_VAL)
             continue;
         if (!(low[i] > high[i]) || low[i] == HUGE_VAL || high[i] == -HUGE_VAL)
@@ -884,12 +949,12 @@ int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const do
         }
     ours.iterations = qp->changes;
     measure(qp, &ours);
-    if (!all_finite(qp->n, qp->x) || !isfinite(ours.dual)) {
+    if (!qp_all_finite(qp->n, qp->x) || !isfinite(ours.dual)) {
         apc_qp_start(qp, NULL);
         return refuse(qp, x, result, APC_QP_NUMBERS, APC_ESOLVER);
     }
     memcpy(x, qp->x, qp->n * sizeof(*x));
-    if (ours.status == APC_QP_OPTIMAL && !((misfit(qp) <= VOUCH || cancels(qp)) && holds(qp, 1.0)))
+    if (ours.status == APC_QP_OPTIMAL && !((fits(qp, VOUCH) || cancels(qp)) && holds(qp, 1.0)))
         ours.status = APC_QP_NUMBERS;
     for (size_t p = 0; p < qp->waiting;
          p++) /* a solve that ended on the way begins without them the next time */

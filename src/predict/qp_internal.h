@@ -14,9 +14,12 @@
 
 #include "apcqp.h"
 
+#include <math.h>
+#include <stdint.h>
 #include <string.h>
 
 struct apc_qp {
+    void *memory; /* all of it; this as well */
     size_t n, m, rows;
     unsigned most;
     double tolerance;
@@ -29,6 +32,7 @@ struct apc_qp {
     double *size;              /* [rows] |M_i| */
     double *linear, *square;   /* [rows] */
     unsigned *column, *filled; /* [m * n], [m] where A's rows are not 0; filled n: all */
+    size_t *zeros; /* [m] columns that a row of A, and so of AJ, begins with and are 0: eights of them */
     signed char *state, *side; /* [rows] 0 free, +-1 held, +-2 violated soft row; and what the caller sees */
     double *multiplier, *fixed, *value; /* [rows] the caller's; of F; (x, Ax) */
 
@@ -37,7 +41,7 @@ struct apc_qp {
     bool settled;
     size_t fresh;            /* so many rows of L are what a factorisation of W in order makes of them */
     size_t solved;           /* so much of z is right */
-    unsigned *work;          /* [rows] */
+    unsigned *work, *order;  /* [rows], [2 * rows] the order is scratch of settling */
     double *lambda, *target; /* [rows] where we are, and where W's own optimum is */
     double *least, *most_of, *give; /* [rows] where lambda may be; 1/s of a row that is violated, else 0 */
     double *rhs, *z, *inverse;      /* [rows] right-hand sides, L^-1 of them, 1/d */
@@ -72,21 +76,52 @@ struct apc_qp {
 #endif
 
 typedef double apc_lanes __attribute__((vector_size(32), aligned(8), may_alias));
+typedef int64_t apc_masks __attribute__((vector_size(32))); /* what comparing lanes gives: 0 or -1 each */
+
+#define QP_FOUR(at) (*(const apc_lanes *)(at))
+
+static inline bool qp_any(const apc_masks *masks)
+{
+    return (((*masks)[0] | (*masks)[1]) | ((*masks)[2] | (*masks)[3])) != 0;
+}
+
+static inline bool qp_all_finite(size_t n, const double *v)
+{
+    apc_masks none = {0};
+    size_t i = 0;
+
+    for (; i + 4 <= n; i += 4) {
+        const apc_lanes naught = 0.0 * QP_FOUR(v + i);
+
+        none |= naught != 0.0;
+    }
+    for (; i < n; i++)
+        if (!isfinite(v[i]))
+            return false;
+    return !qp_any(&none);
+}
+
+/** The end of a sum, fewer than eight, one after the other; the second bound is for the compiler. */
+static inline double qp_rest(size_t n, const double *a, const double *b)
+{
+    double sum = 0.0;
+
+    for (size_t i = 0; i < n && i < 7; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
 
 static inline double qp_dot(size_t n, const double *a, const double *b)
 {
     apc_lanes s = {0.0, 0.0, 0.0, 0.0}, t = {0.0, 0.0, 0.0, 0.0};
-    double rest = 0.0;
     size_t i = 0;
 
     for (; i + 8 <= n; i += 8) {
-        s += *(const apc_lanes *)(a + i) * *(const apc_lanes *)(b + i);
-        t += *(const apc_lanes *)(a + i + 4) * *(const apc_lanes *)(b + i + 4);
+        s += QP_FOUR(a + i) * QP_FOUR(b + i);
+        t += QP_FOUR(a + i + 4) * QP_FOUR(b + i + 4);
     }
-    for (; i < n; i++)
-        rest += a[i] * b[i];
     s += t;
-    return ((s[0] + s[2]) + (s[1] + s[3])) + rest;
+    return ((s[0] + s[2]) + (s[1] + s[3])) + qp_rest(n - i, a + i, b + i);
 }
 
 /** y += scale x */
@@ -95,7 +130,7 @@ static inline void qp_add(size_t n, double scale, const double *x, double *y)
     size_t i = 0;
 
     for (; i + 4 <= n; i += 4)
-        *(apc_lanes *)(y + i) += *(const apc_lanes *)(x + i) * scale;
+        *(apc_lanes *)(y + i) += QP_FOUR(x + i) * scale;
     for (; i < n; i++)
         y[i] += scale * x[i];
 }
@@ -108,7 +143,7 @@ static inline double qp_scale(size_t n, const double *scale, double *x)
     size_t i = 0;
 
     for (; i + 4 <= n; i += 4) {
-        apc_lanes before = *(apc_lanes *)(x + i), after = before * *(const apc_lanes *)(scale + i);
+        apc_lanes before = QP_FOUR(x + i), after = before * QP_FOUR(scale + i);
 
         sum += before * after;
         *(apc_lanes *)(x + i) = after;
@@ -122,25 +157,38 @@ static inline double qp_scale(size_t n, const double *scale, double *x)
     return ((sum[0] + sum[2]) + (sum[1] + sum[3])) + rest;
 }
 
-/** y -= the sum of lambda[q] (row[q] from @p first on), four rows. */
-static inline void qp_add_four(size_t n, const double *lambda, const double *const row[4], size_t first,
-                               double *y)
+/** y -= the sum of lambda[q] row[q], four rows. */
+static inline void qp_add_four(size_t n, const double *lambda, const double *const row[4], double *y)
 {
-    const double *a = row[0] + first, *b = row[1] + first, *c = row[2] + first, *d = row[3] + first;
+    const double *a = row[0], *b = row[1], *c = row[2], *d = row[3];
     size_t i = 0;
 
     for (; i + 4 <= n; i += 4)
-        *(apc_lanes *)(y + i) -=
-            (*(const apc_lanes *)(a + i) * lambda[0] + *(const apc_lanes *)(b + i) * lambda[1]) +
-            (*(const apc_lanes *)(c + i) * lambda[2] + *(const apc_lanes *)(d + i) * lambda[3]);
+        *(apc_lanes *)(y + i) -= (QP_FOUR(a + i) * lambda[0] + QP_FOUR(b + i) * lambda[1]) +
+                                 (QP_FOUR(c + i) * lambda[2] + QP_FOUR(d + i) * lambda[3]);
     for (; i < n; i++)
         y[i] -= (a[i] * lambda[0] + b[i] * lambda[1]) + (c[i] * lambda[2] + d[i] * lambda[3]);
+}
+
+/** What qp_add() does of four rows, one after the other; from the end, which is what back substitution waits
+ * for. */
+static inline void qp_add_each(size_t n, const double scale[4], const double *const row[4], double *y)
+{
+    const double *a = row[0], *b = row[1], *c = row[2], *d = row[3];
+    size_t i = 0;
+
+    for (; i + 4 <= n; i += 4)
+        *(apc_lanes *)(y + i) = (((QP_FOUR(y + i) + QP_FOUR(a + i) * scale[0]) + QP_FOUR(b + i) * scale[1]) +
+                                 QP_FOUR(c + i) * scale[2]) +
+                                QP_FOUR(d + i) * scale[3];
+    for (; i < n; i++)
+        y[i] = (((y[i] + scale[0] * a[i]) + scale[1] * b[i]) + scale[2] * c[i]) + scale[3] * d[i];
 }
 
 /** Row i of M; the columns before @p from are 0. */
 static inline const double *qp_row(const struct apc_qp *qp, size_t i, size_t *from)
 {
-    *from = i < qp->n ? i : 0;
+    *from = i < qp->n ? i : qp->zeros[i - qp->n];
     return i < qp->n ? qp->J + i * qp->n : qp->M + (i - qp->n) * qp->n;
 }
 
@@ -162,10 +210,11 @@ static inline void qp_row_add(const struct apc_qp *qp, size_t i, double scale, d
     qp_add(qp->n - from, scale, row + from, v + from);
 }
 
-/** Room of a packed lower triangle of @p k rows, its diagonal included: where row k begins. */
+/** Room of a packed lower triangle of @p k rows, its diagonal included: where row k begins. Rows are filled
+ * up to fours, so that each begins where four lanes do. */
 static inline size_t qp_packed(size_t k)
 {
-    return k * (k + 1) / 2;
+    return 4 * (k / 4 + 1) * (k / 4 * 2 + k % 4);
 }
 
 /* ---- qp_work.c: the working set and its factor ------------------------------------------------ */

@@ -5,17 +5,64 @@
 #define DEPENDENT 1e-20 /* of |M_i|^2: what is left of a row beside W when it depends on it */
 #define DOUBTFUL  1e-6  /* from here on a difference of squares no longer says what is left */
 
+/** x[j] = b[j] - L_j x for j from @p from to before @p to, each sum as qp_dot() has it. Where b and x are one
+ * it is solved in place. An element waits for the one before it, but only within eight. */
+static inline void forward(const double *L, const double *b, double *x, size_t from, size_t to)
+{
+    while (from < to) {
+        const size_t done = from / 8 * 8, end = to < done + 8 ? to : done + 8;
+        double sum[8] = {0.0};
+
+        for (size_t j = from; j < end; j++)
+            sum[j - done] = qp_dot(done, L + qp_packed(j), x);
+        for (size_t j = from; j < end; j++) {
+            const double *row = L + qp_packed(j);
+
+            x[j] = b[j] - (sum[j - done] + qp_rest(j - done, row + done, x + done));
+        }
+        from = end;
+    }
+}
+
+/** Rows of M that are at @p j, j + 1, ... of W, from the first column on that is not 0 in all of them, which
+ * comes back. */
+static inline size_t four_rows(const struct apc_qp *qp, size_t j, const double *row[4])
+{
+    size_t from, first = qp->n;
+
+    for (size_t q = 0; q < 4; q++) {
+        row[q] = qp_row(qp, qp->work[j + q], &from);
+        first = from < first ? from : first;
+    }
+    for (size_t q = 0; q < 4; q++)
+        row[q] += first;
+    return first;
+}
+
 /** y = (M_W M_W' + 1/s)^-1 (what L's row k stands for), @p k rows. */
 QP_LANES static void back(const struct apc_qp *qp, size_t k, double *y)
 {
-    for (size_t j = k; j-- > 1;)
-        qp_add(j, -y[j], qp->L + qp_packed(j), y);
+    for (; k % 4; k--)
+        qp_add(k - 1, -y[k - 1], qp->L + qp_packed(k - 1), y);
+    for (; k > 0; k -= 4) {
+        const double *a = qp->L + qp_packed(k - 1), *b = qp->L + qp_packed(k - 2);
+        const double *c = qp->L + qp_packed(k - 3), *d = qp->L + qp_packed(k - 4);
+        double *end = y + k - 4, scale[4];
+
+        scale[0] = -end[3];
+        end[2] += scale[0] * a[k - 2];
+        scale[1] = -end[2];
+        end[1] = (end[1] + scale[0] * a[k - 3]) + scale[1] * b[k - 3];
+        scale[2] = -end[1];
+        end[0] = ((end[0] + scale[0] * a[k - 4]) + scale[1] * b[k - 4]) + scale[2] * c[k - 4];
+        scale[3] = -end[0];
+        qp_add_each(k - 4, scale, (const double *const[]){a, b, c, d}, y);
+    }
 }
 
 QP_LANES void qp_work_solve(const struct apc_qp *qp, size_t k, double *y)
 {
-    for (size_t j = 0; j < k; j++)
-        y[j] -= qp_dot(j, qp->L + qp_packed(j), y);
+    forward(qp->L, y, y, 0, k);
     for (size_t j = 0; j < k; j++)
         y[j] *= qp->inverse[j];
     back(qp, k, y);
@@ -35,6 +82,21 @@ QP_LANES void qp_work_sides(struct apc_qp *qp, size_t at)
         qp->solved = at;
 }
 
+/** v -= M_W' y of the first @p k rows of W, row after row. */
+static inline void take_away(const struct apc_qp *qp, size_t k, const double *y, double *v)
+{
+    size_t j = 0;
+
+    for (; j + 4 <= k; j += 4) {
+        const double scale[4] = {-y[j], -y[j + 1], -y[j + 2], -y[j + 3]}, *row[4];
+        const size_t first = four_rows(qp, j, row);
+
+        qp_add_each(qp->n - first, scale, row, v + first);
+    }
+    for (; j < k; j++)
+        qp_row_add(qp, qp->work[j], -y[j], v);
+}
+
 /**
  * |M_i|^2 beside W, W being the first @p k rows, by projecting row i itself: twice, as rounding asks for
  * (Giraud, Langou and Rozloznik 2005). A violated soft row of W gives way, and so does not hold the row.
@@ -48,8 +110,7 @@ QP_LANES static double left_beside(struct apc_qp *qp, size_t i, size_t k)
     memcpy(y, qp->L + qp_packed(k), k * sizeof(*y));
     back(qp, k, y);
     for (int round = 0;; round++) {
-        for (size_t j = 0; j < k; j++)
-            qp_row_add(qp, qp->work[j], -y[j], rest);
+        take_away(qp, k, y, rest);
         if (round == 1)
             break;
         for (size_t j = 0; j < k; j++) {
@@ -72,11 +133,7 @@ static void place(struct apc_qp *qp, size_t k, size_t i)
 /** Elements j of row k of L, from @p from to before @p to, each still times d[j]. */
 static inline void eliminate(struct apc_qp *qp, size_t k, size_t from, size_t to)
 {
-    double *row = qp->L + qp_packed(k);
-    const double *gram = qp->G + qp_packed(k);
-
-    for (size_t j = from; j < to; j++)
-        row[j] = gram[j] - qp_dot(j, qp->L + qp_packed(j), row);
+    forward(qp->L, qp->G + qp_packed(k), qp->L + qp_packed(k), from, to);
 }
 
 /** Row k of L is eliminated: d[k]. False when nothing is left. */
@@ -93,25 +150,39 @@ QP_LANES static bool pivot(struct apc_qp *qp, size_t k)
     return left > DEPENDENT * gram;
 }
 
+/** Elements of row k of G from @p from to before @p to. */
+static inline void gram(struct apc_qp *qp, size_t k, size_t from, size_t to)
+{
+    const size_t n = qp->n, i = qp->work[k], own = i < n ? i : 0;
+    double *G = qp->G + qp_packed(k);
+    size_t zeros;
+    const double *row = qp_row(qp, i, &zeros);
+
+    for (size_t j = from; j < to; j++) {
+        const size_t o = qp->work[j], bound = o < n && o > own ? o : own;
+        size_t first, start;
+        const double *other = qp_row(qp, o, &first);
+
+        first = first < zeros ? zeros : first;
+        start = bound + (first - bound) / 8 * 8; /* whatever is left out, the lanes are the same */
+        G[j] = qp_dot(n - start, row + start, other + start);
+    }
+}
+
 QP_LANES bool qp_work_append(struct apc_qp *qp, size_t i, double lambda)
 {
-    size_t k = qp->k, from;
-    const double *row = qp_row(qp, i, &from);
-    double *gram = qp->G + qp_packed(k);
+    const size_t k = qp->k;
 
     if (k >= qp->rows)
         return false;
     place(qp, k, i);
-    for (size_t j = 0; j < k; j++) {
-        size_t start;
-        const double *other = qp_row(qp, qp->work[j], &start);
+    for (size_t j = 0; j < k; j += 8) { /* sums of G while those of L wait for each other */
+        const size_t end = j + 8 < k ? j + 8 : k;
 
-        if (start < from)
-            start = from;
-        gram[j] = qp_dot(qp->n - start, row + start, other + start);
+        gram(qp, k, j, end);
+        eliminate(qp, k, j, end);
     }
-    gram[k] = qp->size[i] * qp->size[i];
-    eliminate(qp, k, 0, k);
+    qp->G[qp_packed(k) + k] = qp->size[i] * qp->size[i];
     if (!pivot(qp, k))
         return false;
     qp->lambda[k] = lambda;
@@ -135,7 +206,7 @@ static void strike(double *packed, size_t at, size_t k)
 }
 
 /** Row r from its column @p from on, @p rest being what the columns before left over; then its pivot. */
-static double give_row(struct apc_qp *qp, size_t r, size_t from, double rest, double alpha)
+QP_LANES static double give_row(struct apc_qp *qp, size_t r, size_t from, double rest, double alpha)
 {
     double *row = qp->L + qp_packed(r), old = 1.0 / qp->inverse[r];
 
@@ -211,8 +282,7 @@ void qp_work_remove(struct apc_qp *qp, size_t at)
 
 QP_LANES void qp_work_target(struct apc_qp *qp)
 {
-    for (size_t j = qp->solved; j < qp->k; j++)
-        qp->z[j] = qp->rhs[j] - qp_dot(j, qp->L + qp_packed(j), qp->z);
+    forward(qp->L, qp->rhs, qp->z, qp->solved, qp->k);
     qp->solved = qp->k;
     for (size_t j = 0; j < qp->k; j++)
         qp->target[j] = qp->z[j] * qp->inverse[j];
@@ -227,59 +297,88 @@ void qp_work_against(const struct apc_qp *qp, double *move)
 
 QP_LANES void qp_work_pull(const struct apc_qp *qp, const double *lambda, double *v)
 {
-    size_t n = qp->n, j = 0;
+    size_t j = 0;
 
     for (; j + 4 <= qp->k; j += 4) { /* rows of J have their zeros */
-        size_t from[4], first = n;
         const double *row[4];
+        const size_t first = four_rows(qp, j, row);
 
-        for (size_t q = 0; q < 4; q++) {
-            row[q] = qp_row(qp, qp->work[j + q], &from[q]);
-            first = from[q] < first ? from[q] : first;
-        }
-        qp_add_four(n - first, lambda + j, row, first, v + first);
+        qp_add_four(qp->n - first, lambda + j, row, v + first);
     }
     for (; j < qp->k; j++)
         qp_row_add(qp, qp->work[j], -lambda[j], v);
 }
 
+/** Elements of rows k to k + 3 of L, of the columns before k: the four rows are the four lanes. */
+QP_LANES static void eliminate_rows(struct apc_qp *qp, size_t k)
+{
+    const double *G[4];
+    double *L[4], *x = qp->spare;
+
+    for (size_t q = 0; q < 4; q++) {
+        G[q] = qp->G + qp_packed(k + q);
+        L[q] = qp->L + qp_packed(k + q);
+    }
+    for (size_t j = 0; j < k; j++) {
+        const double *row = qp->L + qp_packed(j);
+        apc_lanes sum[8] = {{0.0}}, rest = {0.0, 0.0, 0.0, 0.0}, own = {G[0][j], G[1][j], G[2][j], G[3][j]};
+        size_t i = 0;
+
+        for (; i + 8 <= j; i += 8)
+            for (size_t l = 0; l < 8; l++) /* the lanes of qp_dot() */
+                sum[l] += row[i + l] * QP_FOUR(x + 4 * (i + l));
+        for (; i < j; i++)
+            rest += row[i] * QP_FOUR(x + 4 * i);
+        own -= ((((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7]))) + rest);
+        *(apc_lanes *)(x + 4 * j) = own;
+        for (size_t q = 0; q < 4; q++)
+            L[q][j] = own[q];
+    }
+}
+
+/** G as it is with W in the order of its rows; row r of W was at was[r]. */
+static void reorder(struct apc_qp *qp, size_t from, size_t k, const unsigned *was)
+{
+    for (size_t r = from; r < k; r++) {
+        const size_t a = was[r];
+        const double *row = qp->G + qp_packed(a);
+        double *to = qp->spare + qp_packed(r);
+
+        for (size_t c = 0; c <= r; c++)
+            to[c] = was[c] < a ? row[was[c]] : qp->G[qp_packed(was[c]) + a];
+    }
+    memcpy(qp->G + qp_packed(from), qp->spare + qp_packed(from),
+           (qp_packed(k) - qp_packed(from)) * sizeof(*qp->G));
+}
+
 QP_LANES void qp_work_settle(struct apc_qp *qp)
 {
     size_t k = 0, same = 0;
+    unsigned *was = qp->order + qp->rows;
 
-    /* value has room for the place of each row: nobody needs it before it is made anew. */
     memcpy(qp->beta, qp->lambda, qp->k * sizeof(*qp->beta));
     memcpy(qp->carry, qp->rhs, qp->k * sizeof(*qp->carry));
     for (size_t j = 0; j < qp->k; j++)
-        qp->value[qp->work[j]] = (double)j;
+        qp->order[qp->work[j]] = (unsigned)j;
     for (size_t i = 0; i < qp->rows; i++)
         if (qp->state[i] && qp->fixed[i] == 0.0) {
             if (k == same && k < qp->fresh && qp->work[k] == i)
                 same++;
+            was[k] = qp->order[i];
             place(qp, k++, i);
         }
     for (size_t r = same; r < k; r++) {
-        size_t a = (size_t)qp->value[qp->work[r]];
-
-        qp->lambda[r] = qp->beta[a];
-        qp->rhs[r] = qp->carry[a];
-        for (size_t c = 0; c <= r; c++) {
-            size_t b = (size_t)qp->value[qp->work[c]];
-
-            qp->spare[qp_packed(r) + c] = qp->G[a > b ? qp_packed(a) + b : qp_packed(b) + a];
-        }
+        qp->lambda[r] = qp->beta[was[r]];
+        qp->rhs[r] = qp->carry[was[r]];
     }
-    memcpy(qp->G + qp_packed(same), qp->spare + qp_packed(same),
-           (qp_packed(k) - qp_packed(same)) * sizeof(*qp->G));
-    for (size_t r = same; r < k;
-         r += 4) { /* each element waits for the one before it: four rows side by side */
-        size_t end = r + 4 < k ? r + 4 : k;
+    reorder(qp, same, k, was);
+    for (size_t r = same; r < k; r += 4) {
+        const size_t end = r + 4 < k ? r + 4 : k;
 
-        for (size_t j = 0; j < r; j++)
-            for (size_t q = r; q < end; q++)
-                eliminate(qp, q, j, j + 1);
+        if (r + 4 <= k)
+            eliminate_rows(qp, r);
         for (size_t q = r; q < end; q++) {
-            eliminate(qp, q, r, q);
+            eliminate(qp, q, r + 4 <= k ? r : 0, q);
             (void)pivot(qp, q);
         }
     }
