@@ -141,6 +141,39 @@ struct apc_identify_subspace_options {
 APC_API int apc_identify_subspace(struct apc_identified **model, const struct apc_record *record,
                                   const struct apc_identify_subspace_options *options, struct apc_error *why);
 
+/* ---- Parameters of a model of differential equations ---------------------------------------------- */
+
+struct apc_model;
+struct apc_plant_options;
+
+/** What is sought, and where the search begins. */
+struct apc_parameters {
+    size_t size;
+    const struct apc_model *model;         /**< no FMU */
+    const double *p, *x0;                  /**< [np], [nx]; NULL: the model's own */
+    const struct apc_plant_options *plant; /**< how it is integrated, and its dead time; NULL: the defaults */
+    const size_t *which;                   /**< [n] parameters that are sought, from 0; np: the dead time */
+    size_t n;
+    const size_t *input;  /**< [nu + nd] which of the model's inputs, disturbances behind them, each of the
+                               record's is; the others are as the model has them. NULL: the first ones */
+    const size_t *output; /**< [ny] likewise */
+    size_t until;         /**< fitted to that many samples, of each run its share; 0: all */
+};
+/**
+ * The parameters with which the model's free run goes best with the record: least squares of errors that are
+ * whitened by an autoregression, and weighed as each output scatters, over the parameters sought and where
+ * each run begins, by Gauss and Newton's iteration with Marquardt's damping. The model may be as nonlinear as
+ * it likes; the search goes downhill from where it begins, and finds what is there.
+ * @p value, @p error [n] what was found, and standard errors; @p x0 [runs * nx], @p run [n * ny] where each
+ * run began, and what the model says, also of what it was not fitted to; both may be NULL. [setup] Returns 0;
+ * APC_EINVAL: no record, no such parameter, an FMU, a start out of range; APC_ESOLVER: a parameter cannot be
+ * found, for it does nothing, or nothing but what others do, which are named, or it goes to its limit, or the
+ * record is too poor; APC_ENOMEM.
+ */
+APC_API int apc_identify_parameters(const struct apc_record *record, const struct apc_parameters *sought,
+                                    double *value, double *error, double *x0, double *run,
+                                    struct apc_error *why);
+
 /* ---- Validation ------------------------------------------------------------------------------------ */
 
 /** How well a model goes with a record, of one output. NAN: it cannot be told. */

@@ -26,7 +26,9 @@ enum {
     OPT_ORDER,
     OPT_FIGURE,
     OPT_FORCE,
-    OPT_SUGGEST
+    OPT_SUGGEST,
+    OPT_FIND,
+    OPT_PLANT
 };
 
 static const struct argp_option option_list[] = {
@@ -49,6 +51,11 @@ static const struct argp_option option_list[] = {
     {"figure", OPT_FIGURE, "NAME", 0, "Draw NAME.svg and NAME.png: measured, and what the model says", 0},
     {"suggest", OPT_SUGGEST, "TAU_C", OPTION_ARG_OPTIONAL,
      "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time", 0},
+    {"find", OPT_FIND, "NAMES", 0,
+     "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
+     0},
+    {"plant", OPT_PLANT, "FILE", 0,
+     "Of --find: the experiment file that has the plant, where the record is no run folder", 0},
     {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
     {0},
 };
@@ -136,6 +143,12 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         own->suggest = true;
         own->tau_c = arg ? parse_number(state, "suggest", arg, 1e-9, 1e9) : 0.0;
         break;
+    case OPT_FIND:
+        parse_names(state, arg, own->find, &own->finds);
+        break;
+    case OPT_PLANT:
+        own->plant = arg;
+        break;
     case OPT_FORCE:
         own->force = true;
         break;
@@ -144,6 +157,11 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "--order is that of --model transfer or --model subspace");
         if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
             argp_error(state, "--suggest is for transfer functions");
+        if (own->plant && !own->finds)
+            argp_error(state, "--plant is that of --find");
+        if (own->finds && (own->kind != KINDS || own->suggest || own->output || own->validate))
+            argp_error(state,
+                       "--find finds parameters: no --model, --suggest, --output or --validate with it");
         if (wish->disturbances && wish->disturbances == wish->inputs)
             argp_error(state, "--disturbances need --inputs beside them");
         break;
@@ -390,6 +408,10 @@ int command_identify(int argc, char **argv)
     rc = spare_files(z);
     if (rc == EXIT_OK)
         rc = identify_read_all(z);
+    if (rc == EXIT_OK && z->own.finds) {
+        rc = identify_find(z);
+        goto out;
+    }
     if (rc == EXIT_OK)
         rc = find_models(z);
     if (rc == EXIT_OK && z->own.output)
@@ -398,6 +420,7 @@ int command_identify(int argc, char **argv)
         rc = draw(z);
     if (rc == EXIT_OK)
         identify_show(z);
+out:
     rc = cli_done(&z->cli, rc);
     for (int k = 0; k < KINDS; k++)
         drop(&z->model[k]);

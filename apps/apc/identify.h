@@ -64,7 +64,9 @@ enum identify_kind { TRANSFER, ARX, SUBSPACE, FIR, KINDS };
 
 struct identify_options {
     struct identify_wish wish;
-    const char *from, *to, *validate, *output, *figure;
+    const char *from, *to, *validate, *output, *figure, *plant; /* plant: the experiment file that has it */
+    char *find[IDENTIFY_SIGNALS]; /* parameters of the plant; finds 0: models are sought */
+    size_t finds;
     double share; /* of the record that is fitted to */
     int kind;     /* KINDS: all, and the best of them */
     unsigned order;
@@ -91,6 +93,11 @@ struct identification {
 int identify_read_all(struct identification *z);
 /* Of each record the share that is @p until of all. Returns 0 or APC_ENOMEM; free(*memory). */
 int identify_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory);
+
+/* --find instead of models. Returns an exit code, its reason told. */
+int identify_find(struct identification *z);
+/* What was read, and what of it is fitted to: the first line of a report. */
+void identify_show_samples(const struct identification *z);
 
 /* The report, as --json and --csv say. */
 void identify_show(const struct identification *z);

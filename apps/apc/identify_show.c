@@ -30,7 +30,7 @@ static double reach(const struct identification *z, size_t i, bool judged)
     return most;
 }
 
-static void show_samples(const struct identification *z)
+void identify_show_samples(const struct identification *z)
 {
     const struct apc_record *r = &z->data.record;
     const size_t runs = apc_record_runs(r);
@@ -51,7 +51,7 @@ static void show_record(const struct identification *z)
     const struct identify_data *d = &z->data;
     const struct apc_record *r = &d->record;
 
-    show_samples(z);
+    identify_show_samples(z);
     for (size_t i = 0; i < r->ny; i++)
         if (d->gaps[i].missing)
             printf("%s: %zu samples are missing, %zu the most at a time\n", d->output[i], d->gaps[i].missing,

@@ -72,6 +72,30 @@ double apc_qr_variance(size_t p, const double *R, size_t width, double *g)
     return apc_matrix_dot(g, g, p);
 }
 
+void apc_qr_damped(size_t m, const double *R, size_t width, const double *b, double damping, double *S,
+                   double *T, double *step)
+{
+    double *rhs = step + m;
+
+    memset(S, 0, 2 * m * (m + 1) * sizeof(*S));
+    for (size_t j = 0; j < m; j++) {
+        double length = 0.0;
+
+        for (size_t i = 0; i <= j; i++) {
+            const double r = R[i * width + j];
+
+            S[j * 2 * m + i] = r;
+            length += r * r;
+        }
+        S[j * 2 * m + m + j] = sqrt(damping * length);
+    }
+    memcpy(S + 2 * m * m, b, m * sizeof(*S));
+    apc_qr_extend(2 * m, 0, m, S, T, m);
+    for (size_t i = 0; i < m; i++)
+        rhs[i] = apc_matrix_dot(S + i * 2 * m, S + 2 * m * m, 2 * m);
+    apc_qr_solve(m, T, m, rhs, step);
+}
+
 /* Rows gather below the R of those before them. */
 int apc_triangle_open(struct apc_triangle *rows, size_t width)
 {

@@ -16,6 +16,12 @@ void apc_qr_extend(size_t n, size_t from, size_t to, double *Q, double *R, size_
 void apc_qr_solve(size_t p, const double *R, size_t width, const double *b, double *x);
 /* g'(R'R)^-1 g, g [p] becoming R'^-1 g; HUGE_VAL where that is none. */
 double apc_qr_variance(size_t p, const double *R, size_t width, double *g);
+/*
+ * The step that Marquardt damps: least squares of [R; damping D] step = [b; 0], D the lengths of R's columns.
+ * R [m * m] within rows of @p width. S [2 m * (m + 1)] and T [m * m] are room, step [2 m], of which m are it.
+ */
+void apc_qr_damped(size_t m, const double *R, size_t width, const double *b, double damping, double *S,
+                   double *T, double *step);
 /* R of a matrix that is given row by row. */
 struct apc_triangle {
     size_t width, room, filled;
@@ -47,6 +53,8 @@ void apc_whiten(const double *x, size_t n, const double *a, size_t order, double
 
 /* ---- record.c ------------------------------------------------------------------------------------- */
 
+/* Is there a record, and are its numbers some? Returns 0 or APC_EINVAL. */
+int apc_record_check_shape(const struct apc_record *r, struct apc_error *why);
 /* Samples of the shortest and of the longest run. */
 size_t apc_record_shortest(const struct apc_record *r);
 size_t apc_record_longest(const struct apc_record *r);

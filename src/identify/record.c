@@ -71,7 +71,7 @@ static size_t least_of(const struct apc_record *r)
     return SAMPLES_LEAST + 10 * (r->nu + r->nd);
 }
 
-static int check_shape(const struct apc_record *r, struct apc_error *why)
+int apc_record_check_shape(const struct apc_record *r, struct apc_error *why)
 {
     const size_t inputs = r->nu + r->nd, least = least_of(r);
     apc_ns period;
@@ -287,7 +287,7 @@ int apc_record_check(const struct apc_record *record, struct apc_error *why)
     int rc = apc_options_copy(&r, sizeof(r), record, "apc_record", why);
 
     if (rc == 0)
-        rc = check_shape(&r, why);
+        rc = apc_record_check_shape(&r, why);
     if (rc == 0)
         rc = check_movement(&r, why);
     if (rc == 0)

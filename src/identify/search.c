@@ -228,31 +228,6 @@ int search_differentiate(struct search *s, const struct shape *shape)
     return rc;
 }
 
-/* The damped step [unknowns]: least squares of [R; damping D] step = [along; 0], D the lengths of R's
- * columns. small [2 m * (m + 1)] */
-static void find_step(struct search *s, size_t first, size_t m, double damping, double *step)
-{
-    double *S = s->small, *rhs = step + m;
-
-    memset(S, 0, 2 * m * (m + 1) * sizeof(*S));
-    for (size_t j = 0; j < m; j++) {
-        double length = 0.0;
-
-        for (size_t i = 0; i <= j; i++) {
-            const double r = s->R[(first + i) * s->width + first + j];
-
-            S[j * 2 * m + i] = r;
-            length += r * r;
-        }
-        S[j * 2 * m + m + j] = sqrt(damping * length);
-    }
-    memcpy(S + 2 * m * m, s->along + first, m * sizeof(*S));
-    apc_qr_extend(2 * m, 0, m, S, s->small_R, m);
-    for (size_t i = 0; i < m; i++)
-        rhs[i] = apc_matrix_dot(S + i * 2 * m, S + 2 * m * m, 2 * m);
-    apc_qr_solve(m, s->small_R, m, rhs, step);
-}
-
 void search_copy(const struct search *s, struct shape *to, const struct shape *from)
 {
     struct arm *arm = to->arm;
@@ -300,7 +275,8 @@ int search_refine(struct search *s, struct shape *shape)
             break;
         search_project(s, first, first + m);
         while (!better && damping < 1e3 && rc == 0) {
-            find_step(s, first, m, damping, s->small + 2 * m * (m + 1));
+            apc_qr_damped(m, s->R + first * s->width + first, s->width, s->along + first, damping, s->small,
+                          s->small_R, s->small + 2 * m * (m + 1));
             search_copy(s, &s->trial, shape);
             step_shape(s, &s->trial, s->small + 2 * m * (m + 1));
             rc = try_aside(s, first + m);

@@ -86,6 +86,33 @@ experiment mpc 'model = "run.model";' >mpc.conf
 experiment lqg 'model = "space.model";' >lqg.conf
 "$apc" simulate lqg.conf | grep -Eq '^y +all' || fail "lqg does not run on the state space"
 
+# ---- Parameters of the plant itself: the truth inside the interval, from a start that is far off, of CSV as well
+
+held() { # FILE PARAMETER TRUTH: of --find's CSV
+  awk -F, -v p="$2" -v t="$3" '$1 == p { d = $3 - t; found = d <= 2.6 * $4 && d >= -2.6 * $4 && $4 < 0.05 * t } END { exit !found }' "$1" ||
+    fail "$2 is not $3: $(cat "$1")"
+}
+sed 's/K = 10.0; tau = 10.0;/K = 7.0; tau = 14.0;/; s/dead_time = 5.0/dead_time = 3.0/' pi.conf >guessed.conf
+"$apc" identify run --find K,tau,dead_time --plant guessed.conf --csv --figure found >found.csv
+held found.csv K 10
+held found.csv tau 10
+grep -Eq '^dead_time,3,5\.[0-3]' found.csv || fail "the dead time: $(cat found.csv)" # and the client's way
+[ -s found.svg ] || fail "--find draws nothing"
+expect 0 'first-order of run, with 95 % intervals' "$apc" identify run --find K,tau
+expect 0 'to try: apc simulate FILE --set plant.parameters.K=' "$apc" identify run run@..200 --find K
+awk -F, 'NR > 1 && ($2 == "sensor" || $2 == "actuator") && $3 == 1 { v[$2] = $5; if ($2 == "sensor") print $1 "," v["actuator"] "," $5 }' run/samples.csv |
+  awk -F, 'BEGIN { print "time,u,y" } $2 != ""' >run.csv
+expect 1 'run.csv is no run folder.*--plant FILE' "$apc" identify run.csv --inputs u --outputs y --find K
+"$apc" identify run.csv --inputs u --outputs y --find K,tau,dead_time --plant guessed.conf --csv >found-csv.csv
+held found-csv.csv K 10
+expect 1 'first-order has no parameter "k"; apc plants first-order shows' "$apc" identify run --find K,k
+sed 's/"y"/"w"/' pi.conf >other-names.conf
+expect 1 'other-names.conf has no measurement "y"' "$apc" identify run --find K --plant other-names.conf
+expect 1 'input 1 is|K changes nothing|cannot be found|samples' "$apc" identify run@0..3 --find K
+expect 2 'no --model, --suggest, --output or --validate with it' "$apc" identify run --find K -o K.model
+expect 2 '--plant is that of --find' "$apc" identify run --plant guessed.conf
+expect 0 '"parameter":"K","was":10' "$apc" identify run --find K --json
+
 # ---- A store that has the same rows makes the same model; of a window of it, the one of that window
 
 "$apc" init pi.conf >/dev/null

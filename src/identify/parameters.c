@@ -1,0 +1,646 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Parameters of a model of differential equations, with where each run begins, so that its free run goes best
+ * with what was measured: Gauss and Newton's iteration, damped as Marquardt did. How y moves with each
+ * unknown is had from two runs beside the present one; y itself by the plant's own integrator. Errors count
+ * as they scatter, output by output, whitened by an autoregression.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+#include "identify/identify_internal.h"
+#include "plant/plant_internal.h"
+
+#define NOISE_MOST 8
+#define STEP       1e-4 /* of an unknown's size, to either side */
+#define ROUNDS     3    /* of what errors are expected to be like */
+#define APART      1e-3 /* of what an unknown does that nothing else does, at least */
+#define TOGETHER   0.1  /* of it that another does which is named with it */
+
+struct unknown {
+    enum kind { STATE, PARAMETER, DEAD_TIME } kind;
+    size_t run, at; /* a state of which run; which one */
+    double low, high, size;
+};
+
+struct fit {
+    struct apc_record r;
+    struct apc_parameters s;
+    struct apc_plant_options plant;
+    const struct apc_model *model;
+    size_t runs, rows, m, first;          /* rows: n * ny; unknowns, of which the first are states */
+    struct unknown *unknown;              /* [m] */
+    double *p, *x0, dead_time;            /* [np], [runs * nx], s */
+    double *value, *trial, *step, *along; /* [m], [m], [2 * m], [m] */
+    double *y, *plus, *minus, *e, *room;  /* [rows] */
+    double *Q, *R, *small, *small_R;      /* [rows * m], [m * m]; of a step */
+    double *deviation, *noise;            /* [ny], [ny * NOISE_MOST]: what the errors are like */
+    double *u, *out;                      /* [nu], [model's ny] */
+    int *order;                           /* [ny] */
+    void *memory;
+};
+
+/* ---- Running -------------------------------------------------------------------------------------- */
+
+static void put(struct fit *f, size_t q, double value)
+{
+    const struct unknown *of = &f->unknown[q];
+
+    if (of->kind == STATE)
+        f->x0[of->run * f->model->nx + of->at] = value;
+    else if (of->kind == PARAMETER)
+        f->p[of->at] = value;
+    else
+        f->dead_time = value;
+}
+
+/* What acts from sample @p k of a run, @p late periods late; before the run it was as at first. */
+static int drive(struct fit *f, struct apc_plant *plant, const struct apc_record *run, double k)
+{
+    const size_t inputs = run->nu + run->nd, at = k > 0.0 ? (size_t)k : 0;
+    int rc = 0;
+
+    for (size_t j = 0; j < inputs; j++) {
+        const size_t to = f->s.input ? f->s.input[j] : j;
+
+        if (to < f->model->nu)
+            f->u[to] = run->u[at * inputs + j];
+        else if (rc == 0)
+            rc = apc_plant_disturb(plant, to - f->model->nu, run->u[at * inputs + j]);
+    }
+    return rc;
+}
+
+/* A sample on: the input changes within it, where it acts a part of a period late. */
+static int advance(struct fit *f, struct apc_plant *plant, const struct apc_record *run, size_t k)
+{
+    const double late = f->dead_time / run->Ts, whole = floor(late + 1e-9), part = late - whole;
+    int rc = 0;
+
+    if (part > 1e-9) {
+        rc = drive(f, plant, run, (double)k - whole - 1.0);
+        if (rc == 0)
+            rc = apc_plant_advance(plant, part * run->Ts, f->u);
+    }
+    if (rc == 0)
+        rc = drive(f, plant, run, (double)k - whole);
+    return rc == 0 ? apc_plant_advance(plant, fmin(1.0 - part, 1.0) * run->Ts, f->u) : rc;
+}
+
+/* y [n * ny] as the numbers in p, x0 and dead_time say. APC_ESOLVER: they have no answer. */
+static int run_all(struct fit *f, double *y, struct apc_error *why)
+{
+    const size_t ny = f->r.ny;
+    int rc = 0;
+
+    for (size_t g = 0; g < f->runs && rc == 0; g++) {
+        const struct apc_record run = apc_record_run(&f->r, g);
+        double *to = y + (apc_record_end(&f->r, g) - run.n) * ny;
+        struct apc_plant *plant = NULL;
+
+        apc_param_initials(f->model->input, f->model->nu, f->u);
+        rc = apc_plant_create(&plant, f->model, f->p, f->x0 + g * f->model->nx, &f->plant, why);
+        for (size_t k = 0; k < run.n && rc == 0; k++) {
+            rc = drive(f, plant, &run, (double)k - floor(f->dead_time / run.Ts + 1e-9));
+            apc_plant_output(plant, f->u, f->out);
+            for (size_t i = 0; i < ny; i++)
+                to[k * ny + i] = f->out[f->s.output ? f->s.output[i] : i];
+            if (rc == 0 && k + 1 < run.n)
+                rc = advance(f, plant, &run, k);
+        }
+        if (rc == APC_ESOLVER && plant)
+            apc_fail(why, rc, "parameters: %s", apc_plant_error(plant));
+        apc_plant_destroy(plant);
+    }
+    return rc;
+}
+
+/* ---- Errors --------------------------------------------------------------------------------------- */
+
+/* The samples of a run that are fitted to, and where they begin. */
+static size_t fitted_of(const struct fit *f, size_t g, size_t *begin)
+{
+    const struct apc_record run = apc_record_run(&f->r, g);
+
+    *begin = apc_record_end(&f->r, g) - run.n;
+    return apc_record_share(&f->r, &run, f->s.until);
+}
+
+/* Column [rows], in units of what errors scatter by and whitened as they are; 0 where none counts. It becomes
+ * output after output. */
+static void weigh(const struct fit *f, double *column)
+{
+    const size_t ny = f->r.ny;
+    double *room = f->room;
+
+    memset(room, 0, f->rows * sizeof(*room));
+    for (size_t i = 0; i < ny; i++) {
+        double *to = room + i * f->r.n;
+
+        for (size_t g = 0; g < f->runs; g++) {
+            size_t begin, n = fitted_of(f, g, &begin);
+
+            for (size_t k = 0; k < n; k++) {
+                const size_t at = (begin + k) * ny + i;
+
+                to[begin + k] = isfinite(f->r.y[at]) ? column[at] / f->deviation[i] : (double)NAN;
+            }
+            apc_whiten(to + begin, n, f->noise + i * NOISE_MOST, (size_t)f->order[i], to + begin);
+        }
+    }
+    for (size_t k = 0; k < f->rows; k++)
+        column[k] = isfinite(room[k]) ? room[k] : 0.0;
+}
+
+/* e = what is measured without y, weighed. Returns its sum of squares. */
+static double misfit(const struct fit *f, const double *y, double *e)
+{
+    for (size_t k = 0; k < f->rows; k++)
+        e[k] = isfinite(f->r.y[k]) ? f->r.y[k] - y[k] : 0.0;
+    weigh(f, e);
+    return apc_matrix_dot(e, e, f->rows);
+}
+
+/* From what is left of y: how it scatters, and by which autoregression. Returns 0 or APC_ENOMEM. */
+static int expect(struct fit *f, const double *y)
+{
+    const size_t n = f->r.n, ny = f->r.ny;
+
+    for (size_t i = 0; i < ny; i++) {
+        double *e = f->room, *a = f->noise + i * NOISE_MOST, sum = 0.0, there = 0.0;
+
+        for (size_t k = 0; k < n; k++)
+            e[k] = (double)NAN;
+        for (size_t g = 0; g < f->runs; g++) {
+            size_t begin, share = fitted_of(f, g, &begin);
+
+            for (size_t k = g > 0; k < share; k++) /* none hangs on those of the run before */
+                e[begin + k] = f->r.y[(begin + k) * ny + i] - y[(begin + k) * ny + i];
+        }
+        f->order[i] = apc_autoregression(e, n, NOISE_MOST, a);
+        if (f->order[i] < 0)
+            return f->order[i];
+        apc_whiten(e, n, a, (size_t)f->order[i], e);
+        for (size_t k = 0; k < n; k++) {
+            sum += isfinite(e[k]) ? e[k] * e[k] : 0.0;
+            there += isfinite(e[k]) != 0;
+        }
+        f->deviation[i] = fmax(sqrt(sum / fmax(there, 1.0)), 1e-9 * f->deviation[i]);
+    }
+    return 0;
+}
+
+/* How many errors count. */
+static size_t counted(const struct fit *f)
+{
+    size_t rows = 0;
+
+    for (size_t g = 0; g < f->runs; g++) {
+        size_t begin, n = fitted_of(f, g, &begin);
+
+        for (size_t k = begin * f->r.ny; k < (begin + n) * f->r.ny; k++)
+            rows += isfinite(f->r.y[k]) != 0;
+    }
+    return rows;
+}
+
+/* Q R = how y moves with each unknown. */
+static int differentiate(struct fit *f, struct apc_error *why)
+{
+    int rc = 0;
+
+    for (size_t q = 0; q < f->m && rc == 0; q++) {
+        const struct unknown *of = &f->unknown[q];
+        const double at = f->value[q], up = fmin(at + STEP * of->size, of->high),
+                     down = fmax(at - STEP * of->size, of->low);
+        double *out = f->Q + q * f->rows;
+
+        put(f, q, up);
+        rc = run_all(f, f->plus, why);
+        put(f, q, down);
+        if (rc == 0)
+            rc = run_all(f, f->minus, why);
+        put(f, q, at);
+        for (size_t k = 0; k < f->rows && rc == 0; k++)
+            out[k] = (f->plus[k] - f->minus[k]) / (up - down) * of->size;
+        weigh(f, out);
+    }
+    if (rc == 0)
+        apc_qr_extend(f->rows, 0, f->m, f->Q, f->R, f->m);
+    return rc;
+}
+
+/* ---- What cannot be told --------------------------------------------------------------------------------
+ */
+
+static const char *name_of(const struct fit *f, size_t q, char *room, size_t size)
+{
+    const struct unknown *of = &f->unknown[q];
+
+    if (of->kind == DEAD_TIME)
+        return "dead_time";
+    if (of->kind == PARAMETER)
+        return f->model->param[of->at].name;
+    if (f->model->state)
+        snprintf(room, size, "where %s begins", f->model->state[of->at].name);
+    else
+        snprintf(room, size, "where state %zu begins", of->at + 1);
+    return room;
+}
+
+/* A sought-for number that does nothing, or nothing that others do not do as well: those are named. */
+static int check_apart(const struct fit *f, struct apc_error *why)
+{
+    double *share = f->small;
+
+    for (size_t q = f->first; q < f->m; q++) {
+        char list[160] = "", room[60];
+        double length = 0.0;
+        int n = 0;
+
+        for (size_t i = 0; i <= q; i++)
+            length += f->R[i * f->m + q] * f->R[i * f->m + q];
+        length = sqrt(length);
+        if (!(length > 0.0))
+            return apc_fail(
+                why, APC_ESOLVER,
+                "parameters: %s changes nothing that was measured: it cannot be found from this record. "
+                "Measure what it acts on, or leave it as it is",
+                name_of(f, q, room, sizeof room));
+        if (f->R[q * f->m + q] > APART * length)
+            continue;
+        for (size_t i = 0; i < q; i++)
+            share[i] = f->R[i * f->m + q];
+        apc_qr_solve(q, f->R, f->m, share, share);
+        for (size_t i = 0; i < q; i++) {
+            double other = 0.0;
+
+            for (size_t k = 0; k <= i; k++)
+                other += f->R[k * f->m + i] * f->R[k * f->m + i];
+            if (fabs(share[i]) * sqrt(other) > TOGETHER * length && n >= 0 && (size_t)n < sizeof list - 1)
+                n += snprintf(list + n, sizeof list - (size_t)n, "%s%s", n ? ", " : "",
+                              name_of(f, i, room, sizeof room));
+        }
+        return apc_fail(
+            why, APC_ESOLVER,
+            "parameters: what %s does to the measurements, %s does as well: one cannot be told from "
+            "the other by this record. Leave one of them as it is, or move the inputs otherwise",
+            name_of(f, q, room, sizeof room), list);
+    }
+    return 0;
+}
+
+/* ---- Searching -------------------------------------------------------------------------------------- */
+
+static void take(struct fit *f, const double *value)
+{
+    for (size_t q = 0; q < f->m; q++)
+        put(f, q, value[q]);
+}
+
+/* A step to the better, *left becoming less; *better: there was one. */
+static int improve(struct fit *f, double *left, double *damping, bool *better, struct apc_error *why)
+{
+    int rc = differentiate(f, why);
+
+    if (rc == 0)
+        rc = check_apart(f, why);
+    for (size_t q = 0; q < f->m; q++)
+        f->along[q] = apc_matrix_dot(f->Q + q * f->rows, f->e, f->rows);
+    *better = false;
+    while (!*better && *damping < 1e6 && rc == 0) {
+        double found = HUGE_VAL;
+
+        apc_qr_damped(f->m, f->R, f->m, f->along, *damping, f->small, f->small_R, f->step);
+        for (size_t q = 0; q < f->m; q++)
+            f->trial[q] = fmin(fmax(f->value[q] + f->step[q] * f->unknown[q].size, f->unknown[q].low),
+                               f->unknown[q].high);
+        take(f, f->trial);
+        rc = run_all(f, f->plus, why);
+        if (rc == 0)
+            found = misfit(f, f->plus, f->minus);
+        rc = rc == APC_ENOMEM ? rc : 0; /* where the model has no answer is no way to go */
+        *better = found < *left;
+        *damping *= *better ? 0.1 : 10.0;
+        if (*better) {
+            memcpy(f->value, f->trial, f->m * sizeof(*f->value));
+            memcpy(f->y, f->plus, f->rows * sizeof(*f->y));
+            memcpy(f->e, f->minus, f->rows * sizeof(*f->e));
+            *left = found;
+        }
+    }
+    take(f, f->value);
+    *damping = fmax(*damping, 1e-9);
+    return rc;
+}
+
+static int search(struct fit *f, double *left, struct apc_error *why)
+{
+    double damping = 1e-3;
+    bool better = true;
+    int rc = 0;
+
+    *left = misfit(f, f->y, f->e);
+    for (int iteration = 0, idle = 0; iteration < 50 && idle < 2 && better && rc == 0; iteration++) {
+        const double before = *left;
+
+        rc = improve(f, left, &damping, &better, why);
+        idle = before - *left < 1e-6 * before ? idle + 1 : 0;
+    }
+    return rc;
+}
+
+/* Of each run where the model stands still with its first inputs, where that goes better with it. */
+static int begin(struct fit *f, struct apc_error *why)
+{
+    const size_t nx = f->model->nx, inputs = f->r.nu + f->r.nd;
+    double *x = calloc(f->runs * nx + f->model->nu + f->model->nd + 1, sizeof(*x)), *u = x + f->runs * nx;
+    int rc = x ? run_all(f, f->y, why) : APC_ENOMEM;
+
+    if (rc == APC_ENOMEM) {
+        free(x);
+        return rc;
+    }
+    const bool lost = rc < 0;
+    memcpy(x, f->x0, f->runs * nx * sizeof(*x));
+    for (size_t g = 0; g < f->runs; g++) {
+        const struct apc_record run = apc_record_run(&f->r, g);
+        double *still = f->x0 + g * nx;
+
+        apc_param_initials(f->model->input, f->model->nu, u);
+        apc_param_initials(f->model->disturbance, f->model->nd, u + f->model->nu);
+        for (size_t j = 0; j < inputs; j++)
+            u[f->s.input ? f->s.input[j] : j] = run.u[j];
+        if (apc_model_equilibrium(f->model, f->p, u, still, NULL) < 0)
+            continue; /* it stays as it was */
+        for (size_t i = 0; i < nx && f->model->state; i++)
+            still[i] = fmin(fmax(still[i], f->model->state[i].low), f->model->state[i].high);
+    }
+    rc = run_all(f, f->plus, lost ? why : NULL);
+    for (size_t g = 0; g < f->runs; g++) {
+        size_t first, n = fitted_of(f, g, &first);
+        double given = 0.0, found = 0.0;
+
+        for (size_t k = first * f->r.ny; k < (first + n) * f->r.ny; k++) {
+            const double d = f->deviation[k % f->r.ny];
+
+            given += isfinite(f->r.y[k]) ? pow((f->r.y[k] - f->y[k]) / d, 2) : 0.0;
+            found += isfinite(f->r.y[k]) ? pow((f->r.y[k] - f->plus[k]) / d, 2) : 0.0;
+        }
+        if (rc < 0 || (!lost && !(found < given)))
+            memcpy(f->x0 + g * nx, x + g * nx, nx * sizeof(*x));
+    }
+    free(x);
+    if (rc < 0 && !lost)
+        rc = 0;
+    return rc == 0 ? run_all(f, f->y, why) : rc;
+}
+
+/* ---- What is told ------------------------------------------------------------------------------------ */
+
+/* The standard error of unknown @p q, and behind it in small R'^-1 of its unit. */
+static double error_of(struct fit *f, double variance, size_t q, double *g)
+{
+    memset(g, 0, f->m * sizeof(*g));
+    g[q] = 1.0;
+    return f->unknown[q].size * sqrt(variance * apc_qr_variance(f->m, f->R, f->m, g));
+}
+
+static int check_known(struct fit *f, double variance, size_t q, double error, struct apc_error *why)
+{
+    const struct unknown *of = &f->unknown[q];
+    double *mine = f->small, *others = f->small + f->m;
+    char list[160] = "", room[60];
+    int n = 0;
+
+    if (of->kind == PARAMETER && (f->value[q] <= of->low || f->value[q] >= of->high))
+        return apc_fail(
+            why, APC_ESOLVER,
+            "parameters: %s goes to its limit %g: is it a record of this plant, with these inputs, in "
+            "these units?",
+            name_of(f, q, room, sizeof room), f->value[q]);
+    if (of->kind == DEAD_TIME || 1.96 * error < fmax(fabs(f->value[q]), of->size))
+        return 0;
+    error_of(f, variance, q, mine);
+    for (size_t i = 0; i < f->m; i++) {
+        error_of(f, variance, i, others);
+        const double alike = apc_matrix_dot(mine, others, f->m) /
+                             sqrt(apc_matrix_dot(mine, mine, f->m) * apc_matrix_dot(others, others, f->m));
+
+        if (i != q && fabs(alike) > 0.9 && (size_t)n < sizeof list - 1)
+            n += snprintf(list + n, sizeof list - (size_t)n, "%s%s",
+                          n ? ", " : ", as it does what these do: ", name_of(f, i, room, sizeof room));
+    }
+    return apc_fail(
+        why, APC_ESOLVER,
+        "parameters: %s cannot be found from this record: %.3g +- %.2g%s. Leave it as it is, record for "
+        "longer, or move the inputs more",
+        name_of(f, q, room, sizeof room), f->value[q], 1.96 * error, list);
+}
+
+static int tell(struct fit *f, double left, double *value, double *error, struct apc_error *why)
+{
+    const size_t rows = counted(f);
+    const double variance = left / (double)(rows > f->m ? rows - f->m : 1);
+    int rc = differentiate(f, why);
+
+    if (rc == 0)
+        rc = check_apart(f, why);
+    for (size_t q = f->first; q < f->m && rc == 0; q++) {
+        value[q - f->first] = f->value[q];
+        error[q - f->first] = error_of(f, variance, q, f->small);
+        rc = check_known(f, variance, q, error[q - f->first], why);
+    }
+    return rc;
+}
+
+/* ---- The whole -------------------------------------------------------------------------------------- */
+
+static void set_unknown(struct fit *f, size_t q, enum kind kind, size_t run, size_t at)
+{
+    const struct apc_param *table = kind == STATE ? f->model->state : f->model->param;
+    struct unknown *of = &f->unknown[q];
+    double usual = 0.0;
+
+    *of = (struct unknown){.kind = kind, .run = run, .at = at, .low = -HUGE_VAL, .high = HUGE_VAL};
+    if (kind == DEAD_TIME) {
+        of->low = 0.0;
+        of->high = (double)apc_record_shortest(&f->r) / 4.0 * f->r.Ts;
+        of->size = f->r.Ts;
+        f->value[q] = f->dead_time;
+        return;
+    }
+    if (table) {
+        of->low = table[at].low;
+        of->high = table[at].high;
+        usual = 0.01 * fabs(table[at].initial);
+    }
+    f->value[q] = kind == STATE ? f->x0[run * f->model->nx + at] : f->p[at];
+    of->size = fmax(fabs(f->value[q]), usual);
+    of->size = of->size > 0.0 ? of->size : 1.0;
+}
+
+static int check_sought(const struct fit *f, struct apc_error *why)
+{
+    const struct apc_model *m = f->model;
+
+    if (apc_model_is_fmu(m))
+        return apc_fail(why, APC_EINVAL, "parameters: %s is an FMU, that takes parameters as it starts only",
+                        m->name);
+    if (!f->s.which || f->s.n == 0)
+        return apc_fail(why, APC_EINVAL, "parameters: none is sought");
+    for (size_t i = 0; i < f->s.n; i++) {
+        for (size_t k = 0; k < i; k++)
+            if (f->s.which[i] == f->s.which[k])
+                return apc_fail(why, APC_EINVAL, "parameters: one is sought twice");
+        if (f->s.which[i] > m->np || (f->s.which[i] < m->np && !m->param))
+            return apc_fail(why, APC_EINVAL, "parameters: %s has no parameter %zu", m->name,
+                            f->s.which[i] + 1);
+        if (f->s.which[i] < m->np && !(m->param[f->s.which[i]].high > m->param[f->s.which[i]].low))
+            return apc_fail(why, APC_EINVAL, "parameters: %s can be nothing but %g",
+                            m->param[f->s.which[i]].name, m->param[f->s.which[i]].low);
+    }
+    for (size_t j = 0; j < f->r.nu + f->r.nd; j++)
+        if ((f->s.input ? f->s.input[j] : j) >= m->nu + m->nd)
+            return apc_fail(why, APC_EINVAL, "parameters: %s has no input %zu", m->name, j + 1);
+    for (size_t i = 0; i < f->r.ny; i++)
+        if ((f->s.output ? f->s.output[i] : i) >= m->ny)
+            return apc_fail(why, APC_EINVAL, "parameters: %s has no output %zu", m->name, i + 1);
+    return 0;
+}
+
+static int open_fit(struct fit *f)
+{
+    const struct apc_model *m = f->model;
+    const size_t ny = f->r.ny;
+    double *at;
+
+    f->runs = apc_record_runs(&f->r);
+    f->rows = f->r.n * ny;
+    f->first = f->runs * m->nx;
+    f->m = f->first + f->s.n;
+    f->unknown = calloc(f->m + 1, sizeof(*f->unknown));
+    f->order = calloc(ny + 1, sizeof(*f->order));
+    f->memory = at = calloc((5 + f->m) * f->rows + 6 * f->m + 3 * f->m * f->m + 2 * f->m * (f->m + 1) +
+                                (1 + NOISE_MOST) * ny + m->np + f->first + m->nu + m->ny + 1,
+                            sizeof(*at));
+    if (!f->unknown || !f->order || !at)
+        return APC_ENOMEM;
+    f->y = apc_carve(&at, f->rows);
+    f->plus = apc_carve(&at, f->rows);
+    f->minus = apc_carve(&at, f->rows);
+    f->e = apc_carve(&at, f->rows);
+    f->room = apc_carve(&at, f->rows);
+    f->Q = apc_carve(&at, f->rows * f->m);
+    f->R = apc_carve(&at, f->m * f->m);
+    f->small = apc_carve(&at, 2 * f->m * (f->m + 1));
+    f->small_R = apc_carve(&at, f->m * f->m);
+    f->value = apc_carve(&at, f->m);
+    f->trial = apc_carve(&at, f->m);
+    f->step = apc_carve(&at, 2 * f->m);
+    f->along = apc_carve(&at, f->m);
+    f->deviation = apc_carve(&at, ny);
+    f->noise = apc_carve(&at, ny * NOISE_MOST);
+    f->p = apc_carve(&at, m->np);
+    f->x0 = apc_carve(&at, f->first);
+    f->u = apc_carve(&at, m->nu);
+    f->out = apc_carve(&at, m->ny);
+    return 0;
+}
+
+/* How far each output goes from its mean in each run. */
+static void measure(struct fit *f)
+{
+    const size_t ny = f->r.ny;
+
+    for (size_t i = 0; i < ny; i++) {
+        double sum = 0.0, there = 0.0;
+
+        for (size_t g = 0; g < f->runs; g++) {
+            size_t begin, n = fitted_of(f, g, &begin);
+            double mean = 0.0, of = 0.0;
+
+            for (size_t k = begin; k < begin + n; k++) {
+                const double y = f->r.y[k * ny + i];
+
+                of += isfinite(y) != 0;
+                mean += isfinite(y) ? y : 0.0;
+            }
+            for (size_t k = begin; k < begin + n; k++)
+                sum += isfinite(f->r.y[k * ny + i]) ? pow(f->r.y[k * ny + i] - mean / of, 2) : 0.0;
+            there += of;
+        }
+        f->deviation[i] = sqrt(sum / fmax(there, 1.0));
+    }
+}
+
+static int prepare(struct fit *f, struct apc_error *why)
+{
+    const struct apc_model *m = f->model;
+    int rc = apc_model_take(m, f->p, f->s.p, m->param, m->np, "parameter", why);
+
+    for (size_t g = 0; g < f->runs && rc == 0; g++)
+        rc = apc_model_take(m, f->x0 + g * m->nx, f->s.x0, m->state, m->nx, "state", why);
+    if (rc < 0)
+        return rc;
+    f->dead_time = f->plant.dead_time;
+    f->plant.dead_time = 0.0;
+    measure(f);
+    for (size_t i = 0; i < f->r.ny; i++)
+        if (!(f->deviation[i] > 0.0))
+            return apc_fail(why, APC_EINVAL,
+                            "output %zu is the same all the time, or not there: leave it out", i + 1);
+    rc = begin(f, why);
+    for (size_t q = 0; q < f->first; q++)
+        set_unknown(f, q, STATE, q / m->nx, q % m->nx);
+    for (size_t q = 0; q < f->s.n; q++)
+        set_unknown(f, f->first + q, f->s.which[q] < m->np ? PARAMETER : DEAD_TIME, 0, f->s.which[q]);
+    return rc;
+}
+
+int apc_identify_parameters(const struct apc_record *record, const struct apc_parameters *sought,
+                            double *value, double *error, double *x0, double *run, struct apc_error *why)
+{
+    struct fit f = {.plant = {.size = sizeof f.plant}};
+    double left = 0.0;
+    int rc = apc_options_copy(&f.r, sizeof(f.r), record, "apc_record", why);
+
+    if (rc == 0)
+        rc = apc_options_copy(&f.s, sizeof(f.s), sought, "apc_parameters", why);
+    if (rc == 0)
+        rc = apc_options_copy(&f.plant, sizeof(f.plant), f.s.plant, "apc_plant_options", why);
+    if (rc == 0)
+        rc = apc_record_check_shape(&f.r, why);
+    if (rc < 0)
+        return rc;
+    f.plant.size = sizeof f.plant;
+    f.model = f.s.model;
+    f.s.until = f.s.until ? f.s.until : f.r.n;
+    rc = check_sought(&f, why);
+    if (rc < 0)
+        return rc;
+    rc = open_fit(&f);
+    if (rc == 0)
+        rc = prepare(&f, why);
+    for (int round = 0; round < ROUNDS && rc == 0; round++) {
+        rc = round ? expect(&f, f.y) : 0;
+        if (rc == 0)
+            rc = search(&f, &left, why);
+    }
+    if (rc == 0)
+        rc = tell(&f, left, value, error, why);
+    if (rc == 0 && x0)
+        memcpy(x0, f.x0, f.first * sizeof(*x0));
+    if (rc == 0 && run)
+        memcpy(run, f.y, f.rows * sizeof(*run));
+    if (rc == APC_ENOMEM)
+        apc_fail(why, rc, "apc_identify_parameters: no memory");
+    free(f.memory);
+    free(f.unknown);
+    free(f.order);
+    return rc;
+}
