@@ -628,6 +628,56 @@ static void test_maintenance_drops_what_is_old_and_keeps_the_newest(void **state
     assert_near(out[0], 1, 0);
 }
 
+struct newest_rows {
+    int64_t first, next;
+    int n;
+};
+
+static void see_newest(struct newest_rows *s, int64_t seq)
+{
+    s->first = s->n++ == 0 ? seq : s->first;
+    assert_true(s->n == 1 || seq == s->next);
+    s->next = seq + 1;
+}
+
+static int see_newest_sample(void *ctx, const struct apc_sample *s)
+{
+    see_newest(ctx, s->seq);
+    return 0;
+}
+
+static int see_newest_vector(void *ctx, const struct apc_vector *v)
+{
+    see_newest(ctx, v->seq);
+    return 0;
+}
+
+static void test_the_newest_so_many_are_so_many(void **state)
+{
+    enum { ROWS = 200 };
+    static const struct apc_range bounds[] = {{0}, {.until = 150 * 1000 * 1000}, {.since = 60 * 1000 * 1000}};
+    for (int64_t seq = 1; seq <= ROWS; seq++) {
+        double value = (double)seq;
+        struct apc_sample s = sample(APC_SENSOR, 1, seq, value);
+        s.time = seq * APC_NS_PER_MS;
+        assert_int_equal(append_samples(*state, &s, 1), 1);
+        assert_int_equal(append_vector(*state, vector(APC_TICK, 1, seq, &value, 1)), 1);
+    }
+    for (size_t i = 0; i < sizeof bounds / sizeof *bounds; i++) {
+        const int64_t low = bounds[i].since ? 60 : 1, high = bounds[i].until ? 149 : ROWS;
+        for (int64_t last = 1; last <= ROWS + 2; last += last % 64 > 62 || last % 64 < 2 ? 1 : 5) {
+            const int64_t first = high - last + 1 > low ? high - last + 1 : low;
+            struct apc_range range = bounds[i];
+            struct newest_rows samples = {0}, vectors = {0};
+            range.last = (size_t)last;
+            ok(*state, apc_store_history(*state, APC_SENSOR, 1, &range, see_newest_sample, &samples));
+            ok(*state, apc_store_vectors(*state, APC_TICK, 1, &range, see_newest_vector, &vectors));
+            assert_true(samples.first == first && samples.next == high + 1);
+            assert_true(vectors.first == first && vectors.next == high + 1);
+        }
+    }
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
 
 int main(void)
@@ -652,6 +702,7 @@ int main(void)
         T(test_a_wait_sees_rows),
         T(test_variables_of_vectors_are_named_as_well),
         T(test_history_comes_in_rising_seq_within_its_bounds),
+        T(test_the_newest_so_many_are_so_many),
         T(test_maintenance_drops_what_is_old_and_keeps_the_newest),
     };
     int failed = 0;

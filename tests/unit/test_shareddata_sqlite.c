@@ -307,6 +307,23 @@ static void test_a_path_that_is_none_is_refused(void **state)
     assert_null(store);
 }
 
+/* Wherever the program goes afterwards. */
+static void test_a_path_is_from_where_the_program_was_when_it_opened_it(void **state)
+{
+    char here[4096], at[300];
+    (void)state;
+    assert_non_null(getcwd(here, sizeof here));
+    snprintf(at, sizeof at, "%s/named.db", scratch_folder());
+    assert_int_equal(chdir(scratch_folder()), 0);
+    struct apc_store *store = open_named("sqlite:named.db", 20 * SECOND);
+    assert_int_equal(chdir("/"), 0);
+    const int made = apc_store_init(store), stored = append_one(store, 1, 1), there = access(at, F_OK);
+    apc_store_close(store);
+    assert_int_equal(chdir(here), 0);
+    if (made != 0 || stored != 1 || there != 0)
+        fail_msg("made %d, stored %d, there %d", made, stored, there);
+}
+
 static void test_a_file_that_is_not_there_is_not_made_by_using_it(void **state)
 {
     assert_said(*state, newest_seq(*state, 1), APC_ECONN, "apc init");
@@ -1194,6 +1211,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         T(test_samples_in_any_order_are_found_as_a_model_finds_them),
         T(test_a_path_that_is_none_is_refused),
+        T(test_a_path_is_from_where_the_program_was_when_it_opened_it),
         N(test_a_file_that_is_not_there_is_not_made_by_using_it),
         N(test_a_file_that_is_not_ours_is_refused_and_left_alone),
         T(test_another_version_is_refused),
