@@ -3,6 +3,7 @@
 #include "check.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "run/run_internal.h"
@@ -253,6 +254,45 @@ static void the_number_that_is_there_is_told(void **state)
     experiment_free(&e);
 }
 
+/* All of what stands in the file for itself, so that it can be pasted there. */
+static void what_holds_a_setting_is_told_as_a_line(void **state)
+{
+    static const struct {
+        const char *path, *line;
+    } of[] = {
+        {"duration", "duration = 12.0;"},
+        {"plant.period", "period = 0.5;"},
+        {"controllers.base.period", "period = 2.0;"},
+        {"controllers.base.v2.u_max", "tuning = ( { u_max = 10.0; }, { u_max = 9.0; } );"},
+        {"controllers.base.operating_point.u", "operating_point = { u = [ 3.0, 3.0 ]; };"},
+    };
+    struct experiment e;
+    char *line;
+    (void)state;
+    load(&e, NULL, 0);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        if (experiment_line(&e, of[i].path, &line, &why) < 0)
+            fail_msg("%s", why.text);
+        char plain[200] = "", *to = plain; /* however it is spaced */
+        for (const char *from = line; *from; from++)
+            if (*from != ' ' && *from != '\n')
+                *to++ = *from;
+        char expected[200] = "";
+        to = expected;
+        for (const char *from = of[i].line; *from; from++)
+            if (*from != ' ')
+                *to++ = *from;
+        assert_string_equal(plain, expected);
+        free(line);
+    }
+    assert_int_equal(experiment_line(&e, "plant.parameters.A1", &line, &why), APC_ENOTFOUND);
+    assert_string_equal(why.text, "plant.parameters.A1: is not in the file");
+    assert_null(line);
+    assert_int_equal(experiment_line(&e, "controllers.bse.period", &line, &why), APC_ENOTFOUND);
+    assert_has(why.text, "did you mean \"base\"?");
+    experiment_free(&e);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -264,6 +304,7 @@ int main(void)
         cmocka_unit_test(the_plant_runs_with_what_was_drawn),
         cmocka_unit_test(a_draw_keeps_to_the_parameter_s_limits_or_is_refused),
         cmocka_unit_test(the_number_that_is_there_is_told),
+        cmocka_unit_test(what_holds_a_setting_is_told_as_a_line),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
