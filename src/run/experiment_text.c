@@ -502,10 +502,12 @@ static bool is_outer(const config_setting_t *at)
 int experiment_line(const struct experiment *e, const char *path, char **line, struct apc_error *why)
 {
     config_t config;
-    struct place place = {.value = NULL};
+    struct place place = {.value = strdup("")};
     size_t size = 0;
     *line = NULL;
     int rc = settings_parse(&config, path, e->text, why);
+    if (rc == 0 && !place.value)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0 && ((rc = find(&place, config_root_setting(&config), path)) == APC_ENOTFOUND))
         tell(&place, path, why);
     const config_setting_t *at = rc == 0 ? place.at : NULL;
@@ -519,6 +521,7 @@ int experiment_line(const struct experiment *e, const char *path, char **line, s
     }
     if (rc == 0 && (!out || fclose(out) != 0))
         rc = apc_fail(why, at ? APC_ENOMEM : APC_ENOTFOUND, "%s: is not in the file", path);
+    free(place.value);
     config_destroy(&config);
     return rc;
 }
