@@ -47,7 +47,8 @@ struct shell {
     double within; /* s */
     struct apc_store *live, *record;
     struct apc_forward *forward;
-    bool reached; /* the history, once */
+    bool reached;   /* the history, once */
+    uint64_t older; /* when that was said: stats.older */
     pthread_t thread;
     pthread_mutex_t mutex; /* of all below; inherits priority */
     pthread_cond_t wake, ended;
@@ -67,7 +68,7 @@ struct shell {
         struct lag_watch lag;
         bool scarce;
         int refused;
-        uint64_t gaps, rows, events, timing;
+        uint64_t gaps, rows, events, timing, older;
     } told;
 };
 
@@ -114,9 +115,13 @@ static int move(struct shell *s, apc_ns timeout)
     int rc = apc_forward_step(s->forward, timeout);
     if ((rc == APC_ESCHEMA || (rc == APC_ECONN && !s->reached)) && apc_store_init(s->record) >= 0)
         rc = apc_forward_step(s->forward, timeout);
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(s->forward, &stats);
+    s->reached = s->reached && stats.older == s->older;
     if (rc >= 0 && !s->reached && apc_store_connected(s->record)) { /* only its owner may say what it is */
         const int said = apc_store_keep_history(s->record);
         s->reached = said >= 0 || said == APC_EPERM;
+        s->older = stats.older;
     }
     return rc;
 }
@@ -262,6 +267,14 @@ static void tell_gap(struct shell *s, const struct report *r)
     s->told.gaps = r->stats.gap.times;
 }
 
+static void tell_older(struct shell *s, const struct report *r)
+{
+    if (r->stats.older > s->told.older)
+        daemon_event(&s->d, APC_EVENT_WARNING, "history",
+                     "the history came back older than it was: what the live store still has is sent again");
+    s->told.older = r->stats.older;
+}
+
 static void tell_lost(struct shell *s, const struct apc_forward_stats *stats)
 {
     if (stats->lost.events > s->told.events)
@@ -296,6 +309,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
         return APC_ETIMEDOUT;
     }
     tell_asked(s, asked, why);
+    tell_older(s, &r);
     tell_gap(s, &r);
     tell_lost(s, &r.stats);
     tell_lag(s, &r, now);

@@ -411,6 +411,8 @@ struct apc_forward_stats {
         uint64_t events, timing;
     } lost; /**< so many of these were overwritten in FROM before their turn came; at most, if nothing is left
                  there of what TO had at the start */
+    uint64_t older; /**< so many times TO had less than it had taken, a backup that was restored: it is sent
+                       again */
 };
 
 /**

@@ -8,6 +8,10 @@
  * already is left alone, so a batch whose answer was lost is sent again. Vectors go before samples: what
  * names a tick finds it.
  *
+ * TO may come back older, from a backup that is restored. So before it gets more it is asked for what it took
+ * last, and where that is gone all places are read anew. (What is restored between that question and the
+ * append, milliseconds, has a hole.)
+ *
  * A step takes of each variable what there was when it began, as of one moment, so that TO as a whole is
  * FROM as it was. Only when a step is cut short is one variable ahead of another.
  */
@@ -230,6 +234,40 @@ static apc_ns time_read(const struct apc_forward *f, size_t i)
     return i < f->n_vectors ? f->ask_vector[i].time : f->ask[i - f->n_vectors].time;
 }
 
+/* Has it what it took last? */
+static int look_at_to(struct apc_forward *f)
+{
+    const bool vector = apc_table_vectors(f->last.table);
+    struct apc_sample s = {.table = f->last.table, .id = f->last.id};
+    struct apc_vector v = {.table = f->last.table, .id = f->last.id};
+    struct apc_rows rows = {
+        .size = sizeof rows, .sample = &s, .n_samples = !vector, .vector = &v, .n_vectors = vector};
+    if (f->last.seq == 0 || f->stats.behind == 0) {
+        return 0;
+    }
+    const int rc = apc_store_read_rows(f->to, &rows);
+    if (rc < 0) {
+        return apc_forward_fail_to(f, rc);
+    }
+    if ((vector ? v.seq : s.seq) < f->last.seq) {
+        f->described = false;
+        lose_places(f);
+    }
+    return 0;
+}
+
+/* All that is known of TO was of before. */
+static void begin_anew(struct apc_forward *f)
+{
+    f->stats.older++;
+    f->events = f->timing = (struct apc_forward_cursor){.doubtful = true};
+    f->last.seq = 0;
+    f->n_authors = 0;
+    for (size_t i = 0; i < f->n; i++) {
+        f->variable[i].missing = 0;
+    }
+}
+
 /* Become the one who writes those in TO that are new, then see what it has. */
 static int find_places(struct apc_forward *f)
 {
@@ -249,11 +287,16 @@ static int find_places(struct apc_forward *f)
     if (rc < 0) {
         return apc_forward_fail_to(f, rc);
     }
+    bool older = false;
     for (size_t i = 0; i < f->n; i++) {
         struct apc_forward_variable *v = &f->variable[i];
+        older = older || seq_read(f, i) < v->stored;
         v->at.seq = v->stored = seq_read(f, i);
         v->at.time = time_read(f, i);
         v->placed = true;
+    }
+    if (older) {
+        begin_anew(f);
     }
     return 0;
 }
@@ -345,6 +388,12 @@ static int flush_rows(struct apc_forward *f)
         return apc_forward_fail_to(f, stored);
     }
     apc_forward_count(f, &f->stats.samples, stored);
+    if (f->samples > 0) {
+        f->last = f->sample[f->samples - 1];
+    } else if (f->vectors > 0) {
+        const struct apc_vector *v = &f->vector[f->vectors - 1];
+        f->last = (struct apc_sample){.table = v->table, .id = v->id, .seq = v->seq};
+    }
     for (size_t i = 0; i < f->n; i++) {
         f->variable[i].stored = f->variable[i].at.seq;
     }
@@ -352,16 +401,19 @@ static int flush_rows(struct apc_forward *f)
     return 0;
 }
 
-/* The first row of a variable in a step: is it the one that follows? */
+/* The first row of a variable in a step: is it the one that follows? After a step that failed it may come
+ * again. */
 static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
 {
-    const struct apc_forward_variable *v = f->reading;
-    if (!v->read && v->at.seq > 0 && seq > v->at.seq + 1) {
+    struct apc_forward_variable *v = f->reading;
+    const int64_t told = v->at.seq > v->missing ? v->at.seq : v->missing;
+    if (!v->read && v->at.seq > 0 && seq > told + 1) {
         f->stats.gap.since =
             f->stats.gap.times == 0 || v->at.time < f->stats.gap.since ? v->at.time : f->stats.gap.since;
         f->stats.gap.until = time > f->stats.gap.until ? time : f->stats.gap.until;
         f->stats.gap.times++;
-        f->stats.gap.rows += apc_rows_between(f->first, v->at.seq, seq - 1);
+        f->stats.gap.rows += apc_rows_between(f->first, told, seq - 1);
+        v->missing = seq - 1;
     }
 }
 
@@ -506,6 +558,9 @@ int apc_forward_step(struct apc_forward *f, apc_ns timeout)
     int rc = look_at_from(f);
     if (rc == 0) {
         rc = compare(f); /* while TO is away: how far behind it is by now */
+    }
+    if (rc == 0) {
+        rc = look_at_to(f);
     }
     if (rc == 0) {
         rc = describe(f);

@@ -14,6 +14,7 @@ struct apc_forward_variable {
     int64_t stored;       /* TO has all up to this seq */
     int64_t newest;       /* of FROM, when the step began */
     int64_t oldest;       /* that FROM still had, at the last look for that */
+    int64_t missing;      /* gaps below this seq have been counted */
     bool placed;          /* what TO has is known, and that it is ours to write */
     bool read;            /* rows of it were read in this step */
 };
@@ -23,6 +24,10 @@ struct apc_forward_cursor {
     int64_t number; /* all up to it have been moved */
     bool begun;     /* it is known */
     bool doubtful;  /* those above it may be there */
+    bool asked;     /* it is known whether TO had any at the start ... */
+    bool had;       /* ... it had, the highest of FROM's being ... */
+    int64_t found;  /* ... this one, as far as it was looked through ... */
+    bool sent;      /* ... up to the first one that was sent */
 };
 
 struct apc_forward {
@@ -55,9 +60,9 @@ struct apc_forward {
     bool there[APC_FORWARD_EVENTS + 1]; /* of either: TO has it; one more for what is not in the batch */
     size_t records;
     int64_t number; /* the highest of those that stream */
-    int64_t found;  /* the highest of those that TO had already */
     int failed;     /* why the stream was ended */
     struct apc_forward_cursor events, timing;
+    struct apc_sample last; /* table, id and seq of what TO took last; seq 0: nothing yet */
 };
 
 /* What a failure of either store is; both return it. */

@@ -55,6 +55,14 @@ static void see_number(int64_t *highest, int64_t number)
     *highest = number > *highest ? number : *highest;
 }
 
+/* Once some were sent, those that are there may be these. */
+static void see_found(struct apc_forward_cursor *c, int64_t number)
+{
+    if (!c->sent) {
+        see_number(&c->found, number);
+    }
+}
+
 /* The batch has been appended, or could not be. */
 static int end_batch(struct apc_forward *f, uint64_t *of, int stored)
 {
@@ -82,11 +90,12 @@ static int flush_events(struct apc_forward *f)
     }
     for (size_t i = 0; i < f->records; i++) {
         if (f->there[i]) {
-            see_number(&f->found, f->event[i].number);
+            see_found(&f->events, f->event[i].number);
         } else {
             f->event[new ++] = f->event[i];
         }
     }
+    f->events.sent = f->events.sent || new > 0;
     return end_batch(f, &f->stats.events, rc < 0 ? rc : apc_store_append_events(f->to, f->event, new));
 }
 
@@ -103,11 +112,12 @@ static int flush_timing(struct apc_forward *f)
     }
     for (size_t i = 0; i < f->records; i++) {
         if (f->there[i]) {
-            see_number(&f->found, f->timing_row[i].number);
+            see_found(&f->timing, f->timing_row[i].number);
         } else {
             rows[new ++] = f->timing_row[i];
         }
     }
+    f->timing.sent = f->timing.sent || new > 0;
     return end_batch(f, &f->stats.timing, rc < 0 ? rc : apc_store_append_timing(f->to, rows, new));
 }
 
@@ -206,15 +216,16 @@ static int count_timing(struct apc_store *store, const struct apc_range *range, 
 
 /* After a start: how many FROM has above the last one that TO had, where it had any at all; of what was
  * before a history began it has no gap. */
-static int begin_to_count(struct apc_forward *f, const struct kind *k, bool had)
+static int begin_to_count(struct apc_forward *f, const struct kind *k)
 {
-    const struct apc_range above = {.after = f->found};
+    const int64_t found = k->cursor->found;
+    const struct apc_range above = {.after = found};
     struct count held = {.until = f->number};
-    const int rc = had ? k->count(f->from, &above, &held) : 0;
+    const int rc = k->cursor->had ? k->count(f->from, &above, &held) : 0;
     if (rc < 0) {
         return apc_forward_fail_from(f, rc);
     }
-    *k->lost += had ? (uint64_t)(f->number - f->found - held.n) : 0;
+    *k->lost += k->cursor->had ? (uint64_t)(f->number - found - held.n) : 0;
     k->cursor->begun = true;
     return 0;
 }
@@ -226,13 +237,14 @@ static int move_records(struct apc_forward *f, const struct kind *k)
     const struct apc_range range = {.after = c->number}, newest = {.last = 1};
     const bool numbers = f->from->ops->numbers;
     struct count had = {.until = INT64_MAX};
-    const int asked = numbers && !c->begun ? k->count(f->to, &newest, &had) : 0;
+    const int asked = numbers && !c->asked ? k->count(f->to, &newest, &had) : 0;
     if (asked < 0) {
         return apc_forward_fail_to(f, asked);
     }
+    c->had = c->asked ? c->had : had.n > 0;
+    c->asked = true;
     f->records = 0;
     f->number = c->number;
-    f->found = 0;
     f->failed = 0;
     const int given = k->give(f, &range);
     if (f->failed == 0 && given < 0) {
@@ -242,7 +254,7 @@ static int move_records(struct apc_forward *f, const struct kind *k)
         k->flush(f);
     }
     if (f->failed == 0 && numbers && !c->begun) {
-        f->failed = begin_to_count(f, k, had.n > 0);
+        f->failed = begin_to_count(f, k);
     } else if (f->failed == 0 && numbers) {
         *k->lost += (uint64_t)(f->number - c->number - given);
     }

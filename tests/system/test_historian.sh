@@ -135,6 +135,16 @@ for i in $(seq "${APC_KILLS:-6}"); do
 done
 sql "REASSIGN OWNED BY $operator TO CURRENT_USER; DROP OWNED BY $operator; DROP USER $operator"
 
+# a backup of the database is put back, while its historian goes on: what came since is sent again
+pg_dump -n apc >"$work/backup.sql"
+loop_goes_on
+until_true 60 more_values postgresql: u "$(count "$live" u)"
+n=$(times database 'came back older')
+{ echo 'SET client_min_messages = error; DROP SCHEMA apc CASCADE;' && cat "$work/backup.sql"; } |
+  psql -Xq1v ON_ERROR_STOP=1 >/dev/null || fail "the backup cannot be put back"
+until_true 60 said database 'the history came back older than it was' "$n"
+loop_goes_on
+
 # nothing of it came to the plant, and all of it is there
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/run.log")"

@@ -293,6 +293,85 @@ static void test_a_restart_goes_on_where_it_was(void **state)
     live_drop(live);
 }
 
+static struct apc_store *file_make(const char *name)
+{
+    char uri[300];
+    snprintf(uri, sizeof uri, "sqlite:%s", scratch_path(name));
+    unlink(scratch_path(name));
+    struct apc_store *file = open_uri(uri, name);
+    ok(file, apc_store_init(file));
+    return file;
+}
+
+/* What people write, under names of their own. */
+static void set_setpoint(struct apc_store *store, const char *name)
+{
+    const int author = apc_store_author(store, name);
+    ok(store, author);
+    struct apc_sample s = sample(APC_SETPOINT, 1, APC_SEQ_ANY, 5);
+    s.author = (uint32_t)author;
+    const struct apc_rows rows = {.size = sizeof rows, .sample = &s, .n_samples = 1};
+    assert_int_equal(apc_store_append_rows(store, &rows), 1);
+}
+
+static int see_author(void *ctx, const struct apc_sample *s)
+{
+    ((uint32_t *)ctx)[s->seq] = s->author;
+    return 0;
+}
+
+static void assert_author(struct apc_store *store, uint32_t number, const char *name)
+{
+    char found[APC_AUTHOR_LEN];
+    ok(store, apc_store_author_name(store, number, found));
+    assert_string_equal(found, name);
+}
+
+/* While the forward goes on, the file is put back as it was some time ago. */
+static void test_a_history_that_comes_back_older_gets_again_what_it_lost(void **state)
+{
+    (void)state;
+    struct apc_store *live = live_make(4), *history = file_make("history"), *backup = file_make("backup");
+    append(live, 1, 10);
+    append_event(live, 1, "start");
+    append_timing(live, 1);
+    set_setpoint(live, "anna");
+    forward(live, backup);
+    apc_store_close(backup);
+    struct apc_forward *f = begin(live, history);
+    step(f);
+    append(live, 11, 20);
+    append_event(live, 2, "start");
+    append_timing(live, 2);
+    set_setpoint(live, "bert");
+    step(f);
+    assert_int_equal(rename(scratch_path("backup"), scratch_path("history")), 0);
+    assert_whole(history, APC_SENSOR, 1, 10);
+    append(live, 21, 21);
+    set_setpoint(live, "bert");
+    assert_int_equal(step(f), 3 * 11 + 2 + 2);
+    assert_whole(history, APC_TICK, 1, 21);
+    assert_whole(history, APC_SENSOR, 1, 21);
+    assert_whole(history, APC_ACTUATOR, 1, 21);
+    assert_whole(history, APC_SETPOINT, 1, 3);
+    assert_events(history, 2);
+    assert_timing(history, 2);
+    uint32_t author[4] = {0};
+    ok(history, apc_store_history(history, APC_SETPOINT, 1, NULL, see_author, author));
+    assert_author(history, author[1], "anna");
+    assert_author(history, author[2], "bert");
+    assert_author(history, author[3], "bert");
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(f, &stats);
+    assert_true(stats.older == 1 && stats.gap.times == 0 && stats.lost.events == 0 &&
+                stats.lost.timing == 0 && stats.behind == 0);
+    append(live, 22, 22);
+    assert_int_equal(step(f), 3);
+    apc_forward_destroy(f);
+    apc_store_close(history);
+    live_drop(live);
+}
+
 /* As of an append that was committed while its answer was lost. */
 static void test_what_is_there_already_is_not_stored_again(void **state)
 {
@@ -840,6 +919,7 @@ int main(void)
         T(test_descriptions_and_authors_go_along),
         T(test_what_is_no_pair_of_stores_is_refused),
         T(test_a_restart_goes_on_where_it_was),
+        T(test_a_history_that_comes_back_older_gets_again_what_it_lost),
         T(test_what_is_there_already_is_not_stored_again),
         T(test_events_that_are_alike_are_all_moved),
         T(test_what_was_overwritten_before_its_turn_is_told),

@@ -36,6 +36,43 @@ static int ends(struct apc_store *store, int rc, int call)
     return call == fails_at ? apc_fail(&store->why, APC_ECONN, "call %d is lost", call) : rc;
 }
 
+/* What FROM has overwritten: rows, events and timing rows of these numbers. */
+static int64_t overwritten, overwritten_until;
+
+static bool is_left(const struct apc_store *store, int64_t number)
+{
+    return store != from || number < overwritten || number > overwritten_until;
+}
+
+struct left {
+    const struct apc_store *store;
+    apc_sample_fn sample;
+    apc_vector_fn vector;
+    apc_event_fn event;
+    apc_timing_fn timing;
+    void *ctx;
+    int hidden;
+};
+
+#define LEFT(type, member, count)                                                                            \
+    static int left_##member(void *ctx, const struct type *row)                                              \
+    {                                                                                                        \
+        struct left *l = ctx;                                                                                \
+        const bool left = is_left(l->store, row->count);                                                     \
+        l->hidden += !left;                                                                                  \
+        return left ? l->member(l->ctx, row) : 0;                                                            \
+    }
+LEFT(apc_sample, sample, seq)
+LEFT(apc_vector, vector, seq)
+LEFT(apc_event, event, number)
+LEFT(apc_timing_row, timing, number)
+
+/* So many rows were given. */
+static int less(int given, const struct left *l)
+{
+    return given < 0 ? given : given - l->hidden;
+}
+
 #define FAULTY(store, operation)                                                                             \
     do {                                                                                                     \
         const bool begun = begins(store);                                                                    \
@@ -51,13 +88,15 @@ static int do_variables(struct apc_store *s, struct apc_sample *variables, size_
 static int do_history(struct apc_store *s, enum apc_table table, int id, const struct apc_range *range,
                       apc_sample_fn fn, void *ctx)
 {
-    FAULTY(s, real->history(s, table, id, range, fn, ctx));
+    struct left l = {.store = s, .sample = fn, .ctx = ctx};
+    FAULTY(s, less(real->history(s, table, id, range, left_sample, &l), &l));
 }
 
 static int do_vectors(struct apc_store *s, enum apc_table table, int id, const struct apc_range *range,
                       apc_vector_fn fn, void *ctx)
 {
-    FAULTY(s, real->vectors(s, table, id, range, fn, ctx));
+    struct left l = {.store = s, .vector = fn, .ctx = ctx};
+    FAULTY(s, less(real->vectors(s, table, id, range, left_vector, &l), &l));
 }
 
 static int do_get_tags(struct apc_store *s, struct apc_tag *tags, size_t capacity)
@@ -116,7 +155,8 @@ static int do_append_events(struct apc_store *s, const struct apc_event *events,
 
 static int do_events(struct apc_store *s, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
-    FAULTY(s, real->events(s, range, fn, ctx));
+    struct left l = {.store = s, .event = fn, .ctx = ctx};
+    FAULTY(s, less(real->events(s, range, left_event, &l), &l));
 }
 
 static int do_append_timing(struct apc_store *s, const struct apc_timing_row *rows, size_t n)
@@ -126,7 +166,8 @@ static int do_append_timing(struct apc_store *s, const struct apc_timing_row *ro
 
 static int do_timing(struct apc_store *s, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
-    FAULTY(s, real->timing(s, range, fn, ctx));
+    struct left l = {.store = s, .timing = fn, .ctx = ctx};
+    FAULTY(s, less(real->timing(s, range, left_timing, &l), &l));
 }
 
 static struct apc_store *make(void)
@@ -162,6 +203,7 @@ static int set_up(void **state)
 {
     (void)state;
     fails_at = 0;
+    overwritten = overwritten_until = 0;
     from = make();
     to = make();
     return 0;
@@ -352,6 +394,43 @@ static void test_whichever_call_fails_the_next_step_makes_up_for_it(void **state
     set_up(state);
 }
 
+/* What was overwritten while nobody moved anything is told when it is begun again: once, and all of it. */
+static void test_whichever_call_fails_first_the_whole_gap_is_told_once(void **state)
+{
+    bool more = true;
+    tear_down(state);
+    for (int number = 1; more; number++) {
+        for (int answered = 0; answered < 2; answered++) {
+            struct apc_forward_stats stats = {.size = sizeof stats};
+            set_up(state);
+            done = answered;
+            described("m");
+            appended(1, 2);
+            struct apc_forward *f = begin();
+            assert_int_equal(apc_forward_step(f, FOREVER), 2 * 5);
+            apc_forward_destroy(f);
+            appended(3, 9);
+            overwritten = 3;
+            overwritten_until = 5;
+            f = begin();
+            more = step_fails(f, number);
+            assert_true(apc_forward_step(f, FOREVER) >= 0);
+            apc_forward_stats(f, &stats);
+            if (stats.gap.times != 3 || stats.gap.rows != 9 || stats.lost.events != 3 ||
+                stats.lost.timing != 3)
+                fail_msg("call %d: %d times, %d rows, %d events, %d timing rows", number,
+                         (int)stats.gap.times, (int)stats.gap.rows, (int)stats.lost.events,
+                         (int)stats.lost.timing);
+            assert_int_equal(stats.gap.since, 2 * 1000);
+            assert_int_equal(stats.gap.until, 6 * 1000);
+            apc_forward_destroy(f);
+            tear_down(state);
+        }
+        assert_true(number < 200);
+    }
+    set_up(state);
+}
+
 static void test_two_failures_one_after_the_other_are_as_one(void **state)
 {
     bool any = true;
@@ -528,6 +607,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         T(test_whichever_call_fails_the_next_step_makes_up_for_it),
+        T(test_whichever_call_fails_first_the_whole_gap_is_told_once),
         T(test_two_failures_one_after_the_other_are_as_one),
         T(test_a_step_with_nothing_new_leaves_the_other_store_alone),
         T(test_all_the_room_is_left_where_nothing_is_overwritten),
