@@ -5,6 +5,8 @@
 
 #include "apcbase.h"
 
+#include <math.h>
+
 /* ---- Options ------------------------------------------------------------------------------- */
 
 /**
@@ -24,8 +26,19 @@ void apc_result_copy(void *theirs, const void *ours, size_t size);
 /* ---- Values and parameters ----------------------------------------------------------------- */
 
 /** True for a value that may be stored, sent or given to a plant: finite and below APC_VALUE_MAX. [tick] */
-bool apc_value_ok(double value);
-bool apc_values_ok(const double *value, size_t n); /**< all of them. [tick] */
+static inline bool apc_value_ok(double value)
+{
+    return fabs(value) < APC_VALUE_MAX; /* false for NaN */
+}
+/** All of them. [tick] */
+static inline bool apc_values_ok(const double *value, size_t n)
+{
+    size_t i = 0;
+
+    while (i < n && apc_value_ok(value[i]))
+        i++;
+    return i == n;
+}
 /** True when @p value is a number within the parameter's range. [tick] */
 bool apc_param_accepts(const struct apc_param *param, double value);
 /** Check a table of parameters that came with law or model @p owner. Returns 0 or APC_EINVAL. */

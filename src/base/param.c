@@ -3,20 +3,6 @@
 
 #include <math.h>
 
-bool apc_value_ok(double value)
-{
-    return fabs(value) < APC_VALUE_MAX; /* false for NaN */
-}
-
-bool apc_values_ok(const double *value, size_t n)
-{
-    for (size_t i = 0; i < n; i++) {
-        if (!apc_value_ok(value[i]))
-            return false;
-    }
-    return true;
-}
-
 bool apc_param_accepts(const struct apc_param *param, double value)
 {
     return value >= param->low && value <= param->high && apc_value_ok(value);

@@ -22,7 +22,7 @@ struct instance {
     struct apc_instance_part part;
     size_t *tuning; /* [n_tuning] which of the controller's parameters are its own */
     size_t n_tuning;
-    bool y_apart, z_apart, d_apart, tuning_apart; /* they do not stand one behind another */
+    bool y_apart, z_apart, d_apart, tuning_apart, apart; /* they do not stand one behind another; any */
     struct apc_law_call call;
 };
 
@@ -34,6 +34,7 @@ struct window {
     unsigned y_limited[APC_LAW_PORTS];
     double *z, *d;  /* [n_ahead * ports] */
     double *tuning; /* of the instance that has most */
+    char why[APC_LAW_WHY];
 };
 
 struct apc_instances {
@@ -98,6 +99,7 @@ static void find_apart(struct apc_instances *s, size_t k)
     of->d_apart = apart(p->d, p->nd) || (ahead && p->nd != s->dim.nd);
     for (size_t i = 1; i < of->n_tuning; i++)
         of->tuning_apart |= of->tuning[i] != of->tuning[i - 1] + 1;
+    of->apart = of->y_apart || of->z_apart || of->d_apart || of->tuning_apart;
 }
 
 /* Make instance k from its own setup, and lay out what it has. */
@@ -429,7 +431,7 @@ static struct apc_law_call *see(struct apc_instances *s, size_t k, const struct 
         lay_out(s, k, whole);
         s->kept = NULL; /* another's arrays stand here now */
     }
-    if (of->y_apart || of->z_apart || of->d_apart || of->tuning_apart)
+    if (of->apart)
         copy_apart(s, k, whole);
     c->u = whole->u + from;
     c->limited = whole->limited + from;
@@ -463,7 +465,7 @@ void apc_instances_reset(struct apc_instances *s, size_t k, const struct apc_law
 
 int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    char nobody[APC_LAW_WHY], *said = call->why ? call->why : nobody;
+    char *const said = call->why ? call->why : s->window.why;
     struct apc_law_call *c = see(s, k, call);
     int result;
 

@@ -93,7 +93,7 @@ static int allocate(struct apc_controller *c)
     c->n_wanted = nz + 2 * nu + c->size.tuning;
     c->input = calloc(ny, sizeof(*c->input));
     c->seqs = calloc(ny + nd + 2 * nz + c->n_wanted, sizeof(*c->seqs));
-    c->flags = calloc(2 * ny + nd + 2 * nz + c->n_wanted, sizeof(*c->flags));
+    c->flags = calloc(2 * ny + nd + 3 * nz + nu + c->n_wanted, sizeof(*c->flags));
     c->setpoint = calloc(nz + 1, sizeof(*c->setpoint));
     c->loop = calloc(nu, sizeof(*c->loop));
     c->state = calloc(nu, sizeof(*c->state));
@@ -118,7 +118,9 @@ static int allocate(struct apc_controller *c)
     c->ok = c->y_new + ny;
     c->rests = c->ok + ny + nd;
     c->planned = c->rests + nz;
-    c->refused = c->planned + nz;
+    c->open = c->planned + nz;
+    c->calm = c->open + nz;
+    c->refused = c->calm + nu;
     c->law.limited = c->bits;
     c->backup.limited = c->bits + nu;
     c->blocked = c->bits + 2 * nu;
@@ -167,6 +169,7 @@ static int take_setpoints(struct apc_controller *c, const struct apc_controller_
 
         *z = o->z ? o->z[k]
                   : (struct apc_controller_setpoint){.id = (int)k + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
+        c->cascaded |= z->above != 0;
         if (z->above && !apc_period_ok(z->above_period))
             return apc_fail(why, APC_EINVAL,
                             "setpoint %zu: the period of the controller above must be above 0 and not above "
@@ -206,6 +209,8 @@ static int take_loop(struct apc_controller *c, size_t i, const struct apc_contro
                         "controller: output %zu: the period of the controller below must be above 0 and not "
                         "above 366 days",
                         i + 1);
+    c->cascaded |= l->setpoint != 0;
+    c->selected |= apc_controller_is_selected(c, i);
     c->low[i] = l->low;
     c->high[i] = l->high;
     l->hold = l->hold ? l->hold : 3 * o->period;
@@ -310,7 +315,7 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
         c->looked[k] = -1;
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k].gap = true;
-    c->untold = true;
+    apc_controller_stir(c);
     apc_controller_lay_out_calls(c);
     c->n_actual = c->n_wanted + apc_controller_find_inputs(c, o->told);
     rc = take_horizons(c, o, why);
@@ -451,8 +456,10 @@ static void forget_notes(struct apc_controller *c)
     c->said = 0;
     c->heard = 0;
     c->note.kind = APC_NOTICE_NONE;
-    for (size_t i = 0; i < c->dim.nu; i++)
-        c->state[i].note.kind = APC_NOTICE_NONE;
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (!c->calm[i])
+            c->state[i].note.kind = APC_NOTICE_NONE;
+    }
 }
 
 /* The gravest is the tick's, without a name where it is so with all loops. What else there is, is kept. */
@@ -502,8 +509,8 @@ static enum fate find_fate(const struct apc_controller *c)
 static void take_up(struct apc_controller *c, bool told)
 {
     apc_controller_update_laws(c, false);
-    c->awaits = true;
-    for (size_t k = 0; k < c->n_actual; k++) {
+    c->awaits = c->selected;
+    for (size_t k = 0; c->telling && k < c->n_actual; k++) {
         if (c->actual[k].seq == c->told[k].seq)
             continue;
         if (told)
@@ -511,11 +518,13 @@ static void take_up(struct apc_controller *c, bool told)
         else
             c->told[k].seq = 0; /* nobody knows which of the two is there */
     }
+    c->telling = c->telling && !told;
 }
 
 /* The last tick's outputs did not go out: what did before is still out. */
 static void take_back(struct apc_controller *c)
 {
+    apc_controller_stir(c);
     for (size_t i = 0; i < c->dim.nu; i++) {
         struct apc_controller_state *l = &c->state[i];
 
@@ -550,6 +559,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     c->index = tick;
     c->t = (double)tick * c->Ts;
     c->deadline = c->real_time ? now.mono + (apc_ns)(c->budget * 1e9) : 0;
+    apc_controller_date_calls(c);
     for (size_t k = 0; k < c->size.instances; k++) {
         c->instance[k].updating = c->resumed_at && c->instance[k].updating;
         c->instance[k].answered = false;
@@ -564,11 +574,17 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     if (c->resumed_at)
         apc_controller_settle(c, now);
     apc_controller_take_inputs(c, now, have, notice);
-    for (size_t i = 0; i < c->dim.nu; i++)
-        apc_controller_gather(c, i, have, now);
+    apc_controller_keep_calm(c);
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (c->calm[i])
+            c->last[i] = c->u[i];
+        else
+            apc_controller_gather(c, i, have, now);
+    }
     apc_controller_retune(c);
     apc_controller_run(c, now, have, notice);
     apc_controller_put(c, now);
+    apc_controller_calm_down(c);
     if (notice)
         put_notice(c, notice);
     return (int)(c->out.n_samples + c->out.n_vectors);

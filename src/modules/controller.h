@@ -4,7 +4,8 @@
  *
  * controller.c makes it and does a tick; facts.c takes what the shared data say and gathers the facts of each
  * loop; loop.c finds from them what the loop does; law.c asks the law; rows.c lays out what is read and
- * written; cascade.c has what loops above and below have to do with each other.
+ * written; cascade.c has what loops above and below have to do with each other; calm.c says of which loops a
+ * tick need not ask all this again.
  */
 #ifndef APC_MODULES_CONTROLLER_H
 #define APC_MODULES_CONTROLLER_H
@@ -14,20 +15,20 @@
 
 /** A loop, besides what apc_loop remembers. */
 struct apc_controller_state {
-    struct apc_notice note; /* what it has to tell of this tick */
     struct apc_loop loop;
     struct apc_loop_facts facts;
     enum apc_loop_state from; /* move follows from it and facts; 0: it does not */
     struct apc_loop_move move;
     enum apc_mode target, actual;
-    apc_ns since;      /* when the law's output ceased to go out */
-    int64_t seq;       /* of its newest output */
-    bool there;        /* u holds an output */
-    bool put;          /* the last tick wrote it */
-    double wanted;     /* the operator's output, which the rate may keep u from */
-    double would;      /* what the law would put out, were this controller acting; NaN: nothing */
-    int setpoint;      /* number of the one that it is shown and judged by; -1: none */
-    char trouble[144]; /* why there is no input, or no answer of the law */
+    apc_ns since;           /* when the law's output ceased to go out */
+    int64_t seq;            /* of its newest output */
+    bool there;             /* u holds an output */
+    bool put;               /* the last tick wrote it */
+    double wanted;          /* the operator's output, which the rate may keep u from */
+    double would;           /* what the law would put out, were this controller acting; NaN: nothing */
+    int setpoint;           /* number of the one that it is shown and judged by; -1: none */
+    struct apc_notice note; /* what it has to tell of this tick */
+    char trouble[144];      /* why there is no input, or no answer of the law */
 };
 
 /** The controllers that may be the one above or below, and who is. */
@@ -176,6 +177,8 @@ struct apc_controller {
     bool *flags;                    /* all those below */
     bool *y_new, *ok, *refused, *rests,
         *planned;                         /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [nz]; [nz] */
+    bool *calm;                           /* [nu] as calm.c says */
+    bool *open;                           /* [nz] something may have to be taken, or told, of the setpoint */
     apc_status *y_status;                 /* [ny] */
     unsigned *bits;                       /* all of enum apc_limited: the laws', and */
     unsigned *blocked;                    /* [nu] how what takes the output cannot follow, */
@@ -193,6 +196,8 @@ struct apc_controller {
     size_t n_actual;                  /* n_wanted + n_inputs */
     struct apc_sample *actual, *told; /* [n_actual] what became of it; what is written of that */
     bool untold;                      /* of the tuning something may have to be written */
+    bool telling;                     /* told is not what actual is: rows were put since */
+    bool looking;                     /* of setpoints, modes, manual outputs the tick row has not all */
     struct apc_vector *out_row;       /* first of out */
     struct apc_vector former_row;
     int estimate, prediction;  /* ids of the first of what the law publishes; 0: it is not written */
@@ -202,6 +207,7 @@ struct apc_controller {
     int *numbers;              /* all those of groups */
     bool shadow;               /* not while nobody set it */
     bool claimed, acting;      /* the outputs are; at this tick */
+    bool cascaded, selected;   /* it has loops above or below; signals of which is told what became of them */
     struct apc_rows in, out, former;
     double *row, *former_values;
     struct apc_vector *plan;            /* [nz] of in; NULL: no law looks ahead */
@@ -234,7 +240,11 @@ static inline size_t apc_controller_wanted(const struct apc_controller *controll
 /** Take the target modes and the tuning that are wanted. [tick] */
 void apc_controller_take_wanted(struct apc_controller *controller, struct apc_notice *notice);
 /** The newest row of what loop @p i puts out, whoever wrote it. [tick] */
-const struct apc_sample *apc_controller_output(const struct apc_controller *controller, size_t i);
+static inline const struct apc_sample *apc_controller_output(const struct apc_controller *controller,
+                                                             size_t i)
+{
+    return &controller->in.sample[controller->dim.ny + controller->dim.nd + controller->n_wanted + i];
+}
 /** Whose tuning number @p i is, of all. [tick] */
 static inline struct apc_controller_law *apc_controller_tuned(struct apc_controller *controller, size_t i)
 {
@@ -295,10 +305,21 @@ static inline bool apc_controller_is_selected(const struct apc_controller *contr
     return controller->loop[i].signal && controller->loop[i].below_tick;
 }
 
+/* ---- calm.c */
+
+/** At the next tick no loop is calm, and every setpoint open. [any] */
+void apc_controller_stir(struct apc_controller *controller);
+/** Find who of those that were calm stays so, with all rows taken. [tick] */
+void apc_controller_keep_calm(struct apc_controller *controller);
+/** Find, at the end of a tick, who is calm from now on. [tick] */
+void apc_controller_calm_down(struct apc_controller *controller);
+
 /* ---- law.c */
 
 /** What the laws are asked with, once all is allocated. [setup] */
 void apc_controller_lay_out_calls(struct apc_controller *controller);
+/** All calls are of the tick that the controller is at now. [tick] */
+void apc_controller_date_calls(struct apc_controller *controller);
 /** The tuning that is offered into force, without a bump. [tick] */
 void apc_controller_retune(struct apc_controller *controller);
 /** Go on from the row that was taken over. [tick] */
@@ -316,6 +337,9 @@ int apc_controller_lay_out(struct apc_controller *controller, const struct apc_c
                            struct apc_error *why);
 /** Good, with OPC UA's limit bits for enum apc_limited. [tick] */
 apc_status apc_controller_limited(unsigned limited);
+/** Does what was told say what became of number @p k of what is wanted, or is there nothing to tell? [tick]
+ */
+bool apc_controller_is_quiet(const struct apc_controller *controller, size_t k);
 /** Fill out. [tick] */
 void apc_controller_put(struct apc_controller *controller, struct apc_now now);
 

@@ -45,6 +45,9 @@ static void look(struct apc_controller *c, size_t k, bool refused)
 {
     c->looked[k] = row_of(c, k)->seq;
     c->refused[k] = refused;
+    c->looking = true;
+    if (k < c->dim.nz)
+        c->open[k] = true;
 }
 
 /* A variable as people call it. */
@@ -80,6 +83,8 @@ static void take_target(struct apc_controller *c, size_t i, struct apc_notice *n
     const struct apc_sample *s = row_of(c, k);
     struct apc_controller_state *l = &c->state[i];
     bool is_none = false;
+
+    c->calm[i] = false;
 
     if (s->seq == 0 || is_bad(s))
         l->target = APC_MODE_OOS;
@@ -146,11 +151,13 @@ static void take_offer(struct apc_controller *c, struct apc_controller_law *law,
 
 static void take_tuning(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
 {
-    const size_t first = apc_controller_wanted(c, APC_TUNING);
+    const size_t first = apc_controller_wanted(c, APC_TUNING), end = law->first + law->size.tuning;
+    const struct apc_sample *const row = row_of(c, first);
+    const int64_t *const looked = c->looked + first;
     bool new = false;
 
-    for (size_t i = law->first; i < law->first + law->size.tuning; i++) {
-        if (!is_new(c, first + i))
+    for (size_t i = law->first; i < end; i++) {
+        if (row[i].seq == looked[i])
             continue;
         take_parameter(c, i, notice);
         new = true;
@@ -162,9 +169,11 @@ static void take_tuning(struct apc_controller *c, struct apc_controller_law *law
 void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)
 {
     const size_t mode = apc_controller_wanted(c, APC_OPMODE);
+    const struct apc_sample *const row = row_of(c, mode);
+    const int64_t *const looked = c->looked + mode;
 
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (is_new(c, mode + i))
+        if (row[i].seq != looked[i])
             take_target(c, i, notice);
     }
     take_tuning(c, &c->law, notice);
@@ -198,32 +207,33 @@ void apc_controller_take_manual(struct apc_controller *c, size_t i, apc_ns utc, 
 
 /* ---- Inputs -------------------------------------------------------------------------------- */
 
-/* Why the last input that is not usable is not; "" when all are. */
-static const char *trouble_of(const struct apc_sample *s, bool fresh)
+/* Take number @p k of measurements and disturbances, if it is usable, into *@p value and *@p seq. */
+static void take_value(struct apc_controller *c, size_t k, struct apc_now now, double *value, int64_t *seq)
 {
-    return !fresh ? (s->seq ? "stale" : "missing") : usable(s) ? NULL : "Bad";
+    const struct apc_sample *s = &c->in.sample[k];
+    const bool fresh = apc_freshness_look(&c->fresh[k], s->seq, s->time, now, c->horizon[k]);
+
+    c->ok[k] = fresh && usable(s);
+    if (!c->ok[k])
+        return;
+    *value = s->value;
+    *seq = s->seq;
 }
 
 static void take_measurements(struct apc_controller *c, struct apc_now now)
 {
-    for (size_t k = 0; k < c->dim.ny + c->dim.nd; k++) {
+    for (size_t k = 0; k < c->dim.ny; k++) {
         const struct apc_sample *s = &c->in.sample[k];
-        const bool fresh = apc_freshness_look(&c->fresh[k], s->seq, s->time, now, c->horizon[k]);
-        int64_t *seq = k < c->dim.ny ? &c->y_seq[k] : &c->d_seq[k - c->dim.ny];
-        double *value = k < c->dim.ny ? &c->y[k] : &c->d[k - c->dim.ny];
+        const int64_t before = c->y_seq[k];
 
-        c->ok[k] = !trouble_of(s, fresh);
-        if (k < c->dim.ny) {
-            c->y_new[k] = c->ok[k] && s->seq != *seq;
-            c->y_status[k] = c->ok[k] ? s->status : is_bad(s) ? s->status : APC_BAD_NO_COMMUNICATION;
-            c->y_age[k] =
-                (double)(((long double)now.utc - (long double)s->time) / APC_NS_PER_S); /* of any time */
-        }
-        if (!c->ok[k])
-            continue;
-        *value = s->value;
-        *seq = s->seq;
+        take_value(c, k, now, &c->y[k], &c->y_seq[k]);
+        c->y_new[k] = c->y_seq[k] != before;
+        c->y_status[k] = c->ok[k] || is_bad(s) ? s->status : APC_BAD_NO_COMMUNICATION;
+        c->y_age[k] =
+            (double)(((long double)now.utc - (long double)s->time) / APC_NS_PER_S); /* of any time */
     }
+    for (size_t k = 0; k < c->dim.nd; k++)
+        take_value(c, c->dim.ny + k, now, &c->d[k], &c->d_seq[k]);
     for (size_t k = c->dim.nd; k < c->dim.nd * c->size.n_ahead; k++)
         c->d[k] = c->d[k - c->dim.nd];
 }
@@ -306,19 +316,28 @@ void apc_controller_recall_plans(struct apc_controller *c)
     }
 }
 
+static void take_one_setpoint(struct apc_controller *c, size_t k, struct apc_now now,
+                              struct apc_notice *notice)
+{
+    const bool above = c->setpoint[k].above;
+
+    if (!above || apc_controller_look_above(c, k, row_of(c, k), now))
+        take_setpoint(c, k, notice);
+    else
+        look(c, k, false);
+    if (above)
+        apc_controller_own_setpoint(c, k, row_of(c, k));
+    if (c->plan)
+        take_plan(c, k, now.utc);
+}
+
 static void take_setpoints(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
 {
-    for (size_t k = 0; k < c->dim.nz; k++) {
-        const bool above = c->setpoint[k].above;
+    const struct apc_sample *const row = row_of(c, 0);
 
-        if (!above || apc_controller_look_above(c, k, row_of(c, k), now))
-            take_setpoint(c, k, notice);
-        else
-            look(c, k, false);
-        if (above)
-            apc_controller_own_setpoint(c, k, row_of(c, k));
-        if (c->plan)
-            take_plan(c, k, now.utc);
+    for (size_t k = 0; k < c->dim.nz; k++) {
+        if (c->open[k] || c->plan || row[k].seq != c->looked[k] || !usable(&row[k]))
+            take_one_setpoint(c, k, now, notice);
     }
 }
 
@@ -348,6 +367,7 @@ bool apc_controller_named(const struct apc_controller *c)
 
 void apc_controller_take_told(struct apc_controller *c, size_t k, const struct apc_sample *newest)
 {
+    c->telling = true;
     c->told[k] = c->actual[k] = *newest;
     if (newest->seq == 0) {
         c->actual[k].seq = newest->origin;
@@ -457,11 +477,6 @@ static bool has_input(struct apc_controller *c, const struct apc_controller_law 
     return has && any;
 }
 
-const struct apc_sample *apc_controller_output(const struct apc_controller *c, size_t i)
-{
-    return &c->in.sample[c->dim.ny + c->dim.nd + c->n_wanted + i];
-}
-
 static bool same(const struct apc_loop_facts *a, const struct apc_loop_facts *b)
 {
     return a->target == b->target && a->acting == b->acting && a->setpoint == b->setpoint &&
@@ -527,13 +542,17 @@ static void find_rests(struct apc_controller *c)
 {
     memset(c->rests, 0, c->dim.nz * sizeof(*c->rests));
     for (size_t i = 0; i < c->dim.nu; i++) {
-        const struct apc_law_ports *p = apc_instances_ports(c->law.instances, i);
+        const struct apc_law_ports *p;
         const bool whole = c->law.definition->whole;
 
-        if (c->state[i].facts.input)
+        if (c->calm[i] || c->state[i].facts.input)
             continue;
-        for (size_t j = 0; j < (whole ? c->dim.nz : p->nz); j++)
-            c->rests[whole ? j : (size_t)p->z[j]] = true;
+        p = apc_instances_ports(c->law.instances, i);
+        for (size_t j = 0; j < (whole ? c->dim.nz : p->nz); j++) {
+            const size_t k = whole ? j : (size_t)p->z[j];
+
+            c->rests[k] = c->open[k] = true;
+        }
     }
 }
 
@@ -543,15 +562,19 @@ void apc_controller_confirm(struct apc_controller *c)
                  manual = apc_controller_wanted(c, APC_MANUAL);
 
     find_rests(c);
-    for (size_t k = 0; k < mode; k++)
-        confirm(c, k, c->z[k],
-                c->setpoint[k].above ? apc_controller_handshake(c, k)
-                : c->refused[k]      ? APC_BAD
-                : c->rests[k]        ? APC_UNCERTAIN
-                                     : APC_GOOD);
+    for (size_t k = 0; k < mode; k++) {
+        if (c->open[k])
+            confirm(c, k, c->z[k],
+                    c->setpoint[k].above ? apc_controller_handshake(c, k)
+                    : c->refused[k]      ? APC_BAD
+                    : c->rests[k]        ? APC_UNCERTAIN
+                                         : APC_GOOD);
+    }
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_state *l = &c->state[i];
 
+        if (c->calm[i])
+            continue;
         confirm(c, mode + i, (double)l->actual,
                 c->refused[mode + i]               ? APC_BAD
                 : l->actual != l->target           ? APC_UNCERTAIN

@@ -55,30 +55,36 @@ void apc_controller_lay_out_calls(struct apc_controller *c)
     apc_instances_keep(c->backup.instances, &c->backup.call);
 }
 
+static void date(const struct apc_controller *c, struct apc_law_call *call)
+{
+    call->tick = c->index;
+    call->t = c->t;
+    call->budget = c->budget;
+    call->deadline = c->deadline;
+}
+
+void apc_controller_date_calls(struct apc_controller *c)
+{
+    date(c, &c->law.call);
+    date(c, &c->backup.call);
+}
+
 /* To be used before the next one. */
-static struct apc_law_call *call(const struct apc_controller *c, struct apc_controller_law *law, size_t k,
-                                 double *u, unsigned *limited)
+static struct apc_law_call *call(struct apc_controller_law *law, size_t k, double *u, unsigned *limited)
 {
     struct apc_law_call *asked = &law->call;
 
     asked->u = u;
     asked->limited = limited;
     asked->gap = law->instance[k].gap;
-    asked->tick = c->index;
-    asked->t = c->t;
     asked->out = law->decides;
-    asked->why = NULL;
-    asked->budget = c->budget;
-    asked->deadline = c->deadline;
-    asked->y_limited = NULL;
-    asked->say = NULL;
     return asked;
 }
 
 /* x to what it is before the first tick. */
 static void reset(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    apc_instances_reset(law->instances, k, call(c, law, k, c->u, c->blocked));
+    apc_instances_reset(law->instances, k, call(law, k, c->u, c->blocked));
     law->instance[k].begun = true;
     law->instance[k].gap = true;
 }
@@ -87,7 +93,7 @@ static void reset(struct apc_controller *c, struct apc_controller_law *law, size
 static void track(struct apc_controller *c, struct apc_controller_law *law, size_t k, double *u,
                   const enum apc_law_output *decides)
 {
-    struct apc_law_call *asked = call(c, law, k, u, c->blocked);
+    struct apc_law_call *asked = call(law, k, u, c->blocked);
 
     asked->out = decides;
     apc_instances_track(law->instances, k, asked);
@@ -112,14 +118,20 @@ static bool put_by(const struct apc_controller *c, const struct apc_controller_l
 }
 
 /* Of a signal of which something else was selected, the law goes on from that. */
+static inline void update_of(struct apc_controller *c, struct apc_controller_law *law, size_t k, size_t first,
+                             size_t nu)
+{
+    for (size_t i = first; i < first + nu; i++)
+        c->went[i] = c->selected && c->below[i].returned && put_by(c, law, i) ? c->below[i].value : c->u[i];
+    apc_instances_update(law->instances, k, call(law, k, c->went, c->blocked));
+    law->instance[k].updating = false;
+}
+
 static void update(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
-    for (size_t i = part->u; i < part->u + part->nu; i++)
-        c->went[i] = c->below[i].returned && put_by(c, law, i) ? c->below[i].value : c->u[i];
-    apc_instances_update(law->instances, k, call(c, law, k, c->went, c->blocked));
-    law->instance[k].updating = false;
+    update_of(c, law, k, part->u, part->nu);
 }
 
 /* Does it wait for what is selected of its outputs? */
@@ -137,7 +149,11 @@ static bool awaits(const struct apc_controller *c, const struct apc_controller_l
 static void update_all(struct apc_controller *c, struct apc_controller_law *law, bool selected)
 {
     for (size_t k = 0; k < law->size.instances; k++) {
-        if (law->instance[k].updating && (selected || !awaits(c, law, k)))
+        if (!law->instance[k].updating)
+            continue;
+        if (!is_backup(c, law) && c->calm[k])
+            update_of(c, law, k, k, 1);
+        else if (selected || !awaits(c, law, k))
             update(c, law, k);
     }
 }
@@ -153,8 +169,9 @@ void apc_controller_update_laws(struct apc_controller *c, bool selected)
 static unsigned limit(const struct apc_controller *c, size_t i, double *u)
 {
     const bool last = c->state[i].there;
-    const double least = last ? fmax(c->low[i], c->u[i] - c->rate[i] * c->Ts) : c->low[i],
-                 most = last ? fmin(c->high[i], c->u[i] + c->rate[i] * c->Ts) : c->high[i];
+    const double low = c->low[i], high = c->high[i], step = c->rate[i] * c->Ts,
+                 least = last && !(low > c->u[i] - step) ? c->u[i] - step : low,
+                 most = last && !(high < c->u[i] + step) ? c->u[i] + step : high;
     unsigned limited = 0;
 
     if (*u < least) {
@@ -168,32 +185,40 @@ static unsigned limit(const struct apc_controller *c, size_t i, double *u)
     return limited;
 }
 
-/* Ask the law for u, into trial, within the limits. */
-static enum apc_law_result compute(struct apc_controller *c, struct apc_controller_law *law, size_t k,
-                                   char why[APC_LAW_WHY])
+/* Ask the law for u of @p nu outputs from number @p first on, into trial, within the limits. */
+static inline enum apc_law_result compute_of(struct apc_controller *c, struct apc_controller_law *law,
+                                             size_t k, size_t first, size_t nu, char why[APC_LAW_WHY])
 {
-    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
-    const size_t end = part->u + part->nu;
-    struct apc_law_call *asked = call(c, law, k, law->trial, law->limited);
+    struct apc_law_call *asked = call(law, k, law->trial, law->limited);
     int result;
 
-    if (law->instance[k].gone)
-        asked->budget = -1.0;
+    asked->budget = law->instance[k].gone ? -1.0 : c->budget;
     asked->why = why;
     asked->say = law->instance[k].say[0] ? NULL : law->instance[k].say;
-    asked->y_limited = is_backup(c, law) ? NULL : c->y_limited;
-    for (size_t i = part->u; i < end; i++) {
+    asked->y_limited = law->definition->selects && !is_backup(c, law) ? c->y_limited : NULL;
+    for (size_t i = first; i < first + nu; i++) {
         law->trial[i] = c->u[i]; /* a law that leaves one out keeps it */
         law->limited[i] = c->blocked[i];
     }
     result = apc_instances_compute(law->instances, k, asked);
-    for (size_t i = part->u; i < end; i++) {
+    asked->budget = c->budget;
+    asked->why = asked->say = NULL;
+    asked->y_limited = NULL;
+    for (size_t i = first; i < first + nu; i++) {
         if (law->decides[i] == APC_OUT_LAW || result > APC_LAW_LATE)
             law->limited[i] |= limit(c, i, &law->trial[i]);
         else
             law->trial[i] = c->u[i];
     }
     return (enum apc_law_result)result;
+}
+
+static enum apc_law_result compute(struct apc_controller *c, struct apc_controller_law *law, size_t k,
+                                   char why[APC_LAW_WHY])
+{
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
+
+    return compute_of(c, law, k, part->u, part->nu, why);
 }
 
 /* What loop @p i asks of the law, and whether it puts that law's output out. */
@@ -434,22 +459,12 @@ static void refuse_backup(struct apc_controller *c, size_t i, struct apc_now now
     snprintf(l->trouble, sizeof(l->trouble), "backup law %.20s gave no output", c->backup.definition->name);
 }
 
-/* Ask the law, and count how good its answers are. Returns whether this one can be used. */
-static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
+/* An answer of instance @p k that cannot be used. */
+static void refuse_all(struct apc_controller *c, struct apc_controller_law *law, size_t k,
+                       enum apc_law_result result, struct apc_now now)
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
-    char *const why = law->instance[k].why;
-    const enum apc_law_result result = compute(c, law, k, why);
 
-    law->instance[k].result = (int)result;
-    law->instance[k].answered = result <= APC_LAW_LATE;
-    law->instance[k].good = result == APC_LAW_GOOD ? law->instance[k].good + 1 : 0;
-    for (size_t i = part->u; i < part->u + part->nu && !is_backup(c, law); i++) {
-        if (c->state[i].move.law & APC_ASK_COMPUTE)
-            apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);
-    }
-    if (law->instance[k].answered)
-        return true;
     if (!is_backup(c, law) && !c->failed) {
         c->failures++;
         c->failed = true;
@@ -461,9 +476,36 @@ static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t
         if (is_backup(c, law))
             refuse_backup(c, i, now);
         else
-            refuse_answer(c, i, result, why);
+            refuse_answer(c, i, result, law->instance[k].why);
     }
-    return false;
+}
+
+/* Ask the law, and count how good its answers are. Returns whether this one can be used. */
+static inline bool ask_of(struct apc_controller *c, struct apc_controller_law *law, size_t k, size_t first,
+                          size_t nu, struct apc_now now)
+{
+    struct apc_controller_instance *of = &law->instance[k];
+    const enum apc_law_result result = compute_of(c, law, k, first, nu, of->why);
+
+    of->result = (int)result;
+    of->answered = result <= APC_LAW_LATE;
+    of->good = result == APC_LAW_GOOD ? of->good + 1 : 0;
+    for (size_t i = first; i < first + nu && !is_backup(c, law); i++) {
+        if (c->calm[i] && result == APC_LAW_GOOD) /* none was poor, and none is */
+            continue;
+        if (c->state[i].move.law & APC_ASK_COMPUTE)
+            apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);
+    }
+    if (!of->answered)
+        refuse_all(c, law, k, result, now);
+    return of->answered;
+}
+
+static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
+{
+    const struct apc_instance_part *part = apc_instances_part(law->instances, k);
+
+    return ask_of(c, law, k, part->u, part->nu, now);
 }
 
 /* ---- What came to pass --------------------------------------------------------------------- */
@@ -588,6 +630,19 @@ static void run(struct apc_controller *c, struct apc_controller_law *law, size_t
     }
 }
 
+/* Ask the law of calm loop @p i, which is its instance as well, and put out what it says. Returns whether
+ * that is all there is to it: else the answer is to be dealt with as any other. */
+static bool run_calmly(struct apc_controller *c, size_t i, struct apc_now now)
+{
+    struct apc_controller_instance *of = &c->law.instance[i];
+
+    if (!ask_of(c, &c->law, i, i, 1, now) || of->result != (int)APC_LAW_GOOD || of->say[0])
+        return false;
+    c->u[i] = c->law.trial[i];
+    of->updating = true;
+    return true;
+}
+
 /* What goes out of loop @p i is known, and with it its state. */
 static void finish(struct apc_controller *c, size_t i, struct apc_now now, struct apc_notice *notice)
 {
@@ -623,24 +678,46 @@ static void follow(struct apc_controller *c, struct apc_controller_law *law, siz
         (all & APC_ASK_UPDATE) && of->begun && known && (!(all & APC_ASK_TRACK) || law->definition->track);
 }
 
-void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have, struct apc_notice *notice)
+/* All that is told of loops and answers, but for those that are calm. */
+static void tell_all(struct apc_controller *c, struct apc_notice *notice)
 {
-    for (size_t i = 0; i < c->dim.nu; i++)
-        place(c, i, now.utc, have, notice);
-    for (size_t k = 0; k < c->law.size.instances; k++)
-        run(c, &c->law, k, now);
-    for (size_t k = 0; k < c->backup.size.instances; k++)
-        run(c, &c->backup, k, now);
-    for (size_t i = 0; i < c->dim.nu; i++)
-        finish(c, i, now, notice);
-    for (size_t k = 0; k < c->law.size.instances; k++)
-        tell_answer(c, k, notice);
-    for (size_t k = 0; k < c->law.size.instances; k++)
-        tell_said(c, &c->law, k, notice);
+    for (size_t k = 0; k < c->law.size.instances; k++) {
+        if (!c->calm[k])
+            tell_answer(c, k, notice);
+    }
+    for (size_t k = 0; k < c->law.size.instances; k++) {
+        if (!c->calm[k])
+            tell_said(c, &c->law, k, notice);
+    }
     for (size_t k = 0; k < c->backup.size.instances; k++)
         tell_said(c, &c->backup, k, notice);
-    for (size_t k = 0; k < c->law.size.instances; k++)
-        follow(c, &c->law, k);
+}
+
+void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have, struct apc_notice *notice)
+{
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (!c->calm[i])
+            place(c, i, now.utc, have, notice);
+    }
+    for (size_t k = 0; k < c->law.size.instances; k++) {
+        if (c->calm[k])
+            c->calm[k] = run_calmly(c, k, now);
+        else
+            run(c, &c->law, k, now);
+    }
+    for (size_t k = 0; k < c->backup.size.instances; k++)
+        run(c, &c->backup, k, now);
+    if (!memchr(c->calm, 0, c->dim.nu))
+        return;
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (!c->calm[i])
+            finish(c, i, now, notice);
+    }
+    tell_all(c, notice);
+    for (size_t k = 0; k < c->law.size.instances; k++) {
+        if (!c->calm[k])
+            follow(c, &c->law, k);
+    }
     for (size_t k = 0; k < c->backup.size.instances; k++)
         follow(c, &c->backup, k);
 }

@@ -345,13 +345,16 @@ static void put_output(struct apc_controller *c, size_t i, apc_ns utc)
 {
     const struct apc_sample *now = apc_controller_output(c, i);
     struct apc_controller_state *l = &c->state[i];
+    const apc_status status = c->calm[i] ? apc_controller_limited(c->law.limited[i]) : status_of(c, i);
 
-    l->put = l->there && l->move.output != APC_PUT_NONE;
-    if (!l->put)
-        return;
-    if (c->loop[i].setpoint) {
-        put_setpoint(c, now, utc, c->u[i], status_of(c, i), c->below[i].actual->seq);
-        return;
+    if (!c->calm[i]) {
+        l->put = l->there && l->move.output != APC_PUT_NONE;
+        if (!l->put)
+            return;
+        if (c->loop[i].setpoint) {
+            put_setpoint(c, now, utc, c->u[i], status, c->below[i].actual->seq);
+            return;
+        }
     }
     l->seq = (apc_seq_last(now) > l->seq ? apc_seq_last(now) : l->seq) + 1;
     c->out.sample[c->out.n_samples++] = (struct apc_sample){.table = now->table,
@@ -359,7 +362,7 @@ static void put_output(struct apc_controller *c, size_t i, apc_ns utc)
                                                             .seq = l->seq,
                                                             .time = utc,
                                                             .value = c->u[i],
-                                                            .status = status_of(c, i),
+                                                            .status = status,
                                                             .origin = c->seq};
 }
 
@@ -369,18 +372,47 @@ static bool is_told(const struct apc_sample *now, const struct apc_sample *told)
            now->value >= told->value && now->value <= told->value;
 }
 
-static void put_actual(struct apc_controller *c, size_t k, apc_ns utc)
+bool apc_controller_is_quiet(const struct apc_controller *c, size_t k)
 {
     const bool mode = k >= apc_controller_wanted(c, APC_OPMODE) && k < apc_controller_wanted(c, APC_MANUAL);
+
+    return (!mode && !c->actual[k].origin) || is_told(&c->actual[k], &c->told[k]);
+}
+
+static void put_actual(struct apc_controller *c, size_t k, apc_ns utc)
+{
     struct apc_sample *s = &c->actual[k];
 
     if (!c->acting && (k < c->dim.nz || k >= c->n_wanted)) /* whoever acts says it */
         return;
-    if ((!mode && !s->origin) || is_told(s, &c->told[k]))
+    if (apc_controller_is_quiet(c, k))
         return;
     s->seq++;
     s->time = utc;
     c->out.sample[c->out.n_samples++] = *s;
+    c->telling = true;
+}
+
+/* A setpoint is open as long as it is not told, or may become another one without a new row. */
+static void put_setpoints_told(struct apc_controller *c, apc_ns utc)
+{
+    for (size_t k = 0; k < c->dim.nz; k++) {
+        if (!c->open[k])
+            continue;
+        put_actual(c, k, utc);
+        c->open[k] = c->setpoint[k].above || c->choice || c->rests[k] || !apc_controller_is_quiet(c, k);
+    }
+}
+
+/* Of calm loops all is told. */
+static void put_loops_told(struct apc_controller *c, enum apc_table table, apc_ns utc)
+{
+    const size_t first = apc_controller_wanted(c, table);
+
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        if (!c->calm[i])
+            put_actual(c, first + i, utc);
+    }
 }
 
 static void put_seqs(double *at, const int64_t *seq, size_t n)
@@ -419,17 +451,39 @@ static double number_of(const struct apc_controller_group *g)
     return !g->choice ? 0.0 : g->now < g->n ? (double)g->number[g->now] : -1.0;
 }
 
-/* What was looked at of disturbances, and of loops above and below. */
-static void put_seen(struct apc_controller *c, double *row)
+/* Setpoints, modes and manual outputs, and which of their rows were looked at: it stands as long as none is.
+ */
+static void put_wanted(struct apc_controller *c, double *row)
 {
     const size_t *at = c->offset;
 
+    if (!c->looking)
+        return;
+    put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
+    put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
+    put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_controller_wanted(c, APC_TUNING));
+    c->looking = false;
+}
+
+static void put_disturbances(struct apc_controller *c, double *row)
+{
+    const size_t *at = c->offset;
+
+    put_values(row + at[APC_TICK_D], c->d, c->dim.nd);
+    put_seqs(row + at[APC_TICK_D_SEQ], c->d_seq, c->dim.nd);
     for (size_t k = 0; k < c->dim.nd; k++) {
         const apc_status status = c->in.sample[c->dim.ny + k].status;
         const bool bad = apc_status_severity(status) == APC_SEVERITY_BAD;
 
         row[at[APC_TICK_D_STATUS] + k] = c->ok[c->dim.ny + k] || bad ? status : APC_BAD_NO_COMMUNICATION;
     }
+}
+
+/* What was looked at of loops above and below. */
+static void put_seen(struct apc_controller *c, double *row)
+{
+    const size_t *at = c->offset;
+
     for (size_t k = 0; k < c->dim.nz; k++)
         row[at[APC_TICK_ABOVE] + k] =
             c->setpoint[k].above ? (double)c->above[k].mode[one_of(&c->above[k].who)].seq : 0.0;
@@ -459,6 +513,19 @@ static void put_peers(const struct apc_controller *c, double *row)
         *row++ = c->choice ? (double)c->choice[1 + k].seq : 0.0;
 }
 
+/* Are all numbers such that a store takes them? What is counted or timed always is, measurements and tuning
+ * are when they are taken. */
+static bool is_storable(const struct apc_controller *c, const double *row)
+{
+    static const enum apc_tick_field field[] = {APC_TICK_U, APC_TICK_LAST, APC_TICK_MANUAL, APC_TICK_Z,
+                                                APC_TICK_X};
+    bool storable = true;
+
+    for (size_t f = 0; f < sizeof(field) / sizeof(field[0]); f++)
+        storable &= apc_values_ok(row + c->offset[field[f]], c->offset[field[f] + 1] - c->offset[field[f]]);
+    return storable;
+}
+
 static void put_tick(struct apc_controller *c, struct apc_now now)
 {
     double *row = c->row;
@@ -469,25 +536,28 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_state *l = &c->state[i];
 
+        row[at[APC_TICK_LAST] + i] = isnan(c->last[i]) ? c->u[i] : c->last[i];
+        if (c->calm[i])
+            continue;
         row[at[APC_TICK_STATE] + i] = l->loop.state;
         row[at[APC_TICK_HELD] + i] = l->loop.holding ? apc_ns_to_s(now.mono - l->loop.held) : -1.0;
         row[at[APC_TICK_POOR] + i] = l->loop.poor;
         row[at[APC_TICK_LINKED] + i] = l->loop.linked;
         row[at[APC_TICK_ASKED] + i] = (double)l->loop.asked;
         row[at[APC_TICK_THERE] + i] = l->there;
-        row[at[APC_TICK_LAST] + i] = isnan(c->last[i]) ? c->u[i] : c->last[i];
         row[at[APC_TICK_BLOCKED] + i] = c->blocked[i];
         row[at[APC_TICK_TARGET] + i] = l->target;
         row[at[APC_TICK_MANUAL] + i] = l->wanted;
     }
     for (size_t k = 0; k < c->size.instances; k++) {
+        if (k < c->dim.nu && c->calm[k])
+            continue;
         row[at[APC_TICK_BEGUN] + k] = c->instance[k].begun;
         row[at[APC_TICK_GAP] + k] = c->instance[k].gap;
         row[at[APC_TICK_UPDATING] + k] = c->instance[k].updating;
         row[at[APC_TICK_RESULT] + k] = c->instance[k].result;
     }
     put_values(row + at[APC_TICK_U], c->u, c->dim.nu);
-    put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_controller_wanted(c, APC_TUNING));
     for (size_t k = 0; k < c->dim.ny; k++) {
         row[at[APC_TICK_Y_STATUS] + k] = c->y_status[k];
         row[at[APC_TICK_Y_NEW] + k] = c->y_new[k];
@@ -495,13 +565,12 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     put_values(row + at[APC_TICK_Y_AGE], c->y_age, c->dim.ny);
     put_values(row + at[APC_TICK_Y], c->y, c->dim.ny);
     put_seqs(row + at[APC_TICK_Y_SEQ], c->y_seq, c->dim.ny);
-    put_values(row + at[APC_TICK_D], c->d, c->dim.nd);
-    put_seqs(row + at[APC_TICK_D_SEQ], c->d_seq, c->dim.nd);
-    put_seen(c, row);
+    put_disturbances(c, row);
+    put_wanted(c, row);
+    if (c->cascaded || c->selected)
+        put_seen(c, row);
     if (at[APC_TICK_PEER] < at[APC_TICK_PEER + 1])
         put_peers(c, row + at[APC_TICK_PEER]);
-    put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
-    put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
     for (size_t k = 0; k < c->dim.nz && c->plan; k++) {
         row[at[APC_TICK_PLAN] + k] = (double)c->plan_seq[k];
         row[at[APC_TICK_PLANNED] + k] = c->planned[k];
@@ -509,7 +578,7 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     put_values(row + at[APC_TICK_X], c->x, c->size.states);
     c->out_row->seq = c->seq;
     c->out_row->time = now.utc;
-    c->out.n_vectors = apc_values_ok(row, c->out_row->n);
+    c->out.n_vectors = is_storable(c, row);
 }
 
 static void put_published(struct apc_controller *c, apc_ns utc)
@@ -560,25 +629,24 @@ static void put_outputs(struct apc_controller *c, apc_ns utc)
 
 void apc_controller_put(struct apc_controller *c, struct apc_now now)
 {
-    const size_t tuning = apc_controller_wanted(c, APC_TUNING);
-
     c->out.n_samples = 0;
     c->seq++;
     for (size_t i = 0; i < c->dim.nu; i++)
         put_output(c, i, now.utc);
-    for (size_t k = 0; k < c->dim.nz; k++) {
+    for (size_t k = 0; c->cascaded && k < c->dim.nz; k++) {
         if (c->above[k].put)
             put_setpoint(c, &c->in.sample[c->dim.ny + c->dim.nd + k], now.utc, c->z[k], APC_GOOD, 0);
     }
     apc_controller_confirm(c);
     apc_controller_tell_inputs(c);
-    for (size_t k = 0; k < tuning; k++)
-        put_actual(c, k, now.utc);
+    put_setpoints_told(c, now.utc);
+    put_loops_told(c, APC_OPMODE, now.utc);
+    put_loops_told(c, APC_MANUAL, now.utc);
     put_tuning(c, now.utc);
     for (size_t k = c->n_wanted; k < c->n_actual; k++)
         put_actual(c, k, now.utc);
     put_tick(c, now);
-    if (c->out.n_vectors > 0)
+    if (c->out.n_vectors > 0 && c->law.size.published)
         put_published(c, now.utc);
     if (c->out.n_vectors > 0 && c->output)
         put_outputs(c, now.utc);

@@ -62,7 +62,7 @@ void apc_controller_tell_inputs(struct apc_controller *c)
 
 void apc_controller_look_at_selected(struct apc_controller *c, bool have, struct apc_now now)
 {
-    for (size_t i = 0; i < c->dim.nu; i++) {
+    for (size_t i = 0; c->selected && i < c->dim.nu; i++) {
         struct apc_controller_below *b = &c->below[i];
         const struct apc_sample *s = b->actual;
         const struct apc_vector *tick;
