@@ -451,12 +451,13 @@ out:
     return rc;
 }
 
-/* Is there a regulator of this model at all? Ordinary weights say. */
-static int try_weights(struct apc_law_mpc *p, struct apc_error *why)
+/* Ordinary weights, of these deviations. */
+static int try_weights(struct apc_law_mpc *p, const double *dev_y, const double *dev_u, struct apc_error *why)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu;
     double *memory = calloc(2 * ny + 2 * nu, sizeof(*memory)), *at = memory, *q, *s;
     struct apc_mpc_weights weights = {.least = p->least};
+    bool some = true;
     int rc;
 
     if (!memory)
@@ -465,12 +466,43 @@ static int try_weights(struct apc_law_mpc *p, struct apc_error *why)
     weights.zone = apc_carve(&at, ny);
     weights.s = s = apc_carve(&at, nu);
     weights.r = apc_carve(&at, nu);
-    for (size_t k = 0; k < p->dim.nz; k++)
-        q[p->cv[k]] = 1.0 / (p->dev_y[p->cv[k]] * p->dev_y[p->cv[k]]);
-    for (size_t j = 0; j < nu; j++)
-        s[j] = 0.1 / (p->dev_u[j] * p->dev_u[j]);
-    rc = apc_mpc_tune(p->mpc, &weights, why);
+    for (size_t k = 0; k < p->dim.nz; k++) {
+        q[p->cv[k]] = 1.0 / (dev_y[p->cv[k]] * dev_y[p->cv[k]]);
+        some = some && q[p->cv[k]] > 0.0;
+    }
+    for (size_t j = 0; j < nu; j++) {
+        s[j] = 0.1 / (dev_u[j] * dev_u[j]);
+        some = some && s[j] > 0.0;
+    }
+    rc = some && apc_values_ok(q, ny) && apc_values_ok(s, nu)
+             ? apc_mpc_tune(p->mpc, &weights, why)
+             : apc_fail(why, APC_EINVAL, "deviations whose squares are no numbers");
     free(memory);
+    return rc;
+}
+
+/* Is there a regulator of this model at all? Where there is none only with the deviations that settings give,
+ * these are to blame, and not the model. */
+static int check_weights(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    int rc = try_weights(p, p->dev_y, p->dev_u, why);
+    double *dev;
+
+    if (rc == 0 || rc == APC_ENOMEM)
+        return rc;
+    dev = calloc(p->dim.ny + p->dim.nu, sizeof(*dev));
+    if (!dev)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    for (size_t i = 0; i < p->dim.ny; i++)
+        dev[i] = span(setup->y, i);
+    for (size_t j = 0; j < p->dim.nu; j++)
+        dev[p->dim.ny + j] = span(setup->u, j);
+    if (try_weights(p, dev, dev + p->dim.ny, NULL) == 0)
+        rc = apc_fail(why, rc,
+                      "settings \"y_dev\" and \"u_dev\": deviations as large, as small or as far apart as "
+                      "these leave weights that nothing can be calculated with; give of each signal one that "
+                      "it really has, as a hundredth of its range");
+    free(dev);
     return rc;
 }
 
@@ -513,7 +545,7 @@ static int make_problem(struct apc_law_mpc *p, const struct apc_law_setup *setup
     if (rc == 0)
         rc = apc_mpc_create(&p->mpc, &options, why);
     if (rc == 0)
-        rc = try_weights(p, why);
+        rc = check_weights(p, setup, why);
 out:
     free(limits);
     free(rank);

@@ -693,6 +693,7 @@ static void the_time_that_a_plan_took_is_published(void **state)
 static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
 {
     const double big = 3.0, half = 0.5, blocks[] = {10.0, 11.0}, ranks[] = {1.0, 3.0}, twice[] = {1.0, 1.0},
+                 huge[] = {1.0, 1e300}, tiny[] = {1.0, 1e-30}, least[] = {1e-200, 1.0},
                  nothing[] = {0.0, 0.0}, many[] = {1.0, 2.0, 1.0}, minus[] = {-1.0, 0.0};
     const struct {
         struct apc_setting setting;
@@ -711,6 +712,10 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         {number("horizont", &big, 1), "horizont"},
         {number("y_dev", nothing, 2), "none may be 0"},
         {number("u_dev", &big, 1), "2 numbers"},
+        {number("u_dev", minus, 2), "no number from 0"},
+        {number("u_dev", huge, 2), "deviations as large"},
+        {number("y_dev", tiny, 2), "deviations as large"},
+        {number("y_dev", least, 2), "deviations as large"},
         {number("hold", minus, 2), "hold"},
         {number("critical", ranks, 2), "critical"},
     };
