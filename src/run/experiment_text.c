@@ -22,7 +22,8 @@ struct place {
     const config_setting_t *controller; /* whose @parameter it is, of output number @output */
     const char *parameter;
     size_t output;
-    bool backup; /* it is its backup law's */
+    bool measured; /* it is of measurement number @output */
+    bool backup;   /* it is its backup law's */
 };
 
 static int lose(struct place *place, const config_setting_t *among, const char *path)
@@ -167,8 +168,9 @@ static const config_setting_t *member_of(const config_setting_t *group, const ch
     return NULL;
 }
 
-/* A group of the list `tuning`, which is made when there is none: {}, {}, { NAME = VALUE; }, ... */
-static int new_tuning(struct place *place, const config_setting_t *law, int which, int n, const char *name)
+/* A group of such a list, which is made when there is none: {}, {}, { NAME = VALUE; }, ... */
+static int new_tuning(struct place *place, const config_setting_t *law, const char *of, int which, int n,
+                      const char *name)
 {
     char *list = NULL;
     size_t size = 0;
@@ -190,7 +192,7 @@ static int new_tuning(struct place *place, const config_setting_t *law, int whic
     free(place->value);
     place->value = list;
     place->in = law;
-    snprintf(place->name, sizeof place->name, "tuning");
+    snprintf(place->name, sizeof place->name, "%s", of);
     return 0;
 }
 
@@ -201,18 +203,36 @@ static bool is_word(const char *name)
     return n > 0 && !name[n] && n < NAME_LEN;
 }
 
-/* OUTPUT.PARAMETER, OUTPUT.backup.PARAMETER or, where there is one output only, what stands behind it. */
+/* Of a controller, or else of the file: those that a path may begin with. *@n of them. */
+static const config_setting_t *signals_of(const config_setting_t *controller, const char *name, int *n)
+{
+    const config_setting_t *own = config_setting_get_member(controller, name);
+    if (!own)
+        own = config_setting_lookup(config_setting_parent(controller), name);
+    *n = own && config_setting_is_aggregate(own) ? config_setting_length(own) : 0;
+    return own;
+}
+
+/* OUTPUT.PARAMETER, OUTPUT.backup.PARAMETER or, where there is one output only, what stands behind it; the
+ * same of a measurement. */
 static int find_tuning(struct place *place, const config_setting_t *controller, const char *path)
 {
-    const config_setting_t *outputs = config_setting_get_member(controller, "outputs");
+    int n, n_measured;
+    const config_setting_t *outputs = signals_of(controller, "outputs", &n);
+    const config_setting_t *measured = signals_of(controller, "measurements", &n_measured);
     const config_setting_t *backup = config_setting_get_member(controller, "backup");
-    if (!outputs)
-        outputs = config_setting_lookup(config_setting_parent(controller), "outputs");
-    const int n = outputs && config_setting_is_aggregate(outputs) ? config_setting_length(outputs) : 0;
+    const char *rest = path;
     int which = n > 0 ? element_of(outputs, path, &path) : -1;
-    const bool named = which >= 0;
-    if (n == 1)
+    const int of = which < 0 && n_measured > 0 && *path != '[' ? element_of(measured, path, &rest) : -1;
+    const bool named = which >= 0 || (of >= 0 && *rest), is_measured = named && which < 0;
+    const char *const name = is_measured ? "measurement_tuning" : "tuning";
+    if (is_measured) {
+        which = of;
+        n = n_measured;
+        path = rest;
+    } else if (n == 1) {
         which = 0;
+    }
     const char *const of_backup = backup && which >= 0 ? after(path, "backup") : NULL;
     if (of_backup)
         path = of_backup;
@@ -221,11 +241,12 @@ static int find_tuning(struct place *place, const config_setting_t *controller, 
     place->controller = controller;
     place->parameter = path;
     place->output = (size_t)which;
+    place->measured = is_measured;
     place->backup = of_backup;
     const config_setting_t *law = of_backup ? backup : controller;
-    const config_setting_t *tuning = config_setting_get_member(law, "tuning");
+    const config_setting_t *tuning = config_setting_get_member(law, name);
     if (!tuning)
-        return new_tuning(place, law, which, n, path);
+        return new_tuning(place, law, name, which, n, path);
     const config_setting_t *group = config_setting_get_elem(tuning, (unsigned)which);
     if (!group || !config_setting_is_group(group))
         return lose(place, NULL, path);
@@ -452,7 +473,8 @@ static double number_of_law(const struct experiment *e, const struct place *plac
     const size_t n = c->law ? apc_law_parameters(c->law, &c->dim) : 0;
     for (size_t k = 0; k < n; k++) {
         const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);
-        if (p.scope != APC_OF_MEASUREMENT && !strcmp(c->law->tuning[p.number].name, place->parameter) &&
+        if ((p.scope == APC_OF_MEASUREMENT) == place->measured &&
+            !strcmp(c->law->tuning[p.number].name, place->parameter) &&
             (p.scope == APC_OF_LAW || p.of == place->output))
             return c->tuning[k];
     }

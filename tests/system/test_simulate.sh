@@ -131,6 +131,14 @@ edit "$work/faster.conf" -e 's/Kp = 0.2/Kp = 0.5/' -e 's/duration = 600/duration
 "$apc" simulate "$work/faster.conf" --csv "$work/faster.csv" >/dev/null
 "$apc" simulate "$conf" --set controller.Kp=0.5 --set duration=60 --csv "$work/set.csv" --report "$work/set" >/dev/null
 cmp "$work/faster.csv" "$work/set.csv" || fail "--set is not what the file would have said"
+tanks=$APC_SOURCE_DIR/experiments/quadruple-tank-mpc.conf
+sed 's/^  tuning/  measurement_tuning = ( { }, { weight = 3.0; zone = 0.1; } );\n&/' "$tanks" >"$work/weights.conf"
+"$apc" simulate "$work/weights.conf" --duration 20 --csv "$work/weights.csv" >/dev/null
+"$apc" simulate "$tanks" --duration 20 --set controller.y2.weight=3 --set controller.y2.zone=0.1 --csv "$work/set-weights.csv" >/dev/null
+cmp "$work/weights.csv" "$work/set-weights.csv" || fail "--set of a measurement is not what the file would have said"
+expect 0 '^1 +y1 ' "$apc" simulate "$tanks" --duration 20 --sweep controller.y2.weight=1..3:2
+expect 1 'there is no "y3" in controller' "$apc" simulate "$tanks" --set controller.y3.weight=3
+expect 1 'mpc has no parameter "wait": did you mean "weight"' "$apc" simulate "$tanks" --set controller.y1.wait=3
 "$apc" simulate "$work/set" --csv - 2>/dev/null | cmp - "$work/set.csv" || fail "the folder does not keep what was set"
 expect 1 'controler.Kp = 1: .*did you mean "controller"' "$apc" simulate "$conf" --set controler.Kp=1
 expect 1 'controller.tau_i = -3: "tau_i" is -3: must be from' "$apc" simulate "$conf" --set controller.tau_i=-3
