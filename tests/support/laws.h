@@ -22,12 +22,18 @@ static inline int laws_end(void **state)
     return 0;
 }
 
-/* As apc_instances_create(); they end after the test has returned: the law must not lie on its stack. */
+/* As apc_instances_create(), which says nothing unless it fails; they end after the test has returned: the
+ * law must not lie on its stack. */
 static inline int laws_make(struct apc_instances **made, const struct apc_law *law,
                             const struct apc_law_setup *setup, struct apc_error *why)
 {
-    int rc = apc_instances_create(made, law, setup, why);
+    struct apc_error said = {""};
+    int rc = apc_instances_create(made, law, setup, &said);
 
+    if (rc >= 0 && said.text[0])
+        fail_msg("law %s is made, and says \"%s\"", law->name, said.text);
+    if (rc < 0 && why)
+        *why = said;
     if (laws_n_kept == LAWS_KEPT)
         fail_msg("more than %d laws in a test", LAWS_KEPT);
     laws_kept[laws_n_kept] = *made;

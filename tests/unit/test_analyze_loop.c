@@ -420,6 +420,63 @@ static void states_that_nothing_moves_or_that_move_nothing_are_left_out(void **s
     }
 }
 
+/* Whatever moves a little to be differentiated by, each array is its own: nothing is limited, all is good and
+ * stays as it is for all the time ahead. */
+enum { WIDE = 3, AHEAD = 4 };
+
+static int create_wide(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                       struct apc_error *why)
+{
+    (void)setup;
+    (void)self;
+    (void)why;
+    needs->n_ahead = AHEAD;
+    return 0;
+}
+
+static int compute_wide(struct apc_law_call *c)
+{
+    for (size_t i = 0; i < WIDE; i++) {
+        assert_near(c->y[i], 10.0 + (double)i, 0.5);
+        assert_true(c->y_status[i] == APC_GOOD && c->y_new[i] && c->y_age[i] == 0.0);
+        assert_true(c->y_low[i] == -HUGE_VAL && c->y_high[i] == HUGE_VAL);
+        assert_true(c->low[i] == -HUGE_VAL && c->high[i] == HUGE_VAL && c->rate[i] == HUGE_VAL);
+        assert_near(c->u_last[i], 40.0 + (double)i, 0.5);
+        for (size_t k = 0; k < AHEAD; k++) {
+            assert_near(c->z[k * WIDE + i], 20.0 + (double)i, 0.5);
+            assert_near(c->d[k * WIDE + i], 30.0 + (double)i, 0.5);
+            assert_true(c->z[k * WIDE + i] == c->z[i] && c->d[k * WIDE + i] == c->d[i]);
+        }
+        c->u[i] = (double)(i + 1) * c->y[i] + 2.0 * c->z[i] - 3.0 * c->d[i];
+    }
+    return APC_LAW_GOOD;
+}
+
+static void a_law_is_asked_with_all_that_a_call_has(void **state)
+{
+    const struct apc_law_setup setup = {.dim = {.ny = WIDE, .nz = WIDE, .nu = WIDE, .nd = WIDE}, .Ts = 2.0};
+    const struct apc_law law = {
+        .abi = APC_LAW_ABI, .name = "wide", .whole = true, .create = create_wide, .compute = compute_wide};
+    const double y[] = {10.0, 11.0, 12.0}, z[] = {20.0, 21.0, 22.0}, d[] = {30.0, 31.0, 32.0},
+                 u[] = {40.0, 41.0, 42.0};
+    struct apc_law_linear *l;
+    struct apc_error why = {""};
+    (void)state;
+
+    if (apc_law_linearize(&l, &law, &setup, NULL, y, z, d, u, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(l->nx, 0);
+    assert_int_equal(l->n_in, 4 * WIDE);
+    for (size_t i = 0; i < WIDE; i++) {
+        for (size_t j = 0; j < 4 * WIDE; j++) {
+            const double own[] = {(double)(i + 1), 2.0, -3.0, 0.0};
+
+            assert_near(l->D[i * l->n_in + j], j % WIDE == i ? own[j / WIDE] : 0.0, 1e-8);
+        }
+    }
+    free(l);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -431,6 +488,7 @@ int main(void)
         cmocka_unit_test(the_cost_is_what_simulations_have_on_average),
         cmocka_unit_test(shares_are_those_of_the_distribution),
         cmocka_unit_test(a_law_is_what_its_equations_say),
+        cmocka_unit_test(a_law_is_asked_with_all_that_a_call_has),
         cmocka_unit_test(states_that_nothing_moves_or_that_move_nothing_are_left_out),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -379,6 +379,40 @@ static void a_new_count_of_any_watchdog_is_a_sign_of_life(void **state)
     apc_modbus_unit_destroy(p.unit);
 }
 
+/* Wherever the two stand that share one. */
+static void each_address_is_one_values(void **state)
+{
+    (void)state;
+    for (unsigned i = 0; i < NY; i++) {
+        for (unsigned j = 0; j < i; j++) {
+            struct apc_modbus_point y[NY];
+            const struct apc_modbus_options map = {.size = sizeof map, .u = U, .y = y};
+            const struct apc_modbus_unit_options options = {.size = sizeof options,
+                                                            .nu = NU,
+                                                            .ny = NY,
+                                                            .modbus = &map,
+                                                            .command = command,
+                                                            .measure = measure};
+            struct apc_modbus_unit *unit;
+            struct apc_error why;
+            char sentence[120];
+            for (unsigned k = 0; k < NY; k++)
+                y[k] = (struct apc_modbus_point){
+                    .area = APC_MODBUS_INPUT, .type = APC_MODBUS_F32, .address = 20 + 2 * k};
+            assert_int_equal(apc_modbus_unit_create(&unit, &options, &why), 0);
+            apc_modbus_unit_destroy(unit);
+            y[i].address = 21 + 2 * j;
+            y[j].address = 20 + 2 * j;
+            assert_int_equal(apc_modbus_unit_create(&unit, &options, &why), APC_EINVAL);
+            snprintf(sentence, sizeof sentence,
+                     "modbus: two values stand at address %u: a plant that is served needs a place for each",
+                     21 + 2 * j);
+            assert_string_equal(why.text, sentence);
+            assert_null(unit);
+        }
+    }
+}
+
 /* What the one side writes the other reads, and the reverse. */
 static void our_client_and_our_plant_understand_each_other(void **state)
 {
@@ -482,6 +516,7 @@ int main(void)
         cmocka_unit_test(a_map_in_which_two_stand_at_one_place_cannot_be_served),
         cmocka_unit_test(no_bytes_do_harm),
         cmocka_unit_test(a_new_count_of_any_watchdog_is_a_sign_of_life),
+        cmocka_unit_test(each_address_is_one_values),
         cmocka_unit_test(our_client_and_our_plant_understand_each_other),
         cmocka_unit_test(requests_may_come_in_pieces_and_several_at_once),
         cmocka_unit_test(who_speaks_something_else_is_sent_away),
