@@ -131,7 +131,8 @@ static const struct cli_spec spec = {
         "to --history. With --store alone, that store is both. A run in which the plant got no command, or "
         "stood at its safe value "
         "for "
-        "longer than its controllers' hold, or a daemon hung or crashed, ends with 1 and says so. A run "
+        "longer than its controllers' hold, or a daemon of the loop hung or crashed, ends with 1 and says "
+        "so. A run "
         "folder that is not empty, and a store that another experiment "
         "has "
         "filled, are refused.",
