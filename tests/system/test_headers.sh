@@ -125,7 +125,7 @@ sockets
 plant
 predict plant
 analyze predict
-identify predict
+identify predict plant
 control predict
 exchange sockets timer
 END
