@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# The walk of docs/tuning.md, from an unknown plant to predictive control, prints what the document shows.
+# The walks of docs/tuning.md, from an unknown plant to predictive control, and of docs/mpc.md, print what the documents show.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
 "$APC_SOURCE_DIR/scripts/walk" --check || fail "docs/tuning.md shows something else than what comes out: scripts/walk mends it"
 [ "$(sed -n '/^## A walk/,/^## A record/p' "$APC_SOURCE_DIR/docs/tuning.md" | grep -c '^\$ apc')" = 6 ] || fail "the walk has other commands"
+"$APC_SOURCE_DIR/scripts/walk" --check "$APC_SOURCE_DIR/docs/mpc.md" || fail "docs/mpc.md shows something else than what comes out: scripts/walk docs/mpc.md mends it"
+[ "$(sed -n '/^## A walk/,/^## What is/p' "$APC_SOURCE_DIR/docs/mpc.md" | grep -c '^\$ ')" = 14 ] || fail "the walk of docs/mpc.md has other commands"
 
 # it finds other words, other numbers, a line that is not there, a command that fails
 check() { # EXPECTED-CODE LINE...: a document whose walk shows these
