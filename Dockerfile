@@ -6,7 +6,7 @@ FROM debian:bookworm-slim AS build
 RUN apt-get update \
  && apt-get install -y --no-install-recommends gcc libc6-dev cmake nodejs npm ninja-build pkg-config \
         libpq-dev libsqlite3-dev libsundials-dev libconfig-dev libsystemd-dev liblapacke-dev libnlopt-dev libssl-dev \
-        libmicrohttpd-dev libjansson-dev libargon2-dev zlib1g-dev libzip-dev libexpat1-dev \
+        libmicrohttpd-dev libjansson-dev libargon2-dev zlib1g-dev libzip-dev libexpat1-dev libmosquitto-dev \
  && rm -rf /var/lib/apt/lists/*
 COPY . /src
 RUN cmake -S /src -B /build -G Ninja -DAPC_TESTS=OFF \
@@ -18,7 +18,7 @@ RUN cmake -S /src -B /build -G Ninja -DAPC_TESTS=OFF \
 FROM debian:bookworm-slim AS base
 RUN apt-get update \
  && apt-get install -y --no-install-recommends libpq5 libsqlite3-0 libsundials-cvode6 libconfig9 libsystemd0 liblapacke libnlopt0 libssl3 \
-        libmicrohttpd12 libjansson4 libargon2-1 zlib1g libzip4 libexpat1 \
+        libmicrohttpd12 libjansson4 libargon2-1 zlib1g libzip4 libexpat1 libmosquitto1 \
  && rm -rf /var/lib/apt/lists/*
 COPY --from=build /out/ /
 RUN useradd --system --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin apc \

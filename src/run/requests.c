@@ -18,7 +18,8 @@
 #define EVENT_LATE (APC_NS_PER_S / 2) /* after the row that it tells of */
 
 struct requests {
-    struct apc_store *live, *history;
+    struct apc_store *live;
+    struct requests_source from;
     apc_ns most;
     struct apc_error why;
     struct apc_request at[MOST];
@@ -38,14 +39,37 @@ struct look {
     char said[192];
 };
 
+static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
+{
+    return apc_store_requests(ctx, fn, fn_ctx);
+}
+
+static int answer(void *ctx, int64_t id, int64_t seq, const char *outcome)
+{
+    return apc_store_answer(ctx, id, seq, outcome);
+}
+
+static const char *error(void *ctx)
+{
+    return apc_store_error(ctx);
+}
+
 int requests_create(struct requests **requests, struct apc_store *live, struct apc_store *history,
                     apc_ns most, struct apc_error *why)
+{
+    const struct requests_source from = {
+        .ctx = history, .give = give, .answer = answer, .error = error, .marks = REQUESTS_OF_HISTORY};
+    return requests_create_of(requests, live, &from, most, why);
+}
+
+int requests_create_of(struct requests **requests, struct apc_store *live, const struct requests_source *from,
+                       apc_ns most, struct apc_error *why)
 {
     struct requests *r = *requests = calloc(1, sizeof *r);
     if (!r)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     r->live = live;
-    r->history = history;
+    r->from = *from;
     r->most = most;
     return 0;
 }
@@ -104,7 +128,7 @@ static int look_at(struct requests *r, const struct apc_request *request, struct
     l->by = l->tag ? loops_taker(&r->loops, l->tag) : NULL;
     struct apc_sample sample[3] = {
         {.table = table, .id = id},
-        {.table = APC_OPMODE, .id = REQUESTS_MARK(request->id)},
+        {.table = APC_OPMODE, .id = r->from.marks + (int)(request->id % REQUESTS_MARKS)},
         {.table = APC_ACTUAL, .id = apc_variable_number(table, id)},
     };
     struct apc_vector tick = {.table = APC_TICK, .id = l->by ? l->by->number : 0};
@@ -120,8 +144,8 @@ static int look_at(struct requests *r, const struct apc_request *request, struct
 
 static int say(struct requests *r, const struct look *l, int64_t seq, const char *outcome)
 {
-    const int rc = apc_store_answer(r->history, l->request->id, seq, outcome);
-    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->history)) : 0;
+    const int rc = r->from.answer(r->from.ctx, l->request->id, seq, outcome);
+    return rc < 0 ? apc_fail(&r->why, rc, "%s", r->from.error(r->from.ctx)) : 0;
 }
 
 static bool APC_PRINTF(2, 3) tell(struct look *l, const char *fmt, ...)
@@ -172,7 +196,7 @@ static bool is_switch(const struct apc_request *q)
 static bool is_wrong(const struct requests *r, struct look *l)
 {
     const struct apc_request *q = l->request;
-    if (q->table == APC_OPMODE && q->variable >= REQUESTS_MARK(0))
+    if (q->table == APC_OPMODE && q->variable >= REQUESTS_OF_HISTORY)
         return tell(l, "refused: %s %d is not for people", apc_table_name(q->table), q->variable);
     if (!l->tag && !is_switch(q))
         return tell(l, "refused: %s %d is not described, so its limits are not known",
@@ -382,9 +406,9 @@ int requests_step(struct requests *r)
     int left = 0;
     r->n = 0;
     r->why.text[0] = '\0';
-    int rc = apc_store_requests(r->history, take, r);
+    int rc = r->from.give(r->from.ctx, take, r);
     if (rc < 0)
-        return apc_fail(&r->why, rc, "%s", apc_store_error(r->history));
+        return apc_fail(&r->why, rc, "%s", r->from.error(r->from.ctx));
     if (r->n > 0 && (rc = load_plant(r)) < 0)
         return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
     for (size_t i = 0; i < r->n && rc >= 0; i++) {

@@ -1,0 +1,373 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "broker.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <mosquitto.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define KEEPALIVE 15 /* s */
+#define PAUSE_MAX (10 * APC_NS_PER_S)
+#define LAST      APC_NS_PER_S
+#define QUALITY   1
+
+struct broker {
+    struct mosquitto *m;
+    struct broker_calls calls;
+    char prefix[BROKER_TOPIC], host[256];
+    int port;
+    bool tls, begun;
+    pthread_t thread;
+    pthread_mutex_t mutex; /* of all below */
+    pthread_cond_t changed;
+    bool up, end, gone;
+    char why[200];
+    int under_way[BROKER_BATCH];
+    size_t n;
+};
+
+/* ---- What comes from it: in the connection's thread -------------------------------------------- */
+
+static void say(struct broker *b, const char *why)
+{
+    pthread_mutex_lock(&b->mutex);
+    snprintf(b->why, sizeof b->why, "%s", why);
+    pthread_mutex_unlock(&b->mutex);
+}
+
+static void turn(struct broker *b, bool up)
+{
+    pthread_mutex_lock(&b->mutex);
+    b->up = up;
+    pthread_cond_broadcast(&b->changed);
+    pthread_mutex_unlock(&b->mutex);
+}
+
+static int status(struct broker *b, const char *text)
+{
+    char topic[BROKER_TOPIC + 16];
+    snprintf(topic, sizeof topic, "%s/status", b->prefix);
+    return mosquitto_publish(b->m, NULL, topic, (int)strlen(text), text, QUALITY, true);
+}
+
+static void on_connect(struct mosquitto *m, void *ctx, int rc)
+{
+    struct broker *b = ctx;
+    char topic[BROKER_TOPIC + 16];
+    if (rc != 0) {
+        say(b, mosquitto_connack_string(rc));
+        return;
+    }
+    char *const birth = b->calls.birth(b->calls.birth_ctx);
+    (void)status(b, birth ? birth : "{\"state\":\"online\"}");
+    free(birth);
+    snprintf(topic, sizeof topic, "%s/command/+/+", b->prefix);
+    if (b->calls.command)
+        (void)mosquitto_subscribe(m, NULL, topic, QUALITY);
+    turn(b, true);
+}
+
+static void on_disconnect(struct mosquitto *m, void *ctx, int rc)
+{
+    (void)m;
+    (void)rc;
+    turn(ctx, false);
+}
+
+static void on_publish(struct mosquitto *m, void *ctx, int message)
+{
+    struct broker *b = ctx;
+    (void)m;
+    pthread_mutex_lock(&b->mutex);
+    for (size_t i = 0; i < b->n; i++)
+        if (b->under_way[i] == message) {
+            b->under_way[i] = b->under_way[--b->n];
+            break;
+        }
+    if (b->n == 0)
+        pthread_cond_broadcast(&b->changed);
+    pthread_mutex_unlock(&b->mutex);
+}
+
+static void on_message(struct mosquitto *m, void *ctx, const struct mosquitto_message *message)
+{
+    struct broker *b = ctx;
+    const size_t n = strlen(b->prefix);
+    char topic[512];
+    (void)m;
+    if (strlen(message->topic) >= sizeof topic || strncmp(message->topic, b->prefix, n) != 0 ||
+        strncmp(message->topic + n, "/command/", 9) != 0)
+        return;
+    snprintf(topic, sizeof topic, "%s", message->topic + n + 9);
+    char *const slash = strchr(topic, '/');
+    if (!slash)
+        return;
+    *slash = '\0';
+    b->calls.command(b->calls.command_ctx, topic, slash + 1, message->payload,
+                     message->payloadlen > 0 ? (size_t)message->payloadlen : 0, message->retain);
+}
+
+/* Of what TLS says the reason alone. */
+static void on_log(struct mosquitto *m, void *ctx, int level, const char *text)
+{
+    const char *const colon = strrchr(text, ':');
+    (void)m;
+    if (level == MOSQ_LOG_ERR)
+        say(ctx, strstr(text, "OpenSSL") && colon ? colon + 1 : text);
+}
+
+/* ---- Its thread ---------------------------------------------------------------------------------- */
+
+static bool rest(struct broker *b, apc_ns pause)
+{
+    const apc_ns until = apc_clock_mono(NULL) + pause;
+    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
+                                .tv_nsec = (long)(until % APC_NS_PER_S)};
+    pthread_mutex_lock(&b->mutex);
+    while (!b->end && pthread_cond_timedwait(&b->changed, &b->mutex, &at) != ETIMEDOUT)
+        ;
+    const bool end = b->end;
+    pthread_mutex_unlock(&b->mutex);
+    return !end;
+}
+
+static bool ends(struct broker *b)
+{
+    pthread_mutex_lock(&b->mutex);
+    const bool end = b->end;
+    pthread_mutex_unlock(&b->mutex);
+    return end;
+}
+
+static void *run(void *ctx)
+{
+    struct broker *b = ctx;
+    apc_ns pause = APC_NS_PER_S;
+    bool again = false;
+    do {
+        say(b, "");
+        int rc = again ? mosquitto_reconnect(b->m) : mosquitto_connect(b->m, b->host, b->port, KEEPALIVE);
+        const int e = errno;
+        again = true;
+        while (rc == MOSQ_ERR_SUCCESS && !ends(b)) {
+            rc = mosquitto_loop(b->m, 200, 1);
+            if (broker_is_up(b, NULL, 0))
+                pause = APC_NS_PER_S / 2;
+        }
+        turn(b, false);
+        pthread_mutex_lock(&b->mutex);
+        if (!b->why[0])
+            snprintf(b->why, sizeof b->why, "%s",
+                     rc == MOSQ_ERR_ERRNO ? strerror(e) : mosquitto_strerror(rc));
+        pthread_mutex_unlock(&b->mutex);
+        pause = pause < PAUSE_MAX / 2 ? 2 * pause : PAUSE_MAX;
+    } while (rest(b, pause));
+    pthread_mutex_lock(&b->mutex);
+    b->gone = true;
+    pthread_cond_broadcast(&b->changed);
+    pthread_mutex_unlock(&b->mutex);
+    return NULL;
+}
+
+/* ---- From the others ------------------------------------------------------------------------------ */
+
+bool broker_is_up(struct broker *b, char *why, size_t n)
+{
+    pthread_mutex_lock(&b->mutex);
+    const bool up = b->up;
+    if (n > 0)
+        snprintf(why, n, "%s", b->why);
+    pthread_mutex_unlock(&b->mutex);
+    return up;
+}
+
+bool broker_publish(struct broker *b, const char *topic, const char *payload, size_t n, bool retained,
+                    bool counted)
+{
+    char whole[2 * BROKER_TOPIC];
+    int message;
+    snprintf(whole, sizeof whole, "%s/%s", b->prefix, topic);
+    pthread_mutex_lock(
+        &b->mutex); /* also against its acknowledgement, which may be here before we are back */
+    const bool room = !counted || (b->up && b->n < BROKER_BATCH);
+    const bool well = room && mosquitto_publish(b->m, &message, whole, (int)n, payload, QUALITY, retained) ==
+                                  MOSQ_ERR_SUCCESS;
+    if (well && counted)
+        b->under_way[b->n++] = message;
+    pthread_mutex_unlock(&b->mutex);
+    return well;
+}
+
+bool broker_settled(struct broker *b, apc_ns timeout)
+{
+    const apc_ns until = apc_clock_mono(NULL) + timeout;
+    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
+                                .tv_nsec = (long)(until % APC_NS_PER_S)};
+    pthread_mutex_lock(&b->mutex);
+    while (b->n > 0 && pthread_cond_timedwait(&b->changed, &b->mutex, &at) != ETIMEDOUT)
+        ;
+    const bool settled = b->n == 0;
+    pthread_mutex_unlock(&b->mutex);
+    return settled;
+}
+
+/* ---- Start and end ---------------------------------------------------------------------------------- */
+
+static int parse(struct broker *b, const char *uri, struct apc_error *why)
+{
+    const char *const at = strstr(uri, "://");
+    b->tls = strncmp(uri, "mqtts://", 8) == 0;
+    if (!at || (!b->tls && strncmp(uri, "mqtt://", 7) != 0))
+        return apc_fail(why, APC_EINVAL, "--broker \"%s\": must be mqtts://HOST[:PORT] or mqtt://HOST[:PORT]",
+                        uri);
+    const char *host = at + 3, *end = host + strcspn(host, ":");
+    if (*host == '[') {
+        end = strchr(++host, ']');
+        end = end ? end : host;
+    }
+    const char *const colon = strrchr(end, ':');
+    double port = b->tls ? 8883 : 1883;
+    if (end == host || (size_t)(end - host) >= sizeof b->host ||
+        (colon && (apc_number_parse(colon + 1, &port) < 0 || !(port >= 1 && port <= 65535))))
+        return apc_fail(why, APC_EINVAL, "--broker \"%s\": must be mqtts://HOST[:PORT]", uri);
+    snprintf(b->host, sizeof b->host, "%.*s", (int)(end - host), host);
+    b->port = (int)port;
+    if (!b->tls && strcmp(b->host, "127.0.0.1") != 0 && strcmp(b->host, "::1") != 0 &&
+        strcmp(b->host, "localhost") != 0)
+        return apc_fail(why, APC_EINVAL,
+                        "--broker \"%s\": unencrypted to this very host only; beyond it use mqtts://", uri);
+    return 0;
+}
+
+static int password(struct broker *b, const struct mqtt_options *o, struct apc_error *why)
+{
+    char text[256] = "";
+    if (o->password_file) {
+        FILE *const in = fopen(o->password_file, "re");
+        const bool well = in && fgets(text, sizeof text, in);
+        if (in)
+            fclose(in);
+        if (!well)
+            return apc_fail(why, APC_EINVAL, "--password-file %s: holds no line that can be read",
+                            o->password_file);
+        text[strcspn(text, "\r\n")] = '\0';
+    }
+    const int rc = o->login ? mosquitto_username_pw_set(b->m, o->login, o->password_file ? text : NULL) : 0;
+    explicit_bzero(text, sizeof text);
+    return rc ? apc_fail(why, APC_ENOMEM, "out of memory") : 0;
+}
+
+static int encrypt(struct broker *b, const struct mqtt_options *o, struct apc_error *why)
+{
+    const char *const files[] = {o->ca, o->identity};
+    for (size_t i = 0; i < 2; i++)
+        if (files[i] && access(files[i], R_OK) < 0)
+            return apc_fail(why, APC_EINVAL, "%s %s: %s", i ? "--identity" : "--ca", files[i],
+                            strerror(errno));
+    int rc = mosquitto_tls_set(b->m, o->ca, o->ca ? NULL : "/etc/ssl/certs", o->identity, o->identity, NULL);
+    if (rc == MOSQ_ERR_SUCCESS)
+        rc = mosquitto_tls_opts_set(b->m, 1, "tlsv1.3", NULL);
+    return rc == MOSQ_ERR_SUCCESS ? 0
+                                  : apc_fail(why, APC_EINVAL, "--broker: no TLS: %s", mosquitto_strerror(rc));
+}
+
+static int prepare(struct broker *b, const struct mqtt_options *o, struct apc_error *why)
+{
+    static const char farewell[] = "{\"state\":\"offline\",\"reason\":\"lost\"}";
+    char topic[BROKER_TOPIC + 16];
+    int rc = password(b, o, why);
+    if (rc == 0 && b->tls)
+        rc = encrypt(b, o, why);
+    if (rc < 0)
+        return rc;
+    snprintf(topic, sizeof topic, "%s/status", b->prefix);
+    if (mosquitto_will_set(b->m, topic, sizeof farewell - 1, farewell, QUALITY, true) != MOSQ_ERR_SUCCESS)
+        return apc_fail(why, APC_EINVAL, "--topic \"%s\": is no topic", b->prefix);
+    mosquitto_threaded_set(b->m, true);
+    mosquitto_max_inflight_messages_set(b->m, BROKER_BATCH);
+    mosquitto_connect_callback_set(b->m, on_connect);
+    mosquitto_disconnect_callback_set(b->m, on_disconnect);
+    mosquitto_publish_callback_set(b->m, on_publish);
+    mosquitto_message_callback_set(b->m, on_message);
+    mosquitto_log_callback_set(b->m, on_log);
+    return 0;
+}
+
+int broker_open(struct broker **broker, const struct mqtt_options *options, const char *prefix,
+                const struct broker_calls *calls, struct apc_error *why)
+{
+    struct broker *b = calloc(1, sizeof *b);
+    pthread_condattr_t attr;
+    *broker = NULL;
+    if (!b)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    b->calls = *calls;
+    snprintf(b->prefix, sizeof b->prefix, "%s", prefix);
+    int rc = parse(b, options->broker, why);
+    if (rc < 0 || pthread_condattr_init(&attr) != 0) {
+        free(b);
+        return rc < 0 ? rc : APC_ENOMEM;
+    }
+    pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
+    pthread_mutex_init(&b->mutex, NULL);
+    pthread_cond_init(&b->changed, &attr);
+    pthread_condattr_destroy(&attr);
+    mosquitto_lib_init();
+    *broker = b;
+    b->m = mosquitto_new(NULL, true, b);
+    rc = b->m ? prepare(b, options, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc < 0) {
+        (void)broker_close(b);
+        *broker = NULL;
+    }
+    return rc;
+}
+
+int broker_start(struct broker *b, struct apc_error *why)
+{
+    const int e = pthread_create(&b->thread, NULL, run, b);
+    b->begun = !e;
+    return e ? apc_fail(why, APC_ESYS, "no thread: %s", strerror(e)) : 0;
+}
+
+static bool join(struct broker *b)
+{
+    const apc_ns until = apc_clock_mono(NULL) + LAST;
+    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
+                                .tv_nsec = (long)(until % APC_NS_PER_S)};
+    pthread_mutex_lock(&b->mutex);
+    b->end = true;
+    pthread_cond_broadcast(&b->changed);
+    while (!b->gone && pthread_cond_timedwait(&b->changed, &b->mutex, &at) != ETIMEDOUT)
+        ;
+    const bool gone = b->gone;
+    pthread_mutex_unlock(&b->mutex);
+    if (gone)
+        pthread_join(b->thread, NULL);
+    return gone;
+}
+
+bool broker_close(struct broker *b)
+{
+    static const char farewell[] = "{\"state\":\"offline\",\"reason\":\"stopped\"}";
+    if (!b)
+        return true;
+    if (b->begun && broker_publish(b, "status", farewell, sizeof farewell - 1, true, true))
+        (void)broker_settled(b, LAST);
+    if (b->begun && !join(b))
+        return false;
+    if (b->m) { /* nobody else writes any more; without a word the broker would say that we were lost */
+        mosquitto_threaded_set(b->m, false);
+        mosquitto_disconnect(b->m);
+    }
+    mosquitto_destroy(b->m);
+    mosquitto_lib_cleanup();
+    pthread_cond_destroy(&b->changed);
+    pthread_mutex_destroy(&b->mutex);
+    free(b);
+    return true;
+}

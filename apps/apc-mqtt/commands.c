@@ -1,0 +1,470 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "commands.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc-ui/json.h"
+#include "run/loops.h"
+#include "run/requests.h"
+#include "users/users.h"
+
+#define WITHIN   (10 * APC_NS_PER_S)   /* older ones are refused */
+#define MOST     16                    /* that are not answered yet */
+#define PAYLOAD  4096                  /* bytes */
+#define ASK      (100 * APC_NS_PER_MS) /* between two looks at what became of one */
+#define LAST     APC_NS_PER_S
+#define TOLD_PER (60 * APC_NS_PER_S)
+
+struct command {
+    struct apc_request request;
+    char signal[APC_TAG_LEN], own[64]; /* its sender's own word for it */
+};
+
+struct commands {
+    struct daemon *d;
+    const struct mqtt_options *options;
+    const char *users;
+    struct apc_store *live; /* the thread's */
+    struct requests *requests;
+    pthread_t thread;
+    bool begun;
+    pthread_mutex_t mutex; /* of all below */
+    pthread_cond_t changed;
+    struct broker *broker;
+    struct command at[MOST];
+    size_t n;
+    bool end, gone;
+    struct {
+        uint64_t refused;
+        char why[160];
+    } said;
+    struct {
+        uint64_t refused;
+        apc_ns at;
+    } told; /* the task's own */
+};
+
+/* ---- Answering ------------------------------------------------------------------------------------ */
+
+static void answer(struct commands *c, const char *user, const char *signal, const struct command *command,
+                   int64_t seq, const char *outcome)
+{
+    char topic[BROKER_TOPIC];
+    struct text t = {0};
+
+    snprintf(topic, sizeof topic, "outcome/%.40s/%.100s", user, signal);
+    text_add(&t, "{\"id\":");
+    json_string_add(&t, command && command->own[0] ? command->own : NULL);
+    if (command) {
+        text_add(&t, ",\"time\":");
+        json_time_add(&t, command->request.time);
+        text_add(&t, ",\"value\":");
+        json_number_add(&t, command->request.value);
+    }
+    text_add(&t, ",\"outcome\":");
+    json_string_add(&t, outcome);
+    if (seq > 0)
+        text_add(&t, ",\"seq\":%" PRId64, seq);
+    text_add(&t, "}");
+    if (!t.failed && c->broker)
+        (void)broker_publish(c->broker, topic, t.at, t.n, false, false);
+    text_free(&t);
+}
+
+static void refuse(struct commands *c, const char *user, const char *signal, const struct command *command,
+                   const char *fmt, ...) APC_PRINTF(5, 6);
+static void refuse(struct commands *c, const char *user, const char *signal, const struct command *command,
+                   const char *fmt, ...)
+{
+    char text[192] = "refused: ";
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(text + 9, sizeof text - 9, fmt, args);
+    va_end(args);
+    answer(c, user, signal, command, 0, text);
+    pthread_mutex_lock(&c->mutex);
+    c->said.refused++;
+    snprintf(c->said.why, sizeof c->said.why, "%.30s, %.40s: %.80s", user, signal, text + 9);
+    pthread_mutex_unlock(&c->mutex);
+}
+
+void commands_tell(struct commands *c)
+{
+    char why[sizeof c->said.why];
+    const apc_ns now = apc_clock_mono(NULL);
+    if (!c)
+        return;
+    pthread_mutex_lock(&c->mutex);
+    const uint64_t refused = c->said.refused;
+    memcpy(why, c->said.why, sizeof why);
+    pthread_mutex_unlock(&c->mutex);
+    if (refused == c->told.refused || (c->told.at && now - c->told.at < TOLD_PER))
+        return;
+    if (refused - c->told.refused == 1)
+        daemon_event(c->d, APC_EVENT_WARNING, "rejected", "a command from the broker: %s", why);
+    else
+        daemon_event(c->d, APC_EVENT_WARNING, "rejected",
+                     "%" PRIu64 " commands from the broker; the last: %s", refused - c->told.refused, why);
+    c->told.refused = refused;
+    c->told.at = now;
+}
+
+/* ---- May he? ---------------------------------------------------------------------------------------- */
+
+static bool is_allowed(struct commands *c, const char *user, const char *signal)
+{
+    struct users users;
+    struct apc_error why;
+    size_t i = 0;
+
+    while (i < c->options->n_allow && strcmp(c->options->allow[i], signal) != 0)
+        i++;
+    if (i == c->options->n_allow) {
+        refuse(c, user, signal, NULL, "it is not one of those that may be commanded from here (--allow)");
+        return false;
+    }
+    if (users_load(&users, c->users, &why) < 0) {
+        refuse(c, user, signal, NULL, "who may operate is not known: %s", why.text);
+        return false;
+    }
+    const struct user *const him = users_find(&users, user);
+    const enum role role = him && !user_ended(him, apc_clock_utc(NULL)) ? him->role : ROLE_NONE;
+    users_free(&users);
+    if (role < ROLE_OPERATOR)
+        refuse(c, user, signal, NULL,
+               role ? "who may only observe commands nothing" : "there is no such user");
+    return role >= ROLE_OPERATOR;
+}
+
+/* ---- Reading it -------------------------------------------------------------------------------------- */
+
+static bool read_mode(const json_t *body, double *value, struct fault *f)
+{
+    const char *name;
+    if (!member_text(body, "mode", &name, f))
+        return false;
+    for (int mode = APC_MODE_MAN; mode <= APC_MODE_CAS; mode++)
+        if (strcmp(name, apc_mode_name(mode)) == 0) {
+            *value = mode;
+            return true;
+        }
+    return fault_set(f, 422, "value", "mode", "\"mode\" must be Man, Auto, Cas or OOS");
+}
+
+static bool read_text(const json_t *body, const char *name, char *to, size_t size, struct fault *f)
+{
+    const char *text;
+    if (!json_object_get(body, name))
+        return true;
+    if (!member_text(body, name, &text, f))
+        return false;
+    snprintf(to, size, "%s", text);
+    return true;
+}
+
+static bool read_body(const void *payload, size_t n, bool is_mode, struct command *to, struct fault *f)
+{
+    static const char *const members[] = {"value", "time", "id", "reason", NULL}, *const mode_members[] = {
+                                                                                      "mode", "time", "id",
+                                                                                      "reason", NULL};
+    struct apc_request *const q = &to->request;
+    double time = 0;
+    json_t *const body = body_parse(payload, n, is_mode ? mode_members : members, f);
+    bool well = body && read_text(body, "id", to->own, sizeof to->own, f) &&
+                read_text(body, "reason", q->reason, sizeof q->reason, f) &&
+                member_number(body, "time", &time, f) &&
+                (is_mode ? read_mode(body, &q->value, f) : member_number(body, "value", &q->value, f));
+    if (well && !(time > 0 && time < 9e9))
+        well = fault_set(f, 422, "value", "time", "\"time\" must be Unix seconds");
+    q->time = (apc_ns)(time * 1e6) * APC_NS_PER_US;
+    json_decref(body);
+    return well;
+}
+
+/* Sent twice it is the same: its number is made of all that it says (FNV-1a). */
+static int64_t number_of(const char *user, const char *signal, const unsigned char *payload, size_t n)
+{
+    uint64_t h = 14695981039346656037u;
+    for (; *user; user++)
+        h = (h ^ (unsigned char)*user) * 1099511628211u;
+    for (; *signal; signal++)
+        h = (h ^ (unsigned char)*signal) * 1099511628211u;
+    for (size_t i = 0; i < n; i++)
+        h = (h ^ payload[i]) * 1099511628211u;
+    return (int64_t)(h >> 12); /* a value of a row holds it exactly */
+}
+
+static void enter(struct commands *c, const char *user, const struct command *command)
+{
+    bool there = false;
+    pthread_mutex_lock(&c->mutex);
+    for (size_t i = 0; i < c->n; i++)
+        there |= c->at[i].request.id == command->request.id;
+    const bool room = c->n < MOST;
+    if (room && !there)
+        c->at[c->n++] = *command;
+    pthread_cond_broadcast(&c->changed);
+    pthread_mutex_unlock(&c->mutex);
+    if (!room && !there)
+        refuse(c, user, command->signal, command, "%d others are not answered yet", MOST);
+}
+
+void commands_take(void *commands, const char *user, const char *signal, const void *payload, size_t n,
+                   bool retained)
+{
+    struct commands *const c = commands;
+    struct command command = {.request = {.seq = -1}};
+    struct fault f = {0};
+    const size_t length = strlen(signal);
+    const bool is_mode = length > 5 && strcmp(signal + length - 5, ".mode") == 0;
+
+    if (n > PAYLOAD || length >= sizeof command.signal) {
+        refuse(c, user, signal, NULL, "it is longer than a command can be");
+        return;
+    }
+    snprintf(command.signal, sizeof command.signal, "%s", signal);
+    snprintf(command.request.author, sizeof command.request.author, "%.31s", user);
+    snprintf(command.request.role, sizeof command.request.role, "the broker");
+    if (!is_allowed(c, user, signal))
+        return;
+    if (!read_body(payload, n, is_mode, &command, &f)) {
+        refuse(c, user, signal, NULL, "%s", f.message);
+        return;
+    }
+    if (retained) { /* the broker gives it to whoever comes, whenever */
+        refuse(c, user, signal, &command, "it was sent as retained");
+        return;
+    }
+    command.request.id = number_of(user, signal, payload, n);
+    enter(c, user, &command);
+}
+
+/* ---- Bringing it to the live store -------------------------------------------------------------------- */
+
+/* Which variable it means; table 0: none. */
+static void find(const struct loops *loops, const struct apc_tag *tag, size_t n, struct command *command)
+{
+    char name[APC_TAG_LEN];
+    const size_t length = strlen(command->signal);
+    snprintf(name, sizeof name, "%s", command->signal);
+    if (length > 5 && strcmp(name + length - 5, ".mode") == 0) {
+        name[length - 5] = '\0';
+        const struct loops_loop *const loop = loops_find(loops, name);
+        if (loop)
+            command->request.table = APC_OPMODE;
+        command->request.variable = loop ? loop->id : 0;
+        return;
+    }
+    for (size_t i = 0; i < n; i++) {
+        if (strcmp(tag[i].name, name) != 0 || (tag[i].table != APC_SETPOINT && tag[i].table != APC_ACTUATOR))
+            continue;
+        const struct loops_loop *const loop =
+            tag[i].table == APC_ACTUATOR ? loops_of(loops, tag[i].table, tag[i].id) : NULL;
+        if (tag[i].table == APC_ACTUATOR && (!loop || loop->manual == 0))
+            continue;
+        command->request.table = loop ? APC_MANUAL : APC_SETPOINT;
+        command->request.variable = loop ? loop->manual : tag[i].id;
+        return;
+    }
+}
+
+static int find_all(struct commands *c, struct command *at, size_t n)
+{
+    const int there = apc_store_get_tags(c->live, NULL, 0);
+    struct apc_tag *const tag = there > 0 ? calloc((size_t)there, sizeof *tag) : NULL;
+    struct loops loops = {0};
+    int rc = there <= 0 ? there : !tag ? APC_ENOMEM : apc_store_get_tags(c->live, tag, (size_t)there);
+    const size_t n_tags = rc > 0 ? (size_t)(rc < there ? rc : there) : 0;
+    if (rc >= 0)
+        rc = loops_load(&loops, c->live, tag, n_tags);
+    for (size_t i = 0; i < n && rc >= 0; i++)
+        find(&loops, tag, n_tags, &at[i]);
+    loops_free(&loops);
+    free(tag);
+    return rc;
+}
+
+static void drop(struct commands *c, int64_t id)
+{
+    pthread_mutex_lock(&c->mutex);
+    for (size_t i = 0; i < c->n; i++)
+        if (c->at[i].request.id == id) {
+            memmove(&c->at[i], &c->at[i + 1], (c->n - i - 1) * sizeof *c->at);
+            c->n--;
+            break;
+        }
+    pthread_mutex_unlock(&c->mutex);
+}
+
+static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
+{
+    struct commands *const c = ctx;
+    struct command at[MOST];
+    int given = 0;
+
+    pthread_mutex_lock(&c->mutex);
+    const size_t n = c->n;
+    memcpy(at, c->at, n * sizeof *at);
+    pthread_mutex_unlock(&c->mutex);
+    const int rc = n > 0 ? find_all(c, at, n) : 0;
+    for (size_t i = 0; i < n && rc >= 0; i++) {
+        struct apc_request *const q = &at[i].request;
+        if (!q->table) {
+            refuse(c, q->author, at[i].signal, &at[i], "there is no setpoint, output or loop of that name");
+            drop(c, q->id);
+            continue;
+        }
+        q->age = apc_clock_utc(NULL) - q->time;
+        q->left = WITHIN - q->age;
+        if (q->seq >= 0 &&
+            q->left < APC_NS_PER_S) /* it was done in time; what became of it may take longer */
+            q->left = APC_NS_PER_S;
+        given++;
+        if (fn(fn_ctx, q))
+            break;
+    }
+    return rc < 0 ? rc : given;
+}
+
+static int settle(void *ctx, int64_t id, int64_t seq, const char *outcome)
+{
+    struct commands *const c = ctx;
+    struct command one = {0};
+
+    pthread_mutex_lock(&c->mutex);
+    for (size_t i = 0; i < c->n; i++)
+        if (c->at[i].request.id == id) {
+            c->at[i].request.seq = seq;
+            one = c->at[i];
+        }
+    pthread_mutex_unlock(&c->mutex);
+    if (!outcome || !one.signal[0])
+        return 0;
+    if (strncmp(outcome, "refused: ", 9) == 0)
+        refuse(c, one.request.author, one.signal, &one, "%s", outcome + 9);
+    else
+        answer(c, one.request.author, one.signal, &one, seq, outcome);
+    drop(c, id);
+    return 0;
+}
+
+static const char *error(void *ctx)
+{
+    const struct commands *const c = ctx;
+    return apc_store_error(c->live);
+}
+
+/* What the live store did not take while it was away is told when it is too old. */
+static void expire(struct commands *c)
+{
+    struct command old[MOST];
+    size_t n = 0;
+    pthread_mutex_lock(&c->mutex);
+    for (size_t i = 0; i < c->n; i++)
+        if (c->at[i].request.seq < 0 && apc_clock_utc(NULL) - c->at[i].request.time > WITHIN)
+            old[n++] = c->at[i];
+    pthread_mutex_unlock(&c->mutex);
+    for (size_t i = 0; i < n; i++) {
+        refuse(c, old[i].request.author, old[i].signal, &old[i], "the store is away: %s",
+               apc_store_error(c->live));
+        drop(c, old[i].request.id);
+    }
+}
+
+static void *run(void *ctx)
+{
+    struct commands *const c = ctx;
+    pthread_mutex_lock(&c->mutex);
+    while (!c->end) {
+        const apc_ns until = apc_clock_mono(NULL) + ASK;
+        const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
+                                    .tv_nsec = (long)(until % APC_NS_PER_S)};
+        if (c->n == 0) {
+            pthread_cond_wait(&c->changed, &c->mutex);
+            continue;
+        }
+        pthread_mutex_unlock(&c->mutex);
+        const int rc = requests_step(c->requests);
+        if (rc < 0)
+            expire(c);
+        pthread_mutex_lock(&c->mutex);
+        if (rc != 0 && !c->end)
+            pthread_cond_timedwait(&c->changed, &c->mutex, &at);
+    }
+    c->gone = true;
+    pthread_cond_broadcast(&c->changed);
+    pthread_mutex_unlock(&c->mutex);
+    return NULL;
+}
+
+/* ---- Start and end ---------------------------------------------------------------------------------------
+ */
+
+int commands_create(struct commands **commands, struct daemon *d, const struct mqtt_options *options,
+                    const char *users, struct apc_error *why)
+{
+    struct commands *const c = *commands = calloc(1, sizeof *c);
+    pthread_condattr_t attr;
+
+    if (!c || pthread_condattr_init(&attr) != 0) {
+        free(c);
+        *commands = NULL;
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    c->d = d;
+    c->options = options;
+    c->users = users;
+    pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
+    (void)apc_mutex_init(&c->mutex);
+    pthread_cond_init(&c->changed, &attr);
+    pthread_condattr_destroy(&attr);
+    int rc = daemon_store(d, &c->live, NULL, 0);
+    const struct requests_source from = {
+        .ctx = c, .give = give, .answer = settle, .error = error, .marks = REQUESTS_OF_BROKER};
+    if (rc == 0)
+        rc = requests_create_of(&c->requests, c->live, &from, WITHIN, why);
+    return rc;
+}
+
+void commands_answer_by(struct commands *c, struct broker *broker)
+{
+    c->broker = broker;
+}
+
+int commands_start(struct commands *c, struct apc_error *why)
+{
+    const int e = pthread_create(&c->thread, NULL, run, c);
+    c->begun = !e;
+    return e ? apc_fail(why, APC_ESYS, "no thread: %s", strerror(e)) : 0;
+}
+
+bool commands_destroy(struct commands *c)
+{
+    if (!c)
+        return true;
+    const apc_ns until = apc_clock_mono(NULL) + LAST;
+    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
+                                .tv_nsec = (long)(until % APC_NS_PER_S)};
+    pthread_mutex_lock(&c->mutex);
+    c->end = true;
+    pthread_cond_broadcast(&c->changed);
+    while (c->begun && !c->gone && pthread_cond_timedwait(&c->changed, &c->mutex, &at) != ETIMEDOUT)
+        ;
+    const bool gone = !c->begun || c->gone;
+    pthread_mutex_unlock(&c->mutex);
+    if (!gone)
+        return false;
+    if (c->begun)
+        pthread_join(c->thread, NULL);
+    requests_destroy(c->requests);
+    apc_store_close(c->live);
+    pthread_cond_destroy(&c->changed);
+    pthread_mutex_destroy(&c->mutex);
+    free(c);
+    return true;
+}

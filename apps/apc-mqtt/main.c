@@ -1,0 +1,323 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * apc-mqtt: what the live store gets goes to an MQTT broker, and what the broker's people may command to the
+ * loop, which never waits for either.
+ *
+ * A thread moves and publishes (backlog.h), and may wait for a disk or the broker as long as it takes; one
+ * keeps the connection (broker.h), and one brings commands to the store (commands.h). The task only wakes the
+ * first each cycle, and tells what became of it.
+ */
+#include <errno.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "backlog.h"
+#include "broker.h"
+#include "commands.h"
+#include "common/daemon.h"
+#include "common/storeuri.h"
+#include "common/watch.h"
+#include "options.h"
+#include "users/users.h"
+
+#define CYCLE   (100 * APC_NS_PER_MS)
+#define TIMEOUT (10 * APC_NS_PER_S) /* of one operation of the queue */
+#define TAKE    (1 * APC_NS_PER_S)  /* of one step */
+#define SEND    (1 * APC_NS_PER_S)
+#define LAST    (2 * APC_NS_PER_S)
+#define HUNG    (60 * APC_NS_PER_S)
+
+struct report {
+    int taken, sent; /* of the last step */
+    char why[300], sent_why[300];
+    struct apc_forward_stats stats;
+};
+
+struct shell {
+    struct daemon d;
+    struct mqtt_options options;
+    char prefix[BROKER_TOPIC], users[4096];
+    struct apc_store *live, *queue;
+    struct backlog *backlog;
+    struct broker *broker;
+    struct commands *commands;
+    pthread_t thread;
+    bool begun;
+    pthread_mutex_t mutex; /* of all below; inherits priority */
+    pthread_cond_t wake, ended;
+    bool due, end, gone;
+    apc_ns since; /* monotonic: of the step that is under way; 0: none */
+    struct report report;
+    struct {
+        struct state_watch broker, queue, sent;
+        uint64_t gaps, events;
+    } told; /* the task's own */
+};
+
+static const struct program program = {
+    .name = "apc-mqtt",
+    .doc = MQTT_DOC,
+    .task = "mqtt",
+    .extra = &mqtt_argp,
+};
+
+/* ---- The thread ---------------------------------------------------------------------------------- */
+
+static char *birth(void *ctx)
+{
+    struct shell *s = ctx;
+    struct text t = {0};
+    text_add(&t, "{\"state\":\"online\",\"time\":");
+    json_time_add(&t, apc_clock_utc(NULL));
+    text_add(&t, ",\"version\":\"%s\",\"experiment\":", apc_version());
+    json_string_add(&t, s->d.experiment.name);
+    backlog_describe(s->backlog, &t);
+    text_add(&t, "}");
+    text_put(&t, "", 1);
+    return t.at;
+}
+
+static void step(struct shell *s)
+{
+    struct report r = {.stats = {.size = sizeof r.stats}};
+    r.taken = backlog_take(s->backlog, TAKE);
+    if (r.taken < 0)
+        snprintf(r.why, sizeof r.why, "%s", backlog_error(s->backlog));
+    while ((r.sent = backlog_send(s->backlog, SEND)) > 0)
+        ;
+    if (r.sent < 0)
+        snprintf(r.sent_why, sizeof r.sent_why, "%s", backlog_sent_error(s->backlog));
+    backlog_stats(s->backlog, &r.stats);
+    pthread_mutex_lock(&s->mutex);
+    s->report = r;
+    s->since = 0;
+    pthread_mutex_unlock(&s->mutex);
+}
+
+static void *run(void *ctx)
+{
+    struct shell *s = ctx;
+    pthread_mutex_lock(&s->mutex);
+    for (;;) {
+        while (!s->due && !s->end)
+            pthread_cond_wait(&s->wake, &s->mutex);
+        const bool end = s->end;
+        s->due = false;
+        s->since = apc_clock_mono(NULL);
+        pthread_mutex_unlock(&s->mutex);
+        step(s); /* once more at the end, for what came last */
+        pthread_mutex_lock(&s->mutex);
+        if (end)
+            break;
+    }
+    s->gone = true;
+    pthread_cond_broadcast(&s->ended);
+    pthread_mutex_unlock(&s->mutex);
+    return NULL;
+}
+
+/* ---- The task -------------------------------------------------------------------------------------- */
+
+static void tell(struct shell *s, struct state_watch *state, bool up, const char *what, const char *why)
+{
+    const enum change change = state_watch_look(state, up, apc_clock_mono(NULL));
+    if (change == CHANGE_ONE)
+        daemon_event(&s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, "mqtt", "%s %s%s%.130s", what,
+                     up ? "again" : "no more, trying again", *why && !up ? ": " : "", up ? "" : why);
+    else if (change == CHANGE_MANY)
+        daemon_event(&s->d, APC_EVENT_WARNING, "mqtt",
+                     "%s or not: it changed %u more times in the last minute", what, state->count);
+}
+
+static void tell_gaps(struct shell *s, const struct apc_forward_stats *stats)
+{
+    char since[APC_TIME_LEN], until[APC_TIME_LEN];
+    if (stats->gap.times != s->told.gaps)
+        daemon_event(&s->d, APC_EVENT_ALARM, "mqtt",
+                     "the broker will miss rows: of %llu variables they were overwritten between %s and %s "
+                     "before they "
+                     "came into the queue",
+                     (unsigned long long)(stats->gap.times - s->told.gaps),
+                     apc_time_format(stats->gap.since, since), apc_time_format(stats->gap.until, until));
+    s->told.gaps = stats->gap.times;
+}
+
+static int on_tick(void *ctx, const struct apc_tick *tick)
+{
+    struct shell *s = ctx;
+    const apc_ns now = apc_clock_mono(NULL);
+    char why[200];
+    (void)tick;
+    pthread_mutex_lock(&s->mutex);
+    const struct report r = s->report;
+    const bool hung = s->since && now - s->since > HUNG;
+    s->due = true;
+    pthread_cond_signal(&s->wake);
+    pthread_mutex_unlock(&s->mutex);
+    if (hung) {
+        daemon_event(&s->d, APC_EVENT_ALARM, "mqtt", "stopping: the disk does not answer");
+        return APC_ETIMEDOUT;
+    }
+    const bool up = broker_is_up(s->broker, why, sizeof why);
+    if (up || why[0])
+        tell(s, &s->told.broker, up, "the broker is there", why);
+    tell(s, &s->told.queue, r.taken >= 0, "the queue takes what is new", r.why);
+    tell(s, &s->told.sent, r.sent >= 0, "what was acknowledged is noted", r.sent_why);
+    tell_gaps(s, &r.stats);
+    commands_tell(s->commands);
+    return 0;
+}
+
+/* ---- Start and end ------------------------------------------------------------------------------------ */
+
+static const char *or_environment(const char *option, const char *name)
+{
+    return option ? option : getenv(name);
+}
+
+static int read_options(struct shell *s)
+{
+    struct mqtt_options *o = &s->options;
+    char path[4096];
+    o->broker = or_environment(o->broker, "APC_BROKER");
+    o->queue = or_environment(o->queue, "APC_QUEUE");
+    if (!o->broker)
+        return daemon_error(&s->d, APC_EINVAL, "no broker: give --broker URI or set APC_BROKER");
+    if (!o->queue || strncmp(o->queue, "sqlite:", 7) != 0 || !o->queue[7])
+        return daemon_error(&s->d, APC_EINVAL,
+                            "no queue: give --queue sqlite:FILE, where what the broker has not got is kept");
+    const int n = o->topic ? snprintf(s->prefix, sizeof s->prefix, "%s", o->topic)
+                           : snprintf(s->prefix, sizeof s->prefix, "apc/%s", s->d.experiment.name);
+    if (n <= 0 || n >= BROKER_TOPIC - 140 || strpbrk(s->prefix, "+#") || s->prefix[n - 1] == '/')
+        return daemon_error(&s->d, APC_EINVAL,
+                            "--topic \"%s\": must be 1 to %d characters without + and #, not ending with /",
+                            s->prefix, BROKER_TOPIC - 141);
+    if (o->n_allow > 0 && !users_path(o->users, path))
+        return daemon_error(&s->d, APC_EINVAL, "--allow: who may command? Give --users FILE");
+    if (o->n_allow > 0)
+        snprintf(s->users, sizeof s->users, "%s", path);
+    return 0;
+}
+
+static int open_stores(struct shell *s)
+{
+    const struct apc_store_options options = {.size = sizeof options, .name = s->d.name, .timeout = TIMEOUT};
+    struct apc_error why;
+    int rc = daemon_store(&s->d, &s->live, NULL, 0);
+    if (rc == 0 && (rc = apc_store_connect(s->live)) < 0)
+        return daemon_error(&s->d, rc, "--store: %s", apc_store_error(s->live));
+    if (rc == 0 && s->options.n_allow > 0 && apc_store_is_history(s->live) > 0)
+        return daemon_error(
+            &s->d, APC_EPERM,
+            "--allow: %s is a history, and nobody takes commands from it; give the live store",
+            s->d.options.store ? s->d.options.store : "the store");
+    if (rc == 0 && (rc = store_open(&s->queue, s->options.queue, &options, &why)) < 0)
+        return daemon_error(&s->d, rc, "--queue: %s", why.text);
+    return rc;
+}
+
+/* What is away may come; what is another's stays so. */
+static int first_step(struct shell *s)
+{
+    const int rc = backlog_take(s->backlog, TAKE);
+    if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && rc != APC_EFULL)
+        return daemon_error(&s->d, rc, "the queue %s cannot be used: %s", s->options.queue,
+                            backlog_error(s->backlog));
+    (void)backlog_send(s->backlog, 0); /* so that the variables are known when the broker is told of us */
+    return 0;
+}
+
+static int open_parts(struct shell *s)
+{
+    const bool commanded = s->options.n_allow > 0;
+    struct apc_error why = {""};
+    int rc = commanded ? commands_create(&s->commands, &s->d, &s->options, s->users, &why) : 0;
+    if (rc > 0) /* a signal, while it waited */
+        return rc;
+    const struct broker_calls calls = {.birth = birth,
+                                       .birth_ctx = s,
+                                       .command = commanded ? commands_take : NULL,
+                                       .command_ctx = s->commands};
+    if (rc == 0)
+        rc = broker_open(&s->broker, &s->options, s->prefix, &calls, &why);
+    if (rc == 0)
+        rc = backlog_create(&s->backlog, s->live, s->queue, s->options.queue + strlen("sqlite:"), s->broker,
+                            &why);
+    if (rc < 0)
+        return why.text[0] ? daemon_error(&s->d, rc, "%s", why.text) : rc;
+    if (commanded)
+        commands_answer_by(s->commands, s->broker);
+    return first_step(s);
+}
+
+static int start_threads(struct shell *s)
+{
+    struct apc_error why;
+    pthread_condattr_t attr;
+    if (pthread_condattr_init(&attr) != 0)
+        return APC_ENOMEM;
+    int e = pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
+    e = e ? e : pthread_cond_init(&s->wake, &attr);
+    e = e ? e : pthread_cond_init(&s->ended, &attr);
+    pthread_condattr_destroy(&attr);
+    e = e ? e : pthread_create(&s->thread, NULL, run, s);
+    s->begun = !e;
+    if (e)
+        return daemon_error(&s->d, APC_ESYS, "no thread: %s", strerror(e));
+    int rc = s->commands ? commands_start(s->commands, &why) : 0;
+    if (rc == 0)
+        rc = broker_start(s->broker, &why);
+    return rc < 0 ? daemon_error(&s->d, rc, "%s", why.text) : 0;
+}
+
+/* True: it has ended. One that waits for a disk is left alone, and the process ends around it. */
+static bool end_thread(struct shell *s)
+{
+    const apc_ns until = apc_clock_mono(NULL) + LAST;
+    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
+                                .tv_nsec = (long)(until % APC_NS_PER_S)};
+    int e = 0;
+    if (!s->begun)
+        return true;
+    pthread_mutex_lock(&s->mutex);
+    s->end = true;
+    pthread_cond_signal(&s->wake);
+    while (!s->gone && e == 0)
+        e = pthread_cond_timedwait(&s->ended, &s->mutex, &at);
+    const bool gone = s->gone;
+    pthread_mutex_unlock(&s->mutex);
+    if (gone)
+        pthread_join(s->thread, NULL);
+    return gone;
+}
+
+int main(int argc, char **argv)
+{
+    static struct shell s; /* it outlives main(), should a thread */
+    const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
+    int rc = apc_mutex_init(&s.mutex);
+    s.told.queue.up = s.told.sent.up = s.told.broker.up = true;
+    if (rc == 0)
+        rc = daemon_open(&s.d, &program, &s.options, argc, argv);
+    if (rc == 0)
+        rc = read_options(&s);
+    if (rc == 0)
+        rc = open_stores(&s);
+    if (rc == 0)
+        rc = open_parts(&s);
+    if (rc == 0)
+        rc = start_threads(&s);
+    if (rc == 0)
+        rc = daemon_run(&s.d, rhythm, on_tick, &s);
+    bool ended = end_thread(&s);
+    ended = broker_close(s.broker) && ended;
+    ended = commands_destroy(s.commands) && ended;
+    if (ended) {
+        backlog_destroy(s.backlog);
+        apc_store_close(s.queue);
+        apc_store_close(s.live);
+    }
+    return daemon_close(&s.d, rc > 0 ? 0 : rc);
+}

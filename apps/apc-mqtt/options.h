@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The options of apc-mqtt, which are the same where it was built without what it needs. */
+#ifndef APC_MQTT_OPTIONS_H
+#define APC_MQTT_OPTIONS_H
+
+#include <argp.h>
+#include <stddef.h>
+
+#define MQTT_ALLOWED 64
+
+#define MQTT_DOC                                                                                             \
+    "Publish what the live store --store gets at an MQTT broker: values, modes, alarms, events. While the "  \
+    "broker is away a file keeps what is to come. Commands from there are taken for the signals of "         \
+    "--allow, of users who may operate, and answered with what became of them."
+
+struct mqtt_options {
+    const char *broker, *ca, *identity, *login, *password_file, *queue, *topic, *users;
+    const char *allow[MQTT_ALLOWED];
+    size_t n_allow;
+};
+
+extern const struct argp mqtt_argp; /* its input is a struct mqtt_options */
+
+#endif

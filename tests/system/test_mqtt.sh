@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# apc-mqtt between a loop in shared memory and mosquitto, over TLS: what the live store has comes to the broker, also what came
+# while it was away, apc-mqtt was killed or the disk was full; what the broker's people command comes to the loop if they may.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+without=$APC_BUILD_DIR/tests/mqtt_without
+expect 1 'built without libmosquitto.*install libmosquitto-dev' "$without" --broker mqtts://somewhere
+expect 0 '--queue=URI' "$without" --help
+expect 2 'unrecognized option' "$without" --nonsense
+for program in mosquitto mosquitto_sub mosquitto_pub; do
+  PATH=$PATH:/usr/sbin command -v $program >/dev/null || { echo "skipped: there is no $program (scripts/setup --dev)" >&2; exit 77; }
+done
+"$APC_BIN/apc-mqtt" --help | grep -q -- --store || { echo "skipped: apc-mqtt was built without libmosquitto" >&2; exit 77; }
+PATH=$PATH:/usr/sbin
+name=system-mqtt-$$
+segment=/dev/shm/apc.$name
+live=shm:$name
+fast_experiment
+broker=$(free_port)
+
+(cd "$work"
+  "$apc" cert authority works >/dev/null
+  "$apc" cert plant broker --host 127.0.0.1 >/dev/null
+  "$apc" cert plant elsewhere --host elsewhere.lan >/dev/null
+  "$apc" cert client mqtt >/dev/null
+  "$apc" cert client watcher >/dev/null
+  "$apc" cert authority others --dir others >/dev/null
+  "$apc" cert plant broker --host 127.0.0.1 --dir others >/dev/null
+  "$apc" cert client mqtt --dir others >/dev/null)
+certs=$work/certs
+
+# mosquitto as IDENTITY: who it is
+mosquitto_as() {
+  printf '%s\n' "listener $broker 127.0.0.1" "cafile $certs/authority.pem" "certfile $1" "keyfile $1" 'require_certificate true' \
+    'allow_anonymous true' 'user root' 'max_queued_messages 0' 'max_inflight_messages 0' >"$work/mosquitto.conf"
+  background mosquitto mosquitto -c "$work/mosquitto.conf"
+  server=$pid
+  until_true 20 listens
+}
+listens() { (exec 3<>"/dev/tcp/127.0.0.1/$broker"); }
+as_watcher=(-h 127.0.0.1 -p "$broker" --cafile "$certs/authority.pem" --cert "$certs/watcher.pem" --key "$certs/watcher.pem" -q 1)
+watch() { background heard mosquitto_sub "${as_watcher[@]}" -i watcher-$$ -c -t 'works/#' -F '%r %t %p'; }
+heard() { grep -c "$1" "$work/heard.log" || true; }
+has_heard() { [ "$(heard "$1")" -gt "${2:-0}" ]; }
+options=(--broker "mqtts://127.0.0.1:$broker" --ca "$certs/authority.pem" --identity "$certs/mqtt.pem" --topic works/fast
+  --config "$work/fast.conf" --store "$live")
+mqtt() { background "$1" "$APC_BIN/apc-mqtt" "${options[@]}" --queue "sqlite:$work/$1.db" "${@:2}"; }
+said() { [ "$(grep -c "$2" "$work/$1.log")" -gt "${3:-0}" ]; }
+times() { grep -c "$2" "$work/$1.log" || true; }
+seqs() { "$apc" history "$2" --store "$1" --last 1000000 --json | grep -o '"seq":[0-9]*' | tr -dc '0-9\n' | sort -n; }
+told() { sed -n "s|^. works/fast/value/$1 .*\"seq\":\([0-9]*\).*|\1|p" "$work/heard.log" | sort -n; }
+
+"$apc" init --store "$live" "$work/fast.conf" >/dev/null
+background run "$apc" run "$work/fast.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
+run=$pid
+comes() { [ "$("$apc" history y --store "$live" --last 1000 --csv | wc -l)" -gt "$1" ]; }
+until_true 30 comes 10
+for who in anna:operator otto:observer; do
+  printf 'apc-password\n' | "$apc" user add "${who%:*}" --role "${who#*:}" --users "$work/users" >/dev/null
+done
+
+# ---- what cannot be
+expect 1 'no broker: give --broker' env -u APC_BROKER "$APC_BIN/apc-mqtt" --config "$work/fast.conf" --store "$live"
+expect 1 'no queue: give --queue sqlite:' "$APC_BIN/apc-mqtt" "${options[@]}"
+expect 1 'must be mqtts://HOST' "$APC_BIN/apc-mqtt" "${options[@]}" --broker nowhere --queue "sqlite:$work/x.db"
+expect 1 'unencrypted to this very host only' "$APC_BIN/apc-mqtt" "${options[@]}" --broker mqtt://10.0.0.1 --queue "sqlite:$work/x.db"
+expect 1 '--ca /gone: No such file' "$APC_BIN/apc-mqtt" "${options[@]}" --ca /gone --queue "sqlite:$work/x.db"
+expect 1 '--topic "a/#"' "$APC_BIN/apc-mqtt" "${options[@]}" --topic 'a/#' --queue "sqlite:$work/x.db"
+
+# ---- no broker at the start: it goes on, says so once, and later gives all
+mqtt out --users "$work/users" --allow r --allow u1.mode --allow u.mode --allow u
+out=$pid
+until_true 30 said out 'the broker is there no more, trying again: Connection refused'
+kept() { [ "$("$apc" history y --store "sqlite:$work/out.db" --last 100000 --csv | wc -l)" -gt "$1" ]; }
+until_true 30 kept 60
+first=$(seqs "sqlite:$work/out.db" y | head -n 1)
+# beside it, from a file, an hour
+"$apc" init --store "sqlite:$work/live.db" "$work/fast.conf" >/dev/null
+mqtt hour --store "sqlite:$work/live.db" --topic works/hour
+hour=$pid
+until_true 30 said hour 'running every'
+"$APC_BUILD_DIR/tests/hour" "sqlite:$work/live.db"
+all_kept() { [ "$("$apc" history y --store "sqlite:$work/hour.db" --last 100000 --csv | grep -c Good)" = 36000 ]; }
+until_true 60 all_kept
+mosquitto_as "$certs/broker.pem"
+watch
+heard=$pid
+until_true 60 has_heard 'works/fast/status {"state":"online"'
+until_true 60 has_heard 'works/fast/value/y ' 60
+[ "$(times out 'no more, trying again')" = 1 ] || fail "a broker that is away is said again and again"
+grep 'works/fast/status' "$work/heard.log" | grep -q '"topic":"value/y","name":"y","kind":"sensor"' || fail "the birth does not say what there is"
+grep -q 'works/fast/value/u {"time":[0-9.]*,"value":[-0-9.e]*,"status":"Good[A-Za-z]*","seq":[0-9]*}' "$work/heard.log" || fail "u is not told"
+until_true 30 has_heard 'works/fast/mode/u .*"mode":"Auto"'
+
+hours() { [ "$(sed -n 's|^. works/hour/value/y .*"seq":\([0-9]*\).*|\1|p' "$work/heard.log" | sort -nu | wc -l)" = 36000 ]; }
+until_true 60 hours # of an hour nothing is missing
+kill -INT "$hour"
+wait "$hour" || fail "apc-mqtt does not end well"
+
+# ---- a broker that goes away and comes back: nothing is missing
+until_true 60 said out 'the broker is there again'
+kill -KILL "$server"
+wait "$server" 2>/dev/null || true
+until_true 60 said out 'the broker is there no more' 1
+n=$("$apc" history y --store "sqlite:$work/out.db" --last 100000 --csv | wc -l)
+until_true 60 kept $((n + 60))
+kill -INT "$heard" 2>/dev/null || true # it may have ended with the broker
+wait "$heard" || true
+mosquitto_as "$certs/broker.pem"
+watch
+heard=$pid
+has_told() { told y | grep -qx "$(seqs "sqlite:$work/out.db" y | tail -n 1)"; }
+caught_up() { [ "$(told y | tail -n 1)" -ge "$1" ]; }
+last=$(seqs "sqlite:$work/out.db" y | tail -n 1)
+until_true 60 caught_up "$last"
+
+# ---- apc-mqtt killed: the broker says so, and the next one goes on from where it was
+kill -KILL "$out"
+wait "$out" 2>/dev/null || true
+until_true 60 has_heard 'works/fast/status {"state":"offline","reason":"lost"}'
+"$apc" init --store "sqlite:$work/history.db" "$work/fast.conf" >/dev/null
+mqtt out --store "$live+sqlite:$work/history.db" # of a live store with a history
+out=$pid
+last=$(seqs "$live" y | tail -n 1)
+until_true 60 caught_up "$last"
+
+# ---- the disk is full: said, nothing is lost, later all is there
+kill -INT "$out"
+wait "$out" || fail "apc-mqtt does not end well"
+until_true 30 has_heard 'works/fast/status {"state":"offline","reason":"stopped"}'
+size=$(stat -c %s "$work/out.db" | awk '{print int($1 / 1024) + 40}')
+background full bash -c "ulimit -f $size; exec '$APC_BIN/apc-mqtt' ${options[*]} --queue 'sqlite:$work/out.db'"
+full=$pid
+until_true 120 said full 'the queue takes what is new no more'
+kill -INT "$full"
+wait "$full" || true
+mqtt out --users "$work/users" --allow r --allow u1.mode --allow u.mode --allow u
+out=$pid
+last=$(seqs "$live" y | tail -n 1)
+until_true 60 caught_up "$last"
+missing=$(comm -23 <(seqs "$live" y | awk -v a="$first" -v b="$last" '$1 >= a && $1 <= b' | sort) <(told y | sort -u))
+[ -z "$missing" ] || fail "the broker was never told of y: $missing"
+
+# ---- commands
+# command USER SIGNAL PAYLOAD [OPTION...]; outcome USER SIGNAL PATTERN
+command_as() { mosquitto_pub "${as_watcher[@]}" -t "works/fast/command/$1/$2" -m "$3" "${@:4}"; }
+outcome() { until_true 30 has_heard "works/fast/outcome/$1/$2 .*$3"; }
+now() { date +%s.%6N; }
+is_set() { "$apc" get "$1" --store "$live" --csv | grep -q "$2"; }
+until_true 60 has_heard 'works/fast/status {"state":"online"' 1
+command_as anna r "{\"id\":\"one\",\"value\":7.5,\"time\":$(now),\"reason\":\"because\"}"
+outcome anna r '"id":"one".*"value":7.5,"outcome":"applied","seq":[0-9]*'
+until_true 20 is_set r 7.5
+grep -q 'because' <<<"$("$apc" history --events --store "$live" --last 1000)" || fail "who commanded is not on record"
+command_as anna u.mode "{\"mode\":\"Man\",\"time\":$(now)}"
+outcome anna u.mode '"outcome":"applied"'
+command_as anna u "{\"value\":1.25,\"time\":$(now)}"
+outcome anna u '"value":1.25,"outcome":"applied"'
+command_as anna u.mode "{\"mode\":\"Auto\",\"time\":$(now)}"
+outcome anna u.mode '"value":1,"outcome":"applied"'
+command_as anna u "{\"value\":2.5,\"time\":$(now)}"
+outcome anna u '"value":2.5,"outcome":"refused: '
+same="{\"id\":\"two\",\"value\":6.5,\"time\":$(now)}"
+command_as anna r "$same"
+outcome anna r '"id":"two".*"outcome":"applied"'
+before=$("$apc" history r --store "$live" --last 1000 --csv | wc -l)
+command_as anna r "$same" # sent twice, done once
+until_true 30 has_heard '"id":"two".*"outcome":"applied"' 1
+[ "$("$apc" history r --store "$live" --last 1000 --csv | awk -F, '$5 == 6.5' | wc -l)" -le 1 ] || fail "it was done twice, after $before"
+command_as otto r "{\"value\":1,\"time\":$(now)}"
+outcome otto r 'refused: who may only observe'
+command_as nobody r "{\"value\":1,\"time\":$(now)}"
+outcome nobody r 'refused: there is no such user'
+command_as anna y "{\"value\":1,\"time\":$(now)}"
+outcome anna y 'refused: it is not one of those that may be commanded'
+command_as anna u1.mode "{\"mode\":\"Man\",\"time\":$(now)}"
+outcome anna u1.mode 'refused: there is no setpoint, output or loop of that name'
+command_as anna r "{\"id\":\"old\",\"value\":1,\"time\":$(($(date +%s) - 60))}"
+outcome anna r '"id":"old".*refused: too late'
+command_as anna r "{\"id\":\"ahead\",\"value\":1,\"time\":$(($(date +%s) + 3600))}"
+outcome anna r '"id":"ahead".*refused: it comes from'
+command_as anna r "{\"id\":\"much\",\"value\":1e6,\"time\":$(now)}"
+outcome anna r '"id":"much".*refused: r = 1e+06 lies outside'
+command_as anna r '{"value":1}'
+outcome anna r 'refused: .*time.* is missing'
+command_as anna r "{\"value\":\"high\",\"time\":$(now)}"
+outcome anna r 'refused: .*value.* must'
+command_as anna r 'no JSON'
+outcome anna r 'refused: the request is no JSON'
+command_as anna r "{\"value\":1,\"time\":$(now),\"more\":1}"
+outcome anna r 'refused: .*more'
+command_as anna u.mode "{\"mode\":\"Fast\",\"time\":$(now)}"
+outcome anna u.mode 'refused: .*mode.* must be Man'
+mosquitto_pub "${as_watcher[@]}" -t works/fast/command/anna/r -n # nothing
+outcome anna r 'refused: the request is empty'
+command_as anna r "{\"value\":1,\"time\":$(now)}" -r
+for ((i = 0; i < 30; i++)); do
+  command_as anna nonsense "$i"
+done
+until_true 30 has_heard 'works/fast/outcome/anna/nonsense' 29
+refusals() { "$apc" history --events --store "$live" --last 100000 --csv | grep -c 'from the broker: \|from the broker; the last'; }
+is_told() { [ "$(refusals)" -ge 1 ]; }
+until_true 90 is_told
+[ "$(refusals)" -le 12 ] || fail "each refusal is an event: $(refusals)"
+# a command that the broker keeps is not taken by the one who comes later
+kill -INT "$out"
+wait "$out" || fail "apc-mqtt does not end well"
+mosquitto_pub "${as_watcher[@]}" -t works/fast/command/anna/r -r -m "{\"id\":\"kept\",\"value\":3,\"time\":$(now)}"
+mqtt out --users "$work/users" --allow r
+out=$pid
+outcome anna r '"id":"kept".*refused: it was sent as retained'
+expect 4 'queue .* cannot be used: .*already written by apc-mqtt' "$APC_BIN/apc-mqtt" "${options[@]}" --queue "sqlite:$work/out.db"
+kill -INT "$out"
+wait "$out" || fail "apc-mqtt does not end well"
+
+# ---- certificates that are wrong
+wrong() { # wrong NAME PATTERN IDENTITY-OF-BROKER OPTION...
+  kill -KILL "$server"
+  wait "$server" 2>/dev/null || true
+  mosquitto_as "$3"
+  mqtt "$1" "${@:4}"
+  until_true 60 said "$1" "the broker is there no more, trying again: .*$2"
+  kill -INT "$pid"
+  wait "$pid" || fail "$1 does not end well"
+  ! said "$1" 'the broker is there again' || fail "$1 came in"
+}
+wrong another-authority 'certificate verify failed' "$certs/broker.pem" --ca "$work/others/authority.pem"
+wrong another-host 'certificate\|host name' "$certs/elsewhere.pem"
+wrong not-ours '' "$certs/broker.pem" --identity "$work/others/mqtt.pem"
+kill -INT "$run"
+wait "$run" || true
