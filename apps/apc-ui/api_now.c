@@ -14,7 +14,7 @@ void get_plant(struct ui *ui, struct request *r, struct apc_store *store)
     if (known) {
         plant_json(&m->plant, &r->reply);
         text_chop(&r->reply, '}');
-        text_add(&r->reply, ",\"alarms\":");
+        text_add(&r->reply, ",\"graphic\":%s,\"alarms\":", ui->graphic.n > 0 ? "true" : "false");
         text_put(&r->reply, m->alarms_are.n > 0 ? m->alarms_are.at : "null",
                  m->alarms_are.n > 0 ? m->alarms_are.n : 4);
         text_put(&r->reply, "}", 1);
@@ -22,6 +22,21 @@ void get_plant(struct ui *ui, struct request *r, struct apc_store *store)
     pthread_mutex_unlock(&m->mutex);
     if (!known)
         fault_set(&r->fault, 503, "store", NULL, "the database has not been reached yet");
+}
+
+/* As it is in the file: the page takes of it what is a picture, and nobody is to take it for a page. */
+void get_graphic(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    (void)store;
+    if (ui->graphic.n == 0) {
+        fault_set(
+            &r->fault, 404, "graphic", NULL,
+            "there is no drawing of this plant: an SVG beside the experiment file, with its name, is one");
+        return;
+    }
+    text_put(&r->reply, ui->graphic.at, ui->graphic.n);
+    r->type = "image/svg+xml";
+    r->sandbox = true;
 }
 
 void get_state(struct ui *ui, struct request *r, struct apc_store *store)

@@ -12,9 +12,10 @@
 
 #include "http.h"
 
-#define FILES_MAX 256
-#define FILE_MAX  (8 << 20)
-#define DEPTH     4
+#define FILES_MAX   256
+#define FILE_MAX    (8 << 20)
+#define GRAPHIC_MAX (1 << 20)
+#define DEPTH       4
 
 struct files {
     struct file at[FILES_MAX];
@@ -104,6 +105,25 @@ static int load_file(struct files *files, const char *name, const char *path, si
                           .n = n};
     file->zipped = zip(data, n, &file->n_zipped);
     return file->path && file->etag ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
+}
+
+int graphic_load(struct text *graphic, const char *path, struct apc_error *why)
+{
+    char part[4096];
+    FILE *in = fopen(path, "re");
+    if (!in)
+        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
+    for (size_t n; graphic->n <= GRAPHIC_MAX && (n = fread(part, 1, sizeof part, in)) > 0;)
+        text_put(graphic, part, n);
+    int rc = ferror(in) || graphic->n == 0 ? apc_fail(why, APC_ESYS, "%s: cannot be read, or is empty", path)
+             : graphic->failed             ? apc_fail(why, APC_ENOMEM, "out of memory")
+             : graphic->n > GRAPHIC_MAX
+                 ? apc_fail(why, APC_ERANGE, "%s: a drawing has at most %d MiB", path, GRAPHIC_MAX >> 20)
+                 : 0;
+    fclose(in);
+    if (rc < 0)
+        text_free(graphic);
+    return rc;
 }
 
 static int load_folder(struct files *files, const char *folder, const char *path, int depth,

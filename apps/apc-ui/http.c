@@ -111,14 +111,15 @@ bool fault_history(struct request *r, struct apc_store *store)
 
 /* ---- Answers ------------------------------------------------------------------------------ */
 
-static void add_headers(const struct ui *ui, struct MHD_Response *response, const char *nonce)
+static void add_headers(const struct ui *ui, struct MHD_Response *response, const char *nonce, bool sandbox)
 {
-    char csp[256];
-    snprintf(
-        csp, sizeof csp,
-        "default-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; form-action 'self'; "
-        "img-src 'self' data: blob:%s%s%s",
-        nonce ? "; style-src 'nonce-" : "", nonce ? nonce : "", nonce ? "'" : "");
+    char csp[256] = "sandbox; default-src 'none'; frame-ancestors 'none'";
+    if (!sandbox)
+        snprintf(csp, sizeof csp,
+                 "default-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; "
+                 "form-action 'self'; "
+                 "img-src 'self' data: blob:%s%s%s",
+                 nonce ? "; style-src 'nonce-" : "", nonce ? nonce : "", nonce ? "'" : "");
     MHD_add_response_header(response, "Content-Security-Policy", csp);
     MHD_add_response_header(response, "X-Content-Type-Options", "nosniff");
     MHD_add_response_header(response, "X-Frame-Options", "DENY");
@@ -201,7 +202,7 @@ static enum MHD_Result answer(struct exchange *x)
     if (!response)
         return MHD_NO;
     r->reply = (struct text){0};
-    add_headers(x->ui, response, r->nonce[0] ? r->nonce : NULL);
+    add_headers(x->ui, response, r->nonce[0] ? r->nonce : NULL, r->sandbox);
     MHD_add_response_header(response, "Cache-Control", "no-store");
     MHD_add_response_header(response, "Content-Type", r->type ? r->type : "application/json");
     if (r->cookie[0])
@@ -251,7 +252,7 @@ static enum MHD_Result answer_file(struct exchange *x, const char *path)
                                                            (void *)(uintptr_t)data, free_nothing);
     if (!response)
         return MHD_NO;
-    add_headers(x->ui, response, NULL);
+    add_headers(x->ui, response, NULL, false);
     MHD_add_response_header(response, "Content-Type", file->type);
     MHD_add_response_header(response, "ETag", file->etag);
     MHD_add_response_header(response, "Vary", "Accept-Encoding");
@@ -320,7 +321,7 @@ static enum MHD_Result answer_stream(struct exchange *x)
                                                                       read_stream, x, free_nothing);
     if (!response)
         return MHD_NO;
-    add_headers(ui, response, NULL);
+    add_headers(ui, response, NULL, false);
     MHD_add_response_header(response, "Content-Type", "text/event-stream");
     MHD_add_response_header(response, "Cache-Control", "no-store");
     MHD_add_response_header(response, "X-Accel-Buffering", "no");

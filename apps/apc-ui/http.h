@@ -61,6 +61,7 @@ struct request {
     char cookie[COOKIE_LEN], device[COOKIE_LEN]; /* Set-Cookie, or "" */
     const char *location;
     char nonce[TOKEN_LEN]; /* of the style in an HTML answer, or "" */
+    bool sandbox;          /* what a browser that is led to it must not run, nor load anything for */
     apc_ns retry_after;
     bool close; /* the connection, after the answer */
 };
@@ -112,12 +113,15 @@ struct file {
 };
 /* "/" is "/index.html". NULL: there is none. */
 const struct file *files_find(const struct files *files, const char *path);
+/* The drawing of the plant, at most 1 MiB. APC_ENOTFOUND: there is none there. */
+int graphic_load(struct text *graphic, const char *path, struct apc_error *why);
 
 /* Handlers of the table. */
 void get_session(struct ui *ui, struct request *r, struct apc_store *store);
 void post_login(struct ui *ui, struct request *r, struct apc_store *store);
 void post_logout(struct ui *ui, struct request *r, struct apc_store *store);
 void get_plant(struct ui *ui, struct request *r, struct apc_store *store);
+void get_graphic(struct ui *ui, struct request *r, struct apc_store *store);
 void get_state(struct ui *ui, struct request *r, struct apc_store *store);
 void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store);
 void get_history(struct ui *ui, struct request *r, struct apc_store *store);

@@ -36,7 +36,8 @@ enum {
     OPT_KEY,
     OPT_PLAIN,
     OPT_SESSION,
-    OPT_SPOOL
+    OPT_SPOOL,
+    OPT_GRAPHIC
 };
 
 static const struct argp_option option_list[] = {
@@ -57,6 +58,8 @@ static const struct argp_option option_list[] = {
     {"session", OPT_SESSION, "SECONDS", 0, "How long a login lasts without use; default 3600, at most 12 h",
      0},
     {"page", OPT_PAGE, "DIR", 0, "Folder of the built page; default ../share/apc/ui beside this program", 0},
+    {"graphic", OPT_GRAPHIC, "FILE", 0,
+     "A drawing of the plant, SVG; default the experiment file's name with .svg, where there is one", 0},
     {"spool", OPT_SPOOL, "DIR", 0,
      "Folder of the daemons' spools, to show how much waits in them [APC_SPOOL]", 0},
     {"start", OPT_START, "TIME", 0, "Time of t = 0 of the run, RFC 3339", 0},
@@ -100,6 +103,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case OPT_SPOOL:
         o->ui.spool = arg;
+        break;
+    case OPT_GRAPHIC:
+        o->ui.graphic = arg;
         break;
     case OPT_PAGE:
         o->ui.page = arg;
@@ -167,6 +173,18 @@ static int load_experiment(struct ui *ui, const char *file, struct apc_error *wh
     p->revision = 0; /* nothing is described yet */
     experiment_free(&e);
     return 0;
+}
+
+static int load_graphic(struct ui *ui, const char *config, struct apc_error *why)
+{
+    char path[4096];
+    const char *given = ui->options.graphic, *dot = config ? strrchr(config, '.') : NULL;
+    if (!given && !config)
+        return 0;
+    const size_t n = dot && !strchr(dot, '/') ? (size_t)(dot - config) : config ? strlen(config) : 0;
+    snprintf(path, sizeof path, "%.*s.svg", (int)n, config ? config : "");
+    int rc = graphic_load(&ui->graphic, given ? given : path, why);
+    return rc == APC_ENOTFOUND && !given ? 0 : rc;
 }
 
 static int load_users(struct ui *ui, struct apc_error *why)
@@ -247,6 +265,7 @@ static void free_parts(struct ui *ui)
     sessions_free(&ui->sessions);
     users_free(&ui->users);
     users_free(&ui->tokens);
+    text_free(&ui->graphic);
     audit_free(&ui->audit);
     desks_free(ui->desk);
     files_free(ui->files);
@@ -350,14 +369,15 @@ int main(int argc, char **argv)
     ui->options.store = or_environment(o.ui.store, "APC_STORE", "postgresql:");
     ui->options.spool = or_environment(o.ui.spool, "APC_SPOOL", NULL);
     ui->options.listen = o.ui.listen ? o.ui.listen : DEFAULT_PLACE;
+    const char *config = or_environment(o.config, "APC_CONFIG", NULL);
     if (o.start && apc_time_parse(o.start, &ui->model.plant.start) < 0)
         usage_error("--start", o.start, "a time such as 2026-01-31T12:00:00Z");
     block_signals(&signals);
     (void)setpriority(PRIO_PROCESS, 0, NICE);
     int rc = apc_log_create(&ui->log, STDERR_FILENO, "apc-ui", apc_log_level_parse(level));
-    if (rc == 0 && (rc = make_parts(ui, &why)) == 0 &&
-        (rc = load_experiment(ui, or_environment(o.config, "APC_CONFIG", NULL), &why)) == 0 &&
-        (rc = load_users(ui, &why)) == 0 && (rc = load_page(ui, &why)) == 0) {
+    if (rc == 0 && (rc = make_parts(ui, &why)) == 0 && (rc = load_experiment(ui, config, &why)) == 0 &&
+        (rc = load_graphic(ui, config, &why)) == 0 && (rc = load_users(ui, &why)) == 0 &&
+        (rc = load_page(ui, &why)) == 0) {
         struct apc_store *probe = NULL; /* is the URI one at all? */
         rc = ui_open_store(ui, "apc-ui", APC_NS_PER_S, &probe, &why);
         apc_store_close(probe);

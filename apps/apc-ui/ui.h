@@ -31,6 +31,7 @@ struct server;
 
 struct ui_options {
     const char *store, *listen, *users, *page, *tls_cert, *tls_key, *spool;
+    const char *graphic;  /* the file of the drawing; NULL: CONFIG's name, with .svg, if there is one */
     const char *names[8]; /* --name, up to a NULL */
     bool allow_plaintext;
     double session; /* s */
@@ -176,6 +177,7 @@ struct ui {
     int port;
     apc_ns began;
     struct files *files;
+    struct text graphic; /* an SVG; empty: there is none */
     struct server *server;
     _Atomic apc_ns round[2]; /* when the live and the records thread began their last one, monotonic */
     _Atomic bool stopping;

@@ -151,6 +151,7 @@ struct run {
     struct live *live;
     char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
     int listener;                /* its socket */
+    char graphic[PATH_MAX];      /* the drawing beside the file; "": there is none */
     struct apc_error failure;    /* why the run is none; "": nothing known */
     apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
     apc_ns stopped;              /* monotonic: when it was ended */
@@ -446,6 +447,16 @@ static struct child *add(struct run *r, const struct child *child)
     return at;
 }
 
+/* The name of the experiment file, with .svg. */
+static bool find_graphic(struct run *r)
+{
+    char path[PATH_MAX];
+    const char *file = r->cli.args[0], *dot = strrchr(file, '.');
+    const size_t n = dot && !strchr(dot, '/') ? (size_t)(dot - file) : strlen(file);
+    snprintf(path, sizeof path, "%.*s.svg", (int)n, file);
+    return access(path, R_OK) == 0 && realpath(path, r->graphic) != NULL;
+}
+
 /* The page stands aside: whatever becomes of it, the loop goes on. Its socket is made here, so that the
  * address that is printed can be nobody else's. */
 static void add_page(struct run *r)
@@ -461,8 +472,9 @@ static void add_page(struct run *r)
     if (r->listener < 0)
         return;
     snprintf(r->page, sizeof r->page, "127.0.0.1:%d", port);
+    const bool drawn = find_graphic(r);
     add(r, &(struct child){.name = "apc-ui",
-                           .extra = {"--listen", r->page},
+                           .extra = {"--listen", r->page, drawn ? "--graphic" : NULL, r->graphic},
                            .aside = true,
                            .listener = r->listener,
                            .period = PAGE_PERIOD});

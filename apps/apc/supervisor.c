@@ -118,7 +118,7 @@ static int spawn(const struct supervisor *s, struct child *child, struct apc_err
         argv[n++] = "--after";
         argv[n++] = after;
     }
-    for (int i = 0; i < 3 && child->extra[i]; i++)
+    for (int i = 0; i < 5 && child->extra[i]; i++)
         argv[n++] = child->extra[i];
     argv[n] = NULL;
 

@@ -159,11 +159,18 @@ rm -r "$work/.config"
 mkdir "$work/page"
 printf '<p>' >"$work/page/index.html"
 printf 'a%.0s' {1..2000} >"$work/page/app-1A2B3C4D.js"
+printf '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"><script>1</script></svg>' >"$work/fast.svg"
 serve page --page "$work/page"
 fetch() { # PATH HEADERS
   printf 'GET %s HTTP/1.1\r\nHost: localhost\r\n%bConnection: close\r\n\r\n' "$1" "${2:-}" |
     "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port" | tr -d '\0\r'
 }
+# the drawing beside the experiment file: whoever opens it runs nothing
+fetch /api/graphic >"$work/graphic.txt"
+grep -aqi '^Content-Type: image/svg+xml$' "$work/graphic.txt" || fail "there is no drawing: $(cat "$work/graphic.txt")"
+grep -aqi "^Content-Security-Policy: sandbox; default-src 'none';" "$work/graphic.txt" || fail "a drawing may run: $(cat "$work/graphic.txt")"
+expect 1 'nothing.svg' "$APC_BIN/apc-ui" --config "$work/fast.conf" --graphic "$work/nothing.svg"
+
 fetch / >"$work/index.txt"
 grep -aqx '<p>' "$work/index.txt" || fail "the page is not served: $(cat "$work/index.txt")"
 grep -aqi '^Cache-Control: private, no-cache$' "$work/index.txt" || fail "the page is not revalidated"

@@ -890,6 +890,53 @@ static void history_is_given_by_name_for_several_at_once(void **state)
     json_decref(all);
 }
 
+static void the_drawing_is_given_as_it_is_and_must_not_run(void **state)
+{
+    const char *text = "<svg onload=\"alert(1)\"/>";
+    json_t *plant;
+    (void)state;
+    json_decref(ask(get_graphic));
+    assert_int_equal(request.fault.http, 404);
+    assert_string_equal(request.fault.code, "graphic");
+    plant = ask(get_plant);
+    assert_true(json_is_false(json_object_get(plant, "graphic")));
+    json_decref(plant);
+    text_put(&ui->graphic, text, strlen(text));
+    assert_string_equal(ask_text(get_graphic), text);
+    assert_int_equal(request.fault.http, 0);
+    assert_string_equal(request.type, "image/svg+xml");
+    assert_true(request.sandbox);
+    plant = ask(get_plant);
+    assert_true(json_is_true(json_object_get(plant, "graphic")));
+    json_decref(plant);
+    text_free(&ui->graphic);
+}
+
+static void a_drawing_has_at_most_a_mebibyte(void **state)
+{
+    char path[] = "/tmp/apc-graphic.XXXXXX", part[1 << 16];
+    struct text graphic = {0};
+    struct apc_error why;
+    const int fd = mkstemp(path);
+    (void)state;
+    assert_true(fd >= 0);
+    assert_int_equal(graphic_load(&graphic, "/nowhere/drawing.svg", &why), APC_ENOTFOUND);
+    assert_int_equal(graphic_load(&graphic, "/tmp", &why), APC_ESYS); /* a folder */
+    assert_int_equal(graphic_load(&graphic, path, &why), APC_ESYS);   /* empty */
+    memset(part, ' ', sizeof part);
+    for (int i = 0; i < 16; i++)
+        assert_int_equal(write(fd, part, sizeof part), sizeof part);
+    assert_int_equal(graphic_load(&graphic, path, &why), 0);
+    assert_int_equal(graphic.n, 1 << 20);
+    text_free(&graphic);
+    assert_int_equal(write(fd, part, 1), 1);
+    assert_int_equal(graphic_load(&graphic, path, &why), APC_ERANGE);
+    assert_non_null(strstr(why.text, "at most 1 MiB"));
+    assert_int_equal(graphic.n, 0);
+    close(fd);
+    unlink(path);
+}
+
 static void a_name_that_two_have_is_nobodys(void **state)
 {
     (void)state;
@@ -2229,6 +2276,8 @@ int main(void)
         T(history_is_given_by_name_for_several_at_once),
         T(history_comes_as_csv_of_all_that_was_asked_for),
         T(history_comes_as_binary_columns),
+        T(the_drawing_is_given_as_it_is_and_must_not_run),
+        T(a_drawing_has_at_most_a_mebibyte),
         T(a_name_that_two_have_is_nobodys),
         T(history_is_asked_for_in_one_way),
         T(the_newest_events_are_found_however_many_lie_on_top),

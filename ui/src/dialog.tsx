@@ -5,11 +5,12 @@ import {useEffect, useRef} from "preact/hooks";
 interface Props {
   label: string;
   close?: () => void; // absent: it stays until what it asks for is done
+  wide?: boolean;
   children: ComponentChildren;
 }
 
 /** The browser's own dialog: keeps the focus, closes with Esc, gives the focus back. */
-export function Dialog({label, close, children}: Props): JSX.Element {
+export function Dialog({label, close, wide = false, children}: Props): JSX.Element {
   const dialog = useRef<HTMLDialogElement>(null);
   useEffect(() => {
     dialog.current?.showModal();
@@ -18,6 +19,7 @@ export function Dialog({label, close, children}: Props): JSX.Element {
     <dialog
       ref={dialog}
       aria-label={label}
+      class={wide ? "wide-dialog" : undefined}
       onCancel={event => {
         if (!close) event.preventDefault();
       }}

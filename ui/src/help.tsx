@@ -7,7 +7,7 @@ import {Shape} from "./parts/shape";
 import {setShortcuts, shortcuts} from "./theme";
 
 const keys: [string, string][] = [
-  ["Alt+1 … Alt+8", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction"],
+  ["Alt+1 … Alt+9", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic"],
   ["/", "overview of many loops: search"],
   ["↑ ↓", "overview of many loops: from row to row, once a row has the focus"],
   ["Enter", "apply what is typed"],

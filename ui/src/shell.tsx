@@ -5,6 +5,7 @@ import {useEffect, useRef, useState} from "preact/hooks";
 import {post} from "./core/api";
 import {useCell} from "./usecell";
 import {clock, duration, stamp} from "./core/format";
+import {OpenFaceplate} from "./faceplate";
 import {Help} from "./help";
 import {isTyping} from "./keyboard";
 import {Login} from "./login";
@@ -14,6 +15,7 @@ import {behind, connection, control, heardAt, needsLogin, plant, second, session
 import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
+import {GraphicPage} from "./pages/graphic";
 import {LoopPage} from "./pages/loop";
 import {OverviewPage} from "./pages/overview";
 import {PredictionPage} from "./pages/prediction";
@@ -24,7 +26,7 @@ import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
 import {setTheme, shortcuts, theme, type Theme} from "./theme";
 
-const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction"};
+const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction", graphic: "Graphic"};
 
 export function Shell(): JSX.Element {
   const {page, about} = useCell(place);
@@ -59,7 +61,7 @@ export function Shell(): JSX.Element {
       <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>Skip to the page</a>
       <Header onHelp={() => setHelp(true)} />
       <nav aria-label="Pages">
-        {pages.map((one, i) => (
+        {pages.map((one, i) => (one !== "graphic" || p?.graphic || page === "graphic") && (
           <a key={one} href={path(one)} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`}>
             <kbd aria-hidden="true">{i + 1}</kbd> {titles[one]}
           </a>
@@ -76,7 +78,9 @@ export function Shell(): JSX.Element {
         {page === "timing" && <TimingPage />}
         {page === "diagnostics" && <DiagnosticsPage />}
         {page === "prediction" && <PredictionPage about={about} />}
+        {page === "graphic" && <GraphicPage />}
       </main>
+      <OpenFaceplate />
       {help && <Help close={() => setHelp(false)} />}
       {out && <Login />}
     </div>

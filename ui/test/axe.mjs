@@ -5,7 +5,7 @@ import assert from "node:assert/strict";
 import {readFileSync} from "node:fs";
 import {createRequire} from "node:module";
 import {after, before, test} from "node:test";
-import {Fake} from "./fake.mjs";
+import {drawing, Fake} from "./fake.mjs";
 import {launch, open, until} from "./lib.mjs";
 
 const source = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
@@ -102,7 +102,7 @@ for (const colorScheme of ["light", "dark"])
       await page.reload();
       await page.locator('.link-state[data-state="connecting"]').waitFor();
       await look("nothing known yet");
-      Object.assign(fake, {mute: false, loggedIn: true, predicts: true, failed: Infinity, stopped: false, away: false});
+      Object.assign(fake, {mute: false, loggedIn: true, predicts: true, graphic: drawing, failed: Infinity, stopped: false, away: false});
       await page.reload();
       await page.locator('.link-state[data-state="connected"]').waitFor();
       await go(page, "prediction");
@@ -112,7 +112,17 @@ for (const colorScheme of ["light", "dark"])
       assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "it sticks out");
       await page.getByRole("button", {name: "View as table"}).click();
       assert.deepEqual(await violations(page, colorScheme), [], "prediction as table");
-      Object.assign(fake, {predicts: false, bare: true});
+      await go(page, "graphic");
+      await page.locator(".picture .said").first().waitFor();
+      assert.deepEqual(await violations(page, colorScheme), [], "graphic");
+      await page.locator(".picture .said").first().click();
+      await page.getByRole("dialog").waitFor();
+      assert.deepEqual(await violations(page, colorScheme), [], "faceplate");
+      assert.equal(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "the faceplate sticks out");
+      await page.keyboard.press("Escape");
+      await page.getByRole("button", {name: "View as table"}).click();
+      assert.deepEqual(await violations(page, colorScheme), [], "graphic as table");
+      Object.assign(fake, {predicts: false, graphic: null, bare: true});
       await page.reload();
       await page.locator('.link-state[data-state="connected"]').waitFor();
       await look("a plant of nothing");

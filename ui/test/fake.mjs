@@ -20,6 +20,7 @@ const plant = {
   loops: [{id: 1, name: "y", measurement: "sensor.1", setpoint: "setpoint.1", output: "actuator.1", manual: "manual.1", would: null, tuning: ["tuning.1"], parameters: ["Kp"], called: "u", controller: "controller", above: null, owner: null, mode: {target: "opmode.1", actual: "actual.21", targets: ["OOS", "Man", "Auto"]}}],
   controllers: [{number: 1, name: "controller", period: 1}],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
+  graphic: false,
   alarms: {
     shelve_max: 7200,
     all: [
@@ -41,6 +42,12 @@ const both = {
 const published = [["y.target", "steady state aimed at"], ["u.target", ""], ["y.limit", ""], ["u.limit", ""], ["u.disturbance", "disturbance that nobody measures"], ["objective", ""], ["solve_time", ""], ["result", ""], ["iterations", ""], ["x1.estimate", "state of the model, estimated"]];
 const predictive = {...plant, variables: [...plant.variables, ...published.map(([name, description], i) => variable(`estimate.${10 + i}`, name, {description, period: 1}))]};
 
+export const drawing = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 60" font-size="6">
+  <rect id="tank" x="10" y="10" width="20" height="40" fill="none" stroke="currentColor" data-apc="y" data-apc-low="0" data-apc-high="2"/>
+  <text x="40" y="20" data-apc="y"/><text x="40" y="40" data-apc="actuator.1"/>
+  <path id="pump" d="M70 10H90V30H70Z" fill="none" stroke="currentColor" data-apc="y"/>
+</svg>`;
+
 export const HELD = 20; // s that an output is held after the sensor failed, before it goes to its fault value
 
 export class Fake {
@@ -52,6 +59,7 @@ export class Fake {
   trial = false; // there is another one, in shadow
   predicts = false; // the law is predictive
   bare = false; // the plant has no variable, no loop
+  graphic = null; // the drawing
   alarms = []; // how they stand
   away = false; // the database
   mute = false; // nothing that is asked is answered
@@ -121,7 +129,8 @@ export class Fake {
   }
 
   #plant() {
-    return this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
+    const shown = this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
+    return {...shown, graphic: this.graphic != null};
   }
 
   #outlook() {
@@ -197,6 +206,9 @@ export class Fake {
         return json({error: {code: "outside", message: "the controller refuses it"}}, 422);
       case "/api/plant":
         return json(this.#plant());
+      case "/api/graphic":
+        response.writeHead(200, {"Content-Type": "image/svg+xml"});
+        return response.end(this.graphic);
       case "/api/outlook":
         return json(this.#outlook());
       case "/api/writes":

@@ -2,7 +2,7 @@
 // What the screen shows while clocks are set and a sensor fails; some of it looked at pixel by pixel.
 import assert from "node:assert/strict";
 import {after, before, beforeEach, test} from "node:test";
-import {Fake, HELD} from "./fake.mjs";
+import {drawing, Fake, HELD} from "./fake.mjs";
 import {launch, open, until} from "./lib.mjs";
 
 const PATIENCE = {timeout: 300000};
@@ -16,7 +16,7 @@ after(async () => {
   await browser.close();
   await fake.stop();
 });
-beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false}));
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, graphic: null, alarms: []}));
 
 /** Date.now() of the page can be set: setClock(by), s. */
 function setableClock() {
@@ -241,3 +241,73 @@ test("the login stays until somebody logs in, however often Esc is pressed", PAT
 
 test("a link that is no text leads to a page", PATIENCE, () =>
   withPage("loop/%E0%A4%A", async page => assert.equal(await page.locator("main h1").isVisible(), true)));
+
+/** What a drawing could do if it were put into the page as it is: each line once. */
+const hostile = drawing.replace("</svg>", `
+  <script>window.hacked = "script"</script><script href="https://evil.example/a.js"/>
+  <foreignObject width="9" height="9"><body xmlns="http://www.w3.org/1999/xhtml"><img src="https://evil.example/a.png" onerror="window.hacked = 'img'"/><iframe src="https://evil.example/"/></body></foreignObject>
+  <rect width="1" height="1" onload="window.hacked = 'load'" style="fill: url(https://evil.example/b.svg#a)"><animate attributeName="x" dur="1ms" onbegin="window.hacked = 'animate'"/></rect>
+  <image href="https://evil.example/c.png" width="1" height="1" onerror="window.hacked = 'image'"/>
+  <use href="https://evil.example/d.svg#a"/><style>@import url(https://evil.example/e.css); * { display: none }</style>
+  <a href="javascript:window.hacked = 'a'"><text>press</text></a><text data-apc="nonsense" x="1" y="9"/>
+</svg>`).replace("<svg ", '<svg onload="window.hacked = 1" ');
+
+/** Where it lies on the screen, without its stroke. */
+function geometry(element) {
+  return element.evaluate(one => {
+    const [{x, y, width, height}, {a, d, e, f}] = [one.getBBox(), one.getScreenCTM()];
+    return {x: a * x + e, y: d * y + f, width: a * width, height: d * height};
+  });
+}
+
+test("a drawing shows its signals, and nothing in it runs or is loaded", PATIENCE, () => {
+  fake.graphic = hostile;
+  return withPage("overview", async page => {
+    const elsewhere = [];
+    page.on("request", request => new URL(request.url()).origin !== fake.url && elsewhere.push(request.url()));
+    await page.getByRole("link", {name: "Graphic"}).click();
+    await until("the level is shown", async () => /^\d\.\d+ m$/.test(await page.locator(".picture .said").first().textContent()));
+    await page.getByText("The drawing names “nonsense”: tank has no such signal, or several.").waitFor();
+    assert.match(await page.locator(".left-out").textContent(), /an event handler \(2 times\), <script> \(2 times\), <foreignObject>, a reference to elsewhere/);
+    assert.equal(await page.locator(".picture :is(script, foreignObject, image, style, animate, iframe, img, use)").count(), 0);
+    assert.equal(await page.evaluate(() => document.querySelector(".picture").innerHTML.includes("evil")), false);
+    assert.equal(await page.evaluate(() => window.hacked), undefined);
+    assert.deepEqual(elsewhere, []);
+    // The browser tells of each attempt that the policy of the page would have stopped as well.
+    assert.deepEqual(page.complaints.splice(0).filter(one => !/Content Security Policy/.test(one)), []);
+    // The level stands where the number says.
+    const level = page.locator(".picture .level");
+    const box = await geometry(level.locator("rect:not(.filling)"));
+    await until("the bar is as high as the level", async () => {
+      const [now, part] = [await page.locator(".picture .said .digits").first().textContent(), await geometry(level.locator(".filling"))];
+      return Math.abs(part.height / box.height - parseFloat(now) / 2) < 0.02 && Math.abs(part.y + part.height - box.y - box.height) < 1.5;
+    });
+  });
+});
+
+test("where there is no drawing the page says how to make one", PATIENCE, () =>
+  withPage("graphic", async page => page.getByText("There is no drawing of tank: an SVG beside the experiment file").waitFor()));
+
+test("an element of the drawing leads to its faceplate, by mouse and by key, and carries its alarm", PATIENCE, () => {
+  Object.assign(fake, {graphic: drawing, alarms: [{id: 1, seq: 1, journal: 1, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, author: null, shelved_until: null}]});
+  return withPage("graphic", async page => {
+    const level = page.getByRole("link", {name: /^y: .*alarm y\.high, priority 1$/}).first();
+    await level.click();
+    const faceplate = page.getByRole("dialog", {name: "Faceplate of y"});
+    await faceplate.waitFor();
+    assert.equal(await faceplate.locator('input[name="setpoint.1"]').inputValue(), "0.5");
+    assert.equal(await faceplate.getByRole("button", {name: "Auto"}).getAttribute("aria-pressed"), "true");
+    await faceplate.getByRole("link", {name: "y.high"}).waitFor();
+    await page.keyboard.press("Escape");
+    await faceplate.waitFor({state: "hidden"});
+    await page.getByRole("link", {name: /^u: /}).focus();
+    await page.keyboard.press("Enter");
+    await faceplate.waitFor();
+    await faceplate.getByRole("button", {name: "Close"}).click();
+    await faceplate.waitFor({state: "hidden"});
+    assert.equal(await page.locator(".picture .glyph.p1").first().textContent(), "◆1 ");
+    // The mark lies at the upper right corner of what it is of.
+    const [mark, pump] = [await geometry(page.locator(".picture .shape.p1 path")), await geometry(page.locator(".picture .state"))];
+    assert.ok(Math.abs(mark.x + mark.width / 2 - (pump.x + pump.width)) < 12 && Math.abs(mark.y + mark.height / 2 - pump.y) < 12, JSON.stringify([mark, pump]));
+  });
+});

@@ -55,6 +55,7 @@ export const plant: Plant = {
   controllers: [{number: 1, name: "base", period: 2}],
   loops: [loop(1, "y1", "u1"), loop(2, "y2", "u2")],
   modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
+  graphic: false,
   alarms: null,
 };
 

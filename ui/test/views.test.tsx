@@ -104,6 +104,11 @@ async function click(element: HTMLElement): Promise<void> {
   element.click();
   await settle();
 }
+/** Of what has no click() of its own. */
+async function tap(element: Element): Promise<void> {
+  element.dispatchEvent(new window.MouseEvent("click", {bubbles: true, cancelable: true}) as never);
+  await settle();
+}
 async function type(selector: string, text: string): Promise<void> {
   const field = one<HTMLInputElement>(selector);
   field.value = text;
@@ -254,16 +259,16 @@ test("what stands is told on every page", async () => {
 });
 
 test("pages by Alt and a digit, help by ?, if wanted", async () => {
-  for (const [i, page] of ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics", "prediction"].entries()) {
+  for (const [i, page] of ["overview", "loop", "trend", "alarms", "events", "timing", "diagnostics", "prediction", "graphic"].entries()) {
     assert.equal(await press(String(i + 1), document.body, {altKey: true, code: `Digit${i + 1}`}), true);
     await show(location.hash.slice(1));
     assert.equal(one("main").getAttribute("aria-label")?.toLowerCase(), page);
     assert.equal(one("nav [aria-current]").getAttribute("href"), `#${page}`);
   }
-  assert.equal(await press("9", document.body, {altKey: true, code: "Digit9"}), false);
+  assert.equal(await press("0", document.body, {altKey: true, code: "Digit0"}), false);
   assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
   await press("?");
-  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+8 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction \/ overview of many loops: search ↑ ↓ .* Enter apply what is typed/);
+  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+9 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic \/ overview of many loops: search ↑ ↓ .* Enter apply what is typed/);
   one("dialog").dispatchEvent(new window.Event("close") as never);
   await settle();
   assert.equal(document.querySelectorAll("dialog").length, 0);
@@ -1321,6 +1326,56 @@ test("an overview of many loops: a tree of areas, a search, and those with an al
   env.source.send("plant", {revision: 12});
   await settle();
   assert.equal(document.querySelectorAll(".rows").length, 0);
+});
+
+test("a drawing shows its signals, and says what it lacks", async () => {
+  const text = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><rect x="0" y="0" width="4" height="8" data-apc="y2"/><text data-apc="y1">?</text><text data-apc="u1.mode.actual"/><text data-apc="nobody"/><circle r="1" data-apc="u2"/><script>1</script><g data-apc="y2" data-apc-as="show"><path d="M0 0"/></g></svg>`;
+  env.routes.set("/api/graphic", one => one.answer(text));
+  server.plant = {...alarmed, graphic: true};
+  server.alarms = [stands(1, 1, "Unacknowledged Active")];
+  env.source.send("plant", {revision: 13});
+  await settle();
+  await state({"sensor.2": [14, server.now, 2.5, "Good"]});
+  await show("graphic");
+  await env.pass(1);
+  await settle();
+  assert.equal(said(".complaint"), "The drawing names “nobody”: tanks has no such signal, or several.");
+  assert.equal(said(".left-out"), "Left out of the drawing, as it is more than a picture: <script>.");
+  const link = (at: number): string | null => [...document.querySelectorAll(".picture a")][at]?.getAttribute("aria-label") ?? null;
+  assert.equal(link(0), "level, y1: ■2 9.98 m, alarm y1.high, priority 2");
+  assert.equal(said(".picture .said"), "■ 2 9.98 m | Auto");
+  assert.equal(link(1), "u1.mode.actual: Auto");
+  assert.equal(link(2), "u2: 2.000 V");
+  assert.equal(one(".picture .level").getAttribute("data-level"), "0.2500");
+  assert.equal(one(".picture .filling").getAttribute("y"), "6");
+  assert.equal(one(".picture [data-shown]").getAttribute("data-shown"), "true");
+  await state({"sensor.2": [15, server.now, 0, "Good"], "sensor.1": [15, server.now, 3, "BadSensorFailure"]}, {"actuator.2": 60});
+  assert.equal(one(".picture [data-shown]").getAttribute("visibility"), "hidden");
+  assert.match(link(0) ?? "", /^level, y1: ■2 3\.00\d* m, sensor failure, alarm/);
+  assert.match(link(2) ?? "", /^u2: 2\.000 V, 60 s old$/);
+  await click(button("View as table"));
+  assert.match(said("main table tbody"), /y2 .*0\.000 m/);
+  await click(button("View as table"));
+  await tap(document.querySelector(".picture a") as unknown as Element);
+  assert.match(said("dialog h1"), /^y1$/);
+  await click(button("Close", "dialog"));
+  assert.equal(document.querySelectorAll("dialog").length, 0);
+  await tap(document.querySelector(".picture a") as unknown as Element);
+  await show("overview"); // what is elsewhere has no faceplate of there
+  assert.equal(document.querySelectorAll("dialog").length, 0);
+  env.routes.set("/api/graphic", one => one.answer("<svg"));
+  server.plant = {...tanks, graphic: true};
+  server.alarms = [];
+  env.source.send("plant", {revision: 14});
+  await show("graphic");
+  await env.pass(1);
+  await settle();
+  assert.match(said("main"), /Of tanks: the file is no SVG/);
+  server.plant = tanks;
+  env.source.send("plant", {revision: 15});
+  await settle();
+  await settle();
+  assert.match(said("main"), /There is no drawing of tanks/);
 });
 
 test("what was superseded is final", async () => {

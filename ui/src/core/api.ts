@@ -24,7 +24,7 @@ export function whenLoggedOut(then: () => void): void {
   onLogin = then;
 }
 
-async function request<T>(path: string, init: RequestInit, timeout: number): Promise<T> {
+async function request<T>(path: string, init: RequestInit, timeout: number, plain = false): Promise<T> {
   const stop = new AbortController();
   const called = env.later(() => stop.abort(), timeout);
   let response: Response;
@@ -37,6 +37,7 @@ async function request<T>(path: string, init: RequestInit, timeout: number): Pro
   } finally {
     called();
   }
+  if (plain && response.ok) return text as T;
   let body: unknown = null;
   try {
     body = JSON.parse(text);
@@ -60,6 +61,11 @@ export function get<T>(path: string, query: Query = {}, timeout = 15): Promise<T
   for (const [name, value] of Object.entries(query)) if (value != null && value !== "") search.set(name, String(value));
   const text = search.toString();
   return request<T>(text ? `${path}?${text}` : path, {method: "GET"}, timeout);
+}
+
+/** What is no JSON. */
+export function text(path: string): Promise<string> {
+  return request<string>(path, {method: "GET"}, 15, true);
 }
 
 export function post<T>(path: string, body: object, timeout: number): Promise<T> {

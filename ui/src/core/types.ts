@@ -118,6 +118,7 @@ export interface Plant {
   controllers: Controller[];
   loops: Loop[];
   modes: string[];
+  graphic: boolean; // there is a drawing
   alarms: {shelve_max: number; all: AlarmIs[]} | null;
 }
 

@@ -31,7 +31,8 @@ export function LoopPage({about}: {about: string | null}): JSX.Element {
   return <Faceplate key={`${loop.id}:${p.generation}`} loop={loop} plant={p} />;
 }
 
-function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
+/** `close`: it lies over another page. */
+export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; close?: () => void}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const out = useCell(outputScale(loop.output));
   const {handsOff, remote} = useCell(modesOfLoop(loop));
@@ -47,7 +48,7 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         <span class="say">{variable(loop.measurement)?.description}</span>
         {inShadow(loop) && <span class="say"><b>In shadow</b>: {loop.controller} moves nothing</span>}
         <span class="spring" />
-        {p.loops.length > 1 && (
+        {!close && p.loops.length > 1 && (
           <>
             <button type="button" onClick={() => step(-1)} aria-label="Previous loop">◀</button>
             <select aria-label="Loop" value={loop.id} onChange={event => go("loop", event.currentTarget.value)}>
@@ -61,6 +62,8 @@ function Faceplate({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
         )}
         {predictors(p).some(one => one.controller.name === loop.controller) && <a class="button" href={path("prediction", loop.controller)}>Prediction</a>}
         <a class="button" href={path("trend", loop.id)}>Trend</a>
+        {close && <a class="button" href={path("loop", loop.id)}>Whole page</a>}
+        {close && <button type="button" onClick={close}>Close</button>}
       </div>
       <div class="grid equal">
         <div class="panel faceplate">

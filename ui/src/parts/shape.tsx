@@ -4,20 +4,20 @@ import type {JSX} from "preact";
 
 export type Priority = 1 | 2 | 3 | 4;
 
-const paths: Record<Priority, string> = {
+export const shapes: Record<Priority, string> = {
   1: "M10 1 19 10 10 19 1 10Z",
   2: "M2 2H18V18H2Z",
   3: "M10 1 19.5 18.5H.5Z",
   4: "M.5 1.5H19.5L10 19Z",
 };
-const digitAt: Record<Priority, number> = {1: 14, 2: 14.2, 3: 16.4, 4: 11.6};
+export const digitAt: Record<Priority, number> = {1: 14, 2: 14.2, 3: 16.4, 4: 11.6};
 const words: Record<Priority, string> = {1: "alarm", 2: "warning", 3: "stale or uncertain", 4: "note"};
 
 /** Hollow: somebody knows of it. */
 export function Shape({priority, label, hollow = false}: {priority: Priority; label?: string; hollow?: boolean}): JSX.Element {
   return (
     <svg class={`shape p${priority}${hollow ? " hollow" : ""}`} viewBox="0 0 20 20" role="img" aria-label={`priority ${priority}: ${label ?? words[priority]}`}>
-      <path d={paths[priority]} />
+      <path d={shapes[priority]} />
       <text x="10" y={digitAt[priority]}>
         {priority}
       </text>

@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A drawing of the plant. Anybody may have made the SVG: of it only what is known to be no more than a picture is taken, and
+// what it says of signals. Pure.
+
+/** As of a DOM: what is read of it. */
+export interface Given {
+  readonly nodeType: number;
+  readonly localName?: string | null;
+  readonly namespaceURI?: string | null;
+  readonly nodeValue: string | null;
+  readonly attributes?: ArrayLike<{readonly name: string; readonly value: string}>;
+  readonly childNodes: ArrayLike<Given>;
+}
+
+export type How = "text" | "bar" | "state" | "show";
+
+export interface Bound {
+  name: string; // of a signal, or TABLE.ID
+  how: How;
+  low: number | null; // of a bar, where it has ends of its own
+  high: number | null;
+  right: boolean; // it grows to the right, else upwards
+}
+
+export interface Part {
+  tag: string;
+  attributes: Record<string, string>;
+  parts: (Part | string)[];
+  bound: Bound | null;
+}
+
+export interface Drawing {
+  root: Part;
+  names: string[]; // of signals, in the order in which they come
+  left: string[]; // what was left out, and how often
+}
+
+const SVG = "http://www.w3.org/2000/svg";
+const MOST_PARTS = 20000;
+const MOST_DEPTH = 64;
+
+const list = (words: string): Set<string> => new Set(words.split(" "));
+const TAGS = list("g path rect circle ellipse line polyline polygon text tspan defs linearGradient radialGradient stop clipPath marker symbol use");
+/** What editors leave behind, which nobody misses. */
+const QUIET = list("title desc metadata namedview");
+const GEOMETRY = list(
+  "d x y width height cx cy r rx ry x1 y1 x2 y2 dx dy points transform viewBox preserveAspectRatio pathLength offset gradientUnits gradientTransform spreadMethod fx fy clipPathUnits markerWidth markerHeight refX refY orient markerUnits",
+);
+const PAINT = list(
+  "fill stroke stroke-width stroke-linecap stroke-linejoin stroke-dasharray stroke-dashoffset stroke-miterlimit opacity fill-opacity stroke-opacity fill-rule clip-rule clip-path marker-start marker-mid marker-end font-size font-family font-weight font-style text-anchor dominant-baseline letter-spacing stop-color stop-opacity display visibility color text-decoration paint-order vector-effect",
+);
+
+const NUMBERS = /^[-\w.,%\s+]*$/;
+const TRANSFORM = /^(?:\s*(?:matrix|translate|scale|rotate|skewX|skewY)\([-\d.,e\s+]*\)\s*,?)*$/;
+const PLAIN = /^(?:(?:rgb|rgba|hsl|hsla)\([\d.,%\s/]+\)|var\(--(?:text|label|live|outline|panel|page|field)\)|[-\w#.,%\s'"+]*)$/;
+const LOCAL = /^\s*url\(\s*["']?#([-\w.]+)["']?\s*\)\s*$/;
+const own = (id: string): string => `drawing-${id}`;
+
+class Reader {
+  parts = 0;
+  readonly names: string[] = [];
+  private readonly leftOut = new Map<string, number>();
+  private readonly byId = new Map<string, Part>();
+
+  drop(what: string): void {
+    this.leftOut.set(what, (this.leftOut.get(what) ?? 0) + 1);
+  }
+
+  get left(): string[] {
+    return [...this.leftOut].map(([what, n]) => (n > 1 ? `${what} (${n} times)` : what));
+  }
+
+  private paint(name: string, value: string): string | null {
+    if (!PAINT.has(name)) return null;
+    const local = LOCAL.exec(value);
+    if (local) return `url(#${own(local[1] as string)})`;
+    if (PLAIN.test(value)) return value;
+    this.drop(/url|src|image/i.test(value) ? "a reference to elsewhere" : `${name}="${value.slice(0, 20)}"`);
+    return null;
+  }
+
+  private attributes(of: Given): Record<string, string> {
+    const kept: Record<string, string> = {};
+    const put = (name: string, value: string | null): void => {
+      if (value != null) kept[name] = value;
+    };
+    for (const {name, value} of Array.from(of.attributes ?? [])) {
+      if (GEOMETRY.has(name)) put(name, (/transform/i.test(name) ? TRANSFORM : NUMBERS).test(value) ? value : null);
+      else if (PAINT.has(name)) put(name, this.paint(name, value));
+      else if (name === "id") put("id", /^[-\w.]+$/.test(value) ? own(value) : null);
+      else if (name === "href" || name === "xlink:href") put("href", this.link(value));
+      else if (name === "style") for (const [key, said] of declarations(value)) put(key, this.paint(key, said));
+      else if (/^on/i.test(name)) this.drop("an event handler");
+    }
+    return kept;
+  }
+
+  private link(value: string): string | null {
+    const id = /^#([-\w.]+)$/.exec(value.trim())?.[1];
+    if (id == null) this.drop("a reference to elsewhere");
+    return id == null ? null : `#${own(id)}`;
+  }
+
+  /** Null: it is left out. */
+  read(of: Given, tag: string, depth: number, live: boolean): Part | null {
+    if (++this.parts > MOST_PARTS || depth > MOST_DEPTH) throw new Error(depth > MOST_DEPTH ? `its parts lie more than ${MOST_DEPTH} deep in one another` : `it has more than ${MOST_PARTS} parts`);
+    const attributes = this.attributes(of);
+    const moving = live && !["defs", "symbol", "clipPath", "marker"].includes(tag);
+    const part: Part = {tag, attributes, parts: [], bound: moving ? this.bound(of, tag) : null};
+    if (attributes.id) this.byId.set(`#${attributes.id}`, part);
+    for (const child of Array.from(of.childNodes)) {
+      if (child.nodeType === 3 || child.nodeType === 4) {
+        if (tag === "text" || tag === "tspan") part.parts.push(child.nodeValue ?? "");
+        continue;
+      }
+      if (child.nodeType !== 1) continue;
+      const name = child.localName ?? "";
+      if (child.namespaceURI === SVG && TAGS.has(name)) {
+        const inner = this.read(child, name, depth + 1, moving);
+        if (inner) part.parts.push(inner);
+      } else if (!QUIET.has(name)) this.drop(`<${name.slice(0, 20)}>`);
+    }
+    return part;
+  }
+
+  private bound(of: Given, tag: string): Bound | null {
+    const said = new Map(Array.from(of.attributes ?? []).map(one => [one.name, one.value.trim()]));
+    const name = said.get("data-apc");
+    if (!name) return null;
+    const how = said.get("data-apc-as") ?? (tag === "text" || tag === "tspan" ? "text" : tag === "rect" ? "bar" : "state");
+    if (!["text", "bar", "state", "show"].includes(how) || (how === "text") !== (tag === "text" || tag === "tspan") && how !== "show" || (how === "bar" && tag !== "rect")) {
+      this.drop(`data-apc-as="${how.slice(0, 20)}" of <${tag}>`);
+      return null;
+    }
+    if (!this.names.includes(name)) this.names.push(name);
+    const end = (what: string): number | null => {
+      const value = said.get(what);
+      return value && isFinite(Number(value)) ? Number(value) : null;
+    };
+    return {name, how: how as How, low: end("data-apc-low"), high: end("data-apc-high"), right: said.get("data-apc-to") === "right"};
+  }
+
+  /** What is used must be there, must not use again, and counts as often as it is used: else a few lines draw billions. */
+  settle(part: Part): void {
+    part.parts = part.parts.filter(one => {
+      if (typeof one === "string") return true;
+      if (one.tag === "use") {
+        const target = this.byId.get(one.attributes.href ?? "");
+        if (!target || target === part || within(target, inner => inner.tag === "use")) {
+          this.drop("<use>");
+          return false;
+        }
+        within(target, () => ++this.parts > MOST_PARTS);
+        if (this.parts > MOST_PARTS) throw new Error(`it has more than ${MOST_PARTS} parts`);
+      }
+      this.settle(one);
+      return true;
+    });
+  }
+}
+
+/** Is there one such part in it, itself included? */
+function within(part: Part, is: (one: Part) => boolean): boolean {
+  return is(part) || part.parts.some(one => typeof one !== "string" && within(one, is));
+}
+
+function declarations(style: string): [string, string][] {
+  return style.split(";").flatMap(one => {
+    const at = one.indexOf(":");
+    return at < 0 ? [] : [[one.slice(0, at).trim().toLowerCase(), one.slice(at + 1).trim()] as [string, string]];
+  });
+}
+
+const size = (text: string | undefined): number => (text && /^\d+(\.\d+)?(px)?$/.test(text) ? parseFloat(text) : NaN);
+
+/** Of a document that the browser has parsed; a text says why it is no drawing. */
+export function drawing(of: Given): Drawing | string {
+  const root = Array.from(of.childNodes).find(one => one.nodeType === 1);
+  if (!root || root.localName !== "svg" || root.namespaceURI !== SVG || holdsError(root)) return "the file is no SVG";
+  const reader = new Reader();
+  try {
+    const read = reader.read(root, "svg", 0, true) as Part;
+    reader.settle(read);
+    const {width, height, viewBox, ...rest} = read.attributes;
+    const box = viewBox ?? (size(width) > 0 && size(height) > 0 ? `0 0 ${size(width)} ${size(height)}` : null);
+    if (!box) return "the drawing says neither viewBox nor width and height";
+    read.attributes = {...rest, viewBox: box};
+    read.bound = null;
+    return {root: read, names: reader.names, left: reader.left};
+  } catch (why) {
+    return `the drawing is not shown: ${(why as Error).message}`;
+  }
+}
+
+/** What browsers put in place of, or into, a document that is not well-formed. */
+function holdsError(of: Given): boolean {
+  return of.localName === "parsererror" || Array.from(of.childNodes).some(one => one.nodeType === 1 && one.localName === "parsererror");
+}
+
+export interface Box {
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+
+/** Of a bar's rectangle what is filled; `part` from 0 to 1. */
+export function filled({x, y, width, height}: Box, part: number, right: boolean): Box {
+  const share = Math.min(1, Math.max(0, part));
+  return right ? {x, y, width: width * share, height} : {x, y: y + height * (1 - share), width, height: height * share};
+}
+
+export function boxOf(attributes: Record<string, string>): Box {
+  const number = (name: string): number => (isFinite(Number(attributes[name])) ? Number(attributes[name]) : 0);
+  return {x: number("x"), y: number("y"), width: number("width"), height: number("height")};
+}

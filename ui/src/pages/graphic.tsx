@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The plant as somebody has drawn it, with what its signals say.
+import {type ComponentChildren, h, type JSX} from "preact";
+import {useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
+import {type Alarm, isUnacknowledged, loopOf} from "../core/alarms";
+import {text as getText} from "../core/api";
+import {duration, exact, missing} from "../core/format";
+import {type Bound, boxOf, type Drawing, drawing, filled, type Part} from "../core/graphic";
+import {loopScale} from "../core/loopdata";
+import {live, marks, plant} from "../core/model";
+import {signal} from "../core/pens";
+import {words, worth} from "../core/quality";
+import {place as placeOn} from "../core/scale";
+import type {Plant, Ref, Variable} from "../core/types";
+import {openFaceplate} from "../faceplate";
+import {AlarmMark} from "../parts/alarmmark";
+import {Nothing} from "../parts/nothing";
+import {digitAt, shapes} from "../parts/shape";
+import {told, Value} from "../parts/value";
+import {path} from "../router";
+import {useAnswer} from "../useanswer";
+import {useCell} from "../usecell";
+
+export function GraphicPage(): JSX.Element {
+  const p = useCell(plant);
+  const {answer, error} = useAnswer(() => (p?.graphic ? getText("/api/graphic") : Promise.resolve("")), [p?.generation, p?.graphic]);
+  const read = useMemo(() => (answer ? drawing(new DOMParser().parseFromString(answer, "image/svg+xml")) : null), [answer]);
+  if (p && !p.graphic) return <Nothing title="Graphic">There is no drawing of {p.name}: an SVG beside the experiment file, with its name, is shown here.</Nothing>;
+  if (error) return <Nothing title="Graphic">The drawing cannot be had: {error}.</Nothing>;
+  if (!p || !read) return <Nothing title="Graphic">Loading the drawing …</Nothing>;
+  if (typeof read === "string") return <Nothing title="Graphic">Of {p.name}: {read}.</Nothing>;
+  return <Shown key={p.generation} of={read} plant={p} />;
+}
+
+function Shown({of, plant: p}: {of: Drawing; plant: Plant}): JSX.Element {
+  const [table, setTable] = useState(false);
+  const signals = useMemo(() => new Map(of.names.map(name => [name, signal(name, p.variables)])), [of, p]);
+  const scene: Scene = {signals, plant: p, mark: markSize(of.root.attributes.viewBox)};
+  const known = of.names.flatMap(name => signals.get(name) ?? []);
+  const unknown = of.names.filter(name => !signals.get(name));
+  return (
+    <section class="graphic">
+      <div class="toolbar">
+        <h1>{p.title || p.name}</h1>
+        <span class="spring" />
+        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+      </div>
+      {unknown.length > 0 && <p class="complaint">The drawing names {unknown.map(one => `“${one}”`).join(", ")}: {p.name} has no such {unknown.length > 1 ? "signals" : "signal"}, or several.</p>}
+      {of.left.length > 0 && <p class="say left-out">Left out of the drawing, as it is more than a picture: {of.left.join(", ")}.</p>}
+      {table ? <Signals of={[...new Set(known)]} /> : (
+        <div class="panel picture">
+          <svg {...of.root.attributes} role="group" aria-label={`Drawing of ${p.name}`}>{inside(of.root, scene)}</svg>
+        </div>
+      )}
+    </section>
+  );
+}
+
+interface Scene {
+  signals: Map<string, Variable | null>;
+  plant: Plant;
+  mark: number; // size of the mark of an alarm
+}
+
+/** Like a letter, however large the units of the drawing are. */
+function markSize(viewBox = ""): number {
+  const [, , width = 0, height = 0] = viewBox.trim().split(/[\s,]+/).map(Number);
+  return 0.03 * Math.max(width, height);
+}
+
+function inside(part: Part, scene: Scene): ComponentChildren[] {
+  return part.parts.map((one, i) => (typeof one === "string" ? one : <Piece key={i} of={one} scene={scene} />));
+}
+
+function Piece({of, scene}: {of: Part; scene: Scene}): JSX.Element {
+  const children = inside(of, scene);
+  const {bound} = of;
+  if (!bound) return h(of.tag, of.attributes, children);
+  const one = scene.signals.get(bound.name);
+  if (!one) return h(of.tag, {...of.attributes, class: "unknown-signal"}, bound.how === "text" ? "?" : children);
+  if (bound.how === "show") return <Appearing of={of} signal={one}>{children}</Appearing>;
+  if (bound.how === "bar") return <Level of={of} bound={bound} signal={one} />;
+  return bound.how === "text" ? <Said of={of} signal={one} plant={scene.plant} /> : <State of={of} signal={one} scene={scene}>{children}</State>;
+}
+
+/** There while its signal is something else than 0. */
+function Appearing({of, signal: one, children}: {of: Part; signal: Variable; children: ComponentChildren}): JSX.Element {
+  const {value} = useCell(live(one.ref));
+  return h(of.tag, {...of.attributes, ...(value ? {} : {visibility: "hidden"}), "data-shown": value ? "true" : "false"}, children);
+}
+
+function Level({of, bound, signal: one}: {of: Part; bound: Bound; signal: Variable}): JSX.Element {
+  const now = useCell(live(one.ref));
+  const usual = useCell(loopScale({measurement: one.ref, setpoint: null}));
+  const scale = bound.low != null && bound.high != null && bound.low < bound.high ? {low: bound.low, high: bound.high} : usual;
+  const at = now.value == null || !scale || worth(now.status) === "bad" ? null : placeOn(scale, now.value);
+  const {fill, ...frame} = of.attributes;
+  const box = at && filled(boxOf(of.attributes), at.at, bound.right);
+  const label = `${one.name} ${told(one.ref, now.value)} ${one.unit}${scale ? `, scale ${exact(scale.low)} to ${exact(scale.high)}` : ""}${now.stale ? ", stale" : ""}`;
+  return (
+    <g class={`level${now.stale ? " stale" : ""}`} role="img" aria-label={label} data-level={at ? at.at.toFixed(4) : "none"} transform={of.attributes.transform}>
+      {box && h("rect", {...box, rx: frame.rx, fill: fill && fill !== "none" ? fill : "var(--live)", class: "filling"} as never)}
+      {h("rect", {...frame, transform: undefined, fill: "none"} as never)}
+    </g>
+  );
+}
+
+/** To the faceplate of the loop that it is of, else to its trend. */
+function Go({of, plant: p, label, children}: {of: Variable; plant: Plant; label: string; children: ComponentChildren}): JSX.Element {
+  const loop = loopOf(of.ref, p.loops);
+  return (
+    <a
+      class="bound"
+      href={loop ? path("loop", loop.id) : path("trend", of.ref)}
+      aria-label={label}
+      onClick={event => {
+        if (!loop || event.ctrlKey || event.metaKey || event.shiftKey) return;
+        event.preventDefault();
+        openFaceplate(loop.id);
+      }}
+    >
+      {children}
+    </a>
+  );
+}
+
+const GLYPHS = {1: "◆", 2: "■", 3: "▲", 4: "▼"};
+
+/** The gravest that stands of this signal, or of its loop. */
+function useAlarm(ref: Ref): Alarm | null {
+  return useCell(marks).get(ref) ?? null;
+}
+
+function useWords(one: Variable): {text: string; label: string; kind: string; alarm: Alarm | null} {
+  const now = useCell(live(one.ref));
+  const alarm = useAlarm(one.ref);
+  const p = useCell(plant);
+  const mode = one.table === "opmode" || one.table === "actual" ? (p?.modes[now.value ?? -1] ?? null) : null;
+  const value = now.value == null ? missing : mode ?? `${told(one.ref, now.value)}${one.unit ? ` ${one.unit}` : ""}`;
+  const what = now.value == null ? "none" : worth(now.status) === "bad" ? "bad" : now.stale ? "stale" : worth(now.status);
+  const why = what === "bad" || what === "uncertain" ? words(now.status) : what === "stale" ? `${duration(now.age)} old` : what === "none" && one.period != null ? "no sample yet" : "";
+  const about = one.description ? `${one.description}, ${one.name}` : one.name;
+  const glyph = alarm ? `${GLYPHS[alarm.priority]}${alarm.priority} ` : "";
+  return {text: why ? `${value}, ${why}` : value, label: `${about}: ${glyph}${value}${why ? `, ${why}` : ""}${alarm ? `, alarm ${alarm.alarm}, priority ${alarm.priority}` : ""}`, kind: what, alarm};
+}
+
+function Said({of, signal: one, plant: p}: {of: Part; signal: Variable; plant: Plant}): JSX.Element {
+  const {text, label, kind, alarm} = useWords(one);
+  return (
+    <Go of={one} plant={p} label={label}>
+      {h(of.tag, {...of.attributes, class: `said ${kind}`, "data-ref": one.ref} as never, [
+        alarm && <tspan key="alarm" class={`glyph p${alarm.priority}`}>{GLYPHS[alarm.priority]}{alarm.priority} </tspan>,
+        <tspan key="text" class="digits">{text}</tspan>,
+      ])}
+    </Go>
+  );
+}
+
+/** Whatever it is, marked while an alarm of its signal stands, and where that is not good. */
+function State({of, signal: one, scene: {plant: p, mark}, children}: {of: Part; signal: Variable; scene: Scene; children: ComponentChildren}): JSX.Element {
+  const {label, kind, alarm} = useWords(one);
+  const element = useRef<SVGGraphicsElement>(null);
+  const [corner, setCorner] = useState<{x: number; y: number} | null>(null);
+  const {transform, ...rest} = of.attributes;
+  useLayoutEffect(() => {
+    if (!alarm || !element.current?.getBBox) return;
+    const {x, y, width} = element.current.getBBox();
+    setCorner({x: x + width, y});
+  }, [alarm?.id]);
+  return (
+    <g transform={transform}>
+      <Go of={one} plant={p} label={label}>
+        {h(of.tag, {...rest, ref: element, class: `state ${kind}${alarm ? ` alarmed p${alarm.priority}` : ""}`, "data-ref": one.ref} as never, children)}
+      </Go>
+      {alarm && corner && (
+        <g transform={`translate(${corner.x - mark / 2} ${corner.y - mark / 2}) scale(${mark / 20})`} class={`shape p${alarm.priority}${isUnacknowledged(alarm) ? "" : " hollow"}`} aria-hidden="true">
+          <path d={shapes[alarm.priority]} />
+          <text x="10" y={digitAt[alarm.priority]}>{alarm.priority}</text>
+        </g>
+      )}
+    </g>
+  );
+}
+
+function Signals({of}: {of: Variable[]}): JSX.Element {
+  return (
+    <div class="panel scroll" tabIndex={0} role="region" aria-label="Signals of the drawing">
+      <table class="data cards">
+        <caption>Signals of the drawing</caption>
+        <thead>
+          <tr>
+            <th scope="col">Signal</th>
+            <th scope="col" class="wide">What it is</th>
+            <th scope="col" class="number">Value</th>
+          </tr>
+        </thead>
+        <tbody>
+          {of.map(one => (
+            <tr key={one.ref}>
+              <th scope="row">{one.name} <AlarmMark of={[one.ref]} /></th>
+              <td class="wide" data-label="What it is">{one.description}</td>
+              <td class="number" data-label="Value"><Value of={one.ref} unit /></td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}

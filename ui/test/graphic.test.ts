@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What is taken of a drawing, and what is not.
+import assert from "node:assert/strict";
+import {readdirSync, readFileSync} from "node:fs";
+import {test} from "node:test";
+import {boxOf, type Drawing, drawing, filled, type Given, type Part} from "../src/core/graphic";
+
+const SVG = "http://www.w3.org/2000/svg";
+const HTML = "http://www.w3.org/1999/xhtml";
+
+type Child = Given | string;
+
+/** Nodes as a browser's parser would give them. */
+function el(name: string, attributes: Record<string, string> = {}, children: Child[] = [], namespaceURI: string = SVG): Given {
+  return {
+    nodeType: 1,
+    localName: name,
+    namespaceURI,
+    nodeValue: null,
+    attributes: Object.entries(attributes).map(([key, value]) => ({name: key, value})),
+    childNodes: children.map(child => (typeof child === "string" ? {nodeType: 3, nodeValue: child, childNodes: []} : child)),
+  };
+}
+const file = (children: Child[], attributes: Record<string, string> = {viewBox: "0 0 10 10"}): Given => ({nodeType: 9, nodeValue: null, childNodes: [el("svg", attributes, children)]});
+function taken(children: Child[], attributes?: Record<string, string>): Drawing {
+  const read = drawing(file(children, attributes));
+  assert.equal(typeof read, "object", String(read));
+  return read as Drawing;
+}
+const only = (children: Child[]): Part => taken(children).root.parts[0] as Part;
+/** All that would come to the screen, as text. */
+const all = (of: Part): string => JSON.stringify(of);
+
+test("shapes, their geometry and their paint are taken", () => {
+  const one = only([el("g", {transform: "translate(1, 2)"}, [el("rect", {x: "1", y: "2", width: "3", height: "4", fill: "var(--live)", stroke: "currentColor"}), el("path", {d: "M0 0L1 1", style: "stroke: #123; stroke-width: 2; -inkscape-x: 3"}), el("text", {x: "1"}, ["a ", el("tspan", {}, ["b"])])])]);
+  assert.equal(one.tag, "g");
+  assert.deepEqual((one.parts as Part[]).map(part => [part.tag, part.attributes]), [
+    ["rect", {x: "1", y: "2", width: "3", height: "4", fill: "var(--live)", stroke: "currentColor"}],
+    ["path", {d: "M0 0L1 1", stroke: "#123", "stroke-width": "2"}],
+    ["text", {x: "1"}],
+  ]);
+  assert.equal(((one.parts[2] as Part).parts[1] as Part).parts[0], "b");
+});
+
+test("whatever runs, loads or is another document is left out, and said", () => {
+  const hostile = [
+    el("script", {}, ["window.hacked = 1"]),
+    el("script", {"xlink:href": "https://evil.example/a.js"}),
+    el("foreignObject", {}, [el("iframe", {src: "javascript:alert(1)"}, [], HTML)]),
+    el("image", {href: "https://evil.example/a.png"}),
+    el("style", {}, ["@import url(https://evil.example/a.css)"]),
+    el("a", {href: "javascript:alert(1)"}, [el("text", {}, ["press"])]),
+    el("animate", {attributeName: "href", values: "javascript:alert(1)"}),
+    el("set", {attributeName: "onmouseover", to: "alert(1)"}),
+    el("handler", {}, ["alert(1)"]),
+    el("filter", {}, [el("feImage", {href: "https://evil.example/b.png"})]),
+    el("img", {src: "x", onerror: "alert(1)"}, [], HTML),
+    el("SCRIPT", {}, ["alert(1)"]),
+  ];
+  const read = taken(hostile);
+  assert.deepEqual(read.root.parts, []);
+  assert.deepEqual(read.left, ["<script> (2 times)", "<foreignObject>", "<image>", "<style>", "<a>", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
+});
+
+test("an element that is taken keeps nothing that acts or leads elsewhere", () => {
+  const read = taken([
+    el("rect", {onclick: "alert(1)", ONLOAD: "alert(1)", fill: "url(https://evil.example/#a)", style: "stroke: url('//evil.example/b'); fill: src(x)", class: "alarm", "xml:base": "https://evil.example/", tabindex: "1", width: "expression(alert(1))"}),
+    el("use", {href: "https://evil.example/a.svg#b"}),
+    el("use", {"xlink:href": "data:image/svg+xml,<svg/>#b"}),
+    el("path", {d: "M0 0<script>", "marker-end": "url(\\23 x)", "clip-path": "url(#a) url(https://evil.example)"}),
+    el("text", {"font-family": "x; background: url(//evil.example)"}, ["<b>no markup</b>"]),
+  ]);
+  assert.doesNotMatch(all(read.root), /evil|alert|javascript|data:|onclick|class|base|tabindex|expression/i);
+  assert.deepEqual((read.root.parts as Part[]).map(part => part.tag), ["rect", "path", "text"]);
+  assert.deepEqual((read.root.parts[2] as Part).parts, ["<b>no markup</b>"]); // as text
+  assert.ok(read.left.includes("an event handler (2 times)"), read.left.join());
+  assert.ok(read.left.some(one => one.startsWith("a reference to elsewhere")), read.left.join());
+});
+
+test("references within the drawing are kept, under names of its own", () => {
+  const read = taken([el("defs", {}, [el("linearGradient", {id: "a"}, [el("stop", {offset: "0", "stop-color": "red"})]), el("g", {id: "pump"}, [el("circle", {r: "3"})])]), el("rect", {fill: "url(#a)"}), el("use", {"xlink:href": "#pump", x: "5"}), el("use", {href: "#nothing"})]);
+  const [defs, rect, use] = read.root.parts as [Part, Part, Part];
+  assert.equal((defs.parts[0] as Part).attributes.id, "drawing-a");
+  assert.equal(rect.attributes.fill, "url(#drawing-a)");
+  assert.deepEqual(use.attributes, {href: "#drawing-pump", x: "5"});
+  assert.equal(read.root.parts.length, 3);
+  assert.deepEqual(read.left, ["<use>"]);
+});
+
+test("a few lines cannot become billions of parts", () => {
+  const bomb: Given[] = [el("g", {id: "a0"}, [el("rect")])];
+  for (let i = 1; i < 30; i++) bomb.push(el("g", {id: `a${i}`}, [el("use", {href: `#a${i - 1}`}), el("use", {href: `#a${i - 1}`})]));
+  assert.ok(taken(bomb).root.parts.length <= 30); // what uses is not used
+  assert.deepEqual(taken([el("g", {id: "x"}, [el("use", {href: "#x"})])]).left, ["<use>"]);
+  const many = [el("g", {id: "a"}, Array.from({length: 999}, () => el("rect"))), ...Array.from({length: 20}, () => el("use", {href: "#a"}))];
+  assert.match(String(drawing(file(many))), /more than 20000 parts/);
+  assert.match(String(drawing(file(Array.from({length: 20000}, () => el("rect"))))), /more than 20000 parts/);
+  let deep = el("g");
+  for (let i = 0; i < 80; i++) deep = el("g", {}, [deep]);
+  assert.match(String(drawing(file([deep]))), /64 deep/);
+});
+
+test("what is no drawing says so", () => {
+  assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: []}), "the file is no SVG");
+  assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: [el("svg", {viewBox: "0 0 1 1"}, [], HTML)]}), "the file is no SVG");
+  assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: [el("parsererror", {}, ["error on line 1"], HTML)]}), "the file is no SVG");
+  assert.equal(drawing(file([el("parsererror", {}, ["error"], HTML)])), "the file is no SVG");
+  assert.equal(drawing(file([], {})), "the drawing says neither viewBox nor width and height");
+  assert.equal(drawing(file([], {width: "-3", height: "1"})), "the drawing says neither viewBox nor width and height");
+  assert.equal((drawing(file([], {width: "30px", height: "20", onload: "alert(1)"})) as Drawing).root.attributes.viewBox, "0 0 30 20");
+});
+
+test("elements say what signals they show, and how", () => {
+  const bound = (name: string, attributes: Record<string, string>): unknown => {
+    const part = only([el(name, {"data-apc": "y1", ...attributes})]);
+    return part.bound && [part.bound.name, part.bound.how];
+  };
+  assert.deepEqual(bound("text", {}), ["y1", "text"]);
+  assert.deepEqual(bound("tspan", {}), ["y1", "text"]);
+  assert.deepEqual(bound("rect", {}), ["y1", "bar"]);
+  assert.deepEqual(bound("path", {}), ["y1", "state"]);
+  assert.deepEqual(bound("rect", {"data-apc-as": "state"}), ["y1", "state"]);
+  assert.deepEqual(bound("text", {"data-apc-as": "show"}), ["y1", "show"]);
+  for (const [name, how] of [["circle", "bar"], ["path", "text"], ["text", "state"], ["rect", "nonsense"]]) assert.equal(bound(name as string, {"data-apc-as": how as string}), null, `${name} as ${how}`);
+  assert.deepEqual(only([el("rect", {"data-apc": " y1 ", "data-apc-low": "-1", "data-apc-high": "x", "data-apc-to": "right"})]).bound, {name: "y1", how: "bar", low: -1, high: null, right: true});
+  assert.deepEqual(taken([el("text", {"data-apc": "a"}), el("rect", {"data-apc": "b"}), el("path", {"data-apc": "a"}), el("defs", {}, [el("text", {"data-apc": "c"})])]).names, ["a", "b"]); // what is used elsewhere shows nothing by itself
+});
+
+test("a bar is filled from its foot", () => {
+  const box = boxOf({x: "1", y: "10", width: "4", height: "20"});
+  assert.deepEqual(filled(box, 0.25, false), {x: 1, y: 25, width: 4, height: 5});
+  assert.deepEqual(filled(box, 0.25, true), {x: 1, y: 10, width: 1, height: 20});
+  assert.deepEqual(filled(box, -1, false).height, 0);
+  assert.deepEqual(filled(box, 2, false), box);
+  assert.deepEqual(boxOf({x: "10%"}), {x: 0, y: 0, width: 0, height: 0});
+});
+
+test("the drawings that come along name signals of their experiments", () => {
+  const folder = "../experiments";
+  const drawings = readdirSync(folder).filter(name => name.endsWith(".svg"));
+  assert.deepEqual(drawings, ["four-tank.svg", "quadruple-tank.svg", "van-de-vusse.svg"]);
+  for (const name of drawings) {
+    const text = readFileSync(`${folder}/${name}`, "utf8");
+    const conf = readFileSync(`${folder}/${name.replace("svg", "conf")}`, "utf8");
+    const named = [...text.matchAll(/data-apc="([^"]*)"/g)].map(one => (one[1] as string).replace(".mode.actual", ""));
+    assert.ok(named.length > 5);
+    for (const one of named) assert.ok(conf.includes(`name = "${one}"`), `${name}: ${one}`);
+  }
+});
