@@ -16,6 +16,7 @@ const keys: [string, string][] = [
   ["← →", "trend: earlier, later"],
   ["+ −", "trend: closer, farther"],
   ["Home", "trend: back to live"],
+  ["c", "trend: second cursor where the first one is, or none"],
   ["?", "this help"],
 ];
 
@@ -32,7 +33,8 @@ export function Help({close}: {close: () => void}): JSX.Element {
           <input type="checkbox" checked={on} onChange={event => setShortcuts(event.currentTarget.checked)} /> keys without Alt act
         </label>
         <p>
-          In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it. <b>Choose signals</b> makes one of any
+          In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it. A press sets a second cursor, from
+          which differences are told. Triangles at the top are events, larger the graver. <b>Choose signals</b> makes one of any
           signals; its address shows the same again, to whoever has it.
         </p>
         <h2>What you see</h2>

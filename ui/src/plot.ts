@@ -23,6 +23,9 @@ export interface PlotOptions {
   yText?: (value: number) => string;
   sync?: string;
   now?: () => number | undefined; // a line there
+  reference?: () => number | null; // another, of dashes
+  marks?: () => {t: number; severity: 1 | 2 | 3}[]; // at the upper edge
+  onPick?: (t: number) => void; // a press that selects nothing
   onSelect?: ((from: number, to: number) => void) | null;
   onCursor?: (t: number | null) => void;
 }
@@ -99,17 +102,58 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
       ],
       draw: [
         u => {
-          const now = o.now?.();
-          if (now == null) return;
-          const x = Math.round(u.valToPos(now, "x", true));
-          u.ctx.fillStyle = colour("--label");
-          u.ctx.fillRect(x, u.bbox.top, Math.max(1, Math.round(devicePixelRatio)), u.bbox.height);
+          upright(u, o.now?.() ?? null, "--label", []);
+          upright(u, o.reference?.() ?? null, "--focus", [5, 4]);
+          for (const mark of o.marks?.() ?? []) notch(u, mark);
+        },
+      ],
+      ready: [
+        u => {
+          let at = 0;
+          u.over.addEventListener("mousedown", event => (at = event.clientX));
+          u.over.addEventListener("click", event => {
+            if (o.onPick && Math.abs(event.clientX - at) < 4 && u.cursor.left != null && u.cursor.left >= 0) o.onPick(u.posToVal(u.cursor.left, "x"));
+          });
         },
       ],
       setCursor: [u => o.onCursor?.(u.cursor.left == null || u.cursor.left < 0 ? null : u.posToVal(u.cursor.left, "x"))],
     },
   };
   return new uPlot(options, [[], ...o.lines.map(() => [])] as unknown as uPlot.AlignedData, host);
+}
+
+function upright(u: uPlot, t: number | null, of: string, dash: number[]): void {
+  if (t == null) return;
+  const width = Math.max(1, Math.round(devicePixelRatio));
+  const x = Math.round(u.valToPos(t, "x", true)) + (width % 2) / 2; // on whole pixels
+  if (x < u.bbox.left || x > u.bbox.left + u.bbox.width) return;
+  u.ctx.save();
+  u.ctx.strokeStyle = colour(of);
+  u.ctx.lineWidth = width;
+  u.ctx.setLineDash(dash.map(part => part * devicePixelRatio));
+  u.ctx.beginPath();
+  u.ctx.moveTo(x, u.bbox.top);
+  u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
+  u.ctx.stroke();
+  u.ctx.restore();
+}
+
+/** Larger the graver: no colour tells it alone. */
+function notch(u: uPlot, {t, severity}: {t: number; severity: 1 | 2 | 3}): void {
+  const x = u.valToPos(t, "x", true);
+  const size = (3 + 2 * severity) * devicePixelRatio;
+  u.ctx.save();
+  u.ctx.beginPath();
+  u.ctx.moveTo(x - size / 2, u.bbox.top);
+  u.ctx.lineTo(x + size / 2, u.bbox.top);
+  u.ctx.lineTo(x, u.bbox.top + size);
+  u.ctx.closePath();
+  u.ctx.fillStyle = colour(severity === 3 ? "--p1" : severity === 2 ? "--p2" : "--label");
+  u.ctx.strokeStyle = colour("--text");
+  u.ctx.lineWidth = devicePixelRatio;
+  u.ctx.fill();
+  u.ctx.stroke();
+  u.ctx.restore();
 }
 
 /** 14:03 – and the day below where it begins. */

@@ -22,6 +22,8 @@ export interface TrendData {
   from: number;
   to: number;
   now?: number; // where what was ends and what is expected begins
+  reference?: number | null; // from where differences are told
+  marks?: {t: number; severity: 1 | 2 | 3}[];
   panels: {curves: Series[]; scale: Scale}[];
 }
 
@@ -42,6 +44,7 @@ export class TrendChart {
     first: TrendData,
     onSelect: ((from: number, to: number) => void) | null,
     onCursor: (t: number | null) => void,
+    onPick?: (t: number) => void,
   ) {
     this.data = first;
     const x = (): [number, number] => [this.data.from, this.data.to];
@@ -58,6 +61,9 @@ export class TrendChart {
         y: () => this.data.panels[i]?.scale ?? {low: 0, high: 1},
         sync: "trend",
         now: () => this.data.now,
+        reference: () => this.data.reference ?? null,
+        marks: () => (i === 0 ? (this.data.marks ?? []) : []),
+        onPick,
         onSelect,
         onCursor,
       });

@@ -311,3 +311,34 @@ test("an element of the drawing leads to its faceplate, by mouse and by key, and
     assert.ok(Math.abs(mark.x + mark.width / 2 - (pump.x + pump.width)) < 12 && Math.abs(mark.y + mark.height / 2 - pump.y) < 12, JSON.stringify([mark, pump]));
   });
 });
+
+test("a press sets a second cursor, from which differences are told; an earlier window lies beside, dotted", PATIENCE, () =>
+  withPage("trend/pens=y,r;span=120", async page => {
+    await until("there is a curve", async () => (await points(page)) > 100);
+    await page.keyboard.press("Space");
+    await page.getByRole("button", {name: "Back to live"}).waitFor();
+    const over = await page.locator(".plots .u-over").first().boundingBox();
+    const at = part => [over.x + over.width * part, over.y + over.height / 2];
+    await page.mouse.click(...at(0.25));
+    await page.mouse.move(...at(0.75));
+    await until("the difference is that of the curve", async () => {
+      const said = await page.locator(".differences").textContent();
+      const [, seconds] = /\+(\d+(?:\.\d+)?) s/.exec(said) ?? [];
+      return Math.abs(Number(seconds) - 60) < 2 && /Δy/.test(said);
+    });
+    assert.equal((await rows(page, 0, "--focus")).filter(column => column.length > 20).length >= 1, true, "the second cursor is not drawn");
+    // A drag still selects, and sets no cursor.
+    await page.getByRole("button", {name: "Clear"}).click();
+    await page.mouse.move(...at(0.2));
+    await page.mouse.down();
+    await page.mouse.move(...at(0.6), {steps: 5});
+    await page.mouse.up();
+    await until("the drag has selected", async () => Math.abs(Number(await page.locator("section.trend").getAttribute("data-span")) - 48) < 3);
+    assert.equal(await page.locator(".differences").count(), 0);
+    const colours = async () => (await rows(page, 0, "--pen-1")).flat().length;
+    await until("the curve is drawn", async () => (await colours()) > 50);
+    const alone = await colours();
+    await page.getByLabel("beside").selectOption({label: "an hour before"});
+    await until("an earlier window is drawn beside", async () => (await colours()) > alone * 1.05);
+    await until("the link says so", () => page.url().includes("compare=3600"));
+  }));

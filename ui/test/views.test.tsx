@@ -1378,6 +1378,84 @@ test("a drawing shows its signals, and says what it lacks", async () => {
   assert.match(said("main"), /There is no drawing of tanks/);
 });
 
+test("a trend: a second cursor, events along it, an earlier window beside it, groups that are kept", async () => {
+  const route = env.routes.get("/api/history")!;
+  const happened = env.routes.get("/api/events")!;
+  const asked: [number, number][] = [];
+  env.routes.set("/api/history", each => {
+    asked.push([Number(each.query.since), Number(each.query.until)]);
+    const [since, until] = [Number(each.query.since), Number(each.query.until)];
+    each.answer(server.history(each.query, Array.from({length: Math.floor(until - since)}, (_, i) => [since + i, (since + i - server.now) / 600 + 1])));
+  });
+  env.routes.set("/api/events", each => each.answer({t: server.now, more: false, events: [{time: server.now - 200, severity: 1, source: "anna", kind: "operator", text: "r1: 1 -> 2"}]}));
+  await show("trend/pens=sensor.2,sensor.3;span=600");
+  await env.pass(0.5);
+  for (let i = 0; i < 100 && said(".readout").includes("loading …"); i++) await settle();
+  assert.equal(document.querySelectorAll(".differences").length, 0);
+  await press("c"); // no cursor: in the middle
+  assert.match(said(".differences"), /^since \d\d:\d\d:\d\d\.\d: Δ y2 \+4\.\d+ Δ T \+299\.\d+ Clear$/);
+  await click(button("Clear"));
+  assert.equal(document.querySelectorAll(".differences").length, 0);
+  await click(button("View as table"));
+  assert.match(said("table.data"), /What happened in the window \(UTC\) time what [-\d]+ [:.\d]+ anna: r1: 1 → 2/);
+  await click(button("Events"));
+  assert.doesNotMatch(said("table.data"), /What happened/);
+  await click(button("Events"));
+  await click(button("View as table"));
+  // The same an hour before
+  asked.length = 0;
+  await choose(".toolbar label:nth-of-type(2) select", "3600");
+  await env.pass(0.5);
+  await settle();
+  assert.ok(asked.length > 0 && asked.every(([since]) => Math.abs(since - (server.now - 4200)) < 20), JSON.stringify([asked, server.now]));
+  assert.match(said(".trend > .say"), /^Beside it, dotted, what was (1 h|60 min) before\./);
+  assert.match(location.hash, /;span=600;compare=3600$/);
+  await choose(".toolbar label:nth-of-type(2) select", "0");
+  await env.pass(0.5);
+  assert.match(location.hash, /;span=600$/);
+  // Groups
+  const groups = (): string => said(".pen-groups");
+  assert.match(groups(), /^group none kept keep these as Keep$/);
+  await type('.pen-groups input', "levels");
+  await submit(".pen-groups");
+  assert.match(groups(), /^group – levels Forget levels keep these as Keep$/);
+  await show("trend/pens=y1");
+  assert.doesNotMatch(groups(), /Forget/);
+  await choose(".pen-groups select", "levels");
+  assert.equal(location.hash, "#trend/pens=y2,T;span=600");
+  await show(location.hash.slice(1));
+  await click(button("Forget levels"));
+  assert.match(groups(), /none kept/);
+  env.routes.set("/api/history", route);
+  env.routes.set("/api/events", happened);
+  await show("overview");
+});
+
+test("an answer that was overtaken by a newer question does not count", async () => {
+  server.plant = {...tanks, graphic: true};
+  env.routes.delete("/api/graphic");
+  env.source.send("plant", {revision: 21});
+  await settle();
+  await settle();
+  await show("graphic");
+  await env.pass(0.5);
+  const first = env.take("/api/graphic");
+  server.plant = {...tanks, start: 5, revision: 22, graphic: true};
+  env.source.send("plant", {revision: 22});
+  await settle();
+  await env.pass(0.5);
+  const second = env.take("/api/graphic");
+  const picture = (name: string): string => `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><text>${name}</text></svg>`;
+  second.answer(picture("newer"));
+  await settle();
+  first.answer(picture("older"));
+  await settle();
+  assert.equal(said(".picture"), "newer");
+  server.plant = tanks;
+  env.source.send("plant", {revision: 23});
+  await show("overview");
+});
+
 test("what was superseded is final", async () => {
   await show("loop/1");
   await type('input[name="setpoint.1"]', "7");

@@ -173,3 +173,8 @@ export function align(curves: {t: number[]; columns: (number | null)[][]}[]): [n
     }
   return [t, ...out];
 }
+
+/** The same so many seconds later. */
+export function shifted(s: Series, by: number): Series {
+  return {...s, t: s.t.map(t => t + by)};
+}

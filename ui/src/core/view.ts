@@ -6,7 +6,16 @@ export interface Window {
   live: boolean;
   span: number; // s
   to: number; // Unix s; while live it is now instead
+  compare?: number; // with the window that lies so many s before
 }
+
+/** With what a window is compared; null: with the one that ends where it begins. */
+export const EARLIER = [
+  {name: "the window before", by: null},
+  {name: "an hour before", by: 3600},
+  {name: "a day before", by: 86400},
+  {name: "a week before", by: 604800},
+] as const;
 
 export const SPANS = [
   {name: "10 min", span: 600},

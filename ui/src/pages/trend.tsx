@@ -2,26 +2,31 @@
 import type {JSX} from "preact";
 import {useEffect, useLayoutEffect, useMemo, useRef, useState} from "preact/hooks";
 import {Cell} from "../core/cell";
-import {env} from "../core/env";
+import {env, every} from "../core/env";
 import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
 import {clock, csv, day, duration, iso, missing, number, stamp} from "../core/format";
+import {merge} from "../core/eventlist";
 import {holds} from "../core/history";
+import {type Mark, marksOf, near} from "../core/marks";
+import {get} from "../core/api";
 import {isMeant, isTyping} from "../keyboard";
 import {Nothing} from "../parts/nothing";
 import {PenSearch, Stroke} from "../parts/pens";
+import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
-import {control, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {chosen, found, isPens, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
-import {empty, statistics, valueAt} from "../core/series";
+import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
 import {Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
-import {bounds, goLive, pan, pause, refuse, select, SPANS, type Window, zoom} from "../core/view";
-import type {Plant, Ref, Variable} from "../core/types";
+import {bounds, EARLIER, goLive, pan, pause, refuse, select, SPANS, type Window, zoom} from "../core/view";
+import type {Plant, PlantEvent, Ref, Variable} from "../core/types";
+import {useAnswer} from "../useanswer";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
@@ -93,14 +98,30 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const unknown = useMemo(() => new Cell<Scale | null>(null), []);
   const defaults = useMemo(() => subject.panels.map(panel => panel.scale?.() ?? unknown), []).map(cell => useCell(cell));
   const scales = own ?? defaults.map(one => one ?? {low: 0, high: 1});
-  const state = useRef({win, scales});
-  state.current = {win, scales};
+  const [reference, setReference] = useState<number | null>(null);
+  const [marked, setMarked] = useState(true);
+  const compare = win.compare ?? 0;
+  const earlier = useMemo(() => (compare > 0 ? new Curves(subject) : null), [compare]);
+  const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;
+  const {answer: past} = useAnswer(() => get<{events: PlantEvent[]}>("/api/events", {since: bounds(win, serverNow())[0], until: win.live ? null : win.to, last: 500}), [asked, filled]);
+  const streamed = useCell(events);
+  const happened = useMemo(() => merge(past?.events ?? [], streamed.list), [past, streamed]);
+  const marks = (from: number, to: number): Mark[] => (marked ? marksOf(happened, from, to) : []);
+  const state = useRef({win, scales, reference, marks});
+  state.current = {win, scales, reference, marks};
   const beyond = useRef(false);
   const counted = subject.lead ?? refsIn(subject)[0];
 
-  const seen = ({win: w, scales: s}: {win: Window; scales: Scale[]}): TrendData => {
+  const seen = ({win: w, scales: s, reference: at, marks: of}: typeof state.current): TrendData => {
     const [from, to] = bounds(w, serverNow());
-    return {from, to, panels: subject.panels.map((panel, i) => ({curves: panel.pens.map(pen => curves.drawn(pen.ref)), scale: s[i] as Scale}))};
+    const both = (ref: Ref): Series[] => (earlier ? [shifted(earlier.series(ref), compare)] : []);
+    return {
+      from,
+      to,
+      reference: at,
+      marks: of(from, to),
+      panels: subject.panels.map((panel, i) => ({curves: [...panel.pens.map(pen => curves.drawn(pen.ref)), ...panel.pens.flatMap(pen => both(pen.ref))], scale: s[i] as Scale})),
+    };
   };
 
   const inSight = (): (number | null)[][] => curves.seen(...bounds(state.current.win, serverNow()));
@@ -130,11 +151,14 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       const variables = ones.map(pen => variable(pen.ref));
       return {
         label: ones.length > 3 && variables[0]?.unit ? `[${variables[0].unit}]` : variables.map(describe).join(", "),
-        pens: ones.map((pen, i) => ({...pen, label: describe(variables[i] ?? null), step: variables[i] != null && holds(variables[i])})),
+        pens: [...ones, ...(earlier ? ones.map(pen => ({...pen, dash: BEFORE, band: false})) : [])].map((pen, i) => {
+          const one = variables[i % ones.length] ?? null;
+          return {...pen, label: describe(one), step: one != null && holds(one)};
+        }),
       };
     });
-    const none = {...seen(state.current), panels: subject.panels.map((panel, i) => ({curves: panel.pens.map(empty), scale: scales[i] as Scale}))};
-    const made = new TrendChart(element, drawn, none, (from, to) => setWin(select(from, to)), t => (cursor.value = t));
+    const none = {...seen(state.current), panels: drawn.map((panel, i) => ({curves: panel.pens.map(empty), scale: scales[i] as Scale}))};
+    const made = new TrendChart(element, drawn, none, (from, to) => setWin(w => ({...select(from, to), compare: w.compare})), t => (cursor.value = t), setReference);
     chart.current = made;
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);
@@ -150,10 +174,9 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       made.destroy();
       chart.current = null;
     };
-  }, []);
+  }, [compare]);
 
   // What is asked of the history: the window, whenever it is another one or may lack something.
-  const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;
   useEffect(() => {
     const timer = setTimeout(
       () => {
@@ -168,7 +191,21 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     return () => clearTimeout(timer);
   }, [asked, filled]);
   useEffect(() => () => curves.stop(), []);
-  useEffect(() => (pens ? env.later(() => pens.moved(win), LINK) : undefined), [asked]);
+  // Of the window before all that will be needed of it while this one goes on.
+  useEffect(() => {
+    if (!earlier) return undefined;
+    const fill = (): void => {
+      const [from, to] = bounds(state.current.win, serverNow());
+      earlier.fill(from - compare, Math.min(serverNow(), to - compare + (state.current.win.live ? to - from : 0)), chart.current?.pixels ?? 800, false, draw);
+    };
+    fill();
+    const stop = win.live ? every(fill, Math.max(10, Math.min(win.span, compare) / 2)) : () => {};
+    return () => {
+      stop();
+      earlier.stop();
+    };
+  }, [asked, filled, compare]);
+  useEffect(() => (pens ? env.later(() => pens.moved(win), LINK) : undefined), [asked, compare]);
 
   // What the stream brings; drawn once a frame, and as the time axis moves by a pixel.
   useEffect(() => {
@@ -204,7 +241,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     };
   }, [win.live]);
 
-  useEffect(draw, [win, ...scales.flatMap(one => [one.low, one.high])]);
+  useEffect(draw, [win, reference, marked, happened, ...scales.flatMap(one => [one.low, one.high])]);
   useEffect(() => chart.current?.repaint(), [painted]);
 
   const back = (): void => setWin(w => goLive({...w, span: SPANS.some(one => one.span === w.span) ? w.span : 600}));
@@ -221,6 +258,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         "=": () => setWin(w => zoom(w, 0.5, serverNow())),
         "-": () => setWin(w => zoom(w, 2, serverNow())),
         Home: back,
+        c: () => setReference(at => (at == null ? (cursor.value ?? bounds(state.current.win, serverNow())[0] + state.current.win.span / 2) : null)),
       };
       const move = moves[event.key];
       if (!move || isMeant(event)) return;
@@ -232,6 +270,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   }, []);
 
   const rows = (most: number): [number, ...(number | null)[]][] => curves.rows(...bounds(win, serverNow()), most);
+  const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
   const head = ["time", ...curves.head(win.span, chart.current?.pixels ?? 800)];
   const refs = curves.variables.map(one => one.ref);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
@@ -273,6 +312,14 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
           <button type="button" aria-label="Zoom in" onClick={() => setWin(w => zoom(w, 0.5, serverNow()))}>+</button>
           <button type="button" aria-label="Zoom out" onClick={() => setWin(w => zoom(w, 2, serverNow()))}>−</button>
         </div>
+        <label>
+          beside{" "}
+          <select value={compare} onChange={event => setWin(w => ({...w, compare: Number(event.currentTarget.value) || undefined}))}>
+            <option value={0}>nothing</option>
+            {earlierOf(win.span, compare).map(one => <option key={one.by} value={one.by}>{one.name}</option>)}
+          </select>
+        </label>
+        <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>Events</button>
         <button type="button" onClick={fit}>Fit y</button>
         {own && !pens && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
         <span class="spring" />
@@ -281,9 +328,13 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         <button type="button" onClick={() => void exportPng()}>PNG</button>
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
       </div>
-      <FromTo win={win} apply={setWin} />
-      {pens && <PenSearch plant={p} there={pens.signals} add={one => pens.choose([...pens.signals, one], win)} />}
-      <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} />
+      <div class="pen-tools">
+        <FromTo win={win} apply={setWin} />
+        {pens && <PenSearch plant={p} there={pens.signals} add={one => pens.choose([...pens.signals, one], win)} />}
+        {pens && <PenGroups plant={p} signals={pens.signals} window={win} />}
+      </div>
+      <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, serverNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} />
+      {earlier && <p class="say">Beside it, dotted, what was {duration(compare)} before.{earlier.error && <span class="complaint"> history: {earlier.error}</span>}</p>}
       {curves.error && <p class="complaint">history: {curves.error}</p>}
       <div
         ref={host}
@@ -299,9 +350,18 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
           rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told(refs[i] as Ref, value))])}
         />
       )}
+      {table && shownMarks.length > 0 && <Table caption="What happened in the window (UTC)" head={["time", "what"]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
       {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
   );
+}
+
+const BEFORE = [1, 3];
+
+/** What a window may be compared with; what a link says as well. */
+function earlierOf(span: number, compare: number): {name: string; by: number}[] {
+  const all = EARLIER.map(({name, by}) => ({name, by: by ?? span})).filter((one, i, list) => list.findIndex(other => other.by === one.by) === i);
+  return compare > 0 && !all.some(one => one.by === compare) ? [...all, {name: `${duration(compare)} before`, by: compare}] : all;
 }
 
 /** The signals of this trend, and how they were in its window. */
@@ -351,11 +411,20 @@ interface ReadoutProps {
   curves: Curves;
   cursor: Cell<number | null>;
   beyond: boolean;
+  reference: number | null; // the second cursor
+  clear: () => void;
+  marks: () => Mark[];
+  reach: number; // s
 }
 
-/** The numbers under the cursor, else the newest. */
-function Readout({subject, curves, cursor, beyond}: ReadoutProps): JSX.Element {
+/** The numbers under the cursor, else the newest; from the second cursor on also their differences. */
+function Readout({subject, curves, cursor, beyond, reference, clear, marks, reach}: ReadoutProps): JSX.Element {
   const t = useCell(cursor);
+  const difference = (ref: Ref): string => {
+    const [a, b] = [reference == null ? null : valueAt(curves.series(ref), reference), t == null ? live(ref).value.value : valueAt(curves.series(ref), t)];
+    return a == null || b == null ? missing : `${b >= a ? "+" : ""}${told(ref, b - a)}`;
+  };
+  const hit = t == null ? [] : near(marks(), t, reach);
   const lead = subject.lead ?? refsIn(subject)[0];
   useCell(live(lead as Ref));
   return (
@@ -369,6 +438,14 @@ function Readout({subject, curves, cursor, beyond}: ReadoutProps): JSX.Element {
           </span>
         );
       })}
+      {reference != null && (
+        <span class="differences">
+          since {clock(reference, 1)}: <b>{t == null ? "" : `${t >= reference ? "+" : "\u2212"}${duration(Math.abs(t - reference))}`}</b>{" "}
+          {subject.panels.flatMap(panel => panel.pens).map(pen => <span key={pen.ref} class="item">Δ{variable(pen.ref)?.name} <b>{difference(pen.ref)}</b> </span>)}
+          <button type="button" onClick={clear}>Clear</button>
+        </span>
+      )}
+      {hit.slice(0, 2).map(one => <span key={`${one.t}${one.text}`} class="happened">{clock(one.t)} {one.text}</span>)}
       {beyond && <span class="complaint">▲ part of the curve is off the axis: “Fit y” shows it</span>}
       {curves.loading && <span class="say">loading …</span>}
     </div>
@@ -397,7 +474,7 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
           class="toolbar"
           onSubmit={event => {
             event.preventDefault();
-            if (!refused) apply(select(a, b));
+            if (!refused) apply({...select(a, b), compare: win.compare});
           }}
         >
           <label>from <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /></label>

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What happened, along the time axis of a trend. Pure.
+import type {PlantEvent} from "./types";
+
+export interface Mark {
+  t: number;
+  severity: 1 | 2 | 3;
+  text: string;
+}
+
+const KINDS = ["operator", "mode", "alarm", "start", "stop", "watchdog", "link", "store", "clock"];
+
+/** What somebody did, modes, alarms, and what is worth a warning, of a window. */
+export function marksOf(events: PlantEvent[], from: number, to: number): Mark[] {
+  return events
+    .filter(one => one.time >= from && one.time <= to && (one.severity > 1 || KINDS.includes(one.kind)))
+    .map(one => ({t: one.time, severity: one.severity, text: `${one.source}: ${one.text.replace("->", "→")}`}));
+}
+
+/** Those within reach of a time, the nearest first. */
+export function near(marks: Mark[], t: number, reach: number): Mark[] {
+  return marks.filter(one => Math.abs(one.t - t) <= reach).sort((a, b) => Math.abs(a.t - t) - Math.abs(b.t - t));
+}

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What a trend lays beside its curves: groups that are kept, events, an earlier window.
+import assert from "node:assert/strict";
+import {test} from "node:test";
+import {added, type Group, groupsOf, keeping, MOST_GROUPS} from "../src/core/groups";
+import {marksOf, near} from "../src/core/marks";
+import {chosen, pensAbout} from "../src/core/pens";
+import {shifted} from "../src/core/series";
+import type {PlantEvent} from "../src/core/types";
+
+test("groups are kept by plant, and what cannot be read is none", () => {
+  const kept = keeping(null, "tanks", added([], " levels ", ["y1", "y2"]) as Group[]);
+  assert.deepEqual(groupsOf(kept, "tanks"), [{name: "levels", pens: ["y1", "y2"]}]);
+  assert.deepEqual(groupsOf(kept, "another"), []);
+  const both = keeping(kept, "another", [{name: "a", pens: ["b"]}]);
+  assert.equal(groupsOf(both, "tanks").length, 1);
+  assert.equal(groupsOf(keeping(both, "tanks", []), "tanks").length, 0);
+  assert.equal(groupsOf(keeping(both, "tanks", []), "another").length, 1);
+  for (const text of ["", "{", "[]", "3", "null", '{"tanks": 3}', '{"tanks": [3, null, {}, {"name": ""}, {"name": "a", "pens": []}, {"name": "a", "pens": [1]}]}']) assert.deepEqual(groupsOf(text, "tanks"), [], text);
+  for (const text of ["{", "[]", "3", "null"]) assert.equal(groupsOf(keeping(text, "tanks", [{name: "a", pens: ["b"]}]), "tanks").length, 1, text);
+});
+
+test("a group takes the place of the one that had its name, and there are not too many", () => {
+  const one = added([], "b", ["y1"]) as Group[];
+  const two = added(one, "a", ["y2"]) as Group[];
+  assert.deepEqual(two.map(each => each.name), ["a", "b"]);
+  assert.deepEqual(added(two, "b", ["u1"]), [{name: "a", pens: ["y2"]}, {name: "b", pens: ["u1"]}]);
+  assert.match(String(added(two, "  ", ["y1"])), /1 to 40 letters/);
+  assert.match(String(added(two, "x".repeat(41), ["y1"])), /1 to 40 letters/);
+  const full = Array.from({length: MOST_GROUPS}, (_, i) => ({name: `g${i}`, pens: ["y1"]}));
+  assert.match(String(added(full, "another", ["y1"])), /the most/);
+  assert.equal((added(full, "g3", ["y2"]) as Group[]).length, MOST_GROUPS);
+});
+
+test("marks are what somebody did, modes, alarms and warnings, of the window", () => {
+  const event = (time: number, kind: string, severity: 1 | 2 | 3 = 1): PlantEvent => ({time, severity, source: "anna", kind, text: "r1: 1 -> 2"});
+  const marks = marksOf([event(9, "operator"), event(10, "operator"), event(11, "law"), event(12, "law", 2), event(13, "alarm", 3), event(21, "mode")], 10, 20);
+  assert.deepEqual(marks.map(one => [one.t, one.severity]), [[10, 1], [12, 2], [13, 3]]);
+  assert.equal(marks[0]?.text, "anna: r1: 1 → 2");
+  assert.deepEqual(near(marks, 12.4, 1).map(one => one.t), [12, 13]);
+  assert.deepEqual(near(marks, 12.6, 1).map(one => one.t), [13, 12]);
+  assert.deepEqual(near(marks, 15, 1), []);
+});
+
+test("a link says with what its window is compared", () => {
+  const {window, faults} = chosen("pens=y1;span=600;compare=86400", 2e9);
+  assert.deepEqual([window.compare, faults], [86400, []]);
+  assert.equal(pensAbout(["y1"], window), "pens=y1;span=600;compare=86400");
+  for (const bad of ["0", "-1", "x", "1e9", ""]) assert.equal(chosen(`pens=y1;compare=${bad}`, 2e9).faults.length, 1, bad);
+  assert.equal(pensAbout(["y1"], chosen("pens=y1;compare=0", 2e9).window), "pens=y1;span=600");
+});
+
+test("what lies over the present is the past, that much later, and stays as it is", () => {
+  const past = {t: [1, 2], low: [1, null], high: [2, null], mid: [1.5, null]};
+  assert.deepEqual(shifted(past, 10), {t: [11, 12], low: [1, null], high: [2, null], mid: [1.5, null]});
+  assert.deepEqual(past.t, [1, 2]);
+});
