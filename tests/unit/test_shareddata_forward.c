@@ -524,6 +524,28 @@ static void test_how_much_room_is_left_is_told_before_it_is_used_up(void **state
     live_drop(live);
 }
 
+/* Whichever it is of them. */
+static void test_the_room_that_is_left_is_that_of_the_variable_with_the_least(void **state)
+{
+    for (int which = 0; which < 2; which++) {
+        struct apc_store *live = live_make(1);
+        struct apc_sample s[2] = {sample(APC_SENSOR, 1 + which, 1, 1), sample(APC_SENSOR, 2 - which, 1, 1)};
+        ok(live, apc_store_append(live, s, 2));
+        for (; s[0].seq <= 20000; s[0].seq++) {
+            ok(live, apc_store_append(live, s, 1));
+        }
+        struct apc_forward *f = begin(live, *state);
+        assert_near(apc_forward_left(f), 1, 0);
+        for (; s[0].seq <= 20100; s[0].seq++) {
+            ok(live, apc_store_append(live, s, 1));
+        }
+        const double left = apc_forward_left(f);
+        assert_true(left >= 0 && left < 1);
+        apc_forward_destroy(f);
+        live_drop(live);
+    }
+}
+
 static void assert_refused(struct apc_store *live, struct apc_store *to, int err, const char *text)
 {
     struct apc_forward *f = begin(live, to);
@@ -925,6 +947,7 @@ int main(void)
         T(test_what_was_overwritten_before_its_turn_is_told),
         T(test_events_and_timing_that_were_overwritten_before_their_turn_are_counted),
         T(test_how_much_room_is_left_is_told_before_it_is_used_up),
+        T(test_the_room_that_is_left_is_that_of_the_variable_with_the_least),
         T(test_another_experiments_record_is_left_alone),
         T(test_a_record_that_is_newer_is_left_alone),
         T(test_two_do_not_write_one_record),

@@ -138,6 +138,29 @@ static void test_a_name_too_long_is_refused(void **state)
     assert_non_null(strstr(why.text, "63"));
 }
 
+static void test_no_byte_of_a_tag_is_anything_but_of_a_character(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_store("mem:");
+    const struct apc_tag tag = {.table = APC_SENSOR,
+                                .id = 1,
+                                .name = "n\xff",
+                                .unit = "u\xff",
+                                .description = "d\xff",
+                                .controller = "c\xff",
+                                .area = "a\xff"};
+    struct apc_tag got;
+    assert_int_equal(apc_store_init(store), 0);
+    assert_int_equal(apc_store_put_tags(store, &tag, 1), 1);
+    assert_int_equal(apc_store_get_tags(store, &got, 1), 1);
+    assert_string_equal(got.name, "n?");
+    assert_string_equal(got.unit, "u?");
+    assert_string_equal(got.description, "d?");
+    assert_string_equal(got.controller, "c?");
+    assert_string_equal(got.area, "a?");
+    apc_store_close(store);
+}
+
 /* Everything that allocates, once. */
 static int use(struct apc_store *store)
 {
@@ -237,6 +260,7 @@ int main(void)
         cmocka_unit_test(test_before_init_there_are_no_tables),
         cmocka_unit_test(test_a_store_of_no_kind_is_named_without_what_may_be_secret),
         cmocka_unit_test(test_a_name_too_long_is_refused),
+        cmocka_unit_test(test_no_byte_of_a_tag_is_anything_but_of_a_character),
         cmocka_unit_test(test_any_allocation_may_fail_and_nothing_is_half_done),
         cmocka_unit_test(test_ticks_allocate_nothing_but_the_doubling_of_what_is_full),
     };
