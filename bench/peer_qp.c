@@ -1,19 +1,24 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * apc_qp beside DAQP on the QPs of closed predictive loops, in one process, turn about. Built by bench/qp
- * against casadi's wheel; never part of the build. Each sequence is recorded once and solved by both as it
- * came, each from its own former working set.
+ * apc_qp beside DAQP, OSQP and HPIPM on the QPs of closed predictive loops, in one process, turn about. Built
+ * by bench/qp against casadi's wheel; never part of the build. Each sequence is recorded once and solved by
+ * both as it came, each from its own former working set.
  */
 #include <apcqp.h>
 
 #include <api.h>
+#include <hpipm_d_dense_qp.h>
+#include <hpipm_d_dense_qp_dim.h>
+#include <hpipm_d_dense_qp_ipm.h>
+#include <hpipm_d_dense_qp_sol.h>
 #include <math.h>
+#include <osqp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
-enum { STEPS = 200, ROUNDS = 8 };
+enum { STEPS = 200, ROUNDS = 8, SLOW_ROUNDS = 2 };
 
 struct loop {
     size_t nu, horizon, nx, n;
@@ -242,11 +247,137 @@ static void daqp(const struct loop *l, struct figures *g, const double *answer)
     free(sense), free(H), free(A), free(res.x), free(res.lam);
 }
 
+/* What a solve took, and how far its answer is from ours. */
+static void note(struct figures *g, size_t k, double took, size_t n, const double *x, const double *answer)
+{
+    for (size_t i = 0; i < n; i++)
+        g->worst_change = fmax(g->worst_change, fabs(x[i] - answer[k * n + i]));
+    g->least[k] = g->least[k] == 0.0 || took < g->least[k] ? took : g->least[k];
+}
+
+/** Columns of a matrix [m * n], after those of the identity where @p bounds says so; @p upper: its triangle.
+ */
+static OSQPCscMatrix columns(size_t m, size_t n, const double *a, bool bounds, bool upper)
+{
+    OSQPCscMatrix to;
+    OSQPFloat *x = calloc((m + 1) * n, sizeof *x);
+    OSQPInt *row = calloc((m + 1) * n, sizeof *row), *first = calloc(n + 1, sizeof *first), used = 0;
+
+    for (size_t c = 0; c < n; c++) {
+        if (bounds) {
+            row[used] = (OSQPInt)c;
+            x[used++] = 1.0;
+        }
+        for (size_t r = 0; r < (upper ? c + 1 : m); r++)
+            if (a[r * n + c] != 0.0) {
+                row[used] = (OSQPInt)(r + (bounds ? n : 0));
+                x[used++] = a[r * n + c];
+            }
+        first[c + 1] = used;
+    }
+    OSQPCscMatrix_set_data(&to, (OSQPInt)(m + (bounds ? n : 0)), (OSQPInt)n, used, x, row, first);
+    return to;
+}
+
+static void osqp(const struct loop *l, struct figures *g, const double *answer)
+{
+    size_t n = l->n;
+    OSQPCscMatrix P = columns(n, n, l->H, false, true), A = columns(n, n, l->rows, true, false);
+    OSQPSettings settings;
+    OSQPSolver *solver = NULL;
+
+    osqp_set_default_settings(&settings);
+    settings.verbose = 0;
+    settings.eps_abs = settings.eps_rel = 1e-6;
+    settings.max_iter = 100000;
+    if (osqp_setup(&solver, &P, l->f, &A, l->low, l->high, (OSQPInt)(2 * n), (OSQPInt)n, &settings))
+        exit(1);
+    for (size_t k = 0; k < STEPS; k++) {
+        double begun = now(), took;
+
+        osqp_update_data_vec(solver, l->f + k * n, l->low + k * 2 * n, l->high + k * 2 * n);
+        osqp_solve(solver);
+        took = now() - begun;
+        g->sum += solver->info->status_val != OSQP_SOLVED;
+        note(g, k, took, n, solver->solution->x, answer);
+    }
+    osqp_cleanup(solver);
+    free(P.x), free(P.i), free(P.p), free(A.x), free(A.i), free(A.p);
+}
+
+static void hpipm(const struct loop *l, struct figures *g, const double *answer)
+{
+    size_t n = l->n;
+    struct d_dense_qp_dim dim;
+    struct d_dense_qp qp;
+    struct d_dense_qp_sol sol;
+    struct d_dense_qp_ipm_arg arg;
+    struct d_dense_qp_ipm_ws work;
+    int *bound = calloc(n, sizeof *bound), most = 200, status;
+    double *x = numbers(n), tolerance = 1e-8;
+    void *memory[5];
+
+    memory[0] = calloc(1, d_dense_qp_dim_memsize());
+    d_dense_qp_dim_create(&dim, memory[0]);
+    d_dense_qp_dim_set_all((int)n, 0, (int)n, (int)n, 0, &dim);
+    memory[1] = calloc(1, d_dense_qp_memsize(&dim));
+    d_dense_qp_create(&dim, &qp, memory[1]);
+    memory[2] = calloc(1, d_dense_qp_sol_memsize(&dim));
+    d_dense_qp_sol_create(&dim, &sol, memory[2]);
+    memory[3] = calloc(1, d_dense_qp_ipm_arg_memsize(&dim));
+    d_dense_qp_ipm_arg_create(&dim, &arg, memory[3]);
+    d_dense_qp_ipm_arg_set_default(SPEED, &arg);
+    d_dense_qp_ipm_arg_set_tol_stat(&tolerance, &arg);
+    d_dense_qp_ipm_arg_set_tol_ineq(&tolerance, &arg);
+    d_dense_qp_ipm_arg_set_tol_comp(&tolerance, &arg);
+    d_dense_qp_ipm_arg_set_iter_max(&most, &arg);
+    memory[4] = calloc(1, d_dense_qp_ipm_ws_memsize(&dim, &arg));
+    d_dense_qp_ipm_ws_create(&dim, &arg, &work, memory[4]);
+    for (size_t i = 0; i < n; i++)
+        bound[i] = (int)i;
+    double *transposed = numbers(n * n); /* columns first */
+
+    for (size_t i = 0; i < n * n; i++)
+        transposed[i % n * n + i / n] = l->rows[i];
+    d_dense_qp_set_H(l->H, &qp);
+    d_dense_qp_set_C(transposed, &qp);
+    d_dense_qp_set_idxb(bound, &qp);
+    for (size_t k = 0; k < STEPS; k++) {
+        double begun = now(), took;
+
+        d_dense_qp_set_g(l->f + k * n, &qp);
+        d_dense_qp_set_lb(l->low + k * 2 * n, &qp);
+        d_dense_qp_set_ub(l->high + k * 2 * n, &qp);
+        d_dense_qp_set_lg(l->low + k * 2 * n + n, &qp);
+        d_dense_qp_set_ug(l->high + k * 2 * n + n, &qp);
+        d_dense_qp_ipm_solve(&qp, &sol, &arg, &work);
+        took = now() - begun;
+        d_dense_qp_ipm_get_status(&work, &status);
+        g->sum += status != 0;
+        d_dense_qp_sol_get_v(&sol, x);
+        note(g, k, took, n, x, answer);
+    }
+    for (size_t i = 0; i < 5; i++)
+        free(memory[i]);
+    free(bound), free(x), free(transposed);
+}
+
 static int rising(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
 
     return (x > y) - (x < y);
+}
+
+/* Beside ours, which is sorted. */
+static void tell(const char *name, struct figures *g, const struct figures *own)
+{
+    qsort(g->least, STEPS, sizeof(double), rising);
+    printf(
+        "    %-20s median %9.2f  p99 %9.2f us   %6.1f %6.1f times apc_qp's   |dx| %.1e, unsolved %u of %d\n",
+        name, g->least[STEPS / 2], g->least[STEPS * 99 / 100], g->least[STEPS / 2] / own->least[STEPS / 2],
+        g->least[STEPS * 99 / 100] / own->least[STEPS * 99 / 100], g->worst_change, g->sum,
+        SLOW_ROUNDS * STEPS);
 }
 
 int main(void)
@@ -257,7 +388,7 @@ int main(void)
          "(iterations)   ratio median  p99   |dx|");
     for (size_t s = 0; s < 4; s++) {
         struct loop l;
-        struct figures a = {0}, b = {0};
+        struct figures a = {0}, b = {0}, o = {0}, h = {0};
         double *answer;
 
         make(&l, sizes[s][0], sizes[s][1], 1);
@@ -266,6 +397,10 @@ int main(void)
         for (int round = 0; round < ROUNDS; round++) {
             ours(&l, &a, answer);
             daqp(&l, &b, answer);
+            if (round < SLOW_ROUNDS) {
+                osqp(&l, &o, answer);
+                hpipm(&l, &h, answer);
+            }
         }
         qsort(a.least, STEPS, sizeof(double), rising);
         qsort(b.least, STEPS, sizeof(double), rising);
@@ -276,6 +411,8 @@ int main(void)
                b.least[STEPS * 99 / 100], b.least[STEPS - 1], b.most, (double)b.sum / STEPS,
                a.least[STEPS / 2] / b.least[STEPS / 2], a.least[STEPS * 99 / 100] / b.least[STEPS * 99 / 100],
                b.worst_change);
+        tell("OSQP, 1e-6", &o, &a);
+        tell("HPIPM, dense, 1e-8", &h, &a);
     }
     return 0;
 }
