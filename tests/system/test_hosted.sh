@@ -43,6 +43,7 @@ kill "${left[@]}"
 wait "${left[@]}" || fail "a program ended with $?"
 
 # A history that the owner keeps.
+unset APC_STORE
 background run "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/run" \
   --history "postgresql://$owner@/$PGDATABASE?host=$PGHOST#record"
 recorded() { [ "$(sql 'SELECT coalesce(max(seq), 0) FROM record.actuator_newest')" -ge "$1" ]; }
