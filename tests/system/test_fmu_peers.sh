@@ -61,3 +61,12 @@ many() { [ "$("$apc" history y --store "$work/run" --last 1000 --csv | grep -c G
   run_until many "$work/real.conf" --no-ui --out "$work/run")
 PYTHONPATH=$peers python3 "$APC_SOURCE_DIR/tests/peers/fmu_look.py" "$work/run/samples.csv" "$work/swing.fmu" 0.2 '' y w=0.7 ||
   fail "in real time: not the trajectory that fmpy gives"
+
+# examples/fmu as it says: made by its command, kept at its temperature, also when the window is opened
+cp "$APC_SOURCE_DIR"/examples/fmu/* "$work"
+(cd "$work"
+  read -ra made < <(sed -n 's/^    pythonfmu3 //p' kettle.py)
+  PYTHONPATH=$peers python3 -m pythonfmu3 "${made[@]}" >/dev/null
+  expect 0 'room 20 -> 5 ' "$apc" simulate kettle.conf --csv kettle.csv)
+awk -F, '$2 == "sensor" && $1 > 1000 && $1 < 1200 {a = $5; n++} $2 == "sensor" && $1 > 1200 {b = b && b < $5 ? b : $5; last = $5}
+  END {exit !(n && a > 59.9 && a < 60.1 && b < 59 && last > 59.9 && last < 60.1)}' "$work/kettle.csv" || fail "the kettle of examples/fmu is not kept warm"
