@@ -8,6 +8,8 @@
 #include "identify.h"
 #include "print.h"
 
+#define TELLING 0.01 /* a probability below which it is no chance */
+
 /* How far output @p i goes in any record, in the share that was fitted to, or in what it is judged on. */
 static double reach(const struct identification *z, size_t i, bool judged)
 {
@@ -154,6 +156,12 @@ static int show_pairs(const struct identification *z)
     puts("\ntransfer, with 95 % intervals");
     int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
     print_table_close(&t);
+    for (size_t i = 0; i < z->data.record.ny; i++)
+        if (m->validation[i].independent < TELLING)
+            printf("of %s these intervals are too narrow: what the model leaves out is not noise alone, and "
+                   "they know of "
+                   "noise only. How well a number is known, models of two records tell\n",
+                   z->data.output[i]);
     return rc;
 }
 
@@ -229,7 +237,7 @@ static void show_text(const struct identification *z)
     if (show_models(z) < 0 || show_pairs(z) < 0 || show_tunings(z) < 0)
         cli_error(&z->cli, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < m->linear->ny; i++)
-        hangs |= m->validation[i].independent < 0.01;
+        hangs |= m->validation[i].independent < TELLING;
     printf("\n%s: %s%s\n", z->own.kind == KINDS ? "the simplest of the best" : "taken", m->kind,
            hangs ? ", but its errors hang on the inputs: what it leaves out may be another order, a "
                    "nonlinearity, or "

@@ -229,6 +229,11 @@ static size_t feedback_width(const struct apc_record *r)
     return FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny + apc_record_runs(r) + 1;
 }
 
+static size_t change_width(const struct apc_record *r)
+{
+    return FEEDBACK_LAGS + r->ny * 2 * (FEEDBACK_LAGS + 1) + apc_record_runs(r) + 1;
+}
+
 /* Of input @p j what is left when it is expected from its past and, @p with_y, from y as well; from as many
  * numbers either way, around a level of each run's own. */
 static double left_of(const struct apc_record *r, size_t j, bool with_y, double *Q, double *R)
@@ -258,19 +263,75 @@ static double left_of(const struct apc_record *r, size_t j, bool with_y, double 
     return R[width * width - 1];
 }
 
+/* The same at the samples where the input changes, of a controller that ticks less often than it is sampled;
+ * each with what was measured there and a sample before. Returns the rows there are. */
+static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y, double *Q, double *R,
+                              double *left)
+{
+    const size_t inputs = r->nu + r->nd, ny = r->ny, numbers = ny * 2 * (FEEDBACK_LAGS + 1),
+                 past = FEEDBACK_LAGS + (with_y ? 0 : numbers), width = change_width(r), rows = r->n;
+    const size_t first = FEEDBACK_LAGS + numbers;
+    size_t filled = 0, *at = (size_t *)(void *)(R + width * width);
+
+    memset(Q, 0, rows * width * sizeof(*Q));
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        size_t n = 0;
+
+        for (size_t k = begin_of(r, g) + 1; k < apc_record_end(r, g); k++) {
+            const double *u = r->u + j;
+            size_t c = apc_record_runs(r);
+            bool there = true;
+
+            if (!(fabs(u[k * inputs] - u[(k - 1) * inputs]) > 0.0))
+                continue;
+            at[n++] = k;
+            if (n <= first)
+                continue;
+            Q[g * rows + filled] = 1.0;
+            for (size_t i = 1; i <= past; i++)
+                Q[c++ * rows + filled] = u[at[n - 1 - i] * inputs];
+            for (size_t i = 0; i < numbers; i++) {
+                const double y = r->y[(at[n - 1 - i / 2 / ny] - i / ny % 2) * ny + i % ny];
+
+                there &= isfinite(y) != 0;
+                if (with_y)
+                    Q[c++ * rows + filled] = y;
+            }
+            Q[c * rows + filled] = u[k * inputs];
+            for (size_t i = 0; i <= c && !there; i++)
+                Q[i * rows + filled] = 0.0;
+            filled++;
+        }
+    }
+    apc_qr_extend(rows, 0, width, Q, R, width);
+    *left = R[width * width - 1];
+    return filled;
+}
+
+static bool is_feedback(const struct apc_record *r, size_t j, double *Q)
+{
+    const size_t width = feedback_width(r), seldom = change_width(r);
+    double alone = left_of(r, j, false, Q, Q + width * r->n), with_y, at_alone, at_with_y;
+
+    with_y = left_of(r, j, true, Q, Q + width * r->n);
+    if (alone > 0.0 && with_y < 0.01 * alone)
+        return true;
+    if (left_at_changes(r, j, false, Q, Q + seldom * r->n, &at_alone) < 3 * seldom)
+        return false;
+    left_at_changes(r, j, true, Q, Q + seldom * r->n, &at_with_y);
+    return at_alone > 0.0 && at_with_y < 0.01 * at_alone;
+}
+
 static int check_feedback(const struct apc_record *r, struct apc_error *why)
 {
-    const size_t width = feedback_width(r);
-    double *Q = calloc(width * (r->n + width), sizeof(*Q));
+    const size_t width = change_width(r);
+    double *Q = calloc(width * (r->n + width) + r->n, sizeof(*Q));
     int rc = 0;
 
     if (!Q)
         return apc_fail(why, APC_ENOMEM, "record: no memory");
-    for (size_t j = 0; j < r->nu && rc == 0 && r->n > 2 * width; j++) {
-        const double alone = left_of(r, j, false, Q, Q + width * r->n),
-                     with_y = left_of(r, j, true, Q, Q + width * r->n);
-
-        if (alone > 0.0 && with_y < 0.01 * alone)
+    for (size_t j = 0; j < r->nu && rc == 0 && r->n > 2 * feedback_width(r); j++) {
+        if (is_feedback(r, j, Q))
             rc = apc_fail(why, APC_EINVAL,
                           "input %zu does nothing but what a controller makes of the measurements: then the "
                           "plant cannot be told from the controller. Record steps of the setpoint, or of the "

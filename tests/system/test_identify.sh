@@ -50,6 +50,21 @@ pair = z["models"][0]["pairs"][0]
 assert pair["from"] == "valve" and abs(pair["value"]["gain"] - 0.4) < 3 * pair["standard_error"]["gain"], pair
 ' tank.json || fail "--json says something else"
 
+# what is no noise makes intervals too narrow, which is said; of the tank there is nothing to say
+tank 900 3 >third.csv
+"$apc" identify third.csv "${known[@]}" --model transfer >third.txt
+if grep -q 'too narrow' third.txt; then fail "good intervals are called narrow"; fi
+awk 'BEGIN {
+  print "time,u,y"; seed = 5
+  for (k = 0; k < 900; k++) {
+    seed = (seed * 16807) % 2147483647
+    if (k % 11 == 0) u = seed / 2147483647 < 0.5 ? -1 : 1
+    printf "%.1f,%g,%.5f\n", k / 2, u, y + 0.02 * (seed / 2147483647 - 0.5)
+    w = 1.7 * y - 0.9 * before + 0.2 * u; before = y; y = w
+  }
+}' >swings.csv # which no lags do
+expect 0 'of y these intervals are too narrow' "$apc" identify swings.csv --inputs u --outputs y --model transfer
+
 # the same bytes again, and of the same record with rows that are missing almost the same numbers
 "$apc" identify tank.csv "${known[@]}" -o again.model >again.txt
 cmp -s tank.model again.model || fail "the second time it found another model"

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* First and second order with dead time: the numbers of plants that are known, and how sure they are. */
 #include "apcidentify.h"
+#include "base/matrix.h"
 #include "check.h"
 #include "records.h"
 
@@ -135,6 +136,79 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+/* The free run of a transfer function over a record's inputs. */
+static void answer(const struct apc_transfer *g, const struct record_test *t, double *y)
+{
+    const struct apc_record *r = &t->record;
+    double x[2][64] = {{0.0}};
+    struct apc_linear *model;
+
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, g, NULL, NULL, r->Ts, NULL), 0);
+    assert_true(model->nx <= 64);
+    for (size_t k = 0; k < r->n; k++) {
+        apc_linear_output(model, x[k % 2], r->u + k, &y[k]);
+        apc_linear_next(model, x[k % 2], r->u + k, x[(k + 1) % 2]);
+    }
+    apc_linear_destroy(model);
+}
+
+/*
+ * The bound of Cramer and Rao: the least variance that any unbiased estimate can have of the gain, the dead
+ * time and the time constants from this record, of noise of that @p deviation and @p colour, where the plant
+ * was at rest before and only the level of y is not known.
+ */
+static void least_variances(const struct apc_transfer *g, const struct record_test *t, double deviation,
+                            double colour, size_t numbers, double *least)
+{
+    const size_t n = t->record.n, m = numbers + 1;
+    double *J = calloc(n * (m + 2), sizeof *J), *plus = J + n * m, *minus = plus + n, I[25] = {0},
+           V[25] = {0};
+
+    assert_non_null(J);
+    for (size_t q = 0; q < m; q++) {
+        struct apc_transfer up = *g, down = *g;
+        double *number[] = {&up.gain, &up.dead_time, &up.tau[0], &up.tau[1]},
+               *other[] = {&down.gain, &down.dead_time, &down.tau[0], &down.tau[1]};
+        const double h = q < numbers ? 1e-4 * fabs(*number[q]) : 1.0;
+
+        if (q < numbers) {
+            *number[q] += h;
+            *other[q] -= h;
+            answer(&up, t, plus);
+            answer(&down, t, minus);
+        }
+        for (size_t k = 0; k < n; k++)
+            J[q * n + k] = q < numbers ? (plus[k] - minus[k]) / (2.0 * h) : 1.0;
+        for (size_t k = n; k-- > 1;) /* whitened, as the noise is then */
+            J[q * n + k] -= colour * J[q * n + k - 1];
+    }
+    for (size_t q = 0; q < m; q++) {
+        V[q * m + q] = 1.0;
+        for (size_t i = 0; i < m; i++)
+            I[q * m + i] =
+                apc_matrix_dot(J + q * n, J + i * n, n) / (deviation * deviation * (1.0 - colour * colour));
+    }
+    assert_int_equal(apc_matrix_solve(m, m, I, V), 0);
+    for (size_t q = 0; q < numbers; q++)
+        least[q] = V[q * m + q];
+    free(J);
+}
+
+/* The deviation of what record_simulate() adds. */
+static double noise_of(const struct apc_transfer *g, const struct record_test *t, double noise)
+{
+    double *y = calloc(t->record.n, sizeof *y), low = HUGE_VAL, high = -HUGE_VAL;
+
+    assert_non_null(y);
+    answer(g, t, y);
+    for (size_t k = 0; k < t->record.n; k++) {
+        low = fmin(low, y[k]);
+        high = fmax(high, y[k]);
+    }
+    free(y);
+    return noise * (high - low) / 2.0;
+}
+
 /* What became of one number over all seeds: in how many its interval held the truth, and how far it was off.
  */
 struct tally {
@@ -142,6 +216,7 @@ struct tally {
     double unit; /* of how far: the truth's per cent, or the period */
     unsigned long inside, n;
     double *off;
+    double least; /* sum of the least variances */
 };
 
 static void count(struct tally *t, double found, double truth, double error)
@@ -172,21 +247,27 @@ static void intervals_hold_what_they_say(void **state)
     (void)state;
 
     assert_non_null(off);
-    print_message("plant              number     of %lu intervals hold it  off: median  95 %%\n", seeds);
+    print_message("plant              number     of %lu intervals hold it  off: median  95 %%  no estimate "
+                  "can be below\n",
+                  seeds);
     for (size_t i = 0; i < sizeof plants / sizeof *plants; i++) {
         const struct apc_transfer *truth = &plants[i].g;
-        struct tally tally[] = {{"gain %", 0.01 * fabs(truth->gain), 0, 0, off},
-                                {"dead time, periods", Ts, 0, 0, off + seeds},
-                                {"tau %", 0.01 * truth->tau[0], 0, 0, off + 2 * seeds},
-                                {"2nd tau %", 0.01 * truth->tau[1], 0, 0, off + 3 * seeds}};
+        struct tally tally[] = {{"gain %", 0.01 * fabs(truth->gain), 0, 0, off, 0.0},
+                                {"dead time, periods", Ts, 0, 0, off + seeds, 0.0},
+                                {"tau %", 0.01 * truth->tau[0], 0, 0, off + 2 * seeds, 0.0},
+                                {"2nd tau %", 0.01 * truth->tau[1], 0, 0, off + 3 * seeds, 0.0}};
         const size_t numbers = 2 + (size_t)(truth->tau[0] > 0.0) + (size_t)(truth->tau[1] > 0.0);
 
         for (unsigned long seed = 0; seed < seeds; seed++) {
             struct record_test *t = record_simulate(truth, 1, 1, 800, Ts, (const size_t[]){13}, 0.05,
                                                     plants[i].colour, 100 + seed);
             struct apc_transfer g, e;
+            double least[4];
 
             identify(t, &g, &e);
+            least_variances(truth, t, noise_of(truth, t, 0.05), plants[i].colour, numbers, least);
+            for (size_t k = 0; k < numbers; k++)
+                tally[k].least += least[k];
             count(&tally[0], g.gain, truth->gain, e.gain);
             count(&tally[1], g.dead_time, truth->dead_time, e.dead_time);
             for (size_t k = 2; k < numbers; k++)
@@ -194,10 +275,14 @@ static void intervals_hold_what_they_say(void **state)
             free(t);
         }
         for (size_t k = 0; k < numbers; k++) {
+            const double bound = 1.96 * sqrt(tally[k].least / (double)seeds) / tally[k].unit;
+
             qsort(tally[k].off, seeds, sizeof *off, by_size);
-            print_message("%zu %s %-20s %5lu  %.3g  %.3g\n", i + 1,
+            print_message("%zu %s %-20s %5lu  %.3g  %.3g  %.3g\n", i + 1,
                           plants[i].colour > 0.0 ? "coloured" : "white", tally[k].name, tally[k].inside,
-                          tally[k].off[seeds / 2], tally[k].off[seeds * 19 / 20]);
+                          tally[k].off[seeds / 2], tally[k].off[seeds * 19 / 20], bound);
+            if (seeds >= 500) /* as near to the bound as so many seeds can tell */
+                assert_near(tally[k].off[seeds * 19 / 20] / bound, 1.0, 0.25);
             if (seeds >= 500)
                 assert_near((double)tally[k].inside / (double)seeds, 0.95, 0.03);
             all += tally[k].inside;
@@ -285,12 +370,15 @@ static void poor_records_are_refused_with_what_to_do(void **state)
     refused(t, "");
 }
 
-/* A controller that sees nothing but y; and the same with a setpoint that moves. */
+/* A controller that sees nothing but y, also one that ticks at every fourth sample only; and the same with a
+ * setpoint that moves. */
 static void feedback_alone_is_refused(void **state)
 {
     (void)state;
 
-    for (int setpoint = 0; setpoint < 2; setpoint++) {
+    for (int i = 0; i < 4; i++) {
+        const bool setpoint = i % 2 == 1;
+        const size_t every = i < 2 ? 1 : 4;
         static const struct apc_transfer g = {.gain = 1.0, .tau = {1.0}};
         struct record_test *t = record_simulate(&g, 1, 1, 500, 0.2, (const size_t[]){7}, 0.0, 0.0, 1);
         struct apc_random random;
@@ -301,8 +389,8 @@ static void feedback_alone_is_refused(void **state)
             const double r = setpoint && k % 100 >= 50 ? 1.0 : 0.0, e = r - x;
 
             t->y[k] = x;
-            integral += 0.1 * e;
-            t->u[k] = 0.8 * e + integral;
+            integral += k % every == 0 ? 0.1 * e : 0.0;
+            t->u[k] = k % every == 0 ? 0.8 * e + integral : t->u[k - 1];
             x = exp(-0.2) * x + (1.0 - exp(-0.2)) * t->u[k] + 0.02 * apc_random_normal(&random);
         }
         if (setpoint) {
