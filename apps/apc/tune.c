@@ -7,13 +7,18 @@
 #include "print.h"
 #include "tune.h"
 
-enum { OPT_SUGGEST = 0x700, OPT_RULE, OPT_TAU_C, OPT_APPLY };
+enum { OPT_SUGGEST = 0x700, OPT_MODEL, OPT_FIGURE, OPT_FORCE, OPT_RULE, OPT_TAU_C, OPT_APPLY };
 
 static const struct argp_option option_list[] = {
     {"suggest", OPT_SUGGEST, "RUN", 0,
      "Of run folder RUN, best one of apc test: tunings of its PI and PID loops, with what they do beside the "
      "present ones",
      0},
+    {"model", OPT_MODEL, "FILE", 0,
+     "Take the plant from this model file of transfer functions; RUN may then be an experiment file", 0},
+    {"figure", OPT_FIGURE, "NAME", 0,
+     "Draw NAME.svg and NAME.png: a step of each loop's setpoint, now and then", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
     {"rule", OPT_RULE, "RULE", 0, "simc (the default), lambda or relay", 0},
     {"tau-c", OPT_TAU_C, "S", 0,
      "How fast the loops are to be; default: as their dead time. Longer is calmer", 0},
@@ -30,6 +35,15 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_SUGGEST:
         o->run = arg;
         break;
+    case OPT_MODEL:
+        o->model = arg;
+        break;
+    case OPT_FIGURE:
+        o->figure = arg;
+        break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
     case OPT_RULE:
         while (rule < SUGGEST_RULES && strcmp(arg, rules[rule]) != 0)
             rule++;
@@ -45,8 +59,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->apply = true;
         break;
     case ARGP_KEY_END:
-        if (!o->run && (o->apply || o->rule || o->tau_c > 0.0))
-            argp_error(state, "--rule, --tau-c and --apply go with --suggest RUN");
+        if (!o->run && (o->apply || o->rule || o->tau_c > 0.0 || o->model || o->figure || o->force))
+            argp_error(state,
+                       "--model, --figure, --force, --rule, --tau-c and --apply go with --suggest RUN");
         if (o->rule == SUGGEST_RELAY && o->tau_c > 0.0)
             argp_error(state, "--tau-c is that of simc and lambda");
         break;

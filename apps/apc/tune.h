@@ -3,16 +3,26 @@
 #ifndef APC_TUNE_H
 #define APC_TUNE_H
 
-#include "cli.h"
+#include "identify.h"
 
 enum suggest_rule { SUGGEST_SIMC, SUGGEST_LAMBDA, SUGGEST_RELAY, SUGGEST_RULES };
 
 struct suggest_options {
-    const char *run; /* NULL: nothing is suggested */
+    const char *run; /* or, with a model, an experiment file; NULL: nothing is suggested */
+    const char *model, *figure;
     enum suggest_rule rule;
     double tau_c; /* s; 0: the dead time */
-    bool apply;
+    bool apply, force;
 };
+
+/* Transfer functions by the names of their signals; gain 0: there is none. */
+struct suggest_model {
+    char input[IDENTIFY_SIGNALS][APC_TAG_LEN], output[IDENTIFY_SIGNALS][APC_TAG_LEN];
+    size_t inputs, outputs;
+    struct apc_transfer g[IDENTIFY_SIGNALS * IDENTIFY_SIGNALS], error[IDENTIFY_SIGNALS * IDENTIFY_SIGNALS];
+};
+/* Those of o->model, into a model of zeros. Returns 0, APC_ENOTFOUND, APC_EPROTO, or APC_EINVAL. */
+int suggest_read_model(const struct suggest_options *o, struct suggest_model *model, struct apc_error *why);
 
 /* Numbers as apc tune takes them: name[i], to value[i]. */
 struct suggestion {

@@ -7,7 +7,9 @@
 
 #include <apctune.h>
 
-#include "identify.h"
+#include "folder.h"
+#include "gnuplot.h"
+#include "report_script.h"
 #include "run/run_internal.h"
 
 #define HORIZON 20 /* of the slowest that the loop has, a step is looked at for */
@@ -18,52 +20,87 @@
 struct answer {
     struct apc_margins margins;
     double iae, overshoot, settling; /* of a step of 1 of the setpoint */
+    double *y;                       /* [n] what is measured after it, a sample each Ts */
+    size_t n;
+};
+
+/* What is drawn of a loop. */
+struct drawing {
+    const char *name;
+    double Ts;
+    struct answer now, then;
 };
 
 struct suggesting {
     const struct suggest_options *o;
     struct experiment e;
-    struct identify_data data;
-    struct apc_transfer *g, *error; /* [ny * nu] */
+    struct suggest_model *model;
     struct apc_tag *tags;
     size_t n_tags;
+    struct drawing *drawing; /* [drawings] */
+    size_t drawings;
 };
 
 /* ---- The models -----------------------------------------------------------------------------------------
  */
 
-static int find_models(struct suggesting *z, struct apc_error *why)
+static int identify(struct suggesting *z, const struct identify_data *data, struct apc_error *why)
 {
     const struct apc_identify_transfer_options options = {.size = sizeof options};
-    struct identify_wish wish = {.from = -HUGE_VAL};
+    const struct apc_record *r = &data->record;
+    struct apc_transfer *g = calloc(2 * r->ny * r->nu + 1, sizeof *g), *error = g ? g + r->ny * r->nu : NULL;
     double u0[IDENTIFY_SIGNALS], y0[IDENTIFY_SIGNALS];
-    int rc = identify_read(&z->data, z->o->run, &wish, why);
+    int rc = apc_record_check(r, why);
 
-    if (rc < 0) { /* samples of a real plant come late */
-        identify_data_free(&z->data);
-        wish.period = apc_ns_to_s(z->e.client.rhythm.period);
-        rc = identify_read(&z->data, z->o->run, &wish, why);
-    }
+    if (!g)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
-        rc = apc_record_check(&z->data.record, why);
-    if (rc == 0) {
-        z->g = calloc(2 * z->data.record.ny * z->data.record.nu, sizeof *z->g);
-        z->error = z->g ? z->g + z->data.record.ny * z->data.record.nu : NULL;
-        rc = z->g ? apc_identify_transfer(&z->data.record, &options, z->g, z->error, u0, y0, NULL, why)
-                  : apc_fail(why, APC_ENOMEM, "out of memory");
+        rc = apc_identify_transfer(r, &options, g, error, u0, y0, NULL, why);
+    for (size_t p = 0; p < r->ny * r->nu && rc == 0; p++) {
+        const size_t at = p / r->nu * IDENTIFY_SIGNALS + p % r->nu;
+
+        z->model->g[at] = g[p];
+        z->model->error[at] = error[p];
     }
+    z->model->inputs = r->nu;
+    z->model->outputs = r->ny;
+    memcpy(z->model->input, data->input, sizeof data->input);
+    memcpy(z->model->output, data->output, sizeof data->output);
+    free(g);
     return rc;
 }
 
-/* From the output to what its loop controls; NULL: not on record. */
+static int find_models(struct suggesting *z, struct apc_error *why)
+{
+    struct identify_wish wish = {.from = -HUGE_VAL};
+    struct identify_data data;
+    int rc;
+
+    if (z->o->model)
+        return suggest_read_model(z->o, z->model, why);
+    rc = identify_read(&data, z->o->run, &wish, why);
+    if (rc < 0) { /* samples of a real plant come late */
+        identify_data_free(&data);
+        wish.period = apc_ns_to_s(z->e.client.rhythm.period);
+        rc = identify_read(&data, z->o->run, &wish, why);
+    }
+    if (rc == 0)
+        rc = identify(z, &data, why);
+    identify_data_free(&data);
+    return rc;
+}
+
+/* From the output to what its loop controls; NULL: there is none. */
 static const struct apc_transfer *model_of(const struct suggesting *z, const char *output,
                                            const char *measurement, const struct apc_transfer **error)
 {
-    for (size_t i = 0; i < z->data.record.ny; i++)
-        for (size_t j = 0; j < z->data.record.nu; j++)
-            if (!strcmp(z->data.output[i], measurement) && !strcmp(z->data.input[j], output)) {
-                *error = &z->error[i * z->data.record.nu + j];
-                return &z->g[i * z->data.record.nu + j];
+    const struct suggest_model *m = z->model;
+
+    for (size_t i = 0; i < m->outputs; i++)
+        for (size_t j = 0; j < m->inputs; j++)
+            if (!strcmp(m->output[i], measurement) && !strcmp(m->input[j], output)) {
+                *error = &m->error[i * IDENTIFY_SIGNALS + j];
+                return &m->g[i * IDENTIFY_SIGNALS + j];
             }
     return NULL;
 }
@@ -86,12 +123,13 @@ static int answer(const struct apc_transfer *g, const struct apc_pid_tuning *t, 
 
     if (rc == 0)
         rc = apc_linear_from_transfer(&plant, 1, 1, 0, g, NULL, NULL, Ts, why);
-    if (rc == 0 && !(x = calloc(2 * plant->nx + 1, sizeof *x)))
+    if (rc == 0 && (!(x = calloc(2 * plant->nx + 1, sizeof *x)) || !(a->y = calloc(n + 1, sizeof *a->y))))
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t k = 0; k < n && rc == 0; k++) {
         double *now = x + (k % 2) * plant->nx, *next = x + ((k + 1) % 2) * plant->nx;
         u = 0.0;
         apc_linear_output(plant, now, &u, &y);
+        a->y[a->n++] = y;
         u = t->Kp * (1.0 - y) + integral - t->Kp * t->tau_d / Ts * (y - last);
         integral += t->tau_i > 0.0 ? t->Kp * Ts / t->tau_i * (1.0 - y) : 0.0;
         last = y;
@@ -169,11 +207,14 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
            *tau_d = parameter(loop, "tau_d", &tau_d_id);
     const struct apc_transfer *error, *g = model_of(z, output, measurement, &error);
     struct apc_pid_tuning found;
-    struct answer now = {.iae = 0.0}, then = {.iae = 0.0};
+    struct drawing *d = &z->drawing[z->drawings++];
     int rc;
 
+    d->name = output;
+    d->Ts = Ts;
     if (!g)
-        return apc_fail(why, APC_ENOTFOUND, "%s to %s is not on record", output, measurement);
+        return apc_fail(why, APC_ENOTFOUND, "%s to %s is not %s %s", output, measurement,
+                        z->o->model ? "in" : "on record in", z->o->model ? z->o->model : z->o->run);
     if (!(fabs(g->gain) > 2.0 * error->gain))
         return apc_fail(
             why, APC_ESOLVER,
@@ -183,17 +224,17 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
     const struct apc_pid_tuning present = {*Kp, *tau_i, tau_d ? *tau_d : 0.0};
     rc = find_tuning(z, g, tau_d && g->tau[1] > 0.0, Ts, &found, why);
     if (rc == 0)
-        rc = answer(g, &found, Ts, &then, why);
-    if (rc == 0 && !then.margins.stable)
+        rc = answer(g, &found, Ts, &d->then, why);
+    if (rc == 0 && !d->then.margins.stable)
         rc = apc_fail(why, APC_ESOLVER,
                       "%s: this rule's tuning is not stable with the model: take another, or a "
                       "longer --tau-c",
                       output);
     if (rc < 0)
         return rc;
-    if (present.Kp != 0.0 && answer(g, &present, Ts, &now, why) == 0)
-        show(output, "now", &present, &now);
-    show(output, "then", &found, &then);
+    if (present.Kp != 0.0 && answer(g, &present, Ts, &d->now, why) == 0)
+        show(output, "now", &present, &d->now);
+    show(output, "then", &found, &d->then);
     add(z, s, Kp_id, found.Kp);
     add(z, s, tau_i_id, found.tau_i);
     if (tau_d)
@@ -220,7 +261,8 @@ static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_
 
     s->name = calloc(3 * loops + 1, sizeof *s->name);
     s->value = calloc(3 * loops + 1, sizeof *s->value);
-    if (!s->name || !s->value)
+    z->drawing = calloc(loops + 1, sizeof *z->drawing);
+    if (!s->name || !s->value || !z->drawing)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     puts("loop     tuning   Kp         tau_i s  tau_d s  gain x  phase deg  delay s  peak  IAE      "
          "overshoot %  "
@@ -240,6 +282,75 @@ static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_
     return rc;
 }
 
+/* ---- The figure -------------------------------------------------------------------------------------------
+ */
+
+#define PANEL 200.0 /* height of one, in units of the page */
+#define TOP   34.0
+#define FOOT  20.0
+
+static void put_step(FILE *script, const char *block, size_t loop, const struct answer *a, double Ts,
+                     double until)
+{
+    fprintf(script, "$%s%zu << END\n", block, loop);
+    for (size_t k = 0; k < a->n && (double)k * Ts <= until; k++)
+        fprintf(script, "%.7g %.7g\n", (double)k * Ts, a->y[k]);
+    fputs(a->n ? "END\n" : "NaN NaN\nEND\n", script);
+}
+
+/* Until both have settled, and a bit more. */
+static double until_of(const struct drawing *d)
+{
+    const double then = d->then.settling,
+                 now = d->now.margins.stable ? fmin(d->now.settling, 4.0 * then) : 0.0;
+
+    return 2.0 * fmax(fmax(now, then), 10.0 * d->Ts);
+}
+
+static void put_figure(FILE *script, void *ctx, bool first)
+{
+    const struct suggesting *z = ctx;
+    const double height = TOP + FOOT + PANEL * (double)z->drawings;
+
+    for (size_t i = 0; i < z->drawings; i++) {
+        const struct drawing *d = &z->drawing[i];
+        const double top = TOP + PANEL * (double)i;
+
+        if (first) {
+            put_step(script, "now", i, &d->now, d->Ts, until_of(d));
+            put_step(script, "then", i, &d->then, d->Ts, until_of(d));
+        }
+        fprintf(script, "%sset lmargin at screen 0.105\nset rmargin at screen 0.96\n", report_panel_style);
+        fprintf(script, "set tmargin at screen %.4f\nset bmargin at screen %.4f\n",
+                report_screen(top, height), report_screen(top + PANEL - 55.0, height));
+        fprintf(script, "set xrange [0:%.9g]\nset yrange [0:*]\nset label 1 ", until_of(d));
+        report_quoted(script, d->name);
+        fprintf(script, " at graph 0, screen %.4f noenhanced\nset key at graph 1, screen %.4f horizontal\n",
+                report_screen(top - 12.0, height), report_screen(top - 12.0, height));
+        if (i + 1 == z->drawings)
+            fputs("set xlabel 'time after a step of the setpoint (s)' offset 0, 0.4\n", script);
+        fprintf(script,
+                "plot 1 with lines lw 1 lc rgb 0x999999 notitle, "
+                "$now%zu using 1:2 with lines lw 1.4 lc rgb 0xD55E00 title 'now', "
+                "$then%zu using 1:2 with lines lw 1.8 lc rgb 0x0072B2 title 'then'\n",
+                i, i);
+    }
+}
+
+static int draw(struct suggesting *z, struct apc_error *why)
+{
+    char file[600];
+    int rc = 0;
+
+    for (int i = 0; i < 2 && rc == 0; i++) {
+        snprintf(file, sizeof file, "%.590s.%s", z->o->figure, i ? "png" : "svg");
+        rc = folder_spare(file, z->o->force, why);
+    }
+    return rc < 0 ? rc
+                  : gnuplot_figure(z->o->figure, REPORT_WIDTH, TOP + FOOT + PANEL * (double)z->drawings,
+                                   put_figure, z, why);
+}
+
 int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_error *why)
 {
     struct suggesting z = {.o = o};
@@ -249,7 +360,8 @@ int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_er
     *s = (struct suggestion){.n = 0};
     if (rc < 0)
         return rc;
-    z.tags = provision_tags(&z.e, &z.n_tags);
+    z.model = calloc(1, sizeof *z.model);
+    z.tags = z.model ? provision_tags(&z.e, &z.n_tags) : NULL;
     rc = z.tags ? find_models(&z, why) : apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = suggest_loops(&z, s, why);
@@ -259,8 +371,14 @@ int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_er
             printf(" %s=%.10g", s->name[i], s->value[i]);
         putchar('\n');
     }
-    identify_data_free(&z.data);
-    free(z.g);
+    if (rc == 0 && o->figure)
+        rc = draw(&z, why);
+    for (size_t i = 0; i < z.drawings; i++) {
+        free(z.drawing[i].now.y);
+        free(z.drawing[i].then.y);
+    }
+    free(z.drawing);
+    free(z.model);
     free(z.tags);
     experiment_free(&z.e);
     return rc;

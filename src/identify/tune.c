@@ -41,13 +41,19 @@ static struct reduced reduce(const struct apc_transfer *g, bool derivative, doub
     if (g->zero < 0.0) {
         r.theta -= g->zero;
     } else if (g->zero > 0.0) {
-        double *lag = r.tau2 > g->zero || r.tau1 == 0.0 ? &r.tau2 : &r.tau1;
+        double *lag = r.tau2 >= g->zero || r.tau1 == 0.0 ? &r.tau2 : &r.tau1;
 
         if (*lag > g->zero) {
             *lag -= g->zero;
         } else if (*lag > 0.0) {
             r.gain *= g->zero / *lag;
             *lag = 0.0;
+        }
+        if (!g->integrating && r.tau2 > r.tau1) { /* what is left of the two comes first */
+            const double shorter = r.tau1;
+
+            r.tau1 = r.tau2;
+            r.tau2 = shorter;
         }
     }
     if (!derivative) {

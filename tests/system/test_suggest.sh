@@ -25,6 +25,32 @@ for rule in lambda relay; do
   "$apc" tune --suggest "$work/tested" --rule $rule | grep -Eq '^as written by --apply: apc tune Kp=0\.' || fail "$rule suggests nothing"
 done
 
+# ---- From a model file, of an experiment file as well; and drawn
+
+"$apc" identify "$work/tested" --model transfer -o "$work/fast.model" >/dev/null
+"$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --figure "$work/steps" >"$work/model.txt"
+# of a part of the same record, so almost the same
+near "Kp of the model file" "$(awk '$2 == "then" { print $3 }' "$work/model.txt")" "$Kp" 0.01
+near "Kp that the file has" "$(awk '$2 == "now" { print $3 }' "$work/model.txt")" 0.2 1e-9
+grep -q '</svg>' "$work/steps.svg" && [ -s "$work/steps.png" ] || fail "there is no figure"
+expect 4 'steps.svg.*--force' "$apc" tune --suggest "$work/tested" --figure "$work/steps"
+expect 0 'then' "$apc" tune --suggest "$work/tested" --figure "$work/steps" --force
+# numbers without a point, a zero that cancels a lag, and no other pair than it has
+echo 'transfer = ( { from = "u"; to = "y"; gain = 10; tau = [1.0, 0.5]; zero = 0.5; dead_time = 1; } );' >"$work/by-hand.model"
+echo 'transfer = ( { from = "u"; to = "y"; gain = 10; tau = [1.0]; dead_time = 1; } );' >"$work/without.model"
+for model in by-hand without; do "$apc" tune --suggest "$work/fast.conf" --model "$work/$model.model" >"$work/$model.txt"; done
+cmp -s <(grep then "$work/by-hand.txt" | cut -c1-40) <(grep then "$work/without.txt" | cut -c1-40) ||
+  fail "a zero that equals a lag does not cancel it: $(cat "$work/by-hand.txt" "$work/without.txt")"
+sed 's/"u"/"v"/' "$work/by-hand.model" >"$work/other.model"
+expect 1 'u to y is not in .*other.model' "$apc" tune --suggest "$work/fast.conf" --model "$work/other.model"
+echo 'state_space = { A = ([1.0]); };' >"$work/space.model"
+expect 1 'space.model has no "transfer"' "$apc" tune --suggest "$work/fast.conf" --model "$work/space.model"
+echo 'transfer = ( { from = "u"; } );' >"$work/half.model"
+expect 1 'half.model:1: expected { from' "$apc" tune --suggest "$work/fast.conf" --model "$work/half.model"
+echo 'transfer = ( 3' >"$work/broken.model"
+expect 1 'broken.model:' "$apc" tune --suggest "$work/fast.conf" --model "$work/broken.model"
+expect 1 'none.model: cannot be read' "$apc" tune --suggest "$work/fast.conf" --model "$work/none.model"
+
 # ---- Applied: as one write of an operator's, and only then
 
 expect 4 'nobody applies it|has another|no controller' env APC_STORE="sqlite:$work/empty.db" bash -c "'$apc' init '$work/fast.conf' >/dev/null && '$apc' tune --suggest '$work/tested' --apply"
@@ -48,6 +74,7 @@ no() { # CODE PATTERN ARGUMENT...
 }
 no 2 'must be simc, lambda or relay' --suggest "$work/tested" --rule best
 no 2 'go with --suggest RUN' --apply
+no 2 'go with --suggest RUN' --model "$work/fast.model"
 no 2 '--tau-c is that of simc and lambda' --suggest "$work/tested" --rule relay --tau-c 1
 no 2 'no NAME=VALUE' --suggest "$work/tested" Kp=1
 no 1 'none|cannot|No such' --suggest "$work/nothing"

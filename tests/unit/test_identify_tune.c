@@ -168,12 +168,20 @@ static void zeros_are_taken_for_dead_time_for_less_of_a_lag_or_for_gain(void **s
     assert_near(t.Kp, same.Kp, 1e-12);
     assert_near(t.tau_d, same.tau_d, 1e-12);
     t = simc((struct apc_transfer){.gain = 2.0, .zero = 4.0, .tau = {10.0, 4.0}, .dead_time = 1.0}, true);
-    same = simc((struct apc_transfer){.gain = 2.0, .tau = {6.0, 4.0}, .dead_time = 1.0}, true);
+    same = simc((struct apc_transfer){.gain = 2.0, .tau = {10.0}, .dead_time = 1.0}, true); /* it cancels */
     assert_near(t.Kp, same.Kp, 1e-12);
     assert_near(t.tau_i, same.tau_i, 1e-12);
+    assert_near(t.tau_d, 0.0, 1e-12);
+    t = simc((struct apc_transfer){.gain = 2.0, .zero = 10.0, .tau = {10.0, 4.0}, .dead_time = 1.0}, true);
+    same = simc((struct apc_transfer){.gain = 2.0, .tau = {4.0}, .dead_time = 1.0}, true);
+    assert_near(t.Kp, same.Kp, 1e-12);
+    assert_near(t.tau_i, same.tau_i, 1e-12);
+    assert_near(t.tau_d, 0.0, 1e-12);
     t = simc((struct apc_transfer){.gain = 2.0, .zero = 20.0, .tau = {10.0, 4.0}, .dead_time = 1.0}, false);
-    assert_near(t.Kp, 2.0 / (4.0 * (3.0 + 3.0)), 1e-12); /* half of the lag of 4, and twice the gain */
-    assert_near(t.tau_i, 2.0, 1e-12);
+    same =
+        simc((struct apc_transfer){.gain = 4.0, .tau = {4.0}, .dead_time = 1.0}, false); /* twice the gain */
+    assert_near(t.Kp, same.Kp, 1e-12);
+    assert_near(t.tau_i, same.tau_i, 1e-12);
     t = simc(
         (struct apc_transfer){.gain = 0.5, .zero = 1.0, .tau = {4.0}, .dead_time = 1.0, .integrating = true},
         true);
