@@ -69,6 +69,7 @@ struct file {
 
 static int file_open(struct file *f, const char *dir, const char *name, struct apc_error *why)
 {
+    *f = (struct file){0};
     if (snprintf(f->path, sizeof f->path, "%s/%s", dir, name) >= (int)sizeof f->path)
         return apc_fail(why, APC_EINVAL, "%s: the path is too long", dir);
     snprintf(f->part, sizeof f->part, "%s.part", f->path);
@@ -89,7 +90,8 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
 
 /* ---- What the run consists of -------------------------------------------------------------- */
 
-static const char *const kept[] = {"run.conf", "plant.so", "plant.fmu"}; /* and the laws: kept_file() */
+static const char *const kept[] = {"run.conf", "plant.so", "plant.fmu",
+                                   "plant.py"}; /* and the laws: kept_file() */
 static const char *const exported[] = {"samples.csv",        "plant.csv",   TICKS_FILE,   "operation.csv",
                                        "published.csv",      "signals.csv", "events.csv", "timing.csv",
                                        "timing-summary.csv", "report.svg",  "report.png"};
@@ -164,7 +166,11 @@ static const char *kept_file(const struct experiment *e, size_t i, char name[REC
 
 static const char *plant_file(const struct experiment *e)
 {
-    return is_fmu(e->plant.plugin.name) ? "plant.fmu" : "plant.so";
+    const char *const ending = strrchr(e->plant.plugin.name, '.');
+
+    if (!is_fmu(e->plant.plugin.name))
+        return "plant.so";
+    return strcmp(ending, ".py") ? "plant.fmu" : "plant.py";
 }
 
 static int copy_laws(const char *dir, const struct experiment *e, struct apc_error *why)

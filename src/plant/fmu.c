@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * FMUs as plants: the side of who has one. Its archive is kept by a process of its own, apc-fmu, as long as
- * the model is open; each plant of it is another one. So an FMU that hangs or crashes takes nobody along.
+ * the model is open; each plant of it is another one. So an FMU that hangs or crashes takes nobody along. A
+ * plant in Python is one as well: its file is described and run by the package, `python3 -m apc.plant`.
  *
  * The states of such a model are its outputs: what is inside nobody is shown. In real time
  * (apc_plant_options.patience) nobody waits for it longer than that: the step has failed, and the next one
@@ -64,10 +65,35 @@ static apc_ns timeout(void)
                : TIMEOUT_S * APC_NS_PER_S;
 }
 
+static bool ends_in(const char *name, const char *ending)
+{
+    const size_t n = strlen(name), m = strlen(ending);
+
+    return n > m && strcmp(name + n - m, ending) == 0;
+}
+
+/* A plant in Python: its interpreter, as laws have it. */
+static int begin_python(struct apc_companion *c, const char *what, const char *with, struct apc_error *why)
+{
+    const char *const named = getenv("APC_PYTHON"), *const python = named && *named ? named : "python3";
+    char *const argv[] = {(char *)(uintptr_t)python, (char[]){"-m"},          (char[]){"apc.plant"},
+                          (char *)(uintptr_t)what,   (char *)(uintptr_t)with, NULL};
+    char seed[] = "PYTHONHASHSEED=0"; /* sets of texts have one order: a run is the same each time */
+    struct apc_error cause;
+    const int rc = apc_companion_begin(c, argv, seed, &cause);
+
+    return rc < 0 ? apc_fail(why, rc, "%s: its interpreter, which APC_PYTHON names (else python3): %s",
+                             c->file, cause.text)
+                  : 0;
+}
+
 /* `apc-fmu` from beside the program that asks, else as the shell finds it. */
 static int begin(struct apc_companion *c, const char *what, const char *with, struct apc_error *why)
 {
     char program[4096] = "";
+
+    if (ends_in(c->file, ".py"))
+        return begin_python(c, what, with, why);
     const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 16);
     char *const slash = n > 0 ? strrchr(program, '/') : NULL;
     struct apc_error cause;
@@ -93,7 +119,11 @@ static int fail_silent(struct apc_companion *c, ssize_t n, struct apc_error *why
 
     apc_companion_bury(c, n < 0);
     apc_companion_said(c, said, sizeof(said));
-    return apc_fail(why, APC_ESOLVER, "%s: %s%s%s", c->file, c->end, said[0] ? ": " : "", said);
+    return apc_fail(
+        why, APC_ESOLVER, "%s: %s%s%s%s", c->file, c->end, said[0] ? ": " : "", said,
+        strstr(said, "No module named 'apc'")
+            ? ": install it for this interpreter (pip install ./python), or name another in APC_PYTHON"
+            : "");
 }
 
 /* ---- The model: what its keeper says ----------------------------------------------------------- */
@@ -182,7 +212,7 @@ static int hear(struct fmu *f, struct apc_error *why)
         const ssize_t n = apc_companion_take(&f->keeper, message, APC_COMPANION_MESSAGE - 1, until);
         char **const more = n > 0 ? realloc(f->text, (f->n_text + 1) * sizeof(*more)) : NULL;
         if (n < 0) /* not killed: it has a folder to remove */
-            rc = apc_fail(why, APC_EINVAL, "%s: was not unpacked and described within %g s", f->file,
+            rc = apc_fail(why, APC_EINVAL, "%s: was not read and described within %g s", f->file,
                           apc_ns_to_s(timeout()));
         else if (n == 0)
             rc = fail_silent(&f->keeper, n, why);
@@ -276,7 +306,8 @@ int apc_model_choose(const struct apc_model *model, const char *const *input, si
 
     if (!apc_model_is_fmu(model))
         return apc_fail(why, APC_EINVAL,
-                        "%s: its inputs and outputs have their order; an FMU's are chosen by name",
+                        "%s: its inputs and outputs have their order; an FMU's, or those of a plant in "
+                        "Python, are chosen by name",
                         model->name);
     if (nu > f->n[INPUT] || ny > f->n[OUTPUT] || !nu || !ny)
         return apc_fail(why, APC_EINVAL, "%s has %zu inputs and %zu outputs; %zu and %zu are wanted", f->file,
@@ -300,9 +331,7 @@ int apc_model_choose(const struct apc_model *model, const char *const *input, si
 
 bool apc_fmu_is_one(const char *name)
 {
-    const size_t n = strlen(name);
-
-    return n > 4 && strcmp(name + n - 4, ".fmu") == 0;
+    return ends_in(name, ".fmu") || ends_in(name, ".py");
 }
 
 int apc_fmu_open(const char *file, const struct apc_model **model, void **handle, struct apc_error *why)

@@ -8,7 +8,8 @@
  * DESCRIPTION START LOW HIGH; then: folder PATH
  *
  * `apc-fmu run FOLDER` runs one instance. A request is a struct fmu_header and numbers (double), the answer
- * likewise; where it failed, why was printed:
+ * likewise; where it failed, why was printed. A plant in Python says and is told the same, its folder being
+ * the file, by `python3 -m apc.plant`:
  *   BEGIN  nu, ny, np, places of the inputs [nu] and outputs [ny] among those that were described, place and
  *          value of parameters [2 * np]                                                       -> y [ny]
  *   STEP   t, dt, u [nu]: from t on, where it was left or later, u holds until t + dt           -> y [ny]
@@ -26,7 +27,7 @@ struct fmu_header {
     uint32_t request, number, failed, reserved;
 };
 
-/** Is the model of that path an FMU? */
+/** Is the model of that path an FMU, or a plant in Python? */
 bool apc_fmu_is_one(const char *name);
 /** Have it looked at; as apc_model_find(). All its inputs are manipulated. [setup] */
 int apc_fmu_open(const char *file, const struct apc_model **model, void **handle, struct apc_error *why);

@@ -40,7 +40,8 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     if (apc_model_is_fmu(model))
         return apc_fail(
             why, APC_EINVAL,
-            "%s is an FMU for co-simulation, which shows neither its states nor their derivatives; "
+            "%s runs by itself, as FMUs and plants in Python do, which shows neither its states nor their "
+            "derivatives; "
             "`apc identify` makes a linear model of a plant from its record",
             model->name);
     nx = model->nx;

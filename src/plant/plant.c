@@ -76,11 +76,15 @@ static int check_fmu(const struct apc_model *model, const double *x0, const char
                      struct apc_plant_options *ours, struct apc_error *why)
 {
     if (integrator)
-        return apc_fail(why, APC_EINVAL, "%s is an FMU: it has its own integrator, not \"%s\"", model->name,
-                        integrator);
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s runs by itself, as FMUs and plants in Python do: it has its own integrator, not \"%s\"",
+            model->name, integrator);
     if (x0)
-        return apc_fail(why, APC_EINVAL, "%s is an FMU: its parameters say where it starts, no x0",
-                        model->name);
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s runs by itself, as FMUs and plants in Python do: its parameters say where it starts, no x0",
+            model->name);
     ours->integrator = apc_integrator_fmu.name;
     return 0;
 }
@@ -166,7 +170,10 @@ int apc_plant_change(struct apc_plant *plant, const double *p, struct apc_error 
 
     if (apc_model_is_fmu(m)) {
         free(former);
-        return apc_fail(why, APC_EINVAL, "%s is an FMU: it takes its parameters as it starts", m->name);
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s runs by itself, as FMUs and plants in Python do: it takes its parameters as it starts",
+            m->name);
     }
     if (!former)
         return apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
@@ -292,7 +299,9 @@ int apc_plant_kick(struct apc_plant *plant, size_t k, double by)
     const struct apc_model *m = plant->model;
 
     if (apc_model_is_fmu(m))
-        return apc_fail(&plant->error, APC_EINVAL, "%s is an FMU: its states cannot be moved", m->name);
+        return apc_fail(&plant->error, APC_EINVAL,
+                        "%s runs by itself, as FMUs and plants in Python do: its states cannot be moved",
+                        m->name);
     if (k >= m->nx || !apc_value_ok(by))
         return apc_fail(&plant->error, APC_EINVAL, "%s: state %zu of %zu cannot be moved by %g", m->name,
                         k + 1, m->nx, by);

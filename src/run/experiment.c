@@ -143,7 +143,7 @@ static int take_error(struct settings *s, const config_setting_t *at, int err, c
 bool is_fmu(const char *name)
 {
     const size_t n = strlen(name);
-    return n > 4 && !strcmp(name + n - 4, ".fmu");
+    return (n > 4 && !strcmp(name + n - 4, ".fmu")) || (n > 3 && !strcmp(name + n - 3, ".py"));
 }
 
 /*

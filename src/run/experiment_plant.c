@@ -104,7 +104,8 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
     }
 }
 
-/* ---- An FMU's variables -------------------------------------------------------------------- */
+/* ---- Variables of an FMU or a plant in Python
+ * -------------------------------------------------------------------- */
 
 /* Those that the file names, else those that have the signals' names. */
 static void take_names(struct settings *s, const config_setting_t *list, const char *what,
@@ -112,7 +113,7 @@ static void take_names(struct settings *s, const config_setting_t *list, const c
 {
     if (list && (!config_setting_is_aggregate(list) || (size_t)config_setting_length(list) != n))
         settings_fail(s, list,
-                      "\"%s\" must name %zu variables of the FMU, in the order of the signals: [\"...\"]",
+                      "\"%s\" must name %zu variables of the model, in the order of the signals: [\"...\"]",
                       what, n);
     for (size_t i = 0; i < n && !s->failed; i++) {
         name[i] = list ? config_setting_get_string_elem(list, (int)i) : signal[i].tag.name;
@@ -128,8 +129,8 @@ static void compare_units(struct settings *s, const config_setting_t *group, con
         if (signal[i].tag.unit[0] && variable[i].unit && variable[i].unit[0] &&
             strcmp(signal[i].tag.unit, variable[i].unit) != 0)
             settings_fail(s, group,
-                          "%s is in %s, and %s of the FMU in %s: nothing is converted; give the signal the "
-                          "FMU's unit, and its limits in that",
+                          "%s is in %s, and %s of the model in %s: nothing is converted; give the signal the "
+                          "model's unit, and its limits in that",
                           signal[i].tag.name, signal[i].tag.unit, variable[i].name, variable[i].unit);
 }
 

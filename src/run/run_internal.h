@@ -80,7 +80,7 @@ struct plugin {
     bool chosen; /* instead of the file's: its own tuning or parameters hold */
 };
 
-/* Is a model of that name an FMU? */
+/* Is a model of that name an FMU, or in Python: a file that runs by itself? */
 bool is_fmu(const char *name);
 
 /* A signal of the experiment, by its place among those of its table. */

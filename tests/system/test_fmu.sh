@@ -67,7 +67,7 @@ expect 1 'its states cannot be moved' "$apc" simulate <(changed 'noise = { y = 0
 expect 1 'tau.*must lie in|tau.*0.1' "$apc" simulate <(changed '' | sed 's|K = 10.0; |K = 10.0; tau = 0.0;|')
 tank 2 kelvin unit=K
 sed -e 's|"two.fmu"|"kelvin.fmu"|' -e 's|name = "y"; |name = "y"; unit = "degC"; |' "$work/two.conf" >"$work/kelvin.conf"
-expect 1 'y is in degC, and y of the FMU in K: nothing is converted' "$apc" simulate "$work/kelvin.conf"
+expect 1 'y is in degC, and y of the model in K: nothing is converted' "$apc" simulate "$work/kelvin.conf"
 
 # ---- what it does to its process
 

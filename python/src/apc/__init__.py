@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""libapc from Python: experiments, stores, models, quadratic programs, timers, links and laws.
+"""libapc from Python: experiments, stores, models, quadratic programs, timers, links, laws and plants.
 
     >>> import apc
     >>> simulation = apc.Experiment("experiments/first-order.conf").simulate()
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
                          NotConnectedError, NotFoundError, RefusedError, SolverError, StateError, StoreError, TimedOut)
     from .experiment import Experiment, Figure, Simulation
     from .link import Link
-    from .model import Estimator, Linear, Model, Plant, linearize
+    from .model import Estimator, Integrated, Linear, Model, linearize
+    from .plant import Plant, Variable
     from .qp import QP, Solution
     from .run import Run, open_run
     from .store import Event, History, Store, Tag, Vectors
@@ -37,7 +38,8 @@ _WHERE = {
                "NotConnectedError", "NotFoundError", "RefusedError", "SolverError", "StateError", "StoreError", "TimedOut"),
     "experiment": ("Experiment", "Figure", "Simulation"),
     "link": ("Link",),
-    "model": ("Estimator", "Linear", "Model", "Plant", "linearize"),
+    "model": ("Estimator", "Integrated", "Linear", "Model", "linearize"),
+    "plant": ("Plant", "Variable"),
     "qp": ("QP", "Solution"),
     "run": ("Run", "open_run"),
     "store": ("Event", "History", "Store", "Tag", "Vectors"),

@@ -182,7 +182,8 @@ class _Output(io.RawIOBase):
         return len(data)
 
 
-def _load(file: str) -> type[Law]:
+def _load(file: str, base: type[Any], methods: Sequence[str]) -> type[Any]:
+    """The subclass of `base` in the file, which has one of the methods."""
     space: dict[str, Any] = {"__name__": "apc_law", "__file__": file}
     sys.path[0] = os.path.dirname(os.path.abspath(file))
     module = type(sys)("apc_law")
@@ -190,12 +191,12 @@ def _load(file: str) -> type[Law]:
     sys.modules["apc_law"] = module  # so that its classes can be pickled, and its dataclasses made
     with open(file, "rb") as source:
         exec(compile(source.read(), file, "exec"), module.__dict__)
-    found = [c for c in vars(module).values()
-             if isinstance(c, type) and issubclass(c, Law) and c.__module__ == "apc_law"]
+    found: list[type[Any]] = [c for c in vars(module).values()
+                              if isinstance(c, type) and issubclass(c, base) and c.__module__ == "apc_law"]
     if len(found) != 1:
-        raise TypeError(f"holds {len(found)} subclasses of apc.Law: it must be one")
-    if found[0].compute is Law.compute:
-        raise TypeError(f"class {found[0].__name__} has no method compute")
+        raise TypeError(f"holds {len(found)} subclasses of apc.{base.__name__}: it must be one")
+    if all(getattr(found[0], method) is getattr(base, method) for method in methods):
+        raise TypeError(f"class {found[0].__name__} has no method {' or '.join(methods)}")
     return found[0]
 
 
@@ -350,7 +351,7 @@ def main() -> None:
     connection = socket.socket(fileno=3)
     signal.alarm(_LIMIT)
     try:
-        law = _load(file)
+        law = _load(file, Law, ("compute",))
         answer = _describe(law).encode()
     except Exception as e:
         connection.send(b"error\t" + _where(e, file).encode())

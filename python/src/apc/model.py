@@ -130,9 +130,9 @@ class Model:
         return found  # type: ignore[no-any-return]
 
     def plant(self, x0: Optional["ArrayLike"] = None, p: Optional[Parameters] = None, integrator: str = "cvode",
-              dead_time: float = 0.0) -> "Plant":
+              dead_time: float = 0.0) -> "Integrated":
         """One of these, to be advanced: at state x0 [nx]."""
-        return Plant(self, x0, p, integrator, dead_time)
+        return Integrated(self, x0, p, integrator, dead_time)
 
     def _parameters(self, p: Optional[Parameters]) -> Any:
         values = [v.initial for v in self.parameters]
@@ -166,7 +166,7 @@ def linearize(model: Union[Model, str], x: Optional["ArrayLike"] = None, u: Opti
     return (Model(model) if isinstance(model, str) else model).linearize(x, u, p)
 
 
-class Plant:
+class Integrated:
     """A model with its parameters, its state and an integrator."""
 
     def __init__(self, model: Model, x0: Optional["ArrayLike"], p: Optional[Parameters], integrator: str,
