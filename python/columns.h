@@ -98,5 +98,37 @@ int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *a
  * store. */
 int apc_wish_look(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
 
+/* The alarms of a store. One thread at a time. */
+struct apc_board;
+struct apc_standing {
+    const char *name, *area, *message, *consequence, *response; /* until the board is read again */
+    const char *state;                                          /* of ISA-18.2; static */
+    char author[64];                                            /* who brought it there; "": nobody did */
+    int32_t id, priority;
+    bool active, unacknowledged, standing;
+    int64_t seq, time, shelved; /* of its newest row; when shelving ends, UTC, 0: it is not shelved */
+};
+/* What an operator wants of an alarm, on its way. */
+struct apc_demand {
+    char name[64];
+    int32_t which, id; /* enum apc_alarm_switch; where it is written */
+    double value; /* as it is written; of an acknowledgement seq of the row that was seen, 0: the newest */
+    int64_t seq, time, period;
+    char text[256]; /* why it was refused */
+};
+struct apc_board *apc_board_new(void); /* NULL: out of memory */
+void apc_board_free(struct apc_board *board);
+/* Read how they stand. Returns how many there are, or an error of the store. */
+int apc_board_read(struct apc_board *board, struct apc_store *store, struct apc_error *why);
+bool apc_board_lives(const struct apc_board *board); /* does somebody evaluate them? */
+void apc_board_at(const struct apc_board *board, struct apc_store *store, int i, struct apc_standing *to);
+/* Write what is wanted, as of the last read, with its event. Returns 0, APC_ENOTFOUND, APC_EPERM: it makes no
+ * sense for the alarm as it stands, APC_ECONFLICT: somebody was faster, or an error of the store. */
+int apc_board_want(const struct apc_board *board, struct apc_store *store, struct apc_demand *demand,
+                   const char *author, const char *comment, struct apc_error *why);
+/* Read, and what became of it: an enum apc_fate, or an error of the store. */
+int apc_board_fate(struct apc_board *board, struct apc_store *store, struct apc_demand *demand,
+                   struct apc_error *why);
+
 /* Sleep until that time of CLOCK_MONOTONIC, in ns. Returns 1, or 0: a signal came before. */
 int apc_sleep_until(int64_t time);

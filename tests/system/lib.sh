@@ -154,6 +154,51 @@ python_peers() {
   exec 9>&-
 }
 
+# python_user: the wheel, built from the sources and installed where nothing else is, as $user/bin/python; $tools has what it is
+# built and tested with, by pip's lock, python/requirements.txt. Where that cannot be had the test ends as skipped.
+python_user() {
+  local python=$APC_SOURCE_DIR/python wheel
+  local lock=$python/requirements.txt
+  tools=$APC_BUILD_DIR/tests/python-$(sha256sum "$lock" | cut -c1-12)
+  user=$work/user
+  export PIP_DISABLE_PIP_VERSION_CHECK=1 PYTHONDONTWRITEBYTECODE=1
+  unset PYTHONPATH
+  python3 -c 'import sys, venv; sys.exit(sys.version_info < (3, 9))' 2>"$work/venv.log" || {
+    echo "skipped: there is no Python 3.9 or newer with venv here: run scripts/setup" >&2
+    exit 77
+  }
+  exec 9>"$tools.lock"
+  flock 9
+  if [ ! -d "$tools" ]; then
+    rm -rf "$tools.new"
+    python3 -m pip download --quiet --no-deps --require-hashes --dest "$tools.new/wheels" -r "$lock" >"$tools.log" 2>&1 &&
+      python3 -m pip install --quiet --no-index --no-compile --target "$tools.new/lib" "$tools.new"/wheels/*.whl >>"$tools.log" 2>&1 || {
+      echo "skipped: what the wheel is built with cannot be had here (Python 3.11 on x86-64, with pip): see $tools.log" >&2
+      exit 77
+    }
+    mv "$tools.new" "$tools"
+  fi
+  PYTHONPATH=$tools/lib python3 -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir "$work" \
+    --config-settings=build-dir="$APC_BUILD_DIR/tests/wheel" "$python" >"$work/wheel.log" 2>&1 || fail "the wheel cannot be built"
+  exec 9>&-
+  wheel=$(echo "$work"/libapc-*.whl)
+  [[ $wheel == *-cp39-abi3-linux_*.whl ]] || fail "$wheel is no wheel for all Pythons from 3.9 on"
+  python3 -m venv --without-pip "$user" >>"$work/venv.log" 2>&1
+  python3 -m pip --python "$user/bin/python" install --quiet --no-index --no-compile --find-links "$tools/wheels" \
+    pytest "$wheel" >"$work/pip.log" 2>&1 || fail "the wheel cannot be installed"
+}
+
+# big_peers NAME: what scripts/peers NAME has fetched, in the folder $peers; else the test ends as skipped
+big_peers() {
+  local locks=("$APC_SOURCE_DIR/tests/peers/$1.txt")
+  [ ! -d "$APC_SOURCE_DIR/tests/peers/$1" ] || locks+=("$APC_SOURCE_DIR/tests/peers/$1/package-lock.json")
+  peers=$APC_BUILD_DIR/tests/peer-$1-$(cat "${locks[@]}" | sha256sum | cut -c1-12)
+  [ -d "$peers" ] || {
+    echo "skipped: the peers for $1 are not here: run scripts/peers $1, or scripts/setup --bench" >&2
+    exit 77
+  }
+}
+
 # two_layers: what follows a name and a duration in the file of two controllers of the plant at $port, one above the other
 two_layers() {
   cat <<CONF

@@ -16,6 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .alarms import Alarm
     from .parquet import Archived, archive, verify
     from .errors import (BusyError, ConflictError, DiskFullError, Error, InvalidError, LimitError, NoMemoryError,
                          NotConnectedError, NotFoundError, RefusedError, SolverError, StateError, StoreError, TimedOut)
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from .library import version
 
 _WHERE = {
+    "alarms": ("Alarm",),
     "parquet": ("Archived", "archive", "verify"),
     "errors": ("BusyError", "ConflictError", "DiskFullError", "Error", "InvalidError", "LimitError", "NoMemoryError",
                "NotConnectedError", "NotFoundError", "RefusedError", "SolverError", "StateError", "StoreError", "TimedOut"),

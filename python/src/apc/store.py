@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from importlib import import_module
-from time import monotonic, sleep, time_ns
+from time import monotonic, sleep, time, time_ns
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Iterable, NamedTuple, Optional, Union
 
+from .alarms import ACKNOWLEDGE, SHELVE, Alarm, Board
 from .errors import NotFoundError, error
 from .columns import array, filled
 from .library import Owned, check, ffi, lib, text, why
@@ -95,6 +96,8 @@ class Vectors(NamedTuple):
 class Store:
     """Shared data: "sqlite:FILE", "shm:NAME", "mem:NAME", "postgresql://...", "LIVE+HISTORY" (docs/stores.md)."""
 
+    _alarms: Optional[Board] = None
+
     def __init__(self, uri: str, name: str = "python", timeout: float = 2.0) -> None:
         """`name` says who writes; `timeout` in s is of every operation. It connects when it has to."""
         out, reason, called = ffi.new("struct apc_store **"), why(), ffi.new("char[]", name.encode())
@@ -153,7 +156,9 @@ class Store:
 
     def read_all(self, names: Iterable[str]) -> list[Value]:
         """Of several, of one moment."""
-        tags = self._find(names)
+        return self._read(self._find(names))
+
+    def _read(self, tags: list[Tag]) -> list[Value]:
         samples = ffi.new("struct apc_sample[]", len(tags))
         for sample, tag in zip(samples, tags):
             sample.table, sample.id = _table(tag.table), tag.id
@@ -213,13 +218,45 @@ class Store:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
         return Mode(int(self._wish(loop, float(Mode.of(mode)), True, author, wait).value))
 
+    def alarms(self) -> list[Alarm]:
+        """All that the store describes, as they stand."""
+        with self._owned as s:
+            return self._board().read(s)
+
+    def acknowledge(self, alarm: str, comment: str = "", author: Optional[str] = None, seen: int = 0,
+                    wait: bool = True) -> Alarm:
+        """Acknowledge an alarm, or reset one that latches and is acknowledged, as `apc alarm ack`, and wait until that is in
+        force. Returns how it stands then. `seen` is the `seq` of the row that was seen, 0: the newest; if the alarm has come
+        again since, it is refused. `RefusedError`: there is nothing to acknowledge, or nobody evaluates the alarms; then
+        nothing was written. `ConflictError`: somebody was faster."""
+        return self._demand(alarm, ACKNOWLEDGE, float(seen), comment, author, wait)
+
+    def shelve(self, alarm: str, seconds: float, once: bool = False, comment: str = "", author: Optional[str] = None,
+               wait: bool = True) -> Alarm:
+        """Shelve an alarm for so long; `once`: at most until it has come and gone. 0: not any more. As `acknowledge`."""
+        until = float(int(time() + seconds)) if seconds > 0 else 0.0
+        return self._demand(alarm, SHELVE, -until if once else until, comment, author, wait)
+
+    def _board(self) -> Board:
+        if self._alarms is None:
+            self._alarms = Board()
+        return self._alarms
+
+    def _demand(self, alarm: str, which: int, value: float, comment: str, author: Optional[str], wait: bool) -> Alarm:
+        with self._owned as s:
+            self._live(s, "apc alarm")
+            return self._board().want(s, alarm, which, value, author or _user(), comment, wait)
+
+    def _live(self, s: Any, command: str) -> None:
+        if self._check(s, lib.apc_store_is_history(s)):
+            raise error(lib.APC_ESTATE, "this is a history, where nobody applies what is written: open the live store with it, "
+                        f"LIVE+HISTORY, or use {command}, which asks its historian")
+
     def _wish(self, name: str, value: float, mode: bool, author: Optional[str], wait: bool) -> Value:
         wish, reason = ffi.new("struct apc_wish *"), why()
         who = (author or _user()).encode()
         with self._owned as s:
-            if self._check(s, lib.apc_store_is_history(s)):
-                raise error(lib.APC_ESTATE, "this is a history, where nobody applies what is written: name the live store "
-                            "as well, LIVE+HISTORY, or use apc set")
+            self._live(s, "apc set")
             check(lib.apc_wish_find(wish, s, name.encode(), mode, value, reason), reason)
             if wait:
                 self._ticks(s, wish)

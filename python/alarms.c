@@ -1,0 +1,161 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Alarms as they stand, and what an operator wants of them, as `apc alarm` does it: who waits is Python's. */
+#include <apcstore.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "columns.h"
+#include "run/alarm_board.h"
+
+struct apc_board {
+    struct alarm_board alarms;
+};
+
+static int failed(struct apc_store *store, int rc, struct apc_error *why)
+{
+    return apc_fail(why, rc, "%s", apc_store_error(store));
+}
+
+struct apc_board *apc_board_new(void)
+{
+    return calloc(1, sizeof(struct apc_board));
+}
+
+void apc_board_free(struct apc_board *board)
+{
+    if (board)
+        alarm_board_close(&board->alarms);
+    free(board);
+}
+
+int apc_board_read(struct apc_board *board, struct apc_store *store, struct apc_error *why)
+{
+    int rc = alarm_board_open(&board->alarms, store, why);
+
+    if (rc == APC_ENOTFOUND)
+        return 0;
+    if (rc == 0 && (rc = alarm_board_read(&board->alarms, store)) < 0)
+        rc = failed(store, rc, why);
+    return rc < 0 ? rc : (int)board->alarms.e.n_alarms;
+}
+
+bool apc_board_lives(const struct apc_board *board)
+{
+    return alarm_board_lives(&board->alarms, apc_clock_utc(NULL));
+}
+
+void apc_board_at(const struct apc_board *board, struct apc_store *store, int i, struct apc_standing *to)
+{
+    const struct alarm_now *const now = &board->alarms.at[i];
+    const struct alarm *const alarm = alarm_board_alarm(&board->alarms, now);
+    const enum apc_alarm_state state = alarm_board_state(now);
+
+    *to = (struct apc_standing){.name = alarm->name,
+                                .area = alarm->area,
+                                .message = alarm->message,
+                                .consequence = alarm->consequence,
+                                .response = alarm->response,
+                                .state = apc_alarm_state_name(state),
+                                .id = now->row->id,
+                                .priority = alarm->is.priority,
+                                .active = apc_alarm_is_active(state),
+                                .unacknowledged = apc_alarm_is_unacked(state),
+                                .standing = apc_alarm_is_standing(state),
+                                .seq = now->row->seq,
+                                .time = now->row->seq > 0 ? now->row->time : 0,
+                                .shelved = alarm_board_shelved(now)};
+    if (now->row->author > 0 && apc_store_author_name(store, now->row->author, to->author) < 0)
+        to->author[0] = '\0';
+}
+
+/* ---- What is wanted ------------------------------------------------------------------------ */
+
+static void describe(const struct apc_demand *d, const char *comment, char *text, size_t size)
+{
+    static const char *const done[] = {"acknowledged", "shelved until", "out of service"};
+    static const char *const undone[] = {"", "not shelved any more", "in service"};
+    char until[APC_TIME_LEN] = "";
+    apc_ns ns;
+    int used;
+
+    if (d->which == APC_ALARM_SHELF && fabs(d->value) > 0 && apc_ns_from_s(fabs(d->value), &ns) == 0)
+        apc_time_format(ns, until);
+    used = snprintf(text, size, "%s: %s%s%s%s", d->name,
+                    (fabs(d->value) > 0 ? done : undone)[ALARM_WISH(d->which)], *until ? " " : "", until,
+                    d->value < 0 ? ", once" : "");
+    if (comment && *comment && used > 0 && (size_t)used < size)
+        snprintf(text + used, size - (size_t)used, " (%s)", comment);
+}
+
+static int record(const struct apc_demand *d, struct apc_store *store, const char *author,
+                  const char *comment, struct apc_error *why)
+{
+    struct apc_event event = {.time = d->time, .severity = APC_EVENT_INFO, .kind = "operator"};
+    int rc;
+
+    snprintf(event.source, sizeof event.source, "%.31s", author);
+    describe(d, comment, event.text, sizeof event.text);
+    rc = apc_store_append_events(store, &event, 1);
+    return rc < 0 ? failed(store, rc, why) : 0;
+}
+
+/* Of two who want something of one alarm at once the other one is told. */
+static int swap(struct apc_sample *wish, struct apc_store *store, struct apc_error *why)
+{
+    char name[APC_AUTHOR_LEN];
+    const int rc = apc_store_swap(store, wish, 1);
+
+    if (rc != APC_ECONFLICT)
+        return rc < 0 ? failed(store, rc, why) : 0;
+    if (wish->author == 0 || apc_store_author_name(store, wish->author, name) < 0)
+        snprintf(name, sizeof name, "somebody else");
+    return apc_fail(why, rc, "%s was faster: look again", name);
+}
+
+int apc_board_want(const struct apc_board *board, struct apc_store *store, struct apc_demand *d,
+                   const char *author, const char *comment, struct apc_error *why)
+{
+    const struct alarm_now *const now = alarm_board_find(&board->alarms, d->name);
+    struct apc_sample wish;
+    int rc;
+
+    d->time = apc_clock_utc(NULL);
+    d->period = board->alarms.e.alarms.rhythm.period;
+    if (!now)
+        return apc_fail(why, APC_ENOTFOUND, "there is no alarm \"%s\"", d->name);
+    if (!alarm_board_want(&board->alarms, now, (enum apc_alarm_switch)d->which, d->value, d->time, &wish,
+                          why))
+        return APC_EPERM;
+    if (d->which == APC_ALARM_ACK && d->value > 0)
+        wish.value = d->value;
+    d->value = wish.value;
+    if ((rc = apc_store_author(store, author)) < 0)
+        return failed(store, rc, why);
+    wish.author = (uint32_t)rc;
+    if ((rc = swap(&wish, store, why)) < 0)
+        return rc;
+    d->seq = wish.seq;
+    d->id = wish.id;
+    return record(d, store, author, comment, why);
+}
+
+int apc_board_fate(struct apc_board *board, struct apc_store *store, struct apc_demand *d,
+                   struct apc_error *why)
+{
+    const struct alarm_now *now;
+    const struct apc_sample wish = {
+        .table = APC_OPMODE, .id = d->id, .seq = d->seq, .time = d->time, .value = d->value};
+    const int rc = apc_board_read(board, store, why);
+    enum outcome fate;
+
+    if (rc < 0)
+        return rc;
+    if (!(now = alarm_board_find(&board->alarms, d->name)))
+        return OUTCOME_SUPERSEDED;
+    fate = alarm_board_outcome(&board->alarms, now, &wish, apc_clock_utc(NULL));
+    d->text[0] = '\0';
+    if (fate == OUTCOME_REFUSED)
+        (void)outcome_refusal(store, d->name, d->time, d->text, sizeof d->text);
+    return (int)fate;
+}

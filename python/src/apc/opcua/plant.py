@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An OPC UA server as a plant: what apc-client asks by frames is read and written there.
+
+Each exchange reads every measurement; a command writes every output first. Whatever fails there closes the client's
+connection without an answer, so that nothing old is taken for new. Without a new command the safe values are written.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import sys
+from importlib import import_module
+from pathlib import Path
+from time import monotonic, time_ns
+from typing import Any, NamedTuple, Optional
+
+from ..errors import Error
+from ..library import check, ffi, lib, why
+
+_LONGEST = 5.0  # s between two attempts to connect
+_MOST = 8192  # values of a frame
+
+
+class Options(NamedTuple):
+    """Of the gateway. Outputs are node and safe value."""
+
+    url: str
+    host: str
+    port: int
+    measure: tuple[str, ...]
+    output: tuple[tuple[str, float], ...]
+    watchdog: float = 5.0  #: s
+    timeout: float = 1.0  #: s
+    user: Optional[str] = None
+    password: Optional[str] = None
+    certificate: Optional[Path] = None
+    key: Optional[Path] = None
+    server_certificate: Optional[Path] = None
+
+
+def say(text: str) -> None:
+    print(f"opcua: {text}", file=sys.stderr, flush=True)
+
+
+class Gateway:
+    """`await Gateway(options).run(stop)`: until the event `stop`, then the outputs are at their safe values."""
+
+    def __init__(self, options: Options) -> None:
+        self._o = options
+        self._ua = import_module("asyncua.ua")
+        self._client: Any = None
+        self._lock = asyncio.Lock()
+        self._newest = 0  # time that the last command bears
+        self._fed: Optional[float] = None  # when it came; None: the plant is at its safe values
+        self._room = 256 + 96 * len(options.measure)
+        self._samples = ffi.new("struct apc_sample[]", _MOST)
+
+    # ---- The server ---------------------------------------------------------------------------------------------
+
+    async def _connect(self) -> None:
+        asyncua, o = import_module("asyncua"), self._o
+        client = asyncua.Client(o.url, timeout=max(o.timeout, 1.0))
+        if o.user:
+            client.set_user(o.user)
+            client.set_password(o.password or "")
+        if o.certificate:
+            policy = import_module("asyncua.crypto.security_policies").SecurityPolicyBasic256Sha256
+            await client.set_security(policy, str(o.certificate), str(o.key), server_certificate=str(o.server_certificate))
+        await client.connect()
+        try:
+            self._measure = [client.get_node(node) for node in o.measure]
+            self._output = [client.get_node(node) for node, _ in o.output]
+            self._kinds = [await node.read_data_type_as_variant_type() for node in self._output]
+        except BaseException:
+            await client.disconnect()
+            raise
+        self._client = client
+
+    async def _keep(self) -> None:
+        """Connected, as long as that is possible; what goes wrong is said once."""
+        pause, said = 0.1, ""
+        while True:
+            if self._client is None:
+                try:
+                    await asyncio.wait_for(self._connect(), 10)
+                    say(f"connected to {self._o.url}")
+                    pause, said = 0.1, ""
+                except (OSError, asyncio.TimeoutError, ValueError, self._ua.UaError) as e:
+                    if said != str(e):
+                        say(f"{self._o.url}: {str(e) or type(e).__name__}; trying again")
+                    said, pause = str(e), min(2 * pause, _LONGEST)
+            await asyncio.sleep(pause)
+
+    async def _drop(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            try:
+                await asyncio.wait_for(client.disconnect(), 1)
+            except Exception:  # it is away: whatever asyncua says of that
+                pass
+
+    async def _write(self, u: list[float]) -> None:
+        ua, values = self._ua, []
+        for number, kind in zip(u, self._kinds):
+            whole = kind not in (ua.VariantType.Double, ua.VariantType.Float)
+            values.append(ua.DataValue(ua.Variant(round(number) if whole else number, kind)))
+        codes = await self._client.uaclient.write_attributes([node.nodeid for node in self._output], values,
+                                                             ua.AttributeIds.Value)
+        for code, (node, _) in zip(codes, self._o.output):
+            if not code.is_good():
+                raise ValueError(f"{node}: {code.name}")
+
+    async def _read(self) -> None:
+        for sample, data in zip(self._samples, await self._client.read_attributes(self._measure)):
+            value = data.Value.Value if data.Value is not None else None
+            number = float(value) if isinstance(value, (int, float)) else math.nan
+            good = math.isfinite(number)
+            code = data.StatusCode.value if data.StatusCode is not None else 0
+            sample.value = number if good else 0.0
+            sample.status = code if good or code & 0x80000000 else self._ua.StatusCodes.BadTypeMismatch
+            when = data.SourceTimestamp
+            sample.time = round(when.timestamp() * 1e6) * 1000 if when is not None else time_ns()
+
+    # ---- The client's frames ------------------------------------------------------------------------------------
+
+    async def _answer(self, request: bytes) -> bytes:
+        frame, reason = ffi.new("struct apc_frame *"), why()
+        check(lib.apc_frame_decode(request, len(request), frame, self._samples, _MOST), reason)
+        if frame.kind == lib.APC_FRAME_COMMAND:
+            await self._command(frame.n)
+        elif frame.kind != lib.APC_FRAME_QUERY:
+            raise ValueError("a plant is asked by command and query alone")
+        await self._read()
+        frame.kind, frame.n = lib.APC_FRAME_VALUES, len(self._o.measure)
+        reply = ffi.new("char[]", self._room)
+        return bytes(ffi.buffer(reply, check(lib.apc_frame_encode(reply, self._room, frame, self._samples), reason)))
+
+    async def _command(self, n: int) -> None:
+        if n != len(self._o.output):
+            raise ValueError(f"{n} outputs were commanded, and there are {len(self._o.output)}: --output, once for each")
+        u, stamp = [s.value for s in self._samples[0:n]], max((s.time for s in self._samples[0:n]), default=0)
+        if any(s.status & 0x80000000 for s in self._samples[0:n]):
+            return
+        new = stamp != self._newest
+        if not new and self._fed is None:
+            return  # an old command does not bring it back from its safe values
+        await self._write(u)
+        if new:
+            self._newest, self._fed = stamp, monotonic()
+
+    async def _exchange(self, request: bytes) -> Optional[bytes]:
+        """The reply; None: there is none, and what went wrong is said."""
+        async with self._lock:
+            if self._client is None:
+                return None
+            try:
+                return await asyncio.wait_for(self._answer(request), self._o.timeout)
+            except (Error, ValueError) as e:
+                say(f"an exchange failed: {e}")
+            except (OSError, asyncio.TimeoutError, self._ua.UaError) as e:
+                say(f"an exchange with {self._o.url} failed: {str(e) or type(e).__name__}")
+                await self._drop()
+            return None
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            while (request := await reader.readline()).endswith(b"\n"):
+                reply = await self._exchange(request)
+                if reply is None:
+                    return
+                writer.write(reply)
+                await asyncio.wait_for(writer.drain(), self._o.timeout)
+        except (OSError, ValueError, asyncio.TimeoutError):
+            pass  # the client has gone, or sends what has no end
+        finally:
+            writer.close()
+
+    # ---- Running ------------------------------------------------------------------------------------------------
+
+    async def _safe(self, because: str) -> None:
+        self._fed = None
+        async with self._lock:
+            if self._client is None or not self._output:
+                return
+            try:
+                await asyncio.wait_for(self._write([safe for _, safe in self._o.output]), self._o.timeout)
+                say(f"{because}: the safe values were written")
+            except (ValueError, OSError, asyncio.TimeoutError, self._ua.UaError) as e:
+                say(f"{because}, and the safe values could not be written: {str(e) or type(e).__name__}")
+                await self._drop()
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(self._o.watchdog / 10)
+            if self._fed is not None and monotonic() - self._fed > self._o.watchdog:
+                await self._safe(f"no new command for {self._o.watchdog:g} s")
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Serve until `stop`. OSError: it cannot listen there."""
+        server = await asyncio.start_server(self._talk, self._o.host, self._o.port, limit=lib.APC_FRAME_MAX)
+        tasks = [asyncio.ensure_future(self._keep()), asyncio.ensure_future(self._watch())]
+        say(f"a plant at tcp:{self._o.host}:{self._o.port}")
+        waits = asyncio.ensure_future(stop.wait())
+        await asyncio.wait([waits, *tasks], return_when=asyncio.FIRST_COMPLETED)
+        server.close()
+        for task in tasks:
+            if task.done() and task.exception() is not None:
+                say(f"{task.exception()!r}")
+            task.cancel()
+        await self._safe("it ends")
+        await self._drop()

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A store as an OPC UA server: what is measured and set, modes, alarms, and what operators do.
+
+One thread reads the store on a grid; what is written waits for its outcome in threads of its own, each with a
+connection of its own. All else is asyncio's thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Callable, NamedTuple, Optional
+
+from ..alarms import Alarm
+from ..errors import ConflictError, Error, LimitError, NotFoundError, RefusedError, TimedOut
+from ..library import lib
+from ..store import Store, Tag
+from ..values import Mode, Value
+from .address_space import Space
+from .users import ROLES, Users
+
+OBSERVER, OPERATOR, ENGINEER = 1, 2, 3
+_WRITERS = 8  # threads: so many writes wait for their outcome at once
+_OUTCOME = ((LimitError, "BadOutOfRange"), (RefusedError, "BadInvalidState"), (TimedOut, "BadTimeout"),
+            (ConflictError, "BadOperationAbandoned"), (NotFoundError, "BadNodeIdUnknown"), (ValueError, "BadTypeMismatch"))
+
+
+class Options(NamedTuple):
+    """Of the server. Certificates are DER or PEM, the key PEM."""
+
+    listen: str = "opc.tcp://127.0.0.1:4840"
+    period: float = 0.5  #: s: how often the store is read
+    users: Optional[Path] = None  #: the file of `apc user`; None: nobody logs in
+    anonymous: int = OBSERVER  #: what who does not log in may, as a place in ROLES
+    certificate: Optional[Path] = None
+    key: Optional[Path] = None
+    trust: Optional[Path] = None  #: folder of the clients' certificates; None: whoever has one
+
+
+class Seen(NamedTuple):
+    """The store at one moment."""
+
+    tags: list[Tag]
+    values: dict[tuple[str, int], Value]
+    alarms: list[Alarm]
+
+
+def say(text: str) -> None:
+    print(f"opcua: {text}", file=sys.stderr, flush=True)
+
+
+def status_of(e: BaseException) -> str:
+    """The name of the StatusCode for what went wrong."""
+    return next((name for kind, name in _OUTCOME if isinstance(e, kind)), "BadNoCommunication")
+
+
+class _Reader:
+    """What the reading thread keeps."""
+
+    def __init__(self, uri: str) -> None:
+        self._store = Store(uri, "opcua")
+        self._alarms = True
+
+    def look(self) -> Seen:
+        tags = [t for t in self._store.tags() if t.name]
+        shown = [t for t in tags if not lib.apc_table_vectors(lib.apc_table_parse(t.table.encode()))]
+        values = self._store._read(shown)
+        return Seen(tags, {(t.table, t.id): v for t, v in zip(shown, values)}, self._read_alarms())
+
+    def _read_alarms(self) -> list[Alarm]:
+        try:
+            found = self._store.alarms()
+            self._alarms = True
+            return found
+        except (ConnectionError, TimeoutError):
+            raise
+        except Error as e:
+            if self._alarms:
+                say(f"the alarms cannot be read: {e}")
+            self._alarms = False
+            return []
+
+
+class Server:
+    """`await Server(uri, options).run(stop)`: until the event `stop`."""
+
+    def __init__(self, uri: str, options: Options) -> None:
+        self._uri, self._options = uri, options
+        self._users = Users(options.users) if options.users else None
+        self._ua = import_module("asyncua.ua")
+        self._who: ContextVar[Any] = ContextVar("who")
+        self._reader = ThreadPoolExecutor(1, "apc-read")
+        self._writers = ThreadPoolExecutor(_WRITERS, "apc-write")
+        self._own = threading.local()
+        self._away = False
+
+    # ---- Who ----------------------------------------------------------------------------------------------------
+
+    def get_user(self, iserver: Any, username: Optional[str] = None, password: Optional[str] = None,
+                 certificate: Any = None) -> Any:
+        """What asyncua asks at each login; None: it is refused."""
+        if username is None:
+            rank: Optional[int] = self._options.anonymous
+        else:
+            rank = self._users.role(username, password or "") if self._users else None
+            if rank is None:
+                say(f"a login as {username[:32]!r} was refused")
+        if not rank:
+            return None
+        rules = import_module("asyncua.crypto.permission_rules")
+        user = rules.User(role=rules.UserRole.User, name=username or "opcua")
+        user.rank = rank
+        return user
+
+    def _may(self, user: Any, rank: int) -> bool:
+        return getattr(user, "rank", 0) >= rank
+
+    # ---- What operators do --------------------------------------------------------------------------------------
+
+    async def _do(self, what: str, user: Any, rank: int, do: Callable[[Store, str], Any]) -> tuple[Any, Any]:
+        """The outcome: a StatusCode, and what is in force. Who is refused is told in an event as well, in words."""
+        codes = self._ua.StatusCodes
+        if not self._may(user, rank):
+            said = f"{what}: refused: this takes the role {ROLES[rank]}"
+            await self._space.say(said)
+            return self._ua.StatusCode(codes.BadUserAccessDenied), None
+
+        def work() -> Any:
+            if not hasattr(self._own, "store"):
+                self._own.store = Store(self._uri, "opcua")
+            return do(self._own.store, user.name)
+
+        try:
+            force = await asyncio.get_running_loop().run_in_executor(self._writers, work)
+        except (Error, ValueError, OverflowError) as e:
+            await self._space.say(f"{what}: {e}")
+            return self._ua.StatusCode(getattr(codes, status_of(e))), None
+        return self._ua.StatusCode(codes.Good), force
+
+    async def set(self, user: Any, name: str, value: Any, table: str) -> tuple[Any, Any]:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            return self._ua.StatusCode(self._ua.StatusCodes.BadTypeMismatch), None
+        rank = ENGINEER if table == "tuning" else OPERATOR
+        return await self._do(f"{name} = {value:g}", user, rank, lambda s, who: s.write(name, float(value), who).value)
+
+    async def mode(self, user: Any, loop: str, mode: Any) -> tuple[Any, Any]:
+        if not isinstance(mode, str):
+            return self._ua.StatusCode(self._ua.StatusCodes.BadTypeMismatch), None
+        return await self._do(f"{loop} mode = {mode[:16]}", user, OPERATOR, lambda s, who: Mode(s.mode(loop, mode, who)).name)
+
+    async def acknowledge(self, user: Any, alarm: str, comment: str, seen: int) -> tuple[Any, Any]:
+        return await self._do(f"{alarm}: not acknowledged", user, OPERATOR,
+                              lambda s, who: s.acknowledge(alarm, comment, who, seen).state)
+
+    async def shelve(self, user: Any, alarm: str, seconds: float, comment: str) -> tuple[Any, Any]:
+        return await self._do(f"{alarm}: not shelved", user, OPERATOR,
+                              lambda s, who: s.shelve(alarm, seconds, False, comment, who).state)
+
+    @property
+    def caller(self) -> Any:
+        """Who called the method that runs."""
+        return self._who.get(None)
+
+    async def _write(self, session: Any, params: Any) -> list[Any]:
+        return [await self._write_one(session.user, item) for item in params.NodesToWrite]
+
+    async def _write_one(self, user: Any, item: Any) -> Any:
+        target = self._space.target(item.NodeId)
+        codes, variant = self._ua.StatusCodes, item.Value.Value
+        if item.AttributeId != self._ua.AttributeIds.Value or target is None:
+            return self._ua.StatusCode(codes.BadUserAccessDenied)
+        if variant is None or item.IndexRange:
+            return self._ua.StatusCode(codes.BadTypeMismatch)
+        table, name = target
+        do = self.mode(user, name, variant.Value) if table == "opmode" else self.set(user, name, variant.Value, table)
+        code, force = await do
+        if code.is_good():
+            await self._space.put(item.NodeId, force)
+        return code
+
+    async def _call(self, session: Any, methods: list[Any]) -> list[Any]:
+        self._who.set(session.user)
+        done: list[Any] = await self._server.iserver.method_service.call(methods)
+        return done
+
+    # ---- Running ------------------------------------------------------------------------------------------------
+
+    async def _make(self) -> None:
+        asyncua, o = import_module("asyncua"), self._options
+        self._server = asyncua.Server(user_manager=self)
+        iserver = self._server.iserver
+        iserver.bind_condition_methods = 100
+        policies, ua = self._ua.SecurityPolicyType, self._ua
+        await self._server.init()
+        self._server.set_endpoint(o.listen)
+        self._server.set_server_name("libapc")
+        if o.certificate and o.key:
+            await self._server.load_certificate(str(o.certificate))
+            await self._server.load_private_key(str(o.key))
+            await self._server.set_application_uri(_uri_of(iserver.certificate))
+            self._server.set_security_policy([policies.Basic256Sha256_SignAndEncrypt,
+                                              policies.Aes128Sha256RsaOaep_SignAndEncrypt,
+                                              policies.Aes256Sha256RsaPss_SignAndEncrypt])
+            await self._trust()
+        else:
+            await self._server.set_application_uri("urn:libapc:opcua")
+            self._server.set_security_policy([policies.NoSecurity])
+        self._server.set_identity_tokens(([ua.UserNameIdentityToken] if self._users else []) +
+                                         ([ua.AnonymousIdentityToken] if o.anonymous else []))
+        self._space = Space(self._server, self)
+        await self._space.init()
+
+        def create_session(name: str, user: Any = None, external: bool = False) -> Any:
+            session = made(name, external=external)
+            session.write = lambda params: self._write(session, params)
+            session.call = lambda methods: self._call(session, methods)
+            return session
+
+        made, iserver.create_session = iserver.create_session, create_session
+
+    async def _trust(self) -> None:
+        validator, o = import_module("asyncua.crypto.validator"), self._options
+        flags = validator.CertificateValidatorOptions
+        if o.trust:
+            store = import_module("asyncua.crypto.truststore").TrustStore([o.trust], [])
+            await store.load()
+            checked = flags.TRUSTED_VALIDATION | flags.PEER_CLIENT
+            self._server.set_certificate_validator(validator.CertificateValidator(checked, store))
+        else:
+            checked = flags.BASIC_VALIDATION | flags.PEER_CLIENT
+            self._server.set_certificate_validator(validator.CertificateValidator(checked))
+
+    async def _look(self) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            seen = await loop.run_in_executor(self._reader, self._source.look)
+        except Error as e:
+            if not self._away:
+                say(f"the store is away: {e}")
+                await self._space.away()
+            self._away = True
+            return
+        if self._away:
+            say("the store is back")
+        self._away = False
+        await self._space.show(seen)
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Serve until `stop`. OSError: it cannot listen there."""
+        self._source = await asyncio.get_running_loop().run_in_executor(self._reader, _Reader, self._uri)
+        await self._make()
+        await self._look()
+        async with self._server:
+            say(f"{self._uri.split('@')[-1]} is at {self._options.listen}" + ("" if self._options.certificate else ", not encrypted"))
+            while not stop.is_set():
+                try:
+                    await asyncio.wait_for(stop.wait(), self._options.period)
+                except asyncio.TimeoutError:
+                    await self._look()
+        self._writers.shutdown(wait=False)
+        self._reader.shutdown()
+
+
+def _uri_of(certificate: Any) -> str:
+    """The application's URI, which clients compare with the certificate's."""
+    x509 = import_module("cryptography.x509")
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        uri: str = names.get_values_for_type(x509.UniformResourceIdentifier)[0]
+    except (x509.ExtensionNotFound, IndexError):
+        raise ValueError("the certificate has no URI of an application among its names: "
+                         "python -m apc.opcua certificate makes one that has") from None
+    return uri

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// plant.mjs PORT FOLDER: a first-order plant behind an OPC UA server that nobody here wrote. It prints what u it is given.
+// FOLDER is for its certificates.
+import { createRequire } from "node:module";
+
+const { DataType, OPCUACertificateManager, OPCUAServer, StatusCodes, Variant } = createRequire(`${process.env.APC_PEERS}/`)("node-opcua");
+
+const [port, folder] = process.argv.slice(2);
+const certificates = new OPCUACertificateManager({ rootFolder: folder, automaticallyAcceptUnknownCertificate: true });
+const server = new OPCUAServer({ port: Number(port), hostname: "127.0.0.1", serverCertificateManager: certificates });
+await server.initialize();
+const space = server.engine.addressSpace.getOwnNamespace();
+const plant = space.addObject({ organizedBy: server.engine.addressSpace.rootFolder.objects, browseName: "Plant" });
+let u = 0, y = 0;
+const period = 0.02;
+const level = space.addVariable({ componentOf: plant, browseName: "y", nodeId: "s=y", dataType: "Double" });
+space.addVariable({ componentOf: plant, browseName: "u", nodeId: "s=u", dataType: "Float", value: {
+  get: () => new Variant({ dataType: DataType.Float, value: u }),
+  set: (variant) => {
+    if (Math.abs(variant.value) > 100) return StatusCodes.BadOutOfRange;
+    if (variant.value !== u) console.log(`given ${variant.value}`);
+    u = variant.value;
+    return StatusCodes.Good;
+  } } });
+setInterval(() => {
+  y += period * (10 * u - y);
+  level.setValueFromSource({ dataType: DataType.Double, value: y });
+}, 1000 * period);
+await server.start();
+console.log("listens");
+process.on("SIGTERM", () => process.exit(0));
