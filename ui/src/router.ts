@@ -13,8 +13,11 @@ export function go(page: Page, about?: string | number | null): void {
   place.value = placeOf(location.hash);
 }
 
-/** The address says so from now on, without a step back to what it said. */
+/** The address of the page that is shown says so from now on, without a step back to what it said. Where it has been changed,
+    and hashchange is still to come, whoever changed it has the last word. */
 export function rewrite(page: Page, about: string): void {
+  const {page: there, about: of} = placeOf(location.hash);
+  if (there !== page || there !== place.value.page || of !== place.value.about) return;
   history.replaceState(null, "", path(page, about));
   place.value = {page, about};
 }

@@ -36,7 +36,7 @@ const server = new Server(env);
 const model = await import("../src/core/model");
 const {forget} = await import("../src/core/writing");
 const {Shell} = await import("../src/shell");
-const {place, go, path} = await import("../src/router");
+const {place, go, path, rewrite} = await import("../src/router");
 const {placeOf} = await import("../src/core/place");
 const {setShortcuts, setTheme, theme} = await import("../src/theme");
 
@@ -68,6 +68,7 @@ async function settle(): Promise<void> {
 }
 
 async function show(at: string): Promise<void> {
+  history.replaceState(null, "", `#${at}`);
   place.value = placeOf(`#${at}`);
   await settle();
 }
@@ -688,6 +689,18 @@ test("addresses of pages", () => {
   assert.equal(location.hash, "#loop/2");
   assert.equal(path("trend", "sensor.3"), "#trend/sensor.3");
   assert.equal(tanks.loops.length, 2);
+});
+
+test("an address that was changed and not heard of yet is not written over", async () => {
+  await show("trend/pens=y2");
+  rewrite("trend", "pens=y2;span=60");
+  assert.equal(location.hash, "#trend/pens=y2;span=60");
+  for (const other of ["#alarms", "#trend/pens=y1"]) {
+    await show("trend/pens=y2");
+    history.replaceState(null, "", other);
+    rewrite("trend", "pens=y2;span=60");
+    assert.equal(location.hash, other);
+  }
 });
 
 /** What is saved as a file while something is done: its name and its text. */
