@@ -38,6 +38,11 @@ expect 4 'history sqlite:.* cannot be taken: .*apc-historian' \
 "$apc" init --store "sqlite:$work/other.db" "$APC_SOURCE_DIR/experiments/servo.conf" >/dev/null
 expect 4 'cannot be taken: .*another experiment' \
   "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "sqlite:$work/other.db"
+# so is one that a newer library has made
+"$apc" init --store "sqlite:$work/newer.db" "$work/fast.conf" >/dev/null
+sqlite3 "$work/newer.db" 'PRAGMA user_version = 99'
+expect 1 'cannot be taken: .*newer.db has tables of version 99, this library knows [0-9]*: upgrade libapc' \
+  "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "sqlite:$work/newer.db"
 
 # a file that somebody has locked
 coproc sqlite3 "$work/history.db"
