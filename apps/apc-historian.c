@@ -4,13 +4,12 @@
  * The loop never waits for it: while the history is away the live store keeps what is to come, as far as its
  * room goes.
  *
- * A thread moves, and may wait for a history as long as it takes; the task only wakes it each cycle, and
- * tells what became of it. Between the two stands `report`, under a mutex that nobody holds while he waits.
+ * A worker moves, and may wait for a history as long as it takes; the task only wakes it each cycle, and
+ * tells what became of it.
  *
- * A second thread, with connections of its own, brings what people ask of the history to the live store
+ * A second one, with connections of its own, brings what people ask of the history to the live store
  * (run/requests.h), as long as what the first one moves is taken: then the history is this experiment's.
  */
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +18,7 @@
 #include "common/storeuri.h"
 #include "common/warden.h"
 #include "common/watch.h"
+#include "common/worker.h"
 #include "run/requests.h"
 
 #define CYCLE   (100 * APC_NS_PER_MS)
@@ -49,21 +49,16 @@ struct shell {
     struct apc_forward *forward;
     bool reached;   /* the history, once */
     uint64_t older; /* when that was said: stats.older */
-    pthread_t thread;
-    pthread_mutex_t mutex; /* of all below; inherits priority */
-    pthread_cond_t wake, ended;
+    apc_ns looked;  /* monotonic: at what the live store still holds */
+    struct worker mover;
+    struct report report; /* of the mover, under its mutex */
     struct {
         struct apc_store *live, *history;
         struct requests *requests;
-        pthread_t thread;
-        pthread_cond_t wake;
-        bool begun, gone;
-        int rc; /* of the last look */
+        struct worker worker;
+        int rc; /* of the last look, with `why` under the worker's mutex */
         char why[400];
     } asked;
-    bool begun, due, end, gone;
-    apc_ns since; /* monotonic: of the step that is under way; 0: none */
-    struct report report;
     struct { /* the task's own */
         struct lag_watch lag;
         bool scarce;
@@ -107,7 +102,7 @@ static const struct program program = {
     .extra = &extra,
 };
 
-/* ---- The thread ---------------------------------------------------------------------------- */
+/* ---- The mover ----------------------------------------------------------------------------- */
 
 /* Where there are no tables yet they are made; a file that has gone is not: it may come back. */
 static int move(struct shell *s, apc_ns timeout)
@@ -128,7 +123,7 @@ static int move(struct shell *s, apc_ns timeout)
 
 static void note(struct shell *s, int rc, const struct apc_forward_stats *stats, double left)
 {
-    pthread_mutex_lock(&s->mutex);
+    pthread_mutex_lock(&s->mover.mutex);
     s->report.rc = rc;
     s->report.left = left;
     s->report.stats = *stats;
@@ -136,78 +131,48 @@ static void note(struct shell *s, int rc, const struct apc_forward_stats *stats,
         snprintf(s->report.why, sizeof s->report.why, "%s", apc_forward_error(s->forward));
     if (rc >= 0 && stats->behind == 0)
         s->report.whole = apc_clock_mono(NULL);
-    s->since = 0;
-    pthread_mutex_unlock(&s->mutex);
+    pthread_mutex_unlock(&s->mover.mutex);
 }
 
 /* What the live store holds takes a while to look through, and is asked for only when it matters. */
-static double left_of(struct shell *s, int rc, uint64_t behind, apc_ns *looked, double left)
+static double left_of(struct shell *s, int rc, uint64_t behind)
 {
     const apc_ns now = apc_clock_mono(NULL);
     if (rc >= 0 && (behind == 0 || now - s->report.whole <= LAG_LIMIT))
         return 1;
-    if (now - *looked < LOOK)
-        return left;
-    *looked = now;
+    if (now - s->looked < LOOK)
+        return s->report.left;
+    s->looked = now;
     return apc_forward_left(s->forward);
 }
 
-static void *run(void *ctx)
+static apc_ns step(void *ctx, bool last)
 {
     struct shell *s = ctx;
-    apc_ns looked = apc_clock_mono(NULL);
-    double left = 1;
-    pthread_mutex_lock(&s->mutex);
-    for (;;) {
-        while (!s->due && !s->end)
-            pthread_cond_wait(&s->wake, &s->mutex);
-        const bool end = s->end;
-        s->due = false;
-        s->since = apc_clock_mono(NULL);
-        pthread_mutex_unlock(&s->mutex);
-        const int rc = move(s, end ? LAST : BATCHES);
-        struct apc_forward_stats stats = {.size = sizeof stats};
-        apc_forward_stats(s->forward, &stats);
-        left = left_of(s, rc, stats.behind, &looked, left);
-        note(s, rc, &stats, left);
-        pthread_mutex_lock(&s->mutex);
-        if (end)
-            break;
-    }
-    s->gone = true;
-    pthread_cond_broadcast(&s->ended);
-    pthread_mutex_unlock(&s->mutex);
-    return NULL;
+    const int rc = move(s, last ? LAST : BATCHES);
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(s->forward, &stats);
+    note(s, rc, &stats, left_of(s, rc, stats.behind));
+    return WORKER_IDLE;
 }
 
-/* ---- The other thread ---------------------------------------------------------------------- */
+/* ---- Who brings what is asked for ------------------------------------------------------------- */
 
-static void wait_until(pthread_cond_t *cond, pthread_mutex_t *mutex, apc_ns at)
-{
-    const struct timespec time = {.tv_sec = (time_t)(at / APC_NS_PER_S),
-                                  .tv_nsec = (long)(at % APC_NS_PER_S)};
-    pthread_cond_timedwait(cond, mutex, &time);
-}
-
-static void *bring(void *ctx)
+static apc_ns bring(void *ctx, bool last)
 {
     struct shell *s = ctx;
-    pthread_mutex_lock(&s->mutex);
-    while (!s->end) {
-        const bool taken = s->report.rc >= 0;
-        pthread_mutex_unlock(&s->mutex);
-        const int rc = taken ? requests_step(s->asked.requests) : 0;
-        pthread_mutex_lock(&s->mutex);
-        s->asked.rc = rc;
-        if (rc < 0)
-            snprintf(s->asked.why, sizeof s->asked.why, "%s", requests_error(s->asked.requests));
-        if (!s->end)
-            wait_until(&s->asked.wake, &s->mutex, apc_clock_mono(NULL) + (rc > 0 ? SETTLE : ASK));
-    }
-    s->asked.gone = true;
-    pthread_cond_broadcast(&s->ended);
-    pthread_mutex_unlock(&s->mutex);
-    return NULL;
+    pthread_mutex_lock(&s->mover.mutex);
+    const bool taken = s->report.rc >= 0;
+    pthread_mutex_unlock(&s->mover.mutex);
+    if (last)
+        return WORKER_IDLE;
+    const int rc = taken ? requests_step(s->asked.requests) : 0;
+    pthread_mutex_lock(&s->asked.worker.mutex);
+    s->asked.rc = rc;
+    if (rc < 0)
+        snprintf(s->asked.why, sizeof s->asked.why, "%s", requests_error(s->asked.requests));
+    pthread_mutex_unlock(&s->asked.worker.mutex);
+    return rc > 0 ? SETTLE : ASK;
 }
 
 /* ---- The task ------------------------------------------------------------------------------ */
@@ -294,16 +259,16 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     struct shell *s = ctx;
     const apc_ns now = apc_clock_mono(NULL);
     (void)tick;
-    pthread_mutex_lock(&s->mutex);
-    const struct report r = s->report;
+    pthread_mutex_lock(&s->asked.worker.mutex);
     char why[sizeof s->asked.why];
     const int asked = s->asked.rc;
     memcpy(why, s->asked.why, sizeof why);
-    const bool hung = s->since && now - s->since > HUNG;
-    s->due = true;
-    pthread_cond_signal(&s->wake);
-    pthread_mutex_unlock(&s->mutex);
-    if (hung) {
+    pthread_mutex_unlock(&s->asked.worker.mutex);
+    pthread_mutex_lock(&s->mover.mutex);
+    const struct report r = s->report;
+    pthread_mutex_unlock(&s->mover.mutex);
+    worker_wake(&s->mover);
+    if (worker_busy(&s->mover) > HUNG) {
         daemon_event(&s->d, APC_EVENT_ALARM, "history",
                      "stopping: the history does not answer, in spite of its deadline");
         return APC_ETIMEDOUT;
@@ -380,60 +345,42 @@ static int open_shell(struct shell *s)
     return rc == 0 && s->within > 0 ? open_asked(s, uri) : rc;
 }
 
-static int start_threads(struct shell *s)
+static int start(struct shell *s)
 {
-    pthread_condattr_t attr;
-    if (pthread_condattr_init(&attr) != 0)
-        return APC_ENOMEM;
-    int e = pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
-    e = e ? e : pthread_cond_init(&s->wake, &attr);
-    e = e ? e : pthread_cond_init(&s->ended, &attr);
-    e = e ? e : pthread_cond_init(&s->asked.wake, &attr);
-    pthread_condattr_destroy(&attr);
-    e = e ? e : pthread_create(&s->thread, NULL, run, s);
-    s->begun = !e;
-    if (!e && s->asked.requests)
-        e = pthread_create(&s->asked.thread, NULL, bring, s);
-    s->asked.begun = !e && s->asked.requests;
-    return e ? daemon_error(&s->d, APC_ESYS, "no thread: %s", strerror(e)) : 0;
+    struct apc_error why;
+    s->looked = apc_clock_mono(NULL);
+    int rc = worker_start(&s->mover, &why);
+    if (rc == 0 && s->asked.requests)
+        rc = worker_start(&s->asked.worker, &why);
+    return rc < 0 ? daemon_error(&s->d, rc, "%s", why.text) : 0;
 }
 
 /* True: they have ended. One that waits for a history is left alone, and the process ends around it. */
-static bool end_threads(struct shell *s)
+static bool end(struct shell *s)
 {
     const apc_ns until = apc_clock_mono(NULL) + LAST;
-    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
-                                .tv_nsec = (long)(until % APC_NS_PER_S)};
-    int e = 0;
-    pthread_mutex_lock(&s->mutex);
-    s->end = true;
-    pthread_cond_signal(&s->wake);
-    pthread_cond_signal(&s->asked.wake);
-    while (s->begun + s->asked.begun > s->gone + s->asked.gone && e == 0)
-        e = pthread_cond_timedwait(&s->ended, &s->mutex, &at);
-    const bool gone = s->begun + s->asked.begun == s->gone + s->asked.gone;
-    pthread_mutex_unlock(&s->mutex);
-    if (gone && s->begun)
-        pthread_join(s->thread, NULL);
-    if (gone && s->asked.begun)
-        pthread_join(s->asked.thread, NULL);
-    return gone;
+    worker_stop(&s->asked.worker);
+    const bool moved = worker_join(&s->mover, until);
+    return worker_join(&s->asked.worker, until) && moved;
 }
 
 int main(int argc, char **argv)
 {
-    static struct shell s = {.within = WITHIN}; /* it outlives main(), should a thread */
+    static struct shell s = {.within = WITHIN}; /* it outlives main(), should a worker */
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
-    int rc = apc_mutex_init(&s.mutex);
+    struct apc_error why;
+    int rc = worker_init(&s.mover, step, &s, &why);
+    if (rc == 0)
+        rc = worker_init(&s.asked.worker, bring, &s, &why);
     if (rc == 0)
         rc = daemon_open(&s.d, &program, &s, argc, argv);
     if (rc == 0)
         rc = open_shell(&s);
     if (rc == 0)
-        rc = start_threads(&s);
+        rc = start(&s);
     if (rc == 0)
         rc = daemon_run(&s.d, rhythm, on_tick, &s);
-    if (end_threads(&s)) {
+    if (end(&s)) {
         requests_destroy(s.asked.requests);
         apc_store_close(s.asked.history);
         apc_store_close(s.asked.live);

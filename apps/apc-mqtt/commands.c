@@ -4,11 +4,11 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "apc-ui/json.h"
+#include "common/worker.h"
 #include "run/loops.h"
 #include "run/requests.h"
 #include "users/users.h"
@@ -31,14 +31,10 @@ struct commands {
     const char *users;
     struct apc_store *live; /* the thread's */
     struct requests *requests;
-    pthread_t thread;
-    bool begun;
-    pthread_mutex_t mutex; /* of all below */
-    pthread_cond_t changed;
     struct broker *broker;
+    struct worker worker; /* of all below it: its mutex */
     struct command at[MOST];
     size_t n;
-    bool end, gone;
     struct {
         uint64_t refused;
         char why[160];
@@ -87,10 +83,10 @@ static void refuse(struct commands *c, const char *user, const char *signal, con
     vsnprintf(text + 9, sizeof text - 9, fmt, args);
     va_end(args);
     answer(c, user, signal, command, 0, text);
-    pthread_mutex_lock(&c->mutex);
+    pthread_mutex_lock(&c->worker.mutex);
     c->said.refused++;
     snprintf(c->said.why, sizeof c->said.why, "%.30s, %.40s: %.80s", user, signal, text + 9);
-    pthread_mutex_unlock(&c->mutex);
+    pthread_mutex_unlock(&c->worker.mutex);
 }
 
 void commands_tell(struct commands *c)
@@ -99,10 +95,10 @@ void commands_tell(struct commands *c)
     const apc_ns now = apc_clock_mono(NULL);
     if (!c)
         return;
-    pthread_mutex_lock(&c->mutex);
+    pthread_mutex_lock(&c->worker.mutex);
     const uint64_t refused = c->said.refused;
     memcpy(why, c->said.why, sizeof why);
-    pthread_mutex_unlock(&c->mutex);
+    pthread_mutex_unlock(&c->worker.mutex);
     if (refused == c->told.refused || (c->told.at && now - c->told.at < TOLD_PER))
         return;
     if (refused - c->told.refused == 1)
@@ -202,14 +198,14 @@ static int64_t number_of(const char *user, const char *signal, const unsigned ch
 static void enter(struct commands *c, const char *user, const struct command *command)
 {
     bool there = false;
-    pthread_mutex_lock(&c->mutex);
+    pthread_mutex_lock(&c->worker.mutex);
     for (size_t i = 0; i < c->n; i++)
         there |= c->at[i].request.id == command->request.id;
     const bool room = c->n < MOST;
     if (room && !there)
         c->at[c->n++] = *command;
-    pthread_cond_broadcast(&c->changed);
-    pthread_mutex_unlock(&c->mutex);
+    pthread_mutex_unlock(&c->worker.mutex);
+    worker_wake(&c->worker);
     if (!room && !there)
         refuse(c, user, command->signal, command, "%d others are not answered yet", MOST);
 }
@@ -291,14 +287,14 @@ static int find_all(struct commands *c, struct command *at, size_t n)
 
 static void drop(struct commands *c, int64_t id)
 {
-    pthread_mutex_lock(&c->mutex);
+    pthread_mutex_lock(&c->worker.mutex);
     for (size_t i = 0; i < c->n; i++)
         if (c->at[i].request.id == id) {
             memmove(&c->at[i], &c->at[i + 1], (c->n - i - 1) * sizeof *c->at);
             c->n--;
             break;
         }
-    pthread_mutex_unlock(&c->mutex);
+    pthread_mutex_unlock(&c->worker.mutex);
 }
 
 static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
@@ -307,10 +303,10 @@ static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
     struct command at[MOST];
     int given = 0;
 
-    pthread_mutex_lock(&c->mutex);
+    pthread_mutex_lock(&c->worker.mutex);
     const size_t n = c->n;
     memcpy(at, c->at, n * sizeof *at);
-    pthread_mutex_unlock(&c->mutex);
+    pthread_mutex_unlock(&c->worker.mutex);
     const int rc = n > 0 ? find_all(c, at, n) : 0;
     for (size_t i = 0; i < n && rc >= 0; i++) {
         struct apc_request *const q = &at[i].request;
@@ -336,13 +332,13 @@ static int settle(void *ctx, int64_t id, int64_t seq, const char *outcome)
     struct commands *const c = ctx;
     struct command one = {0};
 
-    pthread_mutex_lock(&c->mutex);
+    pthread_mutex_lock(&c->worker.mutex);
     for (size_t i = 0; i < c->n; i++)
         if (c->at[i].request.id == id) {
             c->at[i].request.seq = seq;
             one = c->at[i];
         }
-    pthread_mutex_unlock(&c->mutex);
+    pthread_mutex_unlock(&c->worker.mutex);
     if (!outcome || !one.signal[0])
         return 0;
     if (strncmp(outcome, "refused: ", 9) == 0)
@@ -364,11 +360,11 @@ static void expire(struct commands *c)
 {
     struct command old[MOST];
     size_t n = 0;
-    pthread_mutex_lock(&c->mutex);
+    pthread_mutex_lock(&c->worker.mutex);
     for (size_t i = 0; i < c->n; i++)
         if (c->at[i].request.seq < 0 && apc_clock_utc(NULL) - c->at[i].request.time > WITHIN)
             old[n++] = c->at[i];
-    pthread_mutex_unlock(&c->mutex);
+    pthread_mutex_unlock(&c->worker.mutex);
     for (size_t i = 0; i < n; i++) {
         refuse(c, old[i].request.author, old[i].signal, &old[i], "the store is away: %s",
                apc_store_error(c->live));
@@ -376,30 +372,23 @@ static void expire(struct commands *c)
     }
 }
 
-static void *run(void *ctx)
+static size_t waiting(struct commands *c)
+{
+    pthread_mutex_lock(&c->worker.mutex);
+    const size_t n = c->n;
+    pthread_mutex_unlock(&c->worker.mutex);
+    return n;
+}
+
+static apc_ns step(void *ctx, bool last)
 {
     struct commands *const c = ctx;
-    pthread_mutex_lock(&c->mutex);
-    while (!c->end) {
-        const apc_ns until = apc_clock_mono(NULL) + ASK;
-        const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
-                                    .tv_nsec = (long)(until % APC_NS_PER_S)};
-        if (c->n == 0) {
-            pthread_cond_wait(&c->changed, &c->mutex);
-            continue;
-        }
-        pthread_mutex_unlock(&c->mutex);
-        const int rc = requests_step(c->requests);
-        if (rc < 0)
-            expire(c);
-        pthread_mutex_lock(&c->mutex);
-        if (rc != 0 && !c->end)
-            pthread_cond_timedwait(&c->changed, &c->mutex, &at);
-    }
-    c->gone = true;
-    pthread_cond_broadcast(&c->changed);
-    pthread_mutex_unlock(&c->mutex);
-    return NULL;
+    if (last || waiting(c) == 0)
+        return WORKER_IDLE;
+    const int rc = requests_step(c->requests);
+    if (rc < 0)
+        expire(c);
+    return waiting(c) == 0 ? WORKER_IDLE : rc != 0 ? ASK : 0;
 }
 
 /* ---- Start and end ---------------------------------------------------------------------------------------
@@ -409,21 +398,15 @@ int commands_create(struct commands **commands, struct daemon *d, const struct m
                     const char *users, struct apc_error *why)
 {
     struct commands *const c = *commands = calloc(1, sizeof *c);
-    pthread_condattr_t attr;
 
-    if (!c || pthread_condattr_init(&attr) != 0) {
-        free(c);
-        *commands = NULL;
+    if (!c)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    }
     c->d = d;
     c->options = options;
     c->users = users;
-    pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
-    (void)apc_mutex_init(&c->mutex);
-    pthread_cond_init(&c->changed, &attr);
-    pthread_condattr_destroy(&attr);
-    int rc = daemon_store(d, &c->live, NULL, 0);
+    int rc = worker_init(&c->worker, step, c, why);
+    if (rc == 0)
+        rc = daemon_store(d, &c->live, NULL, 0);
     const struct requests_source from = {
         .ctx = c, .give = give, .answer = settle, .error = error, .marks = REQUESTS_OF_BROKER};
     if (rc == 0)
@@ -438,33 +421,17 @@ void commands_answer_by(struct commands *c, struct broker *broker)
 
 int commands_start(struct commands *c, struct apc_error *why)
 {
-    const int e = pthread_create(&c->thread, NULL, run, c);
-    c->begun = !e;
-    return e ? apc_fail(why, APC_ESYS, "no thread: %s", strerror(e)) : 0;
+    return worker_start(&c->worker, why);
 }
 
 bool commands_destroy(struct commands *c)
 {
     if (!c)
         return true;
-    const apc_ns until = apc_clock_mono(NULL) + LAST;
-    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
-                                .tv_nsec = (long)(until % APC_NS_PER_S)};
-    pthread_mutex_lock(&c->mutex);
-    c->end = true;
-    pthread_cond_broadcast(&c->changed);
-    while (c->begun && !c->gone && pthread_cond_timedwait(&c->changed, &c->mutex, &at) != ETIMEDOUT)
-        ;
-    const bool gone = !c->begun || c->gone;
-    pthread_mutex_unlock(&c->mutex);
-    if (!gone)
+    if (!worker_join(&c->worker, apc_clock_mono(NULL) + LAST))
         return false;
-    if (c->begun)
-        pthread_join(c->thread, NULL);
     requests_destroy(c->requests);
     apc_store_close(c->live);
-    pthread_cond_destroy(&c->changed);
-    pthread_mutex_destroy(&c->mutex);
     free(c);
     return true;
 }

@@ -3,12 +3,10 @@
  * apc-mqtt: what the live store gets goes to an MQTT broker, and what the broker's people may command to the
  * loop, which never waits for either.
  *
- * A thread moves and publishes (backlog.h), and may wait for a disk or the broker as long as it takes; one
- * keeps the connection (broker.h), and one brings commands to the store (commands.h). The task only wakes the
- * first each cycle, and tells what became of it.
+ * A worker moves and publishes (backlog.h), and may wait for a disk or the broker as long as it takes; one
+ * thread keeps the connection (broker.h), and one worker brings commands to the store (commands.h). The task
+ * only wakes the first each cycle, and tells what became of it.
  */
-#include <errno.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +17,7 @@
 #include "common/daemon.h"
 #include "common/storeuri.h"
 #include "common/watch.h"
+#include "common/worker.h"
 #include "options.h"
 #include "users/users.h"
 
@@ -43,13 +42,8 @@ struct shell {
     struct backlog *backlog;
     struct broker *broker;
     struct commands *commands;
-    pthread_t thread;
-    bool begun;
-    pthread_mutex_t mutex; /* of all below; inherits priority */
-    pthread_cond_t wake, ended;
-    bool due, end, gone;
-    apc_ns since; /* monotonic: of the step that is under way; 0: none */
-    struct report report;
+    struct worker worker;
+    struct report report; /* under the worker's mutex */
     struct {
         struct state_watch broker, queue, sent;
         uint64_t gaps, events;
@@ -63,7 +57,7 @@ static const struct program program = {
     .extra = &mqtt_argp,
 };
 
-/* ---- The thread ---------------------------------------------------------------------------------- */
+/* ---- The worker ---------------------------------------------------------------------------------- */
 
 static char *birth(void *ctx)
 {
@@ -79,8 +73,10 @@ static char *birth(void *ctx)
     return t.at;
 }
 
-static void step(struct shell *s)
+static apc_ns step(void *ctx, bool last)
 {
+    struct shell *s = ctx;
+    (void)last; /* once more then, for what came at the end */
     struct report r = {.stats = {.size = sizeof r.stats}};
     r.taken = backlog_take(s->backlog, TAKE);
     if (r.taken < 0)
@@ -90,32 +86,10 @@ static void step(struct shell *s)
     if (r.sent < 0)
         snprintf(r.sent_why, sizeof r.sent_why, "%s", backlog_sent_error(s->backlog));
     backlog_stats(s->backlog, &r.stats);
-    pthread_mutex_lock(&s->mutex);
+    pthread_mutex_lock(&s->worker.mutex);
     s->report = r;
-    s->since = 0;
-    pthread_mutex_unlock(&s->mutex);
-}
-
-static void *run(void *ctx)
-{
-    struct shell *s = ctx;
-    pthread_mutex_lock(&s->mutex);
-    for (;;) {
-        while (!s->due && !s->end)
-            pthread_cond_wait(&s->wake, &s->mutex);
-        const bool end = s->end;
-        s->due = false;
-        s->since = apc_clock_mono(NULL);
-        pthread_mutex_unlock(&s->mutex);
-        step(s); /* once more at the end, for what came last */
-        pthread_mutex_lock(&s->mutex);
-        if (end)
-            break;
-    }
-    s->gone = true;
-    pthread_cond_broadcast(&s->ended);
-    pthread_mutex_unlock(&s->mutex);
-    return NULL;
+    pthread_mutex_unlock(&s->worker.mutex);
+    return WORKER_IDLE;
 }
 
 /* ---- The task -------------------------------------------------------------------------------------- */
@@ -147,16 +121,13 @@ static void tell_gaps(struct shell *s, const struct apc_forward_stats *stats)
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
-    const apc_ns now = apc_clock_mono(NULL);
     char why[200];
     (void)tick;
-    pthread_mutex_lock(&s->mutex);
+    pthread_mutex_lock(&s->worker.mutex);
     const struct report r = s->report;
-    const bool hung = s->since && now - s->since > HUNG;
-    s->due = true;
-    pthread_cond_signal(&s->wake);
-    pthread_mutex_unlock(&s->mutex);
-    if (hung) {
+    pthread_mutex_unlock(&s->worker.mutex);
+    worker_wake(&s->worker);
+    if (worker_busy(&s->worker) > HUNG) {
         daemon_event(&s->d, APC_EVENT_ALARM, "mqtt", "stopping: the disk does not answer");
         return APC_ETIMEDOUT;
     }
@@ -252,52 +223,23 @@ static int open_parts(struct shell *s)
     return first_step(s);
 }
 
-static int start_threads(struct shell *s)
+static int start(struct shell *s)
 {
     struct apc_error why;
-    pthread_condattr_t attr;
-    if (pthread_condattr_init(&attr) != 0)
-        return APC_ENOMEM;
-    int e = pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
-    e = e ? e : pthread_cond_init(&s->wake, &attr);
-    e = e ? e : pthread_cond_init(&s->ended, &attr);
-    pthread_condattr_destroy(&attr);
-    e = e ? e : pthread_create(&s->thread, NULL, run, s);
-    s->begun = !e;
-    if (e)
-        return daemon_error(&s->d, APC_ESYS, "no thread: %s", strerror(e));
     int rc = s->commands ? commands_start(s->commands, &why) : 0;
     if (rc == 0)
         rc = broker_start(s->broker, &why);
+    if (rc == 0)
+        rc = worker_start(&s->worker, &why);
     return rc < 0 ? daemon_error(&s->d, rc, "%s", why.text) : 0;
-}
-
-/* True: it has ended. One that waits for a disk is left alone, and the process ends around it. */
-static bool end_thread(struct shell *s)
-{
-    const apc_ns until = apc_clock_mono(NULL) + LAST;
-    const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
-                                .tv_nsec = (long)(until % APC_NS_PER_S)};
-    int e = 0;
-    if (!s->begun)
-        return true;
-    pthread_mutex_lock(&s->mutex);
-    s->end = true;
-    pthread_cond_signal(&s->wake);
-    while (!s->gone && e == 0)
-        e = pthread_cond_timedwait(&s->ended, &s->mutex, &at);
-    const bool gone = s->gone;
-    pthread_mutex_unlock(&s->mutex);
-    if (gone)
-        pthread_join(s->thread, NULL);
-    return gone;
 }
 
 int main(int argc, char **argv)
 {
-    static struct shell s; /* it outlives main(), should a thread */
+    static struct shell s; /* it outlives main(), should a worker */
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
-    int rc = apc_mutex_init(&s.mutex);
+    struct apc_error why;
+    int rc = worker_init(&s.worker, step, &s, &why);
     s.told.queue.up = s.told.sent.up = s.told.broker.up = true;
     if (rc == 0)
         rc = daemon_open(&s.d, &program, &s.options, argc, argv);
@@ -308,10 +250,11 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = open_parts(&s);
     if (rc == 0)
-        rc = start_threads(&s);
+        rc = start(&s);
     if (rc == 0)
         rc = daemon_run(&s.d, rhythm, on_tick, &s);
-    bool ended = end_thread(&s);
+    /* One that waits for a disk is left alone, and the process ends around it. */
+    bool ended = worker_join(&s.worker, apc_clock_mono(NULL) + LAST);
     ended = broker_close(s.broker) && ended;
     ended = commands_destroy(s.commands) && ended;
     if (ended) {
