@@ -74,6 +74,20 @@ static void put_transfer(FILE *out, const struct identify_model *m, const struct
     fputs(" );\n", out);
 }
 
+/* What disturbs, as it was identified. */
+static void put_filter(FILE *out, const struct apc_identified *m)
+{
+    const size_t ny = m->linear->ny;
+
+    put_matrix(out, "K", m->K, m->linear->nx, ny);
+    fputs("  error = [", out);
+    for (size_t i = 0; i < ny; i++) {
+        fputs(i ? ", " : "", out);
+        put_number(out, sqrt(m->covariance[i * (ny + 1)]));
+    }
+    fputs("];\n", out);
+}
+
 void identify_write(FILE *out, const struct identify_model *model, const struct identify_data *data,
                     const char *comment)
 {
@@ -95,6 +109,8 @@ void identify_write(FILE *out, const struct identify_model *model, const struct 
         put_matrix(out, "B", m->B, m->nx, inputs);
         put_matrix(out, "C", m->C, m->ny, m->nx);
         put_matrix(out, "D", m->D, m->ny, inputs);
+        if (strcmp(model->kind, "subspace") == 0)
+            put_filter(out, model->identified);
         fputs("};\n", out);
     }
     fputs("operating_point = { u = ", out);

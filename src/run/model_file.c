@@ -4,11 +4,13 @@
  * state space, in continuous time or sampled. It stands in a file of its own, or in the controller's group;
  * its inputs and outputs are signals of the controller, by their names, in any order.
  */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "apclinear.h"
+#include "base/matrix.h"
 #include "experiment_parts.h"
 #include "nearest.h"
 
@@ -204,14 +206,15 @@ static void read_transfer(const struct model *m, const config_setting_t *list, s
 /* ---- State space ------------------------------------------------------------------------------ */
 
 struct space {
-    size_t nx;
-    double *A, *B, *C, *D, *x0, *dead_time;
-    double *row; /* [inputs] */
+    size_t nx, rows;                        /* rows: of A in the file; nx has the errors of K's as well */
+    double *A, *B, *C, *D, *x0, *dead_time; /* A [rows * rows] and C [outputs * rows] until widen() */
+    double *K, *error;                      /* [rows * outputs], [outputs]; unused without K */
+    double *row;                            /* [inputs], [outputs * (rows + inputs)], room */
 };
 
 static void read_space(const struct model *m, const config_setting_t *group, struct space *p)
 {
-    const size_t nx = p->nx, inputs = m->inputs, outputs = m->outputs;
+    const size_t nx = p->rows, inputs = m->inputs, outputs = m->outputs;
     const config_setting_t *at = operating_point(m, true);
 
     read_matrix(m, group, "A", nx, nx, p->A);
@@ -229,13 +232,13 @@ static void read_space(const struct model *m, const config_setting_t *group, str
                           "\"dead_time\" of %s is %g: must be 0 or above", input_name(m, j), p->dead_time[j]);
 }
 
-/* Columns of @p M [rows * inputs] to where the controller has them. */
-static void turn_columns(const struct model *m, size_t rows, double *M, double *row)
+/* Column i of @p M [rows * columns] to @p place [i], where the controller has it. */
+static void turn_columns(const size_t *place, size_t rows, size_t columns, double *M, double *row)
 {
     for (size_t i = 0; i < rows; i++) {
-        for (size_t j = 0; j < m->inputs; j++)
-            row[m->input[j]] = M[i * m->inputs + j];
-        memcpy(M + i * m->inputs, row, m->inputs * sizeof *row);
+        for (size_t j = 0; j < columns; j++)
+            row[place[j]] = M[i * columns + j];
+        memcpy(M + i * columns, row, columns * sizeof *row);
     }
 }
 
@@ -280,44 +283,166 @@ static void sample_space(const struct model *m, const config_setting_t *group, c
         settings_fail(m->s, group, "%s", why.text);
 }
 
-static void read_state_space(const struct model *m, const config_setting_t *group, struct apc_linear **to)
+/* ---- What disturbs ---------------------------------------------------------------------------- */
+
+static bool has_setting(const struct controller *c, const char *name)
 {
-    static const char *const known[] = {"period", "A", "B", "C", "D", "dead_time", NULL};
+    for (size_t i = 0; i < c->n_setting; i++)
+        if (strcmp(c->setting[i].name, name) == 0)
+            return true;
+    return false;
+}
+
+/* As the law has it; NULL: it knows no such setting. */
+static const char *known_setting(const struct controller *c, const char *name)
+{
+    for (const char *const *known = c->law->settings; known && *known; known++)
+        if (strcmp(*known, name) == 0)
+            return *known;
+    return NULL;
+}
+
+/* Does the law estimate by K? Not where its settings speak of the states, or say how measurements are
+ * disturbed.
+ */
+static bool wants_filter(const struct controller *c)
+{
+    return known_setting(c, "x_noise") && known_setting(c, "y_noise") && !has_setting(c, "x_noise") &&
+           !has_setting(c, "y_noise") && !has_setting(c, "x_dev");
+}
+
+/*
+ * x[k+1] = A x[k] + B u[k] + K e[k], y[k] = C x[k] + D u[k] + e[k], with e as further states, which noise
+ * makes anew for each sample: a filter that hardly doubts what is measured then corrects x[k+1] by K.
+ */
+static void read_filter(const struct model *m, const config_setting_t *group, struct space *p)
+{
+    const config_setting_t *K = config_setting_get_member(group, "K"),
+                           *error = config_setting_get_member(group, "error");
+
+    if (!K != !error)
+        settings_fail(m->s, K ? K : error,
+                      "\"K\" and \"error\", how far y is from what it makes expected, go together");
+    if (K && !config_setting_get_member(group, "period"))
+        settings_fail(m->s, K, "\"K\" is that of a sampled model: \"period\" is missing");
+    if (!K || m->s->failed)
+        return;
+    read_matrix(m, group, "K", p->rows, m->outputs, p->K);
+    read_signals(m, group, "error", m->output, m->outputs, p->error);
+    for (size_t i = 0; i < m->outputs && !m->s->failed; i++)
+        if (!(p->error[i] > 0.0))
+            settings_fail(m->s, error, "\"error\" of %s is %g: a standard deviation is above 0",
+                          output_name(m, i), p->error[i]);
+}
+
+static void widen(const struct model *m, struct space *p, double *A, double *C)
+{
+    const size_t outputs = m->outputs;
+
+    for (size_t i = 0; i < p->rows; i++) {
+        memcpy(A + i * p->nx, p->A + i * p->rows, p->rows * sizeof *A);
+        memcpy(A + i * p->nx + p->rows, p->K + i * outputs, outputs * sizeof *A);
+    }
+    for (size_t i = 0; i < outputs; i++) {
+        memcpy(C + i * p->nx, p->C + i * p->rows, p->rows * sizeof *C);
+        C[i * p->nx + p->rows + i] = 1.0;
+    }
+    p->A = A;
+    p->C = C;
+}
+
+#define DOUBT 0.01 /* of a measurement, over the error that K was made for */
+
+/* Noise of the states, per second as settings have it, and of the measurements. */
+static void add_noise(const struct model *m, const struct space *p, struct controller *c)
+{
+    const double *old = c->values;
+    const size_t n = c->n_setting, x = p->nx, y = m->outputs;
+    size_t used = 0;
+    struct apc_setting *setting = array(m->s, n + 3, sizeof *setting);
+
+    for (size_t i = 0; i < n; i++)
+        used += c->setting[i].rows * c->setting[i].columns;
+    double *value = array(m->s, used + x + y, sizeof *value);
+    if (setting && value) {
+        for (size_t i = 0; i < n; i++) {
+            setting[i] = c->setting[i];
+            if (setting[i].value)
+                setting[i].value = value + (setting[i].value - old);
+        }
+        if (used)
+            memcpy(value, old, used * sizeof *value);
+        free(c->setting);
+        free(c->values);
+        c->values = value;
+        c->setting = setting;
+        c->n_setting = n + 2;
+        setting[n] = (struct apc_setting){
+            .name = known_setting(c, "x_noise"), .rows = 1, .columns = x, .value = value + used};
+        setting[n + 1] = (struct apc_setting){
+            .name = known_setting(c, "y_noise"), .rows = 1, .columns = y, .value = value + used + x};
+        for (size_t i = 0; i < y; i++) {
+            value[used + p->rows + i] = p->error[i] / sqrt(apc_ns_to_s(c->rhythm.period));
+            value[used + x + i] = DOUBT * p->error[i];
+        }
+    } else {
+        free(setting);
+        free(value);
+    }
+}
+
+static void read_state_space(const struct model *m, const config_setting_t *group, struct controller *c)
+{
+    static const char *const known[] = {"period", "A", "B", "C", "D", "K", "error", "dead_time", NULL};
     const config_setting_t *A = settings_list(m->s, group, "A", REQUIRED);
-    const size_t nx = A ? (size_t)config_setting_length(A) : 0, inputs = m->inputs, outputs = m->outputs;
-    struct space p = {.nx = nx};
+    const size_t rows = A ? (size_t)config_setting_length(A) : 0, inputs = m->inputs, outputs = m->outputs;
+    const bool filter = config_setting_get_member(group, "K") && wants_filter(m->c);
+    const size_t nx = rows + (filter ? outputs : 0);
+    struct space p = {.nx = nx, .rows = rows};
     double *memory;
 
     settings_known(m->s, group, known);
-    if (A && (nx == 0 || nx > 1000))
-        settings_fail(m->s, A, "\"A\" has %zu rows: a model has 1 to 1000 states", nx);
+    if (A && (rows == 0 || rows > 1000))
+        settings_fail(m->s, A, "\"A\" has %zu rows: a model has 1 to 1000 states", rows);
     if (m->s->failed)
         return;
     memory =
-        array(m->s, nx * nx + nx * inputs + 2 * outputs * (nx + inputs) + nx + 2 * inputs, sizeof *memory);
+        array(m->s, 2 * nx * nx + nx * (inputs + outputs + 1) + 3 * outputs * (nx + inputs + 1) + 2 * inputs,
+              sizeof *memory);
     if (memory) {
-        p.A = memory;
-        p.B = p.A + nx * nx;
-        p.C = p.B + nx * inputs;
-        p.D = p.C + outputs * nx;
-        p.x0 = p.D + outputs * inputs;
-        p.dead_time = p.x0 + nx;
-        p.row = p.dead_time + inputs;
+        double *at = memory;
+
+        p.A = apc_carve(&at, nx * nx);
+        p.B = apc_carve(&at, nx * inputs);
+        p.C = apc_carve(&at, outputs * nx);
+        p.D = apc_carve(&at, outputs * inputs);
+        p.x0 = apc_carve(&at, nx);
+        p.dead_time = apc_carve(&at, inputs);
+        p.K = apc_carve(&at, nx * outputs);
+        p.error = apc_carve(&at, outputs);
+        p.row = apc_carve(&at, inputs + outputs * (nx + inputs + 1));
         for (size_t j = 0; j < inputs; j++)
             p.dead_time[j] = m->delay;
         read_space(m, group, &p);
-    }
-    if (!m->s->failed) {
-        double *room = p.row + inputs;
+        read_filter(m, group, &p);
+        if (!m->s->failed) {
+            turn_columns(m->input, rows, inputs, p.B, p.row);
+            turn_columns(m->input, outputs, inputs, p.D, p.row);
+            turn_columns(m->output, rows, outputs, p.K, p.row);
+            turn_rows(m, rows, p.C, p.row);
+            turn_rows(m, inputs, p.D, p.row);
+            for (size_t j = 0; j < inputs && config_setting_get_member(group, "dead_time"); j++)
+                p.dead_time[j] += m->delay;
+            if (filter) {
+                double *wide = apc_carve(&at, nx * nx);
 
-        turn_columns(m, nx, p.B, p.row);
-        turn_columns(m, outputs, p.D, p.row);
-        turn_rows(m, nx, p.C, room);
-        turn_rows(m, inputs, p.D, room);
-        for (size_t j = 0; j < inputs && config_setting_get_member(group, "dead_time"); j++)
-            p.dead_time[j] += m->delay;
-        sample_space(m, group, &p, to);
+                widen(m, &p, wide, at);
+            }
+            sample_space(m, group, &p, &c->sampled);
+        }
     }
+    if (filter && !m->s->failed)
+        add_noise(m, &p, c);
     free(memory);
 }
 
@@ -344,7 +469,7 @@ static void read_model(struct settings *s, const config_setting_t *root, const s
     if (!s->failed && transfer)
         read_transfer(&m, transfer, &c->sampled);
     else if (!s->failed)
-        read_state_space(&m, space, &c->sampled);
+        read_state_space(&m, space, c);
     free(m.y0);
     free(m.u0);
     free(m.output);

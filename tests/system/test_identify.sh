@@ -101,6 +101,30 @@ experiment mpc 'model = "run.model";' >mpc.conf
 experiment lqg 'model = "space.model";' >lqg.conf
 "$apc" simulate lqg.conf | grep -Eq '^y +all' || fail "lqg does not run on the state space"
 
+# A drifting plant: with the filter that was identified lqg and mpc lose less than without
+cat >drift.conf <<END
+name = "drift"; duration = 3000.0;
+measurements = ( { name = "y"; noise = 0.05; } ); setpoints = ( { name = "r"; } );
+outputs = ( { name = "u"; low = -10.0; high = 10.0; } );
+plant = { model = "first-order"; parameters = { K = 2.0; tau = 10.0; }; period = 0.1; noise = { x = 0.3; }; };
+client = { period = 0.5; };
+controller = { law = "pi"; period = 1.0; tuning = ( { Kp = 0.3; tau_i = 10.0; } ); };
+scheduler = { period = 50.0; sequence = ( [10.0], [12.0], [9.0], [11.0] ); };
+END
+"$apc" simulate drift.conf --report drift >/dev/null
+"$apc" identify drift --model subspace --period 1 -o drift.model >/dev/null
+grep -q '^  K = ' drift.model || fail "the filter is not written: $(cat drift.model)"
+sed -E '/^  (K|error) = /d' drift.model >without.model
+for law in lqg mpc; do
+  load=d_noise && [ $law = lqg ] && load=u_noise
+  for model in drift without; do
+    sed "s/law = \"pi\"; period = 1.0; tuning = .*/law = \"$law\"; period = 1.0; model = \"$model.model\"; settings = { $load = [0.1]; }; };/" drift.conf >$model-$law.conf
+  done
+  awk -v with="$("$apc" simulate drift-$law.conf | awk '/^y +all/ { print $4 }')" \
+    -v without="$("$apc" simulate without-$law.conf | awk '/^y +all/ { print $4 }')" 'BEGIN { exit !(with > 0 && with < 0.9 * without) }' ||
+    fail "$law with the filter that was identified is no better"
+done
+
 # ---- Parameters of the plant itself: the truth inside the interval, from a start that is far off, of CSV as well
 
 held() { # FILE PARAMETER TRUTH: of --find's CSV

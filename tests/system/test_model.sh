@@ -84,6 +84,29 @@ rm "$work/transfer.model" "$work/again.csv"
 "$apc" simulate "$work/run" --csv "$work/again.csv" >"$work/again.log"
 cmp -s "$work/first.csv" "$work/again.csv" || fail "a run needs a file that it should have kept"
 
+# K: what is written with the errors as states and their noise is the same; settings that say it themselves leave K out
+plain="period = 2.0;\n A = ( [0.8, 0.1], [0.0, 0.7] ); B = ( [0.5], [1.0] ); C = ( [1.0, 0.0] );"
+printf 'state_space = { %b K = ( [0.3], [0.1] ); error = [0.4]; };\n' "$plain" >"$work/filter.model"
+printf 'state_space = { %b };\n' "$plain" >"$work/plain.model"
+cat >"$work/wide.model" <<END
+state_space = { period = 2.0; A = ( [0.8, 0.1, 0.3], [0.0, 0.7, 0.1], [0.0, 0.0, 0.0] );
+  B = ( [0.5], [1.0], [0.0] ); C = ( [1.0, 0.0, 1.0] ); };
+END
+for law in mpc lqg; do
+  load=d_noise && [ $law = lqg ] && load=u_noise
+  noise="x_noise = [0.0, 0.0, $(awk 'BEGIN { printf "%.17g", 0.4 / sqrt(2) }')]; y_noise = [0.004];"
+  experiment $law "model = \"filter.model\"; settings = { $load = [0.1]; };" >"$work/$law-filter.conf"
+  experiment $law "model = \"wide.model\"; settings = { $load = [0.1]; $noise };" >"$work/$law-wide.conf"
+  experiment $law "model = \"filter.model\"; settings = { $load = [0.1]; y_noise = [0.2]; };" >"$work/$law-filter-own.conf"
+  experiment $law "model = \"plain.model\"; settings = { $load = [0.1]; y_noise = [0.2]; };" >"$work/$law-plain-own.conf"
+  for model in filter wide filter-own plain-own; do
+    "$apc" simulate "$work/$law-$model.conf" --csv "$work/$law-$model.csv" >"$work/$law-$model.log"
+  done
+  alike "$work/$law-filter.csv" "$work/$law-wide.csv" || fail "$law: K is not the filter of the errors that it stands for"
+  cmp -s "$work/$law-filter-own.csv" "$work/$law-plain-own.csv" || fail "$law: K is used against the settings"
+  if cmp -s "$work/$law-filter.csv" "$work/$law-plain-own.csv"; then fail "$law: K is not used"; fi
+done
+
 # mistakes: of the file
 expect 1 "mpc-transfer.conf:6: .*/transfer.model: cannot be read" "$apc" simulate "$work/mpc-transfer.conf"
 wrong() { # MODEL PATTERN
@@ -108,6 +131,12 @@ wrong "state_space = { A = ( [1.0] );\nB = ( [1.0], [1.0] ); C = ( [1.0] ); };" 
 wrong "state_space = { A = ( [1.0] ); B = ( [1.0] );\n };" '1: "C" is missing'
 wrong "state_space = {\nperiod = 1.0; A = ( [0.5] ); B = ( [1.0] ); C = ( [1.0] ); };" '2: "period" is 1 s, that of controller controller 2 s'
 wrong "state_space = { period = 2.0;\nA = ( [0.5] ); B = ( [1.0] ); C = ( [1.0] ); dead_time = [1.0]; };" '1: .*in a sampled model it is states of A'
+sampled='period = 2.0; A = ( [0.5] ); B = ( [1.0] ); C = ( [1.0] );'
+wrong "state_space = { A = ( [0.5] ); B = ( [1.0] ); C = ( [1.0] );\nK = ( [0.1] ); error = [1.0]; };" '2: "K" is that of a sampled model: "period" is missing'
+wrong "state_space = {\n$sampled K = ( [0.1] ); };" '2: "K" and "error", .* go together'
+wrong "state_space = {\n$sampled error = [1.0]; };" '2: "K" and "error", .* go together'
+wrong "state_space = {\n$sampled K = ( [0.1] );\nerror = [0.0]; };" '3: "error" of y is 0: a standard deviation is above 0'
+wrong "state_space = {\n$sampled K = ( [0.1], [0.2] );\nerror = [1.0]; };" '2: "K" has 2 rows: expected 1 of 1 numbers'
 wrong "state_space = { A = ( [-0.5] ); B = ( [1.0] ); C = ( [1.0] );\ndead_time = [-1.0]; };" '2: "dead_time" of u is -1'
 wrong "state_space = { A = ( [-0.5] ); B = ( [1.0] ); C = ( [1.0] ); };\noperating_point = { u = [1.0, 2.0]; };" '2: expected 1 number in brackets'
 wrong "transfer = ( { $one tau = [1.0]; } );\noperating_point = { x = [1.0]; };" '2: unknown setting "x" in operating_point'
