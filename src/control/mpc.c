@@ -242,7 +242,9 @@ static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
 /* The plan from `age` samples after it was made on. */
 static void shift_plan(struct apc_law_mpc *p, size_t age)
 {
-    for (size_t b = 0, first = 0; b < p->blocks; first += p->block[b++])
+    if (age == 0)
+        memcpy(p->shifted, plan_of(p, p->x), p->dim.nu * p->blocks * sizeof(*p->shifted));
+    for (size_t b = 0, first = 0; b < p->blocks && age; first += p->block[b++])
         memcpy(p->shifted + b * p->dim.nu, apc_mpc_move(p->mpc, plan_of(p, p->x), first + age),
                p->dim.nu * sizeof(*p->shifted));
 }
@@ -319,22 +321,47 @@ static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
         memcpy(nodes_of(p, p->x), p->nodes, p->N * nx * sizeof(*p->nodes));
 }
 
-/* Is row k of the working set a move that is not to be found? It is an equation as long as somebody else has
- * that output, and no row to begin with when the law has it again. */
-static bool is_given(const struct apc_law_mpc *p, size_t k)
+/* The working set, without moves that somebody else has, which are no rows to begin with when the law has
+ * them again. Also one that was not finished in time: the next tick goes on from there, and not once more
+ * from where this one began. */
+static void keep_rows(const struct apc_law_mpc *p, const signed char *active)
 {
-    return k < p->dim.nu * p->blocks && p->given[k % p->dim.nu];
+    const size_t n = p->n_rows;
+    double *rows = rows_of(p, p->x);
+
+    for (size_t k = 0; k < n; k++)
+        rows[k] = active[k];
+    for (size_t j = 0; j < p->dim.nu; j++) {
+        for (size_t b = 0; p->given[j] && b < p->blocks; b++)
+            rows[b * p->dim.nu + j] = 0.0;
+    }
 }
 
-/* The plan, or that the former one is a sample older. Also a working set that was not finished in time: the
- * next tick goes on from there, and not once more from where this one began. */
+/* What the next solution begins with: the rows of the last one, and as equations moves that somebody else
+ * has. */
+static void take_rows(const struct apc_law_mpc *p)
+{
+    const size_t n = p->n_rows, nu = p->dim.nu; /* here, since a char might be any of them */
+    const double *kept = rows_of(p, p->x);
+    signed char *rows = apc_mpc_room(p->mpc);
+
+    for (size_t k = 0; k < n; k++)
+        rows[k] = (signed char)kept[k];
+    for (size_t j = 0; j < nu; j++) {
+        for (size_t b = 0; p->given[j] && b < p->blocks; b++)
+            rows[b * nu + j] = 1;
+    }
+    apc_mpc_start(p->mpc);
+}
+
+/* The plan, or that the former one is a sample older. */
 static void keep(struct apc_law_mpc *p)
 {
     const size_t nu = p->dim.nu, ny = p->dim.ny;
     const signed char *active = apc_mpc_active(p->mpc);
 
-    for (size_t k = 0; k < p->n_rows && (p->result.rc == 0 || p->result.rc == APC_ETIMEDOUT); k++)
-        rows_of(p, p->x)[k] = is_given(p, k) ? 0 : active[k];
+    if (p->result.rc == 0 || p->result.rc == APC_ETIMEDOUT)
+        keep_rows(p, active);
     if (p->result.rc == 0) {
         memcpy(plan_of(p, p->x), p->plan, nu * p->blocks * sizeof(*p->plan));
         apc_mpc_limiting(p->mpc, active, p->limiting, p->limiting + nu);
@@ -360,11 +387,8 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
                                       .y_low = p->y_low,
                                       .y_high = p->y_high,
                                       .given = p->given};
-    signed char *rows = apc_mpc_room(p->mpc);
 
-    for (size_t k = 0; k < p->n_rows; k++)
-        rows[k] = is_given(p, k) ? 1 : (signed char)rows_of(p, p->x)[k];
-    apc_mpc_start(p->mpc, rows);
+    take_rows(p);
     p->call = c;
     if (p->shoot)
         step_on(p, &call);
@@ -381,7 +405,10 @@ static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_
     gather(p, c, p->now);
     if (p->is_seen && !memcmp(p->now, p->seen, n_same * sizeof(*p->now)))
         return;
-    memcpy(p->seen, p->now, p->n_seen * sizeof(*p->now));
+    double *before = p->seen;
+
+    p->seen = p->now;
+    p->now = before;
     p->is_seen = true;
     correct(p, c);
     tune(p, c);
@@ -416,10 +443,13 @@ static void publish(struct apc_law_mpc *p, const struct apc_law_call *c, int res
         for (size_t k = 0; k < p->N; k++)
             *at++ = p->prediction[k * ny + i];
     }
-    for (size_t j = 0; j < nu; j++) {
-        for (size_t k = 0; k < p->N; k++)
-            *at++ = apc_mpc_move(p->mpc, plan_of(p, p->x), old + k)[j];
+    for (size_t k = 0; k < p->N; k++) {
+        const double *move = apc_mpc_move(p->mpc, plan_of(p, p->x), old + k);
+
+        for (size_t j = 0; j < nu; j++)
+            at[j * p->N + k] = move[j];
     }
+    at += nu * p->N;
     apc_mpc_target(p->mpc, p->N, at, at + ny);
     at += ny + nu;
     for (size_t k = 0; k < p->n_unknown; k++)

@@ -27,6 +27,7 @@ struct apc_mpc {
     size_t N, blocks, nu, ny, nd, nc, n, m; /* n moves, m rows */
     size_t n_rates;                         /* rows of rates, before those of limits and of zones */
     size_t *first;                          /* [blocks] sample that a block begins with */
+    size_t *block_at;                       /* [N] block that a sample is in */
     struct apc_mpc_change {
         size_t move, j;
     } * rate_of;                        /* [n_rates] the move that a row ends with, its input */
@@ -36,11 +37,12 @@ struct apc_mpc {
     bool terminal;
     bool follows;    /* what y does is said from outside */
     bool easy_stale; /* easy_qp is of another G */
+    bool easy_waits; /* easy_qp does not know the rows of room yet */
     bool aims;       /* at steady states */
 
     double *memory;
     double *G;      /* [N * ny * n] */
-    double *Gx;     /* [nc * n] of the state at N */
+    double *Gx;     /* [n * nc] of the state at N, move after move */
     double *F, *Fx; /* [nx * (N * ny)], [nx * nx]: y of the samples, x at N from each state, one after another
                      */
     double *A, *H, *H_easy; /* [m * n], [n * n] */
@@ -111,7 +113,7 @@ static void respond(struct apc_mpc *p)
                 memcpy(p->x, p->next, m->nx * sizeof(*p->x));
             }
             for (size_t k = 0; k < p->nc; k++)
-                p->Gx[k * p->n + column] = p->x[k] - m->x0[k];
+                p->Gx[column * p->nc + k] = p->x[k] - m->x0[k];
         }
     }
 }
@@ -180,15 +182,20 @@ static void make_rows(struct apc_mpc *p)
 
 static int count_rows(struct apc_mpc *p, const struct apc_mpc_options *o)
 {
-    p->first = calloc(p->blocks + 2 * p->ny, sizeof(*p->first));
+    p->first = calloc(p->blocks + 2 * p->ny + p->N, sizeof(*p->first));
     p->rate_of = calloc(p->n, sizeof(*p->rate_of));
     p->rank = calloc(p->ny, sizeof(*p->rank));
     if (!p->first || !p->rank || !p->rate_of)
         return APC_ENOMEM;
     p->row_of_limit = p->first + p->blocks;
     p->row_of_zone = p->row_of_limit + p->ny;
+    p->block_at = p->row_of_zone + p->ny;
     for (size_t b = 0; b + 1 < p->blocks; b++)
         p->first[b + 1] = p->first[b] + o->block[b];
+    for (size_t i = 0, b = 0; i < p->N; i++) {
+        b += b + 1 < p->blocks && i == p->first[b + 1];
+        p->block_at[i] = b;
+    }
     for (size_t b = 1; b < p->blocks; b++) {
         for (size_t j = 0; j < p->nu; j++) {
             if (o->rate && o->rate[j])
@@ -231,7 +238,7 @@ static int allocate(struct apc_mpc *p)
     if (!at || !p->room || !p->paced)
         return APC_ENOMEM;
     p->G = apc_carve(&at, N * ny * n);
-    p->Gx = apc_carve(&at, p->nc * n);
+    p->Gx = apc_carve(&at, n * p->nc);
     p->F = apc_carve(&at, nx * N * ny);
     p->Fx = apc_carve(&at, nx * nx);
     p->A = apc_carve(&at, m * n);
@@ -409,7 +416,7 @@ static int weigh_terminal(struct apc_mpc *p, const double *least, struct apc_err
             double sum = k >= p->n - nu ? p->P[i * na + nc + k - (p->n - nu)] : 0.0;
 
             for (size_t l = 0; l < nc; l++)
-                sum += p->P[i * na + l] * p->Gx[l * p->n + k];
+                sum += p->P[i * na + l] * p->Gx[k * nc + l];
             p->PG[i * p->n + k] = sum;
         }
     }
@@ -418,7 +425,7 @@ static int weigh_terminal(struct apc_mpc *p, const double *least, struct apc_err
             double sum = a >= p->n - nu ? p->PG[(nc + a - (p->n - nu)) * p->n + k] : 0.0;
 
             for (size_t l = 0; l < nc; l++)
-                sum += p->Gx[l * p->n + a] * p->PG[l * p->n + k];
+                sum += p->Gx[a * nc + l] * p->PG[l * p->n + k];
             p->H[a * p->n + k] += sum;
         }
     }
@@ -506,6 +513,17 @@ int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y)
 }
 
 /* ---- Solving ------------------------------------------------------------------------------------- */
+
+/* fmin() and fmax() of numbers, without a call. */
+static inline double lesser(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double greater(double a, double b)
+{
+    return a > b ? a : b;
+}
 
 /* What comes with v = 0. */
 QP_LANES static void coast(struct apc_mpc *p, const struct apc_mpc_call *call)
@@ -652,7 +670,7 @@ QP_LANES static void pull(struct apc_mpc *p)
         qp_add(n, -p->pulling[i], p->G + i * n, p->f);
 }
 
-static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
+QP_LANES static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     const struct apc_linear *m = p->model;
     const size_t n = p->n, nu = p->nu, nc = p->nc, na = nc + nu;
@@ -685,13 +703,13 @@ static void bound_moves(struct apc_mpc *p, const struct apc_mpc_call *call)
         for (size_t j = 0; j < p->nu; j++) {
             const double u0 = p->model->u0[j], last = call->u_last[j],
                          reach = call->step[j] * (double)(b + 1);
-            double low = fmin(call->low[j], last + reach), high = fmax(call->high[j], last - reach);
+            double low = lesser(call->low[j], last + reach), high = greater(call->high[j], last - reach);
 
             if (b == 0) {
                 p->paced[j] = (last - reach > low ? (unsigned)APC_MPC_FALLS : 0u) |
                               (last + reach < high ? (unsigned)APC_MPC_RISES : 0u);
-                low = fmax(low, last - reach);
-                high = fmin(high, last + reach);
+                low = greater(low, last - reach);
+                high = lesser(high, last + reach);
             }
             p->low[b * p->nu + j] = (call->given[j] ? last : low) - u0;
             p->high[b * p->nu + j] = (call->given[j] ? last : high) - u0;
@@ -791,6 +809,9 @@ static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct ap
     int rc = p->easy_stale ? make_easy(p, NULL) : 0;
 
     p->easy_stale = false;
+    if (p->easy_waits)
+        apc_qp_start(p->easy_qp, p->room);
+    p->easy_waits = false;
     bound_zones(p, call, true);
     for (size_t b = 0; b < p->blocks; b++) {
         for (size_t j = 0; j < p->nu; j++) {
@@ -846,8 +867,10 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
         bound_zones(p, call, false);
         result->rc = solve(p, p->qp, result);
     }
-    for (size_t k = 0; k < p->n && result->rc == 0; k++)
-        plan[k] = p->model->u0[k % p->nu] + fmin(fmax(p->v[k], p->low[k]), p->high[k]);
+    for (size_t b = 0; b < p->blocks && result->rc == 0; b++) {
+        for (size_t j = 0, k = b * p->nu; j < p->nu; j++, k++)
+            plan[k] = p->model->u0[j] + lesser(greater(p->v[k], p->low[k]), p->high[k]);
+    }
 }
 
 QP_LANES static void respond_to_moves(const struct apc_mpc *p, double *y)
@@ -856,12 +879,18 @@ QP_LANES static void respond_to_moves(const struct apc_mpc *p, double *y)
         y[i] = p->free_y[i] + qp_dot(p->n, p->G + i * p->n, p->v);
 }
 
-void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
+/* v of a plan. */
+static void take_plan(const struct apc_mpc *p, const double *plan)
 {
     for (size_t b = 0; b < p->blocks; b++) {
         for (size_t j = 0; j < p->nu; j++)
             p->v[b * p->nu + j] = plan[b * p->nu + j] - p->model->u0[j];
     }
+}
+
+void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
+{
+    take_plan(p, plan);
     respond_to_moves(p, y);
 }
 
@@ -891,29 +920,39 @@ static double cost_of_y(const struct apc_mpc *p, const double *y)
 
 static double cost_of_moves(const struct apc_mpc *p, const double *plan)
 {
+    const double *before = p->u_last;
     double sum = 0.0;
 
-    for (size_t k = 0; k < p->n; k++) {
-        const size_t b = k / p->nu, j = k % p->nu, sample = p->first[b];
-        const double move = plan[k] - (b ? plan[k - p->nu] : p->u_last[j]),
-                     away = plan[k] - p->target_u[(sample > 0 ? sample - 1 : 0) * p->nu + j];
+    for (size_t b = 0; b < p->blocks; b++, before = plan, plan += p->nu) {
+        const size_t sample = p->first[b];
+        const double *aimed = p->target_u + (sample > 0 ? sample - 1 : 0) * p->nu;
 
-        sum += 0.5 * (p->s[j] * move * move + wished(p, b, j) * away * away);
+        for (size_t j = 0; j < p->nu; j++) {
+            const double move = plan[j] - before[j], away = plan[j] - aimed[j];
+
+            sum += 0.5 * (p->s[j] * move * move + wished(p, b, j) * away * away);
+        }
     }
     return sum;
 }
 
 /* What comes after the horizon. */
-static double cost_of_rest(struct apc_mpc *p, const double *plan)
+QP_LANES static double cost_of_rest(struct apc_mpc *p, const double *plan)
 {
     const size_t nc = p->nc, nu = p->nu, na = nc + nu;
     double sum = 0.0;
+    size_t k = 0;
 
-    for (size_t i = 0; i < nc; i++) {
+    for (size_t i = 0; i < nc; i++)
         p->far[i] = p->x[i] - p->target_x[i];
-        for (size_t k = 0; k < p->n; k++)
-            p->far[i] += p->Gx[i * p->n + k] * (plan[k] - p->model->u0[k % nu]);
+    take_plan(p, plan);
+    for (; k + 4 <= p->n; k += 4) {
+        const double *row = p->Gx + k * nc;
+
+        qp_add_each(nc, p->v + k, (const double *const[]){row, row + nc, row + 2 * nc, row + 3 * nc}, p->far);
     }
+    for (; k < p->n; k++)
+        qp_add(nc, p->v[k], p->Gx + k * nc, p->far);
     for (size_t j = 0; j < nu; j++)
         p->far[nc + j] = plan[p->n - nu + j] - p->target_u[(p->N - 1) * nu + j];
     for (size_t i = 0; i < na; i++)
@@ -934,11 +973,7 @@ void apc_mpc_target(const struct apc_mpc *p, size_t i, double *y, double *u)
 
 const double *apc_mpc_move(const struct apc_mpc *p, const double *plan, size_t i)
 {
-    size_t b = p->blocks - 1;
-
-    while (p->first[b] > i)
-        b--;
-    return plan + b * p->nu;
+    return plan + p->block_at[i < p->N ? i : p->N - 1] * p->nu;
 }
 
 size_t apc_mpc_rows(const struct apc_mpc *p)
@@ -951,24 +986,25 @@ const signed char *apc_mpc_active(const struct apc_mpc *p)
     return apc_qp_rows(p->qp);
 }
 
-void apc_mpc_start(struct apc_mpc *p, const signed char *rows)
+void apc_mpc_start(struct apc_mpc *p)
 {
-    apc_qp_start(p->qp, rows);
-    apc_qp_start(p->easy_qp, rows);
+    apc_qp_start(p->qp, p->room);
+    p->easy_waits = true;
 }
 
 void apc_mpc_limiting(const struct apc_mpc *p, const signed char *rows, unsigned *u, unsigned *y)
 {
     memset(u, 0, p->nu * sizeof(*u));
     memset(y, 0, p->ny * sizeof(*y));
-    for (size_t k = 0; k < p->n; k++) {
-        const size_t j = k % p->nu;
-        const unsigned paced = k < p->nu ? p->paced[j] : 0;
+    for (size_t b = 0, k = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++, k++) {
+            const unsigned paced = b == 0 ? p->paced[j] : 0;
 
-        if (rows[k] < 0)
-            u[j] |= paced & APC_MPC_FALLS ? APC_MPC_FALLS : APC_MPC_LOW;
-        else if (rows[k] > 0)
-            u[j] |= paced & APC_MPC_RISES ? APC_MPC_RISES : APC_MPC_HIGH;
+            if (rows[k] < 0)
+                u[j] |= paced & APC_MPC_FALLS ? APC_MPC_FALLS : APC_MPC_LOW;
+            else if (rows[k] > 0)
+                u[j] |= paced & APC_MPC_RISES ? APC_MPC_RISES : APC_MPC_HIGH;
+        }
     }
     for (size_t k = 0; k < p->n_rates; k++)
         if (rows[p->n + k])

@@ -96,13 +96,13 @@ const double *apc_mpc_move(const struct apc_mpc *mpc, const double *plan, size_t
  * begin the next one with: apc_mpc_rows() numbers. [tick] */
 size_t apc_mpc_rows(const struct apc_mpc *mpc);
 const signed char *apc_mpc_active(const struct apc_mpc *mpc);
-void apc_mpc_start(struct apc_mpc *mpc, const signed char *rows);
+/* [apc_mpc_rows()] the mpc's own: what apc_mpc_start() begins the next solution with. [tick] */
+signed char *apc_mpc_room(struct apc_mpc *mpc);
+void apc_mpc_start(struct apc_mpc *mpc);
 /* What holds a plan back, as bits: a limit, or that it falls or rises as fast as it may. */
 enum { APC_MPC_LOW = 1, APC_MPC_HIGH = 2, APC_MPC_FALLS = 4, APC_MPC_RISES = 8 };
 /* Of each u [nu] and y [ny], wherever in the horizon, by a working set; rates are those of the last call.
  * [tick] */
 void apc_mpc_limiting(const struct apc_mpc *mpc, const signed char *rows, unsigned *u, unsigned *y);
-/* [apc_mpc_rows()] the mpc's own, for its caller to put together what goes to apc_mpc_start(). [tick] */
-signed char *apc_mpc_room(struct apc_mpc *mpc);
 
 #endif

@@ -247,13 +247,14 @@ void apc_qp_start(struct apc_qp *qp, const signed char *rows)
 {
     if (!qp)
         return;
-    for (size_t i = 0; i < qp->rows; i++) {
-        signed char side = rows ? rows[i] : 0;
+    const size_t n = qp->rows;
+    signed char *state = qp->state;
 
-        qp->state[i] = (signed char)((side > 0) - (side < 0));
-        qp->multiplier[i] = 0.0;
-    }
-    qp->k = qp->rows + 1;
+    memset(state, 0, n);
+    for (size_t i = 0; rows && i < n; i++)
+        state[i] = (signed char)((rows[i] > 0) - (rows[i] < 0));
+    memset(qp->multiplier, 0, n * sizeof(*qp->multiplier));
+    qp->k = n + 1;
 }
 
 const signed char *apc_qp_rows(const struct apc_qp *qp)
