@@ -91,13 +91,9 @@ static ssize_t receive(int fd, void *to, size_t size)
 
 ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size, apc_ns until)
 {
-    const int fd = c->socket;
-    ssize_t n = receive(fd, to, size);
-
-    if (n < 0 && (errno == EAGAIN || errno == EINTR))
-        n = wait_readable(fd, until) ? receive(fd, to, size) : -1;
-    else if (n < 0)
-        n = 0;
+    if (!wait_readable(c->socket, until))
+        return -1;
+    const ssize_t n = receive(c->socket, to, size);
     return n < 0 && errno != EAGAIN && errno != EINTR ? 0 : n;
 }
 

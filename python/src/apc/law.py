@@ -14,13 +14,16 @@ import signal
 import socket
 import struct
 import sys
+import time
 import traceback
-from typing import Any, NamedTuple, Sequence, Union
+from operator import itemgetter
+from typing import Any, Callable, Iterable, Iterator, NamedTuple, Sequence, Union
 
 #: What compute says of its u. The first three are usable.
 GOOD, SUBOPTIMAL, LATE, INFEASIBLE, FAILED = range(5)
 
-_LIMIT = 60  # s: a call that takes longer ends the process, whatever holds it up and whoever is still there
+_LIMIT = 60  # s: a call that takes longer ends the process, whatever holds it up and whoever is still there ...
+_ARMED = 20  # ... give or take this
 _MESSAGE = 1 << 17
 _HEADER = struct.Struct("=4I")
 _CREATE, _DESTROY, _RESET, _COMPUTE, _UPDATE, _TRACK = range(1, 7)
@@ -106,12 +109,16 @@ class Call:
     result: int
     why: str
 
-    def __init__(self) -> None:
-        self.result, self.why = GOOD, ""
+    def __init__(self, known: Iterable[tuple[str, Any]]) -> None:
+        self.__dict__.update(known)
+        self.published, self.result, self.why = {}, GOOD, ""
 
     def __getattr__(self, name: str) -> Any:
-        """A tuning parameter by its name: a number; of a law that is whole, one for each output or measurement."""
-        raise AttributeError(f"there is no parameter \"{name}\"")
+        """What few laws ask for is made of numbers then."""
+        if name not in _MADE:
+            raise AttributeError(f"there is no parameter \"{name}\"")
+        value = self.__dict__[name] = _MADE[name](self.__dict__["_" + name])
+        return value
 
     def suboptimal(self, why: str) -> None:
         """Say of this answer that it is the best that was found in time."""
@@ -231,6 +238,12 @@ def _where(e: BaseException, file: str) -> str:
     return where
 
 
+_MADE: dict[str, Callable[[Any], Any]] = {
+    "tick": int, "gap": bool, "y_status": lambda those: tuple(map(int, those)),
+    "y_new": lambda those: tuple(map(bool, those)), "acts": lambda those: tuple(out == 2 for out in those),
+    "limited": lambda those: list(map(int, those))}
+
+
 class _Instance:
     """A law's instance, and where its numbers stand in a message."""
 
@@ -241,17 +254,23 @@ class _Instance:
         self.published = [Published(*p) for p in self.law.publishes]
         scopes = {"law": 1, "output": setup.nu, "measurement": setup.ny}
         parameters = [Parameter(*p) for p in law.tuning]
-        self.tuned = [(of, [p.name for p in parameters if p.of == of], many) for of, many in scopes.items()]
-        n_tuning = sum(len(names) * many for _, names, many in self.tuned)
         ny, nu, ahead = setup.ny, setup.nu, max(self.ahead, 1)
-        sizes = (("y", ny), ("y_status", ny), ("y_age", ny), ("y_new", ny), ("z", ahead * setup.nz),
-                 ("d", ahead * setup.nd), ("low", nu), ("high", nu), ("rate", nu), ("y_low", ny), ("y_high", ny),
-                 ("u_last", nu), ("out", nu), ("u", nu), ("limited", nu), ("tuning", n_tuning), ("x", self.states))
-        self.slices, at = [], 8
-        for name, n in sizes:
-            self.slices.append((name, slice(at, at + n)))
+        at = 8
+        place: dict[str, Any] = {"t": 4, "_tick": 5, "budget": 6, "_gap": 7}
+        for name, n in (("y", ny), ("_y_status", ny), ("y_age", ny), ("_y_new", ny), ("z", ahead * setup.nz),
+                        ("d", ahead * setup.nd), ("low", nu), ("high", nu), ("rate", nu), ("y_low", ny),
+                        ("y_high", ny), ("u_last", nu), ("_acts", nu), ("u", nu), ("_limited", nu)):
+            place[name] = slice(at, at + n)
             at += n
-        self.request = struct.Struct(f"=4I{at - 4}d")
+        for scope, many in scopes.items():
+            names = [p.name for p in parameters if p.of == scope]
+            for i, name in enumerate(names):
+                each = slice(at + i, at + len(names) * many, len(names))
+                place[name] = each if law.whole and scope != "law" else at + i
+            at += len(names) * many
+        place["x"] = slice(at, at + self.states)
+        self.names, self.take = tuple(place), itemgetter(*place.values())
+        self.request = struct.Struct(f"=4I{at + self.states - 4}d")
         self.answer_x = struct.Struct(f"={self.states}d")
         self.answer = struct.Struct(f"={2 * nu + sum(p.length or 1 for p in self.published)}d")
 
@@ -261,35 +280,14 @@ class _Instance:
             text += _line("published", p.name, p.unit, p.description, p.length, repr(float(p.step)))
         return text
 
-    def call(self, message: bytes) -> Call:
-        number = self.request.unpack(message)
-        c = Call()
-        own = c.__dict__
-        own["Ts"] = self.setup.Ts
-        own["t"], own["tick"], own["budget"], own["gap"] = number[4], int(number[5]), number[6], bool(number[7])
-        for name, place in self.slices:
-            own[name] = number[place]
-        own["y_status"] = tuple(map(int, own["y_status"]))
-        own["y_new"] = tuple(map(bool, own["y_new"]))
-        own["acts"] = tuple(out == 2 for out in own.pop("out"))
-        own["limited"] = list(map(int, own["limited"]))
-        at = 0
-        tuning = own["tuning"]
-        for of, names, many in self.tuned:
-            for i, name in enumerate(names):
-                values = tuning[at + i:at + len(names) * many:len(names)]
-                own[name] = values if self.law.whole and of != "law" else values[0]
-            at += len(names) * many
-        c.published = {}
-        return c
-
     def handle(self, kind: int, message: bytes, file: str) -> tuple[int, bytes]:
         """The result, and what stands behind the header of the answer."""
-        c = self.call(message)
+        c = Call(zip(self.names, self.take(self.request.unpack(message))))
+        c.Ts = self.setup.Ts
         if kind == _COMPUTE:
             try:
                 u = _numbers("compute", self.law.compute(c), self.setup.nu)
-                behind = u + [float(limited) for limited in c.limited]
+                behind = u + [*map(float, c.__dict__.get("limited", c.__dict__["_limited"]))]
                 for p in self.published:
                     behind += _numbers(f"\"{p.name}\"", c.published.get(p.name, float("nan")) if not p.length else
                                        c.published.get(p.name, [float("nan")] * p.length), p.length or 1)
@@ -318,13 +316,26 @@ def _numbers(what: str, value: Any, n: int) -> list[float]:
     return numbers
 
 
-def _serve(connection: socket.socket, law: type[Law], file: str) -> None:
-    instances: dict[int, _Instance] = {}
+def _messages(connection: socket.socket) -> Iterator[bytes]:
+    """Until nobody is there to send one. The alarm is set now and then, as it costs as much as half a message."""
+    armed = -float(_ARMED)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", _ARMED, 0))
     while True:
-        message = connection.recv(_MESSAGE)
+        if time.monotonic() - armed > _ARMED / 2:
+            signal.alarm(_LIMIT)
+            armed = time.monotonic()
+        try:
+            message = connection.recv(_MESSAGE)
+        except BlockingIOError:  # nobody asked
+            continue
         if not message:
             return
-        signal.alarm(_LIMIT)
+        yield message
+
+
+def _serve(connection: socket.socket, law: type[Law], file: str) -> None:
+    instances: dict[int, _Instance] = {}
+    for message in _messages(connection):
         kind, number, request, _ = _HEADER.unpack_from(message)
         if kind == _DESTROY:
             instances.pop(number, None)
@@ -340,7 +351,6 @@ def _serve(connection: socket.socket, law: type[Law], file: str) -> None:
             result, behind = instances[number].handle(kind, message, file)
             sys.stdout.flush()
             connection.send(_HEADER.pack(kind, number, request, result) + behind)
-        signal.alarm(0)
 
 
 def main() -> None:
@@ -357,7 +367,6 @@ def main() -> None:
         connection.send(b"error\t" + _where(e, file).encode())
         return
     connection.send(answer)
-    signal.alarm(0)
     code: Any = 0
     try:
         _serve(connection, law, file)

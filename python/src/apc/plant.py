@@ -16,10 +16,8 @@ import struct
 import sys
 from typing import Any, Callable, NamedTuple, Sequence
 
-from .law import Parameter, _line, _load, _numbers, _Output, _where
+from .law import _LIMIT, Parameter, _line, _load, _messages, _numbers, _Output, _where
 
-_LIMIT = 60  # s: a call that takes longer ends the process
-_MESSAGE = 1 << 17
 _HEADER = struct.Struct("=4I")
 _BEGIN, _STEP = 1, 2
 
@@ -151,11 +149,7 @@ class _Run:
 
 def _serve(connection: socket.socket, plant: type[Plant], file: str) -> None:
     run, ny = _Run(plant), 0
-    while True:
-        message = connection.recv(_MESSAGE)
-        if not message:
-            return
-        signal.alarm(_LIMIT)
+    for message in _messages(connection):
         request, number, _, _ = _HEADER.unpack_from(message)
         numbers = struct.unpack_from(f"={(len(message) - _HEADER.size) // 8}d", message, _HEADER.size)
         if request == _BEGIN:
@@ -166,7 +160,6 @@ def _serve(connection: socket.socket, plant: type[Plant], file: str) -> None:
             _where(e, file)
             y, failed = [0.0] * ny, 1
         connection.send(_HEADER.pack(request, number, failed, 0) + struct.pack(f"={ny}d", *y))
-        signal.alarm(0)
 
 
 def main() -> None:
@@ -182,7 +175,6 @@ def main() -> None:
     except Exception as e:
         connection.send(b"error\t" + _where(e, file).encode()[:500])
         return
-    signal.alarm(0)
     code: Any = 0
     try:
         if what == "keep":
