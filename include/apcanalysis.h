@@ -52,7 +52,8 @@ struct apc_loop_controller {
  */
 struct apc_loop_tick {
     size_t controller;
-    apc_ns sampled;  /**< <= computed: when the plant was as the measurements say */
+    apc_ns sampled;  /**< <= computed, and not before that of its controller's last tick: when the plant was
+                        as the measurements say */
     apc_ns computed; /**< within 0 .. period; ticks are in this order */
     apc_ns written;  /**< >= computed: when other controllers see the outputs */
     apc_ns acts;     /**< >= computed: when the plant's inputs begin to change, but for its dead time;

@@ -33,6 +33,19 @@ static int check_controller(const struct apc_loop_setup *s, size_t outputs,
                            (size_t)(c - s->controller) + 1);
 }
 
+/* When the tick of the same controller before tick @p k was sampled. */
+static apc_ns sampled_before(const struct apc_loop_setup *s, size_t k)
+{
+    apc_ns turn = 0;
+    size_t j = k;
+
+    do {
+        turn -= j == 0 ? s->period : 0;
+        j = (j == 0 ? s->n_ticks : j) - 1;
+    } while (s->tick[j].controller != s->tick[k].controller);
+    return s->tick[j].sampled + turn;
+}
+
 static int check_ticks(const struct apc_loop_setup *s, struct apc_error *why)
 {
     for (size_t k = 0; k < s->n_ticks; k++) {
@@ -40,7 +53,8 @@ static int check_ticks(const struct apc_loop_setup *s, struct apc_error *why)
 
         if (t->controller >= s->n_controllers || t->computed < (k ? t[-1].computed : 0) ||
             t->computed > s->period || t->sampled > t->computed ||
-            t->computed - t->sampled > 1000 * s->period || t->written < t->computed || t->acts < t->computed)
+            t->computed - t->sampled > 1000 * s->period || t->sampled < sampled_before(s, k) ||
+            t->written < t->computed || t->acts < t->computed)
             return apc_fail(why, APC_EINVAL, "loop: tick %zu: its times are not in order", k + 1);
     }
     return 0;

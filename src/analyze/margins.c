@@ -197,11 +197,12 @@ static double long_delay_margin(struct trial *t)
     return found;
 }
 
-/* @p first: what the frequency response says, where the looking begins: well below it, with short steps. */
+/* @p first: what the frequency response says, where the looking begins: well below it, with short steps. Of
+ * outputs that act several times in a period it does not say all: HUGE_VAL is no answer. */
 static double delay_margin(struct trial *t, double first)
 {
-    const double most = LONG * apc_ns_to_s(t->loop->setup.period);
-    double good = 0.0, next = first / 4.0;
+    const double period = apc_ns_to_s(t->loop->setup.period), most = LONG * period;
+    double good = 0.0, next = fmin(first, period) / 4.0;
 
     t->by = BY_DELAY;
     while (next <= most && t->rc == 0) {
@@ -210,7 +211,7 @@ static double delay_margin(struct trial *t, double first)
         good = next;
         next *= 1.1;
     }
-    return first < HUGE_VAL && t->rc == 0 ? long_delay_margin(t) : HUGE_VAL;
+    return t->rc == 0 ? long_delay_margin(t) : HUGE_VAL;
 }
 
 /* ---- All of it ------------------------------------------------------------------------------- */

@@ -562,6 +562,20 @@ static void what_is_missing_or_out_of_range_is_refused_and_what_is_just_within_i
     tick[1].computed = 500 * MS - 1;
     tick[1].sampled = 0;
     REFUSED("tick 2");
+    tick[0] = (struct apc_loop_tick){0, -200 * MS, 0, 0, 0}; /* each is as new as the one before, at least */
+    tick[1] = (struct apc_loop_tick){0, -200 * MS, 500 * MS, 500 * MS, 500 * MS};
+    s.n_ticks = 2;
+    TAKEN();
+    tick[1].sampled = -201 * MS;
+    s.n_ticks = 2;
+    REFUSED("tick 2");
+    tick[0].sampled = -600 * MS;
+    tick[1].sampled = 400 * MS;
+    s.n_ticks = 2;
+    TAKEN();
+    tick[1].sampled = 401 * MS;
+    s.n_ticks = 2;
+    REFUSED("tick 1");
 }
 
 int main(void)
