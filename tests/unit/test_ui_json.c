@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -512,6 +513,29 @@ static void remove_folder(const char *folder)
     assert_int_equal(system(command), 0);
 }
 
+/* One descriptor is left: for the folder, not for a file in it. */
+static void a_file_that_cannot_be_opened_is_named(void **state)
+{
+    struct rlimit was, few;
+    struct files *files;
+    struct apc_error why;
+    char folder[32];
+    (void)state;
+    write_file(folder_of(folder), "index.html", "<p>");
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &was), 0);
+    const int next = dup(STDERR_FILENO);
+    close(next);
+    few = (struct rlimit){.rlim_cur = (rlim_t)next + 1, .rlim_max = was.rlim_max};
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &few), 0);
+    const int rc = files_load(&files, folder, &why);
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &was), 0);
+    assert_int_equal(rc, APC_ESYS);
+    assert_has(why.text, "/index.html: cannot be read: Too many open files");
+    assert_int_equal(files_count(files), 0);
+    files_free(files);
+    remove_folder(folder);
+}
+
 static void a_file_is_of_the_type_its_ending_says(void **state)
 {
     static const char *const types[][2] = {{"a.html", "text/html; charset=utf-8"},
@@ -653,6 +677,7 @@ int main(void)
         cmocka_unit_test(two_modes_make_two_loops),
         cmocka_unit_test(only_what_lies_in_the_folder_is_served),
         cmocka_unit_test(a_file_is_of_the_type_its_ending_says),
+        cmocka_unit_test(a_file_that_cannot_be_opened_is_named),
         cmocka_unit_test(a_file_is_zipped_where_that_is_smaller),
         cmocka_unit_test(a_page_has_bounds),
     };
