@@ -402,28 +402,35 @@ static void tell(const struct place *place, const char *path, struct apc_error *
              nearest.name ? "\"?" : "");
 }
 
+/* find(), and says why not. */
+static int look(struct place *place, const config_setting_t *root, const char *path, struct apc_error *why)
+{
+    const int rc = place->value ? find(place, root, path) : APC_ENOMEM;
+    if (rc == APC_ENOTFOUND)
+        tell(place, path, why);
+    return rc == APC_ENOMEM ? apc_fail(why, rc, "out of memory") : rc;
+}
+
 static int change(const config_t *config, const char *path, const char *value, char **changed,
                   struct apc_error *why)
 {
     const config_setting_t *root = config_root_setting(config);
     struct place place = {.value = strdup("")};
     size_t size = 0;
-    int rc = place.value ? find(&place, root, path) : APC_ENOMEM;
+    int rc = look(&place, root, path, why);
 
     if (rc == 0) { /* now it is known what was there */
         free(place.value);
         place = (struct place){.value = value_of(value, place.at)};
-        rc = place.value ? find(&place, root, path) : APC_ENOMEM;
+        rc = look(&place, root, path, why);
     }
     FILE *out = rc == 0 ? open_memstream(changed, &size) : NULL;
     if (out)
         put_members(out, root, &place, ";\n");
     if (rc == 0 && (!out || fclose(out) != 0))
-        rc = APC_ENOMEM;
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
     free(place.value);
-    if (rc == APC_ENOTFOUND)
-        tell(&place, path, why);
-    return rc == APC_ENOMEM ? apc_fail(why, rc, "out of memory") : rc;
+    return rc;
 }
 
 int experiment_change(const char *text, const char *path, const char *value, char **changed,
@@ -496,10 +503,8 @@ int experiment_value(const struct experiment *e, const char *path, double *value
     *value = (double)NAN;
     int rc = settings_parse(&config, path, e->text, why);
     struct place place = {.value = strdup("")};
-    if (rc == 0 && !place.value)
-        rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    if (rc == 0 && (rc = find(&place, config_root_setting(&config), path)) == APC_ENOTFOUND)
-        tell(&place, path, why);
+    if (rc == 0)
+        rc = look(&place, config_root_setting(&config), path, why);
     if (rc == 0 && place.at)
         rc = number_there(place.at, path, value, why);
     else if (rc == 0 && place.controller)
@@ -528,10 +533,8 @@ int experiment_line(const struct experiment *e, const char *path, char **line, s
     size_t size = 0;
     *line = NULL;
     int rc = settings_parse(&config, path, e->text, why);
-    if (rc == 0 && !place.value)
-        rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    if (rc == 0 && ((rc = find(&place, config_root_setting(&config), path)) == APC_ENOTFOUND))
-        tell(&place, path, why);
+    if (rc == 0)
+        rc = look(&place, config_root_setting(&config), path, why);
     const config_setting_t *at = rc == 0 ? place.at : NULL;
     while (at && !is_outer(config_setting_parent(at)))
         at = config_setting_parent(at);
@@ -541,8 +544,10 @@ int experiment_line(const struct experiment *e, const char *path, char **line, s
         put(out, at, &(struct place){.at = NULL});
         fputc(';', out);
     }
-    if (rc == 0 && (!out || fclose(out) != 0))
-        rc = apc_fail(why, at ? APC_ENOMEM : APC_ENOTFOUND, "%s: is not in the file", path);
+    if (rc == 0 && !at)
+        rc = apc_fail(why, APC_ENOTFOUND, "%s: is not in the file", path);
+    else if (rc == 0 && (!out || fclose(out) != 0))
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
     free(place.value);
     config_destroy(&config);
     return rc;

@@ -2,10 +2,12 @@
 /* Settings over those of the file; plants whose parameters are drawn; what a law believes of them. */
 #include "check.h"
 
+#include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "run/experiment_parts.h"
 #include "run/run_internal.h"
 #include "run/simulation.h"
 #include "scratch.h"
@@ -293,6 +295,46 @@ static void what_holds_a_setting_is_told_as_a_line(void **state)
     experiment_free(&e);
 }
 
+/* ---- Without memory ------------------------------------------------------------------------------- */
+
+static bool no_stream;
+
+/* In place of the C library's. */
+__attribute__((visibility("default"))) FILE *open_memstream(char **text, size_t *size)
+{
+    FILE *(*own)(char **, size_t *);
+    void *const found = dlsym(RTLD_NEXT, "open_memstream");
+    memcpy(&own, &found, sizeof own);
+    return no_stream ? NULL : own(text, size);
+}
+
+static void no_memory_for_a_text_is_said(void **state)
+{
+    static const char *const paths[] = {"duration", "controllers.base.v1.backup.Kp"};
+    struct experiment e;
+    double value;
+    (void)state;
+    load(&e, &(struct experiment_setting){"controllers.base.backup.law", "pid"}, 1);
+    no_stream = true;
+    for (size_t i = 0; i < 2; i++) {
+        char *text = e.text;
+        why.text[0] = '\0';
+        assert_int_equal(experiment_line(&e, paths[i], &text, &why), APC_ENOMEM);
+        assert_null(text);
+        assert_string_equal(why.text, "out of memory");
+        text = e.text;
+        why.text[0] = '\0';
+        assert_int_equal(experiment_change(e.text, paths[i], "1", &text, &why), APC_ENOMEM);
+        assert_null(text);
+        assert_string_equal(why.text, "out of memory");
+    }
+    why.text[0] = '\0';
+    assert_int_equal(experiment_value(&e, paths[1], &value, &why), APC_ENOMEM);
+    assert_string_equal(why.text, "out of memory");
+    no_stream = false;
+    experiment_free(&e);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -305,6 +347,7 @@ int main(void)
         cmocka_unit_test(a_draw_keeps_to_the_parameter_s_limits_or_is_refused),
         cmocka_unit_test(the_number_that_is_there_is_told),
         cmocka_unit_test(what_holds_a_setting_is_told_as_a_line),
+        cmocka_unit_test(no_memory_for_a_text_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
