@@ -1,0 +1,494 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What people ask for from afar: what is refused, with which words, and what becomes of what is written. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "check.h"
+#include "run/loops.h"
+#include "run/requests.h"
+#include "run/run_internal.h"
+
+#define S    APC_NS_PER_S
+#define MOST (60 * S)
+
+/* r is moved by the loop above, or by people; w is the scheduler's, or people's. */
+static const char text[] =
+    "name = \"requests\"; duration = 10.0;\n"
+    "measurements = ( { name = \"y\"; low = -100.0; high = 100.0; } );\n"
+    "setpoints = ( { name = \"r\"; low = -50.0; high = 50.0; initial = 1.0; },\n"
+    "              { name = \"w\"; low = -50.0; high = 50.0; initial = 5.0; } );\n"
+    "outputs = ( { name = \"u\"; low = -20.0; high = 20.0; } );\n"
+    "plant = { model = \"first-order\"; period = 0.1; };\n"
+    "client = { period = 0.1; };\n"
+    "scheduler = { period = 10.0; setpoints = [\"w\"]; sequence = ( [5.0], [6.0] ); };\n"
+    "controllers = (\n"
+    "  { name = \"base\"; law = \"pi\"; period = 0.5; mode = \"Cas\"; measurements = [\"y\"];\n"
+    "    setpoints = [\"r\"]; outputs = [\"u\"]; tuning = ( { Kp = 0.2; tau_i = 1.0; } ); },\n"
+    "  { name = \"upper\"; law = \"pi\"; period = 1.0; measurements = [\"y\"]; setpoints = [\"w\"];\n"
+    "    outputs = [\"r\"]; tuning = ( { Kp = 0.3; tau_i = 2.0; } ); } );\n";
+
+enum { BASE = 1, UPPER = 2, LOOP_U = 1, LOOP_R = 2, SET_R = 1, SET_W = 2, KP = 1 };
+
+static struct apc_store *store;
+static struct requests *requests;
+static struct apc_request asked;
+static struct apc_error why;
+
+/* ---- Where requests come from -----------------------------------------------------------------------------
+ */
+
+static struct {
+    int64_t id, seq;
+    char outcome[192];
+    int n, give_fails, answer_fails;
+} said;
+
+static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
+{
+    (void)ctx;
+    if (said.give_fails)
+        return said.give_fails;
+    (void)fn(fn_ctx, &asked);
+    return 1;
+}
+
+static int answer(void *ctx, int64_t id, int64_t seq, const char *outcome)
+{
+    (void)ctx;
+    said.id = id;
+    said.seq = seq;
+    said.n++;
+    snprintf(said.outcome, sizeof said.outcome, "%s", outcome ? outcome : "(to come)");
+    return said.answer_fails;
+}
+
+static const char *source_error(void *ctx)
+{
+    (void)ctx;
+    return "nobody is there";
+}
+
+/* ---- The plant --------------------------------------------------------------------------------------------
+ */
+
+static struct apc_sample newest(enum apc_table table, int id)
+{
+    struct apc_sample s = {.table = table, .id = id};
+    assert_true(apc_store_read(store, &s, 1) >= 0);
+    return s;
+}
+
+static void append(struct apc_sample s)
+{
+    s.seq = newest(s.table, s.id).seq + 1;
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+}
+
+static void ticked(int controller, apc_ns ago)
+{
+    static int64_t seq;
+    double value = 0;
+    struct apc_vector tick = {.table = APC_TICK,
+                              .id = controller,
+                              .seq = ++seq,
+                              .time = apc_clock_utc(NULL) - ago,
+                              .n = 1,
+                              .room = 1,
+                              .value = &value};
+    const struct apc_rows rows = {.size = sizeof rows, .vector = &tick, .n_vectors = 1};
+    assert_true(apc_store_append_rows(store, &rows) >= 0);
+}
+
+/* What became of row @p origin, as its controller says. */
+static void became(enum apc_table table, int id, int64_t origin, double value, apc_status status)
+{
+    append((struct apc_sample){.table = APC_ACTUAL,
+                               .id = apc_variable_number(table, id),
+                               .time = apc_clock_utc(NULL),
+                               .value = value,
+                               .origin = origin,
+                               .status = status});
+}
+
+static int set_up(void **state)
+{
+    const struct experiment_source source = {.file = "test", .text = text};
+    const struct requests_source from = {
+        .give = give, .answer = answer, .error = source_error, .marks = REQUESTS_OF_BROKER};
+    struct experiment e;
+    (void)state;
+    memset(&said, 0, sizeof said);
+    asked.id = 0;
+    if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        apc_store_open(&store, "mem:", NULL, &why) < 0 || apc_store_init(store) < 0 ||
+        provision(store, &e, PROVISION_KEEP) < 0)
+        fail_msg("%s", why.text);
+    experiment_free(&e);
+    ticked(BASE, 0);
+    ticked(UPPER, 0);
+    return requests_create_of(&requests, store, &from, MOST, &why);
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    requests_destroy(requests);
+    apc_store_close(store);
+    return 0;
+}
+
+static void ask(enum apc_table table, int variable, double value)
+{
+    asked = (struct apc_request){.id = asked.id + 1,
+                                 .time = apc_clock_utc(NULL) / 1000 * 1000, /* as stores keep it */
+                                 .age = S / 10,
+                                 .left = 3600 * S,
+                                 .table = table,
+                                 .variable = variable,
+                                 .value = value,
+                                 .seq = -1,
+                                 .author = "ann",
+                                 .role = "apc_operator",
+                                 .reason = "because"};
+}
+
+static int step(void)
+{
+    const int rc = requests_step(requests);
+    if (rc < 0)
+        fail_msg("%s", requests_error(requests));
+    return rc;
+}
+
+/* It is answered at once, and nothing was written. */
+static void assert_refused(const char *with)
+{
+    const int64_t before = newest(asked.table, asked.variable).seq;
+    assert_int_equal(step(), 0);
+    assert_int_equal(said.id, asked.id);
+    assert_int_equal(said.seq, 0);
+    assert_has(said.outcome, with);
+    assert_int_equal(newest(asked.table, asked.variable).seq, before);
+}
+
+/* It is written, and asked for again with its row's number. */
+static int64_t assert_written(void)
+{
+    assert_int_equal(step(), 1);
+    assert_int_equal(said.id, asked.id);
+    assert_string_equal(said.outcome, "(to come)");
+    const struct apc_sample row = newest(asked.table, asked.variable);
+    assert_int_equal(said.seq, row.seq);
+    assert_near(row.value, asked.value, 0);
+    assert_int_equal(row.author, apc_store_author(store, "ann"));
+    asked.seq = row.seq;
+    return row.seq;
+}
+
+static void assert_settled(const char *outcome)
+{
+    assert_int_equal(step(), 0);
+    assert_int_equal(said.seq, asked.seq);
+    assert_string_equal(said.outcome, outcome);
+}
+
+static void assert_open(void)
+{
+    const int before = said.n;
+    assert_int_equal(step(), 1);
+    assert_int_equal(said.n, before);
+}
+
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    strcat(strcat(ctx, event->text), "\n");
+    assert_string_equal(event->kind, "operator");
+    assert_string_equal(event->source, "ann");
+    return 0;
+}
+
+static const char *events(void)
+{
+    static char all[4096];
+    all[0] = '\0';
+    assert_true(apc_store_events(store, &(struct apc_range){.since = 0}, take_event, all) >= 0);
+    return all;
+}
+
+/* ---- Refused ----------------------------------------------------------------------------------------------
+ */
+
+static void what_is_asked_for_at_another_time_is_too_late(void **state)
+{
+    (void)state;
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.age = MOST + 5 * S; /* whatever our clock says */
+    assert_refused(
+        "refused: too late, it was asked for 65.0 s ago by the database's clock, and 60 s are allowed");
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.time -= MOST + 5 * S;
+    assert_refused(" s ago by the loop's clock, and 60 s are allowed");
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.left = -4 * S;
+    assert_refused("refused: too late, it was to be done until 4.0 s ago");
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.left = 0;
+    assert_refused("refused: too late, it was to be done until ");
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.time += MOST + 5 * S;
+    assert_refused(" s ahead: a clock is wrong");
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.time += 1800 * S;
+    asked.age = -MOST - 5 * S;
+    assert_refused("refused: it comes from ");
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.time += MOST - 5 * S; /* a little */
+    asked.age = 5 * S - MOST;
+    assert_written();
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.time -= MOST - 10 * S;
+    asked.age = MOST - 10 * S;
+    asked.left = 1;
+    assert_written();
+}
+
+static void what_makes_no_sense_is_refused_with_its_reason(void **state)
+{
+    static const struct {
+        enum apc_table table;
+        int variable;
+        double value;
+        const char *said;
+    } cases[] = {
+        {APC_SETPOINT, SET_R, 50.5, "refused: r = 50.5 lies outside its limits -50 to 50"},
+        {APC_SETPOINT, SET_R, -50.5, "refused: r = -50.5 lies outside its limits -50 to 50"},
+        {APC_SETPOINT, 9, 1, "refused: setpoint 9 is not described, so its limits are not known"},
+        {APC_TUNING, 99, 1, "refused: tuning 99 is not described"},
+        {APC_OPMODE, LOOP_U, 1.5, "refused: 1.5 is no mode: 0 Man, 1 Auto, 2 out of service, 3 Cas"},
+        {APC_OPMODE, LOOP_U, 4, "refused: u = 4 lies outside its limits 0 to 3"},
+        {APC_OPMODE, 0, 4, "refused: mode = 4 lies outside its limits 0 to 3"},
+        {APC_OPMODE, 0, 0.5, "refused: 0.5 is no mode"},
+        {APC_OPMODE, LOOP_R, APC_MODE_CAS,
+         "refused: upper.r cannot be in Cas: no controller moves its setpoint"},
+        {APC_OPMODE, REQUESTS_OF_HISTORY, 1, "is not for people"},
+        {APC_OPMODE, REQUESTS_OF_BROKER + 3, 1, "is not for people"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        ask(cases[i].table, cases[i].variable, cases[i].value);
+        assert_refused(cases[i].said);
+    }
+    assert_string_equal(events(), "");
+}
+
+static void what_nobody_would_apply_is_not_written(void **state)
+{
+    (void)state;
+    ticked(BASE, 40 * S);
+    ask(APC_SETPOINT, SET_R, 2);
+    assert_refused("refused: nobody applies it: base's last tick was 40.0 s ago");
+    ticked(BASE, 3 * S); /* three periods, and a little more */
+    assert_written();
+}
+
+static void what_has_never_ticked_applies_nothing(void **state)
+{
+    struct experiment e;
+    const struct experiment_source source = {.file = "test", .text = text};
+    (void)state;
+    apc_store_close(store);
+    assert_int_equal(experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why), 0);
+    assert_int_equal(apc_store_open(&store, "mem:", NULL, &why), 0);
+    assert_true(apc_store_init(store) >= 0 && provision(store, &e, PROVISION_KEEP) >= 0);
+    experiment_free(&e);
+    requests_destroy(requests);
+    assert_int_equal(requests_create_of(&requests, store,
+                                        &(struct requests_source){.give = give,
+                                                                  .answer = answer,
+                                                                  .error = source_error,
+                                                                  .marks = REQUESTS_OF_BROKER},
+                                        MOST, &why),
+                     0);
+    ask(APC_SETPOINT, SET_W, 2);
+    assert_refused("refused: nobody applies it: upper has never ticked");
+    ask(APC_OPMODE, 0, APC_MODE_MAN); /* whoever comes will */
+    assert_written();
+    assert_settled("written");
+}
+
+/* ---- Written ----------------------------------------------------------------------------------------------
+ */
+
+static void what_was_written_is_settled_by_what_its_controller_says(void **state)
+{
+    (void)state;
+    ask(APC_TUNING, KP, 0.4);
+    const int64_t seq = assert_written();
+    const struct apc_sample mark = newest(APC_OPMODE, REQUESTS_OF_BROKER + (int)(asked.id % REQUESTS_MARKS));
+    assert_near(mark.value, (double)asked.id, 0);
+    assert_int_equal(mark.time, asked.time);
+    assert_int_equal(mark.origin, seq);
+    assert_open();
+    became(APC_TUNING, KP, seq - 1, 0.2, APC_GOOD); /* it has not looked yet */
+    assert_open();
+    became(APC_TUNING, KP, seq, 0.4, APC_GOOD);
+    assert_settled("applied");
+    became(APC_TUNING, KP, seq + 1, 0.7, APC_GOOD);
+    assert_settled("superseded: it is 0.7 now");
+    assert_string_equal(events(), "u.Kp: 0.2 -> 0.4 (request 1 of apc_operator: because)\n");
+    assert_int_equal(newest(APC_TUNING, KP).seq, seq); /* it was done once */
+}
+
+static void a_refusal_is_told_with_its_words_or_after_a_while_without(void **state)
+{
+    struct apc_event event = {.severity = APC_EVENT_WARNING, .kind = "rejected", .source = "base"};
+    (void)state;
+    ask(APC_TUNING, KP, 0.4);
+    const int64_t seq = assert_written();
+    became(APC_TUNING, KP, seq, 0.2, APC_BAD);
+    assert_open(); /* the words may still come */
+    append((struct apc_sample){.table = APC_ACTUAL,
+                               .id = apc_variable_number(APC_TUNING, KP),
+                               .time = apc_clock_utc(NULL) - 2 * S,
+                               .value = 0.2,
+                               .origin = seq,
+                               .status = APC_BAD});
+    assert_settled("refused: 0.2 stays in force");
+    event.time = asked.time - 1; /* of an earlier one */
+    snprintf(event.text, sizeof event.text, "Kp: it was too much");
+    assert_int_equal(apc_store_append_events(store, &event, 1), 1);
+    assert_settled("refused: 0.2 stays in force");
+    event.time = asked.time;
+    snprintf(event.text, sizeof event.text, "Kp = 0.4: it is too much");
+    assert_int_equal(apc_store_append_events(store, &event, 1), 1);
+    assert_settled("refused: Kp = 0.4: it is too much");
+}
+
+static void an_output_is_for_loops_in_man(void **state)
+{
+    (void)state;
+    ask(APC_MANUAL, LOOP_U, 3);
+    const int64_t seq = assert_written();
+    append((struct apc_sample){.table = APC_ACTUAL,
+                               .id = apc_variable_number(APC_MANUAL, LOOP_U),
+                               .time = apc_clock_utc(NULL) - 2 * S,
+                               .origin = seq,
+                               .status = APC_BAD});
+    assert_settled("refused: its loop is not in Man");
+    assert_string_equal(events(), "u.manual: none -> 3 (request 1 of apc_operator: because)\n");
+}
+
+static void what_is_not_confirmed_for_long_is_settled_so(void **state)
+{
+    (void)state;
+    ask(APC_TUNING, KP, 0.4);
+    assert_written();
+    asked.age = MOST + 3 * S; /* as long as anybody may ask, three periods and 2 s */
+    assert_open();
+    asked.age = MOST + 4 * S;
+    assert_settled("written, but base does not confirm it");
+    ask(APC_OPMODE, 0, APC_MODE_AUTO); /* of all: each loop has its own row */
+    assert_written();
+    assert_settled("written");
+}
+
+static void what_opens_a_cascade_or_is_the_schedulers_is_said(void **state)
+{
+    (void)state;
+    ask(APC_SETPOINT, SET_R, 2);
+    asked.reason[0] = '\0';
+    assert_written();
+    assert_near(newest(APC_OPMODE, LOOP_U).value, APC_MODE_AUTO, 0);
+    append((struct apc_sample){
+        .table = APC_OPMODE, .id = LOOPS_OWNER(SET_W), .time = apc_clock_utc(NULL), .value = 1});
+    ask(APC_SETPOINT, SET_W, 7);
+    assert_written();
+    assert_near(newest(APC_OPMODE, LOOPS_OWNER(SET_W)).value, 0, 0);
+    char expected[300];
+    snprintf(expected, sizeof expected,
+             "r: 1 -> 2 (request %lld of apc_operator)\nr taken Local, cascade open\n"
+             "w: 5 -> 7 (request %lld of apc_operator: because)\nw taken Local, the scheduler stands aside\n",
+             (long long)asked.id - 1, (long long)asked.id);
+    assert_string_equal(events(), expected);
+}
+
+/* ---- Once -------------------------------------------------------------------------------------------------
+ */
+
+static void who_was_ended_before_he_answered_answers_and_does_it_no_more(void **state)
+{
+    (void)state;
+    ask(APC_TUNING, KP, 0.4);
+    const int64_t seq = assert_written();
+    asked.seq = -1; /* the answer was lost; its event is there */
+    assert_int_equal(step(), 1);
+    assert_string_equal(said.outcome, "(to come)");
+    assert_int_equal(said.seq, seq);
+    assert_int_equal(newest(APC_TUNING, KP).seq, seq);
+    const char *once = strchr(events(), '\n');
+    assert_string_equal(once, "\n");
+}
+
+/* The row and its mark are there, its event is not. */
+static void an_event_that_is_missing_is_made_up_for(void **state)
+{
+    (void)state;
+    ask(APC_TUNING, KP, 0.4);
+    append((struct apc_sample){.table = APC_OPMODE,
+                               .id = REQUESTS_OF_BROKER + (int)(asked.id % REQUESTS_MARKS),
+                               .time = asked.time,
+                               .value = (double)asked.id,
+                               .origin = 2});
+    became(APC_TUNING, KP, 2, 0.4, APC_GOOD);
+    assert_int_equal(step(), 0);
+    assert_int_equal(said.seq, 2);
+    assert_string_equal(said.outcome, "applied");
+    char expected[100];
+    snprintf(expected, sizeof expected, "u.Kp: none -> 0.4 (request %lld of apc_operator: because)\n",
+             (long long)asked.id);
+    assert_string_equal(events(), expected);
+    ask(APC_TUNING, KP, 0.5); /* another one whose mark lies in the same place, of an earlier time */
+    asked.id += REQUESTS_MARKS - 1;
+    asked.time -= S;
+    assert_refused("refused: later ones have been done, and whether this one was is not known");
+}
+
+static void a_source_that_fails_is_said_and_asked_again(void **state)
+{
+    (void)state;
+    ask(APC_TUNING, KP, 0.4);
+    said.give_fails = APC_ECONN;
+    assert_int_equal(requests_step(requests), APC_ECONN);
+    assert_string_equal(requests_error(requests), "nobody is there");
+    said.give_fails = 0;
+    said.answer_fails = APC_ETIMEDOUT;
+    assert_int_equal(requests_step(requests), APC_ETIMEDOUT);
+    assert_string_equal(requests_error(requests), "nobody is there");
+    assert_near(newest(APC_TUNING, KP).value, 0.4, 0);
+    said.answer_fails = 0;
+    assert_int_equal(step(), 1);
+    assert_int_equal(newest(APC_TUNING, KP).seq, said.seq);
+    assert_string_equal(requests_error(requests), "");
+}
+
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(what_was_written_is_settled_by_what_its_controller_says),
+        T(what_is_asked_for_at_another_time_is_too_late),
+        T(what_makes_no_sense_is_refused_with_its_reason),
+        T(what_nobody_would_apply_is_not_written),
+        T(what_has_never_ticked_applies_nothing),
+        T(a_refusal_is_told_with_its_words_or_after_a_while_without),
+        T(an_output_is_for_loops_in_man),
+        T(what_is_not_confirmed_for_long_is_settled_so),
+        T(what_opens_a_cascade_or_is_the_schedulers_is_said),
+        T(who_was_ended_before_he_answered_answers_and_does_it_no_more),
+        T(an_event_that_is_missing_is_made_up_for),
+        T(a_source_that_fails_is_said_and_asked_again),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
