@@ -578,6 +578,8 @@ test("the journal tells what people said between the transitions, and nothing of
   const told = story([transition(1, 10), transition(2, 20), transition(3, 20)], [event(15, "y1.high: acknowledged (from x): I see it"), event(16, "r: 1 -> 2"), event(17, "y1.high: raised", "alarm"), event(2, "y1.high: shelved until")], defined);
   assert.deepEqual(told.map(one => one.transition?.number ?? one.said?.text), [1, "y1.high: acknowledged (from x): I see it", 2, 3]);
   assert.deepEqual(story([], [event(1, "y1.high: acknowledged")], defined), []);
+  const others = [event(9, "r: 1 -> 2"), event(11, "y1.high: a"), {...event(12, "the backup law acts", "rejected"), severity: 2 as const}, {...event(13, "y1.high: much", "alarm"), severity: 3 as const}, event(14, "started", "start")];
+  assert.deepEqual(story([transition(1, 10)], others, defined, true).map(one => one.transition?.number ?? one.said?.text), ["r: 1 -> 2", 1, "y1.high: a", "the backup law acts"]);
   // Two processes have stamped it: what follows from somebody's word comes after it all the same.
   const by = (number: number, time: number, author = "anna") => ({...transition(number, time), author});
   const order = (transitions: Transition[], events: PlantEvent[]): string => story(transitions, events, defined).map(one => one.transition?.number ?? one.said?.text.slice(9)).join(" ");

@@ -137,11 +137,11 @@ test("a bar is filled from its foot", () => {
 
 test("the drawings that come along name signals of their experiments", () => {
   const folder = "../experiments";
-  const drawings = readdirSync(folder).filter(name => name.endsWith(".svg"));
-  assert.deepEqual(drawings, ["four-tank.svg", "quadruple-tank.svg", "van-de-vusse.svg"]);
+  const drawings = [folder, `${folder}/alarms`].flatMap(one => readdirSync(one).flatMap(name => (name.endsWith(".svg") ? [`${one}/${name}`] : [])));
+  for (const name of ["four-tank", "quadruple-tank-mpc", "van-de-vusse", "alarms/pump-failure-mpc"]) assert.ok(drawings.includes(`${folder}/${name}.svg`), name);
   for (const name of drawings) {
-    const text = readFileSync(`${folder}/${name}`, "utf8");
-    const conf = readFileSync(`${folder}/${name.replace("svg", "conf")}`, "utf8");
+    const text = readFileSync(name, "utf8");
+    const conf = readFileSync(name.replace(/svg$/, "conf"), "utf8");
     const named = [...text.matchAll(/data-apc="([^"]*)"/g)].map(one => (one[1] as string).replace(".mode.actual", ""));
     assert.ok(named.length > 5);
     for (const one of named) assert.ok(conf.includes(`name = "${one}"`), `${name}: ${one}`);

@@ -110,13 +110,14 @@ export function found(text: string, {alarm, message, area, kind}: AlarmIs): bool
   return text.toLowerCase().split(/\s+/).every(word => where.includes(word));
 }
 
-/** What people said of alarms stands among the transitions, in the order in which it happened. */
+/** What people said of alarms stands among the transitions, in the order in which it happened; with `whole` all that they did,
+ *  and what the plant warned of. */
 export type Entry = {time: number; transition: Transition; said: null} | {time: number; transition: null; said: PlantEvent};
 
-export function story(transitions: Transition[], events: PlantEvent[], all: AlarmIs[]): Entry[] {
+export function story(transitions: Transition[], events: PlantEvent[], all: AlarmIs[], whole = false): Entry[] {
   const names = new Set(all.map(one => one.alarm));
   const first = transitions[0]?.time ?? Infinity;
-  const said = events.filter(one => one.kind === "operator" && one.time >= first - 1 && names.has(alarmSaid(one)));
+  const said = events.filter(one => (one.kind === "operator" ? whole || names.has(alarmSaid(one)) : whole && one.severity > 1 && one.kind !== "alarm") && (whole || one.time >= first - 1));
   const at = begun(transitions, said);
   const entries: Entry[] = [...transitions.map((transition): Entry => ({time: transition.time, transition, said: null})), ...said.map((one): Entry => ({time: one.time, transition: null, said: one}))];
   const when = (one: Entry): number => (one.said ? (at.get(one.said) ?? one.time) : one.time);

@@ -5,7 +5,7 @@ import {useState} from "preact/hooks";
 import {get} from "../core/api";
 import {type Entry, alarmSaid, found, stateWords, story} from "../core/alarms";
 import {csv, iso, stamp} from "../core/format";
-import {alarms, plant, refill} from "../core/model";
+import {alarms, events, plant, refill} from "../core/model";
 import type {PlantEvent, Transition} from "../core/types";
 import {downloadText} from "../download";
 import {Shape} from "../parts/shape";
@@ -18,27 +18,33 @@ const LAST = 300;
 export function AlarmJournal(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
   const [text, setText] = useState("");
+  const [whole, setWhole] = useState(false);
+  const streamed = useCell(events);
   const all = useCell(alarms);
   const filled = useCell(refill);
   const p = useCell(plant);
   const newest = Math.max(0, ...all.map(one => one.now.journal));
   const {answer, error} = useAnswer(async () => {
     const since = -seconds;
-    const [{transitions}, {events}] = await Promise.all([
+    const of = (query: object): Promise<{events: PlantEvent[]}> => get("/api/events", {...query, since, last: LAST});
+    const [{transitions}, did, warned] = await Promise.all([
       get<{transitions: Transition[]}>("/api/alarms/journal", {since, last: LAST}),
-      get<{events: PlantEvent[]}>("/api/events", {kind: "operator", since, last: LAST}),
+      of({kind: "operator"}),
+      whole ? of({severity: 2}) : {events: []},
     ]);
-    return {entries: story(transitions, events, alarms.value).reverse(), whole: transitions.length < LAST};
-  }, [seconds, newest, filled]);
-  const {entries, whole} = answer ?? {entries: [], whole: true};
+    const others = warned.events.filter(one => one.kind !== "operator");
+    return {entries: story(transitions, [...did.events, ...others], alarms.value, whole).reverse(), cut: transitions.length === LAST};
+  }, [seconds, newest, filled, whole, whole && streamed]);
+  const {entries, cut} = answer ?? {entries: [], cut: false};
 
   const about = new Map(all.map(one => [one.alarm, one]));
-  const name = (one: Entry): string => one.transition?.alarm ?? alarmSaid(one.said as PlantEvent);
-  const words = (one: Entry): string => (one.said ? one.said.text.slice(name(one).length + 2).replace(/ \(from [^)]*\)/, "") : one.transition.raised ? "raised" : stateWords(one.transition.state));
+  const said = (one: PlantEvent): string => (about.has(alarmSaid(one)) ? alarmSaid(one) : "");
+  const name = (one: Entry): string => one.transition?.alarm ?? said(one.said as PlantEvent);
+  const words = (one: Entry): string => (one.said ? one.said.text.slice(name(one) === "" ? 0 : name(one).length + 2).replace(/ \(from [^)]*\)/, "") : one.transition.raised ? "raised" : stateWords(one.transition.state));
   const who = (one: Entry): string => (one.said ? one.said.source : (one.transition.author ?? ""));
   const shown = entries.filter(one => {
     const of = about.get(name(one));
-    return text === "" || (of != null && found(text, of));
+    return text === "" || (of ? found(text, of) : words(one).toLowerCase().includes(text.toLowerCase()));
   });
   const exportCsv = (): void =>
     downloadText(
@@ -55,7 +61,8 @@ export function AlarmJournal(): JSX.Element {
             {TIMES.map(one => <option key={one.seconds} value={one.seconds}>{one.name}</option>)}
           </select>
         </label>
-        <span class="say" role="status">{shown.length} shown{!whole && `: of the transitions the newest ${LAST}`}</span>
+        <label class="check"><input type="checkbox" checked={whole} onChange={event => setWhole(event.currentTarget.checked)} /> with what else happened</label>
+        <span class="say" role="status">{shown.length} shown{cut && `: of the transitions the newest ${LAST}`}</span>
         <span class="spring" />
         <button type="button" onClick={exportCsv}>CSV</button>
       </form>
