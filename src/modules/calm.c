@@ -60,7 +60,7 @@ static bool is_plain(const struct apc_controller *c)
 static bool goes_on(const struct apc_controller_state *l)
 {
     return l->loop.state == APC_LOOP_AUTO && l->move.law == (APC_ASK_COMPUTE | APC_ASK_UPDATE) &&
-           l->loop.poor == 0 && l->note.kind == APC_NOTICE_NONE;
+           l->note.kind == APC_NOTICE_NONE;
 }
 
 static bool answers_well(const struct apc_controller_instance *of)

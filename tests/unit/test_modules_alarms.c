@@ -417,9 +417,16 @@ static void the_strongest_mask_holds_and_the_others_wait(void **state)
     want(&w, APC_ALARM_SERVICE, 2, 1);
     tick(&w);
     assert_int_equal(state_of(&w, 2), APC_ALARM_OUT_OF_SERVICE);
-    want(&w, APC_ALARM_SERVICE, 2, 2);
+    for (int i = 0; i < 2; i++) {
+        want(&w, APC_ALARM_SERVICE, 2, i ? 1 + 1e-9 : -1e-9);
+        tick(&w);
+        assert_has(w.notice.text, "y2.low: service not changed: it is neither 0 nor 1");
+    }
+    want(&w, APC_ALARM_SERVICE, 2, 0);
+    at(&w, APC_OPMODE, apc_alarm_switch_id(APC_ALARM_SERVICE, 2))->status = APC_BAD;
     tick(&w);
-    assert_has(w.notice.text, "y2.low: service not changed: it is neither 0 nor 1");
+    assert_has(w.notice.text, "y2.low: service not changed: its status is Bad");
+    assert_near(became(&w, APC_ALARM_SERVICE, 2)->value, 1, 0);
     assert_int_equal((int)told(&w)[APC_ALARMS_OUT_OF_SERVICE], 1);
     put(&w, APC_ACTUATOR, PUMP, 5);
     w.mono += 5 * S;
@@ -463,37 +470,6 @@ static void what_was_not_stored_is_stored_before_anything_else_is_judged(void **
     tick(&w);
     assert_int_equal(state_of(&w, 1), APC_ALARM_RETURNED);
     end(&w);
-}
-
-static void what_makes_no_sense_is_refused_with_its_name(void **state)
-{
-    struct apc_alarm bad[N];
-    struct apc_alarms_options o = {.size = sizeof o, .n = N, .alarm = bad, .number = TICK};
-    struct apc_alarms *alarms;
-    struct apc_error why;
-    (void)state;
-#define REFUSED(change, part)                                                                                \
-    do {                                                                                                     \
-        memcpy(bad, plant, sizeof bad);                                                                      \
-        change;                                                                                              \
-        assert_int_equal(apc_alarms_create(&alarms, &o, &why), APC_EINVAL);                                  \
-        assert_null(alarms);                                                                                 \
-        assert_has(why.text, part);                                                                          \
-    } while (0)
-    REFUSED(bad[0].deadband = -1, "alarm y1.high: limit and deadband");
-    REFUSED(bad[0].limit = (double)NAN, "alarm y1.high: limit and deadband");
-    REFUSED(bad[1].priority = 5, "alarm y2.low: the priority");
-    REFUSED(bad[1].on_delay = -1, "alarm y2.low: a delay");
-    REFUSED(bad[1].kind = APC_ALARM_BAD, "alarm y2.low: a delay or horizon");
-    REFUSED(bad[1].kind = APC_ALARM_STOPPED, "alarm y2.low: no such signal");
-    REFUSED(bad[1].kind = APC_ALARM_DEVIATION, "alarm y2.low: a deviation is from another signal");
-    REFUSED(bad[1].kind = APC_ALARM_AT_LIMIT, "alarm y2.low: the limits must rise");
-    REFUSED(bad[0].suppression.alarm = 3, "alarm y1.high: it is suppressed by itself");
-    REFUSED(bad[1].suppression.alarm = 4, "alarm y2.low: it is suppressed by itself, or by no alarm");
-    REFUSED(bad[1].suppression.table = APC_TICK, "alarm y2.low: it is suppressed by no signal");
-    REFUSED(o.shelve_max = -1, "the longest shelving");
-    o.shelve_max = 0;
-    REFUSED(o.n = APC_ALARMS_MAX + 1, "1 to 4095 alarms");
 }
 
 /* ---- At random ----------------------------------------------------------------------------- */
@@ -617,7 +593,6 @@ int main(void)
         EACH(the_strongest_mask_holds_and_the_others_wait),
         EACH(of_two_wishes_that_are_refused_each_is_told),
         EACH(what_was_not_stored_is_stored_before_anything_else_is_judged),
-        EACH(what_makes_no_sense_is_refused_with_its_name),
         EACH(whatever_happens_the_journal_tells_it_whole_and_in_order),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

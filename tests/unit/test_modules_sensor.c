@@ -283,43 +283,139 @@ static void a_disturbance_changes_at_its_very_instant(void **state)
     drop(&r);
 }
 
-static void what_makes_no_sense_is_refused(void **state)
+/* ---- Another world for a running plant ------------------------------------------------------ */
+
+static void change(struct rig *r, struct apc_plantserver_options o, const struct apc_model *model,
+                   int expected)
 {
-    const struct apc_disturbance back[] = {{.k = 0, .at = S}, {.k = 0, .at = 0}}, no_such = {.k = 1};
-    const struct apc_sensor_fault nothing = {.at = S}, early = {.kind = APC_FAULT_STUCK, .at = -1};
-    const struct apc_sensor loud = {.noise = -1.0}, odd = {.fault = &nothing, .n_faults = 1},
-                            past = {.fault = &early, .n_faults = 1}, nan_step = {.quantum = (double)NAN};
-    const double negative[] = {0.0, -1.0};
-    const struct apc_plantserver_options cases[] = {
-        {.disturbance = back, .n_disturbances = 2},
-        {.disturbance = &no_such, .n_disturbances = 1},
-        {.sensor = &loud},
-        {.sensor = &odd},
-        {.sensor = &past},
-        {.sensor = &nan_step},
-        {.noise = negative},
-    };
-    const struct apc_model *tank = NULL;
-    struct apc_plant *plant = NULL;
+    struct apc_error why = {""};
+
+    o.size = sizeof(o);
+    o.model = model;
+    assert_int_equal(apc_plantserver_change(r->server, &o, &why), expected);
+    assert_int_equal(why.text[0] != '\0', expected < 0);
+}
+
+static const struct apc_model *lab(void)
+{
+    const struct apc_model *model = NULL;
     void *handle;
 
-    (void)state;
-    assert_int_equal(apc_model_find("double-tank", &tank, &handle, NULL), 0);
-    assert_int_equal(apc_plant_create(&plant, tank, NULL, NULL, NULL, NULL), 0);
-    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
-        struct apc_plantserver_options o = cases[i];
-        struct apc_plantserver *server;
-        struct apc_error why = {""};
+    assert_int_equal(apc_model_find("temperature-lab", &model, &handle, NULL), 0);
+    return model;
+}
 
-        o.size = sizeof(o);
-        o.plant = plant;
-        o.model = tank;
-        o.link_period = o.command_period = S;
-        assert_int_equal(apc_plantserver_create(&server, &o, &why), APC_EINVAL);
-        assert_null(server);
-        assert_true(strlen(why.text) > 20);
+static void assert_same(struct rig *a, struct rig *b, int first, int last)
+{
+    for (int k = first; k < last; k++) {
+        tick(a, k);
+        tick(b, k);
+        assert_memory_equal(apc_plant_state(a->plant), apc_plant_state(b->plant), 4 * sizeof(double));
+        for (size_t i = 0; i < a->ny; i++) {
+            assert_true(a->y[i].value == b->y[i].value && a->y[i].status == b->y[i].status);
+            assert_true(apc_plantserver_output(a->server)[i] == apc_plantserver_output(b->server)[i]);
+        }
     }
-    apc_plant_destroy(plant);
+}
+
+static const struct apc_sensor coarse[2] = {{.quantum = 0.5, .noise = 1.0}, {.quantum = 0.25}};
+static const double shaken[4] = {0.1, 0.0, 0.2, 0.0};
+
+static void what_a_plant_is_changed_to_before_it_runs_is_as_if_it_had_been_made_so(void **state)
+{
+    const struct apc_disturbance changes[] = {{.k = 0, .at = 0, .value = 31.0},
+                                              {.k = 0, .at = S, .value = 5.0}};
+    const struct apc_plantserver_options o = {
+        .seed = 7, .sensor = coarse, .noise = shaken, .disturbance = changes, .n_disturbances = 2};
+    struct rig made = make("temperature-lab", o),
+               changed = make("temperature-lab", (struct apc_plantserver_options){.seed = 7});
+
+    (void)state;
+    change(&changed, o, lab(), 0);
+    assert_same(&made, &changed, 0, 20);
+    drop(&made);
+    drop(&changed);
+}
+
+/* What would have been before is passed over, what is to be at this very instant or later is not. */
+static void a_running_plant_has_from_then_on_the_disturbances_that_it_is_changed_to(void **state)
+{
+    const struct apc_disturbance was[] = {{.k = 0, .at = S / 4, .value = 31.0},
+                                          {.k = 0, .at = S, .value = 99.0}},
+                                 is[] = {{.k = 0, .at = S / 10, .value = 25.0},
+                                         {.k = 0, .at = 3 * S / 10 - 1, .value = 26.0},
+                                         {.k = 0, .at = 3 * S / 10, .value = 27.0},
+                                         {.k = 0, .at = 55 * S / 100, .value = 21.0}},
+                                 all[] = {was[0], is[2], is[3]};
+    struct rig whole = make("temperature-lab",
+                            (struct apc_plantserver_options){.disturbance = all, .n_disturbances = 3}),
+               changed = make("temperature-lab",
+                              (struct apc_plantserver_options){.disturbance = was, .n_disturbances = 2});
+
+    (void)state;
+    assert_same(&whole, &changed, 0, 4);
+    change(&changed, (struct apc_plantserver_options){.disturbance = is, .n_disturbances = 4}, lab(), 0);
+    assert_same(&whole, &changed, 4, 20);
+    drop(&whole);
+    drop(&changed);
+}
+
+/* An instant after the last of them. */
+static void disturbances_that_are_all_past_change_nothing(void **state)
+{
+    const struct apc_disturbance past[] = {{.k = 0, .at = 0, .value = 50.0},
+                                           {.k = 0, .at = S / 4, .value = 60.0}};
+    struct rig still = make("temperature-lab", (struct apc_plantserver_options){.seed = 1}),
+               changed = make("temperature-lab", (struct apc_plantserver_options){.seed = 1});
+
+    (void)state;
+    assert_same(&still, &changed, 0, 4);
+    change(&changed, (struct apc_plantserver_options){.disturbance = past, .n_disturbances = 2}, lab(), 0);
+    assert_same(&still, &changed, 4, 20);
+    drop(&still);
+    drop(&changed);
+}
+
+static void noise_and_sensors_come_and_go_with_the_change(void **state)
+{
+    struct rig r = make("temperature-lab", (struct apc_plantserver_options){.seed = 7});
+    const double *x = apc_plant_state(r.plant) + 2;
+    double begin[4];
+
+    (void)state;
+    tick(&r, 0);
+    memcpy(begin, apc_plant_state(r.plant), sizeof(begin));
+    change(&r, (struct apc_plantserver_options){.sensor = coarse, .noise = shaken}, lab(), 0);
+    tick(&r, 1);
+    assert_true(x[0] != begin[2] && r.y[0].value != x[0]);
+    assert_near(r.y[0].value, 0.5 * round(2.0 * r.y[0].value), 0.0);
+    assert_near(r.y[1].value, 0.25 * round(4.0 * r.y[1].value), 0.0);
+    change(&r, (struct apc_plantserver_options){.noise = NULL}, lab(), 0);
+    for (int k = 2; k < 5; k++) {
+        memcpy(begin, apc_plant_state(r.plant), sizeof(begin));
+        tick(&r, k);
+        assert_true(r.y[0].value == x[0] && r.y[1].value == x[1]);
+        assert_near(apc_plant_state(r.plant)[0], begin[0], 0.02); /* only what heat flows: no kick of 0.1 */
+    }
+    drop(&r);
+}
+
+static void a_change_that_makes_no_sense_changes_nothing(void **state)
+{
+    const double negative[4] = {0.0, 0.0, 0.0, -1.0};
+    struct rig r = make("temperature-lab",
+                        (struct apc_plantserver_options){.sensor = coarse, .noise = shaken}),
+               same = make("temperature-lab",
+                           (struct apc_plantserver_options){.sensor = coarse, .noise = shaken});
+    struct apc_error why;
+
+    (void)state;
+    change(&r, (struct apc_plantserver_options){.noise = NULL}, NULL, APC_EINVAL);
+    change(&r, (struct apc_plantserver_options){.noise = negative}, lab(), APC_EINVAL);
+    assert_int_equal(apc_plantserver_change(r.server, NULL, &why), APC_EINVAL);
+    assert_same(&r, &same, 0, 5);
+    drop(&r);
+    drop(&same);
 }
 
 int main(void)
@@ -335,7 +431,11 @@ int main(void)
         cmocka_unit_test(faults_begin_and_end_when_they_should),
         cmocka_unit_test(a_fault_without_duration_lasts),
         cmocka_unit_test(a_disturbance_changes_at_its_very_instant),
-        cmocka_unit_test(what_makes_no_sense_is_refused),
+        cmocka_unit_test(what_a_plant_is_changed_to_before_it_runs_is_as_if_it_had_been_made_so),
+        cmocka_unit_test(a_running_plant_has_from_then_on_the_disturbances_that_it_is_changed_to),
+        cmocka_unit_test(disturbances_that_are_all_past_change_nothing),
+        cmocka_unit_test(noise_and_sensors_come_and_go_with_the_change),
+        cmocka_unit_test(a_change_that_makes_no_sense_changes_nothing),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,316 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The same record gives the same model wherever it is looked at: on each compiler, with or without
+ * optimisation, today and tomorrow. That the models are right is asked of the other tests, in figures that
+ * noise allows; a search that ends elsewhere than it used to, or one lag that is chosen otherwise, shows
+ * here. Who changes an algorithm on purpose takes the new numbers from what this test says, and tells why
+ * they are better.
+ */
+#include "apcexcite.h"
+#include "apcplant.h"
+#include "apctune.h"
+#include "base/base_internal.h"
+#include "check.h"
+#include "records.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- One number of many ------------------------------------------------------------------------- */
+
+static double sum;
+static size_t n_numbers;
+
+/* Each number counts by its leading digits, whatever its size. */
+static void number(double value)
+{
+    const double weight = 1.0 + 0.618 * (double)(++n_numbers % 7);
+
+    sum += weight * (!isfinite(value) ? 7.0 : asinh(1e3 * value));
+}
+
+static void numbers(const double *value, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        number(value[i]);
+}
+
+static void must(int rc, const struct apc_error *why)
+{
+    if (rc < 0)
+        fail_msg("%s: %s", apc_err_name(rc), why->text);
+}
+
+/* ---- Records -------------------------------------------------------------------------------------- */
+
+static const struct apc_transfer two[] = {{.gain = 2.0, .tau = {1.0}, .dead_time = 0.4},
+                                          {.gain = -1.0, .tau = {0.5, 2.0}}},
+                                 slow[] = {{.gain = 3.0, .tau = {4.0, 1.5}, .dead_time = 1.3}},
+                                 level[] = {{.gain = 0.5, .integrating = true, .dead_time = 0.6}},
+                                 square[] = {{.gain = 1.0, .tau = {1.0}},
+                                             {.gain = 0.4, .tau = {0.6}, .dead_time = 0.2},
+                                             {.gain = -0.3, .tau = {2.0}},
+                                             {.gain = 2.0, .tau = {1.2}, .dead_time = 0.6}};
+static const size_t hold[] = {15, 22};
+
+static struct record_test *of_two(double noise, double colour)
+{
+    return record_simulate(two, 2, 1, 300, 0.2, hold, noise, colour, 1);
+}
+
+static struct record_test *of_slow(void)
+{
+    return record_simulate(slow, 1, 1, 260, 0.5, (const size_t[]){25}, 0.03, 0.0, 2);
+}
+
+static struct record_test *of_level(void)
+{
+    return record_simulate(level, 1, 1, 240, 0.2, hold, 0.02, 0.0, 3);
+}
+
+static struct record_test *of_square(void)
+{
+    return record_simulate(square, 2, 2, 400, 0.2, hold, 0.05, 0.0, 4);
+}
+
+/* Two runs at two operating points, with samples that are not there. */
+static struct record_test *of_runs(void)
+{
+    struct record_test *t = record_simulate(two, 2, 1, 200, 0.2, hold, 0.05, 0.0, 5);
+
+    record_append(t, record_simulate(two, 2, 1, 160, 0.2, hold, 0.05, 0.0, 6), 3.0, 10.0);
+    return t;
+}
+
+static struct record_test *with_holes(struct record_test *t)
+{
+    for (size_t k = 40; k < t->record.n; k += 37)
+        t->y[k] = (double)NAN;
+    return t;
+}
+
+/* ---- What is made of them --------------------------------------------------------------------------- */
+
+static void transfer(struct record_test *t, struct apc_identify_transfer_options o)
+{
+    const size_t inputs = t->record.nu + t->record.nd, runs = apc_record_runs(&t->record);
+    struct apc_transfer g[4], error[4];
+    double u0[8], y0[8];
+    struct apc_transfer_fit fit[2];
+    struct apc_error why;
+
+    o.size = sizeof o;
+    must(apc_identify_transfer(&t->record, &o, g, error, u0, y0, fit, &why), &why);
+    for (size_t i = 0; i < inputs * t->record.ny; i++) {
+        numbers((double[]){g[i].gain, g[i].tau[0], g[i].tau[1], g[i].dead_time, g[i].integrating}, 5);
+        numbers((double[]){error[i].gain, error[i].tau[0], error[i].tau[1], error[i].dead_time}, 4);
+    }
+    numbers(u0, runs * inputs);
+    numbers(y0, runs * t->record.ny);
+    for (size_t i = 0; i < t->record.ny; i++)
+        numbers((double[]){fit[i].deviation, fit[i].noise, fit[i].rest, (double)fit[i].n_parameters}, 4);
+    free(t);
+}
+
+/* A state may be of any base: what its model does is not. */
+static void behaviour(const struct apc_linear *m)
+{
+    const size_t inputs = m->nu + m->nd;
+    double *x = calloc(2 * m->nx + inputs + m->ny, sizeof *x), *next = x + m->nx, *u = next + m->nx,
+           *y = u + inputs;
+
+    assert_non_null(x);
+    for (int k = 0; k < 30; k++) {
+        for (size_t j = 0; j < inputs; j++)
+            u[j] = sin(0.3 * k * (double)(j + 1));
+        apc_linear_output(m, x, u, y);
+        numbers(y, m->ny);
+        apc_linear_next(m, x, u, next);
+        memcpy(x, next, m->nx * sizeof *x);
+    }
+    free(x);
+}
+
+static void judged(struct apc_identified *m, struct record_test *t)
+{
+    const size_t inputs = t->record.nu + t->record.nd, ny = t->record.ny, runs = apc_record_runs(&t->record);
+    struct apc_validation v[2];
+    struct apc_error why;
+
+    behaviour(m->linear);
+    numbers(m->u0, runs * inputs);
+    numbers(m->y0, runs * ny);
+    numbers(m->covariance, ny * ny);
+    numbers((double[]){(double)m->na, (double)m->nb, (double)m->linear->nx}, 3);
+    for (size_t i = 0; m->na + m->nb > 0 && i < inputs * ny; i++)
+        number((double)m->delay[i]);
+    for (size_t from = 0; from < 2; from++) {
+        must(apc_validate(m->linear, m->K, &t->record, 150 * from, v, NULL, &why), &why);
+        for (size_t i = 0; i < ny; i++)
+            numbers((double[]){v[i].fit, v[i].ahead, v[i].white, v[i].independent}, 4);
+    }
+    apc_identified_destroy(m);
+    free(t);
+}
+
+static void arx(struct record_test *t, struct apc_identify_arx_options o)
+{
+    struct apc_identified *m;
+    struct apc_error why;
+
+    o.size = sizeof o;
+    must(apc_identify_arx(&m, &t->record, &o, &why), &why);
+    judged(m, t);
+}
+
+static void subspace(struct record_test *t, struct apc_identify_subspace_options o)
+{
+    struct apc_identified *m;
+    struct apc_error why;
+
+    o.size = sizeof o;
+    must(apc_identify_subspace(&m, &t->record, &o, &why), &why);
+    judged(m, t);
+}
+
+/* Where the tank's flows and time constant lie, and where it began. */
+static void parameters(size_t until)
+{
+    static double u[240 * 4], y[240 * 4];
+    const struct apc_model *model;
+    struct apc_plant *plant;
+    struct apc_random random;
+    double p[20], x0[8], value[3], error[3], at[8];
+    struct apc_error why;
+    void *handle;
+
+    must(apc_model_find("first-order", &model, &handle, &why), &why);
+    for (size_t i = 0; i < model->np; i++)
+        p[i] = model->param[i].initial * 1.4;
+    for (size_t i = 0; i < model->nx; i++)
+        x0[i] = 0.5;
+    apc_random_init(&random, 9, "same");
+    assert_int_equal(apc_plant_create(&plant, model, p, x0, NULL, &why), 0);
+    for (size_t k = 0; k < 240; k++) {
+        u[k] = k % 30 ? u[k - 1] : apc_random_normal(&random);
+        apc_plant_output(plant, u + k, y + k);
+        y[k] += 0.01 * apc_random_normal(&random);
+        assert_int_equal(apc_plant_advance(plant, 0.5, u + k), 0);
+    }
+    apc_plant_destroy(plant);
+    const struct apc_record r = {.size = sizeof r, .Ts = 0.5, .n = 240, .nu = 1, .ny = 1, .u = u, .y = y};
+    const struct apc_parameters sought = {
+        .size = sizeof sought, .model = model, .which = (const size_t[]){0, 1}, .n = 2, .until = until};
+    must(apc_identify_parameters(&r, &sought, value, error, at, NULL, &why), &why);
+    numbers(value, 2);
+    numbers(error, 2);
+    numbers(at, model->nx);
+}
+
+static void signals(void)
+{
+    double u[256], crest;
+    struct apc_relay relay = {.hysteresis = 0.1};
+
+    assert_int_equal(apc_excite_multisine(1, 20, 1, u, 256, &crest), 0);
+    numbers(u, 256);
+    number(crest);
+    assert_int_equal(apc_excite_multisine(3, 27, 2, u, 200, &crest), 0);
+    numbers(u, 200);
+    number(crest);
+    for (int k = 0; k < 200; k++)
+        number(apc_relay_step(&relay, 0.1 * k, sin(0.05 * k * (1 + 0.001 * k))));
+    numbers(relay.amplitude, 2);
+    numbers(relay.period, 2);
+    number(apc_relay_settled(&relay));
+}
+
+static void rules(void)
+{
+    const struct apc_transfer of[] = {two[0], two[1], slow[0], level[0]};
+    struct apc_error why;
+
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        for (int how = 0; how < 8; how++) {
+            const enum apc_tune_rule rule = how & 1 && !of[i].integrating ? APC_TUNE_LAMBDA : APC_TUNE_SIMC;
+            const double period = how & 4 ? 0.2 : 0.0;
+            struct apc_margins m = {.size = sizeof m};
+            struct apc_pid_tuning t;
+            double gain, every;
+
+            must(apc_tune_pid(&of[i], rule, how & 2, 1.1, period, &t, &why), &why);
+            numbers((double[]){t.Kp, t.tau_i, t.tau_d}, 3);
+            must(apc_tune_margins(&of[i], &t, period, &m, &why), &why);
+            numbers((double[]){m.gain, m.phase, m.delay, m.sensitivity, m.stable}, 5);
+            if (apc_tune_limit(&of[i], period, &gain, &every, &why) == 0) {
+                numbers((double[]){gain, every}, 2);
+                must(apc_tune_relay(gain, every, how & 2, &t, &why), &why);
+                numbers((double[]){t.Kp, t.tau_i, t.tau_d}, 3);
+            }
+        }
+    }
+}
+
+static void excited(struct record_test *t)
+{
+    for (size_t j = 0; j < t->record.nu; j++)
+        number(apc_record_excitation(&t->record, j));
+    free(t);
+}
+
+#define TRANSFER(...) ((struct apc_identify_transfer_options){__VA_ARGS__})
+#define ARX(...)      ((struct apc_identify_arx_options){__VA_ARGS__})
+#define SUBSPACE(...) ((struct apc_identify_subspace_options){__VA_ARGS__})
+
+static void the_same_record_gives_the_same_model(void **state)
+{
+    size_t wrong = 0;
+
+    (void)state;
+#define SAME(what, expected)                                                                                 \
+    do {                                                                                                     \
+        sum = 0;                                                                                             \
+        n_numbers = 0;                                                                                       \
+        what;                                                                                                \
+        if (!(fabs(sum - (expected)) <= 1e-6)) {                                                             \
+            print_message("%s: %.9f of %zu numbers, not %.9f\n", #what, sum, n_numbers, expected);           \
+            wrong++;                                                                                         \
+        }                                                                                                    \
+    } while (0)
+    SAME(transfer(of_two(0.05, 0.5), TRANSFER(.order = 1, .dead_time_max = 1.0)), 242.523983328);
+    SAME(transfer(of_two(0.02, 0.0), TRANSFER(.dead_time_max = 2.0)), 221.779988942);
+    SAME(transfer(of_slow(), TRANSFER(.order = 2, .dead_time_max = 4.0)), 125.331698184);
+    SAME(transfer(of_slow(), TRANSFER(.dead_time_max = 4.0, .integrating = APC_INTEGRATING_NO)),
+         125.331698184);
+    SAME(transfer(of_level(), TRANSFER(.dead_time_max = 2.0)), 114.662964729);
+    SAME(transfer(of_level(), TRANSFER(.order = 1, .dead_time_max = 2.0, .integrating = APC_INTEGRATING_YES)),
+         136.777958726);
+    SAME(transfer(of_square(), TRANSFER(.order = 1, .dead_time_max = 1.2)), 521.515379442);
+    SAME(transfer(of_runs(), TRANSFER(.order = 1, .dead_time_max = 1.0)), 274.092885793);
+    SAME(transfer(with_holes(of_two(0.05, 0.0)), TRANSFER(.order = 1, .dead_time_max = 1.0)), 219.769760275);
+    SAME(arx(of_two(0.05, 0.5), ARX(.na = 0)), 556.793319544);
+    SAME(arx(of_two(0.05, 0.0), ARX(.na = 2, .nb = 3, .delay_max = 4, .direct = true)), 474.276219810);
+    SAME(arx(of_two(0.05, 0.0), ARX(.fir = true, .nb = 30)), 452.317612405);
+    SAME(arx(of_square(), ARX(.delay_max = 6)), 1086.220524147);
+    SAME(arx(of_runs(), ARX(.na = 2, .nb = 2)), 503.948706831);
+    SAME(subspace(of_two(0.05, 0.0), SUBSPACE(.order = 0)), 393.226396731);
+    SAME(subspace(of_square(), SUBSPACE(.order = 4, .rows = 8)), 878.304514700);
+    SAME(subspace(of_square(), SUBSPACE(.order = 3, .direct = true, .deviations = true)), 609.426860006);
+    SAME(subspace(of_runs(), SUBSPACE(.order = 3)), 133.099273692);
+    SAME(parameters(0), 76.662116950);
+    SAME(parameters(150), 77.624822438);
+    SAME(excited(of_two(0.05, 0.0)), 44.370814742);
+    SAME(excited(of_runs()), 43.510819496);
+    SAME(signals(), 910.903198517);
+    SAME(rules(), 7896.915318273);
+    assert_int_equal(wrong, 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_same_record_gives_the_same_model),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
