@@ -288,14 +288,20 @@ int cli_duration(const struct cli *cli, const char *option, const char *text, ap
     return cli_usage(cli, "--%s \"%s\": must be a duration above zero, as 30s, 10m, 2h, 90d", option, text);
 }
 
+bool cli_when(const char *text, apc_ns *time)
+{
+    const apc_ns now = apc_clock_utc(NULL);
+    apc_ns before;
+    if (text[0] == '-' && parse_duration(text + 1, &before) && before < now) {
+        *time = now - before;
+        return true;
+    }
+    return apc_time_parse(text, time) == 0;
+}
+
 int cli_time(const struct cli *cli, const char *option, const char *text, apc_ns *time)
 {
-    apc_ns now = apc_clock_utc(NULL), before;
-    if (text && text[0] == '-' && parse_duration(text + 1, &before) && before < now) {
-        *time = now - before;
-        return EXIT_OK;
-    }
-    if (!text || apc_time_parse(text, time) == 0)
+    if (!text || cli_when(text, time))
         return EXIT_OK;
     return cli_usage(cli, "--%s \"%s\": must be a time, as 2026-01-31T12:00:00Z, or -30s, -10m, -2h, -1d",
                      option, text);

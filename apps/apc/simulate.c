@@ -68,8 +68,9 @@ static const struct argp_option option_list[] = {
      0},
     {"compare", OPT_COMPARE, "RUN", 0, "Lay the samples of run folder RUN over those of the simulation", 0},
     {"from", OPT_FROM, "RUN@TIME", 0,
-     "Go on from what was at TIME (s) in run folder RUN: until then the run, from then on FILE, with another "
-     "law, "
+     "Go on from what was at TIME (s) in run folder RUN, or in a store, STORE@TIME (RFC 3339, or before now "
+     "as -10m): "
+     "until then the run, from then on FILE, with another law, "
      "tuning, setpoint, disturbance or fault; laid over what was recorded",
      0},
     {"set", OPT_SET, "PATH=VALUE", 0,

@@ -3,20 +3,32 @@
 
 #include <string.h>
 
+#include "identify.h"
 #include "run/record.h"
 #include "run/ticks.h"
 
 int whatif_parse(struct whatif *w, const char *spec, struct apc_error *why)
 {
     const char *at = strrchr(spec, '@');
-    *w = (struct whatif){.at = 0};
-    if (!at || at == spec || (size_t)(at - spec) >= sizeof w->dir)
+    const size_t length = at ? (size_t)(at - spec) : 0;
+    *w = (struct whatif){.spec = spec};
+    if (!at || length == 0 || length >= sizeof w->dir)
         return apc_fail(why, APC_EINVAL,
-                        "\"%s\": expected RUN@TIME, a run folder and seconds since its start", spec);
+                        "\"%s\": expected RUN@TIME, a run folder and seconds since its start, or STORE@TIME",
+                        spec);
+    memcpy(w->dir, spec, length);
+    if (identify_is_store(w->dir)) {
+        memcpy(w->store, spec, length);
+        return cli_when(at + 1, &w->utc)
+                   ? 0
+                   : apc_fail(why, APC_EINVAL,
+                              "\"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, or "
+                              "-30s, -10m, -2h, -1d",
+                              spec, at + 1);
+    }
     if (apc_number_parse(at + 1, &w->at) < 0 || !(w->at > 0) || w->at > 366 * 86400.0)
         return apc_fail(why, APC_EINVAL, "\"%s\": \"%s\" must be seconds since the start of the run, above 0",
                         spec, at + 1);
-    memcpy(w->dir, spec, (size_t)(at - spec));
     return 0;
 }
 
@@ -30,14 +42,16 @@ static apc_ns end_of(const struct whatif *w)
 int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *why)
 {
     struct record_stores there;
-    int rc = record_stores(&there, w->dir, why);
+    int rc = w->store[0] ? whatif_store_take(w, e->file, why) : 0;
+    if (rc == 0)
+        rc = record_stores(&there, w->dir, why);
     if (rc == 0)
         rc = experiment_load(&w->was, w->dir, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
     if (rc < 0)
         return rc;
     if (w->was.duration > 0 && w->at >= w->was.duration)
-        return apc_fail(why, APC_EINVAL, "%s ended at %g s: it does not go on from %g s", w->dir,
-                        w->was.duration, w->at);
+        return apc_fail(why, APC_EINVAL, "%s ended at %g s: it does not go on from %g s",
+                        w->store[0] ? w->spec : w->dir, w->was.duration, w->at);
     if (w->at >= e->duration)
         return apc_fail(why, APC_EINVAL,
                         "it ends at %g s, before it could go on from %g s: --duration SECONDS", e->duration,
@@ -115,4 +129,5 @@ void whatif_free(struct whatif *w)
     samples_free(&w->unchanged);
     past_free(&w->past);
     experiment_free(&w->was);
+    whatif_store_drop(w);
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# apc simulate FILE --from RUN@TIME: until then a run is what it was, bit for bit, and unchanged so is its future.
+# apc simulate FILE --from RUN@TIME, STORE@TIME: until then a run is what it was, bit for bit, and unchanged so is its future.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 experiments=$APC_SOURCE_DIR/experiments
@@ -70,6 +70,10 @@ grep -q 'as recorded' what-if.svg && grep -q 'otherwise' what-if.svg && [ -s wha
 diff <(sed -n '/^otherwise/,/^figure/p' if.txt) <(sed -n '/^otherwise from 170/,/^figure/p' "$APC_SOURCE_DIR/docs/simulate.md") ||
   fail "what is shown is not what is printed"
 
+expect 2 'must be a time, as 2026' "$apc" simulate ran --from sqlite:none.db@yesterday
+expect 3 'none.db cannot be opened' "$apc" simulate ran --from sqlite:none.db@-10m
+[ ! -e none.db ] || fail "asking made a store"
+
 # ---- What is refused
 
 expect 1 'client.period is another than in the run: in the middle of a run laws' "$apc" simulate ran --from ran@170 --set client.period=0.25
@@ -98,3 +102,17 @@ if "$apc" replay --virtual real >virtual.txt; then
   sed -n '/^unchanged/,/^otherwise/p' real.txt | awk '/^[yu] / { n++; worst += $5 } END { exit !(n == 2 && worst == 0) }' ||
     fail "no tick was late, and the unchanged future is another one: $(cat real.txt virtual.txt)"
 fi
+
+# ---- A store at a time: the same as the run folder that was made of it
+
+began=$(sed -n 's/^start = "\([^"]*\)".*/\1/p' real/record.conf)
+at() { date -u -d "@$(($(date -d "$began" +%s) + $1))" +%FT%TZ; }
+mkdir scratch
+TMPDIR=$work/scratch "$apc" simulate fast.conf -d 6 --from "$APC_STORE@$(at 3)" --set controller.Kp=0.01 >store.txt
+grep -q '^sha256: ' store.txt && [ "$(grep '^sha256: ' store.txt)" = "$(grep '^sha256: ' real.txt)" ] ||
+  fail "from the store it is another future than from the folder: $(diff store.txt real.txt)"
+grep -Eq '^controller: [0-9]+ ticks from then on' store.txt || fail "how late its ticks were is not said: $(cat store.txt)"
+[ -z "$(ls -A scratch)" ] || fail "it leaves something behind: $(ls scratch)"
+expect 1 'has no tick on record before that time' "$apc" simulate fast.conf --from "$APC_STORE@$(at -60)"
+expect 1 'it does not go on from 900 s' "$apc" simulate fast.conf -d 1000 --from "$APC_STORE@$(at 900)"
+expect 4 'it belongs to another experiment|it belongs to experiment fast' "$apc" simulate "$experiments/four-tank.conf" --from "$APC_STORE@$(at 3)"
