@@ -73,6 +73,33 @@ static struct record_test *of_square(void)
     return record_simulate(square, 2, 2, 400, 0.2, hold, 0.05, 0.0, 4);
 }
 
+/* Two inputs that move unlike far, around places far from 0: a level, and what does not integrate. */
+static struct record_test *of_levels(void)
+{
+    static const struct apc_transfer g[] = {{.gain = 0.5, .integrating = true, .dead_time = 0.4},
+                                            {.gain = -0.2, .integrating = true},
+                                            {.gain = 1.0, .tau = {1.0}},
+                                            {.gain = 0.4, .tau = {0.6}, .dead_time = 0.2}};
+    struct record_test *t = record_simulate(g, 2, 2, 300, 0.2, hold, 0.01, 0.0, 7);
+
+    for (size_t k = 0; k < t->record.n; k++) {
+        t->u[2 * k] += 4.0;
+        t->u[2 * k + 1] = 10.0 * t->u[2 * k + 1] - 70.0;
+        t->y[2 * k] += 5.0;
+    }
+    return t;
+}
+
+/* Its second input stands still. */
+static struct record_test *of_one_moving(void)
+{
+    struct record_test *t = of_two(0.05, 0.3);
+
+    for (size_t k = 0; k < t->record.n; k++)
+        t->u[2 * k + 1] = 3.0;
+    return t;
+}
+
 /* Two runs at two operating points, with samples that are not there. */
 static struct record_test *of_runs(void)
 {
@@ -251,6 +278,26 @@ static void rules(void)
     }
 }
 
+/* A model that is not quite the plant's, by records of which one says nothing of an input. */
+static void validated(struct record_test *t)
+{
+    struct apc_validation v;
+    struct apc_linear *model;
+    double run[400];
+    struct apc_error why;
+
+    must(apc_linear_from_transfer(&model, 1, 2, 0, (const struct apc_transfer[]){slow[0], two[1]}, NULL, NULL,
+                                  0.2, &why),
+         &why);
+    for (size_t from = 0; from < 200; from += 90) {
+        must(apc_validate(model, NULL, &t->record, from, &v, run, &why), &why);
+        numbers((double[]){v.fit, v.ahead, v.white, v.independent}, 4);
+        numbers(run, t->record.n);
+    }
+    apc_linear_destroy(model);
+    free(t);
+}
+
 static void excited(struct record_test *t)
 {
     for (size_t j = 0; j < t->record.nu; j++)
@@ -288,6 +335,10 @@ static void the_same_record_gives_the_same_model(void **state)
     SAME(transfer(of_square(), TRANSFER(.order = 1, .dead_time_max = 1.2)), 521.515379442);
     SAME(transfer(of_runs(), TRANSFER(.order = 1, .dead_time_max = 1.0)), 274.092885793);
     SAME(transfer(with_holes(of_two(0.05, 0.0)), TRANSFER(.order = 1, .dead_time_max = 1.0)), 219.769760275);
+    SAME(transfer(of_levels(), TRANSFER(.order = 1, .dead_time_max = 1.0)), 519.817950220);
+    SAME(validated(of_two(0.05, 0.0)), 16641.709154280);
+    SAME(validated(of_one_moving()), 731.868436346);
+    SAME(validated(of_runs()), 16446.914516740);
     SAME(arx(of_two(0.05, 0.5), ARX(.na = 0)), 556.793319544);
     SAME(arx(of_two(0.05, 0.0), ARX(.na = 2, .nb = 3, .delay_max = 4, .direct = true)), 474.276219810);
     SAME(arx(of_two(0.05, 0.0), ARX(.fir = true, .nb = 30)), 452.317612405);

@@ -78,6 +78,28 @@ static void a_law_is_told_how_its_measurements_are(void **state)
     end(&r);
 }
 
+/* How long the output has been held stands in the tick row; -1: it is not. */
+static void a_tick_row_says_for_how_long_an_output_is_held(void **state)
+{
+    static const double held[] = {-1, 0, 2, 4};
+    const char *name;
+    size_t at, length;
+    struct rig r;
+
+    (void)state;
+    make(&r, &apc_law_pid);
+    assert_true(apc_controller_tick_field(r.core, APC_TICK_HELD, &name, &at, &length));
+    for (size_t k = 0; k < sizeof(held) / sizeof(held[0]); k++) {
+        set(&r, APC_SENSOR, 1, 0.5);
+        set(&r, APC_SENSOR, 2, 0.5);
+        in_of(&r, APC_SENSOR, 1)->status = k ? APC_BAD : APC_GOOD;
+        tick(&r, WRITTEN);
+        assert_near(r.row[at], held[k], 0);
+        assert_near(r.row[at + 1], -1, 0);
+    }
+    end(&r);
+}
+
 /* In virtual time computing takes none: there is no end to keep to. */
 static void a_law_is_told_when_its_budget_ends(void **state)
 {
@@ -214,6 +236,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         T(a_law_is_told_how_its_measurements_are),
         T(a_law_is_told_when_its_budget_ends),
+        T(a_tick_row_says_for_how_long_an_output_is_held),
         T(what_graver_news_hides_is_told_at_the_next_tick),
         T(a_target_that_is_bad_takes_the_loop_out_of_service),
         T(a_setpoint_that_is_bad_stops_its_loop_and_is_not_called_refused),

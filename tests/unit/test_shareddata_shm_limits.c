@@ -1,0 +1,208 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* How much a store in shared memory holds of what there is only a fixed room for, to the last one, and that
+ * what does not fit is said and changes nothing; and how long a writer waits for another one.
+ */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "apcstore.h"
+#include "check.h"
+#include "shareddata/shm.h"
+
+static char uri[128], path[128];
+
+static struct apc_store *open_store(apc_ns timeout)
+{
+    struct apc_store *store = NULL;
+    struct apc_store_options options = {.size = sizeof options, .name = "limits", .timeout = timeout};
+    struct apc_error why = {""};
+    if (apc_store_open(&store, uri, &options, &why) != 0) {
+        fail_msg("%s", why.text);
+    }
+    return store;
+}
+
+static int set_up(void **state)
+{
+    snprintf(uri, sizeof uri, "shm:limits-test-%d?size=1", (int)getpid());
+    snprintf(path, sizeof path, "/dev/shm/apc.limits-test-%d", (int)getpid());
+    unlink(path);
+    *state = open_store(20 * APC_NS_PER_S);
+    return apc_store_init(*state);
+}
+
+static int tear_down(void **state)
+{
+    apc_store_close(*state);
+    unlink(path);
+    return 0;
+}
+
+static void assert_refused(struct apc_store *store, int rc, enum apc_err err, const char *part)
+{
+    assert_int_equal(rc, err);
+    assert_has(apc_store_error(store), part);
+}
+
+static void test_a_catalogue_of_any_length_below_its_room_comes_back(void **state)
+{
+    struct apc_store *store = *state;
+    char text[20000], back[20000];
+    int64_t revision = 0, before = 0;
+    memset(text, 'a', sizeof text);
+    /* 1 MiB has 16 KiB for it */
+    const size_t room = 16384, length[] = {0, 1, 7, 8, 9, 4096, room - 2, room - 1};
+    for (size_t i = 0; i < sizeof length / sizeof *length; i++) {
+        text[length[i]] = '\0';
+        assert_int_equal(apc_store_describe(store, NULL, 0, text), 0);
+        assert_int_equal(apc_store_catalogue(store, back, sizeof back, &revision), length[i]);
+        assert_string_equal(back, text);
+        assert_int_equal(revision, ++before);
+        assert_int_equal(apc_store_describe(store, NULL, 0, text), 0); /* the same again is no other one */
+        assert_int_equal(apc_store_catalogue(store, back, 5, &revision), length[i]);
+        assert_int_equal(strlen(back), length[i] < 4 ? length[i] : 4);
+        assert_int_equal(revision, before);
+        text[length[i]] = 'a';
+        text[0] = (char)('b' + i);
+    }
+    text[room] = '\0';
+    assert_refused(store, apc_store_describe(store, NULL, 0, text), APC_ESTORE,
+                   "holds a catalogue of less than 16384 bytes, not 16384: make a larger one");
+    assert_int_equal(apc_store_catalogue(store, back, sizeof back, &revision), room - 1);
+    assert_int_equal(revision, before);
+}
+
+static void test_as_many_tags_as_it_says_are_held(void **state)
+{
+    struct apc_store *store = *state;
+    const size_t most = apc_shm_of(store)->tags;
+    struct apc_tag *tags = calloc(2 * most + 1, sizeof *tags), *back = tags + most + 1;
+    char part[64];
+    assert_non_null(tags);
+    for (size_t i = 0; i <= most; i++) {
+        tags[i].table = APC_SENSOR;
+        tags[i].id = (int)i;
+        snprintf(tags[i].name, sizeof tags[i].name, "y%zu", i);
+    }
+    assert_int_equal(apc_store_put_tags(store, tags, most), most);
+    snprintf(part, sizeof part, "holds %zu tags at most, not %zu", most, most + 1);
+    assert_refused(store, apc_store_put_tags(store, tags, most + 1), APC_ESTORE, part);
+    assert_int_equal(apc_store_get_tags(store, back, most), most);
+    for (size_t i = 0; i < most; i++) {
+        assert_int_equal(back[i].id, i);
+        assert_string_equal(back[i].name, tags[i].name);
+    }
+    assert_int_equal(apc_store_get_tags(store, NULL, 0), most);
+    free(tags);
+}
+
+static void test_authors_are_known_to_the_last_one_and_no_more_are_taken(void **state)
+{
+    struct apc_store *store = *state;
+    char name[APC_AUTHOR_LEN], back[APC_AUTHOR_LEN];
+    for (int pass = 0; pass < 2; pass++) { /* each has its number, and keeps it */
+        for (int i = 1; i <= APC_SHM_AUTHORS; i++) {
+            snprintf(name, sizeof name, "author %d", i);
+            assert_int_equal(apc_store_author(store, name), i);
+        }
+    }
+    assert_refused(store, apc_store_author(store, "one more"), APC_ESTORE,
+                   "holds the names of 1024 authors, and no more");
+    for (int i = 1; i <= APC_SHM_AUTHORS; i++) {
+        snprintf(name, sizeof name, "author %d", i);
+        assert_int_equal(apc_store_author_name(store, (uint32_t)i, back), 0);
+        assert_string_equal(back, name);
+    }
+    assert_int_equal(apc_store_author_name(store, APC_SHM_AUTHORS + 1, back), APC_ENOTFOUND);
+}
+
+static void test_as_many_writers_may_claim_as_it_says(void **state)
+{
+    static struct apc_store *writer[APC_SHM_CLAIMANTS];
+    struct apc_sample variable = {.table = APC_SENSOR, .id = 1000};
+    for (int i = 0; i < APC_SHM_CLAIMANTS; i++) {
+        struct apc_sample own = {.table = APC_SENSOR, .id = i};
+        writer[i] = open_store(APC_NS_PER_S);
+        if (apc_store_claim_set(writer[i], &own, 1) < 0) {
+            fail_msg("%s", apc_store_error(writer[i]));
+        }
+    }
+    assert_refused(*state, apc_store_claim_set(*state, &variable, 1), APC_ESTORE,
+                   "has 256 writers, and no room for more");
+    apc_store_close(writer[17]); /* who goes leaves his place */
+    assert_int_equal(apc_store_claim_set(*state, &variable, 1), 0);
+    variable.id = 17;
+    assert_int_equal(apc_store_claim_set(*state, &variable, 1), 0);
+    variable.id = 18;
+    assert_refused(*state, apc_store_claim_set(*state, &variable, 1), APC_EBUSY,
+                   "sensor 18 of shm:limits-test");
+    for (int i = 0; i < APC_SHM_CLAIMANTS; i++) {
+        if (i != 17) {
+            apc_store_close(writer[i]);
+        }
+    }
+}
+
+/* Another process that has the writers' lock, until it is killed. */
+static pid_t hold_the_lock(struct apc_store *store)
+{
+    int ready[2];
+    char byte = 0;
+    assert_int_equal(pipe(ready), 0);
+    const pid_t pid = fork();
+    if (pid == 0) {
+        byte = apc_shm_lock(apc_shm_of(store)) == 0;
+        if (write(ready[1], &byte, 1) == 1) {
+            pause();
+        }
+        _exit(1);
+    }
+    assert_true(pid > 0);
+    assert_int_equal(read(ready[0], &byte, 1), 1);
+    assert_int_equal(byte, 1);
+    close(ready[0]);
+    close(ready[1]);
+    return pid;
+}
+
+static void test_who_waits_too_long_for_another_writer_is_told_and_goes_on_after_it(void **state)
+{
+    struct apc_store *hurried = open_store(20 * APC_NS_PER_MS);
+    struct apc_sample row = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = 1, .value = 3}, back = row;
+    const struct apc_tag tag = {.table = APC_SENSOR, .id = 1, .name = "y"};
+    static const char *const held = "another writer has held the lock for too long";
+    assert_int_equal(apc_store_append(hurried, &row, 1), 1);
+    const pid_t pid = hold_the_lock(*state);
+    row.seq = 2;
+    assert_refused(hurried, apc_store_append(hurried, &row, 1), APC_ETIMEDOUT, held);
+    assert_refused(hurried, apc_store_put_tags(hurried, &tag, 1), APC_ETIMEDOUT, held);
+    assert_refused(hurried, apc_store_author(hurried, "somebody"), APC_ETIMEDOUT, held);
+    assert_refused(hurried, apc_store_claim_set(hurried, &back, 1), APC_ETIMEDOUT, held);
+    assert_int_equal(apc_store_read(hurried, &back, 1), 0); /* who reads waits for nobody */
+    assert_int_equal(back.seq, 1);
+    assert_int_equal(kill(pid, SIGKILL), 0);
+    assert_int_equal(waitpid(pid, NULL, 0), pid);
+    assert_int_equal(apc_store_append(hurried, &row, 1), 1);
+    assert_int_equal(apc_store_author(hurried, "somebody"), 1);
+    assert_int_equal(apc_store_read(*state, &back, 1), 0);
+    assert_int_equal(back.seq, 2);
+    apc_store_close(hurried);
+}
+
+#define T(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_a_catalogue_of_any_length_below_its_room_comes_back),
+        T(test_as_many_tags_as_it_says_are_held),
+        T(test_authors_are_known_to_the_last_one_and_no_more_are_taken),
+        T(test_as_many_writers_may_claim_as_it_says),
+        T(test_who_waits_too_long_for_another_writer_is_told_and_goes_on_after_it),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
