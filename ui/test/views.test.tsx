@@ -733,6 +733,8 @@ test("a sparkline: ten minutes by its scale, the setpoint in steps, a gap where 
   env.routes.set("/api/history", route);
   const strokes = marks.join(";").split("beginPath;").slice(1, 3).map(one => one.replace(/;stroke;.*/, ""));
   assert.equal(marks[0], "clearRect 0.0 0.0 240.0 80.0");
+  const spark = one<HTMLCanvasElement>(".faceplate canvas");
+  assert.deepEqual([spark.width, spark.height], [240, 80]);
   assert.deepEqual(marks.filter(one => one.startsWith("lineWidth")), ["lineWidth 2", "lineWidth 3"]);
   // 76 pixels high for 0 to 10, 0.4 pixels for a second.
   assert.match(strokes[0]!, /^moveTo 0\.0 78\.0;lineTo 120\.0 78\.0;lineTo 120\.0 2\.0;/);
@@ -1428,10 +1430,13 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   assert.match(location.hash, /;span=600$/);
   // Groups
   const groups = (): string => said(".pen-groups");
+  const kept = (): HTMLSelectElement => one<HTMLSelectElement>(".pen-groups select");
   assert.match(groups(), /^group none kept keep these as Keep$/);
+  assert.equal(kept().disabled, true);
   await type('.pen-groups input', "levels");
   await submit(".pen-groups");
   assert.match(groups(), /^group – levels Forget levels keep these as Keep$/);
+  assert.equal(kept().disabled, false);
   await show("trend/pens=y1");
   assert.doesNotMatch(groups(), /Forget/);
   await choose(".pen-groups select", "levels");
@@ -1442,6 +1447,75 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   env.routes.set("/api/history", route);
   env.routes.set("/api/events", happened);
   await show("overview");
+});
+
+/** Seconds of what is said: "last 7 days", "1 h", "a week before". */
+function meant(words: string): number {
+  const [, count, unit] = /(\d+|an?|last) ?(s|min|h|hour|days?|week)\b/.exec(words) ?? [];
+  const each = {s: 1, min: 60, h: 3600, hour: 3600, day: 86400, days: 86400, week: 604800}[unit ?? ""];
+  assert.ok(each, words);
+  return (Number(count) || 1) * each;
+}
+
+test("how far back is what its words say, and that is asked for", async () => {
+  const routes = ["/api/events", "/api/alarms/journal", "/api/alarms/figures", "/api/timing"].map(each => [each, env.routes.get(each)] as const);
+  const back: number[] = [];
+  for (const [each] of routes)
+    env.routes.set(each, asked => {
+      const since = Number(asked.query.since);
+      back.push(since < 0 ? -since : server.now - since);
+      asked.answer({t: server.now, events: [], transitions: [], timing: [], more: false}, each.endsWith("figures") ? 503 : 200);
+    });
+  await withAlarms(stands(1, 1, "Normal"));
+  const expected: [string, string[]][] = [
+    ["events", ["last hour", "last 24 h", "last 7 days"]],
+    ["alarms/journal", ["last hour", "last 8 h", "last 24 h", "last 7 days"]],
+    ["alarms/figures", ["last 8 h", "last 24 h", "last 7 days", "last 30 days"]],
+  ];
+  for (const [at, names] of expected) {
+    await show(at);
+    const choices = [...document.querySelectorAll<HTMLOptionElement>(".toolbar option")].filter(each => (each.textContent ?? "").startsWith("last "));
+    assert.deepEqual(choices.map(each => each.textContent), names, at);
+    for (const choice of choices) {
+      const name = choice.textContent ?? "";
+      assert.equal(Number(choice.value), meant(name), `${at}: ${name}`);
+      back.length = 0;
+      const select = choice.parentElement as HTMLSelectElement;
+      const was = select.value;
+      select.value = choice.value;
+      select.dispatchEvent(new window.Event("change", {bubbles: true}) as never);
+      await env.pass(0.5);
+      await settle();
+      assert.ok(back.length > 0 || was === choice.value, `${at}: ${name} is not asked for`);
+      assert.ok(back.every(each => Math.abs(each - meant(name)) < 5), `${at}: ${name}: ${back.join()}`);
+    }
+  }
+  await show("timing");
+  const spans = [...document.querySelectorAll<HTMLButtonElement>(".segments[aria-label='Time span'] button")];
+  assert.deepEqual(spans.map(each => each.textContent), ["1 min", "10 min", "1 h", "24 h"]);
+  for (const each of spans) {
+    back.length = 0;
+    await click(each);
+    await env.pass(0.5);
+    await settle();
+    assert.ok(back.length > 0 || each.textContent === "10 min", `${each.textContent} is not asked for`);
+    assert.ok(back.every(seconds => Math.abs(seconds - meant(each.textContent ?? "")) < 5), `${each.textContent}: ${back.join()}`);
+  }
+  await show("trend/pens=sensor.2;span=600");
+  for (const each of document.querySelectorAll<HTMLButtonElement>(".segments[aria-label='Time span'] button")) {
+    await click(each);
+    assert.equal(one(".trend").dataset.span, String(meant(each.textContent ?? "")));
+  }
+  const beside = [...document.querySelectorAll<HTMLOptionElement>(".toolbar label:nth-of-type(2) option")].map(each => [each.textContent ?? "", Number(each.value)] as const);
+  assert.deepEqual(beside[0], ["nothing", 0]);
+  assert.deepEqual(beside[1], ["the window before", 86400]); // 24 h were chosen last
+  for (const [name, value] of beside.slice(2)) assert.equal(value, meant(name));
+  assert.equal(beside.length, 4);
+  for (const [each, route] of routes) route && env.routes.set(each, route);
+  server.plant = tanks;
+  server.alarms = [];
+  env.source.send("plant", {revision: 11});
+  await settle();
 });
 
 test("an answer that was overtaken by a newer question does not count", async () => {
