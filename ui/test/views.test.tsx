@@ -910,8 +910,17 @@ test("a trend from one time to another, fitted, turned by the wheel, and saved",
   await wheel({ctrlKey: true, deltaY: -1});
   assert.deepEqual(trend(), ["false", "5"]);
   await press("Home");
-  await wheel({shiftKey: true, deltaY: -1});
-  assert.deepEqual(trend(), ["false", "600"]);
+  const ends = async (): Promise<number> => {
+    details.dispatchEvent(new window.Event("toggle") as never);
+    await settle();
+    return Date.parse(`${stamps()[1]}Z`) / 1000;
+  };
+  for (const [turn, earlier] of [[{deltaY: -1}, 60], [{deltaX: -3}, 120], [{deltaX: 1}, 60], [{deltaY: 2}, 0]] as const) {
+    await wheel({shiftKey: true, ...turn});
+    assert.deepEqual(trend(), ["false", "600"]);
+    const end = await ends();
+    assert.ok(Math.abs(server.now - end - earlier) < 5, `${JSON.stringify(turn)}: it ends ${server.now - end} s ago`);
+  }
   env.routes.set("/api/history", route);
 });
 
