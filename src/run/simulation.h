@@ -105,10 +105,10 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
 int simulation_run(struct simulation *s, double until);
 void simulation_interrupt(struct simulation *s);
 /*
- * From now on the experiment is @p e, of which those actions happen that are to come; both have to outlive
- * the simulation. Controllers that are others go on as daemons do that are started again. Returns 0,
- * APC_EINVAL (it differs in something that does not change in a run, which is named), or why the simulation
- * ended.
+ * From now on the experiment is @p e, of which those actions happen that are to come; the one before must
+ * have had none to come. Both have to outlive the simulation. Controllers that are others go on as daemons do
+ * that are started again. Returns 0, APC_EINVAL (it differs in something that does not change in a run, which
+ * is named), or why the simulation ended.
  */
 int simulation_branch(struct simulation *s, const struct experiment *e, struct apc_error *why);
 /* Parts of it: an event at the very instant that the simulation has come to, and what may be done in one. */

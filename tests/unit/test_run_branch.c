@@ -77,8 +77,11 @@ static void end(void)
 /* The time of the first row that differs, in s; HUGE_VAL: none does. */
 static double parts(const struct experiment *is, const struct past *from, double at, struct samples *all)
 {
+    struct experiment until = was; /* what was to happen later is the other one's */
     struct simulation s;
-    if (simulation_create_after(&s, &was, was.seed, from, &why) < 0 || simulation_run(&s, at) < 0)
+    while (until.n_actions > 0 && until.action[until.n_actions - 1].at >= (apc_ns)(at * APC_NS_PER_S))
+        until.n_actions--;
+    if (simulation_create_after(&s, &until, was.seed, from, &why) < 0 || simulation_run(&s, at) < 0)
         fail_msg("%s", why.text);
     if (simulation_branch(&s, is, &why) < 0)
         fail_msg("%s", why.text);
