@@ -295,6 +295,63 @@ static void what_holds_a_setting_is_told_as_a_line(void **state)
     experiment_free(&e);
 }
 
+/* The file is written anew, with one place changed; each change goes on from the one before. */
+static void what_is_set_goes_where_it_belongs(void **state)
+{
+    static const struct {
+        const char *path, *value, *written;
+    } changes[] = {
+        {"controllers.c.y2.y_max", "7", "measurement_tuning = ({ }, { y_max = 7; });"},
+        {"controllers.c.y1.y_max", "-8.5", "measurement_tuning = ({ y_max = -8.5; }, { y_max = 7; });"},
+        {"controllers.c.y2.y_max", "9", "measurement_tuning = ({ y_max = -8.5; }, { y_max = 9; });"},
+        {"controllers.c.u.du", "3", " tuning = ({ du = 3; });"},
+        {"controllers.c.ru", "4", " tuning = ({ du = 3; ru = 4; });"}, /* there is one output only */
+        {"controllers.[0].period", "2.0", "period = 2.0;"},
+        {"title", "two words", "title = \"two words\";"},
+        {"title", "\"a\\x01\\\"b\\\\\"", "title = \"a\\x01\\\"b\\\\\";"},
+        {"seed", "5000000000", "seed = 5000000000"}, /* beyond 32 bits */
+        {"seed", "5000000001L", "seed = 5000000001L;"},
+        {"plant.external", "true", "plant = { external = true; };"},
+        {"levels.[1]", "5", "levels = [1.5, 5.0];"}, /* of numbers with points */
+        {"clients.[0]", "a", "clients = [\"a\", \"d\"];"},
+        {"plant.parameters.inner.K", "1e3", "parameters = { inner = { K = 1000.0; }; };"},
+    };
+    static const struct {
+        const char *path, *reason;
+    } none[] = {
+        {"", "\"\": there is no \"\" in the file; there are title, levels, plant, clients"},
+        {"levels.[2]", "levels.[2]: there is no \"[2]\" in levels; there are [0] to [1]"},
+        {"clients.x", "clients.x: there is no \"x\" in clients; there are a, d"},
+        {"controllers.d.period", "there is no \"d\" in controllers; there are c"},
+        {"controllers.c.y3.y_max", "there is no \"y3\" in controllers.c; there are u"},
+        {"controllers.c.y1.y max", "there is no"},
+        {"plant.a b", "there is no \"a b\" in plant"},
+        {"title.x", "there is no \"x\" in title"},
+        {"controller.period", "there is no \"controller\" in the file"},
+    };
+    char *text = strdup("title = \"\"; levels = [ 1.5, 2.5 ]; plant = { };\n"
+                        "clients = [\"c\", \"d\"];\n"
+                        "controllers = ( { name = \"c\"; law = \"mpc\"; period = 1.0;\n"
+                        "  measurements = [\"y1\", \"y2\"]; outputs = [\"u\"]; } );\n"),
+         *next;
+    (void)state;
+    assert_non_null(text);
+    for (size_t i = 0; i < sizeof changes / sizeof *changes; i++) {
+        if (experiment_change(text, changes[i].path, changes[i].value, &next, &why) < 0)
+            fail_msg("%s: %s", changes[i].path, why.text);
+        assert_has(next, changes[i].written);
+        free(text);
+        text = next;
+    }
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+        if (experiment_change(text, none[i].path, "1", &next, &why) >= 0)
+            fail_msg("%s is set", none[i].path);
+        assert_null(next);
+        assert_has(why.text, none[i].reason);
+    }
+    free(text);
+}
+
 /* ---- Without memory ------------------------------------------------------------------------------- */
 
 static bool no_stream;
@@ -347,6 +404,7 @@ int main(void)
         cmocka_unit_test(a_draw_keeps_to_the_parameter_s_limits_or_is_refused),
         cmocka_unit_test(the_number_that_is_there_is_told),
         cmocka_unit_test(what_holds_a_setting_is_told_as_a_line),
+        cmocka_unit_test(what_is_set_goes_where_it_belongs),
         cmocka_unit_test(no_memory_for_a_text_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
