@@ -236,9 +236,10 @@ static enum MHD_Result answer_file(struct exchange *x, const char *path)
                *known = request_header(&x->r, "If-None-Match");
     if (!file) {
         if (!strcmp(path, "/"))
-            fault_set(
-                &x->r.fault, 404, "path", NULL,
-                "the page was not built (that takes Node: scripts/setup && scripts/build); the API works");
+            fault_set(&x->r.fault, 404, "path", NULL,
+                      "the page was not built: install Node, and build again without -DAPC_PAGE=OFF "
+                      "(scripts/setup "
+                      "&& scripts/build); the API works");
         else
             fault_set(&x->r.fault, 404, "path", NULL, "there is nothing here");
         return answer(x);

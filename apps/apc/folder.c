@@ -202,7 +202,12 @@ static int put_experiment(const char *dir, const struct experiment *e, struct ap
 
 int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why)
 {
-    int rc = make_folders(dir, why);
+    /* Known before the run: its ticks are kept in a file of SQLite. */
+    struct apc_store *ticks = NULL;
+    int rc = apc_store_open(&ticks, "sqlite:" TICKS_FILE, NULL, why);
+    apc_store_close(ticks);
+    if (rc == 0)
+        rc = make_folders(dir, why);
     if (rc < 0)
         return rc;
     if (!force && !is_empty(dir))
