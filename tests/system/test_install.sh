@@ -30,6 +30,24 @@ LD_LIBRARY_PATH=$libdir expect 0 'tick (9|[0-9]{2,}), ' "$work/shared"
 expect 0 'tick (9|[0-9]{2,}), ' "$work/static"
 expect 0 'tick (9|[0-9]{2,}), ' "$work/whole"
 
+# Each file that is installed is in a package of debian/, or debian/rules takes it away.
+mapfile -t patterns < <(sed -E 's|^usr/lib/\*/|lib/|; s|^usr/||; s|/vendor-completions$|/site-functions|' "$APC_SOURCE_DIR"/debian/*.install)
+mapfile -t removed < <(sed -nE 's|^\trm debian/tmp/usr/||p' "$APC_SOURCE_DIR/debian/rules" | tr ' ' '\n' | sed 's|^debian/tmp/usr/||')
+packaged() {
+  local pattern
+  for pattern in "${patterns[@]}" "${removed[@]}"; do
+    # shellcheck disable=SC2053
+    [[ $1 == $pattern || $1 == $pattern/* ]] && return
+  done
+  return 1
+}
+[ ${#removed[@]} -gt 2 ] || fail "debian/rules removes nothing"
+(cd "$prefix" && find . \( -type f -o -type l \) -printf '%P\n') | sed "s|^lib/$(gcc -print-multiarch)/|lib/|" >"$work/files"
+while read -r file; do
+  packaged "$file" || fail "$file is installed and in no package: debian/*.install"
+done <"$work/files"
+! packaged share/apc/first-order.txt || fail "a file of no package is taken"
+
 # Every header stands alone, in C and, for its users, in C++ where there is a compiler.
 for header in "$prefix"/include/apc*.h; do
   name=$(basename "$header")

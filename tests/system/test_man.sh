@@ -37,11 +37,27 @@ done
 ! (page_of "$man/man1/apc-mode.1" "$apc" run) 2>/dev/null || fail "a page that tells of other options is taken"
 grep -q 'apc\\-set (1)' "$man/man1/apc-mode.1" || fail "apc-mode(1) does not lead to the page that it speaks of"
 
+# The library: each header has a page, and each function leads to one.
+if command -v doxygen >/dev/null; then
+  for header in "$APC_SOURCE_DIR"/include/apc*.h; do
+    grep -q "^.*#include <${header##*/}>" "$man/man3/${header##*/}.3" || fail "${header##*/} has no page"
+  done
+  nm -D --defined-only "$APC_BUILD_DIR/lib/libapc.so" | sed -nE 's/.* T (apc_[a-z0-9_]+)(@.*)?$/\1/p' >"$work/functions"
+  [ "$(wc -l <"$work/functions")" -gt 200 ] || fail "the library has $(wc -l <"$work/functions") functions only"
+  while read -r name; do
+    [ -s "$man/man3/$name.3" ] || fail "$name() has no page"
+  done <"$work/functions"
+  mapfile -t library < <(grep -L '^\.so ' "$man"/man3/*)
+else
+  echo "skipped: the library's pages, there is no doxygen (scripts/setup --dev)"
+  library=()
+fi
+
 if ! command -v mandoc >/dev/null; then
   echo "skipped: how the pages are set and spelled, there is no mandoc (scripts/setup --dev)"
   exit 0
 fi
-mandoc -T lint -W warning "${pages[@]}" || fail "a page is not as man pages are"
+mandoc -T lint -W warning "${pages[@]}" "${library[@]}" || fail "a page is not as man pages are"
 printf '.TH X 1\n.SH NAME\nx\n.XX\n' >"$work/bad.1"
 ! mandoc -T lint -W warning "$work/bad.1" >/dev/null || fail "a page without a date is taken"
 
@@ -52,4 +68,11 @@ fi
 misspelled() { aspell list -l en_GB | sort -u | grep -vxFf "$APC_SOURCE_DIR/man/words" || true; }
 wrong=$(mandoc -T ascii -O width=200 "${pages[@]}" | col -bx | misspelled)
 [ -z "$wrong" ] || fail "misspelled, or missing in man/words: $wrong"
+# Of the library's pages the prose: no names of C, nor of people.
+if [ ${#library[@]} -gt 0 ]; then
+  sed 's|/\*.*\*/||; s|///*<.*||' "$APC_SOURCE_DIR"/include/*.h | grep -v '^ \*\|^/\*' | grep -oE '[A-Za-z]+' | sort -u >"$work/names"
+  wrong=$(mandoc -T ascii -O width=200 "${library[@]}" | col -bx | sed -E 's/[^ ]*[][_0-9={}#<>/][^ ]*//g' | misspelled |
+    grep -vE "[A-Z]|^.{1,3}$|'s$|^apc" | grep -vxFf "$work/names" || true)
+  [ -z "$wrong" ] || fail "misspelled in a header, or missing in man/words: $wrong"
+fi
 [ "$(echo 'a setpiont' | misspelled)" = setpiont ] || fail "a wrong word is not found"
