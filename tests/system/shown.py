@@ -10,21 +10,22 @@ END = "--- end of a command ---"
 
 def commands(page):
     """Of each: the lines to run, and the lines that are shown below."""
-    found, inside, until = [], False, None
+    found, inside, until, shows = [], False, None, False
     for line in page.splitlines():
         if line.startswith("```"):
             inside = not inside
-            until = None
+            until, shows = None, False
         elif not inside:
             continue
         elif line.startswith("$ "):
             found.append(([line[2:]], []))
+            shows = True
             here = re.search(r"<<'(\w+)'", line)
             until = here[1] if here else None
         elif until:
             found[-1][0].append(line)
             until = None if line == until else until
-        elif found:
+        elif shows:  # what stands in a block before its first `$ ` is no answer
             found[-1][1].append(line)
     return found
 
