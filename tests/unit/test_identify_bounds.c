@@ -200,6 +200,26 @@ static void a_relay_switches_beyond_its_hysteresis(void **state)
     assert_near(apc_relay_step(&r, 0.0, -1e-9), -1.0, 0.0);
 }
 
+/* Of an oscillation that dies down each has its own amplitude, and settled is what two have alike. */
+static void a_relay_measures_each_oscillation_by_itself(void **state)
+{
+    static const double size[] = {8.0, 4.0, 2.0, 1.96};
+    struct apc_relay r = {.hysteresis = 0.1};
+    (void)state;
+    for (int k = 0; k < 4; k++) {
+        apc_relay_step(&r, 10.0 * k, 0.2);
+        apc_relay_step(&r, 10.0 * k + 2.0, size[k]);
+        apc_relay_step(&r, 10.0 * k + 6.0, -size[k]);
+        assert_int_equal(apc_relay_settled(&r), false);
+    }
+    apc_relay_step(&r, 40.0, 0.2);
+    assert_near(r.amplitude[0], 1.96, 1e-12);
+    assert_near(r.amplitude[1], 2.0, 1e-12);
+    assert_near(r.period[0], 10.0, 1e-12);
+    assert_near(r.period[1], 10.0, 1e-12);
+    assert_true(apc_relay_settled(&r));
+}
+
 static void only_what_is_late_has_a_limit_of_its_gain(void **state)
 {
     const struct apc_transfer quick = {.gain = 1.0, .tau = {1.0}}, none = {.gain = 0.0, .tau = {1.0}},
@@ -226,6 +246,7 @@ int main(void)
         T(what_is_sought_of_a_model_has_bounds),
         cmocka_unit_test(multisines_have_bounds),
         cmocka_unit_test(a_relay_switches_beyond_its_hysteresis),
+        cmocka_unit_test(a_relay_measures_each_oscillation_by_itself),
         cmocka_unit_test(only_what_is_late_has_a_limit_of_its_gain),
     };
 

@@ -476,9 +476,29 @@ static void of_white_errors_nothing_is_expected(void **state)
     assert_int_equal(apc_autoregression(white, 2000, 8, a), 0);
 }
 
+static void the_spectral_radius_is_that_of_the_largest_eigenvalue(void **state)
+{
+    static const struct {
+        size_t n;
+        double A[9], radius;
+    } of[] = {
+        {1, {-0.7}, 0.7},
+        {2, {0.5, 3.0, 0.0, -0.9}, 0.9},
+        {2, {0.6, 0.8, -0.8, 0.6}, 1.0}, /* turns */
+        {2, {0.3, 0.4, -0.4, 0.3}, 0.5}, /* turns, and dies out */
+        {3, {2.0, 5.0, 7.0, 0.0, 1.0, 9.0, 0.0, 0.0, 0.1}, 2.0},
+        {3, {0.0, 5.0, 7.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0}, 0.0}, /* nothing of it is left after three steps */
+        {2, {0.0, 0.0, 0.0, 0.0}, 0.0}};
+    double work[18];
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        assert_near(apc_spectral_radius(of[i].n, of[i].A, work), of[i].radius, 3e-3 * of[i].radius);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_spectral_radius_is_that_of_the_largest_eigenvalue),
         cmocka_unit_test(of_a_record_without_noise_each_method_finds_the_plant),
         cmocka_unit_test(the_order_is_found),
         cmocka_unit_test(deviations_need_no_operating_point),

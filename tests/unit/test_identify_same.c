@@ -109,6 +109,23 @@ static struct record_test *of_runs(void)
     return t;
 }
 
+/* Noise that swings: of an autoregression of order 2. */
+static struct record_test *with_waves(struct record_test *t)
+{
+    struct apc_random random;
+    double e[2] = {0, 0};
+
+    apc_random_init(&random, 8, "waves");
+    for (size_t k = 0; k < t->record.n; k++) {
+        const double now = 1.4 * e[0] - 0.8 * e[1] + 0.05 * apc_random_normal(&random);
+
+        t->y[k] += now;
+        e[1] = e[0];
+        e[0] = now;
+    }
+    return t;
+}
+
 static struct record_test *with_holes(struct record_test *t)
 {
     for (size_t k = 40; k < t->record.n; k += 37)
@@ -335,6 +352,7 @@ static void the_same_record_gives_the_same_model(void **state)
     SAME(transfer(of_square(), TRANSFER(.order = 1, .dead_time_max = 1.2)), 521.515379442);
     SAME(transfer(of_runs(), TRANSFER(.order = 1, .dead_time_max = 1.0)), 274.092885793);
     SAME(transfer(with_holes(of_two(0.05, 0.0)), TRANSFER(.order = 1, .dead_time_max = 1.0)), 219.769760275);
+    SAME(transfer(with_waves(of_two(0.0, 0.0)), TRANSFER(.order = 1, .dead_time_max = 1.0)), 228.571805811);
     SAME(transfer(of_levels(), TRANSFER(.order = 1, .dead_time_max = 1.0)), 519.817950220);
     SAME(validated(of_two(0.05, 0.0)), 16641.709154280);
     SAME(validated(of_one_moving()), 731.868436346);
