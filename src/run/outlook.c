@@ -149,23 +149,18 @@ void outlook_take(struct outlook *o, const struct apc_sample *rows, size_t n)
         take_course(&o->course[i], rows, n, n > 0 ? rows[n - 1].time + 1 : 0);
 }
 
-static int keep(void *ctx, const struct apc_sample *row)
-{
-    return samples_add(ctx, row) < 0;
-}
-
 static int take_history(struct outlook_course *c, struct apc_store *store, apc_ns now)
 {
     struct samples rows = {0};
     const apc_ns end = looked_at(c, c->n - 1) + 1;
     const struct apc_range before = {.until = c->made, .last = 1}, range = {.since = c->made, .until = end};
-    int rc = apc_store_history(store, c->table, c->id, &before, keep, &rows);
-    if (rc >= 0)
-        rc = apc_store_history(store, c->table, c->id, &range, keep, &rows);
-    if (rc >= 0)
+    int rc = samples_collect_one(&rows, store, c->table, c->id, &before);
+    if (rc == 0)
+        rc = samples_collect_one(&rows, store, c->table, c->id, &range);
+    if (rc == 0)
         take_course(c, rows.at, rows.n, end < now ? end : now);
     samples_free(&rows);
-    return rc < 0 ? rc : 0;
+    return rc;
 }
 
 int outlook_take_store(struct outlook *o, struct apc_store *store, apc_ns now)

@@ -12,21 +12,16 @@
 
 /* ---- What is played ------------------------------------------------------------------------- */
 
-static int take_row(void *ctx, const struct apc_sample *sample)
-{
-    return samples_add(ctx, sample);
-}
-
 /* Setpoints under the numbers that tick rows name. */
 static int take_setpoints(struct past *p, const struct experiment *e)
 {
     const struct apc_range until = {.until = p->end};
     int rc = 0;
-    for (size_t k = 0; k < e->dim.nz && rc >= 0; k++)
-        rc = apc_store_history(p->ticks, APC_SETPOINT, (int)k + 1, &until, take_row, &p->rows);
+    for (size_t k = 0; k < e->dim.nz && rc == 0; k++)
+        rc = samples_collect_one(&p->rows, p->ticks, APC_SETPOINT, (int)k + 1, &until);
     for (size_t i = 0; i < p->rows.n; i++)
         p->rows.at[i].time += SIMULATION_BEGIN - p->start;
-    return rc < 0 ? rc : 0;
+    return rc;
 }
 
 /* The plant's own measurements are made anew. */

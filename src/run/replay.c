@@ -548,11 +548,6 @@ int replay_virtual(struct replay *r)
 
 /* ---- Making one ------------------------------------------------------------------------------ */
 
-static int keep(void *ctx, const struct apc_sample *sample)
-{
-    return samples_add(ctx, sample);
-}
-
 static int load_samples(struct replay *r, struct apc_store *store)
 {
     int n = apc_store_variables(store, NULL, 0);
@@ -563,7 +558,7 @@ static int load_samples(struct replay *r, struct apc_store *store)
     n = rc < n ? rc : n;
     for (int i = 0; i < n && rc >= 0; i++)
         if (!apc_table_vectors(variable[i].table))
-            rc = apc_store_history(store, variable[i].table, variable[i].id, NULL, keep, &r->samples);
+            rc = samples_collect_one(&r->samples, store, variable[i].table, variable[i].id, NULL);
     free(variable);
     if (r->samples.n > 0)
         qsort(r->samples.at, r->samples.n, sizeof *r->samples.at, by_name);

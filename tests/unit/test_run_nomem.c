@@ -14,6 +14,8 @@
 #include "run/linear_loop.h"
 #include "run/merits.h"
 #include "run/outlook.h"
+#include "run/past.h"
+#include "run/replay.h"
 #include "run/simulation.h"
 #include "run/ticks.h"
 #include "scratch.h"
@@ -251,6 +253,50 @@ static void what_is_read_of_a_run_is_whole_or_not_there(void **state)
     each_allocation_may_fail("files", read_files);
 }
 
+static int repeat_run(void)
+{
+    struct replay r;
+    int rc = replay_load(&r, scratch_folder(), NULL, &why);
+    if (rc == 0 && (rc = replay_run(&r, &(struct replay_watch){.ctx = NULL})) < 0)
+        why = r.why;
+    replay_free(&r);
+    return rc;
+}
+
+static int go_back(void)
+{
+    struct past past;
+    struct apc_store *store = NULL;
+    int rc = past_load(&past, scratch_folder(), &e, 20 * APC_NS_PER_S, &why);
+    if (rc == 0 && (rc = apc_store_open(&store, "mem:", NULL, &why)) == 0)
+        rc = apc_store_init(store);
+    if (rc >= 0)
+        rc = past_end(&past, store);
+    apc_store_close(store);
+    past_free(&past);
+    return rc;
+}
+
+static void what_a_run_left_is_taken_up_or_not(void **state)
+{
+    char path[300];
+    (void)state;
+    if (!NOMEM)
+        skip();
+    snprintf(path, sizeof path, "%s/experiments/first-order.conf", APC_SOURCE_DIR);
+    if (experiment_load(&e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        simulation_create(&s, &e, e.seed, &why) < 0 || simulation_run(&s, 20.0) < 0 ||
+        ticks_keep(scratch_folder(), s.store, &e, &(struct apc_range){0}, &why) < 0)
+        fail_msg("%s", why.text);
+    e.start = SIMULATION_BEGIN;
+    scratch_write("run.conf", e.text);
+    scratch_write("samples.csv", "time,table,id,status,value\n0,sensor,1,Good,1\n1,actuator,1,Good,1\n");
+    each_allocation_may_fail("replay", repeat_run);
+    each_allocation_may_fail("past", go_back);
+    simulation_destroy(&s);
+    experiment_free(&e);
+}
+
 static void what_is_made_of_a_run_is_whole_or_not_there(void **state)
 {
     static const struct {
@@ -290,6 +336,7 @@ int main(void)
         cmocka_unit_test(an_experiment_is_refused_or_whole),
         cmocka_unit_test(what_is_made_of_a_run_is_whole_or_not_there),
         cmocka_unit_test(what_is_read_of_a_run_is_whole_or_not_there),
+        cmocka_unit_test(what_a_run_left_is_taken_up_or_not),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
