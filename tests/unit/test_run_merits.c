@@ -190,6 +190,44 @@ static void predictions_are_held_against_what_was_measured_then(void **state)
     assert_true(isnan(m.prediction[0].first) && m.prediction[0].n_first == 0);
 }
 
+static void a_store_is_judged_of_the_time_it_knows(void **state)
+{
+    struct apc_sample y = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = 1000 * S, .value = 1.0};
+    (void)state;
+    assert_int_equal(merits_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no loops */
+    merits_free(&m);
+    assert_true(provision(published, &e, PROVISION_KEEP) >= 0);
+    assert_int_equal(merits_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no rows */
+    assert_int_equal(m.n_loops, 0);
+    merits_free(&m);
+    assert_int_equal(apc_store_append(published, &y, 1), 1);
+    y = (struct apc_sample){.table = APC_SENSOR, .id = 1, .seq = 2, .time = 1004 * S, .value = 2.0};
+    assert_int_equal(apc_store_append(published, &y, 1), 1);
+    static const struct {
+        apc_ns from, until;
+        size_t most;
+        int rc;
+        apc_ns begins, ends; /* what is judged */
+    } of[] = {
+        {990 * S, 1010 * S, 2, 0, 1000 * S, 1004 * S + 1},
+        {1002 * S, 1003 * S, 2, APC_ENOTFOUND, 0, 0}, /* nothing came meanwhile */
+        {1004 * S, 1010 * S, 2, 0, 1004 * S, 1004 * S + 1},
+        {1004 * S + 1, 1010 * S, 2, APC_ENOTFOUND, 0, 0}, /* it ended just before */
+        {1005 * S, 1010 * S, 2, APC_ENOTFOUND, 0, 0},
+        {990 * S, 1000 * S, 2, APC_ENOTFOUND, 0, 0},
+        {990 * S, 1010 * S, 1, APC_ERANGE, 0, 0},
+    };
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        const int rc = merits_of_store(&m, published, of[i].from, of[i].until, of[i].most);
+        if (rc != of[i].rc)
+            fail_msg("case %zu: %s", i, apc_err_name(rc));
+        assert_int_equal(m.n_loops, rc == 0);
+        if (rc == 0 && (m.from != of[i].begins || m.until != of[i].ends))
+            fail_msg("case %zu: %g to %g s", i, apc_ns_to_s(m.from), apc_ns_to_s(m.until));
+        merits_free(&m);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -197,6 +235,7 @@ int main(void)
         TEST(time_in_service_is_that_of_the_laws_own_answers),
         TEST(deviations_with_and_without_service_are_those_by_hand),
         TEST(predictions_are_held_against_what_was_measured_then),
+        TEST(a_store_is_judged_of_the_time_it_knows),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
