@@ -410,7 +410,9 @@ static bool along(struct apc_qp *qp)
     double low, high, own, end = 0.0, length, *move = qp->carry;
     size_t at;
 
-    qp_work_against(qp, move);
+    memset(move, 0, qp->k * sizeof(*move));
+    if (qp->size[last->row] > 0.0) /* a row of zeros depends on nothing */
+        qp_work_against(qp, move);
     for (size_t j = 0; j < qp->k; j++)
         move[j] *= -last->direction;
     qp_interval(qp, last->row, &low, &high);

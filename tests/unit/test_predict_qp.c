@@ -333,6 +333,44 @@ static void rows_that_contradict_are_named_and_no_others(void **state)
     assert_true(found > 100);
 }
 
+/* A row that multiplies nothing, whose limits 0 breaks: no other is in its way, whatever was solved before.
+ */
+static void a_row_of_zeros_contradicts_alone(void **state)
+{
+    struct apc_random random;
+    struct problem p;
+
+    (void)state;
+    apc_random_init(&random, 15, "qp");
+    for (int trial = 0; trial < 200; trial++) {
+        double x[N_MOST];
+        struct apc_qp_result result = {.size = sizeof result};
+        struct apc_qp *qp;
+        size_t zeros;
+
+        p.n = 2 + (size_t)between(&random, 0.0, 8.0);
+        p.m = 2 + (size_t)between(&random, 0.0, 20.0);
+        zeros = p.n + p.m - 1;
+        make_cost(&p, &random, 0.0);
+        make_rows(&p, &random, false);
+        memset(p.A + (p.m - 1) * p.n, 0, p.n * sizeof(*p.A));
+        p.low[zeros] = -1.0;
+        p.high[zeros] = 1.0;
+        qp = make(&p, &(struct apc_qp_options){0});
+        assert_int_equal(apc_qp_solve(qp, p.f, p.low, p.high, x, NULL), 0);
+        p.low[zeros] = 0.5;
+        for (size_t i = 0; i < p.n; i++)
+            p.f[i] *= 0.5; /* some of the working set leave */
+        assert_int_equal(apc_qp_solve(qp, p.f, p.low, p.high, x, &result), APC_ERANGE);
+        assert_int_equal(result.status, APC_QP_INFEASIBLE);
+        for (size_t i = 0; i < p.n + p.m; i++)
+            assert_int_equal(apc_qp_rows(qp)[i], i == zeros ? -1 : 0);
+        p.low[zeros] = -1.0;
+        assert_int_equal(apc_qp_solve(qp, p.f, p.low, p.high, x, NULL), 0);
+        apc_qp_destroy(qp);
+    }
+}
+
 static void the_bits_do_not_depend_on_where_the_search_began(void **state)
 {
     struct apc_random random;
@@ -684,6 +722,7 @@ int main(void)
         cmocka_unit_test(what_rounding_has_spoiled_is_not_called_optimal),
         cmocka_unit_test(the_figures_that_come_back_are_those_of_x),
         cmocka_unit_test(rows_that_contradict_are_named_and_no_others),
+        cmocka_unit_test(a_row_of_zeros_contradicts_alone),
         cmocka_unit_test(the_bits_do_not_depend_on_where_the_search_began),
         cmocka_unit_test(the_bits_do_not_depend_on_the_compiler),
         cmocka_unit_test(a_solve_that_was_stopped_is_of_its_multipliers_and_goes_on),
