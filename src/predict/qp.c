@@ -62,14 +62,14 @@ static size_t lay_out(struct apc_qp *qp, unsigned char *block)
                    {&qp->fixed, rows},
                    {&qp->multiplier, rows},
                    {&qp->value, rows},
-                   {&qp->lambda, rows + 1},
+                   {&qp->lambda, rows + 4},
                    {&qp->target, rows + 1},
-                   {&qp->least, rows + 1},
-                   {&qp->most_of, rows + 1},
-                   {&qp->give, rows + 1},
-                   {&qp->rhs, rows + 1},
+                   {&qp->least, rows + 4},
+                   {&qp->most_of, rows + 4},
+                   {&qp->give, rows + 4},
+                   {&qp->rhs, rows + 4},
                    {&qp->z, rows + 1},
-                   {&qp->inverse, rows + 1},
+                   {&qp->inverse, rows + 4},
                    {&qp->G, packed},
                    {&qp->L, packed},
                    {&qp->spare, packed},
@@ -495,6 +495,43 @@ static double within(const struct apc_qp *qp, size_t i, double *sign)
     return much > allowance(qp, limit) ? much : 0.0;
 }
 
+/** How far row i is from where it may stay, over its size; 0 where it may stay as it is. */
+static double urge(const struct apc_qp *qp, size_t i)
+{
+    double sign, much;
+
+    if ((qp->state[i] && qp->fixed[i] == 0.0) || (qp->size[i] == 0.0 && soft(qp, i)))
+        return 0.0; /* of W, or of zeros and free to be violated */
+    much = qp->fixed[i] == 0.0 ? beyond(qp, i, &sign) : within(qp, i, &sign);
+    if (much == 0.0)
+        return 0.0;
+    return qp->size[i] > 0.0 ? much / qp->size[i] : HUGE_VAL; /* a row of zeros can only contradict */
+}
+
+/** urge() of four rows. Nothing here is a branch that depends on the way: on a long one rows are violated at
+ * random. */
+static inline void urges(const struct apc_qp *qp, size_t i, apc_lanes *to)
+{
+    const apc_lanes value = QP_FOUR(qp->value + i), low = QP_FOUR(qp->low + i), high = QP_FOUR(qp->high + i),
+                    size = QP_FOUR(qp->size + i), above = value - high, below = low - value;
+    const apc_masks odd = (size == 0.0) | (QP_FOUR(qp->fixed + i) != 0.0), top = above >= below;
+    const apc_masks of_work = {-(qp->state[i] != 0), -(qp->state[i + 1] != 0), -(qp->state[i + 2] != 0),
+                               -(qp->state[i + 3] != 0)};
+    apc_lanes much, limit, allowed;
+    apc_masks out;
+
+    if (qp_any(&odd)) {
+        *to = (apc_lanes){urge(qp, i), urge(qp, i + 1), urge(qp, i + 2), urge(qp, i + 3)};
+        return;
+    }
+    qp_pick(&top, &above, &below, &much);
+    qp_pick(&top, &high, &low, &limit);
+    limit = (apc_lanes)((apc_masks)limit & INT64_MAX); /* its magnitude */
+    allowed = qp->tolerance + 8.0 * DBL_EPSILON * limit;
+    out = (much > 0.0) & (much > allowed) & ~of_work;
+    *to = (apc_lanes)(out & (apc_masks)(much / size));
+}
+
 /** Are four rows, from @p i on, within their limits, and none of them of F? */
 static inline bool are_calm(const struct apc_qp *qp, size_t i)
 {
@@ -505,31 +542,49 @@ static inline bool are_calm(const struct apc_qp *qp, size_t i)
     return !qp_any(&off);
 }
 
-/** The row that is to come in: rows when there is none. */
-QP_LANES static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
+/** The row whose urge is greatest, of those the first: rows when there is none. */
+QP_LANES static size_t most_urgent(const struct apc_qp *qp)
 {
-    size_t found = qp->rows;
-    double most = 0.0;
+    apc_lanes most = {0.0, 0.0, 0.0, 0.0}, four;
+    apc_masks where = {0, 0, 0, 0};
+    size_t found = qp->rows, i = 0;
+    double best = 0.0;
 
-    for (size_t i = 0; i < qp->rows; i++) {
-        double which, much;
+    for (; i + 4 <= qp->rows; i += 4) {
+        if (are_calm(qp, i)) /* nearly all, so it comes first */
+            continue;
+        urges(qp, i, &four);
+        const apc_masks more = four > most,
+                        here = {(int64_t)i, (int64_t)i + 1, (int64_t)i + 2, (int64_t)i + 3};
 
-        while (i + 4 <= qp->rows && are_calm(qp, i)) /* nearly all, so it comes first */
-            i += 4;
-        if (i == qp->rows)
-            break;
-        much = qp->fixed[i] == 0.0 ? beyond(qp, i, &which) : within(qp, i, &which);
-        if (much == 0.0 || (qp->state[i] && qp->fixed[i] == 0.0) || (qp->size[i] == 0.0 && soft(qp, i)))
-            continue; /* as it should be, or of W, or of zeros and free to be violated */
-        much = qp->size[i] > 0.0 ? much / qp->size[i] : HUGE_VAL; /* a row of zeros can only contradict */
-        if (much > most) {
-            most = much;
+        qp_pick(&more, &four, &most, &most);
+        where = (more & here) | (~more & where);
+    }
+    for (size_t q = 0; q < 4; q++)
+        if (most[q] > best || (most[q] == best && best > 0.0 && (size_t)where[q] < found)) {
+            best = most[q];
+            found = (size_t)where[q];
+        }
+    for (; i < qp->rows; i++) {
+        const double much = urge(qp, i);
+
+        if (much > best) {
+            best = much;
             found = i;
-            *sign = which;
-            if (careful)
-                break;
         }
     }
+    return found;
+}
+
+/** The row that is to come in: rows when there is none. */
+static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
+{
+    size_t found = careful ? 0 : most_urgent(qp);
+
+    while (careful && found < qp->rows && !(urge(qp, found) > 0.0))
+        found++;
+    if (found < qp->rows)
+        (void)(qp->fixed[found] == 0.0 ? beyond(qp, found, sign) : within(qp, found, sign));
     return found;
 }
 
@@ -599,6 +654,7 @@ static void begin(struct apc_qp *qp)
 
     qp->waiting = 0;
     qp->changes = 0;
+    qp->tried = (unsigned)qp->rows;
     if (anew) {
         qp->k = qp->fresh = 0;
         memset(qp->fixed, 0, qp->rows * sizeof(*qp->fixed));

@@ -39,10 +39,12 @@ struct apc_qp {
     /* The working set, in the order in which it came, or, when settled, of the rows. */
     size_t k;
     bool settled;
-    size_t fresh;            /* so many rows of L are what a factorisation of W in order makes of them */
-    size_t solved;           /* so much of z is right */
-    unsigned *work, *order;  /* [rows], [2 * rows] the order is scratch of settling */
-    double *lambda, *target; /* [rows] where we are, and where W's own optimum is */
+    size_t fresh;           /* so many rows of L are what a factorisation of W in order makes of them */
+    size_t solved;          /* so much of z is right */
+    unsigned tried;         /* row whose products with W are behind those of W in G; rows: of none */
+    unsigned *work, *order; /* [rows], [2 * rows] the order is scratch of settling */
+    /* Of these, those that a removal moves have room for it to do so in fours. */
+    double *lambda, *target;        /* [rows] where we are, and where W's own optimum is */
     double *least, *most_of, *give; /* [rows] where lambda may be; 1/s of a row that is violated, else 0 */
     double *rhs, *z, *inverse;      /* [rows] right-hand sides, L^-1 of them, 1/d */
     double *G, *L, *spare; /* packed lower triangles: M_W M_W', and its unit factor without the diagonal */
@@ -83,6 +85,12 @@ typedef int64_t apc_masks __attribute__((vector_size(32))); /* what comparing la
 static inline bool qp_any(const apc_masks *masks)
 {
     return (((*masks)[0] | (*masks)[1]) | ((*masks)[2] | (*masks)[3])) != 0;
+}
+
+/** to = a where @p masks is set, else b. */
+static inline void qp_pick(const apc_masks *masks, const apc_lanes *a, const apc_lanes *b, apc_lanes *to)
+{
+    *to = (apc_lanes)((*masks & (apc_masks)*a) | (~*masks & (apc_masks)*b));
 }
 
 static inline bool qp_all_finite(size_t n, const double *v)

@@ -103,22 +103,22 @@ static inline void take_away(const struct apc_qp *qp, size_t k, const double *y,
  */
 QP_LANES static double left_beside(struct apc_qp *qp, size_t i, size_t k)
 {
-    double *rest = qp->g, *y = qp->carry, give = 0.0;
+    double *rest = qp->g, *y = qp->carry, give = 0.0, left;
 
     memset(rest, 0, qp->n * sizeof(*rest));
     qp_row_add(qp, i, 1.0, rest);
     memcpy(y, qp->L + qp_packed(k), k * sizeof(*y));
     back(qp, k, y);
-    for (int round = 0;; round++) {
-        take_away(qp, k, y, rest);
-        if (round == 1)
-            break;
-        for (size_t j = 0; j < k; j++) {
-            give += y[j] * y[j] * qp->give[j];
-            y[j] = qp_row_dot(qp, qp->work[j], rest) - y[j] * qp->give[j];
-        }
-        qp_work_solve(qp, k, y);
-    }
+    take_away(qp, k, y, rest);
+    for (size_t j = 0; j < k; j++)
+        give += y[j] * y[j] * qp->give[j];
+    left = qp_dot(qp->n, rest, rest) + give;
+    if (left <= 0.01 * DEPENDENT * qp->size[i] * qp->size[i])
+        return left; /* the second time leaves no more */
+    for (size_t j = 0; j < k; j++)
+        y[j] = qp_row_dot(qp, qp->work[j], rest) - y[j] * qp->give[j];
+    qp_work_solve(qp, k, y);
+    take_away(qp, k, y, rest);
     return qp_dot(qp->n, rest, rest) + give;
 }
 
@@ -172,19 +172,24 @@ static inline void gram(struct apc_qp *qp, size_t k, size_t from, size_t to)
 QP_LANES bool qp_work_append(struct apc_qp *qp, size_t i, double lambda)
 {
     const size_t k = qp->k;
+    const bool known = qp->tried == i;
 
     if (k >= qp->rows)
         return false;
     place(qp, k, i);
+    qp->tried = (unsigned)qp->rows;
     for (size_t j = 0; j < k; j += 8) { /* sums of G while those of L wait for each other */
         const size_t end = j + 8 < k ? j + 8 : k;
 
-        gram(qp, k, j, end);
+        if (!known)
+            gram(qp, k, j, end);
         eliminate(qp, k, j, end);
     }
     qp->G[qp_packed(k) + k] = qp->size[i] * qp->size[i];
-    if (!pivot(qp, k))
+    if (!pivot(qp, k)) {
+        qp->tried = (unsigned)i;
         return false;
+    }
     qp->lambda[k] = lambda;
     qp->k = k + 1;
     qp->settled = false;
@@ -192,16 +197,23 @@ QP_LANES bool qp_work_append(struct apc_qp *qp, size_t i, double lambda)
     return true;
 }
 
+/** memmove() to a lower place, in fours: up to three numbers behind the last one come along. */
+static inline void move_down(size_t n, const double *from, double *to)
+{
+    for (size_t i = 0; i < n; i += 4)
+        *(apc_lanes *)(to + i) = QP_FOUR(from + i);
+}
+
 /** A packed triangle without row and column @p at; each row has @p diagonal elements more than columns before
  * it. */
-static void strike(double *packed, size_t at, size_t k)
+QP_LANES static void strike(double *packed, size_t at, size_t k)
 {
     for (size_t r = at + 1; r < k; r++) {
         double *to = packed + qp_packed(r - 1);
         const double *row = packed + qp_packed(r);
 
-        memmove(to, row, at * sizeof(*to));
-        memmove(to + at, row + at + 1, (r - at) * sizeof(*to));
+        move_down(at, row, to);
+        move_down(r - at, row + at + 1, to + at);
     }
 }
 
@@ -255,22 +267,19 @@ QP_LANES static void give_back(struct apc_qp *qp, size_t at, double alpha)
         alpha = give_row(qp, r, at, qp->carry[r], alpha);
 }
 
-void qp_work_remove(struct apc_qp *qp, size_t at)
+QP_LANES void qp_work_remove(struct apc_qp *qp, size_t at)
 {
     size_t k = qp->k, behind = k - at - 1;
     double alpha = 1.0 / qp->inverse[at];
+    double *const of_row[] = {qp->lambda, qp->rhs, qp->inverse, qp->least, qp->most_of, qp->give};
 
     for (size_t r = at + 1; r < k; r++)
         qp->carry[r - 1] = qp->L[qp_packed(r) + at];
-    strike(qp->G, at, k);
+    strike(qp->G, at, qp->tried < qp->rows ? k + 1 : k);
     strike(qp->L, at, k);
     memmove(qp->work + at, qp->work + at + 1, behind * sizeof(*qp->work));
-    memmove(qp->lambda + at, qp->lambda + at + 1, behind * sizeof(*qp->lambda));
-    memmove(qp->rhs + at, qp->rhs + at + 1, behind * sizeof(*qp->rhs));
-    memmove(qp->inverse + at, qp->inverse + at + 1, behind * sizeof(*qp->inverse));
-    memmove(qp->least + at, qp->least + at + 1, behind * sizeof(*qp->least));
-    memmove(qp->most_of + at, qp->most_of + at + 1, behind * sizeof(*qp->most_of));
-    memmove(qp->give + at, qp->give + at + 1, behind * sizeof(*qp->give));
+    for (size_t q = 0; q < sizeof of_row / sizeof of_row[0]; q++)
+        move_down(behind, of_row[q] + at + 1, of_row[q] + at);
     qp->k = k - 1;
     qp->settled = false;
     if (qp->solved > at)
@@ -372,6 +381,7 @@ QP_LANES void qp_work_settle(struct apc_qp *qp)
         qp->rhs[r] = qp->carry[was[r]];
     }
     reorder(qp, same, k, was);
+    qp->tried = (unsigned)qp->rows;
     for (size_t r = same; r < k; r += 4) {
         const size_t end = r + 4 < k ? r + 4 : k;
 
