@@ -53,11 +53,10 @@ static bool has_hash(const char *path)
     return at && at > path && (at[-1] == '-' || at[-1] == '.') && ending - at >= 8;
 }
 
-/* gzip, or NULL where it would be no smaller. */
-static char *zip(const char *data, size_t n, size_t *n_zipped)
+char *zip(const char *data, size_t n, int level, size_t *n_zipped)
 {
     z_stream z = {0};
-    if (n < 256 || deflateInit2(&z, 9, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
+    if (n < 256 || deflateInit2(&z, level, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
         return NULL;
     char *out = malloc(n);
     z.next_in = (Bytef *)(uintptr_t)data;
@@ -103,7 +102,7 @@ static int load_file(struct files *files, const char *name, const char *path, si
                           .immutable = has_hash(path),
                           .data = data,
                           .n = n};
-    file->zipped = zip(data, n, &file->n_zipped);
+    file->zipped = zip(data, n, 9, &file->n_zipped);
     return file->path && file->etag ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
 }
 

@@ -25,6 +25,7 @@
 #define PATIENCE    (10 * APC_NS_PER_S)        /* for history */
 #define CONNECTIONS (STRANGERS + MEMBERS + 64) /* the last: on their way out */
 #define SILENCE     30                         /* s */
+#define ZIP_FROM    2048                       /* bytes of an answer */
 
 struct exchange {
     struct ui *ui;
@@ -179,6 +180,22 @@ static void record_refusal(struct exchange *x)
         audit_refusal(x->ui, r->session.user, r->from->address, r->route->path, r->fault.message);
 }
 
+/* A short answer is sent as soon as it would be zipped, and tells nobody by its length what a secret in it
+ * is. */
+static void zip_reply(struct request *r)
+{
+    const char *accept = request_header(r, "Accept-Encoding");
+    size_t n = 0;
+    if (r->zipped || r->reply.failed || r->reply.n < ZIP_FROM || !accept || !strstr(accept, "gzip"))
+        return;
+    char *zipped = zip(r->reply.at, r->reply.n, 1, &n);
+    if (!zipped)
+        return;
+    text_free(&r->reply);
+    r->reply = (struct text){.at = zipped, .n = n};
+    r->zipped = true;
+}
+
 static enum MHD_Result answer(struct exchange *x)
 {
     struct request *r = &x->r;
@@ -197,6 +214,7 @@ static enum MHD_Result answer(struct exchange *x)
         text_free(&r->reply);
         r->status = 503;
     }
+    zip_reply(r);
     struct MHD_Response *response =
         MHD_create_response_from_buffer(r->reply.n, r->reply.at, MHD_RESPMEM_MUST_FREE);
     if (!response)
@@ -205,6 +223,9 @@ static enum MHD_Result answer(struct exchange *x)
     add_headers(x->ui, response, r->nonce[0] ? r->nonce : NULL, r->sandbox);
     MHD_add_response_header(response, "Cache-Control", "no-store");
     MHD_add_response_header(response, "Content-Type", r->type ? r->type : "application/json");
+    MHD_add_response_header(response, "Vary", "Accept-Encoding");
+    if (r->zipped)
+        MHD_add_response_header(response, "Content-Encoding", "gzip");
     if (r->cookie[0])
         MHD_add_response_header(response, "Set-Cookie", r->cookie);
     if (r->device[0])
@@ -378,6 +399,8 @@ static void *work(void *arg)
         pthread_mutex_unlock(&p->mutex);
         connect_store(p->ui, store);
         x->r.route->handle(p->ui, &x->r, store);
+        if (!x->r.fault.http)
+            zip_reply(&x->r);
         MHD_resume_connection(x->r.connection);
         pthread_mutex_lock(&p->mutex);
     }

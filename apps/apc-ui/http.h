@@ -57,6 +57,7 @@ struct request {
     struct fault fault;
     struct text extra; /* members beside "error", beginning with a comma */
     struct text reply;
+    bool zipped;                                 /* the reply is */
     const char *type;                            /* default application/json */
     char cookie[COOKIE_LEN], device[COOKIE_LEN]; /* Set-Cookie, or "" */
     const char *location;
@@ -112,6 +113,8 @@ struct file {
     size_t n, n_zipped;
 };
 /* "/" is "/index.html". NULL: there is none. */
+/* gzip, at a level from 1 (fast) to 9, in memory that is the caller's; NULL where it would be no smaller. */
+char *zip(const char *data, size_t n, int level, size_t *n_zipped);
 const struct file *files_find(const struct files *files, const char *path);
 /* The drawing of the plant, at most 1 MiB. APC_ENOTFOUND: there is none there. */
 int graphic_load(struct text *graphic, const char *path, struct apc_error *why);

@@ -77,6 +77,13 @@ void plant_forget(struct plant *p)
     p->n = 0;
 }
 
+static int by_table(const void *a, const void *b)
+{
+    const struct apc_tag *x = a, *y = b;
+    return x->table != y->table ? (x->table > y->table) - (x->table < y->table)
+                                : (x->id > y->id) - (x->id < y->id);
+}
+
 bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n, struct loops *loops)
 {
     struct plant next = *p;
@@ -87,6 +94,8 @@ bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n, struc
     for (size_t i = 0; i < n && next.tag; i++)
         if (shown(&tags[i]))
             next.tag[next.n++] = tags[i];
+    if (next.tag)
+        qsort(next.tag, next.n, sizeof *next.tag, by_table);
     if (!next.tag || !differs(p, &next)) {
         plant_forget(&next);
         return false;
@@ -129,9 +138,17 @@ void plant_free(struct plant *p)
 
 int plant_find(const struct plant *p, enum apc_table table, int id)
 {
-    for (size_t i = 0; i < p->n; i++)
-        if (p->tag[i].table == table && p->tag[i].id == id)
-            return (int)i;
+    size_t low = 0, high = p->n;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        const struct apc_tag *tag = &p->tag[middle];
+        if (tag->table == table && tag->id == id)
+            return (int)middle;
+        if (tag->table < table || (tag->table == table && tag->id < id))
+            low = middle + 1;
+        else
+            high = middle;
+    }
     return -1;
 }
 
@@ -263,37 +280,48 @@ static const char *measurement_of(const struct plant *p, const struct loops_loop
     return at < 0 ? "" : p->tag[at].name;
 }
 
-/* Of another loop, or of a measurement of others? */
-static bool is_of_another(const struct plant *p, const struct loops_loop *loop, const char *name)
+/* Whose a parameter is, by its name. */
+struct whose {
+    const struct loops_controller *controller; /* NULL: it is no parameter */
+    bool of_loop;                              /* of one of the controller's */
+    int measurement, other; /* the measurements of its loops that it may be of; 0: none, no second one */
+};
+
+static struct whose whose_is(const struct plant *p, const struct apc_tag *tag)
 {
-    for (size_t i = 0; i < p->loops.n; i++) {
-        const struct loops_loop *other = &p->loops.at[i];
-        if (other != loop && other->controller == loop->controller &&
-            (behind(name, other->name) ||
-             (other->measurement != loop->measurement &&
-              behind(without_controller(p, loop, name), measurement_of(p, other)))))
-            return true;
+    struct whose w = {.controller = tag->table == APC_TUNING ? loops_taker(&p->loops, tag) : NULL};
+    for (size_t i = 0; i < p->loops.n && w.controller; i++) {
+        const struct loops_loop *loop = &p->loops.at[i];
+        if (&p->loops.controller[loop->controller] != w.controller)
+            continue;
+        w.of_loop = w.of_loop || behind(tag->name, loop->name);
+        if (behind(without_controller(p, loop, tag->name), measurement_of(p, loop)))
+            *(w.measurement && w.measurement != loop->measurement ? &w.other : &w.measurement) =
+                loop->measurement;
     }
-    return false;
+    return w;
 }
 
 /* What a parameter is called in a loop, "Kp" of "u1.Kp"; NULL: it is not the loop's. What is of the law or of
  * a measurement that no loop has, is that of each loop of the controller. */
-static const char *parameter(const struct plant *p, const struct loops_loop *loop, const struct apc_tag *tag)
+static const char *parameter(const struct plant *p, const struct loops_loop *loop, const struct apc_tag *tag,
+                             const struct whose *w)
 {
-    const char *own = behind(tag->name, loop->name);
-    if (tag->table != APC_TUNING || plant_controller(p, APC_TUNING, tag->id) != (int)loop->controller)
+    if (w->controller != &p->loops.controller[loop->controller])
         return NULL;
-    return own ? own : is_of_another(p, loop, tag->name) ? NULL : without_controller(p, loop, tag->name);
+    const char *own = behind(tag->name, loop->name);
+    const bool of_others = w->of_loop || w->other || (w->measurement && w->measurement != loop->measurement);
+    return own ? own : of_others ? NULL : without_controller(p, loop, tag->name);
 }
 
-static void tunings_json(const struct plant *p, const struct loops_loop *loop, struct text *t)
+static void tunings_json(const struct plant *p, const struct loops_loop *loop, const struct whose *whose,
+                         struct text *t)
 {
     struct text names = {0};
     char ref[REF_LEN];
     text_add(t, ",\"tuning\":[");
     for (size_t i = 0; i < p->n; i++) {
-        const char *name = parameter(p, loop, &p->tag[i]);
+        const char *name = parameter(p, loop, &p->tag[i], &whose[i]);
         if (!name)
             continue;
         text_add(t, "\"%s\",", ref_format(APC_TUNING, p->tag[i].id, ref));
@@ -332,7 +360,8 @@ static void mode_json(const struct loops_loop *loop, struct text *t)
     text_add(t, "]}");
 }
 
-static void loop_json(const struct plant *p, const struct loops_loop *loop, struct text *t)
+static void loop_json(const struct plant *p, const struct loops_loop *loop, const struct whose *whose,
+                      struct text *t)
 {
     text_add(t, "{\"id\":%d,\"name\":", loop->id);
     json_string_add(t, loop_name(p, loop));
@@ -352,7 +381,7 @@ static void loop_json(const struct plant *p, const struct loops_loop *loop, stru
     else
         text_add(t, ",\"above\":null");
     mode_json(loop, t);
-    tunings_json(p, loop, t);
+    tunings_json(p, loop, whose, t);
     text_add(t, "},");
 }
 
@@ -376,8 +405,13 @@ void plant_json(const struct plant *p, struct text *t)
         controller_json(p, i, t);
     text_chop(t, ',');
     text_add(t, "],\"loops\":[");
-    for (size_t i = 0; i < p->loops.n; i++)
-        loop_json(p, &p->loops.at[i], t);
+    struct whose *whose = calloc(p->n + 1, sizeof *whose);
+    t->failed = t->failed || !whose;
+    for (size_t i = 0; i < p->n && whose; i++)
+        whose[i] = whose_is(p, &p->tag[i]);
+    for (size_t i = 0; i < p->loops.n && whose; i++)
+        loop_json(p, &p->loops.at[i], whose, t);
+    free(whose);
     text_chop(t, ',');
     text_add(t, "],\"modes\":[");
     for (int mode = APC_MODE_MAN; mode <= APC_MODE_LO; mode++)

@@ -165,6 +165,17 @@ fetch() { # PATH HEADERS
   printf 'GET %s HTTP/1.1\r\nHost: localhost\r\n%bConnection: close\r\n\r\n' "$1" "${2:-}" |
     "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port" | tr -d '\0\r'
 }
+# answers are zipped as well, and say the same
+fetch /api/plant 'Accept-Encoding: gzip\r\n' >"$work/plant.txt"
+grep -aqi '^Content-Encoding: gzip$' "$work/plant.txt" || fail "an answer is not zipped"
+python3 - "http://127.0.0.1:$ui_port/api/plant" <<'PY' || fail "an answer says something else where it is zipped"
+import gzip, sys, urllib.request
+def get(headers):
+    answer = urllib.request.urlopen(urllib.request.Request(sys.argv[1], headers=headers), timeout=60)
+    return answer.headers.get("Content-Encoding"), answer.read()
+plain, zipped = get({}), get({"Accept-Encoding": "gzip"})
+sys.exit(plain[0] is not None or zipped[0] != "gzip" or gzip.decompress(zipped[1]) != plain[1])
+PY
 # the drawing beside the experiment file: whoever opens it runs nothing
 fetch /api/graphic >"$work/graphic.txt"
 grep -aqi '^Content-Type: image/svg+xml$' "$work/graphic.txt" || fail "there is no drawing: $(cat "$work/graphic.txt")"
