@@ -2,6 +2,7 @@
 /* How much a store in shared memory holds of what there is only a fixed room for, to the last one, and that
  * what does not fit is said and changes nothing; and how long a writer waits for another one.
  */
+#include <sched.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -31,7 +32,7 @@ static int set_up(void **state)
     snprintf(uri, sizeof uri, "shm:limits-test-%d?size=1", (int)getpid());
     snprintf(path, sizeof path, "/dev/shm/apc.limits-test-%d", (int)getpid());
     unlink(path);
-    *state = open_store(20 * APC_NS_PER_S);
+    *state = open_store(600 * APC_NS_PER_S);
     return apc_store_init(*state);
 }
 
@@ -46,6 +47,44 @@ static void assert_refused(struct apc_store *store, int rc, enum apc_err err, co
 {
     assert_int_equal(rc, err);
     assert_has(apc_store_error(store), part);
+}
+
+static void test_names_and_sizes_have_bounds(void **state)
+{
+    char name[APC_SHM_NAME_MAX + 2], long_uri[APC_SHM_NAME_MAX + 40];
+    (void)state;
+    memset(name, 'n', sizeof name);
+    const struct {
+        size_t length;
+        const char *query;
+        int rc;
+    } of[] = {{APC_SHM_NAME_MAX, "", 0},
+              {APC_SHM_NAME_MAX + 1, "", APC_EINVAL},
+              {1, "", 0},
+              {0, "", APC_EINVAL},
+              {1, "?size=1", 0},
+              {1, "?size=0", APC_EINVAL},
+              {1, "?size=-1", APC_EINVAL},
+              {1, "?size=", APC_EINVAL},
+              {1, "?size=2x", APC_EINVAL},
+              {1, "?size=99999999999999999999", APC_EINVAL},
+              {1, "?site=2", APC_EINVAL},
+              {1, "!", APC_EINVAL}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct apc_store *store = NULL;
+        struct apc_error why = {""};
+        snprintf(long_uri, sizeof long_uri, "shm:%.*s%s", (int)of[i].length, name, of[i].query);
+        if (apc_store_open(&store, long_uri, NULL, &why) != of[i].rc) {
+            fail_msg("%s: %s", long_uri, why.text);
+        }
+        apc_store_close(store);
+    }
+    for (int over = 0; over < 2; over++) {
+        struct apc_store *store = NULL;
+        snprintf(long_uri, sizeof long_uri, "shm:n?size=%d", APC_SHM_MIB_MAX + over);
+        assert_int_equal(apc_store_open(&store, long_uri, NULL, NULL), over ? APC_EINVAL : 0);
+        apc_store_close(store);
+    }
 }
 
 static void test_a_catalogue_of_any_length_below_its_room_comes_back(void **state)
@@ -193,15 +232,57 @@ static void test_who_waits_too_long_for_another_writer_is_told_and_goes_on_after
     apc_store_close(hurried);
 }
 
+static bool sleeps_or_ended(pid_t pid)
+{
+    char name[40], text[300] = "";
+    snprintf(name, sizeof name, "/proc/%d/stat", (int)pid);
+    FILE *in = fopen(name, "r");
+    assert_non_null(in);
+    text[fread(text, 1, sizeof text - 1, in)] = '\0';
+    fclose(in);
+    const char *state = strrchr(text, ')'); /* behind its name */
+    return state && state[1] == ' ' && (state[2] == 'S' || state[2] == 'Z');
+}
+
+/* They all look for it, wait for the lock together, and the first of them makes it known. */
+static void test_who_brings_the_same_new_author_gets_the_same_number(void **state)
+{
+    enum { WHO = 3 };
+    pid_t pid[WHO];
+    const pid_t holder = hold_the_lock(*state);
+    for (int i = 0; i < WHO; i++) {
+        pid[i] = fork();
+        if (pid[i] == 0) {
+            _exit(apc_store_author(*state, "the same") == 1 ? 0 : 1);
+        }
+        assert_true(pid[i] > 0);
+    }
+    for (int i = 0; i < WHO; i++) {
+        while (!sleeps_or_ended(pid[i])) {
+            sched_yield();
+        }
+    }
+    assert_int_equal(kill(holder, SIGKILL), 0);
+    assert_int_equal(waitpid(holder, NULL, 0), holder);
+    for (int i = 0; i < WHO; i++) {
+        int status = -1;
+        assert_int_equal(waitpid(pid[i], &status, 0), pid[i]);
+        assert_int_equal(status, 0);
+    }
+    assert_int_equal(apc_store_author(*state, "another"), 2);
+}
+
 #define T(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_names_and_sizes_have_bounds),
         T(test_a_catalogue_of_any_length_below_its_room_comes_back),
         T(test_as_many_tags_as_it_says_are_held),
         T(test_authors_are_known_to_the_last_one_and_no_more_are_taken),
         T(test_as_many_writers_may_claim_as_it_says),
+        T(test_who_brings_the_same_new_author_gets_the_same_number),
         T(test_who_waits_too_long_for_another_writer_is_told_and_goes_on_after_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
