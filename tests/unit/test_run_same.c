@@ -35,7 +35,7 @@ static struct sum sum_of(const char *name, double until)
 {
     static const enum apc_table table[] = {APC_SENSOR, APC_ACTUATOR, APC_SETPOINT};
     struct apc_experiment *e;
-    struct apc_simulation *s;
+    struct apc_simulation *s = NULL;
     struct apc_error why;
     struct sum sum = {0.0, 0};
     char file[300];
