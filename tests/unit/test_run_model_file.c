@@ -148,6 +148,60 @@ static void a_state_space_has_its_rows_and_columns_by_their_names(void **state)
     }
 }
 
+#define FILTERED(more)                                                                                       \
+    "{ " ORDER "state_space = { period = 2.0; A = ( [0.8, 0.1], [0.0, 0.5] ); " SPACE                        \
+    "K = ( [0.3, 0.4], [0.5, 0.6] ); error = [0.02, 0.01]; }; }; " more
+
+static const struct apc_setting *setting_of(const struct controller *c, const char *name)
+{
+    for (size_t i = 0; i < c->n_setting; i++)
+        if (!strcmp(c->setting[i].name, name))
+            return &c->setting[i];
+    return NULL;
+}
+
+/* Errors are further states, of the controller's measurements in their order, and noise makes them. */
+static void a_kalman_gain_is_what_the_law_estimates_with(void **state)
+{
+    static const double A[] = {0.8, 0.1, 0.4, 0.3, 0.0, 0.5, 0.6, 0.5},
+                        C[] = {1.0, 0.5, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0}, error[] = {0.01, 0.02};
+    struct experiment e;
+    (void)state;
+    if (load(&e, FILTERED("settings = { horizon = 7; y_dev = [1.0, 2.0]; }")) < 0)
+        fail_msg("%s", why.text);
+    const struct controller *c = e.controllers;
+    const struct apc_linear *m = c->plant.sampled;
+    const struct apc_setting *x = setting_of(c, "x_noise"), *y = setting_of(c, "y_noise");
+    assert_int_equal(m->nx, 4);
+    for (size_t i = 0; i < 2; i++)
+        for (size_t j = 0; j < 4; j++) {
+            assert_near(m->A[i * 4 + j], A[i * 4 + j], 0.0);
+            assert_near(m->A[(i + 2) * 4 + j], 0.0, 0.0);
+            assert_near(m->C[i * 4 + j], C[i * 4 + j], 0.0);
+        }
+    for (size_t i = 0; i < 2; i++)
+        for (size_t j = 0; j < INPUTS; j++)
+            assert_near(m->B[(i + 2) * INPUTS + j], 0.0, 0.0);
+    assert_true(x && y);
+    assert_int_equal(x->rows * x->columns, 4);
+    assert_int_equal(y->rows * y->columns, 2);
+    for (size_t i = 0; i < 2; i++) {
+        assert_near(x->value[i], 0.0, 0.0);
+        assert_near(x->value[2 + i], error[i] / sqrt(TS), 1e-15);
+        assert_near(y->value[i], 0.01 * error[i], 1e-15);
+    }
+    /* what the file sets stays beside it */
+    assert_near(setting_of(c, "horizon")->value[0], 7.0, 0.0);
+    assert_near(setting_of(c, "y_dev")->value[0], 1.0, 0.0);
+    assert_near(setting_of(c, "y_dev")->value[1], 2.0, 0.0);
+    experiment_free(&e);
+    if (load(&e, FILTERED("settings = { y_noise = [0.1, 0.2]; }")) < 0) /* it says how it is disturbed */
+        fail_msg("%s", why.text);
+    assert_int_equal(e.controllers->plant.sampled->nx, 2);
+    assert_null(setting_of(e.controllers, "x_noise"));
+    experiment_free(&e);
+}
+
 static void without_names_the_order_is_the_controllers(void **state)
 {
     struct experiment e;
@@ -227,6 +281,21 @@ static void a_mistake_in_a_model_is_refused_with_its_reason(void **state)
         {"{ delay = 2.0; state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] );\n"
          " C = ( [1.0], [0.0] ); }; }",
          "in a sampled model it is states of A"},
+        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
+         " K = ( [0.1, 0.1] ); }; }",
+         "\"K\" and \"error\", how far y is from what it makes expected, go together"},
+        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
+         " error = [0.1, 0.1]; }; }",
+         "go together"},
+        {"{ state_space = { A = ( [-0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
+         " K = ( [0.1, 0.1] ); error = [0.1, 0.1]; }; }",
+         "\"K\" is that of a sampled model: \"period\" is missing"},
+        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
+         " K = ( [0.1, 0.1] ); error = [0.1, 0.0]; }; }",
+         "\"error\" of y2 is 0: a standard deviation is above 0"},
+        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
+         " K = ( [0.1] ); error = [0.1, 0.1]; }; }",
+         "expected 2 numbers in brackets"},
         {"{ states = 1; transfer = ( % } ); }", "states"},
     };
     (void)state;
@@ -278,6 +347,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_transfer_function_is_of_the_pair_that_it_names),
         cmocka_unit_test(a_state_space_has_its_rows_and_columns_by_their_names),
+        cmocka_unit_test(a_kalman_gain_is_what_the_law_estimates_with),
         cmocka_unit_test(without_names_the_order_is_the_controllers),
         cmocka_unit_test(a_mistake_in_a_model_is_refused_with_its_reason),
         cmocka_unit_test(a_model_of_a_file_goes_along_with_its_run),
