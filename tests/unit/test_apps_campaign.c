@@ -455,6 +455,27 @@ static void load(struct experiment *of)
         fail_msg("%s", why.text);
 }
 
+/* Nothing is held at a setpoint: there are runs, and nothing to judge them by. */
+static void what_has_no_loop_is_run_all_the_same(void **state)
+{
+    struct experiment of;
+    (void)state;
+    scratch_write("world.conf", "name = \"open\"; title = \"An open loop\"; duration = 12.0;\n"
+                                "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; } );\n"
+                                "outputs = ( { name = \"u\"; low = -10.0; high = 10.0; } );\n"
+                                "plant = { model = \"first-order\"; period = 0.2; };\n"
+                                "client = { period = 0.2; };\n"
+                                "controllers = ( { name = \"smooth\"; law = \"filter\"; period = 0.5;\n"
+                                "  measurements = [\"y\"]; outputs = [\"u\"]; } );\n");
+    if (experiment_load(&of, scratch_path("world.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    options = (struct campaign_options){.seed = 7, .runs = 3, .jobs = 2, .talk = options.talk};
+    if (campaign_run(&of, &options, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_has(talk(), "open: An open loop\n3 runs of 12 s in ");
+    experiment_free(&of);
+}
+
 /* A law that lives in this program, as code of the user's that does something else with the process. */
 static void (*mood)(unsigned call);
 static unsigned calls;
@@ -715,6 +736,7 @@ int main(void)
         T(a_file_that_is_none_of_a_campaign_is_refused_with_its_line),
         T(a_few_of_the_runs_that_failed_are_told_of),
         T(runs_that_are_missing_are_an_error_unless_someone_stopped_them),
+        T(what_has_no_loop_is_run_all_the_same),
         T(on_no_terminal_it_does_not_show_how_far_it_is),
         T(each_run_is_that_of_its_seed_whoever_makes_it),
         T(code_of_the_user_s_finds_its_statics_as_they_were),
