@@ -152,12 +152,23 @@ static void a_state_space_has_its_rows_and_columns_by_their_names(void **state)
     "{ " ORDER "state_space = { period = 2.0; A = ( [0.8, 0.1], [0.0, 0.5] ); " SPACE                        \
     "K = ( [0.3, 0.4], [0.5, 0.6] ); error = [0.02, 0.01]; }; }; " more
 
-static const struct apc_setting *setting_of(const struct controller *c, const char *name)
+static bool has_setting(const struct controller *c, const char *name)
 {
     for (size_t i = 0; i < c->n_setting; i++)
         if (!strcmp(c->setting[i].name, name))
-            return &c->setting[i];
-    return NULL;
+            return true;
+    return false;
+}
+
+static void assert_setting(const struct controller *c, const char *name, const double *value, size_t n)
+{
+    size_t i = 0;
+    assert_true(has_setting(c, name));
+    while (strcmp(c->setting[i].name, name) != 0)
+        i++;
+    assert_int_equal(c->setting[i].rows * c->setting[i].columns, n);
+    for (size_t k = 0; k < n; k++)
+        assert_near(c->setting[i].value[k], value[k], 1e-15);
 }
 
 /* Errors are further states, of the controller's measurements in their order, and noise makes them. */
@@ -171,7 +182,6 @@ static void a_kalman_gain_is_what_the_law_estimates_with(void **state)
         fail_msg("%s", why.text);
     const struct controller *c = e.controllers;
     const struct apc_linear *m = c->plant.sampled;
-    const struct apc_setting *x = setting_of(c, "x_noise"), *y = setting_of(c, "y_noise");
     assert_int_equal(m->nx, 4);
     for (size_t i = 0; i < 2; i++)
         for (size_t j = 0; j < 4; j++) {
@@ -182,23 +192,16 @@ static void a_kalman_gain_is_what_the_law_estimates_with(void **state)
     for (size_t i = 0; i < 2; i++)
         for (size_t j = 0; j < INPUTS; j++)
             assert_near(m->B[(i + 2) * INPUTS + j], 0.0, 0.0);
-    assert_true(x && y);
-    assert_int_equal(x->rows * x->columns, 4);
-    assert_int_equal(y->rows * y->columns, 2);
-    for (size_t i = 0; i < 2; i++) {
-        assert_near(x->value[i], 0.0, 0.0);
-        assert_near(x->value[2 + i], error[i] / sqrt(TS), 1e-15);
-        assert_near(y->value[i], 0.01 * error[i], 1e-15);
-    }
+    assert_setting(c, "x_noise", (const double[]){0.0, 0.0, error[0] / sqrt(TS), error[1] / sqrt(TS)}, 4);
+    assert_setting(c, "y_noise", (const double[]){0.01 * error[0], 0.01 * error[1]}, 2);
     /* what the file sets stays beside it */
-    assert_near(setting_of(c, "horizon")->value[0], 7.0, 0.0);
-    assert_near(setting_of(c, "y_dev")->value[0], 1.0, 0.0);
-    assert_near(setting_of(c, "y_dev")->value[1], 2.0, 0.0);
+    assert_setting(c, "horizon", (const double[]){7.0}, 1);
+    assert_setting(c, "y_dev", (const double[]){1.0, 2.0}, 2);
     experiment_free(&e);
     if (load(&e, FILTERED("settings = { y_noise = [0.1, 0.2]; }")) < 0) /* it says how it is disturbed */
         fail_msg("%s", why.text);
     assert_int_equal(e.controllers->plant.sampled->nx, 2);
-    assert_null(setting_of(e.controllers, "x_noise"));
+    assert_false(has_setting(e.controllers, "x_noise"));
     experiment_free(&e);
 }
 
