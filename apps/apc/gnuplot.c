@@ -85,8 +85,7 @@ static int run_gnuplot(const char *dir, FILE *script, FILE *complaints, const ch
 
     if (rc == ENOENT)
         return apc_fail(why, APC_ENOTFOUND,
-                        "gnuplot is not installed: apt-get install gnuplot-nox; all but %s is complete",
-                        what);
+                        "gnuplot, which draws %s.svg, is not installed (apt-get install gnuplot-nox)", what);
     if (rc != 0)
         return apc_fail(why, APC_ESYS, "%s: gnuplot could not be started: %s", dir, strerror(rc));
     while (waitpid(pid, &status, 0) < 0)

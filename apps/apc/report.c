@@ -46,3 +46,14 @@ int report_write(const char *dir, const struct experiment *e, const char *title,
     report_free(&f.data);
     return rc;
 }
+
+bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title)
+{
+    struct apc_error why;
+    const int rc = report_write(dir, e, title, NULL, &why);
+
+    if (rc < 0)
+        cli_error(cli, rc, "there is no figure: %s; `apc report %s` draws it once that is mended", why.text,
+                  dir);
+    return rc == 0;
+}

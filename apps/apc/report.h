@@ -3,6 +3,7 @@
 #ifndef APC_REPORT_H
 #define APC_REPORT_H
 
+#include "cli.h"
 #include "run/outlook.h"
 #include "run/run_internal.h"
 
@@ -18,5 +19,8 @@
  */
 int report_write(const char *dir, const struct experiment *e, const char *title,
                  const struct outlook *expected, struct apc_error *why);
+/* The same for a command whose result the figure is not: one that cannot be drawn is told of on stderr, and
+ * false. */
+bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title);
 
 #endif

@@ -706,12 +706,12 @@ static void record_failure(const struct run *r, apc_ns until)
     apc_store_append_events(r->store, &event, 1);
 }
 
-static int write_report(const struct run *r, struct apc_error *why)
+static bool write_report(const struct run *r)
 {
     char title[sizeof r->e.title + sizeof r->failure.text + 32];
     snprintf(title, sizeof title, "%s%s%s", r->e.title, r->failure.text[0] ? " - failed: " : "",
              r->failure.text);
-    return report_write(r->dir, &r->e, title, NULL, why);
+    return report_leave(&r->cli, r->dir, &r->e, title);
 }
 
 static int leave_report(struct run *r)
@@ -736,8 +736,7 @@ static int leave_report(struct run *r)
         record_failure(r, until);
     if (rc >= 0)
         rc = patiently(r, export, since, until, &why);
-    if (rc >= 0)
-        rc = write_report(r, &why);
+    const bool drawn = rc >= 0 && write_report(r);
     if (rc >= 0 && drained < 0) {
         rc = drained;
         apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
@@ -752,8 +751,10 @@ static int leave_report(struct run *r)
                     r->live_name, r->dir);
         return rc;
     }
+    if (drawn && (!r->failure.text[0] || control.ever))
+        printf("report:  %s/report.png, report.svg\n", r->dir);
     if (!r->failure.text[0] || control.ever)
-        printf("report:  %s/report.png, report.svg\nsamples: %s/samples.csv\n", r->dir, r->dir);
+        printf("samples: %s/samples.csv\n", r->dir);
     fflush(stdout);
     return r->failure.text[0] ? cli_error(&r->cli, APC_ESTATE, "%s", r->failure.text), APC_ESTATE : 0;
 }

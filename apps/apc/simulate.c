@@ -430,11 +430,10 @@ static int leave_report(const struct simulate *r)
 {
     struct apc_error why;
     int rc = simulation_export(&r->s, r->options.report, "apc simulate", 0, &why);
-    if (rc == 0)
-        rc = report_write(r->options.report, &r->e, r->e.title, NULL, &why);
     if (rc < 0)
         return refuse(r, rc, &why);
-    fprintf(r->talk, "report:  %s/report.png, report.svg\n", r->options.report);
+    if (report_leave(&r->cli, r->options.report, &r->e, r->e.title))
+        fprintf(r->talk, "report:  %s/report.png, report.svg\n", r->options.report);
     return 0;
 }
 

@@ -325,7 +325,7 @@ static int leave(struct test *z, struct apc_error *why)
                          : simulation_export(&z->simulation, z->dir, "apc test", z->begin, why);
 
     if (rc == 0)
-        rc = report_write(z->dir, &z->e, z->e.title, NULL, why);
+        (void)report_leave(&z->cli, z->dir, &z->e, z->e.title);
     return rc;
 }
 

@@ -54,6 +54,15 @@ folder_is_whole "$work/again"
 awk -F, '$1 < 0 || $1 >= 8 {exit 1}' <(tail -n +2 "$work/again/samples.csv") || fail "a sample lies outside the run"
 awk -F, '$2 == "actuator" && $4 == "Good" {exit !($5 > 0)}' "$work/again/samples.csv"
 
+# without gnuplot all but the figure is there, and the run ends with a result of its own
+expect 0 'there is no figure: gnuplot, which draws report.svg, is not installed .*apc report' \
+  env PATH=/nonexistent "$apc" run "$work/fast.conf" --duration 8 --out "$work/bare" --timer $timer
+[ -s "$work/bare/samples.csv" ] && [ ! -e "$work/bare/report.svg" ] || fail "without gnuplot: $(ls "$work/bare")"
+expect 0 'report' "$apc" report "$work/bare"
+folder_is_whole "$work/bare"
+expect 0 'there is no figure' env PATH=/nonexistent "$apc" simulate "$work/fast.conf" --duration 8 --report "$work/drawn"
+[ -s "$work/drawn/samples.csv" ] || fail "a simulation without gnuplot left no samples"
+
 # a plant that is there already: nobody starts another, nobody needs a model of it, and what its client says counts
 store=sqlite:$work/elsewhere.db
 expect 0 '' "$apc" init "$work/fast.conf" --store "$store"
