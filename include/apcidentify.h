@@ -163,7 +163,7 @@ struct apc_parameters {
  * The parameters with which the model's free run goes best with the record: least squares of errors that are
  * whitened by an autoregression, and weighed as each output scatters, over the parameters sought and where
  * each run begins, by Gauss and Newton's iteration with Marquardt's damping. The model may be as nonlinear as
- * it likes; the search goes downhill from where it begins, and finds what is there.
+ * it likes; searches go downhill from where they begin, and from beside there, until two of them end alike.
  * @p value, @p error [n] what was found, and standard errors; @p x0 [runs * nx], @p run [n * ny] where each
  * run began, and what the model says, also of what it was not fitted to; both may be NULL. [setup] Returns 0;
  * APC_EINVAL: no record, no such parameter, an FMU, a start out of range; APC_ESOLVER: a parameter cannot be

@@ -18,6 +18,9 @@
 #define NOISE_MOST 8
 #define STEP       1e-4 /* of an unknown's size, to either side */
 #define ROUNDS     3    /* of what errors are expected to be like */
+#define STARTS     6    /* of a search, beside the first */
+#define ASIDE      0.3  /* by so much of each parameter */
+#define ALIKE      1e-3 /* of what is left: two searches that have come to the same end */
 #define APART      1e-3 /* of what an unknown does that nothing else does, at least */
 #define TOGETHER   0.1  /* of it that another does which is named with it */
 
@@ -354,6 +357,58 @@ static int search(struct fit *f, double *left, struct apc_error *why)
     return rc;
 }
 
+/* The parameters start @p k aside of @p from, by turns to either side; states begin as they did. */
+static int step_aside(struct fit *f, const double *from, unsigned k)
+{
+    memcpy(f->trial, from, f->m * sizeof(*f->trial));
+    for (size_t q = f->first; q < f->m; q++) {
+        const struct unknown *of = &f->unknown[q];
+        const double by = ((q - f->first) >> (k / 2) ^ k) & 1 ? -ASIDE : ASIDE;
+
+        f->trial[q] = fmin(fmax(from[q] + by * of->size, of->low), of->high);
+    }
+    memcpy(f->value, f->trial, f->m * sizeof(*f->value));
+    take(f, f->value);
+    return run_all(f, f->y, NULL);
+}
+
+/*
+ * A search goes downhill, and may end in a valley of its own. So it begins again beside its first start,
+ * until two of them end alike, and the lowest end counts.
+ */
+static int search_around(struct fit *f, double *left, struct apc_error *why)
+{
+    double *from = calloc(2 * f->m + 1, sizeof(*from)), *best = from ? from + f->m : NULL, other = 0.0;
+    bool alike = false;
+    int rc;
+
+    if (!from)
+        return APC_ENOMEM;
+    memcpy(from, f->value, f->m * sizeof(*from));
+    rc = search(f, left, why);
+    memcpy(best, f->value, f->m * sizeof(*best));
+    for (unsigned k = 0; k < STARTS && rc == 0 && !alike; k++) {
+        int again = step_aside(f, from, k);
+
+        if (again == 0)
+            again = search(f, &other, NULL);
+        rc = again == APC_ENOMEM ? again : 0;
+        if (again < 0)
+            continue;
+        alike = fabs(other - *left) <= ALIKE * *left;
+        if (other < *left) {
+            *left = other;
+            memcpy(best, f->value, f->m * sizeof(*best));
+        }
+    }
+    memcpy(f->value, best, f->m * sizeof(*best));
+    take(f, f->value);
+    if (rc == 0)
+        rc = run_all(f, f->y, why);
+    free(from);
+    return rc;
+}
+
 /* Of each run where the model stands still with its first inputs, where that goes better with it. */
 static int begin(struct fit *f, struct apc_error *why)
 {
@@ -629,7 +684,7 @@ int apc_identify_parameters(const struct apc_record *record, const struct apc_pa
     for (int round = 0; round < ROUNDS && rc == 0; round++) {
         rc = round ? expect(&f, f.y) : 0;
         if (rc == 0)
-            rc = search(&f, &left, why);
+            rc = round ? search(&f, &left, why) : search_around(&f, &left, why);
     }
     if (rc == 0)
         rc = tell(&f, left, value, error, why);

@@ -136,6 +136,26 @@ static void parameters_are_those_of_the_plant(void **state)
     }
 }
 
+/* A lower tank's area acts on what is measured through another tank only. From a fifth too much of it the way
+ * downhill led to a tank without area, of some of these records. */
+static void a_weak_parameter_is_found_from_a_poor_start(void **state)
+{
+    static const char *const name[] = {"A3", "k1", "g1"};
+    (void)state;
+
+    for (uint64_t seed = 2; seed < 5; seed++) {
+        struct simulated *s = create(&tanks, seed);
+        double value[3], error[3];
+        struct apc_error why;
+
+        if (find(s, name, 3, 1.2, value, error, &why))
+            fail_msg("seed %d: %s", (int)seed, why.text);
+        for (size_t k = 0; k < 3; k++)
+            assert_near(value[k], s->p[number_of(s->model, name[k])], 4.0 * error[k]);
+        free(s);
+    }
+}
+
 /* 95 % of the truths lie within 1.96 standard errors. APC_IDENTIFY_SEEDS says over how many seeds; with 500
  * (bench/identify) each number must do so. */
 static void intervals_hold_what_they_say(void **state)
@@ -262,6 +282,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(parameters_are_those_of_the_plant),
+        cmocka_unit_test(a_weak_parameter_is_found_from_a_poor_start),
         cmocka_unit_test(intervals_hold_what_they_say),
         cmocka_unit_test(runs_begin_where_they_begin),
         cmocka_unit_test(what_cannot_be_told_is_named),
