@@ -41,8 +41,8 @@ APC_API extern const struct apc_model apc_model;
 /**
  * As apc_law_find(): a built-in model ("first-order"), the `apc_model` of a shared object, or an FMU for
  * co-simulation, FMI 2.0 or 3.0, by its path, which ends in .fmu. Such a model has no f and g that could be
- * asked: it can be a plant, and nothing else. Its states are its outputs. Each plant of it is a process of
- * its own. [setup]
+ * asked: it can be a plant, and its states are its outputs; apc_model_equations() makes more of one that
+ * shows more. Each plant of it is a process of its own. [setup]
  */
 APC_API int apc_model_find(const char *name, const struct apc_model **model, void **handle,
                            struct apc_error *why);
@@ -53,6 +53,14 @@ APC_API int apc_model_find(const char *name, const struct apc_model **model, voi
  */
 APC_API int apc_model_choose(const struct apc_model *model, const char *const *input, size_t nu,
                              const char *const *output, size_t ny, struct apc_error *why);
+/**
+ * Of an FMU whose ModelStructure names the derivatives of its states: the model of these states, into
+ * @p shown, that apc_model_linearize(), apc_model_equilibrium() and apc_model_evaluate() take; with the
+ * inputs and outputs chosen by now, and as long as the handle. Plants are made of @p model alone. Any other
+ * model: itself. [setup] Returns 0, or APC_EINVAL: it does not show them.
+ */
+APC_API int apc_model_equations(const struct apc_model *model, const struct apc_model **shown,
+                                struct apc_error *why);
 /** The built-in model number @p i, from 0; NULL beyond the last. Static. [any] */
 APC_API const struct apc_model *apc_model_built_in(size_t i);
 
@@ -71,6 +79,9 @@ APC_API extern const struct apc_model apc_model_first_order;
 APC_API int apc_model_linearize(const struct apc_model *model, const double *p, const double *x,
                                 const double *u, double *a, double *b, double *c, double *d,
                                 struct apc_error *why);
+/** x' into @p dx [nx] and y into @p y [ny], each of which may be NULL; the rest as above. [setup] */
+APC_API int apc_model_evaluate(const struct apc_model *model, const double *p, const double *x,
+                               const double *u, double *dx, double *y, struct apc_error *why);
 /**
  * Find the steady state f(0, x, u, p) = 0 by damped Newton steps from @p x [nx], and leave it there. Where
  * there are several, the start decides; it need not be a stable one. NULL for @p p, @p u: as above. [setup]

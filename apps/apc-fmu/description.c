@@ -9,10 +9,19 @@
 #include <string.h>
 
 #define VARIABLES_MAX 100000
+#define STATES_MAX    1000 /* that anybody would make a matrix of */
 
 struct declared { /* a type by its name */
     char *name, *unit;
     double low, high;
+};
+
+/* A number that may be a state, or the derivative of one. */
+struct quantity {
+    struct variable variable;
+    size_t index;               /* from 1, as version 2 counts */
+    size_t of;                  /* that it is the derivative of: an index in version 2, else a reference */
+    bool has_of, is_derivative; /* the latter as the structure of the model says */
 };
 
 struct reader {
@@ -23,7 +32,9 @@ struct reader {
     char declaring[256];      /* of FMI 2: the name of the SimpleType around */
     struct variable variable; /* that is being read */
     char causality[24];
-    bool in_variables, is_variable;
+    struct quantity *quantity;
+    size_t n_quantities, n_derivatives, index, of;
+    bool has_of, in_variables, is_variable, in_derivatives;
     char problem[200];
 };
 
@@ -143,6 +154,8 @@ static void begin_variable(struct reader *r, const char **a)
         .low = -APC_VALUE_MAX,
         .high = APC_VALUE_MAX};
     r->is_variable = true;
+    r->has_of = false;
+    r->index++;
     snprintf(r->causality, sizeof r->causality, "%s", causality ? causality : "local");
 }
 
@@ -163,9 +176,38 @@ static void type_variable(struct reader *r, const char *element, const char **a)
     v->low = bounded(number(attribute(a, "min"), v->low));
     v->high = bounded(number(attribute(a, "max"), v->high));
     v->start = number(attribute(a, "start"), 0.0);
+    const char *const of = attribute(a, "derivative");
+    r->has_of = of && v->type == TYPE_FLOAT64;
+    r->of = r->has_of ? strtoul(of, NULL, 10) : 0;
     if (unit || !v->unit) {
         free(v->unit);
         v->unit = keep(unit);
+    }
+}
+
+static void note_quantity(struct reader *r)
+{
+    const struct variable *const v = &r->variable;
+
+    if (v->type != TYPE_FLOAT64 || r->n_quantities == VARIABLES_MAX)
+        return;
+    r->quantity = more_room(r->quantity, r->n_quantities + 1, sizeof *r->quantity);
+    struct quantity *const q = &r->quantity[r->n_quantities++];
+    *q = (struct quantity){.variable = *v, .index = r->index, .of = r->of, .has_of = r->has_of};
+    q->variable.name = keep(v->name);
+    q->variable.unit = keep(v->unit);
+    q->variable.description = keep(v->description);
+}
+
+/* Its structure says of which variables the model's states are made: each by its index or reference. */
+static void note_derivative(struct reader *r, const char *text)
+{
+    const size_t at = text ? strtoul(text, NULL, 10) : 0;
+
+    r->n_derivatives++;
+    for (size_t i = 0; text && r->n_derivatives <= STATES_MAX && i < r->n_quantities; i++) {
+        struct quantity *const q = &r->quantity[i];
+        q->is_derivative |= q->has_of && at == (r->d->version == 2 ? q->index : q->variable.reference);
     }
 }
 
@@ -176,9 +218,10 @@ static void end_variable(struct reader *r)
     size_t k = 0;
 
     r->is_variable = false;
-    while (k < N_KINDS && strcmp(kinds[k], r->causality) != 0)
+    note_quantity(r);
+    while (k < KIND_STATE && strcmp(kinds[k], r->causality) != 0)
         k++;
-    if (k == N_KINDS || v->type == TYPE_NONE || !v->name[0]) {
+    if (k == KIND_STATE || v->type == TYPE_NONE || !v->name[0]) {
         free(v->name);
         free(v->description);
         free(v->unit);
@@ -208,6 +251,12 @@ static void begin(void *ctx, const char *element, const char **a)
         r->d->step = r->d->step > 0 ? r->d->step : number(attribute(a, "stepSize"), 0.0);
     } else if (strcmp(element, "ModelVariables") == 0) {
         r->in_variables = true;
+    } else if (r->d->version == 2 && strcmp(element, "Derivatives") == 0) {
+        r->in_derivatives = true;
+    } else if (r->in_derivatives && strcmp(element, "Unknown") == 0) {
+        note_derivative(r, attribute(a, "index"));
+    } else if (r->d->version == 3 && strcmp(element, "ContinuousStateDerivative") == 0) {
+        note_derivative(r, attribute(a, "valueReference"));
     } else if (!r->in_variables) {
         const char *const ending = strlen(element) > 4 ? element + strlen(element) - 4 : "";
         if (strcmp(element, "SimpleType") == 0)
@@ -235,6 +284,8 @@ static void end(void *ctx, const char *element)
 
     if (strcmp(element, "ModelVariables") == 0)
         r->in_variables = false;
+    else if (strcmp(element, "Derivatives") == 0)
+        r->in_derivatives = false;
     else if (strcmp(element, "SimpleType") == 0)
         r->declaring[0] = '\0';
     else if (r->in_variables && r->is_variable &&
@@ -253,6 +304,30 @@ static void doctype(void *ctx, const char *name, const char *system, const char 
     (void)public;
     (void)internal;
     stop(ctx, "it declares a document type, which no FMU needs");
+}
+
+/* ---- States ---------------------------------------------------------------------------------- */
+
+/* All of them with their derivatives, or none. */
+static void find_states(struct reader *r)
+{
+    struct description *const d = r->d;
+    const size_t wanted = r->n_derivatives <= STATES_MAX ? r->n_derivatives : 0;
+    size_t n = 0;
+
+    d->of[KIND_STATE] = room(wanted, sizeof(struct variable));
+    d->derivative = room(wanted, sizeof(struct variable));
+    for (size_t i = 0; i < r->n_quantities && n < wanted; i++) {
+        const struct quantity *const q = &r->quantity[i], *state = NULL;
+        for (size_t j = 0; q->is_derivative && j < r->n_quantities; j++)
+            if (q->of == (d->version == 2 ? r->quantity[j].index : r->quantity[j].variable.reference))
+                state = &r->quantity[j];
+        if (!state)
+            continue;
+        d->of[KIND_STATE][n] = state->variable;
+        d->derivative[n++] = q->variable;
+    }
+    d->n[KIND_STATE] = n == wanted ? n : 0;
 }
 
 /* ---- The whole ------------------------------------------------------------------------------- */
@@ -296,11 +371,13 @@ void description_read(struct description *d, const char *text, size_t length)
         refuse("modelDescription.xml, line %lu: %s", XML_GetCurrentLineNumber(r.parser),
                r.problem[0] ? r.problem : XML_ErrorString(XML_GetErrorCode(r.parser)));
     XML_ParserFree(r.parser);
+    find_states(&r);
     for (size_t i = 0; i < r.n_declared; i++) {
         free(r.declared[i].name);
         free(r.declared[i].unit);
     }
     free(r.declared);
+    free(r.quantity); /* its texts are the states' */
     check(d);
 }
 

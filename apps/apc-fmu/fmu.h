@@ -56,7 +56,7 @@ enum type {
     N_TYPES
 };
 
-enum kind { KIND_INPUT, KIND_OUTPUT, KIND_PARAMETER, N_KINDS };
+enum kind { KIND_INPUT, KIND_OUTPUT, KIND_PARAMETER, KIND_STATE, N_KINDS };
 
 struct variable {
     char *name, *unit, *description;
@@ -72,6 +72,7 @@ struct description {
     double step; /* where it is not variable; 0: it says none */
     struct variable *of[N_KINDS];
     size_t n[N_KINDS];
+    struct variable *derivative; /* of each state */
 };
 
 void description_read(struct description *d, const char *text, size_t length);

@@ -10,6 +10,7 @@
 
 #include <dlfcn.h>
 #include <fcntl.h>
+#include <math.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
@@ -103,7 +104,7 @@ static void line(const char *kind, const char *const *field, size_t n)
 
 static void describe(const struct description *d)
 {
-    static const char *const kinds[N_KINDS] = {"input", "output", "parameter"};
+    static const char *const kinds[N_KINDS] = {"input", "output", "parameter", "state"};
 
     line("model", (const char *const[]){d->name[0] ? d->name : d->identifier, d->description}, 2);
     for (size_t k = 0; k < N_KINDS; k++)
@@ -234,7 +235,7 @@ static bool outputs(const struct run *r, double *y)
     return true;
 }
 
-static bool begin(struct run *r, const char *folder, const double *in, size_t n, double *y)
+static bool begin(struct run *r, const char *folder, bool look, const double *in, size_t n, double *y)
 {
     if (n < 3 || !(in[0] + in[1] + 2 * in[2] + 3 <= (double)n))
         refuse("asked to begin with nothing");
@@ -253,7 +254,40 @@ static bool begin(struct run *r, const char *folder, const double *in, size_t n,
     for (size_t i = 0; i < np; i++, in += 2)
         if (!r->fmi->set(variable(r, KIND_PARAMETER, in[0]), in[1]))
             return false;
-    return r->fmi->enter() && r->fmi->leave() && outputs(r, y);
+    return r->fmi->enter() && (look || r->fmi->leave()) && outputs(r, y);
+}
+
+static bool set_back(const struct run *r, const struct variable *v, double value)
+{
+    double is;
+
+    if (!r->fmi->set(v, value) || !r->fmi->get(v, &is))
+        return false;
+    if (is - value > 1e-12 * fabs(value) || value - is > 1e-12 * fabs(value)) {
+        fprintf(stderr, "its state %s is %g after it was set to %g: it cannot be moved\n", v->name, is,
+                value);
+        return false;
+    }
+    return true;
+}
+
+/* x [nx], u [nu] to x' [nx], y [ny]. While an FMU initialises, both follow what is set. */
+static bool point(struct run *r, const double *in, size_t n, double *out)
+{
+    const size_t nx = r->d.n[KIND_STATE];
+
+    if (n != nx + r->nu)
+        refuse("asked for a point with %zu numbers", n);
+    for (size_t i = 0; i < r->nu; i++)
+        if (!r->fmi->set(r->u[i], in[nx + i]))
+            return false;
+    for (size_t i = 0; i < nx; i++)
+        if (!set_back(r, &r->d.of[KIND_STATE][i], in[i]))
+            return false;
+    for (size_t i = 0; i < nx; i++)
+        if (!r->fmi->get(&r->d.derivative[i], &out[i]))
+            return false;
+    return outputs(r, out + nx);
 }
 
 /* Where its steps are of one length, it goes as far as whole ones lead. */
@@ -282,7 +316,7 @@ static bool step(struct run *r, const double *in, size_t n, double *y)
 static int run(const char *folder)
 {
     struct run *const r = room(1, sizeof *r);
-    double *const in = room(MESSAGE, 1), *const out = room(MESSAGE + APC_FMU_TEXT, 1);
+    double *const in = room(MESSAGE, 1), *const out = room(2, MESSAGE);
     struct fmu_header header;
     char path[600];
     pthread_t watcher;
@@ -303,11 +337,14 @@ static int run(const char *folder)
         const size_t n_values = ((size_t)n - sizeof header) / sizeof(double);
         double *const y = (double *)(void *)((char *)out + sizeof header);
         memcpy(&header, in, sizeof header);
-        header.failed = !(header.request == FMU_BEGIN ? begin(r, folder, values, n_values, y)
-                                                      : step(r, values, n_values, y));
+        const bool begins = header.request == FMU_BEGIN || header.request == FMU_LOOK;
+        header.failed = !(begins ? begin(r, folder, header.request == FMU_LOOK, values, n_values, y)
+                          : header.request == FMU_POINT ? point(r, values, n_values, y)
+                                                        : step(r, values, n_values, y));
+        const size_t n_out = r->ny + (header.request == FMU_POINT ? r->d.n[KIND_STATE] : 0);
         fflush(NULL);
         memcpy(out, &header, sizeof header);
-        tell((const char *)out, sizeof header + r->ny * sizeof(double));
+        tell((const char *)out, sizeof header + n_out * sizeof(double));
     }
     free(in);
     free(out);

@@ -33,9 +33,9 @@ static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NU
 static const struct cli_spec spec = {
     .args_doc = "PLANT [NAME=VALUE...]",
     .doc =
-        "Show the linear model of PLANT, a built-in one or ./file.so, at a steady state: A, B, C, D, poles, "
-        "zeros, "
-        "gains, relative gains. A NAME is that of a parameter, an input or a disturbance, which it sets, or "
+        "Show the linear model of PLANT, a built-in one, ./file.so, or ./file.fmu that shows its states "
+        "and their derivatives, at a steady state: A, B, C, D, poles, zeros, gains, relative gains. A NAME "
+        "is that of a parameter, an input or a disturbance, which it sets, or "
         "of a "
         "state, which is where the search for the steady state begins. What is not named has the model's own "
         "value; see `apc plants PLANT`.",
@@ -140,9 +140,10 @@ static int analyse(const struct cli *cli, struct analysis *z, bool here)
         rc = apc_model_equilibrium(m, z->p, z->u, z->x, &why);
     if (rc == 0)
         rc = apc_model_linearize(m, z->p, z->x, z->u, z->a, z->b, z->c, z->d, &why);
+    if (rc == 0)
+        rc = apc_model_evaluate(m, z->p, z->x, z->u, NULL, z->y, &why);
     if (rc < 0)
         return cli_error(cli, rc, "%s", why.text);
-    m->g(0.0, z->x, z->u, z->p, z->y);
     for (size_t i = 0; i < m->nx; i++)
         memcpy(z->manipulated + i * m->nu, z->b + i * z->n_in, m->nu * sizeof *z->b);
     for (size_t i = 0; i < m->ny; i++)
@@ -386,6 +387,8 @@ int command_linearize(int argc, char **argv)
 
     cli_parse(&cli, &spec, &own, argc, argv);
     int rc = apc_model_find(cli.args[0], &z.model, &handle, &why);
+    if (rc == 0 && (rc = apc_model_equations(z.model, &z.model, &why)) < 0)
+        apc_plugin_close(handle);
     if (rc < 0)
         return cli_error(&cli, rc, "%s", why.text);
     if (allocate(&z) < 0)

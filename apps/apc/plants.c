@@ -28,8 +28,12 @@ struct kind {
 
 static void kinds_of(const struct apc_model *m, struct kind kinds[KINDS])
 {
+    const struct apc_model *by_states;
+
+    if (apc_model_equations(m, &by_states, NULL) < 0)
+        by_states = m; /* an FMU that shows none */
     kinds[0] = (struct kind){"parameter", "parameters", m->param, m->np, 'p', false};
-    kinds[1] = (struct kind){"state", "states", m->state, m->nx, 'x', false};
+    kinds[1] = (struct kind){"state", "states", by_states->state, by_states->nx, 'x', false};
     kinds[2] = (struct kind){"input", "inputs", m->input, m->nu, 'u', false};
     kinds[3] = (struct kind){"disturbance", "disturbances", m->disturbance, m->nd, 'd', false};
     kinds[4] = (struct kind){"output", "outputs", m->output, m->ny, 'y', true};

@@ -5,7 +5,7 @@
     pythonfmu3 build -f kettle.py --no-external-tool
 """
 
-from pythonfmu3 import Float64, Fmi3Causality, Fmi3Slave, Fmi3Variability
+from pythonfmu3 import Float64, Fmi3Causality, Fmi3Initial, Fmi3Slave, Fmi3Variability
 
 
 class Kettle(Fmi3Slave):
@@ -17,10 +17,16 @@ class Kettle(Fmi3Slave):
         self.register_variable(Float64("time", causality=Fmi3Causality.independent, variability=continuous))
         self.register_variable(Float64("power", causality=Fmi3Causality.input))  # W
         self.register_variable(Float64("room", causality=Fmi3Causality.input))  # degC, a disturbance
-        self.register_variable(Float64("temperature", causality=Fmi3Causality.output))  # degC
+        temperature = Float64("temperature", causality=Fmi3Causality.output, variability=continuous, initial=Fmi3Initial.exact)  # degC
+        self.register_variable(temperature)
+        # what shows apc linearize the state: its derivative
+        self.register_variable(Float64("heating", variability=continuous, derivative=temperature.value_reference, getter=self.heating))  # K/s
         self.register_variable(Float64("capacity", causality=Fmi3Causality.parameter, variability=fixed))  # J/K
         self.register_variable(Float64("loss", causality=Fmi3Causality.parameter, variability=fixed))  # W/K
 
+    def heating(self):
+        return (self.power - self.loss * (self.temperature - self.room)) / self.capacity
+
     def do_step(self, t, h):
-        self.temperature += h * (self.power - self.loss * (self.temperature - self.room)) / self.capacity
+        self.temperature += h * self.heating()
         return True

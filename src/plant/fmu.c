@@ -21,11 +21,11 @@
 
 #define TIMEOUT_S 60
 
-enum table { INPUT, OUTPUT, PARAMETER, N_TABLES };
+enum table { INPUT, OUTPUT, PARAMETER, STATE, N_TABLES };
 
 struct fmu {
     struct apc_plugin plugin;
-    struct apc_model model;
+    struct apc_model model, shown; /* the latter by its own states */
     struct apc_companion keeper;
     char *file, *folder;
     char **text; /* [n_text] what it said, that the tables point into */
@@ -147,6 +147,17 @@ static void outputs_are_states(double t, const double *x, const double *u, const
     (void)y; /* apc_plant_output() knows how many there are */
 }
 
+/* Asked of its process alone: apc_fmu_look_at(). */
+static int shown_elsewhere(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    return undefined(t, x, u, p, dx);
+}
+
+bool apc_fmu_shown(const struct apc_model *model)
+{
+    return model->f == shown_elsewhere;
+}
+
 bool apc_model_is_fmu(const struct apc_model *model)
 {
     return model->f == undefined;
@@ -183,7 +194,7 @@ static bool take_variable(struct fmu *f, enum table k, char *line)
 /* One message. Returns 1: that was the last, 0, or an error. */
 static int take_line(struct fmu *f, char *line, struct apc_error *why)
 {
-    static const char *const kinds[N_TABLES] = {"input", "output", "parameter"};
+    static const char *const kinds[N_TABLES] = {"input", "output", "parameter", "state"};
     const char *const kind = field(&line);
     size_t k = 0;
 
@@ -383,10 +394,10 @@ int apc_fmu_open(const char *file, const struct apc_model **model, void **handle
 
 /* ---- A plant of it ------------------------------------------------------------------------------- */
 
-/* Read one answer, of @p n bytes. */
-static int take_answer(struct runner *r, ssize_t n, double *y, struct apc_error *why)
+/* Read one answer, of @p n bytes: derivatives [nx], if these were asked for, and outputs. */
+static int take_answer(struct runner *r, ssize_t n, size_t nx, double *value, struct apc_error *why)
 {
-    const size_t ny = r->fmu->model.ny;
+    const size_t n_values = nx + r->fmu->model.ny;
     struct fmu_header header;
     char said[400];
 
@@ -395,7 +406,7 @@ static int take_answer(struct runner *r, ssize_t n, double *y, struct apc_error 
         apc_companion_bury(&r->own, false);
         return apc_fail(why, APC_EINVAL, "%s: %s", r->fmu->file, (const char *)r->answer + 6);
     }
-    if (n != (ssize_t)((HEADER + ny) * sizeof(double))) {
+    if (n != (ssize_t)((HEADER + n_values) * sizeof(double))) {
         apc_companion_bury(&r->own, true);
         return apc_fail(why, APC_ESOLVER, "%s: its process sent %zd bytes that are no answer, and was killed",
                         r->fmu->file, n);
@@ -405,11 +416,12 @@ static int take_answer(struct runner *r, ssize_t n, double *y, struct apc_error 
     apc_companion_said(&r->own, said, sizeof(said));
     if (header.failed)
         return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, said[0] ? said : "failed, without a word");
-    for (size_t i = 0; i < ny; i++)
+    for (size_t i = 0; i < n_values; i++)
         if (!apc_value_ok(r->answer[HEADER + i]))
-            return apc_fail(why, APC_ESOLVER, "%s: its output %s is not a finite number", r->fmu->file,
-                            r->fmu->output[i].name);
-    memcpy(y, r->answer + HEADER, ny * sizeof(*y));
+            return apc_fail(why, APC_ESOLVER, "%s: its %s %s is not a finite number", r->fmu->file,
+                            i < nx ? "derivative of" : "output",
+                            i < nx ? r->fmu->table[STATE][i].name : r->fmu->output[i - nx].name);
+    memcpy(value, r->answer + HEADER, n_values * sizeof(*value));
     return 0;
 }
 
@@ -430,7 +442,7 @@ static int set_out(struct runner *r, struct apc_error *why)
                            apc_clock_mono(NULL) + r->timeout);
     if (n <= 0)
         return fail_silent(&r->own, n, why);
-    return take_answer(r, n, r->y, why);
+    return take_answer(r, n, 0, r->y, why);
 }
 
 static bool revive(struct apc_companion *own)
@@ -490,11 +502,12 @@ static void destroy(void *self)
     free(r);
 }
 
-static int create(void **self, const struct apc_model *model, const double *p,
-                  const struct apc_plant_options *options, struct apc_error *why)
+/* A process of the FMU, begun as @p with says: FMU_BEGIN or FMU_LOOK. */
+static int employ(struct runner **runner, const struct fmu *f, enum fmu_request with, const double *p,
+                  double patience, struct apc_error *why)
 {
-    const struct fmu *const f =
-        (const struct fmu *)(const void *)((const char *)model - offsetof(struct fmu, model));
+    const struct apc_model *const model = &f->model;
+    const size_t nx = with == FMU_LOOK ? f->n[STATE] : 0;
     struct runner *const r = calloc(1, sizeof(*r));
     int rc;
 
@@ -504,14 +517,16 @@ static int create(void **self, const struct apc_model *model, const double *p,
     }
     r->fmu = f;
     r->p = p;
-    r->patience = (apc_ns)(options->patience * 1e9);
+    r->patience = (apc_ns)(patience * 1e9);
     r->timeout = timeout();
-    r->request = calloc(HEADER + 2 + model->nu + model->nd, sizeof(double));
-    r->answer = calloc((HEADER + model->ny) * sizeof(double) + APC_FMU_TEXT + 1, 1);
-    r->y = calloc(model->ny, sizeof(double));
+    r->request = calloc(HEADER + 2 + nx + model->nu + model->nd, sizeof(double));
+    r->answer = calloc((HEADER + nx + model->ny) * sizeof(double) + APC_FMU_TEXT + 1, 1);
+    r->y = calloc(nx + model->ny, sizeof(double));
     rc = r->request && r->answer && r->y && write_begin(r)
              ? 0
              : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+    if (rc == 0)
+        r->begin->request = with;
     if (rc == 0 && r->begin_length > APC_COMPANION_MESSAGE)
         rc = apc_fail(why, APC_EINVAL, "%s: its inputs, outputs and parameters that were set are too many",
                       f->file);
@@ -521,8 +536,20 @@ static int create(void **self, const struct apc_model *model, const double *p,
         destroy(r);
         return rc;
     }
-    *self = r;
+    *runner = r;
     return 0;
+}
+
+static int create(void **self, const struct apc_model *model, const double *p,
+                  const struct apc_plant_options *options, struct apc_error *why)
+{
+    const struct fmu *const f =
+        (const struct fmu *)(const void *)((const char *)model - offsetof(struct fmu, model));
+    struct runner *r = NULL;
+    const int rc = employ(&r, f, FMU_BEGIN, p, options->patience, why);
+
+    *self = r;
+    return rc;
 }
 
 static void start(void *self, double *x)
@@ -587,7 +614,7 @@ static int ask(struct runner *r, double t, double dt, const double *u, double *x
         return apc_fail(why, APC_ESOLVER, "%s: has not answered within %g s", r->fmu->file,
                         apc_ns_to_s(r->patience));
     }
-    return n <= 0 ? fail_silent(&r->own, n, why) : take_answer(r, n, x, why);
+    return n <= 0 ? fail_silent(&r->own, n, why) : take_answer(r, n, 0, x, why);
 }
 
 static int step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
@@ -603,3 +630,69 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
 
 const struct apc_integrator apc_integrator_fmu = {
     .name = "fmu", .create = create, .start = start, .step = step, .destroy = destroy};
+
+/* ---- Its equations, where it shows them ---------------------------------------------------------- */
+
+int apc_model_equations(const struct apc_model *model, const struct apc_model **shown, struct apc_error *why)
+{
+    struct fmu *const f = (struct fmu *)(void *)((char *)(uintptr_t)model - offsetof(struct fmu, model));
+
+    *shown = model;
+    if (!apc_model_is_fmu(model))
+        return 0;
+    if (f->n[STATE] == 0)
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s does not show its states and their derivatives (an FMU does by its ModelStructure), so there "
+            "are no equations to make linear; a step test of it and a model of that do as well: apc test, "
+            "apc identify",
+            f->file);
+    f->shown = f->model;
+    f->shown.nx = f->n[STATE];
+    f->shown.state = f->table[STATE];
+    f->shown.f = shown_elsewhere;
+    *shown = &f->shown;
+    return apc_model_check(*shown, f->file, why);
+}
+
+int apc_fmu_look_open(struct apc_fmu_look **look, const struct apc_model *shown, const double *p,
+                      struct apc_error *why)
+{
+    const struct fmu *const f =
+        (const struct fmu *)(const void *)((const char *)shown - offsetof(struct fmu, shown));
+    struct runner *r = NULL;
+    const int rc = employ(&r, f, FMU_LOOK, p, 0.0, why);
+
+    *look = (struct apc_fmu_look *)(void *)r;
+    return rc;
+}
+
+int apc_fmu_look_at(struct apc_fmu_look *look, const double *x, const double *u, double *dx, double *y,
+                    struct apc_error *why)
+{
+    struct runner *const r = (struct runner *)(void *)look;
+    const struct apc_model *const m = &r->fmu->shown;
+    const struct fmu_header header = {.request = FMU_POINT, .number = ++r->asked};
+    const size_t n_in = m->nu + m->nd;
+    int rc;
+
+    memcpy(r->request, &header, sizeof(header));
+    memcpy(r->request + HEADER, x, m->nx * sizeof(*x));
+    memcpy(r->request + HEADER + m->nx, u, n_in * sizeof(*u));
+    if (!apc_companion_give(&r->own, r->request, (HEADER + m->nx + n_in) * sizeof(double)))
+        return fail_silent(&r->own, 0, why);
+    const ssize_t n =
+        apc_companion_take(&r->own, r->answer, (HEADER + m->nx + m->ny) * sizeof(double) + APC_FMU_TEXT,
+                           apc_clock_mono(NULL) + r->timeout);
+    rc = n <= 0 ? fail_silent(&r->own, n, why) : take_answer(r, n, m->nx, r->y, why);
+    if (rc < 0)
+        return APC_ESOLVER;
+    memcpy(dx, r->y, m->nx * sizeof(*dx));
+    memcpy(y, r->y + m->nx, m->ny * sizeof(*y));
+    return 0;
+}
+
+void apc_fmu_look_close(struct apc_fmu_look *look)
+{
+    destroy(look);
+}

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Steady states of a model, and its linear model at a point. */
 #include "base/base_internal.h"
-#include "plant/plant_internal.h"
+#include "plant/fmu.h"
 
 #include <float.h>
 #include <stdlib.h>
@@ -14,14 +14,30 @@ struct point {
     double *memory;
     double *p, *x, *u;
     double *f[4], *g[4];
-    double *jacobian, *dx, *trial, *dx_trial;
+    double *jacobian, *dx, *trial, *dx_trial, *y;
     size_t *pivot;
+    struct apc_fmu_look *look; /* of an FMU, which is asked instead of f and g */
 };
 
 static void close_point(struct point *at)
 {
     free(at->memory);
     free(at->pivot);
+    apc_fmu_look_close(at->look);
+}
+
+/* f at @p x into @p dx, and g, unless @p y is NULL; both with the point's u. */
+static int evaluate(struct point *at, const double *x, double *dx, double *y, struct apc_error *why)
+{
+    const struct apc_model *m = at->model;
+    int rc;
+
+    if (at->look)
+        return apc_fmu_look_at(at->look, x, at->u, dx, y ? y : at->y, why);
+    rc = apc_model_derivative(m, 0.0, x, at->u, at->p, dx, why);
+    if (rc == 0 && y)
+        m->g(0.0, x, at->u, at->p, y);
+    return rc;
 }
 
 static int open_point(struct point *at, const struct apc_model *model, const double *p, const double *x,
@@ -38,16 +54,11 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     if (rc < 0)
         return rc;
     if (apc_model_is_fmu(model))
-        return apc_fail(
-            why, APC_EINVAL,
-            "%s runs by itself, as FMUs and plants in Python do, which shows neither its states nor their "
-            "derivatives; "
-            "`apc identify` makes a linear model of a plant from its record",
-            model->name);
+        return apc_fail(why, APC_EINVAL, "%s: take what apc_model_equations() makes of it", model->name);
     nx = model->nx;
     nu = model->nu + model->nd;
     ny = model->ny;
-    m = calloc(model->np + nu + 8 * nx + 4 * ny + nx * nx, sizeof(*m));
+    m = calloc(model->np + nu + 8 * nx + 5 * ny + nx * nx, sizeof(*m));
     *at = (struct point){
         .model = model, .nx = nx, .nu = nu, .memory = m, .pivot = calloc(nx, sizeof(*at->pivot))};
     if (!m || !at->pivot) {
@@ -62,7 +73,8 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     at->dx_trial = at->trial + nx;
     at->f[0] = at->dx_trial + nx;
     at->g[0] = at->f[0] + 4 * nx;
-    at->jacobian = at->g[0] + 4 * ny;
+    at->y = at->g[0] + 4 * ny;
+    at->jacobian = at->y + ny;
     for (size_t k = 1; k < 4; k++) {
         at->f[k] = at->f[0] + k * nx;
         at->g[k] = at->g[0] + k * ny;
@@ -80,7 +92,11 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
     apc_param_initials(model->disturbance, model->nd, at->u + model->nu);
     if (u)
         memcpy(at->u, u, nu * sizeof(*u));
-    return 0;
+    if (apc_fmu_shown(model))
+        rc = apc_fmu_look_open(&at->look, model, at->p, why);
+    if (rc < 0)
+        close_point(at);
+    return rc;
 }
 
 /* ---- Jacobians ------------------------------------------------------------------------------ */
@@ -101,9 +117,7 @@ static int differentiate(struct point *at, double *value, double *df, double *dg
 
     for (size_t k = 0; k < 4 && rc == 0; k++) {
         *value = own + offset[k] * h;
-        rc = apc_model_derivative(m, 0.0, at->x, at->u, at->p, at->f[k], why);
-        if (rc == 0)
-            m->g(0.0, at->x, at->u, at->p, at->g[k]);
+        rc = evaluate(at, at->x, at->f[k], at->g[k], why);
     }
     *value = own;
     for (size_t i = 0; df && i < at->nx && rc == 0; i++)
@@ -119,6 +133,13 @@ static int differentiate(struct point *at, double *value, double *df, double *dg
     return rc;
 }
 
+static bool all_zero(const double *value, size_t n)
+{
+    while (n > 0 && fpclassify(*value) == FP_ZERO)
+        value++, n--;
+    return n == 0;
+}
+
 int apc_model_linearize(const struct apc_model *model, const double *p, const double *x, const double *u,
                         double *a, double *b, double *c, double *d, struct apc_error *why)
 {
@@ -131,6 +152,29 @@ int apc_model_linearize(const struct apc_model *model, const double *p, const do
         rc = differentiate(&at, &at.x[j], a, c, j, at.nx, why);
     for (size_t j = 0; j < at.nu && rc == 0; j++)
         rc = differentiate(&at, &at.u[j], b, d, j, at.nu, why);
+    if (rc == 0 && at.look && a && b && all_zero(a, at.nx * at.nx) && all_zero(b, at.nx * at.nu))
+        rc =
+            apc_fail(why, APC_ESOLVER,
+                     "%s: the derivatives that it shows stay as they are, whatever its states and inputs are "
+                     "set to; a step test of it and a model of that do instead: apc test, apc identify",
+                     model->name);
+    close_point(&at);
+    return rc;
+}
+
+int apc_model_evaluate(const struct apc_model *model, const double *p, const double *x, const double *u,
+                       double *dx, double *y, struct apc_error *why)
+{
+    struct point at;
+    int rc = open_point(&at, model, p, x, u, why);
+
+    if (rc < 0)
+        return rc;
+    rc = evaluate(&at, at.x, at.dx, at.y, why);
+    if (rc == 0 && dx)
+        memcpy(dx, at.dx, at.nx * sizeof(*dx));
+    if (rc == 0 && y)
+        memcpy(y, at.y, model->ny * sizeof(*y));
     close_point(&at);
     return rc;
 }
@@ -219,7 +263,7 @@ static bool within_ranges(const struct point *at, const double *x)
 static int newton(struct point *at, struct apc_error *why)
 {
     double size;
-    int rc = apc_model_derivative(at->model, 0.0, at->x, at->u, at->p, at->dx, why);
+    int rc = evaluate(at, at->x, at->dx, NULL, why);
     bool at_rest = true;
 
     for (size_t i = 0; i < at->nx && rc == 0; i++)
@@ -241,8 +285,7 @@ static int newton(struct point *at, struct apc_error *why)
         const double damping = ldexp(1.0, -halvings);
         for (size_t i = 0; i < at->nx; i++)
             at->trial[i] = at->x[i] - damping * at->dx[i];
-        if (!within_ranges(at, at->trial) ||
-            apc_model_derivative(at->model, 0.0, at->trial, at->u, at->p, at->dx_trial, NULL) < 0)
+        if (!within_ranges(at, at->trial) || evaluate(at, at->trial, at->dx_trial, NULL, NULL) < 0)
             continue;
         solve(at, at->dx_trial);
         if (relative(at, at->dx_trial) < size || size < 1e-9) {

@@ -60,12 +60,12 @@ static int check_range(const struct experiment *e, const double *u, struct apc_e
 static int find_point(struct linear_loop *l, const struct experiment *e, const struct linear_how *how,
                       struct apc_error *why)
 {
-    const struct apc_model *m = e->plant.model;
+    const struct apc_model *m = l->model;
     struct apc_error own;
     int rc;
 
     for (size_t i = 0; i < m->nx; i++)
-        l->x[i] = e->plant.x0 ? e->plant.x0[i] : m->state ? m->state[i].initial : 0.0;
+        l->x[i] = e->plant.x0 && m == e->plant.model ? e->plant.x0[i] : m->state ? m->state[i].initial : 0.0;
     for (size_t i = 0; i < m->nu; i++)
         l->u[i] = !isnan(e->u[i].initial) && e->u[i].initial > e->u[i].tag.low &&
                           e->u[i].initial < e->u[i].tag.high && e->u[i].initial != e->u[i].safe
@@ -85,15 +85,14 @@ static int find_point(struct linear_loop *l, const struct experiment *e, const s
         return apc_fail(why, rc == APC_ENOMEM ? rc : APC_ESOLVER,
                         "%s: no steady state was found at these inputs (%s); name others: --at %s=VALUE",
                         m->name, own.text, e->u[0].tag.name);
-    m->g(0.0, l->x, l->u, e->plant.p, l->y);
-    return 0;
+    return apc_model_evaluate(m, e->plant.p, l->x, l->u, NULL, l->y, why);
 }
 
 /* ---- The plant ------------------------------------------------------------------------------- */
 
 static int make_plant(struct linear_loop *l, const struct experiment *e, struct apc_error *why)
 {
-    const struct apc_model *m = e->plant.model;
+    const struct apc_model *m = l->model;
     const size_t nx = m->nx, n_in = m->nu + m->nd, ny = m->ny;
     struct apc_loop_plant *p = &l->setup.plant;
     double *at = calloc(nx * (nx + 2 * n_in) + ny * (nx + 2 * n_in) + nx + ny + 1, sizeof *at), *A, *B, *C,
@@ -380,7 +379,7 @@ static void choose(struct linear_loop *l, const struct experiment *e)
 
 static int allocate(struct linear_loop *l, const struct experiment *e)
 {
-    const struct apc_model *m = e->plant.model;
+    const struct apc_model *m = l->model;
     size_t sources = 1, outputs = 1;
     double *at;
 
@@ -422,6 +421,8 @@ int linear_loop_create(struct linear_loop *l, const struct experiment *e, const 
     int rc = check_controllers(e, why);
 
     *l = (struct linear_loop){.setup = {.size = sizeof l->setup}};
+    if (rc == 0)
+        rc = apc_model_equations(e->plant.model, &l->model, why);
     if (rc < 0)
         return rc;
     if (allocate(l, e) < 0)

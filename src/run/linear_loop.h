@@ -25,9 +25,10 @@ struct linear_how {
 
 struct linear_loop {
     struct apc_loop *loop;
-    double *x, *u, *y; /* the operating point: [nx], [nu + nd], [ny] */
-    double *scale;     /* [outputs] the width of each output's range, or 1 */
-    size_t *output;    /* [outputs] number of the loop, as controllers_loop() has it */
+    const struct apc_model *model; /* the plant's, by its states */
+    double *x, *u, *y;             /* the operating point: [nx], [nu + nd], [ny] */
+    double *scale;                 /* [outputs] the width of each output's range, or 1 */
+    size_t *output;                /* [outputs] number of the loop, as controllers_loop() has it */
     struct apc_loop_setup setup;
     struct apc_loop_controller *controller;
     struct apc_law_linear **law;

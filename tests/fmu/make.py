@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pack tank.c's library as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
+   states=slope|stuck_slope|stuck (what it says of them),
    fmi=1.0, kind=ModelExchange, tool=true, fixed=STEP, platform=win64, entry=NAME, link=NAME, bytes=N (an entry of 1 MiB that says it is so long), xml=FILE."""
 
 import sys
@@ -14,6 +15,16 @@ about = [  # name, reference, causality, unit, start, more
     ("u", 0, "input", "V", 0.0, ""), ("d", 1, "input", "", 0.0, ""), ("y", 2, "output", how.get("unit", ""), None, ""),
     ("K", 3, "parameter", "", 10.0, ""), ("tau", 4, "parameter", "s", 10.0, ' min="0.1" max="1000"'),
     ("trick", 5, "parameter", None, 0, ' min="0" max="9"')]
+states = how.get("states")
+structure = ""
+if states:
+    at = 8 if states == "stuck" else 2
+    if states == "stuck":
+        about.append(("stuck", 8, "local", "", 0.0, ""))
+    of = at if version == 3 else [one[1] for one in about].index(at) + 1
+    about.append(("der(y)", 7 if states == "stuck_slope" else 6, "local", "", None, f' derivative="{of}"'))
+    structure = f'<Derivatives><Unknown index="{len(about)}"/></Derivatives>' if version == 2 else \
+        f'<ContinuousStateDerivative valueReference="{about[-1][1]}"/>'
 
 
 def variable_of(name, reference, causality, unit, start, more):
@@ -39,7 +50,7 @@ xml = f"""<?xml version="1.0" encoding="UTF-8"?>
   <ModelVariables>
     {"".join(variable_of(*one) for one in about)}
   </ModelVariables>
-  <ModelStructure>{'<Outputs><Unknown index="3"/></Outputs>' if version == 2 else '<Output valueReference="2"/>'}</ModelStructure>
+  <ModelStructure>{'<Outputs><Unknown index="3"/></Outputs>' if version == 2 else '<Output valueReference="2"/>'}{structure}</ModelStructure>
 </fmiModelDescription>
 """
 if "xml" in how:

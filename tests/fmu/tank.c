@@ -3,7 +3,8 @@
  * A tank as an FMU, of version 2 or 3 (FMI): dx/dt = (-x + K u + d) / tau, y = x, exactly from one
  * communication point to the next. At the value 1 of its parameter `trick` and from 5 s on it hangs, at 2
  * crashes, at 3 returns an error, at 4 NaN, at 5 exits, at 6 prints without end, at 7 leaves a process behind
- * as it is killed, at 8 hangs as it begins, at 9 fails as it begins.
+ * as it is killed, at 8 hangs as it begins, at 9 fails as it begins. Its state may be set, and its derivative
+ * read; there is also one that stays as it is, and a state that does.
  */
 #include <math.h>
 #include <signal.h>
@@ -17,7 +18,7 @@
 
 #define EXPORT __attribute__((visibility("default")))
 
-enum { U, D, Y, K, TAU, TRICK, N };
+enum { U, D, Y, K, TAU, TRICK, SLOPE, STUCK_SLOPE, STUCK, N };
 
 static double v[N] = {[K] = 10.0, [TAU] = 10.0};
 
@@ -77,9 +78,10 @@ static int move(const uint32_t *reference, size_t n, double *value, const double
     for (size_t i = 0; i < n; i++) {
         if (reference[i] >= N)
             return 3;
-        if (from)
+        if (from && reference[i] < SLOPE)
             v[reference[i]] = from[i];
-        else
+        v[SLOPE] = (v[K] * v[U] + v[D] - v[Y]) / v[TAU];
+        if (!from)
             value[i] = v[reference[i]];
     }
     return 0;

@@ -10,7 +10,7 @@ import math
 import pathlib
 import sys
 
-from pythonfmu3 import Boolean, Float64, Fmi3Causality, Fmi3Slave, Fmi3Variability, Int32
+from pythonfmu3 import Boolean, Float64, Fmi3Causality, Fmi3Initial, Fmi3Slave, Fmi3Variability, Int32
 from pythonfmu3.builder import FmuBuilder
 
 
@@ -68,6 +68,17 @@ class Quadruple(Fmi3Slave):
         times(self)
         variables(self, Float64, Fmi3Causality.input, "u1", "u2")
         variables(self, Float64, Fmi3Causality.output, "y1", "y2")
+        continuous = Fmi3Variability.continuous
+        for i in range(4):
+            level = Float64(f"h{i + 1}", variability=continuous, initial=Fmi3Initial.exact, getter=lambda i=i: self.h[i],
+                            setter=lambda value, i=i: self.put(i, value))
+            self.register_variable(level)
+            self.register_variable(Float64(f"der(h{i + 1})", variability=continuous, derivative=level.value_reference,
+                                           getter=lambda i=i: self.slopes(self.h)[i]))
+
+    def put(self, i, value):
+        self.h[i] = value
+        self.y1, self.y2 = self.h[:2]
 
     def slopes(self, h):
         out = [a * math.sqrt(2 * 981.0 * max(level, 0.0)) for a, level in zip((0.071, 0.057, 0.071, 0.057), h)]
@@ -126,7 +137,7 @@ class Reactor(Fmi3Slave):
         return True
 
 
-head = "import math\nfrom pythonfmu3 import Boolean, Float64, Fmi3Causality, Fmi3Slave, Fmi3Variability, Int32\n\n\n"
+head = "import math\nfrom pythonfmu3 import Boolean, Float64, Fmi3Causality, Fmi3Initial, Fmi3Slave, Fmi3Variability, Int32\n\n\n"
 helpers = inspect.getsource(variables) + "\n\n" + inspect.getsource(times) + "\n\n"
 logging.disable()
 folder = pathlib.Path(sys.argv[1])

@@ -45,7 +45,30 @@ with two
 (cd "$work" && TMPDIR=tmp expect 0 sha256 "$apc" simulate two.conf) || fail "a TMPDIR that begins nowhere"
 expect 0 'K +10 +K of the tank' "$apc" plants "$work/two.fmu"
 expect 0 '^tank,input,u,"V",0,,,"u of the tank"$' "$apc" plants "$work/three.fmu" --csv
-expect 1 'shows neither its states nor their derivatives' "$apc" linearize "$work/two.fmu"
+
+# ---- its linear model: that of the tank that is built in, where it shows its state and the derivative; else what to do instead
+
+alike() { python3 "$APC_SOURCE_DIR/tests/system/alike.py" "$@"; }
+expect 1 'does not show its states and their derivatives.*apc test, apc identify' "$apc" linearize "$work/two.fmu"
+expect 1 'does not show its states and their derivatives.*apc test, apc identify' "$apc" analyze "$work/two.conf"
+"$apc" linearize first-order u=0.5 tau=7 --json >"$work/built-in.json"
+"$apc" analyze "$APC_SOURCE_DIR/experiments/first-order.conf" --json >"$work/loop.json"
+for version in 2 3; do
+  tank $version shows states=slope
+  with shows 'tau = 10.0;'
+  "$apc" linearize "$work/shows.fmu" u=0.5 tau=7 --json >"$work/shows.json"
+  alike "$work/built-in.json" "$work/shows.json" || fail "FMI $version: not the linear model of the tank that is built in"
+  "$apc" analyze "$work/shows.conf" --json >"$work/shows.json"
+  alike "$work/loop.json" "$work/shows.json" || fail "FMI $version: not the margins of the tank that is built in"
+  "$apc" simulate "$work/shows.conf" --csv "$work/shows$version.csv" >/dev/null
+  cmp "$work/two.csv" "$work/shows$version.csv" || fail "FMI $version: what it shows changes what it does"
+  tank $version stuck states=stuck_slope
+  expect 1 'stay as they are, whatever its states and inputs are set to.*apc identify' "$apc" linearize "$work/stuck.fmu"
+  tank $version stuck states=stuck
+  expect 1 'its state stuck is 0 after it was set to .*: it cannot be moved' "$apc" linearize "$work/stuck.fmu" --here
+  expect 1 'fmi.EnterInitializationMode: error' "$apc" linearize "$work/shows.fmu" trick=9
+  expect 1 'did not answer and was killed' env APC_FMU_TIMEOUT=3 "$apc" linearize "$work/shows.fmu" trick=8
+done
 
 # its steps are of one length: y is new at whole seconds only, where the client asks every 0.5 s and the plant moves every 0.2 s
 tank 2 fixed fixed=1

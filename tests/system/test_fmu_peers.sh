@@ -54,6 +54,12 @@ same quadruple 'u1 u2' 'y1 y2'
 same heater on 'y switched' watts=60
 same reactor u y
 
+# by its states and their derivatives: the four tanks that are built in, around the state at rest
+"$apc" linearize quadruple-tank kc=1 --json >"$work/built-in.json"
+"$apc" linearize "$work/quadruple.fmu" --json >"$work/quadruple.json"
+python3 "$APC_SOURCE_DIR/tests/system/alike.py" "$work/built-in.json" "$work/quadruple.json" ||
+  fail "not the linear model of the tanks that are built in"
+
 # in real time, at rest: each value is one of fmpy's
 sed -e 's/period = 2.0;/period = 0.1; mode = "Man";/; s/period = 0.5;/period = 0.05;/; s/w = 0.3/w = 0.7/' "$work/swing.conf" >"$work/real.conf"
 many() { [ "$("$apc" history y --store "$work/run" --last 1000 --csv | grep -c Good)" -ge 60 ]; }
@@ -67,6 +73,8 @@ cp "$APC_SOURCE_DIR"/examples/fmu/* "$work"
 (cd "$work"
   read -ra made < <(sed -n 's/^    pythonfmu3 //p' kettle.py)
   PYTHONPATH=$peers python3 -m pythonfmu3 "${made[@]}" >/dev/null
+  expect 0 'temperature +57.5' "$apc" linearize ./Kettle.fmu power=300
+  expect 0 'around power 500: temperature 70' "$apc" analyze kettle.conf --at power=500
   expect 0 'room 20 -> 5 ' "$apc" simulate kettle.conf --csv kettle.csv)
 awk -F, '$2 == "sensor" && $1 > 1000 && $1 < 1200 {a = $5; n++} $2 == "sensor" && $1 > 1200 {b = b && b < $5 ? b : $5; last = $5}
   END {exit !(n && a > 59.9 && a < 60.1 && b < 59 && last > 59.9 && last < 60.1)}' "$work/kettle.csv" || fail "the kettle of examples/fmu is not kept warm"
