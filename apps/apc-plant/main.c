@@ -90,6 +90,22 @@ static const struct program program = {
     .extra = &extra,
 };
 
+/* One that can be solved, and cannot, again and again, is counted instead of told of each time. */
+static void tell(struct shell *s, const struct apc_notice *notice)
+{
+    const bool of_solving = notice->kind == APC_NOTICE_FAILED || notice->kind == APC_NOTICE_RECOVERED;
+    const bool solved = of_solving ? notice->kind == APC_NOTICE_RECOVERED : s->solved.up;
+    const enum change change = state_watch_look(&s->solved, solved, apc_clock_mono(NULL));
+
+    if (!of_solving || change == CHANGE_ONE)
+        daemon_notice(s->d, notice);
+    if (change == CHANGE_MANY)
+        daemon_event(
+            s->d, APC_EVENT_ALARM, "measurement",
+            "the plant could not be solved, and could again, %u more times in the last minute; now it %s",
+            s->solved.count, solved ? "can" : "cannot");
+}
+
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
@@ -100,7 +116,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     (void)apc_plantserver_tick(s->core, now, &notice); /* that it fails the notice says, once */
     s->ticks++;
     pthread_mutex_unlock(&s->mutex);
-    daemon_notice(s->d, &notice);
+    tell(s, &notice);
     return 0;
 }
 
@@ -213,7 +229,7 @@ int main(int argc, char **argv)
 {
     struct daemon d;
     struct own_options own = {.common = &d.options};
-    struct shell s = {.d = &d};
+    struct shell s = {.d = &d, .solved.up = true};
     int rc = apc_mutex_init(&s.mutex);
     if (rc == 0)
         rc = daemon_open(&d, &program, &own, argc, argv);

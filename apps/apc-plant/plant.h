@@ -10,6 +10,7 @@
 
 #include "common/credentials.h"
 #include "common/daemon.h"
+#include "common/watch.h"
 #include "run/run_internal.h"
 
 #define URI_LEN 256
@@ -23,6 +24,7 @@ struct shell {
     struct apc_server *server;
     bool hurries;                   /* the server's thread has the priority that it may have */
     unsigned ticks;                 /* under the mutex */
+    struct state_watch solved;      /* the task's */
     struct gateway {                /* the server's thread's */
         struct apc_sample *samples; /* [max(nu, ny)] */
         char *request, *reply;      /* frames of @room bytes */

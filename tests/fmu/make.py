@@ -14,7 +14,7 @@ step = f' stepSize="{how["fixed"]}"' if how.get("fixed") else ""
 about = [  # name, reference, causality, unit, start, more
     ("u", 0, "input", "V", 0.0, ""), ("d", 1, "input", "", 0.0, ""), ("y", 2, "output", how.get("unit", ""), None, ""),
     ("K", 3, "parameter", "", 10.0, ""), ("tau", 4, "parameter", "s", 10.0, ' min="0.1" max="1000"'),
-    ("trick", 5, "parameter", None, 0, ' min="0" max="9"')]
+    ("trick", 5, "parameter", None, 0, ' min="0" max="10"')]
 states = how.get("states")
 structure = ""
 if states:

@@ -3,8 +3,8 @@
  * A tank as an FMU, of version 2 or 3 (FMI): dx/dt = (-x + K u + d) / tau, y = x, exactly from one
  * communication point to the next. At the value 1 of its parameter `trick` and from 5 s on it hangs, at 2
  * crashes, at 3 returns an error, at 4 NaN, at 5 exits, at 6 prints without end, at 7 leaves a process behind
- * as it is killed, at 8 hangs as it begins, at 9 fails as it begins. Its state may be set, and its derivative
- * read; there is also one that stays as it is, and a state that does.
+ * as it is killed, at 8 hangs as it begins, at 9 fails as it begins, at 10 fails at each other step. Its
+ * state may be set, and its derivative read; there is also one that stays as it is, and a state that does.
  */
 #include <math.h>
 #include <signal.h>
@@ -62,6 +62,11 @@ static int go(double t, double h)
         for (int i = 0; i < 10000; i++)
             printf("the tank is at %g m and says so again and again\n", v[Y]);
         break;
+    case 10: {
+        static bool odd;
+        odd = !odd;
+        return odd ? 3 : 0;
+    }
     case 7:
         if (fork() == 0)
             execlp("sleep", "sleep", "4242.42", NULL);
