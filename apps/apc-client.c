@@ -64,6 +64,8 @@ static const struct program program = {
     .extra = &extra,
 };
 
+#define LEAVE_TIME APC_NS_PER_S /* for the plant's safe values: no tick waits for them */
+
 struct shell {
     struct daemon *d;
     struct credentials credentials;
@@ -75,7 +77,7 @@ struct shell {
     bool know_u;
     struct apc_value *command, *measured; /* [nu], [ny] of this tick */
     struct apc_sample *y;                 /* [ny] */
-    struct state_watch link_state, command_state;
+    struct state_watch link_state, command_state, output_state;
     char reason[sizeof((struct apc_event *)0)->text]; /* for which the plant is lost, as it was said last */
     unsigned reasons;                                 /* said so far; 0: it is connected */
     struct apc_histogram *round_trip;
@@ -123,7 +125,7 @@ static void report_command(struct shell *s, bool given)
                      given
                          ? "the plant is given its commands"
                          : "the plant is given no command: not every output is fresh and good, or it is not "
-                           "reached");
+                           "reached, or has others");
 }
 
 /* Why it is lost may come out later than that it is: a handshake outlasts a tick. */
@@ -136,6 +138,35 @@ static void report_reason(struct shell *s, const char *why)
     snprintf(s->reason, sizeof s->reason, "%s", why);
 }
 
+/* Has the plant other outputs than it was given? */
+static bool outputs_stand(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    char why[200] = "", name[APC_STATUS_NAME_LEN];
+    for (size_t i = 0; i < e->dim.nu && !why[0]; i++) {
+        double value = 0.0;
+        const apc_status status = apc_exchange_read_back(s->plant, i, &value);
+        if (apc_status_severity(status) == APC_SEVERITY_BAD)
+            snprintf(why, sizeof why, "%.100s could not be read back: %s", e->u[i].tag.name,
+                     apc_status_format(status, name));
+        else if (status != APC_GOOD)
+            snprintf(why, sizeof why, "%.100s stood at %.6g, which is not what it was given",
+                     e->u[i].tag.name, value);
+    }
+    /* as long as all is well from the start on, nothing is said */
+    if (!s->output_state.since)
+        s->output_state.up = true;
+    enum change change = state_watch_look(&s->output_state, !why[0], apc_clock_mono(NULL));
+    if (change == CHANGE_ONE)
+        daemon_event(s->d, why[0] ? APC_EVENT_WARNING : APC_EVENT_INFO, "readback", "%s",
+                     why[0] ? why : "the plant has the outputs that it was given again");
+    else if (change == CHANGE_MANY)
+        daemon_event(s->d, APC_EVENT_WARNING, "readback",
+                     "the plant's outputs came and went %u more times in the last minute%s%s",
+                     s->output_state.count, why[0] ? "; now " : "", why);
+    return !why[0];
+}
+
 /* Returns how many measurements came. */
 static size_t exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
 {
@@ -145,7 +176,8 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     int rc = apc_exchange_begin(s->plant, s->command, begun + s->patience);
     if (rc == 0)
         rc = apc_exchange_finish(s->plant, s->measured);
-    report_command(s, all && rc == 0);
+    const bool stand = rc < 0 || outputs_stand(s);
+    report_command(s, all && rc == 0 && stand);
     if (rc < 0) {
         atomic_fetch_add(&s->failed, 1);
         report(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));
@@ -398,7 +430,11 @@ static int open_shell(struct shell *s, const struct own_options *own)
 /* Of a plant that nobody else commands: whoever was refused the measurements never comes here. */
 static void leave_safe(struct shell *s)
 {
-    if (apc_exchange_safe(s->plant, apc_clock_mono(NULL) + s->patience) < 0)
+    const apc_ns until = apc_clock_mono(NULL) + LEAVE_TIME;
+    int rc;
+    while ((rc = apc_exchange_safe(s->plant, until)) < 0 && apc_clock_mono(NULL) < until)
+        nanosleep(&(struct timespec){.tv_nsec = 20 * APC_NS_PER_MS}, NULL);
+    if (rc < 0)
         daemon_event(s->d, APC_EVENT_ALARM, "link", "the plant could not be given its safe values: %.150s",
                      apc_exchange_error(s->plant));
 }

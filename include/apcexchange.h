@@ -79,6 +79,8 @@ struct apc_modbus_options {
     /** [nu] for outputs that may be out of service by themselves: for each a holding register that counts the
      * exchanges in which it was written; area 0: that one has none. NULL: none has. Copied. */
     const struct apc_modbus_point *watchdogs;
+    /** Before outputs are written, read what stands in their places: apc_exchange_read_back(). */
+    bool read_back;
 };
 
 /* ---- The other side of modbus: ---------------------------------------------------------------- */
@@ -182,6 +184,12 @@ APC_API int apc_exchange_finish(struct apc_exchange *exchange, struct apc_value 
  * to do for a plant behind frames, which goes there by itself. Returns 0 or a negative error. [setup]
  */
 APC_API int apc_exchange_safe(struct apc_exchange *exchange, apc_ns deadline);
+/**
+ * What the plant had in the place of output @p i, from 0, as the last exchange began: APC_GOOD, what it had
+ * been given before, or not looked at (only `modbus:` does, and only if told to); APC_UNCERTAIN_SUBSTITUTE:
+ * @p value, which is another; Bad: that could not be read. [tick]
+ */
+APC_API apc_status apc_exchange_read_back(const struct apc_exchange *exchange, size_t i, double *value);
 /** Text of the last failure; "" when the last exchange had none. Lives until the next call. [tick] */
 APC_API const char *apc_exchange_error(const struct apc_exchange *exchange);
 

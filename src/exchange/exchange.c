@@ -93,6 +93,11 @@ int apc_exchange_safe(struct apc_exchange *x, apc_ns deadline)
     return x->ops->safe ? x->ops->safe(x, deadline) : 0;
 }
 
+apc_status apc_exchange_read_back(const struct apc_exchange *x, size_t i, double *value)
+{
+    return x->ops->read_back && i < x->nu ? x->ops->read_back(x, i, value) : APC_GOOD;
+}
+
 const char *apc_exchange_error(const struct apc_exchange *x)
 {
     return x->error.text;

@@ -18,6 +18,7 @@ struct apc_exchange_ops {
     int (*begin)(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline);
     int (*finish)(struct apc_exchange *x, struct apc_value *y);
     int (*safe)(struct apc_exchange *x, apc_ns deadline); /* NULL: the plant watches its client */
+    apc_status (*read_back)(const struct apc_exchange *x, size_t i, double *value); /* NULL: it is not */
 };
 
 struct apc_exchange {

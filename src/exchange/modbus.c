@@ -7,6 +7,10 @@
  * Points are sorted by area and address once; those next to each other go in one request, as many as a frame
  * holds: of u those that are to be written, of y all. A server takes one request whole or not at all, and so
  * u is only as much at once as its registers are next to each other.
+ *
+ * Outputs that are read back are so before they are written anew: only what has stood there for a period
+ * tells of somebody else who writes there, or of a plant that takes no orders at present. After an exchange
+ * that failed nobody knows what was written, and what was found before stays so.
  */
 #include "exchange/modbus.h"
 #include "base/base_internal.h"
@@ -23,9 +27,13 @@ struct modbus {
     uint16_t transaction;
     struct apc_modbus_item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
     size_t n_u, n_y;
-    double *values;         /* [2 nu + 1] to be written: u, the watchdog, each output's own */
-    uint16_t *counts;       /* [nu + 1] of the outputs' watchdogs; last: of the watchdog */
-    struct apc_value *read; /* [ny + 1] */
+    double *values;           /* [2 nu + 1] to be written: u, the watchdog, each output's own */
+    uint16_t *counts;         /* [nu + 1] of the outputs' watchdogs; last: of the watchdog */
+    struct apc_value *read;   /* [ny + 1] */
+    bool looks;               /* outputs are read back */
+    struct apc_value *found;  /* [2 nu + 1] in the order of values */
+    struct apc_value *stands; /* [nu] as they were found; Good: as they were written, or by nobody */
+    bool *wrote;              /* [nu] by the last exchange; then its bytes are those that were written */
     apc_ns deadline;
     apc_ns life_limit, lived_at;
     double life;
@@ -178,6 +186,103 @@ static int write_all(struct modbus *m)
     return rc;
 }
 
+/* ---- Reading --------------------------------------------------------------------------------- */
+
+static void take(struct apc_value *to, const struct apc_modbus_item *y, const unsigned char *data,
+                 unsigned at, apc_ns now)
+{
+    unsigned char bit[2] = {0};
+
+    if (apc_modbus_is_bit(y->point.area)) {
+        bit[1] = data[at / 8] >> at % 8 & 1;
+        data = bit;
+    } else {
+        data += (size_t)2 * at;
+    }
+    *to = (struct apc_value){.time = now};
+    if (!apc_modbus_decode(&y->point, data, &to->value) || !apc_value_ok(to->value))
+        *to = (struct apc_value){.status = APC_BAD_SENSOR_FAILURE, .time = now};
+}
+
+/* Each into its place in @to. */
+static int read_together(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width,
+                         struct apc_value *to)
+{
+    static const unsigned char functions[] = {[APC_MODBUS_COIL] = APC_MODBUS_READ_COILS,
+                                              [APC_MODBUS_DISCRETE] = APC_MODBUS_READ_DISCRETE,
+                                              [APC_MODBUS_INPUT] = APC_MODBUS_READ_INPUT,
+                                              [APC_MODBUS_HOLDING] = APC_MODBUS_READ_HOLDING};
+    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
+    const unsigned bytes = apc_modbus_is_bit(first->point.area) ? (width + 7) / 8 : 2 * width;
+    const unsigned char *reply;
+
+    pdu[0] = functions[first->point.area];
+    apc_modbus_put(pdu + 1, first->point.address);
+    apc_modbus_put(pdu + 3, width);
+    int rc = ask(m, 5, 2 + bytes, &reply);
+    if (rc < 0)
+        return rc;
+    if (rc == 0 && reply[1] != bytes)
+        return no_answer(m);
+    const apc_ns now = apc_clock_utc(NULL);
+    for (size_t i = 0; i < n; i++) {
+        if (rc > 0)
+            to[first[i].of] = (struct apc_value){.status = exception_status(rc), .time = now};
+        else
+            take(&to[first[i].of], &first[i], reply + 2, first[i].point.address - first->point.address, now);
+    }
+    return 0;
+}
+
+/* ---- What stands there ----------------------------------------------------------------------- */
+
+/* Is what was found there other than the bytes that were written? */
+static bool is_other(const struct apc_modbus_item *u, const struct apc_value *found)
+{
+    unsigned char bytes[8] = {0};
+
+    return !apc_modbus_encode(&u->point, found->value, bytes) ||
+           memcmp(bytes, u->data, (size_t)2 * apc_modbus_width(u->point.type)) != 0;
+}
+
+static int look_back(struct modbus *m)
+{
+    const size_t nu = m->x.nu;
+
+    for (size_t i = 0, n; i < m->n_u; i += n) {
+        unsigned width;
+
+        n = 1;
+        if (m->u[i].of >= nu || !m->wrote[m->u[i].of])
+            continue;
+        n = together(&m->u[i], m->n_u - i, apc_modbus_is_bit(m->u[i].point.area) ? 2000 : 125, false, &width);
+        const int rc = read_together(m, &m->u[i], n, width, m->found);
+        if (rc < 0)
+            return rc;
+    }
+    for (size_t i = 0; i < m->n_u; i++) {
+        const size_t of = m->u[i].of;
+
+        if (of >= nu || !m->wrote[of])
+            continue;
+        m->stands[of] = m->found[of];
+        if (apc_status_severity(m->found[of].status) == APC_SEVERITY_GOOD &&
+            is_other(&m->u[i], &m->found[of]))
+            m->stands[of].status = APC_UNCERTAIN_SUBSTITUTE;
+    }
+    return 0;
+}
+
+static apc_status modbus_read_back(const struct apc_exchange *x, size_t i, double *value)
+{
+    const struct modbus *m = (const struct modbus *)x;
+
+    *value = m->stands[i].value;
+    return m->stands[i].status;
+}
+
+/* ---- Outputs --------------------------------------------------------------------------------- */
+
 /* One that does not fit is found before any is written. */
 static int encode_all(struct modbus *m)
 {
@@ -224,8 +329,20 @@ static int modbus_begin(struct apc_exchange *x, const struct apc_value *u, apc_n
     if (!u)
         return 0;
     choose(m, u);
-    rc = encode_all(m);
-    return rc < 0 ? rc : write_all(m);
+    rc = m->looks ? look_back(m) : 0;
+    if (rc == 0)
+        rc = encode_all(m);
+    if (rc == 0)
+        rc = write_all(m);
+    for (size_t i = 0; i < m->n_u; i++) {
+        const size_t of = m->u[i].of;
+
+        if (of < x->nu)
+            m->wrote[of] = rc == 0 && m->u[i].go;
+        if (of < x->nu && rc == 0 && !m->u[i].go)
+            m->stands[of] = (struct apc_value){0};
+    }
+    return rc;
 }
 
 static int modbus_safe(struct apc_exchange *x, apc_ns deadline)
@@ -243,52 +360,7 @@ static int modbus_safe(struct apc_exchange *x, apc_ns deadline)
     return rc < 0 ? rc : write_all(m);
 }
 
-/* ---- Reading --------------------------------------------------------------------------------- */
-
-static void take(struct modbus *m, const struct apc_modbus_item *y, const unsigned char *data, unsigned at,
-                 apc_ns now)
-{
-    struct apc_value *to = &m->read[y->of];
-    unsigned char bit[2] = {0};
-
-    if (apc_modbus_is_bit(y->point.area)) {
-        bit[1] = data[at / 8] >> at % 8 & 1;
-        data = bit;
-    } else {
-        data += (size_t)2 * at;
-    }
-    *to = (struct apc_value){.time = now};
-    if (!apc_modbus_decode(&y->point, data, &to->value) || !apc_value_ok(to->value))
-        *to = (struct apc_value){.status = APC_BAD_SENSOR_FAILURE, .time = now};
-}
-
-static int read_together(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width)
-{
-    static const unsigned char functions[] = {[APC_MODBUS_COIL] = APC_MODBUS_READ_COILS,
-                                              [APC_MODBUS_DISCRETE] = APC_MODBUS_READ_DISCRETE,
-                                              [APC_MODBUS_INPUT] = APC_MODBUS_READ_INPUT,
-                                              [APC_MODBUS_HOLDING] = APC_MODBUS_READ_HOLDING};
-    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
-    const unsigned bytes = apc_modbus_is_bit(first->point.area) ? (width + 7) / 8 : 2 * width;
-    const unsigned char *reply;
-
-    pdu[0] = functions[first->point.area];
-    apc_modbus_put(pdu + 1, first->point.address);
-    apc_modbus_put(pdu + 3, width);
-    int rc = ask(m, 5, 2 + bytes, &reply);
-    if (rc < 0)
-        return rc;
-    if (rc == 0 && reply[1] != bytes)
-        return no_answer(m);
-    const apc_ns now = apc_clock_utc(NULL);
-    for (size_t i = 0; i < n; i++) {
-        if (rc > 0)
-            m->read[first[i].of] = (struct apc_value){.status = exception_status(rc), .time = now};
-        else
-            take(m, &first[i], reply + 2, first[i].point.address - first->point.address, now);
-    }
-    return 0;
-}
+/* ---- Measurements ---------------------------------------------------------------------------- */
 
 /* Has the plant's own sign of life stood still for too long? */
 static bool is_dead(struct modbus *m)
@@ -313,7 +385,7 @@ static int modbus_finish(struct apc_exchange *x, struct apc_value *y)
         unsigned width;
 
         n = together(&m->y[i], m->n_y - i, apc_modbus_is_bit(m->y[i].point.area) ? 2000 : 125, false, &width);
-        int rc = read_together(m, &m->y[i], n, width);
+        int rc = read_together(m, &m->y[i], n, width, m->read);
         if (rc < 0)
             return rc;
     }
@@ -336,6 +408,9 @@ static void modbus_close(struct apc_exchange *x)
     free(m->values);
     free(m->counts);
     free(m->read);
+    free(m->found);
+    free(m->stands);
+    free(m->wrote);
     free(m);
 }
 
@@ -350,6 +425,7 @@ static int take_options(struct modbus *m, const struct apc_exchange_options *opt
         return apc_fail(why, APC_EINVAL,
                         "modbus: u and y are required, unit is at most 255, and life takes a limit above 0");
     m->unit = o.unit;
+    m->looks = o.read_back;
     m->life_limit = o.life ? o.life_limit : 0;
     rc = apc_modbus_take_u(&m->u, &m->n_u, &o, options->nu, why);
     return rc < 0 ? rc : apc_modbus_take_y(&m->y, &m->n_y, &o, options->ny, why);
@@ -369,8 +445,12 @@ static int modbus_open(struct apc_exchange **x, const char *uri, const struct ap
     m->values = calloc(APC_MODBUS_WRITTEN(options->nu), sizeof(*m->values));
     m->counts = calloc(options->nu + 1, sizeof(*m->counts));
     m->read = calloc(options->ny + 1, sizeof(*m->read));
-    rc = m->values && m->counts && m->read ? take_options(m, options, why)
-                                           : apc_fail(why, APC_ENOMEM, "modbus: no memory");
+    m->found = calloc(APC_MODBUS_WRITTEN(options->nu), sizeof(*m->found));
+    m->stands = calloc(options->nu, sizeof(*m->stands));
+    m->wrote = calloc(options->nu, sizeof(*m->wrote));
+    rc = m->values && m->counts && m->read && m->found && m->stands && m->wrote
+             ? take_options(m, options, why)
+             : apc_fail(why, APC_ENOMEM, "modbus: no memory");
     if (rc == 0) {
         (void)snprintf(to, sizeof(to), "tcp:%s", uri + strlen("modbus:"));
         rc = apc_link_create(&m->link, to, &link, why);
@@ -388,4 +468,5 @@ const struct apc_exchange_ops apc_exchange_modbus = {.scheme = "modbus:",
                                                      .close = modbus_close,
                                                      .begin = modbus_begin,
                                                      .finish = modbus_finish,
-                                                     .safe = modbus_safe};
+                                                     .safe = modbus_safe,
+                                                     .read_back = modbus_read_back};

@@ -195,7 +195,8 @@ static void check_whole(struct settings *s, const config_setting_t *list, const 
 
 void experiment_read_modbus(struct settings *s, const config_setting_t *client, struct experiment *e)
 {
-    static const char *const known[] = {"unit", "word_order", "watchdog", "life", "life_limit", "map", NULL};
+    static const char *const known[] = {"unit",       "word_order", "watchdog", "life",
+                                        "life_limit", "read_back",  "map",      NULL};
     const bool is = !strncmp(e->client.link, "modbus:", 7);
     const config_setting_t *group = settings_group(s, client, "modbus", is ? REQUIRED : OPTIONAL);
     struct apc_modbus_options *o = &e->client.modbus;
@@ -210,6 +211,7 @@ void experiment_read_modbus(struct settings *s, const config_setting_t *client, 
     settings_known(s, group, known);
     settings_whole(s, group, "unit", OPTIONAL, 0, 255, &unit);
     read_order(s, group, &low_first);
+    settings_flag(s, group, "read_back", &o->read_back);
     const config_setting_t *map = settings_list(s, group, "map", REQUIRED);
     e->client.points = calloc(2 * e->dim.nu + e->dim.ny + 2, sizeof *e->client.points);
     if (!e->client.points && !s->failed)

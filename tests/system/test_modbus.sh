@@ -8,7 +8,7 @@ python_peers
 
 fast_experiment
 sed -e '/^plant = {$/,/^};/c plant = { external = true; };' \
-  -e "s|^  link = .*|  link = \"modbus:127.0.0.1:$port\"; modbus = { unit = 1; watchdog = \"holding:2\"; life = \"input:2\"; life_limit = 1.0; map = ( { name = \"y\"; at = \"input:0\"; type = \"float32\"; }, { name = \"u\"; at = \"holding:0\"; type = \"float32\"; } ); };|" \
+  -e "s|^  link = .*|  link = \"modbus:127.0.0.1:$port\"; modbus = { unit = 1; read_back = true; watchdog = \"holding:2\"; life = \"input:2\"; life_limit = 1.0; map = ( { name = \"y\"; at = \"input:0\"; type = \"float32\"; }, { name = \"u\"; at = \"holding:0\"; type = \"float32\"; } ); };|" \
   "$work/fast.conf" >"$work/modbus.conf"
 grep -q 'modbus:127' "$work/modbus.conf" || fail "the experiment has no link"
 listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
@@ -25,7 +25,7 @@ run_until 'in_a_row 20 y 9.8 10.2' "$work/modbus.conf" --out "$work/run"
 
 # the client hangs: the plant sees by the watchdog that nobody is there; the client that `apc run` starts instead goes on
 client_of() { pgrep -f "apc-client.*$1/run.conf"; }
-background run "$apc" run "$work/modbus.conf" --duration 60 --out "$work/killed"
+background run "$apc" run "$work/modbus.conf" --duration 0 --out "$work/killed"
 run=$pid
 given() { grep -c '^given' "$work/plant.log"; }
 n=$(given)
@@ -34,6 +34,23 @@ until_true 20 more_given "$n"
 kill -STOP "$(client_of "$work/killed")"
 until_true 20 grep -q 'nobody is there: safe' "$work/plant.log"
 n=$(given)
+until_true 20 more_given "$n"
+
+# somebody turns the plant to local, where it takes no orders: which is said once, and so is that it takes them again
+readback() { grep -c "$1" "$work/killed/apc-client.log" || true; }
+told() { [ "$(readback "$1")" -gt "$2" ]; }
+! told 'stood at' 0 || fail "an output stood at what it was not given: $(grep 'stood at' "$work/killed/apc-client.log")"
+kill -USR1 "$server"
+until_true 20 told 'u stood at 0.25, which is not what it was given' 0
+until_true 20 told 'the plant is given no command' 0
+n=$(given)
+measured() { "$apc" history y --store "$work/killed" --last 100000 --csv | wc -l; }
+m=$(measured)
+measured_more() { [ "$(measured)" -gt $((m + 40)) ]; }
+until_true 20 measured_more
+[ "$(readback 'stood at')" = 1 ] || fail "that the plant is in local is said $(readback 'stood at') times"
+kill -USR1 "$server"
+until_true 20 told 'the plant has the outputs that it was given again' 0
 until_true 20 more_given "$n"
 
 # the plant goes away: said once; it comes back: found again (what a busy machine loses before and after is another matter)

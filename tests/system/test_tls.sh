@@ -82,6 +82,18 @@ until_true 60 connected
 kill -TERM "$plant" "$pid"
 wait "$plant" "$pid" || true
 
+# two who may: the newer connection commands, whoever it is, and an alarm names both; the same one twice alike; a stranger never
+certs client second
+background rivals "$APC_BIN/apc-plant" --config "$work/fast.conf" --client client --client second
+plant=$pid
+until_true 60 grep_log rivals 'running every'
+python3 "$APC_SOURCE_DIR/tests/system/rivals.py" "$port" "$work/certs" client second stranger >"$work/python.log" 2>&1 ||
+  fail "who commands: $(cat "$work/python.log")"
+until_true 60 grep_log rivals 'two clients command the plant and take it from each other: .*\(client\|second\).* (now) and .*\(client\|second\).* (now refused)'
+[ "$(grep -c 'two clients command' "$work/rivals.log")" -le 2 ] || fail "two clients are told of again and again"
+kill -TERM "$plant"
+wait "$plant" || true
+
 # the containers' way: each has its own key and nobody the authority's, and what makes the plant healthy there is a server that lives
 mkdir "$work"/apc-{authority,plant,client}
 for again in 1 2; do

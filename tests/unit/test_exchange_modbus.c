@@ -337,6 +337,52 @@ static void each_outputs_watchdog_counts_by_itself(void **state)
     end(b);
 }
 
+/* What stands where the outputs are, as each exchange begins: what was given the last time, or somebody
+ * else's. */
+static void an_output_that_is_another_than_was_given_is_found(void **state)
+{
+    const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_F32, 0),
+                                         point(APC_MODBUS_COIL, APC_MODBUS_BIT, 5),
+                                         point(APC_MODBUS_HOLDING, APC_MODBUS_S16, 3)},
+                                  watchdog = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 2);
+    struct bench *b =
+        start(3, 1, (struct apc_modbus_options){.u = u, .y = u, .watchdog = &watchdog, .read_back = true});
+    struct apc_value values[] = {{.value = 0.1}, {.value = 1}, {.value = -4}}, y;
+    double value;
+    (void)state;
+    b->peer.holding[3] = 77; /* before the first there is nothing to compare with */
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(exchange(b, values, &y), 0);
+        for (size_t k = 0; k < 3; k++) /* 0.1 is none of float32's, and as it was given all the same */
+            assert_int_equal(apc_exchange_read_back(b->x, k, &value), APC_GOOD);
+        values[0].value += 0.1;
+    }
+    b->peer.holding[3] = 12; /* somebody else */
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(apc_exchange_read_back(b->x, 2, &value), APC_UNCERTAIN_SUBSTITUTE);
+    assert_near(value, 12.0, 0.0);
+    b->peer.behaviour = MODBUS_CLOSES; /* what was given then nobody knows, nor that it is another */
+    assert_int_equal(exchange(b, values, &y), APC_ECONN);
+    b->peer.behaviour = MODBUS_PROPER;
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(apc_exchange_read_back(b->x, 2, &value), APC_UNCERTAIN_SUBSTITUTE);
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(apc_exchange_read_back(b->x, 2, &value), APC_GOOD);
+    assert_int_equal(apc_exchange_read_back(b->x, 0, &value), APC_GOOD);
+    assert_int_equal(b->peer.holding[3], (uint16_t)-4); /* it is given anew all the same */
+    b->peer.holding[0] = 0x7FC0;                        /* no number */
+    values[1].status = APC_BAD_OUT_OF_SERVICE;
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(apc_exchange_read_back(b->x, 0, &value), APC_BAD_SENSOR_FAILURE);
+    assert_int_equal(apc_exchange_read_back(b->x, 2, &value), APC_GOOD);
+    memset(b->peer.holding, 0, sizeof b->peer.holding); /* it was switched off and on */
+    assert_int_equal(exchange(b, values, &y), 0);
+    assert_int_equal(apc_exchange_read_back(b->x, 0, &value), APC_UNCERTAIN_SUBSTITUTE);
+    assert_int_equal(apc_exchange_read_back(b->x, 1, &value), APC_GOOD); /* that nobody has given */
+    assert_int_equal(apc_exchange_read_back(b->x, 3, &value), APC_GOOD); /* there is none */
+    end(b);
+}
+
 static void once_its_sign_of_life_stands_still_nothing_is_good(void **state)
 {
     const struct apc_modbus_point u = point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0),
@@ -539,6 +585,7 @@ int main(void)
         cmocka_unit_test(an_exception_is_a_status_when_read_and_a_failure_when_written),
         cmocka_unit_test(the_watchdog_counts_what_was_given_whole),
         cmocka_unit_test(each_outputs_watchdog_counts_by_itself),
+        cmocka_unit_test(an_output_that_is_another_than_was_given_is_found),
         cmocka_unit_test(once_its_sign_of_life_stands_still_nothing_is_good),
         cmocka_unit_test(no_bytes_hang_it_or_get_past_it),
         cmocka_unit_test(a_reply_that_would_be_too_long_is_not_waited_for),

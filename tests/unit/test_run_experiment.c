@@ -380,12 +380,13 @@ static void a_map_is_loaded_as_it_stands_there(void **state)
                 "unit = 9; word_order = \"low\"; watchdog = \"holding:40\"; life = \"coil:41\"; life_limit "
                 "= 2.5; map = ( { name = \"u1\"; at = \"holding:1\"; type = \"float32\"; word_order = "
                 "\"high\"; scale = -0.5; offset = 3; }, " Y1_Y2
-                ", { name = \"u2\"; at = \"holding:65535\"; type = \"int16\"; } );"),
+                ", { name = \"u2\"; at = \"holding:65535\"; type = \"int16\"; } ); read_back = true;"),
             &why) < 0)
         fail_msg("%s", why.text);
     const struct apc_modbus_options *o = &e.client.modbus;
     assert_string_equal(e.client.link, "modbus:plc:502");
     assert_int_equal(o->unit, 9);
+    assert_true(o->read_back);
     assert_int_equal(o->u[0].area, APC_MODBUS_HOLDING);
     assert_int_equal(o->u[0].type, APC_MODBUS_F32);
     assert_int_equal(o->u[0].address, 1);
@@ -413,6 +414,7 @@ static void a_map_is_loaded_as_it_stands_there(void **state)
     assert_null(e.client.modbus.watchdog);
     assert_null(e.client.modbus.watchdogs);
     assert_null(e.client.modbus.life);
+    assert_false(e.client.modbus.read_back);
     experiment_free(&e);
     if (load_modbus(
             &e,
