@@ -9,6 +9,10 @@ import sys
 port, folder, one, other, stranger = int(sys.argv[1]), *sys.argv[2:]
 
 
+class Unheard(Exception):
+    """A busy machine takes longer for a handshake than the plant waits: once more."""
+
+
 class Client:
     def __init__(self, name):
         context = ssl.create_default_context(cafile=f"{folder}/authority.pem")
@@ -23,28 +27,44 @@ class Client:
         try:
             self.link.sendall(f"apc1 command {self.number} 1;{now},Good,{value};\n".encode())
             return self.link.recv(4096).startswith(f"apc1 values {self.number} 1;".encode())
-        except (ssl.SSLError, ConnectionError):
+        except (ssl.SSLError, OSError):
             return False
 
 
+def heard(name, value):
+    try:
+        client = Client(name)
+    except (ssl.SSLError, OSError) as why:
+        raise Unheard(f"{name}: {why}") from why
+    if not client.commands(value):
+        raise Unheard(name)
+    return client
+
+
 def newest_wins(first, second):
-    a = Client(first)
-    assert a.commands(1), f"{first} is not heard"
-    b = Client(second)
-    assert b.commands(2), f"{second} came later and is not heard"
+    a = heard(first, 1)
+    b = heard(second, 2)
     assert not a.commands(1), f"{first} commands beside {second}, who came later"
-    again = Client(first)
-    assert again.commands(1) and again.commands(1), f"{first} came anew and is not heard"
+    again = heard(first, 1)
     assert not b.commands(2), f"{second} commands beside {first}, who came anew"
     return again
 
 
-newest_wins(one, other).link.close()
-rightful = newest_wins(one, one)
+def at_last(first, second):
+    for _ in range(9):
+        try:
+            return newest_wins(first, second)
+        except Unheard as why:
+            last = why
+    raise last
+
+
+at_last(one, other).link.close()
+rightful = at_last(one, one)
 for _ in range(5):
     try:
         refused = not Client(stranger).commands(9)
-    except (ssl.SSLError, ConnectionError):
+    except (ssl.SSLError, OSError):
         refused = True
     assert refused, "a stranger is heard"
     assert rightful.commands(1), "a stranger took the plant from who may command"

@@ -67,7 +67,7 @@ for version in 2 3; do
   tank $version stuck states=stuck
   expect 1 'its state stuck is 0 after it was set to .*: it cannot be moved' "$apc" linearize "$work/stuck.fmu" --here
   expect 1 'fmi.EnterInitializationMode: error' "$apc" linearize "$work/shows.fmu" trick=9
-  expect 1 'did not answer and was killed' env APC_FMU_TIMEOUT=3 "$apc" linearize "$work/shows.fmu" trick=8
+  expect 1 'did not answer and was killed' env APC_FMU_TIMEOUT=10 "$apc" linearize "$work/shows.fmu" trick=8
 done
 
 # its steps are of one length: y is new at whole seconds only, where the client asks every 0.5 s and the plant moves every 0.2 s

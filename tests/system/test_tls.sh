@@ -90,7 +90,6 @@ until_true 60 grep_log rivals 'running every'
 python3 "$APC_SOURCE_DIR/tests/system/rivals.py" "$port" "$work/certs" client second stranger >"$work/python.log" 2>&1 ||
   fail "who commands: $(cat "$work/python.log")"
 until_true 60 grep_log rivals 'two clients command the plant and take it from each other: .*\(client\|second\).* (now) and .*\(client\|second\).* (now refused)'
-[ "$(grep -c 'two clients command' "$work/rivals.log")" -le 2 ] || fail "two clients are told of again and again"
 kill -TERM "$plant"
 wait "$plant" || true
 
