@@ -1,52 +1,78 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The screens, light and dark, once the run is long enough: for scripts/screenshots. Alarms are of another run, whose pump fails.
+// The screens, light and dark, and narrow, for scripts/screenshots: of a loop once it has run for long enough; of four tanks under
+// predictive control whose feed fails; of a hundred loops.
 import {api, applied, launch, open, until} from "./lib.mjs";
 
 const folder = process.env.APC_SHOTS;
 const seconds = Number(process.env.APC_SHOTS_SECONDS);
-const screens = ["overview", "loop", "trend", "events", "timing", "diagnostics"];
 const size = {width: 1280, height: 800};
-
+const start = Date.now();
 const browser = await launch();
-const page = await open(browser, "loop", {viewport: size});
 
-async function write(name, value) {
+/** A screen, once what is drawn late has been: sparklines take their turn within four seconds. */
+async function shots(page, screen, name, {height = size.height, before = async () => {}, narrow = false} = {}) {
+  for (const [look, colorScheme, width] of [["light", "light", size.width], ["dark", "dark", size.width], ...(narrow ? [["narrow", "light", 400]] : [])]) {
+    await page.setViewportSize({width, height: size.height});
+    await page.emulateMedia({colorScheme});
+    await page.goto(page.url().replace(/#.*/, `#${screen}`));
+    await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg)").first().isVisible());
+    await before();
+    await new Promise(resolve => setTimeout(resolve, 4500));
+    // A page of text is large as a picture: less of it will do.
+    await page.screenshot({path: `${folder}/${name}-${look}.png`, clip: {x: 0, y: 0, width, height: look === "narrow" ? size.height : height}});
+  }
+  await page.setViewportSize(size);
+}
+
+async function write(page, name, value) {
   await page.locator(`input[name="${name}"]`).fill(value);
   await page.locator(`input[name="${name}"]`).press("Enter");
   await applied(page, name.startsWith("tuning") ? "tuning.1" : name);
 }
 
-const start = Date.now();
-const rest = () => seconds - (Date.now() - start) / 1000;
-// Not before the scheduler has written the run's first setpoint.
-await until("the output is there", async () => (await api("/api/state")).values["actuator.1"][0] > 0);
-await write("setpoint.1", (await api("/api/state")).values["setpoint.1"][2] === 12 ? "14" : "12");
-while (rest() > 20) await new Promise(resolve => setTimeout(resolve, Math.min(5000, (rest() - 20) * 1000)));
-await write("tuning.1", (await api("/api/state")).values["tuning.1"][2] === 0.25 ? "0.2" : "0.25");
-
-const tanks = await open(browser, "alarms", {viewport: size, url: process.env.APC_SHOTS_ALARMS});
-await until("the alarm is there", async () => (await tanks.locator(".alarm-list tbody", {hasText: "h2.low"}).count()) > 0);
-await tanks.getByRole("button", {name: "More of h2.low"}).click();
-for (const colorScheme of ["light", "dark"]) {
-  await tanks.emulateMedia({colorScheme});
-  await tanks.screenshot({path: `${folder}/alarms-${colorScheme}.png`, clip: {x: 0, y: 0, width: size.width, height: 600}});
+async function hundredLoops() {
+  const page = await open(browser, "overview", {viewport: size, url: process.env.APC_SHOTS_HUNDRED});
+  await until("the rows have values", async () => (await page.locator("main .rows .value[data-seq]").count()) >= 20);
+  await shots(page, "overview", "many");
+  await page.context().close();
 }
 
-for (const colorScheme of ["light", "dark"]) {
-  await page.emulateMedia({colorScheme});
-  for (const screen of screens) {
-    await page.goto(page.url().replace(/#.*/, `#${screen}`));
-    await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg)").first().isVisible());
-    if (screen === "loop") {
-      // A tuning on its way: old and new.
-      await page.locator('input[name="tuning.1"]').fill("0.3");
-      await page.locator('input[name="tuning.2"]').fill("12");
-    }
-    // Until what is drawn late has been: sparklines take their turn within four seconds.
-    await new Promise(resolve => setTimeout(resolve, 4500));
-    // A page of text is large as a picture: less of it will do.
-    const height = screen === "events" ? 600 : size.height;
-    await page.screenshot({path: `${folder}/${screen}-${colorScheme}.png`, clip: {x: 0, y: 0, width: size.width, height}});
-  }
+async function fourTanks() {
+  const page = await open(browser, "alarms", {viewport: size, url: process.env.APC_SHOTS_TANKS});
+  const raised = 200; // s; who waits for a condition has less patience
+  await new Promise(resolve => setTimeout(resolve, Math.max(0, raised * 1000 - (Date.now() - start))));
+  await until("the alarm is there", async () => (await page.locator(".alarm-list tbody", {hasText: "h2.low"}).count()) > 0, 250);
+  await shots(page, "alarms/h2.low", "alarms", {height: 600, narrow: true});
+  await page.keyboard.press("Escape");
+  await shots(page, "graphic", "graphic", {narrow: true});
+  await shots(page, "prediction", "prediction", {narrow: true});
+  await shots(page, "trend/pens=h1,r1,h2,r2,F1,F2;span=600", "pens", {narrow: true});
+  const faceplate = async () => {
+    if (await page.getByRole("dialog").count()) return;
+    await page.getByRole("link", {name: /^level of tank 2, h2/}).first().click();
+    await page.getByRole("dialog").waitFor();
+  };
+  await shots(page, "graphic", "faceplate", {before: faceplate});
+  await page.context().close();
 }
+
+async function oneLoop() {
+  const page = await open(browser, "loop", {viewport: size});
+  const rest = () => seconds - (Date.now() - start) / 1000;
+  // Not before the scheduler has written the run's first setpoint.
+  await until("the output is there", async () => (await api("/api/state")).values["actuator.1"][0] > 0);
+  await write(page, "setpoint.1", (await api("/api/state")).values["setpoint.1"][2] === 12 ? "14" : "12");
+  while (rest() > 20) await new Promise(resolve => setTimeout(resolve, Math.min(5000, (rest() - 20) * 1000)));
+  await write(page, "tuning.1", (await api("/api/state")).values["tuning.1"][2] === 0.25 ? "0.2" : "0.25");
+  const halfway = async () => {
+    // A tuning on its way: old and new.
+    await page.locator('input[name="tuning.1"]').fill("0.3");
+    await page.locator('input[name="tuning.2"]').fill("12");
+  };
+  for (const screen of ["overview", "loop", "trend", "events", "timing", "diagnostics"])
+    await shots(page, screen, screen, {height: screen === "events" ? 600 : size.height, before: screen === "loop" ? halfway : undefined, narrow: screen === "loop" || screen === "overview"});
+  await page.context().close();
+}
+
+await Promise.all([hundredLoops(), fourTanks(), oneLoop()]);
 await browser.close();

@@ -1027,6 +1027,19 @@ test("what predictive control expects, what holds it back, and how its solver do
   await env.pass(2.5);
   await settle();
   assert.equal(said(".prediction .complaint"), "the database is away");
+  // A longer plan has a longer past beside it, which stays while values come.
+  const history = env.routes.get("/api/history")!;
+  made = server.now;
+  env.routes.set("/api/history", each => each.answer(server.history({...each.query, var: "sensor.1"}, Array.from({length: 100}, (_, k) => [made - 100 + k, 10]))));
+  env.routes.set("/api/outlook", each => each.answer({t: made, at: made, outlook: [course("sensor.1", "y1", Array.from({length: 30}, () => 10))]}));
+  for (let k = 0; k < 8; k++) {
+    env.source.send("values", {t: server.now, values: {"sensor.1": [1000 + k, server.now, 10, "Good"]}}, `a.${3000 + k}`);
+    await env.pass(0.6);
+    await settle();
+  }
+  const points = Number(one(".plots").getAttribute("data-points"));
+  assert.ok(points > 90, `${points} points of 100 s are left`);
+  env.routes.set("/api/history", history);
   server.plant = tanks;
   env.source.send("plant", {revision: 12});
   env.routes.delete("/api/outlook");

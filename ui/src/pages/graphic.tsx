@@ -149,7 +149,7 @@ function Said({of, signal: one, plant: p}: {of: Part; signal: Variable; plant: P
   return (
     <Go of={one} plant={p} label={label}>
       {h(of.tag, {...of.attributes, class: `said ${kind}`, "data-ref": one.ref} as never, [
-        alarm && <tspan key="alarm" class={`glyph p${alarm.priority}`}>{GLYPHS[alarm.priority]}{alarm.priority} </tspan>,
+        alarm && <tspan key="alarm" class={`glyph p${alarm.priority}`}>{GLYPHS[alarm.priority]}<tspan class="rank">{alarm.priority} </tspan></tspan>,
         <tspan key="text" class="digits">{text}</tspan>,
       ])}
     </Go>

@@ -179,6 +179,8 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   const ahead = useRef(0);
   ahead.current = Math.max(ahead.current, horizon(courses));
   const past = Math.max(LEAST_PAST, PAST * ahead.current);
+  const kept = useRef(past);
+  kept.current = past;
   const scales = useRef<(Scale | null)[]>(panels.map(() => null));
   const pens = panels.map((panel, k): DrawnPen[] => [
     ...panel.map((one, i) => ({label: one.variable.name, colour: `--pen-${((k + i) % COLOURS) + 1}`, dash: [], band: false, step: holds(one.variable)})),
@@ -211,7 +213,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);
     const stop = onSample((ref, [, t, value, status]) => {
-      if (t != null) curves.get(ref)?.take(t, value, status, serverNow() - past);
+      if (t != null) curves.get(ref)?.take(t, value, status, serverNow() - kept.current);
     });
     return () => {
       stop();
@@ -235,6 +237,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
       <div
         ref={host}
         class="plots"
+        data-points={curves.get((refs[0] as Ref[])[0] as Ref)?.series.t.length ?? 0}
         hidden={hidden}
         role="img"
         aria-label={`${[...of.measured, ...of.moved].map(one => one.variable.name).join(", ")}: the last ${duration(past)}, and what is expected for the next ${duration(ahead.current)}. View as table gives the numbers.`}
