@@ -27,7 +27,7 @@ else
   for package in "$packages"/*.deb; do
     rm -rf "$work/package"
     dpkg-deb -R "$package" "$work/package"
-    sed -i "s/^Version: .*/&~previous/; s/(= $version)/(= $version~previous)/g" "$work/package/DEBIAN/control"
+    sed -i "s/^Version: .*/&~previous/; s/(\(>\?=\) $version)/(\1 $version~previous)/g" "$work/package/DEBIAN/control"
     dpkg-deb --root-owner-group -Zgzip -b "$work/package" "$root/check/previous" >/dev/null
   done
 fi

@@ -100,6 +100,15 @@ diff <(figures README.md) <(figures "$work/mylaw.txt") || fail "README shows oth
 "$apc" simulate experiments/first-order.conf --sweep controller.Kp=0.1..0.5:5 >"$work/sweep.txt"
 diff <(sed -n '/^controller.Kp  loop/,/^```/p' docs/simulate.md | grep -v '```') "$work/sweep.txt" || fail "docs/simulate.md shows another sweep"
 
+# ---- each command line of a block names a command and options that there are
+
+commands=$APC_SOURCE_DIR/tests/system/commands.py
+python3 "$commands" "$APC_BIN" "${documents[@]}" >"$work/commands"
+[ "$(wc -l <"$work/commands")" = 1 ] || fail "no such command or option: $(cat "$work/commands")"
+[ "$(cat "$work/commands")" -gt 100 ] || fail "only $(cat "$work/commands") command lines were looked at"
+printf '```\n$ apc simulate x --frobnicate | apc nothing\napc set: r is nothing\n```\n' >"$work/bad.md"
+[ "$(python3 "$commands" "$APC_BIN" "$work/bad.md" | grep -c ' has no ')" = 2 ] || fail "what there is not is taken"
+
 # ---- what is not given is the default that docs/experiment-file.md states: where the library chooses, too
 
 samples() { # SETTINGS of the plant

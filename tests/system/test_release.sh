@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# A release is the same bit for bit when it is made again, and its bill of materials has what is in it. (The packages:
+# scripts/release, by hand.)
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+cd "$APC_SOURCE_DIR"
+command -v dpkg-query >/dev/null || { echo "skipped: this is no Debian"; exit 77; }
+
+# ---- the sources
+git rev-parse --git-dir >/dev/null 2>&1 || { echo "skipped: there is no history to release from"; exit 77; }
+scripts/release --sources "$work/release" >"$work/release.log"
+version=$(sed -n 's/^project(apc VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)
+(cd "$work/release" && sha256sum --quiet -c SHA256SUMS)
+tar -tzf "$work/release/libapc-$version.tar.gz" >"$work/names"
+grep -qx "libapc-$version/include/apcstore.h" "$work/names" || fail "the sources are not whole"
+mkdir "$work/again"
+scripts/release --sources "$work/again" >>"$work/release.log"
+cmp "$work/release/SHA256SUMS" "$work/again/SHA256SUMS" || fail "the second time the sources are others"
+
+# ---- the bill of materials
+mkdir "$work/programs"
+cp "$APC_BIN"/apc "$APC_BIN"/apc-ui "$APC_BUILD_DIR"/lib/libapc.so.*.*.* "$work/programs"
+scripts/sbom "$work/programs" >"$work/first.json"
+scripts/sbom "$work/programs" >"$work/second.json"
+cmp "$work/first.json" "$work/second.json" || fail "the second time the bill is another one"
+grep -rhoE 'from "[^."][^"/]*' ui/src --include='*.ts' --include='*.tsx' | sed 's/from "//' | sort -u >"$work/bundled"
+python3 - "$work/first.json" "$work/bundled" "$(dpkg-query -W -f='${Version}' libpq5)" <<'PYTHON' || fail "the bill is wrong"
+import json
+import sys
+import urllib.parse
+bill = json.load(open(sys.argv[1], encoding="utf-8"))
+assert bill["bomFormat"] == "CycloneDX" and bill["serialNumber"].startswith("urn:uuid:")
+assert {f["name"] for f in bill["metadata"]["component"]["components"]} >= {"apc", "apc-ui"}
+by_name = {c["name"]: c for c in bill["components"]}
+assert urllib.parse.quote(sys.argv[3], safe="") in by_name["libpq5"]["purl"], by_name["libpq5"]
+for name in ("libc6", "libsqlite3-0", "libmicrohttpd12", "libnlopt0"):
+    assert by_name[name]["version"], name
+bundled = set(open(sys.argv[2], encoding="utf-8").read().split())
+assert bundled == {c["name"] for c in bill["components"] if c["purl"].startswith("pkg:npm/")}, bundled
+assert set(bill["dependencies"][0]["dependsOn"]) == {c["bom-ref"] for c in bill["components"]}
+PYTHON
+mkdir "$work/none"
+expect 1 'there are no programs' scripts/sbom "$work/none"
