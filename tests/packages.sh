@@ -20,11 +20,13 @@ echo "a fresh Debian 12 ..."
 mmdebstrap --quiet --variant=minbase --include=systemd-sysv,dbus,postgresql,curl,procps,lsb-base bookworm "$root"
 mkdir -p "$root/check/previous" "$root/check/new"
 cp "$packages"/*.deb "$root/check/new"
+rm -f "$root"/check/new/*-dbgsym_*
 if [ $# -ge 2 ]; then
   cp "$2"/*.deb "$root/check/previous"
+  rm -f "$root"/check/previous/*-dbgsym_*
 else
   version=$(dpkg-deb -f "$(ls "$packages"/libapc-dev_*.deb)" Version)
-  for package in "$packages"/*.deb; do
+  for package in "$root"/check/new/*.deb; do
     rm -rf "$work/package"
     dpkg-deb -R "$package" "$work/package"
     sed -i "s/^Version: .*/&~previous/; s/(\(>\?=\) $version)/(\1 $version~previous)/g" "$work/package/DEBIAN/control"
@@ -45,7 +47,7 @@ WantedBy=multi-user.target
 UNIT
 chroot "$root" systemctl --quiet enable check.service
 # What the packages want is fetched now: what is booted has no network but its own.
-chroot "$root" sh -c 'cd /check && apt-get -qq --no-install-recommends --download-only install ./previous/*.deb && apt-get -qq --no-install-recommends --download-only install ./new/*.deb' >"$work/apt.log" 2>&1 ||
+chroot "$root" sh -c 'cd /check && apt-get -qq update && apt-get -qq --no-install-recommends --download-only install ./previous/*.deb && apt-get -qq --no-install-recommends --download-only install ./new/*.deb' >"$work/apt.log" 2>&1 ||
   { cat "$work/apt.log" >&2; exit 1; }
 
 echo "booted ..."
