@@ -91,6 +91,12 @@ static double *nodes_of(const struct apc_law_mpc *p, double *x)
     return limits_of(p, x) + p->dim.nu + p->dim.ny;
 }
 
+/* [nx_plant + nu] of nmpc: the steady state of the present setpoints. */
+static double *rest_of(const struct apc_law_mpc *p, double *x)
+{
+    return nodes_of(p, x) + p->N * p->model->nx_plant;
+}
+
 /* ---- Taking in -------------------------------------------------------------------------------------- */
 
 static double last(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
@@ -276,7 +282,10 @@ static int linearise(struct apc_law_mpc *p, const double *d)
         shift(p);
         rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->nodes, p->G, p->free_y);
     }
-    return rc == 0 ? apc_mpc_follow(p->mpc, p->G, p->free_y) : rc;
+    if (rc < 0)
+        return rc;
+    apc_shoot_end(p->shoot, p->nodes, p->Gx, p->free_x);
+    return apc_mpc_follow(p->mpc, p->G, p->free_y, p->Gx, p->free_x);
 }
 
 /* Has the last step changed next to nothing? */
@@ -287,6 +296,12 @@ static bool stands_still(const struct apc_law_mpc *p)
     for (size_t k = 0; k < p->dim.nu * p->blocks; k++)
         most = fmax(most, fabs(p->plan[k] - p->shifted[k]) / p->dev_u[k % p->dim.nu]);
     return most < STILL;
+}
+
+static void keep_nodes(struct apc_law_mpc *p)
+{
+    if (p->result.rc == 0)
+        memcpy(nodes_of(p, p->x), p->nodes, p->N * p->model->nx_plant * sizeof(*p->nodes));
 }
 
 /* Steps of Gauss and Newton: BEGIN at least where there is nothing to go on from. */
@@ -302,23 +317,31 @@ static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
     p->result = (struct apc_mpc_result){
         .rc = p->late > 0.0 ? apc_shoot_advance(p->shoot, p->start, p->u_last, d, p->late) : 0};
     shift(p);
+    if (!(*age_of(p, p->x) > 0.0)) {
+        memcpy(rest_of(p, p->x), p->start, nx * sizeof(*p->start));
+        memcpy(rest_of(p, p->x) + nx, p->u_last, p->dim.nu * sizeof(*p->u_last));
+    }
+    apc_mpc_aim(p->mpc, call, rest_of(p, p->x), rest_of(p, p->x) + nx);
     for (size_t k = 0; k < steps && !done && p->result.rc == 0; k++) {
-        unsigned before = p->result.iterations;
+        const struct apc_mpc_result before = p->result;
         int rc = linearise(p, d);
 
         if (rc == 0)
             apc_mpc_solve(p->mpc, call, p->plan, &p->result);
         else
             p->result.rc = rc;
-        p->result.iterations += before;
+        if (p->result.rc < 0 && k > 0 && !apc_mpc_late(p)) { /* the step before has an answer of its own */
+            p->result = before;
+            break;
+        }
+        p->result.iterations += before.iterations;
         if (p->result.rc == 0) {
             done = k + 1 >= least && stands_still(p);
             apc_shoot_move(p->shoot, p->plan, p->nodes);
             memcpy(p->shifted, p->plan, n * sizeof(*p->plan));
         }
     }
-    if (p->result.rc == 0)
-        memcpy(nodes_of(p, p->x), p->nodes, p->N * nx * sizeof(*p->nodes));
+    keep_nodes(p);
 }
 
 /* The working set, without moves that somebody else has, which are no rows to begin with when the law has
@@ -643,7 +666,7 @@ const struct apc_law apc_law_mpc = {
 
 const struct apc_law apc_law_nmpc = {
     .abi = APC_LAW_ABI,
-    .version = 1,
+    .version = 2,
     .name = "nmpc",
     .description = "nonlinear predictive control: as mpc, with the plant's own equations",
     .whole = true,

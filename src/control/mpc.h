@@ -21,8 +21,9 @@ struct apc_law_mpc_name {
 /*
  * x is: the estimator's numbers; the plan, block after block; how many samples ago it was made, plus 1 (0:
  * there is none); the working set; for how many ticks each measurement has been Bad; what holds the plan
- * back; of nmpc the nodes. compute only looks at x; what it works out it keeps here, with all it was made
- * from, so that update need not do it twice, and does it where a restart has lost it.
+ * back; of nmpc the nodes and where it is to come to rest. compute only looks at x; what it works out it
+ * keeps here, with all it was made from, so that update need not do it twice, and does it where a restart has
+ * lost it.
  */
 struct apc_law_mpc {
     struct apc_dim dim;
@@ -50,6 +51,7 @@ struct apc_law_mpc {
     double late;
     size_t newton;                      /* most steps of Gauss and Newton in a tick */
     double *start, *nodes, *G, *free_y; /* [nx_plant], [N * nx_plant], [N * ny * n], [N * ny] */
+    double *Gx, *free_x;                /* [nx_plant * n], [nx_plant] */
     struct apc_mpc *mpc;
     struct apc_published *published;
     struct apc_law_mpc_name *name;
@@ -90,6 +92,8 @@ int apc_mpc_take_y_noise(const struct apc_law_setup *setup, double *to, struct a
 int apc_mpc_disturb(struct apc_law_mpc *p, const struct apc_law_setup *setup, const struct apc_linear *from,
                     struct apc_linear_unknown *unknown, struct apc_error *why);
 int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why);
+/* Of nmpc, at the disturbances of this tick: as apc_target_linearise() says. */
+int apc_nmpc_linearise(void *self, const double *x, const double *u, struct apc_linear *to, double *drift);
 /* True when the time of this call is up. */
 bool apc_mpc_late(void *mpc);
 

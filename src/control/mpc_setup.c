@@ -519,6 +519,7 @@ static int make_problem(struct apc_law_mpc *p, const struct apc_law_setup *setup
                                       .rank = rank,
                                       .iterations = (unsigned)p->iterations,
                                       .terminal = terminal,
+                                      .linearise = p->nonlinear ? apc_nmpc_linearise : NULL,
                                       .enough = apc_mpc_late,
                                       .ctx = p};
     int rc = rank && limits ? check_reach(p, why) : apc_fail(why, APC_ENOMEM, "no memory");
@@ -559,7 +560,7 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
     const size_t seen =
         p->states + ny + p->n_ahead * (p->dim.nz + p->dim.nd) + 3 * nu + ny * N_OF_Y + nu * N_OF_U;
     double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + 10 * nu + inputs + 7 * ny +
-                            p->N * ny + n + (p->nonlinear ? nx + p->N * (nx + ny * n + ny) : 0),
+                            p->N * ny + n + (p->nonlinear ? nx * (n + 2) + p->N * (nx + ny * n + ny) : 0),
                         sizeof(*at));
 
     p->memory = at;
@@ -596,6 +597,8 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
         p->nodes = apc_carve(&at, p->N * nx);
         p->G = apc_carve(&at, p->N * ny * n);
         p->free_y = apc_carve(&at, p->N * ny);
+        p->Gx = apc_carve(&at, nx * n);
+        p->free_x = apc_carve(&at, nx);
     }
     return 0;
 }
@@ -628,7 +631,7 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
                 struct apc_error *why)
 {
     const size_t ny = p->dim.ny;
-    bool terminal = !p->nonlinear, steady = true, preview = true;
+    bool terminal = !p->nonlinear, steady = !p->nonlinear, preview = true;
     int rc;
 
     if (!setup->plant)
@@ -645,6 +648,10 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
     p->dev_u = p->least + ny;
     p->N = 20;
     rc = take_settings(p, setup, &terminal, &steady, &preview, why);
+    if (rc == 0 && p->nonlinear && steady)
+        rc = apc_fail(why, APC_EINVAL,
+                      "setting \"steady\": an extended filter has no gain that stays; leave it out, or take "
+                      "law mpc, whose linear model has one");
     if (rc == 0)
         rc = p->nonlinear ? apc_nmpc_take_model(p, setup, why) : take_model(p, setup, why);
     if (rc == 0)
@@ -659,7 +666,7 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
     p->n_rows = apc_mpc_rows(p->mpc);
     p->states = p->n_estimate + p->dim.nu * p->blocks + 1 + p->n_rows + ny + ny + p->dim.nu;
     if (p->nonlinear)
-        p->states += p->N * p->model->nx_plant;
+        p->states += (p->N + 1) * p->model->nx_plant + p->dim.nu;
     p->n_ahead = preview ? p->N + 1 : 1;
     needs->states = p->states;
     needs->n_ahead = p->n_ahead;

@@ -11,10 +11,10 @@
 
 enum { STEPS_MOST = 1000, SQUARINGS = 16 };
 
-const char *const apc_nmpc_settings[] = {"horizon",    "blocks", "measurement", "rank",     "preview",
-                                         "delay",      "y_dev",  "u_dev",       "x_noise",  "d_noise",
-                                         "y_noise",    "hold",   "critical",    "at_input", "at_output",
-                                         "iterations", "steps",  "newton",      NULL};
+const char *const apc_nmpc_settings[] = {
+    "horizon",  "blocks",   "measurement", "rank",       "terminal", "preview", "steady",
+    "delay",    "y_dev",    "u_dev",       "x_noise",    "d_noise",  "y_noise", "hold",
+    "critical", "at_input", "at_output",   "iterations", "steps",    "newton",  NULL};
 
 /* The model, linear at the operating point, with all its inputs: its own disturbances may be unknown ones. */
 static int sample_all(const struct apc_law_setup *setup, struct apc_linear **to, struct apc_error *why)
@@ -104,6 +104,13 @@ static int make_shoot(struct apc_law_mpc *p, const struct apc_law_setup *setup,
                                               .u0 = setup->plant->u0};
 
     return apc_shoot_create(&p->shoot, &options, why);
+}
+
+int apc_nmpc_linearise(void *self, const double *x, const double *u, struct apc_linear *to, double *drift)
+{
+    const struct apc_law_mpc *p = self;
+
+    return apc_shoot_sample(p->shoot, x, u, p->x + p->model->nx_plant, to, drift);
 }
 
 /* ---- Steps ------------------------------------------------------------------------------------------ */

@@ -21,6 +21,11 @@
  * takes away what this has pulled. */
 #define EASY 1e-4
 enum { AGAIN = 3 };
+/* What is allowed to a rank beyond what it breaks, over the size of y, so that the ranks after it have a
+ * place to look in; where they look in vain, more. What is told as broken. */
+#define LITTLE 1e-8
+#define MUCH   2e-4
+#define BROKEN 1e-6
 
 struct apc_mpc {
     const struct apc_linear *model;
@@ -35,10 +40,16 @@ struct apc_mpc {
     unsigned *rank;                     /* [ny] */
     unsigned ranks;
     bool terminal;
-    bool follows;    /* what y does is said from outside */
+    bool ends;       /* with a terminal weight, this time */
     bool easy_stale; /* easy_qp is of another G */
     bool easy_waits; /* easy_qp does not know the rows of room yet */
     bool aims;       /* at steady states */
+    bool few;        /* changes of the working set are counted, as time is */
+    bool reachable;  /* as in the result */
+    bool (*enough)(void *ctx);
+    apc_target_linearise *linearise; /* what y does is said from outside */
+    void *ctx;
+    struct apc_linear *rest; /* of steady states and what comes after N: the model, or what is linear there */
 
     double *memory;
     double *G;      /* [N * ny * n] */
@@ -46,14 +57,14 @@ struct apc_mpc {
     double *F, *Fx; /* [nx * (N * ny)], [nx * nx]: y of the samples, x at N from each state, one after another
                      */
     double *A, *H, *H_easy; /* [m * n], [n * n] */
-    double *q, *s, *r, *zone;
+    double *q, *s, *r, *zone, *least;
     double *P, *PG; /* [(nc + nu)^2], [(nc + nu) * n] of the terminal weight */
     double *riccati;
     double *square, *easy, *none;        /* [n + m] weights of soft rows; none: zeros */
     double *low, *high;                  /* [n + m] */
-    double *f, *v;                       /* [n] */
+    double *f, *v, *broken;              /* [n]; moves that break least of limits that were looked at */
     double *free_y, *target_y, *pulling; /* [N * ny] */
-    double *target_u, *target_x;         /* [N * nu], [nc] */
+    double *target_u, *target_x, *near;  /* [N * nu], [nc], [nc] of sample 1 */
     double *u_last;                      /* [nu] of the last call */
     double *x, *next, *input;            /* [nx], [nx], [nu + nd] */
     double *aim_low, *aim_high;          /* [ny] */
@@ -227,9 +238,9 @@ static int allocate(struct apc_mpc *p)
     const size_t n = p->n, m = p->m, ny = p->ny, nu = p->nu, N = p->N, nx = p->model->nx, na = p->nc + nu;
     const size_t of_terminal =
         p->terminal ? 3 * na * na + 2 * na * nu + nu * nu + apc_riccati_room(na, nu) : 0;
-    double *at = calloc(N * ny * n + p->nc * n + nx * N * ny + nx * nx + m * n + 2 * n * n + 2 * ny + 2 * nu +
-                            na * na + na * n + of_terminal + 5 * (n + m) + 2 * n + 3 * N * ny + N * nu +
-                            p->nc + 2 * nx + 2 * nu + p->nd + 2 * ny + 2 * na,
+    double *at = calloc(N * ny * n + p->nc * n + nx * N * ny + nx * nx + m * n + 2 * n * n + 3 * ny + 2 * nu +
+                            na * na + na * n + of_terminal + 5 * (n + m) + 3 * n + 3 * N * ny + N * nu +
+                            2 * p->nc + 2 * nx + 2 * nu + p->nd + 2 * ny + 2 * na,
                         sizeof(*at));
 
     p->memory = at;
@@ -246,6 +257,7 @@ static int allocate(struct apc_mpc *p)
     p->H_easy = apc_carve(&at, n * n);
     p->q = apc_carve(&at, ny);
     p->zone = apc_carve(&at, ny);
+    p->least = apc_carve(&at, ny);
     p->s = apc_carve(&at, nu);
     p->r = apc_carve(&at, nu);
     p->P = apc_carve(&at, na * na);
@@ -258,11 +270,13 @@ static int allocate(struct apc_mpc *p)
     p->high = apc_carve(&at, n + m);
     p->f = apc_carve(&at, n);
     p->v = apc_carve(&at, n);
+    p->broken = apc_carve(&at, n);
     p->free_y = apc_carve(&at, N * ny);
     p->target_y = apc_carve(&at, N * ny);
     p->pulling = apc_carve(&at, N * ny);
     p->target_u = apc_carve(&at, N * nu);
     p->target_x = apc_carve(&at, p->nc);
+    p->near = apc_carve(&at, p->nc);
     p->x = apc_carve(&at, nx);
     p->next = apc_carve(&at, nx);
     p->input = apc_carve(&at, nu + p->nd);
@@ -285,6 +299,27 @@ static int make_easy(struct apc_mpc *p, struct apc_error *why)
         p->H_easy[k * p->n + k] = EASY * (effect > 0.0 ? effect : 1.0);
     }
     return apc_qp_set(p->easy_qp, p->H_easy, p->A, why);
+}
+
+static int copy_model(struct apc_mpc *p, struct apc_error *why)
+{
+    const struct apc_linear *m = p->model;
+    const size_t inputs = m->nu + m->nd;
+    int rc = apc_linear_allocate(&p->rest, m->nx, m->nu, m->nd, m->ny, why);
+
+    if (rc < 0)
+        return rc;
+    p->rest->Ts = m->Ts;
+    p->rest->nx_plant = m->nx_plant;
+    p->rest->nx_held = m->nx_held;
+    memcpy(p->rest->A, m->A, m->nx * m->nx * sizeof(*m->A));
+    memcpy(p->rest->B, m->B, m->nx * inputs * sizeof(*m->B));
+    memcpy(p->rest->C, m->C, m->ny * m->nx * sizeof(*m->C));
+    memcpy(p->rest->D, m->D, m->ny * inputs * sizeof(*m->D));
+    memcpy(p->rest->x0, m->x0, m->nx * sizeof(*m->x0));
+    memcpy(p->rest->u0, m->u0, inputs * sizeof(*m->u0));
+    memcpy(p->rest->y0, m->y0, m->ny * sizeof(*m->y0));
+    return 0;
 }
 
 int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why)
@@ -311,11 +346,17 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
     p->nd = m->nd;
     p->nc = m->nx_plant + m->nx_held;
     p->n = p->nu * p->blocks;
-    p->terminal = options->terminal;
+    p->terminal = p->ends = options->terminal;
+    p->linearise = options->linearise;
+    p->few = options->iterations > 0;
+    p->enough = options->enough;
+    p->ctx = options->ctx;
     if (count_rows(p, options) < 0 || allocate(p) < 0)
         rc = apc_fail(why, APC_ENOMEM, "predictive control: no memory");
     if (rc == 0)
-        rc = apc_target_create(&p->target, m, why);
+        rc = copy_model(p, why);
+    if (rc == 0)
+        rc = apc_target_create(&p->target, p->rest, why);
     if (rc == 0)
         rc = apc_qp_create(&p->qp, p->n, p->m, &qp, why);
     if (rc == 0)
@@ -344,6 +385,7 @@ void apc_mpc_destroy(struct apc_mpc *mpc)
     if (!mpc)
         return;
     apc_target_destroy(mpc->target);
+    apc_linear_destroy(mpc->rest);
     apc_qp_destroy(mpc->easy_qp);
     apc_qp_destroy(mpc->qp);
     free(mpc->memory);
@@ -366,7 +408,7 @@ static double tracked(const struct apc_mpc *p, size_t c)
 /* q y_c^2 of the state, into Q [(nc + nu)^2]. */
 static void weigh_state(const struct apc_mpc *p, size_t c, double q, double *Q)
 {
-    const struct apc_linear *m = p->model;
+    const struct apc_linear *m = p->rest;
     const double *row = m->C + c * m->nx;
 
     for (size_t i = 0; i < p->nc; i++) {
@@ -379,9 +421,9 @@ static void weigh_state(const struct apc_mpc *p, size_t c, double q, double *Q)
  * What comes after N costs (x_N - x_t, u_N-1 - u_t)' P (...): the regulator of the model whose state has the
  * last u as well and whose input is the move.
  */
-static int weigh_terminal(struct apc_mpc *p, const double *least, struct apc_error *why)
+static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
 {
-    const struct apc_linear *m = p->model;
+    const struct apc_linear *m = p->rest;
     const size_t nc = p->nc, nu = p->nu, na = nc + nu, inputs = nu + p->nd;
     double *at = p->riccati, *A = apc_carve(&at, na * na), *Q = apc_carve(&at, na * na),
            *B = apc_carve(&at, na * nu), *K = apc_carve(&at, na * nu), *R = apc_carve(&at, nu * nu);
@@ -403,8 +445,8 @@ static int weigh_terminal(struct apc_mpc *p, const double *least, struct apc_err
         /* what no y with a weight shows, the others being out of service perhaps, stays where it is aimed */
         for (size_t j = 0; j < nu; j++)
             Q[(nc + j) * na + nc + j] += 1e-6 * p->s[j];
-        for (size_t c = 0; least && c < p->ny; c++)
-            weigh_state(p, c, least[c], Q);
+        for (size_t c = 0; c < p->ny; c++)
+            weigh_state(p, c, p->least[c], Q);
         if (apc_riccati_in(at, na, nu, A, B, Q, R, p->P, K, NULL) < 0)
             return apc_fail(
                 why, APC_ESOLVER,
@@ -435,23 +477,23 @@ static int weigh_terminal(struct apc_mpc *p, const double *least, struct apc_err
 /* Samples whose y is in the sum: the last one is in the terminal weight, if there is one. */
 static size_t summed(const struct apc_mpc *p)
 {
-    return p->terminal ? p->N - 1 : p->N;
+    return p->ends ? p->N - 1 : p->N;
 }
 
 /* The weight of a move's distance from its target; the last one's is in the terminal weight as well. */
 static double wished(const struct apc_mpc *p, size_t block, size_t j)
 {
-    return p->terminal && block + 1 == p->blocks ? 0.0 : p->r[j];
+    return p->ends && block + 1 == p->blocks ? 0.0 : p->r[j];
 }
 
-static int weigh(struct apc_mpc *p, const double *least, struct apc_error *why)
+static int weigh(struct apc_mpc *p, struct apc_error *why)
 {
     const size_t n = p->n, nu = p->nu;
     int rc = 0;
 
     memset(p->H, 0, n * n * sizeof(*p->H));
-    for (size_t i = 0; i < summed(p) * p->ny; i++) {
-        const double *row = p->G + i * n, q = tracked(p, i % p->ny);
+    for (size_t i = 0, c = 0; i < summed(p) * p->ny; i++, c = c + 1 < p->ny ? c + 1 : 0) {
+        const double *row = p->G + i * n, q = tracked(p, c);
 
         for (size_t a = 0; q > 0.0 && a < n; a++) {
             for (size_t b = 0; b <= a; b++)
@@ -467,8 +509,8 @@ static int weigh(struct apc_mpc *p, const double *least, struct apc_error *why)
                 p->H[k * n + k - nu] -= p->s[j];
         }
     }
-    if (p->terminal)
-        rc = weigh_terminal(p, least, why);
+    if (p->ends)
+        rc = weigh_terminal(p, why);
     if (rc < 0)
         return rc;
     return apc_qp_set(p->qp, p->H, p->A, NULL) == 0
@@ -484,6 +526,9 @@ static void copy_weights(struct apc_mpc *p, const struct apc_mpc_weights *w)
     memcpy(p->zone, w->zone, p->ny * sizeof(*p->zone));
     memcpy(p->s, w->s, p->nu * sizeof(*p->s));
     memcpy(p->r, w->r, p->nu * sizeof(*p->r));
+    memset(p->least, 0, p->ny * sizeof(*p->least));
+    if (w->least)
+        memcpy(p->least, w->least, p->ny * sizeof(*p->least));
 }
 
 int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struct apc_error *why)
@@ -491,9 +536,9 @@ int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struc
     int rc;
 
     copy_weights(p, weights);
-    rc = weigh(p, weights->least, why);
+    rc = weigh(p, why);
     if (rc == 0)
-        rc = apc_target_tune(p->target, p->r, why);
+        rc = apc_target_tune(p->target, p->r, p->s, why);
     if (rc < 0)
         return rc;
     for (size_t c = 0; c < p->ny; c++) {
@@ -503,13 +548,24 @@ int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struc
     return apc_qp_soft(p->qp, p->none, p->square);
 }
 
-int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y)
+int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y, const double *Gx,
+                   const double *free_x)
 {
+    int rc;
+
     memcpy(p->G, G, p->N * p->ny * p->n * sizeof(*G));
     memcpy(p->free_y, free_y, p->N * p->ny * sizeof(*free_y));
-    p->follows = p->easy_stale = true;
+    apc_matrix_transpose(p->nc, p->n, Gx, p->Gx);
+    memcpy(p->x, free_x, p->nc * sizeof(*free_x));
+    p->easy_stale = true;
     make_rows(p);
-    return p->terminal ? APC_EINVAL : weigh(p, NULL, NULL);
+    p->ends = p->terminal && p->aims;
+    rc = weigh(p, NULL);
+    if (rc < 0 && p->ends) {
+        p->ends = false;
+        rc = weigh(p, NULL);
+    }
+    return rc;
 }
 
 /* ---- Solving ------------------------------------------------------------------------------------- */
@@ -601,39 +657,58 @@ static bool is_bound(const struct apc_mpc *p, const struct apc_mpc_call *call)
     return given == p->nu;
 }
 
-static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
+/* Nothing else is known of them, or can be changed. */
+static void aim_at_setpoints(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    p->aims = false;
+    p->reachable = true;
+    for (size_t i = 1; i <= p->N; i++) {
+        p->reachable = aim(p, call, i) && p->reachable;
+        for (size_t c = 0; c < p->ny; c++)
+            p->target_y[(i - 1) * p->ny + c] =
+                p->q[c] > 0.0 ? (p->aim_low[c] + p->aim_high[c]) / 2.0 : call->w[i * p->ny + c];
+        memcpy(p->target_u + (i - 1) * p->nu, call->u_wish, p->nu * sizeof(*call->u_wish));
+    }
+}
+
+/* Of sample i, as aim() says; a nonlinear model's from where target_x and u are. */
+static int find_target(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i, double *u, double *y,
+                       bool *reachable)
+{
+    const struct apc_target_call of = {.unknown = call->x + p->nc,
+                                       .d = call->d ? call->d + i * p->nd : NULL,
+                                       .wish = call->u_wish,
+                                       .cost = call->u_cost,
+                                       .low = p->low,
+                                       .high = p->high,
+                                       .y_low = p->aim_low,
+                                       .y_high = p->aim_high,
+                                       .q = p->q,
+                                       .rank = p->rank,
+                                       .ranks = p->ranks};
+    int rc;
+
+    if (!p->linearise)
+        return apc_target_find(p->target, &of, p->target_x, u, y, reachable);
+    rc = apc_target_search(p->target, &of, p->linearise, p->ctx, p->target_x, u, y, reachable);
+    for (size_t c = 0; c < p->ny && rc == 0 && *reachable; c++) {
+        if (p->q[c] > 0.0 && p->aim_low[c] == p->aim_high[c])
+            y[c] = p->aim_low[c];
+    }
+    return rc;
+}
+
+static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigned *solves)
 {
     const size_t ny = p->ny, nu = p->nu;
-    const bool follows = p->follows || is_bound(p, call); /* where nothing is free no target changes it */
 
-    p->aims = !follows;
-    result->reachable = true;
-    for (size_t i = 1; i <= p->N && follows; i++) {
-        result->reachable = aim(p, call, i) && result->reachable;
-        for (size_t c = 0; c < ny; c++)
-            p->target_y[(i - 1) * ny + c] =
-                p->q[c] > 0.0 ? (p->aim_low[c] + p->aim_high[c]) / 2.0 : call->w[i * ny + c];
-        memcpy(p->target_u + (i - 1) * nu, call->u_wish, nu * sizeof(*call->u_wish));
-    }
-    if (follows)
-        return 0;
+    p->aims = p->reachable = true;
     for (size_t k = 0; k < nu; k++) {
         p->low[k] = call->given[k] ? call->u_last[k] : call->low[k];
         p->high[k] = call->given[k] ? call->u_last[k] : call->high[k];
     }
     for (size_t i = 1; i <= p->N; i++) {
         double *y = p->target_y + (i - 1) * ny, *u = p->target_u + (i - 1) * nu;
-        struct apc_target_call of = {.unknown = call->x + p->nc,
-                                     .d = call->d ? call->d + i * p->nd : NULL,
-                                     .wish = call->u_wish,
-                                     .cost = call->u_cost,
-                                     .low = p->low,
-                                     .high = p->high,
-                                     .y_low = p->aim_low,
-                                     .y_high = p->aim_high,
-                                     .q = p->q,
-                                     .rank = p->rank,
-                                     .ranks = p->ranks};
         bool inside, reachable;
         int rc;
 
@@ -643,13 +718,31 @@ static int find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, stru
             continue;
         }
         inside = aim(p, call, i);
-        rc = apc_target_find(p->target, &of, p->target_x, u, y, &reachable);
-        result->solves++;
+        if (p->linearise && i > 1)
+            memcpy(u, u - nu, nu * sizeof(*u));
+        rc = find_target(p, call, i, u, y, &reachable);
+        ++*solves;
         if (rc < 0)
             return rc;
-        result->reachable = result->reachable && inside && reachable;
+        p->reachable = p->reachable && inside && reachable;
+        if (p->linearise && i == 1)
+            memcpy(p->near, p->target_x, p->nc * sizeof(*p->near));
     }
     return 0;
+}
+
+void apc_mpc_aim(struct apc_mpc *p, const struct apc_mpc_call *call, double *x, double *u)
+{
+    unsigned solves = 0;
+
+    memcpy(p->target_x, x, p->nc * sizeof(*x));
+    memcpy(p->target_u, u, p->nu * sizeof(*u));
+    if (is_bound(p, call) || find_targets(p, call, &solves) < 0) {
+        aim_at_setpoints(p, call);
+        return;
+    }
+    memcpy(x, p->near, p->nc * sizeof(*x));
+    memcpy(u, p->target_u, p->nu * sizeof(*u));
 }
 
 /* f = G' q (free_y - target_y), four rows at a time. */
@@ -686,7 +779,7 @@ QP_LANES static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call
                 p->f[j] -= p->s[j] * (call->u_last[j] - m->u0[j]);
         }
     }
-    if (!p->terminal)
+    if (!p->ends)
         return;
     for (size_t i = 0; i < nc; i++)
         p->difference[i] = p->x[i] - p->target_x[i];
@@ -763,16 +856,16 @@ static int solve(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *re
 
 /* Widen the limits of one y by what the plan breaks them, and a little, so that it can be done again. Returns
  * true when it does break them. */
-static bool widen(struct apc_mpc *p, size_t c)
+static bool widen(struct apc_mpc *p, size_t c, double share)
 {
     double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
     bool broken = false;
 
     for (size_t i = 0; i < p->N; i++) {
         const double y = apc_matrix_dot(p->G + (i * p->ny + c) * p->n, p->v, p->n);
-        const double room = 1e-8 * (1.0 + fabs(y));
+        const double size = 1.0 + fabs(y), room = share * size;
 
-        broken = broken || y < low[i] - 100.0 * room || y > high[i] + 100.0 * room;
+        broken = broken || y < low[i] - BROKEN * size || y > high[i] + BROKEN * size;
         low[i] = fmin(low[i], y - room);
         high[i] = fmax(high[i], y + room);
     }
@@ -804,7 +897,8 @@ static int break_least(struct apc_mpc *p, struct apc_mpc_result *result)
 }
 
 /* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. */
-static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
+static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, double room,
+                   struct apc_mpc_result *result)
 {
     int rc = p->easy_stale ? make_easy(p, NULL) : 0;
 
@@ -833,12 +927,43 @@ static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, struct ap
         }
         (void)apc_qp_soft(p->easy_qp, p->none, p->easy);
         rc = break_least(p, result);
+        if (rc == 0)
+            memcpy(p->broken, p->v, p->n * sizeof(*p->v));
         for (size_t c = 0; c < p->ny && rc == 0; c++) {
-            if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX && widen(p, c) && !result->given_up)
+            if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX && widen(p, c, room) &&
+                !result->given_up)
                 result->given_up = rank;
         }
     }
     return rc;
+}
+
+/* Was there no time to go on, or no more of what stands for it? */
+static bool is_cut(const struct apc_mpc *p, int rc)
+{
+    return (rc == APC_ETIMEDOUT && p->few) || (p->enough && p->enough(p->ctx));
+}
+
+/* Without limits that cannot be kept. What they leave may be a single point, and rounding does not find it:
+ * then there are still the moves that break least, and setpoints have to wait. */
+static void solve_without(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
+{
+    double room = LITTLE;
+
+    do {
+        result->given_up = 0;
+        result->rc = give_up(p, call, room, result);
+        if (result->rc == 0) {
+            gradient(p, call);
+            bound_zones(p, call, false);
+            result->rc = solve(p, p->qp, result);
+        }
+        room *= 10.0;
+    } while (result->rc < 0 && room <= MUCH && !is_cut(p, result->rc));
+    if (result->rc < 0 && result->given_up && !is_cut(p, result->rc)) {
+        memcpy(p->v, p->broken, p->n * sizeof(*p->v));
+        result->rc = 0;
+    }
 }
 
 void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *plan,
@@ -846,27 +971,25 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
 {
     *result = (struct apc_mpc_result){0};
     memcpy(p->u_last, call->u_last, p->nu * sizeof(*p->u_last));
-    if (!p->follows && p->nd)
+    if (!p->linearise && p->nd)
         coast_disturbed(p, call);
-    else if (!p->follows)
+    else if (!p->linearise)
         coast(p, call);
-    result->rc = find_targets(p, call, result);
+    if (!p->linearise && is_bound(p, call))
+        aim_at_setpoints(p, call);
+    else if (!p->linearise)
+        result->rc = find_targets(p, call, &result->solves);
     if (result->rc < 0)
         return;
+    result->reachable = p->reachable;
     gradient(p, call);
     bound_moves(p, call);
     bound_zones(p, call, false);
     for (size_t c = 0; c < p->ny; c++)
         bound_output(p, call, c, false);
     result->rc = solve(p, p->qp, result);
-    if (result->rc == APC_ERANGE) {
-        result->rc = give_up(p, call, result);
-        if (result->rc < 0)
-            return;
-        gradient(p, call);
-        bound_zones(p, call, false);
-        result->rc = solve(p, p->qp, result);
-    }
+    if (result->rc == APC_ERANGE || (result->rc == APC_ETIMEDOUT && !is_cut(p, result->rc)))
+        solve_without(p, call, result);
     for (size_t b = 0; b < p->blocks && result->rc == 0; b++) {
         for (size_t j = 0, k = b * p->nu; j < p->nu; j++, k++)
             plan[k] = p->model->u0[j] + lesser(greater(p->v[k], p->low[k]), p->high[k]);
@@ -962,7 +1085,7 @@ QP_LANES static double cost_of_rest(struct apc_mpc *p, const double *plan)
 
 double apc_mpc_cost(struct apc_mpc *p, const double *plan, const double *y)
 {
-    return cost_of_y(p, y) + cost_of_moves(p, plan) + (p->terminal && p->aims ? cost_of_rest(p, plan) : 0.0);
+    return cost_of_y(p, y) + cost_of_moves(p, plan) + (p->ends && p->aims ? cost_of_rest(p, plan) : 0.0);
 }
 
 void apc_mpc_target(const struct apc_mpc *p, size_t i, double *y, double *u)

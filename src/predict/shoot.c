@@ -295,3 +295,37 @@ void apc_shoot_move(const struct apc_shoot *s, const double *plan, double *nodes
             nodes[i] += s->S[i * s->n + k] * (plan[k] - s->plan[k]);
     }
 }
+
+void apc_shoot_end(const struct apc_shoot *s, const double *nodes, double *Gx, double *free_x)
+{
+    const size_t nx = s->nx, n = s->n, last = s->N - 1;
+
+    memcpy(Gx, s->S + last * nx * n, nx * n * sizeof(*Gx));
+    for (size_t i = 0; i < nx; i++)
+        free_x[i] = nodes[last * nx + i] + s->e[last * nx + i] - apc_matrix_dot(Gx + i * n, s->away, n);
+}
+
+int apc_shoot_sample(struct apc_shoot *s, const double *x, const double *u, const double *d,
+                     struct apc_linear *to, double *drift)
+{
+    const size_t nx = s->nx;
+
+    if (end(s, x, u, d, nx, 0.0, s->nu, 0.0, s->x) < 0 || differentiate(s, x, u, d) < 0)
+        return APC_ESOLVER;
+    for (size_t i = 0; i < nx; i++)
+        drift[i] = s->x[i] - x[i];
+    look(s, x, u, d);
+    memcpy(to->A, s->A, nx * nx * sizeof(*s->A));
+    apc_matrix_put(to->B, s->nu + to->nd, 0, 0, nx, s->nu, s->B);
+    for (size_t i = 0; i < nx; i++)
+        memset(to->B + i * (s->nu + to->nd) + s->nu, 0, to->nd * sizeof(*to->B));
+    memset(to->D, 0, s->ny * (s->nu + to->nd) * sizeof(*to->D));
+    memcpy(to->C, s->C, s->ny * nx * sizeof(*s->C));
+    memcpy(to->x0, x, nx * sizeof(*x));
+    memcpy(to->u0, u, s->nu * sizeof(*u));
+    measure(s, x, u, d, to->y0);
+    return apc_values_ok(to->A, nx * nx) && apc_values_ok(to->B, nx * (s->nu + to->nd)) &&
+                   apc_values_ok(to->C, s->ny * nx) && apc_values_ok(to->y0, s->ny)
+               ? 0
+               : APC_ESOLVER;
+}

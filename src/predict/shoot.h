@@ -45,5 +45,12 @@ int apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *
                         const double *nodes, double *G, double *free_y);
 /* The nodes to where the last linearisation has them with other moves. [tick] */
 void apc_shoot_move(const struct apc_shoot *shoot, const double *plan, double *nodes);
+/* x at the end of the horizon, of the last linearisation: free_x [nx] + Gx [nx * n] (u - u0). [tick] */
+void apc_shoot_end(const struct apc_shoot *shoot, const double *nodes, double *Gx, double *free_x);
+/* Linear at x, u: an interval into A and B of @p to, y into its C, its point x0, u0, y0; drift [nx] = what x
+ * gains. What is measured of disturbances is in these, and so has columns of zeros. Returns as
+ * apc_shoot_advance(). [tick] */
+int apc_shoot_sample(struct apc_shoot *shoot, const double *x, const double *u, const double *d,
+                     struct apc_linear *to, double *drift);
 
 #endif

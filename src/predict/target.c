@@ -12,18 +12,27 @@
 
 #include "base/matrix.h"
 
+/* Of two inputs' weights, where their units are far apart. */
+#define LEAST_SHARE 1e-8
+
 struct apc_target {
-    const struct apc_linear *model;
+    struct apc_linear *model;
     size_t nc, n; /* states that inputs move; of x and u together */
     double *Q;    /* [n * n], then R of [n * nc] */
     double *R;
     double *rows; /* [(nu + ny) * nu] of z: u, then y */
     double *H, *f, *z;
+    double largest;          /* of the weights that were given */
     double *weight;          /* [nu] */
     double *point, *e;       /* [n], [nc] */
     double *low, *high;      /* [nu + nu + ny] z is free; then rows */
     double *square, *linear; /* [nu + nu + ny] */
     double *y;               /* [ny] where z = 0 */
+    double *drift;           /* [nc] */
+    double *reach, *moved;   /* [nu] of a search: how far a step may go, how far the last one went */
+    double *longer;          /* [nu] by how much the next step may be */
+    double *lowest, *highest;
+    double *from_x, *from_u; /* [nc], [nu] */
     struct apc_qp *qp;
     double *memory;
 };
@@ -41,11 +50,11 @@ static double output(const struct apc_linear *m, size_t c, const double *point, 
     return sum;
 }
 
-static int fill(struct apc_target *t, struct apc_error *why)
+/* From the model as it is now. */
+static int arrange(struct apc_target *t, struct apc_error *why)
 {
     const struct apc_linear *m = t->model;
     const size_t nc = t->nc, n = t->n, nu = m->nu, inputs = nu + m->nd;
-    const struct apc_qp_options options = {.size = sizeof(options)};
 
     for (size_t i = 0; i < nc; i++) {
         for (size_t j = 0; j < nc; j++)
@@ -66,19 +75,29 @@ static int fill(struct apc_target *t, struct apc_error *why)
         for (size_t k = 0; k < nu; k++)
             t->rows[(nu + c) * nu + k] = output(m, c, t->Q + nc + k, n);
     }
+    return 0;
+}
+
+static int fill(struct apc_target *t, struct apc_error *why)
+{
+    const size_t nu = t->model->nu;
+    const struct apc_qp_options options = {.size = sizeof(options)};
+    int rc = arrange(t, why);
+
     for (size_t k = 0; k < nu; k++) {
         t->low[k] = -HUGE_VAL;
         t->high[k] = HUGE_VAL;
     }
-    return apc_qp_create(&t->qp, nu, nu + m->ny, &options, why);
+    return rc == 0 ? apc_qp_create(&t->qp, nu, nu + t->model->ny, &options, why) : rc;
 }
 
-int apc_target_create(struct apc_target **target, const struct apc_linear *model, struct apc_error *why)
+int apc_target_create(struct apc_target **target, struct apc_linear *model, struct apc_error *why)
 {
     const size_t nu = model->nu, ny = model->ny, nc = model->nx_plant + model->nx_held, n = nc + nu;
     struct apc_target *t = calloc(1, sizeof(*t));
-    double *at = calloc(n * n + n * nc + (nu + ny) * nu + nu * nu + 3 * nu + n + nc + 4 * (2 * nu + ny) + ny,
-                        sizeof(*at));
+    double *at =
+        calloc(n * n + n * nc + (nu + ny) * nu + nu * nu + 9 * nu + n + 3 * nc + 4 * (2 * nu + ny) + ny,
+               sizeof(*at));
     int rc;
 
     *target = NULL;
@@ -95,6 +114,14 @@ int apc_target_create(struct apc_target **target, const struct apc_linear *model
     t->f = apc_carve(&at, nu);
     t->z = apc_carve(&at, nu);
     t->weight = apc_carve(&at, nu);
+    t->reach = apc_carve(&at, nu);
+    t->moved = apc_carve(&at, nu);
+    t->longer = apc_carve(&at, nu);
+    t->lowest = apc_carve(&at, nu);
+    t->highest = apc_carve(&at, nu);
+    t->drift = apc_carve(&at, nc);
+    t->from_x = apc_carve(&at, nc);
+    t->from_u = apc_carve(&at, nu);
     t->point = apc_carve(&at, n);
     t->e = apc_carve(&at, nc);
     t->low = apc_carve(&at, 2 * nu + ny);
@@ -119,15 +146,11 @@ void apc_target_destroy(struct apc_target *target)
     free(target);
 }
 
-int apc_target_tune(struct apc_target *t, const double *r, struct apc_error *why)
+/* H, and the program, from weights and rows. */
+static int weigh(struct apc_target *t, struct apc_error *why)
 {
     const size_t nu = t->model->nu;
-    double largest = 0.0;
 
-    for (size_t j = 0; j < nu; j++)
-        largest = fmax(largest, r[j]);
-    for (size_t j = 0; j < nu; j++) /* where setpoints leave u free, it stays near its wish all the same */
-        t->weight[j] = fmax(r[j], largest > 0.0 ? 1e-6 * largest : 1.0);
     memset(t->H, 0, nu * nu * sizeof(*t->H));
     for (size_t j = 0; j < nu; j++) {
         for (size_t a = 0; a < nu; a++) {
@@ -140,10 +163,28 @@ int apc_target_tune(struct apc_target *t, const double *r, struct apc_error *why
         for (size_t a = 0; a < nu; a++) {
             for (size_t b = 0; b < nu; b++)
                 t->H[a * nu + b] +=
-                    1e-9 * fmax(largest, 1.0) * t->rows[(nu + c) * nu + a] * t->rows[(nu + c) * nu + b];
+                    1e-9 * fmax(t->largest, 1.0) * t->rows[(nu + c) * nu + a] * t->rows[(nu + c) * nu + b];
         }
     }
     return apc_qp_set(t->qp, t->H, t->rows, why);
+}
+
+int apc_target_tune(struct apc_target *t, const double *r, const double *s, struct apc_error *why)
+{
+    const size_t nu = t->model->nu;
+    double dearest = 0.0;
+
+    t->largest = 0.0;
+    for (size_t j = 0; j < nu; j++) {
+        t->largest = fmax(t->largest, r[j]);
+        dearest = fmax(dearest, s[j]);
+    }
+    for (size_t j = 0; j < nu; j++) { /* where setpoints leave u free, it stays near its wish all the same */
+        const double share = dearest > 0.0 ? fmax(s[j] / dearest, LEAST_SHARE) : 1.0;
+
+        t->weight[j] = fmax(r[j], (t->largest > 0.0 ? 1e-6 * t->largest : 1.0) * share);
+    }
+    return weigh(t, why);
 }
 
 /* The point of z = 0: least of all steady states under these disturbances. */
@@ -153,7 +194,7 @@ static void origin(struct apc_target *t, const struct apc_target_call *call)
     const size_t nc = t->nc, n = t->n, unknown = m->nx - nc, inputs = m->nu + m->nd;
 
     for (size_t i = 0; i < nc; i++) {
-        double e = 0.0;
+        double e = call->drift ? call->drift[i] : 0.0;
 
         for (size_t k = 0; k < unknown; k++)
             e += m->A[i * m->nx + nc + k] * (call->unknown[k] - m->x0[nc + k]);
@@ -268,4 +309,92 @@ int apc_target_find(struct apc_target *t, const struct apc_target_call *call, do
     for (size_t c = 0; c < ny; c++)
         y[c] = t->y[c] + apc_matrix_dot(t->rows + (nu + c) * nu, t->z, nu);
     return 0;
+}
+
+/* ---- Of a nonlinear model ------------------------------------------------------------------------ */
+
+/* Newton's steps of any length lead to most setpoints that can be reached; to others, and to the nearest
+ * where there is none, short ones do. */
+enum { SEARCH = 60, CAREFUL = 16 };
+/* Of a state or input, over its size: the next step would be the square of that; what is near enough where at
+ * the top of a curve there is no end to it. */
+#define STILL      1e-8
+#define ALL_BUT_IT 1e-5
+
+/* Where an input turns back, as at the top of a curve, it goes half as far. Returns by how much the farthest
+ * moves. */
+static double moves(struct apc_target *t, const double *x, const double *u)
+{
+    const struct apc_linear *m = t->model;
+    double most = 0.0;
+
+    for (size_t i = 0; i < t->nc; i++)
+        most = fmax(most, fabs(x[i] - m->x0[i]) / (1.0 + fabs(x[i])));
+    for (size_t j = 0; j < m->nu; j++) {
+        const double by = u[j] - m->u0[j];
+
+        if (by * t->moved[j] < 0.0) {
+            t->reach[j] = fmin(t->reach[j], fabs(t->moved[j])) / 2.0;
+            t->longer[j] = 1.0;
+        } else {
+            t->reach[j] *= t->longer[j];
+        }
+        t->moved[j] = by;
+        most = fmax(most, fabs(by) / (1.0 + fabs(u[j])));
+    }
+    return most;
+}
+
+static int walk(struct apc_target *t, const struct apc_target_call *call, apc_target_linearise *linearise,
+                void *ctx, double *x, double *u, double *y, bool *reachable)
+{
+    const struct apc_linear *m = t->model;
+    struct apc_target_call of = *call;
+    double most = HUGE_VAL;
+
+    of.drift = t->drift;
+    of.low = t->lowest;
+    of.high = t->highest;
+    memset(t->moved, 0, m->nu * sizeof(*t->moved));
+    for (size_t j = 0; j < m->nu; j++)
+        t->longer[j] = 2.0;
+    for (int k = 0; k < SEARCH && most > STILL; k++) {
+        int rc = linearise(ctx, x, u, t->model, t->drift);
+
+        for (size_t j = 0; j < m->nu; j++) {
+            t->lowest[j] = fmin(fmax(u[j] - t->reach[j], call->low[j]), call->high[j]);
+            t->highest[j] = fmax(fmin(u[j] + t->reach[j], call->high[j]), call->low[j]);
+        }
+        if (rc == 0)
+            rc = arrange(t, NULL);
+        if (rc == 0)
+            rc = weigh(t, NULL);
+        if (rc == 0)
+            rc = apc_target_find(t, &of, x, u, y, reachable);
+        if (rc < 0)
+            return rc;
+        most = moves(t, x, u);
+    }
+    return most <= ALL_BUT_IT ? 0 : APC_ESOLVER;
+}
+
+int apc_target_search(struct apc_target *t, const struct apc_target_call *call,
+                      apc_target_linearise *linearise, void *ctx, double *x, double *u, double *y,
+                      bool *reachable)
+{
+    const size_t nu = t->model->nu;
+    int rc;
+
+    memcpy(t->from_x, x, t->nc * sizeof(*x));
+    memcpy(t->from_u, u, nu * sizeof(*u));
+    for (size_t j = 0; j < nu; j++)
+        t->reach[j] = HUGE_VAL;
+    rc = walk(t, call, linearise, ctx, x, u, y, reachable);
+    if (rc == 0 && *reachable)
+        return 0;
+    memcpy(x, t->from_x, t->nc * sizeof(*x));
+    memcpy(u, t->from_u, nu * sizeof(*u));
+    for (size_t j = 0; j < nu; j++)
+        t->reach[j] = (call->high[j] - call->low[j]) / CAREFUL;
+    return walk(t, call, linearise, ctx, x, u, y, reachable);
 }

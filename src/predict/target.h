@@ -8,14 +8,18 @@
 
 struct apc_target;
 
-int apc_target_create(struct apc_target **target, const struct apc_linear *model, struct apc_error *why);
+/* The model is borrowed. */
+int apc_target_create(struct apc_target **target, struct apc_linear *model, struct apc_error *why);
 void apc_target_destroy(struct apc_target *target); /* NULL is legal */
 
-/* Weights of each input's distance from its wish, >= 0 [nu]. Returns 0 or APC_EINVAL. [tick] */
-int apc_target_tune(struct apc_target *target, const double *r, struct apc_error *why);
+/* Weights of each input's distance from its wish, and of its moves, both >= 0 [nu]: where setpoints or limits
+ * leave inputs a choice and nothing is wished, the latter say what a unit of each is worth. Returns 0 or
+ * APC_EINVAL. [tick] */
+int apc_target_tune(struct apc_target *target, const double *r, const double *s, struct apc_error *why);
 
 struct apc_target_call {
     const double *unknown;        /* [nx - nx_plant - nx_held] */
+    const double *drift;          /* [nx_plant + nx_held] that x0 gains in a period; NULL: x0 is at rest */
     const double *d;              /* [nd] */
     const double *wish, *cost;    /* [nu]; cost NULL: none */
     const double *low, *high;     /* [nu] */
@@ -31,5 +35,18 @@ struct apc_target_call {
  */
 int apc_target_find(struct apc_target *target, const struct apc_target_call *call, double *x, double *u,
                     double *y, bool *reachable);
+
+/* The model of a target, which is its caller's to change, and drift: linear at x, u [nu]. Returns 0, or an
+ * error: it is not defined there. */
+typedef int apc_target_linearise(void *ctx, const double *x, const double *u, struct apc_linear *model,
+                                 double *drift);
+/*
+ * The same of a nonlinear model, by steps of Newton from x, u, which are filled in; call->drift is not looked
+ * at. Returns 0, the error of @p linearise or of the quadratic program, or APC_ESOLVER: no end to it. Then x,
+ * u and y are of no use. [tick]
+ */
+int apc_target_search(struct apc_target *target, const struct apc_target_call *call,
+                      apc_target_linearise *linearise, void *ctx, double *x, double *u, double *y,
+                      bool *reachable);
 
 #endif

@@ -464,8 +464,8 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         {number("x_noise", minus, 1), "3 numbers"},
         {number("d_noise", minus, 1), "d_noise"},
         {number("newton", &zero, 1), "newton"},
-        {number("terminal", &one, 1), "terminal"},
-        {number("steady", &one, 1), "steady"},
+        {number("terminal", five, 1), "terminal"},
+        {number("steady", &one, 1), "an extended filter has no gain that stays; leave it out"},
     };
     struct apc_error why;
     struct rig r;

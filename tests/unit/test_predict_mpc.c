@@ -531,6 +531,53 @@ static void limits_are_given_up_by_rank_and_no_further_than_needed(void **state)
     }
 }
 
+/* A plan all the same, and of moves within their limits and rates, to the last one. */
+static void limits_that_contradict_never_leave_it_without_a_plan(void **state)
+{
+    const struct apc_mpc_options options = {.blocks = sizeof blocks / sizeof *blocks,
+                                            .block = blocks,
+                                            .limits = yes,
+                                            .rate = yes,
+                                            .zone = yes,
+                                            .rank = (const unsigned[]){1, 2},
+                                            .terminal = true};
+    struct apc_random random;
+    struct scene s;
+    int given_up = 0;
+    (void)state;
+
+    apc_random_init(&random, SEED, "contradict");
+    begin(&s, &options);
+    for (int k = 0; k < 400; k++) {
+        const double size = pow(10.0, -4.0 + k % 7);
+        double plan[MOVES_MOST] = {0};
+
+        for (size_t i = 0; i < s.model->nx; i++)
+            s.x[i] = s.model->x0[i] + size * apc_random_normal(&random);
+        for (size_t j = 0; j < NU; j++) {
+            s.u_last[j] = s.model->u0[j];
+            s.low[j] = s.model->u0[j] - size;
+            s.high[j] = s.model->u0[j] + 1e-3 * size;
+            s.step[j] = k % 2 ? 0.1 * size : HUGE_VAL;
+        }
+        for (size_t c = 0; c < NY; c++) { /* of no width, somewhere */
+            s.y_low[c] = s.y_high[c] = s.model->y0[c] + size * apc_random_normal(&random);
+            s.zone[c] = k % 3 ? 0.0 : 0.1 * size;
+        }
+        tune(&s);
+        given_up += solve(&s, plan).given_up != 0;
+        for (size_t i = 0; i < s.n; i++) {
+            const size_t j = i % NU;
+            const double before = i < NU ? s.u_last[j] : plan[i - NU];
+
+            assert_true(plan[i] >= s.low[j] && plan[i] <= s.high[j]);
+            assert_true(fabs(plan[i] - before) <= s.step[j] + 1e-9 * (1.0 + size));
+        }
+    }
+    assert_true(given_up > 300);
+    end(&s);
+}
+
 static void a_limit_of_y_holds_as_long_as_there_is_a_way(void **state)
 {
     const struct apc_mpc_options options = {
@@ -773,6 +820,7 @@ int main(void)
         cmocka_unit_test(a_setpoint_out_of_reach_is_approached),
         cmocka_unit_test(an_integrating_output_is_held),
         cmocka_unit_test(limits_are_given_up_by_rank_and_no_further_than_needed),
+        cmocka_unit_test(limits_that_contradict_never_leave_it_without_a_plan),
         cmocka_unit_test(a_limit_of_y_holds_as_long_as_there_is_a_way),
         cmocka_unit_test(within_its_zone_y_moves_nothing),
         cmocka_unit_test(an_input_that_is_given_stays_and_the_other_one_makes_up),
