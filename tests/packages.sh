@@ -40,14 +40,14 @@ After=dbus.socket
 [Service]
 ExecStart=/bin/bash /check/inside
 ExecStopPost=/bin/systemctl --no-block poweroff
-StandardOutput=truncate:/check/log
+StandardOutput=append:/check/log
 StandardError=inherit
 [Install]
 WantedBy=multi-user.target
 UNIT
 chroot "$root" systemctl --quiet enable check.service
 # What the packages want is fetched now: what is booted has no network but its own.
-chroot "$root" sh -c 'cd /check && apt-get -qq update && apt-get -qq --no-install-recommends --download-only install ./previous/*.deb && apt-get -qq --no-install-recommends --download-only install ./new/*.deb' >"$work/apt.log" 2>&1 ||
+chroot "$root" sh -c 'apt-get -qq update && apt-get -qq --no-install-recommends --download-only install /check/previous/*.deb && apt-get -qq --no-install-recommends --download-only install /check/new/*.deb' >"$work/apt.log" 2>&1 ||
   { cat "$work/apt.log" >&2; exit 1; }
 
 echo "booted ..."

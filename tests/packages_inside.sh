@@ -20,7 +20,7 @@ until_true() { # SECONDS COMMAND...
   done
 }
 export DEBIAN_FRONTEND=noninteractive
-apt() { apt-get -y -qq --no-install-recommends --no-download "$@" >/check/apt.log 2>&1 || { cat /check/apt.log; fail "apt-get $*"; }; }
+apt() { apt-get -y -qq --no-install-recommends "$@" >/check/apt.log 2>&1 || { cat /check/apt.log; fail "apt-get $*"; }; }
 installed() { dpkg-query -W -f='${Package} ${Version}\n' '*apc*' | sort; }
 daemons=(plant client controller scheduler ui)
 plant=first-order
@@ -29,7 +29,7 @@ units=("${units[@]/%/@$plant.service}")
 cd /check
 
 step "install"
-apt install ./previous/*.deb
+apt install /check/previous/*.deb
 installed
 [ "$(stat -c '%U %a' /var/lib/apc)" = "apc 750" ] || fail "there is no folder for records"
 [ "$(stat -c '%U %a' /etc/apc/credentials)" = "root 700" ] || fail "others see the credentials"
@@ -57,7 +57,7 @@ systemctl --quiet enable "apc@$plant.target" "apc-maintain@$plant.timer" "${unit
 systemctl start "apc@$plant.target"
 export APC_STORE=postgresql://apc:of-the-database@127.0.0.1/apc
 sql() { su postgres -c "psql -XAtqc \"$1\" apc"; }
-settled() { apc get y | awk '{ exit !($2 > 9.9 && $2 < 10.1) }'; }
+settled() { apc get r y | awk '$1 == "r" { r = $2 } $1 == "y" { y = $2 } END { exit !(y != "" && y - r < 0.2 && r - y < 0.2) }'; }
 until_true 100 settled
 apc status
 for unit in "${daemons[@]}"; do
@@ -86,7 +86,7 @@ step "upgrade"
 rows=$(sql 'SELECT count(*) FROM apc.sensor')
 first=$(sql 'SELECT min(time) FROM apc.sensor')
 pid=$(systemctl show -P MainPID "apc-client@$plant")
-apt install ./new/*.deb
+apt install /check/new/*.deb
 installed
 [ "$(systemctl show -P MainPID "apc-client@$plant")" = "$pid" ] || fail "an upgrade touched a loop that runs"
 systemctl restart "apc@$plant.target"
@@ -103,7 +103,7 @@ apt remove "${ours[@]}"
 [ ! -e /usr/bin/apc ] || fail "the programs are still there"
 ! pgrep -f /usr/bin/apc- || fail "daemons go on whose programs are gone"
 [ -e "/etc/apc/$plant.conf" ] || fail "what an administrator wrote is gone"
-apt install ./new/*.deb
+apt install /check/new/*.deb
 systemctl start "apc@$plant.target"
 until_true 100 settled
 
