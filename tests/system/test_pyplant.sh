@@ -33,7 +33,7 @@ grep sha256 "$work/python.log" >"$work/hash"
 [ -f "$work/folder/plant.py" ] || fail "the run folder does not keep it"
 "$apc" simulate "$work/folder" | grep -qF "$(cat "$work/hash")" || fail "the run folder's plant is another one"
 expect 0 'h .*level' "$apc" plants "$work/myplant.py"
-expect 1 'runs by itself' "$apc" linearize "$work/myplant.py"
+expect 1 'no equations to make linear' "$apc" linearize "$work/myplant.py"
 
 # One that steps by itself, with a disturbance, chosen by name.
 cat >"$work/mixer.py" <<'PY'
