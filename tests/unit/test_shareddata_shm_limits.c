@@ -120,7 +120,7 @@ static void test_as_many_tags_as_it_says_are_held(void **state)
     struct apc_store *store = *state;
     const size_t most = apc_shm_of(store)->tags;
     struct apc_tag *tags = calloc(2 * most + 1, sizeof *tags), *back = tags + most + 1;
-    char part[64];
+    char part[96];
     assert_non_null(tags);
     for (size_t i = 0; i <= most; i++) {
         tags[i].table = APC_SENSOR;
