@@ -65,6 +65,7 @@ test("a pump fails: the alarm comes with its rank and help, is acknowledged, pre
   // All is repaired; back to Auto, which predictive control takes up.
   plantIs("well");
   await until("the level is measured", async () => (await faceplate.locator('.value.bad[data-ref="sensor.2"]').count()) === 0);
+  await until("h2.bad is over", async () => (await api("/api/alarms")).alarms.some(one => one.alarm === "h2.bad" && !one.active));
   await faceplate.getByRole("button", {name: "Auto", exact: true}).click();
   await until("it is in Auto", async () => (await actual()) === "Auto");
   await until("no backup acts any more", async () => !/backup law acts/.test(await faceplate.textContent()));
