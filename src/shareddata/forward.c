@@ -291,6 +291,7 @@ static int find_places(struct apc_forward *f)
     for (size_t i = 0; i < f->n; i++) {
         struct apc_forward_variable *v = &f->variable[i];
         older = older || seq_read(f, i) < v->stored;
+        v->ours = v->ours && (seq_read(f, i) == v->at.seq || seq_read(f, i) == v->stored);
         v->at.seq = v->stored = seq_read(f, i);
         v->at.time = time_read(f, i);
         v->placed = true;
@@ -401,13 +402,20 @@ static int flush_rows(struct apc_forward *f)
     return 0;
 }
 
+/* A law publishes nothing at a tick at which it has no answer: these rows bear the numbers of ticks, and some
+ * are left out. Whether any was overwritten says the row before, as long as it is there to be read. */
+static bool leaves_out(const struct apc_forward_variable *v)
+{
+    return v->at.table == APC_ESTIMATE || v->at.table == APC_PREDICTION;
+}
+
 /* The first row of a variable in a step: is it the one that follows? After a step that failed it may come
  * again. */
 static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
 {
     struct apc_forward_variable *v = f->reading;
     const int64_t told = v->at.seq > v->missing ? v->at.seq : v->missing;
-    if (!v->read && v->at.seq > 0 && seq > told + 1) {
+    if (!v->read && v->at.seq > 0 && seq > told + 1 && (!leaves_out(v) || (v->ours && !v->follows))) {
         f->stats.gap.since =
             f->stats.gap.times == 0 || v->at.time < f->stats.gap.since ? v->at.time : f->stats.gap.since;
         f->stats.gap.until = time > f->stats.gap.until ? time : f->stats.gap.until;
@@ -417,35 +425,43 @@ static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
     }
 }
 
-/* The row joins the batch, unless it came after the step began. */
-static bool take_row(struct apc_forward *f, int64_t seq, apc_ns time)
+enum taken { TAKEN, KNOWN, LATER };
+
+/* The row joins the batch, unless it is the one before, or came after the step began. */
+static enum taken take_row(struct apc_forward *f, int64_t seq, apc_ns time)
 {
     struct apc_forward_variable *v = f->reading;
     if (seq > v->newest) {
-        return false;
+        return LATER;
+    }
+    if (seq <= v->at.seq) {
+        v->follows = true;
+        return KNOWN;
     }
     see_gap(f, seq, time);
-    v->read = true;
+    v->read = v->ours = true;
     v->at.seq = seq;
     v->at.time = time;
-    return true;
+    return TAKEN;
 }
 
 static int take_sample(void *ctx, const struct apc_sample *s)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
-    if (f->samples == SAMPLES || !take_row(f, s->seq, s->time)) {
-        return 1;
+    const enum taken taken = f->samples == SAMPLES ? LATER : take_row(f, s->seq, s->time);
+    if (taken == TAKEN) {
+        f->sample[f->samples++] = *s;
     }
-    f->sample[f->samples++] = *s;
-    return 0;
+    return taken == LATER;
 }
 
 static int take_vector(void *ctx, const struct apc_vector *v)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
-    if (f->vectors == VECTORS || f->elements + v->n > ELEMENTS || !take_row(f, v->seq, v->time)) {
-        return 1;
+    const bool room = f->vectors < VECTORS && f->elements + v->n <= ELEMENTS;
+    const enum taken taken = room ? take_row(f, v->seq, v->time) : LATER;
+    if (taken != TAKEN) {
+        return taken == LATER;
     }
     struct apc_vector *to = &f->vector[f->vectors++];
     *to = *v;
@@ -468,7 +484,8 @@ static int move_variable(struct apc_forward *f, struct apc_forward_variable *v)
     int rc = 0;
     f->reading = v;
     while (rc == 0 && v->at.seq < v->newest && !late(f)) {
-        const struct apc_range range = {.after = v->at.seq};
+        const struct apc_range range = {.after = v->at.seq - (leaves_out(v) && v->at.seq > 0)};
+        v->follows = false;
         const int given = apc_table_vectors(v->at.table)
                               ? apc_store_vectors(f->from, v->at.table, v->at.id, &range, take_vector, f)
                               : apc_store_history(f->from, v->at.table, v->at.id, &range, take_sample, f);

@@ -17,6 +17,8 @@ struct apc_forward_variable {
     int64_t missing;      /* gaps below this seq have been counted */
     bool placed;          /* what TO has is known, and that it is ours to write */
     bool read;            /* rows of it were read in this step */
+    bool ours;            /* its last row was read from FROM ... */
+    bool follows;         /* ... and is still there */
 };
 
 /* How far events, or timing rows, have come. */

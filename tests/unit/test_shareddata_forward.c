@@ -405,6 +405,46 @@ static void test_events_that_are_alike_are_all_moved(void **state)
     live_drop(live);
 }
 
+/* What a law publishes, at the ticks at which it has an answer. */
+static void publish(struct apc_store *store, int64_t tick)
+{
+    double value[2] = {(double)tick, 1};
+    struct apc_sample s = sample(APC_ESTIMATE, 1, tick, (double)tick);
+    struct apc_vector v = {
+        .table = APC_PREDICTION, .id = 1, .seq = tick, .time = s.time, .n = 2, .value = value};
+    const struct apc_rows rows = {
+        .size = sizeof rows, .sample = &s, .n_samples = 1, .vector = &v, .n_vectors = 1};
+    assert_int_equal(apc_store_append_rows(store, &rows), 2);
+}
+
+static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(void **state)
+{
+    struct apc_store *live = live_make(1);
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    for (int64_t tick = 1; tick <= 3; tick++) {
+        publish(live, tick);
+    }
+    struct apc_forward *f = begin(live, *state);
+    assert_int_equal(step(f), 6);
+    publish(live, 9);
+    assert_int_equal(step(f), 2);
+    publish(live, 10);
+    publish(live, 15);
+    assert_int_equal(step(f), 4);
+    assert_int_equal(step(f), 0);
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.gap.times, 0);
+    for (int64_t tick = 20; tick <= 60000; tick += 2) { /* more than it holds */
+        publish(live, tick);
+    }
+    assert_true(step(f) > 0);
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.gap.times, 2);
+    assert_int_equal(stats.gap.since, 15 * 1000 * APC_NS_PER_US);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
 static void test_what_was_overwritten_before_its_turn_is_told(void **state)
 {
     struct apc_store *live = live_make(1);
@@ -945,6 +985,7 @@ int main(void)
         T(test_what_is_there_already_is_not_stored_again),
         T(test_events_that_are_alike_are_all_moved),
         T(test_what_was_overwritten_before_its_turn_is_told),
+        T(test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is),
         T(test_events_and_timing_that_were_overwritten_before_their_turn_are_counted),
         T(test_how_much_room_is_left_is_told_before_it_is_used_up),
         T(test_the_room_that_is_left_is_that_of_the_variable_with_the_least),
