@@ -185,6 +185,22 @@ static void type_variable(struct reader *r, const char *element, const char **a)
     }
 }
 
+static struct variable copy(const struct variable *v)
+{
+    struct variable made = *v;
+    made.name = keep(v->name);
+    made.unit = keep(v->unit);
+    made.description = keep(v->description);
+    return made;
+}
+
+static void drop(struct variable *v)
+{
+    free(v->name);
+    free(v->unit);
+    free(v->description);
+}
+
 static void note_quantity(struct reader *r)
 {
     const struct variable *const v = &r->variable;
@@ -192,11 +208,8 @@ static void note_quantity(struct reader *r)
     if (v->type != TYPE_FLOAT64 || r->n_quantities == VARIABLES_MAX)
         return;
     r->quantity = more_room(r->quantity, r->n_quantities + 1, sizeof *r->quantity);
-    struct quantity *const q = &r->quantity[r->n_quantities++];
-    *q = (struct quantity){.variable = *v, .index = r->index, .of = r->of, .has_of = r->has_of};
-    q->variable.name = keep(v->name);
-    q->variable.unit = keep(v->unit);
-    q->variable.description = keep(v->description);
+    r->quantity[r->n_quantities++] =
+        (struct quantity){.variable = copy(v), .index = r->index, .of = r->of, .has_of = r->has_of};
 }
 
 /* Its structure says of which variables the model's states are made: each by its index or reference. */
@@ -222,9 +235,7 @@ static void end_variable(struct reader *r)
     while (k < KIND_STATE && strcmp(kinds[k], r->causality) != 0)
         k++;
     if (k == KIND_STATE || v->type == TYPE_NONE || !v->name[0]) {
-        free(v->name);
-        free(v->description);
-        free(v->unit);
+        drop(v);
         return;
     }
     if (r->d->n[k] == VARIABLES_MAX) {
@@ -324,10 +335,13 @@ static void find_states(struct reader *r)
                 state = &r->quantity[j];
         if (!state)
             continue;
-        d->of[KIND_STATE][n] = state->variable;
-        d->derivative[n++] = q->variable;
+        d->of[KIND_STATE][n] = copy(&state->variable);
+        d->derivative[n++] = copy(&q->variable);
     }
     d->n[KIND_STATE] = n == wanted ? n : 0;
+    for (size_t i = 0; i < r->n_quantities; i++)
+        drop(&r->quantity[i].variable);
+    free(r->quantity);
 }
 
 /* ---- The whole ------------------------------------------------------------------------------- */
@@ -377,7 +391,6 @@ void description_read(struct description *d, const char *text, size_t length)
         free(r.declared[i].unit);
     }
     free(r.declared);
-    free(r.quantity); /* its texts are the states' */
     check(d);
 }
 
