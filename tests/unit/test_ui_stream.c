@@ -69,7 +69,7 @@ static void publish(const char *data)
 static long drain(struct reader *r, size_t piece)
 {
     size_t n = 0;
-    long got;
+    long got = 0;
     while (n + piece < sizeof r->got && (got = stream_read(r->reader, r->got + n, piece)) > 0)
         n += (size_t)got;
     r->got[n] = '\0';
