@@ -15,7 +15,7 @@ static char folder[64], uri[128], spool[128];
 static int set_up(void **state)
 {
     (void)state;
-    strcpy(folder, "/tmp/apc-drain.XXXXXX");
+    snprintf(folder, sizeof folder, "/tmp/apc-drain.XXXXXX");
     if (!mkdtemp(folder))
         return 1;
     snprintf(uri, sizeof uri, "sqlite:%s/store.db", folder);

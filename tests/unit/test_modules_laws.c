@@ -4,6 +4,7 @@
 
 #include "rows.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #define S      APC_NS_PER_S
@@ -414,7 +415,7 @@ static int answer(struct apc_law_call *c)
 {
     c->u[0] = c->x[0];
     if (c->z[0] == 1.0)
-        strcpy(c->why, "rows 2 and 5 contradict");
+        snprintf(c->why, APC_LAW_WHY, "rows 2 and 5 contradict");
     return c->z[0] == 1.0 ? APC_LAW_INFEASIBLE : c->z[0] == 2.0 ? APC_LAW_LATE : APC_LAW_SUBOPTIMAL;
 }
 

@@ -98,11 +98,11 @@ static void more_points_than_there_was_room_for_are_kept(void **state)
 {
     enum { N = 1000 };
     static char text[40 * N];
-    size_t length = (size_t)sprintf(text, SAMPLES);
+    size_t length = (size_t)snprintf(text, sizeof text, SAMPLES);
     (void)state;
     write_all();
     for (int i = 0; i < N; i++)
-        length += (size_t)sprintf(text + length, "%d,sensor,1,Good,%d\n", N - i, i);
+        length += (size_t)snprintf(text + length, sizeof text - length, "%d,sensor,1,Good,%d\n", N - i, i);
     scratch_write("samples.csv", text);
     assert_int_equal(report_read(&data, scratch_folder(), &why), 0);
     assert_int_equal(data.y.series[0].n, N);

@@ -305,7 +305,7 @@ static void test_a_plant_is_described_wholly_and_a_new_text_is_a_new_revision(vo
     assert_int_equal(store->ops->describe(store, tag, 2, "name = \"a\";"), 2); /* the same */
     assert_int_equal(store->ops->catalogue(store, NULL, 0, &revision), 11);
     assert_int_equal(revision, 1);
-    strcpy(tag[1].name, "");
+    tag[1].name[0] = '\0';
     assert_int_equal(store->ops->describe(store, tag, 2, "other"), APC_ESTORE); /* neither is changed */
     assert_int_equal(store->ops->catalogue(store, text, 5, &revision), 11);
     assert_string_equal(text, "name"); /* cut */
