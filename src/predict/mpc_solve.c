@@ -1,0 +1,317 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The moves, and what becomes of limits that cannot be kept. */
+#include "predict/mpc_internal.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/matrix.h"
+
+/* Of solves from where the one before led: they take away what the pull of moves has done. */
+enum { AGAIN = 3 };
+/* What is allowed to a rank beyond what it breaks, over the size of y, so that the ranks after it have a
+ * place to look in; where they look in vain, more. What is told as broken. */
+#define LITTLE 1e-8
+#define MUCH   2e-4
+#define BROKEN 1e-6
+
+/* fmin() and fmax() of numbers, without a call. */
+static inline double lesser(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double greater(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+/* What comes with v = 0. */
+QP_LANES static void coast(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    const struct apc_linear *m = p->model;
+    const size_t rows = p->N * p->ny;
+
+    for (size_t i = 0; i < p->N; i++)
+        memcpy(p->free_y + i * p->ny, m->y0, p->ny * sizeof(*p->free_y));
+    memcpy(p->x, m->x0, m->nx * sizeof(*p->x));
+    for (size_t k = 0; k < m->nx; k++) {
+        const double away = call->x[k] - m->x0[k];
+
+        qp_add(rows, away, p->F + k * rows, p->free_y);
+        if (p->terminal)
+            qp_add(m->nx, away, p->Fx + k * m->nx, p->x);
+    }
+}
+
+/* The same with measured disturbances. */
+static void coast_disturbed(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    const struct apc_linear *m = p->model;
+
+    memcpy(p->x, call->x, m->nx * sizeof(*p->x));
+    memcpy(p->input, m->u0, p->nu * sizeof(*p->input));
+    for (size_t i = 0; i <= p->N; i++) {
+        for (size_t k = 0; k < p->nd; k++)
+            p->input[p->nu + k] = call->d[i * p->nd + k];
+        if (i > 0)
+            apc_linear_output(m, p->x, p->input, p->free_y + (i - 1) * p->ny);
+        if (i == p->N)
+            return;
+        apc_linear_next(m, p->x, p->input, p->next);
+        memcpy(p->x, p->next, m->nx * sizeof(*p->x));
+    }
+}
+
+/* f = G' q (free_y - target_y), four rows at a time. */
+QP_LANES static void pull(struct apc_mpc *p)
+{
+    const size_t n = p->n, rows = summed(p) * p->ny;
+    size_t i = 0;
+
+    memset(p->f, 0, n * sizeof(*p->f));
+    for (size_t c = 0; i < rows; i++, c = c + 1 < p->ny ? c + 1 : 0)
+        p->pulling[i] = tracked(p, c) * (p->target_y[i] - p->free_y[i]);
+    for (i = 0; i + 4 <= rows; i += 4) {
+        const double *row = p->G + i * n, *const four[] = {row, row + n, row + 2 * n, row + 3 * n};
+
+        qp_add_four(n, p->pulling + i, four, p->f);
+    }
+    for (; i < rows; i++)
+        qp_add(n, -p->pulling[i], p->G + i * n, p->f);
+}
+
+QP_LANES static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    const struct apc_linear *m = p->model;
+    const size_t n = p->n, nu = p->nu, nc = p->nc, na = nc + nu;
+
+    pull(p);
+    for (size_t block = 0; block < p->blocks; block++) {
+        const size_t sample = p->first[block];
+        const double *u = p->target_u + (sample > 0 ? sample - 1 : 0) * nu;
+
+        for (size_t j = 0; j < nu; j++) {
+            p->f[block * nu + j] -= wished(p, block, j) * (u[j] - m->u0[j]);
+            if (block == 0)
+                p->f[j] -= p->s[j] * (call->u_last[j] - m->u0[j]);
+        }
+    }
+    if (!p->ends)
+        return;
+    for (size_t i = 0; i < nc; i++)
+        p->difference[i] = p->x[i] - p->target_x[i];
+    for (size_t j = 0; j < nu; j++)
+        p->difference[nc + j] = m->u0[j] - p->target_u[(p->N - 1) * nu + j];
+    for (size_t i = 0; i < na; i++)
+        qp_add(n, p->difference[i], p->PG + i * n, p->f);
+}
+
+/* Limits of the moves. A u that stands outside comes back as fast as its rate allows. */
+static void bound_moves(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    for (size_t b = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            const double u0 = p->model->u0[j], last = call->u_last[j],
+                         reach = call->step[j] * (double)(b + 1);
+            double low = lesser(call->low[j], last + reach), high = greater(call->high[j], last - reach);
+
+            if (b == 0) {
+                p->paced[j] = (last - reach > low ? (unsigned)APC_MPC_FALLS : 0u) |
+                              (last + reach < high ? (unsigned)APC_MPC_RISES : 0u);
+                low = greater(low, last - reach);
+                high = lesser(high, last + reach);
+            }
+            p->low[b * p->nu + j] = (call->given[j] ? last : low) - u0;
+            p->high[b * p->nu + j] = (call->given[j] ? last : high) - u0;
+        }
+    }
+    for (size_t k = 0; k < p->n_rates; k++) {
+        const double step = call->step[p->rate_of[k].j];
+
+        p->low[p->n + k] = -step;
+        p->high[p->n + k] = step;
+    }
+}
+
+/* Zones; while limits are given up they wait. */
+static void bound_zones(struct apc_mpc *p, const struct apc_mpc_call *call, bool wait)
+{
+    for (size_t c = 0; c < p->ny; c++) {
+        const bool active = !wait && p->zone[c] > 0.0 && p->q[c] > 0.0;
+        double *low = p->low + p->n + p->row_of_zone[c], *high = p->high + p->n + p->row_of_zone[c];
+
+        for (size_t i = 0; i < p->N && p->row_of_zone[c] != SIZE_MAX; i++) {
+            const double w = call->w[(i + 1) * p->ny + c] - p->free_y[i * p->ny + c];
+
+            low[i] = active ? w - p->zone[c] : -HUGE_VAL;
+            high[i] = active ? w + p->zone[c] : HUGE_VAL;
+        }
+    }
+}
+
+static void bound_output(struct apc_mpc *p, const struct apc_mpc_call *call, size_t c, bool wait)
+{
+    double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
+
+    for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++) {
+        const double y = p->free_y[i * p->ny + c];
+
+        low[i] = wait ? -HUGE_VAL : call->y_low[c] - y;
+        high[i] = wait ? HUGE_VAL : call->y_high[c] - y;
+    }
+}
+
+static int solve(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *result)
+{
+    struct apc_qp_result r = {.size = sizeof(r)};
+    int rc = apc_qp_solve(qp, p->f, p->low, p->high, p->v, &r);
+
+    result->solves++;
+    result->iterations += r.iterations;
+    return rc;
+}
+
+/* Widen the limits of one y by what the plan breaks them, and a little, so that it can be done again. Returns
+ * true when it does break them. */
+static bool widen(struct apc_mpc *p, size_t c, double share)
+{
+    double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
+    bool broken = false;
+
+    for (size_t i = 0; i < p->N; i++) {
+        const double y = apc_matrix_dot(p->G + (i * p->ny + c) * p->n, p->v, p->n);
+        const double size = 1.0 + fabs(y), room = share * size;
+
+        broken = broken || y < low[i] - BROKEN * size || y > high[i] + BROKEN * size;
+        low[i] = fmin(low[i], y - room);
+        high[i] = fmax(high[i], y + room);
+    }
+    return broken;
+}
+
+/* To begin the next solve from where this one led. */
+static void pull_to_plan(struct apc_mpc *p)
+{
+    for (size_t k = 0; k < p->n; k++)
+        p->f[k] = -p->H_easy[k * p->n + k] * p->v[k];
+}
+
+/* What the limits of a rank are broken by at least. A pull may be too weak for its solve to come to an end:
+ * that one would have changed next to nothing. */
+static int break_least(struct apc_mpc *p, struct apc_mpc_result *result)
+{
+    const int rc = solve(p, p->easy_qp, result);
+    bool moves = rc == 0;
+
+    for (int again = 1; again < AGAIN && moves; again++) {
+        pull_to_plan(p);
+        moves = solve(p, p->easy_qp, result) == 0;
+        for (size_t k = 0; k < p->n && !moves; k++)
+            p->v[k] = -p->f[k] / p->H_easy[k * p->n + k];
+    }
+    pull_to_plan(p);
+    return rc;
+}
+
+/* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. */
+static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, double room,
+                   struct apc_mpc_result *result)
+{
+    int rc = p->easy_stale ? mpc_make_easy(p, NULL) : 0;
+
+    p->easy_stale = false;
+    if (p->easy_waits)
+        apc_qp_start(p->easy_qp, p->room);
+    p->easy_waits = false;
+    bound_zones(p, call, true);
+    for (size_t b = 0; b < p->blocks; b++) {
+        for (size_t j = 0; j < p->nu; j++) {
+            const size_t k = b * p->nu + j;
+
+            p->f[k] = -p->H_easy[k * p->n + k] * (call->u_last[j] - p->model->u0[j]);
+        }
+    }
+    for (size_t c = 0; c < p->ny; c++)
+        bound_output(p, call, c, true);
+    for (unsigned rank = 1; rank <= p->ranks && rc == 0; rank++) {
+        memset(p->easy, 0, (p->n + p->m) * sizeof(*p->easy));
+        for (size_t c = 0; c < p->ny; c++) {
+            if (p->rank[c] != rank)
+                continue;
+            bound_output(p, call, c, false);
+            for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++)
+                p->easy[p->n + p->row_of_limit[c] + i] = 1.0;
+        }
+        (void)apc_qp_soft(p->easy_qp, p->none, p->easy);
+        rc = break_least(p, result);
+        if (rc == 0)
+            memcpy(p->broken, p->v, p->n * sizeof(*p->v));
+        for (size_t c = 0; c < p->ny && rc == 0; c++) {
+            if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX && widen(p, c, room) &&
+                !result->given_up)
+                result->given_up = rank;
+        }
+    }
+    return rc;
+}
+
+/* Was there no time to go on, or no more of what stands for it? */
+static bool is_cut(const struct apc_mpc *p, int rc)
+{
+    return (rc == APC_ETIMEDOUT && p->few) || (p->enough && p->enough(p->ctx));
+}
+
+/* Without limits that cannot be kept. What they leave may be a single point, and rounding does not find it:
+ * then there are still the moves that break least, and setpoints have to wait. */
+static void solve_without(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
+{
+    double room = LITTLE;
+
+    do {
+        result->given_up = 0;
+        result->rc = give_up(p, call, room, result);
+        if (result->rc == 0) {
+            gradient(p, call);
+            bound_zones(p, call, false);
+            result->rc = solve(p, p->qp, result);
+        }
+        room *= 10.0;
+    } while (result->rc < 0 && room <= MUCH && !is_cut(p, result->rc));
+    if (result->rc < 0 && result->given_up && !is_cut(p, result->rc)) {
+        memcpy(p->v, p->broken, p->n * sizeof(*p->v));
+        result->rc = 0;
+    }
+}
+
+void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *plan,
+                   struct apc_mpc_result *result)
+{
+    *result = (struct apc_mpc_result){0};
+    memcpy(p->u_last, call->u_last, p->nu * sizeof(*p->u_last));
+    if (!p->linearise && p->nd)
+        coast_disturbed(p, call);
+    else if (!p->linearise)
+        coast(p, call);
+    if (!p->linearise && mpc_is_bound(p, call))
+        mpc_aim_at_setpoints(p, call);
+    else if (!p->linearise)
+        result->rc = mpc_find_targets(p, call, &result->solves);
+    if (result->rc < 0)
+        return;
+    result->reachable = p->reachable;
+    gradient(p, call);
+    bound_moves(p, call);
+    bound_zones(p, call, false);
+    for (size_t c = 0; c < p->ny; c++)
+        bound_output(p, call, c, false);
+    result->rc = solve(p, p->qp, result);
+    if (result->rc == APC_ERANGE || (result->rc == APC_ETIMEDOUT && !is_cut(p, result->rc)))
+        solve_without(p, call, result);
+    for (size_t b = 0; b < p->blocks && result->rc == 0; b++) {
+        for (size_t j = 0, k = b * p->nu; j < p->nu; j++, k++)
+            plan[k] = p->model->u0[j] + lesser(greater(p->v[k], p->low[k]), p->high[k]);
+    }
+}
