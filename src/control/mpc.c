@@ -15,9 +15,6 @@
 
 #include "base/base_internal.h"
 
-enum { BEGIN = 5 };
-#define STILL 1e-7 /* of a move, over its output's deviation: more steps of Newton's are not worth it */
-
 static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
     {"move", "1", "weight of moves, each over the output's deviation", 0.1, 1e-6, 1e6},
     {"wish", "1", "weight of the distance from reference, over the output's deviation", 0.0, 0.0, 1e6},
@@ -56,47 +53,6 @@ bool apc_mpc_late(void *mpc)
     return p->call && apc_law_left(p->call) <= 0.0;
 }
 
-/* ---- The parts of x --------------------------------------------------------------------------------- */
-
-static double *plan_of(const struct apc_law_mpc *p, double *x)
-{
-    return x + p->n_estimate;
-}
-
-static double *age_of(const struct apc_law_mpc *p, double *x)
-{
-    return plan_of(p, x) + p->dim.nu * p->blocks;
-}
-
-static double *rows_of(const struct apc_law_mpc *p, double *x)
-{
-    return age_of(p, x) + 1;
-}
-
-/* [ny] for how many ticks in a row it has been Bad. */
-static double *absent_of(const struct apc_law_mpc *p, double *x)
-{
-    return rows_of(p, x) + p->n_rows;
-}
-
-/* [nu + ny] what holds the plan back. */
-static double *limits_of(const struct apc_law_mpc *p, double *x)
-{
-    return absent_of(p, x) + p->dim.ny;
-}
-
-/* [N * nx_plant] of nmpc. */
-static double *nodes_of(const struct apc_law_mpc *p, double *x)
-{
-    return limits_of(p, x) + p->dim.nu + p->dim.ny;
-}
-
-/* [nx_plant + nu] of nmpc: the steady state of the present setpoints. */
-static double *rest_of(const struct apc_law_mpc *p, double *x)
-{
-    return nodes_of(p, x) + p->N * p->model->nx_plant;
-}
-
 /* ---- Taking in -------------------------------------------------------------------------------------- */
 
 static double last(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
@@ -112,7 +68,7 @@ static bool is_bad(const struct apc_law_call *c, size_t i)
 /* Bad for so long that nobody vouches for its estimate any more. */
 static bool is_lost(const struct apc_law_mpc *p, size_t i)
 {
-    return absent_of(p, p->x)[i] * p->Ts > p->hold[i];
+    return apc_mpc_absent_of(p, p->x)[i] * p->Ts > p->hold[i];
 }
 
 static bool is_served(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t i)
@@ -231,117 +187,37 @@ static void take_measured(struct apc_law_mpc *p, const struct apc_law_call *c)
         p->input[p->dim.nu + (p->measured ? p->measured[k] : k)] = c->d[k];
 }
 
+/* What acts now. */
+static void take_acting(struct apc_law_mpc *p, const struct apc_law_call *c)
+{
+    for (size_t j = 0; j < p->dim.nu; j++)
+        p->input[j] = p->past[j] = last(p, c, j);
+    if (p->nonlinear) {
+        memcpy(p->past + p->dim.nu, apc_mpc_past_of(p, p->x), p->late_most * p->dim.nu * sizeof(*p->past));
+        apc_nmpc_take_past(p);
+    }
+}
+
 static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     memcpy(p->x, c->x, p->states * sizeof(*p->x));
-    for (size_t j = 0; j < p->dim.nu; j++)
-        p->input[j] = last(p, c, j);
+    take_acting(p, c);
     take_measured(p, c);
     for (size_t i = 0; i < p->dim.ny; i++) {
-        double *absent = &absent_of(p, p->x)[i];
+        double *absent = &apc_mpc_absent_of(p, p->x)[i];
 
         *absent = is_bad(c, i) ? fmin(*absent + 1.0, 1e15) : 0.0;
     }
     (void)apc_estimator_correct(p->estimator, p->x, c->y, p->usable, p->input);
 }
 
-/* The plan from `age` samples after it was made on. */
-static void shift_plan(struct apc_law_mpc *p, size_t age)
+void apc_mpc_shift_plan(struct apc_law_mpc *p, size_t age)
 {
     if (age == 0)
-        memcpy(p->shifted, plan_of(p, p->x), p->dim.nu * p->blocks * sizeof(*p->shifted));
+        memcpy(p->shifted, apc_mpc_plan_of(p, p->x), p->dim.nu * p->blocks * sizeof(*p->shifted));
     for (size_t b = 0, first = 0; b < p->blocks && age; first += p->block[b++])
-        memcpy(p->shifted + b * p->dim.nu, apc_mpc_move(p->mpc, plan_of(p, p->x), first + age),
+        memcpy(p->shifted + b * p->dim.nu, apc_mpc_move(p->mpc, apc_mpc_plan_of(p, p->x), first + age),
                p->dim.nu * sizeof(*p->shifted));
-}
-
-/* Moves and nodes that nmpc starts from: those of the last solution, as many samples later as it is old;
- * without one, everything as it is. */
-static void shift(struct apc_law_mpc *p)
-{
-    const size_t nu = p->dim.nu, nx = p->model->nx_plant, age = (size_t)*age_of(p, p->x);
-    const double *nodes = nodes_of(p, p->x);
-
-    if (age)
-        shift_plan(p, age);
-    for (size_t b = 0; b < p->blocks && !age; b++)
-        memcpy(p->shifted + b * nu, p->u_last, nu * sizeof(*p->shifted));
-    for (size_t i = 0; i < p->N; i++)
-        memcpy(p->nodes + i * nx, age ? nodes + (i + age < p->N ? i + age : p->N - 1) * nx : p->start,
-               nx * sizeof(*p->nodes));
-}
-
-/* The problem about moves and nodes as they stand. Where the model is not defined there, about the present.
- */
-static int linearise(struct apc_law_mpc *p, const double *d)
-{
-    int rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->nodes, p->G, p->free_y);
-
-    if (rc < 0) {
-        *age_of(p, p->x) = 0.0;
-        shift(p);
-        rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->nodes, p->G, p->free_y);
-    }
-    if (rc < 0)
-        return rc;
-    apc_shoot_end(p->shoot, p->nodes, p->Gx, p->free_x);
-    return apc_mpc_follow(p->mpc, p->G, p->free_y, p->Gx, p->free_x);
-}
-
-/* Has the last step changed next to nothing? */
-static bool stands_still(const struct apc_law_mpc *p)
-{
-    double most = 0.0;
-
-    for (size_t k = 0; k < p->dim.nu * p->blocks; k++)
-        most = fmax(most, fabs(p->plan[k] - p->shifted[k]) / p->dev_u[k % p->dim.nu]);
-    return most < STILL;
-}
-
-static void keep_nodes(struct apc_law_mpc *p)
-{
-    if (p->result.rc == 0)
-        memcpy(nodes_of(p, p->x), p->nodes, p->N * p->model->nx_plant * sizeof(*p->nodes));
-}
-
-/* Steps of Gauss and Newton: BEGIN at least where there is nothing to go on from. */
-static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
-{
-    const size_t nx = p->model->nx_plant, n = p->dim.nu * p->blocks;
-    const double *d = p->x + nx;
-    const size_t least = *age_of(p, p->x) > 0.0 ? 1 : BEGIN, steps = p->newton > least ? p->newton : least;
-    bool done = false;
-
-    memcpy(p->start, p->x, nx * sizeof(*p->start));
-    apc_shoot_measure(p->shoot, p->input + p->dim.nu);
-    p->result = (struct apc_mpc_result){
-        .rc = p->late > 0.0 ? apc_shoot_advance(p->shoot, p->start, p->u_last, d, p->late) : 0};
-    shift(p);
-    if (!(*age_of(p, p->x) > 0.0)) {
-        memcpy(rest_of(p, p->x), p->start, nx * sizeof(*p->start));
-        memcpy(rest_of(p, p->x) + nx, p->u_last, p->dim.nu * sizeof(*p->u_last));
-    }
-    apc_mpc_aim(p->mpc, call, rest_of(p, p->x), rest_of(p, p->x) + nx);
-    for (size_t k = 0; k < steps && !done && p->result.rc == 0; k++) {
-        const struct apc_mpc_result before = p->result;
-        int rc = linearise(p, d);
-
-        if (rc == 0)
-            apc_mpc_solve(p->mpc, call, p->plan, &p->result);
-        else
-            p->result.rc = rc;
-        if (p->result.rc < 0 && k > 0 && !apc_mpc_late(p)) { /* the step before has an answer of its own */
-            p->result = before;
-            break;
-        }
-        p->result.iterations += before.iterations;
-        if (p->result.rc == 0) {
-            done = k + 1 >= least && stands_still(p);
-            apc_shoot_move(p->shoot, p->plan, p->nodes);
-            memcpy(p->shifted, p->plan, n * sizeof(*p->plan));
-        }
-    }
-    keep_nodes(p);
 }
 
 /* The working set, without moves that somebody else has, which are no rows to begin with when the law has
@@ -350,7 +226,7 @@ static void step_on(struct apc_law_mpc *p, const struct apc_mpc_call *call)
 static void keep_rows(const struct apc_law_mpc *p, const signed char *active)
 {
     const size_t n = p->n_rows;
-    double *rows = rows_of(p, p->x);
+    double *rows = apc_mpc_rows_of(p, p->x);
 
     for (size_t k = 0; k < n; k++)
         rows[k] = active[k];
@@ -365,7 +241,7 @@ static void keep_rows(const struct apc_law_mpc *p, const signed char *active)
 static void take_rows(const struct apc_law_mpc *p)
 {
     const size_t n = p->n_rows, nu = p->dim.nu; /* here, since a char might be any of them */
-    const double *kept = rows_of(p, p->x);
+    const double *kept = apc_mpc_rows_of(p, p->x);
     signed char *rows = apc_mpc_room(p->mpc);
 
     for (size_t k = 0; k < n; k++)
@@ -386,13 +262,13 @@ static void keep(struct apc_law_mpc *p)
     if (p->result.rc == 0 || p->result.rc == APC_ETIMEDOUT)
         keep_rows(p, active);
     if (p->result.rc == 0) {
-        memcpy(plan_of(p, p->x), p->plan, nu * p->blocks * sizeof(*p->plan));
+        memcpy(apc_mpc_plan_of(p, p->x), p->plan, nu * p->blocks * sizeof(*p->plan));
         apc_mpc_limiting(p->mpc, active, p->limiting, p->limiting + nu);
         for (size_t k = 0; k < nu + ny; k++)
-            limits_of(p, p->x)[k] = p->limiting[k];
-        *age_of(p, p->x) = 1.0;
-    } else if (*age_of(p, p->x) > 0.0) {
-        *age_of(p, p->x) += 1.0;
+            apc_mpc_limits_of(p, p->x)[k] = p->limiting[k];
+        *apc_mpc_age_of(p, p->x) = 1.0;
+    } else if (*apc_mpc_age_of(p, p->x) > 0.0) {
+        *apc_mpc_age_of(p, p->x) += 1.0;
     }
 }
 
@@ -414,7 +290,7 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
     take_rows(p);
     p->call = c;
     if (p->shoot)
-        step_on(p, &call);
+        apc_nmpc_solve(p, &call);
     else
         apc_mpc_solve(p->mpc, &call, p->plan, &p->result);
     p->call = NULL;
@@ -441,50 +317,6 @@ static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_
 }
 
 /* ---- What goes out ---------------------------------------------------------------------------------- */
-
-/* An output that is given, whose plan follows from that, is held back by nobody. */
-static void publish_limits(const struct apc_law_mpc *p, double *at)
-{
-    const size_t ny = p->dim.ny, nu = p->dim.nu;
-    const double *limits = limits_of(p, p->x);
-
-    memcpy(at, limits + nu, ny * sizeof(*at));
-    for (size_t j = 0; j < nu; j++)
-        at[ny + j] = p->given[j] ? 0.0 : limits[j];
-}
-
-static void publish(struct apc_law_mpc *p, const struct apc_law_call *c, int result)
-{
-    const size_t ny = p->dim.ny, nu = p->dim.nu, old = (size_t)*age_of(p, p->x) - 1;
-    double *at = c->published;
-
-    if (!at)
-        return;
-    shift_plan(p, old);
-    apc_mpc_predict(p->mpc, p->shifted, p->prediction);
-    for (size_t i = 0; i < ny; i++) {
-        for (size_t k = 0; k < p->N; k++)
-            *at++ = p->prediction[k * ny + i];
-    }
-    for (size_t k = 0; k < p->N; k++) {
-        const double *move = apc_mpc_move(p->mpc, plan_of(p, p->x), old + k);
-
-        for (size_t j = 0; j < nu; j++)
-            at[j * p->N + k] = move[j];
-    }
-    at += nu * p->N;
-    apc_mpc_target(p->mpc, p->N, at, at + ny);
-    at += ny + nu;
-    for (size_t k = 0; k < p->n_unknown; k++)
-        *at++ = p->x[p->nx - p->n_unknown + k];
-    publish_limits(p, at);
-    at += ny + nu;
-    *at++ = apc_mpc_cost(p->mpc, p->shifted, p->prediction);
-    *at++ = p->took;
-    *at++ = result;
-    *at++ = p->result.iterations;
-    memcpy(at, p->x, p->disturbed->nx_plant * sizeof(*at));
-}
 
 /* The measurement that it must not go on without; ny: there is none. */
 static size_t missing(const struct apc_law_mpc *p)
@@ -531,7 +363,7 @@ static int compute(struct apc_law_call *c)
     gone = missing(p);
     if (gone < p->dim.ny) {
         snprintf(c->why, APC_LAW_WHY, "measurement %zu is critical and has been Bad for %g s", gone + 1,
-                 absent_of(p, p->x)[gone] * p->Ts);
+                 apc_mpc_absent_of(p, p->x)[gone] * p->Ts);
         return APC_LAW_INFEASIBLE;
     }
     if (!p->is_tuned) {
@@ -539,12 +371,12 @@ static int compute(struct apc_law_call *c)
                  "weights leave a combination of moves free: give each output a move weight");
         return APC_LAW_INFEASIBLE;
     }
-    age = (size_t)*age_of(p, p->x);
+    age = (size_t)*apc_mpc_age_of(p, p->x);
     if (age == 0) {
         snprintf(c->why, APC_LAW_WHY, "no plan yet");
         return APC_LAW_INFEASIBLE;
     }
-    move = apc_mpc_move(p->mpc, plan_of(p, p->x), age - 1);
+    move = apc_mpc_move(p->mpc, apc_mpc_plan_of(p, p->x), age - 1);
     for (size_t j = 0; j < p->dim.nu; j++) {
         const double least = fmax(p->low[j], p->u_last[j] - p->step[j]),
                      most = fmin(p->high[j], p->u_last[j] + p->step[j]);
@@ -554,7 +386,7 @@ static int compute(struct apc_law_call *c)
                          (c->u[j] >= most ? (unsigned)APC_LIMITED_HIGH : 0u);
     }
     result = verdict(p, c);
-    publish(p, c, result);
+    apc_mpc_publish(p, c, result);
     return result;
 }
 
@@ -564,12 +396,12 @@ static void update(struct apc_law_call *c)
 
     think(p, c, p->n_seen - 2 * p->dim.nu);
     memcpy(c->x, p->x, p->states * sizeof(*c->x));
-    if (p->early) {
-        memcpy(p->input, p->u_last, p->dim.nu * sizeof(*p->input));
-        (void)apc_estimator_predict(p->early, c->x, p->input);
+    if (p->nonlinear) {
+        apc_nmpc_predict(p, c->x, c->u);
+    } else {
+        memcpy(p->input, c->u, p->dim.nu * sizeof(*p->input));
+        (void)apc_estimator_predict(p->estimator, c->x, p->input);
     }
-    memcpy(p->input, c->u, p->dim.nu * sizeof(*p->input));
-    (void)apc_estimator_predict(p->estimator, c->x, p->input);
 }
 
 /* ---- Beginning -------------------------------------------------------------------------------------- */
@@ -584,6 +416,8 @@ static void settle(struct apc_law_call *c, const double *u)
     take_measured(p, c);
     apc_rest_find(p->rest, c->y, p->input, p->x);
     apc_estimator_reset(p->estimator, c->x, p->x);
+    for (size_t k = 0; k < p->late_most * p->dim.nu; k++)
+        apc_mpc_past_of(p, c->x)[k] = u[k % p->dim.nu];
 }
 
 static void reset(struct apc_law_call *c)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The instance of law mpc: made by mpc_setup.c, run by mpc.c. */
+/* The instance of laws mpc and nmpc: made by mpc_setup.c and nmpc_setup.c, run by mpc.c; nmpc.c has the
+ * nonlinear problem, mpc_publish.c what is published. */
 #ifndef APC_CONTROL_MPC_H
 #define APC_CONTROL_MPC_H
 
@@ -21,9 +22,9 @@ struct apc_law_mpc_name {
 /*
  * x is: the estimator's numbers; the plan, block after block; how many samples ago it was made, plus 1 (0:
  * there is none); the working set; for how many ticks each measurement has been Bad; what holds the plan
- * back; of nmpc the nodes and where it is to come to rest. compute only looks at x; what it works out it
- * keeps here, with all it was made from, so that update need not do it twice, and does it where a restart has
- * lost it.
+ * back; of nmpc the nodes, where it is to come to rest, and outputs that are still to act. compute only looks
+ * at x; what it works out it keeps here, with all it was made from, so that update need not do it twice, and
+ * does it where a restart has lost it.
  */
 struct apc_law_mpc {
     struct apc_dim dim;
@@ -43,15 +44,20 @@ struct apc_law_mpc {
     bool nonlinear;
     struct apc_estimator *estimator;
     struct apc_rest *rest;
-    /* Of nmpc: what acts for the first part of a period, `late` s, is the output before. Its x has the nodes
-     * of the last solution, too. */
-    struct apc_estimator *early;
+    /* Of nmpc. An output acts `whole` periods and `bit` s late: in the first part of a period it is the one
+     * before, so a period has parts, and a filter for each, of which the last one is `estimator`. The first
+     * `late` s, which are the same for all outputs, are gone through before the horizon, which begins then.
+     */
+    struct apc_estimator **part; /* [parts - 1] */
+    size_t parts, *whole, late_most;
+    double *bit, *begins; /* [nu]; [parts] s */
+    size_t nc;            /* states of `model` */
     struct apc_shoot *shoot;
     size_t *measured; /* [nd] which of the model's disturbances each d is */
     double late;
     size_t newton;                      /* most steps of Gauss and Newton in a tick */
     double *start, *nodes, *G, *free_y; /* [nx_plant], [N * nx_plant], [N * ny * n], [N * ny] */
-    double *Gx, *free_x;                /* [nx_plant * n], [nx_plant] */
+    double *Gx, *free_x;                /* [nc * n], [nc] */
     struct apc_mpc *mpc;
     struct apc_published *published;
     struct apc_law_mpc_name *name;
@@ -67,6 +73,7 @@ struct apc_law_mpc {
     double *tuned;                                            /* weights that the problem has */
     bool is_tuned, is_seen;
     double *input;        /* [nu + nd] */
+    double *past;         /* [(late_most + 1) * nu] what acts before the plan does, the youngest first */
     double *prediction;   /* [N * ny] */
     bool *usable, *given; /* [ny], [nu] */
     unsigned *limiting;   /* [nu + ny] */
@@ -74,6 +81,55 @@ struct apc_law_mpc {
     struct apc_mpc_result result;
     const struct apc_law_call *call; /* while it computes: its deadline */
 };
+
+/* ---- The parts of x --------------------------------------------------------------------------------- */
+
+static inline double *apc_mpc_plan_of(const struct apc_law_mpc *p, double *x)
+{
+    return x + p->n_estimate;
+}
+
+static inline double *apc_mpc_age_of(const struct apc_law_mpc *p, double *x)
+{
+    return apc_mpc_plan_of(p, x) + p->dim.nu * p->blocks;
+}
+
+static inline double *apc_mpc_rows_of(const struct apc_law_mpc *p, double *x)
+{
+    return apc_mpc_age_of(p, x) + 1;
+}
+
+/* [ny] for how many ticks in a row it has been Bad. */
+static inline double *apc_mpc_absent_of(const struct apc_law_mpc *p, double *x)
+{
+    return apc_mpc_rows_of(p, x) + p->n_rows;
+}
+
+/* [nu + ny] what holds the plan back. */
+static inline double *apc_mpc_limits_of(const struct apc_law_mpc *p, double *x)
+{
+    return apc_mpc_absent_of(p, x) + p->dim.ny;
+}
+
+/* [N * nx_plant] of nmpc. */
+static inline double *apc_mpc_nodes_of(const struct apc_law_mpc *p, double *x)
+{
+    return apc_mpc_limits_of(p, x) + p->dim.nu + p->dim.ny;
+}
+
+/* [nc + nu] of nmpc: the steady state of the present setpoints. */
+static inline double *apc_mpc_rest_of(const struct apc_law_mpc *p, double *x)
+{
+    return apc_mpc_nodes_of(p, x) + p->N * p->model->nx_plant;
+}
+
+/* [late_most * nu] of nmpc: outputs of two periods ago and before. */
+static inline double *apc_mpc_past_of(const struct apc_law_mpc *p, double *x)
+{
+    return apc_mpc_rest_of(p, x) + p->nc + p->dim.nu;
+}
+
+/* ---- Between the files ------------------------------------------------------------------------------ */
 
 extern const char *const apc_mpc_settings[], *const apc_nmpc_settings[];
 int apc_nmpc_make(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
@@ -91,9 +147,25 @@ int apc_mpc_take_y_noise(const struct apc_law_setup *setup, double *to, struct a
 /* p->disturbed from settings at_input and at_output; unknown [ny] is filled in. */
 int apc_mpc_disturb(struct apc_law_mpc *p, const struct apc_law_setup *setup, const struct apc_linear *from,
                     struct apc_linear_unknown *unknown, struct apc_error *why);
+/* Setting "delay", to [nu]: of each output, or one of all. */
+int apc_mpc_take_delay(const struct apc_law_setup *setup, double *to, struct apc_error *why);
+/* Do the measurements, of noise variances r, show every mode that does not die out? */
+int apc_mpc_check_detectable(const struct apc_linear *m, const double *r, struct apc_error *why);
+/* p->published, in the order in which apc_mpc_publish() fills them in. */
+int apc_mpc_declare(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_law_needs *needs,
+                    struct apc_error *why);
+void apc_mpc_publish(struct apc_law_mpc *p, const struct apc_law_call *c, int result);
+/* p->shifted = the plan from `age` samples after it was made on. */
+void apc_mpc_shift_plan(struct apc_law_mpc *p, size_t age);
 int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why);
 /* Of nmpc, at the disturbances of this tick: as apc_target_linearise() says. */
 int apc_nmpc_linearise(void *self, const double *x, const double *u, struct apc_linear *to, double *drift);
+/* p->plan and p->result, by steps of Gauss and Newton. */
+void apc_nmpc_solve(struct apc_law_mpc *p, const struct apc_mpc_call *call);
+/* The outputs in p->past to p->input, as they act before the plan does. */
+void apc_nmpc_take_past(struct apc_law_mpc *p);
+/* The estimate x a period on, with outputs u [nu] from now on. */
+void apc_nmpc_predict(struct apc_law_mpc *p, double *x, const double *u);
 /* True when the time of this call is up. */
 bool apc_mpc_late(void *mpc);
 

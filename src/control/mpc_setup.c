@@ -98,11 +98,21 @@ int apc_mpc_sample(const struct apc_law_setup *setup, const double *delay, struc
     return apc_linear_from_continuous(model, &from, setup->Ts, why);
 }
 
+int apc_mpc_take_delay(const struct apc_law_setup *setup, double *to, struct apc_error *why)
+{
+    const struct apc_setting *s = apc_setting_find(setup, "delay");
+    const bool one = s && s->rows * s->columns == 1;
+    int rc = apc_setting_amounts(setup, "delay", one ? 1 : setup->dim.nu, to, why);
+
+    for (size_t j = 1; j < setup->dim.nu && one; j++)
+        to[j] = to[0];
+    return rc;
+}
+
 static int sample(const struct apc_law_setup *setup, struct apc_linear **model, struct apc_error *why)
 {
     double *delay = calloc(setup->dim.nu + setup->dim.nd + 1, sizeof(*delay));
-    int rc = delay ? apc_setting_amounts(setup, "delay", setup->dim.nu, delay, why)
-                   : apc_fail(why, APC_ENOMEM, "no memory");
+    int rc = delay ? apc_mpc_take_delay(setup, delay, why) : apc_fail(why, APC_ENOMEM, "no memory");
 
     if (rc == 0)
         rc = apc_mpc_sample(setup, delay, model, why);
@@ -188,9 +198,8 @@ static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, 
 
 /* ---- The estimator --------------------------------------------------------------------------------- */
 
-/* Do the measurements show every mode that does not die out? With noise in every state a steady filter says.
- */
-static int check_detectable(const struct apc_linear *m, const double *r, struct apc_error *why)
+/* With noise in every state a steady filter says. */
+int apc_mpc_check_detectable(const struct apc_linear *m, const double *r, struct apc_error *why)
 {
     struct apc_estimator *trial = NULL;
     double *q = calloc(m->nx, sizeof(*q));
@@ -204,6 +213,10 @@ static int check_detectable(const struct apc_linear *m, const double *r, struct 
 
         rc = apc_estimator_create(&trial, &options, why);
     }
+    if (rc == APC_ESOLVER)
+        rc = apc_fail(why, rc,
+                      "a mode of the model that does not die out by itself is not seen in any measurement: "
+                      "measure what shows it, or leave it out of the model");
     apc_estimator_destroy(trial);
     free(q);
     return rc;
@@ -257,111 +270,10 @@ static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *set
 
         rc = apc_estimator_create(&p->estimator, &options, why);
         if (rc == 0 && !steady)
-            rc = check_detectable(m, r, why);
+            rc = apc_mpc_check_detectable(m, r, why);
     }
     free(q);
     return rc;
-}
-
-/* ---- What it publishes ------------------------------------------------------------------------------ */
-
-/* Number k: of this signal, or of number i, of which nothing is known. */
-static void declare(struct apc_law_mpc *p, size_t k, const struct apc_signal_view *signal, char letter,
-                    size_t i, const char *suffix, const char *description, size_t length)
-{
-    struct apc_law_mpc_name *name = &p->name[k];
-    const char *unit = signal && signal->unit ? signal->unit : "";
-
-    if (signal && signal->name)
-        snprintf(name->name, sizeof(name->name), "%s.%s", signal->name, suffix);
-    else
-        snprintf(name->name, sizeof(name->name), "%c%zu.%s", letter, i + 1, suffix);
-    snprintf(name->unit, sizeof(name->unit), "%s", *unit ? unit : "1");
-    p->published[k] = (struct apc_published){.name = name->name,
-                                             .unit = name->unit,
-                                             .description = description,
-                                             .length = length,
-                                             .step = length ? p->Ts : 0.0};
-}
-
-static const struct apc_signal_view *of(const struct apc_signal_view *signal, size_t i)
-{
-    return signal ? signal + i : NULL;
-}
-
-/* Called by where it comes in. */
-static void declare_disturbance(struct apc_law_mpc *p, size_t k, const struct apc_law_setup *setup, size_t i)
-{
-    static const char what[] = "disturbance that nobody measures, as it is estimated";
-    const struct apc_linear_unknown *u = &p->unknown[i];
-
-    if (u->where == APC_AT_OUTPUT) {
-        declare(p, k, of(setup->y, u->number), 'y', u->number, "disturbance", what, 0);
-    } else if (u->number < p->dim.nu) {
-        declare(p, k, of(setup->u, u->number), 'u', u->number, "disturbance", what, 0);
-    } else {
-        const struct apc_param *own = &setup->plant->model->disturbance[u->number - p->dim.nu];
-
-        declare(p, k, &(struct apc_signal_view){.name = own->name, .unit = own->unit}, 'd', 0, "disturbance",
-                what, 0);
-    }
-}
-
-static void declare_states(struct apc_law_mpc *p, size_t k, const struct apc_law_setup *setup)
-{
-    const struct apc_model *model = setup->plant->model;
-
-    for (size_t i = 0; i < p->disturbed->nx_plant; i++) {
-        const bool named = model && model->nx == p->disturbed->nx_plant;
-        const struct apc_signal_view state = {.name = named ? model->state[i].name : NULL,
-                                              .unit = named ? model->state[i].unit : NULL};
-
-        declare(p, k + i, &state, 'x', i, "estimate", "state of the model, estimated", 0);
-    }
-}
-
-/* In the order in which apc_law_mpc.compute fills them in. */
-static int publish(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_law_needs *needs,
-                   struct apc_error *why)
-{
-    const size_t ny = p->dim.ny, nu = p->dim.nu, n_unknown = p->n_unknown,
-                 n = 3 * ny + 3 * nu + n_unknown + 4 + p->disturbed->nx_plant;
-    size_t k = 0;
-
-    p->published = calloc(n, sizeof(*p->published));
-    p->name = calloc(n, sizeof(*p->name));
-    if (!p->published || !p->name)
-        return apc_fail(why, APC_ENOMEM, "no memory");
-    for (size_t i = 0; i < ny; i++)
-        declare(p, k++, of(setup->y, i), 'y', i, "prediction", "predicted from the next sample on", p->N);
-    for (size_t j = 0; j < nu; j++)
-        declare(p, k++, of(setup->u, j), 'u', j, "plan", "moves from now on", p->N);
-    for (size_t i = 0; i < ny; i++)
-        declare(p, k++, of(setup->y, i), 'y', i, "target", "steady state aimed at", 0);
-    for (size_t j = 0; j < nu; j++)
-        declare(p, k++, of(setup->u, j), 'u', j, "target", "steady state aimed at", 0);
-    for (size_t i = 0; i < n_unknown; i++)
-        declare_disturbance(p, k++, setup, i);
-    for (size_t i = 0; i < ny; i++)
-        declare(p, k++, of(setup->y, i), 'y', i, "limit", "what holds the plan back: 1 its low limit, 2 high",
-                0);
-    for (size_t j = 0; j < nu; j++)
-        declare(p, k++, of(setup->u, j), 'u', j, "limit",
-                "what holds the plan back: 1 low, 2 high, 4 falls, 8 rises as fast as it may", 0);
-    for (size_t i = 2 * (ny + nu) + n_unknown; i < k; i++)
-        snprintf(p->name[i].unit, sizeof(p->name[i].unit), "1");
-    p->published[k++] = (struct apc_published){
-        .name = "objective", .unit = "1", .description = "of the plan: what it expects to cost; 0 at rest"};
-    p->published[k++] = (struct apc_published){
-        .name = "solve_time", .unit = "s", .description = "that the plan took; 0 in virtual time"};
-    p->published[k++] = (struct apc_published){
-        .name = "result", .unit = "1", .description = "of this tick: 0 good, 1 sub-optimal, 2 late"};
-    p->published[k++] = (struct apc_published){
-        .name = "iterations", .unit = "1", .description = "changes of the working set at this tick"};
-    declare_states(p, k, setup);
-    needs->n_published = n;
-    needs->published = p->published;
-    return 0;
 }
 
 /* ---- All of it -------------------------------------------------------------------------------------- */
@@ -506,6 +418,38 @@ static int check_weights(struct apc_law_mpc *p, const struct apc_law_setup *setu
     return rc;
 }
 
+/* Where no weight of what comes after the horizon has to be found, which would say so. */
+static int check_stabilisable(const struct apc_linear *m, struct apc_error *why)
+{
+    const size_t n = m->nx_plant + m->nx_held, nu = m->nu;
+    double *memory = calloc(3 * n * n + 2 * n * nu + nu * nu + 1, sizeof(*memory)), *at = memory;
+    double *A, *Q, *P, *B, *K, *R;
+    int rc;
+
+    if (!memory)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    A = apc_carve(&at, n * n);
+    Q = apc_carve(&at, n * n);
+    P = apc_carve(&at, n * n);
+    B = apc_carve(&at, n * nu);
+    K = apc_carve(&at, n * nu);
+    R = apc_carve(&at, nu * nu);
+    for (size_t i = 0; i < n; i++) {
+        memcpy(A + i * n, m->A + i * m->nx, n * sizeof(*A));
+        memcpy(B + i * nu, m->B + i * (nu + m->nd), nu * sizeof(*B));
+        Q[i * n + i] = 1.0;
+    }
+    for (size_t j = 0; j < nu; j++)
+        R[j * nu + j] = 1.0;
+    rc = apc_riccati_solve(n, nu, A, B, Q, R, P, K, why);
+    if (rc == APC_ESOLVER)
+        rc = apc_fail(why, rc,
+                      "the model cannot be stabilised: a mode that does not die out by itself is moved by no "
+                      "output");
+    free(memory);
+    return rc;
+}
+
 static int make_problem(struct apc_law_mpc *p, const struct apc_law_setup *setup, bool terminal,
                         struct apc_error *why)
 {
@@ -524,6 +468,8 @@ static int make_problem(struct apc_law_mpc *p, const struct apc_law_setup *setup
                                       .ctx = p};
     int rc = rank && limits ? check_reach(p, why) : apc_fail(why, APC_ENOMEM, "no memory");
 
+    if (rc == 0 && !terminal)
+        rc = check_stabilisable(p->model, why);
     if (rc < 0)
         goto out;
     zone = limits + ny;
@@ -559,8 +505,9 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
     const size_t nx = p->nonlinear ? p->model->nx_plant : 0;
     const size_t seen =
         p->states + ny + p->n_ahead * (p->dim.nz + p->dim.nd) + 3 * nu + ny * N_OF_Y + nu * N_OF_U;
-    double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + 10 * nu + inputs + 7 * ny +
-                            p->N * ny + n + (p->nonlinear ? nx * (n + 2) + p->N * (nx + ny * n + ny) : 0),
+    double *at = calloc(p->states + n + 3 * seen + (p->N + 1) * (ny + p->dim.nd) + (11 + p->late_most) * nu +
+                            inputs + 7 * ny + p->N * ny + n +
+                            (p->nonlinear ? nx + p->nc * (n + 1) + p->N * (nx + ny * n + ny) : 0),
                         sizeof(*at));
 
     p->memory = at;
@@ -592,13 +539,14 @@ static int allocate(struct apc_law_mpc *p, struct apc_error *why)
     p->input = memcpy(apc_carve(&at, inputs), p->disturbed->u0, inputs * sizeof(*at));
     p->prediction = apc_carve(&at, p->N * ny);
     p->shifted = apc_carve(&at, n);
+    p->past = apc_carve(&at, (p->late_most + 1) * nu);
     if (p->nonlinear) {
         p->start = apc_carve(&at, nx);
         p->nodes = apc_carve(&at, p->N * nx);
         p->G = apc_carve(&at, p->N * ny * n);
         p->free_y = apc_carve(&at, p->N * ny);
-        p->Gx = apc_carve(&at, nx * n);
-        p->free_x = apc_carve(&at, nx);
+        p->Gx = apc_carve(&at, p->nc * n);
+        p->free_x = apc_carve(&at, p->nc);
     }
     return 0;
 }
@@ -666,12 +614,12 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
     p->n_rows = apc_mpc_rows(p->mpc);
     p->states = p->n_estimate + p->dim.nu * p->blocks + 1 + p->n_rows + ny + ny + p->dim.nu;
     if (p->nonlinear)
-        p->states += (p->N + 1) * p->model->nx_plant + p->dim.nu;
+        p->states += p->N * p->model->nx_plant + p->nc + (1 + p->late_most) * p->dim.nu;
     p->n_ahead = preview ? p->N + 1 : 1;
     needs->states = p->states;
     needs->n_ahead = p->n_ahead;
     rc = allocate(p, why);
-    return rc == 0 ? publish(p, setup, needs, why) : rc;
+    return rc == 0 ? apc_mpc_declare(p, setup, needs, why) : rc;
 }
 
 static int make_named(const char *name, bool nonlinear, const struct apc_law_setup *setup,
@@ -709,7 +657,11 @@ void apc_mpc_unmake(void *self)
 
     apc_mpc_destroy(p->mpc);
     apc_shoot_destroy(p->shoot);
-    apc_estimator_destroy(p->early);
+    for (size_t k = 0; k + 1 < p->parts; k++)
+        apc_estimator_destroy(p->part[k]);
+    free(p->part);
+    free(p->whole);
+    free(p->bit);
     apc_rest_destroy(p->rest);
     apc_estimator_destroy(p->estimator);
     if (p->model != p->disturbed)

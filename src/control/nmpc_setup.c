@@ -8,8 +8,9 @@
 #include "base/base_internal.h"
 #include "base/matrix.h"
 #include "control/mpc.h"
+#include "predict/predict_internal.h"
 
-enum { STEPS_MOST = 1000, SQUARINGS = 16 };
+enum { STEPS_MOST = 1000, SQUARINGS = 16, LATE_MOST = 1000 /* periods */ };
 
 const char *const apc_nmpc_settings[] = {
     "horizon",  "blocks",   "measurement", "rank",       "terminal", "preview", "steady",
@@ -56,7 +57,6 @@ static int make_filters(struct apc_law_mpc *p, const struct apc_law_setup *setup
                                             .kind = APC_KALMAN_EXTENDED,
                                             .model = setup->plant->model,
                                             .p = setup->plant->p,
-                                            .Ts = p->Ts - p->late,
                                             .steps = steps,
                                             .unknown = unknown,
                                             .n_unknown = p->n_unknown};
@@ -80,17 +80,21 @@ static int make_filters(struct apc_law_mpc *p, const struct apc_law_setup *setup
         r[i] *= r[i];
     options.q = q;
     options.r = r;
+    for (size_t k = 0; k < p->parts && rc == 0; k++) {
+        const bool last = k + 1 == p->parts;
+
+        options.Ts = (last ? p->Ts : p->begins[k + 1]) - p->begins[k];
+        rc = apc_estimator_create(last ? &p->estimator : &p->part[k], &options, why);
+    }
     if (rc == 0)
-        rc = apc_estimator_create(&p->estimator, &options, why);
-    options.Ts = p->late;
-    if (rc == 0 && p->late > 0.0)
-        rc = apc_estimator_create(&p->early, &options, why);
+        rc = apc_mpc_check_detectable(p->disturbed, r, why);
     free(q);
     return rc;
 }
 
 static int make_shoot(struct apc_law_mpc *p, const struct apc_law_setup *setup,
-                      const struct apc_linear_unknown *unknown, unsigned steps, struct apc_error *why)
+                      const struct apc_linear_unknown *unknown, unsigned steps, const double *delay,
+                      struct apc_error *why)
 {
     const struct apc_shoot_options options = {.model = setup->plant->model,
                                               .p = setup->plant->p,
@@ -101,7 +105,8 @@ static int make_shoot(struct apc_law_mpc *p, const struct apc_law_setup *setup,
                                               .block = p->block,
                                               .unknown = unknown,
                                               .n_unknown = p->n_unknown,
-                                              .u0 = setup->plant->u0};
+                                              .u0 = setup->plant->u0,
+                                              .delay = delay};
 
     return apc_shoot_create(&p->shoot, &options, why);
 }
@@ -223,16 +228,54 @@ static int take_measured(struct apc_law_mpc *p, const struct apc_law_setup *setu
     return 0;
 }
 
+/* The delays, with the parts of a period that they make: it begins with the output before where none acts at
+ * once. delay [nu] is what is left of them beyond `late`. */
+static int take_delays(struct apc_law_mpc *p, const struct apc_law_setup *setup, double *delay,
+                       struct apc_error *why)
+{
+    const size_t nu = p->dim.nu;
+    int rc = apc_mpc_take_delay(setup, delay, why);
+
+    p->whole = calloc(nu, sizeof(*p->whole));
+    p->bit = calloc(2 * nu + 1, sizeof(*p->bit));
+    p->part = calloc(nu + 1, sizeof(struct apc_estimator *));
+    if (!p->whole || !p->bit || !p->part)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    p->begins = p->bit + nu;
+    p->parts = 1;
+    p->late = p->Ts;
+    for (size_t j = 0; j < nu && rc == 0; j++) {
+        size_t at = p->parts;
+
+        if (delay[j] > LATE_MOST * p->Ts)
+            return apc_fail(why, APC_EINVAL,
+                            "setting \"delay\": %g s of output %zu; it must be from 0 to %d periods of %g s",
+                            delay[j], j + 1, LATE_MOST, p->Ts);
+        p->whole[j] = apc_linear_whole(delay[j], p->Ts, &p->bit[j]);
+        p->late_most = p->whole[j] > p->late_most ? p->whole[j] : p->late_most;
+        p->late = fmin(p->late, p->bit[j]);
+        while (p->begins[at - 1] > p->bit[j])
+            at--;
+        if (p->begins[at - 1] == p->bit[j])
+            continue;
+        memmove(p->begins + at + 1, p->begins + at, (p->parts++ - at) * sizeof(*p->begins));
+        p->begins[at] = p->bit[j];
+    }
+    for (size_t j = 0; j < nu; j++)
+        delay[j] -= p->late;
+    return rc;
+}
+
 int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
     struct apc_linear_unknown *unknown = calloc(p->dim.ny + 1, sizeof(*unknown));
+    double *delay = calloc(p->dim.nu + p->dim.nd, sizeof(*delay));
     struct apc_linear *all = NULL;
     size_t steps = 10;
     int rc;
 
     p->newton = 1;
-    rc = unknown ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
-
+    rc = unknown && delay ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
     if (rc == 0)
         rc = take_measured(p, setup, why);
     if (rc == 0)
@@ -242,21 +285,21 @@ int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup
     if (rc == 0)
         rc = apc_mpc_count(setup, "newton", 1, 100, &p->newton, why);
     if (rc == 0)
-        rc = apc_setting_amounts(setup, "delay", 1, &p->late, why);
-    if (rc == 0 && p->late >= p->Ts)
-        rc =
-            apc_fail(why, APC_EINVAL, "\"delay\" is %g s; it must be below the period, %g s", p->late, p->Ts);
+        rc = take_delays(p, setup, delay, why);
     if (rc == 0)
         rc = sample_all(setup, &all, why);
     if (rc == 0)
         rc = apc_mpc_disturb(p, setup, all, unknown, why);
     if (rc == 0)
-        rc = apc_mpc_sample(setup, NULL, &p->model, why);
+        rc = apc_mpc_sample(setup, delay, &p->model, why);
     if (rc == 0)
         rc = make_filters(p, setup, unknown, (unsigned)steps, why);
     if (rc == 0)
-        rc = make_shoot(p, setup, unknown, (unsigned)steps, why);
+        rc = make_shoot(p, setup, unknown, (unsigned)steps, delay, why);
+    if (rc == 0)
+        p->nc = p->model->nx;
     p->unknown = unknown;
+    free(delay);
     apc_linear_destroy(all);
     return rc;
 }

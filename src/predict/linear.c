@@ -32,6 +32,16 @@ static size_t periods(double dead_time, double Ts)
     return (size_t)ceil(d - 1e-9 * fmax(1.0, d)); /* 3 x 0.1 s are three periods of 0.1 s */
 }
 
+size_t apc_linear_whole(double dead_time, double Ts, double *bit)
+{
+    const size_t up = periods(dead_time, Ts);
+    const double left = up ? dead_time - ((double)up - 1.0) * Ts : 0.0;
+    const bool all = left >= Ts * (1.0 - 1e-9 * (double)up);
+
+    *bit = all ? 0.0 : left;
+    return up && !all ? up - 1 : up;
+}
+
 int apc_linear_allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
                         struct apc_error *why)
 {

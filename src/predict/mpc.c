@@ -295,6 +295,7 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
     p->ctx = options->ctx;
     if (count_rows(p, options) < 0 || allocate(p) < 0)
         rc = apc_fail(why, APC_ENOMEM, "predictive control: no memory");
+    p->steps = p->few ? options->iterations : (unsigned)(10 * (p->n + p->m));
     if (rc == 0)
         rc = copy_model(p, why);
     if (rc == 0)

@@ -33,12 +33,13 @@ struct apc_mpc_options {
     const bool *limits, *zone;      /* [ny] has limits, may get a zone; default none */
     const bool *rate;               /* [nu] has a rate; default none */
     bool terminal;
-    /* Of a nonlinear model, whose dead times are not in `model`, its linear model at rest somewhere: what y
-     * does is then said from outside. NULL: it does as `model` says. */
+    /* Of a nonlinear model: `model` is what it is at rest somewhere, with its dead times, and what y does is
+     * said from outside. NULL: it does as `model` says. */
     apc_target_linearise *linearise;
-    unsigned iterations;       /* of a solve of apc_qp; 0: its own default */
-    bool (*enough)(void *ctx); /* of apc_qp */
-    void *ctx;                 /* of both */
+    unsigned iterations;       /* of a solve of apc_qp, and of a search for steady states; 0: ten for each
+                                  move and row */
+    bool (*enough)(void *ctx); /* of both */
+    void *ctx;                 /* of all three */
 };
 
 /* What an engineer turns. [ny] or [nu], in order; all >= 0. */
@@ -62,8 +63,6 @@ struct apc_mpc_call {
     const double *step;           /* [nu] most that u may change from one sample to the next */
     const double *y_low, *y_high; /* [ny] */
     const bool *given;            /* [nu] stays at u_last, whatever we want */
-    const double *near_x,
-        *near_u; /* [nx_plant], [nu] of a nonlinear model: near which it is to come to rest */
 };
 
 struct apc_mpc_result {
@@ -84,16 +83,19 @@ int apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, str
 void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *plan,
                    struct apc_mpc_result *result);
 /*
- * Of a nonlinear model, before each solution: first where it is to come to rest, sought near x [nx_plant], u
- * [nu], which become where sample 1 is aimed at. Where no steady state is found, y is to be at its setpoint
- * and u at its wish, and x and u stay. [tick]
+ * Of a nonlinear model, before each solution: first where it is to come to rest, sought near x [nx_plant +
+ * nx_held], u [nu], which become where sample 1 is aimed at. Where no steady state is found, y is to be at
+ * its setpoint and u at its wish, and x and u stay. Where that takes more steps than a solve may change its
+ * working set, or time is up: samples after the first are aimed at their setpoints; while not even the first
+ * has its steady state, result's rc is APC_ETIMEDOUT, and x and u are where to go on. [tick]
  */
-void apc_mpc_aim(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *x, double *u);
+void apc_mpc_aim(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *x, double *u,
+                 struct apc_mpc_result *result);
 /*
  * Then, for each solution: y = free_y + G (u - u0), free_y [N * ny], G [N * ny * n] with n = nu * blocks, of
- * samples 1..N and the plan's moves; u0 is the model's; so the state at N, free_x [nx_plant], Gx [nx_plant *
- * n]. Where there is no steady state, or no regulator there, it goes without a terminal weight. Returns as
- * apc_mpc_tune(). [tick], of order n^2 N ny.
+ * samples 1..N and the plan's moves; u0 is the model's; so the state at N, free_x [nc], Gx [nc * n] with nc
+ * = nx_plant + nx_held. Where there is no steady state, or no regulator there, it goes without a terminal
+ * weight. Returns as apc_mpc_tune(). [tick], of order n^2 N ny.
  */
 int apc_mpc_follow(struct apc_mpc *mpc, const double *G, const double *free_y, const double *Gx,
                    const double *free_x);

@@ -48,16 +48,24 @@ bool mpc_is_bound(const struct apc_mpc *p, const struct apc_mpc_call *call)
     return given == p->nu;
 }
 
+/* Y of sample i at its setpoint, where no steady state says more. Returns as aim(). */
+static bool aim_at_setpoint(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
+{
+    const bool inside = aim(p, call, i);
+
+    for (size_t c = 0; c < p->ny; c++)
+        p->target_y[(i - 1) * p->ny + c] =
+            p->q[c] > 0.0 ? (p->aim_low[c] + p->aim_high[c]) / 2.0 : call->w[i * p->ny + c];
+    return inside;
+}
+
 /* Nothing else is known of them, or can be changed. */
 void mpc_aim_at_setpoints(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     p->aims = false;
     p->reachable = true;
     for (size_t i = 1; i <= p->N; i++) {
-        p->reachable = aim(p, call, i) && p->reachable;
-        for (size_t c = 0; c < p->ny; c++)
-            p->target_y[(i - 1) * p->ny + c] =
-                p->q[c] > 0.0 ? (p->aim_low[c] + p->aim_high[c]) / 2.0 : call->w[i * p->ny + c];
+        p->reachable = aim_at_setpoint(p, call, i) && p->reachable;
         memcpy(p->target_u + (i - 1) * p->nu, call->u_wish, p->nu * sizeof(*call->u_wish));
     }
 }
@@ -76,17 +84,30 @@ static int find_target(struct apc_mpc *p, const struct apc_mpc_call *call, size_
                                        .y_high = p->aim_high,
                                        .q = p->q,
                                        .rank = p->rank,
-                                       .ranks = p->ranks};
+                                       .ranks = p->ranks,
+                                       .left = &p->steps_left,
+                                       .enough = p->enough,
+                                       .ctx = p->ctx};
     int rc;
 
     if (!p->linearise)
         return apc_target_find(p->target, &of, p->target_x, u, y, reachable);
-    rc = apc_target_search(p->target, &of, p->linearise, p->ctx, p->target_x, u, y, reachable);
+    rc = apc_target_search(p->target, &of, p->linearise, p->target_x, u, y, reachable);
     for (size_t c = 0; c < p->ny && rc == 0 && *reachable; c++) {
         if (p->q[c] > 0.0 && p->aim_low[c] == p->aim_high[c])
             y[c] = p->aim_low[c];
     }
     return rc;
+}
+
+/* No step is left to the search: setpoints of samples from i on, without what comes after the horizon. */
+static void leave_rest(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
+{
+    p->aims = false;
+    for (; i <= p->N; i++) {
+        (void)aim_at_setpoint(p, call, i);
+        memcpy(p->target_u + (i - 1) * p->nu, p->target_u + (i - 2) * p->nu, p->nu * sizeof(*p->target_u));
+    }
 }
 
 int mpc_find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigned *solves)
@@ -113,6 +134,10 @@ int mpc_find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigne
             memcpy(u, u - nu, nu * sizeof(*u));
         rc = find_target(p, call, i, u, y, &reachable);
         ++*solves;
+        if (rc == APC_ETIMEDOUT && i > 1) {
+            leave_rest(p, call, i);
+            return 0;
+        }
         if (rc < 0)
             return rc;
         p->reachable = p->reachable && inside && reachable;
@@ -122,16 +147,24 @@ int mpc_find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigne
     return 0;
 }
 
-void apc_mpc_aim(struct apc_mpc *p, const struct apc_mpc_call *call, double *x, double *u)
+void apc_mpc_aim(struct apc_mpc *p, const struct apc_mpc_call *call, double *x, double *u,
+                 struct apc_mpc_result *result)
 {
     unsigned solves = 0;
+    int rc;
 
     memcpy(p->target_x, x, p->nc * sizeof(*x));
     memcpy(p->target_u, u, p->nu * sizeof(*u));
-    if (mpc_is_bound(p, call) || mpc_find_targets(p, call, &solves) < 0) {
-        mpc_aim_at_setpoints(p, call);
-        return;
+    p->steps_left = p->steps;
+    rc = mpc_is_bound(p, call) ? APC_ESOLVER : mpc_find_targets(p, call, &solves);
+    if (rc == 0 || rc == APC_ETIMEDOUT) {
+        memcpy(x, rc == 0 ? p->near : p->target_x, p->nc * sizeof(*x));
+        memcpy(u, p->target_u, p->nu * sizeof(*u));
     }
-    memcpy(x, p->near, p->nc * sizeof(*x));
-    memcpy(u, p->target_u, p->nu * sizeof(*u));
+    if (rc == APC_ETIMEDOUT) {
+        result->rc = rc;
+        result->iterations += p->steps - p->steps_left;
+    }
+    if (rc < 0)
+        mpc_aim_at_setpoints(p, call);
 }

@@ -24,12 +24,13 @@ struct apc_mpc {
     unsigned *rank;                     /* [ny] */
     unsigned ranks;
     bool terminal;
-    bool ends;       /* with a terminal weight, this time */
-    bool easy_stale; /* easy_qp is of another G */
-    bool easy_waits; /* easy_qp does not know the rows of room yet */
-    bool aims;       /* at steady states */
-    bool few;        /* changes of the working set are counted, as time is */
-    bool reachable;  /* as in the result */
+    bool ends;                  /* with a terminal weight, this time */
+    bool easy_stale;            /* easy_qp is of another G */
+    bool easy_waits;            /* easy_qp does not know the rows of room yet */
+    bool aims;                  /* at steady states */
+    bool few;                   /* changes of the working set are counted, as time is */
+    unsigned steps, steps_left; /* of a search for steady states, in a call */
+    bool reachable;             /* as in the result */
     bool (*enough)(void *ctx);
     apc_target_linearise *linearise; /* what y does is said from outside */
     void *ctx;

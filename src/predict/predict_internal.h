@@ -15,4 +15,7 @@ int apc_riccati_in(double *memory, size_t nx, size_t nu, const double *A, const 
 int apc_linear_allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
                         struct apc_error *why);
 
+/** How many whole periods a dead time has, and what is left of it, s. [any] */
+size_t apc_linear_whole(double dead_time, double Ts, double *bit);
+
 #endif

@@ -3,6 +3,10 @@
  * Of interval i, from node x_i with u: F_i, and by central differences of the integrator itself A_i, B_i.
  * With what node i moves by, dx_i = e_i + S_i (u - plan), and the gap c_i = F_i - x_i+1, e_i+1 = A_i e_i +
  * c_i,    S_i+1 = A_i S_i + B_i in the columns of the interval's block.
+ *
+ * A delay of m periods and a bit r makes an input act m intervals later; in the first r of an interval the
+ * one before it still does. So an interval has parts, as many as there are different r, and an input two
+ * columns of B: of the newer and of the older one.
  */
 #include "predict/shoot.h"
 
@@ -13,6 +17,7 @@
 #include "base/base_internal.h"
 #include "base/matrix.h"
 #include "plant/plant_internal.h"
+#include "predict/predict_internal.h"
 
 struct apc_shoot {
     const struct apc_model *model;
@@ -21,13 +26,17 @@ struct apc_shoot {
     unsigned steps;
     size_t *block_of; /* [N] the block that interval i is in */
     struct apc_linear_unknown *unknown;
+    size_t *whole;        /* [nu] periods of its delay */
+    double *bit, *begins; /* [nu] the rest of it; [parts + 1] of an interval, the last one its end */
+    size_t parts;
 
     double *memory;
     double *p, *nominal, *u0;     /* [np], [nu + nd], [nu] */
     double *input, *moved;        /* [nu + nd]; [nu] */
+    double *newer, *older;        /* [nu] of the interval */
     double *slope, *at, *sum, *x; /* [nx] */
     double *up, *down;            /* [nx]; also y [ny] */
-    double *A, *B, *C;            /* [nx * nx], [nx * nu], [ny * nx] of an interval */
+    double *A, *B, *C, *D;        /* [nx * nx], [nx * 2 nu], [ny * nx], [ny * nu] of an interval */
     double *e, *S;                /* [N * nx], [N * nx * n] */
     double *plan, *away;          /* [n] of the last linearisation; from u0 */
 };
@@ -35,16 +44,21 @@ struct apc_shoot {
 static int allocate(struct apc_shoot *s, const struct apc_shoot_options *o)
 {
     const size_t nx = s->nx, nu = s->nu, ny = s->ny, n = s->n, all = nu + o->model->nd;
-    double *at = calloc(o->model->np + 2 * all + 2 * nu + 4 * nx + 2 * (nx + ny) + nx * nx + nx * nu +
-                            ny * nx + s->N * nx * (1 + n) + 2 * n,
+    double *at = calloc(o->model->np + 2 * all + 6 * nu + 2 + 4 * nx + 2 * (nx + ny) + nx * nx + 2 * nx * nu +
+                            ny * (nx + nu) + s->N * nx * (1 + n) + 2 * n,
                         sizeof(*at));
 
     s->memory = at;
-    s->block_of = calloc(s->N, sizeof(*s->block_of));
+    s->block_of = calloc(s->N + nu, sizeof(*s->block_of));
     s->unknown = calloc(o->n_unknown + 1, sizeof(*s->unknown));
     if (!at || !s->block_of || !s->unknown)
         return APC_ENOMEM;
+    s->whole = s->block_of + s->N;
     s->p = apc_carve(&at, o->model->np);
+    s->bit = apc_carve(&at, nu);
+    s->begins = apc_carve(&at, nu + 2);
+    s->newer = apc_carve(&at, nu);
+    s->older = apc_carve(&at, nu);
     s->nominal = apc_carve(&at, all);
     s->input = apc_carve(&at, all);
     s->u0 = apc_carve(&at, nu);
@@ -56,13 +70,32 @@ static int allocate(struct apc_shoot *s, const struct apc_shoot_options *o)
     s->up = apc_carve(&at, nx + ny);
     s->down = apc_carve(&at, nx + ny);
     s->A = apc_carve(&at, nx * nx);
-    s->B = apc_carve(&at, nx * nu);
+    s->B = apc_carve(&at, nx * 2 * nu);
     s->C = apc_carve(&at, ny * nx);
+    s->D = apc_carve(&at, ny * nu);
     s->e = apc_carve(&at, s->N * nx);
     s->S = apc_carve(&at, s->N * nx * n);
     s->plan = apc_carve(&at, n);
     s->away = apc_carve(&at, n);
     return 0;
+}
+
+/* Delays, and the parts of an interval that they make. */
+static void delay(struct apc_shoot *s, const double *by)
+{
+    s->begins[s->parts++] = 0.0;
+    for (size_t j = 0; j < s->nu; j++) {
+        size_t at = s->parts;
+
+        s->whole[j] = apc_linear_whole(by ? by[j] : 0.0, s->Ts, &s->bit[j]);
+        while (at > 0 && s->begins[at - 1] > s->bit[j])
+            at--;
+        if (s->begins[at - 1] == s->bit[j])
+            continue;
+        memmove(s->begins + at + 1, s->begins + at, (s->parts++ - at) * sizeof(*s->begins));
+        s->begins[at] = s->bit[j];
+    }
+    s->begins[s->parts] = s->Ts;
 }
 
 int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o, struct apc_error *why)
@@ -100,6 +133,7 @@ int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o
             left = o->block[++b];
         s->block_of[i] = b;
     }
+    delay(s, o->delay);
     *shoot = s;
     return 0;
 }
@@ -173,33 +207,50 @@ static double small(double value)
     return 6e-6 * fmax(fabs(value), 1e-3);
 }
 
-/* The end of an interval from x, with state @p i (or nx: none) moved by @p dx and input @p j by @p du. */
-static int end(struct apc_shoot *s, const double *x, const double *u, const double *d, size_t i, double dx,
-               size_t j, double du, double *to)
+/* The end of an interval from x, with number k moved by so much: of x, then of newer, then of older inputs.
+ */
+static int end(struct apc_shoot *s, const double *x, const double *d, size_t k, double by, double *to)
 {
+    int rc = 0;
+
     memcpy(to, x, s->nx * sizeof(*x));
-    memcpy(s->moved, u, s->nu * sizeof(*u));
-    if (i < s->nx)
-        to[i] += dx;
-    if (j < s->nu)
-        s->moved[j] += du;
-    disturb(s, s->moved, d);
-    return integrate(s, to, s->Ts);
+    if (k < s->nx)
+        to[k] += by;
+    for (size_t part = 0; part < s->parts && rc == 0; part++) {
+        for (size_t j = 0; j < s->nu; j++) {
+            const bool newer = s->bit[j] <= s->begins[part];
+
+            s->moved[j] = newer ? s->newer[j] : s->older[j];
+            if (k == s->nx + j + (newer ? 0 : s->nu))
+                s->moved[j] += by;
+        }
+        disturb(s, s->moved, d);
+        rc = integrate(s, to, s->begins[part + 1] - s->begins[part]);
+    }
+    return rc;
+}
+
+/* Nothing is moved. */
+static int end_as_is(struct apc_shoot *s, const double *x, const double *d)
+{
+    return end(s, x, d, s->nx + 2 * s->nu, 0.0, s->x);
 }
 
 /* A and B of the interval from x. */
-static int differentiate(struct apc_shoot *s, const double *x, const double *u, const double *d)
+static int differentiate(struct apc_shoot *s, const double *x, const double *d)
 {
-    for (size_t k = 0; k < s->nx + s->nu; k++) {
-        const bool state = k < s->nx;
-        const size_t i = state ? k : s->nx, j = state ? s->nu : k - s->nx;
-        const double by = small(state ? x[i] : u[j]);
-        double *column = state ? s->A + i : s->B + j;
-        const size_t stride = state ? s->nx : s->nu;
+    const size_t nx = s->nx, nu = s->nu;
 
-        if (end(s, x, u, d, i, by, j, by, s->up) < 0 || end(s, x, u, d, i, -by, j, -by, s->down) < 0)
+    for (size_t k = 0; k < nx + 2 * nu; k++) {
+        const double by = small(k < nx ? x[k] : k < nx + nu ? s->newer[k - nx] : s->older[k - nx - nu]);
+        double *column = k < nx ? s->A + k : s->B + (k - nx);
+        const size_t stride = k < nx ? nx : 2 * nu;
+
+        if (k >= nx + nu && s->bit[k - nx - nu] == 0.0)
+            continue;
+        if (end(s, x, d, k, by, s->up) < 0 || end(s, x, d, k, -by, s->down) < 0)
             return APC_ESOLVER;
-        for (size_t r = 0; r < s->nx; r++)
+        for (size_t r = 0; r < nx; r++)
             column[r * stride] = (s->up[r] - s->down[r]) / (2.0 * by);
     }
     return 0;
@@ -216,31 +267,57 @@ static void measure(struct apc_shoot *s, const double *x, const double *u, const
     }
 }
 
-/* C at x */
-static void look(struct apc_shoot *s, const double *x, const double *u, const double *d)
+/* C and D at x, where all newer inputs act. */
+static void look(struct apc_shoot *s, const double *x, const double *d)
 {
     double *up = s->up + s->nx, *down = s->down + s->nx;
 
     memcpy(s->at, x, s->nx * sizeof(*x));
-    for (size_t j = 0; j < s->nx; j++) {
-        const double by = small(x[j]);
+    memcpy(s->moved, s->newer, s->nu * sizeof(*s->moved));
+    for (size_t k = 0; k < s->nx + s->nu; k++) {
+        double *at = k < s->nx ? s->at + k : s->moved + (k - s->nx);
+        const double here = *at, by = small(here);
 
-        s->at[j] = x[j] + by;
-        measure(s, s->at, u, d, up);
-        s->at[j] = x[j] - by;
-        measure(s, s->at, u, d, down);
-        s->at[j] = x[j];
+        *at = here + by;
+        measure(s, s->at, s->moved, d, up);
+        *at = here - by;
+        measure(s, s->at, s->moved, d, down);
+        *at = here;
         for (size_t c = 0; c < s->ny; c++)
-            s->C[c * s->nx + j] = (up[c] - down[c]) / (2.0 * by);
+            *(k < s->nx ? s->C + c * s->nx + k : s->D + c * s->nu + (k - s->nx)) =
+                (up[c] - down[c]) / (2.0 * by);
     }
 }
 
 /* ---- The horizon -------------------------------------------------------------------------------- */
 
+/* Input j of interval i, so many later: of the plan, or of those that went out before it. */
+static double input_of(const struct apc_shoot *s, const double *plan, const double *past, size_t i, size_t j,
+                       size_t later)
+{
+    return i >= later ? plan[s->block_of[i - later] * s->nu + j] : past[(later - i - 1) * s->nu + j];
+}
+
+/* The newer and older inputs of interval i. */
+static void take_inputs(struct apc_shoot *s, const double *plan, const double *past, size_t i)
+{
+    for (size_t j = 0; j < s->nu; j++) {
+        s->newer[j] = input_of(s, plan, past, i, j, s->whole[j]);
+        s->older[j] = s->bit[j] > 0.0 ? input_of(s, plan, past, i, j, s->whole[j] + 1) : s->newer[j];
+    }
+}
+
+/* What input j of interval i, so many later, does to row [n] of a sum of moves. */
+static void add_move(const struct apc_shoot *s, size_t i, size_t j, size_t later, double by, double *row)
+{
+    if (i >= later)
+        row[s->block_of[i - later] * s->nu + j] += by;
+}
+
 /* e and S of the end of interval i. */
 static void carry_on(struct apc_shoot *s, size_t i, const double *node)
 {
-    const size_t nx = s->nx, n = s->n;
+    const size_t nx = s->nx, nu = s->nu, n = s->n;
     double *e = s->e + i * nx, *S = s->S + i * nx * n;
 
     for (size_t r = 0; r < nx; r++) {
@@ -253,35 +330,42 @@ static void carry_on(struct apc_shoot *s, size_t i, const double *node)
     else
         memset(S, 0, nx * n * sizeof(*S));
     for (size_t r = 0; r < nx; r++) {
-        for (size_t j = 0; j < s->nu; j++)
-            S[r * n + s->block_of[i] * s->nu + j] += s->B[r * s->nu + j];
+        for (size_t j = 0; j < nu; j++) {
+            add_move(s, i, j, s->whole[j], s->B[r * 2 * nu + j], S + r * n);
+            if (s->bit[j] > 0.0)
+                add_move(s, i, j, s->whole[j] + 1, s->B[r * 2 * nu + nu + j], S + r * n);
+        }
     }
 }
 
 int apc_shoot_linearise(struct apc_shoot *s, const double *x, const double *d, const double *plan,
-                        const double *nodes, double *G, double *free_y)
+                        const double *past, const double *nodes, double *G, double *free_y)
 {
-    const size_t nx = s->nx, ny = s->ny, n = s->n;
+    const size_t nx = s->nx, ny = s->ny, nu = s->nu, n = s->n;
 
     memcpy(s->plan, plan, n * sizeof(*plan));
     for (size_t b = 0; b < s->blocks; b++) {
-        for (size_t j = 0; j < s->nu; j++)
-            s->away[b * s->nu + j] = plan[b * s->nu + j] - s->u0[j];
+        for (size_t j = 0; j < nu; j++)
+            s->away[b * nu + j] = plan[b * nu + j] - s->u0[j];
     }
     for (size_t i = 0; i < s->N; i++) {
-        const double *from = i ? nodes + (i - 1) * nx : x, *to = nodes + i * nx,
-                     *u = plan + s->block_of[i] * s->nu;
+        const double *from = i ? nodes + (i - 1) * nx : x, *to = nodes + i * nx;
         double *y = free_y + i * ny;
 
-        if (end(s, from, u, d, nx, 0.0, s->nu, 0.0, s->x) < 0 || differentiate(s, from, u, d) < 0)
+        take_inputs(s, plan, past, i);
+        if (end_as_is(s, from, d) < 0 || differentiate(s, from, d) < 0)
             return APC_ESOLVER;
         carry_on(s, i, to);
-        look(s, to, u, d);
-        measure(s, to, u, d, y);
+        look(s, to, d);
+        measure(s, to, s->newer, d, y);
         apc_matrix_multiply(ny, nx, n, s->C, s->S + i * nx * n, G + i * ny * n);
         for (size_t c = 0; c < ny; c++) {
+            double *row = G + (i * ny + c) * n;
+
+            for (size_t j = 0; j < nu; j++)
+                add_move(s, i, j, s->whole[j], s->D[c * nu + j], row);
             y[c] += apc_matrix_dot(s->C + c * nx, s->e + i * nx, nx);
-            y[c] -= apc_matrix_dot(G + (i * ny + c) * n, s->away, n);
+            y[c] -= apc_matrix_dot(row, s->away, n);
         }
     }
     return apc_values_ok(G, s->N * ny * n) && apc_values_ok(free_y, s->N * ny) ? 0 : APC_ESOLVER;
@@ -296,36 +380,70 @@ void apc_shoot_move(const struct apc_shoot *s, const double *plan, double *nodes
     }
 }
 
-void apc_shoot_end(const struct apc_shoot *s, const double *nodes, double *Gx, double *free_x)
+/* How many former inputs j stand in the state of the linear model, as apclinear.h has them. */
+static size_t held(const struct apc_shoot *s, size_t j)
+{
+    return s->whole[j] + (s->bit[j] > 0.0);
+}
+
+void apc_shoot_end(const struct apc_shoot *s, const double *nodes, const double *past, double *Gx,
+                   double *free_x)
 {
     const size_t nx = s->nx, n = s->n, last = s->N - 1;
 
     memcpy(Gx, s->S + last * nx * n, nx * n * sizeof(*Gx));
     for (size_t i = 0; i < nx; i++)
         free_x[i] = nodes[last * nx + i] + s->e[last * nx + i] - apc_matrix_dot(Gx + i * n, s->away, n);
+    for (size_t j = 0, row = nx; j < s->nu; j++) {
+        for (size_t ago = 1; ago <= held(s, j); ago++, row++) {
+            memset(Gx + row * n, 0, n * sizeof(*Gx));
+            add_move(s, s->N, j, ago, 1.0, Gx + row * n);
+            free_x[row] = s->N >= ago ? s->u0[j] : past[(ago - s->N - 1) * s->nu + j];
+        }
+    }
+}
+
+/* Where the input of so many periods ago acts on state i of the plant: as a state, or as the input itself. */
+static double *place(struct apc_linear *m, size_t first, size_t i, size_t j, size_t ago)
+{
+    return ago ? m->A + i * m->nx + first + ago - 1 : m->B + i * (m->nu + m->nd) + j;
 }
 
 int apc_shoot_sample(struct apc_shoot *s, const double *x, const double *u, const double *d,
                      struct apc_linear *to, double *drift)
 {
-    const size_t nx = s->nx;
+    const size_t nx = s->nx, nu = s->nu, inputs = nu + to->nd;
 
-    if (end(s, x, u, d, nx, 0.0, s->nu, 0.0, s->x) < 0 || differentiate(s, x, u, d) < 0)
+    memcpy(s->newer, u, nu * sizeof(*u));
+    memcpy(s->older, u, nu * sizeof(*u));
+    if (end_as_is(s, x, d) < 0 || differentiate(s, x, d) < 0)
         return APC_ESOLVER;
+    memset(drift, 0, to->nx * sizeof(*drift));
     for (size_t i = 0; i < nx; i++)
         drift[i] = s->x[i] - x[i];
-    look(s, x, u, d);
-    memcpy(to->A, s->A, nx * nx * sizeof(*s->A));
-    apc_matrix_put(to->B, s->nu + to->nd, 0, 0, nx, s->nu, s->B);
-    for (size_t i = 0; i < nx; i++)
-        memset(to->B + i * (s->nu + to->nd) + s->nu, 0, to->nd * sizeof(*to->B));
-    memset(to->D, 0, s->ny * (s->nu + to->nd) * sizeof(*to->D));
-    memcpy(to->C, s->C, s->ny * nx * sizeof(*s->C));
+    look(s, x, d);
+    memset(to->A, 0, nx * to->nx * sizeof(*to->A));
+    memset(to->B, 0, nx * inputs * sizeof(*to->B));
+    memset(to->C, 0, s->ny * to->nx * sizeof(*to->C));
+    memset(to->D, 0, s->ny * inputs * sizeof(*to->D));
+    apc_matrix_put(to->A, to->nx, 0, 0, nx, nx, s->A);
+    apc_matrix_put(to->C, to->nx, 0, 0, s->ny, nx, s->C);
+    apc_matrix_put(to->D, inputs, 0, 0, s->ny, nu, s->D);
     memcpy(to->x0, x, nx * sizeof(*x));
-    memcpy(to->u0, u, s->nu * sizeof(*u));
+    memcpy(to->u0, u, nu * sizeof(*u));
+    for (size_t j = 0, first = nx; j < nu; first += held(s, j++)) {
+        for (size_t i = 0; i < nx; i++) {
+            *place(to, first, i, j, s->whole[j]) += s->B[i * 2 * nu + j];
+            if (s->bit[j] > 0.0)
+                *place(to, first, i, j, s->whole[j] + 1) += s->B[i * 2 * nu + nu + j];
+        }
+        for (size_t k = 0; k < held(s, j); k++)
+            to->x0[first + k] = u[j];
+    }
     measure(s, x, u, d, to->y0);
-    return apc_values_ok(to->A, nx * nx) && apc_values_ok(to->B, nx * (s->nu + to->nd)) &&
-                   apc_values_ok(to->C, s->ny * nx) && apc_values_ok(to->y0, s->ny)
+    return apc_values_ok(to->A, nx * to->nx) && apc_values_ok(to->B, nx * inputs) &&
+                   apc_values_ok(to->C, s->ny * to->nx) && apc_values_ok(to->D, s->ny * inputs) &&
+                   apc_values_ok(to->y0, s->ny)
                ? 0
                : APC_ESOLVER;
 }

@@ -25,7 +25,8 @@ struct apc_shoot_options {
     const unsigned *block;                    /* [blocks] */
     const struct apc_linear_unknown *unknown; /* [n_unknown] as of an extended estimator */
     size_t n_unknown;
-    const double *u0; /* [nu] */
+    const double *u0;    /* [nu] */
+    const double *delay; /* [nu] s by which an input acts later, from 0; NULL: zeros */
 };
 
 int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
@@ -39,17 +40,21 @@ int apc_shoot_advance(struct apc_shoot *shoot, double *x, const double *u, const
 /*
  * About nodes [horizon * nx], the states at the ends of the intervals, the first of which begins at x [nx],
  * and about moves plan [blocks * nu]: y of the ends is free_y + G (u - u0), free_y [horizon * ny], G [horizon
- * * ny * n]. Returns 0, or APC_ESOLVER: the model is not defined at some node. [tick]
+ * * ny * n]. What a delay lets act before the plan does is past, row a - 1 [nu] of a periods ago; NULL where
+ * there is no delay. What acts on y at once is that at the end of the interval. Returns 0, or APC_ESOLVER:
+ * the model is not defined at some node. [tick]
  */
 int apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                        const double *nodes, double *G, double *free_y);
+                        const double *past, const double *nodes, double *G, double *free_y);
 /* The nodes to where the last linearisation has them with other moves. [tick] */
 void apc_shoot_move(const struct apc_shoot *shoot, const double *plan, double *nodes);
-/* x at the end of the horizon, of the last linearisation: free_x [nx] + Gx [nx * n] (u - u0). [tick] */
-void apc_shoot_end(const struct apc_shoot *shoot, const double *nodes, double *Gx, double *free_x);
-/* Linear at x, u: an interval into A and B of @p to, y into its C, its point x0, u0, y0; drift [nx] = what x
- * gains. What is measured of disturbances is in these, and so has columns of zeros. Returns as
- * apc_shoot_advance(). [tick] */
+/* x at the end of the horizon, of the last linearisation, and then former inputs that are still to act, as
+ * apclinear.h has them: free_x [nc] + Gx [nc * n] (u - u0). [tick] */
+void apc_shoot_end(const struct apc_shoot *shoot, const double *nodes, const double *past, double *Gx,
+                   double *free_x);
+/* Linear at x, u: an interval into A and B of @p to, which has the former inputs in its state; y into its C
+ * and D; its point x0, u0, y0; drift [nc] = what x gains. What is measured of disturbances is in these, and
+ * so has columns of zeros. Returns as apc_shoot_advance(). [tick] */
 int apc_shoot_sample(struct apc_shoot *shoot, const double *x, const double *u, const double *d,
                      struct apc_linear *to, double *drift);
 

@@ -345,8 +345,16 @@ static double moves(struct apc_target *t, const double *x, const double *u)
     return most;
 }
 
+/* Is there a step left? */
+static bool may_step(const struct apc_target_call *call)
+{
+    if (call->enough && call->enough(call->ctx))
+        return false;
+    return !call->left || (*call->left > 0 && (*call->left)--);
+}
+
 static int walk(struct apc_target *t, const struct apc_target_call *call, apc_target_linearise *linearise,
-                void *ctx, double *x, double *u, double *y, bool *reachable)
+                double *x, double *u, double *y, bool *reachable)
 {
     const struct apc_linear *m = t->model;
     struct apc_target_call of = *call;
@@ -359,7 +367,7 @@ static int walk(struct apc_target *t, const struct apc_target_call *call, apc_ta
     for (size_t j = 0; j < m->nu; j++)
         t->longer[j] = 2.0;
     for (int k = 0; k < SEARCH && most > STILL; k++) {
-        int rc = linearise(ctx, x, u, t->model, t->drift);
+        int rc = may_step(call) ? linearise(call->ctx, x, u, t->model, t->drift) : APC_ETIMEDOUT;
 
         for (size_t j = 0; j < m->nu; j++) {
             t->lowest[j] = fmin(fmax(u[j] - t->reach[j], call->low[j]), call->high[j]);
@@ -379,8 +387,7 @@ static int walk(struct apc_target *t, const struct apc_target_call *call, apc_ta
 }
 
 int apc_target_search(struct apc_target *t, const struct apc_target_call *call,
-                      apc_target_linearise *linearise, void *ctx, double *x, double *u, double *y,
-                      bool *reachable)
+                      apc_target_linearise *linearise, double *x, double *u, double *y, bool *reachable)
 {
     const size_t nu = t->model->nu;
     int rc;
@@ -389,12 +396,12 @@ int apc_target_search(struct apc_target *t, const struct apc_target_call *call,
     memcpy(t->from_u, u, nu * sizeof(*u));
     for (size_t j = 0; j < nu; j++)
         t->reach[j] = HUGE_VAL;
-    rc = walk(t, call, linearise, ctx, x, u, y, reachable);
-    if (rc == 0 && *reachable)
-        return 0;
+    rc = walk(t, call, linearise, x, u, y, reachable);
+    if (rc == APC_ETIMEDOUT || (rc == 0 && *reachable))
+        return rc;
     memcpy(x, t->from_x, t->nc * sizeof(*x));
     memcpy(u, t->from_u, nu * sizeof(*u));
     for (size_t j = 0; j < nu; j++)
         t->reach[j] = (call->high[j] - call->low[j]) / CAREFUL;
-    return walk(t, call, linearise, ctx, x, u, y, reachable);
+    return walk(t, call, linearise, x, u, y, reachable);
 }

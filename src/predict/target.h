@@ -27,6 +27,10 @@ struct apc_target_call {
     const double *q;              /* [ny] how much a distance from there counts */
     const unsigned *rank;         /* [ny] */
     unsigned ranks;
+    /* Of a search: how many steps are left to it, which it counts down, and whether time is up; NULL: any */
+    unsigned *left;
+    bool (*enough)(void *ctx);
+    void *ctx; /* of both */
 };
 /*
  * x [nx_plant + nx_held], u [nu], y [ny]: all y between their limits if that is possible, *reachable says so;
@@ -42,11 +46,11 @@ typedef int apc_target_linearise(void *ctx, const double *x, const double *u, st
                                  double *drift);
 /*
  * The same of a nonlinear model, by steps of Newton from x, u, which are filled in; call->drift is not looked
- * at. Returns 0, the error of @p linearise or of the quadratic program, or APC_ESOLVER: no end to it. Then x,
- * u and y are of no use. [tick]
+ * at. Returns 0, the error of @p linearise or of the quadratic program, APC_ESOLVER: no end to it, or
+ * APC_ETIMEDOUT: no step or no time was left; x and u are then where it came to, to begin with the next time.
+ * After any other error they and y are of no use. [tick]
  */
 int apc_target_search(struct apc_target *target, const struct apc_target_call *call,
-                      apc_target_linearise *linearise, void *ctx, double *x, double *u, double *y,
-                      bool *reachable);
+                      apc_target_linearise *linearise, double *x, double *u, double *y, bool *reachable);
 
 #endif

@@ -21,9 +21,9 @@ int __real_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_opt
 int __wrap_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
                             struct apc_error *why);
 int __real_apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                               const double *nodes, double *G, double *free_y);
+                               const double *past, const double *nodes, double *G, double *free_y);
 int __wrap_apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                               const double *nodes, double *G, double *free_y);
+                               const double *past, const double *nodes, double *G, double *free_y);
 int __real_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 int __wrap_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 int __real_apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, struct apc_error *why);
@@ -75,13 +75,13 @@ int __wrap_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_opt
 }
 
 int __wrap_apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                               const double *nodes, double *G, double *free_y)
+                               const double *past, const double *nodes, double *G, double *free_y)
 {
     printf("{\"about\":0");
     row("x", x, nx);
     row("d", d, n_unknown);
     printf("}\n");
-    return __real_apc_shoot_linearise(shoot, x, d, plan, nodes, G, free_y);
+    return __real_apc_shoot_linearise(shoot, x, d, plan, past, nodes, G, free_y);
 }
 
 int __wrap_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *o, struct apc_error *why)

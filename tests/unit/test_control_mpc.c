@@ -947,7 +947,8 @@ static void a_model_that_cannot_be_controlled_or_seen_is_refused(void **state)
         const char *says;
     } refused[] = {{in, out, NULL, 0, "cannot be stabilised"},
                    {in_all, blind, NULL, 0, "seen in no measurement"},
-                   {in_all, blind, filter, 2, "for an observer: in the measurements"},
+                   {in_all, blind, filter, 2, "not seen in any measurement"},
+                   {in, out, filter + 1, 1, "cannot be stabilised"},
                    {in_all, out, &late, 1, "longer than the dead time"},
                    {bad, out, NULL, 0, "no finite number"}};
     struct apc_error why;

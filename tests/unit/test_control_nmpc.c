@@ -12,8 +12,9 @@
 enum { STATES_MOST = 2048, PUBLISHED_MOST = 512, AHEAD_MOST = 64, TUNING = 12 };
 enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, WEIGHT, ZONE, Y_MIN, Y_MAX, SERVICE };
 
-static const double Ts = 1.0, delay = 0.4, horizon = 40.0, deviation[] = {1.0, 50.0}, of_y[] = {0.02},
-                    of_x[] = {0.0002, 0.0002, 0.005}, of_d[] = {0.05}, feed_temperature[] = {4.0}, four = 4.0;
+static const double Ts = 1.0, delay = 0.4, late = 3.4, horizon = 40.0, deviation[] = {1.0, 50.0},
+                    of_y[] = {0.02}, of_x[] = {0.0002, 0.0002, 0.005}, of_d[] = {0.05},
+                    feed_temperature[] = {4.0}, four = 4.0;
 
 struct rig {
     struct apc_law_setup setup;
@@ -21,9 +22,9 @@ struct rig {
     struct apc_setting setting[16];
     double A[9], B[12], C[3], D[4], B1[3], D1[1], x0[3], u0[4], y0[1];
     struct apc_plant *plant;
-    double input; /* that acts on the plant */
-    double y[1], z[AHEAD_MOST], d[AHEAD_MOST], u[1], x[STATES_MOST], tuning[TUNING], u_last[1], low[1],
-        high[1], rate[1], y_low[1], y_high[1], published[PUBLISHED_MOST];
+    double dead_time, line[8]; /* outputs on their way to the plant, the youngest first */
+    double between[1], y[1], z[AHEAD_MOST], d[AHEAD_MOST], u[1], x[STATES_MOST], tuning[TUNING], u_last[1],
+        low[1], high[1], rate[1], y_low[1], y_high[1], published[PUBLISHED_MOST];
     apc_status y_status[1];
     bool y_new[1];
     enum apc_law_output out[1];
@@ -86,7 +87,9 @@ static void prepare(struct rig *r)
                                       .setting = r->setting,
                                       .plant = &r->view};
     assert_int_equal(apc_plant_create(&r->plant, m, NULL, r->x0, &how, &why), 0);
-    r->input = r->u0[0];
+    r->dead_time = delay;
+    for (size_t k = 0; k < 8; k++)
+        r->line[k] = r->u0[0];
     r->u[0] = r->u_last[0] = r->u0[0];
     r->high[0] = 1000.0;
     r->rate[0] = HUGE_VAL;
@@ -144,16 +147,26 @@ static void begin(struct rig *r)
     make(r);
 }
 
-/* The new output acts after the delay. */
+/* A period of the plant; each output acts after the dead time. */
+static void pass(struct rig *r, double u)
+{
+    const size_t periods = (size_t)r->dead_time;
+    const double bit = r->dead_time - (double)periods;
+
+    memmove(r->line + 1, r->line, sizeof r->line - sizeof *r->line);
+    r->line[0] = u;
+    assert_int_equal(apc_plant_advance(r->plant, bit, &r->line[periods + 1]), 0);
+    apc_plant_output(r->plant, &r->line[periods + 1], r->between);
+    assert_int_equal(apc_plant_advance(r->plant, Ts - bit, &r->line[periods]), 0);
+    apc_plant_output(r->plant, &r->line[periods], r->y);
+}
+
 static void act(struct rig *r)
 {
     r->limited[0] = 0;
     apc_instances_update(r->law, 0, &r->c);
-    assert_int_equal(apc_plant_advance(r->plant, delay, &r->input), 0);
-    r->input = r->u[0];
-    assert_int_equal(apc_plant_advance(r->plant, Ts - delay, &r->input), 0);
+    pass(r, r->u[0]);
     r->u_last[0] = r->u[0];
-    apc_plant_output(r->plant, &r->input, r->y);
 }
 
 static void tick(struct rig *r)
@@ -273,13 +286,76 @@ static void its_first_plan_comes_true(void **state)
     set_point(&r, 48.0);
     assert_int_equal(apc_instances_compute(r.law, 0, &r.c), APC_LAW_GOOD);
     for (size_t k = 0; k < 40; k++) {
-        assert_int_equal(apc_plant_advance(r.plant, delay, &r.input), 0);
-        r.input = r.published[40 + k];
-        assert_int_equal(apc_plant_advance(r.plant, Ts - delay, &r.input), 0);
-        apc_plant_output(r.plant, &r.input, r.y);
+        pass(&r, r.published[40 + k]);
         if (k >= 7) /* what the delay moved has settled */
             assert_near(r.published[k], r.y[0], 0.05);
     }
+    apc_plant_destroy(r.plant);
+}
+
+/* Outputs act three periods and a bit late: the plant is unstable there, and a law that did not know would
+ * lose it, as the same without it does. */
+static void a_dead_time_of_some_periods_is_in_the_prediction(void **state)
+{
+    struct rig r;
+    double worst = 0.0;
+    (void)state;
+
+    for (int knows = 1; knows >= 0; knows--) {
+        prepare(&r);
+        r.dead_time = late;
+        if (knows)
+            r.setting[7] = number("delay", &late, 1);
+        make(&r);
+        for (int k = 0; k < 100; k++) {
+            if (k == 10)
+                assert_int_equal(apc_plant_disturb(r.plant, 2, 1.0), 0);
+            tick(&r);
+            worst = fmax(worst, fabs(r.y[0] - r.y0[0]));
+        }
+        if (!knows) {
+            assert_true(worst > 20.0);
+            apc_plant_destroy(r.plant);
+            continue;
+        }
+        assert_true(worst < 5.0);
+        run(&r, 150);
+        assert_near(r.y[0], r.y0[0], 0.01);
+        set_point(&r, 42.0);
+        assert_int_equal(apc_instances_compute(r.law, 0, &r.c), APC_LAW_GOOD);
+        for (size_t k = 0; k < 40; k++) { /* what it plans comes true, its samples being that bit later */
+            pass(&r, r.published[40 + k]);
+            if (k > 0)
+                assert_near(r.published[k - 1], r.between[0], 0.2);
+        }
+        apc_plant_destroy(r.plant);
+    }
+}
+
+/* Steps of the search for steady states are counted like changes of the working set. */
+static void a_search_that_takes_too_many_steps_is_late_and_goes_on(void **state)
+{
+    static const double few = 3.0;
+    struct rig r;
+    int ticks = 0;
+    (void)state;
+
+    prepare(&r);
+    r.setting[r.setup.n_setting++] = number("iterations", &few, 1);
+    make(&r);
+    run(&r, 20);
+    set_point(&r, 62.0);
+    do {
+        tick(&r);
+        if (r.result != APC_LAW_LATE)
+            continue;
+        assert_non_null(strstr(r.why, "no plan in time, after "));
+        assert_in_range(++ticks, 1, 20);
+    } while (r.result == APC_LAW_LATE);
+    assert_true(ticks > 0);
+    for (int k = 0; k < 150; k++)
+        tick(&r);
+    assert_near(r.y[0], 62.0, 0.01);
     apc_plant_destroy(r.plant);
 }
 
@@ -452,12 +528,14 @@ static void the_bits_do_not_depend_on_a_restart(void **state)
 
 static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
 {
-    static const double one = 1.0, zero = 0.0, five[] = {5.0}, nothing[] = {0.0}, minus[] = {-1.0};
+    static const double one = 1.0, zero = 0.0, fifty = 50.0, ages = 2000.0, five[] = {5.0}, nothing[] = {0.0},
+                        minus[] = {-1.0};
     const struct {
         struct apc_setting instead;
         const char *says;
     } refused[] = {
-        {number("delay", &one, 1), "below the period"},
+        {number("delay", &fifty, 1), "longer than the dead time"},
+        {number("delay", &ages, 1), "it must be from 0 to 1000 periods of 1 s"},
         {number("steps", &zero, 1), "steps"},
         {number("at_input", five, 1), "at_input"},
         {number("y_noise", nothing, 1), "setting \"y_noise\""},
@@ -499,6 +577,8 @@ int main(void)
         TEST(from_one_end_to_the_other_no_offset_remains_whatever_disturbs),
         TEST(a_measured_disturbance_is_fed_forward),
         TEST(its_first_plan_comes_true),
+        TEST(a_dead_time_of_some_periods_is_in_the_prediction),
+        TEST(a_search_that_takes_too_many_steps_is_late_and_goes_on),
         TEST(limits_and_rates_hold_and_a_limit_of_y_comes_before_its_setpoint),
         TEST(limits_of_a_measurement_that_cannot_be_kept_are_told_with_their_rank),
         TEST(a_model_that_gives_no_number_gives_no_output_and_is_told),

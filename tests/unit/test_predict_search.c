@@ -72,7 +72,8 @@ static void end(struct scene *s)
 
 static int search(struct scene *s)
 {
-    return apc_target_search(s->target, &s->call, linearise, s->shoot, s->x, s->u, s->y, &s->reachable);
+    s->call.ctx = s->shoot;
+    return apc_target_search(s->target, &s->call, linearise, s->x, s->u, s->y, &s->reachable);
 }
 
 /* What the model makes of the state in a second, over its size. */
@@ -174,12 +175,52 @@ static void the_first_rank_is_kept_where_an_input_saturates(void **state)
     }
 }
 
+static bool at_once(void *ctx)
+{
+    (void)ctx;
+    return true;
+}
+
+/* Cut short again and again it comes to the same end as in one go. */
+static void a_search_takes_the_steps_it_is_given_and_goes_on_from_there(void **state)
+{
+    static const double x[] = {0.515, 0.63, 38.6}, u[] = {500.0};
+    struct scene whole, bit;
+    unsigned left = 0, cut = 0, used = 60;
+    int rc;
+    (void)state;
+
+    begin(&whole, &apc_model_adiabatic_cstr, 1.0, x, u);
+    whole.w[0] = 60.0;
+    whole.call.left = &used;
+    assert_int_equal(search(&whole), 0);
+    used = 60 - used;
+    begin(&bit, &apc_model_adiabatic_cstr, 1.0, x, u);
+    bit.w[0] = 60.0;
+    bit.call.left = &left;
+    assert_int_equal(search(&bit), APC_ETIMEDOUT);
+    assert_memory_equal(bit.x, x, sizeof x); /* nothing was left */
+    while (left = 1, (rc = search(&bit)) == APC_ETIMEDOUT) {
+        assert_int_equal(left, 0);
+        assert_in_range(++cut, 1, used);
+    }
+    assert_int_equal(rc, 0);
+    assert_int_equal(cut + 1, used);
+    assert_memory_equal(bit.u, whole.u, sizeof u);
+    bit.call.left = NULL;
+    bit.call.enough = at_once;
+    assert_int_equal(search(&bit), APC_ETIMEDOUT);
+    end(&whole);
+    end(&bit);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(from_any_setpoint_to_any_other_the_steady_state_is_found),
         cmocka_unit_test(beyond_the_top_of_a_curve_the_top_is_the_nearest),
         cmocka_unit_test(the_first_rank_is_kept_where_an_input_saturates),
+        cmocka_unit_test(a_search_takes_the_steps_it_is_given_and_goes_on_from_there),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
