@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import apc
+from apc.native import ffi
 from test_experiment import TEXT
 
 SIGNALS = '''table,id,name,unit,description,low,high
@@ -104,7 +105,9 @@ def test_arrow_shares_the_memory(folder):
     table = apc.open_run(folder).table()
     arrow = pyarrow.table(table)
     arrow.validate(full=True)
-    assert arrow.column("value").chunk(0).buffers()[1].address == table.columns["value"].data.ctypes.data
+    for name, column in table.columns.items():  # of texts the places
+        chunk = arrow.column(name).chunk(0)
+        assert (chunk if column.texts is None else chunk.indices).buffers()[1].address == column.data.ctypes.data, name
     assert arrow.to_pylist()[2] == {name: value for name, value in zip(table, (
         0.5, arrow.column("time")[2].as_py(), "actuator", "u", -0.0, "mA", "UncertainLastUsableValue", None))}
     assert str(arrow.schema.field("time").type) == "timestamp[ns, tz=UTC]"
@@ -120,7 +123,9 @@ def test_pandas_shares_the_memory(folder):
     table = apc.open_run(folder).table()
     frame = table.to_pandas()
     assert frame.query("name == 'u' and mode == 'Man'").t.tolist() == [3.5, 4.5]
-    assert np.shares_memory(frame["value"].to_numpy(), table["value"])
+    assert np.shares_memory(frame["value"].to_numpy(), table["value"]) and np.shares_memory(frame["t"].to_numpy(), table["t"])
+    assert np.shares_memory(frame["time"].array.asi8, table["time"])
+    assert all(np.shares_memory(frame[name].array.codes, table.columns[name].data) for name in ("table", "name", "status", "mode"))
     assert isinstance(frame["time"].dtype, pandas.DatetimeTZDtype) and frame["mode"].isna().sum() == 3
 
 
@@ -133,9 +138,25 @@ def test_history_as_arrow():
     arrow.validate(full=True)
     assert arrow.column("value").to_pylist() == y.value.tolist() and arrow.num_rows == 120
     assert y.to_arrow() == arrow
+    for name in ("time", "value", "status", "seq", "origin"):  # what the library filled is what NumPy and Arrow have
+        array = getattr(y, name)
+        while array.base is not None and hasattr(array.base, "base"):
+            array = array.base
+        assert arrow.column(name).chunk(0).buffers()[1].address == array.ctypes.data, name
+        assert array.ctypes.data == int(ffi.cast("uintptr_t", getattr(array.base._owner, name))), name
     nothing = s.store.history("y", since="2001-01-01").to_arrow()
     nothing.validate(full=True)
     assert nothing.num_rows == 0
+
+
+def test_history_in_pandas_shares_the_memory():
+    pytest.importorskip("pandas")
+    s = apc.Experiment("here.conf", TEXT).simulate()
+    s.run()
+    y = s.store.history("y")
+    frame = y.to_pandas()
+    assert np.shares_memory(frame["value"].to_numpy(), y.value) and np.shares_memory(frame["status"].to_numpy(), y.status)
+    assert np.shares_memory(frame.index.asi8, y.time)
 
 
 def test_nobody_applies_it():

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .timer import Tick, Timer, every
     from .values import Mode, Status, Value
     from .law import Call, Law, Parameter, Published, Setup
-    from .library import version
+    from .native import version
 
 _WHERE = {
     "alarms": ("Alarm",),
@@ -49,7 +49,7 @@ _WHERE = {
     "timer": ("Tick", "Timer", "every"),
     "values": ("Mode", "Status", "Value"),
     "law": ("Call", "Law", "Parameter", "Published", "Setup"),
-    "library": ("version",),
+    "native": ("version",),
 }
 _MODULE = {name: module for module, names in _WHERE.items() for name in names}
 

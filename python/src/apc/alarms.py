@@ -7,7 +7,7 @@ from time import monotonic, sleep
 from typing import Any, NamedTuple, Optional
 
 from .errors import error
-from .library import check, ffi, lib, text, why
+from .native import check, ffi, lib, text, utf8, why
 
 
 class Alarm(NamedTuple):
@@ -52,14 +52,14 @@ class Board:
     def want(self, s: Any, name: str, which: int, value: float, author: str, comment: str, wait: bool) -> Alarm:
         """Write it, and wait until it is in force."""
         demand, reason = ffi.new("struct apc_demand *"), why()
-        called = name.encode()
+        called = utf8("alarm", name)
         if len(called) > 63:
             raise error(lib.APC_ENOTFOUND, f"there is no alarm \"{name}\"")
         demand.name, demand.which, demand.value = called, which, value
         there = [alarm.name for alarm in self.read(s)]
         if wait and name in there and not lib.apc_board_lives(self._board):
             raise error(lib.APC_EPERM, f"{name}: nobody evaluates the alarms: apc-alarms does not run. Nothing was written")
-        check(lib.apc_board_want(self._board, s, demand, author.encode(), comment.encode(), reason), reason)
+        check(lib.apc_board_want(self._board, s, demand, utf8("author", author), utf8("comment", comment), reason), reason)
         if wait:
             self._settle(s, demand)
         return self.read(s)[there.index(name)]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any, Optional
 
 from .errors import error
-from .library import ffi, lib
+from .native import ffi, lib
 
 _DTYPE = {"double": "f8", "int64_t": "i8", "uint32_t": "u4", "int32_t": "i4", "int8_t": "i1"}
 

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Optional, Sequence, Union
 
 from .errors import NotFoundError, error
-from .library import Owned, check, ffi, lib, text, why
+from .native import Owned, check, ffi, is_a, lib, text, utf8, why
 from .store import Store
 from .values import Mode, Value, value_of
 
@@ -42,7 +42,7 @@ class Experiment:
         """Load `file`. With a `text` that is what it says, and `file` only its name in messages and where relative
         paths begin."""
         out, reason = ffi.new("struct apc_experiment **"), why()
-        check(lib.apc_experiment_load(out, os.fsencode(file), ffi.NULL if text is None else text.encode(), reason),
+        check(lib.apc_experiment_load(out, os.fsencode(file), ffi.NULL if text is None else utf8("text", text), reason),
               reason)
         self._owned = Owned("experiment", out[0], lib.apc_experiment_destroy)
 
@@ -51,7 +51,7 @@ class Experiment:
         member, lists by name or [INDEX] from 0. What is refused changes nothing."""
         reason = why()
         with self._owned as e:
-            check(lib.apc_experiment_set(e, path.encode(), _written(value).encode(), reason), reason)
+            check(lib.apc_experiment_set(e, utf8("path", path), utf8("value", _written(value)), reason), reason)
 
     @property
     def text(self) -> str:
@@ -64,7 +64,7 @@ class Experiment:
     def provision(self, store: Store, reset: bool = False) -> None:
         """Describe the experiment in a store; with `reset` also over what is there, as `apc run` does."""
         reason = why()
-        with self._owned as e, store._owned as s:
+        with self._owned as e, is_a(Store, "store", store)._owned as s:
             check(lib.apc_experiment_provision(e, s, reset, reason), reason)
 
     def simulate(self, seed: int = 0) -> "Simulation":
@@ -90,7 +90,7 @@ class Simulation:
         out, reason = ffi.new("struct apc_simulation **"), why()
         options = ffi.new("struct apc_simulation_options *")
         options.size, options.seed = ffi.sizeof(options[0]), seed
-        with experiment._owned as e:
+        with is_a(Experiment, "experiment", experiment)._owned as e:
             check(lib.apc_simulation_create(out, e, options, reason), reason)
         self._owned = Owned("simulation", out[0], lib.apc_simulation_destroy)
         self._store: Optional[Store] = None
@@ -121,24 +121,24 @@ class Simulation:
         """Set a setpoint, a tuning parameter or, by the name of an output, what goes out in mode Man, as an operator
         would just now. Whether it is taken is seen by what follows, as in a plant."""
         with self._owned as s:
-            self._check(s, lib.apc_simulation_write(s, name.encode(), value))
+            self._check(s, lib.apc_simulation_write(s, utf8("name", name), value))
 
     def mode(self, loop: str, mode: Union[Mode, str]) -> None:
         """Ask for a mode of a loop, by its output or as "upper.r1", or of all loops of a controller."""
         with self._owned as s:
-            self._check(s, lib.apc_simulation_mode(s, loop.encode(), Mode.of(mode)))
+            self._check(s, lib.apc_simulation_mode(s, utf8("loop", loop), Mode.of(mode)))
 
     def do(self, what: str, name: str) -> None:
         """To a controller: "kill", as kill -9 does, "start" it again, "promote" it out of the shadow; to a setpoint:
         "local", take it from who moves it, and "remote", give it back."""
         with self._owned as s:
-            self._check(s, lib.apc_simulation_do(s, what.encode(), name.encode()))
+            self._check(s, lib.apc_simulation_do(s, utf8("what", what), utf8("name", name)))
 
     def read(self, name: str) -> Value:
         """The newest value of a measurement, setpoint, output or parameter."""
         value = ffi.new("struct apc_value *")
         with self._owned as s:
-            code = lib.apc_simulation_read(s, name.encode(), value)
+            code = lib.apc_simulation_read(s, utf8("name", name), value)
             if code == lib.APC_ENOTFOUND:
                 raise NotFoundError(f"there is no \"{name}\", or it has no value yet")
             self._check(s, code)

@@ -9,7 +9,7 @@ from typing import Any, Optional, Sequence
 
 from .columns import doubles
 from .errors import error
-from .library import Owned, check, ffi, lib, text, why
+from .native import Owned, check, ffi, lib, text, timeout_ns, utf8, why
 from .values import Value, value_of
 
 _MOST = 8192  # values of a frame
@@ -29,11 +29,11 @@ class Link:
         self._identity: Any = None
         if identity is not None:
             made = ffi.new("struct apc_identity **")
-            check(lib.apc_identity_load(made, identity.encode(), reason), reason)
+            check(lib.apc_identity_load(made, utf8("identity", identity), reason), reason)
             self._identity = options.identity = ffi.gc(made[0], lib.apc_identity_free)
-        check(lib.apc_link_create(out, uri.encode(), options, reason), reason)
+        check(lib.apc_link_create(out, utf8("uri", uri), options, reason), reason)
         self._owned = Owned("link", out[0], lib.apc_link_destroy)
-        self._timeout = round(timeout * 1e9)
+        self._timeout = timeout_ns(timeout)
         self._id = 0
 
     def query(self) -> list[Value]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Mapping, NamedTuple, Optional, Sequence, 
 
 from .columns import doubles, pointer
 from .errors import error
-from .library import Owned, check, ffi, lib, text, why
+from .native import Owned, check, ffi, is_a, lib, text, utf8, why
 
 if TYPE_CHECKING:
     import numpy as np
@@ -94,7 +94,7 @@ class Model:
 
     def __init__(self, name: str) -> None:
         out, handle, reason = ffi.new("struct apc_model **"), ffi.new("void **"), why()
-        check(lib.apc_model_find(name.encode(), out, handle, reason), reason)
+        check(lib.apc_model_find(utf8("name", name), out, handle, reason), reason)
         m = self._model = out[0]
         self.name, self.description = text(m.name), text(m.description) if m.description else ""
         self.nx, self.nu, self.nd, self.ny = int(m.nx), int(m.nu), int(m.nd), int(m.ny)
@@ -163,7 +163,7 @@ def _variables(of: Any, n: int, letter: str) -> list[Variable]:
 def linearize(model: Union[Model, str], x: Optional["ArrayLike"] = None, u: Optional["ArrayLike"] = None,
               p: Optional[Parameters] = None) -> Linear:
     """`Model(model).linearize(x, u, p)`."""
-    return (Model(model) if isinstance(model, str) else model).linearize(x, u, p)
+    return (Model(model) if isinstance(model, str) else is_a(Model, "model", model)).linearize(x, u, p)
 
 
 class Integrated:
@@ -172,7 +172,7 @@ class Integrated:
     def __init__(self, model: Model, x0: Optional["ArrayLike"], p: Optional[Parameters], integrator: str,
                  dead_time: float) -> None:
         out, reason, options = ffi.new("struct apc_plant **"), why(), ffi.new("struct apc_plant_options *")
-        called = ffi.new("char[]", integrator.encode())
+        called = ffi.new("char[]", utf8("integrator", integrator))
         options.size, options.integrator, options.dead_time = ffi.sizeof(options[0]), called, dead_time
         p_, x_ = model._parameters(p), None if x0 is None else doubles("x0", x0, model.nx)
         check(lib.apc_plant_create(out, model._model, pointer(p_), pointer(x_), options, reason), reason)
@@ -232,6 +232,8 @@ class Estimator:
 
         out, reason, options = ffi.new("struct apc_estimator **"), why(), ffi.new("struct apc_estimator_options *")
         linear = isinstance(model, Linear)
+        if not linear:
+            is_a(Model, "model", model)
         self._nx, self._n, self._ny = ((len(model.x0), len(model.u0), len(model.y0)) if isinstance(model, Linear) else
                                        (model.nx, model.nu + model.nd, model.ny))
         if isinstance(model, Linear) and not model.Ts:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Iterator, NamedTuple, Optional, Union
 
 from .errors import BusyError, ConflictError, StoreError
-from .library import ffi, lib, text
+from .native import ffi, is_a, lib, text
 from .store import Store, Tag
 
 _DAY = 86400 * 10**9
@@ -37,6 +37,7 @@ def archive(store: Store, folder: Union[str, "os.PathLike[str]"], keep: Optional
     """Write what `store` has got since the last call into `folder`, partitioned by table and day (UTC). Each file is read
     back and compared before it counts. With `keep`, in days, all files of the archive are checked against their SHA-256
     and number of rows, and only then samples, vectors and events that are older are dropped from the store."""
+    is_a(Store, "store", store)
     at = Path(folder)
     at.mkdir(parents=True, exist_ok=True)
     with open(at / "lock", "w") as lock:

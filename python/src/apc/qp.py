@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Optional
 
 from .columns import doubles, pointer
 from .errors import error
-from .library import Owned, check, ffi, lib, why
+from .native import Owned, check, ffi, lib, why
 
 if TYPE_CHECKING:
     import numpy as np

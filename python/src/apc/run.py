@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Optional, Union
 from .columns import array, filled
 from .errors import Error, NotFoundError, error
 from .experiment import Experiment
-from .library import check, ffi, lib, text, why
+from .native import check, ffi, lib, text, why
 from .store import Store
 from .table import Column, Table
 from .values import Mode

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Iterable, NamedTuple, Optional, Union
 from .alarms import ACKNOWLEDGE, SHELVE, Alarm, Board
 from .errors import NotFoundError, error
 from .columns import array, filled
-from .library import Owned, check, ffi, lib, text, why
-from .table import Column, Table
+from .native import Owned, check, ffi, lib, text, timeout_ns, utf8, why
+from .table import Column, Table, utc
 from .values import Mode, Status, Value, value_of
 
 if TYPE_CHECKING:
@@ -65,8 +65,7 @@ class History(NamedTuple):
     def to_pandas(self) -> Any:
         """A DataFrame of value and status by time."""
         pandas = import_module("pandas")
-        index = pandas.DatetimeIndex(self.time, tz="UTC", name="time")
-        return pandas.DataFrame({"value": self.value, "status": self.status}, index=index, copy=False)
+        return pandas.DataFrame({"value": self.value, "status": self.status}, index=utc(self.time, "time"), copy=False)
 
     def table(self) -> Table:
         """Time, value, status, seq and origin, for whoever takes Arrow: `polars.DataFrame(history.table())`."""
@@ -100,10 +99,10 @@ class Store:
 
     def __init__(self, uri: str, name: str = "python", timeout: float = 2.0) -> None:
         """`name` says who writes; `timeout` in s is of every operation. It connects when it has to."""
-        out, reason, called = ffi.new("struct apc_store **"), why(), ffi.new("char[]", name.encode())
+        out, reason, called = ffi.new("struct apc_store **"), why(), ffi.new("char[]", utf8("name", name))
         options = ffi.new("struct apc_store_options *")
-        options.size, options.name, options.timeout = ffi.sizeof(options[0]), called, round(timeout * 1e9)
-        check(lib.apc_store_open(out, uri.encode(), options, reason), reason)
+        options.size, options.name, options.timeout = ffi.sizeof(options[0]), called, timeout_ns(timeout)
+        check(lib.apc_store_open(out, utf8("uri", uri), options, reason), reason)
         self._owned = Owned("store", out[0], lib.apc_store_close)
 
     @classmethod
@@ -140,6 +139,7 @@ class Store:
         by_place = {f"{t.table}.{t.id}": t for t in tags}
         found = []
         for name in names:
+            utf8("name", name)
             tag = by_place.get(name) or by_name.get(name) or _place(name)
             if tag is None:
                 from difflib import get_close_matches
@@ -156,6 +156,8 @@ class Store:
 
     def read_all(self, names: Iterable[str]) -> list[Value]:
         """Of several, of one moment."""
+        if isinstance(names, str):
+            raise TypeError(f"names is {names!r:.40}, not several: read(name) takes one")
         return self._read(self._find(names))
 
     def _read(self, tags: list[Tag]) -> list[Value]:
@@ -254,10 +256,10 @@ class Store:
 
     def _wish(self, name: str, value: float, mode: bool, author: Optional[str], wait: bool) -> Value:
         wish, reason = ffi.new("struct apc_wish *"), why()
-        who = (author or _user()).encode()
+        who = utf8("author", author or _user())
         with self._owned as s:
             self._live(s, "apc set")
-            check(lib.apc_wish_find(wish, s, name.encode(), mode, value, reason), reason)
+            check(lib.apc_wish_find(wish, s, utf8("name", name), mode, value, reason), reason)
             if wait:
                 self._ticks(s, wish)
             check(lib.apc_wish_write(wish, s, who, reason), reason)

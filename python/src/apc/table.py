@@ -6,7 +6,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Iterator, NamedTuple, Optional, Sequence
 
-from .library import check, ffi, lib, why
+from .errors import error
+from .native import check, ffi, is_a, lib, why
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +40,10 @@ class Table:
     `polars.DataFrame(t)`, a query of DuckDB over the former."""
 
     def __init__(self, columns: Sequence[Column]) -> None:
-        self.columns = {c.name: c for c in columns}
+        self.columns = {is_a(Column, "a column", c).name: c for c in columns}
+        shapes = {c.data.shape for c in columns}
+        if len(shapes) != 1 or len(*shapes) != 1:
+            raise error(lib.APC_EINVAL, f"columns are of one length each, and it is the same: not of shapes {sorted(shapes)}")
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())).data)
@@ -72,13 +76,18 @@ class Table:
         def taken(column: Column) -> Any:
             if column.texts is not None:
                 return pandas.Categorical.from_codes(column.data, categories=column.texts)
-            return pandas.DatetimeIndex(column.data, tz="UTC") if column.data.dtype.kind == "M" else column.data
+            return utc(column.data) if column.data.dtype.kind == "M" else column.data
 
         return pandas.DataFrame({name: taken(column) for name, column in self.columns.items()}, copy=False)
 
     def to_polars(self) -> Any:
         """A polars.DataFrame that shares the memory."""
         return import_module("polars").DataFrame(self)
+
+
+def utc(time: "NDArray[np.datetime64]", name: Optional[str] = None) -> Any:
+    """A pandas.DatetimeIndex that shares the memory, as one that is made with tz="UTC" does not."""
+    return import_module("pandas").DatetimeIndex(time.view("i8"), dtype="datetime64[ns, UTC]", copy=False, name=name)
 
 
 class _Exported:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 from typing import Any, Callable, Iterator, Mapping, NamedTuple, Optional, Sequence
 
-from .library import check, ffi, lib, why
+from .native import check, ffi, lib, why
 
 
 class Tick(NamedTuple):
@@ -66,6 +66,8 @@ class Timer:
     def __init__(self, interval: float, fnc: Callable[..., Any], args: Sequence[Any] = (),
                  kwargs: Optional[Mapping[str, Any]] = None) -> None:
         _period(interval)
+        if not callable(fnc):
+            raise TypeError(f"fnc is {fnc!r:.40}, which cannot be called")
         self._stop = threading.Event()
         self._failed: Optional[BaseException] = None
         self.missed = 0  #: instants that passed while fnc was running

@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 from typing import Any, NamedTuple, Union
 
 from .errors import error
-from .library import ffi, lib, text
+from .native import ffi, lib, text
 
 
 class Mode(enum.IntEnum):

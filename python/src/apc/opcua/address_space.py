@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Optional
 
 from ..alarms import Alarm
-from ..library import lib
+from ..native import lib
 from ..store import Tag
 from ..values import Mode, Value
 

@@ -16,7 +16,7 @@ from time import monotonic, time_ns
 from typing import Any, NamedTuple, Optional
 
 from ..errors import Error
-from ..library import check, ffi, lib, why
+from ..native import check, ffi, lib, why
 
 _LONGEST = 5.0  # s between two attempts to connect
 _MOST = 8192  # values of a frame

@@ -18,7 +18,7 @@ from typing import Any, Callable, NamedTuple, Optional
 
 from ..alarms import Alarm
 from ..errors import ConflictError, Error, LimitError, NotFoundError, RefusedError, TimedOut
-from ..library import lib
+from ..native import lib
 from ..store import Store, Tag
 from ..values import Mode, Value
 from .address_space import Space

@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 from types import TracebackType
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, TypeVar
 
 from .errors import BusyError, StateError, error
 
@@ -18,6 +18,8 @@ except ImportError as e:
         f"libapc cannot be loaded: {e}. The package brings a libapc.so of its own; is another one named in "
         "LD_LIBRARY_PATH, or was the package built on another system? Build it anew: pip install ./python") from e
 
+Kind = TypeVar("Kind")
+
 # Laws in Python run in the interpreter that loads the experiment, unless somebody wants another one.
 os.environ.setdefault("APC_PYTHON", sys.executable)
 
@@ -25,6 +27,31 @@ os.environ.setdefault("APC_PYTHON", sys.executable)
 def text(chars: Any) -> str:
     """A C string, which may hold bytes that are no UTF-8."""
     return ffi.string(chars).decode("utf-8", "replace")  # type: ignore[no-any-return]
+
+
+def utf8(what: str, value: Any) -> bytes:
+    """An argument that is a text, as C takes it."""
+    if not isinstance(value, str):
+        raise TypeError(f"{what} is {value!r:.40}, not a text")
+    if "\0" in value:
+        raise error(lib.APC_EINVAL, f"{what} {value!r:.40} holds a NUL")
+    return value.encode()
+
+
+def timeout_ns(value: Any) -> int:
+    """An argument `timeout` in s, in ns."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        raise TypeError(f"timeout is {value!r:.40}, not a number of s")
+    if not 0 < value <= 1e6:
+        raise error(lib.APC_EINVAL, f"timeout = {value:g}: expected more than 0 s, at most 1e6")
+    return round(value * 1e9)
+
+
+def is_a(kind: type[Kind], what: str, value: Any) -> Kind:
+    """An argument that is one of the package's own objects."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{what} is {value!r:.40}, not an apc.{kind.__name__}")
+    return value
 
 
 def version() -> str:
