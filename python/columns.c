@@ -3,19 +3,10 @@
 #include <stdlib.h>
 #include <time.h>
 
+#include "block.h"
 #include "columns.h"
 
 enum { ROOM = 1024 }; /* rows, at first; then twice as many */
-
-/* *@p array gets room for @p n elements of @p size bytes. Returns whether it has. */
-static bool grow(void *array, size_t n, size_t size)
-{
-    void **const at = array, *const more = reallocarray(*at, n, size);
-
-    if (more)
-        *at = more;
-    return more;
-}
 
 void *apc_columns_new(size_t size)
 {
@@ -28,9 +19,9 @@ static bool widen(struct apc_columns *c)
 {
     const size_t room = c->room ? 2 * c->room : ROOM;
 
-    if (!grow(&c->seq, room, sizeof *c->seq) || !grow(&c->time, room, sizeof *c->time) ||
-        !grow(&c->value, room, sizeof *c->value) || !grow(&c->status, room, sizeof *c->status) ||
-        !grow(&c->origin, room, sizeof *c->origin))
+    if (!apc_grow(&c->seq, room, sizeof *c->seq) || !apc_grow(&c->time, room, sizeof *c->time) ||
+        !apc_grow(&c->value, room, sizeof *c->value) || !apc_grow(&c->status, room, sizeof *c->status) ||
+        !apc_grow(&c->origin, room, sizeof *c->origin))
         return false;
     c->room = room;
     return true;
@@ -75,8 +66,8 @@ static bool lengthen(struct apc_ragged *r)
 {
     const size_t room = r->room ? 2 * r->room : ROOM;
 
-    if (!grow(&r->seq, room, sizeof *r->seq) || !grow(&r->time, room, sizeof *r->time) ||
-        !grow(&r->status, room, sizeof *r->status) || !grow(&r->end, room, sizeof *r->end))
+    if (!apc_grow(&r->seq, room, sizeof *r->seq) || !apc_grow(&r->time, room, sizeof *r->time) ||
+        !apc_grow(&r->status, room, sizeof *r->status) || !apc_grow(&r->end, room, sizeof *r->end))
         return false;
     r->room = room;
     return true;
@@ -88,7 +79,7 @@ static bool make_space(struct apc_ragged *r, size_t n)
 
     while (space < r->elements + n)
         space *= 2;
-    if (space > r->space && !grow(&r->value, space, sizeof *r->value))
+    if (space > r->space && !apc_grow(&r->value, space, sizeof *r->value))
         return false;
     r->space = space;
     return true;
@@ -136,7 +127,7 @@ static int take_event(void *ctx, const struct apc_event *event)
     const size_t room = e->room ? 2 * e->room : ROOM / 16;
 
     if (e->n == e->room) {
-        if (!grow(&e->event, room, sizeof *e->event))
+        if (!apc_grow(&e->event, room, sizeof *e->event))
             return 1;
         e->room = room;
     }

@@ -1,80 +1,21 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* samples.csv and operation.csv of a run folder: time,table,id,status,value. */
+/* samples.csv and operation.csv of a run folder: time,table,id,status,value. A large file is read in parts,
+ * one in a thread each, which are put together afterwards: what comes out is the same. */
 #include <apcstore.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <float.h>
+#include <pthread.h>
+#include <sched.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include "block.h"
 #include "columns.h"
+#include "decimal.h"
 
-enum { ROOM = 4096, CHUNK = 1 << 20, LINE = 256, DIGITS = 19 };
-
-/* ---- Numbers ------------------------------------------------------------------------------- */
-
-static bool take_any(const char *from, size_t n, double *value)
-{
-    char text[LINE];
-
-    if (n >= sizeof text)
-        return false;
-    memcpy(text, from, n);
-    text[n] = '\0';
-    return apc_number_parse(text, value) == 0;
-}
-
-#if LDBL_MANT_DIG == 64 && defined(__x86_64__)
-/* @p digits / 10^decimals rounded to 64 bits, then to 53: the same as rounded once, but where 64 bits end in
- * the middle between two doubles. Returns whether it is. */
-static bool divide(uint64_t digits, unsigned decimals, double *value)
-{
-    static const long double power[] = {1e0L,  1e1L,  1e2L,  1e3L,  1e4L,  1e5L,  1e6L,  1e7L,  1e8L,  1e9L,
-                                        1e10L, 1e11L, 1e12L, 1e13L, 1e14L, 1e15L, 1e16L, 1e17L, 1e18L, 1e19L,
-                                        1e20L, 1e21L, 1e22L, 1e23L, 1e24L, 1e25L, 1e26L, 1e27L};
-    if (decimals >= sizeof power / sizeof power[0])
-        return false;
-    const long double wide = (long double)digits / power[decimals];
-    uint64_t bits;
-
-    memcpy(&bits, &wide, sizeof bits);
-    *value = (double)wide;
-    return (bits & 0x7FF) != 0x400;
-}
-#else
-static bool divide(uint64_t digits, unsigned decimals, double *value)
-{
-    (void)digits, (void)decimals, (void)value;
-    return false;
-}
-#endif
-
-/* The number that is all of the text from @p from to @p end. */
-static bool take_number(const char *from, const char *end, double *value)
-{
-    const bool negative = *from == '-';
-    const char *p = from + negative;
-    uint64_t digits = 0;
-    unsigned n = 0, decimals = 0;
-    bool point = false;
-
-    for (; p < end && n <= DIGITS; p++) {
-        if (*p == '.' && !point) {
-            point = true;
-            continue;
-        }
-        if (*p < '0' || *p > '9')
-            break;
-        digits = 10 * digits + (uint64_t)(*p - '0');
-        n += digits > 0;
-        decimals += point;
-    }
-    if (p < end || n == 0 || n > DIGITS || !divide(digits, decimals, value))
-        return take_any(from, (size_t)(end - from), value);
-    *value = negative ? -*value : *value;
-    return true;
-}
+enum { ROOM = 4096, CHUNK = 1 << 18, BEHIND = 32, PARTS = 8, PART = 4 << 20 /* at least */, ROW = 32 };
 
 /* ---- Variables and codes --------------------------------------------------------------------- */
 
@@ -124,20 +65,9 @@ static int32_t place_of(struct apc_record *r, int32_t table, int32_t id)
     return r->slot[at] - 1;
 }
 
-/* Its place; -1: it is none, or there are too many. */
-static int take_status(struct apc_record *r, const char *from, size_t n)
+/* Its place; -1: there are too many. */
+static int place_of_code(struct apc_record *r, apc_status code)
 {
-    char text[APC_STATUS_NAME_LEN];
-    apc_status code = APC_GOOD;
-
-    if (n != 4 || memcmp(from, "Good", 4) != 0) {
-        if (n >= sizeof text)
-            return -1;
-        memcpy(text, from, n);
-        text[n] = '\0';
-        if (apc_status_parse(text, &code) < 0)
-            return -1;
-    }
     size_t i = 0;
 
     while (i < r->n_codes && r->code[i] != code)
@@ -147,7 +77,7 @@ static int take_status(struct apc_record *r, const char *from, size_t n)
     return i < r->n_codes ? (int)i : -1;
 }
 
-static int32_t take_table(const char *from, size_t n)
+static int32_t table_called(const char *from, size_t n)
 {
     for (int table = 1; table < APC_TABLE_END; table++) {
         const char *const name = apc_table_name((enum apc_table)table);
@@ -160,116 +90,198 @@ static int32_t take_table(const char *from, size_t n)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static bool widen(struct apc_record *r)
-{
-    const size_t room = r->room ? 2 * r->room : ROOM;
-    void *const time = realloc(r->time, room * sizeof *r->time);
-
-    r->time = time ? time : r->time;
-    void *const variable = realloc(r->variable, room * sizeof *r->variable);
-
-    r->variable = variable ? variable : r->variable;
-    void *const status = realloc(r->status, room * sizeof *r->status);
-
-    r->status = status ? status : r->status;
-    void *const value = realloc(r->value, room * sizeof *r->value);
-
-    r->value = value ? value : r->value;
-    r->room = time && variable && status && value ? room : r->room;
-    return r->room == room;
-}
-
-/* The line from @p p to @p end. Returns 0, APC_EPROTO: it is no row, or APC_ENOMEM. */
-static int take_row(struct apc_record *r, const char *p, const char *end)
-{
-    const char *field[6] = {p};
-    double id;
-
-    for (size_t i = 1; i < 5; i++) {
-        const char *const comma = memchr(field[i - 1], ',', (size_t)(end - field[i - 1]));
-
-        if (!comma)
-            return APC_EPROTO;
-        field[i] = comma + 1;
-    }
-    field[5] = end + 1;
-    if (r->n == r->room && !widen(r))
-        return APC_ENOMEM;
-    const int32_t table = take_table(field[1], (size_t)(field[2] - 1 - field[1]));
-    const int status = take_status(r, field[3], (size_t)(field[4] - 1 - field[3]));
-
-    if (!table || status < 0 || !take_number(field[0], field[1] - 1, &r->time[r->n]) ||
-        !take_number(field[2], field[3] - 1, &id) || !(id >= 0 && id < (1 << 28)) ||
-        !take_number(field[4], field[5] - 1, &r->value[r->n]))
-        return APC_EPROTO;
-    r->variable[r->n] = place_of(r, table, (int32_t)id);
-    r->status[r->n] = (int8_t)status;
-    return r->variable[r->n++] < 0 ? APC_ENOMEM : 0;
-}
-
-struct file {
-    const char *name;
-    char *chunk; /* [CHUNK] */
-    size_t n;    /* of it, what has been read */
-    uint64_t lines;
+/* "sensor,1," as it stands in the file, where it is no longer than 16 bytes: rows name their variables in the
+ * same order again and again, so that mostly a glance tells which one it is. */
+struct spelling {
+    uint64_t text[2], mask[2];
+    int32_t length, next; /* 0: none yet; whose row came after it */
 };
 
-/* The lines that are whole; what is left of the last one goes to the front. */
-static int take_lines(struct apc_record *r, struct file *f, struct apc_error *why)
+/* What lies between two places of the file. */
+struct part {
+    struct apc_record *r;
+    const char *name;
+    int fd;
+    off_t from, to; /* the lines that begin there */
+    char *chunk;    /* [CHUNK + BEHIND] */
+    struct spelling *spelling;
+    size_t spellings;
+    int32_t last; /* variable of the row before */
+    size_t rows;  /* about so many */
+    uint64_t lines;
+    pthread_t thread;
+    int rc;
+    const char *why;
+};
+
+static bool widen(struct apc_record *r, size_t room)
 {
-    char *p = f->chunk, *const end = f->chunk + f->n, *line;
+    if (!apc_grow(&r->time, room, sizeof *r->time) || !apc_grow(&r->variable, room, sizeof *r->variable) ||
+        !apc_grow(&r->status, room, sizeof *r->status) || !apc_grow(&r->value, room, sizeof *r->value))
+        return false;
+    r->room = room;
+    return true;
+}
 
-    for (; (line = memchr(p, '\n', (size_t)(end - p))); p = line + 1) {
-        const int rc = f->lines++ == 0 ? 0 : take_row(r, p, line); /* the first one has the names */
+/* Put down how a variable is spelled. Returns false: out of memory. */
+static bool learn(struct part *t, int32_t place, const char *from, size_t n)
+{
+    if ((size_t)place >= t->spellings) {
+        const size_t more = t->spellings ? 2 * t->spellings : 64;
 
-        if (rc == APC_EPROTO)
-            return apc_fail(why, rc,
-                            "%s:%llu: not a row \"time,table,id,status,value\": is the file damaged?",
-                            f->name, (unsigned long long)f->lines);
+        if (!apc_grow(&t->spelling, more, sizeof *t->spelling))
+            return false;
+        memset(t->spelling + t->spellings, 0, (more - t->spellings) * sizeof *t->spelling);
+        t->spellings = more;
+    }
+    struct spelling *const s = &t->spelling[place];
+
+    if (s->length == 0 && n <= sizeof s->text) {
+        memset(s->mask, 0, sizeof s->mask);
+        memset(s->mask, 0xFF, n);
+        memcpy(s->text, from, n);
+        s->length = (int32_t)n;
+    }
+    return true;
+}
+
+static bool is_spelled(const struct spelling *s, const char *at)
+{
+    uint64_t text[2];
+
+    memcpy(text, at, sizeof text);
+    return s->length && !(((text[0] & s->mask[0]) ^ s->text[0]) | ((text[1] & s->mask[1]) ^ s->text[1]));
+}
+
+/* The variable "TABLE,ID," at @p *p, which is moved behind it. Returns its place, APC_EPROTO or APC_ENOMEM.
+ */
+static int32_t take_variable(struct part *t, const char **p)
+{
+    const char *const from = *p, *end = from;
+    double id;
+
+    if (t->last >= 0) {
+        const int32_t next = t->spelling[t->last].next;
+
+        if (is_spelled(&t->spelling[next], from)) {
+            *p = from + t->spelling[next].length;
+            return next;
+        }
+    }
+    while (*end != ',' && *end != '\n')
+        end++;
+    const int32_t table = *end == ',' ? table_called(from, (size_t)(end - from)) : 0;
+
+    if (!table || !decimal_take(end + 1, &end, &id) || *end != ',' || !(id >= 0 && id < (1 << 28)))
+        return APC_EPROTO;
+    const int32_t place = place_of(t->r, table, (int32_t)id);
+
+    *p = end + 1;
+    return place < 0 || !learn(t, place, from, (size_t)(*p - from)) ? APC_ENOMEM : place;
+}
+
+/* The status and a comma. Its place; -1: it is none, or there are too many. */
+static int take_status(struct apc_record *r, const char **p)
+{
+    char text[APC_STATUS_NAME_LEN];
+    apc_status code = APC_GOOD;
+    size_t n = 4;
+
+    if (memcmp(*p, "Good,", 5) != 0) {
+        for (n = 0; n < sizeof text && (*p)[n] != ',' && (*p)[n] != '\n'; n++)
+            text[n] = (*p)[n];
+        if (n == sizeof text || (*p)[n] != ',')
+            return -1;
+        text[n] = '\0';
+        if (apc_status_parse(text, &code) < 0)
+            return -1;
+    }
+    *p += n + 1;
+    return r->n_codes && r->code[0] == code ? 0 : place_of_code(r, code);
+}
+
+/* The line at @p *p, which is moved behind it. Returns 0, APC_EPROTO: it is no row, or APC_ENOMEM. */
+static int take_row(struct part *t, const char **p)
+{
+    struct apc_record *const r = t->r;
+
+    if (r->n == r->room && !widen(r, r->room ? 2 * r->room : t->rows))
+        return APC_ENOMEM;
+    if (!decimal_take(*p, p, &r->time[r->n]) || *(*p)++ != ',')
+        return APC_EPROTO;
+    const int32_t variable = take_variable(t, p);
+
+    if (variable < 0)
+        return variable;
+    const int status = take_status(r, p);
+
+    if (status < 0 || !decimal_take(*p, p, &r->value[r->n]) || *(*p)++ != '\n')
+        return APC_EPROTO;
+    if (t->last >= 0)
+        t->spelling[t->last].next = variable;
+    t->last = variable;
+    r->variable[r->n] = variable;
+    r->status[r->n++] = (int8_t)status;
+    return 0;
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+/* The whole lines of the first @p n bytes of the chunk, which stand at @p at in the file. Returns how many
+ * bytes they are, or a negative error. */
+static ssize_t take_lines(struct part *t, size_t n, off_t at)
+{
+    const char *p = t->chunk, *const end = memrchr(p, '\n', n);
+
+    if (!end)
+        return 0;
+    if (at > 0 && at < t->from) /* in the middle of a line: that one is the part's before */
+        p = (const char *)memchr(p, '\n', n) + 1;
+    for (; p <= end && at + (p - t->chunk) < t->to; t->lines++) {
+        const bool names = at + (p - t->chunk) == 0;
+
+        if (names)
+            p = (const char *)memchr(p, '\n', n) + 1;
+        const int rc = names ? 0 : take_row(t, &p);
+
         if (rc < 0)
-            return apc_fail(why, rc, "out of memory for the rows of %s", f->name);
+            return rc;
     }
-    f->n = (size_t)(end - p);
-    memmove(f->chunk, p, f->n);
-    return f->n < CHUNK ? 0 : apc_fail(why, APC_EPROTO, "%s: a line without an end", f->name);
+    return p - t->chunk;
 }
 
-static int take_file(struct apc_record *r, struct file *f, int fd, struct apc_error *why)
+static int fail(struct part *t, int rc, const char *why)
 {
-    ssize_t got;
-    int rc = 0;
-
-    while (rc == 0 && (got = read(fd, f->chunk + f->n, CHUNK - f->n)) != 0) {
-        if (got < 0)
-            return apc_fail(why, APC_ESYS, "%s cannot be read: %s", f->name, strerror(errno));
-        f->n += (size_t)got;
-        rc = take_lines(r, f, why);
-    }
-    return rc < 0 || f->n == 0 ? rc
-                               : apc_fail(why, APC_EPROTO, "%s:%llu: ends in the middle of a line", f->name,
-                                          (unsigned long long)f->lines + 1);
-}
-
-int apc_record_read(struct apc_record *record, const char *file, struct apc_error *why)
-{
-    struct file f = {.name = file, .chunk = malloc(CHUNK)};
-    const int fd = open(file, O_RDONLY | O_CLOEXEC);
-    int rc = 0;
-
-    if (fd < 0)
-        rc = apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s cannot be read: %s", file,
-                      strerror(errno));
-    else if (!f.chunk)
-        rc = apc_fail(why, APC_ENOMEM, "out of memory for the rows of %s", file);
-    else
-        rc = take_file(record, &f, fd, why);
-    if (fd >= 0)
-        close(fd);
-    free(f.chunk);
+    t->why = why;
     return rc;
 }
 
-void apc_record_free(struct apc_record *r)
+static int take_part(struct part *t)
+{
+    off_t at = t->from > 0 ? t->from - 1 : 0;
+    size_t n = 0;
+    ssize_t got;
+
+    while (at < t->to && (got = pread(t->fd, t->chunk + n, CHUNK - n, at + (off_t)n)) != 0) {
+        if (got < 0)
+            return fail(t, APC_ESYS, "cannot be read");
+        n += (size_t)got;
+        const ssize_t taken = take_lines(t, n, at);
+
+        if (taken < 0)
+            return fail(t, (int)taken,
+                        taken == APC_EPROTO ? "not a row \"time,table,id,status,value\": is the file damaged?"
+                                            : "out of memory");
+        if (taken == 0 && n == CHUNK)
+            return fail(t, APC_EPROTO, "a line without an end");
+        n -= (size_t)taken;
+        at += taken;
+        memmove(t->chunk, t->chunk + taken, n);
+    }
+    return at >= t->to || n == 0 ? 0 : fail(t, APC_EPROTO, "ends in the middle of a line");
+}
+
+static void forget(struct apc_record *r)
 {
     free(r->time);
     free(r->variable);
@@ -278,5 +290,116 @@ void apc_record_free(struct apc_record *r)
     free(r->table);
     free(r->id);
     free(r->slot);
+}
+
+static void *part_main(void *ctx)
+{
+    struct part *const t = ctx;
+
+    t->rc = t->chunk ? take_part(t) : fail(t, APC_ENOMEM, "out of memory");
+    return NULL;
+}
+
+/* The rows of a part behind those that are there. Returns false: out of memory, or too many codes. */
+static bool append(struct apc_record *r, const struct apc_record *part)
+{
+    int32_t *const place = malloc((part->n_variables + 1) * sizeof *place);
+    int8_t code[sizeof part->code / sizeof part->code[0]];
+    bool fits = place && (r->n + part->n <= r->room || widen(r, r->n + part->n));
+
+    for (size_t i = 0; fits && i < part->n_variables; i++)
+        fits = (place[i] = place_of(r, part->table[i], part->id[i])) >= 0;
+    for (size_t i = 0; fits && i < part->n_codes; i++)
+        fits = (code[i] = (int8_t)place_of_code(r, part->code[i])) >= 0;
+    if (fits && part->n > 0) {
+        memcpy(r->time + r->n, part->time, part->n * sizeof *r->time);
+        memcpy(r->value + r->n, part->value, part->n * sizeof *r->value);
+        for (size_t i = 0; i < part->n; i++)
+            r->variable[r->n + i] = place[part->variable[i]];
+        for (size_t i = 0; i < part->n; i++)
+            r->status[r->n + i] = code[part->status[i]];
+        r->n += part->n;
+    }
+    free(place);
+    return fits;
+}
+
+/* As many as there are processors for, and each worth a thread. */
+static size_t parts_of(off_t size)
+{
+    cpu_set_t set;
+    const int cpus = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
+    size_t parts = (size_t)(size / PART) + 1;
+
+    parts = parts > (size_t)cpus ? (size_t)cpus : parts;
+    return parts > PARTS ? PARTS : parts;
+}
+
+/* All parts, the first one in this thread. Returns 0 or the first error in the order of the file. */
+static int take_file(struct part part[PARTS], size_t parts, struct apc_error *why)
+{
+    bool started[PARTS] = {false};
+    uint64_t lines = 0;
+
+    for (size_t i = 1; i < parts; i++)
+        started[i] = pthread_create(&part[i].thread, NULL, part_main, &part[i]) == 0;
+    for (size_t i = 0; i < parts; i++) {
+        if (!started[i])
+            part_main(&part[i]);
+        else
+            pthread_join(part[i].thread, NULL);
+    }
+    for (size_t i = 0; i < parts; i++) {
+        lines += part[i].lines;
+        if (part[i].rc < 0)
+            return apc_fail(why, part[i].rc, "%s:%llu: %s", part[i].name, (unsigned long long)lines + 1,
+                            part[i].why);
+        if (i > 0 && !append(part[0].r, part[i].r))
+            return apc_fail(why, APC_ENOMEM, "out of memory for the rows of %s", part[i].name);
+    }
+    return 0;
+}
+
+int apc_record_read(struct apc_record *record, const char *file, struct apc_error *why)
+{
+    const int fd = open(file, O_RDONLY | O_CLOEXEC);
+    struct apc_record others[PARTS] = {{0}};
+    struct part part[PARTS] = {{0}};
+    struct stat stat;
+
+    if (fd < 0 || fstat(fd, &stat) != 0) {
+        const int rc = apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s cannot be read: %s",
+                                file, strerror(errno));
+        if (fd >= 0)
+            close(fd);
+        return rc;
+    }
+    const size_t parts = parts_of(stat.st_size);
+
+    for (size_t i = 0; i < parts; i++)
+        part[i] =
+            (struct part){.r = i ? &others[i] : record,
+                          .name = file,
+                          .fd = fd,
+                          .from = stat.st_size / (off_t)parts * (off_t)i,
+                          .to = i + 1 < parts ? stat.st_size / (off_t)parts * (off_t)(i + 1) : stat.st_size,
+                          .chunk = calloc(1, CHUNK + BEHIND),
+                          .rows = ROOM + (size_t)(i ? stat.st_size / (off_t)parts : stat.st_size) / ROW,
+                          .last = -1};
+    const int rc = take_file(part, parts, why);
+
+    for (size_t i = 0; i < parts; i++) {
+        free(part[i].chunk);
+        free(part[i].spelling);
+        if (i > 0)
+            forget(&others[i]);
+    }
+    close(fd);
+    return rc;
+}
+
+void apc_record_free(struct apc_record *r)
+{
+    forget(r);
     free(r);
 }

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import gc
 import hashlib
+import os
 import random
 
 import numpy as np
@@ -61,12 +62,52 @@ def test_numbers_are_read_to_the_last_digit(folder):
     values = [pick.uniform(-1, 1) * 10.0 ** pick.randrange(-320, 299) for _ in range(20000)]
     values += [0.0, -0.0, 5e-324, 9007199254740993.0, 1.7e299, 0.1, 1 / 3]
     written = [f"{v:.{pick.choice((3, 17, 17, 17, 19))}g}" for v in values] + [f"{abs(v) % 1000:.18f}" for v in values[:99]]
+    written += [f"{(2 * pick.randrange(2**52, 2**53) + 1) / 2:.1f}" for _ in range(99)]  # in the middle between two doubles
+    written += ["0." + 18 * "0", 19 * "9", "0.000" + 19 * "9", "1844674407370955161.5", "." + 27 * "0" + "1"]
     (folder / "samples.csv").write_text("time,table,id,status,value\n" + "".join(
         f"{i / 7:.6f},sensor,1,Good,{text}\n" for i, text in enumerate(written)))
     t = apc.open_run(folder).table()
     read, expected = t["value"], np.array([float(text) for text in written])
     assert (read == expected).all() and (np.signbit(read) == np.signbit(expected)).all()
     assert (t["t"] == [float(f"{i / 7:.6f}") for i in range(len(written))]).all()
+
+
+@pytest.fixture
+def large(folder):
+    """Of more than two parts; what is called first in the second part was not in the first one."""
+    names = [f"{table},{id_}" for id_ in (1, 100000, 17, 3) for table in ("sensor", "setpoint", "tuning")]
+    rows = [f"{i}.000000,{names[i % 12 if i < 150000 else -1 - i % 12]},{'Good' if i % 7 else 'BadNoData'},{i / 7:.17g}\n"
+            for i in range(300000)]
+    (folder / "samples.csv").write_text("time,table,id,status,value\n" + "".join(rows))
+    return folder
+
+
+def test_a_large_file_is_read_in_parts(large):
+    if not hasattr(os, "sched_setaffinity"):
+        pytest.skip("nobody says here how many processors there are")
+    cpus = os.sched_getaffinity(0)
+    parts = apc.open_run(large).table()
+    os.sched_setaffinity(0, {min(cpus)})
+    whole = apc.open_run(large).table()
+    os.sched_setaffinity(0, cpus)
+    assert len(parts) == len(whole) == 300000
+    for name, column in whole.columns.items():
+        assert column.texts == parts.columns[name].texts and (column.data == parts.columns[name].data).all(), name
+    assert (whole["value"] == np.arange(300000) / 7).all() and (whole["t"] == np.arange(300000)).all()
+    assert whole["status"][:8].tolist() == ["BadNoData", *6 * ["Good"], "BadNoData"] and whole["name"][5] == "tuning.100000"
+
+
+def test_of_several_parts_each_has_its_lines(large):
+    text = (large / "samples.csv").read_bytes()
+    (large / "samples.csv").write_bytes(text + b"1.0,sensor,1,Good,nan\n")
+    with pytest.raises(apc.Error, match=r"samples.csv:300002: not a row"):
+        apc.open_run(large).table()
+    (large / "samples.csv").write_bytes(text[:-1])
+    with pytest.raises(apc.Error, match=r"samples.csv:300001: ends in the middle of a line"):
+        apc.open_run(large).table()
+    (large / "samples.csv").write_bytes(text.replace(b"\n200000.000000,", b"\n" + 300000 * b"2" + b",", 1))
+    with pytest.raises(apc.Error, match=r"samples.csv:20000[12]: (a line without an end|not a row)"):
+        apc.open_run(large).table()
 
 
 @pytest.mark.parametrize("row", ["1.0,sensor,1,Good", "1.0,sensor,1,Good,nan", "1.0,nothing,1,Good,2", "1.0,sensor,x,Good,2",
