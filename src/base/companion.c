@@ -184,6 +184,23 @@ static int spawn(char *const argv[], char *extra, int socket, int output, pid_t 
     return rc;
 }
 
+/* As this process was started (nice, chrt), whichever of its threads asks; of a real-time policy one below,
+ * so that what hangs never keeps from the processor who is to kill it. */
+static void schedule(pid_t pid)
+{
+    const int policy = sched_getscheduler(getpid()) & ~SCHED_RESET_ON_FORK;
+    struct sched_param param;
+
+    if (policy == SCHED_OTHER || sched_getparam(getpid(), &param) < 0)
+        return;
+    if (policy == SCHED_FIFO || policy == SCHED_RR) {
+        if (param.sched_priority == sched_get_priority_min(policy))
+            return;
+        param.sched_priority--;
+    }
+    (void)sched_setscheduler(pid, policy, &param);
+}
+
 int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra, struct apc_error *why)
 {
     int pair[2], output[2], rc;
@@ -205,6 +222,7 @@ int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra
         close(output[0]);
         return apc_fail(why, APC_ESYS, "cannot be started: %s", strerror(rc));
     }
+    schedule(c->pid);
     c->socket = pair[0];
     c->output = output[0];
     c->owner = getpid();

@@ -44,8 +44,9 @@ void apc_companion_release(struct apc_companion *c);
 
 /* The caller holds the lock, or is alone with @p c. */
 
-/* Start @p argv, found as the shell does, with @p extra ("NAME=VALUE"; NULL: nothing) in its environment; it
- * has not said anything yet. Returns 0, or APC_ESYS and in @p why only what the system says. [setup] */
+/* Start @p argv, found as the shell does, with @p extra ("NAME=VALUE"; NULL: nothing) in its environment, and
+ * as nice as this process; of its SCHED_FIFO or SCHED_RR one priority less. It has not said anything yet.
+ * Returns 0, or APC_ESYS and in @p why only what the system says. [setup] */
 int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra, struct apc_error *why);
 /* End it, and say in `end` how it ended; it hung: it is killed. */
 void apc_companion_bury(struct apc_companion *c, bool hung);

@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "check.h"
 
+#include <pthread.h>
+#include <sched.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -25,9 +28,43 @@ static void its_last_word_is_heard_though_it_ended_with_a_message_unread(void **
     close(pair[0]);
 }
 
+static bool begin(struct apc_companion *c)
+{
+    char *const argv[] = {(char[]){"sleep"}, (char[]){"60"}, NULL};
+
+    return apc_companion_begin(c, argv, NULL, NULL) == 0;
+}
+
+/* By the thread that asks it and by the one that starts it anew, as the process was started: nice -n 3 chrt
+ * -b 0 */
+static void it_is_scheduled_as_who_has_it(void **state)
+{
+    struct apc_companion c = {0};
+
+    (void)state;
+    assert_int_equal(setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + 3), 0);
+    assert_int_equal(sched_setscheduler(0, SCHED_BATCH, &(struct sched_param){0}), 0);
+    assert_int_equal(apc_companion_open(&c, "sleep", begin), 0);
+    for (int again = 0; again < 2; again++) {
+        if (again) {
+            apc_companion_start(&c);
+            apc_companion_settle(&c);
+        } else {
+            assert_true(begin(&c));
+        }
+        assert_true(c.socket >= 0);
+        assert_int_equal(sched_getscheduler(c.pid), SCHED_BATCH);
+        assert_int_equal(getpriority(PRIO_PROCESS, (id_t)c.pid), getpriority(PRIO_PROCESS, 0));
+        apc_companion_bury(&c, true);
+    }
+    apc_companion_close(&c);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(its_last_word_is_heard_though_it_ended_with_a_message_unread)};
+        cmocka_unit_test(its_last_word_is_heard_though_it_ended_with_a_message_unread),
+        cmocka_unit_test(it_is_scheduled_as_who_has_it),
+    };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
