@@ -14,6 +14,7 @@
 #include "backlog.h"
 #include "broker.h"
 #include "commands.h"
+#include "common/credentials.h"
 #include "common/daemon.h"
 #include "common/storeuri.h"
 #include "common/watch.h"
@@ -42,6 +43,7 @@ struct shell {
     struct backlog *backlog;
     struct broker *broker;
     struct commands *commands;
+    struct credentials credentials; /* who we are to the broker, where we say so */
     struct worker worker;
     struct report report; /* under the worker's mutex */
     struct {
@@ -223,6 +225,15 @@ static int open_parts(struct shell *s)
     return first_step(s);
 }
 
+/* One that `apc cert` has not made is libmosquitto's to read, and nobody's to watch. */
+static void watch_identity(struct shell *s)
+{
+    struct apc_identity *identity;
+
+    if (s->options.identity && apc_identity_load(&identity, s->options.identity, NULL) == 0)
+        credentials_watch(&s->credentials, &s->d, identity);
+}
+
 static int start(struct shell *s)
 {
     struct apc_error why;
@@ -250,6 +261,8 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = open_parts(&s);
     if (rc == 0)
+        watch_identity(&s);
+    if (rc == 0)
         rc = start(&s);
     if (rc == 0)
         rc = daemon_run(&s.d, rhythm, on_tick, &s);
@@ -257,6 +270,7 @@ int main(int argc, char **argv)
     bool ended = worker_join(&s.worker, apc_clock_mono(NULL) + LAST);
     ended = broker_close(s.broker) && ended;
     ended = commands_destroy(s.commands) && ended;
+    credentials_close(&s.credentials);
     if (ended) {
         backlog_destroy(s.backlog);
         apc_store_close(s.queue);

@@ -64,9 +64,18 @@ static void look(void *ctx)
     watch_expiry(c);
 }
 
+void credentials_watch(struct credentials *c, struct daemon *d, struct apc_identity *identity)
+{
+    *c = (struct credentials){.d = d, .identity = identity};
+    d->look = look;
+    d->look_ctx = c;
+}
+
 int credentials_open(struct credentials *c, struct daemon *d, const char *address, const char *file)
 {
     struct apc_error why;
+
+    struct apc_identity *identity;
 
     *c = (struct credentials){.d = d};
     if (strncmp(address, "tls:", 4) != 0)
@@ -79,11 +88,10 @@ int credentials_open(struct credentials *c, struct daemon *d, const char *addres
             "link \"%s\": who this program is must be said: --identity FILE, APC_IDENTITY, or "
             "\"identity\" in the experiment file; `apc cert` makes one",
             address);
-    int rc = apc_identity_load(&c->identity, file, &why);
+    int rc = apc_identity_load(&identity, file, &why);
     if (rc < 0)
         return daemon_error(d, rc, "%s", why.text);
-    d->look = look;
-    d->look_ctx = c;
+    credentials_watch(c, d, identity);
     return 0;
 }
 

@@ -19,6 +19,8 @@ int credentials_stage(apc_ns left);
 /* For a link to @p address: the identity in @p file, else in APC_IDENTITY. From then on the main thread looks
  * after it: it takes up a new file, and says when it expires. Returns 0, or an error already reported. */
 int credentials_open(struct credentials *c, struct daemon *d, const char *address, const char *file);
+/* The same for an identity that somebody else connects with; it is the caller's until credentials_close(). */
+void credentials_watch(struct credentials *c, struct daemon *d, struct apc_identity *identity);
 void credentials_close(struct credentials *c);
 
 #endif

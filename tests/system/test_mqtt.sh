@@ -16,13 +16,14 @@ name=system-mqtt-$$
 segment=/dev/shm/apc.$name
 live=shm:$name
 fast_experiment
+sed -i 's/name = "y"; /name = "y"; alarms = ( { kind = "high"; limit = 2.0; priority = 1; } ); /' "$work/fast.conf"
 broker=$(free_port)
 
 (cd "$work"
   "$apc" cert authority works >/dev/null
   "$apc" cert plant broker --host 127.0.0.1 >/dev/null
   "$apc" cert plant elsewhere --host elsewhere.lan >/dev/null
-  "$apc" cert client mqtt >/dev/null
+  "$apc" cert client mqtt --days 1 >/dev/null
   "$apc" cert client watcher >/dev/null
   "$apc" cert authority others --dir others >/dev/null
   "$apc" cert plant broker --host 127.0.0.1 --dir others >/dev/null
@@ -91,17 +92,43 @@ until_true 60 has_heard 'works/fast/value/y ' 60
 grep 'works/fast/status' "$work/heard.log" | grep -q '"topic":"value/y","name":"y","kind":"sensor"' || fail "the birth does not say what there is"
 until_true 60 has_heard 'works/fast/value/u {"time":[0-9.]*,"value":[-0-9.e]*,"status":"Good[A-Za-z]*","seq":[0-9]*}'
 until_true 30 has_heard 'works/fast/mode/u .*"mode":"Auto"'
+# what an alarm comes to is published as well, and kept for who asks later
+until_true 60 has_heard 'works/fast/alarm/y.high {"time":[0-9.]*,"value":[0-9]*,"status":"Good","state":"Unacknowledged Active","seq":[0-9]*}'
+"$apc" alarm ack y.high --store "$live" --no-wait >/dev/null
+until_true 60 has_heard 'works/fast/alarm/y.high .*"state":"Acknowledged Active"'
+grep -q '"topic":"alarm/y.high","name":"y.high","kind":"alarm"' "$work/heard.log" || fail "the birth does not name the alarm"
+mosquitto_sub "${as_watcher[@]}" -i later-$$ -W 30 -C 1 -t works/fast/alarm/y.high -F '%r %p' >"$work/kept.log" || fail "an alarm's state is not there for who comes later"
+grep -q '^1 {.*"state":' "$work/kept.log" || fail "an alarm's state is not retained: $(cat "$work/kept.log")"
 
 hours() { [ "$(sed -n 's|^. works/hour/value/y .*"seq":\([0-9]*\).*|\1|p' "$work/heard.log" | sort -nu | wc -l)" = 36000 ]; }
 until_true 60 hours # of an hour nothing is missing
 kill -INT "$hour"
 wait "$hour" || fail "apc-mqtt does not end well"
 
-# ---- a broker that goes away and comes back: nothing is missing
 until_true 60 said out 'the broker is there again'
+# ---- its certificate expires soon, which is said once; another one is taken up without a stop, and good for the next connection
+until_true 60 said out 'the certificate expires in 1.0 days'
+(cd "$work"
+  "$apc" cert client mqtt --replace >/dev/null)
+until_true 60 said out 'a new certificate is taken up'
+[ "$(times out 'the certificate expires')" = 1 ] || fail "a certificate that expires is said again and again"
+[ "$(times out 'the broker is there again')" = 1 ] || fail "a new certificate has broken the connection"
+
+# ---- a broker that stands still, and is not gone: nothing is missing, and nothing said twice
+n=$("$apc" history y --store "sqlite:$work/out.db" --last 100000 --csv | wc -l)
+kill -STOP "$server"
+until_true 60 kept $((n + 60))
+kill -CONT "$server"
+caught_up() { [ "$(told y | tail -n 1)" -ge "$1" ]; }
+last=$(seqs "sqlite:$work/out.db" y | tail -n 1)
+until_true 60 caught_up "$last"
+[ "$(times out 'no more, trying again')" -le 2 ] || fail "a broker that stands still is said again and again"
+
+# ---- a broker that goes away and comes back: nothing is missing
+gone=$(times out 'the broker is there no more')
 kill -KILL "$server"
 wait "$server" 2>/dev/null || true
-until_true 60 said out 'the broker is there no more' 1
+until_true 60 said out 'the broker is there no more' "$gone"
 n=$("$apc" history y --store "sqlite:$work/out.db" --last 100000 --csv | wc -l)
 until_true 60 kept $((n + 60))
 kill -INT "$heard" 2>/dev/null || true # it may have ended with the broker
@@ -109,8 +136,6 @@ wait "$heard" || true
 mosquitto_as "$certs/broker.pem"
 watch
 heard=$pid
-has_told() { told y | grep -qx "$(seqs "sqlite:$work/out.db" y | tail -n 1)"; }
-caught_up() { [ "$(told y | tail -n 1)" -ge "$1" ]; }
 last=$(seqs "sqlite:$work/out.db" y | tail -n 1)
 until_true 60 caught_up "$last"
 
