@@ -3,7 +3,8 @@
  * bench/ui: apc-ui from outside, as real processes. First CLIENTS streams of VALUES values at RATE Hz: the
  * daemon's share of a core from /proc, and for each message how long after the commit it arrived. Then a
  * controller with a period of 20 ms, in turn alone and while REQUESTS a second are asked of an apc-ui beside
- * it: its lateness from its own timing rows.
+ * it: its lateness from its own timing rows. Then the same in a flood of alarms, and whether all of their
+ * transitions are in the journal; once on the database, once on live data in memory.
  */
 #include <argp.h>
 #include <arpa/inet.h>
@@ -28,9 +29,11 @@
 #define RATE     10
 #define SECONDS  15
 #define REQUESTS 1000
-#define SENDERS  8  /* connections of the flood */
-#define TURNS    6  /* quiet and flooded */
-#define TURN     10 /* s */
+#define SENDERS  8   /* connections of the flood */
+#define TURNS    8   /* quiet and flooded */
+#define TURN     12  /* s */
+#define FLOOD    500 /* alarms, all of one signal, which moves each: */
+#define FLIP     (3 * APC_NS_PER_S / 2)
 
 static const char *bin, *experiment, *json_path;
 static char folder[] = "/tmp/apc-bench-ui.XXXXXX";
@@ -125,13 +128,13 @@ static pid_t start_ui(int *port)
     die("apc-ui does not listen: see %s/ui.log", folder);
 }
 
+/* The one that the programs have, too. Each part has its own: another plant's is not taken. */
 static void open_store(struct apc_store **store)
 {
     const struct apc_store_options options = {
         .size = sizeof options, .name = "bench", .timeout = 10 * APC_NS_PER_S};
-    const char *uri = getenv("APC_STORE");
     struct apc_error why;
-    if (apc_store_open(store, uri ? uri : "postgresql:", &options, &why) < 0)
+    if (apc_store_open(store, getenv("APC_STORE"), &options, &why) < 0)
         die("%s", why.text);
     if (apc_store_init(*store) < 0)
         die("%s", apc_store_error(*store));
@@ -222,6 +225,7 @@ static void fan_out(FILE *json)
     static struct fan f;
     struct apc_store *store;
     int port;
+    setenv("APC_STORE", "postgresql:#streams", 1);
     f.late = allocate((size_t)CLIENTS * SECONDS * RATE * 2, sizeof *f.late);
     open_store(&store);
     describe(store);
@@ -266,10 +270,20 @@ static void fan_out(FILE *json)
     free(f.late);
 }
 
-/* ---- Flood -------------------------------------------------------------------------------- */
+/* ---- Floods ------------------------------------------------------------------------------- */
+
+/* r is the operator's from here on; `flooded`: it has alarms. */
+static void write_setpoints(FILE *to, bool flooded)
+{
+    fputs("setpoints = ( { name = \"r\"; low = -100.0; high = 100.0;", to);
+    for (int i = 0; i < FLOOD && flooded; i++)
+        fprintf(to, "%s{ kind = \"high\"; name = \"flood%d\"; limit = 50.0; }",
+                i ? ",\n  " : " alarms = (\n  ", i);
+    fputs(flooded ? " ); } );\nalarms = { period = 0.2; };\n" : " } );\n", to);
+}
 
 /* The paper's experiment with a controller of 20 ms, so that there is something to count. */
-static void write_experiment(char path[4200])
+static void write_experiment(char path[4200], bool flooded)
 {
     char line[512];
     snprintf(path, 4200, "%s/fast.conf", folder);
@@ -282,6 +296,10 @@ static void write_experiment(char path[4200])
             fputs("  period = 0.02; phase = 0.003;\n", to);
         else if (strstr(line, "period = 0.5;"))
             fputs("  period = 0.1; phase = 0.011;\n", to);
+        else if (strstr(line, "period = 150.0;"))
+            fputs("  period = 15000.0;\n", to);
+        else if (strstr(line, "name = \"r\";"))
+            write_setpoints(to, flooded);
         else if (port)
             fprintf(to, "%.*s%d%s", (int)(port - line), line, 31000 + (int)getpid() % 1000, port + 5);
         else
@@ -291,28 +309,58 @@ static void write_experiment(char path[4200])
     fclose(to);
 }
 
-static int asked(int fd[SENDERS], int port, apc_ns until)
+struct senders {
+    int port, fd[SENDERS], n;
+};
+
+static void ask(void *ctx, apc_ns until)
 {
     static const char request[] = "GET /api/state HTTP/1.1\r\nHost: localhost\r\n\r\n";
     static char answer[1 << 16];
-    int n = 0;
-    for (apc_ns began = mono(), now; (now = mono()) < until; n++) {
-        int *to = &fd[n % SENDERS];
+    struct senders *s = ctx;
+    apc_ns began = mono();
+    for (int n = 0; mono() < until; n++, s->n++) {
+        int *to = &s->fd[n % SENDERS];
         apc_ns due = began + n * (APC_NS_PER_S / REQUESTS);
-        if (due > now)
+        if (due > mono())
             sleep_until(due);
-        if (*to < 0 && (*to = try_connect(port)) < 0)
+        if (*to < 0 && (*to = try_connect(s->port)) < 0)
             die("apc-ui refuses connections");
         say(*to, request);
         if (recv(*to, answer, sizeof answer, 0) <= 0)
             die("apc-ui closed a connection");
     }
-    return n;
+}
+
+struct flips {
+    const char *store;
+    int n;
+};
+
+static void set_r(const char *store, const char *value)
+{
+    int status;
+    const char *const arguments[] = {"set", "r", value, "--no-wait", "--store", store, NULL};
+    pid_t pid = start("apc", arguments, "set.log");
+    if (waitpid(pid, &status, 0) < 0 || !WIFEXITED(status) || WEXITSTATUS(status) != 0)
+        die("apc set r %s failed: see %s/set.log", value, folder);
+}
+
+/* All alarms come, and go; a turn is a whole number of both. */
+static void flip(void *ctx, apc_ns until)
+{
+    struct flips *f = ctx;
+    for (apc_ns due = mono(); due + FLIP <= until + FLIP / 2; due += FLIP) {
+        sleep_until(due);
+        set_r(f->store, f->n++ % 2 ? "40" : "60");
+    }
+    sleep_until(until);
 }
 
 struct lateness {
     struct apc_histogram *turn[2 * TURNS];
     apc_ns began[2 * TURNS + 1]; /* UTC */
+    uint64_t missed[2];          /* quiet, flooded */
 };
 
 static int take_row(void *ctx, const struct apc_timing_row *row)
@@ -320,11 +368,14 @@ static int take_row(void *ctx, const struct apc_timing_row *row)
     struct lateness *l = ctx;
     if (strcmp(row->task, "controller") != 0 || strcmp(row->quantity, "lateness") != 0)
         return 0;
-    for (int i = 0; i < 2 * TURNS; i++) /* windows that lie in one turn wholly */
-        if (row->time - 5 * APC_NS_PER_S >= l->began[i] && row->time <= l->began[i + 1])
-            for (size_t b = 0; b < row->n_bins; b++)
-                for (int64_t k = 0; k < row->bin_count[b]; k++)
-                    apc_histogram_record(l->turn[i], row->bin_low[b]);
+    for (int i = 0; i < 2 * TURNS; i++) { /* windows that lie in one turn wholly */
+        if (row->time - 5 * APC_NS_PER_S < l->began[i] || row->time > l->began[i + 1])
+            continue;
+        l->missed[i % 2] += row->missed;
+        for (size_t b = 0; b < row->n_bins; b++)
+            for (int64_t k = 0; k < row->bin_count[b]; k++)
+                apc_histogram_record(l->turn[i], row->bin_low[b]);
+    }
     return 0;
 }
 
@@ -334,7 +385,7 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static void ratios(struct lateness *l, FILE *json)
+static void ratios(const struct lateness *l, const char *by, FILE *json)
 {
     double r50[TURNS], r99[TURNS];
     struct apc_summary quiet = {0}, flooded = {0};
@@ -353,47 +404,134 @@ static void ratios(struct lateness *l, FILE *json)
     qsort(r50, TURNS, sizeof *r50, by_value);
     qsort(r99, TURNS, sizeof *r99, by_value);
     double m50 = (r50[TURNS / 2 - 1] + r50[TURNS / 2]) / 2, m99 = (r99[TURNS / 2 - 1] + r99[TURNS / 2]) / 2;
-    printf("controller's lateness, flooded / quiet, median of %d turns: p50 %.2f, p99 %.2f\n", TURNS, m50,
-           m99);
+    printf("controller's lateness, flooded by %s / quiet, median of %d turns: p50 %.2f, p99 %.2f; ticks "
+           "missed: %" PRIu64 " flooded, %" PRIu64 " quiet\n\n",
+           by, TURNS, m50, m99, l->missed[1], l->missed[0]);
     if (json)
-        fprintf(json, ",\"lateness_ratio_p50\":%.3f,\"lateness_ratio_p99\":%.3f}\n", m50, m99);
+        fprintf(json, ",\"%s_ratio_p50\":%.3f,\"%s_ratio_p99\":%.3f", by, m50, by, m99);
 }
 
-static void flood(FILE *json)
+/* In turn quiet and flooded; each turn ends at a time that is known before. */
+static void take_turns(struct lateness *l, void (*flooded)(void *ctx, apc_ns until), void *ctx)
 {
-    static struct lateness l;
-    char config[4200], out[4200];
-    int port, fd[SENDERS], n = 0;
-    struct apc_store *store;
-    write_experiment(config);
-    snprintf(out, sizeof out, "%s/run", folder);
+    *l = (struct lateness){0};
+    apc_ns end = mono();
+    for (int i = 0; i < 2 * TURNS; i++) {
+        l->began[i] = apc_clock_utc(NULL);
+        end += TURN * APC_NS_PER_S;
+        if (apc_histogram_create(&l->turn[i]) < 0)
+            die("out of memory");
+        if (i % 2)
+            flooded(ctx, end);
+        else
+            sleep_until(end);
+    }
+    l->began[2 * TURNS] = apc_clock_utc(NULL);
+    sleep_until(mono() + 6 * APC_NS_PER_S); /* its last window */
+}
+
+static void report(struct lateness *l, struct apc_store *store, const char *by, FILE *json)
+{
+    if (apc_store_timing(store, &(struct apc_range){.since = l->began[0]}, take_row, l) < 0)
+        die("%s", apc_store_error(store));
+    ratios(l, by, json);
+    for (int i = 0; i < 2 * TURNS; i++)
+        apc_histogram_destroy(l->turn[i]);
+}
+
+static pid_t start_run(const char *out, bool flooded)
+{
+    char config[4200];
+    write_experiment(config, flooded);
     const char *const arguments[] = {"run", config, "--duration", "0", "--out", out, "--no-ui", NULL};
     pid_t run = start("apc", arguments, "run.log");
     sleep_until(mono() + 5 * APC_NS_PER_S); /* the grid begins 2 to 3 s from its start */
-    pid_t ui = start_ui(&port);
-    for (int i = 0; i < SENDERS; i++)
-        fd[i] = -1;
-    apc_ns began = mono();
-    for (int i = 0; i < 2 * TURNS; i++) {
-        l.began[i] = apc_clock_utc(NULL);
-        began += TURN * APC_NS_PER_S;
-        if (apc_histogram_create(&l.turn[i]) < 0)
-            die("out of memory");
-        if (i % 2)
-            n += asked(fd, port, began);
-        else
-            sleep_until(began);
-    }
-    l.began[2 * TURNS] = apc_clock_utc(NULL);
-    printf("%d requests, %.0f/s while flooded\n", n, (double)n / (TURNS * TURN));
-    sleep_until(mono() + 6 * APC_NS_PER_S); /* its last window */
-    stop(ui);
+    return run;
+}
+
+static void stop_run(pid_t run)
+{
     kill(run, SIGINT);
     waitpid(run, NULL, 0);
+}
+
+static void requests_flood(FILE *json)
+{
+    static struct lateness l;
+    struct senders senders = {0};
+    struct apc_store *store;
+    char out[4200];
+    snprintf(out, sizeof out, "%s/run", folder);
+    setenv("APC_STORE", "postgresql:#requests", 1);
+    pid_t run = start_run(out, false), ui = start_ui(&senders.port);
+    for (int i = 0; i < SENDERS; i++)
+        senders.fd[i] = -1;
+    take_turns(&l, ask, &senders);
+    printf("%d requests, %.0f/s while flooded\n", senders.n, (double)senders.n / (TURNS * TURN));
+    stop(ui);
+    stop_run(run);
     open_store(&store);
-    if (apc_store_timing(store, &(struct apc_range){.since = l.began[0]}, take_row, &l) < 0)
-        die("%s", apc_store_error(store));
-    ratios(&l, json);
+    report(&l, store, "requests", json);
+    apc_store_close(store);
+}
+
+struct journal {
+    int64_t last; /* of one alarm */
+    size_t rows;
+    bool *there; /* [most + 1] by its number in the journal */
+    size_t most;
+};
+
+static int take_transition(void *ctx, const struct apc_sample *row)
+{
+    struct journal *j = ctx;
+    if (row->seq != j->last + 1 || row->origin < 1 || (size_t)row->origin > j->most || j->there[row->origin])
+        die("alarm.%d: transition %" PRId64 ", number %" PRId64 ", after %" PRId64
+            ": one is lost, or there twice",
+            row->id, row->seq, row->origin, j->last);
+    j->last = row->seq;
+    j->there[row->origin] = true;
+    j->rows++;
+    return 0;
+}
+
+/* Each transition is there once, of each alarm and in the one order of all. */
+static void count_transitions(struct apc_store *store, int flips)
+{
+    struct journal j = {.most = (size_t)flips * FLOOD};
+    j.there = allocate(j.most + 1, sizeof *j.there);
+    for (int i = 0; i < FLOOD; i++) {
+        j.last = 0;
+        if (apc_store_history(store, APC_ALARM, i + 1, &(struct apc_range){0}, take_transition, &j) < 0)
+            die("%s", apc_store_error(store));
+    }
+    if (j.rows != j.most)
+        die("%zu of %zu transitions are in the journal", j.rows, j.most);
+    free(j.there);
+    printf("%zu of %zu transitions in the journal, each once; %.0f alarms a minute while flooded\n", j.rows,
+           j.most, (double)j.most / 2 * 60 / (TURNS * TURN));
+}
+
+/* `live`: in memory, its record in the run folder. */
+static void alarms_flood(bool live, FILE *json)
+{
+    static struct lateness l;
+    struct apc_store *store;
+    char out[4200], database[4300];
+    snprintf(out, sizeof out, "%s/%s", folder, live ? "live" : "alarms");
+    snprintf(database, sizeof database, "sqlite:%s/store.db", out);
+    setenv("APC_STORE", "postgresql:#alarms", 1);
+    struct flips flips = {.store = live ? out : getenv("APC_STORE")};
+    if (live)
+        unsetenv("APC_STORE");
+    pid_t run = start_run(out, true);
+    take_turns(&l, flip, &flips);
+    stop_run(run);
+    if (live)
+        setenv("APC_STORE", database, 1);
+    open_store(&store);
+    count_transitions(store, flips.n);
+    report(&l, store, live ? "alarms_in_memory" : "alarms", json);
     apc_store_close(store);
 }
 
@@ -432,8 +570,12 @@ int main(int argc, char **argv)
         die("%s: %s", folder, strerror(errno));
     setvbuf(stdout, NULL, _IOLBF, 0);
     fan_out(json);
-    flood(json);
-    if (json)
+    requests_flood(json);
+    alarms_flood(false, json);
+    alarms_flood(true, json);
+    if (json) {
+        fputs("}\n", json);
         fclose(json);
+    }
     return 0;
 }

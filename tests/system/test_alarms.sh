@@ -5,11 +5,11 @@
 . "$(dirname "$0")/lib.sh"
 fast_experiment
 
-# r is a signal that an operator moves at will; 200 more alarms make a flood of it.
+# r is a signal that an operator moves at will; 1000 more alarms make a flood of it.
 python3 - "$work/fast.conf" "$work" $$ <<'END'
 import re, sys
 text = open(sys.argv[1]).read()
-flood = ",\n".join('{ kind = "high"; name = "flood%d"; limit = 20.0; priority = 4; }' % i for i in range(1, 201))
+flood = ",\n".join('{ kind = "high"; name = "flood%d"; limit = 20.0; priority = 4; }' % i for i in range(1, 1001))
 head, tail = re.split(r"(?=setpoints\s*=)", text, 1)
 first = tail.index("name = \"r\";")
 tail = tail[:first] + ('alarms = ( { kind = "high"; limit = 12.0; deadband = 1.0; priority = 1; message = "too much"; '
@@ -112,16 +112,18 @@ last = ask("api/alarms/journal?last=1")["transitions"][0]
 assert (last["alarm"], last["state"]) == ("r.high", "Acknowledged Active") and last["author"], last
 END
 
-# ---- A flood: every transition is in the journal, each once
+# ---- A flood, 10000 alarms: every transition is in the journal, each once
 
-for _ in 1 2 3; do
+for _ in 1 2 3 4 5 6 7 8 9 10; do
   expect 0 'applied' "$apc" set r 25
-  until_true 60 listed '^flood200 +4 +Unacknowledged'
+  until_true 60 listed '^flood1000 +4 +Unacknowledged'
   expect 0 'applied' "$apc" set r 5
-  until_true 60 listed '^flood200 +4 +RTN'
+  until_true 60 listed '^flood1000 +4 +RTN'
 done
 "$apc" alarm journal --json --last 100000 >"$work/journal"
-[ "$(grep -c '"alarm":"flood' "$work/journal")" = 1200 ] || fail "$(grep -c '"alarm":"flood' "$work/journal") of 1200 transitions"
+[ "$(grep -c '"alarm":"flood' "$work/journal")" = 20000 ] || fail "$(grep -c '"alarm":"flood' "$work/journal") of 20000 transitions"
+[ "$(sed -nE 's/.*"alarm":"(flood[0-9]+)".*"state":"([^"]*)".*/\1 \2/p' "$work/journal" | sort | uniq -c | awk '{print $1}' | sort -u)" = 10 ] ||
+  fail "not each alarm came and went ten times"
 [ "$(sed -E 's/.*"number":([0-9]+).*/\1/' "$work/journal" | tr '\n' ' ')" = "$(seq -s' ' "$(wc -l <"$work/journal")") " ] ||
   fail "the journal's numbers are not 1, 2, ..."
 expect 0 'floods \(more than 10\): [1-9]' "$apc" alarm journal --figures
