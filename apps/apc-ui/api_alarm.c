@@ -12,7 +12,6 @@
 #define JOURNAL_LAST 200
 #define FIGURES_BACK (86400 * APC_NS_PER_S)
 #define FIGURES_MOST (31 * FIGURES_BACK)
-#define REASON_MAX   80 /* bytes: an event has little more room */
 
 int desks_init(struct desk desk[DESKS])
 {
@@ -292,7 +291,7 @@ struct order {
     enum apc_alarm_switch which;
     double value; /* of APC_ALARM_SHELF */
     int64_t seq;  /* of the alarm's row that was seen */
-    char reason[REASON_MAX + 1];
+    char reason[REASON_LEN];
 };
 
 static bool read_end(struct request *r, const json_t *body, struct order *o)
@@ -310,25 +309,13 @@ static bool read_end(struct request *r, const json_t *body, struct order *o)
     return true;
 }
 
-static bool read_reason(struct request *r, const json_t *body, struct order *o)
-{
-    const char *reason = "";
-    if (json_object_get(body, "reason") && !member_text(body, "reason", &reason, &r->fault))
-        return false;
-    if (strlen(reason) > REASON_MAX)
-        return fault_set(&r->fault, 422, "value", "reason", "\"reason\" must have at most %d bytes",
-                         REASON_MAX);
-    snprintf(o->reason, sizeof o->reason, "%s", reason);
-    return true;
-}
-
 static bool read_order(struct request *r, struct order *o)
 {
     static const char *const ack[] = {"seq", "reason", "key", NULL};
     static const char *const shelve[] = {"until", "once", "seq", "reason", "key", NULL};
     json_t *body = body_parse(r->body, r->n, o->which == APC_ALARM_ACK ? ack : shelve, &r->fault);
     const bool ok = body && request_key(r, body, o->write.key) &&
-                    member_whole(body, "seq", 0, &o->seq, &r->fault) && read_reason(r, body, o) &&
+                    member_whole(body, "seq", 0, &o->seq, &r->fault) && request_reason(r, body, o->reason) &&
                     (o->which == APC_ALARM_ACK || read_end(r, body, o));
     json_decref(body);
     return ok;
@@ -384,9 +371,7 @@ static void record(struct ui *ui, const struct request *r, const struct order *o
         snprintf(event.text, sizeof event.text, "%s: %s%s (from %s)", r->name,
                  o->which == APC_ALARM_ACK ? "acknowledged" : "not shelved any more", outcome,
                  r->from->address);
-    const size_t n = strlen(event.text), room = sizeof event.text - n;
-    if (o->reason[0])
-        snprintf(event.text + n, room, ": %.*s", (int)room - 3, o->reason);
+    event_because(&event, o->reason);
     audit(ui, store, &event);
 }
 

@@ -13,12 +13,15 @@ static void session_json(const struct ui *ui, const struct session *s, struct te
     text_add(t, ",\"role\":\"%s\",\"protected\":%s,\"csrf\":\"%s\",\"expires\":", role_name(s->role),
              ui->open ? "false" : "true", s->csrf);
     if (ui->open) {
-        text_add(t, "null}");
+        text_add(t, "null,\"idle\":null}");
         return;
     }
     apc_ns now = apc_clock_mono(NULL);
     json_time_add(t, apc_clock_utc(NULL) + session_end(&ui->sessions, s, now) - now);
-    text_add(t, "}");
+    if (s->role > ROLE_OBSERVER && ui->options.idle > 0)
+        text_add(t, ",\"idle\":%.6g}", ui->options.idle);
+    else
+        text_add(t, ",\"idle\":null}");
 }
 
 void get_session(struct ui *ui, struct request *r, struct apc_store *store)

@@ -46,6 +46,7 @@ struct order {
     struct write write;
     struct write_change change[WRITE_CHANGES + 1]; /* one may be taken along */
     struct beside beside;
+    char reason[REASON_LEN];
 };
 
 static bool check_limits(struct request *r, const struct apc_tag *tag, double value)
@@ -136,6 +137,25 @@ bool request_key(struct request *r, const json_t *body, char key[KEY_LEN])
     return true;
 }
 
+bool request_reason(struct request *r, const json_t *body, char reason[REASON_LEN])
+{
+    const char *text = "";
+    if (json_object_get(body, "reason") && !member_text(body, "reason", &text, &r->fault))
+        return false;
+    if (strlen(text) >= REASON_LEN)
+        return fault_set(&r->fault, 422, "value", "reason", "\"reason\" must have at most %d bytes",
+                         REASON_LEN - 1);
+    snprintf(reason, REASON_LEN, "%s", text);
+    return true;
+}
+
+void event_because(struct apc_event *event, const char *reason)
+{
+    const size_t n = strlen(event->text), room = sizeof event->text - n;
+    if (reason[0])
+        snprintf(event->text + n, room, ": %.*s", (int)room - 3, reason);
+}
+
 static bool read_value(struct ui *ui, struct request *r, const json_t *object, struct order *o,
                        enum apc_table table)
 {
@@ -222,10 +242,10 @@ static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, st
 
 static bool read_order(struct ui *ui, struct request *r, struct order *o)
 {
-    static const char *const value_members[] = {"id", "value", "seq", "key", NULL};
-    static const char *const mode_members[] = {"id", "mode", "seq", "key", NULL};
-    static const char *const owner_members[] = {"id", "owner", "seq", "key", NULL};
-    static const char *const tuning_members[] = {"values", "key", NULL};
+    static const char *const value_members[] = {"id", "value", "seq", "reason", "key", NULL};
+    static const char *const mode_members[] = {"id", "mode", "seq", "reason", "key", NULL};
+    static const char *const owner_members[] = {"id", "owner", "seq", "reason", "key", NULL};
+    static const char *const tuning_members[] = {"values", "reason", "key", NULL};
     enum write_kind kind = o->write.kind;
     json_t *body = body_parse(r->body, r->n,
                               kind == WRITE_MODE     ? mode_members
@@ -233,7 +253,7 @@ static bool read_order(struct ui *ui, struct request *r, struct order *o)
                               : kind == WRITE_TUNING ? tuning_members
                                                      : value_members,
                               &r->fault);
-    bool ok = body && request_key(r, body, o->write.key);
+    bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason);
     if (ok && kind == WRITE_MODE)
         ok = read_mode(ui, r, body, o);
     else if (ok && kind == WRITE_OWNER)
@@ -393,6 +413,7 @@ static void record(struct ui *ui, const struct request *r, const struct order *o
         snprintf(event.text, sizeof event.text, "%s: %s -> %s%s%s (from %s)", c->name,
                  value_text(&c->before, before), value_text(&c->after, after),
                  opened ? ", the setpoint is Local now" : "", outcome, r->from->address);
+        event_because(&event, o->reason);
         audit(ui, store, &event);
     }
 }

@@ -80,6 +80,10 @@ bool query_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc
 void range_json(struct text *t, apc_ns since, apc_ns until); /* three members: now, and these */
 /* The key of a write: the body's, or a new one; false: fault set. */
 bool request_key(struct request *r, const json_t *body, char key[KEY_LEN]);
+#define REASON_LEN 81 /* an event has little more room */
+/* Why somebody wants it, "" where he does not say. */
+bool request_reason(struct request *r, const json_t *body, char reason[REASON_LEN]);
+void event_because(struct apc_event *event, const char *reason);
 /* The store's answer as a fault: nothing was written. */
 void fault_store(struct request *r, int rc, const struct apc_store *store);
 /* Nobody reads what is written into a history: then, or when it does not answer, a fault is set. */

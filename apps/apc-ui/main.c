@@ -36,6 +36,7 @@ enum {
     OPT_KEY,
     OPT_PLAIN,
     OPT_SESSION,
+    OPT_IDLE,
     OPT_SPOOL,
     OPT_GRAPHIC
 };
@@ -57,6 +58,8 @@ static const struct argp_option option_list[] = {
      0},
     {"session", OPT_SESSION, "SECONDS", 0, "How long a login lasts without use; default 3600, at most 12 h",
      0},
+    {"idle", OPT_IDLE, "SECONDS", 0,
+     "After how long without a key or a press the page logs out who may write; default 1800, 0: never", 0},
     {"page", OPT_PAGE, "DIR", 0, "Folder of the built page; default ../share/apc/ui beside this program", 0},
     {"graphic", OPT_GRAPHIC, "FILE", 0,
      "A drawing of the plant, SVG; default the experiment file's name with .svg, where there is one", 0},
@@ -100,6 +103,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_SESSION:
         if (apc_number_parse(arg, &o->ui.session) < 0 || o->ui.session < 1 || o->ui.session > 43200)
             argp_error(state, "--session \"%s\": must be seconds, from 1 to 43200", arg);
+        break;
+    case OPT_IDLE:
+        if (apc_number_parse(arg, &o->ui.idle) < 0 || o->ui.idle < 0 || o->ui.idle > 43200)
+            argp_error(state, "--idle \"%s\": must be seconds, from 0 to 43200", arg);
         break;
     case OPT_SPOOL:
         o->ui.spool = arg;
@@ -352,7 +359,7 @@ int main(int argc, char **argv)
 {
     static const struct argp argp = {option_list, parse, NULL, "Serve the operator's page of a plant.",
                                      NULL,        NULL,  NULL};
-    struct options o = {0};
+    struct options o = {.ui.idle = 1800};
     struct apc_error why;
     sigset_t signals;
     struct ui *ui = calloc(1, sizeof *ui);

@@ -35,6 +35,7 @@ struct ui_options {
     const char *names[8]; /* --name, up to a NULL */
     bool allow_plaintext;
     double session; /* s */
+    double idle;    /* s until the page logs out who may write; 0: it does not */
 };
 
 /* Figures of a histogram of the last minutes. */

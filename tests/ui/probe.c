@@ -237,11 +237,16 @@ static void an_open_server_says_that_it_is_one(void **state)
     client_get(&local, "/api/session", &session);
     assert_true(json_is_false(json_object_get(session, "protected")));
     assert_string_equal(text_of(session, "role"), "engineer");
+    assert_true(json_is_null(json_object_get(session, "idle")));
+    json_decref(session);
+    client_get(&anna, "/api/session", &session);
+    assert_true(json_number_value(json_object_get(session, "idle")) == 1800); /* who only looks may stay */
     json_decref(session);
     client_get(&otto, "/api/session", &session);
     assert_true(json_is_true(json_object_get(session, "protected")));
     assert_string_equal(text_of(session, "role"), "observer");
     assert_string_equal(text_of(session, "user"), "otto");
+    assert_true(json_is_null(json_object_get(session, "idle")));
     json_decref(session);
 }
 

@@ -1570,6 +1570,34 @@ static void the_record_shows_every_digit(void **state)
     }
 }
 
+static void a_reason_is_on_record_with_every_kind_of_write(void **state)
+{
+    static const struct {
+        void (*how)(struct ui *, struct request *, struct apc_store *);
+        const char *body, *text;
+    } cases[] = {
+        {post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1,\"reason\":\"pump 2 is tested\"}",
+         "r1: 5 -> 6 (from 10.0.0.7): pump 2 is tested"},
+        {post_mode, "{\"id\":2,\"mode\":\"Man\",\"seq\":1,\"reason\":\"as well\"}",
+         "u2: Auto -> Man (from 10.0.0.7): as well"},
+        {post_output, "{\"id\":2,\"value\":1,\"seq\":0,\"reason\":\"by hand\"}",
+         "u2: none -> 1 (from 10.0.0.7): by hand"},
+        {post_setpoint, "{\"id\":1,\"value\":7,\"seq\":2,\"reason\":\"\"}", "r1: 6 -> 7 (from 10.0.0.7)"}};
+    char body[200];
+    (void)state;
+    put(APC_SETPOINT, 1, 5);
+    put(APC_OPMODE, 2, APC_MODE_AUTO);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        json_decref(post(cases[i].how, cases[i].body));
+        assert_int_equal(request.fault.http, 0);
+        assert_string_equal(newest_text(), cases[i].text);
+    }
+    snprintf(body, sizeof body, "{\"id\":1,\"value\":8,\"seq\":3,\"reason\":\"%081d\"}", 0);
+    assert_int_equal(refused(post_setpoint, body), 422);
+    assert_string_equal(request.fault.field, "reason");
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":8,\"seq\":3,\"reason\":1}"), 400);
+}
+
 static void what_had_no_value_and_what_is_a_mode_are_recorded_in_words(void **state)
 {
     (void)state;
@@ -2283,6 +2311,7 @@ int main(void)
         T(the_newest_events_are_found_however_many_lie_on_top),
         T(exactly_as_many_events_as_asked_for_are_all),
         T(the_record_shows_every_digit),
+        T(a_reason_is_on_record_with_every_kind_of_write),
         T(what_had_no_value_and_what_is_a_mode_are_recorded_in_words),
         T(limits_are_inclusive_and_their_refusal_names_them),
         T(an_output_is_the_operators_in_man_only),
