@@ -1,17 +1,29 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The faceplate of a loop over whatever page there is.
-import type {JSX} from "preact";
+import type {ComponentChildren, JSX} from "preact";
 import {Cell} from "./core/cell";
 import {plant} from "./core/model";
 import {Dialog} from "./dialog";
 import {Faceplate} from "./pages/loop";
-import {place} from "./router";
+import type {Loop} from "./core/types";
+import {path, place} from "./router";
 import {useCell} from "./usecell";
 
 const opened = new Cell<number | null>(null);
 
-export function openFaceplate(loop: number): void {
+function openFaceplate(loop: number): void {
   opened.value = loop;
+}
+
+/** A plain press opens it here, any other one does what the browser does with links. */
+export function pressed(event: MouseEvent, {id}: Pick<Loop, "id">): void {
+  if (event.ctrlKey || event.metaKey || event.shiftKey) return;
+  event.preventDefault();
+  openFaceplate(id);
+}
+
+export function LoopLink({loop, children}: {loop: Loop; children: ComponentChildren}): JSX.Element {
+  return <a href={path("loop", loop.id)} onClick={event => pressed(event, loop)}>{children}</a>;
 }
 
 /** Elsewhere it is closed: what is there may be another loop's. */

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import type {JSX} from "preact";
+import {zone} from "./core/format";
 import {useCell} from "./usecell";
 import {Dialog} from "./dialog";
 import {plant} from "./core/model";
@@ -8,7 +9,7 @@ import {setShortcuts, shortcuts} from "./theme";
 
 const keys: [string, string][] = [
   ["Alt+1 … Alt+9", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic"],
-  ["/", "overview of many loops: search"],
+  ["/", "overview of many loops: search, by name, unit, description or area"],
   ["↑ ↓", "overview of many loops: from row to row, once a row has the focus"],
   ["Enter", "apply what is typed"],
   ["Esc", "revert what is typed; close this"],
@@ -60,7 +61,12 @@ export function Help({close}: {close: () => void}): JSX.Element {
           <b>pending</b>: on its way. <b>accepted</b>: in the database. <b>applied</b>: the controller uses it. <b>failed</b>: nothing
           happened, with the reason. <b>unknown</b>: not confirmed in time; it may have happened, look before you write again.
         </p>
-        <p class="say">libapc {plant.value?.version}. All times are UTC.</p>
+        <h2>Elsewhere</h2>
+        <p>
+          <a href={`/?wall${location.hash}`}>For a wall</a>: this page large, to look at only; who is logged in there had better be an
+          observer, who is not logged out for want of a key.
+        </p>
+        <p class="say">libapc {plant.value?.version}. Times are those of {zone}.</p>
         <button type="submit" class="primary">Close</button>
       </form>
     </Dialog>

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import {render} from "preact";
 import {begin} from "./core/model";
+import {watchIdle} from "./idle";
 import {Shell} from "./shell";
 import {listen} from "./sound";
 
 render(<Shell />, document.getElementById("app") as HTMLElement);
 listen();
+watchIdle();
 void begin();

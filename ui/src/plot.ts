@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// uPlot as this page wants it: colours from the style sheet, UTC, an axis that stays where it is.
+// uPlot as this page wants it: colours from the style sheet, the zone that is chosen, an axis that stays where it is.
 import uPlot from "uplot";
+import {clock, day, zone} from "./core/format";
 import type {Scale} from "./core/scale";
 import {colour} from "./theme";
 
@@ -60,7 +61,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
   const options: uPlot.Options = {
     width: Math.max(200, host.clientWidth),
     height,
-    tzDate: t => uPlot.tzDate(new Date(t * 1000), "Etc/UTC"),
+    tzDate: t => uPlot.tzDate(new Date(t * 1000), zone === "UTC" ? "Etc/UTC" : zone),
     legend: {show: false},
     scales: {
       x: {time: true, range: () => o.x()},
@@ -160,12 +161,12 @@ function notch(u: uPlot, {t, severity}: {t: number; severity: 1 | 2 | 3}): void 
 function timeLabels(_u: uPlot, splits: number[]): string[] {
   const [first, next] = splits;
   const apart = first != null && next != null ? next - first : 60;
-  const end = apart >= 60 ? 16 : apart >= 1 ? 19 : apart >= 0.1 ? 21 : apart >= 0.01 ? 22 : 23;
+  const digits = apart >= 1 ? 0 : apart >= 0.1 ? 1 : apart >= 0.01 ? 2 : 3;
   let before = "";
   return splits.map(t => {
-    const d = new Date(t * 1000).toISOString();
-    const today = d.slice(0, 10);
-    const text = d.slice(11, end);
+    const at = Math.round(t * 1000) / 1000;
+    const today = day(at);
+    const text = apart >= 60 ? clock(at).slice(0, 5) : clock(at, digits);
     const label = today === before ? text : `${text}\n${today}`;
     before = today;
     return label;

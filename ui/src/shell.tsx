@@ -2,16 +2,17 @@
 // What is around every page: who, connection, database, clock; the pages; the bars that say what is wrong.
 import type {JSX} from "preact";
 import {useEffect, useRef, useState} from "preact/hooks";
-import {post} from "./core/api";
 import {useCell} from "./usecell";
-import {clock, duration, stamp} from "./core/format";
+import {wall} from "./access";
+import {clock, duration, when, zoneAt} from "./core/format";
 import {OpenFaceplate} from "./faceplate";
 import {Help} from "./help";
+import {leaves} from "./idle";
 import {isTyping} from "./keyboard";
 import {Login} from "./login";
 import {env} from "./core/env";
 import {notRunning} from "./core/modes";
-import {behind, connection, control, heardAt, needsLogin, plant, second, session, serverNow, store} from "./core/model";
+import {behind, connection, control, heardAt, logOut, needsLogin, plant, second, session, serverNow, store} from "./core/model";
 import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
 import {EventsPage} from "./pages/events";
@@ -24,7 +25,7 @@ import {TrendPage} from "./pages/trend";
 import {AlarmLine} from "./parts/alarmline";
 import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
-import {setTheme, shortcuts, theme, type Theme} from "./theme";
+import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
 
 const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction", graphic: "Graphic"};
 
@@ -34,11 +35,18 @@ export function Shell(): JSX.Element {
   const out = useCell(needsLogin);
   const link = useCell(connection);
   const main = useRef<HTMLElement>(null);
+  const menu = useRef<HTMLElement>(null);
   const p = useCell(plant);
+  useCell(timeZone); // every time on the screen
 
   useEffect(() => {
     if (p) document.title = `${p.name} – libapc`;
   }, [p]);
+  // Where the row of pages is wider than the screen, the open one is in sight.
+  useEffect(() => {
+    const open = menu.current?.querySelector<HTMLElement>("[aria-current]");
+    if (menu.current && open) menu.current.scrollLeft = open.offsetLeft - menu.current.offsetLeft - (menu.current.clientWidth - open.offsetWidth) / 2;
+  }, [page, p]);
   useEffect(() => {
     const key = (event: KeyboardEvent): void => {
       const index = event.altKey && !event.ctrlKey && !event.metaKey ? Number(event.code.replace("Digit", "")) - 1 : -1;
@@ -57,16 +65,16 @@ export function Shell(): JSX.Element {
   }, []);
 
   return (
-    <div class={`shell ${link.state}`}>
+    <div class={`shell ${link.state}${wall ? " wall" : ""}`}>
       <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>Skip to the page</a>
       <Header onHelp={() => setHelp(true)} />
-      <nav aria-label="Pages">
+      {!wall && <nav aria-label="Pages" ref={menu}>
         {pages.map((one, i) => (one !== "graphic" || p?.graphic || page === "graphic") && (
           <a key={one} href={path(one)} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`}>
             <kbd aria-hidden="true">{i + 1}</kbd> {titles[one]}
           </a>
         ))}
-      </nav>
+      </nav>}
       <AlarmLine />
       <Bars />
       <main id="main" ref={main} tabIndex={-1} aria-label={titles[page]}>
@@ -93,9 +101,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   const database = useCell(store);
   const connected = useCell(connection).state === "connected";
   const mode = useCell(theme);
-  const logout = (): void => {
-    void post("/api/logout", {}, 5).finally(() => location.reload());
-  };
+  const logout = (): void => void logOut().then(() => location.reload());
   return (
     <header>
       <b class="brand">libapc</b>
@@ -109,7 +115,8 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
       <span class="who">
         {who ? (who.protected ? `${who.user}, ${who.role}` : "no login: this page is for the user who started it") : "…"}
       </span>
-      {who?.protected && <button type="button" onClick={logout}>Log out</button>}
+      {who?.protected && !wall && <button type="button" onClick={logout}>Log out</button>}
+      {wall && <span class="say">wall display: to look at only</span>}
       <label class="theme">
         <span class="hidden">Colours</span>
         <select value={mode} onChange={event => setTheme(event.currentTarget.value as Theme)}>
@@ -118,8 +125,25 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
           <option value="dark">dark</option>
         </select>
       </label>
+      <Zone />
       <button type="button" onClick={onHelp} aria-label="Help" title="?">?</button>
     </header>
+  );
+}
+
+/** Where the clocks are: UTC, or here. */
+function Zone(): JSX.Element | null {
+  const chosen = useCell(timeZone);
+  const here = localZone();
+  if (here === "UTC") return null;
+  return (
+    <label class="zone">
+      <span class="hidden">Time zone</span>
+      <select value={chosen} onChange={event => setZone(event.currentTarget.value)}>
+        <option value="UTC">UTC</option>
+        <option value={here}>{here}</option>
+      </select>
+    </label>
   );
 }
 
@@ -147,7 +171,8 @@ function LinkState(): JSX.Element {
 
 function Clock(): JSX.Element {
   useCell(second);
-  return <span class="clock digits">{clock(serverNow())} UTC</span>;
+  const now = serverNow();
+  return <span class="clock digits">{clock(now)} {zoneAt(now)}</span>;
 }
 
 /** Full width, and read aloud: what makes the values on the screen something else than they seem. */
@@ -155,6 +180,7 @@ function Bars(): JSX.Element {
   const link = useCell(connection);
   const database = useCell(store);
   const standing = useCell(control);
+  const left = useCell(leaves);
   const p = useCell(plant);
   const stopped = Object.entries(standing?.running ?? {}).flatMap(([name, running]) => (running === false ? [name] : []));
   return (
@@ -163,20 +189,20 @@ function Bars(): JSX.Element {
         {link.state === "disconnected" && (
           <p class="trouble disconnected-bar">
             <Shape priority={1} label="disconnected" />
-            <span>Disconnected since {stamp(link.since)} UTC. Values are last known, writing is disabled.</span>
+            <span>Disconnected since {when(link.since)}. Values are last known, writing is disabled.</span>
           </p>
         )}
         {standing?.safe && (
           <p class="trouble safe-bar">
             <Shape priority={1} label="plant at its safe value" />
-            <span>The plant is at its safe value{standing.safe_since != null && ` since ${stamp(standing.safe_since)} UTC`}: nothing drives it.</span>
+            <span>The plant is at its safe value{standing.safe_since != null && ` since ${when(standing.safe_since)}`}: nothing drives it.</span>
           </p>
         )}
         {link.state === "connected" && database && !database.connected && (
           <p class="trouble database-bar">
             <Shape priority={1} label="database away" />
             <span>
-              The database is away since {stamp(database.since)} UTC. Values are last known, writing is disabled. {database.error}
+              The database is away since {when(database.since)}. Values are last known, writing is disabled. {database.error}
             </span>
           </p>
         )}
@@ -188,6 +214,7 @@ function Bars(): JSX.Element {
         </p>
       )}
       {link.state === "connected" && database?.connected && <HistoryBar />}
+      {left != null && <p class="say idle-bar" role="status">Nobody has touched this page for long: it logs out in {left} s. Any key keeps it.</p>}
     </>
   );
 }

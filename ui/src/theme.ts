@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import {Cell} from "./core/cell";
+import {chooseZone} from "./core/format";
 
 export type Theme = "auto" | "light" | "dark";
 
@@ -36,6 +37,22 @@ export function setTheme(next: Theme): void {
   theme.value = next;
   remember("apc-theme", next);
   apply();
+}
+
+/** Of this browser; "UTC" where it does not say, or has another name for it. */
+export function localZone(): string {
+  const name = Intl.DateTimeFormat().resolvedOptions().timeZone;
+  return !name || /^(Etc\/)?(UTC|GMT|Universal|Zulu)$/.test(name) ? "UTC" : name;
+}
+
+export const timeZone = new Cell(stored("apc-zone") === localZone() ? localZone() : "UTC");
+chooseZone(timeZone.value);
+
+export function setZone(next: string): void {
+  chooseZone(next);
+  timeZone.value = next;
+  remember("apc-zone", next);
+  repaint.value++;
 }
 
 export function setShortcuts(on: boolean): void {

@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The pure parts: npm test.
 import assert from "node:assert/strict";
+import {chosen, pensAbout} from "../src/core/pens";
 import {test} from "node:test";
 import {acknowledgement, type Alarm, bySignal, counted, found, loopOf, raised, ranked, stateWords, story, taken} from "../src/core/alarms";
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {hole, matches, merge} from "../src/core/eventlist";
-import {clock, complaint, csv, decimalsOf, duration, exact, iso, limitsText, number, period, read, span, stamp} from "../src/core/format";
+import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
-import {alarmsFirst, areasOf, filtered, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, worstOf} from "../src/core/list";
+import {abnormalFirst, admitted, areasOf, filtered, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, worstByArea, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
-import {courseRows, courseSeries, heldBack, horizon, isOfNow, predictors} from "../src/core/outlook";
+import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/outlook";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, trim, valueAt, visible} from "../src/core/series";
-import {bounds, goLive, pan, pause, refuse, select, zoom, type Window} from "../src/core/view";
+import {aheadOf, bounds, goLive, pan, pause, refuse, runsBefore, select, type Window, zoom} from "../src/core/view";
 import type {Control, Loop, PlantEvent, Transition, Write} from "../src/core/types";
 import {alarmed, cascade, plant, predicted, stands} from "./plant";
 
@@ -97,6 +98,37 @@ test("times are UTC", () => {
   assert.deepEqual([clock(1763730125.999), clock(59.999, 1), clock(null), clock(0)], ["13:02:05", "00:00:59.9", "–", "00:00:00"], "never later than it is");
   assert.deepEqual([stamp(951782400), stamp(1762300800.5, 1)], ["2000-02-29 00:00:00", "2025-11-05 00:00:00.5"]);
   assert.equal(iso(0.5), "1970-01-01T00:00:00.500000Z");
+});
+
+test("times are those of another zone, where one is chosen; a CSV stays in UTC", () => {
+  chooseZone("Europe/Berlin");
+  const [winter, summer, autumn] = [Date.UTC(2025, 0, 31, 23, 30) / 1000, Date.UTC(2025, 6, 1, 12) / 1000, Date.UTC(2025, 9, 26, 0, 30) / 1000];
+  assert.deepEqual([stamp(winter), clock(summer + 0.25, 2), zoneAt(winter), zoneAt(summer), when(summer)], ["2025-02-01 00:30:00", "14:00:00.25", "UTC+1", "UTC+2", "2025-07-01 14:00:00 UTC+2"]);
+  assert.deepEqual([stamp(autumn), stamp(autumn + 1800), stamp(autumn + 3600)], ["2025-10-26 02:30:00", "2025-10-26 02:00:00", "2025-10-26 02:30:00"], "clocks are put back");
+  for (const t of [winter, summer, autumn - 86400, autumn + 86400]) assert.equal(fromWall(Date.parse(`${stamp(t).replace(" ", "T")}Z`) / 1000), t);
+  assert.equal(iso(summer), "2025-07-01T12:00:00.000000Z");
+  chooseZone("America/St_Johns");
+  assert.equal(zoneAt(winter), "UTC\u22123:30");
+  chooseZone("UTC");
+  assert.deepEqual([zoneAt(summer), zoneAt(null), fromWall(summer)], ["UTC", "UTC", summer]);
+});
+
+test("what is expected stands beside what was as far as there is room, and of now only while it is live", () => {
+  const window = chosen("pens=y1;span=60;ahead=1", 1e9).window;
+  assert.equal(window.ahead, true);
+  assert.equal(pensAbout(["y1"], window), "pens=y1;span=60;ahead=1");
+  assert.deepEqual([aheadOf(window, 6), aheadOf(window, 600), aheadOf({...window, ahead: undefined}, 6)], [6, 20, 0]);
+  assert.deepEqual(chosen("pens=y1;ahead=2", 1e9).faults, ["“ahead=2” of the link means nothing here."]);
+  const course = {ref: "sensor.1", name: "y1", made: 100, first: 1, step: 1, expected: [1, 2], came: [null, null]};
+  const of = predictors(predicted);
+  const shown = (now: number | null): string[] => [...expectedOf([course, {...course, ref: "sensor.99"}], of, now).keys()];
+  assert.deepEqual([shown(101), shown(1000), shown(null)], [["sensor.1"], [], ["sensor.1"]]);
+});
+
+test("earlier runs are told apart by when they began", () => {
+  assert.deepEqual(runsBefore(1000, [999, 1000, 1001, 500, 501, 503.5, 100, 101]), [500, 100]);
+  assert.deepEqual(runsBefore(1000, Array.from({length: 20}, (_, i) => i * 40)).length, 5);
+  assert.deepEqual(runsBefore(1000, []), []);
 });
 
 test("CSV quotes what needs it and disarms formulas", () => {
@@ -609,7 +641,30 @@ test("a list is searched by words, area, mode, alarm and what is abnormal", () =
   assert.deepEqual([left({}), left({text: " LEVEL "}), left({text: "u2 deep"}), left({text: "u2 level"})], ["y1 y2 T", "y1", "y2", ""]);
   assert.deepEqual([left({area: "b"}), left({area: "b/x9"}), left({mode: "Man"}), left({mode: "!"}), left({mode: "Auto"})], ["y1 y2", "y2", "y2", "y1", ""]);
   assert.deepEqual([left({only: "alarms"}), left({only: "abnormal"})], ["y2", "y2 T"]);
-  assert.deepEqual(alarmsFirst(placed, marks).map(one => one.name), ["y2", "y1", "T"]);
+  assert.deepEqual(abnormalFirst(placed, now).map(one => one.name), ["y2", "T", "y1"]);
+  const unit = placed.find(one => one.unit !== "")?.unit as string;
+  assert.deepEqual(left({text: unit}), placed.filter(one => one.words.includes(unit.toLowerCase())).map(one => one.name).join(" "));
+  assert.ok(left({text: unit}).length > 0);
+});
+
+test("a list is in the order of a column as it was then, what has nothing there last", () => {
+  const by = (of: Record<string, number | string | null>, down: boolean): string => ordered(placed, orderOf(placed, one => of[one.name] ?? null, down)).map(one => one.name).join(" ");
+  assert.deepEqual([by({y1: 3, y2: 2}, false), by({y1: 3, y2: 2}, true)], ["y2 y1 T", "y1 y2 T"]);
+  assert.deepEqual([by({y1: "LC10", y2: "LC9", T: "A"}, false), by({}, true)], ["T y2 y1", "y1 y2 T"]);
+});
+
+test("each area has the gravest alarm within it", () => {
+  const gravest = worstByArea(placed, bySignal(standing(stands(2, 1, "Acknowledged Active"))));
+  assert.deepEqual([...gravest].map(([area, one]) => `${area}: ${one.alarm}`).sort(), ["", "b/x9/deep", "b/x9", "b"].map(area => `${area}: y2.low`));
+  assert.equal(worstByArea(placed, new Map()).size, 0);
+});
+
+test("a frame makes so many new rows as it has time for, those in sight first; what was there stays", () => {
+  const wanted = ["a", "b", "c", "d", "e", "f"];
+  assert.deepEqual([...admitted(wanted, new Set(), 2, 3)], ["c", "d", "e"]);
+  assert.deepEqual([...admitted(wanted, new Set(["c", "d", "e", "gone"]), 2, 2)].sort(), ["b", "c", "d", "e", "f"]);
+  assert.deepEqual([...admitted(wanted, new Set(wanted), 0, 1)], wanted);
+  assert.equal(admitted(wanted, new Set(), 0, 9).size, 6);
 });
 
 test("of several alarms of a loop what nobody has acknowledged is the worst, then the gravest", () => {

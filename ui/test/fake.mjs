@@ -60,6 +60,7 @@ export class Fake {
   predicts = false; // the law is predictive
   bare = false; // the plant has no variable, no loop
   graphic = null; // the drawing
+  texts = null; // what all descriptions, units, areas, messages are
   alarms = []; // how they stand
   away = false; // the database
   mute = false; // nothing that is asked is answered
@@ -130,7 +131,13 @@ export class Fake {
 
   #plant() {
     const shown = this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
-    return {...shown, graphic: this.graphic != null};
+    const text = this.texts;
+    if (text == null) return {...shown, graphic: this.graphic != null};
+    return {
+      ...shown, graphic: this.graphic != null, name: text, title: text,
+      variables: shown.variables.map(one => ({...one, description: text, unit: text, area: text})),
+      alarms: {...shown.alarms, all: shown.alarms.all.map(one => ({...one, area: text, message: text, consequence: text, response: text}))},
+    };
   }
 
   #outlook() {

@@ -16,7 +16,7 @@ after(async () => {
   await browser.close();
   await fake.stop();
 });
-beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, graphic: null, alarms: []}));
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, predicts: false, texts: null, graphic: null, alarms: []}));
 
 /** Date.now() of the page can be set: setClock(by), s. */
 function setableClock() {
@@ -282,6 +282,24 @@ test("a drawing shows its signals, and nothing in it runs or is loaded", PATIENC
       const [now, part] = [await page.locator(".picture .said .digits").first().textContent(), await geometry(level.locator(".filling"))];
       return Math.abs(part.height / box.height - parseFloat(now) / 2) < 0.02 && Math.abs(part.y + part.height - box.y - box.height) < 1.5;
     });
+  });
+});
+
+test("a script in a description, a unit, an area, a message, a reason is text on every screen, and does nothing", PATIENCE, () => {
+  const text = `<img src=x onerror="window.hacked=1"><script>window.hacked=1</script><svg onload="window.hacked=1">{{window.hacked=1}}`;
+  const standing = id => ({id, seq: 1, journal: id, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, author: text, shelved_until: null});
+  Object.assign(fake, {texts: text, graphic: drawing, predicts: true, alarms: [1, 2, 3].map(standing)});
+  return withPage("overview", async page => {
+    fake.say("event", {events: [{time: fake.now, severity: 3, source: text, kind: "operator", text}]});
+    for (const screen of ["overview", "loop/1", "trend", "trend/pens=y,r", `trend/pens=${encodeURIComponent(text)}`, "alarms/y.high", "alarms/journal", "events", "timing", "diagnostics", "prediction", "graphic"]) {
+      await page.evaluate(where => (location.hash = where), screen);
+      await page.locator("main h1").waitFor();
+      for (const button of await page.locator("main").getByRole("button", {name: "View as table"}).all()) await button.click();
+      if (screen.startsWith("alarms/y")) await page.locator(".alarm-list .detail", {hasText: "<script>"}).waitFor();
+      assert.equal(await page.locator('img[src="x"], main script, svg[onload]').count(), 0, screen);
+    }
+    assert.equal(await page.evaluate(() => window.hacked), undefined);
+    assert.deepEqual(page.complaints, []);
   });
 });
 

@@ -25,7 +25,7 @@ function delayEffects() {
 
 /** A page on a screen, with whatever it complains about; `at` is the part after #. */
 export async function open(browser, at, options = {}) {
-  const {lateEffects, initScript, ...rest} = options;
+  const {lateEffects, initScript, query = "", ...rest} = options;
   const context = await browser.newContext({viewport: {width: 1280, height: 800}, acceptDownloads: true, ...rest});
   if (lateEffects) await context.addInitScript(delayEffects);
   if (initScript) await context.addInitScript(initScript);
@@ -36,7 +36,7 @@ export async function open(browser, at, options = {}) {
     // A daemon that is stopped by a test is no fault of the page.
     if (message.type() === "error" && !/net::ERR|503|504|409/.test(message.text())) page.complaints.push(message.text());
   });
-  await page.goto(`${options.url ?? url}/#${at}`);
+  await page.goto(`${options.url ?? url}/${query}#${at}`);
   await until(`the page ${at} is connected`, async () => (await page.locator(".link-state").getAttribute("data-state")) === "connected");
   return page;
 }

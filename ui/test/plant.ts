@@ -155,13 +155,15 @@ export class Server {
   private ahead: number;
   private seq = 100;
   alarms: AlarmNow[] = [];
+  idle: number | null = null;
   control: Control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null, alarms: null};
 
   constructor(readonly env: FakeEnv) {
     this.ahead = START - env.mono();
     const {routes} = env;
-    routes.set("/api/session", one => one.answer({user: "anna", role: "engineer", protected: true, csrf: "token", expires: null}));
+    routes.set("/api/session", one => one.answer({user: "anna", role: "engineer", protected: true, csrf: "token", expires: null, idle: this.idle}));
     routes.set("/api/plant", one => one.answer(this.plant));
+    routes.set("/api/merits", one => one.answer({loops: [{id: 1, service: 0.98}]}));
     routes.set("/api/writes", one => one.answer({writes: []}));
     routes.set("/api/events", one => one.answer({t: this.now, events: [], more: false}));
     routes.set("/api/history", one => one.answer(this.none(one.query)));

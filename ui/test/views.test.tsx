@@ -38,7 +38,8 @@ const {forget} = await import("../src/core/writing");
 const {Shell} = await import("../src/shell");
 const {place, go, path, rewrite} = await import("../src/router");
 const {placeOf} = await import("../src/core/place");
-const {setShortcuts, setTheme, theme} = await import("../src/theme");
+const {watchIdle} = await import("../src/idle");
+const {setShortcuts, setTheme, setZone, theme} = await import("../src/theme");
 
 document.body.innerHTML = '<div id="app"></div>';
 const app = document.getElementById("app") as HTMLElement;
@@ -269,7 +270,7 @@ test("pages by Alt and a digit, help by ?, if wanted", async () => {
   assert.equal(await press("0", document.body, {altKey: true, code: "Digit0"}), false);
   assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
   await press("?");
-  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+9 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic \/ overview of many loops: search ↑ ↓ .* Enter apply what is typed/);
+  assert.match(said("dialog"), /Keys Alt\+1 … Alt\+9 Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic \/ overview of many loops: search, .* ↑ ↓ .* Enter apply what is typed/);
   one("dialog").dispatchEvent(new window.Event("close") as never);
   await settle();
   assert.equal(document.querySelectorAll("dialog").length, 0);
@@ -284,6 +285,43 @@ test("pages by Alt and a digit, help by ?, if wanted", async () => {
   assert.equal(document.querySelectorAll("dialog").length, 1);
   one("dialog").dispatchEvent(new window.Event("close") as never);
   await settle();
+});
+
+test("times are those of the zone that is chosen", async () => {
+  await show("events");
+  assert.match(said(".clock"), / UTC$/);
+  assert.match(said(".events thead"), /^Time \(UTC\)/);
+  setZone("Asia/Kathmandu");
+  await settle();
+  assert.match(said(".clock"), / UTC\+5:45$/);
+  assert.match(said(".events thead"), /^Time \(Asia\/Kathmandu\)/);
+  assert.equal(localStorage.getItem("apc-zone"), "Asia/Kathmandu");
+  setZone("UTC");
+  await settle();
+  assert.match(said(".clock"), / UTC$/);
+});
+
+test("a reason goes with the next change, and with no other", async () => {
+  await show("loop/1");
+  await type('input[name="reason"]', "x".repeat(81));
+  assert.match(said(".reason"), /too long: 80 bytes/);
+  await type('input[name="reason"]', " pump 2 is being tested ");
+  await type(field, "1");
+  await submit(entry);
+  const asked = env.take("/api/setpoint");
+  assert.equal(asked.body?.reason, "pump 2 is being tested");
+  asked.answer({error: {code: "limits", message: "too much"}}, 422);
+  await settle();
+  assert.equal(one<HTMLInputElement>('input[name="reason"]').value, " pump 2 is being tested ", "what failed has not used it");
+  await click(button("Man", ".mode-switch"));
+  const mode = env.take("/api/mode");
+  assert.equal(mode.body?.reason, "pump 2 is being tested");
+  mode.answer({key: mode.body?.key, kind: "mode", user: "anna", time: START, state: "applied", stored: true, reason: null, changes: []});
+  await settle();
+  assert.equal(one<HTMLInputElement>('input[name="reason"]').value, "");
+  await click(button("Man", ".mode-switch"));
+  assert.equal(env.take("/api/mode").body?.reason, undefined);
+  await press("Escape", one(field));
 });
 
 test("colours are chosen and remembered", async () => {
@@ -1009,7 +1047,13 @@ test("what predictive control expects, what holds it back, and how its solver do
   const rows = [...document.querySelectorAll(".prediction .panel tbody tr")].map(row => [...row.children].map(cell => (cell.textContent ?? "").replace(/\s+/g, " ").trim()));
   assert.deepEqual(rows[0], ["y1", "9.98m", "0.125", "12.500", "12.00", "no limits", "nothing"]);
   assert.equal(rows[2]![0], "u1");
-  assert.deepEqual(rows[2]!.slice(2), ["3.500", "3.000", "−10 to 10", "its high limit, falling as fast as it may"]);
+  assert.deepEqual(rows[2]!.slice(2), ["3.500", "3.000", "−10 to 10", "its high limit, falling as fast as it may", "AutoTake out of service: u1", "98 %"]);
+  await click(button("Take out of service: u1"));
+  assert.deepEqual([env.asked.at(-1)?.body?.id, env.asked.at(-1)?.body?.mode], [1, "Man"]);
+  env.take("/api/mode").answer({error: {code: "role", message: "not you"}}, 403);
+  await settle();
+  assert.match(said(".service .write-status"), /mode Auto → Man: failed – not you/);
+  await click(button("Dismiss"));
   assert.match(said(".prediction"), /u1\.disturbance 0\.250 .*h1\.estimate 2\.000/);
   assert.match(said(".prediction .pairs"), /result \[priority 3: not the best plan\] sub-optimal: .* objective 1\.500 0 at rest time it took 4\.00 ms changes of the working set 7/);
   assert.match(one(".plots").getAttribute("aria-label")!, /^y1, y2, u1, u2: the last 30 s, and what is expected for the next 6\.0 s/);
@@ -1027,6 +1071,22 @@ test("what predictive control expects, what holds it back, and how its solver do
   await env.pass(2.5);
   await settle();
   assert.equal(said(".prediction .complaint"), "the database is away");
+  // Beside a trend as well, where that is wanted; the link says it.
+  made = server.now;
+  env.routes.set("/api/outlook", each => each.answer({t: made, at: made, outlook: [course("sensor.1", "y1", [10, 11, 12])]}));
+  await show("trend/pens=y1;span=60;ahead=1");
+  await env.pass(0.4);
+  await settle();
+  assert.match(said(".trend"), /Right of the line, dashed, what was expected now\./);
+  assert.equal(button("Expected").getAttribute("aria-pressed"), "true");
+  await show("trend/pens=u2;span=60;ahead=1");
+  await env.pass(0.4);
+  await settle();
+  await click(button("Expected"));
+  await env.pass(0.4);
+  await settle();
+  assert.equal(location.hash, "#trend/pens=u2;span=60");
+  await show("prediction");
   // A longer plan has a longer past beside it, which stays while values come.
   const history = env.routes.get("/api/history")!;
   made = server.now;
@@ -1351,13 +1411,31 @@ test("an overview of many loops: a tree of areas, a search, and those with an al
   assert.deepEqual(names(), ["y2"]);
   await choose(".many-rows label:nth-of-type(3) select", "all");
   await click(one(".many-rows .check input"));
-  assert.deepEqual(names().slice(0, 2), ["y2", "y1"]);
+  assert.deepEqual(names().slice(0, 2), ["y2", "y4"]); // which never had a sample
+  await click(one(".many-rows .check input"));
+  const head = (name: string): HTMLButtonElement => [...document.querySelectorAll<HTMLButtonElement>(".rows-head button")].find(each => each.textContent?.startsWith(name)) as HTMLButtonElement;
+  await state({"sensor.1": [5, START, 7, "Good"], "sensor.2": [5, START, 9, "Good"], "sensor.3": [5, START, 3, "Good"]});
+  await click(head("PV"));
+  await click(head("PV against"));
+  await click([...document.querySelectorAll<HTMLButtonElement>(".rows-head button")][3]!);
+  assert.deepEqual(names().slice(0, 2), ["y3", "y1"]);
+  assert.equal(head("PV ▲").closest("[role=columnheader]")?.getAttribute("aria-sort"), "ascending");
+  await state({"sensor.1": [6, START, 1, "Good"], "sensor.2": [5, START, 9, "Good"], "sensor.3": [5, START, 3, "Good"]});
+  assert.deepEqual(names().slice(0, 2), ["y3", "y1"], "rows change their places by themselves");
+  await click(head("PV ▲"));
+  assert.deepEqual(names().slice(0, 2), ["y2", "y3"]);
+  await click(head("PV ▼"));
+  assert.deepEqual(names().slice(0, 2), ["y1", "y2"]);
+  await click(one(".rows-row .name-cell a"));
+  assert.equal(one("dialog").getAttribute("aria-label"), "Faceplate of y1");
+  await click(button("Close"));
+  assert.equal(document.querySelector("dialog"), null);
   await choose(".many-rows label:nth-of-type(2) select", "Man");
   assert.match(said(".many-rows"), /nothing matches$/);
   await choose(".many-rows label:nth-of-type(2) select", "");
   await click(button("View as table"));
   assert.equal(document.querySelectorAll(".many-rows .data tbody tr").length, 40);
-  assert.equal(said(".many-rows .data tbody tr:nth-child(2)"), "y1 left/low Auto 9.984 m");
+  assert.equal(said(".many-rows .data tbody tr:nth-child(2)"), "y2 left/low Auto 9.000 m");
   server.plant = tanks;
   server.alarms = [];
   env.source.send("plant", {revision: 12});
@@ -1573,4 +1651,33 @@ test("what was superseded is final", async () => {
   env.source.send("write", {key, kind: "setpoint", user: "anna", time: server.now, state: "superseded", stored: true, reason: "a newer value came after it", changes: []});
   await settle();
   assert.match(said('[data-slot="setpoint.1"]'), /superseded – a newer value came after it Dismiss/);
+});
+
+test("who may write and does nothing for long is told, and logged out", async () => {
+  watchIdle();
+  await press("Shift");
+  model.session.value = {...model.session.value!, idle: 120};
+  server.beat();
+  await env.pass(30);
+  assert.equal(document.querySelector(".idle-bar"), null);
+  await env.pass(40);
+  assert.match(said(".idle-bar"), /it logs out in (4\d|5\d|60) s\. Any key keeps it/);
+  await press("Shift");
+  await env.pass(2);
+  assert.equal(document.querySelector(".idle-bar"), null);
+  await env.pass(121);
+  env.take("/api/logout").answer({});
+  await settle();
+  assert.equal(model.needsLogin.value, true);
+  assert.equal(one("dialog").getAttribute("aria-label"), "Log in");
+  await env.pass(300);
+  assert.equal(env.asked.filter(each => each.path === "/api/logout").length, 0, "it is asked again");
+  await model.begin();
+  await settle();
+  assert.equal(document.querySelector("dialog"), null);
+  // Who only looks stays.
+  model.session.value = {...model.session.value!, role: "observer", idle: null};
+  await env.pass(1000);
+  assert.equal(model.needsLogin.value, false);
+  await model.begin();
 });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Numbers and times as the page writes them. Everything is UTC.
+// Numbers and times as the page writes them: UTC, or what the clocks on the wall say where somebody has chosen that.
 
 export const missing = "–";
 
@@ -105,16 +105,59 @@ export function period(seconds: number | null | undefined): string {
 
 const two = (n: number): string => String(n).padStart(2, "0");
 
+/** Where the clocks are that the page shows: "UTC", or a name as "Europe/Berlin". Set by chooseZone() alone. */
+export let zone = "UTC";
+
+const offsets = new Map<number, number>();
+const QUARTER = 900; // s; no zone changes within one
+
+export function chooseZone(name: string): void {
+  zone = name;
+  offsets.clear();
+}
+
+/** How far a clock on the wall is before UTC, s. */
+function offsetAt(t: number): number {
+  if (zone === "UTC") return 0;
+  const at = Math.floor(t / QUARTER) * QUARTER;
+  let offset = offsets.get(at);
+  if (offset == null) {
+    if (offsets.size > 1000) offsets.clear();
+    const parts = new Intl.DateTimeFormat("en", {timeZone: zone, hourCycle: "h23", year: "numeric", month: "numeric", day: "numeric", hour: "numeric", minute: "numeric"}).formatToParts(at * 1000);
+    const [year, month, date, hour, minute] = ["year", "month", "day", "hour", "minute"].map(type => Number(parts.find(part => part.type === type)?.value));
+    offset = Date.UTC(year as number, (month as number) - 1, date, hour, minute) / 1000 - at;
+    offsets.set(at, offset);
+  }
+  return offset;
+}
+
+/** As people say the zone of a time: UTC, UTC+2, UTC−3:30. */
+export function zoneAt(t: number | null | undefined): string {
+  const offset = t == null ? 0 : offsetAt(t);
+  if (offset === 0) return "UTC";
+  const minutes = Math.abs(offset / 60);
+  return `UTC${offset < 0 ? "\u2212" : "+"}${Math.floor(minutes / 60)}${minutes % 60 ? `:${two(minutes % 60)}` : ""}`;
+}
+
+/** Unix s of a time that a clock of the zone shows, given as if it were UTC. */
+export function fromWall(shown: number): number {
+  const near = shown - offsetAt(shown);
+  return shown - offsetAt(near);
+}
+
+const onWall = (t: number): Date => new Date((t + offsetAt(t)) * 1000);
+
 export function clock(t: number | null | undefined, subseconds = 0): string {
   if (t == null) return missing;
   const scale = 10 ** subseconds;
-  const d = new Date((Math.floor(t * scale) / scale) * 1000);
-  const fraction = subseconds ? (Math.floor(t * scale) / scale).toFixed(subseconds).replace(/^-?\d+/, "") : "";
+  const whole = Math.floor(t * scale) / scale;
+  const d = onWall(whole);
+  const fraction = subseconds ? whole.toFixed(subseconds).replace(/^-?\d+/, "") : "";
   return `${two(d.getUTCHours())}:${two(d.getUTCMinutes())}:${two(d.getUTCSeconds())}${fraction}`;
 }
 
 export function day(t: number): string {
-  const d = new Date(t * 1000);
+  const d = onWall(t);
   return `${d.getUTCFullYear()}-${two(d.getUTCMonth() + 1)}-${two(d.getUTCDate())}`;
 }
 
@@ -122,9 +165,15 @@ export function stamp(t: number, subseconds = 0): string {
   return `${day(t)} ${clock(t, subseconds)}`;
 }
 
-/** For CSV: unambiguous, microseconds. */
+/** With its zone. */
+export function when(t: number, subseconds = 0): string {
+  return `${stamp(t, subseconds)} ${zoneAt(t)}`;
+}
+
+/** For CSV: unambiguous, microseconds, UTC. */
 export function iso(t: number): string {
-  return `${day(t)}T${clock(t, 6)}Z`;
+  const whole = Math.floor(t * 1e6) / 1e6;
+  return `${new Date(Math.floor(whole) * 1000).toISOString().slice(0, 19)}${whole.toFixed(6).replace(/^-?\d+/, "")}Z`;
 }
 
 export function csv(rows: (string | number | null)[][]): string {

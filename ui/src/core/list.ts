@@ -9,6 +9,8 @@ export interface Item {
   name: string;
   about: string; // description
   area: string; // "unit1/reactor"
+  unit: string; // of the measurement
+  words: string; // that a search looks in
   loop: Loop | null;
   measurement: Ref | null;
   refs: (Ref | null)[]; // whose alarms are its own
@@ -20,13 +22,15 @@ export function itemsOf(p: Plant): Item[] {
   const areas = p.variables.some(one => one.area !== "");
   const used = new Set(p.loops.map(loop => loop.measurement));
   const of = (ref: Ref | null): Variable | undefined => (ref ? by.get(ref) : undefined);
+  const item = (one: Omit<Item, "words">): Item => ({...one, words: `${one.name} ${one.about} ${one.area} ${one.unit} ${one.loop?.called ?? ""}`.toLowerCase()});
   const loops = p.loops.map((loop): Item => {
-    const area = of(loop.measurement)?.area || of(loop.output)?.area || "";
-    return {key: `loop.${loop.id}`, name: loop.name, about: of(loop.measurement)?.description ?? "", area: areas ? area : loop.controller, loop, measurement: loop.measurement, refs: refsOf(loop)};
+    const measured = of(loop.measurement);
+    const area = measured?.area || of(loop.output)?.area || "";
+    return item({key: `loop.${loop.id}`, name: loop.name, about: measured?.description ?? "", area: areas ? area : loop.controller, unit: measured?.unit ?? "", loop, measurement: loop.measurement, refs: refsOf(loop)});
   });
   const others = p.variables
     .filter(one => one.table === "sensor" && !used.has(one.ref))
-    .map((one): Item => ({key: one.ref, name: one.name, about: one.description, area: one.area, loop: null, measurement: one.ref, refs: [one.ref]}));
+    .map((one): Item => item({key: one.ref, name: one.name, about: one.description, area: one.area, unit: one.unit, loop: null, measurement: one.ref, refs: [one.ref]}));
   return [...loops, ...others];
 }
 
@@ -69,14 +73,32 @@ export interface Now {
   marks: ReadonlyMap<Ref, Alarm>;
 }
 
+const graver = (a: Alarm, b: Alarm): boolean => (isUnacknowledged(a) === isUnacknowledged(b) ? a.priority < b.priority : isUnacknowledged(a));
+
 export function worstOf(item: Pick<Item, "refs">, marks: ReadonlyMap<Ref, Alarm>): Alarm | null {
   let worst: Alarm | null = null;
-  const before = (a: Alarm, b: Alarm): boolean => Number(isUnacknowledged(a)) - Number(isUnacknowledged(b)) > 0 || (isUnacknowledged(a) === isUnacknowledged(b) && a.priority < b.priority);
   for (const ref of item.refs) {
     const one = ref ? marks.get(ref) : undefined;
-    if (one && (!worst || before(one, worst))) worst = one;
+    if (one && (!worst || graver(one, worst))) worst = one;
   }
   return worst;
+}
+
+/** Of each area the gravest alarm within. */
+export function worstByArea(items: Item[], marks: ReadonlyMap<Ref, Alarm>): ReadonlyMap<string, Alarm> {
+  const out = new Map<string, Alarm>();
+  if (marks.size === 0) return out;
+  for (const item of items) {
+    const worst = worstOf(item, marks);
+    if (!worst) continue;
+    const parts = item.area === "" ? [] : item.area.split("/");
+    for (let i = 0; i <= parts.length; i++) {
+      const path = parts.slice(0, i).join("/");
+      const known = out.get(path);
+      if (!known || graver(worst, known)) out.set(path, worst);
+    }
+  }
+  return out;
 }
 
 export function isIn(area: string, of: string): boolean {
@@ -87,8 +109,7 @@ export function filtered(items: Item[], f: ListFilter, now: Now): Item[] {
   const words = f.text.toLowerCase().split(/\s+/).filter(word => word !== "");
   return items.filter(item => {
     if (!isIn(item.area, f.area)) return false;
-    const where = `${item.name} ${item.about} ${item.area} ${item.loop?.called ?? ""}`.toLowerCase();
-    if (!words.every(word => where.includes(word))) return false;
+    if (!words.every(word => item.words.includes(word))) return false;
     if (f.mode !== "") {
       if (!item.loop) return false;
       const {target, actual} = now.mode(item.loop);
@@ -98,13 +119,40 @@ export function filtered(items: Item[], f: ListFilter, now: Now): Item[] {
   });
 }
 
-/** What has an alarm first, the gravest of them before, all else as it was. */
-export function alarmsFirst(items: Item[], marks: ReadonlyMap<Ref, Alarm>): Item[] {
+/** What has an alarm first, the gravest of them before, then what else is not as it should be, all else as it was. */
+export function abnormalFirst(items: Item[], now: Pick<Now, "abnormal" | "marks">): Item[] {
   const rank = (item: Item): number => {
-    const worst = worstOf(item, marks);
-    return worst ? worst.priority - (isUnacknowledged(worst) ? 10 : 0) : 100;
+    const worst = worstOf(item, now.marks);
+    return worst ? worst.priority - (isUnacknowledged(worst) ? 10 : 0) : now.abnormal(item) ? 50 : 100;
   };
   return items.map(item => ({item, at: rank(item)})).sort((a, b) => a.at - b.at).map(one => one.item);
+}
+
+/** By a column, as it was when that was asked for: rows that change their places by themselves are pressed in vain. */
+export type Order = ReadonlyMap<string, number>; // place by key
+
+/** What has nothing there comes last, whichever way. */
+export function orderOf(items: Item[], of: (item: Item) => string | number | null, down: boolean): Order {
+  const by = (a: string | number, b: string | number): number => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b), "en", {numeric: true}));
+  const all = items.map(item => ({key: item.key, at: of(item)}));
+  all.sort((a, b) => (a.at == null || b.at == null ? Number(a.at == null) - Number(b.at == null) : by(a.at, b.at) * (down ? -1 : 1)));
+  return new Map(all.map(({key}, i) => [key, i]));
+}
+
+export function ordered(items: Item[], order: Order): Item[] {
+  return items.slice().sort((a, b) => (order.get(a.key) ?? 0) - (order.get(b.key) ?? 0));
+}
+
+/** Of rows that are to be shown those that are now: all that were, and of new ones so many, from the first in sight on, as a frame has time for. */
+export function admitted(wanted: string[], there: ReadonlySet<string>, from: number, most: number): Set<string> {
+  const out = new Set(wanted.filter(one => there.has(one)));
+  for (const one of [...wanted.slice(from), ...wanted.slice(0, from).reverse()]) {
+    if (most === 0) break;
+    if (out.has(one)) continue;
+    out.add(one);
+    most--;
+  }
+  return out;
 }
 
 const BEYOND = 8; // rows, on either side

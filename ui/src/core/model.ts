@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Everything the page knows, and the one place where messages of the stream change it.
 import {type Alarm, bySignal, ranked, type Standing, taken} from "./alarms";
-import {get, session as askSession, whenLoggedOut} from "./api";
+import {get, post, session as askSession, whenLoggedOut} from "./api";
 import {Cell} from "./cell";
 import {Clock, Parting} from "./clock";
 import {env, every} from "./env";
@@ -52,6 +52,9 @@ export const heardAt = {value: env.mono()};
 const values = new Map<Ref, Cell<Live>>();
 const modes = new Map<number, Cell<Modes>>();
 const variables = new Map<Ref, Variable>();
+/** Loops by what they measure, and, of those that a loop above moves, by their setpoint. */
+const measuring = new Map<Ref, Loop>();
+const below = new Map<Ref, Loop>();
 
 export function live(ref: Ref): Cell<Live> {
   let cell = values.get(ref);
@@ -67,8 +70,8 @@ export function modesOfLoop(loop: Pick<Loop, "id">): Cell<Modes> {
 
 /** Is it a setpoint that a loop moves now? */
 export function isRemote(ref: Ref): boolean {
-  const below = plant.value?.loops.find(loop => loop.setpoint === ref && loop.above != null);
-  return below != null && modesOfLoop(below).value.remote?.cascade === true;
+  const loop = below.get(ref);
+  return loop != null && modesOfLoop(loop).value.remote?.cascade === true;
 }
 
 /** Does it go along with a controller that acts, and moves nothing itself? */
@@ -84,8 +87,7 @@ export function variable(ref: Ref | null): Variable | null {
 export function limitsOf(ref: Ref): Limits {
   const own = variable(ref);
   const bounded = own && (own.low != null || own.high != null);
-  const setpoint = plant.value?.loops.find(loop => loop.measurement === ref)?.setpoint ?? null;
-  return (bounded ? own : variable(setpoint)) ?? {low: null, high: null};
+  return (bounded ? own : variable(measuring.get(ref)?.setpoint ?? null)) ?? {low: null, high: null};
 }
 
 /** The daemon's clock now, Unix s; as long as it has said nothing, this computer's. */
@@ -239,6 +241,12 @@ export async function loadPlant(): Promise<void> {
     const other = before != null && identity(before) !== identity(next);
     variables.clear();
     for (const one of next.variables) variables.set(one.ref, one);
+    measuring.clear();
+    below.clear();
+    for (const loop of next.loops.slice().reverse()) {
+      if (loop.measurement) measuring.set(loop.measurement, loop);
+      if (loop.setpoint && loop.above != null) below.set(loop.setpoint, loop);
+    }
     if (other) for (const listener of plantListeners) listener();
     plant.value = {...next, generation: (before?.generation ?? 0) + (other ? 1 : 0)};
     lookAtModes();
@@ -289,12 +297,20 @@ function tick(): void {
   second.value = Math.floor(at);
 }
 
+function loggedOut(): void {
+  needsLogin.value = true;
+  stream.stop();
+}
+
+/** What stands on the screen stays, as last known, below the question who is there. */
+export async function logOut(): Promise<void> {
+  await post("/api/logout", {}, 5).catch(() => {});
+  loggedOut();
+}
+
 /** Ask who we are and begin to listen; again after a login. */
 export async function begin(): Promise<void> {
-  whenLoggedOut(() => {
-    needsLogin.value = true;
-    stream.stop();
-  });
+  whenLoggedOut(loggedOut);
   try {
     session.value = await askSession();
     needsLogin.value = false;

@@ -72,6 +72,15 @@ export function isOfNow(course: Course, controller: Controller, now: number): bo
   return now - course.made <= Math.max(1, PERIODS * (controller.period ?? course.step));
 }
 
+/** Of each signal what is expected of it, of now where that is what is shown. */
+export function expectedOf(courses: Course[], of: Predictor[], now: number | null): Map<Ref, Course> {
+  const by = (ref: Ref): Controller | undefined => of.find(one => [...one.measured, ...one.moved].some(each => each.variable.ref === ref))?.controller;
+  return new Map(courses.flatMap(course => {
+    const controller = by(course.ref);
+    return controller && (now == null || isOfNow(course, controller, now)) ? [[course.ref, course]] : [];
+  }));
+}
+
 /** From what is now on; a plan holds each of its moves. */
 export function courseSeries(course: Course): Series {
   const t = course.expected.map((_, k) => course.made + course.first + k * course.step);

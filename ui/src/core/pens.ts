@@ -30,6 +30,7 @@ export function chosen(about: string, now: number): Chosen {
     else if (name === "span") faults.push(`“${part}” is no span between ${exact(LEAST)} s and ${duration(MOST)}: these are ${duration(window.span)}.`);
     else if (name === "to" && value > 0 && value <= now) Object.assign(window, {live: false, to: value});
     else if (name === "compare" && value >= LEAST && value <= 366 * 86400) window.compare = value;
+    else if (name === "ahead" && text === "1") window.ahead = true;
     else if (name === "compare") faults.push(`“${part}” is no time before: nothing is laid over.`);
     else if (name === "to") faults.push(`“${part}” is no time before now: this is live.`);
     else faults.push(`“${part}” of the link means nothing here.`);
@@ -42,7 +43,7 @@ export function chosen(about: string, now: number): Chosen {
 /** The link that gives the same again; to the millisecond. */
 export function pensAbout(names: string[], window: Window): string {
   const short = (x: number): number => Math.round(x * 1000) / 1000;
-  return `${BEGIN}${names.join(",")};span=${short(window.span)}${window.live ? "" : `;to=${short(window.to)}`}${window.compare ? `;compare=${short(window.compare)}` : ""}`;
+  return `${BEGIN}${names.join(",")};span=${short(window.span)}${window.live ? "" : `;to=${short(window.to)}`}${window.compare ? `;compare=${short(window.compare)}` : ""}${window.ahead ? ";ahead=1" : ""}`;
 }
 
 const modes = (one: Variable): boolean => one.table === "opmode";

@@ -14,6 +14,7 @@ export interface Session {
   protected: boolean;
   csrf: string;
   expires: number | null;
+  idle: number | null; // s without a key or a press, after which it is to be ended
 }
 
 export interface Variable {
@@ -186,6 +187,12 @@ export interface History {
 }
 
 /** What a law expects of a variable: value k is for made + first + k step. */
+/** What a controller was worth to a loop. */
+export interface Merit {
+  id: number;
+  service: number | null; // share of the time, 0 to 1
+}
+
 export interface Course {
   ref: Ref;
   name: string;

@@ -7,6 +7,7 @@ export interface Window {
   span: number; // s
   to: number; // Unix s; while live it is now instead
   compare?: number; // with the window that lies so many s before
+  ahead?: boolean; // with what is expected after it
 }
 
 /** With what a window is compared; null: with the one that ends where it begins. */
@@ -16,6 +17,15 @@ export const EARLIER = [
   {name: "a day before", by: 86400},
   {name: "a week before", by: 604800},
 ] as const;
+
+const TOGETHER = 5; // s within which the parts of one run start
+const RUNS = 5;
+
+/** When earlier runs began, the newest first, of the times at which anything started. */
+export function runsBefore(start: number, times: number[]): number[] {
+  const sorted = times.filter(t => t < start - TOGETHER).sort((a, b) => a - b);
+  return sorted.filter((t, i) => i === 0 || t - (sorted[i - 1] as number) > TOGETHER).reverse().slice(0, RUNS);
+}
 
 export const SPANS = [
   {name: "10 min", span: 600},
@@ -31,6 +41,13 @@ const inside = (span: number): number => Math.min(MOST, Math.max(LEAST, span));
 export function bounds(w: Window, now: number): [number, number] {
   const to = w.live ? now : w.to;
   return [to - w.span, to];
+}
+
+const AHEAD_MOST = 1 / 3; // of the span
+
+/** How far a window shows what is expected, s: as far as the plans reach, where that leaves room for what was. */
+export function aheadOf(w: Window, horizon: number): number {
+  return w.ahead ? Math.min(horizon, w.span * AHEAD_MOST) : 0;
 }
 
 export function goLive(w: Window): Window {
@@ -56,6 +73,11 @@ export function zoom(w: Window, factor: number, now: number): Window {
 export function select(from: number, to: number): Window {
   const span = inside(to - from);
   return {live: false, span, to: from + span};
+}
+
+/** The same of another time. */
+export function beside(w: Window, other: Window): Window {
+  return {...other, compare: w.compare, ahead: w.ahead};
 }
 
 /** Why a window cannot be shown as it was asked for; null: it can. */

@@ -9,6 +9,11 @@ import type {Write, WriteKind} from "./types";
 
 const TIMEOUT = 1; // s until the answer counts as lost
 
+/** Why the next write is made, for the record; "" where nobody says. */
+export const reason = new Cell("");
+const REASON_MOST = 80; // bytes
+export const tooLong = (text: string): boolean => new TextEncoder().encode(text).length > REASON_MOST;
+
 const slots = new Map<string, Cell<WriteView | null>>();
 
 export function slot(name: string): Cell<WriteView | null> {
@@ -31,8 +36,10 @@ export async function send(name: string, kind: WriteKind, body: object, to: stri
   const key = newKey();
   cell.value = {phase: "pending", key, at: serverNow(), to, reason: null, stored: false};
   const mine = (): boolean => cell.value?.key === key;
+  const why = path === kind ? reason.value.trim() : ""; // of alarms it stands beside them
   try {
-    const write = await post<Write>(`/api/${path}`, {...body, key}, TIMEOUT);
+    const write = await post<Write>(`/api/${path}`, {...body, ...(why && {reason: why}), key}, TIMEOUT);
+    if (why && reason.value.trim() === why) reason.value = "";
     if (mine()) step(cell, {what: "answer", write});
   } catch (error) {
     if (!mine()) return;

@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useState} from "preact/hooks";
 import {get} from "../core/api";
 import {type Entry, alarmSaid, found, stateWords, story} from "../core/alarms";
-import {csv, iso, stamp} from "../core/format";
+import {csv, iso, stamp, zone} from "../core/format";
 import {alarms, events, plant, refill} from "../core/model";
 import type {PlantEvent, Transition} from "../core/types";
 import {downloadText} from "../download";
@@ -72,7 +72,7 @@ export function AlarmJournal(): JSX.Element {
           <thead>
             <tr>
               <th scope="col" class="number">Number</th>
-              <th scope="col">Time (UTC)</th>
+              <th scope="col">Time ({zone})</th>
               <th scope="col">Priority</th>
               <th scope="col">Alarm</th>
               <th scope="col">What happened</th>

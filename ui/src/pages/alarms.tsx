@@ -7,9 +7,9 @@ import {useCell} from "../usecell";
 import {downloadText} from "../download";
 import {acknowledge, acknowledgeAll, shelve} from "../core/alarming";
 import {acknowledgement, type Alarm, counted, found, isMasked, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
-import {clock, csv, duration, exact, iso, span, stamp} from "../core/format";
+import {clock, csv, duration, exact, iso, span, stamp, when, zone} from "../core/format";
 import {alarms, control, plant, serverNow, variable} from "../core/model";
-import {slot} from "../core/writing";
+import {slot, tooLong} from "../core/writing";
 import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
 import {WriteStatus} from "../parts/status";
@@ -98,7 +98,7 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
               <th scope="col" class="wide">What it says</th>
               <th scope="col" class="number">Value</th>
               <th scope="col">State</th>
-              <th scope="col">Since (UTC)</th>
+              <th scope="col">Since ({zone})</th>
               <th scope="col"><span class="hidden">Act</span></th>
             </tr>
           </thead>
@@ -166,10 +166,10 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
   const times = [...TIMES.filter(one => one < shelveMax), shelveMax].slice(0, TIMES.length + 1);
   const act = acknowledgement(of);
   const shelved = of.now.shelved_until != null;
-  const tooLong = new TextEncoder().encode(reason).length > 80;
+  const long = tooLong(reason);
   const said = (typed: string): string => (typed === reason ? "" : typed); // what was typed meanwhile stays
   const doShelve = (time: number): void => void shelve(of, time, once, reason.trim()).then(() => setReason(said));
-  const wait = barred != null || shelving?.phase === "pending" || tooLong;
+  const wait = barred != null || shelving?.phase === "pending" || long;
   return (
     <tr class="detail">
       <td colSpan={7}>
@@ -190,7 +190,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
           </dd>
         </dl>
         <form class="entry-line shelving" onSubmit={event => event.preventDefault()}>
-          <label>reason or comment <input type="text" size={28} aria-invalid={tooLong} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
+          <label>reason or comment <input type="text" size={28} aria-invalid={long} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
           {act && (
             <button type="button" disabled={wait} onClick={() => void acknowledge(of, reason.trim()).then(() => setReason(said))}>
               {act} with it
@@ -208,7 +208,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
           {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>Shelve no more</button>}
         </form>
         <p class="say">
-          {barred ?? (tooLong ? "the reason is too long: 80 bytes" : shelved ? `Shelved until ${stamp(of.now.shelved_until as number)} UTC, ${duration((of.now.shelved_until as number) - serverNow())} more.` : `Shelving takes a reason, and ends by itself: after at most ${span(shelveMax)}.`)}
+          {barred ?? (long ? "the reason is too long: 80 bytes" : shelved ? `Shelved until ${when(of.now.shelved_until as number)}, ${duration((of.now.shelved_until as number) - serverNow())} more.` : `Shelving takes a reason, and ends by itself: after at most ${span(shelveMax)}.`)}
         </p>
         {shelving && <WriteStatus of={`shelve.${of.id}`} retry={() => void shelve(of, seconds, once, reason.trim())} />}
       </td>

@@ -3,7 +3,7 @@ import type {ComponentChildren, JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
-import {clock, duration, missing, period, stamp} from "../core/format";
+import {clock, duration, missing, period, stamp, when, zone, zoneAt} from "../core/format";
 import {limit, words, worth} from "../core/quality";
 import {clock as server, connection, second, variable} from "../core/model";
 import {Nothing} from "../parts/nothing";
@@ -43,7 +43,7 @@ export function DiagnosticsPage(): JSX.Element {
     <section class={`diagnostics${error ? " stale-page" : ""}`}>
       <div class="toolbar">
         <h1>Diagnostics</h1>
-        <span class="say">as of {clock(d.t)} UTC, the server has run for {duration(d.uptime)}</span>
+        <span class="say">as of {clock(d.t)} {zoneAt(d.t)}, the server has run for {duration(d.uptime)}</span>
         {error && <span class="complaint"><Shape priority={3} label="stale" /> last known: {error}</span>}
       </div>
       <div class="grid two">
@@ -64,13 +64,13 @@ export function DiagnosticsPage(): JSX.Element {
             );
           })}
         </Panel>
-        <Panel title="Links" head={["link", "state", "since (UTC)", "round trip p50", "p99", "changes", "failed"]} wide>
+        <Panel title="Links" head={["link", "state", `since (${zone})`, "round trip p50", "p99", "changes", "failed"]} wide>
           {d.links.length === 0 && <tr><td colSpan={7} class="say">no link has reported yet</td></tr>}
           {d.links.map(link => (
             <tr key={link.name}>
               <th scope="row">{link.name}<small>{link.text}</small></th>
               <td data-label="state">{link.up === false && <Shape priority={1} label="down" />} {link.up == null ? "not known" : link.up ? "up" : "down"}</td>
-              <td data-label="since (UTC)" class="number">{link.since == null ? missing : stamp(link.since)}</td>
+              <td data-label="since" class="number">{link.since == null ? missing : stamp(link.since)}</td>
               <td data-label="round trip p50" class="number">{link.round_trip ? duration(link.round_trip.p50) : "not reported"}</td>
               <td data-label="p99" class="number">{duration(link.round_trip?.p99)}</td>
               <td data-label="changes" class="number">{link.changes}</td>
@@ -84,7 +84,7 @@ export function DiagnosticsPage(): JSX.Element {
           <tr>
             <th scope="row">connection</th>
             <td colSpan={4}>
-              {!d.store.connected && <Shape priority={1} label="database away" />} {d.store.connected ? "ok" : `away: ${d.store.error ?? ""}`}, since {stamp(d.store.since)} UTC, connected {d.store.connects} {d.store.connects === 1 ? "time" : "times"}
+              {!d.store.connected && <Shape priority={1} label="database away" />} {d.store.connected ? "ok" : `away: ${d.store.error ?? ""}`}, since {when(d.store.since)}, connected {d.store.connects} {d.store.connects === 1 ? "time" : "times"}
             </td>
           </tr>
           <tr>

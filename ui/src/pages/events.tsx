@@ -5,7 +5,7 @@ import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {downloadText} from "../download";
 import {env} from "../core/env";
-import {csv, iso, stamp} from "../core/format";
+import {csv, iso, stamp, zone} from "../core/format";
 import {hole, merge, matches, type Filter} from "../core/eventlist";
 import {events, plant, refill, serverNow} from "../core/model";
 import {Shape} from "../parts/shape";
@@ -97,7 +97,7 @@ export function EventsPage(): JSX.Element {
         <table class="data cards">
           <thead>
             <tr>
-              <th scope="col">Time (UTC)</th>
+              <th scope="col">Time ({zone})</th>
               <th scope="col">Severity</th>
               <th scope="col">Kind</th>
               <th scope="col">Source</th>

@@ -12,7 +12,7 @@ import {signal} from "../core/pens";
 import {words, worth} from "../core/quality";
 import {place as placeOn} from "../core/scale";
 import type {Plant, Ref, Variable} from "../core/types";
-import {openFaceplate} from "../faceplate";
+import {pressed} from "../faceplate";
 import {AlarmMark} from "../parts/alarmmark";
 import {Nothing} from "../parts/nothing";
 import {digitAt, shapes} from "../parts/shape";
@@ -114,9 +114,7 @@ function Go({of, plant: p, label, children}: {of: Variable; plant: Plant; label:
       href={loop ? path("loop", loop.id) : path("trend", of.ref)}
       aria-label={label}
       onClick={event => {
-        if (!loop || event.ctrlKey || event.metaKey || event.shiftKey) return;
-        event.preventDefault();
-        openFaceplate(loop.id);
+        if (loop) pressed(event, loop);
       }}
     >
       {children}

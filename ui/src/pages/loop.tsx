@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
-import {decimalsOf, exact, missing, number, stamp} from "../core/format";
+import {decimalsOf, exact, missing, number, when} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
 import {isMasked, isUnacknowledged, ofLoop, stateWords} from "../core/alarms";
 import {alarms, control, events, inShadow, limitsOf, live, modesOfLoop, plant, variable, writes} from "../core/model";
@@ -16,6 +16,7 @@ import {Entry} from "../parts/entry";
 import {GiveBack} from "../parts/giveback";
 import {ModeSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
+import {Reason} from "../parts/reason";
 import {Shape} from "../parts/shape";
 import {Spark} from "../parts/spark";
 import {Tuning} from "../parts/tuning";
@@ -107,6 +108,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           <LastAction loop={loop} plant={p} />
         </div>
         <div class="panel operate">
+          <Reason />
           <h2>Mode</h2>
           <ModeSwitch loop={loop} />
           <h2>Setpoint{(loop.above ?? loop.owner) != null && <small class="owner"> {remote ? `Remote: ${remote.name} moves it` : "Local"}</small>}</h2>
@@ -209,8 +211,8 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
       const say = (value: number | null): string => (value != null && words[value]) || exact(value);
       return `${change.name} ${say(change.from)} → ${say(change.to)}`;
     });
-    text = `${stamp(write.time)} UTC, ${write.user}: ${changes.join(", ")} (${write.state})`;
-  } else if (event) text = `${stamp(event.time)} UTC, ${event.source}: ${event.text.replace("->", "→")}`;
+    text = `${when(write.time)}, ${write.user}: ${changes.join(", ")} (${write.state})`;
+  } else if (event) text = `${when(event.time)}, ${event.source}: ${event.text.replace("->", "→")}`;
   return (
     <p class="last-action">
       <b>Last action</b> {write?.state === "failed" && <Shape priority={2} label="failed" />} {text}

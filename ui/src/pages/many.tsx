@@ -3,12 +3,13 @@
 import type {JSX} from "preact";
 import {memo} from "preact/compat";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
-import {type Area, alarmsFirst, areasOf, filtered, type Item, itemsOf, isIn, type ListFilter, type Now, worstOf} from "../core/list";
+import {abnormalFirst, type Area, areasOf, filtered, type Item, itemsOf, type ListFilter, type Now, type Order, ordered, orderOf, worstByArea} from "../core/list";
 import {loopScale} from "../core/loopdata";
 import {inShadow, limitsOf, live, marks, modesOfLoop, second, variable} from "../core/model";
 import {beyond, worth} from "../core/quality";
 import type {Plant, Ref} from "../core/types";
 import {isTyping} from "../keyboard";
+import {LoopLink} from "../faceplate";
 import {AlarmMark} from "../parts/alarmmark";
 import {Bar} from "../parts/bar";
 import {Rows} from "../parts/rows";
@@ -36,25 +37,60 @@ function isAbnormal({loop, measurement}: Item): boolean {
 
 const now = (): Now => ({mode: loop => modesOfLoop(loop).value, abnormal: isAbnormal, marks: marks.value});
 
-/** Has the screen room for rows of one line? */
-function useNarrow(): boolean {
-  const [narrow, setNarrow] = useState(() => innerWidth < 750);
+type Column = "Name" | "Mode" | "PV against SP" | "PV" | "SP" | "OUT";
+const columns: {name: Column; class: string}[] = [
+  {name: "Name", class: ""},
+  {name: "Mode", class: ""},
+  {name: "PV against SP", class: "bar-cell"},
+  {name: "PV", class: "number"},
+  {name: "SP", class: "number"},
+  {name: "OUT", class: "number"},
+];
+
+/** What a column has of an item now; of PV against SP how far they are apart. */
+function inColumn(item: Item, column: Column): string | number | null {
+  const value = (ref: Ref | null): number | null => (ref ? live(ref).value.value : null);
+  const [pv, sp] = [value(item.measurement), value(item.loop?.setpoint ?? null)];
+  switch (column) {
+    case "Name": return item.name;
+    case "Mode": return item.loop ? modesOfLoop(item.loop).value.actual : null;
+    case "PV against SP": return pv == null || sp == null ? null : Math.abs(pv - sp);
+    case "PV": return pv;
+    case "SP": return sp;
+    case "OUT": return value(outputOf(item));
+  }
+}
+
+interface Sorted {
+  column: Column;
+  down: boolean;
+  order: Order;
+}
+
+/** How high a row is, pixels: for fingers, with what is wrong with a value below it, or beside. */
+const HEIGHTS = {touch: 56, two: 32, one: 24};
+const roomOf = (width: number): keyof typeof HEIGHTS => (width < 750 ? "touch" : width < 1200 ? "two" : "one");
+
+function useRoom(): keyof typeof HEIGHTS {
+  const [room, setRoom] = useState(() => roomOf(innerWidth));
   useEffect(() => {
-    const look = (): void => setNarrow(innerWidth < 750);
+    const look = (): void => setRoom(roomOf(innerWidth));
     addEventListener("resize", look);
     return () => removeEventListener("resize", look);
   }, []);
-  return narrow;
+  return room;
 }
 
 export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Element {
   const items = useMemo(() => itemsOf(p), [p]);
   const areas = useMemo(() => areasOf(items), [items]);
   const [filter, setFilter] = useState<ListFilter>({text: "", area: "", mode: "", only: "all"});
-  const [urgent, setUrgent] = useState(false);
+  const [first, setFirst] = useState(false);
+  const [sorted, setSorted] = useState<Sorted | null>(null);
   const field = useRef<HTMLInputElement>(null);
-  const narrow = useNarrow();
-  const all = useCell(marks);
+  const room = useRoom();
+  const narrow = room === "touch";
+  useCell(marks);
   useCell(second); // what is abnormal becomes so with time
   useEffect(() => {
     const key = (event: KeyboardEvent): void => {
@@ -66,11 +102,17 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
     return () => removeEventListener("keydown", key);
   }, []);
   const left = filtered(items, filter, now());
-  const rows = urgent ? alarmsFirst(left, all) : left;
+  const inOrder = sorted ? ordered(left, sorted.order) : left;
+  const rows = first ? abnormalFirst(inOrder, now()) : inOrder;
+  /** Rising, falling, and as the plant has them. */
+  const sort = (column: Column): void => {
+    const down = sorted?.column === column;
+    setSorted(down && sorted.down ? null : {column, down, order: orderOf(items, item => inColumn(item, column), down)});
+  };
   const set = (part: Partial<ListFilter>): void => setFilter({...filter, ...part});
   const modes = [...new Set(p.loops.flatMap(loop => loop.mode.targets))];
   return (
-    <div class="many-loops">
+    <div class={`many-loops lines-${room}`}>
       {areas.length > 1 && <Tree areas={areas} items={items} chosen={filter.area} choose={area => set({area})} narrow={narrow} />}
       <div class="many-rows">
         <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
@@ -104,7 +146,16 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
               <option value="abnormal">abnormal</option>
             </select>
           </label>
-          <label class="check"><input type="checkbox" checked={urgent} onChange={event => setUrgent(event.currentTarget.checked)} /> alarms first</label>
+          <label class="check"><input type="checkbox" checked={first} onChange={event => setFirst(event.currentTarget.checked)} /> abnormal first</label>
+          {narrow && (
+            <label>
+              by{" "}
+              <select value={sorted?.column ?? ""} onChange={event => (event.currentTarget.value === "" ? setSorted(null) : sort(event.currentTarget.value as Column))}>
+                <option value="">as in the plant</option>
+                {columns.map(one => <option key={one.name} value={one.name}>{one.name}</option>)}
+              </select>
+            </label>
+          )}
           <span class="say" role="status">{rows.length} of {items.length}</span>
         </form>
         {table ? (
@@ -118,16 +169,17 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
             label="Loops and measurements"
             head={
               <>
-                <span role="columnheader">Name</span>
-                <span role="columnheader">Mode</span>
-                <span role="columnheader" class="bar-cell">PV against SP</span>
-                <span role="columnheader" class="number">PV</span>
-                <span role="columnheader" class="number">SP</span>
-                <span role="columnheader" class="number">OUT</span>
+                {columns.map(one => (
+                  <span role="columnheader" key={one.name} class={one.class} aria-sort={sorted?.column !== one.name ? "none" : sorted.down ? "descending" : "ascending"}>
+                    <button type="button" title="sort, by what is there now" onClick={() => sort(one.name)}>
+                      {one.name} {sorted?.column === one.name && <span aria-hidden="true">{sorted.down ? "▼" : "▲"}</span>}
+                    </button>
+                  </span>
+                ))}
               </>
             }
             rows={rows}
-            height={narrow ? 56 : 32}
+            height={HEIGHTS[room]}
             name={item => `${item.key}:${(p as Plant & {generation?: number}).generation ?? 0}`}
             row={item => <Cells item={item} />}
           />
@@ -146,7 +198,7 @@ const Cells = memo(function Cells({item}: {item: Item}): JSX.Element {
   return (
     <>
       <span role="rowheader" class="name-cell">
-        <a href={loop ? path("loop", loop.id) : path("trend", measurement)}>{item.name}</a>
+        {loop ? <LoopLink loop={loop}>{item.name}</LoopLink> : <a href={path("trend", measurement)}>{item.name}</a>}
         <AlarmMark of={item.refs} />
         <small>{item.about}</small>
       </span>
@@ -170,6 +222,7 @@ interface TreeProps {
 /** Each area with how much is in it, and the gravest alarm of that. */
 function Tree({areas, items, chosen, choose, narrow}: TreeProps): JSX.Element {
   const all = useCell(marks);
+  const gravest = useMemo(() => worstByArea(items, all), [items, all]);
   if (narrow)
     return (
       <label class="area-choice">
@@ -180,7 +233,7 @@ function Tree({areas, items, chosen, choose, narrow}: TreeProps): JSX.Element {
       </label>
     );
   const worst = (area: string): JSX.Element | false => {
-    const found = worstOf({refs: items.filter(item => isIn(item.area, area)).flatMap(item => item.refs)}, all);
+    const found = gravest.get(area);
     return found != null && <Shape priority={found.priority} label={`alarm ${found.alarm}`} hollow={!found.now.unacknowledged} />;
   };
   return (

@@ -9,6 +9,7 @@ import {period} from "../core/format";
 import {Latest} from "../parts/latest";
 import {control, inShadow, limitsOf, live, plant, second, store, variable} from "../core/model";
 import {abnormal} from "../core/quality";
+import {LoopLink} from "../faceplate";
 import {Many} from "./many";
 import {AlarmMark} from "../parts/alarmmark";
 import {Bar} from "../parts/bar";
@@ -27,7 +28,7 @@ const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.
   return (
     <tr>
       <th scope="row">
-        <a href={path("loop", loop.id)}>{loop.name}</a>
+        <LoopLink loop={loop}>{loop.name}</LoopLink>
         <AlarmMark of={refsOf(loop)} />
         <small>{name}</small>
       </th>

@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {Curve} from "../core/curve";
-import {duration, exact, limitsText, missing, number, stamp} from "../core/format";
+import {duration, exact, limitsText, missing, number, when} from "../core/format";
 import {holds} from "../core/history";
 import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, RESULTS, isOfNow} from "../core/outlook";
@@ -12,8 +12,10 @@ import {nameOf, pensAbout} from "../core/pens";
 import {extent, type Scale} from "../core/scale";
 import {empty, visible} from "../core/series";
 import {describe, padded} from "../core/trend";
-import type {Course, Plant, Ref} from "../core/types";
+import type {Course, Merit, Plant, Ref} from "../core/types";
+import {ServiceSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
+import {LoopLink} from "../faceplate";
 import {Stroke} from "../parts/pens";
 import {Shape} from "../parts/shape";
 import {Table} from "../parts/table";
@@ -24,6 +26,7 @@ import {type DrawnPen, TrendChart, type TrendData} from "../trendchart";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
 
+const WORTH = 300; // s between two questions for the share of the time in service
 const AGAIN = 2; // s between two questions for the plan
 const STEPS = 12; // columns of the table of a plan
 
@@ -41,6 +44,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   const [table, setTable] = useState(false);
   const now = useCell(second);
   const {answer, error} = useAnswer(() => get<{outlook: Course[]}>("/api/outlook"), [Math.floor(now / AGAIN)]);
+  const {answer: worth} = useAnswer(() => get<{loops: Merit[]}>("/api/merits"), [Math.floor(now / WORTH)]);
   const mine = new Set([...measured, ...moved].map(one => one.variable.ref));
   const said = (answer?.outlook ?? []).filter(course => mine.has(course.ref));
   const courses = said.filter(course => isOfNow(course, controller, serverNow()));
@@ -60,7 +64,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
           </label>
         )}
         <span class="say" role="status">
-          {answer == null ? "loading …" : courses[0] ? `${controller.name}: ${horizonWords(courses[0])}` : newest > 0 ? `${controller.name}: no plan since ${stamp(newest)} UTC` : `${controller.name} has no plan`}
+          {answer == null ? "loading …" : courses[0] ? `${controller.name}: ${horizonWords(courses[0])}` : newest > 0 ? `${controller.name}: no plan since ${when(newest)}` : `${controller.name} has no plan`}
         </span>
         <span class="spring" />
         <a class="button" href={path("trend", pensAbout(signals.slice(0, 12).map(one => nameOf(one, p.variables)), {live: true, span: 600, to: 0}))}>Trend of these</a>
@@ -70,14 +74,14 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
       {measured.length + moved.length > 0 && <Chart of={of} courses={courses} hidden={table} />}
       {table && (
         <Table
-          caption={`What is expected, by the time from the plan on (made ${newest > 0 ? stamp(newest, 1) : missing} UTC)`}
+          caption={`What is expected, by the time from the plan on (made ${newest > 0 ? when(newest, 1) : missing})`}
           head={["Signal", ...rows.head.map(ahead => duration(ahead))]}
           rows={rows.rows.map(row => [row.name, ...row.values.map(value => number(value))])}
         />
       )}
       <div class="grid equal">
         {measured.length > 0 && <HandledTable caption="Measurements" of={measured} courses={courses} setpoints />}
-        {moved.length > 0 && <HandledTable caption="Outputs" of={moved} courses={courses} />}
+        {moved.length > 0 && <HandledTable caption="Outputs" of={moved} courses={courses} merits={worth?.loops ?? []} />}
         {(disturbances.length > 0 || states.length > 0) && (
           <div class="panel">
             <table class="data cards">
@@ -101,7 +105,8 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   );
 }
 
-function HandledTable({caption, of, courses, setpoints = false}: {caption: string; of: Handled[]; courses: Course[]; setpoints?: boolean}): JSX.Element {
+/** `merits`: of outputs, which are in service or not; of measurements their setpoints. */
+function HandledTable({caption, of, courses, setpoints = false, merits}: {caption: string; of: Handled[]; courses: Course[]; setpoints?: boolean; merits?: Merit[]}): JSX.Element {
   return (
     <div class="panel">
       <table class="data cards">
@@ -115,27 +120,32 @@ function HandledTable({caption, of, courses, setpoints = false}: {caption: strin
             <th scope="col" class="number">At the end</th>
             <th scope="col">Limits</th>
             <th scope="col">Held back by</th>
+            {merits && <th scope="col">Service</th>}
+            {merits && <th scope="col" class="number">Of the last day</th>}
           </tr>
         </thead>
-        <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} course={courses.find(course => course.ref === one.variable.ref) ?? null} setpoints={setpoints} />)}</tbody>
+        <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} course={courses.find(course => course.ref === one.variable.ref) ?? null} setpoints={setpoints} merits={merits} />)}</tbody>
       </table>
     </div>
   );
 }
 
-function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course, setpoints}: {of: Handled; course: Course | null; setpoints: boolean}): JSX.Element {
+function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course, setpoints, merits}: {of: Handled; course: Course | null; setpoints: boolean; merits: Merit[] | undefined}): JSX.Element {
   const held = useCell(live(limit ?? "")).value;
   const words = heldBack(limit ? held : null);
+  const share = merits?.find(merit => merit.id === loop?.id)?.service;
   const end = course?.expected[course.expected.length - 1] ?? null;
   return (
     <tr>
-      <th scope="row">{loop ? <a href={path("loop", loop.id)}>{one.name}</a> : one.name}</th>
+      <th scope="row">{loop ? <LoopLink loop={loop}>{one.name}</LoopLink> : one.name}</th>
       <td class="number" data-label="Is"><Value of={one.ref} unit /></td>
       {setpoints && <td class="number" data-label="Setpoint">{setpoint ? <Value of={setpoint} /> : missing}</td>}
       <td class="number" data-label="Aimed at">{target ? <Value of={target} /> : missing}</td>
       <td class="number" data-label="At the end">{told(one.ref, end)}</td>
       <td data-label="Limits">{limitsText(one.low, one.high)}</td>
       <td data-label="Held back by">{words ?? missing}</td>
+      {merits && <td data-label="Service">{loop ? <ServiceSwitch loop={loop} /> : missing}</td>}
+      {merits && <td class="number" data-label="Of the last day">{share == null ? missing : `${(share * 100).toFixed(share > 0.995 && share < 1 ? 1 : 0)} %`}</td>}
     </tr>
   );
 }

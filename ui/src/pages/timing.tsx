@@ -4,7 +4,7 @@ import {useEffect, useRef, useState} from "preact/hooks";
 import type uPlot from "uplot";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
-import {clock, duration, period} from "../core/format";
+import {clock, duration, period, zone} from "../core/format";
 import {env} from "../core/env";
 import {histogram, logHeight, reach} from "../core/histogram";
 import {refill, serverNow, tasks} from "../core/model";
@@ -226,7 +226,7 @@ function Against(o: {task: string; quantity: Quantity; seconds: number; table: b
   if (o.table)
     return series ? (
       <Table
-        caption={`${o.task}: ${o.quantity} against time (UTC), newest 60`}
+        caption={`${o.task}: ${o.quantity} against time (${zone}), newest 60`}
         head={["until", "n", "missed", "p50", "p99", "max"]}
         rows={series.time.slice(-60).map((t, k, all) => {
           const i = series.time.length - all.length + k;

@@ -5,7 +5,7 @@ import {Cell} from "../core/cell";
 import {env, every} from "../core/env";
 import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
-import {clock, csv, day, duration, iso, missing, number, stamp} from "../core/format";
+import {clock, csv, duration, fromWall, iso, missing, number, stamp, when, zone, zoneAt} from "../core/format";
 import {merge} from "../core/eventlist";
 import {holds} from "../core/history";
 import {type Mark, marksOf, near} from "../core/marks";
@@ -17,6 +17,7 @@ import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
 import {control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {courseSeries, expectedOf, horizon, predictors} from "../core/outlook";
 import {chosen, found, isPens, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
@@ -24,8 +25,8 @@ import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
 import {Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
-import {bounds, EARLIER, goLive, pan, pause, refuse, select, SPANS, type Window, zoom} from "../core/view";
-import type {Plant, PlantEvent, Ref, Variable} from "../core/types";
+import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, refuse, runsBefore, select, SPANS, type Window, zoom} from "../core/view";
+import type {Course, Plant, PlantEvent, Ref, Variable} from "../core/types";
 import {useAnswer} from "../useanswer";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
@@ -102,29 +103,41 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const [marked, setMarked] = useState(true);
   const compare = win.compare ?? 0;
   const earlier = useMemo(() => (compare > 0 ? new Curves(subject) : null), [compare]);
+  const predicting = useMemo(() => predictors(p), [p]);
+  const now = useCell(win.ahead && win.live ? second : still);
+  const plan = win.live ? Math.floor(now / PLAN) : win.to;
+  const {answer: planned} = useAnswer(() => (win.ahead ? get<{outlook: Course[]}>("/api/outlook", {at: win.live ? null : win.to}) : Promise.resolve({outlook: []})), [win.ahead, plan]);
+  const expected = win.ahead ? expectedOf(planned?.outlook ?? [], predicting, win.live ? serverNow() : null) : noPlans;
+  const {answer: starts} = useAnswer(() => (p.start == null ? Promise.resolve({events: []}) : get<{events: PlantEvent[]}>("/api/events", {kind: "start", since: p.start - RUNS_BACK, last: 500})), [p.start]);
+  const runs = p.start == null ? [] : runsBefore(p.start, (starts?.events ?? []).map(one => one.time)).map(t => ({by: (p.start as number) - t, name: `the run of ${stamp(t)}`}));
   const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;
   const {answer: past} = useAnswer(() => get<{events: PlantEvent[]}>("/api/events", {since: bounds(win, serverNow())[0], until: win.live ? null : win.to, last: 500}), [asked, filled]);
   const streamed = useCell(events);
   const happened = useMemo(() => merge(past?.events ?? [], streamed.list), [past, streamed]);
   const marks = (from: number, to: number): Mark[] => (marked ? marksOf(happened, from, to) : []);
-  const state = useRef({win, scales, reference, marks});
-  state.current = {win, scales, reference, marks};
+  const state = useRef({win, scales, reference, marks, expected});
+  state.current = {win, scales, reference, marks, expected};
   const beyond = useRef(false);
   const counted = subject.lead ?? refsIn(subject)[0];
 
-  const seen = ({win: w, scales: s, reference: at, marks: of}: typeof state.current): TrendData => {
-    const [from, to] = bounds(w, serverNow());
+  const seen = ({win: w, scales: s, reference: at, marks: of, expected: plans}: typeof state.current): TrendData => {
+    const [begin, end] = bounds(w, serverNow());
+    const further = aheadOf(w, horizon([...plans.values()]));
+    const [from, to] = [begin + further, end + further];
     const both = (ref: Ref): Series[] => (earlier ? [shifted(earlier.series(ref), compare)] : []);
+    const coming = (ref: Ref): Series => { const course = plans.get(ref); return course ? courseSeries(course) : empty(); };
     return {
       from,
       to,
+      now: further > 0 ? end : undefined,
       reference: at,
       marks: of(from, to),
-      panels: subject.panels.map((panel, i) => ({curves: [...panel.pens.map(pen => curves.drawn(pen.ref)), ...panel.pens.flatMap(pen => both(pen.ref))], scale: s[i] as Scale})),
+      panels: subject.panels.map((panel, i) => ({curves: [...panel.pens.map(pen => curves.drawn(pen.ref)), ...panel.pens.flatMap(pen => both(pen.ref)), ...(w.ahead ? panel.pens.map(pen => coming(pen.ref)) : [])], scale: s[i] as Scale})),
     };
   };
 
-  const inSight = (): (number | null)[][] => curves.seen(...bounds(state.current.win, serverNow()));
+  const inSight = (): (number | null)[][] =>
+    curves.seen(...bounds(state.current.win, serverNow())).map((values, i) => [...values, ...(subject.panels[i]?.pens ?? []).flatMap(pen => state.current.expected.get(pen.ref)?.expected ?? [])]);
 
   const draw = (): void => {
     const now = state.current;
@@ -151,14 +164,14 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       const variables = ones.map(pen => variable(pen.ref));
       return {
         label: ones.length > 3 && variables[0]?.unit ? `[${variables[0].unit}]` : variables.map(describe).join(", "),
-        pens: [...ones, ...(earlier ? ones.map(pen => ({...pen, dash: BEFORE, band: false})) : [])].map((pen, i) => {
+        pens: [...ones, ...(earlier ? ones.map(pen => ({...pen, dash: BEFORE, band: false})) : []), ...(win.ahead ? ones.map(pen => ({...pen, dash: COMING, band: false})) : [])].map((pen, i) => {
           const one = variables[i % ones.length] ?? null;
           return {...pen, label: describe(one), step: one != null && holds(one)};
         }),
       };
     });
     const none = {...seen(state.current), panels: drawn.map((panel, i) => ({curves: panel.pens.map(empty), scale: scales[i] as Scale}))};
-    const made = new TrendChart(element, drawn, none, (from, to) => setWin(w => ({...select(from, to), compare: w.compare})), t => (cursor.value = t), setReference);
+    const made = new TrendChart(element, drawn, none, (from, to) => setWin(w => beside(w, select(from, Math.min(to, serverNow())))), t => (cursor.value = t), setReference);
     chart.current = made;
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);
@@ -174,7 +187,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       made.destroy();
       chart.current = null;
     };
-  }, [compare]);
+  }, [compare, win.ahead]);
 
   // What is asked of the history: the window, whenever it is another one or may lack something.
   useEffect(() => {
@@ -205,7 +218,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       earlier.stop();
     };
   }, [asked, filled, compare]);
-  useEffect(() => (pens ? env.later(() => pens.moved(win), LINK) : undefined), [asked, compare]);
+  useEffect(() => (pens ? env.later(() => pens.moved(win), LINK) : undefined), [asked, compare, win.ahead]);
 
   // What the stream brings; drawn once a frame, and as the time axis moves by a pixel.
   useEffect(() => {
@@ -241,7 +254,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     };
   }, [win.live]);
 
-  useEffect(draw, [win, reference, marked, happened, ...scales.flatMap(one => [one.low, one.high])]);
+  useEffect(draw, [win, reference, marked, happened, planned, ...scales.flatMap(one => [one.low, one.high])]);
   useEffect(() => chart.current?.repaint(), [painted]);
 
   const back = (): void => setWin(w => goLive({...w, span: SPANS.some(one => one.span === w.span) ? w.span : 600}));
@@ -277,7 +290,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const exportCsv = (): void => downloadText(`${name}.csv`, csv([head, ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
   const exportPng = async (): Promise<void> => {
     const [from, to] = bounds(win, serverNow());
-    const blob = await chart.current?.picture(`${subject.name}   ${stamp(from)} – ${clock(to)} UTC`);
+    const blob = await chart.current?.picture(`${subject.name}   ${stamp(from)} – ${clock(to)} ${zoneAt(to)}`);
     if (blob) download(`${name}.png`, blob);
   };
 
@@ -316,9 +329,10 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
           beside{" "}
           <select value={compare} onChange={event => setWin(w => ({...w, compare: Number(event.currentTarget.value) || undefined}))}>
             <option value={0}>nothing</option>
-            {earlierOf(win.span, compare).map(one => <option key={one.by} value={one.by}>{one.name}</option>)}
+            {earlierOf(win.span, compare, runs).map(one => <option key={one.by} value={one.by}>{one.name}</option>)}
           </select>
         </label>
+        {predicting.length > 0 && <button type="button" aria-pressed={win.ahead === true} onClick={() => setWin(w => ({...w, ahead: !w.ahead || undefined}))}>Expected</button>}
         <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>Events</button>
         <button type="button" onClick={fit}>Fit y</button>
         {own && !pens && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
@@ -335,6 +349,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       </div>
       <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, serverNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} />
       {earlier && <p class="say">Beside it, dotted, what was {duration(compare)} before.{earlier.error && <span class="complaint"> history: {earlier.error}</span>}</p>}
+      {win.ahead && <p class="say">{expected.size > 0 ? `Right of the line, dashed, what was expected ${win.live ? "now" : `at ${when(win.to)}`}.` : "Nothing is expected of these signals: there is no plan."}</p>}
       {curves.error && <p class="complaint">history: {curves.error}</p>}
       <div
         ref={host}
@@ -345,22 +360,27 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       />
       {table && (
         <Table
-          caption={`${subject.name}, the newest ${Math.min(200, rows(200).length)} points of the window (UTC)`}
+          caption={`${subject.name}, the newest ${Math.min(200, rows(200).length)} points of the window (${zone})`}
           head={head}
           rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told(refs[i] as Ref, value))])}
         />
       )}
-      {table && shownMarks.length > 0 && <Table caption="What happened in the window (UTC)" head={["time", "what"]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
+      {table && shownMarks.length > 0 && <Table caption={`What happened in the window (${zone})`} head={["time", "what"]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
       {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
   );
 }
 
 const BEFORE = [1, 3];
+const COMING = [8, 4];
+const RUNS_BACK = 31 * 86400; // s
+const PLAN = 2; // s between two questions for what is expected
+const still = new Cell(0);
+const noPlans: ReadonlyMap<Ref, Course> = new Map();
 
 /** What a window may be compared with; what a link says as well. */
-function earlierOf(span: number, compare: number): {name: string; by: number}[] {
-  const all = EARLIER.map(({name, by}) => ({name, by: by ?? span})).filter((one, i, list) => list.findIndex(other => other.by === one.by) === i);
+function earlierOf(span: number, compare: number, runs: {name: string; by: number}[]): {name: string; by: number}[] {
+  const all = [...EARLIER.map(({name, by}) => ({name, by: by ?? span})), ...runs].filter((one, i, list) => list.findIndex(other => other.by === one.by) === i);
   return compare > 0 && !all.some(one => one.by === compare) ? [...all, {name: `${duration(compare)} before`, by: compare}] : all;
 }
 
@@ -429,7 +449,7 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
   useCell(live(lead as Ref));
   return (
     <div class="readout">
-      <span class="at">{t == null ? "newest" : `${day(t)} ${clock(t, 1)} UTC`}</span>
+      <span class="at">{t == null ? "newest" : when(t, 1)}</span>
       {subject.panels.flatMap(panel => panel.pens).map(pen => {
         const then = t == null ? null : valueAt(curves.series(pen.ref), t);
         return (
@@ -455,10 +475,10 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
 function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.Element {
   const [open, setOpen] = useState(false);
   const [from, to] = bounds(win, serverNow());
-  const text = (t: number): string => iso(t).slice(0, 19);
+  const text = (t: number): string => stamp(t).replace(" ", "T");
+  const read = (typed: string): number => fromWall(Date.parse(`${typed}Z`) / 1000);
   const [texts, setTexts] = useState({from: text(from), to: text(to)});
-  const a = Date.parse(`${texts.from}Z`) / 1000;
-  const b = Date.parse(`${texts.to}Z`) / 1000;
+  const [a, b] = [read(texts.from), read(texts.to)];
   const refused = refuse(a, b, serverNow());
   return (
     <details
@@ -474,12 +494,12 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
           class="toolbar"
           onSubmit={event => {
             event.preventDefault();
-            if (!refused) apply({...select(a, b), compare: win.compare});
+            if (!refused) apply(beside(win, select(a, b)));
           }}
         >
           <label>from <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /></label>
           <label>to <input type="datetime-local" step="1" value={texts.to} onInput={event => setTexts({...texts, to: event.currentTarget.value})} /></label>
-          <span class="unit">UTC</span>
+          <span class="unit">{zone}</span>
           <button type="submit" class="primary" disabled={refused != null}>Show</button>
           {refused && <span class="complaint">{refused}</span>}
         </form>

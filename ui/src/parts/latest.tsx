@@ -5,7 +5,7 @@ import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
 import {merge} from "../core/eventlist";
-import {clock} from "../core/format";
+import {clock, zone} from "../core/format";
 import {events, refill} from "../core/model";
 import {path} from "../router";
 import type {PlantEvent} from "../core/types";
@@ -33,7 +33,7 @@ export function Latest(): JSX.Element {
         <caption class="hidden">Newest events</caption>
         <thead class="hidden">
           <tr>
-            <th scope="col">Time (UTC)</th>
+            <th scope="col">Time ({zone})</th>
             <th scope="col">Severity</th>
             <th scope="col">Source</th>
             <th scope="col">What happened</th>

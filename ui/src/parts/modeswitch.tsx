@@ -9,17 +9,37 @@ import {send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
 import {ActualMode, Mode} from "./value";
 
-export function ModeSwitch({loop}: {loop: Loop}): JSX.Element {
-  const {mode} = loop;
+/** What is asked for of a loop, and how to ask for something else. */
+function useMode(loop: Loop) {
   const {target: now, why} = useCell(modesOfLoop(loop));
   const barred = useWriteBar();
   const name = `mode.${loop.id}`;
   const view = useCell(slot(name));
   const ask = (wish: string): void => {
     if (barred || view?.phase === "pending") return;
-    void send(name, "mode", {id: loop.id, mode: wish, seq: live(mode.target).value.seq}, `mode ${now ?? "?"} → ${wish}`);
+    void send(name, "mode", {id: loop.id, mode: wish, seq: live(loop.mode.target).value.seq}, `mode ${now ?? "?"} → ${wish}`);
   };
-  const wanted = view?.to.split("→ ")[1] ?? "";
+  return {now, why, barred, name, view, ask, wanted: view?.to.split("→ ")[1] ?? ""};
+}
+
+/** Whether its controller moves an output, and a button for the other of the two. */
+export function ServiceSwitch({loop}: {loop: Loop}): JSX.Element {
+  const {now, barred, name, view, ask, wanted} = useMode(loop);
+  const wish = now === "Man" || now === "OOS" ? (loop.mode.targets.includes("Auto") ? "Auto" : "Cas") : "Man";
+  return (
+    <div class="service">
+      <ActualMode loop={loop} />
+      <button type="button" disabled={barred != null || view?.phase === "pending"} title={barred ?? undefined} onClick={() => ask(wish)}>
+        {wish === "Man" ? "Take out" : "Put in"}<span class="hidden"> {wish === "Man" ? "of" : "to"} service: {loop.called}</span>
+      </button>
+      {view && <WriteStatus of={name} retry={() => ask(wanted)} />}
+    </div>
+  );
+}
+
+export function ModeSwitch({loop}: {loop: Loop}): JSX.Element {
+  const {mode} = loop;
+  const {now, why, barred, name, view, ask, wanted} = useMode(loop);
   // Out of service nothing goes out: that is no press of a button beside Man.
   const targets = mode.targets.filter(wish => wish !== "OOS");
   return (

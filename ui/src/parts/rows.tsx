@@ -2,7 +2,10 @@
 // A table of any length, of which only the rows in sight are there. Up and down go from row to row.
 import type {ComponentChildren, JSX} from "preact";
 import {useLayoutEffect, useRef, useState} from "preact/hooks";
-import {inSight} from "../core/list";
+import {env} from "../core/env";
+import {admitted, inSight} from "../core/list";
+
+const AT_ONCE = 5; // rows that are made in one frame
 
 interface Props<T> {
   label: string;
@@ -15,7 +18,7 @@ interface Props<T> {
 
 export function Rows<T>({label, head, rows, height, name, row}: Props<T>): JSX.Element {
   const box = useRef<HTMLDivElement>(null);
-  const wanted = useRef<number | null>(null); // the row that gets the focus once it is there
+  const goes = useRef<number | null>(null); // the row that gets the focus once it is there
   const [seen, setSeen] = useState({top: 0, height: 600});
   const look = (): void => {
     const element = box.current;
@@ -27,11 +30,19 @@ export function Rows<T>({label, head, rows, height, name, row}: Props<T>): JSX.E
     return () => sized.disconnect();
   }, []);
   const [first, last] = inSight(seen.top, seen.height, height, rows.length);
+  const there = useRef<ReadonlySet<string>>(new Set());
+  const [, more] = useState(0);
+  const wanted = rows.slice(first, last).map(name);
+  const shown = admitted(wanted, there.current, Math.max(0, Math.floor(seen.top / height) - first), AT_ONCE);
   useLayoutEffect(() => {
-    if (wanted.current == null) return;
-    const link = box.current?.querySelector<HTMLElement>(`[data-row="${wanted.current}"] a`);
+    there.current = shown;
+    if (shown.size < wanted.length) env.frame(() => more(n => n + 1));
+  });
+  useLayoutEffect(() => {
+    if (goes.current == null) return;
+    const link = box.current?.querySelector<HTMLElement>(`[data-row="${goes.current}"] a`);
     if (!link) return;
-    wanted.current = null;
+    goes.current = null;
     link.focus({preventScroll: true});
   });
   const move = (event: KeyboardEvent): void => {
@@ -42,7 +53,7 @@ export function Rows<T>({label, head, rows, height, name, row}: Props<T>): JSX.E
     if (by == null || !element || rows.length === 0 || event.altKey || event.ctrlKey) return;
     event.preventDefault();
     const to = Math.min(rows.length - 1, Math.max(0, at + by));
-    wanted.current = to;
+    goes.current = to;
     const margin = element.firstElementChild?.clientHeight ?? 0; // the heads stay
     element.scrollTop = Math.max(to * height + height + margin - element.clientHeight, Math.min(element.scrollTop, to * height));
     setSeen({top: element.scrollTop, height: element.clientHeight});
@@ -51,7 +62,7 @@ export function Rows<T>({label, head, rows, height, name, row}: Props<T>): JSX.E
     <div ref={box} class="rows panel" role="table" tabIndex={0} aria-label={label} aria-rowcount={rows.length + 1} onScroll={look} onKeyDown={move}>
       <div class="rows-head" role="row" aria-rowindex={1}>{head}</div>
       <div class="rows-all" role="rowgroup" style={{height: `${rows.length * height}px`}}>
-        {rows.slice(first, last).map((one, i) => (
+        {rows.slice(first, last).map((one, i) => shown.has(wanted[i] as string) && (
           <div key={name(one)} class="rows-row" role="row" data-row={first + i} aria-rowindex={first + i + 2} style={{transform: `translateY(${(first + i) * height}px)`, height: `${height}px`}}>
             {row(one)}
           </div>
