@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Alarms as they stand, and what an operator wants of them, as `apc alarm` does it: who waits is Python's. */
 #include <apcstore.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -71,31 +70,14 @@ void apc_board_at(const struct apc_board *board, struct apc_store *store, int i,
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
-static void describe(const struct apc_demand *d, const char *comment, char *text, size_t size)
-{
-    static const char *const done[] = {"acknowledged", "shelved until", "out of service"};
-    static const char *const undone[] = {"", "not shelved any more", "in service"};
-    char until[APC_TIME_LEN] = "";
-    apc_ns ns;
-    int used;
-
-    if (d->which == APC_ALARM_SHELF && fabs(d->value) > 0 && apc_ns_from_s(fabs(d->value), &ns) == 0)
-        apc_time_format(ns, until);
-    used = snprintf(text, size, "%s: %s%s%s%s", d->name,
-                    (fabs(d->value) > 0 ? done : undone)[ALARM_WISH(d->which)], *until ? " " : "", until,
-                    d->value < 0 ? ", once" : "");
-    if (comment && *comment && used > 0 && (size_t)used < size)
-        snprintf(text + used, size - (size_t)used, " (%s)", comment);
-}
-
-static int record(const struct apc_demand *d, struct apc_store *store, const char *author,
-                  const char *comment, struct apc_error *why)
+static int record(const struct apc_demand *d, const struct apc_sample *wish, struct apc_store *store,
+                  const char *author, const char *comment, struct apc_error *why)
 {
     struct apc_event event = {.time = d->time, .severity = APC_EVENT_INFO, .kind = "operator"};
     int rc;
 
     snprintf(event.source, sizeof event.source, "%.31s", author);
-    describe(d, comment, event.text, sizeof event.text);
+    alarm_board_words(d->name, wish, comment, event.text, sizeof event.text);
     rc = apc_store_append_events(store, &event, 1);
     return rc < 0 ? failed(store, rc, why) : 0;
 }
@@ -137,7 +119,7 @@ int apc_board_want(const struct apc_board *board, struct apc_store *store, struc
         return rc;
     d->seq = wish.seq;
     d->id = wish.id;
-    return record(d, store, author, comment, why);
+    return record(d, &wish, store, author, comment, why);
 }
 
 int apc_board_fate(struct apc_board *board, struct apc_store *store, struct apc_demand *d,
@@ -156,6 +138,6 @@ int apc_board_fate(struct apc_board *board, struct apc_store *store, struct apc_
     fate = alarm_board_outcome(&board->alarms, now, &wish, apc_clock_utc(NULL));
     d->text[0] = '\0';
     if (fate == OUTCOME_REFUSED)
-        (void)outcome_refusal(store, d->name, d->time, d->text, sizeof d->text);
+        (void)alarm_board_refusal(&board->alarms, now, &wish, store, d->text, sizeof d->text);
     return (int)fate;
 }

@@ -334,25 +334,7 @@ struct wanted {
 
 static void describe(const struct session *s, const struct wanted *w, char *text, size_t size)
 {
-    static const char *const done[] = {"acknowledged", "shelved until", "out of service"};
-    const int which = ALARM_WISH(w->wish.id / 65536);
-    const double value = w->wish.value;
-    char until[PRINT_LEN];
-    const char *name = alarm_board_alarm(&s->board, w->now)->name;
-    apc_ns ns = 0;
-    if (which == ALARM_WISH(APC_ALARM_SHELF) && (value < 0 || value > 0) &&
-        apc_ns_from_s(fabs(value), &ns) == 0)
-        snprintf(text, size, "%s: %s %s%s", name, done[which], print_second(ns, until),
-                 value < 0 ? ", once" : "");
-    else
-        snprintf(text, size, "%s: %s", name,
-                 value > 0                                ? done[which]
-                 : which == ALARM_WISH(APC_ALARM_SERVICE) ? "in service"
-                                                          : "not shelved any more");
-    if (s->options.reason) {
-        const size_t used = strlen(text);
-        snprintf(text + used, size - used, " (%s)", s->options.reason);
-    }
+    alarm_board_words(alarm_board_alarm(&s->board, w->now)->name, &w->wish, s->options.reason, text, size);
 }
 
 static int record(struct session *s, const struct wanted *w)
@@ -397,7 +379,10 @@ static int await(struct session *s, struct wanted *w)
     case OUTCOME_SUPERSEDED:
         return cli_error(&s->cli, APC_EPERM, "%s: superseded by what somebody else wanted", name);
     case OUTCOME_REFUSED:
-        if (!outcome_refusal(s->store, name, s->now - 10 * APC_NS_PER_S, text, sizeof text))
+        while (!alarm_board_refusal(&s->board, w->now, &w->wish, s->store, text, sizeof text) &&
+               apc_clock_mono(NULL) < end)
+            nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
+        if (!text[0])
             snprintf(text, sizeof text, "%s: see the events", name);
         return cli_error(&s->cli, APC_EPERM, "refused: %s", text);
     case OUTCOME_WAITING:

@@ -2,6 +2,7 @@
 #include "alarm_board.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -169,4 +170,50 @@ enum outcome alarm_board_outcome(const struct alarm_board *b, const struct alarm
     seen.write = wish;
     seen.actual = now->actual[which];
     return outcome_of(&seen);
+}
+
+void alarm_board_words(const char *name, const struct apc_sample *wish, const char *reason, char *text,
+                       size_t size)
+{
+    static const char *const done[][2] = {{"acknowledged", "acknowledged"},
+                                          {"not shelved any more", "shelved until"},
+                                          {"in service", "out of service"}};
+    const int which = ALARM_WISH(wish->id / 65536);
+    const bool on = wish->value < 0 || wish->value > 0;
+    char until[APC_TIME_LEN] = "";
+    apc_ns ns;
+    if (which == ALARM_WISH(APC_ALARM_SHELF) && on && apc_ns_from_s(fabs(wish->value), &ns) == 0)
+        apc_time_format(ns, until);
+    snprintf(text, size, "%s: %s%s%.19s%s%s%s%s%s", name, done[which][on], *until ? " " : "", until,
+             *until ? "Z" : "", wish->value < 0 ? ", once" : "", reason && *reason ? " (" : "",
+             reason ? reason : "", reason && *reason ? ")" : "");
+}
+
+/* ---- Why it was refused -------------------------------------------------------------------- */
+
+struct refusal {
+    const char *name;
+    char *text;
+    size_t size;
+};
+
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    const struct refusal *r = ctx;
+    const size_t n = strlen(r->name);
+    if (strcmp(event->kind, "rejected") != 0 || strncmp(event->text, r->name, n) != 0 ||
+        strncmp(event->text + n, ": ", 2) != 0)
+        return 0;
+    snprintf(r->text, r->size, "%s", event->text);
+    return 1;
+}
+
+bool alarm_board_refusal(const struct alarm_board *b, const struct alarm_now *now,
+                         const struct apc_sample *wish, struct apc_store *store, char *text, size_t size)
+{
+    const struct apc_sample *actual = now->actual[ALARM_WISH(wish->id / 65536)];
+    const struct apc_range since = {.since = actual->time};
+    struct refusal r = {.name = alarm_board_alarm(b, now)->name, .text = text, .size = size};
+    text[0] = '\0';
+    return actual->origin == wish->seq && apc_store_events(store, &since, take_event, &r) >= 0 && text[0];
 }

@@ -49,8 +49,15 @@ bool alarm_board_lives(const struct alarm_board *board, apc_ns utc);
 bool alarm_board_want(const struct alarm_board *board, const struct alarm_now *now,
                       enum apc_alarm_switch which, double value, apc_ns utc, struct apc_sample *wish,
                       struct apc_error *why);
+/* The same in words, as the record has it; @reason may be NULL. */
+void alarm_board_words(const char *name, const struct apc_sample *wish, const char *reason, char *text,
+                       size_t size);
 /* What became of it, as of the last read. */
 enum outcome alarm_board_outcome(const struct alarm_board *board, const struct alarm_now *now,
                                  const struct apc_sample *wish, apc_ns utc);
+/* With which words it was refused: of the events since the tick that did the first one of this alarm. False:
+ * it is not there; it may come a little later. */
+bool alarm_board_refusal(const struct alarm_board *board, const struct alarm_now *now,
+                         const struct apc_sample *wish, struct apc_store *store, char *text, size_t size);
 
 #endif

@@ -149,6 +149,68 @@ static void what_became_of_a_wish_is_that_of_its_own_switch(void **state)
 
 #define T(name) cmocka_unit_test_setup(name, begin)
 
+static void words_say_what_is_wanted(void **state)
+{
+    static const struct {
+        enum apc_alarm_switch which;
+        double value;
+        const char *reason, *words;
+    } cases[] = {{APC_ALARM_ACK, 4, NULL, "y.high: acknowledged"},
+                 {APC_ALARM_ACK, 4, "seen", "y.high: acknowledged (seen)"},
+                 {APC_ALARM_SHELF, 1e9, "", "y.high: shelved until 2001-09-09T01:46:40Z"},
+                 {APC_ALARM_SHELF, -1e9, "test", "y.high: shelved until 2001-09-09T01:46:40Z, once (test)"},
+                 {APC_ALARM_SHELF, 0, NULL, "y.high: not shelved any more"},
+                 {APC_ALARM_SERVICE, 1, NULL, "y.high: out of service"},
+                 {APC_ALARM_SERVICE, 0, NULL, "y.high: in service"}};
+    char text[100];
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const struct apc_sample to = {.id = apc_alarm_switch_id(cases[i].which, 1), .value = cases[i].value};
+        alarm_board_words("y.high", &to, cases[i].reason, text, sizeof text);
+        assert_string_equal(text, cases[i].words);
+    }
+}
+
+static void a_refusal_is_ones_own(void **state)
+{
+    static const struct apc_event events[] = {
+        {.time = NOW - S,
+         .severity = APC_EVENT_WARNING,
+         .kind = "rejected",
+         .text = "y.high: not acknowledged: of another, before"},
+        {.time = NOW + 1,
+         .severity = APC_EVENT_WARNING,
+         .kind = "rejected",
+         .text = "y.high-high: not acknowledged: of another alarm"},
+        {.time = NOW + 2, .severity = APC_EVENT_ALARM, .kind = "alarm", .text = "y.high: too high"},
+        {.time = NOW + 3,
+         .severity = APC_EVENT_WARNING,
+         .kind = "rejected",
+         .text = "y.high: not acknowledged: one's own"},
+        {.time = NOW + 4,
+         .severity = APC_EVENT_WARNING,
+         .kind = "rejected",
+         .text = "y.high: not acknowledged: of another, later"}};
+    const struct apc_sample to = {.id = apc_alarm_switch_id(APC_ALARM_ACK, 1), .seq = 8};
+    struct apc_store *store;
+    struct apc_error why;
+    char text[100];
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "mem:", NULL, &why), 0);
+    assert_int_equal(apc_store_init(store), 0);
+    actual[ALARM_WISH(APC_ALARM_ACK)].origin = 8;
+    actual[ALARM_WISH(APC_ALARM_ACK)].time = NOW;
+    assert_false(alarm_board_refusal(&board, &now, &to, store, text, sizeof text));
+    assert_true(apc_store_append_events(store, events, 3) >= 0);
+    assert_false(alarm_board_refusal(&board, &now, &to, store, text, sizeof text));
+    assert_true(apc_store_append_events(store, events + 3, 2) >= 0);
+    assert_true(alarm_board_refusal(&board, &now, &to, store, text, sizeof text));
+    assert_string_equal(text, "y.high: not acknowledged: one's own");
+    actual[ALARM_WISH(APC_ALARM_ACK)].origin = 9; /* it was another that was looked at */
+    assert_false(alarm_board_refusal(&board, &now, &to, store, text, sizeof text));
+    apc_store_close(store);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -157,6 +219,8 @@ int main(void)
         T(shelving_ends_in_time),
         T(alarms_are_evaluated_as_long_as_ticks_come),
         T(what_became_of_a_wish_is_that_of_its_own_switch),
+        T(words_say_what_is_wanted),
+        T(a_refusal_is_ones_own),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
