@@ -138,7 +138,8 @@ test("a bar is filled from its foot", () => {
 test("the drawings that come along name signals of their experiments", () => {
   const folder = "../experiments";
   const drawings = [folder, `${folder}/alarms`].flatMap(one => readdirSync(one).flatMap(name => (name.endsWith(".svg") ? [`${one}/${name}`] : [])));
-  for (const name of ["four-tank", "quadruple-tank-mpc", "van-de-vusse", "alarms/pump-failure-mpc"]) assert.ok(drawings.includes(`${folder}/${name}.svg`), name);
+  const all = readdirSync(folder).flatMap(name => (name.endsWith(".conf") && name !== "hundred-loops.conf" ? [name.replace(".conf", "")] : []));
+  for (const name of [...all, "alarms/pump-failure-mpc"]) assert.ok(drawings.includes(`${folder}/${name}.svg`), name);
   for (const name of drawings) {
     const text = readFileSync(name, "utf8");
     const conf = readFileSync(name.replace(/svg$/, "conf"), "utf8");

@@ -117,7 +117,7 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
       <div class="many-rows">
         <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
           <label>
-            name{" "}
+            search{" "}
             <input
               ref={field}
               type="search"
