@@ -282,7 +282,8 @@ APC_API int apc_store_vectors(struct apc_store *store, enum apc_table table, int
 struct apc_history_bin {
     apc_ns from, until;
     uint64_t count, bad;         /**< samples that are not Bad; samples that are */
-    double min, max, mean, last; /**< of those not Bad; last: of the highest seq. 0 when count is 0 */
+    double min, max, mean, last; /**< of those not Bad; last: of the highest seq. 0 when count is 0. The last
+                                    place of mean depends on how the store has added them up */
     apc_status worst;            /**< the highest status code among all: of the gravest severity */
     int64_t seq;                 /**< the highest of all */
 };
@@ -503,14 +504,16 @@ APC_API int apc_store_init(struct apc_store *store);
 struct apc_retention {
     size_t size;
     apc_ns samples, events, timing;
-    apc_ns ticks; /**< tables tick and prediction, which grow fastest; samples are all other tables */
+    apc_ns ticks;  /**< tables tick and prediction, which grow fastest; samples are all other tables */
+    apc_ns packed; /**< older samples of sensor, actuator, setpoint, actual and estimate are packed, a whole
+                      week at a time: less room, the same history; zero: none are. By postgresql: only */
 };
 /**
  * Housekeeping, as often as you like, while others use the store: make room ahead for what will come, and
  * drop what is older than @p keep (NULL: drop nothing). The newest sample of each variable stays in any case,
  * also in its history. What is dropped is at least as old, but a store that drops in larger pieces keeps some
  * of it until the whole piece is. For the schema's owner. [setup]
- * Returns the number of rows or pieces dropped, or an error.
+ * Returns the number of rows or pieces dropped, and of weeks packed, or an error.
  */
 APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
 /** The version of the tables that this library makes and knows. It works with a newer one as well if that

@@ -63,6 +63,15 @@ GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, esti
 GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
     actual_newest, estimate_newest, alarm_newest, tick_newest, plan_newest, prediction_newest
     TO apc_historian, apc_operator, apc_engineer;
+-- What is packed is read by who reads it unpacked.
+GRANT SELECT ON actuator_packed, actuator_all TO apc_client;
+GRANT SELECT ON setpoint_packed, setpoint_all TO apc_scheduler;
+GRANT SELECT ON sensor_packed, sensor_all, actuator_packed, actuator_all, setpoint_packed, setpoint_all,
+    actual_packed, actual_all, estimate_packed, estimate_all
+    TO apc_controller, apc_alarms, apc_historian, apc_operator, apc_engineer;
+GRANT EXECUTE ON FUNCTION unpack(bytea), unpack_column(bytea, integer, integer), eight_bytes(bytea, integer),
+    double_of(bigint), bits_of(double precision)
+    TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
 
 -- Who writes: in a live store each its own; of a history all but the owner's is the historian's, and people ask it.
 REVOKE INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, actual, estimate, alarm, tick, plan,

@@ -4,7 +4,7 @@
 
 #define DAY (86400 * APC_NS_PER_S)
 
-enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS };
+enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS, OPT_PACK };
 
 static const struct argp_option option_list[] = {
     {"keep", OPT_KEEP, "DURATION", 0,
@@ -12,11 +12,16 @@ static const struct argp_option option_list[] = {
     {"keep-events", OPT_EVENTS, "DURATION", 0, "Drop events older than that; default: keep them for ever", 0},
     {"keep-ticks", OPT_TICKS, "DURATION", 0,
      "Drop ticks and predictions older than that; default: 1d, or what --keep says if that is shorter", 0},
+    {"pack", OPT_PACK, "DURATION", 0,
+     "Pack whole weeks of samples that are older than that, as 14d: a tenth of the room, the same history; "
+     "default: "
+     "none",
+     0},
     {0},
 };
 
 struct wish {
-    const char *keep, *events, *ticks;
+    const char *keep, *events, *ticks, *pack;
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
@@ -31,6 +36,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_TICKS:
         wish->ticks = arg;
+        return 0;
+    case OPT_PACK:
+        wish->pack = arg;
         return 0;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -60,7 +68,8 @@ int command_maintain(int argc, char **argv)
     cli_parse(&cli, &spec, &wish, argc, argv);
     if (cli_duration(&cli, "keep", wish.keep, &keep.samples) != EXIT_OK ||
         cli_duration(&cli, "keep-events", wish.events, &keep.events) != EXIT_OK ||
-        cli_duration(&cli, "keep-ticks", wish.ticks, &keep.ticks) != EXIT_OK)
+        cli_duration(&cli, "keep-ticks", wish.ticks, &keep.ticks) != EXIT_OK ||
+        cli_duration(&cli, "pack", wish.pack, &keep.packed) != EXIT_OK)
         return EXIT_USAGE;
     keep.timing = keep.samples;
     if (!wish.ticks)
@@ -72,7 +81,7 @@ int command_maintain(int argc, char **argv)
     if (dropped < 0)
         rc = cli_store_error(&cli, dropped, store);
     else
-        printf("%d rows and partitions dropped\n", dropped);
+        printf("%d rows and partitions dropped%s\n", dropped, wish.pack ? " or packed" : "");
     apc_store_close(store);
     return cli_done(&cli, rc);
 }

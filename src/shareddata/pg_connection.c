@@ -347,6 +347,7 @@ void apc_pg_drop(struct apc_pg *pg)
     PQfinish(pg->conn);
     pg->conn = NULL;
     pg->listening = 0;
+    pg->packed = false;
 }
 
 /* ---- Connecting --------------------------------------------------------------------------- */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Housekeeping: the procedure maintain() of the schema does it, a transaction for each step. */
+/* Housekeeping: the procedure maintain() of the schema does it, a transaction for each step; then old weeks
+ * are packed. */
 #include "shareddata/postgresql.h"
 
 /* Dropping much takes longer than a tick's operation. */
@@ -41,5 +42,7 @@ int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep)
         pg->deadline = apc_clock_mono(NULL) + PATIENCE * pg->base.config.timeout;
         err = apc_pg_finish(pg, take_dropped, &dropped);
     }
-    return err ? err : dropped;
+    const int packed = !err && keep->packed > 0 ? apc_pg_pack(pg, now - keep->packed) : 0;
+    err = packed < 0 ? packed : err;
+    return err ? err : dropped + packed;
 }

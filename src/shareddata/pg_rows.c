@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The PostgreSQL store outside the tick: history, events, timing, tags. Rows stream through a cursor,
- * some at a time, so that memory stays bounded however long the history is and the caller may stop early.
+ * The PostgreSQL store outside the tick: events, timing, tags, and the streams of all rows. They come through
+ * a cursor, some at a time, so that memory stays bounded however long the history is and the caller may stop
+ * early.
  */
 #include <endian.h>
 #include <limits.h>
@@ -15,38 +16,9 @@
 #define BATCH      512
 #define FETCH_ROWS "FETCH FORWARD 512 FROM rows"
 
-struct stream;
-/* Gives one row to the caller: 0, 1 to end the stream, or a negative error. */
-typedef int (*row_fn)(struct stream *s, const PGresult *result, int row);
-
-struct stream {
-    struct apc_pg *pg;
-    row_fn row;
-    int columns;
-    union {
-        apc_sample_fn sample;
-        apc_vector_fn vector;
-        apc_history_bin_fn bin;
-        apc_event_fn event;
-        apc_timing_fn timing;
-    } fn;
-    void *ctx;
-    enum apc_table table; /* of a history */
-    int id;
-    apc_ns since, until; /* of its bins */
-    size_t n;
-    int64_t *bins; /* of timing rows: room for three arrays */
-    size_t bins_capacity;
-    double *values; /* of a vector */
-    size_t room;
-    int fetch; /* number of the FETCH among the statements sent */
-    int count; /* rows given */
-    bool ended;
-};
-
 static int take_batch(void *ctx, int statement, PGresult *result)
 {
-    struct stream *s = (struct stream *)ctx;
+    struct apc_pg_stream *s = (struct apc_pg_stream *)ctx;
     if (statement != s->fetch) {
         return 0;
     }
@@ -66,7 +38,7 @@ static int take_batch(void *ctx, int statement, PGresult *result)
     return err < 0 ? err : 0;
 }
 
-static int stream(struct stream *s, const char *declare, const struct apc_pg_params *p)
+int apc_pg_stream(struct apc_pg_stream *s, const char *declare, const struct apc_pg_params *p)
 {
     struct apc_pg *pg = s->pg;
     int err = apc_pg_begin(pg);
@@ -100,13 +72,9 @@ static void add_bound(struct apc_pg_params *p, char bytes[8], apc_ns bound, int6
     apc_pg_param(p, bytes, 8);
 }
 
-struct bounds {
-    char since[8], until[8], after[8], last[8];
-};
-
 /* since, until, after and, when asked for, how many. INT64_MIN and MAX are PostgreSQL's -infinity and
  * infinity. */
-static void add_range(struct apc_pg_params *p, struct bounds *b, const struct apc_range *range)
+void apc_pg_add_range(struct apc_pg_params *p, struct apc_pg_bounds *b, const struct apc_range *range)
 {
     add_bound(p, b->since, range->since, INT64_MIN);
     add_bound(p, b->until, range->until, INT64_MAX);
@@ -118,7 +86,7 @@ static void add_range(struct apc_pg_params *p, struct bounds *b, const struct ap
     }
 }
 
-static double cell_double(const PGresult *result, int row, int column)
+double apc_pg_cell_double(const PGresult *result, int row, int column)
 {
     return PQgetlength(result, row, column) == 8 ? apc_pg_get_float8(PQgetvalue(result, row, column)) : 0.0;
 }
@@ -130,100 +98,6 @@ static void cell_text(const PGresult *result, int row, int column, char *out, si
     length = length < size ? length : size - 1;
     memcpy(out, PQgetvalue(result, row, column), length);
     out[length] = '\0';
-}
-
-/* ---- History ------------------------------------------------------------------------------- */
-
-static int give_sample(struct stream *s, const PGresult *result, int row)
-{
-    struct apc_sample sample = {
-        .table = s->table,
-        .id = s->id,
-        .seq = apc_pg_cell(result, row, 0),
-        .time = apc_pg_time_ns(apc_pg_cell(result, row, 1)),
-        .status = (apc_status)apc_pg_cell(result, row, 2),
-        .value = cell_double(result, row, 3),
-    };
-    sample.origin = apc_pg_cell(result, row, 4); /* NULL has length 0 */
-    sample.author = (uint32_t)apc_pg_cell(result, row, 5);
-    return s->fn.sample(s->ctx, &sample) != 0;
-}
-
-static void add_id(struct apc_pg_params *p, char bytes[4], int id)
-{
-    uint32_t big = htobe32((uint32_t)id);
-    memcpy(bytes, &big, 4);
-    apc_pg_param(p, bytes, 4);
-}
-
-int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                   apc_sample_fn fn, void *ctx)
-{
-    struct stream s = {.pg = apc_pg_of(store),
-                       .row = give_sample,
-                       .columns = 6,
-                       .fn.sample = fn,
-                       .ctx = ctx,
-                       .table = table,
-                       .id = id};
-    struct apc_pg_params p = {0};
-    struct bounds b;
-    char number[4];
-    add_id(&p, number, id);
-    add_range(&p, &b, range);
-    const struct apc_pg_text *text = apc_pg_text_of(s.pg, table);
-    return text ? stream(&s, range->last > 0 ? text->history_last : text->history, &p) : APC_ESCHEMA;
-}
-
-static int give_vector(struct stream *s, const PGresult *result, int row)
-{
-    const char *bytes = PQgetvalue(result, row, 3);
-    const size_t length = (size_t)PQgetlength(result, row, 3);
-    int n = apc_pg_get_float8_array(bytes, length, s->values, s->room);
-    if (n > 0 && (size_t)n > s->room) {
-        double *values = (double *)realloc(s->values, (size_t)n * sizeof *values);
-        if (!values) {
-            return apc_fail(&s->pg->base.why, APC_ENOMEM, "out of memory for %d elements", n);
-        }
-        s->values = values;
-        s->room = (size_t)n;
-        n = apc_pg_get_float8_array(bytes, length, s->values, s->room);
-    }
-    if (n < 0) {
-        return apc_fail(&s->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
-    }
-    const struct apc_vector v = {
-        .table = s->table,
-        .id = s->id,
-        .seq = apc_pg_cell(result, row, 0),
-        .time = apc_pg_time_ns(apc_pg_cell(result, row, 1)),
-        .status = (apc_status)apc_pg_cell(result, row, 2),
-        .n = (uint32_t)n,
-        .room = (uint32_t)n,
-        .value = s->values,
-    };
-    return s->fn.vector(s->ctx, &v) != 0;
-}
-
-int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                   apc_vector_fn fn, void *ctx)
-{
-    struct stream s = {.pg = apc_pg_of(store),
-                       .row = give_vector,
-                       .columns = 4,
-                       .fn.vector = fn,
-                       .ctx = ctx,
-                       .table = table,
-                       .id = id};
-    struct apc_pg_params p = {0};
-    struct bounds b;
-    char number[4];
-    add_id(&p, number, id);
-    add_range(&p, &b, range);
-    const struct apc_pg_text *text = &apc_pg_texts[table];
-    int count = stream(&s, range->last > 0 ? text->history_last : text->history, &p);
-    free(s.values);
-    return count;
 }
 
 /* ---- Variables ------------------------------------------------------------------------------ */
@@ -268,66 +142,6 @@ int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size
         err = apc_pg_finish(list.pg, take_variables, &list);
     }
     return err ? err : list.count;
-}
-
-/* ---- History in bins ------------------------------------------------------------------------ */
-
-/* A bin that begins at t holds whole microseconds only: those from the next whole one on. */
-static int64_t pg_edge(apc_ns t)
-{
-    return t > INT64_MAX - 999 ? INT64_MAX : apc_pg_time(t + 999);
-}
-
-static int give_bin(struct stream *s, const PGresult *result, int row)
-{
-    int64_t number = apc_pg_cell(result, row, 0); /* from 1 */
-    if (number < 1 || (uint64_t)number > s->n) {
-        return apc_fail(&s->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
-    }
-    struct apc_history_bin bin = {
-        .from = apc_bin_edge(s->since, s->until, s->n, (size_t)number - 1),
-        .until = apc_bin_edge(s->since, s->until, s->n, (size_t)number),
-        .count = (uint64_t)apc_pg_cell(result, row, 1),
-        .bad = (uint64_t)apc_pg_cell(result, row, 2),
-        .min = cell_double(result, row, 3), /* NULL, which is 0, when there is none */
-        .max = cell_double(result, row, 4),
-        .mean = cell_double(result, row, 5),
-        .last = cell_double(result, row, 6),
-        .worst = (apc_status)apc_pg_cell(result, row, 7),
-        .seq = apc_pg_cell(result, row, 8),
-    };
-    return s->fn.bin(s->ctx, &bin) != 0;
-}
-
-int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
-                        size_t n, apc_history_bin_fn fn, void *ctx)
-{
-    struct apc_pg *pg = apc_pg_of(store);
-    struct stream s = {.pg = pg,
-                       .row = give_bin,
-                       .columns = 9,
-                       .fn.bin = fn,
-                       .ctx = ctx,
-                       .since = since,
-                       .until = until,
-                       .n = n};
-    struct apc_pg_params p = {0};
-    struct apc_pg_array *edges = &pg->columns[0];
-    if (apc_pg_array_begin(edges, APC_PG_TIMESTAMPTZ, n) != 0) {
-        return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu bins", n);
-    }
-    for (size_t i = 0; i < n; i++) {
-        apc_pg_array_int8(edges, pg_edge(apc_bin_edge(since, until, n, i)));
-    }
-    char number[4], bounds[2][8];
-    add_id(&p, number, id);
-    apc_pg_put_int8(bounds[0], pg_edge(since));
-    apc_pg_put_int8(bounds[1], pg_edge(until));
-    apc_pg_param(&p, bounds[0], 8);
-    apc_pg_param(&p, bounds[1], 8);
-    apc_pg_param(&p, edges->data, edges->length);
-    const struct apc_pg_text *text = apc_pg_text_of(pg, table);
-    return text ? stream(&s, text->bins, &p) : APC_ESCHEMA;
 }
 
 /* ---- Rows on their way in --------------------------------------------------------------------- */
@@ -385,7 +199,7 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
     return apc_pg_finish_insert(pg, err, (int)n);
 }
 
-static int give_event(struct stream *s, const PGresult *result, int row)
+static int give_event(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     struct apc_event e = {.time = apc_pg_time_ns(apc_pg_cell(result, row, 0)),
                           .severity = (enum apc_event_severity)apc_pg_cell(result, row, 1),
@@ -398,16 +212,17 @@ static int give_event(struct stream *s, const PGresult *result, int row)
 
 int apc_pg_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
-    struct stream s = {.pg = apc_pg_of(store), .row = give_event, .columns = 6, .fn.event = fn, .ctx = ctx};
+    struct apc_pg_stream s = {
+        .pg = apc_pg_of(store), .row = give_event, .columns = 6, .fn.event = fn, .ctx = ctx};
     struct apc_pg_params p = {0};
-    struct bounds b;
-    add_range(&p, &b, range);
-    return stream(&s,
-                  range->last > 0
-                      ? "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM (SELECT * FROM event" WITHIN
-                        "ORDER BY id DESC LIMIT $4::int8) AS newest ORDER BY id"
-                      : "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM event" WITHIN "ORDER BY id",
-                  &p);
+    struct apc_pg_bounds b;
+    apc_pg_add_range(&p, &b, range);
+    return apc_pg_stream(&s,
+                         range->last > 0
+                             ? "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM (SELECT * FROM event" WITHIN
+                               "ORDER BY id DESC LIMIT $4::int8) AS newest ORDER BY id"
+                             : "DECLARE rows NO SCROLL CURSOR FOR " EVENTS " FROM event" WITHIN "ORDER BY id",
+                         &p);
 }
 
 /* ---- Timing -------------------------------------------------------------------------------- */
@@ -471,7 +286,7 @@ int apc_pg_append_timing(struct apc_store *store, const struct apc_timing_row *r
 }
 
 /* The three arrays of a row, into s->bins one after the other. Returns the number of buckets. */
-static int take_bins(struct stream *s, const PGresult *result, int row)
+static int take_bins(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     size_t need = 0;
     for (int column = 11; column < 14; column++) {
@@ -500,7 +315,7 @@ static int take_bins(struct stream *s, const PGresult *result, int row)
     return n;
 }
 
-static int give_timing(struct stream *s, const PGresult *result, int row)
+static int give_timing(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     int n = take_bins(s, result, row);
     if (n < 0) {
@@ -511,8 +326,8 @@ static int give_timing(struct stream *s, const PGresult *result, int row)
         .period = apc_pg_cell(result, row, 3),
         .missed = (uint64_t)apc_pg_cell(result, row, 4),
         .count = (uint64_t)apc_pg_cell(result, row, 5),
-        .mean = cell_double(result, row, 6),
-        .sd = cell_double(result, row, 7),
+        .mean = apc_pg_cell_double(result, row, 6),
+        .sd = apc_pg_cell_double(result, row, 7),
         .p50 = apc_pg_cell(result, row, 8),
         .p99 = apc_pg_cell(result, row, 9),
         .max = apc_pg_cell(result, row, 10),
@@ -529,18 +344,18 @@ static int give_timing(struct stream *s, const PGresult *result, int row)
 
 int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
-    struct stream s = {
+    struct apc_pg_stream s = {
         .pg = apc_pg_of(store), .row = give_timing, .columns = 15, .fn.timing = fn, .ctx = ctx};
     struct apc_pg_params p = {0};
-    struct bounds b;
-    add_range(&p, &b, range);
-    int count =
-        stream(&s,
-               range->last > 0
-                   ? "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM (SELECT * FROM timing" WITHIN
-                     "ORDER BY time DESC, id DESC LIMIT $4::int8) AS newest ORDER BY time, id"
-                   : "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM timing" WITHIN "ORDER BY time, id",
-               &p);
+    struct apc_pg_bounds b;
+    apc_pg_add_range(&p, &b, range);
+    int count = apc_pg_stream(
+        &s,
+        range->last > 0 ? "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM (SELECT * FROM timing" WITHIN
+                          "ORDER BY time DESC, id DESC LIMIT $4::int8) AS newest ORDER BY time, id"
+                        : "DECLARE rows NO SCROLL CURSOR FOR " TIMING " FROM timing" WITHIN
+                          "ORDER BY time, id",
+        &p);
     free(s.bins);
     return count;
 }
@@ -603,12 +418,12 @@ static int take_tags(void *ctx, int statement, PGresult *result)
         cell_text(result, row, 0, table, sizeof table);
         *t = (struct apc_tag){.table = apc_table_parse(table),
                               .id = (int)apc_pg_cell(result, row, 1),
-                              .low = cell_double(result, row, 7),
-                              .high = cell_double(result, row, 8),
-                              .display_low = cell_double(result, row, 9),
-                              .display_high = cell_double(result, row, 10),
-                              .period = cell_double(result, row, 11),
-                              .step = cell_double(result, row, 12),
+                              .low = apc_pg_cell_double(result, row, 7),
+                              .high = apc_pg_cell_double(result, row, 8),
+                              .display_low = apc_pg_cell_double(result, row, 9),
+                              .display_high = apc_pg_cell_double(result, row, 10),
+                              .period = apc_pg_cell_double(result, row, 11),
+                              .step = apc_pg_cell_double(result, row, 12),
                               .length = (int)apc_pg_cell(result, row, 13)};
         cell_text(result, row, 2, t->name, sizeof t->name);
         cell_text(result, row, 3, t->unit, sizeof t->unit);

@@ -80,13 +80,44 @@
 #define BINS(table)                                                                                          \
     DECLARE "SELECT bin::int8, good, samples - good, lowest, highest, mean, "                                \
             "(SELECT value FROM " table " WHERE id = $1::int4 AND seq = b.last AND time >= b.first "         \
-            "AND time <= b.final), worst, newest FROM "                                                      \
+            "AND time <= b.final), worst, newest, last, NULL AS data FROM "                                  \
             "(SELECT width_bucket(time, $4::timestamptz[]) AS bin, count(*)" GOOD " AS good, "               \
             "count(*) AS samples, min(value)" GOOD " AS lowest, max(value)" GOOD " AS highest, "             \
             "avg(value)" GOOD " AS mean, max(seq)" GOOD " AS last, max(status) AS worst, "                   \
             "max(seq) AS newest, min(time) AS first, max(time) AS final "                                    \
             "FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "     \
-            "GROUP BY 1) AS b ORDER BY bin"
+            "GROUP BY 1) AS b"
+
+/*
+ * The same of tables whose old weeks may be packed: a chunk comes as one row, by its first seq, or by its
+ * last where the newest are asked for, and the last column holds what is in it.
+ */
+#define CHUNKS(table)                                                                                        \
+    " FROM " table "_packed WHERE id = $1::int4 AND until >= $2::timestamptz AND since < $3::timestamptz "   \
+    "AND last > $4::int8 "
+#define ROWS(table)                                                                                          \
+    " FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "            \
+    "AND seq > $4::int8 "
+#define SEAM(table, key)                                                                                     \
+    DECLARE "SELECT seq, time, status, value" MORE                                                           \
+            ", NULL AS data" ROWS(table) "UNION ALL SELECT " key                                             \
+                                         ", NULL, NULL, NULL, NULL, NULL, data" CHUNKS(table) "ORDER BY 1"
+
+/*
+ * Chunks that lie in one bin have said all that it needs; of the others their data come. A double holds a seq
+ * exactly, so that the greatest of the pairs is the last value.
+ */
+#define ADD_CHUNKS(table)                                                                                    \
+    " UNION ALL (WITH chunk AS (SELECT c.*, last - first + 1 AS n, width_bucket(since, $4::timestamptz[]) "  \
+    "AS bin,"                                                                                                \
+    " since >= $2::timestamptz AND until < $3::timestamptz AND width_bucket(since, $4::timestamptz[]) = "    \
+    "width_bucket(until, $4::timestamptz[]) AS whole FROM " table "_packed AS c "                            \
+    "WHERE id = $1::int4 AND until >= $2::timestamptz AND since < $3::timestamptz) "                         \
+    "SELECT bin::int8, sum(good)::int8, sum(n - good)::int8, min(lowest)" SOME ", max(highest)" SOME         \
+    ", sum(mean * good) / nullif(sum(good), 0)::float8, (max(ARRAY[final, latest]))[2]"                      \
+    ", max(worst), max(last), max(final), NULL AS data FROM chunk WHERE whole GROUP BY bin "                 \
+    "UNION ALL SELECT 0, 0, 0, NULL, NULL, NULL, NULL, 0, first, 0, data FROM chunk WHERE NOT whole)"
+#define SOME " FILTER (WHERE good > 0)"
 
 /* What is appended to opmode is that and no more: only a put of the mode of all loops is spread by the
  * trigger. */
@@ -100,7 +131,10 @@
     .history_last = HISTORY_LAST(table, MORE), .paper_read = READ("apc." table, ""),                         \
     .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
 
-#define NUMBERS(table)          ROWS_OF(table, "")
+#define NUMBERS(table) ROWS_OF(table, "")
+#define PACKED(table)                                                                                        \
+    .seam = SEAM(table, "first"), .seam_last = SEAM(table, "last") " DESC",                                  \
+    .seam_bins = BINS(table) ADD_CHUNKS(table)
 #define SHARED_OF(table, as_is) ROWS_OF(table, as_is), .place_name = "place_" table, .place = PLACE(table)
 #define SHARED(table)           SHARED_OF(table, "")
 
@@ -112,15 +146,15 @@
     .history = HISTORY(table, ""), .history_last = HISTORY_LAST(table, "")
 
 const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
-    [APC_SENSOR] = {NUMBERS("sensor")},
-    [APC_ACTUATOR] = {NUMBERS("actuator")},
-    [APC_SETPOINT] = {SHARED("setpoint")},
+    [APC_SENSOR] = {NUMBERS("sensor"), PACKED("sensor")},
+    [APC_ACTUATOR] = {NUMBERS("actuator"), PACKED("actuator")},
+    [APC_SETPOINT] = {SHARED("setpoint"), PACKED("setpoint")},
     [APC_DIM] = {NUMBERS("dim")},
     [APC_OPMODE] = {SHARED_OF("opmode", AS_IS)},
     [APC_TUNING] = {SHARED("tuning")},
     [APC_MANUAL] = {SHARED("manual")},
-    [APC_ACTUAL] = {NUMBERS("actual")},
-    [APC_ESTIMATE] = {NUMBERS("estimate")},
+    [APC_ACTUAL] = {NUMBERS("actual"), PACKED("actual")},
+    [APC_ESTIMATE] = {NUMBERS("estimate"), PACKED("estimate")},
     [APC_ALARM] = {NUMBERS("alarm")},
     [APC_TICK] = {VECTOR_TEXTS("tick")},
     [APC_PLAN] = {VECTOR_TEXTS("plan")},

@@ -3,8 +3,9 @@
  * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
  * pg_connection.c (connecting, waiting with a deadline), pg_claim.c (claims), pg_former.c (claims that
  * outlive their connection), pg_init.c (migrations), pg_tick.c (the ticks' operations), pg_catalogue.c
- * (authors, the catalogue), pg_request.c (what people ask of a history), pg_rows.c (history, events, timing,
- * tags), postgresql.c (its life). apcshareddata.c uses the first two.
+ * (authors, the catalogue), pg_request.c (what people ask of a history), pg_rows.c (events, timing, tags),
+ * pg_history.c (history of samples and vectors), pg_pack.c (packing old weeks), postgresql.c (its life).
+ * apcshareddata.c uses the first two.
  */
 #ifndef APC_POSTGRESQL_H
 #define APC_POSTGRESQL_H
@@ -63,7 +64,8 @@ struct apc_pg_text {
     const char *place_name, *place;     /* prepared; the same of what nobody holds. Of what people write */
     const char *history, *history_last; /* declares cursor "rows" */
     const char *bins;                   /* likewise */
-    const char *paper_read, *paper_put; /* the same on schema apc, for any PGconn */
+    const char *seam, *seam_last, *seam_bins; /* the same with chunks; NULL: nothing of it is ever packed */
+    const char *paper_read, *paper_put;       /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
 /** The texts of a table, or NULL with the error APC_ESCHEMA: the schema has no such table any more. */
@@ -95,6 +97,7 @@ struct apc_pg {
     apc_ns deadline;       /* of the running operation, monotonic */
     apc_ns next_try;       /* no connect before it, monotonic */
     int version;           /* of the schema that it connected to */
+    bool packed;           /* it was seen to have tables of chunks */
     unsigned failures;     /* connects that failed in a row */
     uint64_t random;       /* of the jitter */
     int failed;            /* why the last connect failed */
@@ -179,7 +182,46 @@ void apc_pg_close_waiter(struct apc_pg *pg);
 int apc_pg_send_claims(struct apc_pg *pg);
 int apc_pg_take_claims(struct apc_pg *pg, const PGresult *result);
 
-/* ---- pg_rows.c, for pg_catalogue.c ---------------------------------------------------------- */
+/* ---- pg_rows.c ------------------------------------------------------------------------------- */
+
+struct apc_pg_stream;
+/** Gives one row to the caller: 0, 1 to end the stream, or a negative error. */
+typedef int (*apc_pg_row_fn)(struct apc_pg_stream *s, const PGresult *result, int row);
+
+/** Rows on their way out, through a cursor. */
+struct apc_pg_stream {
+    struct apc_pg *pg;
+    apc_pg_row_fn row;
+    int columns;
+    union {
+        apc_sample_fn sample;
+        apc_vector_fn vector;
+        apc_event_fn event;
+        apc_timing_fn timing;
+    } fn;
+    void *ctx;
+    enum apc_table table; /* of a history */
+    int id;
+    int64_t *bins; /* of timing rows: room for three arrays */
+    size_t bins_capacity;
+    double *values; /* of a vector */
+    size_t room;
+    int fetch; /* number of the FETCH among the statements sent */
+    int count; /* rows given */
+    bool ended;
+};
+
+/** Run a statement that declares cursor "rows", and give its rows. Returns how many were given, or an error.
+ */
+int apc_pg_stream(struct apc_pg_stream *s, const char *declare, const struct apc_pg_params *p);
+
+/** Room for what a range becomes among the parameters: since, until, after and, when asked for, how many. */
+struct apc_pg_bounds {
+    char since[8], until[8], after[8], last[8];
+};
+void apc_pg_add_range(struct apc_pg_params *p, struct apc_pg_bounds *b, const struct apc_range *range);
+/** A result's cell of 8 bytes; 0 when it is NULL. */
+double apc_pg_cell_double(const PGresult *result, int row, int column);
 
 /** Queue all that replaces the descriptions. */
 int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n);
@@ -212,6 +254,10 @@ int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const 
                    apc_vector_fn fn, void *ctx);
 int apc_pg_init(struct apc_store *store);
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep);
+/** Pack the weeks that ended before @p before. Returns how many tables' weeks were packed, or an error. */
+int apc_pg_pack(struct apc_pg *pg, apc_ns before);
+/** Has the schema tables of chunks? 1, 0 or an error. Within an operation that has begun. */
+int apc_pg_has_chunks(struct apc_pg *pg);
 int apc_pg_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity);
 int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_sample_fn fn, void *ctx);

@@ -137,6 +137,7 @@ int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n,
 struct apc_bin {
     struct apc_history_bin b;
     long double sum; /* of values below 1e300: cannot overflow */
+    int64_t final;   /* seq of the last value */
 };
 
 int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, apc_ns until, size_t n)
@@ -166,13 +167,31 @@ int apc_bins_add(void *bins, const struct apc_sample *s)
     } else {
         b->min = b->count == 0 || s->value < b->min ? s->value : b->min;
         b->max = b->count == 0 || s->value > b->max ? s->value : b->max;
-        b->last = s->value;
+        b->last = s->seq > bin->final ? s->value : b->last;
+        bin->final = s->seq > bin->final ? s->seq : bin->final;
         bin->sum += (long double)s->value;
         b->count++;
     }
     b->worst = s->status > b->worst ? s->status : b->worst;
-    b->seq = s->seq;
+    b->seq = s->seq > b->seq ? s->seq : b->seq;
     return 0;
+}
+
+void apc_bins_merge(struct apc_bins *x, size_t i, const struct apc_history_bin *part, int64_t final)
+{
+    struct apc_bin *bin = &x->bin[i];
+    struct apc_history_bin *b = &bin->b;
+    if (part->count > 0) {
+        b->min = b->count == 0 || part->min < b->min ? part->min : b->min;
+        b->max = b->count == 0 || part->max > b->max ? part->max : b->max;
+        b->last = final > bin->final ? part->last : b->last;
+        bin->final = final > bin->final ? final : bin->final;
+        bin->sum += (long double)part->mean * (long double)part->count;
+        b->count += part->count;
+    }
+    b->bad += part->bad;
+    b->worst = part->worst > b->worst ? part->worst : b->worst;
+    b->seq = part->seq > b->seq ? part->seq : b->seq;
 }
 
 int apc_bins_take(void *bins, const struct apc_history_bin *bin)

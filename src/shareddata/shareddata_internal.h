@@ -216,10 +216,12 @@ struct apc_bins {
     int64_t last; /* the highest seq of those taken whole */
 };
 int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, apc_ns until, size_t n);
-/** The next sample, in rising seq; an apc_sample_fn. */
+/** A sample, in any order; an apc_sample_fn. */
 int apc_bins_add(void *bins, const struct apc_sample *sample);
 /** One that another store has made, before any sample; an apc_history_bin_fn. */
 int apc_bins_take(void *bins, const struct apc_history_bin *bin);
+/** What a part of bin @p i has; @p final: seq of its last value. In any order. */
+void apc_bins_merge(struct apc_bins *bins, size_t i, const struct apc_history_bin *part, int64_t final);
 /** As the operation history_bins does. */
 int apc_bins_give(struct apc_store *store, struct apc_bins *bins, apc_history_bin_fn fn, void *ctx);
 /** The operation history_bins, made from the store's own history. */

@@ -831,7 +831,7 @@ int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep
     if (!err) {
         err = apc_options_copy(&k, sizeof k, keep, "apc_retention", &store->why);
     }
-    if (!err && (k.samples < 0 || k.events < 0 || k.timing < 0 || k.ticks < 0)) {
+    if (!err && (k.samples < 0 || k.events < 0 || k.timing < 0 || k.ticks < 0 || k.packed < 0)) {
         err = apc_fail(&store->why, APC_EINVAL, "a time to keep must not be negative");
     }
     return err ? err : store->ops->maintain(store, &k);

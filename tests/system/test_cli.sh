@@ -160,6 +160,8 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   err_has 'keep-events "soon"'
   run 2 maintain --keep-ticks=never
   err_has 'keep-ticks "never"'
+  run 2 maintain --pack=0d
+  err_has 'pack "0d"'
   run 2 maintain 90d
   run 1 maintain --store "$store" --keep 90d
   err_has "apc init"
@@ -177,6 +179,12 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   equal "$(sql 'SELECT min(seq) FROM maintained.tick')" 4 "ticks are kept a day"
   run 0 maintain --store "$store" --keep-ticks 1h
   equal "$(sql 'SELECT min(seq) FROM maintained.tick')" 5 "ticks are kept an hour"
+  sql "SET search_path TO maintained, pg_temp; SELECT make_week('sensor', date_trunc('week', now() AT TIME ZONE 'UTC')::date - 700, current_date);
+       INSERT INTO sensor SELECT 3, s, date_trunc('week', now()) - interval '697 days' + s * interval '1 second', 0, s FROM generate_series(1, 1500) AS s" >/dev/null
+  run 0 maintain --store "$store" --pack 1h
+  out_has '^1 rows and partitions dropped or packed$'
+  equal "$(sql 'SELECT count(*) FROM maintained.sensor WHERE id = 3')" 0 "rows of a packed week"
+  equal "$(sql 'SELECT sum(last - first + 1) FROM maintained.sensor_packed')" 1500 "samples of a packed week"
   run 0 maintain --store "$store" --keep 95d
   equal "$(sql 'SELECT min(seq) FROM maintained.sensor WHERE id = 1')" 31 "the oldest that is kept"
   equal "$(sql 'SELECT seq FROM maintained.sensor WHERE id = 2')" 7 "the newest of a variable that has long been silent"

@@ -1,0 +1,503 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Packed weeks of the PostgreSQL store: the same history, in less room, whatever happens meanwhile. */
+#include <pthread.h>
+
+#include "plants.h"
+
+#define WEEK (7 * 24 * 3600 * APC_NS_PER_S)
+
+/* SQL in the plant's schema. */
+static const char *ask(const char *sql)
+{
+    char path[100];
+    snprintf(path, sizeof path, "SET search_path TO plant%d, pg_temp", plant);
+    cluster_query(cluster, path);
+    return cluster_query(cluster, sql);
+}
+
+/* ---- A plant with weeks behind it ------------------------------------------------------------------ */
+
+/* 1: noise with a clock that jitters; 2: a converter, with gaps; 3: constant, with Bad times; 4: five samples
+ * a week; 5: a clock that went back by a week for a while; 6: rows that stand in no order; 7: only one
+ * sample, of long ago. */
+static void make_history(void)
+{
+    ask("SELECT make_week(t, date_trunc('week', now() AT TIME ZONE 'UTC')::date - 7 * w, current_date)"
+        " FROM generate_series(1, 4) AS w, unnest(ARRAY['sensor', 'actuator', 'setpoint', 'actual', "
+        "'estimate']) AS t");
+    ask("CREATE FUNCTION at(w double precision) RETURNS timestamptz LANGUAGE sql STABLE AS $$ SELECT"
+        " date_trunc('week', now()) - w * interval '1 week' $$");
+    ask("SELECT setseed(0.25)");
+    ask("INSERT INTO sensor (id, seq, time, status, value) SELECT 1, s, at(4) + s * interval '250 seconds'"
+        " + random() * interval '1 millisecond', 0, (random() - 0.5) * 10 ^ (random() * 20 - 10) FROM"
+        " generate_series(1, 9000) AS s");
+    ask("INSERT INTO sensor (id, seq, time, status, value) SELECT 2, s * 3 / 2 + s / 500 * 7, at(4) + s *"
+        " interval '300 seconds', 0, -10 + trunc(random() * 65536) * (20 / 65535.0::double precision)"
+        " FROM generate_series(1, 600) AS s UNION ALL SELECT 2, s + 2000 + s / 1700 * 40, at(3.5) + s * "
+        "interval"
+        " '300 seconds', 0, -10 + trunc(random() * 65536) * (20 / 65535.0::double precision)"
+        " FROM generate_series(1, 5000) AS s");
+    ask("INSERT INTO sensor (id, seq, time, status, value) SELECT 3, s + 9000000000, at(4) + s * interval"
+        " '200 seconds', CASE WHEN s % 1000 < 30 THEN 2157641728 WHEN s % 1000 < 40 THEN 1083179008 ELSE 0 "
+        "END, 20.3"
+        " FROM generate_series(1, 10000) AS s");
+    ask("INSERT INTO sensor (id, seq, time, status, value) SELECT 4, s, at(4) + s * interval '1.4 days', 0, "
+        "-s"
+        " FROM generate_series(1, 18) AS s");
+    ask("INSERT INTO sensor (id, seq, time, status, value) SELECT 5, s, at(4) + s * interval '1000 seconds' "
+        "- CASE"
+        " WHEN s BETWEEN 900 AND 1100 THEN interval '8 days' ELSE interval '0' END, 0, s * 0.1 FROM"
+        " generate_series(1, 2200) AS s");
+    ask("INSERT INTO sensor (id, seq, time, status, value) SELECT 6, s, at(3) + s * interval '100 seconds', "
+        "0, sqrt(s)"
+        " FROM generate_series(1, 3000) AS s ORDER BY s * 7919 % 3001");
+    ask("INSERT INTO sensor (id, seq, time, status, value) VALUES (7, 77, at(3.5), 0, 7)");
+    ask("INSERT INTO actuator (id, seq, time, status, value, origin, sensor_seq, setpoint_seq) SELECT 1, s, "
+        "at(4) + s *"
+        " interval '700 seconds', 0, -0.0, CASE WHEN s > 500 THEN s * 2 END, CASE WHEN s < 300 THEN s END, "
+        "nullif(s % 3, 0)"
+        " FROM generate_series(1, 3000) AS s");
+    ask("INSERT INTO setpoint (id, seq, time, status, value, origin, author) SELECT 1, s, at(4) + s * "
+        "interval"
+        " '1 hour', 0, s, NULL, nullif(s % 5, 4) FROM generate_series(1, 600) AS s"); /* author 0: no chunk
+                                                                                         can say that */
+    ask("INSERT INTO author (name, role) SELECT 'somebody ' || n, session_user FROM generate_series(1, 5) AS "
+        "n");
+}
+
+struct list {
+    struct apc_sample *at;
+    size_t n, room, most; /* most: ends early after so many; 0: never */
+};
+
+static int add(void *ctx, const struct apc_sample *s)
+{
+    struct list *l = ctx;
+    if (l->n == l->room) {
+        l->room = l->room ? 2 * l->room : 1024;
+        l->at = realloc(l->at, l->room * sizeof *l->at);
+        assert_non_null(l->at);
+    }
+    l->at[l->n++] = *s;
+    return l->n == l->most;
+}
+
+static const struct {
+    enum apc_table table;
+    int id;
+} all[] = {{APC_SENSOR, 1}, {APC_SENSOR, 2}, {APC_SENSOR, 3},   {APC_SENSOR, 4},  {APC_SENSOR, 5},
+           {APC_SENSOR, 6}, {APC_SENSOR, 7}, {APC_ACTUATOR, 1}, {APC_SETPOINT, 1}};
+enum { VARIABLES = sizeof all / sizeof all[0] };
+
+static struct list history(struct apc_store *store, size_t v, const struct apc_range *range, size_t most)
+{
+    struct list l = {.most = most};
+    const int n = apc_store_history(store, all[v].table, all[v].id, range, add, &l);
+    ok(store, n);
+    assert_int_equal(n, l.n);
+    return l;
+}
+
+static void assert_same(const struct list *a, const struct list *b, const char *what, size_t v)
+{
+    bool same = a->n == b->n;
+    for (size_t i = 0; i < a->n && same; i++) {
+        const struct apc_sample *x = &a->at[i], *y = &b->at[i];
+        same = x->seq == y->seq && x->time == y->time && x->status == y->status && x->origin == y->origin &&
+               x->author == y->author && memcmp(&x->value, &y->value, sizeof x->value) == 0 &&
+               x->id == y->id && x->table == y->table;
+    }
+    if (!same) {
+        fail_msg("%s: the history of variable %zu differs: %zu and %zu rows", what, v, a->n, b->n);
+    }
+}
+
+struct record {
+    struct list of[VARIABLES];
+};
+
+static struct record record(struct apc_store *store)
+{
+    struct record r;
+    for (size_t v = 0; v < VARIABLES; v++) {
+        r.of[v] = history(store, v, NULL, 0);
+    }
+    return r;
+}
+
+static void free_record(struct record *r)
+{
+    for (size_t v = 0; v < VARIABLES; v++) {
+        free(r->of[v].at);
+    }
+}
+
+static void assert_recorded(struct apc_store *store, const struct record *r, const char *what)
+{
+    for (size_t v = 0; v < VARIABLES; v++) {
+        struct list now = history(store, v, NULL, 0);
+        assert_same(&r->of[v], &now, what, v);
+        free(now.at);
+    }
+}
+
+static int pack(struct apc_store *store)
+{
+    const struct apc_retention keep = {.size = sizeof keep, .packed = 1};
+    return apc_store_maintain(store, &keep);
+}
+
+#define ROWS                                                                                                 \
+    "SELECT md5(string_agg(concat_ws(' ', id, seq, extract(epoch FROM time), status, float8send(value), "    \
+    "origin,"
+
+/* ---- The same history ------------------------------------------------------------------------------- */
+
+static void test_packed_weeks_are_the_same_history(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    struct record before = record(store);
+    assert_int_equal(before.of[0].n, 9000);
+    const int packed = pack(store);
+    ok(store, packed);
+    assert_int_equal(packed, 20); /* four weeks of five tables */
+    assert_string_equal(ask("SELECT count(*) FROM packable(now())"), "0");
+    assert_string_equal(
+        ask("SELECT count(*) FROM sensor WHERE time < at(0) AND tableoid <> 'sensor_rest'::regclass"), "0");
+    assert_string_equal(ask("SELECT sum(last - first + 1) > 20 * count(*) FROM sensor_packed"), "t");
+    assert_recorded(store, &before, "packed");
+    assert_int_equal(pack(store), 0);
+    assert_recorded(store, &before, "packed twice");
+    assert_string_equal(
+        ask("SELECT count(*) FROM event WHERE source = 'apc maintain' AND text LIKE '% packed: %'"), "20");
+    assert_int_equal(newest(store, APC_SENSOR, 7).seq, 77);
+    free_record(&before);
+    apc_store_close(store);
+}
+
+static void test_views_show_packed_rows_bit_for_bit(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    char sensors[40], actuators[40], setpoints[40];
+    snprintf(sensors, sizeof sensors, "%s", ask(ROWS " author), ';' ORDER BY id, seq)) FROM sensor"));
+    snprintf(
+        actuators, sizeof actuators, "%s",
+        ask(ROWS
+            " coalesce(sensor_seq, -1), coalesce(setpoint_seq, -1)), ';' ORDER BY id, seq)) FROM actuator"));
+    snprintf(setpoints, sizeof setpoints, "%s",
+             ask(ROWS " coalesce(author, -1)), ';' ORDER BY id, seq)) FROM setpoint"));
+    ok(store, pack(store));
+    assert_string_equal(ask(ROWS " author), ';' ORDER BY id, seq)) FROM sensor_all"), sensors);
+    assert_string_equal(ask(ROWS " coalesce(sensor_seq, -1), coalesce(setpoint_seq, -1)), ';' ORDER BY id, "
+                                 "seq)) FROM actuator_all"),
+                        actuators);
+    assert_string_equal(ask(ROWS " coalesce(author, -1)), ';' ORDER BY id, seq)) FROM setpoint_all"),
+                        setpoints);
+    apc_store_close(store);
+}
+
+static struct apc_range some_range(const struct list *l, unsigned round)
+{
+    static uint32_t x = 12345;
+    struct apc_range r = {0};
+    uint64_t draw[4];
+    for (size_t i = 0; i < 4; i++) {
+        x = x * 1664525U + 1013904223U;
+        draw[i] = x >> 8;
+    }
+    if (round & 1) {
+        r.since = l->at[draw[0] % l->n].time - (apc_ns)(draw[3] % 3);
+    }
+    if (round & 2) {
+        r.until = l->at[draw[1] % l->n].time + (apc_ns)(draw[3] % 3);
+    }
+    if (round & 4) {
+        r.last = 1 + draw[2] % 1500;
+    }
+    if (round & 8) {
+        r.after = l->at[draw[3] % l->n].seq;
+    }
+    return r;
+}
+
+static void test_parts_of_a_packed_history_are_those_of_the_rows(void **state)
+{
+    (void)state;
+    enum { ROUNDS = 32 };
+    static struct list want[VARIABLES][ROUNDS];
+    static struct apc_range range[VARIABLES][ROUNDS];
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    for (size_t v = 0; v < VARIABLES; v++) {
+        struct list whole = history(store, v, NULL, 0);
+        for (unsigned k = 0; k < ROUNDS; k++) {
+            range[v][k] = some_range(&whole, k);
+            want[v][k] = history(store, v, &range[v][k], k >= 16 ? 100 : 0);
+        }
+        free(whole.at);
+    }
+    ok(store, pack(store));
+    for (size_t v = 0; v < VARIABLES; v++) {
+        for (unsigned k = 0; k < ROUNDS; k++) {
+            struct list now = history(store, v, &range[v][k], k >= 16 ? 100 : 0);
+            assert_same(&want[v][k], &now, "a part", v);
+            free(now.at);
+            free(want[v][k].at);
+        }
+    }
+    apc_store_close(store);
+}
+
+enum { BINS = 70 };
+
+struct bins {
+    struct apc_history_bin at[BINS];
+    size_t n;
+};
+
+static int add_bin(void *ctx, const struct apc_history_bin *bin)
+{
+    struct bins *b = ctx;
+    b->at[b->n++] = *bin;
+    return 0;
+}
+
+static void test_bins_of_a_packed_history_are_those_of_the_rows(void **state)
+{
+    (void)state;
+    static struct bins want[VARIABLES][3], now;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    const apc_ns end = apc_clock_utc(NULL),
+                 begin[3] = {end - 5 * WEEK, end - 3 * WEEK - 12345, end - 40 * WEEK};
+    static const size_t n[3] = {BINS, 7, 1};
+    for (int packed = 0; packed < 2; packed++) {
+        for (size_t v = 0; v < VARIABLES; v++) {
+            for (size_t k = 0; k < 3; k++) {
+                struct bins *b = packed ? &now : &want[v][k];
+                b->n = 0;
+                ok(store,
+                   apc_store_history_bins(store, all[v].table, all[v].id, begin[k], end, n[k], add_bin, b));
+                assert_true(!packed || b->n == want[v][k].n);
+                for (size_t i = 0; packed && i < b->n; i++) {
+                    struct apc_history_bin *x = &want[v][k].at[i], *y = &b->at[i];
+                    assert_near(y->mean, x->mean, 1e-12 * fmax(fabs(x->min), fabs(x->max)));
+                    y->mean = x->mean;
+                    assert_memory_equal(x, y, sizeof *x);
+                }
+            }
+        }
+        if (!packed) {
+            ok(store, pack(store));
+        }
+    }
+    apc_store_close(store);
+}
+
+/* ---- What comes late -------------------------------------------------------------------------------- */
+
+static void test_a_packed_seq_is_taken_and_a_free_one_is_not(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    ok(store, pack(store));
+    struct list whole = history(store, 1, NULL, 0);
+    struct apc_sample again = whole.at[1500], free_seq = again;
+    again.value = 1;
+    assert_int_equal(apc_store_append(store, &again, 1), 0); /* it is there already */
+    PGconn *by_hand = cluster_connect(cluster);
+    char sql[200];
+    snprintf(sql, sizeof sql,
+             "INSERT INTO plant%d.sensor (id, seq, time, status, value) VALUES (2, %lld, now(), 0, 1)", plant,
+             (long long)again.seq);
+    PGresult *result = PQexec(by_hand, sql);
+    assert_string_equal(PQresultErrorField(result, PG_DIAG_SQLSTATE), "23505");
+    PQclear(result);
+    PQfinish(by_hand);
+    size_t gap = 1;
+    while (whole.at[gap].seq == whole.at[gap - 1].seq + 1 || whole.at[gap].seq < 2100) {
+        gap++;
+    }
+    free_seq.seq = whole.at[gap].seq - 1; /* of a packed week, and later than what is in it */
+    assert_int_equal(apc_store_append(store, &free_seq, 1), 1);
+    assert_int_equal(apc_store_append(store, &free_seq, 1), 0);
+    struct list now = history(store, 1, NULL, 0);
+    assert_int_equal(now.n, whole.n + 1);
+    assert_int_equal(now.at[gap].seq, free_seq.seq);
+    assert_int_equal(now.at[gap].time, free_seq.time);
+    ok(store, pack(store));
+    free(now.at);
+    free(whole.at);
+    apc_store_close(store);
+}
+
+static void test_a_week_that_is_written_to_while_it_is_packed_stays_as_it_is(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    const char *week = "(SELECT partition FROM packable(now()) WHERE target = 'sensor' LIMIT 1)";
+    char sql[400];
+    snprintf(sql, sizeof sql, "SELECT pack_begin(%s)", week);
+    ask(sql);
+    ask("INSERT INTO sensor (id, seq, time, status, value) VALUES (9, 1, at(3.9), 0, 9)");
+    snprintf(sql, sizeof sql,
+             "DO $$ BEGIN PERFORM pack_end('sensor', %s, '{}', '{}', '{}'); RAISE 'packed';"
+             " EXCEPTION WHEN serialization_failure THEN NULL; END $$",
+             week);
+    ask(sql);
+    assert_string_equal(ask("SELECT count(*) FROM late"), "1");
+    struct record before = record(store);
+    assert_int_equal(pack(store), 20); /* begins anew */
+    assert_recorded(store, &before, "packed after all");
+    assert_string_equal(ask("SELECT count(*) FROM sensor WHERE id = 9"), "1");
+    free_record(&before);
+    apc_store_close(store);
+}
+
+/* ---- Others meanwhile ------------------------------------------------------------------------------- */
+
+struct maintainer {
+    struct apc_store *store;
+    int result;
+};
+
+static void *maintain(void *arg)
+{
+    struct maintainer *m = arg;
+    m->result = pack(m->store);
+    return NULL;
+}
+
+static void test_two_maintainers_pack_each_week_once(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    struct record before = record(store);
+    struct maintainer m[2];
+    pthread_t thread[2];
+    for (size_t i = 0; i < 2; i++) {
+        m[i].store = open_direct(LONG);
+        assert_int_equal(pthread_create(&thread[i], NULL, maintain, &m[i]), 0);
+    }
+    for (size_t i = 0; i < 2; i++) {
+        pthread_join(thread[i], NULL);
+        ok(m[i].store, m[i].result);
+        apc_store_close(m[i].store);
+    }
+    assert_int_equal(m[0].result + m[1].result + atoi(ask("SELECT count(*) FROM packable(now())")), 20);
+    assert_recorded(store, &before, "packed by two");
+    ok(store, pack(store));
+    assert_recorded(store, &before, "packed again");
+    free_record(&before);
+    apc_store_close(store);
+}
+
+/* The server's process ends wherever it is: after each of the first statements of a week, and then here and
+ * there. */
+static void test_a_maintainer_that_is_killed_leaves_rows_or_chunks(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    struct record before = record(store);
+    static const char *const at[] = {"SELECT pack_begin%", "SELECT pack_lock%",
+                                     "FETCH FORWARD%",     "INSERT INTO sensor_packed%",
+                                     "SELECT pack_end%",   "COMMIT",
+                                     "FETCH FORWARD%"};
+    for (size_t k = 0; k < sizeof at / sizeof at[0]; k++) {
+        struct maintainer m = {.store = open_direct(LONG)};
+        pthread_t thread;
+        char sql[300];
+        snprintf(sql, sizeof sql,
+                 "SELECT count(pg_terminate_backend(pid)) > 0 FROM pg_stat_activity WHERE application_name = "
+                 "'test' AND "
+                 "datname = current_database() AND query LIKE '%s' AND state <> 'idle'",
+                 at[k]);
+        assert_int_equal(pthread_create(&thread, NULL, maintain, &m), 0);
+        for (int i = 0; i < 300 && strcmp(ask(sql), "t") != 0; i++) { /* or it was too fast */
+        }
+        pthread_join(thread, NULL);
+        apc_store_close(m.store);
+        assert_recorded(store, &before, at[k]);
+        ask(k % 2 == 0 ? "SELECT 1" : "DELETE FROM late");
+    }
+    ok(store, pack(store));
+    assert_string_equal(ask("SELECT count(*) FROM packable(now())"), "0");
+    assert_recorded(store, &before, "packed in the end");
+    free_record(&before);
+    apc_store_close(store);
+}
+
+/* ---- What else is done with them -------------------------------------------------------------------- */
+
+static void test_packed_weeks_are_dropped_but_not_the_newest_of_a_variable(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    ok(store, pack(store));
+    const struct apc_retention keep = {.size = sizeof keep, .samples = 60 * 3600 * APC_NS_PER_S, .packed = 1};
+    ok(store, apc_store_maintain(store, &keep));
+    assert_string_equal(ask("SELECT count(*) FROM sensor_packed WHERE until < now() - interval '60 hours'"),
+                        "0");
+    for (size_t v = 0; v < VARIABLES; v++) {
+        struct list l = history(store, v, NULL, 0);
+        assert_true(l.n >= 1);
+        assert_int_equal(l.at[l.n - 1].seq, newest(store, all[v].table, all[v].id).seq);
+        free(l.at);
+    }
+    apc_store_close(store);
+}
+
+static void test_who_reads_the_rows_reads_them_packed_and_nobody_writes_them(void **state)
+{
+    (void)state;
+    char path[100];
+    snprintf(path, sizeof path, "SET search_path TO plant%d", plant);
+    cluster_query(cluster, path);
+    cluster_query_file(cluster, APC_SQL_DIR "/roles.sql");
+    assert_string_equal(
+        ask("SELECT coalesce(string_agg(r || ' ' || t, ', '), '') FROM unnest(ARRAY['sensor', 'actuator', "
+            "'setpoint',"
+            " 'actual', 'estimate']) AS t, unnest(ARRAY['apc_plant', 'apc_client', 'apc_controller', "
+            "'apc_scheduler',"
+            " 'apc_alarms', 'apc_historian', 'apc_operator', 'apc_engineer']) AS r, unnest(ARRAY['_packed', "
+            "'_all']) AS x"
+            " WHERE has_table_privilege(r, t, 'SELECT') <> has_table_privilege(r, t || x, 'SELECT') OR"
+            " has_table_privilege(r, t || x, 'INSERT, UPDATE, DELETE, TRUNCATE, TRIGGER')"),
+        "");
+    assert_string_equal(
+        ask("SELECT string_agg(proname, ' ' ORDER BY proname) FROM pg_proc WHERE pronamespace ="
+            " current_schema()::regnamespace AND proname ~ 'pack|late|_of$' AND"
+            " has_function_privilege('apc_operator', oid, 'EXECUTE')"),
+        "bits_of double_of unpack unpack_column");
+}
+
+#define T(name) cmocka_unit_test_setup(name, set_up)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        T(test_packed_weeks_are_the_same_history),
+        T(test_views_show_packed_rows_bit_for_bit),
+        T(test_parts_of_a_packed_history_are_those_of_the_rows),
+        T(test_bins_of_a_packed_history_are_those_of_the_rows),
+        T(test_a_packed_seq_is_taken_and_a_free_one_is_not),
+        T(test_a_week_that_is_written_to_while_it_is_packed_stays_as_it_is),
+        T(test_two_maintainers_pack_each_week_once),
+        T(test_a_maintainer_that_is_killed_leaves_rows_or_chunks),
+        T(test_packed_weeks_are_dropped_but_not_the_newest_of_a_variable),
+        T(test_who_reads_the_rows_reads_them_packed_and_nobody_writes_them),
+    };
+    cluster = cluster_start();
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    cluster_destroy(cluster);
+    return failed;
+}
