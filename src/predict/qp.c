@@ -301,6 +301,57 @@ static void fix(struct apc_qp *qp, size_t i, double lambda)
     qp_work_sides(qp, 0);
 }
 
+/* ---- A point ---------------------------------------------------------------------------------- */
+
+QP_LANES static void rows_of(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+
+    memcpy(qp->value, qp->x, n * sizeof(*qp->x));
+    for (size_t r = 0; r < qp->m; r++) {
+        const double *row = qp->A + r * n;
+        const unsigned *column = qp->column + r * n;
+        double sum = 0.0;
+
+        if (qp->low[n + r] == -HUGE_VAL && qp->high[n + r] == HUGE_VAL)
+            continue; /* of no consequence */
+        if (qp->filled[r] > n / 4) {
+            sum = qp_dot(n, row, qp->x);
+        } else {
+            for (unsigned c = 0; c < qp->filled[r]; c++)
+                sum += row[column[c]] * qp->x[column[c]];
+        }
+        qp->value[n + r] = sum;
+    }
+}
+
+/** x = J w and its rows, from the multipliers as they stand. */
+QP_LANES static void point(struct apc_qp *qp)
+{
+    size_t n = qp->n;
+
+    for (size_t i = 0; i < n; i++)
+        qp->w[i] = -qp->q[i];
+    qp_work_pull(qp, qp->lambda, qp->w);
+    for (size_t p = 0; p < qp->waiting; p++)
+        qp_row_add(qp, qp->pending[p].row, -qp->pending[p].lambda, qp->w);
+    for (size_t i = 0; i < n; i++)
+        qp->x[i] = qp_dot(n - i, qp->J + i * n + i, qp->w + i);
+    rows_of(qp);
+}
+
+/** Where row @p at of W ought to be minus where it is. */
+static double astray(const struct apc_qp *qp, size_t at)
+{
+    size_t i = qp->work[at];
+    double sign = qp->state[i] > 0 ? 1.0 : -1.0;
+    double excess = (qp->lambda[at] - sign * qp->linear[i]) * qp->give[at];
+
+    return (sign > 0.0 ? qp->high[i] : qp->low[i]) + excess - qp->value[i];
+}
+
+/* ---- Ways ------------------------------------------------------------------------------------- */
+
 static void line_up(struct apc_qp *qp, size_t i, double lambda, double direction)
 {
     qp->pending[qp->waiting++] = (struct apc_qp_pending){(unsigned)i, lambda, direction};
@@ -402,6 +453,26 @@ static void accuse(struct apc_qp *qp, const struct apc_qp_pending *last, const d
     qp->side[last->row] = last->direction > 0.0 ? 1 : -1;
 }
 
+/**
+ * A row that has come back to its limit from beyond it, and depends on W: does it gain nothing by going on?
+ * Then it would only change places with a row of W, and that one with it, for ever: it is one of F instead.
+ */
+static bool rests(struct apc_qp *qp, const struct apc_qp_pending *last, const double *move)
+{
+    const size_t i = last->row;
+    const double sign = last->lambda > 0.0 ? 1.0 : -1.0, limit = sign > 0.0 ? qp->high[i] : qp->low[i];
+    double gain;
+
+    if (last->lambda == 0.0 || fabs(last->lambda) != qp->linear[i] || last->direction == sign ||
+        qp->state[i] != (signed char)sign)
+        return false;
+    point(qp);
+    gain = last->direction * (qp->value[i] - limit);
+    for (size_t j = 0; j < qp->k; j++)
+        gain -= move[j] * astray(qp, j);
+    return gain <= 0.5 * allowance(qp, limit);
+}
+
 /** One step of the row that waits last, which depends on W. Returns false when nothing ends it: infeasible.
  */
 static bool along(struct apc_qp *qp)
@@ -415,6 +486,12 @@ static bool along(struct apc_qp *qp)
         qp_work_against(qp, move);
     for (size_t j = 0; j < qp->k; j++)
         move[j] *= -last->direction;
+    if (rests(qp, last, move)) {
+        qp->state[last->row] = (signed char)(2 * qp->state[last->row]);
+        fix(qp, last->row, last->lambda);
+        qp->waiting--;
+        return true;
+    }
     qp_interval(qp, last->row, &low, &high);
     own = last->direction > 0.0 ? high - last->lambda : last->lambda - low;
     length = reach(qp, move, own, false, &at, &end);
@@ -434,45 +511,6 @@ static bool along(struct apc_qp *qp)
     if (!turn(qp, last->row, last->lambda, &last->direction))
         qp->waiting--;
     return true;
-}
-
-/* ---- A point ---------------------------------------------------------------------------------- */
-
-QP_LANES static void rows_of(struct apc_qp *qp)
-{
-    size_t n = qp->n;
-
-    memcpy(qp->value, qp->x, n * sizeof(*qp->x));
-    for (size_t r = 0; r < qp->m; r++) {
-        const double *row = qp->A + r * n;
-        const unsigned *column = qp->column + r * n;
-        double sum = 0.0;
-
-        if (qp->low[n + r] == -HUGE_VAL && qp->high[n + r] == HUGE_VAL)
-            continue; /* of no consequence */
-        if (qp->filled[r] > n / 4) {
-            sum = qp_dot(n, row, qp->x);
-        } else {
-            for (unsigned c = 0; c < qp->filled[r]; c++)
-                sum += row[column[c]] * qp->x[column[c]];
-        }
-        qp->value[n + r] = sum;
-    }
-}
-
-/** x = J w and its rows, from the multipliers as they stand. */
-QP_LANES static void point(struct apc_qp *qp)
-{
-    size_t n = qp->n;
-
-    for (size_t i = 0; i < n; i++)
-        qp->w[i] = -qp->q[i];
-    qp_work_pull(qp, qp->lambda, qp->w);
-    for (size_t p = 0; p < qp->waiting; p++)
-        qp_row_add(qp, qp->pending[p].row, -qp->pending[p].lambda, qp->w);
-    for (size_t i = 0; i < n; i++)
-        qp->x[i] = qp_dot(n - i, qp->J + i * n + i, qp->w + i);
-    rows_of(qp);
 }
 
 /** How far row i is beyond a limit; 0 within its allowance. *@p sign says which limit. */
@@ -495,6 +533,19 @@ static double within(const struct apc_qp *qp, size_t i, double *sign)
     return much > allowance(qp, limit) ? much : 0.0;
 }
 
+/** How far a row of F is from where it may stay: within its limit or, where its multiplier could grow, beyond
+ * it. *@p sign says on which side the limit is, or, where it is beyond, twice that. */
+static double strays(const struct apc_qp *qp, size_t i, double *sign)
+{
+    const double much = within(qp, i, sign);
+    double side;
+
+    if (much > 0.0 || qp->square[i] == 0.0)
+        return much;
+    *sign *= 2.0;
+    return beyond(qp, i, &side) * (side == *sign / 2.0);
+}
+
 /** How far row i is from where it may stay, over its size; 0 where it may stay as it is. */
 static double urge(const struct apc_qp *qp, size_t i)
 {
@@ -502,7 +553,7 @@ static double urge(const struct apc_qp *qp, size_t i)
 
     if ((qp->state[i] && qp->fixed[i] == 0.0) || (qp->size[i] == 0.0 && soft(qp, i)))
         return 0.0; /* of W, or of zeros and free to be violated */
-    much = qp->fixed[i] == 0.0 ? beyond(qp, i, &sign) : within(qp, i, &sign);
+    much = qp->fixed[i] == 0.0 ? beyond(qp, i, &sign) : strays(qp, i, &sign);
     if (much == 0.0)
         return 0.0;
     return qp->size[i] > 0.0 ? much / qp->size[i] : HUGE_VAL; /* a row of zeros can only contradict */
@@ -584,7 +635,7 @@ static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
     while (careful && found < qp->rows && !(urge(qp, found) > 0.0))
         found++;
     if (found < qp->rows)
-        (void)(qp->fixed[found] == 0.0 ? beyond(qp, found, sign) : within(qp, found, sign));
+        (void)(qp->fixed[found] == 0.0 ? beyond(qp, found, sign) : strays(qp, found, sign));
     return found;
 }
 
@@ -595,7 +646,7 @@ static void come_in(struct apc_qp *qp, size_t i, double sign)
 
         fix(qp, i, 0.0);
         qp->state[i] = (signed char)sign;
-        line_up(qp, i, lambda, -sign);
+        line_up(qp, i, lambda, fabs(sign) > 1.0 ? sign / 2.0 : -sign);
     } else {
         qp->state[i] = (signed char)(qp->linear[i] == 0.0 && qp->square[i] > 0.0 ? 2.0 * sign : sign);
         line_up(qp, i, 0.0, sign);
@@ -771,16 +822,6 @@ static void publish(struct apc_qp *qp)
         much = beyond(qp, i, &sign);
         qp->multiplier[i] = much > 0.0 ? sign * (qp->linear[i] + qp->square[i] * much) : 0.0;
     }
-}
-
-/** Where row @p at of W ought to be minus where it is. */
-static double astray(const struct apc_qp *qp, size_t at)
-{
-    size_t i = qp->work[at];
-    double sign = qp->state[i] > 0 ? 1.0 : -1.0;
-    double excess = (qp->lambda[at] - sign * qp->linear[i]) * qp->give[at];
-
-    return (sign > 0.0 ? qp->high[i] : qp->low[i]) + excess - qp->value[i];
 }
 
 /** Is the dual residual of each variable at most a share of the scale of its own terms? Needs gradient(). */

@@ -212,6 +212,46 @@ static void what_is_called_optimal_is(void **state)
     }
 }
 
+/* Rows that stand there twice, with the same limits and weights of their own: one of them can be changed for
+ * the other for ever, and nothing is gained. */
+static void rows_that_stand_there_twice_do_not_take_turns(void **state)
+{
+    struct apc_random random;
+    struct problem p;
+
+    (void)state;
+    apc_random_init(&random, 8, "qp twice");
+    for (int trial = 0; trial < 10000; trial++) {
+        struct apc_qp_result result = {.size = sizeof result};
+        struct apc_qp *qp;
+        double x[N_MOST];
+
+        p.n = 1 + (size_t)between(&random, 0.0, 10.0);
+        p.m = 2 + (size_t)between(&random, 0.0, 18.0);
+        make_cost(&p, &random, 0.0);
+        make_rows(&p, &random, true);
+        for (size_t r = 1; r < p.m; r++) {
+            const size_t like = (size_t)between(&random, 0.0, (double)r);
+
+            if (apc_random_uniform(&random) < 0.6)
+                continue;
+            memcpy(p.A + r * p.n, p.A + like * p.n, p.n * sizeof *p.A);
+            p.low[p.n + r] = p.low[p.n + like];
+            p.high[p.n + r] = p.high[p.n + like];
+            p.linear[p.n + r] = p.linear[p.n + like] * (trial % 2 ? 1.0 : 0.5);
+            p.square[p.n + r] = p.square[p.n + like];
+        }
+        qp = make(&p, &(struct apc_qp_options){0});
+        for (int again = 0; again < 3; again++) {
+            assert_int_equal(apc_qp_solve(qp, p.f, p.low, p.high, x, &result), 0);
+            assert_optimal(&p, x, apc_qp_multipliers(qp));
+            for (size_t i = 0; i < p.n; i++)
+                p.f[i] += 5.0 * apc_random_normal(&random);
+        }
+        apc_qp_destroy(qp);
+    }
+}
+
 /* Variables whose units are up to a million apart: the answer may be "limit" or "numbers", never a wrong one.
  */
 static void what_rounding_has_spoiled_is_not_called_optimal(void **state)
@@ -719,6 +759,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_is_called_optimal_is),
+        cmocka_unit_test(rows_that_stand_there_twice_do_not_take_turns),
         cmocka_unit_test(what_rounding_has_spoiled_is_not_called_optimal),
         cmocka_unit_test(the_figures_that_come_back_are_those_of_x),
         cmocka_unit_test(rows_that_contradict_are_named_and_no_others),
