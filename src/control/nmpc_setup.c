@@ -10,6 +10,7 @@
 #include "control/mpc.h"
 #include "predict/predict_internal.h"
 
+#define SHORTEST 1e-5 /* s, of a part of a period */
 enum { STEPS_MOST = 1000, SQUARINGS = 16, LATE_MOST = 1000 /* periods */ };
 
 const char *const apc_nmpc_settings[] = {
@@ -252,6 +253,14 @@ static int take_delays(struct apc_law_mpc *p, const struct apc_law_setup *setup,
                             "setting \"delay\": %g s of output %zu; it must be from 0 to %d periods of %g s",
                             delay[j], j + 1, LATE_MOST, p->Ts);
         p->whole[j] = apc_linear_whole(delay[j], p->Ts, &p->bit[j]);
+        for (size_t k = 0; k < p->parts; k++) {
+            if (fabs(p->bit[j] - p->begins[k]) <= SHORTEST)
+                p->bit[j] = p->begins[k];
+        }
+        if (p->Ts - p->bit[j] <= SHORTEST) {
+            p->whole[j]++;
+            p->bit[j] = 0.0;
+        }
         p->late_most = p->whole[j] > p->late_most ? p->whole[j] : p->late_most;
         p->late = fmin(p->late, p->bit[j]);
         while (p->begins[at - 1] > p->bit[j])
@@ -262,7 +271,7 @@ static int take_delays(struct apc_law_mpc *p, const struct apc_law_setup *setup,
         p->begins[at] = p->bit[j];
     }
     for (size_t j = 0; j < nu; j++)
-        delay[j] -= p->late;
+        delay[j] = (double)p->whole[j] * p->Ts + (p->bit[j] - p->late);
     return rc;
 }
 
