@@ -220,7 +220,7 @@ int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra
     if (rc != 0) {
         close(pair[0]);
         close(output[0]);
-        return apc_fail(why, APC_ESYS, "cannot be started: %s", strerror(rc));
+        return apc_fail(why, rc == ENOMEM ? APC_ENOMEM : APC_ESYS, "cannot be started: %s", strerror(rc));
     }
     schedule(c->pid);
     c->socket = pair[0];

@@ -222,8 +222,9 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
     int rc = i && text ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", p->law.name);
 
     *self = i;
-    if (rc == 0) {
+    if (i) /* as it is, it can be destroyed */
         i->of = p;
+    if (rc == 0) {
         i->dim = setup->dim;
         i->tuning = apc_law_parameters(&p->law, &setup->dim);
         rc = write_setup(i, setup, why);

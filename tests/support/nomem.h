@@ -5,6 +5,10 @@
 #ifndef APC_TEST_NOMEM_H
 #define APC_TEST_NOMEM_H
 
+#include <apcbase.h>
+
+#include "check.h"
+
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -94,5 +98,44 @@ SEEN void free(void *p)
     __libc_free(p);
 }
 #endif
+
+/* What asks for memory, and gives 0 or APC_ENOMEM. */
+struct nomem_step {
+    const char *name;
+    int (*run)(void);
+    bool silent; /* it has no text to give */
+};
+
+/*
+ * Each of its allocations fails once, of those after the first @p all every @p apart-th: @p why says so, and
+ * nothing is left behind.
+ */
+static inline void nomem_each(const struct nomem_step *step, int all, int apart, struct apc_error *why)
+{
+    int n = 0;
+    if (!NOMEM)
+        skip();
+    foreign = false;
+    until_failure = 0;
+    if (step->run() < 0) /* what is kept for good is there then */
+        fail_msg("%s: %s", step->name, why->text);
+    const long before = alive;
+    do {
+        n += n < all ? 1 : apart;
+        until_failure = n;
+        failed = false;
+        why->text[0] = '\0';
+        counting = true;
+        const int rc = step->run();
+        counting = false;
+        if (rc != (failed ? APC_ENOMEM : 0))
+            fail_msg("%s: allocation %d: %s: %s", step->name, n, apc_err_name(rc), why->text);
+        if (failed && !step->silent && !strstr(why->text, "memory"))
+            fail_msg("%s: allocation %d: \"%s\"", step->name, n, why->text);
+        if (alive != before)
+            fail_msg("%s: allocation %d: %ld are left", step->name, n, alive - before);
+    } while (failed);
+    assert_true(n > 1);
+}
 
 #endif

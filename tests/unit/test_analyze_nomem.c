@@ -127,43 +127,15 @@ static int cost_recorded(void)
 
 static void each_allocation_may_fail(void **state)
 {
-    static const struct {
-        const char *name;
-        int (*run)(void);
-        bool silent; /* it has no text to give */
-    } steps[] = {
+    static const struct nomem_step steps[] = {
         {"create", create, false},   {"states", count, true},     {"poles", poles, true},
         {"response", respond, true}, {"margins", margins, false}, {"margins of all", margins_of_all, false},
         {"peaks", peaks, false},     {"cost", cost, false},       {"recorded", cost_recorded, false}};
     (void)state;
-    if (!NOMEM)
-        skip();
-    foreign = false;
     assert_int_equal(apc_loop_create(&loop, &setup, NULL), 0);
     assert_true(apc_loop_states(loop) <= STATES);
-    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
-        int n = 0;
-        until_failure = 0;
-        if (steps[i].run() < 0)
-            fail_msg("%s: %s", steps[i].name, why.text);
-        const long before = alive;
-        do {
-            n += n < 60 ? 1 : 37; /* a search asks for the same again and again */
-            until_failure = n;
-            failed = false;
-            why.text[0] = '\0';
-            counting = true;
-            const int rc = steps[i].run();
-            counting = false;
-            if (rc != (failed ? APC_ENOMEM : 0))
-                fail_msg("%s: allocation %d: %s: %s", steps[i].name, n, apc_err_name(rc), why.text);
-            if (failed && !steps[i].silent && !strstr(why.text, "memory"))
-                fail_msg("%s: allocation %d: \"%s\"", steps[i].name, n, why.text);
-            if (alive != before)
-                fail_msg("%s: allocation %d: %ld are left", steps[i].name, n, alive - before);
-        } while (failed);
-        assert_true(n > 1);
-    }
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+        nomem_each(&steps[i], 60, 37, &why); /* a search asks for the same again and again */
     apc_loop_destroy(loop);
 }
 

@@ -16,6 +16,7 @@
 
 #include "check.h"
 #include "control/process_parts.h"
+#include "nomem.h"
 #include "scratch.h"
 
 enum { NY = 2, NZ = 1, NU = 2, ND = 1, AHEAD = 2, STATES = 2, TUNING = 1 + 2 };
@@ -513,6 +514,46 @@ static void a_law_is_known_by_the_text_of_its_file(void **state)
     assert_true(apc_law_is_process("a.py") && !apc_law_is_process(".py") && !apc_law_is_process("a.so"));
 }
 
+/* ---- No memory ------------------------------------------------------------------------------------------
+ */
+
+static int find(void)
+{
+    const struct apc_law *law = NULL;
+    void *handle = NULL;
+    const int rc = apc_law_find(r.file, &law, &handle, &why);
+
+    assert_int_equal(rc == 0, handle != NULL);
+    apc_plugin_close(handle);
+    return rc;
+}
+
+static int create_one(void)
+{
+    const struct apc_law_setup setup = {.size = sizeof setup,
+                                        .law = r.law,
+                                        .dim = {NY, NZ, NU, ND},
+                                        .Ts = 0.5,
+                                        .n_setting = 2,
+                                        .setting = settings};
+    struct apc_law_needs needs = {.size = sizeof needs};
+    void *self = NULL;
+    const int rc = r.law->create(&setup, &needs, &self, &why);
+
+    if (self)
+        r.law->destroy(self);
+    return rc;
+}
+
+static void each_allocation_may_fail(void **state)
+{
+    static const struct nomem_step steps[] = {{"find", find, false}, {"create", create_one, false}};
+    (void)state;
+    make();
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+        nomem_each(&steps[i], 1, 1, &why);
+}
+
 #define T(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
 
 int main(int argc, char **argv)
@@ -529,6 +570,7 @@ int main(int argc, char **argv)
         T(what_it_prints_is_told_and_the_same_again_once_a_minute),
         T(what_is_no_law_is_refused_with_the_reason),
         T(a_law_is_known_by_the_text_of_its_file),
+        T(each_allocation_may_fail),
     };
 
     if (argc == 4 && !strcmp(argv[1], "-m") && !strcmp(argv[2], "apc.law"))

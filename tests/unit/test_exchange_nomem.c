@@ -81,36 +81,14 @@ static int board(void)
 
 static void each_allocation_may_fail(void **state)
 {
-    static const struct {
-        const char *name;
-        int (*run)(void);
-    } steps[] = {{"tcp", tcp}, {"modbus", modbus}, {"serial", serial}, {"unit", unit}, {"board", board}};
+    static const struct nomem_step steps[] = {{"tcp", tcp, false},
+                                              {"modbus", modbus, false},
+                                              {"serial", serial, false},
+                                              {"unit", unit, false},
+                                              {"board", board, false}};
     (void)state;
-    if (!NOMEM)
-        skip();
-    foreign = false;
-    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
-        int n = 0;
-        until_failure = 0;
-        if (steps[i].run() < 0)
-            fail_msg("%s: %s", steps[i].name, why.text);
-        const long before = alive;
-        do {
-            until_failure = ++n;
-            failed = false;
-            why.text[0] = '\0';
-            counting = true;
-            const int rc = steps[i].run();
-            counting = false;
-            if (rc != (failed ? APC_ENOMEM : 0))
-                fail_msg("%s: allocation %d: %s: %s", steps[i].name, n, apc_err_name(rc), why.text);
-            if (failed && !strstr(why.text, "memory"))
-                fail_msg("%s: allocation %d: \"%s\"", steps[i].name, n, why.text);
-            if (alive != before)
-                fail_msg("%s: allocation %d: %ld are left", steps[i].name, n, alive - before);
-        } while (failed);
-        assert_true(n > 1);
-    }
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+        nomem_each(&steps[i], 1, 1, &why);
 }
 
 int main(void)

@@ -90,11 +90,7 @@ static int sines(void)
     return apc_excite_multisine(1, 5, 1, u, 64, &crest);
 }
 
-static const struct {
-    const char *name;
-    int (*run)(void);
-    bool silent; /* it has no text to give */
-} steps[] = {
+static const struct nomem_step steps[] = {
     {"check", check, false},
     {"excitation", excitation, true},
     {"transfer", transfer, false},
@@ -111,34 +107,11 @@ static void each_allocation_may_fail(void **state)
     static const struct apc_transfer g[] = {{.gain = 2.0, .tau = {1.0}, .dead_time = 0.4},
                                             {.gain = -1.0, .tau = {0.5}}};
     (void)state;
-    if (!NOMEM)
-        skip();
-    foreign = false;
     most_rows = 5;
     t = record_simulate(g, 2, 1, 120, 0.2, (const size_t[]){5, 7}, 0.05, 0.5, 1);
     assert_int_equal(apc_identify_arx(&model, &t->record, NULL, NULL), 0);
-    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
-        int n = 0;
-        until_failure = 0;
-        assert_int_equal(steps[i].run(), 0); /* what is kept for good is there then */
-        const long before = alive;
-        do {
-            n += n < 20 ? 1 : 31; /* a search asks for the same again and again */
-            until_failure = n;
-            failed = false;
-            why.text[0] = '\0';
-            counting = true;
-            const int rc = steps[i].run();
-            counting = false;
-            if (rc != (failed ? APC_ENOMEM : 0))
-                fail_msg("%s: allocation %d: %s: %s", steps[i].name, n, apc_err_name(rc), why.text);
-            if (failed && !steps[i].silent && !strstr(why.text, "memory"))
-                fail_msg("%s: allocation %d: \"%s\"", steps[i].name, n, why.text);
-            if (alive != before)
-                fail_msg("%s: allocation %d: %ld are left", steps[i].name, n, alive - before);
-        } while (failed);
-        assert_true(n > 1);
-    }
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+        nomem_each(&steps[i], 20, 31, &why); /* a search asks for the same again and again */
     apc_identified_destroy(model);
     free(t);
 }
