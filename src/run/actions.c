@@ -211,15 +211,11 @@ static const char *name_of(const struct loops *loops, const struct apc_tag *tags
 static int write_rows(struct apc_store *store, const struct loops *loops, const struct action *action,
                       struct apc_sample *before, struct apc_sample *rows, struct owner_rows *with)
 {
-    int rc;
-    do {
-        rc = apc_store_read(store, before, 1);
-        if (rc < 0 || (action->local && !(before->value >= APC_MODE_CAS)))
-            return rc;
-        rows->seq = action->local ? before->seq : APC_SEQ_ANY;
-        rc = owner_put(store, loops, rows, action->n, with);
-    } while (action->local && rc == APC_ECONFLICT);
-    return rc;
+    const int rc = apc_store_read(store, before, 1);
+    if (rc < 0 || (action->local && !(before->value >= APC_MODE_CAS)))
+        return rc;
+    rows->seq = action->local ? before->seq : APC_SEQ_ANY;
+    return owner_put(store, loops, rows, action->n, with);
 }
 
 int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,
@@ -368,8 +364,7 @@ static void read_action(struct settings *s, const config_setting_t *group, const
     if (!kind)
         return;
     settings_number(s, group, "at", REQUIRED, 0, 366 * 86400.0, &at);
-    if (!s->failed)
-        apc_ns_from_s(at, &action->at);
+    apc_ns_from_s(at, &action->at);
     const char *what = config_setting_name(kind);
     settings_text(s, group, what, REQUIRED, name, sizeof name);
     action->kind = !strcmp(what, "kill") ? ACTION_KILL : !strcmp(what, "start") ? ACTION_START : ACTION_WRITE;

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 
 #include "run/owner.h"
+#include "run/run_internal.h"
+#include "shareddata/shareddata_internal.h"
 #include "stores.h"
 
 /* v1 and v2 of base; upper.r1 moves the setpoint of v1. */
@@ -204,6 +206,45 @@ static void test_what_is_no_longer_as_the_caller_knew_it_is_not_written(void **s
     assert_int_equal(newest(*state, APC_SETPOINT, 1).seq, 2);
 }
 
+/* ---- What is planned ----------------------------------------------------------------------------------- */
+
+static const struct apc_store_ops *real;
+static struct apc_store *faster; /* who writes between two calls, once */
+
+static int do_read(struct apc_store *s, struct apc_sample *samples, size_t n)
+{
+    const int rc = real->read(s, samples, n);
+    struct apc_store *other = faster;
+    faster = NULL;
+    if (other)
+        put(other, APC_OPMODE, 1, APC_MODE_CAS);
+    return rc;
+}
+
+static void test_a_cascade_is_opened_as_it_was_seen_or_not_at_all(void **state)
+{
+    const struct action local = {
+        .kind = ACTION_WRITE, .to = wanted(APC_OPMODE, 1, APC_MODE_AUTO), .n = 1, .local = true};
+    struct apc_store *store = *state, *other = NULL;
+    struct apc_store_ops ops;
+    in_cas(store);
+    ok(store, apc_store_open(&other, store_uri, NULL, NULL));
+    real = store->ops;
+    ops = *real;
+    ops.read = do_read;
+    store->ops = &ops;
+    faster = other;
+    assert_int_equal(action_do(store, &loops, NULL, 0, &local, APC_NS_PER_S, "joe"), APC_ECONFLICT);
+    assert_null(faster);
+    assert_int_equal(newest(store, APC_OPMODE, 1).seq, 2);
+    assert_near(newest(store, APC_OPMODE, 1).value, APC_MODE_CAS, 0);
+    assert_int_equal(action_do(store, &loops, NULL, 0, &local, APC_NS_PER_S, "joe"), 0);
+    assert_near(newest(store, APC_OPMODE, 1).value, APC_MODE_AUTO, 0);
+    assert_int_equal(newest(store, APC_OPMODE, 1).seq, 3);
+    store->ops = real;
+    apc_store_close(other);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
 
 int main(void)
@@ -217,6 +258,7 @@ int main(void)
         T(test_of_all_loops_those_under_another_one_keep_their_setpoints),
         T(test_target_and_setpoint_of_one_loop_are_written_as_they_are_given),
         T(test_what_is_no_longer_as_the_caller_knew_it_is_not_written),
+        T(test_a_cascade_is_opened_as_it_was_seen_or_not_at_all),
     };
     int failed = 0;
     while (stores_next())
