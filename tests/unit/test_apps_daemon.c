@@ -6,6 +6,7 @@
 #include "check.h"
 
 #include <arpa/inet.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -18,6 +19,7 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "common/credentials.h"
@@ -26,6 +28,8 @@
 #include "common/warden.h"
 #include "run/run_internal.h"
 #include "scratch.h"
+
+#define PERIOD (APC_NS_PER_S / 10) /* of its task */
 
 /* What a daemon does, and what it left. */
 struct life {
@@ -517,11 +521,18 @@ static void a_tick_that_fails_ends_it_with_its_code(void **state)
     assert_null(strstr(events, "nothing"));
 }
 
+/* In a tick, so that others are missed. */
+static void sleep_until(apc_ns mono)
+{
+    const struct timespec t = {mono / APC_NS_PER_S, mono % APC_NS_PER_S};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) {
+    }
+}
+
 static int miss_one(void *ctx, const struct apc_tick *tick)
 {
     (void)ctx;
-    (void)tick;
-    usleep(250000);
+    sleep_until(tick->scheduled + 5 * PERIOD / 2);
     return 0;
 }
 
@@ -543,7 +554,7 @@ static int hang_once(void *ctx, const struct apc_tick *tick)
     (void)ctx;
     if (shared->ticks++ == 0) {
         shared->first = tick->index;
-        usleep(1500000);
+        sleep_until(tick->scheduled + 15 * PERIOD);
     }
     shared->last = tick->index;
     if (tick->index > shared->first + 75)

@@ -345,7 +345,7 @@ static bool answer_line(struct plant *p, const char *line, char reply[200])
     if (line[0] == 'V' || p->behaviour == PROPER || p->behaviour == LATE)
         return true;
     if (p->behaviour == MANY)
-        strcat(reply, "77.00\r\n");
+        snprintf(reply + strlen(reply), 200 - strlen(reply), "77.00\r\n");
     else if (p->behaviour != CLOSES)
         snprintf(reply, 200, "%s", instead[p->behaviour]);
     return p->behaviour != CLOSES;

@@ -150,7 +150,7 @@ static void a_histogram_is_taken_as_shares_of_all(void **state)
     models_free(&m);
     /* of any length; on a command line a path is one, absolute or not */
     for (int i = 0; i < 150; i++)
-        sprintf(text + strlen(text), "%d,%d,2\n", i, i + 1);
+        snprintf(text + strlen(text), sizeof text - strlen(text), "%d,%d,2\n", i, i + 1);
     scratch_write("long.csv", text);
     char spec[400];
     snprintf(spec, sizeof spec, "jitter=recorded(%s),loss=0.5", scratch_path("long.csv"));

@@ -2,16 +2,9 @@
 /* What the API answers, and what is on record, when the store does not do what it is asked for: asked without
  * a connection, on a store in memory of which one call fails.
  */
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "apc-ui/http.h"
-#include "check.h"
 #include "run/run_internal.h"
 #include "shareddata/shareddata_internal.h"
-
-#define S APC_NS_PER_S
+#include "ui_request.h"
 
 static const char text[] =
     "name = \"faults\"; duration = 10.0;\n"
@@ -24,44 +17,7 @@ static const char text[] =
     "alarms = { period = 60.0; };\n"
     "controller = { law = \"pi\"; period = 2.0; tuning = ( { Kp = 0.2; tau_i = 10.0; } ); };\n";
 
-static struct ui *ui;
-static struct apc_store *store;
 static struct apc_alarms *alarms;
-static struct request request;
-static struct connection from = {.address = "10.0.0.7"};
-static const char *query[4]; /* name, value, ... */
-
-/* In place of those that ask a connection. */
-const char *request_query(const struct request *r, const char *name)
-{
-    (void)r;
-    for (size_t i = 0; i + 1 < sizeof query / sizeof *query && query[i]; i += 2)
-        if (!strcmp(query[i], name))
-            return query[i + 1];
-    return NULL;
-}
-
-const char *request_header(const struct request *r, const char *name)
-{
-    (void)r;
-    (void)name;
-    return NULL;
-}
-
-static void no_telling(void *ctx, const struct write *write)
-{
-    (void)ctx;
-    (void)write;
-}
-
-static void ask_nothing(void)
-{
-    free(request.body);
-    text_free(&request.reply);
-    text_free(&request.extra);
-    memset(query, 0, sizeof query);
-    request = (struct request){.from = &from, .session = ui->sessions.local};
-}
 
 typedef void (*handler)(struct ui *, struct request *, struct apc_store *);
 
@@ -204,13 +160,7 @@ static int set_up(void **state)
     struct experiment e;
     struct apc_error why;
     (void)state;
-    ui = calloc(1, sizeof *ui);
-    ui->options.store = "mem:ui-faults";
-    if (apc_log_create(&ui->log, STDERR_FILENO, "test", APC_LOG_ERROR) < 0 || model_init(&ui->model) < 0 ||
-        stream_create(&ui->stream) < 0 || writes_create(&ui->writes, no_telling, NULL) < 0 ||
-        sessions_init(&ui->sessions, 100 * S, 1000 * S) < 0 || audit_init(&ui->audit) < 0 ||
-        desks_init(ui->desk) < 0 || meter_init(&ui->reads) < 0 || meter_init(&ui->stores) < 0 ||
-        apc_store_open(&store, ui->options.store, NULL, NULL) < 0 || apc_store_init(store) < 0)
+    if (!ui_made("mem:ui-faults"))
         return -1;
     if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
         provision(store, &e, PROVISION_KEEP) < 0 || cores_alarms(&e, &alarms, &why) < 0)
@@ -218,7 +168,6 @@ static int set_up(void **state)
     experiment_free(&e);
     if (model_load(&ui->model, store) < 0)
         return -1;
-    ui->open = true;
     evaluate(20);
     real = store->ops;
     return 0;
@@ -228,19 +177,8 @@ static int tear_down(void **state)
 {
     (void)state;
     store->ops = real;
-    ask_nothing();
     apc_alarms_destroy(alarms);
-    apc_store_close(store);
-    meter_free(&ui->reads);
-    meter_free(&ui->stores);
-    audit_free(&ui->audit);
-    desks_free(ui->desk);
-    sessions_free(&ui->sessions);
-    writes_destroy(ui->writes);
-    stream_destroy(ui->stream);
-    model_free(&ui->model);
-    apc_log_destroy(ui->log);
-    free(ui);
+    ui_gone();
     return 0;
 }
 

@@ -1,52 +1,16 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What the API answers, asked without a connection, on a store in memory: the plant as it stands, what was,
  * and what becomes of writes. */
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "apc-ui/http.h"
-#include "check.h"
 #include "run/merits.h"
+#include "ui_request.h"
 
-#define S       APC_NS_PER_S
 #define TUNINGS WRITE_CHANGES
 
-static struct ui *ui;
-static struct apc_store *store;
-static struct request request;
-static struct connection from = {.address = "10.0.0.7"};
-static const char *query[10]; /* name, value, ... */
 static struct apc_tag tags[40 + TUNINGS];
 static size_t n_tags;
-
-/* In place of those that ask a connection. */
-const char *request_query(const struct request *r, const char *name)
-{
-    (void)r;
-    for (size_t i = 0; i + 1 < sizeof query / sizeof *query && query[i]; i += 2)
-        if (!strcmp(query[i], name))
-            return query[i + 1];
-    return NULL;
-}
-
-const char *request_header(const struct request *r, const char *name)
-{
-    (void)r;
-    (void)name;
-    return NULL;
-}
-
-static void ask_nothing(void)
-{
-    free(request.body);
-    text_free(&request.reply);
-    text_free(&request.extra);
-    memset(query, 0, sizeof query);
-    request = (struct request){.from = &from, .session = ui->sessions.local};
-}
 
 /* The answer as JSON, to be given back; NULL when it is none. */
 static json_t *ask(void (*handle)(struct ui *, struct request *, struct apc_store *))
@@ -105,18 +69,11 @@ static int append_dim(int id, double value)
     return apc_store_append(store, &s, 1);
 }
 
-static void no_telling(void *ctx, const struct write *write)
-{
-    (void)ctx;
-    (void)write;
-}
-
 /* Two of each with controller "base", and one loop above, which moves r1; as many tunings as one write may
  * change. */
 static int set_up(void **state)
 {
     (void)state;
-    ui = calloc(1, sizeof *ui);
     n_tags = 0;
     tag(APC_SENSOR, 1, "y1", -APC_VALUE_MAX, APC_VALUE_MAX);
     tag(APC_SENSOR, 2, "y2", 0, 1);
@@ -138,14 +95,7 @@ static int set_up(void **state)
     tag_loop(2, "u2", "base");
     tag_loop(3, "upper.r1", "upper");
     qsort(tags, n_tags, sizeof *tags, by_table);
-    ui->options.store = "mem:handlers";
-    if (apc_log_create(&ui->log, STDERR_FILENO, "test", APC_LOG_ERROR) < 0 || model_init(&ui->model) < 0 ||
-        stream_create(&ui->stream) < 0 || writes_create(&ui->writes, no_telling, NULL) < 0 ||
-        sessions_init(&ui->sessions, 100 * S, 1000 * S) < 0 || audit_init(&ui->audit) < 0 ||
-        pthread_mutex_init(&ui->users_mutex, NULL) || meter_init(&ui->reads) < 0 ||
-        meter_init(&ui->stores) < 0 || meter_init(&ui->lag) < 0 ||
-        apc_store_open(&store, "mem:handlers", NULL, NULL) < 0 || apc_store_init(store) < 0 ||
-        apc_store_put_tags(store, tags, n_tags) < 0)
+    if (!ui_made("mem:handlers") || apc_store_put_tags(store, tags, n_tags) < 0)
         return -1;
     static const double pairs[] = {1, 1, 2, 2, 1, 0};
     for (int i = 0; i < 6; i++)
@@ -153,7 +103,6 @@ static int set_up(void **state)
             return -1;
     if (model_load(&ui->model, store) < 0)
         return -1;
-    ui->open = true;
     ui->began = apc_clock_mono(NULL);
     ui->round[0] = ui->round[1] = ui->began;
     ui->model.connected = true;
@@ -164,18 +113,7 @@ static int set_up(void **state)
 static int tear_down(void **state)
 {
     (void)state;
-    ask_nothing();
-    apc_store_close(store);
-    meter_free(&ui->reads);
-    meter_free(&ui->stores);
-    meter_free(&ui->lag);
-    audit_free(&ui->audit);
-    sessions_free(&ui->sessions);
-    writes_destroy(ui->writes);
-    stream_destroy(ui->stream);
-    model_free(&ui->model);
-    apc_log_destroy(ui->log);
-    free(ui);
+    ui_gone();
     return 0;
 }
 
