@@ -572,6 +572,55 @@ static void soft_limits_come_before_setpoints_and_zones_are_free(void **state)
     end(&r);
 }
 
+/* In volts or in millivolts: what is weighed is weighed over the deviations. */
+static void units_make_no_difference(void **state)
+{
+    static const double of_u[] = {1.0, 1000.0, 0.01}, of_y[] = {1.0, 0.001, 100.0};
+    double seen[3][40][NU];
+    (void)state;
+
+    for (size_t k = 0; k < 3; k++) {
+        const double up = of_u[k], yp = of_y[k];
+        const double y_noise[NY] = {0.02 * yp, 0.05 * yp}, d_noise[NU] = {0.1 * up, 0.2 * up};
+        const struct apc_setting noise[] = {number("y_noise", y_noise, NY), number("d_noise", d_noise, NU)};
+        double b[NX * NU], c[NY * NX], u0[NU], y0[NY];
+        struct apc_law_plant other = tanks;
+        struct rig r;
+        for (size_t i = 0; i < NX * NU; i++)
+            b[i] = B[i] / up;
+        for (size_t i = 0; i < NY * NX; i++)
+            c[i] = C[i] * yp;
+        for (size_t i = 0; i < 2; i++) {
+            u0[i] = u_rest[i] * up;
+            y0[i] = at_rest[i] * yp;
+        }
+        other.B = b, other.C = c, other.u0 = u0, other.y0 = y0;
+        make_of(&r, &other, noise, 2);
+        for (size_t i = 0; i < 2; i++) {
+            r.signal_u[i].high = r.high[i] = 10.0 * up;
+            r.signal_y[i].high = 10.0 * yp;
+            r.u[i] = r.u_last[i] = u0[i];
+        }
+        measure(&r);
+        begin(&r);
+        r.tuning[WISH] = 0.7;
+        r.tuning[REFERENCE] = 3.5 * up;
+        r.tuning[OF_U + MOVE] = 0.3;
+        r.tuning[NU * OF_U + WEIGHT] = 2.0;
+        r.tuning[NU * OF_U + OF_Y + ZONE] = 0.1 * yp;
+        set_point(&r, 7.0 * yp, 6.0 * yp);
+        for (size_t i = 0; i < 40; i++) {
+            tick(&r);
+            for (size_t j = 0; j < NU; j++) {
+                seen[k][i][j] = r.u[j] / up;
+                assert_near(seen[k][i][j], seen[0][i][j], 1e-5);
+            }
+        }
+        assert_true(fabs(seen[k][5][0] - u_rest[0]) > 0.01 && fabs(seen[k][5][1] - u_rest[1]) > 0.01);
+        end(&r);
+    }
+}
+
 static void what_it_publishes_has_names_and_comes_true(void **state)
 {
     struct rig r;
@@ -693,7 +742,7 @@ static void the_time_that_a_plan_took_is_published(void **state)
 static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
 {
     const double big = 3.0, half = 0.5, blocks[] = {10.0, 11.0}, ranks[] = {1.0, 3.0}, twice[] = {1.0, 1.0},
-                 huge[] = {1.0, 1e300}, tiny[] = {1.0, 1e-30}, least[] = {1e-200, 1.0},
+                 huge[] = {1.0, 1e300}, first[] = {0.0, 1.0}, tiny[] = {1.0, 1e-30}, least[] = {1e-200, 1.0},
                  nothing[] = {0.0, 0.0}, many[] = {1.0, 2.0, 1.0}, minus[] = {-1.0, 0.0};
     const struct {
         struct apc_setting setting;
@@ -711,6 +760,8 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         {number("iterations", &half, 1), "iterations"},
         {number("horizont", &big, 1), "horizont"},
         {number("y_dev", nothing, 2), "none may be 0"},
+        {number("y_dev", first, 2), "none may be 0"},
+        {number("rank", nothing, 2), "setting \"rank\": 0 is no whole number from 1 to 2"},
         {number("u_dev", &big, 1), "2 numbers"},
         {number("u_dev", minus, 2), "no number from 0"},
         {number("u_dev", huge, 2), "deviations as large"},
@@ -994,6 +1045,7 @@ int main(void)
         TEST(an_output_that_was_given_is_not_in_the_way_of_the_first_plan),
         TEST(at_rest_a_plan_costs_nothing_and_otherwise_more),
         TEST(soft_limits_come_before_setpoints_and_zones_are_free),
+        TEST(units_make_no_difference),
         TEST(what_it_publishes_has_names_and_comes_true),
         TEST(what_it_estimates_is_published_by_name),
         TEST(what_holds_the_plan_back_is_published),

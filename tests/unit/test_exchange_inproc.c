@@ -159,6 +159,26 @@ static void what_is_lost_times_out(void **state)
     tear_down(b);
 }
 
+static void a_loss_on_either_way_is_counted(void **state)
+{
+    enum { N = 40 };
+    struct bench *b = set_up((struct apc_network_options){.loss = 0.5, .seed = 1});
+    struct apc_inproc_stats stats = {.size = sizeof stats};
+    int arrived = 0;
+    (void)state;
+    for (int i = 0; i < N; i++) {
+        assert_int_equal(ask(b, 1, S), 0);
+        run(b, i + 1);
+        arrived += b->trace[0] == '?';
+        b->trace[0] = '\0';
+    }
+    apc_inproc_stats(b->x, &stats);
+    assert_true(arrived > 0 && arrived < N);
+    assert_true(stats.timeouts > (uint64_t)(N - arrived)); /* replies were lost, too */
+    assert_int_equal(stats.frames.lost, stats.timeouts);
+    tear_down(b);
+}
+
 static void a_request_that_arrives_twice_has_one_reply(void **state)
 {
     struct bench *b = set_up((struct apc_network_options){.duplication = 1, .delay = constant(0.5)});
@@ -258,6 +278,7 @@ int main(void)
         cmocka_unit_test(without_delay_it_comes_at_the_same_instant),
         cmocka_unit_test(a_late_reply_is_none),
         cmocka_unit_test(what_is_lost_times_out),
+        cmocka_unit_test(a_loss_on_either_way_is_counted),
         cmocka_unit_test(a_request_that_arrives_twice_has_one_reply),
         cmocka_unit_test(a_closed_connection_is_said_and_the_next_is_another),
         cmocka_unit_test(only_what_is_said_takes_time_on_the_line),

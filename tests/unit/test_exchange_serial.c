@@ -16,6 +16,8 @@
 
 #include <apcexchange.h>
 
+#include "scratch.h"
+
 #define PATIENCE (60 * APC_NS_PER_S)
 #define SOON     (50 * APC_NS_PER_MS) /* for an answer that never comes */
 
@@ -209,26 +211,34 @@ static void *run(void *arg)
     return NULL;
 }
 
+/* The board at a port of its own. */
+static void plug_in(struct lab *lab)
+{
+    struct termios how;
+    lab->port = posix_openpt(O_RDWR | O_NOCTTY);
+    assert_true(lab->port >= 0 && grantpt(lab->port) == 0 && unlockpt(lab->port) == 0);
+    assert_int_equal(ptsname_r(lab->port, lab->path, sizeof lab->path), 0);
+    (void)unlink(scratch_path("board"));
+    assert_int_equal(symlink(lab->path, scratch_path("board")), 0);
+    lab->kept = open(lab->path, O_RDWR | O_NOCTTY);
+    assert_int_equal(tcgetattr(lab->kept, &how), 0);
+    cfmakeraw(&how);
+    assert_int_equal(tcsetattr(lab->kept, TCSANOW, &how), 0);
+    assert_int_equal(pthread_create(&lab->thread, NULL, run, lab), 0);
+}
+
 static int set_up(void **state)
 {
     static const double safe[] = {5, 0};
     const struct apc_exchange_options options = {.size = sizeof options, .nu = 2, .ny = 2, .safe = safe};
     struct lab *lab = calloc(1, sizeof *lab);
-    struct termios how;
     struct apc_error why;
-    char uri[100];
+    char uri[320];
     lab->board = make_board(&lab->plant);
-    lab->port = posix_openpt(O_RDWR | O_NOCTTY);
-    assert_true(lab->port >= 0 && grantpt(lab->port) == 0 && unlockpt(lab->port) == 0);
-    assert_int_equal(ptsname_r(lab->port, lab->path, sizeof lab->path), 0);
-    lab->kept = open(lab->path, O_RDWR | O_NOCTTY);
-    assert_int_equal(tcgetattr(lab->kept, &how), 0);
-    cfmakeraw(&how);
-    assert_int_equal(tcsetattr(lab->kept, TCSANOW, &how), 0);
     assert_int_equal(pipe(lab->wake), 0);
     pthread_mutex_init(&lab->mutex, NULL);
-    assert_int_equal(pthread_create(&lab->thread, NULL, run, lab), 0);
-    snprintf(uri, sizeof uri, "serial:%s", lab->path);
+    plug_in(lab);
+    snprintf(uri, sizeof uri, "serial:%s", scratch_path("board"));
     assert_int_equal(apc_exchange_open(&lab->x, uri, &options, &why), 0);
     *state = lab;
     return 0;
@@ -240,6 +250,7 @@ static void stop(struct lab *lab)
         return;
     assert_int_equal(write(lab->wake[1], "", 1), 1);
     pthread_join(lab->thread, NULL);
+    assert_int_equal(read(lab->wake[0], &(char){0}, 1), 1);
     close(lab->port);
     close(lab->kept);
     lab->port = -1;
@@ -450,6 +461,23 @@ static void a_board_that_is_pulled_out_is_said(void **state)
     assert_int_equal(exchange(lab, 0, 0, y, PATIENCE), APC_ECONN);
 }
 
+/* Whatever the one before was asked for its name. */
+static void a_board_that_is_plugged_in_again_is_asked_for_its_name(void **state)
+{
+    struct lab *lab = *state;
+    struct apc_value y[2];
+    int rc;
+    be_silent(lab, true);
+    assert_int_equal(exchange(lab, 0, 0, y, SOON), APC_ETIMEDOUT);
+    stop(lab);
+    assert_int_equal(exchange(lab, 0, 0, y, PATIENCE), APC_ECONN);
+    lab->silent = false;
+    plug_in(lab);
+    while ((rc = exchange(lab, 0, 0, y, PATIENCE)) == APC_ECONN)
+        usleep(10000);
+    assert_int_equal(rc, 0);
+}
+
 /* Who leads a session gets the first terminal that it opens, and its signals, unless it says no. */
 static void a_port_does_not_become_the_terminal_of_who_opens_it(void **state)
 {
@@ -490,6 +518,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_sensor_that_is_not_there_is_bad, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_port_that_cannot_be_had_says_why, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_board_that_is_pulled_out_is_said, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_board_that_is_plugged_in_again_is_asked_for_its_name, set_up,
+                                        tear_down),
         cmocka_unit_test_setup_teardown(a_port_does_not_become_the_terminal_of_who_opens_it, set_up,
                                         tear_down),
     };

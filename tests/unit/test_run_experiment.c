@@ -837,6 +837,65 @@ static void show(double t, const double *x, const double *u, const double *p, do
     y[0] = x[0];
 }
 
+static const double *linear;
+static size_t states;
+
+static int decay(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t;
+    (void)u;
+    (void)p;
+    for (size_t i = 0; i < states; i++) {
+        dx[i] = 0;
+        for (size_t k = 0; k < states; k++)
+            dx[i] += linear[i * states + k] * x[k];
+    }
+    return 0;
+}
+
+/* The fastest of several, which may turn: each of these matrices has its largest eigenvalue beside it. */
+static void the_fastest_of_several_poles_says_how_long_a_step_may_be(void **state)
+{
+    static const double turning[] = {-1, 4, -4, -1}, coupled[] = {-2, 1, 1, -2},
+                        far[] = {-1, 100, 0, 0, -2, 50, 0, 0, -3}, three[] = {0, 1, 0, 0, 0, 1, -5, -7, -3};
+    static const struct {
+        const double *a;
+        size_t n;
+        double radius;
+    } of[] = {{turning, 2, 4.123105625617661}, {coupled, 2, 3}, {far, 3, 3}, {three, 3, 2.23606797749979}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct experiment e;
+        struct apc_error why;
+        assert_int_equal(
+            load(&e, 5,
+                 "plant = { model = \"quadruple-tank\"; period = 0.5; integrator = \"rk4\"; steps = "
+                 "1; listen = \"tcp:127.0.0.1:4000\"; };",
+                 &why),
+            0);
+        const struct apc_model *const real = e.plant.model;
+        struct apc_model model = *real;
+        double x0[3] = {0};
+        double *const given = e.plant.x0;
+        linear = of[i].a;
+        model.nx = states = of[i].n;
+        model.f = decay;
+        model.g = show;
+        model.ny = 1;
+        e.plant.model = &model;
+        e.plant.x0 = x0;
+        for (int k = -1; k <= 1; k += 2) {
+            e.plant.rhythm.period = (apc_ns)(2.8 / of[i].radius * (1 + k * 1e-5) * 1e9);
+            const int rc = experiment_check_steps(&e, &why);
+            if (rc != (k > 0 ? APC_ERANGE : 0))
+                fail_msg("matrix %zu: %d: %s", i, rc, why.text);
+        }
+        e.plant.model = real;
+        e.plant.x0 = given;
+        experiment_free(&e);
+    }
+}
+
 static void steps_of_rk4_that_are_too_long_are_told_of(void **state)
 {
     static const struct {
@@ -1304,6 +1363,7 @@ int main(void)
         cmocka_unit_test(all_of_a_plant_and_its_sensors_is_loaded),
         cmocka_unit_test(a_plant_and_its_server_are_made_both_or_none),
         cmocka_unit_test(steps_of_rk4_that_are_too_long_are_told_of),
+        cmocka_unit_test(the_fastest_of_several_poles_says_how_long_a_step_may_be),
         cmocka_unit_test(limits_narrow_what_a_law_allows),
         cmocka_unit_test(an_operating_point_is_the_models_own_as_far_as_the_file_does_not_say),
         cmocka_unit_test(a_setting_is_a_number_an_array_rows_or_a_text),

@@ -17,6 +17,7 @@ static const struct apc_store_ops *real;
 static struct apc_store *from, *to;
 static int calls;    /* so many have been made, of both */
 static int calls_to; /* of TO */
+static int asked;    /* whose number, or which number, an author is */
 static int fails_at; /* number of the one that fails; 0: none */
 static bool done;    /* what it should do was done all the same: its answer is lost */
 static const struct apc_store *failed;
@@ -140,11 +141,13 @@ static int do_claim(struct apc_store *s, struct apc_sample *variables, size_t n)
 
 static int do_author(struct apc_store *s, const char *name)
 {
+    asked++;
     FAULTY(s, real->author(s, name));
 }
 
 static int do_author_name(struct apc_store *s, uint32_t number, char name[APC_AUTHOR_LEN])
 {
+    asked++;
     FAULTY(s, real->author_name(s, number, name));
 }
 
@@ -574,6 +577,17 @@ static void test_a_step_with_nothing_new_leaves_the_other_store_alone(void **sta
     apc_forward_destroy(f);
 }
 
+static void test_who_an_author_is_is_asked_once(void **state)
+{
+    (void)state;
+    appended(1, 9); /* of three */
+    struct apc_forward *f = begin();
+    asked = 0;
+    assert_int_equal(apc_forward_step(f, FOREVER), 9 * 5);
+    assert_int_equal(asked, 3 * 2);
+    apc_forward_destroy(f);
+}
+
 static void test_all_the_room_is_left_where_nothing_is_overwritten(void **state)
 {
     (void)state;
@@ -610,6 +624,7 @@ int main(void)
         T(test_whichever_call_fails_first_the_whole_gap_is_told_once),
         T(test_two_failures_one_after_the_other_are_as_one),
         T(test_a_step_with_nothing_new_leaves_the_other_store_alone),
+        T(test_who_an_author_is_is_asked_once),
         T(test_all_the_room_is_left_where_nothing_is_overwritten),
         T(test_of_no_forward_there_is_nothing_to_tell),
         T(test_a_batch_is_full_and_the_next_one_goes_on),

@@ -393,6 +393,27 @@ static void test_the_mode_of_all_is_for_each_loop_that_is_not_named(void **state
     assert_int_equal(reached, 0);
 }
 
+/* Between the two calls somebody describes more. */
+static int get_more_tags(struct apc_store *s, struct apc_tag *tags, size_t capacity)
+{
+    (void)s;
+    for (size_t i = 0; i < capacity; i++)
+        tags[i] = described[i];
+    return capacity == 0 ? 2 : n_described;
+}
+
+static void test_of_loops_there_are_no_more_than_were_asked_for(void **state)
+{
+    (void)state;
+    struct apc_tag tags[] = {loop_tag(1, "pi"), loop_tag(2, "pi"), loop_tag(3, "pi")};
+    struct apc_sample of_all = {.table = APC_OPMODE};
+    described = tags;
+    n_described = sizeof tags / sizeof *tags;
+    ops.get_tags = get_more_tags;
+    assert_int_equal(apc_store_put(&store, &of_all, 1), 0);
+    assert_int_equal(n_loops, 2);
+}
+
 /* ---- Streams, bins, waits -------------------------------------------------------------------------- */
 
 static void test_streams_have_bounds_and_a_function(void **state)
@@ -766,6 +787,7 @@ int main(void)
         T(test_rows_say_their_size_and_what_they_point_to),
         T(test_rows_that_did_not_get_in_keep_their_seqs),
         T(test_the_mode_of_all_is_for_each_loop_that_is_not_named),
+        T(test_of_loops_there_are_no_more_than_were_asked_for),
         T(test_streams_have_bounds_and_a_function),
         T(test_a_tag_has_ranges_and_whiles),
         T(test_a_catalogue_is_of_a_length),

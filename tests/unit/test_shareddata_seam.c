@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "scratch.h"
+#include "shareddata/seam_internal.h"
 #include "stores.h"
 
 #define FOREVER (60 * APC_NS_PER_S)
@@ -438,6 +439,214 @@ static void test_another_runs_history_is_left_out(void **state)
     world_end(&w);
 }
 
+/* ---- A history that fails, or changes, between two calls -------------------------------------------------
+ */
+
+static const struct apc_store_ops *real;
+static int calls, fails_at; /* the number of the one that fails; 0: none */
+static struct world *grows; /* its live store, when the history's newest is asked for */
+
+static bool fails(struct apc_store *s)
+{
+    if (++calls == fails_at) {
+        apc_fail(&s->why, APC_ECONN, "call %d is lost", calls);
+    }
+    return calls == fails_at;
+}
+
+#define FAULTY(s, operation) return fails(s) ? APC_ECONN : (operation)
+
+static int do_variables(struct apc_store *s, struct apc_sample *variables, size_t capacity)
+{
+    FAULTY(s, real->variables(s, variables, capacity));
+}
+
+static int do_history(struct apc_store *s, enum apc_table table, int id, const struct apc_range *range,
+                      apc_sample_fn fn, void *ctx)
+{
+    FAULTY(s, real->history(s, table, id, range, fn, ctx));
+}
+
+static int do_vectors(struct apc_store *s, enum apc_table table, int id, const struct apc_range *range,
+                      apc_vector_fn fn, void *ctx)
+{
+    FAULTY(s, real->vectors(s, table, id, range, fn, ctx));
+}
+
+static int do_bins(struct apc_store *s, enum apc_table table, int id, apc_ns since, apc_ns until, size_t n,
+                   apc_history_bin_fn fn, void *ctx)
+{
+    FAULTY(s, real->history_bins(s, table, id, since, until, n, fn, ctx));
+}
+
+static int do_get_tags(struct apc_store *s, struct apc_tag *tags, size_t capacity)
+{
+    FAULTY(s, real->get_tags(s, tags, capacity));
+}
+
+static int do_read_rows(struct apc_store *s, struct apc_rows *rows)
+{
+    if (grows) {
+        append_rows(grows->live, 600, 600);
+        grows = NULL;
+    }
+    FAULTY(s, real->read_rows(s, rows));
+}
+
+static int do_events(struct apc_store *s, const struct apc_range *range, apc_event_fn fn, void *ctx)
+{
+    FAULTY(s, real->events(s, range, fn, ctx));
+}
+
+static int do_timing(struct apc_store *s, const struct apc_range *range, apc_timing_fn fn, void *ctx)
+{
+    FAULTY(s, real->timing(s, range, fn, ctx));
+}
+
+/* The history has rows 300 to 399, the live store 500 to 599: a world whose history may fail. */
+static struct apc_seam *two_parts(struct world *w)
+{
+    static struct apc_store_ops faulty;
+    world_begin(w, "shm:", store_uri);
+    struct apc_seam *s = (struct apc_seam *)w->both;
+    describe(w->history, "plant");
+    append_rows(w->history, 300, 399);
+    append_rows(w->live, 500, 599);
+    append_record(w->history, 1);
+    append_record(w->live, 2);
+    real = s->history->ops;
+    faulty = *real;
+    faulty.variables = do_variables;
+    faulty.history = do_history;
+    faulty.vectors = do_vectors;
+    faulty.history_bins = do_bins;
+    faulty.get_tags = do_get_tags;
+    faulty.read_rows = do_read_rows;
+    faulty.events = do_events;
+    faulty.timing = do_timing;
+    s->history->ops = &faulty;
+    fails_at = 0;
+    return s;
+}
+
+/* Whichever call fails, there is what the live store has, and no row of the history that comes back. */
+static void test_whichever_call_of_the_history_fails_it_is_left_out_whole(void **state)
+{
+    static const struct apc_range ranges[] = {{0}, {.last = 150}, {.last = 600}, {.after = 350}};
+    struct world w;
+    (void)state;
+    struct apc_seam *s = two_parts(&w);
+    for (int i = 0; i < 4 * 6; i++) {
+        const int what = i / 4;
+        const struct apc_range *range = &ranges[i % 4];
+        if (what == 4 || ((what == 2 || what == 3) && range->after > 0)) {
+            continue; /* nobody has set a setpoint; numbers are each store's own */
+        }
+        fails_at = 0;
+        const struct answer whole = ask(w.both, what, range), live = ask(w.live, what, range);
+        assert_string_equal(apc_store_error(w.both), "");
+        assert_true(whole.sum != live.sum);
+        bool failed = true;
+        for (int k = 1; failed; k++) {
+            s->checked = false;
+            calls = 0;
+            fails_at = k;
+            const struct answer a = ask(w.both, what, range);
+            failed = calls >= k;
+            if (a.n != (failed ? live.n : whole.n) || a.sum != (failed ? live.sum : whole.sum)) {
+                fail_msg("question %d, range %d, call %d: %d rows", what, i % 4, k, a.n);
+            }
+            assert_int_equal(strstr(apc_store_error(w.both), "the history is left out: ") != NULL, failed);
+            const int asked = calls;
+            (void)ask(w.both, what, range); /* nor is it asked again at once */
+            assert_int_equal(failed ? calls - asked : 0, 0);
+            s->quiet_until = 0;
+            assert_true(failed || k > 2);
+        }
+    }
+    fails_at = 0;
+    struct apc_sample variables[9];
+    assert_int_equal(apc_store_variables(w.both, variables, 9), 2);
+    world_end(&w);
+}
+
+static int note_seq(void *ctx, const struct apc_sample *s)
+{
+    ((int64_t *)ctx)[0] += ((int64_t *)ctx)[0] == 0 ? s->seq : 0;
+    ((int64_t *)ctx)[1] = s->seq;
+    return 0;
+}
+
+/* The newest 101, of which the live store has 100, and 101 by the time that the history is asked. */
+static void test_what_the_live_store_gets_meanwhile_makes_nothing_older_the_newest(void **state)
+{
+    struct world w;
+    int64_t ends[2] = {0};
+    (void)state;
+    two_parts(&w);
+    grows = &w;
+    assert_int_equal(
+        apc_store_history(w.both, APC_SENSOR, 1, &(struct apc_range){.last = 101}, note_seq, ends), 101);
+    assert_int_equal(ends[0], 399);
+    assert_int_equal(ends[1], 599);
+    world_end(&w);
+}
+
+static int note_author(void *ctx, const struct apc_sample *s)
+{
+    ((uint32_t *)ctx)[s->seq] = s->author;
+    return 0;
+}
+
+static void test_who_set_something_is_told_by_the_store_that_has_it(void **state)
+{
+    static const char *const name[] = {NULL, "bob", NULL, "ada", NULL, "bob"};
+    struct world w;
+    uint32_t author[6] = {9, 9, 9, 9, 9, 9};
+    char said[APC_AUTHOR_LEN];
+    (void)state;
+    world_begin(&w, "shm:", store_uri);
+    describe(w.history, "plant");
+    for (int seq = 1; seq <= 5; seq++) { /* they count them in another order */
+        struct apc_store *const store = seq <= 2 ? w.history : w.live;
+        struct apc_sample s = {.table = APC_SETPOINT, .id = 1, .seq = seq, .time = time_of(seq)};
+        s.author = name[seq] ? (uint32_t)apc_store_author(store, name[seq]) : 0;
+        assert_int_equal(apc_store_append(store, &s, 1), 1);
+    }
+    assert_int_equal(apc_store_history(w.both, APC_SETPOINT, 1, NULL, note_author, author), 5);
+    for (int seq = 1; seq <= 5; seq++) {
+        if (name[seq]) {
+            assert_int_equal(apc_store_author_name(w.both, author[seq], said), 0);
+            assert_string_equal(said, name[seq]);
+        } else {
+            assert_int_equal(author[seq], 0);
+        }
+    }
+    world_end(&w);
+}
+
+static void test_of_one_variable_the_history_may_have_nothing(void **state)
+{
+    struct world w;
+    struct apc_behind behind = {.size = sizeof behind};
+    struct apc_sample s = {.table = APC_SENSOR, .id = 1, .time = time_of(1)};
+    (void)state;
+    world_begin(&w, "shm:", store_uri);
+    for (s.seq = 1; s.seq <= 3; s.seq++) {
+        assert_int_equal(apc_store_append(w.live, &s, 1), 1);
+    }
+    assert_int_equal(apc_store_behind(w.both, &behind), 1);
+    assert_true(behind.nothing && behind.rows == 3 && behind.time == 0);
+    world_end(&w);
+    world_begin(&w, "shm:", store_uri); /* nor has the live store */
+    assert_int_equal(apc_store_behind(w.both, &behind), 1);
+    assert_true(!behind.nothing && behind.rows == 0 && behind.time == 0);
+    world_end(&w);
+}
+
+/* ---- Its name --------------------------------------------------------------------------------------------
+ */
+
 static void test_a_uri_of_two_says_what_is_wrong_with_either(void **state)
 {
     struct apc_error why = {""};
@@ -464,6 +673,10 @@ int main(void)
         T(test_another_experiments_history_is_left_out),
         T(test_another_runs_history_is_left_out),
         T(test_a_uri_of_two_says_what_is_wrong_with_either),
+        T(test_whichever_call_of_the_history_fails_it_is_left_out_whole),
+        T(test_what_the_live_store_gets_meanwhile_makes_nothing_older_the_newest),
+        T(test_who_set_something_is_told_by_the_store_that_has_it),
+        T(test_of_one_variable_the_history_may_have_nothing),
     };
     int failed = 0;
     while (stores_next()) {

@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <limits.h>
 #include <pthread.h>
 #include <signal.h>
 #include <sqlite3.h>
@@ -20,6 +21,7 @@
 
 #include "apcstore.h"
 #include "check.h"
+#include "nomem.h"
 #include "scratch.h"
 #include "shareddata/sqlite.h"
 
@@ -753,7 +755,7 @@ static void test_a_file_that_comes_along_does_so_wholly_or_not_at_all(void **sta
 {
     for (int kill = 0; kill <= 1; kill++) {
         int64_t version = 1;
-        int failed = 0;
+        int refused = 0;
         for (rlim_t limit = 2048; version == 1; limit += 12288) {
             unlink(path);
             make_controller_of_version_1();
@@ -762,7 +764,7 @@ static void test_a_file_that_comes_along_does_so_wholly_or_not_at_all(void **sta
             version = raw_number(path, "PRAGMA user_version");
             assert_true(version == 1 || version == 4);
             if (version == 1) {
-                failed++;
+                refused++;
                 assert_true(kill ? WIFSIGNALED(status) && WTERMSIG(status) == SIGXFSZ
                                  : WIFEXITED(status) && (WEXITSTATUS(status) == -APC_EFULL ||
                                                          WEXITSTATUS(status) == -APC_ECONN));
@@ -772,9 +774,45 @@ static void test_a_file_that_comes_along_does_so_wholly_or_not_at_all(void **sta
             assert_whole(store, 4);
             apc_store_close(store);
         }
-        assert_true(failed > 2);
+        assert_true(refused > 2);
     }
     (void)state;
+}
+
+/* Make an old file, and bring it along while that allocation of SQLite's fails. */
+static int come_along_without(int allocation)
+{
+    unlink(path);
+    make_controller_of_version_1();
+    struct apc_store *store = open_store(20 * SECOND);
+    until_failure = allocation;
+    failed = false;
+    counting = true;
+    const int rc = apc_store_init(store);
+    counting = false;
+    if (rc != 1 && (!failed || rc != APC_ENOMEM)) {
+        fail_msg("allocation %d: %s: %s", allocation, apc_err_name(rc), apc_store_error(store));
+    }
+    assert_whole(store, rc < 0 ? 1 : 4);
+    apc_store_close(store);
+    return rc;
+}
+
+static void test_without_memory_a_file_stays_as_it_was_and_that_is_said(void **state)
+{
+    enum { STEPS = 24 };
+    int refused = 0;
+    (void)state;
+    if (!NOMEM) {
+        skip();
+    }
+    foreign = true;
+    assert_int_equal(come_along_without(INT_MAX), 1);
+    const int n = INT_MAX - until_failure;
+    for (int k = 0; k < STEPS; k++) {
+        refused += come_along_without(1 + (int)((int64_t)n * k / STEPS)) < 0;
+    }
+    assert_true(refused > STEPS / 2);
 }
 
 static void test_a_write_ahead_log_goes_or_is_refused(void **state)
@@ -1223,6 +1261,7 @@ int main(void)
         N(test_what_was_of_one_controller_becomes_that_of_its_loops),
         N(test_who_still_uses_an_old_file_is_named_and_nothing_is_changed),
         N(test_a_file_that_comes_along_does_so_wholly_or_not_at_all),
+        N(test_without_memory_a_file_stays_as_it_was_and_that_is_said),
         N(test_a_file_of_version_1_comes_along_with_its_history),
         T(test_a_write_ahead_log_goes_or_is_refused),
         T(test_a_file_for_reading_only_is_read),

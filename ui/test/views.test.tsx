@@ -897,6 +897,24 @@ test("a histogram stands on its axis, its bars where their ticks are", async () 
   assert.deepEqual(of(".tick", "y").slice(3), [["177"], ["177"], ["177"], ["13"]]);
 });
 
+test("a trend that nobody looks at any more takes no samples", async () => {
+  await show("trend/1");
+  await press(" ");
+  await press(" ");
+  await show("events");
+  env.asked.length = 0;
+  const queries: string[] = [];
+  const route = env.routes.get("/api/history")!;
+  env.routes.set("/api/history", asked => {
+    queries.push(asked.query.ref ?? "");
+    return route(asked);
+  });
+  for (let i = 0; i < 16000; i++) server.sample("sensor.1", 5, "Good", server.now + i / 1000);
+  await settle();
+  env.routes.set("/api/history", route);
+  assert.deepEqual(queries, []);
+});
+
 test("a trend from one time to another, fitted, turned by the wheel, and saved", async () => {
   const route = env.routes.get("/api/history")!;
   const now = Math.floor(server.now);
