@@ -140,6 +140,11 @@ static bool get(const struct variable *v, double *value)
     return well(status, v->name);
 }
 
+static bool get_float64(const uint32_t *reference, size_t n, double *value)
+{
+    return well(call.get_real(self, reference, n, value), "fmi2GetReal");
+}
+
 static bool step(double t, double h)
 {
     return well(call.do_step(self, t, h, 1), "fmi2DoStep");
@@ -151,4 +156,5 @@ const struct standard fmi2 = {.load = load,
                               .leave = leave,
                               .set = set,
                               .get = get,
+                              .get_float64 = get_float64,
                               .step = step};

@@ -137,6 +137,11 @@ static bool get(const struct variable *v, double *value)
     }
 }
 
+static bool get_float64(const uint32_t *reference, size_t n, double *value)
+{
+    return well(call.get_Float64(self, reference, n, value, n), "fmi3GetFloat64");
+}
+
 static bool step(double t, double h)
 {
     bool event = false, ends = false, early = false;
@@ -157,4 +162,5 @@ const struct standard fmi3 = {.load = load,
                               .leave = leave,
                               .set = set,
                               .get = get,
+                              .get_float64 = get_float64,
                               .step = step};

@@ -90,6 +90,8 @@ struct standard {
     bool (*leave)(void);
     bool (*set)(const struct variable *v, double value);
     bool (*get)(const struct variable *v, double *value);
+    /* Of @p n of TYPE_FLOAT64, in one call. */
+    bool (*get_float64)(const uint32_t *reference, size_t n, double *value);
     bool (*step)(double t, double h);
 };
 

@@ -9,6 +9,7 @@ further from each other than 1e-12 of the greatest value.
 
 import csv
 import math
+import os
 import shutil
 import sys
 
@@ -31,22 +32,19 @@ fmu = instantiate_fmu(folder, description, "CoSimulation")
 
 def give(name, value):
     kind, reference = variable[name].type, [variable[name].valueReference]
-    if kind == "Float64":
-        fmu.setFloat64(reference, [value])
-    elif kind == "Boolean":
-        fmu.setBoolean(reference, [bool(round(value))])
-    else:
-        fmu.setInt32(reference, [round(value)])
+    as_kind = {"Float64": float, "Real": float, "Boolean": lambda v: bool(round(v))}.get(kind, round)
+    getattr(fmu, f"set{kind}")(reference, [as_kind(value)])
 
 
 def take(name):
-    kind, reference = variable[name].type, [variable[name].valueReference]
-    return float({"Float64": fmu.getFloat64, "Int32": fmu.getInt32}[kind](reference)[0])
+    return float(getattr(fmu, f"get{variable[name].type}")([variable[name].valueReference])[0])
 
 
 for name, value in settings:
     if "@" not in name:
         give(name, float(value))
+if description.fmiVersion == "2.0":
+    fmu.setupExperiment(startTime=0.0)
 fmu.enterInitializationMode()
 fmu.exitInitializationMode()
 course = []
@@ -73,5 +71,6 @@ for at, _, number, value in told:
     worst = max(worst, abs(course[k][number] - value))
 values = [abs(r[3]) for r in told]
 print(f"{file}: {len(told)} samples of {len(steps)} steps, to {max(values):g}; the greatest difference is {worst:g}")
-if not worst <= 1e-12 * max(values) or len(steps) < 20 or len(set(values)) < 20:
-    sys.exit(1)
+sys.stdout.flush()
+# at once: what an FMU of Python leaves within Python is not to be tidied up
+os._exit(not worst <= 1e-12 * max(values) or len(steps) < 20 or len(set(values)) < 20)

@@ -1,17 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Five plants as FMUs of Python, each of another kind: fmu_plants.py FOLDER
 
-pythonfmu3, from PyPI, makes a file of each class; it wants one class a file, so each is written out by itself.
+pythonfmu3, from PyPI, makes a file of each class, NAME.fmu, of FMI 3; it wants one class a file, so each is written out by itself. Its elder brother
+pythonfmu makes NAME2.fmu, of FMI 2, of those that show no states, where it is there.
 """
 
 import inspect
 import logging
 import math
 import pathlib
+import re
 import sys
 
 from pythonfmu3 import Boolean, Float64, Fmi3Causality, Fmi3Initial, Fmi3Slave, Fmi3Variability, Int32
 from pythonfmu3.builder import FmuBuilder
+
+try:
+    from pythonfmu.builder import FmuBuilder as ElderBuilder
+except ImportError:
+    ElderBuilder = None
 
 
 def variables(slave, kind, causality, *names, **more):
@@ -106,9 +113,9 @@ class Heater(Fmi3Slave):
         self.on, self.y, self.switched, self.watts = False, 20.0, 0, 50
         self.last = False
         times(self)
-        variables(self, Boolean, Fmi3Causality.input, "on")
+        variables(self, Boolean, Fmi3Causality.input, "on", variability=Fmi3Variability.discrete)
         variables(self, Float64, Fmi3Causality.output, "y")
-        variables(self, Int32, Fmi3Causality.output, "switched")
+        variables(self, Int32, Fmi3Causality.output, "switched", variability=Fmi3Variability.discrete)
         variables(self, Int32, Fmi3Causality.parameter, "watts", variability=Fmi3Variability.fixed)
 
     def do_step(self, t, h):
@@ -137,11 +144,25 @@ class Reactor(Fmi3Slave):
         return True
 
 
+def of_fmi_2(text):
+    text = re.sub(r"    variables\(slave, Float64, Fmi3Causality.independent.*\n", "", text)  # time is no variable there
+    for new, old in (("Fmi3", "Fmi2"), ("pythonfmu3", "pythonfmu"), ("Float64", "Real"), ("Int32", "Integer")):
+        text = text.replace(new, old)
+    return text
+
+
+def write(name, text, make, **options):
+    source = folder / f"{name}.py"
+    source.write_text(text, encoding="ascii")
+    make.build_FMU(source, dest=folder, canHandleVariableCommunicationStepSize=True, **options).rename(source.with_suffix(".fmu"))
+
+
 head = "import math\nfrom pythonfmu3 import Boolean, Float64, Fmi3Causality, Fmi3Initial, Fmi3Slave, Fmi3Variability, Int32\n\n\n"
 helpers = inspect.getsource(variables) + "\n\n" + inspect.getsource(times) + "\n\n"
 logging.disable()
 folder = pathlib.Path(sys.argv[1])
 for plant in (Tank, Swing, Quadruple, Heater, Reactor):
-    source = folder / f"{plant.__name__.lower()}.py"
-    source.write_text(head + helpers + inspect.getsource(plant), encoding="ascii")
-    FmuBuilder.build_FMU(source, dest=folder, needsExecutionTool=False, canHandleVariableCommunicationStepSize=True).rename(source.with_suffix(".fmu"))
+    name, text = plant.__name__.lower(), head + helpers + inspect.getsource(plant)
+    write(name, text, FmuBuilder, needsExecutionTool=False)
+    if ElderBuilder and "derivative=" not in text:
+        write(f"{name}2", of_fmi_2(text), ElderBuilder, needsExecutionTool="false")
