@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The Tennessee Eastman process, an FMU that nobody here wrote the plant of, held for 48 simulated hours under IDV 1, 4 and 8 by the eight base
+# loops of examples/tennessee-eastman, and by its own controllers: in none of their measures ours are worse. It is big: scripts/peers tennessee.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+case "${APC_SANITIZE:-}" in ?*) echo "skipped: an interpreter is run, not our code; system_fmu runs that"; exit 77 ;; esac
+[ -x "$APC_BIN/apc-fmu" ] || { echo "skipped: apc-fmu was not built: it needs libzip and expat"; exit 77; }
+interpreter=$(python3 -c 'import sysconfig as s; print(s.get_config_var("LIBDIR"), s.get_config_var("INSTSONAME"), sep="/")')
+[ -f "$interpreter" ] || { echo "skipped: FMUs of Python want its library, and there is no $interpreter"; exit 77; }
+big_peers tennessee
+export PYTHONPATH=$peers/python PYTHONDONTWRITEBYTECODE=1 MPLCONFIGDIR=$work APC_FMU_TIMEOUT=600
+python3 -c 'import tep_studio' 2>"$work/import" || { echo "skipped: what scripts/peers fetched is not for this Python: $(tail -n 1 "$work/import")"; exit 77; }
+example=$APC_SOURCE_DIR/examples/tennessee-eastman
+APC_BIN=$APC_BIN "$example/compare.py" "$work/both" --figure "$work/both.png" >"$work/table" || fail "its own controllers are better: $(cat "$work/table")"
+[ -s "$work/both.png" ] || fail "no figure"
+python3 - "$work/table" "$example/README.md" <<'END' || fail "its README.md has another table: $(cat "$work/table")"
+import re, sys
+def rows(file):
+    cells = [line.split("|", 2) for line in open(file, encoding="utf-8") if line.startswith("| ")]
+    return {c[1]: [float(x) for x in re.findall(r"[\d.]+", c[2])] for c in cells if re.match(" (IAE|operating|steps|shut)", c[1])}
+now, shown = rows(sys.argv[1]), rows(sys.argv[2])
+sys.exit(len(now) != 9 or any(abs(a - b) > 0.02 * b for name in now for a, b in zip(now[name], shown[name], strict=True)))
+END
+
+# The account is one of the plant: without the loops it shuts down, and the comparison says so.
+sed 's/^  law = "pid";/  law = "pid"; mode = "OOS";/' "$example/tennessee-eastman.conf" >"$work/both/open.conf"
+APC_FMU_PRELOAD=$interpreter expect 0 sha256 "$apc" simulate "$work/both/open.conf" --duration 14400 --csv "$work/open.csv"
+awk -F, '$2 == "sensor" && $3 == 18 {last = $5} END {exit !(last > 0)}' "$work/open.csv" || fail "nobody holds it, and it does not shut down"
