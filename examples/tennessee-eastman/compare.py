@@ -18,7 +18,8 @@ from multiprocessing import Pool
 
 HERE = pathlib.Path(__file__).resolve().parent
 ONSET, SHOWN = 1.0, 100  # h; every so many steps are drawn
-TRENDS = ("reactor_pressure", "reactor_level", "separator_level", "stripper_level", "stripper_underflow", "stripper_underflow_G_concentration")
+TRENDS = {"reactor_pressure": "reactor, kPa", "reactor_level": "reactor, %", "separator_level": "separator, %", "stripper_level": "stripper, %",
+          "stripper_underflow": "product, m³/h", "stripper_underflow_G_concentration": "product G, mol %"}
 
 
 def measures(iae, cost, violations, shutdown):
@@ -76,16 +77,17 @@ def run(job):
 
 
 def draw(found, hours, figure):
-    script = [f"set terminal pngcairo size {440 * len(found)},{190 * len(TRENDS)} font 'DejaVu Sans,10'; set output '{figure}'",
-              f"set multiplot layout {len(TRENDS)},{len(found)}; set grid lc rgb 0xdddddd; set xrange [0:{hours}]; set lmargin 10; set key top right horizontal"]
-    for k, name in enumerate(TRENDS):
+    script = [f"set terminal pngcairo size {340 * len(found)},{140 * len(TRENDS)} font 'DejaVu Sans,10'; set output '{figure}'",
+              f"set multiplot layout {len(TRENDS)},{len(found)}; set grid lc rgb 0xdddddd; set xrange [0:{hours}]; set lmargin 10; set tics font ',8'; set key top right horizontal"]
+    first, *_, last = TRENDS
+    for name, label in TRENDS.items():
         for idv, (theirs, mine) in found.items():
-            script += [f"set title '{'IDV %d' % idv if k == 0 else ''}'; set ylabel '{name.replace('_', ' ').replace('underflow', 'flow') if idv == min(found) else ''}'",
-                       "set xlabel 'h'" if name == TRENDS[-1] else "unset xlabel",
+            script += [f"set title '{f'IDV {idv}' if name == first else ''}'; set ylabel '{label if idv == min(found) else ''}'",
+                       f"set xlabel '{'h' if name == last else ''}'; {'set' if (name, idv) == (first, min(found)) else 'unset'} key",
                        "plot '-' with lines lc rgb 0xb8bec4 title 'its own', '-' with lines lc rgb 0x0072b2 title 'eight base loops'"]
             for trend in (theirs[1], mine[1]):
-                script += [f"{t} {v}" for t, v in trend[name]] + ["e"]
-    subprocess.run(["gnuplot"], input="\n".join(script) + "\n", text=True, check=True)
+                script += [f"{t} {v}" for t, v in trend[name][::10]] + ["e"]
+    subprocess.run(["gnuplot"], input="\n".join(script) + "\n", encoding="utf-8", check=True)
 
 
 def main():
