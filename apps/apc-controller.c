@@ -10,6 +10,11 @@
 #include "common/daemon.h"
 #include "common/exitcode.h"
 #include "run/run_internal.h"
+#include "run/standby.h"
+
+#define PLACE_MAX 8 /* characters of its name */
+
+enum { OPT_STANDBY = 0x200 };
 
 static const struct argp_option option_list[] = {
     {"name", 'n', "NAME", 0, "Which controller of the file to be; needed where it has several", 0},
@@ -19,17 +24,24 @@ static const struct argp_option option_list[] = {
      "controllers: "
      "CONTROLLER=NAME",
      0},
+    {"standby", OPT_STANDBY, "NAME", 0,
+     "One of several that run this controller: one acts, the others follow it, and when it stops ticking one "
+     "of them takes its place within three periods. NAME tells them apart, such as a and b",
+     0},
     {0},
 };
 
 struct shell {
     struct daemon d;
-    const char *name; /* NULL: not given */
+    const char *name;  /* NULL: not given */
+    const char *place; /* --standby; NULL: it is the only one */
     const struct controller *of;
     struct apc_store *store;
     struct apc_controller *core;
     bool store_up;
     bool claimed, told; /* its outputs, where it takes turns; that it waits for them */
+    struct standby standby;
+    bool following; /* another one acts */
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
@@ -42,6 +54,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         s->name = arg;
     else if (key == 'l')
         *law = arg;
+    else if (key == OPT_STANDBY)
+        s->place = arg;
     else
         return ARGP_ERR_UNKNOWN;
     return 0;
@@ -76,6 +90,14 @@ static void choose(struct daemon *d)
         exit(EXIT_USAGE);
     controllers_program(e, s->of, d->name);
     d->task_name = s->of->name;
+    if (!s->place)
+        return;
+    if (!*s->place || strlen(s->place) > PLACE_MAX || strchr(s->place, ' ')) {
+        daemon_error(d, 0, "--standby \"%s\": must be a word of at most %d characters, such as a", s->place,
+                     PLACE_MAX);
+        exit(EXIT_USAGE);
+    }
+    snprintf(d->name, sizeof d->name, "apc-controller %.30s %.8s", s->of->name, s->place);
 }
 
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
@@ -89,7 +111,7 @@ static const struct program program = {
     .choose = choose,
 };
 
-/* ---- Ticks -------------------------------------------------------------------------------- */
+/* ---- The store ----------------------------------------------------------------------------- */
 
 static void report_store(struct shell *s, int rc)
 {
@@ -122,10 +144,87 @@ static int take_turns(struct shell *s)
     return s->told ? 0 : rc;
 }
 
+/* ---- Whose place it is --------------------------------------------------------------------- */
+
+/* Of its outputs, where it does not take them by turns, and of its tick row, which comes last. */
+static int make_place(struct shell *s)
+{
+    const size_t nu = s->of->acting ? 0 : s->of->dim.nu;
+    struct apc_sample *mine = calloc(nu + 1, sizeof *mine);
+    if (!mine)
+        return daemon_error(&s->d, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < nu; i++)
+        mine[i] = (struct apc_sample){.table = s->of->u[i].table, .id = (int)s->of->u[i].at + 1};
+    mine[nu] = (struct apc_sample){.table = APC_TICK, .id = s->of->number};
+    s->standby = (struct standby){.mine = mine, .n = nu + 1, .period = s->of->rhythm.period};
+    return 0;
+}
+
+/* Go on where the last controller of this run stopped, if there was one. */
+static int resume(struct shell *s)
+{
+    int rc = apc_store_read_rows(s->store, apc_controller_former(s->core));
+    if (rc < 0)
+        return rc;
+    if (apc_controller_resume(s->core, s->d.start) == 1)
+        daemon_event(&s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
+    if (s->of->acting && (rc = apc_store_read_rows(s->store, apc_controller_in(s->core))) >= 0)
+        rc = take_turns(s);
+    return rc;
+}
+
+/* With a core that knows nothing yet. */
+static int follow(struct shell *s)
+{
+    struct apc_error why;
+    apc_controller_destroy(s->core);
+    s->core = NULL;
+    s->claimed = false;
+    const int rc = cores_controller(&s->d.experiment, s->of, true, &s->core, &why);
+    if (rc < 0)
+        return daemon_error(&s->d, rc, "%s", why.text);
+    standby_follow(&s->standby);
+    s->following = true;
+    atomic_store(&s->d.idle, true);
+    return 0;
+}
+
+/* Another one writes what this one wrote, which was too slow for a time. */
+static int step_back(struct shell *s)
+{
+    daemon_event(&s->d, APC_EVENT_ALARM, "standby", "follows from now on: %s", apc_store_error(s->store));
+    const int rc = apc_store_release(s->store, s->standby.mine, s->standby.n);
+    return rc == APC_EBUSY || rc >= 0 ? follow(s) : rc;
+}
+
+/* Returns 1 where this one acts from this tick on. */
+static int stand_by(struct shell *s)
+{
+    int rc = standby_look(&s->standby, s->store, apc_controller_former(s->core), apc_clock_mono(NULL));
+    if (rc <= 0)
+        return rc;
+    if ((rc = resume(s)) < 0)
+        return rc; /* the place is ours: the next look says so again */
+    daemon_event(&s->d, APC_EVENT_ALARM, "standby",
+                 "acts from now on: the controller that it followed has stopped ticking");
+    s->following = false;
+    atomic_store(&s->d.idle, false);
+    return 1;
+}
+
+/* ---- Ticks -------------------------------------------------------------------------------- */
+
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     struct apc_notice notice = {0};
+    if (s->following) {
+        const int rc = stand_by(s);
+        if (rc <= 0) {
+            report_store(s, rc);
+            return daemon_fatal(&s->d, s->store, rc);
+        }
+    }
     int rc = apc_store_read_rows(s->store, apc_controller_in(s->core)), written = 0;
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
 
@@ -141,37 +240,25 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     if (rc >= 0)
         rc = take_turns(s);
     report_store(s, rc);
-    return daemon_fatal(&s->d, s->store, rc);
+    return rc == APC_EBUSY && s->place ? step_back(s) : daemon_fatal(&s->d, s->store, rc);
 }
 
 /* ---- Set-up ------------------------------------------------------------------------------- */
 
-/* The one writer of its outputs and of its tick row. */
-static int claim(struct shell *s)
+/* Act, or follow the one that does. */
+static int begin(struct shell *s)
 {
-    const size_t nu = s->of->acting ? 0 : s->of->dim.nu; /* else by turns */
-    struct apc_sample *mine = calloc(nu + 1, sizeof *mine);
-    if (!mine)
-        return daemon_error(&s->d, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; i < nu; i++)
-        mine[i] = (struct apc_sample){.table = s->of->u[i].table, .id = (int)s->of->u[i].at + 1};
-    mine[nu] = (struct apc_sample){.table = APC_TICK, .id = s->of->number};
-    int rc = daemon_store(&s->d, &s->store, mine, nu + 1);
-    free(mine);
-    return rc;
-}
-
-/* Go on where the last controller of this run stopped, if there was one. */
-static int resume(struct shell *s)
-{
-    int rc = apc_store_read_rows(s->store, apc_controller_former(s->core));
-    if (rc < 0)
+    int rc = daemon_store(&s->d, &s->store, s->standby.mine, s->place ? 0 : s->standby.n);
+    if (rc != 0 || !s->place)
+        return rc;
+    rc = apc_store_claim_set(s->store, s->standby.mine, s->standby.n);
+    if (rc < 0 && rc != APC_EBUSY)
         return daemon_error(&s->d, rc, "%s", apc_store_error(s->store));
-    if (apc_controller_resume(s->core, s->d.start) == 1)
-        daemon_event(&s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
-    if (s->of->acting && (rc = apc_store_read_rows(s->store, apc_controller_in(s->core))) >= 0)
-        rc = take_turns(s);
-    return rc < 0 ? daemon_error(&s->d, rc, "%s", apc_store_error(s->store)) : 0;
+    if (rc == APC_EBUSY) {
+        daemon_event(&s->d, APC_EVENT_INFO, "standby", "stands by: %s", apc_store_error(s->store));
+        return follow(s);
+    }
+    return 0;
 }
 
 static int open_shell(struct shell *s)
@@ -182,8 +269,12 @@ static int open_shell(struct shell *s)
         return daemon_error(&s->d, rc, "%s", why.text);
     s->d.store_timeout = daemon_timeout(s->of->rhythm.period);
     s->d.store_pause = s->of->rhythm.period;
-    rc = claim(s);
-    return rc == 0 ? resume(s) : rc;
+    rc = make_place(s);
+    if (rc == 0)
+        rc = begin(s);
+    if (rc == 0 && !s->following && (rc = resume(s)) < 0)
+        daemon_error(&s->d, rc, "%s", apc_store_error(s->store));
+    return rc;
 }
 
 int main(int argc, char **argv)
@@ -199,6 +290,7 @@ int main(int argc, char **argv)
                      "law %s gave no usable output at %llu ticks of this run", s.of->law->name,
                      (unsigned long long)apc_controller_failures(s.core));
     apc_controller_destroy(s.core);
+    free(s.standby.mine);
     apc_store_close(s.store);
     return daemon_close(&s.d, rc);
 }

@@ -194,6 +194,18 @@ APC_API int apc_store_claim_set(struct apc_store *store, struct apc_sample *vari
 /** Give variables back, so that another writer may claim them; those that are not ours are left alone.
  * [setup] */
 APC_API int apc_store_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
+/** The number of the claim that has a variable, larger than that of any claim before it; 0: nobody has it, or
+ * who had it is gone. Returns 0; APC_EINVAL: this kind of store numbers none. Over shm: and postgresql:.
+ * [setup] */
+APC_API int apc_store_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder);
+/**
+ * Become the one writer, as by apc_store_claim_set(), of variables that the claim @p holder has, though its
+ * writer lives: one that hangs, or is cut off, has a successor then. He is fenced: all that he claimed is
+ * free, and whatever he still writes through that handle is refused with APC_EBUSY, also what was on its way.
+ * Over shm: until he releases or claims something; over postgresql: his session is ended, so both have to be
+ * of the same role (else APC_EPERM). APC_EBUSY: another claim has one of them. [setup]
+ */
+APC_API int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder);
 
 /**
  * Write operator variables (setpoint, opmode, tuning, manual), which have no single writer: read the newest,

@@ -219,12 +219,14 @@ static const char *why_of(const char *text)
     return why ? why + 2 : "";
 }
 
-/* A controller calls itself apc-controller, where there are several with its name behind that. */
+/* A controller calls itself apc-controller, where there are several with its name behind that, and where
+ * others stand by for it with its own behind that. */
 static bool is_source(const char *source, const char *controller)
 {
     char named[sizeof((struct apc_event *)0)->source];
-    snprintf(named, sizeof named, "apc-controller %.16s", controller);
-    return !strcmp(source, "apc-controller") || !strcmp(source, named);
+    const int n = snprintf(named, sizeof named, "apc-controller %.16s", controller);
+    return !strcmp(source, "apc-controller") ||
+           (!strncmp(source, named, (size_t)n) && (source[n] == '\0' || source[n] == ' '));
 }
 
 static void take_trouble(struct model *m, const struct apc_event *event, bool mode)

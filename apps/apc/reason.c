@@ -19,7 +19,8 @@ bool reason_is_from(const struct loops *loops, const struct loops_controller *c,
     char own[sizeof((struct apc_event *)0)->source]; /* as it is cut there */
     snprintf(own, sizeof own, loops->n_controllers > 1 ? "apc-controller %.*s" : "apc-controller",
              (int)sizeof own, c->name);
-    return !strcmp(source, own);
+    const size_t n = strlen(own); /* behind it the name of one that stands by */
+    return !strncmp(source, own, n) && (source[n] == '\0' || source[n] == ' ');
 }
 
 /* What stands behind "NAME: " where @p text is about that loop, by its name or its output's; else NULL. */

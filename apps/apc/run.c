@@ -489,6 +489,23 @@ static void add_identity(const char *identity, struct child *child)
     }
 }
 
+/* @place: which of the two it is, where one stands by for the other. */
+static void add_controller(struct run *r, const struct controller *c, const char *place)
+{
+    struct child *child = add(r, &(struct child){.name = "apc-controller", .period = c->rhythm.period});
+    const char **own = child->extra;
+    controllers_program(&r->e, c, child->title);
+    if (r->e.n_controllers > 1) {
+        *own++ = "--name";
+        *own++ = c->name;
+    }
+    if (c->standby) {
+        *own++ = "--standby";
+        *own++ = place;
+        snprintf(child->title, sizeof child->title, "apc-controller %.30s %s", c->name, place);
+    }
+}
+
 /* Plant and client first, so that the controllers find something to control; before them who keeps the
  * record, so that it is stopped last. */
 static void add_daemons(struct run *r)
@@ -502,15 +519,11 @@ static void add_daemons(struct run *r)
     add_identity(e->client.identity,
                  add(r, &(struct child){.name = "apc-client", .period = e->client.rhythm.period}));
     r->controllers = r->daemons.n;
-    for (size_t i = 0; i < e->n_controllers; i++) {
-        const struct controller *c = &e->controllers[i];
-        struct child *child = add(r, &(struct child){.name = "apc-controller", .period = c->rhythm.period});
-        controllers_program(e, c, child->title);
-        if (e->n_controllers > 1) {
-            child->extra[0] = "--name";
-            child->extra[1] = c->name;
-        }
-    }
+    for (size_t i = 0; i < e->n_controllers; i++)
+        add_controller(r, &e->controllers[i], "a");
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (e->controllers[i].standby)
+            add_controller(r, &e->controllers[i], "b");
     if (e->scheduler.steps > 0)
         add(r, &(struct child){.name = "apc-scheduler", .period = e->scheduler.rhythm.period});
     if (e->n_alarms > 0)
@@ -527,7 +540,7 @@ static int start_daemons(struct run *r)
                              .dir = r->dir,
                              .spin = r->options.spin,
                              .hold_latency = r->options.hold_latency,
-                             .child = calloc(r->e.n_controllers + 6, sizeof *s->child)};
+                             .child = calloc(2 * r->e.n_controllers + 6, sizeof *s->child)};
     if (!s->child) {
         cli_error(&r->cli, APC_ENOMEM, "out of memory");
         return APC_ENOMEM;

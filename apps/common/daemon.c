@@ -428,7 +428,9 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
         }
         /* what was kept back is tried at each look: only then is it stored again */
         const bool whole = looks % WINDOW == 0 || recorded < 0;
-        watch_records(d, recorder_flush(d->recorder, whole ? task : NULL, rhythm.period), &recorded);
+        watch_records(
+            d, recorder_flush(d->recorder, whole && !atomic_load(&d->idle) ? task : NULL, rhythm.period),
+            &recorded);
         watch_spool(d, &d->records, recorder_store(d->recorder), "events");
         rc = apc_task_wait(task, 0, &result);
         if (rhythm.overrun == APC_OVERRUN_STOP && apc_task_missed(task) > 0)

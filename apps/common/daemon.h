@@ -71,6 +71,7 @@ struct daemon {
     apc_task_fn tick;
     void *tick_ctx;
     _Atomic bool inside; /* the tick */
+    _Atomic bool idle;   /* its ticks do nothing that a timing row is for */
     bool began;          /* there was a tick */
     int64_t last;        /* that a predecessor ran; -1: none is known */
 };

@@ -370,8 +370,8 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
 }
 
 #define CONTROLLER                                                                                           \
-    "law", "tuning", "measurement_tuning", "mode", "hold", "budget", "shed_after", "backup", "rate",         \
-        "settings", "model", "operating_point", "limits", "alarms", RHYTHM
+    "law", "tuning", "measurement_tuning", "mode", "hold", "budget", "shed_after", "standby", "backup",      \
+        "rate", "settings", "model", "operating_point", "limits", "alarms", RHYTHM
 
 static const char *const short_settings[] = {CONTROLLER, NULL};
 static const char *const controller_settings[] = {CONTROLLER,  "name",    "shadow",       "measurements",
@@ -498,6 +498,7 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
         apc_ns_from_s(budget_s, &c->budget);
     settings_whole(s, group, "shed_after", OPTIONAL, 1, 1000000, &shed_after);
     c->shed_after = (unsigned)shed_after;
+    settings_flag(s, group, "standby", &c->standby);
     if (resolve_law)
         read_law(s, group, c, (size_t)(c - e->controllers), override, record);
     read_backup(s, group, c, resolve_law);

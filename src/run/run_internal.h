@@ -128,6 +128,7 @@ struct controller {
     enum apc_mode mode; /* at first; Cas: of the loops that have one above */
     apc_ns hold, budget;
     unsigned shed_after; /* 0: as many ticks as hold has */
+    bool standby;        /* `apc run` starts two, of which one acts */
     double *rate;        /* [dim.nu] units a second; 0: as fast as it likes */
     struct apc_signal_view
         *view; /* [dim.ny + dim.nz + dim.nu + dim.nd], for its law; a backup's are the same */

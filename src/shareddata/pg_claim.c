@@ -133,12 +133,66 @@ int apc_pg_release(struct apc_store *store, const struct apc_sample *variables, 
 {
     struct apc_pg *pg = apc_pg_of(store);
     apc_claims_drop(&pg->claimed, variables, n); /* first: a new connection must not claim them again */
-    if (!pg->conn) {
-        return 0; /* with the session they have gone, or the next one ends it */
+    if (!pg->conn) { /* with the session they have gone, or the next one ends it */
+        pg->next_try = pg->failed == APC_EBUSY ? 0 : pg->next_try; /* it failed for them */
+        return 0;
     }
     int err = apc_pg_begin(pg);
     if (!err) {
         err = send_set(pg, "SELECT claim_release($1::text[], $2::int4[])", variables, n);
     }
     return err ? err : apc_pg_finish(pg, NULL, NULL);
+}
+
+/* ---- Of one who lives ---------------------------------------------------------------------- */
+
+#define NUMBER " (extract(epoch FROM c.started) * 1e6)::int8"
+#define OF_THE_LIVING                                                                                        \
+    " FROM claim c JOIN pg_locks l ON l.pid = c.pid AND l.locktype = 'advisory' AND l.granted"               \
+    " AND l.classid = 'claim'::regclass AND l.objid = c.pid::oid AND l.objsubid = 2"
+
+static int take_holder(void *ctx, int statement, PGresult *result)
+{
+    (void)statement;
+    *(uint64_t *)ctx = PQntuples(result) > 0 ? (uint64_t)apc_pg_cell(result, 0, 0) : 0;
+    return 0;
+}
+
+int apc_pg_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder)
+{
+    struct apc_pg *pg = apc_pg_of(store);
+    int err = apc_pg_begin(pg);
+    if (!err) {
+        err = send_set(pg,
+                       "SELECT" NUMBER OF_THE_LIVING
+                       " WHERE c.table_name = ($1::text[])[1] AND c.id = ($2::int4[])[1]",
+                       variable, 1);
+    }
+    return err ? err : apc_pg_finish(pg, take_holder, holder);
+}
+
+/* A session that has ended holds nothing, and no append of it can come any more. */
+static int end_holder(struct apc_pg *pg, uint64_t holder)
+{
+    struct apc_pg_params p = {0};
+    char number[8], wait[8];
+    int err = apc_pg_begin(pg);
+    if (err) {
+        return err;
+    }
+    apc_pg_put_int8(number, (int64_t)holder);
+    apc_pg_put_int8(wait, pg->base.config.timeout / 2 / APC_NS_PER_MS);
+    apc_pg_param(&p, number, sizeof number);
+    apc_pg_param(&p, wait, sizeof wait);
+    err = apc_pg_send(pg,
+                      "SELECT pg_terminate_backend(pid, $2::int8) FROM (SELECT DISTINCT c.pid" OF_THE_LIVING
+                      " WHERE" NUMBER " = $1::int8 AND c.pid <> pg_backend_pid()) AS his",
+                      &p);
+    return err ? err : apc_pg_finish(pg, NULL, NULL);
+}
+
+int apc_pg_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder)
+{
+    const int err = end_holder(apc_pg_of(store), holder);
+    return err ? err : apc_pg_claim_set(store, variables, n);
 }

@@ -64,11 +64,11 @@ static int connect_store(struct apc_store *store)
         .append_events = apc_pg_append_events, .events = apc_pg_events,                                      \
         .append_timing = apc_pg_append_timing, .timing = apc_pg_timing, .read_rows = apc_pg_read_rows,       \
         .append_rows = apc_pg_append_rows, .vectors = apc_pg_vectors, .claim_set = apc_pg_claim_set,         \
-        .release = apc_pg_release, .author = apc_pg_author, .author_name = apc_pg_author_name,               \
-        .describe = apc_pg_describe, .catalogue = apc_pg_catalogue, .init = apc_pg_init,                     \
-        .maintain = apc_pg_maintain, .requests = apc_pg_requests, .answer = apc_pg_answer,                   \
-        .keep_history = apc_pg_keep_history, .is_history = apc_pg_is_history, .ask = apc_pg_ask,             \
-        .asked = apc_pg_asked,                                                                               \
+        .release = apc_pg_release, .holder = apc_pg_holder, .seize = apc_pg_seize, .author = apc_pg_author,  \
+        .author_name = apc_pg_author_name, .describe = apc_pg_describe, .catalogue = apc_pg_catalogue,       \
+        .init = apc_pg_init, .maintain = apc_pg_maintain, .requests = apc_pg_requests,                       \
+        .answer = apc_pg_answer, .keep_history = apc_pg_keep_history, .is_history = apc_pg_is_history,       \
+        .ask = apc_pg_ask, .asked = apc_pg_asked,                                                            \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

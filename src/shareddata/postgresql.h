@@ -250,6 +250,8 @@ int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *
 int apc_pg_requests(struct apc_store *store, apc_request_fn fn, void *ctx);
 int apc_pg_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
 int apc_pg_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
+int apc_pg_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder);
+int apc_pg_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder);
 int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                    apc_vector_fn fn, void *ctx);
 int apc_pg_init(struct apc_store *store);

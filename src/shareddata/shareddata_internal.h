@@ -69,6 +69,10 @@ struct apc_store_ops {
                    apc_vector_fn fn, void *ctx);
     int (*claim_set)(struct apc_store *store, struct apc_sample *variables, size_t n);
     int (*release)(struct apc_store *store, const struct apc_sample *variables, size_t n);
+    int (*holder)(struct apc_store *store, const struct apc_sample *variable,
+                  uint64_t *holder); /* may be NULL */
+    int (*seize)(struct apc_store *store, struct apc_sample *variables, size_t n,
+                 uint64_t holder); /* with it */
     int (*author)(struct apc_store *store, const char *name);
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);

@@ -96,6 +96,12 @@ struct apc_shm_meta {
     apc_word counters[2][APC_SHM_COUNTERS];
 };
 
+/** Who claims. */
+struct apc_shm_claimant {
+    char name[56];   /* of one that is fenced: of who fenced it */
+    apc_word number; /* above all former ones; 0: it is fenced, and writes nothing any more */
+};
+
 struct apc_shm_header {
     struct apc_shm_constants constants;
     _Alignas(64) apc_word generation; /* of the last commit */
@@ -107,7 +113,7 @@ struct apc_shm_header {
     apc_word tags_mark[2], n_tags[2], revision[2], text_length[2]; /* tags and catalogue have one mark */
     apc_word authors; /* so many names, which stay: it is stored after the name */
     apc_word author[APC_SHM_AUTHORS][APC_AUTHOR_LEN / 8];
-    char claimant[APC_SHM_CLAIMANTS][64]; /* guarded by the writers' lock */
+    struct apc_shm_claimant claimant[APC_SHM_CLAIMANTS]; /* guarded by the writers' lock */
 };
 
 /** A sample, and of a slot's version its ring. Eight words: a cache line. */
@@ -389,8 +395,13 @@ int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capac
 
 /* ---- shm_claim.c ------------------------------------------------------------------------------- */
 
-/** Claim what nobody else has claimed who lives; seqs become the newest. Returns 0, APC_EBUSY, ... */
-int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n);
+/** Claim what nobody else has claimed who lives, but for @p holder; seqs become the newest. Returns 0,
+ * APC_EBUSY, ... */
+int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n, uint64_t holder);
+/** May this handle write? Returns 0, or APC_EBUSY: it was fenced. The lock is held. */
+int apc_shm_fenced(struct apc_shm *shm);
+int apc_shm_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder);
+int apc_shm_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder);
 int apc_shm_claim(struct apc_store *store, struct apc_sample *variables, size_t n);
 int apc_shm_release(struct apc_store *store, const struct apc_sample *variables, size_t n);
 

@@ -36,15 +36,46 @@ static void disown(const struct apc_shm *shm, uint32_t record)
     }
 }
 
+static struct apc_shm_claimant *own(const struct apc_shm *shm)
+{
+    return &shm->header->claimant[shm->record - 1];
+}
+
+/* Above all that there are, so that a clock which steps back repeats none. */
+static uint64_t next_number(const struct apc_shm *shm)
+{
+    uint64_t number = (uint64_t)(apc_clock_utc(NULL) / 1000);
+    for (size_t i = 0; i < APC_SHM_CLAIMANTS; i++) {
+        const uint64_t other = apc_word_get(&shm->header->claimant[i].number);
+        number = number > other ? number : other + 1;
+    }
+    return number;
+}
+
+/* One that was fenced begins anew, with nothing. */
+static void leave_fenced(struct apc_shm *shm)
+{
+    if (shm->record == 0 || apc_word_get(&own(shm)->number) != 0) {
+        return;
+    }
+    struct flock lock = byte_of(shm->record);
+    lock.l_type = F_UNLCK;
+    (void)fcntl(shm->fd, F_OFD_SETLK, &lock);
+    shm->record = 0;
+    shm->claims.n = 0;
+}
+
 /* A record of this handle's own. */
 static int take_record(struct apc_shm *shm)
 {
+    leave_fenced(shm);
     for (uint32_t record = 1; shm->record == 0 && record <= APC_SHM_CLAIMANTS; record++) {
         struct flock lock = byte_of(record);
         if (fcntl(shm->fd, F_OFD_SETLK, &lock) == 0) {
             disown(shm, record);
-            memcpy(shm->header->claimant[record - 1], shm->base.config.name, sizeof shm->header->claimant[0]);
             shm->record = record;
+            memcpy(own(shm)->name, shm->base.config.name, sizeof own(shm)->name - 1);
+            apc_word_put(&own(shm)->number, next_number(shm));
         } else if (errno != EAGAIN && errno != EACCES) {
             return apc_fail(&shm->base.why, APC_ESYS, "shm:%s: cannot lock a byte of its file", shm->name);
         }
@@ -55,7 +86,8 @@ static int take_record(struct apc_shm *shm)
                           shm->name, APC_SHM_CLAIMANTS);
 }
 
-static int check(struct apc_shm_write *w, const struct apc_sample *variables, size_t n)
+/* @other: a record that need not be asked. */
+static int check(struct apc_shm_write *w, const struct apc_sample *variables, size_t n, uint32_t other)
 {
     struct apc_shm *shm = w->shm;
     for (size_t i = 0; i < n; i++) {
@@ -65,25 +97,57 @@ static int check(struct apc_shm_write *w, const struct apc_sample *variables, si
         if (!slot) {
             return APC_ESTORE;
         }
-        if (is_alive(shm, owner)) {
-            return apc_fail(&shm->base.why, APC_EBUSY,
-                            "%s %d of shm:%s is already written by %.63s: stop it first",
-                            apc_table_name(v->table), v->id, shm->name, shm->header->claimant[owner - 1]);
+        if (owner != other && is_alive(shm, owner)) {
+            return apc_fail(
+                &shm->base.why, APC_EBUSY, "%s %d of shm:%s is already written by %.55s: stop it first",
+                apc_table_name(v->table), v->id, shm->name, shm->header->claimant[owner - 1].name);
         }
     }
     return 0;
 }
 
-int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n)
+/* Whose claim has that number: a record, or 0. */
+static uint32_t record_of(const struct apc_shm *shm, uint64_t number)
+{
+    uint32_t record = number != 0 ? APC_SHM_CLAIMANTS : 0;
+    while (record > 0 && apc_word_get(&shm->header->claimant[record - 1].number) != number) {
+        record--;
+    }
+    return record;
+}
+
+static void fence(struct apc_shm *shm, uint32_t record)
+{
+    struct apc_shm_claimant *other = &shm->header->claimant[record - 1];
+    apc_word_put(&own(shm)->number, next_number(shm)); /* above the other's, whenever this one began */
+    memcpy(other->name, own(shm)->name, sizeof other->name);
+    apc_word_put(&other->number, 0);
+    disown(shm, record);
+}
+
+int apc_shm_fenced(struct apc_shm *shm)
+{
+    return shm->record == 0 || apc_word_get(&own(shm)->number) != 0
+               ? 0
+               : apc_fail(&shm->base.why, APC_EBUSY, "%.55s has taken over what this program wrote to shm:%s",
+                          own(shm)->name, shm->name);
+}
+
+int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n, uint64_t holder)
 {
     struct apc_shm_write w;
+    leave_fenced(shm);
     int err = apc_shm_begin(shm, &w);
     if (err) {
         return err;
     }
     err = take_record(shm);
+    const uint32_t other = record_of(shm, holder);
     if (!err) {
-        err = check(&w, variables, n);
+        err = check(&w, variables, n, other);
+    }
+    if (!err && other != 0 && other != shm->record) {
+        fence(shm, other);
     }
     for (size_t i = 0; !err && i < n; i++) {
         struct apc_shm_slot *slot =
@@ -94,7 +158,7 @@ int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n)
     return apc_shm_finish(&w, err, 1) < 0 ? err : 0;
 }
 
-int apc_shm_claim(struct apc_store *store, struct apc_sample *variables, size_t n)
+int apc_shm_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder)
 {
     struct apc_shm *shm = apc_shm_of(store);
     int err = apc_shm_ready(shm);
@@ -102,12 +166,35 @@ int apc_shm_claim(struct apc_store *store, struct apc_sample *variables, size_t 
         err = apc_claims_reserve(store, &shm->claims, n);
     }
     if (!err) {
-        err = apc_shm_take(shm, variables, n);
+        err = apc_shm_take(shm, variables, n, holder);
     }
     if (!err) {
         apc_claims_add(&shm->claims, variables, n);
     }
     return err;
+}
+
+int apc_shm_claim(struct apc_store *store, struct apc_sample *variables, size_t n)
+{
+    return apc_shm_seize(store, variables, n, 0);
+}
+
+int apc_shm_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    int err = apc_shm_ready(shm);
+    if (!err) {
+        err = apc_shm_lock(shm);
+    }
+    if (err) {
+        return err;
+    }
+    const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(variable->table, variable->id), NULL);
+    const uint32_t owner = slot ? atomic_load_explicit(&slot->owner, memory_order_relaxed) : 0;
+    const bool lives = owner != 0 && (owner == shm->record || is_alive(shm, owner));
+    *holder = lives ? apc_word_get(&shm->header->claimant[owner - 1].number) : 0;
+    apc_shm_unlock(shm);
+    return 0;
 }
 
 int apc_shm_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
@@ -128,5 +215,6 @@ int apc_shm_release(struct apc_store *store, const struct apc_sample *variables,
     }
     apc_shm_unlock(shm);
     apc_claims_drop(&shm->claims, variables, n);
+    leave_fenced(shm);
     return 0;
 }

@@ -247,7 +247,7 @@ static int attach(struct apc_shm *shm)
     memset(shm->read_hint, 0, sizeof shm->read_hint);
     memset(shm->write_hint, 0, sizeof shm->write_hint);
     shm->base.stats.connects++;
-    return shm->claims.n > 0 ? apc_shm_take(shm, shm->claims.at, shm->claims.n) : 0;
+    return shm->claims.n > 0 ? apc_shm_take(shm, shm->claims.at, shm->claims.n, 0) : 0;
 }
 
 /* The one there is. APC_ENOTFOUND: there is none. */

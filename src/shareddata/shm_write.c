@@ -116,6 +116,9 @@ void apc_shm_unlock(struct apc_shm *shm)
 int apc_shm_begin(struct apc_shm *shm, struct apc_shm_write *w)
 {
     int err = apc_shm_lock(shm);
+    if (!err && (err = apc_shm_fenced(shm)) != 0) {
+        apc_shm_unlock(shm);
+    }
     if (!err) {
         w->shm = shm;
         w->generation = apc_shm_generation(shm) + 1;

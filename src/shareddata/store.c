@@ -348,6 +348,36 @@ int apc_store_release(struct apc_store *store, const struct apc_sample *variable
     return store->ops->release(store, variables, n);
 }
 
+static int check_numbered(struct apc_store *store)
+{
+    return store->ops->holder ? 0
+                              : apc_fail(&store->why, APC_EINVAL,
+                                         "%s numbers no claims: nobody can take over from one who lives; "
+                                         "shm: and postgresql: do",
+                                         store->ops->scheme);
+}
+
+int apc_store_holder(struct apc_store *store, const struct apc_sample *variable, uint64_t *holder)
+{
+    int err = check_set(store, variable, 1);
+    if (!err && !holder) {
+        err = apc_fail(&store->why, APC_EINVAL, "no place for the number");
+    }
+    if (!err) {
+        err = check_numbered(store);
+    }
+    return err ? err : store->ops->holder(store, variable, holder);
+}
+
+int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder)
+{
+    int err = check_set(store, variables, n);
+    if (!err) {
+        err = check_numbered(store);
+    }
+    return err || n == 0 ? err : store->ops->seize(store, variables, n, holder);
+}
+
 #define PUT_MAX 4096 /* people's values are few: each is compared with each */
 
 static int check_put(struct apc_store *store, const struct apc_sample *samples, size_t n)

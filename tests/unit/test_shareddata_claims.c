@@ -123,6 +123,111 @@ static void test_a_claim_that_makes_no_sense_is_refused(void **state)
     assert_int_equal(apc_store_release(*state, NULL, 0), 0);
 }
 
+/* Does this kind of store number its claims? */
+static bool numbered(void)
+{
+    return strncmp(store_kind->name, "shm", 3) == 0 || strncmp(store_kind->name, "postgresql", 10) == 0;
+}
+
+static uint64_t holder_of(struct apc_store *store, enum apc_table table, int id)
+{
+    const struct apc_sample v = variable(table, id);
+    uint64_t holder = 1;
+    ok(store, apc_store_holder(store, &v, &holder));
+    return holder;
+}
+
+static void test_a_store_says_whether_it_numbers_claims(void **state)
+{
+    struct apc_sample v = variable(APC_ACTUATOR, 1);
+    uint64_t holder = 7;
+    const int expected = numbered() ? 0 : APC_EINVAL;
+    assert_int_equal(apc_store_holder(*state, &v, &holder), expected);
+    assert_int_equal(apc_store_seize(*state, &v, 1, 0), expected);
+    assert_true(numbered() || strstr(apc_store_error(*state), "numbers no claims"));
+    assert_int_equal(apc_store_holder(*state, &v, NULL), APC_EINVAL);
+    assert_int_equal(apc_store_holder(*state, NULL, &holder), APC_EINVAL);
+    v.table = APC_TABLE_END;
+    assert_int_equal(apc_store_seize(*state, &v, 1, 0), APC_EINVAL);
+}
+
+static void test_each_claim_has_a_greater_number(void **state)
+{
+    if (!numbered()) {
+        return;
+    }
+    assert_int_equal(holder_of(*state, APC_ACTUATOR, 1), 0);
+    ok(*state, claim_one(*state, APC_ACTUATOR, 1));
+    const uint64_t first = holder_of(*state, APC_ACTUATOR, 1);
+    assert_true(first > 0);
+    ok(*state, claim_one(*state, APC_TICK, 1)); /* the same claimant's */
+    assert_true(holder_of(*state, APC_TICK, 1) == first);
+    struct apc_store *second = stores_open();
+    ok(second, claim_one(second, APC_ACTUATOR, 2));
+    assert_true(holder_of(*state, APC_ACTUATOR, 2) > first);
+    assert_true(holder_of(second, APC_ACTUATOR, 1) == first);
+    apc_store_close(second);
+    ok(*state, release_one(*state, APC_ACTUATOR, 1));
+    assert_int_equal(holder_of(*state, APC_ACTUATOR, 1), 0);
+}
+
+static int append_one(struct apc_store *store, enum apc_table table, int id, int64_t seq)
+{
+    const struct apc_sample s = sample(table, id, seq, (double)seq);
+    int stored = APC_ECONN;
+    for (int tries = 0; stored == APC_ECONN && tries < 1000; tries++) { /* a session that was ended */
+        stored = apc_store_append(store, &s, 1);
+        usleep(stored == APC_ECONN ? 10000 : 0);
+    }
+    return stored;
+}
+
+static void test_who_lives_is_fenced_by_who_seizes(void **state)
+{
+    if (!numbered()) {
+        return;
+    }
+    struct apc_store *second = stores_open();
+    struct apc_sample mine[2] = {variable(APC_ACTUATOR, 1), variable(APC_TICK, 1)};
+    ok(*state, apc_store_claim_set(*state, mine, 2));
+    assert_int_equal(append_one(*state, APC_ACTUATOR, 1, 4), 1);
+    const uint64_t first = holder_of(second, APC_ACTUATOR, 1);
+
+    ok(second, apc_store_seize(second, mine, 1, first));
+    assert_true(mine[0].seq == 4);
+    assert_true(holder_of(second, APC_ACTUATOR, 1) > first);
+    assert_int_equal(holder_of(second, APC_TICK, 1), 0); /* all that he had is free */
+    assert_int_equal(append_one(*state, APC_ACTUATOR, 1, 5), APC_EBUSY);
+    assert_int_equal(append_one(*state, APC_ACTUATOR, 3, 1), APC_EBUSY); /* not even what nobody has */
+    assert_int_equal(append_one(second, APC_ACTUATOR, 1, 5), 1);
+    assert_int_equal(claim_one(*state, APC_ACTUATOR, 1), APC_EBUSY); /* he begins anew */
+    ok(*state, apc_store_release(*state, mine, 2));
+    ok(*state, claim_one(*state, APC_ACTUATOR, 3));
+    assert_int_equal(append_one(*state, APC_ACTUATOR, 3, 1), 1);
+    apc_store_close(second);
+}
+
+static void test_only_the_claim_that_was_seen_is_seized(void **state)
+{
+    if (!numbered()) {
+        return;
+    }
+    struct apc_store *second = stores_open(), *third = stores_open();
+    struct apc_sample v[2] = {variable(APC_ACTUATOR, 1), variable(APC_ACTUATOR, 2)};
+    ok(*state, claim_one(*state, APC_ACTUATOR, 1));
+    const uint64_t first = holder_of(second, APC_ACTUATOR, 1);
+    ok(second, apc_store_seize(second, v, 1, first));
+    assert_int_equal(apc_store_seize(third, v, 1, first), APC_EBUSY); /* another was faster */
+    assert_int_equal(apc_store_seize(third, v, 1, 0), APC_EBUSY);
+
+    ok(third, claim_one(third, APC_ACTUATOR, 2));
+    const uint64_t now = holder_of(third, APC_ACTUATOR, 1);
+    assert_int_equal(append_one(second, APC_ACTUATOR, 1, 1), 1);
+    assert_true(now > first && holder_of(third, APC_ACTUATOR, 2) > 0);
+    apc_store_close(second);
+    apc_store_close(third);
+}
+
 enum { RIVALS = 4, TURNS = 25 };
 static atomic_int holders, turns;
 
@@ -177,6 +282,10 @@ int main(void)
         T(test_what_is_released_may_be_claimed_by_another),
         T(test_people_write_what_a_program_has_claimed),
         T(test_a_claim_that_makes_no_sense_is_refused),
+        T(test_a_store_says_whether_it_numbers_claims),
+        T(test_each_claim_has_a_greater_number),
+        T(test_who_lives_is_fenced_by_who_seizes),
+        T(test_only_the_claim_that_was_seen_is_seized),
         T(test_of_rivals_one_at_a_time_has_it),
     };
     int failed = 0;

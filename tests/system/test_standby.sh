@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# A controller that another one stands by for, over PostgreSQL and over shared memory: killed, stopped, ended.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+cat >"$work/standby.conf" <<CONF
+name = "standby"; duration = 600.0;
+measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );
+setpoints = ( { name = "r"; unit = "V"; low = -100.0; high = 100.0; initial = 5.0; } );
+outputs = ( { name = "u"; unit = "V"; low = -20.0; high = 20.0; } );
+plant = { model = "first-order"; parameters = { tau = 1.0; }; period = 0.02; listen = "tcp:127.0.0.1:$port"; };
+client = { period = 0.1; link = "tcp:127.0.0.1:$port"; };
+controller = { law = "pi"; period = 0.2; hold = 60.0; standby = true; tuning = ( { Kp = 0.2; tau_i = 1.0; } ); };
+CONF
+export APC_CONFIG=$work/standby.conf
+
+says() { [ "$(grep -c -- "$2" "$work/$1.log")" -ge "$3" ]; } # LOG TEXT TIMES
+near() { awk -v a="$1" -v b="$2" -v t="$3" 'BEGIN {d = a - b; exit !(d < t && d > -t)}'; }
+settled() { near "$("$apc" get y --csv | awk -F, 'END {print $5}')" 5 0.05; }
+stand_by() { background "$1" "$APC_BIN/apc-controller" --standby "$1"; }
+
+# acts_after LOG TIMES: it has taken the place so often, and the loop is where it was
+acts_after() {
+  until_true 20 says "$1" "acts from now on" "$2"
+  until_true 30 settled
+}
+
+# fail_over STORE: a acts, b stands by
+fail_over() {
+  export APC_STORE=$1
+  "$apc" init "$work/standby.conf" >/dev/null
+  background plant "$APC_BIN/apc-plant"
+  local plant=$pid
+  background client "$APC_BIN/apc-client"
+  local client=$pid a b
+  stand_by a
+  a=$pid
+  until_true 20 says a "running every" 1
+  stand_by b
+  b=$pid
+  until_true 20 says b "stands by: .* is already written by apc-controller controller a" 1
+  until_true 30 settled
+
+  # one that hangs has a successor, and is one that stands by when it wakes up
+  kill -STOP "$a"
+  acts_after b 1
+  kill -CONT "$a"
+  until_true 20 says a "follows from now on: " 1
+  until_true 30 settled
+
+  # one that dies has one too
+  kill -9 "$b"
+  acts_after a 1
+  stand_by b
+  b=$pid
+  until_true 20 says b "stands by" 1
+
+  # and one that is ended: so the program may be exchanged under a running plant
+  kill -TERM "$a"
+  wait "$a" || fail "it does not end well"
+  acts_after b 1
+  kill -TERM "$b" "$client" "$plant"
+  wait "$b" "$client" "$plant"
+  expect 0 'stands by' "$apc" history --events --last 200
+  rm "$work"/*.log
+}
+
+fail_over postgresql:
+segment=/dev/shm/apc.standby-$$
+fail_over "shm:standby-$$"
+
+# of two that live each is told of the other; without --standby a second one is refused, as ever
+expect 2 'must be a word of at most 8 characters' "$APC_BIN/apc-controller" --standby "a b"
+expect 2 'must be a word of at most 8 characters' "$APC_BIN/apc-controller" --standby ""
+
+# what numbers no claims cannot be taken over
+export APC_STORE=sqlite:$work/live.sqlite
+"$apc" init "$work/standby.conf" >/dev/null
+stand_by a
+a=$pid
+until_true 20 says a "running every" 1
+stand_by b
+b=$pid
+until_true 20 says b "numbers no claims: nobody can take over from one who lives" 1
+kill -TERM "$a"
+kill -TERM "$b" 2>/dev/null || true
+wait "$a" "$b" || true
+rm "$work"/*.log
+
+# apc run starts both, goes on when the one that acts hangs, and starts that one again
+unset APC_STORE APC_CONFIG
+background run "$apc" run "$work/standby.conf" --duration 0 --out "$work/run" --no-ui
+run=$pid
+log() { echo "run/apc-controller-controller-$1"; }
+who_waits() { grep -l "stands by" "$work/$(log a).log" "$work/$(log b).log" | sed 's/.*-\(.\)\.log/\1/'; }
+until_true 20 who_waits
+waits=$(who_waits)
+acts=$([ "$waits" = a ] && echo b || echo a)
+kill -STOP "$(pgrep -P "$run" -f "apc-controller.*--standby $acts\$")"
+until_true 20 says "$(log "$waits")" "acts from now on" 1
+until_true 20 says "$(log "$acts")" "stands by" 1
+kill -INT "$run"
+wait "$run" || true
+grep -q "apc-controller controller $acts" "$work/run.log" || fail "it is not said who hung"
