@@ -147,16 +147,22 @@ int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, 
     return bins->bin ? 0 : apc_fail(&store->why, APC_ENOMEM, "out of memory for %zu bins", n);
 }
 
-/* The highest i whose edge, since + span * i / n rounded down, is not above the time. */
-static struct apc_bin *bin_of(const struct apc_bins *x, apc_ns time)
+/* The highest i whose edge, since + span * i / n rounded down, is not above the time. Samples come one after
+ * the other, so it is nearly always the bin of the one before. */
+static struct apc_bin *bin_of(struct apc_bins *x, apc_ns time)
 {
-    uwide into = (uwide)((uint64_t)time - (uint64_t)x->since) + 1;
-    return &x->bin[(size_t)((into * x->n - 1) / ((uint64_t)x->until - (uint64_t)x->since))];
+    if (time < x->from || time >= x->to) {
+        const uwide into = (uwide)((uint64_t)time - (uint64_t)x->since) + 1;
+        x->at = (size_t)((into * x->n - 1) / ((uint64_t)x->until - (uint64_t)x->since));
+        x->from = apc_bin_edge(x->since, x->until, x->n, x->at);
+        x->to = apc_bin_edge(x->since, x->until, x->n, x->at + 1);
+    }
+    return &x->bin[x->at];
 }
 
 int apc_bins_add(void *bins, const struct apc_sample *s)
 {
-    const struct apc_bins *x = (const struct apc_bins *)bins;
+    struct apc_bins *x = (struct apc_bins *)bins;
     if (s->time < x->since || s->time >= x->until) {
         return 0; /* 0 is no bound to a range, but one to bins */
     }

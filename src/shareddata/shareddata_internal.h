@@ -218,6 +218,8 @@ struct apc_bins {
     size_t n;
     apc_ns since, until;
     int64_t last; /* the highest seq of those taken whole */
+    size_t at;    /* the bin that was used last, and its edges; from == to: none was */
+    apc_ns from, to;
 };
 int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, apc_ns until, size_t n);
 /** A sample, in any order; an apc_sample_fn. */
