@@ -289,7 +289,7 @@ struct order {
     struct write write;
     struct write_change change;
     enum apc_alarm_switch which;
-    double value; /* of APC_ALARM_SHELF */
+    double value; /* of APC_ALARM_SHELF and APC_ALARM_SERVICE */
     int64_t seq;  /* of the alarm's row that was seen */
     char reason[REASON_LEN];
 };
@@ -309,14 +309,29 @@ static bool read_end(struct request *r, const json_t *body, struct order *o)
     return true;
 }
 
+static bool read_out(struct request *r, const json_t *body, struct order *o)
+{
+    const json_t *out = json_object_get(body, "out");
+    if (!json_is_boolean(out))
+        return fault_set(&r->fault, 400, "json", "out", "\"out\" must be true or false");
+    o->value = json_is_true(out);
+    return true;
+}
+
 static bool read_order(struct request *r, struct order *o)
 {
     static const char *const ack[] = {"seq", "reason", "key", NULL};
     static const char *const shelve[] = {"until", "once", "seq", "reason", "key", NULL};
-    json_t *body = body_parse(r->body, r->n, o->which == APC_ALARM_ACK ? ack : shelve, &r->fault);
-    const bool ok = body && request_key(r, body, o->write.key) &&
-                    member_whole(body, "seq", 0, &o->seq, &r->fault) && request_reason(r, body, o->reason) &&
-                    (o->which == APC_ALARM_ACK || read_end(r, body, o));
+    static const char *const service[] = {"out", "seq", "reason", "key", NULL};
+    json_t *body = body_parse(r->body, r->n,
+                              o->which == APC_ALARM_ACK     ? ack
+                              : o->which == APC_ALARM_SHELF ? shelve
+                                                            : service,
+                              &r->fault);
+    const bool ok =
+        body && request_key(r, body, o->write.key) && member_whole(body, "seq", 0, &o->seq, &r->fault) &&
+        request_reason(r, body, o->reason) &&
+        (o->which == APC_ALARM_ACK || (o->which == APC_ALARM_SHELF ? read_end : read_out)(r, body, o));
     json_decref(body);
     return ok;
 }
@@ -339,13 +354,13 @@ static bool check_now(struct request *r, const struct alarm_board *board, const 
     const struct alarm *alarm = alarm_board_alarm(board, now);
     const double left = fabs(o->value) - apc_ns_to_s(o->write.time),
                  most = apc_ns_to_s(board->e.alarms.shelve_max);
-    const bool shelves = o->value < 0 || o->value > 0;
+    const bool shelves = o->which == APC_ALARM_SHELF && (o->value < 0 || o->value > 0);
     struct apc_sample wish;
     struct apc_error why;
     if (!alarm_board_lives(board, o->write.time))
         return fault_set(&r->fault, 409, "alarm", NULL,
                          "alarms are not evaluated: nobody would take it, and nothing was written");
-    if (o->seq > now->row->seq || (o->which == APC_ALARM_SHELF && o->seq < now->row->seq))
+    if (o->seq > now->row->seq || (o->which != APC_ALARM_ACK && o->seq < now->row->seq))
         return stale(r, now, alarm);
     if (shelves && (left <= 0 || left > most + 1))
         return fault_set(&r->fault, 422, "limits", "until", "%s may be shelved for up to %.6g s", alarm->name,
@@ -361,16 +376,10 @@ static void record(struct ui *ui, const struct request *r, const struct order *o
                    const char *outcome)
 {
     struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
-    char until[APC_TIME_LEN];
     snprintf(event.source, sizeof event.source, "%s", o->write.user);
-    if (o->value < 0 || o->value > 0)
-        snprintf(event.text, sizeof event.text, "%s: shelved until %s%s%s (from %s)", r->name,
-                 apc_time_format((apc_ns)fabs(o->value) * APC_NS_PER_S, until), o->value < 0 ? ", once" : "",
-                 outcome, r->from->address);
-    else
-        snprintf(event.text, sizeof event.text, "%s: %s%s (from %s)", r->name,
-                 o->which == APC_ALARM_ACK ? "acknowledged" : "not shelved any more", outcome,
-                 r->from->address);
+    alarm_board_words(r->name, &o->change.after, NULL, event.text, sizeof event.text);
+    const size_t n = strlen(event.text);
+    snprintf(event.text + n, sizeof event.text - n, "%s (from %s)", outcome, r->from->address);
     event_because(&event, o->reason);
     audit(ui, store, &event);
 }
@@ -456,7 +465,9 @@ static void want(struct ui *ui, struct request *r, struct apc_store *store, enum
 {
     struct desk *desk = &ui->desk[DESK_WRITES];
     struct order o = {.which = which,
-                      .write = {.kind = which == APC_ALARM_ACK ? WRITE_ACK : WRITE_SHELVE,
+                      .write = {.kind = which == APC_ALARM_ACK     ? WRITE_ACK
+                                        : which == APC_ALARM_SHELF ? WRITE_SHELVE
+                                                                   : WRITE_SERVICE,
                                 .time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US,
                                 .n = 1}};
     o.write.change = &o.change;
@@ -476,4 +487,9 @@ void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store)
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store)
 {
     want(ui, r, store, APC_ALARM_SHELF);
+}
+
+void post_alarm_service(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    want(ui, r, store, APC_ALARM_SERVICE);
 }

@@ -142,6 +142,7 @@ void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store
 void get_merits(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);
+void post_alarm_service(struct ui *ui, struct request *r, struct apc_store *store);
 void get_writes(struct ui *ui, struct request *r, struct apc_store *store);
 void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store);
 void post_output(struct ui *ui, struct request *r, struct apc_store *store);

@@ -34,6 +34,8 @@ const struct route routes[] = {
     {"POST", "/api/alarms/{name}/ack", ROLE_OPERATOR, WRITER, post_alarm_ack, "", "acknowledge an alarm"},
     {"POST", "/api/alarms/{name}/shelve", ROLE_OPERATOR, WRITER, post_alarm_shelve, "",
      "shelve an alarm, or end that"},
+    {"POST", "/api/alarms/{name}/service", ROLE_ENGINEER, WRITER, post_alarm_service, "",
+     "take an alarm out of service, or put it in"},
     {"GET", "/events", ROLE_OBSERVER, STREAM, NULL, "last", "Server-Sent Events"},
     {"GET", "/metrics", ROLE_OBSERVER, DIRECT, get_metrics, "", "figures for Prometheus"},
     {"GET", "/livez", ROLE_NONE, DIRECT, get_livez, "", "the process works"},

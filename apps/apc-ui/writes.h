@@ -30,7 +30,8 @@ enum write_kind {
     WRITE_OWNER,
     WRITE_TUNING,
     WRITE_ACK,
-    WRITE_SHELVE
+    WRITE_SHELVE,
+    WRITE_SERVICE
 };
 enum write_state {
     WRITE_BEGUN = 1,

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The operator's page in a browser, where it is only looked at: accessibility (ui/test/axe.mjs), a hundred variables
-# (hundred.mjs), clocks that are set and a sensor that fails (faults.mjs) against a server of the test's own.
+# (hundred.mjs), clocks that are set and a sensor that fails (faults.mjs), what the keyboard reaches (reach.mjs), against a server of the
+# test's own.
 # shellcheck source=browser.sh
 . "$(dirname "$0")/browser.sh"
 # shellcheck source=lib.sh
@@ -30,6 +31,7 @@ status=0
 in_browser hundred || status=$?
 kill "$feed"
 in_browser faults || status=$?
+in_browser reach || status=$?
 wait "$axe" || status=$?
 cat "$work/axe"
 exit $status

@@ -393,6 +393,7 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/mode", NULL, "{\"id\":1,\"mode\":\"Man\",\"seq\":0}", 409, "stale"},
         {&otto, "/api/alarms/y.high/ack", NULL, "{\"seq\":1}", 403, "role"},
         {&otto, "/api/alarms/y.high/shelve", NULL, "{\"until\":0,\"seq\":1}", 403, "role"},
+        {&anna, "/api/alarms/y.high/service", NULL, "{\"out\":true,\"seq\":1}", 403, "role"},
         {&anna, "/api/alarms/y.high/ack", JSON "Origin: null\r\n", "{\"seq\":1}", 403, "origin"},
         {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1,\"name\":\"y\"}", 400, "json"},
         {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1}", 404, "alarm"}, /* there are none */

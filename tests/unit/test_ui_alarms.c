@@ -382,6 +382,27 @@ static void shelving_has_an_end_and_is_of_what_was_seen(void **state)
     assert_state(0, "One-shot Shelved, Active");
 }
 
+static void what_is_out_of_service_says_nothing_until_it_is_in_again(void **state)
+{
+    struct apc_event event = {0};
+    (void)state;
+    measured(20);
+    assert_int_equal(want(post_alarm_service, "y.high", "{\"out\":1,\"seq\":1}"), 400);
+    assert_int_equal(want(post_alarm_service, "y.high", "{\"seq\":1}"), 400);
+    assert_int_equal(want(post_alarm_service, "y.high", "{\"out\":true,\"seq\":0}"), 409);
+    assert_string_equal(request.fault.code, "stale");
+    assert_int_equal(want(post_alarm_service, "y.high", "{\"out\":true,\"seq\":1,\"reason\":\"no sensor\"}"),
+                     200);
+    assert_true(answered("\"kind\":\"service\""));
+    assert_true(apc_store_events(store, NULL, last_event, &event) >= 1);
+    assert_string_equal(event.text, "y.high: out of service (from 10.0.0.7): no sensor");
+    evaluate();
+    assert_state(0, "Out of Service, Active");
+    assert_int_equal(want(post_alarm_service, "y.high", "{\"out\":false,\"seq\":2}"), 200);
+    evaluate();
+    assert_state(0, "Unacknowledged Active");
+}
+
 static void what_makes_no_sense_writes_nothing(void **state)
 {
     struct apc_sample wish = {.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_ACK, 1)};
@@ -538,6 +559,7 @@ int main(void)
         T(of_two_who_acknowledge_one_does_and_the_other_is_told),
         T(who_acknowledges_acknowledges_what_he_saw),
         T(shelving_has_an_end_and_is_of_what_was_seen),
+        T(what_is_out_of_service_says_nothing_until_it_is_in_again),
         T(what_makes_no_sense_writes_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

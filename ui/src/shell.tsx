@@ -44,8 +44,13 @@ export function Shell(): JSX.Element {
   }, [p]);
   // Where the row of pages is wider than the screen, the open one is in sight.
   useEffect(() => {
-    const open = menu.current?.querySelector<HTMLElement>("[aria-current]");
-    if (menu.current && open) menu.current.scrollLeft = open.offsetLeft - menu.current.offsetLeft - (menu.current.clientWidth - open.offsetWidth) / 2;
+    const show = (): void => {
+      const open = menu.current?.querySelector<HTMLElement>("[aria-current]");
+      if (menu.current && open) menu.current.scrollLeft = open.offsetLeft - menu.current.offsetLeft - (menu.current.clientWidth - open.offsetWidth) / 2;
+    };
+    show();
+    addEventListener("resize", show);
+    return () => removeEventListener("resize", show);
   }, [page, p]);
   useEffect(() => {
     const key = (event: KeyboardEvent): void => {

@@ -6,16 +6,10 @@ import {readFileSync} from "node:fs";
 import {createRequire} from "node:module";
 import {after, before, test} from "node:test";
 import {drawing, Fake} from "./fake.mjs";
-import {launch, open, until} from "./lib.mjs";
+import {launch, open, screens, until} from "./lib.mjs";
 
 const source = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
-// All that there are, by the page's own list, and what some of them are in more than one way.
-const [, listed] = /export const pages = \[(.*)\] as const/.exec(readFileSync(new URL("../src/core/place.ts", import.meta.url), "utf8"));
-const pages = JSON.parse(`[${listed}]`);
-const ways = {trend: ["trend/pens=y,r,u"], alarms: ["alarms/journal", "alarms/figures"]};
-const screens = pages.flatMap(page => [page, ...(ways[page] ?? [])]);
-
 const PATIENCE = {timeout: 900000};
 let browser;
 before(async () => (browser = await launch()));
@@ -36,38 +30,6 @@ async function go(page, screen) {
     return box.left >= row.left - 1 && box.right <= row.right + 1;
   }));
 }
-
-/** Tab, from the beginning, until all that has a use has been reached; what was not. */
-async function notReached(page) {
-  const left = () => page.evaluate(() => {
-    document.activeElement?.setAttribute("data-reached", "");
-    const all = [...document.querySelectorAll("a[href], button, input, select, textarea, summary, [tabindex='0']")];
-    return all.filter(one => !one.disabled && !one.hasAttribute("data-reached") && one.checkVisibility({visibilityProperty: true, opacityProperty: true}) && !one.closest("svg[aria-hidden]")).map(one => one.outerHTML.slice(0, 120));
-  });
-  await page.evaluate(() => {
-    document.activeElement?.blur();
-    getSelection()?.removeAllRanges();
-  });
-  for (let i = 0; i < 200; i++) {
-    await page.keyboard.press("Tab");
-    if ((await left()).length === 0) return [];
-  }
-  return left();
-}
-
-test("the keyboard alone reaches all that has a use, on each screen", PATIENCE, async t => {
-  const fake = await new Fake().start();
-  t.after(() => fake.stop());
-  Object.assign(fake, {predicts: true, graphic: drawing});
-  for (const screen of screens) {
-    const page = await open(browser, screen, {url: fake.url});
-    await page.locator("main h1").waitFor();
-    await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg, .panel .say)").first().isVisible());
-    assert.deepEqual(await notReached(page), [], screen);
-    assert.notEqual(await page.evaluate(() => getComputedStyle(document.activeElement).outlineStyle), "none", `${screen}: where the focus is cannot be seen`);
-    await page.context().close();
-  }
-});
 
 for (const colorScheme of ["light", "dark"])
   for (const width of [1280, 400]) {

@@ -226,7 +226,7 @@ async function memory(browser) {
         }
     }
     const {mb, nodes} = await heap();
-    if ([1, 2, HOURS].includes(hour)) console.log(`memory of the page after ${hour} h, simulated, 500 loops at 1 Hz: ${mb.toFixed(1)} MB, ${nodes} nodes`);
+    if ([1, 2, HOURS].includes(hour)) console.log(`memory of the page after ${hour} h, simulated, 500 loops: ${mb.toFixed(1)} MB, ${nodes} nodes`);
   }
   await context.close();
 }

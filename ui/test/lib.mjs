@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What the browser tests share: a browser, waiting on conditions, what an operator reads from the screen.
 import {execFileSync} from "node:child_process";
-import {existsSync} from "node:fs";
+import {existsSync, readFileSync} from "node:fs";
 import {chromium} from "playwright-core";
 
 export const url = process.env.APC_UI_URL;
@@ -11,6 +11,12 @@ export function findChromium() {
   const places = [process.env.APC_CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
   return places.find(place => place && existsSync(place));
 }
+
+// All that there are, by the page's own list, and what some of them are in more than one way.
+const [, listed] = /export const pages = \[(.*)\] as const/.exec(readFileSync(new URL("../src/core/place.ts", import.meta.url), "utf8"));
+const pages = JSON.parse(`[${listed}]`);
+const ways = {trend: ["trend/pens=y,r,u"], alarms: ["alarms/journal", "alarms/figures"]};
+export const screens = pages.flatMap(page => [page, ...(ways[page] ?? [])]);
 
 export function launch() {
   // Its sandbox wants user namespaces, which containers and root do not have; it sees our own page alone.

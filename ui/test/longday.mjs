@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// In the page itself: a day at work in minutes. Its clocks and timers are ours, and so is the server: a plant of 500 loops, sampled
-// each second. Before the page's own script.
+// In the page itself: a day at work in minutes. Its clocks and timers are ours, and so is the server: a plant of 500 loops, those of
+// the trend sampled each second, the others every ten. Before the page's own script.
 export function longDay() {
   const LOOPS = 500;
+  const FAST = 12; // loops at 1 Hz
+  const SLOW = 10; // s, period of the others
   const BEGAN = 1763730000; // Unix s
   const real = {timeout: window.setTimeout.bind(window)};
   let now = 0; // s
@@ -24,15 +26,15 @@ export function longDay() {
   const variable = (table, id, name, rest) => ({ref: `${table}.${id}`, table, id, name, unit: "m", description: `loop ${id}`, low: null, high: null, area: `unit${id % 10}/section${id % 50}`, display: null, period: null, ...rest});
   const plant = {
     name: "many", title: "Many loops", version: "1", revision: 1, start: BEGAN, graphic: false, modes: ["Man", "Auto", "OOS", "Cas", "IMan", "LO"],
-    variables: all.flatMap(i => [variable("sensor", i, `y${i}`, {period: 1}), variable("setpoint", i, `r${i}`), variable("actuator", i, `u${i}`, {period: 1}), variable("opmode", i, `u${i}`), variable("actual", 16 * i + 5, `u${i}.mode.actual`)]),
+    variables: all.flatMap(i => [variable("sensor", i, `y${i}`, {period: i <= FAST ? 1 : SLOW}), variable("setpoint", i, `r${i}`), variable("actuator", i, `u${i}`, {period: i <= FAST ? 1 : SLOW}), variable("opmode", i, `u${i}`), variable("actual", 16 * i + 5, `u${i}.mode.actual`)]),
     loops: all.map(i => ({id: i, name: `y${i}`, called: `u${i}`, controller: "base", measurement: `sensor.${i}`, setpoint: `setpoint.${i}`, output: `actuator.${i}`, manual: null, would: null, above: null, owner: null, tuning: [], parameters: [], mode: {target: `opmode.${i}`, actual: `actual.${16 * i + 5}`, targets: ["OOS", "Man", "Auto"]}})),
     controllers: [{number: 1, name: "base", period: 1}],
     alarms: {shelve_max: 28800, all: all.map(i => ({id: i, alarm: `y${i}.high`, ref: `sensor.${i}`, limit: 9, kind: "high", priority: (i % 4) + 1, area: "unit", message: "high", consequence: "", response: "look"}))},
   };
   const value = (i, t) => 5 + 3 * Math.sin(t / 60 + i) + 0.1 * Math.sin(t * 7 + i);
-  const samples = () => Object.fromEntries(all.flatMap(i => [[`sensor.${i}`, [seq, BEGAN + now, value(i, now), "Good"]], [`actuator.${i}`, [seq, BEGAN + now, value(i + 9, now), "Good"]]]));
+  const samples = of => Object.fromEntries(of.flatMap(i => [[`sensor.${i}`, [seq, BEGAN + now, value(i, now), "Good"]], [`actuator.${i}`, [seq, BEGAN + now, value(i + 9, now), "Good"]]]));
   const control = {running: {base: true}, reasons: {}, shadow: [], safe: false, safe_since: null, alarms: true};
-  const state = () => ({t: BEGAN + now, id: `d.${seq}`, store: {connected: true, since: BEGAN, error: null}, values: {...Object.fromEntries(all.flatMap(i => [[`setpoint.${i}`, [1, BEGAN, 5, "Good"]], [`opmode.${i}`, [1, BEGAN, 1, "Good"]], [`actual.${16 * i + 5}`, [1, BEGAN, 1, "Good"]]])), ...samples()}, ages: {}, alarms: [], control, history: null});
+  const state = () => ({t: BEGAN + now, id: `d.${seq}`, store: {connected: true, since: BEGAN, error: null}, values: {...Object.fromEntries(all.flatMap(i => [[`setpoint.${i}`, [1, BEGAN, 5, "Good"]], [`opmode.${i}`, [1, BEGAN, 1, "Good"]], [`actual.${16 * i + 5}`, [1, BEGAN, 1, "Good"]]])), ...samples(all)}, ages: {}, alarms: [], control, history: null});
   const past = ({since, until}) => {
     const from = Math.max(BEGAN, Number(since));
     const n = Math.max(0, Math.min(4000, Math.floor(Number(until) - from)));
@@ -72,7 +74,7 @@ export function longDay() {
     seq++;
     for (const stream of [...streams]) {
       stream.tell("beat", {t: BEGAN + now});
-      stream.tell("values", {t: BEGAN + now, values: samples()});
+      stream.tell("values", {t: BEGAN + now, values: samples(all.filter(i => i <= FAST || (i + t) % SLOW === 0))});
       if (t % 60 === 0) {
         const id = (t / 60) % LOOPS;
         const active = (t / 60) % 2 === 0;

@@ -1331,10 +1331,17 @@ test("the list of alarms: the most urgent first, what each means, and shelving f
   asked.answer({error: {code: "stale", message: "y1.high was changed meanwhile: it is Normal now"}}, 409);
   await settle();
   assert.match(said(".detail .write-status"), /shelve y1\.high for 2 h: failed – y1\.high was changed meanwhile/);
+  await type('.detail input[type="text"]', "valve 3 stuck");
+  await click(button("Out of service", ".detail"));
+  const out = env.take("/api/alarms/y1.high/service");
+  assert.deepEqual({...out.body, key: 0}, {out: true, seq: 3, reason: "valve 3 stuck", key: 0});
+  out.answer({error: {code: "stale", message: "look again"}}, 409);
+  await settle();
+  assert.match(said(".detail .write-status"), /y1\.high out of service: failed – look again/);
   await show("alarms/masked");
   assert.match(said(".alarm-list tbody"), /u1\.mode.* shelved ?until \d\d:\d\d:\d\d/);
   await click(button("More of u1.mode", ".alarm-list"));
-  assert.match(said(".detail"), /Shelve no moreShelved until .* UTC, 1?\d+ (s|min) more/);
+  assert.match(said(".detail"), /Shelve no more Out of serviceShelved until .* UTC, 1?\d+ (s|min) more/);
   await show("alarms/u1.mode");
   assert.equal(document.querySelectorAll(".alarm-list tbody tr:not(.detail)").length, 3); // beside those that stand
   assert.equal(document.querySelectorAll(".detail").length, 2); // and what was open

@@ -32,3 +32,8 @@ export function shelve(one: Alarm, seconds: number, once: boolean, reason: strin
   const what = seconds > 0 ? `shelve ${one.alarm} for ${span(seconds)}${once ? ", once" : ""}` : `shelve ${one.alarm} no more`;
   return send(`shelve.${one.id}`, "shelve", {until, once, seq: one.now.seq, ...because(reason)}, what, path(one, "shelve"));
 }
+
+/** For as long as it takes. */
+export function service(one: Alarm, out: boolean, reason: string): Promise<void> {
+  return send(`service.${one.id}`, "service", {out, seq: one.now.seq, ...because(reason)}, `${one.alarm} ${out ? "out of" : "in"} service`, path(one, "service"));
+}

@@ -5,7 +5,7 @@ import {useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
 import {downloadText} from "../download";
-import {acknowledge, acknowledgeAll, shelve} from "../core/alarming";
+import {acknowledge, acknowledgeAll, service, shelve} from "../core/alarming";
 import {acknowledgement, type Alarm, counted, found, isMasked, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
 import {clock, csv, duration, exact, iso, span, stamp, when, zone} from "../core/format";
 import {alarms, control, plant, serverNow, variable} from "../core/model";
@@ -169,6 +169,9 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
   const long = tooLong(reason);
   const said = (typed: string): string => (typed === reason ? "" : typed); // what was typed meanwhile stays
   const doShelve = (time: number): void => void shelve(of, time, once, reason.trim()).then(() => setReason(said));
+  const serving = useCell(slot(`service.${of.id}`));
+  const engineer = useWriteBar("engineer") == null;
+  const out = of.now.state.startsWith("Out of Service");
   const wait = barred != null || shelving?.phase === "pending" || long;
   return (
     <tr class="detail">
@@ -206,10 +209,12 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
           <label class="check"><input type="checkbox" checked={once} onChange={event => setOnce(event.currentTarget.checked)} /> or until it has gone once</label>
           <button type="button" disabled={wait || reason.trim() === ""} onClick={() => doShelve(seconds)}>Shelve</button>
           {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>Shelve no more</button>}
+          {engineer && <button type="button" disabled={wait || (!out && reason.trim() === "")} onClick={() => void service(of, !out, reason.trim()).then(() => setReason(said))}>{out ? "In service" : "Out of service"}</button>}
         </form>
         <p class="say">
           {barred ?? (long ? "the reason is too long: 80 bytes" : shelved ? `Shelved until ${when(of.now.shelved_until as number)}, ${duration((of.now.shelved_until as number) - serverNow())} more.` : `Shelving takes a reason, and ends by itself: after at most ${span(shelveMax)}.`)}
         </p>
+        {serving && <WriteStatus of={`service.${of.id}`} retry={() => void service(of, !out, reason.trim())} />}
         {shelving && <WriteStatus of={`shelve.${of.id}`} retry={() => void shelve(of, seconds, once, reason.trim())} />}
       </td>
     </tr>

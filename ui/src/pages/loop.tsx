@@ -108,7 +108,6 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           <LastAction loop={loop} plant={p} />
         </div>
         <div class="panel operate">
-          <Reason />
           <h2>Mode</h2>
           <ModeSwitch loop={loop} />
           <h2>Setpoint{(loop.above ?? loop.owner) != null && <small class="owner"> {remote ? `Remote: ${remote.name} moves it` : "Local"}</small>}</h2>
@@ -130,6 +129,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
               blocked={handsOff}
             />
           )}
+          <Reason />
         </div>
         <div class="panel tuning-panel span">
           <h2>Tuning</h2>

@@ -10,7 +10,7 @@ import {live, onSample, plant, refill, second, serverNow, variable} from "../cor
 import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, RESULTS, isOfNow} from "../core/outlook";
 import {nameOf, pensAbout} from "../core/pens";
 import {extent, type Scale} from "../core/scale";
-import {empty, visible} from "../core/series";
+import {empty, held, type Series, visible} from "../core/series";
 import {describe, padded} from "../core/trend";
 import type {Course, Merit, Plant, Ref} from "../core/types";
 import {ServiceSwitch} from "../parts/modeswitch";
@@ -108,7 +108,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
 /** `merits`: of outputs, which are in service or not; of measurements their setpoints. */
 function HandledTable({caption, of, courses, setpoints = false, merits}: {caption: string; of: Handled[]; courses: Course[]; setpoints?: boolean; merits?: Merit[]}): JSX.Element {
   return (
-    <div class="panel">
+    <div class="panel span">
       <table class="data cards">
         <caption>{caption}</caption>
         <thead>
@@ -182,7 +182,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   const filled = useCell(refill);
   const painted = useCell(repaint);
   useCell(second);
-  const [, drawn] = useState(0);
+  const [, redraw] = useState(0);
   const panels = useMemo(() => [of.measured, of.moved].filter(one => one.length > 0), []);
   const refs = useMemo(() => panels.map(panel => [...panel.map(one => one.variable.ref), ...panel.flatMap(one => one.setpoint ?? [])]), []);
   const curves = useMemo(() => new Map(refs.flat().flatMap(ref => { const one = variable(ref); return one ? [[ref, new Curve(one)]] : []; }) as [Ref, Curve][]), []);
@@ -192,12 +192,18 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   const kept = useRef(past);
   kept.current = past;
   const scales = useRef<(Scale | null)[]>(panels.map(() => null));
+  const colour = (k: number, i: number): string => `--pen-${((k * of.measured.length + i) % COLOURS) + 1}`;
   const pens = panels.map((panel, k): DrawnPen[] => [
-    ...panel.map((one, i) => ({label: one.variable.name, colour: `--pen-${((k + i) % COLOURS) + 1}`, dash: [], band: false, step: holds(one.variable)})),
-    ...panel.flatMap((one, i) => (one.setpoint ? [{label: variable(one.setpoint)?.name ?? "", colour: `--pen-${((k + i) % COLOURS) + 1}`, dash: [2, 3], band: false, step: true}] : [])),
-    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: `--pen-${((k + i) % COLOURS) + 1}`, dash: [8, 4], band: false, step: holds(one.variable)})),
+    ...panel.map((one, i) => ({label: one.variable.name, colour: colour(k, i), dash: [], band: false, step: holds(one.variable)})),
+    ...panel.flatMap((one, i) => (one.setpoint ? [{label: variable(one.setpoint)?.name ?? "", colour: colour(k, i), dash: [2, 3], band: false, step: true}] : [])),
+    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: colour(k, i), dash: [8, 4], band: false, step: holds(one.variable)})),
   ]);
 
+  /** What somebody has written stands until it is another. */
+  const drawn = (ref: Ref): Series => {
+    const curve = curves.get(ref);
+    return !curve ? empty() : holds(curve.variable) && curve.variable.period == null ? held(curve.series, serverNow()) : curve.series;
+  };
   const data = (): TrendData => {
     const now = serverNow();
     const [from, to] = [now - past, now + ahead.current];
@@ -206,7 +212,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
       to,
       now,
       panels: panels.map((panel, k) => {
-        const shown = [...(refs[k] as Ref[]).map(ref => curves.get(ref)?.series ?? empty()), ...panel.map(one => { const course = courses.find(each => each.ref === one.variable.ref); return course ? courseSeries(course) : empty(); })];
+        const shown = [...(refs[k] as Ref[]).map(drawn), ...panel.map(one => { const course = courses.find(each => each.ref === one.variable.ref); return course ? courseSeries(course) : empty(); })];
         const [low, high] = extent(shown.flatMap(one => visible(one, from, to)));
         const scale = scales.current[k];
         // Chosen once; only what leaves it moves it.
@@ -234,7 +240,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   }, []);
   useEffect(() => {
     const now = serverNow();
-    for (const curve of curves.values()) curve.fill(now - past, now, chart.current?.pixels ?? 800, true, () => drawn(n => n + 1));
+    for (const curve of curves.values()) curve.fill(now - past, now, chart.current?.pixels ?? 800, true, () => redraw(n => n + 1));
   }, [filled, past]);
   useEffect(() => chart.current?.show(data()));
   useEffect(() => chart.current?.repaint(), [painted]);

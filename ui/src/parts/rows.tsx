@@ -5,7 +5,7 @@ import {useLayoutEffect, useRef, useState} from "preact/hooks";
 import {env} from "../core/env";
 import {admitted, inSight} from "../core/list";
 
-const AT_ONCE = 5; // rows that are made in one frame
+const AT_ONCE = 4; // rows that are made in one frame
 
 interface Props<T> {
   label: string;
