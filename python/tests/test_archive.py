@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Archives need pyarrow: "arrow" in each name."""
 import fcntl
+import json
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 import apc
+import apc.parquet
 from test_experiment import TEXT
 
 @pytest.fixture
@@ -85,3 +90,100 @@ def test_an_arrow_archive_is_of_one_store_and_one_writer(simulation, tmp_path):
     (tmp_path / "archive.json").write_text("{")
     with pytest.raises(apc.StoreError, match="damaged"):
         apc.archive(simulation.store, tmp_path)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A store that outlives a process, of some tables, and its URI."""
+    pytest.importorskip("pyarrow")
+    uri = f"sqlite:{tmp_path}/store.db"
+    with apc.Store(uri) as store, apc.Experiment("here.conf", TEXT) as e:
+        store.init()
+        e.provision(store)
+        for i in range(50):
+            store.write("r", i, wait=False)
+    return uri
+
+
+#: A process that archives a store, killed or short of room where it is told.
+CHILD = """
+import os, resource, signal, sys
+import apc, apc.parquet as parquet
+
+uri, folder, what, many = sys.argv[1:]
+left = int(many)
+
+def killed(call):
+    def until(*arguments):
+        global left
+        left -= 1
+        if left < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return call(*arguments)
+    return until
+
+if what in ("_write", "_sync", "_hash"):
+    setattr(parquet, what, killed(getattr(parquet, what)))
+elif what == "full":
+    resource.setrlimit(resource.RLIMIT_FSIZE, (left, resource.RLIM_INFINITY))
+with apc.Store(uri) as store:
+    try:
+        print(*apc.archive(store, folder))
+    except apc.Error as e:
+        print(type(e).__name__, e)
+"""
+
+
+def child(*arguments):
+    return subprocess.Popen([sys.executable, "-c", CHILD, *map(str, arguments)], stdout=subprocess.PIPE, text=True)
+
+
+def is_whole(uri, folder):
+    import pyarrow.parquet as pq
+
+    with apc.Store(uri) as store:
+        apc.archive(store, folder)
+        r, read = store.history("setpoint.1"), everything(folder, "setpoint")
+        assert read.column("value").to_pylist() == r.value.tolist() and read.column("seq").to_pylist() == r.seq.tolist()
+        assert sum(pq.read_metadata(f).num_rows for f in folder.glob("table=event/day=*/*")) == len(store.events())
+        files = {str(f.relative_to(folder)) for f in folder.glob("table=*/day=*/*")}
+        assert files == set(json.loads((folder / "archive.json").read_text())["files"]) and apc.verify(folder) >= len(r.seq)
+
+
+def test_an_arrow_archive_that_is_killed_anywhere_is_whole_after_the_next_call(kept, tmp_path):
+    for what, many in (("_write", 1), ("_hash", 0), ("_sync", 6)):  # before a file, behind one that is read back, before the last word
+        folder = tmp_path / what
+        killed = child(kept, folder, what, many)
+        killed.communicate()
+        assert killed.returncode == -signal.SIGKILL, what
+        is_whole(kept, folder)
+
+
+def test_of_two_who_arrow_archive_at_once_one_does_or_one_after_the_other(kept, tmp_path):
+    folder = tmp_path / "archive"
+    said = [c.communicate()[0] for c in [child(kept, folder, "", 0) for _ in range(2)]]
+    assert all(s.split()[0].isdecimal() or s.startswith("BusyError somebody else writes") for s in said), said
+    assert sum(int(s.split()[0]) for s in said if s[0].isdecimal()) > 50
+    is_whole(kept, folder)
+
+
+def test_an_arrow_archive_without_room_says_so_and_drops_nothing(kept, tmp_path):
+    folder = tmp_path / "archive"
+    full = child(kept, folder, "full", 500)
+    assert full.communicate()[0].startswith("DiskFullError ") and full.returncode == 0
+    is_whole(kept, folder)
+
+
+def test_what_comes_while_it_is_arrow_archived_is_not_dropped(kept, tmp_path, monkeypatch):
+    folder = tmp_path / "archive"
+    with apc.Store(kept) as store:
+        def meanwhile(at):
+            store.write("r", 77, wait=False)
+            return verify(at)
+
+        verify = apc.parquet.verify
+        monkeypatch.setattr(apc.parquet, "verify", meanwhile)
+        apc.archive(store, folder, keep=0)
+        assert store.history("setpoint.1").value[-1] == 77
+        monkeypatch.undo()
+        assert apc.archive(store, folder).rows >= 1 and everything(folder, "setpoint").column("value")[-1].as_py() == 77

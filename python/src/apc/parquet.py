@@ -10,19 +10,22 @@ left is removed by the next one.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
 import os
 from importlib import import_module
 from pathlib import Path
+from time import monotonic_ns
 from typing import Any, Iterator, NamedTuple, Optional, Union
 
-from .errors import BusyError, ConflictError, StoreError
+from .errors import BusyError, ConflictError, StoreError, error
 from .native import ffi, is_a, lib, text
 from .store import Store, Tag
 
 _DAY = 86400 * 10**9
+_ON_ITS_WAY = 60 * 10**9
 
 
 class Archived(NamedTuple):
@@ -63,6 +66,7 @@ def verify(folder: Union[str, "os.PathLike[str]"]) -> int:
 
 
 def _archive(store: Store, at: Path, keep: Optional[float]) -> Archived:
+    began = monotonic_ns()
     said = _manifest(at)
     for left in {str(f.relative_to(at)) for f in at.glob("table=*/day=*/*")} - set(said["files"]):
         (at / left).unlink()
@@ -75,10 +79,12 @@ def _archive(store: Store, at: Path, keep: Optional[float]) -> Archived:
         file, entry = _write(at, table, day, parts)
         said["files"][file] = entry
     temporary = at / "archive.json.new"
-    _synced(temporary, json.dumps(said, indent=1).encode())
+    temporary.write_text(json.dumps(said, indent=1))
+    _sync(temporary)
     temporary.replace(at / "archive.json")
+    _sync(at)
     rows = sum(part.num_rows for parts in days.values() for part in parts)
-    return Archived(rows, len(days), _drop(store, at, keep) if keep is not None else 0)
+    return Archived(rows, len(days), _drop(store, at, keep, began) if keep is not None else 0)
 
 
 def _manifest(at: Path) -> Any:
@@ -145,19 +151,24 @@ def _write(at: Path, table: str, day: int, parts: list[Any]) -> tuple[str, dict[
     into.mkdir(parents=True, exist_ok=True)
     number = 1 + max((int(f.stem) for f in into.glob("*.parquet")), default=0)
     file = into / f"{number}.parquet"
-    parquet.write_table(whole, file)
-    with open(file, "rb") as written:
-        os.fsync(written.fileno())
+    try:
+        parquet.write_table(whole, file)
+    except OSError as e:
+        full = e.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        raise error(lib.APC_EFULL if full else lib.APC_ESTORE, f"{file} cannot be written: {e}. Nothing was dropped") from e
+    for made in (file, into, into.parent, at):
+        _sync(made)
     if not parquet.ParquetFile(file).read().equals(whole):
         raise StoreError(f"{file} does not read as it was written: is the disk damaged? Nothing was dropped")
     return str(file.relative_to(at)), {"rows": whole.num_rows, "sha256": _hash(file)}
 
 
-def _drop(store: Store, at: Path, keep: float) -> int:
+def _drop(store: Store, at: Path, keep: float, began: int) -> int:
+    """What has come since the archive looked stays, and what was on its way then."""
     verify(at)
     retention = ffi.new("struct apc_retention *")
     retention.size = ffi.sizeof(retention[0])
-    retention.samples = retention.events = retention.ticks = round(keep * _DAY)
+    retention.samples = retention.events = retention.ticks = round(keep * _DAY) + monotonic_ns() - began + _ON_ITS_WAY
     with store._owned as s:
         return store._check(s, lib.apc_store_maintain(s, retention))
 
@@ -170,8 +181,10 @@ def _hash(file: Path) -> str:
     return sha.hexdigest()
 
 
-def _synced(file: Path, data: bytes) -> None:
-    with open(file, "wb") as out:
-        out.write(data)
-        out.flush()
-        os.fsync(out.fileno())
+def _sync(path: Path) -> None:
+    """A file, or the names in a folder."""
+    fd = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
