@@ -19,6 +19,7 @@ promises "$python/tests"
 export PYTHONPATH=$tools/lib # what it needs not, and works with: pandas, pyarrow, duckdb
 promises -k 'arrow or pandas or duckdb' "$python/tests"
 grep -q skipped "$work/pytest.log" && fail "pandas and pyarrow are not taken"
+"$user/bin/python" "$APC_SOURCE_DIR/tests/peers/postgres_history.py" 100000 >"$work/history.log" 2>&1 || fail "a history is not what psycopg reads"
 unset PYTHONPATH
 PYTHONPATH=$tools/lib python3 -m mypy --strict --cache-dir "$APC_BUILD_DIR/tests/mypy" --python-executable "$user/bin/python" \
   -p apc >"$work/mypy.log" 2>&1 || fail "its types are not clean"
