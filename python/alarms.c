@@ -63,7 +63,8 @@ void apc_board_at(const struct apc_board *board, struct apc_store *store, int i,
                                 .standing = apc_alarm_is_standing(state),
                                 .seq = now->row->seq,
                                 .time = now->row->seq > 0 ? now->row->time : 0,
-                                .shelved = alarm_board_shelved(now)};
+                                .shelved = alarm_board_shelved(now),
+                                .shelve_max = board->alarms.e.alarms.shelve_max};
     if (now->row->author > 0 && apc_store_author_name(store, now->row->author, to->author) < 0)
         to->author[0] = '\0';
 }

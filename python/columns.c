@@ -31,7 +31,7 @@ static int take_sample(void *ctx, const struct apc_sample *sample)
 {
     struct apc_columns *const c = ctx;
 
-    if (c->n == c->room && !widen(c))
+    if ((c->most > 0 && c->n == c->most) || (c->n == c->room && !widen(c)))
         return 1;
     c->seq[c->n] = sample->seq;
     c->time[c->n] = sample->time;
@@ -47,7 +47,7 @@ int apc_columns_read(struct apc_columns *columns, struct apc_store *store, int t
 {
     const int n = apc_store_history(store, (enum apc_table)table, id, range, take_sample, columns);
 
-    return n >= 0 && (size_t)n != columns->n ? APC_ENOMEM : n;
+    return n >= 0 && (size_t)n != columns->n && columns->n != columns->most ? APC_ENOMEM : n;
 }
 
 void apc_columns_free(struct apc_columns *columns)

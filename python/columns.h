@@ -4,11 +4,11 @@
 void *apc_columns_new(size_t size);
 
 struct apc_columns {
-    size_t n, room;
-    int64_t *seq, *time; /* [n] time in ns of Unix time */
-    double *value;       /* [n] */
-    uint32_t *status;    /* [n] */
-    int64_t *origin;     /* [n] */
+    size_t n, room, most; /* most: the oldest ones, no more than so many; 0: all */
+    int64_t *seq, *time;  /* [n] time in ns of Unix time */
+    double *value;        /* [n] */
+    uint32_t *status;     /* [n] */
+    int64_t *origin;      /* [n] */
 };
 /* Rows of one variable. Returns their number, or a negative enum apc_err; free() in either case. */
 int apc_columns_read(struct apc_columns *columns, struct apc_store *store, int table, int id,
@@ -107,6 +107,7 @@ struct apc_standing {
     int32_t id, priority;
     bool active, unacknowledged, standing;
     int64_t seq, time, shelved; /* of its newest row; when shelving ends, UTC, 0: it is not shelved */
+    int64_t shelve_max;         /* ns for which it may be shelved at most */
 };
 /* What an operator wants of an alarm, on its way. */
 struct apc_demand {

@@ -10,7 +10,7 @@ python_user
 export PYTHONPATH=$peers/python APC_PEERS=$peers
 opcua() { "$user/bin/python" -m apc.opcua "$@"; }
 other() { timeout 300 node "$APC_SOURCE_DIR/tests/peers/opcua/$1.mjs" "${@:2}" >>"$work/$1.log" 2>&1; }
-said() { grep -q -- "$2" "$work/$1.log"; }
+said() { grep -Eq -- "$2" "$work/$1.log"; }
 fast_experiment
 sed -i -e 's/setpoints *= ( { /&alarms = ( { kind = "high"; limit = 12.0; deadband = 1.0; priority = 1; message = "too much"; } ); /' \
   -e 's/sequence = .*$/sequence = ( [10.0] );/' "$work/fast.conf"
@@ -24,6 +24,8 @@ expect 2 'expected opc.tcp://HOST:PORT' opcua serve mem:x --listen http://127.0.
 expect 2 '--certificate and --key go together' opcua serve mem:x --certificate "$work/none"
 expect 2 'nobody could connect' env APC_USERS="$work/none" "$user/bin/python" -m apc.opcua serve mem:x --anonymous none
 expect 2 'expected tcp:127.0.0.1:PORT' opcua plant opc.tcp://127.0.0.1:1 --measure y --listen tcp:0.0.0.0:1
+expect 2 "nonsense: expected a node's id" opcua plant opc.tcp://127.0.0.1:1 --measure nonsense
+expect 2 "nonsense: expected a node's id" opcua plant opc.tcp://127.0.0.1:1 --measure 'ns=1;s=y' --output nonsense=0
 expect 2 'a plant has measurements' opcua plant opc.tcp://127.0.0.1:1
 touch "$work/open"
 chmod 644 "$work/open"
@@ -96,6 +98,36 @@ expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1000
 said gateway 'ns=1;s=u: BadOutOfRange' || fail "what the server refuses is not told"
 expect 0 'Value' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.25
 until_true 20 said plant '^given 0.25$'
+
+# What fails there is told: the value with its status (BadTypeMismatch, BadNodeIdUnknown), or, of an output, why nothing is written.
+odd=$(free_port)
+background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=failed' \
+  --measure 'ns=1;s=text' --measure 'ns=1;s=nobody' --measure 'ns=1;s=y'
+strange=$pid
+until_true 60 said odd 'connected to'
+expect 0 'BadSensorFailure.*0x80740000.*0x80340000.*Good' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd"
+kill -TERM "$strange"
+wait "$strange" || fail "the gateway ended with $?"
+for output in 'ns=1;s=nobody=0' 'ns=1;s=text=0'; do
+  : >"$work/odd.log"
+  background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"
+  strange=$pid
+  until_true 60 said odd 'BadNodeIdUnknown|is no number but String'
+  expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 1
+  kill -TERM "$strange"
+  wait "$strange" || fail "the gateway ended with $?"
+done
+
+# A server that goes away and comes back: who asks meanwhile gets no answer.
+kill -KILL "$plant"
+expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.5
+until_true 60 said gateway 'trying again'
+background plant node "$APC_SOURCE_DIR/tests/peers/opcua/plant.mjs" "$beyond" "$work/pki"
+plant=$pid
+answers() { "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.75; }
+until_true 60 answers
+until_true 20 said plant '^given 0.75$'
+
 kill -TERM "$gateway"
 wait "$gateway" || fail "the gateway ended with $?"
 said gateway 'it ends: the safe values were written' || fail "it leaves its output behind"

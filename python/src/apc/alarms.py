@@ -23,6 +23,7 @@ class Alarm(NamedTuple):
     seq: int  #: of that row: what was seen
     author: str  #: who wanted that; "": nobody
     shelved: int  #: until when, ns of Unix time; 0: it is not
+    shelve_max: float  #: s for which it may be shelved at most
     area: str
     message: str
     consequence: str
@@ -47,7 +48,7 @@ class Board:
         to = ffi.new("struct apc_standing *")
         lib.apc_board_at(self._board, s, i, to)
         return Alarm(text(to.name), text(to.state), to.priority, to.active, to.unacknowledged, to.standing, to.time, to.seq,
-                     text(to.author), to.shelved, text(to.area), text(to.message), text(to.consequence), text(to.response))
+                     text(to.author), to.shelved, to.shelve_max / 1e9, text(to.area), text(to.message), text(to.consequence), text(to.response))
 
     def want(self, s: Any, name: str, which: int, value: float, author: str, comment: str, wait: bool) -> Alarm:
         """Write it, and wait until it is in force."""

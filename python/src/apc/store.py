@@ -172,10 +172,14 @@ class Store:
                 last: int = 0, after: int = 0) -> History:
         """The rows of one variable with since <= source time < until and a seq above `after`, the newest `last` of them
         (0: all)."""
-        tag = self._find([name])[0]
+        return self._rows(self._find([name])[0], range_of(since, until, last, after))
+
+    def _rows(self, tag: Tag, range_: Any, most: int = 0) -> History:
+        """No more than the `most` oldest ones; 0: all."""
         columns = filled("columns")
+        columns.most = most
         with self._owned as s:
-            self._check(s, lib.apc_columns_read(columns, s, _table(tag.table), tag.id, _range(since, until, last, after)))
+            self._check(s, lib.apc_columns_read(columns, s, _table(tag.table), tag.id, range_))
         return History(tag, *(array(columns, column, columns.n) for column in ("seq", "time", "value", "status",
                                                                                 "origin")))
 
@@ -185,7 +189,7 @@ class Store:
         tag = self._find([name])[0]
         ragged = filled("ragged")
         with self._owned as s:
-            self._check(s, lib.apc_ragged_read(ragged, s, _table(tag.table), tag.id, _range(since, until, last, after)))
+            self._check(s, lib.apc_ragged_read(ragged, s, _table(tag.table), tag.id, range_of(since, until, last, after)))
         return Vectors(tag, *(array(ragged, column, ragged.elements if column == "value" else ragged.n)
                               for column in ("seq", "time", "status", "end", "value")))
 
@@ -194,7 +198,7 @@ class Store:
         """What happened, in the order in which it came to the store; with a number above `after`."""
         events = filled("events")
         with self._owned as s:
-            self._check(s, lib.apc_events_read(events, s, _range(since, until, last, after)))
+            self._check(s, lib.apc_events_read(events, s, range_of(since, until, last, after)))
         return [Event(e.time, ("", "info", "warning", "alarm")[e.severity], text(e.source), text(e.kind), text(e.text),
                       e.number)
                 for e in (events.event[0:events.n] if events.n else ())]
@@ -341,7 +345,8 @@ def _place(name: str) -> Optional[Tag]:
     return Tag(table, int(number), "", "", "", None, None, "", "", 0.0, 0.0)
 
 
-def _range(since: Optional[Time], until: Optional[Time], last: int, after: int) -> Any:
+def range_of(since: Optional[Time], until: Optional[Time], last: int, after: int) -> Any:
+    """A struct apc_range."""
     if last < 0 or after < 0:
         raise error(lib.APC_EINVAL, f"last = {last}, after = {after}: a number of rows or a seq, or 0: all")
     range_ = ffi.new("struct apc_range *")

@@ -22,6 +22,11 @@ space.addVariable({ componentOf: plant, browseName: "u", nodeId: "s=u", dataType
     u = variant.value;
     return StatusCodes.Good;
   } } });
+// what a plant's client may meet: a sensor that has failed, and what is no number
+const failed = space.addVariable({ componentOf: plant, browseName: "failed", nodeId: "s=failed", dataType: "Double" });
+failed.setValueFromSource({ dataType: DataType.Double, value: 7 }, StatusCodes.BadSensorFailure);
+space.addVariable({ componentOf: plant, browseName: "text", nodeId: "s=text", dataType: "String" })
+  .setValueFromSource({ dataType: DataType.String, value: "much" });
 setInterval(() => {
   y += period * (10 * u - y);
   level.setValueFromSource({ dataType: DataType.Double, value: y });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // walk.mjs URL USER PASSWORD FOLDER: what node-opcua, which nobody here wrote, finds at a store that apc.opcua serves: it
-// browses, reads, subscribes, writes with an outcome, and acknowledges an alarm. FOLDER is for its certificates.
+// browses, reads, also what was, subscribes, writes with an outcome, acknowledges an alarm and shelves it. FOLDER is for its certificates.
 import assert from "node:assert/strict";
 import { createRequire } from "node:module";
 
@@ -85,9 +85,9 @@ assert.equal(await call("Set", "nothing", 1), "BadNodeIdUnknown");
 await until("an alarm is raised", () => events.some((e) => e.ConditionName === "r.high" && e["ActiveState.Id"]));
 const raised = events.findLast((e) => e.ConditionName === "r.high");
 assert.deepEqual([raised.Message.text, raised.Severity, raised["AckedState.Id"], raised.Retain], ["too much", 900, false, true]);
-const before = events.length;
+const told = events.length;
 await callConditionRefresh(session, subscription.subscriptionId);
-await until("what stands is told again", () => events.slice(before).some((e) => e.ConditionName === "r.high"));
+await until("what stands is told again", () => events.slice(told).some((e) => e.ConditionName === "r.high"));
 const condition = resolveNodeId(id("alarm.r.high"));
 const acknowledge = async (event, of = condition) => (await session.acknowledgeCondition(of, event, "seen by node-opcua")).name;
 assert.equal(await acknowledge(Buffer.from("something")), "BadEventIdUnknown");
@@ -96,6 +96,52 @@ await until("it is acknowledged", () => events.some((e) => e.ConditionName === "
 assert.equal(await acknowledge(events.findLast((e) => e.ConditionName === "r.high").EventId), "BadConditionBranchAlreadyAcked");
 assert.equal(await value("alarm.r.high/State"), "Acknowledged Active");
 assert.equal(await write("setpoint.r", DataType.Double, 10), "Good");
+
+
+// and shelved, until a time or until it has come and gone, and no more
+const shelving = id("alarm.r.high/ShelvingState");
+const shelve = async (method, ...ms) => (await session.call({ objectId: shelving, methodId: resolveNodeId(`ns=0;i=${method}`),
+  inputArguments: ms.map((value) => ({ dataType: DataType.Double, value })) })).statusCode.name;
+const [UNSHELVE, ONE_SHOT, TIMED] = [2947, 2948, 2949];
+const is = (state) => until(`it is ${state}`, async () => (await value("alarm.r.high/ShelvingState/CurrentState")).text === state);
+assert.equal(await shelve(UNSHELVE), "BadConditionNotShelved");
+assert.equal(await shelve(TIMED, 1e12), "BadShelvingTimeOutOfRange");
+assert.equal(await shelve(TIMED, -1), "BadShelvingTimeOutOfRange");
+assert.equal(await shelve(TIMED), "BadInvalidArgument");
+assert.equal(await shelve(TIMED, 600_000), "Good");
+await is("TimedShelved");
+assert.equal(await shelve(TIMED, 600_000), "BadConditionAlreadyShelved");
+assert.equal(await shelve(UNSHELVE), "Good");
+await is("Unshelved");
+assert.equal(await shelve(ONE_SHOT), "Good");
+await is("OneShotShelved");
+assert.equal(await shelve(UNSHELVE), "Good");
+await is("Unshelved");
+
+// what was: all of it in pages, the newest first, one of them, none
+const past = async (what, start, end, options = {}) => session.readHistoryValue(typeof what === "string" ? id(what) : what, start, end, options);
+const when = (r) => r.historyData.dataValues.map((v) => v.sourceTimestamp.getTime());
+const [from, to] = [new Date(Date.now() - 86_400_000), new Date()];
+const all = await past("sensor.y", from, to);
+assert.ok(all.statusCode.isGood() && when(all).length > 5, all.toString());
+assert.ok(when(all).every((t, i) => i === 0 || t > when(all)[i - 1]) && all.historyData.dataValues.every((v) => Number.isFinite(v.value.value)));
+const paged = [];
+for (let point, first = true; first || point; first = false) {
+  const page = await past({ nodeId: id("sensor.y"), continuationPoint: point }, from, to, { numValuesPerNode: 3 });
+  assert.ok(when(page).length <= 3);
+  paged.push(...when(page));
+  point = page.continuationPoint?.length ? page.continuationPoint : undefined;
+}
+assert.deepEqual(paged, when(all));
+const newest = await past("sensor.y", to, from, { numValuesPerNode: 2 });
+assert.deepEqual(when(newest), when(all).slice(-2).reverse());
+const before = await past({ nodeId: id("sensor.y"), continuationPoint: newest.continuationPoint }, to, from, { numValuesPerNode: 2 });
+assert.deepEqual(when(before), when(all).slice(-4, -2).reverse());
+assert.equal((await past("sensor.y", new Date(0), new Date(1000))).statusCode.name, "BadHistoryOperationInvalid");
+assert.equal((await past("sensor.y", new Date("2001-01-01"), new Date("2001-01-02"))).statusCode.name, "GoodNoData");
+assert.equal((await past({ nodeId: id("sensor.y"), continuationPoint: Buffer.from("x") }, from, to)).statusCode.name, "BadContinuationPointInvalid");
+assert.equal((await past("alarm.r.high/State", from, to)).statusCode.name, "BadHistoryOperationUnsupported");
+assert.equal((await past("sensor.nobody", from, to)).statusCode.name, "BadHistoryOperationUnsupported");
 
 await subscription.terminate();
 await session.close();

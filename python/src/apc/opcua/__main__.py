@@ -112,6 +112,8 @@ def _plant(args: Any) -> Callable[[asyncio.Event], Awaitable[None]]:
     for text in args.output:
         node, _, safe = text.rpartition("=") if _is_number(text.rpartition("=")[2]) and "=" in text else (text, "", "0")
         outputs.append((node, float(safe)))
+    for node in (*args.measure, *(node for node, _ in outputs)):
+        _check_node(node)
     password = None
     if args.password_file:
         if args.password_file.stat().st_mode & 0o077:
@@ -121,6 +123,14 @@ def _plant(args: Any) -> Callable[[asyncio.Event], Awaitable[None]]:
                             args.user, password, args.certificate, args.key, args.server_certificate)
     run: Callable[[asyncio.Event], Awaitable[None]] = plant.Gateway(options).run
     return run
+
+
+def _check_node(text: str) -> None:
+    ua = import_module("asyncua.ua")
+    try:
+        ua.NodeId.from_string(text)
+    except (ua.UaError, ValueError):
+        raise _Refused(f"{text}: expected a node's id, as ns=2;s=NAME or ns=2;i=NUMBER") from None
 
 
 def _is_number(text: str) -> bool:

@@ -38,13 +38,17 @@ class Space:
         self._alarms: dict[str, Alarm] = {}
         self._shown: dict[Any, Any] = {}  # what a node has
         self._targets: dict[Any, tuple[str, str]] = {}  # what may be written
+        self._historized: dict[Any, Tag] = {}
 
     async def init(self) -> None:
         ua = self._ua
         self._ns = await self._server.register_namespace(NAMESPACE)
         self._said = await self._server.get_event_generator(ua.ObjectIds.BaseEventType, ua.ObjectIds.Server)
         self._opmode = lib.apc_table_parse(b"opmode")
-        for method, do in ((ua.ObjectIds.AcknowledgeableConditionType_Acknowledge, self._acknowledge),):
+        for method, do in ((ua.ObjectIds.AcknowledgeableConditionType_Acknowledge, self._acknowledge),
+                           (ua.ObjectIds.ShelvedStateMachineType_TimedShelve, self._timed_shelve),
+                           (ua.ObjectIds.ShelvedStateMachineType_OneShotShelve, self._one_shot_shelve),
+                           (ua.ObjectIds.ShelvedStateMachineType_Unshelve, self._unshelve)):
             self._server.link_method(self._server.get_node(ua.NodeId(method)), do)
 
     def _id(self, text: str) -> Any:
@@ -53,6 +57,10 @@ class Space:
     def target(self, node: Any) -> Optional[tuple[str, str]]:
         """Table and name of what is written by a node; None: nothing is."""
         return self._targets.get(node)
+
+    def historized(self, node: Any) -> Optional[Tag]:
+        """The variable whose numbers have a history; None: the node is none."""
+        return self._historized.get(node)
 
     async def say(self, text: str) -> None:
         """An event of the server, for whoever listens."""
@@ -67,6 +75,7 @@ class Space:
             await self._server.delete_nodes([self._plant], recursive=True)
         self._shown.clear()
         self._targets.clear()
+        self._historized.clear()
         self._plant = await self._server.nodes.objects.add_object(self._id("plant"), ua.QualifiedName("Plant", self._ns))
         folders: dict[str, Any] = {}
         for tag in tags:
@@ -96,6 +105,11 @@ class Space:
         if tag.table != "opmode" and tag.low is not None and tag.high is not None:
             limits = ua.Range(Low=tag.low, High=tag.high)
             await node.add_property(self._id(f"{tag.table}.{tag.name}/range"), "0:EURange", limits)
+        if tag.table != "opmode":
+            self._historized[of] = tag
+            for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
+                await node.set_attr_bit(attribute, ua.AccessLevel.HistoryRead)
+            await node.write_attribute(ua.AttributeIds.Historizing, ua.DataValue(True))
         if tag.table in _WRITTEN and tag.controller or tag.table == "setpoint":
             self._targets[of] = (tag.table, tag.name)
             await node.set_writable()
@@ -113,6 +127,11 @@ class Space:
         await node.add_variable(self._id(f"{of}/Severity"), ua.QualifiedName("Severity", self._ns), severity)
         method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
         await node.add_reference(method, ua.ObjectIds.HasComponent)
+        shelving = await node.add_object(self._id(f"{of}/ShelvingState"), "0:ShelvingState")
+        await shelving.add_variable(self._id(f"{of}/ShelvingState/CurrentState"), "0:CurrentState", ua.LocalizedText("Unshelved"))
+        for method in (ua.ObjectIds.ShelvedStateMachineType_TimedShelve, ua.ObjectIds.ShelvedStateMachineType_OneShotShelve,
+                       ua.ObjectIds.ShelvedStateMachineType_Unshelve):
+            await shelving.add_reference(ua.NodeId(method), ua.ObjectIds.HasComponent)
         self._shown[self._id(of)] = None
 
     async def _add_methods(self) -> None:
@@ -181,6 +200,37 @@ class Space:
         code, _ = await self._operator.acknowledge(self._operator.caller, name, text, int(seq))
         return code
 
+    def _alarm_of(self, parent: Any) -> Optional[Alarm]:
+        """Of a condition, or of its ShelvingState."""
+        name = str(parent.Identifier).removeprefix("alarm.").removesuffix("/ShelvingState")
+        return self._alarms.get(name) if parent.NamespaceIndex == self._ns else None
+
+    async def _shelve_condition(self, parent: Any, seconds: float, once: bool = False) -> Any:
+        codes, alarm = self._ua.StatusCodes, self._alarm_of(parent)
+        if alarm is None:
+            return self._ua.StatusCode(codes.BadNodeIdUnknown)
+        if (alarm.shelved != 0) == (seconds > 0):
+            return self._ua.StatusCode(codes.BadConditionAlreadyShelved if seconds else codes.BadConditionNotShelved)
+        if seconds > alarm.shelve_max:
+            return self._ua.StatusCode(codes.BadShelvingTimeOutOfRange)
+        code, _ = await self._operator.shelve(self._operator.caller, alarm.name, seconds, once=once)
+        return code
+
+    async def _timed_shelve(self, parent: Any, *given: Any) -> Any:
+        if not _are(given, float):
+            return self._wrong()
+        ms = given[0].Value
+        if not ms >= 1000:
+            return self._ua.StatusCode(self._ua.StatusCodes.BadShelvingTimeOutOfRange)
+        return await self._shelve_condition(parent, ms / 1000)
+
+    async def _one_shot_shelve(self, parent: Any, *given: Any) -> Any:
+        alarm = self._alarm_of(parent)
+        return await self._shelve_condition(parent, alarm.shelve_max if alarm else 1.0, once=True)
+
+    async def _unshelve(self, parent: Any, *given: Any) -> Any:
+        return await self._shelve_condition(parent, 0.0)
+
     # ---- Showing ------------------------------------------------------------------------------------------------
 
     async def show(self, seen: "Seen") -> None:
@@ -241,7 +291,9 @@ class Space:
         if before == alarm:
             return
         ua, of = self._ua, f"alarm.{alarm.name}"
-        for name, value in (("State", alarm.state), ("ActiveState", alarm.active), ("AckedState", not alarm.unacknowledged)):
+        shelving = ua.LocalizedText(_shelving(alarm))
+        for name, value in (("State", alarm.state), ("ActiveState", alarm.active), ("AckedState", not alarm.unacknowledged),
+                            ("ShelvingState/CurrentState", shelving)):
             await self._server.write_attribute_value(self._id(f"{of}/{name}"), ua.DataValue(
                 ua.Variant(value), SourceTimestamp=_when(alarm.time)))
         if alarm.seq and (before is None or before.seq != alarm.seq) and (before is not None or alarm.state != "Normal"):
@@ -272,7 +324,13 @@ class Space:
             setattr(event, name, ua.LocalizedText(yes if is_ else no))
             setattr(event, f"{name}/Id", is_)
         event.SuppressedOrShelved = masked
+        event.add_property("ShelvingState/CurrentState", ua.LocalizedText(_shelving(alarm)), ua.VariantType.LocalizedText)
         return event
+
+
+def _shelving(alarm: Alarm) -> str:
+    """As Part 9 calls it."""
+    return "Unshelved" if not alarm.shelved else "OneShotShelved" if "One-shot" in alarm.state else "TimedShelved"
 
 
 def _is_loop(tag: Tag) -> bool:

@@ -72,6 +72,9 @@ class Gateway:
             self._measure = [client.get_node(node) for node in o.measure]
             self._output = [client.get_node(node) for node, _ in o.output]
             self._kinds = [await node.read_data_type_as_variant_type() for node in self._output]
+            for kind, (node, _) in zip(self._kinds, o.output):
+                if not self._ua.VariantType.Boolean.value < kind.value <= self._ua.VariantType.Double.value:
+                    raise ValueError(f"{node} is no number but {kind.name}")
         except BaseException:
             await client.disconnect()
             raise

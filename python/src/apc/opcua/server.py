@@ -21,6 +21,7 @@ from ..errors import ConflictError, Error, LimitError, NotFoundError, RefusedErr
 from ..native import lib
 from ..store import Store, Tag
 from ..values import Mode, Value
+from . import history
 from .address_space import Space
 from .users import ROLES, Users
 
@@ -130,17 +131,21 @@ class Server:
             await self._space.say(said)
             return self._ua.StatusCode(codes.BadUserAccessDenied), None
 
-        def work() -> Any:
-            if not hasattr(self._own, "store"):
-                self._own.store = Store(self._uri, "opcua")
-            return do(self._own.store, user.name)
-
         try:
-            force = await asyncio.get_running_loop().run_in_executor(self._writers, work)
+            force = await self._with_store(lambda store: do(store, user.name))
         except (Error, ValueError, OverflowError) as e:
             await self._space.say(f"{what}: {e}")
             return self._ua.StatusCode(getattr(codes, status_of(e))), None
         return self._ua.StatusCode(codes.Good), force
+
+    async def _with_store(self, do: Callable[[Store], Any]) -> Any:
+        """In one of the threads that have a store of their own."""
+        def work() -> Any:
+            if not hasattr(self._own, "store"):
+                self._own.store = Store(self._uri, "opcua")
+            return do(self._own.store)
+
+        return await asyncio.get_running_loop().run_in_executor(self._writers, work)
 
     async def set(self, user: Any, name: str, value: Any, table: str) -> tuple[Any, Any]:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -157,9 +162,9 @@ class Server:
         return await self._do(f"{alarm}: not acknowledged", user, OPERATOR,
                               lambda s, who: s.acknowledge(alarm, comment, who, seen).state)
 
-    async def shelve(self, user: Any, alarm: str, seconds: float, comment: str) -> tuple[Any, Any]:
-        return await self._do(f"{alarm}: not shelved", user, OPERATOR,
-                              lambda s, who: s.shelve(alarm, seconds, False, comment, who).state)
+    async def shelve(self, user: Any, alarm: str, seconds: float, comment: str = "", once: bool = False) -> tuple[Any, Any]:
+        return await self._do(f"{alarm}: not shelved" if seconds else f"{alarm}: shelved as before", user, OPERATOR,
+                              lambda s, who: s.shelve(alarm, seconds, once, comment, who).state)
 
     @property
     def caller(self) -> Any:
@@ -182,6 +187,33 @@ class Server:
         if code.is_good():
             await self._space.put(item.NodeId, force)
         return code
+
+    async def _history(self, session: Any, params: Any) -> list[Any]:
+        return [await self._history_of(params, item) for item in params.NodesToRead]
+
+    async def _history_of(self, params: Any, item: Any) -> Any:
+        ua, codes, details = self._ua, self._ua.StatusCodes, params.HistoryReadDetails
+        tag = self._space.historized(item.NodeId)
+
+        def failed(code: int) -> Any:
+            return ua.HistoryReadResult(StatusCode=ua.StatusCode(code))
+
+        if params.ReleaseContinuationPoints:
+            return ua.HistoryReadResult()  # they are all that there was
+        if not isinstance(details, ua.ReadRawModifiedDetails) or details.IsReadModified or tag is None:
+            return failed(codes.BadHistoryOperationUnsupported)
+        try:
+            what = history.asked(tag, details, item.ContinuationPoint)
+        except ValueError:
+            return failed(codes.BadContinuationPointInvalid if item.ContinuationPoint else codes.BadHistoryOperationInvalid)
+        try:
+            rows, place = await self._with_store(lambda store: history.read(store, what))
+        except Error as e:
+            say(f"the history of {tag.name} cannot be read: {e}")
+            return failed(codes.BadNoCommunication)
+        data = ua.HistoryData(DataValues=history.values(rows))
+        return ua.HistoryReadResult(StatusCode=ua.StatusCode(codes.Good if data.DataValues else codes.GoodNoData),
+                                    ContinuationPoint=place, HistoryData=data)
 
     async def _call(self, session: Any, methods: list[Any]) -> list[Any]:
         self._who.set(session.user)
@@ -218,6 +250,7 @@ class Server:
         def create_session(name: str, user: Any = None, external: bool = False) -> Any:
             session = made(name, external=external)
             session.write = lambda params: self._write(session, params)
+            session.history_read = lambda params: self._history(session, params)
             session.call = lambda methods: self._call(session, methods)
             return session
 
