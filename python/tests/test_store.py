@@ -20,7 +20,7 @@ def test_history_is_columns(store):
     assert y.tag.unit == "V" and y.tag.table == "sensor" and y.tag.low is None
     assert len(y.seq) == len(y.time) == len(y.value) == len(y.status) == 120
     assert (np.diff(y.seq) == 1).all()
-    assert y.time.dtype == "M8[ns]" and (np.diff(y.time) > np.timedelta64(0)).all()
+    assert y.time.dtype == "M8[ns]" and (np.diff(y.time) > np.timedelta64(0, "ns")).all()
     assert y.time[0] >= np.datetime64("2000-01-01") and (y.status == 0).all()
     assert store.read("y") == (y.value[-1], 0, y.time[-1].astype(int))
 
