@@ -7,6 +7,7 @@
 #include "apcestimate.h"
 #include "control/control_internal.h"
 #include "predict/mpc.h"
+#include "predict/nested.h"
 #include "predict/rest.h"
 #include "predict/shoot.h"
 
@@ -50,8 +51,9 @@ struct apc_law_mpc {
      */
     struct apc_estimator **part; /* [parts - 1] */
     size_t parts, *whole, late_most;
-    double *bit, *begins; /* [nu]; [parts] s */
-    size_t nc;            /* states of `model` */
+    double *bit, *begins;      /* [nu]; [parts] s */
+    size_t nc;                 /* states of `model` */
+    struct apc_nested *nested; /* loops below; NULL: none */
     struct apc_shoot *shoot;
     size_t *measured; /* [nd] which of the model's disturbances each d is */
     double late;

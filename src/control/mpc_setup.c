@@ -657,6 +657,7 @@ void apc_mpc_unmake(void *self)
 
     apc_mpc_destroy(p->mpc);
     apc_shoot_destroy(p->shoot);
+    apc_nested_destroy(p->nested);
     for (size_t k = 0; k + 1 < p->parts; k++)
         apc_estimator_destroy(p->part[k]);
     free(p->part);

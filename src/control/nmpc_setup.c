@@ -14,37 +14,136 @@
 enum { STEPS_MOST = 1000, SQUARINGS = 16, LATE_MOST = 1000 /* periods */ };
 
 const char *const apc_nmpc_settings[] = {
-    "horizon",  "blocks",   "measurement", "rank",       "terminal", "preview", "steady",
-    "delay",    "y_dev",    "u_dev",       "x_noise",    "d_noise",  "y_noise", "hold",
-    "critical", "at_input", "at_output",   "iterations", "steps",    "newton",  NULL};
+    "horizon",   "blocks",     "measurement", "rank",    "terminal", "preview", "steady",   "delay",
+    "y_dev",     "u_dev",      "x_noise",     "d_noise", "y_noise",  "hold",    "critical", "at_input",
+    "at_output", "iterations", "steps",       "newton",  "lower",    NULL};
 
-/* The model, linear at the operating point, with all its inputs: its own disturbances may be unknown ones. */
-static int sample_all(const struct apc_law_setup *setup, struct apc_linear **to, struct apc_error *why)
+/* ---- Loops below ------------------------------------------------------------------------------------ */
+
+/* Setting "lower": of each output the measurement that the loop below holds, its gain, its integral time; 0:
+ * there is none, the output is the plant's. */
+static int take_lower(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    const struct apc_setting *s = apc_setting_find(setup, "lower");
+    const size_t nu = p->dim.nu;
+    struct apc_nested_loop *loop;
+    int rc = 0;
+
+    if (!s)
+        return 0;
+    if (s->text || s->rows != nu || s->columns != 3)
+        return apc_fail(
+            why, APC_EINVAL,
+            "setting \"lower\": %zu rows, of each output [measurement, gain, integral time] of the "
+            "loop below; [0, 0, 0]: it has none",
+            nu);
+    loop = calloc(nu, sizeof(*loop));
+    if (!loop)
+        return apc_fail(why, APC_ENOMEM, "no memory");
+    for (size_t j = 0; j < nu && rc == 0; j++) {
+        const double *row = s->value + 3 * j;
+
+        if (!(row[0] >= 0.0) || row[0] > (double)p->dim.ny || row[0] != floor(row[0]))
+            rc = apc_fail(why, APC_EINVAL, "setting \"lower\": output %zu: there is no measurement %g", j + 1,
+                          row[0]);
+        else if (row[0] > 0.0 && (row[1] == 0.0 || !(row[2] > 0.0)))
+            rc = apc_fail(
+                why, APC_EINVAL,
+                "setting \"lower\": output %zu: the loop below has a gain of %g and an integral time "
+                "of %g s; the first must not be 0, the second above",
+                j + 1, row[1], row[2]);
+        else if (row[0] > 0.0)
+            loop[j] = (struct apc_nested_loop){
+                .there = true, .y = (size_t)row[0] - 1, .gain = row[1], .tau = row[2]};
+    }
+    if (rc == 0)
+        rc = apc_nested_create(&p->nested, setup->plant->model, setup->plant->p, loop, why);
+    free(loop);
+    return rc;
+}
+
+/* ---- The model, linear ------------------------------------------------------------------------------ */
+
+/* At the operating point, with its loops: of all its inputs, since its own disturbances may be unknown ones,
+ * and of those alone that the law has. */
+struct linear_view {
+    struct apc_linear_continuous all;
+    struct apc_law_plant plant;
+    double *memory, *A, *B, *C, *D, *x0, *u0, *B_u, *D_u, *u0_u;
+};
+
+static void choose_columns(size_t rows, const double *from, size_t all, const size_t *disturbance, size_t nu,
+                           size_t nd, double *to)
+{
+    for (size_t i = 0; i < rows; i++) {
+        for (size_t k = 0; k < nu + nd; k++)
+            to[i * (nu + nd) + k] = from[i * all + (k < nu ? k : nu + disturbance[k - nu])];
+    }
+}
+
+static int linearise_all(struct linear_view *v, const struct apc_law_mpc *p,
+                         const struct apc_law_setup *setup, struct apc_error *why)
 {
     const struct apc_law_plant *plant = setup->plant;
     const struct apc_model *m = plant->model;
-    const size_t nx = m->nx, ny = m->ny, all = m->nu + m->nd;
-    double *memory = calloc(nx * nx + nx * all + ny * nx + ny * all + all, sizeof(*memory)), *at = memory;
-    struct apc_linear_continuous from = {.size = sizeof(from), .nx = nx, .nu = m->nu, .nd = m->nd, .ny = ny};
-    double *A, *B, *C, *D, *u0;
+    const size_t nx = m->nx, ny = m->ny, nu = m->nu, all = nu + m->nd, nd = setup->dim.nd,
+                 wide = p->nested ? apc_nested_states(p->nested) : nx;
+    double *at =
+        calloc(2 * (wide * wide + wide * all + ny * wide + all + wide) + ny * all + (wide + ny + 1) * all,
+               sizeof(*at));
+    double *A, *B, *C, *u0;
     int rc;
 
-    if (!memory)
+    v->memory = at;
+    if (!at)
         return apc_fail(why, APC_ENOMEM, "no memory");
-    from.A = A = apc_carve(&at, nx * nx);
-    from.B = B = apc_carve(&at, nx * all);
-    from.C = C = apc_carve(&at, ny * nx);
-    from.D = D = apc_carve(&at, ny * all);
-    from.u0 = u0 = apc_carve(&at, all);
-    from.x0 = plant->x0;
-    from.y0 = plant->y0;
-    memcpy(u0, plant->u0, m->nu * sizeof(*u0));
+    v->A = A = apc_carve(&at, wide * wide);
+    v->B = B = apc_carve(&at, wide * all);
+    v->C = C = apc_carve(&at, ny * wide);
+    v->D = apc_carve(&at, ny * all);
+    v->x0 = apc_carve(&at, wide);
+    v->u0 = u0 = apc_carve(&at, all);
+    v->B_u = apc_carve(&at, wide * all);
+    v->D_u = apc_carve(&at, ny * all);
+    v->u0_u = apc_carve(&at, all);
+    if (p->nested) {
+        A = apc_carve(&at, nx * nx);
+        B = apc_carve(&at, nx * all);
+        C = apc_carve(&at, ny * nx);
+        u0 = apc_carve(&at, all);
+    }
+    memcpy(u0, plant->u0, nu * sizeof(*u0));
     for (size_t k = 0; k < m->nd; k++)
-        u0[m->nu + k] = m->disturbance ? m->disturbance[k].initial : 0.0;
-    rc = apc_model_linearize(m, plant->p, plant->x0, u0, A, B, C, D, why);
-    if (rc == 0)
-        rc = apc_linear_from_continuous(to, &from, setup->Ts, why);
-    free(memory);
+        u0[nu + k] = m->disturbance ? m->disturbance[k].initial : 0.0;
+    rc = apc_model_linearize(m, plant->p, plant->x0, u0, A, B, C, v->D, why);
+    v->all = (struct apc_linear_continuous){.size = sizeof(v->all),
+                                            .nx = nx,
+                                            .nu = nu,
+                                            .nd = m->nd,
+                                            .ny = ny,
+                                            .A = A,
+                                            .B = B,
+                                            .C = C,
+                                            .D = v->D,
+                                            .x0 = plant->x0,
+                                            .u0 = u0,
+                                            .y0 = plant->y0};
+    v->plant = *plant;
+    if (rc < 0 || !p->nested)
+        return rc;
+    rc = apc_nested_linearise(p->nested, &v->all, v->A, v->B, v->C, v->x0, v->u0, why);
+    v->all.nx = v->plant.nx = wide;
+    v->all.A = v->plant.A = v->A;
+    v->all.B = v->B;
+    v->all.C = v->plant.C = v->C;
+    v->all.x0 = v->plant.x0 = v->x0;
+    v->all.u0 = v->u0;
+    choose_columns(wide, v->B, all, plant->disturbance, nu, nd, v->B_u);
+    choose_columns(ny, v->D, all, plant->disturbance, nu, nd, v->D_u);
+    choose_columns(1, v->u0, all, plant->disturbance, nu, nd, v->u0_u);
+    v->plant.B = v->B_u;
+    v->plant.D = v->D_u;
+    v->plant.u0 = v->u0_u;
     return rc;
 }
 
@@ -52,7 +151,7 @@ static int sample_all(const struct apc_law_setup *setup, struct apc_linear **to,
 static int make_filters(struct apc_law_mpc *p, const struct apc_law_setup *setup,
                         const struct apc_linear_unknown *unknown, unsigned steps, struct apc_error *why)
 {
-    const size_t nx = setup->plant->model->nx;
+    const size_t nx = setup->plant->model->nx, n = setup->plant->nx; /* without and with loops below */
     double *q = calloc(p->nx + p->dim.ny + 1, sizeof(*q)), *r;
     struct apc_estimator_options options = {.size = sizeof(options),
                                             .kind = APC_KALMAN_EXTENDED,
@@ -67,12 +166,12 @@ static int make_filters(struct apc_law_mpc *p, const struct apc_law_setup *setup
         return apc_fail(why, APC_ENOMEM, "no memory");
     r = q + p->nx;
     for (size_t k = 0; k < p->n_unknown; k++)
-        q[nx + k] = 1.0;
+        q[n + k] = 1.0;
     for (size_t i = 0; i < p->dim.ny; i++)
         r[i] = 1.0;
     rc = apc_setting_amounts(setup, "x_noise", nx, q, why);
     if (rc == 0)
-        rc = apc_setting_amounts(setup, "d_noise", p->n_unknown, q + nx, why);
+        rc = apc_setting_amounts(setup, "d_noise", p->n_unknown, q + n, why);
     if (rc == 0)
         rc = apc_mpc_take_y_noise(setup, r, why);
     for (size_t i = 0; i < p->nx; i++)
@@ -85,7 +184,7 @@ static int make_filters(struct apc_law_mpc *p, const struct apc_law_setup *setup
         const bool last = k + 1 == p->parts;
 
         options.Ts = (last ? p->Ts : p->begins[k + 1]) - p->begins[k];
-        rc = apc_estimator_create(last ? &p->estimator : &p->part[k], &options, why);
+        rc = apc_estimator_create_nested(last ? &p->estimator : &p->part[k], &options, p->nested, why);
     }
     if (rc == 0)
         rc = apc_mpc_check_detectable(p->disturbed, r, why);
@@ -99,6 +198,7 @@ static int make_shoot(struct apc_law_mpc *p, const struct apc_law_setup *setup,
 {
     const struct apc_shoot_options options = {.model = setup->plant->model,
                                               .p = setup->plant->p,
+                                              .nested = p->nested,
                                               .Ts = p->Ts,
                                               .steps = steps,
                                               .horizon = p->N,
@@ -275,20 +375,14 @@ static int take_delays(struct apc_law_mpc *p, const struct apc_law_setup *setup,
     return rc;
 }
 
-int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+/* All that is made from the model, whose linear one setup has. */
+static int take_parts(struct apc_law_mpc *p, const struct apc_law_setup *setup,
+                      const struct apc_linear_continuous *linear, double *delay, struct apc_error *why)
 {
-    struct apc_linear_unknown *unknown = calloc(p->dim.ny + 1, sizeof(*unknown));
-    double *delay = calloc(p->dim.nu + p->dim.nd, sizeof(*delay));
     struct apc_linear *all = NULL;
     size_t steps = 10;
-    int rc;
+    int rc = apc_mpc_count(setup, "steps", 1, STEPS_MOST, &steps, why);
 
-    p->newton = 1;
-    rc = unknown && delay ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
-    if (rc == 0)
-        rc = take_measured(p, setup, why);
-    if (rc == 0)
-        rc = apc_mpc_count(setup, "steps", 1, STEPS_MOST, &steps, why);
     if (rc == 0)
         rc = check_steps(setup, steps, why);
     if (rc == 0)
@@ -296,19 +390,41 @@ int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup
     if (rc == 0)
         rc = take_delays(p, setup, delay, why);
     if (rc == 0)
-        rc = sample_all(setup, &all, why);
+        rc = apc_linear_from_continuous(&all, linear, setup->Ts, why);
     if (rc == 0)
-        rc = apc_mpc_disturb(p, setup, all, unknown, why);
+        rc = apc_mpc_disturb(p, setup, all, p->unknown, why);
     if (rc == 0)
         rc = apc_mpc_sample(setup, delay, &p->model, why);
     if (rc == 0)
-        rc = make_filters(p, setup, unknown, (unsigned)steps, why);
+        rc = make_filters(p, setup, p->unknown, (unsigned)steps, why);
     if (rc == 0)
-        rc = make_shoot(p, setup, unknown, (unsigned)steps, delay, why);
+        rc = make_shoot(p, setup, p->unknown, (unsigned)steps, delay, why);
     if (rc == 0)
         p->nc = p->model->nx;
-    p->unknown = unknown;
-    free(delay);
     apc_linear_destroy(all);
+    return rc;
+}
+
+int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+{
+    struct linear_view view = {.memory = NULL};
+    struct apc_law_setup of = *setup;
+    double *delay = calloc(p->dim.nu + p->dim.nd, sizeof(*delay));
+    int rc;
+
+    p->newton = 1;
+    p->unknown = calloc(p->dim.ny + 1, sizeof(*p->unknown));
+    rc = p->unknown && delay ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
+    if (rc == 0)
+        rc = take_measured(p, setup, why);
+    if (rc == 0)
+        rc = take_lower(p, setup, why);
+    if (rc == 0)
+        rc = linearise_all(&view, p, setup, why);
+    of.plant = &view.plant;
+    if (rc == 0)
+        rc = take_parts(p, &of, &view.all, delay, why);
+    free(view.memory);
+    free(delay);
     return rc;
 }

@@ -18,6 +18,7 @@
 #include "base/base_internal.h"
 #include "base/matrix.h"
 #include "plant/plant_internal.h"
+#include "predict/predict_internal.h"
 
 struct apc_estimator {
     enum apc_estimator_kind kind;
@@ -29,6 +30,8 @@ struct apc_estimator {
     double *gain;      /* [nx * ny] steady; of the extended one the measurement's Jacobian C [ny * nx] */
     double *deviation; /* [nx] steady */
     const struct apc_model *model;
+    struct apc_nested *nested; /* its loops; NULL: none */
+    size_t n_model;            /* its states, with theirs */
     double *p, h;
     unsigned steps;
     double *P, *T, *J, *M;                         /* [nx * nx] */
@@ -177,13 +180,16 @@ static int take_unknown(struct apc_estimator *e, const struct apc_estimator_opti
     return 0;
 }
 
-static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, struct apc_error *why)
+static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, struct apc_nested *nested,
+                struct apc_error *why)
 {
     const struct apc_model *model = o->model;
     int rc;
 
     e->kind = o->kind;
-    e->nx = o->linear ? o->linear->nx : model->nx + o->n_unknown;
+    e->nested = nested;
+    e->n_model = nested ? apc_nested_states(nested) : model ? model->nx : 0;
+    e->nx = o->linear ? o->linear->nx : e->n_model + o->n_unknown;
     e->ny = o->linear ? o->linear->ny : model->ny;
     e->n_inputs = o->linear ? o->linear->nu + o->linear->nd : model->nu + model->nd;
     rc = take_unknown(e, o, why);
@@ -214,6 +220,12 @@ static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, 
 int apc_estimator_create(struct apc_estimator **estimator, const struct apc_estimator_options *options,
                          struct apc_error *why)
 {
+    return apc_estimator_create_nested(estimator, options, NULL, why);
+}
+
+int apc_estimator_create_nested(struct apc_estimator **estimator, const struct apc_estimator_options *options,
+                                struct apc_nested *nested, struct apc_error *why)
+{
     struct apc_estimator_options o = {0};
     struct apc_estimator *new;
     int rc;
@@ -239,7 +251,7 @@ int apc_estimator_create(struct apc_estimator **estimator, const struct apc_esti
     new = calloc(1, sizeof(*new));
     if (!new)
         return apc_fail(why, APC_ENOMEM, "estimator: no memory");
-    rc = fill(new, &o, why);
+    rc = fill(new, &o, nested, why);
     if (rc < 0)
         apc_estimator_destroy(new);
     else
@@ -366,23 +378,27 @@ static const double *disturbed(struct apc_estimator *e, const double *x, const d
     memcpy(e->input, u, e->n_inputs * sizeof(*u));
     for (size_t k = 0; k < e->n_unknown; k++) {
         if (e->unknown[k].where == APC_AT_INPUT)
-            e->input[e->unknown[k].number] += x[e->model->nx + k];
+            e->input[e->unknown[k].number] += x[e->n_model + k];
     }
     return e->input;
 }
 
 static int derivative(struct apc_estimator *e, const double *x, const double *u, double *dx)
 {
-    memset(dx + e->model->nx, 0, e->n_unknown * sizeof(*dx));
-    return e->model->f(0.0, x, disturbed(e, x, u), e->p, dx);
+    memset(dx + e->n_model, 0, e->n_unknown * sizeof(*dx));
+    return e->nested ? apc_nested_slope(e->nested, x, disturbed(e, x, u), dx)
+                     : e->model->f(0.0, x, disturbed(e, x, u), e->p, dx);
 }
 
 static void measured(struct apc_estimator *e, const double *x, const double *u, double *y)
 {
-    e->model->g(0.0, x, disturbed(e, x, u), e->p, y);
+    if (e->nested)
+        apc_nested_output(e->nested, x, disturbed(e, x, u), y);
+    else
+        e->model->g(0.0, x, disturbed(e, x, u), e->p, y);
     for (size_t k = 0; k < e->n_unknown; k++) {
         if (e->unknown[k].where == APC_AT_OUTPUT)
-            y[e->unknown[k].number] += x[e->model->nx + k];
+            y[e->unknown[k].number] += x[e->n_model + k];
     }
 }
 

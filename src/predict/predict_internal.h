@@ -4,7 +4,9 @@
 
 #include <stddef.h>
 
+#include "apcestimate.h"
 #include "apclinear.h"
+#include "predict/nested.h"
 
 /** apc_riccati_solve() in @p memory [apc_riccati_room()]. [tick] */
 size_t apc_riccati_room(size_t nx, size_t nu);
@@ -15,6 +17,9 @@ int apc_riccati_in(double *memory, size_t nx, size_t nu, const double *A, const 
 int apc_linear_allocate(struct apc_linear **model, size_t nx, size_t nu, size_t nd, size_t ny,
                         struct apc_error *why);
 
+/** apc_estimator_create() of a model with loops around it, which are borrowed; NULL: none. */
+int apc_estimator_create_nested(struct apc_estimator **estimator, const struct apc_estimator_options *options,
+                                struct apc_nested *nested, struct apc_error *why);
 /** How many whole periods a dead time has, and what is left of it, s. [any] */
 size_t apc_linear_whole(double dead_time, double Ts, double *bit);
 

@@ -21,6 +21,7 @@
 
 struct apc_shoot {
     const struct apc_model *model;
+    struct apc_nested *nested;
     size_t nx, nu, ny, N, blocks, n, n_unknown;
     double Ts;
     unsigned steps;
@@ -108,7 +109,8 @@ int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o
     if (!s)
         return apc_fail(why, APC_ENOMEM, "shooting: no memory");
     *s = (struct apc_shoot){.model = m,
-                            .nx = m->nx,
+                            .nested = o->nested,
+                            .nx = o->nested ? apc_nested_states(o->nested) : m->nx,
                             .nu = m->nu,
                             .ny = m->ny,
                             .N = o->horizon,
@@ -171,7 +173,8 @@ static int integrate(struct apc_shoot *s, double *x, double t)
         for (int k = 0; k < 4; k++) {
             for (size_t i = 0; i < s->nx; i++)
                 s->at[i] = x[i] + (k ? reach[k] * h * s->slope[i] : 0.0);
-            if (s->model->f(0.0, s->at, s->input, s->p, s->slope) != 0)
+            if ((s->nested ? apc_nested_slope(s->nested, s->at, s->input, s->slope)
+                           : s->model->f(0.0, s->at, s->input, s->p, s->slope)) != 0)
                 return APC_ESOLVER;
             for (size_t i = 0; i < s->nx; i++)
                 s->sum[i] += weight[k] * s->slope[i];
@@ -260,7 +263,10 @@ static int differentiate(struct apc_shoot *s, const double *x, const double *d)
 static void measure(struct apc_shoot *s, const double *x, const double *u, const double *d, double *y)
 {
     disturb(s, u, d);
-    s->model->g(0.0, x, s->input, s->p, y);
+    if (s->nested)
+        apc_nested_output(s->nested, x, s->input, y);
+    else
+        s->model->g(0.0, x, s->input, s->p, y);
     for (size_t k = 0; k < s->n_unknown; k++) {
         if (s->unknown[k].where == APC_AT_OUTPUT)
             y[s->unknown[k].number] += d[k];

@@ -12,15 +12,17 @@
 
 #include "apclinear.h"
 #include "apcplant.h"
+#include "predict/nested.h"
 
 struct apc_shoot;
 
 /* All is copied but the model. */
 struct apc_shoot_options {
     const struct apc_model *model;
-    const double *p; /* [np]; NULL: the model's own */
-    double Ts;       /* s, of an interval */
-    unsigned steps;  /* of Runge and Kutta in each */
+    const double *p;           /* [np]; NULL: the model's own */
+    struct apc_nested *nested; /* its loops, borrowed, whose states are behind its own; NULL: none */
+    double Ts;                 /* s, of an interval */
+    unsigned steps;            /* of Runge and Kutta in each */
     size_t horizon, blocks;
     const unsigned *block;                    /* [blocks] */
     const struct apc_linear_unknown *unknown; /* [n_unknown] as of an extended estimator */

@@ -691,8 +691,16 @@ static bool in_order(const struct wire *w, size_t n, enum apc_table table, size_
     return n == all;
 }
 
-bool controllers_has_all(const struct experiment *e, const struct controller *c)
+/* With loops below, an output may be a setpoint of theirs. */
+static bool moves_all(const struct experiment *e, const struct controller *c, bool lower)
 {
-    return in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) &&
-           in_order(c->u, c->dim.nu, APC_ACTUATOR, e->dim.nu);
+    for (size_t j = 0; j < c->dim.nu; j++)
+        if ((c->u[j].table != APC_ACTUATOR || c->u[j].at != j) && !(lower && c->u[j].table == APC_SETPOINT))
+            return false;
+    return c->dim.nu == e->dim.nu;
+}
+
+bool controllers_has_all(const struct experiment *e, const struct controller *c, bool lower)
+{
+    return in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) && moves_all(e, c, lower);
 }

@@ -44,8 +44,9 @@ void experiment_resolve(const struct settings *s, const char *name, char *path, 
 /* The model in the controller's group, or in the file that it names. */
 void model_file_read(struct settings *s, const config_setting_t *group, const struct experiment *e,
                      struct controller *c);
-/* Are all measurements and outputs of the plant its own, in their order? */
-bool controllers_has_all(const struct experiment *e, const struct controller *c);
+/* Are all measurements and outputs of the plant its own, in their order? With loops below, an output may be a
+ * setpoint of theirs. */
+bool controllers_has_all(const struct experiment *e, const struct controller *c, bool lower);
 
 /* Which controllers there are, with the signals of each; after the signals. Returns the group of the first
  * one; NULL after a failure. */

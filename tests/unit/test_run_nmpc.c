@@ -320,6 +320,62 @@ static void without_a_critical_one_it_is_shed_after_its_hold(void **state)
     apc_simulation_destroy(s);
 }
 
+/* ---- Loops below ------------------------------------------------------------------------------ */
+
+/* The file of mpc above base loops, with the plant's own equations in the place of the linear model. */
+static struct apc_simulation *begin_above(bool nonlinear)
+{
+    static const char model[] = "operating_point = { u = [3.0, 3.0]; x = [12.263, 12.783, 1.634, 1.409]; };",
+                      lower[] = "lower = ( [1.0, 3.0, 30.0], [2.0, 2.7, 40.0] ); delay = 0.8; steps = 20; "
+                                "terminal = 1;";
+    static char file[8192], text[9216];
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
+    FILE *f = fopen(APC_SOURCE_DIR "/experiments/two-layers-mpc.conf", "r");
+    assert_non_null(f);
+    file[fread(file, 1, sizeof file - 1, f)] = '\0';
+    fclose(f);
+    char *law = strstr(file, "\"mpc\""), *from = strstr(file, "model = {\n"),
+         *settings = strstr(file, "settings = {\n");
+    assert_true(law && from && settings && law < from && from < settings);
+    if (nonlinear)
+        snprintf(text, sizeof text, "%.*s\"nmpc\"%.*s%s settings = { %s %s", (int)(law - file), file,
+                 (int)(from - law) - 5, law + 5, model, lower, settings + strlen("settings = {"));
+    else
+        snprintf(text, sizeof text, "%s", file);
+    if (apc_experiment_load(&e, "above.conf", text, &why) < 0 || apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    apc_experiment_destroy(e);
+    return s;
+}
+
+static void above_base_loops_it_moves_their_setpoints(void **state)
+{
+    double iae[2][2] = {{0.0}};
+    (void)state;
+    for (int nonlinear = 0; nonlinear < 2; nonlinear++) {
+        struct apc_figure figure[32] = {{.size = sizeof *figure}};
+        struct apc_simulation *s = begin_above(nonlinear);
+        double most = 0.0;
+        for (double t = 5.0; t <= 1000.0; t += 5.0) {
+            run(s, t);
+            most = fmax(most, newest(s, APC_SENSOR, 1).value);
+        }
+        assert_int_equal(mode_of(s, 1), APC_MODE_CAS);
+        assert_near(newest(s, APC_SENSOR, 1).value, 7.1315, 0.01);
+        assert_true(most < 7.21); /* its limit is 7.2 */
+        const int n = apc_simulation_figures(s, figure, 32);
+        for (int i = 0; i < n && i < 32; i++)
+            for (int k = 0; k < 2; k++)
+                if (!strcmp(figure[i].loop, k ? "upper.r2" : "upper.r1") && !strcmp(figure[i].event, "all"))
+                    iae[nonlinear][k] = figure[i].iae;
+        apc_simulation_destroy(s);
+    }
+    for (int k = 0; k < 2; k++)
+        if (!(iae[0][k] > 0.0 && iae[1][k] < 1.02 * iae[0][k]))
+            fail_msg("r%d: %g with its equations, %g with a linear model", k + 1, iae[1][k], iae[0][k]);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -333,6 +389,7 @@ int main(void)
         cmocka_unit_test(out_of_service_a_measurement_is_not_controlled_and_the_other_one_is),
         cmocka_unit_test(what_is_bad_for_longer_than_its_hold_is_given_up_until_it_is_back),
         cmocka_unit_test(without_a_critical_one_it_is_shed_after_its_hold),
+        cmocka_unit_test(above_base_loops_it_moves_their_setpoints),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
