@@ -48,6 +48,14 @@ while read -r file; do
 done <"$work/files"
 ! packaged share/apc/first-order.txt || fail "a file of no package is taken"
 
+# What a program says that it misses at run time, its package recommends.
+recommended() { sed -n '/^Package: apc$/,/^$/s/^Recommends: //p' "$APC_SOURCE_DIR/debian/control" | tr -d ' ' | tr ',' '\n'; }
+mapfile -t wanted < <(grep -rhoE '(Debian:|apt-get install) [a-z0-9-]+' "$APC_SOURCE_DIR/apps" --include='*.c' | sed 's/.* //' | sort -u)
+[ ${#wanted[@]} -ge 2 ] || fail "programs tell of these only: ${wanted[*]}"
+for package in "${wanted[@]}"; do
+  recommended | grep -qx "$package" || fail "debian/control does not recommend $package"
+done
+
 # Every header stands alone, in C and, for its users, in C++ where there is a compiler.
 for header in "$prefix"/include/apc*.h; do
   name=$(basename "$header")
