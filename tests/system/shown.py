@@ -10,6 +10,11 @@ END = "--- end of a command ---"
 OTHERS = re.compile(r"^shm:\S+ is the memory of a run that was killed: .*\n", re.M)
 
 
+def goes_on(command):
+    """Is a quote open at its end, or the end of its line escaped?"""
+    return command.endswith("\\") or re.sub(r"<<'\w+'[\s\S]*", "", command).count("'") % 2 == 1
+
+
 def commands(page):
     """Of each: the lines to run, and the lines that are shown below."""
     found, inside, until, shows = [], False, None, False
@@ -24,6 +29,8 @@ def commands(page):
             shows = True
             here = re.search(r"<<'(\w+)'", line)
             until = here[1] if here else None
+        elif shows and not found[-1][1] and goes_on("\n".join(found[-1][0])):
+            found[-1][0].append(line)
         elif until:
             found[-1][0].append(line)
             until = None if line == until else until

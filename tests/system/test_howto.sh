@@ -17,3 +17,53 @@ for page in "${pages[@]}"; do
   (cd "$work/${page%.md}" && python3 "$shown" "$APC_SOURCE_DIR/docs/$page" "43051=$port") >"$work/$page.log" ||
     fail "docs/$page shows something else than what comes out: $(cat "$work/$page.log")"
 done
+
+# What follows is in the folder of the sources, as people have it.
+case "${APC_SANITIZE:-}" in # a plug-in of one's own is built as people do, and loaded by programs that are sanitized
+  ?*) echo "sanitized build: the rest is skipped"; exit 0 ;;
+esac
+mkdir "$work/tree"
+cd "$work/tree"
+ln -s "$APC_SOURCE_DIR/include" "$APC_SOURCE_DIR/examples" .
+ln -s "$APC_BUILD_DIR" build
+cp -r "$APC/experiments" .
+
+# typed FILE [FROM]: the commands of apc in the blocks of a document, from the line that begins with FROM to the next heading
+typed() {
+  sed -n "/^${2:-}/,\$p" "$APC_SOURCE_DIR/$1" | awk -v part="${2:-}" '
+    /^```/ { inside = !inside; code = $0 != "```" } inside && !code && (/^apc [a-z]+ / || goes_on) { print; goes_on = /\\$/ }
+    !inside && part && NR > 1 && /^#/ { exit }'
+}
+
+# What the pages on virtual time show. (tuning, mpc: test_walk.sh; replay wants a run of ten minutes.)
+for page in simulate analysis alarms; do
+  sed -E 's/^([0-9.]+ s) in [^;]*;/\1 in ...;/; /^## Replay/,/^## /d' "$APC_SOURCE_DIR/docs/$page.md" >"$work/$page.md"
+  python3 "$shown" "$work/$page.md" '--runs 1000=--runs 1000 --duration 20' >"$work/$page.log" ||
+    fail "docs/$page.md shows something else than what comes out: $(cat "$work/$page.log")"
+done
+
+# What they only type is taken: matrices, certificates, and campaigns, cut short.
+ln -s experiments/four-tank.conf .
+{ for page in plants tls simulate; do typed docs/$page.md; done; } |
+  sed -E 's/--runs [0-9]+/--runs 2/' >"$work/all"
+[ "$(grep -c '^apc' "$work/all")" -ge 12 ] || fail "only these are typed: $(cat "$work/all")"
+SLURM_ARRAY_TASK_ID=1 bash -e "$work/all" >"$work/all.log" 2>&1 || fail "a command is not taken: $(tail -n 5 "$work/all.log")"
+
+# README: the law is built, simulated and run as it says. (Its first commands install and build: test_scripts.sh.)
+sed -n '/^## Your own controller/,/^## /p' "$APC_SOURCE_DIR/README.md" |
+  sed -E 's/^600 s in .*/600 s in .../; s/^ +[0-9.]+ s  r .*/.../; s/first-order-[0-9]+-[0-9]+/first-order-.../' >"$work/readme.md"
+python3 "$shown" "$work/readme.md" '--duration 30=--duration 2' >"$work/readme.log" || fail "README shows something else than what comes out: $(cat "$work/readme.log")"
+
+# What README and docs/cli.md have an operator type while it runs is taken, each line.
+background run "$apc" run experiments/first-order.conf --no-ui --out "$work/ran" --store "sqlite:$work/live.db" --duration 0
+export APC_STORE=sqlite:$work/live.db
+until_true 30 "$apc" set r 10
+{ typed README.md '## Your own' && typed docs/cli.md '## While it runs'; } | sed "s| runs/first[0-9a-z-]*| $work/ran|" >"$work/typed"
+[ "$(wc -l <"$work/typed")" -ge 15 ] || fail "only these are typed: $(cat "$work/typed")"
+while IFS= read -r line; do
+  status=0
+  timeout -s INT 20 bash -c "${line/apc watch/timeout --preserve-status -s INT 2 apc watch}" >"$work/said" 2>&1 </dev/null || status=$?
+  [ $status -eq 0 ] || fail "$line: exit code $status: $(cat "$work/said")"
+done <"$work/typed"
+kill -INT "$pid"
+wait "$pid" || fail "the run: $(cat "$work/run.log")"

@@ -79,7 +79,8 @@ dead() {
   done < <(grep -oHE '\]\([^) ]+' "$@" | sed 's/\](//')
 }
 documents=(README.md docs/*.md sql/README.md bench/README.md tests/mutation/README.md)
-[ -z "$(dead "${documents[@]}")" ] || fail "dead links: $(dead "${documents[@]}")"
+linked=("${documents[@]}" CONTRIBUTING.md SECURITY.md CHANGELOG.md examples/*/README.md)
+[ -z "$(dead "${linked[@]}")" ] || fail "dead links: $(dead "${linked[@]}")"
 printf '# A heading, of `code`\n[a](#a-heading-of-code) [b](bad.md) [c](http://x) [d](gone.md)\n[e](bad.md#gone)\n' >"$work/bad.md"
 [ "$(dead "$work/bad.md")" = "$work/bad.md: gone.md
 $work/bad.md: bad.md#gone" ] || fail "found: $(dead "$work/bad.md")"
@@ -87,6 +88,22 @@ $work/bad.md: bad.md#gone" ] || fail "found: $(dead "$work/bad.md")"
 for document in docs/*.md; do
   [ "$document" = docs/README.md ] || grep -qF "](${document#docs/})" docs/README.md || fail "$document is in no list"
 done
+
+# ---- spelled right: what is prose, not code, paths, names in CamelCase or CAPITALS
+
+prose() {
+  cat "$@" | awk '/^ *```/ { inside = !inside; next } !inside && !/^    /' |
+    sed -E 's/`[^`]*`/ /g; s/\]\([^)]*\)/]/g; s/<[^>]*>|https?:[^ ]*/ /g; s/[A-Za-z0-9_-]*[_\/.][A-Za-z0-9_*]+/ /g; s/[A-Za-z]*[a-z][A-Z][A-Za-z]*/ /g; s/\b[A-Z]{2,}s?\b/ /g; s/\x27s\b//g'
+}
+misspelled() { prose "$@" | aspell list -l en_GB --encoding=utf-8 --mode=none | sort -u | grep -vE '^.{1,3}$' | grep -vxFf man/words || true; }
+if aspell dump dicts 2>/dev/null | grep -qx en_GB; then
+  wrong=$(misspelled "${linked[@]}")
+  [ -z "$wrong" ] || fail "misspelled, or missing in man/words: $wrong"
+  printf 'A setpiont of `kode`.\n' >"$work/bad.md"
+  [ "$(misspelled "$work/bad.md")" = setpiont ] || fail "a wrong word is not found"
+else
+  echo "skipped: how the documents are spelled, there is no aspell with English (scripts/setup --dev)"
+fi
 
 # ---- what is shown is what is printed
 
