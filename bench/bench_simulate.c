@@ -20,6 +20,10 @@
 
 #include "run/simulation.h"
 
+#if SUNDIALS_VERSION_MAJOR < 7
+#define SUN_COMM_NULL NULL
+#endif
+
 #define EXPERIMENT APC_SOURCE_DIR "/experiments/first-order.conf"
 #define STEPS      3000
 #define PENDING    1000 /* events in the queue at any time */
@@ -36,7 +40,7 @@ struct hand {
     double u;
 };
 
-static int derivative(realtype t, N_Vector x, N_Vector dx, void *user)
+static int derivative(sunrealtype t, N_Vector x, N_Vector dx, void *user)
 {
     const struct hand *h = user;
     (void)t;
@@ -47,7 +51,7 @@ static int derivative(realtype t, N_Vector x, N_Vector dx, void *user)
 static struct hand *hand_open(int method)
 {
     struct hand *h = allocate(1, sizeof *h);
-    if (SUNContext_Create(NULL, &h->context) < 0)
+    if (SUNContext_Create(SUN_COMM_NULL, &h->context) < 0)
         die("no context");
     h->x = N_VNew_Serial(1, h->context);
     h->matrix = SUNDenseMatrix(1, 1, h->context);

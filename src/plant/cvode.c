@@ -24,7 +24,7 @@
 #include <sunmatrix/sunmatrix_dense.h>
 #include <sunnonlinsol/sunnonlinsol_fixedpoint.h>
 
-_Static_assert(sizeof(realtype) == sizeof(double), "SUNDIALS must be built for double precision");
+_Static_assert(sizeof(sunrealtype) == sizeof(double), "SUNDIALS must be built for double precision");
 
 /* Ends a step that would otherwise go on for seconds; a fast reactor takes some hundred. */
 #define MAX_INTERNAL_STEPS 20000
@@ -43,8 +43,12 @@ struct solver {
     struct apc_error error;         /* what CVODE had to say last */
 };
 
+#if SUNDIALS_VERSION_MAJOR < 7
+#define SUN_COMM_NULL NULL
+#endif
+
 /* For CVODE: 0, above 0 try a shorter step, below 0 give up. */
-static int derivative(realtype t, N_Vector state, N_Vector out, void *user)
+static int derivative(sunrealtype t, N_Vector state, N_Vector out, void *user)
 {
     struct solver *s = user;
     double *dx = N_VGetArrayPointer(out);
@@ -59,7 +63,7 @@ static int derivative(realtype t, N_Vector state, N_Vector out, void *user)
 }
 
 /* J by forward differences. CVODE has its own, but that allocates at every call. */
-static int differentiate(struct solver *s, realtype t, N_Vector state, N_Vector f, N_Vector shifted)
+static int differentiate(struct solver *s, sunrealtype t, N_Vector state, N_Vector f, N_Vector shifted)
 {
     double *x = N_VGetArrayPointer(state);
     const double *f0 = N_VGetArrayPointer(f), *f1 = N_VGetArrayPointer(shifted);
@@ -83,8 +87,9 @@ static int differentiate(struct solver *s, realtype t, N_Vector state, N_Vector 
 }
 
 /* The matrix of Newton's method, I - gamma J; a former J will do when CVODE says so. */
-static int newton_matrix(realtype t, N_Vector state, N_Vector f, SUNMatrix out, booleantype former_ok,
-                         booleantype *anew, realtype gamma, void *user, N_Vector a, N_Vector b, N_Vector c)
+static int newton_matrix(sunrealtype t, N_Vector state, N_Vector f, SUNMatrix out, sunbooleantype former_ok,
+                         sunbooleantype *anew, sunrealtype gamma, void *user, N_Vector a, N_Vector b,
+                         N_Vector c)
 {
     struct solver *s = user;
     int rc = former_ok ? 0 : differentiate(s, t, state, f, a);
@@ -100,6 +105,7 @@ static int newton_matrix(realtype t, N_Vector state, N_Vector f, SUNMatrix out, 
 }
 
 /* CVODE would print to stderr; a library does not. */
+#if SUNDIALS_VERSION_MAJOR < 7
 static void keep_message(int code, const char *module, const char *function, char *message, void *user)
 {
     struct solver *s = user;
@@ -107,6 +113,33 @@ static void keep_message(int code, const char *module, const char *function, cha
     if (code < 0)
         (void)apc_fail(&s->error, APC_ESOLVER, "%s %s: %s", module, function, message);
 }
+
+static int keep_messages(struct solver *s)
+{
+    return CVodeSetErrHandlerFn(s->memory, keep_message, s);
+}
+#else
+static void keep_message(int line, const char *function, const char *file, const char *message,
+                         SUNErrCode code, void *user, SUNContext context)
+{
+    struct solver *s = user;
+
+    (void)line;
+    (void)file;
+    (void)context;
+    if (code < 0)
+        (void)apc_fail(&s->error, APC_ESOLVER, "CVODE %s: %s", function, message);
+}
+
+static int keep_messages(struct solver *s)
+{
+    int rc = SUNContext_ClearErrHandlers(s->context);
+
+    if (rc == SUN_SUCCESS)
+        rc = SUNContext_PushErrHandler(s->context, keep_message, s);
+    return rc == SUN_SUCCESS ? CVodeSetMaxHnilWarns(s->memory, -1) : CV_MEM_FAIL;
+}
+#endif
 
 static void destroy(void *self)
 {
@@ -133,7 +166,7 @@ static void destroy(void *self)
 
 static int configure(struct solver *s, double rtol, double atol)
 {
-    int rc = CVodeSetErrHandlerFn(s->memory, keep_message, s);
+    int rc = keep_messages(s);
 
     if (rc == CV_SUCCESS)
         rc = CVodeInit(s->memory, derivative, 0.0, s->state);
@@ -164,7 +197,7 @@ static int create(int method, void **self, const struct apc_model *model, const 
     s->model = model;
     s->p = p;
     s->zero_scale = options->atol / options->rtol;
-    if (SUNContext_Create(NULL, &s->context) < 0)
+    if (SUNContext_Create(SUN_COMM_NULL, &s->context) < 0)
         goto fail;
     s->state = N_VNew_Serial(nx, s->context);
     s->system = SUNDenseMatrix(nx, nx, s->context);
@@ -198,7 +231,7 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
     struct solver *s = self;
     size_t nx = s->model->nx;
     double *state = N_VGetArrayPointer(s->state);
-    realtype reached = 0.0;
+    sunrealtype reached = 0.0;
     int rc;
 
     s->t0 = t;
