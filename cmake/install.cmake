@@ -31,6 +31,9 @@ install(FILES ${PROJECT_BINARY_DIR}/install/README.md ${PROJECT_BINARY_DIR}/inst
 install(DIRECTORY ${PROJECT_BINARY_DIR}/install/docs TYPE DOC FILES_MATCHING PATTERN "*.md")
 install(DIRECTORY docs TYPE DOC PATTERN "*.md" EXCLUDE)
 install(DIRECTORY examples TYPE DOC)
+# The tutorial has them where they are in the sources.
+file(RELATIVE_PATH experiments /${CMAKE_INSTALL_DOCDIR} /${CMAKE_INSTALL_DATADIR}/apc)
+install(CODE "file(CREATE_LINK \"${experiments}\" \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_DOCDIR}/experiments\" SYMBOLIC)")
 
 # The static library is a package component of its own: it needs SUNDIALS where the shared one does not.
 install(EXPORT apcTargets NAMESPACE apc:: DESTINATION ${APC_CMAKE_DIR})

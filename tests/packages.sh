@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # tests/packages.sh [PACKAGES [PREVIOUS]]: in a fresh Debian 12 that is booted with systemd, install the packages of the
-# folder PREVIOUS, control the paper's experiment on PostgreSQL, open the page, upgrade to those of PACKAGES (default
+# folder PREVIOUS, control the paper's experiment on PostgreSQL, open the page, follow the tutorial, upgrade to those of PACKAGES (default
 # packages/), remove, purge. Without PREVIOUS an older version is made of PACKAGES themselves. Takes root, mmdebstrap,
 # systemd-container, and Debian's packages from its mirror. By hand, before a release: too long for each change.
 set -euo pipefail
@@ -17,7 +17,7 @@ trap 'rm -rf "$work"' EXIT
 root=$work/root
 
 echo "a fresh Debian 12 ..."
-mmdebstrap --quiet --variant=minbase --include=systemd-sysv,dbus,postgresql,curl,procps,lsb-base bookworm "$root"
+mmdebstrap --quiet --variant=minbase --include=systemd-sysv,dbus,postgresql,curl,procps,lsb-base,gcc,libc6-dev bookworm "$root"
 mkdir -p "$root/check/previous" "$root/check/new"
 cp "$packages"/*.deb "$root/check/new"
 rm -f "$root"/check/new/*-dbgsym_*
@@ -34,6 +34,7 @@ else
   done
 fi
 cp "$top/tests/packages_inside.sh" "$root/check/inside"
+cp "$top/tests/system/shown.py" "$root/check/shown.py"
 cat >"$root/etc/systemd/system/check.service" <<'UNIT'
 [Unit]
 After=dbus.socket

@@ -41,6 +41,10 @@ done
 wrong=$(systemd-analyze verify "apc@$plant.target" "${units[@]}" 2>&1 | grep -v 'man .* command' | grep '/apc' || true)
 [ -z "$wrong" ] || fail "$wrong"
 
+step "the tutorial, by who has nothing but the packages and a compiler"
+mkdir first
+(cd first && APC=/usr/share/doc/apc python3 /check/shown.py /usr/share/doc/apc/docs/tutorial.md) || fail "the tutorial shows something else than what comes out"
+
 step "the paper's experiment on PostgreSQL"
 systemctl start postgresql
 until_true 60 su postgres -c 'psql -c "SELECT 1"'

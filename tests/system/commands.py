@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """commands.py BIN PAGE...: each command line of our programs that stands in a block of a page has to name a command and options
-that there are. Prints what has not, and at last how many were looked at."""
+that there are, and each block of Python is Python, and takes of apc what there is. Prints what has not, and at last how many were
+looked at."""
+import ast
 import re
 import subprocess
 import sys
@@ -27,6 +29,20 @@ def ours(text):
                 yield line.strip(), found[1], found[2].split()
 
 
+def python(page):
+    """Of each block of Python what it takes of the package, or why it is none."""
+    for text in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S):
+        try:
+            nodes = list(ast.walk(ast.parse(text)))
+        except SyntaxError as error:
+            yield f"{error.msg}: {error.text.strip()}"
+            continue
+        yield from (n.attr for n in nodes if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name) and n.value.id == "apc")
+
+
+package = Path(__file__).parents[2] / "python/src/apc"
+modules = ast.literal_eval(re.search(r"^_WHERE = (\{.*?^\})", (package / "__init__.py").read_text(encoding="utf-8"), re.M | re.S)[1])
+exported = {name for names in modules.values() for name in names} | {path.name for path in package.iterdir()}
 helps = {}
 
 
@@ -40,7 +56,12 @@ def options(*command):
 commands = set(re.findall(r"^  ([a-z]+) ", subprocess.run([BIN / "apc", "help"], stdout=subprocess.PIPE, text=True, check=False).stdout, re.M))
 looked = 0
 for name in sys.argv[2:]:
-    for block in blocks(Path(name).read_text(encoding="utf-8")):
+    page = Path(name).read_text(encoding="utf-8")
+    for taken in python(page):
+        looked += 1
+        if taken not in exported:
+            print(f"{name}: the package has no {taken}")
+    for block in blocks(page):
         for line, program, words in ours(block):
             looked += 1
             command = (program,)

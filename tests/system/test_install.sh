@@ -118,3 +118,8 @@ done
 # shellcheck disable=SC2046
 cc -shared -fPIC $(pkg-config --cflags apc) -o "$work/mylaw.so" "$doc/examples/law/mylaw.c"
 expect 0 'sha256' "$prefix/bin/apc" simulate "$prefix/share/apc/first-order.conf" --law "$work/mylaw.so" --duration 10
+
+# Who has nothing else can follow the tutorial.
+mkdir "$work/first"
+(cd "$work/first" && unset APC_STORE && export APC=$doc PATH=$prefix/bin:$PATH C_INCLUDE_PATH=$prefix/include &&
+  python3 "$APC_SOURCE_DIR/tests/system/shown.py" "$doc/docs/tutorial.md" "43061=$port") >"$work/tutorial.log" || fail "the tutorial: $(cat "$work/tutorial.log")"

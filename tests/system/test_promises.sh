@@ -123,8 +123,8 @@ commands=$APC_SOURCE_DIR/tests/system/commands.py
 python3 "$commands" "$APC_BIN" "${documents[@]}" >"$work/commands"
 [ "$(wc -l <"$work/commands")" = 1 ] || fail "no such command or option: $(cat "$work/commands")"
 [ "$(cat "$work/commands")" -gt 100 ] || fail "only $(cat "$work/commands") command lines were looked at"
-printf '```\n$ apc simulate x --frobnicate | apc nothing\napc set: r is nothing\n```\n' >"$work/bad.md"
-[ "$(python3 "$commands" "$APC_BIN" "$work/bad.md" | grep -c ' has no ')" = 2 ] || fail "what there is not is taken"
+printf '```\n$ apc simulate x --frobnicate | apc nothing\napc set: r is nothing\n```\n```python\napc.Nothing(1)\n```\n```python\nif :\n```\n' >"$work/bad.md"
+[ "$(python3 "$commands" "$APC_BIN" "$work/bad.md" | grep -c ' has no ')" = 4 ] || fail "what there is not is taken"
 
 # ---- what is not given is the default that docs/experiment-file.md states: where the library chooses, too
 
