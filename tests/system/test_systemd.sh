@@ -38,6 +38,18 @@ for unit in *@.service; do
   [ -n "$level" ] || fail "$unit is not judged"
   [ "$((10#$level))" -lt $limit ] || fail "$unit may more than it has to: $level of $limit"
 done
+# The loop may be scheduled in real time, nobody else; each has its passwords as a credential, and its experiment in the journal.
+for unit in *@.service; do
+  case $unit in
+    apc-bad@*) continue ;;
+    apc-plant@* | apc-client@* | apc-controller@* | apc-scheduler@*) scheduling='LimitRTPRIO=99' ;;
+    *) scheduling='RestrictRealtime=yes' ;;
+  esac
+  for setting in "$scheduling" 'LoadCredential=pgpass:/etc/apc/credentials/%i.%p.pgpass' 'Environment=PGPASSFILE=%d/pgpass' 'LogExtraFields=APC_EXPERIMENT=%i'; do
+    grep -qxF "$setting" "$unit" || fail "$unit has no $setting"
+  done
+  [ "$(grep -cE '^(LimitRTPRIO|RestrictRealtime)=' "$unit")" = 1 ] || fail "$unit may and may not be scheduled in real time"
+done
 grep -vE '^(Protect|Private|Restrict[A-Z]|SystemCall|Capability|User)' apc-ui@.service >apc-bad@.service
 [ "$((10#$(exposed apc-bad@.service)))" -gt 50 ] || fail "a unit that may all is taken"
 
