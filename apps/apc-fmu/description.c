@@ -11,6 +11,11 @@
 #define VARIABLES_MAX 100000
 #define STATES_MAX    1000 /* that anybody would make a matrix of */
 
+/* Since 2.9 it is there, and the other one is deprecated. */
+#if XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION < 9
+#define XML_GetCurrentLineNumber64 XML_GetCurrentLineNumber
+#endif
+
 struct declared { /* a type by its name */
     char *name, *unit;
     double low, high;
@@ -382,7 +387,7 @@ void description_read(struct description *d, const char *text, size_t length)
     XML_SetElementHandler(r.parser, begin, end);
     XML_SetStartDoctypeDeclHandler(r.parser, doctype);
     if (XML_Parse(r.parser, text, (int)length, XML_TRUE) != XML_STATUS_OK)
-        refuse("modelDescription.xml, line %lu: %s", XML_GetCurrentLineNumber(r.parser),
+        refuse("modelDescription.xml, line %lu: %s", (unsigned long)XML_GetCurrentLineNumber64(r.parser),
                r.problem[0] ? r.problem : XML_ErrorString(XML_GetErrorCode(r.parser)));
     XML_ParserFree(r.parser);
     find_states(&r);
