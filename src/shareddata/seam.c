@@ -521,7 +521,9 @@ static int init(struct apc_store *store)
 
 static int maintain(struct apc_store *store, const struct apc_retention *keep)
 {
-    LIVE(store, apc_store_maintain(live, keep));
+    struct apc_retention sized = *keep; /* 0, where nothing is to be dropped */
+    sized.size = sizeof sized;
+    LIVE(store, apc_store_maintain(live, &sized));
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */

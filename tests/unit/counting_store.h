@@ -11,7 +11,6 @@
 
 static int reached, answer;
 static const char *heard; /* the text that came with it */
-static struct apc_store_config configured;
 static bool there;
 static struct apc_tag *described; /* the tags it has */
 static int n_described;

@@ -8,6 +8,8 @@
 
 #include "counting_store.h"
 
+static struct apc_store_config configured;
+
 #define MAX APC_STORE_SAMPLES_MAX
 
 #define refused_as(err, call, sentence)                                                                      \
