@@ -644,6 +644,157 @@ static void test_of_one_variable_the_history_may_have_nothing(void **state)
     world_end(&w);
 }
 
+static void test_variables_are_those_of_both_each_once(void **state)
+{
+    static const struct apc_sample only[] = {{.table = APC_SETPOINT, .id = 1, .seq = 1},
+                                             {.table = APC_SETPOINT, .id = 2, .seq = 1},
+                                             {.table = APC_MANUAL, .id = 1, .seq = 1},
+                                             {.table = APC_MANUAL, .id = 7, .seq = 1}};
+    struct world w;
+    struct apc_sample all[20];
+    (void)state;
+    two_parts(&w);
+    assert_int_equal(apc_store_append(w.history, only, 4), 4);
+    assert_int_equal(apc_store_variables(w.both, all, 20), 6);
+    for (int i = 0; i < 6; i++) {
+        assert_true(i == 0 || all[i].table > all[i - 1].table ||
+                    (all[i].table == all[i - 1].table && all[i].id > all[i - 1].id));
+    }
+    assert_int_equal(apc_store_variables(w.both, all, 3), 6); /* as many as there is room for */
+    fails_at = calls + 1;
+    assert_int_equal(apc_store_variables(w.both, all, 20), 2);
+    world_end(&w);
+}
+
+static void test_what_is_waited_for_is_the_live_stores(void **state)
+{
+    struct world w;
+    struct apc_sample seen = {.table = APC_SENSOR, .id = 1, .seq = 599};
+    (void)state;
+    two_parts(&w);
+    assert_int_equal(apc_store_wait(w.both, &seen, 1, 0), 0);
+    append_rows(w.live, 600, 600);
+    assert_int_equal(apc_store_wait(w.both, &seen, 1, FOREVER), 1);
+    world_end(&w);
+}
+
+static int tags_there; /* at the second look */
+
+static int get_fewer_tags(struct apc_store *s, struct apc_tag *tags, size_t capacity)
+{
+    (void)s, (void)tags;
+    return capacity == 0 ? 2 : tags_there;
+}
+
+static void test_descriptions_that_go_between_two_looks_are_none(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_store_ops *const own = store->ops;
+    struct apc_store_ops ops = *own;
+    struct apc_tag *tags = NULL;
+    size_t n = 9;
+    ops.get_tags = get_fewer_tags;
+    store->ops = &ops;
+    for (tags_there = 0; tags_there <= 3; tags_there++) {
+        assert_int_equal(apc_tags_load(store, &tags, &n), 0);
+        assert_int_equal(n, tags_there < 2 ? tags_there : 2);
+        free(tags);
+    }
+    tags_there = APC_ECONN;
+    assert_int_equal(apc_tags_load(store, &tags, &n), APC_ECONN);
+    assert_int_equal(n, 0);
+    free(tags);
+    store->ops = own;
+}
+
+static void test_what_two_stores_say_alike_is_alike_and_nothing_else(void **state)
+{
+    static const struct apc_tag as = {.table = APC_SENSOR,
+                                      .id = 1,
+                                      .name = "y",
+                                      .unit = "m",
+                                      .description = "level",
+                                      .controller = "base",
+                                      .area = "left",
+                                      .low = 1,
+                                      .high = 2,
+                                      .display_low = 3,
+                                      .display_high = 4,
+                                      .period = 5,
+                                      .step = 6,
+                                      .length = 7};
+    struct apc_tag other[11];
+    (void)state;
+    for (size_t i = 0; i < 11; i++) {
+        other[i] = as;
+    }
+    assert_true(apc_tags_alike(&as, &other[0]));
+    other[0].name[0] = other[1].unit[0] = other[2].description[0] = other[3].controller[0] =
+        other[4].area[0] = 'z';
+    other[5].low = other[6].high = other[7].display_low = other[8].display_high = other[9].period = -1;
+    other[10].step = -1;
+    for (size_t i = 0; i < 11; i++) {
+        assert_false(apc_tags_alike(&as, &other[i]));
+        assert_false(apc_tags_alike(&other[i], &as));
+    }
+    other[10] = as;
+    other[10].length = 8;
+    assert_false(apc_tags_alike(&as, &other[10]));
+}
+
+/* ---- A live store that begins where its history ended
+ * ------------------------------------------------------ */
+
+static void test_what_nobody_known_has_set_is_taken_over_as_nobodys(void **state)
+{
+    struct world w;
+    struct apc_error why = {""};
+    struct apc_sample s[2] = {{.table = APC_SETPOINT, .id = 1, .seq = 4, .time = time_of(4), .value = 2},
+                              {.table = APC_SETPOINT, .id = 2, .seq = 5, .time = time_of(5), .author = 77}};
+    (void)state;
+    world_begin(&w, "shm:", store_uri);
+    assert_true(apc_store_author(w.live, "eve") > 0);
+    assert_int_equal(apc_store_append(w.history, s, 2), 2);
+    assert_int_equal(apc_store_take_over(w.live, w.history, &why), 2);
+    for (int id = 1; id <= 2; id++) {
+        const struct apc_sample now = newest(w.live, APC_SETPOINT, id);
+        assert_int_equal(now.seq, 3 + id);
+        assert_int_equal(now.author, 0);
+    }
+    world_end(&w);
+}
+
+static int no_count(struct apc_store *s, int64_t first)
+{
+    (void)first;
+    return apc_fail(&s->why, APC_EFULL, "it cannot count");
+}
+
+static void test_whose_failure_keeps_a_live_store_from_going_on_is_said(void **state)
+{
+    struct world w;
+    struct apc_error why = {""};
+    (void)state;
+    world_begin(&w, "shm:", store_uri);
+    const struct apc_store_ops *const live = w.live->ops;
+    struct apc_store_ops away = *w.history->ops, counts = *live;
+    real = w.history->ops;
+    away.variables = do_variables;
+    w.history->ops = &away;
+    counts.count_from = no_count;
+    fails_at = calls + 1;
+    assert_int_equal(apc_store_take_over(w.live, w.history, &why), APC_ECONN);
+    assert_has(why.text, "the history: call ");
+    w.live->ops = &counts;
+    fails_at = calls + 1;
+    assert_int_equal(apc_store_take_over(w.live, w.history, &why), APC_EFULL);
+    assert_string_equal(why.text, "it cannot count");
+    fails_at = 0;
+    w.live->ops = live;
+    w.history->ops = real;
+    world_end(&w);
+}
+
 /* ---- Its name --------------------------------------------------------------------------------------------
  */
 
@@ -677,6 +828,12 @@ int main(void)
         T(test_what_the_live_store_gets_meanwhile_makes_nothing_older_the_newest),
         T(test_who_set_something_is_told_by_the_store_that_has_it),
         T(test_of_one_variable_the_history_may_have_nothing),
+        T(test_variables_are_those_of_both_each_once),
+        T(test_what_is_waited_for_is_the_live_stores),
+        T(test_descriptions_that_go_between_two_looks_are_none),
+        T(test_what_two_stores_say_alike_is_alike_and_nothing_else),
+        T(test_what_nobody_known_has_set_is_taken_over_as_nobodys),
+        T(test_whose_failure_keeps_a_live_store_from_going_on_is_said),
     };
     int failed = 0;
     while (stores_next()) {
