@@ -443,6 +443,7 @@ static void test_another_runs_history_is_left_out(void **state)
  */
 
 static const struct apc_store_ops *real;
+static const struct apc_store_ops *real_live;
 static int calls, fails_at; /* the number of the one that fails; 0: none */
 static struct world *grows; /* its live store, when the history's newest is asked for */
 
@@ -568,6 +569,67 @@ static void test_whichever_call_of_the_history_fails_it_is_left_out_whole(void *
     struct apc_sample variables[9];
     assert_int_equal(apc_store_variables(w.both, variables, 9), 2);
     world_end(&w);
+}
+
+static int live_calls; /* until the live store fails */
+
+static int do_live_history(struct apc_store *s, enum apc_table table, int id, const struct apc_range *range,
+                           apc_sample_fn fn, void *ctx)
+{
+    return live_calls-- == 0 ? apc_fail(&s->why, APC_ETIMEDOUT, "it is slow")
+                             : real_live->history(s, table, id, range, fn, ctx);
+}
+
+static void test_what_fails_is_told_and_what_is_not_needed_is_not_asked(void **state)
+{
+    struct world w;
+    struct answer a = {0};
+    (void)state;
+    struct apc_seam *s = two_parts(&w);
+    const int before = calls;
+    assert_int_equal(ask(w.both, 0, &(struct apc_range){.last = 1}).last.seq, 599);
+    assert_int_equal(calls, before); /* the newest row is the live store's */
+    fails_at = calls + 1;
+    assert_int_equal(apc_store_history_bins(w.both, APC_SENSOR, 1, time_of(1), time_of(2), 3, take_bin, &a),
+                     0);
+    assert_has(apc_store_error(w.both), "the history is left out: "); /* also where there is nothing at all */
+    s->quiet_until = 0;
+    struct apc_store_ops slow = *s->live->ops;
+    real_live = s->live->ops;
+    slow.history = do_live_history;
+    s->live->ops = &slow;
+    live_calls = 1; /* the first says how far back it reaches */
+    assert_int_equal(
+        apc_store_history_bins(w.both, APC_SENSOR, 1, time_of(300), time_of(590), 3, take_bin, &a),
+        APC_ETIMEDOUT);
+    assert_string_equal(apc_store_error(w.both), "it is slow");
+    s->live->ops = real_live;
+    world_end(&w);
+}
+
+static void test_records_are_one_where_they_say_the_same(void **state)
+{
+    static const struct {
+        const char *old, *new;
+        int n;
+    } of[] = {{"one", "two", 2}, {"one", "one", 1}, {"one", "onf", 2}, {"", "one", 2}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct world w;
+        struct answer a = {0};
+        world_begin(&w, "shm:", i == 0 ? store_uri : "mem:");
+        struct apc_seam *s = (struct apc_seam *)w.both;
+        ok(s->history, apc_store_init(s->history));
+        describe(s->history, "plant");
+        for (int k = 0; k < 2; k++) {
+            struct apc_event e = {.time = time_of(5), .severity = APC_EVENT_INFO, .source = "x", .kind = "y"};
+            snprintf(e.text, sizeof e.text, "%s", k ? of[i].new : of[i].old);
+            ok(k ? w.live : s->history, apc_store_append_events(k ? w.live : s->history, &e, 1));
+        }
+        ok(w.both, apc_store_events(w.both, NULL, take_event, &a));
+        assert_int_equal(a.n, of[i].n);
+        world_end(&w);
+    }
 }
 
 static int note_seq(void *ctx, const struct apc_sample *s)
@@ -828,6 +890,8 @@ int main(void)
         T(test_what_the_live_store_gets_meanwhile_makes_nothing_older_the_newest),
         T(test_who_set_something_is_told_by_the_store_that_has_it),
         T(test_of_one_variable_the_history_may_have_nothing),
+        T(test_what_fails_is_told_and_what_is_not_needed_is_not_asked),
+        T(test_records_are_one_where_they_say_the_same),
         T(test_variables_are_those_of_both_each_once),
         T(test_what_is_waited_for_is_the_live_stores),
         T(test_descriptions_that_go_between_two_looks_are_none),
