@@ -336,7 +336,7 @@ int linear_rga(const double *gain, size_t n, double *rga)
         rc = APC_ESTATE;
     for (size_t i = 0; i < n && rc == 0; i++)
         for (size_t j = 0; j < n; j++)
-            rga[i * n + j] = gain[i * n + j] * inverse[j * n + i];
+            rga[i * n + j] = gain[i * n + j] * inverse[j * n + i] + 0.0; /* and no -0 */
     free(inverse);
     free(a);
     free(pivot);

@@ -52,7 +52,8 @@ enum {
     OPT_SET,
     OPT_SWEEP,
     OPT_FIGURE,
-    OPT_FROM
+    OPT_FROM,
+    OPT_MODEL
 };
 
 static const struct argp_option option_list[] = {
@@ -91,6 +92,11 @@ static const struct argp_option option_list[] = {
      "several "
      "controllers: "
      "CONTROLLER=NAME",
+     0},
+    {"model", OPT_MODEL, "MODELFILE", 0,
+     "Model file that the controller computes with, instead of the file's model or operating point; the "
+     "plant "
+     "stays what it is. Of several controllers: CONTROLLER=MODELFILE",
      0},
     {"plant", OPT_PLANT, "NAME", 0,
      "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
@@ -177,6 +183,11 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case OPT_PLANT:
         o->overrides.model = arg;
+        break;
+    case OPT_MODEL:
+        if (o->overrides.model_file)
+            argp_error(state, "--model: of one controller only; of others --set controllers.NAME.model=FILE");
+        o->overrides.model_file = arg;
         break;
     case ARGP_KEY_END:
         if (o->jobs && !o->runs && !o->sweep.n)

@@ -690,7 +690,7 @@ int experiment_load(struct experiment *e, const char *name, unsigned parts,
     int rc = record_read(&record, file, why);
     if (rc == 0)
         rc = settings_read(file, &text, why);
-    if (rc == 0 && overrides && overrides->n_set > 0)
+    if (rc == 0 && overrides && (overrides->n_set > 0 || overrides->model_file))
         rc = experiment_parse_changed(
             e, &(struct experiment_source){.file = file, .text = text, .record = &record}, parts, overrides,
             why);

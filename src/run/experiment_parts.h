@@ -74,6 +74,10 @@ bool experiment_knows_of_controller(const char *name);
  */
 int experiment_change(const char *text, const char *path, const char *value, char **changed,
                       struct apc_error *why);
+/* The same of the model of a controller, by its name or "[0]", which takes the place of an operating point.
+ * Where there is one controller in short form it is that one's. */
+int experiment_change_model(const char *text, const char *controller, const char *value, char **changed,
+                            struct apc_error *why);
 
 /* As experiment_parse() with the settings of @overrides, which hold over those of the text and of the record.
  */

@@ -2,6 +2,7 @@
 /* An experiment with settings of the command line, over those of its file. */
 #include "experiment_parts.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -70,9 +71,49 @@ static void list(const struct experiment_overrides *o, char *text, size_t size)
 {
     size_t used = 0;
     *text = '\0';
+    if (o->model_file)
+        used = (size_t)snprintf(text, size, "--model %.150s%s", o->model_file, o->n_set ? ", " : "");
     for (size_t i = 0; i < o->n_set && used < size; i++)
         used += (size_t)snprintf(text + used, size - used, "%s%.120s = %.70s", i ? ", " : "", o->set[i].path,
                                  o->set[i].value);
+}
+
+/* What stands before the "=" of [CONTROLLER=]FILE; the first controller where nothing does. */
+static const char *split(const char *wanted, char controller[APC_TAG_LEN])
+{
+    const char *equals = strchr(wanted, '=');
+    const size_t n = equals ? (size_t)(equals - wanted) : 0;
+
+    if (!equals || n >= APC_TAG_LEN || memchr(wanted, '/', n)) {
+        snprintf(controller, APC_TAG_LEN, "[0]");
+        return wanted;
+    }
+    snprintf(controller, APC_TAG_LEN, "%.*s", (int)n, wanted);
+    return equals + 1;
+}
+
+static int change_model(const char *text, const char *wanted, char **next, struct apc_error *why)
+{
+    char controller[APC_TAG_LEN];
+    const char *file = split(wanted, controller);
+    char *path = realpath(file, NULL);
+    int rc = path ? experiment_change_model(text, controller, path, next, why)
+                  : apc_fail(why, APC_ENOTFOUND, "--model %s: %s", file, strerror(errno));
+
+    free(path);
+    return rc;
+}
+
+static int check_model(const struct experiment *e, const char *wanted, struct apc_error *why)
+{
+    char controller[APC_TAG_LEN], path[APC_TAG_LEN + 32];
+
+    split(wanted, controller);
+    if (*controller == '[' && e->n_controllers > 1)
+        return apc_fail(why, APC_EINVAL, "--model %s: there are %zu controllers: say whose it is, as %s=%s",
+                        wanted, e->n_controllers, e->controllers->name, wanted);
+    snprintf(path, sizeof path, "controllers.%s.model", controller);
+    return check_effect(e, path, why);
 }
 
 int experiment_parse_changed(struct experiment *e, const struct experiment_source *from, unsigned parts,
@@ -84,6 +125,13 @@ int experiment_parse_changed(struct experiment *e, const struct experiment_sourc
     struct apc_error of_file;
     int rc = text ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
 
+    if (overrides->model_file && rc == 0) {
+        rc = change_model(text, overrides->model_file, &next, why);
+        if (rc == 0) {
+            free(text);
+            text = next;
+        }
+    }
     for (size_t i = 0; i < overrides->n_set && rc == 0; i++) {
         rc = experiment_change(text, overrides->set[i].path, overrides->set[i].value, &next, why);
         if (rc < 0)
@@ -97,9 +145,11 @@ int experiment_parse_changed(struct experiment *e, const struct experiment_sourc
     changed.change = said;
     changed.record = &record;
     if (rc == 0 && (rc = experiment_parse(e, &changed, parts, overrides, why)) < 0 &&
-        experiment_parse(e, from, parts, overrides, &of_file) < 0)
+        !overrides->model_file && experiment_parse(e, from, parts, overrides, &of_file) < 0)
         *why = of_file; /* it was so before */
     else if (rc < 0)
+        experiment_free(e);
+    if (overrides->model_file && rc == 0 && (rc = check_model(e, overrides->model_file, why)) < 0)
         experiment_free(e);
     for (size_t i = 0; i < overrides->n_set && rc == 0; i++)
         if ((rc = check_effect(e, overrides->set[i].path, why)) < 0)

@@ -17,6 +17,7 @@
 struct place {
     const config_setting_t *at, *in;
     char name[NAME_LEN], *value;        /* of the new member; value: as it stands in a file, to be freed */
+    const config_setting_t *without;    /* is left out, or NULL */
     const config_setting_t *among;      /* where there is no such setting: among these, */
     const char *lost;                   /* what begins the rest of the path names none */
     const config_setting_t *controller; /* whose @parameter it is, of output number @output */
@@ -81,7 +82,7 @@ static void put_members(FILE *out, const config_setting_t *group, const struct p
 {
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
-        if (!member)
+        if (!member || member == place->without)
             continue;
         fprintf(out, "%s = ", config_setting_name(member));
         put(out, member, place);
@@ -411,6 +412,15 @@ static int look(struct place *place, const config_setting_t *root, const char *p
     return rc == APC_ENOMEM ? apc_fail(why, rc, "out of memory") : rc;
 }
 
+/* A law has one model: one that is set takes the place of its operating point. */
+static const config_setting_t *replaced(const struct place *place)
+{
+    const config_setting_t *group = place->at ? config_setting_parent(place->at) : place->in;
+    const char *name = place->at ? config_setting_name(place->at) : place->name;
+    const bool model = name && group && is_controller(group) && !strcmp(name, "model");
+    return model ? config_setting_get_member(group, "operating_point") : NULL;
+}
+
 static int change(const config_t *config, const char *path, const char *value, char **changed,
                   struct apc_error *why)
 {
@@ -423,6 +433,7 @@ static int change(const config_t *config, const char *path, const char *value, c
         free(place.value);
         place = (struct place){.value = value_of(value, place.at)};
         rc = look(&place, root, path, why);
+        place.without = replaced(&place);
     }
     FILE *out = rc == 0 ? open_memstream(changed, &size) : NULL;
     if (out)
@@ -442,6 +453,19 @@ int experiment_change(const char *text, const char *path, const char *value, cha
     if (rc == 0)
         rc = change(&config, path, value, changed, why);
     config_destroy(&config);
+    return rc;
+}
+
+int experiment_change_model(const char *text, const char *controller, const char *value, char **changed,
+                            struct apc_error *why)
+{
+    char path[APC_TAG_LEN + 32];
+    int rc;
+
+    snprintf(path, sizeof path, "controllers.%s.model", controller);
+    rc = experiment_change(text, path, value, changed, why);
+    if (rc == APC_ENOTFOUND && experiment_change(text, "controller.model", value, changed, NULL) == 0)
+        return 0; /* the short form */
     return rc;
 }
 

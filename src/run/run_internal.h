@@ -9,6 +9,7 @@
 
 #include <apcalarm.h>
 #include <apcexchange.h>
+#include <apclinear.h>
 #include <apcmodules.h>
 #include <apcplant.h>
 #include <apcsockets.h>
@@ -244,6 +245,8 @@ enum experiment_parts { EXPERIMENT_MODEL = 1, EXPERIMENT_LAW = 2 };
  * whose it is: "base=./my.so". */
 struct experiment_overrides {
     const char *law, *model;
+    const char *model_file; /* of a controller, "CONTROLLER=" before it where there are several; its path is
+                               from the working folder */
     const struct experiment_setting *set; /* [n_set] one after another */
     size_t n_set;
 };
@@ -283,6 +286,20 @@ void experiment_path(const char *name, char path[EXPERIMENT_PATH]);
 /* The experiment's text with its model files in it, so that it is whole: *text, to be freed. Returns 0 or a
  * negative error. */
 int model_files_embed(const struct experiment *e, char **text, struct apc_error *why);
+
+/* A model file by itself (docs/experiment-file.md): transfer functions, or a state space. */
+struct model_file {
+    size_t inputs, outputs, nx; /* nx: of a state space */
+    char (*input)[APC_TAG_LEN], (*output)[APC_TAG_LEN];
+    struct apc_transfer *g;                     /* [outputs * inputs], gain 0: none; NULL: a state space */
+    apc_ns period;                              /* 0: in continuous time */
+    double *A, *B, *C, *D, *K, *x0, *dead_time; /* of a state space; K: NULL where it has none */
+    double *u0, *y0;                            /* [inputs], [outputs] */
+    double *space;                              /* its memory */
+};
+/* Returns 0, or a negative error with "FILE:LINE: ..." in why; model_file_free() in either case. */
+int model_file_load(struct model_file *model, const char *file, struct apc_error *why);
+void model_file_free(struct model_file *model);
 
 struct record;
 struct experiment_source {

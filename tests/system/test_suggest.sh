@@ -43,13 +43,13 @@ cmp -s <(grep then "$work/by-hand.txt" | cut -c1-40) <(grep then "$work/without.
   fail "a zero that equals a lag does not cancel it: $(cat "$work/by-hand.txt" "$work/without.txt")"
 sed 's/"u"/"v"/' "$work/by-hand.model" >"$work/other.model"
 expect 1 'u to y is not in .*other.model' "$apc" tune --suggest "$work/fast.conf" --model "$work/other.model"
-echo 'state_space = { A = ([1.0]); };' >"$work/space.model"
+echo 'state_space = { A = ([1.0]); B = ([1.0]); C = ([1.0]); };' >"$work/space.model"
 expect 1 'space.model has no "transfer"' "$apc" tune --suggest "$work/fast.conf" --model "$work/space.model"
 echo 'transfer = ( { from = "u"; } );' >"$work/half.model"
-expect 1 'half.model:1: expected { from' "$apc" tune --suggest "$work/fast.conf" --model "$work/half.model"
+expect 1 'half.model:1: expected a group: { from' "$apc" tune --suggest "$work/fast.conf" --model "$work/half.model"
 echo 'transfer = ( 3' >"$work/broken.model"
 expect 1 'broken.model:' "$apc" tune --suggest "$work/fast.conf" --model "$work/broken.model"
-expect 1 'none.model: cannot be read' "$apc" tune --suggest "$work/fast.conf" --model "$work/none.model"
+expect 1 'none.model: cannot be read: No such file' "$apc" tune --suggest "$work/fast.conf" --model "$work/none.model"
 
 # ---- Applied: as one write of an operator's, and only then
 
