@@ -11,6 +11,7 @@
 
 #include "common/storeuri.h"
 #include "folder.h"
+#include "oscillation.h"
 #include "report.h"
 #include "simulation_export.h"
 #include "warn.h"
@@ -331,18 +332,23 @@ static int leave(struct test *z, struct apc_error *why)
 
 static void print_relay(const struct test *z)
 {
-    const struct test_move *m = &z->move[0];
-    const double a = z->relay.amplitude[0], h = z->relay.hysteresis;
+    const struct apc_record record = {.Ts = z->Ts,
+                                      .n = z->kept > 0 ? z->kept - 1 : 0,
+                                      .nu = z->e.dim.nu,
+                                      .ny = z->e.dim.ny,
+                                      .u = z->u,
+                                      .y = z->y};
+    struct oscillation found;
 
     if (z->own.kind != TEST_RELAY)
         return;
-    if (!apc_relay_settled(&z->relay)) {
+    if (!oscillation_find(&record, (size_t)z->move[0].loop->output - 1,
+                          (size_t)z->move[0].loop->measurement - 1, &found)) {
         puts("the relay's oscillation did not become steady: a longer --duration, or a smaller --amplitude");
         return;
     }
-    printf("oscillation: %.4g to each side every %.4g s, so the loop's limit is a gain of %.4g\n", a,
-           z->relay.period[0],
-           z->sign * 4.0 * m->amplitude / (M_PI * sqrt(fmax(a * a - h * h, a * a * 1e-6))));
+    printf("oscillation: %.4g to each side every %.4g s, so the loop's limit is a gain of %.4g\n",
+           z->relay.amplitude[0], found.every, found.gain);
 }
 
 /* Of a real plant samples come late, so the grid that they were to lie on is named. */

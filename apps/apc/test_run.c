@@ -313,7 +313,7 @@ static double relay_level(struct test *z, double t)
         z->sign = error < 0.0 ? 1.0 : -1.0; /* by what the first push does */
     if (apc_status_severity(y->status) == APC_SEVERITY_BAD)
         return z->sign * apc_relay_step(&z->relay, t, (double)NAN);
-    return z->sign == 0.0 ? 1.0 : z->sign * apc_relay_step(&z->relay, t, z->sign * error);
+    return z->sign == 0.0 ? 1.0 : z->sign * apc_relay_step(&z->relay, t, error);
 }
 
 /* Is there somebody who follows it? */

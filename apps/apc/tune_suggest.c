@@ -9,6 +9,7 @@
 
 #include "folder.h"
 #include "gnuplot.h"
+#include "oscillation.h"
 #include "report_script.h"
 #include "run/run_internal.h"
 
@@ -31,6 +32,12 @@ struct drawing {
     struct answer now, then;
 };
 
+/* A loop that a relay was in. */
+struct swinging {
+    const char *name;
+    struct oscillation is;
+};
+
 struct suggesting {
     const struct suggest_options *o;
     struct experiment e;
@@ -39,6 +46,11 @@ struct suggesting {
     size_t n_tags;
     struct drawing *drawing; /* [drawings] */
     size_t drawings;
+    struct swinging *swinging; /* [n_swinging] */
+    size_t n_swinging;
+    struct identify_data data; /* of the run; unused with o->model */
+    int unmodelled;            /* why there are no models, or 0 */
+    struct apc_error why;      /* of that */
 };
 
 /* ---- The models -----------------------------------------------------------------------------------------
@@ -73,21 +85,35 @@ static int identify(struct suggesting *z, const struct identify_data *data, stru
 static int find_models(struct suggesting *z, struct apc_error *why)
 {
     struct identify_wish wish = {.from = -HUGE_VAL};
-    struct identify_data data;
     int rc;
 
     if (z->o->model)
         return suggest_read_model(z->o, z->model, why);
-    rc = identify_read(&data, z->o->run, &wish, why);
+    rc = identify_read(&z->data, z->o->run, &wish, why);
     if (rc < 0) { /* samples of a real plant come late */
-        identify_data_free(&data);
+        identify_data_free(&z->data);
         wish.period = apc_ns_to_s(z->e.client.rhythm.period);
-        rc = identify_read(&data, z->o->run, &wish, why);
+        rc = identify_read(&z->data, z->o->run, &wish, why);
     }
-    if (rc == 0)
-        rc = identify(z, &data, why);
-    identify_data_free(&data);
+    if (rc == 0 && (rc = identify(z, &z->data, why)) < 0 && z->o->rule == SUGGEST_RELAY) {
+        z->unmodelled = rc; /* what a relay has made of a loop needs none */
+        z->why = *why;
+        return 0;
+    }
     return rc;
+}
+
+/* Is the run one of a relay in this loop? */
+static bool oscillates(const struct suggesting *z, const char *output, const char *measurement,
+                       struct oscillation *found)
+{
+    const struct apc_record *r = &z->data.record;
+
+    for (size_t i = 0; i < r->ny && z->o->rule == SUGGEST_RELAY; i++)
+        for (size_t j = 0; j < r->nu; j++)
+            if (!strcmp(z->data.output[i], measurement) && !strcmp(z->data.input[j], output))
+                return oscillation_find(r, j, i, found);
+    return false;
 }
 
 /* From the output to what its loop controls; NULL: there is none. */
@@ -143,10 +169,15 @@ static int answer(const struct apc_transfer *g, const struct apc_pid_tuning *t, 
     return rc;
 }
 
-static int find_tuning(const struct suggesting *z, const struct apc_transfer *g, bool derivative, double Ts,
-                       struct apc_pid_tuning *t, struct apc_error *why)
+/* @swings: what a relay has shown, or NULL. */
+static int find_tuning(const struct suggesting *z, const struct apc_transfer *g,
+                       const struct oscillation *swings, bool derivative, double Ts, struct apc_pid_tuning *t,
+                       struct apc_error *why)
 {
     double gain, every;
+
+    if (swings)
+        return apc_tune_relay(swings->gain, swings->every, derivative, t, why);
 
     if (z->o->rule != SUGGEST_RELAY)
         return apc_tune_pid(g, z->o->rule == SUGGEST_LAMBDA ? APC_TUNE_LAMBDA : APC_TUNE_SIMC, derivative,
@@ -187,11 +218,56 @@ static void add(const struct suggesting *z, struct suggestion *s, int id, double
 static void show(const char *loop, const char *which, const struct apc_pid_tuning *t, const struct answer *a)
 {
     printf("%-8s %-8s %-10.4g %-8.4g %-8.4g ", loop, which, t->Kp, t->tau_i, t->tau_d);
-    if (a->margins.stable)
+    if (!a)
+        puts("-       -          -        -     -        -            -");
+    else if (a->margins.stable)
         printf("%-7.3g %-10.3g %-8.3g %-5.3g %-8.4g %-12.3g %.4g\n", a->margins.gain, a->margins.phase,
                a->margins.delay, a->margins.sensitivity, a->iae, a->overshoot, a->settling);
     else
         puts("unstable");
+}
+
+/* What the model says of it. */
+static int predict(struct suggesting *z, const char *output, const struct apc_transfer *g,
+                   const struct apc_pid_tuning *present, const struct apc_pid_tuning *found, double Ts,
+                   struct apc_error *why)
+{
+    struct drawing *d = &z->drawing[z->drawings++];
+    int rc = answer(g, found, Ts, &d->then, why);
+
+    d->name = output;
+    d->Ts = Ts;
+    if (rc == 0 && !d->then.margins.stable)
+        rc = apc_fail(why, APC_ESOLVER,
+                      "%s: this rule's tuning is not stable with the model: take another, or a "
+                      "longer --tau-c",
+                      output);
+    if (rc < 0)
+        return rc;
+    if (present->Kp != 0.0 && answer(g, present, Ts, &d->now, why) == 0)
+        show(output, "now", present, &d->now);
+    show(output, "then", found, &d->then);
+    return 0;
+}
+
+/* Is the model one to tune by? */
+static int check_model(const struct suggesting *z, const char *output, const char *measurement,
+                       const struct apc_transfer *g, const struct apc_transfer *error, struct apc_error *why)
+{
+    if (z->unmodelled) {
+        *why = z->why;
+        return z->unmodelled;
+    }
+    if (!g)
+        return apc_fail(why, APC_ENOTFOUND, "%s to %s is not %s %s", output, measurement,
+                        z->o->model ? "in" : "on record in", z->o->model ? z->o->model : z->o->run);
+    if (!(fabs(g->gain) > 2.0 * error->gain))
+        return apc_fail(
+            why, APC_ESOLVER,
+            "the gain from %s to %s is %.3g +- %.3g: not even its sign is known. Test it longer, or "
+            "with a larger amplitude",
+            output, measurement, g->gain, 1.96 * error->gain);
+    return 0;
 }
 
 /* Returns 0, or why there is nothing to be said of this loop. */
@@ -206,35 +282,26 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
     double *Kp = parameter(loop, "Kp", &Kp_id), *tau_i = parameter(loop, "tau_i", &tau_i_id),
            *tau_d = parameter(loop, "tau_d", &tau_d_id);
     const struct apc_transfer *error, *g = model_of(z, output, measurement, &error);
-    struct apc_pid_tuning found;
-    struct drawing *d = &z->drawing[z->drawings++];
-    int rc;
-
-    d->name = output;
-    d->Ts = Ts;
-    if (!g)
-        return apc_fail(why, APC_ENOTFOUND, "%s to %s is not %s %s", output, measurement,
-                        z->o->model ? "in" : "on record in", z->o->model ? z->o->model : z->o->run);
-    if (!(fabs(g->gain) > 2.0 * error->gain))
-        return apc_fail(
-            why, APC_ESOLVER,
-            "the gain from %s to %s is %.3g +- %.3g: not even its sign is known. Test it longer, or "
-            "with a larger amplitude",
-            output, measurement, g->gain, 1.96 * error->gain);
     const struct apc_pid_tuning present = {*Kp, *tau_i, tau_d ? *tau_d : 0.0};
-    rc = find_tuning(z, g, tau_d && g->tau[1] > 0.0, Ts, &found, why);
-    if (rc == 0)
-        rc = answer(g, &found, Ts, &d->then, why);
-    if (rc == 0 && !d->then.margins.stable)
-        rc = apc_fail(why, APC_ESOLVER,
-                      "%s: this rule's tuning is not stable with the model: take another, or a "
-                      "longer --tau-c",
-                      output);
+    struct apc_pid_tuning found;
+    struct oscillation swings;
+    const bool by_relay = oscillates(z, output, measurement, &swings);
+    int rc = check_model(z, output, measurement, g, error, why);
+    const bool modelled = rc == 0, second = modelled ? g->tau[1] > 0.0 : present.tau_d > 0.0;
+
+    if (rc < 0 && !by_relay)
+        return rc;
+    rc = find_tuning(z, g, by_relay ? &swings : NULL, tau_d && second, Ts, &found, why);
+    if (rc == 0 && modelled) {
+        rc = predict(z, output, g, &present, &found, Ts, why);
+    } else if (rc == 0) {
+        show(output, "now", &present, NULL);
+        show(output, "then", &found, NULL);
+    }
     if (rc < 0)
         return rc;
-    if (present.Kp != 0.0 && answer(g, &present, Ts, &d->now, why) == 0)
-        show(output, "now", &present, &d->now);
-    show(output, "then", &found, &d->then);
+    if (by_relay)
+        z->swinging[z->n_swinging++] = (struct swinging){output, swings};
     add(z, s, Kp_id, found.Kp);
     add(z, s, tau_i_id, found.tau_i);
     if (tau_d)
@@ -253,23 +320,38 @@ static bool is_pid(const struct controller_loop *loop)
            !c->shadow;
 }
 
+/* Is it a loop to be tuned? Where a relay was in some loop, those it was in are. */
+static bool is_wanted(const struct suggesting *z, const struct controller_loop *loop, bool relays)
+{
+    struct oscillation swings;
+
+    return is_pid(loop) && (!relays || oscillates(z, controllers_output(&z->e, *loop)->name,
+                                                  z->e.y[loop->of->y[loop->u].at].tag.name, &swings));
+}
+
 static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_error *why)
 {
     const size_t loops = controllers_loops(&z->e);
+    bool relays = false;
     size_t n = 0;
     int rc = 0;
 
     s->name = calloc(3 * loops + 1, sizeof *s->name);
     s->value = calloc(3 * loops + 1, sizeof *s->value);
     z->drawing = calloc(loops + 1, sizeof *z->drawing);
-    if (!s->name || !s->value || !z->drawing)
+    z->swinging = calloc(loops + 1, sizeof *z->swinging);
+    if (!s->name || !s->value || !z->drawing || !z->swinging)
         return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < loops; i++) {
+        const struct controller_loop loop = controllers_loop(&z->e, i);
+        relays = relays || is_wanted(z, &loop, true);
+    }
     puts("loop     tuning   Kp         tau_i s  tau_d s  gain x  phase deg  delay s  peak  IAE      "
          "overshoot %  "
          "settling s");
     for (size_t i = 0; i < loops && rc == 0; i++) {
         const struct controller_loop loop = controllers_loop(&z->e, i);
-        if (is_pid(&loop)) {
+        if (is_wanted(z, &loop, relays)) {
             rc = suggest_loop(z, &loop, s, why);
             n++;
         }
@@ -279,6 +361,11 @@ static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_
             why, APC_EINVAL,
             "%s has no PI or PID loop on an output of the plant: apc optimize searches other laws",
             z->o->run);
+    for (size_t i = 0; i < z->n_swinging && rc == 0; i++)
+        printf("%s: the relay's oscillation, every %.4g s, is the loop's limit, a gain of %.4g\n",
+               z->swinging[i].name, z->swinging[i].is.every, z->swinging[i].is.gain);
+    if (z->unmodelled && rc == 0)
+        printf("no model, so nothing is predicted: %s\n", z->why.text);
     return rc;
 }
 
@@ -340,7 +427,9 @@ static void put_figure(FILE *script, void *ctx, bool first)
 static int draw(struct suggesting *z, struct apc_error *why)
 {
     char file[600];
-    int rc = 0;
+    int rc = z->drawings ? 0
+                         : apc_fail(why, APC_EINVAL,
+                                    "without a model there is no step to be drawn: leave --figure out");
 
     for (int i = 0; i < 2 && rc == 0; i++) {
         snprintf(file, sizeof file, "%.590s.%s", z->o->figure, i ? "png" : "svg");
@@ -377,6 +466,8 @@ int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_er
         free(z.drawing[i].now.y);
         free(z.drawing[i].then.y);
     }
+    identify_data_free(&z.data);
+    free(z.swinging);
     free(z.drawing);
     free(z.model);
     free(z.tags);

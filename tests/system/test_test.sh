@@ -59,7 +59,27 @@ near "in Auto: gain" "$("$apc" identify "$work/auto" --model transfer | awk '$1 
 "$apc" test "$work/heater.conf" --signal relay -o "$work/relay" >"$work/relay.txt"
 near "the relay's period" "$(sed -n 's/^oscillation: .* every \([0-9.]*\) s.*/\1/p' "$work/relay.txt")" 18.5 3
 
-# several at once: each has a signal of its own
+# of a plant that answers the other way, too, and what is suggested from the record is the limit that the model has
+"$apc" test "$work/heater.conf" --signal relay --set plant.parameters.K=-10 --set controller.Kp=-0.08 -o "$work/relay-down" >"$work/relay-down.txt"
+near "the period of the relay of a plant that goes down" "$(sed -n 's/^oscillation: .* every \([0-9.]*\) s.*/\1/p' "$work/relay-down.txt")" 19.5 3
+for way in relay relay-down; do
+  "$apc" tune --suggest "$work/$way" --rule relay >"$work/$way-tuning.txt"
+  sed -n 's/^u: the relay.s oscillation, every \(.*\) s, is .* a gain of \(.*\)/\1 \2/p' "$work/$way-tuning.txt" >"$work/limit"
+  read -r every limit <"$work/limit" || fail "$way: no limit: $(cat "$work/$way-tuning.txt")"
+  near "$way: the limit" "${limit#-}" 0.349 0.035 # apc_tune_limit() of K 10, tau 10 s, 5.1 s
+  near "$way: its period" "$every" 18.9 2
+  near "$way: Kp of the relay's limit" "$(awk '$2 == "then" { print $3 }' "$work/$way-tuning.txt")" "$(awk -v g="$limit" 'BEGIN { print g / 3.2 }')" 0.001
+done
+[ "${limit%%[0-9]*}" = - ] || fail "a plant that goes down has a limit of $limit"
+diff <(sed -n '/^\$ apc tune --suggest heater-relay/,/^as written/p' "$APC_SOURCE_DIR/docs/tuning.md" | tail -n +2) "$work/relay-tuning.txt" ||
+  fail "docs/tuning.md shows another tuning by relay"
+# one loop of two: no model can be had, and none is needed; the other loop is left out
+"$apc" test "$APC_SOURCE_DIR/experiments/quadruple-tank.conf" --signal relay --move v1 --settling 200 -o "$work/one-of-two" >/dev/null
+"$apc" tune --suggest "$work/one-of-two" --rule relay >"$work/one-of-two.txt"
+grep -Eq '^v1 +then +[0-9.]+ +[0-9.]+ +0 +- ' "$work/one-of-two.txt" && grep -q '^no model, so nothing is predicted: ' "$work/one-of-two.txt" &&
+  grep -Eq '^as written by --apply: apc tune v1.Kp=[0-9.]+ v1.tau_i=[0-9.]+( v1.tau_d=0)?$' "$work/one-of-two.txt" || fail "$(cat "$work/one-of-two.txt")"
+expect 1 'without a model there is no step to be drawn' "$apc" tune --suggest "$work/one-of-two" --rule relay --figure "$work/steps"
+expect 1 'input 2' "$apc" tune --suggest "$work/one-of-two" # by a rule that is of a model
 "$apc" test "$APC_SOURCE_DIR/experiments/quadruple-tank.conf" -d 1200 --settling 300 -o "$work/tank" >"$work/tank.txt"
 awk '$1 == "y1" && NF == 3 { exit !($2 > 1.5 && $3 > 0.5) }' "$work/tank.txt" || fail "two outputs: $(cat "$work/tank.txt")"
 
