@@ -87,35 +87,94 @@ static double quantile(const struct apc_distribution *d, double share)
 
 struct courses {
     const struct experiment *e;
-    apc_ns period, origin;
+    apc_ns period, dead_time;
     struct apc_loop_course course[COURSES];
     struct apc_loop_tick tick[COURSES];
     size_t n;
     double beyond; /* what would not end with its period, or was too rare */
 };
 
-static void add_course(struct courses *c, struct apc_loop_tick tick, double probability)
+static void add_course(struct courses *c, const struct apc_loop_tick *tick, double probability)
 {
     if (!(probability > 0.0))
         return;
-    tick.sampled -= c->origin;
-    tick.computed -= c->origin;
-    tick.written -= c->origin;
-    tick.acts -= c->origin;
-    tick.acts -= tick.acts == c->period; /* at its end, just before the next one begins */
-    if (probability < NEVER || tick.sampled < 0 || tick.computed >= c->period || tick.acts >= c->period ||
-        c->n == COURSES) {
+    if (probability < NEVER || c->n == COURSES) {
         c->beyond += probability;
         return;
     }
     for (size_t i = 0; i < c->n; i++)
-        if (c->tick[i].sampled == tick.sampled && c->tick[i].acts == tick.acts) {
+        if (c->tick[i].sampled == tick->sampled && c->tick[i].acts == tick->acts) {
             c->course[i].probability += probability;
             return;
         }
-    c->tick[c->n] = tick;
+    c->tick[c->n] = *tick;
     c->course[c->n] = (struct apc_loop_course){probability, 1, &c->tick[c->n]};
     c->n++;
+}
+
+/* From @p origin until the output acts on the plant; at the end of a period, just before the next one begins.
+ */
+static apc_ns until_act(const struct courses *c, size_t i, apc_ns origin)
+{
+    const apc_ns until = c->tick[i].acts + c->dead_time - origin;
+    return until - (until % c->period == 0);
+}
+
+static bool is_within(const struct courses *c, size_t i, apc_ns origin, apc_ns turns)
+{
+    return c->tick[i].sampled >= origin && c->tick[i].computed < origin + c->period &&
+           until_act(c, i, origin) / c->period == turns;
+}
+
+/*
+ * The probability of what does not fit into periods that begin at @p origin, in each of which an output acts
+ * once: those of all courses as many periods later, *@p turns. Acting in a later one it is drawn by itself,
+ * so that measurements must not depend on the draw.
+ */
+static double outside(const struct courses *c, apc_ns origin, bool begins_late, apc_ns *turns)
+{
+    size_t likely = 0;
+    double sum = 0.0;
+
+    for (size_t i = 1; i < c->n; i++)
+        likely = c->course[i].probability > c->course[likely].probability ? i : likely;
+    *turns = until_act(c, likely, origin) / c->period;
+    for (size_t i = 0; i < c->n; i++)
+        if (!is_within(c, i, origin, *turns) ||
+            (*turns > 0 && (begins_late || c->tick[i].sampled != c->tick[likely].sampled)))
+            sum += c->course[i].probability;
+    return sum;
+}
+
+/* Cut time into periods where least is cut apart, from @p origin back; courses then count from there. */
+static void cut(struct courses *c, apc_ns origin, bool begins_late)
+{
+    const apc_ns step = c->e->plant.rhythm.period;
+    apc_ns best = origin, turns = 0;
+    double least = outside(c, origin, begins_late, &turns);
+    size_t n = 0;
+
+    for (apc_ns at = origin - step; at > origin - c->period && least > 0.0; at -= step) {
+        const double sum = outside(c, at, begins_late, &turns);
+        best = sum < least ? at : best;
+        least = fmin(sum, least);
+    }
+    c->beyond += outside(c, best, begins_late, &turns);
+    for (size_t i = 0; i < c->n; i++) {
+        struct apc_loop_tick *t = &c->tick[n];
+        const double probability = c->course[i].probability;
+        const apc_ns acts = until_act(c, i, best) - c->dead_time;
+
+        if (!is_within(c, i, best, turns))
+            continue;
+        *t = c->tick[i];
+        t->sampled -= best;
+        t->computed -= best;
+        t->written -= best;
+        t->acts = acts;
+        c->course[n++] = (struct apc_loop_course){probability, 1, t};
+    }
+    c->n = n;
 }
 
 /* Exchanges that fail: the output goes with a later one, the measurement came with one before. */
@@ -131,7 +190,7 @@ static void add_losses(struct courses *c, const struct apc_loop_tick *tick, doub
         t.sampled = linear_sampled(c->e, tick->computed - i * T);
         for (int k = 0; k < 1000 && after > 0.0 && (k == 0 || probability * before * after > NEVER); k++) {
             t.acts = linear_acts(c->e, tick->written + k * T);
-            add_course(c, t, probability * before * (1.0 - in_vain) * after * (1.0 - loss));
+            add_course(c, &t, probability * before * (1.0 - in_vain) * after * (1.0 - loss));
             after *= loss;
         }
         before *= in_vain;
@@ -182,15 +241,13 @@ static int course_cost(const struct experiment *e, const struct linear_loop *l, 
         return apc_fail(why, APC_ENOMEM, "out of memory");
     c->e = e;
     c->period = l->setup.period;
+    c->dead_time = l->setup.plant.dead_time;
     const apc_ns at = c->period + r->phase - e->plant.rhythm.phase;
-    c->origin = linear_sampled(e, at);
-    if (loss >
-        0.0) /* room for older measurements: those that are the period before are too rare, or not known */
-        c->origin -= (c->period - (linear_acts(e, at) - c->origin)) / 2 / e->plant.rhythm.period *
-                     e->plant.rhythm.period;
     for (size_t k = 0; k < late; k++)
         add_executions(c, r, at, quantile(&r->model.jitter, ((double)k + 0.5) / (double)late),
                        1.0 / (double)late, loss);
+    if (c->n > 0)
+        cut(c, linear_sampled(e, at), late > 1);
     *known = c->beyond < RARE && c->n > 0;
     for (size_t i = 0; i < c->n; i++)
         c->course[i].probability /= 1.0 - c->beyond;

@@ -232,7 +232,7 @@ static void margins_are_where_a_simulation_begins_to_swing(void **state)
  */
 
 static const char noisy[] =
-    "name = \"noise\"; duration = 4000.0; seed = 7;\n"
+    "name = \"noise\"; duration = 10000.0; seed = 7;\n"
     "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; initial = 0.0; } );\n"
     "outputs = ( { name = \"u\"; } );\n"
     "plant = { model = \"first-order\"; integrator = \"exact\"; period = 0.05; noise = { x = 1.0; };\n"
@@ -242,16 +242,17 @@ static const char noisy[] =
     "               tuning = ( { Kp = 0.15; tau_i = 1.0; } ); };\n";
 
 /* Means of parts of the run that hardly know of each other: their mean, and its standard error. */
-static double simulated_square(double *error)
+static double simulated_square(const char *experiment, double *error)
 {
-    enum { PARTS = 40, PART = 2000 };
+    enum { PARTS = 100, PART = 2000 };
     struct apc_experiment *e = NULL;
     struct apc_simulation *s = NULL;
     struct apc_error why;
     struct apc_value y;
     double sum = 0.0, squares = 0.0;
 
-    if (apc_experiment_load(&e, "here.conf", noisy, &why) < 0 || apc_simulation_create(&s, e, NULL, &why) < 0)
+    if (apc_experiment_load(&e, "here.conf", experiment, &why) < 0 ||
+        apc_simulation_create(&s, e, NULL, &why) < 0)
         fail_msg("%s", why.text);
     for (int part = 0; part < PARTS; part++) {
         double mean = 0.0;
@@ -270,27 +271,104 @@ static double simulated_square(double *error)
     return sum / PARTS;
 }
 
-static void the_cost_is_what_simulations_have_on_average(void **state)
+/* What the recursion says of it; 0: it is not known, as of a loop that is not stable. */
+static double expected_square(const char *experiment, struct linear_cost *c)
 {
-    const struct experiment_source source = {.file = "here.conf", .text = noisy};
+    const struct experiment_source source = {.file = "here.conf", .text = experiment};
     const struct linear_how how = {0};
     struct linear_loop l;
-    struct linear_cost c;
     struct experiment e;
     struct apc_error why = {""};
-    double error, mean = simulated_square(&error);
+    double square = 0.0;
+
+    if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    if (linear_loop_create(&l, &e, &how, &why) == 0 && margins_of(l.loop, 0).stable &&
+        linear_cost_create(c, &e, &l, &how, &why) == 0 && c->known[COST_LOSS])
+        square = c->y[COST_LOSS][0];
+    linear_loop_free(&l);
+    experiment_free(&e);
+    return square;
+}
+
+static void the_cost_is_what_simulations_have_on_average(void **state)
+{
+    struct linear_cost c = {0};
+    double error, mean = simulated_square(noisy, &error), expected = expected_square(noisy, &c);
     (void)state;
 
-    if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
-        linear_loop_create(&l, &e, &how, &why) < 0 || linear_cost_create(&c, &e, &l, &how, &why) < 0)
-        fail_msg("%s", why.text);
-    assert_true(c.known[COST_LOSS]);
-    assert_near(mean, c.y[COST_LOSS][0], 2.0 * error);
+    assert_true(expected > 0.0);
+    assert_near(mean, expected, 2.0 * error);
     assert_true(error < 0.04 * mean);
     assert_true(c.y[COST_IDEAL][0] < c.y[COST_PERIOD][0] && c.y[COST_PERIOD][0] < c.y[COST_LATENCY][0]);
     linear_cost_free(&c);
-    linear_loop_free(&l);
-    experiment_free(&e);
+}
+
+static double between(double low, double high)
+{
+    return low + (high - low) * drand48(); // NOLINT(cert-msc30-c,cert-msc50-cpp)
+}
+
+/* A plant, a law, and how long it takes: by chance. */
+static void draw_loop(char *experiment, size_t size)
+{
+    const double K = between(2.0, 20.0), tau = between(0.6, 3.0), period = 0.05 * floor(between(4.0, 13.0));
+    const double Kp = between(0.2, 0.9) / K, tau_i = between(0.8, 4.0),
+                 dead_time = 0.05 * floor(between(0.0, 4.0));
+    char takes[60];
+
+    switch ((int)between(0.0, 4.0)) {
+    case 0:
+        snprintf(takes, sizeof takes, "%.3f", between(0.0, 0.8) * period);
+        break;
+    case 1:
+        snprintf(takes, sizeof takes, "\"uniform(0.0, %.3f)\"", between(0.2, 0.8) * period);
+        break;
+    case 2:
+        snprintf(takes, sizeof takes, "\"gamma(2, %.4f)\"", between(0.02, 0.06) * period);
+        break;
+    default:
+        snprintf(takes, sizeof takes, "\"normal(%.4f, %.4f)\"", 0.4 * period, 0.08 * period);
+    }
+    snprintf(
+        experiment, size,
+        "name = \"drawn\"; duration = 10000.0; seed = %ld;\n"
+        "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; initial = 0.0; } );\n"
+        "outputs = ( { name = \"u\"; } );\n"
+        "plant = { model = \"first-order\"; integrator = \"exact\"; period = 0.05; noise = { x = 1.0; };\n"
+        "          parameters = { K = %.6f; tau = %.6f; }; dead_time = %.2f; };\n"
+        "client = { period = 0.05; phase = 0.02; };\n"
+        "controller = { law = \"pid\"; period = %.2f; phase = 0.03; execution = %s;\n"
+        "               tuning = ( { Kp = %.6f; tau_i = %.6f; } ); };\n",
+        (long)between(1.0, 1e6), K, tau, dead_time, period, takes, Kp, tau_i);
+}
+
+/* Of ten, at 95 %, one may lie outside; none far. */
+static void the_cost_of_ten_loops_drawn_by_chance_is_that_of_their_simulations(void **state)
+{
+    char experiment[1200];
+    int loops = 0, within = 0;
+    (void)state;
+
+    srand48(11);
+    for (int tries = 0; loops < 10; tries++) {
+        struct linear_cost c = {0};
+        double error, mean, expected;
+
+        assert_true(tries < 30);
+        draw_loop(experiment, sizeof experiment);
+        expected = expected_square(experiment, &c);
+        linear_cost_free(&c);
+        if (!(expected > 0.0))
+            continue;
+        mean = simulated_square(experiment, &error);
+        print_message("%.5f expected, %.5f +- %.5f simulated\n", expected, mean, 1.98 * error);
+        assert_true(error < 0.04 * mean);
+        assert_near(mean, expected, 4.0 * error);
+        within += fabs(mean - expected) <= 1.98 * error; /* Student, 99 degrees of freedom */
+        loops++;
+    }
+    assert_true(within >= 9);
 }
 
 static void shares_are_those_of_the_distribution(void **state)
@@ -486,6 +564,7 @@ int main(void)
         cmocka_unit_test(what_cannot_be_a_loop_is_refused),
         cmocka_unit_test(margins_are_where_a_simulation_begins_to_swing),
         cmocka_unit_test(the_cost_is_what_simulations_have_on_average),
+        cmocka_unit_test(the_cost_of_ten_loops_drawn_by_chance_is_that_of_their_simulations),
         cmocka_unit_test(shares_are_those_of_the_distribution),
         cmocka_unit_test(a_law_is_what_its_equations_say),
         cmocka_unit_test(a_law_is_asked_with_all_that_a_call_has),
