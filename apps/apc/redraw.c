@@ -219,11 +219,10 @@ static int report_outlook_of_run(const struct cli *cli, const struct report_opti
     if (status != EXIT_OK)
         return status;
     int rc = window_outlook_of_run(&outlook, e, cli->args[0], at, &why);
-    if (rc == 0 && !o->json)
-        rc = report_write(cli->args[0], e, e->title, &outlook, &why);
+    const bool drawn = rc == 0 && !o->json && report_leave(cli, cli->args[0], e, e->title, &outlook);
     if (rc == 0 && (rc = put_outlook(&outlook, e, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
-    if (rc == 0 && !o->json)
+    if (rc == 0 && drawn)
         printf("report: %s/report.png, report.svg\n", cli->args[0]);
     outlook_free(&outlook);
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
@@ -309,14 +308,13 @@ int command_report(int argc, char **argv)
         experiment_free(&e);
         return cli_done(&cli, status);
     }
-    if (rc == 0 && !json)
-        rc = report_write(cli.args[0], &e, e.title, NULL, &why);
+    const bool drawn = rc == 0 && !json && report_leave(&cli, cli.args[0], &e, e.title, NULL);
     if (rc == 0)
         rc = put_figures(cli.args[0], &e, json, &why);
     experiment_free(&e);
     if (rc < 0)
         return cli_error(&cli, rc, "%s", why.text);
-    if (!json)
+    if (drawn)
         printf("report: %s/report.png, report.svg\n", cli.args[0]);
     return cli_done(&cli, EXIT_OK);
 }

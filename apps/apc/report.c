@@ -33,8 +33,8 @@ static void look_around(struct report_data *data, const struct outlook *expected
     data->expected = expected;
 }
 
-int report_write(const char *dir, const struct experiment *e, const char *title,
-                 const struct outlook *expected, struct apc_error *why)
+static int draw(const char *dir, const struct experiment *e, const char *title,
+                const struct outlook *expected, struct apc_error *why)
 {
     struct figure f = {.e = e, .title = title};
     int rc = report_read(&f.data, dir, why);
@@ -47,10 +47,11 @@ int report_write(const char *dir, const struct experiment *e, const char *title,
     return rc;
 }
 
-bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title)
+bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
+                  const struct outlook *expected)
 {
     struct apc_error why;
-    const int rc = report_write(dir, e, title, NULL, &why);
+    const int rc = draw(dir, e, title, expected, &why);
 
     if (rc < 0)
         cli_error(cli, rc, "there is no figure: %s; `apc report %s` draws it once that is mended", why.text,

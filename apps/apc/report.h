@@ -14,13 +14,10 @@
  * setpoints, and of the outputs, or of very many loops a row for each controller, with the names, units and
  * limits of @p e; the disturbances, and what was out of the ordinary. @p expected, or NULL: laid over that.
  *
- * Returns 0; APC_ENOTFOUND (a file is missing, or gnuplot is), APC_EPROTO (a malformed line; @p why
- * names file, line and column), APC_ENOMEM, APC_ESYS.
+ * One that cannot be drawn, as where gnuplot is missing, is told of on stderr, and is no failure of the
+ * command: then false.
  */
-int report_write(const char *dir, const struct experiment *e, const char *title,
-                 const struct outlook *expected, struct apc_error *why);
-/* The same for a command whose result the figure is not: one that cannot be drawn is told of on stderr, and
- * false. */
-bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title);
+bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
+                  const struct outlook *expected);
 
 #endif

@@ -724,7 +724,7 @@ static bool write_report(const struct run *r)
     char title[sizeof r->e.title + sizeof r->failure.text + 32];
     snprintf(title, sizeof title, "%s%s%s", r->e.title, r->failure.text[0] ? " - failed: " : "",
              r->failure.text);
-    return report_leave(&r->cli, r->dir, &r->e, title);
+    return report_leave(&r->cli, r->dir, &r->e, title, NULL);
 }
 
 static int leave_report(struct run *r)

@@ -326,7 +326,7 @@ static int leave(struct test *z, struct apc_error *why)
                          : simulation_export(&z->simulation, z->dir, "apc test", z->begin, why);
 
     if (rc == 0)
-        (void)report_leave(&z->cli, z->dir, &z->e, z->e.title);
+        (void)report_leave(&z->cli, z->dir, &z->e, z->e.title, NULL);
     return rc;
 }
 

@@ -58,7 +58,10 @@ awk -F, '$2 == "actuator" && $4 == "Good" {exit !($5 > 0)}' "$work/again/samples
 expect 0 'there is no figure: gnuplot, which draws report.svg, is not installed .*apc report' \
   env PATH=/nonexistent "$apc" run "$work/fast.conf" --duration 8 --out "$work/bare" --timer $timer
 [ -s "$work/bare/samples.csv" ] && [ ! -e "$work/bare/report.svg" ] || fail "without gnuplot: $(ls "$work/bare")"
-expect 0 'report' "$apc" report "$work/bare"
+env PATH=/nonexistent "$apc" report "$work/bare" >"$work/bare.txt" 2>"$work/bare.told" || fail "a report without its figure: $(cat "$work/bare.told")"
+grep -Eq '^y +all ' "$work/bare.txt" && grep -q 'there is no figure: gnuplot' "$work/bare.told" && ! grep -q '^report: ' "$work/bare.txt" ||
+  fail "a report without its figure: $(cat "$work/bare.txt" "$work/bare.told")"
+expect 0 '^report: ' "$apc" report "$work/bare"
 folder_is_whole "$work/bare"
 expect 0 'there is no figure' env PATH=/nonexistent "$apc" simulate "$work/fast.conf" --duration 8 --report "$work/drawn"
 [ -s "$work/drawn/samples.csv" ] || fail "a simulation without gnuplot left no samples"
