@@ -273,6 +273,22 @@ static int open_live(struct test *z, struct apc_error *why)
     return rc < 0 ? apc_fail(why, rc, "%s", apc_store_error(z->store)) : 0;
 }
 
+/* One test of a loop at a time: of two each would take the other for somebody who moves the plant, and the
+ * last would leave it as the first has had it. The claim ends with the process, however that ends. */
+static int claim_loops(const struct test *z, struct apc_error *why)
+{
+    struct apc_sample target[TEST_SIGNALS];
+    int rc;
+
+    for (size_t i = 0; i < z->moves; i++)
+        target[i] = (struct apc_sample){.table = APC_OPMODE, .id = z->move[i].loop->id};
+    rc = apc_store_claim_set(z->store, target, z->moves);
+    if (rc == APC_EBUSY)
+        return apc_fail(why, rc, "another apc test is at work on this loop (%s): wait for its end",
+                        apc_store_error(z->store));
+    return rc < 0 ? apc_fail(why, rc, "%s", apc_store_error(z->store)) : 0;
+}
+
 /* The controller with the longest period of those that have a hand in it: one sample a tick of it. */
 static const struct controller *slowest(const struct test *z)
 {
@@ -396,6 +412,8 @@ static int test(struct test *z, struct apc_error *why)
     rc = test_bench_open(&z->bench, &z->e, follow, z->own.seeded ? z->own.seed : z->e.seed, z->store, why);
     if (rc == 0)
         rc = test_plan(z, why);
+    if (rc == 0 && z->own.live)
+        rc = claim_loops(z, why);
     if (rc == 0)
         rc = make_folder(z, why);
     if (rc < 0)

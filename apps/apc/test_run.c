@@ -133,11 +133,13 @@ static int check_loops(struct test *z, struct apc_error *why)
     for (size_t k = 0; k < z->moves; k++) {
         struct test_move *m = &z->move[k];
         const double mode = m->mode = row_of(z, k, TEST_TARGET)->value;
-        if (m->tag.table == APC_SETPOINT ? mode < APC_MODE_AUTO : mode < APC_MODE_MAN)
-            return apc_fail(why, APC_ESTATE, "%s is in %s: %s", m->loop->name, apc_mode_name((int)mode),
-                            m->tag.table == APC_SETPOINT ? "its setpoint moves nothing; bring it to Auto, or "
-                                                           "move its output"
-                                                         : "bring it to Man or Auto first");
+        if (mode == APC_MODE_OOS)
+            return apc_fail(why, APC_ESTATE, "%s is out of service: bring it to Man or Auto first",
+                            m->loop->name);
+        if (m->tag.table == APC_SETPOINT && mode < APC_MODE_AUTO)
+            return apc_fail(why, APC_ESTATE,
+                            "%s is in Man: its setpoint moves nothing; bring it to Auto, or move its output",
+                            m->loop->name);
         if (row_of(z, k, TEST_OUTPUT)->seq == 0)
             return apc_fail(why, APC_ESTATE, "%s has put out nothing yet", m->loop->name);
     }

@@ -180,6 +180,40 @@ status=0
 wait "$pid" || status=$?
 [ $status -eq 4 ] && grep -q 'somebody else has moved u, or changed its mode' "$work/taken.log" || fail "taken: $status, $(cat "$work/taken.log")"
 
+# and so does what they put out
+background touched "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/touched"
+until_true 60 is 0
+"$apc" set u 1.2 >/dev/null
+status=0
+wait "$pid" || status=$?
+[ $status -eq 4 ] && grep -q 'somebody else has moved u, or changed its mode' "$work/touched.log" || fail "touched: $status, $(cat "$work/touched.log")"
+[ "$(newest manual 1 value)" = 1.2 ] && is 0 || fail "the test took back what somebody else has put out"
+"$apc" mode auto >/dev/null
+
+# one test of a loop at a time; killed it gives nothing back, and the next one may begin
+background first "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/first"
+until_true 60 is 0
+expect 4 'another apc test is at work on this loop' live --guard y=-20..40 -d 8 -o "$work/none"
+[ ! -e "$work/none" ] || fail "a second test left a folder"
+is 0 && ! grep -q 'somebody else' "$work/first.log" || fail "a second test ended the first: $(cat "$work/first.log")"
+kill -9 "$pid"
+wait "$pid" 2>/dev/null || true
+[ "$(newest opmode 1 value)" = 0 ] || fail "a test that was killed gave the loop back?"
+"$apc" mode auto >/dev/null
+"$apc" remote r >/dev/null # which the test held still
+free() { live --guard y=-20..40 --amplitude 0.5 -d 8 -o "$work/next" --force >"$work/next.log" 2>&1; }
+until_true 60 free # once the store knows that its session is gone
+until_true 20 back
+
+# a loop that is out of service, and a setpoint in Man
+"$apc" mode oos >/dev/null
+expect 1 'u is out of service: bring it to Man or Auto first' live --guard y=-20..40 -d 8 -o "$work/none"
+"$apc" mode man >/dev/null
+expect 1 'u is in Man: its setpoint moves nothing' live --guard y=-20..40 --move r --amplitude 1 -d 8 -o "$work/none"
+[ ! -e "$work/none" ] || fail "a test that is refused left a folder"
+"$apc" mode auto >/dev/null
+until_true 20 is 1
+
 # the store goes away meanwhile, and comes back
 data=$(sql 'SHOW data_directory')
 bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
