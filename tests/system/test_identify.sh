@@ -238,6 +238,10 @@ sed 's/name = "y"; noise/name = "y"; unit = "K"; noise/' pi.conf >kelvin.conf
 sed 's/name = "y"; noise/name = "y"; unit = "degF"; noise/' pi.conf >fahrenheit.conf
 for unit in kelvin fahrenheit; do "$apc" simulate $unit.conf --report $unit >/dev/null; done
 expect 1 'y is in K in kelvin, and in degF in fahrenheit' "$apc" identify kelvin --validate fahrenheit --model transfer
+# a controller alone, at a setpoint that stands still, tells of itself
+sed 's/sequence = .*/sequence = ( [10.0] ); };/; s/noise = 0.05/noise = 0.5/' pi.conf >alone.conf
+"$apc" simulate alone.conf --report alone >/dev/null
+expect 1 'input 1 does nothing but what a controller makes of the measurements.*Record steps of the setpoint' "$apc" identify alone --from 200
 sed 's/"u"/"v"/' pi.conf >other.conf
 "$apc" simulate other.conf --report otherrun >/dev/null
 expect 1 'otherrun has "v" where run has "u": records of two plants' "$apc" identify run --validate otherrun --model transfer
