@@ -183,6 +183,15 @@ for seed in 1 11; do
 done
 (cd "$work/parts" && eval "$(grep '^awk .FNR > 1' "$APC_SOURCE_DIR/docs/simulate.md")")
 cmp "$work/parts/campaign.csv" "$work/plain.csv" || fail "a campaign in two parts is another one"
+if command -v parallel >/dev/null; then # GNU's, in Debian's package parallel (scripts/setup --bench), as the document calls it
+  mkdir "$work/hosts"
+  cp "$conf" "$work/hosts/four-tank.conf"
+  echo : >"$work/hosts/hosts"
+  line=$(sed -n 's/^seq 1 100 9901 | parallel /seq 1 5 16 | parallel --will-cite /p' "$APC_SOURCE_DIR/docs/simulate.md")
+  [ -n "$line" ] || fail "docs/simulate.md shows no parallel"
+  (cd "$work/hosts" && PATH=$(dirname "$apc"):$PATH && eval "${line/--runs 100/--duration 60 --runs 5}" >/dev/null && eval "$(grep '^awk .FNR > 1' "$APC_SOURCE_DIR/docs/simulate.md")")
+  cmp "$work/hosts/campaign.csv" "$work/plain.csv" || fail "a campaign by GNU parallel is another one"
+fi
 expect 0 'IAE +20 +0 +0 +0 +none to be seen' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv"
 expect 0 'IAE +20 +[0-9.]+ +[0-9.]+ +[0-9.]+ +more' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv" --net loss=0.3
 expect 0 'IAE +5 ' "$apc" simulate "$conf" --duration 60 --runs 20 --seed 16 --against "$work/plain.csv" # seeds that both have
