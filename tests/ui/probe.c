@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The API of apc-ui against a running loop, as test_ui_api.sh sets it up: APC_UI_OPEN is the port of a server
- * without users, APC_UI_SECURE of one with anna (operator) and otto (observer). Every refused request leaves
+ * without users, APC_UI_SECURE of one with anna (engineer) and otto (observer). Every refused request leaves
  * what it was about as it was.
  */
 #include <errno.h>
@@ -393,7 +393,8 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/mode", NULL, "{\"id\":1,\"mode\":\"Man\",\"seq\":0}", 409, "stale"},
         {&otto, "/api/alarms/y.high/ack", NULL, "{\"seq\":1}", 403, "role"},
         {&otto, "/api/alarms/y.high/shelve", NULL, "{\"until\":0,\"seq\":1}", 403, "role"},
-        {&anna, "/api/alarms/y.high/service", NULL, "{\"out\":true,\"seq\":1}", 403, "role"},
+        {&otto, "/api/alarms/y.high/service", NULL, "{\"out\":true,\"seq\":1}", 403, "role"},
+        {&anna, "/api/alarms/y.high/service", NULL, "{\"out\":1,\"seq\":1}", 400, "json"},
         {&anna, "/api/alarms/y.high/ack", JSON "Origin: null\r\n", "{\"seq\":1}", 403, "origin"},
         {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1,\"name\":\"y\"}", 400, "json"},
         {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1}", 404, "alarm"}, /* there are none */
