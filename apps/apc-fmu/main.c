@@ -282,7 +282,7 @@ static bool begin(struct run *r, const char *folder, bool look, const double *in
     gather(r);
     r->given = room(r->nu, sizeof *r->given);
     for (size_t i = 0; i < r->nu; i++)
-        r->given[i] = NAN;
+        r->given[i] = (double)NAN;
     if (!r->fmi->instantiate(&r->d, folder))
         return false;
     for (size_t i = 0; i < np; i++, in += 2)

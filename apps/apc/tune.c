@@ -20,9 +20,9 @@ static const struct argp_option option_list[] = {
      "Draw NAME.svg and NAME.png: a step of each loop's setpoint, now and then", 0},
     {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
     {"rule", OPT_RULE, "RULE", 0,
-     "simc (the default), lambda or relay: by the loop's limit, of RUN's own oscillation where RUN is a test "
-     "by a "
-     "relay, else of the model",
+     "simc (the default), lambda or relay: by the loop's limit, of the oscillation in RUN where that is a "
+     "test "
+     "by a relay, else of the model",
      0},
     {"tau-c", OPT_TAU_C, "S", 0,
      "How fast the loops are to be; default: as their dead time. Longer is calmer", 0},

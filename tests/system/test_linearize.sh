@@ -124,7 +124,7 @@ expect 0 'plant.parameters.K' "$apc" simulate own.conf --model wrong.model --swe
 mv wrong.model gone.model
 [ "$(samples ran)" = "$(samples own.conf --model gone.model)" ] || fail "the run folder does not have the model that was chosen"
 expect 1 '--model wrong.model: No such file' "$apc" simulate own.conf --model wrong.model
-expect 1 'tanks.model:.*"y2" is no measurement of controller' "$apc" simulate own.conf --model tanks.model
+expect 1 'tanks.model:1: "outputs" must name all 1 of controller controller' "$apc" simulate own.conf --model tanks.model
 sed 's/law = "mpc".*/law = "pi"; period = 1.0; };/' own.conf >pi.conf
 expect 1 'law pi takes no "model"' "$apc" simulate pi.conf --model gone.model
 expect 1 'is of the file.s law, and another one was chosen' "$apc" simulate own.conf --law pi --model gone.model
