@@ -355,7 +355,7 @@ static int get_block(struct in *in, int64_t *x, size_t n)
         if (width > 0) {
             bits = bytes_at(in->at, length, bit / 8) << shift;
             if (shift > 0 && bit / 8 + 8 < length) {
-                bits |= in->at[bit / 8 + 8] >> (8 - shift);
+                bits |= (uint64_t)in->at[bit / 8 + 8] >> (8 - shift);
             }
             bits >>= 64 - width;
         }

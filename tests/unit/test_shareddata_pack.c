@@ -164,8 +164,8 @@ static void test_any_number_in_any_column_comes_back(void **state)
 static void test_values_that_doubles_tell_apart_stay_apart(void **state)
 {
     (void)state;
-    const double few[] = {0.0, -0.0, 5e-324,   -5e-324, 2.2250738585072014e-308, 1e299, -1e299,
-                          0.1, -0.1, INFINITY, NAN};
+    const double few[] = {0.0, -0.0, 5e-324,           -5e-324,    2.2250738585072014e-308, 1e299, -1e299,
+                          0.1, -0.1, (double)INFINITY, (double)NAN};
     memset(&in, 0, sizeof in);
     in.n = 700;
     for (size_t i = 0; i < in.n; i++) {

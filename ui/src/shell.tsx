@@ -109,7 +109,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   const logout = (): void => void logOut().then(() => location.reload());
   return (
     <header>
-      <b class="brand">libapc</b>
+      {wall ? <b class="brand">libapc</b> : <a class="brand" href="./">libapc</a>}
       <span class="plant">{p?.name ?? "…"}</span>
       <LinkState />
       <span class="database" data-connected={database?.connected ?? ""}>

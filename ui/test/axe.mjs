@@ -40,7 +40,7 @@ for (const colorScheme of ["light", "dark"])
       for (const screen of screens) {
         await go(page, screen);
         await page.locator("main h1").waitFor();
-        await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg, .panel .say)").first().isVisible());
+        await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg, .say) >> visible=true").first().isVisible());
         assert.deepEqual(await violations(page, colorScheme), [], screen);
         const table = page.getByRole("button", {name: "View as table"});
         if (await table.count()) {
@@ -87,6 +87,7 @@ for (const colorScheme of ["light", "dark"])
       fake.say("store", {connected: false, since: fake.now, error: "server closed the connection unexpectedly"});
       await page.locator(".database-bar").waitFor();
       await look("the database away");
+      await go(page, "diagnostics");
       await page.locator(".diagnostics").waitFor(); // what was never known cannot be last known
       fake.leave();
       await page.locator(".disconnected-bar").waitFor();
