@@ -95,7 +95,7 @@ who_waits() { grep -l "stands by" "$work/$(log a).log" "$work/$(log b).log" | se
 until_true 20 who_waits
 waits=$(who_waits)
 acts=$([ "$waits" = a ] && echo b || echo a)
-until_true 20 says "$(log "$acts")" "mode Auto" 1 # before t = 0 nobody ticks
+until_true 20 says run/apc-plant "plant takes commands" 1 # before t = 0 nobody ticks
 kill -STOP "$(pgrep -P "$run" -f "apc-controller.*--standby $acts\$")"
 until_true 20 says "$(log "$waits")" "acts from now on" 1
 until_true 20 says "$(log "$acts")" "stands by" 1
