@@ -75,7 +75,7 @@ export function Shell(): JSX.Element {
       <Header onHelp={() => setHelp(true)} />
       {!wall && <nav aria-label="Pages" ref={menu}>
         {pages.map((one, i) => (one !== "graphic" || p?.graphic || page === "graphic") && (
-          <a key={one} href={path(one)} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`}>
+          <a key={one} href={`./${location.search}${path(one)}`} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`}>
             <kbd aria-hidden="true">{i + 1}</kbd> {titles[one]}
           </a>
         ))}
@@ -109,7 +109,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   const logout = (): void => void logOut().then(() => location.reload());
   return (
     <header>
-      {wall ? <b class="brand">libapc</b> : <a class="brand" href="./">libapc</a>}
+      <b class="brand">libapc</b>
       <span class="plant">{p?.name ?? "…"}</span>
       <LinkState />
       <span class="database" data-connected={database?.connected ?? ""}>
