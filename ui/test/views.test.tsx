@@ -265,7 +265,7 @@ test("pages by Alt and a digit, help by ?, if wanted", async () => {
     assert.equal(await press(String(i + 1), document.body, {altKey: true, code: `Digit${i + 1}`}), true);
     await show(location.hash.slice(1));
     assert.equal(one("main").getAttribute("aria-label")?.toLowerCase(), page);
-    assert.equal(one("nav [aria-current]").getAttribute("href"), `#${page}`);
+    assert.equal(one("nav [aria-current]").getAttribute("href"), `./#${page}`);
   }
   assert.equal(await press("0", document.body, {altKey: true, code: "Digit0"}), false);
   assert.equal(await press("1", document.body, {altKey: true, ctrlKey: true, code: "Digit1"}), false);
