@@ -151,7 +151,8 @@ static void what_is_no_range_is_refused(void **state)
         {"last", "0"}, {"last", "1001"}, {"since", "then"}, {"since", "-5", "until", "-10"}};
     (void)state;
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
-        memcpy(query, wrong[i], sizeof query);
+        memset(query, 0, sizeof query);
+        memcpy(query, wrong[i], sizeof wrong[i]);
         assert_string_equal(ask_text(get_alarm_journal), "");
         assert_int_equal(request.fault.http, 400);
         assert_string_equal(request.fault.code, "parameter");
