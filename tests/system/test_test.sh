@@ -141,6 +141,9 @@ expect 1 'give FILE, or the run folder in its place' "$apc" test --live --store 
 expect 1 'there is no "v" to be set' "$apc" test "$work/run" --live --move v
 expect 4 'the store is of another plant' "$apc" test "$work/other.conf" --live -o "$work/none"
 expect 1 'nothing would end the test of a live plant: give --guard y=LOW..HIGH' live -o "$work/none"
+# a store has what comes before a test as well: of the start, while the plant does not take commands yet, no model can be had
+at_rest() { [ "$(sql "SELECT abs(value - 10) < 0.2 FROM apc.sensor WHERE id = 1 ORDER BY seq DESC LIMIT 1")" = t ]; }
+until_true 60 at_rest
 begin=$(date -u +%Y-%m-%dT%H:%M:%S.%NZ)
 live --guard y=-20..40 --amplitude 0.5 -d 8 -o "$work/live" >"$work/live.txt" 2>&1 || fail "live: $(cat "$work/live.txt")"
 until_true 20 back
@@ -159,7 +162,6 @@ expect 2 '--from "-2h": must be in s' "$apc" identify "$work/live" --from -2h
 expect 3 'gone.db cannot be opened' "$apc" identify "sqlite:$work/gone.db"
 
 # a guard
-at_rest() { [ "$(sql "SELECT abs(value - 10) < 0.2 FROM apc.sensor WHERE id = 1 ORDER BY seq DESC LIMIT 1")" = t ]; }
 until_true 60 at_rest
 expect 4 'beyond its guards' live --guard y=-20..40 --guard y=9..40 --amplitude 0.6 -d 60 -o "$work/live-guard"
 until_true 20 back
