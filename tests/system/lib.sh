@@ -52,6 +52,7 @@ finish() {
 }
 readonly -f in_background end_of wait finish # a test that had a function of such a name would lose these
 trap finish EXIT
+trap 'echo "FAILED: ${BASH_SOURCE[0]##*/}, line $LINENO: $BASH_COMMAND" >&2' ERR # what ends a test without a word of its own
 
 fail() {
   echo "FAILED: $*" >&2

@@ -31,8 +31,8 @@ cp -r "$APC/experiments" .
 # typed FILE [FROM]: the commands of apc in the blocks of a document, from the line that begins with FROM to the next heading
 typed() {
   sed -n "/^${2:-}/,\$p" "$APC_SOURCE_DIR/$1" | awk -v part="${2:-}" '
-    /^```/ { inside = !inside; code = $0 != "```" } inside && !code && (/^apc [a-z]+ / || goes_on) { print; goes_on = /\\$/ }
-    !inside && part && NR > 1 && /^#/ { exit }'
+    /^```/ { inside = !inside; code = $0 != "```" } !inside && part && NR > 1 && /^#/ { over = 1 }
+    inside && !over && !code && (/^apc [a-z]+ / || goes_on) { print; goes_on = /\\$/ }' # reads to the end: sed would fail
 }
 
 # What the pages on virtual time show. (tuning, mpc: test_walk.sh; replay wants a run of ten minutes.)

@@ -74,7 +74,7 @@ out=$pid
 until_true 30 said out 'the broker is there no more, trying again: Connection refused'
 kept() { [ "$("$apc" history y --store "sqlite:$work/out.db" --last 100000 --csv | wc -l)" -gt "$1" ]; }
 until_true 30 kept 60
-first=$(seqs "sqlite:$work/out.db" y | head -n 1)
+first=$(seqs "sqlite:$work/out.db" y | sed -n 1p)
 # beside it, from a file, an hour
 "$apc" init --store "sqlite:$work/live.db" "$work/fast.conf" >/dev/null
 mqtt hour --store "sqlite:$work/live.db" --topic works/hour
