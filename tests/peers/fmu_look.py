@@ -21,7 +21,8 @@ h, inputs, outputs = float(h), inputs.split(), outputs.split()
 settings = [one.split("=") for one in sys.argv[6:]]
 moves = [(float(name.split("@")[1]), name.split("@")[0], float(value)) for name, value in settings if "@" in name]
 with open(samples, newline="", encoding="utf-8") as table:
-    rows = [(float(r["time"]), r["table"], int(r["id"]) - 1, float(r["value"])) for r in csv.DictReader(table)]
+    rows = [(float(r["time"]), r["table"], int(r["id"]) - 1, float(r["value"])) for r in csv.DictReader(table)
+            if not r["status"].startswith("Bad")]  # as at the start, before the plant has answered
 told = [r for r in rows if r[1] == "sensor"]
 
 folder = extract(file)

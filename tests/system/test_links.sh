@@ -39,7 +39,7 @@ for link in "${links[@]}"; do
     tls) sed -i 's|tcp:127|tls:127|' "$work/fast.conf" ;;
     *) sed -i 's| identity = "[a-z/.]*";||; s| clients = \["loop"\];||' "$work/fast.conf" ;;
   esac
-  [ $link != fmu ] || sed -i 's|"first-order";$|"tank.fmu";|' "$work/fast.conf"
+  [ $link != fmu ] || sed -i -e 's|"first-order";$|"tank.fmu";|' -e 's/period = 0.02;/period = 0.1;/' "$work/fast.conf" # a process more at each step
   cp "$work/fast.conf" "$work/$link-plant.conf"
   sed -i '/^plant = {/,/^};/c plant = { external = true; };' "$work/fast.conf"
   case $link in
