@@ -35,6 +35,24 @@ run_loop() {
 }
 controlled() { [ "$(sql 'SELECT count(*) FROM apc.actuator')" -gt 5 ]; }
 
+# serve_hundred: a server of a plant of a hundred variables that come ten times a second, at APC_UI_HUNDRED, written by the
+# process $feed. The last one is UncertainSubstituteValue.
+serve_hundred() {
+  "$apc" init --store 'postgresql:#hundred' >/dev/null
+  sql "INSERT INTO hundred.tag (table_name, id, name, unit, description, low, high)
+       SELECT 'sensor', i, 'y' || i, '', 'signal ' || i, 0, 100 FROM generate_series(1, 100) i"
+  background feed psql -XAtqc "DO \$\$ BEGIN
+    FOR k IN 1..100000 LOOP
+      INSERT INTO hundred.sensor SELECT i, k, clock_timestamp(), CASE WHEN i = 100 THEN 1083244544 ELSE 0 END, 50 + 40 * sin(k / 20.0 + i) FROM generate_series(1, 100) i;
+      COMMIT;
+      PERFORM pg_sleep(0.1);
+    END LOOP;
+  END \$\$"
+  feed=$pid
+  serve hundred --store 'postgresql:#hundred'
+  export APC_UI_HUNDRED=$ui_url
+}
+
 in_browser() {
   node --test --test-reporter=spec "$APC_SOURCE_DIR/ui/test/$1.mjs"
 }
