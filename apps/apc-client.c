@@ -88,6 +88,7 @@ struct shell {
     uint64_t asked, answered;  /* for u */
     struct apc_sample *newest; /* u */
     bool have_u;
+    uint64_t claim;           /* by which the store gave it */
     struct apc_sample *queue; /* ring: y that the store has not been given yet */
     size_t room, first, count;
     uint64_t dropped; /* y for which there was no room */
@@ -167,13 +168,21 @@ static bool outputs_stand(struct shell *s)
     return !why[0];
 }
 
+/* A command that has not gone out with the tick it belongs to never does: who slept in between moves nothing.
+ */
+static apc_ns exchange_until(const struct shell *s, const struct apc_tick *tick, apc_ns begun)
+{
+    const apc_ns end = tick->started + s->d->experiment.client.rhythm.period;
+    return begun + s->patience < end ? begun + s->patience : end;
+}
+
 /* Returns how many measurements came. */
 static size_t exchange(struct shell *s, const struct apc_tick *tick, const struct apc_sample *u)
 {
     const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
     const bool all = apc_client_command(s->core, now, u, s->command) == s->d->experiment.dim.nu;
     const apc_ns begun = apc_clock_mono(NULL);
-    int rc = apc_exchange_begin(s->plant, s->command, begun + s->patience);
+    int rc = apc_exchange_begin(s->plant, s->command, exchange_until(s, tick, begun));
     if (rc == 0)
         rc = apc_exchange_finish(s->plant, s->measured);
     const bool stand = rc < 0 || outputs_stand(s);
@@ -228,6 +237,7 @@ static int read_u(struct shell *s)
     if (rc >= 0 && connected) {
         memcpy(s->newest, s->read, nu * sizeof *s->newest);
         s->have_u = true;
+        s->claim = apc_store_claimed(s->store);
     }
     s->answered = asked;
     pthread_cond_signal(&s->answer);
@@ -300,6 +310,7 @@ static int ask_u(struct shell *s)
     if (s->have_u)
         memcpy(s->u, s->newest, s->d->experiment.dim.nu * sizeof *s->u);
     s->know_u = s->have_u;
+    apc_exchange_claim(s->plant, s->claim);
     int result = s->result;
     pthread_mutex_unlock(&s->mutex);
     return result;

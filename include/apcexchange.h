@@ -185,6 +185,13 @@ APC_API int apc_exchange_finish(struct apc_exchange *exchange, struct apc_value 
  */
 APC_API int apc_exchange_safe(struct apc_exchange *exchange, apc_ns deadline);
 /**
+ * From now on the commands are those of a claim, apc_store_claimed(): a plant behind frames refuses them once
+ * it has had one of a newer claim, so that a client which slept while another one took its place moves
+ * nothing (APC_FRAME_CLAIMED). A lower number than before changes nothing; `modbus:` and `serial:` have no
+ * place for one. [tick]
+ */
+APC_API void apc_exchange_claim(struct apc_exchange *exchange, uint64_t number);
+/**
  * What the plant had in the place of output @p i, from 0, as the last exchange began: APC_GOOD, what it had
  * been given before, or not looked at (only `modbus:` does, and only if told to); APC_UNCERTAIN_SUBSTITUTE:
  * @p value, which is another; Bad: that could not be read. [tick]

@@ -40,7 +40,8 @@ struct apc_notice {
         APC_NOTICE_REJECTED,  /**< a value that must not reach the plant was kept out */
         APC_NOTICE_RIVALS,    /**< two clients command the plant and take it from each other */
         APC_NOTICE_POOR,      /**< the law's answers are usable, but not what is wanted; or good again */
-        APC_NOTICE_SAID       /**< what the law says for itself */
+        APC_NOTICE_SAID,      /**< what the law says for itself */
+        APC_NOTICE_FENCED     /**< a client commands that another one has taken the place of */
     } kind;
     char text[160];
 };

@@ -64,6 +64,13 @@ APC_API int server_accept(int fd);            /**< waits; a connection, or APC_E
 
 #define APC_FRAME_MAX   (1u << 20) /**< bytes of a frame, newline included */
 #define APC_FRAME_COUNT 8192       /**< values a frame may hold */
+/**
+ * A client that has claims in a store numbers its requests by them: the claim's number (apc_store_claimed())
+ * times 1024, and a count below 1024. A plant refuses a command of a lower claim than the highest that it has
+ * taken one of. Ids below 2^50 tell of no claim, and are not compared.
+ */
+#define APC_FRAME_CLAIMED   (UINT64_C(1) << 50)
+#define APC_FRAME_PER_CLAIM 1024
 /** Bytes that suffice for a frame of @p n values. */
 #define APC_FRAME_ROOM(n) (256 + 96 * (size_t)(n))
 

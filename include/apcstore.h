@@ -207,6 +207,11 @@ APC_API int apc_store_holder(struct apc_store *store, const struct apc_sample *v
  */
 APC_API int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder);
 
+/** The number of the newest claim of this store itself, also one renewed with a connection: larger than that
+ * of any claim that was given before it, so that a plant can tell an older writer's command from a newer
+ * one's (apc_exchange_claim()). 0: it has claimed nothing, or is of a kind that numbers none. [any] */
+APC_API uint64_t apc_store_claimed(const struct apc_store *store);
+
 /**
  * Write operator variables (setpoint, opmode, tuning, manual), which have no single writer: read the newest,
  * append the successor with the sample's value, status, time and author, and try again when someone else was

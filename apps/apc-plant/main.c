@@ -121,17 +121,24 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 }
 
 /* Who they are only the server knows. */
-static void tell_of_rivals(struct shell *s, uint64_t refused)
+static void tell_of_rivals(struct shell *s, enum apc_notice_kind kind, uint64_t refused)
 {
     char one[APC_PEER_LEN], other[APC_PEER_LEN];
     pthread_mutex_lock(&s->mutex);
     const uint64_t commander = apc_plantserver_commander(s->core);
     pthread_mutex_unlock(&s->mutex);
-    daemon_event(
-        s->d, APC_EVENT_ALARM, "rejected",
-        "two clients command the plant and take it from each other: %.60s (now) and %.60s (now refused); "
-        "stop one",
-        apc_server_peer(s->server, commander, one), apc_server_peer(s->server, refused, other));
+    (void)apc_server_peer(s->server, commander, one);
+    (void)apc_server_peer(s->server, refused, other);
+    if (kind == APC_NOTICE_RIVALS)
+        daemon_event(s->d, APC_EVENT_ALARM, "rejected",
+                     "two clients command the plant and take it from each other: %.60s (now) and %.60s (now "
+                     "refused); stop one",
+                     one, other);
+    else
+        daemon_event(s->d, APC_EVENT_ALARM, "rejected",
+                     "commands of %.50s are refused: %.50s has commanded since, by a newer claim; stop the "
+                     "older one (where its store's clock is behind: start the plant anew)",
+                     other, one);
 }
 
 /* Where the task may, the link waits for no less: a plant that ticks and does not answer is no plant. */
@@ -153,8 +160,8 @@ int on_request(void *ctx, uint64_t connection, const char *request, size_t lengt
     pthread_mutex_lock(&s->mutex);
     int rc = apc_plantserver_request(s->core, now, connection, request, length, reply, size, &notice);
     pthread_mutex_unlock(&s->mutex);
-    if (notice.kind == APC_NOTICE_RIVALS)
-        tell_of_rivals(s, connection);
+    if (notice.kind == APC_NOTICE_RIVALS || notice.kind == APC_NOTICE_FENCED)
+        tell_of_rivals(s, notice.kind, connection);
     else
         daemon_notice(s->d, &notice);
     return rc;

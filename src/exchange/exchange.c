@@ -93,6 +93,12 @@ int apc_exchange_safe(struct apc_exchange *x, apc_ns deadline)
     return x->ops->safe ? x->ops->safe(x, deadline) : 0;
 }
 
+void apc_exchange_claim(struct apc_exchange *x, uint64_t number)
+{
+    if (x->ops->claim)
+        x->ops->claim(x, number);
+}
+
 apc_status apc_exchange_read_back(const struct apc_exchange *x, size_t i, double *value)
 {
     return x->ops->read_back && i < x->nu ? x->ops->read_back(x, i, value) : APC_GOOD;

@@ -17,7 +17,8 @@ struct apc_exchange_ops {
     void (*close)(struct apc_exchange *x); /* also of one that open could not finish */
     int (*begin)(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline);
     int (*finish)(struct apc_exchange *x, struct apc_value *y);
-    int (*safe)(struct apc_exchange *x, apc_ns deadline); /* NULL: the plant watches its client */
+    int (*safe)(struct apc_exchange *x, apc_ns deadline);   /* NULL: the plant watches its client */
+    void (*claim)(struct apc_exchange *x, uint64_t number); /* NULL: a command has no place for it */
     apc_status (*read_back)(const struct apc_exchange *x, size_t i, double *value); /* NULL: it is not */
 };
 
@@ -39,6 +40,7 @@ bool apc_exchange_writes(const struct apc_value *u);
 struct apc_frames {
     size_t nu, ny;
     uint64_t id;                /* of the last request */
+    uint64_t claim;             /* its number; 0: none */
     size_t room;                /* of text, and of any frame between the two */
     char *text;                 /* of the last request */
     struct apc_sample *samples; /* [max(nu, ny)] of the frame at hand */
@@ -47,6 +49,8 @@ struct apc_frames {
 /** [setup] 0 or APC_ENOMEM; apc_frames_free() in either case. */
 int apc_frames_init(struct apc_frames *frames, size_t nu, size_t ny);
 void apc_frames_free(struct apc_frames *frames);
+/** Number the requests by a claim. A lower one than it has is left alone: a database's clock may go back. */
+void apc_frames_claim(struct apc_frames *frames, uint64_t number);
 /** Write a command, or a query when anything of @p u (NULL) is not to be written, into `text`. Returns its
  * length, or APC_EINVAL with its text in @p why. [tick] */
 int apc_frames_ask(struct apc_frames *frames, const struct apc_value *u, struct apc_error *why);

@@ -24,9 +24,21 @@ void apc_frames_free(struct apc_frames *frames)
     free(frames->samples);
 }
 
+void apc_frames_claim(struct apc_frames *frames, uint64_t number)
+{
+    if (number > frames->claim)
+        frames->claim = number;
+}
+
+static uint64_t next_id(const struct apc_frames *frames)
+{
+    return frames->claim ? frames->claim * APC_FRAME_PER_CLAIM + (frames->id + 1) % APC_FRAME_PER_CLAIM
+                         : frames->id + 1;
+}
+
 int apc_frames_ask(struct apc_frames *frames, const struct apc_value *u, struct apc_error *why)
 {
-    struct apc_frame frame = {.kind = APC_FRAME_QUERY, .id = ++frames->id};
+    struct apc_frame frame = {.kind = APC_FRAME_QUERY, .id = frames->id = next_id(frames)};
     size_t i = 0;
     int n;
 

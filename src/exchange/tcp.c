@@ -69,8 +69,21 @@ static int tcp_finish(struct apc_exchange *x, struct apc_value *y)
     return rc;
 }
 
-const struct apc_exchange_ops apc_exchange_tcp = {
-    .scheme = "tcp:", .open = tcp_open, .close = tcp_close, .begin = tcp_begin, .finish = tcp_finish};
+static void tcp_claim(struct apc_exchange *x, uint64_t number)
+{
+    apc_frames_claim(&((struct tcp *)x)->frames, number);
+}
 
-const struct apc_exchange_ops apc_exchange_tls = {
-    .scheme = "tls:", .open = tcp_open, .close = tcp_close, .begin = tcp_begin, .finish = tcp_finish};
+const struct apc_exchange_ops apc_exchange_tcp = {.scheme = "tcp:",
+                                                  .open = tcp_open,
+                                                  .close = tcp_close,
+                                                  .begin = tcp_begin,
+                                                  .finish = tcp_finish,
+                                                  .claim = tcp_claim};
+
+const struct apc_exchange_ops apc_exchange_tls = {.scheme = "tls:",
+                                                  .open = tcp_open,
+                                                  .close = tcp_close,
+                                                  .begin = tcp_begin,
+                                                  .finish = tcp_finish,
+                                                  .claim = tcp_claim};

@@ -13,6 +13,7 @@ static int gravity(enum apc_notice_kind kind)
     case APC_NOTICE_FAULT:
     case APC_NOTICE_FAILED:
     case APC_NOTICE_RIVALS:
+    case APC_NOTICE_FENCED:
         return 4;
     case APC_NOTICE_REJECTED:
     case APC_NOTICE_HOLD:

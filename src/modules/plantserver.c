@@ -9,6 +9,9 @@
  *
  * A command is known by its stamp, the latest source time of its samples. Frames that repeat a stamp keep the
  * link alive but are no sign of life of the controller, and they never end a trip: that takes a new stamp.
+ *
+ * Of two connections the newer one commands, unless its client's claim is the older one: he has slept while
+ * another one took his place.
  */
 #include "apcsockets.h"
 #include "base/base_internal.h"
@@ -47,6 +50,7 @@ struct apc_plantserver {
     bool announced;      /* and it was told of */
     uint64_t connection; /* the newest that sent one */
     uint64_t command_id; /* of the frame of its last one */
+    uint64_t claim;      /* the highest of which there was one; 0: none has a number */
     apc_ns stamp;        /* of the newest command */
     apc_ns frame_at;     /* mono of the last command frame */
     apc_ns changed_at;   /* mono of the last new stamp */
@@ -55,6 +59,7 @@ struct apc_plantserver {
     bool failing;   /* told that the plant cannot be solved */
     bool rivals;    /* told that two clients send commands ... */
     apc_ns told_at; /* ... mono, the last time */
+    bool fenced;    /* told of an older claim, since the newest connection that commands */
 
     const struct apc_disturbance *disturbance; /* those still to come */
     size_t n_disturbances;
@@ -314,6 +319,43 @@ static void tell_of_rivals(struct apc_plantserver *s, apc_ns mono, struct apc_no
                  "from each other: stop one");
 }
 
+/* Is it of an older claim? */
+static bool fence(struct apc_plantserver *s, uint64_t id, struct apc_notice *notice)
+{
+    if (id < APC_FRAME_CLAIMED || id / APC_FRAME_PER_CLAIM >= s->claim)
+        return false;
+    if (!s->fenced)
+        s->fenced = apc_note(notice, APC_NOTICE_FENCED,
+                             "command refused: a client with a newer claim has commanded since; stop the "
+                             "older one (or, where its store's clock is behind, start the plant anew)");
+    return true;
+}
+
+/* Did that client send it before it reconnected? */
+static bool is_late(const struct apc_plantserver *s, uint64_t id)
+{
+    return id <= s->command_id ||
+           (id >= APC_FRAME_CLAIMED && id / APC_FRAME_PER_CLAIM == s->command_id / APC_FRAME_PER_CLAIM);
+}
+
+static bool may_command(struct apc_plantserver *s, apc_ns mono, uint64_t connection, uint64_t id,
+                        struct apc_notice *notice)
+{
+    if (connection < s->connection) {
+        if (!is_late(s, id))
+            tell_of_rivals(s, mono, notice);
+        return false;
+    }
+    if (fence(s, id, notice))
+        return false;
+    s->fenced = s->fenced && connection == s->connection;
+    s->connection = connection;
+    s->command_id = id;
+    if (id >= APC_FRAME_CLAIMED)
+        s->claim = id / APC_FRAME_PER_CLAIM;
+    return true;
+}
+
 /* ---- Tick ---------------------------------------------------------------------------------- */
 
 /* The watchdog waits for the first command as for any other. */
@@ -442,14 +484,8 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
         return APC_EPROTO;
     /* packMultiMsg() cannot know which way it goes: the paper's client sends its command as values. */
     if ((frame.kind == APC_FRAME_COMMAND || frame.kind == APC_FRAME_VALUES) && frame.n == server->nu) {
-        if (connection < server->connection) {
-            if (frame.id >
-                server->command_id) /* else it is late, and was sent before that client reconnected */
-                tell_of_rivals(server, now.mono, notice);
+        if (!may_command(server, now.mono, connection, frame.id, notice))
             return APC_EPERM;
-        }
-        server->connection = connection;
-        server->command_id = frame.id;
         take_command(server, now.mono, notice);
     } else if (frame.kind != APC_FRAME_QUERY || frame.n != 0) {
         return APC_EPROTO;

@@ -20,6 +20,7 @@ void notice_event(const struct apc_notice *notice, struct apc_event *event)
         [APC_NOTICE_RIVALS] = {APC_EVENT_ALARM, "rejected"},
         [APC_NOTICE_POOR] = {APC_EVENT_INFO, "law"},
         [APC_NOTICE_SAID] = {APC_EVENT_INFO, "law"},
+        [APC_NOTICE_FENCED] = {APC_EVENT_ALARM, "rejected"},
     };
     event->severity = of[notice->kind].severity;
     snprintf(event->kind, sizeof event->kind, "%s", of[notice->kind].kind);

@@ -54,17 +54,21 @@ static int send_set(struct apc_pg *pg, const char *sql, const struct apc_sample 
     return err;
 }
 
+/* The clock of when it was given: whoever gets it later has a later one, whatever session came first. */
+#define CLAIM_SET                                                                                            \
+    "SELECT at, holder, last, (extract(epoch FROM clock_timestamp()) * 1e6)::int8"                           \
+    " FROM claim_set($1::text[], $2::int4[])"
+
 int apc_pg_send_claims(struct apc_pg *pg)
 {
     pg->session.claimant = true;
-    return send_set(pg, "SELECT at, holder, last FROM claim_set($1::text[], $2::int4[])", pg->claimed.at,
-                    pg->claimed.n);
+    return send_set(pg, CLAIM_SET, pg->claimed.at, pg->claimed.n);
 }
 
 static int take_set(struct apc_pg *pg, const PGresult *result, const struct apc_sample *variables, size_t n,
                     int64_t *last)
 {
-    if (PQntuples(result) != 1 || PQnfields(result) != 3) {
+    if (PQntuples(result) != 1 || PQnfields(result) != 4) {
         return unexpected(pg);
     }
     const int64_t at = apc_pg_cell(result, 0, 0);
@@ -76,6 +80,7 @@ static int take_set(struct apc_pg *pg, const PGresult *result, const struct apc_
                               apc_table_name(variables[at - 1].table), variables[at - 1].id, pg->schema,
                               PQgetvalue(result, 0, 1));
     }
+    pg->base.claim = (uint64_t)apc_pg_cell(result, 0, 3);
     if (!last) {
         return 0;
     }
@@ -114,7 +119,7 @@ int apc_pg_claim_set(struct apc_store *store, struct apc_sample *variables, size
     }
     if (!err) {
         pg->session.claimant = true;
-        err = send_set(pg, "SELECT at, holder, last FROM claim_set($1::text[], $2::int4[])", variables, n);
+        err = send_set(pg, CLAIM_SET, variables, n);
     }
     if (!err) {
         err = apc_pg_finish(pg, take_claimed, &set);

@@ -390,6 +390,11 @@ static int measure(struct apc_seam *s, struct apc_behind *behind)
     return rc;
 }
 
+static uint64_t number_of_claim(const struct apc_store *store)
+{
+    return apc_store_claimed(((const struct apc_seam *)store)->live);
+}
+
 static int behind_of(struct apc_store *store, struct apc_behind *behind)
 {
     struct apc_seam *s = of(store);
@@ -566,6 +571,7 @@ static const struct apc_store_ops seam_store = {
     .author_name = author_name,
     .describe = describe,
     .catalogue = catalogue,
+    .claimed = number_of_claim,
     .behind = behind_of,
     .init = init,
     .maintain = maintain,

@@ -29,6 +29,7 @@ struct apc_store {
     struct apc_store_config config;
     struct apc_error why;
     struct apc_store_stats stats;
+    uint64_t claim; /* number of its newest one; 0: none, or they have none */
     bool streaming; /* a caller's function is running: it may not call the store */
     int64_t *seq;   /* of the samples of the running append of rows, as they came */
     size_t n_seq;
@@ -72,7 +73,8 @@ struct apc_store_ops {
     int (*holder)(struct apc_store *store, const struct apc_sample *variable,
                   uint64_t *holder); /* may be NULL */
     int (*seize)(struct apc_store *store, struct apc_sample *variables, size_t n,
-                 uint64_t holder); /* with it */
+                 uint64_t holder);                      /* with it */
+    uint64_t (*claimed)(const struct apc_store *store); /* NULL: store->claim */
     int (*author)(struct apc_store *store, const char *name);
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);

@@ -41,15 +41,30 @@ static struct apc_shm_claimant *own(const struct apc_shm *shm)
     return &shm->header->claimant[shm->record - 1];
 }
 
+static uint64_t highest_number(const struct apc_shm *shm)
+{
+    uint64_t highest = 0;
+    for (size_t i = 0; i < APC_SHM_CLAIMANTS; i++) {
+        const uint64_t number = apc_word_get(&shm->header->claimant[i].number);
+        highest = number > highest ? number : highest;
+    }
+    return highest;
+}
+
 /* Above all that there are, so that a clock which steps back repeats none. */
 static uint64_t next_number(const struct apc_shm *shm)
 {
-    uint64_t number = (uint64_t)(apc_clock_utc(NULL) / 1000);
-    for (size_t i = 0; i < APC_SHM_CLAIMANTS; i++) {
-        const uint64_t other = apc_word_get(&shm->header->claimant[i].number);
-        number = number > other ? number : other + 1;
+    const uint64_t now = (uint64_t)(apc_clock_utc(NULL) / 1000), highest = highest_number(shm);
+    return now > highest ? now : highest + 1;
+}
+
+/* The number is that of the taking: he may have come before others, and have been refused until now. */
+static void number_taking(struct apc_shm *shm)
+{
+    if (apc_word_get(&own(shm)->number) < highest_number(shm)) {
+        apc_word_put(&own(shm)->number, next_number(shm));
     }
-    return number;
+    shm->base.claim = apc_word_get(&own(shm)->number);
 }
 
 /* One that was fenced begins anew, with nothing. */
@@ -154,6 +169,9 @@ int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n, ui
             apc_shm_find_or_add(&w, apc_shm_key(variables[i].table, variables[i].id), NULL);
         atomic_store_explicit(&slot->owner, shm->record, memory_order_relaxed);
         variables[i].seq = apc_shm_last_seq(&w, variables[i].table, variables[i].id);
+    }
+    if (!err) {
+        number_taking(shm);
     }
     return apc_shm_finish(&w, err, 1) < 0 ? err : 0;
 }

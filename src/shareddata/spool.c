@@ -704,6 +704,11 @@ static void close_store(struct apc_store *store)
     free_all(of(store));
 }
 
+static uint64_t number_of_claim(const struct apc_store *store)
+{
+    return apc_store_claimed(((const struct spooling *)store)->inner);
+}
+
 static const struct apc_store_ops spooling_store = {
     .scheme = "",
     .spreads = true,
@@ -715,6 +720,7 @@ static const struct apc_store_ops spooling_store = {
     .append = append,
     .claim_set = claim,
     .release = release,
+    .claimed = number_of_claim,
     .read_rows = read_rows,
     .append_rows = append_rows,
     .vectors = vectors,

@@ -369,6 +369,11 @@ int apc_store_holder(struct apc_store *store, const struct apc_sample *variable,
     return err ? err : store->ops->holder(store, variable, holder);
 }
 
+uint64_t apc_store_claimed(const struct apc_store *store)
+{
+    return store->ops->claimed ? store->ops->claimed(store) : store->claim;
+}
+
 int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder)
 {
     int err = check_set(store, variables, n);

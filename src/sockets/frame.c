@@ -4,7 +4,7 @@
  *
  *     frame  = "apc1 " kind " " id " " n ";" *sample %x0A      ; n samples; at most APC_FRAME_MAX bytes
  *     kind   = "command" / "query" / "values"                  ; a query has n = 0
- *     id     = uint                                            ; at most 2^64 - 1
+ *     id     = uint                                            ; at most 2^64 - 1; APC_FRAME_CLAIMED
  *     n      = uint                                            ; at most APC_FRAME_COUNT
  *     sample = time "," status "," value ";"
  *     time   = 4DIGIT "-" 2DIGIT "-" 2DIGIT "T" 2DIGIT ":" 2DIGIT ":" 2DIGIT "." 6DIGIT "Z"

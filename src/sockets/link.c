@@ -195,6 +195,9 @@ int apc_link_send(struct apc_link *l, const char *request, size_t length, apc_ns
         if (result < 0)
             return result;
     }
+    if (apc_clock_mono(NULL) >= deadline)
+        return apc_fail(&l->error, APC_ETIMEDOUT, "link \"%s\": its time was over before it was sent",
+                        l->uri);
     result = l->transport->send(l->self, request, length, deadline, &why);
     if (result < 0) {
         apc_link_reset(l);

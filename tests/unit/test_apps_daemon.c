@@ -995,7 +995,8 @@ static void each_notice_is_an_event_of_its_kind_and_severity(void **state)
               {APC_NOTICE_TRIP, APC_EVENT_ALARM, "watchdog"},
               {APC_NOTICE_RESUMED, APC_EVENT_INFO, "watchdog"},
               {APC_NOTICE_REJECTED, APC_EVENT_WARNING, "rejected"},
-              {APC_NOTICE_RIVALS, APC_EVENT_ALARM, "rejected"}};
+              {APC_NOTICE_RIVALS, APC_EVENT_ALARM, "rejected"},
+              {APC_NOTICE_FENCED, APC_EVENT_ALARM, "rejected"}};
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         const struct apc_notice notice = {.kind = of[i].notice, .text = "it happened"};

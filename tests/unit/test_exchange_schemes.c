@@ -39,6 +39,7 @@ struct plant {
     struct apc_value *u, *y;
     struct apc_sample *samples;
     unsigned asked, commanded; /* how often */
+    uint64_t id;               /* of the last request, behind frames */
 
     struct apc_server *server;       /* tcp:, tls: */
     struct apc_identity *its, *ours; /* tls: */
@@ -123,6 +124,7 @@ static int serve(void *ctx, uint64_t connection, const char *request, size_t len
     const enum behaviour behaviour = n < 0 ? CLOSES : p->behaviour;
     p->asked++;
     p->commanded += frame.kind == APC_FRAME_COMMAND;
+    p->id = frame.id;
     for (size_t i = 0; i < frame.n; i++)
         p->u[i] = (struct apc_value){p->samples[i].value, p->samples[i].status, p->samples[i].time};
     n = reply(p, behaviour, frame.id, text, size);
@@ -685,6 +687,54 @@ static void what_went_wrong_is_not_written_again(void **state)
     assert_int_equal(commanded(p), 1);
 }
 
+/* Who slept with a command in his hand, until the tick that it belonged to was over. */
+static void what_is_too_late_to_go_out_never_does(void **state)
+{
+    struct plant *p = *state;
+    const struct apc_value u[] = {{1.0, APC_GOOD, T0}, {1.0, APC_GOOD, T0}};
+    struct apc_value y[3];
+
+    if (p->executive) /* nobody sleeps in virtual time */
+        return;
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_int_equal(apc_exchange_begin(p->x, u, apc_clock_mono(NULL)), APC_ETIMEDOUT);
+    assert_true(strlen(apc_exchange_error(p->x)) > 0);
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_int_equal(commanded(p), 0);
+}
+
+static uint64_t last_id(struct plant *p)
+{
+    pthread_mutex_lock(&p->mutex);
+    const uint64_t id = p->id;
+    pthread_mutex_unlock(&p->mutex);
+    return id;
+}
+
+static void requests_are_numbered_by_the_claim_where_they_have_numbers(void **state)
+{
+    struct plant *p = *state;
+    const uint64_t claim = UINT64_C(1700000000000000);
+    struct apc_value y[3];
+
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_true(last_id(p) < APC_FRAME_CLAIMED);
+    apc_exchange_claim(p->x, claim);
+    apc_exchange_claim(p->x, claim - 1); /* it is the newest that counts */
+    apc_exchange_claim(p->x, 0);
+    for (int i = 0; i < 3; i++) {
+        const uint64_t before = last_id(p);
+        assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+        if (p->server) {
+            assert_true(last_id(p) / APC_FRAME_PER_CLAIM == claim && last_id(p) != before);
+        }
+    }
+    apc_exchange_claim(p->x, claim + 7);
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_true(!p->server || last_id(p) / APC_FRAME_PER_CLAIM == claim + 7);
+}
+
 static void there_is_one_exchange_at_a_time(void **state)
 {
     struct plant *p = *state;
@@ -820,6 +870,8 @@ int main(void)
         EACH(a_reply_that_is_late_is_none_and_never_the_next_ones, set_up, tear_down),
         EACH(what_does_not_answer_is_refused_and_the_next_exchange_is_another, set_up, tear_down),
         EACH(what_went_wrong_is_not_written_again, set_up, tear_down),
+        EACH(what_is_too_late_to_go_out_never_does, set_up, tear_down),
+        EACH(requests_are_numbered_by_the_claim_where_they_have_numbers, set_up, tear_down),
         EACH(there_is_one_exchange_at_a_time, set_up, tear_down),
         EACH(as_many_values_go_as_may_be, NULL, NULL),
         EACH(who_leaves_gives_safe_values_where_the_plant_does_not_watch_him, set_up, tear_down),

@@ -485,6 +485,56 @@ static void the_newest_connection_that_commanded_wins(void **state)
     assert_int_equal(r->notice.kind, APC_NOTICE_RIVALS);
 }
 
+#define CLAIM(k) ((UINT64_C(1700000000000000) + (k)) * APC_FRAME_PER_CLAIM)
+
+static int command_of(struct rig *r, apc_ns mono, uint64_t connection, uint64_t id, double u)
+{
+    r->later = id - 9;
+    return send(r, mono, connection, APC_FRAME_COMMAND, STAMP(mono / MS), u);
+}
+
+static void assert_fenced(struct rig *r, apc_ns mono, uint64_t connection, uint64_t id, bool told)
+{
+    assert_int_equal(command_of(r, mono, connection, id, -0.9), APC_EPERM);
+    assert_int_equal(r->notice.kind == APC_NOTICE_FENCED, told);
+    if (told)
+        assert_non_null(strstr(r->notice.text, "a newer claim has commanded since"));
+}
+
+/* It slept while another one took its place. */
+static void a_client_of_an_older_claim_moves_nothing(void **state)
+{
+    struct rig *r = *state;
+
+    assert_true(command_of(r, 1 * MS, 1, CLAIM(10), 1.0) > 0);
+    assert_true(command_of(r, 2 * MS, 1, CLAIM(10) + 1, 1.1) > 0);
+    assert_true(command_of(r, 3 * MS, 2, CLAIM(11), 1.2) > 0);
+    assert_int_equal(command_of(r, 4 * MS, 1, CLAIM(10) + 2, -0.9), APC_EPERM); /* on its old connection */
+    assert_int_not_equal(r->notice.kind, APC_NOTICE_RIVALS);
+    assert_int_equal(command_of(r, 4 * MS, 1, CLAIM(11) + 9, -0.9),
+                     APC_EPERM); /* from before it reconnected */
+    assert_int_not_equal(r->notice.kind, APC_NOTICE_RIVALS);
+    assert_fenced(r, 5 * MS, 3, CLAIM(10) + 3, true);
+    assert_fenced(r, 6 * MS, 4, CLAIM(10) + 4, false); /* said once */
+    assert_fenced(r, 7 * MS, 4, CLAIM(9), false);
+    r->later = CLAIM(10);
+    assert_true(send(r, 8 * MS, 5, APC_FRAME_QUERY, 0, 0.0) > 0); /* it may ask */
+    assert_int_equal(apc_plantserver_commander(r->server), 2);
+    tick(r, 9 * MS);
+    assert_input(r, 1.2, false);
+
+    assert_true(command_of(r, 10 * MS, 6, CLAIM(11) + 1, 1.3) > 0); /* it connects anew */
+    assert_fenced(r, 11 * MS, 7, CLAIM(10) + 5, true);
+    assert_true(command_of(r, 12 * MS, 8, 1, 1.4) >
+                0);                                    /* who has no claim is not compared, as in the paper */
+    assert_fenced(r, 13 * MS, 9, CLAIM(10) + 6, true); /* and changes nothing for who has */
+    assert_true(command_of(r, 14 * MS, 10, CLAIM(11), 1.5) > 0);
+    assert_true(command_of(r, 15 * MS, 11, CLAIM(12), 1.6) > 0);
+    assert_fenced(r, 16 * MS, 12, CLAIM(11) + 1, true);
+    tick(r, 17 * MS);
+    assert_input(r, 1.6, false);
+}
+
 /* ---- Several inputs --------------------------------------------------------------------------- */
 
 /* Two heaters with limits of their own: a rig whose commands have two values. */
@@ -769,6 +819,7 @@ int main(void)
         cmocka_unit_test(a_command_counts_as_a_whole_and_each_value_has_its_own_limits),
         cmocka_unit_test(a_command_with_one_new_value_is_new),
         T(two_rivals_are_told_of_once_a_minute),
+        T(a_client_of_an_older_claim_moves_nothing),
         T(no_vector_is_longer_than_a_frame_holds),
         T(a_plant_that_cannot_be_solved_is_bad_and_told_of_once_until_it_can),
         T(a_server_that_could_not_protect_its_plant_is_refused),

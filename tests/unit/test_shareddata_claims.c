@@ -171,6 +171,28 @@ static void test_each_claim_has_a_greater_number(void **state)
     assert_int_equal(holder_of(*state, APC_ACTUATOR, 1), 0);
 }
 
+/* A writer's commands are told by it from those of writers before, also where he came first and was refused.
+ */
+static void test_the_number_of_a_claim_is_that_of_its_taking(void **state)
+{
+    struct apc_store *second = stores_open(), *third = stores_open();
+    assert_true(apc_store_claimed(*state) == 0);
+    ok(*state, claim_one(*state, APC_SENSOR, 1));
+    const uint64_t first = apc_store_claimed(*state);
+    assert_int_equal(first > 0, numbered());
+    assert_int_equal(claim_one(second, APC_SENSOR, 1), APC_EBUSY);
+    ok(*state, release_one(*state, APC_SENSOR, 1));
+    ok(third, claim_one(third, APC_SENSOR, 1));
+    const uint64_t its = apc_store_claimed(third);
+    ok(third, release_one(third, APC_SENSOR, 1));
+    ok(second, claim_one(second, APC_SENSOR, 1));
+    if (numbered()) {
+        assert_true(its > first && apc_store_claimed(second) > its);
+    }
+    apc_store_close(second);
+    apc_store_close(third);
+}
+
 static int append_one(struct apc_store *store, enum apc_table table, int id, int64_t seq)
 {
     const struct apc_sample s = sample(table, id, seq, (double)seq);
@@ -284,6 +306,7 @@ int main(void)
         T(test_a_claim_that_makes_no_sense_is_refused),
         T(test_a_store_says_whether_it_numbers_claims),
         T(test_each_claim_has_a_greater_number),
+        T(test_the_number_of_a_claim_is_that_of_its_taking),
         T(test_who_lives_is_fenced_by_who_seizes),
         T(test_only_the_claim_that_was_seen_is_seized),
         T(test_of_rivals_one_at_a_time_has_it),
