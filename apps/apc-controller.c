@@ -245,12 +245,22 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 
 /* ---- Set-up ------------------------------------------------------------------------------- */
 
+static void say_what_it_cannot(struct shell *s)
+{
+    uint64_t holder;
+    if (apc_store_holder(s->store, &s->standby.mine[s->standby.n - 1], &holder) == APC_EINVAL)
+        daemon_event(&s->d, APC_EVENT_WARNING, "standby",
+                     "takes the place of a controller that has ended, not of one that hangs: %s",
+                     apc_store_error(s->store));
+}
+
 /* Act, or follow the one that does. */
 static int begin(struct shell *s)
 {
     int rc = daemon_store(&s->d, &s->store, s->standby.mine, s->place ? 0 : s->standby.n);
     if (rc != 0 || !s->place)
         return rc;
+    say_what_it_cannot(s);
     rc = apc_store_claim_set(s->store, s->standby.mine, s->standby.n);
     if (rc < 0 && rc != APC_EBUSY)
         return daemon_error(&s->d, rc, "%s", apc_store_error(s->store));

@@ -15,6 +15,16 @@ static bool is_late(const struct standby *s, apc_ns mono)
     return !s->looked || mono - s->time > s->period + s->period / 2;
 }
 
+/* What numbers no claims has nobody whom one could take it from. */
+static int see_holder(struct standby *s, struct apc_store *store)
+{
+    const int rc = apc_store_holder(store, &s->mine[s->n - 1], &s->holder);
+    if (rc != APC_EINVAL)
+        return rc;
+    s->holder = 0;
+    return 0;
+}
+
 /* One that is gone has left it; of one that lives it is taken, if it is he whose ticks were waited for. */
 static int take_place(struct standby *s, struct apc_store *store)
 {
@@ -39,6 +49,6 @@ int standby_look(struct standby *s, struct apc_store *store, struct apc_rows *fo
         return rc < 0 ? rc : 0;
     }
     if (++s->missing < MISSING)
-        return apc_store_holder(store, &s->mine[s->n - 1], &s->holder);
+        return see_holder(s, store);
     return take_place(s, store);
 }

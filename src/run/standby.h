@@ -20,7 +20,7 @@ struct standby {
     apc_ns time; /* of the last look, monotonic */
     int64_t seq; /* that it found */
     unsigned missing;
-    uint64_t holder; /* at the first look without a tick */
+    uint64_t holder; /* at the first look without a tick; 0: none, or the store numbers no claims */
 };
 
 /* Begin to follow. */

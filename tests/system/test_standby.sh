@@ -72,7 +72,7 @@ fail_over "shm:standby-$$"
 expect 2 'must be a word of at most 8 characters' "$APC_BIN/apc-controller" --standby "a b"
 expect 2 'must be a word of at most 8 characters' "$APC_BIN/apc-controller" --standby ""
 
-# what numbers no claims cannot be taken over
+# what numbers no claims is taken over from one that has ended, which is said once, and not from one that hangs
 export APC_STORE=sqlite:$work/live.sqlite
 "$apc" init "$work/standby.conf" >/dev/null
 stand_by a
@@ -80,10 +80,19 @@ a=$pid
 until_true 20 says a "running every" 1
 stand_by b
 b=$pid
-until_true 20 says b "numbers no claims: nobody can take over from one who lives" 1
-kill -TERM "$a"
-kill -TERM "$b" 2>/dev/null || true
-wait "$a" "$b" || true
+until_true 20 says b "stands by" 1
+kill -STOP "$a"
+kill -9 "$a"
+until_true 20 says b "acts from now on" 1
+stand_by a
+until_true 20 says a "stands by" 1
+for log in a b; do
+  grep -q "not of one that hangs: sqlite: numbers no claims" "$work/$log.log" || fail "$log does not say what it cannot"
+  ! grep "store lost" "$work/$log.log" || fail "$log takes that for a loss of the store"
+done
+[ "$(grep -c "not of one that hangs" "$work/b.log")" -eq 1 ] || fail "it is said again and again"
+kill -TERM "$pid" "$b"
+wait "$pid" "$b"
 rm "$work"/*.log
 
 # apc run starts both, goes on when the one that acts hangs, and starts that one again
