@@ -37,3 +37,12 @@ await mkdir(out, {recursive: true});
 for (const file of result.outputFiles) await writeFile(file.path, file.contents);
 await writeFile(path.join(out, "index.html"), index);
 await cp(path.join(here, "src/icon.svg"), path.join(out, "icon.svg"));
+
+// Whoever passes on what is bundled passes on its licence.
+const folders = Object.keys(result.metafile.inputs).flatMap(file => file.match(/^.*node_modules\/(@[^/]+\/)?[^/]+/)?.[0] ?? []);
+const notices = [...new Set(folders)].sort().map(async folder => {
+  const read = name => readFile(path.join(here, folder, name), "utf8");
+  const {name, version} = JSON.parse(await read("package.json"));
+  return `== ${name} ${version}\n\n${(await read("LICENSE")).trim()}\n`;
+});
+await writeFile(path.join(out, "notices.txt"), (await Promise.all(notices)).join("\n"));

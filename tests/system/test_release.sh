@@ -24,6 +24,11 @@ scripts/sbom "$work/programs" >"$work/first.json"
 scripts/sbom "$work/programs" >"$work/second.json"
 cmp "$work/first.json" "$work/second.json" || fail "the second time the bill is another one"
 grep -rhoE 'from "[^."][^"/]*' ui/src --include='*.ts' --include='*.tsx' | sed 's/from "//' | sort -u >"$work/bundled"
+page=$APC_BUILD_DIR/share/apc/ui
+if [ -e "$page/index.html" ]; then
+  sed -n 's/^== \(.*\) [0-9.]*$/\1/p' "$page/notices.txt" | diff "$work/bundled" - || fail "the page is without a licence of what is bundled into it"
+  [ "$(grep -c '^Copyright' "$page/notices.txt")" -ge "$(wc -l <"$work/bundled")" ] || fail "a licence is of nobody: $page/notices.txt"
+fi
 python3 - "$work/first.json" "$work/bundled" "$(dpkg-query -W -f='${Version}' libpq5)" <<'PYTHON' || fail "the bill is wrong"
 import json
 import sys
