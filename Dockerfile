@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # docker build -t libapc .                         the programs, without what built them
 # docker build -t libapc-init --target init .      the same and psql: scripts/compose-database
+# docker build -t libapc-broker --target broker .  mosquitto and its clients
 
 FROM debian:bookworm-slim AS build
 RUN apt-get update \
@@ -22,7 +23,8 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 COPY --from=build /out/ /
 RUN useradd --system --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin apc \
- && install -d -m 700 -o apc -g apc /var/lib/apc /var/lib/apc-authority /var/lib/apc-plant /var/lib/apc-client
+ && install -d -m 700 -o apc -g apc /var/lib/apc /var/lib/apc-authority /var/lib/apc-plant /var/lib/apc-client /var/lib/apc-broker \
+        /var/lib/apc-mqtt /var/lib/apc-queue
 
 FROM base AS init
 RUN apt-get update \
@@ -31,6 +33,14 @@ RUN apt-get update \
 COPY scripts/compose-certificates scripts/compose-database /usr/local/bin/
 USER 10001:10001
 CMD ["bash", "-c", "compose-certificates && compose-database"]
+
+FROM debian:bookworm-slim AS broker
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends mosquitto mosquitto-clients \
+ && rm -rf /var/lib/apt/lists/* \
+ && install -d -m 700 -o 10001 -g 10001 /var/lib/apc-broker /var/lib/apc-messages
+USER 10001:10001
+CMD ["mosquitto", "-c", "/etc/mosquitto/apc/mosquitto.conf"]
 
 FROM base
 USER 10001:10001

@@ -146,11 +146,11 @@ expect 0 'secrets/page made' "$work/top/scripts/compose-init"
 for name in postgres page; do
   grep -Eqx '[0-9a-f]{64}' "$secrets/$name" || fail "secrets/$name is no password of 256 bits: $(cat "$secrets/$name")"
 done
-for name in owner plant client controller scheduler operator; do
+for name in owner plant client controller scheduler operator mqtt; do
   grep -Eqx 'password=[0-9a-f]{64}' "$secrets/$name" || fail "secrets/$name has no password of 256 bits: $(cat "$secrets/$name")"
   grep -qx "user=$name" "$secrets/$name" || fail "secrets/$name is somebody else's"
 done
-[ "$(cat "$secrets"/* | grep -oE '[0-9a-f]{64}' | sort -u | wc -l)" = 8 ] || fail "a password is used twice"
+[ "$(cat "$secrets"/* | grep -oE '[0-9a-f]{64}' | sort -u | wc -l)" = 9 ] || fail "a password is used twice"
 (cd "$secrets" && sha256sum -- *) >"$work/made"
 rm "$secrets/plant"
 expect 0 'secrets/plant made' "$work/top/scripts/compose-init"
@@ -170,8 +170,8 @@ lax() { # FILE: what is not as it says
     part == "networks:" && /^  (data|field): \{internal: true\}$/ { internal++ }
     END {
       if (hardened !~ /read_only: true/ || hardened !~ /cap_drop: \[ALL\]/ || hardened !~ /no-new-privileges:true/) print "x-hardened"
-      if (services < 9) print services + 0 " services"
-      if (published != 1) print published + 0 " published ports"
+      if (services < 11) print services + 0 " services"
+      if (published != 2) print published + 0 " published ports"
       if (internal != 2) print "networks"
     }' "$1"
 }
@@ -182,6 +182,16 @@ for change in 's/read_only: true/read_only: false/' 's/\["127.0.0.1:8080/["8080/
   sed "$change" "$compose" >"$work/compose.yml"
   [ -n "$(lax "$work/compose.yml")" ] || fail "after $change nothing is found"
 done
+# the image is built from what .dockerignore lets through, and that is all that is built from and installed
+mkdir "$work/context"
+(cd "$APC_SOURCE_DIR" && sed -n 's/^!//p' .dockerignore | xargs cp -r --parents -t "$work/context")
+rm -rf "$work/context/ui/node_modules"
+cmake -S "$work/context" -B "$work/image" -DAPC_TESTS=OFF -DAPC_PAGE=OFF >"$work/image.log" 2>&1 || fail "cmake in the image: $(tail -n 20 "$work/image.log")"
+find "$work/image" -name cmake_install.cmake -exec grep -hoE "\"$work/context/[^\";]*" {} + | tr -d '"' | sort -u >"$work/installed"
+[ "$(wc -l <"$work/installed")" -gt 5 ] || fail "nothing is installed from the sources"
+while read -r file; do
+  [ -e "$file" ] || fail "the image has no $file, which is installed: see .dockerignore"
+done <"$work/installed"
 awk '/^FROM/ {user = ""} /^USER/ {user = $2} END {exit !(user != "" && user != "root" && user != 0)}' "$APC_SOURCE_DIR/Dockerfile" ||
   fail "the programs' image runs as root"
 

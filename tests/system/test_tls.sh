@@ -94,14 +94,14 @@ kill -TERM "$plant"
 wait "$plant" || true
 
 # the containers' way: each has its own key and nobody the authority's, and what makes the plant healthy there is a server that lives
-mkdir "$work"/apc-{authority,plant,client}
+mkdir "$work"/apc-{authority,plant,client,broker,mqtt}
 for again in 1 2; do
   PATH=$APC_BIN:$PATH "$APC_SOURCE_DIR/scripts/compose-certificates" --in "$work"
   [ $again = 2 ] || cp "$work/apc-plant/plant.pem" "$work/first.pem"
 done
 ! cmp -s "$work/first.pem" "$work/apc-plant/plant.pem" || fail "the plant's identity was not made anew"
-[ "$(cd "$work" && find apc-authority apc-plant apc-client -type f | sort | xargs)" = \
-  'apc-authority/authority.key apc-authority/authority.pem apc-client/client.pem apc-plant/plant.pem' ] || fail "keys lie about"
+[ "$(cd "$work" && find apc-* -type f | sort | xargs)" = "apc-authority/authority.key apc-authority/authority.pem \
+apc-broker/broker.pem apc-client/client.pem apc-mqtt/mqtt.pem apc-plant/plant.pem" ] || fail "keys lie about"
 expect 0 'plant-link$' "$apc" cert list --dir "$work/apc-plant"
 health=$(sed -n '/^  plant:/,/interval/s/.*"-c", "\(.*\)"\]$/\1/p' "$APC_SOURCE_DIR/docker-compose.yml" |
   sed -e "s|plant-link/43051|127.0.0.1/$port|" -e 's/\$\$/$/g')
