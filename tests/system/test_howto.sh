@@ -6,15 +6,18 @@ shown=$(cd "$(dirname "$0")" && pwd)/shown.py
 unset APC_STORE
 export PATH=$APC_BIN:$PATH
 mapfile -t pages < <(cd "$APC_SOURCE_DIR/docs" && grep -l 'is run as a test' -- *.md | grep -vx tutorial.md)
-[ ${#pages[@]} -ge 4 ] || fail "only these pages are run: ${pages[*]}"
+[ ${#pages[@]} -ge 5 ] || fail "only these pages are run: ${pages[*]}"
 export APC=$work/installed
 mkdir "$APC"
-cp -r "$APC_SOURCE_DIR/experiments" "$APC"
+cp -r "$APC_SOURCE_DIR/experiments" "$APC_SOURCE_DIR/examples" "$APC"
+plc=$(free_port)
+segment=/dev/shm/apc.rig$$
 sed -i "s/43051/$port/" "$APC"/experiments/first-order.conf
+sed -i "s/1502/$plc/" "$APC"/examples/rig/tanks.conf
 for page in "${pages[@]}"; do
   sql 'DROP SCHEMA IF EXISTS apc CASCADE'
   mkdir "$work/${page%.md}"
-  (cd "$work/${page%.md}" && python3 "$shown" "$APC_SOURCE_DIR/docs/$page" "43051=$port") >"$work/$page.log" ||
+  (cd "$work/${page%.md}" && python3 "$shown" "$APC_SOURCE_DIR/docs/$page" "43051=$port" "1502=$plc" "shm:rig=shm:rig$$") >"$work/$page.log" ||
     fail "docs/$page shows something else than what comes out: $(cat "$work/$page.log")"
 done
 
