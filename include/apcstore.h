@@ -533,6 +533,22 @@ struct apc_retention {
  * Returns the number of rows or pieces dropped, and of weeks packed, or an error.
  */
 APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
+
+/** A plant of a database: a schema with libapc's tables. */
+struct apc_store_plant {
+    size_t size;
+    char schema[64]; /**< what stands behind the # of its store's URI */
+    bool owned;      /**< its tables are this user's own: init and maintain are his to call */
+    apc_ns newest;   /**< source time of its newest measurement, UTC; 0: none, or not for this user to read */
+};
+/** Called for each, by name; return nonzero to end early. */
+typedef int (*apc_plant_fn)(void *ctx, const struct apc_store_plant *plant);
+/**
+ * The plants in the database of a store of `postgresql:` that its user may look at; the schema of its own URI
+ * need not be there. It connects for that anew: claims of this store are taken again by its next operation.
+ * Returns the number given; APC_EINVAL for a store of another kind; or as apc_store_connect(). [setup]
+ */
+APC_API int apc_store_plants(struct apc_store *store, apc_plant_fn fn, void *ctx);
 /** The version of the tables that this library makes and knows. It works with a newer one as well if that
  * says so. [any] */
 APC_API int apc_store_version(void);

@@ -1,10 +1,11 @@
 -- SPDX-License-Identifier: BSD-3-Clause
 -- For a database that serves plants and nothing else: as a superuser, after sql/roles.sql, with a plant's schema first
--- in the search_path. Harmless to repeat. Only the plants' programs connect, nobody but the owner makes temporary
--- objects or takes advisory locks (the claims are such): programs do so through claim(), which has the owner's rights.
+-- in the search_path and apc.roles set as for it. Harmless to repeat, once for each plant. Only the plants' programs
+-- connect, nobody but the owner makes temporary objects or takes advisory locks (the claims are such): programs do so through claim(), which has the owner's rights.
 
 DO $$
 DECLARE
+    prefix text := coalesce(nullif(current_setting('apc.roles', true), ''), 'apc');
     owner regrole := (SELECT relowner FROM pg_class WHERE oid = 'migration'::regclass);
     command text;
 BEGIN
@@ -12,8 +13,8 @@ BEGIN
         SELECT format('REVOKE ALL ON DATABASE %I FROM PUBLIC', current_database())
         UNION ALL
         SELECT format('GRANT CONNECT ON DATABASE %I TO %s', current_database(), rolname::regrole)
-          FROM pg_roles WHERE rolname IN ('apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_alarms',
-                                            'apc_historian', 'apc_operator', 'apc_engineer')
+          FROM pg_roles WHERE rolname IN (SELECT prefix || '_' || kind FROM unnest(ARRAY['plant', 'client', 'controller',
+                                            'scheduler', 'alarms', 'historian', 'operator', 'engineer']) AS kind)
         UNION ALL
         SELECT format('GRANT CONNECT, CREATE ON DATABASE %I TO %s', current_database(), owner)
         UNION ALL

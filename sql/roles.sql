@@ -2,7 +2,17 @@
 -- Least privilege: one group role for each kind of program, and two for people. See sql/README.md for how to run it.
 -- Harmless to repeat, once for each plant's schema, and to be repeated when the kind of the store in its catalogue has
 -- changed (live or history) or a new version of the tables was made. Nobody but the owner deletes anything.
+-- The groups are apc_plant, apc_client and so on. Plants that are to be kept apart have groups of their own: after
+-- SET apc.roles TO 'line1' they are line1_plant, line1_client and so on, and the text below says line1_ for apc_.
 
+DO $roles$
+DECLARE
+    prefix text := coalesce(nullif(current_setting('apc.roles', true), ''), 'apc');
+BEGIN
+    IF prefix !~ '^[a-z_][a-z0-9_]{0,51}$' OR prefix LIKE 'pg\_%' THEN -- pg_ is the server's; with _controller it is a name
+        RAISE 'apc.roles is "%": expected a lower-case name of at most 52 letters, digits and _', prefix;
+    END IF;
+    EXECUTE replace($text$
 DO $$
 DECLARE
     name text;
@@ -112,3 +122,6 @@ CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator
     WITH CHECK (id = 0 OR id BETWEEN 65536 AND 5 * 65536 - 1 OR id IN (SELECT loops()));
 CREATE POLICY engineer_target ON opmode FOR INSERT TO apc_engineer, apc_historian
     WITH CHECK (id = 0 OR id > 65535 OR id IN (SELECT loops()));
+$text$, 'apc_', prefix || '_');
+END
+$roles$;

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc maintain: the store's housekeeping. */
-#include "cli.h"
+#include "several.h"
+
+#include <stdlib.h>
 
 #define DAY (86400 * APC_NS_PER_S)
 
-enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS, OPT_PACK };
+enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS, OPT_PACK, OPT_ALL };
 
 static const struct argp_option option_list[] = {
     {"keep", OPT_KEEP, "DURATION", 0,
@@ -17,11 +19,13 @@ static const struct argp_option option_list[] = {
      "default: "
      "none",
      0},
+    {"all", OPT_ALL, NULL, 0, "All plants in the database whose tables are yours, one after the other", 0},
     {0},
 };
 
 struct wish {
     const char *keep, *events, *ticks, *pack;
+    bool all;
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
@@ -39,6 +43,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_PACK:
         wish->pack = arg;
+        return 0;
+    case OPT_ALL:
+        wish->all = true;
         return 0;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -58,11 +65,50 @@ static const struct cli_spec spec = {
     .extra = &own,
 };
 
+/* Of one plant, whose name is NULL where there is one only. Returns 0, or an error already said. */
+static int maintain(const struct cli *cli, const char *plant, const struct apc_retention *keep)
+{
+    struct apc_store *store = NULL;
+    int rc = cli_open(cli, &store);
+    if (rc < 0)
+        return rc;
+    rc = apc_store_maintain(store, keep);
+    if (rc < 0)
+        cli_error(cli, rc, "%s%s%s", plant ? plant : "", plant ? ": " : "", apc_store_error(store));
+    else
+        printf("%s%s%d rows and partitions dropped%s\n", plant ? plant : "", plant ? ": " : "", rc,
+               keep->packed > 0 ? " or packed" : "");
+    apc_store_close(store);
+    return rc < 0 ? rc : 0;
+}
+
+/* What fails in one plant is said, and the others have their turn. */
+static int maintain_all(const struct cli *cli, const struct apc_retention *keep)
+{
+    struct several all;
+    size_t n = 0;
+    int failed = several_load(&all, cli);
+    for (size_t i = 0; i < all.n; i++) {
+        if (!all.plant[i].owned)
+            continue;
+        struct cli one = *cli;
+        char *uri = several_store(cli, all.plant[i].schema);
+        one.store = uri;
+        int rc = uri ? maintain(&one, all.plant[i].schema, keep) : APC_ENOMEM;
+        failed = failed ? failed : rc;
+        free(uri);
+        n++;
+    }
+    if (!failed && n == 0)
+        cli_error(cli, failed = APC_ENOTFOUND, "the database has no plant whose tables are yours");
+    several_free(&all);
+    return failed;
+}
+
 int command_maintain(int argc, char **argv)
 {
     struct wish wish = {0};
     struct apc_retention keep = {.size = sizeof keep};
-    struct apc_store *store = NULL;
     struct cli cli;
 
     cli_parse(&cli, &spec, &wish, argc, argv);
@@ -74,14 +120,6 @@ int command_maintain(int argc, char **argv)
     keep.timing = keep.samples;
     if (!wish.ticks)
         keep.ticks = keep.samples > 0 && keep.samples < DAY ? keep.samples : DAY;
-    int rc = cli_open(&cli, &store);
-    if (rc < 0)
-        return exit_code_of(rc);
-    int dropped = apc_store_maintain(store, &keep);
-    if (dropped < 0)
-        rc = cli_store_error(&cli, dropped, store);
-    else
-        printf("%d rows and partitions dropped%s\n", dropped, wish.pack ? " or packed" : "");
-    apc_store_close(store);
-    return cli_done(&cli, rc);
+    int rc = wish.all ? maintain_all(&cli, &keep) : maintain(&cli, NULL, &keep);
+    return cli_done(&cli, exit_code_of(rc));
 }

@@ -7,6 +7,7 @@
 #include "common/storeuri.h"
 #include "common/timing.h"
 #include "print.h"
+#include "several.h"
 #include "spools.h"
 #include "status_loops.h"
 #include "status_writes.h"
@@ -14,22 +15,37 @@
 #define EVENTS 5
 #define WINDOW (60 * APC_NS_PER_S)
 
-enum { OPT_SPOOL = 0x400 };
+enum { OPT_SPOOL = 0x400, OPT_ALL };
 
 static const struct argp_option option_list[] = {
     {"spool", OPT_SPOOL, "DIR", 0,
      "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown also while the store is away",
      0},
+    {"all", OPT_ALL, NULL, 0,
+     "Of all plants in the database that you may look at: a line each, with the age of the newest "
+     "measurement",
+     0},
     {0},
+};
+
+struct wish {
+    const char *spools;
+    bool all;
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
-    const char **dir = state->input;
-    if (key != OPT_SPOOL)
+    struct wish *wish = state->input;
+    switch (key) {
+    case OPT_SPOOL:
+        wish->spools = arg;
+        return 0;
+    case OPT_ALL:
+        wish->all = true;
+        return 0;
+    default:
         return ARGP_ERR_UNKNOWN;
-    *dir = arg;
-    return 0;
+    }
 }
 
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
@@ -436,11 +452,14 @@ int command_status(int argc, char **argv)
     struct apc_store *store = NULL;
     struct cli cli;
 
-    const char *dir = getenv("APC_SPOOL");
+    struct wish wish = {.spools = getenv("APC_SPOOL")};
     struct apc_error why;
-    cli_parse(&cli, &spec, &dir, argc, argv);
+    cli_parse(&cli, &spec, &wish, argc, argv);
+    const char *dir = wish.spools;
     if (cli.format == CLI_CSV)
         return cli_usage(&cli, "a status is no table: there is --json");
+    if (wish.all)
+        return several_show(&cli);
     store_name(cli.store, status.store, sizeof status.store);
     status.now = apc_clock_utc(NULL);
     if (dir && *dir && spools_look(&status.spools, dir, &why) < 0)

@@ -68,7 +68,7 @@ static int connect_store(struct apc_store *store)
         .author_name = apc_pg_author_name, .describe = apc_pg_describe, .catalogue = apc_pg_catalogue,       \
         .init = apc_pg_init, .maintain = apc_pg_maintain, .requests = apc_pg_requests,                       \
         .answer = apc_pg_answer, .keep_history = apc_pg_keep_history, .is_history = apc_pg_is_history,       \
-        .ask = apc_pg_ask, .asked = apc_pg_asked,                                                            \
+        .ask = apc_pg_ask, .asked = apc_pg_asked, .plants = apc_pg_plants,                                   \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

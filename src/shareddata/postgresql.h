@@ -2,10 +2,10 @@
 /*
  * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
  * pg_connection.c (connecting, waiting with a deadline), pg_claim.c (claims), pg_former.c (claims that
- * outlive their connection), pg_init.c (migrations), pg_tick.c (the ticks' operations), pg_catalogue.c
- * (authors, the catalogue), pg_request.c (what people ask of a history), pg_rows.c (events, timing, tags),
- * pg_history.c (history of samples and vectors), pg_pack.c (packing old weeks), postgresql.c (its life).
- * apcshareddata.c uses the first two.
+ * outlive their connection), pg_pooled.c (poolers), pg_init.c (migrations), pg_tick.c (the ticks'
+ * operations), pg_catalogue.c (authors, the catalogue), pg_request.c (what people ask of a history),
+ * pg_rows.c (events, timing, tags), pg_history.c (history of samples and vectors), pg_pack.c (packing old
+ * weeks), pg_plants.c (which plants there are), postgresql.c (its life). apcshareddata.c uses the first two.
  */
 #ifndef APC_POSTGRESQL_H
 #define APC_POSTGRESQL_H
@@ -171,6 +171,13 @@ void apc_pg_remember(struct apc_pg *pg);
 /** Before claims are renewed: end the former sessions. APC_ECONN when one is left. */
 int apc_pg_end_former(struct apc_pg *pg);
 
+/* ---- pg_pooled.c ---------------------------------------------------------------------------- */
+
+/** The sentence about a pooler that shares sessions; returns APC_ECONN. */
+int apc_pg_fail_pooled(struct apc_pg *pg);
+/** After the session has its name: 0, or that sentence. */
+int apc_pg_look_for_pooler(struct apc_pg *pg);
+
 /* ---- pg_wait.c ------------------------------------------------------------------------------ */
 
 int apc_pg_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
@@ -256,6 +263,7 @@ int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const 
                    apc_vector_fn fn, void *ctx);
 int apc_pg_init(struct apc_store *store);
 int apc_pg_maintain(struct apc_store *store, const struct apc_retention *keep);
+int apc_pg_plants(struct apc_store *store, apc_plant_fn fn, void *ctx);
 /** Pack the weeks that ended before @p before. Returns how many tables' weeks were packed, or an error. */
 int apc_pg_pack(struct apc_pg *pg, apc_ns before);
 /** Has the schema tables of chunks? 1, 0 or an error. Within an operation that has begun. */

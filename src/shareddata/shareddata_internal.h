@@ -90,6 +90,7 @@ struct apc_store_ops {
     int (*count_from)(struct apc_store *store, int64_t first); /* NULL: it cannot be told to */
     int (*init)(struct apc_store *store);
     int (*maintain)(struct apc_store *store, const struct apc_retention *keep);
+    int (*plants)(struct apc_store *store, apc_plant_fn fn, void *ctx); /* NULL: it is of one plant */
 };
 
 extern const struct apc_store_ops apc_postgresql_store;

@@ -871,3 +871,15 @@ int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep
     }
     return err ? err : store->ops->maintain(store, &k);
 }
+
+int apc_store_plants(struct apc_store *store, apc_plant_fn fn, void *ctx)
+{
+    int err = enter(store, NULL, 0);
+    if (!err && !fn) {
+        err = apc_fail(&store->why, APC_EINVAL, "no function to give the plants to");
+    }
+    if (!err && !store->ops->plants) {
+        err = apc_fail(&store->why, APC_EINVAL, "this store is of one plant: only a database has several");
+    }
+    return err ? err : store->ops->plants(store, fn, ctx);
+}

@@ -604,6 +604,13 @@ static void test_what_is_kept_is_kept_for_a_while(void **state)
     refused(apc_store_maintain(&store, &keep), "apc_retention: size is 3: set it to sizeof the struct");
 }
 
+static int any_plant(void *ctx, const struct apc_store_plant *plant)
+{
+    (void)ctx;
+    (void)plant;
+    return 0;
+}
+
 static void test_requests_are_of_what_people_write(void **state)
 {
     char text[8];
@@ -642,6 +649,8 @@ static void test_requests_are_of_what_people_write(void **state)
     struct apc_behind behind = {.size = sizeof behind, .rows = 8};
     nothing_to_do(apc_store_behind(&store, &behind));
     assert_int_equal(behind.rows, 0);
+    refused(apc_store_plants(&store, any_plant, NULL), "this store is of one plant");
+    refused(apc_store_plants(&store, NULL, NULL), "no function to give the plants to");
 }
 
 /* ---- Of a handle ------------------------------------------------------------------------------------- */

@@ -1,0 +1,95 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "several.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/storeuri.h"
+#include "print.h"
+
+static int take(void *ctx, const struct apc_store_plant *plant)
+{
+    struct several *all = ctx;
+    struct apc_store_plant *more = realloc(all->plant, (all->n + 1) * sizeof *more);
+    if (!more)
+        return 1;
+    more[all->n++] = *plant;
+    all->plant = more;
+    return 0;
+}
+
+int several_load(struct several *all, const struct cli *cli)
+{
+    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    *all = (struct several){.n = 0};
+    int rc = store_open(&store, cli->store, &options, &why);
+    if (rc < 0) {
+        cli_error(cli, rc, "%s", why.text);
+        return rc;
+    }
+    rc = apc_store_plants(store, take, all);
+    if (rc < 0)
+        cli_store_error(cli, rc, store);
+    else if ((size_t)rc > all->n)
+        cli_error(cli, rc = APC_ENOMEM, "out of memory");
+    apc_store_close(store);
+    return rc < 0 ? rc : 0;
+}
+
+void several_free(struct several *all)
+{
+    free(all->plant);
+}
+
+char *several_store(const struct cli *cli, const char *schema)
+{
+    const char *hash = strrchr(cli->store, '#');
+    const size_t n = hash ? (size_t)(hash - cli->store) : strlen(cli->store), size = n + strlen(schema) + 2;
+    char *uri = malloc(size);
+    if (uri)
+        snprintf(uri, size, "%.*s#%s", (int)n, cli->store, schema);
+    return uri;
+}
+
+static void show_json(const struct several *all, apc_ns now)
+{
+    putchar('[');
+    for (size_t i = 0; i < all->n; i++) {
+        const struct apc_store_plant *p = &all->plant[i];
+        fputs(i > 0 ? ",\n{" : "{", stdout);
+        print_json_text(stdout, "plant", p->schema);
+        printf(",\"owned\":%s,", p->owned ? "true" : "false");
+        print_json_number(stdout, "age", p->newest ? (double)(now - p->newest) / 1e9 : (double)NAN);
+        putchar('}');
+    }
+    puts("]");
+}
+
+int several_show(const struct cli *cli)
+{
+    static const struct print_column columns[] = {
+        {"PLANT", PRINT_LEFT}, {"NEWEST MEASUREMENT", PRINT_RIGHT}, {"TABLES", PRINT_LEFT}};
+    struct several all;
+    struct print_table table;
+    char text[PRINT_LEN];
+    int rc = several_load(&all, cli);
+    const apc_ns now = apc_clock_utc(NULL);
+    if (rc == 0 && cli->format == CLI_JSON) {
+        show_json(&all, now);
+    } else if (rc == 0) {
+        print_table_open(&table, columns, 3);
+        for (size_t i = 0; i < all.n; i++) {
+            const struct apc_store_plant *p = &all.plant[i];
+            print_cell(&table, PRINT_PLAIN, "%s", p->schema);
+            print_cell(&table, PRINT_PLAIN, "%s", p->newest ? print_duration(now - p->newest, text) : "-");
+            print_cell(&table, PRINT_PLAIN, "%s", p->owned ? "own" : "of another user");
+        }
+        rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
+        print_table_close(&table);
+    }
+    several_free(&all);
+    return cli_done(cli, exit_code_of(rc));
+}
