@@ -134,6 +134,10 @@ int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
     default:
         break;
     }
+    if (!strcmp(sqlstate, "26000") ||
+        !strcmp(sqlstate, "42P05")) { /* a prepared statement of another session */
+        return apc_pg_fail_pooled(pg);
+    }
     if (!strcmp(sqlstate, "42703") || !strcmp(sqlstate, "42P07")) { /* no such column; the table is there */
         char what[160];
         snprintf(what, sizeof what,
@@ -452,6 +456,18 @@ static void make_params(struct apc_pg *pg, struct connect_params *c)
     c->keywords[c->n] = c->values[c->n] = NULL;
 }
 
+/* Where several servers are named, the one that leads may just have gone: that passes. */
+static int not_established(struct apc_pg *pg)
+{
+    const char *text = PQerrorMessage(pg->conn);
+    const bool standby = strstr(text, "session is read-only") != NULL;
+    return apc_pg_fail(
+        pg, APC_ECONN,
+        standby ? "no server takes writes: a standby has not been promoted yet, or only standbys are named"
+                : "cannot connect to the database",
+        text);
+}
+
 static int establish(struct apc_pg *pg)
 {
     struct connect_params c;
@@ -472,7 +488,7 @@ static int establish(struct apc_pg *pg)
         state = PQconnectPoll(pg->conn);
     }
     if (PQstatus(pg->conn) != CONNECTION_OK || PQsetnonblocking(pg->conn, 1) != 0) {
-        return apc_pg_fail(pg, APC_ECONN, "cannot connect to the database", PQerrorMessage(pg->conn));
+        return not_established(pg);
     }
     return 0;
 }
@@ -492,9 +508,9 @@ static const char session_sql[] =
     " pg_backend_pid()::int8, (SELECT backend_start FROM pg_stat_activity WHERE pid = pg_backend_pid()),"
     " (SELECT has_schema_privilege(oid, 'USAGE')::text FROM pg_namespace WHERE nspname = $1)";
 /* Before its first repair a schema did not say from which version on programs can work with it. */
-static const char version_sql[] =
-    "SELECT version::int8, coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version)"
-    " FROM migration m ORDER BY version DESC LIMIT 1";
+static const char version_sql[] = "SELECT version::int8, coalesce((to_jsonb(m) ->> 'compatible_from')::int8, "
+                                  "version), pg_backend_pid()::int8"
+                                  " FROM migration m ORDER BY version DESC LIMIT 1";
 
 /* The statements of the set-up: the version, then what is prepared, then the claims. */
 enum { SETUP_VERSION, SETUP_PREPARE };
@@ -561,10 +577,13 @@ int apc_pg_check_version(struct apc_pg *pg, int version, int compatible_from)
 
 static int take_version(struct apc_pg *pg, const PGresult *result)
 {
-    if (PQnfields(result) != 2) {
+    if (PQnfields(result) != 3) {
         return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
     }
     bool any = PQntuples(result) > 0;
+    if (any && apc_pg_cell(result, 0, 2) != pg->session.pid) {
+        return apc_pg_fail_pooled(pg);
+    }
     pg->version = any ? (int)apc_pg_cell(result, 0, 0) : 0;
     if (pg->version < apc_store_version()) {
         return apc_fail(&pg->base.why, APC_ESCHEMA,
@@ -664,6 +683,9 @@ int apc_pg_begin(struct apc_pg *pg)
     int err = establish(pg);
     if (!err) {
         err = begin_session(pg);
+    }
+    if (!err) {
+        err = apc_pg_look_for_pooler(pg);
     }
     if (!err) {
         err = apc_pg_end_former(pg);

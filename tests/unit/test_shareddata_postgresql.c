@@ -580,6 +580,7 @@ static void test_of_two_servers_the_primary_is_used_and_after_a_failover_the_oth
             cluster_kill(first);
             assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN);
             assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN); /* the standby is none to write to */
+            assert_says(store, "no server takes writes");
             cluster_query(second, "SELECT pg_promote(true, 60)");
             cluster_query(second, "ALTER SYSTEM RESET synchronous_standby_names");
             cluster_query(second, "SELECT pg_reload_conf()");
