@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# OPC UA: node-opcua's server as a plant.
+# shellcheck source=opcua.sh
+. "$(dirname "$0")/opcua.sh"
+
+beyond=$(free_port)
+background plant node "$APC_SOURCE_DIR/tests/peers/opcua/plant.mjs" "$beyond" "$work/pki"
+plant=$pid
+until_true 60 said plant '^listens'
+background gateway "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$port" --measure 'ns=1;s=y' \
+  --output 'ns=1;s=u=-0.5' --watchdog 4
+gateway=$pid
+until_true 60 said gateway 'connected to'
+sed -e '/^plant = {$/,/^};/c plant = { external = true; };' -e 's/period = 0.05; phase = 0.004;/period = 0.5;/' \
+  -e 's/period = 0.2; phase = 0.012;/period = 1.0; phase = 0.3;/' -e 's/Kp = 0.2;/Kp = 0.02;/' "$work/fast.conf" >"$work/beyond.conf"
+settled() { "$apc" history y --last 10 --csv --store "$work/beyond" | awk -F, '$4 == "Good" && $5 > 9.8 && $5 < 10.2 {n++} END {exit n < 10}'; }
+run_until settled "$work/beyond.conf" --no-ui --out "$work/beyond"
+until_true 60 said gateway 'no new command for 4 s: the safe values were written'
+until_true 20 said plant '^given -0.5$'
+cat >"$work/ask.py" <<'PY'
+import sys
+
+import apc
+
+with apc.Link(sys.argv[1], timeout=5) as plant:
+    print(plant.command([float(u) for u in sys.argv[2:]]))
+PY
+expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1 2
+said gateway '2 outputs were commanded, and there are 1' || fail "why is not told"
+expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1000
+said gateway 'ns=1;s=u: BadOutOfRange' || fail "what the server refuses is not told"
+expect 0 'Value' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.25
+until_true 20 said plant '^given 0.25$'
+
+# What fails there is told: the value with its status (BadTypeMismatch, BadNodeIdUnknown), or, of an output, why nothing is written.
+odd=$(free_port)
+background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=failed' \
+  --measure 'ns=1;s=text' --measure 'ns=1;s=nobody' --measure 'ns=1;s=y'
+strange=$pid
+until_true 60 said odd 'connected to'
+expect 0 'BadSensorFailure.*0x80740000.*0x80340000.*Good' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd"
+kill -TERM "$strange"
+wait "$strange" || fail "the gateway ended with $?"
+for output in 'ns=1;s=nobody=0' 'ns=1;s=text=0'; do
+  : >"$work/odd.log"
+  background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"
+  strange=$pid
+  until_true 60 said odd 'BadNodeIdUnknown|is no number but String'
+  expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 1
+  kill -TERM "$strange"
+  wait "$strange" || fail "the gateway ended with $?"
+done
+
+# A server that goes away and comes back: who asks meanwhile gets no answer.
+kill -KILL "$plant"
+expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.5
+until_true 60 said gateway 'trying again'
+background plant node "$APC_SOURCE_DIR/tests/peers/opcua/plant.mjs" "$beyond" "$work/pki"
+plant=$pid
+answers() { "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.75; }
+until_true 60 answers
+until_true 20 said plant '^given 0.75$'
+
+kill -TERM "$gateway"
+wait "$gateway" || fail "the gateway ended with $?"
+said gateway 'it ends: the safe values were written' || fail "it leaves its output behind"
+kill -TERM "$plant"
