@@ -64,6 +64,39 @@ expect 0 '1600 of 1600 ticks the same bit for bit' "$apc" replay "$work/whole"
 expect 1 'unknown setting "other" in settings; known are: number, row, rows, note' "$apc" simulate "$work/unknown.conf"
 expect 1 "whole.py: ValueError: \[0.5, \{'number': 4.0\}.* \(line 15\)" "$apc" simulate "$work/refused.conf"
 
+# A call is an object like others: what it holds can be assigned, and it can be copied and sent elsewhere.
+cat >"$work/odd.py" <<'PY'
+import copy
+import pickle
+import sys
+
+import apc
+
+sys.path.insert(0, FOLDER)
+from mylaw import MyLaw
+
+
+class Odd(apc.Law):
+    tuning, states, track = MyLaw.tuning, MyLaw.states, MyLaw.track
+
+    def compute(self, c):
+        plain = copy.copy(c)
+        c.y, c.note = list(c.y), "mine"
+        sent = pickle.loads(pickle.dumps(c))
+        for name in ("t", "Ts", "tick", "gap", "y_status", "y_new", "z", "d", "high", "acts", "u", "limited", "x", "published", "result", "why", "Kp"):
+            if not getattr(plain, name) == getattr(c, name) == getattr(sent, name):
+                raise ValueError(name)
+        if not (sent.y == c.y == list(plain.y) and sent.note == "mine" and not hasattr(plain, "note")):
+            raise ValueError("y, or note")
+        return MyLaw.compute(self, sent)
+
+    def update(self, c):
+        c.Kp = float(c.Kp)
+        MyLaw.update(self, c)
+PY
+sed -i "s|FOLDER|'$(dirname "$mine")'|" "$work/odd.py"
+[ "$(hash "$experiment" --law "$work/odd.py")" = "$(hash "$experiment" --law "$mine")" ] || fail "a call that is assigned to, copied and sent is another one"
+
 # Each process of a campaign has one of its own, which ends with it.
 campaign() { "$apc" simulate "$experiment" --law "$1" --net loss=0.2 --runs 4 --jobs 2 --csv "$2" >"$work/campaign.log" || fail "a campaign"; }
 campaign "$work/mylaw.py" "$work/python.csv"

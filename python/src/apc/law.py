@@ -16,6 +16,7 @@ import struct
 import sys
 import time
 import traceback
+from functools import partial
 from operator import itemgetter
 from typing import Any, Callable, Iterable, Iterator, NamedTuple, Sequence, Union
 
@@ -106,18 +107,21 @@ class Call:
     limited: list[int]  #: [nu] 1: cannot go lower, 2: higher. In: where it goes to. Out of compute: a limit of the law
     x: Any  #: [states] all that a restart goes on from: a list; in compute a tuple
     published: dict[str, Any]  #: compute: what goes out under the names that the law publishes
-    result: int
-    why: str
+    result: int = GOOD
+    why: str = ""
+    _names: frozenset[str] = frozenset()
 
     def __init__(self, known: Iterable[tuple[str, Any]]) -> None:
         self.__dict__.update(known)
-        self.published, self.result, self.why = {}, GOOD, ""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Call, ([(name, getattr(self, name)) for name in self.__dict__.keys() | self._names],)
 
     def __getattr__(self, name: str) -> Any:
         """What few laws ask for is made of numbers then."""
         if name not in _MADE:
             raise AttributeError(f"there is no parameter \"{name}\"")
-        value = self.__dict__[name] = _MADE[name](self.__dict__["_" + name])
+        value = self.__dict__[name] = _MADE[name](getattr(self, "_" + name, ()))
         return value
 
     def suboptimal(self, why: str) -> None:
@@ -241,7 +245,28 @@ def _where(e: BaseException, file: str) -> str:
 _MADE: dict[str, Callable[[Any], Any]] = {
     "tick": int, "gap": bool, "y_status": lambda those: tuple(map(int, those)),
     "y_new": lambda those: tuple(map(bool, those)), "acts": lambda those: tuple(out == 2 for out in those),
-    "limited": lambda those: list(map(int, those))}
+    "limited": lambda those: list(map(int, those)), "published": lambda nothing: {}}
+
+
+def _call(place: dict[str, Any], Ts: float) -> Callable[[Sequence[float]], Call]:
+    """What makes a Call of the numbers of a message. It is a tuple of them, and its attributes look in there when they are asked
+    for, as a law asks for few and each takes time. Once one is assigned all are as of any object."""
+    names = frozenset(place) - {"x", "Ts", "result", "why", "published"}
+
+    def assigned(name: str) -> Callable[[Any, Any], None]:
+        def assign(c: Any, value: Any) -> None:
+            c.__dict__ = {**{each: getattr(c, each) for each in names}, **c.__dict__, name: value}
+            c.__class__ = loose
+
+        return assign
+
+    base = type("Call", (Call, tuple), {"Ts": Ts, "_names": names | {"Ts"}})
+    loose = type("Call", (base,), {})
+    lazy = type("Call", (base,), {name: property(itemgetter(place[name]), assigned(name)) for name in names})
+    return partial(tuple.__new__, lazy)
+
+
+_METHODS = {_RESET: "reset", _UPDATE: "update", _TRACK: "track"}
 
 
 class _Instance:
@@ -268,11 +293,12 @@ class _Instance:
                 each = slice(at + i, at + len(names) * many, len(names))
                 place[name] = each if law.whole and scope != "law" else at + i
             at += len(names) * many
-        place["x"] = slice(at, at + self.states)
-        self.names, self.take = tuple(place), itemgetter(*place.values())
+        place["x"] = self.x = slice(at, at + self.states)
+        self.call = _call(place, setup.Ts)
         self.request = struct.Struct(f"=4I{at + self.states - 4}d")
-        self.answer_x = struct.Struct(f"={self.states}d")
-        self.answer = struct.Struct(f"={2 * nu + sum(p.length or 1 for p in self.published)}d")
+        self.answer_x = struct.Struct(f"=4I{self.states}d")
+        self.outputs = 2 * nu + sum(p.length or 1 for p in self.published)
+        self.answer = struct.Struct(f"=4I{self.outputs}d")
 
     def needs(self) -> str:
         text = _line("states", self.states) + _line("ahead", self.ahead)
@@ -280,30 +306,34 @@ class _Instance:
             text += _line("published", p.name, p.unit, p.description, p.length, repr(float(p.step)))
         return text
 
-    def handle(self, kind: int, message: memoryview, file: str) -> tuple[int, bytes]:
-        """The result, and what stands behind the header of the answer."""
-        c = Call(zip(self.names, self.take(self.request.unpack(message))))
-        c.Ts = self.setup.Ts
+    def handle(self, kind: int, number: int, request: int, message: memoryview, file: str) -> bytes:
+        """The answer."""
+        numbers = self.request.unpack(message)
+        c = self.call(numbers)
         if kind == _COMPUTE:
+            c.x = numbers[self.x]
             try:
-                u = _numbers("compute", self.law.compute(c), self.setup.nu)
-                behind = u + [*map(float, c.__dict__.get("limited", c.__dict__["_limited"]))]
+                behind = _numbers("compute", self.law.compute(c), self.setup.nu)
+                behind += map(float, c.limited) if "limited" in c.__dict__ else c._limited
                 for p in self.published:
                     behind += _numbers(f"\"{p.name}\"", c.published.get(p.name, float("nan")) if not p.length else
                                        c.published.get(p.name, [float("nan")] * p.length), p.length or 1)
-                return c.result, self.answer.pack(*behind) + c.why.encode("utf-8", "replace")[:95]
+                answer = self.answer.pack(kind, number, request, c.result, *behind)
+                return answer + c.why.encode("utf-8", "replace")[:95] if c.why else answer
             except Exception as e:
-                return FAILED, self.answer.pack(*[0.0] * (self.answer.size // 8)) + _where(e, file).encode()[:95]
-        c.x = list(c.x)
+                return self.answer.pack(kind, number, request, FAILED, *[0.0] * self.outputs) + _where(e, file).encode()[:95]
+        c.x = list(numbers[self.x])
         try:
-            getattr(self.law, {_RESET: "reset", _UPDATE: "update", _TRACK: "track"}[kind])(c)
-            return GOOD, self.answer_x.pack(*_numbers("x", c.x, self.states))
+            getattr(self.law, _METHODS[kind])(c)
+            return self.answer_x.pack(kind, number, request, GOOD, *_numbers("x", c.x, self.states))
         except Exception as e:
             _where(e, file)
-            return FAILED, self.answer_x.pack(*[0.0] * self.states)
+            return self.answer_x.pack(kind, number, request, FAILED, *[0.0] * self.states)
 
 
 def _numbers(what: str, value: Any, n: int) -> list[float]:
+    if type(value) is float and n == 1:  # as it is most of the time
+        return [value]
     if isinstance(value, float) or isinstance(value, int):
         numbers = [float(value)]
     elif isinstance(value, (str, bytes)) or value is None:
@@ -350,9 +380,9 @@ def _serve(connection: socket.socket, law: type[Law], file: str) -> None:
                 answer = b"error\t" + _where(e, file).encode()
             connection.send(answer)
         else:
-            result, behind = instances[number].handle(kind, message, file)
+            answer = instances[number].handle(kind, number, request, message, file)
             sys.stdout.flush()
-            connection.send(_HEADER.pack(kind, number, request, result) + behind)
+            connection.send(answer)
 
 
 def main() -> None:
