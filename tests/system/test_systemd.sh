@@ -43,7 +43,10 @@ for unit in *@.service; do
   case $unit in
     apc-bad@*) continue ;;
     apc-plant@* | apc-client@* | apc-controller@* | apc-scheduler@*) scheduling='LimitRTPRIO=99' ;;
-    *) scheduling='RestrictRealtime=yes' ;;
+    *)
+      scheduling='RestrictRealtime=yes'
+      tail -n +"$(grep -n '^SystemCallFilter=~' "$unit" | cut -d: -f1)" "$unit" | grep -q '^SystemCallFilter=.*sched_setscheduler' || fail "no thread of $unit can start"
+      ;;
   esac
   for setting in "$scheduling" 'LoadCredential=pgpass:/etc/apc/credentials/%i.%p.pgpass' 'Environment=PGPASSFILE=%d/pgpass' 'LogExtraFields=APC_EXPERIMENT=%i'; do
     grep -qxF "$setting" "$unit" || fail "$unit has no $setting"
