@@ -673,8 +673,8 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **c
         rooms_leave(&s->rooms, c);
         return;
     }
-    const union MHD_ConnectionInfo *fd =
-        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
+    /* copied: from libmicrohttpd 1.0 on what the next question has for an answer takes its place */
+    const int fd = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
     const union MHD_ConnectionInfo *client =
         MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
     char address[64] = "";
@@ -682,7 +682,7 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **c
         client->client_addr->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6) : sizeof(struct sockaddr_in);
     getnameinfo(client->client_addr, size, address, sizeof address, NULL, 0, NI_NUMERICHOST);
     /* if it is NULL it cannot be refused here: its first request is */
-    *ctx = rooms_enter(&s->rooms, fd->connect_fd, address, apc_clock_mono(NULL));
+    *ctx = rooms_enter(&s->rooms, fd, address, apc_clock_mono(NULL));
 }
 
 /* ---- Start and stop ----------------------------------------------------------------------- */
