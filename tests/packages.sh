@@ -48,7 +48,7 @@ WantedBy=multi-user.target
 UNIT
 chroot "$root" systemctl --quiet enable check.service
 # What the packages want is fetched now: what is booted has no network but its own.
-chroot "$root" sh -c 'apt-get -qq update && apt-get -qq --no-install-recommends --download-only install /check/previous/*.deb && apt-get -qq --no-install-recommends --download-only install /check/new/*.deb' >"$work/apt.log" 2>&1 ||
+chroot "$root" sh -c 'apt-get -qq update && apt-get -qq --download-only install /check/previous/*.deb && apt-get -qq --download-only install /check/new/*.deb' >"$work/apt.log" 2>&1 ||
   { cat "$work/apt.log" >&2; exit 1; }
 
 echo "booted ..."

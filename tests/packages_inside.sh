@@ -20,7 +20,7 @@ until_true() { # SECONDS COMMAND...
   done
 }
 export DEBIAN_FRONTEND=noninteractive
-apt() { apt-get -y -qq --no-install-recommends "$@" >/check/apt.log 2>&1 || { cat /check/apt.log; fail "apt-get $*"; }; }
+apt() { apt-get -y -qq "$@" >/check/apt.log 2>&1 || { cat /check/apt.log; fail "apt-get $*"; }; }
 installed() { dpkg-query -W -f='${Package} ${Version}\n' '*apc*' | sort; }
 daemons=(plant client controller scheduler ui)
 plant=first-order
@@ -45,6 +45,27 @@ step "the tutorial, by who has nothing but the packages and a compiler"
 mkdir first
 (cd first && APC=/usr/share/doc/apc python3 /check/shown.py /usr/share/doc/apc/docs/tutorial.md) || fail "the tutorial shows something else than what comes out"
 
+step "a plant as docs/operate.md has it"
+awk '/^```/ { if (inside) exit; inside = 1; next } inside' /usr/share/doc/apc/docs/operate.md >typed
+(cd /usr/share/doc/apc && bash -e /check/typed <<<'a password of some length')
+export APC_STORE=shm:apc-$plant+sqlite:/var/lib/apc/$plant/store.db
+operator=(runuser -u apc --)
+settled() { "${operator[@]}" apc get r y | awk '$1 == "r" { r = $2 } $1 == "y" { y = $2 } END { exit !(y != "" && y - r < 0.2 && r - y < 0.2) }'; }
+until_true 100 settled
+recorded() { [ "$("${operator[@]}" apc history y -n 50 --store "sqlite:/var/lib/apc/$plant/store.db" | wc -l)" -ge 50 ]; }
+until_true 100 recorded
+systemctl --quiet disable --now "apc@$plant.target" "apc-maintain@$plant.timer" "${units[@]}" "apc-historian@$plant"
+! pgrep -f /usr/bin/apc- || fail "daemons go on whose target was stopped"
+rm -r "/var/lib/apc/$plant" "/etc/apc/$plant".*
+
+step "alarms, and values for a broker that is away"
+cp /usr/share/apc/alarms/pump-failure.conf /etc/apc
+echo 'MQTT_OPTIONS=--broker mqtt://127.0.0.1' >/etc/apc/pump-failure.env
+systemctl start apc-{init,alarms,mqtt}@pump-failure
+systemctl is-active apc-{alarms,mqtt}@pump-failure
+systemctl stop apc-{init,alarms,mqtt}@pump-failure
+rm -r /var/lib/apc/pump-failure /etc/apc/pump-failure.*
+
 step "the paper's experiment on PostgreSQL"
 systemctl start postgresql
 until_true 60 su postgres -c 'psql -c "SELECT 1"'
@@ -60,8 +81,8 @@ chown apc: /etc/apc/$plant.users*
 systemctl --quiet enable "apc@$plant.target" "apc-maintain@$plant.timer" "${units[@]}"
 systemctl start "apc@$plant.target"
 export APC_STORE=postgresql://apc:of-the-database@127.0.0.1/apc
+operator=()
 sql() { su postgres -c "psql -XAtqc \"$1\" apc"; }
-settled() { apc get r y | awk '$1 == "r" { r = $2 } $1 == "y" { y = $2 } END { exit !(y != "" && y - r < 0.2 && r - y < 0.2) }'; }
 until_true 100 settled
 apc status
 for unit in "${daemons[@]}"; do
