@@ -649,7 +649,8 @@ static void test_requests_are_of_what_people_write(void **state)
     struct apc_behind behind = {.size = sizeof behind, .rows = 8};
     nothing_to_do(apc_store_behind(&store, &behind));
     assert_int_equal(behind.rows, 0);
-    refused(apc_store_plants(&store, any_plant, NULL), "this store is of one plant");
+    refused(apc_store_plants(&store, any_plant, NULL),
+            "this store is of one plant: only a database has several");
     refused(apc_store_plants(&store, NULL, NULL), "no function to give the plants to");
 }
 

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Two failovers of a database of three nodes under a run: its history has each sample once.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+status=0
+background drill python3 "$APC_SOURCE_DIR/examples/ha/drill" 2 10
+wait "$pid" || status=$?
+cat "$work/drill.log"
+[ $status -ne 77 ] || exit 77
+[ $status -eq 0 ] || fail "the drill ended with $status"
+grep -q 'rows, each once; history whole' "$work/drill.log" || fail "it does not say how it ended"
+[ "$(grep -c 'without a leader for' "$work/drill.log")" = 2 ] || fail "there were no two failovers"
