@@ -4,6 +4,8 @@
 . "$(dirname "$0")/lib.sh"
 status=0
 background drill python3 "$APC_SOURCE_DIR/examples/ha/drill" 2 10
+ended() { ! in_background "$1" >/dev/null; }
+until_true 130 ended "$pid"
 wait "$pid" || status=$?
 cat "$work/drill.log"
 [ $status -ne 77 ] || exit 77
