@@ -523,14 +523,15 @@ struct apc_retention {
     apc_ns samples, events, timing;
     apc_ns ticks;  /**< tables tick and prediction, which grow fastest; samples are all other tables */
     apc_ns packed; /**< older samples of sensor, actuator, setpoint, actual and estimate are packed, a whole
-                      week at a time: less room, the same history; zero: none are. By postgresql: only */
+                      week at a time, over sqlite: 1024 of a variable: less room, the same history; zero:
+                      none are. By these two only */
 };
 /**
  * Housekeeping, as often as you like, while others use the store: make room ahead for what will come, and
  * drop what is older than @p keep (NULL: drop nothing). The newest sample of each variable stays in any case,
  * also in its history. What is dropped is at least as old, but a store that drops in larger pieces keeps some
  * of it until the whole piece is. For the schema's owner. [setup]
- * Returns the number of rows or pieces dropped, and of weeks packed, or an error.
+ * Returns the number of rows or pieces dropped, and of weeks or chunks packed, or an error.
  */
 APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
 

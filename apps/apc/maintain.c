@@ -15,9 +15,8 @@ static const struct argp_option option_list[] = {
     {"keep-ticks", OPT_TICKS, "DURATION", 0,
      "Drop ticks and predictions older than that; default: 1d, or what --keep says if that is shorter", 0},
     {"pack", OPT_PACK, "DURATION", 0,
-     "Pack whole weeks of samples that are older than that, as 14d: a tenth of the room, the same history; "
-     "default: "
-     "none",
+     "Pack samples that are older than that, as 14d, of PostgreSQL whole weeks: a quarter to a tenth of the "
+     "room, the same history; default: none",
      0},
     {"all", OPT_ALL, NULL, 0, "All plants in the database whose tables are yours, one after the other", 0},
     {0},

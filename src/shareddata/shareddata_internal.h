@@ -126,6 +126,13 @@ static inline bool apc_table_shared(enum apc_table table)
     return table == APC_SETPOINT || table == APC_OPMODE || table == APC_TUNING || table == APC_MANUAL;
 }
 
+/** Are old samples of it packed? */
+static inline bool apc_table_packed(enum apc_table table)
+{
+    return table == APC_SENSOR || table == APC_ACTUATOR || table == APC_SETPOINT || table == APC_ACTUAL ||
+           table == APC_ESTIMATE;
+}
+
 /** Is it the target mode of all loops? What is put there is written to each, unless the same put names it. */
 static inline bool apc_is_of_all(const struct apc_sample *s)
 {

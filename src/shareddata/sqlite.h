@@ -2,9 +2,9 @@
 /*
  * The SQLite store, shared by its files: sqlite.c (connecting, transactions, errors, the ticks' operations),
  * sqlite_blocks.c (where samples are and how they are found), sqlite_history.c (history, bins, housekeeping),
- * sqlite_vectors.c (vectors),
- * sqlite_records.c (tags, events, timing), sqlite_claim.c (claims, waiting for a change), sqlite_schema.c
- * (the tables) and sqlite_upgrade.c (what version 4 makes of the rows of version 1).
+ * sqlite_pack.c (packing old samples), sqlite_vectors.c (vectors), sqlite_records.c (tags, events, timing),
+ * sqlite_claim.c (claims, waiting for a change), sqlite_schema.c (the tables) and sqlite_upgrade.c (what
+ * version 4 makes of the rows of version 1).
  */
 #ifndef APC_SQLITE_H
 #define APC_SQLITE_H
@@ -13,6 +13,7 @@
 #include <sqlite3.h>
 #include <sys/types.h>
 
+#include "shareddata/pack.h"
 #include "shareddata/shareddata_internal.h"
 
 #define APC_SQLITE_APPLICATION 0x61706331 /* "apc1", in the file's header */
@@ -43,7 +44,8 @@ enum apc_sqlite_sql {
 /**
  * Samples of one variable that follow each other in seq. Each row names the place of the one before it, so
  * the block is read backwards from its last one. A variable's newest block, which is still growing, is its
- * row of table variable (count 0: none; seq and pos are the newest sample's all the same).
+ * row of table variable (count 0: none; seq and pos are the newest sample's all the same). A block that is
+ * packed has pos below 0, and its samples' seqs follow each other without a gap (sqlite_pack.c).
  */
 struct apc_sqlite_block {
     int64_t seq, pos; /* of the last sample */
@@ -61,7 +63,7 @@ struct apc_sqlite_loaded {
     int64_t variable; /* -1: none */
     struct apc_sqlite_block block;
     size_t n;
-    struct apc_sqlite_row rows[2 * APC_SQLITE_BLOCK + 1];
+    struct apc_sqlite_row rows[APC_PACK_MAX];
 };
 
 struct apc_sqlite {
@@ -159,9 +161,22 @@ int apc_sqlite_former_block(struct apc_sqlite *sq, int64_t variable, int64_t seq
                             int64_t until, struct apc_sqlite_block *b);
 /** Bring a block's rows into sq->loaded. */
 int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b);
+/** Make the @p n rows, or the chunk at @p pos that they became (0: they are rows), a block. */
+int apc_sqlite_put_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_row *rows, size_t n,
+                        int64_t pos);
+int apc_sqlite_drop_block(struct apc_sqlite *sq, int64_t variable, int64_t seq);
 /** Drop the samples before @p before (us) of the block at hand, but not the variable's newest. Returns how
  * many. */
 int apc_sqlite_trim(struct apc_sqlite *sq, int64_t before);
+
+/* ---- sqlite_pack.c -------------------------------------------------------------------------- */
+
+/** The samples of a packed block into sq->loaded.rows. */
+int apc_sqlite_load_packed(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b);
+/** Its chunk goes. */
+int apc_sqlite_drop_packed(struct apc_sqlite *sq, const struct apc_sqlite_block *b);
+/** Pack what is older. Returns how many chunks were made, or an error. */
+int apc_sqlite_pack(struct apc_sqlite *sq, apc_ns before);
 
 /* ---- sqlite_vectors.c ------------------------------------------------------------------------ */
 
@@ -191,6 +206,8 @@ int apc_sqlite_make_loops(struct apc_sqlite *sq);
 
 /* ---- sqlite_history.c ------------------------------------------------------------------------ */
 
+/** The lowest variable above @p variable: 1, 0 at the end, or an error. */
+int apc_sqlite_next_variable(struct apc_sqlite *sq, int64_t *variable);
 /** Gives a row at hand to the caller: 1, 0 when the caller ends it, or an error. It may use the file. */
 typedef int (*apc_sqlite_give_fn)(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx);
 /** All rows of a variable within the range, in rising seq. Returns how many were given, or an error. */

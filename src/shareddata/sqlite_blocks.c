@@ -7,7 +7,7 @@
  * the order in which they came, each with the place of its variable's previous row, and every 64 rows of a
  * variable are a block: one entry with the last row's seq and place, the number of rows and the span of their
  * times. Any sample is at most some steps back from the end of its block, and of a long history only the
- * blocks that matter are looked at.
+ * blocks that matter are looked at. Old ones are packed (sqlite_pack.c).
  *
  * A sample whose seq is not above the newest is rare (a repeat, a spool, a copy). It is looked for in its
  * block, and put between its neighbours if it is not there; a block that grows too long is split. Nothing
@@ -210,16 +210,9 @@ static int load_row(struct apc_sqlite *sq, int64_t variable, int64_t pos, struct
     return ours ? 0 : apc_sqlite_damaged(sq);
 }
 
-/* After an error the rows are no block's: with it the transaction ends, and the next begins without any. */
-int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b)
+static int load_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
-    if (l->variable == variable && l->block.seq == b->seq && l->n == (size_t)b->count) {
-        return 0;
-    }
-    if (b->count < 1 || (size_t)b->count > sizeof l->rows / sizeof l->rows[0]) {
-        return apc_sqlite_damaged(sq);
-    }
     int64_t pos = b->pos;
     for (size_t i = (size_t)b->count; i-- > 0;) {
         int err = load_row(sq, variable, pos, &l->rows[i], &pos);
@@ -229,6 +222,24 @@ int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sq
         if (i + 1 < (size_t)b->count && l->rows[i].sample.seq >= l->rows[i + 1].sample.seq) {
             return apc_sqlite_damaged(sq);
         }
+    }
+    return 0;
+}
+
+/* After an error the rows are no block's: with it the transaction ends, and the next begins without any. */
+int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b)
+{
+    struct apc_sqlite_loaded *l = &sq->loaded;
+    if (l->variable == variable && l->block.seq == b->seq && l->n == (size_t)b->count) {
+        return 0;
+    }
+    const bool packed = b->pos < 0;
+    if (b->count < 1 || b->count > (packed ? APC_PACK_MAX : 2 * APC_SQLITE_BLOCK + 1)) {
+        return apc_sqlite_damaged(sq);
+    }
+    const int err = packed ? apc_sqlite_load_packed(sq, variable, b) : load_rows(sq, variable, b);
+    if (err) {
+        return err;
     }
     l->variable = variable;
     l->block = *b;
@@ -329,6 +340,28 @@ static int insert_late(struct apc_sqlite *sq, const struct apc_sample *s, size_t
                                                : put_block(sq, APC_SQLITE_PUT_BLOCK, l->variable, &l->block);
 }
 
+int apc_sqlite_put_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_row *rows, size_t n,
+                        int64_t pos)
+{
+    struct apc_sqlite_block b = block_of(rows, n);
+    b.pos = pos ? pos : b.pos;
+    return put_block(sq, APC_SQLITE_PUT_BLOCK, variable, &b);
+}
+
+/* What is packed has all the seqs that it spans; below them there is room for a block. */
+static int append_before_packed(struct apc_sqlite *sq, const struct apc_sample *s, int64_t variable,
+                                const struct apc_sqlite_block *b)
+{
+    if (s->seq > b->seq - b->count) {
+        return 0;
+    }
+    int err = insert(sq, s, 0);
+    if (!err) {
+        err = apc_sqlite_put_rows(sq, variable, &(struct apc_sqlite_row){.pos = sq->pos, .sample = *s}, 1, 0);
+    }
+    return err ? err : 1;
+}
+
 /* The newest seq is not below that of @p s. */
 static int append_late(struct apc_sqlite *sq, const struct apc_sample *s, int64_t variable,
                        const struct apc_sqlite_block *growing)
@@ -337,6 +370,9 @@ static int append_late(struct apc_sqlite *sq, const struct apc_sample *s, int64_
     int found = find_block(sq, APC_SQLITE_NEXT_BLOCK, variable, s->seq, INT64_MIN, INT64_MAX, &b);
     if (found < 0) {
         return found;
+    }
+    if (found > 0 && b.pos < 0) {
+        return append_before_packed(sq, s, variable, &b);
     }
     int err = apc_sqlite_load(sq, variable, found ? &b : growing);
     if (err) {
@@ -423,6 +459,14 @@ static int drop_row(struct apc_sqlite *sq, int64_t pos)
     return apc_sqlite_step(sq, statement);
 }
 
+int apc_sqlite_drop_block(struct apc_sqlite *sq, int64_t variable, int64_t seq)
+{
+    sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_DROP_BLOCK);
+    sqlite3_bind_int64(statement, 1, variable);
+    sqlite3_bind_int64(statement, 2, seq);
+    return apc_sqlite_step(sq, statement);
+}
+
 /* What is left of the block at hand; its last row may be another one. */
 static int put_trimmed(struct apc_sqlite *sq, bool growing)
 {
@@ -433,17 +477,32 @@ static int put_trimmed(struct apc_sqlite *sq, bool growing)
     }
     int err = 0;
     if (left.seq != l->block.seq) {
-        sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_DROP_BLOCK);
-        sqlite3_bind_int64(statement, 1, l->variable);
-        sqlite3_bind_int64(statement, 2, l->block.seq);
-        err = apc_sqlite_step(sq, statement);
+        err = apc_sqlite_drop_block(sq, l->variable, l->block.seq);
     }
     return err || l->n == 0 ? err : put_block(sq, APC_SQLITE_PUT_BLOCK, l->variable, &left);
+}
+
+/* One that is packed goes as a whole. */
+static int trim_packed(struct apc_sqlite *sq, int64_t before)
+{
+    struct apc_sqlite_loaded *l = &sq->loaded;
+    if (l->block.last >= before) {
+        return 0;
+    }
+    int err = apc_sqlite_drop_block(sq, l->variable, l->block.seq);
+    if (!err) {
+        err = apc_sqlite_drop_packed(sq, &l->block);
+    }
+    l->variable = -1;
+    return err ? err : (int)l->n;
 }
 
 int apc_sqlite_trim(struct apc_sqlite *sq, int64_t before)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
+    if (l->block.pos < 0) {
+        return trim_packed(sq, before);
+    }
     struct apc_sqlite_block newest;
     int err = growing_block(sq, l->variable, &newest);
     if (err <= 0) {

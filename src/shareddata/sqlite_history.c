@@ -295,8 +295,7 @@ static int trim_variable(struct apc_sqlite *sq, int64_t variable, int64_t before
     return more;
 }
 
-/* The lowest variable above @p variable: 1, 0 at the end, or an error. */
-static int next_variable(struct apc_sqlite *sq, int64_t *variable)
+int apc_sqlite_next_variable(struct apc_sqlite *sq, int64_t *variable)
 {
     sqlite3_stmt *statement = NULL;
     int found = apc_sqlite_prepare(
@@ -318,7 +317,7 @@ static int trim_samples(struct apc_sqlite *sq, const struct apc_retention *keep,
     int found = 1;
     while (found > 0) {
         int err = apc_sqlite_enter(sq);
-        found = err ? err : next_variable(sq, &variable);
+        found = err ? err : apc_sqlite_next_variable(sq, &variable);
         const apc_ns kept = found > 0 ? apc_table_kept(keep, (enum apc_table)(variable & 15)) : 0;
         if (kept > 0) {
             err = trim_variable(sq, variable, apc_sqlite_time(now - kept), dropped);
@@ -368,6 +367,11 @@ int apc_sqlite_maintain(struct apc_store *store, const struct apc_retention *kee
             sq,
             "DELETE FROM timing WHERE id IN (SELECT id FROM timing WHERE time < ?1 ORDER BY time LIMIT 500)",
             apc_sqlite_time(now - keep->timing), &dropped);
+    }
+    if (!err && keep->packed > 0) {
+        err = apc_sqlite_pack(sq, now - keep->packed);
+        dropped += err > 0 ? err : 0;
+        err = err < 0 ? err : 0;
     }
     return err ? err : dropped;
 }
