@@ -68,6 +68,31 @@ fail_over postgresql:
 segment=/dev/shm/apc.standby-$$
 fail_over "shm:standby-$$"
 
+# a law in Python, in both places
+export PYTHONPATH=$APC_SOURCE_DIR/python/src PYTHONDONTWRITEBYTECODE=1
+cp "$APC_SOURCE_DIR/examples/python/mylaw.py" "$work"
+cp "$work/standby.conf" "$work/built-in.conf"
+sed -i 's|law = "pi"|law = "./mylaw.py"|' "$work/standby.conf"
+segment=("$segment" "/dev/shm/apc.standby-python-$$" "/dev/shm/apc.standby-full-$$")
+fail_over "shm:standby-python-$$"
+mv "$work/built-in.conf" "$work/standby.conf"
+
+# one whose log has no room left takes the place as well
+export APC_STORE="shm:standby-full-$$"
+"$apc" init "$work/standby.conf" >/dev/null
+stand_by a
+a=$pid
+until_true 20 says a "running every" 1
+"$APC_BIN/apc-controller" --standby b >/dev/full 2>&1 &
+b=$!
+told() { "$apc" history --events --last 50 | grep "apc-controller controller b .*$1"; }
+until_true 20 told "stands by"
+kill -9 "$a"
+until_true 20 told "acts from now on"
+kill -TERM "$b"
+wait "$b" || fail "it does not end well"
+rm "$work"/*.log
+
 # of two that live each is told of the other; without --standby a second one is refused, as ever
 expect 2 'must be a word of at most 8 characters' "$APC_BIN/apc-controller" --standby "a b"
 expect 2 'must be a word of at most 8 characters' "$APC_BIN/apc-controller" --standby ""
