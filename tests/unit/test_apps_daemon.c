@@ -347,6 +347,8 @@ static void the_environment_stands_for_what_is_not_said(void **state)
     live(&from_environment);
     assert_ended(EXIT_OK);
     assert_says("running every 0.1 s");
+    if (strstr(said, "newer than this program"))
+        fail_msg("tables of its own version are told of: %s", said);
     read_store();
     assert_recorded("1 start running every 0.1 s\n");
     setenv("APC_CONFIG", "/nowhere", 1); /* what is said goes before */
