@@ -125,12 +125,15 @@ static void copy_weights(struct apc_mpc *p, const struct apc_mpc_weights *w)
 
 int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struct apc_error *why)
 {
+    size_t sought = 0;
     int rc;
 
     copy_weights(p, weights);
+    for (size_t c = 0; c < p->ny; c++)
+        sought += tracked(p, c) > 0.0;
     rc = weigh(p, why);
     if (rc == 0)
-        rc = apc_target_tune(p->target, p->r, p->s, why);
+        rc = apc_target_tune(p->target, sought, p->r, p->s, why);
     if (rc < 0)
         return rc;
     for (size_t c = 0; c < p->ny; c++) {

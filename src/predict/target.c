@@ -23,6 +23,7 @@ struct apc_target {
     double *rows; /* [(nu + ny) * nu] of z: u, then y */
     double *H, *f, *z;
     double largest;          /* of the weights that were given */
+    bool loose;              /* setpoints leave some u free */
     double *weight;          /* [nu] */
     double *point, *e;       /* [n], [nc] */
     double *low, *high;      /* [nu + nu + ny] z is free; then rows */
@@ -150,6 +151,7 @@ void apc_target_destroy(struct apc_target *target)
 static int weigh(struct apc_target *t, struct apc_error *why)
 {
     const size_t nu = t->model->nu;
+    double known = 0.0;
 
     memset(t->H, 0, nu * nu * sizeof(*t->H));
     for (size_t j = 0; j < nu; j++) {
@@ -158,22 +160,30 @@ static int weigh(struct apc_target *t, struct apc_error *why)
                 t->H[a * nu + b] += t->weight[j] * t->rows[j * nu + a] * t->rows[j * nu + b];
         }
     }
-    /* u may say nothing of a combination of z: an integrating state at rest is anywhere */
+    /* u may say nothing of a combination of z: an integrating state at rest is anywhere. Where setpoints
+     * leave u free this has a say, which must not hang on units. */
+    for (size_t a = 0; a < nu; a++)
+        known += t->H[a * nu + a];
     for (size_t c = 0; c < t->model->ny; c++) {
+        const double *row = t->rows + (nu + c) * nu, size = apc_matrix_dot(row, row, nu);
+        const double share =
+            t->loose && known > 0.0 && size > 0.0 ? 1e-9 * known / size : 1e-9 * fmax(t->largest, 1.0);
+
         for (size_t a = 0; a < nu; a++) {
             for (size_t b = 0; b < nu; b++)
-                t->H[a * nu + b] +=
-                    1e-9 * fmax(t->largest, 1.0) * t->rows[(nu + c) * nu + a] * t->rows[(nu + c) * nu + b];
+                t->H[a * nu + b] += share * row[a] * row[b];
         }
     }
     return apc_qp_set(t->qp, t->H, t->rows, why);
 }
 
-int apc_target_tune(struct apc_target *t, const double *r, const double *s, struct apc_error *why)
+int apc_target_tune(struct apc_target *t, size_t sought, const double *r, const double *s,
+                    struct apc_error *why)
 {
     const size_t nu = t->model->nu;
     double dearest = 0.0;
 
+    t->loose = sought < nu;
     t->largest = 0.0;
     for (size_t j = 0; j < nu; j++) {
         t->largest = fmax(t->largest, r[j]);

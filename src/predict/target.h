@@ -12,10 +12,11 @@ struct apc_target;
 int apc_target_create(struct apc_target **target, struct apc_linear *model, struct apc_error *why);
 void apc_target_destroy(struct apc_target *target); /* NULL is legal */
 
-/* Weights of each input's distance from its wish, and of its moves, both >= 0 [nu]: where setpoints or limits
- * leave inputs a choice and nothing is wished, the latter say what a unit of each is worth. Returns 0 or
- * APC_EINVAL. [tick] */
-int apc_target_tune(struct apc_target *target, const double *r, const double *s, struct apc_error *why);
+/* How many outputs are to be at a setpoint; weights of each input's distance from its wish, and of its moves,
+ * both >= 0 [nu]: where setpoints or limits leave inputs a choice and nothing is wished, the latter say what
+ * a unit of each is worth. Returns 0 or APC_EINVAL. [tick] */
+int apc_target_tune(struct apc_target *target, size_t sought, const double *r, const double *s,
+                    struct apc_error *why);
 
 struct apc_target_call {
     const double *unknown;        /* [nx - nx_plant - nx_held] */

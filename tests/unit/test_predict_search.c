@@ -60,7 +60,7 @@ static void begin(struct scene *s, const struct apc_model *model, double Ts, con
     assert_int_equal(linearise(s->shoot, s->x, s->u, s->linear, (double[NX_MOST]){0}), 0);
     if (apc_target_create(&s->target, s->linear, &why) < 0)
         fail_msg("%s", why.text);
-    assert_int_equal(apc_target_tune(s->target, nobody, moves, &why), 0);
+    assert_int_equal(apc_target_tune(s->target, model->ny, nobody, moves, &why), 0);
 }
 
 static void end(struct scene *s)
