@@ -13,6 +13,7 @@ import casadi
 import numpy as np
 
 RELATIVE, KKT, KKT_ILL, ILL = 1e-8, 1e-9, 1e-7, 1e8 # of H's condition
+ROUNDING = 1e-14 # of the objective without limits, from where dual methods come: beside it what is almost nothing is not known better
 AGREE = 3
 STRONG, AT = 1e-5, 1e-6 # a multiplier and a distance, over their scales, that leave no doubt; what counts as at a limit
 OPTIMAL, INFEASIBLE = 1, 3
@@ -158,6 +159,7 @@ def consider(number, p, judges, count):
     count["ill"] += ill
     if off > (KKT_ILL if ill else KKT):
         sys.exit(f"problem {number}: residual {off:.3g}")
+    rounding = ROUNDING * np.abs(p.f) @ np.abs(np.linalg.solve(p.H, p.f))
     same, against = 0, []
     for judge in judges:
         got = judge.answer(p) if same < AGREE else None
@@ -166,7 +168,10 @@ def consider(number, p, judges, count):
         value, x = got
         count["heard " + judge.name] += 1
         scale = 0.5 * np.abs(p.x) @ np.abs(p.H) @ np.abs(p.x) + np.abs(p.f) @ np.abs(p.x) + p.soft + 1e-6  # an error that counts as 1 costs 0.5
-        if abs(value - p.objective - p.soft) > RELATIVE * scale:
+        apart = abs(value - p.objective - p.soft)
+        if RELATIVE * scale < apart <= RELATIVE * scale + rounding:
+            count["but for rounding " + judge.name] += 1
+        if apart > RELATIVE * scale + rounding:
             count["dissent " + judge.name] += 1
             against.append(f"{judge.name} {value!r}")
             continue
