@@ -1,18 +1,29 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A hundred variables at 10 Hz: what has come is on the screen a frame later, all values together.
 import assert from "node:assert/strict";
-import {test} from "node:test";
+import {after, before, test} from "node:test";
 import {launch, open, until} from "./lib.mjs";
 
 const UPDATES = 20;
 const PATIENCE = {timeout: 300000}; // ms for each test: a browser that hangs is no reason to wait for ever
 
+let browser;
+before(async () => (browser = await launch()));
+after(() => browser.close());
+
+/** The page listens to its keys a frame after it is there: "/" is pressed until the search has them. */
+async function search(page, text) {
+  await until("/ leads to the search", async () => {
+    await page.keyboard.press("/");
+    return page.locator("input[type=search]").evaluate(one => one === document.activeElement);
+  });
+  await page.keyboard.type(text);
+}
+
 test("a value that is not Good is marked, and nothing of it is cut off", PATIENCE, async () => {
-  const browser = await launch();
   for (const width of [1280, 800, 400]) {
     const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED, viewport: {width, height: 800}});
-    await page.keyboard.press("/");
-    await page.keyboard.type("signal 100");
+    await search(page, "signal 100");
     const bad = page.locator('main .value.uncertain[data-ref="sensor.100"]');
     await bad.waitFor();
     assert.match(await bad.textContent(), /substitute value$/);
@@ -24,11 +35,9 @@ test("a value that is not Good is marked, and nothing of it is cut off", PATIENC
     assert.equal(cut, 0, `at ${width} pixels`);
     await page.context().close();
   }
-  await browser.close();
 });
 
 test("of a hundred rows those in sight are there; keys go to all of them, a search and the areas leave what is wanted", PATIENCE, async () => {
-  const browser = await launch();
   const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED});
   const rows = page.locator(".rows [data-row]");
   const focused = () => page.evaluate(() => document.activeElement.closest("[data-row]")?.dataset.row);
@@ -40,14 +49,13 @@ test("of a hundred rows those in sight are there; keys go to all of them, a sear
     await page.keyboard.press(key);
     await until(`${key} goes to row ${row}`, async () => (await focused()) === row);
   }
-  await page.keyboard.press("/");
-  await page.keyboard.type("signal 77");
+  await search(page, "signal 77");
   await until("one is left", async () => (await rows.count()) === 1 && /y77/.test(await rows.first().textContent()));
   await page.keyboard.press("Escape");
   await page.getByRole("button", {name: "View as table"}).click();
   await until("all are in the table", async () => (await page.locator("main .data tbody tr", {hasText: "y"}).count()) >= 100);
   assert.deepEqual(page.complaints, []);
-  await browser.close();
+  await page.context().close();
 });
 
 /** Notes the newest update that has come to the page. */
@@ -63,7 +71,6 @@ function note() {
 
 // How many frames there are is the computer's business; what a frame shows is the page's.
 test("a hundred variables at 10 Hz: what has come is on the screen a frame later, all values together", PATIENCE, async () => {
-  const browser = await launch();
   const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED, initScript: note});
   await until("the rows in sight have their values", async () => (await page.locator("main .rows .value[data-seq]").count()) >= 20);
   await page.evaluate(() => {
@@ -84,6 +91,6 @@ test("a hundred variables at 10 Hz: what has come is on the screen a frame later
     const seen = await page.evaluate(() => ({...window.seen, updates: window.seen.seqs.size}));
     return seen.updates >= UPDATES && seen;
   });
-  await browser.close();
+  await page.context().close();
   assert.deepEqual({torn, late}, {torn: 0, late: 0}, "frames that mix two updates, frames without what had come before the last one");
 });
