@@ -443,8 +443,9 @@ static void year(int signals)
 
 int main(int argc, char **argv)
 {
-    const int signals = argc > 1 ? atoi(argv[1]) : 12;
-    if (signals < 1 || signals > 900)
+    char *end = NULL;
+    const int signals = argc > 1 ? (int)strtol(argv[1], &end, 10) : 12;
+    if (signals < 1 || signals > 900 || (end && *end))
         die("usage: bench_scale SIGNALS (1 to 900)");
     setvbuf(stdout, NULL, _IOLBF, 0);
     by_hand = PQconnectdb("");

@@ -764,8 +764,10 @@ static void as_many_values_go_as_may_be(void **state)
                                   T0 + 1000 * (apc_ns)i};
         if (scheme->coarse)
             u[i].value = 99.99 - 99.99 * (double)i;
-        p->y[i] = u[i];
     }
+    pthread_mutex_lock(&p->mutex);
+    memcpy(p->y, u, most * sizeof(*u));
+    pthread_mutex_unlock(&p->mutex);
     look(p);
     for (int k = 0; k < 2; k++) {
         assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
