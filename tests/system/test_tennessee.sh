@@ -1,25 +1,35 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# The Tennessee Eastman process, an FMU that nobody here wrote the plant of, held for 48 simulated hours under IDV 1, 4 and 8 by the eight base
-# loops of examples/tennessee-eastman, and by its own controllers: in none of their measures ours are worse. It is big: scripts/peers tennessee.
+# The Tennessee Eastman process, an FMU that nobody here wrote the plant of, held by the eight base loops of examples/tennessee-eastman, and by
+# its own controllers: for 4 hours under IDV 1, where ours have to be the better ones in what that disturbs. APC_TENNESSEE=all: for 48 hours under
+# IDV 1, 4 and 8, where in none of their measures ours are worse, and the table is that of the example's README.md.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "skipped: an interpreter is run, not our code; system_fmu runs that"; exit 77 ;; esac
 [ -x "$APC_BIN/apc-fmu" ] || { echo "skipped: apc-fmu was not built: it needs libzip and expat"; exit 77; }
 interpreter=$(python3 -c 'import sysconfig as s; print(s.get_config_var("LIBDIR"), s.get_config_var("INSTSONAME"), sep="/")')
 [ -f "$interpreter" ] || { echo "skipped: FMUs of Python want its library, and there is no $interpreter"; exit 77; }
-big_peers tennessee
-export PYTHONPATH=$peers/python PYTHONDONTWRITEBYTECODE=1 MPLCONFIGDIR=$work APC_FMU_TIMEOUT=600
-python3 -c 'import tep_studio' 2>"$work/import" || { echo "skipped: what scripts/peers fetched is not for this Python: $(tail -n 1 "$work/import")"; exit 77; }
+python_peers tennessee.txt
+export PYTHONPATH=$peers PYTHONDONTWRITEBYTECODE=1 MPLCONFIGDIR=$work APC_FMU_TIMEOUT=600
+python3 -c 'import tep_studio' 2>"$work/import" || { echo "skipped: what was fetched is not for this Python: $(tail -n 1 "$work/import")"; exit 77; }
 example=$APC_SOURCE_DIR/examples/tennessee-eastman
-APC_BIN=$APC_BIN "$example/compare.py" "$work/both" --figure "$work/both.png" >"$work/table" || fail "its own controllers are better: $(cat "$work/table")"
+[ "${APC_TENNESSEE:-}" = all ] && runs=() || runs=(--hours 4 --idv 1)
+status=0
+APC_BIN=$APC_BIN "$example/compare.py" "$work/both" "${runs[@]}" --figure "$work/both.png" >"$work/table" || status=$?
 [ -s "$work/both.png" ] || fail "no figure"
-python3 - "$work/table" "$example/README.md" <<'END' || fail "its README.md has another table: $(cat "$work/table")"
+[ ${#runs[@]} -gt 0 ] || [ $status -eq 0 ] || fail "its own controllers are better: $(cat "$work/table")"
+python3 - "$work/table" "$example/README.md" <<'END' || fail "its README.md has another table, or the loops do not hold it: $(cat "$work/table")"
 import re, sys
 def rows(file):
     cells = [line.split("|", 2) for line in open(file, encoding="utf-8") if line.startswith("| ")]
-    return {c[1]: [float(x) for x in re.findall(r"[\d.]+", c[2])] for c in cells if re.match(" (IAE|operating|steps|shut)", c[1])}
+    return {c[1].strip(): [float(x) for x in re.findall(r"[\d.]+", c[2])] for c in cells if re.match(" (IAE|operating|steps|shut)", c[1])}
 now, shown = rows(sys.argv[1]), rows(sys.argv[2])
-sys.exit(len(now) != 9 or any(abs(a - b) > 0.02 * b for name in now for a, b in zip(now[name], shown[name], strict=True)))
+same = len(now) == 9
+if len(now["shut down"]) == 6:
+    same &= all(abs(a - b) <= 0.02 * b for name in now for a, b in zip(now[name], shown[name], strict=True))
+else:  # of the others most is noise in so short a time
+    same &= all(now[name][1] < now[name][0] for name in ("IAE reactor pressure", "IAE separator level", "IAE stripper level", "operating cost, $"))
+    same &= now["steps beyond a constraint"][1] == now["shut down"][1] == 0
+sys.exit(not same)
 END
 
 # The account is one of the plant: without the loops it shuts down, and the comparison says so.
