@@ -131,14 +131,16 @@ static void tune(struct apc_law_mpc *p, const struct apc_law_call *c)
 /* Rows that the caller has; the last of them goes on. A measurement without a setpoint has weight 0. */
 static void look_ahead(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
-    for (size_t i = 0; i <= p->N; i++) {
-        const size_t row = i < p->n_ahead ? i : p->n_ahead - 1;
+    const size_t ny = p->dim.ny, nz = p->dim.nz, nd = p->dim.nd, last_row = p->n_ahead - 1;
 
-        for (size_t k = 0; k < p->dim.nz; k++)
-            p->w[i * p->dim.ny + p->cv[k]] = c->z[row * p->dim.nz + k];
-        for (size_t k = 0; k < p->dim.nd; k++)
-            p->d[i * p->dim.nd + k] = c->d[row * p->dim.nd + k];
+    for (size_t k = 0; k < nz; k++) {
+        double *w = p->w + p->cv[k];
+
+        for (size_t i = 0; i <= p->N; i++)
+            w[i * ny] = c->z[(i < last_row ? i : last_row) * nz + k];
     }
+    for (size_t i = 0; i <= p->N && nd; i++)
+        memcpy(p->d + i * nd, c->d + (i < last_row ? i : last_row) * nd, nd * sizeof(*p->d));
 }
 
 static double within(double value, double low, double high)

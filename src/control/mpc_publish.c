@@ -124,12 +124,12 @@ static void publish_limits(const struct apc_law_mpc *p, double *at)
 void apc_mpc_publish(struct apc_law_mpc *p, const struct apc_law_call *c, int result)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu, old = (size_t)*apc_mpc_age_of(p, p->x) - 1;
-    double *at = c->published;
+    double *at = c->published, cost;
 
     if (!at)
         return;
     apc_mpc_shift_plan(p, old);
-    apc_mpc_predict(p->mpc, p->shifted, p->prediction);
+    cost = apc_mpc_predict(p->mpc, p->shifted, p->prediction);
     for (size_t i = 0; i < ny; i++) {
         for (size_t k = 0; k < p->N; k++)
             *at++ = p->prediction[k * ny + i];
@@ -147,7 +147,7 @@ void apc_mpc_publish(struct apc_law_mpc *p, const struct apc_law_call *c, int re
         *at++ = p->x[p->nx - p->n_unknown + k];
     publish_limits(p, at);
     at += ny + nu;
-    *at++ = apc_mpc_cost(p->mpc, p->shifted, p->prediction);
+    *at++ = cost;
     *at++ = p->took;
     *at++ = result;
     *at++ = p->result.iterations;

@@ -135,7 +135,7 @@ void mpc_make_rows(struct apc_mpc *p)
 
 static int count_rows(struct apc_mpc *p, const struct apc_mpc_options *o)
 {
-    p->first = calloc(p->blocks + 2 * p->ny + p->N, sizeof(*p->first));
+    p->first = calloc(p->blocks + 2 * p->ny + 2 * p->N, sizeof(*p->first));
     p->rate_of = calloc(p->n, sizeof(*p->rate_of));
     p->rank = calloc(p->ny, sizeof(*p->rank));
     if (!p->first || !p->rank || !p->rate_of)
@@ -143,11 +143,18 @@ static int count_rows(struct apc_mpc *p, const struct apc_mpc_options *o)
     p->row_of_limit = p->first + p->blocks;
     p->row_of_zone = p->row_of_limit + p->ny;
     p->block_at = p->row_of_zone + p->ny;
+    p->columns = p->block_at + p->N;
     for (size_t b = 0; b + 1 < p->blocks; b++)
         p->first[b + 1] = p->first[b] + o->block[b];
     for (size_t i = 0, b = 0; i < p->N; i++) {
         b += b + 1 < p->blocks && i == p->first[b + 1];
         p->block_at[i] = b;
+    }
+    for (size_t i = 0; i < p->N; i++) {
+        const size_t moves = (p->block_at[i + 1 < p->N ? i + 1 : i] + 1) * p->nu,
+                     eights = (moves + 7) / 8 * 8;
+
+        p->columns[i] = eights < p->n ? eights : p->n;
     }
     for (size_t b = 1; b < p->blocks; b++) {
         for (size_t j = 0; j < p->nu; j++) {
@@ -344,33 +351,32 @@ void apc_mpc_destroy(struct apc_mpc *mpc)
 
 QP_LANES static void respond_to_moves(const struct apc_mpc *p, double *y)
 {
-    for (size_t i = 0; i < p->N * p->ny; i++)
-        y[i] = p->free_y[i] + qp_dot(p->n, p->G + i * p->n, p->v);
+    for (size_t i = 0, k = 0; i < p->N; i++) {
+        for (size_t c = 0; c < p->ny; c++, k++)
+            y[k] = p->free_y[k] + qp_dot(p->columns[i], p->G + k * p->n, p->v);
+    }
 }
 
 /* v of a plan. */
 static void take_plan(const struct apc_mpc *p, const double *plan)
 {
-    for (size_t b = 0; b < p->blocks; b++) {
-        for (size_t j = 0; j < p->nu; j++)
-            p->v[b * p->nu + j] = plan[b * p->nu + j] - p->model->u0[j];
-    }
-}
+    const double *u0 = p->model->u0;
+    double *v = p->v;
 
-void apc_mpc_predict(const struct apc_mpc *p, const double *plan, double *y)
-{
-    take_plan(p, plan);
-    respond_to_moves(p, y);
+    for (size_t b = 0; b < p->blocks; b++, v += p->nu, plan += p->nu) {
+        for (size_t j = 0; j < p->nu; j++)
+            v[j] = plan[j] - u0[j];
+    }
 }
 
 /* Of samples: y's distance from its target or, in a zone, from its edge. */
 static double cost_of_y(const struct apc_mpc *p, const double *y)
 {
+    const size_t end = summed(p);
     double sum = 0.0;
 
-    for (size_t i = 0; i < p->N; i++) {
-        for (size_t c = 0; c < p->ny; c++) {
-            const size_t k = i * p->ny + c;
+    for (size_t i = 0, k = 0; i < p->N; i++) {
+        for (size_t c = 0; c < p->ny; c++, k++) {
             double away = y[k] - p->target_y[k];
 
             if (p->zone[c] > 0.0 && p->row_of_zone[c] != SIZE_MAX) {
@@ -378,7 +384,7 @@ static double cost_of_y(const struct apc_mpc *p, const double *y)
                 const double inside = y[k] - p->free_y[k];
 
                 away = fmax(fmax(inside - p->high[row], p->low[row] - inside), 0.0);
-            } else if (i >= summed(p)) {
+            } else if (i >= end) {
                 continue;
             }
             sum += 0.5 * p->q[c] * away * away;
@@ -405,7 +411,7 @@ static double cost_of_moves(const struct apc_mpc *p, const double *plan)
     return sum;
 }
 
-/* What comes after the horizon. */
+/* What comes after the horizon, with the plan in v. */
 QP_LANES static double cost_of_rest(struct apc_mpc *p, const double *plan)
 {
     const size_t nc = p->nc, nu = p->nu, na = nc + nu;
@@ -414,7 +420,6 @@ QP_LANES static double cost_of_rest(struct apc_mpc *p, const double *plan)
 
     for (size_t i = 0; i < nc; i++)
         p->far[i] = p->x[i] - p->target_x[i];
-    take_plan(p, plan);
     for (; k + 4 <= p->n; k += 4) {
         const double *row = p->Gx + k * nc;
 
@@ -429,8 +434,10 @@ QP_LANES static double cost_of_rest(struct apc_mpc *p, const double *plan)
     return fmax(sum, 0.0); /* rounding */
 }
 
-double apc_mpc_cost(struct apc_mpc *p, const double *plan, const double *y)
+double apc_mpc_predict(struct apc_mpc *p, const double *plan, double *y)
 {
+    take_plan(p, plan);
+    respond_to_moves(p, y);
     return cost_of_y(p, y) + cost_of_moves(p, plan) + (p->ends && p->aims ? cost_of_rest(p, plan) : 0.0);
 }
 
@@ -461,27 +468,38 @@ void apc_mpc_start(struct apc_mpc *p)
     p->easy_waits = true;
 }
 
+/* The next row from @p k on that holds the plan back; n: there is none. Nearly all do not. */
+static size_t next_held(const signed char *rows, size_t k, size_t n)
+{
+    static const signed char none[8];
+
+    while (k < n && !rows[k])
+        k += k + 8 <= n && !memcmp(rows + k, none, 8) ? 8 : 1;
+    return k;
+}
+
 void apc_mpc_limiting(const struct apc_mpc *p, const signed char *rows, unsigned *u, unsigned *y)
 {
     memset(u, 0, p->nu * sizeof(*u));
     memset(y, 0, p->ny * sizeof(*y));
-    for (size_t b = 0, k = 0; b < p->blocks; b++) {
-        for (size_t j = 0; j < p->nu; j++, k++) {
-            const unsigned paced = b == 0 ? p->paced[j] : 0;
+    for (size_t k = next_held(rows, 0, p->n); k < p->n; k = next_held(rows, k + 1, p->n)) {
+        const size_t j = k % p->nu;
+        const unsigned paced = k < p->nu ? p->paced[j] : 0;
 
-            if (rows[k] < 0)
-                u[j] |= paced & APC_MPC_FALLS ? APC_MPC_FALLS : APC_MPC_LOW;
-            else if (rows[k] > 0)
-                u[j] |= paced & APC_MPC_RISES ? APC_MPC_RISES : APC_MPC_HIGH;
-        }
+        if (rows[k] < 0)
+            u[j] |= paced & APC_MPC_FALLS ? APC_MPC_FALLS : APC_MPC_LOW;
+        else
+            u[j] |= paced & APC_MPC_RISES ? APC_MPC_RISES : APC_MPC_HIGH;
     }
-    for (size_t k = 0; k < p->n_rates; k++)
-        if (rows[p->n + k])
-            u[p->rate_of[k].j] |= rows[p->n + k] < 0 ? APC_MPC_FALLS : APC_MPC_RISES;
-    for (size_t c = 0; c < p->ny; c++)
-        for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++)
-            if (rows[p->n + p->row_of_limit[c] + i])
-                y[c] |= rows[p->n + p->row_of_limit[c] + i] < 0 ? APC_MPC_LOW : APC_MPC_HIGH;
+    rows += p->n;
+    for (size_t k = next_held(rows, 0, p->n_rates); k < p->n_rates; k = next_held(rows, k + 1, p->n_rates))
+        u[p->rate_of[k].j] |= rows[k] < 0 ? APC_MPC_FALLS : APC_MPC_RISES;
+    for (size_t c = 0; c < p->ny; c++) {
+        const size_t begin = p->row_of_limit[c], end = begin != SIZE_MAX ? begin + p->N : begin;
+
+        for (size_t k = next_held(rows, begin, end); k < end; k = next_held(rows, k + 1, end))
+            y[c] |= rows[k] < 0 ? APC_MPC_LOW : APC_MPC_HIGH;
+    }
 }
 
 signed char *apc_mpc_room(struct apc_mpc *p)

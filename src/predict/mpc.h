@@ -99,10 +99,9 @@ void apc_mpc_aim(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *x
  */
 int apc_mpc_follow(struct apc_mpc *mpc, const double *G, const double *free_y, const double *Gx,
                    const double *free_x);
-/* What the plan does: y [N * ny], of samples 1..N; of the last call. [tick] */
-void apc_mpc_predict(const struct apc_mpc *mpc, const double *plan, double *y);
-/* The sum above of a plan and what it does, of the last call: never below 0. [tick] */
-double apc_mpc_cost(struct apc_mpc *mpc, const double *plan, const double *y);
+/* What the plan does: y [N * ny], of samples 1..N; of the last call. Returns the sum above, of that and the
+ * plan: never below 0. [tick] */
+double apc_mpc_predict(struct apc_mpc *mpc, const double *plan, double *y);
 /* Steady state aimed at by sample i (1..N) of the last call: y [ny], u [nu]. [tick] */
 void apc_mpc_target(const struct apc_mpc *mpc, size_t i, double *y, double *u);
 /* The u [nu] that acts in sample i, from 0. [tick] */

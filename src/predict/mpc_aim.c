@@ -125,8 +125,8 @@ int mpc_find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigne
         int rc;
 
         if (i > 1 && same(call->w, i, p->ny) && (!call->d || same(call->d, i, p->nd))) {
-            memcpy(y, y - ny, ny * sizeof(*y));
-            memcpy(u, u - nu, nu * sizeof(*u));
+            mpc_copy(ny, y - ny, y);
+            mpc_copy(nu, u - nu, u);
             continue;
         }
         inside = aim(p, call, i);

@@ -17,6 +17,7 @@ struct apc_mpc {
     size_t n_rates;                         /* rows of rates, before those of limits and of zones */
     size_t *first;                          /* [blocks] sample that a block begins with */
     size_t *block_at;                       /* [N] block that a sample is in */
+    size_t *columns; /* [N] of G's rows of a sample: the moves from there on come after it. Eights, or n */
     struct apc_mpc_change {
         size_t move, j;
     } * rate_of;                        /* [n_rates] the move that a row ends with, its input */
@@ -76,6 +77,13 @@ static inline size_t summed(const struct apc_mpc *p)
 static inline double wished(const struct apc_mpc *p, size_t block, size_t j)
 {
     return p->ends && block + 1 == p->blocks ? 0.0 : p->r[j];
+}
+
+/* memcpy() of a few, without a call. */
+static inline void mpc_copy(size_t n, const double *from, double *to)
+{
+    for (size_t k = 0; k < n; k++)
+        to[k] = from[k];
 }
 
 /** Rates, limits and zones, as rows of A, from G. */

@@ -32,17 +32,28 @@ static inline double greater(double a, double b)
 QP_LANES static void coast(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     const struct apc_linear *m = p->model;
-    const size_t rows = p->N * p->ny;
+    const size_t nx = m->nx, rows = p->N * p->ny;
+    double *away = p->next;
+    size_t k = 0;
 
     for (size_t i = 0; i < p->N; i++)
-        memcpy(p->free_y + i * p->ny, m->y0, p->ny * sizeof(*p->free_y));
-    memcpy(p->x, m->x0, m->nx * sizeof(*p->x));
-    for (size_t k = 0; k < m->nx; k++) {
-        const double away = call->x[k] - m->x0[k];
+        mpc_copy(p->ny, m->y0, p->free_y + i * p->ny);
+    memcpy(p->x, m->x0, nx * sizeof(*p->x));
+    for (size_t i = 0; i < nx; i++)
+        away[i] = call->x[i] - m->x0[i];
+    for (; k + 4 <= nx; k += 4) {
+        const double *row = p->F + k * rows, *end = p->Fx + k * nx;
 
-        qp_add(rows, away, p->F + k * rows, p->free_y);
+        qp_add_each(rows, away + k, (const double *const[]){row, row + rows, row + 2 * rows, row + 3 * rows},
+                    p->free_y);
         if (p->terminal)
-            qp_add(m->nx, away, p->Fx + k * m->nx, p->x);
+            qp_add_each(nx, away + k, (const double *const[]){end, end + nx, end + 2 * nx, end + 3 * nx},
+                        p->x);
+    }
+    for (; k < nx; k++) {
+        qp_add(rows, away[k], p->F + k * rows, p->free_y);
+        if (p->terminal)
+            qp_add(nx, away[k], p->Fx + k * nx, p->x);
     }
 }
 
@@ -68,71 +79,98 @@ static void coast_disturbed(struct apc_mpc *p, const struct apc_mpc_call *call)
 /* f = G' q (free_y - target_y), four rows at a time. */
 QP_LANES static void pull(struct apc_mpc *p)
 {
-    const size_t n = p->n, rows = summed(p) * p->ny;
+    const size_t n = p->n, ny = p->ny, rows = summed(p) * ny;
     size_t i = 0;
 
     memset(p->f, 0, n * sizeof(*p->f));
-    for (size_t c = 0; i < rows; i++, c = c + 1 < p->ny ? c + 1 : 0)
-        p->pulling[i] = tracked(p, c) * (p->target_y[i] - p->free_y[i]);
+    for (size_t c = 0; c < ny; c++) {
+        const double q = tracked(p, c);
+
+        for (i = c; i < rows; i += ny)
+            p->pulling[i] = q * (p->target_y[i] - p->free_y[i]);
+    }
     for (i = 0; i + 4 <= rows; i += 4) {
         const double *row = p->G + i * n, *const four[] = {row, row + n, row + 2 * n, row + 3 * n};
 
-        qp_add_four(n, p->pulling + i, four, p->f);
+        qp_add_four(p->columns[(i + 3) / ny], p->pulling + i, four, p->f);
     }
     for (; i < rows; i++)
         qp_add(n, -p->pulling[i], p->G + i * n, p->f);
+}
+
+/* Away from where moves want to be, and from what acts now. */
+static void wish(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    const size_t nu = p->nu;
+
+    for (size_t j = 0; j < nu; j++) {
+        const double u0 = p->model->u0[j];
+
+        for (size_t b = 0; b < p->blocks && p->r[j] > 0.0; b++) {
+            const size_t sample = p->first[b] > 0 ? p->first[b] - 1 : 0;
+
+            p->f[b * nu + j] -= wished(p, b, j) * (p->target_u[sample * nu + j] - u0);
+        }
+        p->f[j] -= p->s[j] * (call->u_last[j] - u0);
+    }
 }
 
 QP_LANES static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     const struct apc_linear *m = p->model;
     const size_t n = p->n, nu = p->nu, nc = p->nc, na = nc + nu;
+    size_t i = 0;
 
     pull(p);
-    for (size_t block = 0; block < p->blocks; block++) {
-        const size_t sample = p->first[block];
-        const double *u = p->target_u + (sample > 0 ? sample - 1 : 0) * nu;
-
-        for (size_t j = 0; j < nu; j++) {
-            p->f[block * nu + j] -= wished(p, block, j) * (u[j] - m->u0[j]);
-            if (block == 0)
-                p->f[j] -= p->s[j] * (call->u_last[j] - m->u0[j]);
-        }
-    }
+    wish(p, call);
     if (!p->ends)
         return;
-    for (size_t i = 0; i < nc; i++)
-        p->difference[i] = p->x[i] - p->target_x[i];
+    for (size_t k = 0; k < nc; k++)
+        p->difference[k] = p->x[k] - p->target_x[k];
     for (size_t j = 0; j < nu; j++)
         p->difference[nc + j] = m->u0[j] - p->target_u[(p->N - 1) * nu + j];
-    for (size_t i = 0; i < na; i++)
+    for (; i + 4 <= na; i += 4) {
+        const double *row = p->PG + i * n, *const four[] = {row, row + n, row + 2 * n, row + 3 * n};
+
+        qp_add_each(n, p->difference + i, four, p->f);
+    }
+    for (; i < na; i++)
         qp_add(n, p->difference[i], p->PG + i * n, p->f);
 }
 
-/* Limits of the moves. A u that stands outside comes back as fast as its rate allows. */
-static void bound_moves(struct apc_mpc *p, const struct apc_mpc_call *call)
+/* Limits of one input's moves, the first within reach of what acts now. One that stands outside comes back as
+ * fast as its rate allows. */
+static void bound_moves(struct apc_mpc *p, const struct apc_mpc_call *call, size_t j)
 {
-    for (size_t b = 0; b < p->blocks; b++) {
-        for (size_t j = 0; j < p->nu; j++) {
-            const double u0 = p->model->u0[j], last = call->u_last[j],
-                         reach = call->step[j] * (double)(b + 1);
-            double low = lesser(call->low[j], last + reach), high = greater(call->high[j], last - reach);
+    const double u0 = p->model->u0[j], last = call->u_last[j], step = call->step[j], least = call->low[j],
+                 most = call->high[j];
+    double *low = p->low + j, *high = p->high + j;
 
-            if (b == 0) {
-                p->paced[j] = (last - reach > low ? (unsigned)APC_MPC_FALLS : 0u) |
-                              (last + reach < high ? (unsigned)APC_MPC_RISES : 0u);
-                low = greater(low, last - reach);
-                high = lesser(high, last + reach);
-            }
-            p->low[b * p->nu + j] = (call->given[j] ? last : low) - u0;
-            p->high[b * p->nu + j] = (call->given[j] ? last : high) - u0;
-        }
+    for (size_t b = 0; b < p->blocks; b++, low += p->nu, high += p->nu) {
+        const double reach = step * (double)(b + 1);
+
+        *low = (call->given[j] ? last : lesser(least, last + reach)) - u0;
+        *high = (call->given[j] ? last : greater(most, last - reach)) - u0;
     }
+    const double first = lesser(least, last + step), end = greater(most, last - step);
+
+    p->paced[j] = (last - step > first ? (unsigned)APC_MPC_FALLS : 0u) |
+                  (last + step < end ? (unsigned)APC_MPC_RISES : 0u);
+    if (call->given[j])
+        return;
+    p->low[j] = greater(first, last - step) - u0;
+    p->high[j] = lesser(end, last + step) - u0;
+}
+
+static void bound_rates(struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    double *low = p->low + p->n, *high = p->high + p->n;
+
     for (size_t k = 0; k < p->n_rates; k++) {
         const double step = call->step[p->rate_of[k].j];
 
-        p->low[p->n + k] = -step;
-        p->high[p->n + k] = step;
+        low[k] = -step;
+        high[k] = step;
     }
 }
 
@@ -155,12 +193,12 @@ static void bound_zones(struct apc_mpc *p, const struct apc_mpc_call *call, bool
 static void bound_output(struct apc_mpc *p, const struct apc_mpc_call *call, size_t c, bool wait)
 {
     double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
+    const double least = wait ? -HUGE_VAL : call->y_low[c], most = wait ? HUGE_VAL : call->y_high[c];
+    const double *y = p->free_y + c;
 
-    for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++) {
-        const double y = p->free_y[i * p->ny + c];
-
-        low[i] = wait ? -HUGE_VAL : call->y_low[c] - y;
-        high[i] = wait ? HUGE_VAL : call->y_high[c] - y;
+    for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++, y += p->ny) {
+        low[i] = least - *y;
+        high[i] = most - *y;
     }
 }
 
@@ -303,15 +341,19 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
         return;
     result->reachable = p->reachable;
     gradient(p, call);
-    bound_moves(p, call);
+    for (size_t j = 0; j < p->nu; j++)
+        bound_moves(p, call, j);
+    bound_rates(p, call);
     bound_zones(p, call, false);
     for (size_t c = 0; c < p->ny; c++)
         bound_output(p, call, c, false);
     result->rc = solve(p, p->qp, result);
     if (result->rc == APC_ERANGE || (result->rc == APC_ETIMEDOUT && !is_cut(p, result->rc)))
         solve_without(p, call, result);
-    for (size_t b = 0; b < p->blocks && result->rc == 0; b++) {
-        for (size_t j = 0, k = b * p->nu; j < p->nu; j++, k++)
-            plan[k] = p->model->u0[j] + lesser(greater(p->v[k], p->low[k]), p->high[k]);
+    for (size_t j = 0; j < p->nu && result->rc == 0; j++) {
+        const double u0 = p->model->u0[j];
+
+        for (size_t k = j; k < p->n; k += p->nu)
+            plan[k] = u0 + lesser(greater(p->v[k], p->low[k]), p->high[k]);
     }
 }
