@@ -115,6 +115,8 @@ int warden_create(struct warden **out)
     atomic_init(&w->signal, 0);
     atomic_init(&w->code, EXIT_ERROR);
     if (apc_mutex_init(&w->mutex) < 0 || pthread_create(&w->thread, NULL, run, w)) {
+        if (w->notify >= 0)
+            close(w->notify);
         free(w);
         return APC_ESYS;
     }

@@ -270,6 +270,98 @@ static void test_a_link_that_comes_and_goes_is_counted(void **state)
     tear_down(&b);
 }
 
+/* The events of a link at these times, s from a time to come. How many of them are in the store after a
+ * flush. */
+static int listed(const apc_ns *at, size_t n, struct events *all)
+{
+    struct bench b;
+    struct apc_event e = {.severity = APC_EVENT_WARNING, .source = "apc-test", .kind = "link"};
+    const apc_ns base =
+        apc_clock_utc(NULL) + 50 * APC_NS_PER_S; /* no flush is so late that it tells by itself */
+    set_up(&b);
+    for (size_t i = 0; i < n; i++) {
+        e.time = base + at[i];
+        snprintf(e.text, sizeof e.text, "number %zu", i);
+        recorder_event(b.r, &e);
+    }
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    *all = (struct events){0};
+    const int stored = apc_store_events(b.reader, &(struct apc_range){0}, note, all);
+    tear_down(&b);
+    return stored;
+}
+
+#define SEC APC_NS_PER_S
+
+static void test_of_a_minute_six_are_listed_and_of_ten_seconds_the_others_are_one(void **state)
+{
+    struct events all;
+    (void)state;
+    /* the seventh of a minute is counted, the first of the next one is listed again */
+    assert_int_equal(
+        listed((apc_ns[]){-60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, -1}, 7, &all), 6);
+    assert_int_equal(
+        listed((apc_ns[]){-60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, 0}, 7, &all), 7);
+    /* after which there are six more */
+    assert_int_equal(listed((apc_ns[]){-60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, -60 * SEC, 0, 0,
+                                       0, 0, 0, 0, 0},
+                            13, &all),
+                     12);
+    /* so is one from before, where the clock has stepped */
+    assert_int_equal(listed((apc_ns[]){0, 0, 0, 0, 0, 0, -1}, 7, &all), 7);
+    assert_int_equal(listed((apc_ns[]){0, 0, 0, 0, 0, 0, 0}, 7, &all), 6);
+    /* what was counted is told by the first event of ten seconds later */
+    assert_int_equal(listed((apc_ns[]){0, 0, 0, 0, 0, 0, 0, 10 * SEC - 1}, 8, &all), 6);
+    assert_int_equal(listed((apc_ns[]){0, 0, 0, 0, 0, 0, 0, 5 * SEC, 10 * SEC}, 9, &all), 7);
+    assert_string_equal(all.last.text, "number 7 (2 such events in 5 s, the last one)");
+    assert_int_equal(listed((apc_ns[]){0, 0, 0, 0, 0, 0, 0, 10 * SEC}, 8, &all), 7);
+    assert_string_equal(all.last.text, "number 6"); /* one stands for itself */
+    /* and by one that is a minute earlier, as the clock has stepped */
+    assert_int_equal(listed((apc_ns[]){0, 0, 0, 0, 0, 0, 9 * SEC, -51 * SEC + 1}, 8, &all), 6);
+    assert_int_equal(listed((apc_ns[]){0, 0, 0, 0, 0, 0, 9 * SEC, -51 * SEC}, 8, &all), 8);
+}
+
+static void test_a_text_that_is_full_is_told_as_it_is(void **state)
+{
+    struct bench b;
+    struct events all = {0};
+    struct apc_event e = {.severity = APC_EVENT_WARNING, .source = "apc-test", .kind = "link"};
+    (void)state;
+    set_up(&b);
+    e.time = apc_clock_utc(NULL) + 50 * APC_NS_PER_S;
+    memset(e.text, 'x', sizeof e.text - 1);
+    for (int i = 0; i < 9; i++)
+        recorder_event(b.r, &e);
+    e.time += 10 * APC_NS_PER_S;
+    recorder_event(b.r, &e);
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 7);
+    assert_string_equal(all.last.text, e.text);
+    tear_down(&b);
+}
+
+/* A task that takes too long in virtual time misses ticks of its own, beside those that nobody ran. */
+static void test_ticks_missed_before_and_after_the_start_add_up(void **state)
+{
+    const struct apc_virtual_model slow = {.size = sizeof slow,
+                                           .execution = {.kind = APC_CONSTANT, .a = 2.5}};
+    struct bench b;
+    (void)state;
+    set_up(&b);
+    assert_int_equal(apc_virtual_set_model(b.task, &slow, NULL), 0);
+    assert_int_equal(apc_task_start(b.task, NULL), 0);
+    assert_true(apc_virtual_run(b.executive, 30 * APC_NS_PER_S) > 0);
+    const uint64_t own = apc_task_missed(b.task);
+    assert_true(own > 5);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    recorder_absent(b.r, 3);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    recorder_absent(b.r, 0); /* fewer than before: nothing is taken back */
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    assert_int_equal(stored(&b).missed[2], own + 3);
+    tear_down(&b);
+}
+
 /* A store that takes its time: meanwhile more events come in. */
 static struct {
     const struct apc_store_ops *real;
@@ -377,6 +469,87 @@ static int append_events_mutely(struct apc_store *store, const struct apc_event 
 static int append_timing_mutely(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
 {
     return mute.stores && mute.real->append_timing(store, rows, n) < 0 ? APC_ESTORE : APC_ETIMEDOUT;
+}
+
+static int fail_to_look(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
+{
+    (void)store, (void)range, (void)fn, (void)ctx;
+    return APC_ECONN;
+}
+
+static int fail_to_look_at_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn,
+                                  void *ctx)
+{
+    (void)store, (void)range, (void)fn, (void)ctx;
+    return APC_ECONN;
+}
+
+/* Whether it was stored is not known yet: nothing is sent again. */
+static void test_as_long_as_nobody_can_look_nothing_is_sent_again(void **state)
+{
+    struct apc_store_ops ops;
+    struct bench b;
+    int next = 1;
+    (void)state;
+    set_up(&b);
+    struct apc_store *store = (struct apc_store *)(uintptr_t)recorder_store(b.r);
+    ops = *store->ops;
+    mute.real = store->ops;
+    mute.stores = true;
+    ops.append_events = append_events_mutely;
+    ops.append_timing = append_timing_mutely;
+    store->ops = &ops;
+    assert_int_equal(apc_task_start(b.task, NULL), 0);
+    assert_true(apc_virtual_run(b.executive, 10 * APC_NS_PER_S) > 0);
+    assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), APC_ETIMEDOUT); /* of the first quantity */
+    number(b.r, 1, 3);
+    assert_int_equal(recorder_flush(b.r, NULL, 0), APC_ETIMEDOUT);
+    ops = *mute.real;
+    ops.events = fail_to_look;
+    for (int i = 0; i < 2; i++)
+        assert_int_equal(recorder_flush(b.r, NULL, 0), APC_ECONN);
+    ops = *mute.real;
+    ops.timing = fail_to_look_at_timing;
+    for (int i = 0; i < 2; i++)
+        assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), APC_ECONN);
+    store->ops = mute.real;
+    for (int i = 0; i < 2; i++)
+        assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, count_up, &next), 3);
+    assert_int_equal(next, 4);
+    assert_int_equal(stored(&b).count[0], 10);
+    tear_down(&b);
+}
+
+/* What was sent is known again by all that it was: another of that time is another. */
+static void test_another_event_of_that_time_is_another(void **state)
+{
+    static const struct apc_event sent = {
+        .time = 1000, .severity = APC_EVENT_INFO, .source = "apc-test", .kind = "start", .text = "number 1"};
+    (void)state;
+    for (int i = 0; i < 4; i++) { /* the last one is the same */
+        struct apc_store_ops ops;
+        struct bench b;
+        int next = 1;
+        struct apc_event near = sent;
+        snprintf(near.source, sizeof near.source, "%s", i == 0 ? "apc-other" : sent.source);
+        snprintf(near.kind, sizeof near.kind, "%s", i == 1 ? "stop" : sent.kind);
+        snprintf(near.text, sizeof near.text, "%s", i == 2 ? "number 2" : sent.text);
+        mute.stores = false;
+        set_up(&b);
+        struct apc_store *store = (struct apc_store *)(uintptr_t)recorder_store(b.r);
+        ops = *store->ops;
+        mute.real = store->ops;
+        ops.append_events = append_events_mutely;
+        store->ops = &ops;
+        recorder_event(b.r, &sent);
+        assert_int_equal(recorder_flush(b.r, NULL, 0), APC_ETIMEDOUT);
+        store->ops = mute.real;
+        assert_int_equal(apc_store_append_events(b.reader, &near, 1), 1);
+        assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+        assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, count_up, &next), i < 3 ? 2 : 1);
+        tear_down(&b);
+    }
 }
 
 /* A role of before, which may write but not look up. */
@@ -543,6 +716,11 @@ int main(void)
         cmocka_unit_test(test_every_tick_is_recorded_once),
         cmocka_unit_test(test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_records),
         cmocka_unit_test(test_a_link_that_comes_and_goes_is_counted),
+        cmocka_unit_test(test_of_a_minute_six_are_listed_and_of_ten_seconds_the_others_are_one),
+        cmocka_unit_test(test_a_text_that_is_full_is_told_as_it_is),
+        cmocka_unit_test(test_ticks_missed_before_and_after_the_start_add_up),
+        cmocka_unit_test(test_as_long_as_nobody_can_look_nothing_is_sent_again),
+        cmocka_unit_test(test_another_event_of_that_time_is_another),
         cmocka_unit_test(test_events_that_come_while_others_are_written_are_written_next_and_once),
         cmocka_unit_test(test_events_that_are_refused_are_told_and_written_later),
         cmocka_unit_test(test_what_may_have_been_stored_without_an_answer_is_stored_once),

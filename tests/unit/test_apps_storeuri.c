@@ -2,6 +2,7 @@
 /* What programs say of the store they were given, which may have a password in it; what they end with. */
 #include "check.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "common/exitcode.h"
@@ -109,6 +110,27 @@ static void memory_of_one_process_is_no_store_of_a_program(void **state)
     assert_null(strstr(why.text, "one process"));
 }
 
+static void a_task_writes_into_the_live_store_alone(void **state)
+{
+    static const char *const of[][2] = {
+        {"shm:plant+sqlite:/home/me/one.db", "shm:plant"}, {"mem:+postgresql:", "mem:"}, {"shm:a+", "shm:a"}};
+    static const char *const whole[] = {"shm:plant", "postgresql://host/a+b", "sqlite:/home/a+b.db", ""};
+    char room[256];
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        assert_string_equal(store_live(of[i][0], room), of[i][1]);
+    for (size_t i = 0; i < sizeof whole / sizeof *whole; i++)
+        assert_ptr_equal(store_live(whole[i], room), whole[i]);
+    char name[400] = "shm:";
+    memset(name + 4, 'x', 300);
+    snprintf(name + 304, sizeof name - 304, "+sqlite:/a");
+    memset(room, '#', sizeof room);
+    assert_ptr_equal(store_live(name, room), room);
+    assert_int_equal(strlen(room),
+                     255); /* as much of it as there is room for, which no store has for a name */
+    assert_int_equal(strncmp(name, room, 255), 0);
+}
+
 static void an_outcome_has_its_exit_code(void **state)
 {
     static const int of[][2] = {{0, 0},
@@ -139,6 +161,7 @@ int main(void)
         T(where_the_uri_says_nothing_the_environment_does),
         T(a_name_that_is_too_long_is_cut),
         T(memory_of_one_process_is_no_store_of_a_program),
+        T(a_task_writes_into_the_live_store_alone),
         T(an_outcome_has_its_exit_code),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

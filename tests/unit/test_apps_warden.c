@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What a daemon's watchdog hears, over a socket as systemd's: that the task ticks, as long as it does. */
+#include <dlfcn.h>
+#include <errno.h>
 #include <poll.h>
+#include <pthread.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -19,7 +22,31 @@
 
 #include "common/warden.h"
 
+/* Sanitizers bring their own. */
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define REFUSING 0
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define REFUSING 0
+#endif
+#endif
+#ifndef REFUSING
+#define REFUSING 1
+#endif
+
 #define PATIENCE 20000 /* ms */
+
+static bool refused; /* no thread can be made */
+
+#if REFUSING
+int pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *), void *arg)
+{
+    int (*real)(pthread_t *, const pthread_attr_t *, void *(*)(void *), void *);
+    void *symbol = dlsym(RTLD_NEXT, "pthread_create");
+    memcpy(&real, &symbol, sizeof real);
+    return refused ? EAGAIN : real(thread, attr, run, arg);
+}
+#endif
 
 static char dir[] = "/tmp/apc-warden.XXXXXX";
 
@@ -118,6 +145,45 @@ static void the_watchdog_hears_of_it_as_long_as_the_task_ticks(void **state)
     unsupervise(fd);
 }
 
+/* A socket without a file, whose name has @p n bytes with the one before it. */
+static int listen_at(size_t n, char *path)
+{
+    struct sockaddr_un at = {.sun_family = AF_UNIX};
+    const int fd = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    memset(path, 'w', n);
+    snprintf(path, n, "@apc-warden-%d", (int)getpid());
+    path[strlen(path)] = n > strlen(path) + 1 ? '-' : '\0';
+    path[n] = '\0';
+    memcpy(at.sun_path, path, n);
+    at.sun_path[0] = '\0';
+    assert_int_equal(
+        bind(fd, (struct sockaddr *)&at, (socklen_t)(offsetof(struct sockaddr_un, sun_path) + n)), 0);
+    assert_int_equal(setenv("NOTIFY_SOCKET", path, 1), 0);
+    return fd;
+}
+
+static void a_socket_s_name_may_have_107_letters_and_has_two_at_least(void **state)
+{
+    static const char *const none[] = {"", "@", "/"};
+    char path[200];
+    struct warden *w;
+    (void)state;
+    assert_int_equal(warden_create(&w), 0);
+    for (size_t n = 106; n <= 108; n++) {
+        const int fd = listen_at(n, path);
+        warden_tell(w, "READY=1");
+        assert_string_equal(word(fd, 0), n <= 107 ? "READY=1" : "");
+        close(fd);
+    }
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+        assert_int_equal(setenv("NOTIFY_SOCKET", none[i], 1), 0);
+        warden_tell(w, "READY=1"); /* to nobody */
+    }
+    unsetenv("NOTIFY_SOCKET");
+    warden_tell(w, "READY=1");
+    warden_destroy(w);
+}
+
 static void a_process_that_is_told_to_end_and_does_not_is_ended(void **state)
 {
     (void)state;
@@ -181,6 +247,23 @@ static void one_that_is_destroyed_leaves_nothing_open(void **state)
     warden_destroy(NULL);
 }
 
+static void without_a_thread_there_is_none_and_nothing_is_left_open(void **state)
+{
+    struct warden *w = (struct warden *)&refused;
+    const int first = dup(STDIN_FILENO);
+    (void)state;
+    if (!REFUSING)
+        skip();
+    close(first);
+    refused = true;
+    assert_int_equal(warden_create(&w), APC_ESYS);
+    refused = false;
+    assert_null(w);
+    const int last = dup(STDIN_FILENO);
+    assert_int_equal(last, first);
+    close(last);
+}
+
 static void a_signal_is_told_to_who_waits_also_when_it_came_before(void **state)
 {
     (void)state;
@@ -196,9 +279,11 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_watchdog_hears_of_it_as_long_as_the_task_ticks),
+        cmocka_unit_test(a_socket_s_name_may_have_107_letters_and_has_two_at_least),
         cmocka_unit_test(a_process_that_is_told_to_end_and_does_not_is_ended),
         cmocka_unit_test(a_process_that_hangs_after_its_end_is_ended_with_the_code_of_it),
         cmocka_unit_test(one_that_is_destroyed_leaves_nothing_open),
+        cmocka_unit_test(without_a_thread_there_is_none_and_nothing_is_left_open),
         cmocka_unit_test(a_signal_is_told_to_who_waits_also_when_it_came_before),
     };
     if (!mkdtemp(dir))

@@ -67,6 +67,23 @@ static void a_step_either_way_is_seen_once_and_slewing_is_not(void **state)
     }
 }
 
+static void half_a_second_is_no_step_and_a_nanosecond_more_is(void **state)
+{
+    static const apc_ns half = APC_NS_PER_S / 2;
+    struct hand h = {.mono = HOUR, .utc = 1800000000 * APC_NS_PER_S};
+    const struct apc_clock clock = {hand_mono, hand_utc, &h};
+    struct clock_watch w;
+    (void)state;
+
+    clock_watch_init(&w, &clock);
+    for (int sign = -1; sign <= 1; sign += 2) {
+        h.utc += sign * half;
+        assert_int_equal(clock_watch_look(&w), 0);
+        h.utc += sign * (half + 1);
+        assert_int_equal(clock_watch_look(&w), sign * (half + 1));
+    }
+}
+
 static void a_process_that_was_stopped_between_two_readings_saw_no_step(void **state)
 {
     bool was_away = true;
@@ -209,6 +226,18 @@ static void a_history_that_is_slow_is_told_once_and_once_when_it_has_all(void **
     }
 }
 
+static void a_history_has_all_when_nothing_is_behind_and_its_last_was_in_time(void **state)
+{
+    struct lag_watch w = {.away = false};
+    (void)state;
+    assert_int_equal(lag_watch_look(&w, false, 9, LATE), LAG_SLOW);
+    assert_int_equal(lag_watch_look(&w, false, 1, 1), LAG_SAME); /* one row is behind */
+    assert_int_equal(lag_watch_look(&w, false, 0, LATE), LAG_SAME);
+    assert_int_equal(lag_watch_look(&w, true, 0, 1), LAG_AWAY);
+    assert_int_equal(lag_watch_look(&w, true, 0, 1), LAG_SAME);
+    assert_int_equal(lag_watch_look(&w, false, 0, LAG_LIMIT), LAG_ENDED);
+}
+
 static void a_history_that_was_away_catches_up_without_being_called_slow(void **state)
 {
     struct lag_watch w = {.away = false};
@@ -230,6 +259,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_step_either_way_is_seen_once_and_slewing_is_not),
+        cmocka_unit_test(half_a_second_is_no_step_and_a_nanosecond_more_is),
         cmocka_unit_test(a_process_that_was_stopped_between_two_readings_saw_no_step),
         cmocka_unit_test(ten_in_a_row_are_an_alarm_until_there_are_fewer),
         cmocka_unit_test(the_tenth_is_the_first_that_is_one_too_many),
@@ -239,6 +269,7 @@ int main(void)
         cmocka_unit_test(a_task_that_hangs_in_its_first_tick_does_not_tick),
         cmocka_unit_test(a_window_with_one_change_held_back_ends_with_its_row_and_a_quiet_one_without),
         cmocka_unit_test(a_history_that_is_slow_is_told_once_and_once_when_it_has_all),
+        cmocka_unit_test(a_history_has_all_when_nothing_is_behind_and_its_last_was_in_time),
         cmocka_unit_test(a_history_that_was_away_catches_up_without_being_called_slow),
         cmocka_unit_test(changes_of_a_state_are_told_one_by_one_then_together_once_a_minute),
     };
