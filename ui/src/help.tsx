@@ -36,7 +36,8 @@ export function Help({close}: {close: () => void}): JSX.Element {
         <p>
           In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it. A press sets a second cursor, from
           which differences are told. Triangles at the top are events, larger the graver. <b>Choose signals</b> makes one of any
-          signals; its address shows the same again, to whoever has it.
+          signals; its address shows the same again, to whoever has it. Values and names of loops, signals and alarms can be dragged
+          into a trend, or onto its tab.
         </p>
         <h2>What you see</h2>
         <ul>

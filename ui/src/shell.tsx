@@ -6,12 +6,14 @@ import {useCell} from "./usecell";
 import {wall} from "./access";
 import {clock, duration, when, zoneAt} from "./core/format";
 import {OpenFaceplate} from "./faceplate";
+import {takes} from "./drag";
 import {Help} from "./help";
 import {leaves} from "./idle";
 import {isTyping} from "./keyboard";
 import {Login} from "./login";
 import {env} from "./core/env";
 import {notRunning} from "./core/modes";
+import {isPens, joined} from "./core/pens";
 import {behind, connection, control, heardAt, logOut, needsLogin, plant, second, session, serverNow, store} from "./core/model";
 import {AlarmsPage} from "./pages/alarms";
 import {DiagnosticsPage} from "./pages/diagnostics";
@@ -28,6 +30,14 @@ import {go, pages, path, place} from "./router";
 import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
 
 const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction", graphic: "Graphic"};
+
+/** The trend of chosen signals that was shown last: what is dropped on its tab comes into that one. */
+let gathered: string | null = null;
+place.subscribe(() => {
+  const {page, about} = place.value;
+  if (page === "trend" && isPens(about)) gathered = about;
+});
+const gather = (names: string[]): void => go("trend", joined(gathered, names, serverNow()));
 
 export function Shell(): JSX.Element {
   const {page, about} = useCell(place);
@@ -75,7 +85,7 @@ export function Shell(): JSX.Element {
       <Header onHelp={() => setHelp(true)} />
       {!wall && <nav aria-label="Pages" ref={menu}>
         {pages.map((one, i) => (one !== "graphic" || p?.graphic || page === "graphic") && (
-          <a key={one} href={`./${location.search}${path(one)}`} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`}>
+          <a key={one} href={`./${location.search}${path(one)}`} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`} {...(one === "trend" ? takes(gather) : {})}>
             <kbd aria-hidden="true">{i + 1}</kbd> {titles[one]}
           </a>
         ))}

@@ -185,6 +185,28 @@ test("signals are chosen by what they are called, and the link shows the same ag
     await page.goBack();
   }));
 
+test("a value is dragged into the trend, a loop onto its tab", () =>
+  withPage("trend/pens=r;span=600", {}, async page => {
+    const rows = page.locator(".pens tbody tr");
+    const tab = page.getByRole("navigation", {name: "Pages"}).getByRole("link", {name: "Trend"});
+    await until("there is one", async () => (await rows.count()) === 1);
+    await page.getByRole("link", {name: "Overview"}).click();
+    await page.locator('.loops .value[data-ref="sensor.1"]').dragTo(tab);
+    await until("the value has come to it", async () => (await rows.locator("th").allTextContents()).map(text => text.trim()).join() === "r,y");
+    assert.match(page.url(), /#trend\/pens=r,y;span=600$/);
+    await page.getByRole("link", {name: "Overview"}).click();
+    await page.locator(".loops tbody th a").dragTo(tab);
+    await until("of the loop what lacked has come", async () => (await rows.locator("th").allTextContents()).map(text => text.trim()).join() === "r,y,u");
+    await page.goto(`${page.url().split("#")[0]}#trend/pens=r;span=600`);
+    await until("there is one again", async () => (await rows.count()) === 1);
+    await page.locator('.readout .value[data-ref="setpoint.1"]').dragTo(page.locator(".plots"));
+    assert.equal(await rows.count(), 1, "what is there comes once");
+    await page.goto(`${page.url().split("#")[0]}#trend/1`);
+    await page.locator(".plots .u-over").first().waitFor();
+    await page.locator('.readout .value[data-ref="sensor.1"]').dragTo(page.locator(".plots"));
+    await until("a trend of a loop becomes one of chosen signals", async () => (await rows.count()) === 3);
+  }));
+
 test("everything by keyboard alone", () =>
   withPage("overview", {}, async page => {
     const at = () => page.locator("nav [aria-current]").textContent();

@@ -4,9 +4,10 @@ import assert from "node:assert/strict";
 import {test} from "node:test";
 import {added, type Group, groupsOf, keeping, MOST_GROUPS} from "../src/core/groups";
 import {marksOf, near} from "../src/core/marks";
-import {chosen, pensAbout} from "../src/core/pens";
+import {chosen, joined, pensAbout, signalsOf} from "../src/core/pens";
 import {shifted} from "../src/core/series";
-import type {PlantEvent} from "../src/core/types";
+import type {Loop, PlantEvent} from "../src/core/types";
+import {plant} from "./plant";
 
 test("groups are kept by plant, and what cannot be read is none", () => {
   const kept = keeping(null, "tanks", added([], " levels ", ["y1", "y2"]) as Group[]);
@@ -54,4 +55,23 @@ test("what lies over the present is the past, that much later, and stays as it i
   const past = {t: [1, 2], low: [1, null], high: [2, null], mid: [1.5, null]};
   assert.deepEqual(shifted(past, 10), {t: [11, 12], low: [1, null], high: [2, null], mid: [1.5, null]});
   assert.deepEqual(past.t, [1, 2]);
+});
+
+test("what is dragged into a trend comes beside what is there, each once", () => {
+  assert.equal(joined("pens=y1;span=60;compare=3600", ["y1", "u1"], 1e9), "pens=y1,u1;span=60;compare=3600");
+  assert.equal(joined(null, ["y1"], 1e9), "pens=y1;span=600");
+  assert.equal(joined("2", ["y1"], 1e9), "pens=y1;span=600", "of a loop's trend the page says what is there");
+});
+
+test("a value is dragged as itself, a link as what it leads to", () => {
+  const p = plant;
+  const [loop] = p.loops as [Loop];
+  const refs = (ref: string | null, link: string | null): string[] => signalsOf(ref, link, p).map(one => one.ref);
+  assert.deepEqual(refs("sensor.1", "#loop/1"), ["sensor.1"]);
+  assert.deepEqual(refs(null, `./?wall#loop/${loop.id}`), [loop.measurement, loop.setpoint, loop.output]);
+  assert.deepEqual(refs(null, `#trend/${loop.id}`), [loop.measurement, loop.setpoint, loop.output]);
+  assert.deepEqual(refs(null, "#trend/sensor.1"), ["sensor.1"]);
+  assert.deepEqual(refs(null, "#trend/pens=setpoint.1,none;span=60"), ["setpoint.1"]);
+  for (const link of [null, "", "#overview", "#loop", "#loop/99", "#alarms/none", "#trend/%", "https://elsewhere/"]) assert.deepEqual(refs(null, link), [], String(link));
+  assert.deepEqual(refs("sensor.99", null), []);
 });

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A trend of any signals: its link, what it shows of them, what a search for more finds. Pure.
 import {duration, exact} from "./format";
-import type {Plant, Variable} from "./types";
+import {placeOf} from "./place";
+import type {Plant, Ref, Variable} from "./types";
 import {LEAST, MOST, type Window} from "./view";
 
 export const MOST_PENS = 12;
@@ -73,6 +74,24 @@ export function found(names: string[], p: Plant): {signals: Variable[]; faults: 
     else if (!one) faults.push(p.variables.some(other => other.name === name) ? `Several signals are called ${name}: say which, as TABLE.ID.` : `${p.name} has no signal ${name}.`);
   }
   return {signals, faults};
+}
+
+/** The trend of a link with these as well; where the link is of no chosen signals, these alone. */
+export function joined(about: string | null, names: string[], now: number): string {
+  const {names: there, window} = isPens(about) ? chosen(about as string, now) : {names: [], window: {live: true, span: 600, to: now}};
+  return pensAbout([...new Set([...there, ...names])], window);
+}
+
+/** What an element of the screen is about: the signal that it shows, else the signals of what it leads to. */
+export function signalsOf(ref: Ref | null, link: string | null, p: Plant): Variable[] {
+  const of = (refs: (Ref | null | undefined)[]): Variable[] => refs.flatMap(one => p.variables.find(other => other.ref === one) ?? []);
+  if (ref != null) return of([ref]);
+  const {page, about} = placeOf(link?.slice(link.indexOf("#")) ?? "");
+  if (page === "alarms") return of([p.alarms?.all.find(one => one.alarm === about)?.ref]);
+  if (page !== "loop" && page !== "trend") return [];
+  if (isPens(about)) return found(chosen(about as string, 0).names, p).signals;
+  const loop = p.loops.find(one => String(one.id) === about);
+  return of(loop ? [loop.measurement, loop.setpoint, loop.output] : [about]);
 }
 
 const SHOWN = 8;

@@ -10,6 +10,7 @@ import {merge} from "../core/eventlist";
 import {holds} from "../core/history";
 import {type Mark, marksOf, near} from "../core/marks";
 import {get} from "../core/api";
+import {takes} from "../drag";
 import {isMeant, isTyping} from "../keyboard";
 import {Nothing} from "../parts/nothing";
 import {PenSearch, Stroke} from "../parts/pens";
@@ -18,7 +19,7 @@ import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
 import {control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {courseSeries, expectedOf, horizon, predictors} from "../core/outlook";
-import {chosen, found, isPens, nameOf, pensAbout} from "../core/pens";
+import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
 import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
@@ -66,7 +67,7 @@ function PensTrend({about, plant: p, all}: {about: string; plant: Plant & {gener
       {signals.length > 0 ? (
         <Trend key={[p.generation, given, ...called(signals)].join(":")} subject={subjectOf(signals)} all={all} plant={p} pens={pens} />
       ) : (
-        <section class="trend">
+        <section class="trend" {...takes(names => go("trend", joined(given, names, serverNow())))}>
           <h1>Trend</h1>
           <PenSearch plant={p} there={[]} add={one => pens.choose([one], link.window)} />
         </section>
@@ -286,6 +287,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
   const head = ["time", ...curves.head(win.span, chart.current?.pixels ?? 800)];
   const refs = curves.variables.map(one => one.ref);
+  const asPens = (): string => pensAbout((pens?.signals ?? refsIn(subject).flatMap(ref => variable(ref) ?? [])).map(one => nameOf(one, p.variables)), win);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
   const exportCsv = (): void => downloadText(`${name}.csv`, csv([head, ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
   const exportPng = async (): Promise<void> => {
@@ -295,7 +297,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   };
 
   return (
-    <section class="trend" data-live={win.live} data-span={win.span} data-points={counted ? curves.series(counted).t.length : 0}>
+    <section class="trend" data-live={win.live} data-span={win.span} data-points={counted ? curves.series(counted).t.length : 0} {...takes(names => go("trend", joined(asPens(), names, serverNow())))}>
       <div class="toolbar">
         <h1>Trend</h1>
         <label>
@@ -337,7 +339,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         <button type="button" onClick={fit}>Fit y</button>
         {own && !pens && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
         <span class="spring" />
-        {!pens && <a class="button" href={path("trend", pensAbout(refsIn(subject).flatMap(ref => variable(ref) ?? []).map(one => nameOf(one, p.variables)), win))}>Choose signals</a>}
+        {!pens && <a class="button" href={path("trend", asPens())}>Choose signals</a>}
         <button type="button" onClick={exportCsv}>CSV</button>
         <button type="button" onClick={() => void exportPng()}>PNG</button>
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>

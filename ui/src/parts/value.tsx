@@ -18,7 +18,7 @@ export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Elemen
   const one = variable(of);
   if (now.seq === 0 || now.value == null)
     return (
-      <span class="value none" data-ref={of} title="no sample yet">
+      <span class="value none" data-ref={of} draggable title="no sample yet">
         {one?.period != null && <Shape priority={3} label="no sample yet" />}
         {missing}
       </span>
@@ -27,7 +27,7 @@ export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Elemen
   const {low, high} = limitsOf(of);
   const where = beyond(now.value, low, high);
   return (
-    <span class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} data-seq={now.seq}>
+    <span class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} data-seq={now.seq} draggable>
       {what === "bad" && <Shape priority={2} label={words(now.status)} />}
       {where && what !== "bad" && <Shape priority={2} label={`${where} its limits`} />}
       {(now.stale || what === "uncertain") && what !== "bad" && !where && <Shape priority={3} label={now.stale ? "stale" : words(now.status)} />}
