@@ -50,6 +50,7 @@ static int check_experiment(struct apc_seam *s)
     struct apc_error why = {""};
     const apc_ns began = apc_clock_mono(NULL);
     int rc = apc_tags_load(s->live, &live, &n_live);
+    why = s->live->why;
     if (rc == 0) {
         rc = apc_tags_load(s->history, &history, &n_history);
         why = s->history->why;
@@ -99,7 +100,10 @@ static int reach(struct apc_seam *s, enum apc_table table, int id, int64_t *seq)
         return apc_seam_answered(s, rc, began, s->history->why.text);
     }
     rc = newest_seq(s->live, table, id, &live);
-    if (rc == 0 && live > 0 && *seq > live) {
+    if (rc < 0) {
+        return apc_fail(&s->base.why, rc, "the history is left out: %s", s->live->why.text);
+    }
+    if (live > 0 && *seq > live) {
         char text[160];
         snprintf(text, sizeof text, "it has %s %d up to seq %lld, newer than %lld here: it is another run's",
                  apc_table_name(table), id, (long long)*seq, (long long)live);
@@ -195,7 +199,7 @@ static int find_first(struct apc_seam *s, enum apc_table table, int id, struct a
         tail.after = end > range->after ? end : range->after;
         rc = stream(s->live, table, id, &tail, &new);
         if (rc < 0) {
-            return apc_fail(&s->base.why, rc, "%s", s->live->why.text);
+            return apc_fail(&s->base.why, rc, "the history is left out: %s", s->live->why.text);
         }
         old = (struct stream){.one = true};
         head.last = range->last - (new.n < range->last ? new.n : range->last - 1);
@@ -214,8 +218,11 @@ static int rows(struct apc_seam *s, enum apc_table table, int id, const struct a
     struct apc_range range = *asked;
     int64_t end = 0;
     s->base.streaming = true;
-    int rc = is_live(s, table, id, asked);
-    if (rc == 0 && apc_seam_has_history(s)) {
+    const int reached = is_live(s, table, id, asked);
+    int rc = reached;
+    if (rc < 0) {
+        s->base.why = s->live->why;
+    } else if (rc == 0 && apc_seam_has_history(s)) {
         rc = range.last > 0 ? find_first(s, table, id, &range) : reach(s, table, id, &end);
         if (rc == 0) {
             const apc_ns began = apc_clock_mono(NULL);
@@ -225,7 +232,7 @@ static int rows(struct apc_seam *s, enum apc_table table, int id, const struct a
             rc = apc_seam_answered(s, stream(s->history, table, id, &range, x), began, s->history->why.text);
         }
     }
-    if (!x->ended && (x->most == 0 || x->n < x->most)) {
+    if (reached >= 0 && !x->ended && (x->most == 0 || x->n < x->most)) {
         x->mark = 0;
         range = *asked;
         range.after = x->last > range.after ? x->last : range.after;
@@ -270,7 +277,12 @@ static int history_bins(struct apc_store *store, enum apc_table table, int id, a
     struct apc_bins bins;
     struct apc_range range = {.since = since, .until = until};
     int64_t end = 0;
-    if (is_live(s, table, id, &range) != 0 || !apc_seam_has_history(s) || reach(s, table, id, &end) < 0) {
+    const int reached = is_live(s, table, id, &range);
+    if (reached < 0) {
+        store->why = s->live->why;
+        return reached;
+    }
+    if (reached > 0 || !apc_seam_has_history(s) || reach(s, table, id, &end) < 0) {
         return live_bins(s, table, id, since, until, n, fn, ctx);
     }
     int rc = apc_bins_make(store, &bins, since, until, n);

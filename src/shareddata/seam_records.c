@@ -183,6 +183,7 @@ static int records(struct apc_seam *s, struct records *x, const struct apc_range
         const size_t new = count_new(x);
         x->skip = asked->last > 0 && new > asked->last ? new - asked->last + 1 : 0;
         rc = go(x, s->live, &range, GIVE_NEW);
+        s->base.why = rc < 0 ? s->live->why : s->base.why;
     }
     s->base.streaming = false;
     free(x->mark);
