@@ -33,23 +33,6 @@ struct apc_events {
 int apc_events_read(struct apc_events *events, struct apc_store *store, const struct apc_range *range);
 void apc_events_free(struct apc_events *events);
 
-/* A file of samples of a run folder. Rows name their variable and status by their place among those that
- * came. */
-struct apc_record {
-    size_t n, room;
-    double *time;      /* [n] s since the run's t = 0 */
-    int32_t *variable; /* [n] place in table and id */
-    int8_t *status;    /* [n] place in code */
-    double *value;     /* [n] */
-    size_t n_variables, n_codes, slots;
-    int32_t *table, *id; /* [n_variables] */
-    int32_t *slot;       /* [slots] where they are found: 1 + place, 0: free */
-    uint32_t code[127];  /* [n_codes] */
-};
-/* Append the rows of @p file. Returns 0, or a negative enum apc_err with FILE:LINE in @p why. */
-int apc_record_read(struct apc_record *record, const char *file, struct apc_error *why);
-void apc_record_free(struct apc_record *record);
-
 /* A column that Arrow takes, and the dictionary of texts that its elements are places in, if there is one. */
 struct apc_arrow_column {
     const char *name, *format; /* format: Arrow's, of data */

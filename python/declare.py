@@ -14,6 +14,9 @@ from pathlib import Path
 
 from cffi import FFI
 
+# Beside them what the package knows of its own C, and of the library's insides.
+OWN = ("columns.h", "../src/run/samples_columns.h")
+
 HEADERS = ("apcrun.h", "apcqp.h", "apcestimate.h", "apctimer.h", "apcsockets.h")
 
 # What Python has no use for, or cffi no word: variadic functions, mutexes, what plug-ins define, the paper's functions.
@@ -55,8 +58,9 @@ def main() -> None:
     here = Path(__file__).parent
     ffi = FFI()
     ffi.cdef(declarations(compiler, include))
-    ffi.cdef((here / "columns.h").read_text())
-    ffi.set_source("apc._apc", "".join(f'#include "{header}"\n' for header in (*HEADERS, "columns.h")))
+    for header in OWN:
+        ffi.cdef(re.sub(r"^#.*", "", (here / header).read_text(), flags=re.M))
+    ffi.set_source("apc._apc", "".join(f'#include "{header}"\n' for header in (*HEADERS, *OWN)))
     ffi.emit_c_code(out)
 
 

@@ -14,6 +14,7 @@
 #include "run/record.h"
 #include "run/run_internal.h"
 #include "run/samples.h"
+#include "run/samples_columns.h"
 #include "run/ticks.h"
 
 #define PATH_LEN 600
@@ -92,9 +93,9 @@ static int file_close(struct file *f, int rc, struct apc_error *why)
 
 static const char *const kept[] = {"run.conf", "plant.so", "plant.fmu",
                                    "plant.py"}; /* and the laws: kept_file() */
-static const char *const exported[] = {"samples.csv",        "plant.csv",   TICKS_FILE,   "operation.csv",
-                                       "published.csv",      "signals.csv", "events.csv", "timing.csv",
-                                       "timing-summary.csv", "report.svg",  "report.png"};
+static const char *const exported[] = {"samples.csv",   COLUMNS_FILE,         "plant.csv",   TICKS_FILE,
+                                       "operation.csv", "published.csv",      "signals.csv", "events.csv",
+                                       "timing.csv",    "timing-summary.csv", "report.svg",  "report.png"};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 #define NEW          ".new"
 
@@ -586,6 +587,15 @@ static int export_timing(const char *dir, struct apc_store *store, apc_ns since,
     return rc;
 }
 
+void folder_columns(const char *dir)
+{
+    char csv[PATH_LEN], columns[PATH_LEN];
+
+    path_of(dir, "samples.csv", "", csv);
+    path_of(dir, COLUMNS_FILE, "", columns);
+    apc_record_keep(csv, columns);
+}
+
 int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,
                   double ended, apc_ns since, apc_ns until, struct apc_error *why)
 {
@@ -605,5 +615,7 @@ int folder_export(const char *dir, struct apc_store *store, const struct experim
         rc = ticks_keep(dir, store, e, &samples, why);
     if (rc == 0) /* last: where they are, the rest is */
         rc = export_samples(dir, store, e, &samples, start, &end, why);
+    if (rc == 0)
+        folder_columns(dir);
     return rc == 0 ? write_end(dir, ended > 0 ? ended : apc_ns_to_s(end), why) : rc;
 }

@@ -2,8 +2,8 @@
 /*
  * A run folder, the whole record of a run: run.conf (the experiment file as it was), record.conf (what was
  * in force beside it: common/record.h), law.so and plant.so (plant.fmu) when they were no built-in ones;
- * samples.csv, ticks.db, operation.csv, signals.csv, events.csv, timing.csv and timing-summary.csv; one log a
- * daemon, report.svg and report.png. docs/run-folder.md describes them.
+ * samples.csv, samples.columns, ticks.db, operation.csv, signals.csv, events.csv, timing.csv and
+ * timing-summary.csv; one log a daemon, report.svg and report.png. docs/run-folder.md describes them.
  */
 #ifndef APC_FOLDER_H
 #define APC_FOLDER_H
@@ -45,6 +45,11 @@ void folder_discard(const char *dir, const struct experiment *e);
  */
 int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,
                   double ended, apc_ns since, apc_ns until, struct apc_error *why);
+
+#define COLUMNS_FILE "samples.columns"
+
+/* Make samples.columns of samples.csv: what Python reads faster. Where it cannot be there is none. */
+void folder_columns(const char *dir);
 
 /* Refuse to write over a file, but for an empty one and what is no regular file. */
 int folder_spare(const char *path, bool force, struct apc_error *why);

@@ -308,6 +308,8 @@ int command_report(int argc, char **argv)
         experiment_free(&e);
         return cli_done(&cli, status);
     }
+    if (rc == 0 && !json)
+        folder_columns(cli.args[0]);
     const bool drawn = rc == 0 && !json && report_leave(&cli, cli.args[0], &e, e.title, NULL);
     if (rc == 0)
         rc = put_figures(cli.args[0], &e, json, &why);

@@ -3,12 +3,14 @@ import gc
 import hashlib
 import os
 import random
+import struct
 
 import numpy as np
 import pytest
 
 import apc
-from apc.native import ffi
+from apc.columns import filled
+from apc.native import ffi, lib, why
 from test_experiment import TEXT
 
 SIGNALS = '''table,id,name,unit,description,low,high
@@ -222,3 +224,132 @@ def test_nobody_applies_it():
         assert store.write("r", 12, author="Ann", wait=False).value == 12 and store.read("r").value == 12
         event = store.events(last=1)[0]
         assert (event.source, event.kind, event.text) == ("Ann", "operator", "r: 10 -> 12")
+
+
+def keep(folder):
+    lib.apc_record_keep(os.fsencode(folder / "samples.csv"), os.fsencode(folder / "samples.columns"))
+    return folder / "samples.columns"
+
+
+def same(one, other):
+    for name, column in one.columns.items():
+        assert column.texts == other.columns[name].texts and column.data.tobytes() == other.columns[name].data.tobytes(), name
+    return True
+
+
+def believes(folder):
+    """Whether samples.columns is read."""
+    raw, reason = filled("record"), why()
+    assert lib.apc_record_read(raw, os.fsencode(folder / "samples.csv"), os.fsencode(folder / "samples.columns"), reason) == 0
+    return raw.slot == ffi.NULL  # where variables are found, which who reads lines has to know
+
+
+def test_columns_are_the_rows_of_the_file(large):
+    whole = apc.open_run(large).table()
+    columns = keep(large)
+    assert believes(large) and same(whole, apc.open_run(large).table())
+    assert not (large / "samples.columns.part").exists()
+    cpus = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cpus)})
+    alone = columns.read_bytes()
+    assert believes(large) and same(whole, apc.open_run(large).table()) and keep(large).read_bytes()[64:] == alone[64:]
+    os.sched_setaffinity(0, cpus)
+    copy = large / "copy"
+    copy.mkdir()
+    for file in large.glob("*.c*"):
+        (copy / file.name).write_bytes(file.read_bytes())
+    assert believes(copy)  # a copy is as good
+
+
+def test_no_damaged_columns_are_believed(large):
+    whole, pick = apc.open_run(large).table(), random.Random(3)
+    columns = keep(large)
+    text = columns.read_bytes()
+    places = [0, 8, 16, 24, 32, 64, *(pick.randrange(len(text)) for _ in range(60)), len(text) - 1]
+    damaged = [text[:at] + bytes([text[at] ^ 1 << pick.randrange(8)]) + text[at + 1:] for at in places]
+    damaged += [text[:n] for n in (0, 7, 47, 300, len(text) // 2, len(text) - 1)] + [text + b"\0", text[:8] + 100 * b"\xff"]
+    for number, one in enumerate(damaged):
+        columns.write_bytes(one)
+        assert not believes(large), number
+    assert same(whole, apc.open_run(large).table())
+    columns.unlink()
+    columns.mkdir()
+    assert not believes(large) and same(whole, apc.open_run(large).table())
+
+
+def test_no_stale_columns_are_believed(large):
+    columns, text = keep(large), (large / "samples.csv").read_bytes()
+    at = os.stat(large / "samples.csv")
+    changed = text.replace(b"\n200000.000000,", b"\n200000.000001,")  # of the same length and time
+    (large / "samples.csv").write_bytes(changed)
+    os.utime(large / "samples.csv", ns=(at.st_atime_ns, at.st_mtime_ns))
+    assert not believes(large) and apc.open_run(large).table()["t"][200000] == 200000.000001
+    (large / "samples.csv").write_bytes(text + b"300000.000000,sensor,1,Good,1\n")
+    assert not believes(large) and len(apc.open_run(large).table()) == 300001
+    (large / "samples.csv").write_bytes(text)
+    assert believes(large)
+    (large / "samples.csv").write_bytes(text + b"1.0,sensor,1,Good,nan\n")
+    keep(large)
+    assert not columns.exists()  # of what is no record there are none, nor those of before
+    (large / "samples.csv").unlink()
+    keep(large)
+    with pytest.raises(LookupError, match="apc report .* makes it"):
+        apc.open_run(large).table()
+
+
+def test_without_room_there_are_no_columns(folder):
+    keep(folder)
+    (folder / "samples.columns.part").symlink_to("/dev/full")
+    columns = keep(folder)
+    assert not columns.exists() and not (folder / "samples.columns.part").is_symlink() and len(apc.open_run(folder).table()) == 15
+
+
+def test_what_has_no_rows_has_columns(folder):
+    (folder / "samples.csv").write_text("time,table,id,status,value\n")
+    keep(folder)
+    assert believes(folder) and len(apc.open_run(folder).table()) == 0
+
+
+def test_checksums_are_those_of_xxh64(folder):
+    """Of the head, so that others can write such a file: xxhash.com."""
+    columns = keep(folder).read_bytes()
+    head, table, id_, code = columns[:64], columns[64:76], columns[76:88], columns[88:100]
+    assert columns[:8] == b"apcrows1" and struct.unpack("=7Q", head[8:])[:4] == (15, 3, 3, (folder / "samples.csv").stat().st_size)
+    assert xxh64(b"") == 0xEF46DB3751D8E999 and xxh64(b"Nobody inspects the spammish repetition") == 0xFBCEA83C8A378BF1
+    seed = 0
+    for piece in (head, table, id_, code):
+        seed = xxh64(piece, seed)
+    assert struct.unpack("=Q", columns[100:108]) == (seed,)
+    assert struct.unpack("=Q", head[40:48]) == (xxh64(struct.pack("=Q", xxh64((folder / "samples.csv").read_bytes()))),)
+
+
+def xxh64(data, seed=0):
+    p1, p2, p3, p4, p5 = (0x9E3779B185EBCA87, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x85EBCA77C2B2AE63, 0x27D4EB2F165667C5)
+    low = 2**64 - 1
+
+    def turn(v, by):
+        return (v << by | v >> (64 - by)) & low
+
+    def round_(sum_, word):
+        return turn((sum_ + word * p2) & low, 31) * p1 & low
+
+    at, h = 0, (seed + p5) & low
+    if len(data) >= 32:
+        lane = [(seed + p1 + p2) & low, (seed + p2) & low, seed, (seed - p1) & low]
+        for at in range(0, len(data) // 32 * 32, 32):
+            lane = [round_(of, word) for of, word in zip(lane, struct.unpack_from("=4Q", data, at))]
+        at, h = at + 32, sum(turn(of, by) for of, by in zip(lane, (1, 7, 12, 18))) & low
+        for of in lane:
+            h = ((h ^ round_(0, of)) * p1 + p4) & low
+    h = (h + len(data)) & low
+    for at in range(at, len(data) - 7, 8):
+        h = (turn(h ^ round_(0, struct.unpack_from("=Q", data, at)[0]), 27) * p1 + p4) & low
+    at = len(data) // 8 * 8
+    if len(data) - at >= 4:
+        h = (turn(h ^ struct.unpack_from("=I", data, at)[0] * p1 & low, 23) * p2 + p3) & low
+        at += 4
+    for byte in data[at:]:
+        h = turn(h ^ byte * p5 & low, 11) * p1 & low
+    h = (h ^ h >> 33) * p2 & low
+    h = (h ^ h >> 29) * p3 & low
+    return h ^ h >> 32

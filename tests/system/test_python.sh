@@ -114,6 +114,33 @@ assert (t["value"][rows] == y.value[there]).all() and (t["time"][rows] == y.time
 assert {"Man", "Auto"} <= set(t["mode"][t["name"] == "u"]) and (t["unit"][rows] == y.tag.unit).all()
 PY
 
+# What it is read from is made again, and the same; of a folder that another run takes over it is the new one's.
+"$apc" simulate "$APC_SOURCE_DIR/experiments/quadruple-tank.conf" --report "$work/taken" >/dev/null || fail "no columns: no simulation"
+"$apc" simulate "$APC_SOURCE_DIR/experiments/first-order.conf" --report "$work/taken" --force >/dev/null || fail "no columns: the folder is not taken"
+for folder in "$work/run" "$work/taken"; do
+  "$user/bin/python" - "$folder" "$apc" <<'PY' || fail "columns are not those of samples.csv"
+import subprocess
+import sys
+from pathlib import Path
+
+import apc
+
+folder = Path(sys.argv[1])
+columns = folder / "samples.columns"
+
+
+def table():
+    return {name: (column.texts, column.data.tobytes()) for name, column in apc.open_run(folder).table().columns.items()}
+
+
+kept, first = columns.read_bytes(), table()
+columns.unlink()
+assert table() == first
+subprocess.run([sys.argv[2], "report", folder], check=True, stdout=subprocess.DEVNULL)
+assert columns.stat().st_size == len(kept) and table() == first
+PY
+done
+
 # Another library in its place is told, not run.
 cat >"$work/other.c" <<'C'
 const char *apc_version(void);

@@ -7,6 +7,7 @@ import csv
 import os
 import re
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Optional, Union
@@ -21,6 +22,7 @@ from .values import Mode
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
 
 class Run:
@@ -78,18 +80,17 @@ class Run:
         """
         import numpy as np
 
-        record = _Record(self.folder / "samples.csv")
-        columns = [Column("t", record.time)]
-        if self.start is not None:
-            columns.append(Column("time", self.start + np.round(record.time * 1e6).astype("i8") * np.timedelta64(1000, "ns")))
+        record = _Record(self.folder / "samples.csv", self.folder / "samples.columns")
         named = [self.signals.get(key, (f"{key[0]}.{key[1]}", "")) for key in record.keys]
-        columns += [record.texts("table", [table for table, _ in record.keys]),
-                    record.texts("name", [name for name, _ in named]),
-                    Column("value", record.value),
-                    record.texts("unit", [unit for _, unit in named]),
-                    Column("status", record.status, record.codes),
-                    Column("mode", self._modes(record), [mode.name for mode in Mode])]
-        return Table(columns)
+        with ThreadPoolExecutor() as pool:  # each is a pass over all rows
+            time = pool.submit(record.times, self.start) if self.start is not None else None
+            texts = [pool.submit(record.texts, name, of_each) for name, of_each in (
+                ("table", [table for table, _ in record.keys]), ("name", [name for name, _ in named]),
+                ("unit", [unit for _, unit in named]))]
+            mode = Column("mode", self._modes(record), [mode.name for mode in Mode])
+        table, name, unit = (text.result() for text in texts)
+        return Table([Column("t", record.time), *([Column("time", time.result())] if time else []), table, name,
+                      Column("value", record.value), unit, Column("status", record.status, record.codes), mode])
 
     def to_arrow(self) -> Any:
         """`table` as a pyarrow.Table."""
@@ -137,26 +138,41 @@ class Run:
         rows_of = {id_: [i for i, key in enumerate(record.keys) if belongs.get(key) == id_] for id_ in loops}
         loop_of = {i: (id_ - 5) // 16 for i, (table, id_) in enumerate(changes.keys)
                    if table == "actual" and id_ % 16 == 5 and (id_ - 5) // 16 in loops}
-        mode = np.full(len(record.time), -1, "i1")
+        mode = np.empty(len(record.time), "i1")
         now = np.full(len(record.keys), -1, "i1")
         rows = np.flatnonzero(np.isin(changes.variable, list(loop_of)))
         at = np.searchsorted(record.time, changes.time[rows], "left")
+        mode[:at[0] if len(at) else None] = -1
         for row, begin, end in zip(rows, at, [*at[1:], len(record.time)]):
             now[rows_of[loop_of[changes.variable[row]]]] = changes.value[row]
-            mode[begin:end] = now[record.variable[begin:end]]
+            record.spread(now, mode, begin, end)
         return mode
 
 
 class _Record:
     """The rows of a file of samples: arrays that share the library's memory."""
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, columns: Optional[Path] = None) -> None:
         raw, reason = filled("record"), why()
-        check(lib.apc_record_read(raw, os.fsencode(_there(file)), reason), reason)
+        check(lib.apc_record_read(raw, os.fsencode(_there(file)), os.fsencode(columns) if columns else ffi.NULL, reason), reason)
+        self._raw = raw
         self.time, self.variable, self.status, self.value = (array(raw, column, raw.n) for column in
                                                              ("time", "variable", "status", "value"))
         self.keys = [(text(lib.apc_table_name(raw.table[i])), raw.id[i]) for i in range(raw.n_variables)]
         self.codes = [text(lib.apc_status_format(raw.code[i], ffi.new("char[]", 32))) for i in range(raw.n_codes)]
+
+    def spread(self, of_each: "NDArray[Any]", to: "NDArray[Any]", begin: int, end: int) -> None:
+        """Of rows `begin` to `end` what there is of their variables."""
+        lib.apc_record_spread(self._raw, begin, max(end - begin, 0), ffi.cast("void *", of_each.ctypes.data), to.itemsize,
+                            ffi.cast("void *", to.ctypes.data + int(begin) * to.itemsize))
+
+    def times(self, start: "np.datetime64") -> "NDArray[Any]":
+        """UTC of each, of a run that began at `start`."""
+        import numpy as np
+
+        made = np.empty(len(self.time), "M8[ns]")
+        lib.apc_record_times(self._raw, int(start.astype("i8")), ffi.cast("int64_t *", made.ctypes.data))
+        return made
 
     def texts(self, name: str, of_each: list[str]) -> Column:
         """A column of a text for each variable, which may be the same of several."""
@@ -164,7 +180,9 @@ class _Record:
 
         place = {text: i for i, text in enumerate(dict.fromkeys(of_each))}
         places = np.array([place[text] for text in of_each], "i1" if len(place) < 128 else "i4")
-        return Column(name, places[self.variable], list(place))
+        made = np.empty(len(self.time), places.dtype)
+        self.spread(places, made, 0, len(made))
+        return Column(name, made, list(place))
 
 
 def _there(file: Path) -> Path:

@@ -5,23 +5,23 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
-#include <sched.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "block.h"
-#include "columns.h"
 #include "decimal.h"
+#include "samples_columns.h"
 
-enum { ROOM = 4096, CHUNK = 1 << 18, BEHIND = 32, PARTS = 8, PART = 4 << 20 /* at least */, ROW = 32 };
+enum { ROOM = 4096, CHUNK = 1 << 18, BEHIND = 32, ROW = 32 };
 
 /* ---- Variables and codes --------------------------------------------------------------------- */
 
 static size_t slot_of(const struct apc_record *r, int32_t table, int32_t id)
 {
-    size_t at = ((uint32_t)id * 16 + (uint32_t)table) * 2654435761u & (r->slots - 1);
+    const uint32_t key = ((uint32_t)id * 16 + (uint32_t)table) * 2654435761u;
+    size_t at = key & (r->slots - 1);
 
     while (r->slot[at] && (r->table[r->slot[at] - 1] != table || r->id[r->slot[at] - 1] != id))
         at = (at + 1) & (r->slots - 1);
@@ -281,7 +281,7 @@ static int take_part(struct part *t)
     return at >= t->to || n == 0 ? 0 : fail(t, APC_EPROTO, "ends in the middle of a line");
 }
 
-static void forget(struct apc_record *r)
+void samples_forget(struct apc_record *r)
 {
     free(r->time);
     free(r->variable);
@@ -290,6 +290,7 @@ static void forget(struct apc_record *r)
     free(r->table);
     free(r->id);
     free(r->slot);
+    *r = (struct apc_record){0};
 }
 
 static void *part_main(void *ctx)
@@ -324,21 +325,10 @@ static bool append(struct apc_record *r, const struct apc_record *part)
     return fits;
 }
 
-/* As many as there are processors for, and each worth a thread. */
-static size_t parts_of(off_t size)
-{
-    cpu_set_t set;
-    const int cpus = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
-    size_t parts = (size_t)(size / PART) + 1;
-
-    parts = parts > (size_t)cpus ? (size_t)cpus : parts;
-    return parts > PARTS ? PARTS : parts;
-}
-
 /* All parts, the first one in this thread. Returns 0 or the first error in the order of the file. */
-static int take_file(struct part part[PARTS], size_t parts, struct apc_error *why)
+static int take_file(struct part part[SAMPLES_PARTS], size_t parts, struct apc_error *why)
 {
-    bool started[PARTS] = {false};
+    bool started[SAMPLES_PARTS] = {false};
     uint64_t lines = 0;
 
     for (size_t i = 1; i < parts; i++)
@@ -360,11 +350,11 @@ static int take_file(struct part part[PARTS], size_t parts, struct apc_error *wh
     return 0;
 }
 
-int apc_record_read(struct apc_record *record, const char *file, struct apc_error *why)
+int samples_csv_read(struct apc_record *rows, const char *file, struct apc_error *why)
 {
     const int fd = open(file, O_RDONLY | O_CLOEXEC);
-    struct apc_record others[PARTS] = {{0}};
-    struct part part[PARTS] = {{0}};
+    struct apc_record others[SAMPLES_PARTS] = {{0}};
+    struct part part[SAMPLES_PARTS] = {{0}};
     struct stat stat;
 
     if (fd < 0 || fstat(fd, &stat) != 0) {
@@ -374,11 +364,11 @@ int apc_record_read(struct apc_record *record, const char *file, struct apc_erro
             close(fd);
         return rc;
     }
-    const size_t parts = parts_of(stat.st_size);
+    const size_t parts = samples_parts((size_t)stat.st_size);
 
     for (size_t i = 0; i < parts; i++)
         part[i] =
-            (struct part){.r = i ? &others[i] : record,
+            (struct part){.r = i ? &others[i] : rows,
                           .name = file,
                           .fd = fd,
                           .from = stat.st_size / (off_t)parts * (off_t)i,
@@ -392,14 +382,8 @@ int apc_record_read(struct apc_record *record, const char *file, struct apc_erro
         free(part[i].chunk);
         free(part[i].spelling);
         if (i > 0)
-            forget(&others[i]);
+            samples_forget(&others[i]);
     }
     close(fd);
     return rc;
-}
-
-void apc_record_free(struct apc_record *r)
-{
-    forget(r);
-    free(r);
 }

@@ -97,7 +97,7 @@ static double divide(uint64_t digits, unsigned decimals)
     mantissa = (mantissa + (mantissa & 1)) >> 1;
     /* floor(log2(10^-decimals)), and 1 where the mantissa was rounded up to the next power of two */
     const int exponent =
-        (int)((217706 * -(int64_t)decimals) >> 16) + 63 + upper - zeros + 1023 + (int)(mantissa >> 53);
+        63 - (int)((217706 * decimals + 65535) >> 16) + upper - zeros + 1023 + (int)(mantissa >> 53);
     double value;
 
     bits = (mantissa & ((UINT64_C(1) << 52) - 1)) | (uint64_t)exponent << 52;
