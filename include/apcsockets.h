@@ -132,7 +132,7 @@ struct apc_link_options {
     /** How long the reply is that begins with these @p n bytes, 1 or more: its length; 0: they do not tell
      * yet; negative: they are no reply. NULL: it ends with its first newline. */
     int (*whole)(const char *bytes, size_t n);
-    apc_ns backoff_min;            /**< first pause after a failed connect; default 100 ms */
+    apc_ns backoff_min;            /**< first pause after a failed connect, or two refusals; default 100 ms */
     apc_ns backoff_max;            /**< longest pause; default 5 s. Pauses double and are jittered */
     uint64_t seed;                 /**< of the jitter; default: from the clock */
     struct apc_identity *identity; /**< of tls:, which requires it */

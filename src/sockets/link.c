@@ -3,13 +3,15 @@
  * The asking side of a link: one request, one reply, one deadline.
  *
  * Between two exchanges the link is in one of three states: connected with nothing under way; not connected
- * and free to connect; not connected and pausing until `retry_at`. Every failure after the connect
- * leads to the second, a failed connect to the third. So there is never a connection on which an old
+ * and free to connect; not connected and pausing until `retry_at`. A failed connect and a refusal lead to
+ * the third, every other failure to the second. So there is never a connection on which an old
  * reply could still come: that is what keeps a late answer from being taken for the next one's.
  *
- * The pause doubles from backoff_min to backoff_max and is multiplied by a random factor in [0.5, 1],
- * so that a hundred clients of a plant that restarts do not come back in step. A connection that
- * the peer closed (it restarted) is noticed before the request is sent, and costs no tick.
+ * The pause doubles from backoff_min to backoff_max and is multiplied by a random
+ * factor in [0.5, 1], so that a hundred clients of a plant that restarts do not come back in step. A
+ * connection that the peer closed (it restarted) is noticed before the request is sent, and costs no tick.
+ * Where the peer closes one after another without ever answering, it refuses us: that is as a connect that
+ * failed.
  */
 #include "base/base_internal.h"
 #include "sockets/sockets_internal.h"
@@ -29,6 +31,8 @@ struct apc_link {
     char *uri, *reply;
     struct apc_link_options options; /* no zeros left */
     bool connected, asked;           /* what was sent last has no reply yet */
+    unsigned refused;                /* connections in a row that the peer closed without a reply */
+    bool answered;                   /* a reply came on this connection */
     uint64_t connects;
     apc_ns pause;    /* of the next failed connect, before jitter */
     apc_ns retry_at; /* monotonic; no connect before it */
@@ -144,9 +148,19 @@ static int connect_link(struct apc_link *l, apc_ns deadline)
         return apc_fail(&l->error, err, "link \"%s\": %s", l->uri, why.text);
     }
     l->connected = true;
+    l->answered = false;
     l->connects++;
-    l->pause = l->options.backoff_min;
+    if (l->refused == 0)
+        l->pause = l->options.backoff_min;
     return 0;
+}
+
+static int fail_exchange(struct apc_link *l, int result, const struct apc_error *why)
+{
+    if (result == APC_ECONN && !l->answered && ++l->refused > 1)
+        begin_pause(l);
+    apc_link_reset(l);
+    return apc_fail(&l->error, result, "link \"%s\": %s", l->uri, why->text);
 }
 
 /* How long the reply is that begins with what is there; of @have bytes the last @n are new. */
@@ -199,10 +213,8 @@ int apc_link_send(struct apc_link *l, const char *request, size_t length, apc_ns
         return apc_fail(&l->error, APC_ETIMEDOUT, "link \"%s\": its time was over before it was sent",
                         l->uri);
     result = l->transport->send(l->self, request, length, deadline, &why);
-    if (result < 0) {
-        apc_link_reset(l);
-        return apc_fail(&l->error, result, "link \"%s\": %s", l->uri, why.text);
-    }
+    if (result < 0)
+        return fail_exchange(l, result, &why);
     l->asked = true;
     return 0;
 }
@@ -218,11 +230,12 @@ int apc_link_receive(struct apc_link *l, const char **reply, apc_ns deadline)
     if (!l->asked)
         return apc_fail(&l->error, APC_EINVAL, "link \"%s\": nothing was asked", l->uri);
     result = receive_reply(l, deadline, &why);
-    if (result < 0) {
-        apc_link_reset(l);
-        return apc_fail(&l->error, result, "link \"%s\": %s", l->uri, why.text);
-    }
+    if (result < 0)
+        return fail_exchange(l, result, &why);
     l->asked = false;
+    l->answered = true;
+    l->refused = 0;
+    l->pause = l->options.backoff_min;
     l->error.text[0] = '\0';
     *reply = l->reply;
     return result;

@@ -208,14 +208,37 @@ static void a_late_reply_is_never_the_next_ones(void **state)
 static void a_peer_that_closes_is_no_reply(void **state)
 {
     struct peer p;
-    struct apc_link *link = start_peer(&p, "arcarhcare");
+    struct apc_link *link = start_peer(&p, "arcarearhcare");
     (void)state;
 
     assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
     assert_false(apc_link_connected(link));
-    assert_int_equal(ask(link, "two\n", PATIENCE), APC_ECONN); /* half of a reply is none */
-    assert_int_equal(ask(link, "three\n", PATIENCE), 0);       /* connecting did not fail: no pause */
-    assert_int_equal(apc_link_connects(link), 3);
+    assert_int_equal(ask(link, "two\n", PATIENCE), 0); /* connecting did not fail: no pause */
+    apc_link_reset(link);
+    assert_int_equal(ask(link, "three\n", PATIENCE), APC_ECONN); /* half of a reply is none */
+    assert_int_equal(ask(link, "four\n", PATIENCE), 0);
+    assert_int_equal(apc_link_connects(link), 4);
+    end_peer(&p, link);
+}
+
+/* As a plant does with a client that was replaced: it is not to be asked again at each tick. */
+static void a_peer_that_refuses_is_left_alone_for_a_pause(void **state)
+{
+    const struct apc_link_options options = {
+        .size = sizeof options, .backoff_min = 3600 * APC_NS_PER_S, .backoff_max = 7200 * APC_NS_PER_S};
+    struct peer p;
+    struct apc_link *first = start_peer(&p, "arcarc"), *link = link_to(p.port, &options);
+    (void)state;
+
+    apc_link_destroy(first);
+    assert_int_equal(ask(link, "one\n", PATIENCE), APC_ECONN);
+    assert_int_equal(ask(link, "two\n", PATIENCE), APC_ECONN);
+    struct apc_error why;
+    snprintf(why.text, sizeof why.text, "%s", apc_link_error(link));
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(ask(link, "three\n", PATIENCE), APC_ECONN);
+    assert_string_equal(apc_link_error(link), why.text); /* that of the refusal */
+    assert_int_equal(apc_link_connects(link), 2);
     end_peer(&p, link);
 }
 
@@ -966,6 +989,7 @@ int main(void)
         cmocka_unit_test(one_connection_carries_many_exchanges),
         cmocka_unit_test(a_late_reply_is_never_the_next_ones),
         cmocka_unit_test(a_peer_that_closes_is_no_reply),
+        cmocka_unit_test(a_peer_that_refuses_is_left_alone_for_a_pause),
         cmocka_unit_test(a_reply_beyond_frame_max_is_refused),
         cmocka_unit_test(bytes_after_the_reply_close_the_connection),
         cmocka_unit_test(what_comes_unasked_is_not_taken_for_a_reply),
