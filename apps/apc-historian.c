@@ -93,6 +93,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
+    .ordinary = true,
     .name = "apc-historian",
     .doc = "Move what the live store --store gets on into the history --history: samples, ticks, events, "
            "timing and "

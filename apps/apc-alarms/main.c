@@ -12,6 +12,7 @@
 #include "run/alarms.h"
 
 static const struct program program = {
+    .ordinary = true,
     .name = "apc-alarms",
     .doc = "Evaluate the alarms of an experiment, and take acknowledgements and shelving.",
     .task = "alarms",

@@ -53,6 +53,7 @@ struct shell {
 };
 
 static const struct program program = {
+    .ordinary = true,
     .name = "apc-mqtt",
     .doc = MQTT_DOC,
     .task = "mqtt",

@@ -490,6 +490,7 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
 {
     const struct apc_task_options options = {.size = sizeof options,
                                              .name = d->task_name,
+                                             .priority = d->program->ordinary ? -1 : 0,
                                              .period = rhythm.period,
                                              .start = d->start + rhythm.phase,
                                              .aligned = true,
