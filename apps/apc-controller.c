@@ -42,6 +42,7 @@ struct shell {
     bool claimed, told; /* its outputs, where it takes turns; that it waits for them */
     struct standby standby;
     bool following; /* another one acts */
+    bool refused;   /* the place of that one, which was said */
 };
 
 static error_t parse(int key, char *arg, struct argp_state *state)
@@ -185,6 +186,7 @@ static int follow(struct shell *s)
         return daemon_error(&s->d, rc, "%s", why.text);
     standby_follow(&s->standby);
     s->following = true;
+    s->refused = false;
     atomic_store(&s->d.idle, true);
     return 0;
 }
@@ -212,6 +214,20 @@ static int stand_by(struct shell *s)
     return 1;
 }
 
+/* Where the server does not let this one end the other one's session, the store is there all the same. */
+static void report_looking(struct shell *s, int rc)
+{
+    if (rc == APC_EPERM && !s->refused)
+        daemon_event(
+            &s->d, APC_EVENT_ALARM, "standby",
+            "may not take the place of the one that has stopped ticking; let both log in as the same role: "
+            "%.90s",
+            apc_store_error(s->store));
+    s->refused = s->refused || rc == APC_EPERM;
+    if (rc != APC_EPERM)
+        report_store(s, rc);
+}
+
 /* ---- Ticks -------------------------------------------------------------------------------- */
 
 static int on_tick(void *ctx, const struct apc_tick *tick)
@@ -221,7 +237,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     if (s->following) {
         const int rc = stand_by(s);
         if (rc <= 0) {
-            report_store(s, rc);
+            report_looking(s, rc);
             return daemon_fatal(&s->d, s->store, rc);
         }
     }

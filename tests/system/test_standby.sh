@@ -65,6 +65,30 @@ fail_over() {
 }
 
 fail_over postgresql:
+# whom the server does not let end the other one's session says so, once, and has not lost its store
+grants() {
+  PGOPTIONS='-c search_path=apc -c client_min_messages=warning' psql -Xqv ON_ERROR_STOP=1 -f "$APC_SOURCE_DIR/sql/roles.sql"
+}
+until_true 20 grants # a role may be made twice at once
+for place in a b; do
+  sql "CREATE USER standby_${place}_$$ IN ROLE apc_controller"
+done
+background a env PGUSER="standby_a_$$" "$APC_BIN/apc-controller" --standby a
+a=$pid
+until_true 20 says a "running every" 1
+background b env PGUSER="standby_b_$$" "$APC_BIN/apc-controller" --standby b
+b=$pid
+until_true 20 says b "stands by" 1
+kill -STOP "$a"
+until_true 30 says b "may not take the place of the one that has stopped ticking; let both log in as the same role" 1
+kill -9 "$a"
+until_true 30 says b "acts from now on" 1
+! grep "store lost" "$work/b.log" || fail "b takes that for a loss of the store"
+[ "$(grep -c "may not take the place" "$work/b.log")" -eq 1 ] || fail "it is said again and again"
+kill -TERM "$b"
+wait "$b" || fail "it does not end well"
+rm "$work"/*.log
+
 segment=/dev/shm/apc.standby-$$
 fail_over "shm:standby-$$"
 
