@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * bench/historian: does apc-historian keep up? VARIABLES measurements come every 10 ms for as long as is said
- * into shared memory; once a second it is asked how far the history is behind. The historian, and a database
- * that bench/historian started, stay on the core that this program was started on; what feeds keeps off it.
+ * bench/historian: does apc-historian keep up, and what does it cost? VARIABLES measurements come every
+ * PERIOD ms for as long as is said into shared memory; once a second it is asked how far the history is
+ * behind. The historian, and a database that bench/historian started, stay on the core that this program was
+ * started on; what feeds keeps off it.
  *
- * bench_historian BIN EXPERIMENT HISTORY SECONDS
+ * bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD]
  */
 #include <errno.h>
+#include <glob.h>
 #include <inttypes.h>
 #include <sched.h>
 #include <signal.h>
@@ -19,15 +21,16 @@
 #include <unistd.h>
 
 #include <apcstore.h>
+#include <libpq-fe.h>
 
 #include "bench.h"
 
-#define VARIABLES 200
-#define PERIOD    (10 * APC_NS_PER_MS)
-#define MIB       64
-#define PATIENCE  60 /* s: for the last rows */
+#define MIB      64
+#define PATIENCE 60 /* s: for the last rows */
 
 static char live[64], path[80];
+static int variables = 200;
+static apc_ns period = 10 * APC_NS_PER_MS;
 
 static void sleep_until(apc_ns when)
 {
@@ -69,20 +72,20 @@ static void keep_off(void)
 
 static pid_t feed(apc_ns begin, int64_t rows)
 {
-    static struct apc_sample sample[VARIABLES];
     const pid_t pid = fork();
     if (pid != 0)
         return pid;
     prctl(PR_SET_PDEATHSIG, SIGKILL);
+    struct apc_sample *sample = allocate((size_t)variables, sizeof *sample);
     keep_off();
     struct apc_store *store = open_store(live, false);
     for (int64_t seq = 1; seq <= rows; seq++) {
-        sleep_until(begin + seq * PERIOD);
+        sleep_until(begin + seq * period);
         const apc_ns now = apc_clock_utc(NULL);
-        for (int i = 0; i < VARIABLES; i++)
+        for (int i = 0; i < variables; i++)
             sample[i] = (struct apc_sample){
                 .table = APC_SENSOR, .id = i + 1, .seq = seq, .time = now, .value = (double)(seq + i)};
-        if (apc_store_append(store, sample, VARIABLES) != VARIABLES)
+        if (apc_store_append(store, sample, (size_t)variables) != variables)
             die("%s", apc_store_error(store));
     }
     apc_store_close(store);
@@ -102,6 +105,26 @@ static pid_t start_historian(const char *bin, const char *experiment, const char
     return pid;
 }
 
+struct of_process {
+    pid_t pid, parent;
+    double own, ended; /* CPU time, of children that have ended as well */
+};
+
+static struct of_process stat_of(const char *file)
+{
+    struct of_process p = {0};
+    long ticks[4] = {0};
+    FILE *f = fopen(file, "r");
+    if (f && fscanf(f, "%d %*[^)]) %*c %d %*d %*d %*d %*d %*u %*u %*u %*u %*u %ld %ld %ld %ld", &p.pid,
+                    &p.parent, &ticks[0], &ticks[1], &ticks[2], &ticks[3]) != 6)
+        p = (struct of_process){0}; /* it has gone meanwhile */
+    if (f)
+        fclose(f);
+    p.own = (double)(ticks[0] + ticks[1]) / (double)sysconf(_SC_CLK_TCK);
+    p.ended = (double)(ticks[2] + ticks[3]) / (double)sysconf(_SC_CLK_TCK);
+    return p;
+}
+
 /* CPU time of all its threads. */
 static double cpu_seconds(pid_t pid)
 {
@@ -110,6 +133,31 @@ static double cpu_seconds(pid_t pid)
     if (clock_getcpuclockid(pid, &clock) != 0 || clock_gettime(clock, &t) != 0)
         die("the historian has ended: see above");
     return (double)t.tv_sec + (double)t.tv_nsec / 1e9;
+}
+
+/* What the database's processes have had since it began, user and system; 0 with a file. */
+static double server_seconds(const char *history)
+{
+    static pid_t postmaster = 0;
+    if (strncmp(history, "postgresql:", strlen("postgresql:")) != 0)
+        return 0;
+    if (postmaster == 0) {
+        PGconn *conn = PQconnectdb("");
+        char file[64];
+        snprintf(file, sizeof file, "/proc/%d/stat", PQbackendPID(conn));
+        postmaster = stat_of(file).parent;
+        PQfinish(conn);
+    }
+    glob_t all;
+    double sum = 0;
+    if (glob("/proc/[0-9]*/stat", 0, NULL, &all) != 0)
+        die("no /proc");
+    for (size_t i = 0; i < all.gl_pathc; i++) {
+        const struct of_process p = stat_of(all.gl_pathv[i]);
+        sum += p.pid == postmaster ? p.own + p.ended : p.parent == postmaster ? p.own : 0;
+    }
+    globfree(&all);
+    return sum;
 }
 
 static int by_value(const void *a, const void *b)
@@ -130,13 +178,16 @@ static int in_order(void *ctx, const struct apc_sample *s)
 struct seen {
     double *late; /* s, one a second */
     uint64_t most;
-    double cpu;
+    double cpu, server; /* s of a core, of the historian and of the database */
 };
 
 /* Once a second for as long as it is fed. */
 static void watch(struct seen *seen, const char *both, pid_t historian, apc_ns begin, long seconds)
 {
+    const char *history = strchr(both, '+') + 1;
     struct apc_store *store = open_store(both, false);
+    sleep_until(begin);
+    const double cpu = cpu_seconds(historian), server = server_seconds(history);
     for (long i = 0; i < seconds; i++) {
         struct apc_behind behind = {.size = sizeof behind};
         sleep_until(begin + (i + 1) * APC_NS_PER_S);
@@ -144,7 +195,8 @@ static void watch(struct seen *seen, const char *both, pid_t historian, apc_ns b
             die("%s", apc_store_error(store));
         seen->late[i] = apc_ns_to_s(behind.time);
         seen->most = behind.rows > seen->most ? behind.rows : seen->most;
-        seen->cpu = cpu_seconds(historian);
+        seen->cpu = cpu_seconds(historian) - cpu;
+        seen->server = i + 1 == seconds ? server_seconds(history) - server : 0;
         if (i % 60 == 59)
             printf("%4ld s: %" PRIu64 " rows behind, %.2f s\n", i + 1, behind.rows, seen->late[i]);
         fflush(stdout);
@@ -155,7 +207,7 @@ static void watch(struct seen *seen, const char *both, pid_t historian, apc_ns b
 
 static void wait_for_the_last(const char *history, int64_t rows)
 {
-    struct apc_sample last = {.table = APC_SENSOR, .id = VARIABLES};
+    struct apc_sample last = {.table = APC_SENSOR, .id = variables};
     struct apc_store *store = open_store(history, false);
     for (int i = 0; last.seq < rows && i < 10 * PATIENCE; i++) {
         sleep_until(apc_clock_mono(NULL) + 100 * APC_NS_PER_MS);
@@ -170,7 +222,7 @@ static int64_t count(const char *history)
     const struct apc_range all = {0};
     struct apc_store *store = open_store(history, false);
     int64_t n = 0;
-    for (int i = 1; i <= VARIABLES; i++) {
+    for (int i = 1; i <= variables; i++) {
         int64_t last = 0;
         if (apc_store_history(store, APC_SENSOR, i, &all, in_order, &last) < 0)
             die("%s", apc_store_error(store));
@@ -192,11 +244,15 @@ static void make_live(void)
 
 int main(int argc, char **argv)
 {
-    const long seconds = argc == 5 ? strtol(argv[4], NULL, 10) : 0;
-    if (seconds < 1 || seconds > 86400)
-        die("usage: bench_historian BIN EXPERIMENT HISTORY SECONDS");
+    const long seconds = argc >= 5 ? strtol(argv[4], NULL, 10) : 0;
+    if (argc == 7) {
+        variables = (int)strtol(argv[5], NULL, 10);
+        period = strtol(argv[6], NULL, 10) * APC_NS_PER_MS;
+    }
+    if ((argc != 5 && argc != 7) || seconds < 1 || seconds > 86400 || variables < 1 || period < APC_NS_PER_MS)
+        die("usage: bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD]");
     const char *history = argv[3];
-    const int64_t rows = seconds * APC_NS_PER_S / PERIOD;
+    const int64_t rows = seconds * APC_NS_PER_S / period;
     char both[4400];
     int status;
     make_live();
@@ -215,9 +271,10 @@ int main(int argc, char **argv)
     waitpid(historian, &status, 0);
     printf("%d samples/s for %ld s: %" PRId64 " of %" PRId64
            " stored, each once; behind p50 %.2f, most %.2f s, "
-           "%" PRIu64 " rows; the historian took %.1f %% of a core\n",
-           (int)(VARIABLES * (APC_NS_PER_S / PERIOD)), seconds, count(history), rows * VARIABLES,
-           seen.late[seconds / 2], seen.late[seconds - 1], seen.most, seen.cpu / (double)seconds * 100);
+           "%" PRIu64 " rows; of a core the historian took %.1f %%, the database %.1f %%\n",
+           (int)(variables * APC_NS_PER_S / period), seconds, count(history), rows * variables,
+           seen.late[seconds / 2], seen.late[seconds - 1], seen.most, seen.cpu / (double)seconds * 100,
+           seen.server / (double)seconds * 100);
     free(seen.late);
     return 0;
 }

@@ -104,19 +104,25 @@
                                          ", NULL, NULL, NULL, NULL, NULL, data" CHUNKS(table) "ORDER BY 1"
 
 /*
- * Chunks that lie in one bin have said all that it needs; of the others their data come. A double holds a seq
- * exactly, so that the greatest of the pairs is the last value.
+ * Chunks that lie in one bin have said all that it needs; of the others their data come. The last value comes
+ * by its key, as above: that of the first chunk which ends at its seq or later.
  */
+#define WHOLE                                                                                                \
+    "(since >= $2::timestamptz AND until < $3::timestamptz AND "                                             \
+    "width_bucket(since, $4::timestamptz[]) = width_bucket(until, $4::timestamptz[]))"
+#define OF_CHUNKS(table)                                                                                     \
+    "FROM " table "_packed WHERE id = $1::int4 AND until >= $2::timestamptz AND since < $3::timestamptz "
 #define ADD_CHUNKS(table)                                                                                    \
-    " UNION ALL (WITH chunk AS (SELECT c.*, last - first + 1 AS n, width_bucket(since, $4::timestamptz[]) "  \
-    "AS bin,"                                                                                                \
-    " since >= $2::timestamptz AND until < $3::timestamptz AND width_bucket(since, $4::timestamptz[]) = "    \
-    "width_bucket(until, $4::timestamptz[]) AS whole FROM " table "_packed AS c "                            \
-    "WHERE id = $1::int4 AND until >= $2::timestamptz AND since < $3::timestamptz) "                         \
-    "SELECT bin::int8, sum(good)::int8, sum(n - good)::int8, min(lowest)" SOME ", max(highest)" SOME         \
-    ", sum(mean * good) / nullif(sum(good), 0)::float8, (max(ARRAY[final, latest]))[2]"                      \
-    ", max(worst), max(last), max(final), NULL AS data FROM chunk WHERE whole GROUP BY bin "                 \
-    "UNION ALL SELECT 0, 0, 0, NULL, NULL, NULL, NULL, 0, first, 0, data FROM chunk WHERE NOT whole)"
+    " UNION ALL SELECT bin::int8, good, bad, lowest, highest, mean, "                                        \
+    "(SELECT latest FROM " table "_packed WHERE id = $1::int4 AND last >= b.final AND b.final > 0 "          \
+    "ORDER BY last LIMIT 1), worst, newest, final, NULL::bytea FROM "                                        \
+    "(SELECT width_bucket(since, $4::timestamptz[]) AS bin, sum(good)::int8 AS good, "                       \
+    "sum(last - first + 1 - good)::int8 AS bad, min(lowest)" SOME " AS lowest, max(highest)" SOME            \
+    " AS highest, sum(mean * good) / nullif(sum(good), 0)::float8 AS mean, max(worst) AS worst, "            \
+    "max(last) AS newest, max(final) AS final " OF_CHUNKS(                                                   \
+        table) "AND " WHOLE " GROUP BY 1) AS b "                                                             \
+               "UNION ALL SELECT 0, 0, 0, NULL, NULL, NULL, NULL, 0, first, 0, data " OF_CHUNKS(             \
+                   table) "AND NOT " WHOLE
 #define SOME " FILTER (WHERE good > 0)"
 
 /* What is appended to opmode is that and no more: only a put of the mode of all loops is spread by the
