@@ -3,7 +3,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 status=0
-background drill python3 "$APC_SOURCE_DIR/examples/ha/drill" 2 10
+background drill python3 "$APC_SOURCE_DIR/examples/ha/drill" 2
 ended() { ! in_background "$1" >/dev/null; }
 until_true 130 ended "$pid"
 wait "$pid" || status=$?
