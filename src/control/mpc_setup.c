@@ -42,9 +42,11 @@ static int take_blocks(struct apc_law_mpc *p, const struct apc_law_setup *setup,
     size_t n = s ? s->rows * s->columns : BLOCKS;
 
     if (s && (s->text || n == 0 || n > p->N))
-        return apc_fail(why, APC_EINVAL,
-                        "setting \"blocks\": the lengths of 1 to %zu blocks in samples, as [1, 1, 2, 4]",
-                        p->N);
+        return apc_fail(
+            why, APC_EINVAL,
+            "setting \"blocks\": %zu of them in a horizon of %zu samples: expected how many samples "
+            "each lasts, as [1, 1, 2, 4]",
+            s->text ? 0 : n, p->N);
     p->block = calloc(n, sizeof(*p->block));
     if (!p->block)
         return apc_fail(why, APC_ENOMEM, "no memory");

@@ -749,12 +749,14 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
     const double big = 3.0, half = 0.5, blocks[] = {10.0, 11.0}, ranks[] = {1.0, 3.0}, twice[] = {1.0, 1.0},
                  huge[] = {1.0, 1e300}, first[] = {0.0, 1.0}, tiny[] = {1.0, 1e-30}, least[] = {1e-200, 1.0},
                  nothing[] = {0.0, 0.0}, many[] = {1.0, 2.0, 1.0}, minus[] = {-1.0, 0.0};
+    double crowd[21];
     const struct {
         struct apc_setting setting;
         const char *says;
     } refused[] = {
         {number("horizon", &half, 1), "horizon"},
         {number("blocks", blocks, 2), "horizon"},
+        {number("blocks", crowd, 21), "21 of them in a horizon of"},
         {number("rank", ranks, 2), "rank"},
         {number("measurement", &big, 1), "measurement"},
         {number("at_output", twice, 2), "tell"},
@@ -779,6 +781,8 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
     struct rig r;
     (void)state;
 
+    for (size_t i = 0; i < sizeof crowd / sizeof *crowd; i++)
+        crowd[i] = 1.0;
     for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
         make(&r, &refused[i].setting, 1);
         assert_true(laws_make(&r.law, &apc_law_mpc, &r.setup, &why) < 0);
