@@ -612,9 +612,13 @@ static struct planned *collect_planned(const struct report_panels *p, size_t *n)
     *n = 0;
     for (size_t i = 0; all && i < changes; i++) {
         const struct apc_disturbance *d = &e->plant.disturbance[i];
+        const struct apc_param *of = &e->plant.model->disturbance[d->k];
         struct planned *to = &all[*n];
+        char unit[2 * APC_TAG_LEN];
+        pretty(of->unit && strcmp(of->unit, "1") != 0 ? of->unit : "", unit, sizeof unit);
         to->t = disturbed_at(p, i);
-        snprintf(to->text, sizeof to->text, "%s = %.6g", e->plant.model->disturbance[d->k].name, d->value);
+        snprintf(to->text, sizeof to->text, "%.40s = %.6g%s%.30s", of->name, d->value, *unit ? " " : "",
+                 unit);
         *n += is_shown(p, to->t);
     }
     for (size_t i = 0; all && i < e->n_actions; i++) {

@@ -369,7 +369,7 @@ in_figure() { # folder, texts ...
     grep -qF ">$text<" "$figure" || grep -qF "$text" "$figure" || fail "no \"$text\" in $figure"
   done
 }
-in_figure "$work/reactor" 'cB (mol/L)' 'T (°C)' 'F (1/h)' 'Q (kJ/h)' 'Tin = 100' link 'held back by a limit' limit 'time  (min)' 'not Good'
+in_figure "$work/reactor" 'cB (mol/L)' 'T (°C)' 'F (1/h)' 'Q (kJ/h)' 'Tin = 100 °C' link 'held back by a limit' limit 'time  (min)' 'not Good'
 # Those that a predictive law keeps a measurement within are limits as well; the feed comes near none of its own so early.
 "$apc" simulate "$APC_SOURCE_DIR/experiments/adiabatic-cstr-nmpc.conf" --set duration=310 --report "$work/held" >/dev/null
 in_figure "$work/held" '>limit<'
@@ -404,6 +404,6 @@ C
 "$apc" simulate "$work/many.conf" --report "$work/many" >/dev/null
 in_figure "$work/many" y1 y9 y60 u1 u60
 "$apc" simulate "$APC_SOURCE_DIR/experiments/two-layers.conf" --report "$work/layers" >/dev/null
-in_figure "$work/layers" 'setpoint r1, moved by upper' 'setpoint w1 of upper' upper.r2 Cas Man shed killed 'upper killed' 'd3 = 1.5'
+in_figure "$work/layers" 'setpoint r1, moved by upper' 'setpoint w1 of upper' upper.r2 Cas Man shed killed 'upper killed' 'd3 = 1.5 cm³/s'
 "$apc" simulate "$APC_SOURCE_DIR/experiments/hundred-loops.conf" --duration 70 --report "$work/hundred" >/dev/null
 in_figure "$work/hundred" area0 area9 'y30, largest error' u30 '9 others'
