@@ -14,6 +14,15 @@ static int end_at_once(struct daemon *d)
     return 1;
 }
 
+/* A machine that has no time for it for 2 s says nothing of a daemon: then it lives once more. */
+static void live_well(const struct life *life)
+{
+    int times = 0;
+    do {
+        live(life);
+    } while (strstr(said, "given up") && ++times < 5);
+}
+
 /* ---- Options ------------------------------------------------------------------------------ */
 
 static void help_lists_its_options_in_order(void **state)
@@ -25,7 +34,7 @@ static void help_lists_its_options_in_order(void **state)
         "-t, --timer=NAME", "-?, --help",        "--usage",        "-V, --version"};
     const struct life life = {.tick = stop_after_three, .options = help};
     (void)state;
-    live(&life);
+    live_well(&life);
     assert_ended(EXIT_OK);
     const char *at = said;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -44,14 +53,14 @@ static void each_option_means_itself_only(void **state)
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         const char *const options[] = {of[i][0], of[i][1], NULL};
         const struct life life = {.tick = stop_after_three, .options = options, .store_optional = true};
-        live(&life);
+        live_well(&life);
         assert_ended(EXIT_OK);
         assert_int_equal(strstr(said, "spinning took") != NULL, !of[i][1]);
         assert_null(strstr(said, "cpu_dma_latency"));
     }
     static const char *const hold[] = {"--hold-latency", NULL};
     const struct life life = {.tick = stop_after_three, .options = hold, .store_optional = true};
-    live(&life);
+    live_well(&life);
     assert_ended(EXIT_OK);
     assert_says("/dev/cpu_dma_latency "); /* is held, or cannot be: that depends on the machine */
     assert_null(strstr(said, "spinning took"));
@@ -63,7 +72,7 @@ static void what_spinning_took_is_a_share_of_a_processor(void **state)
     const struct life life = {.tick = stop_after_three, .options = spin, .store_optional = true};
     double share = -1, margin = -1;
     (void)state;
-    live(&life);
+    live_well(&life);
     assert_ended(EXIT_OK);
     assert_says("spinning took ");
     assert_int_equal(sscanf(strstr(said, "spinning took "),
@@ -86,7 +95,7 @@ static void a_spool_s_path_that_is_too_long_is_refused_and_never_cut(void **stat
         while (at < n) /* the same folder */
             dir[at++] = '/';
         dir[n] = '\0';
-        live(&life);
+        live_well(&life);
         assert_ended(EXIT_ERROR);
         assert_says(length > 511 ? "--spool: the path is too long" : "--store: the spool's path is too long");
     }
@@ -103,7 +112,7 @@ static int shift(struct daemon *d)
 static int note_phase(void *ctx, const struct apc_tick *tick)
 {
     /* the wall clock's grid, as far as it is known on the monotonic one */
-    const apc_ns utc = tick->scheduled + apc_clock_utc(NULL) - apc_clock_mono(NULL);
+    const apc_ns utc = tick->scheduled + apc_clock_offset(NULL, NULL);
     shared->first = (uint64_t)(utc % PERIOD);
     shared->last = tick->index;
     return stop_after_three(ctx, &(struct apc_tick){.index = shared->first});
@@ -113,7 +122,7 @@ static void ticks_lie_a_phase_behind_the_grid(void **state)
 {
     const struct life life = {.tick = note_phase, .before = shift, .store_optional = true};
     (void)state;
-    live(&life);
+    live_well(&life);
     assert_ended(EXIT_OK);
     assert_true(shared->first > 20 * (uint64_t)APC_NS_PER_MS && shared->first < 40 * (uint64_t)APC_NS_PER_MS);
 }
@@ -136,7 +145,7 @@ static void an_event_is_logged_by_its_severity(void **state)
         const char *const options[] = {"--log-level", levels[i], NULL};
         const struct life life = {
             .tick = stop_after_three, .before = say_all, .options = options, .store_optional = true};
-        live(&life);
+        live_well(&life);
         assert_ended(EXIT_OK);
         assert_says("number 3");
         assert_int_equal(strstr(said, "number 2") != NULL, i >= 1);
@@ -162,14 +171,14 @@ static void append(struct apc_store *s, apc_ns ago)
     (void)apc_store_append_events(s, &e, 1); /* it goes to the spool */
 }
 
-/* Until it has drained, or cannot. */
-static void try_to_drain(struct apc_store *s)
+/* Until it has drained, or, as is expected, cannot. */
+static void try_to_drain(struct apc_store *s, bool stays)
 {
     struct apc_store_stats stats = {.size = sizeof stats};
     do {
         (void)apc_store_connect(s);
         apc_store_stats(s, &stats);
-    } while (stats.spool.events > 0 && stats.spool.blocked == 0);
+    } while (stays ? stats.spool.blocked == 0 : stats.spool.events > 0);
 }
 
 /* Twice, each thing is told of once. */
@@ -202,10 +211,10 @@ static int go_through_a_spool(struct daemon *d)
         append(s, 10 * APC_NS_PER_S);
         tell(d, s);
         bend("CREATE TRIGGER full BEFORE INSERT ON event BEGIN SELECT RAISE(ABORT, 'no room'); END; COMMIT");
-        try_to_drain(s);
+        try_to_drain(s, true);
         tell(d, s);
         bend("DROP TRIGGER full");
-        try_to_drain(s);
+        try_to_drain(s, false);
         tell(d, s);
     }
     sqlite3_close(db);
@@ -230,7 +239,7 @@ static void the_task_s_spool_is_told_of_by_what_is_in_it(void **state)
                               .spools = "measurements"};
     (void)state;
     fresh_store();
-    live(&life);
+    live_well(&life);
     assert_ended(EXIT_OK);
     const char *at = said;
     for (int i = 0; i < 6; i++) {
@@ -274,7 +283,7 @@ static void the_pause_of_a_store_is_kept_within_bounds(void **state)
     const struct life life = {.tick = stop_after_three, .before = keep_its_pause, .options = options};
     (void)state;
     fresh_store();
-    live(&life);
+    live_well(&life);
     assert_ended(EXIT_OK);
     assert_null(strstr(said, "newer than this program")); /* these tables are its own */
 }

@@ -370,35 +370,70 @@ static void poor_records_are_refused_with_what_to_do(void **state)
     refused(t, "");
 }
 
-/* A controller that sees nothing but y, also one that ticks at every fourth sample only; and the same with a
+/* From sample @p from on a controller that sees nothing but y and ticks at every so manieth sample; or with a
  * setpoint that moves. */
+static void close_loop(struct record_test *t, size_t from, size_t every, bool setpoint)
+{
+    struct apc_random random;
+    double x = 0.0, integral = 0.0;
+
+    apc_random_init(&random, 1 + from, "loop");
+    for (size_t k = from; k < from + 500; k++) {
+        const double r = setpoint && k % 100 >= 50 ? 1.0 : 0.0, e = r - x;
+
+        t->y[k] = x;
+        integral += k % every == 0 ? 0.1 * e : 0.0;
+        t->u[k] = k % every == 0 ? 0.8 * e + integral : t->u[k - 1];
+        x = exp(-0.2) * x + (1.0 - exp(-0.2)) * t->u[k] + 0.02 * apc_random_normal(&random);
+    }
+}
+
+static const struct apc_transfer one_lag = {.gain = 1.0, .tau = {1.0}};
+
+static struct record_test *of_one(void)
+{
+    return record_simulate(&one_lag, 1, 1, 500, 0.2, (const size_t[]){7}, 0.0, 0.0, 1);
+}
+
 static void feedback_alone_is_refused(void **state)
 {
     (void)state;
 
     for (int i = 0; i < 4; i++) {
-        const bool setpoint = i % 2 == 1;
-        const size_t every = i < 2 ? 1 : 4;
-        static const struct apc_transfer g = {.gain = 1.0, .tau = {1.0}};
-        struct record_test *t = record_simulate(&g, 1, 1, 500, 0.2, (const size_t[]){7}, 0.0, 0.0, 1);
-        struct apc_random random;
-        double x = 0.0, integral = 0.0;
+        struct record_test *t = of_one();
 
-        apc_random_init(&random, 1, "loop");
-        for (size_t k = 0; k < 500; k++) {
-            const double r = setpoint && k % 100 >= 50 ? 1.0 : 0.0, e = r - x;
-
-            t->y[k] = x;
-            integral += k % every == 0 ? 0.1 * e : 0.0;
-            t->u[k] = k % every == 0 ? 0.8 * e + integral : t->u[k - 1];
-            x = exp(-0.2) * x + (1.0 - exp(-0.2)) * t->u[k] + 0.02 * apc_random_normal(&random);
-        }
-        if (setpoint) {
+        close_loop(t, 0, i < 2 ? 1 : 4, i % 2 == 1);
+        if (i % 2 == 1) {
             assert_int_equal(apc_record_check(&t->record, NULL), 0);
             free(t);
         } else {
             refused(t, "nothing but what a controller makes of the measurements");
         }
+    }
+}
+
+/* Of two runs, whichever of them it is. */
+static void a_run_without_feedback_is_enough(void **state)
+{
+    (void)state;
+
+    for (int i = 0; i < 6; i++) {
+        struct record_test *t = of_one();
+        struct apc_error why = {""};
+        const size_t every = i < 3 ? 1 : 4;
+
+        record_append(t, of_one(), 0.0, 0.0);
+        if (i % 3 != 0)
+            close_loop(t, 0, every, false);
+        if (i % 3 != 1)
+            close_loop(t, 500, every, false);
+        if (i % 3 == 2) {
+            refused(t, "nothing but what a controller makes of the measurements");
+            continue;
+        }
+        if (apc_record_check(&t->record, &why) < 0)
+            fail_msg("case %d: %s", i, why.text);
+        free(t);
     }
 }
 
@@ -487,6 +522,7 @@ int main(void)
         cmocka_unit_test(intervals_hold_what_they_say),
         cmocka_unit_test(poor_records_are_refused_with_what_to_do),
         cmocka_unit_test(feedback_alone_is_refused),
+        cmocka_unit_test(a_run_without_feedback_is_enough),
         cmocka_unit_test(an_input_that_is_feedback_alone_is_named),
         cmocka_unit_test(an_output_that_follows_no_input_is_said),
         cmocka_unit_test(gaps_and_a_moving_start_bias_nothing),

@@ -363,9 +363,60 @@ static void a_relay_tuning_is_that_of_the_limit(void **state)
     assert_int_equal(apc_tune_relay(1.0, 0.0, true, &t, NULL), APC_EINVAL);
 }
 
+/* Time and units are the plant's own: what is a thousand times as fast, or as large, has the same tuning in
+ * these. */
+static void a_tuning_knows_no_unit_of_time_or_gain(void **state)
+{
+    static const struct apc_transfer plants[] = {
+        {.gain = 2.0, .tau = {3.0, 1.0}, .dead_time = 0.5},
+        {.gain = 0.4, .tau = {3.0, 2.0}, .zero = 0.7, .dead_time = 0.5},
+        {.gain = 0.4, .tau = {5.0}, .zero = -0.6, .dead_time = 0.5},
+        {.gain = 0.3, .tau = {2.0}, .integrating = true, .dead_time = 1.5}};
+    static const double times[] = {1e-3, 1e3}, gains[] = {-1e-3, 1e3};
+    (void)state;
+
+    for (size_t i = 0; i < 4 * 2 * 2 * 2 * 2; i++) {
+        const struct apc_transfer *g = &plants[i / 16];
+        const double time = times[i / 8 % 2], gain = gains[i / 4 % 2];
+        const bool derivative = i / 2 % 2;
+        const enum apc_tune_rule rule = i % 2 && !g->integrating ? APC_TUNE_LAMBDA : APC_TUNE_SIMC;
+        struct apc_transfer scaled = {.gain = g->integrating ? g->gain * gain / time : g->gain * gain,
+                                      .tau = {g->tau[0] * time, g->tau[1] * time},
+                                      .zero = g->zero * time,
+                                      .dead_time = g->dead_time * time,
+                                      .integrating = g->integrating};
+        struct apc_pid_tuning a, b;
+        struct apc_margins m = {.size = sizeof m}, n = {.size = sizeof n};
+        double limit[2], every[2];
+
+        assert_int_equal(apc_tune_pid(g, rule, derivative, 2.0, 0.2, &a, NULL), 0);
+        assert_int_equal(apc_tune_pid(&scaled, rule, derivative, 2.0 * time, 0.2 * time, &b, NULL), 0);
+        assert_near(b.Kp * gain, a.Kp, 1e-9 * fabs(a.Kp));
+        assert_near(b.tau_i / time, a.tau_i, 1e-9 * a.tau_i);
+        assert_near(b.tau_d / time, a.tau_d, 1e-9);
+        assert_int_equal(apc_tune_margins(g, &a, 0.2, &m, NULL), 0);
+        assert_int_equal(apc_tune_margins(&scaled, &b, 0.2 * time, &n, NULL), 0);
+        assert_true(m.stable && n.stable);
+        assert_near(n.gain, m.gain, 1e-6 * m.gain);
+        assert_near(n.phase, m.phase, 1e-4);
+        assert_near(n.delay / time, m.delay, 1e-6 * m.delay);
+        assert_near(n.sensitivity, m.sensitivity, 1e-6);
+        assert_int_equal(apc_tune_limit(g, 0.2, &limit[0], &every[0], NULL), 0);
+        assert_int_equal(apc_tune_limit(&scaled, 0.2 * time, &limit[1], &every[1], NULL), 0);
+        assert_near(limit[1] * gain, limit[0], 1e-6 * fabs(limit[0]));
+        assert_near(every[1] / time, every[0], 1e-6 * every[0]);
+        assert_int_equal(apc_tune_relay(limit[0], every[0], derivative, &a, NULL), 0);
+        assert_int_equal(apc_tune_relay(limit[1], every[1], derivative, &b, NULL), 0);
+        assert_near(b.Kp * gain, a.Kp, 1e-6 * fabs(a.Kp));
+        assert_near(b.tau_i / time, a.tau_i, 1e-6 * a.tau_i);
+        assert_near(b.tau_d / time, a.tau_d, 1e-6);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_tuning_knows_no_unit_of_time_or_gain),
         cmocka_unit_test(a_relay_tuning_is_that_of_the_limit),
         cmocka_unit_test(simc_has_the_margins_of_its_table),
         cmocka_unit_test(a_second_lag_is_for_the_derivative_or_counts_by_halves),
