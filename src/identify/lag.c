@@ -30,34 +30,58 @@ static size_t equations(const struct apc_lag *lag, double *A, double *b)
     return n;
 }
 
+/* The recursion of a lag: Phi, what the older and the younger of two inputs add, and its rate, A x + b u. */
+struct recursion {
+    double Phi[STATES * STATES], old[STATES], young[STATES], A[STATES * STATES], b[STATES];
+    size_t d;
+};
+
+/* Inlined for each number of states, so that its loops are none. */
+static inline void recur(const struct recursion *r, const size_t states, const double *u, size_t stride,
+                         size_t n, double *w, double *rate)
+{
+    double x[STATES] = {0}, next[STATES];
+
+    for (size_t k = 0; k < n; k++) {
+        const double old = k < r->d ? 0.0 : u[(k - r->d) * stride] - u[0],
+                     young = r->d == 0 || k + 1 < r->d ? 0.0 : u[(k + 1 - r->d) * stride] - u[0];
+
+        w[k] = x[states - 1];
+        if (rate)
+            rate[k] = states == 1
+                          ? r->b[0] * old + r->A[0] * x[0]
+                          : r->A[states * states - 2] * x[states - 2] + r->A[states * states - 1] * w[k];
+        for (size_t i = 0; i < states; i++) {
+            next[i] = r->old[i] * old + r->young[i] * young;
+            for (size_t j = 0; j < states; j++)
+                next[i] += r->Phi[i * states + j] * x[j];
+        }
+        for (size_t i = 0; i < states; i++)
+            x[i] = next[i];
+    }
+}
+
 int apc_lag_response(const struct apc_lag *lag, double Ts, const double *u, size_t stride, size_t n,
                      double *w, double *rate)
 {
     const double periods = lag->dead_time / Ts;
-    const size_t d = (size_t)ceil(periods - 1e-9);
-    const double late = d == 0 ? 0.0 : fmax(Ts - (lag->dead_time - ((double)d - 1.0) * Ts), 0.0);
-    double A[STATES * STATES], b[STATES], Phi[STATES * STATES], phi[STATES * STATES], whole[STATES],
-        part[STATES] = {0};
-    double x[STATES] = {0}, next[STATES];
-    const size_t states = equations(lag, A, b);
-    int rc = apc_linear_sample(states, 1, A, b, Ts, Phi, whole, NULL);
+    struct recursion r = {.d = (size_t)ceil(periods - 1e-9)};
+    const double late = r.d == 0 ? 0.0 : fmax(Ts - (lag->dead_time - ((double)r.d - 1.0) * Ts), 0.0);
+    double phi[STATES * STATES];
+    const size_t states = equations(lag, r.A, r.b);
+    int rc = apc_linear_sample(states, 1, r.A, r.b, Ts, r.Phi, r.old, NULL);
 
     if (rc == 0 && late > 0.0)
-        rc = apc_linear_sample(states, 1, A, b, late, phi, part, NULL);
-    for (size_t k = 0; k < n && rc == 0; k++) {
-        const double old = k < d ? 0.0 : u[(k - d) * stride] - u[0],
-                     young = d == 0 || k + 1 < d ? 0.0 : u[(k + 1 - d) * stride] - u[0];
-
-        w[k] = x[states - 1];
-        if (rate)
-            rate[k] = states == 1 ? b[0] * old + A[0] * x[0]
-                                  : A[states * states - 2] * x[states - 2] + A[states * states - 1] * w[k];
-        for (size_t i = 0; i < states; i++) {
-            next[i] = (whole[i] - part[i]) * old + part[i] * young;
-            for (size_t j = 0; j < states; j++)
-                next[i] += Phi[i * states + j] * x[j];
-        }
-        memcpy(x, next, sizeof x);
-    }
-    return rc;
+        rc = apc_linear_sample(states, 1, r.A, r.b, late, phi, r.young, NULL);
+    if (rc < 0)
+        return rc;
+    for (size_t i = 0; i < states; i++)
+        r.old[i] -= r.young[i];
+    if (states == 1)
+        recur(&r, 1, u, stride, n, w, rate);
+    else if (states == 2)
+        recur(&r, 2, u, stride, n, w, rate);
+    else
+        recur(&r, STATES, u, stride, n, w, rate);
+    return 0;
 }

@@ -9,6 +9,7 @@
 
 #define ARM_UNKNOWNS 3     /* log tau, log tau, dead time */
 #define WHITE        1e-16 /* of y's variance: what rounding leaves */
+#define NOTHING      746.0 /* exp(-746) is 0 */
 
 /* ---- Columns ------------------------------------------------------------------------------------- */
 
@@ -88,22 +89,30 @@ void search_fill_rest(const struct search *s, double tau, size_t run, double *co
     size_t n, begin = part_of(s, run, &n);
 
     memset(column, 0, s->n * sizeof(*column));
-    for (size_t k = 0; k < n; k++)
+    for (size_t k = 0; k < n && (double)k * s->record->Ts / tau < NOTHING; k++)
         column[begin + k] = exp(-(double)k * s->record->Ts / tau);
+}
+
+/* Response, rate, and what is left in lags @p from to @p to - 1: the first of each run, then those of the
+ * next lag. */
+static int fill_lags(const struct search *s, const struct arm *arm, size_t j, size_t from, size_t to,
+                     double *column)
+{
+    const size_t answers = 1 + (size_t)arm->zero;
+    int rc = search_respond(s, &arm->lag, j, column, arm->zero ? column + s->n : NULL);
+
+    for (size_t i = 0; i < answers; i++)
+        search_finish(s, column + i * s->n);
+    for (size_t i = from * s->runs; i < to * s->runs; i++) {
+        search_fill_rest(s, arm->lag.tau[i / s->runs], i % s->runs, column + (answers + i) * s->n);
+        search_finish(s, column + (answers + i) * s->n);
+    }
+    return rc;
 }
 
 int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column)
 {
-    double *rate = arm->zero ? column + s->n : NULL, *at = column + s->n * (1 + (size_t)arm->zero);
-    int rc = search_respond(s, &arm->lag, j, column, rate);
-
-    for (size_t i = 0; i < arm->lag.order && !rest; i++) {
-        for (size_t g = 0; g < s->runs; g++, at += s->n)
-            search_fill_rest(s, arm->lag.tau[i], g, at);
-    }
-    for (size_t i = 0; i < search_arm(s, arm, rest); i++)
-        search_finish(s, column + i * s->n);
-    return rc;
+    return fill_lags(s, arm, j, 0, rest ? 0 : arm->lag.order, column);
 }
 
 /* A level of each run and, where the plant integrates, a slope. */
@@ -193,35 +202,45 @@ void search_move(const struct search *s, struct arm *arm, size_t q, double step)
         arm->lag.dead_time = fmin(fmax(arm->lag.dead_time + step * Ts, 0.0), s->dead_time_max);
 }
 
-/* After search_evaluate(): how the errors move with each unknown, behind the linear columns. */
-int search_differentiate(struct search *s, const struct shape *shape)
+/* How the errors move with unknown @p q of arm @p j, whose columns begin at @p at: only what it moves is
+ * filled. */
+static int differentiate(struct search *s, const struct shape *shape, size_t j, size_t at, size_t q,
+                         double *out)
 {
     const double h = 1e-4;
+    const struct arm *arm = &shape->arm[j];
+    const size_t answers = 1 + (size_t)arm->zero, to = shape->rest || q == arm->lag.order ? q : q + 1;
+    struct arm up = *arm, down = *arm;
+    double width = 2.0 * h;
+    int rc;
+
+    search_move(s, &up, q, h);
+    search_move(s, &down, q, -h);
+    if (q == arm->lag.order)
+        width = (up.lag.dead_time - down.lag.dead_time) / s->record->Ts;
+    rc = fill_lags(s, &up, j, q, to, s->plus);
+    if (rc == 0)
+        rc = fill_lags(s, &down, j, q, to, s->minus);
+    memset(out, 0, s->n * sizeof(*out));
+    for (size_t i = 0; i < answers + (to - q) * s->runs && rc == 0; i++) {
+        const size_t c = i < answers ? i : i + q * s->runs;
+        const double *plus = s->plus + c * s->n, *minus = s->minus + c * s->n;
+
+        for (size_t k = 0; k < s->n; k++)
+            out[k] += s->value[at + c] * (plus[k] - minus[k]) / width;
+    }
+    return rc;
+}
+
+int search_differentiate(struct search *s, const struct shape *shape)
+{
     size_t at = search_base(s, shape), to = search_linear(s, shape);
     int rc = 0;
 
     for (size_t j = 0; j < s->inputs && rc == 0; j++) {
-        const size_t columns = search_arm(s, &shape->arm[j], shape->rest);
-
-        for (size_t q = 0; q < arm_unknowns(&shape->arm[j]) && rc == 0; q++, to++) {
-            struct arm up = shape->arm[j], down = shape->arm[j];
-            double *out = s->Q + to * s->n;
-            double width = 2.0 * h;
-
-            search_move(s, &up, q, h);
-            search_move(s, &down, q, -h);
-            if (q == up.lag.order)
-                width = (up.lag.dead_time - down.lag.dead_time) / s->record->Ts;
-            rc = search_fill_arm(s, &up, j, shape->rest, s->plus);
-            if (rc == 0)
-                rc = search_fill_arm(s, &down, j, shape->rest, s->minus);
-            for (size_t k = 0; k < s->n && rc == 0; k++) {
-                out[k] = 0.0;
-                for (size_t c = 0; c < columns; c++)
-                    out[k] += s->value[at + c] * (s->plus[c * s->n + k] - s->minus[c * s->n + k]) / width;
-            }
-        }
-        at += columns;
+        for (size_t q = 0; q < arm_unknowns(&shape->arm[j]) && rc == 0; q++, to++)
+            rc = differentiate(s, shape, j, at, q, s->Q + to * s->n);
+        at += search_arm(s, &shape->arm[j], shape->rest);
     }
     if (rc == 0)
         apc_qr_extend(s->n, search_linear(s, shape), to, s->Q, s->R, s->width);
@@ -268,7 +287,8 @@ int search_refine(struct search *s, struct shape *shape)
         const double before = shape->left;
         bool better = false;
 
-        rc = search_evaluate(s, shape);
+        if (iteration > 0)
+            rc = search_evaluate(s, shape);
         if (rc == 0)
             rc = search_differentiate(s, shape);
         if (rc < 0)

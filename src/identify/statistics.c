@@ -36,13 +36,15 @@ double apc_chi2_above(double x, double k)
 
 void apc_whiten(const double *x, size_t n, const double *a, size_t order, double *out)
 {
-    for (size_t k = n; k-- > 0;) { /* from the end: out may be x */
+    for (size_t k = n; k-- > order;) { /* from the end: out may be x */
         double sum = x[k];
 
         for (size_t i = 0; i < order; i++)
-            sum -= a[i] * (k > i ? x[k - i - 1] : (double)NAN);
+            sum -= a[i] * x[k - i - 1];
         out[k] = sum;
     }
+    for (size_t k = 0; k < n && k < order; k++)
+        out[k] = (double)NAN;
 }
 
 /* Each order on the same samples, so that what is left of them compares. */
