@@ -38,7 +38,8 @@ enum {
     OPT_SESSION,
     OPT_IDLE,
     OPT_SPOOL,
-    OPT_GRAPHIC
+    OPT_GRAPHIC,
+    OPT_PLANTS
 };
 
 static const struct argp_option option_list[] = {
@@ -63,6 +64,8 @@ static const struct argp_option option_list[] = {
     {"page", OPT_PAGE, "DIR", 0, "Folder of the built page; default ../share/apc/ui beside this program", 0},
     {"graphic", OPT_GRAPHIC, "FILE", 0,
      "A drawing of the plant, SVG; default the experiment file's name with .svg, where there is one", 0},
+    {"plants", OPT_PLANTS, "FILE", 0,
+     "Where the pages of the database's plants are: lines of a plant's schema and an address", 0},
     {"spool", OPT_SPOOL, "DIR", 0,
      "Folder of the daemons' spools, to show how much waits in them [APC_SPOOL]", 0},
     {"start", OPT_START, "TIME", 0, "Time of t = 0 of the run, RFC 3339", 0},
@@ -113,6 +116,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case OPT_GRAPHIC:
         o->ui.graphic = arg;
+        break;
+    case OPT_PLANTS:
+        o->ui.plants = arg;
         break;
     case OPT_PAGE:
         o->ui.page = arg;
@@ -384,7 +390,7 @@ int main(int argc, char **argv)
     int rc = apc_log_create(&ui->log, STDERR_FILENO, "apc-ui", apc_log_level_parse(level));
     if (rc == 0 && (rc = make_parts(ui, &why)) == 0 && (rc = load_experiment(ui, config, &why)) == 0 &&
         (rc = load_graphic(ui, config, &why)) == 0 && (rc = load_users(ui, &why)) == 0 &&
-        (rc = load_page(ui, &why)) == 0) {
+        (rc = load_page(ui, &why)) == 0 && (rc = plants_check(ui->options.plants, &why)) == 0) {
         struct apc_store *probe = NULL; /* is the URI one at all? */
         rc = ui_open_store(ui, "apc-ui", APC_NS_PER_S, &probe, &why);
         apc_store_close(probe);

@@ -7,6 +7,7 @@ const struct route routes[] = {
     {"POST", "/api/login", ROLE_NONE, WRITER, post_login, "", "log in"},
     {"POST", "/api/logout", ROLE_OBSERVER, DIRECT, post_logout, "", "end the session"},
     {"GET", "/api/plant", ROLE_OBSERVER, DIRECT, get_plant, "", "variables, loops, limits"},
+    {"GET", "/api/plants", ROLE_OBSERVER, PAST, get_plants, "", "the plants of the database"},
     {"GET", "/api/graphic", ROLE_OBSERVER, DIRECT, get_graphic, "", "the drawing of the plant"},
     {"GET", "/api/state", ROLE_OBSERVER, DIRECT, get_state, "", "all newest values"},
     {"GET", "/api/history", ROLE_OBSERVER, PAST, get_history, "var names since until bins last format",

@@ -32,6 +32,7 @@ struct server;
 struct ui_options {
     const char *store, *listen, *users, *page, *tls_cert, *tls_key, *spool;
     const char *graphic;  /* the file of the drawing; NULL: CONFIG's name, with .svg, if there is one */
+    const char *plants;   /* the file of the addresses of other plants' pages, or NULL */
     const char *names[8]; /* --name, up to a NULL */
     bool allow_plaintext;
     double session; /* s */

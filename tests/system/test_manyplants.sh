@@ -52,6 +52,36 @@ expect 0 '^r +42 ' "$apc" get r --store 'postgresql:#line1'
 "$apc" get r --store 'postgresql:#line2' | grep -q ' 42 ' && fail "the setpoint of one is that of the other"
 [ "$(sql 'SELECT count(*) FROM line3.sensor')" = 0 ] || fail "something is in a plant that does not run"
 expect 0 '^line1 +[0-9.]+ m?s ' env PGUSER=$owner "$apc" status --all --store postgresql:
+
+# the page of one lists them, with the way to those of the others; who may not see a plant is not told of it
+cat >"$work/plants" <<END
+# schema and address
+line2 https://line2.example/
+nowhere http://nowhere.example/
+END
+background page env PGUSER="$owner" "$APC_BIN/apc-ui" --listen 127.0.0.1:0 --store 'postgresql:#line1' --plants "$work/plants"
+page=$pid
+until_true 60 grep -q 'serving http' "$work/page.log"
+url=$(sed -n 's/.*serving \(http[^ ]*\) .*/\1/p' "$work/page.log")/api/plants
+cat >"$work/listed.py" <<'END'
+import json, sys, urllib.request
+plants = json.load(urllib.request.build_opener(urllib.request.ProxyHandler({})).open(sys.argv[1]))["plants"]
+of = {one["name"]: one for one in plants}
+sys.exit(not eval(sys.argv[2]))
+END
+listed() { python3 "$work/listed.py" "$url" "$1"; }
+until_true 60 listed 'plants'
+listed "len(plants) == $plants and 'other' not in of" || fail "the page's list is of other plants"
+listed '[one["name"] for one in plants if one["here"]] == ["line1"] and of["line1"]["age"] < 60 and of["line1"]["page"] is None' ||
+  fail "the page's own plant is another"
+listed 'of["line2"]["page"] == "https://line2.example/" and of["line2"]["age"] < 60' || fail "line2 has no address"
+listed 'of["line3"]["page"] is None and of["line3"]["age"] is None' || fail "line3 has measured"
+echo 'line3 javascript:alert(1)' >>"$work/plants"
+listed 'of["line3"]["page"] is None' || fail "what is no address is given as one"
+expect 1 'plants:4: expected a plant and the address' "$APC_BIN/apc-ui" --listen 127.0.0.1:0 --store 'postgresql:#line1' --plants "$work/plants"
+kill -TERM "$page"
+wait "$page" || fail "apc-ui ended with $?"
+
 kill -INT "$one" "$two"
 wait "$one" "$two" || fail "apc run ended with $?"
 for i in 1 2; do

@@ -132,6 +132,7 @@ static void answers_are_what_openapi_says(void **state)
     } cases[] = {
         {"/api/session", 200},
         {"/api/plant", 200},
+        {"/api/plants", 200},
         {"/api/state", 200},
         {"/api/history?var=sensor.1&since=-60&bins=10", 200},
         {"/api/history?var=setpoint.1&since=-1&last=10", 200},

@@ -21,6 +21,7 @@ import {EventsPage} from "./pages/events";
 import {GraphicPage} from "./pages/graphic";
 import {LoopPage} from "./pages/loop";
 import {OverviewPage} from "./pages/overview";
+import {PlantsPage} from "./pages/plants";
 import {PredictionPage} from "./pages/prediction";
 import {TimingPage} from "./pages/timing";
 import {TrendPage} from "./pages/trend";
@@ -29,7 +30,7 @@ import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
 import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
 
-const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction", graphic: "Graphic"};
+const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction", graphic: "Graphic", plants: "Plants"};
 
 /** The trend of chosen signals that was shown last: what is dropped on its tab comes into that one. */
 let gathered: string | null = null;
@@ -84,9 +85,9 @@ export function Shell(): JSX.Element {
       <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>Skip to the page</a>
       <Header onHelp={() => setHelp(true)} />
       {!wall && <nav aria-label="Pages" ref={menu}>
-        {pages.map((one, i) => (one !== "graphic" || p?.graphic || page === "graphic") && (
-          <a key={one} href={`./${location.search}${path(one)}`} aria-current={one === page ? "page" : undefined} title={`Alt+${i + 1}`} {...(one === "trend" ? takes(gather) : {})}>
-            <kbd aria-hidden="true">{i + 1}</kbd> {titles[one]}
+        {pages.map((one, i) => (page === one || (one === "graphic" ? p?.graphic : one !== "plants")) && (
+          <a key={one} href={`./${location.search}${path(one)}`} aria-current={one === page ? "page" : undefined} title={i < 9 ? `Alt+${i + 1}` : undefined} {...(one === "trend" ? takes(gather) : {})}>
+            {i < 9 && <kbd aria-hidden="true">{i + 1}</kbd>} {titles[one]}
           </a>
         ))}
       </nav>}
@@ -102,6 +103,7 @@ export function Shell(): JSX.Element {
         {page === "diagnostics" && <DiagnosticsPage />}
         {page === "prediction" && <PredictionPage about={about} />}
         {page === "graphic" && <GraphicPage />}
+        {page === "plants" && <PlantsPage />}
       </main>
       <OpenFaceplate />
       {help && <Help close={() => setHelp(false)} />}
@@ -120,7 +122,7 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   return (
     <header>
       <b class="brand">libapc</b>
-      <span class="plant">{p?.name ?? "…"}</span>
+      <a class="plant" href={`./${location.search}${path("plants")}`} title="all plants">{p?.name ?? "…"}</a>
       <LinkState />
       <span class="database" data-connected={database?.connected ?? ""}>
         {database && !database.connected && <Shape priority={1} label="database away" />} DB {!database ? "…" : !database.connected ? "AWAY" : connected ? "ok" : "not known"}

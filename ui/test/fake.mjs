@@ -216,6 +216,8 @@ export class Fake {
       case "/api/graphic":
         response.writeHead(200, {"Content-Type": "image/svg+xml"});
         return response.end(this.graphic);
+      case "/api/plants":
+        return json({t: this.now, plants: [{name: "line1", here: true, age: 0.2, page: null}, {name: "line2", here: false, age: 7412, page: "https://line2.example/"}]});
       case "/api/merits":
         return json({t: this.now, since: this.now - 86400, until: this.now, loops: [{id: 1, name: "y", service: 0.98, at_low: 0, at_high: 0, sd_in_service: null, sd_without: null, benefit: null}], predictions: [], plans: []});
       case "/api/outlook":

@@ -1706,3 +1706,14 @@ test("who may write and does nothing for long is told, and logged out", async ()
   assert.equal(model.needsLogin.value, false);
   await model.begin();
 });
+
+test("the plants of the database: what has fallen silent first, each with the way to its page", async () => {
+  await show("plants");
+  for (let i = 0; i < 40 && app.querySelectorAll("main tbody tr").length < 5; i++) await env.pass(0.25);
+  const rows = [...app.querySelectorAll("main tbody tr")].map(row => [...row.children].map(cell => cell.textContent?.trim()).join("|"));
+  assert.deepEqual(rows.map(row => row.split("|")[0]), ["line3", "line2", "line1shown here", "line10", "new"]);
+  assert.match(rows[1] as string, /silent\|.* ago$/);
+  assert.match(rows[4] as string, /nothing measured yet/);
+  assert.deepEqual([...app.querySelectorAll("main tbody a")].map(one => one.getAttribute("href")), ["https://line2.example/", "#overview"]);
+  assert.match(app.querySelector("main .say")?.textContent ?? "", /5 in this database, 2 of them silent/);
+});
