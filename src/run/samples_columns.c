@@ -327,7 +327,7 @@ void apc_record_free(struct apc_record *r)
 
 static bool put(FILE *out, const void *from, size_t size, size_t n)
 {
-    return fwrite(from, size, n, out) == n;
+    return n == 0 || fwrite(from, size, n, out) == n; /* of a record without rows there are no arrays */
 }
 
 static bool put_block(FILE *out, const struct apc_record *r, size_t block, uint16_t *variable)

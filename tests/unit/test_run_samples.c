@@ -5,8 +5,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "run/course.h"
+#include "run/samples_columns.h"
 #include "scratch.h"
 
 static struct apc_error why;
@@ -411,6 +413,29 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
     course_free(&course);
 }
 
+/* As of a run that ended before its plant had answered. */
+static void a_record_without_rows_is_kept_and_read(void **state)
+{
+    struct apc_record *const rows = calloc(1, sizeof *rows);
+    (void)state;
+
+    assert_non_null(rows);
+    scratch_write("samples.csv", HEADER);
+    char *const csv = strdup(scratch_path("samples.csv")), *const columns =
+                                                               strdup(scratch_path("samples.columns"));
+    assert_true(csv && columns);
+    apc_record_keep(csv, columns);
+    assert_int_equal(access(columns, R_OK), 0);
+    assert_int_equal(apc_record_read(rows, csv, columns, &why), 0);
+    assert_int_equal(rows->n, 0);
+    assert_int_equal(rows->n_variables, 0);
+    apc_record_free(rows);
+    remove(columns);
+    remove(csv);
+    free(columns);
+    free(csv);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, nothing_yet, done)
 
 int main(void)
@@ -425,6 +450,7 @@ int main(void)
         T(a_line_that_is_of_no_course_is_refused_with_its_number),
         T(a_course_of_any_length_is_written_line_by_line),
         T(a_folder_without_a_course_has_that_of_its_samples),
+        T(a_record_without_rows_is_kept_and_read),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
