@@ -25,6 +25,6 @@ loop() {
   background run "$apc" run "$work/fast.conf" --no-ui --duration 0 --out "$work/run"
   run=$pid
   until_true 60 alive
-  store=$(grep -o 'shm:[^, ]*' "$work/run.log" | head -n 1)
+  store=$(sed -n 's/^live: *\(shm:[^, ]*\).*/\1/p' "$work/run.log")
 }
 alive() { "$apc" alarm list --all --store "$work/run" | grep -q '^0 unacknowledged, 0 active'; }
