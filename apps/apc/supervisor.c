@@ -23,10 +23,9 @@
 #define FAILURES 5                   /* in a row, other than for want of a database: give up */
 #define PAUSE    (APC_NS_PER_S / 2)  /* before the second try in a row; doubles to 16 times this */
 #define PATIENCE 3000                /* ms for a child to stop: it ends itself within 2 s if it can run */
-#define READY                                                                                                \
-    (30 * APC_NS_PER_S) /* to begin with its ticks: it may wait 12 s for a dead predecessor's claim */
-#define MARGIN   (APC_NS_PER_S / 2) /* between two signs of life, and two looks for them */
-#define MESSAGES 256                /* read at one look: a flood must not keep us */
+#define READY    (90 * APC_NS_PER_S) /* to the first tick: a law in Python may import for 60 s */
+#define MARGIN   (APC_NS_PER_S / 2)  /* between two signs of life, and two looks for them */
+#define MESSAGES 256                 /* read at one look: a flood must not keep us */
 
 static int find_folder(struct supervisor *s, struct apc_error *why)
 {
