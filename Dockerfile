@@ -6,7 +6,7 @@
 FROM debian:bookworm-slim AS build
 RUN apt-get update \
  && apt-get install -y --no-install-recommends gcc libc6-dev cmake nodejs npm ninja-build pkg-config \
-        libpq-dev libsqlite3-dev libsundials-dev libconfig-dev libsystemd-dev liblapacke-dev libnlopt-dev libssl-dev \
+        libpq-dev libsqlite3-dev libsundials-dev libconfig-dev libsystemd-dev liblapacke-dev libnlopt-dev libxxhash-dev libssl-dev \
         libmicrohttpd-dev libjansson-dev libargon2-dev zlib1g-dev libzip-dev libexpat1-dev libmosquitto-dev \
  && rm -rf /var/lib/apt/lists/*
 COPY . /src

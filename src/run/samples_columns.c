@@ -27,13 +27,16 @@
 #include <time.h>
 #include <unistd.h>
 
+#define XXH_INLINE_ALL /* as fast as this processor's vectors, and no library to be had at run time */
+#include <xxhash.h>
+
 #include "block.h"
 
 enum { BLOCK = 1 << 14, SEGMENT = 1 << 20, CHUNK = 1 << 18, PART = 4 << 20 /* bytes, at least */ };
 enum { TICK = 100000000 /* ns, within which two changes of a file may have the same time */ };
 enum { ROW = 2 * sizeof(double) + sizeof(uint16_t) + sizeof(int8_t), VARIABLES = 1 << 16 };
 
-static const char mark[8] = "apcrows1";
+static const char mark[8] = "apcrows2";
 
 struct head {
     char mark[8];
@@ -41,72 +44,14 @@ struct head {
     uint64_t csv_inode, csv_changed; /* changed: ns of Unix time, which nobody can set; 0: just then */
 };
 
-/* ---- Checksums: XXH64 of Yann Collet, https://xxhash.com, of one piece after the other: each begins with
- * the sum of those before
- * ------------------------------------------------------------------------------------- */
-
-#define P1 UINT64_C(0x9E3779B185EBCA87)
-#define P2 UINT64_C(0xC2B2AE3D27D4EB4F)
-#define P3 UINT64_C(0x165667B19E3779F9)
-#define P4 UINT64_C(0x85EBCA77C2B2AE63)
-#define P5 UINT64_C(0x27D4EB2F165667C5)
-
-static uint64_t turned(uint64_t v, unsigned by)
-{
-    return v << by | v >> (64 - by);
-}
-
-static uint64_t word(const unsigned char *p)
-{
-    uint64_t v;
-
-    memcpy(&v, p, sizeof v);
-    return v;
-}
-
-static uint64_t rounded(uint64_t sum, uint64_t input)
-{
-    return turned(sum + input * P2, 31) * P1;
-}
-
-static uint64_t sum_of_tail(uint64_t h, const unsigned char *p, size_t n)
-{
-    uint32_t half;
-
-    for (; n >= 8; p += 8, n -= 8)
-        h = turned(h ^ rounded(0, word(p)), 27) * P1 + P4;
-    if (n >= 4) {
-        memcpy(&half, p, sizeof half);
-        h = turned(h ^ half * P1, 23) * P2 + P3;
-        p += 4;
-        n -= 4;
-    }
-    for (; n > 0; p++, n--)
-        h = turned(h ^ *p * P5, 11) * P1;
-    h = (h ^ h >> 33) * P2;
-    h = (h ^ h >> 29) * P3;
-    return h ^ h >> 32;
-}
-
-static uint64_t sum_of(const void *data, size_t n, uint64_t before)
-{
-    const unsigned char *p = data;
-    uint64_t lane[4] = {before + P1 + P2, before + P2, before, before - P1}, h = before + P5;
-    size_t left = n;
-
-    for (; left >= 32; p += 32, left -= 32)
-        for (size_t i = 0; i < 4; i++)
-            lane[i] = rounded(lane[i], word(p + 8 * i));
-    if (n >= 32) {
-        h = turned(lane[0], 1) + turned(lane[1], 7) + turned(lane[2], 12) + turned(lane[3], 18);
-        for (size_t i = 0; i < 4; i++)
-            h = (h ^ rounded(0, lane[i])) * P1 + P4;
-    }
-    return sum_of_tail(h + n, p, left);
-}
-
 /* ---- Parts of the work, a thread each --------------------------------------------------------------------
  */
+
+/* XXH3, of one piece after the other: each begins with the sum of those before. */
+static uint64_t sum_of(const void *data, size_t n, uint64_t before)
+{
+    return XXH3_64bits_withSeed(data, n, before);
+}
 
 struct part {
     struct apc_record *rows;
@@ -169,7 +114,8 @@ static bool take_block(const struct part *t, size_t block, uint16_t *variable)
                                   {r->status + first, n * sizeof *r->status},
                                   {&sum, sizeof sum}};
     const off_t at = t->at + (off_t)(block * ((size_t)BLOCK * ROW + sizeof sum));
-    unsigned most = 0, code = 0;
+    uint16_t most = 0; /* as narrow as what is compared, for many at once */
+    uint8_t code = 0;
 
     if (preadv(t->columns, piece, sizeof piece / sizeof piece[0], at) != (ssize_t)size ||
         sum != sum_of_block(r, first, n, variable))
@@ -179,7 +125,7 @@ static bool take_block(const struct part *t, size_t block, uint16_t *variable)
         r->variable[first + i] = variable[i];
     }
     for (size_t i = 0; i < n; i++) {
-        const unsigned one = (unsigned char)r->status[first + i];
+        const uint8_t one = (uint8_t)r->status[first + i];
 
         code = one > code ? one : code;
     }
