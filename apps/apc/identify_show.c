@@ -48,6 +48,38 @@ void identify_show_samples(const struct identification *z)
         printf("fitted to the first %zu, judged on the other %zu\n", z->fitted, r->n - z->fitted);
 }
 
+/* Samples without all outputs at each @p step th time of the grid. */
+static size_t gaps_at(const struct apc_record *r, size_t step)
+{
+    size_t gaps = 0;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const struct apc_record run = apc_record_run(r, g);
+
+        for (size_t k = 0; k < run.n; k += step) {
+            size_t i = 0;
+
+            while (i < run.ny && isfinite(run.y[k * run.ny + i]))
+                i++;
+            gaps += i < run.ny;
+        }
+    }
+    return gaps;
+}
+
+/* Of a plant that moves in steps which the client's period is no multiple of. */
+static void show_longer_period(const struct apc_record *r)
+{
+    if (gaps_at(r, 1) < r->n / 5)
+        return;
+    for (size_t step = 2; step <= 20; step++)
+        if (gaps_at(r, step) * step < r->n / 100) {
+            printf("each %g s there are all: --period %g is what arx, subspace and fir want\n",
+                   (double)step * r->Ts, (double)step * r->Ts);
+            return;
+        }
+}
+
 static void show_record(const struct identification *z)
 {
     const struct identify_data *d = &z->data;
@@ -58,6 +90,7 @@ static void show_record(const struct identification *z)
         if (d->gaps[i].missing)
             printf("%s: %zu samples are missing, %zu the most at a time\n", d->output[i], d->gaps[i].missing,
                    d->gaps[i].longest);
+    show_longer_period(r);
     for (size_t i = 0; i < r->ny && !z->own.validate; i++)
         if (reach(z, i, true) < 0.2 * reach(z, i, false))
             printf(

@@ -72,6 +72,12 @@ awk 'NR == 1 || NR % 9' tank.csv | sed '30s/,[^,]*$/,NaN/; 31s/,[^,]*$/,/' >gaps
 expect 0 'level: 102 samples are missing, 2 the most at a time' "$apc" identify gaps.csv "${known[@]}" --model transfer -o gaps.model
 near "the gain of the valve, with gaps" "$(number gaps.model valve gain)" 0.4 0.02
 
+# measured each 0.5 s of a plant that moves each 0.2 s: at 0.4, 1, 1.4, 2, ... of a grid of 0.2 s, and each second
+"$apc" test "$APC_SOURCE_DIR/experiments/first-order.conf" --duration 400 -o sparse >sparse.txt
+expect 0 'each 1 s there are all: --period 1 is what arx, subspace and fir want' "$apc" identify sparse --model transfer
+"$apc" identify sparse --period 1 --model arx >sparse.txt || fail "no arx at the period that it names"
+! grep -q -e missing -e 'there are all' sparse.txt || fail "at the period that it names there are gaps: $(cat sparse.txt)"
+
 # a state space that is written is the one that was judged
 "$apc" identify tank.csv "${known[@]}" --model arx -o arx.model >/dev/null
 grep -q 'period = 0.5' arx.model || fail "a sampled model does not say its period: $(cat arx.model)"
