@@ -97,8 +97,20 @@ until_true 60 happened 'actual Auto'
 example() { "$user/bin/python" "$APC_SOURCE_DIR/examples/python/$1" "${@:2}" >"$work/example.txt" && cat "$work/example.txt"; }
 example plant.py "tcp:127.0.0.1:$port" 2 | grep -qE '^-?[0-9.e+-]+$' || fail "a plant is not asked"
 example timer.py 0.01 3 | grep -q '^tick 0: .* ms late, 0 missed before it$' || fail "there is no periodic task"
+# What the page shows is so.
+shows() {
+  PYTHONPATH=$tools/lib "$user/bin/python" "$APC_SOURCE_DIR/tests/system/python_page.py" "$APC_SOURCE_DIR/docs/python.md" "$work/run" "$port" "$1" \
+    >"$work/page.log" 2>&1 || fail "docs/python.md shows what is not so"
+}
+shows live
 kill -INT "$pid"
 wait "$pid" || fail "an operator in Python ended the run"
+ln -s "$APC_SOURCE_DIR/experiments" .
+shows after
+export APC_PYTHON=$user/bin/python
+"$apc" simulate "$work/fast.conf" --duration 5 --law ./mylaw.py >"$work/page.log" 2>&1 || fail "the law of docs/python.md is none"
+sed '/^  parameters = { K/d; s/model = "first-order"/model = ".\/myplant.py"; inputs = ["q"]; outputs = ["h"]/' experiments/first-order.conf >tank.conf
+"$apc" simulate tank.conf --duration 5 >"$work/page.log" 2>&1 || fail "the plant of docs/python.md is none"
 "$user/bin/python" - "$work/run" <<'PY' || fail "what was run is no tidy table"
 import sys
 

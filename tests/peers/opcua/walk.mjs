@@ -122,8 +122,8 @@ await is("Unshelved");
 const past = async (what, start, end, options = {}) => session.readHistoryValue(typeof what === "string" ? id(what) : what, start, end, options);
 const when = (r) => r.historyData.dataValues.map((v) => v.sourceTimestamp.getTime());
 const from = new Date(Date.now() - 86_400_000);
-const until = (await past("sensor.y", from, new Date())).historyData.dataValues.at(-1).sourceTimestamp.getTime();
-const to = new Date(until + 1); // what came by then; of a moment ago there may be more to come
+const latest = (await past("sensor.y", from, new Date())).historyData.dataValues.at(-1).sourceTimestamp.getTime();
+const to = new Date(latest + 1); // what came by then; of a moment ago there may be more to come
 const all = await past("sensor.y", from, to);
 assert.ok(all.statusCode.isGood() && when(all).length > 5, all.toString());
 assert.ok(when(all).every((t, i) => i === 0 || t > when(all)[i - 1]) && all.historyData.dataValues.every((v) => Number.isFinite(v.value.value)));
