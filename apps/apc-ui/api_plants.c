@@ -8,6 +8,7 @@
 #include "http.h"
 
 #define DEFAULT_SCHEMA "apc"
+#define KEPT           APC_NS_PER_S /* to list them takes connections of its own: however many ask, one a second */
 
 struct address {
     char plant[64], page[200];
@@ -88,20 +89,50 @@ static int listed_json(void *ctx, const struct apc_store_plant *plant)
     return 0;
 }
 
-void get_plants(struct ui *ui, struct request *r, struct apc_store *store)
+/* As JSON. Returns the number of plants, or the store's error. */
+static int plants_json(struct ui *ui, struct apc_store *store, struct text *t)
 {
     const char *hash = strrchr(ui->options.store, '#');
-    struct list list = {.here = hash ? hash + 1 : DEFAULT_SCHEMA, .now = apc_clock_utc(NULL), .t = &r->reply};
+    struct list list = {.here = hash ? hash + 1 : DEFAULT_SCHEMA, .now = apc_clock_utc(NULL), .t = t};
     struct apc_error why;
     if (ui->options.plants && addresses_load(&list, ui->options.plants, &why) < 0)
         apc_log_write(ui->log, APC_LOG_WARN, "addresses of plants: %s", why.text);
-    text_add(list.t, "{\"t\":");
-    json_time_add(list.t, list.now);
-    text_add(list.t, ",\"plants\":[");
+    text_add(t, "{\"t\":");
+    json_time_add(t, list.now);
+    text_add(t, ",\"plants\":[");
     const int rc = apc_store_plants(store, listed_json, &list);
-    if (rc < 0 && rc != APC_EINVAL) /* any other store is of one plant */
-        fault_store(r, rc, store);
-    text_chop(list.t, ',');
-    text_add(list.t, "]}");
+    text_chop(t, ',');
+    text_add(t, "]}");
     free(list.address);
+    return rc == APC_EINVAL ? 0 : rc; /* any other store is of one plant */
+}
+
+int listing_init(struct listing *listing)
+{
+    return pthread_mutex_init(&listing->mutex, NULL) ? APC_ESYS : 0;
+}
+
+void listing_free(struct listing *listing)
+{
+    text_free(&listing->json);
+    pthread_mutex_destroy(&listing->mutex);
+}
+
+void get_plants(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct listing *listing = &ui->listing;
+    int rc = 0;
+    pthread_mutex_lock(&listing->mutex);
+    if (listing->json.n == 0 || apc_clock_mono(NULL) - listing->made >= KEPT) {
+        text_free(&listing->json);
+        rc = plants_json(ui, store, &listing->json);
+        listing->made = apc_clock_mono(NULL);
+        if (rc < 0)
+            text_free(&listing->json);
+    }
+    text_put(&r->reply, listing->json.at, listing->json.n);
+    r->reply.failed |= listing->json.failed;
+    pthread_mutex_unlock(&listing->mutex);
+    if (rc < 0)
+        fault_store(r, rc, store);
 }

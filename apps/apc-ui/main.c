@@ -260,7 +260,7 @@ static int make_parts(struct ui *ui, struct apc_error *why)
     if (rc == 0)
         rc = backoff_init(&ui->backoff);
     if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || audit_init(&ui->audit) < 0 ||
-                    desks_init(ui->desk) < 0))
+                    desks_init(ui->desk) < 0 || listing_init(&ui->listing) < 0))
         rc = APC_ESYS;
     struct meter *meters[] = {&ui->reads, &ui->stores, &ui->lag};
     for (size_t i = 0; i < 3 && rc == 0; i++)
@@ -281,6 +281,7 @@ static void free_parts(struct ui *ui)
     text_free(&ui->graphic);
     audit_free(&ui->audit);
     desks_free(ui->desk);
+    listing_free(&ui->listing);
     files_free(ui->files);
     model_free(&ui->model);
 }

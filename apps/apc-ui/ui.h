@@ -162,6 +162,16 @@ void desks_free(struct desk desk[DESKS]);
 void alarms_described_json(const struct experiment *e, struct text *t);
 void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t);
 
+/* ---- api_plants.c ---- */
+/* The plants of the database, as they were told last. */
+struct listing {
+    pthread_mutex_t mutex; /* held while the store is asked */
+    struct text json;      /* empty: nothing was */
+    apc_ns made;           /* monotonic */
+};
+int listing_init(struct listing *listing);
+void listing_free(struct listing *listing);
+
 struct ui {
     struct ui_options options;
     struct apc_log *log;
@@ -187,6 +197,7 @@ struct ui {
 
     struct audit audit;
     struct desk desk[DESKS];
+    struct listing listing;
 };
 
 /* ---- model.c ---- */

@@ -77,7 +77,26 @@ listed '[one["name"] for one in plants if one["here"]] == ["line1"] and of["line
 listed 'of["line2"]["page"] == "https://line2.example/" and of["line2"]["age"] < 60' || fail "line2 has no address"
 listed 'of["line3"]["page"] is None and of["line3"]["age"] is None' || fail "line3 has measured"
 echo 'line3 javascript:alert(1)' >>"$work/plants"
-listed 'of["line3"]["page"] is None' || fail "what is no address is given as one"
+complained() { listed 'of["line3"]["page"] is None' && grep -q 'addresses of plants: .*/plants:4: expected' "$work/page.log"; }
+until_true 60 complained
+
+# however many ask, the database is asked once a second
+cat >"$work/often.py" <<'END'
+import json, sys, urllib.request
+from concurrent.futures import ThreadPoolExecutor
+
+opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+with ThreadPoolExecutor(8) as pool:
+    lists = list(pool.map(lambda _: json.load(opener.open(sys.argv[1])), range(200)))
+times = sorted({one["t"] for one in lists})
+if any(len(one["plants"]) != int(sys.argv[2]) for one in lists):
+    sys.exit("a list lacks plants")
+if any(later - former < 0.9 for former, later in zip(times, times[1:])):
+    sys.exit(f"asked at {times}")
+END
+python3 "$work/often.py" "$url" "$plants" || fail "the list is made anew for each who asks"
+PGUSER=$owner "$apc" init --store 'postgresql:#new' >/dev/null
+until_true 60 listed '"new" in of'
 expect 1 'plants:4: expected a plant and the address' "$APC_BIN/apc-ui" --listen 127.0.0.1:0 --store 'postgresql:#line1' --plants "$work/plants"
 kill -TERM "$page"
 wait "$page" || fail "apc-ui ended with $?"

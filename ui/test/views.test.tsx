@@ -1715,5 +1715,12 @@ test("the plants of the database: what has fallen silent first, each with the wa
   assert.match(rows[1] as string, /silent\|.* ago$/);
   assert.match(rows[4] as string, /nothing measured yet/);
   assert.deepEqual([...app.querySelectorAll("main tbody a")].map(one => one.getAttribute("href")), ["https://line2.example/", "#overview"]);
-  assert.match(app.querySelector("main .say")?.textContent ?? "", /5 in this database, 2 of them silent/);
+  const toolbar = (): string => app.querySelector("main .toolbar")?.textContent ?? "";
+  assert.match(toolbar(), /5 in this database, 2 of them silentas of \d\d:\d\d:\d\d UTC$/);
+  // An age stands still where nothing is heard: it does not look as if it were of now.
+  model.connection.value = {...model.connection.value, state: "disconnected"};
+  await settle();
+  assert.match(toolbar(), /3 last known: disconnected$/);
+  assert.ok(app.querySelector(".stale-page tbody tr"));
+  await model.begin();
 });

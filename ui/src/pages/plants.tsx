@@ -2,8 +2,8 @@
 // The plants of the database, each with a page of its own.
 import type {JSX} from "preact";
 import {get} from "../core/api";
-import {duration, missing} from "../core/format";
-import {second} from "../core/model";
+import {clock, duration, missing, zoneAt} from "../core/format";
+import {connection, second} from "../core/model";
 import {isSilent, type OnePlant, worstFirst} from "../core/plants";
 import {Shape} from "../parts/shape";
 import {path} from "../router";
@@ -14,16 +14,19 @@ const AGAIN = 10; // s between two questions
 
 export function PlantsPage(): JSX.Element {
   const now = useCell(second);
-  const {answer, error} = useAnswer(() => get<{plants: OnePlant[]}>("/api/plants"), [Math.floor(now / AGAIN)]);
+  const link = useCell(connection).state;
+  const {answer, error} = useAnswer(() => get<{t: number; plants: OnePlant[]}>("/api/plants"), [Math.floor(now / AGAIN), link]);
+  const wrong = error ?? (link === "disconnected" ? "disconnected" : null);
   const all = worstFirst(answer?.plants ?? []);
   const silent = all.filter(isSilent).length;
   return (
-    <section>
+    <section class={wrong ? "stale-page" : ""}>
       <div class="toolbar">
         <h1>Plants</h1>
-        <span class="say" role="status">{answer == null ? "loading …" : all.length === 0 ? "This store is of one plant." : `${all.length} in this database, ${silent} of them silent`}</span>
+        <span class="say" role="status">{!answer ? (wrong ? "" : "loading …") : all.length === 0 ? "This store is of one plant." : `${all.length} in this database, ${silent} of them silent`}</span>
+        {answer && <span class="say">as of {clock(answer.t)} {zoneAt(answer.t)}</span>}
+        {wrong && <span class="complaint">{answer && <><Shape priority={3} label="stale" /> last known: </>}{wrong}</span>}
       </div>
-      {error && <p class="complaint">{error}</p>}
       {all.length > 0 && (
         <div class="panel">
           <table class="data cards">
