@@ -32,6 +32,7 @@
 #define SETTLE  (50 * APC_NS_PER_MS)  /* the same while something is under way */
 #define ANSWER  (2 * APC_NS_PER_S)    /* of one operation of that */
 #define WITHIN  10.0                  /* s: what was asked for longer ago is refused */
+#define RARELY  9.0 /* s between two steps at most: after 10 a page calls the history late */
 
 struct report {
     int rc;        /* of the last step */
@@ -44,7 +45,7 @@ struct report {
 struct shell {
     struct daemon d;
     const char *history;
-    double within; /* s */
+    double within, every; /* s */
     struct apc_store *live, *record;
     struct apc_forward *forward;
     bool reached;   /* the history, once */
@@ -65,9 +66,10 @@ struct shell {
         int refused;
         uint64_t gaps, rows, events, timing, older;
     } told;
+    apc_ns woken; /* monotonic: the mover, by the task */
 };
 
-enum { OPT_HISTORY = 0x600, OPT_WITHIN };
+enum { OPT_HISTORY = 0x600, OPT_WITHIN, OPT_EVERY };
 static const struct argp_option option_list[] = {
     {"history", OPT_HISTORY, "URI", 0,
      "Where the record goes: postgresql://host/db#schema, sqlite:FILE [APC_HISTORY, or what follows the '+' "
@@ -77,6 +79,10 @@ static const struct argp_option option_list[] = {
      "What people ask for in the history (table request) goes to the loop if it is not older; default 10; 0: "
      "nothing does",
      0},
+    {"every", OPT_EVERY, "SECONDS", 0,
+     "Move what has come so often, 0.1 to 9; default 0.1. Several rows of a signal at once cost a database "
+     "less, but a host that dies takes with it what has not been moved",
+     0},
     {0},
 };
 
@@ -85,9 +91,11 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     struct shell *s = state->input;
     if (key == OPT_WITHIN && (apc_number_parse(arg, &s->within) < 0 || s->within < 0 || s->within > 3600))
         argp_error(state, "--writes-within \"%s\": must be seconds, from 0 to 3600", arg);
+    if (key == OPT_EVERY && (apc_number_parse(arg, &s->every) < 0 || s->every < 0.1 || s->every > RARELY))
+        argp_error(state, "--every \"%s\": must be seconds, from 0.1 to %g", arg, RARELY);
     if (key == OPT_HISTORY)
         s->history = arg;
-    return key == OPT_HISTORY || key == OPT_WITHIN ? 0 : ARGP_ERR_UNKNOWN;
+    return key == OPT_HISTORY || key == OPT_WITHIN || key == OPT_EVERY ? 0 : ARGP_ERR_UNKNOWN;
 }
 
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
@@ -255,6 +263,16 @@ static void tell_lost(struct shell *s, const struct apc_forward_stats *stats)
     s->told.timing = stats->lost.timing;
 }
 
+/* What failed, or had no time for all, goes on at the next cycle. */
+static void wake_mover(struct shell *s, const struct report *r, apc_ns now)
+{
+    if (r->rc < 0 || r->stats.behind > 0 ||
+        now + CYCLE / 2 - s->woken >= (apc_ns)(s->every * (double)APC_NS_PER_S)) {
+        worker_wake(&s->mover);
+        s->woken = now;
+    }
+}
+
 static int on_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
@@ -268,7 +286,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     pthread_mutex_lock(&s->mover.mutex);
     const struct report r = s->report;
     pthread_mutex_unlock(&s->mover.mutex);
-    worker_wake(&s->mover);
+    wake_mover(s, &r, now);
     if (worker_busy(&s->mover) > HUNG) {
         daemon_event(&s->d, APC_EVENT_ALARM, "history",
                      "stopping: the history does not answer, in spite of its deadline");
@@ -367,7 +385,7 @@ static bool end(struct shell *s)
 
 int main(int argc, char **argv)
 {
-    static struct shell s = {.within = WITHIN}; /* it outlives main(), should a worker */
+    static struct shell s = {.within = WITHIN, .every = 0.1}; /* it outlives main(), should a worker */
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
     struct apc_error why;
     int rc = worker_init(&s.mover, step, &s, &why);

@@ -5,7 +5,7 @@
  * behind. The historian, and a database that bench/historian started, stay on the core that this program was
  * started on; what feeds keeps off it.
  *
- * bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD]
+ * bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD [EVERY]]
  */
 #include <errno.h>
 #include <glob.h>
@@ -92,14 +92,15 @@ static pid_t feed(apc_ns begin, int64_t rows)
     _exit(0);
 }
 
-static pid_t start_historian(const char *bin, const char *experiment, const char *history)
+static pid_t start_historian(const char *bin, const char *experiment, const char *history, const char *every)
 {
     const pid_t pid = fork();
     if (pid == 0) {
         prctl(PR_SET_PDEATHSIG, SIGKILL);
         char program[4096];
         snprintf(program, sizeof program, "%s/apc-historian", bin);
-        execl(program, program, "--config", experiment, "--store", live, "--history", history, (char *)NULL);
+        execl(program, program, "--config", experiment, "--store", live, "--history", history, "--every",
+              every, (char *)NULL);
         _exit(127);
     }
     return pid;
@@ -245,13 +246,14 @@ static void make_live(void)
 int main(int argc, char **argv)
 {
     const long seconds = argc >= 5 ? strtol(argv[4], NULL, 10) : 0;
-    if (argc == 7) {
+    if (argc >= 7) {
         variables = (int)strtol(argv[5], NULL, 10);
         period = strtol(argv[6], NULL, 10) * APC_NS_PER_MS;
     }
-    if ((argc != 5 && argc != 7) || seconds < 1 || seconds > 86400 || variables < 1 || period < APC_NS_PER_MS)
-        die("usage: bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD]");
-    const char *history = argv[3];
+    if ((argc != 5 && argc != 7 && argc != 8) || seconds < 1 || seconds > 86400 || variables < 1 ||
+        period < APC_NS_PER_MS)
+        die("usage: bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD [EVERY]]");
+    const char *history = argv[3], *every = argc == 8 ? argv[7] : "0.1";
     const int64_t rows = seconds * APC_NS_PER_S / period;
     char both[4400];
     int status;
@@ -259,7 +261,7 @@ int main(int argc, char **argv)
     snprintf(both, sizeof both, "%s+%s", live, history);
     apc_store_close(open_store(history, true));
 
-    const pid_t historian = start_historian(argv[1], argv[2], history);
+    const pid_t historian = start_historian(argv[1], argv[2], history, every);
     const apc_ns begin = apc_clock_mono(NULL) + 2 * APC_NS_PER_S;
     const pid_t feeder = feed(begin, rows);
     struct seen seen = {.late = allocate((size_t)seconds, sizeof *seen.late)};

@@ -162,6 +162,17 @@ noticed() {
 until_true 120 noticed
 loop_goes_on
 
+# one that is to move rarely moves what has come since in one transaction
+expect 2 'must be seconds, from 0.1 to 9' "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --every 10
+kill -TERM "$to_database"
+wait "$to_database" || fail "a historian ended with $?"
+background database "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history postgresql: --every 9
+to_database=$pid
+until_true 60 more_values postgresql: u "$(count "$live" u)"
+n=$(sql 'SELECT max(seq) FROM apc.sensor WHERE id = 1')
+in_one() { sql "SELECT count(*) FROM apc.sensor WHERE id = 1 AND seq > $n GROUP BY xmin::text" | awk '$1 > 100 {there = 1} END {exit !there}'; }
+until_true 60 in_one
+
 # nothing of it came to the plant, and all of it is there
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/run.log")"
