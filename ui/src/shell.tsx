@@ -41,7 +41,7 @@ place.subscribe(() => {
 const gather = (names: string[]): void => go("trend", joined(gathered, names, serverNow()));
 
 export function Shell(): JSX.Element {
-  const {page, about} = useCell(place);
+  const {page, about, nonsense} = useCell(place);
   const [help, setHelp] = useState(false);
   const out = useCell(needsLogin);
   const link = useCell(connection);
@@ -94,6 +94,7 @@ export function Shell(): JSX.Element {
       <AlarmLine />
       <Bars />
       <main id="main" ref={main} tabIndex={-1} aria-label={titles[page]}>
+        {nonsense && <p class="complaint" role="status">There is no page “{nonsense}”: this is the overview.</p>}
         {page === "overview" && <OverviewPage />}
         {page === "loop" && <LoopPage about={about} />}
         {page === "trend" && <TrendPage about={about} />}

@@ -361,8 +361,10 @@ test("published signals are those of their controller; what holds a plan back ha
 test("any link gives a place", () => {
   assert.deepEqual(placeOf("#loop/2"), {page: "loop", about: "2"});
   assert.deepEqual(placeOf("#/trend/sensor.1"), {page: "trend", about: "sensor.1"});
-  assert.deepEqual(placeOf("#loop/%E0%A4%A"), {page: "loop", about: null});
-  for (const hash of ["", "#", "#nonsense/3"]) assert.deepEqual(placeOf(hash), {page: "overview", about: null});
+  assert.deepEqual(placeOf("#loop/%E0%A4%A"), {page: "loop", about: "%E0%A4%A"});
+  assert.deepEqual(placeOf("#loop/1/2"), {page: "loop", about: "1/2"});
+  for (const hash of ["", "#"]) assert.deepEqual(placeOf(hash), {page: "overview", about: null});
+  for (const hash of ["#nonsense/3", "#__proto__"]) assert.deepEqual(placeOf(hash), {page: "overview", about: null, nonsense: hash.slice(1).split("/")[0]});
   for (const page of pages) assert.deepEqual(placeOf(path(page, "a/b %")), {page, about: "a/b %"});
   assert.deepEqual(placeOf(path("events")), {page: "events", about: null});
 });

@@ -239,8 +239,36 @@ test("the login stays until somebody logs in, however often Esc is pressed", PAT
     page.complaints.length = 0; // the browser tells of each 401
   }));
 
-test("a link that is no text leads to a page", PATIENCE, () =>
-  withPage("loop/%E0%A4%A", async page => assert.equal(await page.locator("main h1").isVisible(), true)));
+test("a link that leads nowhere says so, and to nothing else: least of all to another loop", PATIENCE, () => {
+  fake.predicts = true;
+  return withPage("overview", async page => {
+    for (const [link, says] of [
+      ["loop/%E0%A4%A", "tank has no loop “%E0%A4%A”"],
+      ["loop/99", "tank has no loop “99”"],
+      ["loop/1/2", "tank has no loop “1/2”"],
+      ["trend/99", "tank has no loop or signal “99”"],
+      ["trend/pens=nobody", "tank has no signal nobody."],
+      ["trend/pens=y;span=1e99;to=never", "“span=1e99” is no span between 1 s and 31 d: these are 10 min."],
+      ["alarms/nobody", "tank has no alarm “nobody”"],
+      ["prediction/nobody", "“nobody” is no controller that predicts"],
+      ["<script>window.hacked=1</script>", "There is no page “<script>window.hacked=1<”"],
+      ["%", "There is no page “%”"],
+    ]) {
+      await page.evaluate(where => (location.hash = where), link);
+      await page.getByText(says).waitFor();
+      assert.equal(await page.locator("main .entry, main input[name^=setpoint]").count(), 0, `${link}: something can be operated`);
+      assert.equal(await page.locator("main h1").count(), 1, link);
+    }
+    // What was wrong with a link is still said when the address has been put right.
+    await page.evaluate(() => (location.hash = "trend/pens=y,nobody;span=-1"));
+    await until("the address is put right", () => page.url().endsWith("#trend/pens=y;span=600"));
+    await page.getByText("“span=-1” is no span").waitFor();
+    await page.getByText("tank has no signal nobody.").waitFor();
+    await page.getByRole("button", {name: "1 h", exact: true}).click();
+    await page.getByText("“span=-1” is no span").waitFor({state: "hidden"});
+    assert.equal(await page.evaluate(() => window.hacked), undefined);
+  });
+});
 
 /** What a drawing could do if it were put into the page as it is: each line once. */
 const hostile = drawing.replace("</svg>", `

@@ -347,6 +347,45 @@ test("an alarm comes with its rank and what to do, is acknowledged with a commen
     await until("two were raised", async () => /raised\s*2/.test(await page.locator(".alarms .panel").first().textContent()));
   }));
 
+test("of two who acknowledge at once one does, the other is told or sees it done; an alarm is shelved with an end, and no longer than is allowed", () =>
+  withPage("alarms", {}, async page => {
+    const other = await open(browser, "alarms");
+    const write = async value => post("/api/setpoint", {id: 1, value, seq: (await api("/api/state")).values["setpoint.1"][0]});
+    const row = one => one.locator(".alarm-list tbody tr:not(.detail)", {hasText: "y.high"});
+    const acknowledge = one => row(one).getByRole("button", {name: "Acknowledge y.high"});
+    const acknowledged = async () => (await api("/api/alarms/journal")).transitions.filter(one => one.alarm === "y.high" && one.state === "Acknowledged Active").length;
+    const before = await acknowledged();
+    await write(30);
+    await Promise.all([acknowledge(page).waitFor(), acknowledge(other).waitFor()]);
+    // The button of the slower one may be gone before it is pressed: then it has been seen.
+    await Promise.all([page, other].map(one => acknowledge(one).evaluate(button => button.click(), null, {timeout: 1000}).catch(() => {})));
+    for (const one of [page, other]) {
+      await until("it is acknowledged on both", async () => /active, acknowledged/.test(await row(one).textContent()));
+      const said = await one.locator('[data-slot^="ack."]').allTextContents();
+      assert.ok(said.every(text => /acknowledged|superseded|accepted|applied/.test(text)), said.join());
+    }
+    assert.equal(await acknowledged(), before + 1, "it was acknowledged twice");
+    await other.context().close();
+    // For as long as a browser may be made to ask for.
+    await row(page).getByRole("button", {name: "More of y.high"}).click();
+    const times = await page.locator(".shelving option").evaluateAll(all => all.map(one => Number(one.value)));
+    assert.equal(Math.max(...times), (await api("/api/plant")).alarms.shelve_max);
+    await page.getByLabel("reason or comment").fill("for ever");
+    for (const seconds of ["1e9", "Infinity"]) {
+      await page.locator(".shelving select").evaluate((select, value) => {
+        select.append(new Option(value, value));
+        select.value = value;
+        select.dispatchEvent(new Event("change", {bubbles: true}));
+      }, seconds);
+      await page.getByRole("button", {name: "Shelve", exact: true}).click();
+      await page.locator('[data-slot^="shelve."]', {hasText: seconds === "1e9" ? /may be shelved|not be shelved for so long/ : /until/}).waitFor();
+      assert.match(await row(page).textContent(), /active, acknowledged/);
+    }
+    page.complaints = page.complaints.filter(one => !/status of 4(00|22)/.test(one)); // the browser tells of what the server refuses
+    await write(12);
+    await until("it is gone", async () => /No alarm stands/.test(await page.locator(".alarm-line").textContent()));
+  }));
+
 test("logging in by the form, and again in place when the session has ended", async () => {
   const context = await browser.newContext();
   const page = await context.newPage();

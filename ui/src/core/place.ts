@@ -5,21 +5,24 @@ export type Page = (typeof pages)[number];
 export interface Place {
   page: Page;
   about: string | null;
+  nonsense?: string; // what a link calls a page, and is none
 }
 
-function decoded(text: string): string | null {
+function decoded(text: string): string {
   try {
     return decodeURIComponent(text);
   } catch {
-    return null; // anybody may have written the link
+    return text; // anybody may have written the link
   }
 }
 
 /** Of what stands behind the # of a link. */
 export function placeOf(hash: string): Place {
-  const [page, about] = hash.replace(/^#\/?/, "").split("/");
+  const [page = "", ...rest] = hash.replace(/^#\/?/, "").split("/");
   const known = pages.find(one => one === page);
-  return {page: known ?? "overview", about: known && about ? decoded(about) : null};
+  const about = rest.join("/");
+  if (!known) return {page: "overview", about: null, ...(page === "" ? {} : {nonsense: decoded(page)})};
+  return {page: known, about: about === "" ? null : decoded(about)};
 }
 
 export function path(page: Page, about?: string | number | null): string {

@@ -30,7 +30,8 @@ export function AlarmsPage({about}: {about: string | null}): JSX.Element {
   if (!p) return <Nothing title="Alarms">Loading the plant …</Nothing>;
   if (!p.alarms) return <Nothing title="Alarms">No alarms are described for this plant: see “alarms” of the experiment file.</Nothing>;
   const named = all.find(one => one.alarm === about);
-  const view: View = (Object.keys(views) as View[]).find(one => one === about) ?? "standing";
+  const asked = (Object.keys(views) as View[]).find(one => one === about);
+  const view: View = asked ?? "standing";
   const counts = counted(all);
   const sizes: Partial<Record<View, number>> = {standing: counts.standing, masked: counts.masked, all: all.length};
   return (
@@ -44,6 +45,7 @@ export function AlarmsPage({about}: {about: string | null}): JSX.Element {
             </button>
           ))}
         </div>
+        {about != null && !named && !asked && <span class="complaint">{p.name} has no alarm “{about}”: these are those that stand.</span>}
         {evaluated === false && <span class="complaint">not evaluated: this is how they stood last</span>}
       </div>
       {view === "journal" ? <AlarmJournal /> : view === "figures" ? <AlarmFiguresView /> : <List key={p.generation} view={view} all={all} shelveMax={p.alarms.shelve_max} open={named?.id ?? null} />}
@@ -167,8 +169,12 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
   const act = acknowledgement(of);
   const shelved = of.now.shelved_until != null;
   const long = tooLong(reason);
-  const said = (typed: string): string => (typed === reason ? "" : typed); // what was typed meanwhile stays
-  const doShelve = (time: number): void => void shelve(of, time, once, reason.trim()).then(() => setReason(said));
+  // What was typed meanwhile stays, and so does what has not been taken: it goes with the next attempt.
+  const said = (what: string) => (): void => {
+    const phase = slot(`${what}.${of.id}`).value?.phase;
+    if (phase !== "failed" && phase !== "unknown") setReason(typed => (typed === reason ? "" : typed));
+  };
+  const doShelve = (time: number): void => void shelve(of, time, once, reason.trim()).then(said("shelve"));
   const serving = useCell(slot(`service.${of.id}`));
   const engineer = useWriteBar("engineer") == null;
   const out = of.now.state.startsWith("Out of Service");
@@ -195,7 +201,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
         <form class="entry-line shelving" onSubmit={event => event.preventDefault()}>
           <label>reason or comment <input type="text" size={28} aria-invalid={long} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
           {act && (
-            <button type="button" disabled={wait} onClick={() => void acknowledge(of, reason.trim()).then(() => setReason(said))}>
+            <button type="button" disabled={wait} onClick={() => void acknowledge(of, reason.trim()).then(said("ack"))}>
               {act} with it
             </button>
           )}
@@ -209,7 +215,7 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
           <label class="check"><input type="checkbox" checked={once} onChange={event => setOnce(event.currentTarget.checked)} /> or until it has gone once</label>
           <button type="button" disabled={wait || reason.trim() === ""} onClick={() => doShelve(seconds)}>Shelve</button>
           {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>Shelve no more</button>}
-          {engineer && <button type="button" disabled={wait || (!out && reason.trim() === "")} onClick={() => void service(of, !out, reason.trim()).then(() => setReason(said))}>{out ? "In service" : "Out of service"}</button>}
+          {engineer && <button type="button" disabled={wait || (!out && reason.trim() === "")} onClick={() => void service(of, !out, reason.trim()).then(said("service"))}>{out ? "In service" : "Out of service"}</button>}
         </form>
         <p class="say">
           {barred ?? (long ? "the reason is too long: 80 bytes" : shelved ? `Shelved until ${when(of.now.shelved_until as number)}, ${duration((of.now.shelved_until as number) - serverNow())} more.` : `Shelving takes a reason, and ends by itself: after at most ${span(shelveMax)}.`)}

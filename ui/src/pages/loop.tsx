@@ -27,8 +27,8 @@ import type {Loop, Plant, PlantEvent, Ref} from "../core/types";
 export function LoopPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
   if (!p) return <Nothing title="Loop">Loading the plant …</Nothing>;
-  const loop = p.loops.find(one => String(one.id) === about) ?? p.loops[0];
-  if (!loop) return <Nothing title="Loop">This plant has no loop.</Nothing>;
+  const loop = about == null ? p.loops[0] : p.loops.find(one => String(one.id) === about);
+  if (!loop) return <Nothing title="Loop">{about == null ? "This plant has no loop." : <>{p.name} has no loop “{about}”: <a href={path("overview")}>those that it has</a>.</>}</Nothing>;
   return <Faceplate key={`${loop.id}:${p.generation}`} loop={loop} plant={p} />;
 }
 

@@ -34,8 +34,9 @@ export function PredictionPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
   if (!p) return <Nothing title="Prediction">Loading the plant …</Nothing>;
   const all = predictors(p);
-  const one = all.find(each => each.controller.name === about) ?? all[0];
-  if (!one) return <Nothing title="Prediction">No controller of this plant predicts or estimates: laws mpc, nmpc and lqg do.</Nothing>;
+  if (all.length === 0) return <Nothing title="Prediction">No controller of this plant predicts or estimates: laws mpc, nmpc and lqg do.</Nothing>;
+  const one = about == null ? all[0] : all.find(each => each.controller.name === about);
+  if (!one) return <Nothing title="Prediction">“{about}” is no controller that predicts or estimates: <a href={path("prediction")}>those that do</a>.</Nothing>;
   return <Prediction key={`${one.controller.name}:${p.generation}`} of={one} all={all} plant={p} />;
 }
 

@@ -36,8 +36,8 @@ export function TrendPage({about}: {about: string | null}): JSX.Element {
   if (!p) return <Nothing title="Trend">Loading the plant …</Nothing>;
   const all = subjects(p);
   if (isPens(about)) return <PensTrend about={about as string} plant={p} all={all} />;
-  const subject = all.find(one => one.about === about) ?? all[0];
-  if (!subject) return <Nothing title="Trend">There is no measurement to show.</Nothing>;
+  const subject = about == null ? all[0] : all.find(one => one.about === about);
+  if (!subject) return <Nothing title="Trend">{about == null ? "There is no measurement to show." : <>{p.name} has no loop or signal “{about}”: <a href={path("trend", "pens=")}>choose signals</a>.</>}</Nothing>;
   return <Trend key={[p.generation, ...refsIn(subject), subject.about].join(":")} subject={subject} all={all} plant={p} />;
 }
 
@@ -48,8 +48,10 @@ function PensTrend({about, plant: p, all}: {about: string; plant: Plant & {gener
   const [given, setGiven] = useState(about);
   // What came from elsewhere than from here is followed.
   if (about !== given && about !== wrote.current) setGiven(about);
-  const link = chosen(about === wrote.current ? about : given, Math.max(now.current, serverNow()));
-  const {signals, faults} = found(link.names, p);
+  const until = Math.max(now.current, serverNow());
+  const asked = chosen(given, until);
+  const link = about === wrote.current ? chosen(about, until) : asked;
+  const {signals} = found(link.names, p);
   const called = (ones: Variable[]): string[] => ones.map(one => nameOf(one, p.variables));
   const pens: Pens = {
     signals,
@@ -60,7 +62,9 @@ function PensTrend({about, plant: p, all}: {about: string; plant: Plant & {gener
     },
     choose: (ones, w) => go("trend", pensAbout(called(ones), w)),
   };
-  const complaints = [...link.faults, ...faults];
+  // The address is written anew, without what was wrong with it, which stays on the screen while it says how the window is.
+  const followed = link.window.live === asked.window.live && link.window.span === asked.window.span;
+  const complaints = [...(followed ? asked : link).faults, ...found(asked.names, p).faults];
   return (
     <>
       {complaints.map(one => <p class="complaint" key={one}>{one}</p>)}
