@@ -19,11 +19,10 @@ static int take_time(double t, apc_ns otherwise, const char *name, apc_ns *to, s
 /* NULL: the run has none, a former version has made it. */
 static int open_published(struct apc_store **store, const char *dir, struct apc_error *why)
 {
-    char path[600], uri[620];
+    char path[600];
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
-    snprintf(uri, sizeof uri, "sqlite:%s", path);
     *store = NULL;
-    return access(path, R_OK) == 0 ? apc_store_open(store, uri, NULL, why) : 0;
+    return access(path, R_OK) == 0 ? ticks_open(store, path, why) : 0;
 }
 
 static int nothing_recorded(struct apc_error *why)

@@ -41,14 +41,13 @@ static int take_outputs(struct past *p, const struct experiment *e, const struct
 
 int past_load(struct past *p, const char *dir, const struct experiment *e, apc_ns end, struct apc_error *why)
 {
-    char path[600], uri[620];
+    char path[600];
     struct samples process = {0};
     *p = (struct past){.start = e->start, .end = e->start + end};
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
-    snprintf(uri, sizeof uri, "sqlite:%s", path);
     if (access(path, R_OK) < 0)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    int rc = apc_store_open(&p->ticks, uri, NULL, why);
+    int rc = ticks_open(&p->ticks, path, why);
     if (rc == 0)
         rc = samples_read(&process, dir, "samples.csv", why);
     if (rc == 0 && (rc = take_setpoints(p, e)) < 0)

@@ -567,14 +567,13 @@ static int load_samples(struct replay *r, struct apc_store *store)
 
 static int load_record(struct replay *r, const char *dir, struct apc_error *why)
 {
-    char path[600], uri[620];
+    char path[600];
     struct apc_store *store;
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
-    snprintf(uri, sizeof uri, "sqlite:%s", path);
     if (access(path, R_OK) < 0)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s%s", path, strerror(errno),
                         errno == ENOENT ? ": a run of a former version is replayed by that version" : "");
-    int rc = apc_store_open(&store, uri, NULL, why);
+    int rc = ticks_open(&store, path, why);
     if (rc < 0)
         return rc;
     rc = load_samples(r, store);

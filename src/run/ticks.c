@@ -9,6 +9,8 @@
 #define BATCH 5000 /* samples of one append */
 #define ROWS  500  /* vectors of one append */
 
+#define PATIENCE (60 * APC_NS_PER_S)
+
 /* ---- Into the folder ----------------------------------------------------------------------- */
 
 struct copy {
@@ -116,18 +118,26 @@ static int copy_all(struct copy *c, const struct experiment *e)
     return rc;
 }
 
+int ticks_open(struct apc_store **ticks, const char *file, struct apc_error *why)
+{
+    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = PATIENCE};
+    char uri[660];
+
+    snprintf(uri, sizeof uri, "sqlite:%s", file);
+    return apc_store_open(ticks, uri, &options, why);
+}
+
 int ticks_keep(const char *dir, struct apc_store *from, const struct experiment *e,
                const struct apc_range *range, struct apc_error *why)
 {
-    char path[600], part[620], journal[640], uri[640];
+    char path[600], part[620], journal[640];
     struct copy c = {.from = from, .range = range};
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
     snprintf(part, sizeof part, "%s.new", path);
     snprintf(journal, sizeof journal, "%s-journal", part); /* outlives its file */
-    snprintf(uri, sizeof uri, "sqlite:%s", part);
     if (unlink(part) < 0 && errno != ENOENT)
         return apc_fail(why, APC_ESYS, "%s: %s", part, strerror(errno));
-    int rc = apc_store_open(&c.to, uri, NULL, why);
+    int rc = ticks_open(&c.to, part, why);
     if (rc < 0)
         return rc;
     rc = copy_all(&c, e);

@@ -11,6 +11,9 @@
 
 #define TICKS_FILE "ticks.db"
 
+/* The ticks in @p file, to be read or written by whom no tick waits for: as long as a busy disk takes.
+ * Returns 0 or a negative error. */
+int ticks_open(struct apc_store **ticks, const char *file, struct apc_error *why);
 /* From the run's store, of a range, into the folder. Returns 0 or a negative error. */
 int ticks_keep(const char *dir, struct apc_store *from, const struct experiment *e,
                const struct apc_range *range, struct apc_error *why);

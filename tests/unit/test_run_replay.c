@@ -1,8 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* A run is simulated, kept in a folder, and repeated from there: all of each tick comes out again. */
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
+
+#include <sqlite3.h>
 
 #include "check.h"
 #include "scratch.h"
@@ -240,6 +244,33 @@ static void a_folder_without_ticks_is_of_a_former_version(void **state)
     assert_has(why.text, TICKS_FILE);
 }
 
+/* A stall of the disk is a lock that somebody holds for longer than a tick may take. */
+static void *let_go(void *ctx)
+{
+    const struct timespec stall = {.tv_sec = 2, .tv_nsec = 500000000};
+
+    nanosleep(&stall, NULL);
+    return sqlite3_exec(ctx, "ROLLBACK", NULL, NULL, NULL) == SQLITE_OK ? ctx : NULL;
+}
+
+static void a_disk_that_stalls_is_waited_for(void **state)
+{
+    sqlite3 *other;
+    pthread_t holder;
+    void *gone;
+    (void)state;
+
+    make_run("first-order", "", "", 0, 0);
+    assert_int_equal(sqlite3_open(scratch_path(TICKS_FILE), &other), SQLITE_OK);
+    assert_int_equal(sqlite3_exec(other, "BEGIN EXCLUSIVE", NULL, NULL, NULL), SQLITE_OK);
+    assert_int_equal(pthread_create(&holder, NULL, let_go, other), 0);
+    load();
+    assert_int_equal(pthread_join(holder, &gone), 0);
+    assert_non_null(gone);
+    assert_int_equal(sqlite3_close(other), SQLITE_OK);
+    run();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -248,6 +279,7 @@ int main(void)
         cmocka_unit_test_teardown(the_first_tick_that_differs_is_named_with_its_cause, end),
         cmocka_unit_test_teardown(in_virtual_time_the_first_tick_that_differs_is_named, end),
         cmocka_unit_test_teardown(a_folder_without_ticks_is_of_a_former_version, end),
+        cmocka_unit_test_teardown(a_disk_that_stalls_is_waited_for, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
