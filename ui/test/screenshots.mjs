@@ -69,8 +69,8 @@ async function oneLoop() {
     await page.locator('input[name="tuning.1"]').fill("0.3");
     await page.locator('input[name="tuning.2"]').fill("12");
   };
-  for (const screen of ["overview", "loop", "trend", "events", "timing", "diagnostics"])
-    await shots(page, screen, screen, {height: screen === "events" ? 600 : size.height, before: screen === "loop" ? halfway : undefined, narrow: screen === "loop" || screen === "overview"});
+  for (const screen of ["overview", "loop", "trend", "events", "timing", "diagnostics", "plants"])
+    await shots(page, screen, screen, {height: screen === "events" ? 600 : screen === "plants" ? 400 : size.height, before: screen === "loop" ? halfway : undefined, narrow: screen === "loop" || screen === "overview"});
   await page.context().close();
 }
 
