@@ -34,10 +34,12 @@ const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Ala
 
 /** The trend of chosen signals that was shown last: what is dropped on its tab comes into that one. */
 let gathered: string | null = null;
-place.subscribe(() => {
+const remember = (): void => {
   const {page, about} = place.value;
   if (page === "trend" && isPens(about)) gathered = about;
-});
+};
+remember(); // of the link that the page was opened by
+place.subscribe(remember);
 const gather = (names: string[]): void => go("trend", joined(gathered, names, serverNow()));
 
 export function Shell(): JSX.Element {
