@@ -72,12 +72,15 @@ static void show_longer_period(const struct apc_record *r)
 {
     if (gaps_at(r, 1) < r->n / 5)
         return;
-    for (size_t step = 2; step <= 20; step++)
-        if (gaps_at(r, step) * step < r->n / 100) {
-            printf("each %g s there are all: --period %g is what arx, subspace and fir want\n",
-                   (double)step * r->Ts, (double)step * r->Ts);
+    for (size_t step = 2; step <= 20; step++) {
+        const size_t gaps = gaps_at(r, step);
+
+        if (gaps * step < r->n / 100) {
+            printf("each %g s there are %s: --period %g is what arx, subspace and fir want\n",
+                   (double)step * r->Ts, gaps ? "nearly all" : "all", (double)step * r->Ts);
             return;
         }
+    }
 }
 
 static void show_record(const struct identification *z)

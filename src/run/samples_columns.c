@@ -44,14 +44,14 @@ struct head {
     uint64_t csv_inode, csv_changed; /* changed: ns of Unix time, which nobody can set; 0: just then */
 };
 
-/* ---- Parts of the work, a thread each --------------------------------------------------------------------
- */
-
 /* XXH3, of one piece after the other: each begins with the sum of those before. */
 static uint64_t sum_of(const void *data, size_t n, uint64_t before)
 {
     return XXH3_64bits_withSeed(data, n, before);
 }
+
+/* ---- Parts of the work, a thread each --------------------------------------------------------------------
+ */
 
 struct part {
     struct apc_record *rows;

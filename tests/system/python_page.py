@@ -30,7 +30,7 @@ for block in blocks:
     if needs_life:
         known["store"] = apc.open_run(folder).store()
     try:
-        exec(compile(block, "a block", "exec"), known)  # pylint: disable=exec-used
+        exec(compile(block, "a block", "exec"), known)
     except BaseException:
         print(block, file=sys.stderr)
         raise

@@ -4,12 +4,12 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 plant_side=apc-plant-$$ database_side=apc-database-$$
-if [ "$(id -u)" -ne 0 ] || ! ip netns add "$plant_side" 2>/dev/null; then
-  echo "no network namespaces: skipped"
+trap 'status=$?; set +e; ip netns del "$plant_side" 2>/dev/null; ip netns del "$database_side" 2>/dev/null; (exit $status); finish' EXIT
+if [ "$(id -u)" -ne 0 ] || ! ip netns add "$plant_side" 2>/dev/null || ! ip netns add "$database_side" 2>/dev/null ||
+  ! ip link add "t$$" type veth peer name eth1 netns "$plant_side" 2>/dev/null; then
+  echo "no network namespaces, or no cables between them: skipped" >&2
   exit 77
 fi
-trap 'status=$?; set +e; ip netns del "$plant_side"; ip netns del "$database_side"; (exit $status); finish' EXIT
-ip netns add "$database_side"
 net=10.$((100 + RANDOM % 100)).$((RANDOM % 256))
 cable() { # NAMESPACE INTERFACE HERE THERE
   ip link add "$2" type veth peer name eth0 netns "$1"
