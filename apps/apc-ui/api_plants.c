@@ -121,18 +121,22 @@ void listing_free(struct listing *listing)
 void get_plants(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct listing *listing = &ui->listing;
-    int rc = 0;
     pthread_mutex_lock(&listing->mutex);
-    if (listing->json.n == 0 || apc_clock_mono(NULL) - listing->made >= KEPT) {
+    if (listing->made == 0 || apc_clock_mono(NULL) - listing->made >= KEPT) {
         text_free(&listing->json);
-        rc = plants_json(ui, store, &listing->json);
+        listing->why[0] = '\0';
+        const int rc = plants_json(ui, store, &listing->json);
+        if (rc < 0) {
+            fault_store(r, rc, store);
+            snprintf(listing->why, sizeof listing->why, "%s", r->fault.message);
+        }
         listing->made = apc_clock_mono(NULL);
-        if (rc < 0)
-            text_free(&listing->json);
     }
-    text_put(&r->reply, listing->json.at, listing->json.n);
-    r->reply.failed |= listing->json.failed;
+    if (listing->why[0]) {
+        fault_set(&r->fault, 503, "store", NULL, "%s", listing->why);
+    } else {
+        text_put(&r->reply, listing->json.at, listing->json.n);
+        r->reply.failed |= listing->json.failed;
+    }
     pthread_mutex_unlock(&listing->mutex);
-    if (rc < 0)
-        fault_store(r, rc, store);
 }

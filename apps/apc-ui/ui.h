@@ -166,8 +166,9 @@ void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, str
 /* The plants of the database, as they were told last. */
 struct listing {
     pthread_mutex_t mutex; /* held while the store is asked */
-    struct text json;      /* empty: nothing was */
-    apc_ns made;           /* monotonic */
+    struct text json;
+    char why[200]; /* they could not be told; "": they were */
+    apc_ns made;   /* monotonic; 0: never */
 };
 int listing_init(struct listing *listing);
 void listing_free(struct listing *listing);

@@ -662,6 +662,27 @@ static void what_cannot_be_read_is_no_empty_answer(void **state)
     store = there;
 }
 
+static void plants_that_could_not_be_listed_are_not_asked_for_at_once_again(void **state)
+{
+    struct apc_store *there = store;
+    (void)state;
+    assert_int_equal(apc_store_open(&store, "postgresql://127.0.0.1:1/nothing", NULL, NULL), 0);
+    json_decref(ask(get_plants));
+    assert_int_equal(request.fault.http, 503);
+    apc_store_close(store);
+    store = there;
+    ui->listing.made = apc_clock_mono(NULL) + 1000 * S; /* within its second, however long that takes here */
+    json_decref(ask(get_plants));
+    assert_int_equal(request.fault.http, 503);
+    assert_string_equal(request.fault.code, "store");
+    assert_non_null(strstr(request.fault.message, "the database is away: "));
+    ui->listing.made = apc_clock_mono(NULL) - S;
+    json_t *json = ask(get_plants);
+    assert_int_equal(request.fault.http, 0);
+    assert_int_equal(json_array_size(json_object_get(json, "plants")), 0); /* this store is of one */
+    json_decref(json);
+}
+
 int main(void)
 {
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -673,6 +694,7 @@ int main(void)
         T(what_was_expected_stands_beside_what_came),
         T(what_the_controllers_were_worth_is_told),
         T(what_cannot_be_read_is_no_empty_answer),
+        T(plants_that_could_not_be_listed_are_not_asked_for_at_once_again),
         T(what_a_law_does_not_publish_now_is_old_and_no_alarm),
         T(history_is_given_by_name_for_several_at_once),
         T(history_comes_as_csv_of_all_that_was_asked_for),
