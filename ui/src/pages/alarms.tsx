@@ -198,24 +198,27 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
             <a href={path("alarms", "journal")}>Journal</a>
           </dd>
         </dl>
-        <form class="entry-line shelving" onSubmit={event => event.preventDefault()}>
-          <label>reason or comment <input type="text" size={28} aria-invalid={long} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
-          {act && (
-            <button type="button" disabled={wait} onClick={() => void acknowledge(of, reason.trim()).then(said("ack"))}>
-              {act} with it
-            </button>
-          )}
-          <span class="spring" />
-          <label>
-            for{" "}
-            <select value={seconds} onChange={event => setSeconds(Number(event.currentTarget.value))}>
-              {times.map(one => <option key={one} value={one}>{span(one)}</option>)}
-            </select>
-          </label>
-          <label class="check"><input type="checkbox" checked={once} onChange={event => setOnce(event.currentTarget.checked)} /> or until it has gone once</label>
-          <button type="button" disabled={wait || reason.trim() === ""} onClick={() => doShelve(seconds)}>Shelve</button>
-          {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>Shelve no more</button>}
-          {engineer && <button type="button" disabled={wait || (!out && reason.trim() === "")} onClick={() => void service(of, !out, reason.trim()).then(said("service"))}>{out ? "In service" : "Out of service"}</button>}
+        <form class="shelving" onSubmit={event => event.preventDefault()}>
+          <div class="entry-line">
+            <label>reason or comment <input type="text" size={28} aria-invalid={long} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
+            {act && (
+              <button type="button" disabled={wait} onClick={() => void acknowledge(of, reason.trim()).then(said("ack"))}>
+                {act} with it
+              </button>
+            )}
+          </div>
+          <div class="entry-line">
+            <label>
+              for{" "}
+              <select value={seconds} onChange={event => setSeconds(Number(event.currentTarget.value))}>
+                {times.map(one => <option key={one} value={one}>{span(one)}</option>)}
+              </select>
+            </label>
+            <label class="check"><input type="checkbox" checked={once} onChange={event => setOnce(event.currentTarget.checked)} /> or until it has gone once</label>
+            <button type="button" disabled={wait || reason.trim() === ""} onClick={() => doShelve(seconds)}>Shelve</button>
+            {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>Shelve no more</button>}
+            {engineer && <button type="button" disabled={wait || (!out && reason.trim() === "")} onClick={() => void service(of, !out, reason.trim()).then(said("service"))}>{out ? "In service" : "Out of service"}</button>}
+          </div>
         </form>
         <p class="say">
           {barred ?? (long ? "the reason is too long: 80 bytes" : shelved ? `Shelved until ${when(of.now.shelved_until as number)}, ${duration((of.now.shelved_until as number) - serverNow())} more.` : `Shelving takes a reason, and ends by itself: after at most ${span(shelveMax)}.`)}
