@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The overview of many loops: the tree of areas, a search, and of the rows those in sight.
-import type {JSX} from "preact";
+import type {JSX, RefObject} from "preact";
 import {memo} from "preact/compat";
 import {useEffect, useMemo, useRef, useState} from "preact/hooks";
+import {env} from "../core/env";
 import {abnormalFirst, type Area, areasOf, filtered, type Item, itemsOf, type ListFilter, type Now, type Order, ordered, orderOf, worstByArea} from "../core/list";
 import {loopScale} from "../core/loopdata";
 import {inShadow, limitsOf, live, marks, modesOfLoop, second, variable} from "../core/model";
@@ -109,7 +110,7 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
     const down = sorted?.column === column;
     setSorted(down && sorted.down ? null : {column, down, order: orderOf(items, item => inColumn(item, column), down)});
   };
-  const set = (part: Partial<ListFilter>): void => setFilter({...filter, ...part});
+  const set = (part: Partial<ListFilter>): void => setFilter(was => ({...was, ...part}));
   const modes = [...new Set(p.loops.flatMap(loop => loop.mode.targets))];
   return (
     <div class={`many-loops lines-${room}`}>
@@ -118,17 +119,7 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
         <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
           <label>
             search{" "}
-            <input
-              ref={field}
-              type="search"
-              size={12}
-              value={filter.text}
-              title="/"
-              onInput={event => set({text: event.currentTarget.value})}
-              onKeyDown={event => {
-                if (event.key === "Escape") set({text: ""});
-              }}
-            />
+            <Search field={field} change={text => set({text})} />
           </label>
           <label>
             mode{" "}
@@ -187,6 +178,28 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
         {rows.length === 0 && <p class="say">nothing matches</p>}
       </div>
     </div>
+  );
+}
+
+/** What is typed is there with the key; the list, which takes longer, follows with the next frame. */
+function Search({field, change}: {field: RefObject<HTMLInputElement>; change: (text: string) => void}): JSX.Element {
+  const [text, setText] = useState("");
+  const type = (typed: string): void => {
+    setText(typed);
+    env.frame(() => change(typed));
+  };
+  return (
+    <input
+      ref={field}
+      type="search"
+      size={12}
+      value={text}
+      title="/"
+      onInput={event => type(event.currentTarget.value)}
+      onKeyDown={event => {
+        if (event.key === "Escape") type("");
+      }}
+    />
   );
 }
 
