@@ -549,12 +549,13 @@ static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *n
 
     if (!notice || poor == of->poor || (!poor && of->good < a_while))
         return;
-    for (size_t i = part->u; i < part->u + part->nu; i++)
+    for (size_t i = part->u; i < part->u + part->nu; i++) {
         apc_controller_note(c, i, notice, APC_NOTICE_POOR, "law %.20s: %s", c->law.definition->name,
                             poor ? of->why : "good again");
-    if (c->state[part->u].note.kind ==
-        APC_NOTICE_POOR) /* else it had graver news: the next tick tells this */
-        of->poor = poor;
+        if (c->state[part->u].note.kind != APC_NOTICE_POOR)
+            return; /* the first had graver news: the next tick tells this, of all */
+    }
+    of->poor = poor;
 }
 
 /* As soon as there is no graver news. */

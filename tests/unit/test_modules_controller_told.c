@@ -156,6 +156,32 @@ static void what_graver_news_hides_is_told_at_the_next_tick(void **state)
     end(&r);
 }
 
+/* An instance has one reason, whichever of its loops had graver news. */
+static void graver_news_of_one_loop_does_not_make_the_law_tell_its_reason_twice(void **state)
+{
+    for (int of = 1; of <= LOOPS; of++) {
+        struct rig r;
+        int n = 0;
+
+        assert_int_equal(begin(state), 0);
+        make(&r, &keeps);
+        measured_tick(&r, 0.5, 0.5);
+        answer = APC_LAW_SUBOPTIMAL;
+        set(&r, APC_OPMODE, of, 9); /* refused */
+        for (int k = 0; k < 4; k++) {
+            bool this_tick = false;
+
+            measured_tick(&r, 0.5, 0.5);
+            do
+                this_tick |= r.notice.kind == APC_NOTICE_POOR;
+            while (apc_controller_noticed(r.core, &r.notice));
+            n += this_tick;
+        }
+        assert_int_equal(n, 1);
+        end(&r);
+    }
+}
+
 /* Neither does anybody have to be told that what is Bad is refused. */
 static void a_target_that_is_bad_takes_the_loop_out_of_service(void **state)
 {
@@ -238,6 +264,7 @@ int main(void)
         T(a_law_is_told_when_its_budget_ends),
         T(a_tick_row_says_for_how_long_an_output_is_held),
         T(what_graver_news_hides_is_told_at_the_next_tick),
+        T(graver_news_of_one_loop_does_not_make_the_law_tell_its_reason_twice),
         T(a_target_that_is_bad_takes_the_loop_out_of_service),
         T(a_setpoint_that_is_bad_stops_its_loop_and_is_not_called_refused),
         T(tuning_gives_no_bump_however_soon_it_comes),
