@@ -2,7 +2,8 @@
 /*
  * Predictive control, linear and nonlinear, in its controller: whatever it is told of measurements,
  * setpoints, modes, services and tuning, and whatever the model answers, no output is ever anything but a
- * finite number within its limits, nor is its state; and it is back once there is sense in what it is told.
+ * finite number within its limits, nor is its state; once there is sense in what it is told it is back, and
+ * keeps to rates.
  * Set APC_TEST_SEED to see a failure again.
  */
 #include "check.h"
@@ -18,6 +19,7 @@
 #define T0    (INT64_C(1700000000) * S)
 #define LOW   1.0
 #define HIGH  6.0
+#define RATE  0.5 /* of the second output, a second */
 #define TICKS 6000
 
 enum { NX = 4, NU = 2, NY = 2, PHASE = 40 /* ticks of sense or of none */ };
@@ -86,7 +88,7 @@ static void begin(struct rig *r, const struct apc_law *law)
 {
     static const struct apc_controller_loop loop[] = {
         {.id = 1, .mode = 1, .low = LOW, .high = HIGH, .fault = 1.5},
-        {.id = 2, .mode = 2, .low = LOW, .high = HIGH, .fault = 2.0, .rate = 0.5}};
+        {.id = 2, .mode = 2, .low = LOW, .high = HIGH, .fault = 2.0, .rate = RATE}};
     static const double horizon = 12.0, noise[NY] = {0.01, 0.01}, delay[NU] = {1.4, 0.4}, few = 40.0,
                         blocks[] = {1.0, 1.0, 3.0, 7.0}, steps = 2.0, one = 1.0;
     const struct apc_setting setting[] = {
@@ -194,7 +196,7 @@ static void tell(struct rig *r, bool nonsense)
 
 /* ---- What it answers -------------------------------------------------------------------------------- */
 
-static void look(struct rig *r)
+static void look(struct rig *r, bool known)
 {
     const struct apc_rows *out = apc_controller_out(r->c);
 
@@ -207,6 +209,9 @@ static void look(struct rig *r)
             continue;
         if (!(s->value >= LOW && s->value <= HIGH))
             fail_msg("actuator %d: %g", s->id, s->value);
+        if (s->id == 2 && known && s->status != APC_UNCERTAIN_SUBSTITUTE &&
+            fabs(s->value - r->acts[1]) > RATE + 1e-9)
+            fail_msg("actuator 2: from %g to %g within a second", r->acts[1], s->value);
         r->acts[s->id - 1] = s->value;
         r->computed += r->c->state[s->id - 1].loop.state == APC_LOOP_AUTO;
         r->held += s->status == APC_UNCERTAIN_LAST_USABLE;
@@ -223,7 +228,7 @@ static void run(struct rig *r, int ticks, bool nonsense)
         r->now.utc = T0 + r->now.mono;
         tell(r, nonsense);
         apc_controller_compute(r->c, r->now, (uint64_t)(r->now.mono / S), !nonsense || chance(20), NULL);
-        look(r);
+        look(r, !nonsense && k > 0); /* after one tick of sense it knows what it put last */
         apc_controller_update(r->c, nonsense ? (int)chance(3) - 1 : 1);
         assert_int_equal(apc_plant_advance(r->tanks, 1.0, r->acts), 0);
     }
