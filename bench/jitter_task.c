@@ -189,7 +189,7 @@ static double record_cost(void)
     apc_ns to = apc_clock_mono(NULL);
     for (size_t i = 0; i < 3; i++)
         apc_histogram_destroy(of[i]);
-    return (double)(to - from) / TICKS;
+    return (double)(to - from) / (double)TICKS;
 }
 
 int main(int argc, char **argv)

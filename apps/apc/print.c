@@ -17,7 +17,7 @@ char *print_value(const struct apc_sample *sample, char text[PRINT_LEN])
     if (loops_is_owner(sample))
         mode = loops_owner_name(loops_is_local(sample));
     else if (((sample->table == APC_OPMODE && sample->id < LOOPS_IDS) || actual) && sample->value >= 0 &&
-             sample->value <= APC_MODE_LO)
+             sample->value <= (double)APC_MODE_LO)
         mode = apc_mode_name((int)sample->value);
     if (sample->seq == 0)
         snprintf(text, PRINT_LEN, "-");

@@ -133,10 +133,10 @@ static int check_loops(struct test *z, struct apc_error *why)
     for (size_t k = 0; k < z->moves; k++) {
         struct test_move *m = &z->move[k];
         const double mode = m->mode = row_of(z, k, TEST_TARGET)->value;
-        if (mode == APC_MODE_OOS)
+        if (mode == (double)APC_MODE_OOS)
             return apc_fail(why, APC_ESTATE, "%s is out of service: bring it to Man or Auto first",
                             m->loop->name);
-        if (m->tag.table == APC_SETPOINT && mode < APC_MODE_AUTO)
+        if (m->tag.table == APC_SETPOINT && mode < (double)APC_MODE_AUTO)
             return apc_fail(why, APC_ESTATE,
                             "%s is in Man: its setpoint moves nothing; bring it to Auto, or move its output",
                             m->loop->name);
@@ -193,9 +193,9 @@ static void find_bases(struct test *z, const double *sum, size_t n)
         struct test_move *m = &z->move[k];
         const struct apc_sample *written = row_of(z, k, TEST_WRITTEN);
         const bool man = m->tag.table == APC_MANUAL;
-        m->base = man && m->mode > APC_MODE_MAN ? sum[k] / (double)n
-                  : man                         ? row_of(z, k, TEST_OUTPUT)->value
-                                                : written->value;
+        m->base = man && m->mode > (double)APC_MODE_MAN ? sum[k] / (double)n
+                  : man                                 ? row_of(z, k, TEST_OUTPUT)->value
+                                                        : written->value;
         m->was = man ? m->base : written->value;
         m->base = fmin(fmax(m->base, m->tag.low), m->tag.high);
         m->written = written->seq > 0 ? written->value : (double)NAN;

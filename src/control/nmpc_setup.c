@@ -348,7 +348,7 @@ static int take_delays(struct apc_law_mpc *p, const struct apc_law_setup *setup,
     for (size_t j = 0; j < nu && rc == 0; j++) {
         size_t at = p->parts;
 
-        if (delay[j] > LATE_MOST * p->Ts)
+        if (delay[j] > (double)LATE_MOST * p->Ts)
             return apc_fail(why, APC_EINVAL,
                             "setting \"delay\": %g s of output %zu; it must be from 0 to %d periods of %g s",
                             delay[j], j + 1, LATE_MOST, p->Ts);

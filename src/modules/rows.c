@@ -688,8 +688,10 @@ static void take_loop(struct apc_controller *c, size_t i, const double *row)
     c->blocked[i] =
         (unsigned)fmin(fmax(row[at[APC_TICK_BLOCKED] + i], 0.0), APC_LIMITED_LOW | APC_LIMITED_HIGH);
     l->wanted = fmin(fmax(row[at[APC_TICK_MANUAL] + i], c->low[i]), c->high[i]);
-    l->loop.state = state > 0.0 && state < APC_LOOP_END ? (enum apc_loop_state)(int)state : APC_LOOP_OOS;
-    l->target = target >= APC_MODE_MAN && target <= APC_MODE_CAS ? (enum apc_mode)(int)target : APC_MODE_OOS;
+    l->loop.state =
+        state > 0.0 && state < (double)APC_LOOP_END ? (enum apc_loop_state)(int)state : APC_LOOP_OOS;
+    l->target = target >= (double)APC_MODE_MAN && target <= (double)APC_MODE_CAS ? (enum apc_mode)(int)target
+                                                                                 : APC_MODE_OOS;
     l->loop.poor = (unsigned)fmin(fmax(row[at[APC_TICK_POOR] + i], 0.0), 2.0 * c->shed_after);
     l->loop.linked = row[at[APC_TICK_LINKED] + i] > 0.0;
     take_seqs(&l->loop.asked, row + at[APC_TICK_ASKED] + i, 1);
@@ -774,7 +776,7 @@ static void take_actual(struct apc_controller *c)
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_sample *s = &c->told[mode + i];
 
-        if (s->seq > 0 && s->value >= APC_MODE_MAN && s->value <= APC_MODE_LO)
+        if (s->seq > 0 && s->value >= (double)APC_MODE_MAN && s->value <= (double)APC_MODE_LO)
             c->state[i].actual = (enum apc_mode)(int)s->value;
     }
 }

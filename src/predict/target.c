@@ -412,6 +412,6 @@ int apc_target_search(struct apc_target *t, const struct apc_target_call *call,
     memcpy(x, t->from_x, t->nc * sizeof(*x));
     memcpy(u, t->from_u, nu * sizeof(*u));
     for (size_t j = 0; j < nu; j++)
-        t->reach[j] = (call->high[j] - call->low[j]) / CAREFUL;
+        t->reach[j] = (call->high[j] - call->low[j]) / (double)CAREFUL;
     return walk(t, call, linearise, x, u, y, reachable);
 }

@@ -212,7 +212,7 @@ static int write_rows(struct apc_store *store, const struct loops *loops, const 
                       struct apc_sample *before, struct apc_sample *rows, struct owner_rows *with)
 {
     const int rc = apc_store_read(store, before, 1);
-    if (rc < 0 || (action->local && !(before->value >= APC_MODE_CAS)))
+    if (rc < 0 || (action->local && !(before->value >= (double)APC_MODE_CAS)))
         return rc;
     rows->seq = action->local ? before->seq : APC_SEQ_ANY;
     return owner_put(store, loops, rows, action->n, with);

@@ -103,7 +103,7 @@ static bool knows_nothing(const struct order *o)
 
 static bool is_cas(double target)
 {
-    return target >= APC_MODE_CAS && target <= APC_MODE_CAS;
+    return target >= (double)APC_MODE_CAS && target <= (double)APC_MODE_CAS;
 }
 
 static bool is_remote(const struct apc_sample *owner, const struct owned *of)

@@ -180,7 +180,7 @@ static bool is_wrong_mode(const struct requests *r, struct look *l)
 {
     const struct apc_request *q = l->request;
     const struct loops_loop *loop = loops_of(&r->loops, APC_OPMODE, q->variable);
-    const int mode = q->value >= 0 && q->value <= APC_MODE_CAS ? (int)q->value : -1;
+    const int mode = q->value >= 0 && q->value <= (double)APC_MODE_CAS ? (int)q->value : -1;
     if (mode < 0 || q->value > mode)
         return tell(l, "refused: %g is no mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", q->value);
     if (q->variable > 0 && mode == APC_MODE_CAS && loop && loop->above < 0)

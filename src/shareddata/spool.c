@@ -276,13 +276,12 @@ static int verify(struct spooling *s)
         const enum apc_table table = b->samples[0].table;
         const int id = b->samples[0].id;
         struct apc_range range = {.since = INT64_MAX, .until = INT64_MIN};
-        size_t before = 0, after = 0;
+        size_t after = 0;
         for (size_t i = 0; i < b->n; i++) {
             if (b->samples[i].table == table && b->samples[i].id == id) {
                 apc_ns time = b->samples[i].time;
                 range.since = time < range.since ? time : range.since;
                 range.until = time > range.until ? time : range.until;
-                before++;
             }
         }
         range.since -= APC_NS_PER_US;

@@ -235,18 +235,18 @@ static void look(const struct world *w, const struct event *e, const struct caus
     const size_t number = e->period * KICKS + e->k - FIRST * KICKS;
 
     if (cause->kind == DISTURB && number == cause->k)
-        s->x[cause->i] += w->noise[cause->i] * sqrt(1.0 / KICKS);
+        s->x[cause->i] += w->noise[cause->i] * sqrt(1.0 / (double)KICKS);
     if (cause->kind == PULSE && number == cause->k + 1) { /* when it has ended */
         double whole[NX] = {0.0};
 
-        move(w, one, 1.0 / KICKS, whole);
+        move(w, one, 1.0 / (double)KICKS, whole);
         for (size_t i = 0; i < NX; i++)
             s->x[i] += whole[i];
     }
     for (size_t i = 0; i < NY; i++)
-        s->y2[i] += seen(w, s, i) * seen(w, s, i) / KICKS;
+        s->y2[i] += seen(w, s, i) * seen(w, s, i) / (double)KICKS;
     for (size_t o = 0; o < OUTS; o++)
-        s->u2[o] += s->acting[o] * s->acting[o] / KICKS;
+        s->u2[o] += s->acting[o] * s->acting[o] / (double)KICKS;
     if (e->k == 0)
         s->begun[e->period] = s->x[0] - 0.6 * s->x[1] + 0.8 * s->acting[0] + 0.3 * s->acting[1] +
                               0.5 * s->acting[2] + s->state[0] - 0.7 * s->state[1];
@@ -440,7 +440,7 @@ static void assert_margins_of_responses(const struct apc_loop *loop, size_t of,
                                         const struct apc_loop_margins *m)
 {
     enum { STEPS = 1500 };
-    const double top = 0.98 * M_PI * (of == 0 ? 2.0 : 1.0), step = pow(10.0, -5.0 / STEPS);
+    const double top = 0.98 * M_PI * (of == 0 ? 2.0 : 1.0), step = pow(10.0, -5.0 / (double)STEPS);
     double S = 0.0, T = 0.0, turn = HUGE_VAL, crossover = 0.0, w = top;
     bool above = false;
 
@@ -491,7 +491,7 @@ static double jitter_of_course(const struct world *w, size_t of, size_t tick)
         }
         worst = fmax(worst, 2.0 * sin(angle / 2.0) * sqrt(sum));
     }
-    const double allowed = 1.0 / (worst * worst * KICKS), N = floor(sqrt(allowed));
+    const double allowed = 1.0 / (worst * worst * (double)KICKS), N = floor(sqrt(allowed));
     return N + (allowed - N * N) / (2.0 * N + 1.0);
 }
 

@@ -363,7 +363,7 @@ static void noise_costs_what_its_recursion_says(void **state)
     for (int j = 0; j < LOOKS; j++) {
         const double t = 0.1 * j;
 
-        expected += ((1.0 - K * t) * (1.0 - K * t) * P + q * t + K * K * t * t * e) / LOOKS;
+        expected += ((1.0 - K * t) * (1.0 - K * t) * P + q * t + K * K * t * t * e) / (double)LOOKS;
     }
     assert_int_equal(apc_loop_cost(loop, NULL, 0, &y, &u, NULL), 0);
     assert_near(y, expected, 1e-9);
@@ -416,7 +416,8 @@ static void lost_commands_cost_what_their_recursion_says(void **state)
         const double t = 0.1 * j;
 
         expected +=
-            (kept * (1.0 - K * t) * (1.0 - K * t) * X + lost * (X + 2.0 * t * Y + t * t * U) + q * t) / LOOKS;
+            (kept * (1.0 - K * t) * (1.0 - K * t) * X + lost * (X + 2.0 * t * Y + t * t * U) + q * t) /
+            (double)LOOKS;
     }
     assert_int_equal(apc_loop_cost(loop, course, 3, &y, &u, NULL), 0);
     assert_near(y, expected, 1e-8);
@@ -451,7 +452,7 @@ static void what_goes_straight_through_costs_too(void **state)
 
         expected += (j == 0 ? X + 2.0 * direct * Y + direct * direct * U
                             : x + 2.0 * direct * xy + direct * direct * U) /
-                    LOOKS;
+                    (double)LOOKS;
     }
     assert_int_equal(apc_loop_cost(loop, NULL, 0, &y, &u, NULL), 0);
     assert_near(y, expected, 1e-8);

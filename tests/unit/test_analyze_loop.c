@@ -260,15 +260,15 @@ static double simulated_square(const char *experiment, double *error)
         for (int k = 0; k < PART; k++) {
             assert_int_equal(apc_simulation_run(s, (part * PART + k + 1) * 0.05 - 0.01), 0);
             assert_int_equal(apc_simulation_read(s, "y", &y), 0);
-            mean += y.value * y.value / PART;
+            mean += y.value * y.value / (double)PART;
         }
         sum += mean;
         squares += mean * mean;
     }
     apc_simulation_destroy(s);
     apc_experiment_destroy(e);
-    *error = sqrt((squares - sum * sum / PARTS) / (PARTS - 1) / PARTS);
-    return sum / PARTS;
+    *error = sqrt((squares - sum * sum / (double)PARTS) / (double)(PARTS - 1) / (double)PARTS);
+    return sum / (double)PARTS;
 }
 
 /* What the recursion says of it; 0: it is not known, as of a loop that is not stable. */

@@ -330,7 +330,7 @@ static void what_a_caller_does_not_know_is_not_there(void **state)
     assert_int_equal(apc_instances_compute(r.s, 1, &r.c), APC_LAW_GOOD);
     assert_true(!c->y_status && !c->y_age && !c->y_new && !c->low && !c->high && !c->rate && !c->y_low &&
                 !c->y_high && !c->u_last && !c->out && !c->published);
-    r.x[2] = -3.0 - APC_LAW_INFEASIBLE; /* its words have a place all the same */
+    r.x[2] = -3.0 - (double)APC_LAW_INFEASIBLE; /* its words have a place all the same */
     assert_int_equal(apc_instances_compute(r.s, 1, &r.c), APC_LAW_INFEASIBLE);
 }
 
@@ -679,7 +679,7 @@ static void an_answer_is_looked_at_before_it_is_believed(void **state)
         assert_int_equal(apc_instances_compute(r.s, 1, &r.c), result);
         assert_string_equal(r.why, "said so");
     }
-    r.x[2] = -3.0 - APC_LAW_FAILED - 1;
+    r.x[2] = -3.0 - (double)APC_LAW_FAILED - 1;
     assert_int_equal(apc_instances_compute(r.s, 1, &r.c), APC_LAW_FAILED);
     assert_string_equal(r.why, "gave 5, which is no result");
     r.x[2] = -1.0;

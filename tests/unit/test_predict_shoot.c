@@ -248,7 +248,7 @@ static void play(const struct apc_model *m, const double *x0, const double *dela
         times[n++] = (double)i * Ts;
         times[n++] = (double)i * Ts + fmod(delay[0], Ts); /* input 0 changes then */
     }
-    times[n] = N * Ts;
+    times[n] = (double)N * Ts;
     for (size_t k = 0; k < n; k++) {
         double u[2];
 
