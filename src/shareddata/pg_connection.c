@@ -397,10 +397,12 @@ static const char *const host_keywords[3] = {"host", "hostaddr", "port"};
 /*
  * A host that swallows packets eats the whole deadline, and libpq would begin with it again each time: so
  * after such a try the next one begins with the next host. libpq itself says which hosts there are, from
- * the URI, the environment or a service file; the first of each list goes to its end.
+ * the URI, the environment or a service file; the first of each list goes to its end. Returns whether there
+ * are several.
  */
-static void rotate_hosts(struct apc_pg *pg)
+static bool rotate_hosts(struct apc_pg *pg)
 {
+    bool several = false;
     PQconninfoOption *used = PQconninfo(pg->conn);
     for (const PQconninfoOption *o = used; o && o->keyword; o++) {
         for (size_t i = 0; i < 3; i++) {
@@ -409,10 +411,12 @@ static void rotate_hosts(struct apc_pg *pg)
                 strlen(o->val) < sizeof pg->hosts[i] - 1) {
                 snprintf(pg->hosts[i], sizeof pg->hosts[i], "%s,%.*s", comma + 1, (int)(comma - o->val),
                          o->val);
+                several = true;
             }
         }
     }
     PQconninfoFree(used);
+    return several;
 }
 
 #define OPTIONS_MAX 96
@@ -505,6 +509,8 @@ static const char session_sql[] =
     " set_config('tcp_keepalives_idle', '5', false), set_config('tcp_keepalives_interval', '1', false),"
     " set_config('tcp_keepalives_count', '3', false), set_config('client_connection_check_interval', '1s', "
     "false),"
+    " CASE WHEN pg_is_in_recovery() THEN 0"
+    " ELSE ('x' || left(pg_walfile_name(pg_current_wal_lsn()), 8))::bit(32)::int8 END,"
     " pg_backend_pid()::int8, (SELECT backend_start FROM pg_stat_activity WHERE pid = pg_backend_pid()),"
     " (SELECT has_schema_privilege(oid, 'USAGE')::text FROM pg_namespace WHERE nspname = $1)";
 /* Before its first repair a schema did not say from which version on programs can work with it. */
@@ -541,13 +547,34 @@ static int count_prepared(void)
     return n;
 }
 
+/*
+ * Each promotion begins a timeline with a higher number. Where a standby was promoted and the former leader
+ * still lives, that one takes writes as well, and who goes back to it makes a second record. With one server
+ * there is none to choose: then it is another database, restored from a dump.
+ */
+static int take_timeline(struct apc_pg *pg, int64_t timeline)
+{
+    if (timeline > 0 && timeline < pg->timeline && rotate_hosts(pg)) {
+        return apc_fail(&pg->base.why, APC_ECONN,
+                        "the server at \"%s\" is a former leader, which another one has replaced (timeline "
+                        "%lld, after %lld): stop it, and make it a standby of the new one (pg_rewind)",
+                        PQhost(pg->conn), (long long)timeline, (long long)pg->timeline);
+    }
+    pg->timeline = timeline > 0 ? timeline : pg->timeline;
+    return 0;
+}
+
 static int take_session(void *ctx, int statement, PGresult *result)
 {
     struct apc_pg *pg = (struct apc_pg *)ctx;
     int column = PQnfields(result) - 1;
     (void)statement;
-    if (PQntuples(result) != 1 || column < 2) {
+    if (PQntuples(result) != 1 || column < 3) {
         return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
+    }
+    const int err = take_timeline(pg, apc_pg_cell(result, 0, column - 3));
+    if (err) {
+        return err;
     }
     pg->session.pid = (int32_t)apc_pg_cell(result, 0, column - 2);
     pg->session.start = apc_pg_cell(result, 0, column - 1);

@@ -97,6 +97,7 @@ struct apc_pg {
     apc_ns deadline;       /* of the running operation, monotonic */
     apc_ns next_try;       /* no connect before it, monotonic */
     int version;           /* of the schema that it connected to */
+    int64_t timeline;      /* of the leader that it connected to last; 0: none yet */
     bool packed;           /* it was seen to have tables of chunks */
     unsigned failures;     /* connects that failed in a row */
     uint64_t random;       /* of the jitter */

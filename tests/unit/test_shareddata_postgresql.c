@@ -595,6 +595,61 @@ static void test_of_two_servers_the_primary_is_used_and_after_a_failover_the_oth
     cluster_destroy(first);
 }
 
+static void append_all(struct apc_store *store, int64_t from, int64_t to)
+{
+    for (int64_t seq = from; seq <= to; seq++) {
+        struct apc_sample s = sample(APC_SENSOR, 1, seq, (double)seq);
+        assert_int_equal(append_again(store, &s, 1), 1);
+    }
+}
+
+static void test_who_was_with_a_promoted_standby_goes_not_back_to_the_former_leader(void **state)
+{
+    (void)state;
+    static const char rows[] = "SELECT count(*) || ' ' || max(seq) FROM p.sensor";
+    struct cluster *first = cluster_start_private(), *second = cluster_start_standby(first);
+    char uri[700];
+    snprintf(uri, sizeof uri, "postgresql://apc@/%s?host=%s,%s#p", cluster_database(first),
+             cluster_host(first), cluster_host(second));
+    struct apc_store *store = open_uri(uri, LONG);
+    assert_int_equal(apc_store_init(store), 0);
+    int64_t last[1];
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    append_all(store, 1, 10);
+    assert_true(cluster_await(second, "SELECT count(*) FROM pg_class WHERE relname = 'sensor'", "1"));
+    assert_true(cluster_await(second, rows, "10 10"));
+    cluster_query(second, "SELECT pg_promote(true, 60)");
+    append_all(store, 11, 20); /* who is with the first one stays there */
+    assert_string_equal(cluster_query(first, rows), "20 20");
+
+    cluster_kill(first);
+    struct apc_sample s = sample(APC_SENSOR, 1, 21, 21);
+    assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN);
+    append_all(store, 11, 20); /* what the new one has not got */
+    assert_string_equal(cluster_query(second, rows), "20 20");
+
+    cluster_run(first); /* and writes, as if nothing had been */
+    cluster_stop(second);
+    int refused = 0;
+    for (int i = 0; i < 100000 && !refused; i++) {
+        assert_int_equal(apc_store_append(store, &s, 1), APC_ECONN);
+        refused = strstr(apc_store_error(store), "is a former leader") != NULL;
+    }
+    assert_true(refused);
+    cluster_run(second);
+    append_all(store, 21, 30);
+    assert_string_equal(cluster_query(second, rows), "30 30");
+    assert_string_equal(cluster_query(first, rows), "20 20");
+    apc_store_close(store);
+
+    /* A server that is named alone is taken as it is. */
+    store = open_uri(cluster_uri(second), LONG);
+    assert_int_equal(apc_store_init(store), 0);
+    apc_store_close(store);
+    cluster_destroy(second);
+    cluster_destroy(first);
+}
+
 /* ---- Claims ------------------------------------------------------------------------------------- */
 
 static void test_a_dead_writers_claim_goes_to_the_next_and_the_dead_one_gets_it_not_back(void **state)
@@ -869,6 +924,7 @@ int main(void)
         T(test_a_commit_that_no_standby_has_is_not_acknowledged),
         T(test_after_kill_9_of_the_server_nothing_acknowledged_is_lost),
         T(test_of_two_servers_the_primary_is_used_and_after_a_failover_the_other_one),
+        T(test_who_was_with_a_promoted_standby_goes_not_back_to_the_former_leader),
         T(test_a_dead_writers_claim_goes_to_the_next_and_the_dead_one_gets_it_not_back),
         T(test_a_stopped_former_session_is_waited_for_and_is_no_other_writer),
         T(test_a_former_session_behind_a_half_open_connection_is_ended),
