@@ -63,7 +63,8 @@ APC_API void apc_estimator_reset(const struct apc_estimator *estimator, double *
 /**
  * Take measurements @p y [ny], those whose @p usable [ny] is true (NULL: all); @p u [nu + nd] is what acts
  * where a measurement depends on it. What is not finite is not usable. A slow measurement is usable once,
- * when it is new. Returns how many were taken. [tick]
+ * when it is new. The extended one keeps its state in the ranges where its model holds, and begins its
+ * covariance anew from p0 where nonsense has left none. Returns how many were taken. [tick]
  */
 APC_API int apc_estimator_correct(struct apc_estimator *estimator, double *s, const double *y,
                                   const bool *usable, const double *u);

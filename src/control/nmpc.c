@@ -51,21 +51,28 @@ static void shift(struct apc_law_mpc *p)
                nx * sizeof(*p->nodes));
 }
 
-/* The problem about moves and nodes as they stand. Where the model is not defined there, about the present.
- */
-static int linearise(struct apc_law_mpc *p, const double *d)
+static int linearise_here(struct apc_law_mpc *p, const double *d)
 {
-    int rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->past, p->nodes, p->G, p->free_y);
+    const int rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->past, p->nodes, p->G, p->free_y);
 
-    if (rc < 0) {
-        *apc_mpc_age_of(p, p->x) = 0.0;
-        shift(p);
-        rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->past, p->nodes, p->G, p->free_y);
-    }
     if (rc < 0)
         return rc;
     apc_shoot_end(p->shoot, p->nodes, p->past, p->Gx, p->free_x);
     return apc_mpc_follow(p->mpc, p->G, p->free_y, p->Gx, p->free_x);
+}
+
+/* The problem about moves and nodes as they stand. Where the model is not defined there, or so steep that
+ * there is no problem, about the present. */
+static int linearise(struct apc_law_mpc *p, const double *d)
+{
+    int rc = linearise_here(p, d);
+
+    if (rc < 0) {
+        *apc_mpc_age_of(p, p->x) = 0.0;
+        shift(p);
+        rc = linearise_here(p, d);
+    }
+    return rc;
 }
 
 /* Has the last step changed next to nothing? */
@@ -92,7 +99,8 @@ static void step(struct apc_law_mpc *p, const struct apc_mpc_call *call, const d
         apc_mpc_solve(p->mpc, call, p->plan, &p->result);
 }
 
-/* The present, when the plan begins to act, but for whole periods. */
+/* The present, when the plan begins to act, but for whole periods. Steady states are sought from the last one
+ * on, unless there is none, or one where no model holds, from which a search need not find back. */
 static int begin(struct apc_law_mpc *p, const double *d)
 {
     const size_t nx = p->model->nx_plant, nu = p->dim.nu;
@@ -105,7 +113,7 @@ static int begin(struct apc_law_mpc *p, const double *d)
         rc = apc_shoot_advance(p->shoot, p->start, p->input, d, p->late);
     }
     shift(p);
-    if (!(*apc_mpc_age_of(p, p->x) > 0.0)) {
+    if (!(*apc_mpc_age_of(p, p->x) > 0.0) || !apc_shoot_holds(p->shoot, apc_mpc_rest_of(p, p->x))) {
         memcpy(apc_mpc_rest_of(p, p->x), p->start, nx * sizeof(*p->start));
         memcpy(apc_mpc_rest_of(p, p->x) + p->nc, p->u_last, nu * sizeof(*p->u_last));
     }

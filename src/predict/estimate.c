@@ -20,6 +20,8 @@
 #include "plant/plant_internal.h"
 #include "predict/predict_internal.h"
 
+#define ROUNDING 1e-6 /* of a covariance, at most */
+
 struct apc_estimator {
     enum apc_estimator_kind kind;
     size_t nx, n_inputs, ny; /* nx with unknown disturbances */
@@ -308,6 +310,33 @@ static void pack(const struct apc_estimator *e, double *s)
     }
 }
 
+/* Is P one, in which no correlation is beyond 1 by more than rounding leaves of what there was? A model that
+ * answers nonsense once, or a state far from any that it was made for, may leave numbers beside which the
+ * others are lost. */
+static bool is_covariance(const struct apc_estimator *e)
+{
+    const size_t n = e->nx;
+
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j <= i; j++) {
+            const double a = e->P[i * n + i], b = e->P[j * n + j],
+                         most = sqrt(fmax(a, 0.0)) * sqrt(fmax(b, 0.0)),
+                         scale = sqrt(fmax(a, e->p0[i])) * sqrt(fmax(b, e->p0[j]));
+
+            if (!(fabs(e->P[i * n + j]) <= most + ROUNDING * scale))
+                return false;
+        }
+    }
+    return true;
+}
+
+static void forget_covariance(struct apc_estimator *e)
+{
+    memset(e->P, 0, e->nx * e->nx * sizeof(*e->P));
+    for (size_t i = 0; i < e->nx; i++)
+        e->P[i * e->nx + i] = e->p0[i];
+}
+
 /* to [nx * nx] += factor F diag(q) F' */
 static void add_noise(const struct apc_estimator *e, const double *F, double factor, double *to)
 {
@@ -460,6 +489,49 @@ static int correct_steady(const struct apc_estimator *e, double *s, const double
     return n;
 }
 
+static double nearest(double value, const struct apc_param *range)
+{
+    return fmin(fmax(value, range->low), range->high);
+}
+
+/* Does any state move otherwise when unknown disturbance @p k is another? */
+static bool is_felt(struct apc_estimator *e, const double *s, const double *u, size_t k)
+{
+    const size_t i = e->n_model + k;
+    const double by = small_step(s[i]);
+    int rc;
+
+    memcpy(e->x, s, e->nx * sizeof(*s));
+    e->x[i] = s[i] + by;
+    rc = derivative(e, e->x, u, e->slope);
+    e->x[i] = s[i] - by;
+    return rc != 0 || derivative(e, e->x, u, e->column) != 0 ||
+           memcmp(e->slope, e->column, e->n_model * sizeof(*s)) != 0;
+}
+
+/*
+ * The state stays where the model holds. So does an input with its unknown disturbance, where beyond that the
+ * model does not feel it, as a pump that would run backwards: from there nothing would lead it back.
+ */
+static void keep_in_range(struct apc_estimator *e, double *s, const double *u)
+{
+    const struct apc_model *m = e->model;
+
+    for (size_t i = 0; i < m->nx && m->state; i++)
+        s[i] = nearest(s[i], &m->state[i]);
+    for (size_t k = 0; k < e->n_unknown && !e->nested; k++) {
+        const size_t j = e->unknown[k].number;
+        const struct apc_param *range = j < m->nu ? m->input : m->disturbance;
+        double *d = &s[e->n_model + k];
+
+        if (e->unknown[k].where != APC_AT_INPUT || !range)
+            continue;
+        range += j < m->nu ? j : j - m->nu;
+        if (nearest(u[j] + *d, range) != u[j] + *d && !is_felt(e, s, u, k))
+            *d = nearest(u[j] + *d, range) - u[j];
+    }
+}
+
 /* What follows from the measurements before is known to those after: c (x - x before) is taken off. */
 static int correct_one_by_one(struct apc_estimator *e, double *s, const double *y, const bool *usable,
                               const double *u)
@@ -487,6 +559,8 @@ static int correct_one_by_one(struct apc_estimator *e, double *s, const double *
         n++;
     }
     memcpy(s, e->x, e->nx * sizeof(*s));
+    if (!is_covariance(e))
+        forget_covariance(e);
     pack(e, s);
     return n;
 }
@@ -494,9 +568,15 @@ static int correct_one_by_one(struct apc_estimator *e, double *s, const double *
 int apc_estimator_correct(struct apc_estimator *e, double *s, const double *y, const bool *usable,
                           const double *u)
 {
+    int n;
+
     apc_estimator_output(e, s, u, e->y);
-    return e->kind == APC_KALMAN_STEADY ? correct_steady(e, s, y, usable)
-                                        : correct_one_by_one(e, s, y, usable, u);
+    if (e->kind == APC_KALMAN_STEADY)
+        return correct_steady(e, s, y, usable);
+    n = correct_one_by_one(e, s, y, usable, u);
+    if (e->model)
+        keep_in_range(e, s, u);
+    return n;
 }
 
 double apc_estimator_deviation(const struct apc_estimator *e, const double *s, size_t i)

@@ -185,6 +185,16 @@ static int integrate(struct apc_shoot *s, double *x, double t)
     return apc_values_ok(x, s->nx) ? 0 : APC_ESOLVER;
 }
 
+bool apc_shoot_holds(const struct apc_shoot *s, const double *x)
+{
+    const struct apc_param *range = s->model->state;
+    size_t i = 0;
+
+    while (range && i < s->model->nx && x[i] >= range[i].low && x[i] <= range[i].high)
+        i++;
+    return !range || i == s->model->nx;
+}
+
 void apc_shoot_measure(struct apc_shoot *s, const double *own)
 {
     memcpy(s->nominal + s->nu, own, s->model->nd * sizeof(*own));

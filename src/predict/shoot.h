@@ -34,6 +34,8 @@ struct apc_shoot_options {
 int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
                      struct apc_error *why);
 void apc_shoot_destroy(struct apc_shoot *shoot); /* NULL is legal */
+/* Is x in the ranges where the model holds? [tick] */
+bool apc_shoot_holds(const struct apc_shoot *shoot, const double *x);
 /* The model's own disturbances [nd] from now on, before unknown ones add to them. [tick] */
 void apc_shoot_measure(struct apc_shoot *shoot, const double *own);
 /* x [nx] on by t, with u [nu] and unknown disturbances d [n_unknown]. Returns 0, or APC_ESOLVER: the model is

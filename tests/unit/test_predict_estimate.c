@@ -416,6 +416,60 @@ static void a_restart_goes_on_bit_for_bit(void **state)
     apc_estimator_destroy(one);
 }
 
+/* An estimate from which the model, asked how it would move, says: not at all. A tank below empty, and a pump
+ * that would run backwards, until both are found where a plant can be; so are they when of the covariance
+ * only numbers are left that are none. */
+static void an_estimate_that_no_plant_can_have_is_left(void **state)
+{
+    static const struct apc_linear_unknown pumps[] = {{APC_AT_INPUT, 0}, {APC_AT_INPUT, 1}};
+    static const double load[] = {0.2, -0.3};
+    const struct apc_model *model = tanks();
+    const double q[] = {1e-4, 1e-4, 1e-4, 1e-4, 0.01, 0.01}, r[] = {1e-4, 1e-4}, u[] = {3.0, 3.0, 0.0, 0.0};
+    const double nonsense[] = {12.0, 12.0, 6.0, -5.74, -6.11, 2.0};
+    const struct apc_estimator_options options = {.size = sizeof options,
+                                                  .kind = APC_KALMAN_EXTENDED,
+                                                  .model = model,
+                                                  .Ts = 1.0,
+                                                  .q = q,
+                                                  .r = r,
+                                                  .unknown = pumps,
+                                                  .n_unknown = 2};
+    struct apc_estimator *e = make(&options);
+    double s[6 + 21];
+    (void)state;
+
+    assert_int_equal(apc_estimator_size(e), sizeof s / sizeof *s);
+    for (int broken = 0; broken < 2; broken++) {
+        struct apc_plant *plant;
+        struct apc_error why;
+
+        assert_int_equal(apc_plant_create(&plant, model, NULL, NULL, NULL, &why), 0);
+        apc_estimator_reset(e, s, nonsense);
+        if (broken)
+            s[6 + 12] = -4.36e281; /* of the covariance, off its diagonal */
+        for (int k = 0; k < 1000; k++) {
+            double y[2], acts[4];
+
+            memcpy(acts, u, sizeof acts);
+            for (size_t j = 0; j < 2; j++)
+                acts[j] += load[j];
+            apc_plant_output(plant, acts, y);
+            assert_int_equal(apc_estimator_correct(e, s, y, NULL, u), 2);
+            for (size_t i = 0; i < 4; i++)
+                assert_true(s[i] >= model->state[i].low && s[i] <= model->state[i].high);
+            assert_true(u[0] + s[4] >= model->input[0].low);
+            assert_int_equal(apc_estimator_predict(e, s, u), 0);
+            assert_int_equal(apc_plant_advance(plant, 1.0, acts), 0);
+        }
+        for (size_t i = 0; i < 4; i++)
+            assert_near(s[i], apc_plant_state(plant)[i], 0.01);
+        for (size_t j = 0; j < 2; j++)
+            assert_near(s[4 + j], load[j], 0.01);
+        apc_plant_destroy(plant);
+    }
+    apc_estimator_destroy(e);
+}
+
 static int beyond(double t, const double *x, const double *u, const double *p, double *dx)
 {
     (void)t;
@@ -528,6 +582,7 @@ int main(void)
         cmocka_unit_test(the_extended_one_finds_what_nobody_measures),
         cmocka_unit_test(what_is_not_usable_changes_nothing),
         cmocka_unit_test(a_restart_goes_on_bit_for_bit),
+        cmocka_unit_test(an_estimate_that_no_plant_can_have_is_left),
         cmocka_unit_test(where_the_model_ends_the_state_stays),
         cmocka_unit_test(what_makes_no_sense_is_refused_with_a_sentence),
     };
