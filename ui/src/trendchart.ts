@@ -10,6 +10,7 @@ import {colour} from "./theme";
 export interface DrawnPen extends Pick<Pen, "colour" | "dash" | "band"> {
   label: string;
   step: boolean; // its value holds until the next one
+  curve: () => Series; // as it is now
 }
 
 export interface DrawnPanel {
@@ -17,21 +18,21 @@ export interface DrawnPanel {
   pens: DrawnPen[];
 }
 
-/** What is seen: in each panel a curve for each pen, and the ends of the axis. */
+/** What is seen, beside the curves of the pens. */
 export interface TrendData {
   from: number;
   to: number;
   now?: number; // where what was ends and what is expected begins
   reference?: number | null; // from where differences are told
   marks?: {t: number; severity: 1 | 2 | 3}[];
-  panels: {curves: Series[]; scale: Scale}[];
+  scales: Scale[]; // of each panel
 }
 
 const LEAST_HEIGHT = 150;
 
 /** In which order the pens of a panel are drawn: whole lines lie above dashed ones. */
-function painted(pens: DrawnPen[]): number[] {
-  return pens.map((_, i) => i).sort((a, b) => Number((pens[b] as DrawnPen).dash.length > 0) - Number((pens[a] as DrawnPen).dash.length > 0));
+function painted(pens: DrawnPen[]): DrawnPen[] {
+  return [...pens].sort((a, b) => Number(b.dash.length > 0) - Number(a.dash.length > 0));
 }
 
 export class TrendChart {
@@ -53,12 +54,12 @@ export class TrendChart {
       const edge = (name: string): Line => ({label: name, colour: "--live", hidden: true});
       const line = ({label: name, colour: of, dash, step}: DrawnPen): Line => ({label: name, colour: of, width: dash.length > 0 ? 1.5 : 2, dash: dash.length > 0 ? dash : undefined, step});
       return plot(host, LEAST_HEIGHT, {
-        lines: [...banded.flatMap(() => [edge("max"), edge("min")]), ...painted(pens).map(at => line(pens[at] as DrawnPen))],
+        lines: [...banded.flatMap(() => [edge("max"), edge("min")]), ...painted(pens).map(line)],
         bands: banded.map((pen, k) => ({edges: [2 * k + 1, 2 * k + 2], colour: pen.colour})),
         yLabel: label,
         xAxis: i === panels.length - 1,
         x,
-        y: () => this.data.panels[i]?.scale ?? {low: 0, high: 1},
+        y: () => this.data.scales[i] ?? {low: 0, high: 1},
         sync: "trend",
         now: () => this.data.now,
         reference: () => this.data.reference ?? null,
@@ -74,9 +75,8 @@ export class TrendChart {
   show(data: TrendData): void {
     this.data = data;
     this.panels.forEach(({pens}, i) => {
-      const curves = (data.panels[i] as TrendData["panels"][0]).curves;
-      const edges = pens.flatMap((pen, k) => (pen.band ? [{t: (curves[k] as Series).t, columns: [(curves[k] as Series).high, (curves[k] as Series).low]}] : []));
-      const lines = painted(pens).map(k => ({t: (curves[k] as Series).t, columns: [(curves[k] as Series).mid]}));
+      const edges = pens.filter(pen => pen.band).map(pen => pen.curve()).map(({t, high, low}) => ({t, columns: [high, low]}));
+      const lines = painted(pens).map(pen => pen.curve()).map(({t, mid}) => ({t, columns: [mid]}));
       this.plots[i]?.setData(align([...edges, ...lines]) as uPlot.AlignedData);
     });
   }

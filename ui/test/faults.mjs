@@ -358,6 +358,20 @@ test("an element of the drawing leads to its faceplate, by mouse and by key, and
   });
 });
 
+test("while values come, an earlier window is laid beside and taken away, and the curve goes on", PATIENCE, () =>
+  withPage("trend/pens=y,r;span=120", async page => {
+    await until("there is a curve", async () => (await points(page)) > 100);
+    const colours = async () => (await rows(page, 0, "--pen-1")).flat().length;
+    const picture = () => page.evaluate(() => document.querySelector(".plots canvas").toDataURL());
+    const alone = await colours();
+    for (const beside of ["an hour before", "nothing", "an hour before"]) {
+      await page.getByLabel("beside").selectOption({label: beside});
+      await until(`${beside} is drawn beside it`, async () => (beside === "nothing" ? (await colours()) < alone * 1.04 : (await colours()) > alone * 1.05));
+      const before = await picture();
+      await until("the curve has gone on", async () => (await picture()) !== before);
+    }
+  }));
+
 test("a press sets a second cursor, from which differences are told; an earlier window lies beside, dotted", PATIENCE, () =>
   withPage("trend/pens=y,r;span=120", async page => {
     await until("there is a curve", async () => (await points(page)) > 100);

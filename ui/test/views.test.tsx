@@ -1518,6 +1518,17 @@ test("a drawing shows its signals, and says what it lacks", async () => {
   assert.match(said("main"), /There is no drawing of tanks/);
 });
 
+const thrown: string[] = [];
+window.addEventListener("error", event => thrown.push((event as unknown as {message: string}).message));
+
+/** One more sample, and the frame after it. */
+async function sampled(ref: string, value: number): Promise<void> {
+  await env.pass(0.1);
+  env.source.send("values", {t: server.now, values: {[ref]: [9000 + value, server.now, value, "Good"]}}, `a.${9000 + value}`);
+  await new Promise(resolve => requestAnimationFrame(resolve));
+  await settle();
+}
+
 test("a trend: a second cursor, events along it, an earlier window beside it, groups that are kept", async () => {
   const route = env.routes.get("/api/history")!;
   const happened = env.routes.get("/api/events")!;
@@ -1550,9 +1561,13 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   assert.ok(asked.length > 0 && asked.every(([since]) => Math.abs(since - (server.now - 4200)) < 20), JSON.stringify([asked, server.now]));
   assert.match(said(".trend > .say"), /^Beside it, dotted, what was (1 h|60 min) before\./);
   assert.match(location.hash, /;span=600;compare=3600$/);
+  // What comes then is drawn beside it as well
+  await sampled("sensor.2", 7);
   await choose(".toolbar label:nth-of-type(2) select", "0");
+  await sampled("sensor.2", 8);
   await env.pass(0.5);
   assert.match(location.hash, /;span=600$/);
+  assert.deepEqual(thrown, []);
   // Groups
   const groups = (): string => said(".pen-groups");
   const kept = (): HTMLSelectElement => one<HTMLSelectElement>(".pen-groups select");

@@ -194,17 +194,19 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   kept.current = past;
   const scales = useRef<(Scale | null)[]>(panels.map(() => null));
   const colour = (k: number, i: number): string => `--pen-${((k * of.measured.length + i) % COLOURS) + 1}`;
-  const pens = panels.map((panel, k): DrawnPen[] => [
-    ...panel.map((one, i) => ({label: one.variable.name, colour: colour(k, i), dash: [], band: false, step: holds(one.variable)})),
-    ...panel.flatMap((one, i) => (one.setpoint ? [{label: variable(one.setpoint)?.name ?? "", colour: colour(k, i), dash: [2, 3], band: false, step: true}] : [])),
-    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: colour(k, i), dash: [8, 4], band: false, step: holds(one.variable)})),
-  ]);
-
   /** What somebody has written stands until it is another. */
   const drawn = (ref: Ref): Series => {
     const curve = curves.get(ref);
     return !curve ? empty() : holds(curve.variable) && curve.variable.period == null ? held(curve.series, serverNow()) : curve.series;
   };
+  const newest = useRef(courses);
+  newest.current = courses;
+  const coming = (ref: Ref): Series => { const course = newest.current.find(one => one.ref === ref); return course ? courseSeries(course) : empty(); };
+  const pens = useMemo(() => panels.map((panel, k): DrawnPen[] => [
+    ...panel.map((one, i) => ({label: one.variable.name, colour: colour(k, i), dash: [], band: false, step: holds(one.variable), curve: () => drawn(one.variable.ref)})),
+    ...panel.flatMap(({setpoint}, i) => (setpoint ? [{label: variable(setpoint)?.name ?? "", colour: colour(k, i), dash: [2, 3], band: false, step: true, curve: () => drawn(setpoint)}] : [])),
+    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: colour(k, i), dash: [8, 4], band: false, step: holds(one.variable), curve: () => coming(one.variable.ref)})),
+  ]), []);
   const data = (): TrendData => {
     const now = serverNow();
     const [from, to] = [now - past, now + ahead.current];
@@ -212,13 +214,13 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
       from,
       to,
       now,
-      panels: panels.map((panel, k) => {
-        const shown = [...(refs[k] as Ref[]).map(drawn), ...panel.map(one => { const course = courses.find(each => each.ref === one.variable.ref); return course ? courseSeries(course) : empty(); })];
+      scales: pens.map((ones, k) => {
+        const shown = ones.map(pen => pen.curve());
         const [low, high] = extent(shown.flatMap(one => visible(one, from, to)));
         const scale = scales.current[k];
         // Chosen once; only what leaves it moves it.
         if (isFinite(low) && (!scale || low < scale.low || high > scale.high)) scales.current[k] = padded(Math.min(low, scale?.low ?? low), Math.max(high, scale?.high ?? high));
-        return {curves: shown, scale: scales.current[k] ?? {low: 0, high: 1}};
+        return scales.current[k] ?? {low: 0, high: 1};
       }),
     };
   };

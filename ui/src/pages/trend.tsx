@@ -129,15 +129,13 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     const [begin, end] = bounds(w, serverNow());
     const further = aheadOf(w, horizon([...plans.values()]));
     const [from, to] = [begin + further, end + further];
-    const both = (ref: Ref): Series[] => (earlier ? [shifted(earlier.series(ref), compare)] : []);
-    const coming = (ref: Ref): Series => { const course = plans.get(ref); return course ? courseSeries(course) : empty(); };
     return {
       from,
       to,
       now: further > 0 ? end : undefined,
       reference: at,
       marks: of(from, to),
-      panels: subject.panels.map((panel, i) => ({curves: [...panel.pens.map(pen => curves.drawn(pen.ref)), ...panel.pens.flatMap(pen => both(pen.ref)), ...(w.ahead ? panel.pens.map(pen => coming(pen.ref)) : [])], scale: s[i] as Scale})),
+      scales: s,
     };
   };
 
@@ -165,18 +163,20 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   // The plots live as long as the subject is shown.
   useEffect(() => {
     const element = host.current as HTMLDivElement;
+    const expectedNow = (ref: Ref): Series => { const course = state.current.expected.get(ref); return course ? courseSeries(course) : empty(); };
     const drawn = subject.panels.map(({pens: ones}) => {
       const variables = ones.map(pen => variable(pen.ref));
+      const before = earlier ? ones.map(pen => ({...pen, dash: BEFORE, band: false, curve: () => shifted(earlier.series(pen.ref), compare)})) : [];
+      const coming = win.ahead ? ones.map(pen => ({...pen, dash: COMING, band: false, curve: () => expectedNow(pen.ref)})) : [];
       return {
         label: ones.length > 3 && variables[0]?.unit ? `[${variables[0].unit}]` : variables.map(describe).join(", "),
-        pens: [...ones, ...(earlier ? ones.map(pen => ({...pen, dash: BEFORE, band: false})) : []), ...(win.ahead ? ones.map(pen => ({...pen, dash: COMING, band: false})) : [])].map((pen, i) => {
+        pens: [...ones.map(pen => ({...pen, curve: () => curves.drawn(pen.ref)})), ...before, ...coming].map((pen, i) => {
           const one = variables[i % ones.length] ?? null;
           return {...pen, label: describe(one), step: one != null && holds(one)};
         }),
       };
     });
-    const none = {...seen(state.current), panels: drawn.map((panel, i) => ({curves: panel.pens.map(empty), scale: scales[i] as Scale}))};
-    const made = new TrendChart(element, drawn, none, (from, to) => setWin(w => beside(w, select(from, Math.min(to, serverNow())))), t => (cursor.value = t), setReference);
+    const made = new TrendChart(element, drawn, seen(state.current), (from, to) => setWin(w => beside(w, select(from, Math.min(to, serverNow())))), t => (cursor.value = t), setReference);
     chart.current = made;
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);
