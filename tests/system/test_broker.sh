@@ -34,13 +34,15 @@ listens() { (exec 3<>"/dev/tcp/127.0.0.1/$broker"); }
 mosquitto_runs
 
 # as WHO COMMAND...: of mosquitto, with who that is in a certificate
+with() { at=(-h 127.0.0.1 -p "$broker" --cafile "$work/$1.pem" --cert "$work/$1.pem" --key "$work/$1.pem" -q 1); }
 as() {
-  local who=$work/$1.pem
-  "$2" -h 127.0.0.1 -p "$broker" --cafile "$who" --cert "$who" --key "$who" -q 1 "${@:3}"
+  with "$1"
+  "$2" "${at[@]}" "${@:3}"
 }
 heard() { grep -Eq "$2" "$work/$1.log"; }
 for who in operator anna; do
-  background $who as $who mosquitto_sub -i $who-$$ -c -t 'apc/#' -F '%r %t %p'
+  with $who
+  background $who mosquitto_sub "${at[@]}" -i $who-$$ -c -t 'apc/#' -F '%r %t %p'
 done
 
 # the loop in PostgreSQL, and apc-mqtt as the container starts it, in the role that compose-database gives it
