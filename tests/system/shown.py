@@ -12,7 +12,8 @@ OTHERS = re.compile(r"^shm:\S+ is the memory of a run that was killed: .*\n", re
 
 def goes_on(command):
     """Is a quote open at its end, or the end of its line escaped?"""
-    return command.endswith("\\") or re.sub(r"<<'\w+'[\s\S]*", "", command).count("'") % 2 == 1
+    said = re.sub(r"<<'\w+'[\s\S]*|  +# .*", "", command)
+    return command.endswith("\\") or said.count("'") % 2 == 1
 
 
 def commands(page):

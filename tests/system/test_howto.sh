@@ -35,7 +35,7 @@ cp -r "$APC/experiments" .
 typed() {
   sed -n "/^${2:-}/,\$p" "$APC_SOURCE_DIR/$1" | awk -v part="${2:-}" '
     /^```/ { inside = !inside; code = $0 != "```" } !inside && part && NR > 1 && /^#/ { over = 1 }
-    inside && !over && !code && (/^apc [a-z]+ / || goes_on) { print; goes_on = /\\$/ }' # reads to the end: sed would fail
+    inside && !over && !code && (/^apc(-plant)? [a-z-]+ / || goes_on) { print; goes_on = /\\$/ }' # reads to the end: sed would fail
 }
 
 # What the pages on virtual time show. (tuning, mpc: test_walk.sh; replay wants a run of ten minutes.)
@@ -47,10 +47,28 @@ done
 
 # What they only type is taken: matrices, certificates, and campaigns, cut short.
 ln -s experiments/four-tank.conf .
-{ for page in plants tls simulate; do typed docs/$page.md; done; } |
-  sed -E 's/--runs [0-9]+/--runs 2/' >"$work/all"
-[ "$(grep -c '^apc' "$work/all")" -ge 12 ] || fail "only these are typed: $(cat "$work/all")"
+{
+  for page in plants tls simulate; do typed docs/$page.md; done
+  echo 'cd experiments'
+  typed docs/gallery.md # where the numbers of its laws come from
+} | sed -E 's/--runs [0-9]+/--runs 2/; s/ --budget [0-9]+//; s/^apc optimize [^ ]+/& --budget 60/' >"$work/all"
+[ "$(grep -c '^apc' "$work/all")" -ge 18 ] || fail "only these are typed: $(cat "$work/all")"
 SLURM_ARRAY_TASK_ID=1 bash -e "$work/all" >"$work/all.log" 2>&1 || fail "a command is not taken: $(tail -n 5 "$work/all.log")"
+
+# The plant behind registers is there as docs/modbus.md says.
+background registers bash -c "exec $(typed docs/modbus.md | sed "s/1502/$plc/")"
+until_true 20 grep -q 'unit 1' "$work/registers.log"
+kill "$pid"
+wait "$pid" || fail "the plant behind registers: $(cat "$work/registers.log")"
+
+# By command, docs/modes.md says, and what comes of it stands below: a loop that was in Man is given to the controller above.
+background layers "$apc" run experiments/two-layers.conf --no-ui --out "$work/layers" --store "sqlite:$work/layers.db" --duration 0
+until_true 30 env APC_STORE="sqlite:$work/layers.db" "$apc" mode v2 man
+sed -n '/^## By command/,/^## /{/^\$ apc \(mode\|set\)/,/^r1: /p}' "$APC_SOURCE_DIR/docs/modes.md" | sed '1i ```' |
+  sed -E 's/^r1: [0-9.]+ /r1: ... /; $a ...\n```' >"$work/modes.md"
+APC_STORE=sqlite:$work/layers.db python3 "$shown" "$work/modes.md" >"$work/modes.log" || fail "docs/modes.md shows something else than what comes out: $(cat "$work/modes.log")"
+kill -INT "$pid"
+wait "$pid" || fail "the run of two layers: $(cat "$work/layers.log")"
 
 # README: the law is built, simulated and run as it says. (Its first commands install and build: test_scripts.sh.) It runs
 # long enough for the plant to take commands on a machine that is busy: a run that never closes its loop says so.
