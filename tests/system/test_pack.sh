@@ -44,6 +44,29 @@ if [ -n "${APC_SMALL_DISK:-}" ]; then
   echo "the disk was full: the week is as it was"
 fi
 
+bin=$(ls -d /usr/lib/postgresql/*/bin | sort -V | tail -n 1)
+as_server() { "$@"; }
+[ "$(id -u)" -ne 0 ] || as_server() { (cd / && runuser -u postgres -- "$@"); }
+data=$(sql 'SHOW data_directory')
+start_server() {
+  as_server "$bin/pg_ctl" -D "$data" -w -t 20 -l "$PGHOST/server.log" \
+    -o "-c listen_addresses='' -c unix_socket_directories='$PGHOST' -c fsync=off $APC_POSTGRES_OPTIONS" start 9>&-
+}
+waits() { [ "$(sql "SELECT count(*) FROM pg_stat_activity WHERE application_name = 'apc' AND wait_event_type = 'Lock'")" -gt 0 ]; }
+
+# Its server is killed, with all sessions, when the chunks are there and the rows not gone: somebody reads them.
+coproc psql -XAtq
+echo 'BEGIN; LOCK TABLE apc.sensor IN ACCESS SHARE MODE; SELECT 1;' >&"${COPROC[1]}"
+read -rt 120 <&"${COPROC[0]}"
+"$apc" maintain --store postgresql: --pack 1h >"$work/pack.log" 2>&1 &
+one=$!
+until_true 60 waits
+as_server kill -9 "$(head -n 1 "$data/postmaster.pid")"
+! wait "$one" || fail "nobody said that the server was killed: $(cat "$work/pack.log")"
+until_true 60 start_server
+[ "$(weeks)" = "$all" ] || fail "a week went when the server was killed"
+same "the server was killed"
+
 killed=0
 for try in 1 2 3 4 5 6; do
   [ "$(weeks)" -gt 0 ] || break
@@ -58,7 +81,7 @@ for try in 1 2 3 4 5 6; do
   wait "$one" 2>/dev/null || true
   same "killed, $try"
 done
-echo "killed $killed times: the history is the same"
+echo "its server killed, and it $killed times: the history is the same"
 pack || fail "what was killed cannot be packed: $(cat "$work/pack.log")"
 [ "$(weeks)" = 0 ] || { pack && [ "$(weeks)" = 0 ]; } || fail "weeks are left"
 same "packed"
