@@ -49,3 +49,10 @@ expect 1 'nothing was expected' "$apc" report "$work/run" --at 100000
 expect 2 'without --from and --to' "$apc" report "$work/run" --at 1 --from 1
 "$apc" report "$work/run" --json | python3 -c 'import json, sys; m = json.load(sys.stdin)["merits"]; assert len(m["loops"]) == 2 and len(m["plans"]) == 4' ||
   fail "report --json is no JSON, or not whole"
+# Every one of its figures, from the files alone: with a pump in Man, limits met, and a sensor that fails.
+sed 's/name = "h1";/& faults = ( { kind = "dropout"; at = 700.0; duration = 60.0; } );/' "$APC_SOURCE_DIR/experiments/four-tank-mpc.conf" >"$work/four.conf"
+grep -q dropout "$work/four.conf" || fail "the experiment has no h1"
+"$apc" simulate "$work/four.conf" -o "$work/four" >"$work/four.log"
+"$apc" report "$work/four" --json >"$work/four.json"
+python3 "$(dirname "$0")/merits.py" "$work/four" <"$work/four.json" >"$work/four.n" || fail "a figure of merit is not what the files say: $(cat "$work/four.n")"
+[ "$(cat "$work/four.n")" -ge 36 ] || fail "only $(cat "$work/four.n") figures of merit were compared"

@@ -275,6 +275,48 @@ static void in_man_an_output_is_a_known_input_and_comes_back_without_a_bump(void
     end(&r);
 }
 
+/* Where an output and a measurement come back far from where the law had left them, the way there is of moves
+ * within the rate, as tick() looks, and every one of them is one that the first leads on to. */
+static void back_in_service_it_moves_no_faster_than_it_may(void **state)
+{
+    struct rig r;
+    (void)state;
+
+    make_default(&r);
+    for (size_t j = 0; j < NU; j++)
+        r.rate[j] = 0.02;
+    run(&r, 400);
+    r.tuning[NU * OF_U + OF_Y + SERVICE] = 0.0; /* at rest: nothing moves */
+    for (int k = 0; k < 20; k++) {
+        const double before[NU] = {r.u_last[0], r.u_last[1]};
+
+        if (k == 10)
+            r.tuning[NU * OF_U + OF_Y + SERVICE] = 1.0;
+        tick(&r);
+        for (size_t j = 0; j < NU; j++)
+            assert_near(r.u[j], before[j], 1e-6);
+    }
+    r.tuning[NU * OF_U + OF_Y + SERVICE] = 0.0;
+    set_point(&r, 6.8, 6.6);
+    run(&r, 600); /* it is where the other one leaves it */
+    assert_near(r.y[0], 6.8, 1e-4);
+    assert_true(fabs(r.y[1] - 6.6) > 0.05);
+    r.out[1] = APC_OUT_GIVEN;
+    for (int k = 0; k < 100; k++) {
+        r.u_last[1] = r.u[1] < 3.6 ? r.u[1] + 0.02 : r.u[1];
+        tick(&r);
+    }
+    r.out[1] = APC_OUT_LAW;
+    r.tuning[NU * OF_U + OF_Y + SERVICE] = 1.0;
+    for (int k = 0; k < 900; k++) {
+        tick(&r);
+        assert_int_equal(r.result, APC_LAW_GOOD);
+    }
+    assert_near(r.y[0], 6.8, 1e-4);
+    assert_near(r.y[1], 6.6, 1e-4);
+    end(&r);
+}
+
 static void a_measurement_that_is_bad_for_a_while_is_estimated(void **state)
 {
     struct rig r;
@@ -1043,6 +1085,7 @@ int main(void)
         TEST(no_offset_remains_in_spite_of_loads_and_a_wrong_gain),
         TEST(a_saturated_output_winds_nothing_up),
         TEST(in_man_an_output_is_a_known_input_and_comes_back_without_a_bump),
+        TEST(back_in_service_it_moves_no_faster_than_it_may),
         TEST(a_measurement_that_is_bad_for_a_while_is_estimated),
         TEST(a_limit_of_a_lower_loop_is_respected),
         TEST(rates_hold_and_announced_steps_are_met_half_way),
