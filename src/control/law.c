@@ -84,7 +84,7 @@ int apc_setting_index(const struct apc_law_setup *setup, const char *name, size_
     if (rc < 0 || !value)
         return rc;
     if (!(value[i] >= (double)least && value[i] <= (double)most) || value[i] != trunc(value[i]))
-        return apc_fail(why, APC_EINVAL, "setting \"%s\": %g is no whole number from %zu to %zu", name,
+        return apc_fail(why, APC_EINVAL, "setting \"%s\": %.15g is no whole number from %zu to %zu", name,
                         value[i], least, most);
     *to = (size_t)value[i];
     return 0;

@@ -50,7 +50,7 @@ static int take_blocks(struct apc_law_mpc *p, const struct apc_law_setup *setup,
     p->block = calloc(n, sizeof(*p->block));
     if (!p->block)
         return apc_fail(why, APC_ENOMEM, "no memory");
-    for (size_t b = 0, begin = 0; b < n && begin < p->N; b++) {
+    for (size_t b = 0, begin = 0; b < n && (s || begin < p->N); b++) {
         size_t length = s ? 1 : (size_t)1 << b;
 
         if (s) {

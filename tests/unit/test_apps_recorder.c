@@ -552,6 +552,60 @@ static void test_another_event_of_that_time_is_another(void **state)
     }
 }
 
+static int count_rows(void *ctx, const struct apc_timing_row *row)
+{
+    (void)ctx, (void)row;
+    return 0;
+}
+
+/* Kept as it was sent, and not stored. */
+static struct apc_timing_row sent_row;
+
+static int note_row(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+{
+    (void)store, (void)n;
+    sent_row = rows[0];
+    return APC_ETIMEDOUT;
+}
+
+/* So is a row of timing, also where a store has rounded its time. */
+static void test_another_row_of_that_time_is_another(void **state)
+{
+    enum { TASK, QUANTITY, MISSED, COUNT, MAX, EARLIER, LATER, ROUNDED_DOWN, ROUNDED_UP, SAME };
+    (void)state;
+    for (int i = TASK; i <= SAME; i++) {
+        const bool same = i >= ROUNDED_DOWN;
+        struct apc_store_ops ops;
+        struct bench b;
+        set_up(&b);
+        struct apc_store *store = (struct apc_store *)(uintptr_t)recorder_store(b.r);
+        const struct apc_store_ops *real = store->ops;
+        ops = *real;
+        ops.append_timing = note_row;
+        store->ops = &ops;
+        assert_int_equal(apc_task_start(b.task, NULL), 0);
+        assert_true(apc_virtual_run(b.executive, 10 * APC_NS_PER_S) > 0);
+        assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), APC_ETIMEDOUT);
+        store->ops = real;
+        struct apc_timing_row near = sent_row;
+        snprintf(near.task, sizeof near.task, "%s", i == TASK ? "other" : sent_row.task);
+        snprintf(near.quantity, sizeof near.quantity, "%s", i == QUANTITY ? "run" : sent_row.quantity);
+        near.missed += i == MISSED;
+        near.count += i == COUNT;
+        near.max += i == MAX;
+        near.time += i == EARLIER        ? -2 * APC_NS_PER_US
+                     : i == LATER        ? 2 * APC_NS_PER_US
+                     : i == ROUNDED_DOWN ? -APC_NS_PER_US / 2
+                     : i == ROUNDED_UP   ? APC_NS_PER_US / 2
+                                         : 0;
+        assert_int_equal(apc_store_append_timing(b.reader, &near, 1), 1);
+        assert_int_equal(recorder_flush(b.r, b.task, APC_NS_PER_S), 0);
+        assert_int_equal(apc_store_timing(b.reader, &(struct apc_range){0}, count_rows, NULL),
+                         same ? 3 : 4);
+        tear_down(&b);
+    }
+}
+
 /* A role of before, which may write but not look up. */
 static int hide_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
@@ -721,6 +775,7 @@ int main(void)
         cmocka_unit_test(test_ticks_missed_before_and_after_the_start_add_up),
         cmocka_unit_test(test_as_long_as_nobody_can_look_nothing_is_sent_again),
         cmocka_unit_test(test_another_event_of_that_time_is_another),
+        cmocka_unit_test(test_another_row_of_that_time_is_another),
         cmocka_unit_test(test_events_that_come_while_others_are_written_are_written_next_and_once),
         cmocka_unit_test(test_events_that_are_refused_are_told_and_written_later),
         cmocka_unit_test(test_what_may_have_been_stored_without_an_answer_is_stored_once),

@@ -11,6 +11,7 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -102,8 +103,12 @@ static int serve(const char *file)
             char path[300];
             snprintf(path, sizeof path, "%s.setup", file);
             const int to = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+            const char *const needs = is_there(file, "states")  ? "states\t999999999\n"
+                                      : is_there(file, "ahead") ? "states\t3\nahead\t88888888\n"
+                                      : is_there(file, "few")   ? "states\t2\npublished\task\n"
+                                                                : needs_told;
             if (write(to, in + sizeof h, (size_t)n - sizeof h) != n - (ssize_t)sizeof h || close(to) != 0 ||
-                send(3, needs_told, strlen(needs_told), 0) < 0)
+                send(3, needs, strlen(needs), 0) < 0)
                 return 6;
         } else if (h.kind == COMPUTE) {
             compute_there(h, asked, file);
@@ -399,6 +404,101 @@ static void one_that_ends_is_there_again_unless_it_ends_each_time(void **state)
     }
 }
 
+/* Dead, and not waited for. */
+static void kill_it(void)
+{
+    siginfo_t ended;
+    const pid_t pid = ((struct process *)r.handle)->own.pid;
+
+    assert_int_equal(kill(pid, SIGKILL), 0);
+    assert_int_equal(waitid(P_PID, (id_t)pid, &ended, WEXITED | WNOWAIT), 0);
+}
+
+/* A run in virtual time takes no notice of it, however often. */
+static void one_that_is_killed_between_two_ticks_has_missed_none(void **state)
+{
+    (void)state;
+    make();
+    for (int i = 0; i < 5; i++) {
+        kill_it();
+        r.u[0] = 30;
+        assert_int_equal(asked_to(WELL), APC_LAW_GOOD);
+        assert_near(r.u[0], 1, 0);
+        assert_near(r.published[NUMBERS - 1], 51, 0);
+        assert_string_equal(r.why, "");
+    }
+    kill_it();
+    r.law->update(&r.c);
+    assert_near(r.x[1], 10 * UPDATE, 0);
+}
+
+/* In real time it is started anew after a second, by a thread. */
+static void one_that_is_killed_in_real_time_fails_until_it_is_there_again(void **state)
+{
+    int result;
+    (void)state;
+    make();
+    struct process *const p = r.handle;
+    r.c.budget = 600;
+    r.c.deadline = apc_clock_mono(NULL) + 600 * APC_NS_PER_S;
+    assert_int_equal(asked_to(WELL), APC_LAW_GOOD);
+    kill_it();
+    for (int i = 0; i < 3; i++) {
+        p->own.since = apc_clock_mono(NULL); /* that second is not over */
+        r.u[0] = 30;
+        assert_int_equal(asked_to(WELL), APC_LAW_FAILED);
+        assert_string_equal(r.why, "its process was ended by signal 9");
+        assert_near(r.u[0], 30, 0);
+        assert_false(p->own.started);
+    }
+    p->own.since -= 2 * APC_NS_PER_S;
+    assert_int_equal(asked_to(WELL), APC_LAW_FAILED);
+    assert_string_equal(r.why, "its process is being started");
+    do {
+        pause_briefly();
+        result = asked_to(WELL);
+    } while (result == APC_LAW_FAILED);
+    assert_int_equal(result, APC_LAW_GOOD);
+    assert_near(r.published[NUMBERS - 1], 51, 0);
+}
+
+/* ... and has three periods and a second to answer, before it is killed. */
+static void one_that_is_late_for_too_long_is_killed(void **state)
+{
+    static const apc_ns late[] = {0, 1700, 1802};
+    (void)state;
+    make();
+    struct process *const p = r.handle;
+    r.c.budget = 600;
+    r.c.deadline = apc_clock_mono(NULL);
+    assert_int_equal(asked_to(HANGS), APC_LAW_LATE);
+    for (size_t i = 0; i < sizeof late / sizeof *late; i++) {
+        p->own.since = apc_clock_mono(NULL) - late[i] * APC_NS_PER_S;
+        assert_int_equal(asked_to(WELL), late[i] > 1801 ? APC_LAW_FAILED : APC_LAW_LATE);
+        assert_string_equal(r.why, late[i] > 1801 ? "did not answer and was killed"
+                                                  : "has not answered an earlier tick yet");
+    }
+    assert_true(p->own.socket < 0);
+    assert_false(p->waiting);
+    p->own.since = apc_clock_mono(NULL);
+    assert_int_equal(asked_to(WELL), APC_LAW_FAILED);
+    assert_string_equal(r.why, "did not answer and was killed");
+}
+
+/* One that ended while a tick waited for it is as gone as any other. */
+static void one_that_ends_while_it_is_late_has_ended(void **state)
+{
+    (void)state;
+    make();
+    r.c.budget = 600;
+    r.c.deadline = apc_clock_mono(NULL);
+    assert_int_equal(asked_to(HANGS), APC_LAW_LATE);
+    kill_it();
+    r.c.deadline = apc_clock_mono(NULL) + 600 * APC_NS_PER_S;
+    assert_int_equal(asked_to(WELL), APC_LAW_FAILED);
+    assert_string_equal(r.why, "its process was ended by signal 9");
+}
+
 static void one_that_hangs_is_killed_and_not_asked_again(void **state)
 {
     (void)state;
@@ -493,6 +593,44 @@ static void what_is_no_law_is_refused_with_the_reason(void **state)
     assert_has(why.text, "/no/such/law.py: cannot be read");
 }
 
+/* It is one, but wants more than a message holds, or says less than there is to say. */
+static void what_an_instance_needs_fits_into_a_message(void **state)
+{
+    static char long_text[APC_COMPANION_MESSAGE];
+    static const struct {
+        const char *there, *text;
+    } of[] = {
+        {"states", "law there wants 999999999 states and 1 ticks ahead: a call holds 16384 numbers at most"},
+        {"ahead", "law there wants 3 states and 88888888 ticks ahead: a call holds 16384 numbers at most"},
+        {"few", NULL}};
+    struct apc_setting one = {"note", long_text, 0, 0, NULL};
+    (void)state;
+    memset(long_text, 'x', sizeof long_text - 1);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        assert_int_equal(set_up(NULL), 0);
+        assert_int_equal(apc_law_find(r.file, &r.law, &r.handle, &why), 0);
+        touch(of[i].there);
+        struct apc_law_setup setup = {
+            .size = sizeof setup, .law = r.law, .dim = {NY, NZ, NU, ND}, .Ts = 0.5, .setting = &one};
+        r.needs.size = sizeof r.needs;
+        assert_int_equal(r.law->create(&setup, &r.needs, &r.self, &why), of[i].text ? APC_EINVAL : 0);
+        if (of[i].text) {
+            assert_string_equal(why.text, of[i].text);
+        } else {
+            assert_string_equal(r.needs.published[0].name, "ask");
+            assert_string_equal(r.needs.published[0].unit, "");
+            assert_int_equal(r.needs.published[0].length, 0);
+        }
+        r.law->destroy(r.self);
+        setup.n_setting = 1;
+        assert_int_equal(r.law->create(&setup, &r.needs, &r.self, &why), APC_EINVAL);
+        assert_has(why.text, "law there: its settings take 131");
+        assert_has(why.text, " bytes; 131072 at most");
+        assert_int_equal(tear_down(NULL), 0);
+    }
+    memset(&r, 0, sizeof r);
+}
+
 static void a_law_is_known_by_the_text_of_its_file(void **state)
 {
     const struct apc_law *other;
@@ -564,11 +702,16 @@ int main(int argc, char **argv)
         T(its_state_comes_back_from_all_but_compute),
         T(what_it_answers_is_what_comes_of_it),
         T(one_that_ends_is_there_again_unless_it_ends_each_time),
+        T(one_that_is_killed_between_two_ticks_has_missed_none),
+        T(one_that_is_killed_in_real_time_fails_until_it_is_there_again),
+        T(one_that_is_late_for_too_long_is_killed),
+        T(one_that_ends_while_it_is_late_has_ended),
         T(one_that_hangs_is_killed_and_not_asked_again),
         T(in_virtual_time_it_has_as_long_as_it_is_given),
         T(one_that_is_late_is_asked_again_once_it_has_answered),
         T(what_it_prints_is_told_and_the_same_again_once_a_minute),
         T(what_is_no_law_is_refused_with_the_reason),
+        T(what_an_instance_needs_fits_into_a_message),
         T(a_law_is_known_by_the_text_of_its_file),
         T(each_allocation_may_fail),
     };
