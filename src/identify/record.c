@@ -91,7 +91,10 @@ int apc_record_check_shape(const struct apc_record *r, struct apc_error *why)
     for (size_t g = 0; g < r->runs && r->runs > 1; g++) {
         const size_t begin = r->begin[g], end = apc_record_end(r, g);
 
-        if (end > r->n || end < begin + least)
+        if (end > r->n)
+            return apc_fail(why, APC_EINVAL, "record: run %zu begins behind the last of %zu samples", g + 2,
+                            r->n);
+        if (end < begin + least)
             return apc_fail(why, APC_EINVAL,
                             "record: run %zu has %zu samples; %zu are the least for %zu inputs", g + 1,
                             end > begin ? end - begin : 0, least, inputs);

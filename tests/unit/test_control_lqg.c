@@ -133,6 +133,40 @@ static void it_reaches_setpoints_without_offset_in_spite_of_a_load(void **state)
 }
 
 /* Two coupled lags with gains that nearly hide one direction. */
+/* Whatever the position is measured in: where it begins, how it moves. */
+static void units_make_no_difference(void **state)
+{
+    static const double scales[] = {1e-6, 1e6};
+    const double one = 1.0;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof(scales) / sizeof(*scales); i++) {
+        const double C[] = {scales[i], 0}, y0 = mass_y0 * scales[i];
+        const struct apc_setting usual[] = {{.name = "y_dev", .rows = 1, .columns = 1, .value = &one},
+                                            {.name = "y_noise", .rows = 1, .columns = 1, .value = &one}},
+                                 own[] = {{.name = "y_dev", .rows = 1, .columns = 1, .value = &scales[i]},
+                                          {.name = "y_noise", .rows = 1, .columns = 1, .value = &scales[i]}};
+        struct apc_law_plant plant = mass;
+        struct rig r, same;
+
+        plant.C = C;
+        plant.y0 = &y0;
+        make(&r, &mass, 1, usual, 2);
+        make(&same, &plant, 1, own, 2);
+        r.xp[0] = same.xp[0] = 0.3;
+        measure(&r);
+        measure(&same);
+        laws_reset(r.law, &r.c);
+        laws_reset(same.law, &same.c);
+        r.z[0] += 0.1;
+        same.z[0] += 0.1 * scales[i];
+        for (int k = 0; k < 50; k++) {
+            assert_near(same.x[0], r.x[0], 1e-6);
+            assert_near(tick(&same), tick(&r), 1e-6);
+        }
+    }
+}
+
 static void two_outputs_are_controlled_together_without_offset(void **state)
 {
     const double A[4] = {-1, 0.2, 0.1, -0.5}, B[4] = {1, 0.8, 0.7, 0.6}, C[4] = {1, 0, 0, 1};
@@ -794,6 +828,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(at_its_operating_point_it_rests, laws_end),
         cmocka_unit_test_teardown(it_reaches_setpoints_without_offset_in_spite_of_a_load, laws_end),
+        cmocka_unit_test_teardown(units_make_no_difference, laws_end),
         cmocka_unit_test_teardown(two_outputs_are_controlled_together_without_offset, laws_end),
         cmocka_unit_test_teardown(an_error_of_the_model_leaves_no_offset, laws_end),
         cmocka_unit_test_teardown(weights_decide_how_hard_it_acts, laws_end),

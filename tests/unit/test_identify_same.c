@@ -11,6 +11,7 @@
 #include "apctune.h"
 #include "base/base_internal.h"
 #include "check.h"
+#include "identify/identify_internal.h"
 #include "records.h"
 
 #include <stdlib.h>
@@ -295,6 +296,117 @@ static void rules(void)
     }
 }
 
+static void text(const struct apc_error *why)
+{
+    number((double)apc_hash(APC_HASH_BEGIN, why->text, strlen(why->text)) / 4294967296.0);
+}
+
+/* Transfer functions of every kind there is, with each rule, some of which are not for it: that is said. */
+static void rules_of_any_kind(void)
+{
+    struct apc_random random;
+
+    apc_random_init(&random, 10, "rules");
+    for (int k = 0; k < 200; k++) {
+        const double gain = apc_random_normal(&random), lag = exp(apc_random_normal(&random));
+        const struct apc_transfer g = {
+            .gain = gain,
+            .tau = {k % 7 ? lag : 0.0, k % 3 ? 0.0 : 3.0 * apc_random_uniform(&random)},
+            .zero = k % 4 ? 0.0 : 2.0 * apc_random_normal(&random),
+            .dead_time = k % 5 ? apc_random_uniform(&random) : 0.0,
+            .integrating = k % 6 == 0};
+        const double tau_c = k % 8 ? 2.0 * apc_random_uniform(&random) : 0.0, period = k % 2 ? 0.3 : 0.0;
+        struct apc_error why = {""};
+        struct apc_margins m = {.size = sizeof m};
+        struct apc_pid_tuning t = {0};
+        double limit = 0, every = 0;
+
+        number(apc_tune_pid(&g, k % 9 ? APC_TUNE_SIMC : APC_TUNE_LAMBDA, k & 4, tau_c, period, &t, &why));
+        text(&why);
+        numbers((double[]){t.Kp, t.tau_i, t.tau_d}, 3);
+        if (k % 10 == 0)
+            t.tau_i = 0.0; /* no integral */
+        number(apc_tune_margins(&g, &t, period, &m, &why));
+        text(&why);
+        numbers((double[]){m.gain, m.phase, m.delay, m.sensitivity, m.stable}, 5);
+        number(apc_tune_limit(&g, period, &limit, &every, &why));
+        text(&why);
+        numbers((double[]){limit, every}, 2);
+        number(apc_tune_relay(limit, every, k & 1, &t, &why));
+        text(&why);
+        numbers((double[]){t.Kp, t.tau_i, t.tau_d}, 3);
+    }
+}
+
+/* Lags and what goes with them: no order, one, two, an integrator; no dead time, whole periods, others. */
+static void lags(void)
+{
+    static const double dead[] = {0.0, 0.3, 0.5, 0.75, 1.0, 2.6};
+    double u[3 * 60], w[60], rate[60];
+
+    for (size_t k = 0; k < 3 * 60; k++)
+        u[k] = sin(0.2 * (double)k) + (double)(k % 13 > 6);
+    for (unsigned order = 0; order <= 2; order++) {
+        for (size_t i = 0; i < 2 * sizeof dead / sizeof *dead; i++) {
+            const struct apc_lag lag = {
+                .order = order, .integrating = i % 2 || !order, .tau = {1.3, 0.4}, .dead_time = dead[i / 2]};
+
+            assert_int_equal(apc_lag_response(&lag, 0.5, u + i % 3, 3, 55, w, i % 5 ? rate : NULL), 0);
+            numbers(w, 55);
+            if (i % 5)
+                numbers(rate, 55);
+        }
+    }
+}
+
+/* What all of it is calculated with: columns that depend on others among them. */
+static void parts(void)
+{
+    double Q[6 * 30], R[36], b[12], x[12], V[36], s[6], S[2 * 5 * 6], T[25], e[120], a[8], out[120];
+    struct apc_random random;
+
+    apc_random_init(&random, 11, "parts");
+    for (size_t i = 0; i < 6 * 30; i++)
+        Q[i] = apc_random_normal(&random);
+    memcpy(Q + 4 * 30, Q + 30, 30 * sizeof *Q);
+    memset(R, 0, sizeof R);
+    apc_qr_extend(30, 0, 4, Q, R, 6);
+    apc_qr_extend(30, 4, 6, Q, R, 6);
+    numbers(R, 36);
+    for (size_t i = 0; i < 6 * 30; i += 7)
+        number(Q[i]);
+    for (size_t i = 0; i < 6; i++)
+        b[i] = 1.0 + (double)i;
+    apc_qr_solve(6, R, 6, b, x);
+    numbers(x, 6);
+    number(apc_qr_variance(4, R, 6, b));
+    numbers(b, 4);
+    number(apc_qr_variance(6, R, 6, b));
+    for (double damping = 0.01; damping < 20; damping *= 10) {
+        apc_qr_damped(4, R, 6, x, damping, S, T, b);
+        numbers(b, 4);
+    }
+    for (size_t i = 0; i < 5 * 20; i++)
+        Q[i] = apc_random_normal(&random) / (1.0 + (double)(i / 20));
+    apc_svd(20, 5, Q, s, V);
+    numbers(s, 5);
+    for (size_t i = 0; i < 25; i++)
+        number(V[i] * V[i]);
+    for (int k = 1; k < 40; k++)
+        number(apc_chi2_above(0.37 * k * (1 + k % 4), 1 + k % 11));
+    for (size_t k = 0; k < 120; k++) {
+        e[k] =
+            (k > 0 ? 0.5 * out[k - 1] : 0.0) - (k > 1 ? 0.4 * out[k - 2] : 0.0) + apc_random_normal(&random);
+        out[k] = e[k];
+    }
+    e[50] = (double)NAN;
+    const int order = apc_autoregression(e, 120, 8, a);
+    number(order);
+    numbers(a, (size_t)order);
+    apc_whiten(e, 120, a, (size_t)order, out);
+    numbers(out, 120);
+}
+
 /* A model that is not quite the plant's, by records of which one says nothing of an input. */
 static void validated(struct record_test *t)
 {
@@ -372,6 +484,9 @@ static void the_same_record_gives_the_same_model(void **state)
     SAME(excited(of_runs()), 43.510819496);
     SAME(signals(), 910.903198517);
     SAME(rules(), 7896.915318273);
+    SAME(rules_of_any_kind(), 44546.490864369);
+    SAME(lags(), 43197.196571611);
+    SAME(parts(), 781.309144176);
     assert_int_equal(wrong, 0);
 }
 
