@@ -155,6 +155,94 @@ static void what_is_not_understood_is_refused_with_its_line(void **state)
     }
 }
 
+/* The largest and the least that may be, beside what is refused above. */
+static void what_is_just_within_its_bounds_is_taken(void **state)
+{
+    (void)state;
+    write_all();
+    scratch_write("samples.csv", SAMPLES "0,sensor,8192,Good,1e300\n"
+                                         "2,sensor,1,GoodLimitedLow,-1e300\n");
+    scratch_write("operation.csv", OPERATION "1,actual,131072,Good,1\n");
+    scratch_write("published.csv", OPERATION "1,estimate,1048576,Good,1\n");
+    scratch_write("timing.csv", TIMING "a,jitter,1,-9000000000000000,-9000000000000000,9000000000000000\n");
+    scratch_write("timing-summary.csv", SUMMARY "a,jitter,31622400000000000,9e15,9e15,1e300,0,1,1,1,1,1\n"
+                                                "b,jitter,1,0,0,0,0,0,0,0,0,0\n");
+    scratch_write("events.csv", EVENTS "0,alarm,a,at once,\"x\"\n"
+                                       "1,info,a,no,\"x\"\n"
+                                       "2,warning,a,later\n");
+    if (report_read(&data, scratch_folder(), &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(data.y.n, 8192);
+    assert_near(data.y.series[8191].points[0].value, 1e300, 0);
+    assert_int_equal(data.y.series[1].n, 0);
+    assert_false(data.y.series[8191].points[0].limited);
+    assert_true(data.y.series[0].points[0].limited);
+    assert_int_equal(data.y.series[0].points[0].line, 3);
+    assert_int_equal(data.published.n, 1048576);
+    assert_int_equal(data.n_jitter, 2);
+    assert_int_equal(data.jitter[0].bins[0].low, -9000000000000000);
+    assert_int_equal(data.jitter[0].bins[0].count, 9000000000000000);
+    assert_near(data.jitter[0].period, 366 * 86400e9, 0);
+    assert_int_equal(data.jitter[0].missed, 9000000000000000);
+    assert_near(data.jitter[1].period, 1, 0);
+    assert_int_equal(data.n_events, 2);
+    assert_near(data.event[0].t, 0, 0);
+    assert_string_equal(data.event[1].kind, "later\n");
+    report_free(&data);
+    static const struct {
+        const char *file, *text, *says;
+    } beyond[] = {
+        {"published.csv", OPERATION "1,estimate,1048577,Good,1\n", "column \"id\" cannot be \"1048577\""},
+        {"operation.csv", OPERATION "1,actual,131073,Good,1\n", "column \"id\" cannot be \"131073\""},
+        {"timing.csv", TIMING "a,jitter,1,-9000000000000001,2,1\n", "column \"low_ns\""},
+        {"timing.csv", TIMING "a,jitter,1,1,9000000000000001,1\n", "column \"high_ns\""},
+        {"timing.csv", TIMING "a,jitter,1,1,1,9000000000000001\n", "column \"count\""},
+        {"timing-summary.csv", SUMMARY "a,jitter,31622400000000004,1,1,1,1,1,1,1,1,1\n",
+         "column \"period_ns\""},
+    };
+    for (size_t i = 0; i < sizeof beyond / sizeof *beyond; i++) {
+        write_all();
+        scratch_write(beyond[i].file, beyond[i].text);
+        assert_int_equal(report_read(&data, scratch_folder(), &why), APC_EPROTO);
+        if (!strstr(why.text, beyond[i].says))
+            fail_msg("%zu: \"%s\" does not say \"%s\"", i, why.text, beyond[i].says);
+        report_free(&data);
+    }
+}
+
+/* Of each series what lies in the window, and the one before it, which is in force when it begins. */
+static void a_window_has_what_was_in_force_when_it_began(void **state)
+{
+    static const struct {
+        double begin, end;
+        double first, last; /* of measurement 1, by time */
+        size_t n, n_z, n_published, n_mode, n_events;
+    } of[] = {{0.0, 10.0, 0.25, 0.5, 3, 1, 2, 1, 2},  {0.3, 10.0, 0.25, 0.5, 2, 1, 2, 1, 1},
+              {0.25, 10.0, 0.25, 0.5, 2, 1, 2, 1, 1}, {0.5, 0.75, 0.5, 0.5, 1, 1, 1, 1, 0},
+              {0.2, 0.3, 0.25, 0.25, 2, 1, 1, 1, 2},  {0.31, 0.49, 0.25, 0.25, 1, 1, 1, 1, 0},
+              {0.125, 0.125, 0.0, 0.0, 0, 1, 0, 1, 0}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        write_all();
+        assert_int_equal(report_read(&data, scratch_folder(), &why), 0);
+        report_clip(&data, of[i].begin, of[i].end);
+        const struct report_series *y = &data.y.series[0];
+        assert_int_equal(y->n, of[i].n);
+        if (y->n > 0) {
+            assert_near(y->points[0].t, of[i].first, 0);
+            assert_near(y->points[y->n - 1].t, of[i].last, 0);
+        }
+        assert_int_equal(data.z.series[0].n, of[i].n_z);
+        assert_int_equal(data.published.series[1].n, of[i].n_published);
+        assert_int_equal(data.mode.series[0].n, of[i].n_mode);
+        assert_int_equal(data.u.series[0].n, of[i].end >= 1.0);
+        assert_int_equal(data.n_events, of[i].n_events);
+        assert_near(data.begin, of[i].begin, 0);
+        assert_near(data.end, fmin(of[i].end, 1.0), 0);
+        report_free(&data);
+    }
+}
+
 static void a_folder_may_have_no_operation_and_no_events_but_has_the_rest(void **state)
 {
     static const char *const file[] = {"operation.csv", "events.csv", "samples.csv", "timing.csv",
@@ -176,6 +264,8 @@ int main(void)
         cmocka_unit_test(a_folder_is_read_by_time),
         cmocka_unit_test(more_points_than_there_was_room_for_are_kept),
         cmocka_unit_test(what_is_not_understood_is_refused_with_its_line),
+        cmocka_unit_test(what_is_just_within_its_bounds_is_taken),
+        cmocka_unit_test(a_window_has_what_was_in_force_when_it_began),
         cmocka_unit_test(a_folder_may_have_no_operation_and_no_events_but_has_the_rest),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
