@@ -16,268 +16,20 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdlib.h>
 
 #define REFINE                                                                                               \
     1e-13 /* dual residual, of a variable's own scale, from which on one more step is asked for              \
            */
 #define VOUCH       1e-9 /* and up to which an answer is called optimal */
 #define REFINEMENTS 3
-#define LINE        64    /* bytes: of a cache */
-#define LARGEST     16384 /* rows: indices fit, and the packed triangles an address space */
-
-/* ---- Creation --------------------------------------------------------------------------------- */
-
-static int weights_check(size_t n, const double *weight)
-{
-    for (size_t i = 0; weight && i < n; i++)
-        if (!(weight[i] >= 0.0) || weight[i] > APC_VALUE_MAX)
-            return APC_EINVAL;
-    return 0;
-}
-
-/** Cut a piece of @p n elements of @p width bytes off the block; with block NULL it only counts. */
-static void *cut(unsigned char *block, size_t *used, size_t n, size_t width)
-{
-    void *piece = block ? block + *used : NULL;
-
-    *used += (n * width + 31) / 32 * 32;
-    return piece;
-}
-
-static size_t lay_out(struct apc_qp *qp, unsigned char *block)
-{
-    size_t n = qp->n, m = qp->m, rows = qp->rows, used = 0, packed = qp_packed(rows + 1);
-    struct {
-        double **to;
-        size_t n;
-    } doubles[] = {{&qp->H, n * n},
-                   {&qp->A, m * n},
-                   {&qp->J, n * n},
-                   {&qp->M, m * n},
-                   {&qp->root, n},
-                   {&qp->size, rows},
-                   {&qp->linear, rows},
-                   {&qp->square, rows},
-                   {&qp->fixed, rows},
-                   {&qp->multiplier, rows},
-                   {&qp->value, rows},
-                   {&qp->lambda, rows + 4},
-                   {&qp->target, rows + 1},
-                   {&qp->least, rows + 4},
-                   {&qp->most_of, rows + 4},
-                   {&qp->give, rows + 4},
-                   {&qp->rhs, rows + 4},
-                   {&qp->z, rows + 1},
-                   {&qp->inverse, rows + 4},
-                   {&qp->G, packed},
-                   {&qp->L, packed},
-                   {&qp->spare, packed},
-                   {&qp->beta, rows + 1},
-                   {&qp->carry, rows + 1},
-                   {&qp->q, n},
-                   {&qp->w, n},
-                   {&qp->x, n},
-                   {&qp->g, n},
-                   {&qp->e, n}};
-
-    used = (sizeof(*qp) + 31) / 32 * 32;
-    for (size_t i = 0; i < sizeof(doubles) / sizeof(doubles[0]); i++)
-        *doubles[i].to = cut(block, &used, doubles[i].n, sizeof(double));
-    qp->pending = cut(block, &used, rows + 1, sizeof(*qp->pending));
-    qp->column = cut(block, &used, m * n, sizeof(*qp->column));
-    qp->filled = cut(block, &used, m, sizeof(*qp->filled));
-    qp->zeros = cut(block, &used, m, sizeof(*qp->zeros));
-    qp->work = cut(block, &used, rows + 1, sizeof(*qp->work));
-    qp->order = cut(block, &used, 2 * rows, sizeof(*qp->order));
-    qp->state = cut(block, &used, rows, 1);
-    qp->side = cut(block, &used, rows, 1);
-    return used;
-}
-
-int apc_qp_create(struct apc_qp **qp, size_t n, size_t m, const struct apc_qp_options *options,
-                  struct apc_error *why)
-{
-    struct apc_qp_options o = {.size = sizeof o};
-    struct apc_qp plan = {.n = n, .m = m, .rows = n + m};
-    unsigned char *block;
-    size_t size;
-    int err = apc_options_copy(&o, sizeof o, options, "options of the QP", why);
-
-    if (!qp)
-        return apc_fail(why, APC_EINVAL, "no place for the QP");
-    *qp = NULL;
-    if (err)
-        return err;
-    if (n < 1 || n > LARGEST || m > LARGEST - n)
-        return apc_fail(why, APC_EINVAL,
-                        "a QP has 1 to %d variables and rows together; %zu and %zu were asked for", LARGEST,
-                        n, m);
-    if (!(o.tolerance >= 0.0) || o.tolerance > APC_VALUE_MAX || weights_check(n + m, o.linear) ||
-        weights_check(n + m, o.square))
-        return apc_fail(why, APC_EINVAL, "a QP's tolerance and weights are numbers that are not negative");
-    size = lay_out(&plan, NULL) + LINE;
-    plan.memory = malloc(size);
-    if (!plan.memory)
-        return apc_fail(why, APC_ENOMEM, "no memory for a QP of %zu variables and %zu rows: %zu bytes", n, m,
-                        size);
-    plan.most = o.iterations ? o.iterations : (unsigned)(10 * (n + m));
-    plan.tolerance = o.tolerance > 0.0 ? o.tolerance : 1e-9;
-    plan.enough = o.enough;
-    plan.ctx = o.ctx;
-    block = (unsigned char *)plan.memory + (LINE - (uintptr_t)plan.memory % LINE) % LINE;
-    memset(block, 0, size - LINE); /* no page is touched for the first time in a solve */
-    (void)lay_out(&plan, block);
-    memcpy(block, &plan, sizeof plan);
-    *qp = (struct apc_qp *)(void *)block;
-    return apc_qp_soft(*qp, o.linear, o.square);
-}
-
-void apc_qp_destroy(struct apc_qp *qp)
-{
-    if (qp)
-        free(qp->memory);
-}
-
-/* ---- The problem ------------------------------------------------------------------------------ */
-
-/** J = R^-1, an upper triangle, from H = R'R. Returns 0 or the pivot that fails, from 1 on. */
-QP_LANES static size_t invert(struct apc_qp *qp)
-{
-    size_t n = qp->n;
-    double *L = qp->spare, *J = qp->J; /* L = R', packed, while this lasts */
-
-    for (size_t i = 0; i < n; i++) {
-        double *row = L + qp_packed(i), left;
-
-        for (size_t j = 0; j < i; j++)
-            row[j] = (qp->H[i * n + j] - qp_dot(j, L + qp_packed(j), row)) / L[qp_packed(j) + j];
-        left = qp->H[i * n + i] - qp_dot(i, row, row);
-        if (!(left > (double)n * DBL_EPSILON * qp->H[i * n + i]))
-            return i + 1;
-        row[i] = sqrt(left);
-    }
-    /* Row i of R^-1 from the rows below it: (R^-1)_i = (e_i - sum over j > i of R_ij (R^-1)_j) / R_ii. */
-    for (size_t i = n; i-- > 0;) {
-        double *row = J + i * n;
-
-        memset(row, 0, n * sizeof(*row));
-        row[i] = 1.0;
-        for (size_t j = i + 1; j < n; j++)
-            qp_add(n - j, -L[qp_packed(j) + i], J + j * n + j, row + j);
-        for (size_t j = i; j < n; j++)
-            row[j] /= L[qp_packed(i) + i];
-    }
-    return 0;
-}
-
-/** M = AJ, and where A's rows are not zero. */
-QP_LANES static void transform(struct apc_qp *qp)
-{
-    size_t n = qp->n;
-
-    memset(qp->M, 0, qp->m * n * sizeof(*qp->M));
-    for (size_t r = 0; r < qp->m; r++) {
-        unsigned *column = qp->column + r * n, filled = 0;
-
-        for (size_t c = 0; c < n; c++) {
-            double a = qp->A[r * n + c];
-
-            if (a == 0.0)
-                continue;
-            column[filled++] = (unsigned)c;
-            qp_add(n - c, a, qp->J + c * n + c, qp->M + r * n + c);
-        }
-        qp->filled[r] = filled;
-        qp->zeros[r] = (filled ? column[0] : n) / 8 * 8;
-    }
-    for (size_t i = 0; i < qp->rows; i++) {
-        size_t from;
-        const double *row = qp_row(qp, i, &from);
-
-        qp->size[i] = sqrt(qp_dot(n - from, row + from, row + from));
-    }
-}
-
-int apc_qp_set(struct apc_qp *qp, const double *H, const double *A, struct apc_error *why)
-{
-    size_t n, pivot;
-
-    if (!qp || !H || (qp->m > 0 && !A))
-        return apc_fail(why, APC_EINVAL, "a QP needs its H, and A where it has rows");
-    n = qp->n;
-    qp->ready = false;
-    for (size_t i = 0; i < n; i++)
-        for (size_t j = 0; j <= i; j++)
-            qp->H[i * n + j] = qp->H[j * n + i] = H[i * n + j];
-    if (qp->m > 0)
-        memcpy(qp->A, A, qp->m * n * sizeof(*A));
-    if (!qp_all_finite(n * n, qp->H) || !qp_all_finite(qp->m * n, qp->A))
-        return apc_fail(why, APC_EINVAL, "the QP's H or A has an element that is no finite number");
-    pivot = invert(qp);
-    if (pivot)
-        return apc_fail(
-            why, APC_EINVAL,
-            "H of the QP is not positive definite: pivot %zu of %zu is not above zero; every variable needs "
-            "a weight",
-            pivot, n);
-    transform(qp);
-    if (!qp_all_finite(n * n, qp->J) || !qp_all_finite(qp->m * n, qp->M))
-        return apc_fail(why, APC_EINVAL, "H of the QP is too badly scaled: its factor has no finite inverse");
-    for (size_t i = 0; i < n; i++)
-        qp->root[i] = sqrt(qp->H[i * n + i]);
-    qp->ready = true;
-    qp->k = qp->rows + 1; /* what is known of W is of another H */
-    return 0;
-}
-
-int apc_qp_soft(struct apc_qp *qp, const double *linear, const double *square)
-{
-    if (!qp || weights_check(qp->rows, linear) || weights_check(qp->rows, square))
-        return APC_EINVAL;
-    for (size_t i = 0; i < qp->rows; i++) {
-        qp->linear[i] = linear ? linear[i] : 0.0;
-        qp->square[i] = square ? square[i] : 0.0;
-    }
-    qp->k = qp->rows + 1;
-    return 0;
-}
-
-void apc_qp_start(struct apc_qp *qp, const signed char *rows)
-{
-    if (!qp)
-        return;
-    const size_t n = qp->rows;
-    signed char *state = qp->state;
-
-    memset(state, 0, n);
-    for (size_t i = 0; rows && i < n; i++)
-        state[i] = (signed char)((rows[i] > 0) - (rows[i] < 0));
-    memset(qp->multiplier, 0, n * sizeof(*qp->multiplier));
-    qp->k = n + 1;
-}
-
-const signed char *apc_qp_rows(const struct apc_qp *qp)
-{
-    return qp ? qp->side : NULL;
-}
-
-const double *apc_qp_multipliers(const struct apc_qp *qp)
-{
-    return qp ? qp->multiplier : NULL;
-}
 
 /* ---- Rows ------------------------------------------------------------------------------------- */
-
-static bool soft(const struct apc_qp *qp, size_t i)
-{
-    return qp->linear[i] > 0.0 || qp->square[i] > 0.0;
-}
 
 void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high)
 {
     bool equation = qp->low[i] == qp->high[i], violated = qp->state[i] == 2 || qp->state[i] == -2;
-    double most = !soft(qp, i) || violated ? HUGE_VAL : qp->linear[i], least = violated ? qp->linear[i] : 0.0;
+    double most = !qp_soft(qp, i) || violated ? HUGE_VAL : qp->linear[i],
+           least = violated ? qp->linear[i] : 0.0;
 
     *low = qp->state[i] > 0 ? least : -most;
     *high = qp->state[i] > 0 ? most : -least;
@@ -285,11 +37,6 @@ void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high)
         *low = -most, *high = most;
     if (equation && violated && least == 0.0)
         *low = -HUGE_VAL, *high = HUGE_VAL;
-}
-
-static double allowance(const struct apc_qp *qp, double limit)
-{
-    return qp->tolerance + 8.0 * DBL_EPSILON * fabs(limit);
 }
 
 /** Row @p i becomes one of F at multiplier @p lambda, or (0) no longer is. */
@@ -470,7 +217,7 @@ static bool rests(struct apc_qp *qp, const struct apc_qp_pending *last, const do
     gain = last->direction * (qp->value[i] - limit);
     for (size_t j = 0; j < qp->k; j++)
         gain -= move[j] * astray(qp, j);
-    return gain <= 0.5 * allowance(qp, limit);
+    return gain <= 0.5 * qp_allowance(qp, limit);
 }
 
 /** One step of the row that waits last, which depends on W. Returns false when nothing ends it: infeasible.
@@ -511,132 +258,6 @@ static bool along(struct apc_qp *qp)
     if (!turn(qp, last->row, last->lambda, &last->direction))
         qp->waiting--;
     return true;
-}
-
-/** How far row i is beyond a limit; 0 within its allowance. *@p sign says which limit. */
-static double beyond(const struct apc_qp *qp, size_t i, double *sign)
-{
-    double above = qp->value[i] - qp->high[i], below = qp->low[i] - qp->value[i];
-    double much = above >= below ? above : below;
-
-    *sign = above >= below ? 1.0 : -1.0;
-    return much > 0.0 && much > allowance(qp, above >= below ? qp->high[i] : qp->low[i]) ? much : 0.0;
-}
-
-/** How far a row of F is within the limit that it is fixed beyond; 0 within its allowance. */
-static double within(const struct apc_qp *qp, size_t i, double *sign)
-{
-    double limit = qp->state[i] > 0 ? qp->high[i] : qp->low[i], much;
-
-    *sign = qp->state[i] > 0 ? 1.0 : -1.0;
-    much = *sign * (limit - qp->value[i]);
-    return much > allowance(qp, limit) ? much : 0.0;
-}
-
-/** How far a row of F is from where it may stay: within its limit or, where its multiplier could grow, beyond
- * it. *@p sign says on which side the limit is, or, where it is beyond, twice that. */
-static double strays(const struct apc_qp *qp, size_t i, double *sign)
-{
-    const double much = within(qp, i, sign);
-    double side;
-
-    if (much > 0.0 || qp->square[i] == 0.0)
-        return much;
-    *sign *= 2.0;
-    return beyond(qp, i, &side) * (side == *sign / 2.0);
-}
-
-/** How far row i is from where it may stay, over its size; 0 where it may stay as it is. */
-static double urge(const struct apc_qp *qp, size_t i)
-{
-    double sign, much;
-
-    if ((qp->state[i] && qp->fixed[i] == 0.0) || (qp->size[i] == 0.0 && soft(qp, i)))
-        return 0.0; /* of W, or of zeros and free to be violated */
-    much = qp->fixed[i] == 0.0 ? beyond(qp, i, &sign) : strays(qp, i, &sign);
-    if (much == 0.0)
-        return 0.0;
-    return qp->size[i] > 0.0 ? much / qp->size[i] : HUGE_VAL; /* a row of zeros can only contradict */
-}
-
-/** urge() of four rows. Nothing here is a branch that depends on the way: on a long one rows are violated at
- * random. */
-static inline void urges(const struct apc_qp *qp, size_t i, apc_lanes *to)
-{
-    const apc_lanes value = QP_FOUR(qp->value + i), low = QP_FOUR(qp->low + i), high = QP_FOUR(qp->high + i),
-                    size = QP_FOUR(qp->size + i), above = value - high, below = low - value;
-    const apc_masks odd = (size == 0.0) | (QP_FOUR(qp->fixed + i) != 0.0), top = above >= below;
-    const apc_masks of_work = {-(qp->state[i] != 0), -(qp->state[i + 1] != 0), -(qp->state[i + 2] != 0),
-                               -(qp->state[i + 3] != 0)};
-    apc_lanes much, limit, allowed;
-    apc_masks out;
-
-    if (qp_any(&odd)) {
-        *to = (apc_lanes){urge(qp, i), urge(qp, i + 1), urge(qp, i + 2), urge(qp, i + 3)};
-        return;
-    }
-    qp_pick(&top, &above, &below, &much);
-    qp_pick(&top, &high, &low, &limit);
-    limit = (apc_lanes)((apc_masks)limit & INT64_MAX); /* its magnitude */
-    allowed = qp->tolerance + 8.0 * DBL_EPSILON * limit;
-    out = (much > 0.0) & (much > allowed) & ~of_work;
-    *to = (apc_lanes)(out & (apc_masks)(much / size));
-}
-
-/** Are four rows, from @p i on, within their limits, and none of them of F? */
-static inline bool are_calm(const struct apc_qp *qp, size_t i)
-{
-    const apc_lanes value = QP_FOUR(qp->value + i);
-    const apc_masks off = (value - QP_FOUR(qp->high + i) > qp->tolerance) |
-                          (QP_FOUR(qp->low + i) - value > qp->tolerance) | (QP_FOUR(qp->fixed + i) != 0.0);
-
-    return !qp_any(&off);
-}
-
-/** The row whose urge is greatest, of those the first: rows when there is none. */
-QP_LANES static size_t most_urgent(const struct apc_qp *qp)
-{
-    apc_lanes most = {0.0, 0.0, 0.0, 0.0}, four;
-    apc_masks where = {0, 0, 0, 0};
-    size_t found = qp->rows, i = 0;
-    double best = 0.0;
-
-    for (; i + 4 <= qp->rows; i += 4) {
-        if (are_calm(qp, i)) /* nearly all, so it comes first */
-            continue;
-        urges(qp, i, &four);
-        const apc_masks more = four > most,
-                        here = {(int64_t)i, (int64_t)i + 1, (int64_t)i + 2, (int64_t)i + 3};
-
-        qp_pick(&more, &four, &most, &most);
-        where = (more & here) | (~more & where);
-    }
-    for (size_t q = 0; q < 4; q++)
-        if (most[q] > best || (most[q] == best && best > 0.0 && (size_t)where[q] < found)) {
-            best = most[q];
-            found = (size_t)where[q];
-        }
-    for (; i < qp->rows; i++) {
-        const double much = urge(qp, i);
-
-        if (much > best) {
-            best = much;
-            found = i;
-        }
-    }
-    return found;
-}
-
-/** The row that is to come in: rows when there is none. */
-static size_t worst(const struct apc_qp *qp, bool careful, double *sign)
-{
-    size_t found = careful ? 0 : most_urgent(qp);
-
-    while (careful && found < qp->rows && !(urge(qp, found) > 0.0))
-        found++;
-    if (found < qp->rows)
-        (void)(qp->fixed[found] == 0.0 ? beyond(qp, found, sign) : strays(qp, found, sign));
-    return found;
 }
 
 static void come_in(struct apc_qp *qp, size_t i, double sign)
@@ -686,13 +307,13 @@ static void take_up(struct apc_qp *qp, size_t i)
     qp->fixed[i] = 0.0;
     if (!isfinite(sign > 0 ? qp->high[i] : qp->low[i]) || qp->size[i] == 0.0)
         return;
-    if (soft(qp, i) && sign * lambda >= qp->linear[i] && qp->square[i] == 0.0) {
+    if (qp_soft(qp, i) && sign * lambda >= qp->linear[i] && qp->square[i] == 0.0) {
         qp->state[i] = (signed char)(2 * sign);
         qp->fixed[i] = sign * qp->linear[i];
         qp_row_add(qp, i, qp->fixed[i], qp->q);
         return;
     }
-    qp->state[i] = (signed char)(soft(qp, i) && sign * lambda >= qp->linear[i] ? 2 * sign : sign);
+    qp->state[i] = (signed char)(qp_soft(qp, i) && sign * lambda >= qp->linear[i] ? 2 * sign : sign);
     qp_interval(qp, i, &low, &high);
     if (!qp_work_append(qp, i, lambda < low ? low : lambda > high ? high : lambda))
         qp->state[i] = 0;
@@ -770,7 +391,7 @@ static enum apc_qp_status search(struct apc_qp *qp)
         }
         memcpy(qp->lambda, qp->target, qp->k * sizeof(*qp->lambda));
         point(qp);
-        i = worst(qp, careful, &sign);
+        i = qp_worst(qp, careful, &sign);
         if (i < qp->rows) {
             come_in(qp, i, sign);
             continue;
@@ -817,9 +438,9 @@ static void publish(struct apc_qp *qp)
     for (size_t i = qp->n; i < qp->rows; i++) {
         double sign, much;
 
-        if (qp->size[i] > 0.0 || !soft(qp, i))
+        if (qp->size[i] > 0.0 || !qp_soft(qp, i))
             continue;
-        much = beyond(qp, i, &sign);
+        much = qp_beyond(qp, i, &sign);
         qp->multiplier[i] = much > 0.0 ? sign * (qp->linear[i] + qp->square[i] * much) : 0.0;
     }
 }
@@ -847,7 +468,7 @@ static bool holds(const struct apc_qp *qp, double share)
     for (size_t j = 0; j < qp->k; j++) {
         size_t i = qp->work[j];
 
-        if (fabs(astray(qp, j)) > share * allowance(qp, qp->state[i] > 0 ? qp->high[i] : qp->low[i]))
+        if (fabs(astray(qp, j)) > share * qp_allowance(qp, qp->state[i] > 0 ? qp->high[i] : qp->low[i]))
             return false;
     }
     return true;
@@ -900,7 +521,7 @@ static bool confirm(struct apc_qp *qp)
             return false;
         }
     }
-    i = worst(qp, false, &sign);
+    i = qp_worst(qp, false, &sign);
     if (i < qp->rows) {
         come_in(qp, i, sign);
         return false;
@@ -942,7 +563,7 @@ QP_LANES static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
             continue;
         if (lambda != 0.0)
             off = lambda * (lambda > 0.0 ? above : below);
-        if (soft(qp, i) && excess > 0.0) {
+        if (qp_soft(qp, i) && excess > 0.0) {
             r->soft += qp->linear[i] * excess + 0.5 * qp->square[i] * excess * excess;
             off = (fabs(lambda) - qp->linear[i] - qp->square[i] * excess) * excess;
         } else if (excess > r->primal) {

@@ -14,6 +14,7 @@
 
 #include "apcqp.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -224,6 +225,27 @@ static inline size_t qp_packed(size_t k)
 {
     return 4 * (k / 4 + 1) * (k / 4 * 2 + k % 4);
 }
+
+/* ---- Rows ------------------------------------------------------------------------------------- */
+
+static inline bool qp_soft(const struct apc_qp *qp, size_t i)
+{
+    return qp->linear[i] > 0.0 || qp->square[i] > 0.0;
+}
+
+/** By how much a limit may be exceeded, which rounding does. */
+static inline double qp_allowance(const struct apc_qp *qp, double limit)
+{
+    return qp->tolerance + 8.0 * DBL_EPSILON * fabs(limit);
+}
+
+/* ---- qp_price.c: what is violated -------------------------------------------------------------- */
+
+/** How far row i is beyond a limit; 0 within its allowance. *@p sign says which limit. */
+double qp_beyond(const struct apc_qp *qp, size_t i, double *sign);
+/** The row that is to come in: rows when there is none. *@p sign says on which side; @p careful takes the
+ * first one, else it is that which is violated most. */
+size_t qp_worst(const struct apc_qp *qp, bool careful, double *sign);
 
 /* ---- qp_work.c: the working set and its factor ------------------------------------------------ */
 
