@@ -412,6 +412,28 @@ static int look(struct place *place, const config_setting_t *root, const char *p
     return rc == APC_ENOMEM ? apc_fail(why, rc, "out of memory") : rc;
 }
 
+/* What begins as a list or group and is none would pass for text, of which then something else is said. */
+static int check_list(const char *path, const char *value, const config_setting_t *was, struct apc_error *why)
+{
+    config_t trial;
+    char *line = NULL;
+    const char *first = value + strspn(value, " ");
+    if (!*first || !strchr("[({", *first) || (was && config_setting_type(was) == CONFIG_TYPE_STRING))
+        return 0;
+    if (asprintf(&line, "value = %s\n;", value) < 0)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    int rc = settings_parse(&trial, "", line, NULL);
+    if (rc < 0)
+        rc =
+            apc_fail(why, APC_EINVAL,
+                     "%s = %.100s: is no list or group: in [ ] all numbers have a decimal point or none, and "
+                     "what is opened is closed",
+                     path, value);
+    config_destroy(&trial);
+    free(line);
+    return rc;
+}
+
 /* A law has one model: one that is set takes the place of its operating point. */
 static const config_setting_t *replaced(const struct place *place)
 {
@@ -429,6 +451,8 @@ static int change(const config_t *config, const char *path, const char *value, c
     size_t size = 0;
     int rc = look(&place, root, path, why);
 
+    if (rc == 0)
+        rc = check_list(path, value, place.at, why);
     if (rc == 0) { /* now it is known what was there */
         free(place.value);
         place = (struct place){.value = value_of(value, place.at)};

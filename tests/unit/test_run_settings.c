@@ -138,6 +138,27 @@ static void a_setting_of_a_law_or_model_that_is_not_there_is_refused(void **stat
     }
 }
 
+/* It would pass for text, of which the law would say that it is none of its numbers. */
+static void what_begins_as_a_list_and_is_none_is_refused(void **state)
+{
+    static const char *const value[] = {"[0, 0.01]", " [1.0, 2.0", "( [1.0], ", "{ a = 1.0 ", "[1.0, b]"};
+    struct experiment e;
+    (void)state;
+    scratch_write("world.conf", world);
+    for (size_t i = 0; i < sizeof value / sizeof *value; i++) {
+        const struct experiment_setting set = {"controllers.base.settings", value[i]};
+        const struct experiment_overrides overrides = {.set = &set, .n_set = 1};
+        assert_int_equal(experiment_load(&e, scratch_path("world.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW,
+                                         &overrides, &why),
+                         APC_EINVAL);
+        assert_has(why.text, "is no list or group");
+        experiment_free(&e);
+    }
+    load(&e, (const struct experiment_setting[]){{"title", "a draft"}, {"title", "(a draft"}},
+         2); /* where text was it is text */
+    experiment_free(&e);
+}
+
 static void a_parameter_is_drawn_for_each_seed_and_the_law_has_its_mean(void **state)
 {
     static const struct experiment_setting set[] = {{"plant.parameters.A1", "normal(30, 2)"},
@@ -399,6 +420,7 @@ int main(void)
         cmocka_unit_test(the_backup_laws_tuning_is_set_by_the_name_of_its_output),
         cmocka_unit_test(what_is_wrong_is_said_of_what_was_set_or_of_the_file),
         cmocka_unit_test(a_setting_of_a_law_or_model_that_is_not_there_is_refused),
+        cmocka_unit_test(what_begins_as_a_list_and_is_none_is_refused),
         cmocka_unit_test(a_parameter_is_drawn_for_each_seed_and_the_law_has_its_mean),
         cmocka_unit_test(the_plant_runs_with_what_was_drawn),
         cmocka_unit_test(a_draw_keeps_to_the_parameter_s_limits_or_is_refused),
