@@ -330,6 +330,13 @@ static size_t missing(const struct apc_law_mpc *p)
     return i;
 }
 
+static const char *reason(const struct apc_law_mpc *p)
+{
+    return p->result.rc == APC_ESOLVER && !p->nonlinear
+               ? "what is estimated is too far away to be calculated with"
+               : apc_err_text(p->result.rc);
+}
+
 static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     if (p->result.rc == APC_ETIMEDOUT) {
@@ -338,7 +345,7 @@ static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
         return APC_LAW_LATE;
     }
     if (p->result.rc < 0) {
-        snprintf(c->why, APC_LAW_WHY, "no plan: %s", apc_err_text(p->result.rc));
+        snprintf(c->why, APC_LAW_WHY, "no plan: %s", reason(p));
         return APC_LAW_INFEASIBLE;
     }
     if (p->result.given_up) {

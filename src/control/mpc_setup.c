@@ -565,6 +565,12 @@ static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setu
 
         rc = apc_setting_index(setup, "measurement", p->dim.nz, i, 1, p->dim.ny, &number, why);
         p->cv[i] = number - 1;
+        for (size_t k = 0; k < i && rc == 0; k++) {
+            if (p->cv[k] == p->cv[i])
+                rc = apc_fail(why, APC_EINVAL,
+                              "setting \"measurement\": setpoints %zu and %zu are both for measurement %zu",
+                              k + 1, i + 1, number);
+        }
     }
     if (rc == 0)
         rc = take_signals(p, setup, why);

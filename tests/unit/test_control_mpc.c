@@ -801,6 +801,7 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         {number("blocks", crowd, 21), "21 of them in a horizon of"},
         {number("rank", ranks, 2), "rank"},
         {number("measurement", &big, 1), "measurement"},
+        {number("measurement", twice, 2), "setpoints 1 and 2 are both for measurement 1"},
         {number("at_output", twice, 2), "tell"},
         {number("at_input", many, 3), "as many as"},
         {number("y_noise", nothing, 2), "setting \"y_noise\""},
