@@ -138,8 +138,10 @@ struct apc_sensor_fault {
 
 /** How a sensor shows an output: value + noise + faults, rounded to its steps. Zeros: as it is. */
 struct apc_sensor {
-    double noise;                         /**< standard deviation of a normal error, anew at each tick */
-    double quantum;                       /**< the step between two values that it can show; 0: none */
+    apc_ns period;  /**< how often it looks, from the plant's first tick on, as a laboratory does: in between
+                       its  last value stands, with the time of that; 0: at each tick */
+    double noise;   /**< standard deviation of a normal error, anew at each look */
+    double quantum; /**< the step between two values that it can show; 0: none */
     const struct apc_sensor_fault *fault; /**< [n_faults]; borrowed */
     size_t n_faults;
 };

@@ -41,7 +41,7 @@ int apc_fallback_copy(double *to, const double *from, const double *low, const d
 struct apc_reading {
     const struct apc_sensor *sensor;
     struct apc_random noise;
-    apc_ns before; /* of the last tick */
+    apc_ns before; /* of its last look */
     double shown;  /* then */
 };
 
@@ -49,6 +49,8 @@ struct apc_reading {
 int apc_sensors_check(const struct apc_sensor *sensor, size_t n, struct apc_error *why);
 /** Begin reading sensor number @p i, from 0. [setup] */
 void apc_reading_init(struct apc_reading *reading, const struct apc_sensor *sensor, uint64_t seed, size_t i);
+/** Does it look at a tick @p t after the first one? [tick] */
+bool apc_reading_due(const struct apc_reading *reading, apc_ns t);
 /** What it shows at @p t since the first tick, of @p value; *@p status tells how good that is. [tick] */
 double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc_status *status);
 

@@ -38,6 +38,7 @@ struct apc_plantserver {
     struct apc_random *chance;  /* [nx] where that comes from */
     struct apc_reading *sensor; /* [ny] */
     apc_status *status;         /* [ny] of y */
+    apc_ns *time;               /* [ny] of y */
     struct apc_sample *samples; /* [max(nu, ny)] of the frame at hand */
 
     bool tripped;    /* no fresh command: safe value */
@@ -65,8 +66,8 @@ struct apc_plantserver {
     size_t n_disturbances;
 
     bool ticked;
+    bool solved;                /* at the last tick */
     apc_ns began_at, ticked_at; /* mono, scheduled: the first tick; the last one */
-    apc_ns y_time;
 };
 
 static int check_world(const struct apc_plantserver_options *o, struct apc_error *why)
@@ -118,7 +119,8 @@ static int allocate(struct apc_plantserver *s)
     s->chance = calloc(s->nx, sizeof(*s->chance));
     s->sensor = calloc(ny, sizeof(*s->sensor));
     s->status = calloc(ny, sizeof(*s->status));
-    if (!at || !s->samples || !s->chance || !s->sensor || !s->status)
+    s->time = calloc(ny, sizeof(*s->time));
+    if (!at || !s->samples || !s->chance || !s->sensor || !s->status || !s->time)
         return APC_ENOMEM;
     s->safe = at;
     s->low = at + nu;
@@ -228,6 +230,7 @@ void apc_plantserver_destroy(struct apc_plantserver *server)
 {
     if (!server)
         return;
+    free(server->time);
     free(server->status);
     free(server->sensor);
     free(server->chance);
@@ -410,17 +413,24 @@ static int advance(struct apc_plantserver *s, apc_ns to)
     return rc;
 }
 
+/* A sensor that looks seldom does not wait for its next time where the plant fails, or is solved again. */
 static void publish(struct apc_plantserver *s, struct apc_now now, bool solved)
 {
-    s->y_time = now.utc;
+    const apc_ns t = now.mono - s->began_at;
+    const bool again = solved && !s->solved;
+
     if (solved)
         apc_plant_output(s->plant, s->input, s->output);
     for (size_t i = 0; i < s->ny; i++) {
+        if (solved && !again && !apc_reading_due(&s->sensor[i], t))
+            continue;
+        s->time[i] = now.utc;
         if (solved)
-            s->y[i] = apc_reading_take(&s->sensor[i], now.mono - s->began_at, s->output[i], &s->status[i]);
+            s->y[i] = apc_reading_take(&s->sensor[i], t, s->output[i], &s->status[i]);
         else
             s->status[i] = APC_BAD_DEVICE_FAILURE; /* y keeps the last value that there was */
     }
+    s->solved = solved;
 }
 
 static void report_solver(struct apc_plantserver *s, bool solved, struct apc_notice *notice)
@@ -463,7 +473,7 @@ static int reply_values(struct apc_plantserver *s, struct apc_now now, uint64_t 
     struct apc_frame frame = {.kind = APC_FRAME_VALUES, .id = id, .n = s->ny};
 
     for (size_t i = 0; i < s->ny; i++) {
-        s->samples[i].time = s->ticked ? s->y_time : now.utc;
+        s->samples[i].time = s->ticked ? s->time[i] : now.utc;
         s->samples[i].status = s->status[i];
         s->samples[i].value = s->y[i];
     }

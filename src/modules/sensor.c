@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What a sensor shows. One draw of noise a tick, faults or not: a fault changes no later noise. */
+/* What a sensor shows. One draw of noise a look, faults or not: a fault changes no later noise. */
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
 
@@ -24,6 +24,9 @@ int apc_sensors_check(const struct apc_sensor *sensor, size_t n, struct apc_erro
     for (size_t i = 0; i < n && rc == 0; i++) {
         const struct apc_sensor *s = &sensor[i];
 
+        if (s->period < 0)
+            return apc_fail(why, APC_EINVAL, "sensor %zu: period %g s must be 0 or above", i + 1,
+                            apc_ns_to_s(s->period));
         if (!(s->noise >= 0.0 && apc_value_ok(s->noise)) || !(s->quantum >= 0.0 && apc_value_ok(s->quantum)))
             return apc_fail(why, APC_EINVAL, "sensor %zu: noise %g and quantum %g must be 0 or above", i + 1,
                             s->noise, s->quantum);
@@ -49,6 +52,13 @@ static bool active(const struct apc_sensor_fault *fault, apc_ns before, apc_ns t
     if (fault->kind == APC_FAULT_SPIKE && before < fault->at)
         return true;
     return fault->duration == 0 ? fault->kind != APC_FAULT_SPIKE : t - fault->at < fault->duration;
+}
+
+bool apc_reading_due(const struct apc_reading *reading, apc_ns t)
+{
+    const apc_ns period = reading->sensor->period, before = reading->before;
+
+    return period == 0 || before < 0 || t / period > before / period;
 }
 
 double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc_status *status)

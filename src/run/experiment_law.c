@@ -271,6 +271,26 @@ static void try_law(struct settings *s, const config_setting_t *group, const con
         settings_fail(s, rc == APC_ERANGE ? tuning : group, "%s", why.text);
 }
 
+/* The gain that stays is that of measurements which come at each tick: where one comes seldom, what is
+ * estimated may run away. */
+static void check_seldom(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                         const struct controller *c)
+{
+    bool steady = !strcmp(c->law->name, "mpc");
+    for (size_t i = 0; i < c->n_setting; i++)
+        if (!strcmp(c->setting[i].name, "steady") && c->setting[i].value)
+            steady = steady && c->setting[i].value[0] > 0.0;
+    for (size_t i = 0; i < c->dim.ny && steady && !s->failed; i++) {
+        const struct signal *y = &e->y[c->y[i].at];
+        if (y->period > c->rhythm.period)
+            settings_fail(
+                s, group,
+                "%s comes every %g s, and law mpc ticks every %g s: its filter must have a gain for "
+                "when it is there and for when it is not: steady = 0 in \"settings\"",
+                y->tag.name, apc_ns_to_s(y->period), apc_ns_to_s(c->rhythm.period));
+    }
+}
+
 void experiment_read_law(struct settings *s, const config_setting_t *group, const struct experiment *e,
                          struct controller *c)
 {
@@ -287,6 +307,8 @@ void experiment_read_law(struct settings *s, const config_setting_t *group, cons
     const config_setting_t *at = config_setting_get_member(group, "tuning");
     if (!s->failed)
         check_tuning(s, at ? at : group, c);
+    if (!s->failed)
+        check_seldom(s, group, e, c);
     if (!s->failed)
         try_law(s, group, at ? at : group, c);
 }

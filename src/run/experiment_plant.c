@@ -95,6 +95,7 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
         const config_setting_t *one = config_setting_get_elem(list, (unsigned)i);
         const config_setting_t *faults = faults_of(s, list, i);
         struct apc_sensor *sensor = &e->sensor[i];
+        sensor->period = e->y[i].period;
         settings_number(s, one, "noise", OPTIONAL, 0, APC_VALUE_MAX / 2, &sensor->noise);
         settings_number(s, one, "quantum", OPTIONAL, 0, APC_VALUE_MAX / 2, &sensor->quantum);
         sensor->fault = e->faults + n;

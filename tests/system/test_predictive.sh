@@ -29,7 +29,8 @@ within() { # of each output, in the file's order: no value that is none, or outs
 }
 
 # ---- real and virtual time, and a kill -9 ----------------------------------------------------------------------------------
-steps='/^scheduler/,$s/period = .*/period = 6.0;/; s/name = "y1";/& noise = 0.01;/' # soon, and with noise
+# soon, with noise, and one of the two levels of the tanks from a laboratory
+steps='/^scheduler/,$s/period = .*/period = 6.0;/; s/name = "y1";/& noise = 0.01;/; s/name = "y2";/& period = 2.0;/; s/horizon = 30;/& steady = 0;/'
 for experiment in quadruple-tank-mpc adiabatic-cstr-nmpc; do
   # in virtual time a controller that is killed and started between two ticks leaves no trace in the samples
   for case in one other; do

@@ -342,6 +342,8 @@ static void a_sensor_has_bounds(void **state)
     make_server(steps);
     sensor[0].quantum = HUGE_VAL;
     make_server(steps);
+    sensor[0].period = -1;
+    make_server("sensor 1: period");
     fault[1].kind = (enum apc_sensor_fault_kind)0;
     make_server(kinds);
     fault[1].kind = (enum apc_sensor_fault_kind)(APC_FAULT_SPIKE + 1);

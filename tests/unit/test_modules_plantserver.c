@@ -706,14 +706,19 @@ static void copy_g(double t, const double *x, const double *u, const double *p, 
     y[0] = x[0] > 0.25 ? (double)NAN : x[0];
 }
 
+/* Also of a sensor that looks seldom: it does not wait for its next time. */
 static void a_plant_that_cannot_be_solved_is_bad_and_told_of_once_until_it_can(void **state)
 {
     struct rig *r = *state;
+    const struct apc_sensor seldom = {.period = 4 * TICK};
     const struct apc_model model = {
         .abi = APC_MODEL_ABI, .name = "broken", .nx = 1, .nu = 1, .ny = 1, .f = broken_f, .g = copy_g};
     struct rig own = {0};
-    struct apc_plantserver_options o = {
-        .size = sizeof(o), .model = &model, .link_period = LINK, .command_period = COMMAND};
+    struct apc_plantserver_options o = {.size = sizeof(o),
+                                        .model = &model,
+                                        .link_period = LINK,
+                                        .command_period = COMMAND,
+                                        .sensor = &seldom};
 
     (void)r;
     assert_int_equal(apc_plant_create(&own.plant, &model, NULL, NULL, NULL, NULL), 0);

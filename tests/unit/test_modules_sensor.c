@@ -262,6 +262,58 @@ static void a_fault_without_duration_lasts(void **state)
     drop(&r);
 }
 
+/* Every third tick from the first one on; the other sensor goes on as if it were alone. */
+static void a_sensor_with_a_period_of_its_own_looks_as_often_and_its_value_stands_with_its_time(void **state)
+{
+    const double noise[4] = {0.0, 0.0, 0.2, 0.2};
+    const struct apc_sensor_fault dropout = {.kind = APC_FAULT_DROPOUT, .at = S, .duration = 3 * TICK};
+    const struct apc_sensor sensor[2] = {
+        {.period = 3 * TICK, .fault = &dropout, .n_faults = 1}, /* seen at 1.2 s, so until 1.5 s */
+        {.noise = 1.0}};
+    const struct apc_sensor usual[2] = {{.period = 0}, {.noise = 1.0}};
+    struct rig r = make("temperature-lab",
+                        (struct apc_plantserver_options){.sensor = sensor, .noise = noise}),
+               same =
+                   make("temperature-lab", (struct apc_plantserver_options){.sensor = usual, .noise = noise});
+    double shown = 0.0;
+
+    (void)state;
+    for (int k = 0; k < 40; k++) {
+        tick(&r, k);
+        tick(&same, k);
+        if (k % 3 == 0 && k != 12)
+            shown = apc_plant_state(r.plant)[2];
+        assert_true(r.y[0].value == shown);
+        assert_int_equal(r.y[0].time, (k - k % 3) * TICK);
+        assert_int_equal(r.y[0].status, k / 3 == 4 ? APC_BAD_SENSOR_FAILURE : APC_GOOD);
+        assert_true(r.y[1].value == same.y[1].value);
+        assert_int_equal(r.y[1].time, k * TICK);
+    }
+    drop(&r);
+    drop(&same);
+}
+
+/* Between two ticks: it shows what the next tick finds. A draw of noise for each look. */
+static void a_period_that_is_no_multiple_of_the_plants_is_kept_on_average(void **state)
+{
+    const struct apc_sensor sensor = {.period = 25 * TICK / 10, .noise = 0.3};
+    struct rig r = make("first-order", (struct apc_plantserver_options){.sensor = &sensor, .seed = 7});
+    int looks = 0;
+
+    (void)state;
+    for (int k = 0; k < 1000; k++) {
+        const double before = r.y[0].value;
+        const bool due = k % 5 == 0 || k % 5 == 3;
+
+        tick(&r, k);
+        assert_true(due == (r.y[0].time == k * TICK));
+        assert_true(due == (r.y[0].value != before));
+        looks += due;
+    }
+    assert_int_equal(looks, 400);
+    drop(&r);
+}
+
 /* ---- Disturbances -------------------------------------------------------------------------- */
 
 /* Between two ticks, at 0.25 s and 0.55 s: ambient temperature through heater to sensor, in closed form. */
@@ -430,6 +482,8 @@ int main(void)
         cmocka_unit_test(a_sensor_shows_whole_steps_only),
         cmocka_unit_test(faults_begin_and_end_when_they_should),
         cmocka_unit_test(a_fault_without_duration_lasts),
+        cmocka_unit_test(a_sensor_with_a_period_of_its_own_looks_as_often_and_its_value_stands_with_its_time),
+        cmocka_unit_test(a_period_that_is_no_multiple_of_the_plants_is_kept_on_average),
         cmocka_unit_test(a_disturbance_changes_at_its_very_instant),
         cmocka_unit_test(what_a_plant_is_changed_to_before_it_runs_is_as_if_it_had_been_made_so),
         cmocka_unit_test(a_running_plant_has_from_then_on_the_disturbances_that_it_is_changed_to),

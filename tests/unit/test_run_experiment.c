@@ -761,7 +761,7 @@ static void all_of_a_plant_and_its_sensors_is_loaded(void **state)
     if (load(&e, 2,
              "measurements = ( { name = \"y1\"; noise = 0.5; faults = ( { kind = \"stuck\"; at = 1.0; },\n"
              "{ kind = \"drift\"; at = 2.0; duration = 3.0; size = -0.5; } ); }, { name = \"y2\"; quantum = "
-             "0.25;\n"
+             "0.25; period = 30.0;\n"
              "faults = ( { kind = \"dropout\"; at = 0.0; }, { kind = \"spike\"; at = 4.0; size = 7.0; } ); } "
              ");",
              &why) < 0)
@@ -769,6 +769,8 @@ static void all_of_a_plant_and_its_sensors_is_loaded(void **state)
     assert_same(e.sensor[0].noise, 0.5);
     assert_same(e.sensor[0].quantum, 0);
     assert_same(e.sensor[1].quantum, 0.25);
+    assert_int_equal(e.sensor[0].period, 0);
+    assert_int_equal(e.sensor[1].period, 30 * APC_NS_PER_S);
     assert_int_equal(e.sensor[0].n_faults, 2);
     assert_int_equal(e.sensor[1].n_faults, 2);
     assert_int_equal(e.sensor[0].fault[0].kind, APC_FAULT_STUCK);

@@ -218,6 +218,54 @@ static void limits_far_out_of_reach_are_given_up(void **state)
     apc_experiment_destroy(e);
 }
 
+/* y2 comes every 10 s, and its setpoint steps at 400 s. In between it is estimated: what is expected of a
+ * sample is far nearer to it than the one before. */
+static void a_sample_of_a_laboratory_counts_once_and_its_course_in_between_is_known(void **state)
+{
+    struct apc_experiment *e = NULL;
+    struct apc_simulation *s = NULL;
+    double unexpected = 0.0, moved = 0.0;
+    (void)state;
+    if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/quadruple-tank-mpc.conf", NULL, &why) < 0 ||
+        apc_experiment_set(e, "controller.settings.steady", "0", &why) < 0 ||
+        apc_experiment_set(e, "measurements.y2.period", "10", &why) < 0 ||
+        apc_simulation_create(&s, e, NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    for (int k = 1; k <= 55; k++) {
+        run(s, 10 * k - 0.01);
+        const struct apc_sample before = newest(s, APC_SENSOR, 2);
+        const double expected = 0.5 * newest(s, APC_ESTIMATE, 16).value; /* of h2, cm */
+        assert_int_equal(before.seq, k);                                 /* that of the first tick is one */
+        assert_int_equal(newest(s, APC_SENSOR, 1).seq, 50 * k);
+        for (int id = 1; id <= 2; id++)
+            assert_int_equal(apc_status_severity(newest(s, APC_ACTUATOR, id).status), APC_SEVERITY_GOOD);
+        run(s, 10 * k + 0.1); /* until the client has it */
+        unexpected += fabs(newest(s, APC_SENSOR, 2).value - expected);
+        moved += fabs(newest(s, APC_SENSOR, 2).value - before.value);
+    }
+    assert_near(newest(s, APC_SENSOR, 2).value, 5.3915, 0.02);
+    assert_true(moved > 1.0 && unexpected < 0.3 * moved);
+    apc_simulation_destroy(s);
+    apc_experiment_destroy(e);
+}
+
+/* With which what it estimates would run away. */
+static void a_gain_that_stays_is_refused_for_what_comes_seldom(void **state)
+{
+    struct apc_experiment *e = NULL;
+    (void)state;
+    if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/quadruple-tank-mpc.conf", NULL, &why) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(apc_experiment_set(e, "measurements.y2.period", "0.5", &why), 0);
+    assert_int_equal(apc_experiment_set(e, "measurements.y2.period", "0.6", &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "y2 comes every 0.6 s, and law mpc ticks every 0.5 s"));
+    assert_non_null(strstr(why.text, "steady = 0"));
+    assert_int_equal(apc_experiment_set(e, "controller.settings.steady", "0", &why), 0);
+    assert_int_equal(apc_experiment_set(e, "measurements.y2.period", "0.6", &why), 0);
+    assert_int_equal(apc_experiment_set(e, "controller.settings.steady", "1", &why), APC_EINVAL);
+    apc_experiment_destroy(e);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -227,6 +275,8 @@ int main(void)
         cmocka_unit_test(what_is_out_of_reach_for_a_while_is_told_and_its_end),
         cmocka_unit_test(what_is_out_of_reach_now_and_then_is_told_once),
         cmocka_unit_test(a_plan_that_is_not_found_in_time_is_told),
+        cmocka_unit_test(a_sample_of_a_laboratory_counts_once_and_its_course_in_between_is_known),
+        cmocka_unit_test(a_gain_that_stays_is_refused_for_what_comes_seldom),
         cmocka_unit_test(limits_far_out_of_reach_are_given_up),
         cmocka_unit_test(with_little_to_compute_by_it_is_late_for_a_while_and_reaches_its_setpoints),
         cmocka_unit_test(over_loops_with_little_to_compute_by_it_acts_all_the_same),
