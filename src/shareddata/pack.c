@@ -327,12 +327,20 @@ static int get_int8(struct in *in, int64_t *out)
     return 0;
 }
 
-/* Eight bytes from a place on; what would lie beyond the end is 0. */
-static uint64_t bytes_at(const uint8_t *at, size_t length, size_t place)
+/* 64 bits from a bit on; what would lie beyond the end is 0. */
+static uint64_t bits_at(const uint8_t *at, size_t length, size_t bit)
 {
-    uint64_t big = 0;
-    memcpy(&big, at + place, length - place < 8 ? length - place : 8);
-    return be64toh(big);
+    const unsigned shift = bit % 8;
+    const size_t left = length - bit / 8;
+    uint8_t end[9] = {0};
+    uint64_t big;
+    at += bit / 8;
+    if (left < sizeof end) {
+        memcpy(end, at, left);
+        at = end;
+    }
+    memcpy(&big, at, 8);
+    return be64toh(big) << shift | (uint64_t)at[8] >> (8 - shift);
 }
 
 static int get_block(struct in *in, int64_t *x, size_t n)
@@ -349,16 +357,7 @@ static int get_block(struct in *in, int64_t *x, size_t n)
         return APC_EPROTO;
     }
     for (size_t i = 0; i < n; i++) {
-        const size_t bit = i * width;
-        const unsigned shift = bit % 8;
-        uint64_t bits = 0;
-        if (width > 0) {
-            bits = bytes_at(in->at, length, bit / 8) << shift;
-            if (shift > 0 && bit / 8 + 8 < length) {
-                bits |= (uint64_t)in->at[bit / 8 + 8] >> (8 - shift);
-            }
-            bits >>= 64 - width;
-        }
+        const uint64_t bits = width > 0 ? bits_at(in->at, length, i * width) >> (64 - width) : 0;
         x[i] = (int64_t)((uint64_t)base + bits);
     }
     in->at += length;
@@ -389,13 +388,20 @@ static int get_column(struct in *in, int64_t *x, size_t n)
         (mode == GRID && (slope < 0 || slope > GRID_MAX)) || (mode >= PLAIN && get_blocks(in, x, n) != 0)) {
         return APC_EPROTO;
     }
-    for (size_t i = 0; i < n && mode != PLAIN; i++) {
-        if (mode == GRID) {
-            x[i] = (int64_t)((uint64_t)x[i] + (uint64_t)start + (uint64_t)((int64_t)i * slope >> FRACTION));
-        } else if (mode == STEPS) {
-            x[i] = (int64_t)((uint64_t)x[i] + (uint64_t)(i > 0 ? x[i - 1] : start));
-        } else {
-            x[i] = (int64_t)((uint64_t)start + i * (uint64_t)slope);
+    uint64_t *const u = (uint64_t *)x; /* as numbers that wrap */
+    if (mode == GRID) {
+        for (size_t i = 0; i < n; i++) {
+            u[i] += (uint64_t)start + (uint64_t)((int64_t)i * slope >> FRACTION);
+        }
+    } else if (mode == STEPS) {
+        for (size_t i = 0; i < n; i++) {
+            u[i] += i > 0 ? u[i - 1] : (uint64_t)start;
+        }
+    } else if (mode == ZEROS) {
+        memset(x, 0, n * sizeof *x);
+    } else if (mode == LINE) {
+        for (size_t i = 0; i < n; i++) {
+            u[i] = (uint64_t)start + i * (uint64_t)slope;
         }
     }
     return 0;

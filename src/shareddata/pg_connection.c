@@ -287,6 +287,7 @@ static int take(struct apc_pg *pg, PGresult *result, struct progress *at, apc_pg
         at->ended = true;
         return 0;
     case PGRES_COMMAND_OK:
+    case PGRES_SINGLE_TUPLE:
     case PGRES_TUPLES_OK:
         return fn ? fn(ctx, at->statement, result) : 0;
     case PGRES_PIPELINE_ABORTED:
@@ -321,6 +322,11 @@ static int take_next(struct apc_pg *pg, struct progress *at, apc_pg_result_fn fn
 
 int apc_pg_finish(struct apc_pg *pg, apc_pg_result_fn fn, void *ctx)
 {
+    return apc_pg_finish_by_rows(pg, -1, fn, ctx);
+}
+
+int apc_pg_finish_by_rows(struct apc_pg *pg, int by_rows, apc_pg_result_fn fn, void *ctx)
+{
     if (!PQpipelineSync(pg->conn)) {
         return not_queued(pg);
     }
@@ -330,6 +336,9 @@ int apc_pg_finish(struct apc_pg *pg, apc_pg_result_fn fn, void *ctx)
     struct apc_error first; /* what failed first says why; the rest is its consequence */
     int failed = 0;
     while (pg->conn && !at.ended) {
+        if (at.between && at.statement == by_rows) {
+            PQsetSingleRowMode(pg->conn); /* or they come all at once, which gives the same */
+        }
         int err = take_next(pg, &at, failed ? NULL : fn, ctx);
         if (err && !failed) {
             failed = err;

@@ -370,7 +370,8 @@ int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, a
                         size_t n, apc_history_bin_fn fn, void *ctx)
 {
     struct apc_pg *pg = apc_pg_of(store);
-    struct binned b = {.s = {.pg = pg, .row = bin_row, .columns = 11, .table = table, .id = id}};
+    struct binned b = {
+        .s = {.pg = pg, .row = bin_row, .columns = 11, .large = true, .table = table, .id = id}};
     const struct apc_pg_text *text = apc_pg_text_of(pg, table);
     int chunks = text ? apc_pg_begin(pg) : APC_ESCHEMA;
     chunks = chunks == 0 && text->seam ? apc_pg_has_chunks(pg) : chunks;

@@ -15,11 +15,12 @@
 
 #define BATCH      512
 #define FETCH_ROWS "FETCH FORWARD 512 FROM rows"
+#define FETCH_ALL  "FETCH ALL FROM rows"
 
 static int take_batch(void *ctx, int statement, PGresult *result)
 {
     struct apc_pg_stream *s = (struct apc_pg_stream *)ctx;
-    if (statement != s->fetch) {
+    if (statement != s->fetch || s->ended) {
         return 0;
     }
     if (PQnfields(result) != s->columns) {
@@ -32,7 +33,7 @@ static int take_batch(void *ctx, int statement, PGresult *result)
         s->count += err >= 0 && s->count < INT_MAX;
     }
     s->pg->base.streaming = false;
-    s->ended = err != 0 || PQntuples(result) < BATCH;
+    s->ended = err != 0 || (PQresultStatus(result) == PGRES_TUPLES_OK && PQntuples(result) < BATCH);
     /* The caller's own time is not the server's. */
     s->pg->deadline = apc_clock_mono(NULL) + s->pg->base.config.timeout;
     return err < 0 ? err : 0;
@@ -49,9 +50,9 @@ int apc_pg_stream(struct apc_pg_stream *s, const char *declare, const struct apc
         err = apc_pg_send(pg, declare, p);
     }
     for (s->fetch = 2; !err && !s->ended; s->fetch = 0) {
-        err = apc_pg_send(pg, FETCH_ROWS, &(struct apc_pg_params){0});
+        err = apc_pg_send(pg, s->large ? FETCH_ALL : FETCH_ROWS, &(struct apc_pg_params){0});
         if (!err) {
-            err = apc_pg_finish(pg, take_batch, s);
+            err = apc_pg_finish_by_rows(pg, s->large ? s->fetch : -1, take_batch, s);
         }
     }
     if (pg->conn) {

@@ -143,6 +143,9 @@ int apc_pg_send(struct apc_pg *pg, const char *sql, const struct apc_pg_params *
 int apc_pg_send_prepared(struct apc_pg *pg, const char *name, const struct apc_pg_params *p);
 /** Send what is queued, wait for all results: one round trip. @p fn may be NULL. */
 int apc_pg_finish(struct apc_pg *pg, apc_pg_result_fn fn, void *ctx);
+/** The same; each row of the statement of that number, from 1, is a result of its own, given while the server
+ * goes on with the next. An empty result ends them. */
+int apc_pg_finish_by_rows(struct apc_pg *pg, int by_rows, apc_pg_result_fn fn, void *ctx);
 /** Close the connection, without waiting for anything. The next operation connects anew. */
 void apc_pg_drop(struct apc_pg *pg);
 /** Fail with the error that a result reports. */
@@ -201,6 +204,7 @@ struct apc_pg_stream {
     struct apc_pg *pg;
     apc_pg_row_fn row;
     int columns;
+    bool large; /* rows of some kilobytes: each is given while the server goes on with the next */
     union {
         apc_sample_fn sample;
         apc_vector_fn vector;

@@ -298,6 +298,26 @@ static void test_bins_of_a_packed_history_are_those_of_the_rows(void **state)
     apc_store_close(store);
 }
 
+/* The rows behind the one that failed are still on their way then. */
+static void test_a_damaged_chunk_is_told_and_what_is_asked_next_is_answered(void **state)
+{
+    (void)state;
+    static struct bins before, now;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    ok(store, pack(store));
+    const apc_ns end = apc_clock_utc(NULL), begin = end - 5 * WEEK;
+    ok(store, apc_store_history_bins(store, APC_SENSOR, 2, begin, end, BINS, add_bin, &before));
+    ask("UPDATE sensor_packed SET data = substr(data, 1, 40) WHERE id = 1");
+    assert_int_equal(apc_store_history_bins(store, APC_SENSOR, 1, begin, end, BINS, add_bin, &now),
+                     APC_ESTORE);
+    assert_int_equal(now.n, 0);
+    assert_non_null(strstr(apc_store_error(store), "is damaged"));
+    ok(store, apc_store_history_bins(store, APC_SENSOR, 2, begin, end, BINS, add_bin, &now));
+    assert_memory_equal(&now, &before, sizeof now);
+    apc_store_close(store);
+}
+
 /* ---- What comes late -------------------------------------------------------------------------------- */
 
 static void test_a_packed_seq_is_taken_and_a_free_one_is_not(void **state)
@@ -490,6 +510,7 @@ int main(void)
         T(test_views_show_packed_rows_bit_for_bit),
         T(test_parts_of_a_packed_history_are_those_of_the_rows),
         T(test_bins_of_a_packed_history_are_those_of_the_rows),
+        T(test_a_damaged_chunk_is_told_and_what_is_asked_next_is_answered),
         T(test_a_packed_seq_is_taken_and_a_free_one_is_not),
         T(test_a_week_that_is_written_to_while_it_is_packed_stays_as_it_is),
         T(test_two_maintainers_pack_each_week_once),
