@@ -46,6 +46,7 @@ struct shell {
     struct daemon d;
     const char *history;
     double within, every; /* s */
+    bool pack;
     struct apc_store *live, *record;
     struct apc_forward *forward;
     bool reached;   /* the history, once */
@@ -69,7 +70,7 @@ struct shell {
     apc_ns woken; /* monotonic: the mover, by the task */
 };
 
-enum { OPT_HISTORY = 0x600, OPT_WITHIN, OPT_EVERY };
+enum { OPT_HISTORY = 0x600, OPT_WITHIN, OPT_EVERY, OPT_PACK };
 static const struct argp_option option_list[] = {
     {"history", OPT_HISTORY, "URI", 0,
      "Where the record goes: postgresql://host/db#schema, sqlite:FILE [APC_HISTORY, or what follows the '+' "
@@ -83,6 +84,10 @@ static const struct argp_option option_list[] = {
      "Move what has come so often, 0.1 to 9; default 0.1. Several rows of a signal at once cost a database "
      "less, but a host that dies takes with it what has not been moved",
      0},
+    {"pack", OPT_PACK, NULL, 0,
+     "Write four or more samples of a signal that came at once into one row of PostgreSQL, with --every some "
+     "seconds: a third of the cost. SQL finds them in view sensor_all, not in table sensor",
+     0},
     {0},
 };
 
@@ -95,7 +100,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         argp_error(state, "--every \"%s\": must be seconds, from 0.1 to %g", arg, RARELY);
     if (key == OPT_HISTORY)
         s->history = arg;
-    return key == OPT_HISTORY || key == OPT_WITHIN || key == OPT_EVERY ? 0 : ARGP_ERR_UNKNOWN;
+    if (key == OPT_PACK)
+        s->pack = true;
+    return key >= OPT_HISTORY && key <= OPT_PACK ? 0 : ARGP_ERR_UNKNOWN;
 }
 
 static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
@@ -345,7 +352,8 @@ static int open_asked(struct shell *s, const char *uri)
 
 static int open_shell(struct shell *s)
 {
-    const struct apc_store_options options = {.size = sizeof options, .name = s->d.name, .timeout = TIMEOUT};
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = s->d.name, .timeout = TIMEOUT, .chunks = s->pack};
     const char *uri = s->history ? s->history : getenv("APC_HISTORY"), *store = getenv("APC_STORE");
     struct apc_error why;
     store = s->d.options.store ? s->d.options.store : store;

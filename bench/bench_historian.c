@@ -2,10 +2,11 @@
 /*
  * bench/historian: does apc-historian keep up, and what does it cost? VARIABLES measurements come every
  * PERIOD ms for as long as is said into shared memory; once a second it is asked how far the history is
- * behind. The historian, and a database that bench/historian started, stay on the core that this program was
- * started on; what feeds keeps off it.
+ * behind, for which the server reads the newest value of each: that is told by itself. The historian, and a
+ * database that bench/historian started, stay on the core that this program was started on; what feeds keeps
+ * off it.
  *
- * bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD [EVERY]]
+ * bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD [EVERY [--pack]]]
  */
 #include <errno.h>
 #include <glob.h>
@@ -25,7 +26,7 @@
 
 #include "bench.h"
 
-#define MIB      64
+#define MIB      256
 #define PATIENCE 60 /* s: for the last rows */
 
 static char live[64], path[80];
@@ -92,7 +93,8 @@ static pid_t feed(apc_ns begin, int64_t rows)
     _exit(0);
 }
 
-static pid_t start_historian(const char *bin, const char *experiment, const char *history, const char *every)
+static pid_t start_historian(const char *bin, const char *experiment, const char *history, const char *every,
+                             const char *pack)
 {
     const pid_t pid = fork();
     if (pid == 0) {
@@ -100,7 +102,7 @@ static pid_t start_historian(const char *bin, const char *experiment, const char
         char program[4096];
         snprintf(program, sizeof program, "%s/apc-historian", bin);
         execl(program, program, "--config", experiment, "--store", live, "--history", history, "--every",
-              every, (char *)NULL);
+              every, pack, (char *)NULL);
         _exit(127);
     }
     return pid;
@@ -161,6 +163,23 @@ static double server_seconds(const char *history)
     return sum;
 }
 
+/* The same of the session that looks how far behind the history is. */
+static double looker_seconds(const char *history)
+{
+    if (strncmp(history, "postgresql:", strlen("postgresql:")) != 0)
+        return 0;
+    PGconn *conn = PQconnectdb("");
+    PGresult *result = PQexec(conn, "SELECT pid FROM pg_stat_activity WHERE application_name = 'bench' "
+                                    "ORDER BY backend_start DESC LIMIT 1");
+    if (PQntuples(result) != 1)
+        die("nobody looks: %s", PQerrorMessage(conn));
+    char file[64];
+    snprintf(file, sizeof file, "/proc/%ld/stat", strtol(PQgetvalue(result, 0, 0), NULL, 10));
+    PQclear(result);
+    PQfinish(conn);
+    return stat_of(file).own;
+}
+
 static int by_value(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
@@ -179,7 +198,8 @@ static int in_order(void *ctx, const struct apc_sample *s)
 struct seen {
     double *late; /* s, one a second */
     uint64_t most;
-    double cpu, server; /* s of a core, of the historian and of the database */
+    double cpu, server,
+        looks; /* s of a core: the historian, the database, the part of it that is asked how far */
 };
 
 /* Once a second for as long as it is fed. */
@@ -197,7 +217,10 @@ static void watch(struct seen *seen, const char *both, pid_t historian, apc_ns b
         seen->late[i] = apc_ns_to_s(behind.time);
         seen->most = behind.rows > seen->most ? behind.rows : seen->most;
         seen->cpu = cpu_seconds(historian) - cpu;
-        seen->server = i + 1 == seconds ? server_seconds(history) - server : 0;
+        if (i + 1 == seconds) {
+            seen->server = server_seconds(history) - server;
+            seen->looks = looker_seconds(history);
+        }
         if (i % 60 == 59)
             printf("%4ld s: %" PRIu64 " rows behind, %.2f s\n", i + 1, behind.rows, seen->late[i]);
         fflush(stdout);
@@ -250,10 +273,10 @@ int main(int argc, char **argv)
         variables = (int)strtol(argv[5], NULL, 10);
         period = strtol(argv[6], NULL, 10) * APC_NS_PER_MS;
     }
-    if ((argc != 5 && argc != 7 && argc != 8) || seconds < 1 || seconds > 86400 || variables < 1 ||
+    if ((argc != 5 && (argc < 7 || argc > 9)) || seconds < 1 || seconds > 86400 || variables < 1 ||
         period < APC_NS_PER_MS)
-        die("usage: bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD [EVERY]]");
-    const char *history = argv[3], *every = argc == 8 ? argv[7] : "0.1";
+        die("usage: bench_historian BIN EXPERIMENT HISTORY SECONDS [VARIABLES PERIOD [EVERY [--pack]]]");
+    const char *history = argv[3], *every = argc >= 8 ? argv[7] : "0.1";
     const int64_t rows = seconds * APC_NS_PER_S / period;
     char both[4400];
     int status;
@@ -261,7 +284,7 @@ int main(int argc, char **argv)
     snprintf(both, sizeof both, "%s+%s", live, history);
     apc_store_close(open_store(history, true));
 
-    const pid_t historian = start_historian(argv[1], argv[2], history, every);
+    const pid_t historian = start_historian(argv[1], argv[2], history, every, argc == 9 ? argv[8] : NULL);
     const apc_ns begin = apc_clock_mono(NULL) + 2 * APC_NS_PER_S;
     const pid_t feeder = feed(begin, rows);
     struct seen seen = {.late = allocate((size_t)seconds, sizeof *seen.late)};
@@ -273,10 +296,11 @@ int main(int argc, char **argv)
     waitpid(historian, &status, 0);
     printf("%d samples/s for %ld s: %" PRId64 " of %" PRId64
            " stored, each once; behind p50 %.2f, most %.2f s, "
-           "%" PRIu64 " rows; of a core the historian took %.1f %%, the database %.1f %%\n",
+           "%" PRIu64
+           " rows; of a core the historian took %.1f %%, the database %.1f %%, and %.1f %% to be looked at\n",
            (int)(variables * APC_NS_PER_S / period), seconds, count(history), rows * variables,
            seen.late[seconds / 2], seen.late[seconds - 1], seen.most, seen.cpu / (double)seconds * 100,
-           seen.server / (double)seconds * 100);
+           (seen.server - seen.looks) / (double)seconds * 100, seen.looks / (double)seconds * 100);
     free(seen.late);
     return 0;
 }

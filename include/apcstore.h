@@ -26,6 +26,9 @@ struct apc_store_options {
     const char *spool;  /**< file for what the store cannot take at the moment; "": in memory, which ends with
                              the process; NULL: none. See below */
     uint64_t spool_size; /**< most bytes that may wait in it; default 256 MiB */
+    bool chunks; /**< of a history in PostgreSQL: where apc_store_append() gets four or more samples of a
+                    variable whose seqs follow each other, they become one row, which costs the server a
+                    third. See apc_store_maintain(), `packed` */
 };
 
 struct apc_store;

@@ -83,6 +83,11 @@ GRANT EXECUTE ON FUNCTION unpack(bytea), unpack_column(bytea, integer, integer),
     double_of(bigint), bits_of(double precision)
     TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
 
+-- Chunks, of what it may write as rows (apc-historian --pack).
+GRANT EXECUTE ON FUNCTION append_chunks(text, integer[], bigint[], bigint[], timestamptz[], timestamptz[], bigint[], bigint[],
+    double precision[], double precision[], double precision[], double precision[], integer[], integer[], integer[], bytea,
+    timestamptz[], bigint[], double precision[], bigint[]) TO apc_historian;
+
 -- Who writes: in a live store each its own; of a history all but the owner's is the historian's, and people ask it.
 REVOKE INSERT ON sensor, actuator, setpoint, dim, opmode, tuning, manual, actual, estimate, alarm, tick, plan,
     prediction, request FROM apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator,

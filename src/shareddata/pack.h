@@ -26,6 +26,8 @@
 #include <stdint.h>
 
 #define APC_PACK_MAX 1024
+/** Fewer samples than that, of what has just come, cost a database less as rows. */
+#define APC_PACK_OPEN 4
 /** Bytes that are enough for any. */
 #define APC_PACK_BYTES (3 + 8 * (33 + (APC_PACK_MAX / 128) * (9 + 128 * 8)))
 

@@ -4,7 +4,8 @@
  * transaction: whoever looks, and whatever ends it, finds the rows or the chunks. Nobody waits for it but at
  * its end, for as long as the partition takes to go. What is written to the week meanwhile makes it fail, and
  * the week stays as it was (sql/0007-repair-packed.sql). Seqs that follow each other in too small a number
- * stay rows.
+ * stay rows. Small chunks that a historian wrote (pg_chunks.c) are read in the place of rows, and become
+ * chunks whatever their number.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -20,6 +21,12 @@ enum { FETCH = 4096, CELLS = 2 + APC_PACK_COLUMNS };
 
 struct week {
     char target[16], partition[64];
+    bool open; /* it is a table of small chunks */
+};
+
+/* A small chunk: its bytes among those of its batch. */
+struct small {
+    size_t at, length;
 };
 
 struct run {
@@ -35,11 +42,15 @@ struct packer {
     size_t rows;           /* of the batch at hand */
     int64_t (*row)[CELLS]; /* [FETCH]: id, seq, and what a chunk has */
     bool *odd;             /* [FETCH]: a reference that is there and 0, which a chunk cannot tell from none */
+    struct small *small;   /* [FETCH]: what stands in the place of rows where the week is open */
     struct run *stays;     /* rows */
     size_t n_stays, room;
     int queued;                             /* statements of chunks that were sent and not answered */
     int64_t samples, bytes, before, stayed; /* bytes: of the chunks, and of the week as it was */
+    struct apc_pack small_chunk;
     uint8_t data[APC_PACK_BYTES];
+    uint8_t *held; /* bytes of the small chunks of the batch at hand */
+    size_t n_held, room_held;
 };
 
 /* ---- Chunks on their way in ----------------------------------------------------------------- */
@@ -95,9 +106,11 @@ static int insert(struct packer *p, size_t length)
 
 static int end_chunk(struct packer *p)
 {
-    const size_t n = p->chunk.n, length = n >= FEW ? apc_pack(&p->chunk, p->data) : 0;
+    const size_t n = p->chunk.n, length = n >= FEW || p->week.open ? apc_pack(&p->chunk, p->data) : 0;
     int err = 0;
-    if (n > 0) {
+    if (n > 0 && length == 0 && p->week.open) {
+        err = apc_fail(&p->pg->base.why, APC_ECONFLICT, "samples of it that no chunk can hold");
+    } else if (n > 0) {
         err = length > 0 ? insert(p, length) : stay(p);
         p->samples += length > 0 ? (int64_t)n : 0;
     }
@@ -105,12 +118,11 @@ static int end_chunk(struct packer *p)
     return err;
 }
 
-static int take_row(struct packer *p, size_t i)
+static int take_row(struct packer *p, const int64_t row[CELLS], bool odd)
 {
     struct apc_pack *c = &p->chunk;
-    const int64_t *row = p->row[i];
     int err = 0;
-    if (c->n == APC_PACK_MAX || row[0] != p->id || row[1] != c->first + (int64_t)c->n || p->odd[i]) {
+    if (c->n == APC_PACK_MAX || row[0] != p->id || row[1] != c->first + (int64_t)c->n || odd) {
         err = end_chunk(p);
     }
     if (c->n == 0) {
@@ -121,9 +133,28 @@ static int take_row(struct packer *p, size_t i)
         c->at[k][c->n] = row[2 + k];
     }
     c->n++;
-    if (!err && p->odd[i]) {
+    if (!err && odd) {
         err = stay(p);
         c->n = 0;
+    }
+    return err;
+}
+
+/* The samples of a small chunk, one after the other. */
+static int take_small(struct packer *p, size_t i)
+{
+    struct apc_pack *c = &p->small_chunk;
+    int64_t row[CELLS] = {p->row[i][0], p->row[i][1]};
+    if (apc_unpack(p->held + p->small[i].at, p->small[i].length, c) != 0) {
+        return apc_fail(&p->pg->base.why, APC_ECONFLICT, "a chunk of variable %d in it is damaged",
+                        (int)row[0]);
+    }
+    int err = 0;
+    for (size_t k = 0; k < c->n && !err; k++, row[1]++) {
+        for (size_t column = 0; column < APC_PACK_COLUMNS; column++) {
+            row[2 + column] = c->at[column][k];
+        }
+        err = take_row(p, row, false);
     }
     return err;
 }
@@ -135,6 +166,23 @@ struct batch {
     int fetch; /* number of the FETCH among the statements sent */
 };
 
+static int keep_small(struct packer *p, size_t i, const PGresult *result)
+{
+    const size_t length = (size_t)PQgetlength(result, (int)i, 2), need = p->n_held + length;
+    if (need > p->room_held) {
+        uint8_t *bytes = (uint8_t *)realloc(p->held, 2 * need);
+        if (!bytes) {
+            return apc_fail(&p->pg->base.why, APC_ENOMEM, "out of memory for %zu bytes of chunks", 2 * need);
+        }
+        p->held = bytes;
+        p->room_held = 2 * need;
+    }
+    memcpy(p->held + p->n_held, PQgetvalue(result, (int)i, 2), length);
+    p->small[i] = (struct small){p->n_held, length};
+    p->n_held = need;
+    return 0;
+}
+
 static int take_batch(void *ctx, int statement, PGresult *result)
 {
     struct batch *b = (struct batch *)ctx;
@@ -142,18 +190,22 @@ static int take_batch(void *ctx, int statement, PGresult *result)
     if (statement != b->fetch) {
         return 0;
     }
-    if (PQnfields(result) != CELLS || PQntuples(result) > FETCH) {
+    const int cells = p->week.open ? 2 : CELLS;
+    if (PQnfields(result) != (p->week.open ? 3 : CELLS) || PQntuples(result) > FETCH) {
         return apc_fail(&p->pg->base.why, APC_EPROTO, "the database did not answer what was asked");
     }
+    int err = 0;
+    p->n_held = 0;
     p->rows = (size_t)PQntuples(result);
-    for (size_t i = 0; i < p->rows; i++) {
+    for (size_t i = 0; i < p->rows && !err; i++) {
         p->odd[i] = false;
-        for (int c = 0; c < CELLS; c++) {
+        for (int c = 0; c < cells; c++) {
             p->row[i][c] = apc_pg_cell(result, (int)i, c); /* a double's bits; NULL is 0 */
             p->odd[i] |= c >= 2 + APC_PACK_ORIGIN && p->row[i][c] == 0 && !PQgetisnull(result, (int)i, c);
         }
+        err = p->week.open ? keep_small(p, i, result) : 0;
     }
-    return 0;
+    return err;
 }
 
 /* What was queued goes along. */
@@ -181,11 +233,11 @@ static int begin_week(struct packer *p)
     char rows[400];
     const bool actuator = strcmp(p->week.target, "actuator") == 0;
     apc_pg_param_text(&name, p->week.partition);
-    snprintf(rows, sizeof rows,
-             "DECLARE rows NO SCROLL CURSOR FOR SELECT id::int8, seq, time, status, value, origin, author, "
-             "%s FROM "
-             "%s ORDER BY id, seq",
-             actuator ? "sensor_seq, setpoint_seq" : "NULL::int8, NULL::int8", p->week.partition);
+    snprintf(rows, sizeof rows, "DECLARE rows NO SCROLL CURSOR FOR SELECT id::int8, %s FROM %s ORDER BY 1, 2",
+             p->week.open ? "first, data"
+             : actuator   ? "seq, time, status, value, origin, author, sensor_seq, setpoint_seq"
+                          : "seq, time, status, value, origin, author, NULL::int8, NULL::int8",
+             p->week.partition);
     p->pg->deadline = apc_clock_mono(NULL) + PATIENCE * p->pg->base.config.timeout;
     int err = apc_pg_send(p->pg, "SELECT pack_begin($1)", &name);
     err = err ? err : apc_pg_finish(p->pg, NULL, NULL);
@@ -202,7 +254,7 @@ static int pack_rows(struct packer *p)
     int err = fetch(p);
     while (!err && p->rows > 0) {
         for (size_t i = 0; i < p->rows && !err; i++) {
-            err = take_row(p, i);
+            err = p->week.open ? take_small(p, i) : take_row(p, p->row[i], p->odd[i]);
         }
         err = err ? err : fetch(p);
     }
@@ -306,10 +358,11 @@ static int take_weeks(void *ctx, int statement, PGresult *result)
     if (!w->week) {
         return apc_fail(&w->pg->base.why, APC_ENOMEM, "out of memory for %zu weeks", n);
     }
-    for (w->n = 0; w->n < n; w->n++) { /* names of packable(), which has looked at them */
+    for (w->n = 0; w->n < n; w->n++) { /* names that the statement has looked at */
         struct week *week = &w->week[w->n];
         snprintf(week->target, sizeof week->target, "%s", PQgetvalue(result, (int)w->n, 0));
         snprintf(week->partition, sizeof week->partition, "%s", PQgetvalue(result, (int)w->n, 1));
+        week->open = strstr(week->partition, "_open_") != NULL;
     }
     return 0;
 }
@@ -320,7 +373,15 @@ static int list_weeks(struct weeks *w, apc_ns before)
     char bytes[8];
     apc_pg_put_int8(bytes, apc_pg_time(before));
     apc_pg_param(&params, bytes, 8);
-    int err = apc_pg_send(w->pg, "SELECT target, partition FROM packable($1::timestamptz)", &params);
+    int err = apc_pg_send(
+        w->pg,
+        "SELECT * FROM (SELECT target, partition FROM packable($1::timestamptz) UNION ALL "
+        "SELECT t, c.relname::text FROM unnest(ARRAY['sensor', 'actuator', 'actual', 'estimate']) AS t "
+        "JOIN pg_inherits ON inhparent = to_regclass(t || '_packed') JOIN pg_class AS c ON c.oid = inhrelid "
+        "WHERE CASE WHEN c.relname ~ format('^%s_open_[0-9]{8}$', t) THEN (to_date(right(c.relname, 8), "
+        "'YYYYMMDD') + 7)::timestamp AT TIME ZONE 'UTC' <= $1::timestamptz END) AS w "
+        "ORDER BY right(partition, 8), partition",
+        &params);
     return err ? err : apc_pg_finish(w->pg, take_weeks, w);
 }
 
@@ -333,8 +394,9 @@ static int pack_or_say(struct apc_pg *pg, const struct week *week)
         *p = (struct packer){.pg = pg, .week = *week};
         p->row = (int64_t(*)[CELLS])calloc(FETCH, sizeof *p->row);
         p->odd = (bool *)calloc(FETCH, sizeof *p->odd);
+        p->small = (struct small *)calloc(FETCH, sizeof *p->small);
     }
-    if (p && p->row && p->odd) {
+    if (p && p->row && p->odd && p->small) {
         err = pack_week(p);
     } else {
         apc_fail(&pg->base.why, err, "out of memory for a chunk of samples");
@@ -350,6 +412,8 @@ static int pack_or_say(struct apc_pg *pg, const struct week *week)
     if (p) {
         free(p->row);
         free(p->odd);
+        free(p->small);
+        free(p->held);
         free(p->stays);
     }
     free(p);

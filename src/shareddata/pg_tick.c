@@ -120,6 +120,35 @@ static void sort_shared(struct apc_pg *pg, const struct apc_rows *rows)
     }
 }
 
+/* The statement of a table's rows that go as chunks. */
+#define CHUNKS 1U
+
+/* All that came of a variable goes as one chunk, where that is of use; what people write does not. */
+static void choose_chunks(struct apc_pg *pg, const struct apc_rows *rows)
+{
+    struct batch b;
+    for (size_t at = 0; at < rows->n_samples; at = b.begin + b.n) {
+        b = batch_at(pg, rows, at);
+        struct apc_pg_place *place = &pg->places[at];
+        if (apc_table_shared(b.table) || !apc_pg_texts[b.table].seam) {
+            continue;
+        }
+        sort_places(rows, place, b.n);
+        size_t end, chosen = 0;
+        for (size_t i = 0; i < b.n; i = end) {
+            for (end = i + 1; end < b.n && id_of(rows, place[end].row) == id_of(rows, place[i].row); end++) {
+            }
+            const bool chunk = apc_pg_chunkable(rows->sample, place + i, end - i);
+            for (size_t k = i; chunk && k < end; k++, chosen++) {
+                place[k].pass = CHUNKS;
+            }
+        }
+        if (chosen > 0 && chosen < b.n) {
+            sort_places(rows, place, b.n);
+        }
+    }
+}
+
 /* ---- Parameters ----------------------------------------------------------------------------- */
 
 enum column {
@@ -272,8 +301,16 @@ static bool is_plain(const struct exchange *x, const struct batch *b)
     return true;
 }
 
+static bool is_chunks(const struct exchange *x, const struct batch *b)
+{
+    return x->op == APPEND && x->pg->places[b->begin].pass == CHUNKS;
+}
+
 static int send_batch(struct exchange *x, const struct batch *b)
 {
+    if (is_chunks(x, b)) {
+        return apc_pg_send_chunks(x->pg, b->table, x->rows->sample, &x->pg->places[b->begin], b->n);
+    }
     const struct apc_pg_text *text = &apc_pg_texts[b->table];
     const bool vectors = apc_table_vectors(b->table);
     const bool place = x->op == PLACE && apc_table_shared(b->table);
@@ -314,6 +351,9 @@ static int send_all(struct exchange *x)
     int err = sort_by_table(x->pg, x->rows);
     if (!err && x->op == PLACE) {
         sort_shared(x->pg, x->rows);
+    }
+    if (!err && x->op == APPEND && x->pg->base.config.chunks && !x->repeat) {
+        choose_chunks(x->pg, x->rows);
     }
     if (!err) {
         err = apc_pg_begin(x->pg);
@@ -489,7 +529,7 @@ static int take_append(void *ctx, int statement, PGresult *result)
     if (next_batch(x, statement, &b)) {
         return unexpected(x->pg);
     }
-    x->count += (int)strtol(PQcmdTuples(result), NULL, 10);
+    x->count += is_chunks(x, &b) ? (int)b.n : (int)strtol(PQcmdTuples(result), NULL, 10);
     return x->op == PLACE && apc_table_shared(b.table) ? take_places(x, &b, result) : 0;
 }
 

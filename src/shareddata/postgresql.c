@@ -16,6 +16,7 @@ static void close_store(struct apc_store *store)
         free(pg->columns[i].data);
     }
     free(pg->places);
+    apc_pg_free_chunks(pg->chunks);
     free(pg->claimed.at);
     free(pg);
 }

@@ -3,9 +3,10 @@
  * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
  * pg_connection.c (connecting, waiting with a deadline), pg_claim.c (claims), pg_former.c (claims that
  * outlive their connection), pg_pooled.c (poolers), pg_init.c (migrations), pg_tick.c (the ticks'
- * operations), pg_catalogue.c (authors, the catalogue), pg_request.c (what people ask of a history),
- * pg_rows.c (events, timing, tags), pg_history.c (history of samples and vectors), pg_pack.c (packing old
- * weeks), pg_plants.c (which plants there are), postgresql.c (its life). apcshareddata.c uses the first two.
+ * operations), pg_chunks.c (appending chunks), pg_catalogue.c (authors, the catalogue), pg_request.c (what
+ * people ask of a history), pg_rows.c (events, timing, tags), pg_history.c (history of samples and vectors),
+ * pg_pack.c (packing old weeks), pg_plants.c (which plants there are), postgresql.c (its life).
+ * apcshareddata.c uses the first two.
  */
 #ifndef APC_POSTGRESQL_H
 #define APC_POSTGRESQL_H
@@ -88,6 +89,8 @@ struct apc_pg_place {
     uint32_t row, pass;
 };
 
+struct apc_pg_chunks;
+
 struct apc_pg {
     struct apc_store base;
     char schema[64];
@@ -112,6 +115,7 @@ struct apc_pg {
     struct apc_pg_array columns[9]; /* parameters; kept, so that a tick allocates nothing */
     struct apc_pg_place *places;    /* rows sorted by table; kept as well */
     size_t places_capacity;
+    struct apc_pg_chunks *chunks; /* pg_chunks.c's own; kept as well */
 };
 
 static inline struct apc_pg *apc_pg_of(struct apc_store *store)
@@ -119,11 +123,11 @@ static inline struct apc_pg *apc_pg_of(struct apc_store *store)
     return (struct apc_pg *)store;
 }
 
-/** A statement's parameters: up to sixteen, all binary but where length is 0 (text) or value is NULL. */
+/** A statement's parameters: up to twenty, all binary but where length is 0 (text) or value is NULL. */
 struct apc_pg_params {
     int n;
-    const char *values[16];
-    int lengths[16], formats[16];
+    const char *values[20];
+    int lengths[20], formats[20];
 };
 void apc_pg_param(struct apc_pg_params *p, const char *binary, size_t length);
 void apc_pg_param_text(struct apc_pg_params *p, const char *text);
@@ -167,6 +171,15 @@ int apc_pg_command(struct apc_pg *pg, const char *sql, PGresult **result);
 
 /** Split the URI. On failure nothing has to be freed. */
 int apc_pg_parse_uri(struct apc_pg *pg, const char *uri, struct apc_error *why);
+
+/* ---- pg_chunks.c ---------------------------------------------------------------------------- */
+
+/** May the samples at these places, all of one variable, go as one chunk? */
+bool apc_pg_chunkable(const struct apc_sample *sample, const struct apc_pg_place *place, size_t n);
+/** Queue the append of those at these places, each variable's one after the other, as chunks. */
+int apc_pg_send_chunks(struct apc_pg *pg, enum apc_table table, const struct apc_sample *sample,
+                       const struct apc_pg_place *place, size_t n);
+void apc_pg_free_chunks(struct apc_pg_chunks *chunks);
 
 /* ---- pg_former.c ---------------------------------------------------------------------------- */
 

@@ -27,6 +27,7 @@ static int make_config(struct apc_store_config *config, struct apc_store_options
         .timeout = o.timeout ? o.timeout : 2 * APC_NS_PER_S,
         .backoff_min = o.backoff_min ? o.backoff_min : 100 * APC_NS_PER_MS,
         .backoff_max = o.backoff_max ? o.backoff_max : 5 * APC_NS_PER_S,
+        .chunks = o.chunks,
     };
     if (config->backoff_max < config->backoff_min) {
         return apc_fail(why, APC_EINVAL, "the longest pause between connects is shorter than the first one");

@@ -173,6 +173,15 @@ n=$(sql 'SELECT max(seq) FROM apc.sensor WHERE id = 1')
 in_one() { sql "SELECT count(*) FROM apc.sensor WHERE id = 1 AND seq > $n GROUP BY xmin::text" | awk '$1 > 100 {there = 1} END {exit !there}'; }
 until_true 60 in_one
 
+# and one that is to pack writes it as chunks, which are the same values (below)
+kill -TERM "$to_database"
+wait "$to_database" || fail "a historian ended with $?"
+background database "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history postgresql: --every 1 --pack
+to_database=$pid
+in_chunks() { [ "$(sql "SELECT count(*) > 0 FROM apc.${1}_packed")" = t ]; }
+until_true 60 in_chunks sensor
+until_true 60 in_chunks actuator
+
 # nothing of it came to the plant, and all of it is there
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/run.log")"

@@ -843,7 +843,7 @@ static void test_every_function_with_the_owners_rights_has_its_search_path_and_n
     assert_string_equal(cluster_query(cluster,
                                       "SELECT count(*) FROM pg_proc WHERE pronamespace = 'apc'::regnamespace "
                                       "AND prosecdef"),
-                        "28");
+                        "29");
 }
 
 static void test_in_a_database_of_its_own_nobody_makes_temporary_tables_or_takes_locks(void **state)
