@@ -575,14 +575,14 @@ static void put_panel(FILE *script, const struct report_panels *p, size_t k, dou
 
 /* ---- What happened ------------------------------------------------------------------------ */
 
-/* A text at a time, unless it would stand on the one before. */
+/* A text at a time; beside the one before, as long as it still stands above its time. */
 static void put_mark(FILE *script, const struct report_panels *p, double t, const char *text,
                      const char *colour, double *free_from)
 {
     const double inner = (strip_end(p) - LEFT) * REPORT_WIDTH,
                  at = (t - p->begin) / (p->end - p->begin) * inner, half = (double)strlen(text) * LETTER / 2;
-    double middle = fmin(fmax(at, half), inner - half);
-    if (middle - half < *free_from)
+    const double middle = fmax(fmin(fmax(at, half), inner - half), *free_from + half);
+    if (middle - half > at || middle + half > inner)
         return;
     *free_from = middle + half + LETTER;
     fputs("set label ", script);

@@ -404,6 +404,6 @@ C
 "$apc" simulate "$work/many.conf" --report "$work/many" >/dev/null
 in_figure "$work/many" y1 y9 y60 u1 u60
 "$apc" simulate "$APC_SOURCE_DIR/experiments/two-layers.conf" --report "$work/layers" >/dev/null
-in_figure "$work/layers" 'setpoint r1, moved by upper' 'setpoint w1 of upper' upper.r2 Cas Man shed killed 'upper killed' 'd3 = 1.5 cm³/s'
+in_figure "$work/layers" 'setpoint r1, moved by upper' 'setpoint w1 of upper' upper.r2 Cas Man shed killed 'upper killed' 'upper started' 'd3 = 1.5 cm³/s'
 "$apc" simulate "$APC_SOURCE_DIR/experiments/hundred-loops.conf" --duration 70 --report "$work/hundred" >/dev/null
 in_figure "$work/hundred" area0 area9 'y30, largest error' u30 '9 others'
