@@ -330,9 +330,11 @@ static size_t missing(const struct apc_law_mpc *p)
     return i;
 }
 
+/* Limits that hold whatever happens do not contradict each other: where a program finds that they do, it is
+ * by numbers so far apart that nothing is left of the smaller ones. */
 static const char *reason(const struct apc_law_mpc *p)
 {
-    return p->result.rc == APC_ESOLVER && !p->nonlinear
+    return p->result.rc == APC_ERANGE || (p->result.rc == APC_ESOLVER && !p->nonlinear)
                ? "what is estimated is too far away to be calculated with"
                : apc_err_text(p->result.rc);
 }

@@ -1009,6 +1009,32 @@ static void it_begins_where_the_plant_stands(void **state)
     }
 }
 
+/* A measurement that is taken at its word: no error of a caller, nor of an integrator. */
+static void what_is_estimated_out_of_all_numbers_is_said(void **state)
+{
+    int said = 0;
+    (void)state;
+
+    for (int decades = 20; decades <= 280; decades += 20) {
+        struct rig r;
+
+        make_default(&r);
+        run(&r, 10);
+        r.y[0] = pow(10.0, decades);
+        r.result = apc_instances_compute(r.law, 0, &r.c);
+        act(&r);
+        set_point(&r, 6.2, 6.5);
+        r.result = apc_instances_compute(r.law, 0, &r.c);
+        assert_true(isfinite(r.u[0]) && isfinite(r.u[1]));
+        if (r.result == APC_LAW_INFEASIBLE) {
+            assert_non_null(strstr(r.why, "no plan: what is estimated is too far away"));
+            said++;
+        }
+        end(&r);
+    }
+    assert_true(said > 0);
+}
+
 static void what_is_no_number_never_goes_out(void **state)
 {
     struct rig r;
@@ -1108,6 +1134,7 @@ int main(void)
         TEST(an_unstable_plant_is_kept_in_hand_when_nothing_is_asked_of_it),
         TEST(what_integrates_is_held_in_spite_of_a_load),
         TEST(it_begins_where_the_plant_stands),
+        TEST(what_is_estimated_out_of_all_numbers_is_said),
         TEST(what_is_no_number_never_goes_out),
         TEST(a_model_that_cannot_be_controlled_or_seen_is_refused),
         TEST(what_makes_no_sense_is_refused_with_a_sentence),
