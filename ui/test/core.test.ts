@@ -10,7 +10,7 @@ import {hole, matches, merge} from "../src/core/eventlist";
 import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
-import {abnormalFirst, admitted, areasOf, filtered, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, worstByArea, worstOf} from "../src/core/list";
+import {abnormalFirst, areasOf, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
 import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/outlook";
 import {pages, path, placeOf} from "../src/core/place";
@@ -661,12 +661,33 @@ test("each area has the gravest alarm within it", () => {
   assert.equal(worstByArea(placed, new Map()).size, 0);
 });
 
-test("a frame makes so many new rows as it has time for, those in sight first; what was there stays", () => {
-  const wanted = ["a", "b", "c", "d", "e", "f"];
-  assert.deepEqual([...admitted(wanted, new Set(), 2, 3)], ["c", "d", "e"]);
-  assert.deepEqual([...admitted(wanted, new Set(["c", "d", "e", "gone"]), 2, 2)].sort(), ["b", "c", "d", "e", "f"]);
-  assert.deepEqual([...admitted(wanted, new Set(wanted), 0, 1)], wanted);
-  assert.equal(admitted(wanted, new Set(), 0, 9).size, 6);
+test("rows come and go a few in a frame, until those that are wanted are there", () => {
+  const at = (names: string, from = 0): Map<string, number> => new Map([...names].map((name, i) => [name, from + i]));
+  const names = (places: Map<string, number>): string => [...places].sort((a, b) => a[1] - b[1]).map(one => one[0]).join("");
+  /** Frame by frame; in none are there two rows at one place. */
+  const frames = (there: Map<string, number>, wanted: Map<string, number>, from = 0): string[] => {
+    const seen: string[] = [];
+    for (let now = there; names(now) !== names(wanted) || seen.length === 0; ) {
+      now = towards(now, wanted, from, 4);
+      assert.equal(new Set(now.values()).size, now.size, names(now));
+      seen.push(names(now));
+      assert.ok(seen.length < 20, seen.join());
+    }
+    return seen;
+  };
+  assert.deepEqual(frames(at(""), at("abcdefghij")), ["abcd", "abcdefgh", "abcdefghij"]);
+  assert.deepEqual(frames(at(""), at("abcdefghij"), 5), ["fghi", "cdefghij", "abcdefghij"]); // those in sight first
+  // Others: each takes the place of one that was there, and of the rest a few go.
+  assert.deepEqual(frames(at("abcdefghijklmnop"), at("stuvwxyz")), ["stuvmnop", "stuvwxyz"]);
+  // What stays is at its new place at once.
+  assert.deepEqual(frames(at("abcdefgh"), at("hgfedcba")), ["hgfedcba"]);
+  assert.deepEqual([haste(4, 0.001), haste(4, 0.004), haste(4, 0.012), haste(8, 1), haste(1, 0)], [8, 3, 1, 1, 8]);
+  // Scrolled by six.
+  assert.deepEqual(frames(at("abcdefgh"), at("ghijklmn", 6), 6), ["ghijkl", "ghijklmn"]);
+  // Hardly anything is left of many.
+  const many = Array.from({length: 40}, (_, i) => String.fromCharCode(65 + i)).join("");
+  assert.deepEqual(frames(at(many), at("C")).map(one => one.length), [28, 16, 4, 1]);
+  assert.deepEqual(frames(at(many), at("")).map(one => one.length), [28, 16, 4, 0]);
 });
 
 test("of several alarms of a loop what nobody has acknowledged is the worst, then the gravest", () => {

@@ -3,6 +3,8 @@
 import {type Alarm, isUnacknowledged, refsOf} from "./alarms";
 import type {Loop, Plant, Ref, Variable} from "./types";
 
+const byName = new Intl.Collator("en", {numeric: true}).compare;
+
 /** A loop, or a measurement beyond the loops. */
 export interface Item {
   key: string;
@@ -54,7 +56,7 @@ export function areasOf(items: Item[]): Area[] {
   const byParts = (a: string, b: string): number => {
     const [x, y] = [a.split("/"), b.split("/")];
     const i = x.findIndex((part, k) => part !== y[k]);
-    return i < 0 ? x.length - y.length : y[i] == null ? 1 : (x[i] as string).localeCompare(y[i] as string, "en", {numeric: true});
+    return i < 0 ? x.length - y.length : y[i] == null ? 1 : byName(x[i] as string, y[i] as string);
   };
   return [{path: "", name: "all", depth: 0, count: items.length}, ...[...counts.keys()].sort(byParts).map(path => ({path, name: path.slice(path.lastIndexOf("/") + 1), depth: path.split("/").length, count: counts.get(path) as number}))];
 }
@@ -133,7 +135,7 @@ export type Order = ReadonlyMap<string, number>; // place by key
 
 /** What has nothing there comes last, whichever way. */
 export function orderOf(items: Item[], of: (item: Item) => string | number | null, down: boolean): Order {
-  const by = (a: string | number, b: string | number): number => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b), "en", {numeric: true}));
+  const by = (a: string | number, b: string | number): number => (typeof a === "number" && typeof b === "number" ? a - b : byName(String(a), String(b)));
   const all = items.map(item => ({key: item.key, at: of(item)}));
   all.sort((a, b) => (a.at == null || b.at == null ? Number(a.at == null) - Number(b.at == null) : by(a.at, b.at) * (down ? -1 : 1)));
   return new Map(all.map(({key}, i) => [key, i]));
@@ -143,16 +145,28 @@ export function ordered(items: Item[], order: Order): Item[] {
   return items.slice().sort((a, b) => (order.get(a.key) ?? 0) - (order.get(b.key) ?? 0));
 }
 
-/** Of rows that are to be shown those that are now: all that were, and of new ones so many, from the first in sight on, as a frame has time for. */
-export function admitted(wanted: string[], there: ReadonlySet<string>, from: number, most: number): Set<string> {
-  const out = new Set(wanted.filter(one => there.has(one)));
-  for (const one of [...wanted.slice(from), ...wanted.slice(0, from).reverse()]) {
-    if (most === 0) break;
-    if (out.has(one)) continue;
-    out.add(one);
-    most--;
-  }
+/** Places of rows by name, from one frame to the next: from what is there towards what is wanted. What stays goes to its place at once; of new
+ *  rows come `most`, from place `from` on; what leaves does so when another row takes its place, or a few at a time. */
+export function towards(there: ReadonlyMap<string, number>, wanted: ReadonlyMap<string, number>, from: number, most: number): Map<string, number> {
+  const out = new Map([...wanted].filter(([name]) => there.has(name)));
+  const fresh = [...wanted].filter(([name]) => !there.has(name));
+  const below = fresh.filter(([, at]) => at >= from);
+  const above = fresh.filter(([, at]) => at < from).reverse();
+  for (const [name, at] of [...below, ...above].slice(0, most)) out.set(name, at);
+  const taken = new Set(out.values());
+  const leave = [...there].filter(([name]) => !wanted.has(name));
+  const free = leave.filter(([, at]) => !taken.has(at));
+  const goes = Math.max(0, 3 * most - (leave.length - free.length));
+  for (const [name, at] of free.slice(goes)) out.set(name, at);
   return out;
+}
+
+const SLICE = 0.003; // s of a frame that new rows may take
+const MOST = 8;
+
+/** How many new rows the next frame makes, when so many took so long. */
+export function haste(made: number, seconds: number): number {
+  return Math.max(1, Math.min(MOST, Math.floor((made * SLICE) / seconds)));
 }
 
 const BEYOND = 8; // rows, on either side

@@ -82,7 +82,7 @@ function useRoom(): keyof typeof HEIGHTS {
   return room;
 }
 
-export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Element {
+export function Many({plant: p, table}: {plant: Plant & {generation: number}; table: boolean}): JSX.Element {
   const items = useMemo(() => itemsOf(p), [p]);
   const areas = useMemo(() => areasOf(items), [items]);
   const [filter, setFilter] = useState<ListFilter>({text: "", area: "", mode: "", only: "all"});
@@ -108,9 +108,11 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
   /** Rising, falling, and as the plant has them. */
   const sort = (column: Column): void => {
     const down = sorted?.column === column;
-    setSorted(down && sorted.down ? null : {column, down, order: orderOf(items, item => inColumn(item, column), down)});
+    const order = orderOf(items, item => inColumn(item, column), down);
+    env.frame(() => setSorted(down && sorted.down ? null : {column, down, order}));
   };
-  const set = (part: Partial<ListFilter>): void => setFilter(was => ({...was, ...part}));
+  // A press is through at once; the list, which takes longer, follows with the next frame.
+  const set = (part: Partial<ListFilter>): void => env.frame(() => setFilter(was => ({...was, ...part})));
   const modes = [...new Set(p.loops.flatMap(loop => loop.mode.targets))];
   return (
     <div class={`many-loops lines-${room}`}>
@@ -137,7 +139,7 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
               <option value="abnormal">abnormal</option>
             </select>
           </label>
-          <label class="check"><input type="checkbox" checked={first} onChange={event => setFirst(event.currentTarget.checked)} /> abnormal first</label>
+          <label class="check"><input type="checkbox" checked={first} onChange={({currentTarget: {checked}}) => env.frame(() => setFirst(checked))} /> abnormal first</label>
           {narrow && (
             <label>
               by{" "}
@@ -157,6 +159,7 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
           />
         ) : (
           <Rows
+            key={p.generation}
             label="Loops and measurements"
             head={
               <>
@@ -171,7 +174,7 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
             }
             rows={rows}
             height={HEIGHTS[room]}
-            name={item => `${item.key}:${(p as Plant & {generation?: number}).generation ?? 0}`}
+            name={item => item.key}
             row={item => <Cells item={item} />}
           />
         )}
@@ -181,12 +184,12 @@ export function Many({plant: p, table}: {plant: Plant; table: boolean}): JSX.Ele
   );
 }
 
-/** What is typed is there with the key; the list, which takes longer, follows with the next frame. */
+/** What is typed is there with the key. */
 function Search({field, change}: {field: RefObject<HTMLInputElement>; change: (text: string) => void}): JSX.Element {
   const [text, setText] = useState("");
   const type = (typed: string): void => {
     setText(typed);
-    env.frame(() => change(typed));
+    change(typed);
   };
   return (
     <input

@@ -3,9 +3,7 @@
 import type {ComponentChildren, JSX} from "preact";
 import {useLayoutEffect, useRef, useState} from "preact/hooks";
 import {env} from "../core/env";
-import {admitted, inSight} from "../core/list";
-
-const AT_ONCE = 4; // rows that are made in one frame
+import {haste, inSight, towards} from "../core/list";
 
 interface Props<T> {
   label: string;
@@ -30,13 +28,18 @@ export function Rows<T>({label, head, rows, height, name, row}: Props<T>): JSX.E
     return () => sized.disconnect();
   }, []);
   const [first, last] = inSight(seen.top, seen.height, height, rows.length);
-  const there = useRef<ReadonlySet<string>>(new Set());
+  const there = useRef<ReadonlyMap<string, {row: T; at: number}>>(new Map());
+  const most = useRef(4);
   const [, more] = useState(0);
-  const wanted = rows.slice(first, last).map(name);
-  const shown = admitted(wanted, there.current, Math.max(0, Math.floor(seen.top / height) - first), AT_ONCE);
+  const began = env.mono();
+  const wanted = new Map(rows.slice(first, last).map((one, i) => [name(one), first + i]));
+  const places = towards(new Map([...there.current].map(([key, {at}]) => [key, at])), wanted, Math.floor(seen.top / height), most.current);
+  const shown = [...places].sort((a, b) => a[1] - b[1]).map(([key, at]) => ({key, at, row: (wanted.has(key) ? rows[at] : there.current.get(key)?.row) as T}));
   useLayoutEffect(() => {
-    there.current = shown;
-    if (shown.size < wanted.length) env.frame(() => more(n => n + 1));
+    const made = shown.filter(one => !there.current.has(one.key)).length;
+    if (made > 0) most.current = haste(made, env.mono() - began);
+    there.current = new Map(shown.map(one => [one.key, one]));
+    if (shown.length !== wanted.size || shown.some(one => !wanted.has(one.key))) env.frame(() => more(n => n + 1));
   });
   useLayoutEffect(() => {
     if (goes.current == null) return;
@@ -62,8 +65,8 @@ export function Rows<T>({label, head, rows, height, name, row}: Props<T>): JSX.E
     <div ref={box} class="rows panel" role="table" tabIndex={0} aria-label={label} aria-rowcount={rows.length + 1} onScroll={look} onKeyDown={move}>
       <div class="rows-head" role="row" aria-rowindex={1}>{head}</div>
       <div class="rows-all" role="rowgroup" style={{height: `${rows.length * height}px`}}>
-        {rows.slice(first, last).map((one, i) => shown.has(wanted[i] as string) && (
-          <div key={name(one)} class="rows-row" role="row" data-row={first + i} aria-rowindex={first + i + 2} style={{transform: `translateY(${(first + i) * height}px)`, height: `${height}px`}}>
+        {shown.map(({key, at, row: one}) => (
+          <div key={key} class="rows-row" role="row" data-row={at} aria-rowindex={at + 2} style={{transform: `translateY(${at * height}px)`, height: `${height}px`}}>
             {row(one)}
           </div>
         ))}
