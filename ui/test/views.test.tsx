@@ -1411,6 +1411,47 @@ test("the journal tells the story, and figures stand beside what they should be"
   assert.match(said("main"), /No alarms are described for this plant/);
 });
 
+test("a sample is written into the rows; they are rendered anew when they look other than before", async () => {
+  const many = Array.from({length: 40}, (_, i) => i + 1);
+  const loops = many.map(id => ({...tanks.loops[0]!, id, name: `y${id}`, called: `u${id}`, measurement: `sensor.${id}`, setpoint: null, output: null, tuning: [], parameters: []}));
+  const variables = many.map(id => ({...tanks.variables[0]!, ref: `sensor.${id}`, id, name: `y${id}`, display: [0, 20] as [number, number]}));
+  server.plant = {...tanks, variables: [...variables, ...tanks.variables.filter(one => one.table !== "sensor")], loops};
+  env.source.send("plant", {revision: 13});
+  await settle();
+  const samples = (seq: number, value: number, status = "Good"): Record<string, Sample> => Object.fromEntries(many.map(id => [`sensor.${id}`, [seq, START, value, status]]));
+  await state(samples(20, 9));
+  const rendered: string[] = [];
+  const before = options.diffed;
+  options.diffed = node => {
+    if (typeof node.type === "function") rendered.push(node.type.name);
+    before?.(node);
+  };
+  const row = '.rows-row[data-row="2"]';
+  const send = async (seq: number, value: number, status?: string): Promise<number> => {
+    rendered.length = 0;
+    env.source.send("values", {t: server.now, values: samples(seq, value, status)});
+    await settle();
+    return rendered.filter(name => name === "Value" || name === "Bar").length;
+  };
+  try {
+    assert.equal(await send(21, 12.5), 0);
+    assert.match(said(row), /^y3 .*\[y3 12\.500 m, scale 0 to 20\] 12\.500 m$/);
+    assert.equal(one(`${row} .value`).getAttribute("data-seq"), "21");
+    assert.match(one(`${row} .fill`).style.transform, /scaleX\(0\.6250\)/);
+    assert.ok((await send(22, 13, "BadSensorFailure")) > 0);
+    assert.match(said(row), /sensor failure\] 13\.000 m sensor failure$/);
+    assert.ok((await send(23, 12.5)) > 0);
+    assert.match(said(row), /\] 12\.500 m$/);
+    assert.ok((await send(24, 25)) > 0);
+    assert.equal(one(`${row} .bar .off`).textContent, "▶");
+  } finally {
+    options.diffed = before;
+  }
+  server.plant = tanks;
+  env.source.send("plant", {revision: 14});
+  await settle();
+});
+
 test("an overview of many loops: a tree of areas, a search, and those with an alarm", async () => {
   const many = Array.from({length: 40}, (_, i) => i + 1);
   const loops = many.map(id => ({...tanks.loops[0]!, id, name: `y${id}`, called: `u${id}`, measurement: `sensor.${id}`, setpoint: null, output: null, tuning: [], parameters: []}));

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // An analogue bar: the value as a bar, the setpoint as a mark, the limits where they lie on the scale.
 import type {JSX} from "preact";
-import {useCell} from "../usecell";
+import {useRef} from "preact/hooks";
+import {useCell, usePainted} from "../usecell";
 import {exact} from "../core/format";
 import {limitsOf, live, variable} from "../core/model";
-import {beyond} from "../core/quality";
+import {beyond, type Live} from "../core/quality";
 import {place, type Scale} from "../core/scale";
 import type {Ref} from "../core/types";
 import {told} from "./value";
@@ -20,26 +21,34 @@ interface Props {
 }
 
 export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
-  const one = useCell(live(value));
+  const bar = useRef<HTMLDivElement>(null);
+  const fill = useRef<HTMLElement>(null);
   const target = useCell(live(setpoint ?? "")).value;
-  if (!scale) return <div class="bar empty" />;
   const unit = variable(value)?.unit ?? "";
+  const {low, high} = limitsOf(value);
+  const zero = scale ? place(scale, 0).at : 0; // it begins there where the scale has it, else at its end
+  const look = (now: Live): string => `${now.stale} ${beyond(now.value, low, high)} ${scale && now.value != null && place(scale, now.value).off}`;
+  const one = usePainted(live(value), look, now => {
+    if (!scale || !bar.current) return;
+    const where = beyond(now.value, low, high);
+    const text =
+      `${label} ${told(value, now.value)} ${unit}` +
+      (target == null ? "" : `, setpoint ${exact(target)}`) +
+      (where ? `, ${where} its limit ${exact(where === "below" ? low : high)}` : "") +
+      `, scale ${exact(scale.low)} to ${exact(scale.high)}` +
+      (now.stale ? ", stale" : "");
+    bar.current.setAttribute("aria-label", text);
+    if (!fill.current || now.value == null) return;
+    const {at} = place(scale, now.value);
+    fill.current.style.transform = `translateX(${percent(Math.min(at, zero))}) scaleX(${Math.abs(at - zero).toFixed(4)})`;
+  });
+  if (!scale) return <div key="empty" class="bar empty" />;
   const at = one.value == null ? null : place(scale, one.value);
   const sp = target == null ? null : place(scale, target);
-  const {low, high} = limitsOf(value);
-  const where = beyond(one.value, low, high);
-  const text =
-    `${label} ${told(value, one.value)} ${unit}` +
-    (target == null ? "" : `, setpoint ${exact(target)}`) +
-    (where ? `, ${where} its limit ${exact(where === "below" ? low : high)}` : "") +
-    `, scale ${exact(scale.low)} to ${exact(scale.high)}` +
-    (one.stale ? ", stale" : "");
-  // From zero where the scale has it, else from its end.
-  const zero = place(scale, 0).at;
   return (
-    <div class="bar-with-ends">
-      <div class={`bar${one.stale ? " stale" : ""}${where ? " outside" : ""}`} role="img" aria-label={text}>
-        {at && <i class="fill" style={{transform: `translateX(${percent(Math.min(at.at, zero))}) scaleX(${Math.abs(at.at - zero).toFixed(4)})`}} />}
+    <div key="bar" class="bar-with-ends">
+      <div ref={bar} class={`bar${one.stale ? " stale" : ""}${beyond(one.value, low, high) ? " outside" : ""}`} role="img">
+        {at && <i key="fill" ref={fill} class="fill" />}
         {sp && !sp.off && <i class="setpoint" style={{left: percent(sp.at)}} />}
         {zero > 0 && zero < 1 && <i class="zero" style={{left: percent(zero)}} />}
         {at && at.off !== 0 && <b class={at.off < 0 ? "off low" : "off high"}>{at.off < 0 ? "◀" : "▶"}</b>}

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // One live number. Stale: greyed, crossed, with its age; not Good or outside its limits: marked, and why.
 import type {JSX} from "preact";
-import {useCell} from "../usecell";
+import {useRef} from "preact/hooks";
+import {useCell, usePainted} from "../usecell";
 import {decimalsOf, duration, exact, missing, number} from "../core/format";
 import {isRemote, limitsOf, live, modesOfLoop, variable} from "../core/model";
-import {beyond, words, worth} from "../core/quality";
+import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
 import {Shape} from "./shape";
 
@@ -14,24 +15,32 @@ export function told(of: Ref, value: number | null): string {
 }
 
 export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Element {
-  const now = useCell(live(of));
+  const whole = useRef<HTMLSpanElement>(null);
+  const digits = useRef<HTMLSpanElement>(null);
   const one = variable(of);
+  const {low, high} = limitsOf(of);
+  const look = (now: Live): string => (now.seq === 0 || now.value == null ? "" : `${now.stale ? now.age : ""} ${now.status} ${beyond(now.value, low, high)}`);
+  const now = usePainted(live(of), look, ({seq, value}) => {
+    if (!digits.current || !whole.current) return;
+    const text = told(of, value);
+    if (digits.current.textContent !== text) digits.current.textContent = text;
+    whole.current.setAttribute("data-seq", String(seq));
+  });
   if (now.seq === 0 || now.value == null)
     return (
-      <span class="value none" data-ref={of} draggable title="no sample yet">
+      <span key="none" class="value none" data-ref={of} draggable title="no sample yet">
         {one?.period != null && <Shape priority={3} label="no sample yet" />}
         {missing}
       </span>
     );
   const what = worth(now.status);
-  const {low, high} = limitsOf(of);
   const where = beyond(now.value, low, high);
   return (
-    <span class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} data-seq={now.seq} draggable>
+    <span key="value" ref={whole} class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} draggable>
       {what === "bad" && <Shape priority={2} label={words(now.status)} />}
       {where && what !== "bad" && <Shape priority={2} label={`${where} its limits`} />}
       {(now.stale || what === "uncertain") && what !== "bad" && !where && <Shape priority={3} label={now.stale ? "stale" : words(now.status)} />}
-      <span class="digits">{told(of, now.value)}</span>
+      <span key="digits" ref={digits} class="digits" />
       {unit && one?.unit && <span class="unit">{one.unit}</span>}
       {now.stale && <span class="age">{duration(now.age)} old</span>}
       {what !== "good" && <span class="age">{words(now.status)}</span>}
