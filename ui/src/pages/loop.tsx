@@ -32,6 +32,20 @@ export function LoopPage({about}: {about: string | null}): JSX.Element {
   return <Faceplate key={`${loop.id}:${p.generation}`} loop={loop} plant={p} />;
 }
 
+/** Which loop; of hundreds the others are not made before somebody comes to choose. */
+function Choice({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
+  const [all, setAll] = useState(false);
+  const open = (): void => setAll(true);
+  return (
+    <select class="loop-choice" aria-label="Loop" value={loop.id} onFocus={open} onPointerEnter={open} onChange={event => go("loop", event.currentTarget.value)}>
+      {!all ? <option value={loop.id}>{loop.name}</option> : p.controllers.map(({name}) => {
+        const own = p.loops.filter(one => one.controller === name).map(one => <option key={one.id} value={one.id}>{one.name}</option>);
+        return p.controllers.length > 1 ? <optgroup key={name} label={name}>{own}</optgroup> : own;
+      })}
+    </select>
+  );
+}
+
 /** `close`: it lies over another page. */
 export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; close?: () => void}): JSX.Element {
   const scale = useCell(loopScale(loop));
@@ -52,12 +66,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
         {!close && p.loops.length > 1 && (
           <>
             <button type="button" onClick={() => step(-1)} aria-label="Previous loop">◀</button>
-            <select aria-label="Loop" value={loop.id} onChange={event => go("loop", event.currentTarget.value)}>
-              {p.controllers.map(({name}) => {
-                const own = p.loops.filter(one => one.controller === name).map(one => <option key={one.id} value={one.id}>{one.name}</option>);
-                return p.controllers.length > 1 ? <optgroup key={name} label={name}>{own}</optgroup> : own;
-              })}
-            </select>
+            <Choice loop={loop} plant={p} />
             <button type="button" onClick={() => step(1)} aria-label="Next loop">▶</button>
           </>
         )}
