@@ -169,13 +169,13 @@ struct batch {
 static int keep_small(struct packer *p, size_t i, const PGresult *result)
 {
     const size_t length = (size_t)PQgetlength(result, (int)i, 2), need = p->n_held + length;
-    if (need > p->room_held) {
-        uint8_t *bytes = (uint8_t *)realloc(p->held, 2 * need);
+    if (need > p->room_held || !p->held) {
+        uint8_t *bytes = (uint8_t *)realloc(p->held, 2 * need + 1);
         if (!bytes) {
-            return apc_fail(&p->pg->base.why, APC_ENOMEM, "out of memory for %zu bytes of chunks", 2 * need);
+            return apc_fail(&p->pg->base.why, APC_ENOMEM, "out of memory for %zu bytes of chunks", need);
         }
         p->held = bytes;
-        p->room_held = 2 * need;
+        p->room_held = 2 * need + 1;
     }
     memcpy(p->held + p->n_held, PQgetvalue(result, (int)i, 2), length);
     p->small[i] = (struct small){p->n_held, length};

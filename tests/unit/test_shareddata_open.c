@@ -409,6 +409,12 @@ static void test_a_chunk_that_is_damaged_keeps_its_week_as_it_is(void **state)
     struct list *whole = history(store, 0, NULL);
     assert_int_equal(whole->n, 10);
     free(whole);
+    ask("UPDATE sensor_packed SET data = '' WHERE id = 1"); /* the first one that is read */
+    assert_int_equal(pack(store), 0);
+    assert_string_equal(
+        ask("SELECT count(*) FROM event WHERE text LIKE 'sensor_open_% is not packed: a chunk of variable "
+            "1 in it is damaged'"),
+        "1");
     apc_store_close(store);
 }
 
