@@ -138,6 +138,14 @@ fast_experiment() {
     "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/fast.conf"
 }
 
+# typed FILE WHAT [FROM]: the commands in the blocks of a document whose lines begin with WHAT, an expression, without the `$ ` that
+# may stand before them; from the line that begins with FROM to the next heading
+typed() {
+  sed -n "/^${3:-}/,\$p" "$APC_SOURCE_DIR/$1" | awk -v what="^($2)" -v part="${3:-}" '
+    /^```/ { inside = !inside; code = $0 != "```" && $0 != "```sh" } !inside && part && NR > 1 && /^#/ { over = 1 }
+    inside && !over && !code && ($0 ~ what || goes_on) { sub(/^\$ /, ""); print; goes_on = /\\$/ }' # reads to the end: sed would fail
+}
+
 # python_peers [LOCK]: what others wrote and tests talk to, by a lock in tests/peers, in the folder $peers; where it cannot
 # be had the test ends as skipped
 python_peers() {

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The history checker: rejects histories that must not be, and finds nothing in those of the stores while their writers
-# and their server are killed. APC_KILLS=100 is the long run; APC_SEED repeats one.
+# and their server are killed. APC_KILLS=100 is the long run (docs/stores.md); APC_SEED repeats one.
 # shellcheck source=lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-checker.XXXXXX)

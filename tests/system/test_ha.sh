@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Two failovers of a database of three nodes under a run: its history has each sample once.
+# Two failovers of a database of three nodes under a run, by the drill of docs/ha.md: its history has each sample once.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 status=0

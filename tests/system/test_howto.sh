@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Who follows a page of docs that says that it is run as a test gets what it shows.
+# Who follows a page of docs that says that it is run as a test gets what it shows; of other pages, and of README.md, what they type
+# is taken (typed.txt says which test types what).
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 shown=$(cd "$(dirname "$0")" && pwd)/shown.py
@@ -31,32 +32,35 @@ ln -s "$APC_SOURCE_DIR/include" "$APC_SOURCE_DIR/examples" .
 ln -s "$APC_BUILD_DIR" build
 cp -r "$APC/experiments" .
 
-# typed FILE [FROM]: the commands of apc in the blocks of a document, from the line that begins with FROM to the next heading
-typed() {
-  sed -n "/^${2:-}/,\$p" "$APC_SOURCE_DIR/$1" | awk -v part="${2:-}" '
-    /^```/ { inside = !inside; code = $0 != "```" } !inside && part && NR > 1 && /^#/ { over = 1 }
-    inside && !over && !code && (/^apc(-plant)? [a-z-]+ / || goes_on) { print; goes_on = /\\$/ }' # reads to the end: sed would fail
-}
-
-# What the pages on virtual time show. (tuning, mpc: test_walk.sh; replay wants a run of ten minutes.)
-for page in simulate analysis alarms; do
-  sed -E 's/^([0-9.]+ s) in [^;]*;/\1 in ...;/; /^## Replay/,/^## /d' "$APC_SOURCE_DIR/docs/$page.md" >"$work/$page.md"
-  python3 "$shown" "$work/$page.md" '--runs 1000=--runs 1000 --duration 20' >"$work/$page.log" ||
-    fail "docs/$page.md shows something else than what comes out: $(cat "$work/$page.log")"
+# What the pages on virtual time show. (tuning, mpc: test_walk.sh; what replay shows wants a run of ten minutes.)
+for page in docs/simulate.md docs/analysis.md docs/alarms.md; do
+  copy=$work/${page##*/}
+  sed -E 's/^([0-9.]+ s) in [^;]*;/\1 in ...;/; /^## Replay/,/^## /d' "$APC_SOURCE_DIR/$page" >"$copy"
+  python3 "$shown" "$copy" '--runs 1000=--runs 1000 --duration 20' >"$copy.log" ||
+    fail "$page shows something else than what comes out: $(cat "$copy.log")"
 done
+
+# The loop of docs/tuning.md behind the walk, from its test on
+sed -n '/^name = "heater"/,/^```/p' "$APC_SOURCE_DIR/docs/tuning.md" | sed '$d' >heater.conf
+"$apc" simulate heater.conf --report heater >/dev/null
+sed -n '/^\$ apc test heater/,$p' "$APC_SOURCE_DIR/docs/tuning.md" | sed '1i ```' >"$work/tuning.md"
+python3 "$shown" "$work/tuning.md" >"$work/tuning.log" || fail "docs/tuning.md shows something else than what comes out: $(cat "$work/tuning.log")"
 
 # What they only type is taken: matrices, certificates, and campaigns, cut short.
 ln -s experiments/four-tank.conf .
 {
-  for page in plants tls simulate; do typed docs/$page.md; done
+  typed docs/plants.md 'apc linearize'
+  typed docs/tls.md 'apc cert'
+  typed docs/simulate.md 'apc simulate'
+  typed docs/tuning.md 'apc optimize'
   echo 'cd experiments'
-  typed docs/gallery.md # where the numbers of its laws come from
-} | sed -E 's/--runs [0-9]+/--runs 2/; s/ --budget [0-9]+//; s/^apc optimize [^ ]+/& --budget 60/' >"$work/all"
+  typed docs/gallery.md 'apc optimize' # where the numbers of its laws come from
+} | sed -E 's/--runs [0-9]+/--runs 2/; s/ --budget [0-9]+//; s/^apc optimize [^ ]+/& --budget 60/; s/10\.0\.0\.7/127.0.0.1/' >"$work/all"
 [ "$(grep -c '^apc' "$work/all")" -ge 18 ] || fail "only these are typed: $(cat "$work/all")"
 SLURM_ARRAY_TASK_ID=1 bash -e "$work/all" >"$work/all.log" 2>&1 || fail "a command is not taken: $(tail -n 5 "$work/all.log")"
 
 # The plant behind registers is there as docs/modbus.md says.
-background registers bash -c "exec $(typed docs/modbus.md | sed "s/1502/$plc/")"
+background registers bash -c "exec $(typed docs/modbus.md apc-plant | sed "s/1502/$plc/")"
 until_true 20 grep -q 'unit 1' "$work/registers.log"
 kill "$pid"
 wait "$pid" || fail "the plant behind registers: $(cat "$work/registers.log")"
@@ -67,8 +71,63 @@ until_true 30 env APC_STORE="sqlite:$work/layers.db" "$apc" mode v2 man
 sed -n '/^## By command/,/^## /{/^\$ apc \(mode\|set\)/,/^r1: /p}' "$APC_SOURCE_DIR/docs/modes.md" | sed '1i ```' |
   sed -E 's/^r1: [0-9.]+ /r1: ... /; $a ...\n```' >"$work/modes.md"
 APC_STORE=sqlite:$work/layers.db python3 "$shown" "$work/modes.md" >"$work/modes.log" || fail "docs/modes.md shows something else than what comes out: $(cat "$work/modes.log")"
+expect 0 '^upper.r2 +Auto ' env APC_STORE="sqlite:$work/layers.db" bash -c "$(typed docs/modes.md '[$] apc status')"
 kill -INT "$pid"
 wait "$pid" || fail "the run of two layers: $(cat "$work/layers.log")"
+expect 0 '^upper: .* the same bit for bit' bash -c "$(typed docs/simulate.md '[$] apc replay' | sed "s| runs/.*| $work/layers|")"
+
+# A loop daemon by daemon, each as its page has it: tls, standby, stores, http-api. The certificates were made above.
+fast_experiment
+sed -z 's/controller = {/controllers = ( { name = "base"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];/; s/};\n\nscheduler/} );\n\nscheduler/' "$work/fast.conf" >line.conf
+cp certs/*.pem .
+segment=("$segment" /dev/shm/apc.howto$$)
+export APC_STORE=shm:howto$$
+"$apc" init line.conf >/dev/null
+web=$(free_port)
+here() {
+  sed -E "s/(line|plant)\.conf|FILE/line.conf/; s/shm:(line|plant)/${APC_STORE:-}/; s/0\.0\.0\.0|plant\.lan/127.0.0.1/; s/43051/$port/; s/ +&?( +#.*)?$//; s/^apc-ui.*/& --listen 127.0.0.1:$web/"
+}
+bash -c "$(typed docs/http-api.md 'apc user')" <<<'a password of some length' >"$work/user.log"
+daemons=()
+while read -r page what; do
+  background "${what//[^a-z-]/}" bash -c "exec $(typed "$page" "$what" | here)"
+  daemons+=("$pid")
+done <<'END'
+docs/tls.md apc-plant
+docs/tls.md apc-client
+docs/standby.md apc-controller.*standby a
+docs/standby.md apc-controller.*standby b
+docs/stores.md apc-historian
+docs/http-api.md apc-ui
+END
+until_true 30 "$apc" set r 7
+until_true 30 grep -q 'stands by' "$work"/apc-controller*.log
+kept() { [ "$("$apc" history y --store sqlite:plant.db | wc -l)" -gt 5 ]; }
+until_true 30 kept
+until_true 30 grep -q "http://127.0.0.1:$web" "$work/apc-ui.log"
+kill "${daemons[@]}"
+wait "${daemons[@]}" || fail "a daemon ended with $?"
+unset APC_STORE
+
+# A campaign in parts, as docs/simulate.md has it on several hosts; here this one is all there are.
+if command -v parallel >/dev/null; then
+  echo : >hosts
+  typed docs/simulate.md 'seq ' | sed 's/seq 1 100 9901/seq 2 4/; s/--runs 100/--runs 2 --duration 60/' >"$work/parts"
+  bash -e "$work/parts" >"$work/parts.log" 2>&1 || fail "GNU parallel: $(cat "$work/parts.log")"
+  [ "$(cat part-[2-4].csv | wc -l)" -ge 4 ] || fail "there are no parts: $(cat "$work/parts.log")"
+else
+  echo "skipped: a campaign over hosts, there is no parallel (Debian: apt install parallel)" >&2
+fi
+
+# The stores of apc run, as docs/stores.md has them; one that was a history is no store any more
+while read -r line; do
+  sql 'DROP SCHEMA IF EXISTS apc CASCADE' 2>"$work/drop.log"
+  background run bash -c "exec $line --no-ui --duration 0 --out '$work/stored'"
+  until_true 30 "$apc" set r 7 --store "$work/stored"
+  kill -INT "$pid"
+  wait "$pid" || fail "$line: $(cat "$work/run.log")"
+  rm -r "$work/stored"
+done < <({ typed docs/stores.md 'apc run' && typed docs/http-api.md 'apc run'; } | sed 's|://host/plant|:|' | here)
 
 # README: the law is built, simulated and run as it says. (Its first commands install and build: test_scripts.sh.) It runs
 # long enough for the plant to take commands on a machine that is busy: a run that never closes its loop says so.
@@ -80,7 +139,7 @@ python3 "$shown" "$work/readme.md" '--duration 30=--duration 10' >"$work/readme.
 background run "$apc" run experiments/first-order.conf --no-ui --out "$work/ran" --store "sqlite:$work/live.db" --duration 0
 export APC_STORE=sqlite:$work/live.db
 until_true 30 "$apc" set r 10
-{ typed README.md '## Your own' && typed docs/cli.md '## While it runs'; } | sed "s| runs/first[0-9a-z-]*| $work/ran|" >"$work/typed"
+{ typed README.md apc '## Your own' && typed docs/cli.md apc '## While it runs'; } | sed "s| runs/first[0-9a-z-]*| $work/ran|" >"$work/typed"
 [ "$(wc -l <"$work/typed")" -ge 15 ] || fail "only these are typed: $(cat "$work/typed")"
 while IFS= read -r line; do
   status=0

@@ -143,12 +143,14 @@ held found.csv K 10
 held found.csv tau 10
 grep -Eq '^dead_time,3,5\.[0-3]' found.csv || fail "the dead time: $(cat found.csv)" # and the client's way
 [ -s found.svg ] || fail "--find draws nothing"
-expect 0 'first-order of run, with 95 % intervals' "$apc" identify run --find K,tau
+# docs/tuning.md, of this plant
+as_typed() { typed docs/tuning.md "apc identify $1" | sed "s/$1/$2/; s/g1,g2,k1/K,tau/; s/v1,v2/u/; s/y1,y2/y/; s/tanks.conf/guessed.conf/"; }
+expect 0 'first-order of run, with 95 % intervals' env PATH="$APC_BIN:$PATH" bash -c "$(as_typed tanks-test run)"
 expect 0 'to try: apc simulate FILE --set plant.parameters.K=' "$apc" identify run run@..200 --find K
 awk -F, 'NR > 1 && ($2 == "sensor" || $2 == "actuator") && $3 == 1 { v[$2] = $5; if ($2 == "sensor") print $1 "," v["actuator"] "," $5 }' run/samples.csv |
   awk -F, 'BEGIN { print "time,u,y" } $2 != ""' >run.csv
 expect 1 'run.csv is no run folder.*--plant FILE' "$apc" identify run.csv --inputs u --outputs y --find K
-"$apc" identify run.csv --inputs u --outputs y --find K,tau,dead_time --plant guessed.conf --csv >found-csv.csv
+PATH=$APC_BIN:$PATH bash -c "$(as_typed monday.csv run.csv),dead_time --csv" >found-csv.csv
 held found-csv.csv K 10
 expect 1 'first-order has no parameter "k"; apc plants first-order shows' "$apc" identify run --find K,k
 sed 's/"y"/"w"/' pi.conf >other-names.conf
@@ -210,7 +212,7 @@ near "the gain in the document" "$(number <(sed -n '/^transfer = (/,/^```/p' "$d
 # ---- a tuning that is suggested controls, with the margins that are told
 
 "$apc" identify heater --model transfer --suggest >suggest.txt
-diff <(sed -n '/^SIMC for/,/^```/p' "$document" | sed '$d') <(sed -n '/^SIMC for/,/^$/p' suggest.txt | sed '$d') || fail "docs/tuning.md shows another tuning"
+diff <(sed -n '/^SIMC for/,/^\.\.\.$/p' "$document" | sed '$d') <(sed -n '/^SIMC for/,/^$/p' suggest.txt | sed '$d') || fail "docs/tuning.md shows another tuning"
 read -r Kp tau_i < <(awk '$3 == "PI" { print $4, $5 }' suggest.txt)
 sed "s/law = \"pi\"; period = 1.0; tuning = .*/law = \"pid\"; period = 0.5; tuning = ( { Kp = $Kp; tau_i = $tau_i; } ); };/" heater.conf >suggested.conf
 grep -q "Kp = 0.0" suggested.conf || fail "the tuning is not in its place"

@@ -5,7 +5,8 @@
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 
 prefix=$work/prefix
-cmake --install "$APC_BUILD_DIR" --prefix "$prefix" >"$work/install.log"
+install=$(typed docs/install.md 'cmake --install' | sed "s|build|'$APC_BUILD_DIR'|; s|/usr/local|'$prefix'|")
+bash -c "$install" >"$work/install.log"
 libdir=$(dirname "$(find "$prefix" -name 'libapc.so')")
 
 cmake -G Ninja -DCMAKE_PREFIX_PATH="$prefix" -S "$APC_SOURCE_DIR/examples/consumer" -B "$work/consumer" >"$work/cmake.log"

@@ -68,7 +68,10 @@ expect 1 'unencrypted to this very host only' "$APC_BIN/apc-mqtt" "${options[@]}
 expect 1 '--ca /gone: No such file' "$APC_BIN/apc-mqtt" "${options[@]}" --ca /gone --queue "sqlite:$work/x.db"
 expect 1 '--topic "a/#"' "$APC_BIN/apc-mqtt" "${options[@]}" --topic 'a/#' --queue "sqlite:$work/x.db"
 
-# ---- no broker at the start: it goes on, says so once, and later gives all
+# ---- no broker at the start: it goes on, says so once, and later gives all; as docs/mqtt.md has it typed
+read -ra options < <(typed docs/mqtt.md apc-mqtt | sed "s|line.conf|$work/fast.conf|; s|shm:line|$live|; s|broker.lan|127.0.0.1:$broker|
+  s|works.pem|$certs/authority.pem|; s|line.pem|$certs/mqtt.pem|; s|sqlite:mqtt.db|sqlite:$work/out.db|")
+options=("${options[@]:1}" --topic works/fast)
 mqtt out --users "$work/users" --allow r --allow u1.mode --allow u.mode --allow u
 out=$pid
 until_true 30 said out 'the broker is there no more, trying again: Connection refused'

@@ -126,6 +126,23 @@ python3 "$commands" "$APC_BIN" "${documents[@]}" >"$work/commands"
 printf '```\n$ apc simulate x --frobnicate | apc nothing\napc set: r is nothing\n```\n```python\napc.Nothing(1)\n```\n```python\nif :\n```\n' >"$work/bad.md"
 [ "$(python3 "$commands" "$APC_BIN" "$work/bad.md" | grep -c ' has no ')" = 4 ] || fail "what there is not is taken"
 
+# ---- each command of a page is typed by a test, as typed.txt says
+
+typed=$APC_SOURCE_DIR/tests/system/typed
+python3 "$typed.py" "$typed.txt" README.md docs/*.md sql/README.md >"$work/typed"
+[ "$(wc -l <"$work/typed")" = 1 ] || fail "a page and its tests differ: $(cat "$work/typed")"
+[ "$(cat "$work/typed")" -gt 200 ] || fail "only $(cat "$work/typed") commands were looked at"
+# it finds a command that nobody types, one that is gone, and a test that knows nothing of the page
+printf '```\napc set r 1    # aside\napc get y\n```\n```\n$ curl x\nan answer\n```\n' >"$work/bad.md"
+printf '%s\n' "$work/bad.md - apc set" "$work/bad.md tests/system/test_run.sh curl" "$work/bad.md - apc tune" >"$work/bad.txt"
+python3 "$typed.py" "$work/bad.txt" "$work/bad.md" >"$work/typed"
+diff - "$work/typed" <<END || fail "a page that no test types is taken"
+$work/bad.md: no test types: apc get y
+tests/system/test_run.sh does not name $work/bad.md
+$work/bad.md: there is no such command: apc tune
+3
+END
+
 # ---- what is not given is the default that docs/experiment-file.md states: where the library chooses, too
 
 samples() { # SETTINGS of the plant

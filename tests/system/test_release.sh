@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A release is the same bit for bit when it is made again, and its bill of materials has what is in it. (The packages:
-# scripts/release, by hand.)
+# scripts/release, as docs/install.md has it, by hand.)
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 cd "$APC_SOURCE_DIR"

@@ -118,7 +118,7 @@ echo "$work/precious" >"$work/pg/.apc-private"
 expect 0 '^$' "$private" "$work/pg" true
 [ -e "$work/precious/thesis" ] || fail "the folder that a forged mark named was removed"
 
-# the other scripts say what they want
+# the other scripts say what they want, scripts/demo of README.md among them
 expect 0 '^scripts/demo \[--postgres\] \[--duration' "$scripts/demo" --help
 mkdir -p "$work/top/scripts" "$work/top/build/bin" # where nothing is built
 cp "$scripts/demo" "$work/top/scripts"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Store and forward: the database is killed during `apc run`, the client too, and nothing that was measured is lost.
-# APC_OUTAGE=600 makes the outage last so many seconds; by default it lasts until enough is waiting.
+# APC_OUTAGE=600 (docs/stores.md) makes the outage last so many seconds; by default it lasts until enough is waiting.
 # shellcheck source=lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-spool.XXXXXX)
