@@ -2,6 +2,7 @@
 // uPlot as this page wants it: colours from the style sheet, the zone that is chosen, an axis that stays where it is.
 import uPlot from "uplot";
 import {clock, day, zone} from "./core/format";
+import type {Mark} from "./core/marks";
 import type {Scale} from "./core/scale";
 import {colour} from "./theme";
 
@@ -25,7 +26,7 @@ export interface PlotOptions {
   sync?: string;
   now?: () => number | undefined; // a line there
   reference?: () => number | null; // another, of dashes
-  marks?: () => {t: number; severity: 1 | 2 | 3}[]; // at the upper edge
+  marks?: () => Pick<Mark, "t" | "priority">[]; // at the upper edge
   onPick?: (t: number) => void; // a press that selects nothing
   onSelect?: ((from: number, to: number) => void) | null;
   onCursor?: (t: number | null) => void;
@@ -140,16 +141,16 @@ function upright(u: uPlot, t: number | null, of: string, dash: number[]): void {
 }
 
 /** Larger the graver: no colour tells it alone. */
-function notch(u: uPlot, {t, severity}: {t: number; severity: 1 | 2 | 3}): void {
+function notch(u: uPlot, {t, priority}: Pick<Mark, "t" | "priority">): void {
   const x = u.valToPos(t, "x", true);
-  const size = (3 + 2 * severity) * devicePixelRatio;
+  const size = (priority ? 10 - priority : 5) * devicePixelRatio;
   u.ctx.save();
   u.ctx.beginPath();
   u.ctx.moveTo(x - size / 2, u.bbox.top);
   u.ctx.lineTo(x + size / 2, u.bbox.top);
   u.ctx.lineTo(x, u.bbox.top + size);
   u.ctx.closePath();
-  u.ctx.fillStyle = colour(severity === 3 ? "--p1" : severity === 2 ? "--p2" : "--label");
+  u.ctx.fillStyle = colour(priority ? `--p${priority}` : "--label");
   u.ctx.strokeStyle = colour("--text");
   u.ctx.lineWidth = devicePixelRatio;
   u.ctx.fill();

@@ -3,6 +3,7 @@
 import uPlot from "uplot";
 import {type Line, plot} from "./plot";
 import type {Pen} from "./core/trend";
+import type {Mark} from "./core/marks";
 import type {Scale} from "./core/scale";
 import {align, type Series} from "./core/series";
 import {colour} from "./theme";
@@ -24,7 +25,7 @@ export interface TrendData {
   to: number;
   now?: number; // where what was ends and what is expected begins
   reference?: number | null; // from where differences are told
-  marks?: {t: number; severity: 1 | 2 | 3}[];
+  marks?: Pick<Mark, "t" | "priority">[];
   scales: Scale[]; // of each panel
 }
 

@@ -2,11 +2,12 @@
 // What a trend lays beside its curves: groups that are kept, events, an earlier window.
 import assert from "node:assert/strict";
 import {test} from "node:test";
+import {priorityOf} from "../src/core/alarms";
 import {added, type Group, groupsOf, keeping, MOST_GROUPS} from "../src/core/groups";
 import {marksOf, near} from "../src/core/marks";
 import {chosen, joined, pensAbout, signalsOf} from "../src/core/pens";
 import {shifted} from "../src/core/series";
-import type {Loop, PlantEvent} from "../src/core/types";
+import type {AlarmIs, Loop, PlantEvent} from "../src/core/types";
 import {plant} from "./plant";
 
 test("groups are kept by plant, and what cannot be read is none", () => {
@@ -35,12 +36,21 @@ test("a group takes the place of the one that had its name, and there are not to
 
 test("marks are what somebody did, modes, alarms and warnings, of the window", () => {
   const event = (time: number, kind: string, severity: 1 | 2 | 3 = 1): PlantEvent => ({time, severity, source: "anna", kind, text: "r1: 1 -> 2"});
-  const marks = marksOf([event(9, "operator"), event(10, "operator"), event(11, "law"), event(12, "law", 2), event(13, "alarm", 3), event(21, "mode")], 10, 20);
-  assert.deepEqual(marks.map(one => [one.t, one.severity]), [[10, 1], [12, 2], [13, 3]]);
+  const marks = marksOf([event(9, "operator"), event(10, "operator"), event(11, "law"), event(12, "law", 2), event(13, "alarm", 3), event(21, "mode")], [], 10, 20);
+  assert.deepEqual(marks.map(one => [one.t, one.priority]), [[10, null], [12, 2], [13, 1]]);
   assert.equal(marks[0]?.text, "anna: r1: 1 → 2");
   assert.deepEqual(near(marks, 12.4, 1).map(one => one.t), [12, 13]);
   assert.deepEqual(near(marks, 12.6, 1).map(one => one.t), [13, 12]);
   assert.deepEqual(near(marks, 15, 1), []);
+});
+
+test("what an alarm raises is marked as that alarm, whatever its event's severity", () => {
+  const event = (text: string, severity: 1 | 2 | 3, kind = "alarm"): PlantEvent => ({time: 1, severity, source: "apc-alarms", kind, text});
+  const alarm = (name: string, priority: 1 | 2 | 3 | 4): AlarmIs => ({id: priority, alarm: name, ref: "sensor.1", limit: null, kind: "low", priority, area: "", message: "", consequence: "", response: ""});
+  const all = [alarm("y", 4), alarm("y.low", 2), alarm("y.lo", 3), alarm("y.low-low", 1)];
+  const told = [event("y.low: the tank sinks", 3), event("y.low", 3), event("y.lo", 2), event("y: a: b", 1), event("y.low-low: empty", 3)];
+  assert.deepEqual(told.map(one => priorityOf(one, all)), [2, 2, 3, 4, 1]);
+  assert.deepEqual([event("gone: was there", 3), event("y.low: shelved", 1, "operator"), event("y.low: x", 3, "link"), event("z", 2)].map(one => priorityOf(one, all)), [1, null, 1, 2]);
 });
 
 test("a link says with what its window is compared", () => {

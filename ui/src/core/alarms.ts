@@ -146,3 +146,9 @@ function begun(transitions: Transition[], said: PlantEvent[]): Map<PlantEvent, n
 export function alarmSaid({text}: PlantEvent): string {
   return text.slice(0, text.indexOf(": "));
 }
+
+/** As what an event is marked: that an alarm was raised as this alarm, others as they are grave. null: as nothing. */
+export function priorityOf(event: PlantEvent, alarms: AlarmIs[]): AlarmIs["priority"] | null {
+  const raised = event.kind === "alarm" ? alarms.find(({alarm}) => event.text === alarm || event.text.startsWith(`${alarm}: `)) : undefined;
+  return raised?.priority ?? (event.severity === 3 ? 1 : event.severity === 2 ? 2 : null);
+}

@@ -1,20 +1,21 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What happened, along the time axis of a trend. Pure.
-import type {PlantEvent} from "./types";
+import {priorityOf} from "./alarms";
+import type {AlarmIs, PlantEvent} from "./types";
 
 export interface Mark {
   t: number;
-  severity: 1 | 2 | 3;
+  priority: AlarmIs["priority"] | null;
   text: string;
 }
 
 const KINDS = ["operator", "mode", "alarm", "start", "stop", "watchdog", "link", "store", "clock"];
 
 /** What somebody did, modes, alarms, and what is worth a warning, of a window. */
-export function marksOf(events: PlantEvent[], from: number, to: number): Mark[] {
+export function marksOf(events: PlantEvent[], alarms: AlarmIs[], from: number, to: number): Mark[] {
   return events
     .filter(one => one.time >= from && one.time <= to && (one.severity > 1 || KINDS.includes(one.kind)))
-    .map(one => ({t: one.time, severity: one.severity, text: `${one.source}: ${one.text.replace("->", "→")}`}));
+    .map(one => ({t: one.time, priority: priorityOf(one, alarms), text: `${one.source}: ${one.text.replace("->", "→")}`}));
 }
 
 /** Those within reach of a time, the nearest first. */

@@ -8,6 +8,7 @@ import {env} from "../core/env";
 import {csv, iso, stamp, zone} from "../core/format";
 import {hole, merge, matches, type Filter} from "../core/eventlist";
 import {events, plant, refill, serverNow} from "../core/model";
+import {EventShape} from "../parts/eventshape";
 import {Shape} from "../parts/shape";
 import type {PlantEvent} from "../core/types";
 
@@ -116,8 +117,7 @@ export function EventsPage(): JSX.Element {
               <tr key={`${one.time}-${one.source}-${one.kind}-${i}`} class={`severity-${one.severity}`}>
                 <td class="digits" data-label="Time">{stamp(one.time, 3)}</td>
                 <td data-label="Severity">
-                  {one.severity === 3 && <Shape priority={1} label="alarm" />}
-                  {one.severity === 2 && <Shape priority={2} label="warning" />} {severities[one.severity]}
+                  <EventShape of={one} /> {severities[one.severity]}
                 </td>
                 <td data-label="Kind">{one.kind}</td>
                 <td data-label="Source">{one.source}</td>

@@ -17,7 +17,7 @@ import {PenSearch, Stroke} from "../parts/pens";
 import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
-import {control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
+import {alarms, control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {courseSeries, expectedOf, horizon, predictors} from "../core/outlook";
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
@@ -119,7 +119,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const {answer: past} = useAnswer(() => get<{events: PlantEvent[]}>("/api/events", {since: bounds(win, serverNow())[0], until: win.live ? null : win.to, last: 500}), [asked, filled]);
   const streamed = useCell(events);
   const happened = useMemo(() => merge(past?.events ?? [], streamed.list), [past, streamed]);
-  const marks = (from: number, to: number): Mark[] => (marked ? marksOf(happened, from, to) : []);
+  const marks = (from: number, to: number): Mark[] => (marked ? marksOf(happened, alarms.value, from, to) : []);
   const state = useRef({win, scales, reference, marks, expected});
   state.current = {win, scales, reference, marks, expected};
   const beyond = useRef(false);

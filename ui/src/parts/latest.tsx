@@ -9,7 +9,7 @@ import {clock, zone} from "../core/format";
 import {events, refill} from "../core/model";
 import {path} from "../router";
 import type {PlantEvent} from "../core/types";
-import {Shape} from "./shape";
+import {EventShape} from "./eventshape";
 
 const MOST = 8;
 
@@ -43,7 +43,7 @@ export function Latest(): JSX.Element {
           {list.map((one, i) => (
             <tr key={`${one.time}-${i}`} class={`severity-${one.severity}`}>
               <td class="digits">{clock(one.time)}</td>
-              <td>{one.severity > 1 && <Shape priority={one.severity === 3 ? 1 : 2} label={one.severity === 3 ? "alarm" : "warning"} />}</td>
+              <td><EventShape of={one} /></td>
               <td>{one.source}</td>
               <td class="wide">{one.text}</td>
             </tr>
