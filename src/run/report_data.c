@@ -406,7 +406,8 @@ static void clip_group(struct report_group *group, double begin, double end)
         while (first + 1 < s->n && s->points[first + 1].t <= begin)
             first++;
         s->n -= first;
-        memmove(s->points, s->points + first, s->n * sizeof *s->points);
+        if (first > 0) /* where there never was a point there is no room either */
+            memmove(s->points, s->points + first, s->n * sizeof *s->points);
     }
 }
 
