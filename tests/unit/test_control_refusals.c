@@ -26,7 +26,7 @@ enum { WIDE = 20, TUNING_MOST = 64 };
 /* Two tanks over two others; three levels. */
 static const double A[] = {-0.016, 0, 0.042, 0, 0, -0.011, 0, 0.033, 0, 0, -0.042, 0, 0, 0, 0, -0.033},
                     B[20] = {0.083, 0, 0, 0.063, 0, 0.048, 0.031, 0}, B_same[20] = {1, 1, 1, 1, 1, 1, 1, 1},
-                    C[] = {0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0}, D[20] = {0.0},
+                    C[20] = {0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0}, D[20] = {0.0},
                     D_through[20] = {0, 0, 0, 0, 0, -0.1}, rest[20] = {0.0};
 
 enum model { NONE, TANKS, THROUGH, SAME_INPUTS, SAMPLED };
