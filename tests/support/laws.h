@@ -99,4 +99,15 @@ static inline void laws_track(struct apc_instances *s, const struct apc_law_call
         apc_instances_track(s, k, &c);
 }
 
+/* A setting of numbers: a matrix of n rows, or one row. */
+#define ROWS(name_, n, ...)                                                                                  \
+    {                                                                                                        \
+        .name = (name_), .rows = (n),                                                                        \
+        .columns = sizeof((const double[]){__VA_ARGS__}) / sizeof(double) / (n), .value = (const double[])   \
+        {                                                                                                    \
+            __VA_ARGS__                                                                                      \
+        }                                                                                                    \
+    }
+#define ROW(name_, ...) ROWS(name_, 1, __VA_ARGS__)
+
 #endif

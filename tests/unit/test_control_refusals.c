@@ -9,15 +9,6 @@
 
 enum { WIDE = 20, TUNING_MOST = 64 };
 
-#define ROWS(name_, n, ...)                                                                                  \
-    {                                                                                                        \
-        .name = (name_), .rows = (n),                                                                        \
-        .columns = sizeof((const double[]){__VA_ARGS__}) / sizeof(double) / (n), .value = (const double[])   \
-        {                                                                                                    \
-            __VA_ARGS__                                                                                      \
-        }                                                                                                    \
-    }
-#define ROW(name_, ...) ROWS(name_, 1, __VA_ARGS__)
 #define TEXT(name_, text_)                                                                                   \
     {                                                                                                        \
         .name = (name_), .text = (text_)                                                                     \

@@ -17,23 +17,6 @@
 
 enum { WIDE = 4, STATES_MOST = 4096, AHEAD_MOST = 64, PUBLISHED_MOST = 2048, TUNING_MOST = 64, TICKS = 130 };
 
-#define ROW(name_, ...)                                                                                      \
-    {                                                                                                        \
-        .name = (name_), .rows = 1, .columns = sizeof((const double[]){__VA_ARGS__}) / sizeof(double),       \
-        .value = (const double[])                                                                            \
-        {                                                                                                    \
-            __VA_ARGS__                                                                                      \
-        }                                                                                                    \
-    }
-#define ROWS(name_, n, ...)                                                                                  \
-    {                                                                                                        \
-        .name = (name_), .rows = (n),                                                                        \
-        .columns = sizeof((const double[]){__VA_ARGS__}) / sizeof(double) / (n), .value = (const double[])   \
-        {                                                                                                    \
-            __VA_ARGS__                                                                                      \
-        }                                                                                                    \
-    }
-
 /* What a law is tried in. */
 struct world {
     const char *name;
