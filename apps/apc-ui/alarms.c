@@ -25,6 +25,7 @@ static void give(struct model *m, struct text *place, const struct text *t)
     pthread_mutex_lock(&m->mutex);
     struct text old = *place;
     *place = *t;
+    text_free(&m->plant_zipped);
     pthread_mutex_unlock(&m->mutex);
     text_free(&old);
 }

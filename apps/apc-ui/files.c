@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The page: all files of one folder, read once. A path is looked up among these names, so none leads
- * elsewhere. */
+ * elsewhere. And how that, and answers, are zipped. */
 #include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -16,6 +16,7 @@
 #define FILE_MAX    (8 << 20)
 #define GRAPHIC_MAX (1 << 20)
 #define DEPTH       4
+#define ZIP_FROM    2048 /* bytes of an answer */
 
 struct files {
     struct file at[FILES_MAX];
@@ -69,6 +70,27 @@ char *zip(const char *data, size_t n, int level, size_t *n_zipped)
     if (!smaller)
         free(out);
     return smaller ? out : NULL;
+}
+
+bool request_takes_zip(const struct request *r)
+{
+    const char *accept = request_header(r, "Accept-Encoding");
+    return accept && strstr(accept, "gzip");
+}
+
+/* A short answer is sent as soon as it would be zipped, and tells nobody by its length what a secret in it
+ * is. */
+void zip_reply(struct request *r)
+{
+    size_t n = 0;
+    if (r->zipped || r->reply.failed || r->reply.n < ZIP_FROM || !request_takes_zip(r))
+        return;
+    char *zipped = zip(r->reply.at, r->reply.n, 1, &n);
+    if (!zipped)
+        return;
+    text_free(&r->reply);
+    r->reply = (struct text){.at = zipped, .n = n};
+    r->zipped = true;
 }
 
 static char *etag(const char *data, size_t n)

@@ -25,7 +25,6 @@
 #define PATIENCE    (10 * APC_NS_PER_S)        /* for history */
 #define CONNECTIONS (STRANGERS + MEMBERS + 64) /* the last: on their way out */
 #define SILENCE     30                         /* s */
-#define ZIP_FROM    2048                       /* bytes of an answer */
 
 struct exchange {
     struct ui *ui;
@@ -180,22 +179,6 @@ static void record_refusal(struct exchange *x)
         audit_refusal(x->ui, r->session.user, r->from->address, r->route->path, r->fault.message);
 }
 
-/* A short answer is sent as soon as it would be zipped, and tells nobody by its length what a secret in it
- * is. */
-static void zip_reply(struct request *r)
-{
-    const char *accept = request_header(r, "Accept-Encoding");
-    size_t n = 0;
-    if (r->zipped || r->reply.failed || r->reply.n < ZIP_FROM || !accept || !strstr(accept, "gzip"))
-        return;
-    char *zipped = zip(r->reply.at, r->reply.n, 1, &n);
-    if (!zipped)
-        return;
-    text_free(&r->reply);
-    r->reply = (struct text){.at = zipped, .n = n};
-    r->zipped = true;
-}
-
 static enum MHD_Result answer(struct exchange *x)
 {
     struct request *r = &x->r;
@@ -253,8 +236,7 @@ static void free_nothing(void *data)
 static enum MHD_Result answer_file(struct exchange *x, const char *path)
 {
     const struct file *file = files_find(x->ui->files, path);
-    const char *accept = request_header(&x->r, "Accept-Encoding"),
-               *known = request_header(&x->r, "If-None-Match");
+    const char *known = request_header(&x->r, "If-None-Match");
     if (!file) {
         if (!strcmp(path, "/"))
             fault_set(&x->r.fault, 404, "path", NULL,
@@ -265,7 +247,7 @@ static enum MHD_Result answer_file(struct exchange *x, const char *path)
             fault_set(&x->r.fault, 404, "path", NULL, "there is nothing here");
         return answer(x);
     }
-    bool same = known && strstr(known, file->etag), zipped = file->zipped && accept && strstr(accept, "gzip");
+    bool same = known && strstr(known, file->etag), zipped = file->zipped && request_takes_zip(&x->r);
     const char *data = zipped ? file->zipped : file->data;
     struct MHD_Response *response =
         MHD_create_response_from_buffer_with_free_callback(same     ? 0

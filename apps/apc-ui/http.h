@@ -70,6 +70,9 @@ struct request {
 /* A parameter, or NULL. */
 const char *request_query(const struct request *r, const char *name);
 const char *request_header(const struct request *r, const char *name);
+bool request_takes_zip(const struct request *r);
+/* Where its client takes that, and it is worth it. */
+void zip_reply(struct request *r);
 /* Number parameters; false: fault set. An absent one leaves *value alone. */
 bool query_whole(struct request *r, const char *name, int64_t low, int64_t high, int64_t *value);
 /* Unix seconds, RFC 3339, or negative seconds before now. */
@@ -116,9 +119,9 @@ struct file {
     const char *data, *zipped; /* zipped: NULL where it would be no smaller */
     size_t n, n_zipped;
 };
-/* "/" is "/index.html". NULL: there is none. */
 /* gzip, at a level from 1 (fast) to 9, in memory that is the caller's; NULL where it would be no smaller. */
 char *zip(const char *data, size_t n, int level, size_t *n_zipped);
+/* "/" is "/index.html". NULL: there is none. */
 const struct file *files_find(const struct files *files, const char *path);
 /* The drawing of the plant, at most 1 MiB. APC_ENOTFOUND: there is none there. */
 int graphic_load(struct text *graphic, const char *path, struct apc_error *why);

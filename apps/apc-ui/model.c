@@ -81,6 +81,7 @@ void model_free(struct model *m)
     free_values(m);
     text_free(&m->alarms_are);
     text_free(&m->alarms_stand);
+    text_free(&m->plant_zipped);
     pthread_mutex_destroy(&m->mutex);
 }
 

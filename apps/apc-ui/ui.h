@@ -112,6 +112,8 @@ struct model {
     apc_ns alarms_period, alarms_ticked;  /* as the controllers' */
     int64_t catalogue;                    /* its revision: also what an alarm says is described there */
     struct text alarms_are, alarms_stand; /* as JSON; empty: there are none */
+    struct text plant_zipped;             /* what is told of all that; empty: it is to be made */
+    unsigned zipped_of;                   /* revision of the plant then */
     bool connected;
     apc_ns since; /* UTC */
     char error[300];

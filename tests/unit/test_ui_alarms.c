@@ -473,6 +473,39 @@ static size_t follow(struct alarm_watch *watch)
     return n;
 }
 
+/* Asked twice, as the second answer may be the first one, kept. */
+static void is_the_same_zipped(const char *plain)
+{
+    size_t n = 0;
+    char *want = zip(plain, strlen(plain), 1, &n);
+    assert_non_null(want);
+    encoding = "gzip";
+    for (int i = 0; i < 2; i++) {
+        ask_nothing();
+        get_plant(ui, &request, store);
+        assert_true(request.zipped);
+        assert_int_equal(request.reply.n, n);
+        assert_memory_equal(request.reply.at, want, n);
+    }
+    encoding = NULL;
+    ask_nothing();
+    free(want);
+}
+
+static void a_zipped_plant_is_the_one_there_is_now(void **state)
+{
+    struct alarm_watch watch = {0};
+    (void)state;
+    is_the_same_zipped(ask_text(get_plant));
+    assert_int_equal(alarm_watch_describe(&watch, ui, store), 0);
+    assert_non_null(strstr(ask_text(get_plant), "\"alarm\":\"y.high\""));
+    is_the_same_zipped(ask_text(get_plant));
+    assert_true(plant_rhythm(&ui->model.plant, "controller", 77 * S));
+    assert_non_null(strstr(ask_text(get_plant), "\"period\":77"));
+    is_the_same_zipped(ask_text(get_plant));
+    alarm_watch_free(&watch);
+}
+
 static void what_moves_is_told_once_and_is_in_the_state(void **state)
 {
     struct alarm_watch watch = {0};
@@ -551,6 +584,7 @@ int main(void)
         T(what_is_no_range_is_refused),
         T(a_store_without_alarms_has_none),
         T(figures_count_them),
+        T(a_zipped_plant_is_the_one_there_is_now),
         T(what_moves_is_told_once_and_is_in_the_state),
         T(the_end_of_shelving_may_move_without_a_transition),
         T(who_was_described_anew_is_told_anew),

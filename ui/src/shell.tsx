@@ -151,10 +151,11 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   );
 }
 
-/** Where the clocks are: UTC, or here. */
+/** Where the clocks are: UTC, or here. It is there a little after the page, as the browser takes long to say where that is. */
 function Zone(): JSX.Element | null {
   const chosen = useCell(timeZone);
-  const here = localZone();
+  const [here, setHere] = useState(chosen);
+  useEffect(() => env.later(() => setHere(localZone()), 2), []);
   if (here === "UTC") return null;
   return (
     <label class="zone">

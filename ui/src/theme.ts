@@ -39,13 +39,17 @@ export function setTheme(next: Theme): void {
   apply();
 }
 
-/** Of this browser; "UTC" where it does not say, or has another name for it. */
+/** Of this browser; "UTC" where it does not say, has another name for it, or never differs from it: Intl, whose tables a browser
+ *  reads for long when it is used first, is not asked then. */
 export function localZone(): string {
+  const months = Array.from({length: 12}, (_, month) => new Date(new Date().getFullYear(), month).getTimezoneOffset());
+  if (months.every(offset => offset === 0)) return "UTC";
   const name = Intl.DateTimeFormat().resolvedOptions().timeZone;
   return !name || /^(Etc\/)?(UTC|GMT|Universal|Zulu)$/.test(name) ? "UTC" : name;
 }
 
-export const timeZone = new Cell(stored("apc-zone") === localZone() ? localZone() : "UTC");
+const zoneBefore = stored("apc-zone") ?? "UTC";
+export const timeZone = new Cell(zoneBefore !== "UTC" && zoneBefore === localZone() ? zoneBefore : "UTC");
 chooseZone(timeZone.value);
 
 export function setZone(next: string): void {

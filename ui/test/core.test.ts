@@ -10,7 +10,7 @@ import {hole, matches, merge} from "../src/core/eventlist";
 import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
-import {abnormalFirst, areasOf, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
+import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
 import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/outlook";
 import {pages, path, placeOf} from "../src/core/place";
@@ -703,4 +703,10 @@ test("of any number of rows those in sight are there, and a few beyond", () => {
   assert.deepEqual(inSight(15000 - 600, 600, 30, 500), [472, 500]);
   assert.deepEqual(inSight(9000, 600, 30, 10), [10, 10]); // a search has left less
   assert.deepEqual(inSight(0, 600, 30, 0), [0, 0]);
+});
+
+test("names are in the order that people count in", () => {
+  const names = ["y10", "Y9", "y2", "y", "y2.high", "x3", "10", "9", "y02", "a b", ""];
+  assert.deepEqual(names.slice().sort(byName), ["", "9", "10", "a b", "x3", "y", "y02", "y2", "y2.high", "Y9", "y10"]);
+  for (const a of names) for (const b of names) assert.equal(Math.sign(byName(a, b)) + Math.sign(byName(b, a)), 0, `${a} ${b}`);
 });

@@ -108,10 +108,13 @@ export class FakeEnv implements Env {
     return this.asked.splice(i, 1)[0] as Asked;
   }
 
-  /** All that follows from what has happened, frames as well. */
+  /** All that follows from what has happened, frames and what waits for no time as well. */
   async settle(): Promise<void> {
     for (let i = 0; i < 5; i++) {
       await new Promise(resolve => setImmediate(resolve));
+      const due = this.timers.filter(one => one.at <= this.at);
+      this.timers = this.timers.filter(one => one.at > this.at);
+      for (const {call} of due) call();
       for (const call of this.frames.splice(0)) call();
     }
   }

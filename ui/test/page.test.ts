@@ -43,7 +43,7 @@ beforeEach(async () => {
   await env.pass(1.5); // what is asked again after a clock was set
 });
 
-test("who we are and what there is is asked for, then the stream is opened", () => {
+test("who we are is asked for, then what there is and what it does", () => {
   assert.equal(model.session.value?.user, "anna");
   assert.equal(model.plant.value?.title, "Two tanks");
   assert.equal(model.connection.value.state, "connected");
@@ -265,6 +265,24 @@ test("a plant that is not answered is asked for again", async () => {
   assert.notEqual(model.plant.value?.name, "later");
   await env.pass(2);
   assert.equal(model.plant.value?.name, "later");
+});
+
+test("what the stream says while the plant is still asked for is there with it", async () => {
+  const route = env.routes.get("/api/plant")!;
+  env.routes.delete("/api/plant");
+  const before = env.sources.length;
+  const began = model.begin();
+  await env.settle();
+  assert.equal(env.sources.length, before + 1, "the stream waits for the plant");
+  server.hello();
+  env.source.send("state", server.state({"sensor.77": [4, server.now, 7.5, "Good"]}));
+  await env.settle();
+  assert.equal(model.connection.value.state, "connected");
+  env.take("/api/plant").answer({...tanks, name: "wider", variables: [...tanks.variables, {...tanks.variables[0]!, ref: "sensor.77", id: 77, name: "y77"}]});
+  await began;
+  env.routes.set("/api/plant", route);
+  assert.deepEqual([model.plant.value?.name, model.variable("sensor.77")?.name, model.live("sensor.77").value.value], ["wider", "y77", 7.5]);
+  assert.equal(model.modesOfLoop(tanks.loops[0]!).value.actual, "Auto");
 });
 
 test("a session that has ended is noticed, and the stream is left alone until the login", async () => {

@@ -42,6 +42,7 @@ type Asked = {since: number; until: number; last?: number; bins?: number};
 type Several = {t: number; since: number; until: number; series: ({name: Ref; error?: {code: string; message: string}} & Partial<History>)[]};
 
 const TOGETHER = 32;
+const BINNED = 4; // as many: each takes the daemon long, and it works at several requests at a time
 const open = new Map<string, Wish[]>(); // by window: what is going to be asked for in one request
 
 /** Of the same window as others, until it is asked: in one request with them. */
@@ -50,7 +51,7 @@ function ask(ref: Ref, window: Asked, wanted: () => boolean): Promise<History | 
   return new Promise((resolve, reject) => {
     const wish = {ref, wanted, resolve, reject};
     const wishes = open.get(key);
-    if (wishes && wishes.length < TOGETHER) {
+    if (wishes && wishes.length < (window.bins == null ? TOGETHER : BINNED)) {
       wishes.push(wish);
       return;
     }

@@ -3,7 +3,15 @@
 import {type Alarm, isUnacknowledged, refsOf} from "./alarms";
 import type {Loop, Plant, Ref, Variable} from "./types";
 
-const byName = new Intl.Collator("en", {numeric: true}).compare;
+/** As people count: y2 before y10. Without Intl, whose tables keep a browser 25 to 230 ms when it is used first. */
+export function byName(a: string, b: string): number {
+  const [x, y] = [a, b].map(one => one.toLowerCase().split(/(\d+)/)) as [string[], string[]];
+  const at = x.findIndex((part, i) => part !== y[i]);
+  const [p, q] = [x[at], y[at]];
+  if (p == null) return x.length - y.length;
+  if (q == null) return 1;
+  return (at % 2 === 1 && Number(p) - Number(q)) || (p < q ? -1 : 1);
+}
 
 /** A loop, or a measurement beyond the loops. */
 export interface Item {
@@ -145,7 +153,7 @@ export function ordered(items: Item[], order: Order): Item[] {
   return items.slice().sort((a, b) => (order.get(a.key) ?? 0) - (order.get(b.key) ?? 0));
 }
 
-/** Places of rows by name, from one frame to the next: from what is there towards what is wanted. What stays goes to its place at once; of new
+/** Places of rows by name, from one piece of work to the next: from what is there towards what is wanted. What stays goes to its place at once; of new
  *  rows come `most`, from place `from` on; what leaves does so when another row takes its place, or a few at a time. */
 export function towards(there: ReadonlyMap<string, number>, wanted: ReadonlyMap<string, number>, from: number, most: number): Map<string, number> {
   const out = new Map([...wanted].filter(([name]) => there.has(name)));
@@ -161,10 +169,10 @@ export function towards(there: ReadonlyMap<string, number>, wanted: ReadonlyMap<
   return out;
 }
 
-const SLICE = 0.003; // s of a frame that new rows may take
+const SLICE = 0.003; // s that a piece of work at new rows may take; a frame comes between two where one is due
 const MOST = 8;
 
-/** How many new rows the next frame makes, when so many took so long. */
+/** How many new rows the next piece makes, when so many took so long. */
 export function haste(made: number, seconds: number): number {
   return Math.max(1, Math.min(MOST, Math.floor((made * SLICE) / seconds)));
 }

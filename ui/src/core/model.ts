@@ -119,10 +119,14 @@ function refillSoon(): void {
   refilling = env.later(() => refill.value++, 1);
 }
 
-/** `ages`: what the server knows of them; else all are as old as their message. */
-function take(samples: Record<Ref, Sample>, ages: Record<Ref, number | null> | null, late: number): void {
+/** `ages`: what the server knows of them; else all are as old as their message. Returns whether modes are among them. It may be
+ *  thousands ten times a second: no pairs or lists of them are made. */
+function take(samples: Record<Ref, Sample>, ages: Record<Ref, number | null> | null, late: number): boolean {
   const at = env.mono();
-  for (const [ref, sample] of Object.entries(samples)) {
+  let moded = false;
+  for (const ref in samples) {
+    const sample = samples[ref] as Sample;
+    moded ||= ofModes(ref);
     const cell = live(ref);
     const before = cell.value;
     cell.value = heard(before, sample, at, late + (ages?.[ref] ?? 0), ages != null);
@@ -131,6 +135,7 @@ function take(samples: Record<Ref, Sample>, ages: Record<Ref, number | null> | n
     if (one && (step < 0 || step > limit(one))) refillSoon();
     if (sample[0] !== before.seq) for (const listener of sampleListeners) listener(ref, sample);
   }
+  return moded;
 }
 
 function takeWrite(write: Write): void {
@@ -179,18 +184,19 @@ function sight(type: string, data: {t?: number; resumed?: boolean}): number {
 
 function receive(type: string, data: unknown): void {
   const late = sight(type, data as {t?: number});
+  let moded = false;
   switch (type) {
     case "state": {
       const state = data as State;
       store.value = state.store;
       for (const [ref, cell] of values) if (!(ref in state.values)) cell.value = nothing;
-      take(state.values, state.ages, late);
+      moded = take(state.values, state.ages, late);
       rank(state.alarms, new Map());
       refill.value++;
       break;
     }
     case "values":
-      take((data as {values: Record<Ref, Sample>}).values, null, late);
+      moded = take((data as {values: Record<Ref, Sample>}).values, null, late);
       break;
     case "alarms":
       rank((data as {alarms: AlarmNow[]}).alarms);
@@ -220,10 +226,10 @@ function receive(type: string, data: unknown): void {
       if ((data as {reason: string}).reason === "session") needsLogin.value = true;
       break;
   }
-  const {control: said, history, values: came} = data as {control?: Control; history?: Behind | null; values?: Record<Ref, Sample>};
+  const {control: said, history} = data as {control?: Control; history?: Behind | null};
   if (said) replace(control, said);
   if (history !== undefined) replace(behind, history);
-  if (said || Object.keys(came ?? {}).some(ofModes)) lookAtModes();
+  if (said || moded) lookAtModes();
 }
 
 let asked = 0;
@@ -318,8 +324,8 @@ export async function begin(): Promise<void> {
     if (!needsLogin.value) env.later(() => void begin(), 2);
     return;
   }
+  stream.start(); // what it says of signals is there when they are described
   await loadPlant();
-  stream.start();
 }
 
 every(tick, 0.25);

@@ -39,7 +39,7 @@ export function Rows<T>({label, head, rows, height, name, row}: Props<T>): JSX.E
     const made = shown.filter(one => !there.current.has(one.key)).length;
     if (made > 0) most.current = haste(made, env.mono() - began);
     there.current = new Map(shown.map(one => [one.key, one]));
-    if (shown.length !== wanted.size || shown.some(one => !wanted.has(one.key))) env.frame(() => more(n => n + 1));
+    if (shown.length !== wanted.size || shown.some(one => !wanted.has(one.key))) env.later(() => more(n => n + 1), 0);
   });
   useLayoutEffect(() => {
     if (goes.current == null) return;
