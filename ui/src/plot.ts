@@ -4,6 +4,7 @@ import uPlot from "uplot";
 import {clock, day, zone} from "./core/format";
 import type {Mark} from "./core/marks";
 import type {Scale} from "./core/scale";
+import {digitAt, digitOn, shapes} from "./parts/shape";
 import {colour} from "./theme";
 
 export interface Line {
@@ -106,7 +107,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
         u => {
           upright(u, o.now?.() ?? null, "--label", []);
           upright(u, o.reference?.() ?? null, "--focus", [5, 4]);
-          for (const mark of o.marks?.() ?? []) notch(u, mark);
+          for (const mark of (o.marks?.() ?? []).slice().sort(gravestLast)) notch(u, mark);
         },
       ],
       ready: [
@@ -124,6 +125,9 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
   return new uPlot(options, [[], ...o.lines.map(() => [])] as unknown as uPlot.AlignedData, host);
 }
 
+/** So that it lies above others. */
+const gravestLast = (a: Pick<Mark, "priority">, b: Pick<Mark, "priority">): number => (b.priority ?? 5) - (a.priority ?? 5);
+
 function upright(u: uPlot, t: number | null, of: string, dash: number[]): void {
   if (t == null) return;
   const width = Math.max(1, Math.round(devicePixelRatio));
@@ -140,21 +144,25 @@ function upright(u: uPlot, t: number | null, of: string, dash: number[]): void {
   u.ctx.restore();
 }
 
-/** Larger the graver: no colour tells it alone. */
+/** With a priority its shape and digit, as everywhere; else a small notch. */
 function notch(u: uPlot, {t, priority}: Pick<Mark, "t" | "priority">): void {
-  const x = u.valToPos(t, "x", true);
-  const size = (priority ? 10 - priority : 5) * devicePixelRatio;
+  const size = (priority ? 15 : 6) * devicePixelRatio;
+  const path = new Path2D(shapes[priority ?? 4]);
   u.ctx.save();
-  u.ctx.beginPath();
-  u.ctx.moveTo(x - size / 2, u.bbox.top);
-  u.ctx.lineTo(x + size / 2, u.bbox.top);
-  u.ctx.lineTo(x, u.bbox.top + size);
-  u.ctx.closePath();
+  u.ctx.translate(u.valToPos(t, "x", true) - size / 2, u.bbox.top);
+  u.ctx.scale(size / 20, size / 20);
   u.ctx.fillStyle = colour(priority ? `--p${priority}` : "--label");
   u.ctx.strokeStyle = colour("--text");
-  u.ctx.lineWidth = devicePixelRatio;
-  u.ctx.fill();
-  u.ctx.stroke();
+  u.ctx.lineWidth = priority ? 1.2 : 2;
+  u.ctx.fill(path);
+  u.ctx.stroke(path);
+  if (priority) {
+    u.ctx.fillStyle = digitOn[priority];
+    u.ctx.font = "700 12px system-ui, sans-serif";
+    u.ctx.textAlign = "center";
+    u.ctx.textBaseline = "alphabetic";
+    u.ctx.fillText(String(priority), 10, digitAt[priority]);
+  }
   u.ctx.restore();
 }
 

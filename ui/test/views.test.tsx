@@ -1137,7 +1137,7 @@ test("the axis of a trend tells the time, and the day once", async () => {
   assert.ok(times.length > 0 && times.every(text => /^\d\d:\d\d$/.test(text)), words.join());
   const days = words.filter(text => /^\d{4}-/.test(text));
   assert.ok(days.length > 0 && days.length < times.length, words.join());
-  assert.ok(words.includes("y1 [m], r1 [m]") && words.includes("u1 [V]"), words.join());
+  assert.ok(words.includes("y1, r1 [m]") && words.includes("u1 [V]"), words.join());
 });
 
 test("what is beyond a scale is pointed at, on its side", async () => {

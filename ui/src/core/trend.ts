@@ -82,6 +82,14 @@ export function describe(one: Variable | null): string {
   return one ? `${one.name}${one.unit ? ` [${one.unit}]` : ""}` : "";
 }
 
+/** Of an axis: its signals, and their unit once where it is one; of many the unit alone. */
+export function title(all: (Variable | null)[]): string {
+  const ones = all.filter(one => one != null);
+  const unit = ones[0]?.unit;
+  if (!unit || ones.some(one => one.unit !== unit)) return ones.map(describe).join(", ");
+  return `${ones.length > 3 ? "" : `${ones.map(one => one.name).join(", ")} `}[${unit}]`;
+}
+
 export function padded(low: number, high: number): Scale {
   const room = (high - low) * 0.05;
   return niceScale(low - room, high + room);

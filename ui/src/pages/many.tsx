@@ -20,6 +20,7 @@ import {ActualMode, told, Value} from "../parts/value";
 import {path} from "../router";
 import {shortcuts} from "../theme";
 import {useCell} from "../usecell";
+import {isNarrow, useWidth} from "../usewidth";
 
 const outputOf = ({loop}: Item): Ref | null => (loop ? (inShadow(loop) ? loop.would : null) ?? loop.output : null);
 
@@ -70,17 +71,7 @@ interface Sorted {
 
 /** How high a row is, pixels: for fingers, with what is wrong with a value below it, or beside. */
 const HEIGHTS = {touch: 56, two: 32, one: 24};
-const roomOf = (width: number): keyof typeof HEIGHTS => (width < 750 ? "touch" : width < 1200 ? "two" : "one");
-
-function useRoom(): keyof typeof HEIGHTS {
-  const [room, setRoom] = useState(() => roomOf(innerWidth));
-  useEffect(() => {
-    const look = (): void => setRoom(roomOf(innerWidth));
-    addEventListener("resize", look);
-    return () => removeEventListener("resize", look);
-  }, []);
-  return room;
-}
+const roomOf = (width: number): keyof typeof HEIGHTS => (isNarrow(width) ? "touch" : width < 1200 ? "two" : "one");
 
 export function Many({plant: p, table}: {plant: Plant & {generation: number}; table: boolean}): JSX.Element {
   const items = useMemo(() => itemsOf(p), [p]);
@@ -89,7 +80,7 @@ export function Many({plant: p, table}: {plant: Plant & {generation: number}; ta
   const [first, setFirst] = useState(false);
   const [sorted, setSorted] = useState<Sorted | null>(null);
   const field = useRef<HTMLInputElement>(null);
-  const room = useRoom();
+  const room = useWidth(roomOf);
   const narrow = room === "touch";
   useCell(marks);
   useCell(second); // what is abnormal becomes so with time

@@ -11,7 +11,7 @@ import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Pre
 import {nameOf, pensAbout} from "../core/pens";
 import {extent, type Scale} from "../core/scale";
 import {empty, held, type Series, visible} from "../core/series";
-import {describe, padded} from "../core/trend";
+import {padded, title} from "../core/trend";
 import type {Course, Merit, Plant, Ref} from "../core/types";
 import {ServiceSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
@@ -227,7 +227,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
 
   useEffect(() => {
     const element = host.current as HTMLDivElement;
-    const made = new TrendChart(element, panels.map((panel, k) => ({label: panel.map(one => describe(one.variable)).join(", "), pens: pens[k] as DrawnPen[]})), data(), null, () => {});
+    const made = new TrendChart(element, panels.map((panel, k) => ({label: title(panel.map(one => one.variable)), pens: pens[k] as DrawnPen[]})), data(), null, () => {});
     chart.current = made;
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);

@@ -23,12 +23,13 @@ import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
 import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
-import {Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects} from "../core/trend";
+import {Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects, title} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
 import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, refuse, runsBefore, select, SPANS, type Window, zoom} from "../core/view";
 import type {Course, Plant, PlantEvent, Ref, Variable} from "../core/types";
 import {useAnswer} from "../useanswer";
+import {isNarrow, useWidth} from "../usewidth";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
@@ -106,6 +107,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const scales = own ?? defaults.map(one => one ?? {low: 0, high: 1});
   const [reference, setReference] = useState<number | null>(null);
   const [marked, setMarked] = useState(true);
+  const narrow = useWidth(isNarrow); // then the chart comes first, and what is seldom needed after it
   const compare = win.compare ?? 0;
   const earlier = useMemo(() => (compare > 0 ? new Curves(subject) : null), [compare]);
   const predicting = useMemo(() => predictors(p), [p]);
@@ -169,7 +171,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       const before = earlier ? ones.map(pen => ({...pen, dash: BEFORE, band: false, curve: () => shifted(earlier.series(pen.ref), compare)})) : [];
       const coming = win.ahead ? ones.map(pen => ({...pen, dash: COMING, band: false, curve: () => expectedNow(pen.ref)})) : [];
       return {
-        label: ones.length > 3 && variables[0]?.unit ? `[${variables[0].unit}]` : variables.map(describe).join(", "),
+        label: title(variables),
         pens: [...ones.map(pen => ({...pen, curve: () => curves.drawn(pen.ref)})), ...before, ...coming].map((pen, i) => {
           const one = variables[i % ones.length] ?? null;
           return {...pen, label: describe(one), step: one != null && holds(one)};
@@ -300,6 +302,33 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     if (blob) download(`${name}.png`, blob);
   };
 
+  const more = (
+    <>
+      <label>
+        beside{" "}
+        <select value={compare} onChange={event => setWin(w => ({...w, compare: Number(event.currentTarget.value) || undefined}))}>
+          <option value={0}>nothing</option>
+          {earlierOf(win.span, compare, runs).map(one => <option key={one.by} value={one.by}>{one.name}</option>)}
+        </select>
+      </label>
+      {predicting.length > 0 && <button type="button" aria-pressed={win.ahead === true} onClick={() => setWin(w => ({...w, ahead: !w.ahead || undefined}))}>Expected</button>}
+      <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>Events</button>
+      <button type="button" onClick={fit}>Fit y</button>
+      {own && !pens && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
+      <span class="spring" />
+      {!pens && <a class="button" href={path("trend", asPens())}>Choose signals</a>}
+      <button type="button" onClick={exportCsv}>CSV</button>
+      <button type="button" onClick={() => void exportPng()}>PNG</button>
+      <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+    </>
+  );
+  const pensTools = (
+    <div class="pen-tools">
+      <FromTo win={win} apply={setWin} />
+      {pens && <PenSearch plant={p} there={pens.signals} add={one => pens.choose([...pens.signals, one], win)} />}
+      {pens && <PenGroups plant={p} signals={pens.signals} window={win} />}
+    </div>
+  );
   return (
     <section class="trend" data-live={win.live} data-span={win.span} data-points={counted ? curves.series(counted).t.length : 0} {...takes(names => go("trend", joined(asPens(), names, serverNow())))}>
       <div class="toolbar">
@@ -331,28 +360,9 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
           <button type="button" aria-label="Zoom in" onClick={() => setWin(w => zoom(w, 0.5, serverNow()))}>+</button>
           <button type="button" aria-label="Zoom out" onClick={() => setWin(w => zoom(w, 2, serverNow()))}>−</button>
         </div>
-        <label>
-          beside{" "}
-          <select value={compare} onChange={event => setWin(w => ({...w, compare: Number(event.currentTarget.value) || undefined}))}>
-            <option value={0}>nothing</option>
-            {earlierOf(win.span, compare, runs).map(one => <option key={one.by} value={one.by}>{one.name}</option>)}
-          </select>
-        </label>
-        {predicting.length > 0 && <button type="button" aria-pressed={win.ahead === true} onClick={() => setWin(w => ({...w, ahead: !w.ahead || undefined}))}>Expected</button>}
-        <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>Events</button>
-        <button type="button" onClick={fit}>Fit y</button>
-        {own && !pens && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
-        <span class="spring" />
-        {!pens && <a class="button" href={path("trend", asPens())}>Choose signals</a>}
-        <button type="button" onClick={exportCsv}>CSV</button>
-        <button type="button" onClick={() => void exportPng()}>PNG</button>
-        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+        {!narrow && more}
       </div>
-      <div class="pen-tools">
-        <FromTo win={win} apply={setWin} />
-        {pens && <PenSearch plant={p} there={pens.signals} add={one => pens.choose([...pens.signals, one], win)} />}
-        {pens && <PenGroups plant={p} signals={pens.signals} window={win} />}
-      </div>
+      {!narrow && pensTools}
       <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, serverNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} />
       {earlier && <p class="say">Beside it, dotted, what was {duration(compare)} before.{earlier.error && <span class="complaint"> history: {earlier.error}</span>}</p>}
       {win.ahead && <p class="say">{expected.size > 0 ? `Right of the line, dashed, what was expected ${win.live ? "now" : `at ${when(win.to)}`}.` : "Nothing is expected of these signals: there is no plan."}</p>}
@@ -364,6 +374,8 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         role="img"
         aria-label={`${subject.panels.map(panel => panel.pens.map(pen => variable(pen.ref)?.name).join(" with ")).join("; below ")}, over ${duration(win.span)}. View as table gives the numbers.`}
       />
+      {narrow && <div class="toolbar">{more}</div>}
+      {narrow && pensTools}
       {table && (
         <Table
           caption={`${subject.name}, the newest ${Math.min(200, rows(200).length)} points of the window (${zone})`}
