@@ -7,7 +7,7 @@ import {acknowledgement, type Alarm, bySignal, counted, found, loopOf, raised, r
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {hole, matches, merge} from "../src/core/eventlist";
-import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt} from "../src/core/format";
+import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, written} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
@@ -279,7 +279,22 @@ test("parts of history join without doubling, curves align on one axis", () => {
   assert.deepEqual(both.t, [2, 3]);
   assert.equal(indexAt(both, 2.9), 0);
   assert.equal(indexAt(both, 1), -1);
-  assert.deepEqual(align([{t: [1, 3], columns: [[1, null]]}, {t: [2], columns: [[5]]}]), [[1, 2, 3], [1, undefined, null], [undefined, 5, undefined]]);
+  assert.deepEqual(align([{t: [1, 3], columns: [[1, null]]}, {t: [2], columns: [[5]]}]), [[1, 2, 3], [1, null, null], [undefined, 5, undefined]]);
+});
+
+test("a gap reaches from point to point, whatever times other curves have", () => {
+  const times = [1, 2, 3, 4, 5, 6, 7, 8, 9];
+  const [, broken, whole] = align([{t: [1, 2, 4, 8], columns: [[1, 2, null, 8]]}, {t: times, columns: [times]}]);
+  assert.deepEqual(broken, [1, 2, null, null, null, null, null, 8, undefined]);
+  assert.deepEqual(whole, times);
+  const [, twice] = align([{t: [1, 3, 4, 6, 7], columns: [[1, null, null, 6, null]]}, {t: times, columns: [times]}]);
+  assert.deepEqual(twice, [1, null, null, null, null, 6, null, null, null]);
+  const [, none] = align([{t: [1, 9], columns: [[1, 9]]}, {t: times, columns: [times]}]);
+  assert.deepEqual(none?.slice(1, 8), new Array(7).fill(undefined));
+});
+
+test("what a loop has written is told in digits that say something, what somebody typed with all", () => {
+  assert.deepEqual([5.016316439148914, 6.499999999999998, 46.3312, 1.2345678901, -0.1, 0, null].map(written), ["5.01631644", "6.5", "46.3312", "1.2345678901", "\u22120.1", "0", "\u2013"]);
 });
 
 const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, stored: false};

@@ -1082,7 +1082,7 @@ test("what predictive control expects, what holds it back, and how its solver do
   assert.match(one(".plots").getAttribute("aria-label")!, /^y1, y2, u1, u2: the last 30 s, and what is expected for the next 6\.0 s/);
   assert.equal(one<HTMLAnchorElement>(".prediction .toolbar a").getAttribute("href"), "#trend/pens=y1,y2,u1,u2,u1.disturbance;span=600");
   await click(button("View as table"));
-  assert.equal(said(".prediction .scroll thead"), "Signal 2.0 s 4.0 s 6.0 s");
+  assert.equal(said(".prediction .scroll thead"), "Signal 2 s 4 s 6 s");
   assert.equal(said(".prediction .scroll tbody"), "y1 10.000 11.000 12.000 u1 1.000 2.000 3.000");
   made = t - 60;
   await env.pass(2.5);
@@ -1308,10 +1308,21 @@ test("the line of alarms stands on every page, with the most urgent, which is ac
   await click(button("Acknowledge y1.high", ".alarm-line"));
   const asked = env.take("/api/alarms/y1.high/ack");
   assert.equal(asked.body?.seq, 1);
+  const act = (): HTMLButtonElement => one<HTMLButtonElement>(".alarm-line > button:not(:last-child)");
+  assert.deepEqual([act().disabled, act().textContent], [true, "on its way … y1.high"]);
   asked.answer({key: asked.body?.key, kind: "ack", user: "anna", time: server.now, state: "accepted", stored: true, reason: null, changes: []});
+  await settle();
+  assert.equal(act().disabled, true, "it is asked for once more before it is there");
   env.source.send("alarms", {t: server.now, alarms: [stands(1, 2, "Acknowledged Active")]});
   await settle();
   assert.match(said(".alarm-line .first"), /y2\.low/);
+  await click(act());
+  assert.equal(env.asked.filter(each => each.path.endsWith("/ack")).length, 0, "a second press is for another alarm");
+  await env.pass(1);
+  await settle();
+  await click(act());
+  env.take("/api/alarms/y2.low/ack").fail();
+  await settle();
   server.control = {...server.control, alarms: false};
   server.beat();
   await settle();
@@ -1539,6 +1550,15 @@ test("a drawing shows its signals, and says what it lacks", async () => {
   assert.equal(one(".picture [data-shown]").getAttribute("visibility"), "hidden");
   assert.match(link(0) ?? "", /^level, y1: ■2 3\.00\d* m, sensor failure, alarm/);
   assert.match(link(2) ?? "", /^u2: 2\.000 V, 60 s old$/);
+  const mode = {...server.plant.alarms!.all[0]!, id: 77, alarm: "u2.mode", ref: "opmode.2", kind: "mode"};
+  server.plant = {...server.plant, revision: 13, alarms: {...server.plant.alarms!, all: [...server.plant.alarms!.all, mode]}};
+  server.alarms = [stands(1, 1, "Unacknowledged Active"), stands(77, 1, "Unacknowledged Active")];
+  env.source.send("plant", {revision: 13});
+  await settle();
+  await state({});
+  assert.match(link(2) ?? "", /^u2: .*, alarm u2\.mode, priority 2$/, "an output is marked by an alarm of its loop's mode");
+  server.alarms = [stands(1, 1, "Unacknowledged Active")];
+  await state({"sensor.2": [16, server.now, 0, "Good"]});
   await click(button("View as table"));
   assert.match(said("main table tbody"), /y2 .*0\.000 m/);
   await click(button("View as table"));
@@ -1659,7 +1679,9 @@ test("how far back is what its words say, and that is asked for", async () => {
     ["alarms/figures", ["last 8 h", "last 24 h", "last 7 days", "last 30 days"]],
   ];
   for (const [at, names] of expected) {
+    back.length = 0;
     await show(at);
+    for (let i = 0; i < 200 && back.length === 0; i++) await env.pass(0.05); // what it begins with is asked for in an effect
     const choices = [...document.querySelectorAll<HTMLOptionElement>(".toolbar option")].filter(each => (each.textContent ?? "").startsWith("last "));
     assert.deepEqual(choices.map(each => each.textContent), names, at);
     for (const choice of choices) {

@@ -46,6 +46,14 @@ export function exact(value: number | null | undefined): string {
   return plain.includes("e") || (plain.length > 7 && short.length < plain.length) ? short : minus(plain);
 }
 
+/** What a loop has written as well: of more digits than anybody types those that say something. */
+export function written(value: number | null | undefined): string {
+  const text = exact(value);
+  return value != null && text.length > MOST_TYPED ? exact(Number(value.toPrecision(9))) : text;
+}
+
+const MOST_TYPED = 14;
+
 export type Reading = {value: number; why: null} | {value: null; why: string};
 
 /** A number as people type it: point or comma, true minus. What may mean two numbers is none. */

@@ -35,6 +35,11 @@ export function next(view: WriteView, happening: Happening): WriteView {
   }
 }
 
+/** What it asks for may still come: to ask once more says nothing new. */
+export function isOnItsWay(view: WriteView | null): boolean {
+  return view?.phase === "pending" || view?.phase === "accepted";
+}
+
 export function isFinal(phase: Phase): boolean {
   return phase === "applied" || phase === "superseded" || phase === "failed";
 }

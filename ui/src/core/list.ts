@@ -85,6 +85,7 @@ export interface Now {
 
 const graver = (a: Alarm, b: Alarm): boolean => (isUnacknowledged(a) === isUnacknowledged(b) ? a.priority < b.priority : isUnacknowledged(a));
 
+/** What nobody has acknowledged before the others, then by priority. */
 export function worstOf(item: Pick<Item, "refs">, marks: ReadonlyMap<Ref, Alarm>): Alarm | null {
   let worst: Alarm | null = null;
   for (const ref of item.refs) {

@@ -157,7 +157,16 @@ export function indexAt(s: Series, t: number): number {
 
 type Column = (number | null | undefined)[];
 
-/** Columns over one common time axis, as uPlot takes them: undefined where a curve has no point of its own. */
+/** A gap reaches from the point before it to the one after it, whatever times other curves have between. */
+function widenGaps(column: Column): void {
+  for (let i = 0; i < column.length; i++) {
+    if (column[i] !== null) continue;
+    for (let k = i - 1; k >= 0 && column[k] === undefined; k--) column[k] = null;
+    while (i + 1 < column.length && column[i + 1] == null) column[++i] = null;
+  }
+}
+
+/** Columns over one common time axis, as uPlot takes them: undefined where a curve has no point of its own and goes on. */
 export function align(curves: {t: number[]; columns: (number | null)[][]}[]): [number[], ...Column[]] {
   const all = new Set<number>();
   for (const curve of curves) for (const t of curve.t) all.add(t);
@@ -169,6 +178,7 @@ export function align(curves: {t: number[]; columns: (number | null)[][]}[]): [n
     for (const column of curve.columns) {
       const filled: Column = new Array<number | null | undefined>(t.length).fill(undefined);
       curve.t.forEach((at, i) => (filled[row.get(at) as number] = column[i]));
+      widenGaps(filled);
       out.push(filled);
     }
   return [t, ...out];

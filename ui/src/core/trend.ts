@@ -3,7 +3,7 @@
 // controllers in shadow would put out; or any signals, a panel for each unit.
 import type {Cell} from "./cell";
 import {Curve} from "./curve";
-import {binWidth, holds} from "./history";
+import {binWidth, boundOf, holds} from "./history";
 import {loopScale, trendScale} from "./loopdata";
 import {clock, connection, inShadow, live, variable} from "./model";
 import {exact} from "./format";
@@ -136,6 +136,15 @@ export class Curves {
     const one = variable(ref);
     const sure = one != null && holds(one) && connection.value.state === "connected" && !live(ref).value.stale;
     return sure ? held(series, clock.newest ?? 0) : series;
+  }
+
+  /** What stood at t; not longer than anybody has said so. */
+  at(ref: Ref, t: number): number | null {
+    const series = this.drawn(ref);
+    const [before, last] = series.t.slice(-2) as [number, number?];
+    const one = variable(ref);
+    const end = last ?? before;
+    return one == null || t > end + Math.max(boundOf(one), 2 * (end - before)) ? null : valueAt(series, t);
   }
 
   fill(from: number, to: number, pixels: number, following: boolean, changed: () => void): void {

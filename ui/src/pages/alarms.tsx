@@ -8,6 +8,7 @@ import {downloadText} from "../download";
 import {acknowledge, acknowledgeAll, service, shelve} from "../core/alarming";
 import {acknowledgement, type Alarm, counted, found, isMasked, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
 import {clock, csv, duration, exact, iso, span, stamp, when, zone} from "../core/format";
+import {isOnItsWay} from "../core/lifecycle";
 import {alarms, control, plant, serverNow, variable} from "../core/model";
 import {slot, tooLong} from "../core/writing";
 import {Nothing} from "../parts/nothing";
@@ -141,7 +142,7 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
       <td class="acts">
         <div class="entry-line">
           {act && (
-            <button type="button" class="primary" disabled={barred != null || view?.phase === "pending"} title={barred ?? undefined} onClick={() => void acknowledge(of)}>
+            <button type="button" class="primary" disabled={barred != null || isOnItsWay(view)} title={barred ?? undefined} onClick={() => void acknowledge(of)}>
               {act}<span class="hidden"> {of.alarm}</span>
             </button>
           )}

@@ -6,6 +6,7 @@ import {type Alarm, isUnacknowledged, loopOf} from "../core/alarms";
 import {text as getText} from "../core/api";
 import {duration, exact, missing} from "../core/format";
 import {type Bound, boxOf, type Drawing, drawing, filled, type Part} from "../core/graphic";
+import {worstOf} from "../core/list";
 import {loopScale} from "../core/loopdata";
 import {live, marks, plant} from "../core/model";
 import {signal} from "../core/pens";
@@ -124,9 +125,10 @@ function Go({of, plant: p, label, children}: {of: Variable; plant: Plant; label:
 
 const GLYPHS = {1: "◆", 2: "■", 3: "▲", 4: "▼"};
 
-/** The gravest that stands of this signal, or of its loop. */
+/** The gravest that stands of this signal; of an output, which moves by them, of its loop's switches as well. */
 function useAlarm(ref: Ref): Alarm | null {
-  return useCell(marks).get(ref) ?? null;
+  const loop = useCell(plant)?.loops.find(one => one.output === ref);
+  return worstOf({refs: [ref, ...(loop ? [loop.mode.target, loop.mode.actual, loop.manual] : [])]}, useCell(marks));
 }
 
 function useWords(one: Variable): {text: string; label: string; kind: string; alarm: Alarm | null} {

@@ -9,6 +9,7 @@ import {holds} from "../core/history";
 import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, RESULTS, isOfNow} from "../core/outlook";
 import {nameOf, pensAbout} from "../core/pens";
+import {RECENT} from "../core/loopdata";
 import {extent, type Scale} from "../core/scale";
 import {empty, held, type Series, visible} from "../core/series";
 import {padded, title} from "../core/trend";
@@ -76,7 +77,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
       {table && (
         <Table
           caption={`What is expected, by the time from the plan on (made ${newest > 0 ? when(newest, 1) : missing})`}
-          head={["Signal", ...rows.head.map(ahead => duration(ahead))]}
+          head={["Signal", ...rows.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]}
           rows={rows.rows.map(row => [row.name, ...row.values.map(value => number(value))])}
         />
       )}
@@ -189,7 +190,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   const curves = useMemo(() => new Map(refs.flat().flatMap(ref => { const one = variable(ref); return one ? [[ref, new Curve(one)]] : []; }) as [Ref, Curve][]), []);
   const ahead = useRef(0);
   ahead.current = Math.max(ahead.current, horizon(courses));
-  const past = Math.max(LEAST_PAST, PAST * ahead.current);
+  const past = ahead.current > 0 ? Math.max(LEAST_PAST, PAST * ahead.current) : RECENT;
   const kept = useRef(past);
   kept.current = past;
   const scales = useRef<(Scale | null)[]>(panels.map(() => null));

@@ -141,14 +141,18 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     };
   };
 
-  const inSight = (): (number | null)[][] =>
-    curves.seen(...bounds(state.current.win, serverNow())).map((values, i) => [...values, ...(subject.panels[i]?.pens ?? []).flatMap(pen => state.current.expected.get(pen.ref)?.expected ?? [])]);
+  /** Of each panel all that is drawn, what is expected and an earlier window as well. */
+  const inSight = (): (number | null)[][] => {
+    const [from, to] = bounds(state.current.win, serverNow());
+    const before = earlier?.seen(from - compare, to - compare);
+    return curves.seen(from, to).map((values, i) => [...values, ...(before?.[i] ?? []), ...(subject.panels[i]?.pens ?? []).flatMap(pen => state.current.expected.get(pen.ref)?.expected ?? [])]);
+  };
 
   const draw = (): void => {
     const now = state.current;
     const data = seen(now);
     chart.current?.show(data);
-    const next = curves.seen(data.from, data.to).some((values, i) => off(values, now.scales[i] as Scale));
+    const next = inSight().some((values, i) => off(values, now.scales[i] as Scale));
     if (next !== beyond.current) {
       beyond.current = next;
       setDrawn(n => n + 1);
@@ -363,7 +367,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         {!narrow && more}
       </div>
       {!narrow && pensTools}
-      <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, serverNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} />
+      <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, serverNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} expected={expected} edge={() => (win.ahead ? bounds(win, serverNow())[1] : Infinity)} />
       {earlier && <p class="say">Beside it, dotted, what was {duration(compare)} before.{earlier.error && <span class="complaint"> history: {earlier.error}</span>}</p>}
       {win.ahead && <p class="say">{expected.size > 0 ? `Right of the line, dashed, what was expected ${win.live ? "now" : `at ${when(win.to)}`}.` : "Nothing is expected of these signals: there is no plan."}</p>}
       {curves.error && <p class="complaint">history: {curves.error}</p>}
@@ -453,13 +457,21 @@ interface ReadoutProps {
   clear: () => void;
   marks: () => Mark[];
   reach: number; // s
+  expected: ReadonlyMap<Ref, Course>;
+  edge: () => number; // where what was ends and what is expected begins
 }
 
 /** The numbers under the cursor, else the newest; from the second cursor on also their differences. */
-function Readout({subject, curves, cursor, beyond, reference, clear, marks, reach}: ReadoutProps): JSX.Element {
+function Readout({subject, curves, cursor, beyond, reference, clear, marks, reach, expected, edge}: ReadoutProps): JSX.Element {
   const t = useCell(cursor);
+  const coming = t != null && t > edge();
+  const at = (ref: Ref, when: number): number | null => {
+    if (when <= edge()) return curves.at(ref, when);
+    const course = expected.get(ref);
+    return course && when <= course.made + horizon([course]) ? valueAt(courseSeries(course), when) : null;
+  };
   const difference = (ref: Ref): string => {
-    const [a, b] = [reference == null ? null : valueAt(curves.series(ref), reference), t == null ? live(ref).value.value : valueAt(curves.series(ref), t)];
+    const [a, b] = [reference == null ? null : at(ref, reference), t == null ? live(ref).value.value : at(ref, t)];
     return a == null || b == null ? missing : `${b >= a ? "+" : ""}${told(ref, b - a)}`;
   };
   const hit = t == null ? [] : near(marks(), t, reach);
@@ -467,9 +479,9 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
   useCell(live(lead as Ref));
   return (
     <div class="readout">
-      <span class="at">{t == null ? "newest" : when(t, 1)}</span>
+      <span class="at">{t == null ? "newest" : `${when(t, 1)}${coming ? ", expected" : ""}`}</span>
       {subject.panels.flatMap(panel => panel.pens).map(pen => {
-        const then = t == null ? null : valueAt(curves.series(pen.ref), t);
+        const then = t == null ? null : at(pen.ref, t);
         return (
           <span key={pen.ref} class="item">
             <Stroke pen={pen} /> {variable(pen.ref)?.name} {t == null ? <Value of={pen.ref} /> : <b>{then == null ? missing : told(pen.ref, then)}</b>}

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // On every screen: how many alarms stand, and the most urgent one that nobody has acknowledged.
 import type {JSX} from "preact";
+import {useEffect, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
 import {acknowledge} from "../core/alarming";
 import {acknowledgement, counted, isUnacknowledged} from "../core/alarms";
+import {env} from "../core/env";
 import {clock} from "../core/format";
+import {isOnItsWay} from "../core/lifecycle";
 import {alarms, control, plant} from "../core/model";
 import {slot} from "../core/writing";
 import {path} from "../router";
@@ -21,7 +24,8 @@ export function AlarmLine(): JSX.Element | null {
   const p = useCell(plant);
   const counts = counted(all);
   const first = all.find(isUnacknowledged);
-  const pending = useCell(slot(`ack.${first?.id ?? 0}`))?.phase === "pending";
+  const busy = isOnItsWay(useCell(slot(`ack.${first?.id ?? 0}`)));
+  const steady = useSteady(first?.id ?? null);
   if (!p?.alarms || evaluated == null) return null;
   return (
     <section class={`alarm-line${first ? ` calls p${first.priority}` : ""}`} aria-label="Alarms">
@@ -38,18 +42,27 @@ export function AlarmLine(): JSX.Element | null {
       <span class="first" role="status">
         {first && (
           <a href={path("alarms", first.alarm)}>
-            <Shape priority={first.priority} label="most urgent" /> <b>{first.alarm}</b> {first.message} <span class="say">{clock(first.now.time)}{!first.now.active && ", gone"}</span>
+            <Shape priority={first.priority} label="most urgent" /> <b>{first.alarm}</b> <span class="message">{first.message}</span> <span class="say">{clock(first.now.time)}{!first.now.active && ", gone"}</span>
           </a>
         )}
       </span>
       {first && (
-        <button type="button" disabled={barred != null || pending} title={barred ?? undefined} onClick={() => void acknowledge(first)}>
-          {acknowledgement(first) ?? "Acknowledge"}<span class="hidden"> {first.alarm}</span>
+        <button type="button" disabled={barred != null || busy || !steady} title={barred ?? undefined} onClick={() => void acknowledge(first)}>
+          {busy ? "on its way …" : (acknowledgement(first) ?? "Acknowledge")}<span class="hidden"> {first.alarm}</span>
         </button>
       )}
       <SoundSwitch />
     </section>
   );
+}
+
+const STEADY = 1; // s
+
+/** Has it been this one for long enough? A second press is not for the one that has just taken its place. */
+function useSteady(id: number | null): boolean {
+  const [seen, setSeen] = useState(id);
+  useEffect(() => (seen == null ? setSeen(id) : env.later(() => setSeen(id), STEADY)), [id]);
+  return seen == null || seen === id;
 }
 
 function SoundSwitch(): JSX.Element {

@@ -3,14 +3,14 @@
 import type {JSX} from "preact";
 import {useCell} from "../usecell";
 import {isUnacknowledged} from "../core/alarms";
+import {worstOf} from "../core/list";
 import {marks} from "../core/model";
 import type {Ref} from "../core/types";
 import {path} from "../router";
 import {Shape} from "./shape";
 
 export function AlarmMark({of}: {of: (Ref | null)[]}): JSX.Element | null {
-  const all = useCell(marks);
-  const worst = of.flatMap(ref => (ref ? (all.get(ref) ?? []) : [])).sort((a, b) => Number(isUnacknowledged(b)) - Number(isUnacknowledged(a)) || a.priority - b.priority)[0];
+  const worst = worstOf({refs: of}, useCell(marks));
   if (!worst) return null;
   return (
     <a class="alarm-mark" href={path("alarms", worst.alarm)} title={`${worst.alarm}: ${worst.message}`}>

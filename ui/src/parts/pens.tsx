@@ -37,7 +37,7 @@ export function PenSearch({plant, there, add}: {plant: Plant; there: Variable[];
         add a signal <input type="search" size={18} value={text} disabled={full} placeholder="name, unit, description" onInput={event => setText(event.currentTarget.value)} />
       </label>{" "}
       <span class="say" role="status">
-        {full ? `${MOST_PENS} signals are the most` : text.trim() === "" ? "" : matches.length === 0 ? `nothing is called “${text.trim()}”` : "Enter adds the first"}
+        {full ? `${MOST_PENS} signals are the most` : text.trim() === "" ? "" : matches.length === 0 ? (matching(text, plant, []).length > 0 ? "is there already" : `nothing is called “${text.trim()}”`) : "Enter adds the first"}
       </span>
       {matches.length > 0 && (
         <ul class="matches">

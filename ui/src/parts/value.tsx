@@ -3,15 +3,15 @@
 import type {JSX} from "preact";
 import {useRef} from "preact/hooks";
 import {useCell, usePainted} from "../usecell";
-import {decimalsOf, duration, exact, missing, number} from "../core/format";
+import {decimalsOf, duration, exact, missing, number, written} from "../core/format";
 import {isRemote, limitsOf, live, modesOfLoop, variable} from "../core/model";
 import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
 import {Shape} from "./shape";
 
-/** What somebody has written is told exactly, what a sensor or a loop has in the decimals of its limits. */
+/** What somebody has written is told with all digits, what a sensor or a loop has in the decimals of its limits. */
 export function told(of: Ref, value: number | null): string {
-  return variable(of)?.period == null && !isRemote(of) ? exact(value) : number(value, decimalsOf(limitsOf(of)));
+  return variable(of)?.period == null && !isRemote(of) ? written(value) : number(value, decimalsOf(limitsOf(of)));
 }
 
 export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Element {
