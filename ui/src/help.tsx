@@ -4,7 +4,7 @@ import {zone} from "./core/format";
 import {useCell} from "./usecell";
 import {Dialog} from "./dialog";
 import {plant} from "./core/model";
-import {Shape} from "./parts/shape";
+import {Note, Shape} from "./parts/shape";
 import {setShortcuts, shortcuts} from "./theme";
 
 const keys: [string, string][] = [
@@ -35,16 +35,15 @@ export function Help({close}: {close: () => void}): JSX.Element {
         </label>
         <p>
           In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it. A press sets a second cursor, from
-          which differences are told. Triangles at the top are events, larger the graver. <b>Choose signals</b> makes one of any
+          which differences are told. Shapes with a digit at the top are alarms, small triangles other events. <b>Choose signals</b> makes one of any
           signals; its address shows the same again, to whoever has it. Values and names of loops, signals and alarms can be dragged
           into a trend, or onto its tab.
         </p>
         <h2>What you see</h2>
         <ul>
-          <li><Shape priority={1} /> disconnected, database or link away, alarm</li>
-          <li><Shape priority={2} /> Bad measurement, refused write, missed ticks, warning</li>
-          <li><Shape priority={3} /> stale: older than three periods and 1 s; greyed, crossed, with its age; or a write nobody confirmed</li>
-          <li><Shape priority={4} /> worth a look</li>
+          <li>{([1, 2, 3, 4] as const).map(one => <Shape key={one} priority={one} />)} alarms, and what is one by itself: link, database, a controller that is gone</li>
+          <li><Note grave label="wrong" /> Bad, outside its limits, refused, missed</li>
+          <li><Note label="not sure" /> stale (older than three periods and 1 s: greyed, crossed, with its age), uncertain, or a write nobody confirmed</li>
         </ul>
         <p>
           The mark in a bar is the setpoint. Scales are chosen once, from the limits or the last ten minutes; only a setpoint

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import {chosen, pensAbout} from "../src/core/pens";
 import {test} from "node:test";
-import {acknowledgement, type Alarm, bySignal, counted, found, loopOf, raised, ranked, stateWords, story, taken} from "../src/core/alarms";
+import {acknowledgement, type Alarm, bandsOf, bySignal, counted, found, loopOf, raised, ranked, stateWords, story, taken} from "../src/core/alarms";
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {hole, matches, merge} from "../src/core/eventlist";
@@ -18,7 +18,7 @@ import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words,
 import {extent, niceScale, place} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, trim, valueAt, visible} from "../src/core/series";
 import {aheadOf, bounds, goLive, pan, pause, refuse, runsBefore, select, type Window, zoom} from "../src/core/view";
-import type {Control, Loop, PlantEvent, Transition, Write} from "../src/core/types";
+import type {AlarmIs, Control, Loop, PlantEvent, Transition, Write} from "../src/core/types";
 import {alarmed, cascade, plant, predicted, stands} from "./plant";
 
 const DAY = 86400;
@@ -724,4 +724,10 @@ test("names are in the order that people count in", () => {
   const names = ["y10", "Y9", "y2", "y", "y2.high", "x3", "10", "9", "y02", "a b", ""];
   assert.deepEqual(names.slice().sort(byName), ["", "9", "10", "a b", "x3", "y", "y02", "y2", "y2.high", "Y9", "y10"]);
   for (const a of names) for (const b of names) assert.equal(Math.sign(byName(a, b)) + Math.sign(byName(b, a)), 0, `${a} ${b}`);
+});
+
+test("a signal is as it is wanted between the nearest of its low and high alarms", () => {
+  const of = (ref: string, kind: string, limit: number | null): AlarmIs => ({id: 1, alarm: "a", ref, limit, kind, priority: 2, area: "", message: "", consequence: "", response: ""});
+  const bands = bandsOf([of("sensor.1", "low", 2), of("sensor.1", "low-low", 1), of("sensor.1", "high", 9), of("sensor.1", "high", 8), of("sensor.1", "low", 3), of("sensor.2", "high", 5), of("sensor.3", "rate", 5), of("sensor.4", "low", null)]);
+  assert.deepEqual([...bands], [["sensor.1", {low: 3, high: 8}], ["sensor.2", {low: null, high: 5}]]);
 });

@@ -604,7 +604,7 @@ test("a scale is the limits, else what was seen, and stays", async () => {
   assert.deepEqual(outputScale("actuator.1").value, {low: -10, high: 10});
   const scale = loopScale({measurement: "sensor.1", setpoint: "setpoint.1"});
   assert.equal(scale.value, null);
-  await env.settle();
+  await env.pass(0.1);
   const first = scale.value!;
   assert.ok(first.low <= 0 && first.high >= 12, JSON.stringify(first));
   server.sample("sensor.1", 500);

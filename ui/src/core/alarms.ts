@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Alarms: what each is and how it stands, in the order in which they want somebody. Pure.
+import type {Limits} from "./quality";
 import type {AlarmIs, AlarmNow, Loop, PlantEvent, Ref, Transition} from "./types";
 
 export interface Alarm extends AlarmIs {
@@ -95,6 +96,17 @@ export function acknowledgement({now}: Alarm): "Acknowledge" | "Reset" | null {
 
 const isLatched = (now: AlarmNow): boolean => now.state === "Latched Acknowledged";
 
+/** Between its alarms, where a signal is as it is wanted. */
+export function bandsOf(all: AlarmIs[]): Map<Ref, Limits> {
+  const bands = new Map<Ref, Limits>();
+  for (const {ref, kind, limit} of all) {
+    if (limit == null || (kind !== "low" && kind !== "high")) continue;
+    const {low, high} = bands.get(ref) ?? {low: null, high: null};
+    bands.set(ref, kind === "low" ? {low: Math.max(limit, low ?? limit), high} : {low, high: Math.min(limit, high ?? limit)});
+  }
+  return bands;
+}
+
 /** The loop that it is of: by measurement, setpoint, output or mode. */
 export function loopOf(ref: Ref, loops: Loop[]): Loop | null {
   return loops.find(loop => refsOf(loop).includes(ref)) ?? null;
@@ -147,8 +159,7 @@ export function alarmSaid({text}: PlantEvent): string {
   return text.slice(0, text.indexOf(": "));
 }
 
-/** As what an event is marked: that an alarm was raised as this alarm, others as they are grave. null: as nothing. */
-export function priorityOf(event: PlantEvent, alarms: AlarmIs[]): AlarmIs["priority"] | null {
-  const raised = event.kind === "alarm" ? alarms.find(({alarm}) => event.text === alarm || event.text.startsWith(`${alarm}: `)) : undefined;
-  return raised?.priority ?? (event.severity === 3 ? 1 : event.severity === 2 ? 2 : null);
+/** Of which priority the alarm is that an event says was raised; null: it says something else. */
+export function priorityOf({kind, text}: PlantEvent, alarms: AlarmIs[]): AlarmIs["priority"] | null {
+  return (kind === "alarm" && alarms.find(({alarm}) => text === alarm || text.startsWith(`${alarm}: `))?.priority) || null;
 }

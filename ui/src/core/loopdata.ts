@@ -2,6 +2,7 @@
 // Of each loop, and of each measurement beyond them: the last ten minutes and the scale of its bars and axes.
 import {Cell} from "./cell";
 import {Curve} from "./curve";
+import {env} from "./env";
 import {live, onNewPlant, onSample, refill, serverNow, variable} from "./model";
 import {extent, niceScale, type Scale} from "./scale";
 import {empty, type Series} from "./series";
@@ -34,17 +35,16 @@ export function recent(ref: Ref): Cell<Series> {
   return of(ref).shown;
 }
 
-let together: number | null = null;
+const wanting: Recent[] = [];
+const GATHER = 0.1; // s; rows come into sight a few at a time
 
-/** All that is asked for at one moment ends at the same one, and so goes in one request. */
-function moment(): number {
-  if (together == null) queueMicrotask(() => (together = null));
-  return (together ??= serverNow());
-}
-
-function fill({curve, shown}: Recent): void {
-  const until = moment();
-  curve?.fill(until - RECENT, until, PIXELS, true, () => (shown.value = {...curve.series}));
+/** All that is wanted within that ends at the same moment, and so goes in few requests. */
+function fill(one: Recent): void {
+  if (wanting.push(one) > 1) return;
+  env.later(() => {
+    const until = serverNow();
+    for (const {curve, shown} of wanting.splice(0)) curve?.fill(until - RECENT, until, PIXELS, true, () => (shown.value = {...curve.series}));
+  }, GATHER);
 }
 
 refill.subscribe(() => {
@@ -60,6 +60,7 @@ onSample((ref, [, t, value, status]) => {
 
 // Curves and scales of another plant say nothing of this one.
 onNewPlant(() => {
+  wanting.length = 0;
   for (const {curve} of recents.values()) curve?.stop();
   recents.clear();
   scales.clear();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Everything the page knows, and the one place where messages of the stream change it.
-import {type Alarm, bySignal, ranked, type Standing, taken} from "./alarms";
+import {type Alarm, bandsOf, bySignal, ranked, type Standing, taken} from "./alarms";
 import {get, post, session as askSession, whenLoggedOut} from "./api";
 import {Cell} from "./cell";
 import {Clock, Parting} from "./clock";
@@ -55,6 +55,7 @@ const variables = new Map<Ref, Variable>();
 /** Loops by what they measure, and, of those that a loop above moves, by their setpoint. */
 const measuring = new Map<Ref, Loop>();
 const below = new Map<Ref, Loop>();
+let bands: ReadonlyMap<Ref, Limits> = new Map();
 
 export function live(ref: Ref): Cell<Live> {
   let cell = values.get(ref);
@@ -93,6 +94,11 @@ export function limitsOf(ref: Ref): Limits {
 /** The daemon's clock now, Unix s; as long as it has said nothing, this computer's. */
 export function serverNow(): number {
   return clock.now(env.mono()) ?? env.wall();
+}
+
+/** Between its low and its high alarm; null: it has neither. */
+export function bandOf(ref: Ref): Limits | null {
+  return bands.get(ref) ?? null;
 }
 
 type SampleListener = (ref: Ref, sample: Sample) => void;
@@ -253,6 +259,7 @@ export async function loadPlant(): Promise<void> {
       if (loop.measurement) measuring.set(loop.measurement, loop);
       if (loop.setpoint && loop.above != null) below.set(loop.setpoint, loop);
     }
+    bands = bandsOf(next.alarms?.all ?? []);
     if (other) for (const listener of plantListeners) listener();
     plant.value = {...next, generation: (before?.generation ?? 0) + (other ? 1 : 0)};
     lookAtModes();

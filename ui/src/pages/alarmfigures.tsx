@@ -6,7 +6,7 @@ import {get} from "../core/api";
 import {duration, number} from "../core/format";
 import {alarms} from "../core/model";
 import type {AlarmFigures} from "../core/types";
-import {type Priority, Shape} from "../parts/shape";
+import {Note, type Priority, Shape} from "../parts/shape";
 import {path} from "../router";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
@@ -84,7 +84,7 @@ export function AlarmFiguresView(): JSX.Element {
                     <td class="number">{one.raised}</td>
                     <td class="number">{part(one.raised, figures.raised)}</td>
                     <td class="number">{duration(one.active)}</td>
-                    <td>{one.chatters ? <><Shape priority={3} label="chatters" /> yes</> : "no"}</td>
+                    <td>{one.chatters ? <><Note label="chatters" /> yes</> : "no"}</td>
                   </tr>
                 ))}
               </tbody>
@@ -101,7 +101,7 @@ function Figure({name, is, should, beside = false}: {name: string; is: string; s
   return (
     <tr>
       <th scope="row">{name}</th>
-      <td class="number">{beside && <Shape priority={3} label="not as it should be" />} {is}</td>
+      <td class="number">{beside && <Note grave label="not as it should be" />} {is}</td>
       <td class="say">{should}</td>
     </tr>
   );

@@ -7,7 +7,7 @@ import {clock, duration, missing, period, stamp, when, zone, zoneAt} from "../co
 import {limit, words, worth} from "../core/quality";
 import {clock as server, connection, second, variable} from "../core/model";
 import {Nothing} from "../parts/nothing";
-import {Shape} from "../parts/shape";
+import {Note, Shape} from "../parts/shape";
 import type {Diagnostics, Figures} from "../core/types";
 
 const PERIOD = 1000; // ms between two questions
@@ -44,7 +44,7 @@ export function DiagnosticsPage(): JSX.Element {
       <div class="toolbar">
         <h1>Diagnostics</h1>
         <span class="say">as of {clock(d.t)} {zoneAt(d.t)}, the server has run for {duration(d.uptime)}</span>
-        {error && <span class="complaint"><Shape priority={3} label="stale" /> last known: {error}</span>}
+        {error && <span class="complaint"><Note label="stale" /> last known: {error}</span>}
       </div>
       <div class="grid two">
         <Panel title="Tasks" head={["task", "period", "run p99", "run max", "lateness p99", "jitter max", "missed", "reported"]} wide>
@@ -58,8 +58,8 @@ export function DiagnosticsPage(): JSX.Element {
                 <td data-label="run max" class="number">{duration(task.run?.max)}</td>
                 <td data-label="lateness p99" class="number">{duration(task.lateness?.p99)}</td>
                 <td data-label="jitter max" class="number">{duration(task.jitter?.max)}</td>
-                <td data-label="missed" class="number">{task.missed_total > 0 && <Shape priority={4} label="missed ticks" />} {task.missed_total}</td>
-                <td data-label="reported" class="number">{late && <Shape priority={3} label="silent" />} {duration(task.age)} ago</td>
+                <td data-label="missed" class="number">{task.missed_total > 0 && <Note grave label="missed ticks" />} {task.missed_total}</td>
+                <td data-label="reported" class="number">{late && <Note label="silent" />} {duration(task.age)} ago</td>
               </tr>
             );
           })}
@@ -109,9 +109,9 @@ export function DiagnosticsPage(): JSX.Element {
               <tr key={signal.ref} class={signal.stale ? "stale" : ""}>
                 <th scope="row">{signal.ref}</th>
                 <td data-label="name">{one?.name}</td>
-                <td data-label="age" class="number">{signal.stale && <Shape priority={3} label="stale" />} {duration(signal.age)}</td>
+                <td data-label="age" class="number">{signal.stale && <Note label="stale" />} {duration(signal.age)}</td>
                 <td data-label="stale after" class="number">{isFinite(bound) ? duration(bound) : "stands"}</td>
-                <td data-label="status">{what !== "good" && signal.status !== "BadNoData" && <Shape priority={what === "bad" ? 2 : 3} label={what} />} {what === "good" ? signal.status : words(signal.status)}</td>
+                <td data-label="status">{what !== "good" && signal.status !== "BadNoData" && <Note grave={what === "bad"} label={what} />} {what === "good" ? signal.status : words(signal.status)}</td>
               </tr>
             );
           })}

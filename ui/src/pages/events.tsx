@@ -9,7 +9,7 @@ import {csv, iso, stamp, zone} from "../core/format";
 import {hole, merge, matches, type Filter} from "../core/eventlist";
 import {events, plant, refill, serverNow} from "../core/model";
 import {EventShape} from "../parts/eventshape";
-import {Shape} from "../parts/shape";
+import {Note} from "../parts/shape";
 import type {PlantEvent} from "../core/types";
 
 const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm"];
@@ -110,7 +110,7 @@ export function EventsPage(): JSX.Element {
               i === gap && (
                 <tr key="gap" class="gap">
                   <td colSpan={5}>
-                    <Shape priority={3} label="missing" /> {MISSING} <button type="button" onClick={() => setAgain(again + 1)}>Ask for them</button>
+                    <Note label="missing" /> {MISSING} <button type="button" onClick={() => setAgain(again + 1)}>Ask for them</button>
                   </td>
                 </tr>
               ),

@@ -17,7 +17,7 @@ import {GiveBack} from "../parts/giveback";
 import {ModeSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
 import {Reason} from "../parts/reason";
-import {Shape} from "../parts/shape";
+import {Note, Shape} from "../parts/shape";
 import {Spark} from "../parts/spark";
 import {Tuning} from "../parts/tuning";
 import {Value} from "../parts/value";
@@ -224,7 +224,7 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   } else if (event) text = `${when(event.time)}, ${event.source}: ${event.text.replace("->", "→")}`;
   return (
     <p class="last-action">
-      <b>Last action</b> {write?.state === "failed" && <Shape priority={2} label="failed" />} {text}
+      <b>Last action</b> {write?.state === "failed" && <Note grave label="failed" />} {text}
     </p>
   );
 }

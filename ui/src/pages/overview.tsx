@@ -14,7 +14,7 @@ import {Many} from "./many";
 import {AlarmMark} from "../parts/alarmmark";
 import {Bar} from "../parts/bar";
 import {Nothing} from "../parts/nothing";
-import {Shape} from "../parts/shape";
+import {Note, Shape} from "../parts/shape";
 import {Spark, summary} from "../parts/spark";
 import {ActualMode, Value} from "../parts/value";
 import {path} from "../router";
@@ -164,13 +164,13 @@ function Abnormal({plant: p}: {plant: Plant}): JSX.Element {
   const database = useCell(store);
   if (!database) return <span class="say">waiting for the values …</span>;
   const counts = abnormal(p.variables.filter(one => one.table !== "estimate").map(one => ({period: one.period, limits: limitsOf(one.ref), live: live(one.ref).value})));
-  const said: [number, 2 | 3, string][] = [
-    [counts.bad, 2, "bad"],
-    [counts.outside, 2, "outside limits"],
-    [counts.uncertain, 3, "uncertain"],
-    [counts.stale, 3, "stale"],
-    [counts.never, 3, "without a sample"],
+  const said: [number, boolean, string][] = [
+    [counts.bad, true, "bad"],
+    [counts.outside, true, "outside limits"],
+    [counts.uncertain, false, "uncertain"],
+    [counts.stale, false, "stale"],
+    [counts.never, false, "without a sample"],
   ];
   if (said.every(([n]) => n === 0)) return <span class="say">all values fresh and good</span>;
-  return <span class="abnormal">{said.map(([n, priority, what]) => n > 0 && <span key={what}><Shape priority={priority} label={what} /> {n} {what}</span>)}</span>;
+  return <span class="abnormal">{said.map(([n, grave, what]) => n > 0 && <span key={what}><Note grave={grave} label={what} /> {n} {what}</span>)}</span>;
 }

@@ -5,7 +5,7 @@ import {get} from "../core/api";
 import {clock, duration, missing, zoneAt} from "../core/format";
 import {connection, second} from "../core/model";
 import {isSilent, type OnePlant, worstFirst} from "../core/plants";
-import {Shape} from "../parts/shape";
+import {Note} from "../parts/shape";
 import {path} from "../router";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
@@ -25,7 +25,7 @@ export function PlantsPage(): JSX.Element {
         <h1>Plants</h1>
         <span class="say" role="status">{!answer ? (wrong ? "" : "loading …") : all.length === 0 ? "This store is of one plant." : `${all.length} in this database, ${silent} of them silent`}</span>
         {answer && <span class="say">as of {clock(answer.t)} {zoneAt(answer.t)}</span>}
-        {wrong && <span class="complaint">{answer && <><Shape priority={3} label="stale" /> last known: </>}{wrong}</span>}
+        {wrong && <span class="complaint">{answer && <><Note label="stale" /> last known: </>}{wrong}</span>}
       </div>
       {all.length > 0 && (
         <div class="panel">
@@ -41,7 +41,7 @@ export function PlantsPage(): JSX.Element {
               {all.map(one => (
                 <tr key={one.name}>
                   <th scope="row">{one.here ? <a href={path("overview")}>{one.name}</a> : one.page ? <a href={one.page}>{one.name}</a> : one.name}{one.here && <small>shown here</small>}</th>
-                  <td data-label="State">{isSilent(one) ? <><Shape priority={3} label="silent" /> silent</> : one.age == null ? "nothing measured yet" : "measures"}</td>
+                  <td data-label="State">{isSilent(one) ? <><Note label="silent" /> silent</> : one.age == null ? "nothing measured yet" : "measures"}</td>
                   <td class="number" data-label="Newest measurement">{one.age == null ? missing : `${duration(Math.max(0, one.age))} ago`}</td>
                 </tr>
               ))}

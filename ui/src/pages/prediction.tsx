@@ -18,7 +18,7 @@ import {ServiceSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
 import {LoopLink} from "../faceplate";
 import {Stroke} from "../parts/pens";
-import {Shape} from "../parts/shape";
+import {Note} from "../parts/shape";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
 import {go, path} from "../router";
@@ -161,7 +161,7 @@ function Solver({of: {solver}}: {of: Predictor}): JSX.Element {
       <h2>Solver</h2>
       <dl class="pairs">
         <dt>result</dt>
-        <dd>{result != null && result > 0 && <Shape priority={3} label="not the best plan" />} {result == null ? missing : (RESULTS[result] ?? exact(result))}</dd>
+        <dd>{result != null && result > 0 && <Note label="not the best plan" />} {result == null ? missing : (RESULTS[result] ?? exact(result))}</dd>
         <dt>objective</dt>
         <dd>{solver.objective ? <Value of={solver.objective} /> : missing} <span class="say">0 at rest</span></dd>
         <dt>time it took</dt>

@@ -8,7 +8,7 @@ import {clock, duration, period, zone} from "../core/format";
 import {env} from "../core/env";
 import {histogram, logHeight, reach} from "../core/histogram";
 import {refill, serverNow, tasks} from "../core/model";
-import {Shape} from "../parts/shape";
+import {Note} from "../parts/shape";
 import {Table} from "../parts/table";
 import {plot} from "../plot";
 import {niceScale, type Scale} from "../core/scale";
@@ -120,7 +120,7 @@ function Figures({of}: {of: Timing}): JSX.Element {
       <div>
         <dt>missed</dt>
         <dd>
-          {of.missed > 0 && <Shape priority={2} label="missed ticks" />} {of.missed}
+          {of.missed > 0 && <Note grave label="missed ticks" />} {of.missed}
         </dd>
       </div>
     </dl>

@@ -1,16 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// An analogue bar: the value as a bar, the setpoint as a mark, the limits where they lie on the scale.
+// An analogue bar: the value as a bar, the setpoint as a mark, behind them the band between low and high alarm.
 import type {JSX} from "preact";
 import {useRef} from "preact/hooks";
 import {useCell, usePainted} from "../usecell";
-import {exact} from "../core/format";
-import {limitsOf, live, variable} from "../core/model";
-import {beyond, type Live} from "../core/quality";
+import {exact, limitsText} from "../core/format";
+import {bandOf, limitsOf, live, variable} from "../core/model";
+import {beyond, type Limits, type Live} from "../core/quality";
 import {place, type Scale} from "../core/scale";
 import type {Ref} from "../core/types";
 import {told} from "./value";
 
 const percent = (x: number): string => `${(x * 100).toFixed(2)}%`;
+
+/** Where a band lies on a scale; open at an end, it reaches beyond that. */
+function within(scale: Scale, {low, high}: Limits): {left: string; right: string} {
+  const [from, to] = [low == null ? -1 : place(scale, low).at, high == null ? 2 : place(scale, high).at];
+  return {left: percent(from), right: percent(1 - to)};
+}
 
 interface Props {
   label: string;
@@ -26,6 +32,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
   const target = useCell(live(setpoint ?? "")).value;
   const unit = variable(value)?.unit ?? "";
   const {low, high} = limitsOf(value);
+  const band = bandOf(value);
   const zero = scale ? place(scale, 0).at : 0; // it begins there where the scale has it, else at its end
   const look = (now: Live): string => `${now.stale} ${beyond(now.value, low, high)} ${scale && now.value != null && place(scale, now.value).off}`;
   const one = usePainted(live(value), look, now => {
@@ -34,6 +41,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
     const text =
       `${label} ${told(value, now.value)} ${unit}` +
       (target == null ? "" : `, setpoint ${exact(target)}`) +
+      (band ? `, normal ${limitsText(band.low, band.high)}` : "") +
       (where ? `, ${where} its limit ${exact(where === "below" ? low : high)}` : "") +
       `, scale ${exact(scale.low)} to ${exact(scale.high)}` +
       (now.stale ? ", stale" : "");
@@ -48,6 +56,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
   return (
     <div key="bar" class="bar-with-ends">
       <div ref={bar} class={`bar${one.stale ? " stale" : ""}${beyond(one.value, low, high) ? " outside" : ""}`} role="img">
+        {band && <i key="band" class="band" style={within(scale, band)} />}
         {at && <i key="fill" ref={fill} class="fill" />}
         {sp && !sp.off && <i class="setpoint" style={{left: percent(sp.at)}} />}
         {zero > 0 && zero < 1 && <i class="zero" style={{left: percent(zero)}} />}

@@ -13,16 +13,25 @@ export const shapes: Record<Priority, string> = {
 export const digitAt: Record<Priority, number> = {1: 14, 2: 14.2, 3: 16.4, 4: 11.6};
 /** Of the digit; of the style sheet too. */
 export const digitOn: Record<Priority, string> = {1: "#fff", 2: "#1f1f1f", 3: "#1f1f1f", 4: "#fff"};
-const words: Record<Priority, string> = {1: "alarm", 2: "warning", 3: "stale or uncertain", 4: "note"};
 
-/** Hollow: somebody knows of it. */
-export function Shape({priority, label, hollow = false}: {priority: Priority; label?: string; hollow?: boolean}): JSX.Element {
+/** Of an alarm, or of what is one by itself: the link, the store, a controller that is gone. Hollow: somebody knows of it. */
+export function Shape({priority, label = "alarm", hollow = false}: {priority: Priority; label?: string; hollow?: boolean}): JSX.Element {
   return (
-    <svg class={`shape p${priority}${hollow ? " hollow" : ""}`} viewBox="0 0 20 20" role="img" aria-label={`priority ${priority}: ${label ?? words[priority]}`}>
+    <svg class={`shape p${priority}${hollow ? " hollow" : ""}`} viewBox="0 0 20 20" role="img" aria-label={`priority ${priority}: ${label}`}>
       <path d={shapes[priority]} />
       <text x="10" y={digitAt[priority]}>
         {priority}
       </text>
+    </svg>
+  );
+}
+
+/** What is not as it should be and no alarm: without a colour. */
+export function Note({grave = false, label}: {grave?: boolean; label: string}): JSX.Element {
+  return (
+    <svg class="shape hollow" viewBox="0 0 20 20" role="img" aria-label={label}>
+      <path d="M10 1.5a8.5 8.5 0 1 1 0 17 8.5 8.5 0 1 1 0-17Z" />
+      <text x="10" y="14">{grave ? "!" : "?"}</text>
     </svg>
   );
 }

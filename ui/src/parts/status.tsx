@@ -5,7 +5,7 @@ import {useCell} from "../usecell";
 import {clock} from "../core/format";
 import {isFinal} from "../core/lifecycle";
 import {forget, slot} from "../core/writing";
-import {Shape} from "./shape";
+import {Note} from "./shape";
 
 const words = {
   pending: "pending",
@@ -27,8 +27,8 @@ export function WriteStatus({of, retry}: Props): JSX.Element {
     <div class="write-status" role="status" data-slot={of} data-phase={view?.phase ?? "none"}>
       {view && (
         <>
-          {view.phase === "failed" && <Shape priority={2} label="failed" />}
-          {view.phase === "unknown" && <Shape priority={3} label="unknown" />}
+          {view.phase === "failed" && <Note grave label="failed" />}
+          {view.phase === "unknown" && <Note label="unknown" />}
           <span class={`phase ${view.phase}`}>
             {view.to}: {words[view.phase]}
             {view.phase === "applied" && ` ${clock(view.at)}`}

@@ -7,7 +7,7 @@ import {decimalsOf, duration, exact, missing, number, written} from "../core/for
 import {isRemote, limitsOf, live, modesOfLoop, variable} from "../core/model";
 import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
-import {Shape} from "./shape";
+import {Note} from "./shape";
 
 /** What somebody has written is told with all digits, what a sensor or a loop has in the decimals of its limits. */
 export function told(of: Ref, value: number | null): string {
@@ -29,7 +29,7 @@ export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Elemen
   if (now.seq === 0 || now.value == null)
     return (
       <span key="none" class="value none" data-ref={of} draggable title="no sample yet">
-        {one?.period != null && <Shape priority={3} label="no sample yet" />}
+        {one?.period != null && <Note label="no sample yet" />}
         {missing}
       </span>
     );
@@ -37,9 +37,9 @@ export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Elemen
   const where = beyond(now.value, low, high);
   return (
     <span key="value" ref={whole} class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} draggable>
-      {what === "bad" && <Shape priority={2} label={words(now.status)} />}
-      {where && what !== "bad" && <Shape priority={2} label={`${where} its limits`} />}
-      {(now.stale || what === "uncertain") && what !== "bad" && !where && <Shape priority={3} label={now.stale ? "stale" : words(now.status)} />}
+      {what === "bad" && <Note grave label={words(now.status)} />}
+      {where && what !== "bad" && <Note grave label={`${where} its limits`} />}
+      {(now.stale || what === "uncertain") && what !== "bad" && !where && <Note label={now.stale ? "stale" : words(now.status)} />}
       <span key="digits" ref={digits} class="digits" />
       {unit && one?.unit && <span class="unit">{one.unit}</span>}
       {now.stale && <span class="age">{duration(now.age)} old</span>}
@@ -58,7 +58,7 @@ export function ActualMode({loop}: {loop: Loop}): JSX.Element {
   const {actual, lastKnown, why} = useCell(modesOfLoop(loop));
   return (
     <span title={why ?? undefined}>
-      {why && <Shape priority={lastKnown ? 2 : 3} label={why} />} <Mode of={loop.mode.actual} name={actual} lastKnown={lastKnown} />
+      {why && <Note grave={lastKnown} label={why} />} <Mode of={loop.mode.actual} name={actual} lastKnown={lastKnown} />
     </span>
   );
 }
