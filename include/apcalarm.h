@@ -83,6 +83,7 @@ enum apc_alarm_kind {
     APC_ALARM_AT_LIMIT,  /**< at one of its two limits */
     APC_ALARM_MODE,      /**< of a loop: the actual mode is not the target */
     APC_ALARM_STOPPED,   /**< of a controller: no tick for the horizon */
+    APC_ALARM_OVERRUN,   /**< of a controller: it missed at least `limit` ticks since the last look */
     APC_ALARM_KINDS
 };
 /** "high-high" and so on; NULL for another number. Static. [any] */
@@ -105,7 +106,7 @@ struct apc_alarm_suppression {
 struct apc_alarm {
     const char *name; /**< borrowed */
     enum apc_alarm_kind kind;
-    enum apc_table table;       /**< of the signal; MODE: APC_OPMODE; STOPPED: APC_TICK */
+    enum apc_table table;       /**< of the signal; MODE: APC_OPMODE; STOPPED, OVERRUN: APC_TICK */
     int id;                     /**< of the signal; of the loop; of the controller */
     enum apc_table other_table; /**< of DEVIATION, with its id: from what */
     int other;

@@ -106,7 +106,8 @@ static void stands_json(const struct alarm_now *now, struct apc_store *store, st
 
 static bool has_limit(enum apc_alarm_kind kind)
 {
-    return (kind >= APC_ALARM_LOW_LOW && kind <= APC_ALARM_DEVIATION) || kind == APC_ALARM_RATE;
+    return (kind >= APC_ALARM_LOW_LOW && kind <= APC_ALARM_DEVIATION) || kind == APC_ALARM_RATE ||
+           kind == APC_ALARM_OVERRUN;
 }
 
 void alarms_described_json(const struct experiment *e, struct text *t)

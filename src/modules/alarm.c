@@ -99,7 +99,7 @@ static const char *const kinds[APC_ALARM_KINDS] = {
     [APC_ALARM_LOW_LOW] = "low-low",     [APC_ALARM_LOW] = "low",         [APC_ALARM_HIGH] = "high",
     [APC_ALARM_HIGH_HIGH] = "high-high", [APC_ALARM_RATE] = "rate",       [APC_ALARM_DEVIATION] = "deviation",
     [APC_ALARM_FROZEN] = "frozen",       [APC_ALARM_BAD] = "bad",         [APC_ALARM_AT_LIMIT] = "at-limit",
-    [APC_ALARM_MODE] = "mode",           [APC_ALARM_STOPPED] = "stopped",
+    [APC_ALARM_MODE] = "mode",           [APC_ALARM_STOPPED] = "stopped", [APC_ALARM_OVERRUN] = "overrun",
 };
 
 const char *apc_alarm_kind_name(enum apc_alarm_kind kind)

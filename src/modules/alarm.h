@@ -5,6 +5,12 @@
 
 #include "apcalarm.h"
 
+/** Is it of a controller, judged by its tick row? [any] */
+static inline bool apc_alarm_is_of_controller(enum apc_alarm_kind kind)
+{
+    return kind == APC_ALARM_STOPPED || kind == APC_ALARM_OVERRUN;
+}
+
 /** What a condition remembers. Zeroed: nothing was seen. */
 struct apc_alarm_condition {
     bool is;      /* after the delays */
@@ -14,7 +20,7 @@ struct apc_alarm_condition {
     bool begun;   /* there was a look, first at: */
     apc_ns began; /* mono */
     struct apc_freshness fresh;
-    struct { /* sample that the rate, or a frozen signal, is judged against */
+    struct { /* sample that the rate, or a frozen signal, is judged against; of OVERRUN the tick's index */
         int64_t seq;
         apc_ns time;
         double value;
@@ -23,7 +29,7 @@ struct apc_alarm_condition {
 };
 
 /** What an alarm is judged by, of one snapshot; the second one of DEVIATION, and of MODE the actual mode; the
- * vector of STOPPED. */
+ * vector of STOPPED and OVERRUN. */
 struct apc_alarm_inputs {
     const struct apc_sample *signal, *other;
     const struct apc_vector *tick;

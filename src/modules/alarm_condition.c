@@ -4,6 +4,7 @@
  * the delay of one that was on its way runs on.
  */
 #include "modules/alarm.h"
+#include "modules/controller.h"
 
 #include <math.h>
 
@@ -60,6 +61,21 @@ static bool judge_mode(bool was, const struct apc_sample *target, const struct a
     return target->value < actual->value || target->value > actual->value;
 }
 
+/* Ticks of the grid that left no row. Rows that nobody looked at count as ticks. Of a grid or a store that
+ * begins anew nothing is known to be missed. */
+static bool judge_overrun(struct apc_alarm_condition *c, const struct apc_alarm *a,
+                          const struct apc_vector *tick)
+{
+    const double index = tick->n > APC_TICK_INDEX_AT ? tick->value[APC_TICK_INDEX_AT] : -1;
+    if (tick->seq == c->before.seq || !(index >= 0 && index <= 0x1p53))
+        return false;
+    const bool goes_on = c->before.seq > 0 && tick->seq > c->before.seq;
+    const double missed = index - c->before.value - ((double)tick->seq - (double)c->before.seq);
+    c->before.seq = tick->seq;
+    c->before.value = index;
+    return goes_on && missed > 0 && missed >= a->limit;
+}
+
 static bool judge_value(struct apc_alarm_condition *c, const struct apc_alarm *a,
                         const struct apc_alarm_inputs *in)
 {
@@ -83,6 +99,7 @@ static bool judge_value(struct apc_alarm_condition *c, const struct apc_alarm *a
         return judge_mode(c->raw, s, in->other);
     case APC_ALARM_BAD:
     case APC_ALARM_STOPPED:
+    case APC_ALARM_OVERRUN:
     case APC_ALARM_KINDS:
         break;
     }
@@ -105,6 +122,8 @@ static bool judge(struct apc_alarm_condition *c, const struct apc_alarm *a, cons
     const bool early = waits(c, a->horizon, now.mono);
     bool fresh = true;
     c->poor = false;
+    if (a->kind == APC_ALARM_OVERRUN)
+        return judge_overrun(c, a, in->tick);
     if (a->kind == APC_ALARM_STOPPED)
         fresh = apc_freshness_dated(&c->fresh, in->tick->seq, in->tick->time, now, a->horizon);
     else if (a->horizon > 0)

@@ -10,6 +10,7 @@
  */
 #include "base/base_internal.h"
 #include "modules/alarm.h"
+#include "modules/controller.h"
 #include "modules/modules_internal.h"
 
 #include <math.h>
@@ -18,6 +19,7 @@
 #include <string.h>
 
 #define SHELVE_MAX (INT64_C(8) * 3600 * APC_NS_PER_S)
+#define ELEMENTS   (APC_TICK_INDEX_AT + 1) /* that are read of a controller's tick row */
 #define STEPS      3 /* most transitions of an alarm at a tick: acknowledged, masked, comes or goes */
 
 enum { ACK, SHELF, SERVICE, SWITCHES };
@@ -92,7 +94,7 @@ static int check_alarm(const struct apc_alarms_options *o, size_t i, struct apc_
     if (!a->name || !apc_alarm_kind_name(a->kind))
         return refuse(a, why, "a name and a kind are required");
     if (!apc_table_name(a->table) || a->id < 0 ||
-        apc_table_vectors(a->table) != (a->kind == APC_ALARM_STOPPED))
+        apc_table_vectors(a->table) != apc_alarm_is_of_controller(a->kind))
         return refuse(a, why, "no such signal");
     if (a->kind == APC_ALARM_DEVIATION &&
         (!apc_table_name(a->other_table) || apc_table_vectors(a->other_table)))
@@ -135,9 +137,9 @@ static void wire(struct apc_alarms *a)
     for (size_t i = 0; i < a->options.n; i++) {
         struct watched *w = &a->at[i];
         const struct apc_alarm *is = &w->is;
-        if (is->kind == APC_ALARM_STOPPED) {
-            *vector =
-                (struct apc_vector){.table = is->table, .id = is->id, .room = 1, .value = a->elements + i};
+        if (apc_alarm_is_of_controller(is->kind)) {
+            *vector = (struct apc_vector){
+                .table = is->table, .id = is->id, .room = ELEMENTS, .value = a->elements + ELEMENTS * i};
             w->inputs.tick = vector++;
         } else {
             *sample = (struct apc_sample){.table = is->table, .id = is->id};
@@ -204,7 +206,7 @@ int apc_alarms_create(struct apc_alarms **alarms, const struct apc_alarms_option
         new->at = calloc(o.n, sizeof *new->at);
         new->samples = calloc((in + former + out) * o.n, sizeof *new->samples);
         new->vectors = calloc(o.n, sizeof *new->vectors);
-        new->elements = calloc(o.n, sizeof *new->elements);
+        new->elements = calloc(ELEMENTS * o.n, sizeof *new->elements);
     }
     if (!new || !new->at || !new->samples || !new->vectors || !new->elements) {
         apc_alarms_destroy(new);

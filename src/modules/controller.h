@@ -144,6 +144,8 @@ enum apc_tick_field {
     APC_TICK_X,          /* [states] */
     APC_TICK_FIELDS
 };
+/** Element of APC_TICK_INDEX, in the row of any controller. */
+#define APC_TICK_INDEX_AT 2
 
 struct apc_controller {
     struct apc_controller_law law, backup;

@@ -9,6 +9,8 @@
 
 #define PERIOD_MIN  (100 * APC_NS_PER_MS) /* of what evaluates them, where the file does not say it */
 #define DELAY_MAX_S 86400.0
+#define OVERRUN_OFF 60.0 /* s; a tick is missed for a moment only */
+#define OVERRUN_MAX 1000000
 
 /* A list of alarms, and whose they are. */
 struct owner {
@@ -36,7 +38,7 @@ static bool has_limit(enum apc_alarm_kind kind)
 static bool has_kind(const struct owner *o, enum apc_alarm_kind kind)
 {
     const bool sensor = !o->of && o->wire.table == APC_SENSOR;
-    if (kind == APC_ALARM_STOPPED)
+    if (kind == APC_ALARM_STOPPED || kind == APC_ALARM_OVERRUN)
         return o->of != NULL;
     if (kind == APC_ALARM_FROZEN || kind == APC_ALARM_BAD)
         return sensor;
@@ -108,9 +110,9 @@ static const struct apc_tag *read_reference(struct settings *s, const config_set
     return tag;
 }
 
-static void read_delay(struct settings *s, const config_setting_t *group, const char *name, apc_ns *delay)
+static void read_delay(struct settings *s, const config_setting_t *group, const char *name, double seconds,
+                       apc_ns *delay)
 {
-    double seconds = 0;
     settings_number(s, group, name, OPTIONAL, 0, DELAY_MAX_S, &seconds);
     (void)apc_ns_from_s(seconds, delay);
 }
@@ -126,7 +128,7 @@ static void read_suppression(struct settings *s, const config_setting_t *of, con
     if (!group)
         return;
     settings_known(s, group, known);
-    read_delay(s, group, "hold", &by->hold);
+    read_delay(s, group, "hold", 0, &by->hold);
     const bool alarm = config_setting_get_member(group, "alarm"),
                signal = config_setting_get_member(group, "signal"),
                below = config_setting_get_member(group, "below"),
@@ -182,11 +184,20 @@ static void read_signal(struct settings *s, const config_setting_t *group, const
     a->id = loop.of ? controllers_loop_id(loop) : 0;
 }
 
+static void read_missed(struct settings *s, const config_setting_t *group, struct apc_alarm *a)
+{
+    int64_t missed = 1;
+    settings_whole(s, group, "limit", OPTIONAL, 1, OVERRUN_MAX, &missed);
+    a->limit = (double)missed;
+}
+
 static void read_limit(struct settings *s, const config_setting_t *group, const struct owner *o,
                        struct apc_alarm *a)
 {
     const bool level = is_level(a->kind);
-    if (has_limit(a->kind))
+    if (a->kind == APC_ALARM_OVERRUN)
+        read_missed(s, group, a);
+    else if (has_limit(a->kind))
         settings_number(s, group, "limit", REQUIRED, level ? o->tag.low : 0,
                         level ? o->tag.high : APC_VALUE_MAX, &a->limit);
     else if (!s->failed && config_setting_get_member(group, "limit"))
@@ -229,8 +240,8 @@ static void read_alarm(struct settings *s, const config_setting_t *group, const 
     read_limit(s, group, o, a);
     settings_whole(s, group, "priority", OPTIONAL, 1, APC_ALARM_PRIORITIES, &priority);
     a->priority = (int)priority;
-    read_delay(s, group, "delay", &a->on_delay);
-    read_delay(s, group, "off_delay", &a->off_delay);
+    read_delay(s, group, "delay", 0, &a->on_delay);
+    read_delay(s, group, "off_delay", a->kind == APC_ALARM_OVERRUN ? OVERRUN_OFF : 0, &a->off_delay);
     settings_flag(s, group, "latching", &a->latching);
     read_suppression(s, group, o->e, &a->suppression);
     snprintf(alarm->name, sizeof alarm->name, "%.46s.%s", o->name, apc_alarm_kind_name(a->kind));

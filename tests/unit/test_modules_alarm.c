@@ -2,7 +2,10 @@
 /* The states of an alarm against the standard's table, and when its condition is there. */
 #include "check.h"
 
+#include <math.h>
+
 #include "modules/alarm.h"
+#include "modules/controller.h"
 
 #define S APC_NS_PER_S
 
@@ -108,6 +111,7 @@ struct world {
     struct apc_alarm_condition condition;
     struct apc_sample signal, other;
     struct apc_vector tick;
+    double element[APC_TICK_INDEX_AT + 1];
     apc_ns now;
 };
 
@@ -124,6 +128,7 @@ static bool look(struct world *w)
     const bool two = w->alarm.kind == APC_ALARM_DEVIATION || w->alarm.kind == APC_ALARM_MODE;
     const struct apc_alarm_inputs in = {
         .signal = &w->signal, .other = two ? &w->other : NULL, .tick = &w->tick};
+    w->tick.value = w->element;
     w->now += S;
     return apc_alarm_judge(&w->condition, &w->alarm, &in,
                            (struct apc_now){.mono = w->now, .utc = 1700000000 * S + w->now});
@@ -308,6 +313,110 @@ static void a_controller_is_stopped_when_its_ticks_stay_away(void **state)
     assert_true(look(&w));
 }
 
+/* A tick row; a controller's is longer than what is read of it. */
+static bool tick(struct world *w, int64_t seq, double index)
+{
+    w->tick.seq = seq;
+    w->tick.n = 40;
+    w->element[APC_TICK_INDEX_AT] = index;
+    return look(w);
+}
+
+static struct world begin_overrun(double limit)
+{
+    struct world w = begin(APC_ALARM_OVERRUN);
+    w.alarm.limit = limit;
+    return w;
+}
+
+static void a_tick_that_is_missed_is_an_overrun_once(void **state)
+{
+    struct world w = begin_overrun(1);
+    (void)state;
+    assert_false(look(&w)); /* no row yet */
+    assert_false(tick(&w, 7, 1000));
+    assert_false(tick(&w, 8, 1001));
+    assert_true(tick(&w, 9, 1003));
+    assert_false(tick(&w, 10, 1004));
+    assert_true(tick(&w, 11, 1006));
+    assert_true(tick(&w, 12, 1008));
+    assert_false(look(&w)); /* the same row */
+    assert_false(look(&w));
+    assert_true(tick(&w, 13, 9000));
+    w.tick.seq = 0;
+    assert_false(look(&w));
+    assert_false(tick(&w, 14, 9001));
+}
+
+static void an_overrun_has_a_limit_and_its_delays(void **state)
+{
+    struct world w = begin_overrun(3), none = begin_overrun(0);
+    (void)state;
+    assert_false(tick(&w, 1, 0));
+    assert_false(tick(&w, 2, 3));
+    assert_true(tick(&w, 3, 7));
+    assert_false(tick(&w, 4, 10));
+    w.alarm.off_delay = 2 * S;
+    assert_true(tick(&w, 5, 20));
+    assert_true(tick(&w, 6, 21));
+    assert_true(tick(&w, 7, 22));
+    assert_true(tick(&w, 8, 30)); /* from here the delay counts anew */
+    assert_true(tick(&w, 9, 31));
+    assert_true(tick(&w, 10, 32));
+    assert_false(tick(&w, 11, 33));
+    assert_false(tick(&none, 1, 0));
+    assert_false(tick(&none, 2, 1)); /* none missed is no overrun, whatever the limit */
+    assert_true(tick(&none, 3, 3));
+}
+
+static void rows_that_were_passed_over_are_no_overrun(void **state)
+{
+    struct world w = begin_overrun(1);
+    (void)state;
+    assert_false(tick(&w, 1, 1));
+    assert_false(tick(&w, 101, 101));
+    assert_true(tick(&w, 201, 202));
+    assert_false(tick(&w, 301, 302));
+    assert_false(tick(&w, 500, 350)); /* more rows than ticks */
+    assert_false(tick(&w, 501, 351));
+}
+
+static void a_controller_or_a_store_that_begins_anew_is_no_overrun(void **state)
+{
+    struct world w = begin_overrun(1);
+    (void)state;
+    assert_false(tick(&w, 50, 1000));
+    assert_false(tick(&w, 51, 0)); /* another grid */
+    assert_false(tick(&w, 52, 1));
+    assert_true(tick(&w, 53, 3));
+    assert_false(tick(&w, 54, 3)); /* the same tick again */
+    assert_false(tick(&w, 3, 2000));
+    assert_false(tick(&w, 4, 2001));
+    assert_true(tick(&w, 5, 2003));
+}
+
+static void a_row_without_a_usable_index_is_passed_over(void **state)
+{
+    const double of[] = {(double)NAN, HUGE_VAL, -HUGE_VAL, -1, 1e300, 0x1p53 + 2};
+    struct world w = begin_overrun(1);
+    int64_t seq = 1;
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        assert_false(tick(&w, seq++, of[i]));
+    assert_false(tick(&w, seq, (double)seq));
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        assert_false(tick(&w, ++seq, of[i]));
+        ++seq;
+        assert_false(tick(&w, seq, (double)seq));
+    }
+    w.tick.n = APC_TICK_INDEX_AT;
+    w.tick.seq = ++seq;
+    w.element[APC_TICK_INDEX_AT] = 1e6;
+    assert_false(look(&w));
+    ++seq;
+    assert_true(tick(&w, seq, (double)seq + 1));
+}
+
 int main(void)
 {
 #define EACH(name) cmocka_unit_test(name)
@@ -325,6 +434,11 @@ int main(void)
         EACH(an_output_is_at_a_limit_on_either_side),
         EACH(a_mode_is_judged_once_the_controller_has_seen_the_target),
         EACH(a_controller_is_stopped_when_its_ticks_stay_away),
+        EACH(a_tick_that_is_missed_is_an_overrun_once),
+        EACH(an_overrun_has_a_limit_and_its_delays),
+        EACH(rows_that_were_passed_over_are_no_overrun),
+        EACH(a_controller_or_a_store_that_begins_anew_is_no_overrun),
+        EACH(a_row_without_a_usable_index_is_passed_over),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

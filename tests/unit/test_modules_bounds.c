@@ -452,6 +452,10 @@ static void each_alarm_has_bounds(void **state)
     make_alarms(signal);
     of[1].kind = APC_ALARM_STOPPED, of[1].horizon = S, of[1].table = APC_TICK;
     make_alarms(NULL);
+    of[1].kind = APC_ALARM_OVERRUN;
+    make_alarms(signal);
+    of[1].kind = APC_ALARM_OVERRUN, of[1].table = APC_TICK;
+    make_alarms(NULL);
     of[1].kind = APC_ALARM_DEVIATION;
     make_alarms(other);
     of[1].kind = APC_ALARM_DEVIATION, of[1].other_table = APC_TICK;
@@ -532,6 +536,7 @@ static void kinds_of_alarms_have_names(void **state)
     }
     assert_string_equal(apc_alarm_kind_name(APC_ALARM_LOW_LOW), "low-low");
     assert_string_equal(apc_alarm_kind_name(APC_ALARM_STOPPED), "stopped");
+    assert_string_equal(apc_alarm_kind_name(APC_ALARM_OVERRUN), "overrun");
     assert_null(apc_alarm_kind_name((enum apc_alarm_kind)0));
     assert_null(apc_alarm_kind_name(APC_ALARM_KINDS));
     assert_int_equal(apc_alarm_kind_parse("lowest"), 0);

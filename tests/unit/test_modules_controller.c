@@ -299,6 +299,8 @@ static void a_tick_row_names_the_disturbances_it_was_made_from(void **state)
     }
     assert_near(field(&r, APC_TICK_D)[0], 6.0, 0.0);
     assert_near(field(&r, APC_TICK_D_SEQ)[0], 3.0, 0.0);
+    assert_true(apc_controller_tick_field(r.controller, APC_TICK_INDEX, &name, &offset, &length));
+    assert_int_equal(offset, APC_TICK_INDEX_AT); /* where alarms look for it */
     assert_true(apc_controller_tick_field(r.controller, APC_TICK_X, &name, &offset, &length));
     assert_int_equal(offset + length, r.tick.n);
     assert_false(apc_controller_tick_field(r.controller, APC_TICK_FIELDS, &name, &offset, &length));

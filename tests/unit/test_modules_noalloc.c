@@ -11,6 +11,7 @@
 #include "apcexchange.h"
 #include "apclinear.h"
 #include "apcstore.h"
+#include "modules/controller.h"
 #include "rows.h"
 
 #include <stdio.h>
@@ -207,8 +208,8 @@ static void ticks_do_not_allocate(void **state)
     assert_int_equal(after - before, 0);
 }
 
-/* One that latches and one of a controller that stops: raised, acknowledged and reset, shelved and taken out,
- * and wishes that are refused. */
+/* One that latches, and those of a controller that stops and that misses ticks: raised, acknowledged and
+ * reset, shelved and taken out, and wishes that are refused. */
 static const struct apc_alarm watched[] = {
     {.name = "y.high",
      .kind = APC_ALARM_HIGH,
@@ -224,11 +225,17 @@ static const struct apc_alarm watched[] = {
      .horizon = 3 * S,
      .priority = 2,
      .suppression = {.alarm = 1, .hold = S}},
+    {.name = "base.overrun",
+     .kind = APC_ALARM_OVERRUN,
+     .table = APC_TICK,
+     .id = 1,
+     .limit = 1,
+     .priority = 3},
 };
 
 static int make_alarms(struct apc_alarms **alarms)
 {
-    const struct apc_alarms_options options = {.size = sizeof options, .n = 2, .alarm = watched, .number = 2};
+    const struct apc_alarms_options options = {.size = sizeof options, .n = 3, .alarm = watched, .number = 2};
     return apc_alarms_create(alarms, &options, NULL);
 }
 
@@ -259,6 +266,9 @@ static void one_second_of_alarms(struct apc_alarms *alarms, int k, struct alarme
     }
     in->vector[0].seq += k / 10 % 2;
     in->vector[0].time = now.utc;
+    in->vector[1].seq++;
+    in->vector[1].n = APC_TICK_INDEX_AT + 1;
+    in->vector[1].value[APC_TICK_INDEX_AT] = k + k / 20;
     seen->transitions += apc_alarms_compute(alarms, now, &notice);
     seen->refused += notice.kind == APC_NOTICE_REJECTED;
     apc_alarms_stored(alarms);

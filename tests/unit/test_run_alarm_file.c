@@ -78,7 +78,8 @@ static const char *const all[PLACES] = {
     [SETPOINT] = "alarms = ( { kind = \"low\"; limit = 0.0; } );",
     [U1] = "alarms = ( { kind = \"at-limit\"; }, { kind = \"mode\"; suppress = { alarm = \"second\"; }; } );",
     [U2] = "alarms = ( { kind = \"mode\"; } );",
-    [CONTROLLER] = "alarms = ( { kind = \"stopped\"; } );",
+    [CONTROLLER] = "alarms = ( { kind = \"stopped\"; }, { kind = \"overrun\"; } );",
+    [CALCULATES] = "alarms = ( { kind = \"overrun\"; limit = 5; off_delay = 0.0; } );",
     [ROOT] = "alarms = { period = 0.25; shelve_max = 60.0; };"};
 
 static void everything_is_loaded_as_it_stands_there(void **state)
@@ -110,6 +111,8 @@ static void everything_is_loaded_as_it_stands_there(void **state)
         {"u1.mode", APC_ALARM_MODE, APC_OPMODE, 1, 0.0, 0.0, 0, 3, ""},
         {"u2.mode", APC_ALARM_MODE, APC_OPMODE, 2, 0.0, 0.0, 0, 3, ""},
         {"c.stopped", APC_ALARM_STOPPED, APC_TICK, 1, 0.0, 0.0, 61 * S / 10, 3, ""},
+        {"c.overrun", APC_ALARM_OVERRUN, APC_TICK, 1, 1.0, 0.0, 61 * S / 10, 3, ""},
+        {"d.overrun", APC_ALARM_OVERRUN, APC_TICK, 2, 5.0, 0.0, 31 * S / 10, 3, ""},
     };
     (void)state;
     if (load(all) < 0)
@@ -130,7 +133,9 @@ static void everything_is_loaded_as_it_stands_there(void **state)
         assert_string_equal(alarm->area, of[i].area);
         assert_int_equal(a->latching, i == 0);
         assert_int_equal(a->on_delay, i == 0 ? 15 * S / 10 : a->kind == APC_ALARM_FROZEN ? 86400 * S : 0);
-        assert_int_equal(a->off_delay, i == 0 ? 25 * S / 10 : 0);
+        assert_int_equal(a->off_delay, i == 0                                       ? 25 * S / 10
+                                       : a->kind == APC_ALARM_OVERRUN && a->id == 1 ? 60 * S
+                                                                                    : 0);
         assert_int_equal(a->other_table, a->kind == APC_ALARM_DEVIATION ? APC_SETPOINT : 0);
         assert_int_equal(a->other, a->kind == APC_ALARM_DEVIATION);
         assert_string_equal(alarm->message, i == 0 ? "m" : "");
@@ -208,11 +213,14 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "\"at-limit\" or \"mode\""},
         {U1, "alarms = ( { kind = \"frozen\"; } );", "must be"},
         {U1, "alarms = ( { kind = \"stopped\"; } );", "must be"},
+        {Y1, "alarms = ( { kind = \"overrun\"; } );", "\"kind\" is \"overrun\": must be \"low-low\""},
+        {SIGNAL, "alarms = ( { kind = \"overrun\"; } );", "must be"},
+        {U1, "alarms = ( { kind = \"overrun\"; } );", "must be"},
         {Y1, "alarms = ( { kind = \"mode\"; } );", "must be"},
         {Y1, "alarms = ( { kind = \"at-limit\"; } );", "must be"},
         {SIGNAL, "alarms = ( { kind = \"mode\"; } );", "must be"},
         {CONTROLLER, "alarms = ( { kind = \"high\"; limit = 1.0; } );",
-         "\"kind\" is \"high\": must be \"stopped\""},
+         "\"kind\" is \"high\": must be \"stopped\" or \"overrun\""},
         {CONTROLLER, "alarms = ( { kind = \"bad\"; } );", "must be \"stopped\""},
         {SETPOINT, "alarms = ( { kind = \"mode\"; } );", "no controller moves r1, so it has no mode"},
         {U2, "alarms = ( { kind = \"at-limit\"; } );", "u2 has no limits that it could be at"},
@@ -240,6 +248,12 @@ static void a_mistake_is_refused_with_its_line_and_reason(void **state)
          "return to normal at -0.5, outside 0 to 1e+300 only"},
         {Y1, "alarms = ( { kind = \"deviation\"; from = \"r1\"; limit = 1.0; deadband = 1.5; } );",
          "return to normal at -0.5"},
+        {CONTROLLER, "alarms = ( { kind = \"stopped\"; limit = 1; } );",
+         "an alarm of kind \"stopped\" has no \"limit\""},
+        {CONTROLLER, "alarms = ( { kind = \"overrun\"; limit = 0; } );",
+         "\"limit\" must be from 1 to 1000000"},
+        {CONTROLLER, "alarms = ( { kind = \"overrun\"; limit = 1.5; } );",
+         "\"limit\" must be from 1 to 1000000, a whole number"},
         /* what it refers to */
         {Y1, "alarms = ( { kind = \"deviation\"; limit = 1.0; } );", "\"from\" is missing"},
         {Y1, "alarms = ( { kind = \"deviation\"; limit = 1.0; from = \"r3\"; } );",

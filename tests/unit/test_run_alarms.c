@@ -90,6 +90,41 @@ static void without_a_failure_there_is_no_alarm(void **state)
     experiment_free(&e);
 }
 
+/* ---- Ticks that are missed ----------------------------------------------------------------- */
+
+/* Raised how often, where each tick of the controller takes that long. */
+static size_t overruns(const char *execution)
+{
+    char text[600];
+    const struct experiment_source source = {.file = "a.conf", .text = text};
+    struct run r;
+    struct apc_error why;
+    size_t n = 0;
+    snprintf(text, sizeof text,
+             "name = \"a\"; duration = 120.0; measurements = ( { name = \"y\"; } );\n"
+             "setpoints = ( { name = \"r\"; initial = 1.0; } ); outputs = ( { name = \"u\"; } );\n"
+             "plant = { model = \"first-order\"; period = 0.1; }; client = { period = 0.1; };\n"
+             "controller = { law = \"pi\"; period = 0.5; execution = %s;\n"
+             "  alarms = ( { kind = \"overrun\"; } ); };\n"
+             "alarms = { period = 2.0; };",
+             execution);
+    if (experiment_parse(&r.e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
+        simulation_create(&r.s, &r.e, r.e.seed, &why) < 0 || simulation_run(&r.s, r.e.duration) < 0)
+        fail_msg("%s", why.text);
+    assert_int_equal(alarm_journal_load(&r.journal, r.s.store, r.e.n_alarms, NULL), 0);
+    for (size_t i = 0; i < r.journal.n; i++)
+        n += alarm_is_raised(&r.journal.at[i]);
+    end(&r);
+    return n;
+}
+
+static void ticks_that_take_longer_than_the_period_raise_an_overrun(void **state)
+{
+    (void)state;
+    assert_int_equal(overruns("0.1"), 0);
+    assert_int_equal(overruns("1.1"), 1);
+}
+
 /* ---- A store that is kept ------------------------------------------------------------------ */
 
 /* As apc-alarms does it, once, after a start. */
@@ -235,6 +270,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_scenario_raises_its_alarms_in_order_and_the_same_each_time),
         cmocka_unit_test(without_a_failure_there_is_no_alarm),
+        cmocka_unit_test(ticks_that_take_longer_than_the_period_raise_an_overrun),
         cmocka_unit_test(what_was_of_another_alarm_is_nothing_of_the_one_that_has_its_number_now),
         cmocka_unit_test(floods_chattering_and_standing_alarms_are_counted),
     };

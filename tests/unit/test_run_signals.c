@@ -376,7 +376,7 @@ static void a_mistake_in_what_is_wanted_is_refused_with_its_line(void **state)
          "\"rate\", "
          "\"at-limit\" or \"mode\""},
         {KEYS("", "", "", "alarms = ( { kind = \"high\"; } );"),
-         "6: \"kind\" is \"high\": must be \"stopped\""},
+         "6: \"kind\" is \"high\": must be \"stopped\" or \"overrun\""},
         {KEYS("", "", "", "") "alarms = { shelve_max = 0.0; };", "7: \"shelve_max\" is 0: must be from 1"},
         {KEYS("", "", "", "") "alarms = { forever = true; };", "7: unknown setting \"forever\""},
         {KEYS("", "", "", "") "alarms = { notify = ( \"mail\" ); };",
