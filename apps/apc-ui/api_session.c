@@ -43,6 +43,9 @@ static void tell(struct ui *ui, struct apc_store *store, enum apc_event_severity
 
 /* ---- The form ----------------------------------------------------------------------------- */
 
+/* A browser takes what is behind # of the address along to where an answer leads: to what was asked for. */
+#define KEEP_PLACE "document.forms[0].onsubmit=e=>{e.target.action=\"/api/login\"+location.hash}"
+
 void login_page(struct request *r, const char *message)
 {
     text_free(&r->reply);
@@ -73,8 +76,9 @@ void login_page(struct request *r, const char *message)
         "%s%s%s<label for=\"user\">Name</label><input id=\"user\" name=\"user\" "
         "autocomplete=\"username\" autocapitalize=\"none\" required autofocus>\n"
         "<label for=\"password\">Password</label><input id=\"password\" name=\"password\" type=\"password\" "
-        "autocomplete=\"current-password\" required>\n<button>Log in</button></form></main></body></html>\n",
-        r->nonce, *message ? "<p role=\"alert\">" : "", message, *message ? "</p>\n" : "");
+        "autocomplete=\"current-password\" required>\n<button>Log in</button></form></main>"
+        "<script nonce=\"%s\">" KEEP_PLACE "</script></body></html>\n",
+        r->nonce, *message ? "<p role=\"alert\">" : "", message, *message ? "</p>\n" : "", r->nonce);
 }
 
 /* The value of a field of a form, decoded in place; NULL: it is not there. */

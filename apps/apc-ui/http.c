@@ -113,13 +113,14 @@ bool fault_history(struct request *r, struct apc_store *store)
 
 static void add_headers(const struct ui *ui, struct MHD_Response *response, const char *nonce, bool sandbox)
 {
-    char csp[256] = "sandbox; default-src 'none'; frame-ancestors 'none'";
+    char csp[384] = "sandbox; default-src 'none'; frame-ancestors 'none'";
     if (!sandbox)
         snprintf(csp, sizeof csp,
                  "default-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'; "
                  "form-action 'self'; "
-                 "img-src 'self' data: blob:%s%s%s",
-                 nonce ? "; style-src 'nonce-" : "", nonce ? nonce : "", nonce ? "'" : "");
+                 "img-src 'self' data: blob:%s%s%s%s%s",
+                 nonce ? "; style-src 'nonce-" : "", nonce ? nonce : "", nonce ? "'; script-src 'nonce-" : "",
+                 nonce ? nonce : "", nonce ? "'" : "");
     MHD_add_response_header(response, "Content-Security-Policy", csp);
     MHD_add_response_header(response, "X-Content-Type-Options", "nosniff");
     MHD_add_response_header(response, "X-Frame-Options", "DENY");

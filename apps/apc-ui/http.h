@@ -61,7 +61,7 @@ struct request {
     const char *type;                            /* default application/json */
     char cookie[COOKIE_LEN], device[COOKIE_LEN]; /* Set-Cookie, or "" */
     const char *location;
-    char nonce[TOKEN_LEN]; /* of the style in an HTML answer, or "" */
+    char nonce[TOKEN_LEN]; /* of style and script in an HTML answer, or "" */
     bool sandbox;          /* what a browser that is led to it must not run, nor load anything for */
     apc_ns retry_after;
     bool close; /* the connection, after the answer */

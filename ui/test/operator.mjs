@@ -402,13 +402,15 @@ test("logging in by the form, and again in place when the session has ended", as
     await page.locator('input[name="password"]').fill(password);
     await page.getByRole("button", {name: "Log in", exact: true}).click();
   };
-  await page.goto(process.env.APC_UI_PROTECTED);
+  await page.goto(new URL("#loop/1", process.env.APC_UI_PROTECTED).href);
   await logIn("operator321");
   await page.getByText("name or password is wrong").waitFor();
   await logIn("operator123");
   const connected = async () => (await page.locator(".link-state").getAttribute("data-state")) === "connected";
   await until("the page is connected", connected);
   assert.match(await page.locator("header").textContent(), /anna, operator/);
+  assert.equal(page.url(), new URL("#loop/1", process.env.APC_UI_PROTECTED).href, "the login leads elsewhere");
+  await page.locator("main input[name^=setpoint]").first().waitFor();
   await context.clearCookies();
   await page.evaluate(() => (location.hash = "events")); // which asks the server
   await page.getByText("Your session has ended").waitFor();
