@@ -107,8 +107,8 @@ int apc_board_want(const struct apc_board *board, struct apc_store *store, struc
     d->period = board->alarms.e.alarms.rhythm.period;
     if (!now)
         return apc_fail(why, APC_ENOTFOUND, "there is no alarm \"%s\"", d->name);
-    if (!alarm_board_want(&board->alarms, now, (enum apc_alarm_switch)d->which, d->value, d->time, &wish,
-                          why))
+    if (!alarm_board_want(&board->alarms, now, store, (enum apc_alarm_switch)d->which, d->value, d->time,
+                          &wish, why))
         return APC_EPERM;
     if (d->which == APC_ALARM_ACK && d->value > 0)
         wish.value = d->value;

@@ -303,10 +303,10 @@ static bool read_end(struct request *r, const json_t *body, struct order *o)
         return false;
     if (once && !json_is_boolean(once))
         return fault_set(&r->fault, 400, "json", "once", "\"once\" must be true or false");
-    if (until < 0 || until > 1e10)
+    if (until < 0 || until > 1e10 || until > floor(until))
         return fault_set(&r->fault, 422, "value", "until",
-                         "\"until\" must be Unix seconds, or 0: shelved no more");
-    o->value = json_is_true(once) ? -floor(until) : floor(until);
+                         "\"until\" must be whole Unix seconds, or 0: shelved no more");
+    o->value = json_is_true(once) ? -until : until;
     return true;
 }
 
@@ -350,11 +350,9 @@ static bool stale(struct request *r, const struct alarm_now *now, const struct a
 /* May it be, as the alarm stands? Who acknowledges what has gone again since he looked means the same one:
  * whether it is, its evaluation says. */
 static bool check_now(struct request *r, const struct alarm_board *board, const struct alarm_now *now,
-                      struct order *o)
+                      struct order *o, struct apc_store *store)
 {
     const struct alarm *alarm = alarm_board_alarm(board, now);
-    const double left = fabs(o->value) - apc_ns_to_s(o->write.time),
-                 most = apc_ns_to_s(board->e.alarms.shelve_max);
     const bool shelves = o->which == APC_ALARM_SHELF && (o->value < 0 || o->value > 0);
     struct apc_sample wish;
     struct apc_error why;
@@ -363,10 +361,9 @@ static bool check_now(struct request *r, const struct alarm_board *board, const 
                          "alarms are not evaluated: nobody would take it, and nothing was written");
     if (o->seq > now->row->seq || (o->which != APC_ALARM_ACK && o->seq < now->row->seq))
         return stale(r, now, alarm);
-    if (shelves && (left <= 0 || left > most + 1))
-        return fault_set(&r->fault, 422, "limits", "until", "%s may be shelved for up to %.6g s", alarm->name,
-                         most);
-    if (!alarm_board_want(board, now, o->which, o->value, o->write.time, &wish, &why))
+    if (shelves && !alarm_board_may_shelve(board, now, o->value, o->write.time, &why))
+        return fault_set(&r->fault, 422, "limits", "until", "%s", why.text);
+    if (!alarm_board_want(board, now, store, o->which, o->value, o->write.time, &wish, &why))
         return fault_set(&r->fault, 409, "alarm", NULL, "%s", why.text);
     wish.value = o->change.after.value;
     o->change.after = wish;
@@ -409,7 +406,7 @@ static void carry_out(struct ui *ui, struct request *r, const struct alarm_board
     int rc = o->write.user[0] ? apc_store_author(store, o->write.user) : 0;
     if (rc < 0)
         fault_store(r, rc, store);
-    if (rc < 0 || fault_history(r, store) || !check_now(r, board, now, o)) {
+    if (rc < 0 || fault_history(r, store) || !check_now(r, board, now, o, store)) {
         end(ui, r, o, WRITE_FAILED, 0);
         return;
     }

@@ -397,7 +397,7 @@ static int put(struct session *s, const struct alarm_now *now, enum apc_alarm_sw
     struct wanted w = {.now = now};
     struct apc_error why;
     char who[APC_AUTHOR_LEN], text[192];
-    if (!alarm_board_want(&s->board, now, which, value, s->now, &w.wish, &why))
+    if (!alarm_board_want(&s->board, now, s->store, which, value, s->now, &w.wish, &why))
         return cli_error(&s->cli, APC_EPERM, "%s", why.text);
     int rc = cli_live(&s->cli, s->store);
     if (rc != EXIT_OK)

@@ -128,38 +128,69 @@ bool alarm_board_lives(const struct alarm_board *b, apc_ns utc)
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
-static const char *refuse_ack(const struct alarm_now *now)
+/* As it stands that makes no sense. */
+static bool refuse(const struct alarm_board *b, const struct alarm_now *now, const char *reason,
+                   struct apc_error *why)
+{
+    apc_fail(why, APC_EPERM, "%s: %s: it is %s", alarm_board_alarm(b, now)->name, reason,
+             apc_alarm_state_name(alarm_board_state(now)));
+    return false;
+}
+
+static bool may_ack(const struct alarm_board *b, const struct alarm_now *now, struct apc_store *store,
+                    struct apc_error *why)
 {
     const struct apc_sample *ack = now->wish[ALARM_WISH(APC_ALARM_ACK)],
                             *actual = now->actual[ALARM_WISH(APC_ALARM_ACK)];
     const enum apc_alarm_state state = alarm_board_state(now);
+    char name[APC_AUTHOR_LEN];
     if (!apc_alarm_is_unacked(state) && !apc_alarm_is_latched(state))
-        return "there is nothing to acknowledge";
-    if (ack->seq > actual->origin && ack->value >= (double)now->row->seq)
-        return "somebody has just acknowledged it";
-    return NULL;
+        return refuse(b, now, "there is nothing to acknowledge", why);
+    if (ack->seq <= actual->origin || ack->value < (double)now->row->seq)
+        return true;
+    /* its evaluation has not come to that, so its state is the one before */
+    const bool known = store && ack->author > 0 && apc_store_author_name(store, ack->author, name) == 0;
+    apc_fail(why, APC_EPERM, "%s: %s has just acknowledged it", alarm_board_alarm(b, now)->name,
+             known ? name : "somebody");
+    return false;
 }
 
-bool alarm_board_want(const struct alarm_board *b, const struct alarm_now *now, enum apc_alarm_switch which,
-                      double value, apc_ns utc, struct apc_sample *wish, struct apc_error *why)
+bool alarm_board_may_shelve(const struct alarm_board *b, const struct alarm_now *now, double value,
+                            apc_ns utc, struct apc_error *why)
 {
-    const struct alarm *alarm = alarm_board_alarm(b, now);
-    const struct apc_sample *newest = now->wish[ALARM_WISH(which)];
-    const enum apc_alarm_state state = alarm_board_state(now);
-    const char *reason = which == APC_ALARM_ACK ? refuse_ack(now) : NULL;
-    const double left = fabs(value) - apc_ns_to_s(utc);
-    if (which == APC_ALARM_SHELF && (value < 0 || value > 0) &&
-        (left <= 0 || left > apc_ns_to_s(b->e.alarms.shelve_max) + 1))
-        reason = left <= 0 ? "the end of shelving must be to come" : "it may not be shelved for so long";
-    if (which == APC_ALARM_SHELF && !(value < 0 || value > 0) && alarm_board_shelved(now) == 0)
-        reason = "it is not shelved";
-    *wish = *newest;
+    static const struct {
+        double s;
+        const char *name;
+    } units[] = {{3600, "h"}, {60, "min"}, {1, "s"}};
+    const char *name = alarm_board_alarm(b, now)->name;
+    const double left = fabs(value) - apc_ns_to_s(utc), most = apc_ns_to_s(b->e.alarms.shelve_max);
+    size_t k = 0;
+    while (most < units[k].s && units[k].s > 1)
+        k++;
+    if (left <= 0)
+        apc_fail(why, APC_EPERM, "%s: the end of shelving is in the past", name);
+    else if (left > most + 1)
+        apc_fail(why, APC_EPERM, "%s may be shelved for up to %.6g %s", name, most / units[k].s,
+                 units[k].name);
+    return left > 0 && left <= most + 1;
+}
+
+bool alarm_board_want(const struct alarm_board *b, const struct alarm_now *now, struct apc_store *store,
+                      enum apc_alarm_switch which, double value, apc_ns utc, struct apc_sample *wish,
+                      struct apc_error *why)
+{
+    const bool on = value < 0 || value > 0;
+    *wish = *now->wish[ALARM_WISH(which)];
     wish->time = utc;
     wish->status = APC_GOOD;
     wish->value = which == APC_ALARM_ACK ? (double)now->row->seq : value;
-    if (reason)
-        apc_fail(why, APC_EPERM, "%s: %s: it is %s", alarm->name, reason, apc_alarm_state_name(state));
-    return !reason;
+    if (which == APC_ALARM_ACK)
+        return may_ack(b, now, store, why);
+    if (which == APC_ALARM_SHELF && on)
+        return alarm_board_may_shelve(b, now, value, utc, why);
+    if (which == APC_ALARM_SHELF && alarm_board_shelved(now) == 0)
+        return refuse(b, now, "it is not shelved", why);
+    return true;
 }
 
 enum outcome alarm_board_outcome(const struct alarm_board *b, const struct alarm_now *now,

@@ -41,12 +41,16 @@ apc_ns alarm_board_shelved(const struct alarm_now *now);
 /* Is somebody evaluating them, at @utc? */
 bool alarm_board_lives(const struct alarm_board *board, apc_ns utc);
 
+/* May shelving end then, @value as it is written? False, with a reason in @why: that is past, or too far. */
+bool alarm_board_may_shelve(const struct alarm_board *board, const struct alarm_now *now, double value,
+                            apc_ns utc, struct apc_error *why);
 /*
  * What is wanted of an alarm, as a row to be written; @value of APC_ALARM_SHELF and APC_ALARM_SERVICE as they
  * are written, of APC_ALARM_ACK what was seen is taken. Returns false, with a reason in @why, where it makes
- * no sense for the alarm as it stands: nothing to acknowledge, somebody has already, too long.
+ * no sense for the alarm as it stands: nothing to acknowledge, somebody has already, too long. @store knows
+ * who that somebody is; NULL: nobody does.
  */
-bool alarm_board_want(const struct alarm_board *board, const struct alarm_now *now,
+bool alarm_board_want(const struct alarm_board *board, const struct alarm_now *now, struct apc_store *store,
                       enum apc_alarm_switch which, double value, apc_ns utc, struct apc_sample *wish,
                       struct apc_error *why);
 /* The same in words, as the record has it; @reason may be NULL. */

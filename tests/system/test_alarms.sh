@@ -64,7 +64,7 @@ grep -qE 'was faster|just acknowledged|nothing to acknowledge|superseded' "$work
 # ---- Shelved, with an end
 
 expect 2 'shelve wants an end' "$apc" alarm shelve r.high
-expect 4 'may not be shelved for so long' "$apc" alarm shelve r.high --for 9h
+expect 4 'r.high may be shelved for up to 8 h$' "$apc" alarm shelve r.high --for 9h
 expect 0 'r.high: shelved until .* \(applied\)' "$apc" alarm shelve r.high --for 1h
 expect 0 'Shelved, Active' "$apc" alarm list
 expect 0 'applied' "$apc" alarm unshelve r.high

@@ -38,7 +38,7 @@ static void assert_want(enum apc_alarm_switch which, double value, const char *r
 {
     struct apc_sample to = {.value = -77.0};
     struct apc_error why = {""};
-    const bool may = alarm_board_want(&board, &now, which, value, NOW, &to, &why);
+    const bool may = alarm_board_want(&board, &now, NULL, which, value, NOW, &to, &why);
     assert_string_equal(why.text, reason ? reason : "");
     assert_int_equal(may, !reason);
     assert_int_equal(to.table, APC_OPMODE);
@@ -76,7 +76,7 @@ static void what_nobody_has_acknowledged_can_be_once(void **state)
 /* Until its evaluation has looked at it. */
 static void who_acknowledges_after_another_is_told(void **state)
 {
-    static const char said[] = "y.high: somebody has just acknowledged it: it is Unacknowledged Active";
+    static const char said[] = "y.high: somebody has just acknowledged it"; /* not: it is Unacknowledged */
     (void)state;
     wish[0].value = 4; /* of this very row */
     assert_want(APC_ALARM_ACK, 0, NULL);
@@ -91,8 +91,8 @@ static void who_acknowledges_after_another_is_told(void **state)
 static void shelving_ends_in_time(void **state)
 {
     const double at = 1e6, most = 8 * 3600;
-    static const char past[] = "y.high: the end of shelving must be to come: it is Unacknowledged Active",
-                      far[] = "y.high: it may not be shelved for so long: it is Unacknowledged Active",
+    static const char past[] = "y.high: the end of shelving is in the past",
+                      far[] = "y.high may be shelved for up to 8 h",
                       none[] = "y.high: it is not shelved: it is Unacknowledged Active";
     (void)state;
     assert_want(APC_ALARM_SHELF, at + 60, NULL);
@@ -104,6 +104,12 @@ static void shelving_ends_in_time(void **state)
     assert_want(APC_ALARM_SHELF, at + most + 1, NULL); /* it took a second to be sent */
     assert_want(APC_ALARM_SHELF, at + most + 2, far);
     assert_want(APC_ALARM_SHELF, -at - most - 2, far);
+    board.e.alarms.shelve_max = 90 * 60 * S;
+    assert_want(APC_ALARM_SHELF, at + most, "y.high may be shelved for up to 1.5 h");
+    board.e.alarms.shelve_max = 30 * 60 * S;
+    assert_want(APC_ALARM_SHELF, at + most, "y.high may be shelved for up to 30 min");
+    board.e.alarms.shelve_max = 45 * S;
+    assert_want(APC_ALARM_SHELF, at + most, "y.high may be shelved for up to 45 s");
     assert_want(APC_ALARM_SHELF, 0, none);
     actual[1].value = -at - 60;
     assert_int_equal(alarm_board_shelved(&now), NOW + 60 * S);

@@ -251,8 +251,8 @@ static int acknowledge(const char *name, int seq)
 static int shelve(double ahead, const char *once, int seq)
 {
     char body[128];
-    snprintf(body, sizeof body, "{\"until\":%.3f,\"seq\":%d%s}",
-             ahead > 0 || ahead < 0 ? apc_ns_to_s(apc_clock_utc(NULL)) + ahead : 0, seq, once);
+    snprintf(body, sizeof body, "{\"until\":%.0f,\"seq\":%d%s}",
+             ahead > 0 || ahead < 0 ? floor(apc_ns_to_s(apc_clock_utc(NULL)) + ahead) : 0, seq, once);
     return want(post_alarm_shelve, "y.high", body);
 }
 
@@ -330,7 +330,7 @@ static void of_two_who_acknowledge_one_does_and_the_other_is_told(void **state)
     assert_int_equal(acknowledge("y.high", 1), 200);
     assert_int_equal(acknowledge("y.high", 1), 409);
     assert_string_equal(request.fault.code, "alarm");
-    assert_non_null(strstr(request.fault.message, "somebody has just acknowledged it"));
+    assert_string_equal(request.fault.message, "y.high: local has just acknowledged it");
     evaluate();
     assert_int_equal(acknowledge("y.high", 2), 409);
     assert_non_null(strstr(request.fault.message, "there is nothing to acknowledge"));
@@ -360,7 +360,10 @@ static void shelving_has_an_end_and_is_of_what_was_seen(void **state)
     measured(20);
     assert_int_equal(shelve(9 * 3600, "", 1), 422);
     assert_string_equal(request.fault.code, "limits");
+    assert_string_equal(request.fault.message, "y.high may be shelved for up to 8 h");
     assert_int_equal(shelve(-10, "", 1), 422);
+    assert_string_equal(request.fault.code, "limits");
+    assert_string_equal(request.fault.message, "y.high: the end of shelving is in the past");
     assert_int_equal(shelve(0, "", 1), 409); /* it is not shelved */
     assert_string_equal(request.fault.code, "alarm");
     assert_int_equal(shelve(3600, "", 0), 409);
@@ -421,6 +424,9 @@ static void what_makes_no_sense_writes_nothing(void **state)
     assert_int_equal(want(post_alarm_shelve, "y.high", "{\"seq\":1}"), 400);
     assert_int_equal(want(post_alarm_shelve, "y.high", "{\"until\":0,\"once\":1,\"seq\":1}"), 400);
     assert_int_equal(want(post_alarm_shelve, "y.high", "{\"until\":-5,\"seq\":1}"), 422);
+    snprintf(body, sizeof body, "{\"until\":%.0f.5,\"seq\":1}", apc_ns_to_s(apc_clock_utc(NULL)) + 60);
+    assert_int_equal(want(post_alarm_shelve, "y.high", body), 422);
+    assert_string_equal(request.fault.message, "\"until\" must be whole Unix seconds, or 0: shelved no more");
     assert_int_equal(want(post_alarm_ack, "y.high", "{\"seq\":1,\"reason\":7}"), 400);
     snprintf(body, sizeof body, "{\"seq\":1,\"reason\":\"%081d\"}", 0);
     assert_int_equal(want(post_alarm_ack, "y.high", body), 422);
