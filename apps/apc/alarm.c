@@ -16,6 +16,8 @@
 #define GRACE (2 * APC_NS_PER_S) /* beyond three ticks */
 #define LAST  50                 /* transitions that are shown without --since and --last */
 
+#define REASON_MAX 80 /* bytes, as over HTTP: an event has little more room */
+
 struct alarm_options {
     bool all, once, figures;
     const char *for_, *since, *last, *reason;
@@ -35,7 +37,7 @@ static const struct argp_option option_list[] = {
     {"all", 'a', NULL, 0, "list: also what is normal; ack: all that is unacknowledged", 0},
     {"for", 'f', "DURATION", 0, "shelve: how long, as 30m or 2h; required", 0},
     {"once", OPT_ONCE, NULL, 0, "shelve: only until it has returned to normal", 0},
-    {"reason", 'r', "TEXT", 0, "Why, for the record", 0},
+    {"reason", 'r', "TEXT", 0, "Why, for the record; at most 80 bytes", 0},
     {"since", OPT_SINCE, "TIME", 0, "journal: from then on, RFC 3339 or before now as -8h", 0},
     {"last", OPT_LAST, "N", 0, "journal: the newest N transitions", 0},
     {"figures", OPT_FIGURES, NULL, 0,
@@ -446,6 +448,9 @@ static int want(struct session *s, enum apc_alarm_switch which, double value)
     const bool all = s->options.all && which == APC_ALARM_ACK;
     if (s->cli.n_args < 2 && !all)
         return cli_usage(&s->cli, "%s wants the name of an alarm", s->cli.args[0]);
+    if (s->options.reason && strlen(s->options.reason) > REASON_MAX)
+        return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
+                         strlen(s->options.reason), REASON_MAX);
     s->options.all = all;
     if (!s->cli.no_wait && !alarm_board_lives(&s->board, s->now)) {
         say_life(s);
