@@ -7,7 +7,6 @@
 #include "base/base_internal.h"
 #include "modules/controller.h"
 
-#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -439,11 +438,10 @@ static void refuse_answer(struct apc_controller *c, size_t i, enum apc_law_resul
     l->facts.law = false;
     l->move = apc_loop_next(l->loop.state, &l->facts);
     l->move.law &= ~(unsigned)APC_ASK_COMPUTE;
-    snprintf(l->trouble, sizeof(l->trouble), "law %.20s %.95s (%" PRIu64 ")", c->law.definition->name,
+    snprintf(l->trouble, sizeof(l->trouble), "law %.20s%s %.95s", c->law.definition->name, why[0] ? ":" : "",
              why[0]                     ? why
              : result == APC_LAW_FAILED ? "failed"
-                                        : "found nothing feasible",
-             c->failures);
+                                        : "found nothing feasible");
 }
 
 /* So did the backup law: for a while that is bridged, too. */

@@ -158,7 +158,7 @@ told() { # experiment, sed script, what is said, LOW HIGH of outputs
   within "$4" "$5"
 }
 twin -DRATE=-0.1 -DSEEN=1.0
-told twin '/^scheduler/s/5.0/2.0/' 'output held: law nmpc no plan' 0 9
+told twin '/^scheduler/s/5.0/2.0/' 'output held: law nmpc: no plan' 0 9
 experiments=$APC_SOURCE_DIR/experiments
 mpc_at='/sequence/s/\[6.1315, 6.3915\],/[9.9, 0.5],/'
 nmpc_at='/sequence/s/\[38.6155\],/[70.0],/'

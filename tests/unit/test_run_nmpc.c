@@ -312,7 +312,7 @@ static void without_a_critical_one_it_is_shed_after_its_hold(void **state)
     run(s, 2400.0);
     assert_near(newest(s, APC_ACTUATOR, F).value, 8.0, 0.0); /* their safe values */
     assert_near(newest(s, APC_ACTUATOR, Q).value, -1113.5, 0.0);
-    assert_true(told(s, "law nmpc measurement 2 is critical and has been Bad for") >= 1);
+    assert_true(told(s, "law nmpc: measurement 2 is critical and has been Bad for") >= 1);
     run(s, 5400.0);
     for (int id = F; id <= Q; id++)
         assert_int_equal(apc_status_severity(newest(s, APC_ACTUATOR, id).status), APC_SEVERITY_GOOD);

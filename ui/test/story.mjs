@@ -52,7 +52,7 @@ test("a pump fails: the alarm comes with its rank and help, is acknowledged, pre
   // Pump 2 by hand, from the drawing.
   await page.getByRole("link", {name: /pump 2, F2: / }).first().click();
   await faceplate.waitFor();
-  await until("the faceplate says why", async () => /output at its fault value: law mpc measurement 2 is critical/.test(await faceplate.textContent()));
+  await until("the faceplate says why", async () => /output at its fault value: law mpc: measurement 2 is critical/.test(await faceplate.textContent()));
   await faceplate.getByRole("button", {name: "Man", exact: true}).click();
   await until("it is in Man", async () => (await actual()) === "Man");
   const output = faceplate.locator('input[name="output.2"]');
@@ -81,7 +81,7 @@ test("a pump fails: the alarm comes with its rank and help, is acknowledged, pre
     ["h2.low", /^acknowledged$/],
     ["h2.bad", /^raised$/],
     ["h2.bad", /^acknowledged$/],
-    ["", /^F1: the backup law acts: law mpc measurement 2 is critical/],
+    ["", /^F1: the backup law acts: law mpc: measurement 2 is critical/],
     ["F2.mode", /^raised$/],
     ["F2.mode", /^acknowledged$/],
     ["", /Auto -> Man$/],
