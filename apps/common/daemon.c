@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "daemon.h"
 
+#include <inttypes.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -421,10 +422,11 @@ static int housekeep(struct daemon *d, struct apc_task *task, struct rhythm rhyt
         }
         watch_clock(d, &clock);
         watch_overruns(d, task, &overruns);
-        if (apc_task_missed(task) > missed && looks % WINDOW == 0) {
-            daemon_event(d, APC_EVENT_WARNING, "overrun", "%llu ticks missed in the last %d s",
-                         (unsigned long long)(apc_task_missed(task) - missed), WINDOW);
-            missed = apc_task_missed(task);
+        const uint64_t more = apc_task_missed(task) - missed;
+        if (more > 0 && looks % WINDOW == 0) {
+            daemon_event(d, APC_EVENT_WARNING, "overrun", "%" PRIu64 " tick%s missed in the last %d s", more,
+                         more == 1 ? "" : "s", WINDOW);
+            missed += more;
         }
         /* what was kept back is tried at each look: only then is it stored again */
         const bool whole = looks % WINDOW == 0 || recorded < 0;

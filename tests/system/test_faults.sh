@@ -79,7 +79,7 @@ until_true 10 again 'safe value' "$safe"
 until_true 10 more_rows actuator $((n + 5)) # twenty periods of the client
 kill -CONT "$client"
 until_true 10 again 'plant takes commands' "$taken"
-until_true 15 events 'ticks missed' 1
+until_true 15 events 'missed in the last' 1
 until_true 10 events '10 ticks or more missed in a row' 1
 until_true 10 events 'ticks are on time again' 1
 

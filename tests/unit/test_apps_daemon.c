@@ -333,12 +333,52 @@ static int hang_once(void *ctx, const struct apc_tick *tick)
     return 0;
 }
 
+/* Of how many ticks the record tells that they were missed. */
+static uint64_t missed_by_the_record(void)
+{
+    static const char tells[] = " missed in the last 5 s\n";
+    uint64_t sum = 0;
+    for (const char *at = events; (at = strstr(at, tells)); at++) {
+        const char *word = at, *number;
+        while (word[-1] != ' ')
+            word--;
+        for (number = word - 1; number[-1] != ' ';)
+            number--;
+        const uint64_t n = strtoull(number, NULL, 10);
+        assert_int_equal(at - word, n == 1 ? strlen("tick") : strlen("ticks"));
+        sum += n;
+    }
+    return sum;
+}
+
+static int hang_for_one(void *ctx, const struct apc_tick *tick)
+{
+    (void)ctx;
+    if (shared->ticks++ == 0) {
+        shared->first = tick->index;
+        sleep_until(tick->scheduled + 3 * PERIOD / 2);
+    }
+    if (tick->index > shared->first + 65)
+        kill(getpid(), SIGTERM);
+    return 0;
+}
+
+static void one_missed_tick_is_one_tick(void **state)
+{
+    const char *const options[] = {"--store", store, NULL};
+    const struct life life = {.tick = hang_for_one, .options = options};
+    (void)state;
+    fresh_store();
+    live(&life);
+    assert_ended(EXIT_OK);
+    read_store();
+    assert_true(missed_by_the_record() >= 1);
+}
+
 static void many_missed_ticks_are_an_alarm_that_ends(void **state)
 {
-    static const char tells[] = " ticks missed in the last 5 s\n";
     const char *const options[] = {"--store", store, NULL};
     const struct life life = {.tick = hang_once, .options = options};
-    uint64_t told_of = 0;
     (void)state;
     fresh_store();
     live(&life);
@@ -346,13 +386,7 @@ static void many_missed_ticks_are_an_alarm_that_ends(void **state)
     read_store();
     assert_recorded("3 overrun 10 ticks or more missed in a row\n");
     assert_recorded("1 overrun ticks are on time again\n");
-    assert_recorded(tells);
-    for (const char *at = events; (at = strstr(at, tells)); at++) {
-        const char *number = at;
-        while (number[-1] != ' ')
-            number--;
-        told_of += strtoull(number, NULL, 10);
-    }
+    const uint64_t told_of = missed_by_the_record();
     assert_true(told_of >= 14 && told_of <= missed); /* each of them once */
     assert_true(rows >= 6);                          /* after five looks, and at the end */
     assert_true((uint64_t)rows <= 3 * ((shared->last - shared->first) / 50 + 3));
@@ -815,6 +849,7 @@ int main(void)
         cmocka_unit_test(ticks_since_a_predecessor_s_last_one_are_missed),
         cmocka_unit_test(a_tick_that_fails_ends_it_with_its_code),
         cmocka_unit_test(with_overrun_stop_a_missed_tick_ends_it),
+        cmocka_unit_test(one_missed_tick_is_one_tick),
         cmocka_unit_test(many_missed_ticks_are_an_alarm_that_ends),
         cmocka_unit_test(a_tick_that_does_not_return_is_left_behind),
         cmocka_unit_test(with_overrun_stop_a_tick_that_does_not_return_ends_it_too),
