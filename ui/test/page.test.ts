@@ -267,6 +267,13 @@ test("a plant that is not answered is asked for again", async () => {
   assert.equal(model.plant.value?.name, "later");
 });
 
+test("the unit of a ratio, 1, is not told", async () => {
+  server.plant = {...tanks, name: "ratios", variables: tanks.variables.map((one, i) => ({...one, unit: i === 0 ? "1" : one.unit}))};
+  env.source.send("plant", {revision: 2});
+  await env.settle();
+  assert.deepEqual([model.variable("sensor.1")?.unit, model.variable("sensor.2")?.unit], ["", "m"]);
+});
+
 test("what the stream says while the plant is still asked for is there with it", async () => {
   const route = env.routes.get("/api/plant")!;
   env.routes.delete("/api/plant");

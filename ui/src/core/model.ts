@@ -252,7 +252,7 @@ export async function loadPlant(): Promise<void> {
     const before = plant.value;
     const other = before != null && identity(before) !== identity(next);
     variables.clear();
-    for (const one of next.variables) variables.set(one.ref, one);
+    for (const one of next.variables) variables.set(one.ref, Object.assign(one, {unit: one.unit === "1" ? "" : one.unit})); // of a ratio nothing is said
     measuring.clear();
     below.clear();
     for (const loop of next.loops.slice().reverse()) {
