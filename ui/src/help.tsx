@@ -56,6 +56,12 @@ export function Help({close}: {close: () => void}): JSX.Element {
           a reason. What is suppressed by design only follows from something else. The sound calls for what is new until it is
           silenced or acknowledged.
         </p>
+        <h2>Modes</h2>
+        <p>
+          <b>Auto</b>: the law moves the output. <b>Cas</b>: and a loop above the setpoint. <b>Man</b>: a person does. <b>OOS</b>: out of
+          service. <b>IMan</b>: it waits, as what it moves does not follow it. <b>LO</b>: the output is at its fault
+          value; why stands beside it.
+        </p>
         <h2>A write</h2>
         <p>
           <b>pending</b>: on its way. <b>accepted</b>: in the database. <b>applied</b>: the controller uses it. <b>failed</b>: nothing

@@ -85,3 +85,8 @@ test("a value is dragged as itself, a link as what it leads to", () => {
   for (const link of [null, "", "#overview", "#loop", "#loop/99", "#alarms/none", "#trend/%", "https://elsewhere/"]) assert.deepEqual(refs(null, link), [], String(link));
   assert.deepEqual(refs("sensor.99", null), []);
 });
+
+test("a link to the beginning of time is none", () => {
+  for (const to of ["1", "600", "0", "-5", "2e9"]) assert.equal(chosen(`pens=y1;to=${to}`, 1.9e9).faults.length, 1, to);
+  assert.deepEqual(chosen("pens=y1;to=1763730000", 1.9e9).window, {live: false, span: 600, to: 1763730000});
+});

@@ -1598,6 +1598,13 @@ async function sampled(ref: string, value: number): Promise<void> {
   await settle();
 }
 
+test("a link to a signal of a loop shows the trend of that loop, one to nothing says so", async () => {
+  await show("trend/sensor.2");
+  assert.equal(one<HTMLSelectElement>(".trend .toolbar select").selectedOptions[0]?.textContent, "y2");
+  await show("trend/sensor.99");
+  assert.match(said("main"), /tanks has no loop or signal “sensor\.99”/);
+});
+
 test("a trend: a second cursor, events along it, an earlier window beside it, groups that are kept", async () => {
   const route = env.routes.get("/api/history")!;
   const happened = env.routes.get("/api/events")!;

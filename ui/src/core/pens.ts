@@ -29,7 +29,7 @@ export function chosen(about: string, now: number): Chosen {
     const value = text ? Number(text) : NaN;
     if (name === "span" && value >= LEAST && value <= MOST) window.span = value;
     else if (name === "span") faults.push(`“${part}” is no span between ${exact(LEAST)} s and ${duration(MOST)}: these are ${duration(window.span)}.`);
-    else if (name === "to" && value > 0 && value <= now) Object.assign(window, {live: false, to: value});
+    else if (name === "to" && value > MOST && value <= now) Object.assign(window, {live: false, to: value});
     else if (name === "compare" && value >= LEAST && value <= 366 * 86400) window.compare = value;
     else if (name === "ahead" && text === "1") window.ahead = true;
     else if (name === "compare") faults.push(`“${part}” is no time before: nothing is laid over.`);

@@ -37,7 +37,7 @@ export function TrendPage({about}: {about: string | null}): JSX.Element {
   if (!p) return <Nothing title="Trend">Loading the plant …</Nothing>;
   const all = subjects(p);
   if (isPens(about)) return <PensTrend about={about as string} plant={p} all={all} />;
-  const subject = about == null ? all[0] : all.find(one => one.about === about);
+  const subject = about == null ? all[0] : (all.find(one => one.about === about) ?? all.find(one => refsIn(one).includes(about)));
   if (!subject) return <Nothing title="Trend">{about == null ? "There is no measurement to show." : <>{p.name} has no loop or signal “{about}”: <a href={path("trend", "pens=")}>choose signals</a>.</>}</Nothing>;
   return <Trend key={[p.generation, ...refsIn(subject), subject.about].join(":")} subject={subject} all={all} plant={p} />;
 }
