@@ -134,11 +134,11 @@ law text "$compute return '12'
 law prints "$compute print(2000 * 'x', 'the end')
         if c.tick > 25: print(10000000 * 'y')
         return 1.0"
-grep -q 'output held: law Bad ValueError: no way (line 4)' <<<"$(events raises)" || fail "an exception is no event"
+grep -q 'output held: law Bad: ValueError: no way (line 4)' <<<"$(events raises)" || fail "an exception is no event"
 grep -q '|ValueError: no way (line 4)' "$work/raises/events.csv" || fail "a traceback is no event"
-grep -q 'output held: law Bad its process ended, exit code 3' <<<"$(events exits)" || fail "an exit is no event"
-grep -q 'output held: law Bad its process was ended by signal 9' <<<"$(events killed)" || fail "a kill is no event"
-grep -q 'output held: law Bad gave no finite number' <<<"$(events nothing)" || fail "NaN is no event"
+grep -q 'output held: law Bad: its process ended, exit code 3' <<<"$(events exits)" || fail "an exit is no event"
+grep -q 'output held: law Bad: its process was ended by signal 9' <<<"$(events killed)" || fail "a kill is no event"
+grep -q 'output held: law Bad: gave no finite number' <<<"$(events nothing)" || fail "NaN is no event"
 grep -q 'compute gave 2 numbers, not 1' <<<"$(events shape)" || fail "a wrong shape is no event"
 grep -q "compute gave '12', not 1 number" <<<"$(events text)" || fail "a text is no event"
 grep -q 'x the end' <<<"$(events prints)" || fail "what is printed is no event"
@@ -146,7 +146,7 @@ grep -q 'B) ... yyyy' "$work/prints/events.csv" || fail "a flood is no event"
 for limit in 1 5 25; do # in which it also has to begin, which takes a busy machine its time
   (events loops) >/dev/null 2>&1 && break
 done
-grep -q 'output held: law Bad did not answer and was killed' "$work/loops/events.csv" || fail "a hang is no event: $(cat "$work/loops.log")"
+grep -q 'output held: law Bad: did not answer and was killed' "$work/loops/events.csv" || fail "a hang is no event: $(cat "$work/loops.log")"
 unset limit
 for name in raises exits killed nothing shape text; do
   grep -q 'inputs good again' "$work/$name/events.csv" || fail "$name: the loop does not go on"
@@ -163,7 +163,7 @@ with_backup() {
 with_backup ./moody.py pi >"$work/backup.conf"
 with_backup pi ./moody.py >"$work/other.conf"
 "$apc" simulate "$work/backup.conf" --report "$work/backup" >"$work/backup.log" || fail "a backup law ended it"
-grep -q '^46.*the backup law acts: law Bad ValueError: no way (line 4)' "$work/backup/events.csv" || fail "the backup law does not act"
+grep -q '^46.*the backup law acts: law Bad: ValueError: no way (line 4)' "$work/backup/events.csv" || fail "the backup law does not act"
 grep -q '^126.*the law acts again' "$work/backup/events.csv" || fail "the law does not act again"
 expect 0 '300 of 300 ticks the same bit for bit' "$apc" replay "$work/backup"
 expect 1 'law" of a backup must be a built-in one' "$apc" simulate "$work/other.conf"
