@@ -239,7 +239,7 @@ static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
 static int compute(struct apc_law_call *c) { c->u[0] = c->y[0] > 5 ? NAN : 1.0; return 0; }
 APC_LAW_EXPORT(.name = "nan", .n_tuning = 1, .tuning = none, .compute = compute);
 C
-expect 0 'output held: law nan gave no finite number' "$apc" simulate "$conf" --law "$work/nan.so" --csv "$work/nan.csv"
+expect 0 'output held: law nan: gave no finite number' "$apc" simulate "$conf" --law "$work/nan.so" --csv "$work/nan.csv"
 expect 0 'controller: output held or at its fault value at [1-9][0-9]* ticks' "$apc" simulate "$conf" --law "$work/nan.so"
 grep -q 'UncertainLastUsableValue' "$work/nan.csv" || fail "what was held is not marked"
 ! grep -qi nan "$work/nan.csv" || fail "NaN in the samples"
