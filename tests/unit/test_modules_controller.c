@@ -1289,7 +1289,6 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
 {
     struct rig r;
     const struct apc_sample *u;
-    char count[16];
 
     (void)state;
     make(&r, &fragile);
@@ -1303,8 +1302,8 @@ static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **sta
         assert_int_equal(u->status, APC_UNCERTAIN_LAST_USABLE);
         assert_int_equal(r.notice.kind, APC_NOTICE_REJECTED);
         assert_int_equal(apc_controller_failures(r.controller), (int)z - 5);
-        snprintf(count, sizeof(count), "(%d)", (int)z - 5);
-        assert_non_null(strstr(r.notice.text, count));
+        assert_non_null(strstr(r.notice.text, "law fragile: "));
+        assert_null(strchr(r.notice.text, '(')); /* how often is told elsewhere */
         set(&r, Z, 1.0);
         u = measured_tick(&r, 0.0);
         assert_near(u->value, 0.5, 0.0);

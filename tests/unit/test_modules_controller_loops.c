@@ -251,7 +251,7 @@ static void good_answers_and_those_of_need_go_out_and_others_are_held(void **sta
                          of[i].usable ? APC_GOOD : APC_UNCERTAIN_LAST_USABLE);
         assert_int_equal(r.notice.kind, of[i].usable ? APC_NOTICE_POOR : APC_NOTICE_REJECTED);
         if (of[i].result == APC_LAW_INFEASIBLE)
-            assert_non_null(strstr(r.notice.text, "law answering no way out"));
+            assert_non_null(strstr(r.notice.text, "law answering: no way out"));
         assert_int_equal(apc_controller_failures(r.core), !of[i].usable);
         set(&r, APC_SETPOINT, 1, APC_LAW_GOOD);
         measured_tick(&r, 0.0, 0.0);
