@@ -42,7 +42,7 @@ background apc-client "$APC_BIN/apc-client"
 background apc-controller "$APC_BIN/apc-controller"
 until_true 30 settled 5
 
-backup='the backup law acts: law moody is in no mood'
+backup='the backup law acts: law moody: is in no mood'
 "$apc" tune mood=3 >/dev/null
 until_true 20 actual "\"actual\":\"Auto\",\"reason\":\"$backup"
 expect 0 "^mode +target Auto, actual Auto: $backup" "$apc" status

@@ -24,7 +24,7 @@ controllers = (
     tuning = ( { from = 0.0; to = 50.0; u_from = 0.0; u_to = 100.0; }, { from = 50.0; to = 100.0; u_from = 0.0; u_to = 100.0; } ); } );
 actions = ( { at = 5.0; set = "target"; value = 70.0; } );
 CONF
-expect 0 'law filter has 4[0-9.]*, not within -10 to 120' "$apc" simulate "$work/blocks.conf" --csv "$work/blocks.csv"
+expect 0 'law filter: has 4[0-9.]*, not within -10 to 120' "$apc" simulate "$work/blocks.conf" --csv "$work/blocks.csv"
 
 of() { awk -F, -v table="$1" -v id="$2" '$2 == table && $3 == id {print $1, $5, $4}' "$work/blocks.csv"; }
 of setpoint 2 | awk '{if (NR > 1 && $2 - last > 0.4 + 1e-9) exit 1; last = $2} END {exit !(last > 59.999 && last < 60.001)}' ||
