@@ -1105,6 +1105,9 @@ test("what predictive control expects, what holds it back, and how its solver do
   await settle();
   assert.match(said(".trend"), /Right of the line, dashed, what was expected now\./);
   assert.equal(button("Expected").getAttribute("aria-pressed"), "true");
+  await click(button("View as table"));
+  assert.match(said("table.data").split("What is expected")[1] ?? "", /^, by the time from the plan on signal 2 s 4 s 6 s y1 10\.000 11\.000 12\.000/);
+  await click(button("View as table"));
   await show("trend/pens=u2;span=60;ahead=1");
   await env.pass(0.4);
   await settle();
@@ -1637,6 +1640,11 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   assert.ok(asked.length > 0 && asked.every(([since]) => Math.abs(since - (server.now - 4200)) < 20), JSON.stringify([asked, server.now]));
   assert.match(said(".trend > .say"), /^Beside it, dotted, what was (1 h|60 min) before\./);
   assert.match(location.hash, /;span=600;compare=3600$/);
+  await click(button("View as table"));
+  assert.match(said("table.data thead"), /^time y2 \[m\] T[^,]* y2 \[m\], (1 h|60 min) before T.* before/);
+  const [, now, , then] = [...document.querySelectorAll("table.data tbody tr:last-child td")].map(each => Number(each.textContent?.replace("\u2212", "-")));
+  assert.ok(Math.abs((now as number) - (then as number) - 6) < 0.05, `${now} and ${then}`);
+  await click(button("View as table"));
   // What comes then is drawn beside it as well
   await sampled("sensor.2", 7);
   await choose(".toolbar label:nth-of-type(2) select", "0");

@@ -5,7 +5,7 @@ import {Cell} from "../core/cell";
 import {env, every} from "../core/env";
 import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
-import {clock, csv, duration, fromWall, iso, missing, number, stamp, when, zone, zoneAt} from "../core/format";
+import {clock, csv, duration, exact, fromWall, iso, missing, number, stamp, when, zone, zoneAt} from "../core/format";
 import {merge} from "../core/eventlist";
 import {holds} from "../core/history";
 import {type Mark, marksOf, near} from "../core/marks";
@@ -18,7 +18,7 @@ import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
 import {told, Value} from "../parts/value";
 import {alarms, control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
-import {courseSeries, expectedOf, horizon, predictors} from "../core/outlook";
+import {courseRows, courseSeries, expectedOf, horizon, predictors} from "../core/outlook";
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
@@ -293,10 +293,16 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     return () => removeEventListener("keydown", key);
   }, []);
 
-  const rows = (most: number): [number, ...(number | null)[]][] => curves.rows(...bounds(win, serverNow()), most);
-  const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
-  const head = ["time", ...curves.head(win.span, chart.current?.pixels ?? 800)];
   const refs = curves.variables.map(one => one.ref);
+  /** An earlier window has columns of its own, at the times of this one. */
+  const rows = (most: number): [number, ...(number | null)[]][] => {
+    const before = earlier ? refs.map(ref => shifted(earlier.series(ref), compare)) : [];
+    return curves.rows(...bounds(win, serverNow()), most).map(([t, ...values]) => [t, ...values, ...before.map(series => valueAt(series, t))]);
+  };
+  const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
+  const heads = curves.head(win.span, chart.current?.pixels ?? 800);
+  const head = ["time", ...heads, ...(earlier ? heads.map(one => `${one}, ${duration(compare)} before`) : [])];
+  const coming = courseRows([...expected.values()].filter(course => refs.includes(course.ref)), STEPS);
   const asPens = (): string => pensAbout((pens?.signals ?? refsIn(subject).flatMap(ref => variable(ref) ?? [])).map(one => nameOf(one, p.variables)), win);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
   const exportCsv = (): void => downloadText(`${name}.csv`, csv([head, ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
@@ -384,15 +390,17 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         <Table
           caption={`${subject.name}, the newest ${Math.min(200, rows(200).length)} points of the window (${zone})`}
           head={head}
-          rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told(refs[i] as Ref, value))])}
+          rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told(refs[i % refs.length] as Ref, value))])}
         />
       )}
+      {table && coming.rows.length > 0 && <Table caption="What is expected, by the time from the plan on" head={["signal", ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => number(value))])} />}
       {table && shownMarks.length > 0 && <Table caption={`What happened in the window (${zone})`} head={["time", "what"]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
       {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
   );
 }
 
+const STEPS = 12; // columns of the table of what is expected
 const BEFORE = [1, 3];
 const COMING = [8, 4];
 const RUNS_BACK = 31 * 86400; // s
