@@ -1319,6 +1319,9 @@ test("the line of alarms stands on every page, with the most urgent, which is ac
   asked.answer({key: asked.body?.key, kind: "ack", user: "anna", time: server.now, state: "accepted", stored: true, reason: null, changes: []});
   await settle();
   assert.equal(act().disabled, true, "it is asked for once more before it is there");
+  await server.run(7);
+  await settle();
+  assert.equal(act().disabled, false, "what became of it may be lost with the server, and it waits for ever");
   env.source.send("alarms", {t: server.now, alarms: [stands(1, 2, "Acknowledged Active")]});
   await settle();
   assert.match(said(".alarm-line .first"), /y2\.low/);

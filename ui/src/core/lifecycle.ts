@@ -35,9 +35,11 @@ export function next(view: WriteView, happening: Happening): WriteView {
   }
 }
 
+const SETTLES = 5; // s; what became of it may be lost with the server
+
 /** What it asks for may still come: to ask once more says nothing new. */
-export function isOnItsWay(view: WriteView | null): boolean {
-  return view?.phase === "pending" || view?.phase === "accepted";
+export function isOnItsWay(view: WriteView | null, now: number): boolean {
+  return view?.phase === "pending" || (view?.phase === "accepted" && now - view.at < SETTLES);
 }
 
 export function isFinal(phase: Phase): boolean {

@@ -7,9 +7,10 @@ import {useCell} from "../usecell";
 import {downloadText} from "../download";
 import {acknowledge, acknowledgeAll, service, shelve} from "../core/alarming";
 import {acknowledgement, type Alarm, counted, found, isMasked, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
+import {Cell} from "../core/cell";
 import {clock, csv, duration, exact, iso, span, stamp, when, zone} from "../core/format";
 import {isOnItsWay} from "../core/lifecycle";
-import {alarms, control, plant, serverNow, variable} from "../core/model";
+import {alarms, control, plant, second, serverNow, variable} from "../core/model";
 import {slot, tooLong} from "../core/writing";
 import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
@@ -123,6 +124,7 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
   const {now} = of;
   const barred = useWriteBar();
   const view = useCell(slot(`ack.${of.id}`));
+  useCell(view?.phase === "accepted" ? second : still);
   const act = acknowledgement(of);
   const signal = variable(of.ref);
   return (
@@ -142,7 +144,7 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
       <td class="acts">
         <div class="entry-line">
           {act && (
-            <button type="button" class="primary" disabled={barred != null || isOnItsWay(view)} title={barred ?? undefined} onClick={() => void acknowledge(of)}>
+            <button type="button" class="primary" disabled={barred != null || isOnItsWay(view, serverNow())} title={barred ?? undefined} onClick={() => void acknowledge(of)}>
               {act}<span class="hidden"> {of.alarm}</span>
             </button>
           )}
@@ -154,6 +156,7 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
   );
 }
 
+const still = new Cell(0);
 const TIMES = [900, 1800, 3600, 2 * 3600, 4 * 3600, 8 * 3600];
 
 /** What it means, what to do, where to look; shelving. */

@@ -9,7 +9,7 @@ import {acknowledgement, counted, isUnacknowledged} from "../core/alarms";
 import {env} from "../core/env";
 import {clock} from "../core/format";
 import {isOnItsWay} from "../core/lifecycle";
-import {alarms, control, plant} from "../core/model";
+import {alarms, control, plant, second, serverNow} from "../core/model";
 import {slot} from "../core/writing";
 import {path} from "../router";
 import {calling, setSound, silence, sound} from "../sound";
@@ -24,7 +24,8 @@ export function AlarmLine(): JSX.Element | null {
   const p = useCell(plant);
   const counts = counted(all);
   const first = all.find(isUnacknowledged);
-  const busy = isOnItsWay(useCell(slot(`ack.${first?.id ?? 0}`)));
+  useCell(second);
+  const busy = isOnItsWay(useCell(slot(`ack.${first?.id ?? 0}`)), serverNow());
   const steady = useSteady(first?.id ?? null);
   if (!p?.alarms || evaluated == null) return null;
   return (
