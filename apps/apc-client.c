@@ -78,6 +78,7 @@ struct shell {
     struct apc_value *command, *measured; /* [nu], [ny] of this tick */
     struct apc_sample *y;                 /* [ny] */
     struct state_watch link_state, command_state, output_state;
+    struct state_watch *range_state;                  /* [ny] up: within */
     char reason[sizeof((struct apc_event *)0)->text]; /* for which the plant is lost, as it was said last */
     unsigned reasons;                                 /* said so far; 0: it is connected */
     struct apc_histogram *round_trip;
@@ -168,6 +169,27 @@ static bool outputs_stand(struct shell *s)
     return !why[0];
 }
 
+/* A sensor that shows more than it can. */
+static void report_range(struct shell *s, const struct apc_sample *y)
+{
+    const size_t i = (size_t)y->id - 1;
+    struct state_watch *state = &s->range_state[i];
+    const bool within = !apc_client_outside(s->core, i);
+    if (!state->since) /* within from the start on: nothing is said */
+        state->up = true;
+    const enum change change = state_watch_look(state, within, apc_clock_mono(NULL));
+    struct apc_event event = {0};
+    if (change == CHANGE_NONE)
+        return;
+    notice_range(&s->d->experiment.y[i].tag, !within, y->value, &event);
+    if (change == CHANGE_ONE)
+        daemon_event(s->d, event.severity, event.kind, "%s", event.text);
+    else
+        daemon_event(s->d, APC_EVENT_WARNING, event.kind,
+                     "%.60s left its range and came back %u more times in the last minute; now %.100s",
+                     s->d->experiment.y[i].tag.name, state->count, event.text);
+}
+
 /* A command that has not gone out with the tick it belongs to never does: who slept in between moves nothing.
  */
 static apc_ns exchange_until(const struct shell *s, const struct apc_tick *tick, apc_ns begun)
@@ -197,7 +219,10 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     report(s, &s->link_state, true, "link", "plant", "");
     s->reasons = 0;
     s->reason[0] = '\0';
-    return apc_client_measurements(s->core, s->measured, s->y);
+    const size_t n = apc_client_measurements(s->core, s->measured, s->y);
+    for (size_t i = 0; i < n; i++)
+        report_range(s, &s->y[i]);
+    return n;
 }
 
 /* ---- The store's thread -------------------------------------------------------------------- */
@@ -380,9 +405,11 @@ static int allocate(struct shell *s)
     s->command = calloc(e->dim.nu, sizeof *s->command);
     s->measured = calloc(e->dim.ny, sizeof *s->measured);
     s->y = calloc(e->dim.ny, sizeof *s->y);
+    s->range_state = calloc(e->dim.ny, sizeof *s->range_state);
     s->queue = calloc(s->room, sizeof *s->queue);
     s->batch = calloc(s->room, sizeof *s->batch);
-    if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->queue || !s->batch)
+    if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->range_state ||
+        !s->queue || !s->batch)
         return APC_ENOMEM;
     for (size_t i = 0; i < e->dim.nu; i++)
         s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
@@ -463,6 +490,7 @@ static void close_shell(struct shell *s)
     free(s->command);
     free(s->measured);
     free(s->y);
+    free(s->range_state);
     free(s->queue);
     free(s->batch);
     sem_destroy(&s->work);

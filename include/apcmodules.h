@@ -221,6 +221,10 @@ struct apc_client_options {
     const int64_t *last;   /**< [ny] newest seq of each sensor; NULL: zeros; copied */
     apc_ns since; /**< UTC at which this run began; a command that the client finds at its start with an
                      earlier source time is a former run's and is not sent, until a new one comes */
+    /** [ny] What each sensor can show; NULL, or infinite: anything. Beyond by 2.5 % of the span below, by
+     * 6.25 % above (3.6 and 21 mA of 4 to 20) a measurement is BadOutOfRange, until it is back within 1.25 %
+     * and 3.125 %; where one end is infinite, beyond the other at all. Copied. */
+    const double *low, *high;
 };
 struct apc_client;
 
@@ -241,6 +245,8 @@ APC_API size_t apc_client_command(struct apc_client *client, struct apc_now now,
  */
 APC_API size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y,
                                        struct apc_sample *out);
+/** Was measurement @p i, from 0, beyond its range when it was last new, and is it Bad for that? [tick] */
+APC_API bool apc_client_outside(const struct apc_client *client, size_t i);
 
 /* ---- The state of a loop ------------------------------------------------------------------ */
 

@@ -3,16 +3,26 @@
  * Moves the newest u to the plant and the newest y back. It keeps no queue: what could not be sent at
  * one tick is replaced by what is newest at the next, and what is no longer fresh is not sent at all,
  * so that an old command can never reach the plant through it.
+ *
+ * A number beyond what its sensor can show is no measurement: a transmitter that fails, or has no value, says
+ * so by such a one. How far beyond is as NAMUR NE 43 has it for 4 to 20 mA: a failure below 3.6 and above 21
+ * mA, a measurement again from 3.8 to 20.5 mA. So a level of 0 with its noise is still measured.
  */
 #include "base/base_internal.h"
 #include "modules/modules_internal.h"
 
+#include <math.h>
 #include <stdlib.h>
+
+#define FAILS_LOW  0.025  /* of the span, below its low end */
+#define FAILS_HIGH 0.0625 /* above its high end */
+#define BACK_LOW   0.0125 /* no farther, and it counts again */
+#define BACK_HIGH  0.03125
 
 struct sensor {
     int64_t seq;
     apc_ns time; /* source time of the row with that seq */
-    bool seen;
+    bool seen, outside;
 };
 
 struct apc_client {
@@ -20,6 +30,7 @@ struct apc_client {
     apc_ns horizon, since;
     struct apc_freshness *fresh; /* [nu] */
     struct sensor *sensor;       /* [ny] */
+    double *low, *high;          /* [ny] */
 };
 
 static int take_options(struct apc_client_options *o, const struct apc_client_options *options,
@@ -55,8 +66,15 @@ int apc_client_create(struct apc_client **client, const struct apc_client_option
         goto no_memory;
     new->fresh = calloc(o.nu, sizeof(*new->fresh));
     new->sensor = calloc(o.ny, sizeof(*new->sensor));
-    if (!new->fresh || !new->sensor)
+    new->low = calloc(o.ny, sizeof(*new->low));
+    new->high = calloc(o.ny, sizeof(*new->high));
+    if (!new->fresh || !new->sensor || !new->low || !new->high)
         goto no_memory;
+    rc = apc_limits_copy(new->low, new->high, o.low, o.high, o.ny, why);
+    if (rc < 0) {
+        apc_client_destroy(new);
+        return rc;
+    }
     new->ny = o.ny;
     new->nu = o.nu;
     new->horizon = apc_loss_limit(o.command_period);
@@ -75,6 +93,8 @@ void apc_client_destroy(struct apc_client *client)
 {
     if (!client)
         return;
+    free(client->low);
+    free(client->high);
     free(client->sensor);
     free(client->fresh);
     free(client);
@@ -107,6 +127,31 @@ size_t apc_client_command(struct apc_client *client, struct apc_now now, const s
     return n;
 }
 
+/* Where one end is open there is no span, and nothing beyond the other one counts. */
+static bool is_outside(double value, double low, double high, bool before)
+{
+    const double span = isfinite(low) && isfinite(high) ? high - low : 0.0;
+
+    return value < low - span * (before ? BACK_LOW : FAILS_LOW) ||
+           value > high + span * (before ? BACK_HIGH : FAILS_HIGH);
+}
+
+/* A status that is Bad already says more, and its value nothing. */
+static apc_status judge(struct apc_client *client, size_t i, const struct apc_value *y)
+{
+    struct sensor *s = &client->sensor[i];
+
+    if (apc_status_severity(y->status) == APC_SEVERITY_BAD)
+        return y->status;
+    s->outside = is_outside(y->value, client->low[i], client->high[i], s->outside);
+    return s->outside ? APC_BAD_OUT_OF_RANGE : y->status;
+}
+
+bool apc_client_outside(const struct apc_client *client, size_t i)
+{
+    return i < client->ny && client->sensor[i].outside;
+}
+
 size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y, struct apc_sample *out)
 {
     size_t n = 0;
@@ -123,7 +168,7 @@ size_t apc_client_measurements(struct apc_client *client, const struct apc_value
                                        .seq = ++s->seq,
                                        .time = y[i].time, /* at which the plant acquired it */
                                        .value = y[i].value,
-                                       .status = y[i].status};
+                                       .status = judge(client, i, &y[i])};
     }
     return n;
 }

@@ -448,13 +448,24 @@ struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *
 int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
                  struct apc_error *why)
 {
+    double *low = calloc(2 * e->dim.ny, sizeof *low), *high = low + e->dim.ny;
+    if (!low)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < e->dim.ny; i++) {
+        low[i] = e->y[i].tag.low > -APC_VALUE_MAX ? e->y[i].tag.low : -HUGE_VAL;
+        high[i] = e->y[i].tag.high < APC_VALUE_MAX ? e->y[i].tag.high : HUGE_VAL;
+    }
     const struct apc_client_options options = {.size = sizeof options,
                                                .ny = e->dim.ny,
                                                .nu = e->dim.nu,
                                                .command_period = cores_command_period(e),
                                                .last = last,
-                                               .since = since};
-    return apc_client_create(client, &options, why);
+                                               .since = since,
+                                               .low = low,
+                                               .high = high};
+    const int rc = apc_client_create(client, &options, why);
+    free(low);
+    return rc;
 }
 
 apc_ns cores_patience(const struct experiment *e)

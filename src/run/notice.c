@@ -3,6 +3,17 @@
 
 #include <stdio.h>
 
+void notice_range(const struct apc_tag *y, bool outside, double value, struct apc_event *event)
+{
+    event->severity = outside ? APC_EVENT_WARNING : APC_EVENT_INFO;
+    snprintf(event->kind, sizeof event->kind, "measurement");
+    if (outside)
+        snprintf(event->text, sizeof event->text, "%.60s is %.6g, which is beyond its range, %g to %g: Bad",
+                 y->name, value, y->low, y->high);
+    else
+        snprintf(event->text, sizeof event->text, "%.60s is within its range again", y->name);
+}
+
 void notice_event(const struct apc_notice *notice, struct apc_event *event)
 {
     static const struct {

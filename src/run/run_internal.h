@@ -399,6 +399,8 @@ apc_ns cores_patience(const struct experiment *e);
 
 /* Severity, kind and text of what a core noticed; its kind must not be APC_NOTICE_NONE. */
 void notice_event(const struct apc_notice *notice, struct apc_event *event);
+/* The same of a measurement that came to lie beyond its range, or within it again. */
+void notice_range(const struct apc_tag *y, bool outside, double value, struct apc_event *event);
 
 /* ---- What an operator does ------------------------------------------------------------------ */
 

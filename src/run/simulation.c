@@ -261,6 +261,17 @@ static void report_link(struct simulation *s, bool down, const char *why)
     s->link_down = down;
 }
 
+static void report_range(struct simulation *s, const struct apc_sample *y)
+{
+    bool *said = &s->outside[y->id - 1];
+    struct apc_event event = {0};
+    if (*said == apc_client_outside(s->client, (size_t)y->id - 1))
+        return;
+    *said = !*said;
+    notice_range(&s->e->y[y->id - 1].tag, *said, y->value, &event);
+    record(s, "apc-client", &event);
+}
+
 static void on_exchanged(void *ctx)
 {
     struct simulation *s = ctx;
@@ -272,6 +283,8 @@ static void on_exchanged(void *ctx)
         return;
     apc_histogram_record(s->round_trip, apc_clock_mono(s->clock) - s->sent_at);
     size_t n = apc_client_measurements(s->client, s->answer, s->y);
+    for (size_t i = 0; i < n; i++)
+        report_range(s, &s->y[i]);
     stop_at_store(s, apc_store_append(s->store, s->y, n));
 }
 
@@ -677,9 +690,10 @@ static int make_room(struct simulation *s)
     s->memory = calloc(dim->nu + dim->ny, sizeof *s->memory);
     s->command = calloc(dim->nu, sizeof *s->command);
     s->answer = calloc(dim->ny, sizeof *s->answer);
+    s->outside = calloc(dim->ny, sizeof *s->outside);
     s->now = calloc(dim->nu, sizeof *s->now);
-    if (!s->memory || !s->command || !s->answer || !s->now || course_create(&s->course, dim) < 0 ||
-        apc_histogram_create(&s->round_trip) < 0)
+    if (!s->memory || !s->outside || !s->command || !s->answer || !s->now ||
+        course_create(&s->course, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;
     s->u = s->memory;
     s->y = s->u + dim->nu;
@@ -778,6 +792,7 @@ void simulation_destroy(struct simulation *s)
     free(s->memory);
     free(s->command);
     free(s->answer);
+    free(s->outside);
     free(s->clock_steps);
     free(s->action_steps);
     free(s->tags);

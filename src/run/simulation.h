@@ -69,6 +69,7 @@ struct simulation {
     struct apc_tag *tags; /* [n_tags] of the experiment's variables */
     size_t n_tags;
     bool link_down;
+    bool *outside; /* [ny] measurements that are beyond their ranges */
 
     struct course course; /* of the plant, by the monotonic clock: a step of the wall clock is none of time */
     double *now;          /* [nu] what the plant is given */

@@ -4,6 +4,8 @@
 
 #include "apcmodules.h"
 
+#include <math.h>
+
 #define S      APC_NS_PER_S
 #define T0     (INT64_C(1700000000) * S)
 #define PERIOD (2 * S)
@@ -244,6 +246,73 @@ static void each_new_measurement_is_stored_once(void **state)
     assert_int_equal(out[0].seq, 9);
 }
 
+/* Of y 1, 0 to 100, and y 2, at least -10: its status once it shows that. */
+static apc_status shown(struct apc_client *client, size_t i, double value)
+{
+    static apc_ns time = T0;
+    struct apc_value y[] = {{50.0, APC_GOOD, ++time}, {50.0, APC_GOOD, time}};
+    struct apc_sample out[2];
+
+    y[i].value = value;
+    assert_int_equal(apc_client_measurements(client, y, out), 2);
+    assert_near(out[i].value, value, 0.0); /* it stays for people to see */
+    assert_int_equal(out[i].status == APC_BAD_OUT_OF_RANGE, apc_client_outside(client, i));
+    return out[i].status;
+}
+
+static struct apc_client *make_ranged(const double *low, const double *high)
+{
+    const struct apc_client_options o = {
+        .size = sizeof(o), .ny = 2, .nu = 2, .command_period = PERIOD, .low = low, .high = high};
+    struct apc_client *client = NULL;
+
+    (void)apc_client_create(&client, &o, NULL);
+    return client;
+}
+
+static void what_lies_beyond_its_range_is_bad_until_it_is_well_back(void **state)
+{
+    static const struct {
+        size_t i;
+        double value;
+        bool bad;
+    } cases[] = {{0, 0.0, false},    {0, 100.0, false}, {0, -2.5, false},        {0, 106.25, false},
+                 {0, -327.68, true}, {0, 50.0, false},  {0, 655.35, true},       {0, -2.0, true},
+                 {0, 103.2, true},   {0, 103.1, false}, {0, 106.2, false},       {0, 106.3, true},
+                 {0, -1.2, false},   {0, -2.51, true},  {0, 99.0, false},        {1, -10.0, false},
+                 {1, -10.1, true},   {1, -10.0, false}, {1, 4294967295.0, false}};
+    const double low[] = {0.0, -10.0}, high[] = {100.0, HUGE_VAL}, crossed[] = {101.0, 0.0};
+    struct apc_client *client = make_ranged(low, high);
+
+    (void)state;
+    assert_non_null(client);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++)
+        if ((shown(client, cases[i].i, cases[i].value) == APC_BAD_OUT_OF_RANGE) != cases[i].bad)
+            fail_msg("%zu: %g", i, cases[i].value);
+    apc_client_destroy(client);
+    assert_null(make_ranged(crossed, high));
+}
+
+/* A plant that says itself that a value is Bad is believed, and its number looked at no further. */
+static void a_status_that_is_bad_is_the_plants_own(void **state)
+{
+    const double low[] = {0.0, 0.0}, high[] = {1.0, 1.0};
+    struct apc_value y[] = {{0.5, APC_GOOD, T0}, {7.0, APC_BAD_SENSOR_FAILURE, T0}};
+    struct apc_client *client = make_ranged(low, high);
+    struct apc_sample out[2];
+
+    (void)state;
+    assert_int_equal(apc_client_measurements(client, y, out), 2);
+    assert_int_equal(out[1].status, APC_BAD_SENSOR_FAILURE);
+    assert_false(apc_client_outside(client, 1));
+    y[1] = (struct apc_value){7.0, APC_UNCERTAIN, T0 + 1};
+    assert_int_equal(apc_client_measurements(client, y, out), 1);
+    assert_int_equal(out[0].status, APC_BAD_OUT_OF_RANGE);
+    assert_true(apc_client_outside(client, 1));
+    assert_false(apc_client_outside(client, 2));
+    apc_client_destroy(client);
+}
+
 static void a_client_without_dimensions_is_refused(void **state)
 {
     struct apc_client *client = NULL;
@@ -286,6 +355,8 @@ int main(void)
         cmocka_unit_test(a_former_runs_command_is_not_written_and_this_runs_are_whatever_the_clock_does),
         cmocka_unit_test_setup_teardown(a_clock_step_neither_stops_nor_revives_a_command, set_up, tear_down),
         cmocka_unit_test_setup_teardown(each_new_measurement_is_stored_once, set_up, tear_down),
+        cmocka_unit_test(what_lies_beyond_its_range_is_bad_until_it_is_well_back),
+        cmocka_unit_test(a_status_that_is_bad_is_the_plants_own),
         cmocka_unit_test(a_client_without_dimensions_is_refused),
     };
 
