@@ -9,7 +9,18 @@ target_compile_options(apc_flags INTERFACE
   -ffp-contract=off
   # The library calls its own functions directly (src/CMakeLists.txt), so within a file they may be inlined.
   -fno-semantic-interposition
-  -fstack-protector-strong $<$<C_COMPILER_ID:GNU>:-fstack-clash-protection -fcf-protection>)
+  -fstack-protector-strong)
+# Hardening that is of one processor or compiler.
+include(CheckCCompilerFlag)
+foreach(flag -fstack-clash-protection -fcf-protection -mbranch-protection=standard)
+  string(MAKE_C_IDENTIFIER "APC_HAS${flag}" has)
+  if(CMAKE_C_COMPILER_ID STREQUAL GNU)
+    check_c_compiler_flag(${flag} ${has})
+  endif()
+  if(${has})
+    target_compile_options(apc_flags INTERFACE ${flag})
+  endif()
+endforeach()
 target_link_options(apc_flags INTERFACE -Wl,-z,relro,-z,now)
 if(APC_WERROR)
   target_compile_options(apc_flags INTERFACE -Werror)

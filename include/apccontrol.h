@@ -247,6 +247,8 @@ APC_API extern const struct apc_law apc_law;
  * APC_ENOTFOUND (names the laws there are), APC_EINVAL (other ABI, no compute).
  */
 APC_API int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why);
+/** The built-in law number @p i, from 0; NULL beyond the last. Static. [any] */
+APC_API const struct apc_law *apc_law_built_in(size_t i);
 
 /** Is it asked in a process of its own, as those in Python are? [any] */
 APC_API bool apc_law_in_process(const struct apc_law *law);

@@ -1,22 +1,16 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc plants: the models there are, and what they consist of. */
+/* apc plants, apc laws: what there is to choose from, and what each consists of. */
+#include <ctype.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include <apccontrol.h>
 #include <apcplant.h>
 
 #include "cli.h"
 #include "print.h"
 
-static const struct cli_spec spec = {
-    .args_doc = "[PLANT...]",
-    .doc =
-        "List the built-in plants, or show the parameters, states, inputs, disturbances and outputs of each "
-        "PLANT: a built-in one, or ./file.so.",
-    .takes = CLI_FORMAT,
-    .max_args = -1,
-};
-
-/* One table of a model. */
+/* One table of a plant or a law. */
 struct kind {
     const char *name, *names; /* "state", "states" */
     const struct apc_param *table;
@@ -24,20 +18,91 @@ struct kind {
     char letter;
     bool named_only; /* it has no values */
 };
-#define KINDS 5
+#define KINDS         5
+#define MOST_SETTINGS 64
 
-static void kinds_of(const struct apc_model *m, struct kind kinds[KINDS])
+/* A plant or a law as it is shown. */
+struct entry {
+    const char *name, *description;
+    struct kind kinds[KINDS];
+    size_t n_kinds;
+    struct apc_param settings[MOST_SETTINGS];
+};
+
+/* What a command lists. */
+struct catalogue {
+    const char *what; /* "plant" */
+    bool (*built_in)(size_t i, struct entry *to);
+    /* A built-in one, or that of a file; *handle goes to apc_plugin_close() after the last use. */
+    int (*find)(const char *name, struct entry *to, void **handle, struct apc_error *why);
+    size_t first, last; /* the kinds whose names the list shows */
+};
+
+static void of_model(const struct apc_model *m, struct entry *to)
 {
     const struct apc_model *by_states;
 
     if (apc_model_equations(m, &by_states, NULL) < 0)
         by_states = m; /* an FMU that shows none */
-    kinds[0] = (struct kind){"parameter", "parameters", m->param, m->np, 'p', false};
-    kinds[1] = (struct kind){"state", "states", by_states->state, by_states->nx, 'x', false};
-    kinds[2] = (struct kind){"input", "inputs", m->input, m->nu, 'u', false};
-    kinds[3] = (struct kind){"disturbance", "disturbances", m->disturbance, m->nd, 'd', false};
-    kinds[4] = (struct kind){"output", "outputs", m->output, m->ny, 'y', true};
+    *to = (struct entry){
+        .name = m->name,
+        .description = m->description,
+        .kinds = {{"parameter", "parameters", m->param, m->np, 'p', false},
+                  {"state", "states", by_states->state, by_states->nx, 'x', false},
+                  {"input", "inputs", m->input, m->nu, 'u', false},
+                  {"disturbance", "disturbances", m->disturbance, m->nd, 'd', false},
+                  {"output", "outputs", m->output, m->ny, 'y', true}},
+        .n_kinds = 5,
+    };
 }
+
+static bool plant_built_in(size_t i, struct entry *to)
+{
+    const struct apc_model *m = apc_model_built_in(i);
+    if (m)
+        of_model(m, to);
+    return m;
+}
+
+static int plant_find(const char *name, struct entry *to, void **handle, struct apc_error *why)
+{
+    const struct apc_model *m;
+    int rc = apc_model_find(name, &m, handle, why);
+    if (rc == 0)
+        of_model(m, to);
+    return rc;
+}
+
+static void of_law(const struct apc_law *law, struct entry *to)
+{
+    size_t n = 0;
+
+    *to = (struct entry){.name = law->name, .description = law->description, .n_kinds = 2};
+    for (; law->settings && law->settings[n] && n < MOST_SETTINGS; n++)
+        to->settings[n].name = law->settings[n];
+    to->kinds[0] = (struct kind){"parameter", "tuning parameters", law->tuning, law->n_tuning, 'p', false};
+    to->kinds[1] = (struct kind){"setting", "settings", to->settings, n, 's', true};
+}
+
+static bool law_built_in(size_t i, struct entry *to)
+{
+    const struct apc_law *law = apc_law_built_in(i);
+    if (law)
+        of_law(law, to);
+    return law;
+}
+
+static int law_find(const char *name, struct entry *to, void **handle, struct apc_error *why)
+{
+    const struct apc_law *law;
+    int rc = apc_law_find(name, &law, handle, why);
+    if (rc == 0)
+        of_law(law, to);
+    return rc;
+}
+
+static const struct catalogue plants = {"plant", plant_built_in, plant_find, 1, 5},
+                              laws = {"law", law_built_in, law_find, 0, 0};
 
 static const char *text_of(const char *text)
 {
@@ -51,25 +116,23 @@ static char *number(double value, char text[PRINT_LEN])
     return value > -APC_VALUE_MAX && value < APC_VALUE_MAX ? print_exact(value, text) : text;
 }
 
-static void show_json(const struct apc_model *m)
+static void show_json(const struct entry *e)
 {
-    struct kind kinds[KINDS];
-    kinds_of(m, kinds);
     putchar('{');
-    print_json_text(stdout, "name", m->name);
+    print_json_text(stdout, "name", e->name);
     putchar(',');
-    print_json_text(stdout, "description", text_of(m->description));
-    for (size_t k = 0; k < KINDS; k++) {
-        printf(",\n  \"%s\":[", kinds[k].names);
-        for (size_t i = 0; kinds[k].table && i < kinds[k].n; i++) {
-            const struct apc_param *p = &kinds[k].table[i];
+    print_json_text(stdout, "description", text_of(e->description));
+    for (size_t k = 0; k < e->n_kinds; k++) {
+        printf(",\n  \"%s\":[", e->kinds[k].names);
+        for (size_t i = 0; e->kinds[k].table && i < e->kinds[k].n; i++) {
+            const struct apc_param *p = &e->kinds[k].table[i];
             fputs(i ? ",\n    {" : "\n    {", stdout);
             print_json_text(stdout, "name", p->name);
             putchar(',');
             print_json_text(stdout, "unit", text_of(p->unit));
             putchar(',');
             print_json_text(stdout, "description", text_of(p->description));
-            if (!kinds[k].named_only) {
+            if (!e->kinds[k].named_only) {
                 putchar(',');
                 print_json_limit(stdout, "initial", p->initial);
                 putchar(',');
@@ -92,17 +155,15 @@ static void csv_text(const char *text)
     putchar('"');
 }
 
-static void show_csv(const struct apc_model *m)
+static void show_csv(const struct entry *e)
 {
-    struct kind kinds[KINDS];
     char a[PRINT_LEN], b[PRINT_LEN], c[PRINT_LEN];
-    kinds_of(m, kinds);
-    for (size_t k = 0; k < KINDS; k++)
-        for (size_t i = 0; kinds[k].table && i < kinds[k].n; i++) {
-            const struct apc_param *p = &kinds[k].table[i];
-            printf("%s,%s,%s,", m->name, kinds[k].name, p->name);
+    for (size_t k = 0; k < e->n_kinds; k++)
+        for (size_t i = 0; e->kinds[k].table && i < e->kinds[k].n; i++) {
+            const struct apc_param *p = &e->kinds[k].table[i];
+            printf("%s,%s,%s,", e->name, e->kinds[k].name, p->name);
             csv_text(p->unit);
-            if (kinds[k].named_only)
+            if (e->kinds[k].named_only)
                 fputs(",,,,", stdout);
             else
                 printf(",%s,%s,%s,", number(p->initial, a), number(p->low, b), number(p->high, c));
@@ -111,28 +172,26 @@ static void show_csv(const struct apc_model *m)
         }
 }
 
-static int show_text(const struct apc_model *m)
+static int show_text(const struct entry *e)
 {
     static const struct print_column columns[] = {
         {"", PRINT_LEFT},     {"NAME", PRINT_LEFT},  {"VALUE", PRINT_RIGHT},     {"UNIT", PRINT_LEFT},
         {"LOW", PRINT_RIGHT}, {"HIGH", PRINT_RIGHT}, {"DESCRIPTION", PRINT_LEFT}};
-    struct kind kinds[KINDS];
     struct print_table table;
     char text[PRINT_LEN];
 
-    printf("%s: ", m->name);
-    print_clean(stdout, text_of(m->description));
+    printf("%s: ", e->name);
+    print_clean(stdout, text_of(e->description));
     fputs("\n\n", stdout);
-    kinds_of(m, kinds);
     print_table_open(&table, columns, 7);
-    for (size_t k = 0; k < KINDS; k++)
-        for (size_t i = 0; i < kinds[k].n; i++) {
+    for (size_t k = 0; k < e->n_kinds; k++)
+        for (size_t i = 0; i < e->kinds[k].n; i++) {
             char name[24]; /* by which `apc linearize` knows one without */
             const struct apc_param unnamed = {name, "", "", 0, -APC_VALUE_MAX, APC_VALUE_MAX};
-            const struct apc_param *p = kinds[k].table ? &kinds[k].table[i] : &unnamed;
-            snprintf(name, sizeof name, "%c%zu", kinds[k].letter, i + 1);
-            bool value = !kinds[k].named_only;
-            print_cell(&table, PRINT_PLAIN, "%s", i ? "" : kinds[k].names);
+            const struct apc_param *p = e->kinds[k].table ? &e->kinds[k].table[i] : &unnamed;
+            snprintf(name, sizeof name, "%c%zu", e->kinds[k].letter, i + 1);
+            bool value = !e->kinds[k].named_only;
+            print_cell(&table, PRINT_PLAIN, "%s", i ? "" : e->kinds[k].names);
             print_cell(&table, PRINT_PLAIN, "%s", p->name);
             print_cell(&table, PRINT_PLAIN, "%s", value ? number(p->initial, text) : "");
             print_cell(&table, PRINT_PLAIN, "%s", text_of(p->unit));
@@ -145,84 +204,120 @@ static int show_text(const struct apc_model *m)
     return rc;
 }
 
-static int list_text(void)
+static int list_text(const struct catalogue *list)
 {
-    static const struct print_column columns[] = {{"NAME", PRINT_LEFT},    {"STATES", PRINT_LEFT},
-                                                  {"INPUTS", PRINT_LEFT},  {"DISTURBANCES", PRINT_LEFT},
-                                                  {"OUTPUTS", PRINT_LEFT}, {"DESCRIPTION", PRINT_LEFT}};
+    struct print_column columns[KINDS + 2] = {{"NAME", PRINT_LEFT}};
+    char heads[KINDS][16];
     struct print_table table;
+    struct entry e;
+    size_t n = 1;
 
-    print_table_open(&table, columns, 6);
-    for (size_t i = 0; apc_model_built_in(i); i++) {
-        const struct apc_model *m = apc_model_built_in(i);
-        struct kind kinds[KINDS];
-        kinds_of(m, kinds);
-        print_cell(&table, PRINT_PLAIN, "%s", m->name);
-        for (size_t k = 1; k < KINDS; k++) {
-            char names[120] = "";
-            size_t used = 0;
-            for (size_t j = 0; kinds[k].table && j < kinds[k].n && used < sizeof names; j++)
+    (void)list->built_in(0, &e);
+    for (size_t k = list->first; k < list->last; k++, n++) {
+        snprintf(heads[k], sizeof heads[k], "%s", e.kinds[k].names);
+        for (char *c = heads[k]; *c; c++)
+            *c = (char)toupper((unsigned char)*c);
+        columns[n] = (struct print_column){heads[k], PRINT_LEFT};
+    }
+    columns[n++] = (struct print_column){"DESCRIPTION", PRINT_LEFT};
+    print_table_open(&table, columns, n);
+    for (size_t i = 0; list->built_in(i, &e); i++) {
+        print_cell(&table, PRINT_PLAIN, "%s", e.name);
+        for (size_t k = list->first; k < list->last; k++) {
+            const struct kind *kind = &e.kinds[k];
+            char names[48] = "";
+            size_t used = 0, j = 0;
+            for (; kind->table && j < kind->n && used + strlen(kind->table[j].name) < 30; j++)
                 used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", j ? " " : "",
-                                         kinds[k].table[j].name);
+                                         kind->table[j].name);
+            if (kind->table && j < kind->n)
+                snprintf(names + used, sizeof names - used, " ... (%zu)", kind->n);
             print_cell(&table, PRINT_PLAIN, "%s", names);
         }
-        print_cell(&table, PRINT_PLAIN, "%s", m->description);
+        print_cell(&table, PRINT_PLAIN, "%s", text_of(e.description));
     }
     int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
     print_table_close(&table);
     return rc;
 }
 
-static int show(const struct cli *cli, const struct apc_model *m, bool first)
+static int show(const struct cli *cli, const struct entry *e, bool first)
 {
     int rc = 0;
     if (cli->format == CLI_JSON) {
         if (!first)
             puts(",");
-        show_json(m);
+        show_json(e);
     } else if (cli->format == CLI_CSV) {
-        show_csv(m);
+        show_csv(e);
     } else {
         if (!first)
             putchar('\n');
-        rc = show_text(m);
+        rc = show_text(e);
     }
     return rc;
 }
 
-static int show_named(const struct cli *cli)
+static int show_named(const struct cli *cli, const struct catalogue *list)
 {
     int rc = 0;
     for (int i = 0; i < cli->n_args && rc == 0; i++) {
-        const struct apc_model *model;
+        struct entry e;
         void *handle;
         struct apc_error why;
-        rc = apc_model_find(cli->args[i], &model, &handle, &why);
+        rc = list->find(cli->args[i], &e, &handle, &why);
         if (rc < 0)
             return cli_error(cli, rc, "%s", why.text);
-        rc = show(cli, model, i == 0);
+        rc = show(cli, &e, i == 0);
         apc_plugin_close(handle);
     }
     return rc;
 }
 
-int command_plants(int argc, char **argv)
+static int command(const struct catalogue *list, const struct cli_spec *spec, int argc, char **argv)
 {
     struct cli cli;
+    struct entry e;
     int rc = 0;
 
-    cli_parse(&cli, &spec, NULL, argc, argv);
+    cli_parse(&cli, spec, NULL, argc, argv);
     if (cli.format == CLI_JSON)
         putchar('[');
     else if (cli.format == CLI_CSV)
-        puts("plant,kind,name,unit,initial,low,high,description");
+        printf("%s,kind,name,unit,initial,low,high,description\n", list->what);
     if (cli.n_args > 0)
-        rc = show_named(&cli);
+        rc = show_named(&cli, list);
     else if (cli.format == CLI_TEXT)
-        rc = list_text();
-    for (size_t i = 0; cli.n_args == 0 && cli.format != CLI_TEXT && apc_model_built_in(i); i++)
-        (void)show(&cli, apc_model_built_in(i), i == 0);
+        rc = list_text(list);
+    for (size_t i = 0; cli.n_args == 0 && cli.format != CLI_TEXT && list->built_in(i, &e); i++)
+        (void)show(&cli, &e, i == 0);
     if (cli.format == CLI_JSON)
         puts("]");
     return cli_done(&cli, rc < 0 ? exit_code_of(rc) : rc);
+}
+
+int command_plants(int argc, char **argv)
+{
+    static const struct cli_spec spec = {
+        .args_doc = "[PLANT...]",
+        .doc = "List the built-in plants, or show the parameters, states, inputs, disturbances and outputs "
+               "of each "
+               "PLANT: a built-in one, or ./file.so.",
+        .takes = CLI_FORMAT,
+        .max_args = -1,
+    };
+    return command(&plants, &spec, argc, argv);
+}
+
+int command_laws(int argc, char **argv)
+{
+    static const struct cli_spec spec = {
+        .args_doc = "[LAW...]",
+        .doc = "List the built-in control laws, or show the tuning parameters and settings of each LAW: a "
+               "built-in "
+               "one, ./file.so or ./file.py.",
+        .takes = CLI_FORMAT,
+        .max_args = -1,
+    };
+    return command(&laws, &spec, argc, argv);
 }

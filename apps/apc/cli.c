@@ -209,6 +209,13 @@ int cli_done(const struct cli *cli, int rc)
 int cli_store_error(const struct cli *cli, int err, const struct apc_store *store)
 {
     const char *why = apc_store_error(store);
+    if (cli->unnamed && err == APC_ECONN && !getenv("PGHOST") && !getenv("PGSERVICE") &&
+        !getenv("PGDATABASE"))
+        return cli_error(
+            cli, err,
+            "no store is named: give --store and a run's folder (--store runs/...), or set APC_STORE "
+            "to what `apc run` prints; without either it is the PostgreSQL of this host, and: %s",
+            *why ? why : apc_err_text(err));
     return cli_error(cli, err, "%s%s", *why ? why : apc_err_text(err),
                      cli->unnamed && err == APC_ECONN ? " (neither --store nor APC_STORE says which store)"
                                                       : "");

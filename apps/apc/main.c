@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "cli.h"
+#include "run/nearest.h"
 
 static const struct {
     const char *name;
@@ -31,6 +32,7 @@ static const struct {
     {"cert", command_cert, "an authority, and certificates of a plant and its clients, for tls:"},
     {"maintain", command_maintain, "make room ahead for samples, and drop what is old"},
     {"plants", command_plants, "the plants there are: their parameters, states, inputs, outputs"},
+    {"laws", command_laws, "the control laws there are: their tuning parameters and settings"},
     {"linearize", command_linearize, "the linear model of a plant: matrices, poles, zeros, gains"},
     {"test", command_test, "move a plant, simulated or live, so that it can be identified"},
     {"identify", command_identify, "models of a plant from its record: dead times, gains, time constants"},
@@ -73,9 +75,15 @@ int main(int argc, char **argv)
         return EXIT_OK;
     }
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
-    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+    struct nearest nearest = {.wanted = argv[1]};
+    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++) {
         if (!strcmp(argv[1], commands[i].name))
             return commands[i].run(argc - 1, argv + 1);
-    fprintf(stderr, "apc: unknown command \"%s\"; `apc --help` lists them\n", argv[1]);
+        nearest_look(&nearest, commands[i].name);
+    }
+    fprintf(stderr, "apc: unknown command \"%s\"; ", argv[1]);
+    if (nearest.name)
+        fprintf(stderr, "did you mean \"%s\"? ", nearest.name);
+    fputs("`apc --help` lists them\n", stderr);
     return EXIT_USAGE;
 }

@@ -118,6 +118,18 @@ double apc_law_cut(double u, double low, double high, unsigned *limited)
     return u;
 }
 
+static const struct apc_built_in laws[] = {
+    {"pi", &apc_law_pi},           {"pid", &apc_law_pid},      {"cascade", &apc_law_cascade},
+    {"lqg", &apc_law_lqg},         {"mpc", &apc_law_mpc},      {"nmpc", &apc_law_nmpc},
+    {"select", &apc_law_select},   {"split", &apc_law_split},  {"ramp", &apc_law_ramp},
+    {"leadlag", &apc_law_leadlag}, {"filter", &apc_law_filter}};
+#define N_LAWS (sizeof laws / sizeof *laws)
+
+const struct apc_law *apc_law_built_in(size_t i)
+{
+    return i < N_LAWS ? laws[i].plugin : NULL;
+}
+
 static int check(const void *law, const char *from, struct apc_error *why)
 {
     return apc_law_check(law, from, why);
@@ -125,16 +137,8 @@ static int check(const void *law, const char *from, struct apc_error *why)
 
 int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why)
 {
-    static const struct apc_built_in built_in[] = {
-        {"pi", &apc_law_pi},           {"pid", &apc_law_pid},      {"cascade", &apc_law_cascade},
-        {"lqg", &apc_law_lqg},         {"mpc", &apc_law_mpc},      {"nmpc", &apc_law_nmpc},
-        {"select", &apc_law_select},   {"split", &apc_law_split},  {"ramp", &apc_law_ramp},
-        {"leadlag", &apc_law_leadlag}, {"filter", &apc_law_filter}};
-    static const struct apc_plugin_kind kind = {.what = "law",
-                                                .symbol = "apc_law",
-                                                .built_in = built_in,
-                                                .n_built_in = sizeof(built_in) / sizeof(built_in[0]),
-                                                .check = check};
+    static const struct apc_plugin_kind kind = {
+        .what = "law", .symbol = "apc_law", .built_in = laws, .n_built_in = N_LAWS, .check = check};
     const void *found;
     int rc;
 

@@ -35,7 +35,9 @@ for command in $("$apc" --help | sed -n 's/^  \([a-z]*\)  .*/\1/p'); do
   expect 0 'Usage: ' "$apc" "$command" --help
   expect 2 'unrecognized option' "$apc" "$command" --no-such-option
 done
-expect 2 'unknown command "dance"' "$apc" dance
+expect 2 'unknown command "dance"; `apc --help` lists them' "$apc" dance
+expect 2 'unknown command "staus"; did you mean "status"' "$apc" staus
+expect 3 "^apc status: no store is named: give --store and a run's folder" env -u APC_STORE -u PGHOST -u PGDATABASE -u PGSERVICE "$apc" status
 expect 2 'Usage' "$apc"
 expect 2 'duration' "$apc" run "$good" --duration soon
 expect 2 'duration' "$apc" run "$good" --duration nan

@@ -11,6 +11,13 @@ expect 0 '^servo,parameter,K,"",1000,-1e\+06,1e\+06,"gain"$' "$apc" plants servo
 expect 0 '"name":"K","unit":"","description":"gain","initial":1000,"low":-1000000' "$apc" plants servo --json
 expect 0 'h +0 +m' "$apc" plants "$APC_BUILD_DIR/examples/myplant.so"
 expect 1 'no model "reactor"; there are: first-order, servo' "$apc" plants reactor
+expect 0 'hundred +x00 x01 .* [.]{3} \(100\)' "$apc" plants
+expect 0 '^pid +PID in standard form' "$apc" laws
+expect 0 'tuning parameters +Kp +0.2 +-1e\+06 +1e\+06 +proportional gain' "$apc" laws pi
+expect 0 '^pi,parameter,tau_i,"s",10,1e-06,1e\+09,"integral time"$' "$apc" laws pi --csv
+expect 0 'Kp +0.25 ' "$apc" laws "$APC_BUILD_DIR/examples/mylaw.so"
+[ "$("$apc" laws --json | python3 -c 'import json, sys; print(len(json.load(sys.stdin)))')" -eq "$("$apc" laws | sed 1d | wc -l)" ] || fail "JSON has other laws"
+expect 1 'no law "fuzzy"; there are: pi, pid' "$apc" laws fuzzy
 mapfile -t names < <("$apc" plants --csv | sed 1d | cut -d, -f1 | sort -u)
 [ ${#names[@]} -eq 11 ] || fail "there are ${#names[@]} plants: ${names[*]}"
 for name in "${names[@]}"; do

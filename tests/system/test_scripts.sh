@@ -46,6 +46,15 @@ ended() {
   [ "$(cat "$work/last")" = 7 ] || fail "the database went before the command"
 }
 
+# what a build and apt-get say is shown when they fail, and how far they are meanwhile
+cat >"$work/slow" <<'END'
+for i in $(seq 40); do echo "[$i/40] Building C object $i.o"; done
+[ -z "${1:-}" ] || { echo "no such file"; exit "$1"; }
+END
+said=$("$scripts/progress" "$work/slow.out" bash "$work/slow" 2>&1) || fail "what worked failed: $said"
+[ "$(wc -l <<<"$said")" -eq 9 ] && [ "$(wc -l <"$work/slow.out")" -eq 40 ] || fail "a build of 40 steps says: $said"
+expect 1 '^no such file$' "$scripts/progress" "$work/slow.out" bash "$work/slow" 3
+
 # a folder that it did not make is refused, and stays as it is
 mkdir "$work/precious"
 echo "a thesis" >"$work/precious/thesis"
