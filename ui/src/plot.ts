@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // uPlot as this page wants it: colours from the style sheet, the zone that is chosen, an axis that stays where it is.
 import uPlot from "uplot";
-import {clock, day, zone} from "./core/format";
+import {clock, day, ticks, zone} from "./core/format";
 import type {Mark} from "./core/marks";
-import type {Scale} from "./core/scale";
+import {multiples, type Scale, steps} from "./core/scale";
 import {digitAt, digitOn, shapes} from "./parts/shape";
 import {colour} from "./theme";
 
@@ -24,6 +24,7 @@ export interface PlotOptions {
   x: () => [number, number];
   y: () => Scale;
   yText?: (value: number) => string;
+  yRoom?: (own: number) => number; // what its axis takes, where it needs so much for itself
   sync?: string;
   now?: () => number | undefined; // a line there
   reference?: () => number | null; // another, of dashes
@@ -34,6 +35,8 @@ export interface PlotOptions {
 }
 
 const FONT = "13px system-ui, sans-serif";
+const FONT_DRAWN = (): string => FONT.replace("13", String(13 * devicePixelRatio));
+export const LEAST_ROOM = 52; // px of the numbers of an axis
 const step = uPlot.paths.stepped?.({align: 1});
 const linear = uPlot.paths.linear?.();
 
@@ -83,10 +86,16 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
         space: 90,
       }),
       axis({
-        size: 72,
+        size: (u, texts) => {
+          u.ctx.font = FONT_DRAWN();
+          const own = Math.ceil(Math.max(0, ...(texts ?? []).map(text => u.ctx.measureText(text).width)) / devicePixelRatio) + 16;
+          return o.yRoom ? o.yRoom(own) : Math.max(LEAST_ROOM, own);
+        },
         label: o.yLabel,
         labelSize: 20,
-        values: o.yText ? (_u, splits) => splits.map(o.yText as (v: number) => string) : undefined,
+        incrs: (_u, _i, low, high) => steps(high - low),
+        splits: (_u, _i, low, high, by) => multiples(low, high, by),
+        values: (_u, splits) => (o.yText ? splits.map(o.yText) : ticks(splits)),
       }),
     ],
     series,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Panels over one time axis; in each its lines, what was binned with what lay between.
 import uPlot from "uplot";
-import {type Line, plot} from "./plot";
+import {LEAST_ROOM, type Line, plot} from "./plot";
 import type {Pen} from "./core/trend";
 import type {Mark} from "./core/marks";
 import type {Scale} from "./core/scale";
@@ -39,6 +39,9 @@ function painted(pens: DrawnPen[]): DrawnPen[] {
 export class TrendChart {
   private readonly plots: uPlot[];
   private data: TrendData;
+  /** px that the numbers of each panel's axis take: all have as much as the widest, as they are over one time axis. */
+  private readonly rooms: number[] = [];
+  private room = LEAST_ROOM;
 
   constructor(
     private readonly host: HTMLElement,
@@ -58,6 +61,12 @@ export class TrendChart {
         lines: [...banded.flatMap(() => [edge("max"), edge("min")]), ...painted(pens).map(line)],
         bands: banded.map((pen, k) => ({edges: [2 * k + 1, 2 * k + 2], colour: pen.colour})),
         yLabel: label,
+        yRoom: own => {
+          this.rooms[i] = own;
+          const room = Math.max(LEAST_ROOM, ...this.rooms.map(one => one ?? 0));
+          if (room !== this.room) queueMicrotask(() => this.plots.forEach(one => one.redraw(false, true)));
+          return (this.room = room);
+        },
         xAxis: i === panels.length - 1,
         x,
         y: () => this.data.scales[i] ?? {low: 0, high: 1},

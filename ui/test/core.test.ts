@@ -7,7 +7,7 @@ import {acknowledgement, type Alarm, bandsOf, bySignal, counted, found, loopOf, 
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {hole, matches, merge} from "../src/core/eventlist";
-import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, written} from "../src/core/format";
+import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, ticks, written} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
@@ -15,7 +15,7 @@ import {modesOf, notRunning} from "../src/core/modes";
 import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/outlook";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
-import {extent, niceScale, place} from "../src/core/scale";
+import {extent, niceScale, place, multiples, steps} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, trim, valueAt, visible} from "../src/core/series";
 import {aheadOf, bounds, goLive, pan, pause, refuse, runsBefore, select, type Window, zoom} from "../src/core/view";
 import type {AlarmIs, Control, Loop, PlantEvent, Transition, Write} from "../src/core/types";
@@ -293,8 +293,27 @@ test("a gap reaches from point to point, whatever times other curves have", () =
   assert.deepEqual(none?.slice(1, 8), new Array(7).fill(undefined));
 });
 
-test("what a loop has written is told in digits that say something, what somebody typed with all", () => {
-  assert.deepEqual([5.016316439148914, 6.499999999999998, 46.3312, 1.2345678901, -0.1, 0, null].map(written), ["5.01631644", "6.5", "46.3312", "1.2345678901", "\u22120.1", "0", "\u2013"]);
+test("what somebody has written is told with all of its digits where they fit, else in the decimals of its limits", () => {
+  assert.deepEqual([5.016316439148914, 6.499999999999998, 46.3312, -12.3456789, -0.1, 0, null, 12345678.9, -1e300].map(one => written(one, 2)), ["5.02", "6.50", "46.3312", "\u221212.35", "\u22120.1", "0", "\u2013", "12345679", "\u22121e300"]);
+  assert.equal(written(1.23456789), "1.235");
+});
+
+test("no number is longer than there is room for", () => {
+  for (const value of [12345678.9, -12345678.9, 1e300, -1e-300, -1e-12, -999999999.4, -999999999.5, -123456.789, 0.123456789, -1 / 3])
+    for (const decimals of [undefined, 0, 2, 6]) {
+      assert.ok(number(value, decimals).length <= 10, number(value, decimals));
+      assert.ok(written(value, decimals).length <= 10, written(value, decimals));
+    }
+});
+
+test("numbers at an axis differ, have the same decimals, and are short", () => {
+  const cases: [number[], string[]][] = [
+    [[0, 2.5, 5], ["0", "2.5", "5.0"]], [[-200, 0, 200], ["\u2212200", "0", "200"]], [[0.001, 0.002], ["0.001", "0.002"]],
+    [[0, 5e6, 1e7], ["0", "5000000", "10000000"]], [[-5e-10, 0, 5e-10], ["\u22125e\u221210", "0", "5e\u221210"]], [[9.8e299, 1e300], ["9.8e299", "1.0e300"]], [[1e9, 1e9 + 1], ["1000000000", "1000000001"]], [[7], ["7"]], [[], []],
+  ];
+  for (const [at, texts] of cases) assert.deepEqual(ticks(at), texts);
+  assert.deepEqual([multiples(-0.31, 0.31, 0.1), multiples(1e300, 3e300, 1e300), multiples(0.2, 0.8, 1)], [[-0.3, -0.2, -0.1, 0, 0.1, 0.2, 0.3], [1e300, 2e300, 3e300], []]);
+  assert.ok(steps(7).includes(2) && steps(3e-12).some(one => Math.abs(one - 1e-12) < 1e-20));
 });
 
 const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, stored: false};

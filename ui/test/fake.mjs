@@ -7,7 +7,7 @@ import path from "node:path";
 const types = {".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"};
 const variable = (ref, name, rest) => {
   const [table, id] = ref.split(".");
-  return {ref, table, id: Number(id), name, unit: "", description: "", low: null, high: null, period: null, ...rest};
+  return {ref, table, id: Number(id), name, unit: "", description: "", area: "", display: null, low: null, high: null, period: null, ...rest};
 };
 const plant = {
   name: "tank", title: "A tank", version: "1", revision: 1, start: null,
@@ -61,6 +61,8 @@ export class Fake {
   bare = false; // the plant has no variable, no loop
   graphic = null; // the drawing
   texts = null; // what all descriptions, units, areas, messages are
+  values = {}; // of signals that have another one than usual
+  more = 0; // so many measurements beside the loop
   alarms = []; // how they stand
   away = false; // the database
   mute = false; // nothing that is asked is answered
@@ -97,6 +99,7 @@ export class Fake {
   /** Value and status of a variable at a time. */
   at(ref, t) {
     const bad = t >= this.failed;
+    if (ref in this.values) return [this.values[ref], "Good"];
     switch (ref) {
       case "sensor.1":
         return bad ? [0, "BadSensorFailure"] : [this.value(t), "Good"];
@@ -130,7 +133,8 @@ export class Fake {
   }
 
   #plant() {
-    const shown = this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
+    const kind = this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
+    const shown = {...kind, variables: [...kind.variables, ...Array.from({length: this.more}, (_, i) => variable(`sensor.${100 + i}`, `y${100 + i}`, {period: 1, unit: "m"}))]};
     const text = this.texts;
     if (text == null) return {...shown, graphic: this.graphic != null};
     return {
@@ -176,7 +180,7 @@ export class Fake {
   #history(ref, query) {
     const [since, until] = [Number(query.get("since")), Math.min(Number(query.get("until")), this.now)];
     const time = ref === "setpoint.1" ? [] : Array.from({length: Math.max(0, Math.ceil(until - since))}, (_, i) => since + i);
-    const found = time.map(t => this.at(ref, t));
+    const found = time.map(t => this.at(ref, t) ?? [0, "BadNoData"]);
     const samples = {seq: time.map((_, i) => i + 1), time, value: found.map(one => one[0]), status: found.map(one => one[1])};
     return {ref, t: this.now, since, until: Number(query.get("until")), before: ref === "setpoint.1" ? [1, since - 50, 0.5, "Good"] : null, samples};
   }

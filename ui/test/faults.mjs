@@ -16,7 +16,7 @@ after(async () => {
   await browser.close();
   await fake.stop();
 });
-beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, predicts: false, texts: null, graphic: null, alarms: []}));
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, predicts: false, texts: null, values: {}, more: 0, graphic: null, alarms: []}));
 
 /** Date.now() of the page can be set: setClock(by), s. */
 function setableClock() {
@@ -173,6 +173,61 @@ test("a value far outside the limits of its setpoint does not look as usual", PA
   } finally {
     fake.value = value;
   }
+});
+
+/** Numbers on the screen of which a part lies beyond what clips it, or beyond the screen. */
+function cutNumbers(page) {
+  return page.evaluate(() =>
+    [...document.querySelectorAll("main :is(.value .digits, .ends b)")].flatMap(one => {
+      const box = one.getBoundingClientRect();
+      let cut = "";
+      if (box.width === 0) return []; // it has no place here
+      for (let of = one.parentElement; of && of.tagName !== "MAIN"; of = of.parentElement) {
+        const {overflowX, contain} = getComputedStyle(of);
+        const edge = of.getBoundingClientRect();
+        const scrolls = overflowX === "auto" || overflowX === "scroll";
+        if (!scrolls && (overflowX !== "visible" || /paint|strict|content/.test(contain)) && (box.left < edge.left - 0.5 || box.right > edge.right + 0.5)) cut ||= of.className || of.tagName;
+      }
+      if (box.right > innerWidth + 0.5 || box.left < -0.5) cut ||= "the screen";
+      return cut ? [`${one.textContent} by ${cut}`] : [];
+    }),
+  );
+}
+
+test("no number is cut, however long it or its unit is, whether the screen is narrow or wide", PATIENCE, async () => {
+  for (const [texts, y, r, u] of [[null, 12345678.9, -12.3456789, -1e-12], ["kilogram-per-cubic-metre-and-hour", -1e300, -987654321, 46.33125678]])
+    for (const [at, more] of [["overview", 0], ["overview", 40], ["loop", 0], ["trend", 0], ["trend/pens=sensor.1,setpoint.1,actuator.1", 0], ["alarms/all", 0]]) {
+      Object.assign(fake, {texts, more, values: {"sensor.1": y, "setpoint.1": r, "actuator.1": u, "sensor.100": y, "sensor.101": u}});
+      await withPage(at, async page => {
+        for (const width of [1280, 400]) {
+          await page.setViewportSize({width, height: 900});
+          await until("there are numbers", async () => (await page.locator("main .value .digits").count()) > 0);
+          assert.deepEqual(await cutNumbers(page), [], `${at} with ${y}, ${r}, ${u}, ${width} px wide`);
+        }
+        if (at !== "loop" || texts != null) return;
+        const setpoint = page.locator('main .value[data-ref="setpoint.1"]').first();
+        assert.equal(await setpoint.locator(".digits").textContent(), "\u221212.3457", "not in the decimals of its limits");
+        await setpoint.hover();
+        assert.equal(await setpoint.getAttribute("title"), "r \u221212.3456789 m");
+        assert.equal(await page.locator('input[name="setpoint.1"]').inputValue(), "\u221212.3456789");
+      });
+    }
+});
+
+test("where there is no room for a number nothing of it is drawn", PATIENCE, async () => {
+  fake.values = {"sensor.1": -987654321};
+  await withPage("overview", async page => {
+    const value = page.locator('main .value[data-ref="sensor.1"]').first();
+    const drawn = async number => {
+      fake.values = {"sensor.1": number};
+      await until("the number is there", async () => (await value.locator(".digits").textContent()) === String(number));
+      return value.screenshot();
+    };
+    const first = await drawn(987654321);
+    await value.evaluate(one => (one.style.width = "4em"));
+    assert.notDeepEqual(await drawn(987654321), first);
+    assert.deepEqual(await drawn(123456789), await drawn(987654321), "part of the number is drawn");
+  });
 });
 
 test("a setpoint is told with all of its digits", PATIENCE, () =>

@@ -22,14 +22,14 @@ export function decimalsOf(...of: (Ranged | null)[]): number | undefined {
   return undefined;
 }
 
-const DIGITS = 7; // that fit wherever a value stands
+const DIGITS = 7; // that fit wherever a value stands, beside a sign and a point
 
 /** A measurement: with a fixed number of decimals, but for one far beyond its range, whose digits would not fit. Without
- *  a known range three, and what these would hide. */
+ *  a known range three, and what these would hide. At most ten characters, for which there is room everywhere. */
 export function number(value: number | null | undefined, decimals?: number): string {
   if (value == null || !isFinite(value)) return missing;
   const size = Math.abs(value);
-  if (size >= 1e9 || (decimals == null && size !== 0 && size < 1e-6)) return power(value, 2);
+  if (size >= 999999999.5 || (decimals == null && size !== 0 && size < 1e-6)) return power(value, 2);
   const text = decimals == null && size < 5e-4 && size !== 0 ? value.toPrecision(2) : value.toFixed(Math.max(0, Math.min(decimals ?? 3, DIGITS - Math.trunc(size).toString().length)));
   return Number(text) === 0 ? text.replace("-", "") : minus(text);
 }
@@ -46,13 +46,28 @@ export function exact(value: number | null | undefined): string {
   return plain.includes("e") || (plain.length > 7 && short.length < plain.length) ? short : minus(plain);
 }
 
-/** What a loop has written as well: of more digits than anybody types those that say something. */
-export function written(value: number | null | undefined): string {
+/** What somebody has written: exactly, where that fits wherever a value stands, else as a measurement is told. */
+export function written(value: number | null | undefined, decimals?: number): string {
   const text = exact(value);
-  return value != null && text.length > MOST_TYPED ? exact(Number(value.toPrecision(9))) : text;
+  return text.replace(/\D/g, "").length <= DIGITS ? text : number(value, decimals);
 }
 
-const MOST_TYPED = 14;
+const LONGEST = 8; // characters at an axis, beyond which powers of ten are shorter
+
+/** What stands at an axis: as many digits as tell one from the next, the same for all. */
+export function ticks(at: number[]): string[] {
+  const step = Math.abs((at[1] ?? 0) - (at[0] ?? 0)) || Math.abs(at[0] ?? 0) || 1;
+  const fewest = (most: number, write: (value: number, digits: number) => string): string[] => {
+    for (let digits = 0; ; digits++) {
+      const texts = at.map(value => (Math.abs(value) < step / 1000 ? "0" : write(value, digits)));
+      if (digits === most || texts.every((text, i) => Math.abs(Number(text) - (at[i] as number)) < step / 1000)) return texts;
+    }
+  };
+  const plain = step < 1e-12 || step >= 1e15 ? null : fewest(12, (value, digits) => value.toFixed(digits));
+  if (plain?.every(text => text.length <= LONGEST)) return plain.map(minus);
+  const short = fewest(15, (value, digits) => value.toExponential(digits)).map(text => text.replace("e+", "e").replace(/-/g, "\u2212"));
+  return plain && short.every((text, i) => text.length >= (plain[i] as string).length) ? plain.map(minus) : short;
+}
 
 export type Reading = {value: number; why: null} | {value: null; why: string};
 

@@ -13,6 +13,19 @@ function niceStep(span: number): number {
   return (lead <= 1 ? 1 : lead <= 2 ? 2 : lead <= 5 ? 5 : 10) * power;
 }
 
+/** Round steps of an axis that reaches so far, rising. */
+export function steps(span: number): number[] {
+  const power = Math.floor(Math.log10(span));
+  return [-2, -1, 0].flatMap(k => [1, 2, 2.5, 5].map(lead => lead * 10 ** (power + k)));
+}
+
+/** Of a step those within two ends. */
+export function multiples(low: number, high: number, step: number): number[] {
+  const first = Math.ceil(low / step - 1e-9);
+  const n = Math.floor(high / step + 1e-9) - first + 1;
+  return Array.from({length: Math.max(0, n)}, (_, k) => Number(((first + k) * step).toPrecision(15)));
+}
+
 /** Round ends around what there is; never of no height. */
 export function niceScale(low: number, high: number): Scale {
   if (!isFinite(low) || !isFinite(high)) return {low: 0, high: 1};

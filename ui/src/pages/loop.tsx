@@ -158,7 +158,7 @@ function Deviation({of, from}: {of: Ref; from: Ref}): JSX.Element {
       <span class="line-label">DEV<small>PV less SP</small></span>
       <span />
       <span class={`value${y.stale ? " stale" : ""}`}>
-        <span class="digits">{known ? number((y.value as number) - (r.value as number), decimalsOf(limitsOf(of))) : missing}</span> <span class="unit">{variable(of)?.unit}</span>
+        <span class="digits">{known ? number((y.value as number) - (r.value as number), decimalsOf(limitsOf(of))) : missing}</span><span class="unit">{variable(of)?.unit}</span>
       </span>
     </div>
   );

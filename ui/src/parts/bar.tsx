@@ -3,9 +3,9 @@
 import type {JSX} from "preact";
 import {useRef} from "preact/hooks";
 import {useCell, usePainted} from "../usecell";
-import {exact, limitsText} from "../core/format";
+import {decimalsOf, exact, limitsText, written} from "../core/format";
 import {bandOf, limitsOf, live, variable} from "../core/model";
-import {beyond, type Limits, type Live} from "../core/quality";
+import {beyond, type Limits, type Live, words, worth} from "../core/quality";
 import {place, type Scale} from "../core/scale";
 import type {Ref} from "../core/types";
 import {told} from "./value";
@@ -34,7 +34,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
   const {low, high} = limitsOf(value);
   const band = bandOf(value);
   const zero = scale ? place(scale, 0).at : 0; // it begins there where the scale has it, else at its end
-  const look = (now: Live): string => `${now.stale} ${beyond(now.value, low, high)} ${scale && now.value != null && place(scale, now.value).off}`;
+  const look = (now: Live): string => `${now.stale} ${worth(now.status)} ${beyond(now.value, low, high)} ${scale && now.value != null && place(scale, now.value).off}`;
   const one = usePainted(live(value), look, now => {
     if (!scale || !bar.current) return;
     const where = beyond(now.value, low, high);
@@ -44,7 +44,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
       (band ? `, normal ${limitsText(band.low, band.high)}` : "") +
       (where ? `, ${where} its limit ${exact(where === "below" ? low : high)}` : "") +
       `, scale ${exact(scale.low)} to ${exact(scale.high)}` +
-      (now.stale ? ", stale" : "");
+      (worth(now.status) === "bad" ? `, ${words(now.status)}` : now.stale ? ", stale" : "");
     bar.current.setAttribute("aria-label", text);
     if (!fill.current || now.value == null) return;
     const {at} = place(scale, now.value);
@@ -55,7 +55,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
   const sp = target == null ? null : place(scale, target);
   return (
     <div key="bar" class="bar-with-ends">
-      <div ref={bar} class={`bar${one.stale ? " stale" : ""}${beyond(one.value, low, high) ? " outside" : ""}`} role="img">
+      <div ref={bar} class={`bar${one.stale ? " stale" : ""}${worth(one.status) === "bad" ? " bad" : ""}${beyond(one.value, low, high) ? " outside" : ""}`} role="img">
         {band && <i key="band" class="band" style={within(scale, band)} />}
         {at && <i key="fill" ref={fill} class="fill" />}
         {sp && !sp.off && <i class="setpoint" style={{left: percent(sp.at)}} />}
@@ -64,8 +64,7 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
       </div>
       {ends && (
         <div class="ends" aria-hidden="true">
-          <span>{exact(scale.low)}</span>
-          <span>{exact(scale.high)}</span>
+          {[scale.low, scale.high].map((end, i) => <span key={i} title={exact(end)}><b>{written(end, decimalsOf(scale))}</b></span>)}
         </div>
       )}
     </div>

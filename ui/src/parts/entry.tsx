@@ -51,13 +51,15 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
   const apply = (seq: number): void => {
     if (!ready) return;
     sent.current = draft;
-    void send(name, kind, {id: one?.id, value, seq}, `${one?.name ?? ""} ${told(shown, from.value)} → ${exact(value)}${unit}`);
+    void send(name, kind, {id: one?.id, value, seq}, `${one?.name ?? ""} ${said(from.value)} → ${exact(value)}${unit}`);
   };
   const revert = (): void => {
     setTyped(null);
     if (view && view.phase !== "pending") forget(name);
     requestAnimationFrame(() => field.current?.select()); // once it shows the readback again
   };
+  /** Of what somebody has written all of it, as that is what goes out again. */
+  const said = (value: number | null): string => (variable(shown)?.period == null && !remote?.cascade ? exact(value) : told(shown, value));
   const over = (): void => apply(now.seq);
 
   return (
@@ -81,7 +83,8 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           readOnly={view?.phase === "pending"}
           aria-invalid={complaint != null}
           aria-describedby={`${id}-say`}
-          value={draft ? draft.text : from.value == null ? "" : told(shown, from.value)}
+          value={draft ? draft.text : from.value == null ? "" : said(from.value)}
+          title={from.value == null ? undefined : exact(from.value)}
           onFocus={event => event.currentTarget.select()}
           onInput={event => edit(event.currentTarget.value)}
           onKeyDown={event => {
@@ -111,7 +114,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           </>
         ) : draft && view?.phase !== "pending" ? (
           <span>
-            {told(shown, draft.value)} → {exact(value)}{unit}{remote && `, Local from then on${remote.cascade ? ", target Auto" : ""}`}: Enter applies, Esc reverts
+            {said(draft.value)} → {exact(value)}{unit}{remote && `, Local from then on${remote.cascade ? ", target Auto" : ""}`}: Enter applies, Esc reverts
           </span>
         ) : (
           <span>{limitsText(low, high)}{remote && `; a value of yours takes it from ${remote.name}`}</span>

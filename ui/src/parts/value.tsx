@@ -9,23 +9,32 @@ import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
 import {Note} from "./shape";
 
-/** What somebody has written is told with all digits, what a sensor or a loop has in the decimals of its limits. */
+/** In the decimals of its limits, and what somebody has written with all digits as long as they are few: wherever a value
+ *  stands there is room for this, and exact() is in its title. */
 export function told(of: Ref, value: number | null): string {
-  return variable(of)?.period == null && !isRemote(of) ? written(value) : number(value, decimalsOf(limitsOf(of)));
+  const decimals = decimalsOf(limitsOf(of));
+  return variable(of)?.period == null && !isRemote(of) ? written(value, decimals) : number(value, decimals);
+}
+
+/** All that a value says, for whoever points at it. */
+export function whole(of: Ref, {value, status}: Pick<Live, "value" | "status">): string {
+  const one = variable(of);
+  return `${one?.name ?? of} ${exact(value)}${one?.unit ? ` ${one.unit}` : ""}${worth(status) === "good" ? "" : `, ${words(status)}`}`;
 }
 
 export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Element {
-  const whole = useRef<HTMLSpanElement>(null);
+  const outer = useRef<HTMLSpanElement>(null);
   const digits = useRef<HTMLSpanElement>(null);
   const one = variable(of);
   const {low, high} = limitsOf(of);
   const look = (now: Live): string => (now.seq === 0 || now.value == null ? "" : `${now.stale ? now.age : ""} ${now.status} ${beyond(now.value, low, high)}`);
   const now = usePainted(live(of), look, ({seq, value}) => {
-    if (!digits.current || !whole.current) return;
+    if (!digits.current || !outer.current) return;
     const text = told(of, value);
     if (digits.current.textContent !== text) digits.current.textContent = text;
-    whole.current.setAttribute("data-seq", String(seq));
+    outer.current.setAttribute("data-seq", String(seq));
   });
+  const tell = (): void => outer.current?.setAttribute("title", whole(of, live(of).value));
   if (now.seq === 0 || now.value == null)
     return (
       <span key="none" class="value none" data-ref={of} draggable title="no sample yet">
@@ -36,7 +45,7 @@ export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Elemen
   const what = worth(now.status);
   const where = beyond(now.value, low, high);
   return (
-    <span key="value" ref={whole} class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} draggable>
+    <span key="value" ref={outer} onPointerEnter={tell} class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} draggable>
       {what === "bad" && <Note grave label={words(now.status)} />}
       {where && what !== "bad" && <Note grave label={`${where} its limits`} />}
       {(now.stale || what === "uncertain") && what !== "bad" && !where && <Note label={now.stale ? "stale" : words(now.status)} />}
