@@ -127,7 +127,7 @@ static void report_command(struct shell *s, bool given)
                      given
                          ? "the plant is given its commands"
                          : "the plant is given no command: not every output is fresh and good, or it is not "
-                           "reached, or has others");
+                           "reached, does not take them, or has others");
 }
 
 /* Why it is lost may come out later than that it is: a handshake outlasts a tick. */
@@ -208,7 +208,7 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     if (rc == 0)
         rc = apc_exchange_finish(s->plant, s->measured);
     const bool stand = rc < 0 || outputs_stand(s);
-    report_command(s, all && rc == 0 && stand);
+    report_command(s, all && rc == 0 && stand && apc_exchange_taken(s->plant));
     if (rc < 0) {
         atomic_fetch_add(&s->failed, 1);
         report(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));

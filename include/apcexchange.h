@@ -197,6 +197,12 @@ APC_API void apc_exchange_claim(struct apc_exchange *exchange, uint64_t number);
  * @p value, which is another; Bad: that could not be read. [tick]
  */
 APC_API apc_status apc_exchange_read_back(const struct apc_exchange *exchange, size_t i, double *value);
+/**
+ * false: the plant answered the last exchange and has not taken its command: a value is beyond what it can
+ * take, or too old for it. A plant behind frames says so by a reply that bears no number, where it numbers
+ * the others. [tick]
+ */
+APC_API bool apc_exchange_taken(const struct apc_exchange *exchange);
 /** Text of the last failure; "" when the last exchange had none. Lives until the next call. [tick] */
 APC_API const char *apc_exchange_error(const struct apc_exchange *exchange);
 

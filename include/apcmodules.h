@@ -225,6 +225,10 @@ struct apc_client_options {
      * 6.25 % above (3.6 and 21 mA of 4 to 20) a measurement is BadOutOfRange, until it is back within 1.25 %
      * and 3.125 %; where one end is infinite, beyond the other at all. Copied. */
     const double *low, *high;
+    /** [ny] for measurements that come seldom, from a plant that may give each reading a time of its own: the
+     * same value with the same status is no new sample before it is this much later; NULL, 0: it is. Copied.
+     */
+    const apc_ns *apart;
 };
 struct apc_client;
 
@@ -240,8 +244,9 @@ APC_API void apc_client_destroy(struct apc_client *client); /**< NULL is legal. 
 APC_API size_t apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
                                   struct apc_value *out);
 /**
- * Of what the plant answered, @p y [ny], the sensor samples for the store: those whose source time is new,
- * with the next seq. Returns how many went into @p out [ny]. [tick]
+ * Of what the plant answered, @p y [ny], the sensor samples for the store: those whose source time, value or
+ * status is new, with the next seq. What bears the same time and says the same was not looked at since.
+ * Returns how many went into @p out [ny]. [tick]
  */
 APC_API size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y,
                                        struct apc_sample *out);

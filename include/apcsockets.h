@@ -78,7 +78,8 @@ enum apc_frame_kind { APC_FRAME_COMMAND = 1, APC_FRAME_QUERY, APC_FRAME_VALUES }
 
 struct apc_frame {
     enum apc_frame_kind kind;
-    uint64_t id; /**< request id; 0 from a peer that does not number (the paper's listings) */
+    uint64_t id; /**< request id, and that of its reply; 0 from a peer that does not number (the paper's
+                    listings), and in reply to a command that was not taken from one that does */
     size_t n;    /**< number of samples */
 };
 

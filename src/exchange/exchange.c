@@ -66,6 +66,7 @@ int apc_exchange_begin(struct apc_exchange *x, const struct apc_value *u, apc_ns
 
     if (x->begun)
         return apc_fail(&x->error, APC_EBUSY, "the exchange before has not ended");
+    x->refused = false;
     rc = x->ops->begin(x, u, deadline);
     x->begun = rc == 0;
     return rc;
@@ -102,6 +103,11 @@ void apc_exchange_claim(struct apc_exchange *x, uint64_t number)
 apc_status apc_exchange_read_back(const struct apc_exchange *x, size_t i, double *value)
 {
     return x->ops->read_back && i < x->nu ? x->ops->read_back(x, i, value) : APC_GOOD;
+}
+
+bool apc_exchange_taken(const struct apc_exchange *x)
+{
+    return !x->refused;
 }
 
 const char *apc_exchange_error(const struct apc_exchange *x)

@@ -26,6 +26,7 @@ struct apc_exchange {
     const struct apc_exchange_ops *ops;
     size_t nu, ny;
     bool begun;
+    bool refused; /* the command of the last one */
     struct apc_error error;
 };
 
@@ -41,6 +42,9 @@ struct apc_frames {
     size_t nu, ny;
     uint64_t id;                /* of the last request */
     uint64_t claim;             /* its number; 0: none */
+    bool commands;              /* it is a command */
+    bool numbers;               /* the peer has numbered a reply */
+    bool refused;               /* the last command */
     size_t room;                /* of text, and of any frame between the two */
     char *text;                 /* of the last request */
     struct apc_sample *samples; /* [max(nu, ny)] of the frame at hand */

@@ -2,7 +2,8 @@
 /*
  * Vectors as frames, for all schemes that carry frames. A plant behind frames takes a command as a whole or
  * not at all, so that it never has half of a vector: one value that is not to be written makes a query of it.
- * A reply is known by the number of its request; a peer that does not number (the paper's) says 0.
+ * A reply is known by the number of its request; a peer that does not number (the paper's) says 0. One that
+ * does number says by 0 that it has not taken the command: what it measures counts all the same.
  */
 #include "exchange/exchange_internal.h"
 
@@ -47,7 +48,8 @@ int apc_frames_ask(struct apc_frames *frames, const struct apc_value *u, struct 
         frames->samples[i].status = u[i].status;
         frames->samples[i].value = u[i].value;
     }
-    if (i == frames->nu) {
+    frames->commands = i == frames->nu;
+    if (frames->commands) {
         frame.kind = APC_FRAME_COMMAND;
         frame.n = frames->nu;
     }
@@ -66,6 +68,8 @@ int apc_frames_answer(struct apc_frames *frames, const char *text, size_t length
     if (apc_frame_decode(text, length, &frame, frames->samples, frames->ny) < 0 ||
         frame.kind != APC_FRAME_VALUES || frame.n != frames->ny || (frame.id && frame.id != frames->id))
         return apc_fail(why, APC_EPROTO, "its reply does not answer the request");
+    frames->refused = frames->commands && frames->numbers && !frame.id;
+    frames->numbers = frames->numbers || frame.id;
     for (size_t i = 0; i < frames->ny; i++)
         y[i] = (struct apc_value){.value = frames->samples[i].value,
                                   .status = frames->samples[i].status,

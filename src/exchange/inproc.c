@@ -126,10 +126,13 @@ static void on_reply(void *ctx)
     struct inproc *p = f->of;
 
     if (p->waiting && f->exchange == p->stats.exchanges) {
-        if (f->length < 0)
+        if (f->length < 0) {
             end_in_vain(p, APC_ECONN);
-        else
-            end(p, apc_frames_answer(&p->frames, f->bytes, (size_t)f->length, p->y, &p->why));
+        } else {
+            int rc = apc_frames_answer(&p->frames, f->bytes, (size_t)f->length, p->y, &p->why);
+            p->x.refused = p->frames.refused;
+            end(p, rc);
+        }
     }
     land(f);
 }

@@ -64,6 +64,7 @@ static int tcp_finish(struct apc_exchange *x, struct apc_value *y)
     if (rc < 0)
         return apc_fail(&x->error, rc, "%s", apc_link_error(t->link));
     rc = apc_frames_answer(&t->frames, reply, (size_t)rc, y, &x->error);
+    x->refused = t->frames.refused;
     if (rc < 0)
         apc_link_reset(t->link);
     return rc;

@@ -21,7 +21,8 @@
 
 struct sensor {
     int64_t seq;
-    apc_ns time; /* source time of the row with that seq */
+    struct apc_value last; /* of the row with that seq */
+    apc_ns apart;          /* what says the same is not new within this time of it */
     bool seen, outside;
 };
 
@@ -79,8 +80,9 @@ int apc_client_create(struct apc_client **client, const struct apc_client_option
     new->nu = o.nu;
     new->horizon = apc_loss_limit(o.command_period);
     new->since = o.since;
-    for (size_t i = 0; o.last && i < o.ny; i++)
-        new->sensor[i].seq = o.last[i];
+    for (size_t i = 0; i < o.ny; i++)
+        new->sensor[i] = (struct sensor){.seq = o.last ? o.last[i] : 0,
+                                         .apart = o.apart && o.apart[i] > 1 ? o.apart[i] : 1};
     *client = new;
     return 0;
 
@@ -152,6 +154,17 @@ bool apc_client_outside(const struct apc_client *client, size_t i)
     return i < client->ny && client->sensor[i].outside;
 }
 
+/*
+ * The plant's time says when it looked, so the same sample twice is one. Whatever else has changed is news
+ * under the same time too: a plant whose times are those of the last change must not hide that a sensor has
+ * failed.
+ */
+static bool repeats(const struct sensor *s, const struct apc_value *y)
+{
+    return s->seen && y->value == s->last.value && y->status == s->last.status && y->time >= s->last.time &&
+           (uint64_t)y->time - (uint64_t)s->last.time < (uint64_t)s->apart;
+}
+
 size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y, struct apc_sample *out)
 {
     size_t n = 0;
@@ -159,10 +172,10 @@ size_t apc_client_measurements(struct apc_client *client, const struct apc_value
     for (size_t i = 0; i < client->ny; i++) {
         struct sensor *s = &client->sensor[i];
 
-        if (s->seen && y[i].time == s->time)
+        if (repeats(s, &y[i]))
             continue;
         s->seen = true;
-        s->time = y[i].time;
+        s->last = y[i];
         out[n++] = (struct apc_sample){.table = APC_SENSOR,
                                        .id = (int)i + 1,
                                        .seq = ++s->seq,

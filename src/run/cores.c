@@ -448,12 +448,17 @@ struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *
 int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
                  struct apc_error *why)
 {
-    double *low = calloc(2 * e->dim.ny, sizeof *low), *high = low + e->dim.ny;
-    if (!low)
-        return apc_fail(why, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; i < e->dim.ny; i++) {
+    const size_t ny = e->dim.ny;
+    const apc_ns fast =
+        e->client.rhythm.period > e->plant.rhythm.period ? e->client.rhythm.period : e->plant.rhythm.period;
+    double *low = calloc(2 * ny, sizeof *low), *high = low ? low + ny : NULL;
+    apc_ns *apart = calloc(ny, sizeof *apart);
+    int rc = APC_ENOMEM;
+
+    for (size_t i = 0; low && apart && i < ny; i++) {
         low[i] = e->y[i].tag.low > -APC_VALUE_MAX ? e->y[i].tag.low : -HUGE_VAL;
         high[i] = e->y[i].tag.high < APC_VALUE_MAX ? e->y[i].tag.high : HUGE_VAL;
+        apart[i] = e->y[i].period - 2 * fast; /* its looks lie a period of either more or less apart */
     }
     const struct apc_client_options options = {.size = sizeof options,
                                                .ny = e->dim.ny,
@@ -462,8 +467,13 @@ int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, 
                                                .last = last,
                                                .since = since,
                                                .low = low,
-                                               .high = high};
-    const int rc = apc_client_create(client, &options, why);
+                                               .high = high,
+                                               .apart = apart};
+    if (low && apart)
+        rc = apc_client_create(client, &options, why);
+    else
+        (void)apc_fail(why, rc, "out of memory");
+    free(apart);
     free(low);
     return rc;
 }

@@ -41,6 +41,55 @@ until_true 60 said odd 'connected to'
 expect 0 'BadSensorFailure.*0x80740000.*0x80340000.*Good' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd"
 kill -TERM "$strange"
 wait "$strange" || fail "the gateway ended with $?"
+
+# A value at rest, whose source time is that of its last change, is looked at anew by each read; and who has only looked leaves
+# the outputs alone.
+: >"$work/odd.log"
+background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=rest' \
+  --output 'ns=1;s=word=9'
+strange=$pid
+until_true 60 said odd 'connected to'
+cat >"$work/rest.py" <<'PY'
+import sys
+from time import time_ns
+
+import apc
+
+with apc.Link(sys.argv[1], timeout=5) as plant:
+    begin = time_ns()
+    first, second = plant.query()[0], plant.query()[0]
+    print(first, second)
+    assert first.value == second.value == 3.5 and first.status.good and second.status.good
+    assert begin - 2 * 10**9 < first.time < second.time < time_ns() + 2 * 10**9, "what is at rest is not looked at"
+PY
+expect 0 '3.5.*3.5' "$user/bin/python" "$work/rest.py" "tcp:127.0.0.1:$odd"
+kill -TERM "$strange"
+wait "$strange" || fail "the gateway ended with $?"
+if said odd 'safe values' || said plant 'word given'; then fail "who has commanded nothing writes its safe values"; fi
+
+# What an output's node cannot take is not written, and the plant is read all the same.
+: >"$work/odd.log"
+background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=rest' \
+  --output 'ns=1;s=word=9'
+strange=$pid
+until_true 60 said odd 'connected to'
+expect 0 'Value' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 7
+expect 1 'RefusedError: .*has not taken the command' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" -3
+said odd 'ns=1;s=word is to be -3, which does not fit its type, UInt16' || fail "why it is refused is not told"
+expect 0 '3.5' "$user/bin/python" "$work/rest.py" "tcp:127.0.0.1:$odd"
+kill -TERM "$strange"
+wait "$strange" || fail "the gateway ended with $?"
+said odd 'it ends: the safe values were written' || fail "it leaves its output behind"
+[ "$(grep -c '^word given' "$work/plant.log")" = 2 ] || fail "the node was given $(grep '^word given' "$work/plant.log" | tr '\n' ' ')"
+for output in 'ns=1;s=word=-1' 'ns=1;s=word=65536'; do
+  : >"$work/odd.log"
+  background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"
+  strange=$pid
+  until_true 60 said odd 'its safe value .* does not fit its type, UInt16'
+  kill -TERM "$strange"
+  wait "$strange" || fail "the gateway ended with $?"
+done
+
 for output in 'ns=1;s=nobody=0' 'ns=1;s=text=0'; do
   : >"$work/odd.log"
   background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"

@@ -26,7 +26,7 @@
 #define SHORT    (30 * APC_NS_PER_MS) /* for a reply that does not come before */
 #define T0       (INT64_C(1700000000) * APC_NS_PER_S)
 
-enum behaviour { PROPER, GARBAGE, FEW, MANY, ANOTHERS, NOT_VALUES, CLOSES, LATE };
+enum behaviour { PROPER, UNNUMBERED, GARBAGE, FEW, MANY, ANOTHERS, NOT_VALUES, CLOSES, LATE };
 
 struct plant {
     const struct scheme *scheme;
@@ -104,6 +104,8 @@ static int reply(const struct plant *p, enum behaviour behaviour, uint64_t id, c
         frame.kind = APC_FRAME_COMMAND;
     frame.n += (behaviour == MANY) - (size_t)(behaviour == FEW);
     frame.id += behaviour == ANOTHERS;
+    if (behaviour == UNNUMBERED)
+        frame.id = 0;
     for (size_t i = 0; i < frame.n; i++) {
         const struct apc_value *y = &p->y[i < p->ny ? i : 0];
 
@@ -672,6 +674,29 @@ static void what_does_not_answer_is_refused_and_the_next_exchange_is_another(voi
     }
 }
 
+/* By frames alone. */
+static void a_plant_can_say_that_it_has_not_taken_a_command_and_is_read_all_the_same(void **state)
+{
+    struct plant *p = *state;
+    const struct apc_value u[] = {{1.0, APC_GOOD, T0}, {1.0, APC_GOOD, T0}};
+    struct apc_value y[3];
+
+    if (p->scheme->bare || p->scheme->coarse)
+        return;
+    behave(p, UNNUMBERED); /* as the paper's peer */
+    assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+    assert_true(apc_exchange_taken(p->x));
+    behave(p, PROPER);
+    assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+    assert_true(apc_exchange_taken(p->x));
+    behave(p, UNNUMBERED);
+    assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+    assert_came(p, y);
+    assert_false(apc_exchange_taken(p->x));
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    assert_true(apc_exchange_taken(p->x));
+}
+
 static void what_went_wrong_is_not_written_again(void **state)
 {
     struct plant *p = *state;
@@ -871,6 +896,7 @@ int main(void)
         EACH(what_is_bad_or_not_finite_is_not_written, set_up, tear_down),
         EACH(a_reply_that_is_late_is_none_and_never_the_next_ones, set_up, tear_down),
         EACH(what_does_not_answer_is_refused_and_the_next_exchange_is_another, set_up, tear_down),
+        EACH(a_plant_can_say_that_it_has_not_taken_a_command_and_is_read_all_the_same, set_up, tear_down),
         EACH(what_went_wrong_is_not_written_again, set_up, tear_down),
         EACH(what_is_too_late_to_go_out_never_does, set_up, tear_down),
         EACH(requests_are_numbered_by_the_claim_where_they_have_numbers, set_up, tear_down),

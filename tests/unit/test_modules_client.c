@@ -313,6 +313,52 @@ static void a_status_that_is_bad_is_the_plants_own(void **state)
     apc_client_destroy(client);
 }
 
+static void what_changes_under_the_same_time_is_new(void **state)
+{
+    struct apc_value y[] = {{.time = T0, .value = 1.0}, {.time = T0, .value = 2.0}};
+    struct apc_sample out[2];
+
+    assert_int_equal(apc_client_measurements(*state, y, out), 2);
+    y[1].status = APC_BAD_SENSOR_FAILURE;
+    assert_int_equal(apc_client_measurements(*state, y, out), 1);
+    assert_int_equal(out[0].seq, 9);
+    assert_int_equal(out[0].status, APC_BAD_SENSOR_FAILURE);
+    y[0].value = 1.5;
+    assert_int_equal(apc_client_measurements(*state, y, out), 1);
+    assert_int_equal(out[0].id, 1);
+    assert_near(out[0].value, 1.5, 0.0);
+    assert_int_equal(apc_client_measurements(*state, y, out), 0);
+}
+
+/* As over modbus: each reading has a time. */
+static void a_sample_of_a_laboratory_that_is_read_again_and_again_counts_once(void **state)
+{
+    const apc_ns apart[] = {0, 60 * S};
+    const struct apc_client_options o = {
+        .size = sizeof(o), .ny = 2, .nu = 3, .command_period = PERIOD, .apart = apart};
+    struct apc_client *client = NULL;
+    struct apc_sample out[2];
+    int stored = 0;
+
+    (void)state;
+    assert_int_equal(apc_client_create(&client, &o, NULL), 0);
+    for (int k = 0; k < 60; k++) {
+        const struct apc_value y[] = {{.time = T0 + k * S, .value = 1.0},
+                                      {.time = T0 + k * S, .value = k < 20 ? 5.0 : 6.0}};
+        const size_t n = apc_client_measurements(client, y, out);
+
+        assert_true(n >= 1);
+        assert_int_equal(out[0].seq, k + 1);
+        stored += n == 2;
+    }
+    assert_int_equal(stored, 2);
+    /* the next sample says the same as the one before */
+    const struct apc_value y[] = {{.time = T0 + 80 * S, .value = 1.0}, {.time = T0 + 80 * S, .value = 6.0}};
+    assert_int_equal(apc_client_measurements(client, y, out), 2);
+    assert_int_equal(out[1].seq, 3);
+    apc_client_destroy(client);
+}
+
 static void a_client_without_dimensions_is_refused(void **state)
 {
     struct apc_client *client = NULL;
@@ -357,6 +403,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(each_new_measurement_is_stored_once, set_up, tear_down),
         cmocka_unit_test(what_lies_beyond_its_range_is_bad_until_it_is_well_back),
         cmocka_unit_test(a_status_that_is_bad_is_the_plants_own),
+        cmocka_unit_test_setup_teardown(what_changes_under_the_same_time_is_new, set_up, tear_down),
+        cmocka_unit_test(a_sample_of_a_laboratory_that_is_read_again_and_again_counts_once),
         cmocka_unit_test(a_client_without_dimensions_is_refused),
     };
 

@@ -41,7 +41,7 @@ class Link:
         return self._ask(lib.APC_FRAME_QUERY, [])
 
     def command(self, u: Sequence[float]) -> list[Value]:
-        """Give the plant its input `u` [nu], and take what is measured."""
+        """Give the plant its input `u` [nu], and take what is measured. RefusedError: it has not taken it."""
         return self._ask(lib.APC_FRAME_COMMAND, doubles("u", u, len(u)).tolist())
 
     def exchange(self, request: bytes) -> bytes:
@@ -68,6 +68,8 @@ class Link:
         with self._owned as link:
             reply = self._exchange(link, request, length)
             code = lib.apc_frame_decode(reply, len(reply), frame, samples, _MOST)
+            if code >= 0 and frame.kind == lib.APC_FRAME_VALUES and frame.id == 0 and kind == lib.APC_FRAME_COMMAND:
+                raise error(lib.APC_EPERM, "the plant has not taken the command: a value is beyond what it can take, or it is an old one")
             if code < 0 or frame.kind != lib.APC_FRAME_VALUES or frame.id != self._id:
                 lib.apc_link_reset(link)
                 raise error(lib.APC_EPROTO, f"what answers is no plant: {reply[:60]!r}")

@@ -22,9 +22,19 @@ space.addVariable({ componentOf: plant, browseName: "u", nodeId: "s=u", dataType
     u = variant.value;
     return StatusCodes.Good;
   } } });
-// what a plant's client may meet: a sensor that has failed, and what is no number
+let word = 0;
+space.addVariable({ componentOf: plant, browseName: "word", nodeId: "s=word", dataType: "UInt16", value: {
+  get: () => new Variant({ dataType: DataType.UInt16, value: word }),
+  set: (variant) => {
+    console.log(`word given ${variant.value}`);
+    word = variant.value;
+    return StatusCodes.Good;
+  } } });
+// what a plant's client may meet: a value that has been at rest for an hour, and its source time with it, a sensor that has failed, and what is no number
 const failed = space.addVariable({ componentOf: plant, browseName: "failed", nodeId: "s=failed", dataType: "Double" });
 failed.setValueFromSource({ dataType: DataType.Double, value: 7 }, StatusCodes.BadSensorFailure);
+space.addVariable({ componentOf: plant, browseName: "rest", nodeId: "s=rest", dataType: "Double" })
+  .setValueFromSource({ dataType: DataType.Double, value: 3.5 }, StatusCodes.Good, new Date(Date.now() - 3600_000));
 space.addVariable({ componentOf: plant, browseName: "text", nodeId: "s=text", dataType: "String" })
   .setValueFromSource({ dataType: DataType.String, value: "much" });
 setInterval(() => {

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import re
 import signal
 import sys
 from importlib import import_module
@@ -16,6 +17,7 @@ from urllib.parse import urlparse
 from ..errors import Error
 from . import users
 
+_NODE = re.compile("(ns=[0-9]+;)?(i=[0-9]+|[sgb]=.+)", re.DOTALL)
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
@@ -108,10 +110,7 @@ def _plant(args: Any) -> Callable[[asyncio.Event], Awaitable[None]]:
         raise _Refused(f"--listen {args.listen}: expected tcp:127.0.0.1:PORT: the link is not encrypted, so it stays on this host")
     if not args.measure:
         raise _Refused("a plant has measurements: --measure NODE, once for each")
-    outputs = []
-    for text in args.output:
-        node, _, safe = text.rpartition("=") if _is_number(text.rpartition("=")[2]) and "=" in text else (text, "", "0")
-        outputs.append((node, float(safe)))
+    outputs = [_output(text) for text in args.output]
     for node in (*args.measure, *(node for node, _ in outputs)):
         _check_node(node)
     password = None
@@ -130,7 +129,14 @@ def _check_node(text: str) -> None:
     try:
         ua.NodeId.from_string(text)
     except (ua.UaError, ValueError):
-        raise _Refused(f"{text}: expected a node's id, as ns=2;s=NAME or ns=2;i=NUMBER") from None
+        raise _Refused(f"{text}: expected a node's id, as ns=2;s=NAME or ns=2;i=NUMBER, of an output with its safe value behind it, "
+                       "as ns=2;i=NUMBER=0") from None
+
+
+def _output(text: str) -> tuple[str, float]:
+    """NODE[=SAFE]. An id has a = of its own: what stands before SAFE is an id by itself."""
+    node, _, safe = text.rpartition("=")
+    return (node, float(safe)) if _NODE.fullmatch(node) and _is_number(safe) else (text, 0.0)
 
 
 def _is_number(text: str) -> bool:

@@ -2,7 +2,8 @@
 """An OPC UA server as a plant: what apc-client asks by frames is read and written there.
 
 Each exchange reads every measurement; a command writes every output first. Whatever fails there closes the client's
-connection without an answer, so that nothing old is taken for new. Without a new command the safe values are written.
+connection without an answer, so that nothing old is taken for new. Without a new command the safe values are written, to
+a plant that was commanded.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from __future__ import annotations
 import asyncio
 import math
 import sys
+from datetime import datetime, timezone
 from importlib import import_module
 from pathlib import Path
-from time import monotonic, time_ns
+from time import monotonic, monotonic_ns, time_ns
 from typing import Any, NamedTuple, Optional
 
 from ..errors import Error
@@ -20,6 +22,7 @@ from ..native import check, ffi, lib, why
 
 _LONGEST = 5.0  # s between two attempts to connect
 _MOST = 8192  # values of a frame
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
 class Options(NamedTuple):
@@ -43,6 +46,33 @@ def say(text: str) -> None:
     print(f"opcua: {text}", file=sys.stderr, flush=True)
 
 
+class _Refused(Exception):
+    """A command that the plant cannot take."""
+
+
+class Seen:
+    """When a measurement was last known to be what it is. A frame's time says when the plant looked, and a server's source
+    time may be that of the last change (Part 4, DataValue): while that stands still each answer of the server is a new look,
+    so much later by this host's monotonic clock. All times are by the clock of the source, so that none goes back."""
+
+    def __init__(self) -> None:
+        self._source: Optional[int] = None
+        self._time = self._at = 0
+
+    def look(self, source: Optional[int], utc: int, at: int) -> int:
+        """The time of what was answered at `at` (monotonic), `utc` by the server's clock."""
+        if source is None:
+            self._time = utc
+        elif self._source is None:
+            self._time = max(source, utc)  # it may have changed long ago
+        elif source != self._source:
+            self._time = source
+        else:
+            self._time += at - self._at
+        self._source, self._at = source, at
+        return self._time
+
+
 class Gateway:
     """`await Gateway(options).run(stop)`: until the event `stop`, then the outputs are at their safe values."""
 
@@ -52,7 +82,11 @@ class Gateway:
         self._client: Any = None
         self._lock = asyncio.Lock()
         self._newest = 0  # time that the last command bears
-        self._fed: Optional[float] = None  # when it came; None: the plant is at its safe values
+        self._fed: Optional[float] = None  # when it came; None: there was none, or the plant is at its safe values
+        self._seen = [Seen() for _ in options.measure]
+        self._ahead = 0  # ns: the server's clock of ours
+        self._refused = ""  # of the last command: why
+        self._unsafe = ""  # why the safe values were not written, as it was said
         self._room = 256 + 96 * len(options.measure)
         self._samples = ffi.new("struct apc_sample[]", _MOST)
 
@@ -72,13 +106,22 @@ class Gateway:
             self._measure = [client.get_node(node) for node in o.measure]
             self._output = [client.get_node(node) for node, _ in o.output]
             self._kinds = [await node.read_data_type_as_variant_type() for node in self._output]
-            for kind, (node, _) in zip(self._kinds, o.output):
+            for kind, (node, safe) in zip(self._kinds, o.output):
                 if not self._ua.VariantType.Boolean.value < kind.value <= self._ua.VariantType.Double.value:
                     raise ValueError(f"{node} is no number but {kind.name}")
+                if not _fits(safe, kind):
+                    raise ValueError(f"{node}: its safe value {safe:g} does not fit its type, {kind.name}: --output NODE=SAFE")
+            self._ahead = await self._clock_of(client)
         except BaseException:
             await client.disconnect()
             raise
         self._client = client
+
+    async def _clock_of(self, client: Any) -> int:
+        status = client.get_node(self._ua.NodeId(self._ua.ObjectIds.Server_ServerStatus_CurrentTime))
+        (data,) = await client.read_attributes([status])
+        when = _ns(data.Value.Value) if data.Value is not None and isinstance(data.Value.Value, datetime) else None
+        return when - time_ns() if when is not None else 0
 
     async def _keep(self) -> None:
         """Connected, as long as that is possible; what goes wrong is said once."""
@@ -104,10 +147,12 @@ class Gateway:
                 pass
 
     async def _write(self, u: list[float]) -> None:
-        ua, values = self._ua, []
-        for number, kind in zip(u, self._kinds):
-            whole = kind not in (ua.VariantType.Double, ua.VariantType.Float)
-            values.append(ua.DataValue(ua.Variant(round(number) if whole else number, kind)))
+        """_Refused: one of them does not fit its node, and none was written."""
+        for number, kind, (node, _) in zip(u, self._kinds, self._o.output):
+            if not _fits(number, kind):
+                raise _Refused(f"{node} is to be {number:g}, which does not fit its type, {kind.name}")
+        ua = self._ua
+        values = [ua.DataValue(ua.Variant(number if _is_real(kind) else round(number), kind)) for number, kind in zip(u, self._kinds)]
         codes = await self._client.uaclient.write_attributes([node.nodeid for node in self._output], values,
                                                              ua.AttributeIds.Value)
         for code, (node, _) in zip(codes, self._o.output):
@@ -115,15 +160,16 @@ class Gateway:
                 raise ValueError(f"{node}: {code.name}")
 
     async def _read(self) -> None:
-        for sample, data in zip(self._samples, await self._client.read_attributes(self._measure)):
+        read = await self._client.read_attributes(self._measure)
+        at, utc = monotonic_ns(), time_ns() + self._ahead
+        for sample, seen, data in zip(self._samples, self._seen, read):
             value = data.Value.Value if data.Value is not None else None
             number = float(value) if isinstance(value, (int, float)) else math.nan
             good = math.isfinite(number)
             code = data.StatusCode.value if data.StatusCode is not None else 0
             sample.value = number if good else 0.0
             sample.status = code if good or code & 0x80000000 else self._ua.StatusCodes.BadTypeMismatch
-            when = data.SourceTimestamp
-            sample.time = round(when.timestamp() * 1e6) * 1000 if when is not None else time_ns()
+            sample.time = seen.look(_ns(data.SourceTimestamp), utc, at)
 
     # ---- The client's frames ------------------------------------------------------------------------------------
 
@@ -131,7 +177,8 @@ class Gateway:
         frame, reason = ffi.new("struct apc_frame *"), why()
         check(lib.apc_frame_decode(request, len(request), frame, self._samples, _MOST), reason)
         if frame.kind == lib.APC_FRAME_COMMAND:
-            await self._command(frame.n)
+            if not await self._command(frame.n):
+                frame.id = 0  # the client knows by that
         elif frame.kind != lib.APC_FRAME_QUERY:
             raise ValueError("a plant is asked by command and query alone")
         await self._read()
@@ -139,18 +186,31 @@ class Gateway:
         reply = ffi.new("char[]", self._room)
         return bytes(ffi.buffer(reply, check(lib.apc_frame_encode(reply, self._room, frame, self._samples), reason)))
 
-    async def _command(self, n: int) -> None:
+    async def _command(self, n: int) -> bool:
+        """Was it taken?"""
         if n != len(self._o.output):
             raise ValueError(f"{n} outputs were commanded, and there are {len(self._o.output)}: --output, once for each")
         u, stamp = [s.value for s in self._samples[0:n]], max((s.time for s in self._samples[0:n]), default=0)
         if any(s.status & 0x80000000 for s in self._samples[0:n]):
-            return
+            return False
         new = stamp != self._newest
+        if not n:
+            return True
         if not new and self._fed is None:
-            return  # an old command does not bring it back from its safe values
-        await self._write(u)
+            return False  # an old command does not bring it back from its safe values
+        fed, self._fed = self._fed, self._fed or monotonic()  # what fails on the way may have come there
+        try:
+            await self._write(u)
+        except _Refused as e:
+            self._fed = fed
+            if self._refused != str(e):
+                say(f"a command is refused: {e}; low and high of the experiment's output are to lie within")
+            self._refused = str(e)
+            return False
+        self._refused = ""
         if new:
             self._newest, self._fed = stamp, monotonic()
+        return True
 
     async def _exchange(self, request: bytes) -> Optional[bytes]:
         """The reply; None: there is none, and what went wrong is said."""
@@ -182,15 +242,19 @@ class Gateway:
     # ---- Running ------------------------------------------------------------------------------------------------
 
     async def _safe(self, because: str) -> None:
-        self._fed = None
+        """To a plant that has a command of ours, and no other: what somebody else has written is his."""
         async with self._lock:
-            if self._client is None or not self._output:
+            if self._fed is None or self._client is None:
                 return
             try:
                 await asyncio.wait_for(self._write([safe for _, safe in self._o.output]), self._o.timeout)
+                self._fed, self._unsafe = None, ""
                 say(f"{because}: the safe values were written")
             except (ValueError, OSError, asyncio.TimeoutError, self._ua.UaError) as e:
-                say(f"{because}, and the safe values could not be written: {str(e) or type(e).__name__}")
+                reason = str(e) or type(e).__name__
+                if self._unsafe != reason:
+                    say(f"{because}, and the safe values could not be written: {reason}")
+                self._unsafe = reason
                 await self._drop()
 
     async def _watch(self) -> None:
@@ -213,3 +277,30 @@ class Gateway:
             task.cancel()
         await self._safe("it ends")
         await self._drop()
+
+
+def _is_real(kind: Any) -> bool:
+    name: str = kind.name
+    return name in ("Double", "Float")
+
+
+def _fits(number: float, kind: Any) -> bool:
+    """Can a node of this type take it? Rounded, where it is whole."""
+    if kind.name == "Double":
+        return True
+    if kind.name == "Float":
+        return abs(number) < 3.4028235677973366e38  # what rounds to the largest there is
+    name: str = kind.name
+    bits = {"SByte": 8, "Byte": 8, "Int16": 16, "UInt16": 16, "Int32": 32, "UInt32": 32, "Int64": 64, "UInt64": 64}[name]
+    signed = name in ("SByte", "Int16", "Int32", "Int64")
+    low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
+    return bool(low <= round(number) <= high)
+
+
+def _ns(when: Optional[datetime]) -> Optional[int]:
+    """None: there is none, or one of before 1970, which is how asyncua says that."""
+    if when is None:
+        return None
+    since = (when if when.tzinfo else when.replace(tzinfo=timezone.utc)) - _EPOCH
+    ns = ((since.days * 86400 + since.seconds) * 10**6 + since.microseconds) * 1000
+    return ns if ns > 0 else None

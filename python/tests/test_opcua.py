@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What of the gateways of OPC UA needs no OPC UA."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from apc.opcua import __main__ as command
+from apc.opcua import plant
+
+_S = 10**9
+_T0 = 1_700_000_000 * _S
+
+
+def test_a_value_at_rest_is_looked_at_by_each_answer() -> None:
+    seen = plant.Seen()
+    # changed long before the first look: from then on by the server's clock
+    assert seen.look(_T0 - 3600 * _S, _T0, 5) == _T0
+    assert seen.look(_T0 - 3600 * _S, _T0 + 9, 7 + 5) == _T0 + 7
+    # a change has its own time, and what stands goes on from there
+    assert seen.look(_T0 + _S, _T0 + 50 * _S, 100) == _T0 + _S
+    assert seen.look(_T0 + _S, _T0 - 50 * _S, 100 + _S) == _T0 + 2 * _S
+    assert seen.look(_T0 + _S, _T0 - 50 * _S, 100 + 3 * _S) == _T0 + 4 * _S
+    # a clock that was set back
+    assert seen.look(_T0 - _S, _T0, 100 + 4 * _S) == _T0 - _S
+
+
+def test_a_source_whose_clock_is_ahead_keeps_its_time_and_one_without_has_the_servers() -> None:
+    seen = plant.Seen()
+    assert seen.look(_T0 + 3600 * _S, _T0, 0) == _T0 + 3600 * _S
+    assert seen.look(_T0 + 3600 * _S, _T0, 9) == _T0 + 3600 * _S + 9
+    seen = plant.Seen()
+    assert [seen.look(None, _T0 + k, k) for k in range(3)] == [_T0, _T0 + 1, _T0 + 2]
+
+
+@pytest.mark.parametrize("kind,low,high", [("SByte", -128, 127), ("Byte", 0, 255), ("Int16", -32768, 32767), ("UInt16", 0, 65535),
+                                           ("Int32", -2**31, 2**31 - 1), ("UInt32", 0, 2**32 - 1), ("Float", -3e38, 3e38),
+                                           ("Double", -1e300, 1e300)])
+def test_what_fits_a_node_is_within_its_type(kind: str, low: float, high: float) -> None:
+    of = SimpleNamespace(name=kind)
+    assert plant._fits(low, of) and plant._fits(high, of)
+    if kind == "Float":
+        assert not plant._fits(3.5e38, of)
+    elif kind != "Double":
+        assert plant._fits(high + 0.4, of) and not plant._fits(high + 1, of) and not plant._fits(low - 1, of)
+        assert not plant._fits(1e300, of)
+
+
+@pytest.mark.parametrize("text,node,safe", [
+    ("ns=2;i=5", "ns=2;i=5", 0.0), ("ns=2;i=5=7", "ns=2;i=5", 7.0), ("i=85=-0.5", "i=85", -0.5), ("i=85", "i=85", 0.0),
+    ("ns=3;s=Pump.Speed=0", "ns=3;s=Pump.Speed", 0.0), ("ns=3;s=Pump.Speed", "ns=3;s=Pump.Speed", 0.0), ("ns=3;s=5", "ns=3;s=5", 0.0),
+    ("ns=3;s=a=b=1e2", "ns=3;s=a=b", 100.0), ("ns=3;s=a=b", "ns=3;s=a=b", 0.0), ("nonsense", "nonsense", 0.0)])
+def test_an_outputs_safe_value_is_told_from_its_id(text: str, node: str, safe: float) -> None:
+    assert command._output(text) == (node, safe)
