@@ -8,6 +8,22 @@ background open "$user/bin/python" -m apc.opcua serve "$store" --listen "opc.tcp
 opened=$pid
 until_true 60 said open 'not encrypted'
 other walk "opc.tcp://127.0.0.1:$plain" '' '' "$work/pki" || fail "who need not log in does not find his way"
+
+# A server that is started anew: who had subscribed learns that his subscription is gone, makes another, and has values again.
+background stays node "$APC_SOURCE_DIR/tests/peers/opcua/stays.mjs" "opc.tcp://127.0.0.1:$plain" "$work/pki"
+stays=$pid
+came() { [ "$(grep -c '^y ' "$work/stays.log")" -gt "$1" ]; }
+until_true 60 came 0
+kill -TERM "$opened"
+wait "$opened" || fail "the server ended with $?: $(tail -n 3 "$work/open.log")"
+n=$(grep -c '^y ' "$work/stays.log")
+: >"$work/open.log"
+background open "$user/bin/python" -m apc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$plain" --period 0.1 --users "$work/users" --anonymous engineer
+opened=$pid
+until_true 60 said open 'not encrypted'
+until_true 120 came "$n"
+kill -TERM "$stays"
+wait "$stays" || true
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
 kill -TERM "$opened"

@@ -6,7 +6,7 @@ import { createRequire } from "node:module";
 
 const {
   AttributeIds, ClientSubscription, constructEventFilter, DataType, MessageSecurityMode, OPCUACertificateManager, OPCUAClient, resolveNodeId,
-  SecurityPolicy, TimestampsToReturn, UserTokenType, callConditionRefresh,
+  SecurityPolicy, StatusCodes, TimestampsToReturn, UserTokenType, callConditionRefresh,
 } = createRequire(`${process.env.APC_PEERS}/`)("node-opcua");
 
 const [url, user, password, folder] = process.argv.slice(2);
@@ -64,6 +64,10 @@ await until("values come", () => new Set(came).size > 3);
 assert.equal(await write("setpoint.r", DataType.Double, 1e9), "BadOutOfRange");
 assert.equal(await write("setpoint.r", DataType.String, "much"), "BadTypeMismatch");
 assert.equal(await write("setpoint.r", DataType.Double, NaN), "BadOutOfRange");
+for (const statusCode of [StatusCodes.BadSensorFailure, StatusCodes.UncertainLastUsableValue])
+  assert.equal((await session.write({ nodeId: id("setpoint.r"), attributeId: AttributeIds.Value,
+    value: { statusCode, value: { dataType: DataType.Double, value: 12 } } })).name, "BadWriteNotSupported");
+assert.equal(await value("setpoint.r"), 15);
 assert.equal(await write("actuator.u", DataType.Double, 1), "BadInvalidState");
 await until("why it was refused is an event", () => events.some((e) => /^u = 1: .*refused/.test(e.Message?.text)));
 assert.equal(await write("sensor.y", DataType.Double, 1), "BadUserAccessDenied");
@@ -76,6 +80,14 @@ const call = async (name, ...args) => {
   return r.statusCode.isGood() ? r.outputArguments[0].value : r.statusCode.name;
 };
 assert.equal(await call("SetMode", "u", "Auto"), "Auto");
+
+// what waits for the controller holds up nobody else of the same connection, and keeps its order
+const answers = [];
+const note = async (what, answer) => { await answer; answers.push(what); };
+await Promise.all([note("write", write("setpoint.r", DataType.Double, 13)), note("call", call("Set", "r", 14)), note("read", value("sensor.y"))]);
+assert.equal(answers[0], "read");
+assert.ok(answers.indexOf("write") < answers.indexOf("call"));
+assert.equal(await value("setpoint.r"), 14);
 assert.equal(await call("SetMode", "u", "Sideways"), "BadTypeMismatch");
 assert.equal(await call("Set", "r", 14.5), 14.5);
 assert.equal(await call("Set", "r"), "BadInvalidArgument");

@@ -21,12 +21,13 @@ from ..errors import ConflictError, Error, LimitError, NotFoundError, RefusedErr
 from ..native import lib
 from ..store import Store, Tag
 from ..values import Mode, Value
-from . import history
+from . import history, services
 from .address_space import Space
 from .users import ROLES, Users
 
 OBSERVER, OPERATOR, ENGINEER = 1, 2, 3
 _WRITERS = 8  # threads: so many writes wait for their outcome at once
+_READERS = 2  # of history
 _OUTCOME = ((LimitError, "BadOutOfRange"), (RefusedError, "BadInvalidState"), (TimedOut, "BadTimeout"),
             (ConflictError, "BadOperationAbandoned"), (NotFoundError, "BadNodeIdUnknown"), (ValueError, "BadTypeMismatch"))
 
@@ -97,6 +98,7 @@ class Server:
         self._who: ContextVar[Any] = ContextVar("who")
         self._reader = ThreadPoolExecutor(1, "apc-read")
         self._writers = ThreadPoolExecutor(_WRITERS, "apc-write")
+        self._historians = ThreadPoolExecutor(_READERS, "apc-history")
         self._own = threading.local()
         self._away = False
 
@@ -132,20 +134,20 @@ class Server:
             return self._ua.StatusCode(codes.BadUserAccessDenied), None
 
         try:
-            force = await self._with_store(lambda store: do(store, user.name))
+            force = await self._with_store(self._writers, lambda store: do(store, user.name))
         except (Error, ValueError, OverflowError) as e:
             await self._space.say(f"{what}: {e}")
             return self._ua.StatusCode(getattr(codes, status_of(e))), None
         return self._ua.StatusCode(codes.Good), force
 
-    async def _with_store(self, do: Callable[[Store], Any]) -> Any:
-        """In one of the threads that have a store of their own."""
+    async def _with_store(self, threads: ThreadPoolExecutor, do: Callable[[Store], Any]) -> Any:
+        """In one of the threads, which have a store of their own each."""
         def work() -> Any:
             if not hasattr(self._own, "store"):
                 self._own.store = Store(self._uri, "opcua")
             return do(self._own.store)
 
-        return await asyncio.get_running_loop().run_in_executor(self._writers, work)
+        return await asyncio.get_running_loop().run_in_executor(threads, work)
 
     async def set(self, user: Any, name: str, value: Any, table: str) -> tuple[Any, Any]:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -182,6 +184,10 @@ class Server:
         if variant is None or item.IndexRange:
             return self._ua.StatusCode(codes.BadTypeMismatch)
         table, name = target
+        status = item.Value.StatusCode
+        if status is not None and not status.is_good():
+            await self._space.say(f"{name}: refused: it was written as {status.name}, and what is in doubt does not come into force")
+            return self._ua.StatusCode(codes.BadWriteNotSupported)
         do = self.mode(user, name, variant.Value) if table == "opmode" else self.set(user, name, variant.Value, table)
         code, force = await do
         if code.is_good():
@@ -207,7 +213,7 @@ class Server:
         except ValueError:
             return failed(codes.BadContinuationPointInvalid if item.ContinuationPoint else codes.BadHistoryOperationInvalid)
         try:
-            rows, place = await self._with_store(lambda store: history.read(store, what))
+            rows, place = await self._with_store(self._historians, lambda store: history.read(store, what))
         except Error as e:
             say(f"the history of {tag.name} cannot be read: {e}")
             return failed(codes.BadNoCommunication)
@@ -252,9 +258,13 @@ class Server:
             session.write = lambda params: self._write(session, params)
             session.history_read = lambda params: self._history(session, params)
             session.call = lambda methods: self._call(session, methods)
+            if external:
+                services.own(iserver, session)
             return session
 
         made, iserver.create_session = iserver.create_session, create_session
+        services.number(iserver)
+        setattr(import_module("asyncua.server.binary_server_asyncio"), "UaProcessor", services.processor())
 
     async def _trust(self) -> None:
         validator, o = import_module("asyncua.crypto.validator"), self._options
@@ -296,6 +306,7 @@ class Server:
                 except asyncio.TimeoutError:
                     await self._look()
         self._writers.shutdown(wait=False)
+        self._historians.shutdown(wait=False)
         self._reader.shutdown()
 
 
