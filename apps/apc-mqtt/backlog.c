@@ -43,6 +43,8 @@ struct backlog {
     struct series *at;
     size_t n;
     apc_ns looked, tidied;
+    uint64_t session; /* of the broker, which has had the first `known` of the series */
+    size_t known;
     bool under_way, more; /* a portion that is not acknowledged; there was more than fits in one */
     struct apc_error why, sent_why;
 };
@@ -168,6 +170,8 @@ static int look(struct backlog *b)
         return n < 0 || there < 0 ? apc_fail(&b->sent_why, n < 0 ? n : there, "%s", apc_store_error(b->queue))
                                   : apc_fail(&b->sent_why, APC_ENOMEM, "out of memory");
     }
+    if (used != b->n)
+        b->known = 0; /* others stand in their places now */
     pthread_mutex_lock(&b->mutex);
     free(b->at);
     b->at = at;
@@ -250,6 +254,27 @@ static int send_sample(void *ctx, const struct apc_sample *s)
     return 0;
 }
 
+/* A broker that was reached anew may have lost what it retained, and what stands still would not come again:
+ * of each series, what it had before once more. What it had not is sent in its order. */
+static int remind(struct backlog *b)
+{
+    const uint64_t session = broker_sessions(b->broker);
+
+    if (session != b->session)
+        b->known = 0;
+    b->session = session;
+    for (; b->known < b->n && !b->more; b->known++) {
+        struct sending to = {.b = b, .series = &b->at[b->known]};
+        struct apc_sample newest = {.table = to.series->tag.table, .id = to.series->tag.id};
+        const int rc = apc_store_read(b->queue, &newest, 1);
+        if (rc < 0)
+            return rc;
+        if (newest.seq > 0 && newest.seq == b->place[to.series->place].sent && send_sample(&to, &newest))
+            break;
+    }
+    return 0;
+}
+
 static int send_event(void *ctx, const struct apc_event *e)
 {
     static const char *const severities[] = {
@@ -276,9 +301,8 @@ static int send_event(void *ctx, const struct apc_event *e)
 
 static int send_portion(struct backlog *b)
 {
-    int rc = 0;
-
     b->more = false;
+    int rc = remind(b);
     for (size_t i = 0; i < b->n && rc >= 0 && !b->more; i++) {
         struct sending to = {.b = b, .series = &b->at[i]};
         const struct apc_range range = {.after = b->place[b->at[i].place].sent};

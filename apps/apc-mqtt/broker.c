@@ -24,7 +24,8 @@ struct broker {
     pthread_t thread;
     pthread_mutex_t mutex; /* of all below */
     pthread_cond_t changed;
-    bool up, end, gone;
+    bool up, end, gone, refuses;
+    uint64_t sessions;
     char why[200];
     int under_way[BROKER_BATCH];
     size_t n;
@@ -42,6 +43,7 @@ static void say(struct broker *b, const char *why)
 static void turn(struct broker *b, bool up)
 {
     pthread_mutex_lock(&b->mutex);
+    b->sessions += up;
     b->up = up;
     pthread_cond_broadcast(&b->changed);
     pthread_mutex_unlock(&b->mutex);
@@ -69,6 +71,18 @@ static void on_connect(struct mosquitto *m, void *ctx, int rc)
     if (b->calls.command)
         (void)mosquitto_subscribe(m, NULL, topic, QUALITY);
     turn(b, true);
+}
+
+#define SUBSCRIPTION_FAILED 0x80 /* what is granted instead of a quality */
+
+static void on_subscribe(struct mosquitto *m, void *ctx, int message, int n, const int *granted)
+{
+    struct broker *b = ctx;
+    (void)m;
+    (void)message;
+    pthread_mutex_lock(&b->mutex);
+    b->refuses = n > 0 && granted[0] >= SUBSCRIPTION_FAILED;
+    pthread_mutex_unlock(&b->mutex);
 }
 
 static void on_disconnect(struct mosquitto *m, void *ctx, int rc)
@@ -185,6 +199,22 @@ bool broker_is_up(struct broker *b, char *why, size_t n)
     return up;
 }
 
+uint64_t broker_sessions(struct broker *b)
+{
+    pthread_mutex_lock(&b->mutex);
+    const uint64_t sessions = b->sessions;
+    pthread_mutex_unlock(&b->mutex);
+    return sessions;
+}
+
+bool broker_refuses_commands(struct broker *b)
+{
+    pthread_mutex_lock(&b->mutex);
+    const bool refuses = b->refuses;
+    pthread_mutex_unlock(&b->mutex);
+    return refuses;
+}
+
 bool broker_publish(struct broker *b, const char *topic, const char *payload, size_t n, bool retained,
                     bool counted)
 {
@@ -292,6 +322,7 @@ static int prepare(struct broker *b, const struct mqtt_options *o, struct apc_er
     mosquitto_connect_callback_set(b->m, on_connect);
     mosquitto_disconnect_callback_set(b->m, on_disconnect);
     mosquitto_publish_callback_set(b->m, on_publish);
+    mosquitto_subscribe_callback_set(b->m, on_subscribe);
     mosquitto_message_callback_set(b->m, on_message);
     mosquitto_log_callback_set(b->m, on_log);
     return 0;

@@ -10,6 +10,8 @@
 
 #include <apcbase.h>
 
+#include <stdint.h>
+
 #include "options.h"
 
 #define BROKER_BATCH 500 /* messages under way, of those that are waited for */
@@ -38,6 +40,10 @@ bool broker_close(struct broker *b);
 
 /* @why [n] gets why it is not. */
 bool broker_is_up(struct broker *b, char *why, size_t n);
+/* How often it was reached: after each time it may have forgotten what it retained. */
+uint64_t broker_sessions(struct broker *b);
+/* Has it refused to give us what is commanded? Asked for with each connection. */
+bool broker_refuses_commands(struct broker *b);
 /* At PREFIX/@topic. `counted`: broker_settled() waits for it. Returns whether it is under way. */
 bool broker_publish(struct broker *b, const char *topic, const char *payload, size_t n, bool retained,
                     bool counted);

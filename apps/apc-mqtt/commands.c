@@ -14,7 +14,8 @@
 #include "users/users.h"
 
 #define WITHIN   (10 * APC_NS_PER_S)   /* older ones are refused */
-#define MOST     16                    /* that are not answered yet */
+#define AHEAD    (1 * APC_NS_PER_S)    /* of our clock: nor those */
+#define MOST     REQUESTS_MARKS        /* that are not answered yet */
 #define PAYLOAD  4096                  /* bytes */
 #define ASK      (100 * APC_NS_PER_MS) /* between two looks at what became of one */
 #define LAST     APC_NS_PER_S
@@ -177,7 +178,8 @@ static bool read_body(const void *payload, size_t n, bool is_mode, struct comman
                 (is_mode ? read_mode(body, &q->value, f) : member_number(body, "value", &q->value, f));
     if (well && !(time > 0 && time < 9e9))
         well = fault_set(f, 422, "value", "time", "\"time\" must be Unix seconds");
-    q->time = (apc_ns)(time * 1e6) * APC_NS_PER_US;
+    if (well)
+        q->time = (apc_ns)(time * 1e6) * APC_NS_PER_US;
     json_decref(body);
     return well;
 }
@@ -407,8 +409,12 @@ int commands_create(struct commands **commands, struct daemon *d, const struct m
     int rc = worker_init(&c->worker, step, c, why);
     if (rc == 0)
         rc = daemon_store(d, &c->live, NULL, 0);
-    const struct requests_source from = {
-        .ctx = c, .give = give, .answer = settle, .error = error, .marks = REQUESTS_OF_BROKER};
+    const struct requests_source from = {.ctx = c,
+                                         .give = give,
+                                         .answer = settle,
+                                         .error = error,
+                                         .marks = REQUESTS_OF_BROKER,
+                                         .ahead = AHEAD};
     if (rc == 0)
         rc = requests_create_of(&c->requests, c->live, &from, WITHIN, why);
     return rc;

@@ -47,7 +47,7 @@ struct shell {
     struct worker worker;
     struct report report; /* under the worker's mutex */
     struct {
-        struct state_watch broker, queue, sent;
+        struct state_watch broker, queue, sent, commands;
         uint64_t gaps, events;
     } told; /* the task's own */
 };
@@ -137,6 +137,14 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     const bool up = broker_is_up(s->broker, why, sizeof why);
     if (up || why[0])
         tell(s, &s->told.broker, up, "the broker is there", why);
+    if (up && s->commands) {
+        char refusal[BROKER_TOPIC + 100];
+        snprintf(
+            refusal, sizeof refusal,
+            "the broker refuses the subscription to %.100s/command/+/+: let it allow that (its access list)",
+            s->prefix);
+        tell(s, &s->told.commands, !broker_refuses_commands(s->broker), "commands come in", refusal);
+    }
     tell(s, &s->told.queue, r.taken >= 0, "the queue takes what is new", r.why);
     tell(s, &s->told.sent, r.sent >= 0, "what was acknowledged is noted", r.sent_why);
     tell_gaps(s, &r.stats);
@@ -252,7 +260,7 @@ int main(int argc, char **argv)
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
     struct apc_error why;
     int rc = worker_init(&s.worker, step, &s, &why);
-    s.told.queue.up = s.told.sent.up = s.told.broker.up = true;
+    s.told.queue.up = s.told.sent.up = s.told.broker.up = s.told.commands.up = true;
     if (rc == 0)
         rc = daemon_open(&s.d, &program, &s.options, argc, argv);
     if (rc == 0)

@@ -27,6 +27,7 @@ struct requests {
     struct apc_tag *tag; /* of the live store, while there are requests */
     size_t n_tags;
     struct loops loops;
+    struct apc_sample mark[REQUESTS_MARKS];
 };
 
 /* What is known of one request. */
@@ -34,7 +35,8 @@ struct look {
     const struct apc_request *request;
     const struct apc_tag *tag; /* of its variable; NULL: it has none */
     const struct loops_controller *by;
-    struct apc_sample newest, actual, mark;
+    struct apc_sample newest, actual;
+    struct apc_sample *mark; /* its own, or where its own goes */
     struct apc_vector tick;
     char said[192];
 };
@@ -97,6 +99,37 @@ static int take(void *ctx, const struct apc_request *request)
     return r->n == MOST;
 }
 
+static int load_marks(struct requests *r)
+{
+    for (int i = 0; i < REQUESTS_MARKS; i++)
+        r->mark[i] = (struct apc_sample){.table = APC_OPMODE, .id = r->from.marks + i};
+    const int rc = apc_store_read(r->live, r->mark, REQUESTS_MARKS);
+    return rc < 0 ? rc : 0;
+}
+
+static bool is_mark_of(const struct apc_sample *mark, const struct apc_request *q)
+{
+    return mark->seq > 0 && mark->value == (double)q->id && mark->time == q->time;
+}
+
+/* One that is free, or else of the earliest time. */
+static bool goes_before(const struct apc_sample *a, const struct apc_sample *b)
+{
+    return b->seq > 0 && (a->seq == 0 || a->time < b->time);
+}
+
+static struct apc_sample *mark_of(struct requests *r, const struct apc_request *q)
+{
+    struct apc_sample *place = &r->mark[0];
+    for (size_t i = 0; i < REQUESTS_MARKS; i++) {
+        if (is_mark_of(&r->mark[i], q))
+            return &r->mark[i];
+        if (goes_before(&r->mark[i], place))
+            place = &r->mark[i];
+    }
+    return place;
+}
+
 static int load_plant(struct requests *r)
 {
     const int n = apc_store_get_tags(r->live, NULL, 0);
@@ -109,7 +142,8 @@ static int load_plant(struct requests *r)
         return n < 0 ? n : APC_ENOMEM;
     const int there = n > 0 ? apc_store_get_tags(r->live, r->tag, (size_t)n) : 0;
     r->n_tags = (size_t)(there < n ? there : n);
-    return there < 0 ? there : loops_load(&r->loops, r->live, r->tag, r->n_tags);
+    const int rc = there < 0 ? there : loops_load(&r->loops, r->live, r->tag, r->n_tags);
+    return rc < 0 ? rc : load_marks(r);
 }
 
 static const struct apc_tag *find_tag(const struct requests *r, enum apc_table table, int id)
@@ -126,18 +160,17 @@ static int look_at(struct requests *r, const struct apc_request *request, struct
     const int id = request->variable;
     *l = (struct look){.request = request, .tag = find_tag(r, table, id)};
     l->by = l->tag ? loops_taker(&r->loops, l->tag) : NULL;
-    struct apc_sample sample[3] = {
+    struct apc_sample sample[2] = {
         {.table = table, .id = id},
-        {.table = APC_OPMODE, .id = r->from.marks + (int)(request->id % REQUESTS_MARKS)},
         {.table = APC_ACTUAL, .id = apc_variable_number(table, id)},
     };
     struct apc_vector tick = {.table = APC_TICK, .id = l->by ? l->by->number : 0};
     struct apc_rows rows = {
-        .size = sizeof rows, .sample = sample, .n_samples = 3, .vector = &tick, .n_vectors = l->by ? 1 : 0};
+        .size = sizeof rows, .sample = sample, .n_samples = 2, .vector = &tick, .n_vectors = l->by ? 1 : 0};
     const int rc = apc_store_read_rows(r->live, &rows);
     l->newest = sample[0];
-    l->mark = sample[1];
-    l->actual = sample[2];
+    l->mark = mark_of(r, request);
+    l->actual = sample[1];
     l->tick = tick;
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
@@ -159,7 +192,7 @@ static bool APC_PRINTF(2, 3) tell(struct look *l, const char *fmt, ...)
 
 /* ---- May it be done? ------------------------------------------------------------------------ */
 
-static bool is_past(struct look *l, apc_ns most)
+static bool is_past(struct look *l, apc_ns most, apc_ns most_ahead)
 {
     const struct apc_request *q = l->request;
     const apc_ns ours = apc_clock_utc(NULL) - q->time, age = ours > q->age ? ours : q->age;
@@ -169,9 +202,9 @@ static bool is_past(struct look *l, apc_ns most)
                     apc_ns_to_s(age), ours > q->age ? "the loop's" : "the database's", apc_ns_to_s(most));
     if (q->left <= 0)
         return tell(l, "refused: too late, it was to be done until %.1f s ago", apc_ns_to_s(-q->left));
-    if (ahead > most)
+    if (ahead > most_ahead)
         return tell(l, "refused: it comes from %.1f s ahead: a clock is wrong", apc_ns_to_s(ahead));
-    if (l->mark.seq > 0 && l->mark.time >= q->time)
+    if (l->mark->seq > 0 && l->mark->time >= q->time)
         return tell(l, "refused: later ones have been done, and whether this one was is not known");
     return false;
 }
@@ -281,16 +314,18 @@ static int write_row(struct requests *r, struct look *l, struct owner_rows *with
          .time = apc_clock_utc(NULL),
          .value = q->value,
          .author = (uint32_t)author},
-        l->mark,
+        *l->mark,
     };
     rows[1].time = q->time;
     rows[1].status = APC_GOOD;
     rows[1].value = (double)q->id;
     rows[1].origin = apc_seq_last(&l->newest) + 1;
     rows[1].author = (uint32_t)author;
-    const int rc = owner_put(r->live, &r->loops, rows, 2, with);
+    int rc = owner_put(r->live, &r->loops, rows, 2, with);
     if (rc == APC_ECONFLICT)
         return 1;
+    if (rc >= 0)
+        rc = load_marks(r);
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
 
@@ -353,7 +388,7 @@ static bool is_settled(struct requests *r, struct look *l)
 {
     const struct apc_sample write = {.table = l->request->table,
                                      .id = l->request->variable,
-                                     .seq = l->mark.origin,
+                                     .seq = l->mark->origin,
                                      .value = l->request->value};
     const struct outcome_seen seen = seen_of(l, &write);
     if (is_switch(l->request))
@@ -379,11 +414,11 @@ static int settle(struct requests *r, struct look *l)
     if (rc < 0)
         return rc;
     if (is_settled(r, l)) {
-        rc = say(r, l, l->mark.origin, l->said);
+        rc = say(r, l, l->mark->origin, l->said);
         return rc < 0 ? rc : 0;
     }
     if (l->request->seq < 0)
-        rc = say(r, l, l->mark.origin, NULL);
+        rc = say(r, l, l->mark->origin, NULL);
     return rc < 0 ? rc : 1;
 }
 
@@ -394,9 +429,9 @@ static int handle(struct requests *r, const struct apc_request *request)
     int rc = look_at(r, request, &l);
     if (rc < 0)
         return rc;
-    if (l.mark.seq > 0 && l.mark.value == (double)request->id && l.mark.time == request->time)
+    if (is_mark_of(l.mark, request))
         return settle(r, &l);
-    if (is_past(&l, r->most) || is_wrong(r, &l) || is_for_nobody(&l))
+    if (is_past(&l, r->most, r->from.ahead ? r->from.ahead : r->most) || is_wrong(r, &l) || is_for_nobody(&l))
         return say(r, &l, 0, l.said);
     return do_it(r, &l);
 }

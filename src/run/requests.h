@@ -3,9 +3,11 @@
  * What people ask of a history, or at a broker, brought to the live store. A request is done once: the row
  * that it becomes and the mark that it has been done are one transaction of the live store, so whoever is
  * killed when, the mark says what the history was not told any more. The mark is a row of table opmode in one
- * of REQUESTS_MARKS places, by the request's id: value is the id, time is when it was asked for, origin the
- * seq of the row. A database that comes back older asks for what has been done, under the same id and time;
- * or for something new, under an id that was given out before, at a later time.
+ * of REQUESTS_MARKS places: value is the request's id, time is when it was asked for, origin the seq of the
+ * row. It takes the place of the mark of the earliest time, so what was asked for later than that, and has no
+ * mark, has not been done; of what is as early or earlier nobody knows. A database that comes back older asks
+ * for what has been done, under the same id and time; or for something new, under an id that was given out
+ * before, at a later time.
  *
  * What is too old, by the database's clock or by ours, what lies outside its limits, and what no controller
  * would take now, is not written: it would come into force when nobody expects it any more.
@@ -28,7 +30,8 @@ struct requests_source {
     int (*give)(void *ctx, apc_request_fn fn, void *fn_ctx);
     int (*answer)(void *ctx, int64_t id, int64_t seq, const char *outcome);
     const char *(*error)(void *ctx);
-    int marks; /* the first of its REQUESTS_MARKS ids */
+    int marks;    /* the first of its REQUESTS_MARKS ids */
+    apc_ns ahead; /* of our clock a request may be; 0: as much as it may be old */
 };
 
 /* Both stay the caller's and are nobody else's meanwhile. @p most is how old a request may become. Returns 0

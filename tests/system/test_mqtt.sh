@@ -142,6 +142,12 @@ heard=$pid
 last=$(seqs "sqlite:$work/out.db" y | tail -n 1)
 until_true 60 caught_up "$last"
 
+# what stands still was not said since, and this broker keeps nothing: it is there for who comes all the same
+retained() { mosquitto_sub "${as_watcher[@]}" -i "kept-$$" -W 30 -C 1 -t "works/fast/$1" -F '%r' | grep -q 1; }
+for topic in value/r mode/u alarm/y.high status; do
+  retained "$topic" || fail "a broker that has forgotten $topic is not told again"
+done
+
 # ---- apc-mqtt killed: the broker says so, and the next one goes on from where it was
 kill -KILL "$out"
 wait "$out" 2>/dev/null || true
@@ -207,6 +213,16 @@ command_as anna r "{\"id\":\"old\",\"value\":1,\"time\":$(($(date +%s) - 60))}"
 outcome anna r '"id":"old".*refused: too late'
 command_as anna r "{\"id\":\"ahead\",\"value\":1,\"time\":$(($(date +%s) + 3600))}"
 outcome anna r '"id":"ahead".*refused: it comes from'
+command_as anna r "{\"id\":\"soon\",\"value\":1,\"time\":$(($(date +%s) + 6))}"
+outcome anna r '"id":"soon".*refused: it comes from'
+command_as anna r "{\"id\":\"ms\",\"value\":1,\"time\":$(date +%s000)}"
+outcome anna r 'refused: .*time.* must be Unix seconds'
+# a recipe of one time: each is done, and none taken for another
+at=$(now)
+for k in $(seq 40); do echo "{\"id\":\"of $k\",\"value\":$k.5,\"time\":$at}"; done |
+  mosquitto_pub "${as_watcher[@]}" -t works/fast/command/anna/r -l
+all_done() { [ "$(grep 'works/fast/outcome/anna/r {"id":"of ' "$work/heard.log" | grep -c '"outcome":"\(applied\|superseded\)')" = 40 ]; }
+until_true 60 all_done
 command_as anna r "{\"id\":\"much\",\"value\":1e6,\"time\":$(now)}"
 outcome anna r '"id":"much".*refused: r = 1e+06 lies outside'
 command_as anna r '{"value":1}'
@@ -240,6 +256,49 @@ outcome anna r '"id":"kept".*refused: it was sent as retained'
 expect 4 'queue .* cannot be used: .*already written by apc-mqtt' "$APC_BIN/apc-mqtt" "${options[@]}" --queue "sqlite:$work/out.db"
 kill -INT "$out"
 wait "$out" || fail "apc-mqtt does not end well"
+
+# ---- a broker that does not let commands be heard: it is said, and what is published goes on
+cat >"$work/refuses.py" <<'PY'
+# No broker: it acknowledges all, and refuses subscriptions.
+import socket
+import sys
+
+CONNECT, PUBLISH, SUBSCRIBE, PING = 1, 3, 8, 12
+server = socket.create_server(("127.0.0.1", int(sys.argv[1])))
+print("listens", flush=True)
+while True:
+    with server.accept()[0] as peer, peer.makefile("rb") as come:
+        while head := come.read(1):
+            length = shift = 0
+            while True:
+                byte = come.read(1)[0]
+                length |= (byte & 127) << shift
+                shift += 7
+                if byte < 128:
+                    break
+            body = come.read(length)
+            kind = head[0] >> 4
+            if kind == CONNECT:
+                peer.sendall(b"\x20\x02\0\0")
+            elif kind == PUBLISH:
+                n = int.from_bytes(body[:2], "big") + 2
+                peer.sendall(b"\x40\x02" + body[n:n + 2])
+                print("published", body[2:n].decode(), flush=True)
+            elif kind == SUBSCRIBE:
+                peer.sendall(b"\x90\x03" + body[:2] + b"\x80")
+            elif kind == PING:
+                peer.sendall(b"\xd0\0")
+PY
+deaf=$(free_port)
+background refuses python3 "$work/refuses.py" "$deaf"
+until_true 20 said refuses listens
+background deaf "$APC_BIN/apc-mqtt" --config "$work/fast.conf" --store "$live" --topic works/fast --broker "mqtt://127.0.0.1:$deaf" \
+  --queue "sqlite:$work/deaf.db" --users "$work/users" --allow r
+deaf=$pid
+until_true 60 said deaf 'commands come in no more, trying again: the broker refuses the subscription to works/fast/command/+/+'
+until_true 60 said refuses 'published works/fast/value/y' 5
+kill -INT "$deaf"
+wait "$deaf" || fail "apc-mqtt does not end well"
 
 # ---- certificates that are wrong
 wrong() { # wrong NAME PATTERN IDENTITY-OF-BROKER OPTION...

@@ -328,7 +328,7 @@ static void what_was_written_is_settled_by_what_its_controller_says(void **state
     (void)state;
     ask(APC_TUNING, KP, 0.4);
     const int64_t seq = assert_written();
-    const struct apc_sample mark = newest(APC_OPMODE, REQUESTS_OF_BROKER + (int)(asked.id % REQUESTS_MARKS));
+    const struct apc_sample mark = newest(APC_OPMODE, REQUESTS_OF_BROKER); /* the first that is free */
     assert_near(mark.value, (double)asked.id, 0);
     assert_int_equal(mark.time, asked.time);
     assert_int_equal(mark.origin, seq);
@@ -416,6 +416,24 @@ static void what_opens_a_cascade_or_is_the_schedulers_is_said(void **state)
     assert_string_equal(events(), expected);
 }
 
+static void what_comes_from_ahead_is_refused_where_its_source_says_so(void **state)
+{
+    const struct requests_source from = {
+        .give = give, .answer = answer, .error = source_error, .marks = REQUESTS_OF_BROKER, .ahead = S};
+
+    (void)state;
+    requests_destroy(requests);
+    assert_int_equal(requests_create_of(&requests, store, &from, MOST, &why), 0);
+    ask(APC_TUNING, KP, 0.4);
+    asked.time += 5 * S;
+    asked.age = -5 * S;
+    assert_refused("s ahead: a clock is wrong");
+    ask(APC_TUNING, KP, 0.4);
+    asked.time += S / 2;
+    asked.age = -S / 2;
+    (void)assert_written();
+}
+
 /* ---- Once -------------------------------------------------------------------------------------------------
  */
 
@@ -439,7 +457,7 @@ static void an_event_that_is_missing_is_made_up_for(void **state)
     (void)state;
     ask(APC_TUNING, KP, 0.4);
     append((struct apc_sample){.table = APC_OPMODE,
-                               .id = REQUESTS_OF_BROKER + (int)(asked.id % REQUESTS_MARKS),
+                               .id = REQUESTS_OF_BROKER + 7,
                                .time = asked.time,
                                .value = (double)asked.id,
                                .origin = 2});
@@ -451,10 +469,37 @@ static void an_event_that_is_missing_is_made_up_for(void **state)
     snprintf(expected, sizeof expected, "u.Kp: none -> 0.4 (request %lld of apc_operator: because)\n",
              (long long)asked.id);
     assert_string_equal(events(), expected);
-    ask(APC_TUNING, KP, 0.5); /* another one whose mark lies in the same place, of an earlier time */
-    asked.id += REQUESTS_MARKS - 1;
+}
+
+/* Whatever their ids are: a recipe, of one time. */
+static void as_many_of_one_time_as_there_are_marks_are_done_each_once(void **state)
+{
+    (void)state;
+    ask(APC_TUNING, KP, 0.0);
+    const struct apc_request first = asked;
+    for (int k = 0; k < REQUESTS_MARKS; k++) {
+        asked = first;
+        asked.id = 1 + REQUESTS_MARKS * (int64_t)k;
+        asked.value = 0.01 * k;
+        (void)assert_written();
+    }
+    for (int k = 0; k < REQUESTS_MARKS; k++) { /* and again */
+        const int64_t seq = newest(APC_TUNING, KP).seq;
+        asked = first;
+        asked.id = 1 + REQUESTS_MARKS * (int64_t)k;
+        asked.value = 0.01 * k;
+        assert_true(step() >= 0);
+        assert_int_equal(newest(APC_TUNING, KP).seq, seq);
+        assert_true(said.seq > 0);
+    }
+    /* that of which nobody can say whether it was */
+    asked.id = 7;
+    assert_refused("refused: later ones have been done, and whether this one was is not known");
+    asked.id = 8;
     asked.time -= S;
     assert_refused("refused: later ones have been done, and whether this one was is not known");
+    asked.time += S + APC_NS_PER_US;
+    (void)assert_written();
 }
 
 static void a_source_that_fails_is_said_and_asked_again(void **state)
@@ -491,6 +536,8 @@ int main(void)
         T(what_opens_a_cascade_or_is_the_schedulers_is_said),
         T(who_was_ended_before_he_answered_answers_and_does_it_no_more),
         T(an_event_that_is_missing_is_made_up_for),
+        T(as_many_of_one_time_as_there_are_marks_are_done_each_once),
+        T(what_comes_from_ahead_is_refused_where_its_source_says_so),
         T(a_source_that_fails_is_said_and_asked_again),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
