@@ -123,9 +123,12 @@ void json_number_add(struct text *t, double value)
         text_put(t, "null", 4);
         return;
     }
-    int n = snprintf(text, sizeof text, "%.15g", value + 0.0);
-    if (strtod(text, NULL) != value)
-        n = snprintf(text, sizeof text, "%.17g", value);
+    int n = 0;
+    for (int digits = 15; digits <= 17; digits++) {
+        n = snprintf(text, sizeof text, "%.*g", digits, value + 0.0);
+        if (strtod(text, NULL) == value)
+            break;
+    }
     text_put(t, text, (size_t)n);
 }
 

@@ -337,6 +337,8 @@ void print_sample_members(FILE *out, const struct apc_sample *s, const struct cl
     }
     if (now && s->seq)
         fprintf(out, ",\"age\":%.3f", apc_ns_to_s(now - s->time));
+    else if (now)
+        fputs(",\"age\":null", out);
     if (s->origin)
         fprintf(out, ",\"origin\":%lld", (long long)s->origin);
 }

@@ -229,6 +229,9 @@ test_get_says_so_when_there_is_no_sample() {
   run 0 get --json y
   out_is_json
   out_has '"value":null'
+  run 0 status --json
+  out_is_json
+  out_has '"name":"y","table":"sensor",.*"value":null,.*"age":null'
   run 0 get --csv y
   out_is "time,table,id,status,value"
   run 1 get y nonsense

@@ -38,7 +38,7 @@ background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyon
   --measure 'ns=1;s=text' --measure 'ns=1;s=nobody' --measure 'ns=1;s=y'
 strange=$pid
 until_true 60 said odd 'connected to'
-expect 0 'BadSensorFailure.*0x80740000.*0x80340000.*Good' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd"
+expect 0 'BadSensorFailure.*BadTypeMismatch.*BadNodeIdUnknown.*Good' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd"
 kill -TERM "$strange"
 wait "$strange" || fail "the gateway ended with $?"
 

@@ -96,6 +96,9 @@ static void status_text_goes_both_ways(void **state)
     }
     assert_string_equal(apc_status_format(0x80310000u, text), "BadNoCommunication");
     assert_string_equal(apc_status_format(0x00000600u, text), "GoodLimitedHigh");
+    assert_string_equal(apc_status_format(0x80740000u, text), "BadTypeMismatch"); /* of others' servers */
+    assert_int_equal(apc_status_parse("BadNodeIdUnknown", &back), 0);
+    assert_int_equal(back, 0x80340000u);
 }
 
 static void the_papers_ok_is_good(void **state)

@@ -63,6 +63,8 @@ static void numbers_read_back_the_same(void **state)
     struct text t = {0};
     json_number_add(&t, 0.1);
     assert_string_equal(shown(&t), "0.1");
+    json_number_add(&t, 0.9750045514171948); /* by seventeen digits it is 0.97500455141719477 */
+    assert_string_equal(shown(&t), "0.9750045514171948");
     json_number_add(&t, (double)NAN);
     json_number_add(&t, (double)INFINITY);
     json_limit_add(&t, -APC_VALUE_MAX);

@@ -176,7 +176,7 @@ test("a sample is stale when older than three periods and a second; only a moved
 test("a status is good, uncertain or bad by its two highest bits, and has words", () => {
   const cases: [string, string, string][] = [
     ["Good", "good", "good"], ["GoodLimitedLow", "good", "at its low limit"], ["UncertainSubstituteValue", "uncertain", "substitute value"],
-    ["BadSensorFailure", "bad", "sensor failure"], ["0x00340000", "good", "good (0x00340000)"], ["0x40340000", "uncertain", "uncertain (0x40340000)"], ["0x80340000", "bad", "bad (0x80340000)"], ["0xC0340000", "bad", "bad (0xC0340000)"],
+    ["BadSensorFailure", "bad", "sensor failure"], ["BadTypeMismatch", "bad", "bad type mismatch"], ["0x00340000", "good", "good (0x00340000)"], ["0x40340000", "uncertain", "uncertain (0x40340000)"], ["0x80340000", "bad", "bad (0x80340000)"], ["0xC0340000", "bad", "bad (0xC0340000)"],
   ];
   for (const [status, what, said] of cases) assert.deepEqual([worth(status), words(status)], [what, said], status);
   assert.deepEqual([usable(1, "UncertainSubstituteValue"), usable(1, "Bad"), usable(null, "Good"), usable(0, "Good")], [true, false, false, true]);
