@@ -11,7 +11,7 @@ expect 2 '--certificate and --key go together' opcua serve mem:x --certificate "
 expect 2 'nobody could connect' env APC_USERS="$work/none" "$user/bin/python" -m apc.opcua serve mem:x --anonymous none
 expect 2 'expected tcp:127.0.0.1:PORT' opcua plant opc.tcp://127.0.0.1:1 --measure y --listen tcp:0.0.0.0:1
 expect 2 "nonsense: expected a node's id" opcua plant opc.tcp://127.0.0.1:1 --measure nonsense
-expect 2 "nonsense: expected a node's id" opcua plant opc.tcp://127.0.0.1:1 --measure 'ns=1;s=y' --output nonsense=0
+expect 2 "nonsense=0: expected a node's id" opcua plant opc.tcp://127.0.0.1:1 --measure 'ns=1;s=y' --output nonsense=0
 expect 2 'a plant has measurements' opcua plant opc.tcp://127.0.0.1:1
 touch "$work/open"
 chmod 644 "$work/open"

@@ -49,7 +49,7 @@ const WORDS: Record<string, string> = {
 
 /** For people. */
 export function words(status: string): string {
-  return WORDS[status] ?? (status.startsWith("0x") ? `${worth(status)} (${status})` : status.replace(/(?<=[a-z])(?=[A-Z])/g, " ").toLowerCase());
+  return WORDS[status] ?? (status.startsWith("0x") ? `${worth(status)} (${status})` : status.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase());
 }
 
 /** Seconds after which a sample is stale; Infinity where it stands until changed. */

@@ -85,7 +85,7 @@ class Gateway:
         self._fed: Optional[float] = None  # when it came; None: there was none, or the plant is at its safe values
         self._seen = [Seen() for _ in options.measure]
         self._ahead = 0  # ns: the server's clock of ours
-        self._refused = ""  # of the last command: why
+        self._refuses = False  # the last command
         self._unsafe = ""  # why the safe values were not written, as it was said
         self._room = 256 + 96 * len(options.measure)
         self._samples = ffi.new("struct apc_sample[]", _MOST)
@@ -203,11 +203,13 @@ class Gateway:
             await self._write(u)
         except _Refused as e:
             self._fed = fed
-            if self._refused != str(e):
-                say(f"a command is refused: {e}; low and high of the experiment's output are to lie within")
-            self._refused = str(e)
+            if not self._refuses:
+                say(f"commands are refused: {e}; low and high of the experiment's output are to lie within")
+            self._refuses = True
             return False
-        self._refused = ""
+        if self._refuses:
+            say("commands are taken again")
+        self._refuses = False
         if new:
             self._newest, self._fed = stamp, monotonic()
         return True
