@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from apc.opcua import __main__ as command
-from apc.opcua import plant
+from apc.opcua import plant, units
 
 _S = 10**9
 _T0 = 1_700_000_000 * _S
@@ -52,3 +52,10 @@ def test_what_fits_a_node_is_within_its_type(kind: str, low: float, high: float)
     ("ns=3;s=a=b=1e2", "ns=3;s=a=b", 100.0), ("ns=3;s=a=b", "ns=3;s=a=b", 0.0), ("nonsense", "nonsense", 0.0)])
 def test_an_outputs_safe_value_is_told_from_its_id(text: str, node: str, safe: float) -> None:
     assert command._output(text) == (node, safe)
+
+
+def test_units_have_the_numbers_of_their_common_codes() -> None:
+    # of the table that the OPC Foundation publishes
+    assert [units.number(unit) for unit in ("degC", "°C", "%", "V", "cm", "m3/h", "l/min", "kPa", "mol/L", "N m")] == [
+        4408652, 4408652, 20529, 5655636, 4410708, 5067080, 19506, 4935745, 4404024, 20053]
+    assert units.number("") is None and units.number("mol%") is None

@@ -46,6 +46,30 @@ assert.ok(y.statusCode.isGood() && Number.isFinite(y.value.value) && y.sourceTim
 assert.equal((await session.read({ nodeId: id("setpoint.r/range"), attributeId: AttributeIds.Value })).value.value.high, 100);
 assert.equal((await session.read({ nodeId: id("sensor.nobody"), attributeId: AttributeIds.Value })).statusCode.name, "BadNodeIdUnknown");
 
+// what they are: a number with a range, as often as it can be new; the server, and not what it is made of
+const attribute = async (name, attributeId) => (await session.read({ nodeId: id(name), attributeId })).value.value;
+const kind = async (name) => (await session.browse({ nodeId: id(name), referenceTypeId: "HasTypeDefinition" })).references[0].nodeId.toString();
+assert.equal(await kind("setpoint.r"), "ns=0;i=2368");
+assert.equal(await attribute("setpoint.r", AttributeIds.MinimumSamplingInterval), 100);
+assert.equal((await attribute("setpoint.r", AttributeIds.Description)).text, "setpoint");
+const built = (await session.read({ nodeId: "ns=0;i=2260", attributeId: AttributeIds.Value })).value.value;
+assert.deepEqual([built.productName, built.manufacturerName, built.productUri], ["libapc", "libapc", "urn:libapc"]);
+
+// a condition has all that its type, and those above it, have to have
+const children = async (nodeId) => (await session.browse({ nodeId, referenceTypeId: "Aggregates", includeSubtypes: true, browseDirection: 0 })).references;
+const lacking = async (nodeId, types) => {
+  const has = (await children(nodeId)).map((r) => r.browseName.name), lacks = [];
+  for (const type of types)
+    for (const part of await children(type)) {
+      const rule = (await session.browse({ nodeId: part.nodeId, referenceTypeId: "HasModellingRule", browseDirection: 0 })).references[0];
+      if (rule?.nodeId.value === 78 && !has.includes(part.browseName.name)) lacks.push(part.browseName.name);
+    }
+  return lacks;
+};
+assert.deepEqual(await lacking(id("alarm.r.high"), ["ns=0;i=2041", "ns=0;i=2782", "ns=0;i=2881", "ns=0;i=2915"]), []);
+for (const name of ["EnabledState", "AckedState", "ActiveState"]) assert.deepEqual(await lacking(id(`alarm.r.high/${name}`), ["ns=0;i=8995"]), []);
+assert.deepEqual(await lacking(id("alarm.r.high/ShelvingState"), ["ns=0;i=2929"]), []);
+
 // subscribe: values come by themselves, events as well
 const subscription = ClientSubscription.create(session, { requestedPublishingInterval: 100, requestedLifetimeCount: 1000,
   requestedMaxKeepAliveCount: 10, maxNotificationsPerPublish: 100, publishingEnabled: true, priority: 1 });
@@ -122,6 +146,8 @@ assert.equal(await shelve(TIMED, -1), "BadShelvingTimeOutOfRange");
 assert.equal(await shelve(TIMED), "BadInvalidArgument");
 assert.equal(await shelve(TIMED, 600_000), "Good");
 await is("TimedShelved");
+assert.ok(await value("alarm.r.high/ShelvingState/UnshelveTime") > 0);
+assert.equal((await value("alarm.r.high/ShelvingState/CurrentState/Id")).value, 2932);
 assert.equal(await shelve(TIMED, 600_000), "BadConditionAlreadyShelved");
 assert.equal(await shelve(UNSHELVE), "Good");
 await is("Unshelved");

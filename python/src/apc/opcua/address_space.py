@@ -6,14 +6,17 @@ A node's id is "TABLE.NAME" in the namespace urn:libapc:plant: "sensor.y", "setp
 
 from __future__ import annotations
 
+import asyncio
 from datetime import datetime, timezone
 from importlib import import_module
+from time import time_ns
 from typing import TYPE_CHECKING, Any, Optional
 
 from ..alarms import Alarm
 from ..native import lib
 from ..store import Tag
 from ..values import Mode, Value
+from . import units
 
 if TYPE_CHECKING:
     from .server import Seen, Server
@@ -23,6 +26,20 @@ _FOLDERS = {"sensor": "Measurements", "estimate": "Estimates", "setpoint": "Setp
             "opmode": "Modes", "tuning": "Parameters", "alarm": "Alarms"}
 _WRITTEN = ("setpoint", "actuator", "opmode", "tuning")
 _SEVERITY = (0, 900, 700, 500, 300)  # by priority
+#: of a condition, in this order, those with parts of their own before these; by its event
+_CONDITION = (
+    ("EventId", "ByteString"), ("EventType", "NodeId"), ("SourceNode", "NodeId"), ("SourceName", "String"), ("Time", "DateTime"),
+    ("ReceiveTime", "DateTime"), ("Message", "LocalizedText"), ("Severity", "UInt16"), ("ConditionClassId", "NodeId"),
+    ("ConditionClassName", "LocalizedText"), ("ConditionName", "String"), ("BranchId", "NodeId"), ("Retain", "Boolean"),
+    ("ClientUserId", "String"), ("InputNode", "NodeId"), ("SuppressedOrShelved", "Boolean"),
+    ("Quality", "StatusCode"), ("LastSeverity", "UInt16"), ("Comment", "LocalizedText"),
+    ("Quality/SourceTimestamp", "DateTime"), ("LastSeverity/SourceTimestamp", "DateTime"), ("Comment/SourceTimestamp", "DateTime"),
+    ("EnabledState", "LocalizedText"), ("AckedState", "LocalizedText"), ("ActiveState", "LocalizedText"),
+    ("SuppressedState", "LocalizedText"), ("OutOfServiceState", "LocalizedText"),
+    ("EnabledState/Id", "Boolean"), ("AckedState/Id", "Boolean"), ("ActiveState/Id", "Boolean"), ("SuppressedState/Id", "Boolean"),
+    ("OutOfServiceState/Id", "Boolean"))
+_STATEFUL = {path.partition("/")[0] for path, _ in _CONDITION if "/" in path}
+_NEVER = datetime(1601, 1, 1, tzinfo=timezone.utc)  # how OPC UA says that there is no time
 _SWITCHES = 65536  # ids of table opmode from here on are no loops
 
 
@@ -48,7 +65,9 @@ class Space:
         for method, do in ((ua.ObjectIds.AcknowledgeableConditionType_Acknowledge, self._acknowledge),
                            (ua.ObjectIds.ShelvedStateMachineType_TimedShelve, self._timed_shelve),
                            (ua.ObjectIds.ShelvedStateMachineType_OneShotShelve, self._one_shot_shelve),
-                           (ua.ObjectIds.ShelvedStateMachineType_Unshelve, self._unshelve)):
+                           (ua.ObjectIds.ShelvedStateMachineType_Unshelve, self._unshelve),
+                           (ua.ObjectIds.ConditionType_Enable, self._enable), (ua.ObjectIds.ConditionType_Disable, self._disable),
+                           (ua.ObjectIds.ConditionType_AddComment, self._disable)):
             self._server.link_method(self._server.get_node(ua.NodeId(method)), do)
 
     def _id(self, text: str) -> Any:
@@ -83,6 +102,7 @@ class Space:
                 await self._add(await self._folder(folders, tag.table), tag)
         for alarm in alarms:
             await self._add_alarm(await self._folder(folders, "alarm"), alarm)
+            await asyncio.sleep(0)  # hundreds of them take seconds, and who asks meanwhile is answered
         await self._add_methods()
 
     async def _folder(self, folders: dict[str, Any], table: str) -> Any:
@@ -98,14 +118,10 @@ class Space:
         first = ua.Variant("", ua.VariantType.String) if tag.table == "opmode" else ua.Variant(0.0, ua.VariantType.Double)
         node = await folder.add_variable(of, ua.QualifiedName(tag.name, self._ns), first)
         self._shown[of] = None
-        if tag.unit:
-            unit = ua.EUInformation(NamespaceUri="http://www.opcfoundation.org/UA/units/un/cefact", UnitId=-1,
-                                    DisplayName=ua.LocalizedText(tag.unit), Description=ua.LocalizedText(tag.unit))
-            await node.add_property(self._id(f"{tag.table}.{tag.name}/unit"), "0:EngineeringUnits", unit)
-        if tag.table != "opmode" and tag.low is not None and tag.high is not None:
-            limits = ua.Range(Low=tag.low, High=tag.high)
-            await node.add_property(self._id(f"{tag.table}.{tag.name}/range"), "0:EURange", limits)
+        await self._attribute(node, "Description", ua.LocalizedText(tag.description), ua.VariantType.LocalizedText)
+        await self._attribute(node, "MinimumSamplingInterval", 1000.0 * self._operator.period, ua.VariantType.Double)
         if tag.table != "opmode":
+            await self._make_analog(node, tag)
             self._historized[of] = tag
             for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
                 await node.set_attr_bit(attribute, ua.AccessLevel.HistoryRead)
@@ -114,25 +130,67 @@ class Space:
             self._targets[of] = (tag.table, tag.name)
             await node.set_writable()
 
+    async def _attribute(self, node: Any, name: str, value: Any, kind: Any) -> None:
+        ua = self._ua
+        await node.write_attribute(getattr(ua.AttributeIds, name), ua.DataValue(ua.Variant(value, kind)))
+
+    async def _make_analog(self, node: Any, tag: Tag) -> None:
+        """Part 8: a number with a range, a unit, both or neither."""
+        ua, of, ranged = self._ua, f"{tag.table}.{tag.name}", tag.low is not None and tag.high is not None
+        if tag.unit:
+            code, text = units.number(tag.unit), ua.LocalizedText(tag.unit)
+            unit = ua.EUInformation(NamespaceUri=units.NAMESPACE if code is not None else NAMESPACE, DisplayName=text, Description=text,
+                                    UnitId=code if code is not None else -1)
+            await node.add_property(self._id(f"{of}/unit"), "0:EngineeringUnits", unit)
+        if ranged:
+            await node.add_property(self._id(f"{of}/range"), "0:EURange", ua.Range(Low=tag.low, High=tag.high))
+        await self._is_a(node, ua.ObjectIds.BaseDataVariableType, ua.ObjectIds.AnalogItemType if ranged else
+                         ua.ObjectIds.AnalogUnitType if tag.unit else ua.ObjectIds.DataItemType)
+
+    async def _is_a(self, node: Any, was: int, kind: int) -> None:
+        ua = self._ua
+        await node.delete_reference(ua.NodeId(was), ua.ObjectIds.HasTypeDefinition, True)
+        await node.add_reference(ua.NodeId(kind), ua.ObjectIds.HasTypeDefinition)
+
     async def _add_alarm(self, folder: Any, alarm: Alarm) -> None:
         ua, of = self._ua, f"alarm.{alarm.name}"
-        kind = ua.NodeId(ua.ObjectIds.AlarmConditionType)
         node = await folder.add_object(self._id(of), ua.QualifiedName(alarm.name, self._ns))
-        await node.delete_reference(ua.NodeId(ua.ObjectIds.BaseObjectType), ua.ObjectIds.HasTypeDefinition, True)
-        await node.add_reference(kind, ua.ObjectIds.HasTypeDefinition)
-        for name, first in (("State", alarm.state), ("Message", alarm.message), ("Consequence", alarm.consequence),
-                            ("Response", alarm.response), ("ActiveState", False), ("AckedState", True)):
+        await self._is_a(node, ua.ObjectIds.BaseObjectType, ua.ObjectIds.AlarmConditionType)
+        await self._attribute(node, "Description", ua.LocalizedText(alarm.message), ua.VariantType.LocalizedText)
+        for name, first in (("State", alarm.state), ("Consequence", alarm.consequence), ("Response", alarm.response)):
             await node.add_variable(self._id(f"{of}/{name}"), ua.QualifiedName(name, self._ns), first)
-        severity = ua.Variant(_SEVERITY[alarm.priority], ua.VariantType.UInt16)
-        await node.add_variable(self._id(f"{of}/Severity"), ua.QualifiedName("Severity", self._ns), severity)
-        method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
-        await node.add_reference(method, ua.ObjectIds.HasComponent)
+        await self._add_condition(node, of, self._event(alarm))
+        for method in (ua.ObjectIds.ConditionType_Enable, ua.ObjectIds.ConditionType_Disable, ua.ObjectIds.ConditionType_AddComment,
+                       ua.ObjectIds.AcknowledgeableConditionType_Acknowledge):
+            await node.add_reference(ua.NodeId(method), ua.ObjectIds.HasComponent)
         shelving = await node.add_object(self._id(f"{of}/ShelvingState"), "0:ShelvingState")
-        await shelving.add_variable(self._id(f"{of}/ShelvingState/CurrentState"), "0:CurrentState", ua.LocalizedText("Unshelved"))
+        await self._is_a(shelving, ua.ObjectIds.BaseObjectType, ua.ObjectIds.ShelvedStateMachineType)
+        state = await shelving.add_variable(self._id(f"{of}/ShelvingState/CurrentState"), "0:CurrentState", ua.LocalizedText("Unshelved"))
+        await self._is_a(state, ua.ObjectIds.BaseDataVariableType, ua.ObjectIds.FiniteStateVariableType)
+        await state.add_property(self._id(f"{of}/ShelvingState/CurrentState/Id"), "0:Id", self._shelving_id("Unshelved"))
+        await shelving.add_property(self._id(f"{of}/ShelvingState/UnshelveTime"), "0:UnshelveTime", 0.0,
+                                    datatype=ua.NodeId(ua.ObjectIds.Duration))
         for method in (ua.ObjectIds.ShelvedStateMachineType_TimedShelve, ua.ObjectIds.ShelvedStateMachineType_OneShotShelve,
                        ua.ObjectIds.ShelvedStateMachineType_Unshelve):
             await shelving.add_reference(ua.NodeId(method), ua.ObjectIds.HasComponent)
         self._shown[self._id(of)] = None
+
+    async def _add_condition(self, node: Any, of: str, event: Any) -> None:
+        """What a condition has to have, as its events tell it."""
+        ua, made = self._ua, {"": node}
+        for path, kind in _CONDITION:
+            above, _, name = path.rpartition("/")
+            variant = ua.Variant(getattr(event, path), ua.VariantType[kind])
+            part = path in _STATEFUL
+            add = made[above].add_variable if part else made[above].add_property
+            made[path] = await add(self._id(f"{of}/{path}"), f"0:{name}", variant,
+                                   datatype=ua.NodeId(ua.ObjectIds.UtcTime) if kind == "DateTime" else None)
+            if part:
+                await self._is_a(made[path], ua.ObjectIds.BaseDataVariableType, ua.ObjectIds.TwoStateVariableType
+                                 if path.endswith("State") else ua.ObjectIds.ConditionVariableType)
+
+    def _shelving_id(self, state: str) -> Any:
+        return self._ua.NodeId(getattr(self._ua.ObjectIds, f"ShelvedStateMachineType_{state}"))
 
     async def _add_methods(self) -> None:
         kind, array = self._ua.VariantType, self._argument
@@ -231,6 +289,14 @@ class Space:
     async def _unshelve(self, parent: Any, *given: Any) -> Any:
         return await self._shelve_condition(parent, 0.0)
 
+    async def _enable(self, parent: Any, *given: Any) -> Any:
+        """All are, always."""
+        return self._ua.StatusCode(self._ua.StatusCodes.BadConditionAlreadyEnabled)
+
+    async def _disable(self, parent: Any, *given: Any) -> Any:
+        """Nor is there a comment but that of an acknowledgement or a shelving."""
+        return self._ua.StatusCode(self._ua.StatusCodes.BadNotSupported)
+
     # ---- Showing ------------------------------------------------------------------------------------------------
 
     async def show(self, seen: "Seen") -> None:
@@ -288,16 +354,20 @@ class Space:
                 self._shown[of] = None
 
     async def _show_alarm(self, alarm: Alarm, before: Optional[Alarm]) -> None:
+        ua, of = self._ua, f"alarm.{alarm.name}"
+        if before is None or alarm.shelved or before.shelved:
+            await self._server.write_attribute_value(self._id(f"{of}/ShelvingState/UnshelveTime"), ua.DataValue(
+                ua.Variant(max(0.0, (alarm.shelved - time_ns()) / 1e6) if alarm.shelved else 0.0, ua.VariantType.Double)))
         if before == alarm:
             return
-        ua, of = self._ua, f"alarm.{alarm.name}"
-        shelving = ua.LocalizedText(_shelving(alarm))
-        for name, value in (("State", alarm.state), ("ActiveState", alarm.active), ("AckedState", not alarm.unacknowledged),
-                            ("ShelvingState/CurrentState", shelving)):
-            await self._server.write_attribute_value(self._id(f"{of}/{name}"), ua.DataValue(
-                ua.Variant(value), SourceTimestamp=_when(alarm.time)))
+        shelving = _shelving(alarm)
+        event, when = self._event(alarm), _when(alarm.time)
+        for name, value in [("State", ua.Variant(alarm.state)), ("ShelvingState/CurrentState", ua.Variant(ua.LocalizedText(shelving))),
+                            ("ShelvingState/CurrentState/Id", ua.Variant(self._shelving_id(shelving))),
+                            *((path, ua.Variant(getattr(event, path), ua.VariantType[kind])) for path, kind in _CONDITION)]:
+            await self._server.write_attribute_value(self._id(f"{of}/{name}"), ua.DataValue(value, SourceTimestamp=when))
         if alarm.seq and (before is None or before.seq != alarm.seq) and (before is not None or alarm.state != "Normal"):
-            await self._server.iserver.subscription_service.trigger_event(self._event(alarm))
+            await self._server.iserver.subscription_service.trigger_event(event)
 
     def _event(self, alarm: Alarm) -> Any:
         ua, of = self._ua, self._id(f"alarm.{alarm.name}")
@@ -306,7 +376,7 @@ class Space:
         event.add_property("NodeId", of, ua.VariantType.NodeId)
         event.EventId = f"{alarm.name}:{alarm.seq}".encode()
         event.SourceNode, event.SourceName, event.ConditionName = of, alarm.name, alarm.name
-        event.Time, event.ReceiveTime = _when(alarm.time), datetime.now(timezone.utc)
+        event.Time, event.ReceiveTime = _when(alarm.time) or _NEVER, datetime.now(timezone.utc)
         event.Severity = _SEVERITY[alarm.priority]
         event.Message = ua.LocalizedText(alarm.message or alarm.name)
         event.ConditionClassId = ua.NodeId(ua.ObjectIds.ProcessConditionClassType)
@@ -314,7 +384,9 @@ class Space:
         event.BranchId, event.ClientUserId = ua.NodeId(), alarm.author
         event.Retain = alarm.active or alarm.unacknowledged or "Latched" in alarm.state
         event.Quality, event.LastSeverity = ua.StatusCode(), _SEVERITY[alarm.priority]
-        event.Comment = ua.LocalizedText("")
+        event.Comment, event.InputNode = ua.LocalizedText(""), ua.NodeId()
+        for name in ("Quality", "LastSeverity", "Comment"):
+            setattr(event, f"{name}/SourceTimestamp", event.Time)
         masked = alarm.state.split(",")[0] in ("Shelved", "One-shot Shelved", "Suppressed by Design", "Out of Service")
         for name, is_, yes, no in (("EnabledState", True, "Enabled", "Disabled"),
                                    ("ActiveState", alarm.active, "Active", "Inactive"),

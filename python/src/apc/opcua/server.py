@@ -12,13 +12,14 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
+from datetime import datetime, timezone
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Callable, NamedTuple, Optional
 
 from ..alarms import Alarm
 from ..errors import ConflictError, Error, LimitError, NotFoundError, RefusedError, TimedOut
-from ..native import lib
+from ..native import lib, text
 from ..store import Store, Tag
 from ..values import Mode, Value
 from . import history, services
@@ -169,6 +170,11 @@ class Server:
                               lambda s, who: s.shelve(alarm, seconds, once, comment, who).state)
 
     @property
+    def period(self) -> float:
+        """s: nothing is newer than that."""
+        return self._options.period
+
+    @property
     def caller(self) -> Any:
         """Who called the method that runs."""
         return self._who.get(None)
@@ -234,6 +240,7 @@ class Server:
         iserver = self._server.iserver
         iserver.bind_condition_methods = 100
         policies, ua = self._ua.SecurityPolicyType, self._ua
+        self._server.product_uri, self._server.manufacturer_name = "urn:libapc", "libapc"
         await self._server.init()
         self._server.set_endpoint(o.listen)
         self._server.set_server_name("libapc")
@@ -250,6 +257,9 @@ class Server:
             self._server.set_security_policy([policies.NoSecurity])
         self._server.set_identity_tokens(([ua.UserNameIdentityToken] if self._users else []) +
                                          ([ua.AnonymousIdentityToken] if o.anonymous else []))
+        built = datetime.fromtimestamp(Path(import_module("apc._apc").__file__ or "").stat().st_mtime, timezone.utc)
+        version = text(lib.apc_version())
+        await self._server.set_build_info("urn:libapc", "libapc", "libapc", version, version, built)
         self._space = Space(self._server, self)
         await self._space.init()
 
