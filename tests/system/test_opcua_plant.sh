@@ -12,7 +12,7 @@ background gateway "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$b
 gateway=$pid
 until_true 60 said gateway 'connected to'
 sed -e '/^plant = {$/,/^};/c plant = { external = true; };' -e 's/period = 0.05; phase = 0.004;/period = 0.5;/' \
-  -e 's/period = 0.2; phase = 0.012;/period = 1.0; phase = 0.3;/' -e 's/Kp = 0.2;/Kp = 0.02;/' "$work/fast.conf" >"$work/beyond.conf"
+  -e 's/period = 0.2; phase = 0.012;/period = 1.0; phase = 0.3;/' -e 's/Kp = 0.2;/Kp = 0.02;/' -e 's/sequence *= .*$/sequence = ( [10.0] );/' "$work/fast.conf" >"$work/beyond.conf"
 settled() { "$apc" history y --last 10 --csv --store "$work/beyond" | awk -F, '$4 == "Good" && $5 > 9.8 && $5 < 10.2 {n++} END {exit n < 10}'; }
 run_until settled "$work/beyond.conf" --no-ui --out "$work/beyond"
 until_true 60 said gateway 'no new command for 4 s: the safe values were written'
