@@ -3,6 +3,7 @@
 import uPlot from "uplot";
 import {clock, day, ticks, zone} from "./core/format";
 import type {Mark} from "./core/marks";
+import {indexAt, type Series} from "./core/series";
 import {multiples, type Scale, steps} from "./core/scale";
 import {digitAt, digitOn, shapes} from "./parts/shape";
 import {colour} from "./theme";
@@ -13,12 +14,11 @@ export interface Line {
   width?: number;
   dash?: number[];
   step?: boolean;
-  hidden?: boolean; // an edge of a band
 }
 
 export interface PlotOptions {
   lines: Line[];
-  bands?: {edges: [number, number]; colour: string}[]; // columns of upper and lower edge, from 1
+  spans?: () => {colour: string; dash: number[]; curve: Series}[]; // of each point of a bin, from its least to its most value
   yLabel: string;
   xAxis: boolean;
   x: () => [number, number];
@@ -56,8 +56,8 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
   for (const line of o.lines)
     series.push({
       label: line.label,
-      stroke: line.hidden ? () => "transparent" : () => colour(line.colour),
-      width: line.hidden ? 0 : (line.width ?? 1.5),
+      stroke: () => colour(line.colour),
+      width: line.width ?? 1.5,
       dash: line.dash,
       paths: line.step ? step : linear,
       points: {show: false},
@@ -99,7 +99,6 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
       }),
     ],
     series,
-    bands: (o.bands ?? []).map(one => ({series: one.edges, fill: () => `${colour(one.colour)}2a`})),
     cursor: {
       sync: o.sync ? {key: o.sync, setSeries: false} : undefined,
       drag: {x: o.onSelect != null, y: false, setScale: false},
@@ -114,6 +113,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
       ],
       draw: [
         u => {
+          for (const one of o.spans?.() ?? []) between(u, one.curve, one.colour, one.dash);
           upright(u, o.now?.() ?? null, "--label", []);
           upright(u, o.reference?.() ?? null, "--focus", [5, 4]);
           for (const mark of (o.marks?.() ?? []).slice().sort(gravestLast)) notch(u, mark);
@@ -149,6 +149,29 @@ function upright(u: uPlot, t: number | null, of: string, dash: number[]): void {
   u.ctx.beginPath();
   u.ctx.moveTo(x, u.bbox.top);
   u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
+  u.ctx.stroke();
+  u.ctx.restore();
+}
+
+/** What lay in a bin is there as if each sample were drawn: at full ink, however short it was. */
+function between(u: uPlot, s: Series, of: string, dash: number[]): void {
+  const width = Math.max(1, Math.round(devicePixelRatio));
+  const [from, to] = [u.scales.x?.min ?? 0, u.scales.x?.max ?? 0];
+  u.ctx.save();
+  u.ctx.beginPath();
+  u.ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
+  u.ctx.clip();
+  u.ctx.strokeStyle = colour(of);
+  u.ctx.lineWidth = width;
+  u.ctx.setLineDash(dash.map(part => part * devicePixelRatio));
+  u.ctx.beginPath();
+  for (let i = Math.max(0, indexAt(s, from)); i < s.t.length && (s.t[i] as number) <= to; i++) {
+    const [low, high] = [s.low[i], s.high[i]];
+    if (low == null || high == null || high <= low) continue;
+    const x = Math.round(u.valToPos(s.t[i] as number, "x", true)) + (width % 2) / 2;
+    u.ctx.moveTo(x, u.valToPos(high, "y", true));
+    u.ctx.lineTo(x, u.valToPos(low, "y", true));
+  }
   u.ctx.stroke();
   u.ctx.restore();
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Panels over one time axis; in each its lines, what was binned with what lay between.
+// Panels over one time axis; in each its lines, and of what was binned all that lay between.
 import uPlot from "uplot";
 import {LEAST_ROOM, type Line, plot} from "./plot";
 import type {Pen} from "./core/trend";
@@ -8,7 +8,7 @@ import type {Scale} from "./core/scale";
 import {align, type Series} from "./core/series";
 import {colour} from "./theme";
 
-export interface DrawnPen extends Pick<Pen, "colour" | "dash" | "band"> {
+export interface DrawnPen extends Pick<Pen, "colour" | "dash"> {
   label: string;
   step: boolean; // its value holds until the next one
   curve: () => Series; // as it is now
@@ -54,12 +54,10 @@ export class TrendChart {
     this.data = first;
     const x = (): [number, number] => [this.data.from, this.data.to];
     this.plots = panels.map(({label, pens}, i) => {
-      const banded = pens.filter(pen => pen.band);
-      const edge = (name: string): Line => ({label: name, colour: "--live", hidden: true});
       const line = ({label: name, colour: of, dash, step}: DrawnPen): Line => ({label: name, colour: of, width: dash.length > 0 ? 1.5 : 2, dash: dash.length > 0 ? dash : undefined, step});
       return plot(host, LEAST_HEIGHT, {
-        lines: [...banded.flatMap(() => [edge("max"), edge("min")]), ...painted(pens).map(line)],
-        bands: banded.map((pen, k) => ({edges: [2 * k + 1, 2 * k + 2], colour: pen.colour})),
+        lines: painted(pens).map(line),
+        spans: () => painted(pens).map(({colour: of, dash, curve}) => ({colour: of, dash, curve: curve()})),
         yLabel: label,
         yRoom: own => {
           this.rooms[i] = own;
@@ -85,9 +83,8 @@ export class TrendChart {
   show(data: TrendData): void {
     this.data = data;
     this.panels.forEach(({pens}, i) => {
-      const edges = pens.filter(pen => pen.band).map(pen => pen.curve()).map(({t, high, low}) => ({t, columns: [high, low]}));
       const lines = painted(pens).map(pen => pen.curve()).map(({t, mid}) => ({t, columns: [mid]}));
-      this.plots[i]?.setData(align([...edges, ...lines]) as uPlot.AlignedData);
+      this.plots[i]?.setData(align(lines) as uPlot.AlignedData);
     });
   }
 

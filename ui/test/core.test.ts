@@ -16,7 +16,7 @@ import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predic
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place, multiples, steps} from "../src/core/scale";
-import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, trim, valueAt, visible} from "../src/core/series";
+import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, stoodAt, trim, valueAt, visible} from "../src/core/series";
 import {aheadOf, bounds, goLive, pan, pause, refuse, runsBefore, select, type Window, zoom} from "../src/core/view";
 import type {AlarmIs, Control, Loop, PlantEvent, Transition, Write} from "../src/core/types";
 import {alarmed, cascade, plant, predicted, stands} from "./plant";
@@ -280,6 +280,11 @@ test("parts of history join without doubling, curves align on one axis", () => {
   assert.equal(indexAt(both, 2.9), 0);
   assert.equal(indexAt(both, 1), -1);
   assert.deepEqual(align([{t: [1, 3], columns: [[1, null]]}, {t: [2], columns: [[5]]}]), [[1, 2, 3], [1, null, null], [undefined, 5, undefined]]);
+});
+
+test("of a bin all is there that lay in it, of a sample itself", () => {
+  const bins = fromBins({n: 2, from: [0, 10], count: [9, 1], bad: [0, 0], min: [1, 4], max: [14, 4], mean: [2, 4], last: [3, 4], worst: []}, 10, 1, false);
+  assert.deepEqual([stoodAt(bins, 6), stoodAt(bins, 16), stoodAt(bins, 4)], [{low: 1, mid: 2, high: 14}, {low: 4, mid: 4, high: 4}, null]);
 });
 
 test("a gap reaches from point to point, whatever times other curves have", () => {

@@ -62,6 +62,7 @@ export class Fake {
   graphic = null; // the drawing
   texts = null; // what all descriptions, units, areas, messages are
   values = {}; // of signals that have another one than usual
+  peak = null; // {ref, t, value}: one sample of a signal that is another
   more = 0; // so many measurements beside the loop
   alarms = []; // how they stand
   away = false; // the database
@@ -99,6 +100,7 @@ export class Fake {
   /** Value and status of a variable at a time. */
   at(ref, t) {
     const bad = t >= this.failed;
+    if (this.peak?.ref === ref && Math.abs(t - this.peak.t) < 0.5) return [this.peak.value, "Good"];
     if (ref in this.values) return [this.values[ref], "Good"];
     switch (ref) {
       case "sensor.1":
@@ -181,6 +183,18 @@ export class Fake {
     const [since, until] = [Number(query.get("since")), Math.min(Number(query.get("until")), this.now)];
     const time = ref === "setpoint.1" ? [] : Array.from({length: Math.max(0, Math.ceil(until - since))}, (_, i) => since + i);
     const found = time.map(t => this.at(ref, t) ?? [0, "BadNoData"]);
+    const n = Number(query.get("bins"));
+    if (n > 0) {
+      const bins = {n, from: [], count: [], bad: [], min: [], max: [], mean: [], last: [], worst: []};
+      const width = (Number(query.get("until")) - since) / n;
+      for (let i = 0; i < n; i++) {
+        const values = found.filter((one, k) => Math.floor((time[k] - since) / width) === i && one[0] != null).map(one => one[0]);
+        if (values.length === 0) continue;
+        const row = {from: since + i * width, count: values.length, bad: 0, min: Math.min(...values), max: Math.max(...values), mean: values.reduce((a, b) => a + b) / values.length, last: values.at(-1), worst: "Good"};
+        for (const [name, value] of Object.entries(row)) bins[name].push(value);
+      }
+      return {ref, t: this.now, since, until: Number(query.get("until")), before: null, bins};
+    }
     const samples = {seq: time.map((_, i) => i + 1), time, value: found.map(one => one[0]), status: found.map(one => one[1])};
     return {ref, t: this.now, since, until: Number(query.get("until")), before: ref === "setpoint.1" ? [1, since - 50, 0.5, "Good"] : null, samples};
   }

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import {after, before, beforeEach, test} from "node:test";
 import {drawing, Fake, HELD} from "./fake.mjs";
-import {launch, open, until} from "./lib.mjs";
+import {exported, launch, open, until} from "./lib.mjs";
 
 const PATIENCE = {timeout: 300000};
 let browser;
@@ -16,7 +16,7 @@ after(async () => {
   await browser.close();
   await fake.stop();
 });
-beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, predicts: false, texts: null, values: {}, more: 0, graphic: null, alarms: []}));
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, predicts: false, texts: null, values: {}, peak: null, more: 0, graphic: null, alarms: []}));
 
 /** Date.now() of the page can be set: setClock(by), s. */
 function setableClock() {
@@ -212,6 +212,29 @@ test("no number is cut, however long it or its unit is, whether the screen is na
         assert.equal(await page.locator('input[name="setpoint.1"]').inputValue(), "\u221212.3456789");
       });
     }
+});
+
+test("one sample among a hundred is drawn from end to end, of the first pen and of the last, and told at the cursor and in the CSV", PATIENCE, async () => {
+  fake.values = {"sensor.1": 1, "actuator.1": 2, "setpoint.1": 1};
+  for (const [at, ref, panel, colour] of [["trend/pens=actuator.1,sensor.1;span=86400", "actuator.1", 0, "--pen-1"], ["trend/1", "sensor.1", 0, "--live"], ["trend/1", "actuator.1", 1, "--live"]]) {
+    fake.peak = {ref, t: Math.floor(fake.now) - 43000, value: 9};
+    await withPage(at, async page => {
+      if (at === "trend/1") await page.getByRole("button", {name: "24 h"}).click();
+      await page.locator('section.trend[data-span="86400"]').waitFor();
+      await until("the curve is whole", async () => (await rows(page, panel, colour)).filter(one => one.length > 0).length > 500 && !(await page.getByText("loading …").isVisible()));
+      const fit = page.getByRole("button", {name: "Fit y"});
+      await fit.click();
+      const high = async () => (await rows(page, panel, colour)).map((one, x) => ({x, height: one.length})).filter(one => one.height > 60);
+      const [peak, ...others] = await until("the peak is drawn", async () => { const all = await high(); return all.length > 0 && all; });
+      assert.ok(others.length < 3, `${others.length + 1} columns are high`);
+      const over = page.locator(".u-over").nth(panel);
+      await over.hover({position: {x: peak.x, y: 20}});
+      await until("the cursor tells it", async () => / to 9(\.0+)?/.test(await page.locator(".readout").textContent()));
+      const text = (await exported(page, "CSV")).toString();
+      assert.match(text.split("\r\n")[0], /least of .* s.*most of .* s/);
+      assert.ok(text.split("\r\n").some(row => row.split(",").includes("9")), "the CSV has no peak");
+    });
+  }
 });
 
 test("where there is no room for a number nothing of it is drawn", PATIENCE, async () => {

@@ -567,11 +567,13 @@ test("rows and heads of a trend are what is exported", async () => {
   curves.fill(now - 30, now, 800, true, () => {});
   await env.settle();
   assert.deepEqual([curves.loading, curves.error], [false, null]);
-  assert.deepEqual(curves.rows(now - 30, now, 10), [[now - 20, 1, null, null], [now - 10, 2, 50, 5], [now - 8, 4, 50, 7]]);
-  assert.deepEqual(curves.rows(now - 30, now, 1), [[now - 8, 4, 50, 7]]);
-  assert.deepEqual(curves.rows(now - 10, now - 10, 9), [[now - 10, 2, 50, 5]]);
-  assert.deepEqual(curves.head(30, 800), ["y1 [m]", "r1 [m]", "u1 [V]"]);
-  assert.deepEqual(curves.head(86400, 800), ["y1 [m], mean of 108 s", "r1 [m]", "u1 [V], last of 108 s"]);
+  const rows = (from: number, to: number, most: number) => curves.rows(from, to, most).map(t => [t, ...curves.columns(30, 800).map(one => one.at(curves.series(one.ref), t))]);
+  const heads = (span: number) => curves.columns(span, 800).map(one => one.head);
+  assert.deepEqual(rows(now - 30, now, 10), [[now - 20, 1, null, null], [now - 10, 2, 50, 5], [now - 8, 4, 50, 7]]);
+  assert.deepEqual(rows(now - 30, now, 1), [[now - 8, 4, 50, 7]]);
+  assert.deepEqual(rows(now - 10, now - 10, 9), [[now - 10, 2, 50, 5]]);
+  assert.deepEqual(heads(30), ["y1 [m]", "r1 [m]", "u1 [V]"]);
+  assert.deepEqual(heads(86400), ["y1 [m], mean of 108 s", "y1 [m], least of 108 s", "y1 [m], most of 108 s", "r1 [m]", "u1 [V], last of 108 s", "u1 [V], least of 108 s", "u1 [V], most of 108 s"]);
   assert.deepEqual(curves.variables.map(variable => variable.ref), ["sensor.1", "setpoint.1", "actuator.1"]);
   // A measurement is not held; what was put out is, up to what the server has said, as long as it speaks.
   server.sample("actuator.1", 7);

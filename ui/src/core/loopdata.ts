@@ -88,7 +88,7 @@ function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | n
     if (!refs.every(ref => of(ref).curve?.whole)) return;
     const target = setpoint ? live(setpoint).value.value : null;
     if (cell.value && (target == null || (target > cell.value.low && target < cell.value.high))) return;
-    const [low, high] = extent(refs.flatMap(ref => [...recent(ref).value.mid, live(ref).value.value]));
+    const [low, high] = extent(refs.flatMap(ref => [...recent(ref).value.low, ...recent(ref).value.high, live(ref).value.value]));
     if (!isFinite(low)) return;
     const room = (high - low) * 0.12;
     cell.value = niceScale(low >= 0 && low - room < high * 0.4 ? Math.min(0, low) : low - room, high + room);

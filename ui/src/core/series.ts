@@ -138,9 +138,22 @@ export function statistics(s: Series, from: number, to: number): Statistics {
   return out;
 }
 
+/** Of a point; low and high are others than mid where it is a bin, and lie around it. */
+export interface Stood {
+  low: number;
+  mid: number;
+  high: number;
+}
+
 /** What stood at t; null: a gap, or nothing yet. */
+export function stoodAt(s: Series, t: number): Stood | null {
+  const i = indexAt(s, t);
+  const [low, mid, high] = [s.low[i], s.mid[i], s.high[i]];
+  return mid == null ? null : {low: low ?? mid, mid, high: high ?? mid};
+}
+
 export function valueAt(s: Series, t: number): number | null {
-  return s.mid[indexAt(s, t)] ?? null;
+  return stoodAt(s, t)?.mid ?? null;
 }
 
 /** Index of the last point at or before t; -1: none. */

@@ -9,14 +9,13 @@ import {clock, connection, inShadow, live, variable} from "./model";
 import {exact} from "./format";
 import {byUnit} from "./pens";
 import {extent, niceScale, type Scale} from "./scale";
-import {empty, held, type Series, trim, valueAt, visible} from "./series";
+import {empty, held, type Series, type Stood, stoodAt, trim, visible} from "./series";
 import type {Loop, Plant, Ref, Variable} from "./types";
 
 export interface Pen {
   ref: Ref;
   colour: string; // custom property of the style sheet
   dash: number[]; // []: a whole line
-  band: boolean; // with what lay between the ends of a bin
 }
 
 export interface Panel {
@@ -37,8 +36,8 @@ export function wouldBe(of: Loop, p: Plant): Ref[] {
 }
 
 const DASHES = [[6, 3], [2, 3], [12, 3, 2, 3]]; // one after another
-const dashed = (ref: Ref, i: number): Pen => ({ref, colour: "--label", dash: DASHES[i % DASHES.length] as number[], band: false});
-const whole = (ref: Ref): Pen => ({ref, colour: "--live", dash: [], band: true});
+const dashed = (ref: Ref, i: number): Pen => ({ref, colour: "--label", dash: DASHES[i % DASHES.length] as number[]});
+const whole = (ref: Ref): Pen => ({ref, colour: "--live", dash: []});
 
 function measured(y: Ref, r: Ref | null): Panel {
   return {pens: [whole(y), ...(r ? [dashed(r, 0)] : [])], scale: () => loopScale({measurement: y, setpoint: r})};
@@ -67,7 +66,7 @@ const COLOURS = 6;
 /** Of signals that somebody chose: in each panel another dash, in all of them another colour. */
 export function subjectOf(signals: Variable[]): Subject {
   const panels = byUnit(signals).map(same => ({
-    pens: same.map((one, i): Pen => ({ref: one.ref, colour: `--pen-${(signals.indexOf(one) % COLOURS) + 1}`, dash: [[], ...DASHES][i % 4] as number[], band: i === 0})),
+    pens: same.map((one, i): Pen => ({ref: one.ref, colour: `--pen-${(signals.indexOf(one) % COLOURS) + 1}`, dash: [[], ...DASHES][i % 4] as number[]})),
     scale: null,
   }));
   return {name: "signals", about: `pens ${signals.map(one => one.ref).join()}`, panels, lead: null};
@@ -99,6 +98,13 @@ export function padded(low: number, high: number): Scale {
 export function off(values: (number | null)[], scale: Scale): boolean {
   const [low, high] = extent(values);
   return isFinite(low) && (low < scale.low || high > scale.high);
+}
+
+/** Of a table. */
+export interface Column {
+  ref: Ref;
+  head: string;
+  at: (series: Series, t: number) => number | null;
 }
 
 const MOST_POINTS = 8000;
@@ -140,11 +146,16 @@ export class Curves {
 
   /** What stood at t; not longer than anybody has said so. */
   at(ref: Ref, t: number): number | null {
+    return this.around(ref, t)?.mid ?? null;
+  }
+
+  /** The same, with between what it moved where that is of a bin. */
+  around(ref: Ref, t: number): Stood | null {
     const series = this.drawn(ref);
     const [before, last] = series.t.slice(-2) as [number, number?];
     const one = variable(ref);
     const end = last ?? before;
-    return one == null || t > end + Math.max(boundOf(one), 2 * (end - before)) ? null : valueAt(series, t);
+    return one == null || t > end + Math.max(boundOf(one), 2 * (end - before)) ? null : stoodAt(series, t);
   }
 
   fill(from: number, to: number, pixels: number, following: boolean, changed: () => void): void {
@@ -177,18 +188,21 @@ export class Curves {
     return lead ? there(this.series(lead)) : [...new Set(this.of.flatMap(one => there(one.series)))].sort((a, b) => a - b);
   }
 
-  /** The newest of the window as time and all values. */
-  rows(from: number, to: number, most: number): [number, ...(number | null)[]][] {
+  /** The newest times of the window, with a value of what leads. */
+  rows(from: number, to: number, most: number): number[] {
     const times = this.times().filter(t => t >= from && t <= to);
-    return times.slice(Math.max(0, times.length - most)).map(t => [t, ...this.of.map(one => valueAt(one.series, t))]);
+    return times.slice(Math.max(0, times.length - most));
   }
 
-  /** Heads of the columns, for a window of so many seconds: whether they hold samples, or bins and how wide. */
-  head(span: number, pixels: number): string[] {
-    return this.of.map(({variable: one}) => {
-      const width = binWidth(one, span, pixels);
-      const what = one.table === "sensor" ? "mean" : "last";
-      return describe(one) + (width > 0 ? `, ${what} of ${exact(Number(width.toPrecision(3)))} s` : "");
+  /** What a table of such a window has of each: samples, or bins, how wide, and between what it moved in them. */
+  columns(span: number, pixels: number): Column[] {
+    return this.of.flatMap(({variable: one, series: {low, high}}) => {
+      const binned = low.some((least, i) => least !== high[i]); // more samples than its period says
+      const width = binWidth(one, span, pixels) || (binned ? span / pixels : 0);
+      const column = (head: string, of: keyof Stood): Column => ({ref: one.ref, head: describe(one) + head, at: (series, t) => stoodAt(series, t)?.[of] ?? null});
+      if (width === 0) return [column("", "mid")];
+      const bin = `of ${exact(Number(width.toPrecision(3)))} s`;
+      return [column(`, ${one.table === "sensor" ? "mean" : "last"} ${bin}`, "mid"), column(`, least ${bin}`, "low"), column(`, most ${bin}`, "high")];
     });
   }
 }

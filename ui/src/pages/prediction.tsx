@@ -204,9 +204,9 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   newest.current = courses;
   const coming = (ref: Ref): Series => { const course = newest.current.find(one => one.ref === ref); return course ? courseSeries(course) : empty(); };
   const pens = useMemo(() => panels.map((panel, k): DrawnPen[] => [
-    ...panel.map((one, i) => ({label: one.variable.name, colour: colour(k, i), dash: [], band: false, step: holds(one.variable), curve: () => drawn(one.variable.ref)})),
-    ...panel.flatMap(({setpoint}, i) => (setpoint ? [{label: variable(setpoint)?.name ?? "", colour: colour(k, i), dash: [2, 3], band: false, step: true, curve: () => drawn(setpoint)}] : [])),
-    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: colour(k, i), dash: [8, 4], band: false, step: holds(one.variable), curve: () => coming(one.variable.ref)})),
+    ...panel.map((one, i) => ({label: one.variable.name, colour: colour(k, i), dash: [], step: holds(one.variable), curve: () => drawn(one.variable.ref)})),
+    ...panel.flatMap(({setpoint}, i) => (setpoint ? [{label: variable(setpoint)?.name ?? "", colour: colour(k, i), dash: [2, 3], step: true, curve: () => drawn(setpoint)}] : [])),
+    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: colour(k, i), dash: [8, 4], step: holds(one.variable), curve: () => coming(one.variable.ref)})),
   ]), []);
   const data = (): TrendData => {
     const now = serverNow();

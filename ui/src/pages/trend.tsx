@@ -23,7 +23,7 @@ import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
 import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
-import {Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects, title} from "../core/trend";
+import {type Column, Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects, title} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
 import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, refuse, runsBefore, select, SPANS, type Window, zoom} from "../core/view";
@@ -172,8 +172,8 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     const expectedNow = (ref: Ref): Series => { const course = state.current.expected.get(ref); return course ? courseSeries(course) : empty(); };
     const drawn = subject.panels.map(({pens: ones}) => {
       const variables = ones.map(pen => variable(pen.ref));
-      const before = earlier ? ones.map(pen => ({...pen, dash: BEFORE, band: false, curve: () => shifted(earlier.series(pen.ref), compare)})) : [];
-      const coming = win.ahead ? ones.map(pen => ({...pen, dash: COMING, band: false, curve: () => expectedNow(pen.ref)})) : [];
+      const before = earlier ? ones.map(pen => ({...pen, dash: BEFORE, curve: () => shifted(earlier.series(pen.ref), compare)})) : [];
+      const coming = win.ahead ? ones.map(pen => ({...pen, dash: COMING, curve: () => expectedNow(pen.ref)})) : [];
       return {
         label: title(variables),
         pens: [...ones.map(pen => ({...pen, curve: () => curves.drawn(pen.ref)})), ...before, ...coming].map((pen, i) => {
@@ -295,12 +295,14 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
 
   const refs = curves.variables.map(one => one.ref);
   /** An earlier window has columns of its own, at the times of this one. */
+  const columns = curves.columns(win.span, chart.current?.pixels ?? 800);
   const rows = (most: number): [number, ...(number | null)[]][] => {
-    const before = earlier ? refs.map(ref => shifted(earlier.series(ref), compare)) : [];
-    return curves.rows(...bounds(win, serverNow()), most).map(([t, ...values]) => [t, ...values, ...before.map(series => valueAt(series, t))]);
+    const [now, before] = [columns.map(one => curves.series(one.ref)), earlier ? columns.map(one => shifted(earlier.series(one.ref), compare)) : []];
+    const of = (all: Series[], t: number): (number | null)[] => all.map((series, i) => (columns[i] as Column).at(series, t));
+    return curves.rows(...bounds(win, serverNow()), most).map(t => [t, ...of(now, t), ...of(before, t)]);
   };
   const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
-  const heads = curves.head(win.span, chart.current?.pixels ?? 800);
+  const heads = columns.map(one => one.head);
   const head = ["time", ...heads, ...(earlier ? heads.map(one => `${one}, ${duration(compare)} before`) : [])];
   const coming = courseRows([...expected.values()].filter(course => refs.includes(course.ref)), STEPS);
   const asPens = (): string => pensAbout((pens?.signals ?? refsIn(subject).flatMap(ref => variable(ref) ?? [])).map(one => nameOf(one, p.variables)), win);
@@ -390,7 +392,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         <Table
           caption={`${subject.name}, the newest ${Math.min(200, rows(200).length)} points of the window (${zone})`}
           head={head}
-          rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told(refs[i % refs.length] as Ref, value))])}
+          rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told((columns[i % columns.length] as Column).ref, value))])}
         />
       )}
       {table && coming.rows.length > 0 && <Table caption="What is expected, by the time from the plan on" head={["signal", ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => number(value))])} />}
@@ -490,9 +492,11 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
       <span class="at">{t == null ? "newest" : `${when(t, 1)}${coming ? ", expected" : ""}`}</span>
       {subject.panels.flatMap(panel => panel.pens).map(pen => {
         const then = t == null ? null : at(pen.ref, t);
+        const bin = t == null || coming ? null : curves.around(pen.ref, t);
         return (
           <span key={pen.ref} class="item">
-            <Stroke pen={pen} /> {variable(pen.ref)?.name} {t == null ? <Value of={pen.ref} /> : <b>{then == null ? missing : told(pen.ref, then)}</b>}
+            <Stroke pen={pen} /> {variable(pen.ref)?.name} {t == null ? <Value of={pen.ref} /> : <b title={then == null ? undefined : exact(then)}>{then == null ? missing : told(pen.ref, then)}</b>}
+            {bin && bin.low < bin.high && <span class="say between"> {told(pen.ref, bin.low)} to {told(pen.ref, bin.high)}</span>}
           </span>
         );
       })}

@@ -47,6 +47,13 @@ function draw(canvas: HTMLCanvasElement, curves: [Series, string, boolean][], sc
         context.lineTo(x(t), y((last = v)));
       }
     });
+    // What lay in a bin, however short it was.
+    series.t.forEach((t, i) => {
+      const [low, high] = [series.low[i], series.high[i]];
+      if (low == null || high == null || high <= low) return;
+      context.moveTo(x(t), y(high));
+      context.lineTo(x(t), y(low));
+    });
     context.stroke();
   }
 }
@@ -87,6 +94,6 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
 export function summary(of: Ref): string {
   const series = recent(of).value;
   const from = series.t[0] == null ? 0 : Math.max(0, indexAt(series, serverNow() - RECENT));
-  const [low, high] = extent(series.mid.slice(from));
+  const [low, high] = extent([...series.low.slice(from), ...series.high.slice(from)]);
   return isFinite(low) ? `${told(of, low)} to ${told(of, high)}` : "no data";
 }
