@@ -1338,6 +1338,41 @@ test("the line of alarms stands on every page, with the most urgent, which is ac
   assert.match(said(".alarm-line"), /Alarms are not evaluated: this is how they stood last/);
 });
 
+test("the list of alarms stands still while somebody points at it, and a press is for the alarm that was there when it began", async () => {
+  await withAlarms(stands(2, 1, "Unacknowledged Active"));
+  await show("alarms");
+  const names = () => [...document.querySelectorAll(".alarm-list tbody tr:not(.detail) th span")].map(each => each.firstChild?.textContent);
+  const list = one(".alarm-list");
+  const happens = async (type: string, at: Element): Promise<void> => {
+    at.dispatchEvent(new Event(type, {bubbles: type.startsWith("focus")}));
+    await settle();
+  };
+  await happens("pointerenter", list);
+  env.source.send("alarms", {t: server.now, alarms: [stands(1, 9, "Unacknowledged Active")]});
+  await settle();
+  assert.deepEqual(names(), ["y2.low", "y1.high"], "what has come since is before what was pointed at");
+  env.source.send("alarms", {t: server.now, alarms: [stands(2, 2, "Normal")]});
+  await settle();
+  assert.deepEqual(names(), ["y2.low", "y1.high"], "what has gone has left a gap");
+  assert.match(said(".alarms [role=search] .say"), /2 shown: as they stood when you pointed at them/);
+  await happens("pointerleave", list);
+  assert.deepEqual(names(), ["y1.high"]);
+
+  await withAlarms(stands(2, 5, "Unacknowledged Active"));
+  await env.pass(2);
+  const act = one(".alarm-line > button");
+  await happens("pointerdown", act);
+  env.source.send("alarms", {t: server.now, alarms: [stands(1, 9, "Unacknowledged Active")]});
+  await settle();
+  env.asked.length = 0;
+  await click(act);
+  const asked = env.take("/api/alarms/y2.low/ack");
+  assert.equal(asked.body?.seq, 5);
+  assert.equal(env.asked.filter(each => each.path.endsWith("/ack")).length, 0);
+  asked.fail();
+  await settle();
+});
+
 test("the list of alarms: the most urgent first, what each means, and shelving for a reason", async () => {
   await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 1, "Acknowledged Active", {author: "anna"}), stands(3, 4, "Shelved", {shelved_until: server.now + 600}));
   await show("alarms");

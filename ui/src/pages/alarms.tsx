@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The alarms: those that stand, those that are masked, all of them; what each one means, and what to do with it.
 import type {JSX} from "preact";
-import {useRef, useState} from "preact/hooks";
+import {useEffect, useRef, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
+import {usePress} from "../usepress";
 import {downloadText} from "../download";
 import {acknowledge, acknowledgeAll, service, shelve} from "../core/alarming";
-import {acknowledgement, type Alarm, counted, found, isMasked, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
+import {acknowledgement, type Alarm, counted, found, isMasked, kept, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
 import {Cell} from "../core/cell";
 import {clock, csv, duration, exact, iso, span, stamp, when, zone} from "../core/format";
 import {isOnItsWay} from "../core/lifecycle";
@@ -70,9 +71,18 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
     last.current = named;
     if (named != null) setOpened(open);
   }
-  const rows = all.filter(one => one.id === named || (shows[view](one) && found(text, one)));
+  const wanted = all.filter(one => one.id === named || (shows[view](one) && found(text, one)));
+  // While somebody points at it, or has the focus in it, nothing moves in the list.
+  const [order, setOrder] = useState<number[] | null>(null);
+  const rows = order ? kept(order, wanted, all) : wanted;
+  useEffect(() => setOrder(null), [text, view]);
+  const hold = (): void => setOrder(was => was ?? wanted.map(one => one.id));
+  const free = ({currentTarget: list}: {currentTarget: HTMLElement}, focused: Element | null): void => {
+    if (!focused || !list.contains(focused) || !focused.matches(":focus-visible")) setOrder(null); // a press leaves a focus as well, which nobody sees
+  };
   const shown = rows.slice(0, most);
   const waiting = shown.filter(isUnacknowledged);
+  const everything = usePress(waiting, those => void acknowledgeAll(those));
   const toggle = (id: number): void => setOpened(new Set(open.has(id) ? [...open].filter(one => one !== id) : [...open, id]));
   const exportCsv = (): void =>
     downloadText(
@@ -86,15 +96,23 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
     <>
       <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
         <label>contains <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
-        <span class="say" role="status">{rows.length} shown</span>
+        <span class="say" role="status">{rows.length} shown{order && rows.some((one, i) => one !== wanted[i]) && ": as they stood when you pointed at them, newer ones at the end"}</span>
         <span class="spring" />
-        <button type="button" disabled={waiting.length === 0 || barred != null} title={barred ?? undefined} onClick={() => void acknowledgeAll(waiting)}>
+        <button type="button" disabled={waiting.length === 0 || barred != null} title={barred ?? undefined} {...everything.on}>
           Acknowledge all shown{waiting.length > 0 && ` (${waiting.length})`}
         </button>
         <button type="button" onClick={exportCsv}>CSV</button>
       </form>
       <div class="panel scroll" tabIndex={0} role="region" aria-label={`Alarms: ${views[view]}`}>
-        <table class="data cards alarm-list">
+        <table
+          class="data cards alarm-list"
+          onPointerEnter={hold}
+          onPointerLeave={event => free(event, document.activeElement)}
+          onFocusIn={hold}
+          onFocusOut={event => {
+            if (!event.currentTarget.matches(":hover")) free(event, event.relatedTarget as Element | null);
+          }}
+        >
           <thead>
             <tr>
               <th scope="col">Priority</th>
@@ -127,6 +145,8 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
   useCell(view?.phase === "accepted" ? second : still);
   const act = acknowledgement(of);
   const signal = variable(of.ref);
+  const busy = isOnItsWay(view, serverNow());
+  const press = usePress(of, one => void acknowledge(one));
   return (
     <tr class={isUnacknowledged(of) ? "unacknowledged" : ""}>
       <td data-label="Priority"><Shape priority={of.priority} label={of.kind} hollow={!isUnacknowledged(of)} /></td>
@@ -144,13 +164,13 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
       <td class="acts">
         <div class="entry-line">
           {act && (
-            <button type="button" class="primary" disabled={barred != null || isOnItsWay(view, serverNow())} title={barred ?? undefined} onClick={() => void acknowledge(of)}>
-              {act}<span class="hidden"> {of.alarm}</span>
+            <button type="button" class="primary" disabled={barred != null || busy} title={barred ?? undefined} {...press.on}>
+              {busy ? "on its way …" : act}<span class="hidden"> {of.alarm}</span>
             </button>
           )}
           <button type="button" aria-expanded={open} onClick={toggle}>{open ? "Less" : "More"}<span class="hidden"> of {of.alarm}</span></button>
         </div>
-        {view && view.phase !== "applied" && <WriteStatus of={`ack.${of.id}`} retry={() => void acknowledge(of)} />}
+        {view && view.phase !== "applied" && !busy && <WriteStatus of={`ack.${of.id}`} retry={() => void acknowledge(of)} />}
       </td>
     </tr>
   );

@@ -4,6 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {useCell} from "../usecell";
+import {usePress} from "../usepress";
 import {acknowledge} from "../core/alarming";
 import {acknowledgement, counted, isUnacknowledged} from "../core/alarms";
 import {env} from "../core/env";
@@ -27,6 +28,7 @@ export function AlarmLine(): JSX.Element | null {
   useCell(second);
   const busy = isOnItsWay(useCell(slot(`ack.${first?.id ?? 0}`)), serverNow());
   const steady = useSteady(first?.id ?? null);
+  const press = usePress(first, one => void (one && acknowledge(one)));
   if (!p?.alarms || evaluated == null) return null;
   return (
     <section class={`alarm-line${first ? ` calls p${first.priority}` : ""}`} aria-label="Alarms">
@@ -48,7 +50,7 @@ export function AlarmLine(): JSX.Element | null {
         )}
       </span>
       {first && (
-        <button type="button" disabled={barred != null || busy || !steady} title={barred ?? undefined} onClick={() => void acknowledge(first)}>
+        <button type="button" disabled={barred != null || ((busy || !steady) && !press.under())} title={barred ?? undefined} {...press.on}>
           {busy ? "on its way …" : (acknowledgement(first) ?? "Acknowledge")}<span class="hidden"> {first.alarm}</span>
         </button>
       )}
