@@ -77,10 +77,29 @@ expect 0 'Value' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 7
 expect 1 'RefusedError: .*has not taken the command' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" -3
 said odd 'ns=1;s=word is to be -3, which does not fit its type, UInt16' || fail "why it is refused is not told"
 expect 0 '3.5' "$user/bin/python" "$work/rest.py" "tcp:127.0.0.1:$odd"
+# Nor is what a client sends whose place another one has taken, or whose claim is of a time to come.
+cat >"$work/claims.py" <<'PY'
+import sys
+from datetime import datetime, timezone
+from time import time_ns
+
+import apc
+
+claim = time_ns() // 1000
+with apc.Link(sys.argv[1], timeout=5) as plant:
+    for number, taken in ((claim, True), (claim - 1, False), (claim + 3600 * 10**6, False), (claim, True)):
+        number = number * 1024 + 1
+        now = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+        answer = plant.exchange(f"apc1 command {number} 1;{now},Good,7;\n".encode()).decode()
+        assert answer.startswith(f"apc1 values {number if taken else 0} 1;"), answer
+print("fenced")
+PY
+expect 0 fenced "$user/bin/python" "$work/claims.py" "tcp:127.0.0.1:$odd"
+said odd 'commands are refused of a client whose place another one has taken' || fail "who was replaced is not told"
 kill -TERM "$strange"
 wait "$strange" || fail "the gateway ended with $?"
 said odd 'it ends: the safe values were written' || fail "it leaves its output behind"
-[ "$(grep -c '^word given' "$work/plant.log")" = 2 ] || fail "the node was given $(grep '^word given' "$work/plant.log" | tr '\n' ' ')"
+[ "$(grep '^word given' "$work/plant.log" | sort -u | wc -l)" = 2 ] || fail "the node was given $(grep '^word given' "$work/plant.log" | tr '\n' ' ')"
 for output in 'ns=1;s=word=-1' 'ns=1;s=word=65536'; do
   : >"$work/odd.log"
   background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"

@@ -22,6 +22,8 @@ from ..native import check, ffi, lib, why
 
 _LONGEST = 5.0  # s between two attempts to connect
 _MOST = 8192  # values of a frame
+_PER_CLAIM, _CLAIMED = 1024, 1 << 50  # of a frame's id: apcsockets.h
+_AHEAD = 60 * 10**6  # µs that a claim's number, which is a time, may be ahead
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
@@ -85,7 +87,8 @@ class Gateway:
         self._fed: Optional[float] = None  # when it came; None: there was none, or the plant is at its safe values
         self._seen = [Seen() for _ in options.measure]
         self._ahead = 0  # ns: the server's clock of ours
-        self._refuses = False  # the last command
+        self._refuses = self._fences = False  # the last command; one of another claim, and that was said
+        self._claim = 0  # the highest that commands; 0: none has a number
         self._unsafe = ""  # why the safe values were not written, as it was said
         self._room = 256 + 96 * len(options.measure)
         self._samples = ffi.new("struct apc_sample[]", _MOST)
@@ -177,7 +180,7 @@ class Gateway:
         frame, reason = ffi.new("struct apc_frame *"), why()
         check(lib.apc_frame_decode(request, len(request), frame, self._samples, _MOST), reason)
         if frame.kind == lib.APC_FRAME_COMMAND:
-            if not await self._command(frame.n):
+            if not (self._may(frame.id) and await self._command(frame.n)):
                 frame.id = 0  # the client knows by that
         elif frame.kind != lib.APC_FRAME_QUERY:
             raise ValueError("a plant is asked by command and query alone")
@@ -185,6 +188,19 @@ class Gateway:
         frame.kind, frame.n = lib.APC_FRAME_VALUES, len(self._o.measure)
         reply = ffi.new("char[]", self._room)
         return bytes(ffi.buffer(reply, check(lib.apc_frame_encode(reply, self._room, frame, self._samples), reason)))
+
+    def _may(self, number: int) -> bool:
+        """False: another client has taken this one's place since. Their claims are forgotten where none commands any more."""
+        claim = number // _PER_CLAIM if number >= _CLAIMED else 0
+        if claim and (claim < self._claim or claim > time_ns() // 1000 + _AHEAD):
+            if not self._fences:
+                say("commands are refused of a client " + ("whose place another one has taken, by a newer claim: stop it" if claim < self._claim else
+                                                           "whose claim is of a time to come: its store's clock is wrong"))
+            self._fences = True
+            return False
+        self._fences = self._fences and claim <= self._claim
+        self._claim = max(self._claim, claim)
+        return True
 
     async def _command(self, n: int) -> bool:
         """Was it taken?"""
@@ -250,7 +266,7 @@ class Gateway:
                 return
             try:
                 await asyncio.wait_for(self._write([safe for _, safe in self._o.output]), self._o.timeout)
-                self._fed, self._unsafe = None, ""
+                self._fed, self._unsafe, self._claim = None, "", 0
                 say(f"{because}: the safe values were written")
             except (ValueError, OSError, asyncio.TimeoutError, self._ua.UaError) as e:
                 reason = str(e) or type(e).__name__
