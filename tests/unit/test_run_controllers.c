@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Several controllers in one file: who has which signals, and what cannot be, with its line. */
+#include <glob.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -98,6 +99,63 @@ static void assert_tag(const struct apc_tag *tags, size_t n, enum apc_table tabl
 {
     assert_string_equal(tag_of(tags, n, table, id)->name, name);
     assert_string_equal(tag_of(tags, n, table, id)->controller, controller);
+}
+
+/* One that a drawing may mean: a signal by its name, or TABLE.ID. */
+static bool is_tagged(const struct apc_tag *t, size_t n, const char *name)
+{
+    char number[APC_TAG_LEN];
+    for (size_t i = 0; i < n; i++) {
+        snprintf(number, sizeof number, "%s.%d", apc_table_name(t[i].table), t[i].id);
+        if (!strcmp(t[i].name, name) || !strcmp(number, name))
+            return true;
+    }
+    return false;
+}
+
+static void check_drawing(const char *svg, const struct apc_tag *t, size_t n)
+{
+    static char text[100000];
+    FILE *file = fopen(svg, "r");
+    assert_non_null(file);
+    text[fread(text, 1, sizeof text - 1, file)] = '\0';
+    fclose(file);
+    size_t named = 0;
+    for (char *at = text; (at = strstr(at, "data-apc=\"")); named++) {
+        at += strlen("data-apc=\"");
+        char *end = strchr(at, '"');
+        assert_non_null(end);
+        *end = '\0';
+        if (!is_tagged(t, n, at))
+            fail_msg("%s names \"%s\", which its experiment has not", svg, at);
+        at = end + 1;
+    }
+    assert_true(named > 5);
+}
+
+static void the_drawings_that_come_along_name_signals_of_their_experiments(void **state)
+{
+    glob_t found;
+    (void)state;
+    assert_int_equal(glob(APC_SOURCE_DIR "/experiments/*.svg", 0, NULL, &found), 0);
+    assert_int_equal(glob(APC_SOURCE_DIR "/experiments/alarms/*.svg", GLOB_APPEND, NULL, &found), 0);
+    for (size_t i = 0; i < found.gl_pathc; i++) {
+        const char *svg = found.gl_pathv[i];
+        struct experiment e;
+        struct apc_error why;
+        char path[500];
+        size_t n = 0;
+        snprintf(path, sizeof path, "%.*s.conf", (int)(strlen(svg) - strlen(".svg")), svg);
+        if (experiment_load(&e, path, EXPERIMENT_LAW, NULL, &why) < 0)
+            fail_msg("%s", why.text);
+        struct apc_tag *t = provision_tags(&e, &n);
+        assert_non_null(t);
+        check_drawing(svg, t, n);
+        free(t);
+        experiment_free(&e);
+    }
+    assert_true(found.gl_pathc > 10);
+    globfree(&found);
 }
 
 static void loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file(void **state)
@@ -673,6 +731,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_controller_has_its_own_signals),
+        cmocka_unit_test(the_drawings_that_come_along_name_signals_of_their_experiments),
         cmocka_unit_test(a_law_instead_of_the_files_says_whose_it_is),
         cmocka_unit_test(loops_are_described_by_their_controllers_and_numbered_in_the_order_of_the_file),
         cmocka_unit_test(each_loop_gets_its_own_target_and_what_it_controls),
