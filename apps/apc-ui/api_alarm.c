@@ -258,6 +258,17 @@ static void figures_of(const struct alarm_figures *f, const struct experiment *e
     each_json(f, e, t);
 }
 
+/* From when on there is a record within the range: figures are of that, and not of the time before it. */
+static apc_ns recorded_since(struct model *m, const struct alarm_journal *j, const struct apc_range *range)
+{
+    pthread_mutex_lock(&m->mutex);
+    apc_ns begin = m->plant.start;
+    pthread_mutex_unlock(&m->mutex);
+    if (j->n > 0 && (begin == 0 || j->at[0].time < begin)) /* of a run before, or nobody knows */
+        begin = j->at[0].time;
+    return begin > range->since && begin < range->until ? begin : range->since;
+}
+
 void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct desk *desk = &ui->desk[DESK_PAST];
@@ -269,8 +280,10 @@ void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store
     const bool ok = take_desk(desk, r, store);
     const struct experiment *e = &desk->board.e;
     int rc = ok ? alarm_journal_load(&journal, store, e->n_alarms, &range) : 0;
-    if (ok && rc == 0)
+    if (ok && rc == 0) {
+        range.since = recorded_since(&ui->model, &journal, &range);
         rc = alarm_figures_make(&figures, &journal, e, range.since, range.until);
+    }
     if (rc < 0)
         fault_store(r, rc, store);
     if (ok && rc == 0) {

@@ -178,6 +178,7 @@ static void figures_count_them(void **state)
     measured(20);
     measured(1);
     measured(20);
+    ui->model.plant.start = apc_clock_utc(NULL) - 2 * 86400 * APC_NS_PER_S;
     const char *answer = ask_text(get_alarm_figures);
     assert_non_null(
         strstr(answer, "\"hours\":24,\"raised\":2,\"by_priority\":[0,2,0,0],\"per_hour\":0.0833"));
@@ -187,6 +188,16 @@ static void figures_count_them(void **state)
     assert_non_null(
         strstr(answer, "\"alarms\":[{\"id\":1,\"alarm\":\"y.high\",\"raised\":2,\"chatters\":false,"));
     assert_null(strstr(answer, "y.low")); /* it never came */
+    /* Of the record, where that is shorter than what is asked for. */
+    ui->model.plant.start = apc_clock_utc(NULL) - 3000 * APC_NS_PER_S;
+    answer = ask_text(get_alarm_figures);
+    assert_non_null(strstr(answer, "\"hours\":0.83"));
+    assert_non_null(strstr(answer, "\"per_hour\":2.39"));
+    assert_null(strstr(answer, "\"windows\":144,"));
+    ui->model.plant.start = 0; /* nobody knows: since the first transition */
+    answer = ask_text(get_alarm_figures);
+    assert_null(strstr(answer, "\"hours\":24,"));
+    assert_non_null(strstr(answer, "\"windows\":1,"));
     query[0] = "since";
     query[1] = "-2700000"; /* more than 31 days */
     assert_string_equal(ask_text(get_alarm_figures), "");

@@ -36,7 +36,7 @@ export function AlarmFiguresView(): JSX.Element {
         <div class="grid equal">
           <div class="panel">
             <table class="data">
-              <caption>How many</caption>
+              <caption>How many in {duration(figures.hours * 3600)}{figures.hours * 3600 < seconds * 0.99 && <small>the record is no longer</small>}</caption>
               <thead>
                 <tr><th scope="col">Figure</th><th scope="col" class="number">Is</th><th scope="col">Should be</th></tr>
               </thead>
