@@ -95,6 +95,8 @@ struct shell {
     uint64_t dropped; /* y for which there was no room */
     int result;       /* of the store, that ends the daemon; or 0 */
     bool closing;
+    bool leaving, looked; /* spared is wanted; is known */
+    bool *spared;         /* [nu] outputs that are not for this client to make safe */
 
     sem_t work;
     pthread_t thread; /* the store's; it alone has what follows */
@@ -284,6 +286,42 @@ static int write_y(struct shell *s)
     return n > 0 ? append(s, n) : 0;
 }
 
+/* What is another client's by now, and what somebody took out of service: that the plant has as they want it.
+ * Who cannot be asked is not waited for: then it is what this client has commanded that it makes safe. */
+static void look_around(struct shell *s)
+{
+    const struct experiment *e = &s->d->experiment;
+    const size_t loops = controllers_loops(e);
+    const struct apc_sample y = {.table = APC_SENSOR, .id = 1};
+    uint64_t holder = 0;
+    pthread_mutex_lock(&s->mutex);
+    const bool ask = s->leaving && !s->looked;
+    pthread_mutex_unlock(&s->mutex);
+    struct apc_sample *mode = ask ? calloc(loops, sizeof *mode) : NULL;
+    bool *serves = ask ? calloc(e->dim.nu, sizeof *serves) : NULL;
+    if (mode && serves) {
+        const bool theirs = apc_store_holder(s->store, &y, &holder) == 0 && holder > 0 &&
+                            holder != apc_store_claimed(s->store);
+        for (size_t i = 0; i < loops; i++)
+            mode[i] = (struct apc_sample){.table = APC_OPMODE, .id = (int)i + 1};
+        const bool known = apc_store_read(s->store, mode, loops) >= 0;
+        for (size_t i = 0; i < loops; i++) {
+            const struct controller_loop loop = controllers_loop(e, i);
+            const struct wire *to = &loop.of->u[loop.u];
+            if (to->table == APC_ACTUATOR)
+                serves[to->at] |= !known || mode[i].seq == 0 || mode[i].value != (double)APC_MODE_OOS;
+        }
+        pthread_mutex_lock(&s->mutex);
+        for (size_t i = 0; i < e->dim.nu; i++)
+            s->spared[i] = theirs || !serves[i];
+        s->looked = true;
+        pthread_cond_signal(&s->answer);
+        pthread_mutex_unlock(&s->mutex);
+    }
+    free(mode);
+    free(serves);
+}
+
 static bool more(struct shell *s)
 {
     pthread_mutex_lock(&s->mutex);
@@ -303,6 +341,7 @@ static void *serve_store(void *arg)
         while (sem_wait(&s->work) < 0)
             ;
         int rc = read_u(s), wrote = write_y(s);
+        look_around(s);
         bool up = rc >= 0 && wrote >= 0 && apc_store_connected(s->store);
         report(s, &s->store_state, up, "store", "store", up ? "" : apc_store_error(s->store));
         daemon_spool(s->d, s->store);
@@ -405,11 +444,12 @@ static int allocate(struct shell *s)
     s->command = calloc(e->dim.nu, sizeof *s->command);
     s->measured = calloc(e->dim.ny, sizeof *s->measured);
     s->y = calloc(e->dim.ny, sizeof *s->y);
+    s->spared = calloc(e->dim.nu, sizeof *s->spared);
     s->range_state = calloc(e->dim.ny, sizeof *s->range_state);
     s->queue = calloc(s->room, sizeof *s->queue);
     s->batch = calloc(s->room, sizeof *s->batch);
-    if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->range_state ||
-        !s->queue || !s->batch)
+    if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->spared ||
+        !s->range_state || !s->queue || !s->batch)
         return APC_ENOMEM;
     for (size_t i = 0; i < e->dim.nu; i++)
         s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
@@ -465,12 +505,25 @@ static int open_shell(struct shell *s, const struct own_options *own)
     return rc;
 }
 
-/* Of a plant that nobody else commands: whoever was refused the measurements never comes here. */
+/* Outputs that this client has commanded and nobody else does: whoever was refused the measurements never
+ * comes here. */
 static void leave_safe(struct shell *s)
 {
-    const apc_ns until = apc_clock_mono(NULL) + LEAVE_TIME;
-    int rc;
-    while ((rc = apc_exchange_safe(s->plant, until)) < 0 && apc_clock_mono(NULL) < until)
+    const apc_ns now = apc_clock_mono(NULL), until = now + LEAVE_TIME, look = now + LEAVE_TIME / 4;
+    const struct timespec t = {look / APC_NS_PER_S, look % APC_NS_PER_S};
+    int rc = 0;
+    pthread_mutex_lock(&s->mutex);
+    s->leaving = true;
+    sem_post(&s->work);
+    while (!s->looked && s->result == 0 && rc == 0)
+        rc = pthread_cond_clockwait(&s->answer, &s->mutex, CLOCK_MONOTONIC, &t);
+    if (!s->looked) /* and from now on it is left alone */
+        s->leaving = false;
+    const bool theirs = s->result == APC_EBUSY;
+    pthread_mutex_unlock(&s->mutex);
+    if (theirs)
+        return;
+    while ((rc = apc_exchange_safe(s->plant, s->spared, until)) < 0 && apc_clock_mono(NULL) < until)
         nanosleep(&(struct timespec){.tv_nsec = 20 * APC_NS_PER_MS}, NULL);
     if (rc < 0)
         daemon_event(s->d, APC_EVENT_ALARM, "link", "the plant could not be given its safe values: %.150s",
@@ -491,6 +544,7 @@ static void close_shell(struct shell *s)
     free(s->measured);
     free(s->y);
     free(s->range_state);
+    free(s->spared);
     free(s->queue);
     free(s->batch);
     sem_destroy(&s->work);

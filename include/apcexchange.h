@@ -46,20 +46,34 @@ enum apc_modbus_type {
     APC_MODBUS_S16,
     APC_MODBUS_U32,
     APC_MODBUS_S32,
+    APC_MODBUS_U64,
+    APC_MODBUS_S64,
+    APC_MODBUS_FLAG, /**< one bit of a register: 0 or 1 */
     APC_MODBUS_F32,
     APC_MODBUS_F64
 };
+
+#define APC_MODBUS_CODES 4 /**< of one point that say that there is no value */
 
 /** Where in the plant's memory a value is, and how it is written there: value = scale * raw + offset. */
 struct apc_modbus_point {
     enum apc_modbus_area area;
     enum apc_modbus_type type; /**< types of 32 and 64 bits take 2 and 4 registers */
     unsigned address;          /**< as on the wire: the first is 0 */
+    unsigned bit;              /**< of APC_MODBUS_FLAG: 0, the least significant, to 15 */
+    unsigned unit;             /**< 1 to 255: in another unit than that of the options; 0: in that one */
     bool low_word_first;       /**< of those that take several; else the high one */
+    bool low_byte_first;       /**< of each register; else the high one, as the specification has it */
     double scale, offset;      /**< scale 0: 1 */
     double safe;               /**< of u: what apc_exchange_safe() writes */
+    /** Of y: what stands there when there is no value, as the bits of the whole, high word first: it is
+     * BadNoData then. */
+    uint64_t no_value[APC_MODBUS_CODES];
+    unsigned n_no_value; /**< how many there are of these */
 };
 
+/** Registers that a value of @p type takes: 1, 2 or 4. [any] */
+APC_API unsigned apc_modbus_registers(enum apc_modbus_type type);
 /** Can @p value be written there? [any] */
 APC_API bool apc_modbus_fits(const struct apc_modbus_point *point, double value);
 
@@ -81,6 +95,10 @@ struct apc_modbus_options {
     const struct apc_modbus_point *watchdogs;
     /** Before outputs are written, read what stands in their places: apc_exchange_read_back(). */
     bool read_back;
+    /** Write each register and coil by itself, functions 6 and 5: a device that knows no others. Where it is
+     * false these are used of a unit that answered functions 16 and 15 by exception 1. */
+    bool write_single;
+    unsigned block; /**< registers, or bits, in one request at most; 0: as many as a frame holds */
 };
 
 /* ---- The other side of modbus: ---------------------------------------------------------------- */
@@ -109,10 +127,10 @@ APC_API int apc_modbus_unit_create(struct apc_modbus_unit **unit,
                                    const struct apc_modbus_unit_options *options, struct apc_error *why);
 APC_API void apc_modbus_unit_destroy(struct apc_modbus_unit *unit); /**< NULL is legal. [setup] */
 /**
- * Answer one request: functions 1 to 6, 15 and 16. A measurement beyond what its register holds is the end of
- * that range, as a converter has it; a value of several registers is written wholly or not at all (exception
- * 3). Answers as its own unit, and as 0 and 255, which mean whoever has the address. Returns the reply's
- * length, at most 260, or APC_EPROTO, APC_ERANGE (@p size): close the connection. [tick]
+ * Answer one request: functions 1 to 6, 15, 16 and 22. A measurement beyond what its register holds is the
+ * end of that range, as a converter has it; a value of several registers is written wholly or not at all
+ * (exception 3). Answers as each unit of the map, and as 0 and 255, which mean whoever has the address.
+ * Returns the reply's length, at most 260, or APC_EPROTO, APC_ERANGE (@p size): close the connection. [tick]
  */
 APC_API int apc_modbus_unit_answer(struct apc_modbus_unit *unit, const char *request, size_t length,
                                    char *reply, size_t size);
@@ -180,10 +198,12 @@ APC_API int apc_exchange_begin(struct apc_exchange *exchange, const struct apc_v
  */
 APC_API int apc_exchange_finish(struct apc_exchange *exchange, struct apc_value *y);
 /**
- * The client leaves: give a plant that does not watch its client its safe values, within @p deadline. Nothing
- * to do for a plant behind frames, which goes there by itself. Returns 0 or a negative error. [setup]
+ * The client leaves: give a plant that does not watch its client the safe values of those outputs that this
+ * exchange has commanded, within @p deadline, but for those that are @p spared [nu] (NULL: none): whoever
+ * only looked changes nothing. Nothing to do for a plant behind frames, which goes there by itself. Returns 0
+ * or a negative error. [setup]
  */
-APC_API int apc_exchange_safe(struct apc_exchange *exchange, apc_ns deadline);
+APC_API int apc_exchange_safe(struct apc_exchange *exchange, const bool *spared, apc_ns deadline);
 /**
  * From now on the commands are those of a claim, apc_store_claimed(): a plant behind frames refuses them once
  * it has had one of a newer claim, so that a client which slept while another one took its place moves

@@ -174,6 +174,8 @@ APC_API int apc_link_send(struct apc_link *link, const char *request, size_t len
 APC_API int apc_link_receive(struct apc_link *link, const char **reply, apc_ns deadline);
 /** Close the connection, e.g. because the reply made no sense. The next exchange connects anew. [tick] */
 APC_API void apc_link_reset(struct apc_link *link);
+APC_API bool apc_link_connected(const struct apc_link *link);    /**< As far as it is known. [tick] */
+APC_API uint64_t apc_link_connects(const struct apc_link *link); /**< Connections made so far. [tick] */
 APC_API const char *
 apc_link_error(const struct apc_link *link); /**< text of the last failure, "" if none. [tick] */
 

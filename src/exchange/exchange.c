@@ -3,6 +3,7 @@
 #include "base/base_internal.h"
 #include "exchange/exchange_internal.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 static const struct apc_exchange_ops *const schemes[] = {&apc_exchange_tcp,    &apc_exchange_tls,
@@ -40,9 +41,15 @@ int apc_exchange_open(struct apc_exchange **exchange, const char *uri,
     if (!o.nu || o.nu > APC_EXCHANGE_VALUES || !o.ny || o.ny > APC_EXCHANGE_VALUES)
         return apc_fail(why, APC_EINVAL, "plant \"%s\": nu is %zu, ny is %zu; each must be 1 to %d", uri,
                         o.nu, o.ny, APC_EXCHANGE_VALUES);
+    bool *commanded = calloc(2 * o.nu, sizeof(*commanded));
+    if (!commanded)
+        return apc_fail(why, APC_ENOMEM, "plant \"%s\": no memory", uri);
     rc = ops->open(exchange, uri, &o, why);
-    if (rc < 0)
+    if (rc < 0) {
+        free(commanded);
         return rc;
+    }
+    (*exchange)->commanded = commanded;
     (*exchange)->ops = ops;
     (*exchange)->nu = o.nu;
     (*exchange)->ny = o.ny;
@@ -51,8 +58,11 @@ int apc_exchange_open(struct apc_exchange **exchange, const char *uri,
 
 void apc_exchange_close(struct apc_exchange *x)
 {
-    if (x)
-        x->ops->close(x);
+    if (!x)
+        return;
+    bool *commanded = x->commanded;
+    x->ops->close(x);
+    free(commanded);
 }
 
 bool apc_exchange_writes(const struct apc_value *u)
@@ -89,9 +99,15 @@ int apc_exchange_finish(struct apc_exchange *x, struct apc_value *y)
     return rc;
 }
 
-int apc_exchange_safe(struct apc_exchange *x, apc_ns deadline)
+int apc_exchange_safe(struct apc_exchange *x, const bool *spared, apc_ns deadline)
 {
-    return x->ops->safe ? x->ops->safe(x, deadline) : 0;
+    bool *which = x->commanded + x->nu, any = false;
+
+    for (size_t i = 0; i < x->nu; i++) {
+        which[i] = x->commanded[i] && !(spared && spared[i]);
+        any = any || which[i];
+    }
+    return any && x->ops->safe ? x->ops->safe(x, which, deadline) : 0;
 }
 
 void apc_exchange_claim(struct apc_exchange *x, uint64_t number)

@@ -17,7 +17,9 @@ struct apc_exchange_ops {
     void (*close)(struct apc_exchange *x); /* also of one that open could not finish */
     int (*begin)(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline);
     int (*finish)(struct apc_exchange *x, struct apc_value *y);
-    int (*safe)(struct apc_exchange *x, apc_ns deadline);   /* NULL: the plant watches its client */
+    /* Of the outputs that are @which [nu]; NULL: the plant watches its client. One that has it marks in
+     * `commanded` what may have reached the plant. */
+    int (*safe)(struct apc_exchange *x, const bool *which, apc_ns deadline);
     void (*claim)(struct apc_exchange *x, uint64_t number); /* NULL: a command has no place for it */
     apc_status (*read_back)(const struct apc_exchange *x, size_t i, double *value); /* NULL: it is not */
 };
@@ -26,7 +28,8 @@ struct apc_exchange {
     const struct apc_exchange_ops *ops;
     size_t nu, ny;
     bool begun;
-    bool refused; /* the command of the last one */
+    bool refused;    /* the command of the last one */
+    bool *commanded; /* [nu], and room for as many; exchange.c's, after open */
     struct apc_error error;
 };
 

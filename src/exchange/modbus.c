@@ -19,11 +19,21 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
+
+#define ILLEGAL_FUNCTION 1
+#define ACKNOWLEDGE      5 /* taken, but not done yet */
+#define BUSY             6
+#define PAUSE            (5 * APC_NS_PER_MS) /* before a device that is busy is asked again; doubled each time */
+#define PAUSE_MAX        (100 * APC_NS_PER_MS)
 
 struct modbus {
     struct apc_exchange x;
     struct apc_link *link;
-    unsigned unit;
+    unsigned block; /* registers, or bits, in one request at most */
+    bool write_single;
+    unsigned char single[256]; /* by unit: SINGLE_REGISTERS, SINGLE_COILS */
+    bool sent;                 /* the last request has left */
     uint16_t transaction;
     struct apc_modbus_item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
     size_t n_u, n_y;
@@ -41,6 +51,8 @@ struct modbus {
     unsigned char frame[APC_MODBUS_FRAME];
 };
 
+enum { SINGLE_REGISTERS = 1, SINGLE_COILS };
+
 /* ---- One request and its reply -------------------------------------------------------------- */
 
 static int no_answer(struct modbus *m)
@@ -49,20 +61,19 @@ static int no_answer(struct modbus *m)
     return apc_fail(&m->x.error, APC_EPROTO, "its reply does not answer the request");
 }
 
-/*
- * The request of @n bytes that stands behind the header. Returns 0 with the reply's bytes behind its header,
- * as many as @expected, in @reply; the number of an exception, 1 to 255; or a negative error.
- */
-static int ask(struct modbus *m, size_t n, size_t expected, const unsigned char **reply)
+static int ask_once(struct modbus *m, unsigned unit, size_t n, size_t expected, const unsigned char **reply)
 {
     const char *text;
 
     apc_modbus_put(m->frame, ++m->transaction);
     apc_modbus_put(m->frame + 2, 0);
     apc_modbus_put(m->frame + 4, (unsigned)n + 1);
-    m->frame[6] = (unsigned char)m->unit;
-    int length =
-        apc_link_exchange(m->link, (const char *)m->frame, APC_MODBUS_HEADER + n, &text, m->deadline);
+    m->frame[6] = (unsigned char)unit;
+    int length = apc_link_send(m->link, (const char *)m->frame, APC_MODBUS_HEADER + n, m->deadline);
+    if (length == 0) {
+        m->sent = true;
+        length = apc_link_receive(m->link, &text, m->deadline);
+    }
     if (length < 0)
         return apc_fail(&m->x.error, length, "%s", apc_link_error(m->link));
     *reply = (const unsigned char *)text + APC_MODBUS_HEADER;
@@ -74,6 +85,43 @@ static int ask(struct modbus *m, size_t n, size_t expected, const unsigned char 
     if ((*reply)[0] != m->frame[APC_MODBUS_HEADER] || (size_t)length != APC_MODBUS_HEADER + expected)
         return no_answer(m);
     return 0;
+}
+
+static void wait_for(apc_ns time)
+{
+    (void)nanosleep(&(struct timespec){time / APC_NS_PER_S, time % APC_NS_PER_S}, NULL);
+}
+
+/*
+ * The request of @n bytes that stands behind the header, to @unit. Returns 0 with the reply's bytes behind
+ * its header, as many as @expected, in @reply; the number of an exception, 1 to 255; or a negative error.
+ *
+ * A server may close the connection after each answer, which is known only when the next request is on its
+ * way: that one goes out once more, over a connection of its own. A device that is busy is asked again for
+ * half of the time that is left, so that there is some for the others. Both change nothing when they are
+ * repeated: the same is read, or the same value written.
+ */
+static int ask(struct modbus *m, unsigned unit, size_t n, size_t expected, const unsigned char **reply)
+{
+    const apc_ns now = apc_clock_mono(NULL), until = now + (m->deadline - now) / 2;
+    apc_ns pause = PAUSE;
+    bool again = false;
+
+    m->sent = false;
+    for (;;) {
+        const bool stood = apc_link_connected(m->link);
+        const uint64_t connects = apc_link_connects(m->link);
+        const int rc = ask_once(m, unit, n, expected, reply);
+
+        if (rc == APC_ECONN && stood && !again && apc_link_connects(m->link) == connects) {
+            again = true;
+            continue;
+        }
+        if ((rc != BUSY && rc != ACKNOWLEDGE) || apc_clock_mono(NULL) + pause >= until)
+            return rc;
+        wait_for(pause);
+        pause = 2 * pause < PAUSE_MAX ? 2 * pause : PAUSE_MAX;
+    }
 }
 
 static const char *exception_text(int number)
@@ -114,15 +162,27 @@ static apc_status exception_status(int number)
 
 /* ---- Points next to each other --------------------------------------------------------------- */
 
+/* To be written, bits of one register are a request of their own. */
+static bool goes_with(const struct apc_modbus_item *first, const struct apc_modbus_item *next)
+{
+    const bool flag = first->point.type == APC_MODBUS_FLAG;
+
+    return next->go && flag == (next->point.type == APC_MODBUS_FLAG) &&
+           (!flag || next->point.address == first->point.address);
+}
+
 /* How many of @left items, from the first on, go in one request, and the registers or bits that they take. */
-static size_t together(const struct apc_modbus_item *first, size_t left, unsigned most, bool only_go,
+static size_t together(const struct modbus *m, const struct apc_modbus_item *first, size_t left, bool write,
                        unsigned *width)
 {
+    const bool bits = apc_modbus_is_bit(first->point.area);
+    const unsigned fits = write ? (bits ? 1968 : 123) : bits ? 2000 : 125;
+    const unsigned most = m->block && m->block < fits ? m->block : fits;
     unsigned end = apc_modbus_end(first);
     size_t n = 1;
 
-    for (; n < left && first[n].point.area == first->point.area && first[n].point.address <= end &&
-           (!only_go || first[n].go);
+    for (; n < left && first[n].point.unit == first->point.unit && first[n].point.area == first->point.area &&
+           first[n].point.address <= end && (!write || goes_with(first, &first[n]));
          n++) {
         const unsigned next = apc_modbus_end(&first[n]) > end ? apc_modbus_end(&first[n]) : end;
 
@@ -136,12 +196,64 @@ static size_t together(const struct apc_modbus_item *first, size_t left, unsigne
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-static int write_together(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width)
+/*
+ * A request to write @n items, of @bytes behind the header; the reply is the first @echo of them. Returns as
+ * ask() does.
+ */
+static int write_request(struct modbus *m, const struct apc_modbus_item *first, size_t n, size_t bytes,
+                         size_t echo)
+{
+    const unsigned char *reply;
+    const int rc = ask(m, first->point.unit, bytes, echo, &reply);
+
+    for (size_t i = 0; i < n && rc <= 0 && m->sent; i++)
+        if (first[i].of < m->x.nu)
+            m->x.commanded[first[i].of] = true;
+    return rc == 0 && memcmp(reply, m->frame + APC_MODBUS_HEADER, echo) != 0 ? no_answer(m) : rc;
+}
+
+/* Bits of a register, and no other bit of it: the device itself puts them in. */
+static int write_flags(struct modbus *m, const struct apc_modbus_item *first, size_t n)
+{
+    unsigned char *pdu = m->frame + APC_MODBUS_HEADER, mask[2];
+
+    pdu[0] = APC_MODBUS_MASK_HOLDING;
+    apc_modbus_put(pdu + 1, first->point.address);
+    memset(pdu + 3, 0xFF, 2); /* what stays */
+    memset(pdu + 5, 0, 2);    /* what is put in where it does not */
+    for (size_t i = 0; i < n; i++) {
+        apc_modbus_mask(&first[i].point, mask);
+        for (size_t k = 0; k < 2; k++) {
+            pdu[3 + k] &= (unsigned char)~mask[k];
+            pdu[5 + k] |= first[i].data[k];
+        }
+    }
+    return write_request(m, first, n, 7, 7);
+}
+
+/* Each by itself. */
+static int write_single(struct modbus *m, const struct apc_modbus_item *first, size_t n)
+{
+    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
+    const bool bits = first->point.area == APC_MODBUS_COIL;
+    int rc = 0;
+
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        pdu[0] = bits ? APC_MODBUS_WRITE_COIL : APC_MODBUS_WRITE_REGISTER;
+        apc_modbus_put(pdu + 1, first[i].point.address);
+        memcpy(pdu + 3, first[i].data, 2);
+        if (bits)
+            apc_modbus_put(pdu + 3, first[i].data[1] ? 0xFF00 : 0);
+        rc = write_request(m, &first[i], 1, 5, 5);
+    }
+    return rc;
+}
+
+static int write_multiple(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width)
 {
     unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
     const bool bits = first->point.area == APC_MODBUS_COIL;
     const unsigned bytes = bits ? (width + 7) / 8 : 2 * width;
-    const unsigned char *reply;
 
     pdu[0] = bits ? APC_MODBUS_WRITE_COILS : APC_MODBUS_WRITE_HOLDING;
     apc_modbus_put(pdu + 1, first->point.address);
@@ -155,16 +267,47 @@ static int write_together(struct modbus *m, const struct apc_modbus_item *first,
             pdu[6 + at / 8] |= (unsigned char)(first[i].data[1] << at % 8);
         else
             memcpy(pdu + 6 + (size_t)2 * at, first[i].data,
-                   (size_t)2 * apc_modbus_width(first[i].point.type));
+                   (size_t)2 * apc_modbus_registers(first[i].point.type));
     }
-    int rc = ask(m, 6 + bytes, 5, &reply);
+    return write_request(m, first, n, 6 + bytes, 5);
+}
+
+/* Values of one register, which no request can leave half written. */
+static bool are_single(const struct apc_modbus_item *first, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (apc_modbus_registers(first[i].point.type) > 1)
+            return false;
+    return true;
+}
+
+static int write_together(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width)
+{
+    const bool bits = first->point.area == APC_MODBUS_COIL, flags = first->point.type == APC_MODBUS_FLAG;
+    const unsigned char kind = bits ? SINGLE_COILS : SINGLE_REGISTERS;
+    unsigned char *known = &m->single[first->point.unit & 0xFF];
+    const bool can = are_single(first, n), first_way = m->write_single || (can && (*known & kind));
+    int rc = flags       ? write_flags(m, first, n)
+             : first_way ? write_single(m, first, n)
+                         : write_multiple(m, first, n, width);
+
+    if (rc == ILLEGAL_FUNCTION && !flags && !first_way && can) {
+        rc = write_single(m, first, n);
+        *known |= rc == 0 ? kind : 0;
+    } else if (rc == ILLEGAL_FUNCTION) {
+        *known &= (unsigned char)~kind; /* it may have been another state of the device */
+    }
     if (rc > 0)
         return apc_fail(&m->x.error, APC_EPERM,
-                        "the plant refuses to have %s %u to %u written: exception %d, %s",
+                        "the plant refuses to have %s %u to %u written: exception %d, %s%s",
                         bits ? "coils" : "holding registers", first->point.address,
-                        first->point.address + width - 1, rc, exception_text(rc));
-    if (rc == 0 && memcmp(reply, pdu, 5) != 0)
-        return no_answer(m);
+                        first->point.address + width - 1, rc, exception_text(rc),
+                        rc != ILLEGAL_FUNCTION ? ""
+                        : flags ? " (22, mask write register: a bit is written by no other, which "
+                                  "would undo what the plant writes beside it)"
+                        : can   ? ""
+                                : " (16: a value of several registers is written by no other, "
+                                  "which would leave half of it)");
     return rc;
 }
 
@@ -174,13 +317,12 @@ static int write_all(struct modbus *m)
     int rc = 0;
 
     for (size_t i = 0, n = 1; i < m->n_u && rc == 0; i += n) {
-        const unsigned most = m->u[i].point.area == APC_MODBUS_COIL ? 1968 : 123;
         unsigned width;
 
         n = 1;
         if (!m->u[i].go)
             continue;
-        n = together(&m->u[i], m->n_u - i, most, true, &width);
+        n = together(m, &m->u[i], m->n_u - i, true, &width);
         rc = write_together(m, &m->u[i], n, width);
     }
     return rc;
@@ -200,7 +342,9 @@ static void take(struct apc_value *to, const struct apc_modbus_item *y, const un
         data += (size_t)2 * at;
     }
     *to = (struct apc_value){.time = now};
-    if (!apc_modbus_decode(&y->point, data, &to->value) || !apc_value_ok(to->value))
+    if (apc_modbus_is_code(&y->point, data))
+        to->status = APC_BAD_NO_DATA;
+    else if (!apc_modbus_decode(&y->point, data, &to->value) || !apc_value_ok(to->value))
         *to = (struct apc_value){.status = APC_BAD_SENSOR_FAILURE, .time = now};
 }
 
@@ -219,7 +363,7 @@ static int read_together(struct modbus *m, const struct apc_modbus_item *first, 
     pdu[0] = functions[first->point.area];
     apc_modbus_put(pdu + 1, first->point.address);
     apc_modbus_put(pdu + 3, width);
-    int rc = ask(m, 5, 2 + bytes, &reply);
+    int rc = ask(m, first->point.unit, 5, 2 + bytes, &reply);
     if (rc < 0)
         return rc;
     if (rc == 0 && reply[1] != bytes)
@@ -242,7 +386,7 @@ static bool is_other(const struct apc_modbus_item *u, const struct apc_value *fo
     unsigned char bytes[8] = {0};
 
     return !apc_modbus_encode(&u->point, found->value, bytes) ||
-           memcmp(bytes, u->data, (size_t)2 * apc_modbus_width(u->point.type)) != 0;
+           memcmp(bytes, u->data, (size_t)2 * apc_modbus_registers(u->point.type)) != 0;
 }
 
 static int look_back(struct modbus *m)
@@ -255,7 +399,7 @@ static int look_back(struct modbus *m)
         n = 1;
         if (m->u[i].of >= nu || !m->wrote[m->u[i].of])
             continue;
-        n = together(&m->u[i], m->n_u - i, apc_modbus_is_bit(m->u[i].point.area) ? 2000 : 125, false, &width);
+        n = together(m, &m->u[i], m->n_u - i, false, &width);
         const int rc = read_together(m, &m->u[i], n, width, m->found);
         if (rc < 0)
             return rc;
@@ -345,14 +489,14 @@ static int modbus_begin(struct apc_exchange *x, const struct apc_value *u, apc_n
     return rc;
 }
 
-static int modbus_safe(struct apc_exchange *x, apc_ns deadline)
+static int modbus_safe(struct apc_exchange *x, const bool *which, apc_ns deadline)
 {
     struct modbus *m = (struct modbus *)x;
     int rc;
 
     m->deadline = deadline;
     for (size_t i = 0; i < m->n_u; i++) {
-        m->u[i].go = m->u[i].of < x->nu;
+        m->u[i].go = m->u[i].of < x->nu && which[m->u[i].of];
         if (m->u[i].go)
             m->values[m->u[i].of] = m->u[i].point.safe;
     }
@@ -384,7 +528,7 @@ static int modbus_finish(struct apc_exchange *x, struct apc_value *y)
     for (size_t i = 0, n; i < m->n_y; i += n) {
         unsigned width;
 
-        n = together(&m->y[i], m->n_y - i, apc_modbus_is_bit(m->y[i].point.area) ? 2000 : 125, false, &width);
+        n = together(m, &m->y[i], m->n_y - i, false, &width);
         int rc = read_together(m, &m->y[i], n, width, m->read);
         if (rc < 0)
             return rc;
@@ -414,6 +558,26 @@ static void modbus_close(struct apc_exchange *x)
     free(m);
 }
 
+/* Each value whole in one request. */
+static int check_widths(const struct modbus *m, const struct apc_modbus_item *items, size_t n, bool write,
+                        struct apc_error *why)
+{
+    for (size_t i = 0; i < n; i++) {
+        const unsigned width = apc_modbus_registers(items[i].point.type);
+
+        if (m->block && width > m->block)
+            return apc_fail(why, APC_EINVAL,
+                            "modbus: the value at address %u has %u registers: a block must have as many",
+                            items[i].point.address, width);
+        if (write && m->write_single && width > 1)
+            return apc_fail(why, APC_EINVAL,
+                            "modbus: the output at address %u has %u registers, which function 6 would leave "
+                            "half written: with write_single each has one",
+                            items[i].point.address, width);
+    }
+    return 0;
+}
+
 static int take_options(struct modbus *m, const struct apc_exchange_options *options, struct apc_error *why)
 {
     struct apc_modbus_options o = {0};
@@ -424,11 +588,16 @@ static int take_options(struct modbus *m, const struct apc_exchange_options *opt
     if (!o.u || !o.y || o.unit > 255 || (o.life && o.life_limit <= 0))
         return apc_fail(why, APC_EINVAL,
                         "modbus: u and y are required, unit is at most 255, and life takes a limit above 0");
-    m->unit = o.unit;
+    m->block = o.block;
+    m->write_single = o.write_single;
     m->looks = o.read_back;
     m->life_limit = o.life ? o.life_limit : 0;
     rc = apc_modbus_take_u(&m->u, &m->n_u, &o, options->nu, why);
-    return rc < 0 ? rc : apc_modbus_take_y(&m->y, &m->n_y, &o, options->ny, why);
+    if (rc == 0)
+        rc = apc_modbus_take_y(&m->y, &m->n_y, &o, options->ny, why);
+    if (rc == 0)
+        rc = check_widths(m, m->u, m->n_u, true, why);
+    return rc < 0 ? rc : check_widths(m, m->y, m->n_y, false, why);
 }
 
 static int modbus_open(struct apc_exchange **x, const char *uri, const struct apc_exchange_options *options,

@@ -14,7 +14,8 @@ enum {
     APC_MODBUS_WRITE_COIL,
     APC_MODBUS_WRITE_REGISTER,
     APC_MODBUS_WRITE_COILS = 15,
-    APC_MODBUS_WRITE_HOLDING
+    APC_MODBUS_WRITE_HOLDING,
+    APC_MODBUS_MASK_HOLDING = 22
 };
 
 /** A value's place, in a list sorted by area and address. */
@@ -26,21 +27,28 @@ struct apc_modbus_item {
     bool go;               /**< of u: it is to be written; of a server: it is u's */
 };
 
-/** Registers, or bits, that a value takes: 1, 2 or 4. @p type must be one. [tick] */
-unsigned apc_modbus_width(enum apc_modbus_type type);
 /** A value into as many registers, two bytes each; of a bit: one that is 0 or 1. False: it does not fit.
  * [tick] */
 bool apc_modbus_encode(const struct apc_modbus_point *p, double value, unsigned char *registers);
 /** Back. False: what stands there is no finite number. [tick] */
 bool apc_modbus_decode(const struct apc_modbus_point *p, const unsigned char *registers, double *value);
 
+/** Of a flag: the bit of its register that it is. [tick] */
+void apc_modbus_mask(const struct apc_modbus_point *p, unsigned char registers[2]);
+/** Does what stands there say that there is no value? [tick] */
+bool apc_modbus_is_code(const struct apc_modbus_point *p, const unsigned char *registers);
+/** Say so; it must have a code. [tick] */
+void apc_modbus_put_code(const struct apc_modbus_point *p, unsigned char *registers);
+
 /** The value next to @p value that can be written there. [tick] */
 double apc_modbus_nearest(const struct apc_modbus_point *p, double value);
 bool apc_modbus_is_bit(enum apc_modbus_area area);
 /** The address behind it. [tick] */
 unsigned apc_modbus_end(const struct apc_modbus_item *i);
-/** Of two items, for qsort(): area, then address. */
+/** Of two items, for qsort(): unit, area, address, bit. */
 int apc_modbus_by_place(const void *a, const void *b);
+/** Do two in that order stand, at least partly, in one place? */
+bool apc_modbus_overlap(const struct apc_modbus_item *a, const struct apc_modbus_item *b);
 unsigned apc_modbus_get(const unsigned char *bytes);
 void apc_modbus_put(unsigned char *bytes, unsigned value);
 /**

@@ -39,11 +39,12 @@ bool apc_modbus_is_bit(enum apc_modbus_area area)
     return area == APC_MODBUS_COIL || area == APC_MODBUS_DISCRETE;
 }
 
-unsigned apc_modbus_width(enum apc_modbus_type type)
+unsigned apc_modbus_registers(enum apc_modbus_type type)
 {
     static const unsigned width[] = {
         [APC_MODBUS_BIT] = 1, [APC_MODBUS_U16] = 1, [APC_MODBUS_S16] = 1, [APC_MODBUS_U32] = 2,
-        [APC_MODBUS_S32] = 2, [APC_MODBUS_F32] = 2, [APC_MODBUS_F64] = 4};
+        [APC_MODBUS_S32] = 2, [APC_MODBUS_U64] = 4, [APC_MODBUS_S64] = 4, [APC_MODBUS_FLAG] = 1,
+        [APC_MODBUS_F32] = 2, [APC_MODBUS_F64] = 4};
 
     return width[type];
 }
@@ -55,6 +56,10 @@ static const struct {
               [APC_MODBUS_S16] = {INT16_MIN, INT16_MAX},
               [APC_MODBUS_U32] = {0, UINT32_MAX},
               [APC_MODBUS_S32] = {INT32_MIN, INT32_MAX},
+              /* the ends are the last numbers of a double that fit */
+              [APC_MODBUS_U64] = {0, 0x1.fffffffffffffp63},
+              [APC_MODBUS_S64] = {-0x1p63, 0x1.fffffffffffffp62},
+              [APC_MODBUS_FLAG] = {0, 1},
               [APC_MODBUS_F32] = {-(double)FLT_MAX, (double)FLT_MAX},
               [APC_MODBUS_F64] = {-DBL_MAX, DBL_MAX}};
 
@@ -74,7 +79,7 @@ static bool to_bits(enum apc_modbus_type type, double raw, uint64_t *bits)
         memcpy(&half, &single, sizeof(half));
         *bits = half;
     } else {
-        *bits = (uint64_t)(int64_t)raw;
+        *bits = raw < 0.0 ? (uint64_t)(int64_t)raw : (uint64_t)raw;
     }
     return true;
 }
@@ -97,6 +102,8 @@ static double of_bits(enum apc_modbus_type type, uint64_t bits)
         return (int16_t)bits;
     case APC_MODBUS_S32:
         return (int32_t)bits;
+    case APC_MODBUS_S64:
+        return (double)(int64_t)bits;
     case APC_MODBUS_F32:
         memcpy(&single, &half, sizeof(single));
         return (double)single;
@@ -114,19 +121,56 @@ static unsigned word_at(const struct apc_modbus_point *p, unsigned place, unsign
     return p->low_word_first ? place : n - 1 - place;
 }
 
+/* Of a register the byte at @p place: 0, the first. */
+static unsigned byte_shift(const struct apc_modbus_point *p, unsigned place)
+{
+    return (place == 0) != p->low_byte_first ? 8 : 0;
+}
+
+static void put_bits(const struct apc_modbus_point *p, uint64_t bits, unsigned n, unsigned char *registers)
+{
+    for (unsigned i = 0; i < 2 * n; i++)
+        registers[i] = (unsigned char)(bits >> (16 * word_at(p, i / 2, n) + byte_shift(p, i % 2)));
+}
+
+static uint64_t get_bits(const struct apc_modbus_point *p, const unsigned char *registers)
+{
+    const unsigned n = apc_modbus_registers(p->type);
+    uint64_t bits = 0;
+
+    for (unsigned i = 0; i < 2 * n; i++)
+        bits |= (uint64_t)registers[i] << (16 * word_at(p, i / 2, n) + byte_shift(p, i % 2));
+    return bits;
+}
+
+void apc_modbus_mask(const struct apc_modbus_point *p, unsigned char registers[2])
+{
+    put_bits(p, UINT64_C(1) << p->bit, 1, registers);
+}
+
+bool apc_modbus_is_code(const struct apc_modbus_point *p, const unsigned char *registers)
+{
+    const uint64_t bits = get_bits(p, registers);
+    bool is = false;
+
+    for (unsigned i = 0; i < p->n_no_value; i++)
+        is = is || bits == p->no_value[i];
+    return is;
+}
+
+void apc_modbus_put_code(const struct apc_modbus_point *p, unsigned char *registers)
+{
+    put_bits(p, p->no_value[0], apc_modbus_registers(p->type), registers);
+}
+
 bool apc_modbus_encode(const struct apc_modbus_point *p, double value, unsigned char *registers)
 {
-    const unsigned n = apc_modbus_width(p->type);
+    const unsigned n = apc_modbus_registers(p->type);
     uint64_t bits;
 
     if (!to_bits(p->type, (value - p->offset) / p->scale, &bits))
         return false;
-    for (unsigned i = 0; i < n; i++) {
-        const unsigned shift = 16 * word_at(p, i, n);
-
-        *registers++ = (unsigned char)(bits >> (shift + 8));
-        *registers++ = (unsigned char)(bits >> shift);
-    }
+    put_bits(p, p->type == APC_MODBUS_FLAG ? bits << p->bit : bits, n, registers);
     return true;
 }
 
@@ -142,11 +186,10 @@ bool apc_modbus_fits(const struct apc_modbus_point *point, double value)
 
 bool apc_modbus_decode(const struct apc_modbus_point *p, const unsigned char *registers, double *value)
 {
-    const unsigned n = apc_modbus_width(p->type);
-    uint64_t bits = 0;
+    uint64_t bits = get_bits(p, registers);
 
-    for (unsigned i = 0; i < n; i++, registers += 2)
-        bits |= (uint64_t)((unsigned)registers[0] << 8 | registers[1]) << 16 * word_at(p, i, n);
+    if (p->type == APC_MODBUS_FLAG)
+        bits = bits >> p->bit & 1;
     *value = p->scale * of_bits(p->type, bits) + p->offset;
     return isfinite(*value);
 }
@@ -155,7 +198,7 @@ bool apc_modbus_decode(const struct apc_modbus_point *p, const unsigned char *re
 
 unsigned apc_modbus_end(const struct apc_modbus_item *i)
 {
-    return i->point.address + apc_modbus_width(i->point.type);
+    return i->point.address + apc_modbus_registers(i->point.type);
 }
 
 static int check_point(const struct apc_modbus_point *p, bool written, const char *what, size_t i,
@@ -165,10 +208,15 @@ static int check_point(const struct apc_modbus_point *p, bool written, const cha
         p->type > APC_MODBUS_F64 || apc_modbus_is_bit(p->area) != (p->type == APC_MODBUS_BIT))
         return apc_fail(why, APC_EINVAL,
                         "modbus: %s %zu: coils and discrete inputs are bits, registers are not", what, i + 1);
+    if (p->bit > 15 || p->unit > 255 || p->n_no_value > APC_MODBUS_CODES)
+        return apc_fail(why, APC_EINVAL,
+                        "modbus: %s %zu: a register has bits 0 to 15, a unit is at most 255, and a value has "
+                        "at most %d codes for none",
+                        what, i + 1, APC_MODBUS_CODES);
     if (written && p->area != APC_MODBUS_COIL && p->area != APC_MODBUS_HOLDING)
         return apc_fail(why, APC_EINVAL, "modbus: %s %zu: only coils and holding registers can be written",
                         what, i + 1);
-    if (p->address + apc_modbus_width(p->type) > 65536 || p->address > 65535)
+    if (p->address + apc_modbus_registers(p->type) > 65536 || p->address > 65535)
         return apc_fail(why, APC_EINVAL, "modbus: %s %zu: address %u is beyond 65535", what, i + 1,
                         p->address);
     if (!apc_value_ok(p->scale) || !apc_value_ok(p->offset) || !apc_value_ok(p->safe))
@@ -182,9 +230,22 @@ int apc_modbus_by_place(const void *a, const void *b)
     const struct apc_modbus_point *p = &((const struct apc_modbus_item *)a)->point,
                                   *q = &((const struct apc_modbus_item *)b)->point;
 
+    if (p->unit != q->unit)
+        return p->unit < q->unit ? -1 : 1;
     if (p->area != q->area)
         return p->area < q->area ? -1 : 1;
-    return (p->address > q->address) - (p->address < q->address);
+    if (p->address != q->address)
+        return p->address < q->address ? -1 : 1;
+    return (p->bit > q->bit) - (p->bit < q->bit);
+}
+
+bool apc_modbus_overlap(const struct apc_modbus_item *a, const struct apc_modbus_item *b)
+{
+    const struct apc_modbus_point *p = &a->point, *q = &b->point;
+
+    if (p->unit != q->unit || p->area != q->area || q->address >= apc_modbus_end(a))
+        return false;
+    return p->type != APC_MODBUS_FLAG || q->type != APC_MODBUS_FLAG || p->bit == q->bit;
 }
 
 /* Points that are one kind of thing, and the number of the first. */
@@ -194,8 +255,8 @@ struct list {
     const char *what;
 };
 
-static int take_list(struct apc_modbus_item *to, size_t *count, const struct list *list, bool written,
-                     struct apc_error *why)
+static int take_list(struct apc_modbus_item *to, size_t *count, const struct list *list, unsigned unit,
+                     bool written, struct apc_error *why)
 {
     for (size_t i = 0; list->points && i < list->n; i++) {
         struct apc_modbus_item *item = &to[*count];
@@ -208,13 +269,15 @@ static int take_list(struct apc_modbus_item *to, size_t *count, const struct lis
         *item = (struct apc_modbus_item){.point = list->points[i], .of = list->first + i};
         if (item->point.scale == 0.0)
             item->point.scale = 1.0;
+        if (item->point.unit == 0)
+            item->point.unit = unit;
         ++*count;
     }
     return 0;
 }
 
 static int take_lists(struct apc_modbus_item **items, size_t *count, const struct list *list, size_t n,
-                      bool written, struct apc_error *why)
+                      unsigned unit, bool written, struct apc_error *why)
 {
     size_t room = 0;
     int rc = 0;
@@ -226,14 +289,14 @@ static int take_lists(struct apc_modbus_item **items, size_t *count, const struc
     if (!*items)
         return apc_fail(why, APC_ENOMEM, "modbus: no memory");
     for (size_t i = 0; i < n && rc == 0; i++)
-        rc = take_list(*items, count, &list[i], written, why);
+        rc = take_list(*items, count, &list[i], unit, written, why);
     if (rc < 0)
         return rc;
     qsort(*items, *count, sizeof(**items), apc_modbus_by_place);
     for (size_t i = 1; i < *count && written; i++) {
         const struct apc_modbus_item *a = &(*items)[i - 1], *b = &(*items)[i];
 
-        if (a->point.area == b->point.area && b->point.address < apc_modbus_end(a))
+        if (apc_modbus_overlap(a, b))
             return apc_fail(why, APC_EINVAL, "modbus: two outputs are written to address %u",
                             b->point.address);
     }
@@ -253,7 +316,7 @@ int apc_modbus_take_u(struct apc_modbus_item **items, size_t *count, const struc
             return apc_fail(why, APC_EINVAL,
                             "modbus: the watchdog of output %zu must be a holding register: it counts",
                             i + 1);
-    return take_lists(items, count, lists, sizeof(lists) / sizeof(lists[0]), true, why);
+    return take_lists(items, count, lists, sizeof(lists) / sizeof(lists[0]), map->unit, true, why);
 }
 
 int apc_modbus_take_y(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_options *map,
@@ -262,5 +325,5 @@ int apc_modbus_take_y(struct apc_modbus_item **items, size_t *count, const struc
     const struct list lists[] = {{map->y, ny, 0, "measurement"},
                                  {map->life, 1, ny, "the sign of life, beside measurement"}};
 
-    return take_lists(items, count, lists, sizeof(lists) / sizeof(lists[0]), false, why);
+    return take_lists(items, count, lists, sizeof(lists) / sizeof(lists[0]), map->unit, false, why);
 }

@@ -20,7 +20,7 @@ enum { ILLEGAL_FUNCTION = 1, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE, NO_
 struct apc_modbus_unit {
     struct apc_modbus_unit_options o;
     unsigned unit;
-    struct apc_modbus_item *items; /* u, the watchdog, y, life: in the order of areas and addresses */
+    struct apc_modbus_item *items; /* u, the watchdog, y, life: in the order of their places */
     size_t n;
     bool watched;
     double *given,
@@ -30,6 +30,7 @@ struct apc_modbus_unit {
 
 /* What a request spans, and its bytes: registers of two, or of bits eight in one. */
 struct span {
+    unsigned unit;
     enum apc_modbus_area area;
     unsigned first, count;
     const unsigned char *written;
@@ -46,8 +47,11 @@ static size_t first_in(const struct apc_modbus_unit *m, const struct span *s)
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
         const struct apc_modbus_item *i = &m->items[middle];
+        const struct apc_modbus_point *p = &i->point;
 
-        if (i->point.area < s->area || (i->point.area == s->area && apc_modbus_end(i) <= s->first))
+        if (p->unit != s->unit   ? p->unit < s->unit
+            : p->area != s->area ? p->area < s->area
+                                 : apc_modbus_end(i) <= s->first)
             low = middle + 1;
         else
             high = middle;
@@ -57,7 +61,8 @@ static size_t first_in(const struct apc_modbus_unit *m, const struct span *s)
 
 static bool reaches(const struct apc_modbus_unit *m, size_t i, const struct span *s)
 {
-    return i < m->n && m->items[i].point.area == s->area && m->items[i].point.address < s->first + s->count;
+    return i < m->n && m->items[i].point.unit == s->unit && m->items[i].point.area == s->area &&
+           m->items[i].point.address < s->first + s->count;
 }
 
 static void show(const struct apc_modbus_item *i, const unsigned char *data, const struct span *s)
@@ -70,7 +75,8 @@ static void show(const struct apc_modbus_item *i, const unsigned char *data, con
         if (apc_modbus_is_bit(s->area))
             s->read[at / 8] |= (unsigned char)(data[1] << at % 8);
         else
-            memcpy(s->read + (size_t)2 * at, data, 2);
+            for (size_t k = 0; k < 2; k++) /* bits of one register are several items */
+                s->read[(size_t)2 * at + k] |= data[k];
     }
 }
 
@@ -97,8 +103,10 @@ static int read_span(struct apc_modbus_unit *m, const struct span *s)
                                  ? (double)((unsigned)y.value % 2)
                                  : apc_modbus_nearest(&item->point, y.value);
 
-        if (apc_status_severity(y.status) == APC_SEVERITY_BAD ||
-            !apc_modbus_encode(&item->point, value, data))
+        const bool bad = apc_status_severity(y.status) == APC_SEVERITY_BAD;
+        if (bad && item->point.n_no_value > 0)
+            apc_modbus_put_code(&item->point, data);
+        else if (bad || !apc_modbus_encode(&item->point, value, data))
             return DEVICE_FAILURE;
         show(item, data, s);
     }
@@ -148,8 +156,8 @@ static int write_span(struct apc_modbus_unit *m, const struct span *s)
 
 /* ---- Requests -------------------------------------------------------------------------------- */
 
-static int read_request(struct apc_modbus_unit *m, const unsigned char *pdu, size_t n, unsigned char *reply,
-                        size_t *length)
+static int read_request(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
+                        unsigned char *reply, size_t *length)
 {
     static const enum apc_modbus_area areas[] = {[APC_MODBUS_READ_COILS] = APC_MODBUS_COIL,
                                                  [APC_MODBUS_READ_DISCRETE] = APC_MODBUS_DISCRETE,
@@ -159,7 +167,8 @@ static int read_request(struct apc_modbus_unit *m, const unsigned char *pdu, siz
 
     if (n != 5)
         return ILLEGAL_VALUE;
-    const struct span s = {.area = areas[pdu[0]],
+    const struct span s = {.unit = unit,
+                           .area = areas[pdu[0]],
                            .first = apc_modbus_get(pdu + 1),
                            .count = apc_modbus_get(pdu + 3),
                            .read = reply + 2};
@@ -172,12 +181,12 @@ static int read_request(struct apc_modbus_unit *m, const unsigned char *pdu, siz
 }
 
 /* One value, functions 5 and 6, or several, 15 and 16; each is answered by the beginning of its request. */
-static int write_request(struct apc_modbus_unit *m, const unsigned char *pdu, size_t n, unsigned char *reply,
-                         size_t *length)
+static int write_request(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
+                         unsigned char *reply, size_t *length)
 {
     const bool bits = pdu[0] == APC_MODBUS_WRITE_COIL || pdu[0] == APC_MODBUS_WRITE_COILS;
     const bool one = pdu[0] == APC_MODBUS_WRITE_COIL || pdu[0] == APC_MODBUS_WRITE_REGISTER;
-    struct span s = {.area = bits ? APC_MODBUS_COIL : APC_MODBUS_HOLDING, .count = 1};
+    struct span s = {.unit = unit, .area = bits ? APC_MODBUS_COIL : APC_MODBUS_HOLDING, .count = 1};
 
     if (n < 5)
         return ILLEGAL_VALUE;
@@ -197,22 +206,60 @@ static int write_request(struct apc_modbus_unit *m, const unsigned char *pdu, si
     return write_span(m, &s);
 }
 
+/* Function 22: what stands there but for some bits. */
+static int mask_request(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
+                        unsigned char *reply, size_t *length)
+{
+    unsigned char stands[2] = {0}, data[8];
+
+    if (n != 7)
+        return ILLEGAL_VALUE;
+    struct span s = {.unit = unit,
+                     .area = APC_MODBUS_HOLDING,
+                     .first = apc_modbus_get(pdu + 1),
+                     .count = 1,
+                     .written = stands,
+                     .read = stands};
+    for (size_t i = first_in(m, &s); reaches(m, i, &s) && m->items[i].go; i++) {
+        if (!apc_modbus_encode(&m->items[i].point, m->given[m->items[i].of], data))
+            return DEVICE_FAILURE;
+        show(&m->items[i], data, &s);
+    }
+    for (size_t k = 0; k < 2; k++)
+        stands[k] = (unsigned char)((stands[k] & pdu[3 + k]) | (pdu[5 + k] & ~pdu[3 + k]));
+    memcpy(reply + 1, pdu + 1, 6);
+    *length = 7;
+    return write_span(m, &s);
+}
+
+static bool has_unit(const struct apc_modbus_unit *m, unsigned unit)
+{
+    for (size_t i = 0; i < m->n; i++)
+        if (m->items[i].point.unit == unit)
+            return true;
+    return unit == m->unit;
+}
+
 static int answer(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
                   unsigned char *reply, size_t *length)
 {
-    if (unit != m->unit && unit != 0 && unit != 255)
+    if (!has_unit(m, unit) && (unit == 0 || unit == 255))
+        unit = m->unit;
+    if (!has_unit(m, unit))
         return NO_SUCH_UNIT;
     switch (pdu[0]) {
     case APC_MODBUS_READ_COILS:
     case APC_MODBUS_READ_DISCRETE:
     case APC_MODBUS_READ_HOLDING:
     case APC_MODBUS_READ_INPUT:
-        return read_request(m, pdu, n, reply, length);
+        return read_request(m, unit, pdu, n, reply, length);
     case APC_MODBUS_WRITE_COIL:
     case APC_MODBUS_WRITE_REGISTER:
     case APC_MODBUS_WRITE_COILS:
     case APC_MODBUS_WRITE_HOLDING:
-        return write_request(m, pdu, n, reply, length);
+        return write_request(m, unit, pdu, n, reply, length);
+    case APC_MODBUS_MASK_HOLDING:
+        return mask_request(m, unit, pdu, n, reply, length);
     default:
         return ILLEGAL_FUNCTION;
     }
@@ -268,7 +315,7 @@ static int merge(struct apc_modbus_unit *m, const struct apc_modbus_options *map
     for (size_t i = 1; i < m->n; i++) {
         const struct apc_modbus_item *a = &m->items[i - 1], *b = &m->items[i];
 
-        if (a->point.area == b->point.area && b->point.address < apc_modbus_end(a))
+        if (apc_modbus_overlap(a, b))
             return apc_fail(why, APC_EINVAL,
                             "modbus: two values stand at address %u: a plant that is served "
                             "needs a place for each",

@@ -182,6 +182,7 @@ static int set_heater(struct serial *s, size_t i, double percent)
     double echo;
 
     (void)snprintf(line, sizeof(line), "Q%zu %ld.%02ld\r\n", i + 1, hundredths / 100, hundredths % 100);
+    s->x.commanded[i] = true;
     int rc = ask(s, line, &echo);
     if (rc == 0 && !(fabs(echo - percent) < TOLERANCE)) {
         s->agreed = false;
@@ -238,13 +239,14 @@ static int serial_finish(struct apc_exchange *x, struct apc_value *y)
     return rc;
 }
 
-static int serial_safe(struct apc_exchange *x, apc_ns deadline)
+static int serial_safe(struct apc_exchange *x, const bool *which, apc_ns deadline)
 {
     struct serial *s = (struct serial *)x;
     int rc = ready(s, deadline);
 
     for (size_t i = 0; i < x->nu && rc == 0; i++)
-        rc = set_heater(s, i, s->safe[i]);
+        if (which[i])
+            rc = set_heater(s, i, s->safe[i]);
     return rc;
 }
 

@@ -11,7 +11,8 @@ static const char *const areas[] = {[APC_MODBUS_COIL] = "coil",
                                     [APC_MODBUS_HOLDING] = "holding"};
 static const char *const types[] = {
     [APC_MODBUS_BIT] = "bit",    [APC_MODBUS_U16] = "uint16", [APC_MODBUS_S16] = "int16",
-    [APC_MODBUS_U32] = "uint32", [APC_MODBUS_S32] = "int32",  [APC_MODBUS_F32] = "float32",
+    [APC_MODBUS_U32] = "uint32", [APC_MODBUS_S32] = "int32",  [APC_MODBUS_U64] = "uint64",
+    [APC_MODBUS_S64] = "int64",  [APC_MODBUS_FLAG] = "bit",   [APC_MODBUS_F32] = "float32",
     [APC_MODBUS_F64] = "float64"};
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 
@@ -24,7 +25,7 @@ static size_t place_of(const char *const *list, size_t n, const char *text, size
     return 0;
 }
 
-/* "holding:12" */
+/* "holding:12", or "holding:12.3", a bit of it */
 static void read_place(struct settings *s, const config_setting_t *in, const char *name, bool written,
                        struct apc_modbus_point *p)
 {
@@ -35,29 +36,105 @@ static void read_place(struct settings *s, const config_setting_t *in, const cha
     long address = area && colon[1] >= '0' && colon[1] <= '9' ? strtol(colon + 1, &end, 10) : -1;
     if (s->failed)
         return;
-    if (address < 0 || address > 65535 || *end)
+    const bool flag = address >= 0 && *end == '.' && end[1] >= '0' && end[1] <= '9' &&
+                      (area == APC_MODBUS_INPUT || area == APC_MODBUS_HOLDING);
+    const long bit = flag ? strtol(end + 1, &end, 10) : 0;
+    if (address < 0 || address > 65535 || *end || bit > 15)
         settings_fail(
             s, config_setting_get_member(in, name),
             "\"%s\" is \"%s\": must be coil, discrete, input or holding, a colon, and the address, 0 to "
-            "65535, such as \"holding:0\"",
+            "65535, such as \"holding:0\"; of a register also a point and a bit, 0 to 15, such as "
+            "\"input:10.3\"",
             name, text);
     else if (written && area != APC_MODBUS_COIL && area != APC_MODBUS_HOLDING)
         settings_fail(s, config_setting_get_member(in, name),
                       "\"%s\" is \"%s\": only coils and holding registers can be written", name, text);
     p->area = (enum apc_modbus_area)area;
     p->address = (unsigned)address;
+    p->bit = (unsigned)bit;
+    p->type = flag                                                     ? APC_MODBUS_FLAG
+              : area == APC_MODBUS_COIL || area == APC_MODBUS_DISCRETE ? APC_MODBUS_BIT
+                                                                       : APC_MODBUS_U16;
 }
 
-static void read_order(struct settings *s, const config_setting_t *in, bool *low_first)
+static void read_first(struct settings *s, const config_setting_t *in, const char *name, const char *what,
+                       bool *low_first)
 {
     char text[16] = "";
-    settings_text(s, in, "word_order", OPTIONAL, text, sizeof text);
+    settings_text(s, in, name, OPTIONAL, text, sizeof text);
     if (!s->failed && *text && strcmp(text, "low") != 0 && strcmp(text, "high") != 0)
-        settings_fail(s, config_setting_get_member(in, "word_order"),
-                      "\"word_order\" is \"%s\": must be \"high\" or \"low\", the word that comes first",
-                      text);
+        settings_fail(s, config_setting_get_member(in, name),
+                      "\"%s\" is \"%s\": must be \"high\" or \"low\", the %s that comes first", name, text,
+                      what);
     if (*text)
         *low_first = !strcmp(text, "low");
+}
+
+static void read_order(struct settings *s, const config_setting_t *in, struct apc_modbus_point *p)
+{
+    read_first(s, in, "word_order", "word", &p->low_word_first);
+    read_first(s, in, "byte_order", "byte of each register", &p->low_byte_first);
+}
+
+/* As it stands in the registers: what is written as a whole number or in hexadecimal, with a sign or without.
+ */
+static void read_code(struct settings *s, const config_setting_t *code, struct apc_modbus_point *p)
+{
+    static const double unsigned_most[] = {[APC_MODBUS_U16] = 65535,
+                                           [APC_MODBUS_S16] = 65535,
+                                           [APC_MODBUS_U32] = 4294967295.0,
+                                           [APC_MODBUS_S32] = 4294967295.0};
+    const int type = config_setting_type(code);
+    const bool whole = type == CONFIG_TYPE_INT || type == CONFIG_TYPE_INT64;
+    const int64_t number = !whole ? 0
+                           : type == CONFIG_TYPE_INT && config_setting_get_format(code) == CONFIG_FORMAT_HEX
+                               ? (int64_t)(uint32_t)config_setting_get_int(code)
+                               : config_setting_get_int64(code);
+    const bool is_float = p->type == APC_MODBUS_F32 || p->type == APC_MODBUS_F64,
+               wide = p->type == APC_MODBUS_U64 || p->type == APC_MODBUS_S64;
+    const double value = type == CONFIG_TYPE_FLOAT ? config_setting_get_float(code) : (double)number;
+    const struct apc_modbus_point raw = {.area = p->area,
+                                         .type = p->type == APC_MODBUS_U16   ? APC_MODBUS_S16
+                                                 : p->type == APC_MODBUS_U32 ? APC_MODBUS_S32
+                                                                             : p->type};
+    const float single = (float)value;
+    uint32_t half;
+    uint64_t *bits = &p->no_value[p->n_no_value];
+    memcpy(&half, &single, sizeof half);
+    if (p->type == APC_MODBUS_BIT || p->type == APC_MODBUS_FLAG)
+        settings_fail(s, code, "\"no_value\": a bit is 0 or 1, and has no third");
+    else if (p->n_no_value == APC_MODBUS_CODES)
+        settings_fail(s, code, "\"no_value\" has %d codes at most", APC_MODBUS_CODES);
+    else if (!(whole || (is_float && type == CONFIG_TYPE_FLOAT)) ||
+             (!wide && !apc_modbus_fits(&raw, value) &&
+              (is_float || value < 0 || value > unsigned_most[p->type])))
+        settings_fail(
+            s, code,
+            "\"no_value\" must be what can stand in a register of type %s, such as %s, before it is "
+            "scaled",
+            types[p->type], is_float ? "-9999.0" : "0x8000");
+    else if (p->type == APC_MODBUS_F64)
+        memcpy(bits, &value, sizeof *bits);
+    else
+        *bits = p->type == APC_MODBUS_F32                                ? half
+                : wide                                                   ? (uint64_t)number
+                : p->type == APC_MODBUS_U16 || p->type == APC_MODBUS_S16 ? (uint16_t)number
+                                                                         : (uint32_t)number;
+    p->n_no_value += !s->failed;
+}
+
+static void read_codes(struct settings *s, const config_setting_t *entry, bool written,
+                       struct apc_modbus_point *p)
+{
+    const config_setting_t *code = config_setting_get_member(entry, "no_value");
+    if (!code || s->failed)
+        return;
+    if (written)
+        settings_fail(s, code, "\"no_value\" is of a measurement: an output always has a value");
+    if (!config_setting_is_aggregate(code))
+        read_code(s, code, p);
+    for (int i = 0; config_setting_is_aggregate(code) && i < config_setting_length(code) && !s->failed; i++)
+        read_code(s, config_setting_get_elem(code, (unsigned)i), p);
 }
 
 static void read_type(struct settings *s, const config_setting_t *in, struct apc_modbus_point *p)
@@ -65,14 +142,19 @@ static void read_type(struct settings *s, const config_setting_t *in, struct apc
     const bool bit = p->area == APC_MODBUS_COIL || p->area == APC_MODBUS_DISCRETE;
     char text[16] = "";
     settings_text(s, in, "type", OPTIONAL, text, sizeof text);
-    p->type = bit ? APC_MODBUS_BIT : APC_MODBUS_U16;
-    if (s->failed || !*text)
+    if (s->failed || !*text || (p->type == APC_MODBUS_FLAG && !strcmp(text, "bit")))
         return;
+    const bool flag = p->type == APC_MODBUS_FLAG;
     p->type = (enum apc_modbus_type)place_of(types, COUNT(types), text, strlen(text));
     if (p->type == 0)
+        settings_fail(
+            s, config_setting_get_member(in, "type"),
+            "\"type\" is \"%s\": must be bit, uint16, int16, uint32, int32, uint64, int64, float32 or "
+            "float64",
+            text);
+    else if (flag)
         settings_fail(s, config_setting_get_member(in, "type"),
-                      "\"type\" is \"%s\": must be bit, uint16, int16, uint32, int32, float32 or float64",
-                      text);
+                      "\"type\" is \"%s\": one bit of a register is a bit", text);
     else if (bit != (p->type == APC_MODBUS_BIT))
         settings_fail(s, config_setting_get_member(in, "type"),
                       "\"type\" is \"%s\": coils and discrete inputs are bits, registers are not", text);
@@ -135,8 +217,7 @@ static const struct apc_modbus_point *read_sign(struct settings *s, const config
     if (!config_setting_get_member(in, name))
         return NULL;
     read_place(s, in, name, written, p);
-    p->type = p->area == APC_MODBUS_COIL || p->area == APC_MODBUS_DISCRETE ? APC_MODBUS_BIT : APC_MODBUS_U16;
-    if (!s->failed && written && p->area != APC_MODBUS_HOLDING)
+    if (!s->failed && written && (p->area != APC_MODBUS_HOLDING || p->type != APC_MODBUS_U16))
         settings_fail(s, config_setting_get_member(in, name), "\"%s\" must be a holding register: it counts",
                       name);
     return p;
@@ -151,16 +232,20 @@ static void read_watchdog(struct settings *s, const config_setting_t *entry, str
 
     if (at && !written)
         settings_fail(s, at, "\"watchdog\" is of an output: it counts how often that was written");
-    else if (at && read_sign(s, entry, "watchdog", true, &watchdogs[i]))
+    else if (at && read_sign(s, entry, "watchdog", true, &watchdogs[i])) {
+        watchdogs[i].unit = e->client.points[i].unit;
+        watchdogs[i].low_byte_first = e->client.points[i].low_byte_first;
         e->client.modbus.watchdogs = watchdogs;
+    }
 }
 
 static void read_entry(struct settings *s, const config_setting_t *entry, struct experiment *e,
-                       bool low_first)
+                       const struct apc_modbus_point *whole)
 {
-    static const char *const known[] = {"name",   "at",         "type",     "scale",
-                                        "offset", "word_order", "watchdog", NULL};
+    static const char *const known[] = {"name",       "at",       "type", "scale",    "offset", "word_order",
+                                        "byte_order", "watchdog", "unit", "no_value", NULL};
     bool written = false;
+    int64_t unit = 0;
     if (!config_setting_is_group(entry)) {
         settings_fail(s, entry, "expected a group: { name = \"y\"; at = \"input:0\"; ... }");
         return;
@@ -169,11 +254,15 @@ static void read_entry(struct settings *s, const config_setting_t *entry, struct
     struct apc_modbus_point *p = point_of(s, entry, e, &written);
     if (!p || s->failed)
         return;
-    p->low_word_first = low_first;
+    p->low_word_first = whole->low_word_first;
+    p->low_byte_first = whole->low_byte_first;
     p->scale = 1;
+    settings_whole(s, entry, "unit", OPTIONAL, 1, 255, &unit);
+    p->unit = (unsigned)unit;
     read_place(s, entry, "at", written, p);
     read_type(s, entry, p);
-    read_order(s, entry, &p->low_word_first);
+    read_order(s, entry, p);
+    read_codes(s, entry, written, p);
     settings_number(s, entry, "scale", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->scale);
     settings_number(s, entry, "offset", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->offset);
     if (!s->failed && !(p->scale < 0) && !(p->scale > 0))
@@ -193,15 +282,39 @@ static void check_whole(struct settings *s, const config_setting_t *list, const 
     }
 }
 
+/* Each value goes in one request. */
+static void check_requests(struct settings *s, const config_setting_t *group,
+                           const struct apc_modbus_options *o, const struct apc_modbus_point *y,
+                           const struct experiment *e)
+{
+    for (size_t i = 0; i < e->dim.nu + e->dim.ny && !s->failed; i++) {
+        const bool output = i < e->dim.nu;
+        const struct apc_modbus_point *p = output ? &o->u[i] : &y[i - e->dim.nu];
+        const char *name = output ? e->u[i].tag.name : e->y[i - e->dim.nu].tag.name;
+        const unsigned width = apc_modbus_registers(p->type);
+        if (o->block > 0 && width > o->block)
+            settings_fail(s, config_setting_get_member(group, "block"),
+                          "\"block\" is %u: \"%s\" has %u registers, which go in one request", o->block, name,
+                          width);
+        else if (output && o->write_single && width > 1)
+            settings_fail(
+                s, config_setting_get_member(group, "write_single"),
+                "\"write_single\": output \"%s\" has %u registers, which function 6 would leave half "
+                "written: give it a type of 16 bits",
+                name, width);
+    }
+}
+
 void experiment_read_modbus(struct settings *s, const config_setting_t *client, struct experiment *e)
 {
-    static const char *const known[] = {"unit",       "word_order", "watchdog", "life",
-                                        "life_limit", "read_back",  "map",      NULL};
+    static const char *const known[] = {"unit",  "word_order", "byte_order", "watchdog",
+                                        "life",  "life_limit", "read_back",  "write_single",
+                                        "block", "map",        NULL};
     const bool is = !strncmp(e->client.link, "modbus:", 7);
     const config_setting_t *group = settings_group(s, client, "modbus", is ? REQUIRED : OPTIONAL);
     struct apc_modbus_options *o = &e->client.modbus;
-    int64_t unit = 1;
-    bool low_first = false;
+    struct apc_modbus_point whole = {0};
+    int64_t unit = 1, block = 0;
     if (!group || s->failed)
         return;
     if (!is) {
@@ -210,24 +323,29 @@ void experiment_read_modbus(struct settings *s, const config_setting_t *client, 
     }
     settings_known(s, group, known);
     settings_whole(s, group, "unit", OPTIONAL, 0, 255, &unit);
-    read_order(s, group, &low_first);
+    settings_whole(s, group, "block", OPTIONAL, 1, 2000, &block);
+    read_order(s, group, &whole);
+    settings_flag(s, group, "write_single", &o->write_single);
     settings_flag(s, group, "read_back", &o->read_back);
     const config_setting_t *map = settings_list(s, group, "map", REQUIRED);
     e->client.points = calloc(2 * e->dim.nu + e->dim.ny + 2, sizeof *e->client.points);
     if (!e->client.points && !s->failed)
         s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
     for (int i = 0; map && !s->failed && i < config_setting_length(map); i++)
-        read_entry(s, config_setting_get_elem(map, (unsigned)i), e, low_first);
+        read_entry(s, config_setting_get_elem(map, (unsigned)i), e, &whole);
     if (s->failed)
         return;
     check_whole(s, map, e);
     struct apc_modbus_point *y = e->client.points + e->dim.nu, *signs = y + e->dim.ny;
     o->size = sizeof *o;
     o->unit = (unsigned)unit;
+    o->block = (unsigned)block;
     o->u = e->client.points;
     o->y = y;
     o->watchdog = read_sign(s, group, "watchdog", true, &signs[0]);
     o->life = read_sign(s, group, "life", false, &signs[1]);
+    signs[0].low_byte_first = signs[1].low_byte_first = whole.low_byte_first;
+    check_requests(s, group, o, y, e);
     if (o->life)
         settings_period(s, group, "life_limit", REQUIRED, &o->life_limit);
     else if (config_setting_get_member(group, "life_limit"))

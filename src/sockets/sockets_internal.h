@@ -112,11 +112,6 @@ const char *apc_tls_error(const struct apc_tls *tls);
 /** The name of the peer's certificate. [tick] */
 const char *apc_tls_peer(const struct apc_tls *tls);
 
-/* ---- link.c: for tests --------------------------------------------------------------------- */
-
-bool apc_link_connected(const struct apc_link *link);
-uint64_t apc_link_connects(const struct apc_link *link); /**< connections made so far */
-
 /* ---- The transports of a link -------------------------------------------------------------- */
 
 /**

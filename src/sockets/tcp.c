@@ -6,17 +6,20 @@
  * Sockets of a link are non-blocking: a send goes out at once in nearly every case, so it is tried
  * before it is waited for; a reply is never there yet, so it is waited for before it is read.
  *
- * A link's socket lingers for zero seconds: closing it throws away what the kernel still holds. A
- * command that went into a dead network must not reach the plant when the network comes back.
+ * A link is closed in order, by FIN, unless the kernel still holds something of what was sent: that is thrown
+ * away, which resets the connection. A command that went into a dead network must not reach the plant when
+ * the network comes back.
  */
 #include "sockets/sockets_internal.h"
 
 #include <errno.h>
+#include <linux/sockios.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 int apc_tcp_wait(int fd, short events, apc_ns deadline)
@@ -121,9 +124,19 @@ static int tcp_create(void **self, const char *uri, struct apc_identity *identit
 
 void apc_tcp_hang_up(void *self)
 {
+    const struct linger at_once = {.l_onoff = 1, .l_linger = 0};
     struct apc_tcp *t = self;
-    if (t->fd >= 0)
-        close(t->fd);
+    char rest[512];
+    int held = 0;
+
+    if (t->fd < 0)
+        return;
+    if (ioctl(t->fd, SIOCOUTQ, &held) < 0 || held > 0)
+        (void)setsockopt(t->fd, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+    else /* what has come and is not read would reset it as well */
+        for (int i = 0; i < 8 && recv(t->fd, rest, sizeof rest, MSG_DONTWAIT) > 0; i++)
+            ;
+    close(t->fd);
     t->fd = -1;
 }
 
@@ -136,14 +149,12 @@ static void tcp_destroy(void *self)
 static int connect_one(struct apc_tcp *t, const struct apc_endpoint *to, apc_ns deadline,
                        struct apc_error *why)
 {
-    const struct linger at_once = {.l_onoff = 1, .l_linger = 0};
     char text[APC_ENDPOINT_TEXT];
     int err;
 
     t->fd = socket(to->address.ss_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (t->fd < 0)
         return apc_fail(why, APC_ECONN, "cannot make a socket: %s", strerrordesc_np(errno));
-    (void)setsockopt(t->fd, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
     apc_tcp_tune(t->fd);
     err = apc_tcp_connect(t->fd, to, deadline);
     if (err == APC_ETIMEDOUT)

@@ -42,12 +42,20 @@ static size_t do_write(struct modbus_peer *p, const unsigned char *pdu, unsigned
     const unsigned at = u16(pdu + 1), n = u16(pdu + 3);
 
     p->writes++;
+    memcpy(out, pdu, pdu[0] == 22 ? 7 : 5);
+    if (pdu[0] == 5)
+        p->coil[at] = n == 0xFF00;
+    if (pdu[0] == 6)
+        p->holding[at] = (uint16_t)n;
+    if (pdu[0] == 22)
+        p->holding[at] = (uint16_t)((p->holding[at] & n) | (u16(pdu + 5) & ~n));
+    if (pdu[0] < 15 || pdu[0] == 22)
+        return pdu[0] == 22 ? 7 : 5;
     for (unsigned i = 0; i < n; i++)
         if (pdu[0] == 15)
             p->coil[at + i] = pdu[6 + i / 8] >> i % 8 & 1;
         else
             p->holding[at + i] = (uint16_t)u16(pdu + 6 + (size_t)2 * i);
-    memcpy(out, pdu, 5);
     return 5;
 }
 
@@ -56,15 +64,21 @@ static size_t answer(struct modbus_peer *p, const unsigned char *request, unsign
 {
     unsigned char *out = reply + 7;
     const enum modbus_behaviour b = p->behaviour;
-    const bool beyond = u16(request + 8) + u16(request + 10) > 65536;
+    const unsigned function = request[7];
+    const bool counts = function <= 4 || function == 15 || function == 16,
+               beyond = counts && u16(request + 8) + u16(request + 10) > 65536,
+               unknown = p->unknown >> function % 32 & 1,
+               large = function <= 4 && p->most && u16(request + 10) > p->most, busy = p->busy > 0;
     size_t n = 2;
 
     p->unit = request[6];
+    p->of[p->unit]++;
+    p->busy -= busy;
     memcpy(reply, request, 7);
     out[0] = request[7];
-    if (beyond || b == MODBUS_EXCEPTION) {
+    if (beyond || unknown || large || busy || b == MODBUS_EXCEPTION) {
         out[0] |= 0x80;
-        out[1] = beyond ? 2 : p->exception;
+        out[1] = busy ? 6 : unknown ? 1 : beyond || large ? 2 : p->exception;
     } else {
         n = request[7] <= 4 ? do_read(p, request + 7, out) : do_write(p, request + 7, out);
     }
@@ -97,12 +111,12 @@ static void serve(struct modbus_peer *p, int fd)
     while (receive(fd, request, 7) && u16(request + 4) <= 254 &&
            receive(fd, request + 7, u16(request + 4) - (size_t)1)) {
         pthread_mutex_lock(&p->mutex);
-        const bool late = p->behaviour == MODBUS_LATE;
+        const bool late = p->behaviour == MODBUS_LATE, once = p->behaviour == MODBUS_ONCE;
         const size_t n = answer(p, request, reply);
         pthread_mutex_unlock(&p->mutex);
         while (late && sem_wait(&p->released) < 0)
             ;
-        if (n == 0 || send(fd, reply, n, MSG_NOSIGNAL) < 0)
+        if (n == 0 || send(fd, reply, n, MSG_NOSIGNAL) < 0 || once)
             return;
     }
 }

@@ -18,6 +18,7 @@ enum modbus_behaviour {
     MODBUS_ANOTHERS,  /* the reply to another transaction */
     MODBUS_OTHER,     /* of another function */
     MODBUS_CLOSES,    /* the connection instead of a reply */
+    MODBUS_ONCE,      /* it behind each reply */
     MODBUS_LATE,      /* the reply when it is released */
     MODBUS_EXCEPTION, /* the exception of that number */
     MODBUS_SCRIPT     /* the bytes of the script, with the transaction's number put in where there is room */
@@ -31,6 +32,10 @@ struct modbus_peer {
     enum modbus_behaviour behaviour;
     unsigned char exception, unit; /* unit: of the last request */
     unsigned reads, writes;        /* requests so far */
+    unsigned of[256];              /* by unit */
+    unsigned busy;                 /* so many are answered by exception 6 before one is served */
+    uint32_t unknown;              /* functions that it does not know, as bits */
+    unsigned most;                 /* registers that it gives in one reply; 0: as many as there is room for */
     uint16_t holding[65536], input[65536];
     bool coil[65536], discrete[65536];
     unsigned char script[300];

@@ -75,3 +75,20 @@ sed 's/"input:0"/"input:50"/' "$work/modbus.conf" >"$work/wrong.conf"
 expect 1 '' "$apc" run "$work/wrong.conf" --duration 5 --out "$work/wrong"
 awk -F, '$2 == "sensor" && $4 != "BadNotConnected" {exit 1} $2 == "sensor" {n++} END {if (!n) exit 1}' "$work/wrong/samples.csv" ||
   fail "a register that is not there has another status"
+
+# who only looks changes nothing, and who leaves leaves alone what somebody took out of service meanwhile
+given() { grep -c '^given' "$work/plant.log" || true; }
+n=$(given)
+sed 's/mode = "Auto"/mode = "OOS"/' "$work/modbus.conf" >"$work/looks.conf"
+"$apc" run "$work/looks.conf" --duration 3 --out "$work/looks" >"$work/looks.log" 2>&1 || true # how that ends is not the question
+grep -q ',sensor,1,Good' "$work/looks/samples.csv" || fail "who looks sees nothing: $(tail -n 1 "$work/looks.log")"
+[ "$(given)" = "$n" ] || fail "a client that has commanded nothing gave the plant something"
+background run "$apc" run "$work/modbus.conf" --duration 0 --out "$work/oos"
+run=$pid
+until_true 20 more_given $((n + 5))
+expect 0 '' "$apc" mode u oos --store "$work/oos"
+until_true 20 grep -q 'the plant is given no command' "$work/oos/apc-client.log"
+n=$(given)
+kill -INT "$run"
+wait "$run" || true
+[ "$(given)" = "$n" ] || fail "what was out of service was given its safe value"

@@ -86,6 +86,15 @@ static void a_value_of_each_type_stands_as_the_specification_has_it(void **state
         {{.type = APC_MODBUS_F32, .low_word_first = true}, 1.5, {0x0000, 0x3FC0}},
         {{.type = APC_MODBUS_F64}, -1.0 / 3, {0xBFD5, 0x5555, 0x5555, 0x5555}},
         {{.type = APC_MODBUS_F64, .low_word_first = true}, 1.0 + 0x1p-52, {0x0001, 0, 0, 0x3FF0}},
+        {{.type = APC_MODBUS_U16, .low_byte_first = true}, 0x0102, {0x0201}},
+        {{.type = APC_MODBUS_S32, .low_byte_first = true}, 0x01020304, {0x0201, 0x0403}},
+        {{.type = APC_MODBUS_F32, .low_word_first = true, .low_byte_first = true}, 1.5, {0x0000, 0xC03F}},
+        {{.type = APC_MODBUS_F64, .low_word_first = true, .low_byte_first = true}, 1.5, {0, 0, 0, 0xF83F}},
+        {{.type = APC_MODBUS_F64, .low_byte_first = true}, 1.5, {0xF83F, 0, 0, 0}},
+        {{.type = APC_MODBUS_U64}, 0x0102030405060000, {0x0102, 0x0304, 0x0506, 0}},
+        {{.type = APC_MODBUS_U64}, 0x1p63, {0x8000, 0, 0, 0}},
+        {{.type = APC_MODBUS_S64, .low_word_first = true}, -2, {0xFFFE, 0xFFFF, 0xFFFF, 0xFFFF}},
+        {{.type = APC_MODBUS_S64}, -0x1p63, {0x8000, 0, 0, 0}},
         {{.type = APC_MODBUS_U16, .scale = 0.5, .offset = -10}, 2.5, {25}},
         {{.type = APC_MODBUS_S16, .scale = -0.25}, 1.0, {0xFFFC}},
         {{.type = APC_MODBUS_F32, .offset = 273.15}, 273.15, {0, 0}},
@@ -119,6 +128,12 @@ static void what_does_not_fit_is_not_written_nor_anything_beside_it(void **state
                  {APC_MODBUS_S32, 2147483648.0},
                  {APC_MODBUS_S32, -2147483649.0},
                  {APC_MODBUS_F32, 1e39},
+                 {APC_MODBUS_U64, 0x1p64},
+                 {APC_MODBUS_U64, -1},
+                 {APC_MODBUS_S64, 0x1p63},
+                 {APC_MODBUS_S64, -0x1.0000000000001p63},
+                 {APC_MODBUS_FLAG, 2},
+                 {APC_MODBUS_FLAG, -1},
                  {APC_MODBUS_U32, -1e299}};
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -251,9 +266,9 @@ static void an_exception_is_a_status_when_read_and_a_failure_when_written(void *
     static const struct {
         unsigned char exception;
         apc_status status;
-    } cases[] = {{1, APC_BAD_NOT_CONNECTED},     {2, APC_BAD_NOT_CONNECTED}, {3, APC_BAD_NOT_CONNECTED},
-                 {4, APC_BAD_DEVICE_FAILURE},    {6, APC_BAD_NO_DATA},       {10, APC_BAD_NO_COMMUNICATION},
-                 {11, APC_BAD_NO_COMMUNICATION}, {200, APC_BAD_NO_DATA}};
+    } cases[] = {{1, APC_BAD_NOT_CONNECTED},  {2, APC_BAD_NOT_CONNECTED},     {3, APC_BAD_NOT_CONNECTED},
+                 {4, APC_BAD_DEVICE_FAILURE}, {10, APC_BAD_NO_COMMUNICATION}, {11, APC_BAD_NO_COMMUNICATION},
+                 {200, APC_BAD_NO_DATA}};
     const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 30);
     struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
     struct apc_value u = {.value = 1}, y;
@@ -271,6 +286,209 @@ static void an_exception_is_a_status_when_read_and_a_failure_when_written(void *
         assert_non_null(strstr(apc_exchange_error(b->x), text));
     }
     end(b);
+}
+
+/* ---- What a device may lawfully do ---------------------------------------------------------- */
+
+/* Whoever is busy for some requests is asked again; who stays so is Bad, and the others are read all the
+ * same. */
+static void a_device_that_is_busy_is_asked_again_in_time(void **state)
+{
+    const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 30);
+    struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
+    struct apc_value u = {.value = 7}, y;
+    (void)state;
+    b->peer.busy = 3;
+    assert_int_equal(exchange(b, &u, &y), 0);
+    b->peer.busy = 2;
+    assert_int_equal(exchange(b, NULL, &y), 0);
+    assert_near(y.value, 7, 0);
+    assert_int_equal(y.status, APC_GOOD);
+    for (unsigned char exception = 5; exception <= 6; exception++) {
+        pthread_mutex_lock(&b->peer.mutex);
+        b->peer.behaviour = MODBUS_EXCEPTION;
+        b->peer.exception = exception;
+        pthread_mutex_unlock(&b->peer.mutex);
+        assert_int_equal(apc_exchange_begin(b->x, NULL, apc_clock_mono(NULL) + 50 * APC_NS_PER_MS), 0);
+        assert_int_equal(apc_exchange_finish(b->x, &y), 0);
+        assert_int_equal(y.status, APC_BAD_NO_DATA);
+        assert_int_equal(apc_exchange_begin(b->x, &u, apc_clock_mono(NULL) + 50 * APC_NS_PER_MS), APC_EPERM);
+    }
+    end(b);
+}
+
+static void a_server_that_closes_after_each_answer_gives_all(void **state)
+{
+    const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                         point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0)},
+                                  y[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                         point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0),
+                                         point(APC_MODBUS_INPUT, APC_MODBUS_U16, 9)};
+    struct bench *b = start(2, 3, (struct apc_modbus_options){.u = u, .y = y});
+    struct apc_value values[] = {{.value = 0}, {.value = 1}}, answer[3];
+    (void)state;
+    b->peer.behaviour = MODBUS_ONCE;
+    for (int i = 1; i <= 50; i++) {
+        values[0].value = i;
+        assert_int_equal(exchange(b, values, answer), 0);
+        assert_near(answer[0].value, i, 0);
+        assert_near(answer[1].value, 1, 0);
+        assert_int_equal(answer[2].status, APC_GOOD);
+    }
+    end(b);
+}
+
+/* By a setting, or after exception 1 to the other function, which is then not tried again. */
+static void a_device_that_writes_one_at_a_time_is_written_so(void **state)
+{
+    const struct apc_modbus_point u[] = {
+        point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0), point(APC_MODBUS_HOLDING, APC_MODBUS_S16, 1),
+        point(APC_MODBUS_COIL, APC_MODBUS_BIT, 4), point(APC_MODBUS_COIL, APC_MODBUS_BIT, 5)};
+    const struct apc_value values[] = {{.value = 3}, {.value = -3}, {.value = 1}, {.value = 1}};
+    struct apc_value y;
+    (void)state;
+    for (int set = 0; set < 2; set++) {
+        struct bench *b = start(4, 1, (struct apc_modbus_options){.u = u, .y = u, .write_single = set});
+        b->peer.unknown = 1 << 15 | 1 << 16;
+        assert_int_equal(exchange(b, values, &y), 0);
+        assert_int_equal(b->peer.holding[0], 3);
+        assert_int_equal(b->peer.holding[1], (uint16_t)-3);
+        assert_true(b->peer.coil[4] && b->peer.coil[5]);
+        const unsigned asked = b->peer.of[0];
+        assert_int_equal(asked, set ? 5 : 7);
+        assert_int_equal(exchange(b, values, &y), 0);
+        assert_int_equal(b->peer.of[0], asked + 5);
+        assert_int_equal(apc_exchange_safe(b->x, NULL, apc_clock_mono(NULL) + PATIENCE), 0);
+        meet(b);
+        assert_int_equal(b->peer.holding[0], 0);
+        assert_false(b->peer.coil[5]);
+        end(b);
+    }
+}
+
+/* Half of a value must not stand there, even for a moment. */
+static void a_value_of_several_registers_is_not_written_one_at_a_time(void **state)
+{
+    const struct apc_modbus_point u = point(APC_MODBUS_HOLDING, APC_MODBUS_F32, 0);
+    const struct apc_value value = {.value = 3};
+    struct apc_modbus_options o = {.size = sizeof o, .u = &u, .y = &u, .write_single = true};
+    const struct apc_exchange_options options = {.size = sizeof options, .nu = 1, .ny = 1, .modbus = &o};
+    struct apc_exchange *x;
+    struct apc_value y;
+    struct apc_error why;
+    struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &u, .y = &u});
+    (void)state;
+    b->peer.unknown = 1 << 16;
+    assert_int_equal(exchange(b, &value, &y), APC_EPERM);
+    assert_non_null(strstr(apc_exchange_error(b->x), "would leave half of it"));
+    assert_int_equal(b->peer.writes, 0);
+    end(b);
+    assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "half written"));
+    o = (struct apc_modbus_options){.size = sizeof o, .u = &u, .y = &u, .block = 1};
+    assert_int_equal(apc_exchange_open(&x, "modbus:127.0.0.1:502", &options, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, "a block must have as many"));
+}
+
+static void a_request_has_no_more_registers_than_a_block(void **state)
+{
+    enum { N = 24 };
+    struct apc_modbus_point y[N], u = point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0);
+    struct apc_value answer[N];
+    (void)state;
+    for (unsigned i = 0; i < N; i++)
+        y[i] = point(APC_MODBUS_INPUT, APC_MODBUS_F32, 2 * i);
+    struct bench *b = start(1, N, (struct apc_modbus_options){.u = &u, .y = y, .block = 11});
+    b->peer.most = 10;
+    assert_int_equal(exchange(b, NULL, answer), 0);
+    for (size_t i = 0; i < N; i++)
+        assert_int_equal(answer[i].status, APC_GOOD);
+    assert_int_equal(b->peer.reads, (N + 4) / 5);
+    end(b);
+}
+
+static void a_map_may_name_several_units(void **state)
+{
+    struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                   point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0)},
+                            y[] = {point(APC_MODBUS_INPUT, APC_MODBUS_U16, 0),
+                                   point(APC_MODBUS_INPUT, APC_MODBUS_U16, 1)};
+    const struct apc_value values[] = {{.value = 3}, {.value = 4}};
+    struct apc_value answer[2];
+    (void)state;
+    u[1].unit = 9; /* the same register of another device */
+    y[0].unit = 200;
+    struct bench *b = start(2, 2, (struct apc_modbus_options){.u = u, .y = y, .unit = 1});
+    assert_int_equal(exchange(b, values, answer), 0);
+    assert_int_equal(b->peer.of[1], 2);
+    assert_int_equal(b->peer.of[9], 1);
+    assert_int_equal(b->peer.of[200], 1);
+    end(b);
+}
+
+/* Bits of one register go in one request that leaves the others, and in no other. */
+static void a_bit_of_a_register_is_read_and_written_by_itself(void **state)
+{
+    struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_FLAG, 7),
+                                   point(APC_MODBUS_HOLDING, APC_MODBUS_FLAG, 7),
+                                   point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 8)};
+    struct apc_value values[] = {{.value = 1}, {.value = 0}, {.value = 5}}, y[3];
+    double found;
+    (void)state;
+    u[0].bit = 3;
+    u[1].bit = 15;
+    struct bench *b = start(3, 3, (struct apc_modbus_options){.u = u, .y = u, .read_back = true});
+    b->peer.holding[7] = 0x8421;
+    assert_int_equal(exchange(b, values, y), 0);
+    assert_int_equal(b->peer.holding[7], 0x0429);
+    assert_int_equal(b->peer.holding[8], 5);
+    assert_int_equal(b->peer.writes, 2);
+    assert_near(y[0].value, 1, 0);
+    assert_near(y[1].value, 0, 0);
+    b->peer.holding[7] |= 0x8002; /* one of ours and one of theirs */
+    assert_int_equal(exchange(b, values, y), 0);
+    assert_int_equal(apc_exchange_read_back(b->x, 0, &found), APC_GOOD);
+    assert_int_equal(apc_exchange_read_back(b->x, 1, &found), APC_UNCERTAIN_SUBSTITUTE);
+    assert_int_equal(b->peer.holding[7], 0x042B);
+    b->peer.unknown = 1 << 22;
+    assert_int_equal(exchange(b, values, y), APC_EPERM);
+    assert_non_null(strstr(apc_exchange_error(b->x), "22, mask write register"));
+    end(b);
+}
+
+static void a_code_for_no_value_is_none(void **state)
+{
+    static const struct {
+        enum apc_modbus_type type;
+        bool low_word_first, low_byte_first;
+        uint64_t code;
+        uint16_t registers[4];
+    } cases[] = {
+        {APC_MODBUS_S16, false, false, 0x8000, {0x8000}},
+        {APC_MODBUS_U16, false, true, 0xFF00, {0x00FF}},
+        {APC_MODBUS_S32, true, false, 0x80000000, {0x0000, 0x8000}},
+        {APC_MODBUS_U64, false, false, 0xFFFFFFFFFFFFFFFF, {0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF}},
+        {APC_MODBUS_S64, false, false, 0x8000000000000000, {0x8000, 0, 0, 0}},
+        {APC_MODBUS_F32, false, false, 0xC61C3C00, {0xC61C, 0x3C00}}, /* -9999 */
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct apc_modbus_point p = {.area = APC_MODBUS_HOLDING,
+                                     .type = cases[i].type,
+                                     .low_word_first = cases[i].low_word_first,
+                                     .low_byte_first = cases[i].low_byte_first,
+                                     .no_value = {1, cases[i].code},
+                                     .n_no_value = 2};
+        struct apc_value y;
+        struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
+        memcpy(b->peer.holding, cases[i].registers, sizeof cases[i].registers);
+        assert_int_equal(exchange(b, NULL, &y), 0);
+        assert_int_equal(y.status, APC_BAD_NO_DATA);
+        b->peer.holding[0] ^= 0x0100;
+        assert_int_equal(exchange(b, NULL, &y), 0);
+        assert_int_equal(y.status, APC_GOOD);
+        end(b);
+    }
 }
 
 /* ---- Who watches whom ----------------------------------------------------------------------- */
@@ -295,7 +513,7 @@ static void the_watchdog_counts_what_was_given_whole(void **state)
     values[0].status = APC_GOOD;
     assert_int_equal(exchange(b, values, &y), 0);
     assert_int_equal(b->peer.holding[2], 4);
-    assert_int_equal(apc_exchange_safe(b->x, apc_clock_mono(NULL) + PATIENCE), 0);
+    assert_int_equal(apc_exchange_safe(b->x, NULL, apc_clock_mono(NULL) + PATIENCE), 0);
     meet(b);
     assert_int_equal(b->peer.holding[0], 0);
     assert_int_equal(b->peer.holding[2], 4); /* who leaves is no longer there */
@@ -330,7 +548,7 @@ static void each_outputs_watchdog_counts_by_itself(void **state)
     assert_int_equal(b->peer.holding[10], 4);
     assert_int_equal(b->peer.holding[2], 7);
     assert_int_equal(exchange(b, NULL, &y), 0);
-    assert_int_equal(apc_exchange_safe(b->x, apc_clock_mono(NULL) + PATIENCE), 0);
+    assert_int_equal(apc_exchange_safe(b->x, NULL, apc_clock_mono(NULL) + PATIENCE), 0);
     meet(b);
     assert_int_equal(b->peer.holding[10], 4);
     assert_int_equal(b->peer.holding[3], 3);
@@ -583,6 +801,14 @@ int main(void)
         cmocka_unit_test(what_is_next_to_each_other_goes_in_one_request),
         cmocka_unit_test(a_request_has_no_more_than_a_frame_holds),
         cmocka_unit_test(an_exception_is_a_status_when_read_and_a_failure_when_written),
+        cmocka_unit_test(a_device_that_is_busy_is_asked_again_in_time),
+        cmocka_unit_test(a_server_that_closes_after_each_answer_gives_all),
+        cmocka_unit_test(a_device_that_writes_one_at_a_time_is_written_so),
+        cmocka_unit_test(a_value_of_several_registers_is_not_written_one_at_a_time),
+        cmocka_unit_test(a_request_has_no_more_registers_than_a_block),
+        cmocka_unit_test(a_map_may_name_several_units),
+        cmocka_unit_test(a_bit_of_a_register_is_read_and_written_by_itself),
+        cmocka_unit_test(a_code_for_no_value_is_none),
         cmocka_unit_test(the_watchdog_counts_what_was_given_whole),
         cmocka_unit_test(each_outputs_watchdog_counts_by_itself),
         cmocka_unit_test(an_output_that_is_another_than_was_given_is_found),

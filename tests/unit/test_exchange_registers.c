@@ -146,10 +146,17 @@ static void each_request_is_answered_as_the_specification_has_it(void **state)
         /* writing */
         {"10 0000 0003 06 40200000 0001", "1000000003"},
         {"03 0000 0003", "0306402000000001"},
-        {"06 000a 0004", "06000a0004"},
+        {"06 000a fffe", "06000afffe"},
         {"05 0005 0000", "0500050000"},
         {"0f 0005 0001 01 01", "0f00050001"},
         {"06 0002 0002", "0600020002"},
+        /* some bits of what stands there, -1 of halves: 4 is 2 */
+        {"16 000a fff0 0004", "16000afff00004"},
+        {"03 000a 0001", "0302fff4"},
+        {"16 000a 0000 0004", "16000a00000004"},
+        {"16 0005 0000 0004", "9602"},
+        {"16 000a 0000", "9603"},
+        {"16 0000 00f2 0025", "9603"},
         /* a half of a value is none */
         {"06 0000 4020", "8603"},
         {"10 0001 0002 04 0000 0001", "9003"},
@@ -173,7 +180,6 @@ static void each_request_is_answered_as_the_specification_has_it(void **state)
         {"0f 0005 0001 02 0101", "8f03"},
         /* functions that are none of ours */
         {"07", "8701"},
-        {"16 0000 00f2 0025", "9601"},
         {"2b 0e 01 00", "ab01"},
         {"00", "8001"},
         {"83 0000 0001", "8301"},
@@ -184,7 +190,7 @@ static void each_request_is_answered_as_the_specification_has_it(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         if (strcmp(ask(&p, cases[i].request), cases[i].reply) != 0)
             fail_msg("%s: %s, not %s", cases[i].request, ask(&p, cases[i].request), cases[i].reply);
-    assert_int_equal(p.commands, 5);
+    assert_int_equal(p.commands, 7);
     assert_near(p.u[0], 2.5, 0.0);
     assert_near(p.u[1], 1.0, 0.0);
     assert_near(p.u[2], 2.0, 0.0);

@@ -810,14 +810,30 @@ static void as_many_values_go_as_may_be(void **state)
     unmake(p);
 }
 
+static void leave(struct plant *p, const bool *spared)
+{
+    assert_int_equal(apc_exchange_safe(p->x, spared, apc_clock_mono(NULL) + PATIENCE), 0);
+}
+
+/* Of what it has commanded, and of that what is not spared. */
 static void who_leaves_gives_safe_values_where_the_plant_does_not_watch_him(void **state)
 {
+    static const bool second[] = {false, true};
     struct plant *p = *state;
+    const struct apc_value u[] = {{20.0, APC_GOOD, T0}, {30.0, APC_GOOD, T0}};
+    struct apc_value y[3];
 
-    assert_int_equal(apc_exchange_safe(p->x, apc_clock_mono(NULL) + PATIENCE), 0);
-    assert_int_equal(asked(p), 0);
-    for (size_t i = 0; i < 2; i++)
-        assert_near(given(p, i).value, p->scheme->bare ? p->scheme->safe - (double)i : 0.0, 0.0);
+    assert_int_equal(p->scheme->exchange(p, NULL, PATIENCE, y), 0);
+    leave(p, NULL);
+    assert_int_equal(commanded(p), 0); /* who only looked */
+    assert_int_equal(p->scheme->exchange(p, u, PATIENCE, y), 0);
+    const unsigned before = commanded(p);
+    leave(p, second);
+    assert_near(given(p, 0).value, p->scheme->bare ? p->scheme->safe : 20.0, 0.0);
+    assert_near(given(p, 1).value, 30.0, 0.0);
+    leave(p, NULL);
+    assert_near(given(p, 1).value, p->scheme->bare ? p->scheme->safe - 1.0 : 30.0, 0.0);
+    assert_true(p->scheme->bare ? commanded(p) > before : commanded(p) == before);
 }
 
 /* ---- Of none in particular ------------------------------------------------------------------ */

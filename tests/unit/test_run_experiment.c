@@ -484,6 +484,39 @@ static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; scal = 1.0; } );"), "unknown setting \"scal\""},
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; word_order = \"big\"; } );"),
          "must be \"high\" or \"low\""},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; byte_order = \"big\"; } );"),
+         "the byte of each register that comes first"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; unit = 0; } );"),
+         "\"unit\" must be from 1 to 255"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1.16\"; } );"), "a bit, 0 to 15"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1.\"; } );"), "a bit, 0 to 15"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"coil:1.3\"; } );"), "a bit, 0 to 15"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1.3\"; type = \"int16\"; } );"),
+         "one bit of a register is a bit"},
+        {MODBUS("map = ( { name = \"u1\"; at = \"holding:1.3\"; } );"),
+         "output \"u1\" may be 1 to 9: its bit cannot"},
+        {MODBUS("map = ( { name = \"u2\"; at = \"holding:1\"; type = \"uint64\"; } );"), "its uint64 cannot"},
+        {MODBUS("map = ( { name = \"u1\"; at = \"holding:1\"; no_value = 1; } );"),
+         "\"no_value\" is of a measurement"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; no_value = 0x18000; } );"),
+         "must be what can stand in a register of type uint16, such as 0x8000"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; no_value = -32769; } );"),
+         "must be what can stand"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; no_value = 1.0; } );"), "must be what can stand"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; type = \"float32\"; no_value = 1e39; } );"),
+         "such as -9999.0"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"coil:1\"; no_value = 1; } );"), "has no third"},
+        {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; no_value = [1, 2, 3, 4, 5]; } );"),
+         "has 4 codes at most"},
+        {MODBUS("block = 1; map = ( { name = \"y1\"; at = \"input:1\"; type = \"int32\"; }, { name = \"y2\"; "
+                "at = "
+                "\"input:3\"; }, " U1_U2 " );"),
+         "\"block\" is 1: \"y1\" has 2 registers"},
+        {MODBUS("block = 0; map = ();"), "\"block\" must be from 1"},
+        {MODBUS("write_single = true; map = ( " Y1_Y2
+                ", { name = \"u1\"; at = \"holding:1\"; type = \"float32\"; "
+                "}, { name = \"u2\"; at = \"holding:3\"; type = \"int16\"; } );"),
+         "output \"u1\" has 2 registers, which function 6 would leave half written"},
         {MODBUS("unit = 256; map = ();"), "\"unit\" must be from 0 to 255"},
         {MODBUS("watchdog = \"coil:1\"; map = ( " Y1_Y2 ", " U1_U2 " );"),
          "must be a holding register: it counts"},
@@ -499,6 +532,51 @@ static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
             fail_msg("taken: %s", mistake[i].line);
         if (!strstr(why.text, mistake[i].reason))
             fail_msg("%s: \"%s\" says nothing of \"%s\"", mistake[i].line, why.text, mistake[i].reason);
+    }
+}
+
+/* However it is written: as the sheet of the device has it. */
+static void a_code_for_no_value_is_taken_as_it_is_written(void **state)
+{
+    static const struct {
+        const char *y1;
+        uint64_t code;
+    } cases[] = {
+        {"type = \"int16\"; no_value = 0x8000;", 0x8000},
+        {"type = \"int16\"; no_value = -32768;", 0x8000},
+        {"type = \"uint16\"; no_value = 65535;", 0xFFFF},
+        {"type = \"int32\"; no_value = 0x80000000;", 0x80000000},
+        {"type = \"uint32\"; no_value = 0xFFFFFFFF;", 0xFFFFFFFF},
+        {"type = \"uint32\"; no_value = -1;", 0xFFFFFFFF},
+        {"type = \"int64\"; no_value = 0x8000000000000000L;", 0x8000000000000000},
+        {"type = \"uint64\"; no_value = 0xFFFFFFFFFFFFFFFFL;", 0xFFFFFFFFFFFFFFFF},
+        {"type = \"float32\"; no_value = -9999;", 0xC61C3C00},
+        {"type = \"float32\"; no_value = [-9999.0];", 0xC61C3C00},
+        {"type = \"float64\"; no_value = -9999.0;", 0xC0C3878000000000},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct experiment e;
+        struct apc_error why;
+        char line[800];
+        snprintf(line, sizeof line,
+                 MODBUS("byte_order = \"low\"; block = 10; map = ( " U1_U2
+                        ", { name = \"y1\"; at = \"input:1\"; unit = 3; %s }, { name = \"y2\"; at = "
+                        "\"input:9.12\"; byte_order = \"high\"; } );"),
+                 cases[i].y1);
+        if (load_modbus(&e, line, &why) < 0)
+            fail_msg("%s: %s", cases[i].y1, why.text);
+        const struct apc_modbus_point *y = e.client.modbus.y;
+        assert_int_equal(y[0].n_no_value, 1);
+        assert_true(y[0].no_value[0] == cases[i].code);
+        assert_int_equal(y[0].unit, 3);
+        assert_true(y[0].low_byte_first);
+        assert_int_equal(y[1].type, APC_MODBUS_FLAG);
+        assert_int_equal(y[1].bit, 12);
+        assert_int_equal(y[1].unit, 0);
+        assert_false(y[1].low_byte_first);
+        assert_int_equal(e.client.modbus.block, 10);
+        experiment_free(&e);
     }
 }
 
@@ -1359,6 +1437,7 @@ int main(void)
         cmocka_unit_test(a_map_is_loaded_as_it_stands_there),
         cmocka_unit_test(a_map_with_a_mistake_is_refused_with_its_reason),
         cmocka_unit_test(actions_are_taken_by_time),
+        cmocka_unit_test(a_code_for_no_value_is_taken_as_it_is_written),
         cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),
         cmocka_unit_test(the_nearest_name_is_one_that_is_alike),
