@@ -24,20 +24,21 @@ struct apc_sample apc_shm_sample(enum apc_table table, int id, const uint64_t wo
 
 int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8])
 {
-    const int current = apc_shm_current(slot->mark, g);
+    uint64_t was;
+    const int current = apc_shm_current(slot->mark, g, &was);
     if (current < 0) {
         return current == -1 ? 0 : -1;
     }
-    const uint64_t mark = apc_word_get(&slot->mark[current]);
     apc_words_get(version, &slot->version[current].mark, 8);
-    return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark) ? 1 : -1;
+    return apc_shm_unchanged(&slot->mark[current], was) ? 1 : -1;
 }
 
 /* The newest of generation @p g. Returns false when it is lost: then only table and id are left. */
 static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sample *s, uint32_t *hint)
 {
     const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(s->table, s->id), hint);
-    const int current = slot ? apc_shm_current(slot->mark, g) : -1;
+    uint64_t was = 0;
+    const int current = slot ? apc_shm_current(slot->mark, g, &was) : -1;
     if (current < 0) {
         *s = (struct apc_sample){
             .table = s->table, .id = s->id, .status = APC_BAD_NO_DATA, .origin = apc_shm_first(shm)};
@@ -45,7 +46,7 @@ static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sampl
     }
     /* Field by field: words that are put down and picked up again as a struct cost more than all the rest. */
     const struct apc_shm_cell *v = &slot->version[current];
-    const uint64_t mark = apc_word_get(&slot->mark[current]), value = apc_word_get(&v->value);
+    const uint64_t value = apc_word_get(&v->value);
     s->seq = (int64_t)apc_word_get(&v->seq);
     s->time = (apc_ns)apc_word_get(&v->time);
     memcpy(&s->value, &value, sizeof value);
@@ -53,7 +54,7 @@ static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sampl
     s->status = (apc_status)status;
     s->author = (uint32_t)(status >> 32);
     s->origin = (int64_t)apc_word_get(&v->origin);
-    return mark <= g && mark > 0 && apc_shm_unchanged(&slot->mark[current], mark);
+    return apc_shm_unchanged(&slot->mark[current], was);
 }
 
 /* The @p i-th of rows, samples first, of generation @p g. */
@@ -218,12 +219,9 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 static bool any_newer(struct apc_shm *shm, const struct apc_sample *seen, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
-        const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(seen[i].table, seen[i].id), NULL);
+        const struct apc_shm_slot *slot;
         uint64_t words[8];
-        int there = slot ? -1 : 0;
-        for (int tries = 0; there < 0 && tries < APC_SHM_TRIES; tries++) { /* as in read_newest() */
-            there = apc_shm_load(slot, apc_shm_generation(shm), words);
-        }
+        const int there = apc_shm_load_newest(shm, apc_shm_key(seen[i].table, seen[i].id), &slot, words);
         if (there < 0 || (there > 0 && (int64_t)words[1] > seen[i].seq)) { /* who reads it is told why not */
             return true;
         }

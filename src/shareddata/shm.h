@@ -24,9 +24,14 @@
  * So what a writer is doing, or did not live to finish, is invisible, and all of it becomes visible at once.
  * A reader holds no lock, and nobody waits for it.
  *
- * Who gets the lock of a dead writer (a robust mutex: the kernel says so) erases all marks above g before it
- * begins: recovery. It can be killed in the middle of that, too. An operation that fails half-way does the
- * same.
+ * Who gets the lock of a dead writer (a robust mutex: the kernel says so) makes all marks above g
+ * APC_SHM_SPOILED before it begins: recovery. It can be killed in the middle of that, too. An operation that
+ * fails half-way does the same.
+ *
+ * A mark above all generations is not 0, for 0 says that there never was anything: of a version that was
+ * there and was spoiled, a reader who is late must not believe that. The first version is written first, and
+ * the second only while the first is current: so a second of 0 beside a first above g says that there was
+ * nothing at g.
  *
  * A reader that takes long may find both versions of a slot already newer than its g. Then it begins again
  * with a newer g and that slot first. A writer at full speed could keep it from ever finishing a long list:
@@ -45,6 +50,7 @@
 #include "shareddata/shareddata_internal.h"
 
 #define APC_SHM_TRIES     1000
+#define APC_SHM_SPOILED   UINT64_MAX
 #define APC_SHM_EXTENTS   9   /* of a ring: 4, 12, 48, ... 196608 cells */
 #define APC_SHM_FREELY    7   /* of samples; a further one only while half of all cells stay free */
 #define APC_SHM_SHARE     16  /* of vectors the same goes for one that takes more than this part of all */
@@ -216,8 +222,9 @@ static inline void apc_words_put(apc_word *to, const void *from, size_t n)
     }
 }
 
-/** Which of two versions is the current one of generation @p g: 0 or 1, -1: none, -2: both are newer. */
-static inline int apc_shm_current(const apc_word mark[2], uint64_t g)
+/** Which of two versions is the current one of generation @p g: 0 or 1, -1: none, -2: both are newer. *@p was
+ * is its mark: who holds no lock sees after reading whether it still is, apc_shm_unchanged(). */
+static inline int apc_shm_current(const apc_word mark[2], uint64_t g, uint64_t *was)
 {
     uint64_t a = atomic_load_explicit(&mark[0], memory_order_acquire);
     uint64_t b = atomic_load_explicit(&mark[1], memory_order_acquire);
@@ -229,10 +236,11 @@ static inline int apc_shm_current(const apc_word mark[2], uint64_t g)
     } else if (b > g) {
         b = 0;
     }
-    return a == 0 && b == 0 ? -1 : b > a;
+    *was = b > a ? b : a;
+    return *was == 0 ? -1 : b > a;
 }
 
-/** After reading a version: was it @p mark all the time? */
+/** After reading a version, or a cell: was its mark @p value all the time? */
 static inline bool apc_shm_unchanged(const apc_word *mark, uint64_t value)
 {
     atomic_thread_fence(memory_order_acquire);
@@ -363,8 +371,9 @@ static inline int64_t apc_shm_first(const struct apc_shm *shm)
 
 /** A slot's version of generation @p g: 1, 0: none, -1: lost, take a newer generation. */
 int apc_shm_load(const struct apc_shm_slot *slot, uint64_t g, uint64_t version[8]);
-/** The variable's version as of now: 1, 0: it has none, or an error. */
-int apc_shm_load_newest(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8]);
+/** The variable's version as of now, and its slot: 1, 0: it has none, or an error. */
+int apc_shm_load_newest(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot,
+                        uint64_t version[8]);
 /** What has two versions was lost APC_SHM_TRIES times in a row: APC_ETIMEDOUT, or APC_ESTORE when nothing was
  * committed since generation @p g, which then is no reason. */
 int apc_shm_lost(struct apc_shm *shm, uint64_t g);

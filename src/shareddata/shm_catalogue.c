@@ -105,18 +105,18 @@ int apc_shm_catalogue(struct apc_store *store, char *text, size_t size, int64_t 
     const uint64_t g = apc_shm_generation(shm);
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
         const struct apc_shm_header *h = shm->header;
-        const int current = apc_shm_current(h->tags_mark, apc_shm_generation(shm));
+        uint64_t was;
+        const int current = apc_shm_current(h->tags_mark, apc_shm_generation(shm), &was);
         if (current < 0) {
             continue;
         }
-        const uint64_t mark = apc_word_get(&h->tags_mark[current]);
         const uint64_t length = apc_word_get(&h->text_length[current]);
         *revision = (int64_t)apc_word_get(&h->revision[current]);
         if (length >= shm->text_size) {
             continue;
         }
         get_text(shm->text[current], text, size, (size_t)length);
-        if (apc_shm_unchanged(&h->tags_mark[current], mark)) {
+        if (apc_shm_unchanged(&h->tags_mark[current], was)) {
             return (int)length;
         }
     }
@@ -133,17 +133,18 @@ int apc_shm_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capac
     const uint64_t g = apc_shm_generation(shm);
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
         const apc_word *marks = shm->header->tags_mark;
-        const int current = apc_shm_current(marks, apc_shm_generation(shm));
+        uint64_t was;
+        const int current = apc_shm_current(marks, apc_shm_generation(shm), &was);
         if (current < 0) {
             continue;
         }
-        const uint64_t mark = apc_word_get(&marks[current]), n = apc_word_get(&shm->header->n_tags[current]);
+        const uint64_t n = apc_word_get(&shm->header->n_tags[current]);
         const size_t some = n < capacity ? (size_t)n : capacity;
         if (n > shm->tags) {
             continue;
         }
         apc_words_get(tags, shm->tag[current], some * sizeof *tags / 8);
-        if (apc_shm_unchanged(&marks[current], mark)) {
+        if (apc_shm_unchanged(&marks[current], was)) {
             return (int)n;
         }
     }

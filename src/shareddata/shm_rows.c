@@ -67,22 +67,28 @@ static int corrupt(struct apc_shm *shm)
     return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name);
 }
 
-int apc_shm_load_newest(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
+/* The slot is looked for after the generation was taken: one of a transaction that failed is another
+ * variable's later. */
+int apc_shm_load_newest(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot,
+                        uint64_t version[8])
 {
-    const uint64_t g = apc_shm_generation(shm);
+    const uint64_t began = apc_shm_generation(shm);
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) { /* two commits within some ns are no rule */
-        const int there = apc_shm_load(slot, apc_shm_generation(shm), version);
+        const uint64_t g = apc_shm_generation(shm);
+        *slot = apc_shm_find(shm, key, NULL);
+        const int there = *slot ? apc_shm_load(*slot, g, version) : 0;
         if (there >= 0) {
             return there;
         }
     }
-    return apc_shm_lost(shm, g);
+    return apc_shm_lost(shm, began);
 }
 
 /* Of a variable of samples. */
-static int load_version(struct apc_shm *shm, const struct apc_shm_slot *slot, uint64_t version[8])
+static int load_version(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot,
+                        uint64_t version[8])
 {
-    const int there = apc_shm_load_newest(shm, slot, version);
+    const int there = apc_shm_load_newest(shm, key, slot, version);
     const uint64_t kept = there > 0 ? version[7] >> 8 : 0;
     return kept > apc_shm_shown(apc_shm_capacity(APC_SHM_EXTENTS)) || (there > 0 && kept > version[0])
                ? corrupt(shm)
@@ -98,8 +104,8 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
     if (err) {
         return err;
     }
-    const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(table, id), NULL);
-    const int there = slot ? load_version(shm, slot, version) : 0;
+    const struct apc_shm_slot *slot;
+    const int there = load_version(shm, apc_shm_key(table, id), &slot, version);
     if (there <= 0) {
         return there;
     }
@@ -145,7 +151,8 @@ int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, siz
         return no_memory(shm, shm->variables);
     }
     for (size_t i = 0; i < shm->variables && (key = apc_word_get(&shm->slot[i].key)) != 0; i++) {
-        const int there = apc_shm_load_newest(shm, &shm->slot[i], version);
+        const struct apc_shm_slot *slot;
+        const int there = apc_shm_load_newest(shm, key, &slot, version);
         if (there < 0) {
             free(all);
             return there;
@@ -171,11 +178,11 @@ static int load_ends(struct apc_shm *shm, struct apc_shm_ends ends[APC_SHM_LOGS]
     struct apc_shm_counters c = {0};
     const uint64_t g = apc_shm_generation(shm);
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
-        const int current = apc_shm_current(meta->mark, apc_shm_generation(shm));
+        uint64_t was;
+        const int current = apc_shm_current(meta->mark, apc_shm_generation(shm), &was);
         if (current >= 0) {
-            const uint64_t mark = apc_word_get(&meta->mark[current]);
             apc_words_get(&c, meta->counters[current], APC_SHM_COUNTERS);
-            if (apc_shm_unchanged(&meta->mark[current], mark)) {
+            if (apc_shm_unchanged(&meta->mark[current], was)) {
                 memcpy(ends, c.log, sizeof c.log);
                 return 0;
             }
@@ -461,18 +468,20 @@ static uint64_t old_samples(const struct apc_shm *shm, const struct apc_shm_slot
 static int drop_samples(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns before)
 {
     struct apc_shm_write w;
+    const uint64_t key = apc_word_get(&slot->key);
+    const struct apc_shm_slot *found;
     uint64_t version[8];
-    int there = load_version(shm, slot, version);
-    if (there <= 0 || old_samples(shm, slot, version, before) == 0) {
+    int there = load_version(shm, key, &found, version);
+    if (there <= 0 || old_samples(shm, found, version, before) == 0) {
         return there < 0 ? there : 0;
     }
     int err = apc_shm_begin(shm, &w);
     if (err) {
         return err;
     }
-    if ((there = load_version(shm, slot, version)) <= 0) {
+    if ((there = load_version(shm, key, &found, version)) <= 0 || found != slot) {
         apc_shm_unlock(shm);
-        return there;
+        return there < 0 ? there : 0;
     }
     const uint64_t n = old_samples(shm, slot, version, before);
     const bool all = n == version[7] >> 8; /* the newest, too, if it is as old, but that stays in the slot */

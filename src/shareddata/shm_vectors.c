@@ -226,7 +226,8 @@ static int write_vector(struct apc_shm_write *w, const struct apc_vector *v, uin
     if (!slot) {
         return APC_ESTORE;
     }
-    int from = apc_shm_current(slot->mark, w->generation);
+    uint64_t was;
+    int from = apc_shm_current(slot->mark, w->generation, &was);
     if (from >= 0) {
         apc_words_get(words, &slot->version[from].mark, 8);
         r = unpack(words);
@@ -322,10 +323,10 @@ static int load_ring(struct apc_shm *shm, const struct ring *r, enum apc_table t
     return 0;
 }
 
-static int load_version(struct apc_shm *shm, const struct apc_shm_slot *slot, struct ring *r)
+static int load_version(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot, struct ring *r)
 {
     uint64_t words[8];
-    const int there = apc_shm_load_newest(shm, slot, words);
+    const int there = apc_shm_load_newest(shm, key, slot, words);
     if (there > 0) {
         *r = unpack(words);
         if (r->kept > r->head || r->extents > EXTENTS || r->shift > SHIFT_MAX ||
@@ -346,8 +347,8 @@ int apc_shm_vectors(struct apc_store *store, enum apc_table table, int id, const
     if (err) {
         return err;
     }
-    const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(table, id), NULL);
-    const int there = slot ? load_version(shm, slot, &r) : 0;
+    const struct apc_shm_slot *slot;
+    const int there = load_version(shm, apc_shm_key(table, id), &slot, &r);
     err = there > 0 ? load_ring(shm, &r, table, id, range, &f) : there;
     store->streaming = true;
     size_t first = range->last > 0 && f.n > range->last ? f.n - range->last : 0;
@@ -381,9 +382,11 @@ static uint64_t old_rows(const struct apc_shm *shm, const struct ring *r, apc_ns
 int apc_shm_drop_vectors(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns before)
 {
     struct apc_shm_write w;
+    const uint64_t key = apc_word_get(&slot->key);
+    const struct apc_shm_slot *found;
     struct ring r;
     uint64_t words[8];
-    int there = load_version(shm, slot, &r);
+    int there = load_version(shm, key, &found, &r);
     if (there <= 0 || old_rows(shm, &r, before) == 0) {
         return there < 0 ? there : 0;
     }
@@ -391,9 +394,9 @@ int apc_shm_drop_vectors(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns 
     if (err) {
         return err;
     }
-    if ((there = load_version(shm, slot, &r)) <= 0) {
+    if ((there = load_version(shm, key, &found, &r)) <= 0 || found != slot) {
         apc_shm_unlock(shm);
-        return there;
+        return there < 0 ? there : 0;
     }
     const uint64_t n = old_rows(shm, &r, before);
     int from, to = apc_shm_version(&w, slot->mark, &from);

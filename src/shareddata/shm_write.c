@@ -4,7 +4,8 @@
  * killed at any instruction.
  *
  * The order of every change is: mark, fence, words; and after all of them the generation. A mark above the
- * generation is what recovery looks for, and what tells a slow reader that its version has gone.
+ * generation is what recovery looks for, and what tells a slow reader that its version has gone. To store it
+ * releases what former writers did: who sees the one version go sees how the other has fared.
  */
 #include <errno.h>
 #include <limits.h>
@@ -21,11 +22,11 @@
 
 /* ---- Recovery -------------------------------------------------------------------------------- */
 
-static void erase_marks(apc_word mark[2], uint64_t g)
+static void spoil_marks(apc_word mark[2], uint64_t g)
 {
     for (int i = 0; i < 2; i++) {
         if (apc_word_get(&mark[i]) > g) {
-            apc_word_put(&mark[i], 0);
+            atomic_store_explicit(&mark[i], APC_SHM_SPOILED, memory_order_release);
         }
     }
 }
@@ -34,7 +35,8 @@ static struct apc_shm_counters counters_of(const struct apc_shm *shm, uint64_t g
 {
     const struct apc_shm_meta *meta = &shm->header->meta;
     struct apc_shm_counters c = {0};
-    int current = apc_shm_current(meta->mark, g);
+    uint64_t was;
+    int current = apc_shm_current(meta->mark, g, &was);
     if (current >= 0) {
         apc_words_get(&c, meta->counters[current], APC_SHM_COUNTERS);
     }
@@ -46,8 +48,8 @@ static void recover(struct apc_shm *shm)
 {
     struct apc_shm_header *h = shm->header;
     const uint64_t g = apc_shm_generation(shm);
-    erase_marks(h->meta.mark, g);
-    erase_marks(h->tags_mark, g);
+    spoil_marks(h->meta.mark, g);
+    spoil_marks(h->tags_mark, g);
     const struct apc_shm_counters c = counters_of(shm, g);
     for (size_t i = 0; i < shm->index_size; i++) {
         if (atomic_load_explicit(&shm->index[i], memory_order_relaxed) > c.variables) {
@@ -66,7 +68,7 @@ static void recover(struct apc_shm *shm)
         atomic_store_explicit(&shm->slot[i - 1].key, 0, memory_order_release);
     }
     for (; i > 0; i--) {
-        erase_marks(shm->slot[i - 1].mark, g);
+        spoil_marks(shm->slot[i - 1].mark, g);
     }
 }
 
@@ -138,12 +140,13 @@ struct apc_shm_counters *apc_shm_count(struct apc_shm_write *w)
 
 int apc_shm_version(struct apc_shm_write *w, apc_word mark[2], int *from)
 {
-    *from = apc_shm_current(mark, w->generation);
+    uint64_t was;
+    *from = apc_shm_current(mark, w->generation, &was);
     int to = *from == 0 ? 1 : 0;
-    if (*from >= 0 && apc_word_get(&mark[*from]) == w->generation) {
+    if (*from >= 0 && was == w->generation) {
         return *from; /* made already, in this transaction */
     }
-    apc_word_put(&mark[to], w->generation);
+    atomic_store_explicit(&mark[to], w->generation, memory_order_release);
     atomic_thread_fence(memory_order_release);
     return to;
 }
@@ -245,7 +248,8 @@ struct apc_shm_slot *apc_shm_find_or_add(struct apc_shm_write *w, uint64_t key, 
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id)
 {
     const struct apc_shm_slot *slot = apc_shm_find(w->shm, apc_shm_key(table, id), NULL);
-    const int current = slot ? apc_shm_current(slot->mark, w->generation) : -1;
+    uint64_t was;
+    const int current = slot ? apc_shm_current(slot->mark, w->generation, &was) : -1;
     return current < 0 ? 0 : (int64_t)apc_word_get(&slot->version[current].seq);
 }
 
@@ -353,7 +357,8 @@ int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, ui
     if (!slot) {
         return APC_ESTORE;
     }
-    int from = apc_shm_current(slot->mark, w->generation);
+    uint64_t was;
+    int from = apc_shm_current(slot->mark, w->generation, &was);
     if (from >= 0) {
         v = load_version(&slot->version[from]);
         if ((uint64_t)s->seq <= v.seq && holds(w->shm, slot, &v, (uint64_t)s->seq)) {
