@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write the C of the extension module `apc._apc` from the library's public headers.
+"""Write the C of the extension module `libapc._apc` from the library's public headers.
 
     declare.py COMPILER INCLUDE OUT
 
@@ -60,7 +60,7 @@ def main() -> None:
     ffi.cdef(declarations(compiler, include))
     for header in OWN:
         ffi.cdef(re.sub(r"^#.*", "", (here / header).read_text(), flags=re.M))
-    ffi.set_source("apc._apc", "".join(f'#include "{header}"\n' for header in (*HEADERS, *OWN)))
+    ffi.set_source("libapc._apc", "".join(f'#include "{header}"\n' for header in (*HEADERS, *OWN)))
     ffi.emit_c_code(out)
 
 

@@ -34,7 +34,7 @@ installed
 [ "$(stat -c '%U %a' /var/lib/apc)" = "apc 750" ] || fail "there is no folder for records"
 [ "$(stat -c '%U %a' /etc/apc/credentials)" = "root 700" ] || fail "others see the credentials"
 apc --version
-python3 -c 'import apc; print("python:", len(apc.Experiment("/usr/share/apc/first-order.conf").simulate().figures()), "figures")'
+python3 -c 'import libapc as apc; print("python:", len(apc.Experiment("/usr/share/apc/first-order.conf").simulate().figures()), "figures")'
 for page in 1/apc 1/apc-run 8/apc-mqtt 3/apcstore.h 3/apc_store_open; do
   [ -s "/usr/share/man/man${page%/*}/${page#*/}.${page%/*}.gz" ] || fail "no page $page"
 done

@@ -4,7 +4,7 @@ casadi)."""
 
 import casadi as ca
 
-import apc
+import libapc as apc
 
 AREA, OUTLET, PUMP, G = (0.5, 0.25), (0.019, 0.016), 0.003, 9.81  # m2, m2, m3/s/V, m/s2
 HORIZON = 30

@@ -5,7 +5,7 @@ It takes python-control (pip install control)."""
 import control
 import numpy as np
 
-import apc
+import libapc as apc
 
 AREA, OUTLET = np.array([28.0, 32.0, 28.0, 32.0]), np.array([0.071, 0.057, 0.071, 0.057])  # cm2
 SHARE, PUMP, SENSOR, G = (0.7, 0.6), (3.33, 3.35), 0.5, 981.0  # -, cm3/s/V, V/cm, cm/s2

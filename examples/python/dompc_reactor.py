@@ -8,7 +8,7 @@ from do_mpc.controller import MPC
 from do_mpc.estimator import EKF
 from do_mpc.model import Model
 
-import apc
+import libapc as apc
 
 START = [1.61687, 1.02236, 113.137, 111.853, 104.9]  # cA, cB, T, TK, and the temperature of the feed
 SCALE = {"cA": 1.0, "cB": 1.0, "T": 100.0, "TK": 100.0, "Tin": 100.0, "F": 10.0, "Q": 1000.0}

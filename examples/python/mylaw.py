@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A law of one's own, in Python: the same as examples/law/mylaw.c."""
 
-import apc
+import libapc as apc
 
 
 class MyLaw(apc.Law):

@@ -2,7 +2,7 @@
 """Your own plant, a tank, as examples/plant/myplant.c: model = "./myplant.py" in an experiment file, or --plant."""
 from math import sqrt
 
-import apc
+import libapc as apc
 
 
 class MyPlant(apc.Plant):

@@ -3,7 +3,7 @@
 
 import sys
 
-import apc
+import libapc as apc
 
 uri, ticks = (sys.argv[1] if len(sys.argv) > 1 else "tcp:127.0.0.1:43051"), (int(sys.argv[2]) if len(sys.argv) > 2 else 20)
 with apc.Link(uri) as plant:

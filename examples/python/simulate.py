@@ -3,7 +3,7 @@
 
 import sys
 
-import apc
+import libapc as apc
 
 simulation = apc.Experiment(sys.argv[1] if len(sys.argv) > 1 else "experiments/first-order.conf").simulate()
 simulation.run(100.5)  # between two ticks, as operators are

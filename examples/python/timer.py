@@ -3,7 +3,7 @@
 
 import sys
 
-import apc
+import libapc as apc
 
 period, ticks = (float(sys.argv[1]) if len(sys.argv) > 1 else 0.1), (int(sys.argv[2]) if len(sys.argv) > 2 else 20)
 for tick in apc.every(period):

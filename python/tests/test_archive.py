@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-import apc
-import apc.parquet
+import libapc as apc
+import libapc.parquet
 from test_experiment import TEXT
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def kept(tmp_path):
 #: A process that archives a store, killed or short of room where it is told.
 CHILD = """
 import os, resource, signal, sys
-import apc, apc.parquet as parquet
+import libapc as apc, libapc.parquet as parquet
 
 uri, folder, what, many = sys.argv[1:]
 left = int(many)

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-import apc
+import libapc as apc
 
 TEXT = """
 name = "loop"; duration = 60.0;
@@ -143,5 +143,5 @@ def test_simulations_run_in_threads(experiment):
 
 def test_importing_loads_nothing():
     loaded = subprocess.run([sys.executable, "-c", "import sys, apc; print(*[m for m in sys.modules if m in "
-                             "('numpy', 'cffi', 'apc._apc', 'pandas')])"], capture_output=True, text=True, check=True)
+                             "('numpy', 'cffi', 'libapc._apc', 'pandas')])"], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == ""

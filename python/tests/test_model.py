@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-import apc
+import libapc as apc
 
 
 def test_a_model_says_what_it_is():

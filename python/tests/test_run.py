@@ -10,9 +10,9 @@ import struct
 import numpy as np
 import pytest
 
-import apc
-from apc.columns import filled
-from apc.native import ffi, lib, why
+import libapc as apc
+from libapc.columns import filled
+from libapc.native import ffi, lib, why
 from test_experiment import TEXT
 
 SIGNALS = '''table,id,name,unit,description,low,high

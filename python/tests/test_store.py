@@ -4,7 +4,7 @@ import gc
 import numpy as np
 import pytest
 
-import apc
+import libapc as apc
 from test_experiment import TEXT
 
 

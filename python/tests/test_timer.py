@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-import apc
+import libapc as apc
 
 
 def test_a_periodic_task_does_not_drift():

@@ -2,7 +2,7 @@
 /*
  * A law in a process of its own: a file in Python, which may raise, hang, exit, be killed, print without end.
  *
- * It answers one message with one; src/apc/law.py of the package is that side. In real time nobody waits
+ * It answers one message with one; src/libapc/law.py of the package is that side. In real time nobody waits
  * longer than the deadline: no answer is APC_LAW_LATE, and the process is not asked again until it has
  * answered. One that has not for three periods and a second is killed. What has ended is started again by a
  * thread that lives as long as that takes; until then the law has failed. In virtual time all of this is done
@@ -53,7 +53,7 @@ void apc_process_bury(struct process *p, bool hung)
 int apc_process_begin(struct process *p, struct apc_error *why)
 {
     const char *const named = getenv("APC_PYTHON"), *const python = named && *named ? named : "python3";
-    char *const argv[] = {(char *)(uintptr_t)python, (char[]){"-m"}, (char[]){"apc.law"},
+    char *const argv[] = {(char *)(uintptr_t)python, (char[]){"-m"}, (char[]){"libapc.law"},
                           (char *)(uintptr_t)p->own.file, NULL};
     char seed[] = "PYTHONHASHSEED=0"; /* sets of texts have one order: a replay is exact */
     struct apc_error cause;
@@ -74,7 +74,7 @@ static int refuse(struct process *p, const char *what, struct apc_error *why)
     apc_companion_said(&p->own, said, sizeof(said));
     return apc_fail(
         why, APC_EINVAL, "%s: %s%s%s%s", p->own.file, what, said[0] ? ": " : "", said,
-        strstr(said, "No module named 'apc'")
+        strstr(said, "No module named 'libapc'")
             ? ": install it for this interpreter (pip install ./python), or name another in APC_PYTHON"
             : "");
 }

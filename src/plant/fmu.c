@@ -2,7 +2,7 @@
 /*
  * FMUs as plants: the side of who has one. Its archive is kept by a process of its own, apc-fmu, as long as
  * the model is open; each plant of it is another one. So an FMU that hangs or crashes takes nobody along. A
- * plant in Python is one as well: its file is described and run by the package, `python3 -m apc.plant`.
+ * plant in Python is one as well: its file is described and run by the package, `python3 -m libapc.plant`.
  *
  * The states of such a model are its outputs: what is inside nobody is shown. In real time
  * (apc_plant_options.patience) nobody waits for it longer than that: the step has failed, and the next one
@@ -76,7 +76,7 @@ static bool ends_in(const char *name, const char *ending)
 static int begin_python(struct apc_companion *c, const char *what, const char *with, struct apc_error *why)
 {
     const char *const named = getenv("APC_PYTHON"), *const python = named && *named ? named : "python3";
-    char *const argv[] = {(char *)(uintptr_t)python, (char[]){"-m"},          (char[]){"apc.plant"},
+    char *const argv[] = {(char *)(uintptr_t)python, (char[]){"-m"},          (char[]){"libapc.plant"},
                           (char *)(uintptr_t)what,   (char *)(uintptr_t)with, NULL};
     char seed[] = "PYTHONHASHSEED=0"; /* sets of texts have one order: a run is the same each time */
     struct apc_error cause;
@@ -121,7 +121,7 @@ static int fail_silent(struct apc_companion *c, ssize_t n, struct apc_error *why
     apc_companion_said(c, said, sizeof(said));
     return apc_fail(
         why, APC_ESOLVER, "%s: %s%s%s%s", c->file, c->end, said[0] ? ": " : "", said,
-        strstr(said, "No module named 'apc'")
+        strstr(said, "No module named 'libapc'")
             ? ": install it for this interpreter (pip install ./python), or name another in APC_PYTHON"
             : "");
 }

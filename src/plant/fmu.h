@@ -10,7 +10,7 @@
  *
  * `apc-fmu run FOLDER` runs one instance. A request is a struct fmu_header and numbers (double), the answer
  * likewise; where it failed, why was printed. A plant in Python says and is told the same, its folder being
- * the file, by `python3 -m apc.plant`:
+ * the file, by `python3 -m libapc.plant`:
  *   BEGIN  nu, ny, np, places of the inputs [nu] and outputs [ny] among those that were described, place and
  *          value of parameters [2 * np]                                                       -> y [ny]
  *   LOOK   as BEGIN, and stays in its initialisation, to be asked for points

@@ -8,7 +8,7 @@ from time import monotonic, process_time
 import numpy as np
 import psycopg
 
-import apc
+import libapc as apc
 
 TEXT = """
 name = "loop"; duration = 60.0;

@@ -9,7 +9,7 @@ command -v node >/dev/null || { echo "skipped: there is no node here: run script
 big_peers opcua
 python_user
 export PYTHONPATH=$peers/python APC_PEERS=$peers
-opcua() { "$user/bin/python" -m apc.opcua "$@"; }
+opcua() { "$user/bin/python" -m libapc.opcua "$@"; }
 other() { timeout 900 node "$APC_SOURCE_DIR/tests/peers/opcua/$1.mjs" "${@:2}" >>"$work/$1.log" 2>&1; }
 said() { grep -Eq -- "$2" "$work/$1.log"; }
 fast_experiment

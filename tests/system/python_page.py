@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-import apc
+import libapc as apc
 
 page, folder, port, when = sys.argv[1:]
 blocks = re.findall(r"^```python\n(.*?)^```", open(page, encoding="utf-8").read(), re.M | re.S)

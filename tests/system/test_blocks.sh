@@ -5,7 +5,7 @@
 . "$(dirname "$0")/lib.sh"
 cat >"$work/blocks.conf" <<CONF
 name = "blocks"; duration = 600.0;
-measurements = ( { name = "T1"; unit = "degC"; low = -20.0; high = 150.0; faults = ( { kind = "spike"; at = 100.0; duration = 2.0; size = 400.0; } ); },
+measurements = ( { name = "T1"; unit = "degC"; low = -20.0; high = 500.0; faults = ( { kind = "spike"; at = 100.0; duration = 2.0; size = 400.0; } ); },
                  { name = "T2"; unit = "degC"; low = -20.0; high = 150.0; } );
 setpoints = ( { name = "target"; unit = "degC"; low = 20.0; high = 80.0; initial = 21.0; },
               { name = "r"; unit = "degC"; low = 20.0; high = 80.0; initial = 21.0; } );

@@ -8,7 +8,7 @@
 expect 2 'beyond loopback: that takes --certificate' opcua serve mem:x --listen opc.tcp://0.0.0.0:4840
 expect 2 'expected opc.tcp://HOST:PORT' opcua serve mem:x --listen http://127.0.0.1:4840
 expect 2 '--certificate and --key go together' opcua serve mem:x --certificate "$work/none"
-expect 2 'nobody could connect' env APC_USERS="$work/none" "$user/bin/python" -m apc.opcua serve mem:x --anonymous none
+expect 2 'nobody could connect' env APC_USERS="$work/none" "$user/bin/python" -m libapc.opcua serve mem:x --anonymous none
 expect 2 'expected tcp:127.0.0.1:PORT' opcua plant opc.tcp://127.0.0.1:1 --measure y --listen tcp:0.0.0.0:1
 expect 2 "nonsense: expected a node's id" opcua plant opc.tcp://127.0.0.1:1 --measure nonsense
 expect 2 "nonsense=0: expected a node's id" opcua plant opc.tcp://127.0.0.1:1 --measure 'ns=1;s=y' --output nonsense=0
@@ -16,7 +16,7 @@ expect 2 'a plant has measurements' opcua plant opc.tcp://127.0.0.1:1
 touch "$work/open"
 chmod 644 "$work/open"
 expect 1 'chmod 600 it' opcua serve mem:x --users "$work/open"
-expect 1 "pip install 'libapc\[opcua\]'" env -u PYTHONPATH "$user/bin/python" -m apc.opcua serve mem:x
+expect 1 "pip install 'libapc\[opcua\]'" env -u PYTHONPATH "$user/bin/python" -m libapc.opcua serve mem:x
 
 # ---- A run that goes on, as a server
 
@@ -25,7 +25,7 @@ expect 0 '' opcua certificate "$work/own"
 expect 2 'is there already' opcua certificate "$work/own"
 loop
 at=$(free_port)
-background serve "$user/bin/python" -m apc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$at" --period 0.1 --users "$work/users" --anonymous none \
+background serve "$user/bin/python" -m libapc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$at" --period 0.1 --users "$work/users" --anonymous none \
   --certificate "$work/own/certificate.der" --key "$work/own/key.pem"
 served=$pid
 until_true 60 said serve "is at opc.tcp://127.0.0.1:$at"

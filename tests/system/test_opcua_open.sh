@@ -4,7 +4,7 @@
 . "$(dirname "$0")/opcua.sh"
 loop
 plain=$(free_port)
-background open "$user/bin/python" -m apc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$plain" --period 0.1 --users "$work/users" --anonymous engineer
+background open "$user/bin/python" -m libapc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$plain" --period 0.1 --users "$work/users" --anonymous engineer
 opened=$pid
 until_true 60 said open 'not encrypted'
 other walk "opc.tcp://127.0.0.1:$plain" '' '' "$work/pki" || fail "who need not log in does not find his way"

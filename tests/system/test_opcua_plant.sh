@@ -7,7 +7,7 @@ beyond=$(free_port)
 background plant node "$APC_SOURCE_DIR/tests/peers/opcua/plant.mjs" "$beyond" "$work/pki"
 plant=$pid
 until_true 60 said plant '^listens'
-background gateway "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$port" --measure 'ns=1;s=y' \
+background gateway "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$port" --measure 'ns=1;s=y' \
   --output 'ns=1;s=u=-0.5' --watchdog 4
 gateway=$pid
 until_true 60 said gateway 'connected to'
@@ -20,7 +20,7 @@ until_true 20 said plant '^given -0.5$'
 cat >"$work/ask.py" <<'PY'
 import sys
 
-import apc
+import libapc as apc
 
 with apc.Link(sys.argv[1], timeout=5) as plant:
     print(plant.command([float(u) for u in sys.argv[2:]]))
@@ -34,7 +34,7 @@ until_true 20 said plant '^given 0.25$'
 
 # What fails there is told: the value with its status (BadTypeMismatch, BadNodeIdUnknown), or, of an output, why nothing is written.
 odd=$(free_port)
-background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=failed' \
+background odd "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=failed' \
   --measure 'ns=1;s=text' --measure 'ns=1;s=nobody' --measure 'ns=1;s=y'
 strange=$pid
 until_true 60 said odd 'connected to'
@@ -111,7 +111,7 @@ done
 
 for output in 'ns=1;s=nobody=0' 'ns=1;s=text=0'; do
   : >"$work/odd.log"
-  background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"
+  background odd "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"
   strange=$pid
   until_true 60 said odd 'BadNodeIdUnknown|is no number but String'
   expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 1

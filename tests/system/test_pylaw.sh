@@ -19,7 +19,7 @@ cp "$mine" "$work"
 
 # Of a law that is whole, what it is told of settings and signals, and what it publishes.
 cat >"$work/whole.py" <<'PY'
-import apc
+import libapc as apc
 
 
 class Whole(apc.Law):
@@ -70,7 +70,7 @@ import copy
 import pickle
 import sys
 
-import apc
+import libapc as apc
 
 sys.path.insert(0, FOLDER)
 from mylaw import MyLaw
@@ -102,12 +102,12 @@ campaign() { "$apc" simulate "$experiment" --law "$1" --net loss=0.2 --runs 4 --
 campaign "$work/mylaw.py" "$work/python.csv"
 campaign "$APC_BUILD_DIR/examples/mylaw.so" "$work/c.csv"
 cmp "$work/python.csv" "$work/c.csv" || fail "in Python a campaign has other figures than in C"
-gone() { ! pgrep -f -- "-m apc.law $work/" >/dev/null; }
+gone() { ! pgrep -f -- "-m libapc.law $work/" >/dev/null; }
 until_true 60 gone
 
 # ---- what goes wrong, in virtual time
 
-law() { printf 'import apc\nclass Bad(apc.Law):\n%s\n' "$2" >"$work/$1.py"; }
+law() { printf 'import libapc as apc\nclass Bad(apc.Law):\n%s\n' "$2" >"$work/$1.py"; }
 # events NAME: those of a simulation of 80 s with that law
 events() {
   APC_LAW_TIMEOUT=${limit:-60} "$apc" simulate "$experiment" --duration 80 --law "$work/$1.py" --report "$work/$1" >"$work/$1.log" 2>&1 ||
@@ -170,8 +170,8 @@ expect 1 'law" of a backup must be a built-in one' "$apc" simulate "$work/other.
 
 # ---- what is no law
 
-echo 'import apc, not_there' >"$work/imports.py"
-echo 'import apc' >"$work/none.py"
+echo 'import libapc as apc, not_there' >"$work/imports.py"
+echo 'import libapc as apc' >"$work/none.py"
 law without '    pass'
 expect 1 "imports.py: ModuleNotFoundError: No module named 'not_there' \(line 1\)" "$apc" simulate "$experiment" --law "$work/imports.py"
 expect 1 'none.py: .*holds 0 subclasses of apc.Law' "$apc" simulate "$experiment" --law "$work/none.py"

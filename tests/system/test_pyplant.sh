@@ -37,7 +37,7 @@ expect 1 'no equations to make linear' "$apc" linearize "$work/myplant.py"
 
 # One that steps by itself, with a disturbance, chosen by name.
 cat >"$work/mixer.py" <<'PY'
-import apc
+import libapc as apc
 
 
 class Mixer(apc.Plant):
@@ -100,7 +100,7 @@ background run "$apc" run "$work/mixer.conf" --no-ui --duration 0 --out "$work/r
 run=$pid
 good() { "$apc" history y --last 5 --csv --store "$work/run" | awk -F, '$4 == "Good" && $5 > 2.9 && $5 < 3.1 {n++} END {exit n < 5}'; }
 until_true 60 good
-process() { pgrep -f "apc.plant run .*$work/run/plant.py"; }
+process() { pgrep -f "libapc.plant run .*$work/run/plant.py"; }
 kill -KILL "$(process)"
 bad() { "$apc" history y --last 400 --csv --store "$work/run" | grep -q ',Bad'; }
 until_true 60 bad

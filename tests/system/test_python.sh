@@ -6,6 +6,7 @@
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 python=$APC_SOURCE_DIR/python
 python_user
+wheel=$(echo "$work"/libapc-*.whl)
 cd "$work"
 # promises [PYTEST ARGUMENT...]
 promises() {
@@ -22,7 +23,12 @@ grep -q skipped "$work/pytest.log" && fail "pandas and pyarrow are not taken"
 "$user/bin/python" "$APC_SOURCE_DIR/tests/peers/postgres_history.py" 100000 >"$work/history.log" 2>&1 || fail "a history is not what psycopg reads"
 unset PYTHONPATH
 PYTHONPATH=$tools/lib python3 -m mypy --strict --cache-dir "$APC_BUILD_DIR/tests/mypy" --python-executable "$user/bin/python" \
-  -p apc >"$work/mypy.log" 2>&1 || fail "its types are not clean"
+  -p libapc >"$work/mypy.log" 2>&1 || fail "its types are not clean"
+for example in simulate plant timer mylaw myplant; do
+  (cd "$APC_SOURCE_DIR/examples/python" && PYTHONPATH=$tools/lib python3 -m mypy --strict --cache-dir "$APC_BUILD_DIR/tests/mypy" \
+    --allow-untyped-defs --allow-untyped-calls --python-executable "$user/bin/python" $example.py) >"$work/mypy.log" 2>&1 || fail "who types an example gets: $(cat "$work/mypy.log")"
+done
+python3 -m zipfile -l "$wheel" | grep -q '/LICENSE ' || fail "the wheel has no licence"
 
 # The example says the same as its twin in C, to the last digit.
 "$APC_BUILD_DIR/examples/example_run" "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/c.txt"
@@ -34,7 +40,7 @@ cat >"$work/operate.py" <<'PY'
 import sys
 import time
 
-import apc
+import libapc as apc
 
 run = apc.open_run(sys.argv[1])
 with run.store() as store:
@@ -114,7 +120,7 @@ sed '/^  parameters = { K/d; s/model = "first-order"/model = ".\/myplant.py"; in
 "$user/bin/python" - "$work/run" <<'PY' || fail "what was run is no tidy table"
 import sys
 
-import apc
+import libapc as apc
 import numpy as np
 
 run = apc.open_run(sys.argv[1])
@@ -135,7 +141,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import apc
+import libapc as apc
 
 folder = Path(sys.argv[1])
 columns = folder / "samples.columns"
@@ -159,4 +165,4 @@ const char *apc_version(void);
 const char *apc_version(void) { return "0.0.1"; }
 C
 cc -shared -fPIC -Wl,-soname,libapc.so.0.1 -o "$work/libapc.so.0.1" "$work/other.c"
-expect 1 'libapc cannot be loaded: .*LD_LIBRARY_PATH' env LD_LIBRARY_PATH="$work" "$user/bin/python" -c 'import apc; apc.version()'
+expect 1 'libapc cannot be loaded: .*LD_LIBRARY_PATH' env LD_LIBRARY_PATH="$work" "$user/bin/python" -c 'import libapc as apc; apc.version()'

@@ -716,7 +716,7 @@ int main(int argc, char **argv)
         T(each_allocation_may_fail),
     };
 
-    if (argc == 4 && !strcmp(argv[1], "-m") && !strcmp(argv[2], "apc.law"))
+    if (argc == 4 && !strcmp(argv[1], "-m") && !strcmp(argv[2], "libapc.law"))
         return serve(argv[3]);
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

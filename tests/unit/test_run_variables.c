@@ -223,7 +223,7 @@ int main(int argc, char **argv)
         T(each_allocation_may_fail),
     };
 
-    if (argc == 5 && !strcmp(argv[2], "apc.plant"))
+    if (argc == 5 && !strcmp(argv[2], "libapc.plant"))
         return strcmp(argv[3], "keep") == 0 ? keep(argv[4]) : answer();
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """libapc from Python: experiments, stores, models, quadratic programs, timers, links, laws and plants.
 
-    >>> import apc
+    >>> import libapc as apc
     >>> simulation = apc.Experiment("experiments/first-order.conf").simulate()
     >>> simulation.run()
     >>> simulation.figures()[0].iae                                               # doctest: +SKIP
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from .law import Call, Law, Parameter, Published, Setup
     from .native import version
 
+    __version__: str
+
 _WHERE = {
     "alarms": ("Alarm",),
     "parquet": ("Archived", "archive", "verify"),
@@ -53,12 +55,21 @@ _WHERE = {
 }
 _MODULE = {name: module for module, names in _WHERE.items() for name in names}
 
-__all__ = sorted(_MODULE)
+__all__ = [
+    "Alarm", "Archived", "BusyError", "Call", "ConflictError", "DiskFullError", "Error", "Estimator", "Event",
+    "Experiment", "Figure", "History", "Integrated", "InvalidError", "Law", "LimitError", "Linear", "Link", "Mode",
+    "Model", "NoMemoryError", "NotConnectedError", "NotFoundError", "Parameter", "Plant", "Published", "QP",
+    "RefusedError", "Run", "Setup", "Simulation", "Solution", "SolverError", "StateError", "Status", "Store",
+    "StoreError", "Table", "Tag", "Tick", "TimedOut", "Timer", "Value", "Variable", "Vectors", "archive", "every",
+    "linearize", "open_run", "verify", "version", "__version__",
+]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return import_module(".native", __name__).version()
     if name not in _MODULE:
-        raise AttributeError(f"module 'apc' has no attribute '{name}'")
+        raise AttributeError(f"module 'libapc' has no attribute '{name}'")
     value = getattr(import_module(f".{_MODULE[name]}", __name__), name)
     globals()[name] = value
     return value

@@ -2,7 +2,7 @@
 """Control laws in Python.
 
 A law is a class in a file that an experiment names, `law = "./mylaw.py"`. It runs in a process of its own that the
-controller asks at each tick: this module is that process, `python -m apc.law FILE`. It needs Python alone.
+controller asks at each tick: this module is that process, `python -m libapc.law FILE`. It needs Python alone.
 """
 
 from __future__ import annotations
@@ -411,6 +411,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    from apc.law import main  # the module that a law's file imports, not a second one of its text
+    from libapc.law import main  # the module that a law's file imports, not a second one of its text
 
     main()

@@ -2,7 +2,7 @@
 """Plants in Python.
 
 A plant is a class in a file that an experiment names, `model = "./myplant.py"`. It runs in a process of its own, which the
-library asks for each step: this module is that process, `python -m apc.plant keep|run FILE`. It needs Python alone.
+library asks for each step: this module is that process, `python -m libapc.plant keep|run FILE`. It needs Python alone.
 """
 
 from __future__ import annotations
@@ -191,6 +191,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    from apc.plant import main  # the module that a plant's file imports, not a second one of its text
+    from libapc.plant import main  # the module that a plant's file imports, not a second one of its text
 
     main()

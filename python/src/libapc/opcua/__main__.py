@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""python -m apc.opcua serve STORE, plant URL, certificate FOLDER: docs/opcua.md."""
+"""python -m libapc.opcua serve STORE, plant URL, certificate FOLDER: docs/opcua.md."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 def _parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="python -m apc.opcua", description="OPC UA for libapc: docs/opcua.md")
+    top = argparse.ArgumentParser(prog="python -m libapc.opcua", description="OPC UA for libapc: docs/opcua.md")
     commands = top.add_subparsers(dest="command", required=True)
     serve = commands.add_parser("serve", help="a store as an OPC UA server")
     serve.add_argument("store", metavar="STORE", help="its URI")
@@ -84,7 +84,7 @@ def _serve(args: Any) -> Callable[[asyncio.Event], Awaitable[None]]:
     here = at.hostname in _LOOPBACK
     anonymous = args.anonymous or ("observer" if here else "none")
     if not here and not args.certificate:
-        raise _Refused(f"{at.hostname} is beyond loopback: that takes --certificate and --key (python -m apc.opcua certificate)")
+        raise _Refused(f"{at.hostname} is beyond loopback: that takes --certificate and --key (python -m libapc.opcua certificate)")
     if not here and anonymous in users.ROLES[2:]:
         raise _Refused(f"--anonymous {anonymous}: beyond loopback who does not log in may look at most")
     if not 0.01 <= args.period <= 3600:

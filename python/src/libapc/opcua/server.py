@@ -328,5 +328,5 @@ def _uri_of(certificate: Any) -> str:
         uri: str = names.get_values_for_type(x509.UniformResourceIdentifier)[0]
     except (x509.ExtensionNotFound, IndexError):
         raise ValueError("the certificate has no URI of an application among its names: "
-                         "python -m apc.opcua certificate makes one that has") from None
+                         "python -m libapc.opcua certificate makes one that has") from None
     return uri
