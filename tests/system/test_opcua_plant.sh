@@ -45,7 +45,7 @@ wait "$strange" || fail "the gateway ended with $?"
 # A value at rest, whose source time is that of its last change, is looked at anew by each read; and who has only looked leaves
 # the outputs alone.
 : >"$work/odd.log"
-background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=rest' \
+background odd "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=rest' \
   --output 'ns=1;s=word=9'
 strange=$pid
 until_true 60 said odd 'connected to'
@@ -53,7 +53,7 @@ cat >"$work/rest.py" <<'PY'
 import sys
 from time import time_ns
 
-import apc
+import libapc as apc
 
 with apc.Link(sys.argv[1], timeout=5) as plant:
     begin = time_ns()
@@ -69,7 +69,7 @@ if said odd 'safe values' || said plant 'word given'; then fail "who has command
 
 # What an output's node cannot take is not written, and the plant is read all the same.
 : >"$work/odd.log"
-background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=rest' \
+background odd "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=rest' \
   --output 'ns=1;s=word=9'
 strange=$pid
 until_true 60 said odd 'connected to'
@@ -83,7 +83,7 @@ import sys
 from datetime import datetime, timezone
 from time import time_ns
 
-import apc
+import libapc as apc
 
 claim = time_ns() // 1000
 with apc.Link(sys.argv[1], timeout=5) as plant:
@@ -102,7 +102,7 @@ said odd 'it ends: the safe values were written' || fail "it leaves its output b
 [ "$(grep '^word given' "$work/plant.log" | sort -u | wc -l)" = 2 ] || fail "the node was given $(grep '^word given' "$work/plant.log" | tr '\n' ' ')"
 for output in 'ns=1;s=word=-1' 'ns=1;s=word=65536'; do
   : >"$work/odd.log"
-  background odd "$user/bin/python" -m apc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"
+  background odd "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure 'ns=1;s=y' --output "$output"
   strange=$pid
   until_true 60 said odd 'its safe value .* does not fit its type, UInt16'
   kill -TERM "$strange"

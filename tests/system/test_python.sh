@@ -24,7 +24,7 @@ grep -q skipped "$work/pytest.log" && fail "pandas and pyarrow are not taken"
 unset PYTHONPATH
 PYTHONPATH=$tools/lib python3 -m mypy --strict --cache-dir "$APC_BUILD_DIR/tests/mypy" --python-executable "$user/bin/python" \
   -p libapc >"$work/mypy.log" 2>&1 || fail "its types are not clean"
-for example in simulate plant timer mylaw myplant; do
+for example in simulate plant timer mylaw; do
   (cd "$APC_SOURCE_DIR/examples/python" && PYTHONPATH=$tools/lib python3 -m mypy --strict --cache-dir "$APC_BUILD_DIR/tests/mypy" \
     --allow-untyped-defs --allow-untyped-calls --python-executable "$user/bin/python" $example.py) >"$work/mypy.log" 2>&1 || fail "who types an example gets: $(cat "$work/mypy.log")"
 done

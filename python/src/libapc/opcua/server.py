@@ -257,7 +257,7 @@ class Server:
             self._server.set_security_policy([policies.NoSecurity])
         self._server.set_identity_tokens(([ua.UserNameIdentityToken] if self._users else []) +
                                          ([ua.AnonymousIdentityToken] if o.anonymous else []))
-        built = datetime.fromtimestamp(Path(import_module("apc._apc").__file__ or "").stat().st_mtime, timezone.utc)
+        built = datetime.fromtimestamp(Path(import_module("libapc._apc").__file__ or "").stat().st_mtime, timezone.utc)
         version = text(lib.apc_version())
         await self._server.set_build_info("urn:libapc", "libapc", "libapc", version, version, built)
         self._space = Space(self._server, self)
