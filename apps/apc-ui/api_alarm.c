@@ -89,6 +89,28 @@ static void described_json(const struct alarm *alarm, struct text *t)
     }
 }
 
+#define TRANSITIONS_BACK 64 /* of one alarm, that are looked through for when it was raised */
+
+static int keep_raised(void *ctx, const struct apc_sample *row)
+{
+    if ((int)row->value == APC_ALARM_UNACKED)
+        *(apc_ns *)ctx = row->time;
+    return 0;
+}
+
+/* When it was raised last, as long as it is not Normal; 0: it was not, or nobody knows. */
+static apc_ns raised_at(const struct alarm_now *now, struct apc_store *store)
+{
+    const struct apc_range range = {.last = TRANSITIONS_BACK};
+    const enum apc_alarm_state state = alarm_board_state(now);
+    apc_ns raised = 0;
+    if (state == APC_ALARM_UNACKED)
+        return now->row->time;
+    if (state != APC_ALARM_NORMAL)
+        (void)apc_store_history(store, APC_ALARM, now->row->id, &range, keep_raised, &raised);
+    return raised;
+}
+
 /* Members of how it stands. */
 static void stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
 {
@@ -100,6 +122,7 @@ static void stands_json(const struct alarm_now *now, struct apc_store *store, st
              truth(apc_alarm_is_active(state)), truth(apc_alarm_is_unacked(state)),
              truth(apc_alarm_is_standing(state)));
     time_json("time", now->row->seq > 0 ? now->row->time : 0, t);
+    time_json("raised", raised_at(now, store), t);
     author_json(store, now->row->author, t);
     time_json("shelved_until", alarm_board_shelved(now), t);
 }

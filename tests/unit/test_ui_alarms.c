@@ -312,6 +312,11 @@ static void what_is_acknowledged_is_confirmed_and_on_record(void **state)
     assert_non_null(strstr(settled(), "\"state\":\"applied\""));
     assert_int_equal(writes_open(ui->writes, (struct apc_sample[WRITES_OPEN]){{0}}), 0);
     assert_state(0, "Acknowledged Active");
+    json_t *raised = alarm_member(0, "raised"), *time = alarm_member(0, "time");
+    assert_true(json_number_value(raised) > 1e9); /* the row that raised it, not the newest one */
+    assert_true(json_number_value(raised) < json_number_value(time));
+    json_decref(raised);
+    json_decref(time);
     json_t *author = alarm_member(0, "author");
     assert_string_equal(json_string_value(author), "local");
     json_decref(author);

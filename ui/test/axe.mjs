@@ -77,7 +77,7 @@ for (const colorScheme of ["light", "dark"])
       await page.locator(".safe-bar").waitFor();
       await page.locator(".silent-bar").waitFor();
       await page.locator(".value.bad").first().waitFor();
-      const stands = (id, state, rest) => ({id, seq: id, journal: id, state, active: true, unacknowledged: false, standing: true, time: fake.now - 60, author: null, shelved_until: null, ...rest});
+      const stands = (id, state, rest) => ({id, seq: id, journal: id, state, active: true, unacknowledged: false, standing: true, time: fake.now - 60, raised: null, author: null, shelved_until: null, ...rest});
       fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true}), stands(2, "Acknowledged Active", {author: "anna"}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
       fake.say("alarms", {t: fake.now, alarms: fake.alarms});
       await page.locator(".alarm-line.calls").waitFor();

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import {chosen, pensAbout} from "../src/core/pens";
 import {test} from "node:test";
-import {acknowledgement, type Alarm, bandsOf, bySignal, counted, found, loopOf, raised, ranked, stateWords, story, taken} from "../src/core/alarms";
+import {acknowledgement, type Alarm, bandsOf, bySignal, counted, countsText, found, loopOf, raised, ranked, stateWords, story, taken} from "../src/core/alarms";
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {hole, matches, merge} from "../src/core/eventlist";
@@ -614,10 +614,13 @@ test("alarms come in the order in which they want somebody", () => {
   assert.deepEqual(order(stands(4, 1, "Shelved, Active"), stands(2, 1, "Latched Acknowledged"))[0], "y2.low");
 });
 
-test("what stands is counted by priority, what is masked by itself", () => {
+test("what is active, not acknowledged, shelved, suppressed and out of service is counted apart", () => {
   const counts = counted(standing(stands(1, 1, "Unacknowledged Active"), stands(2, 1, "Acknowledged Active"), stands(3, 1, "Suppressed by Design, Active"), stands(4, 2, "Normal")));
-  assert.deepEqual(counts, {standing: 2, unacknowledged: 1, masked: 1, byPriority: [0, 1, 1, 0], waiting: [0, 1, 0, 0]});
+  assert.deepEqual(counts, {standing: 2, active: 2, unacknowledged: 1, latched: 0, shelved: 0, suppressed: 1, out: 0, masked: 1, byPriority: [0, 1, 1, 0], waiting: [0, 1, 0, 0]});
   assert.deepEqual(counted(standing(stands(1, 1, "Shelved"))).masked, 1);
+  const text = (...states: string[]): string => countsText(counted(standing(...states.map((state, i) => stands(i + 1, 1, state)))));
+  assert.equal(text("RTN Unacknowledged", "RTN Unacknowledged", "Unacknowledged Active"), "1 active, 3 not acknowledged", "what is gone counts as active");
+  assert.equal(text("One-shot Shelved, Active", "Suppressed by Design", "Out of Service, Active", "Latched Acknowledged"), "0 active, 0 not acknowledged, 1 to be reset, 1 shelved, 1 suppressed by design, 1 out of service");
 });
 
 test("what is new to somebody sounds, by the gravest; what he knows of does not", () => {

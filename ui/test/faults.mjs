@@ -393,7 +393,7 @@ test("a drawing shows its signals, and nothing in it runs or is loaded", PATIENC
 
 test("a script in a description, a unit, an area, a message, a reason is text on every screen, and does nothing", PATIENCE, () => {
   const text = `<img src=x onerror="window.hacked=1"><script>window.hacked=1</script><svg onload="window.hacked=1">{{window.hacked=1}}`;
-  const standing = id => ({id, seq: 1, journal: id, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, author: text, shelved_until: null});
+  const standing = id => ({id, seq: 1, journal: id, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, raised: null, author: text, shelved_until: null});
   Object.assign(fake, {texts: text, graphic: drawing, predicts: true, alarms: [1, 2, 3].map(standing)});
   return withPage("overview", async page => {
     fake.say("event", {events: [{time: fake.now, severity: 3, source: text, kind: "operator", text}]});
@@ -413,7 +413,7 @@ test("where there is no drawing the page says how to make one", PATIENCE, () =>
   withPage("graphic", async page => page.getByText("There is no drawing of tank: an SVG beside the experiment file").waitFor()));
 
 test("an element of the drawing leads to its faceplate, by mouse and by key, and carries its alarm", PATIENCE, () => {
-  Object.assign(fake, {graphic: drawing, alarms: [{id: 1, seq: 1, journal: 1, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, author: null, shelved_until: null}]});
+  Object.assign(fake, {graphic: drawing, alarms: [{id: 1, seq: 1, journal: 1, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, raised: null, author: null, shelved_until: null}]});
   return withPage("graphic", async page => {
     const level = page.getByRole("link", {name: /^y: .*alarm y\.high, priority 1$/}).first();
     await level.click();

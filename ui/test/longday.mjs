@@ -78,7 +78,7 @@ export function longDay() {
       if (t % 60 === 0) {
         const id = (t / 60) % LOOPS;
         const active = (t / 60) % 2 === 0;
-        stream.tell("alarms", {t: BEGAN + now, alarms: [{id: id + 1, seq, journal: seq, state: active ? "Unacknowledged Active" : "Normal", active, unacknowledged: active, standing: active, time: BEGAN + now, author: null, shelved_until: null}]});
+        stream.tell("alarms", {t: BEGAN + now, alarms: [{id: id + 1, seq, journal: seq, state: active ? "Unacknowledged Active" : "Normal", active, unacknowledged: active, standing: active, time: BEGAN + now, raised: null, author: null, shelved_until: null}]});
         stream.tell("event", {t: BEGAN + now, events: Array.from({length: 5}, (_, k) => ({time: BEGAN + now, severity: 2, source: "controller", kind: "measurement", text: `event ${t} ${k}`}))});
       }
     }

@@ -86,6 +86,7 @@ export const stands = (id: number, seq: number, state: string, rest: Partial<Ala
   standing: /^(Una|A)cknowledged Active|RTN|Latched/.test(state),
   time: START - 60 + seq,
   author: null,
+  raised: START - 60 + seq,
   shelved_until: null,
   ...rest,
 });

@@ -9,7 +9,7 @@ export interface Alarm extends AlarmIs {
 
 export type Standing = ReadonlyMap<number, AlarmNow>; // by id
 
-const normal = (id: number): AlarmNow => ({id, seq: 0, journal: 0, state: "Normal", active: false, unacknowledged: false, standing: false, time: null, author: null, shelved_until: null});
+const normal = (id: number): AlarmNow => ({id, seq: 0, journal: 0, state: "Normal", active: false, unacknowledged: false, standing: false, time: null, raised: null, author: null, shelved_until: null});
 
 /** In whatever order and however often it is told: the highest seq counts. */
 export function taken(known: Standing, news: AlarmNow[]): Standing {
@@ -52,26 +52,45 @@ export function bySignal(all: Alarm[]): ReadonlyMap<Ref, Alarm> {
 
 export const refsOf = (loop: Loop): (Ref | null)[] => [loop.measurement, loop.setpoint, loop.output, loop.mode.target];
 
+/** How many there are of each kind by ANSI/ISA-18.2; `standing` are those of active and unacknowledged together. */
 export interface Counts {
   standing: number;
+  active: number; // the condition is there, and nothing masks it
   unacknowledged: number;
-  masked: number;
+  latched: number; // gone and acknowledged, to be reset
+  shelved: number;
+  suppressed: number; // by design
+  out: number; // of service
+  masked: number; // those three together
   byPriority: [number, number, number, number]; // of those that stand
   waiting: [number, number, number, number]; // of those, not acknowledged
 }
 
 export function counted(all: Alarm[]): Counts {
-  const counts: Counts = {standing: 0, unacknowledged: 0, masked: 0, byPriority: [0, 0, 0, 0], waiting: [0, 0, 0, 0]};
+  const counts: Counts = {standing: 0, active: 0, unacknowledged: 0, latched: 0, shelved: 0, suppressed: 0, out: 0, masked: 0, byPriority: [0, 0, 0, 0], waiting: [0, 0, 0, 0]};
   for (const one of all) {
-    if (isMasked(one)) counts.masked++;
+    if (isMasked(one)) {
+      counts.masked++;
+      counts[maskOf(one.now.state)]++;
+    }
     if (!one.now.standing) continue;
     counts.standing++;
+    if (one.now.active) counts.active++;
+    if (isLatched(one.now)) counts.latched++;
     counts.byPriority[one.priority - 1]!++;
     if (!one.now.unacknowledged) continue;
     counts.unacknowledged++;
     counts.waiting[one.priority - 1]!++;
   }
   return counts;
+}
+
+const maskOf = (state: string): "shelved" | "suppressed" | "out" => (state.startsWith("Out") ? "out" : state.startsWith("Suppressed") ? "suppressed" : "shelved");
+
+/** In words, each apart. */
+export function countsText({active, unacknowledged, latched, shelved, suppressed, out}: Counts): string {
+  const more: [number, string][] = [[latched, "to be reset"], [shelved, "shelved"], [suppressed, "suppressed by design"], [out, "out of service"]];
+  return [`${active} active`, `${unacknowledged} not acknowledged`, ...more.flatMap(([n, what]) => (n > 0 ? [`${n} ${what}`] : []))].join(", ");
 }
 
 /** The gravest that is new to somebody: what sounds; null: nothing. */

@@ -75,7 +75,8 @@ export interface AlarmNow {
   active: boolean;
   unacknowledged: boolean;
   standing: boolean;
-  time: number | null;
+  time: number | null; // of that transition
+  raised: number | null; // when it was raised last, unless it is Normal
   author: string | null;
   shelved_until: number | null;
 }

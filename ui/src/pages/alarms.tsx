@@ -7,7 +7,7 @@ import {useCell} from "../usecell";
 import {usePress} from "../usepress";
 import {downloadText} from "../download";
 import {acknowledge, acknowledgeAll, service, shelve} from "../core/alarming";
-import {acknowledgement, type Alarm, counted, found, isMasked, kept, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
+import {acknowledgement, type Alarm, counted, countsText, found, isMasked, kept, isUnacknowledged, loopOf, stateWords} from "../core/alarms";
 import {Cell} from "../core/cell";
 import {clock, csv, duration, exact, iso, span, stamp, when, zone} from "../core/format";
 import {isOnItsWay} from "../core/lifecycle";
@@ -21,7 +21,7 @@ import {go, path} from "../router";
 import {AlarmFiguresView} from "./alarmfigures";
 import {AlarmJournal} from "./alarmjournal";
 
-const lists = {standing: "Standing", masked: "Masked", all: "All"} as const;
+const lists = {standing: "To be seen to", masked: "Masked", all: "All"} as const;
 const views = {...lists, journal: "Journal", figures: "Figures"} as const;
 type View = keyof typeof views;
 const MOST = 100; // rows at once
@@ -48,6 +48,7 @@ export function AlarmsPage({about}: {about: string | null}): JSX.Element {
             </button>
           ))}
         </div>
+        <span class="say" role="status">{countsText(counts)}</span>
         {about != null && !named && !asked && <span class="complaint">{p.name} has no alarm “{about}”: these are those that stand.</span>}
         {evaluated === false && <span class="complaint">not evaluated: this is how they stood last</span>}
       </div>
@@ -88,8 +89,8 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
     downloadText(
       `${p?.name ?? "apc"}-alarms.csv`,
       csv([
-        ["alarm", "priority", "state", "since", "by", "shelved until", "area", "message"],
-        ...rows.map(({alarm, priority, area, message, now}) => [alarm, priority, now.state, now.time == null ? null : iso(now.time), now.author, now.shelved_until == null ? null : iso(now.shelved_until), area, message]),
+        ["alarm", "priority", "state", "raised", "since", "by", "shelved until", "area", "message"],
+        ...rows.map(({alarm, priority, area, message, now}) => [alarm, priority, now.state, now.raised == null ? null : iso(now.raised), now.time == null ? null : iso(now.time), now.author, now.shelved_until == null ? null : iso(now.shelved_until), area, message]),
       ]),
     );
   return (
@@ -120,7 +121,7 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
               <th scope="col" class="wide">What it says</th>
               <th scope="col" class="number">Value</th>
               <th scope="col">State</th>
-              <th scope="col">Since ({zone})</th>
+              <th scope="col">Raised ({zone})</th>
               <th scope="col"><span class="hidden">Act</span></th>
             </tr>
           </thead>
@@ -160,7 +161,10 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
         {now.shelved_until != null && <small>until {clock(now.shelved_until)}</small>}
         {now.author && <small>{now.author}</small>}
       </td>
-      <td class="digits" data-label="Since">{now.time == null ? "–" : stamp(now.time)}</td>
+      <td class="digits" data-label="Raised">
+        {now.raised == null ? "–" : stamp(now.raised)}
+        {now.time != null && now.time !== now.raised && <small>so since {stamp(now.time)}</small>}
+      </td>
       <td class="acts">
         <div class="entry-line">
           {act && (

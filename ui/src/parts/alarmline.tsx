@@ -38,14 +38,15 @@ export function AlarmLine(): JSX.Element | null {
           return n > 0 && <span key={priority}><Shape priority={priority} label="alarms" hollow={counts.waiting[priority - 1] === 0} /> {n}</span>;
         })}
         {counts.standing === 0 && <span class="say">No alarm stands</span>}
+        {counts.standing > 0 && <span>{counts.active} active</span>}
         {counts.unacknowledged > 0 && <b>{counts.unacknowledged} not acknowledged</b>}
-        {counts.masked > 0 && <span class="say masked">{counts.masked} masked</span>}
+        {counts.masked > 0 && <span class="say masked">{[counts.shelved > 0 && `${counts.shelved} shelved`, counts.suppressed > 0 && `${counts.suppressed} suppressed`, counts.out > 0 && `${counts.out} out of service`].filter(Boolean).join(", ")}</span>}
       </a>
       {evaluated === false && <span class="complaint"><Shape priority={2} label="not evaluated" /> Alarms are not evaluated: this is how they stood last</span>}
       <span class="first" role="status">
         {first && (
           <a href={path("alarms", first.alarm)}>
-            <Shape priority={first.priority} label="most urgent" /> <b>{first.alarm}</b> <span class="message">{first.message}</span> <span class="say">{clock(first.now.time)}{!first.now.active && ", gone"}</span>
+            <Shape priority={first.priority} label="most urgent" /> <b>{first.alarm}</b> <span class="message">{first.message}</span> <span class="say">{clock(first.now.raised ?? first.now.time)}{!first.now.active && ", gone"}</span>
           </a>
         )}
       </span>
