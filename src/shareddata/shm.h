@@ -51,10 +51,11 @@
 
 #define APC_SHM_TRIES     1000
 #define APC_SHM_SPOILED   UINT64_MAX
-#define APC_SHM_EXTENTS   9   /* of a ring: 4, 12, 48, ... 196608 cells */
-#define APC_SHM_FREELY    7   /* of samples; a further one only while half of all cells stay free */
-#define APC_SHM_SHARE     16  /* of vectors the same goes for one that takes more than this part of all */
-#define APC_SHM_VECTORS   8   /* extents of a ring of vectors */
+#define APC_SHM_EXTENTS   9  /* of a ring: 4, 12, 48, ... 196608 cells */
+#define APC_SHM_FREELY    7  /* of samples; a further one only while half of all cells stay free */
+#define APC_SHM_RESERVE   8  /* this part of all cells is for first extents only: rings do not grow into it */
+#define APC_SHM_SHARE     16 /* of vectors the same goes for one that takes more than this part of all */
+#define APC_SHM_VECTORS   8  /* extents of a ring of vectors */
 #define APC_SHM_BINS      256 /* of a timing row; more are merged */
 #define APC_SHM_MIB       32  /* of a segment when the URI does not say */
 #define APC_SHM_MIB_MAX   65536
@@ -323,7 +324,7 @@ static inline uint64_t apc_shm_capacity(uint64_t extents)
 }
 
 /** A ring of @p extents of rows of @p width cells, of samples or of @p vectors, while @p used cells are: may
- * it have one extent more? */
+ * it have one extent more? One that may not goes round in what it has, and its oldest rows give way. */
 static inline bool apc_shm_may_grow(const struct apc_shm *shm, uint64_t used, uint64_t extents,
                                     uint64_t width, bool vectors)
 {
@@ -333,7 +334,8 @@ static inline bool apc_shm_may_grow(const struct apc_shm *shm, uint64_t used, ui
     const uint64_t more = (apc_shm_capacity(extents + 1) - apc_shm_capacity(extents)) * width;
     const bool freely =
         vectors ? extents == 0 || more <= shm->cells / APC_SHM_SHARE : extents < APC_SHM_FREELY;
-    return shm->cells - used >= more && (freely || used + more <= shm->cells / 2);
+    const uint64_t reserve = extents > 0 ? shm->cells / APC_SHM_RESERVE : 0;
+    return shm->cells - used >= more + reserve && (freely || used + more <= shm->cells / 2);
 }
 
 /** In which extent a position of a ring lies. */

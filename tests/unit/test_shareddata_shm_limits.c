@@ -186,6 +186,35 @@ static void test_as_many_writers_may_claim_as_it_says(void **state)
     }
 }
 
+/* Rings grow as far as they may, as those of alarms in a flood do; then the first row of every variable that
+ * the segment can describe is taken, three tables of each: somebody's write, a mode, an alarm. */
+static void test_rings_that_grow_leave_room_for_first_rows(void **state)
+{
+    struct apc_store *store = *state;
+    const size_t tags = apc_shm_of(store)->tags;
+    static const enum apc_table table[] = {APC_SETPOINT, APC_OPMODE, APC_ACTUATOR};
+    enum { FLOOD = 60, ROWS = 200 };
+    for (int64_t seq = 1; seq <= ROWS; seq++) {
+        struct apc_sample row[FLOOD];
+        for (int id = 0; id < FLOOD; id++) {
+            row[id] = (struct apc_sample){.table = APC_SENSOR, .id = id, .seq = seq, .time = seq};
+        }
+        if (apc_store_append(store, row, FLOOD) != FLOOD) {
+            fail_msg("row %d: %s", (int)seq, apc_store_error(store));
+        }
+    }
+    for (size_t t = 0; t < sizeof table / sizeof *table; t++) {
+        for (size_t id = 1; id <= tags; id++) {
+            struct apc_sample row = {.table = table[t], .id = (int)id, .seq = 1, .time = 1, .value = 1};
+            if (apc_store_append(store, &row, 1) != 1) {
+                fail_msg("%s %zu: %s", apc_table_name(table[t]), id, apc_store_error(store));
+            }
+        }
+    }
+    struct apc_sample newest = {.table = APC_SENSOR, .id = FLOOD - 1, .seq = ROWS + 1, .time = ROWS + 1};
+    assert_int_equal(apc_store_append(store, &newest, 1), 1); /* and theirs go on, the oldest give way */
+}
+
 /* Another process that has the writers' lock, until it is killed. */
 static pid_t hold_the_lock(struct apc_store *store)
 {
@@ -282,6 +311,7 @@ int main(void)
         T(test_as_many_tags_as_it_says_are_held),
         T(test_authors_are_known_to_the_last_one_and_no_more_are_taken),
         T(test_as_many_writers_may_claim_as_it_says),
+        T(test_rings_that_grow_leave_room_for_first_rows),
         T(test_who_brings_the_same_new_author_gets_the_same_number),
         T(test_who_waits_too_long_for_another_writer_is_told_and_goes_on_after_it),
     };
