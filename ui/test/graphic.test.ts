@@ -42,6 +42,18 @@ test("shapes, their geometry and their paint are taken", () => {
   assert.equal(((one.parts[2] as Part).parts[1] as Part).parts[0], "b");
 });
 
+test("of a switch the first that can be shown is, of a link what is in it", () => {
+  const label = (x: string): Given => el("switch", {}, [el("foreignObject", {width: "100%", requiredFeatures: "http://www.w3.org/TR/SVG11/feature#Extensibility"}, [el("div", {}, ["Feed tank"], HTML)]), el("text", {x, "text-anchor": "middle"}, ["Feed tank"])]);
+  const read = taken([el("g", {transform: "translate(-0.5 -0.5)"}, [label("50")]), el("a", {"xlink:href": "https://example.org/v"}, [el("path", {d: "M 10 10 L 20 20"}), el("text", {}, [el("a", {href: "#x"}, ["valve"])])])]);
+  assert.match(all(read.root), /"text-anchor":"middle"},"parts":\["Feed tank"\]/);
+  assert.match(all(read.root), /M 10 10 L 20 20.*"tag":"tspan".*valve/);
+  assert.doesNotMatch(all(read.root), /example\.org|href|foreignObject|switch/);
+  assert.deepEqual(read.left, ["where a link leads (2 times)"]);
+  const languages = taken([el("switch", {}, [el("text", {systemLanguage: "de"}, ["Behälter"]), el("text", {}, ["tank"])]), el("switch", {}, [el("foreignObject", {}, [])])]);
+  assert.match(all(languages.root), /"tank"/);
+  assert.doesNotMatch(all(languages.root), /Beh/);
+});
+
 test("whatever runs, loads or is another document is left out, and said", () => {
   const hostile = [
     el("script", {}, ["window.hacked = 1"]),
@@ -58,8 +70,8 @@ test("whatever runs, loads or is another document is left out, and said", () => 
     el("SCRIPT", {}, ["alert(1)"]),
   ];
   const read = taken(hostile);
-  assert.deepEqual(read.root.parts, []);
-  assert.deepEqual(read.left, ["<script> (2 times)", "<foreignObject>", "<image>", "<style>", "<a>", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
+  assert.deepEqual((read.root.parts as Part[]).map(part => [part.tag, part.attributes, (part.parts[0] as Part).parts]), [["g", {}, ["press"]]]); // of the link its text
+  assert.deepEqual(read.left, ["<script> (2 times)", "<foreignObject>", "<image>", "<style>", "where a link leads", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
 });
 
 test("an element that is taken keeps nothing that acts or leads elsewhere", () => {

@@ -43,12 +43,23 @@ const list = (words: string): Set<string> => new Set(words.split(" "));
 const TAGS = list("g path rect circle ellipse line polyline polygon text tspan defs linearGradient radialGradient stop clipPath marker symbol use");
 /** What editors leave behind, which nobody misses. */
 const QUIET = list("title desc metadata namedview");
+/** Of these what is in them is taken, and they themselves lead nowhere. */
+const GROUPS = list("a switch");
 const GEOMETRY = list(
   "d x y width height cx cy r rx ry x1 y1 x2 y2 dx dy points transform viewBox preserveAspectRatio pathLength offset gradientUnits gradientTransform spreadMethod fx fy clipPathUnits markerWidth markerHeight refX refY orient markerUnits",
 );
 const PAINT = list(
   "fill stroke stroke-width stroke-linecap stroke-linejoin stroke-dasharray stroke-dashoffset stroke-miterlimit opacity fill-opacity stroke-opacity fill-rule clip-rule clip-path marker-start marker-mid marker-end font-size font-family font-weight font-style text-anchor dominant-baseline letter-spacing stop-color stop-opacity display visibility color text-decoration paint-order vector-effect",
 );
+
+/** What is read of an element: all that is in it, of a switch the first that can be shown, as editors put what needs more than a picture before it. */
+function chosen(of: Given): Given[] {
+  const all = Array.from(of.childNodes);
+  if (of.localName !== "switch") return all;
+  const shown = all.filter(one => one.nodeType === 1 && one.namespaceURI === SVG && (TAGS.has(one.localName ?? "") || GROUPS.has(one.localName ?? "")));
+  const plain = shown.find(one => !Array.from(one.attributes ?? []).some(({name}) => name === "systemLanguage"));
+  return [plain ?? shown[0]].flatMap(one => one ?? []);
+}
 
 const NUMBERS = /^[-\w.,%\s+]*$/;
 const TRANSFORM = /^(?:\s*(?:matrix|translate|scale|rotate|skewX|skewY)\([-\d.,e\s+]*\)\s*,?)*$/;
@@ -88,7 +99,7 @@ class Reader {
       if (GEOMETRY.has(name)) put(name, (/transform/i.test(name) ? TRANSFORM : NUMBERS).test(value) ? value : null);
       else if (PAINT.has(name)) put(name, this.paint(name, value));
       else if (name === "id") put("id", /^[-\w.]+$/.test(value) ? own(value) : null);
-      else if (name === "href" || name === "xlink:href") put("href", this.link(value));
+      else if ((name === "href" || name === "xlink:href") && of.localName !== "a") put("href", this.link(value));
       else if (name === "style") for (const [key, said] of declarations(value)) put(key, this.paint(key, said));
       else if (/^on/i.test(name)) this.drop("an event handler");
     }
@@ -108,15 +119,16 @@ class Reader {
     const moving = live && !["defs", "symbol", "clipPath", "marker"].includes(tag);
     const part: Part = {tag, attributes, parts: [], bound: moving ? this.bound(of, tag) : null};
     if (attributes.id) this.byId.set(`#${attributes.id}`, part);
-    for (const child of Array.from(of.childNodes)) {
+    for (const child of chosen(of)) {
       if (child.nodeType === 3 || child.nodeType === 4) {
         if (tag === "text" || tag === "tspan") part.parts.push(child.nodeValue ?? "");
         continue;
       }
       if (child.nodeType !== 1) continue;
       const name = child.localName ?? "";
-      if (child.namespaceURI === SVG && TAGS.has(name)) {
-        const inner = this.read(child, name, depth + 1, moving);
+      if (child.namespaceURI === SVG && (TAGS.has(name) || GROUPS.has(name))) {
+        if (name === "a") this.drop("where a link leads");
+        const inner = this.read(child, GROUPS.has(name) ? (tag === "text" || tag === "tspan" ? "tspan" : "g") : name, depth + 1, moving);
         if (inner) part.parts.push(inner);
       } else if (!QUIET.has(name)) this.drop(`<${name.slice(0, 20)}>`);
     }
