@@ -1594,6 +1594,11 @@ test("a drawing shows its signals, and says what it lacks", async () => {
   assert.equal(one(".picture [data-shown]").getAttribute("visibility"), "hidden");
   assert.match(link(0) ?? "", /^level, y1: ■2 3\.00\d* m, sensor failure, alarm/);
   assert.match(link(2) ?? "", /^u2: 2\.000 V, 60 s old$/);
+  assert.equal(document.querySelector(".picture .level .crossed"), null);
+  await state({"sensor.2": [16, server.now, 0, "BadSensorFailure"]});
+  assert.equal(one(".picture .level").getAttribute("data-level"), "none");
+  assert.match(one(".picture .level").getAttribute("aria-label") ?? "", /sensor failure$/);
+  one(".picture .level .crossed"); // as what is not known, not as an empty tank
   const mode = {...server.plant.alarms!.all[0]!, id: 77, alarm: "u2.mode", ref: "opmode.2", kind: "mode"};
   server.plant = {...server.plant, revision: 13, alarms: {...server.plant.alarms!, all: [...server.plant.alarms!.all, mode]}};
   server.alarms = [stands(1, 1, "Unacknowledged Active"), stands(77, 1, "Unacknowledged Active")];

@@ -80,7 +80,7 @@ function Piece({of, scene}: {of: Part; scene: Scene}): JSX.Element {
   const one = scene.signals.get(bound.name);
   if (!one) return h(of.tag, {...of.attributes, class: "unknown-signal"}, bound.how === "text" ? "?" : children);
   if (bound.how === "show") return <Appearing of={of} signal={one}>{children}</Appearing>;
-  if (bound.how === "bar") return <Level of={of} bound={bound} signal={one} />;
+  if (bound.how === "bar") return <Level of={of} bound={bound} signal={one} mark={scene.mark} />;
   return bound.how === "text" ? <Said of={of} signal={one} plant={scene.plant} /> : <State of={of} signal={one} scene={scene}>{children}</State>;
 }
 
@@ -90,18 +90,22 @@ function Appearing({of, signal: one, children}: {of: Part; signal: Variable; chi
   return h(of.tag, {...of.attributes, ...(value ? {} : {visibility: "hidden"}), "data-shown": value ? "true" : "false"}, children);
 }
 
-function Level({of, bound, signal: one}: {of: Part; bound: Bound; signal: Variable}): JSX.Element {
+function Level({of, bound, signal: one, mark}: {of: Part; bound: Bound; signal: Variable; mark: number}): JSX.Element {
   const now = useCell(live(one.ref));
   const usual = useCell(loopScale({measurement: one.ref, setpoint: null}));
   const scale = bound.low != null && bound.high != null && bound.low < bound.high ? {low: bound.low, high: bound.high} : usual;
-  const at = now.value == null || !scale || worth(now.status) === "bad" ? null : placeOn(scale, now.value);
+  const unknown = now.value == null || worth(now.status) === "bad"; // that is no empty tank
+  const at = unknown || !scale ? null : placeOn(scale, now.value as number);
+  const frameBox = boxOf(of.attributes);
   const {fill, ...frame} = of.attributes;
   const box = at && filled(boxOf(of.attributes), at.at, bound.right);
-  const label = `${one.name} ${told(one.ref, now.value)} ${one.unit}${scale ? `, scale ${exact(scale.low)} to ${exact(scale.high)}` : ""}${now.stale ? ", stale" : ""}`;
+  const label = `${one.name} ${told(one.ref, now.value)} ${one.unit}${scale ? `, scale ${exact(scale.low)} to ${exact(scale.high)}` : ""}${unknown ? `, ${now.value == null ? "no sample yet" : words(now.status)}` : now.stale ? ", stale" : ""}`;
   return (
-    <g class={`level${now.stale ? " stale" : ""}`} role="img" aria-label={label} data-level={at ? at.at.toFixed(4) : "none"} transform={of.attributes.transform}>
+    <g class={`level${unknown ? " unknown" : ""}${now.stale ? " stale" : ""}`} role="img" aria-label={label} data-level={at ? at.at.toFixed(4) : "none"} transform={of.attributes.transform}>
       {box && h("rect", {...box, rx: frame.rx, fill: fill && fill !== "none" ? fill : "var(--live)", class: "filling"} as never)}
       {h("rect", {...frame, transform: undefined, fill: "none"} as never)}
+      {unknown && <path class="crossed" d={`M${frameBox.x} ${frameBox.y}l${frameBox.width} ${frameBox.height}m0 ${-frameBox.height}l${-frameBox.width} ${frameBox.height}`} />}
+      {unknown && <text class="crossed-mark" x={frameBox.x + frameBox.width / 2} y={frameBox.y + frameBox.height / 2} font-size={Math.min(mark, frameBox.width, frameBox.height)} text-anchor="middle" dominant-baseline="central">?</text>}
     </g>
   );
 }
