@@ -1203,6 +1203,22 @@ test("loops are grouped by their controllers, and who does not run is named", as
   assert.deepEqual([...document.querySelectorAll(".loops tr:not(.group) td:nth-child(2)")].map(one => one.querySelectorAll(".last-known").length), [0, 0, 1]);
 });
 
+test("in Man below another loop a setpoint goes along with its measurement, and is not offered", async () => {
+  await layers();
+  const lower = cascade.loops.find(one => one.above != null)!;
+  const t = server.now;
+  const inMode = (mode: number): Record<string, Sample> => ({[lower.mode.target]: [90 + mode, t, mode, "Good"], [lower.mode.actual]: [90 + mode, t, mode, "Good"]});
+  await state(inMode(0));
+  await show(`loop/${lower.id}`);
+  const field = () => one<HTMLInputElement>(`input[name="${lower.setpoint}"]`);
+  assert.equal(field().disabled, true);
+  assert.match(said(".operate"), /in Man it goes along with the measurement: change to Auto first/);
+  await state({...inMode(0), [lower.setpoint as string]: [95, t, 7.5, "Good"]});
+  assert.doesNotMatch(said(".operate"), /changed meanwhile/);
+  await state(inMode(1));
+  assert.equal(field().disabled, false);
+});
+
 test("who is in shadow is named, and what it would put out stands beside what goes out, until it acts", async () => {
   server.plant = shadowed;
   server.control = {...server.control, running: {base: true, trial: true}, shadow: ["trial"]};

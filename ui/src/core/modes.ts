@@ -12,6 +12,8 @@ export interface Modes {
   why: string | null;
   /** Why the output cannot be moved by hand; null: it can. */
   handsOff: string | null;
+  /** Why a setpoint of somebody's would not stand; null: it would. */
+  tracks: string | null;
   /** Who moves the setpoint now; null: it is Local. */
   remote: Mover | null;
 }
@@ -23,7 +25,7 @@ export interface Mover {
 }
 
 const BY_HAND = "by hand in mode Man only";
-export const noModes: Modes = {target: null, actual: null, lastKnown: false, why: null, handsOff: BY_HAND, remote: null};
+export const noModes: Modes = {target: null, actual: null, lastKnown: false, why: null, handsOff: BY_HAND, tracks: null, remote: null};
 
 export function notRunning(names: string[], p: Pick<Plant, "controllers">): string {
   if (p.controllers.length < 2) return "the controller is not running";
@@ -48,6 +50,7 @@ export function modesOf(loop: Loop, p: Plant, target: Live, actual: Live, contro
     lastKnown: stopped,
     why: stopped ? notRunning([loop.controller], p) : (control?.reasons[loop.id] ?? notYet),
     handsOff: is === "Man" && wanted === "Man" ? null : is == null || wanted === is || wanted === "Man" ? BY_HAND : `${wanted ?? "no mode"} is asked for: change to Man first`,
+    tracks: loop.above != null && is === "Man" ? "in Man it goes along with the measurement: change to Auto first" : null,
     remote: moverOf(loop, p, wanted, owner),
   };
 }

@@ -50,7 +50,7 @@ function Choice({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
 export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; close?: () => void}): JSX.Element {
   const scale = useCell(loopScale(loop));
   const out = useCell(outputScale(loop.output));
-  const {handsOff, remote} = useCell(modesOfLoop(loop));
+  const {handsOff, tracks, remote} = useCell(modesOfLoop(loop));
   useCell(control); // who is in shadow
   const setpoint = variable(loop.setpoint);
   const output = variable(loop.output);
@@ -121,7 +121,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           <ModeSwitch loop={loop} />
           <h2>Setpoint{(loop.above ?? loop.owner) != null && <small class="owner"> {remote ? `Remote: ${remote.name} moves it` : "Local"}</small>}</h2>
           {loop.setpoint ? (
-            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} low={setpoint?.low} high={setpoint?.high} remote={remote} />
+            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} low={setpoint?.low} high={setpoint?.high} blocked={tracks} remote={remote} />
           ) : (
             <p class="say">this loop has none</p>
           )}
