@@ -15,6 +15,7 @@ const {send, slot, forget} = await import("../src/core/writing");
 const {Curve} = await import("../src/core/curve");
 const {load, binWidth} = await import("../src/core/history");
 const {ApiError, get, login, NoAnswer} = await import("../src/core/api");
+const {journalOf} = await import("../src/core/journal");
 
 const y = model.live("sensor.1");
 const near = (a: number | null | undefined, b: number, by = 1e-3): void => assert.ok(a != null && Math.abs(a - b) <= by, `${a} is not ${b}`);
@@ -548,6 +549,27 @@ test("a trend of a loop, and of what is beyond the loops", async () => {
   assert.deepEqual([off([1, null, 5], {low: 1, high: 5}), off([0.9], {low: 1, high: 5}), off([5.1], {low: 1, high: 5}), off([null], {low: 1, high: 5})], [false, true, true, false]);
   const scale = padded(0, 10);
   assert.ok(scale.low < 0 && scale.high > 10);
+});
+
+test("a journal is read page by page to the begin of its window, whatever happens at one time", async () => {
+  const all = Array.from({length: 9}, (_, i) => ({number: i + 1, time: server.now - 100 + Math.floor(i / 2), alarm: "y1.high", priority: 2, raised: true, state: "Unacknowledged Active", before: null, author: null}));
+  const before = env.routes.get("/api/alarms/journal");
+  env.routes.set("/api/alarms/journal", one => {
+    const until = one.query.until ? Number(one.query.until) : Infinity;
+    one.answer({transitions: all.filter(each => each.time < until).slice(-Number(one.query.last))});
+  });
+  assert.deepEqual((await journalOf(3600, null, 3)).transitions.map(one => one.number), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+  assert.equal((await journalOf(3600, null, 3)).cut, false);
+  const some = await journalOf(3600, null, 3, 5);
+  assert.deepEqual([some.transitions.map(one => one.number), some.cut], [[4, 5, 6, 7, 8, 9], true]);
+  const first = await journalOf(3600, null, 3);
+  all.push({...all[0]!, number: 10, time: server.now});
+  let asked = 0;
+  const route = env.routes.get("/api/alarms/journal")!;
+  env.routes.set("/api/alarms/journal", one => (asked++, route(one)));
+  assert.deepEqual([(await journalOf(3600, first, 3)).transitions.length, asked], [10, 1], "what is known is asked for again");
+  if (before) env.routes.set("/api/alarms/journal", before);
+  else env.routes.delete("/api/alarms/journal");
 });
 
 test("rows and heads of a trend are what is exported", async () => {

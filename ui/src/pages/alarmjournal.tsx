@@ -1,24 +1,28 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Every transition of every alarm in one order, and between them what people did and said.
 import type {JSX} from "preact";
-import {useState} from "preact/hooks";
+import {useRef, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {type Entry, alarmSaid, found, stateWords, story} from "../core/alarms";
 import {csv, iso, stamp, zone} from "../core/format";
 import {alarms, events, plant, refill} from "../core/model";
-import type {PlantEvent, Transition} from "../core/types";
+import {type Journal, journalOf} from "../core/journal";
+import type {PlantEvent} from "../core/types";
 import {downloadText} from "../download";
 import {Shape} from "../parts/shape";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
 
 const TIMES = [{name: "last hour", seconds: 3600}, {name: "last 8 h", seconds: 28800}, {name: "last 24 h", seconds: 86400}, {name: "last 7 days", seconds: 7 * 86400}] as const;
-const LAST = 300;
+const EVENTS = 1000;
+const MOST = 300; // rows at once
 
 export function AlarmJournal(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
   const [text, setText] = useState("");
   const [whole, setWhole] = useState(false);
+  const [most, setMost] = useState(MOST);
+  const known = useRef<{key: string; journal: Journal} | null>(null);
   const streamed = useCell(events);
   const all = useCell(alarms);
   const filled = useCell(refill);
@@ -26,14 +30,17 @@ export function AlarmJournal(): JSX.Element {
   const newest = Math.max(0, ...all.map(one => one.now.journal));
   const {answer, error} = useAnswer(async () => {
     const since = -seconds;
-    const of = (query: object): Promise<{events: PlantEvent[]}> => get("/api/events", {...query, since, last: LAST});
-    const [{transitions}, did, warned] = await Promise.all([
-      get<{transitions: Transition[]}>("/api/alarms/journal", {since, last: LAST}),
+    const of = (query: object): Promise<{events: PlantEvent[]}> => get("/api/events", {...query, since, last: EVENTS});
+    const same = known.current?.key === `${seconds} ${filled}` ? known.current.journal : null;
+    const [journal, did, warned] = await Promise.all([
+      journalOf(seconds, same),
       of({kind: "operator"}),
       whole ? of({severity: 2}) : {events: []},
     ]);
+    known.current = {key: `${seconds} ${filled}`, journal};
+    const {transitions, cut} = journal;
     const others = warned.events.filter(one => one.kind !== "operator");
-    return {entries: story(transitions, [...did.events, ...others], alarms.value, whole).reverse(), cut: transitions.length === LAST};
+    return {entries: story(transitions, [...did.events, ...others], alarms.value, whole).reverse(), cut};
   }, [seconds, newest, filled, whole, whole && streamed]);
   const {entries, cut} = answer ?? {entries: [], cut: false};
 
@@ -62,7 +69,7 @@ export function AlarmJournal(): JSX.Element {
           </select>
         </label>
         <label class="check"><input type="checkbox" checked={whole} onChange={event => setWhole(event.currentTarget.checked)} /> with what else happened</label>
-        <span class="say" role="status">{shown.length} shown{cut && `: of the transitions the newest ${LAST}`}</span>
+        <span class="say" role="status">{shown.length} found{cut && ", in the newest 20 000 transitions of the window: a shorter one has all"}</span>
         <span class="spring" />
         <button type="button" onClick={exportCsv}>CSV</button>
       </form>
@@ -81,7 +88,7 @@ export function AlarmJournal(): JSX.Element {
             </tr>
           </thead>
           <tbody>
-            {shown.map((one, i) => {
+            {shown.slice(0, most).map((one, i) => {
               const of = about.get(name(one));
               const raised = one.transition?.raised === true;
               return (
@@ -98,6 +105,7 @@ export function AlarmJournal(): JSX.Element {
             })}
           </tbody>
         </table>
+        {shown.length > most && <button type="button" onClick={() => setMost(most + 5 * MOST)}>{shown.length - most} older</button>}
         {shown.length === 0 && !error && <p class="say">no transitions</p>}
       </div>
     </>
