@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/utf8.h"
+
 /* ---- Text --------------------------------------------------------------------------------- */
 
 void text_free(struct text *t)
@@ -62,37 +64,6 @@ void text_chop(struct text *t, char last)
 
 /* ---- JSON out ----------------------------------------------------------------------------- */
 
-/* Bytes of the well-formed UTF-8 sequence at s (Unicode 15, table 3-7); 0: it is none. */
-static size_t utf8_length(const unsigned char *s)
-{
-    unsigned char low = 0x80, high = 0xBF;
-    size_t n;
-    if (s[0] < 0x80)
-        return 1;
-    if (s[0] >= 0xC2 && s[0] <= 0xDF)
-        n = 2;
-    else if (s[0] >= 0xE0 && s[0] <= 0xEF)
-        n = 3;
-    else if (s[0] >= 0xF0 && s[0] <= 0xF4)
-        n = 4;
-    else
-        return 0;
-    if (s[0] == 0xE0)
-        low = 0xA0;
-    else if (s[0] == 0xED)
-        high = 0x9F;
-    else if (s[0] == 0xF0)
-        low = 0x90;
-    else if (s[0] == 0xF4)
-        high = 0x8F;
-    if (s[1] < low || s[1] > high)
-        return 0;
-    for (size_t i = 2; i < n; i++)
-        if (s[i] < 0x80 || s[i] > 0xBF)
-            return 0;
-    return n;
-}
-
 void json_string_add(struct text *t, const char *string)
 {
     if (!string) {
@@ -102,7 +73,7 @@ void json_string_add(struct text *t, const char *string)
     text_put(t, "\"", 1);
     for (const char *s = string; *s;) {
         unsigned char c = (unsigned char)*s;
-        size_t n = utf8_length((const unsigned char *)s);
+        size_t n = utf8_length(s);
         if (n == 0)
             text_put(t, "\xEF\xBF\xBD", 3);
         else if (c < 0x20 || c == 0x7F)

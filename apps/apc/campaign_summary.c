@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "print.h"
+#include "run/csv.h"
 
 #define FAILURES 5 /* that are told of */
 
@@ -270,7 +271,6 @@ static void put_header(FILE *out)
     fputs("seed,loop", out);
     for (int i = 0; i < METRICS; i++)
         fprintf(out, ",%s", metric_key((enum metric)i));
-    fputc('\n', out);
 }
 
 int summary_csv(const struct campaign *c, struct apc_error *why)
@@ -280,6 +280,7 @@ int summary_csv(const struct campaign *c, struct apc_error *why)
     if (!out)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
     put_header(out);
+    fputc('\n', out);
     for (unsigned run = 0; run < c->options->runs; run++)
         for (size_t loop = 0; loop < c->loops && trial_counts(campaign_trial(c, run)); loop++) {
             fprintf(out, "%llu,%zu", (unsigned long long)(c->options->seed + run), loop + 1);
@@ -297,37 +298,39 @@ int summary_csv(const struct campaign *c, struct apc_error *why)
     return failed ? apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)) : 0;
 }
 
-/* A line of it into c->former, if it is of one of our seeds. */
-static bool take_line(struct campaign *c, char *line)
+/* A row of it into c->former, if it is of one of our seeds. */
+static int take_row(struct campaign *c, struct csv *csv, struct apc_error *why)
 {
-    char *field[2 + METRICS], *rest = line, *end;
+    char *end;
     double loop;
-    line[strcspn(line, "\r\n")] = '\0';
-    for (int i = 0; i < 2 + METRICS; i++)
-        if (!(field[i] = strsep(&rest, ",")))
-            return false;
-    uint64_t seed = strtoull(field[0], &end, 10);
-    if (rest || *end || end == field[0] || apc_number_parse(field[1], &loop) < 0 || loop < 1 ||
-        loop > (double)c->loops || loop != floor(loop))
-        return false;
-    if (seed < c->options->seed || seed - c->options->seed >= c->options->runs)
-        return true;
+    const uint64_t seed = strtoull(csv_text(csv, 0), &end, 10);
+    int rc = csv_number(csv, 1, &loop, why);
+
+    if (*end || end == csv_text(csv, 0))
+        return csv_refuse_field(csv, 0, why, "\"%.40s\" is no seed", csv_text(csv, 0));
+    if (rc == 0 && !(loop >= 1 && loop <= (double)c->loops && loop == floor(loop)))
+        return csv_refuse_field(csv, 1, why, "\"%.40s\": expected a campaign with %zu loops",
+                                csv_text(csv, 1), c->loops);
+    if (rc < 0 || seed < c->options->seed || seed - c->options->seed >= c->options->runs)
+        return rc;
     double *figure = c->former + ((seed - c->options->seed) * c->loops + (size_t)loop - 1) * METRICS;
-    for (int i = 0; i < METRICS; i++) {
-        figure[i] = !strcmp(field[2 + i], "inf") ? HUGE_VAL : none;
-        if (isnan(figure[i]) && field[2 + i][0] && apc_number_parse(field[2 + i], &figure[i]) < 0)
-            return false;
+    for (size_t i = 0; i < METRICS && rc == 0; i++) {
+        const bool endless = !strcmp(csv_text(csv, 2 + i), "inf");
+
+        figure[i] = endless ? HUGE_VAL : none;
+        if (!endless && !csv_missing(csv, 2 + i))
+            rc = csv_number(csv, 2 + i, &figure[i], why);
     }
-    return true;
+    return rc;
 }
 
 int summary_read(struct campaign *c, struct apc_error *why)
 {
-    const char *path = c->options->against;
     const size_t n = c->options->runs * c->loops * METRICS;
-    char *line = NULL, *header = NULL;
-    size_t size = 0, number = 1, length = 0;
-    FILE *in = fopen(path, "re"), *expected = open_memstream(&header, &length);
+    char *header = NULL;
+    size_t length = 0;
+    struct csv *csv = NULL;
+    FILE *expected = open_memstream(&header, &length);
     int rc = 0;
 
     c->former = calloc(n + 1, sizeof *c->former);
@@ -337,22 +340,15 @@ int summary_read(struct campaign *c, struct apc_error *why)
         put_header(expected);
         fclose(expected);
     }
-    if (!in)
-        rc = apc_fail(why, APC_ENOTFOUND, "%s: cannot be read: %s", path, strerror(errno));
-    else if (!c->former || !header)
+    if (!c->former || !header)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    else if (getline(&line, &size, in) < 0 || strcmp(line, header) != 0)
-        rc = apc_fail(why, APC_EPROTO, "%s:1: expected the file of another campaign (--runs N --csv FILE)",
-                      path);
-    while (rc == 0 && getline(&line, &size, in) >= 0) {
-        number++;
-        if (!take_line(c, line))
-            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected a line of a campaign with %zu loops", path,
-                          number, c->loops);
-    }
-    if (in)
-        fclose(in);
-    free(line);
+    if (rc == 0)
+        rc = csv_open(&csv, c->options->against, why);
+    if (rc == 0 && csv_expect(csv, header, why) < 0)
+        rc = csv_refuse(csv, why, "expected the file of another campaign (--runs N --csv FILE)");
+    while (rc == 0 && (rc = csv_next(csv, why)) > 0)
+        rc = take_row(c, csv, why);
+    csv_close(csv);
     free(header);
     return rc;
 }

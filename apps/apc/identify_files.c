@@ -2,124 +2,173 @@
 /* Records from files: CSV with names, and run folders. */
 #include "identify_series.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
-/* The next field of a line, without quotes and blanks around it. */
-static char *field(char **rest)
-{
-    char *at = strsep(rest, ",");
-
-    if (!at)
-        return NULL;
-    at += strspn(at, " \t\"");
-    at[strcspn(at, "\"\r\n")] = '\0';
-    for (size_t n = strlen(at); n > 0 && strchr(" \t", at[n - 1]); n--)
-        at[n - 1] = '\0';
-    return at;
-}
-
-static FILE *open_file(struct reading *r, const char *path)
-{
-    FILE *in = fopen(path, "re");
-
-    if (!in)
-        apc_fail(r->why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    return in;
-}
+#include "run/csv.h"
+#include "run/samples.h"
 
 /* ---- CSV with names -------------------------------------------------------------------------------- */
 
-static int name_columns(struct reading *r, char *line, struct series **column, size_t *time)
+#define NO_TIME SIZE_MAX
+
+/* A file, and what its columns are. */
+struct table {
+    struct csv *csv;
+    struct series **of; /* [columns] NULL: nobody asks */
+    size_t time;        /* the column; NO_TIME: rows are a period apart */
+    size_t rows;
+    apc_ns begin; /* of dates: the first row's */
+    bool dates, zone;
+};
+
+/* "time", in any case, with or without its unit, or "t", which is not the temperature T. */
+static bool is_time(const char *name)
 {
-    char *rest = line, *name;
-    size_t n = 0;
+    if (!strcmp(name, "t"))
+        return true;
+    if (strncasecmp(name, "time", 4) != 0)
+        return false;
+    name += 4;
+    name += strspn(name, " ");
+    return !*name || !strcmp(name, "(s)") || !strcmp(name, "[s]");
+}
 
-    *time = COLUMNS_MOST;
-    for (; (name = field(&rest)); n++) {
-        if (n == COLUMNS_MOST)
-            return apc_fail(r->why, APC_EINVAL, "%s:1: more than %d columns", r->file, COLUMNS_MOST);
-        column[n] = NULL;
-        if (!strcmp(name, "time") || !strcmp(name, "t"))
-            *time = n;
-        for (size_t i = 0; i < r->inputs; i++)
-            column[n] = !strcmp(name, r->input[i].name) ? &r->input[i] : column[n];
-        for (size_t i = 0; i < r->outputs; i++)
-            column[n] = !strcmp(name, r->output[i].name) ? &r->output[i] : column[n];
-    }
-    for (size_t i = 0; i < r->inputs + r->outputs; i++) {
-        const struct series *s = i < r->inputs ? &r->input[i] : &r->output[i - r->inputs];
-        size_t c = 0;
+static int take_column(struct reading *r, struct table *t, size_t i)
+{
+    const char *const name = csv_name(t->csv, i);
 
-        while (c < n && column[c] != s)
-            c++;
-        if (c == n)
-            return apc_fail(r->why, APC_ENOTFOUND, "%s:1: there is no column \"%s\"", r->file, s->name);
+    for (size_t k = 0; k < r->inputs + r->outputs; k++) {
+        struct series *const s = k < r->inputs ? &r->input[k] : &r->output[k - r->inputs];
+
+        if (strcmp(name, s->name) != 0)
+            continue;
+        for (size_t before = 0; before < i; before++)
+            if (t->of[before] == s)
+                return csv_refuse(t->csv, r->why, "there are two columns \"%.80s\"", name);
+        t->of[i] = s;
     }
-    if (*time == COLUMNS_MOST && r->wish->period <= 0.0)
-        return apc_fail(r->why, APC_EINVAL,
-                        "%s:1: there is no column \"time\", in s: --period S says how far apart the rows are",
-                        r->file);
+    if (t->of[i] || !is_time(name))
+        return 0;
+    if (t->time != NO_TIME)
+        return csv_refuse(t->csv, r->why, "\"%.80s\" and \"%.80s\": which of them is the time?",
+                          csv_name(t->csv, t->time), name);
+    t->time = i;
     return 0;
 }
 
-static int read_row(struct reading *r, char *line, struct series **column, size_t time, size_t row)
+static int name_columns(struct reading *r, struct table *t)
 {
-    double t = (double)row * r->wish->period, value[COLUMNS_MOST] = {0};
-    char *rest = line, *text;
-    size_t n = 0;
+    const size_t n = csv_columns(t->csv);
     int rc = 0;
 
-    for (; n < COLUMNS_MOST && (text = field(&rest)); n++) {
-        value[n] = (double)NAN;
-        if ((column[n] || n == time) && apc_number_parse(text, &value[n]) < 0) {
-            if (n == time || (*text && strcasecmp(text, "nan") != 0))
-                return apc_fail(r->why, APC_EPROTO,
-                                "%s:%zu: \"%.40s\" is no number; what is missing is empty or NaN", r->file,
-                                row + 2, text);
-            value[n] = (double)NAN;
-        }
-    }
-    if (time < n)
-        t = value[time];
-    for (size_t i = 0; i < n && rc == 0; i++) {
-        struct series *s = column[i];
+    t->of = calloc(n, sizeof(*t->of));
+    if (!t->of)
+        return apc_fail(r->why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < n && rc == 0; i++)
+        rc = take_column(r, t, i);
+    for (size_t k = 0; k < r->inputs + r->outputs && rc == 0; k++) {
+        const struct series *s = k < r->inputs ? &r->input[k] : &r->output[k - r->inputs];
+        size_t i = 0;
 
-        if (s && s->n > 0 && !(t > s->t[s->n - 1]))
-            return apc_fail(r->why, APC_EPROTO, "%s:%zu: the time %g s is not after that of the row before",
-                            r->file, row + 2, t);
-        if (s)
-            rc = series_add(r, s, t, value[i]);
+        while (i < n && t->of[i] != s)
+            i++;
+        if (i == n)
+            rc = apc_fail(r->why, APC_ENOTFOUND, "%s:%zu: there is no column \"%s\"", r->file,
+                          csv_line(t->csv), s->name);
     }
+    if (rc == 0 && t->time == NO_TIME && r->wish->period <= 0.0)
+        rc = csv_refuse(
+            t->csv, r->why,
+            "there is no column \"time\", in s or as dates of ISO 8601; without one --period S says "
+            "how far apart the rows are");
+    return rc;
+}
+
+/* A date of ISO 8601, in seconds since the first of them. */
+static int take_date(struct reading *r, struct table *t, const char *text, apc_ns date, double *seconds)
+{
+    const char *const clock = strchr(text, ':');
+    const bool zone = clock && strpbrk(clock, "Z+-");
+
+    if (t->rows == 0) {
+        t->begin = date;
+        t->zone = zone;
+    }
+    if (zone != t->zone)
+        return csv_refuse_field(
+            t->csv, t->time, r->why,
+            "\"%.40s\" %s a time zone, those before it %s: how far apart they are is in doubt", text,
+            zone ? "has" : "has not", zone ? "have not" : "have");
+    *seconds = apc_ns_to_s(date - t->begin);
+    return 0;
+}
+
+static int take_time(struct reading *r, struct table *t, double *seconds)
+{
+    apc_ns date;
+
+    if (t->time == NO_TIME) {
+        *seconds = (double)t->rows * r->wish->period;
+        return csv_passed(t->csv) == 0
+                   ? 0
+                   : csv_refuse(
+                         t->csv, r->why,
+                         "the row before it is empty, and no column tells the time: is a sample missing?");
+    }
+    const char *const text = csv_text(t->csv, t->time);
+    const bool is_date = apc_time_parse(text, &date) == 0;
+
+    if (t->rows == 0)
+        t->dates = is_date;
+    if (is_date && t->dates)
+        return take_date(r, t, text, date, seconds);
+    if (is_date || t->dates)
+        return csv_refuse_field(t->csv, t->time, r->why, "\"%.40s\" is %s date, those before it are %s", text,
+                                is_date ? "a" : "no", is_date ? "numbers" : "dates");
+    return csv_number(t->csv, t->time, seconds, r->why);
+}
+
+static int read_row(struct reading *r, struct table *t)
+{
+    double seconds = 0.0;
+    int rc = take_time(r, t, &seconds);
+
+    for (size_t i = 0; i < csv_columns(t->csv) && rc == 0; i++) {
+        struct series *const s = t->of[i];
+        double value = (double)NAN;
+
+        if (!s)
+            continue;
+        if (s->n > 0 && !(seconds > s->t[s->n - 1]))
+            return csv_refuse(t->csv, r->why, "the time %s is not after that of the row before",
+                              t->time == NO_TIME ? "" : csv_text(t->csv, t->time));
+        if (!csv_missing(t->csv, i))
+            rc = csv_number(t->csv, i, &value, r->why);
+        if (rc == 0)
+            rc = series_add(r, s, seconds, value);
+    }
+    t->rows++;
     return rc;
 }
 
 static int read_csv(struct reading *r)
 {
-    struct series *column[COLUMNS_MOST] = {NULL};
-    char *line = NULL;
-    size_t size = 0, time = COLUMNS_MOST, row = 0;
-    FILE *in = open_file(r, r->file);
-    int rc = 0;
+    struct table t = {.time = NO_TIME};
+    int rc;
 
-    if (!in)
-        return APC_ENOTFOUND;
     if (r->inputs == 0 || r->outputs == 0)
-        rc = apc_fail(r->why, APC_EINVAL, "%s: --inputs and --outputs must name columns", r->file);
-    else if (getline(&line, &size, in) < 0)
-        rc = apc_fail(r->why, APC_EPROTO, "%s: it is empty", r->file);
-    else
-        rc = name_columns(r, line, column, &time);
-    while (rc == 0 && getline(&line, &size, in) >= 0) {
-        if (line[strspn(line, " \t\r\n")])
-            rc = read_row(r, line, column, time, row);
-        row++;
-    }
-    free(line);
-    fclose(in);
+        return apc_fail(r->why, APC_EINVAL, "%s: --inputs and --outputs must name columns", r->file);
+    rc = csv_open(&t.csv, r->file, r->why);
+    if (rc == 0)
+        rc = name_columns(r, &t);
+    while (rc == 0 && (rc = csv_next(t.csv, r->why)) > 0)
+        rc = read_row(r, &t);
+    csv_close(t.csv);
+    free(t.of);
     return rc;
 }
 
@@ -127,48 +176,49 @@ static int read_csv(struct reading *r)
 
 static int read_known(struct reading *r, struct known *known, size_t *n)
 {
-    char path[600], *line = NULL;
-    size_t size = 0;
-    FILE *in;
+    struct csv *csv;
+    char path[600];
+    int rc;
 
     *n = 0;
     snprintf(path, sizeof path, "%.560s/signals.csv", r->file);
-    in = open_file(r, path);
-    if (!in)
-        return APC_ENOTFOUND;
-    while (*n < COLUMNS_MOST && getline(&line, &size, in) >= 0) {
-        char *rest = line, *table = field(&rest), *id = field(&rest), *name = field(&rest),
-             *unit = field(&rest);
+    rc = csv_open(&csv, path, r->why);
+    if (rc == 0 && csv_columns(csv) < 4)
+        rc = csv_refuse(csv, r->why, "expected the columns table,id,name,unit");
+    while (rc == 0 && *n < COLUMNS_MOST && (rc = csv_next(csv, r->why)) > 0) {
+        struct known *const k = &known[*n];
+        double id;
 
-        if (!name || !apc_table_parse(table) || strlen(name) >= APC_TAG_LEN)
+        k->table = apc_table_parse(csv_text(csv, 0));
+        rc = csv_number(csv, 1, &id, r->why);
+        if (rc < 0 || !k->table || strlen(csv_text(csv, 2)) >= APC_TAG_LEN)
             continue;
-        known[*n].table = apc_table_parse(table);
-        known[*n].id = (int)strtol(id, NULL, 10);
-        snprintf(known[*n].unit, sizeof known->unit, "%.63s", unit ? unit : "");
-        snprintf(known[(*n)++].name, sizeof known->name, "%s", name);
+        k->id = (int)id;
+        snprintf(k->name, sizeof k->name, "%s", csv_text(csv, 2));
+        snprintf(k->unit, sizeof k->unit, "%.63s", csv_text(csv, 3));
+        ++*n;
     }
-    free(line);
-    fclose(in);
-    return 0;
+    csv_close(csv);
+    return rc;
 }
 
-static int read_sample(struct reading *r, char *line, const struct known *known, size_t n, struct series **of,
-                       size_t number)
-{
-    char *rest = line, *t = field(&rest), *table = field(&rest), *id = field(&rest), *status = field(&rest),
-         *value = field(&rest);
-    double time, number_of = (double)NAN;
-    apc_status code;
+/* Where the rows of a run go. */
+struct sorting {
+    struct reading *r;
+    const struct known *known; /* [n] */
+    struct series **of;        /* [n] NULL: nobody asks */
+    size_t n;
+};
 
-    if (!value || apc_number_parse(t, &time) < 0 || apc_status_parse(status, &code) < 0 ||
-        apc_number_parse(value, &number_of) < 0)
-        return apc_fail(r->why, APC_EPROTO, "%s/samples.csv:%zu: expected time,table,id,status,value",
-                        r->file, number);
-    for (size_t i = 0; i < n; i++) {
-        if (of[i] && known[i].table == apc_table_parse(table) && known[i].id == strtol(id, NULL, 10))
-            return series_add(r, of[i], time,
-                              apc_status_severity(code) == APC_SEVERITY_BAD ? (double)NAN : number_of);
-    }
+static int sort_row(void *ctx, double t, const struct apc_sample *row)
+{
+    const struct sorting *const z = ctx;
+
+    for (size_t i = 0; i < z->n; i++)
+        if (z->of[i] && z->known[i].table == row->table && z->known[i].id == row->id)
+            return series_add(z->r, z->of[i], t,
+                              apc_status_severity(row->status) == APC_SEVERITY_BAD ? (double)NAN
+                                                                                   : row->value);
     return 0;
 }
 
@@ -176,23 +226,15 @@ static int read_run(struct reading *r)
 {
     struct known *known = calloc(COLUMNS_MOST, sizeof *known);
     struct series *of[COLUMNS_MOST] = {NULL};
-    char path[600], *line = NULL;
-    size_t n = 0, size = 0, number = 1;
-    FILE *in = NULL;
-    int rc = known ? read_known(r, known, &n) : apc_fail(r->why, APC_ENOMEM, "out of memory");
+    struct sorting sorting = {r, known, of, 0};
+    char path[600];
+    int rc = known ? read_known(r, known, &sorting.n) : apc_fail(r->why, APC_ENOMEM, "out of memory");
 
     if (rc == 0)
-        rc = series_choose(r, known, n, of);
+        rc = series_choose(r, known, sorting.n, of);
     snprintf(path, sizeof path, "%.560s/samples.csv", r->file);
-    if (rc == 0 && !(in = open_file(r, path)))
-        rc = APC_ENOTFOUND;
-    while (rc == 0 && getline(&line, &size, in) >= 0) {
-        if (number++ > 1)
-            rc = read_sample(r, line, known, n, of, number - 1);
-    }
-    if (in)
-        fclose(in);
-    free(line);
+    if (rc == 0)
+        rc = samples_each(path, sort_row, &sorting, r->why);
     free(known);
     return rc;
 }

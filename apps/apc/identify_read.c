@@ -20,55 +20,96 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* How many samples of a series are near a grid that begins with it. */
-static size_t near_grid(const struct series *s, double Ts)
+/* The median; @p x is put in order. */
+static double median_of(double *x, size_t n)
+{
+    if (n > 1)
+        qsort(x, n, sizeof *x, by_size);
+    return n > 0 ? x[n / 2] : 0.0;
+}
+
+/* Where in a grid a series begins: its first sample may be the one that came late. And how many samples are
+ * near that grid. room [n] */
+static size_t near_grid(const struct series *s, double Ts, double *begin, double *room)
 {
     size_t n = 0;
 
     for (size_t k = 0; k < s->n; k++) {
         const double periods = (s->t[k] - s->t[0]) / Ts;
 
+        room[k] = periods - round(periods);
+    }
+    *begin = s->t[0] + median_of(room, s->n) * Ts;
+    for (size_t k = 0; k < s->n; k++) {
+        const double periods = (s->t[k] - *begin) / Ts;
+
         n += fabs(periods - round(periods)) <= ALIKE;
     }
     return n;
 }
 
+/* The mean interval about @p median: where nearly all are a multiple of that, each is so many by itself, as
+ * over many a little jitter of the median is more than one. */
+static double mean_interval(const struct series *s, double median)
+{
+    const double span = s->t[s->n - 1] - s->t[0];
+    double all = 0.0, near = 0.0;
+
+    for (size_t k = 0; k + 1 < s->n; k++) {
+        const double periods = (s->t[k + 1] - s->t[k]) / median;
+
+        all += round(periods);
+        near += fabs(periods - round(periods)) <= ALIKE;
+    }
+    return span / (near >= 0.9 * (double)(s->n - 1) ? all : round(span / median));
+}
+
 /* The median interval, or a part of it where samples are 2, 3, 2, 3, ... periods apart, to the microsecond;
  * so that it fits the whole series. */
-static int find_period(struct reading *r, const struct series *s, double *Ts)
+static int find_period(struct reading *r, const struct series *s, double *Ts, double *begin)
 {
-    double *apart = calloc(s->n + 1, sizeof *apart), span, median;
+    double *room = calloc(s->n + 1, sizeof *room), median;
     size_t near = 0;
 
     *Ts = r->wish->period > 0.0 ? r->wish->period : r->period;
-    if (!apart)
+    if (!room)
         return apc_fail(r->why, APC_ENOMEM, "out of memory");
-    for (size_t k = 0; k + 1 < s->n; k++)
-        apart[k] = s->t[k + 1] - s->t[k];
-    if (s->n > 2)
-        qsort(apart, s->n - 1, sizeof *apart, by_size);
-    median = s->n > 2 ? apart[(s->n - 1) / 2] : 0.0;
-    free(apart);
-    if (s->n < 3)
+    if (s->n < 3) {
+        free(room);
         return apc_fail(r->why, APC_EINVAL,
                         "%s: %zu samples of \"%s\" in that time: there is nothing to tell from", r->file,
                         s->n, s->name);
-    span = s->t[s->n - 1] - s->t[0];
+    }
+    for (size_t k = 0; k + 1 < s->n; k++)
+        room[k] = s->t[k + 1] - s->t[k];
+    median = median_of(room, s->n - 1);
+    if (*Ts > 0.0)
+        near_grid(s, *Ts, begin, room);
     for (int part = 1; part <= PARTS && *Ts <= 0.0; part++) {
-        double period = span / round(span / median * part);
+        double period = mean_interval(s, median / part);
+        size_t there;
 
         period = period > 1e-3 ? round(period * 1e6) / 1e6 : period;
-        if (part == 1)
-            near = near_grid(s, period);
-        if ((double)near_grid(s, period) >= 0.9 * (double)s->n)
+        there = near_grid(s, period, begin, room);
+        near = part == 1 ? there : near;
+        if ((double)there >= 0.9 * (double)s->n)
             *Ts = period;
     }
+    free(room);
     return *Ts > 0.0
                ? 0
                : apc_fail(r->why, APC_EINVAL,
                           "%s: the sample times of \"%s\" change: of %zu samples %zu are on a grid of %g s. "
                           "Record at one period, or name one by --period",
                           r->file, s->name, s->n, near, median);
+}
+
+/* The sample of a series nearest to time @p t, looked for from @p *i on; false: there is none near. */
+static bool nearest(const struct series *s, double t, double Ts, size_t *i)
+{
+    while (*i + 1 < s->n && fabs(s->t[*i + 1] - t) <= fabs(s->t[*i] - t))
+        ++*i;
+    return s->n > 0 && fabs(s->t[*i] - t) <= ALIKE * Ts;
 }
 
 /* Of a series what is near each time of the grid. */
@@ -79,23 +120,47 @@ static void lay(const struct series *s, const struct identify_data *d, size_t st
     for (size_t k = 0; k < d->record.n; k++) {
         const double t = d->begin + (double)k * d->record.Ts;
 
-        while (i + 1 < s->n && fabs(s->t[i + 1] - t) <= fabs(s->t[i] - t))
-            i++;
-        to[k * stride] = s->n > 0 && fabs(s->t[i] - t) <= ALIKE * d->record.Ts ? s->value[i] : (double)NAN;
+        to[k * stride] = nearest(s, t, d->record.Ts, &i) ? s->value[i] : (double)NAN;
     }
 }
 
-/* What was in force at each time of the grid. */
-static void hold(const struct series *s, const struct identify_data *d, size_t stride, double *to)
+/* What was in force when @p measured was, whose own time may not be quite that of the grid: of a row that
+ * came late all came late. */
+static void hold(const struct series *s, const struct series *measured, const struct identify_data *d,
+                 size_t stride, double *to)
 {
+    const double same = 1e-3 * d->record.Ts;
     double held = (double)NAN;
-    size_t i = 0;
+    size_t i = 0, m = 0;
 
     for (size_t k = 0; k < d->record.n; k++) {
-        for (; i < s->n && s->t[i] <= d->begin + ((double)k + 1e-3) * d->record.Ts; i++)
+        double t = d->begin + (double)k * d->record.Ts;
+
+        if (nearest(measured, t, d->record.Ts, &m))
+            t = measured->t[m];
+        for (; i < s->n && s->t[i] <= t + same; i++)
             held = isfinite(s->value[i]) ? s->value[i] : held;
         to[k * stride] = held;
     }
+}
+
+/* The record begins where each input has a value. */
+static void cut_beginning(struct identify_data *d, size_t inputs)
+{
+    struct apc_record *const r = &d->record;
+    size_t k = 0;
+
+    for (size_t j = 0; j < inputs && k < r->n;)
+        if (isnan(r->u[k * inputs + j])) {
+            k++;
+            j = 0;
+        } else {
+            j++;
+        }
+    r->u += k * inputs;
+    r->y += k * r->ny;
+    r->n -= k;
+    d->begin += (double)k * r->Ts;
 }
 
 static void count_gaps(struct identify_data *d)
@@ -111,41 +176,35 @@ static void count_gaps(struct identify_data *d)
     }
 }
 
-static double first_of(const struct series *s)
+static bool has_value(const struct series *s)
 {
     size_t i = 0;
 
     while (i < s->n && !isfinite(s->value[i]))
         i++;
-    return i < s->n ? s->t[i] : HUGE_VAL;
+    return i < s->n;
 }
 
 static int sample(struct reading *r, struct identify_data *d)
 {
     const struct series *first = &r->output[0];
     const double *time = first->t;
-    double Ts, end, *u, *y;
-    int rc = find_period(r, first, &Ts);
+    double Ts, periods, *u, *y;
+    int rc = find_period(r, first, &Ts, &d->begin);
 
     if (rc < 0 || !time)
         return rc;
-    d->begin = time[0];
-    for (size_t i = 0; i < r->inputs; i++) {
-        const double begin = first_of(&r->input[i]);
-
-        if (begin == HUGE_VAL)
+    for (size_t i = 0; i < r->inputs; i++)
+        if (!has_value(&r->input[i]))
             return apc_fail(r->why, APC_EINVAL, "%s: there is no value of \"%s\" in that time", r->file,
                             r->input[i].name);
-        if (begin > d->begin) /* on the grid of the first output */
-            d->begin = time[0] + ceil((begin - time[0]) / Ts - 1e-3) * Ts;
-    }
-    end = time[first->n - 1];
-    if (!(end > d->begin) || (end - d->begin) / Ts > SAMPLES_MOST)
-        return apc_fail(r->why, APC_EINVAL, "%s: %g samples of %g s: must be 2 to %d", r->file,
-                        fmax((end - d->begin) / Ts, 0.0), Ts, SAMPLES_MOST);
+    periods = (time[first->n - 1] - d->begin) / Ts;
+    if (!(periods <= SAMPLES_MOST))
+        return apc_fail(r->why, APC_EINVAL, "%s: %g samples of %g s: must be 2 to %d", r->file, periods, Ts,
+                        SAMPLES_MOST);
     d->record = (struct apc_record){.size = sizeof d->record,
                                     .Ts = Ts,
-                                    .n = (size_t)((end - d->begin) / Ts + ALIKE) + 1,
+                                    .n = (size_t)(fmax(periods, 0.0) + ALIKE) + 1,
                                     .nu = r->inputs - r->wish->disturbances,
                                     .nd = r->wish->disturbances,
                                     .ny = r->outputs};
@@ -155,9 +214,13 @@ static int sample(struct reading *r, struct identify_data *d)
     d->record.u = u;
     d->record.y = y = u + d->record.n * r->inputs;
     for (size_t i = 0; i < r->inputs; i++)
-        hold(&r->input[i], d, r->inputs, u + i);
+        hold(&r->input[i], first, d, r->inputs, u + i);
     for (size_t i = 0; i < r->outputs; i++)
         lay(&r->output[i], d, r->outputs, y + i);
+    cut_beginning(d, r->inputs);
+    if (d->record.n < 2)
+        return apc_fail(r->why, APC_EINVAL, "%s: %zu samples of %g s: must be 2 to %d", r->file, d->record.n,
+                        Ts, SAMPLES_MOST);
     count_gaps(d);
     return 0;
 }

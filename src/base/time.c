@@ -212,10 +212,15 @@ int apc_time_parse(const char *text, apc_ns *utc)
     year += 100 * century;
     /* the range of 64-bit nanoseconds, in whole years */
     if (year < 1678 || year > 2261 || month < 1 || month > 12 || day < 1 || day > days_in(year, month) ||
-        hour > 23 || minute > 59 || second > 59)
+        hour > 23 || minute > 59 || second > 60)
         return APC_EINVAL;
-    *utc = (days_from_date(year, month, day) * 86400 + hour * INT64_C(3600) + minute * INT64_C(60) + second) *
-               APC_NS_PER_S +
-           fraction - offset;
+    const apc_ns whole =
+        (days_from_date(year, month, day) * 86400 + hour * INT64_C(3600) + minute * INT64_C(60) + second) *
+            APC_NS_PER_S -
+        offset;
+    if (second == 60 && whole % (86400 * APC_NS_PER_S) != 0)
+        return APC_EINVAL; /* only a day of UTC ends with a leap second, which Unix time counts as the next
+                              day's first */
+    *utc = whole + fraction;
     return 0;
 }

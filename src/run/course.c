@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "csv.h"
+
 #define FILE_NAME "plant.csv"
 #define HEADER    "time,what,id,value"
 
@@ -183,55 +185,51 @@ static struct curve *find(struct course *c, const char *what, double id)
     return NULL;
 }
 
-static bool take_line(struct course *c, char *line)
+static int take_row(struct course *c, struct csv *csv, struct apc_error *why)
 {
-    char *field[4], *rest = line;
     double t, id, value;
-    line[strcspn(line, "\r\n")] = '\0';
-    for (int i = 0; i < 4; i++)
-        if (!(field[i] = strsep(&rest, ",")))
-            return false;
-    if (rest || apc_number_parse(field[0], &t) < 0 || apc_number_parse(field[2], &id) < 0 ||
-        apc_number_parse(field[3], &value) < 0)
-        return false;
-    if (!strcmp(field[1], "end")) {
+    int rc = csv_number(csv, 0, &t, why);
+
+    if (rc == 0)
+        rc = csv_number(csv, 2, &id, why);
+    if (rc == 0)
+        rc = csv_number(csv, 3, &value, why);
+    if (rc < 0)
+        return rc;
+    if (!strcmp(csv_text(csv, 1), "end")) {
         c->end = t;
         c->diverged = value != 0;
-        return true;
+        return 0;
     }
-    struct curve *curve = find(c, field[1], id);
-    if (!curve || (curve->n > 0 && t < curve->at[curve->n - 1].t))
-        return false;
+    struct curve *const curve = find(c, csv_text(csv, 1), id);
+    if (!curve)
+        return csv_refuse(csv, why, "this experiment has no %.40s %g", csv_text(csv, 1), id);
+    if (curve->n > 0 && t < curve->at[curve->n - 1].t)
+        return csv_refuse(csv, why, "%.40s %g goes back in time", csv_text(csv, 1), id);
     course_add(c, curve, t, value);
-    return true;
+    return 0;
 }
 
 int course_read(struct course *c, const char *dir, const struct apc_dim *dim, struct apc_error *why)
 {
-    char path[600], *line = NULL;
-    size_t size = 0, number = 1;
+    struct csv *csv = NULL;
+    char path[600];
     int rc = course_create(c, dim);
+
     if (rc < 0)
         return apc_fail(why, rc, "out of memory");
     c->end = -1;
     snprintf(path, sizeof path, "%.580s/" FILE_NAME, dir);
-    FILE *in = fopen(path, "re");
-    if (!in)
-        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    if (getline(&line, &size, in) < 0 || strcmp(line, HEADER "\n") != 0)
-        rc = apc_fail(why, APC_EPROTO, "%s:1: expected the columns " HEADER, path);
-    while (rc == 0 && getline(&line, &size, in) >= 0) {
-        number++;
-        if (!take_line(c, line))
-            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected " HEADER " of this experiment, by time", path,
-                          number);
-    }
+    rc = csv_open(&csv, path, why);
+    if (rc == 0)
+        rc = csv_expect(csv, HEADER, why);
+    while (rc == 0 && (rc = csv_next(csv, why)) > 0)
+        rc = take_row(c, csv, why);
+    csv_close(csv);
     if (rc == 0 && c->end < 0)
         rc = apc_fail(why, APC_EPROTO, "%s: is not whole: its last line must tell the end", path);
     if (rc == 0 && c->failed)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    free(line);
-    fclose(in);
     return rc;
 }
 

@@ -1,26 +1,27 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "experiment_parts.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
+#include "csv.h"
+
 #define TEXT_LEN 512
 
 /* ---- Recorded distributions --------------------------------------------------------------- */
 
-/* One kind of histogram file: its header, and how a line of it is taken apart. */
+/* One kind of histogram file: its columns, and which of them is `low`; `high` and `count` follow. */
 struct form {
-    const char *header;
-    int columns, low; /* the column of `low`; `high` and `count` follow */
-    double unit;      /* s */
+    const char *columns;
+    size_t low;
+    double unit; /* s */
 };
 
-static const struct form plain = {"low,high,count", 3, 0, 1.0},
-                         timing = {"task,quantity,period_ns,low_ns,high_ns,count", 6, 3, 1e-9};
+static const struct form plain = {"low,high,count", 0, 1.0},
+                         timing = {"task,quantity,period_ns,low_ns,high_ns,count", 3, 1e-9};
 
 struct histogram {
     struct apc_share *shares;
@@ -28,59 +29,45 @@ struct histogram {
     double total;
 };
 
-/* True when the line is good, whether or not it is of the task and quantity asked for. */
-static bool take_line(struct histogram *h, const struct form *form, char *line, const char *task,
-                      const char *quantity)
+/* A row, where it is of the task and quantity asked for. */
+static int take_row(struct histogram *h, const struct form *form, struct csv *csv, const char *task,
+                    const char *quantity, struct apc_error *why)
 {
-    char *field[6], *rest = line;
-    double low, high, count;
+    double number[3];
 
-    line[strcspn(line, "\r\n")] = '\0';
-    for (int i = 0; i < form->columns; i++)
-        if (!(field[i] = strsep(&rest, ",")))
-            return false;
-    if (rest)
-        return false;
-    /* NOLINTNEXTLINE(clang-analyzer-core.*): the loop has filled all columns */
-    if (form == &timing && (strcmp(field[0], task) != 0 || strcmp(field[1], quantity) != 0))
-        return true;
-    if (apc_number_parse(field[form->low], &low) < 0 || apc_number_parse(field[form->low + 1], &high) < 0 ||
-        apc_number_parse(field[form->low + 2], &count) < 0 || high < low || count < 0)
-        return false;
+    if (form == &timing && (strcmp(csv_text(csv, 0), task) != 0 || strcmp(csv_text(csv, 1), quantity) != 0))
+        return 0;
+    for (size_t i = 0; i < 3; i++)
+        if (csv_number(csv, form->low + i, &number[i], why) < 0)
+            return APC_EPROTO;
+    if (number[1] < number[0] || number[2] < 0)
+        return csv_refuse(csv, why, "a bin from %g to %g that counts %g", number[0], number[1], number[2]);
     if (h->n == h->room) {
         size_t room = h->room ? 2 * h->room : 64;
         struct apc_share *shares = reallocarray(h->shares, room, sizeof *shares);
         if (!shares)
-            return false;
+            return apc_fail(why, APC_ENOMEM, "out of memory");
         h->shares = shares;
         h->room = room;
     }
-    h->total += count;
-    h->shares[h->n++] = (struct apc_share){low * form->unit, high * form->unit, h->total};
-    return true;
+    h->total += number[2];
+    h->shares[h->n++] = (struct apc_share){number[0] * form->unit, number[1] * form->unit, h->total};
+    return 0;
 }
 
 static int read_histogram(struct histogram *h, const char *path, const struct form *form, const char *task,
                           const char *quantity, struct apc_error *why)
 {
-    char *line = NULL;
-    size_t size = 0, number = 1;
-    int rc = 0;
-    FILE *stream = fopen(path, "re");
+    struct csv *csv;
+    int rc = csv_open(&csv, path, why);
 
-    if (!stream)
-        return apc_fail(why, APC_ENOTFOUND, "%s: %s", path, strerror(errno));
-    if (getline(&line, &size, stream) < 0 || strncmp(line, form->header, strlen(form->header)) != 0)
-        rc = apc_fail(why, APC_EINVAL, "%s:1: expected the columns %s", path, form->header);
-    while (rc == 0 && getline(&line, &size, stream) >= 0) {
-        number++;
-        if (!take_line(h, form, line, task, quantity))
-            rc = apc_fail(why, APC_EINVAL, "%s:%zu: expected %s", path, number, form->header);
-    }
+    if (rc == 0)
+        rc = csv_expect(csv, form->columns, why);
+    while (rc == 0 && (rc = csv_next(csv, why)) > 0)
+        rc = take_row(h, form, csv, task, quantity, why);
+    csv_close(csv);
     if (rc == 0 && !(h->total > 0))
         rc = apc_fail(why, APC_ENOTFOUND, "%s: has nothing of the %s of task %s", path, quantity, task);
-    free(line);
-    fclose(stream);
     for (size_t i = 0; i < h->n; i++)
         h->shares[i].share /= h->total;
     return rc;

@@ -1,22 +1,23 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "report_data.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "csv.h"
 
 #define MAX_COLUMNS   12
 #define ID_MAX        8192    /* a module has no more variables of one kind */
 #define PUBLISHED_MAX 1048576 /* of all laws */
 
 /* A file of the run folder: its name, its columns, and what takes one row of it. */
-struct csv {
+struct form {
     const char *name;
-    const char *columns[MAX_COLUMNS + 1]; /* ends with NULL */
+    const char *columns;
     /* Returns 0, APC_ENOMEM, or 1 + the index of the field that is not understood. */
-    int (*row)(struct report_data *data, size_t line, char *const *field);
+    int (*row)(struct report_data *data, size_t line, char const *const *field);
     bool optional; /* folders of older runs have none */
 };
 
@@ -116,7 +117,7 @@ static int take(struct report_group *group, size_t id, const struct report_point
 }
 
 /* All of a row but its table. Returns 0 or 1 + the index of the field that is not understood. */
-static int parse_point(char *const *field, struct report_point *point, double id_max, double *id)
+static int parse_point(char const *const *field, struct report_point *point, double id_max, double *id)
 {
     apc_status status;
     if (apc_number_parse(field[0], &point->t) != 0)
@@ -132,7 +133,7 @@ static int parse_point(char *const *field, struct report_point *point, double id
     return 0;
 }
 
-static int sample_row(struct report_data *data, size_t line, char *const *field)
+static int sample_row(struct report_data *data, size_t line, char const *const *field)
 {
     struct report_point point = {.line = line};
     struct report_group *group;
@@ -159,7 +160,7 @@ static int sample_row(struct report_data *data, size_t line, char *const *field)
 }
 
 /* Of the operation only the actual modes are drawn. */
-static int operation_row(struct report_data *data, size_t line, char *const *field)
+static int operation_row(struct report_data *data, size_t line, char const *const *field)
 {
     struct report_point point = {.line = line};
     const int step = apc_variable_number(APC_OPMODE, 1) - apc_variable_number(APC_OPMODE, 0);
@@ -173,7 +174,7 @@ static int operation_row(struct report_data *data, size_t line, char *const *fie
                : 0;
 }
 
-static int published_row(struct report_data *data, size_t line, char *const *field)
+static int published_row(struct report_data *data, size_t line, char const *const *field)
 {
     struct report_point point = {.line = line};
     double id;
@@ -183,7 +184,7 @@ static int published_row(struct report_data *data, size_t line, char *const *fie
     return take(&data->published, (size_t)id, &point);
 }
 
-static int bin_row(struct report_data *data, size_t line, char *const *field)
+static int bin_row(struct report_data *data, size_t line, char const *const *field)
 {
     struct report_jitter *jitter;
     struct apc_bin bin;
@@ -209,7 +210,7 @@ static int bin_row(struct report_data *data, size_t line, char *const *field)
     return 0;
 }
 
-static int summary_row(struct report_data *data, size_t line, char *const *field)
+static int summary_row(struct report_data *data, size_t line, char const *const *field)
 {
     struct report_jitter *jitter;
 
@@ -232,95 +233,47 @@ static int summary_row(struct report_data *data, size_t line, char *const *field
     return 0;
 }
 
-static const struct csv files[] = {
-    {"samples.csv", {"time", "table", "id", "status", "value"}, sample_row, false},
-    {"operation.csv", {"time", "table", "id", "status", "value"}, operation_row, true},
-    {"published.csv", {"time", "table", "id", "status", "value"}, published_row, true},
-    {"timing.csv", {"task", "quantity", "period_ns", "low_ns", "high_ns", "count"}, bin_row, false},
+static const struct form files[] = {
+    {"samples.csv", "time,table,id,status,value", sample_row, false},
+    {"operation.csv", "time,table,id,status,value", operation_row, true},
+    {"published.csv", "time,table,id,status,value", published_row, true},
+    {"timing.csv", "task,quantity,period_ns,low_ns,high_ns,count", bin_row, false},
     {"timing-summary.csv",
-     {"task", "quantity", "period_ns", "count", "missed", "mean_ns", "sd_ns", "min_ns", "p50_ns", "p99_ns",
-      "p999_ns", "max_ns"},
-     summary_row,
+     "task,quantity,period_ns,count,missed,mean_ns,sd_ns,min_ns,p50_ns,p99_ns,p999_ns,max_ns", summary_row,
      false},
 };
 
 /* ---- Files -------------------------------------------------------------------------------- */
 
-static const char *last_column(const struct csv *csv)
+static int read_row(struct csv *csv, const struct form *form, struct report_data *data, struct apc_error *why)
 {
-    size_t n = 0;
+    char const *field[MAX_COLUMNS];
 
-    while (csv->columns[n + 1])
-        n++;
-    return csv->columns[n];
+    for (size_t i = 0; i < csv_columns(csv); i++)
+        field[i] = csv_text(csv, i);
+    const int bad = form->row(data, csv_line(csv), field);
+    return bad > 0   ? csv_refuse_field(csv, (size_t)bad - 1, why, "cannot be \"%.40s\"", field[bad - 1])
+           : bad < 0 ? apc_fail(why, bad, "%s: out of memory", form->name)
+                     : 0;
 }
 
-/* Cut a line into as many fields as there are columns; false when it has more or fewer of them. */
-static bool split(char *line, size_t length, const char *const *columns, char **field)
-{
-    char *rest = line;
-    size_t n;
-
-    if (strlen(line) != length)
-        return false;
-    line[strcspn(line, "\r\n")] = '\0';
-    for (n = 0; rest && columns[n]; n++)
-        field[n] = strsep(&rest, ",");
-    return !columns[n] && !rest;
-}
-
-static int read_rows(FILE *stream, const struct csv *csv, const char *path, struct report_data *data,
+static int read_file(const char *dir, const struct form *form, struct report_data *data,
                      struct apc_error *why)
 {
-    char *text = NULL, *field[MAX_COLUMNS];
-    size_t size = 0, line = 0;
-    ssize_t length;
-    int rc = 0;
-
-    while (rc == 0 && (length = getline(&text, &size, stream)) >= 0) {
-        line++;
-        if (!split(text, (size_t)length, csv->columns, field)) {
-            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected the columns %s,...,%s and nothing else", path,
-                          line, csv->columns[0], last_column(csv));
-        } else if (line == 1) {
-            for (size_t i = 0; rc == 0 && csv->columns[i]; i++)
-                /* NOLINTNEXTLINE(clang-analyzer-core.*): split() has filled one field for each column */
-                if (strcmp(field[i], csv->columns[i]) != 0)
-                    rc = apc_fail(why, APC_EPROTO, "%s:1: column %zu is \"%.40s\", expected \"%s\"", path,
-                                  i + 1, field[i], csv->columns[i]);
-        } else {
-            int bad = csv->row(data, line, field);
-            if (bad > 0)
-                rc = apc_fail(why, APC_EPROTO, "%s:%zu: column \"%s\" cannot be \"%.40s\"", path, line,
-                              csv->columns[bad - 1], field[bad - 1]);
-            else if (bad < 0)
-                rc = apc_fail(why, bad, "%s: out of memory", path);
-        }
-    }
-    if (rc == 0 && ferror(stream))
-        rc = apc_fail(why, APC_ESYS, "%s: %s", path, strerror(errno));
-    else if (rc == 0 && line == 0)
-        rc = apc_fail(why, APC_EPROTO, "%s: empty; expected a header line", path);
-    free(text);
-    return rc;
-}
-
-static int read_file(const char *dir, const struct csv *csv, struct report_data *data, struct apc_error *why)
-{
+    struct csv *csv;
     char *path;
-    FILE *stream;
-    int rc = 0;
 
-    if (asprintf(&path, "%s/%s", dir, csv->name) < 0)
-        return apc_fail(why, APC_ENOMEM, "%s: out of memory", csv->name);
-    stream = fopen(path, "re");
-    if (stream) {
-        rc = read_rows(stream, csv, path, data, why);
-        fclose(stream);
-    } else if (!csv->optional || errno != ENOENT) {
-        rc = apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    }
+    if (asprintf(&path, "%s/%s", dir, form->name) < 0)
+        return apc_fail(why, APC_ENOMEM, "%s: out of memory", form->name);
+    int rc = csv_open(&csv, path, why);
     free(path);
+    if (rc == APC_ENOTFOUND && form->optional)
+        return 0;
+    if (rc == 0)
+        rc = csv_expect(csv, form->columns, why);
+    while (rc == 0 && (rc = csv_next(csv, why)) > 0)
+        rc = read_row(csv, form, data, why);
+    csv_close(csv);
     return rc;
 }
 
@@ -342,43 +295,26 @@ static void sort_group(struct report_group *group)
     }
 }
 
-/* Warnings and alarms of events.csv: time,severity,source,kind,"text". A folder without it has none. */
-static int read_events(struct report_data *data, const char *dir, struct apc_error *why)
+/* Of warnings and alarms. */
+static int event_row(struct report_data *data, size_t line, char const *const *field)
 {
-    char *path, *line = NULL;
-    size_t size = 0;
-    int rc = 0;
+    struct report_event event = {.alarm = !strcmp(field[1], "alarm")};
+    void *items = data->event;
 
-    if (asprintf(&path, "%s/events.csv", dir) < 0)
-        return apc_fail(why, APC_ENOMEM, "events.csv: out of memory");
-    FILE *stream = fopen(path, "re");
-    for (size_t number = 1; stream && rc == 0 && getline(&line, &size, stream) >= 0; number++) {
-        char *rest = line, *time = strsep(&rest, ","), *severity = strsep(&rest, ","),
-             *source = strsep(&rest, ","), *kind = strsep(&rest, ",");
-        struct report_event event = {0};
-        void *items = data->event;
-        if (number == 1)
-            continue;
-        if (!source || !kind || apc_number_parse(time, &event.t) < 0) {
-            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected time,severity,source,kind,text", path, number);
-            break;
-        }
-        event.alarm = !strcmp(severity, "alarm");
-        if (event.t < 0 || (!event.alarm && strcmp(severity, "warning") != 0))
-            continue;
-        snprintf(event.kind, sizeof event.kind, "%s", kind);
-        if (reserve(&items, data->n_events, &data->events_room, sizeof event) != 0)
-            rc = apc_fail(why, APC_ENOMEM, "%s: out of memory", path);
-        data->event = items;
-        if (rc == 0)
-            data->event[data->n_events++] = event;
-    }
-    if (stream)
-        fclose(stream);
-    free(line);
-    free(path);
-    return rc;
+    (void)line;
+    if (apc_number_parse(field[0], &event.t) < 0)
+        return 1;
+    if (event.t < 0 || (!event.alarm && strcmp(field[1], "warning") != 0))
+        return 0;
+    snprintf(event.kind, sizeof event.kind, "%s", field[3]);
+    if (reserve(&items, data->n_events, &data->events_room, sizeof event) != 0)
+        return APC_ENOMEM;
+    data->event = items;
+    data->event[data->n_events++] = event;
+    return 0;
 }
+
+static const struct form events = {"events.csv", "time,severity,source,kind,text", event_row, true};
 
 int report_read(struct report_data *data, const char *dir, struct apc_error *why)
 {
@@ -393,7 +329,7 @@ int report_read(struct report_data *data, const char *dir, struct apc_error *why
     sort_group(&data->u);
     sort_group(&data->mode);
     sort_group(&data->published);
-    return read_events(data, dir, why);
+    return read_file(dir, &events, data, why);
 }
 
 static void clip_group(struct report_group *group, double begin, double end)

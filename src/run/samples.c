@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "samples.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "csv.h"
 
 #define HEADER "time,table,id,status,value"
 
@@ -156,22 +157,55 @@ void samples_write(const struct samples *s, apc_ns start, FILE *out)
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
-static bool parse_line(char *line, struct apc_sample *sample)
+static int take_row(struct csv *csv, double *t, struct apc_sample *sample, struct apc_error *why)
 {
-    char *field[5], *rest = line;
-    double t, id;
+    double id = 0.0;
+    int rc = csv_number(csv, 0, t, why);
 
-    line[strcspn(line, "\r\n")] = '\0';
-    for (int i = 0; i < 5; i++)
-        if (!(field[i] = strsep(&rest, ",")))
-            return false;
-    if (rest || apc_number_parse(field[0], &t) < 0 || apc_ns_from_s(t, &sample->time) < 0 ||
-        !(sample->table = apc_table_parse(field[1])) || apc_number_parse(field[2], &id) < 0 ||
-        !(id >= 0 && id <= 1e6 && id == floor(id)) || apc_status_parse(field[3], &sample->status) < 0 ||
-        apc_number_parse(field[4], &sample->value) < 0)
-        return false;
+    if (rc == 0 && apc_ns_from_s(*t, &sample->time) < 0)
+        return csv_refuse_field(csv, 0, why, "\"%.40s\" is no time of a run", csv_text(csv, 0));
+    if (rc == 0 && !(sample->table = apc_table_parse(csv_text(csv, 1))))
+        return csv_refuse_field(csv, 1, why, "\"%.40s\" is no table", csv_text(csv, 1));
+    if (rc == 0)
+        rc = csv_number(csv, 2, &id, why);
+    if (rc == 0 && !(id >= 0 && id <= 1e6 && id == floor(id)))
+        return csv_refuse_field(csv, 2, why, "\"%.40s\" must be a whole number from 0 to 1000000",
+                                csv_text(csv, 2));
+    if (rc == 0 && apc_status_parse(csv_text(csv, 3), &sample->status) < 0)
+        return csv_refuse_field(csv, 3, why, "\"%.40s\" is no status", csv_text(csv, 3));
+    if (rc == 0)
+        rc = csv_number(csv, 4, &sample->value, why);
     sample->id = (int)id;
-    return true;
+    return rc;
+}
+
+int samples_each(const char *path, int (*take)(void *ctx, double t, const struct apc_sample *sample),
+                 void *ctx, struct apc_error *why)
+{
+    struct csv *csv;
+    int rc = csv_open(&csv, path, why);
+
+    if (rc < 0)
+        return rc;
+    rc = csv_expect(csv, HEADER, why);
+    while (rc == 0 && (rc = csv_next(csv, why)) > 0) {
+        struct apc_sample sample = {0};
+        double t;
+
+        rc = take_row(csv, &t, &sample, why);
+        if (rc == 0 && (rc = take(ctx, t, &sample)) < 0)
+            rc = apc_fail(why, rc, "%s: %s", path, apc_err_text(rc));
+    }
+    if (rc == 0 && !csv_ended(csv))
+        rc = csv_refuse(csv, why, "ends in the middle of a line: the file is not whole");
+    csv_close(csv);
+    return rc;
+}
+
+static int add(void *ctx, double t, const struct apc_sample *sample)
+{
+    (void)t;
+    return samples_add(ctx, sample);
 }
 
 static int count_seqs(struct samples *s)
@@ -191,28 +225,10 @@ static int count_seqs(struct samples *s)
 
 int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why)
 {
-    char path[600], *line = NULL;
-    size_t size = 0, number = 1;
-    int rc = 0;
+    char path[600];
 
     *s = (struct samples){0};
     snprintf(path, sizeof path, "%.540s/%.50s", dir, name);
-    FILE *stream = fopen(path, "re");
-    if (!stream)
-        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
-    if (getline(&line, &size, stream) < 0 || strcmp(line, HEADER "\n") != 0)
-        rc = apc_fail(why, APC_EPROTO, "%s:1: expected the columns " HEADER, path);
-    while (rc == 0 && getline(&line, &size, stream) >= 0) {
-        struct apc_sample sample = {0};
-        number++;
-        if (!parse_line(line, &sample))
-            rc = apc_fail(why, APC_EPROTO, "%s:%zu: expected " HEADER, path, number);
-        else if (samples_add(s, &sample) < 0)
-            rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    }
-    free(line);
-    fclose(stream);
-    if (rc == 0 && count_seqs(s) < 0)
-        rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    return rc;
+    const int rc = samples_each(path, add, s, why);
+    return rc == 0 && count_seqs(s) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : rc;
 }

@@ -22,6 +22,9 @@ void samples_sort(struct samples *s);
  * the run, and the seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in
  * either case. */
 int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why);
+/* Each row of a file as such, with its time as a number: to @p take, which returns 0 or a negative error. */
+int samples_each(const char *path, int (*take)(void *ctx, double t, const struct apc_sample *sample),
+                 void *ctx, struct apc_error *why);
 /* Those that a store has in a range, sorted. Returns 0, APC_ENOMEM or the store's error. */
 int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
                     const struct apc_range *range);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/utf8.h"
 #include "nearest.h"
 
 #define FILE_MAX ((size_t)16 << 20)
@@ -195,10 +196,28 @@ static void quote_line(const char *text, int number, char *line, size_t size)
     snprintf(line, size, "%.*s", text ? (int)strcspn(text, "\r\n") : 0, text ? text : "");
 }
 
+/* Texts go into files and pages, which are UTF-8. */
+static int check_text(const char *file, const char *text, struct apc_error *why)
+{
+    int line = 1;
+
+    for (size_t step; *text; text += step) {
+        line += *text == '\n';
+        if ((step = utf8_length(text)) == 0)
+            return apc_fail(
+                why, APC_EINVAL,
+                "%s:%d: the byte 0x%02X is not UTF-8: save the file in UTF-8 (iconv -f LATIN1 -t UTF-8)",
+                file, line, (unsigned char)*text);
+    }
+    return 0;
+}
+
 static int parse(config_t *config, const char *file, char *text, struct apc_error *why)
 {
     char line[60];
     int rc = strip(file, text, why);
+    if (rc == 0)
+        rc = check_text(file, text, why);
     if (rc < 0 || config_read_string(config, text) == CONFIG_TRUE)
         return rc;
     const int number = config_error_line(config);

@@ -72,6 +72,33 @@ awk 'NR == 1 || NR % 9' tank.csv | sed '30s/,[^,]*$/,NaN/; 31s/,[^,]*$/,/' >gaps
 expect 0 'level: 102 samples are missing, 2 the most at a time' "$apc" identify gaps.csv "${known[@]}" --model transfer -o gaps.model
 near "the gain of the valve, with gaps" "$(number gaps.model valve gain)" 0.4 0.02
 
+# ---- The same record as others write it: the same bytes
+
+same_model() { # FILE ARGUMENTS: the model of tank.csv
+  rm -f as.model
+  expect 0 'the simplest of the best' "$apc" identify "$@" -o as.model
+  cmp -s as.model tank.model || fail "$1 is read as another record: $(diff as.model tank.model)"
+}
+comma() { awk -F, 'NR == 1 { $1 = $1 } NR > 1 { for (i = 1; i <= NF; i++) { sub(/\./, ",", $i); $i = "\"" $i "\"" } } 1' OFS="$1" tank.csv; }
+comma , >pandas.csv && same_model pandas.csv "${known[@]}"
+comma ';' | tr -d '"' >semicolon.csv && same_model semicolon.csv "${known[@]}"
+{ printf '\357\273\277"Time [s]" , "valve","flow","level"\r\n\r\n' && sed '1d; s/$/\r/' tank.csv && printf ',,,\r\n\r\n'; } >excel.csv
+same_model excel.csv "${known[@]}"
+awk -F, -v OFS=, 'NR == 1 { $1 = "TIME"; $5 = "\"what, \n\"\"who\"\"\"" } NR > 1 { s = NR - 2
+  $1 = sprintf("2026-03-01 %02d:%02d:%02d.%d", 23 + s / 7200, s / 120 % 60, s / 2 % 60, s % 2 * 5); $5 = "\"a\nb\"" } 1' tank.csv >dated.csv
+same_model dated.csv "${known[@]}"
+refused() { # REASON COMMAND...: of bad.csv, as the command makes it
+  local reason=$1; shift
+  "$@" >bad.csv
+  expect 1 "bad.csv:$reason" "$apc" identify bad.csv "${known[@]}"
+}
+refused '9: column "TIME": "7.5" is no date, those before it are dates' sed '9s/^2026[^,]*,/7.5,/' dated.csv
+refused '11: column "TIME": "2026-03-01T23:00:02Z" has a time zone, those before it have not' sed '11s/^2026[^,]*,/2026-03-01T23:00:02Z,/' dated.csv
+refused '1: "time" and "Time": which of them is the time' sed '1s/flow/Time/' tank.csv
+refused '1: there are two columns "level"' sed '1s/flow/level/' tank.csv
+refused '5: the byte 0xB0 is not UTF-8' sed "5s/\$/,\xb0/" tank.csv
+refused '2: column "time": "s" is no number' sed '1a s,%,%,degC' tank.csv
+refused '30: 3 fields under 4 names: is the row cut off' sed '30s/,[^,]*$//' tank.csv
 # measured each 0.5 s of a plant that moves each 0.2 s: at 0.4, 1, 1.4, 2, ... of a grid of 0.2 s, and each second
 "$apc" test "$APC_SOURCE_DIR/experiments/first-order.conf" --duration 400 -o sparse >sparse.txt
 expect 0 'each 1 s there are all: --period 1 is what arx, subspace and fir want' "$apc" identify sparse --model transfer
@@ -81,6 +108,24 @@ expect 0 'each 1 s there are all: --period 1 is what arx, subspace and fir want'
 # a state space that is written is the one that was judged
 "$apc" identify tank.csv "${known[@]}" --model arx -o arx.model >/dev/null
 grep -q 'period = 0.5' arx.model || fail "a sampled model does not say its period: $(cat arx.model)"
+
+# ---- Rows that do not come on time are the same rows: late, early, with an offset, with some that are not there
+
+moved() { awk -F, -v OFS=, -v seed=5 "function chance() { seed = (seed * 16807) % 2147483647; return seed / 2147483647 }
+  NR > 1 { \$1 = sprintf(\"%.4f\", \$1 + $1) } NR == 1 || $2" tank.csv; }
+for how in '0.01 * chance()' '-0.01 * chance()' '0.1 * (chance() - 0.5)' '0.37' '(NR == 2 ? 0.2 : 0)' '(NR == 2 ? -0.2 : 0)'; do
+  for which in 1 'chance() < 0.9'; do
+    moved "$how" "$which" >moved.csv
+    expect 0 'one each 0\.(5|500[0-9]*|499[0-9]*) s' "$apc" identify moved.csv "${known[@]}" --model transfer -o moved.model --force
+    near "the gain of the valve, moved by $how" "$(number moved.model valve gain)" 0.4 0.01
+    near "its time constant, moved by $how" "$(number moved.model valve tau)" 5 0.3
+    near "its dead time, moved by $how" "$(number moved.model valve dead_time)" 2 0.2
+    near "the gain of the flow, moved by $how" "$(number moved.model flow gain)" 1.5 0.06
+  done
+done
+awk -F, -v OFS=, 'BEGIN { srand(1); print "time,valve,flow,level" } NR > 1 && NR < 800 { rows[NR] = $0 } END { for (k = 0; k < 40; k++)
+  for (i = 2; i < 800; i++) { split(rows[i], f, ","); printf "%.4f,%s,%s,%s\n", (k * 798 + i) / 2 + 0.005 * rand(), f[2], f[3], f[4] } }' tank.csv >long.csv
+expect 0 'long.csv: 31920 samples, one each 0.5 s' "$apc" identify long.csv "${known[@]}" --model arx
 
 # ---- A run folder, and a controller that takes the model
 
@@ -234,8 +279,10 @@ expect 1 'run: there is no measurement "z"' "$apc" identify run --outputs z
 cut -d, -f2- tank.csv >untimed.csv
 expect 1 'no column "time".*--period' "$apc" identify untimed.csv "${known[@]}"
 expect 0 'one each 0.5 s' "$apc" identify untimed.csv "${known[@]}" --period 0.5 --model transfer
+sed '20s/.*/,,/' untimed.csv >hole.csv
+expect 1 'hole.csv:21: the row before it is empty, and no column tells the time' "$apc" identify hole.csv "${known[@]}" --period 0.5
 sed '20s/,[^,]*$/,high/' tank.csv >text.csv
-expect 1 'text.csv:20: "high" is no number' "$apc" identify text.csv "${known[@]}"
+expect 1 'text.csv:20: column "level": "high" is no number' "$apc" identify text.csv "${known[@]}"
 # two records that do not go together
 awk -F, -v OFS=, 'NR > 1 { $4 = 20 - 0.2 * ($4 - 20) } 1' other.csv >opposite.csv
 expect 0 'level: what fits tank.csv says nothing of opposite.csv: are they records of one plant' \
@@ -268,9 +315,9 @@ cp -r run bad && mv bad.csv bad/samples.csv
 expect 0 'y: [0-9]+ samples are missing' "$apc" identify bad --model transfer -o bad.model
 near "the gain, with Bad samples" "$(number bad.model u gain)" 10 0.2
 sed '20s/$/,7,8,9/' tank.csv >wide.csv # a row with more fields than names
-expect 0 'taken: transfer' "$apc" identify wide.csv "${known[@]}" --model transfer
+expect 1 'wide.csv:20: 7 fields under 4 names' "$apc" identify wide.csv "${known[@]}" --model transfer
 sed '20s/^[^,]*/3/' tank.csv >back.csv
-expect 1 'back.csv:20: the time 3 s is not after' "$apc" identify back.csv "${known[@]}"
+expect 1 'back.csv:20: the time 3 is not after' "$apc" identify back.csv "${known[@]}"
 awk -F, -v OFS=, 'NR > 1 { $1 = $1 + 0.2 * sin(NR) } 1' tank.csv >uneven.csv
 expect 1 'the sample times of "level" change' "$apc" identify uneven.csv "${known[@]}"
 awk -F, -v OFS=, 'NR > 1 { $2 = 50 } 1' tank.csv >still.csv

@@ -66,7 +66,7 @@ expect 0 'sha256' "$apc" simulate "$work/recorded.conf"
 printf 'low,high,count\n0.01,0.02,3\n0.3,0.3,1\n' >"$work/delays.csv"
 expect 0 '[1-9][0-9]* of 1200 exchanges in vain' "$apc" simulate "$conf" --net "delay=recorded($work/delays.csv)"
 printf 'low,high,count\n0.02,0.01,3\n' >"$work/delays.csv"
-expect 1 'delays.csv:2: expected low,high,count' "$apc" simulate "$conf" --net "delay=recorded($work/delays.csv)"
+expect 1 'delays.csv:2: a bin from 0.02 to 0.01 that counts 3' "$apc" simulate "$conf" --net "delay=recorded($work/delays.csv)"
 "$apc" simulate "$conf" --report "$work/clean" >/dev/null
 expect 0 'u +300 +300 +0 +0 +0\.0000' "$apc" replay "$work/clean" --tolerance 0
 expect 1 'u differs by' "$apc" replay "$work/clean" --law "$APC_BUILD_DIR/examples/mylaw.so" --tolerance 0.01
@@ -198,7 +198,7 @@ expect 0 'IAE +5 ' "$apc" simulate "$conf" --duration 60 --runs 20 --seed 16 --a
 "$apc" simulate "$conf" --duration 60 --runs 4 --net loss=0.3 --against "$work/plain.csv" --json >"$work/pairs.json" 2>/dev/null
 grep -q '"differences":\[{"loop":"y","iae":{"runs":4,' "$work/pairs.json" || fail "no differences in the JSON"
 expect 1 'samples.csv:1: expected the file of another campaign' "$apc" simulate "$conf" --runs 2 --against "$work/clean/samples.csv"
-expect 1 'nowhere: cannot be read' "$apc" simulate "$conf" --runs 2 --against "$work/nowhere"
+expect 1 'nowhere: No such file' "$apc" simulate "$conf" --runs 2 --against "$work/nowhere"
 expect 2 '--against: .*--runs' "$apc" simulate "$conf" --against "$work/plain.csv"
 expect 2 '--json and --csv -' "$apc" simulate "$conf" --json --csv -
 

@@ -202,7 +202,10 @@ static void anything_else_is_no_stamp(void **state)
                                  "2026-01-31T12:00:00+1:00",
                                  "2026-01-31T12:00:00+24:00",
                                  "1600-01-01T00:00:00Z",
-                                 "2026-01-31T12:00:60Z"};
+                                 "2026-01-31T12:00:60Z",
+                                 "2026-01-31T23:58:60Z",
+                                 "2026-01-31T23:59:60+01:00",
+                                 "2026-01-31T23:59:61Z"};
     apc_ns t = 42;
     (void)state;
     for (size_t i = 0; i < sizeof texts / sizeof *texts; i++)
@@ -210,6 +213,12 @@ static void anything_else_is_no_stamp(void **state)
     assert_int_equal(apc_time_parse(NULL, &t), APC_EINVAL);
     assert_int_equal(apc_time_parse("2026-01-31T12:00:00Z", NULL), APC_EINVAL);
     assert_int_equal(t, 42);
+    apc_ns midnight = 0; /* with which the Unix time of a leap second coincides, wherever its clock hangs */
+    assert_int_equal(apc_time_parse("2017-01-01T00:00:00.25Z", &midnight), 0);
+    assert_int_equal(apc_time_parse("2016-12-31T23:59:60.25Z", &t), 0);
+    assert_int_equal(t, midnight);
+    assert_int_equal(apc_time_parse("2017-01-01T00:59:60.25+01:00", &t), 0);
+    assert_int_equal(t, midnight);
     assert_int_equal(apc_time_parse("2024-02-29T00:00:00Z", &t), 0);
     assert_int_equal(apc_time_parse("2000-02-29T23:59:59.123456789Z", &t), 0);
     assert_int_equal(apc_time_parse("1678-01-01T00:00:00Z", &t), 0);

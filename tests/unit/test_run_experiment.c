@@ -767,6 +767,16 @@ static void a_file_that_is_not_there_or_no_text_is_refused(void **state)
     fclose(out);
     assert_int_equal(experiment_load(&e, path, 0, NULL, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "is no text"));
+    /* Latin-1 would go into signals.csv and onto the page; in a remark it harms nobody */
+    static const char latin[] = "# 20 \xb0"
+                                "C\nname = \"x\";\ntitle = \"20 \xb0"
+                                "C\";\n";
+    out = fopen(path, "w");
+    assert_non_null(out);
+    assert_int_equal(fwrite(latin, 1, sizeof latin - 1, out), sizeof latin - 1);
+    fclose(out);
+    assert_int_equal(experiment_load(&e, path, 0, NULL, &why), APC_EINVAL);
+    assert_non_null(strstr(why.text, ":3: the byte 0xB0 is not UTF-8: save the file in UTF-8"));
 }
 
 static void the_nearest_name_is_one_that_is_alike(void **state)

@@ -199,17 +199,17 @@ static void a_file_that_is_no_histogram_is_refused_with_its_line(void **state)
     static const struct {
         const char *text, *reason;
     } of[] = {
-        {"", "h.csv:1: expected the columns low,high,count"},
+        {"", "h.csv:1: it is empty"},
         {"low,high\n1,2\n", "h.csv:1: expected the columns low,high,count"},
         {"low,high,count\n", "h.csv: has nothing of the delay of task network"},
         {"low,high,count\n1,2,0\n", "h.csv: has nothing of the delay"},
-        {"low,high,count\n1,2,1\n1,2\n", "h.csv:3: expected low,high,count"},
-        {"low,high,count\n1,2,1,1\n", "h.csv:2: expected low,high,count"},
-        {"low,high,count\n2,1,1\n", "h.csv:2: expected low,high,count"},
-        {"low,high,count\n1,2,-1\n", "h.csv:2: expected low,high,count"},
-        {"low,high,count\n1,two,1\n", "h.csv:2: expected low,high,count"},
-        {"low,high,count\none,2,1\n", "h.csv:2: expected low,high,count"},
-        {"low,high,count\n1,2,\n", "h.csv:2: expected low,high,count"},
+        {"low,high,count\n1,2,1\n1,2\n", "h.csv:3: 2 fields under 3 names"},
+        {"low,high,count\n1,2,1,1\n", "h.csv:2: 4 fields under 3 names"},
+        {"low,high,count\n2,1,1\n", "h.csv:2: a bin from 2 to 1 that counts 1"},
+        {"low,high,count\n1,2,-1\n", "h.csv:2: a bin from 1 to 2 that counts -1"},
+        {"low,high,count\n1,two,1\n", "h.csv:2: column \"high\": \"two\" is no number"},
+        {"low,high,count\none,2,1\n", "h.csv:2: column \"low\": \"one\" is no number"},
+        {"low,high,count\n1,2,\n", "h.csv:2: column \"count\": \"\" is no number"},
     };
     char spec[400];
     struct models m = {0};

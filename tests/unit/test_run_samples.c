@@ -239,21 +239,22 @@ static void a_line_that_is_no_sample_is_refused_with_its_number(void **state)
     static const struct {
         const char *text, *reason;
     } of[] = {
-        {"", "x.csv:1: expected the columns time,table,id,status,value"},
+        {"", "x.csv:1: it is empty; expected a row of names"},
         {"time,table\n", "x.csv:1: expected the columns"},
-        {HEADER "0,sensor,1,Good,1\n0,sensor,1,Good\n", "x.csv:3: expected time,table,id,status,value"},
-        {HEADER "0,sensor,1,Good,1,1\n", "x.csv:2: expected"},
-        {HEADER "x,sensor,1,Good,1\n", "x.csv:2: expected"},
-        {HEADER "1e300,sensor,1,Good,1\n", "x.csv:2: expected"},
-        {HEADER "0,censor,1,Good,1\n", "x.csv:2: expected"},
-        {HEADER "0,sensor,one,Good,1\n", "x.csv:2: expected"},
-        {HEADER "0,sensor,-1,Good,1\n", "x.csv:2: expected"},
-        {HEADER "0,sensor,1.5,Good,1\n", "x.csv:2: expected"},
-        {HEADER "0,sensor,1000001,Good,1\n", "x.csv:2: expected"},
-        {HEADER "0,sensor,1,Excellent,1\n", "x.csv:2: expected"},
-        {HEADER "0,sensor,1,Good,nan\n", "x.csv:2: expected"},
-        {HEADER "0,sensor,1,Good,\n", "x.csv:2: expected"},
-        {HEADER "\n", "x.csv:2: expected"},
+        {HEADER "0,sensor,1,Good,1\n0,sensor,1,Good\n",
+         "x.csv:3: 4 fields under 5 names: is the row cut off?"},
+        {HEADER "0,sensor,1,Good,1,1\n", "x.csv:2: 6 fields under 5 names"},
+        {HEADER "x,sensor,1,Good,1\n", "x.csv:2: column \"time\": \"x\" is no number"},
+        {HEADER "1e300,sensor,1,Good,1\n", "x.csv:2: column \"time\": \"1e300\" is no time of a run"},
+        {HEADER "0,censor,1,Good,1\n", "x.csv:2: column \"table\": \"censor\" is no table"},
+        {HEADER "0,sensor,one,Good,1\n", "x.csv:2: column \"id\": \""},
+        {HEADER "0,sensor,-1,Good,1\n", "x.csv:2: column \"id\": \""},
+        {HEADER "0,sensor,1.5,Good,1\n", "x.csv:2: column \"id\": \""},
+        {HEADER "0,sensor,1000001,Good,1\n", "x.csv:2: column \"id\": \""},
+        {HEADER "0,sensor,1,Excellent,1\n", "x.csv:2: column \"status\": \"Excellent\" is no status"},
+        {HEADER "0,sensor,1,Good,nan\n", "x.csv:2: column \"value\": \"nan\" is no number"},
+        {HEADER "0,sensor,1,Good,\n", "x.csv:2: column \"value\": \"\" is no number"},
+        {HEADER "0,sensor,1,Good,1.2", "x.csv:2: ends in the middle of a line"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -263,8 +264,8 @@ static void a_line_that_is_no_sample_is_refused_with_its_number(void **state)
         assert_has(why.text, of[i].reason);
         samples_free(&samples);
     }
-    scratch_write("x.csv",
-                  HEADER "0,sensor,0,Good,1\r\n0,sensor,1000000,Good,1\n-1,sensor,1,Good,-1e300"); /* edges */
+    scratch_write("x.csv", HEADER
+                  "0,sensor,0,Good,1\r\n0,sensor,1000000,Good,1\n\n-1,sensor,1,Good,-1e300\n"); /* edges */
     assert_int_equal(samples_read(&samples, scratch_folder(), "x.csv", &why), 0);
     assert_int_equal(samples.n, 3);
     samples_free(&samples);
@@ -289,22 +290,21 @@ static void a_line_that_is_of_no_course_is_refused_with_its_number(void **state)
     static const struct {
         const char *text, *reason;
     } of[] = {
-        {"", "plant.csv:1: expected the columns time,what,id,value"},
+        {"", "plant.csv:1: it is empty; expected a row of names"},
         {"time,what\n", "plant.csv:1: expected the columns"},
-        {COURSE "0,output,1,1\n0,output,3,1\n",
-         "plant.csv:3: expected time,what,id,value of this experiment"},
-        {COURSE "0,output,0,1\n", "plant.csv:2: expected"},
-        {COURSE "0,output,1.5,1\n", "plant.csv:2: expected"},
-        {COURSE "0,setpoint,2,1\n", "plant.csv:2: expected"},
-        {COURSE "0,input,2,1\n", "plant.csv:2: expected"},
-        {COURSE "0,without,2,1\n", "plant.csv:2: expected"},
-        {COURSE "0,outlet,1,1\n", "plant.csv:2: expected"},
-        {COURSE "x,output,1,1\n", "plant.csv:2: expected"},
-        {COURSE "0,output,x,1\n", "plant.csv:2: expected"},
-        {COURSE "0,output,1,x\n", "plant.csv:2: expected"},
-        {COURSE "0,output,1\n", "plant.csv:2: expected"},
-        {COURSE "0,output,1,1,1\n", "plant.csv:2: expected"},
-        {COURSE "1,output,1,1\n0,output,1,1\n", "plant.csv:3: expected"},
+        {COURSE "0,output,1,1\n0,output,3,1\n", "plant.csv:3: this experiment has no output 3"},
+        {COURSE "0,output,0,1\n", "plant.csv:2: this experiment has no output 0"},
+        {COURSE "0,output,1.5,1\n", "plant.csv:2: this experiment has no output 1.5"},
+        {COURSE "0,setpoint,2,1\n", "plant.csv:2: this experiment has no setpoint 2"},
+        {COURSE "0,input,2,1\n", "plant.csv:2: this experiment has no input 2"},
+        {COURSE "0,without,2,1\n", "plant.csv:2: this experiment has no without 2"},
+        {COURSE "0,outlet,1,1\n", "plant.csv:2: this experiment has no outlet 1"},
+        {COURSE "x,output,1,1\n", "plant.csv:2: column \"time\": \"x\" is no number"},
+        {COURSE "0,output,x,1\n", "plant.csv:2: column \"id\": \"x\" is no number"},
+        {COURSE "0,output,1,x\n", "plant.csv:2: column \"value\": \"x\" is no number"},
+        {COURSE "0,output,1\n", "plant.csv:2: 3 fields under 4 names"},
+        {COURSE "0,output,1,1,1\n", "plant.csv:2: 5 fields under 4 names"},
+        {COURSE "1,output,1,1\n0,output,1,1\n", "plant.csv:3: output 1 goes back in time"},
         {COURSE "0,output,1,1\n", "plant.csv: is not whole"},
         {COURSE "-1,end,1,0\n", "plant.csv: is not whole"},
     };

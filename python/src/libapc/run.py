@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 import re
 import warnings
@@ -39,7 +40,7 @@ class Run:
     def signals(self) -> dict[tuple[str, int], tuple[str, str]]:
         """What its tables and ids are called: {("sensor", 1): ("y", "V")}."""
         return {(row["table"], int(row["id"])): (row["name"], row["unit"])
-                for row in csv.DictReader(_read(_there(self.folder / "signals.csv")).splitlines())}
+                for row in csv.DictReader(io.StringIO(_read(_there(self.folder / "signals.csv")), newline=""))}
 
     @property
     def start(self) -> Optional["np.datetime64"]:

@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Tables of text by RFC 4180: a row of names, and rows of as many fields. The names decide whether ',', ';'
+ * or a tab is between fields. A field in quotes may have these, doubled quotes and ends of lines. Lines end
+ * with LF, CR LF or CR; blanks around fields, a byte order mark, and rows without anything are passed over.
+ * Numbers have a point, or throughout the file a comma: within quotes, or where ';' or a tab is between
+ * fields.
+ *
+ * What may mean one thing or another is refused, with FILE:LINE, the column and the reason.
+ */
+#ifndef APC_CSV_H
+#define APC_CSV_H
+
+#include <apcbase.h>
+
+#include <stdbool.h>
+#include <stddef.h>
+
+struct csv;
+
+/* Open a file and read its names. Returns 0, APC_ENOTFOUND, APC_ESYS, APC_EPROTO or APC_ENOMEM; *csv is NULL
+ * unless 0. */
+int csv_open(struct csv **csv, const char *path, struct apc_error *why);
+void csv_close(struct csv *csv);
+/* The next row. Returns 1, 0: there is none more and no number was in doubt, or a negative error. */
+int csv_next(struct csv *csv, struct apc_error *why);
+
+size_t csv_columns(const struct csv *csv);
+const char *csv_name(const struct csv *csv, size_t column);
+/* What stands there, until the next row; "" where nothing does. */
+const char *csv_text(const struct csv *csv, size_t column);
+/* Nothing, or NaN, in any case. */
+bool csv_missing(const struct csv *csv, size_t column);
+/* Returns 0 or APC_EPROTO. */
+int csv_number(struct csv *csv, size_t column, double *value, struct apc_error *why);
+
+/* The line where the row begins, the names' being 1. */
+size_t csv_line(const struct csv *csv);
+/* Rows without anything that were passed over on the way to this one. */
+size_t csv_passed(const struct csv *csv);
+/* Did the last line of the file have an end? What programs write always does. */
+bool csv_ended(const struct csv *csv);
+/* APC_EPROTO for the row that was read, and what is wrong with it. */
+int csv_refuse(const struct csv *csv, struct apc_error *why, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+/* The same for one of its fields. */
+int csv_refuse_field(const struct csv *csv, size_t column, struct apc_error *why, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+/* Are the names these, which are parted by ',' here? Returns 0 or APC_EPROTO. */
+int csv_expect(const struct csv *csv, const char *names, struct apc_error *why);
+
+#endif
