@@ -21,6 +21,7 @@
 #define RETURN          APC_NS_PER_S                            /* for a tick to return when all is to end */
 #define WINDOW          ((int)(RECORDER_WINDOW / HOUSEKEEPING)) /* looks between two timing rows */
 #define SPOOL_IN_MEMORY ((uint64_t)16 << 20)
+#define STACK           ((size_t)512 * 1024) /* of a thread, as those of tasks have it */
 #define TAKEOVER                                                                                             \
     (12 *                                                                                                    \
      APC_NS_PER_S) /* how long to wait for a dead predecessor's claim: the server may need 8 s to notice */
@@ -205,6 +206,17 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
 }
 
+/* A stack is locked in memory as a whole, and by default it has 8 MiB. Before the first thread. */
+static void bound_stacks(void)
+{
+    pthread_attr_t attr;
+    if (pthread_attr_init(&attr) == 0) {
+        if (pthread_attr_setstacksize(&attr, STACK) == 0)
+            (void)pthread_setattr_default_np(&attr);
+        pthread_attr_destroy(&attr);
+    }
+}
+
 int daemon_open(struct daemon *d, const struct program *program, void *own, int argc, char **argv)
 {
     struct apc_store *records = NULL;
@@ -216,6 +228,7 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     d->task_name = program->task;
     d->options.own = own;
     parse_options(d, argc, argv);
+    bound_stacks();
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
     if ((rc = warden_create(&d->warden)) < 0)

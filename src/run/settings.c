@@ -262,8 +262,11 @@ int settings_read(const char *file, char **text, struct apc_error *why)
     else
         (*text)[n] = '\0';
     fclose(in);
-    if (rc == 0)
+    if (rc == 0) { /* what it does not need would be locked in memory, and the heap would grow as large */
+        char *fitting = realloc(*text, n + 1);
+        *text = fitting ? fitting : *text;
         return 0;
+    }
     free(*text);
     *text = NULL;
     return rc;

@@ -36,6 +36,14 @@ expect 0 '' "$apc" set u 1.2
 expect 0 '' "$apc" mode auto
 expect 0 ',sensor,1,Good,' "$apc" history y --last 3 --csv
 
+# what a daemon of the loop has locked of its own, kB
+own_locked() { awk '/^Private_/ {p += $2} /^Locked/ {if ($2 > 0) n += p; p = 0} END {print n + 0}' "/proc/$1/smaps"; }
+for name in apc-plant apc-client apc-controller; do
+  pid=$(daemon $name) locked=$(own_locked "$pid")
+  [ "$locked" -gt 0 ] || echo "$name: memory cannot be locked here, so how much of it is not tested"
+  [ "$locked" -le 8192 ] || fail "$name has locked $locked kB of its own"
+done
+
 # a second run on the same segment is refused and names who is there
 expect 4 'sensor 1 of shm:.* is already written by apc-client' "$apc" run "$work/fast.conf" --duration 1 --out "$work/second"
 
