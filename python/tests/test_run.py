@@ -118,7 +118,7 @@ def test_of_several_parts_each_has_its_lines(large):
     ("1.0,sensor,1,Good", "4 fields under 5 names"), ("1.0,sensor,1,Good,2,3", "6 fields under 5 names"),
     ("1.0,sensor,1,Good,nan", 'column "value"'), ("1.0,sensor,1,Good,", 'column "value"'), ("1.0,nothing,1,Good,2", 'column "table"'),
     ("1.0,sensor,x,Good,2", 'column "id"'), ("1.0,sensor,-1,Good,2", 'column "id"'), ("1.0,sensor,1,Wonderful,2", 'column "status"'),
-    ("\0\0\0\0", "a byte 0"), (300 * "1" + ",sensor,1,Good,2", 'column "time"'), ('1.0,sen"sor,1,Good,2', "a quote stands")])
+    ("\0\0\0\0", "a byte 0"), (300 * "1" + ",sensor,1,Good,2", 'column "time"'), ('1.0,sen"sor,1,Good,2', 'column "table": a quote stands')])
 def test_a_damaged_file_names_its_line(folder, row, what):
     with open(folder / "samples.csv", "a") as samples:
         samples.write(row + "\n")
