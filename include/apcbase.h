@@ -155,8 +155,8 @@ APC_API int apc_period_from_s(double seconds, apc_ns *period, struct apc_error *
 APC_API char *apc_time_format(apc_ns utc, char text[APC_TIME_LEN]);
 /**
  * Read RFC 3339 (Z or +hh:mm) or the paper's `2026-01-31 12:00:00.123456`; without a zone it is UTC;
- * up to nine decimals. A leap second, 23:59:60 of UTC, is the first of the next day, as in Unix time. The whole
- * text must match. Returns 0 or APC_EINVAL. [tick]
+ * up to nine decimals. A leap second, 23:59:60 of UTC, is the first of the next day, as in Unix time. The
+ * whole text must match. Returns 0 or APC_EINVAL. [tick]
  */
 APC_API int apc_time_parse(const char *text, apc_ns *utc);
 
