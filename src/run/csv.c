@@ -41,8 +41,8 @@ struct csv {
 
 /* ---- What is wrong ------------------------------------------------------------------------- */
 
-static int refuse(const struct csv *csv, struct apc_error *why, const char *column, const char *format,
-                  va_list ap)
+static int __attribute__((format(printf, 4, 0)))
+refuse(const struct csv *csv, struct apc_error *why, const char *column, const char *format, va_list ap)
 {
     char text[300];
 
