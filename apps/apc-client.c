@@ -77,8 +77,9 @@ struct shell {
     bool know_u;
     struct apc_value *command, *measured; /* [nu], [ny] of this tick */
     struct apc_sample *y;                 /* [ny] */
-    struct state_watch link_state, command_state, output_state;
+    struct state_watch link_state, output_state;
     struct state_watch *range_state;                  /* [ny] up: within */
+    struct apc_watchdog watchdog;                     /* of the plant, as far as it can be seen from here */
     char reason[sizeof((struct apc_event *)0)->text]; /* for which the plant is lost, as it was said last */
     unsigned reasons;                                 /* said so far; 0: it is connected */
     struct apc_histogram *round_trip;
@@ -115,21 +116,29 @@ static void report(struct shell *s, struct state_watch *state, bool up, const ch
         daemon_event(s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, kind, "%s %s%s%s", what,
                      up ? "connected" : "lost, trying again", *why ? ": " : "", why);
     else if (change == CHANGE_MANY)
-        daemon_event(s->d, APC_EVENT_WARNING, kind,
-                     "%s came and went %u more times in the last minute; now %s", what, state->count,
-                     up ? "connected" : "lost");
+        daemon_event(s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, kind,
+                     "%s came and went, %u changes meanwhile; now %s%s%s", what, state->count,
+                     up ? "connected" : "lost", *why ? ": " : "", why);
 }
 
-/* Whether an external plant is commanded nobody else can say; one of ours says it itself. */
+/* Whether an external plant is commanded nobody else can say; one of ours says it itself, by the same
+ * watchdog. Each change is told: apc run judges by them. */
 static void report_command(struct shell *s, bool given)
 {
-    enum change change = state_watch_look(&s->command_state, given, apc_clock_mono(NULL));
-    if (change != CHANGE_NONE && s->d->experiment.plant.external)
-        daemon_event(s->d, given ? APC_EVENT_INFO : APC_EVENT_WARNING, "command", "%s",
-                     given
-                         ? "the plant is given its commands"
-                         : "the plant is given no command: not every output is fresh and good, or it is not "
-                           "reached, does not take them, or has others");
+    const apc_ns now = apc_clock_mono(NULL);
+    struct apc_watchdog *w = &s->watchdog;
+    apc_ns stamp = s->command[0].time;
+    for (size_t i = 1; i < s->d->experiment.dim.nu; i++)
+        stamp = s->command[i].time > stamp ? s->command[i].time : stamp;
+    if (apc_watchdog_trips(w, now) && s->d->experiment.plant.external)
+        daemon_event_at(s->d, w->tripped, APC_EVENT_WARNING, "command",
+                        "the plant is given no command: not every output is fresh and good, or it is not "
+                        "reached, does not take them, or has others");
+    const bool before = w->commanded;
+    if (given)
+        apc_watchdog_take(w, now, stamp);
+    if (w->commanded && !before && s->d->experiment.plant.external)
+        daemon_event(s->d, APC_EVENT_INFO, "command", "the plant is given its commands");
 }
 
 /* Why it is lost may come out later than that it is: a handshake outlasts a tick. */
@@ -157,17 +166,14 @@ static bool outputs_stand(struct shell *s)
             snprintf(why, sizeof why, "%.100s stood at %.6g, which is not what it was given",
                      e->u[i].tag.name, value);
     }
-    /* as long as all is well from the start on, nothing is said */
-    if (!s->output_state.since)
-        s->output_state.up = true;
     enum change change = state_watch_look(&s->output_state, !why[0], apc_clock_mono(NULL));
     if (change == CHANGE_ONE)
         daemon_event(s->d, why[0] ? APC_EVENT_WARNING : APC_EVENT_INFO, "readback", "%s",
                      why[0] ? why : "the plant has the outputs that it was given again");
     else if (change == CHANGE_MANY)
-        daemon_event(s->d, APC_EVENT_WARNING, "readback",
-                     "the plant's outputs came and went %u more times in the last minute%s%s",
-                     s->output_state.count, why[0] ? "; now " : "", why);
+        daemon_event(s->d, why[0] ? APC_EVENT_WARNING : APC_EVENT_INFO, "readback",
+                     "what stands in the plant changed %u times meanwhile; now %s", s->output_state.count,
+                     why[0] ? why : "it has the outputs that it was given");
     return !why[0];
 }
 
@@ -487,6 +493,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
     struct apc_error why;
     int64_t *last = calloc(e->dim.ny, sizeof *last);
 
+    s->watchdog = apc_watchdog_make(e->client.rhythm.period, cores_command_period(e));
     s->patience = cores_patience(e);
     s->budget = s->patience / 2;
     s->d->store_pause = e->controllers->rhythm.period;
@@ -556,7 +563,8 @@ int main(int argc, char **argv)
 {
     struct daemon d;
     struct own_options own = {0};
-    struct shell s = {.d = &d, .store_state = {.up = true}, .link_state = {.up = true}};
+    struct shell s = {
+        .d = &d, .store_state = {.up = true}, .link_state = {.up = true}, .output_state = {.up = true}};
     int rc = apc_mutex_init(&s.mutex);
     pthread_cond_init(&s.answer, NULL);
     sem_init(&s.work, 0, 0);

@@ -69,6 +69,30 @@ APC_API bool apc_freshness_look(struct apc_freshness *f, int64_t mark, apc_ns so
 APC_API bool apc_freshness_dated(struct apc_freshness *f, int64_t mark, apc_ns written, struct apc_now now,
                                  apc_ns horizon);
 
+/* ---- Watchdog ------------------------------------------------------------------------------ */
+
+/**
+ * Is a plant commanded? It is as long as commands come, and new ones among them. One who repeats a command
+ * keeps the link alive, but is no sign of life of the controller. Zeroed but for the limits: it never was.
+ */
+struct apc_watchdog {
+    apc_ns link;     /**< without a command for longer it trips, ... */
+    apc_ns command;  /**< ... and without a new one */
+    bool commanded;  /**< there is a command that has not run out */
+    bool ever;       /**< there was one; then: */
+    apc_ns stamp;    /**< of the newest */
+    apc_ns given;    /**< mono of the last */
+    apc_ns changed;  /**< mono of the last with a new stamp */
+    apc_ns deadline; /**< mono: when it will trip, if none comes */
+    apc_ns tripped;  /**< mono: when it did so last */
+};
+/** Set the limits: 3 periods + 100 ms, of the client and of the controller. [setup] */
+APC_API struct apc_watchdog apc_watchdog_make(apc_ns link_period, apc_ns command_period);
+/** A command has come, known by its @p stamp. It ends a trip only when that is a new one. [tick] */
+APC_API void apc_watchdog_take(struct apc_watchdog *watchdog, apc_ns mono, apc_ns stamp);
+/** To be asked before anything else: true when it has tripped since the last look, at its deadline. [tick] */
+APC_API bool apc_watchdog_trips(struct apc_watchdog *watchdog, apc_ns mono);
+
 /* ---- Scheduler ---------------------------------------------------------------------------- */
 
 /** A setpoint that it moves. */
@@ -203,6 +227,8 @@ APC_API int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now 
 APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, uint64_t connection,
                                     const char *request, size_t length, char *reply, size_t size,
                                     struct apc_notice *notice);
+/** Its watchdog: when it tripped, which may lie before the call that told of it. [any] */
+APC_API const struct apc_watchdog *apc_plantserver_watchdog(const struct apc_plantserver *server);
 /** The newest connection that sent a command; 0: none yet. [any] */
 APC_API uint64_t apc_plantserver_commander(const struct apc_plantserver *server);
 /** What the plant is being given now: [nu]; true when it is the safe value. [tick] */

@@ -104,8 +104,9 @@ static void tell(struct shell *s, struct state_watch *state, bool up, const char
         daemon_event(&s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, "mqtt", "%s %s%s%.130s", what,
                      up ? "again" : "no more, trying again", *why && !up ? ": " : "", up ? "" : why);
     else if (change == CHANGE_MANY)
-        daemon_event(&s->d, APC_EVENT_WARNING, "mqtt",
-                     "%s or not: it changed %u more times in the last minute", what, state->count);
+        daemon_event(&s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, "mqtt",
+                     "%s or not: it changed %u times meanwhile; now %s%s%.100s", what, state->count,
+                     up ? "it is so" : "it is not", *why && !up ? ": " : "", up ? "" : why);
 }
 
 static void tell_gaps(struct shell *s, const struct apc_forward_stats *stats)

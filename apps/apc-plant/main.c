@@ -91,19 +91,18 @@ static const struct program program = {
 };
 
 /* One that can be solved, and cannot, again and again, is counted instead of told of each time. */
-static void tell(struct shell *s, const struct apc_notice *notice)
+static void tell(struct shell *s, const struct apc_notice *notice, apc_ns tripped)
 {
     const bool of_solving = notice->kind == APC_NOTICE_FAILED || notice->kind == APC_NOTICE_RECOVERED;
     const bool solved = of_solving ? notice->kind == APC_NOTICE_RECOVERED : s->solved.up;
     const enum change change = state_watch_look(&s->solved, solved, apc_clock_mono(NULL));
 
     if (!of_solving || change == CHANGE_ONE)
-        daemon_notice(s->d, notice);
-    if (change == CHANGE_MANY)
-        daemon_event(
-            s->d, APC_EVENT_ALARM, "measurement",
-            "the plant could not be solved, and could again, %u more times in the last minute; now it %s",
-            s->solved.count, solved ? "can" : "cannot");
+        daemon_notice_at(s->d, notice, notice->kind == APC_NOTICE_TRIP ? tripped : apc_clock_mono(NULL));
+    if (change == CHANGE_MANY || (change == CHANGE_ONE && !of_solving))
+        daemon_event(s->d, solved ? APC_EVENT_INFO : APC_EVENT_ALARM, "measurement",
+                     "the plant could not be solved, and could again: %u changes meanwhile; now it %s",
+                     s->solved.count, solved ? "can" : "cannot");
 }
 
 static int on_tick(void *ctx, const struct apc_tick *tick)
@@ -114,9 +113,10 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 
     pthread_mutex_lock(&s->mutex);
     (void)apc_plantserver_tick(s->core, now, &notice); /* that it fails the notice says, once */
+    const apc_ns tripped = apc_plantserver_watchdog(s->core)->tripped;
     s->ticks++;
     pthread_mutex_unlock(&s->mutex);
-    tell(s, &notice);
+    tell(s, &notice, tripped);
     return 0;
 }
 
@@ -159,11 +159,12 @@ int on_request(void *ctx, uint64_t connection, const char *request, size_t lengt
     hurry(s);
     pthread_mutex_lock(&s->mutex);
     int rc = apc_plantserver_request(s->core, now, connection, request, length, reply, size, &notice);
+    const apc_ns tripped = apc_plantserver_watchdog(s->core)->tripped;
     pthread_mutex_unlock(&s->mutex);
     if (notice.kind == APC_NOTICE_RIVALS || notice.kind == APC_NOTICE_FENCED)
         tell_of_rivals(s, notice.kind, connection);
     else
-        daemon_notice(s->d, &notice);
+        daemon_notice_at(s->d, &notice, notice.kind == APC_NOTICE_TRIP ? tripped : now.mono);
     return rc;
 }
 

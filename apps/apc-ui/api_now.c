@@ -355,7 +355,7 @@ static void standing_metrics(const struct model *m, apc_ns now, struct text *t)
         label(t, m->plant.loops.controller[i].name);
         text_add(t, "} %d\n", ticks);
     }
-    metric(t, "apc_plant_safe", "gauge", "1: the plant is at its safe value.");
+    metric(t, "apc_plant_safe", "gauge", "1: the plant is given no command; ours is at its safe value.");
     if (m->standing.safe >= 0)
         text_add(t, "apc_plant_safe %d\n", m->standing.safe);
     metric(t, "apc_task_age_seconds", "gauge", "Since a task reported ticks.");

@@ -247,11 +247,14 @@ static void take_trouble(struct model *m, const struct apc_event *event, bool mo
 
 void model_take_event(struct model *m, const struct apc_event *event)
 {
-    const bool plant = !strcmp(event->source, "apc-plant"), good = event->severity == APC_EVENT_INFO,
-               start = !strcmp(event->kind, "start"), mode = !strcmp(event->kind, "mode");
+    const bool plant = !strcmp(event->source, "apc-plant"), client = !strcmp(event->source, "apc-client"),
+               good = event->severity == APC_EVENT_INFO, start = !strcmp(event->kind, "start"),
+               mode = !strcmp(event->kind, "mode"), command = client && !strcmp(event->kind, "command");
     struct standing *s = &m->standing;
     pthread_mutex_lock(&m->mutex);
-    if (plant && (start || !strcmp(event->kind, "watchdog"))) {
+    s->external |= command; /* of such a plant its client knows */
+    if (command || (start && client && s->external) ||
+        (plant && !s->external && (start || !strcmp(event->kind, "watchdog")))) {
         s->safe = !good || start; /* it starts there */
         s->safe_since = event->time;
     }
@@ -297,6 +300,17 @@ static void silence(struct text *t, const char *name, const char *what, apc_ns a
         text_add(t, "%s: no %s for %.1f s\n", name, what, apc_ns_to_s(age));
 }
 
+/* An output of the plant is out of service, so that nobody is to command it. */
+static bool excused(const struct model *m)
+{
+    for (size_t i = 0; i < m->plant.loops.n; i++) {
+        const char *actual = actual_mode(m, &m->plant.loops.at[i]);
+        if (m->plant.loops.at[i].table == APC_ACTUATOR && actual && !strcmp(actual, "OOS"))
+            return true;
+    }
+    return false;
+}
+
 size_t model_silent(const struct model *m, apc_ns now, struct text *t)
 {
     size_t n = 0;
@@ -315,6 +329,10 @@ size_t model_silent(const struct model *m, apc_ns now, struct text *t)
             silence(t, m->task[i].name, "tick reported", now - m->task[i].heard);
             n++;
         }
+    if (m->standing.safe > 0 && !excused(m)) {
+        text_add(t, "the plant is given no command\n");
+        n++;
+    }
     return n;
 }
 

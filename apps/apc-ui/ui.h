@@ -85,7 +85,9 @@ struct link_state {
 
 /* What stands, whatever scrolls away: told by events, judged by ticks. */
 struct standing {
-    int safe;                     /* the plant at its safe value: 1, 0; -1: nobody has said */
+    bool external;                /* the plant, as far as anybody has said */
+    int safe;                     /* it is at its safe value or, external, given no command: 1, 0; -1:
+                                     nobody has said */
     apc_ns safe_since;            /* UTC */
     char (*trouble)[TROUBLE_LEN]; /* [loops] what was complained of last and has not been taken back, or "" */
 };

@@ -5,51 +5,73 @@
 
 #define GRACE (2 * APC_NS_PER_S) /* of a machine that has other things to do, for a daemon's first tick */
 
-/* The mode that was wanted of a loop. */
-struct turn {
+/* From then on it is so, or no more: the plant is commanded, a loop out of service, an output at its fault
+ * value. */
+struct fact {
     apc_ns time;
-    size_t loop;
-    bool out;
+    enum { FACT_NONE = 0, FACT_COMMAND, FACT_OUT, FACT_FAULT } kind;
+    size_t at; /* loop, or output */
+    bool is;
+    int64_t number; /* of an event */
 };
 
 struct evidence {
     const struct experiment *e;
     struct control *control;
-    struct turn *turns; /* in the order of time */
-    size_t n, room, next;
-    size_t loop;     /* whose turns are being read */
-    bool full;       /* there is no memory for more */
-    bool *out;       /* [loops] out of service */
-    size_t *outputs; /* [loops] to which of the plant's outputs; dim.nu: to none */
+    struct fact *facts;
+    size_t n, room;
+    int failed;       /* there is no memory for more */
+    struct fact next; /* as it is being read */
+    bool *out;        /* [loops] out of service */
+    bool *fault;      /* [nu] at its fault value */
+    size_t *outputs;  /* [loops] to which of the plant's outputs; dim.nu: to none */
+    struct missing *missing;
+    uint64_t rows; /* of the variable that is being read */
+    int64_t first, last;
 };
 
-static int take_mode(void *ctx, const struct apc_sample *row)
+static int add(struct evidence *v, const struct fact *fact)
 {
-    struct evidence *v = ctx;
-
     if (v->n == v->room) {
         const size_t room = v->room ? 2 * v->room : 64;
-        struct turn *turns = realloc(v->turns, room * sizeof *turns);
-        if (!turns) {
-            v->full = true;
-            return 1;
-        }
-        v->turns = turns;
+        struct fact *facts = realloc(v->facts, room * sizeof *facts);
+        if (!facts)
+            return v->failed = APC_ENOMEM;
+        v->facts = facts;
         v->room = room;
     }
-    v->turns[v->n++] = (struct turn){row->time, v->loop, (int)row->value == APC_MODE_OOS};
+    v->facts[v->n++] = *fact;
     return 0;
 }
 
-static int by_time(const void *a, const void *b)
+/* A row that says no more than the one before it is none. */
+static int turn(struct evidence *v, apc_ns time, bool is)
 {
-    const struct turn *p = a, *q = b;
-    return (p->time > q->time) - (p->time < q->time);
+    if (is == v->next.is)
+        return 0;
+    v->next.time = time;
+    v->next.is = is;
+    return add(v, &v->next);
+}
+
+static int take_mode(void *ctx, const struct apc_sample *row)
+{
+    return turn(ctx, row->time, (int)row->value == APC_MODE_OOS);
+}
+
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    struct evidence *v = ctx;
+    bool commanded;
+    return control_hears(v->control, event, &commanded)
+               ? add(v, &(struct fact){event->time, FACT_COMMAND, 0, commanded, event->number})
+               : 0;
 }
 
 /* An output has as many loops as controllers that may act on it. */
-static bool any_output_out(const struct evidence *v, size_t loops)
+static bool any_output_out(const struct evidence *v)
 {
+    const size_t loops = controllers_loops(v->e);
     for (size_t i = 0; i < loops; i++) {
         size_t k = 0;
         while (v->outputs[i] < v->e->dim.nu && k < loops && (v->outputs[k] != v->outputs[i] || v->out[k]))
@@ -60,24 +82,37 @@ static bool any_output_out(const struct evidence *v, size_t loops)
     return false;
 }
 
-static void turn_until(struct evidence *v, apc_ns time)
+static const char *at_fault(const struct evidence *v)
 {
-    const size_t loops = controllers_loops(v->e);
-
-    for (; v->next < v->n && v->turns[v->next].time <= time; v->next++) {
-        const struct turn *t = &v->turns[v->next];
-        v->out[t->loop] = t->out;
-        control_excuse(v->control, t->time, any_output_out(v, loops));
-    }
+    size_t i = 0;
+    while (i < v->e->dim.nu && !v->fault[i])
+        i++;
+    return i < v->e->dim.nu ? v->e->u[i].tag.name : NULL;
 }
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int by_time(const void *a, const void *b)
 {
-    struct evidence *v = ctx;
+    const struct fact *p = a, *q = b;
+    return p->time != q->time ? (p->time > q->time) - (p->time < q->time)
+                              : (p->number > q->number) - (p->number < q->number);
+}
 
-    turn_until(v, event->time);
-    control_take(v->control, event);
-    return 0;
+static void tell(struct evidence *v)
+{
+    if (v->n > 1)
+        qsort(v->facts, v->n, sizeof *v->facts, by_time);
+    control_excuse(v->control, v->control->begin, any_output_out(v));
+    for (const struct fact *f = v->facts; f < v->facts + v->n; f++) {
+        if (f->kind == FACT_COMMAND) {
+            control_command(v->control, f->time, f->is);
+        } else if (f->kind == FACT_OUT) {
+            v->out[f->at] = f->is;
+            control_excuse(v->control, f->time, any_output_out(v));
+        } else {
+            v->fault[f->at] = f->is;
+            control_fault(v->control, f->time, at_fault(v));
+        }
+    }
 }
 
 /* What is said in the file, then what was there before, then what was written. */
@@ -90,18 +125,54 @@ static int read_modes(struct evidence *v, struct apc_store *store, const struct 
         const struct controller *c = &v->e->controllers[i];
         for (size_t k = 0; k < c->dim.nu && rc >= 0; k++) {
             const int id = c->first_loop + (int)k;
-            v->loop = (size_t)id - 1;
-            v->outputs[v->loop] = c->u[k].table == APC_ACTUATOR ? c->u[k].at : v->e->dim.nu;
-            v->out[v->loop] = c->mode == APC_MODE_OOS;
+            v->next = (struct fact){.kind = FACT_OUT, .at = (size_t)id - 1};
+            v->outputs[v->next.at] = c->u[k].table == APC_ACTUATOR ? c->u[k].at : v->e->dim.nu;
+            v->out[v->next.at] = v->next.is = c->mode == APC_MODE_OOS;
             if (range->since > 0)
                 rc = apc_store_history(store, APC_OPMODE, id, &before, take_mode, v);
             if (rc >= 0)
                 rc = apc_store_history(store, APC_OPMODE, id, range, take_mode, v);
         }
     }
-    if (v->n > 1)
-        qsort(v->turns, v->n, sizeof *v->turns, by_time);
-    return v->full ? APC_ENOMEM : rc;
+    return rc;
+}
+
+/* A variable with one writer is counted without a gap. */
+static int take_row(void *ctx, const struct apc_sample *row)
+{
+    struct evidence *v = ctx;
+    v->first = v->rows++ ? v->first : row->seq;
+    v->last = row->seq;
+    return v->next.kind == FACT_FAULT
+               ? turn(v, row->time, (row->status ^ APC_UNCERTAIN_SUBSTITUTE) >> 16 == 0)
+               : 0;
+}
+
+static int read_rows(struct evidence *v, struct apc_store *store, const struct apc_range *range,
+                     enum apc_table table, size_t i)
+{
+    struct missing *m = v->missing;
+    const char *name = (table == APC_SENSOR ? v->e->y : v->e->u)[i].tag.name;
+    v->rows = 0;
+    v->next = (struct fact){.kind = table == APC_SENSOR ? FACT_NONE : FACT_FAULT, .at = i};
+    int rc = apc_store_history(store, table, (int)i + 1, range, take_row, v);
+    const uint64_t of = v->rows ? (uint64_t)(v->last - v->first) + 1 : 0;
+    if (v->rows == 0 && table == APC_SENSOR && !m->empty)
+        m->empty = name;
+    if (of > v->rows && of - v->rows > m->rows)
+        *m = (struct missing){m->empty, name, of - v->rows, of};
+    return rc;
+}
+
+static int read_all_rows(struct evidence *v, struct apc_store *store, const struct apc_range *range)
+{
+    int rc = 0;
+    *v->missing = (struct missing){0};
+    for (size_t i = 0; i < v->e->dim.ny && rc >= 0; i++)
+        rc = read_rows(v, store, range, APC_SENSOR, i);
+    for (size_t i = 0; i < v->e->dim.nu && rc >= 0; i++)
+        rc = read_rows(v, store, range, APC_ACTUATOR, i);
+    return rc;
 }
 
 static int note_time(void *ctx, const struct apc_vector *tick)
@@ -137,22 +208,27 @@ int evidence_begin(struct apc_store *store, const struct experiment *e, apc_ns s
 }
 
 int evidence_take(struct apc_store *store, const struct experiment *e, const struct apc_range *range,
-                  struct control *control)
+                  struct control *control, struct missing *missing)
 {
     const size_t loops = controllers_loops(e);
     struct evidence v = {.e = e,
                          .control = control,
+                         .missing = missing,
                          .out = calloc(loops, sizeof *v.out),
+                         .fault = calloc(e->dim.nu, sizeof *v.fault),
                          .outputs = calloc(loops, sizeof *v.outputs)};
-    int rc = v.out && v.outputs ? read_modes(&v, store, range) : APC_ENOMEM;
+    int rc = v.out && v.fault && v.outputs ? read_modes(&v, store, range) : APC_ENOMEM;
 
-    if (rc >= 0) {
-        control_excuse(control, control->since, any_output_out(&v, loops));
+    if (rc >= 0)
+        rc = read_all_rows(&v, store, range);
+    if (rc >= 0)
         rc = apc_store_events(store, range, take_event, &v);
-        turn_until(&v, range->until);
-    }
-    free(v.turns);
+    rc = rc >= 0 && v.failed ? v.failed : rc;
+    if (rc >= 0)
+        tell(&v);
+    free(v.facts);
     free(v.out);
+    free(v.fault);
     free(v.outputs);
     return rc < 0 ? rc : 0;
 }

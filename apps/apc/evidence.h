@@ -11,9 +11,17 @@
  * Returns 0 or a negative error. */
 int evidence_begin(struct apc_store *store, const struct experiment *e, apc_ns start, apc_ns *begin);
 
-/* Give @p control the events of the range, and when an output was out of service (all loops that it has), in
- * their order. Returns 0 or a negative error. */
+/* What a record has not got of the measurements and outputs of its range. */
+struct missing {
+    const char *empty; /* a measurement of which there is no row; NULL: of each there is one */
+    const char *name;  /* of which the most rows are missing; NULL: none is, of any */
+    uint64_t rows, of; /* so many, of so many that there were */
+};
+
+/* Give @p control the facts of the range in their order: the witness's events, which outputs were at their
+ * fault value, and when one was out of service (all loops that it has). The names that it and @p missing get
+ * are @p e's. Returns 0 or a negative error. */
 int evidence_take(struct apc_store *store, const struct experiment *e, const struct apc_range *range,
-                  struct control *control);
+                  struct control *control, struct missing *missing);
 
 #endif

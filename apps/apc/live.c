@@ -49,9 +49,9 @@ struct view {
     struct apc_vector *tick; /* of each controller */
     struct sight *ticked;
     struct control control;
-    apc_ns heard; /* time of the newest event */
-    apc_ns begin; /* monotonic, of t = 0 */
-    size_t done;  /* of the experiment's actions */
+    int64_t heard; /* number of the newest event: its time may lie before that of one that came earlier */
+    apc_ns begin;  /* monotonic, of t = 0 */
+    size_t done;   /* of the experiment's actions */
     struct loops loops;
     struct apc_tag *tags; /* [n_tags] of its variables */
     size_t n_tags;
@@ -74,7 +74,7 @@ static int begin(struct view *l, const char *store, const struct experiment *e, 
     const struct apc_store_options options = {.size = sizeof options, .name = "apc run", .spool = ""};
     struct apc_error why;
 
-    *l = (struct view){.e = e, .start = start, .duration = duration, .heard = start - RECENT, .begin = zero};
+    *l = (struct view){.e = e, .start = start, .duration = duration, .begin = zero};
     l->terminal = isatty(STDOUT_FILENO);
     if (controllers_describe(e, &l->loops) < 0)
         return APC_ENOMEM;
@@ -90,7 +90,8 @@ static int begin(struct view *l, const char *store, const struct experiment *e, 
         name_rows(l->samples + ROWS * i, &l->loops.at[i]);
     for (size_t i = 0; i < l->loops.n_controllers; i++)
         l->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->loops.controller[i].number};
-    control_begin(&l->control, l->e->plant.external, start);
+    control_begin(&l->control, l->e->plant.external, apc_watchdog_make(l->e->client.rhythm.period, 0).link,
+                  start);
     return store_open(&l->store, store, &options, &why);
 }
 
@@ -131,8 +132,10 @@ static void add(struct line *line, const char *fmt, ...)
 static int take_event(void *ctx, const struct apc_event *event)
 {
     struct view *l = ctx;
-    control_take(&l->control, event);
-    l->heard = event->time > l->heard ? event->time : l->heard;
+    bool commanded;
+    if (control_hears(&l->control, event, &commanded))
+        control_command(&l->control, event->time, commanded);
+    l->heard = event->number;
     return 0;
 }
 
@@ -151,7 +154,8 @@ static int look(struct view *l, apc_ns now, apc_ns mono)
         if (l->tick[i].seq != l->ticked[i].seq)
             l->ticked[i] = (struct sight){l->tick[i].seq, mono};
     if (rc >= 0)
-        rc = apc_store_events(l->store, &(struct apc_range){.since = l->heard}, take_event, l);
+        rc = apc_store_events(l->store, &(struct apc_range){.since = l->start - RECENT, .after = l->heard},
+                              take_event, l);
     if (rc >= 0 && mono - l->asked > TIMING_EVERY) {
         const struct apc_range range = {.since = l->asked ? now - 2 * TIMING_EVERY : l->start};
         apc_store_timing(l->store, &range, take_worst, l);

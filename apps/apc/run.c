@@ -2,6 +2,7 @@
 /* apc run: the daemons of an experiment as processes, one live line, a run folder. */
 #include <arpa/inet.h>
 #include <errno.h>
+#include <inttypes.h>
 #include <limits.h>
 #include <math.h>
 #include <signal.h>
@@ -128,11 +129,12 @@ static const struct cli_spec spec = {
         "memory "
         "of this run's own, and apc-historian moves the record on into a file of the run folder, store.db, "
         "or "
-        "to --history. With --store alone, that store is both. A run in which the plant got no command, or "
-        "stood at its safe value "
-        "for "
-        "longer than its controllers' hold, or a daemon of the loop hung or crashed, ends with 1 and says "
-        "so. A run "
+        "to --history. With --store alone, that store is both. A run that was not controlled ends "
+        "with 1 and says why: the plant got no command or only fault values, or the loop was open for longer "
+        "than "
+        "its controllers' hold or again and again, or a daemon of the loop hung or crashed, or rows are "
+        "missing "
+        "in the record. A run "
         "folder that is not empty, and a store that another experiment "
         "has "
         "filled, are refused.",
@@ -677,34 +679,46 @@ static apc_ns longest_hold(const struct experiment *e)
     return hold;
 }
 
+/* A run of which the record has not all is no success: nobody can say what it was. */
+static void name_missing(struct run *r, const struct missing *missing)
+{
+    if (missing->empty)
+        apc_fail(&r->failure, APC_ESTATE, "the record has no value of %s: see %s/*.log", missing->empty,
+                 r->dir);
+    else if (missing->name)
+        apc_fail(&r->failure, APC_ESTATE,
+                 "the record is not whole: of %s %" PRIu64 " of %" PRIu64 " rows were lost, see %s/*.log",
+                 missing->name, missing->rows, missing->of, r->dir);
+}
+
 /* Why the run is not what it was to be, if it is not: in r->failure. */
 static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
 {
-    const apc_ns hold = longest_hold(&r->e);
+    const struct apc_range range = {.since = since - LEAD, .until = until};
+    struct missing missing;
+    char why[400];
     apc_ns begin;
     int rc = evidence_begin(r->store, &r->e, r->start, &begin);
-    control_begin(control, r->e.plant.external, begin);
+    control_begin(control, r->e.plant.external, apc_watchdog_make(r->e.client.rhythm.period, 0).link, begin);
     if (rc == 0)
-        rc = evidence_take(r->store, &r->e, &(struct apc_range){.since = since - LEAD, .until = until},
-                           control);
+        rc = evidence_take(r->store, &r->e, &range, control, &missing);
     if (rc < 0 || r->failure.text[0])
         return rc;
     control_end(control, until);
-    if (!control->ever && control->longest > 0)
-        apc_fail(&r->failure, APC_ESTATE, "the loop was never closed: the plant got no command, see %s/*.log",
-                 r->dir);
-    else if (control->longest > hold)
-        apc_fail(&r->failure, APC_ESTATE,
-                 "the loop was open: from %.1f s on the plant %s for %.1f s (hold: %g s)",
-                 apc_ns_to_s(control->start - r->start),
-                 r->e.plant.external ? "was given no command" : "stood at its safe value",
-                 apc_ns_to_s(control->longest), apc_ns_to_s(hold));
+    const enum control_verdict verdict =
+        control_judge(control, r->start, longest_hold(&r->e), why, sizeof why);
+    if (verdict == CONTROL_OPEN)
+        apc_fail(&r->failure, APC_ESTATE, "%s; see %s/*.log", why, r->dir);
     for (size_t i = 0; i < r->daemons.n && !r->failure.text[0]; i++) {
         const struct child *child = &r->daemons.child[i];
         if (child->faults > 0 && !child->aside)
             apc_fail(&r->failure, APC_ESTATE, "%s failed %u times and was started again: see %.300s",
                      child->title[0] ? child->title : child->name, child->faults, child->log);
     }
+    if (verdict == CONTROL_AGAIN && !r->failure.text[0])
+        apc_fail(&r->failure, APC_ESTATE, "%s", why);
+    if (!r->failure.text[0])
+        name_missing(r, &missing);
     return rc;
 }
 

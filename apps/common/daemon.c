@@ -299,35 +299,55 @@ int daemon_store(struct daemon *d, struct apc_store **store, struct apc_sample *
 
 /* ---- Events ------------------------------------------------------------------------------- */
 
-static void record(struct daemon *d, struct apc_event *event)
+static void record(struct daemon *d, struct apc_event *event, apc_ns mono)
 {
     static const enum apc_log_level levels[] = {[APC_EVENT_INFO] = APC_LOG_INFO,
                                                 [APC_EVENT_WARNING] = APC_LOG_WARN,
                                                 [APC_EVENT_ALARM] = APC_LOG_ERROR};
-    event->time = apc_clock_utc(NULL);
+    event->time = apc_clock_utc(NULL) - (apc_clock_mono(NULL) - mono);
     snprintf(event->source, sizeof event->source, "%.31s", d->name);
     apc_log_write(d->log, levels[event->severity], "%s", event->text);
     recorder_event(d->recorder, event);
 }
 
-void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+static void say(struct daemon *d, apc_ns mono, enum apc_event_severity severity, const char *kind,
+                const char *fmt, va_list args)
 {
     struct apc_event event = {.severity = severity};
-    va_list args;
-    va_start(args, fmt);
     vsnprintf(event.text, sizeof event.text, fmt, args);
-    va_end(args);
     snprintf(event.kind, sizeof event.kind, "%s", kind);
-    record(d, &event);
+    record(d, &event, mono);
 }
 
-void daemon_notice(struct daemon *d, const struct apc_notice *notice)
+void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    say(d, apc_clock_mono(NULL), severity, kind, fmt, args);
+    va_end(args);
+}
+
+void daemon_event_at(struct daemon *d, apc_ns mono, enum apc_event_severity severity, const char *kind,
+                     const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    say(d, mono, severity, kind, fmt, args);
+    va_end(args);
+}
+
+void daemon_notice_at(struct daemon *d, const struct apc_notice *notice, apc_ns mono)
 {
     struct apc_event event = {0};
     if (notice->kind == APC_NOTICE_NONE)
         return;
     notice_event(notice, &event);
-    record(d, &event);
+    record(d, &event, mono);
+}
+
+void daemon_notice(struct daemon *d, const struct apc_notice *notice)
+{
+    daemon_notice_at(d, notice, apc_clock_mono(NULL));
 }
 
 static void watch_spool(struct daemon *d, struct spool_watch *w, const struct apc_store *store,

@@ -105,8 +105,13 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
 /* Queue an event for the records and log it. Never waits. [tick] */
 void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
     APC_PRINTF(4, 5);
+/* The same of what came to pass at @p mono, before it was noticed. [tick] */
+void daemon_event_at(struct daemon *d, apc_ns mono, enum apc_event_severity severity, const char *kind,
+                     const char *fmt, ...) APC_PRINTF(5, 6);
 /* The event of a core's notice, if there is one. [tick] */
 void daemon_notice(struct daemon *d, const struct apc_notice *notice);
+/* Likewise. [tick] */
+void daemon_notice_at(struct daemon *d, const struct apc_notice *notice, apc_ns mono);
 
 /* Say on stderr why the program ends. Returns err. */
 int daemon_error(const struct daemon *d, int err, const char *fmt, ...) APC_PRINTF(3, 4);

@@ -38,23 +38,14 @@ bool tick_watch_look(struct tick_watch *w, uint64_t ticks, uint64_t overruns)
 
 enum change state_watch_look(struct state_watch *w, bool up, apc_ns now)
 {
-    bool changed = up != w->up;
-    enum change change = CHANGE_NONE;
-
+    w->held += up != w->up;
     w->up = up;
-    if (now - w->since >= STATE_WINDOW) {
-        w->count = w->held;
-        change = w->held > 0 ? CHANGE_MANY : CHANGE_NONE;
-        w->told = w->held > 0 ? STATE_CHANGES : 0;
-        w->held = 0;
-        w->since = now;
-    }
-    if (changed && w->told < STATE_CHANGES) {
-        w->told++;
-        return CHANGE_ONE;
-    }
-    w->held += changed;
-    return change;
+    if (w->held == 0 || w->full > now + (STATE_CHANGES - 1) * STATE_AGAIN)
+        return CHANGE_NONE;
+    w->full = (w->full > now ? w->full : now) + STATE_AGAIN;
+    w->count = w->held;
+    w->held = 0;
+    return w->count == 1 ? CHANGE_ONE : CHANGE_MANY;
 }
 
 enum lag_change lag_watch_look(struct lag_watch *w, bool away, uint64_t behind, apc_ns late)

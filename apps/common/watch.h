@@ -34,18 +34,20 @@ struct tick_watch {
  * none has returned since. */
 bool tick_watch_look(struct tick_watch *w, uint64_t ticks, uint64_t overruns);
 
-/* A connection that comes and goes. `up` is what it was at first, the rest zeros. */
-#define STATE_WINDOW  (60 * APC_NS_PER_S)
-#define STATE_CHANGES 4 /* told one by one in a window; further ones together at its end */
+/* What is to be told of a connection that comes and goes. `up` is what it was at first, the rest zeros. So
+ * many changes are told at once, and one more after each pause; what was held back is followed by how it is
+ * then. It is for people: who judges by the state reads the state. */
+#define STATE_CHANGES 4
+#define STATE_AGAIN   (15 * APC_NS_PER_S)
 struct state_watch {
     bool up;
-    apc_ns since; /* of the window */
-    unsigned told, held;
+    unsigned held;  /* changes not told of */
     unsigned count; /* of CHANGE_MANY */
+    apc_ns full;    /* when STATE_CHANGES may be told at once again */
 };
 enum change { CHANGE_NONE = 0, CHANGE_ONE, CHANGE_MANY };
-/* CHANGE_ONE: it is now what it was not. CHANGE_MANY: it changed `count` more times than were told in the
- * last window. */
+/* CHANGE_ONE: it is now what it was not. CHANGE_MANY: it changed `count` times since it was last told of; now
+ * it is `up`. */
 enum change state_watch_look(struct state_watch *w, bool up, apc_ns now);
 
 /* A history that gets what a live store gets. Zeroed: it has all. */

@@ -27,7 +27,7 @@
 struct apc_plantserver {
     struct apc_plant *plant;
     size_t nx, nu, ny;
-    apc_ns link_limit, command_limit;
+    struct apc_watchdog watchdog;
 
     double *memory;             /* all the doubles below */
     double *safe, *low, *high;  /* [nu] */
@@ -41,20 +41,15 @@ struct apc_plantserver {
     apc_ns *time;               /* [ny] of y */
     struct apc_sample *samples; /* [max(nu, ny)] of the frame at hand */
 
-    bool tripped;    /* no fresh command: safe value */
     bool input_safe; /* input is the safe value */
     bool split;      /* the watchdog tripped since the last tick ... */
     apc_ns split_at; /* ... at this instant, the first of them */
 
     bool warm;           /* command begins as the input of a plant that is running */
-    bool commanded;      /* there was a command ever */
-    bool announced;      /* and it was told of */
+    bool announced;      /* that there was a command ever was told */
     uint64_t connection; /* the newest that sent one */
     uint64_t command_id; /* of the frame of its last one */
     uint64_t claim;      /* the highest of which there was one; 0: none has a number */
-    apc_ns stamp;        /* of the newest command */
-    apc_ns frame_at;     /* mono of the last command frame */
-    apc_ns changed_at;   /* mono of the last new stamp */
 
     bool refusing;  /* told of a refused command, and none was accepted since */
     bool failing;   /* told that the plant cannot be solved */
@@ -176,8 +171,7 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     new->nx = o.model->nx;
     new->nu = o.model->nu;
     new->ny = o.model->ny;
-    new->link_limit = apc_loss_limit(o.link_period);
-    new->command_limit = apc_loss_limit(o.command_period);
+    new->watchdog = apc_watchdog_make(o.link_period, o.command_period); /* tripped, until it ticks */
     rc = allocate(new);
     if (rc < 0)
         (void)apc_fail(why, rc, "plant server: no memory");
@@ -195,7 +189,6 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     new->disturbance = o.disturbance;
     new->n_disturbances = o.n_disturbances;
     new->warm = o.initial != NULL;
-    new->tripped = true; /* until it ticks */
     give(new, !new->warm);
     *server = new;
     return 0;
@@ -244,20 +237,17 @@ void apc_plantserver_destroy(struct apc_plantserver *server)
 /* To be asked before anything else at every tick and every request: it may have tripped in between. */
 static void watch(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
 {
-    apc_ns link = s->frame_at + s->link_limit;
-    apc_ns command = s->changed_at + s->command_limit;
-    apc_ns deadline = link < command ? link : command;
+    const struct apc_watchdog *w = &s->watchdog;
 
-    if (s->tripped || mono <= deadline)
+    if (!apc_watchdog_trips(&s->watchdog, mono))
         return;
-    s->tripped = true;
     if (!s->split) {
         s->split = true;
-        s->split_at = deadline;
+        s->split_at = w->deadline;
     }
+    const bool link = w->deadline < w->changed + w->command;
     apc_note(notice, APC_NOTICE_TRIP, "no %s for %.3f s: plant at its safe value",
-             link < command ? "command frame" : "new command",
-             apc_ns_to_s(link < command ? s->link_limit : s->command_limit));
+             link ? "command frame" : "new command", apc_ns_to_s(link ? w->link : w->command));
 }
 
 static bool usable(const struct apc_plantserver *s, size_t i)
@@ -300,13 +290,7 @@ static void take_command(struct apc_plantserver *s, apc_ns mono, struct apc_noti
         if (s->samples[i].time > stamp)
             stamp = s->samples[i].time;
     }
-    s->frame_at = mono;
-    if (s->commanded && stamp == s->stamp)
-        return;
-    s->commanded = true;
-    s->stamp = stamp;
-    s->changed_at = mono;
-    s->tripped = false;
+    apc_watchdog_take(&s->watchdog, mono, stamp);
 }
 
 /* Two clients who both want to command take the plant from each other again and again, each by a new
@@ -365,10 +349,10 @@ static bool may_command(struct apc_plantserver *s, apc_ns mono, uint64_t connect
 static void begin(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
 {
     s->began_at = mono;
-    if (!s->warm || s->commanded)
+    if (!s->warm || s->watchdog.ever)
         return;
-    s->frame_at = s->changed_at = mono;
-    s->tripped = false;
+    apc_watchdog_take(&s->watchdog, mono, 0);
+    s->watchdog.ever = false; /* the first command is a new one, whatever its stamp */
     apc_note(notice, APC_NOTICE_RESUMED, "plant begins with its initial input");
 }
 
@@ -458,10 +442,11 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
     server->ticked = true;
     publish(server, now, rc == 0);
     report_solver(server, rc == 0, notice);
-    if (server->commanded && !server->tripped && (server->input_safe || server->split || !server->announced))
+    if (server->watchdog.ever && server->watchdog.commanded &&
+        (server->input_safe || server->split || !server->announced))
         /* Of a tick that has something else to say it is said by the next. */
         server->announced = apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
-    give(server, server->tripped);
+    give(server, !server->watchdog.commanded);
     server->split = false;
     return rc;
 }
@@ -506,6 +491,11 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
 const double *apc_plantserver_output(const struct apc_plantserver *server)
 {
     return server->output;
+}
+
+const struct apc_watchdog *apc_plantserver_watchdog(const struct apc_plantserver *server)
+{
+    return &server->watchdog;
 }
 
 uint64_t apc_plantserver_commander(const struct apc_plantserver *server)

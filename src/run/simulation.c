@@ -78,7 +78,7 @@ static void stop_at_store(struct simulation *s, int rc)
 
 static void record(struct simulation *s, const char *source, struct apc_event *event)
 {
-    event->time = apc_clock_utc(s->clock);
+    event->time += apc_clock_utc(s->clock);
     snprintf(event->source, sizeof event->source, "%s", source);
     stop_at_store(s, apc_store_append_events(s->store, event, 1));
 }
@@ -104,6 +104,8 @@ static void tell_notice(struct simulation *s, const char *source, const struct a
         return;
     event = (struct apc_event){0};
     notice_event(notice, &event);
+    if (notice->kind == APC_NOTICE_TRIP) /* between two ticks */
+        event.time = apc_plantserver_watchdog(s->server)->tripped - apc_clock_mono(s->clock);
     record(s, source, &event);
 }
 

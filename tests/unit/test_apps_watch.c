@@ -163,48 +163,57 @@ static void a_task_that_hangs_in_its_first_tick_does_not_tick(void **state)
     assert_false(tick_watch_look(&w, 0, 1));
 }
 
-static void changes_of_a_state_are_told_one_by_one_then_together_once_a_minute(void **state)
-{
-    struct state_watch w = {.up = true, .since = HOUR};
-    apc_ns now = HOUR;
-    int ones = 0, many = 0;
-    unsigned counted = 0;
-    (void)state;
-    assert_int_equal(state_watch_look(&w, true, now), CHANGE_NONE);
-    for (int i = 0; i < 3000; i++) { /* ten changes a second for five minutes */
-        now += APC_NS_PER_S / 10;
-        enum change change = state_watch_look(&w, i % 2, now);
-        ones += change == CHANGE_ONE;
-        many += change == CHANGE_MANY;
-        counted += change == CHANGE_MANY ? w.count : 0;
-    }
-    assert_int_equal(ones, STATE_CHANGES);
-    assert_int_equal(many, 5);
-    for (int i = 0; i < 130; i++) { /* it has become quiet */
-        now += APC_NS_PER_S;
-        assert_int_not_equal(state_watch_look(&w, true, now), CHANGE_ONE);
-        if (w.told == 0)
-            break;
-    }
-    assert_int_equal(w.told, 0);
-    assert_int_equal(state_watch_look(&w, false, now), CHANGE_ONE);
-    assert_int_equal(state_watch_look(&w, false, now), CHANGE_NONE);
-    assert_int_equal(state_watch_look(&w, true, now), CHANGE_ONE);
-    assert_true(counted >= 2990); /* the rest came after the last minute was over */
-}
-
-static void a_window_with_one_change_held_back_ends_with_its_row_and_a_quiet_one_without(void **state)
+static void of_a_state_that_flaps_a_few_changes_are_told_and_then_how_it_is(void **state)
 {
     struct state_watch w = {.up = true};
+    apc_ns now = HOUR;
+    int told = 0;
     (void)state;
+    assert_int_equal(state_watch_look(&w, true, now), CHANGE_NONE);
     for (int i = 0; i < STATE_CHANGES; i++)
-        assert_int_equal(state_watch_look(&w, i % 2, 1), CHANGE_ONE);
-    assert_int_equal(state_watch_look(&w, false, 2), CHANGE_NONE); /* held back */
-    assert_int_equal(state_watch_look(&w, false, STATE_WINDOW - 1), CHANGE_NONE);
-    assert_int_equal(state_watch_look(&w, false, STATE_WINDOW), CHANGE_MANY);
-    assert_int_equal(w.count, 1);
-    assert_int_equal(state_watch_look(&w, false, 2 * STATE_WINDOW), CHANGE_NONE);
-    assert_int_equal(state_watch_look(&w, true, 2 * STATE_WINDOW), CHANGE_ONE);
+        assert_int_equal(state_watch_look(&w, i % 2, now), CHANGE_ONE);
+    for (int i = 0; i < 3000; i++) { /* ten changes a second for five minutes */
+        now += APC_NS_PER_S / 10;
+        told += state_watch_look(&w, i % 2, now) != CHANGE_NONE;
+    }
+    assert_int_equal(told, 20); /* one every fifteen seconds */
+    assert_int_equal(state_watch_look(&w, true, now += STATE_AGAIN), CHANGE_NONE); /* nothing is new */
+    for (int i = 0; i < 3; i++)
+        now += STATE_AGAIN;
+    for (int i = 0; i < STATE_CHANGES; i++)
+        assert_int_equal(state_watch_look(&w, i % 2, now), CHANGE_ONE);
+    assert_int_equal(state_watch_look(&w, false, now), CHANGE_NONE); /* held back, */
+    assert_int_equal(state_watch_look(&w, false, now + STATE_AGAIN - 1), CHANGE_NONE);
+    assert_int_equal(state_watch_look(&w, false, now + STATE_AGAIN), CHANGE_ONE); /* and told all the same */
+}
+
+/* Whatever it does: who heard all that was told knows a pause after the last change how it is, and never had
+ * more words than are allowed. */
+static void who_hears_all_that_is_told_knows_the_state(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 1; seed <= 200; seed++) {
+        struct state_watch w = {.up = true};
+        struct apc_random random;
+        bool up = true, believed = true;
+        apc_ns now = HOUR, changed = now;
+        unsigned words = 0;
+        apc_random_init(&random, seed, "flaps");
+        for (int i = 0; i < 2000; i++) {
+            now += (apc_ns)(apc_random_uniform(&random) * 2e9);
+            if (apc_random_uniform(&random) < (i / 300 % 2 ? 0.5 : 0.01)) {
+                up = !up;
+                changed = now;
+            }
+            if (state_watch_look(&w, up, now) != CHANGE_NONE) {
+                believed = w.up;
+                words++;
+            }
+            if (now - changed > STATE_AGAIN)
+                assert_int_equal(believed, up);
+        }
+        assert_true(words <= STATE_CHANGES + (now - HOUR) / STATE_AGAIN);
+    }
 }
 
 #define LATE (LAG_LIMIT + 1)
@@ -267,11 +276,11 @@ int main(void)
         cmocka_unit_test(a_callback_that_hangs_is_one_alarm),
         cmocka_unit_test(a_task_ticks_unless_ticks_are_missed_and_none_returns),
         cmocka_unit_test(a_task_that_hangs_in_its_first_tick_does_not_tick),
-        cmocka_unit_test(a_window_with_one_change_held_back_ends_with_its_row_and_a_quiet_one_without),
         cmocka_unit_test(a_history_that_is_slow_is_told_once_and_once_when_it_has_all),
         cmocka_unit_test(a_history_has_all_when_nothing_is_behind_and_its_last_was_in_time),
         cmocka_unit_test(a_history_that_was_away_catches_up_without_being_called_slow),
-        cmocka_unit_test(changes_of_a_state_are_told_one_by_one_then_together_once_a_minute),
+        cmocka_unit_test(of_a_state_that_flaps_a_few_changes_are_told_and_then_how_it_is),
+        cmocka_unit_test(who_hears_all_that_is_told_knows_the_state),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -267,6 +267,7 @@ static void without_a_frame_it_trips_at_three_link_periods_and_100_ms(void **sta
     x = exact(x, SAFE, apc_ns_to_s(t - deadline));
     tick(r, t);
     assert_int_equal(r->notice.kind, APC_NOTICE_TRIP);
+    assert_int_equal(apc_plantserver_watchdog(r->server)->tripped, deadline); /* and not now */
     assert_input(r, SAFE, true);
     assert_near(state_of(r), x, CLOSE);
     tick(r, t + TICK);

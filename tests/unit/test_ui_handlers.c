@@ -130,6 +130,27 @@ static void the_plant_at_its_safe_value_stands_until_it_takes_commands(void **st
     assert_string_equal(control("safe"), "true");
     assert_string_equal(control("safe_since"), "1763730000.0");
     assert_non_null(strstr(ask_text(get_metrics), "\napc_plant_safe 1\n"));
+    period(S, S);
+    all_came(0);
+    assert_string_equal(ask_text(get_readyz), "the plant is given no command\n");
+    assert_int_equal(request.status, 503);
+}
+
+static void of_an_external_plant_its_client_says_whether_it_is_commanded(void **state)
+{
+    (void)state;
+    an_event("apc-client", "start", APC_EVENT_INFO, "running every 1 s");
+    assert_string_equal(control("safe"), "null"); /* it may be ours */
+    an_event("apc-client", "command", APC_EVENT_INFO, "the plant is given its commands");
+    assert_string_equal(control("safe"), "false");
+    an_event("apc-client", "link", APC_EVENT_WARNING, "plant lost, trying again");
+    an_event("apc-plant", "watchdog", APC_EVENT_ALARM, "somebody else's");
+    assert_string_equal(control("safe"), "false");
+    an_event("apc-client", "command", APC_EVENT_WARNING, "the plant is given no command");
+    assert_string_equal(control("safe"), "true");
+    an_event("apc-client", "command", APC_EVENT_INFO, "the plant is given its commands");
+    an_event("apc-client", "start", APC_EVENT_INFO, "running every 1 s");
+    assert_string_equal(control("safe"), "true");
 }
 
 static void ready_is_what_ticks(void **state)
@@ -524,6 +545,7 @@ int main(void)
         T(out_of_service_writes_nothing_and_runs_all_the_same),
         T(why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts),
         T(the_plant_at_its_safe_value_stands_until_it_takes_commands),
+        T(of_an_external_plant_its_client_says_whether_it_is_commanded),
         T(ready_is_what_ticks),
         T(a_thread_that_goes_round_no_more_is_not_alive),
         T(a_link_is_there_before_it_ever_changed),

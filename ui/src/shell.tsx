@@ -215,8 +215,8 @@ function Bars(): JSX.Element {
         )}
         {standing?.safe && (
           <p class="trouble safe-bar">
-            <Shape priority={1} label="plant at its safe value" />
-            <span>The plant is at its safe value{standing.safe_since != null && ` since ${when(standing.safe_since)}`}: nothing drives it.</span>
+            <Shape priority={1} label="plant without a command" />
+            <span>The plant is given no command{standing.safe_since != null && ` since ${when(standing.safe_since)}`}: nothing drives it.</span>
           </p>
         )}
         {link.state === "connected" && database && !database.connected && (

@@ -250,7 +250,7 @@ test("what stands is told on every page", async () => {
   server.control = {running: {base: false}, reasons: {}, shadow: [], safe: true, safe_since: START, alarms: null};
   server.beat();
   await settle();
-  assert.equal(said(".safe-bar"), "[priority 1: plant at its safe value] The plant is at its safe value since 2033-05-18 03:33:20 UTC: nothing drives it.");
+  assert.equal(said(".safe-bar"), "[priority 1: plant without a command] The plant is given no command since 2033-05-18 03:33:20 UTC: nothing drives it.");
   assert.equal(said(".silent-bar"), "[priority 2: not running] the controller is not running: modes and outputs of its loops are last known.");
   assert.equal(said(".loops tbody tr:first-child td:nth-child(2)"), "[the controller is not running] Auto");
   await show("loop/1");
@@ -259,7 +259,7 @@ test("what stands is told on every page", async () => {
   server.control = {...server.control, safe_since: null, alarms: null};
   server.beat();
   await settle();
-  assert.match(said(".safe-bar"), /at its safe value: nothing drives it/);
+  assert.match(said(".safe-bar"), /is given no command: nothing drives it/);
 });
 
 test("pages by Alt and a digit, help by ?, if wanted", async () => {
