@@ -183,8 +183,6 @@ static void report_range(struct shell *s, const struct apc_sample *y)
     const size_t i = (size_t)y->id - 1;
     struct state_watch *state = &s->range_state[i];
     const bool within = !apc_client_outside(s->core, i);
-    if (!state->since) /* within from the start on: nothing is said */
-        state->up = true;
     const enum change change = state_watch_look(state, within, apc_clock_mono(NULL));
     struct apc_event event = {0};
     if (change == CHANGE_NONE)
@@ -193,8 +191,8 @@ static void report_range(struct shell *s, const struct apc_sample *y)
     if (change == CHANGE_ONE)
         daemon_event(s->d, event.severity, event.kind, "%s", event.text);
     else
-        daemon_event(s->d, APC_EVENT_WARNING, event.kind,
-                     "%.60s left its range and came back %u more times in the last minute; now %.100s",
+        daemon_event(s->d, event.severity, event.kind,
+                     "%.60s left its range and came back, %u changes meanwhile; now %.100s",
                      s->d->experiment.y[i].tag.name, state->count, event.text);
 }
 
@@ -457,6 +455,8 @@ static int allocate(struct shell *s)
     if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->spared ||
         !s->range_state || !s->queue || !s->batch)
         return APC_ENOMEM;
+    for (size_t i = 0; i < e->dim.ny; i++)
+        s->range_state[i].up = true; /* as long as it is so, nothing is said */
     for (size_t i = 0; i < e->dim.nu; i++)
         s->read[i] = (struct apc_sample){.table = APC_ACTUATOR, .id = (int)i + 1};
     return apc_histogram_create(&s->round_trip);
