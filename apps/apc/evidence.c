@@ -137,7 +137,6 @@ static int read_modes(struct evidence *v, struct apc_store *store, const struct 
     return rc;
 }
 
-/* A variable with one writer is counted without a gap. */
 static int take_row(void *ctx, const struct apc_sample *row)
 {
     struct evidence *v = ctx;
@@ -148,20 +147,40 @@ static int take_row(void *ctx, const struct apc_sample *row)
                : 0;
 }
 
+static int count_row(void *ctx, const struct apc_sample *row)
+{
+    struct evidence *v = ctx;
+    v->rows += row->seq <= v->last;
+    return row->seq >= v->last;
+}
+
+/* A measurement is counted without a gap, from the first of the run to its last, whatever a clock that was
+ * stepped says of those between. An output that could not be stored never was one. */
+static int count_measurement(struct evidence *v, struct apc_store *store, size_t i)
+{
+    struct missing *m = v->missing;
+    const char *name = v->e->y[i].tag.name;
+    const uint64_t of = v->rows ? (uint64_t)(v->last - v->first) + 1 : 0;
+    int rc = 0;
+    if (v->rows == 0 && !m->empty)
+        m->empty = name;
+    if (of > v->rows) {
+        v->rows = 0;
+        rc = apc_store_history(store, APC_SENSOR, (int)i + 1, &(struct apc_range){.after = v->first - 1},
+                               count_row, v);
+    }
+    if (rc >= 0 && of > v->rows && of - v->rows > m->rows)
+        *m = (struct missing){m->empty, name, of - v->rows, of};
+    return rc;
+}
+
 static int read_rows(struct evidence *v, struct apc_store *store, const struct apc_range *range,
                      enum apc_table table, size_t i)
 {
-    struct missing *m = v->missing;
-    const char *name = (table == APC_SENSOR ? v->e->y : v->e->u)[i].tag.name;
     v->rows = 0;
     v->next = (struct fact){.kind = table == APC_SENSOR ? FACT_NONE : FACT_FAULT, .at = i};
     int rc = apc_store_history(store, table, (int)i + 1, range, take_row, v);
-    const uint64_t of = v->rows ? (uint64_t)(v->last - v->first) + 1 : 0;
-    if (v->rows == 0 && table == APC_SENSOR && !m->empty)
-        m->empty = name;
-    if (of > v->rows && of - v->rows > m->rows)
-        *m = (struct missing){m->empty, name, of - v->rows, of};
-    return rc;
+    return rc >= 0 && table == APC_SENSOR ? count_measurement(v, store, i) : rc;
 }
 
 static int read_all_rows(struct evidence *v, struct apc_store *store, const struct apc_range *range)

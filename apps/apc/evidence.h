@@ -11,7 +11,7 @@
  * Returns 0 or a negative error. */
 int evidence_begin(struct apc_store *store, const struct experiment *e, apc_ns start, apc_ns *begin);
 
-/* What a record has not got of the measurements and outputs of its range. */
+/* What a record has not got of the measurements of its range. */
 struct missing {
     const char *empty; /* a measurement of which there is no row; NULL: of each there is one */
     const char *name;  /* of which the most rows are missing; NULL: none is, of any */
