@@ -79,6 +79,8 @@ struct shell {
     struct apc_sample *y;                 /* [ny] */
     struct state_watch link_state, output_state;
     struct state_watch *range_state;                  /* [ny] up: within */
+    struct apc_dating *dating;                        /* [ny] */
+    struct state_watch clock_state;                   /* up: the plant's clock is right */
     struct apc_watchdog watchdog;                     /* of the plant, as far as it can be seen from here */
     char reason[sizeof((struct apc_event *)0)->text]; /* for which the plant is lost, as it was said last */
     unsigned reasons;                                 /* said so far; 0: it is connected */
@@ -196,6 +198,26 @@ static void report_range(struct shell *s, const struct apc_sample *y)
                      s->d->experiment.y[i].tag.name, state->count, event.text);
 }
 
+/* What has a time that cannot be is recorded by when it came. */
+static void date(struct shell *s, size_t n)
+{
+    const apc_ns now = apc_clock_utc(NULL);
+    const size_t ny = s->d->experiment.dim.ny;
+    size_t i = 0;
+    for (size_t k = 0; k < n; k++)
+        s->y[k].time = apc_dating_look(&s->dating[s->y[k].id - 1], s->y[k].time, now, s->d->start);
+    while (i < ny && !s->dating[i].wrong)
+        i++;
+    const enum change change = state_watch_look(&s->clock_state, i == ny, apc_clock_mono(NULL));
+    if (change != CHANGE_NONE && i < ny)
+        daemon_event(s->d, APC_EVENT_WARNING, "clock",
+                     "the plant's clock is wrong: of %.60s the source time is %+.0f s off; measurements are "
+                     "recorded by when they came",
+                     s->d->experiment.y[i].tag.name, apc_ns_to_s(s->dating[i].off));
+    else if (change != CHANGE_NONE)
+        daemon_event(s->d, APC_EVENT_INFO, "clock", "the plant's clock is right");
+}
+
 /* A command that has not gone out with the tick it belongs to never does: who slept in between moves nothing.
  */
 static apc_ns exchange_until(const struct shell *s, const struct apc_tick *tick, apc_ns begun)
@@ -226,6 +248,7 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     s->reasons = 0;
     s->reason[0] = '\0';
     const size_t n = apc_client_measurements(s->core, s->measured, s->y);
+    date(s, n);
     for (size_t i = 0; i < n; i++)
         report_range(s, &s->y[i]);
     return n;
@@ -450,10 +473,11 @@ static int allocate(struct shell *s)
     s->y = calloc(e->dim.ny, sizeof *s->y);
     s->spared = calloc(e->dim.nu, sizeof *s->spared);
     s->range_state = calloc(e->dim.ny, sizeof *s->range_state);
+    s->dating = calloc(e->dim.ny, sizeof *s->dating);
     s->queue = calloc(s->room, sizeof *s->queue);
     s->batch = calloc(s->room, sizeof *s->batch);
     if (!s->u || !s->newest || !s->read || !s->command || !s->measured || !s->y || !s->spared ||
-        !s->range_state || !s->queue || !s->batch)
+        !s->range_state || !s->dating || !s->queue || !s->batch)
         return APC_ENOMEM;
     for (size_t i = 0; i < e->dim.ny; i++)
         s->range_state[i].up = true; /* as long as it is so, nothing is said */
@@ -552,6 +576,7 @@ static void close_shell(struct shell *s)
     free(s->y);
     free(s->range_state);
     free(s->spared);
+    free(s->dating);
     free(s->queue);
     free(s->batch);
     sem_destroy(&s->work);
@@ -563,8 +588,11 @@ int main(int argc, char **argv)
 {
     struct daemon d;
     struct own_options own = {0};
-    struct shell s = {
-        .d = &d, .store_state = {.up = true}, .link_state = {.up = true}, .output_state = {.up = true}};
+    struct shell s = {.d = &d,
+                      .store_state = {.up = true},
+                      .link_state = {.up = true},
+                      .output_state = {.up = true},
+                      .clock_state = {.up = true}};
     int rc = apc_mutex_init(&s.mutex);
     pthread_cond_init(&s.answer, NULL);
     sem_init(&s.work, 0, 0);

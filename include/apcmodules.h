@@ -69,6 +69,23 @@ APC_API bool apc_freshness_look(struct apc_freshness *f, int64_t mark, apc_ns so
 APC_API bool apc_freshness_dated(struct apc_freshness *f, int64_t mark, apc_ns written, struct apc_now now,
                                  apc_ns horizon);
 
+/* ---- Source times -------------------------------------------------------------------------- */
+
+/** Is the clock right that a plant dates its measurements by? Zeroed: nothing was seen. */
+struct apc_dating {
+    bool seen, wrong;
+    apc_ns time, looked; /**< source time last seen, and when */
+    apc_ns off;          /**< by how much it was off then: ahead is positive */
+};
+#define APC_DATING_OFF (10 * APC_NS_PER_S)                         /**< what is no further off is right */
+#define APC_DATING_FAR (INT64_C(100) * 366 * 86400 * APC_NS_PER_S) /**< as far off as is told */
+/**
+ * Look at a sample that is new, of source @p time, at @p now; the run began at @p since (0: it is not known),
+ * all UTC. Returns the time for the record: the source's, or that of arrival where the clock is wrong or the
+ * sample is from before the run: of a value at rest a plant may give the time of its last change. [tick]
+ */
+APC_API apc_ns apc_dating_look(struct apc_dating *dating, apc_ns time, apc_ns now, apc_ns since);
+
 /* ---- Watchdog ------------------------------------------------------------------------------ */
 
 /**

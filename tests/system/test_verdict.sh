@@ -3,6 +3,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
+unset APC_STORE # each run has memory of its own
 habit() { echo "$1" >"$work/habit.new" && mv "$work/habit.new" "$work/habit"; }
 habit well
 background device python3 "$APC_SOURCE_DIR/tests/system/device.py" "$port" "$work/habit" "$work/taken"
@@ -68,3 +69,28 @@ until_true 30 at_fault 0
 takes 20
 judged 1 'the loop was never closed: the output u stood at its fault value'
 grep -q 'the run failed: the loop was never closed' "$work/blind/events.csv" || fail "no event of it"
+
+# the sanitizers' libraries have to come first, and so has the clock
+case "${APC_SANITIZE:-}" in ?*) exit 0 ;; esac
+
+port=$(free_port)
+fast_experiment
+sed '/^plant = {$/,/^};/c plant = { external = true; };' "$work/fast.conf" >"$work/external.conf"
+"$apc" init "$work/fast.conf" --store "sqlite:$work/plant.db" >/dev/null
+# a plant whose clock is wrong: the record is whole all the same, and the matter is said
+came() { [ "$("$apc" history y --store "$work/$name" --last 100 --csv | grep -c Good)" -ge "$1" ]; }
+for ahead in 3600 -3600 -1700000000; do
+  echo $ahead >"$work/clock"
+  background plant env LD_PRELOAD="$APC_BUILD_DIR/tests/clockstep.so" APC_TEST_CLOCK="$work/clock" "$APC_BIN/apc-plant" --config "$work/fast.conf" --store "sqlite:$work/plant.db"
+  plant=$pid
+  until_true 20 listens
+  background "clock$ahead" "$apc" run "$work/external.conf" --duration 0 --no-ui --out "$work/clock$ahead"
+  name=clock$ahead run=$pid
+  until_true 30 more "the plant's clock is wrong: of y the source time is [-+]" apc-client 0
+  until_true 30 came 10
+  judged 0 '^samples:'
+  kill "$plant"
+  wait "$plant" || true
+  [ "$(grep -c ',sensor,' "$work/$name/samples.csv")" -ge 5 ] || fail "samples of a plant that is $ahead s ahead: $(head -n 5 "$work/$name/samples.csv")"
+  grep -q "the plant's clock is wrong" "$work/$name/events.csv" || fail "no event of the clock"
+done

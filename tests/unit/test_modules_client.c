@@ -384,9 +384,59 @@ static void a_client_without_dimensions_is_refused(void **state)
     apc_client_destroy(NULL);
 }
 
+/* ---- Source times --------------------------------------------------------------------------- */
+
+#define HOUR (3600 * S)
+
+static void a_clock_that_is_near_enough_dates_its_samples(void **state)
+{
+    static const apc_ns off[] = {0, -9 * S, 9 * S};
+    (void)state;
+    for (size_t k = 0; k < sizeof off / sizeof *off; k++) {
+        struct apc_dating d = {0};
+        for (apc_ns t = T0; t < T0 + 60 * S; t += S)
+            assert_int_equal(apc_dating_look(&d, t + off[k], t, T0), t + off[k]);
+        assert_false(d.wrong);
+    }
+}
+
+static void a_clock_that_is_wrong_dates_nothing_and_is_known(void **state)
+{
+    static const apc_ns off[] = {HOUR, -HOUR, -60 * S, 11 * S, -T0, INT64_MAX - T0 - 3 * HOUR, INT64_MIN + T0};
+    (void)state;
+    for (size_t k = 0; k < sizeof off / sizeof *off; k++) {
+        struct apc_dating d = {0};
+        for (apc_ns t = T0; t < T0 + 2 * HOUR; t += S) /* until its times are those of the run's begin */
+            assert_int_equal(apc_dating_look(&d, t + off[k], t, T0), t);
+        assert_true(d.wrong);
+        assert_true(d.off > 0 ? off[k] > 0 : off[k] < 0);
+        assert_int_equal(apc_dating_look(&d, T0 + 2 * HOUR, T0 + 2 * HOUR, T0),
+                         T0 + 2 * HOUR); /* it was set */
+        assert_false(d.wrong);
+    }
+}
+
+/* Such a time is that of the last change, and old with right. */
+static void what_was_at_rest_since_before_the_run_came_when_it_came(void **state)
+{
+    struct apc_dating d = {0};
+    (void)state;
+    for (apc_ns t = T0; t < T0 + 60 * S; t += S) { /* the same time, though a status has changed */
+        assert_int_equal(apc_dating_look(&d, T0 - HOUR, t, T0), t);
+        assert_false(d.wrong);
+    }
+    assert_int_equal(apc_dating_look(&d, T0 + 60 * S, T0 + 61 * S, T0), T0 + 60 * S);
+    assert_int_equal(apc_dating_look(&d, T0 + 60 * S, T0 + HOUR, T0), T0 + 60 * S);
+    assert_int_equal(apc_dating_look(&d, T0 + HOUR - S, T0 + HOUR + S, T0), T0 + HOUR - S);
+    assert_false(d.wrong);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_clock_that_is_near_enough_dates_its_samples),
+        cmocka_unit_test(a_clock_that_is_wrong_dates_nothing_and_is_known),
+        cmocka_unit_test(what_was_at_rest_since_before_the_run_came_when_it_came),
         cmocka_unit_test(a_variable_is_fresh_until_its_mark_stood_still_for_the_horizon),
         cmocka_unit_test(the_first_look_believes_the_stamp_within_the_horizon),
         cmocka_unit_test(an_age_seen_at_the_first_look_counts_on),
