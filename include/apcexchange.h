@@ -206,7 +206,7 @@ APC_API int apc_exchange_finish(struct apc_exchange *exchange, struct apc_value 
 APC_API int apc_exchange_safe(struct apc_exchange *exchange, const bool *spared, apc_ns deadline);
 /**
  * From now on the commands are those of a claim, apc_store_claimed(): a plant behind frames refuses them once
- * it has had one of a newer claim, so that a client which slept while another one took its place moves
+ * another one of a newer claim commands, so that a client which slept while another one took its place moves
  * nothing (APC_FRAME_CLAIMED). A lower number than before changes nothing; `modbus:` and `serial:` have no
  * place for one. [tick]
  */

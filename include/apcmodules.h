@@ -41,7 +41,8 @@ struct apc_notice {
         APC_NOTICE_RIVALS,    /**< two clients command the plant and take it from each other */
         APC_NOTICE_POOR,      /**< the law's answers are usable, but not what is wanted; or good again */
         APC_NOTICE_SAID,      /**< what the law says for itself */
-        APC_NOTICE_FENCED     /**< a client commands that another one has taken the place of */
+        APC_NOTICE_FENCED,    /**< a client commands that another one has taken the place of */
+        APC_NOTICE_CLOCK      /**< who commands has a claim ahead of the plant's clock */
     } kind;
     char text[160];
 };

@@ -66,8 +66,9 @@ APC_API int server_accept(int fd);            /**< waits; a connection, or APC_E
 #define APC_FRAME_COUNT 8192       /**< values a frame may hold */
 /**
  * A client that has claims in a store numbers its requests by them: the claim's number (apc_store_claimed())
- * times 1024, and a count below 1024. A plant refuses a command of a lower claim than the highest that it has
- * taken one of. Ids below 2^50 tell of no claim, and are not compared.
+ * times 1024, and a count below 1024. A plant refuses a command of a lower claim than that of the client who
+ * commands, until that one has been silent for some seconds. Ids below 2^50 tell of no claim, and are not
+ * compared; nor is a claim, which is a time in us, that is minutes ahead of the plant's clock.
  */
 #define APC_FRAME_CLAIMED   (UINT64_C(1) << 50)
 #define APC_FRAME_PER_CLAIM 1024
@@ -231,7 +232,8 @@ APC_API int apc_server_create(struct apc_server **server, const char *uri,
 APC_API void apc_server_destroy(struct apc_server *server);
 #define APC_PEER_LEN 80
 /** The address of a connection's other end, "127.0.0.1:40000", of tls: with the name of its certificate,
- * "127.0.0.1:40000 (apc-client)"; "closed" when it is. Only from within fn, for whatever connection. Returns
+ * "127.0.0.1:40000 (apc-client)"; of one that is closed until its place is taken, then that it is forgotten.
+ * Only from within fn, for whatever connection. Returns
  * @p text. [tick] */
 APC_API char *apc_server_peer(const struct apc_server *server, uint64_t connection, char text[APC_PEER_LEN]);
 /** Where it listens; APC_EINVAL for NULL. [any] */

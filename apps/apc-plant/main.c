@@ -121,7 +121,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 }
 
 /* Who they are only the server knows. */
-static void tell_of_rivals(struct shell *s, enum apc_notice_kind kind, uint64_t refused)
+static void tell_of_rivals(struct shell *s, const struct apc_notice *notice, uint64_t refused)
 {
     char one[APC_PEER_LEN], other[APC_PEER_LEN];
     pthread_mutex_lock(&s->mutex);
@@ -129,16 +129,14 @@ static void tell_of_rivals(struct shell *s, enum apc_notice_kind kind, uint64_t 
     pthread_mutex_unlock(&s->mutex);
     (void)apc_server_peer(s->server, commander, one);
     (void)apc_server_peer(s->server, refused, other);
-    if (kind == APC_NOTICE_RIVALS)
+    if (notice->kind == APC_NOTICE_RIVALS)
         daemon_event(s->d, APC_EVENT_ALARM, "rejected",
                      "two clients command the plant and take it from each other: %.60s (now) and %.60s (now "
                      "refused); stop one",
                      one, other);
     else
-        daemon_event(s->d, APC_EVENT_ALARM, "rejected",
-                     "commands of %.50s are refused: %.50s has commanded since, by a newer claim; stop the "
-                     "older one (where its store's clock is behind: start the plant anew)",
-                     other, one);
+        daemon_event(s->d, APC_EVENT_ALARM, "rejected", "%.48s (while %.48s commands): %s", other, one,
+                     notice->text);
 }
 
 /* Where the task may, the link waits for no less: a plant that ticks and does not answer is no plant. */
@@ -162,7 +160,7 @@ int on_request(void *ctx, uint64_t connection, const char *request, size_t lengt
     const apc_ns tripped = apc_plantserver_watchdog(s->core)->tripped;
     pthread_mutex_unlock(&s->mutex);
     if (notice.kind == APC_NOTICE_RIVALS || notice.kind == APC_NOTICE_FENCED)
-        tell_of_rivals(s, notice.kind, connection);
+        tell_of_rivals(s, &notice, connection);
     else
         daemon_notice_at(s->d, &notice, notice.kind == APC_NOTICE_TRIP ? tripped : now.mono);
     return rc;

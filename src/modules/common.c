@@ -17,6 +17,7 @@ static int gravity(enum apc_notice_kind kind)
         return 4;
     case APC_NOTICE_REJECTED:
     case APC_NOTICE_HOLD:
+    case APC_NOTICE_CLOCK:
         return 3;
     case APC_NOTICE_RESUMED:
     case APC_NOTICE_RECOVERED:

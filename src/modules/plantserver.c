@@ -23,6 +23,9 @@
 #include <string.h>
 
 #define RIVALS_AGAIN (60 * APC_NS_PER_S) /* between two notices of two clients */
+/* beyond the link's limit: who lost the connection asks again within 5 s, and then needs an answer */
+#define CLAIM_KEPT  (10 * APC_NS_PER_S)
+#define CLOCK_APART (5 * 60 * APC_NS_PER_S) /* of a store's host and this one, as Kerberos has it */
 
 struct apc_plantserver {
     struct apc_plant *plant;
@@ -49,13 +52,16 @@ struct apc_plantserver {
     bool announced;      /* that there was a command ever was told */
     uint64_t connection; /* the newest that sent one */
     uint64_t command_id; /* of the frame of its last one */
-    uint64_t claim;      /* the highest of which there was one; 0: none has a number */
+    uint64_t claim;      /* of who commands, or did last; 0: none that counts */
+    apc_ns claim_at;     /* mono of its last one */
 
     bool refusing;  /* told of a refused command, and none was accepted since */
     bool failing;   /* told that the plant cannot be solved */
     bool rivals;    /* told that two clients send commands ... */
     apc_ns told_at; /* ... mono, the last time */
     bool fenced;    /* told of an older claim, since the newest connection that commands */
+    bool too_early; /* and of one that is refused for being ahead of the clock */
+    bool ahead;     /* told that the one who commands has a claim ahead of the clock */
 
     const struct apc_disturbance *disturbance; /* those still to come */
     size_t n_disturbances;
@@ -279,12 +285,10 @@ static bool acceptable(struct apc_plantserver *s, struct apc_notice *notice)
     return i == s->nu;
 }
 
-static void take_command(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
+static void take_command(struct apc_plantserver *s, apc_ns mono)
 {
     apc_ns stamp = s->samples[0].time;
 
-    if (!acceptable(s, notice))
-        return;
     for (size_t i = 0; i < s->nu; i++) {
         s->command[i] = s->samples[i].value;
         if (s->samples[i].time > stamp)
@@ -306,40 +310,87 @@ static void tell_of_rivals(struct apc_plantserver *s, apc_ns mono, struct apc_no
                  "from each other: stop one");
 }
 
-/* Is it of an older claim? */
-static bool fence(struct apc_plantserver *s, uint64_t id, struct apc_notice *notice)
+static uint64_t claim_of(uint64_t id)
 {
-    if (id < APC_FRAME_CLAIMED || id / APC_FRAME_PER_CLAIM >= s->claim)
+    return id < APC_FRAME_CLAIMED ? 0 : id / APC_FRAME_PER_CLAIM;
+}
+
+/* By how much a claim, a time in us, is ahead of the clock; 0: by no more than clocks may be apart. */
+static apc_ns ahead_by(uint64_t claim, apc_ns utc)
+{
+    const uint64_t latest = utc > -CLOCK_APART ? (uint64_t)((utc + CLOCK_APART) / 1000) : 0;
+
+    if (claim <= latest)
+        return 0;
+    return claim > INT64_MAX / 2000 ? INT64_MAX : (apc_ns)claim * 1000 - utc;
+}
+
+/* Is one refused for the sake of the claim that counts? @ahead: of the clock, by how much; 0: it is not. */
+static bool fence(struct apc_plantserver *s, uint64_t claim, apc_ns ahead, struct apc_notice *notice)
+{
+    if (!s->claim || !claim || (claim >= s->claim && !ahead))
         return false;
-    if (!s->fenced)
+    if (ahead && !s->too_early)
+        s->too_early =
+            apc_note(notice, APC_NOTICE_FENCED,
+                     "command refused: its claim is %.0f s ahead of this clock; stop that client, or "
+                     "set the clocks",
+                     apc_ns_to_s(ahead));
+    if (!ahead && !s->fenced)
         s->fenced = apc_note(notice, APC_NOTICE_FENCED,
-                             "command refused: a client with a newer claim has commanded since; stop the "
-                             "older one (or, where its store's clock is behind, start the plant anew)");
+                             "command refused: a newer claim has commanded since; stop the older client, or "
+                             "set its store's clock");
     return true;
 }
 
 /* Did that client send it before it reconnected? */
 static bool is_late(const struct apc_plantserver *s, uint64_t id)
 {
-    return id <= s->command_id ||
-           (id >= APC_FRAME_CLAIMED && id / APC_FRAME_PER_CLAIM == s->command_id / APC_FRAME_PER_CLAIM);
+    return id <= s->command_id || (claim_of(id) && claim_of(id) == claim_of(s->command_id));
 }
 
-static bool may_command(struct apc_plantserver *s, apc_ns mono, uint64_t connection, uint64_t id,
-                        struct apc_notice *notice)
+static void keep_claim(struct apc_plantserver *s, apc_ns mono, uint64_t claim, apc_ns ahead,
+                       struct apc_notice *notice)
 {
+    if (claim && !ahead) {
+        s->claim = claim;
+        s->claim_at = mono;
+    }
+    if (ahead && !s->ahead)
+        apc_note(
+            notice, APC_NOTICE_CLOCK,
+            "the claim of the client that commands is %.0f s ahead of this clock: it is not compared with "
+            "others; set the clocks",
+            apc_ns_to_s(ahead));
+    s->ahead = ahead > 0;
+}
+
+/* One that cannot be taken does not take the plant from anybody either. Returns false: refused for who sent
+ * it. */
+static bool command(struct apc_plantserver *s, struct apc_now now, uint64_t connection, uint64_t id,
+                    struct apc_notice *notice)
+{
+    const uint64_t claim = claim_of(id);
+
+    if (s->claim && now.mono - s->claim_at > s->watchdog.link + CLAIM_KEPT)
+        s->claim = 0;
+    /* the clock may have been put back since that claim was new */
+    const apc_ns ahead = claim && claim != s->claim ? ahead_by(claim, now.utc) : 0;
     if (connection < s->connection) {
         if (!is_late(s, id))
-            tell_of_rivals(s, mono, notice);
+            tell_of_rivals(s, now.mono, notice);
         return false;
     }
-    if (fence(s, id, notice))
+    if (fence(s, claim, ahead, notice))
         return false;
+    if (!acceptable(s, notice))
+        return true;
     s->fenced = s->fenced && connection == s->connection;
+    s->too_early = s->too_early && connection == s->connection;
     s->connection = connection;
     s->command_id = id;
-    if (id >= APC_FRAME_CLAIMED)
-        s->claim = id / APC_FRAME_PER_CLAIM;
+    keep_claim(s, now.mono, claim, ahead, notice);
+    take_command(s, now.mono);
     return true;
 }
 
@@ -479,9 +530,8 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
         return APC_EPROTO;
     /* packMultiMsg() cannot know which way it goes: the paper's client sends its command as values. */
     if ((frame.kind == APC_FRAME_COMMAND || frame.kind == APC_FRAME_VALUES) && frame.n == server->nu) {
-        if (!may_command(server, now.mono, connection, frame.id, notice))
+        if (!command(server, now, connection, frame.id, notice))
             return APC_EPERM;
-        take_command(server, now.mono, notice);
     } else if (frame.kind != APC_FRAME_QUERY || frame.n != 0) {
         return APC_EPROTO;
     }

@@ -32,6 +32,7 @@ void notice_event(const struct apc_notice *notice, struct apc_event *event)
         [APC_NOTICE_POOR] = {APC_EVENT_INFO, "law"},
         [APC_NOTICE_SAID] = {APC_EVENT_INFO, "law"},
         [APC_NOTICE_FENCED] = {APC_EVENT_ALARM, "rejected"},
+        [APC_NOTICE_CLOCK] = {APC_EVENT_WARNING, "clock"},
     };
     event->severity = of[notice->kind].severity;
     snprintf(event->kind, sizeof event->kind, "%s", of[notice->kind].kind);

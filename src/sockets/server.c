@@ -50,15 +50,16 @@
 struct connection {
     int fd; /* -1: free */
     uint64_t id;
-    struct apc_endpoint peer;
-    char *request, *reply; /* frame_max bytes each */
-    size_t from, have;     /* request: where the first unanswered begins; where the bytes end */
-    size_t line;           /* length of the whole request at from; 0: none, and from is 0 */
-    size_t sent, length;   /* of the reply; equal: none pending */
-    bool end;              /* the peer sends no more */
-    bool alien;            /* what stands at from is no frame */
-    bool shaking;          /* hands, of tls */
-    struct apc_tls *tls;   /* NULL: plain */
+    struct apc_endpoint peer; /* stays when it is closed, until its place is taken */
+    char name[24];            /* of the peer, by tls; "": plain */
+    char *request, *reply;    /* frame_max bytes each */
+    size_t from, have;        /* request: where the first unanswered begins; where the bytes end */
+    size_t line;              /* length of the whole request at from; 0: none, and from is 0 */
+    size_t sent, length;      /* of the reply; equal: none pending */
+    bool end;                 /* the peer sends no more */
+    bool alien;               /* what stands at from is no frame */
+    bool shaking;             /* hands, of tls */
+    struct apc_tls *tls;      /* NULL: plain */
     apc_ns since;
 };
 
@@ -195,7 +196,7 @@ static void answer(struct apc_server *s, struct connection *c, apc_ns now)
     int n = s->fn(s->ctx, c->id, c->request + c->from, c->line, c->reply, s->options.frame_max);
 
     if (n <= 0 || (size_t)n > s->options.frame_max) {
-        reject(s, c, "not a request that can be answered", now);
+        reject(s, c, n == APC_EPERM ? "its request is refused" : "not a request that can be answered", now);
         return;
     }
     count(&s->requests);
@@ -241,6 +242,7 @@ static void shake(struct apc_server *s, struct connection *c, apc_ns now)
     if (done > 0) {
         c->shaking = false;
         c->since = now;
+        snprintf(c->name, sizeof(c->name), "%.23s", apc_tls_peer(c->tls));
     } else if (done < 0 && apc_tls_heard(c->tls)) {
         reject(s, c, why.text, now);
     } else if (done < 0) {
@@ -278,20 +280,23 @@ static void serve(struct apc_server *s, struct connection *c, short events, apc_
 
 /* ---- The loop ------------------------------------------------------------------------------ */
 
-/* A free place, or that of the connection that was idle longest, which is closed. NULL: there is none. */
+/* A free place, or that of the connection that was idle longest, which is closed. NULL: there is none. Of
+ * free ones that of the oldest connection: who the latest were can still be told. */
 static struct connection *make_room(struct apc_server *s, apc_ns now)
 {
-    struct connection *idle = NULL;
+    struct connection *idle = NULL, *vacant = NULL;
 
     for (unsigned i = 0; i < s->options.connections; i++) {
         struct connection *c = &s->connections[i];
 
         if (c->fd < 0)
-            return c;
-        if (c->have == 0 && !answering(c) && !(c->shaking && apc_tls_heard(c->tls)) && c->id != s->served &&
-            (!idle || c->since < idle->since))
+            vacant = !vacant || c->id < vacant->id ? c : vacant;
+        else if (c->have == 0 && !answering(c) && !(c->shaking && apc_tls_heard(c->tls)) &&
+                 c->id != s->served && (!idle || c->since < idle->since))
             idle = c;
     }
+    if (vacant)
+        return vacant;
     if (idle) {
         count(&s->evicted);
         log_closing(s, &idle->peer, "it was silent longest, and a new one needed its place", now);
@@ -577,15 +582,16 @@ char *apc_server_peer(const struct apc_server *server, uint64_t connection, char
     for (unsigned i = 0; i < server->options.connections; i++) {
         const struct connection *c = &server->connections[i];
         char at[APC_ENDPOINT_TEXT];
-        if (c->fd < 0 || c->id != connection)
+        if (!connection || c->id != connection)
             continue;
-        if (!c->tls)
-            return apc_endpoint_format(&c->peer, text);
-        snprintf(text, APC_PEER_LEN, "%.53s (%.23s)", apc_endpoint_format(&c->peer, at),
-                 apc_tls_peer(c->tls));
+        apc_endpoint_format(&c->peer, at);
+        if (*c->name)
+            snprintf(text, APC_PEER_LEN, "%.53s (%.23s)", at, c->name);
+        else
+            snprintf(text, APC_PEER_LEN, "%s", at);
         return text;
     }
-    snprintf(text, APC_PEER_LEN, "closed");
+    snprintf(text, APC_PEER_LEN, "one whose address is forgotten");
     return text;
 }
 

@@ -40,7 +40,7 @@ until_true 20 "$apc" set r 3 --store "$new"
 until_true 30 settled "$new" 3
 kill -CONT "${slept[@]}"
 woken=$(date -u +%Y-%m-%dT%H:%M:%S.%6NZ)
-until_true 20 says plant "has commanded since, by a newer claim" 1
+until_true 20 says plant "a newer claim has commanded since" 1
 
 # it goes on trying, and ten seconds of the plant say that nothing came of it (where a busy machine makes the plant's
 # watchdog trip meanwhile, the safe value is what holds y where it is)
@@ -48,8 +48,8 @@ since() { "$apc" history y --store "$new" --since "$woken" --csv | tail -n +2; }
 enough() { [ "$(since | wc -l)" -ge 100 ]; }
 until_true 60 enough
 since | awk -F, '!($5 > 2.95 && $5 < 3.05) {bad = 1; print} END {exit bad}' || fail "the older client has moved the plant"
-[ "$(grep -c 'by a newer claim' "$work/plant.log")" -eq 1 ] || fail "it is not told of once: $(grep refused "$work/plant.log")"
-expect 0 'rejected.* commanded since, by a newer claim' "$apc" history --events --store "$old" --last 100
+[ "$(grep -c 'a newer claim has commanded' "$work/plant.log")" -eq 1 ] || fail "it is not told of once: $(grep refused "$work/plant.log")"
+expect 0 'rejected.*127.0.0.1:[0-9]* \(while 127.0.0.1:[0-9]* commands\): command refused: a newer claim has commanded since' "$apc" history --events --store "$old" --last 100
 
 # who connects anew with the newer claim commands as before
 kill -TERM "$client"
@@ -58,5 +58,23 @@ background new-client "$APC_BIN/apc-client" --store "$new"
 client=$pid
 until_true 20 "$apc" set r 4 --store "$new"
 until_true 30 settled "$new" 4
-kill -TERM "${slept[@]}" "$client" "$controller" "$plant"
-wait "${slept[@]}" "$client" "$controller" "$plant"
+
+# says_one ID: one command of somebody who goes at once; his port in $stranger
+says_one() {
+  exec {fd}<>"/dev/tcp/127.0.0.1/$port"
+  stranger=$(python3 -c 'import socket, sys; print(socket.socket(fileno=int(sys.argv[1])).getsockname()[1])' "$fd")
+  printf 'apc1 command %s 1;%s,Good,3;\n' "$1" "$(date -u +%Y-%m-%dT%H:%M:%S.%6NZ)" >&"$fd"
+  read -r -u "$fd" -t 10 _ || true
+  exec {fd}>&-
+}
+kill -TERM "${slept[@]}"
+wait "${slept[@]}"
+# of a time to come it moves nothing; of now it is refused nothing, but is forgotten, and told by its address
+says_one 18446744073709551615
+until_true 20 says plant "127.0.0.1:$stranger (while 127.0.0.1:[0-9]* commands): command refused: its claim is [0-9]* s ahead" 1
+says_one $(($(date +%s%6N) * 1024))
+until_true 20 says plant "(while 127.0.0.1:$stranger commands): command refused: a newer claim" 1
+until_true 20 "$apc" set r 5 --store "$new"
+until_true 30 settled "$new" 5
+kill -TERM "$client" "$controller" "$plant"
+wait "$client" "$controller" "$plant"

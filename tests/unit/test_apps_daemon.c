@@ -808,7 +808,8 @@ static void each_notice_is_an_event_of_its_kind_and_severity(void **state)
               {APC_NOTICE_RIVALS, APC_EVENT_ALARM, "rejected"},
               {APC_NOTICE_POOR, APC_EVENT_INFO, "law"},
               {APC_NOTICE_SAID, APC_EVENT_INFO, "law"},
-              {APC_NOTICE_FENCED, APC_EVENT_ALARM, "rejected"}};
+              {APC_NOTICE_FENCED, APC_EVENT_ALARM, "rejected"},
+              {APC_NOTICE_CLOCK, APC_EVENT_WARNING, "clock"}};
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         const struct apc_notice notice = {.kind = of[i].notice, .text = "it happened"};

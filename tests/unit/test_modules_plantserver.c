@@ -536,6 +536,70 @@ static void a_client_of_an_older_claim_moves_nothing(void **state)
     assert_input(r, 1.6, false);
 }
 
+/* Of a time to come: it takes the plant from nobody whose claim counts, and alone it commands without a
+ * number. */
+static void a_claim_ahead_of_the_clock_shuts_nobody_out(void **state)
+{
+    struct rig *r = *state;
+    const uint64_t later = UINT64_C(600) * 1000 * 1000;
+
+    assert_true(command_of(r, 1 * MS, 1, UINT64_MAX, 0.9) > 0);
+    assert_int_equal(r->notice.kind, APC_NOTICE_CLOCK);
+    assert_non_null(strstr(r->notice.text, "it is not compared with others"));
+    assert_true(command_of(r, 2 * MS, 1, UINT64_MAX, 0.9) > 0);
+    assert_int_not_equal(r->notice.kind, APC_NOTICE_CLOCK); /* said once */
+    assert_true(command_of(r, 3 * MS, 2, CLAIM(10), 1.0) > 0);
+
+    assert_fenced(r, 4 * MS, 2, CLAIM(9), true);
+    for (uint64_t k = 0; k < 3; k++) { /* which is another word than that one */
+        const uint64_t of[] = {UINT64_MAX, CLAIM(later), UINT64_C(1) << 63};
+        assert_int_equal(command_of(r, 4 * MS, 3 + k, of[k], -0.9), APC_EPERM);
+        assert_int_equal(r->notice.kind == APC_NOTICE_FENCED, k == 0);
+        if (k == 0)
+            assert_non_null(strstr(r->notice.text, "ahead of this clock"));
+    }
+    assert_true(command_of(r, 5 * MS, 2, CLAIM(10) + 1, 1.1) > 0);    /* on the connection that it had */
+    assert_true(command_of(r, 6 * MS, 6, CLAIM(later / 3), 1.2) > 0); /* clocks may be apart a little */
+    r->utc_step = -3600 * S;
+    assert_true(command_of(r, 7 * MS, 7, CLAIM(later / 3) + 1, 1.3) > 0); /* it was new before the step */
+    r->utc_step = 0;
+    tick(r, 8 * MS);
+    assert_input(r, 1.3, false);
+}
+
+/* One command of somebody with a number ends nobody's control for good. */
+static void a_claim_is_forgotten_once_its_client_is_silent(void **state)
+{
+    struct rig *r = *state;
+    const apc_ns kept = 3 * LINK + 100 * MS + 10 * S;
+
+    assert_true(command_of(r, 1 * MS, 1, CLAIM(10), 1.0) > 0);
+    assert_true(command_of(r, 2 * MS, 2, CLAIM(1000), 1.1) > 0);
+    assert_fenced(r, 3 * MS, 3, CLAIM(10) + 1, true);
+    assert_true(command_of(r, 4 * MS, 4, 1, 1.2) > 0); /* who has no number keeps it from no oblivion */
+    tick(r, 1 * MS + kept);                            /* its watchdog is heard first */
+    assert_fenced(r, 2 * MS + kept, 5, CLAIM(10) + 2, true);
+    assert_true(command_of(r, 3 * MS + kept, 6, CLAIM(10) + 3, 1.3) > 0);
+    assert_true(command_of(r, 4 * MS + kept, 7, CLAIM(1000) + 1, 1.4) >
+                0); /* it comes back, and is the newer one */
+    assert_fenced(r, 5 * MS + kept, 8, CLAIM(10) + 4, true);
+    tick(r, 6 * MS + kept);
+    assert_input(r, 1.4, false);
+}
+
+static void a_command_that_is_refused_takes_the_plant_from_nobody(void **state)
+{
+    struct rig *r = *state;
+
+    assert_true(command_of(r, 1 * MS, 1, CLAIM(10), 1.0) > 0);
+    assert_true(command_of(r, 2 * MS, 2, CLAIM(11), 1e9) > 0); /* out of range: answered, and not taken */
+    assert_int_equal(r->notice.kind, APC_NOTICE_REJECTED);
+    assert_int_equal(apc_plantserver_commander(r->server), 1);
+    assert_true(command_of(r, 3 * MS, 1, CLAIM(10) + 1, 1.1) > 0);
+    tick(r, 4 * MS);
+    assert_input(r, 1.1, false);
+}
+
 /* ---- Several inputs --------------------------------------------------------------------------- */
 
 /* Two heaters with limits of their own: a rig whose commands have two values. */
@@ -826,6 +890,9 @@ int main(void)
         cmocka_unit_test(a_command_with_one_new_value_is_new),
         T(two_rivals_are_told_of_once_a_minute),
         T(a_client_of_an_older_claim_moves_nothing),
+        T(a_command_that_is_refused_takes_the_plant_from_nobody),
+        T(a_claim_is_forgotten_once_its_client_is_silent),
+        T(a_claim_ahead_of_the_clock_shuts_nobody_out),
         T(no_vector_is_longer_than_a_frame_holds),
         T(a_plant_that_cannot_be_solved_is_bad_and_told_of_once_until_it_can),
         T(a_server_that_could_not_protect_its_plant_is_refused),

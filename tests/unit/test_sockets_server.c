@@ -91,7 +91,8 @@ struct plant {
     atomic_int calls;
     _Atomic uint64_t last_connection;
     char peer[APC_PEER_LEN],
-        nobody[APC_PEER_LEN]; /* of "who\n": who asks; who a connection is that there is not */
+        nobody[APC_PEER_LEN], /* of "who\n": who asks; who a connection is that there is not */
+        former[APC_PEER_LEN]; /* and the one before */
     atomic_bool unmasked;     /* the thread of the server takes signals */
 };
 
@@ -113,6 +114,7 @@ static int answer(void *ctx, uint64_t connection, const char *request, size_t le
         sem_wait(&p->leave);
         apc_server_peer(p->server, connection, p->peer);
         apc_server_peer(p->server, connection + 1, p->nobody);
+        apc_server_peer(p->server, connection - 1, p->former);
         sem_post(&p->entered);
     }
     if (length == 5 && !memcmp(request, "over\n", 5))
@@ -624,11 +626,36 @@ static void the_answer_knows_who_asks_and_is_not_interrupted(void **state)
     assert_int_equal(getsockname(fd, (struct sockaddr *)&in, &length), 0);
     snprintf(expected, sizeof expected, "127.0.0.1:%d", ntohs(in.sin_port));
     assert_string_equal(p.peer, expected);
-    assert_string_equal(p.nobody, "closed");
+    assert_string_equal(p.nobody, "one whose address is forgotten");
+    assert_string_equal(p.former, p.nobody);
     assert_false(atomic_load(&p.unmasked)); /* signals are for the program's own threads */
     pthread_sigmask(SIG_SETMASK, NULL, &mask);
     assert_false(sigismember(&mask, SIGTERM)); /* of which this is one, as before */
     assert_tuned(atomic_load(&accepted));
+    close(fd);
+    stop(&p);
+}
+
+/* Whoever sent something and left can still be named. */
+static void the_address_of_a_closed_connection_is_told(void **state)
+{
+    struct plant p;
+    int port = start(&p, NULL), fd = dial(port);
+    struct sockaddr_in in;
+    socklen_t length = sizeof in;
+    char expected[64];
+    (void)state;
+
+    assert_int_equal(getsockname(fd, (struct sockaddr *)&in, &length), 0);
+    snprintf(expected, sizeof expected, "127.0.0.1:%d", ntohs(in.sin_port));
+    say(fd, "bad\n");
+    assert_int_equal(recv(fd, &(char){0}, 1, 0), 0); /* closed there as well */
+    close(fd);
+    fd = dial(port);
+    sem_post(&p.leave);
+    ask(fd, "who\n");
+    sem_wait(&p.entered);
+    assert_string_equal(p.former, expected);
     close(fd);
     stop(&p);
 }
@@ -956,6 +983,7 @@ int main(void)
         cmocka_unit_test(a_taken_port_is_named),
         cmocka_unit_test(arguments_are_checked),
         cmocka_unit_test(rejections_are_logged_once_in_a_while),
+        cmocka_unit_test(the_address_of_a_closed_connection_is_told),
         cmocka_unit_test_teardown(the_answer_knows_who_asks_and_is_not_interrupted, mend),
         cmocka_unit_test_teardown(a_reply_that_is_none_or_has_no_room_closes_the_connection, mend),
         cmocka_unit_test_teardown(no_descriptor_is_left_open, mend),
