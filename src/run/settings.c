@@ -264,8 +264,11 @@ int settings_read(const char *file, char **text, struct apc_error *why)
     fclose(in);
     if (rc == 0) { /* what it does not need would be locked in memory, and the heap would grow as large */
         char *fitting = realloc(*text, n + 1);
-        *text = fitting ? fitting : *text;
-        return 0;
+        if (fitting) {
+            *text = fitting;
+            return 0;
+        }
+        rc = apc_fail(why, APC_ENOMEM, "%s: out of memory", file);
     }
     free(*text);
     *text = NULL;

@@ -61,6 +61,7 @@ unsized() {
 # for a function, or the library makes and destroys; a request, which only gets its id; and a notice, a summary and a PID's tuning, which stay as they are.
 [ "$(unsized "$APC_SOURCE_DIR"/include/*.h)" = "$(tr '\n' ' ' <<'END'
 apc_bin
+apc_dating
 apc_distribution
 apc_error
 apc_frame
@@ -80,6 +81,7 @@ apc_transfer
 apc_transfer_fit
 apc_validation
 apc_value
+apc_watchdog
 END
 )" ] || fail "a struct that the library fills begins with its size, or is named here with a reason: $(unsized "$APC_SOURCE_DIR"/include/*.h)"
 printf 'struct apc_bad {\n    int a;\n};\nstruct apc_good {\n    size_t size; /**< so */\n};\n/** Fills. [any] */\nAPC_API void apc_f(const struct apc_x *x,\n    struct apc_bad *bad, struct apc_good *good);\n' >"$work/sizes.h"

@@ -250,7 +250,8 @@ static void each_new_measurement_is_stored_once(void **state)
 static apc_status shown(struct apc_client *client, size_t i, double value)
 {
     static apc_ns time = T0;
-    struct apc_value y[] = {{50.0, APC_GOOD, ++time}, {50.0, APC_GOOD, time}};
+    time++;
+    struct apc_value y[] = {{50.0, APC_GOOD, time}, {50.0, APC_GOOD, time}};
     struct apc_sample out[2];
 
     y[i].value = value;
@@ -402,7 +403,8 @@ static void a_clock_that_is_near_enough_dates_its_samples(void **state)
 
 static void a_clock_that_is_wrong_dates_nothing_and_is_known(void **state)
 {
-    static const apc_ns off[] = {HOUR, -HOUR, -60 * S, 11 * S, -T0, INT64_MAX - T0 - 3 * HOUR, INT64_MIN + T0};
+    static const apc_ns off[] = {HOUR,          -HOUR, -60 * S, 11 * S, -T0, INT64_MAX - T0 - 3 * HOUR,
+                                 INT64_MIN + T0};
     (void)state;
     for (size_t k = 0; k < sizeof off / sizeof *off; k++) {
         struct apc_dating d = {0};
