@@ -310,6 +310,7 @@ static void record(struct daemon *d, struct apc_event *event, apc_ns mono)
     recorder_event(d->recorder, event);
 }
 
+APC_PRINTF(5, 0)
 static void say(struct daemon *d, apc_ns mono, enum apc_event_severity severity, const char *kind,
                 const char *fmt, va_list args)
 {
