@@ -250,8 +250,7 @@ int summary_failures(const struct campaign *c, struct apc_error *why)
         if (!r->made || r->rc == 0)
             continue;
         if (failed++ < FAILURES)
-            fprintf(c->options->talk, "seed %llu: %s\n", (unsigned long long)(c->options->seed + run),
-                    r->why);
+            fprintf(c->options->talk, "seed %llu: %s\n", (unsigned long long)c->options->seed + run, r->why);
         if (first == 0)
             first = r->rc;
     }
@@ -283,7 +282,7 @@ int summary_csv(const struct campaign *c, struct apc_error *why)
     fputc('\n', out);
     for (unsigned run = 0; run < c->options->runs; run++)
         for (size_t loop = 0; loop < c->loops && trial_counts(campaign_trial(c, run)); loop++) {
-            fprintf(out, "%llu,%zu", (unsigned long long)(c->options->seed + run), loop + 1);
+            fprintf(out, "%llu,%zu", (unsigned long long)c->options->seed + run, loop + 1);
             for (int i = 0; i < METRICS; i++) {
                 char value[40] = "";
                 double figure = campaign_trial(c, run)->figure[loop * METRICS + (size_t)i];

@@ -65,7 +65,7 @@ static int name_columns(struct reading *r, struct table *t)
     const size_t n = csv_columns(t->csv);
     int rc = 0;
 
-    t->of = calloc(n, sizeof(*t->of));
+    t->of = calloc(n, sizeof(void *));
     if (!t->of)
         return apc_fail(r->why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < n && rc == 0; i++)

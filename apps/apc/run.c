@@ -695,7 +695,7 @@ static void name_missing(struct run *r, const struct missing *missing)
 static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
 {
     const struct apc_range range = {.since = since - LEAD, .until = until};
-    struct missing missing;
+    struct missing missing = {0};
     char why[400];
     apc_ns begin;
     int rc = evidence_begin(r->store, &r->e, r->start, &begin);

@@ -63,7 +63,7 @@ static int no_answer(struct modbus *m)
 
 static int ask_once(struct modbus *m, unsigned unit, size_t n, size_t expected, const unsigned char **reply)
 {
-    const char *text;
+    const char *text = NULL;
 
     apc_modbus_put(m->frame, ++m->transaction);
     apc_modbus_put(m->frame + 2, 0);
@@ -74,8 +74,8 @@ static int ask_once(struct modbus *m, unsigned unit, size_t n, size_t expected, 
         m->sent = true;
         length = apc_link_receive(m->link, &text, m->deadline);
     }
-    if (length < 0)
-        return apc_fail(&m->x.error, length, "%s", apc_link_error(m->link));
+    if (length < 0 || !text)
+        return apc_fail(&m->x.error, length < 0 ? length : APC_EPROTO, "%s", apc_link_error(m->link));
     *reply = (const unsigned char *)text + APC_MODBUS_HEADER;
     if (memcmp(text, m->frame, 2) != 0 || memcmp(text + 6, m->frame + 6, 1) != 0)
         return no_answer(m);

@@ -25,7 +25,7 @@
 #define RIVALS_AGAIN (60 * APC_NS_PER_S) /* between two notices of two clients */
 /* beyond the link's limit: who lost the connection asks again within 5 s, and then needs an answer */
 #define CLAIM_KEPT  (10 * APC_NS_PER_S)
-#define CLOCK_APART (5 * 60 * APC_NS_PER_S) /* of a store's host and this one, as Kerberos has it */
+#define CLOCK_APART (300 * APC_NS_PER_S) /* of a store's host and this one, as Kerberos has it */
 
 struct apc_plantserver {
     struct apc_plant *plant;

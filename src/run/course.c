@@ -187,7 +187,7 @@ static struct curve *find(struct course *c, const char *what, double id)
 
 static int take_row(struct course *c, struct csv *csv, struct apc_error *why)
 {
-    double t, id, value;
+    double t = 0.0, id = 0.0, value = 0.0;
     int rc = csv_number(csv, 0, &t, why);
 
     if (rc == 0)
