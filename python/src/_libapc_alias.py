@@ -31,11 +31,11 @@ class _Alias:
     def create_module(self, spec):
         from importlib import import_module
         module = import_module("lib" + spec.name)
-        self._spec = module.__spec__
+        spec.loader_state = module.__spec__
         return module
 
     def exec_module(self, module):
-        module.__spec__ = self._spec  # it has been executed, as what it is
+        module.__spec__ = module.__spec__.loader_state  # it has been executed, as what it is
 
     def get_code(self, name):
         from importlib.util import find_spec

@@ -147,6 +147,14 @@ mkdir "$work/bin"
 ln -s "$(command -v dirname)" "$work/bin"
 expect 1 'no cmake: run scripts/setup' env PATH="$work/bin" "$BASH" "$scripts/build"
 
+# what apt-get cannot install is told in its words, also where it cannot say how much that is
+mkdir "$work/apt"
+printf '#!/bin/sh\nexit 1\n' >"$work/apt/dpkg-query"
+printf '#!/bin/sh\n[ "$1" = update ] || { echo "E: Unable to locate package gcc" >&2; exit 100; }\n' >"$work/apt/apt-get"
+printf '#!/bin/sh\n[ "$1" != -n ] || shift\nexec "$@"\n' >"$work/apt/sudo"
+chmod +x "$work/apt"/*
+expect 1 'E: Unable to locate package gcc' env PATH="$work/apt:$PATH" "$scripts/setup"
+
 # compose-init makes what is missing, and nothing else anew
 cp "$scripts/compose-init" "$work/top/scripts"
 secrets=$work/top/secrets
