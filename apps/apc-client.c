@@ -206,7 +206,7 @@ static void date(struct shell *s, size_t n)
     size_t i = 0;
     for (size_t k = 0; k < n; k++)
         s->y[k].time = apc_dating_look(&s->dating[s->y[k].id - 1], s->y[k].time, now, s->d->start);
-    while (i < ny && !s->dating[i].wrong)
+    while (i < ny && s->dating[i].looks < APC_DATING_SURE)
         i++;
     const enum change change = state_watch_look(&s->clock_state, i == ny, apc_clock_mono(NULL));
     if (change != CHANGE_NONE && i < ny)

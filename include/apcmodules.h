@@ -75,11 +75,14 @@ APC_API bool apc_freshness_dated(struct apc_freshness *f, int64_t mark, apc_ns w
 /** Is the clock right that a plant dates its measurements by? Zeroed: nothing was seen. */
 struct apc_dating {
     bool seen, wrong;
+    unsigned looks;      /**< samples in a row for which it was wrong */
     apc_ns time, looked; /**< source time last seen, and when */
     apc_ns off;          /**< by how much it was off then: ahead is positive */
 };
-#define APC_DATING_OFF (10 * APC_NS_PER_S)                         /**< what is no further off is right */
-#define APC_DATING_FAR (INT64_C(100) * 366 * 86400 * APC_NS_PER_S) /**< as far off as is told */
+/** So many in a row are the plant's fault. For fewer, this computer's own clock may have been stepped. */
+#define APC_DATING_SURE 3
+#define APC_DATING_OFF  (10 * APC_NS_PER_S)                         /**< what is no further off is right */
+#define APC_DATING_FAR  (INT64_C(100) * 366 * 86400 * APC_NS_PER_S) /**< as far off as is told */
 /**
  * Look at a sample that is new, of source @p time, at @p now; the run began at @p since (0: it is not known),
  * all UTC. Returns the time for the record: the source's, or that of arrival where the clock is wrong or the

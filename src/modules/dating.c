@@ -26,6 +26,7 @@ apc_ns apc_dating_look(struct apc_dating *d, apc_ns time, apc_ns now, apc_ns sin
     d->off = time < now - APC_DATING_FAR   ? -APC_DATING_FAR
              : time > now + APC_DATING_FAR ? APC_DATING_FAR
                                            : time - now;
+    d->looks = d->wrong ? d->looks + (d->looks < APC_DATING_SURE) : 0;
     d->seen = true;
     d->time = time;
     d->looked = now;

@@ -412,10 +412,34 @@ static void a_clock_that_is_wrong_dates_nothing_and_is_known(void **state)
             assert_int_equal(apc_dating_look(&d, t + off[k], t, T0), t);
         assert_true(d.wrong);
         assert_true(d.off > 0 ? off[k] > 0 : off[k] < 0);
+        assert_int_equal(d.looks, APC_DATING_SURE);
         assert_int_equal(apc_dating_look(&d, T0 + 2 * HOUR, T0 + 2 * HOUR, T0),
                          T0 + 2 * HOUR); /* it was set */
         assert_false(d.wrong);
     }
+}
+
+/* Of one computer both clocks are stepped, and a sample may be under way. */
+static void a_step_of_ones_own_clock_is_not_laid_at_the_plants_door(void **state)
+{
+    static const apc_ns step[] = {-2 * HOUR, 2 * HOUR, -HOUR};
+    struct apc_dating d = {0};
+    apc_ns t = T0 + 24 * HOUR;
+    unsigned most = 0;
+    (void)state;
+    for (size_t k = 0; k < sizeof step / sizeof *step; k++) {
+        for (int i = 0; i < 10; i++, t += S)
+            (void)apc_dating_look(&d, t - S / 2, t, T0);
+        assert_false(d.wrong);
+        const apc_ns before = t - S / 2;
+        t += step[k];
+        for (int i = 0; i < 10; i++, t += S) {
+            (void)apc_dating_look(&d, i == 0 ? before : t - S / 2, t, T0);
+            most = d.looks > most ? d.looks : most;
+        }
+        assert_false(d.wrong);
+    }
+    assert_in_range(most, 1, APC_DATING_SURE - 1);
 }
 
 /* Such a time is that of the last change, and old with right. */
@@ -438,6 +462,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_clock_that_is_near_enough_dates_its_samples),
         cmocka_unit_test(a_clock_that_is_wrong_dates_nothing_and_is_known),
+        cmocka_unit_test(a_step_of_ones_own_clock_is_not_laid_at_the_plants_door),
         cmocka_unit_test(what_was_at_rest_since_before_the_run_came_when_it_came),
         cmocka_unit_test(a_variable_is_fresh_until_its_mark_stood_still_for_the_horizon),
         cmocka_unit_test(the_first_look_believes_the_stamp_within_the_horizon),
