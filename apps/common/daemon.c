@@ -206,15 +206,32 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
 }
 
-/* A stack is locked in memory as a whole, and by default it has 8 MiB. Before the first thread. */
+static void *nothing(void *arg)
+{
+    return arg;
+}
+
+/*
+ * A stack is locked in memory as a whole, and by default it has 8 MiB. Before the first thread. Thread-local
+ * storage of libraries comes out of it: where that leaves too little, the default stays.
+ */
 static void bound_stacks(void)
 {
-    pthread_attr_t attr;
+    pthread_attr_t standard, attr;
+    pthread_t thread;
+
+    if (pthread_getattr_default_np(&standard) != 0)
+        return;
     if (pthread_attr_init(&attr) == 0) {
-        if (pthread_attr_setstacksize(&attr, STACK) == 0)
-            (void)pthread_setattr_default_np(&attr);
+        if (pthread_attr_setstacksize(&attr, STACK) == 0 && pthread_setattr_default_np(&attr) == 0) {
+            if (pthread_create(&thread, NULL, nothing, NULL) == 0)
+                (void)pthread_join(thread, NULL);
+            else
+                (void)pthread_setattr_default_np(&standard);
+        }
         pthread_attr_destroy(&attr);
     }
+    pthread_attr_destroy(&standard);
 }
 
 int daemon_open(struct daemon *d, const struct program *program, void *own, int argc, char **argv)
@@ -232,7 +249,7 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
     if ((rc = warden_create(&d->warden)) < 0)
-        return daemon_error(d, rc, "%s", apc_err_text(rc));
+        return daemon_error(d, rc, "no thread that waits for signals: %s", apc_err_text(rc));
     const enum apc_log_level level = read_level(d);
     if ((rc = load(d)) < 0)
         return rc;

@@ -295,25 +295,26 @@ void apc_companion_start(struct apc_companion *c)
     const struct sched_param normal = {.sched_priority = 0};
     pthread_attr_t attributes;
 
-    if (c->started)
+    if (c->started == getpid())
         (void)pthread_join(c->starter, NULL); /* it has ended */
-    c->started = false;
+    c->started = 0;
     if (pthread_attr_init(&attributes) != 0)
         return;
     (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
     (void)pthread_attr_setschedpolicy(&attributes, SCHED_OTHER);
     (void)pthread_attr_setschedparam(&attributes, &normal);
     c->starting = true;
-    c->started = pthread_create(&c->starter, &attributes, start_again, c) == 0;
-    c->starting = c->started;
+    if (pthread_create(&c->starter, &attributes, start_again, c) == 0)
+        c->started = getpid();
+    c->starting = c->started != 0;
     (void)pthread_attr_destroy(&attributes);
 }
 
 void apc_companion_settle(struct apc_companion *c)
 {
     pthread_mutex_lock(&c->lock);
-    const bool started = c->started && c->owner == getpid();
-    c->started = false;
+    const bool started = c->started == getpid();
+    c->started = 0;
     pthread_mutex_unlock(&c->lock);
     if (started)
         (void)pthread_join(c->starter, NULL);

@@ -27,7 +27,8 @@ struct apc_companion {
     int socket, output;   /* -1: there is no process */
     pid_t pid, owner;     /* owner: whose it is; a process that was forked since has to start its own */
     apc_ns since;         /* mono: of the newest request; of the last start */
-    bool starting, started;
+    bool starting;
+    pid_t started; /* of the process whose thread `starter` is; 0: there is none */
     pthread_t starter;
     char end[64]; /* how it ended */
     char said[APC_COMPANION_SAID];
