@@ -65,7 +65,7 @@ struct shell {
         struct lag_watch lag;
         bool scarce;
         int refused;
-        uint64_t gaps, rows, events, timing, older;
+        uint64_t gaps, rows, events, timing, older, other;
     } told;
     apc_ns woken; /* monotonic: the mover, by the task */
 };
@@ -256,6 +256,17 @@ static void tell_older(struct shell *s, const struct report *r)
     s->told.older = r->stats.older;
 }
 
+static void tell_other(struct shell *s, const struct apc_forward_stats *stats)
+{
+    if (stats->other.rows > s->told.other)
+        daemon_event(&s->d, APC_EVENT_ALARM, "history",
+                     "somebody else has written to the history: %llu rows are not the loop's, the last %s %d "
+                     "seq %lld; they are left as they are",
+                     (unsigned long long)(stats->other.rows - s->told.other),
+                     apc_table_name(stats->other.table), stats->other.id, (long long)stats->other.seq);
+    s->told.other = stats->other.rows;
+}
+
 static void tell_lost(struct shell *s, const struct apc_forward_stats *stats)
 {
     if (stats->lost.events > s->told.events)
@@ -303,6 +314,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     tell_older(s, &r);
     tell_gap(s, &r);
     tell_lost(s, &r.stats);
+    tell_other(s, &r.stats);
     tell_lag(s, &r, now);
     tell_room(s, &r, now);
     return 0;

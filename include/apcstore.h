@@ -434,6 +434,14 @@ struct apc_forward_stats {
                  there of what TO had at the start */
     uint64_t older; /**< so many times TO had less than it had taken, a backup that was restored: it is sent
                        again */
+    /** What TO had already under the number of one of FROM's, and is not that: somebody else wrote there. It
+     * is left as it is. */
+    struct {
+        uint64_t rows;
+        enum apc_table table; /**< the last of them, with id and seq */
+        int id;
+        int64_t seq;
+    } other;
 };
 
 /**
@@ -450,8 +458,8 @@ APC_API void apc_forward_destroy(struct apc_forward *forward); /**< NULL is lega
  *
  * Returns how many rows it stored, 0: TO had it all; or an error, after which it may be called again:
  * - APC_EPERM: TO belongs to another experiment. APC_EBUSY: somebody else writes it.
- * - APC_ECONFLICT: TO has rows that are newer than FROM's, so that it has not got them from there, or from
- *   one whose clock was wrong.
+ * - APC_ECONFLICT: TO has rows that are newer than FROM's, or others under the same numbers, so that it has
+ *   not got them from there, or from one whose clock was wrong.
  * - that of a store. [setup]
  */
 APC_API int apc_forward_step(struct apc_forward *forward, apc_ns timeout);
@@ -500,8 +508,9 @@ APC_API int apc_store_requests(struct apc_store *store, apc_request_fn fn, void 
 /** Say what became of one, as long as nobody has: @p seq of its row in the live store, 0: there is none;
  * @p outcome up to 191 bytes, NULL: that is still to come. Returns 0 or an error. [setup] */
 APC_API int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
-/** Say that the store is a history: a historian writes it, and people ask there. For its owner; of
- * `postgresql:` only. Returns 1, 0 where that was said before or cannot be, or an error. [setup] */
+/** Say that the store is a history: a historian writes it, and what people want is asked for in
+ * `postgresql:`, for its owner to say, and refused with APC_EPERM in `sqlite:`. Returns 1, 0 where that was
+ * said before, or cannot be: nothing is described there yet, or of other kinds; or an error. [setup] */
 APC_API int apc_store_keep_history(struct apc_store *store);
 /** Has that been said? Returns 1, 0 or an error. [setup] */
 APC_API int apc_store_is_history(struct apc_store *store);

@@ -23,6 +23,8 @@ int keep_finish(const char *live, const char *history, apc_ns timeout, struct ap
     if (rc == 0) {
         while ((rc = apc_forward_step(f, STEP)) > 0)
             ;
+        if (rc == 0 && (rc = apc_store_keep_history(to)) == APC_EPERM) /* its owner says so */
+            rc = 0;
         if (rc < 0)
             apc_fail(why, rc, "the history: %s", apc_forward_error(f));
     }

@@ -268,6 +268,25 @@ static void begin_anew(struct apc_forward *f)
     }
 }
 
+/* How much TO has not got; or that it cannot have got what it has from here. */
+static int compare(struct apc_forward *f)
+{
+    f->stats.behind = 0;
+    for (size_t i = 0; i < f->n; i++) {
+        const struct apc_forward_variable *v = &f->variable[i];
+        if (v->placed && v->stored > v->newest) {
+            f->stats.away = true;
+            return apc_fail(&f->why, APC_ECONFLICT,
+                            "it has %s %d up to seq %lld, newer than %lld here: it is of another run, or the "
+                            "clock of one was wrong",
+                            apc_table_name(v->at.table), v->at.id, (long long)v->stored,
+                            (long long)v->newest);
+        }
+        f->stats.behind += apc_rows_between(f->first, v->stored, v->newest);
+    }
+    return 0;
+}
+
 /* Become the one who writes those in TO that are new, then see what it has. */
 static int find_places(struct apc_forward *f)
 {
@@ -299,7 +318,12 @@ static int find_places(struct apc_forward *f)
     if (older) {
         begin_anew(f);
     }
-    return 0;
+    rc = compare(f);
+    rc = rc == 0 ? apc_forward_compare_places(f) : rc;
+    if (rc < 0) {
+        lose_places(f);
+    }
+    return rc;
 }
 
 static int look_at_from(struct apc_forward *f)
@@ -314,25 +338,6 @@ static int look_at_from(struct apc_forward *f)
         f->variable[i].read = false;
     }
     return rc;
-}
-
-/* How much TO has not got; or that it cannot have got what it has from here. */
-static int compare(struct apc_forward *f)
-{
-    f->stats.behind = 0;
-    for (size_t i = 0; i < f->n; i++) {
-        const struct apc_forward_variable *v = &f->variable[i];
-        if (v->placed && v->stored > v->newest) {
-            f->stats.away = true;
-            return apc_fail(&f->why, APC_ECONFLICT,
-                            "it has %s %d up to seq %lld, newer than %lld here: it is of another run, or the "
-                            "clock of one was wrong",
-                            apc_table_name(v->at.table), v->at.id, (long long)v->stored,
-                            (long long)v->newest);
-        }
-        f->stats.behind += apc_rows_between(f->first, v->stored, v->newest);
-    }
-    return 0;
 }
 
 /* ---- Samples and vectors ------------------------------------------------------------------- */
@@ -380,15 +385,21 @@ static int flush_rows(struct apc_forward *f)
         }
         f->sample[i].author = (uint32_t)author;
     }
-    int stored = apc_store_append_rows(f->to, &rows);
-    if (stored >= 0) {
-        apc_forward_count(f, &f->stats.vectors, stored);
-        stored = apc_store_append(f->to, f->sample, f->samples);
+    const int vectors = apc_store_append_rows(f->to, &rows);
+    if (vectors < 0) {
+        return apc_forward_fail_to(f, vectors);
     }
-    if (stored < 0) {
-        return apc_forward_fail_to(f, stored);
+    apc_forward_count(f, &f->stats.vectors, vectors);
+    const int samples = apc_store_append(f->to, f->sample, f->samples);
+    if (samples < 0) {
+        return apc_forward_fail_to(f, samples);
     }
-    apc_forward_count(f, &f->stats.samples, stored);
+    apc_forward_count(f, &f->stats.samples, samples);
+    const int compared = apc_forward_compare_batch(f, (size_t)samples < f->samples ? f->samples : 0,
+                                                   (size_t)vectors < f->vectors ? f->vectors : 0);
+    if (compared < 0) {
+        return compared;
+    }
     if (f->samples > 0) {
         f->last = f->sample[f->samples - 1];
     } else if (f->vectors > 0) {

@@ -15,6 +15,7 @@ struct apc_forward_variable {
     int64_t newest;       /* of FROM, when the step began */
     int64_t oldest;       /* that FROM still had, at the last look for that */
     int64_t missing;      /* gaps below this seq have been counted */
+    int64_t compared;     /* TO's row of this seq is known to be, or not to be, FROM's */
     bool placed;          /* what TO has is known, and that it is ours to write */
     bool read;            /* rows of it were read in this step */
     bool ours;            /* its last row was read from FROM ... */
@@ -72,6 +73,10 @@ int apc_forward_fail_from(struct apc_forward *f, int err);
 int apc_forward_fail_to(struct apc_forward *f, int err);
 int apc_forward_no_memory(struct apc_forward *f);
 void apc_forward_count(struct apc_forward *f, uint64_t *of, int stored);
+/* After read_newest() of TO: is it FROM's, as far as FROM still has it? 0 or an error. */
+int apc_forward_compare_places(struct apc_forward *f);
+/* Of what was just appended some was there already: was it the same? 0 or an error. */
+int apc_forward_compare_batch(struct apc_forward *f, size_t samples, size_t vectors);
 /* Events and timing that have come since the last time. */
 int apc_forward_records(struct apc_forward *f);
 

@@ -473,6 +473,7 @@ static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
     if (err) {
         return err;
     }
+    err = apc_sqlite_check_live(sq);
     for (size_t i = 0; !err && i < n; i++) {
         struct apc_sample newest = {.table = samples[i].table, .id = samples[i].id};
         err = apc_sqlite_newest(sq, &newest);
@@ -489,6 +490,7 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
     if (err) {
         return err;
     }
+    err = apc_sqlite_check_live(sq);
     for (size_t i = 0; !err && i < n; i++) {
         struct apc_sample newest = {.table = samples[i].table, .id = samples[i].id};
         err = apc_sqlite_newest(sq, &newest);
@@ -582,6 +584,9 @@ const struct apc_store_ops apc_sqlite_store = {
     .author_name = apc_sqlite_author_name,
     .describe = apc_sqlite_describe,
     .catalogue = apc_sqlite_catalogue,
+    .keep_history = apc_sqlite_keep_history,
+    .is_history = apc_sqlite_is_history,
+    .ask = apc_sqlite_ask,
     .get_tags = apc_sqlite_get_tags,
     .append_events = apc_sqlite_append_events,
     .events = apc_sqlite_events,

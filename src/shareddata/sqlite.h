@@ -226,6 +226,11 @@ int apc_sqlite_author(struct apc_store *store, const char *name);
 int apc_sqlite_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
 int apc_sqlite_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
 int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
+int apc_sqlite_is_history(struct apc_store *store);
+int apc_sqlite_ask(struct apc_store *store, struct apc_request *request);
+int apc_sqlite_keep_history(struct apc_store *store);
+/** In a transaction that is to write what people write: 0, APC_EPERM: the file is a history, or an error. */
+int apc_sqlite_check_live(struct apc_sqlite *sq);
 int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity);
 int apc_sqlite_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 int apc_sqlite_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);

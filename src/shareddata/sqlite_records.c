@@ -314,7 +314,7 @@ int apc_sqlite_timing(struct apc_store *store, const struct apc_range *range, ap
     return count;
 }
 
-/* ---- Tags ----------------------------------------------------------------------------------- */
+/* ---- Descriptions --------------------------------------------------------------------------- */
 
 #define TAG                                                                                                  \
     "table_number, id, name, unit, description, controller, area, low, high, display_low, display_high, "    \
@@ -400,6 +400,73 @@ int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64
     sqlite3_finalize(statement);
     return found < 0 ? found : length;
 }
+
+/* ---- A history ------------------------------------------------------------------------------ */
+
+static int find_kind(struct apc_sqlite *sq)
+{
+    sqlite3_stmt *statement = NULL;
+    int found = apc_sqlite_prepare(
+        sq, "SELECT kind = 'history' FROM catalogue ORDER BY revision DESC LIMIT 1", &statement);
+    found = found ? found : apc_sqlite_step(sq, statement);
+    const int history = found > 0 ? sqlite3_column_int(statement, 0) : 0;
+    sqlite3_finalize(statement);
+    return found < 0 ? found : history;
+}
+
+int apc_sqlite_is_history(struct apc_store *store)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    const int err = apc_sqlite_enter(sq);
+    sq->base.stats.round_trips++;
+    return err ? err : find_kind(sq);
+}
+
+/* A file has no table of requests: who asks is told where to go. */
+int apc_sqlite_ask(struct apc_store *store, struct apc_request *request)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    int err = apc_sqlite_enter(sq);
+    err = err ? err : apc_sqlite_check_live(sq);
+    request->id = 0;
+    return err ? err : apc_fail(&store->why, APC_EINVAL, "nobody can be asked for that here");
+}
+
+static int insert_kind(struct apc_sqlite *sq)
+{
+    sqlite3_stmt *statement = NULL;
+    int err = apc_sqlite_prepare(
+        sq,
+        "INSERT INTO catalogue (revision, time, kind, text) SELECT revision + 1, ?1, 'history', text FROM"
+        " (SELECT * FROM catalogue ORDER BY revision DESC LIMIT 1) WHERE kind <> 'history' RETURNING 1",
+        &statement);
+    if (!err) {
+        sqlite3_bind_int64(statement, 1, apc_sqlite_time(apc_clock_utc(NULL)));
+        err = apc_sqlite_step(sq, statement);
+    }
+    sqlite3_finalize(statement);
+    return err;
+}
+
+int apc_sqlite_keep_history(struct apc_store *store)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    const int history = apc_sqlite_is_history(store);
+    const int err = history ? history : apc_sqlite_begin(sq, APC_SQLITE_WRITE);
+    return err ? (err > 0 ? 0 : err) : apc_sqlite_end(sq, insert_kind(sq));
+}
+
+int apc_sqlite_check_live(struct apc_sqlite *sq)
+{
+    const int history = find_kind(sq);
+    return history > 0 ? apc_fail(&sq->base.why, APC_EPERM,
+                                  "%s is a history, which only its historian writes and no loop reads: write "
+                                  "to the live store that it is of, of a run by the run's folder",
+                                  sq->given)
+                       : history;
+}
+
+/* ---- Tags ----------------------------------------------------------------------------------- */
 
 static void take_tag(sqlite3_stmt *statement, struct apc_tag *t)
 {

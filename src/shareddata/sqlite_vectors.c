@@ -134,6 +134,11 @@ int apc_sqlite_append_rows(struct apc_store *store, const struct apc_rows *rows)
     if (err) {
         return err;
     }
+    bool people = false;
+    for (size_t i = 0; i < rows->n_samples; i++) {
+        people = people || apc_table_shared(rows->sample[i].table);
+    }
+    err = people ? apc_sqlite_check_live(sq) : 0;
     for (size_t i = 0; err >= 0 && i < rows->n_samples; i++) {
         err = append_sample(sq, &rows->sample[i]);
         count += err > 0;

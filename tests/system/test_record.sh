@@ -65,6 +65,12 @@ until_true 20 in_man
 at_set() { "$apc" get u --csv --store "$store" | grep -q ',1.5$'; }
 until_true 20 at_set
 
+# beside its historian nobody writes to the record: it would have rows that never were in force
+for command in 'set u 2' 'mode auto' 'tune Kp=0.4'; do
+  # shellcheck disable=SC2086
+  expect 4 'store\.db is a history, .* no loop reads' "$apc" $command --store "sqlite:$work/live/store.db"
+done
+
 # nobody else reads it, nobody else's experiment takes its place or its store
 [ "$(find "$work/live" -not -perm -go-rwx -o -perm /077 | wc -l)" = 0 ] || fail "others may read: $(find "$work/live" -perm /077)"
 before=$(md5sum <"$work/live/record.conf")
@@ -78,9 +84,10 @@ described=$(names)
 for other in "$work/other.conf" "$APC_SOURCE_DIR/experiments/servo.conf"; do
   (export APC_STORE=$store && expect 4 'it belongs to .*experiment' "$apc" run "$other" --duration 1 --out "$work/taken")
   expect 4 'it belongs to .*experiment' "$apc" run "$other" --duration 1 --force --out "$work/live"
-  expect 4 'it belongs to .*experiment.*--force' "$apc" init "$other" --store "$store"
+  expect 4 'the store is a history' "$apc" init --force "$other" --store "$store"
 done
 "$apc" init "$APC_SOURCE_DIR/experiments/servo.conf" --store "sqlite:$work/servo.db" >/dev/null
+expect 4 'it belongs to .*experiment.*--force' "$apc" init "$work/other.conf" --store "sqlite:$work/servo.db"
 expect 4 'TO: it belongs to another experiment: its sensor.1 is "angle"' "$apc" copy "$store" "sqlite:$work/servo.db"
 expect 0 '^angle ' "$apc" get --store "sqlite:$work/servo.db"
 [ ! -e "$work/taken" ] || fail "a refused run left its folder behind"

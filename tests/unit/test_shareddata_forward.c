@@ -624,6 +624,53 @@ static void test_a_record_that_is_newer_is_left_alone(void **state)
     live_drop(live);
 }
 
+static void test_another_runs_rows_under_the_same_numbers_are_no_record_of_this_one(void **state)
+{
+    struct apc_store *live = live_make(4);
+    append(live, 1, 5);
+    struct apc_sample other[3];
+    for (int64_t seq = 1; seq <= 3; seq++) {
+        other[seq - 1] = sample(APC_SENSOR, 1, seq, 77);
+    }
+    assert_int_equal(apc_store_append(*state, other, 3), 3);
+    assert_refused(live, *state, APC_ECONFLICT, "another row of sensor 1 under seq 3");
+    assert_whole(*state, APC_SENSOR, 1, 3);
+    live_drop(live);
+}
+
+static void assert_other(struct apc_forward *f, int64_t seq)
+{
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.other.rows, 1);
+    assert_true(stats.other.table == APC_SETPOINT && stats.other.id == 1 && stats.other.seq == seq);
+}
+
+static void test_what_somebody_else_wrote_to_the_record_is_told_and_never_passed_over(void **state)
+{
+    struct apc_store *live = live_make(4);
+    struct apc_sample ours = sample(APC_SETPOINT, 1, 1, 5), others = sample(APC_SETPOINT, 1, 2, 7);
+    ok(live, apc_store_append(live, &ours, 1));
+    struct apc_forward *f = begin(live, *state);
+    step(f);
+    ours.seq = 2;
+    ok(live, apc_store_append(live, &ours, 1));
+    assert_int_equal(apc_store_append(*state, &others, 1), 1);
+    assert_int_equal(step(f), 0);
+    assert_other(f, 2);
+    step(f);
+    assert_other(f, 2); /* once */
+    apc_forward_destroy(f);
+    f = begin(live, *state); /* and by one that comes later */
+    step(f);
+    assert_other(f, 2);
+    ours.seq = 3; /* the record goes on */
+    ok(live, apc_store_append(live, &ours, 1));
+    assert_int_equal(step(f), 1);
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
 static void test_two_do_not_write_one_record(void **state)
 {
     struct apc_store *live = live_make(4), *other = stores_open();
@@ -991,6 +1038,8 @@ int main(void)
         T(test_the_room_that_is_left_is_that_of_the_variable_with_the_least),
         T(test_another_experiments_record_is_left_alone),
         T(test_a_record_that_is_newer_is_left_alone),
+        T(test_another_runs_rows_under_the_same_numbers_are_no_record_of_this_one),
+        T(test_what_somebody_else_wrote_to_the_record_is_told_and_never_passed_over),
         T(test_two_do_not_write_one_record),
         T(test_kills_lose_and_double_nothing),
         T(test_a_host_that_dies_loses_what_came_since_a_batch_was_begun),

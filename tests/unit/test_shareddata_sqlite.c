@@ -475,6 +475,39 @@ static void test_a_file_of_version_1_comes_along_with_its_history(void **state)
     assert_int_equal(raw_number(path, "SELECT count(*) FROM sample"), 75);
 }
 
+static void test_people_write_nothing_to_a_history(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_tag tag = {.table = APC_SETPOINT, .id = 1, .name = "r"};
+    struct apc_sample r = sample(APC_SETPOINT, 1, 1, 5);
+    assert_int_equal(apc_store_keep_history(store), 0); /* nothing is described yet */
+    assert_int_equal(apc_store_describe(store, &tag, 1, "name = \"plant\";"), 1);
+    assert_int_equal(apc_store_append(store, &r, 1), 1);
+    assert_int_equal(apc_store_is_history(store), 0);
+    assert_int_equal(apc_store_put(store, &r, 1), 0);
+    assert_int_equal(apc_store_keep_history(store), 1);
+    assert_int_equal(apc_store_keep_history(store), 0);
+    struct apc_store *other = open_store(20 * SECOND);
+    assert_int_equal(apc_store_is_history(other), 1);
+    static const enum apc_table tables[] = {APC_SETPOINT, APC_OPMODE, APC_TUNING, APC_MANUAL};
+    for (size_t i = 0; i < sizeof tables / sizeof *tables; i++) {
+        struct apc_sample s = {.table = tables[i], .id = 1, .seq = tables[i] == APC_SETPOINT ? 2 : 0};
+        const struct apc_rows rows = {.size = sizeof rows, .sample = &s, .n_samples = 1};
+        assert_int_equal(apc_store_put(other, &s, 1), APC_EPERM);
+        assert_non_null(strstr(apc_store_error(other), "is a history"));
+        s.seq = tables[i] == APC_SETPOINT ? 2 : 0;
+        assert_int_equal(apc_store_swap(other, &s, 1), APC_EPERM);
+        assert_int_equal(apc_store_append_rows(other, &rows), APC_EPERM);
+        struct apc_request request = {.table = tables[i], .variable = 1, .author = "test"};
+        assert_int_equal(apc_store_ask(other, &request), APC_EPERM);
+    }
+    r.seq = 3; /* its historian does */
+    assert_int_equal(apc_store_append(other, &r, 1), 1);
+    assert_int_equal(apc_store_describe(other, &tag, 1, "name = \"plant\"; # again"), 1);
+    assert_int_equal(apc_store_is_history(other), 1); /* a new text is of the same kind */
+    apc_store_close(other);
+}
+
 static int count_sample(void *ctx, const struct apc_sample *s)
 {
     (void)s;
@@ -1273,6 +1306,7 @@ int main(void)
         T(test_an_error_in_the_middle_of_housekeeping_is_said),
         T(test_making_the_tables_waits_for_a_lock_as_all_else_does),
         cmocka_unit_test_setup_teardown(test_a_file_is_made_for_its_user_alone, set_up_nothing, tear_down),
+        T(test_people_write_nothing_to_a_history),
         T(test_a_lock_that_is_not_given_back_ends_in_a_timeout),
         T(test_nobody_is_held_up_by_somebody_who_reads_slowly),
         T(test_a_file_that_goes_away_and_comes_back_is_noticed),
