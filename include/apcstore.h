@@ -29,6 +29,9 @@ struct apc_store_options {
     bool chunks; /**< of a history in PostgreSQL: where apc_store_append() gets four or more samples of a
                     variable whose seqs follow each other, they become one row, which costs the server a
                     third. See apc_store_maintain(), `packed` */
+    bool spool_or_memory; /**< where the disk will not have the spool (full, read-only, no rights, no folder,
+                             no descriptors), when it is opened or while nothing waits in it, it is in memory,
+                             of at most 16 MiB, and stats.spool.instead says why; else APC_ESTORE */
 };
 
 struct apc_store;
@@ -91,9 +94,10 @@ struct apc_spool_stats {
     uint64_t drained;         /**< samples and events that went on to the store */
     uint64_t refused;         /**< samples and events: full, or the disk would not. Never acknowledged */
     uint64_t torn;            /**< bytes of a last, unfinished record, cut off when it was opened */
-    int blocked;      /**< the error with which the store, which is there, refuses what is next; or 0 */
-    uint64_t damaged; /**< times that the file was set aside; by apc_spool_look(): 1 if it has to be ... */
-    char aside[256];  /**< ... and as what, the last time */
+    int blocked;       /**< the error with which the store, which is there, refuses what is next; or 0 */
+    uint64_t damaged;  /**< times that the file was set aside; by apc_spool_look(): 1 if it has to be ... */
+    char aside[256];   /**< ... and as what, the last time */
+    char instead[256]; /**< why it is in memory and not in its file; empty: it is where it should be */
 };
 
 /** Counters since it was opened. */

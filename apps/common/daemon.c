@@ -185,7 +185,11 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
         .size = sizeof options, .name = d->name, .timeout = timeout, .backoff_max = pause};
     struct apc_error why;
     char path[512];
-    const char *dir = spool ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
+    char room[256];
+    const char *named = or_environment(d->options.store, "APC_STORE");
+    const char *uri = named ? store_live(named, room) : "postgresql:";
+    const bool shared = !strncmp(uri, "shm:", 4); /* memory is never away for long, and then it is gone */
+    const char *dir = spool && !shared ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
     if (spool) { /* an outage that the process outlives is bridged in any case */
         options.spool = "";
         options.spool_size = SPOOL_IN_MEMORY;
@@ -199,10 +203,9 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
             *at = *at == ' ' ? '-' : *at; /* "apc-controller base" */
         options.spool = path;
         options.spool_size = 0;
+        options.spool_or_memory = true; /* a full disk costs what it would have kept, not the loop */
     }
-    char room[256];
-    const char *uri = or_environment(d->options.store, "APC_STORE");
-    int rc = store_open(store, uri ? store_live(uri, room) : "postgresql:", &options, &why);
+    int rc = store_open(store, uri, &options, &why);
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
 }
 
@@ -378,6 +381,11 @@ static void watch_spool(struct daemon *d, struct spool_watch *w, const struct ap
     if (now->damaged > w->damaged)
         daemon_event(d, APC_EVENT_ALARM, "store", "spool of %s damaged or in conflict: kept as %.100s", what,
                      now->aside);
+    if (now->instead[0] && !w->instead)
+        daemon_event(
+            d, APC_EVENT_WARNING, "store",
+            "what is kept of %s while the store is away is in memory, and ends with the process: %.150s",
+            what, now->instead);
     if (waiting && !w->waiting)
         daemon_event(d, APC_EVENT_WARNING, "store", "%s go to the spool: %.140s", what,
                      apc_store_error(store));
@@ -395,6 +403,7 @@ static void watch_spool(struct daemon *d, struct spool_watch *w, const struct ap
     w->waiting = waiting;
     w->damaged = now->damaged;
     w->blocked = now->blocked;
+    w->instead = now->instead[0] != '\0';
 }
 
 void daemon_spool(struct daemon *d, const struct apc_store *store)

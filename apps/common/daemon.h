@@ -49,6 +49,7 @@ struct spool_watch {
     apc_ns age; /* the greatest while something waits */
     uint64_t drained, damaged;
     int blocked;
+    bool instead; /* it is in memory */
 };
 
 struct daemon {

@@ -19,7 +19,7 @@
 struct apc_store_config {
     char name[64];
     apc_ns timeout, backoff_min, backoff_max;
-    bool chunks;
+    bool chunks, spool_or_memory;
 };
 
 struct apc_store_ops;

@@ -404,6 +404,11 @@ static int drain(struct spooling *s)
 
 /* ---- Appending ------------------------------------------------------------------------------ */
 
+static bool may_fall_back(const struct spooling *s)
+{
+    return s->base.config.spool_or_memory && !s->file.memory;
+}
+
 static int keep(struct spooling *s, enum apc_spool_kind kind, const void *items, size_t n, bool sent)
 {
     struct apc_error why = {""};
@@ -414,6 +419,10 @@ static int keep(struct spooling *s, enum apc_spool_kind kind, const void *items,
     int err = first ? put_base(s, &why) : 0;
     if (!err) {
         err = apc_spool_put(&s->file, kind, items, n, &why);
+    }
+    if (err == APC_ESTORE && first && may_fall_back(s) && apc_spool_to_memory(&s->file, &why) == 0) {
+        err = put_base(s, &why);
+        err = err ? err : apc_spool_put(&s->file, kind, items, n, &why);
     }
     if (err) {
         s->file.stats.refused += n;
@@ -756,8 +765,20 @@ int apc_spool_wrap(struct apc_store **store, struct apc_store *inner, const char
     s->base.config = inner->config;
     s->inner = inner;
     apc_spool_identity(uri, identity, sizeof identity);
-    int err = apc_spool_open(&s->file, path, inner->config.name, identity, capacity, recovered, s, why);
+    const char *name = inner->config.name;
+    struct apc_error disk = {""};
+    int err = apc_spool_open(&s->file, path, name, identity, capacity, recovered, s, &disk);
+    if (err == APC_ESTORE && *path && inner->config.spool_or_memory) {
+        apc_spool_left(path, name, identity, recovered, s); /* its seqs are not given out again */
+        capacity = capacity < APC_SPOOL_IN_MEMORY ? capacity : APC_SPOOL_IN_MEMORY;
+        char instead[sizeof disk.text];
+        memcpy(instead, disk.text, sizeof instead);
+        err = apc_spool_open(&s->file, "", name, identity, capacity, recovered, s, &disk);
+        snprintf(s->file.stats.instead, sizeof s->file.stats.instead, "%.*s",
+                 (int)sizeof s->file.stats.instead - 1, instead);
+    }
     if (err) {
+        (void)apc_fail(why, err, "%s", disk.text);
         free_all(s);
         return err;
     }

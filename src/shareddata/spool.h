@@ -23,6 +23,7 @@
 #include "shareddata/shareddata_internal.h"
 
 enum { APC_SPOOL_HEADER = 4096, APC_SPOOL_RECORD = 16 }; /* bytes */
+#define APC_SPOOL_IN_MEMORY ((uint64_t)16 << 20)         /* instead of a file */
 
 enum apc_spool_kind {
     APC_SPOOL_SAMPLES = 1,
@@ -62,6 +63,12 @@ typedef int (*apc_spool_fn)(void *ctx, enum apc_spool_kind kind, const struct ap
  */
 int apc_spool_open(struct apc_spool_file *file, const char *path, const char *writer, const char *store,
                    uint64_t capacity, apc_spool_fn fn, void *ctx, struct apc_error *why);
+/** Tell of what waits in a file that apc_spool_open() refused, as far as it can be read; it stays as it is.
+ */
+void apc_spool_left(const char *path, const char *writer, const char *store, apc_spool_fn fn, void *ctx);
+/** Go on in memory: nothing waits in the file, and the disk will not have it, which @p why says. [tick]
+ * Returns 0 or APC_ESTORE. */
+int apc_spool_to_memory(struct apc_spool_file *file, const struct apc_error *why);
 /** Removes the file when nothing waits in it. */
 void apc_spool_close(struct apc_spool_file *file);
 /** Append one record; it is on disk on return. APC_ESTORE: full, or the disk would not take it; then the
@@ -109,6 +116,8 @@ int apc_spool_set_aside(struct apc_spool_file *file, const char *suffix, bool ke
 bool apc_spool_find(struct apc_spool_file *file, uint64_t at, struct apc_spool_record *record);
 /** Is what lies at @p at, and is no record, the last one, cut short? */
 bool apc_spool_torn(struct apc_spool_file *file, uint64_t at);
+/** Tell of the records from the head on. Returns where the first one is that is none. */
+uint64_t apc_spool_go_through(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, int *err);
 /** Go through the records from the head on: cut off a torn tail, set a damaged file aside. */
 int apc_spool_recover(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, struct apc_error *why);
 

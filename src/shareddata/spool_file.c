@@ -448,6 +448,28 @@ int apc_spool_open(struct apc_spool_file *file, const char *path, const char *wr
     return err;
 }
 
+int apc_spool_to_memory(struct apc_spool_file *file, const struct apc_error *why)
+{
+    struct apc_spool_file new = *file;
+    new.fd = memfd_create("apc-spool", MFD_CLOEXEC);
+    new.memory = true;
+    new.capacity = new.capacity < APC_SPOOL_IN_MEMORY ? new.capacity : APC_SPOOL_IN_MEMORY;
+    new.stats.capacity = new.capacity;
+    snprintf(new.path, sizeof new.path, "in memory");
+    snprintf(new.stats.instead, sizeof new.stats.instead, "%.*s", (int)sizeof new.stats.instead - 1,
+             why->text);
+    if (new.fd < 0 || apc_spool_write_header(&new, NULL) != 0) {
+        if (new.fd >= 0) {
+            close(new.fd);
+        }
+        return APC_ESTORE;
+    }
+    (void)unlink(file->path);
+    close(file->fd);
+    *file = new;
+    return 0;
+}
+
 void apc_spool_close(struct apc_spool_file *file)
 {
     if (apc_spool_empty(file) && !file->memory) {
@@ -515,6 +537,25 @@ int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_err
     free(file.buffer);
     close(file.fd);
     return err;
+}
+
+void apc_spool_left(const char *path, const char *writer, const char *store, apc_spool_fn fn, void *ctx)
+{
+    struct apc_spool_file file = {.fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
+    struct stat st;
+    int err = 0;
+    if (file.fd < 0) {
+        return;
+    }
+    snprintf(file.path, sizeof file.path, "%s", path);
+    make_crc(file.crc);
+    if (reserve(&file, APC_SPOOL_HEADER) == 0 && fstat(file.fd, &st) == 0 && S_ISREG(st.st_mode) &&
+        st.st_size > APC_SPOOL_HEADER && read_header(&file, (uint64_t)st.st_size, NULL) == 0 &&
+        check_owner(&file, writer, store, NULL) == 0) {
+        (void)apc_spool_go_through(&file, fn, ctx, &err);
+    }
+    free(file.buffer);
+    close(file.fd);
 }
 
 /* ---- Appending ------------------------------------------------------------------------------ */

@@ -88,8 +88,7 @@ int apc_spool_set_aside(struct apc_spool_file *file, const char *suffix, bool ke
     return 0;
 }
 
-/* Tell of the records from the head on. Returns where the first one is that is none. */
-static uint64_t go_through(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, int *err)
+uint64_t apc_spool_go_through(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, int *err)
 {
     struct apc_spool_record record;
     uint64_t at = file->head;
@@ -119,12 +118,12 @@ static uint64_t go_through(struct apc_spool_file *file, apc_spool_fn fn, void *c
 int apc_spool_recover(struct apc_spool_file *file, apc_spool_fn fn, void *ctx, struct apc_error *why)
 {
     int err = 0;
-    uint64_t good = go_through(file, fn, ctx, &err);
+    uint64_t good = apc_spool_go_through(file, fn, ctx, &err);
     if (!err && good < file->end && !apc_spool_torn(file, good)) {
         file->stats.damaged++;
         err = apc_spool_set_aside(file, "damaged", true, why);
         if (!err) {
-            good = go_through(file, fn, ctx, &err);
+            good = apc_spool_go_through(file, fn, ctx, &err);
         }
     }
     if (!err && good < file->end) {

@@ -28,6 +28,7 @@ static int make_config(struct apc_store_config *config, struct apc_store_options
         .backoff_min = o.backoff_min ? o.backoff_min : 100 * APC_NS_PER_MS,
         .backoff_max = o.backoff_max ? o.backoff_max : 5 * APC_NS_PER_S,
         .chunks = o.chunks,
+        .spool_or_memory = o.spool_or_memory,
     };
     if (config->backoff_max < config->backoff_min) {
         return apc_fail(why, APC_EINVAL, "the longest pause between connects is shorter than the first one");

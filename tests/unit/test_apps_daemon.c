@@ -587,6 +587,48 @@ static void what_a_store_that_is_away_does_not_take_is_told_and_kept(void **stat
     assert_says("--spool: the path is too long");
 }
 
+/* A file stands where its folder should be: as of any disk that will not have it, the loop starts all the
+ * same. */
+static void a_disk_that_will_not_have_the_spool_keeps_nobody_from_starting(void **state)
+{
+    char dir[300];
+    static const char away[] = "postgresql://apc@/none?host=/nowhere/at/all";
+    const char *const options[] = {"--store", away, "--spool", dir, NULL};
+    const struct life life = {.tick = tick_for_two_looks, .options = options};
+    (void)state;
+    snprintf(dir, sizeof dir, "%s/no-folder", scratch_folder());
+    const int fd = open(dir, O_CREAT | O_WRONLY | O_CLOEXEC, 0600);
+    assert_true(fd >= 0);
+    close(fd);
+    live(&life);
+    assert_ended(EXIT_OK);
+    assert_says(
+        "what is kept of events while the store is away is in memory, and ends with the process: spool ");
+    assert_says("Not a directory");
+    assert_says("events go to the spool: ");
+    unlink(dir);
+}
+
+/* Over shared memory, which is never away, there is none. */
+static void over_shared_memory_nobody_asks_for_a_spool(void **state)
+{
+    char live_store[64], segment[128], dir[300];
+    const char *const options[] = {"--store", live_store, "--spool", dir, NULL};
+    const struct life life = {.tick = stop_after_three, .options = options};
+    struct apc_store *s = NULL;
+    (void)state;
+    snprintf(dir, sizeof dir, "%s/never-made", scratch_folder());
+    snprintf(live_store, sizeof live_store, "shm:daemon-%d?size=1", (int)getpid());
+    snprintf(segment, sizeof segment, "/dev/shm/apc.daemon-%d", (int)getpid());
+    assert_int_equal(apc_store_open(&s, live_store, NULL, NULL), 0);
+    assert_int_equal(apc_store_init(s), 0);
+    apc_store_close(s);
+    live(&life);
+    assert_ended(EXIT_OK);
+    assert_int_equal(access(dir, F_OK), -1);
+    unlink(segment);
+}
+
 /* Where the line of the log that has @part goes on after it; it must be there. */
 static const char *after(const char *part)
 {
@@ -859,6 +901,8 @@ int main(void)
         cmocka_unit_test(without_a_schema_it_says_so_and_ends),
         cmocka_unit_test(a_store_that_may_be_missing_is_none),
         cmocka_unit_test(what_a_store_that_is_away_does_not_take_is_told_and_kept),
+        cmocka_unit_test(a_disk_that_will_not_have_the_spool_keeps_nobody_from_starting),
+        cmocka_unit_test(over_shared_memory_nobody_asks_for_a_spool),
         cmocka_unit_test(what_was_kept_drains_when_the_store_is_back_and_that_is_told_once),
         cmocka_unit_test(records_are_stored_again_when_they_are_not_when_there_are_none),
         cmocka_unit_test(a_server_that_is_slow_is_asked_again),

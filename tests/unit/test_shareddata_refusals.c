@@ -752,10 +752,15 @@ static void test_what_is_not_said_has_a_default(void **state)
         struct apc_store_options given;
         struct apc_store_config got;
     } cases[] = {
-        {{0}, {"libapc", 2 * APC_NS_PER_S, 100 * APC_NS_PER_MS, 5 * APC_NS_PER_S, false}},
-        {{.name = ""}, {"libapc", 2 * APC_NS_PER_S, 100 * APC_NS_PER_MS, 5 * APC_NS_PER_S, false}},
-        {{.name = "n", .timeout = 1, .backoff_min = 3, .backoff_max = 3, .chunks = true},
-         {"n", 1, 3, 3, true}},
+        {{0}, {"libapc", 2 * APC_NS_PER_S, 100 * APC_NS_PER_MS, 5 * APC_NS_PER_S, false, false}},
+        {{.name = ""}, {"libapc", 2 * APC_NS_PER_S, 100 * APC_NS_PER_MS, 5 * APC_NS_PER_S, false, false}},
+        {{.name = "n",
+          .timeout = 1,
+          .backoff_min = 3,
+          .backoff_max = 3,
+          .chunks = true,
+          .spool_or_memory = true},
+         {"n", 1, 3, 3, true, true}},
     };
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -769,6 +774,7 @@ static void test_what_is_not_said_has_a_default(void **state)
         assert_int_equal(configured.backoff_min, cases[i].got.backoff_min);
         assert_int_equal(configured.backoff_max, cases[i].got.backoff_max);
         assert_int_equal(configured.chunks, cases[i].got.chunks);
+        assert_int_equal(configured.spool_or_memory, cases[i].got.spool_or_memory);
         apc_store_close(s);
     }
 }

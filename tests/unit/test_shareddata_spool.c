@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/fsuid.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -549,6 +550,119 @@ static void spool_claimed(struct apc_store *store)
     append(store, 1, 3);
 }
 
+static void assert_refused(const char *uri, const struct apc_store_options *o, int err, const char *words)
+{
+    struct apc_error why = {""};
+    struct apc_store *store = NULL;
+    assert_int_equal(apc_store_open(&store, uri, o, &why), err);
+    assert_null(store);
+    assert_says(why.text, words);
+}
+
+/* ---- A disk that will not have it --------------------------------------------------------------- */
+
+/* Whatever @p path is opened as, in this process, takes nothing any more. */
+static void fill_disk_of(const char *path)
+{
+    char link[64], at[512];
+    int filled = 0;
+    for (int fd = 0; fd < 1024; fd++) {
+        snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
+        const ssize_t n = readlink(link, at, sizeof at - 1);
+        if (n > 0 && (at[n] = '\0', strcmp(at, path) == 0)) {
+            const int full = open("/dev/full", O_RDWR | O_CLOEXEC);
+            assert_true(full >= 0 && dup3(full, fd, O_CLOEXEC) == fd);
+            close(full);
+            filled++;
+        }
+    }
+    assert_int_equal(filled, 1);
+}
+
+static void test_without_its_disk_a_spool_is_in_memory_and_says_so(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    o.spool_or_memory = true;
+    for (int i = 0; i < 2; i++) {
+        o.spool = i == 0 ? "/nowhere/at/all.spool" : folder;
+        struct apc_store *store = open_with(through, &o);
+        assert_says(stats_of(store).instead, i == 0 ? "No such file" : "Is a directory");
+        append(store, i + 1, 1);
+        proxy_set(proxy, PROXY_REFUSE);
+        append(store, i + 1, 2);
+        assert_int_equal(stats_of(store).samples, 1);
+        proxy_set(proxy, PROXY_PASS);
+        drain(store);
+        apc_store_close(store);
+    }
+    assert_stored(2);
+    o.spool = spool; /* one that is another's is refused all the same */
+    o.name = "another";
+    struct apc_store *other = open_with(nowhere, &o);
+    append(other, 1, 1);
+    assert_string_equal(stats_of(other).instead, "");
+    apc_store_close(other);
+    o.name = "writer";
+    assert_refused(nowhere, &o, APC_EINVAL, "of writer another");
+}
+
+static void test_a_disk_that_fills_up_before_the_store_goes_away_costs_nothing(void **state)
+{
+    (void)state;
+    struct apc_store_options o = options();
+    o.spool_or_memory = true;
+    struct apc_store *store = open_with(through, &o);
+    append(store, 1, 1);
+    fill_disk_of(spool);
+    proxy_set(proxy, PROXY_REFUSE);
+    append(store, 1, 2);
+    append(store, 1, 3);
+    assert_says(stats_of(store).instead, "No space left on device");
+    assert_int_equal(stats_of(store).samples, 2);
+    assert_int_equal(stats_of(store).refused, 0);
+    proxy_set(proxy, PROXY_PASS);
+    drain(store);
+    assert_stored(3);
+    apc_store_close(store);
+}
+
+/* The rights of an ordinary user, for what root may do all the same. */
+static void as_nobody(bool nobody)
+{
+    if (geteuid() == 0) {
+        (void)setfsuid(nobody ? 65534 : 0);
+    }
+}
+
+static void test_numbers_that_wait_where_nothing_can_be_written_are_not_given_out_again(void **state)
+{
+    (void)state;
+    int64_t last[2];
+    struct apc_store_options o = options();
+    o.spool_or_memory = true;
+    struct apc_store *store = open_with(through, &o);
+    spool_claimed(store); /* 2 and 3 wait */
+    apc_store_close(store);
+    assert_int_equal(chmod(folder, 0755), 0);
+    assert_int_equal(chmod(spool, 0444), 0);
+    as_nobody(true);
+    store = open_with(through, &o);
+    as_nobody(false);
+    assert_says(stats_of(store).instead, "Permission denied");
+    proxy_set(proxy, PROXY_PASS);
+    ok(store, apc_store_claim(store, APC_SENSOR, 2, last));
+    assert_int_equal(last[0], 3);
+    append(store, 1, 4);
+    apc_store_close(store);
+    assert_int_equal(chmod(spool, 0600), 0);
+    store = open_with(through, &o); /* what waited there goes on */
+    assert_string_equal(stats_of(store).instead, "");
+    drain(store);
+    assert_stored(4);
+    apc_store_close(store);
+}
+
 /* A disk that is full from the first record on: both reasons are told. */
 static void test_a_spool_that_cannot_even_begin_says_why(void **state)
 {
@@ -793,15 +907,6 @@ static void test_a_store_whose_disk_is_full_is_bridged(void **state)
 }
 
 /* ---- What is found at opening ------------------------------------------------------------------ */
-
-static void assert_refused(const char *uri, const struct apc_store_options *o, int err, const char *words)
-{
-    struct apc_error why = {""};
-    struct apc_store *store = NULL;
-    assert_int_equal(apc_store_open(&store, uri, o, &why), err);
-    assert_null(store);
-    assert_says(why.text, words);
-}
 
 static void test_another_writers_or_stores_spool_is_refused(void **state)
 {
@@ -1127,6 +1232,9 @@ int main(void)
         ONLINE(test_a_store_that_hangs_is_left_alone_for_a_while),
         OFFLINE(test_a_short_stall_is_not_made_a_long_one),
         ONLINE(test_a_spool_that_cannot_even_begin_says_why),
+        ONLINE(test_without_its_disk_a_spool_is_in_memory_and_says_so),
+        ONLINE(test_a_disk_that_fills_up_before_the_store_goes_away_costs_nothing),
+        ONLINE(test_numbers_that_wait_where_nothing_can_be_written_are_not_given_out_again),
         ONLINE(test_a_claim_counts_the_spool_in_and_needs_it_while_the_store_is_away),
         ONLINE(test_a_seq_that_was_sent_is_never_given_out_again),
         ONLINE(test_a_claim_on_trust_is_made_up_for_before_anything_drains),
