@@ -459,11 +459,12 @@ int apc_sqlite_keep_history(struct apc_store *store)
 int apc_sqlite_check_live(struct apc_sqlite *sq)
 {
     const int history = find_kind(sq);
-    return history > 0 ? apc_fail(&sq->base.why, APC_EPERM,
-                                  "%s is a history, which only its historian writes and no loop reads: write "
-                                  "to the live store that it is of, of a run by the run's folder",
-                                  sq->given)
-                       : history;
+    return history > 0
+               ? apc_fail(&sq->base.why, APC_EPERM,
+                          "%s is a history, which no loop reads: say it where the loop runs, which a run's "
+                          "folder names while the run goes on",
+                          sq->given)
+               : history;
 }
 
 /* ---- Tags ----------------------------------------------------------------------------------- */

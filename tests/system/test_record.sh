@@ -68,7 +68,7 @@ until_true 20 at_set
 # beside its historian nobody writes to the record: it would have rows that never were in force
 for command in 'set u 2' 'mode auto' 'tune Kp=0.4'; do
   # shellcheck disable=SC2086
-  expect 4 'store\.db is a history, .* no loop reads' "$apc" $command --store "sqlite:$work/live/store.db"
+  expect 4 'store\.db is a history, which no loop reads' "$apc" $command --store "sqlite:$work/live/store.db"
 done
 
 # nobody else reads it, nobody else's experiment takes its place or its store
