@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "exitcode.h"
+#include "locked.h"
 #include "recorder.h"
 #include "run/run_internal.h"
 #include "storeuri.h"
@@ -166,8 +167,10 @@ static int load(struct daemon *d)
 
 static int open_executive(struct daemon *d)
 {
-    struct apc_executive_options options = {
-        .size = sizeof options, .log = d->log, .hold_latency = d->options.hold_latency, .lock_memory = true};
+    struct apc_executive_options options = {.size = sizeof options,
+                                            .log = d->log,
+                                            .hold_latency = d->options.hold_latency,
+                                            .lock_memory = !d->program->ordinary};
     struct apc_error why;
     const char *name = d->options.timer ? d->options.timer : "deadline";
     if (!strcmp(name, "virtual"))
@@ -548,6 +551,15 @@ static void report_spin(const struct daemon *d, const struct apc_task *task)
                       100 * timing.spin_share, (double)timing.spin_margin / 1e3);
 }
 
+static void say_locked(const struct daemon *d)
+{
+    const struct locked_memory m = locked_memory();
+    if (m.own > 0)
+        apc_log_write(d->log, APC_LOG_INFO,
+                      "locked in memory: %.1f MB of its own, %.1f MB of files, libraries and segments", m.own,
+                      m.shared);
+}
+
 int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *ctx)
 {
     const struct apc_task_options options = {.size = sizeof options,
@@ -571,6 +583,7 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
         goto out;
     }
     daemon_event(d, APC_EVENT_INFO, "start", "running every %g s", apc_ns_to_s(rhythm.period));
+    say_locked(d);
     warden_tell(d->warden, "READY=1");
     warden_watch(d->warden, task);
     rc = housekeep(d, task, rhythm);

@@ -25,7 +25,8 @@ struct program {
     const char *doc;                  /* one paragraph for --help */
     const char *task;                 /* "client": of the timing rows */
     unsigned parts;                   /* enum experiment_parts */
-    bool ordinary;                    /* its ticks need no real time: they run under SCHED_OTHER */
+    bool ordinary;                    /* its ticks need no real time: they run under SCHED_OTHER, and
+                                         its memory is not locked */
     bool store_optional;              /* runs without a store, then keeps no records */
     const char *spools;               /* "measurements": what the task writes is spooled; NULL: it is not */
     const struct argp *extra;         /* options of its own, or NULL; their input is `own` */

@@ -32,6 +32,7 @@ to_database=$pid
 until_true 30 more_values "$file" u 5
 until_true 30 more_values postgresql: u 5
 ! ps -L -o cls= -p "$to_file" | grep -v TS || fail "it asks for the priority of the loop, which its unit does not grant"
+! grep -q '^VmLck:.*[1-9]' "/proc/$to_file/status" || fail "it locks memory, and no loop waits for it"
 
 # a second one on the same history, and the history of another experiment, are refused
 expect 4 'history sqlite:.* cannot be taken: .*apc-historian' \

@@ -38,10 +38,11 @@ expect 0 ',sensor,1,Good,' "$apc" history y --last 3 --csv
 
 # what a daemon of the loop has locked of its own, kB
 own_locked() { awk '/^Private_/ {p += $2} /^Locked/ {if ($2 > 0) n += p; p = 0} END {print n + 0}' "/proc/$1/smaps"; }
-for name in apc-plant apc-client apc-controller; do
+for name in apc-plant apc-client apc-controller apc-scheduler; do
   pid=$(daemon $name) locked=$(own_locked "$pid")
   [ "$locked" -gt 0 ] || echo "$name: memory cannot be locked here, so how much of it is not tested"
   [ "$locked" -le 8192 ] || fail "$name has locked $locked kB of its own"
+  [ "$locked" = 0 ] || grep -q 'locked in memory: [1-9][0-9.]* MB of its own, [1-9][0-9.]* MB of' "$work/out/$name.log" || fail "$name does not say what it has locked"
 done
 
 # a second run on the same segment is refused and names who is there
