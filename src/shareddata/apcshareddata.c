@@ -20,9 +20,22 @@ void genTimeStampUTC(char ts[27])
     ts[26] = '\0';
 }
 
+#define TRIES 10
+
+/* The caller's session may be one of serializable transactions: then the server may undo a statement that met
+ * another's, as it does in a deadlock, and wants it again. Within a transaction of the caller's that is his.
+ */
 static PGresult *execute(PGconn *conn, const char *sql, const struct apc_pg_params *p)
 {
-    return PQexecParams(conn, sql, p->n, NULL, p->values, p->lengths, p->formats, 1);
+    for (int i = 1;; i++) {
+        PGresult *result = PQexecParams(conn, sql, p->n, NULL, p->values, p->lengths, p->formats, 1);
+        const char *state = PQresultErrorField(result, PG_DIAG_SQLSTATE);
+        const bool again = state && (strcmp(state, "40001") == 0 || strcmp(state, "40P01") == 0);
+        if (!again || i == TRIES || PQtransactionStatus(conn) != PQTRANS_IDLE) {
+            return result;
+        }
+        PQclear(result);
+    }
 }
 
 static int refused(PGconn *conn)

@@ -476,7 +476,8 @@ static int not_established(struct apc_pg *pg)
     const bool standby = strstr(text, "session is read-only") != NULL;
     return apc_pg_fail(
         pg, APC_ECONN,
-        standby ? "no server takes writes: a standby has not been promoted yet, or only standbys are named"
+        standby ? "no server takes writes: a standby has not been promoted yet, only standbys are named, or "
+                  "default_transaction_read_only is on for the database or the user"
                 : "cannot connect to the database",
         text);
 }
@@ -507,13 +508,30 @@ static int establish(struct apc_pg *pg)
 }
 
 /*
+ * What the tables and this code rely on, whatever the server, the database or the role has for a default.
+ * Each operation sees what others committed before its statements, so it is read committed; triggers and
+ * claims go by that. Nobody ends a session that is idle, or waits, but its own deadline. Commands that a
+ * function puts together hold times as text. A standby that was not waited for is told by a warning. A
+ * policy is to be obeyed, no error. A server that has not heard of one of them is not asked for it.
+ */
+#define SETTINGS                                                                                             \
+    "(SELECT pg_catalog.count(pg_catalog.set_config(name, value, false)) FROM (VALUES "                      \
+    "('default_transaction_isolation', 'read committed'), ('default_transaction_deferrable', 'off'), "       \
+    "('statement_timeout', '0'), ('lock_timeout', '0'), ('transaction_timeout', '0'), "                      \
+    "('idle_in_transaction_session_timeout', '0'), ('idle_session_timeout', '0'), "                          \
+    "('DateStyle', 'ISO, YMD'), ('IntervalStyle', 'postgres'), ('TimeZone', 'UTC'), "                        \
+    "('extra_float_digits', '1'), ('bytea_output', 'hex'), ('standard_conforming_strings', 'on'), "          \
+    "('row_security', 'on'), ('client_min_messages', 'warning')) AS v (name, value) "                        \
+    "WHERE pg_catalog.current_setting(name, true) IS NOT NULL)"
+
+/*
  * What a session needs, and its name, before it is asked for anything. A server that loses its client must
  * end the session, and with it the claims: idle ones by TCP keepalives, working ones by
  * client_connection_check_interval. The schema's name is quoted because it may be a word of SQL; it has no
  * quote in it.
  */
 static const char session_sql[] =
-    "SELECT set_config('search_path', '\"' || $1 || '\", pg_temp', false),"
+    "SELECT " SETTINGS ", set_config('search_path', '\"' || $1 || '\", pg_temp', false),"
     " set_config('plan_cache_mode', 'force_generic_plan', false), set_config('jit', 'off', false),"
     " set_config('tcp_keepalives_idle', '5', false), set_config('tcp_keepalives_interval', '1', false),"
     " set_config('tcp_keepalives_count', '3', false), set_config('client_connection_check_interval', '1s', "
@@ -746,6 +764,9 @@ int apc_pg_connect_bare(struct apc_pg *pg)
     apc_pg_drop(pg);
     pg->deadline = apc_clock_mono(NULL) + pg->base.config.timeout;
     int err = establish(pg);
+    if (!err) {
+        err = apc_pg_command(pg, "SELECT " SETTINGS, NULL);
+    }
     if (err) {
         apc_pg_drop(pg);
     }

@@ -229,6 +229,38 @@ static void test_two_writers_number_their_rows_without_gap_or_double(void **stat
                         "200 200");
 }
 
+static void *insert_second(void *arg)
+{
+    *(int *)arg = insertIntoTableFloat(db_conn, "sensor", 1, stamp, "'ok'", 2);
+    return NULL;
+}
+
+/* The server undoes the statement that waited for another's row (SQLSTATE 40001), and wants it again. */
+static void test_a_statement_that_the_server_wants_again_is_tried_again(void **state)
+{
+    (void)state;
+    double value = 0;
+    int err = 1;
+    pthread_t thread;
+    assert_int_equal(insertIntoTableFloat(db_conn, "sensor", 1, stamp, "'ok'", 1), 0);
+    PQclear(PQexec(db_conn, "SET default_transaction_isolation TO serializable"));
+    PGconn *other = cluster_connect(cluster);
+    PQclear(PQexec(other, "BEGIN; UPDATE apc.sensor_newest SET value = value"));
+    assert_int_equal(pthread_create(&thread, NULL, insert_second, &err), 0);
+    const bool waits =
+        cluster_await(cluster,
+                      "SELECT count(*) > 0 FROM pg_stat_activity WHERE wait_event_type = 'Lock' "
+                      "AND datname = current_database()",
+                      "t");
+    PQclear(PQexec(other, "COMMIT"));
+    PQfinish(other);
+    pthread_join(thread, NULL);
+    assert_true(waits);
+    assert_int_equal(err, 0);
+    assert_int_equal(readRecentValFloat(db_conn, "sensor", 1, NULL, NULL, &value), 0);
+    assert_true(value == 2);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -245,6 +277,7 @@ int main(void)
         T(test_the_servers_refusal_is_told_and_its_text_kept),
         T(test_a_table_of_another_make_is_no_crash),
         T(test_two_writers_number_their_rows_without_gap_or_double),
+        T(test_a_statement_that_the_server_wants_again_is_tried_again),
     };
     cluster = cluster_start();
     int failed = cmocka_run_group_tests(tests, NULL, NULL);

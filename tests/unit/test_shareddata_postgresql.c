@@ -899,6 +899,140 @@ static void test_a_long_history_streams_in_pieces(void **state)
     rmdir(directory);
 }
 
+/* ---- Whatever the server's defaults are ----------------------------------------------------------- */
+
+/* What the sessions of this database have, unless they say otherwise; and what a store's sessions need. */
+static const struct {
+    const char *name, *by_default, *needed;
+} settings[] = {
+    {"default_transaction_isolation", "serializable", "read committed"},
+    {"default_transaction_deferrable", "on", "off"},
+    {"statement_timeout", "'1h'", "0"},
+    {"lock_timeout", "'1ms'", "0"},
+    {"idle_in_transaction_session_timeout", "'1h'", "0"},
+    {"idle_session_timeout", "'1h'", "0"},
+    {"search_path", "nowhere", NULL},
+    {"\"DateStyle\"", "'SQL, DMY'", "ISO, YMD"},
+    {"\"IntervalStyle\"", "sql_standard", "postgres"},
+    {"\"TimeZone\"", "'Asia/Kolkata'", "UTC"},
+    {"extra_float_digits", "-15", "1"},
+    {"bytea_output", "escape", "hex"},
+    {"standard_conforming_strings", "off", "on"},
+    {"escape_string_warning", "off", NULL},
+    {"client_encoding", "latin1", "UTF8"},
+    {"row_security", "off", "on"},
+    {"client_min_messages", "error", "warning"},
+};
+#define N_SETTINGS (sizeof settings / sizeof settings[0])
+
+static void alter_database(const char *name, const char *value)
+{
+    char sql[300];
+    snprintf(sql, sizeof sql, "ALTER DATABASE %s %s %s%s%s", cluster_database(cluster),
+             value ? "SET" : "RESET", name, value ? " TO " : "", value ? value : "");
+    cluster_query(cluster, sql);
+}
+
+static int reset_database(void **state)
+{
+    (void)state;
+    alter_database("ALL", NULL);
+    return 0;
+}
+
+struct appending {
+    struct apc_store *store;
+    struct apc_sample sample;
+    int result;
+};
+
+static void *append_one(void *arg)
+{
+    struct appending *a = arg;
+    a->result = apc_store_append(a->store, &a->sample, 1);
+    return NULL;
+}
+
+/* A writer that is behind another's open transaction waits for it, and then goes on. */
+static void append_behind(struct apc_store *store)
+{
+    PGconn *other = cluster_connect(cluster);
+    char sql[200];
+    snprintf(sql, sizeof sql, "BEGIN; UPDATE plant%d.sensor_newest SET value = value WHERE id = 1", plant);
+    PQclear(PQexec(other, sql));
+    struct appending a = {.store = store, .sample = sample(APC_SENSOR, 1, 2, 2)};
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, append_one, &a), 0);
+    const bool waits = cluster_await(cluster,
+                                     "SELECT count(*) > 0 FROM pg_stat_activity WHERE wait_event_type = "
+                                     "'Lock' AND datname = current_database()",
+                                     "t");
+    PQclear(PQexec(other, "COMMIT"));
+    PQfinish(other);
+    pthread_join(thread, NULL);
+    assert_true(waits);
+    assert_int_equal(a.result, 1);
+}
+
+static void test_a_session_has_what_the_store_relies_on_whatever_the_defaults_are(void **state)
+{
+    char sql[800];
+    for (size_t i = 0; i < N_SETTINGS; i++) {
+        alter_database(settings[i].name, settings[i].by_default);
+    }
+    assert_int_equal(set_up(state), 0); /* the tables are made under them as well */
+    snprintf(
+        sql, sizeof sql,
+        "SET search_path TO plant%d; CREATE TABLE seen (name text, setting text);"
+        "CREATE FUNCTION see() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN INSERT INTO seen SELECT name, "
+        "current_setting(name) FROM pg_settings; RETURN NEW; END $$;"
+        "CREATE TRIGGER see BEFORE INSERT ON event FOR EACH ROW EXECUTE FUNCTION see()",
+        plant);
+    cluster_query(cluster, sql);
+    struct apc_store *store = open_direct(LONG);
+    const struct apc_event event = {
+        .time = apc_clock_utc(NULL), .severity = APC_EVENT_INFO, .source = "t", .kind = "start", .text = "t"};
+    assert_int_equal(apc_store_append_events(store, &event, 1), 1);
+    for (size_t i = 0; i < N_SETTINGS; i++) {
+        snprintf(sql, sizeof sql, "SELECT max(setting) FROM plant%d.seen WHERE name = btrim('%s', '\"')",
+                 plant, settings[i].name);
+        if (settings[i].needed) {
+            assert_string_equal(cluster_query(cluster, sql), settings[i].needed);
+        }
+    }
+    int64_t last[1];
+    ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
+    const struct apc_sample first = sample(APC_SENSOR, 1, 1, 0.1);
+    assert_int_equal(apc_store_append(store, &first, 1), 1);
+    assert_true(newest(store, APC_SENSOR, 1).value == 0.1);
+    append_behind(store);
+    ok(store, apc_store_maintain(store, &(struct apc_retention){.size = sizeof(struct apc_retention)}));
+    snprintf(
+        sql, sizeof sql,
+        "SELECT count(*) FROM pg_inherits JOIN pg_class c ON c.oid = inhrelid WHERE inhparent = "
+        "'plant%d.sensor'::regclass AND c.relname ~ '[0-9]{8}$' AND pg_get_expr(c.relpartbound, c.oid) !~ "
+        "('FROM ..' || to_char(to_date(right(c.relname, 8), 'YYYYMMDD'), 'YYYY-MM-DD') || ' 00:00:00')",
+        plant);
+    PGconn *plain = cluster_connect(cluster);
+    PQclear(
+        PQexec(plain, "SET TimeZone TO 'UTC'; SET DateStyle TO ISO; SET standard_conforming_strings TO on"));
+    PGresult *wrong = PQexec(plain, sql);
+    assert_string_equal(PQgetvalue(wrong, 0, 0), "0"); /* weeks that are not those of their names */
+    PQclear(wrong);
+    PQfinish(plain);
+    apc_store_close(store);
+}
+
+static void test_a_database_that_is_for_reading_only_by_default_is_named_as_such(void **state)
+{
+    (void)state;
+    alter_database("default_transaction_read_only", "on");
+    struct apc_store *store = open_direct(LONG);
+    assert_int_equal(apc_store_connect(store), APC_ECONN);
+    assert_says(store, "default_transaction_read_only is on");
+    apc_store_close(store);
+}
+
 #define T(name) cmocka_unit_test_setup(name, set_up)
 
 int main(void)
@@ -934,6 +1068,10 @@ int main(void)
         T(test_a_password_is_never_shown),
         T(test_text_never_becomes_sql),
         T(test_a_long_history_streams_in_pieces),
+        cmocka_unit_test_teardown(test_a_session_has_what_the_store_relies_on_whatever_the_defaults_are,
+                                  reset_database),
+        cmocka_unit_test_setup_teardown(test_a_database_that_is_for_reading_only_by_default_is_named_as_such,
+                                        set_up, reset_database),
     };
     cluster = cluster_start();
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
