@@ -22,7 +22,7 @@ static const struct argp_option option_list[] = {
 
 static void parse_at(struct analyze_options *o, char *arg, const struct argp_state *state)
 {
-    char *equals = strchr(arg, '=');
+    char *equals = strrchr(arg, '=');
     struct linear_at *at = &o->at[o->n_at];
 
     if (o->n_at == ANALYZE_AT)

@@ -161,7 +161,10 @@ static void show_csv(const struct entry *e)
     for (size_t k = 0; k < e->n_kinds; k++)
         for (size_t i = 0; e->kinds[k].table && i < e->kinds[k].n; i++) {
             const struct apc_param *p = &e->kinds[k].table[i];
-            printf("%s,%s,%s,", e->name, e->kinds[k].name, p->name);
+            print_csv_field(stdout, e->name);
+            printf(",%s,", e->kinds[k].name);
+            print_csv_field(stdout, p->name);
+            putchar(',');
             csv_text(p->unit);
             if (e->kinds[k].named_only)
                 fputs(",,,,", stdout);

@@ -110,8 +110,8 @@ static int set(const struct cli *cli, struct analysis *z, const char *text)
 {
     const struct apc_model *m = z->model;
     const struct apc_param *found;
-    const char *equals = strchr(text, '=');
-    char name[64];
+    const char *equals = strrchr(text, '=');
+    char name[1024];
     double *at, value;
 
     if (!equals || apc_number_parse(equals + 1, &value) < 0)

@@ -62,7 +62,7 @@ static bool parse_whole(const char *text, double most, double *value)
 
 static void parse_over(struct optimize_options *o, char *arg, const struct argp_state *state)
 {
-    char *equals = strchr(arg, '='), *dots = equals ? strstr(equals, "..") : NULL;
+    char *equals = setting_equals(arg), *dots = equals ? strstr(equals, "..") : NULL;
     struct number *n = &o->number[o->n];
     if (!dots || equals == arg || (size_t)(equals - arg) >= sizeof n->path) {
         argp_error(state, "--over \"%s\": expected PATH=LOW..HIGH, as controller.Kp=0.1..10", arg);

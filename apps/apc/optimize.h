@@ -11,7 +11,7 @@
 /* One number that is searched. In the search it goes from 0 to 1, by its logarithm where it spans a decade.
  */
 struct number {
-    char path[128];
+    char path[EXPERIMENT_SETTING];
     double low, high, now; /* now: in the file */
     bool logarithmic;
 };

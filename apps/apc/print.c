@@ -375,6 +375,21 @@ static void put_csv_text(FILE *out, const char *text)
     fputc('"', out);
 }
 
+void print_csv_field(FILE *out, const char *text)
+{
+    if (!text[strcspn(text, ",\"\r\n")]) {
+        fputs(text, out);
+        return;
+    }
+    fputc('"', out);
+    for (; *text; text++) {
+        if (*text == '"')
+            fputc('"', out);
+        fputc(*text, out);
+    }
+    fputc('"', out);
+}
+
 void print_event_csv(FILE *out, const struct apc_event *e)
 {
     char time[APC_TIME_LEN];

@@ -3,9 +3,23 @@
 
 #include <string.h>
 
+char *setting_equals(const char *text)
+{
+    bool quoted = false;
+    for (const char *c = text; *c; c++) {
+        if (*c == '\'' && (quoted || c == text || c[-1] == '.'))
+            quoted = !quoted;
+        else if (quoted && *c == '\\' && c[1])
+            c++;
+        else if (!quoted && *c == '=')
+            return (char *)(uintptr_t)c;
+    }
+    return quoted ? strchr(text, '=') : NULL; /* it was no name in quotes */
+}
+
 void setting_add(struct setting_list *list, const struct argp_state *state, char *arg)
 {
-    char *equals = strchr(arg, '=');
+    char *equals = setting_equals(arg);
     if (!equals || equals == arg) {
         argp_error(state, "--set \"%s\": expected PATH=VALUE, as controller.Kp=0.5", arg);
         return;

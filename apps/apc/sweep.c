@@ -10,6 +10,7 @@
 #include "gnuplot.h"
 #include "print.h"
 #include "report_script.h"
+#include "setting.h"
 
 #define MOST   1000 /* values */
 #define ROWS   8    /* loops in a figure */
@@ -38,7 +39,7 @@ struct swept {
 int sweep_parse(const char *text, struct sweep *s, struct apc_error *why)
 {
     static const char wanted[] = "expected PATH=FROM..TO:N, as controller.Kp=0.1..1:10";
-    const char *equals = strchr(text, '='), *dots = equals ? strstr(equals, "..") : NULL,
+    const char *equals = setting_equals(text), *dots = equals ? strstr(equals, "..") : NULL,
                *colon = dots ? strrchr(dots, ':') : NULL;
     char from[64], to[64];
     double n = 0;

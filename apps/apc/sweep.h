@@ -6,7 +6,7 @@
 #include "campaign.h"
 
 struct sweep {
-    char path[128];
+    char path[EXPERIMENT_SETTING];
     double from, to;
     unsigned n;
 };

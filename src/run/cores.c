@@ -49,7 +49,7 @@ int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct
 {
     const struct apc_model *m = e->plant.model;
     struct apc_random random;
-    char name[APC_TAG_LEN + 32];
+    char name[EXPERIMENT_SETTING]; /* whole: two names that begin alike have streams of their own */
 
     for (size_t i = 0; i < m->np; i++) {
         const struct apc_distribution *spread = &e->plant.spread[i];
@@ -58,7 +58,7 @@ int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct
         p[i] = e->plant.p[i];
         if (!spread->kind)
             continue;
-        snprintf(name, sizeof name, "plant.parameters.%.64s", param->name);
+        snprintf(name, sizeof name, "plant.parameters.%s", param->name);
         apc_random_init(&random, seed, name);
         do
             p[i] = apc_distribution_draw(spread, &random);

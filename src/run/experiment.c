@@ -96,10 +96,12 @@ static void read_params(struct settings *s, const config_setting_t *group, const
                         size_t n, const char *owner, double *values, struct apc_distribution *spread)
 {
     for (int i = 0; group && i < config_setting_length(group) && !s->failed; i++) {
-        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
-        const char *name = config_setting_name(member);
+        const char *name;
+        const config_setting_t *member = settings_value(s, group, i, &name);
         struct nearest nearest = {.wanted = name};
         size_t j = 0;
+        if (!member)
+            return;
         for (; j < n && strcmp(params[j].name, name) != 0; j++)
             nearest_look(&nearest, params[j].name);
         if (j == n)
@@ -109,7 +111,7 @@ static void read_params(struct settings *s, const config_setting_t *group, const
                                        : "; it has none at all",
                           nearest.name ? nearest.name : "", nearest.name ? "\"?" : "");
         else if (!spread || !read_spread(s, member, &params[j], &values[j], &spread[j]))
-            settings_number(s, group, name, REQUIRED, params[j].low, params[j].high, &values[j]);
+            settings_number_at(s, member, name, params[j].low, params[j].high, &values[j]);
     }
 }
 
@@ -120,8 +122,7 @@ void experiment_read_believed(struct settings *s, const config_setting_t *group,
     c->believed = array(s, m->np, sizeof *c->believed);
     for (size_t i = 0; c->believed && i < m->np; i++)
         c->believed[i] = e->plant.p[i];
-    read_params(s, settings_group(s, group, "parameters", OPTIONAL), m->param, m->np, m->name, c->believed,
-                NULL);
+    read_params(s, settings_values(s, group, "parameters"), m->param, m->np, m->name, c->believed, NULL);
 }
 
 void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size)
@@ -206,7 +207,7 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
     for (size_t i = 0; i < model->np && e->plant.p; i++)
         e->plant.p[i] = model->param[i].initial;
     if (!chosen && !s->failed)
-        read_params(s, settings_group(s, group, "parameters", OPTIONAL), model->param, model->np, model->name,
+        read_params(s, settings_values(s, group, "parameters"), model->param, model->np, model->name,
                     e->plant.p, e->plant.spread);
     const config_setting_t *x0 = config_setting_get_member(group, "x0");
     if (x0 && !chosen && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))

@@ -163,11 +163,11 @@ static void read_noise(struct settings *s, const config_setting_t *group, struct
     const struct apc_model *model = e->plant.model;
     e->plant.noise = zeros(s, model->nx, sizeof *e->plant.noise);
     for (int i = 0; i < config_setting_length(group) && !s->failed; i++) {
-        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
-        const char *name = config_setting_name(member);
-        size_t k = find(s, member, name, model->state, model->nx, "state", model->name);
+        const char *name;
+        const config_setting_t *member = settings_value(s, group, i, &name);
+        size_t k = member ? find(s, member, name, model->state, model->nx, "state", model->name) : model->nx;
         if (k < model->nx)
-            settings_number(s, group, name, REQUIRED, 0, APC_VALUE_MAX / 2, &e->plant.noise[k]);
+            settings_number_at(s, member, name, 0, APC_VALUE_MAX / 2, &e->plant.noise[k]);
     }
 }
 
@@ -175,7 +175,7 @@ static void read_disturbance(struct settings *s, const config_setting_t *group, 
                              struct apc_disturbance *change)
 {
     static const char *const known[] = {"name", "at", "value", NULL};
-    char name[64] = "";
+    char name[EXPERIMENT_NAME] = "";
     if (!config_setting_is_group(group)) {
         settings_fail(s, group, "expected a group: { name = \"...\"; at = 100.0; value = 1.0; }");
         return;
@@ -211,7 +211,7 @@ static void read_disturbances(struct settings *s, const config_setting_t *list, 
 void experiment_read_dynamics(struct settings *s, const config_setting_t *group, struct experiment *e,
                               bool own)
 {
-    const config_setting_t *noise = settings_group(s, group, "noise", OPTIONAL);
+    const config_setting_t *noise = settings_values(s, group, "noise");
     const config_setting_t *disturbances = settings_list(s, group, "disturbances", OPTIONAL);
     struct apc_plant_options *o = &e->plant.options;
     struct apc_plant *trial = NULL;

@@ -11,12 +11,10 @@
 #include "experiment_parts.h"
 #include "nearest.h"
 
-#define NAME_LEN 64
-
 /* Where the new value goes: instead of a setting that is there, or as a new member of a group. */
 struct place {
     const config_setting_t *at, *in;
-    char name[NAME_LEN], *value;        /* of the new member; value: as it stands in a file, to be freed */
+    char name[EXPERIMENT_NAME], *value; /* of the new member; value: as it stands in a file, to be freed */
     const config_setting_t *without;    /* is left out, or NULL */
     const config_setting_t *among;      /* where there is no such setting: among these, */
     const char *lost;                   /* what begins the rest of the path names none */
@@ -78,6 +76,28 @@ static void put_scalar(FILE *out, const config_setting_t *at)
 
 static void put(FILE *out, const config_setting_t *at, const struct place *place);
 
+/* Of values by name: what has any name stands in a list. */
+static void put_named(FILE *out, const char *name)
+{
+    fputs("{ name = ", out);
+    put_quoted(out, name);
+    fputs("; value = ", out);
+}
+
+/* A group of such values as a list, with the new one. */
+static void put_as_list(FILE *out, const config_setting_t *group, const struct place *place)
+{
+    fputc('(', out);
+    for (int i = 0; i < config_setting_length(group); i++) {
+        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        put_named(out, config_setting_name(member));
+        put(out, member, place);
+        fputs("; }, ", out);
+    }
+    put_named(out, place->name);
+    fprintf(out, "%s; })", place->value);
+}
+
 static void put_members(FILE *out, const config_setting_t *group, const struct place *place, const char *end)
 {
     for (int i = 0; i < config_setting_length(group); i++) {
@@ -97,6 +117,8 @@ static void put(FILE *out, const config_setting_t *at, const struct place *place
     const bool list = config_setting_is_list(at);
     if (at == place->at) {
         fputs(place->value, out);
+    } else if (config_setting_is_group(at) && at == place->in && !settings_is_word(place->name)) {
+        put_as_list(out, at, place);
     } else if (config_setting_is_group(at)) {
         fputs("{ ", out);
         put_members(out, at, place, "; ");
@@ -106,6 +128,11 @@ static void put(FILE *out, const config_setting_t *at, const struct place *place
         for (int i = 0; i < config_setting_length(at); i++) {
             fputs(i ? ", " : "", out);
             put(out, config_setting_get_elem(at, (unsigned)i), place);
+        }
+        if (at == place->in) {
+            fputs(config_setting_length(at) ? ", " : "", out);
+            put_named(out, place->name);
+            fprintf(out, "%s; }", place->value);
         }
         fputc(list ? ')' : ']', out);
     } else {
@@ -197,13 +224,6 @@ static int new_tuning(struct place *place, const config_setting_t *law, const ch
     return 0;
 }
 
-/* What a setting may be called. */
-static bool is_word(const char *name)
-{
-    const size_t n = strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-*");
-    return n > 0 && !name[n] && n < NAME_LEN;
-}
-
 /* Of a controller, or else of the file: those that a path may begin with. *@n of them. */
 static const config_setting_t *signals_of(const config_setting_t *controller, const char *name, int *n)
 {
@@ -237,7 +257,7 @@ static int find_tuning(struct place *place, const config_setting_t *controller, 
     const char *const of_backup = backup && which >= 0 ? after(path, "backup") : NULL;
     if (of_backup)
         path = of_backup;
-    if (which < 0 || !is_word(path))
+    if (which < 0 || !settings_is_word(path) || strlen(path) >= sizeof place->name)
         return lose(place, named ? NULL : outputs, path);
     place->controller = controller;
     place->parameter = path;
@@ -257,15 +277,70 @@ static int find_tuning(struct place *place, const config_setting_t *controller, 
     return 0;
 }
 
+/* Is what has @name in @parent values by a model's names, dots and all? */
+static bool holds_values(const char *name, const config_setting_t *parent)
+{
+    const char *of = name && parent ? config_setting_name(parent) : NULL;
+    return name && (!strcmp(name, "parameters") || (!strcmp(name, "noise") && of && !strcmp(of, "plant")));
+}
+
+/* One of these, new or not. */
+static int find_value(struct place *place, const config_setting_t *values, const char *path)
+{
+    if (strlen(path) >= sizeof place->name)
+        return lose(place, values, path);
+    snprintf(place->name, sizeof place->name, "%s", path);
+    if (config_setting_is_group(values)) {
+        place->at = config_setting_get_member(values, path);
+    } else {
+        for (int i = 0; !place->at && i < config_setting_length(values); i++) {
+            const config_setting_t *one = config_setting_get_elem(values, (unsigned)i);
+            const char *name = name_in(one);
+            place->at = name && !strcmp(name, path) && config_setting_is_group(one)
+                            ? config_setting_get_member(one, "value")
+                            : NULL;
+        }
+    }
+    place->in = place->at ? NULL : values;
+    return 0;
+}
+
+/* All of such values, with the one that is called @p name: in place of @p place->value. */
+static int new_values(struct place *place, const char *name)
+{
+    char *values = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&values, &size);
+    if (!out)
+        return APC_ENOMEM;
+    if (settings_is_word(name)) {
+        fprintf(out, "{ %s = %s; }", name, place->value);
+    } else {
+        fputc('(', out);
+        put_named(out, name);
+        fprintf(out, "%s; })", place->value);
+    }
+    if (fclose(out) != 0) {
+        free(values);
+        return APC_ENOMEM;
+    }
+    free(place->value);
+    place->value = values;
+    return 0;
+}
+
 /* The groups on the way to a new member that are not there either: "parameters.K" is { K = VALUE; }. */
 static int new_member(struct place *place, const config_setting_t *in, const char *path)
 {
     const size_t n = strcspn(path, ".");
     char *value = NULL, first[sizeof place->name];
     snprintf(first, sizeof first, "%.*s", (int)n, path);
-    if (!is_word(first) || n >= sizeof first)
+    if (!settings_is_word(first) || n >= sizeof first)
         return lose(place, in, path);
-    if (path[n]) {
+    if (path[n] && path[n + 1] && holds_values(first, in)) {
+        if (new_values(place, path + n + 1) < 0)
+            return APC_ENOMEM;
+    } else if (path[n]) {
         int rc = new_member(place, in, path + n + 1);
         if (rc < 0)
             return rc == APC_ENOMEM ? rc : lose(place, in, path);
@@ -293,6 +368,9 @@ static int find(struct place *place, const config_setting_t *root, const char *p
     while (*path) {
         const char *rest = path;
         const config_setting_t *next = NULL;
+        if (config_setting_is_aggregate(at) &&
+            holds_values(config_setting_name(at), config_setting_parent(at)))
+            return find_value(place, at, path);
         if (config_setting_is_group(at)) {
             next = member_of(at, path, &rest);
         } else if (config_setting_is_aggregate(at)) {

@@ -90,7 +90,9 @@ struct wire {
     size_t at;
 };
 
-#define EXPERIMENT_PATH 512
+#define EXPERIMENT_PATH    512
+#define EXPERIMENT_NAME    640 /* of a model's variable: other tools make long ones */
+#define EXPERIMENT_SETTING (EXPERIMENT_NAME + 128)
 
 /* What a controller has to do with. Its outputs go to the plant, are setpoints of another controller, or
  * calculated signals. */

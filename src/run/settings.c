@@ -110,16 +110,73 @@ static bool number_of(const config_setting_t *setting, double *value)
 void settings_number(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, double low, double high, double *value)
 {
-    double number;
     const config_setting_t *found = find(s, in, name, presence);
-    if (!found)
-        return;
-    if (!number_of(found, &number))
-        settings_fail(s, found, "\"%s\" must be a finite number", name);
+    if (found)
+        settings_number_at(s, found, name, low, high, value);
+}
+
+void settings_number_at(struct settings *s, const config_setting_t *at, const char *name, double low,
+                        double high, double *value)
+{
+    double number;
+    if (!number_of(at, &number))
+        settings_fail(s, at, "\"%s\" must be a finite number", name);
     else if (!(number >= low && number <= high))
-        settings_fail(s, found, "\"%s\" is %g: must be from %g to %g", name, number, low, high);
+        settings_fail(s, at, "\"%s\" is %g: must be from %g to %g", name, number, low, high);
     else
         *value = number;
+}
+
+/* ---- Values by name --------------------------------------------------------------------- */
+
+bool settings_is_word(const char *name)
+{
+    static const char letters[] = "*ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_0123456789";
+    return *name && strspn(name, letters) == strlen(name) && !strchr("-_0123456789", *name);
+}
+
+const config_setting_t *settings_values(struct settings *s, const config_setting_t *in, const char *name)
+{
+    const config_setting_t *found = find(s, in, name, OPTIONAL);
+    if (!found || config_setting_is_group(found) || config_setting_is_list(found))
+        return found;
+    settings_fail(s, found,
+                  "\"%s\" must be a group: %s = { NAME = VALUE; }, or a list: %s = ( { name = \"...\"; value "
+                  "= VALUE; } )",
+                  name, name, name);
+    return NULL;
+}
+
+/* What @p element of such a list says its name is; NULL: it says none. */
+static const char *name_said(const config_setting_t *element)
+{
+    const char *name = NULL;
+    if (config_setting_is_group(element))
+        config_setting_lookup_string(element, "name", &name);
+    return name;
+}
+
+const config_setting_t *settings_value(struct settings *s, const config_setting_t *values, int i,
+                                       const char **name)
+{
+    static const char *const known[] = {"name", "value", NULL};
+    config_setting_t *const at = config_setting_get_elem(values, (unsigned)i);
+    if (s->failed)
+        return NULL;
+    if (config_setting_is_group(values)) {
+        *name = config_setting_name(at);
+        return at;
+    }
+    *name = name_said(at);
+    const config_setting_t *value = *name ? config_setting_get_member(at, "value") : NULL;
+    if (!value)
+        settings_fail(s, at, "expected a group: { name = \"...\"; value = ...; }");
+    else
+        settings_known(s, at, known);
+    for (int k = 0; value && k < i; k++)
+        if (!strcmp(name_said(config_setting_get_elem(values, (unsigned)k)), *name))
+            settings_fail(s, at, "\"%s\" is there twice", *name);
+    return s->failed ? NULL : value;
 }
 
 /* ---- The file --------------------------------------------------------------------------- */

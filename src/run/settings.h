@@ -44,6 +44,20 @@ config_setting_t *settings_list(struct settings *s, const config_setting_t *in, 
 /* Leave *value alone when the member is absent and OPTIONAL. */
 void settings_number(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, double low, double high, double *value);
+/* The same of what is at hand. */
+void settings_number_at(struct settings *s, const config_setting_t *at, const char *name, double low,
+                        double high, double *value);
+/*
+ * Values whose names are somebody else's, as a model's: members of a group or, where such a name is none that
+ * a file can have (tank.level, x[1]), of a list: { name = "tank.level"; value = 1.0; }. NULL when it is
+ * absent.
+ */
+const config_setting_t *settings_values(struct settings *s, const config_setting_t *in, const char *name);
+/* Number @i of them, and its *name; NULL after a failure. */
+const config_setting_t *settings_value(struct settings *s, const config_setting_t *values, int i,
+                                       const char **name);
+/* Can it be the name of a member? */
+bool settings_is_word(const char *name);
 /* As it stands there: 1.5 is refused, not rounded. */
 void settings_whole(struct settings *s, const config_setting_t *in, const char *name,
                     enum settings_presence presence, int64_t low, int64_t high, int64_t *value);

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pack tank.c's library as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
-   states=slope|stuck_slope|stuck (what it says of them),
+   names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck (what it says of them),
    fmi=1.0, kind=ModelExchange, tool=true, fixed=STEP, platform=win64, entry=NAME, link=NAME, bytes=N (an entry of 1 MiB that says it is so long), xml=FILE."""
 
 import sys
@@ -15,6 +15,9 @@ about = [  # name, reference, causality, unit, start, more
     ("u", 0, "input", "V", 0.0, ""), ("d", 1, "input", "", 0.0, ""), ("y", 2, "output", how.get("unit", ""), None, ""),
     ("K", 3, "parameter", "", 10.0, ""), ("tau", 4, "parameter", "s", 10.0, ' min="0.1" max="1000"'),
     ("trick", 5, "parameter", None, 0, ' min="0" max="10"')]
+if how.get("names") == "structured":
+    names = {"u": "valve[1].u", "d": "'a=b'.d", "y": "tank.'level, h'", "K": "tank.K", "tau": "tank.x[1,2]", "trick": "'it\\'s = &quot;'"}
+    about = [(names[one[0]], *one[1:]) for one in about]
 states = how.get("states")
 structure = ""
 if states:

@@ -39,10 +39,27 @@ for name in two three; do
 done
 cmp "$work/two.csv" "$work/three.csv" || fail "FMI 2 and 3 differ"
 with two 'tau = 5.0;'
+cp "$work/two.conf" "$work/faster.conf"
 expect 0 'sha256' "$apc" simulate "$work/two.conf" --csv "$work/faster.csv"
 cmp -s "$work/two.csv" "$work/faster.csv" && fail "a parameter does nothing"
 with two
 (cd "$work" && TMPDIR=tmp expect 0 sha256 "$apc" simulate two.conf) || fail "a TMPDIR that begins nowhere"
+# names as tools of Modelica write them: in the file, on the command line, as signals
+for version in 2 3; do
+  tank $version dots names=structured
+  sed -e 's|name = "u"; |name = "valve[1].u"; |; s|name = "y"; |name = "tank.'"'level, h'"'"; |' \
+    -e 's|parameters = { K = 10.0; tau = 5.0; }|parameters = ( { name = "tank.K"; value = 10.0; }, { name = "tank.x[1,2]"; value = 5.0; } )|' \
+    -e "s|two.fmu|dots.fmu|; s|^plant = {|plant = { disturbances = ( { name = \"'a=b'.d\"; at = 100.0; value = 0.0; } );|" "$work/faster.conf" >"$work/dots.conf"
+  "$apc" simulate "$work/dots.conf" --force --csv "$work/dots.csv" >/dev/null
+  cmp "$work/faster.csv" "$work/dots.csv" || fail "FMI $version: a structured name does nothing"
+  sed 's|parameters = (.*value = 5.0; } );|parameters = { };|' "$work/dots.conf" >"$work/dots2.conf"
+  "$apc" simulate "$work/dots2.conf" --set 'plant.parameters.tank.x[1,2]=5' --set "plant.disturbances.'a=b'.d.at=90" \
+    --set "plant.parameters.'it\\'s = \"'=0" --force --csv "$work/dots.csv" >/dev/null
+  cmp "$work/faster.csv" "$work/dots.csv" || fail "FMI $version: a structured name on the command line does nothing"
+  expect 0 '^6 +tank.*30[.]746' "$apc" simulate "$work/dots2.conf" --sweep 'plant.parameters.tank.x[1,2]=5..6:2' --duration 10
+  expect 0 '^tank,parameter,"tank.x.1,2.","s",10,' "$apc" plants "$work/dots.fmu" --csv
+  expect 1 'has no parameter "tank.k": did you mean "tank.K"' "$apc" simulate "$work/dots.conf" --set plant.parameters.tank.k=1
+done
 expect 0 'K +10 +K of the tank' "$apc" plants "$work/two.fmu"
 expect 0 '^tank,input,u,"V",0,,,"u of the tank"$' "$apc" plants "$work/three.fmu" --csv
 

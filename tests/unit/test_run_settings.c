@@ -241,6 +241,50 @@ static void a_draw_keeps_to_the_parameter_s_limits_or_is_refused(void **state)
     experiment_free(&e);
 }
 
+static void parameters_stand_in_a_group_or_a_list(void **state)
+{
+    static const struct {
+        const char *value, *reason; /* reason NULL: it is taken */
+    } of[] = {
+        {"{ A1 = 30.0; A2 = 31.0; }", NULL},
+        {"( { name = \"A1\"; value = 30.0; }, { value = 31.0; name = \"A2\"; } )", NULL},
+        {"( { name = \"A1\"; value = \"uniform(29, 31)\"; }, { name = \"A2\"; value = 31.0; } )", NULL},
+        {"( { name = \"A1\"; value = 30.0; }, { name = \"A1\"; value = 31.0; } )", "\"A1\" is there twice"},
+        {"( { name = \"A1\"; } )", "expected a group: { name = \"...\"; value = ...; }"},
+        {"( { value = 1.0; } )", "expected a group: { name"},
+        {"( { name = 1; value = 1.0; } )", "expected a group: { name"},
+        {"( 1.0 )", "expected a group: { name"},
+        {"( { name = \"A1\"; value = 30.0; unit = \"m\"; } )", "unknown setting \"unit\""},
+        {"( { name = \"A1\"; value = true; } )", "\"A1\" must be a finite number"},
+        {"( { name = \"tank.A1\"; value = 1.0; } )", "has no parameter \"tank.A1\""},
+        {"7", "\"parameters\" must be a group: parameters = { NAME = VALUE; }, or a list"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct experiment e;
+        const struct experiment_setting set = {"plant.parameters", of[i].value};
+        const int rc = try_set(&e, &set, 1);
+        if ((rc == 0) != !of[i].reason)
+            fail_msg("%s: %s", of[i].value, rc < 0 ? why.text : "is taken");
+        if (rc < 0) {
+            assert_has(why.text, of[i].reason);
+            continue;
+        }
+        assert_near(e.plant.p[at(&e, "A1")], 30.0, 0);
+        assert_near(e.plant.p[at(&e, "A2")], 31.0, 0);
+        experiment_free(&e);
+    }
+}
+
+static void process_noise_stands_in_a_list_as_well(void **state)
+{
+    struct experiment e;
+    (void)state;
+    load(&e, &(struct experiment_setting){"plant.noise", "( { name = \"h2\"; value = 0.25; } )"}, 1);
+    assert_near(e.plant.noise[1], 0.25, 0);
+    experiment_free(&e);
+}
+
 static void the_number_that_is_there_is_told(void **state)
 {
     static const struct {
@@ -335,7 +379,18 @@ static void what_is_set_goes_where_it_belongs(void **state)
         {"plant.external", "true", "plant = { external = true; };"},
         {"levels.[1]", "5", "levels = [1.5, 5.0];"}, /* of numbers with points */
         {"clients.[0]", "a", "clients = [\"a\", \"d\"];"},
-        {"plant.parameters.inner.K", "1e3", "parameters = { inner = { K = 1000.0; }; };"},
+        {"plant.parameters.K", "1e3", "parameters = { K = 1000.0; };"},
+        {"plant.parameters.tank.x[1,2]", "2", /* a name that no member can have */
+         "parameters = ({ name = \"K\"; value = 1000.0; }, { name = \"tank.x[1,2]\"; value = 2; });"},
+        {"plant.parameters.tank.x[1,2]", "3.5", "{ name = \"tank.x[1,2]\"; value = 3.5; });"},
+        {"plant.parameters.K", "4", "parameters = ({ name = \"K\"; value = 4; }, {"},
+        {"plant.parameters.'a \"b\\c'", "1", "{ name = \"'a \\\"b\\\\c'\"; value = 1; });"},
+        {"plant.parameters.value", "5", "{ name = \"value\"; value = 5; });"},
+        {"plant.noise._h", "0.5", "noise = ({ name = \"_h\"; value = 0.5; });"},
+        {"plant.noise", "{ }", "noise = { };"},
+        {"plant.noise.2nd.h", "0.5", "noise = ({ name = \"2nd.h\"; value = 0.5; });"},
+        {"controllers.c.operating_point.parameters.tank.K", "2",
+         "operating_point = { parameters = ({ name = \"tank.K\"; value = 2; }); };"},
     };
     static const struct {
         const char *path, *reason;
@@ -424,6 +479,8 @@ int main(void)
         cmocka_unit_test(a_parameter_is_drawn_for_each_seed_and_the_law_has_its_mean),
         cmocka_unit_test(the_plant_runs_with_what_was_drawn),
         cmocka_unit_test(a_draw_keeps_to_the_parameter_s_limits_or_is_refused),
+        cmocka_unit_test(parameters_stand_in_a_group_or_a_list),
+        cmocka_unit_test(process_noise_stands_in_a_list_as_well),
         cmocka_unit_test(the_number_that_is_there_is_told),
         cmocka_unit_test(what_holds_a_setting_is_told_as_a_line),
         cmocka_unit_test(what_is_set_goes_where_it_belongs),
