@@ -354,6 +354,11 @@ static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
         snprintf(c->why, APC_LAW_WHY, "limits of measurements of rank %u cannot be kept", p->result.given_up);
         return APC_LAW_SUBOPTIMAL;
     }
+    if (p->result.waits) {
+        snprintf(c->why, APC_LAW_WHY,
+                 "limits of measurements leave no room that can be calculated with: setpoints wait");
+        return APC_LAW_SUBOPTIMAL;
+    }
     if (!p->result.reachable) {
         snprintf(c->why, APC_LAW_WHY,
                  "no steady state within the limits has these setpoints: goes to the nearest");

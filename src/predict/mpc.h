@@ -69,7 +69,9 @@ struct apc_mpc_result {
     int rc;              /* as of apc_qp_solve() */
     unsigned iterations; /* of all solves */
     unsigned solves;
-    unsigned given_up; /* the lowest rank whose limits could not be kept; 0: all were */
+    unsigned given_up; /* the lowest rank whose limits the plan breaks; 0: it keeps all */
+    bool waits;        /* limits leave too little room to calculate with: the plan keeps them, as well as can
+                          be, and sees to nothing else */
     bool reachable;    /* steady states at the setpoints lie within the limits */
 };
 

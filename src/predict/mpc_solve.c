@@ -212,22 +212,43 @@ static int solve(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *re
     return rc;
 }
 
-/* Widen the limits of one y by what the plan breaks them, and a little, so that it can be done again. Returns
- * true when it does break them. */
-static bool widen(struct apc_mpc *p, size_t c, double share)
+/* Widen the limits of one y by what the plan breaks them, and a little, so that it can be done again. */
+static void widen(struct apc_mpc *p, size_t c, double share)
 {
     double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
-    bool broken = false;
 
     for (size_t i = 0; i < p->N; i++) {
         const double y = apc_matrix_dot(p->G + (i * p->ny + c) * p->n, p->v, p->n);
-        const double size = 1.0 + fabs(y), room = share * size;
+        const double room = share * (1.0 + fabs(y));
 
-        broken = broken || y < low[i] - BROKEN * size || y > high[i] + BROKEN * size;
         low[i] = fmin(low[i], y - room);
         high[i] = fmax(high[i], y + room);
     }
-    return broken;
+}
+
+/* Does the plan break the limits of y? */
+static bool breaks(const struct apc_mpc *p, const struct apc_mpc_call *call, size_t c)
+{
+    for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++) {
+        const double moved = apc_matrix_dot(p->G + (i * p->ny + c) * p->n, p->v, p->n),
+                     y = p->free_y[i * p->ny + c] + moved, much = BROKEN * (1.0 + fabs(moved));
+
+        if (y < call->y_low[c] - much || y > call->y_high[c] + much)
+            return true;
+    }
+    return false;
+}
+
+/* The lowest rank whose limits the plan breaks; 0: none. */
+static unsigned broken_rank(const struct apc_mpc *p, const struct apc_mpc_call *call)
+{
+    unsigned lowest = 0;
+
+    for (size_t c = 0; c < p->ny; c++) {
+        if ((!lowest || p->rank[c] < lowest) && breaks(p, call, c))
+            lowest = p->rank[c];
+    }
+    return lowest;
 }
 
 /* To begin the next solve from where this one led. */
@@ -254,9 +275,10 @@ static int break_least(struct apc_mpc *p, struct apc_mpc_result *result)
     return rc;
 }
 
-/* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. */
+/* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. *@p
+ * found: there are moves that break least, at least of the first rank. */
 static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, double room,
-                   struct apc_mpc_result *result)
+                   struct apc_mpc_result *result, bool *found)
 {
     int rc = p->easy_stale ? mpc_make_easy(p, NULL) : 0;
 
@@ -285,12 +307,13 @@ static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, double ro
         }
         (void)apc_qp_soft(p->easy_qp, p->none, p->easy);
         rc = break_least(p, result);
-        if (rc == 0)
-            memcpy(p->broken, p->v, p->n * sizeof(*p->v));
-        for (size_t c = 0; c < p->ny && rc == 0; c++) {
-            if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX && widen(p, c, room) &&
-                !result->given_up)
-                result->given_up = rank;
+        if (rc < 0)
+            break;
+        memcpy(p->broken, p->v, p->n * sizeof(*p->v));
+        *found = true;
+        for (size_t c = 0; c < p->ny; c++) {
+            if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX)
+                widen(p, c, room);
         }
     }
     return rc;
@@ -302,15 +325,15 @@ static bool is_cut(const struct apc_mpc *p, int rc)
     return (rc == APC_ETIMEDOUT && p->few) || (p->enough && p->enough(p->ctx));
 }
 
-/* Without limits that cannot be kept. What they leave may be a single point, and rounding does not find it:
- * then there are still the moves that break least, and setpoints have to wait. */
+/* Without limits that cannot be kept, or leave so little that rounding does not find it. What is left may be
+ * a single point even then: there are still the moves that break least, and setpoints have to wait. */
 static void solve_without(struct apc_mpc *p, const struct apc_mpc_call *call, struct apc_mpc_result *result)
 {
     double room = LITTLE;
+    bool found = false;
 
     do {
-        result->given_up = 0;
-        result->rc = give_up(p, call, room, result);
+        result->rc = give_up(p, call, room, result, &found);
         if (result->rc == 0) {
             gradient(p, call);
             bound_zones(p, call, false);
@@ -318,10 +341,15 @@ static void solve_without(struct apc_mpc *p, const struct apc_mpc_call *call, st
         }
         room *= 10.0;
     } while (result->rc < 0 && room <= MUCH && !is_cut(p, result->rc));
-    if (result->rc < 0 && result->given_up && !is_cut(p, result->rc)) {
+    if (result->rc < 0 && is_cut(p, result->rc)) {
+        result->rc = APC_ETIMEDOUT;
+    } else if (result->rc < 0 && found) {
         memcpy(p->v, p->broken, p->n * sizeof(*p->v));
         result->rc = 0;
+        result->waits = true;
     }
+    if (result->rc == 0)
+        result->given_up = broken_rank(p, call);
 }
 
 void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *plan,
@@ -348,7 +376,7 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
     for (size_t c = 0; c < p->ny; c++)
         bound_output(p, call, c, false);
     result->rc = solve(p, p->qp, result);
-    if (result->rc == APC_ERANGE || (result->rc == APC_ETIMEDOUT && !is_cut(p, result->rc)))
+    if (result->rc < 0 && !(result->rc == APC_ETIMEDOUT && is_cut(p, result->rc)))
         solve_without(p, call, result);
     for (size_t j = 0; j < p->nu && result->rc == 0; j++) {
         const double u0 = p->model->u0[j];

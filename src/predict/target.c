@@ -21,7 +21,7 @@ struct apc_target {
     double *Q;    /* [n * n], then R of [n * nc] */
     double *R;
     double *rows; /* [(nu + ny) * nu] of z: u, then y */
-    double *H, *f, *z;
+    double *H, *f, *z, *found;
     double largest;          /* of the weights that were given */
     bool loose;              /* setpoints leave some u free */
     double *weight;          /* [nu] */
@@ -97,7 +97,7 @@ int apc_target_create(struct apc_target **target, struct apc_linear *model, stru
     const size_t nu = model->nu, ny = model->ny, nc = model->nx_plant + model->nx_held, n = nc + nu;
     struct apc_target *t = calloc(1, sizeof(*t));
     double *at =
-        calloc(n * n + n * nc + (nu + ny) * nu + nu * nu + 9 * nu + n + 3 * nc + 4 * (2 * nu + ny) + ny,
+        calloc(n * n + n * nc + (nu + ny) * nu + nu * nu + 10 * nu + n + 3 * nc + 4 * (2 * nu + ny) + ny,
                sizeof(*at));
     int rc;
 
@@ -114,6 +114,7 @@ int apc_target_create(struct apc_target **target, struct apc_linear *model, stru
     t->H = apc_carve(&at, nu * nu);
     t->f = apc_carve(&at, nu);
     t->z = apc_carve(&at, nu);
+    t->found = apc_carve(&at, nu);
     t->weight = apc_carve(&at, nu);
     t->reach = apc_carve(&at, nu);
     t->moved = apc_carve(&at, nu);
@@ -231,6 +232,10 @@ static void origin(struct apc_target *t, const struct apc_target_call *call)
 /* How much more a distance from a setpoint is to count than one from a wish. Solving again, from where that
  * led, takes away what the wish has pulled. */
 enum { AGAIN = 3 };
+/* What is allowed to a rank beyond what it has reached, over the size of y; where the ranks after it find
+ * nothing there, more. */
+#define LITTLE 1e-9
+#define MUCH   2e-4
 
 static double stress(const struct apc_target *t, const double *q)
 {
@@ -244,7 +249,52 @@ static double stress(const struct apc_target *t, const double *q)
     return setpoints > 0.0 ? 1e4 * wishes / setpoints : 1.0;
 }
 
-/* Rank by rank: what a rank has reached is a limit to those after it. */
+/* The next solve begins from where the last one that had an answer led. */
+static void pull_to_found(struct apc_target *t)
+{
+    const size_t nu = t->model->nu;
+
+    apc_matrix_multiply(nu, nu, 1, t->H, t->found, t->f);
+    for (size_t i = 0; i < nu; i++)
+        t->f[i] = -t->f[i];
+}
+
+/* As near as can be, into found, which is as it was where there is no answer. */
+static int approach(struct apc_target *t)
+{
+    int rc = 0;
+
+    for (int k = 0; k < AGAIN && rc == 0; k++) {
+        rc = apc_qp_solve(t->qp, t->f, t->low, t->high, t->z, NULL);
+        if (rc < 0)
+            return k > 0 ? 0 : rc;
+        memcpy(t->found, t->z, t->model->nu * sizeof(*t->z));
+        pull_to_found(t);
+    }
+    return 0;
+}
+
+/* Rows of ranks from @p first to @p last: what they have reached is their limit, with some room. */
+static void hold_ranks(struct apc_target *t, const struct apc_target_call *call, unsigned first,
+                       unsigned last, double share)
+{
+    const size_t nu = t->model->nu;
+    double *low = t->low + 2 * nu, *high = t->high + 2 * nu;
+
+    for (size_t c = 0; c < t->model->ny; c++) {
+        const double y = apc_matrix_dot(t->rows + (nu + c) * nu, t->found, nu),
+                     room = share * (1.0 + fabs(y));
+
+        if (call->rank[c] < first || call->rank[c] > last || !(call->q[c] > 0.0))
+            continue;
+        low[c] = fmin(low[c], y - room);
+        high[c] = fmax(high[c], y + room);
+        t->square[2 * nu + c] = 0.0;
+    }
+}
+
+/* Rank by rank: what a rank has reached is a limit to those after it. That may leave so little that rounding
+ * does not find it: then some more, and in the end the ranks from there on wait. */
 static int give_up(struct apc_target *t, const struct apc_target_call *call)
 {
     const size_t nu = t->model->nu, ny = t->model->ny;
@@ -252,7 +302,7 @@ static int give_up(struct apc_target *t, const struct apc_target_call *call)
     const double factor = stress(t, call->q);
     int rc = 0;
 
-    for (unsigned rank = 1; rank <= call->ranks && rc == 0; rank++) {
+    for (unsigned rank = 1; rank <= call->ranks; rank++) {
         for (size_t c = 0; c < ny; c++) {
             if (call->rank[c] < rank)
                 continue;
@@ -261,23 +311,19 @@ static int give_up(struct apc_target *t, const struct apc_target_call *call)
             high[c] = square[c] > 0.0 ? call->y_high[c] - t->y[c] : HUGE_VAL;
         }
         (void)apc_qp_soft(t->qp, t->linear, t->square);
-        for (int k = 0; k < AGAIN && rc == 0; k++) {
-            rc = apc_qp_solve(t->qp, t->f, t->low, t->high, t->z, NULL);
-            apc_matrix_multiply(nu, nu, 1, t->H, t->z, t->f);
-            for (size_t i = 0; i < nu; i++)
-                t->f[i] = -t->f[i];
+        rc = approach(t);
+        for (double room = 10.0 * LITTLE; rc < 0 && rank > 1 && room <= MUCH; room *= 10.0) {
+            hold_ranks(t, call, 1, rank - 1, room);
+            rc = approach(t);
         }
-        for (size_t c = 0; c < ny && rc == 0; c++) {
-            double y = apc_matrix_dot(t->rows + (nu + c) * nu, t->z, nu), room = 1e-9 * (1.0 + fabs(y));
-
-            if (call->rank[c] != rank || !(square[c] > 0.0))
-                continue;
-            low[c] = fmin(low[c], y - room);
-            high[c] = fmax(high[c], y + room);
-            square[c] = 0.0;
-        }
+        if (rc < 0 && rank == 1)
+            return rc;
+        if (rc < 0)
+            break;
+        hold_ranks(t, call, rank, rank, LITTLE);
     }
-    return rc;
+    memcpy(t->z, t->found, nu * sizeof(*t->z));
+    return 0;
 }
 
 int apc_target_find(struct apc_target *t, const struct apc_target_call *call, double *x, double *u, double *y,
@@ -306,7 +352,7 @@ int apc_target_find(struct apc_target *t, const struct apc_target_call *call, do
     (void)apc_qp_soft(t->qp, NULL, NULL);
     rc = apc_qp_solve(t->qp, t->f, t->low, t->high, t->z, NULL);
     *reachable = rc == 0;
-    if (rc == APC_ERANGE)
+    if (rc < 0 && rc != APC_EINVAL)
         rc = give_up(t, call);
     if (rc < 0)
         return rc;

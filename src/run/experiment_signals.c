@@ -30,8 +30,8 @@ static void read_range(struct settings *s, const config_setting_t *group, const 
     settings_numbers(s, member, 2, value);
     if (s->failed)
         return;
-    if (!(value[0] < value[1]))
-        settings_fail(s, member, "\"%s\" must rise: [low, high]", name);
+    if (!(value[0] < value[1]) && !(within && value[0] == value[1]))
+        settings_fail(s, member, "\"%s\" must %s: [low, high]", name, within ? "not fall" : "rise");
     else if (within && (value[0] < tag->low || value[1] > tag->high))
         settings_fail(s, member, "\"%s\" is %g to %g: must lie within the limits, %g to %g", name, value[0],
                       value[1], tag->low, tag->high);

@@ -214,6 +214,118 @@ static void a_search_takes_the_steps_it_is_given_and_goes_on_from_there(void **s
     end(&bit);
 }
 
+/* ---- Of linear models ------------------------------------------------------------------------------- */
+
+enum { NX = 3, NU = 3, NY = 5, PROGRAMS = 2000 };
+
+static double sway(struct apc_random *random)
+{
+    return 2.0 * apc_random_uniform(random) - 1.0;
+}
+
+/* Three inputs, three states, five outputs, of which two are nearly combinations of the others. */
+static struct apc_linear *draw(struct apc_random *random, double apart)
+{
+    double A[NX * NX] = {0.0}, B[NX * NU], C[NY * NX];
+    static const double none[NY * NU], rest[NY];
+    struct apc_linear_continuous from = {.size = sizeof from,
+                                         .nx = NX,
+                                         .nu = NU,
+                                         .ny = NY,
+                                         .A = A,
+                                         .B = B,
+                                         .C = C,
+                                         .D = none,
+                                         .x0 = rest,
+                                         .u0 = rest,
+                                         .y0 = rest};
+    struct apc_linear *model;
+
+    for (size_t i = 0; i < NX; i++)
+        A[i * NX + i] = -pow(10.0, 2.0 * sway(random));
+    for (size_t i = 0; i < NX * NU; i++)
+        B[i] = sway(random) * pow(10.0, 3.0 * sway(random));
+    for (size_t i = 0; i < NX * NX; i++)
+        C[i] = sway(random);
+    for (size_t i = 0; i < NX; i++) {
+        C[3 * NX + i] = C[i] * (1.0 + apart * sway(random));
+        C[4 * NX + i] = C[NX + i] + C[i] + apart * sway(random);
+    }
+    assert_int_equal(apc_linear_from_continuous(&model, &from, 0.1, NULL), 0);
+    return model;
+}
+
+/* By how much the ranks up to @p rank miss their ranges. */
+static double missed(const struct apc_target_call *call, const double *y, unsigned rank)
+{
+    double most = 0.0;
+
+    for (size_t c = 0; c < NY; c++) {
+        if (call->rank[c] <= rank)
+            most = fmax(most, fmax(call->y_low[c] - y[c], y[c] - call->y_high[c]) / (1.0 + fabs(y[c])));
+    }
+    return most;
+}
+
+/* Of no width, or nearly touching each other, of one rank or of several: there is a steady state to aim at,
+ * and what the first rank reaches alone it reaches in spite of the others. */
+static void ranges_however_narrow_have_a_steady_state_to_aim_at(void **state)
+{
+    static const double s[NU] = {1.0, 1.0, 1.0}, q[NY] = {1.0, 1.0, 1.0, 1.0, 1.0}, at[NX] = {0.0};
+    struct apc_random random;
+    (void)state;
+
+    apc_random_init(&random, 20261128u, "narrow");
+    for (int k = 0; k < PROGRAMS; k++) {
+        const double apart = pow(10.0, -(k % 17)), about = sway(&random);
+        double low[NU], high[NU], y_low[NY], y_high[NY], x[NX], u[NU], y[NY], alone[NY];
+        unsigned rank[NY];
+        struct apc_linear *model = draw(&random, apart);
+        struct apc_target *target;
+        struct apc_target_call call = {.unknown = at,
+                                       .wish = at,
+                                       .low = low,
+                                       .high = high,
+                                       .y_low = y_low,
+                                       .y_high = y_high,
+                                       .q = q,
+                                       .rank = rank,
+                                       .ranks = 3};
+        bool reachable;
+        int rc;
+
+        assert_int_equal(apc_target_create(&target, model, NULL), 0);
+        assert_int_equal(apc_target_tune(target, NY, at, s, NULL), 0);
+        for (size_t j = 0; j < NU; j++) {
+            low[j] = -pow(10.0, 3.0 * sway(&random));
+            high[j] = pow(10.0, 3.0 * sway(&random));
+        }
+        for (size_t c = 0; c < NY; c++) {
+            const double width = pow(10.0, -14.0 * apc_random_uniform(&random));
+
+            rank[c] = k % 2 ? 1 + (unsigned)(3.0 * apc_random_uniform(&random)) : 1;
+            y_low[c] = c % 3 == 0 ? about + (k % 4 < 2 ? apart * sway(&random) : 0.0)
+                                  : about * (double)(1 + c) + (k % 8 < 4 ? sway(&random) : 0.0);
+            y_high[c] = y_low[c] + (apc_random_uniform(&random) < 0.5 ? 0.0 : width);
+        }
+        call.ranks = 1;
+        rc = apc_target_find(target, &call, x, u, alone, &reachable);
+        if (rc == 0) {
+            call.ranks = 3;
+            rc = apc_target_find(target, &call, x, u, y, &reachable);
+        }
+        if (rc < 0)
+            fail_msg("program %d: %s", k, apc_err_name(rc));
+        for (size_t j = 0; j < NU; j++)
+            assert_true(u[j] >= low[j] && u[j] <= high[j]);
+        if (missed(&call, y, 1) > missed(&call, alone, 1) + 1e-2)
+            fail_msg("program %d: rank 1 misses by %g, alone by %g", k, missed(&call, y, 1),
+                     missed(&call, alone, 1));
+        apc_target_destroy(target);
+        apc_linear_destroy(model);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -221,6 +333,7 @@ int main(void)
         cmocka_unit_test(beyond_the_top_of_a_curve_the_top_is_the_nearest),
         cmocka_unit_test(the_first_rank_is_kept_where_an_input_saturates),
         cmocka_unit_test(a_search_takes_the_steps_it_is_given_and_goes_on_from_there),
+        cmocka_unit_test(ranges_however_narrow_have_a_steady_state_to_aim_at),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

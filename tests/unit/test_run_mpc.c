@@ -94,6 +94,13 @@ static int count_event(void *ctx, const struct apc_event *event)
     return 0;
 }
 
+/* Of an output that was held, or went to its fault value. */
+static int count_held(void *ctx, const struct apc_event *event)
+{
+    *(int *)ctx += strstr(event->text, "output held") || strstr(event->text, "fault value");
+    return 0;
+}
+
 /* How often it was told of the law's answers. */
 static int told(struct apc_simulation *s, const char *says)
 {
@@ -266,6 +273,30 @@ static void a_gain_that_stays_is_refused_for_what_comes_seldom(void **state)
     apc_experiment_destroy(e);
 }
 
+/* A range of y1 that is narrower than what a model knows of a plant, or no range at all. */
+static void with_a_range_however_narrow_it_goes_on(void **state)
+{
+    static const char *const high[] = {"7.0001", "7.00001", "7.0"};
+    (void)state;
+    for (size_t i = 0; i < sizeof high / sizeof *high; i++) {
+        struct apc_experiment *e = NULL;
+        struct apc_simulation *s = NULL;
+        int held = 0;
+        if (apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/quadruple-tank-mpc.conf", NULL, &why) < 0 ||
+            apc_experiment_set(e, "controller.y1.y_min", "7.0", &why) < 0 ||
+            apc_experiment_set(e, "controller.y1.y_max", high[i], &why) < 0 ||
+            apc_simulation_create(&s, e, NULL, &why) < 0)
+            fail_msg("%s", why.text);
+        run(s, 100.0);
+        assert_true(apc_store_events(apc_simulation_store(s), &(struct apc_range){0}, count_held, &held) >=
+                    0);
+        assert_int_equal(held, 0);
+        assert_near(newest(s, APC_SENSOR, 1).value, 7.0, 0.01);
+        apc_simulation_destroy(s);
+        apc_experiment_destroy(e);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -278,6 +309,7 @@ int main(void)
         cmocka_unit_test(a_sample_of_a_laboratory_counts_once_and_its_course_in_between_is_known),
         cmocka_unit_test(a_gain_that_stays_is_refused_for_what_comes_seldom),
         cmocka_unit_test(limits_far_out_of_reach_are_given_up),
+        cmocka_unit_test(with_a_range_however_narrow_it_goes_on),
         cmocka_unit_test(with_little_to_compute_by_it_is_late_for_a_while_and_reaches_its_setpoints),
         cmocka_unit_test(over_loops_with_little_to_compute_by_it_acts_all_the_same),
     };

@@ -333,6 +333,7 @@ static void a_mistake_in_what_is_wanted_is_refused_with_its_line(void **state)
         {Y("area = \"a//b\";"), "2: \"area\" is \"a//b\": must be names with / between"},
         {Y("display = [1.0, 1.0];"), "2: \"display\" must rise: [low, high]"},
         {Y("display = 3.0;"), "2: expected 2 numbers"},
+        {Y("soft = [9.0, 8.9];"), "2: \"soft\" must not fall: [low, high]"},
         {Y("soft = [-1.0, 9.0];"), "2: \"soft\" is -1 to 9: must lie within the limits, 0 to 10"},
         {Y("soft = [1.0, 11.0];"), "2: \"soft\" is 1 to 11: must lie within the limits, 0 to 10"},
         {Y("period = 0.0;"), "2: \"period\""},
