@@ -86,7 +86,7 @@ static const struct argp_option option_list[] = {
      0},
     {"pack", OPT_PACK, NULL, 0,
      "Write four or more samples of a signal that came at once into one row of PostgreSQL, with --every some "
-     "seconds: a third of the cost. SQL finds them in view sensor_all, not in table sensor",
+     "seconds: a third of the cost. SQL finds them by function trend(), not in table sensor",
      0},
     {0},
 };

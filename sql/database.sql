@@ -14,7 +14,8 @@ BEGIN
         UNION ALL
         SELECT format('GRANT CONNECT ON DATABASE %I TO %s', current_database(), rolname::regrole)
           FROM pg_roles WHERE rolname IN (SELECT prefix || '_' || kind FROM unnest(ARRAY['plant', 'client', 'controller',
-                                            'scheduler', 'alarms', 'historian', 'operator', 'engineer']) AS kind)
+                                            'scheduler', 'alarms', 'historian', 'operator', 'engineer',
+                                            'observer']) AS kind)
         UNION ALL
         SELECT format('GRANT CONNECT, CREATE ON DATABASE %I TO %s', current_database(), owner)
         UNION ALL

@@ -1,5 +1,5 @@
 -- SPDX-License-Identifier: BSD-3-Clause
--- Least privilege: one group role for each kind of program, and two for people. See sql/README.md for how to run it.
+-- Least privilege: one group role for each kind of program, two for people who operate, one for who only looks. See sql/README.md for how to run it.
 -- Harmless to repeat, once for each plant's schema, and to be repeated when the kind of the store in its catalogue has
 -- changed (live or history) or a new version of the tables was made. Nobody but the owner deletes anything.
 -- The groups are apc_plant, apc_client and so on. Plants that are to be kept apart have groups of their own: after
@@ -20,11 +20,11 @@ BEGIN
     IF to_regclass('migration') IS NULL THEN
         RAISE 'no plant''s schema in the search_path: run apc init, then SET search_path TO apc';
     END IF;
-    IF to_regclass('catalogue') IS NULL OR to_regclass('state') IS NOT NULL THEN
+    IF to_regclass('catalogue') IS NULL OR to_regclass('state') IS NOT NULL OR to_regproc('trend_bins') IS NULL THEN
         RAISE 'the plant''s schema is of an older version: run apc init first';
     END IF;
     FOREACH name IN ARRAY ARRAY['apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_alarms',
-                                'apc_historian', 'apc_operator', 'apc_engineer'] LOOP
+                                'apc_historian', 'apc_operator', 'apc_engineer', 'apc_observer'] LOOP
         BEGIN
             EXECUTE format('CREATE ROLE %I NOLOGIN', name);
         EXCEPTION WHEN duplicate_object THEN
@@ -37,7 +37,8 @@ $$;
 
 -- Everybody: is the schema there, how large is the plant, what is called what; tell what happened.
 GRANT SELECT ON migration, dim, dim_newest, tag, catalogue
-    TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
+    TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer,
+    apc_observer;
 GRANT INSERT (time, severity, source, kind, text, number, seq, author, class) ON event -- not role: nobody writes in
     -- another's name
     TO apc_plant, apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
@@ -49,7 +50,8 @@ GRANT INSERT (time, task, quantity, period, missed, count, mean, sd, p50, p99, m
     -- takes the numbers to come
 GRANT EXECUTE ON FUNCTION claim(text, integer), claim_set(text[], integer[]), claim_release(text[], integer[])
     TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
-GRANT SELECT ON claim TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
+GRANT SELECT ON claim TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer,
+    apc_observer;
 -- Not people, who never append.
 GRANT EXECUTE ON FUNCTION absent(text, integer[], bigint[])
     TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian;
@@ -58,7 +60,7 @@ REVOKE EXECUTE ON FUNCTION absent(text, integer[], bigint[]) FROM apc_operator, 
 GRANT EXECUTE ON FUNCTION setpoint_vacant(integer[], bigint[]), opmode_vacant(integer[], bigint[]),
     tuning_vacant(integer[], bigint[]), manual_vacant(integer[], bigint[]), author_number(text), loops()
     TO apc_controller, apc_scheduler, apc_historian, apc_operator, apc_engineer;
-GRANT SELECT ON author TO apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
+GRANT SELECT ON author TO apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer, apc_observer;
 
 GRANT SELECT ON actuator, actuator_newest TO apc_client;
 GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, estimate, tick, plan TO apc_controller;
@@ -69,19 +71,20 @@ GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, esti
 GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
     actual_newest, estimate_newest, alarm_newest, tick_newest TO apc_alarms;
 GRANT SELECT ON sensor, actuator, setpoint, opmode, tuning, manual, actual, estimate, alarm, tick, plan,
-    prediction, event, timing, request TO apc_historian, apc_operator, apc_engineer;
+    prediction, event, timing, request TO apc_historian, apc_operator, apc_engineer, apc_observer;
 GRANT SELECT ON sensor_newest, actuator_newest, setpoint_newest, opmode_newest, tuning_newest, manual_newest,
     actual_newest, estimate_newest, alarm_newest, tick_newest, plan_newest, prediction_newest
-    TO apc_historian, apc_operator, apc_engineer;
+    TO apc_historian, apc_operator, apc_engineer, apc_observer;
 -- What is packed is read by who reads it unpacked.
 GRANT SELECT ON actuator_packed, actuator_all TO apc_client;
 GRANT SELECT ON setpoint_packed, setpoint_all TO apc_scheduler;
 GRANT SELECT ON sensor_packed, sensor_all, actuator_packed, actuator_all, setpoint_packed, setpoint_all,
     actual_packed, actual_all, estimate_packed, estimate_all
-    TO apc_controller, apc_alarms, apc_historian, apc_operator, apc_engineer;
+    TO apc_controller, apc_alarms, apc_historian, apc_operator, apc_engineer, apc_observer;
 GRANT EXECUTE ON FUNCTION unpack(bytea), unpack_column(bytea, integer, integer), eight_bytes(bytea, integer),
-    double_of(bigint), bits_of(double precision)
-    TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer;
+    double_of(bigint), bits_of(double precision), signal_called(text), trend(timestamptz, timestamptz, text[]),
+    trend_bins(timestamptz, timestamptz, integer, text[])
+    TO apc_client, apc_controller, apc_scheduler, apc_alarms, apc_historian, apc_operator, apc_engineer, apc_observer;
 
 -- Chunks, of what it may write as rows (apc-historian --pack).
 GRANT EXECUTE ON FUNCTION append_chunks(text, integer[], bigint[], bigint[], timestamptz[], timestamptz[], bigint[], bigint[],

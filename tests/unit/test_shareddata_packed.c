@@ -200,6 +200,129 @@ static void test_views_show_packed_rows_bit_for_bit(void **state)
     apc_store_close(store);
 }
 
+/* ---- Trends, for people and their tools ------------------------------------------------------------- */
+
+static void name_signals(void)
+{
+    ask("INSERT INTO tag (table_name, id, name) VALUES ('sensor', 1, 'noise'), ('sensor', 3, 'bad'), "
+        "('sensor', "
+        "5, 'stepped'), ('setpoint', 1, 'noise'), ('estimate', 1, 'twice'), ('actual', 1, 'twice')");
+}
+
+/* What a trend has to give, of table sensor_all; and what it gives. */
+#define GIVEN                                                                                                \
+    "SELECT count(*) || ' ' || md5(string_agg(concat_ws(' ', seq, extract(epoch FROM time), status, CASE "   \
+    "WHEN status < 2147483648 THEN encode(float8send(value), 'hex') END), ';' ORDER BY seq)) FROM "
+
+static void assert_trends_are_the_rows(const char *what)
+{
+    static const struct {
+        const char *signal, *since, *until;
+        int id;
+    } asked[] = {{"noise", "at(3) + interval '1 hour'", "at(3) + interval '2 days'", 1},
+                 {"sensor.1", "at(4)", "now()", 1},
+                 {"bad", "at(2.5)", "at(2.4)", 3},
+                 {"stepped", "at(3.9)", "at(3.6)", 5},
+                 {"stepped", "at(0)", "at(1)", 5}};
+    for (size_t i = 0; i < sizeof asked / sizeof asked[0]; i++) {
+        char sql[700], want[100];
+        snprintf(sql, sizeof sql, GIVEN "sensor_all WHERE id = %d AND time >= %s AND time < %s", asked[i].id,
+                 asked[i].since, asked[i].until);
+        snprintf(want, sizeof want, "%s", ask(sql));
+        snprintf(sql, sizeof sql, GIVEN "trend(%s, %s, '%s')", asked[i].since, asked[i].until,
+                 asked[i].signal);
+        if (strcmp(ask(sql), want) != 0) {
+            fail_msg("%s: trend %zu gives \"%s\", wanted \"%s\"", what, i, ask(sql), want);
+        }
+    }
+    assert_string_equal(
+        ask("SELECT count(*) FROM trend(at(2.5), at(2.4), 'bad') WHERE value IS NULL AND status "
+            ">= 2147483648"),
+        ask("SELECT count(*) FROM sensor_all WHERE id = 3 AND time >= at(2.5) AND time < at(2.4)"
+            " AND status >= 2147483648"));
+}
+
+/* A chunk whose data are spoiled is one that must not be read. */
+static void test_a_trend_is_the_rows_and_reads_the_chunks_of_its_time_only(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    make_history();
+    name_signals();
+    assert_trends_are_the_rows("rows");
+    ok(store, pack(store));
+    assert_trends_are_the_rows("packed");
+    char want[100];
+    snprintf(want, sizeof want, "%s", ask(GIVEN "trend(at(2.7), at(2.5), 'noise')"));
+    ask("UPDATE sensor_packed SET data = '\\x09' WHERE id = 1 AND NOT (until >= at(2.7) AND since < "
+        "at(2.5))");
+    assert_string_equal(
+        ask("SELECT count(*) BETWEEN 1 AND 3 FROM sensor_packed WHERE id = 1 AND length(data) > 1"), "t");
+    assert_string_equal(ask(GIVEN "trend(at(2.7), at(2.5), 'noise')"), want);
+    apc_store_close(store);
+}
+
+#define SUMS(signal)                                                                                         \
+    "SELECT concat_ws(' ', sum(samples), sum(bad), min(lowest), max(highest), min(time), max(till), "        \
+    "count(*) <= 20) FROM trend_bins(at(4), now(), 20, '" signal "')"
+
+static void test_a_trend_in_bins_is_the_rows_and_reads_no_chunk_that_is_short(void **state)
+{
+    (void)state;
+    struct apc_store *store = open_direct(LONG);
+    char noise[200], bad[200];
+    make_history();
+    name_signals();
+    snprintf(noise, sizeof noise, "%s", ask(SUMS("noise")));
+    snprintf(bad, sizeof bad, "%s", ask(SUMS("bad")));
+    ok(store, pack(store));
+    assert_string_equal(ask(SUMS("noise")), noise);
+    assert_string_equal(ask(SUMS("bad")), bad);
+    /* Each row is exact for the time that it names. */
+    assert_string_equal(
+        ask("SELECT count(*) > 5 AND bool_and(b.samples = r.n AND b.bad = r.bad AND b.lowest = r.lowest AND "
+            "b.highest = r.highest AND abs(b.mean - r.mean) <= 1e-12 * greatest(abs(r.lowest), "
+            "abs(r.highest))) "
+            "FROM trend_bins(at(4), now(), 20, 'noise') AS b CROSS JOIN LATERAL (SELECT count(*) AS n, "
+            "count(*) "
+            "FILTER (WHERE status >= 2147483648) AS bad, min(value) AS lowest, max(value) AS highest, "
+            "avg(value) "
+            "AS mean FROM sensor_all WHERE id = 1 AND time BETWEEN b.time AND b.till) AS r"),
+        "t");
+    ask("UPDATE sensor_packed SET data = '\\x09' WHERE since >= at(4) AND until - since < (now() - at(4)) / "
+        "5");
+    assert_string_equal(ask("SELECT count(*) > 20 FROM sensor_packed WHERE length(data) = 1"), "t");
+    assert_string_equal(ask(SUMS("noise")), noise);
+    assert_string_equal(ask(SUMS("bad")), bad);
+    apc_store_close(store);
+}
+
+static void refused(const char *call, const char *state)
+{
+    char sql[400];
+    snprintf(sql, sizeof sql,
+             "DO $$ BEGIN PERFORM FROM %s; ASSERT false, 'it was given'; EXCEPTION WHEN %s THEN NULL; END $$",
+             call, state);
+    ask(sql);
+}
+
+static void test_a_signal_of_a_trend_is_named_as_for_apc_history(void **state)
+{
+    (void)state;
+    name_signals();
+    ask("INSERT INTO tag (table_name, id, name, controller) VALUES ('opmode', 1, 'noise', 'c')");
+    assert_string_equal(ask("SELECT target || variable FROM signal_called('noise')"), "sensor1");
+    assert_string_equal(ask("SELECT target || variable FROM signal_called('setpoint.1')"), "setpoint1");
+    assert_string_equal(ask("SELECT target || variable FROM signal_called('noise.mode')"), "opmode1");
+    assert_string_equal(ask("SELECT target || variable FROM signal_called('actual.1')"), "actual1");
+    refused("trend(now(), now(), 'nothing')", "undefined_object");
+    refused("trend(now(), now(), 'noise', 'twice')", "undefined_object");
+    refused("trend(now(), now(), NULL)", "undefined_object OR null_value_not_allowed");
+    refused("trend_bins(now(), now(), 5, 'noise')", "invalid_parameter_value");
+    refused("trend_bins('-infinity', now(), 5, 'noise')", "invalid_parameter_value");
+    refused("trend_bins(now() - interval '1 day', now(), 0, 'noise')", "invalid_parameter_value");
+}
+
 static struct apc_range some_range(const struct list *l, unsigned round)
 {
     static uint32_t x = 12345;
@@ -489,7 +612,8 @@ static void test_who_reads_the_rows_reads_them_packed_and_nobody_writes_them(voi
             "'setpoint',"
             " 'actual', 'estimate']) AS t, unnest(ARRAY['apc_plant', 'apc_client', 'apc_controller', "
             "'apc_scheduler',"
-            " 'apc_alarms', 'apc_historian', 'apc_operator', 'apc_engineer']) AS r, unnest(ARRAY['_packed', "
+            " 'apc_alarms', 'apc_historian', 'apc_operator', 'apc_engineer', 'apc_observer']) AS r, "
+            "unnest(ARRAY['_packed', "
             "'_all']) AS x"
             " WHERE has_table_privilege(r, t, 'SELECT') <> has_table_privilege(r, t || x, 'SELECT') OR"
             " has_table_privilege(r, t || x, 'INSERT, UPDATE, DELETE, TRUNCATE, TRIGGER')"),
@@ -499,6 +623,12 @@ static void test_who_reads_the_rows_reads_them_packed_and_nobody_writes_them(voi
             " current_schema()::regnamespace AND proname ~ 'pack|late|_of$' AND"
             " has_function_privilege('apc_operator', oid, 'EXECUTE')"),
         "bits_of double_of unpack unpack_column");
+    assert_string_equal(
+        ask("SELECT count(*) FROM pg_proc, unnest(ARRAY['apc_observer', 'apc_operator', 'apc_client', "
+            "'apc_plant'])"
+            " AS r WHERE pronamespace = current_schema()::regnamespace AND proname ~ 'trend|called' AND"
+            " has_function_privilege(r, oid, 'EXECUTE') = (r <> 'apc_plant')"),
+        "12");
 }
 
 #define T(name) cmocka_unit_test_setup(name, set_up)
@@ -510,6 +640,9 @@ int main(void)
         T(test_views_show_packed_rows_bit_for_bit),
         T(test_parts_of_a_packed_history_are_those_of_the_rows),
         T(test_bins_of_a_packed_history_are_those_of_the_rows),
+        T(test_a_trend_is_the_rows_and_reads_the_chunks_of_its_time_only),
+        T(test_a_trend_in_bins_is_the_rows_and_reads_no_chunk_that_is_short),
+        T(test_a_signal_of_a_trend_is_named_as_for_apc_history),
         T(test_a_damaged_chunk_is_told_and_what_is_asked_next_is_answered),
         T(test_a_packed_seq_is_taken_and_a_free_one_is_not),
         T(test_a_week_that_is_written_to_while_it_is_packed_stays_as_it_is),

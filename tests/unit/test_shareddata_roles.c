@@ -17,7 +17,7 @@ static void user_name(char name[64], const char *role)
 }
 
 static const char *const roles[] = {"plant",     "client",   "controller", "scheduler", "alarms",
-                                    "historian", "operator", "engineer",   "nobody"};
+                                    "historian", "operator", "engineer",   "observer",  "nobody"};
 
 /* The tables belong to a role that is no superuser, as docker-compose.yml and a hosted PostgreSQL have it. */
 static int set_up(void **state)
@@ -116,6 +116,7 @@ static const struct right rights[] = {
     {"historian", "sapdotmcerlnh", "potml", "potml"},
     {"operator", "sapdotmcerlnh", "potm", ""},
     {"engineer", "sapdotmcerlnh", "potm", ""},
+    {"observer", "sapdotmcerlnh", "", ""},
 };
 /* Of a store that is a history. */
 static const struct right rights_of_history[] = {
@@ -127,6 +128,7 @@ static const struct right rights_of_history[] = {
     {"historian", "sapdotmcerlnh", "sapdotmcerlnh", "sapdotmcerlnh"},
     {"operator", "sapdotmcerlnh", "", ""},
     {"engineer", "sapdotmcerlnh", "", ""},
+    {"observer", "sapdotmcerlnh", "", ""},
 };
 
 static const char *expected(const char *may, int table)
@@ -514,8 +516,10 @@ static void test_everybody_tells_events_and_every_daemon_timing(void **state)
     struct apc_timing_row t = {.task = "test", .quantity = "run"};
     for (size_t r = 0; r < sizeof rights / sizeof rights[0]; r++) {
         struct apc_store *store = open_as(rights[r].role);
-        assert_int_equal(apc_store_append_events(store, &e, 1), 1);
-        bool person = strcmp(rights[r].role, "operator") == 0 || strcmp(rights[r].role, "engineer") == 0;
+        const bool observer = strcmp(rights[r].role, "observer") == 0; /* who only looks */
+        assert_int_equal(apc_store_append_events(store, &e, 1), observer ? APC_EPERM : 1);
+        const bool person =
+            observer || strcmp(rights[r].role, "operator") == 0 || strcmp(rights[r].role, "engineer") == 0;
         assert_int_equal(apc_store_append_timing(store, &t, 1), person ? APC_EPERM : 1);
         assert_int_equal(apc_store_events(store, &all, find_one, NULL), 1); /* was it stored? */
         assert_int_equal(apc_store_timing(store, &all, find_a_row, NULL), 1);

@@ -430,13 +430,13 @@ static void test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs(vo
         assert_int_equal(apc_store_init(store), 1);
         assert_string_equal(ask("SELECT string_agg(name, ' ' ORDER BY name) FROM repair"),
                             "0002-repair-rights 0005-repair-owner 0006-repair-claims 0007-repair-packed "
-                            "0008-repair-plants 0009-repair-once 0010-repair-open");
+                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend");
         assert_string_equal(ask("SELECT count(*) FROM event WHERE text LIKE '%0002-repair-rights%'"),
                             repaired ? "0" : "1");
         assert_int_equal(apc_store_init(store), 4);
         assert_string_equal(ask("SELECT string_agg(name, ' ' ORDER BY name) FROM repair"),
                             "0002-repair-rights 0005-repair-owner 0006-repair-claims 0007-repair-packed "
-                            "0008-repair-plants 0009-repair-once 0010-repair-open");
+                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend");
         assert_int_equal(apc_store_append(store, &s, 1), 1);
         apc_store_close(store);
     }
