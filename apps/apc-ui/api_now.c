@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "http.h"
 
 /* Locked. */
@@ -231,12 +232,15 @@ static void metric(struct text *t, const char *name, const char *type, const cha
 /* A label's value: names of tasks and sources are bytes that anybody may have written. */
 static void label(struct text *t, const char *value)
 {
+    char instead;
     text_put(t, "\"", 1);
-    for (; *value; value++)
+    for (size_t n; *value; value += n) {
+        n = text_step(value, &instead);
         if (*value == '"' || *value == '\\')
             text_add(t, "\\%c", *value);
         else
-            text_put(t, (unsigned char)*value < ' ' ? "?" : value, 1);
+            text_put(t, instead ? &instead : value, instead ? 1 : n);
+    }
     text_put(t, "\"", 1);
 }
 

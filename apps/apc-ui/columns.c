@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/text.h"
+
 static double in_figures(enum cell_type type, union cell cell)
 {
     return type == CELL_TIME ? apc_ns_to_s(cell.time) : type == CELL_WHOLE ? (double)cell.whole : cell.number;
@@ -41,14 +43,15 @@ static void put_text(struct text *t, enum cell_type type, union cell cell, bool 
 /* A field of RFC 4180. */
 static void put_field(struct text *t, const char *field)
 {
-    if (!strpbrk(field, ",\"\r\n")) {
-        text_put(t, field, strlen(field));
-        return;
+    const bool quoted = strpbrk(field, ",\"") != NULL;
+    char instead;
+    text_put(t, "\"", quoted);
+    for (size_t n; *field; field += n) {
+        n = text_step(field, &instead);
+        text_put(t, "\"", *field == '"');
+        text_put(t, instead ? &instead : field, instead ? 1 : n);
     }
-    text_put(t, "\"", 1);
-    for (; *field; field++)
-        text_put(t, *field == '"' ? "\"\"" : field, *field == '"' ? 2 : 1);
-    text_put(t, "\"", 1);
+    text_put(t, "\"", quoted);
 }
 
 static void put_line(struct columns *c, const union cell *row)

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/utf8.h"
+#include "base/text.h"
 
 /* ---- Text --------------------------------------------------------------------------------- */
 
@@ -71,18 +71,17 @@ void json_string_add(struct text *t, const char *string)
         return;
     }
     text_put(t, "\"", 1);
-    for (const char *s = string; *s;) {
-        unsigned char c = (unsigned char)*s;
-        size_t n = utf8_length(s);
-        if (n == 0)
+    char instead;
+    for (size_t n; *string; string += n) {
+        n = text_step(string, &instead);
+        if (*string == '"' || *string == '\\')
+            text_add(t, "\\%c", *string);
+        else if (instead && utf8_length(string) > 0)
+            text_add(t, "\\u%04x", (unsigned)text_code(string, n));
+        else if (instead)
             text_put(t, "\xEF\xBF\xBD", 3);
-        else if (c < 0x20 || c == 0x7F)
-            text_add(t, "\\u%04x", c);
-        else if (c == '"' || c == '\\')
-            text_add(t, "\\%c", c);
         else
-            text_put(t, s, n);
-        s += n ? n : 1;
+            text_put(t, string, n);
     }
     text_put(t, "\"", 1);
 }

@@ -7,6 +7,7 @@
 #include "gnuplot.h"
 #include "print.h"
 #include "report_script.h"
+#include "run/csv.h"
 
 #define HEIGHT 500.0
 #define CURVES 6
@@ -259,9 +260,11 @@ static int show_csv(const struct loop_analysis *z)
     puts("loop,rad_per_s,real,imaginary");
     for (size_t o = 0; o < z->n; o++)
         for (int k = 0; k < ANALYZE_POINTS; k++)
-            if (isfinite(z->loop[o].re[k]))
-                printf("%s,%s,%s,%s\n", z->loop[o].name, print_exact(z->loop[o].w[k], w),
-                       print_exact(z->loop[o].re[k], re), print_exact(z->loop[o].im[k], im));
+            if (isfinite(z->loop[o].re[k])) {
+                csv_put(stdout, z->loop[o].name);
+                printf(",%s,%s,%s\n", print_exact(z->loop[o].w[k], w), print_exact(z->loop[o].re[k], re),
+                       print_exact(z->loop[o].im[k], im));
+            }
     return EXIT_OK;
 }
 

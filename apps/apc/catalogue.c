@@ -9,6 +9,7 @@
 
 #include "cli.h"
 #include "print.h"
+#include "run/csv.h"
 
 /* One table of a plant or a law. */
 struct kind {
@@ -147,30 +148,22 @@ static void show_json(const struct entry *e)
     putchar('}');
 }
 
-static void csv_text(const char *text)
-{
-    putchar('"');
-    for (text = text_of(text); *text; text++)
-        *text == '"' ? fputs("\"\"", stdout) : putchar(*text);
-    putchar('"');
-}
-
 static void show_csv(const struct entry *e)
 {
     char a[PRINT_LEN], b[PRINT_LEN], c[PRINT_LEN];
     for (size_t k = 0; k < e->n_kinds; k++)
         for (size_t i = 0; e->kinds[k].table && i < e->kinds[k].n; i++) {
             const struct apc_param *p = &e->kinds[k].table[i];
-            print_csv_field(stdout, e->name);
+            csv_put(stdout, e->name);
             printf(",%s,", e->kinds[k].name);
-            print_csv_field(stdout, p->name);
+            csv_put(stdout, p->name);
             putchar(',');
-            csv_text(p->unit);
+            csv_put_quoted(stdout, text_of(p->unit));
             if (e->kinds[k].named_only)
                 fputs(",,,,", stdout);
             else
                 printf(",%s,%s,%s,", number(p->initial, a), number(p->low, b), number(p->high, c));
-            csv_text(p->description);
+            csv_put_quoted(stdout, text_of(p->description));
             putchar('\n');
         }
 }

@@ -7,7 +7,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/text.h"
 #include "common/storeuri.h"
+#include "print.h"
 #include "run/nearest.h"
 #include "runstore.h"
 
@@ -173,9 +175,13 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
 
 static void APC_PRINTF(2, 0) say(const struct cli *cli, const char *fmt, va_list args)
 {
+    char *text = NULL;
+
     fflush(stdout);
     fprintf(stderr, "%s: ", cli->command);
-    vfprintf(stderr, fmt, args);
+    if (vasprintf(&text, fmt, args) >= 0)
+        print_clean(stderr, text);
+    free(text);
     fputc('\n', stderr);
 }
 
@@ -260,13 +266,16 @@ bool cli_colour(void)
 
 void cli_json_text(FILE *out, const char *text)
 {
-    for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
-        if (*c == '"' || *c == '\\')
-            fprintf(out, "\\%c", *c);
-        else if (*c < 0x20)
-            fprintf(out, "\\u%04x", *c);
+    char instead;
+
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
+        if (*text == '"' || *text == '\\')
+            fprintf(out, "\\%c", *text);
+        else if (instead)
+            fprintf(out, "\\u%04x", utf8_length(text) ? (unsigned)text_code(text, n) : 0xFFFDu);
         else
-            fputc(*c, out);
+            fwrite(text, 1, n, out);
     }
 }
 

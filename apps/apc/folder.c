@@ -10,7 +10,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/text.h"
 #include "common/timing.h"
+#include "run/csv.h"
 #include "run/record.h"
 #include "run/run_internal.h"
 #include "run/samples.h"
@@ -241,11 +243,13 @@ void folder_discard(const char *dir, const struct experiment *e)
 
 static void put_text(FILE *out, const char *name, const char *text)
 {
+    char instead;
     fprintf(out, "%s = \"", name);
-    for (; *text; text++) {
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
         if (*text == '"' || *text == '\\')
             fputc('\\', out);
-        fputc((unsigned char)*text < ' ' ? ' ' : *text, out);
+        fwrite(instead ? &instead : text, 1, instead ? 1 : n, out);
     }
     fputs("\"; ", out);
 }
@@ -439,17 +443,6 @@ static int export_beside(const char *dir, const char *name, collect_fn *collect,
     return rc;
 }
 
-static void quoted(FILE *out, const char *text)
-{
-    fputc('"', out);
-    for (; *text; text++) {
-        if (*text == '"')
-            fputc('"', out);
-        fputc(*text, out);
-    }
-    fputc('"', out);
-}
-
 static void put_limit(FILE *out, double limit)
 {
     char text[40] = "";
@@ -470,11 +463,11 @@ static int export_signals(const char *dir, const struct experiment *e, struct ap
     fputs("table,id,name,unit,description,low,high\n", f.stream);
     for (size_t i = 0; i < n; i++) {
         fprintf(f.stream, "%s,%d,", apc_table_name(tag[i].table), tag[i].id);
-        quoted(f.stream, tag[i].name);
+        csv_put_quoted(f.stream, tag[i].name);
         fputc(',', f.stream);
-        quoted(f.stream, tag[i].unit);
+        csv_put_quoted(f.stream, tag[i].unit);
         fputc(',', f.stream);
-        quoted(f.stream, tag[i].description);
+        csv_put_quoted(f.stream, tag[i].description);
         put_limit(f.stream, tag[i].low);
         put_limit(f.stream, tag[i].high);
         fputc('\n', f.stream);
@@ -511,9 +504,12 @@ static void write_event(FILE *out, const struct apc_event *event, apc_ns start)
 {
     static const char *const severity[] = {
         [APC_EVENT_INFO] = "info", [APC_EVENT_WARNING] = "warning", [APC_EVENT_ALARM] = "alarm"};
-    fprintf(out, "%.6f,%s,%s,%s,", apc_ns_to_s(event->time - start), severity[event->severity], event->source,
-            event->kind);
-    quoted(out, event->text);
+    fprintf(out, "%.6f,%s,", apc_ns_to_s(event->time - start), severity[event->severity]);
+    csv_put(out, event->source);
+    fputc(',', out);
+    csv_put(out, event->kind);
+    fputc(',', out);
+    csv_put_quoted(out, event->text);
     fputc('\n', out);
 }
 
@@ -562,9 +558,11 @@ static int write_timing(const char *dir, const struct timing *t, struct apc_erro
     fputs("task,quantity,period_ns,low_ns,high_ns,count\n", bins.stream);
     for (size_t i = 0; i < t->n; i++) {
         const struct timing_series *s = &t->series[i];
-        for (size_t b = 0; b < s->n_bins; b++)
-            fprintf(bins.stream, "%s,%s,%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRIu64 "\n", s->task,
-                    s->quantity, s->period, s->bins[b].low, s->bins[b].high, s->bins[b].count);
+        for (size_t b = 0; b < s->n_bins; b++) {
+            csv_put(bins.stream, s->task);
+            fprintf(bins.stream, ",%s,%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRIu64 "\n", s->quantity,
+                    s->period, s->bins[b].low, s->bins[b].high, s->bins[b].count);
+        }
     }
     rc = file_close(&bins, 0, why);
     if (rc < 0 || (rc = file_open(&summary, dir, "timing-summary.csv", why)) < 0)

@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 
 #include "print.h"
+#include "run/csv.h"
 #include "run/run_internal.h"
 
 struct finding {
@@ -253,8 +254,9 @@ static void show_csv(const struct finding *f)
     for (size_t i = 0; i < f->z->own.finds; i++) {
         char was[PRINT_LEN], value[PRINT_LEN], error[PRINT_LEN];
 
-        printf("%s,%s,%s,%s\n", param_of(f, i)->name, print_exact(f->was[i], was),
-               print_exact(f->value[i], value), print_exact(f->error[i], error));
+        csv_put(stdout, param_of(f, i)->name);
+        printf(",%s,%s,%s\n", print_exact(f->was[i], was), print_exact(f->value[i], value),
+               print_exact(f->error[i], error));
     }
 }
 

@@ -7,6 +7,7 @@
 
 #include "identify.h"
 #include "print.h"
+#include "run/csv.h"
 
 #define TELLING 0.01 /* a probability below which it is no chance */
 
@@ -413,7 +414,8 @@ static void show_csv(const struct identification *z)
             const double value[] = {m->validation[i].fit, m->validation[i].ahead, m->validation[i].white,
                                     m->validation[i].independent};
 
-            printf("%s,%s", m->kind, z->data.output[i]);
+            printf("%s,", m->kind);
+            csv_put(stdout, z->data.output[i]);
             for (size_t q = 0; q < 4; q++) {
                 char text[PRINT_LEN];
                 printf(",%s", isnan(value[q]) ? "" : print_exact(value[q], text));

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "print.h"
+#include "run/csv.h"
 
 static const char *name_of(const struct linearize_names *names, size_t i, char text[24])
 {
@@ -195,9 +196,13 @@ static void show_csv(const struct linearize_view *v)
     for (size_t k = 0; k < v->n_matrices; k++) {
         const struct linearize_matrix *a = &v->matrix[k];
         for (size_t i = 0; i < a->rows; i++)
-            for (size_t j = 0; j < a->columns; j++)
-                printf("%s,%s,%s,%s,\n", a->name, name_of(a->row, i, row), name_of(a->column, j, column),
-                       print_exact(a->value[i * a->columns + j], text));
+            for (size_t j = 0; j < a->columns; j++) {
+                printf("%s,", a->name);
+                csv_put(stdout, name_of(a->row, i, row));
+                putchar(',');
+                csv_put(stdout, name_of(a->column, j, column));
+                printf(",%s,\n", print_exact(a->value[i * a->columns + j], text));
+            }
     }
     for (size_t i = 0; i < v->nx; i++)
         printf("pole,%zu,,%s,%s\n", i + 1, print_exact(creal(v->pole[i]), text),

@@ -11,6 +11,7 @@
 #include "gnuplot.h"
 #include "print.h"
 #include "report_script.h"
+#include "run/csv.h"
 
 #define HEIGHT 470.0
 
@@ -125,7 +126,7 @@ static int put_csv(const struct optimization *z, struct apc_error *why)
     for (size_t k = 0; k < z->loops; k++)
         fprintf(out, ",iae_%zu,effort_%zu,overshoot_percent_%zu", k + 1, k + 1, k + 1);
     for (size_t i = 0; i < z->own.n; i++)
-        fputc(',', out), print_csv_field(out, z->own.number[i].path);
+        fputc(',', out), csv_put(out, z->own.number[i].path);
     fputc('\n', out);
     for (unsigned i = 0; i < z->n_front; i++) {
         const struct attempt *a = optimization_attempt(z, z->front[i]);

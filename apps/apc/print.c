@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
+#include "run/csv.h"
 #include "run/loops.h"
 
 /* ---- Pieces ------------------------------------------------------------------------------- */
@@ -87,15 +89,14 @@ char *print_name(const struct cli_tags *tags, const struct apc_sample *sample, c
     return text;
 }
 
-static bool is_control(char c)
-{
-    return (unsigned char)c < ' ' || c == 0x7f;
-}
-
 void print_clean(FILE *out, const char *text)
 {
-    for (; *text; text++)
-        fputc(is_control(*text) ? '?' : *text, out);
+    char instead;
+
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
+        fwrite(instead ? &instead : text, 1, instead ? 1 : n, out);
+    }
 }
 
 /* ---- Columns ------------------------------------------------------------------------------ */
@@ -140,6 +141,7 @@ void print_cell(struct print_table *table, enum print_ink ink, const char *fmt, 
     va_start(args, fmt);
     vsnprintf(cell->text, sizeof cell->text, fmt, args);
     va_end(args);
+    text_clean(cell->text, cell->text, sizeof cell->text);
     cell->ink = ink;
 }
 
@@ -364,39 +366,16 @@ enum print_ink print_severity_ink(enum apc_event_severity severity)
                                            : PRINT_PLAIN;
 }
 
-static void put_csv_text(FILE *out, const char *text)
-{
-    fputs(",\"", out);
-    for (; *text; text++) {
-        if (*text == '"')
-            fputc('"', out);
-        fputc(*text, out);
-    }
-    fputc('"', out);
-}
-
-void print_csv_field(FILE *out, const char *text)
-{
-    if (!text[strcspn(text, ",\"\r\n")]) {
-        fputs(text, out);
-        return;
-    }
-    fputc('"', out);
-    for (; *text; text++) {
-        if (*text == '"')
-            fputc('"', out);
-        fputc(*text, out);
-    }
-    fputc('"', out);
-}
-
 void print_event_csv(FILE *out, const struct apc_event *e)
 {
     char time[APC_TIME_LEN];
     fprintf(out, "%s,%s", apc_time_format(e->time, time), print_severity(e->severity));
-    put_csv_text(out, e->source);
-    put_csv_text(out, e->kind);
-    put_csv_text(out, e->text);
+    fputc(',', out);
+    csv_put_quoted(out, e->source);
+    fputc(',', out);
+    csv_put_quoted(out, e->kind);
+    fputc(',', out);
+    csv_put_quoted(out, e->text);
     fputc('\n', out);
 }
 

@@ -76,7 +76,7 @@ extern const struct print_column print_sample_columns[6];
 void print_sample_cells(struct print_table *table, const struct cli_tags *tags,
                         const struct apc_sample *sample, apc_ns now, const char *note);
 
-/* Text with its control characters made visible as '?'. */
+/* Text in one line, as it is to be shown (base/text.h). */
 void print_clean(FILE *out, const char *text);
 
 /* ---- Rows for programs -------------------------------------------------------------------- */
@@ -91,8 +91,6 @@ void print_sample_members(FILE *out, const struct apc_sample *sample, const stru
 void print_sample_json(FILE *out, const struct apc_sample *sample, const struct cli_tags *tags, apc_ns now);
 const char *print_severity(enum apc_event_severity severity);
 enum print_ink print_severity_ink(enum apc_event_severity severity);
-/* In quotes where it has to be. */
-void print_csv_field(FILE *out, const char *text);
 void print_event_csv(FILE *out, const struct apc_event *event);
 void print_event_json(FILE *out, const struct apc_event *event);
 /* "key":"text" or "key":null; "key":number or, for a limit that is none, "key":null. */

@@ -219,10 +219,11 @@ static int report_outlook_of_run(const struct cli *cli, const struct report_opti
     if (status != EXIT_OK)
         return status;
     int rc = window_outlook_of_run(&outlook, e, cli->args[0], at, &why);
-    const bool drawn = rc == 0 && !o->json && report_leave(cli, cli->args[0], e, e->title, &outlook);
+    const int drawn = rc == 0 && !o->json ? report_leave(cli, cli->args[0], e, e->title, &outlook, &why) : 0;
     if (rc == 0 && (rc = put_outlook(&outlook, e, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
-    if (rc == 0 && drawn)
+    rc = drawn < 0 && rc == 0 ? drawn : rc;
+    if (rc == 0 && drawn > 0)
         printf("report: %s/report.png, report.svg\n", cli->args[0]);
     outlook_free(&outlook);
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
@@ -310,13 +311,16 @@ int command_report(int argc, char **argv)
     }
     if (rc == 0 && !json)
         folder_columns(cli.args[0]);
-    const bool drawn = rc == 0 && !json && report_leave(&cli, cli.args[0], &e, e.title, NULL);
+    struct apc_error unread;
+    const int drawn = rc == 0 && !json ? report_leave(&cli, cli.args[0], &e, e.title, NULL, &unread) : 0;
     if (rc == 0)
         rc = put_figures(cli.args[0], &e, json, &why);
     experiment_free(&e);
     if (rc < 0)
         return cli_error(&cli, rc, "%s", why.text);
-    if (drawn)
+    if (drawn < 0) /* what the figures are made of is there */
+        return cli_done(&cli, cli_error(&cli, drawn, "%s", unread.text));
+    if (drawn > 0)
         printf("report: %s/report.png, report.svg\n", cli.args[0]);
     return cli_done(&cli, EXIT_OK);
 }

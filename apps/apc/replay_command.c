@@ -9,6 +9,7 @@
 #include "cli.h"
 #include "folder.h"
 #include "print.h"
+#include "run/csv.h"
 
 struct replay_options {
     const char *csv;
@@ -101,7 +102,9 @@ static void put_output(void *ctx, double t, const char *loop, double recorded, d
         return;
     apc_number_format(recorded, a, sizeof a);
     apc_number_format(replayed, b, sizeof b);
-    fprintf(c->csv, "%.6f,%s,%s,%s\n", t, loop, a, b);
+    fprintf(c->csv, "%.6f,", t);
+    csv_put(c->csv, loop);
+    fprintf(c->csv, ",%s,%s\n", a, b);
 }
 
 static void put_notice(void *ctx, double t, const char *text)

@@ -33,28 +33,18 @@ static void look_around(struct report_data *data, const struct outlook *expected
     data->expected = expected;
 }
 
-static int draw(const char *dir, const struct experiment *e, const char *title,
-                const struct outlook *expected, struct apc_error *why)
+int report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
+                 const struct outlook *expected, struct apc_error *why)
 {
     struct figure f = {.e = e, .title = title};
-    int rc = report_read(&f.data, dir, why);
+    const int read = report_read(&f.data, dir, why);
 
-    if (rc == 0 && expected)
+    if (read == 0 && expected)
         look_around(&f.data, expected);
-    if (rc == 0)
-        rc = gnuplot_draw(dir, write_figure, &f, "report", why);
+    const int drawn = read == 0 ? gnuplot_draw(dir, write_figure, &f, "report", why) : read;
     report_free(&f.data);
-    return rc;
-}
-
-bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
-                  const struct outlook *expected)
-{
-    struct apc_error why;
-    const int rc = draw(dir, e, title, expected, &why);
-
-    if (rc < 0)
-        cli_error(cli, rc, "there is no figure: %s; `apc report %s` draws it once that is mended", why.text,
-                  dir);
-    return rc == 0;
+    if (read == 0 && drawn < 0)
+        cli_error(cli, drawn, "there is no figure: %s; `apc report %s` draws it once that is mended",
+                  why->text, dir);
+    return read < 0 ? read : drawn == 0;
 }

@@ -14,10 +14,10 @@
  * setpoints, and of the outputs, or of very many loops a row for each controller, with the names, units and
  * limits of @p e; the disturbances, and what was out of the ordinary. @p expected, or NULL: laid over that.
  *
- * One that cannot be drawn, as where gnuplot is missing, is told of on stderr, and is no failure of the
- * command: then false.
+ * Returns 1; 0: it could not be drawn, as where gnuplot is missing, which stderr is told and which is no
+ * failure of the command; or a negative error, and @p why: its files cannot be read, so the record is none.
  */
-bool report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
-                  const struct outlook *expected);
+int report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
+                 const struct outlook *expected, struct apc_error *why);
 
 #endif

@@ -6,8 +6,8 @@
  */
 #include <math.h>
 #include <stdlib.h>
-#include <wchar.h>
 
+#include "base/text.h"
 #include "report_script.h"
 
 #define TITLE_HEIGHT 40.0
@@ -49,27 +49,17 @@ double report_screen(double at, double height)
 
 /* ---- Text and numbers --------------------------------------------------------------------- */
 
-/* Text of a user as a gnuplot string, in which only the single quote is special. What is no UTF-8 would
- * make the SVG unreadable. */
+/* Text of a user as a gnuplot string, in which only the single quote is special. */
 void report_quoted(FILE *script, const char *text)
 {
-    mbstate_t state = {0};
+    char instead;
 
     fputc('\'', script);
-    while (*text) {
-        size_t length = mbrlen(text, MB_CUR_MAX, &state);
-        if (length > MB_CUR_MAX) {
-            state = (mbstate_t){0};
-            length = 1;
-            fputc('?', script);
-        } else if (*text == '\'') {
-            fputs("''", script);
-        } else if ((unsigned char)*text < ' ') {
-            fputc(' ', script);
-        } else {
-            fwrite(text, 1, length, script);
-        }
-        text += length;
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
+        if (*text == '\'')
+            fputc('\'', script);
+        fwrite(instead ? &instead : text, 1, instead ? 1 : n, script);
     }
     fputc('\'', script);
 }

@@ -733,12 +733,12 @@ static void record_failure(const struct run *r, apc_ns until)
     apc_store_append_events(r->store, &event, 1);
 }
 
-static bool write_report(const struct run *r)
+static int write_report(const struct run *r, struct apc_error *why)
 {
     char title[sizeof r->e.title + sizeof r->failure.text + 32];
     snprintf(title, sizeof title, "%s%s%s", r->e.title, r->failure.text[0] ? " - failed: " : "",
              r->failure.text);
-    return report_leave(&r->cli, r->dir, &r->e, title, NULL);
+    return report_leave(&r->cli, r->dir, &r->e, title, NULL, why);
 }
 
 static int leave_report(struct run *r)
@@ -763,7 +763,9 @@ static int leave_report(struct run *r)
         record_failure(r, until);
     if (rc >= 0)
         rc = patiently(r, export, since, until, &why);
-    const bool drawn = rc >= 0 && write_report(r);
+    const int drawn = rc >= 0 ? write_report(r, &why) : 0;
+    if (drawn < 0 && !r->failure.text[0])
+        apc_fail(&r->failure, APC_ESTATE, "the record cannot be read: %.400s", why.text);
     if (rc >= 0 && drained < 0) {
         rc = drained;
         apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
@@ -778,7 +780,7 @@ static int leave_report(struct run *r)
                     r->live_name, r->dir);
         return rc;
     }
-    if (drawn && (!r->failure.text[0] || control.ever))
+    if (drawn > 0 && (!r->failure.text[0] || control.ever))
         printf("report:  %s/report.png, report.svg\n", r->dir);
     if (!r->failure.text[0] || control.ever)
         printf("samples: %s/samples.csv\n", r->dir);

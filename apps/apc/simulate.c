@@ -443,7 +443,10 @@ static int leave_report(const struct simulate *r)
     int rc = simulation_export(&r->s, r->options.report, "apc simulate", 0, &why);
     if (rc < 0)
         return refuse(r, rc, &why);
-    if (report_leave(&r->cli, r->options.report, &r->e, r->e.title, NULL))
+    rc = report_leave(&r->cli, r->options.report, &r->e, r->e.title, NULL, &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    if (rc > 0)
         fprintf(r->talk, "report:  %s/report.png, report.svg\n", r->options.report);
     return 0;
 }

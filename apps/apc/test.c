@@ -342,8 +342,8 @@ static int leave(struct test *z, struct apc_error *why)
                          : simulation_export(&z->simulation, z->dir, "apc test", z->begin, why);
 
     if (rc == 0)
-        (void)report_leave(&z->cli, z->dir, &z->e, z->e.title, NULL);
-    return rc;
+        rc = report_leave(&z->cli, z->dir, &z->e, z->e.title, NULL, why);
+    return rc < 0 ? rc : 0;
 }
 
 static void print_relay(const struct test *z)

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/text.h"
 #include "exitcode.h"
 #include "locked.h"
 #include "recorder.h"
@@ -117,6 +118,7 @@ int daemon_error(const struct daemon *d, int err, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
+    text_clean(text, text, sizeof text);
     fprintf(stderr, "%s: %s\n", d->name, text); /* at once: the log is written by another thread */
     return err;
 }

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "run/csv.h"
+
 static size_t find(const struct timing *timing, const char *task, const char *quantity)
 {
     size_t i = 0;
@@ -151,11 +153,12 @@ apc_ns timing_min(const struct timing_series *s)
 
 void timing_csv(FILE *out, const struct timing_series *s)
 {
+    csv_put(out, s->task);
     fprintf(out,
-            "%s,%s,%" PRId64 ",%" PRIu64 ",%" PRIu64 ",%.1f,%.1f,%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64
+            ",%s,%" PRId64 ",%" PRIu64 ",%" PRIu64 ",%.1f,%.1f,%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64
             ",%" PRId64 "\n",
-            s->task, s->quantity, s->period, s->count, s->missed, s->mean, s->sd, timing_min(s), s->p50,
-            s->p99, s->p999, s->max);
+            s->quantity, s->period, s->count, s->missed, s->mean, s->sd, timing_min(s), s->p50, s->p99,
+            s->p999, s->max);
 }
 
 void timing_free(struct timing *timing)

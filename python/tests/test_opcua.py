@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What of the gateways of OPC UA needs no OPC UA."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
 
 from libapc.opcua import __main__ as command
-from libapc.opcua import plant, units
+from libapc.opcua import plant, server, units
 
 _S = 10**9
 _T0 = 1_700_000_000 * _S
+
+
+@pytest.mark.parametrize("say", [plant.say, server.say])
+def test_what_a_peer_says_is_told_in_one_line_that_shows_as_it_is(say: Callable[[str], None], capsys: pytest.CaptureFixture[str]) -> None:
+    say("the server: no\nway \x1b[2J\x9b\u202e\u2028\udc80ä")
+    assert capsys.readouterr().err == "opcua: the server: no way ?[2J?? ?ä\n"
 
 
 def test_a_value_at_rest_is_looked_at_by_each_answer() -> None:

@@ -3,6 +3,8 @@
 
 #include <stdio.h>
 
+#include "base/text.h"
+
 const char *apc_err_name(int err)
 {
     if (err >= 0)
@@ -41,6 +43,7 @@ int apc_fail(struct apc_error *why, int err, const char *fmt, ...)
         va_start(args, fmt);
         vsnprintf(why->text, sizeof why->text, fmt, args);
         va_end(args);
+        text_clean(why->text, why->text, sizeof why->text); /* a peer or a file may have said it */
     }
     return err;
 }

@@ -21,6 +21,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/text.h"
+
 #define SLOTS    256
 #define MESSAGE  400
 #define NAME_LEN 80
@@ -87,14 +89,20 @@ static void write_all(struct apc_log *log, const char *text, size_t length)
     }
 }
 
-/* In quotes, those in it and backslashes escaped, control characters as spaces. */
+/* In quotes, those in it and backslashes escaped. */
 static char *quote(char *to, const char *text)
 {
+    char instead;
+
     *to++ = '"';
-    for (; *text; text++) {
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
         if (*text == '"' || *text == '\\')
             *to++ = '\\';
-        *to++ = (unsigned char)*text < 0x20 || *text == 0x7F ? ' ' : *text;
+        if (instead)
+            *to++ = instead;
+        else
+            to = mempcpy(to, text, n);
     }
     *to++ = '"';
     return to;

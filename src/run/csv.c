@@ -8,7 +8,7 @@
 #include <string.h>
 #include <strings.h>
 
-#include "base/utf8.h"
+#include "base/text.h"
 
 #define ROW_MOST    (1 << 20) /* bytes; more is a quote without its mate */
 #define NUMBER_MOST 400
@@ -304,8 +304,12 @@ static int take_names(struct csv *csv, struct apc_error *why)
     if (!csv->names || !csv->name)
         return no_memory(csv, why);
     memcpy(csv->names, csv->text, csv->n);
-    for (size_t i = 0; i < csv->fields; i++)
+    for (size_t i = 0; i < csv->fields; i++) {
+        char *const name = csv->names + csv->field[i].at; /* a spreadsheet may have it in two lines */
+
         csv->name[i] = csv->field[i].at;
+        text_clean(name, name, strlen(name) + 1);
+    }
     csv->columns = csv->fields;
     return 0;
 }
@@ -459,6 +463,30 @@ int csv_expect(const struct csv *csv, const char *names, struct apc_error *why)
         at += n + (at[n] == ',');
     }
     return same && !*at ? 0 : csv_refuse(csv, why, "expected the columns %s", names);
+}
+
+/* ---- Writing ---------------------------------------------------------------------------------------- */
+
+void csv_put_quoted(FILE *out, const char *text)
+{
+    char instead;
+
+    fputc('"', out);
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
+        if (*text == '"')
+            fputc('"', out);
+        fwrite(instead ? &instead : text, 1, instead ? 1 : n, out);
+    }
+    fputc('"', out);
+}
+
+void csv_put(FILE *out, const char *text)
+{
+    if (strpbrk(text, ",;\"") || *text == ' ' || !text_is_clean(text))
+        csv_put_quoted(out, text);
+    else
+        fputs(text, out);
 }
 
 /* ---- Numbers ------------------------------------------------------------------------------------- */

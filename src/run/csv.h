@@ -15,6 +15,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdio.h>
 
 struct csv;
 
@@ -46,6 +47,10 @@ int csv_refuse(const struct csv *csv, struct apc_error *why, const char *format,
 /* The same for one of its fields. */
 int csv_refuse_field(const struct csv *csv, size_t column, struct apc_error *why, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
+/* Text as a field: in one line and as it is to be shown (base/text.h), in quotes where it needs them; always.
+ */
+void csv_put(FILE *out, const char *text);
+void csv_put_quoted(FILE *out, const char *text);
 /* Are the names these, which are parted by ',' here? Returns 0 or APC_EPROTO. */
 int csv_expect(const struct csv *csv, const char *names, struct apc_error *why);
 

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/utf8.h"
+#include "base/text.h"
 #include "nearest.h"
 
 #define FILE_MAX ((size_t)16 << 20)
@@ -253,20 +253,37 @@ static void quote_line(const char *text, int number, char *line, size_t size)
     snprintf(line, size, "%.*s", text ? (int)strcspn(text, "\r\n") : 0, text ? text : "");
 }
 
-/* Texts go into files and pages, which are UTF-8. */
-static int check_text(const char *file, const char *text, struct apc_error *why)
+/* Texts go into files, pages and terminals: they are UTF-8, and say what they show. */
+static int check_text(const char *file, int line, const char *text, struct apc_error *why)
 {
-    int line = 1;
+    char instead;
 
     for (size_t step; *text; text += step) {
         line += *text == '\n';
-        if ((step = utf8_length(text)) == 0)
+        step = text_step(text, &instead);
+        if (utf8_length(text) == 0)
             return apc_fail(
                 why, APC_EINVAL,
                 "%s:%d: the byte 0x%02X is not UTF-8: save the file in UTF-8 (iconv -f LATIN1 -t UTF-8)",
                 file, line, (unsigned char)*text);
+        if (instead == '?')
+            return apc_fail(
+                why, APC_EINVAL,
+                "%s:%d: the character U+%04X controls how text is shown and is no text: leave it out", file,
+                line, (unsigned)text_code(text, step));
     }
     return 0;
+}
+
+/* Within a text in quotes it may be written as \x1b. */
+static int check_values(const char *file, const config_setting_t *in, struct apc_error *why)
+{
+    const char *const text = config_setting_get_string(in);
+    int rc = text ? check_text(file, (int)config_setting_source_line(in), text, why) : 0;
+
+    for (int i = 0; i < config_setting_length(in) && rc == 0; i++)
+        rc = check_values(file, config_setting_get_elem(in, (unsigned)i), why);
+    return rc;
 }
 
 static int parse(config_t *config, const char *file, char *text, struct apc_error *why)
@@ -274,9 +291,11 @@ static int parse(config_t *config, const char *file, char *text, struct apc_erro
     char line[60];
     int rc = strip(file, text, why);
     if (rc == 0)
-        rc = check_text(file, text, why);
-    if (rc < 0 || config_read_string(config, text) == CONFIG_TRUE)
+        rc = check_text(file, 1, text, why);
+    if (rc < 0)
         return rc;
+    if (config_read_string(config, text) == CONFIG_TRUE)
+        return check_values(file, config_root_setting(config), why);
     const int number = config_error_line(config);
     quote_line(text, number, line, sizeof line);
     if (!*line)
@@ -396,8 +415,8 @@ void settings_text(struct settings *s, const config_setting_t *in, const char *n
         settings_fail(s, found, "\"%s\" must be text in double quotes", name);
     else if (strlen(config_setting_get_string(found)) >= size)
         settings_fail(s, found, "\"%s\" is too long: at most %zu bytes", name, size - 1);
-    else
-        snprintf(value, size, "%s", config_setting_get_string(found));
+    else /* in one line, also where the file has it in several */
+        text_clean(value, config_setting_get_string(found), size);
 }
 
 /* TABLE.ID: what a variable is called without its name. */
@@ -414,9 +433,8 @@ static bool is_address(const char *name)
 void settings_name(struct settings *s, const config_setting_t *in, char *value, size_t size)
 {
     settings_text(s, in, "name", REQUIRED, value, size);
-    bool good = *value != '\0';
-    for (const char *c = value; *c; c++)
-        good = good && (unsigned char)*c >= ' ' && *c != 127;
+    const config_setting_t *const said = s->failed ? NULL : config_setting_get_member(in, "name");
+    const bool good = *value != '\0' && said && strcmp(config_setting_get_string(said), value) == 0;
     if (!s->failed && !good)
         settings_fail(s, config_setting_get_member(in, "name"),
                       "\"name\" must have at least one character, and no line breaks or tabs");

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "shareddata/postgresql.h"
 
 /* ---- Streams ------------------------------------------------------------------------------- */
@@ -189,9 +190,9 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
         char numbers[16][8], source[sizeof e->source], kind[sizeof e->kind], text[sizeof e->text];
         add_int8(&p, numbers, apc_pg_time(e->time));
         add_int8(&p, numbers, (int64_t)e->severity);
-        apc_pg_param_text(&p, apc_text_clean(source, e->source, sizeof source));
-        apc_pg_param_text(&p, apc_text_clean(kind, e->kind, sizeof kind));
-        apc_pg_param_text(&p, apc_text_clean(text, e->text, sizeof text));
+        apc_pg_param_text(&p, text_clean(source, e->source, sizeof source));
+        apc_pg_param_text(&p, text_clean(kind, e->kind, sizeof kind));
+        apc_pg_param_text(&p, text_clean(text, e->text, sizeof text));
         err = apc_pg_send(pg,
                           "INSERT INTO event (time, severity, source, kind, text) "
                           "VALUES ($1::timestamptz, $2::int8, $3, $4, $5)",
@@ -250,8 +251,8 @@ static int send_timing(struct apc_pg *pg, const struct apc_timing_row *r)
     struct apc_pg_params p = {0};
     char numbers[16][8], task[sizeof r->task], quantity[sizeof r->quantity];
     add_int8(&p, numbers, apc_pg_time(r->time));
-    apc_pg_param_text(&p, apc_text_clean(task, r->task, sizeof task));
-    apc_pg_param_text(&p, apc_text_clean(quantity, r->quantity, sizeof quantity));
+    apc_pg_param_text(&p, text_clean(task, r->task, sizeof task));
+    apc_pg_param_text(&p, text_clean(quantity, r->quantity, sizeof quantity));
     add_int8(&p, numbers, r->period);
     add_int8(&p, numbers, (int64_t)r->missed);
     add_int8(&p, numbers, (int64_t)r->count);
@@ -376,11 +377,11 @@ int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n)
         char controller[sizeof t->controller], area[sizeof t->area];
         apc_pg_param_text(&p, apc_table_name(t->table));
         add_int8(&p, numbers, t->id);
-        apc_pg_param_text(&p, apc_text_clean(name, t->name, sizeof name));
-        apc_pg_param_text(&p, apc_text_clean(unit, t->unit, sizeof unit));
-        apc_pg_param_text(&p, apc_text_clean(description, t->description, sizeof description));
-        apc_pg_param_text(&p, apc_text_clean(controller, t->controller, sizeof controller));
-        apc_pg_param_text(&p, apc_text_clean(area, t->area, sizeof area));
+        apc_pg_param_text(&p, text_clean(name, t->name, sizeof name));
+        apc_pg_param_text(&p, text_clean(unit, t->unit, sizeof unit));
+        apc_pg_param_text(&p, text_clean(description, t->description, sizeof description));
+        apc_pg_param_text(&p, text_clean(controller, t->controller, sizeof controller));
+        apc_pg_param_text(&p, text_clean(area, t->area, sizeof area));
         add_float8(&p, numbers, t->low);
         add_float8(&p, numbers, t->high);
         add_float8(&p, numbers, t->display_low);

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "shareddata/shareddata_internal.h"
 
 __extension__ typedef unsigned __int128 uwide;
@@ -65,9 +66,9 @@ int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *vari
 struct apc_event apc_event_row(const struct apc_event *e)
 {
     struct apc_event row = {.time = apc_time_stored(e->time), .severity = e->severity};
-    apc_text_clean(row.source, e->source, sizeof row.source);
-    apc_text_clean(row.kind, e->kind, sizeof row.kind);
-    apc_text_clean(row.text, e->text, sizeof row.text);
+    text_clean(row.source, e->source, sizeof row.source);
+    text_clean(row.kind, e->kind, sizeof row.kind);
+    text_clean(row.text, e->text, sizeof row.text);
     return row;
 }
 
@@ -75,8 +76,17 @@ struct apc_timing_row apc_timing_stored(const struct apc_timing_row *r)
 {
     struct apc_timing_row row = *r;
     row.time = apc_time_stored(r->time);
-    apc_text_clean(row.task, r->task, sizeof row.task);
+    text_clean(row.task, r->task, sizeof row.task);
     return row;
+}
+
+void apc_tag_clean(struct apc_tag *t)
+{
+    text_clean(t->name, t->name, sizeof t->name);
+    text_clean(t->unit, t->unit, sizeof t->unit);
+    text_clean(t->description, t->description, sizeof t->description);
+    text_clean(t->controller, t->controller, sizeof t->controller);
+    text_clean(t->area, t->area, sizeof t->area);
 }
 
 /* ---- Tags ---------------------------------------------------------------------------------- */
@@ -102,11 +112,7 @@ int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n,
     }
     for (size_t i = 0; i < n; i++) {
         t[i] = tags[i];
-        apc_text_clean(t[i].name, tags[i].name, sizeof t[i].name);
-        apc_text_clean(t[i].unit, tags[i].unit, sizeof t[i].unit);
-        apc_text_clean(t[i].description, tags[i].description, sizeof t[i].description);
-        apc_text_clean(t[i].controller, tags[i].controller, sizeof t[i].controller);
-        apc_text_clean(t[i].area, tags[i].area, sizeof t[i].area);
+        apc_tag_clean(&t[i]);
     }
     int err = 0;
     qsort(t, n, sizeof *t, by_name);

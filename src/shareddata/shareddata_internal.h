@@ -100,13 +100,6 @@ extern const struct apc_store_ops apc_sqlite_store;
 extern const struct apc_store_ops apc_mem_store;
 extern const struct apc_store_ops apc_shm_store;
 
-/**
- * Into a copy that every store takes: a byte that is no part of a character (a text cut in the middle of one,
- * something from the network) becomes '?'. An event must not be lost for that. @p size is that of both; @p
- * out is filled to its end. Returns @p out.
- */
-const char *apc_text_clean(char *out, const char *in, size_t size);
-
 /** Where bin @p i of apc_store_history_bins() begins; i = n is where the last one ends. */
 static inline apc_ns apc_bin_edge(apc_ns since, apc_ns until, size_t n, size_t i)
 {
@@ -216,8 +209,10 @@ int apc_claims_reserve(struct apc_store *store, struct apc_claims *c, size_t n);
 void apc_claims_add(struct apc_claims *c, const struct apc_sample *variables, size_t n);
 void apc_claims_drop(struct apc_claims *c, const struct apc_sample *variables, size_t n);
 
+/** As they are stored: texts are one line and show as they are (base/text.h). */
 struct apc_event apc_event_row(const struct apc_event *event);
 struct apc_timing_row apc_timing_stored(const struct apc_timing_row *row);
+void apc_tag_clean(struct apc_tag *tag);
 
 /** Check tags and give a copy, to be freed, in the order of table and id. Returns 0, APC_ESTORE, APC_ENOMEM.
  */

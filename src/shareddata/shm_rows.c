@@ -7,6 +7,7 @@
 #include <limits.h>
 #include <stdlib.h>
 
+#include "base/text.h"
 #include "shareddata/shm.h"
 
 static int no_memory(struct apc_shm *shm, uint64_t rows)
@@ -395,7 +396,7 @@ int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *
                                    .p99 = r.p99,
                                    .max = r.max};
         memcpy(t.task, r.task, sizeof t.task);
-        apc_text_clean(t.quantity, r.quantity, sizeof t.quantity);
+        text_clean(t.quantity, r.quantity, sizeof t.quantity);
         put_bins(&t, &r);
         apc_shm_write_record(&w, APC_SHM_TIMING, &t, sizeof t / 8);
     }
@@ -420,8 +421,8 @@ static int give_timing(const struct apc_shm_timing *t, uint64_t arrival, apc_tim
                                  .bin_count = n > 0 ? t->bins + 2 * n : NULL,
                                  .n_bins = n,
                                  .number = (int64_t)arrival + 1};
-    apc_text_clean(row.task, t->task, sizeof row.task);
-    apc_text_clean(row.quantity, t->quantity, sizeof row.quantity);
+    text_clean(row.task, t->task, sizeof row.task);
+    text_clean(row.quantity, t->quantity, sizeof row.quantity);
     return fn(ctx, &row);
 }
 

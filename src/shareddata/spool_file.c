@@ -158,13 +158,15 @@ void apc_spool_get_sample(const struct apc_spool_file *file, size_t i, struct ap
     memcpy(&s->value, &value, sizeof s->value);
 }
 
-static void put_event(unsigned char *at, const struct apc_event *e)
+/* As the store will have it: whether it stands there already is asked by its texts. */
+static void put_event(unsigned char *at, const struct apc_event *event)
 {
-    put_bits(at, (uint64_t)e->time, 8);
-    put_bits(at + 8, (uint64_t)e->severity, 8);
-    memcpy(at + 16, e->source, sizeof e->source);
-    memcpy(at + 48, e->kind, sizeof e->kind);
-    memcpy(at + 80, e->text, sizeof e->text);
+    const struct apc_event e = apc_event_row(event);
+    put_bits(at, (uint64_t)event->time, 8);
+    put_bits(at + 8, (uint64_t)e.severity, 8);
+    memcpy(at + 16, e.source, sizeof e.source);
+    memcpy(at + 48, e.kind, sizeof e.kind);
+    memcpy(at + 80, e.text, sizeof e.text);
 }
 
 void apc_spool_get_event(const struct apc_spool_file *file, size_t i, struct apc_event *e)

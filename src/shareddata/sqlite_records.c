@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
+
 /* Clean copies of texts into the parameters from @p first on. */
 struct text {
     const char *text;
@@ -18,8 +20,8 @@ static int bind_texts(struct apc_sqlite *sq, sqlite3_stmt *statement, int first,
     char clean[sizeof((struct apc_event *)0)->text];
     int rc = SQLITE_OK;
     for (size_t i = 0; rc == SQLITE_OK && i < n; i++) {
-        rc = sqlite3_bind_text(statement, first + (int)i, apc_text_clean(clean, texts[i].text, texts[i].size),
-                               -1, SQLITE_TRANSIENT);
+        rc = sqlite3_bind_text(statement, first + (int)i, text_clean(clean, texts[i].text, texts[i].size), -1,
+                               SQLITE_TRANSIENT);
     }
     return rc == SQLITE_OK ? 0 : apc_sqlite_fail(sq, rc);
 }

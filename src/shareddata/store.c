@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/base_internal.h"
+#include "base/text.h"
 #include "shareddata/migrations.h"
 #include "shareddata/seam.h"
 #include "shareddata/shareddata_internal.h"
@@ -458,7 +459,7 @@ int apc_store_author(struct apc_store *store, const char *name)
     if (!err && (name[0] == '\0' || strnlen(name, sizeof clean) == sizeof clean)) {
         err = apc_fail(&store->why, APC_EINVAL, "an author's name has 1 to %d bytes", APC_AUTHOR_LEN - 1);
     }
-    return err ? err : store->ops->author(store, apc_text_clean(clean, name, sizeof clean));
+    return err ? err : store->ops->author(store, text_clean(clean, name, sizeof clean));
 }
 
 int apc_store_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
@@ -469,6 +470,7 @@ int apc_store_author_name(struct apc_store *store, uint32_t number, char name[AP
     }
     memset(name, 0, APC_AUTHOR_LEN);
     err = number > 0 ? store->ops->author_name(store, number, name) : APC_ENOTFOUND;
+    text_clean(name, name, APC_AUTHOR_LEN);
     return err == APC_ENOTFOUND ? apc_fail(&store->why, err, "there is no author %u", (unsigned)number) : err;
 }
 
@@ -611,13 +613,32 @@ int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, con
     return err ? err : store->ops->vectors(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx);
 }
 
+/* What others wrote into a database by SQL is cleaned where it is read. */
+struct reading {
+    apc_request_fn request;
+    apc_event_fn event;
+    apc_timing_fn timing;
+    void *ctx;
+};
+
+static int give_request(void *ctx, const struct apc_request *request)
+{
+    const struct reading *to = (const struct reading *)ctx;
+    struct apc_request clean = *request;
+    text_clean(clean.author, request->author, sizeof clean.author);
+    text_clean(clean.role, request->role, sizeof clean.role);
+    text_clean(clean.reason, request->reason, sizeof clean.reason);
+    return to->request(to->ctx, &clean);
+}
+
 int apc_store_requests(struct apc_store *store, apc_request_fn fn, void *ctx)
 {
+    struct reading to = {.request = fn, .ctx = ctx};
     int err = enter(store, NULL, 0);
     if (!err && !fn) {
         err = apc_fail(&store->why, APC_EINVAL, "no function to give the requests to");
     }
-    return err || !store->ops->requests ? err : store->ops->requests(store, fn, ctx);
+    return err || !store->ops->requests ? err : store->ops->requests(store, give_request, &to);
 }
 
 int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome)
@@ -629,7 +650,7 @@ int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const cha
     }
     return err ? err
                : store->ops->answer(store, id, seq,
-                                    outcome ? apc_text_clean(clean, outcome, sizeof clean) : NULL);
+                                    outcome ? text_clean(clean, outcome, sizeof clean) : NULL);
 }
 
 int apc_store_keep_history(struct apc_store *store)
@@ -651,6 +672,10 @@ int apc_store_ask(struct apc_store *store, struct apc_request *request)
                  !(fabs(request->value) < APC_VALUE_MAX))) {
         err = apc_fail(&store->why, APC_EINVAL, "nobody can be asked for that here");
     }
+    if (!err) {
+        text_clean(request->author, request->author, sizeof request->author);
+        text_clean(request->reason, request->reason, sizeof request->reason);
+    }
     return err ? err : store->ops->ask(store, request);
 }
 
@@ -660,7 +685,10 @@ int apc_store_asked(struct apc_store *store, int64_t id, char *outcome, size_t s
     if (!err && (id <= 0 || !store->ops->asked)) {
         err = apc_fail(&store->why, APC_EINVAL, "there is no request %lld", (long long)id);
     }
-    return err ? err : store->ops->asked(store, id, outcome, size);
+    if (!err && (err = store->ops->asked(store, id, outcome, size)) >= 0 && size > 0) {
+        text_clean(outcome, outcome, size);
+    }
+    return err;
 }
 
 int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
@@ -766,7 +794,8 @@ int apc_store_describe(struct apc_store *store, const struct apc_tag *tags, size
         err = apc_fail(&store->why, APC_ENOMEM, "out of memory for a catalogue of %zu bytes", length);
     }
     if (!err) {
-        err = store->ops->describe(store, tags, n, text ? apc_text_clean(text, catalogue, length + 1) : NULL);
+        err = store->ops->describe(store, tags, n,
+                                   text ? text_cleaned(text, catalogue, length + 1, true) : NULL);
     }
     free(text);
     return err;
@@ -784,8 +813,12 @@ int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_
 
 int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
 {
-    int err = enter(store, tags, capacity);
-    return err ? err : store->ops->get_tags(store, tags, capacity);
+    int n = enter(store, tags, capacity);
+    n = n ? n : store->ops->get_tags(store, tags, capacity);
+    for (int i = 0; i < n && (size_t)i < capacity; i++) {
+        apc_tag_clean(&tags[i]);
+    }
+    return n;
 }
 
 int apc_store_behind(struct apc_store *store, struct apc_behind *behind)
@@ -810,13 +843,24 @@ int apc_store_append_events(struct apc_store *store, const struct apc_event *eve
     return err || n == 0 ? err : store->ops->append_events(store, events, n);
 }
 
+static int give_event(void *ctx, const struct apc_event *event)
+{
+    const struct reading *to = (const struct reading *)ctx;
+    struct apc_event clean = *event;
+    text_clean(clean.source, event->source, sizeof clean.source);
+    text_clean(clean.kind, event->kind, sizeof clean.kind);
+    text_clean(clean.text, event->text, sizeof clean.text);
+    return to->event(to->ctx, &clean);
+}
+
 int apc_store_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
+    struct reading to = {.event = fn, .ctx = ctx};
     int err = enter(store, NULL, 0);
     if (!err) {
         err = check_range(store, range, fn != NULL);
     }
-    return err ? err : store->ops->events(store, range ? range : &(struct apc_range){0}, fn, ctx);
+    return err ? err : store->ops->events(store, range ? range : &(struct apc_range){0}, give_event, &to);
 }
 
 static int check_timing(struct apc_store *store, const struct apc_timing_row *r)
@@ -829,7 +873,7 @@ static int check_timing(struct apc_store *store, const struct apc_timing_row *r)
     if (!isfinite(r->mean) || !isfinite(r->sd) || r->missed > INT64_MAX || r->count > INT64_MAX) {
         return apc_fail(&store->why, APC_EINVAL, "a timing row's figures are not finite or too large");
     }
-    apc_text_clean(quantity, r->quantity, sizeof quantity);
+    text_clean(quantity, r->quantity, sizeof quantity);
     if (strcmp(quantity, "lateness") != 0 && strcmp(quantity, "jitter") != 0 &&
         strcmp(quantity, "run") != 0) {
         return apc_fail(&store->why, APC_ESTORE, "\"%s\" is no quantity of a timing row", quantity);
@@ -846,13 +890,22 @@ int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row
     return err || n == 0 ? err : store->ops->append_timing(store, rows, n);
 }
 
+static int give_timing(void *ctx, const struct apc_timing_row *row)
+{
+    const struct reading *to = (const struct reading *)ctx;
+    struct apc_timing_row clean = *row;
+    text_clean(clean.task, row->task, sizeof clean.task);
+    return to->timing(to->ctx, &clean);
+}
+
 int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
+    struct reading to = {.timing = fn, .ctx = ctx};
     int err = enter(store, NULL, 0);
     if (!err) {
         err = check_range(store, range, fn != NULL);
     }
-    return err ? err : store->ops->timing(store, range ? range : &(struct apc_range){0}, fn, ctx);
+    return err ? err : store->ops->timing(store, range ? range : &(struct apc_range){0}, give_timing, &to);
 }
 
 int apc_store_init(struct apc_store *store)

@@ -514,9 +514,10 @@ test_limits_of_tuning_are_the_files() {
 
 test_text_from_the_store_cannot_drive_the_terminal() {
   sql "INSERT INTO apc.event (time, severity, source, kind, text)
-         VALUES (now(), 3, E'x\033[31m', 'operator', E'say \"\033[2J\", then\nmore')"
+         VALUES (now(), 3, E'x\033[31m', 'operator', E'say \"\033[2J\", then\nmore \u009b2J \u202ekcab\u2028')"
   run 0 history --events --last 1
-  ! grep -q $'\033' "$work/out" || fail "$what: escape sequences pass"
+  ! LC_ALL=C.UTF-8 grep -qP '[\x{1b}\x{9b}\x{202e}\x{2028}]' "$work/out" || fail "$what: escape sequences pass"
+  out_has 'then more \?2J \?kcab *$'
   equal "$(wc -l <"$work/out")" 2 "one line an event"
   run 0 status
   ! grep -q $'\033' "$work/out" || fail "$what: escape sequences pass"

@@ -66,6 +66,17 @@ folder_is_whole "$work/bare"
 expect 0 'there is no figure' env PATH=/nonexistent "$apc" simulate "$work/fast.conf" --duration 8 --report "$work/drawn"
 [ -s "$work/drawn/samples.csv" ] || fail "a simulation without gnuplot left no samples"
 
+# a run whose own record cannot be read is no success, and says so in its last line
+if [ -z "${APC_SANITIZE:-}" ]; then
+  status=0
+  LD_PRELOAD="$APC_BUILD_DIR/tests/unreadable.so" APC_TEST_UNREADABLE=/events.csv \
+    "$apc" run "$work/fast.conf" --duration 8 --out "$work/unread" --timer $timer >"$work/unread.log" 2>&1 || status=$?
+  [ $status = 1 ] && tail -n 1 "$work/unread.log" | grep -q 'the record cannot be read: .*events\.csv' ||
+    fail "exit code $status: $(cat "$work/unread.log")"
+fi
+printf 'time,severity,source,kind,text\n0,info,a\n' >"$work/bare/events.csv"
+expect 1 'events\.csv:2: 3 fields under 5 names' "$apc" report "$work/bare"
+
 # a plant that is there already: nobody starts another, nobody needs a model of it, and what its client says counts
 store=sqlite:$work/elsewhere.db
 expect 0 '' "$apc" init "$work/fast.conf" --store "$store"

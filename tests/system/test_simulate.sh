@@ -17,6 +17,15 @@ edit() {
   ! cmp -s "$conf" "$to" || fail "sed $* changes nothing"
 }
 
+# ---- A name with all that CSV knows
+
+sed 's/name = "base"/name = "base, \\"low\\""/' "$APC_SOURCE_DIR/experiments/two-layers.conf" >"$work/names.conf"
+"$apc" simulate "$work/names.conf" --duration 60 --report "$work/names" >"$work/names.txt" 2>&1 || fail "$(cat "$work/names.txt")"
+grep -q '^report: ' "$work/names.txt" || fail "its own record cannot be drawn: $(cat "$work/names.txt")"
+for file in timing.csv timing-summary.csv events.csv; do
+  grep -q 'base, ""low""",' "$work/names/$file" || fail "the name is not in $file: $(head -n 3 "$work/names/$file")"
+done
+
 # ---- One run is its seed
 
 for run in 1 2; do

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "base/base_internal.h"
+#include "base/text.h"
 #include "check.h"
 #include "comma_locale.h"
 
@@ -377,6 +378,68 @@ static void table_names_go_both_ways(void **state)
                          table == APC_TICK || table == APC_PLAN || table == APC_PREDICTION);
 }
 
+/* ---- Text of others --------------------------------------------------------------------------- */
+
+static const struct {
+    uint32_t from, to;
+    char instead;
+} hidden[] = {{0x0001, 0x0008, '?'}, {0x0009, 0x000D, ' '}, {0x000E, 0x001F, '?'}, {0x007F, 0x0084, '?'},
+              {0x0085, 0x0085, ' '}, {0x0086, 0x009F, '?'}, {0x061C, 0x061C, '?'}, {0x200E, 0x200F, '?'},
+              {0x2028, 0x2029, ' '}, {0x202A, 0x202E, '?'}, {0x2066, 0x2069, '?'}};
+
+static size_t encode(uint32_t code, char text[5])
+{
+    const size_t n = code < 0x80 ? 1 : code < 0x800 ? 2 : code < 0x10000 ? 3 : 4;
+    static const unsigned char head[] = {0, 0, 0xC0, 0xE0, 0xF0};
+
+    for (size_t i = n; i-- > 0; code >>= 6)
+        text[i] = (char)(n == 1 ? code : i == 0 ? head[n] | code : 0x80 | (code & 0x3F));
+    text[n] = '\0';
+    return n;
+}
+
+static void each_character_shows_as_itself_or_not_at_all(void **state)
+{
+    size_t next = 0;
+
+    (void)state;
+    for (uint32_t code = 1; code < 0x110000; code = code == 0xD7FF ? 0xE000 : code + 1) {
+        char text[5], instead, expected = '\0';
+        const size_t n = encode(code, text);
+
+        next += next + 1 < sizeof hidden / sizeof *hidden && code > hidden[next].to;
+        if (code >= hidden[next].from && code <= hidden[next].to)
+            expected = hidden[next].instead;
+        if (text_step(text, &instead) != n || instead != expected || text_is_clean(text) != !expected ||
+            text_code(text, n) != code)
+            fail_msg("U+%04X: %d instead, not %d", (unsigned)code, instead, expected);
+    }
+}
+
+static void a_text_is_cleaned_where_it_stands_and_as_far_as_there_is_room(void **state)
+{
+    char text[16] = "a\x1b\xe2\x80\xae"
+                    "\xc3\xa4\xff\nb",
+         cut[4];
+
+    (void)state;
+    assert_string_equal(text_clean(text, text, sizeof text), "a??\xc3\xa4? b");
+    assert_string_equal(text_clean(cut, "ab\xc3\xa4", sizeof cut), "ab?"); /* in the middle of a character */
+    assert_string_equal(text_cleaned(text, "a\n\tb\x1b\r", sizeof text, true), "a\n\tb?\r");
+    for (size_t i = strlen(text); i < sizeof text; i++)
+        assert_int_equal(text[i], 0);
+}
+
+/* Peers and files are quoted in it. */
+static void an_error_is_one_line_that_shows_as_it_is(void **state)
+{
+    struct apc_error why;
+
+    (void)state;
+    assert_int_equal(apc_fail(&why, APC_EPROTO, "the peer says \"%s\"", "\x1b[2Jno\r\n\xc2\x9b"), APC_EPROTO);
+    assert_string_equal(why.text, "the peer says \"?[2Jno  ?\"");
+}
+
 /* So that a reader of key=value sees where a name of several words ends. */
 static void a_name_of_several_words_is_in_quotes(void **state)
 {
@@ -403,6 +466,7 @@ static void the_log_writes_whole_escaped_lines(void **state)
     assert_int_equal(pipe(fds), 0);
     assert_int_equal(apc_log_create(&log, fds[1], "apc-test", APC_LOG_INFO), 0);
     apc_log_write(log, APC_LOG_INFO, "table \"%s\"\nof \\", "sensor");
+    apc_log_write(log, APC_LOG_INFO, "\x1b[2J\xc2\x9b\xe2\x80\xae\xff\x7f\xc3\xa4");
     apc_log_write(log, APC_LOG_DEBUG, "not at this level");
     apc_log_write(NULL, APC_LOG_ERROR, "discarded");
     apc_log_destroy(log);
@@ -411,6 +475,7 @@ static void the_log_writes_whole_escaped_lines(void **state)
     close(fds[0]);
     assert_true(n > 0);
     assert_non_null(strstr(text, " level=info name=apc-test msg=\"table \\\"sensor\\\" of \\\\\"\n"));
+    assert_non_null(strstr(text, " msg=\"?[2J????\xc3\xa4\"\n"));
     assert_null(strstr(text, "not at this level"));
 }
 
@@ -665,6 +730,9 @@ int main(void)
         cmocka_unit_test(a_decimal_point_of_two_bytes_is_none_of_ours),
         cmocka_unit_test(table_names_go_both_ways),
         cmocka_unit_test(options_of_another_version_are_understood_or_refused),
+        cmocka_unit_test(each_character_shows_as_itself_or_not_at_all),
+        cmocka_unit_test(a_text_is_cleaned_where_it_stands_and_as_far_as_there_is_room),
+        cmocka_unit_test(an_error_is_one_line_that_shows_as_it_is),
         cmocka_unit_test(the_log_writes_whole_escaped_lines),
         cmocka_unit_test(a_name_of_several_words_is_in_quotes),
         cmocka_unit_test(a_line_is_whole_also_when_it_is_taken_in_pieces),

@@ -64,6 +64,46 @@ static void what_the_rfc_allows_is_read(void **state)
                         "C><b>\n2<1><2>");
 }
 
+/* Spreadsheets have headings in two lines; and nobody's text drives the terminal that it is shown in. */
+static void a_name_is_one_line(void **state)
+{
+    (void)state;
+    assert_string_equal(ROWS("\"T\nin K\",\x1b[2Jb\n1,2\n"), "<T in K><?[2Jb>\n3<1><2>");
+    assert_has(ROWS("a\n\x1b[2J,1\n"), "2 fields under 1 names");
+}
+
+/* What is written is read, as what it shows. */
+static void a_field_that_is_written_is_one_field(void **state)
+{
+    static const char *const texts[][2] = {{"plain", "plain"},
+                                           {"a,b", "a,b"},
+                                           {"say \"x\"", "say \"x\""},
+                                           {" x", " x"},
+                                           {"", ""},
+                                           {"two\nlines", "two lines"},
+                                           {"\x1b[2J\xc2\x9b\xe2\x80\xae\xff", "?[2J???"}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+        FILE *out = fopen(scratch_path("w.csv"), "w");
+        struct csv *csv;
+
+        assert_non_null(out);
+        fputs("a,b,c\n", out);
+        csv_put(out, texts[i][0]);
+        fputc(',', out);
+        csv_put_quoted(out, texts[i][0]);
+        fputs(",last\n", out);
+        fclose(out);
+        assert_int_equal(csv_open(&csv, scratch_path("w.csv"), &why), 0);
+        assert_int_equal(csv_next(csv, &why), 1);
+        assert_string_equal(csv_text(csv, 0), texts[i][1]);
+        assert_string_equal(csv_text(csv, 1), texts[i][1]);
+        assert_int_equal(csv_next(csv, &why), 0);
+        csv_close(csv);
+    }
+}
+
 static void rows_without_anything_are_passed_over(void **state)
 {
     struct csv *csv;
@@ -194,6 +234,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_the_rfc_allows_is_read),
+        cmocka_unit_test(a_name_is_one_line),
+        cmocka_unit_test(a_field_that_is_written_is_one_field),
         cmocka_unit_test(rows_without_anything_are_passed_over),
         cmocka_unit_test(what_is_no_table_is_refused_with_its_place),
         cmocka_unit_test(numbers_have_a_point_or_throughout_a_comma),

@@ -779,6 +779,30 @@ static void a_file_that_is_not_there_or_no_text_is_refused(void **state)
     assert_non_null(strstr(why.text, ":3: the byte 0xB0 is not UTF-8: save the file in UTF-8"));
 }
 
+/* A name or a message that drives a terminal, or reads as another one, is refused however it is written. */
+static void a_text_that_controls_how_it_is_shown_is_refused(void **state)
+{
+    static const struct {
+        const char *title, *why;
+    } texts[] = {{"tank\\x1b[2J", ":2: the character U+001B controls how text is shown"},
+                 {"tank\x1b[2J", ":2: the character U+001B controls how text is shown"},
+                 {"tank\xc2\x9b", ":2: the character U+009B"},
+                 {"tank\xe2\x80\xae", ":2: the character U+202E"},
+                 {"tank\\xff", ":2: the byte 0xFF is not UTF-8"}};
+    struct experiment_source from = {.file = "tank.conf"};
+    struct experiment e;
+    struct apc_error why;
+    char text[200];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+        snprintf(text, sizeof text, "name = \"x\";\ntitle = \"%s\";\n", texts[i].title);
+        from.text = text;
+        assert_int_equal(experiment_parse(&e, &from, 0, NULL, &why), APC_EINVAL);
+        assert_non_null(strstr(why.text, texts[i].why));
+    }
+}
+
 static void the_nearest_name_is_one_that_is_alike(void **state)
 {
     static const struct {
@@ -1450,6 +1474,7 @@ int main(void)
         cmocka_unit_test(a_code_for_no_value_is_taken_as_it_is_written),
         cmocka_unit_test(a_mistake_is_refused_with_its_line_and_reason),
         cmocka_unit_test(a_file_that_is_not_there_or_no_text_is_refused),
+        cmocka_unit_test(a_text_that_controls_how_it_is_shown_is_refused),
         cmocka_unit_test(the_nearest_name_is_one_that_is_alike),
         cmocka_unit_test(all_of_a_plant_and_its_sensors_is_loaded),
         cmocka_unit_test(a_plant_and_its_server_are_made_both_or_none),

@@ -373,7 +373,7 @@ static void what_is_set_goes_where_it_belongs(void **state)
         {"controllers.c.ru", "4", " tuning = ({ du = 3; ru = 4; });"}, /* there is one output only */
         {"controllers.[0].period", "2.0", "period = 2.0;"},
         {"title", "two words", "title = \"two words\";"},
-        {"title", "\"a\\x01\\\"b\\\\\"", "title = \"a\\x01\\\"b\\\\\";"},
+        {"title", "\"a\\n\\\"b\\\\\"", "title = \"a\\x0a\\\"b\\\\\";"},
         {"seed", "5000000000", "seed = 5000000000"}, /* beyond 32 bits */
         {"seed", "5000000001L", "seed = 5000000001L;"},
         {"plant.external", "true", "plant = { external = true; };"},

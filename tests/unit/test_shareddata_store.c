@@ -1219,8 +1219,15 @@ static void test_a_text_keeps_its_characters_and_no_other_byte(void **state)
 {
     static const struct {
         const char *in, *out;
-    } texts[] = {{"\x7f", "\x7f"},
-                 {"\xc2\x80", "\xc2\x80"},
+    } texts[] = {{"\x7e", "\x7e"},
+                 {"\xc2\xa0", "\xc2\xa0"},
+                 {"two\nlines\r\n\tthree\xe2\x80\xa8", "two lines   three "},
+                 {"\x1b[2J\x7f", "?[2J?"},
+                 {"\xc2\x9b[31m", "?[31m"},
+                 {"a\xe2\x80\xae"
+                  "b\xe2\x81\xa9"
+                  "c\xd8\x9c",
+                  "a?b?c?"},
                  {"\xdf\xbf", "\xdf\xbf"},
                  {"\xe0\xa0\x80", "\xe0\xa0\x80"},
                  {"\xed\x9f\xbf", "\xed\x9f\xbf"},
@@ -1252,6 +1259,47 @@ static void test_a_text_keeps_its_characters_and_no_other_byte(void **state)
     for (int i = 0; i < N; i++) {
         assert_string_equal(out[i].text, texts[i].out);
     }
+}
+
+static int keep_task(void *ctx, const struct apc_timing_row *row)
+{
+    snprintf(ctx, sizeof row->task, "%s", row->task);
+    return 0;
+}
+
+/* Who writes, what is described, and which task was measured is shown in one line too; a catalogue has its
+ * lines. */
+static void test_names_are_one_line_that_shows_as_it_is(void **state)
+{
+    struct apc_store *store = *state;
+    const struct apc_tag tag = {.table = APC_SENSOR,
+                                .id = 1,
+                                .name = "y\n1",
+                                .unit = "\x1b[2J",
+                                .description = "level\xe2\x80\xae",
+                                .controller = "\xc2\x9b",
+                                .area = "a\tb",
+                                .high = 1};
+    const struct apc_timing_row row = {.time = 1000, .task = "client\n\x1b", .quantity = "run", .period = 1};
+    struct apc_tag is;
+    char name[APC_AUTHOR_LEN], text[40], task[sizeof row.task] = "";
+    const int author = apc_store_author(store, "anna\n\x1b[31m");
+    assert_true(author > 0);
+    ok(store, apc_store_author_name(store, (uint32_t)author, name));
+    assert_string_equal(name, "anna ?[31m");
+    assert_int_equal(apc_store_author(store, "anna ?[31m"), author);
+    ok(store, apc_store_describe(store, &tag, 1, "a = 1;\n\tb = \"\x1b\";\n"));
+    assert_int_equal(apc_store_get_tags(store, &is, 1), 1);
+    assert_string_equal(is.name, "y 1");
+    assert_string_equal(is.unit, "?[2J");
+    assert_string_equal(is.description, "level?");
+    assert_string_equal(is.controller, "?");
+    assert_string_equal(is.area, "a b");
+    assert_true(apc_store_catalogue(store, text, sizeof text, NULL) > 0);
+    assert_string_equal(text, "a = 1;\n\tb = \"?\";\n");
+    ok(store, apc_store_append_timing(store, &row, 1));
+    assert_int_equal(apc_store_timing(store, NULL, keep_task, task), 1);
+    assert_string_equal(task, "client ?");
 }
 
 struct timings {
@@ -1776,6 +1824,7 @@ int main(void)
         T(test_an_author_has_a_number_that_stays),
         T(test_events_come_back_in_order),
         T(test_a_text_keeps_its_characters_and_no_other_byte),
+        T(test_names_are_one_line_that_shows_as_it_is),
         T(test_timing_rows_come_back_with_their_buckets),
         T(test_a_timing_row_is_of_a_task_s_quantity_or_refused_with_all_the_others),
         T(test_timing_rows_come_in_order_of_time_within_their_bounds),

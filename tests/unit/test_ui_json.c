@@ -30,6 +30,7 @@ static void strings_are_json_whatever_bytes_they_hold(void **state)
         {"line\nline\x01\x7f", "\"line\\u000aline\\u0001\\u007f\""},
         {"\xc3\xa6\xe2\x82\xac\xf0\x9f\x98\x80", "\"\xc3\xa6\xe2\x82\xac\xf0\x9f\x98\x80\""},
         {"cut\xc3", "\"cut\xef\xbf\xbd\""},
+        {"\xc2\x9b\xe2\x80\xae", "\"\\u009b\\u202e\""},
         {"\xc0\xaf", "\"\xef\xbf\xbd\xef\xbf\xbd\""},                 /* overlong */
         {"\xed\xa0\x80", "\"\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbd\""}, /* surrogate */
         {"</script>", "\"</script>\""}};
@@ -114,7 +115,7 @@ static void a_body_is_read_member_by_member(void **state)
 static void what_is_utf8_stays_and_every_other_byte_is_replaced(void **state)
 {
     static const char *const good[] = {
-        "\xc2\x80",         "\xdf\xbf",         "\xe0\xa0\x80",     "\xe0\xbf\xbf",
+        "\xc2\xa0",         "\xdf\xbf",         "\xe0\xa0\x80",     "\xe0\xbf\xbf",
         "\xe1\x80\x80",     "\xec\xbf\xbf",     "\xed\x80\x80",     "\xed\x9f\xbf",
         "\xee\x80\x80",     "\xef\xbf\xbf",     "\xf0\x90\x80\x80", "\xf0\xbf\xbf\xbf",
         "\xf1\x80\x80\x80", "\xf3\xbf\xbf\xbf", "\xf4\x80\x80\x80", "\xf4\x8f\xbf\xbf"};

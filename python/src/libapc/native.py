@@ -29,6 +29,17 @@ def text(chars: Any) -> str:
     return ffi.string(chars).decode("utf-8", "replace")  # type: ignore[no-any-return]
 
 
+# What base/text.h has for it: ends of lines and tabs are blanks, other controls and marks of direction '?'.
+_SHOWN = {code: "?" for span in ((0, 0x1F), (0x7F, 0x9F), (0x61C, 0x61C), (0x200E, 0x200F), (0x202A, 0x202E), (0x2066, 0x2069),
+                                 (0xD800, 0xDFFF)) for code in range(span[0], span[1] + 1)}
+_SHOWN.update((code, " ") for code in (9, 10, 11, 12, 13, 0x85, 0x2028, 0x2029))
+
+
+def shown(text: str) -> str:
+    """What a peer may have said, as one line that shows as it is."""
+    return text.translate(_SHOWN)
+
+
 def utf8(what: str, value: Any) -> bytes:
     """An argument that is a text, as C takes it."""
     if not isinstance(value, str):

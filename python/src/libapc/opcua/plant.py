@@ -18,7 +18,7 @@ from time import monotonic, monotonic_ns, time_ns
 from typing import Any, NamedTuple, Optional
 
 from ..errors import Error
-from ..native import check, ffi, lib, why
+from ..native import check, ffi, lib, shown, why
 
 _LONGEST = 5.0  # s between two attempts to connect
 _MOST = 8192  # values of a frame
@@ -45,7 +45,7 @@ class Options(NamedTuple):
 
 
 def say(text: str) -> None:
-    print(f"opcua: {text}", file=sys.stderr, flush=True)
+    print(f"opcua: {shown(text)}", file=sys.stderr, flush=True)
 
 
 class _Refused(Exception):

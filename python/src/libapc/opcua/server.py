@@ -19,7 +19,7 @@ from typing import Any, Callable, NamedTuple, Optional
 
 from ..alarms import Alarm
 from ..errors import ConflictError, Error, LimitError, NotFoundError, RefusedError, TimedOut
-from ..native import lib, text
+from ..native import lib, shown, text
 from ..store import Store, Tag
 from ..values import Mode, Value
 from . import history, services
@@ -54,7 +54,7 @@ class Seen(NamedTuple):
 
 
 def say(text: str) -> None:
-    print(f"opcua: {text}", file=sys.stderr, flush=True)
+    print(f"opcua: {shown(text)}", file=sys.stderr, flush=True)
 
 
 def status_of(e: BaseException) -> str:
