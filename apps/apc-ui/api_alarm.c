@@ -12,6 +12,7 @@
 #define JOURNAL_LAST 200
 #define FIGURES_BACK (86400 * APC_NS_PER_S)
 #define FIGURES_MOST (31 * FIGURES_BACK)
+#define UNTIL_MAX    INT64_C(10000000000) /* Unix seconds: it is not milliseconds */
 
 int desks_init(struct desk desk[DESKS])
 {
@@ -215,7 +216,7 @@ static bool journal_range(struct request *r, struct apc_range *range)
         return false;
     range->last = (size_t)last;
     return range->until == 0 || range->since < range->until ||
-           fault_set(&r->fault, 400, "parameter", "since", "\"since\" must be before \"until\"");
+           fault_set(&r->fault, 422, "parameter", "since", "\"since\" must be before \"until\"");
 }
 
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store)
@@ -334,15 +335,12 @@ struct order {
 static bool read_end(struct request *r, const json_t *body, struct order *o)
 {
     const json_t *once = json_object_get(body, "once");
-    double until;
-    if (!member_number(body, "until", &until, &r->fault))
+    int64_t until;
+    if (!member_whole(body, "until", 0, UNTIL_MAX, &until, &r->fault))
         return false;
     if (once && !json_is_boolean(once))
         return fault_set(&r->fault, 400, "json", "once", "\"once\" must be true or false");
-    if (until < 0 || until > 1e10 || until > floor(until))
-        return fault_set(&r->fault, 422, "value", "until",
-                         "\"until\" must be whole Unix seconds, or 0: shelved no more");
-    o->value = json_is_true(once) ? -until : until;
+    o->value = json_is_true(once) ? -(double)until : (double)until;
     return true;
 }
 
@@ -366,8 +364,8 @@ static bool read_order(struct request *r, struct order *o)
                                                             : service,
                               &r->fault);
     const bool ok =
-        body && request_key(r, body, o->write.key) && member_whole(body, "seq", 0, &o->seq, &r->fault) &&
-        request_reason(r, body, o->reason) &&
+        body && request_key(r, body, o->write.key) &&
+        member_whole(body, "seq", 0, APC_SEQ_MAX, &o->seq, &r->fault) && request_reason(r, body, o->reason) &&
         (o->which == APC_ALARM_ACK || (o->which == APC_ALARM_SHELF ? read_end : read_out)(r, body, o));
     json_decref(body);
     return ok;
@@ -486,12 +484,7 @@ static void begin(struct ui *ui, struct request *r, const struct alarm_board *bo
     o->change.before = o->change.after = *now->wish[ALARM_WISH(o->which)];
     o->change.after.value = o->which == APC_ALARM_ACK ? (double)o->seq : o->value;
     snprintf(o->change.name, sizeof o->change.name, "%s", r->name);
-    const int rc = writes_begin(ui->writes, &o->write, &r->reply);
-    if (rc == APC_EBUSY)
-        fault_set(&r->fault, 503, "busy", "key", "this very write is under way");
-    else if (rc < 0)
-        fault_store(r, rc, store);
-    else if (rc == 0)
+    if (request_begin(ui, r, &o->write, store))
         carry_out(ui, r, board, now, o, store);
 }
 

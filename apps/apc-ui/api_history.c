@@ -230,10 +230,10 @@ static bool query_window(struct request *r, const char *names, struct window *w)
         !query_form(r, &w->form) || !query_range(r, 3600 * APC_NS_PER_S, 0, &w->since, &w->until))
         return false;
     if ((w->bins > 0) == (w->last > 0))
-        return fault_set(&r->fault, 400, "parameter", "bins", "give one of \"bins\" and \"last\"");
+        return fault_set(&r->fault, 422, "parameter", "bins", "give one of \"bins\" and \"last\"");
     size_t most = w->bins > 0 && w->bins <= FEW_BINS ? NAMES_FEW : NAMES;
     if (names && count_names(names) > most)
-        return fault_set(&r->fault, 400, "parameter", "names",
+        return fault_set(&r->fault, 422, "parameter", "names",
                          "at most %d names at once, %d with up to %d bins", NAMES, NAMES_FEW, FEW_BINS);
     return true;
 }
@@ -267,7 +267,7 @@ void get_history(struct ui *ui, struct request *r, struct apc_store *store)
     enum apc_table table = 0;
     int id = 0, rc;
     if (!ref == !names) {
-        fault_set(&r->fault, 400, "parameter", "var",
+        fault_set(&r->fault, 422, "parameter", "var",
                   "give \"var\", TABLE.ID or a name, or \"names\", several of them");
         return;
     }

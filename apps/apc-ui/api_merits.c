@@ -83,7 +83,7 @@ void get_merits(struct ui *ui, struct request *r, struct apc_store *store)
         return;
     const int rc = merits_of_store(&m, store, since, until, MOST);
     if (rc == APC_ERANGE)
-        fault_set(&r->fault, 400, "parameter", "since", "more than %d rows: ask for less time at once", MOST);
+        fault_set(&r->fault, 422, "parameter", "since", "more than %d rows: ask for less time at once", MOST);
     else if (rc < 0 && rc != APC_ENOTFOUND)
         fault_store(r, rc, store);
     merits_json(&m, &r->reply);

@@ -26,9 +26,9 @@ bool query_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc
     if (!query_time(r, "since", now, since))
         return false;
     if (*since >= *until)
-        return fault_set(&r->fault, 400, "parameter", "since", "\"since\" must be before \"until\"");
+        return fault_set(&r->fault, 422, "parameter", "since", "\"since\" must be before \"until\"");
     if (most > 0 && (*since < 0 || *until - *since > most))
-        return fault_set(&r->fault, 400, "parameter", "since", "at most %.0f hours at once",
+        return fault_set(&r->fault, 422, "parameter", "since", "at most %.0f hours at once",
                          apc_ns_to_s(most) / 3600);
     return true;
 }

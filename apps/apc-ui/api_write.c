@@ -104,7 +104,7 @@ static bool order_change(struct ui *ui, struct request *r, struct order *o, enum
 
     if (o->write.n == WRITE_CHANGES)
         return fault_set(&r->fault, 400, "json", "values", "more than %d values at once", WRITE_CHANGES);
-    const struct apc_tag tag = id <= INT32_MAX ? described(ui, o, table, (int)id) : (struct apc_tag){0};
+    const struct apc_tag tag = described(ui, o, table, (int)id);
     if (!tag.table)
         return fault_set(&r->fault, 404, "variable", "id", "there is no variable %s.%" PRId64,
                          apc_table_name(table), id);
@@ -112,7 +112,7 @@ static bool order_change(struct ui *ui, struct request *r, struct order *o, enum
         return false;
     for (size_t i = 0; i < o->write.n; i++)
         if (o->change[i].after.id == (int)id)
-            return fault_set(&r->fault, 400, "json", "id", "%s is given twice", tag.name);
+            return fault_set(&r->fault, 422, "value", "id", "%s is given twice", tag.name);
     *c = (struct write_change){.after = {.table = table, .id = (int)id, .value = value, .seq = seq}};
     snprintf(c->name, sizeof c->name, "%s", tag.name);
     o->write.n++;
@@ -149,6 +149,19 @@ bool request_reason(struct request *r, const json_t *body, char reason[REASON_LE
     return true;
 }
 
+bool request_begin(struct ui *ui, struct request *r, const struct write *write, struct apc_store *store)
+{
+    const int rc = writes_begin(ui->writes, write, &r->reply);
+    if (rc == APC_EBUSY)
+        return fault_set(&r->fault, 503, "busy", "key", "this very write is under way");
+    if (rc == APC_ECONFLICT)
+        return fault_set(&r->fault, 422, "value", "key",
+                         "another write had this \"key\": nothing was written; each takes a new one");
+    if (rc < 0)
+        fault_store(r, rc, store);
+    return rc == 0;
+}
+
 void event_because(struct apc_event *event, const char *reason)
 {
     const size_t n = strlen(event->text), room = sizeof event->text - n;
@@ -161,9 +174,10 @@ static bool read_value(struct ui *ui, struct request *r, const json_t *object, s
 {
     int64_t id, seq;
     double value;
-    return member_whole(object, "id", 0, &id, &r->fault) &&
+    return member_whole(object, "id", 0, INT32_MAX, &id, &r->fault) &&
            member_number(object, "value", &value, &r->fault) &&
-           member_whole(object, "seq", 0, &seq, &r->fault) && order_change(ui, r, o, table, id, value, seq);
+           member_whole(object, "seq", 0, APC_SEQ_MAX, &seq, &r->fault) &&
+           order_change(ui, r, o, table, id, value, seq);
 }
 
 static bool check_mode(struct ui *ui, struct request *r, int64_t id, int mode)
@@ -171,8 +185,7 @@ static bool check_mode(struct ui *ui, struct request *r, int64_t id, int mode)
     char name[APC_TAG_LEN] = "";
     bool may = false;
     pthread_mutex_lock(&ui->model.mutex);
-    const struct loops_loop *loop =
-        id <= INT32_MAX ? loops_of(&ui->model.plant.loops, APC_OPMODE, (int)id) : NULL;
+    const struct loops_loop *loop = loops_of(&ui->model.plant.loops, APC_OPMODE, (int)id);
     if (loop) {
         memcpy(name, loop->name, sizeof name);
         may = loop_may(loop, (enum apc_mode)mode);
@@ -188,8 +201,9 @@ static bool read_mode(struct ui *ui, struct request *r, const json_t *body, stru
 {
     const char *name;
     int64_t id, seq;
-    if (!member_whole(body, "id", 1, &id, &r->fault) || !member_text(body, "mode", &name, &r->fault) ||
-        !member_whole(body, "seq", 0, &seq, &r->fault))
+    if (!member_whole(body, "id", 1, INT32_MAX, &id, &r->fault) ||
+        !member_text(body, "mode", &name, &r->fault) ||
+        !member_whole(body, "seq", 0, APC_SEQ_MAX, &seq, &r->fault))
         return false;
     for (int mode = APC_MODE_MAN; mode <= APC_MODE_CAS; mode++)
         if (!strcmp(name, apc_mode_name(mode)))
@@ -203,16 +217,17 @@ static bool read_owner(struct ui *ui, struct request *r, const json_t *body, str
     const char *owner;
     int64_t id, seq;
     bool cascade = false, scheduled = false;
-    if (!member_whole(body, "id", 1, &id, &r->fault) || !member_text(body, "owner", &owner, &r->fault) ||
-        !member_whole(body, "seq", 0, &seq, &r->fault))
+    if (!member_whole(body, "id", 1, INT32_MAX, &id, &r->fault) ||
+        !member_text(body, "owner", &owner, &r->fault) ||
+        !member_whole(body, "seq", 0, APC_SEQ_MAX, &seq, &r->fault))
         return false;
     const bool remote = strcmp(owner, loops_owner_name(false)) == 0;
     if (!remote && strcmp(owner, loops_owner_name(true)) != 0)
         return fault_set(&r->fault, 422, "value", "owner", "\"owner\" must be Local or Remote");
     pthread_mutex_lock(&ui->model.mutex);
     const struct loops *loops = &ui->model.plant.loops;
-    const struct loops_loop *loop = id <= INT32_MAX ? loops_of(loops, APC_SETPOINT, (int)id) : NULL;
-    scheduled = id <= INT32_MAX && loops_scheduled(loops, (int)id);
+    const struct loops_loop *loop = loops_of(loops, APC_SETPOINT, (int)id);
+    scheduled = loops_scheduled(loops, (int)id);
     cascade = loop && loop->above >= 0;
     pthread_mutex_unlock(&ui->model.mutex);
     if (scheduled)
@@ -487,12 +502,7 @@ static void write_order(struct ui *ui, struct request *r, struct apc_store *stor
         r->retry_after = again - now;
         fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
     }
-    int rc = r->fault.http ? 0 : writes_begin(ui->writes, &o->write, &r->reply);
-    if (rc == APC_EBUSY)
-        fault_set(&r->fault, 503, "busy", "key", "this very write is under way");
-    else if (rc < 0)
-        fault_store(r, rc, store);
-    else if (rc == 0 && !r->fault.http)
+    if (!r->fault.http && request_begin(ui, r, &o->write, store))
         carry_out(ui, r, o, store);
     free(o);
 }

@@ -11,6 +11,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <math.h>
 #include <netdb.h>
 #include <poll.h>
 #include <stdlib.h>
@@ -25,6 +26,7 @@
 #define PATIENCE    (10 * APC_NS_PER_S)        /* for history */
 #define CONNECTIONS (STRANGERS + MEMBERS + 64) /* the last: on their way out */
 #define SILENCE     30                         /* s */
+#define TIME_MAX    9e9                        /* Unix seconds, and seconds before now, that apc_ns holds */
 
 struct exchange {
     struct ui *ui;
@@ -77,7 +79,7 @@ bool time_parse(const char *text, apc_ns now, apc_ns *value)
     double seconds;
     if (apc_number_parse(text, &seconds) < 0)
         return apc_time_parse(text, value) == 0;
-    return apc_ns_from_s(seconds, value) == 0 &&
+    return fabs(seconds) <= TIME_MAX && apc_ns_from_s(seconds, value) == 0 &&
            (seconds >= 0 || !__builtin_add_overflow(now, *value, value));
 }
 

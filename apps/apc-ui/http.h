@@ -86,6 +86,9 @@ bool request_key(struct request *r, const json_t *body, char key[KEY_LEN]);
 #define REASON_LEN 81 /* an event has little more room */
 /* Why somebody wants it, "" where he does not say. */
 bool request_reason(struct request *r, const json_t *body, char reason[REASON_LEN]);
+/* Is it to be carried out? False: a fault is set, or the reply is what became of it when it was asked for
+ * before. */
+bool request_begin(struct ui *ui, struct request *r, const struct write *write, struct apc_store *store);
 void event_because(struct apc_event *event, const char *reason);
 /* The store's answer as a fault: nothing was written. */
 void fault_store(struct request *r, int rc, const struct apc_store *store);

@@ -204,15 +204,30 @@ bool member_number(const json_t *object, const char *name, double *value, struct
     return true;
 }
 
-bool member_whole(const json_t *object, const char *name, int64_t low, int64_t *value, struct fault *f)
+/* 5.0 is the same number as 5; beyond 2^53 a double no longer tells one from the next. */
+static bool whole_value(const json_t *found, int64_t *value)
+{
+    const double number = json_number_value(found);
+    if (json_is_integer(found))
+        *value = json_integer_value(found);
+    else if (json_is_real(found) && fabs(number) <= (double)APC_SEQ_MAX && !(number > floor(number)))
+        *value = (int64_t)number;
+    else
+        return false;
+    return true;
+}
+
+bool member_whole(const json_t *object, const char *name, int64_t low, int64_t high, int64_t *value,
+                  struct fault *f)
 {
     const json_t *found = member(object, name, f);
+    int64_t whole = 0;
     if (!found)
         return false;
-    if (!json_is_integer(found) || json_integer_value(found) < low)
-        return fault_set(f, 400, "json", name, "\"%s\" must be a whole number from %" PRId64 " on", name,
-                         low);
-    *value = json_integer_value(found);
+    if (!whole_value(found, &whole) || whole < low || whole > high)
+        return fault_set(f, 400, "json", name, "\"%s\" must be a whole number from %" PRId64 " to %" PRId64,
+                         name, low, high);
+    *value = whole;
     return true;
 }
 

@@ -43,7 +43,8 @@ bool fault_set(struct fault *f, int http, const char *code, const char *field, c
 json_t *body_parse(const char *body, size_t n, const char *const *members, struct fault *f);
 /* Members of an object; false: fault set. Numbers are finite. */
 bool member_number(const json_t *object, const char *name, double *value, struct fault *f);
-bool member_whole(const json_t *object, const char *name, int64_t low, int64_t *value, struct fault *f);
+bool member_whole(const json_t *object, const char *name, int64_t low, int64_t high, int64_t *value,
+                  struct fault *f);
 bool member_text(const json_t *object, const char *name, const char **text, struct fault *f);
 bool members_known(const json_t *object, const char *const *members, struct fault *f);
 

@@ -133,6 +133,16 @@ static int begin(struct writes *w, const struct write *write)
     return 0;
 }
 
+static bool same_write(const struct write *a, const struct write *b)
+{
+    bool same = a->kind == b->kind && a->wanted == b->n && !strcmp(a->user, b->user);
+    for (size_t i = 0; i < b->n && same; i++) {
+        const struct apc_sample *x = &a->change[i].after, *y = &b->change[i].after;
+        same = x->table == y->table && x->id == y->id && x->value >= y->value && x->value <= y->value;
+    }
+    return same;
+}
+
 int writes_begin(struct writes *w, const struct write *write, struct text *t)
 {
     int rc;
@@ -142,6 +152,8 @@ int writes_begin(struct writes *w, const struct write *write, struct text *t)
         rc = begin(w, write);
     } else if (known->state == WRITE_BEGUN) {
         rc = APC_EBUSY;
+    } else if (!same_write(known, write)) {
+        rc = APC_ECONFLICT;
     } else {
         write_json(known, t);
         rc = 1;

@@ -87,8 +87,9 @@ int writes_create(struct writes **writes, write_told told, void *ctx);
 void writes_destroy(struct writes *writes);
 
 /*
- * Begin one. Returns 0; 1 when there is one with this key, which is then written to t as JSON (unless it is
- * only begun: APC_EBUSY); APC_ENOMEM. `change` is copied.
+ * Begin one. Returns 0; 1 when it has been asked for with this key before, which is then written to t as JSON
+ * (unless it is only begun: APC_EBUSY); APC_ECONFLICT: the key is another write's; APC_ENOMEM. `change` is
+ * copied.
  */
 int writes_begin(struct writes *w, const struct write *write, struct text *t);
 /* How the attempt ended: state, stored, the changes with the seqs that they were given, one more perhaps than

@@ -110,6 +110,7 @@ static const json_t *schema_of(const struct route *route, int status)
     const json_t *answer = json_object_get(json_object_get(operation(route), "responses"), text);
     if (!answer)
         fail_msg("openapi.json says nothing of %d for %s %s", status, route->method, route->path);
+    answer = schema_resolve(openapi, answer);
     return json_object_get(json_object_get(json_object_get(answer, "content"), "application/json"), "schema");
 }
 
@@ -138,7 +139,7 @@ static void answers_are_what_openapi_says(void **state)
         {"/api/history?var=setpoint.1&since=-1&last=10", 200},
         {"/api/history?names=y,setpoint.1,nonsense&since=-60&last=5", 200},
         {"/api/history?names=u&since=-60&bins=5", 200},
-        {"/api/history?var=y&names=y&since=-60&bins=5", 400},
+        {"/api/history?var=y&names=y&since=-60&bins=5", 422},
         {"/api/history?var=sensor.99&since=-60&bins=10", 404},
         {"/api/events", 200},
         {"/api/events?severity=4", 400},
@@ -151,10 +152,10 @@ static void answers_are_what_openapi_says(void **state)
         {"/api/alarms/journal", 200},
         {"/api/alarms/journal?since=-60&last=0", 400},
         {"/api/alarms/figures", 200},
-        {"/api/alarms/figures?since=-60&until=-3600", 400},
+        {"/api/alarms/figures?since=-60&until=-3600", 422},
         {"/api/merits", 200},
         {"/api/merits?since=-3600&until=-60", 200},
-        {"/api/merits?since=-60&until=-3600", 400},
+        {"/api/merits?since=-60&until=-3600", 422},
         {"/api/diagnostics", 200},
         {"/api/writes", 200},
         {"/api/writes?key=no-such-key", 404},
@@ -379,7 +380,7 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":null,\"seq\":1}", 422, "value"},
         {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":3,\"seq\":1,\"key\":\"x\"}", 400, "json"},
         {&anna, "/api/setpoint", NULL, "{\"id\":9,\"value\":3,\"seq\":1}", 404, "variable"},
-        {&anna, "/api/setpoint", NULL, "{\"id\":4294967297,\"value\":3,\"seq\":1}", 404, "variable"},
+        {&anna, "/api/setpoint", NULL, "{\"id\":4294967297,\"value\":3,\"seq\":1}", 400, "json"},
         {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":100.5,\"seq\":1}", 422, "limits"},
         {&anna, "/api/setpoint", NULL, "{\"id\":1,\"value\":-1e300,\"seq\":1}", 422, "limits"},
         {&anna, "/api/setpoint", NULL, stale, 409, "stale"},
@@ -399,7 +400,7 @@ static void refused_requests_write_nothing(void **state)
         {&anna, "/api/alarms/y.high/ack", JSON "Origin: null\r\n", "{\"seq\":1}", 403, "origin"},
         {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1,\"name\":\"y\"}", 400, "json"},
         {&anna, "/api/alarms/y.high/ack", NULL, "{\"seq\":1}", 404, "alarm"}, /* there are none */
-        {&anna, "/api/alarms/y.high/shelve", NULL, "{\"until\":-1,\"seq\":1}", 422, "value"},
+        {&anna, "/api/alarms/y.high/shelve", NULL, "{\"until\":-1,\"seq\":1}", 400, "json"},
         {&anna, "/api/alarms//ack", NULL, "{\"seq\":1}", 404, "path"},
         {&anna, "/api/alarms/ack", NULL, "{\"seq\":1}", 404, "path"},
         {&anna, "/api/tuning", NULL, "{\"values\":[]}", 400, "json"},
@@ -455,22 +456,22 @@ static void bad_parameters_and_paths_are_refused(void **state)
         int status;
         const char *code;
     } cases[] = {
-        {"/api/history", 400, "parameter"},
-        {"/api/history?var=sensor.1&since=-60", 400, "parameter"},
-        {"/api/history?var=sensor.1&since=-60&bins=10&last=10", 400, "parameter"},
+        {"/api/history", 422, "parameter"},
+        {"/api/history?var=sensor.1&since=-60", 422, "parameter"},
+        {"/api/history?var=sensor.1&since=-60&bins=10&last=10", 422, "parameter"},
         {"/api/history?var=sensor.1&since=-60&bins=0", 400, "parameter"},
         {"/api/history?var=sensor.1&since=-60&bins=4001", 400, "parameter"},
         {"/api/history?var=sensor.1&since=-60&bins=1e3", 400, "parameter"},
         {"/api/history?var=sensor.1&since=tomorrow&bins=9", 400, "parameter"},
         {"/api/history?var=sensor.1&since=nan&bins=9", 400, "parameter"},
         {"/api/history?var=sensor.1&since=1e300&bins=9", 400, "parameter"},
-        {"/api/history?var=sensor.1&since=20&until=10&bins=9", 400, "parameter"},
+        {"/api/history?var=sensor.1&since=20&until=10&bins=9", 422, "parameter"},
         {"/api/history?var=sensor.1&sinse=-60&bins=9", 400, "parameter"},
         {"/api/history?var&since=-60&bins=9", 400, "parameter"},
         {"/api/history?var=sensor.1%27%3B--&since=-60&bins=9", 404, "variable"},
         {"/api/history?var=state.1&since=-60&bins=9", 404, "variable"},
         {"/api/history?var=sensor.-1&since=-60&bins=9", 404, "variable"},
-        {"/api/timing?since=-1e6", 400, "parameter"},
+        {"/api/timing?since=-1e6", 422, "parameter"},
         {"/api/timing?quantity=speed", 400, "parameter"},
         {"/api/timing/series?task=controller", 400, "parameter"},
         {"/api/nothing", 404, "path"},

@@ -2,22 +2,24 @@
 #include "schema.h"
 
 #include <stdbool.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "check.h"
 
-static const json_t *resolve(const json_t *root, const json_t *schema)
+const json_t *schema_resolve(const json_t *root, const json_t *one)
 {
-    static const char prefix[] = "#/components/schemas/";
-    const char *ref = json_string_value(json_object_get(schema, "$ref"));
+    const char *ref = json_string_value(json_object_get(one, "$ref"));
+    const json_t *found = root;
+    char part[64];
+    int n = 0;
     if (!ref)
-        return schema;
-    assert_int_equal(strncmp(ref, prefix, sizeof prefix - 1), 0);
-    const json_t *found = json_object_get(json_object_get(json_object_get(root, "components"), "schemas"),
-                                          ref + sizeof prefix - 1);
+        return one;
+    for (const char *at = ref + 1; sscanf(at, "/%63[^/]%n", part, &n) == 1; at += n)
+        found = json_object_get(found, part);
     if (!found)
-        fail_msg("openapi.json has no schema %s", ref);
-    return resolve(root, found);
+        fail_msg("openapi.json has no %s", ref);
+    return schema_resolve(root, found);
 }
 
 static bool is_type(const char *type, const json_t *value)
@@ -96,7 +98,7 @@ void schema_check(const json_t *root, const json_t *schema, const json_t *value,
         schema_check(root, json_array_get(choices, 0), value, where);
         return;
     }
-    schema = resolve(root, schema);
+    schema = schema_resolve(root, schema);
     char *text = json_dumps(value, JSON_ENCODE_ANY | JSON_COMPACT);
     assert_non_null(text);
     if (!type_fits(json_object_get(schema, "type"), value) ||

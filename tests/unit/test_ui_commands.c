@@ -278,7 +278,7 @@ static void as_many_tunings_as_there_are_go_at_once(void **state)
     assert_int_equal(
         refused(post_tuning,
                 "{\"values\":[{\"id\":3,\"value\":1,\"seq\":2},{\"id\":3,\"value\":1,\"seq\":2}]}"),
-        400);
+        422);
     assert_non_null(strstr(request.fault.message, "k3 is given twice"));
     assert_near(in_force(APC_TUNING, TUNINGS, &seq), 7 + TUNINGS, 0);
     assert_int_equal(seq, 2);
@@ -311,7 +311,10 @@ static void what_became_of_a_write_is_known_by_its_key(void **state)
     assert_true(json_is_null(json_object_get(change, "from")));
     assert_int_equal(json_integer_value(json_object_get(change, "seq")), 1);
     json_decref(first);
-    json_t *again = post(post_setpoint, "{\"id\":1,\"value\":4,\"seq\":1,\"key\":\"one-two-three\"}");
+    assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":4,\"seq\":1,\"key\":\"one-two-three\"}"),
+                     422);
+    assert_string_equal(request.fault.field, "key"); /* it is not what was asked for with it */
+    json_t *again = post(post_setpoint, "{\"id\":1,\"value\":3,\"seq\":1,\"key\":\"one-two-three\"}");
     change = json_array_get(json_object_get(again, "changes"), 0);
     assert_near(json_number_value(json_object_get(change, "to")), 3, 0);
     json_decref(again);

@@ -351,10 +351,10 @@ static void a_tuning_is_a_list_of_values_each_once(void **state)
         {"{\"values\":[]}", "\"values\" must be an array that is not empty", 400},
         {"{\"values\":[1]}", "\"values\" must hold objects", 400},
         {"{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":1},{\"id\":1,\"value\":0.4,\"seq\":1}]}",
-         "Kp is given twice", 400},
+         "Kp is given twice", 422},
         {"{\"values\":[{\"id\":99,\"value\":0.3,\"seq\":1}]}", "there is no variable tuning.99", 404},
         {"{\"values\":[{\"id\":4294967297,\"value\":0.3,\"seq\":1}]}",
-         "there is no variable tuning.4294967297", 404},
+         "\"id\" must be a whole number from 0 to 2147483647", 400},
         {"{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":1,\"mode\":1}]}", "mode", 400},
         {"{\"values\":[{\"id\":1,\"value\":0.3}]}", "seq", 400}};
     (void)state;

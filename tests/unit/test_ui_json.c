@@ -90,7 +90,7 @@ static void a_body_is_read_member_by_member(void **state)
     assert_non_null(body);
     assert_true(member_number(body, "a", &number, &f) && member_text(body, "b", &text, &f));
     assert_near(number, 1.5, 0);
-    assert_false(member_whole(body, "a", 0, &whole, &f));
+    assert_false(member_whole(body, "a", 0, 9, &whole, &f));
     assert_int_equal(f.http, 400);
     assert_string_equal(f.field, "a");
     assert_false(member_number(body, "b", &number, &f)); /* the first fault sticks */
@@ -242,7 +242,7 @@ static void what_is_wrong_with_a_body_is_said(void **state)
     static const char *const body_text = "{\"n\":2,\"w\":5,\"t\":\"x\",\"b\":true}";
     json_t *body = body_parse(body_text, strlen(body_text), members, &f);
     assert_non_null(body);
-    assert_true(member_number(body, "n", &number, &f) && member_whole(body, "w", 5, &whole, &f) &&
+    assert_true(member_number(body, "n", &number, &f) && member_whole(body, "w", 5, 5, &whole, &f) &&
                 member_text(body, "t", &text, &f));
     assert_true(number == 2 && whole == 5 && !strcmp(text, "x"));
     assert_int_equal(f.http, 0);
@@ -254,7 +254,7 @@ static void what_is_wrong_with_a_body_is_said(void **state)
                     {400, "is missing"},
                     {400, "is missing"},
                     {400, "is missing"},
-                    {400, "must be a whole number from 6 on"},
+                    {400, "must be a whole number from 6 to 9"},
                     {400, "must be a whole number"},
                     {400, "must be text in double quotes"}};
     for (size_t i = 0; i < sizeof expected / sizeof *expected; i++) {
@@ -262,10 +262,10 @@ static void what_is_wrong_with_a_body_is_said(void **state)
         assert_false(i == 0   ? member_number(body, "t", &number, &f)
                      : i == 1 ? member_number(body, "b", &number, &f)
                      : i == 2 ? member_number(body, "none", &number, &f)
-                     : i == 3 ? member_whole(body, "none", 0, &whole, &f)
+                     : i == 3 ? member_whole(body, "none", 0, 9, &whole, &f)
                      : i == 4 ? member_text(body, "none", &text, &f)
-                     : i == 5 ? member_whole(body, "w", 6, &whole, &f)
-                     : i == 6 ? member_whole(body, "b", 0, &whole, &f)
+                     : i == 5 ? member_whole(body, "w", 6, 9, &whole, &f)
+                     : i == 6 ? member_whole(body, "b", 0, 9, &whole, &f)
                               : member_text(body, "n", &text, &f));
         assert_int_equal(f.http, expected[i].http);
         assert_non_null(strstr(f.message, expected[i].part));
@@ -273,6 +273,40 @@ static void what_is_wrong_with_a_body_is_said(void **state)
     }
     assert_true(number == 2 && whole == 5);
     json_decref(body);
+}
+
+static void a_whole_number_may_be_written_with_a_point(void **state)
+{
+    static const struct {
+        const char *text;
+        bool is;
+        int64_t value;
+    } cases[] = {{"5", true, 5},
+                 {"5.0", true, 5},
+                 {"5e0", true, 5},
+                 {"0.0", true, 0},
+                 {"9007199254740991", true, APC_SEQ_MAX},
+                 {"9007199254740992", false, 0}, /* beyond what is declared */
+                 {"9007199254740992.0", false, 0},
+                 {"1e300", false, 0},
+                 {"5.5", false, 0},
+                 {"-1", false, 0},
+                 {"-0.5", false, 0},
+                 {"\"5\"", false, 0}};
+    static const char *const members[] = {"w", NULL};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[64];
+        struct fault f = {0};
+        int64_t whole = 0;
+        snprintf(text, sizeof text, "{\"w\":%s}", cases[i].text);
+        json_t *body = body_parse(text, strlen(text), members, &f);
+        assert_non_null(body);
+        assert_int_equal(member_whole(body, "w", 0, APC_SEQ_MAX, &whole, &f), cases[i].is);
+        assert_int_equal(f.http, cases[i].is ? 0 : 400);
+        assert_int_equal(whole, cases[i].value);
+        json_decref(body);
+    }
 }
 
 static void times_are_absolute_or_before_now(void **state)
@@ -688,6 +722,7 @@ int main(void)
         cmocka_unit_test(a_text_grows_with_what_is_put_into_it),
         cmocka_unit_test(samples_limits_and_times_are_shown),
         cmocka_unit_test(what_is_wrong_with_a_body_is_said),
+        cmocka_unit_test(a_whole_number_may_be_written_with_a_point),
         cmocka_unit_test(times_are_absolute_or_before_now),
         cmocka_unit_test(variables_are_named_by_table_and_number),
         cmocka_unit_test(only_addresses_and_known_names_are_hosts),

@@ -438,7 +438,7 @@ static void final_is_final(void **state)
 static void a_key_names_one_write(void **state)
 {
     struct write_change c = change_of(Z, 12);
-    struct write again = {.key = "key-0001", .kind = WRITE_SETPOINT, .n = 1, .change = &c};
+    struct write again = {.key = "key-0001", .kind = WRITE_SETPOINT, .user = "anna", .n = 1, .change = &c};
     struct text t = {0};
     (void)state;
     begin("key-0001", WRITE_SETPOINT, &c, 1);
@@ -450,6 +450,30 @@ static void a_key_names_one_write(void **state)
     text_free(&t);
     assert_int_equal(writes_json(writes, NULL, &t), 1);
     assert_int_equal(writes_json(writes, "key-0002", &t), 0);
+    text_free(&t);
+}
+
+static void a_key_of_another_write_answers_nothing(void **state)
+{
+    struct write_change c = change_of(Z, 12), value = change_of(Z, 13), row = change_of(MANUAL, 12),
+                        two[2] = {change_of(Z, 12), change_of(KP, 1)};
+    const struct write same = {
+        .key = "key-0001", .kind = WRITE_SETPOINT, .user = "anna", .n = 1, .change = &c};
+    struct write others[5] = {same, same, same, same, same};
+    struct text t = {0};
+    (void)state;
+    begin("key-0001", WRITE_SETPOINT, &c, 1);
+    end("key-0001", WRITE_ACCEPTED, 1, &c);
+    others[0].kind = WRITE_OUTPUT;
+    others[1].user[0] = 'A';
+    others[2].change = &value;
+    others[3].change = &row;
+    others[4].change = two;
+    others[4].n = 2;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        assert_int_equal(writes_begin(writes, &others[i], &t), APC_ECONFLICT);
+    assert_int_equal(t.n, 0);
+    assert_int_equal(writes_begin(writes, &same, &t), 1);
     text_free(&t);
 }
 
@@ -567,6 +591,7 @@ int main(void)
         T(a_lost_answer_is_a_failure_when_the_row_is_somebody_elses),
         T(final_is_final),
         T(a_key_names_one_write),
+        T(a_key_of_another_write_answers_nothing),
         T(the_oldest_are_forgotten),
         T(keys_are_plain),
         T(what_is_known_of_a_write_is_shown),
