@@ -71,7 +71,8 @@ struct apc_identify_transfer_options {
     } integrating;
 };
 
-/** What is known of one output. Standard errors are NAN where the record says nothing of a number. */
+/** What is known of one output. Standard errors are NAN where the record says nothing of a number: where the
+ * 95 % interval is wider than the number, or the search ended at its limit. */
 struct apc_transfer_fit {
     double deviation;    /**< of what the inputs do not explain, as it would be predicted a sample ahead */
     unsigned noise;      /**< order of its autoregression; 0: it is white */
@@ -83,12 +84,13 @@ struct apc_transfer_fit {
  * The transfer functions from each input to each output that predict y best: a search over dead times and
  * time constants, then Gauss and Newton's iteration on the errors, whitened by an autoregression where they
  * are not white (Soderstrom and Stoica, System Identification, 1989, section 7.2). Structure by Schwarz'
- * criterion.
+ * criterion: an input that an output can do without has a gain of 0, of which nothing is known.
  * @p g [ny * (nu + nd)] the transfer functions; @p error [the same] their standard errors, in the members of
  * the same name (a tau of 0 is not there and has none); @p u0 [runs * (nu + nd)], @p y0 [runs * ny] an
- * operating point of each run for apc_linear_from_transfer(); @p fit [ny] may be NULL. [setup] Returns 0;
- * APC_EINVAL as of apc_record_check(), or an option out of range; APC_ESOLVER: no model says more of an
- * output than its mean; APC_ENOMEM.
+ * operating point of each run for apc_linear_from_transfer(), near what was on record; @p fit [ny] may be
+ * NULL. [setup] Returns 0; APC_EINVAL as of apc_record_check(), or an option out of range; APC_ESOLVER: no
+ * model says more of an output than its mean; or the record does not tell a gain, the end of a time constant
+ * or of a dead time, or where the plant rests; APC_ENOMEM.
  */
 APC_API int apc_identify_transfer(const struct apc_record *record,
                                   const struct apc_identify_transfer_options *options, struct apc_transfer *g,
@@ -120,7 +122,8 @@ struct apc_identify_arx_options {
 /**
  * y[k] = the sum of A_i y[k-i], i = 1..na, and of B_ij u_j[k-d_j-i], i = 0..nb-1, by least squares. Delays
  * are those that leave least; orders those whose free run over the last third of each run is best, before
- * all of it is used. [setup] Returns 0, APC_EINVAL as of apc_record_check(), APC_ENOMEM.
+ * all of it is used. [setup] Returns 0, APC_EINVAL as of apc_record_check(), APC_ESOLVER: it would rest far
+ * from what was on record; APC_ENOMEM.
  */
 APC_API int apc_identify_arx(struct apc_identified **model, const struct apc_record *record,
                              const struct apc_identify_arx_options *options, struct apc_error *why);
@@ -136,7 +139,8 @@ struct apc_identify_subspace_options {
 /**
  * State space: A and C by PO-MOESP (Verhaegen, Automatica 30, 1994), the rest by least squares with the
  * errors of a long autoregression as what disturbs it. [setup] Returns 0; APC_EINVAL as of apc_record_check()
- * or too short a record; APC_ESOLVER: the plant is unstable; APC_ENOMEM.
+ * or too short a record; APC_ESOLVER: the plant is unstable, or would rest far from what was on record;
+ * APC_ENOMEM.
  */
 APC_API int apc_identify_subspace(struct apc_identified **model, const struct apc_record *record,
                                   const struct apc_identify_subspace_options *options, struct apc_error *why);

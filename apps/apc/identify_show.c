@@ -158,12 +158,47 @@ static int show_models(const struct identification *z)
 
 static void put_estimate(struct print_table *t, bool there, double value, double error)
 {
+    const double half = 1.96 * error;
+
     if (!there)
         print_cell(t, PRINT_PLAIN, "%s", "");
     else if (isnan(error))
         print_cell(t, PRINT_WARN, "%.4g ± ?", value);
+    else if (half >= 99.5 && half < 1e6)
+        print_cell(t, PRINT_PLAIN, "%.4g ± %.0f", value, half);
     else
-        print_cell(t, PRINT_PLAIN, "%.4g ± %.2g", value, 1.96 * error);
+        print_cell(t, PRINT_PLAIN, "%.4g ± %.2g", value, half);
+}
+
+bool identify_untold(const struct identify_model *m, size_t p, char *text, size_t size)
+{
+    const struct apc_transfer *g = &m->g[p], *e = &m->error[p];
+    const struct {
+        const char *name;
+        bool untold;
+    } number[] = {{"whether there is any effect", g->gain == 0.0},
+                  {"the sign of the gain", g->gain != 0.0 && !(1.96 * e->gain < fabs(g->gain))},
+                  {"tau", g->tau[0] > 0.0 && isnan(e->tau[0])},
+                  {"the second tau", g->tau[1] > 0.0 && isnan(e->tau[1])},
+                  {"the dead time", g->gain != 0.0 && isnan(e->dead_time)},
+                  {"the zero", g->zero != 0.0 && isnan(e->zero)}};
+    size_t at = 0;
+
+    text[0] = '\0';
+    for (size_t i = 0; i < sizeof number / sizeof *number && at < size; i++)
+        if (number[i].untold)
+            at += (size_t)snprintf(text + at, size - at, "%s%s", at ? ", " : "", number[i].name);
+    return at > 0;
+}
+
+bool identify_any_untold(const struct identify_model *m, const struct identify_data *d)
+{
+    char text[200];
+    bool any = false;
+
+    for (size_t p = 0; m->g && p < d->record.ny * (d->record.nu + d->record.nd); p++)
+        any |= identify_untold(m, p, text, sizeof text);
+    return any;
 }
 
 static int show_pairs(const struct identification *z)
@@ -173,6 +208,7 @@ static int show_pairs(const struct identification *z)
         {"", PRINT_LEFT},     {"dead time s", PRINT_LEFT}, {"zero s", PRINT_LEFT}, {"", PRINT_LEFT}};
     const struct identify_model *m = &z->model[TRANSFER];
     const size_t inputs = z->data.record.nu + z->data.record.nd;
+    char untold[200];
     struct print_table t;
 
     if (!m->linear)
@@ -183,6 +219,11 @@ static int show_pairs(const struct identification *z)
 
         print_cell(&t, PRINT_PLAIN, "%s", z->data.input[p % inputs]);
         print_cell(&t, PRINT_PLAIN, "%s", z->data.output[p / inputs]);
+        if (g->gain == 0.0) { /* none that shows */
+            for (size_t i = 0; i < 6; i++)
+                print_cell(&t, i ? PRINT_PLAIN : PRINT_WARN, "%s", i ? "" : "none");
+            continue;
+        }
         put_estimate(&t, true, g->gain, e->gain);
         put_estimate(&t, g->tau[0] > 0.0, g->tau[0], e->tau[0]);
         put_estimate(&t, g->tau[1] > 0.0, g->tau[1], e->tau[1]);
@@ -193,6 +234,10 @@ static int show_pairs(const struct identification *z)
     puts("\ntransfer, with 95 % intervals");
     int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
     print_table_close(&t);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++)
+        if (identify_untold(m, p, untold, sizeof untold))
+            printf("%s to %s: the record does not tell %s\n", z->data.input[p % inputs],
+                   z->data.output[p / inputs], untold);
     for (size_t i = 0; i < z->data.record.ny; i++)
         if (m->validation[i].independent < TELLING)
             printf("of %s these intervals are too narrow: what the model leaves out is not noise alone, and "
@@ -275,11 +320,15 @@ static void show_text(const struct identification *z)
         cli_error(&z->cli, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < m->linear->ny; i++)
         hangs |= m->validation[i].independent < TELLING;
-    printf("\n%s: %s%s\n", z->own.kind == KINDS ? "the simplest of the best" : "taken", m->kind,
-           hangs ? ", but its errors hang on the inputs: what it leaves out may be another order, a "
-                   "nonlinearity, or "
-                   "an input that is not on record"
-                 : "");
+    if (z->own.kind != KINDS && identify_any_untold(m, &z->data))
+        printf("\n%s has numbers that the record does not tell", m->kind);
+    else
+        printf("\n%s: %s%s", z->own.kind == KINDS ? "the simplest of the best" : "taken", m->kind,
+               identify_any_untold(m, &z->data) ? ", with numbers that the record does not tell" : "");
+    printf("%s\n", hangs ? ", but its errors hang on the inputs: what it leaves out may be another order, a "
+                           "nonlinearity, or "
+                           "an input that is not on record"
+                         : "");
 }
 
 static void json_numbers(const char *key, const double *value, size_t n)

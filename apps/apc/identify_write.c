@@ -53,10 +53,12 @@ static void put_transfer(FILE *out, const struct identify_model *m, const struct
     const size_t inputs = d->record.nu + d->record.nd;
 
     fputs("transfer = (", out);
-    for (size_t i = 0; i < d->record.ny * inputs; i++) {
+    for (size_t i = 0, n = 0; i < d->record.ny * inputs; i++) {
         const struct apc_transfer *g = &m->g[i];
 
-        fprintf(out, "%s\n  { from = \"%s\"; to = \"%s\"; gain = ", i ? "," : "", d->input[i % inputs],
+        if (g->gain == 0.0)
+            continue;
+        fprintf(out, "%s\n  { from = \"%s\"; to = \"%s\"; gain = ", n++ ? "," : "", d->input[i % inputs],
                 d->output[i / inputs]);
         put_number(out, g->gain);
         if (g->tau[0] > 0.0) {
@@ -93,8 +95,13 @@ void identify_write(FILE *out, const struct identify_model *model, const struct 
 {
     const struct apc_linear *m = model->linear;
     const size_t inputs = m->nu + m->nd;
+    char untold[200];
 
     fputs(comment, out);
+    for (size_t p = 0; model->g && p < inputs * m->ny; p++)
+        if (identify_untold(model, p, untold, sizeof untold))
+            fprintf(out, "# %s to %s: the record does not tell %s\n", data->input[p % inputs],
+                    data->output[p / inputs], untold);
     put_names(out, "inputs", data->input, inputs);
     fputc(' ', out);
     put_names(out, "outputs", data->output, m->ny);

@@ -261,6 +261,10 @@ static int check_model(const struct suggesting *z, const char *output, const cha
     if (!g)
         return apc_fail(why, APC_ENOTFOUND, "%s to %s is not %s %s", output, measurement,
                         z->o->model ? "in" : "on record in", z->o->model ? z->o->model : z->o->run);
+    if (g->gain == 0.0)
+        return apc_fail(why, APC_ESOLVER,
+                        "in %s %s has no effect on %s: test it longer, or with a larger amplitude",
+                        z->o->model ? z->o->model : z->o->run, output, measurement);
     if (!(fabs(g->gain) > 2.0 * error->gain))
         return apc_fail(
             why, APC_ESOLVER,

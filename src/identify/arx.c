@@ -177,21 +177,20 @@ static size_t hold_of(const struct arx *a, size_t j)
 
 /*
  * Of a run u0 the mean of the inputs; y0 where the equation then stands still: (I - sum A) y0 = sum B u0 + c.
- * Where that is no point, or far away, the plant integrates: y0 is then the mean, u0 the nearest that holds
- * it.
+ * Where that is no point, or none that was on record, the plant integrates: y0 is then the mean, u0 the
+ * nearest that holds it.
  */
 static int place(const struct arx *a, size_t g, double *u0, double *y0)
 {
     const struct apc_record r = apc_record_run(&a->r, g);
     const size_t ny = r.ny, inputs = a->inputs;
-    double *memory = calloc(ny * ny * 2 + ny * (inputs + 2) + 1, sizeof(*memory)), *at = memory;
+    double *memory = calloc(ny * ny + ny * (inputs + 2) + 1, sizeof(*memory)), *at = memory;
     bool far = false;
-    double *I_A, *B, *rhs, *mean, *R;
+    double *I_A, *B, *rhs, *mean;
 
     if (!memory)
         return APC_ENOMEM;
     I_A = apc_carve(&at, ny * ny);
-    R = apc_carve(&at, ny * ny);
     B = apc_carve(&at, ny * inputs); /* column i is output i's */
     rhs = apc_carve(&at, ny);
     mean = apc_carve(&at, ny);
@@ -200,20 +199,17 @@ static int place(const struct arx *a, size_t g, double *u0, double *y0)
             u0[j] += r.u[k * inputs + j] / (double)r.n;
     }
     for (size_t i = 0; i < ny; i++) {
-        double low = HUGE_VAL, high = -HUGE_VAL, n = 0.0;
+        double n = 0.0;
 
         for (size_t k = 0; k < r.n; k++) {
             const double y = r.y[k * ny + i];
 
             if (!isfinite(y))
                 continue;
-            low = fmin(low, y);
-            high = fmax(high, y);
             mean[i] += y;
             n += 1.0;
         }
         mean[i] /= fmax(n, 1.0);
-        R[i] = high - low;
         rhs[i] = a->theta[i * a->width + a->n_columns - a->runs + g];
         for (size_t o = 0; o < ny; o++) {
             I_A[i * ny + o] = i == o;
@@ -237,7 +233,7 @@ static int place(const struct arx *a, size_t g, double *u0, double *y0)
     }
     far = apc_matrix_solve(ny, 1, I_A, y0) != 0;
     for (size_t i = 0; i < ny && !far; i++)
-        far = !(fabs(y0[i] - mean[i]) < 10.0 * R[i]);
+        far = !apc_record_near(&a->r, g, a->r.y + i, ny, y0[i]);
     if (far) {
         apc_qr_extend(inputs, 0, ny, B, I_A, ny);
         apc_qr_variance(ny, I_A, ny, rhs);
@@ -496,6 +492,12 @@ int apc_identify_arx(struct apc_identified **model, const struct apc_record *rec
         rc = build(&a, model, why);
         if (rc == 0)
             spread(&a, (*model)->covariance);
+        if (rc == 0)
+            rc = apc_record_check_point(&a.r, (*model)->u0, (*model)->y0, why);
+        if (rc == APC_ESOLVER) {
+            apc_identified_destroy(*model);
+            *model = NULL;
+        }
     }
     apc_triangle_close(&a.triangle);
     free(a.delay);

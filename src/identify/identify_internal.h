@@ -58,6 +58,14 @@ int apc_record_check_shape(const struct apc_record *r, struct apc_error *why);
 /* Samples of the shortest and of the longest run. */
 size_t apc_record_shortest(const struct apc_record *r);
 size_t apc_record_longest(const struct apc_record *r);
+/* How far x [n], numbers that are @p stride apart, goes in a run at most. */
+double apc_record_reach(const struct apc_record *r, const double *x, size_t stride);
+/* Is @p at among them in that run, or beside them by no more than half of how far they go in any? */
+bool apc_record_near(const struct apc_record *r, size_t run, const double *x, size_t stride, double at);
+/* Is the operating point of each run, u0 [runs * (nu + nd)], y0 [runs * ny], near what was on record? 0 or
+ * APC_ESOLVER. */
+int apc_record_check_point(const struct apc_record *r, const double *u0, const double *y0,
+                           struct apc_error *why);
 
 /* ---- identified.c --------------------------------------------------------------------------------- */
 

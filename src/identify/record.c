@@ -3,6 +3,7 @@
 #include "identify/identify_internal.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -147,6 +148,61 @@ static bool moves_in_a_run(const struct apc_record *r, const double *x, size_t s
             moved = moves(*low, high);
     }
     return moved;
+}
+
+double apc_record_reach(const struct apc_record *r, const double *x, size_t stride)
+{
+    double most = 0.0;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        double low, high;
+
+        if (range(x + begin_of(r, g) * stride, apc_record_run(r, g).n, stride, &low, &high) > 0)
+            most = fmax(most, high - low);
+    }
+    return most;
+}
+
+bool apc_record_near(const struct apc_record *r, size_t run, const double *x, size_t stride, double at)
+{
+    const double beside = apc_record_reach(r, x, stride) / 2.0;
+    double low, high;
+
+    return range(x + begin_of(r, run) * stride, apc_record_run(r, run).n, stride, &low, &high) == 0
+               ? isfinite(at) != 0
+               : at >= low - beside && at <= high + beside;
+}
+
+static int fail_point(const struct apc_record *r, size_t run, const char *what, size_t i, const double *x,
+                      size_t stride, double at, struct apc_error *why)
+{
+    char which[32] = "";
+    double low, high;
+
+    range(x + begin_of(r, run) * stride, apc_record_run(r, run).n, stride, &low, &high);
+    if (r->runs > 1)
+        snprintf(which, sizeof(which), "run %zu: ", run + 1);
+    return apc_fail(why, APC_ESOLVER,
+                    "%sthe plant would rest with %s %zu at %.4g, and the record has it from %.4g to %.4g: "
+                    "where it rests cannot be told from that. Record for longer, and hold the inputs until "
+                    "it comes to rest",
+                    which, what, i + 1, at, low, high);
+}
+
+int apc_record_check_point(const struct apc_record *r, const double *u0, const double *y0,
+                           struct apc_error *why)
+{
+    const size_t inputs = r->nu + r->nd;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        for (size_t j = 0; j < inputs; j++)
+            if (!apc_record_near(r, g, r->u + j, inputs, u0[g * inputs + j]))
+                return fail_point(r, g, "input", j, r->u + j, inputs, u0[g * inputs + j], why);
+        for (size_t i = 0; i < r->ny; i++)
+            if (!apc_record_near(r, g, r->y + i, r->ny, y0[g * r->ny + i]))
+                return fail_point(r, g, "output", i, r->y + i, r->ny, y0[g * r->ny + i], why);
+    }
+    return 0;
 }
 
 static int check_movement(const struct apc_record *r, struct apc_error *why)

@@ -20,12 +20,12 @@ size_t search_base(const struct search *s, const struct shape *shape)
 
 size_t search_arm(const struct search *s, const struct arm *arm, bool rest)
 {
-    return 1 + (size_t)arm->zero + (rest ? 0 : arm->lag.order * s->runs);
+    return arm->none ? 0 : 1 + (size_t)arm->zero + (rest ? 0 : arm->lag.order * s->runs);
 }
 
 static size_t arm_unknowns(const struct arm *arm)
 {
-    return arm->lag.order + 1;
+    return arm->none ? 0 : arm->lag.order + 1;
 }
 
 size_t search_linear(const struct search *s, const struct shape *shape)
@@ -112,7 +112,7 @@ static int fill_lags(const struct search *s, const struct arm *arm, size_t j, si
 
 int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column)
 {
-    return fill_lags(s, arm, j, 0, rest ? 0 : arm->lag.order, column);
+    return arm->none ? 0 : fill_lags(s, arm, j, 0, rest ? 0 : arm->lag.order, column);
 }
 
 /* A level of each run and, where the plant integrates, a slope. */
@@ -192,12 +192,22 @@ int search_evaluate(struct search *s, struct shape *shape)
     return 0;
 }
 
+double search_shortest(const struct search *s)
+{
+    return s->record->Ts / 50.0;
+}
+
+double search_longest(const struct search *s)
+{
+    return 50.0 * (double)s->n * s->record->Ts;
+}
+
 void search_move(const struct search *s, struct arm *arm, size_t q, double step)
 {
     const double Ts = s->record->Ts;
 
     if (q < arm->lag.order)
-        arm->lag.tau[q] = fmin(fmax(arm->lag.tau[q] * exp(step), Ts / 50.0), 50.0 * (double)s->n * Ts);
+        arm->lag.tau[q] = fmin(fmax(arm->lag.tau[q] * exp(step), search_shortest(s)), search_longest(s));
     else
         arm->lag.dead_time = fmin(fmax(arm->lag.dead_time + step * Ts, 0.0), s->dead_time_max);
 }

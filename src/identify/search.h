@@ -15,6 +15,7 @@
 struct arm {
     struct apc_lag lag;
     bool zero;
+    bool none; /* nothing, as far as the record shows: it has no columns and no unknowns */
 };
 
 struct shape {
@@ -75,6 +76,9 @@ int search_refine(struct search *s, struct shape *shape);
 void search_copy(const struct search *s, struct shape *to, const struct shape *from);
 /* Unknown @q of an arm moves by @step: the log of a time constant, then the dead time in periods. */
 void search_move(const struct search *s, struct arm *arm, size_t q, double step);
+/* Between what a time constant is sought. */
+double search_shortest(const struct search *s);
+double search_longest(const struct search *s);
 
 /* shape.c: best = the structure and the numbers that predict best. */
 int search_shape(struct search *s, enum apc_identify_integrating integrating);

@@ -190,6 +190,22 @@ static int look_beside(struct search *s)
     return rc;
 }
 
+/* An input that the output can do without: what it seems to do is then a chance, of so many dead times and
+ * lags that were tried. One is left. */
+static int drop(struct search *s)
+{
+    size_t left = s->inputs;
+    int rc = 0;
+
+    for (size_t j = 0; j < s->inputs && left > 1 && rc == 0; j++) {
+        search_copy(s, &s->grown, &s->best);
+        s->grown.arm[j].none = true;
+        rc = compete(s, &s->best, false);
+        left -= s->best.arm[j].none;
+    }
+    return rc;
+}
+
 /* Is a lag longer than the record? Then nobody can tell it from an integrator. */
 static bool endless(const struct search *s, const struct shape *shape)
 {
@@ -267,5 +283,5 @@ int search_shape(struct search *s, enum apc_identify_integrating integrating)
         if (rc == 0)
             rc = look_beside(s);
     }
-    return rc;
+    return rc == 0 ? drop(s) : rc;
 }

@@ -511,6 +511,21 @@ static int open_subspace(struct subspace *p, const struct apc_identify_subspace_
     return 0;
 }
 
+/* One that rests where the plant has been. */
+static int take_model(const struct subspace *p, size_t n, struct apc_identified **model,
+                      struct apc_error *why)
+{
+    int rc = model_of(p, n, model, why);
+
+    if (rc == 0 && p->offsets)
+        rc = apc_record_check_point(&p->r, (*model)->u0, (*model)->y0, why);
+    if (rc == APC_ESOLVER) {
+        apc_identified_destroy(*model);
+        *model = NULL;
+    }
+    return rc;
+}
+
 int apc_identify_subspace(struct apc_identified **model, const struct apc_record *record,
                           const struct apc_identify_subspace_options *options, struct apc_error *why)
 {
@@ -540,9 +555,9 @@ int apc_identify_subspace(struct apc_identified **model, const struct apc_record
             apc_fail(why, rc, "apc_identify_subspace: no memory");
     }
     if (rc == 0)
-        rc = model_of(&p, o.order, model, why);
+        rc = take_model(&p, o.order, model, why);
     while (rc == APC_ESOLVER && found && o.order > 1) /* of a part of the record it was stable */
-        rc = model_of(&p, --o.order, model, why);
+        rc = take_model(&p, --o.order, model, why);
     apc_triangle_close(&p.rows);
     free(p.mean_u);
     return rc;

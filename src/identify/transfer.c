@@ -8,6 +8,8 @@
 #include "base/matrix.h"
 #include "identify/search.h"
 
+#define INTERVAL 1.96 /* standard errors either way hold 95 % */
+
 /* ---- What is told ----------------------------------------------------------------------------------- */
 
 static double deviation(struct search *s, size_t width, double variance, size_t at, double weight,
@@ -28,6 +30,28 @@ static bool twins(const struct arm *arm)
     return arm->lag.order == 2 && fabs(arm->lag.tau[0] - arm->lag.tau[1]) < 0.01 * arm->lag.tau[0];
 }
 
+/* An interval that is wider than what is between nothing and the number says nothing of it; and where a
+ * search ended at its limit there is none. */
+static void hide_untold(const struct search *s, const struct arm *arm, const struct apc_transfer *g,
+                        struct apc_transfer *error)
+{
+    const double all = g->tau[0] + g->tau[1] + s->record->Ts;
+    bool short_of_a_sample = false;
+
+    for (size_t i = 0; i < arm->lag.order; i++) {
+        if (!(INTERVAL * error->tau[i] < g->tau[i]) || !(g->tau[i] > 1.001 * search_shortest(s)) ||
+            !(g->tau[i] < 0.999 * search_longest(s))) {
+            error->tau[i] = (double)NAN;
+            short_of_a_sample |= g->tau[i] < s->record->Ts;
+        }
+    }
+    if (!(INTERVAL * error->dead_time < fmax(g->dead_time, all)) || short_of_a_sample ||
+        (g->dead_time > 0.0 && g->dead_time > 0.999 * s->dead_time_max))
+        error->dead_time = (double)NAN;
+    if (!(INTERVAL * error->zero < fabs(g->zero)) && arm->zero)
+        error->zero = (double)NAN;
+}
+
 /* The numbers of each arm, and their standard errors. Time constants the larger one first. */
 static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *error,
                 struct apc_transfer_fit *fit)
@@ -45,6 +69,14 @@ static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *e
     variance = best->left / (double)(s->rows > all ? s->rows - all : 1);
     for (size_t j = 0; j < s->inputs; j++) {
         const struct arm *arm = &best->arm[j];
+
+        if (arm->none) {
+            const double no = (double)NAN;
+
+            g[j] = (struct apc_transfer){.gain = 0.0};
+            error[j] = (struct apc_transfer){.gain = no, .tau = {no, no}, .zero = no, .dead_time = no};
+            continue;
+        }
         const bool turned = arm->lag.order == 2 && arm->lag.tau[1] > arm->lag.tau[0];
         const double gain = s->value[at], zero = arm->zero ? s->value[at + 1] / gain : 0.0;
 
@@ -63,6 +95,7 @@ static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *e
         error[j].dead_time = s->record->Ts * deviation(s, all, variance, q, 1.0, q, 0.0);
         q++;
         at += search_arm(s, arm, best->rest);
+        hide_untold(s, arm, &g[j], &error[j]);
     }
     *fit = (struct apc_transfer_fit){
         .deviation = sqrt(variance), .noise = (unsigned)s->n_noise, .rest = best->rest, .n_parameters = all};
@@ -83,11 +116,94 @@ static int check_found(const struct search *s, const struct apc_transfer *g, con
                     s->output + 1);
 }
 
+/* How far the output goes at a gain of 1. Of an integrating one all that was done within the record, else
+ * what it comes to rest at. */
+static int reach_of(struct search *s, size_t j, double *reach)
+{
+    const struct arm *arm = &s->best.arm[j];
+    int rc = 0;
+
+    *reach = apc_record_reach(s->record, s->record->u + j, s->inputs);
+    if (arm->lag.integrating) {
+        rc = search_respond(s, &arm->lag, j, s->plus, NULL);
+        *reach = apc_record_reach(s->record, s->plus, 1);
+    }
+    return rc;
+}
+
+/* Does the answer to a step, as far as the longest run goes, have the sign of the gain? */
+static int answers(struct search *s, const struct arm *arm, const struct apc_transfer *g, bool *does)
+{
+    const size_t n = apc_record_longest(s->record);
+    double *u = s->plus, *w = s->minus, *rate = s->minus + s->n;
+    int rc;
+
+    for (size_t k = 0; k < n; k++)
+        u[k] = k > 0;
+    rc = apc_lag_response(&arm->lag, s->record->Ts, u, 1, n, w, rate);
+    *does = rc == 0 && w[n - 1] + g->zero * rate[n - 1] > 0.0;
+    return rc;
+}
+
+/* What the record does not tell of a gain would be nonsense as a model, whatever it fits. */
+static int check_arm(struct search *s, size_t j, const struct apc_transfer *g,
+                     const struct apc_transfer *error, struct apc_error *why)
+{
+    const struct apc_record *r = s->record;
+    const struct arm *arm = &s->best.arm[j];
+    const double half = INTERVAL * error->gain, all = apc_record_reach(r, r->y + s->output, r->ny);
+    bool does = true;
+    double reach;
+    int rc = reach_of(s, j, &reach);
+
+    if (rc == 0 && arm->zero)
+        rc = answers(s, arm, g, &does);
+    if (rc < 0)
+        return apc_fail(why, rc, "apc_identify_transfer: no memory");
+    for (size_t i = 0; i < arm->lag.order; i++)
+        if (!(g->tau[i] < 0.999 * search_longest(s)))
+            return apc_fail(why, APC_ESOLVER,
+                            "input %zu to output %zu: no end of a time constant: it is longer than %g times "
+                            "the record of %g s. Record for longer, and hold the input until the output "
+                            "comes to rest",
+                            j + 1, s->output + 1, 50.0, (double)r->n * r->Ts);
+    if (!(half < fabs(g->gain)) && !(half * reach < all))
+        return apc_fail(
+            why, APC_ESOLVER,
+            "input %zu to output %zu: the gain would be %.3g, and cannot be told: its 95 %% interval "
+            "moves the output further than the record has it move. Record for longer, and hold "
+            "the input until the output comes to rest",
+            j + 1, s->output + 1, g->gain);
+    if (half < fabs(g->gain) && g->dead_time > 0.999 * s->dead_time_max && s->dead_time_max > 0.0)
+        return apc_fail(why, APC_ESOLVER,
+                        "input %zu to output %zu: no end of the dead time: it is %g s or more. Record for "
+                        "longer, or let a longer one be sought",
+                        j + 1, s->output + 1, s->dead_time_max);
+    if (!does)
+        return apc_fail(why, APC_ESOLVER,
+                        "input %zu to output %zu: the gain would be %.3g, while the output goes the other "
+                        "way for all of the record. Record for longer, and hold the input until the output "
+                        "comes to rest",
+                        j + 1, s->output + 1, g->gain);
+    return 0;
+}
+
+static int check_arms(struct search *s, const struct apc_transfer *g, const struct apc_transfer *error,
+                      struct apc_error *why)
+{
+    int rc = 0;
+
+    for (size_t j = 0; j < s->inputs && rc == 0; j++)
+        rc = s->best.arm[j].none ? 0 : check_arm(s, j, &g[j], &error[j], why);
+    return rc;
+}
+
 /* ---- The operating point ------------------------------------------------------------------------------ */
 
 /*
- * Where u0 and y0 are: at the mean of the inputs, or where an output that integrates stands still, as near as
- * possible to where the run begins, in units of how much each input moves.
+ * Where u0 and y0 are: at the mean of the inputs; or where an output that integrates stands still, and one
+ * that would rest where it has never been is at its mean, as near as possible to where the run begins, in
+ * units of how much each input moves.
  */
 struct rest {
     double begin, slope; /* of an output of a run while all inputs are as at first */
@@ -114,10 +230,46 @@ static void measure(const struct apc_record *r, double *size)
         size[j] = sqrt(size[j]);
 }
 
-/* Of one run. Q [inputs * ny], R [ny * ny], b [ny] are room. */
-static void place(const struct apc_record *r, const struct apc_transfer *g, const struct rest *rest,
-                  const double *size, double *Q, double *R, double *b, double *u0, double *y0)
+/* An output integrates all of its inputs that do anything, or none. */
+static bool integrating(const struct apc_transfer *g, size_t inputs)
 {
+    bool any = false;
+
+    for (size_t j = 0; j < inputs; j++)
+        any |= g[j].integrating;
+    return any;
+}
+
+static double rest_of(const struct apc_record *r, const struct apc_transfer *g, const struct rest *rest,
+                      const double *u0)
+{
+    const size_t inputs = r->nu + r->nd;
+    double y = rest->begin;
+
+    for (size_t j = 0; j < inputs && !integrating(g, inputs); j++)
+        y += g[j].gain * (u0[j] - r->u[j]);
+    return y;
+}
+
+static double mean_of(const struct apc_record *r, size_t i)
+{
+    double mean = 0.0, n = 0.0;
+
+    for (size_t k = 0; k < r->n; k++) {
+        const double y = r->y[k * r->ny + i];
+
+        mean += isfinite(y) ? y : 0.0;
+        n += isfinite(y) != 0;
+    }
+    return mean / n;
+}
+
+/* Of one run. Q [inputs * ny], R [ny * ny], b [ny] are room. */
+static void place(const struct apc_record *all, size_t run, const struct apc_transfer *g,
+                  const struct rest *rest, const double *size, double *Q, double *R, double *b, double *u0,
+                  double *y0)
+{
+    const struct apc_record one = apc_record_run(all, run), *r = &one;
     const size_t inputs = r->nu + r->nd;
     size_t n = 0;
 
@@ -127,50 +279,49 @@ static void place(const struct apc_record *r, const struct apc_transfer *g, cons
             u0[j] += r->u[k * inputs + j] / (double)r->n;
     }
     for (size_t i = 0; i < r->ny; i++) {
-        if (!g[i * inputs].integrating)
+        const bool integrates = integrating(g + i * inputs, inputs);
+
+        y0[i] = rest_of(r, g + i * inputs, &rest[i], u0);
+        if (!integrates && apc_record_near(all, run, all->y + i, r->ny, y0[i]))
             continue;
-        b[n] = -rest[i].slope;
+        b[n] = integrates ? -rest[i].slope : mean_of(r, i) - rest[i].begin;
         for (size_t j = 0; j < inputs; j++)
             Q[n * inputs + j] = g[i * inputs + j].gain * size[j];
         n++;
     }
+    if (n == 0)
+        return;
     /* The shortest z with (rows of Q) z = b: Q = Q1 R by columns, R'w = b, z = Q1 w. */
     apc_qr_extend(inputs, 0, n, Q, R, r->ny);
     apc_qr_variance(n, R, r->ny, b);
-    for (size_t j = 0; j < inputs && n > 0; j++) {
+    for (size_t j = 0; j < inputs; j++) {
         u0[j] = r->u[j];
         for (size_t i = 0; i < n; i++)
             u0[j] += size[j] * Q[i * inputs + j] * b[i];
     }
-    for (size_t i = 0; i < r->ny; i++) {
-        y0[i] = rest[i].begin;
-        for (size_t j = 0; j < inputs && !g[i * inputs].integrating; j++)
-            y0[i] += g[i * inputs + j].gain * (u0[j] - r->u[j]);
-    }
+    for (size_t i = 0; i < r->ny; i++)
+        y0[i] = rest_of(r, g + i * inputs, &rest[i], u0);
 }
 
 /* rest [runs * ny] */
 static int place_runs(const struct apc_record *r, const struct apc_transfer *g, const struct rest *rest,
-                      double *u0, double *y0)
+                      double *u0, double *y0, struct apc_error *why)
 {
     const size_t inputs = r->nu + r->nd;
     double *size = calloc(inputs * (r->ny + 1) + r->ny * (r->ny + 1) + 1, sizeof(*size)), *at = size, *Q, *R,
            *b;
 
     if (!size)
-        return APC_ENOMEM;
+        return apc_fail(why, APC_ENOMEM, "apc_identify_transfer: no memory");
     apc_carve(&at, inputs);
     Q = apc_carve(&at, inputs * r->ny);
     R = apc_carve(&at, r->ny * r->ny);
     b = apc_carve(&at, r->ny);
     measure(r, size);
-    for (size_t run = 0; run < apc_record_runs(r); run++) {
-        const struct apc_record one = apc_record_run(r, run);
-
-        place(&one, g, rest + run * r->ny, size, Q, R, b, u0 + run * inputs, y0 + run * r->ny);
-    }
+    for (size_t run = 0; run < apc_record_runs(r); run++)
+        place(r, run, g, rest + run * r->ny, size, Q, R, b, u0 + run * inputs, y0 + run * r->ny);
     free(size);
-    return 0;
+    return apc_record_check_point(r, u0, y0, why);
 }
 
 static int take_options(struct apc_identify_transfer_options *o, const struct apc_record *r,
@@ -235,11 +386,13 @@ int apc_identify_transfer(const struct apc_record *record,
             if (fit)
                 fit[i] = told;
             rc = check_found(&s, g + i * inputs, error + i * inputs, why);
+            if (rc == 0)
+                rc = check_arms(&s, g + i * inputs, error + i * inputs, why);
         }
         search_close(&s);
     }
     if (rc == 0)
-        rc = place_runs(&r, g, rest, u0, y0);
+        rc = place_runs(&r, g, rest, u0, y0, why);
     free(rest);
     return rc;
 }

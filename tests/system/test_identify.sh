@@ -268,6 +268,32 @@ expect 0 '"simc":\[\{"Kp":0.0931' "$apc" identify heater --model transfer --sugg
 expect 0 ' PI +0.0[0-9]+ ' "$apc" identify heater --model transfer --suggest=20
 expect 2 'is for transfer functions' "$apc" identify heater --model arx --suggest
 
+# ---- What the record does not tell is refused or marked, and never taken
+
+heaters() { # SEED: two heaters of three minutes that warm each other, for ten; the second one moves in the last part only
+  awk -v seed="$1" 'function chance() { seed = (seed * 16807) % 2147483647; return seed / 2147483647 }
+    BEGIN { print "time,Q1,Q2,T1,T2"; q1 = 60
+      for (k = 0; k <= 200; k++) {
+        if (k % 20 == 0) { q1 = 100 * chance(); if (k >= 50) q2 = 100 * chance() }
+        e1 = e2 = -6; for (i = 0; i < 12; i++) { e1 += chance(); e2 += chance() }
+        printf "%d,%.4f,%.4f,%.2f,%.2f\n", 3 * k, q1, q2, 20 + t1 + 0.1 * e1, 19.5 + t2 + 0.1 * e2
+        for (i = 0; i < 30; i++) { d1 = (0.62 * q1 - h1) / 180 + 0.002 * (h2 - h1); d2 = (0.35 * q2 - h2) / 170 + 0.002 * (h1 - h2)
+          h1 += 0.1 * d1; h2 += 0.1 * d2; t1 += 0.1 * (h1 - t1) / 18; t2 += 0.1 * (h2 - t2) / 18 } } }'
+}
+warm=(--inputs Q1,Q2 --outputs T1,T2 --model transfer)
+heaters 15838 >warm.csv
+expect 1 'input [12] to output [12]: .*Record for longer' "$apc" identify warm.csv "${warm[@]}" -o warm.model
+[ ! -e warm.model ] || fail "a model was written that the record does not tell"
+# an input that does nothing, and a gain of which the sign is not known
+awk -F, -v OFS=, -v s=4 'NR == 1 { $5 = "other" } NR > 1 { if (NR % 8 == 0) { s = (s * 16807) % 2147483647; o = s % 9 } $5 = o + 0 } 1' tank.csv >idle.csv
+"$apc" identify idle.csv --inputs valve,flow,other --outputs level --model transfer -o idle.model >idle.txt
+grep -Eq '^other +level +none *$' idle.txt || fail "an effect was found of what has none: $(cat idle.txt)"
+grep -q '^other to level: the record does not tell whether there is any effect$' idle.txt || fail "it is not said: $(cat idle.txt)"
+grep -q '^transfer has numbers that the record does not tell' idle.txt || fail "it is called taken: $(cat idle.txt)"
+grep -q '^# other to level: the record does not tell whether there is any effect$' idle.model || fail "the file does not say it: $(cat idle.model)"
+[ "$(number idle.model other gain)" = "" ] || fail "what has no effect is in the file"
+"$apc" linearize idle.model >linear.txt || fail "the file cannot be read"
+
 # ---- What cannot be told, or is not there, is refused, and nothing is half written
 
 expect 4 'tank.model: .*--force' "$apc" identify tank.csv "${known[@]}" -o tank.model

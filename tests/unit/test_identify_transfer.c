@@ -463,6 +463,122 @@ static void an_output_that_follows_no_input_is_said(void **state)
     refused(t, "output 1 does not follow the inputs");
 }
 
+static void range_of(const double *x, size_t n, size_t stride, double *low, double *high)
+{
+    *low = HUGE_VAL;
+    *high = -HUGE_VAL;
+    for (size_t k = 0; k < n; k++) {
+        *low = fmin(*low, x[k * stride]);
+        *high = fmax(*high, x[k * stride]);
+    }
+}
+
+static void inside(double at, const double *x, size_t n, size_t stride)
+{
+    double low, high;
+
+    range_of(x, n, stride, &low, &high);
+    assert_true(at >= low - (high - low) / 2.0 && at <= high + (high - low) / 2.0);
+}
+
+/* Two heaters that warm each other, for two time constants: such a record is too poor for one model or the
+ * other, which is then refused with what to do; or the model rests where the plant has been, and each number
+ * that has an interval is known by it. */
+static void a_short_record_gives_a_model_of_what_it_shows_or_none(void **state)
+{
+    static const struct apc_transfer heaters[] = {{.gain = 0.5, .tau = {180.0, 18.0}},
+                                                  {.gain = 0.12, .tau = {200.0, 150.0}},
+                                                  {.gain = 0.15, .tau = {200.0, 150.0}},
+                                                  {.gain = 0.3, .tau = {170.0, 18.0}}};
+    size_t taken = 0, seeds = 6;
+    (void)state;
+
+    for (uint64_t seed = 0; seed < seeds; seed++) {
+        struct record_test *t =
+            record_simulate(heaters, 2, 2, 134, 3.0, (const size_t[]){20, 25}, 0.01, 0.0, seed);
+        struct apc_transfer g[4], error[4];
+        struct apc_error why = {""};
+        double u0[2], y0[2];
+
+        for (size_t k = 0; k < 2 * t->record.n; k++)
+            t->y[k] += 30.0;
+        if (apc_identify_transfer(&t->record, NULL, g, error, u0, y0, NULL, &why) < 0) {
+            assert_has(why.text, "Record for longer");
+            free(t);
+            continue;
+        }
+        for (size_t i = 0; i < 2; i++) {
+            inside(y0[i], t->y + i, t->record.n, 2);
+            inside(u0[i], t->u + i, t->record.n, 2);
+        }
+        for (size_t p = 0; p < 4; p++) {
+            assert_true(!(1.96 * error[p].tau[0] > g[p].tau[0]) && !(1.96 * error[p].tau[1] > g[p].tau[1]));
+            assert_true(!(1.96 * error[p].dead_time > 402.0));
+            assert_true(!(fabs(g[p].gain) > 5.0) && !(g[p].gain < -1.96 * error[p].gain));
+        }
+        taken++;
+        free(t);
+    }
+    print_message("%zu of %zu are taken\n", taken, seeds);
+    assert_true(taken < seeds);
+}
+
+/* So the point of a slow plant is where its record was, though at the mean of its inputs it would rest
+ * elsewhere. */
+static void the_point_is_where_the_plant_has_been(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.0, .tau = {50.0}, .dead_time = 1.0};
+    struct record_test *t = record_simulate(&g, 1, 1, 200, 0.1, (const size_t[]){20}, 0.0, 0.0, 1);
+    struct apc_transfer found, error;
+    struct apc_identified *model;
+    double u0, y0, x[2][16] = {{0.0}};
+    struct apc_linear *m;
+    (void)state;
+
+    for (size_t k = 0; k < 200; k++)
+        t->u[k] = k < 20 ? 0.0 : 1.0;
+    assert_int_equal(apc_linear_from_transfer(&m, 1, 1, 0, &g, NULL, NULL, 0.1, NULL), 0);
+    assert_true(m->nx <= 16);
+    for (size_t k = 0; k < 200; k++) {
+        struct apc_random random;
+
+        apc_random_init(&random, k, "point");
+        apc_linear_output(m, x[k % 2], t->u + k, &t->y[k]);
+        apc_linear_next(m, x[k % 2], t->u + k, x[(k + 1) % 2]);
+        t->y[k] += 1e-4 * apc_random_normal(&random);
+    }
+    apc_linear_destroy(m);
+    assert_int_equal(apc_identify_transfer(&t->record, NULL, &found, &error, &u0, &y0, NULL, NULL), 0);
+    assert_near(found.gain, 2.0, 0.1);
+    assert_true(u0 > 0.0 && u0 < 0.9 && y0 > 0.0 && y0 < 0.6);
+    assert_near(y0, found.gain * u0, 0.01);
+    if (apc_identify_arx(&model, &t->record, NULL, NULL) == 0) {
+        assert_true(model->u0[0] > -0.5 && model->u0[0] < 1.5 && model->y0[0] > -0.3 && model->y0[0] < 0.9);
+        apc_identified_destroy(model);
+    }
+    free(t);
+}
+
+/* What seems to be an effect of an input that has none is chance: it has a gain of 0, of which nothing is
+ * known. */
+static void an_input_that_does_nothing_has_no_gain(void **state)
+{
+    static const struct apc_transfer g[] = {{.gain = 1.0, .tau = {1.0}, .dead_time = 0.5}, {.gain = 0.0}};
+    (void)state;
+
+    for (uint64_t seed = 0; seed < 4; seed++) {
+        struct record_test *t =
+            record_simulate(g, 2, 1, 400, 0.2, (const size_t[]){17, 11}, 0.1, 0.0, 20 + seed);
+        struct apc_transfer found[2], error[2];
+
+        identify(t, found, error);
+        assert_near(found[0].gain, 1.0, 0.05);
+        assert_true(found[1].gain == 0.0 && found[1].tau[0] == 0.0);
+        assert_true(isnan(error[1].gain) && isnan(error[1].dead_time));
+        free(t);
+    }
+}
+
 /* One sample in five is missing, and the plant was on its way when the record began. */
 static void gaps_and_a_moving_start_bias_nothing(void **state)
 {
@@ -525,6 +641,9 @@ int main(void)
         cmocka_unit_test(a_run_without_feedback_is_enough),
         cmocka_unit_test(an_input_that_is_feedback_alone_is_named),
         cmocka_unit_test(an_output_that_follows_no_input_is_said),
+        cmocka_unit_test(a_short_record_gives_a_model_of_what_it_shows_or_none),
+        cmocka_unit_test(the_point_is_where_the_plant_has_been),
+        cmocka_unit_test(an_input_that_does_nothing_has_no_gain),
         cmocka_unit_test(gaps_and_a_moving_start_bias_nothing),
         cmocka_unit_test(the_model_starts_where_the_plant_stands),
     };
