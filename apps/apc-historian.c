@@ -65,7 +65,7 @@ struct shell {
         struct lag_watch lag;
         bool scarce;
         int refused;
-        uint64_t gaps, rows, events, timing, older, other;
+        uint64_t gaps, rows, events, timing, older, other, refused_records;
     } told;
     apc_ns woken; /* monotonic: the mover, by the task */
 };
@@ -267,6 +267,16 @@ static void tell_other(struct shell *s, const struct apc_forward_stats *stats)
     s->told.other = stats->other.rows;
 }
 
+static void tell_refused(struct shell *s, const struct apc_forward_stats *stats)
+{
+    if (stats->refused > s->told.refused_records)
+        daemon_event(&s->d, APC_EVENT_WARNING, "history",
+                     "the history refuses %llu events or rows of timing, whose time is more than a day ahead "
+                     "of its clock",
+                     (unsigned long long)(stats->refused - s->told.refused_records));
+    s->told.refused_records = stats->refused;
+}
+
 static void tell_lost(struct shell *s, const struct apc_forward_stats *stats)
 {
     if (stats->lost.events > s->told.events)
@@ -315,6 +325,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     tell_gap(s, &r);
     tell_lost(s, &r.stats);
     tell_other(s, &r.stats);
+    tell_refused(s, &r.stats);
     tell_lag(s, &r, now);
     tell_room(s, &r, now);
     return 0;

@@ -382,7 +382,8 @@ struct apc_event {
     char text[192];
     int64_t number; /**< out: rises in the order in which they came to this store; from 1 */
 };
-/** All or none of them. Returns @p n. [setup] */
+/** All or none of them. Returns @p n; or APC_ERANGE besides the rest: the store refuses one for what it says, a
+ * time that is far ahead, and always will. [setup] */
 APC_API int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 typedef int (*apc_event_fn)(void *ctx, const struct apc_event *event);
 /** Events in rising order. Returns the number given. [setup] */
@@ -403,7 +404,7 @@ struct apc_timing_row {
     size_t n_bins;
     int64_t number; /**< out: as an event's */
 };
-/** All or none of them. Returns @p n. [setup] */
+/** All or none of them. Returns as apc_store_append_events() does. [setup] */
 APC_API int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 typedef int (*apc_timing_fn)(void *ctx, const struct apc_timing_row *row);
 /** Rows in rising time; the bins live until fn returns. Returns the number given. [setup] */
@@ -446,6 +447,7 @@ struct apc_forward_stats {
         int id;
         int64_t seq;
     } other;
+    uint64_t refused; /**< events and rows of timing that TO refuses for what they say: APC_ERANGE */
 };
 
 /**

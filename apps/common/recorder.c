@@ -228,6 +228,40 @@ static int settle_events(struct recorder *r)
     return 0;
 }
 
+/* What stands for an event that the store refuses for what it says. */
+static struct apc_event refusal(const struct recorder *r, const struct apc_event *event)
+{
+    char time[APC_TIME_LEN];
+    struct apc_event said = {.time = apc_clock_utc(NULL), .severity = APC_EVENT_WARNING, .kind = "store"};
+    memcpy(said.source, event->source, sizeof said.source);
+    snprintf(said.text, sizeof said.text, "an event of %s (%.31s) was refused: %.100s",
+             apc_time_format(event->time, time), event->kind, apc_store_error(r->store));
+    return said;
+}
+
+/* One of these is refused: the others go without it. batch[0] is no part of the queue. */
+static int send_singly(struct recorder *r, const struct apc_event *batch, size_t begin, size_t n,
+                       unsigned long lost)
+{
+    for (size_t i = begin; i < n; i++) {
+        int rc = apc_store_append_events(r->store, &batch[i], 1);
+        if (rc == APC_ERANGE) {
+            const struct apc_event said = refusal(r, &batch[i]);
+            rc = apc_store_append_events(r->store, &said, 1);
+            rc = rc == APC_ERANGE ? 0 : rc; /* this clock is ahead still */
+        }
+        if (rc < 0) {
+            r->sent.first = batch[i];
+            r->sent.n = i > 0;
+            r->sent.lost = lost;
+            return rc;
+        }
+        if (i > 0)
+            drop_written(r, 1, lost);
+    }
+    return 0;
+}
+
 /* The queue is only shortened after the store has acknowledged. */
 static int flush_events(struct recorder *r)
 {
@@ -247,6 +281,8 @@ static int flush_events(struct recorder *r)
     batch[0] = loss(&batch[1], lost - r->told);
     bool tell = lost > r->told;
     rc = apc_store_append_events(r->store, tell ? batch : batch + 1, n + tell);
+    if (rc == APC_ERANGE)
+        return send_singly(r, batch, tell ? 0 : 1, 1 + n, lost);
     if (rc < 0) {
         r->sent.first = batch[1];
         r->sent.n = n;
@@ -336,6 +372,8 @@ static int flush_window(struct recorder *r, int i, const char *task, const char 
     if (rc < 0 || (row.count == 0 && row.missed == 0))
         return rc;
     rc = apc_store_append_timing(r->store, &row, 1);
+    if (rc == APC_ERANGE)
+        return 0; /* it goes along with the next one, when the clock is right */
     if (rc < 0) {
         r->row[i] = row;
         r->row_missed[i] = missed;

@@ -74,6 +74,37 @@ static int end_batch(struct apc_forward *f, uint64_t *of, int stored)
     return 0;
 }
 
+/* Where TO refuses one for what it says, the others go without it. */
+static int append_events(struct apc_forward *f, size_t n)
+{
+    int rc = apc_store_append_events(f->to, f->event, n), stored = 0;
+    const bool singly = rc == APC_ERANGE;
+    for (size_t i = 0; singly && i < n; i++) {
+        rc = apc_store_append_events(f->to, &f->event[i], 1);
+        if (rc < 0 && rc != APC_ERANGE) {
+            return rc;
+        }
+        f->stats.refused += rc == APC_ERANGE;
+        stored += rc > 0;
+    }
+    return singly ? stored : rc;
+}
+
+static int append_timing(struct apc_forward *f, const struct apc_timing_row *rows, size_t n)
+{
+    int rc = apc_store_append_timing(f->to, rows, n), stored = 0;
+    const bool singly = rc == APC_ERANGE;
+    for (size_t i = 0; singly && i < n; i++) {
+        rc = apc_store_append_timing(f->to, &rows[i], 1);
+        if (rc < 0 && rc != APC_ERANGE) {
+            return rc;
+        }
+        f->stats.refused += rc == APC_ERANGE;
+        stored += rc > 0;
+    }
+    return singly ? stored : rc;
+}
+
 static int flush_events(struct apc_forward *f)
 {
     apc_ns first = INT64_MAX, last = INT64_MIN;
@@ -96,7 +127,7 @@ static int flush_events(struct apc_forward *f)
         }
     }
     f->events.sent = f->events.sent || new > 0;
-    return end_batch(f, &f->stats.events, rc < 0 ? rc : apc_store_append_events(f->to, f->event, new));
+    return end_batch(f, &f->stats.events, rc < 0 ? rc : append_events(f, new));
 }
 
 static int flush_timing(struct apc_forward *f)
@@ -118,7 +149,7 @@ static int flush_timing(struct apc_forward *f)
         }
     }
     f->timing.sent = f->timing.sent || new > 0;
-    return end_batch(f, &f->stats.timing, rc < 0 ? rc : apc_store_append_timing(f->to, rows, new));
+    return end_batch(f, &f->stats.timing, rc < 0 ? rc : append_timing(f, rows, new));
 }
 
 /* Two that are alike stay in one batch: else the second would find the first one's copy. */

@@ -123,6 +123,7 @@ int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
     }
     char text[sizeof pg->base.why.text];
     snprintf(text, sizeof text, "%s%s%s", primary, detail ? ": " : "", detail ? detail : "");
+    pg->violated = strcmp(sqlstate, "23514") == 0;
     int err = error_of(sqlstate);
     switch (err) {
     case APC_EPERM:

@@ -175,6 +175,14 @@ int apc_pg_finish_insert(struct apc_pg *pg, int err, int count)
     return err == APC_ECONFLICT ? APC_ESTORE : err ? err : count;
 }
 
+/* A record that is refused for what it says is so for good: whoever waits with it should know. */
+static int finish_records(struct apc_pg *pg, int err, int count)
+{
+    pg->violated = false;
+    err = apc_pg_finish_insert(pg, err, count);
+    return err == APC_ESTORE && pg->violated ? APC_ERANGE : err;
+}
+
 /* ---- Events -------------------------------------------------------------------------------- */
 
 #define EVENTS "SELECT time, severity::int8, source, kind, text, id"
@@ -198,7 +206,7 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
                           "VALUES ($1::timestamptz, $2::int8, $3, $4, $5)",
                           &p);
     }
-    return apc_pg_finish_insert(pg, err, (int)n);
+    return finish_records(pg, err, (int)n);
 }
 
 static int give_event(struct apc_pg_stream *s, const PGresult *result, int row)
@@ -284,7 +292,7 @@ int apc_pg_append_timing(struct apc_store *store, const struct apc_timing_row *r
     for (size_t i = 0; !err && i < n; i++) {
         err = send_timing(pg, &rows[i]);
     }
-    return apc_pg_finish_insert(pg, err, (int)n);
+    return finish_records(pg, err, (int)n);
 }
 
 /* The three arrays of a row, into s->bins one after the other. Returns the number of buckets. */

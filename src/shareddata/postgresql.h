@@ -110,6 +110,7 @@ struct apc_pg {
     struct apc_pg_session session, former[APC_PG_FORMER_MAX];
     size_t n_former;
     bool unreplicated;              /* a commit's warning: not on the standby */
+    bool violated;                  /* the last refusal was a row's, for what it says */
     struct apc_pg *waiter;          /* the connection of apc_store_wait(); NULL: never used */
     uint32_t listening;             /* of a waiter: bit t: to changes of table t */
     struct apc_pg_array columns[9]; /* parameters; kept, so that a tick allocates nothing */

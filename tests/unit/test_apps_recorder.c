@@ -433,6 +433,49 @@ static int refuse(struct apc_store *store, const struct apc_event *events, size_
     return APC_ESTORE;
 }
 
+static struct {
+    const struct apc_store_ops *real;
+    apc_ns bound; /* later events are refused for their time, and with them who comes along */
+} picky;
+
+static int append_events_pickily(struct apc_store *store, const struct apc_event *events, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (events[i].time > picky.bound)
+            return apc_fail(&store->why, APC_ERANGE, "far ahead");
+    return picky.real->append_events(store, events, n);
+}
+
+/* One of a clock that was wrong keeps the others back no longer than itself, and is told of. */
+static void test_an_event_that_is_refused_for_good_keeps_no_other_back(void **state)
+{
+    struct apc_store_ops ops;
+    struct bench b;
+    struct events all = {0};
+    (void)state;
+    set_up(&b);
+    struct apc_store *store = (struct apc_store *)(uintptr_t)recorder_store(b.r);
+    picky.real = store->ops;
+    picky.bound = apc_clock_utc(NULL) + 3600 * APC_NS_PER_S;
+    ops = *picky.real;
+    ops.append_events = append_events_pickily;
+    store->ops = &ops;
+    for (int i = 1; i <= 3; i++) {
+        struct apc_event e = {
+            .time = i == 2 ? 2 * picky.bound : i, .severity = APC_EVENT_INFO, .kind = "start"};
+        snprintf(e.text, sizeof e.text, "number %d", i);
+        recorder_event(b.r, &e);
+    }
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    assert_int_equal(recorder_flush(b.r, NULL, 0), 0);
+    assert_int_equal(apc_store_events(b.reader, &(struct apc_range){0}, note, &all), 3);
+    assert_string_equal(all.first.text, "number 1");
+    assert_non_null(strstr(all.second.text, "(start) was refused: far ahead"));
+    assert_string_equal(all.last.text, "number 3");
+    store->ops = picky.real;
+    tear_down(&b);
+}
+
 /* A store that is there, but takes no events: that is told, and they are kept. */
 static void test_events_that_are_refused_are_told_and_written_later(void **state)
 {
@@ -772,6 +815,7 @@ int main(void)
         cmocka_unit_test(test_another_event_of_that_time_is_another),
         cmocka_unit_test(test_another_row_of_that_time_is_another),
         cmocka_unit_test(test_events_that_come_while_others_are_written_are_written_next_and_once),
+        cmocka_unit_test(test_an_event_that_is_refused_for_good_keeps_no_other_back),
         cmocka_unit_test(test_events_that_are_refused_are_told_and_written_later),
         cmocka_unit_test(test_what_may_have_been_stored_without_an_answer_is_stored_once),
         cmocka_unit_test(test_what_is_measured_beside_the_task_is_stored_and_so_are_its_failures),

@@ -151,8 +151,16 @@ static int do_author_name(struct apc_store *s, uint32_t number, char name[APC_AU
     FAULTY(s, real->author_name(s, number, name));
 }
 
+/* TO refuses events and timing of that time, for good, and who comes along with them; 0: none. */
+static apc_ns refused;
+
 static int do_append_events(struct apc_store *s, const struct apc_event *events, size_t n)
 {
+    for (size_t i = 0; s == to && refused > 0 && i < n; i++) {
+        if (events[i].time == refused) {
+            return apc_fail(&s->why, APC_ERANGE, "refused");
+        }
+    }
     FAULTY(s, real->append_events(s, events, n));
 }
 
@@ -164,6 +172,11 @@ static int do_events(struct apc_store *s, const struct apc_range *range, apc_eve
 
 static int do_append_timing(struct apc_store *s, const struct apc_timing_row *rows, size_t n)
 {
+    for (size_t i = 0; s == to && refused > 0 && i < n; i++) {
+        if (rows[i].time == refused) {
+            return apc_fail(&s->why, APC_ERANGE, "refused");
+        }
+    }
     FAULTY(s, real->append_timing(s, rows, n));
 }
 
@@ -588,6 +601,42 @@ static void test_who_an_author_is_is_asked_once(void **state)
     apc_forward_destroy(f);
 }
 
+static int count_event(void *ctx, const struct apc_event *e)
+{
+    assert_true(e->time != refused);
+    ++*(int *)ctx;
+    return 0;
+}
+
+static int count_timing(void *ctx, const struct apc_timing_row *row)
+{
+    assert_true(row->time != refused);
+    ++*(int *)ctx;
+    return 0;
+}
+
+static void test_what_is_refused_for_good_keeps_no_other_back_and_is_counted(void **state)
+{
+    struct apc_forward_stats stats = {.size = sizeof stats};
+    int n = 0;
+    (void)state;
+    appended(1, 5);
+    struct apc_forward *f = begin();
+    refused = 3 * 1000;
+    assert_int_equal(apc_forward_step(f, FOREVER), 5 * 5 - 2);
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.refused, 2);
+    appended(6, 7);
+    assert_int_equal(apc_forward_step(f, FOREVER), 2 * 5);
+    assert_int_equal(real->events(to, &(struct apc_range){0}, count_event, &n), 6);
+    assert_int_equal(real->timing(to, &(struct apc_range){0}, count_timing, &n), 6);
+    apc_forward_stats(f, &stats);
+    assert_int_equal(stats.refused, 2);
+    assert_true(stats.lost.events == 0 && stats.lost.timing == 0);
+    refused = 0;
+    apc_forward_destroy(f);
+}
+
 static void test_all_the_room_is_left_where_nothing_is_overwritten(void **state)
 {
     (void)state;
@@ -625,6 +674,7 @@ int main(void)
         T(test_two_failures_one_after_the_other_are_as_one),
         T(test_a_step_with_nothing_new_leaves_the_other_store_alone),
         T(test_who_an_author_is_is_asked_once),
+        T(test_what_is_refused_for_good_keeps_no_other_back_and_is_counted),
         T(test_all_the_room_is_left_where_nothing_is_overwritten),
         T(test_of_no_forward_there_is_nothing_to_tell),
         T(test_a_batch_is_full_and_the_next_one_goes_on),

@@ -229,6 +229,10 @@ static void test_of_a_history_only_the_historian_writes_and_people_ask(void **st
         assert_string_equal(attempt(conn, "UPDATE apc.request SET value = 4"), "42501");
         assert_string_equal(attempt(conn, "DELETE FROM apc.request"), "42501");
         if (person) {
+            assert_string_equal(attempt(conn,
+                                        "INSERT INTO apc.request (table_name, variable, value, time, until) "
+                                        "VALUES ('setpoint', 1, 3, '2200-01-01', '2200-01-01')"),
+                                "23514");
             assert_string_equal(attempt(conn, "INSERT INTO apc.request (table_name, variable, value) VALUES "
                                               "('sensor', 1, 3)"),
                                 "23514");
@@ -847,7 +851,7 @@ static void test_every_function_with_the_owners_rights_has_its_search_path_and_n
     assert_string_equal(cluster_query(cluster,
                                       "SELECT count(*) FROM pg_proc WHERE pronamespace = 'apc'::regnamespace "
                                       "AND prosecdef"),
-                        "29");
+                        "30");
 }
 
 static void test_in_a_database_of_its_own_nobody_makes_temporary_tables_or_takes_locks(void **state)
@@ -969,6 +973,90 @@ static void test_whatever_a_role_wrote_there_is_room_for_the_next_sample(void **
     }
 }
 
+/* Whatever table it is: a row of 2200, or with a number that no count has reached, is nobody's to write. */
+static void test_nobody_writes_far_ahead_into_any_table(void **state)
+{
+    (void)state;
+    static const char *const far[] = {"'2200-01-01'", "now() + interval '2 days'"};
+    char sql[400];
+    cluster_query(cluster, "DELETE FROM apc.sensor_newest WHERE time > now()"); /* of a clock that is wrong */
+    for (size_t r = 0; r < sizeof rights / sizeof rights[0]; r++) {
+        PGconn *conn = connect_as(rights[r].role);
+        for (int table = APC_SENSOR; table < APC_TABLE_END; table++) {
+            if (table == APC_STATE) {
+                continue;
+            }
+            const char *name = apc_table_name((enum apc_table)table);
+            const char *value = apc_table_vectors((enum apc_table)table) ? "'{1}'" : "1";
+            const char *may = strchr(rights[r].appends, letters[table - 1]) ? "23514" : "42501";
+            const int id = table == APC_OPMODE ? 0 : 77;
+            for (size_t i = 0; i < 3; i++) {
+                snprintf(sql, sizeof sql,
+                         "INSERT INTO apc.%s (id, seq, time, status, value) VALUES (%d, %s, %s, 0, %s)", name,
+                         id, i < 2 ? "1" : "9007199254740991", i < 2 ? far[i] : "now()", value);
+                if (strcmp(attempt(conn, sql), may) != 0 && strcmp(attempt(conn, sql), "23505") != 0) {
+                    fail_msg("%s: %s: \"%s\"", rights[r].role, sql, attempt(conn, sql));
+                }
+            }
+        }
+        const bool observer = strcmp(rights[r].role, "observer") == 0;
+        const char *event = observer ? "42501" : "23514";
+        const char *timing = observer || strchr("oe", rights[r].role[0]) ? "42501" : "23514";
+        for (size_t i = 0; i < 2; i++) {
+            snprintf(sql, sizeof sql,
+                     "INSERT INTO apc.event (time, severity, source, kind, text) VALUES (%s, 3, 'x', "
+                     "'alarm', 'far')",
+                     far[i]);
+            assert_string_equal(attempt(conn, sql), event);
+            snprintf(sql, sizeof sql,
+                     "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, sd, p50, "
+                     "p99, max, "
+                     "bin_low, bin_high, bin_count) VALUES (%s, 'controller', 'run', 1, 0, 0, 0, 0, 0, 0, 0, "
+                     "'{}', "
+                     "'{}', '{}')",
+                     far[i]);
+            assert_string_equal(attempt(conn, sql), timing);
+        }
+        assert_string_equal(attempt(conn,
+                                    "INSERT INTO apc.event (time, severity, source, kind, text, seq) VALUES "
+                                    "(now(), 3, 'x', 'alarm', 'far', 9007199254740991)"),
+                            event);
+        PQfinish(conn);
+    }
+    assert_string_equal(cluster_query(cluster, "SELECT count(*) FROM apc.event WHERE text = 'far'"), "0");
+    cluster_query(cluster,
+                  "INSERT INTO apc.event (time, severity, source, kind, text) VALUES ('2200-01-01', 1, 'x', "
+                  "'x', 'the owner''s')"); /* who may */
+    cluster_query(cluster, "DELETE FROM apc.event WHERE time > now()");
+}
+
+/* task is what a program says; role is what it is. */
+static void test_a_row_of_timing_names_the_user_who_wrote_it(void **state)
+{
+    (void)state;
+    char name[64];
+    struct apc_store *store = open_as("client");
+    const struct apc_timing_row t = {.task = "controller", .quantity = "run", .time = 12345000};
+    assert_int_equal(apc_store_append_timing(store, &t, 1), 1);
+    struct apc_timing_row late = {
+        .task = "controller", .quantity = "run", .time = INT64_C(7258118400) * APC_NS_PER_S};
+    assert_int_equal(apc_store_append_timing(store, &late, 1), APC_ERANGE);
+    const struct apc_event e = {
+        .severity = APC_EVENT_INFO, .source = "t", .kind = "t", .text = "t", .time = late.time};
+    assert_int_equal(apc_store_append_events(store, &e, 1), APC_ERANGE);
+    assert_non_null(strstr(apc_store_error(store), "more than a day ahead"));
+    apc_store_close(store);
+    user_name(name, "client");
+    assert_string_equal(cluster_query(cluster, "SELECT role FROM apc.timing ORDER BY id DESC LIMIT 1"), name);
+    PGconn *conn = connect_as("client");
+    assert_string_equal(
+        attempt(conn, "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, sd, "
+                      "p50, p99, max, bin_low, bin_high, bin_count, role) VALUES (now(), 'x', 'run', "
+                      "1, 0, 0, 0, 0, 0, 0, 0, '{}', '{}', '{}', 'somebody')"),
+        "42501");
+    PQfinish(conn);
+}
+
 static void
 test_no_role_writes_a_time_that_is_far_ahead_but_old_ones_and_stepped_clocks_are_taken(void **state)
 {
@@ -1077,6 +1165,8 @@ int main(void)
         cmocka_unit_test(test_every_function_with_the_owners_rights_has_its_search_path_and_no_public),
         cmocka_unit_test(test_a_persons_value_is_the_successor_of_the_newest),
         cmocka_unit_test(test_whatever_a_role_wrote_there_is_room_for_the_next_sample),
+        cmocka_unit_test(test_nobody_writes_far_ahead_into_any_table),
+        cmocka_unit_test(test_a_row_of_timing_names_the_user_who_wrote_it),
         cmocka_unit_test(
             test_no_role_writes_a_time_that_is_far_ahead_but_old_ones_and_stepped_clocks_are_taken),
         cmocka_unit_test(test_an_operator_who_leaves_a_transaction_open_holds_up_no_controller),

@@ -430,13 +430,15 @@ static void test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs(vo
         assert_int_equal(apc_store_init(store), 1);
         assert_string_equal(ask("SELECT string_agg(name, ' ' ORDER BY name) FROM repair"),
                             "0002-repair-rights 0005-repair-owner 0006-repair-claims 0007-repair-packed "
-                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend");
+                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend "
+                            "0012-repair-times");
         assert_string_equal(ask("SELECT count(*) FROM event WHERE text LIKE '%0002-repair-rights%'"),
                             repaired ? "0" : "1");
         assert_int_equal(apc_store_init(store), 4);
         assert_string_equal(ask("SELECT string_agg(name, ' ' ORDER BY name) FROM repair"),
                             "0002-repair-rights 0005-repair-owner 0006-repair-claims 0007-repair-packed "
-                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend");
+                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend "
+                            "0012-repair-times");
         assert_int_equal(apc_store_append(store, &s, 1), 1);
         apc_store_close(store);
     }
@@ -879,6 +881,27 @@ static void test_init_by_a_superuser_makes_the_owners_tables(void **state)
     cluster_query(cluster, sql);
 }
 
+/* As by psql, whatever the session's style: another zone's abbreviation is none of this one's. */
+static void test_maintenance_by_hand_makes_the_weeks_of_their_names(void **state)
+{
+    (void)state;
+    ask("SET DateStyle TO 'SQL, DMY'; SET TimeZone TO 'Asia/Kolkata'");
+    ask("CALL maintain(now() + interval '20 weeks', NULL, NULL, NULL, NULL)");
+    ask("INSERT INTO sensor (id, seq, time, status, value) VALUES (1, 1, '2020-01-06 02:00:00+00', 0, 1), "
+        "(1, 2, '2020-01-06 00:00:00+00', 0, 1), (1, 3, now(), 0, 1)");
+    ask("CALL maintain(now(), '2020-01-06 01:00:00+00', NULL, NULL, NULL)");
+    assert_string_equal(ask("SELECT string_agg(seq::text, ' ' ORDER BY seq) FROM sensor"),
+                        "1 3"); /* before that time, and not before one some hours away */
+    ask("SET TimeZone TO 'UTC'; SET DateStyle TO ISO");
+    assert_string_equal(
+        ask("SELECT count(*) FROM pg_inherits JOIN pg_class c ON c.oid = inhrelid WHERE c.relname ~ "
+            "'[0-9]{8}$' AND "
+            "inhparent = 'sensor'::regclass AND pg_get_expr(c.relpartbound, c.oid) !~ ('FROM ..' || "
+            "to_char(to_date(right(c.relname, 8), 'YYYYMMDD'), 'YYYY-MM-DD') || ' 00:00:00')"),
+        "0");
+    ask("RESET TimeZone; RESET DateStyle");
+}
+
 static void test_a_schema_that_vanishes_is_noticed(void **state)
 {
     (void)state;
@@ -978,6 +1001,7 @@ int main(void)
         T(test_only_what_people_write_notifies),
         T(test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session),
         T(test_init_by_a_superuser_makes_the_owners_tables),
+        T(test_maintenance_by_hand_makes_the_weeks_of_their_names),
         T(test_a_schema_that_vanishes_is_noticed),
         T(test_many_inits_at_once_make_one_schema),
         T(test_a_variable_has_the_librarys_number_over_all_tables),
