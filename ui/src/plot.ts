@@ -19,7 +19,7 @@ export interface Line {
 export interface PlotOptions {
   lines: Line[];
   spans?: () => {colour: string; dash: number[]; curve: Series}[]; // of each point of a bin, from its least to its most value
-  yLabel: string;
+  yLabel: string[]; // the first for which there is room
   xAxis: boolean;
   x: () => [number, number];
   y: () => Scale;
@@ -91,7 +91,7 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
           const own = Math.ceil(Math.max(0, ...(texts ?? []).map(text => u.ctx.measureText(text).width)) / devicePixelRatio) + 16;
           return o.yRoom ? o.yRoom(own) : Math.max(LEAST_ROOM, own);
         },
-        label: o.yLabel,
+        label: u => fitting(u, o.yLabel),
         labelSize: 20,
         incrs: (_u, _i, low, high) => steps(high - low),
         splits: (_u, _i, low, high, by) => multiples(low, high, by),
@@ -132,6 +132,17 @@ export function plot(host: HTMLElement, height: number, o: PlotOptions): uPlot {
     },
   };
   return new uPlot(options, [[], ...o.lines.map(() => [])] as unknown as uPlot.AlignedData, host);
+}
+
+/** Along the axis: what is longer than that would lie on the next axis' title; the last one is cut. */
+function fitting(u: uPlot, texts: string[]): string {
+  u.ctx.font = FONT_DRAWN();
+  const fits = (text: string): boolean => u.ctx.measureText(text).width <= u.bbox.height;
+  const found = texts.find(fits);
+  if (found != null) return found;
+  let cut = texts[texts.length - 1] ?? "";
+  while (cut !== "" && !fits(`${cut}\u2026`)) cut = cut.slice(0, -1);
+  return cut && `${cut}\u2026`;
 }
 
 /** So that it lies above others. */

@@ -15,7 +15,7 @@ export interface DrawnPen extends Pick<Pen, "colour" | "dash"> {
 }
 
 export interface DrawnPanel {
-  label: string; // of its axis
+  label: string[]; // of its axis, the first for which there is room
   pens: DrawnPen[];
 }
 

@@ -60,6 +60,7 @@ export class Fake {
   predicts = false; // the law is predictive
   bare = false; // the plant has no variable, no loop
   graphic = null; // the drawing
+  names = null; // what all signals, loops and alarms are called
   texts = null; // what all descriptions, units, areas, messages are
   values = {}; // of signals that have another one than usual
   peak = null; // {ref, t, value}: one sample of a signal that is another
@@ -138,6 +139,13 @@ export class Fake {
     const kind = this.bare ? {...plant, variables: [], loops: []} : this.trial ? both : this.predicts ? predictive : plant;
     const shown = {...kind, variables: [...kind.variables, ...Array.from({length: this.more}, (_, i) => variable(`sensor.${100 + i}`, `y${100 + i}`, {period: 1, unit: "m"}))]};
     const text = this.texts;
+    const called = this.names && (name => `${this.names}_${name}`);
+    if (called)
+      Object.assign(shown, {
+        variables: shown.variables.map(one => ({...one, name: called(one.name)})),
+        loops: shown.loops.map(one => ({...one, name: called(one.name), called: called(one.called)})),
+        alarms: {...shown.alarms, all: shown.alarms.all.map(one => ({...one, alarm: called(one.alarm)}))},
+      });
     if (text == null) return {...shown, graphic: this.graphic != null};
     return {
       ...shown, graphic: this.graphic != null, name: text, title: text,

@@ -16,7 +16,7 @@ after(async () => {
   await browser.close();
   await fake.stop();
 });
-beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, predicts: false, texts: null, values: {}, peak: null, more: 0, graphic: null, alarms: []}));
+beforeEach(() => Object.assign(fake, {ahead: 0, failed: Infinity, refuse: 0, loggedIn: true, stopped: false, trial: false, predicts: false, names: null, texts: null, values: {}, peak: null, more: 0, graphic: null, alarms: []}));
 
 /** Date.now() of the page can be set: setClock(by), s. */
 function setableClock() {
@@ -212,6 +212,75 @@ test("no number is cut, however long it or its unit is, whether the screen is na
         assert.equal(await page.locator('input[name="setpoint.1"]').inputValue(), "\u221212.3456789");
       });
     }
+});
+
+/** Text that lies on other text or on a bar, and what is wider than the screen. */
+function overprinted(page) {
+  return page.evaluate(() => {
+    const boxes = [];
+    const seen = element => {
+      for (let of = element; of; of = of.parentElement) if (of.matches(".hidden, select, canvas, [hidden]") || getComputedStyle(of).clipPath !== "none") return false;
+      return true;
+    };
+    const walk = document.createTreeWalker(document.querySelector("#app, body"), NodeFilter.SHOW_TEXT);
+    for (let node = walk.nextNode(); node; node = walk.nextNode()) {
+      if (!node.textContent.trim() || !node.parentElement.closest("main, .alarm-line") || !seen(node.parentElement)) continue;
+      const range = document.createRange();
+      range.selectNodeContents(node);
+      for (const {left, right, top, bottom} of range.getClientRects()) {
+        const box = {left, right, top, bottom}; // of which is seen what nothing around it cuts off
+        for (let of = node.parentElement; of && of.tagName !== "MAIN"; of = of.parentElement) {
+          if (getComputedStyle(of).overflowX === "visible") continue;
+          const edge = of.getBoundingClientRect();
+          Object.assign(box, {left: Math.max(box.left, edge.left), right: Math.min(box.right, edge.right), top: Math.max(box.top, edge.top), bottom: Math.min(box.bottom, edge.bottom)});
+        }
+        boxes.push({what: node.textContent, of: node, box});
+      }
+    }
+    for (const bar of document.querySelectorAll("main .bar, main input, main button, .alarm-line button")) boxes.push({what: bar.className || bar.tagName, of: bar, box: bar.getBoundingClientRect()});
+    const faults = document.documentElement.scrollWidth > innerWidth ? [`the page is ${document.documentElement.scrollWidth} px wide`] : [];
+    for (const mark of document.querySelectorAll("main .alarm-mark")) {
+      const [own, cell] = [mark.getBoundingClientRect(), mark.parentElement.getBoundingClientRect()];
+      if (own.right > cell.right + 1) faults.push("the mark of an alarm is cut off");
+    }
+    boxes.forEach((a, i) =>
+      boxes.slice(i + 1).forEach(b => {
+        const wide = Math.min(a.box.right, b.box.right) - Math.max(a.box.left, b.box.left);
+        const high = Math.min(a.box.bottom, b.box.bottom) - Math.max(a.box.top, b.box.top);
+        if (wide > 1 && high > 3 && a.of !== b.of && !a.of.contains(b.of) && !b.of.contains(a.of)) faults.push(`${a.what} on ${b.what}`);
+      }),
+    );
+    return faults;
+  });
+}
+
+/** What is written upright in a picture, and how much of it there is room for. */
+function watchUpright() {
+  const {fillText} = CanvasRenderingContext2D.prototype;
+  window.upright = [];
+  CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+    const {a} = this.getTransform();
+    if (Math.abs(a) < 0.1) window.upright.push({text, room: this.canvas.height, needs: this.measureText(text).width});
+    return fillText.call(this, text, ...rest);
+  };
+}
+
+test("long names lie on nothing, and nothing on them, whether the screen is narrow or wide", PATIENCE, async () => {
+  const standing = {id: 1, seq: 1, journal: 1, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, raised: fake.now - 9, author: null, shelved_until: null};
+  for (const [at, more] of [["overview", 0], ["overview", 9], ["overview", 40], ["loop/1", 0], ["trend", 0], ["trend/pens=sensor.1,setpoint.1,actuator.1", 0], ["prediction", 0], ["alarms/all", 0], ["diagnostics", 0]]) {
+    Object.assign(fake, {names: "stripper_underflow_G_concentration", more, predicts: at === "prediction", alarms: [standing]});
+    await withPage(at, async page => {
+      for (const width of [1280, 400]) {
+        await page.setViewportSize({width, height: 900});
+        await until("the page has content", async () => (await page.locator("main :is(.value .digits, td)").count()) > 0);
+        await until("the alarm is there", () => page.locator(".alarm-line .first b").isVisible());
+        assert.deepEqual(await overprinted(page), [], `${at}, ${more} more, ${width} px wide`);
+      }
+      const upright = await page.evaluate(() => window.upright);
+      assert.equal(upright.length > 0, /trend|prediction/.test(at), `${at} has ${upright.length} titles of axes`);
+      assert.deepEqual(upright.filter(one => one.needs > one.room), [], at);
+    }, {initScript: watchUpright});
+  }
 });
 
 test("one sample among a hundred is drawn from end to end, of the first pen and of the last, and told at the cursor and in the CSV", PATIENCE, async () => {

@@ -10,7 +10,7 @@ const server = new Server(env);
 // After env: core/ takes its clock when it is loaded.
 const model = await import("../src/core/model");
 const {recent, loopScale, outputScale} = await import("../src/core/loopdata");
-const {Curves, subjects, describe, off, padded, title} = await import("../src/core/trend");
+const {Curves, subjects, describe, off, padded, titles} = await import("../src/core/trend");
 const {send, slot, forget} = await import("../src/core/writing");
 const {Curve} = await import("../src/core/curve");
 const {load, binWidth} = await import("../src/core/history");
@@ -543,9 +543,10 @@ test("a trend of a loop, and of what is beyond the loops", async () => {
   ]);
   assert.deepEqual(subjects({...tanks, loops: tanks.loops.map(loop => ({...loop, measurement: null}))}).map(one => one.name), ["y1", "y2", "T"]);
   assert.deepEqual([describe(tanks.variables[0]!), describe(tanks.variables[9]!), describe(null)], ["y1 [m]", "u1.Kp", ""]);
-  const of = (...units: string[]): string => title(units.map((unit, i) => ({...tanks.variables[0]!, name: `y${i + 1}`, unit})));
-  assert.deepEqual([of("m"), of("m", "m"), of("m", "s"), of("", ""), of("m", ""), of("m", "m", "m", "m"), of("m", "m", "m", "s"), of(), title([null])],
-    ["y1 [m]", "y1, y2 [m]", "y1 [m], y2 [s]", "y1, y2", "y1 [m], y2", "[m]", "y1 [m], y2 [m], y3 [m], y4 [s]", "", ""]);
+  const of = (...units: string[]): string[] => titles(units.map((unit, i) => ({...tanks.variables[0]!, name: `y${i + 1}`, unit})));
+  assert.deepEqual([of("m"), of("m", "m"), of("m", "s"), of("", ""), of("m", ""), of("m", "m", "m", "m"), of("m", "m", "m", "s"), of(), titles([null])],
+    [["y1 [m]", "[m]"], ["y1, y2 [m]", "[m]"], ["y1 [m], y2 [s]"], ["y1, y2"], ["y1 [m], y2"], ["[m]"], ["y1 [m], y2 [m], y3 [m], y4 [s]"], [""], [""]]);
+  assert.deepEqual(titles([tanks.variables[0]!, {...tanks.variables[0]!, ref: "setpoint.9"}]), ["y1 [m]", "[m]"]); // a setpoint of the same name
   assert.deepEqual([off([1, null, 5], {low: 1, high: 5}), off([0.9], {low: 1, high: 5}), off([5.1], {low: 1, high: 5}), off([null], {low: 1, high: 5})], [false, true, true, false]);
   const scale = padded(0, 10);
   assert.ok(scale.low < 0 && scale.high > 10);

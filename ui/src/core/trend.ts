@@ -81,12 +81,13 @@ export function describe(one: Variable | null): string {
   return one ? `${one.name}${one.unit ? ` [${one.unit}]` : ""}` : "";
 }
 
-/** Of an axis: its signals, and their unit once where it is one; of many the unit alone. */
-export function title(all: (Variable | null)[]): string {
+/** Of an axis, the first for which there is room: its signals, and their unit once where it is one; the unit alone, as of many. */
+export function titles(all: (Variable | null)[]): string[] {
   const ones = all.filter(one => one != null);
   const unit = ones[0]?.unit;
-  if (!unit || ones.some(one => one.unit !== unit)) return ones.map(describe).join(", ");
-  return `${ones.length > 3 ? "" : `${ones.map(one => one.name).join(", ")} `}[${unit}]`;
+  const once = (texts: string[]): string => [...new Set(texts)].join(", ");
+  if (!unit || ones.some(one => one.unit !== unit)) return [once(ones.map(describe))];
+  return [...(ones.length > 3 ? [] : [`${once(ones.map(one => one.name))} [${unit}]`]), `[${unit}]`];
 }
 
 export function padded(low: number, high: number): Scale {

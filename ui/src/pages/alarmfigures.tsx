@@ -7,6 +7,7 @@ import {duration, number} from "../core/format";
 import {alarms} from "../core/model";
 import type {AlarmFigures} from "../core/types";
 import {Note, type Priority, Shape} from "../parts/shape";
+import {Tag} from "../parts/tag";
 import {path} from "../router";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
@@ -80,7 +81,7 @@ export function AlarmFiguresView(): JSX.Element {
               <tbody>
                 {figures.alarms.slice().sort((a, b) => b.raised - a.raised || b.active - a.active).slice(0, MOST_FREQUENT).map(one => (
                   <tr key={one.id}>
-                    <th scope="row"><a href={path("alarms", one.alarm)}>{one.alarm}</a></th>
+                    <th scope="row"><a href={path("alarms", one.alarm)}><Tag name={one.alarm} /></a></th>
                     <td class="number">{one.raised}</td>
                     <td class="number">{part(one.raised, figures.raised)}</td>
                     <td class="number">{duration(one.active)}</td>

@@ -15,6 +15,7 @@ import {alarms, control, plant, second, serverNow, variable} from "../core/model
 import {slot, tooLong} from "../core/writing";
 import {Nothing} from "../parts/nothing";
 import {Shape} from "../parts/shape";
+import {Tag} from "../parts/tag";
 import {WriteStatus} from "../parts/status";
 import {Value} from "../parts/value";
 import {go, path} from "../router";
@@ -152,7 +153,7 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
     <tr class={isUnacknowledged(of) ? "unacknowledged" : ""}>
       <td data-label="Priority"><Shape priority={of.priority} label={of.kind} hollow={!isUnacknowledged(of)} /></td>
       <th scope="row">
-        <span>{of.alarm}{of.area && <small>{of.area}</small>}</span>
+        <span><Tag name={of.alarm} />{of.area && <small>{of.area}</small>}</span>
       </th>
       <td class="wide" data-label="What it says">{of.message || of.kind}</td>
       <td class="number" data-label="Value">{signal && signal.table !== "opmode" && <Value of={of.ref} unit />}</td>

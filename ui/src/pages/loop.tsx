@@ -19,6 +19,7 @@ import {Nothing} from "../parts/nothing";
 import {Reason} from "../parts/reason";
 import {Note, Shape} from "../parts/shape";
 import {Spark} from "../parts/spark";
+import {Tag} from "../parts/tag";
 import {Tuning} from "../parts/tuning";
 import {Value} from "../parts/value";
 import {go, path} from "../router";
@@ -59,7 +60,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
   return (
     <section class="loop">
       <div class="toolbar">
-        <h1>{loop.name}</h1>
+        <h1><Tag name={loop.name} /></h1>
         <span class="say">{variable(loop.measurement)?.description}</span>
         {inShadow(loop) && <span class="say"><b>In shadow</b>: {loop.controller} moves nothing</span>}
         <span class="spring" />
@@ -80,14 +81,14 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           <h2>Values</h2>
           {loop.measurement && (
             <div class="line">
-              <span class="line-label">PV<small>{variable(loop.measurement)?.name}</small></span>
+              <span class="line-label">PV<small><Tag name={variable(loop.measurement)?.name} /></small></span>
               <Bar label="PV" value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />
               <Value of={loop.measurement} unit />
             </div>
           )}
           {loop.setpoint && (
             <div class="line">
-              <span class="line-label">SP<small>{setpoint?.name}</small></span>
+              <span class="line-label">SP<small><Tag name={setpoint?.name} /></small></span>
               <Bar label="SP" value={loop.setpoint} scale={scale} ends />
               <Value of={loop.setpoint} unit />
             </div>
@@ -95,7 +96,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           {loop.measurement && loop.setpoint && <Deviation of={loop.measurement} from={loop.setpoint} />}
           {loop.output && (
             <div class="line">
-              <span class="line-label">OUT<small>{output?.name}</small></span>
+              <span class="line-label">OUT<small><Tag name={output?.name} /></small></span>
               <Bar label="OUT" value={loop.output} scale={out} ends />
               <Value of={loop.output} unit />
               <AtLimit of={loop.output} />
@@ -103,7 +104,7 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           )}
           {wouldBe(loop, p).map(ref => (
             <div class="line" key={ref}>
-              <span class="line-label">WOULD<small>{variable(ref)?.name}</small></span>
+              <span class="line-label">WOULD<small><Tag name={variable(ref)?.name} /></small></span>
               <Bar label="would be" value={ref} scale={out} ends />
               <Value of={ref} unit />
             </div>

@@ -16,6 +16,7 @@ import {Bar} from "../parts/bar";
 import {Nothing} from "../parts/nothing";
 import {Note, Shape} from "../parts/shape";
 import {Spark, summary} from "../parts/spark";
+import {Tag} from "../parts/tag";
 import {ActualMode, Value} from "../parts/value";
 import {path} from "../router";
 import type {Controller, Loop, Plant, Ref, Variable} from "../core/types";
@@ -28,7 +29,7 @@ const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.
   return (
     <tr>
       <th scope="row">
-        <LoopLink loop={loop}>{loop.name}</LoopLink>
+        <LoopLink loop={loop}><Tag name={loop.name} /></LoopLink>
         <AlarmMark of={refsOf(loop)} />
         <small>{name}</small>
       </th>
@@ -67,7 +68,7 @@ const Measurement = memo(function Measurement({of, table}: {of: Ref; table: bool
   return (
     <tr>
       <th scope="row">
-        <a href={path("trend", of)}>{one?.name}</a>
+        <a href={path("trend", of)}><Tag name={one?.name} /></a>
         <AlarmMark of={[of]} />
         <small>{one?.description}</small>
       </th>

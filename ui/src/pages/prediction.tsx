@@ -12,7 +12,7 @@ import {nameOf, pensAbout} from "../core/pens";
 import {RECENT} from "../core/loopdata";
 import {extent, type Scale} from "../core/scale";
 import {empty, held, type Series, visible} from "../core/series";
-import {padded, title} from "../core/trend";
+import {padded, titles} from "../core/trend";
 import type {Course, Merit, Plant, Ref} from "../core/types";
 import {ServiceSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
@@ -20,6 +20,7 @@ import {LoopLink} from "../faceplate";
 import {Stroke} from "../parts/pens";
 import {Note} from "../parts/shape";
 import {Table} from "../parts/table";
+import {Tag} from "../parts/tag";
 import {told, Value} from "../parts/value";
 import {go, path} from "../router";
 import {repaint} from "../theme";
@@ -92,7 +93,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
               <tbody>
                 {[...disturbances, ...states].map(one => (
                   <tr key={one.ref}>
-                    <th scope="row">{one.name}</th>
+                    <th scope="row"><Tag name={one.name} /></th>
                     <td class="number" data-label="Is"><Value of={one.ref} unit /></td>
                     <td class="wide" data-label="What it is">{one.description}</td>
                   </tr>
@@ -139,7 +140,7 @@ function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course,
   const end = course?.expected[course.expected.length - 1] ?? null;
   return (
     <tr>
-      <th scope="row">{loop ? <LoopLink loop={loop}>{one.name}</LoopLink> : one.name}</th>
+      <th scope="row">{loop ? <LoopLink loop={loop}><Tag name={one.name} /></LoopLink> : <Tag name={one.name} />}</th>
       <td class="number" data-label="Is"><Value of={one.ref} unit /></td>
       {setpoints && <td class="number" data-label="Setpoint">{setpoint ? <Value of={setpoint} /> : missing}</td>}
       <td class="number" data-label="Aimed at">{target ? <Value of={target} /> : missing}</td>
@@ -228,7 +229,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
 
   useEffect(() => {
     const element = host.current as HTMLDivElement;
-    const made = new TrendChart(element, panels.map((panel, k) => ({label: title(panel.map(one => one.variable)), pens: pens[k] as DrawnPen[]})), data(), null, () => {});
+    const made = new TrendChart(element, panels.map((panel, k) => ({label: titles(panel.map(one => one.variable)), pens: pens[k] as DrawnPen[]})), data(), null, () => {});
     chart.current = made;
     const sized = new ResizeObserver(() => made.resize());
     sized.observe(element);

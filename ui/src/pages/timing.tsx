@@ -197,7 +197,7 @@ function Against(o: {task: string; quantity: Quantity; seconds: number; table: b
         {label: "p99", colour: "--live", width: 1.5},
         {label: "p50", colour: "--live", width: 1, dash: [3, 3]},
       ],
-      yLabel: "",
+      yLabel: [""],
       xAxis: true,
       x: () => range.current.x,
       y: () => range.current.y,

@@ -16,6 +16,7 @@ import {Nothing} from "../parts/nothing";
 import {PenSearch, Stroke} from "../parts/pens";
 import {PenGroups} from "../parts/groups";
 import {Table} from "../parts/table";
+import {Tag} from "../parts/tag";
 import {told, Value} from "../parts/value";
 import {alarms, control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
 import {courseRows, courseSeries, expectedOf, horizon, predictors} from "../core/outlook";
@@ -23,7 +24,7 @@ import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";
 import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
-import {type Column, Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects, title} from "../core/trend";
+import {type Column, Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects, titles} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
 import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, refuse, runsBefore, select, SPANS, type Window, zoom} from "../core/view";
@@ -175,7 +176,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       const before = earlier ? ones.map(pen => ({...pen, dash: BEFORE, curve: () => shifted(earlier.series(pen.ref), compare)})) : [];
       const coming = win.ahead ? ones.map(pen => ({...pen, dash: COMING, curve: () => expectedNow(pen.ref)})) : [];
       return {
-        label: title(variables),
+        label: titles(variables),
         pens: [...ones.map(pen => ({...pen, curve: () => curves.drawn(pen.ref)})), ...before, ...coming].map((pen, i) => {
           const one = variables[i % ones.length] ?? null;
           return {...pen, label: describe(one), step: one != null && holds(one)};
@@ -441,7 +442,7 @@ function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Cur
             const {min, mean, max} = statistics(curves.drawn(pen.ref), from, to);
             return (
               <tr key={pen.ref}>
-                <th scope="row"><Stroke pen={pen} /> {one?.name}</th>
+                <th scope="row"><Stroke pen={pen} /> <Tag name={one?.name} /></th>
                 <td data-label="Unit">{one?.unit}</td>
                 <td class="wide" data-label="What it is">{one?.description}</td>
                 <td class="number" data-label="Newest"><Value of={pen.ref} /></td>

@@ -15,6 +15,7 @@ import {slot} from "../core/writing";
 import {path} from "../router";
 import {calling, setSound, silence, sound} from "../sound";
 import {type Priority, Shape} from "./shape";
+import {Tag} from "./tag";
 
 const priorities: Priority[] = [1, 2, 3, 4];
 
@@ -46,7 +47,7 @@ export function AlarmLine(): JSX.Element | null {
       <span class="first" role="status">
         {first && (
           <a href={path("alarms", first.alarm)}>
-            <Shape priority={first.priority} label="most urgent" /> <b>{first.alarm}</b> <span class="message">{first.message}</span> <span class="say">{clock(first.now.raised ?? first.now.time)}{!first.now.active && ", gone"}</span>
+            <Shape priority={first.priority} label="most urgent" /> <b><Tag name={first.alarm} /></b> <span class="message">{first.message}</span> <span class="say">{clock(first.now.raised ?? first.now.time)}{!first.now.active && ", gone"}</span>
           </a>
         )}
       </span>

@@ -9,6 +9,7 @@ import {live, variable} from "../core/model";
 import type {Loop, Ref} from "../core/types";
 import {forget, send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
+import {Tag} from "./tag";
 
 type Drafts = Record<Ref, {text: string; seq: number}>;
 
@@ -32,7 +33,7 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
   return (
     <tr class={draft ? "editing" : ""}>
       <th scope="row">
-        <label for={id}>{label}</label>
+        <label for={id}><Tag name={label} /></label>
         <small>{one?.description}</small>
       </th>
       <td class="number" data-ref={of}>{exact(now.value)}</td>
