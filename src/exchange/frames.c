@@ -64,9 +64,15 @@ int apc_frames_answer(struct apc_frames *frames, const char *text, size_t length
                       struct apc_error *why)
 {
     struct apc_frame frame;
+    const int rc = apc_frame_decode(text, length, &frame, frames->samples, frames->ny);
 
-    if (apc_frame_decode(text, length, &frame, frames->samples, frames->ny) < 0 ||
-        frame.kind != APC_FRAME_VALUES || frame.n != frames->ny || (frame.id && frame.id != frames->id))
+    if (rc == APC_ERANGE || (rc == 0 && frame.n < frames->ny))
+        return apc_fail(why, APC_EPROTO, "its reply has %s than %zu values", rc == 0 ? "fewer" : "more",
+                        frames->ny);
+    if (rc < 0)
+        return apc_fail(why, APC_EPROTO,
+                        "its reply is no frame, or one of its values is not a finite number with a time");
+    if (frame.kind != APC_FRAME_VALUES || (frame.id && frame.id != frames->id))
         return apc_fail(why, APC_EPROTO, "its reply does not answer the request");
     frames->refused = frames->commands && frames->numbers && !frame.id;
     frames->numbers = frames->numbers || frame.id;

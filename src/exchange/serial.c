@@ -159,7 +159,21 @@ static int agree(struct serial *s)
     return rc;
 }
 
-/* A line that is answered by a number. */
+/* As an Arduino prints it. */
+static int read_number(const char *line, double *number)
+{
+    static const char *const none[] = {"nan", "inf", "-inf", "ovf", "-ovf"};
+
+    for (size_t i = 0; i < sizeof(none) / sizeof(none[0]); i++) {
+        if (!strcmp(line, none[i])) {
+            *number = NAN;
+            return 0;
+        }
+    }
+    return apc_number_parse(line, number);
+}
+
+/* A line that is answered by a number, of which it may say that it is none. */
 static int ask(struct serial *s, const char *request, double *number)
 {
     char line[LINE];
@@ -168,7 +182,7 @@ static int ask(struct serial *s, const char *request, double *number)
 
     if (rc == 0)
         rc = hear(s, line);
-    if (rc == 0 && apc_number_parse(line, number) < 0)
+    if (rc == 0 && read_number(line, number) < 0)
         rc = apc_fail(&s->x.error, APC_EPROTO, "%s: the board answers %.2s by \"%.40s\", not by a number",
                       s->path, request, line);
     s->agreed = s->agreed && rc == 0;
@@ -235,6 +249,8 @@ static int serial_finish(struct apc_exchange *x, struct apc_value *y)
         y[i] = (struct apc_value){.value = celsius, .time = apc_clock_utc(NULL)};
         if (!(celsius > COLDEST && celsius < HOTTEST))
             y[i].status = APC_BAD_SENSOR_FAILURE;
+        if (isnan(celsius))
+            y[i].value = 0.0;
     }
     return rc;
 }

@@ -98,6 +98,7 @@ refused '1: "time" and "Time": which of them is the time' sed '1s/flow/Time/' ta
 refused '1: there are two columns "level"' sed '1s/flow/level/' tank.csv
 refused '5: the byte 0xB0 is not UTF-8' sed "5s/\$/,\xb0/" tank.csv
 refused '2: column "time": "s" is no number' sed '1a s,%,%,degC' tank.csv
+refused '12: the time [0-9.]+ is not after that of the row before' sed 11p tank.csv
 refused '30: 3 fields under 4 names: is the row cut off' sed '30s/,[^,]*$//' tank.csv
 # measured each 0.5 s of a plant that moves each 0.2 s: at 0.4, 1, 1.4, 2, ... of a grid of 0.2 s, and each second
 "$apc" test "$APC_SOURCE_DIR/experiments/first-order.conf" --duration 400 -o sparse >sparse.txt

@@ -370,7 +370,7 @@ static void an_answer_that_is_none_is_a_failure_and_the_next_is_whole(void **sta
         const char *instead, *says;
     } cases[] = {{"hello", "not by a number"},
                  {"", "not by a number"},
-                 {"nan", "not by a number"},
+                 {"nan", "the board says nan"},
                  {"12.3.4", "not by a number"},
                  {"77.00", "the board says 77"},
                  {"012345678901234567890123456789012345678901234567890123456789012345678901234567890123456789"
@@ -418,6 +418,15 @@ static void a_sensor_that_is_not_there_is_bad(void **state)
     assert_int_equal(exchange(lab, 0, 0, y, PATIENCE), 0);
     assert_int_equal(y[0].status, APC_GOOD);
     assert_int_equal(y[1].status, APC_BAD_SENSOR_FAILURE);
+    static const char *const none[] = {"nan", "inf", "-inf", "ovf", "-ovf"};
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+        assert_int_equal(exchange(lab, 0, 0, y, PATIENCE), 0);
+        assert_int_equal(apc_exchange_begin(lab->x, NULL, apc_clock_mono(NULL) + PATIENCE), 0);
+        answer_instead(lab, none[i]);
+        assert_int_equal(apc_exchange_finish(lab->x, y), 0);
+        assert_int_equal(y[0].status, APC_BAD_SENSOR_FAILURE);
+        assert_near(y[0].value, 0.0, 0.0);
+    }
 }
 
 static void a_port_that_cannot_be_had_says_why(void **state)

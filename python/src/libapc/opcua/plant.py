@@ -171,7 +171,9 @@ class Gateway:
             good = math.isfinite(number)
             code = data.StatusCode.value if data.StatusCode is not None else 0
             sample.value = number if good else 0.0
-            sample.status = code if good or code & 0x80000000 else self._ua.StatusCodes.BadTypeMismatch
+            if not good and not code & 0x80000000:  # a number that is none, or no number
+                code = self._ua.StatusCodes.BadSensorFailure if isinstance(value, float) else self._ua.StatusCodes.BadTypeMismatch
+            sample.status = code
             sample.time = seen.look(_ns(data.SourceTimestamp), utc, at)
 
     # ---- The client's frames ------------------------------------------------------------------------------------
@@ -252,8 +254,8 @@ class Gateway:
                     return
                 writer.write(reply)
                 await asyncio.wait_for(writer.drain(), self._o.timeout)
-        except (OSError, ValueError, asyncio.TimeoutError):
-            pass  # the client has gone, or sends what has no end
+        except (OSError, ValueError, asyncio.TimeoutError, asyncio.CancelledError):
+            pass  # the client has gone, or sends what has no end; or the gateway ends
         finally:
             writer.close()
 

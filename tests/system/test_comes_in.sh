@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# What comes in from a plant by frames, Modbus or a serial line, and what becomes of it: the table of docs/guarantees.md.
+# shellcheck source=lib.sh
+. "$(dirname "$0")/lib.sh"
+# shellcheck source=comes_in.sh
+. "$(dirname "$0")/comes_in.sh"
+puppet() { # LINK
+  habit well
+  background puppet python3 "$APC_SOURCE_DIR/tests/system/puppet.py" "$1" "$work/habit"
+}
+listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
+
+puppet "tcp:$port"
+until_true 20 listens
+comes_in 'frames' "tcp:127.0.0.1:$port"
+port=$(free_port)
+puppet "modbus:$port"
+until_true 20 listens
+comes_in 'Modbus' "modbus:127.0.0.1:$port" 'modbus = { unit = 1; map = ( { name = "y"; at = "input:0"; type = "float32"; no_value = -9999.0; },
+  { name = "u"; at = "holding:0"; type = "float32"; } ); };'
+puppet "serial:$work/lab"
+until_true 20 test -e "$work/lab"
+comes_in 'serial' "serial:$work/lab"
