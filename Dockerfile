@@ -2,8 +2,11 @@
 # docker build -t libapc .                         the programs, without what built them
 # docker build -t libapc-init --target init .      the same and psql: scripts/compose-database
 # docker build -t libapc-broker --target broker .  mosquitto and its clients
+# --build-arg DEBIAN_IMAGE=debian@sha256:...       another Debian 12, by its digest: the same bytes each time
 
-FROM debian:bookworm-slim AS build
+ARG DEBIAN_IMAGE=debian:bookworm-slim
+
+FROM ${DEBIAN_IMAGE} AS build
 RUN apt-get update \
  && apt-get install -y --no-install-recommends gcc libc6-dev cmake nodejs npm ninja-build pkg-config \
         libpq-dev libsqlite3-dev libsundials-dev libconfig-dev libsystemd-dev liblapacke-dev libnlopt-dev libxxhash-dev libssl-dev \
@@ -16,7 +19,7 @@ RUN cmake -S /src -B /build -G Ninja -DAPC_TESTS=OFF \
  && cd /out/usr/local \
  && rm -r include lib/cmake lib/pkgconfig lib/libapc.a lib/libapc.so
 
-FROM debian:bookworm-slim AS base
+FROM ${DEBIAN_IMAGE} AS base
 RUN apt-get update \
  && apt-get install -y --no-install-recommends libpq5 libsqlite3-0 libsundials-cvode6 libconfig9 libsystemd0 liblapacke libnlopt0 libssl3 \
         libmicrohttpd12 libjansson4 libargon2-1 zlib1g libzip4 libexpat1 libmosquitto1 \
@@ -34,7 +37,7 @@ COPY scripts/compose-certificates scripts/compose-database /usr/local/bin/
 USER 10001:10001
 CMD ["bash", "-c", "compose-certificates && compose-database"]
 
-FROM debian:bookworm-slim AS broker
+FROM ${DEBIAN_IMAGE} AS broker
 RUN apt-get update \
  && apt-get install -y --no-install-recommends mosquitto mosquitto-clients \
  && rm -rf /var/lib/apt/lists/* \
