@@ -91,7 +91,7 @@ struct apc_loop_margins {
     bool stable;       /**< as it is; nothing else is said of one that is not */
     double gain_least; /**< by less than this factor the loop must not be weakened; 0: by any */
     double gain;       /**< by more than this it must not be strengthened */
-    double phase;      /**< degrees */
+    double phase;      /**< degrees that it may lag more, or lead more, whichever is less */
     double delay;      /**< s that outputs may act later, all the time; exact, not phase over frequency */
     double jitter;     /**< s by which they may act later now and then, in whatever pattern: enough, by small
                           gain, not needed (Kao and Lincoln, Automatica 40, 2004) */

@@ -104,20 +104,87 @@ int eigenvalues(size_t n, double complex *A, double complex *value);
 /* X [n * m] = A^-1 B in place of B; A is destroyed. Returns 0, or nonzero where A is singular. */
 int complex_solve(size_t n, size_t m, double complex *A, double complex *B);
 
+/* ---- Frequencies ------------------------------------------------------------------------------ */
+
+struct mesh {
+    double *w; /* [n] rad/s, ascending */
+    size_t n, room;
+};
+/* Up to @p top rad/s, of a map of @p period s, with what its @p n poles and zeros @p root ask for. Returns 0
+ * or APC_ENOMEM; it is to be freed in either case. */
+int mesh_create(struct mesh *mesh, double period, double top, const double complex *root, size_t n);
+void mesh_free(struct mesh *mesh);
+/* Returns 0 or an error, which ends the search. */
+typedef int mesh_function(void *ctx, double w, double *value);
+/* Where f is higher than *@p top between two frequencies: that, and *@p at. */
+int mesh_climb(mesh_function *f, void *ctx, double low, double high, double *top, double *at);
+/* The highest of f, which is @p value [mesh->n] on the mesh: between neighbours of each point that stands
+ * out. */
+int mesh_top(const struct mesh *mesh, const double *value, mesh_function *f, void *ctx, double *top,
+             double *at);
+
+/* ---- The loop cut open ------------------------------------------------------------------------ */
+
+/* The loop cut open at some outputs, [m] of them. */
+struct open {
+    struct machine machine;
+    const struct apc_loop *loop;
+    size_t m, *of;             /* [m] */
+    size_t *place;             /* [n_out] among them, or m */
+    double *map;               /* [n * n] of the open loop */
+    double complex *A, *X, *L; /* [n * n], [n * m], [m * m] */
+    double *Z;                 /* [n * 2 m] */
+    size_t *ticks;             /* [m] how often each acts in a period */
+    size_t *slot; /* [n_steps] lifted: each time that one acts counts as an output of its own, this one; NULL:
+                     not */
+    double w;
+    bool listens;
+};
+
+/* At output @p of or at all that the plant takes. @p delay: by which outputs act later, of a loop that is
+ * lifted; NULL: it is not. It is to be freed in either case. */
+int open_create(struct open *o, const struct apc_loop *loop, size_t of, const double *delay);
+void open_free(struct open *o);
+/* L [m * m] at w. APC_ESOLVER: a pole of the open loop lies there. */
+int respond(struct open *o, double w);
+
+#define NEAR 2.0 /* of 1: a size so near to it may reach it between two frequencies */
+
+/* Of sizes at three frequencies the one in the middle may reach 1 beside it. */
+static inline bool stands_out(const double *of)
+{
+    return of[1] < 1.0 ? of[1] >= of[0] && of[1] >= of[2] && of[1] > 1.0 / NEAR
+                       : of[1] <= of[0] && of[1] <= of[2] && of[1] < NEAR;
+}
+
 /* ---- Parts of the margins --------------------------------------------------------------------- */
 
-#define PER_DECADE 60 /* frequencies that are looked at, below that of half a tick */
-#define DECADES    5
+/* Fills peaks, their frequency and the crossover, from the @p n poles of the loop, closed and cut open. */
+int response_peaks(const struct apc_loop *loop, size_t of, const double *scale, const double complex *closed,
+                   const double complex *cut, size_t n, struct apc_loop_margins *to);
 
-/* Fills peaks, their frequency and the crossover. @p delay: the phase over the frequency, the least of all
- * crossovers: where to look for the margin. */
-int response_peaks(const struct apc_loop *loop, size_t of, const double *scale, struct apc_loop_margins *to,
-                   double *delay);
-/* How much later yet than @p later [n_out] the outputs cut open may all act: exact where that is a whole
- * number of periods. HUGE_VAL: as much as one likes. */
-int response_delay(const struct apc_loop *loop, size_t of, const double *later, double *delay);
+/* Where an eigenvalue of the response of all ticks of a period, taken together, is 1 in size: turned by
+ * @p phase, in 0 to 2 pi, more it would be -1. */
+struct crossing {
+    double w, phase;
+    size_t place; /* of the eigenvalue, the largest first */
+};
+struct crossings {
+    struct crossing *at;
+    size_t n, room;
+    double *gain; /* [n_gain] factors by which one of them would be -1 */
+    size_t n_gain, room_gain;
+};
+/* @p root: poles of the loop cut open, and its zeros. To be freed in either case. */
+int response_crossings(const struct apc_loop *loop, size_t of, const double complex *root, size_t n,
+                       struct crossings *to);
+void crossings_free(struct crossings *c);
+/* The same one where outputs act @p later [n_out] than they do: exact where they are delayed by whole periods
+ * from there. Returns 0, APC_ERANGE: it is not found, or another error. */
+int response_follow(const struct apc_loop *loop, size_t of, const double *later, struct crossing *crossing);
 /* Of an output of a controller that ticks once in the period, for a plant whose ticks go into it evenly; else
- * NAN. */
-int jitter_margin(const struct apc_loop *loop, size_t of, double *jitter);
+ * NAN. @p root: poles of the closed loop. */
+int jitter_margin(const struct apc_loop *loop, size_t of, const double complex *root, size_t n,
+                  double *jitter);
 
 #endif

@@ -18,8 +18,9 @@ struct pulses {
     double *map;  /* [n * n] */
     double *Z;    /* [n * M] where a pulse in each of the plant's periods leads to at the end of the period */
     double *read; /* [n] what the output is to be, of the state at the beginning */
-    double *direct; /* [M] and of the pulses before it */
-    double *to;     /* where it is read into */
+    double *direct;    /* [M] and of the pulses before it */
+    double *to;        /* where it is read into */
+    double complex *A; /* [n * (n + 1)] */
 };
 
 static void read_slot(void *ctx, const struct step *step, const double *slot, double *acting)
@@ -53,8 +54,9 @@ static int send_pulses(struct pulses *p, const double *kick)
     return k == p->M ? 0 : APC_EINVAL;
 }
 
-static double pulse_gain(const struct pulses *p, double complex *A, double complex *X, double angle)
+static double pulse_gain(const struct pulses *p, double angle)
 {
+    double complex *A = p->A, *X = A + p->n * p->n;
     double sum = 0.0;
 
     for (size_t i = 0; i < p->n * p->n; i++) /* transposed: read (z - map)^-1 */
@@ -104,6 +106,32 @@ static int pulses_ready(struct pulses *p, const struct apc_loop *loop)
     return rc;
 }
 
+static int pulse_gain_at(void *ctx, double w, double *gain)
+{
+    const struct pulses *p = ctx;
+
+    *gain = pulse_gain(p, w * apc_ns_to_s(p->machine.loop->setup.period));
+    return 0;
+}
+
+static int worst_gain(struct pulses *p, const double complex *root, size_t n, double *worst)
+{
+    const double period = apc_ns_to_s(p->machine.loop->setup.period);
+    double *gain = NULL, at;
+    struct mesh mesh;
+    int rc = mesh_create(&mesh, period, M_PI / period, root, n);
+
+    if (rc == 0 && !(gain = calloc(mesh.n, sizeof(*gain))))
+        rc = APC_ENOMEM;
+    for (size_t k = 0; k < mesh.n && rc == 0; k++)
+        rc = pulse_gain_at(p, mesh.w[k], &gain[k]);
+    if (rc == 0)
+        rc = mesh_top(&mesh, gain, pulse_gain_at, p, worst, &at);
+    free(gain);
+    mesh_free(&mesh);
+    return rc;
+}
+
 static double jitter_of(double allowed, size_t M, double T)
 {
     const double J = allowed / (double)M, N = floor(sqrt(J));
@@ -111,12 +139,12 @@ static double jitter_of(double allowed, size_t M, double T)
     return allowed < HUGE_VAL ? (N + (J - N * N) / (2.0 * N + 1.0)) * T : HUGE_VAL;
 }
 
-int jitter_margin(const struct apc_loop *loop, size_t of, double *jitter)
+int jitter_margin(const struct apc_loop *loop, size_t of, const double complex *root, size_t n,
+                  double *jitter)
 {
     const struct apc_loop_setup *s = &loop->setup;
     const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .kicks = true};
     struct pulses p = {.of = of, .M = (size_t)(s->period / s->plant.period)};
-    double complex *A = NULL;
     double worst = 0.0;
     size_t ticks = 0;
     int rc;
@@ -129,8 +157,8 @@ int jitter_margin(const struct apc_loop *loop, size_t of, double *jitter)
     rc = machine_create(&p.machine, loop, &course, NULL);
     p.n = p.machine.n;
     p.map = rc == 0 ? calloc(p.n * p.n + p.n * p.M + p.n + p.M, sizeof(*p.map)) : NULL;
-    A = rc == 0 ? calloc(p.n * (p.n + 1), sizeof(*A)) : NULL;
-    if (rc == 0 && (!p.map || !A))
+    p.A = rc == 0 ? calloc(p.n * (p.n + 1), sizeof(*p.A)) : NULL;
+    if (rc == 0 && (!p.map || !p.A))
         rc = APC_ENOMEM;
     if (rc == 0) {
         p.Z = p.map + p.n * p.n;
@@ -138,11 +166,11 @@ int jitter_margin(const struct apc_loop *loop, size_t of, double *jitter)
         p.direct = p.read + p.n;
         rc = pulses_ready(&p, loop);
     }
-    for (int k = 0; k <= PER_DECADE * DECADES && rc == 0; k++)
-        worst = fmax(worst, pulse_gain(&p, A, A + p.n * p.n, M_PI * pow(10.0, -(double)k / PER_DECADE)));
+    if (rc == 0)
+        rc = worst_gain(&p, root, n, &worst);
     if (rc == 0)
         *jitter = jitter_of(worst > 0.0 ? 1.0 / (worst * worst) : HUGE_VAL, p.M, apc_ns_to_s(s->period));
-    free(A);
+    free(p.A);
     free(p.map);
     machine_free(&p.machine);
     return rc == APC_EINVAL ? 0 : rc;

@@ -95,6 +95,7 @@ struct trial {
     double *delay;          /* [n_out] */
     size_t of;
     enum { BY_FACTOR, BY_ANGLE, BY_DELAY } by;
+    double largest; /* pole, of the loop as it is */
     int rc;
 };
 
@@ -142,99 +143,261 @@ static double border(struct trial *t, double good, double bad)
     return good;
 }
 
-static double gain_margin(struct trial *t, bool up)
+static int ascending(const void *a, const void *b)
 {
-    double good = 1.0;
+    const double x = *(const double *)a, y = *(const double *)b;
 
-    t->by = BY_FACTOR;
-    for (int k = 1; pow(RATIO, k) < MOST && t->rc == 0; k++) {
-        const double next = pow(RATIO, up ? k : -k);
+    return x < y ? -1 : x > y;
+}
 
+/* Values to try, away from one that holds. */
+struct tries {
+    double *at;
+    size_t n;
+};
+
+/*
+ * @p steps [n_steps] and, between each two of @p critical [n], where the response says that stability is lost
+ * or comes back, one: however narrow a window is, it is not stepped over.
+ */
+static int tries_create(struct tries *tries, const double *steps, size_t n_steps, double *critical, size_t n)
+{
+    tries->at = calloc(n_steps + n + 1, sizeof(*tries->at));
+    tries->n = 0;
+    if (!tries->at)
+        return APC_ENOMEM;
+    for (size_t k = 0; k < n_steps; k++)
+        tries->at[tries->n++] = steps[k];
+    if (n > 0)
+        qsort(critical, n, sizeof(*critical), ascending);
+    for (size_t k = 1; k < n; k++)
+        tries->at[tries->n++] = (critical[k - 1] + critical[k]) / 2.0;
+    qsort(tries->at, tries->n, sizeof(*tries->at), ascending);
+    return 0;
+}
+
+/* The last value that holds, from @p good on, up or down; @p none where all that are tried do. */
+static double first_border(struct trial *t, const struct tries *tries, double good, bool up, double none)
+{
+    const double begin = good;
+
+    for (size_t k = 0; k < tries->n && t->rc == 0; k++) {
+        const double next = tries->at[up ? k : tries->n - 1 - k];
+
+        if (up ? next <= begin : next >= begin)
+            continue;
         if (!holds(t, next))
             return border(t, good, next);
         good = next;
     }
-    return up ? HUGE_VAL : 0.0;
+    return none;
 }
 
-static double phase_margin(struct trial *t)
+static void gain_margins(struct trial *t, struct crossings *found, struct apc_loop_margins *to)
 {
-    const double step = 4.0 * M_PI / 180.0;
-    double good = 0.0;
+    enum { STEPS = 90 }; /* RATIO^90 is MOST */
+    double steps[2 * STEPS];
+    struct tries tries;
+    size_t n = 0, kept = 0;
 
-    t->by = BY_ANGLE;
-    for (int k = 1; k <= 45 && t->rc == 0; k++) {
-        if (!holds(t, k * step))
-            return border(t, good, k * step) * 180.0 / M_PI;
-        good = k * step;
+    for (int k = 1; k < STEPS && pow(RATIO, k) < MOST; k++) {
+        steps[n++] = pow(RATIO, k);
+        steps[n++] = pow(RATIO, -k);
     }
-    return HUGE_VAL;
+    for (size_t k = 0; k < found->n_gain; k++) {
+        if (found->gain[k] > 1.0 / MOST && found->gain[k] < MOST)
+            found->gain[kept++] = found->gain[k];
+    }
+    t->rc = tries_create(&tries, steps, n, found->gain, kept);
+    t->by = BY_FACTOR;
+    if (t->rc == 0) {
+        to->gain = first_border(t, &tries, 1.0, true, HUGE_VAL);
+        to->gain_least = first_border(t, &tries, 1.0, false, 0.0);
+    }
+    free(tries.at);
 }
 
-/* From here on a delay is looked for in the frequency response: in the map each period of it is a state more.
+/* What lags by so much at w lags as much less at -w: the border is that of lag or lead, whichever is nearer.
  */
-#define LONG  8.0 /* periods */
-#define TRIES 30
+static double phase_margin(struct trial *t, const struct crossings *found)
+{
+    enum { STEPS = 45 };
+    double steps[STEPS], *critical = calloc(found->n + 1, sizeof(*critical)), phase = HUGE_VAL;
+    struct tries tries = {0};
 
-/* A delay of whole periods turns the response and does nothing else; so what is left is a part of one, which
- * hardly counts beside them: from one to the next the answer settles at once. The loop bears a period. */
-static double long_delay_margin(struct trial *t)
+    for (int k = 0; k < STEPS; k++)
+        steps[k] = (k + 1) * M_PI / STEPS;
+    for (size_t k = 0; k < found->n && critical; k++)
+        critical[k] = fmin(found->at[k].phase, 2.0 * M_PI - found->at[k].phase);
+    t->rc = critical ? tries_create(&tries, steps, STEPS, critical, found->n) : APC_ENOMEM;
+    t->by = BY_ANGLE;
+    if (t->rc == 0)
+        phase = first_border(t, &tries, 0.0, true, HUGE_VAL);
+    free(tries.at);
+    free(critical);
+    return phase * 180.0 / M_PI;
+}
+
+/* Up to here a delay is looked for in the map, in which each period of it is a state more. */
+#define LONG   8.0 /* periods */
+#define ROUNDS 30
+
+/*
+ * A delay of whole periods turns the response and does nothing else; so what is left is a part of one, which
+ * hardly counts beside them: from one to the next the answer settles at once. @p delay is about where the
+ * crossing is critical; returns where it is.
+ */
+static double follow(struct trial *t, struct crossing crossing, double delay)
 {
     const double period = apc_ns_to_s(t->loop->setup.period);
-    double found = 0.0, before = -1.0, more = 0.0;
+    double before = -1.0;
 
-    for (int k = 0; k < TRIES && fabs(found - before) > PRECISION * found; k++) {
-        const double part = fmod(found, period);
+    for (int k = 0; k < ROUNDS && fabs(delay - before) > PRECISION * delay; k++) {
+        const double part = fmod(delay, period);
+        int rc;
 
         for (size_t o = 0; o < t->loop->n_out; o++)
             t->delay[o] = concerned(t, o) ? part : 0.0;
-        t->rc = response_delay(t->loop, t->of, t->delay, &more);
-        if (t->rc < 0 || more == HUGE_VAL)
-            return HUGE_VAL;
-        before = found;
-        found = part + more;
+        rc = response_follow(t->loop, t->of, t->delay, &crossing);
+        if (rc == APC_ERANGE)
+            break;
+        if (rc < 0) {
+            t->rc = rc;
+            break;
+        }
+        before = delay;
+        delay = part + crossing.phase / crossing.w;
+        delay += round((before - delay) * crossing.w / (2.0 * M_PI)) * 2.0 * M_PI / crossing.w;
     }
-    return found;
+    return delay;
 }
 
-/* @p first: what the frequency response says, where the looking begins: well below it, with short steps. Of
- * outputs that act several times in a period it does not say all: HUGE_VAL is no answer. */
-static double delay_margin(struct trial *t, double first)
+/* Of all crossings the delays that are critical, up to so many periods. */
+static int critical_delays(struct trial *t, const struct crossings *found, double **list, size_t *n)
 {
+    const double most = (LONG + 1.0) * apc_ns_to_s(t->loop->setup.period);
+    size_t room = 1;
+
+    for (size_t k = 0; k < found->n; k++)
+        room += (size_t)(most * found->at[k].w / (2.0 * M_PI)) + 2;
+    *n = 0;
+    *list = calloc(room, sizeof(**list));
+    if (!*list)
+        return APC_ENOMEM;
+    for (size_t k = 0; k < found->n && t->rc == 0; k++) {
+        const struct crossing *c = &found->at[k];
+
+        for (double delay = c->phase / c->w; delay <= most && t->rc == 0; delay += 2.0 * M_PI / c->w)
+            (*list)[(*n)++] = follow(t, *c, delay);
+    }
+    return t->rc;
+}
+
+/* The loop bears so many periods: which crossing is critical first? */
+static double long_delay_margin(struct trial *t, const struct crossings *found)
+{
+    const double period = apc_ns_to_s(t->loop->setup.period), least = LONG * period;
+    double first = HUGE_VAL, delay = HUGE_VAL;
+
+    for (int round = 0; round < 2;
+         round++) { /* what is left beside whole periods moves each by less than one */
+        for (size_t k = 0; k < found->n && t->rc == 0; k++) {
+            const struct crossing *c = &found->at[k];
+            double next = c->phase / c->w;
+
+            if (next < least - period)
+                next += ceil((least - period - next) * c->w / (2.0 * M_PI)) * 2.0 * M_PI / c->w;
+            if (round == 0)
+                first = fmin(first, next);
+            for (; round == 1 && next <= first + period; next += 2.0 * M_PI / c->w) {
+                const double exact = follow(t, *c, next);
+
+                if (exact >= least * (1.0 - PRECISION))
+                    delay = fmin(delay, exact);
+            }
+        }
+    }
+    return delay;
+}
+
+/* Of outputs that act several times in a period the response of whole periods says all but what parts of one
+ * do; so short steps go as well, up to long delays. */
+static double delay_margin(struct trial *t, const struct crossings *found)
+{
+    enum { STEPS = 100 };
     const double period = apc_ns_to_s(t->loop->setup.period), most = LONG * period;
-    double good = 0.0, next = fmin(first, period) / 4.0;
+    double steps[STEPS], *critical = NULL, first = period, delay = HUGE_VAL;
+    struct tries tries = {0};
+    size_t n = 0, n_critical = 0;
 
     t->by = BY_DELAY;
-    while (next <= most && t->rc == 0) {
-        if (!holds(t, next))
-            return border(t, good, next);
-        good = next;
-        next *= 1.1;
-    }
-    return t->rc == 0 ? long_delay_margin(t) : HUGE_VAL;
+    t->rc = critical_delays(t, found, &critical, &n_critical);
+    for (size_t k = 0; k < n_critical; k++)
+        first = fmin(first, critical[k]);
+    for (double next = fmax(first, period / 64.0) / 4.0; next < most && n + 1 < STEPS; next *= 1.1)
+        steps[n++] = next;
+    steps[n++] = most;
+    if (t->rc == 0)
+        t->rc = tries_create(&tries, steps, n, critical, n_critical);
+    if (t->rc == 0)
+        delay = first_border(t, &tries, 0.0, true, HUGE_VAL);
+    if (t->rc == 0 && delay == HUGE_VAL)
+        delay = long_delay_margin(t, found);
+    free(tries.at);
+    free(critical);
+    return delay;
 }
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
+/* Poles of the loop closed and cut open and, where all is asked for, the zeros, which its poles go to as the
+ * gain grows. @p root [3 * n of the map]. */
+static int find_roots(struct trial *t, bool zeros, double complex *root, size_t *n)
+{
+    static const double gain[] = {1.0, 0.0, 1e6};
+    const size_t kinds = zeros ? 3 : 2;
+    double largest;
+    int rc = 0;
+
+    *n = 0;
+    for (size_t k = 0; k < kinds && rc == 0; k++) {
+        for (size_t o = 0; o < t->loop->n_out; o++)
+            t->factor[o] = concerned(t, o) ? gain[k] : 1.0;
+        rc = radius(t->nominal, t->factor, &largest, root + *n);
+        *n += t->nominal->n;
+        if (k == 0)
+            t->largest = largest;
+    }
+    return rc;
+}
+
 static int measure(struct trial *t, const double *scale, bool peaks_only, struct apc_loop_margins *to)
 {
-    double first = HUGE_VAL;
-    int rc;
+    const bool reaches = t->of == APC_LOOP_WHOLE || t->loop->to[t->of] != APC_LOOP_NOWHERE;
+    double complex *root = calloc(3 * t->nominal->n + 1, sizeof(*root));
+    struct crossings found = {0};
+    size_t n = 0;
 
-    to->stable = holds(t, 0.0);
+    t->rc = root ? find_roots(t, !peaks_only, root, &n) : APC_ENOMEM;
+    to->stable = t->rc == 0 && t->largest < 1.0 - ON_CIRCLE;
     if (t->rc < 0 || !to->stable)
-        return t->rc;
+        goto out;
     to->gain = to->gain_least = to->phase = to->delay = to->jitter = (double)NAN;
-    rc = response_peaks(t->loop, t->of, scale, to, &first);
-    if (rc < 0 || peaks_only)
-        return rc;
-    to->gain = gain_margin(t, true);
-    to->gain_least = gain_margin(t, false);
-    to->phase = phase_margin(t);
-    if (t->of == APC_LOOP_WHOLE || t->loop->to[t->of] != APC_LOOP_NOWHERE)
-        to->delay = delay_margin(t, first);
+    t->rc = response_peaks(t->loop, t->of, scale, root, root + t->nominal->n, t->nominal->n, to);
+    if (t->rc < 0 || peaks_only)
+        goto out;
+    t->rc = response_crossings(t->loop, t->of, root + t->nominal->n, n - t->nominal->n, &found);
+    if (t->rc == 0)
+        gain_margins(t, &found, to);
+    if (t->rc == 0)
+        to->phase = phase_margin(t, &found);
+    if (t->rc == 0 && reaches)
+        to->delay = delay_margin(t, &found);
     if (t->rc == 0 && t->of != APC_LOOP_WHOLE)
-        t->rc = jitter_margin(t->loop, t->of, &to->jitter);
+        t->rc = jitter_margin(t->loop, t->of, root, t->nominal->n, &to->jitter);
+out:
+    crossings_free(&found);
+    free(root);
     return t->rc;
 }
 

@@ -440,7 +440,7 @@ static void assert_margins_of_responses(const struct apc_loop *loop, size_t of,
                                         const struct apc_loop_margins *m)
 {
     enum { STEPS = 1500 };
-    const double top = 0.98 * M_PI * (of == 0 ? 2.0 : 1.0), step = pow(10.0, -5.0 / (double)STEPS);
+    const double top = M_PI * (of == 0 ? 2.0 * 0.98 : 1.0), step = pow(10.0, -5.0 / (double)STEPS);
     double S = 0.0, T = 0.0, turn = HUGE_VAL, crossover = 0.0, w = top;
     bool above = false;
 
@@ -471,6 +471,7 @@ static void assert_margins_of_responses(const struct apc_loop *loop, size_t of,
 static double jitter_of_course(const struct world *w, size_t of, size_t tick)
 {
     static double back[KICKS][PERIODS];
+    enum { PER_DECADE = 400, DECADES = 5 };
     double worst = 0.0;
 
     for (size_t k = 0; k < KICKS; k++) {
@@ -586,8 +587,11 @@ static void a_loop_does_what_is_said_of_it(void **state)
             if (which[k] != APC_LOOP_WHOLE)
                 assert_margins_of_responses(loop, which[k], &m);
             assert_int_equal(isnan(m.jitter), which[k] != 1);
-            if (which[k] == 1)
-                assert_near(m.jitter, jitter_of_course(&w, 1, 1), 1e-6 * m.jitter);
+            if (which[k] == 1) { /* a scan may miss a little of a peak, and it cannot */
+                const double jitter = jitter_of_course(&w, 1, 1);
+
+                assert_true(m.jitter <= jitter * (1.0 + 1e-6) && m.jitter >= 0.999 * jitter);
+            }
         }
         apc_loop_destroy(loop);
     }

@@ -1,0 +1,153 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * Frequencies to look at. What a loop does there changes over a ratio of frequencies, which a grid of decades
+ * sees, and near the poles and zeros that lie by the circle, each in a band as narrow as its distance from
+ * it: so from each of these frequencies go out at distances that double, from half of that until the grid is
+ * finer.
+ */
+#include <math.h>
+#include <stdlib.h>
+
+#include "analyze/analyze_internal.h"
+
+#define PER_DECADE 60
+#define DECADES    5
+#define RESONANT   0.25 /* damping below which a pole has a band of its own */
+#define SLOWEST    1e-4 /* rad in a period: what turns by less is an integrator, to rounding */
+#define NARROWEST  1e-8 /* band, of its frequency */
+#define CLIMBS     36   /* steps between neighbours, each to 0.618 of the one before */
+#define WORTH      0.5  /* of the highest point seen: from there on a climb is worth it */
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+static int add(struct mesh *mesh, double w, double top)
+{
+    if (!(w > 0.0 && w <= top))
+        return 0;
+    if (mesh->n == mesh->room) {
+        const size_t room = mesh->room ? 2 * mesh->room : 512;
+        double *more = realloc(mesh->w, room * sizeof(*more));
+
+        if (!more)
+            return APC_ENOMEM;
+        mesh->w = more;
+        mesh->room = room;
+    }
+    mesh->w[mesh->n++] = w;
+    return 0;
+}
+
+/* About @p w, with a band so wide. */
+static int add_band(struct mesh *mesh, double w, double width, double top)
+{
+    const double grid = w * log(10.0) / PER_DECADE;
+    int rc = add(mesh, w, top);
+
+    for (double by = fmax(width, NARROWEST * w) / 2.0; by < grid && rc == 0; by *= 2.0) {
+        rc = add(mesh, w - by, top);
+        if (rc == 0)
+            rc = add(mesh, w + by, top);
+    }
+    return rc;
+}
+
+int mesh_create(struct mesh *mesh, double period, double top, const double complex *root, size_t n)
+{
+    const double turn = 2.0 * M_PI / period;
+    double bottom = top * pow(10.0, -DECADES);
+    size_t kept = 0;
+    int rc = 0;
+
+    *mesh = (struct mesh){0};
+    for (size_t i = 0; i < n && rc == 0; i++) {
+        const double width = fabs(log(cabs(root[i]))), angle = fabs(carg(root[i]));
+
+        if (width > SLOWEST * 1e-4 && isfinite(width))
+            bottom = fmin(bottom, 0.1 * width / period);
+        if (!(width < RESONANT * angle) || angle < SLOWEST)
+            continue;
+        for (double w = angle / period; w - M_PI / period <= top && rc == 0; w += turn) {
+            rc = add_band(mesh, w, width / period, top);
+            if (rc == 0)
+                rc = add_band(mesh, w + turn - 2.0 * angle / period, width / period, top);
+        }
+    }
+    for (int k = 0; rc == 0; k++) {
+        const double w = top * pow(10.0, -(double)k / PER_DECADE);
+
+        if (k > 0 && w < bottom)
+            break;
+        rc = add(mesh, w, top);
+    }
+    if (rc < 0)
+        return rc;
+    qsort(mesh->w, mesh->n, sizeof(*mesh->w), ascending);
+    for (size_t i = 0; i < mesh->n; i++) {
+        if (kept == 0 || mesh->w[i] > mesh->w[kept - 1] * (1.0 + 1e-12))
+            mesh->w[kept++] = mesh->w[i];
+    }
+    mesh->n = kept;
+    return 0;
+}
+
+void mesh_free(struct mesh *mesh)
+{
+    free(mesh->w);
+}
+
+int mesh_climb(mesh_function *f, void *ctx, double low, double high, double *top, double *at)
+{
+    double a = low + 0.381966 * (high - low), b = low + 0.618034 * (high - low), fa, fb = 0.0;
+    int rc = f(ctx, a, &fa);
+
+    if (rc == 0)
+        rc = f(ctx, b, &fb);
+    for (int k = 0; rc == 0; k++) {
+        if (fmax(fa, fb) > *top) {
+            *top = fmax(fa, fb);
+            *at = fa > fb ? a : b;
+        }
+        if (k == CLIMBS)
+            break;
+        if (fa > fb) {
+            high = b;
+            b = a;
+            fb = fa;
+            a = low + 0.381966 * (high - low);
+            rc = f(ctx, a, &fa);
+        } else {
+            low = a;
+            a = b;
+            fa = fb;
+            b = low + 0.618034 * (high - low);
+            rc = f(ctx, b, &fb);
+        }
+    }
+    return rc;
+}
+
+int mesh_top(const struct mesh *mesh, const double *value, mesh_function *f, void *ctx, double *top,
+             double *at)
+{
+    double highest = 0.0;
+    int rc = 0;
+
+    for (size_t k = 0; k < mesh->n; k++) {
+        if (value[k] > highest) {
+            highest = *top = value[k];
+            *at = mesh->w[k];
+        }
+    }
+    for (size_t k = 0; k < mesh->n && rc == 0; k++) {
+        const size_t before = k > 0 ? k - 1 : k, after = k + 1 < mesh->n ? k + 1 : k;
+
+        if (value[k] >= value[before] && value[k] >= value[after] && value[k] > WORTH * highest)
+            rc = mesh_climb(f, ctx, mesh->w[before], mesh->w[after], top, at);
+    }
+    return rc;
+}
