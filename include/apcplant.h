@@ -54,6 +54,28 @@ APC_API int apc_model_find(const char *name, const struct apc_model **model, voi
 APC_API int apc_model_choose(const struct apc_model *model, const char *const *input, size_t nu,
                              const char *const *output, size_t ny, struct apc_error *why);
 /**
+ * Can @p variable, a parameter, input or disturbance in the tables of @p model, have that value: within its
+ * range, and, where an FMU's is no real number, a whole one, 0 or 1, or a number of its enumeration? Returns
+ * 0 or APC_EINVAL. [setup]
+ */
+APC_API int apc_model_takes(const struct apc_model *model, const struct apc_param *variable, double value,
+                            struct apc_error *why);
+/** The same of an input that may be anything from @p low to @p high; one that is no real number is rounded.
+ * [setup] */
+APC_API int apc_model_takes_range(const struct apc_model *model, const struct apc_param *variable, double low,
+                                  double high, struct apc_error *why);
+/** What @p text says as a value of it: a number or, of an FMU, a label of its enumeration, "true", "false".
+ * Returns 0, APC_EINVAL, or APC_ENOTFOUND: it has labels, and this is none. [setup] */
+APC_API int apc_model_word(const struct apc_model *model, const struct apc_param *variable, const char *text,
+                           double *value, struct apc_error *why);
+/** The parameters of an FMU that are texts, [*n], each with its own text for a unit; other models have none.
+ * [setup] */
+APC_API const struct apc_param *apc_model_texts(const struct apc_model *model, size_t *n);
+/** Give one of these another @p text, copied, before plants are made of the model; NULL is refused. [setup]
+ * Returns 0, APC_EINVAL (it is one that cannot be set), APC_ENOTFOUND or APC_ENOMEM. */
+APC_API int apc_model_set_text(const struct apc_model *model, const char *name, const char *text,
+                               struct apc_error *why);
+/**
  * Of an FMU whose ModelStructure names the derivatives of its states: the model of these states, into
  * @p shown, that apc_model_linearize(), apc_model_equilibrium() and apc_model_evaluate() take; with the
  * inputs and outputs chosen by now, and as long as the handle. Plants are made of @p model alone. Any other
@@ -115,6 +137,9 @@ struct apc_plant_options {
      * environment, s; default 60).
      */
     double patience;
+    /** s from one step to the next: the length of the steps of an FMU that takes those of one length only,
+     * and does not say of which. 0: that of its first one. */
+    double period;
 };
 
 /** A model with its parameters, its state and an integrator whose memory is used again each step. */

@@ -4,6 +4,8 @@
 
 #include <apcbase.h>
 #include <expat.h>
+#include <float.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +21,8 @@
 struct declared { /* a type by its name */
     char *name, *unit;
     double low, high;
+    struct label *label;
+    size_t n_labels;
 };
 
 /* A number that may be a state, or the derivative of one. */
@@ -34,12 +38,12 @@ struct reader {
     XML_Parser parser;
     struct declared *declared;
     size_t n_declared;
-    char declaring[256];      /* of FMI 2: the name of the SimpleType around */
+    char declaring[640];      /* of FMI 2: the name of the SimpleType around */
     struct variable variable; /* that is being read */
     char causality[24];
     struct quantity *quantity;
     size_t n_quantities, n_derivatives, index, of;
-    bool has_of, in_variables, is_variable, in_derivatives;
+    bool has_of, in_variables, is_variable, in_derivatives, is_type; /* is_type: a type is being declared */
     char problem[200];
 };
 
@@ -76,9 +80,28 @@ static double number(const char *text, double otherwise)
     return rest > text && value - value >= 0.0 ? value : otherwise; /* finite */
 }
 
-static double bounded(double value)
+/* What a type holds; of 64 bits as far as a double can say. */
+static void narrow(struct variable *v)
 {
-    return value > APC_VALUE_MAX ? APC_VALUE_MAX : value < -APC_VALUE_MAX ? -APC_VALUE_MAX : value;
+    static const double range[N_TYPES][2] = {[TYPE_FLOAT64] = {-APC_VALUE_MAX, APC_VALUE_MAX},
+                                             [TYPE_INT32] = {INT32_MIN, INT32_MAX},
+                                             [TYPE_BOOLEAN] = {0, 1},
+                                             [TYPE_FLOAT32] = {-(double)FLT_MAX, (double)FLT_MAX},
+                                             [TYPE_INT8] = {INT8_MIN, INT8_MAX},
+                                             [TYPE_UINT8] = {0, UINT8_MAX},
+                                             [TYPE_INT16] = {INT16_MIN, INT16_MAX},
+                                             [TYPE_UINT16] = {0, UINT16_MAX},
+                                             [TYPE_UINT32] = {0, UINT32_MAX},
+                                             [TYPE_INT64] = {-0x1p63, 0x1.fffffffffffffp62},
+                                             [TYPE_UINT64] = {0, 0x1.fffffffffffffp63}};
+
+    double low = range[v->type][0], high = range[v->type][1];
+    for (size_t i = 0; i < v->n_labels; i++) {
+        low = i ? fmin(low, v->label[i].value) : v->label[i].value;
+        high = i ? fmax(high, v->label[i].value) : v->label[i].value;
+    }
+    v->low = fmax(v->low, low);
+    v->high = fmin(v->high, high);
 }
 
 static void stop(struct reader *r, const char *problem)
@@ -96,7 +119,7 @@ static enum type type_of(const char *element)
                  {"Int32", TYPE_INT32},   {"Boolean", TYPE_BOOLEAN}, {"Float32", TYPE_FLOAT32},
                  {"Int8", TYPE_INT8},     {"UInt8", TYPE_UINT8},     {"Int16", TYPE_INT16},
                  {"UInt16", TYPE_UINT16}, {"UInt32", TYPE_UINT32},   {"Int64", TYPE_INT64},
-                 {"UInt64", TYPE_UINT64}};
+                 {"UInt64", TYPE_UINT64}, {"String", TYPE_STRING}};
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
         if (strcmp(known[i].element, element) == 0)
             return known[i].type;
@@ -140,11 +163,23 @@ static void declare(struct reader *r, const char *name, const char **a)
     if (!name || r->n_declared == VARIABLES_MAX)
         return;
     r->declared = more_room(r->declared, r->n_declared + 1, sizeof *r->declared);
-    r->declared[r->n_declared++] =
-        (struct declared){.name = keep(name),
-                          .unit = keep(attribute(a, "unit")),
-                          .low = bounded(number(attribute(a, "min"), -APC_VALUE_MAX)),
-                          .high = bounded(number(attribute(a, "max"), APC_VALUE_MAX))};
+    r->declared[r->n_declared++] = (struct declared){.name = keep(name),
+                                                     .unit = keep(attribute(a, "unit")),
+                                                     .low = number(attribute(a, "min"), -APC_VALUE_MAX),
+                                                     .high = number(attribute(a, "max"), APC_VALUE_MAX)};
+    r->is_type = true;
+}
+
+/* Of the enumeration that is being declared. */
+static void note_label(struct reader *r, const char **a)
+{
+    struct declared *const t = &r->declared[r->n_declared - 1];
+
+    if (!attribute(a, "name") || t->n_labels == VARIABLES_MAX)
+        return;
+    t->label = more_room(t->label, t->n_labels + 1, sizeof *t->label);
+    t->label[t->n_labels++] =
+        (struct label){.name = keep(attribute(a, "name")), .value = number(attribute(a, "value"), 0.0)};
 }
 
 static void begin_variable(struct reader *r, const char **a)
@@ -176,11 +211,18 @@ static void type_variable(struct reader *r, const char *element, const char **a)
         if (strcmp(r->declared[i].name, declared) == 0) {
             v->low = r->declared[i].low;
             v->high = r->declared[i].high;
+            v->label = r->declared[i].label;
+            v->n_labels = r->declared[i].n_labels;
+            free(v->unit);
             v->unit = keep(r->declared[i].unit);
         }
-    v->low = bounded(number(attribute(a, "min"), v->low));
-    v->high = bounded(number(attribute(a, "max"), v->high));
-    v->start = number(attribute(a, "start"), 0.0);
+    v->low = number(attribute(a, "min"), v->low);
+    v->high = number(attribute(a, "max"), v->high);
+    narrow(v);
+    if (v->type == TYPE_STRING || v->type == TYPE_NONE)
+        v->text = keep(v->type == TYPE_NONE ? element : attribute(a, "start"));
+    else
+        v->start = number(attribute(a, "start"), fmin(fmax(0.0, v->low), v->high));
     const char *const of = attribute(a, "derivative");
     r->has_of = of && v->type == TYPE_FLOAT64;
     r->of = r->has_of ? strtoul(of, NULL, 10) : 0;
@@ -196,6 +238,7 @@ static struct variable copy(const struct variable *v)
     made.name = keep(v->name);
     made.unit = keep(v->unit);
     made.description = keep(v->description);
+    made.text = NULL;
     return made;
 }
 
@@ -204,6 +247,7 @@ static void drop(struct variable *v)
     free(v->name);
     free(v->unit);
     free(v->description);
+    free(v->text);
 }
 
 static void note_quantity(struct reader *r)
@@ -239,7 +283,10 @@ static void end_variable(struct reader *r)
     note_quantity(r);
     while (k < KIND_STATE && strcmp(kinds[k], r->causality) != 0)
         k++;
-    if (k == KIND_STATE || v->type == TYPE_NONE || !v->name[0]) {
+    if (k == KIND_PARAMETER && (v->type == TYPE_STRING || v->type == TYPE_NONE))
+        k = v->type == TYPE_STRING ? KIND_TEXT : KIND_FIXED;
+    if (k == KIND_STATE || (k < KIND_STATE && (v->type == TYPE_STRING || v->type == TYPE_NONE)) ||
+        !v->name[0]) {
         drop(v);
         return;
     }
@@ -249,6 +296,21 @@ static void end_variable(struct reader *r)
     }
     r->d->of[k] = more_room(r->d->of[k], r->d->n[k] + 1, sizeof *v);
     r->d->of[k][r->d->n[k]++] = *v;
+}
+
+/* Among the definitions of types. */
+static void begin_type(struct reader *r, const char *element, const char **a)
+{
+    const char *const ending = strlen(element) > 4 ? element + strlen(element) - 4 : "";
+
+    if (strcmp(element, "SimpleType") == 0)
+        snprintf(r->declaring, sizeof r->declaring, "%s", attribute(a, "name") ? attribute(a, "name") : "");
+    else if (strcmp(element, "Item") == 0 && r->is_type)
+        note_label(r, a);
+    else if (r->d->version == 3
+                 ? strcmp(ending, "Type") == 0
+                 : r->declaring[0] && (type_of(element) != TYPE_NONE || strcmp(element, "Enumeration") == 0))
+        declare(r, r->d->version == 2 ? r->declaring : attribute(a, "name"), a);
 }
 
 static void begin(void *ctx, const char *element, const char **a)
@@ -274,13 +336,7 @@ static void begin(void *ctx, const char *element, const char **a)
     } else if (r->d->version == 3 && strcmp(element, "ContinuousStateDerivative") == 0) {
         note_derivative(r, attribute(a, "valueReference"));
     } else if (!r->in_variables) {
-        const char *const ending = strlen(element) > 4 ? element + strlen(element) - 4 : "";
-        if (strcmp(element, "SimpleType") == 0)
-            snprintf(r->declaring, sizeof r->declaring, "%s",
-                     attribute(a, "name") ? attribute(a, "name") : "");
-        else if (r->d->version == 2 ? type_of(element) != TYPE_NONE && r->declaring[0]
-                                    : strcmp(ending, "Type") == 0)
-            declare(r, r->d->version == 2 ? r->declaring : attribute(a, "name"), a);
+        begin_type(r, element, a);
     } else if (strcmp(element, "ScalarVariable") == 0) {
         begin_variable(r, a);
     } else if (r->d->version == 2 && r->is_variable) {
@@ -291,6 +347,11 @@ static void begin(void *ctx, const char *element, const char **a)
         type_variable(r, element, a);
     } else if (r->is_variable && strcmp(element, "Dimension") == 0) {
         r->variable.type = TYPE_NONE;
+        free(r->variable.text);
+        r->variable.text = keep("array");
+    } else if (r->is_variable && r->variable.type == TYPE_STRING && strcmp(element, "Start") == 0) {
+        free(r->variable.text);
+        r->variable.text = keep(attribute(a, "value"));
     }
 }
 
@@ -304,11 +365,12 @@ static void end(void *ctx, const char *element)
         r->in_derivatives = false;
     else if (strcmp(element, "SimpleType") == 0)
         r->declaring[0] = '\0';
+    else if (strcmp(element, "TypeDefinitions") == 0)
+        r->is_type = false;
     else if (r->in_variables && r->is_variable &&
              (r->d->version == 2 ? strcmp(element, "ScalarVariable") == 0
                                  : type_of(element) != TYPE_NONE || strcmp(element, "Enumeration") == 0 ||
-                                       strcmp(element, "String") == 0 || strcmp(element, "Binary") == 0 ||
-                                       strcmp(element, "Clock") == 0))
+                                       strcmp(element, "Binary") == 0 || strcmp(element, "Clock") == 0))
         end_variable(r);
 }
 
@@ -362,18 +424,12 @@ static void check(const struct description *d)
 {
     if (!d->co_simulation)
         refuse("it is an FMU for model exchange, without a solver: export it for co-simulation");
-    if (d->needs_tool)
-        refuse("it needs the tool that made it to run (needsExecutionTool): export it with its solver");
     if (!is_identifier(d->identifier))
         refuse("modelDescription.xml: \"%.40s\" is no modelIdentifier: letters, digits and _ are expected",
                d->identifier);
     if (d->n[KIND_INPUT] == 0 || d->n[KIND_OUTPUT] == 0)
         refuse("it has %zu inputs and %zu outputs that are numbers; a plant has one of each at least",
                d->n[KIND_INPUT], d->n[KIND_OUTPUT]);
-    if (!d->variable_step && !(d->step > 0.0 && d->step < 1e6))
-        refuse(
-            "it cannot take steps of any length (canHandleVariableCommunicationStepSize), and says no length "
-            "that it can: stepSize of its DefaultExperiment");
 }
 
 void description_read(struct description *d, const char *text, size_t length)
@@ -391,11 +447,13 @@ void description_read(struct description *d, const char *text, size_t length)
                r.problem[0] ? r.problem : XML_ErrorString(XML_GetErrorCode(r.parser)));
     XML_ParserFree(r.parser);
     find_states(&r);
-    for (size_t i = 0; i < r.n_declared; i++) {
+    for (size_t i = 0; i < r.n_declared; i++) { /* its labels are the variables' */
         free(r.declared[i].name);
         free(r.declared[i].unit);
     }
     free(r.declared);
+    if (!(d->step > 0.0 && d->step < 1e6))
+        d->step = 0.0;
     check(d);
 }
 

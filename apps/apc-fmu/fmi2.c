@@ -9,8 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING };
-
 typedef void *instance;
 struct callbacks {
     void (*logger)(void *environment, const char *name, int status, const char *category, const char *message,
@@ -33,7 +31,11 @@ static struct {
     int (*set_real)(instance, const unsigned *reference, size_t n, const double *value);
     int (*set_integer)(instance, const unsigned *reference, size_t n, const int *value);
     int (*set_boolean)(instance, const unsigned *reference, size_t n, const int *value);
+    int (*set_string)(instance, const unsigned *reference, size_t n, const char *const *value);
     int (*do_step)(instance, double t, double h, int no_way_back);
+    /* Of a step that it has discarded; NULL where it has none. */
+    int (*real_status)(instance, int what, double *value);
+    int (*boolean_status)(instance, int what, int *value);
 } call;
 static instance self;
 
@@ -44,7 +46,7 @@ static void say(void *environment, const char *name, int status, const char *cat
 
     (void)environment;
     (void)name;
-    if (status == OK || !message)
+    if (status == STATUS_OK || !message)
         return;
     va_start(arguments, message);
     fprintf(stderr, "%s: ", category ? category : "");
@@ -71,29 +73,18 @@ static const char *load(void *library)
                   {"fmi2SetReal", &call.set_real},
                   {"fmi2SetInteger", &call.set_integer},
                   {"fmi2SetBoolean", &call.set_boolean},
-                  {"fmi2DoStep", &call.do_step}};
+                  {"fmi2DoStep", &call.do_step},
+                  {"fmi2SetString", &call.set_string},
+                  {"fmi2GetRealStatus", &call.real_status},
+                  {"fmi2GetBooleanStatus", &call.boolean_status}};
 
     for (size_t i = 0; i < sizeof needed / sizeof needed[0]; i++) {
         void *const address = dlsym(library, needed[i].name);
-        if (!address)
+        if (!address && i < sizeof needed / sizeof needed[0] - 3) /* the last ones may never be needed */
             return needed[i].name;
         memcpy(needed[i].at, &address, sizeof address);
     }
     return NULL;
-}
-
-static bool well(int status, const char *what)
-{
-    if (status == OK || status == WARNING)
-        return true;
-    fprintf(stderr, "%s: %s\n", what,
-            status == DISCARD ? "discarded"
-            : status == ERROR ? "error"
-            : status == FATAL ? "fatal error"
-                              : "not done");
-    if (status == FATAL)
-        exit(EXIT_FAILURE); /* of no use any more */
-    return false;
 }
 
 static bool instantiate(const struct description *d, const char *folder)
@@ -103,29 +94,35 @@ static bool instantiate(const struct description *d, const char *folder)
 
     snprintf(resources, sizeof resources, "file://%s/resources", folder);
     self = call.instantiate(d->name, 1, d->token, resources, &callbacks, 0, 1);
-    return self && well(call.set_up(self, 0, 0.0, 0.0, 0, 0.0), "fmi2SetupExperiment");
+    return self && status_well(call.set_up(self, 0, 0.0, 0.0, 0, 0.0), "fmi2SetupExperiment");
 }
 
 static bool enter(void)
 {
-    return well(call.enter(self), "fmi2EnterInitializationMode");
+    return status_well(call.enter(self), "fmi2EnterInitializationMode");
 }
 
 static bool leave(void)
 {
-    return well(call.leave(self), "fmi2ExitInitializationMode");
+    return status_well(call.leave(self), "fmi2ExitInitializationMode");
 }
 
+/* It was looked at before whether it fits. */
 static bool set(const struct variable *v, double value)
 {
-    const int whole = v->type == TYPE_BOOLEAN ? value >= 0.5
-                      : v->type == TYPE_INT32 ? (int)lrint(fmax(fmin(value, INT32_MAX), INT32_MIN))
-                                              : 0;
+    const int whole = v->type == TYPE_BOOLEAN ? value >= 0.5 : v->type == TYPE_INT32 ? (int)lrint(value) : 0;
 
-    return well(v->type == TYPE_FLOAT64 ? call.set_real(self, &v->reference, 1, &value)
-                : v->type == TYPE_INT32 ? call.set_integer(self, &v->reference, 1, &whole)
-                                        : call.set_boolean(self, &v->reference, 1, &whole),
-                v->name);
+    return status_well(v->type == TYPE_FLOAT64 ? call.set_real(self, &v->reference, 1, &value)
+                       : v->type == TYPE_INT32 ? call.set_integer(self, &v->reference, 1, &whole)
+                                               : call.set_boolean(self, &v->reference, 1, &whole),
+                       v->name);
+}
+
+static bool set_text(const struct variable *v, const char *text)
+{
+    if (!call.set_string)
+        fputs("its library does not export fmi2SetString\n", stderr);
+    return call.set_string && status_well(call.set_string(self, &v->reference, 1, &text), v->name);
 }
 
 static bool get(const struct variable *v, double *value)
@@ -133,21 +130,48 @@ static bool get(const struct variable *v, double *value)
     int whole = 0, status;
 
     if (v->type == TYPE_FLOAT64)
-        return well(call.get_real(self, &v->reference, 1, value), v->name);
+        return status_well(call.get_real(self, &v->reference, 1, value), v->name);
     status = v->type == TYPE_INT32 ? call.get_integer(self, &v->reference, 1, &whole)
                                    : call.get_boolean(self, &v->reference, 1, &whole);
     *value = whole;
-    return well(status, v->name);
+    return status_well(status, v->name);
 }
 
 static bool get_float64(const uint32_t *reference, size_t n, double *value)
 {
-    return well(call.get_real(self, reference, n, value), "fmi2GetReal");
+    return status_well(call.get_real(self, reference, n, value), "fmi2GetReal");
 }
 
-static bool step(double t, double h)
+/* What it says of a step that it has discarded. */
+static void explain(double t, double h, double *reached)
 {
-    return well(call.do_step(self, t, h, 1), "fmi2DoStep");
+    enum { LAST_SUCCESSFUL_TIME = 2, TERMINATED };
+    double last = t;
+    int ended = 0;
+
+    if (call.real_status && call.real_status(self, LAST_SUCCESSFUL_TIME, &last) == STATUS_OK && last > t &&
+        last <= t + h)
+        *reached = last;
+    if (call.boolean_status && call.boolean_status(self, TERMINATED, &ended) == STATUS_OK && ended) {
+        fprintf(stderr, "the model has come to its end, at %g s\n", *reached);
+        fmu_spent = true;
+    } else {
+        fprintf(stderr, "it got from %g s to %g s, not to %g s\n", t, *reached, t + h);
+    }
+}
+
+static bool step(double t, double h, double *reached)
+{
+    const int status = call.do_step(self, t, h, 1);
+
+    *reached = t;
+    if (status_well(status, "fmi2DoStep")) {
+        *reached = t + h;
+        return true;
+    }
+    if (status == STATUS_DISCARD)
+        explain(t, h, reached);
+    return false;
 }
 
 const struct standard fmi2 = {.load = load,
@@ -155,6 +179,7 @@ const struct standard fmi2 = {.load = load,
                               .enter = enter,
                               .leave = leave,
                               .set = set,
+                              .set_text = set_text,
                               .get = get,
                               .get_float64 = get_float64,
                               .step = step};

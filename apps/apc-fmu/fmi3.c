@@ -8,23 +8,21 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { OK, WARNING, DISCARD, ERROR, FATAL };
-
 typedef void *instance;
 
-/* Of each type of number: what it is called, what it is in C, what it may be. */
+/* Of each type of number: what it is called, and what it is in C. */
 #define TYPES(X)                                                                                             \
-    X(FLOAT64, Float64, double, -HUGE_VAL, HUGE_VAL)                                                         \
-    X(FLOAT32, Float32, float, -HUGE_VAL, HUGE_VAL)                                                          \
-    X(INT8, Int8, int8_t, INT8_MIN, INT8_MAX)                                                                \
-    X(UINT8, UInt8, uint8_t, 0, UINT8_MAX)                                                                   \
-    X(INT16, Int16, int16_t, INT16_MIN, INT16_MAX)                                                           \
-    X(UINT16, UInt16, uint16_t, 0, UINT16_MAX)                                                               \
-    X(INT32, Int32, int32_t, INT32_MIN, INT32_MAX)                                                           \
-    X(UINT32, UInt32, uint32_t, 0, UINT32_MAX)                                                               \
-    X(INT64, Int64, int64_t, -9e15, 9e15)                                                                    \
-    X(UINT64, UInt64, uint64_t, 0, 9e15)                                                                     \
-    X(BOOLEAN, Boolean, bool, 0, 1)
+    X(FLOAT64, Float64, double)                                                                              \
+    X(FLOAT32, Float32, float)                                                                               \
+    X(INT8, Int8, int8_t)                                                                                    \
+    X(UINT8, UInt8, uint8_t)                                                                                 \
+    X(INT16, Int16, int16_t)                                                                                 \
+    X(UINT16, UInt16, uint16_t)                                                                              \
+    X(INT32, Int32, int32_t)                                                                                 \
+    X(UINT32, UInt32, uint32_t)                                                                              \
+    X(INT64, Int64, int64_t)                                                                                 \
+    X(UINT64, UInt64, uint64_t)                                                                              \
+    X(BOOLEAN, Boolean, bool)
 
 static struct {
     instance (*instantiate)(
@@ -35,7 +33,9 @@ static struct {
     int (*leave)(instance);
     int (*do_step)(instance, double t, double h, bool no_way_back, bool *event, bool *ends, bool *early,
                    double *last);
-#define MEMBERS(TYPE, Name, c, low, high)                                                                    \
+    int (*set_string)(instance, const uint32_t *reference, size_t n, const char *const *value,
+                      size_t n_values);
+#define MEMBERS(TYPE, Name, c)                                                                               \
     int (*get_##Name)(instance, const uint32_t *reference, size_t n, c *value, size_t n_values);             \
     int (*set_##Name)(instance, const uint32_t *reference, size_t n, const c *value, size_t n_values);
     TYPES(MEMBERS)
@@ -45,7 +45,7 @@ static instance self;
 static void say(void *environment, int status, const char *category, const char *message)
 {
     (void)environment;
-    if (status != OK)
+    if (status != STATUS_OK)
         fprintf(stderr, "%s: %s\n", category ? category : "", message ? message : "");
 }
 
@@ -58,8 +58,7 @@ static const char *load(void *library)
                   {"fmi3EnterInitializationMode", &call.enter},
                   {"fmi3ExitInitializationMode", &call.leave},
                   {"fmi3DoStep", &call.do_step},
-#define SYMBOLS(TYPE, Name, c, low, high)                                                                    \
-    {"fmi3Get" #Name, &call.get_##Name}, {"fmi3Set" #Name, &call.set_##Name},
+#define SYMBOLS(TYPE, Name, c) {"fmi3Get" #Name, &call.get_##Name}, {"fmi3Set" #Name, &call.set_##Name},
                   TYPES(SYMBOLS)};
 
     for (size_t i = 0; i < sizeof needed / sizeof needed[0]; i++) {
@@ -68,20 +67,9 @@ static const char *load(void *library)
             return needed[i].name;
         memcpy(needed[i].at, &address, sizeof address);
     }
+    void *const address = dlsym(library, "fmi3SetString"); /* that may never be needed */
+    memcpy(&call.set_string, &address, sizeof address);
     return NULL;
-}
-
-static bool well(int status, const char *what)
-{
-    if (status == OK || status == WARNING)
-        return true;
-    fprintf(stderr, "%s: %s\n", what,
-            status == DISCARD ? "discarded"
-            : status == ERROR ? "error"
-                              : "fatal error");
-    if (status == FATAL)
-        exit(EXIT_FAILURE); /* of no use any more */
-    return false;
 }
 
 static bool instantiate(const struct description *d, const char *folder)
@@ -96,24 +84,24 @@ static bool instantiate(const struct description *d, const char *folder)
 
 static bool enter(void)
 {
-    return well(call.enter(self, false, 0.0, 0.0, false, 0.0), "fmi3EnterInitializationMode");
+    return status_well(call.enter(self, false, 0.0, 0.0, false, 0.0), "fmi3EnterInitializationMode");
 }
 
 static bool leave(void)
 {
-    return well(call.leave(self), "fmi3ExitInitializationMode");
+    return status_well(call.leave(self), "fmi3ExitInitializationMode");
 }
 
+/* It was looked at before whether it fits. */
 static bool set(const struct variable *v, double value)
 {
     switch (v->type) {
-#define SET(TYPE, Name, c, low, high)                                                                        \
+#define SET(TYPE, Name, c)                                                                                   \
     case TYPE_##TYPE: {                                                                                      \
-        const c own =                                                                                        \
-            (c)fmax(fmin(TYPE_##TYPE == TYPE_FLOAT64 || TYPE_##TYPE == TYPE_FLOAT32 ? value : rint(value),   \
-                         (double)(high)),                                                                    \
-                    (double)(low));                                                                          \
-        return well(call.set_##Name(self, &v->reference, 1, &own, 1), v->name);                              \
+        const c own = (c)(TYPE_##TYPE == TYPE_FLOAT64 || TYPE_##TYPE == TYPE_FLOAT32 ? value                 \
+                          : TYPE_##TYPE == TYPE_BOOLEAN                              ? value >= 0.5          \
+                                                                                     : rint(value));                                      \
+        return status_well(call.set_##Name(self, &v->reference, 1, &own, 1), v->name);                       \
     }
         TYPES(SET)
     default:
@@ -121,15 +109,22 @@ static bool set(const struct variable *v, double value)
     }
 }
 
+static bool set_text(const struct variable *v, const char *text)
+{
+    if (!call.set_string)
+        fputs("its library does not export fmi3SetString\n", stderr);
+    return call.set_string && status_well(call.set_string(self, &v->reference, 1, &text, 1), v->name);
+}
+
 static bool get(const struct variable *v, double *value)
 {
     switch (v->type) {
-#define GET(TYPE, Name, c, low, high)                                                                        \
+#define GET(TYPE, Name, c)                                                                                   \
     case TYPE_##TYPE: {                                                                                      \
         c own = 0;                                                                                           \
         const int status = call.get_##Name(self, &v->reference, 1, &own, 1);                                 \
         *value = (double)own;                                                                                \
-        return well(status, v->name);                                                                        \
+        return status_well(status, v->name);                                                                 \
     }
         TYPES(GET)
     default:
@@ -139,21 +134,25 @@ static bool get(const struct variable *v, double *value)
 
 static bool get_float64(const uint32_t *reference, size_t n, double *value)
 {
-    return well(call.get_Float64(self, reference, n, value, n), "fmi3GetFloat64");
+    return status_well(call.get_Float64(self, reference, n, value, n), "fmi3GetFloat64");
 }
 
-static bool step(double t, double h)
+static bool step(double t, double h, double *reached)
 {
     bool event = false, ends = false, early = false;
-    double last = t + h;
+    double last = t;
+    const int status = call.do_step(self, t, h, true, &event, &ends, &early, &last);
+    const bool well = status_well(status, "fmi3DoStep");
 
-    if (!well(call.do_step(self, t, h, true, &event, &ends, &early, &last), "fmi3DoStep"))
-        return false;
-    if (ends)
-        fprintf(stderr, "fmi3DoStep: the model has come to its end\n");
-    else if (early)
-        fprintf(stderr, "fmi3DoStep: returned early, at %g s, which nobody allowed\n", last);
-    return !ends && !early;
+    *reached = well && !early && !ends ? t + h : last > t && last <= t + h ? last : t;
+    if (well && ends) {
+        fprintf(stderr, "fmi3DoStep: the model has come to its end, at %g s\n", *reached);
+        fmu_spent = true;
+    } else if ((well && early) || status == STATUS_DISCARD) {
+        fprintf(stderr, "%sit got from %g s to %g s, not to %g s\n",
+                well ? "fmi3DoStep: returned early, which nobody allowed: " : "", t, *reached, t + h);
+    }
+    return well && !ends && !early;
 }
 
 const struct standard fmi3 = {.load = load,
@@ -161,6 +160,7 @@ const struct standard fmi3 = {.load = load,
                               .enter = enter,
                               .leave = leave,
                               .set = set,
+                              .set_text = set_text,
                               .get = get,
                               .get_float64 = get_float64,
                               .step = step};

@@ -41,7 +41,7 @@ void archive_remove(void);
 
 /* How a variable is read and written: those that an FMU of version 2 has first. */
 enum type {
-    TYPE_NONE = 0, /* texts, clocks, arrays: nothing that a signal could be */
+    TYPE_NONE = 0, /* bytes, clocks, arrays: nothing that could be set or read */
     TYPE_FLOAT64,
     TYPE_INT32,
     TYPE_BOOLEAN,
@@ -53,23 +53,33 @@ enum type {
     TYPE_UINT32,
     TYPE_INT64,
     TYPE_UINT64,
+    TYPE_STRING, /* as a parameter alone */
     N_TYPES
 };
 
-enum kind { KIND_INPUT, KIND_OUTPUT, KIND_PARAMETER, KIND_STATE, N_KINDS };
+/* KIND_FIXED: parameters that stay as they are. */
+enum kind { KIND_INPUT, KIND_OUTPUT, KIND_PARAMETER, KIND_STATE, KIND_TEXT, KIND_FIXED, N_KINDS };
+
+/* What an enumeration calls one of its numbers. */
+struct label {
+    char *name;
+    double value;
+};
 
 struct variable {
-    char *name, *unit, *description;
+    char *name, *unit, *description, *text; /* text: the start of a TYPE_STRING; of KIND_FIXED what it is */
     uint32_t reference;
     enum type type;
-    double start, low, high;
+    double start, low, high;   /* low, high: within what the type holds */
+    const struct label *label; /* its type's [n_labels] */
+    size_t n_labels;
 };
 
 struct description {
     unsigned version; /* 2 or 3 */
     char *name, *description, *token, *identifier;
     bool co_simulation, variable_step, needs_tool;
-    double step; /* where it is not variable; 0: it says none */
+    double step; /* where it is not variable; 0: it says none, and any that stays the same will do */
     struct variable *of[N_KINDS];
     size_t n[N_KINDS];
     struct variable *derivative; /* of each state */
@@ -81,6 +91,12 @@ void description_library(const struct description *d, char *path, size_t size);
 
 /* ---- Running ------------------------------------------------------------------------------- */
 
+enum status { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL, STATUS_PENDING };
+/* Is it well? Why not is printed. After an error the standard lets nothing be asked of it but its end. */
+bool status_well(int status, const char *what);
+/* It has come to its end, or had an error: another process is needed. */
+extern bool fmu_spent;
+
 /* A version of the standard. What fails returns false; why was printed. */
 struct standard {
     /* Find all functions in @p library: NULL, or the name of the one that is missing. */
@@ -89,10 +105,12 @@ struct standard {
     bool (*enter)(void); /* initialisation */
     bool (*leave)(void);
     bool (*set)(const struct variable *v, double value);
+    bool (*set_text)(const struct variable *v, const char *text);
     bool (*get)(const struct variable *v, double *value);
     /* Of @p n of TYPE_FLOAT64, in one call. */
     bool (*get_float64)(const uint32_t *reference, size_t n, double *value);
-    bool (*step)(double t, double h);
+    /* *reached: how far it came, also where it failed. */
+    bool (*step)(double t, double h, double *reached);
 };
 
 extern const struct standard fmi2, fmi3;

@@ -26,6 +26,7 @@
 #define MESSAGE (1 << 17)
 
 static bool serving; /* else a person has called us */
+bool fmu_spent;
 
 /* ---- Words ----------------------------------------------------------------------------------- */
 
@@ -102,19 +103,47 @@ static void line(const char *kind, const char *const *field, size_t n)
     tell(text, used);
 }
 
+/* With what its numbers are called. */
+static const char *described(const struct variable *v, char *text, size_t size)
+{
+    size_t used = (size_t)snprintf(text, size, "%s", v->description);
+
+    for (size_t i = 0; i < v->n_labels && used < size; i++)
+        used += (size_t)snprintf(text + used, size - used, "%s%g %s%s",
+                                 i                   ? ", "
+                                 : v->description[0] ? " ("
+                                                     : "(",
+                                 v->label[i].value, v->label[i].name, i + 1 < v->n_labels ? "" : ")");
+    return text;
+}
+
 static void describe(const struct description *d)
 {
-    static const char *const kinds[N_KINDS] = {"input", "output", "parameter", "state"};
+    static const char *const kinds[N_KINDS] = {"input", "output", "parameter", "state", "text", "fixed"};
 
     line("model", (const char *const[]){d->name[0] ? d->name : d->identifier, d->description}, 2);
     for (size_t k = 0; k < N_KINDS; k++)
         for (size_t i = 0; i < d->n[k]; i++) {
             const struct variable *const v = &d->of[k][i];
-            char start[32], low[32], high[32];
+            char start[32], low[32], high[32], text[600];
             snprintf(start, sizeof start, "%.17g", v->start);
             snprintf(low, sizeof low, "%.17g", v->low);
             snprintf(high, sizeof high, "%.17g", v->high);
-            line(kinds[k], (const char *const[]){v->name, v->unit, v->description, start, low, high}, 6);
+            if (k == KIND_TEXT || k == KIND_FIXED)
+                line(kinds[k], (const char *const[]){v->name, v->description, v->text}, 3);
+            else
+                line(kinds[k],
+                     (const char *const[]){v->name, v->unit, described(v, text, sizeof text), start, low,
+                                           high,
+                                           v->n_labels                                          ? "label"
+                                           : v->type == TYPE_BOOLEAN                            ? "truth"
+                                           : v->type == TYPE_FLOAT64 || v->type == TYPE_FLOAT32 ? "real"
+                                                                                                : "whole"},
+                     7);
+            for (size_t j = 0; j < v->n_labels && k < KIND_STATE; j++) {
+                snprintf(start, sizeof start, "%.17g", v->label[j].value);
+                line("label", (const char *const[]){v->label[j].name, start}, 2);
+            }
         }
 }
 
@@ -158,6 +187,7 @@ struct run {
     const struct variable **u, **y;
     size_t nu, ny;
     double *given;       /* to the inputs */
+    double length;       /* of its steps, where they are all alike; 0: that of the first one */
     uint32_t *y_float64; /* the outputs' references; NULL: they are of several types */
     double time;
 };
@@ -189,6 +219,18 @@ static char *read_file(const char *path, size_t *length)
     fclose(in);
     *length = used;
     return text;
+}
+
+bool status_well(int status, const char *what)
+{
+    static const char *const words[] = {"ok", "warning", "discarded", "error", "fatal error"};
+
+    if (status == STATUS_OK || status == STATUS_WARNING)
+        return true;
+    fprintf(stderr, "%s: %s\n", what,
+            status >= STATUS_DISCARD && status <= STATUS_FATAL ? words[status] : "not done");
+    fmu_spent |= status == STATUS_ERROR || status == STATUS_FATAL;
+    return false;
 }
 
 /* What is not linked to what it needs, as FMUs from Python are: their interpreter's library, by name. */
@@ -265,16 +307,35 @@ static bool give(const struct run *r, const double *u)
     return true;
 }
 
+/* Texts as they stand behind the numbers: the place, the bytes with their 0, these. */
+static bool set_texts(const struct run *r, const double *in, size_t n, size_t texts)
+{
+    for (size_t i = 0; i < texts; i++) {
+        const size_t bytes = n > 2 ? (size_t)in[1] : 0, length = 2 + (bytes + 7) / 8;
+        const char *const text = (const char *)(in + 2);
+        if (bytes == 0 || length > n || text[bytes - 1] != '\0')
+            refuse("asked to begin with texts that are none");
+        if (!r->fmi->set_text(variable(r, KIND_TEXT, in[0]), text))
+            return false;
+        in += length;
+        n -= length;
+    }
+    return true;
+}
+
 static bool begin(struct run *r, const char *folder, bool look, const double *in, size_t n, double *y)
 {
-    if (n < 3 || !(in[0] + in[1] + 2 * in[2] + 3 <= (double)n))
+    const double *const end = in + n;
+
+    if (n < 5 || !(in[0] + in[1] + 2 * in[2] + 5 <= (double)n))
         refuse("asked to begin with nothing");
     r->nu = (size_t)in[0];
     r->ny = (size_t)in[1];
-    const size_t np = (size_t)in[2];
+    const size_t np = (size_t)in[2], texts = (size_t)in[3];
+    r->length = r->d.step > 0.0 ? r->d.step : in[4];
     r->u = room(r->nu, sizeof(struct variable *));
     r->y = room(r->ny, sizeof(struct variable *));
-    in += 3;
+    in += 5;
     for (size_t i = 0; i < r->nu; i++)
         r->u[i] = variable(r, KIND_INPUT, *in++);
     for (size_t i = 0; i < r->ny; i++)
@@ -283,11 +344,17 @@ static bool begin(struct run *r, const char *folder, bool look, const double *in
     r->given = room(r->nu, sizeof *r->given);
     for (size_t i = 0; i < r->nu; i++)
         r->given[i] = (double)NAN;
-    if (!r->fmi->instantiate(&r->d, folder))
+    if (!r->fmi->instantiate(&r->d, folder)) {
+        fprintf(stderr, "no instance of it can be made%s\n",
+                r->d.needs_tool ? ": it needs the tool that made it (needsExecutionTool); is that here?"
+                                : "");
         return false;
+    }
     for (size_t i = 0; i < np; i++, in += 2)
         if (!r->fmi->set(variable(r, KIND_PARAMETER, in[0]), in[1]))
             return false;
+    if (!set_texts(r, in, (size_t)(end - in), texts))
+        return false;
     return r->fmi->enter() && (look || r->fmi->leave()) && outputs(r, y);
 }
 
@@ -334,15 +401,16 @@ static bool step(struct run *r, const double *in, size_t n, double *y)
     if (!give(r, in + 2))
         return false;
     if (r->d.variable_step && r->time < to - sliver) {
-        if (!r->fmi->step(r->time, r->time > t + sliver || r->time < t - sliver ? to - r->time : dt))
+        const double h = r->time > t + sliver || r->time < t - sliver ? to - r->time : dt;
+        if (!r->fmi->step(r->time, h, &r->time))
             return false;
         r->time = to;
     }
-    while (!r->d.variable_step && r->time + r->d.step <= to + sliver) {
-        if (!r->fmi->step(r->time, r->d.step))
+    if (!(r->length > 0.0))
+        r->length = dt;
+    while (!r->d.variable_step && r->time + r->length <= to + sliver)
+        if (!r->fmi->step(r->time, r->length, &r->time))
             return false;
-        r->time += r->d.step;
-    }
     return outputs(r, y);
 }
 
@@ -378,6 +446,8 @@ static int run(const char *folder)
         fflush(NULL);
         memcpy(out, &header, sizeof header);
         tell((const char *)out, sizeof header + n_out * sizeof(double));
+        if (fmu_spent)
+            _exit(EXIT_FAILURE);
     }
     free(in);
     free(out);

@@ -159,7 +159,7 @@ static void print_endless(const struct campaign *c)
         enum metric metric;
         const char *what;
     } of[] = {
-        {METRIC_IAE, "diverged"}, {METRIC_SETTLING, "did not settle"}, {METRIC_RETURN, "did not return"}};
+        {METRIC_IAE, "ended early"}, {METRIC_SETTLING, "did not settle"}, {METRIC_RETURN, "did not return"}};
     for (size_t loop = 0; loop < c->loops; loop++)
         for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
             unsigned n = 0, all = 0;

@@ -18,8 +18,9 @@ struct kind {
     size_t n;
     char letter;
     bool named_only; /* it has no values */
+    bool texts;      /* its values are texts */
 };
-#define KINDS         5
+#define KINDS         6
 #define MOST_SETTINGS 64
 
 /* A plant or a law as it is shown. */
@@ -48,13 +49,17 @@ static void of_model(const struct apc_model *m, struct entry *to)
     *to = (struct entry){
         .name = m->name,
         .description = m->description,
-        .kinds = {{"parameter", "parameters", m->param, m->np, 'p', false},
-                  {"state", "states", by_states->state, by_states->nx, 'x', false},
-                  {"input", "inputs", m->input, m->nu, 'u', false},
-                  {"disturbance", "disturbances", m->disturbance, m->nd, 'd', false},
-                  {"output", "outputs", m->output, m->ny, 'y', true}},
+        .kinds = {{"parameter", "parameters", m->param, m->np, 'p', false, false},
+                  {"state", "states", by_states->state, by_states->nx, 'x', false, false},
+                  {"input", "inputs", m->input, m->nu, 'u', false, false},
+                  {"disturbance", "disturbances", m->disturbance, m->nd, 'd', false, false},
+                  {"output", "outputs", m->output, m->ny, 'y', true, false}},
         .n_kinds = 5,
     };
+    struct kind *const texts = &to->kinds[to->n_kinds];
+    *texts = (struct kind){"text", "texts", NULL, 0, 't', true, true};
+    texts->table = apc_model_texts(m, &texts->n);
+    to->n_kinds += texts->n > 0;
 }
 
 static bool plant_built_in(size_t i, struct entry *to)
@@ -81,8 +86,9 @@ static void of_law(const struct apc_law *law, struct entry *to)
     *to = (struct entry){.name = law->name, .description = law->description, .n_kinds = 2};
     for (; law->settings && law->settings[n] && n < MOST_SETTINGS; n++)
         to->settings[n].name = law->settings[n];
-    to->kinds[0] = (struct kind){"parameter", "tuning parameters", law->tuning, law->n_tuning, 'p', false};
-    to->kinds[1] = (struct kind){"setting", "settings", to->settings, n, 's', true};
+    to->kinds[0] =
+        (struct kind){"parameter", "tuning parameters", law->tuning, law->n_tuning, 'p', false, false};
+    to->kinds[1] = (struct kind){"setting", "settings", to->settings, n, 's', true, false};
 }
 
 static bool law_built_in(size_t i, struct entry *to)
@@ -130,7 +136,7 @@ static void show_json(const struct entry *e)
             fputs(i ? ",\n    {" : "\n    {", stdout);
             print_json_text(stdout, "name", p->name);
             putchar(',');
-            print_json_text(stdout, "unit", text_of(p->unit));
+            print_json_text(stdout, e->kinds[k].texts ? "initial" : "unit", text_of(p->unit));
             putchar(',');
             print_json_text(stdout, "description", text_of(p->description));
             if (!e->kinds[k].named_only) {
@@ -158,8 +164,12 @@ static void show_csv(const struct entry *e)
             printf(",%s,", e->kinds[k].name);
             csv_put(stdout, p->name);
             putchar(',');
-            csv_put_quoted(stdout, text_of(p->unit));
-            if (e->kinds[k].named_only)
+            csv_put_quoted(stdout, e->kinds[k].texts ? "" : text_of(p->unit));
+            if (e->kinds[k].texts) {
+                putchar(',');
+                csv_put_quoted(stdout, text_of(p->unit));
+                fputs(",,,", stdout);
+            } else if (e->kinds[k].named_only)
                 fputs(",,,,", stdout);
             else
                 printf(",%s,%s,%s,", number(p->initial, a), number(p->low, b), number(p->high, c));
@@ -189,8 +199,11 @@ static int show_text(const struct entry *e)
             bool value = !e->kinds[k].named_only;
             print_cell(&table, PRINT_PLAIN, "%s", i ? "" : e->kinds[k].names);
             print_cell(&table, PRINT_PLAIN, "%s", p->name);
-            print_cell(&table, PRINT_PLAIN, "%s", value ? number(p->initial, text) : "");
-            print_cell(&table, PRINT_PLAIN, "%s", text_of(p->unit));
+            print_cell(&table, PRINT_PLAIN, "%s",
+                       e->kinds[k].texts ? text_of(p->unit)
+                       : value           ? number(p->initial, text)
+                                         : "");
+            print_cell(&table, PRINT_PLAIN, "%s", e->kinds[k].texts ? "" : text_of(p->unit));
             print_cell(&table, PRINT_PLAIN, "%s", value ? number(p->low, text) : "");
             print_cell(&table, PRINT_PLAIN, "%s", value ? number(p->high, text) : "");
             print_cell(&table, PRINT_PLAIN, "%s", text_of(p->description));

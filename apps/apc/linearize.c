@@ -105,6 +105,18 @@ static bool find(const struct apc_param *table, char letter, size_t n, const cha
     return false;
 }
 
+/* A parameter that is a text. */
+static int set_text(const struct cli *cli, const struct analysis *z, const char *name, const char *text)
+{
+    struct apc_error why;
+    const int rc = apc_model_set_text(z->model, name, text, &why);
+
+    if (rc == APC_ENOTFOUND)
+        return cli_error(cli, rc, "%s has no \"%s\"; `apc plants %s` shows what it has", z->model->name, name,
+                         cli->args[0]);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
 /* NAME=VALUE */
 static int set(const struct cli *cli, struct analysis *z, const char *text)
 {
@@ -113,19 +125,21 @@ static int set(const struct cli *cli, struct analysis *z, const char *text)
     const char *equals = strrchr(text, '=');
     char name[1024];
     double *at, value;
+    struct apc_error why;
 
-    if (!equals || apc_number_parse(equals + 1, &value) < 0)
-        return cli_usage(cli, "\"%s\": expected NAME=VALUE with a finite number", text);
+    if (!equals)
+        return cli_usage(cli, "\"%s\": expected NAME=VALUE", text);
     snprintf(name, sizeof name, "%.*s", (int)(equals - text), text);
     if (!find(m->param, 'p', m->np, name, z->p, &at, &found) &&
         !find(m->input, 'u', m->nu, name, z->u, &at, &found) &&
         !find(m->disturbance, 'd', m->nd, name, z->u + m->nu, &at, &found) &&
         !find(m->state, 'x', m->nx, name, z->x, &at, &found))
-        return cli_error(cli, APC_ENOTFOUND, "%s has no \"%s\"; `apc plants %s` shows what it has", m->name,
-                         name, cli->args[0]);
-    if (value < found->low || value > found->high)
-        return cli_error(cli, APC_EINVAL, "%s of %s is %g; it must lie in %g to %g", name, m->name, value,
-                         found->low, found->high);
+        return set_text(cli, z, name, equals + 1);
+    const int rc = apc_model_word(m, found, equals + 1, &value, &why);
+    if (rc == APC_EINVAL && apc_number_parse(equals + 1, &value) < 0)
+        return cli_usage(cli, "\"%s\": expected NAME=VALUE with a finite number", text);
+    if (rc < 0)
+        return cli_error(cli, APC_EINVAL, "%s: %s", m->name, why.text);
     *at = value;
     return EXIT_OK;
 }

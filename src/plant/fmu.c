@@ -14,6 +14,7 @@
 
 #include "base/companion.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +22,13 @@
 
 #define TIMEOUT_S 60
 
-enum table { INPUT, OUTPUT, PARAMETER, STATE, N_TABLES };
+enum table { INPUT, OUTPUT, PARAMETER, STATE, TEXT, FIXED, N_TABLES };
+
+/* Which numbers a variable takes. */
+struct sort {
+    enum { REAL, WHOLE, TRUTH, LABEL } kind;
+    size_t first, n; /* its labels */
+};
 
 struct fmu {
     struct apc_plugin plugin;
@@ -31,7 +38,12 @@ struct fmu {
     char **text; /* [n_text] what it said, that the tables point into */
     size_t n_text;
     struct apc_param *table[N_TABLES];
+    struct sort *sort[N_TABLES];
     size_t n[N_TABLES];
+    struct apc_param *label; /* [n_labels] what enumerations call their numbers: name, initial */
+    size_t n_labels;
+    struct sort *labelled;            /* whose labels come; NULL: nobody's */
+    char **given;                     /* [n[TEXT]] what was given to its texts; NULL: nothing */
     struct apc_param *input, *output; /* as they were chosen, and their places in the tables */
     size_t *input_place, *output_place;
 };
@@ -175,26 +187,56 @@ static char *field(char **line)
 
 static bool take_variable(struct fmu *f, enum table k, char *line)
 {
+    static const char *const kinds[] = {[WHOLE] = "whole", [TRUTH] = "truth", [LABEL] = "label"};
     struct apc_param *const more = realloc(f->table[k], (f->n[k] + 1) * sizeof(*more));
-    struct apc_param one = {.low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
+    struct sort *const sorts = more ? realloc(f->sort[k], (f->n[k] + 1) * sizeof(*sorts)) : NULL;
+    struct apc_param one = {.unit = "", .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
+    struct sort sort = {.first = f->n_labels};
+
+    if (more)
+        f->table[k] = more;
+    if (!sorts)
+        return false;
+    f->sort[k] = sorts;
+    one.name = field(&line);
+    if (k != TEXT && k != FIXED)
+        one.unit = field(&line);
+    one.description = field(&line);
+    if (k == TEXT || k == FIXED) { /* what it is, instead of numbers */
+        one.unit = field(&line);
+    } else {
+        (void)apc_number_parse(field(&line), &one.initial);
+        (void)apc_number_parse(field(&line), &one.low);
+        (void)apc_number_parse(field(&line), &one.high);
+        const char *const kind = field(&line);
+        for (unsigned i = WHOLE; i <= LABEL; i++)
+            if (strcmp(kinds[i], kind) == 0)
+                sort.kind = i;
+    }
+    more[f->n[k]] = one;
+    sorts[f->n[k]] = sort;
+    f->labelled = &sorts[f->n[k]++];
+    return true;
+}
+
+/* One more of the newest variable. */
+static bool take_label(struct fmu *f, char *line)
+{
+    struct apc_param *const more = f->labelled ? realloc(f->label, (f->n_labels + 1) * sizeof(*more)) : NULL;
 
     if (!more)
         return false;
-    f->table[k] = more;
-    one.name = field(&line);
-    one.unit = field(&line);
-    one.description = field(&line);
-    (void)apc_number_parse(field(&line), &one.initial);
-    (void)apc_number_parse(field(&line), &one.low);
-    (void)apc_number_parse(field(&line), &one.high);
-    more[f->n[k]++] = one;
+    f->label = more;
+    more[f->n_labels] = (struct apc_param){.name = field(&line)};
+    (void)apc_number_parse(field(&line), &more[f->n_labels++].initial);
+    f->labelled->n++;
     return true;
 }
 
 /* One message. Returns 1: that was the last, 0, or an error. */
 static int take_line(struct fmu *f, char *line, struct apc_error *why)
 {
-    static const char *const kinds[N_TABLES] = {"input", "output", "parameter", "state"};
+    static const char *const kinds[N_TABLES] = {"input", "output", "parameter", "state", "text", "fixed"};
     const char *const kind = field(&line);
     size_t k = 0;
 
@@ -203,6 +245,8 @@ static int take_line(struct fmu *f, char *line, struct apc_error *why)
     if (k < N_TABLES)
         return take_variable(f, (enum table)k, line) ? 0
                                                      : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+    if (strcmp(kind, "label") == 0)
+        return take_label(f, line) ? 0 : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
     if (strcmp(kind, "model") == 0) {
         f->model.name = field(&line);
         f->model.description = line;
@@ -249,8 +293,14 @@ static void close_fmu(struct apc_plugin *plugin)
     apc_companion_release(&f->keeper);
     for (size_t i = 0; i < f->n_text; i++)
         free(f->text[i]);
-    for (size_t k = 0; k < N_TABLES; k++)
+    for (size_t i = 0; f->given && i < f->n[TEXT]; i++)
+        free(f->given[i]);
+    free(f->given);
+    for (size_t k = 0; k < N_TABLES; k++) {
         free(f->table[k]);
+        free(f->sort[k]);
+    }
+    free(f->label);
     free(f->text);
     free(f->input);
     free(f->output);
@@ -340,6 +390,144 @@ int apc_model_choose(const struct apc_model *model, const char *const *input, si
     return 0;
 }
 
+/* ---- What they take ------------------------------------------------------------------------------ */
+
+#define WHOLE_MAX 9007199254740991.0 /* beyond it a number may have been another one when it was written */
+
+/* NULL: it is none. */
+static struct fmu *fmu_of(const struct apc_model *model)
+{
+    char *const at = (char *)(uintptr_t)model;
+
+    return apc_model_is_fmu(model) ? (struct fmu *)(void *)(at - offsetof(struct fmu, model))
+           : apc_fmu_shown(model)  ? (struct fmu *)(void *)(at - offsetof(struct fmu, shown))
+                                   : NULL;
+}
+
+/* Of a parameter or an input; any other is a real number. */
+static struct sort sort_of(const struct fmu *f, const struct apc_param *variable)
+{
+    for (size_t i = 0; f && i < f->n[PARAMETER]; i++)
+        if (variable == &f->table[PARAMETER][i])
+            return f->sort[PARAMETER][i];
+    for (size_t i = 0; f && i < f->n[INPUT]; i++)
+        if (variable == &f->input[i])
+            return f->sort[INPUT][f->input_place[i]];
+    return (struct sort){REAL, 0, 0};
+}
+
+/* What an enumeration has: "1 Off, 2 On". */
+static const char *labels_of(const struct fmu *f, const struct sort *sort, char *text, size_t size)
+{
+    size_t used = 0;
+
+    text[0] = '\0';
+    for (size_t i = sort->first; i < sort->first + sort->n && used < size; i++)
+        used += (size_t)snprintf(text + used, size - used, "%s%g %s", used ? ", " : "", f->label[i].initial,
+                                 f->label[i].name);
+    return text;
+}
+
+int apc_model_takes(const struct apc_model *model, const struct apc_param *variable, double value,
+                    struct apc_error *why)
+{
+    const struct fmu *const f = fmu_of(model);
+    const struct sort sort = sort_of(f, variable);
+    char labels[300];
+    size_t i = 0;
+
+    while (i < sort.n &&
+           !(f->label[sort.first + i].initial >= value && f->label[sort.first + i].initial <= value))
+        i++;
+    if (sort.kind == LABEL && i == sort.n)
+        return apc_fail(why, APC_EINVAL, "\"%s\" is %g: must be one of %s", variable->name, value,
+                        labels_of(f, &sort, labels, sizeof(labels)));
+    if (!(value >= variable->low && value <= variable->high && apc_value_ok(value)))
+        return apc_fail(why, APC_EINVAL, "\"%s\" is %g: must be from %g to %g", variable->name, value,
+                        variable->low, variable->high);
+    if (sort.kind != REAL && !(rint(value) >= value && rint(value) <= value && fabs(value) <= WHOLE_MAX))
+        return apc_fail(why, APC_EINVAL, "\"%s\" is %.17g: must be %s", variable->name, value,
+                        sort.kind == TRUTH ? "true or false, or 1 or 0"
+                                           : "a whole number, of 15 digits at most");
+    return 0;
+}
+
+int apc_model_takes_range(const struct apc_model *model, const struct apc_param *variable, double low,
+                          double high, struct apc_error *why)
+{
+    const struct fmu *const f = fmu_of(model);
+    const struct sort sort = sort_of(f, variable);
+    char labels[300];
+
+    if (low < variable->low || high > variable->high)
+        return apc_fail(why, APC_EINVAL, "%s of the model takes %g to %g", variable->name, variable->low,
+                        variable->high);
+    if (sort.kind == LABEL && (double)sort.n < variable->high - variable->low + 1)
+        return apc_fail(why, APC_EINVAL, "%s of the model takes nothing between %s", variable->name,
+                        labels_of(f, &sort, labels, sizeof(labels)));
+    return 0;
+}
+
+int apc_model_word(const struct apc_model *model, const struct apc_param *variable, const char *text,
+                   double *value, struct apc_error *why)
+{
+    const struct fmu *const f = fmu_of(model);
+    const struct sort sort = sort_of(f, variable);
+    char labels[300];
+
+    for (size_t i = sort.first; i < sort.first + sort.n; i++)
+        if (strcmp(f->label[i].name, text) == 0) {
+            *value = f->label[i].initial;
+            return apc_model_takes(model, variable, *value, why);
+        }
+    if (sort.kind == TRUTH && (strcmp(text, "true") == 0 || strcmp(text, "false") == 0)) {
+        *value = strcmp(text, "true") == 0;
+        return 0;
+    }
+    if (apc_number_parse(text, value) == 0)
+        return apc_model_takes(model, variable, *value, why);
+    return apc_fail(why, sort.kind == LABEL || sort.kind == TRUTH ? APC_ENOTFOUND : APC_EINVAL,
+                    "\"%s\" is \"%.80s\": must be %s%s", variable->name, text,
+                    sort.kind == LABEL   ? "one of "
+                    : sort.kind == TRUTH ? "true or false"
+                                         : "a number",
+                    sort.kind == LABEL ? labels_of(f, &sort, labels, sizeof(labels)) : "");
+}
+
+const struct apc_param *apc_model_texts(const struct apc_model *model, size_t *n)
+{
+    const struct fmu *const f = fmu_of(model);
+
+    *n = f ? f->n[TEXT] : 0;
+    return f ? f->table[TEXT] : NULL;
+}
+
+int apc_model_set_text(const struct apc_model *model, const char *name, const char *text,
+                       struct apc_error *why)
+{
+    struct fmu *const f = fmu_of(model);
+
+    for (size_t i = 0; f && i < f->n[FIXED]; i++)
+        if (strcmp(f->table[FIXED][i].name, name) == 0)
+            return apc_fail(why, APC_EINVAL, "\"%s\" is of the type %s, and stays as it is", name,
+                            f->table[FIXED][i].unit);
+    for (size_t i = 0; f && i < f->n[TEXT]; i++) {
+        if (strcmp(f->table[TEXT][i].name, name) != 0)
+            continue;
+        if (!text)
+            return apc_fail(why, APC_EINVAL, "\"%s\" must be text in double quotes", name);
+        char *const own = strdup(text);
+        if (!own)
+            return apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+        free(f->given[i]);
+        f->given[i] = own;
+        return 0;
+    }
+    return apc_fail(why, APC_ENOTFOUND, "%s has no text \"%s\"", model->name, name);
+}
+
+/* ---- The whole ------------------------------------------------------------------------------------- */
+
 bool apc_fmu_is_one(const char *name)
 {
     return ends_in(name, ".fmu") || ends_in(name, ".py");
@@ -365,7 +553,8 @@ int apc_fmu_open(const char *file, const struct apc_model **model, void **handle
         f->output = calloc(f->n[OUTPUT] + 1, sizeof(*f->output));
         f->input_place = calloc(f->n[INPUT] + 1, sizeof(*f->input_place));
         f->output_place = calloc(f->n[OUTPUT] + 1, sizeof(*f->output_place));
-        if (!f->input || !f->output || !f->input_place || !f->output_place)
+        f->given = calloc(f->n[TEXT] + 1, sizeof(*f->given));
+        if (!f->input || !f->output || !f->input_place || !f->output_place || !f->given)
             rc = apc_fail(why, APC_ENOMEM, "%s: no memory", file);
     }
     if (rc == 0) {
@@ -456,22 +645,44 @@ static bool revive(struct apc_companion *own)
     return well;
 }
 
+/* What is given to its texts, as numbers: the place, the bytes with their 0, these. Returns how many numbers
+ * these are; @p at NULL: nothing is written. */
+static size_t write_texts(const struct fmu *f, double *at)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < f->n[TEXT]; i++) {
+        const size_t bytes = f->given[i] ? strlen(f->given[i]) + 1 : 0;
+        if (bytes == 0)
+            continue;
+        if (at) {
+            at[n] = (double)i;
+            at[n + 1] = (double)bytes;
+            memcpy(at + n + 2, f->given[i], bytes);
+        }
+        n += 2 + (bytes + sizeof(*at) - 1) / sizeof(*at);
+    }
+    return n;
+}
+
 /* What it is to begin with: parameters that are other than its own. */
-static bool write_begin(struct runner *r)
+static bool write_begin(struct runner *r, double period)
 {
     const struct fmu *const f = r->fmu;
     const struct apc_model *const m = &f->model;
     double *at;
-    size_t np = 0;
+    size_t np = 0, texts = 0;
 
-    r->begin = calloc(1, sizeof(*r->begin) + (3 + m->nu + m->nd + m->ny + 2 * m->np) * sizeof(double));
+    r->begin = calloc(1, sizeof(*r->begin) +
+                             (5 + m->nu + m->nd + m->ny + 2 * m->np + write_texts(f, NULL)) * sizeof(double));
     if (!r->begin)
         return false;
     r->begin->request = FMU_BEGIN;
     double *const numbers = (double *)(void *)(r->begin + 1);
     numbers[0] = (double)(m->nu + m->nd);
     numbers[1] = (double)m->ny;
-    at = numbers + 3;
+    numbers[4] = period;
+    at = numbers + 5;
     for (size_t i = 0; i < m->nu + m->nd; i++)
         *at++ = (double)f->input_place[i];
     for (size_t i = 0; i < m->ny; i++)
@@ -483,7 +694,11 @@ static bool write_begin(struct runner *r)
         *at++ = r->p[i];
         np++;
     }
+    for (size_t i = 0; i < f->n[TEXT]; i++)
+        texts += f->given[i] != NULL;
+    at += write_texts(f, at);
     numbers[2] = (double)np;
+    numbers[3] = (double)texts;
     r->begin_length = (size_t)((char *)at - (char *)r->begin);
     return true;
 }
@@ -504,25 +719,31 @@ static void destroy(void *self)
 
 /* A process of the FMU, begun as @p with says: FMU_BEGIN or FMU_LOOK. */
 static int employ(struct runner **runner, const struct fmu *f, enum fmu_request with, const double *p,
-                  double patience, struct apc_error *why)
+                  const struct apc_plant_options *options, struct apc_error *why)
 {
     const struct apc_model *const model = &f->model;
     const size_t nx = with == FMU_LOOK ? f->n[STATE] : 0;
-    struct runner *const r = calloc(1, sizeof(*r));
+    struct runner *r;
     int rc;
 
+    for (size_t i = 0; i < model->np; i++) { /* what is its own is not set, whatever it is */
+        if ((p[i] < model->param[i].initial || p[i] > model->param[i].initial) &&
+            (rc = apc_model_takes(model, &model->param[i], p[i], why)) < 0)
+            return rc;
+    }
+    r = calloc(1, sizeof(*r));
     if (!r || apc_companion_open(&r->own, f->file, revive) < 0) {
         free(r);
         return apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
     }
     r->fmu = f;
     r->p = p;
-    r->patience = (apc_ns)(patience * 1e9);
+    r->patience = (apc_ns)(options->patience * 1e9);
     r->timeout = timeout();
     r->request = calloc(HEADER + 2 + nx + model->nu + model->nd, sizeof(double));
     r->answer = calloc((HEADER + nx + model->ny) * sizeof(double) + APC_FMU_TEXT + 1, 1);
     r->y = calloc(nx + model->ny, sizeof(double));
-    rc = r->request && r->answer && r->y && write_begin(r)
+    rc = r->request && r->answer && r->y && write_begin(r, options->period)
              ? 0
              : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
     if (rc == 0)
@@ -546,7 +767,7 @@ static int create(void **self, const struct apc_model *model, const double *p,
     const struct fmu *const f =
         (const struct fmu *)(const void *)((const char *)model - offsetof(struct fmu, model));
     struct runner *r = NULL;
-    const int rc = employ(&r, f, FMU_BEGIN, p, options->patience, why);
+    const int rc = employ(&r, f, FMU_BEGIN, p, options, why);
 
     *self = r;
     return rc;
@@ -661,7 +882,7 @@ int apc_fmu_look_open(struct apc_fmu_look **look, const struct apc_model *shown,
     const struct fmu *const f =
         (const struct fmu *)(const void *)((const char *)shown - offsetof(struct fmu, shown));
     struct runner *r = NULL;
-    const int rc = employ(&r, f, FMU_LOOK, p, 0.0, why);
+    const int rc = employ(&r, f, FMU_LOOK, p, &(struct apc_plant_options){.size = 0}, why);
 
     *look = (struct apc_fmu_look *)(void *)r;
     return rc;

@@ -5,14 +5,18 @@
  * `apc-fmu keep FILE` looks at the archive, unpacks it into a folder, describes it, and keeps the folder
  * until its other end of the socket is closed. It sends lines of fields with tabs between them, each a
  * message: error TEXT, or: model NAME DESCRIPTION; then of each variable input|output|parameter|state
- * NAME UNIT DESCRIPTION START LOW HIGH; then: folder PATH. States are those that can be set, and whose
- * derivatives can be read.
+ * NAME UNIT DESCRIPTION START LOW HIGH KIND, KIND being real (as without one), whole, truth or label; behind
+ * one of the last, each: label NAME VALUE. Parameters that are no numbers: text NAME DESCRIPTION START, and,
+ * of those that stay as they are: fixed NAME DESCRIPTION TYPE. At last: folder PATH. States are those that
+ * can be set, and whose derivatives can be read.
  *
  * `apc-fmu run FOLDER` runs one instance. A request is a struct fmu_header and numbers (double), the answer
  * likewise; where it failed, why was printed. A plant in Python says and is told the same, its folder being
  * the file, by `python3 -m libapc.plant`:
- *   BEGIN  nu, ny, np, places of the inputs [nu] and outputs [ny] among those that were described, place and
- *          value of parameters [2 * np]                                                       -> y [ny]
+ *   BEGIN  nu, ny, np, texts, the period (s) of the steps (0: as they come), places of the inputs [nu] and
+ *          outputs [ny] among those that were described, place and value of parameters [2 * np], of each text
+ *          that is set its place, its bytes with a 0 at the end, and these, as many numbers as hold them
+ *                                                                                             -> y [ny]
  *   LOOK   as BEGIN, and stays in its initialisation, to be asked for points
  *   POINT  x [nx], u [nu]: its states, all that were described, and inputs               -> x' [nx], y [ny]
  *   STEP   t, dt, u [nu]: from t on, where it was left or later, u holds until t + dt           -> y [ny]

@@ -46,6 +46,9 @@ static int take_options(struct apc_plant_options *ours, const struct apc_plant_o
     if (!(ours->patience >= 0.0 && isfinite(ours->patience)))
         return apc_fail(why, APC_EINVAL, "patience is %g s; it must be a finite number, 0 or above",
                         ours->patience);
+    if (!(ours->period >= 0.0 && isfinite(ours->period)))
+        return apc_fail(why, APC_EINVAL, "period is %g s; it must be a finite number, 0 or above",
+                        ours->period);
     if (ours->steps > 1000000)
         return apc_fail(why, APC_EINVAL, "integrator: %u steps in each interval; at most 1000000",
                         ours->steps);

@@ -112,6 +112,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
         .initial = runs ? initial : NULL,
     };
     how.integrator = e->plant.integrator[0] ? e->plant.integrator : NULL;
+    how.period = apc_ns_to_s(e->plant.rhythm.period);
     rc = experiment_draw(e, e->seed, p, why);
     if (rc == 0)
         rc = apc_plant_create(plant, e->plant.model, p, e->plant.x0, &how, why);

@@ -72,14 +72,18 @@ static void read_address(struct settings *s, const config_setting_t *group, cons
                       name, value, APC_PORT);
 }
 
-/* Text is a distribution, the value its mean. */
-static bool read_spread(struct settings *s, const config_setting_t *member, const struct apc_param *param,
-                        double *value, struct apc_distribution *spread)
+/* Text is a distribution, the value its mean, unless it is a word of the model's. */
+static bool read_spread(struct settings *s, const config_setting_t *member, const struct apc_model *model,
+                        const struct apc_param *param, double *value, struct apc_distribution *spread)
 {
     const char *text = config_setting_get_string(member);
     struct apc_error why;
+    double word;
 
     if (!text)
+        return false;
+    const int rc = apc_model_word(model, param, text, &word, &why);
+    if (rc == APC_ENOTFOUND || (rc == 0 && apc_number_parse(text, &word) < 0))
         return false;
     if (apc_distribution_parse(text, spread, &why) < 0)
         settings_fail(s, member, "\"%s\": %s", param->name, why.text);
@@ -90,10 +94,69 @@ static bool read_spread(struct settings *s, const config_setting_t *member, cons
     return true;
 }
 
+/* Whose parameters they are: a model's, or a law's (model NULL). */
+struct owner {
+    const char *name;
+    const struct apc_param *param;
+    size_t n;
+    const struct apc_model *model;
+};
+
+static struct owner owner_of(const struct apc_model *m)
+{
+    return (struct owner){m->name, m->param, m->np, m};
+}
+
+/* A number; true or false, or a label, of a model that has such. */
+static void read_value(struct settings *s, const config_setting_t *member, const struct apc_model *model,
+                       const struct apc_param *param, double *value)
+{
+    const char *text = config_setting_type(member) == CONFIG_TYPE_BOOL
+                           ? (config_setting_get_bool(member) ? "true" : "false")
+                           : config_setting_get_string(member);
+    double own = *value;
+    struct apc_error why;
+    int rc = 0;
+
+    if (text)
+        rc = apc_model_word(model, param, text, &own, &why);
+    else
+        settings_number_at(s, member, param->name, -APC_VALUE_MAX, APC_VALUE_MAX, &own);
+    if (!text && !s->failed)
+        rc = apc_model_takes(model, param, own, &why);
+    if (rc < 0)
+        settings_fail(s, member, "%s", why.text);
+    else if (!s->failed)
+        *value = own;
+}
+
+/* One that is none of the numbers: a text, or a mistake. */
+static void read_text(struct settings *s, const config_setting_t *member, const struct owner *owner,
+                      const char *name, struct nearest *nearest)
+{
+    size_t n = 0;
+    struct apc_error why;
+    const struct apc_param *texts = owner->model ? apc_model_texts(owner->model, &n) : NULL;
+    const int rc = owner->model
+                       ? apc_model_set_text(owner->model, name, config_setting_get_string(member), &why)
+                       : APC_ENOTFOUND;
+
+    for (size_t k = 0; k < n; k++)
+        nearest_look(nearest, texts[k].name);
+    if (rc < 0 && rc != APC_ENOTFOUND)
+        settings_fail(s, member, "%s", why.text);
+    else if (rc < 0)
+        settings_fail(s, member, "%s has no parameter \"%s\"%s%s%s", owner->name, name,
+                      nearest->name      ? ": did you mean \""
+                      : owner->n + n > 0 ? ""
+                                         : "; it has none at all",
+                      nearest->name ? nearest->name : "", nearest->name ? "\"?" : "");
+}
+
 /* Names of a group of parameters are those of the law or the model; absent ones keep their initial value.
  * @spread NULL: all are plain numbers. */
-static void read_params(struct settings *s, const config_setting_t *group, const struct apc_param *params,
-                        size_t n, const char *owner, double *values, struct apc_distribution *spread)
+static void read_params(struct settings *s, const config_setting_t *group, struct owner owner, double *values,
+                        struct apc_distribution *spread)
 {
     for (int i = 0; group && i < config_setting_length(group) && !s->failed; i++) {
         const char *name;
@@ -102,16 +165,15 @@ static void read_params(struct settings *s, const config_setting_t *group, const
         size_t j = 0;
         if (!member)
             return;
-        for (; j < n && strcmp(params[j].name, name) != 0; j++)
-            nearest_look(&nearest, params[j].name);
-        if (j == n)
-            settings_fail(s, member, "%s has no parameter \"%s\"%s%s%s", owner, name,
-                          nearest.name ? ": did you mean \""
-                          : n          ? ""
-                                       : "; it has none at all",
-                          nearest.name ? nearest.name : "", nearest.name ? "\"?" : "");
-        else if (!spread || !read_spread(s, member, &params[j], &values[j], &spread[j]))
-            settings_number_at(s, member, name, params[j].low, params[j].high, &values[j]);
+        for (; j < owner.n && strcmp(owner.param[j].name, name) != 0; j++)
+            nearest_look(&nearest, owner.param[j].name);
+        const struct apc_param *param = j < owner.n ? &owner.param[j] : NULL;
+        if (!param)
+            read_text(s, member, &owner, name, &nearest);
+        else if (!owner.model)
+            settings_number_at(s, member, name, param->low, param->high, &values[j]);
+        else if (!spread || !read_spread(s, member, owner.model, param, &values[j], &spread[j]))
+            read_value(s, member, owner.model, param, &values[j]);
     }
 }
 
@@ -122,7 +184,7 @@ void experiment_read_believed(struct settings *s, const config_setting_t *group,
     c->believed = array(s, m->np, sizeof *c->believed);
     for (size_t i = 0; c->believed && i < m->np; i++)
         c->believed[i] = e->plant.p[i];
-    read_params(s, settings_values(s, group, "parameters"), m->param, m->np, m->name, c->believed, NULL);
+    read_params(s, settings_values(s, group, "parameters"), owner_of(m), c->believed, NULL);
 }
 
 void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size)
@@ -207,8 +269,7 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
     for (size_t i = 0; i < model->np && e->plant.p; i++)
         e->plant.p[i] = model->param[i].initial;
     if (!chosen && !s->failed)
-        read_params(s, settings_values(s, group, "parameters"), model->param, model->np, model->name,
-                    e->plant.p, e->plant.spread);
+        read_params(s, settings_values(s, group, "parameters"), owner_of(model), e->plant.p, e->plant.spread);
     const config_setting_t *x0 = config_setting_get_member(group, "x0");
     if (x0 && !chosen && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
         settings_numbers(s, x0, model->nx, e->plant.x0);
@@ -326,7 +387,7 @@ static void read_tuning_list(struct settings *s, const config_setting_t *group, 
         if (!config_setting_is_group(one))
             settings_fail(s, one, "expected a group: { Kp = 1.0; ... }");
         check_scopes(s, one, law, measured);
-        read_params(s, one, law->tuning, law->n_tuning, law->name, values, NULL);
+        read_params(s, one, (struct owner){law->name, law->tuning, law->n_tuning, NULL}, values, NULL);
         for (size_t k = 0; k < apc_law_parameters(law, &c->dim); k++) {
             const struct apc_law_parameter at = apc_law_parameter_at(law, &c->dim, k);
             if (at.of == i && measured == (at.scope == APC_OF_MEASUREMENT))

@@ -135,6 +135,24 @@ static void compare_units(struct settings *s, const config_setting_t *group, con
                           signal[i].tag.name, signal[i].tag.unit, variable[i].name, variable[i].unit);
 }
 
+/* A command that an input cannot have would arrive as another one. */
+static void compare_ranges(struct settings *s, const config_setting_t *group, const struct experiment *e)
+{
+    const struct apc_model *const m = e->plant.model;
+    struct apc_error why;
+    for (size_t i = 0; i < e->dim.nu && !s->failed; i++) {
+        const struct apc_tag *const tag = &e->u[i].tag;
+        if (apc_model_takes_range(m, &m->input[i], tag->low, tag->high, &why) == 0)
+            continue;
+        if (tag->low <= -APC_VALUE_MAX || tag->high >= APC_VALUE_MAX)
+            settings_fail(s, group, "%s has no limits, and %s: give output %s \"low\" and \"high\" within",
+                          tag->name, why.text, tag->name);
+        else
+            settings_fail(s, group, "%s may be %g to %g, and %s: give output %s \"low\" and \"high\" within",
+                          tag->name, tag->low, tag->high, why.text, tag->name);
+    }
+}
+
 void experiment_choose_variables(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
     const bool own = e->plant.plugin.chosen; /* the file's names are of another model */
@@ -153,6 +171,8 @@ void experiment_choose_variables(struct settings *s, const config_setting_t *gro
         compare_units(s, group, e->u, e->dim.nu, e->plant.model->input);
     if (!s->failed)
         compare_units(s, group, e->y, e->dim.ny, e->plant.model->output);
+    if (!s->failed)
+        compare_ranges(s, group, e);
     free(input);
 }
 
@@ -176,6 +196,7 @@ static void read_disturbance(struct settings *s, const config_setting_t *group, 
 {
     static const char *const known[] = {"name", "at", "value", NULL};
     char name[EXPERIMENT_NAME] = "";
+    struct apc_error why;
     if (!config_setting_is_group(group)) {
         settings_fail(s, group, "expected a group: { name = \"...\"; at = 100.0; value = 1.0; }");
         return;
@@ -188,8 +209,9 @@ static void read_disturbance(struct settings *s, const config_setting_t *group, 
     change->at = seconds(s, group, "at", REQUIRED);
     if (s->failed)
         return;
-    settings_number(s, group, "value", REQUIRED, model->disturbance[change->k].low,
-                    model->disturbance[change->k].high, &change->value);
+    settings_number(s, group, "value", REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, &change->value);
+    if (!s->failed && apc_model_takes(model, &model->disturbance[change->k], change->value, &why) < 0)
+        settings_fail(s, config_setting_get_member(group, "value"), "%s", why.text);
 }
 
 static void read_disturbances(struct settings *s, const config_setting_t *list, struct experiment *e)

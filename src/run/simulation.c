@@ -226,7 +226,8 @@ static void plant_finish(void *ctx)
     tell_notice(s, "apc-plant", &notice);
     s->course.diverged = rc < 0 || diverged(s);
     if (rc < 0) {
-        stop(s, APC_ESOLVER, "the plant diverged at t = %g s: %s", time_of(s), apc_plant_error(s->plant));
+        stop(s, APC_ESOLVER, "the plant cannot be solved at t = %g s: %s", time_of(s),
+             apc_plant_error(s->plant));
     } else if (s->course.diverged) {
         describe_state(s, state, sizeof state);
         stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: beyond %g", time_of(s), state, DIVERGED);

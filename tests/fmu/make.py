@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pack tank.c's library as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
    names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck (what it says of them),
-   fmi=1.0, kind=ModelExchange, tool=true, fixed=STEP, platform=win64, entry=NAME, link=NAME, bytes=N (an entry of 1 MiB that says it is so long), xml=FILE."""
+   kinds=all (parameters of each kind), input=TYPE (of u, of its own limits where it is typed),
+   token=TEXT, fmi=1.0, kind=ModelExchange, tool=true, fixed=STEP, platform=win64, entry=NAME, link=NAME, bytes=N (an entry of 1 MiB that says it is so long), xml=FILE."""
 
 import sys
 import zipfile
@@ -14,7 +15,7 @@ step = f' stepSize="{how["fixed"]}"' if how.get("fixed") else ""
 about = [  # name, reference, causality, unit, start, more
     ("u", 0, "input", "V", 0.0, ""), ("d", 1, "input", "", 0.0, ""), ("y", 2, "output", how.get("unit", ""), None, ""),
     ("K", 3, "parameter", "", 10.0, ""), ("tau", 4, "parameter", "s", 10.0, ' min="0.1" max="1000"'),
-    ("trick", 5, "parameter", None, 0, ' min="0" max="10"')]
+    ("trick", 5, "parameter", None, 0, ' min="0" max="20"')]
 if how.get("names") == "structured":
     names = {"u": "valve[1].u", "d": "'a=b'.d", "y": "tank.'level, h'", "K": "tank.K", "tau": "tank.x[1,2]", "trick": "'it\\'s = &quot;'"}
     about = [(names[one[0]], *one[1:]) for one in about]
@@ -36,6 +37,14 @@ def variable_of(name, reference, causality, unit, start, more):
         common += ' variability="fixed"'
     value = "" if start is None else f' start="{start}"'
     unit_ = f' unit="{unit}"' if unit else ""
+    if reference == 0 and how.get("input") == "typed":
+        more += ' declaredType="Valve"'
+    elif reference == 0 and "input" in how:
+        value = "" if how["input"] == "Enumeration" else ' start="false"' if how["input"] == "Boolean" else ' start="0"'
+        more += ' declaredType="Mode"' if how["input"] == "Enumeration" else ""
+        if version == 2:
+            return f"<ScalarVariable {common}><{how['input']}{value}{more}/></ScalarVariable>"
+        return f"<{how['input']} {common}{value}{more}/>"
     if version == 2:
         element = "Integer" if unit is None else "Real"
         return f"<ScalarVariable {common}><{element}{value}{unit_}{more}/></ScalarVariable>"
@@ -44,14 +53,30 @@ def variable_of(name, reference, causality, unit, start, more):
     return f"<{element} {common}{variability}{value}{unit_}{more}/>"
 
 
+kinds = ""
+if how.get("kinds"):
+    note = '<String start="dry"/>'
+    wanted = ("mode", 9, '<Enumeration declaredType="Mode" start="2"/>'), ("note", 10, note), ("on", 11, '<Boolean start="true"/>')
+    for name, reference, element in wanted:
+        about_it = f'name="{name}" valueReference="{reference}" description="{name} of the tank" causality="parameter" variability="fixed"'
+        kinds += f"<ScalarVariable {about_it}>{element}</ScalarVariable>" if version == 2 else \
+            f'<String {about_it}><Start value="dry"/></String>' if element is note else element.replace(" ", f" {about_it} ", 1)
+    if version == 3:
+        fixed = 'causality="parameter" variability="fixed"'
+        kinds += f'<Binary name="blob" valueReference="12" {fixed}/>'
+        kinds += f'<Float64 name="table" valueReference="13" {fixed} start="1 2"><Dimension start="2"/></Float64>'
+items = '<Item name="Off" value="1"/><Item name="Normal" value="2"/><Item name="Fast" value="4"/>'
+types = f'<SimpleType name="Mode"><Enumeration>{items}</Enumeration></SimpleType><SimpleType name="Valve"><Real min="0" max="1"/></SimpleType>' \
+    if version == 2 else f'<EnumerationType name="Mode">{items}</EnumerationType><Float64Type name="Valve" min="0" max="1"/>'
 token = "guid" if version == 2 else "instantiationToken"
 xml = f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="{how.get("fmi", "2.0" if version == 2 else "3.0")}" modelName="tank" {token}="{{tank}}"
+<fmiModelDescription fmiVersion="{how.get("fmi", "2.0" if version == 2 else "3.0")}" modelName="tank" {token}="{how.get("token", "{tank}")}"
                      description="a tank with an inflow">
   <{kind} modelIdentifier="tank" canHandleVariableCommunicationStepSize="{variable}" needsExecutionTool="{how.get("tool", "false")}"/>
+  <TypeDefinitions>{types}</TypeDefinitions>
   <DefaultExperiment startTime="0"{step}/>
   <ModelVariables>
-    {"".join(variable_of(*one) for one in about)}
+    {"".join(variable_of(*one) for one in about)}{kinds}
   </ModelVariables>
   <ModelStructure>{'<Outputs><Unknown index="3"/></Outputs>' if version == 2 else '<Output valueReference="2"/>'}{structure}</ModelStructure>
 </fmiModelDescription>

@@ -3,8 +3,10 @@
  * A tank as an FMU, of version 2 or 3 (FMI): dx/dt = (-x + K u + d) / tau, y = x, exactly from one
  * communication point to the next. At the value 1 of its parameter `trick` and from 5 s on it hangs, at 2
  * crashes, at 3 returns an error, at 4 NaN, at 5 exits, at 6 prints without end, at 7 leaves a process behind
- * as it is killed, at 8 hangs as it begins, at 9 fails as it begins, at 10 fails at each other step. Its
- * state may be set, and its derivative read; there is also one that stays as it is, and a state that does.
+ * as it is killed, at 8 hangs as it begins, at 9 fails as it begins, at 10 discards each other step, at 11
+ * half of each, at 12 comes to its end in the middle of one, at 13 warns, at 14 returns early. Its state may
+ * be set, and its derivative read; there is also one that stays as it is, and a state that does. In `mode` 4
+ * it takes twice as much, without `on` nothing, and a `note` "leaky" lets 5 run out.
  */
 #include <math.h>
 #include <signal.h>
@@ -18,9 +20,15 @@
 
 #define EXPORT __attribute__((visibility("default")))
 
-enum { U, D, Y, K, TAU, TRICK, SLOPE, STUCK_SLOPE, STUCK, N };
+enum { U, D, Y, K, TAU, TRICK, SLOPE, STUCK_SLOPE, STUCK, MODE, NOTE, ON, N };
 
-static double v[N] = {[K] = 10.0, [TAU] = 10.0};
+static double v[N] = {[K] = 10.0, [TAU] = 10.0, [MODE] = 2.0, [ON] = 1.0};
+static double reached; /* in the step that was not taken whole */
+
+static double inflow(void)
+{
+    return v[K] * (v[MODE] == 4.0 ? 2.0 : 1.0) * v[ON] * v[U] + v[D] - v[NOTE];
+}
 
 static void hang(void)
 {
@@ -37,8 +45,9 @@ static int begin(void)
 
 static int go(double t, double h)
 {
-    const double to = v[K] * v[U] + v[D];
+    const double to = inflow();
 
+    reached = t;
     v[Y] = to + (v[Y] - to) * exp(-h / v[TAU]);
     if (t < 5.0)
         return 0;
@@ -65,8 +74,17 @@ static int go(double t, double h)
     case 10: {
         static bool odd;
         odd = !odd;
-        return odd ? 3 : 0;
+        return odd ? 2 : 0;
     }
+    case 11:
+    case 12:
+        reached = t + h / 2;
+        return 2;
+    case 13:
+        return 1;
+    case 14:
+        reached = t + h / 2;
+        return 0;
     case 7:
         if (fork() == 0)
             execlp("sleep", "sleep", "4242.42", NULL);
@@ -83,13 +101,19 @@ static int move(const uint32_t *reference, size_t n, double *value, const double
     for (size_t i = 0; i < n; i++) {
         if (reference[i] >= N)
             return 3;
-        if (from && reference[i] < SLOPE)
+        if (from && (reference[i] < SLOPE || reference[i] >= MODE))
             v[reference[i]] = from[i];
-        v[SLOPE] = (v[K] * v[U] + v[D] - v[Y]) / v[TAU];
+        v[SLOPE] = (inflow() - v[Y]) / v[TAU];
         if (!from)
             value[i] = v[reference[i]];
     }
     return 0;
+}
+
+static int note(uint32_t reference, const char *text)
+{
+    v[NOTE] = strcmp(text, "leaky") == 0 ? 5.0 : 0.0;
+    return reference == NOTE ? 0 : 3;
 }
 
 #if FMI == 2
@@ -121,6 +145,9 @@ EXPORT int fmi2SetupExperiment(void *self, int tolerant, double tolerance, doubl
 EXPORT int fmi2EnterInitializationMode(void *self);
 EXPORT int fmi2ExitInitializationMode(void *self);
 EXPORT int fmi2DoStep(void *self, double t, double h, int no_way_back);
+EXPORT int fmi2SetString(void *self, const uint32_t *reference, size_t n, const char *const *value);
+EXPORT int fmi2GetRealStatus(void *self, int what, double *value);
+EXPORT int fmi2GetBooleanStatus(void *self, int what, int *value);
 /* What fmpy asks for besides. */
 EXPORT int fmi2Terminate(void *self);
 EXPORT void fmi2FreeInstance(void *self);
@@ -155,6 +182,26 @@ int fmi2ExitInitializationMode(void *self)
 {
     (void)self;
     return 0;
+}
+
+int fmi2SetString(void *self, const uint32_t *reference, size_t n, const char *const *value)
+{
+    (void)self;
+    return n == 1 ? note(*reference, *value) : 3;
+}
+
+int fmi2GetRealStatus(void *self, int what, double *value)
+{
+    (void)self;
+    *value = reached;
+    return what == 2 ? 0 : 3;
+}
+
+int fmi2GetBooleanStatus(void *self, int what, int *value)
+{
+    (void)self;
+    *value = v[TRICK] == 12.0;
+    return what == 3 ? 0 : 3;
 }
 
 #ifndef WITHOUT_STEP
@@ -214,6 +261,8 @@ EXPORT void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
 EXPORT int fmi3EnterInitializationMode(void *self, bool tolerant, double tolerance, double start, bool stops,
                                        double stop);
 EXPORT int fmi3ExitInitializationMode(void *self);
+EXPORT int fmi3SetString(void *self, const uint32_t *reference, size_t n, const char *const *value,
+                         size_t values);
 EXPORT int fmi3DoStep(void *self, double t, double h, bool no_way_back, bool *event, bool *ends, bool *early,
                       double *last);
 
@@ -251,13 +300,22 @@ int fmi3ExitInitializationMode(void *self)
     return 0;
 }
 
+int fmi3SetString(void *self, const uint32_t *reference, size_t n, const char *const *value, size_t values)
+{
+    (void)self;
+    return n == 1 && values == 1 ? note(*reference, *value) : 3;
+}
+
 int fmi3DoStep(void *self, double t, double h, bool no_way_back, bool *event, bool *ends, bool *early,
                double *last)
 {
+    const int status = go(t, h);
     (void)self;
     (void)no_way_back;
-    *event = *ends = *early = false;
-    *last = t + h;
-    return go(t, h);
+    *event = false;
+    *ends = status == 2 && v[TRICK] == 12.0;
+    *early = reached > t;
+    *last = status == 0 && !*early ? t + h : reached;
+    return *ends ? 0 : status;
 }
 #endif

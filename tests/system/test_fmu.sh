@@ -93,6 +93,16 @@ with fixed
 "$apc" simulate "$work/fixed.conf" --csv - 2>/dev/null | awk -F, '
   $2 == "sensor" { if ($5 != last) { changes++; if ($1 - int($1) > 1e-6) exit 1 } last = $5 }
   END { exit !(changes > 300) }' || fail "a step of one length is not one"
+# where it does not say of which length, that is the plant's period; one that is said to need a tool may have it
+tank 2 fixed fixed=
+tank 3 tool tool=true
+for name in fixed tool; do
+  with $name
+  "$apc" simulate "$work/$name.conf" --csv "$work/$name.csv" >/dev/null
+  cmp "$work/two.csv" "$work/$name.csv" || fail "$name: not the trajectory of the others"
+done
+tank 2 tool tool=true token=another
+expect 1 'no instance of it can be made: it needs the tool that made it' "$apc" simulate "$work/tool.conf"
 # an input that no signal is, is a disturbance; variables by other names
 sed -e 's|^plant = {|plant = { inputs = ["u"]; outputs = ["y"]; disturbances = ( { name = "d"; at = 100.0; value = 5.0; } );|' \
   -e 's|name = "y"; desc|name = "level"; desc|' "$work/two.conf" >"$work/names.conf"
@@ -109,6 +119,56 @@ tank 2 kelvin unit=K
 sed -e 's|"two.fmu"|"kelvin.fmu"|' -e 's|name = "y"; |name = "y"; unit = "degC"; |' "$work/two.conf" >"$work/kelvin.conf"
 expect 1 'y is in degC, and y of the model in K: nothing is converted' "$apc" simulate "$work/kelvin.conf"
 
+# ---- what does not fit is refused, and never arrives as another value
+
+cannot() { expect 1 "$1" "$apc" simulate "$work/${of:-kinds}.conf" "${@:2}"; }
+for version in 2 3; do
+  tank $version kinds kinds=all
+  with kinds 'tau = 5.0;'
+  cannot '"trick" is 2.5: must be a whole number' --set plant.parameters.trick=2.5
+  cannot '"trick" is 5e.09: must be from 0 to 20' --set plant.parameters.trick=5e9
+  cannot '"trick" is [0-9.]*: must be a whole number' --set 'plant.parameters.trick=uniform(0, 10)'
+  cannot '"mode" is 3: must be one of 1 Off, 2 Normal, 4 Fast' --set plant.parameters.mode=3
+  cannot '"mode" is "Faster": must be one of 1 Off, 2 Normal, 4 Fast' --set plant.parameters.mode=Faster
+  cannot '"on" is 2: must be from 0 to 1' --set plant.parameters.on=2
+  cannot '"on" is "yes": must be true or false' --set plant.parameters.on=yes
+  cannot '"note" must be text in double quotes' --set plant.parameters.note=5
+  cannot 'has no parameter "nota": did you mean "note"' --set plant.parameters.nota=wet
+  cannot '"trick" is 1.5: must be a whole number' --sweep plant.parameters.trick=1.5..2:2
+  expect 0 'mode +2 .*mode of the tank .1 Off, 2 Normal, 4 Fast.' "$apc" plants "$work/kinds.fmu"
+  expect 0 '^texts +note +dry +note of the tank' "$apc" plants "$work/kinds.fmu"
+  # labels, truths and texts arrive
+  "$apc" simulate "$work/kinds.conf" --set plant.parameters.mode=Normal --set plant.parameters.on=true --set plant.parameters.note=wet --force --csv "$work/kinds.csv" >/dev/null
+  cmp "$work/faster.csv" "$work/kinds.csv" || fail "FMI $version: what is said as it is changes something"
+  sed 's/tau = 5.0; }/tau = 5.0; mode = "Fast"; }/; s/K = 10.0/K = 5.0/' "$work/kinds.conf" >"$work/labels.conf"
+  "$apc" simulate "$work/labels.conf" --force --csv "$work/kinds.csv" >/dev/null
+  cmp "$work/faster.csv" "$work/kinds.csv" || fail "FMI $version: a label does not arrive"
+  sed 's/tau = 5.0; }/tau = 5.0; note = "leaky"; }; disturbances = ( { name = "d"; at = 0.0; value = 5.0; } )/' "$work/kinds.conf" >"$work/texts.conf"
+  "$apc" simulate "$work/texts.conf" --force --csv "$work/kinds.csv" >/dev/null
+  paste -d, "$work/faster.csv" "$work/kinds.csv" | awk -F, 'NR > 1 && $5 != $10 { d = $5 - $10; if (d * d > 1e-20) exit 1 }' || fail "FMI $version: a text does not arrive"
+  "$apc" simulate "$work/kinds.conf" --set plant.parameters.on=false --duration 60 --force --csv "$work/kinds.csv" >/dev/null
+  awk -F, '$2 == "sensor" && $5 != 0 { exit 1 }' "$work/kinds.csv" || fail "FMI $version: false does not arrive"
+  # inputs: an output that may be what they cannot
+  tank $version typed input=typed
+  with typed
+  of=typed cannot 'typed.conf:[0-9]+: u may be .*, and u of the model takes 0 to 1: give output u "low" and "high" within'
+  tank $version enumerated input=Enumeration
+  with enumerated
+  sed -i 's/name = "u"; \(.*\)low = [-0-9.]*; high = [0-9.]*;/name = "u"; \1low = 1.0; high = 4.0; safe = 1.0;/; s/safe = 0.0;//' "$work/enumerated.conf"
+  of=enumerated cannot 'u of the model takes nothing between 1 Off, 2 Normal, 4 Fast'
+done
+for type in Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean; do
+  tank 3 whole input=$type
+  with whole
+  sed -i 's/name = "u"; \(.*\)low = [-0-9.]*; high = [0-9.]*;/name = "u"; \1low = -1e19; high = 1e20;/' "$work/whole.conf"
+  of=whole cannot 'u may be -1e.19 to 1e.20, and u of the model takes '
+  [ $type = Boolean ] && high=1 || high=2
+  sed -i "s/low = -1e19; high = 1e20;/low = 0.0; high = $high.0;/" "$work/whole.conf"
+  "$apc" simulate "$work/whole.conf" --duration 60 --force --csv "$work/whole.csv" >/dev/null || fail "$type is no input"
+done
+of=kinds cannot '"blob" is of the type Binary, and stays as it is' --set plant.parameters.blob=x
+of=kinds cannot '"table" is of the type array, and stays as it is' --set plant.parameters.table=1
+
 # ---- what it does to its process
 
 # trick NUMBER SAYS: in virtual time that is the end, and it is said
@@ -118,13 +178,22 @@ trick() {
     expect 1 "$2" env APC_FMU_TIMEOUT="${limit:-60}" "$apc" simulate "$work/$name.conf"
   done
 }
-limit=10 of=two trick 1 'diverged at t = 5.2 s: .*: did not answer and was killed'
-trick 2 'diverged at t = 5.2 s: .*: its process was ended by signal 11'
-trick 3 'diverged at t = 5.2 s: .*the tank is empty.*fmi.DoStep: error'
-trick 4 'diverged at t = 5.2 s: .*its output y is not a finite number'
-trick 5 'diverged at t = 5.2 s: .*: its process ended, exit code 7'
+limit=10 of=two trick 1 'cannot be solved at t = 5.2 s: .*: did not answer and was killed'
+trick 2 'cannot be solved at t = 5.2 s: .*: its process was ended by signal 11'
+trick 3 'cannot be solved at t = 5.2 s: .*the tank is empty.*fmi.DoStep: error'
+trick 4 'cannot be solved at t = 5.2 s: .*its output y is not a finite number'
+trick 5 'cannot be solved at t = 5.2 s: .*: its process ended, exit code 7'
 limit=10 of=three trick 8 'did not answer and was killed'
-trick 7 'diverged at t = 5.2 s: .*: its process was ended by signal 9'
+trick 10 'cannot be solved at t = 5.2 s: .*fmi.DoStep: discarded.it got from 5 s to 5 s, not to 5.2 s'
+trick 11 'cannot be solved at t = 5.2 s: .*fmi.DoStep: discarded.it got from 5 s to 5.1 s, not to 5.2 s'
+trick 12 'cannot be solved at t = 5.2 s: .*the model has come to its end, at 5.1 s'
+of=three trick 14 'cannot be solved at t = 5.2 s: .*returned early, which nobody allowed: it got from 5 s to 5.1 s'
+for name in two three; do # a warning is none of our business
+  with $name 'trick = 13.0; tau = 5.0;'
+  "$apc" simulate "$work/$name.conf" --force --csv "$work/warned.csv" >/dev/null
+  cmp "$work/faster.csv" "$work/warned.csv" || fail "FMI $name: a warning changes something"
+done
+trick 7 'cannot be solved at t = 5.2 s: .*: its process was ended by signal 9'
 nobody_sleeps() { ! pgrep -f '^sleep 4242[.]42'; }
 until_true 20 nobody_sleeps
 trick 9 'fmi.EnterInitializationMode: error'
@@ -153,8 +222,6 @@ refused '.*made for FMI 1.0; 2.0 and 3.0 can be run' 2 fmi=1.0
 refused '.*made for FMI 4.0; ' 3 fmi=4.0
 refused '.*made for FMI 1 x; ' 2 'fmi=1&#10;x' # a sentence stays on its line
 refused 'it is an FMU for model exchange' 2 kind=ModelExchange
-refused 'it needs the tool that made it' 3 tool=true
-refused 'it cannot take steps of any length' 2 fixed=
 echo '<fmiModelDescription fmiVersion="2.0"' >"$work/bad.xml"
 refused 'modelDescription.xml, line [0-9]+: ' 2 xml="$work/bad.xml"
 printf '<?xml version="1.0"?>\n<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">]>\n<fmiModelDescription fmiVersion="2.0"/>\n' >"$work/bad.xml"
@@ -191,8 +258,8 @@ happened() { grep -q "$1" <<<"$(told)"; }
 runner() { pgrep -f "apc-fmu run $TMPDIR" | tr '\n' ' '; }
 another() { local now; now=$(runner); [ -n "$now" ] && [ "$now" != "$first" ]; }
 measured() { [[ $("$apc" history y --last 1 --csv --store "$work/$run" | tail -n 1) == *,Good,* ]]; }
-for run in crashes hangs; do
-  [ $run = hangs ] && trick=1 || trick=2
+for run in crashes hangs fails; do
+  case $run in hangs) trick=1 ;; crashes) trick=2 ;; *) trick=3 ;; esac # after an error nothing else may be asked of it
   sed -e "s|model = \"first-order\"|model = \"$work/two.fmu\"|" -e "s|tau = 1.0;|tau = 1.0; trick = $trick.0;|" "$work/fast.conf" >"$work/$run.conf"
   background run "$apc" run "$work/$run.conf" --no-ui --duration 0 --out "$work/$run"
   until_true 60 happened 'plant takes commands' # though the FMU crashes at the first of them
@@ -206,7 +273,7 @@ for run in crashes hangs; do
   [ "$(grep -c 'running every' "$work/$run/apc-plant.log")" = 1 ] || fail "the plant's server was taken along"
 done
 
-# One that fails at each other step, twenty-five times a second, is told of a few times, and then by the minute.
+# One that discards each other step, twenty-five times a second, is told of a few times, and then by the minute.
 run=flaps
 sed -e "s|model = \"first-order\"|model = \"$work/two.fmu\"|" -e "s|tau = 1.0;|tau = 1.0; trick = 10.0;|" "$work/fast.conf" >"$work/flaps.conf"
 background run "$apc" run "$work/flaps.conf" --no-ui --duration 0 --out "$work/flaps"

@@ -185,7 +185,7 @@ static void what_diverged_counts_as_infinite_and_is_told(void **state)
     campaign_trial(&campaign, 4)->rc = APC_ESOLVER; /* nobody knows its figures */
     const char *text = table();
     assert_string_equal(row(text, "level IAE"), "level IAE 5 inf - - 1 inf inf inf 11");
-    assert_has(text, "level: 1 of 5 runs diverged: they count as infinite\n");
+    assert_has(text, "level: 1 of 5 runs ended early: they count as infinite\n");
     assert_has(text, "heat: 2 of 4 runs did not settle: they count as infinite\n");
     assert_has(text, "heat: 1 of 5 runs did not return: they count as infinite\n");
     assert_lacks(text, "level: 0");

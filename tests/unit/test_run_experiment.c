@@ -1270,7 +1270,7 @@ static void mistakes_of_plant_and_law_are_refused_with_line_and_reason(void **st
         {5,
          "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d3\"; at = 1.0; "
          "value = -1e9; } ); };",
-         "\"value\" is -1e+09"},
+         "\"d3\" is -1e+09: must be from 0 to 100"},
         {5,
          "plant = { model = \"quadruple-tank\"; period = 0.5; disturbances = ( { name = \"d3\"; at = 1.0; "
          "value = 1.0; size = 1.0; } ); };",

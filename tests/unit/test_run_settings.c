@@ -255,7 +255,7 @@ static void parameters_stand_in_a_group_or_a_list(void **state)
         {"( { name = 1; value = 1.0; } )", "expected a group: { name"},
         {"( 1.0 )", "expected a group: { name"},
         {"( { name = \"A1\"; value = 30.0; unit = \"m\"; } )", "unknown setting \"unit\""},
-        {"( { name = \"A1\"; value = true; } )", "\"A1\" must be a finite number"},
+        {"( { name = \"A1\"; value = true; } )", "\"A1\" is \"true\": must be a number"},
         {"( { name = \"tank.A1\"; value = 1.0; } )", "has no parameter \"tank.A1\""},
         {"7", "\"parameters\" must be a group: parameters = { NAME = VALUE; }, or a list"},
     };

@@ -22,7 +22,16 @@ static const char *const says[] = {"model\tmixer\tof two streams",
                                    "input\tleak\tl/s\tto the floor\t0\t0\t1",
                                    "output\tlevel\tm\tof water\t0.5\t0\t2",
                                    "output\ttemperature\tK\tof water\t300\t0\t400",
-                                   "output\tflow\t\tthat leaves\t0\t0\t9"};
+                                   "output\tflow\t\tthat leaves\t0\t0\t9",
+                                   "parameter\tsize\tm\tof the tank\t2\t0\t10",
+                                   "parameter\tsteps\t\tof the valve\t8\t-128\t127\twhole",
+                                   "parameter\tseed\t\tof noise\t0\t-9e18\t9e18\twhole",
+                                   "parameter\ton\t\tis it\t1\t0\t1\ttruth",
+                                   "parameter\tmode\t\tof the valve\t1\t1\t4\tlabel",
+                                   "label\tOff\t1",
+                                   "label\tAuto\t4",
+                                   "text\tnote\tto the tank\tnone",
+                                   "fixed\ttable\tof sizes\tarray"};
 
 static int keep(const char *file)
 {
@@ -46,6 +55,11 @@ static int answer(void)
         struct fmu_header h;
         memcpy(&h, number, sizeof h);
         double *const y = number + sizeof h / sizeof *number;
+        const double *const begin = number + sizeof h / sizeof *number;
+        const double *const set = begin + 5 + (size_t)begin[0] + (size_t)begin[1];
+        if (h.request == FMU_BEGIN && begin[2] > 0 && set[0] == 1 && set[1] == 77 &&
+            (begin[3] != 1 || set[2] != 0 || set[3] != 9 || strcmp((const char *)(set + 4), "as it is") != 0))
+            return 8;
         const size_t ny = number[sizeof h / sizeof *number + 1] > 2 ? 3 : 2;
         for (size_t i = 0; i < ny; i++)
             y[i] = (double)(i + 1);
@@ -81,9 +95,10 @@ static int load(const char *y, const char *u, const char *plant, const struct ex
 }
 
 #define Y_OTHER "{ name = \"y1\"; }, { name = \"y2\"; }"
-#define U_OTHER "{ name = \"u1\"; }, { name = \"u2\"; }"
+#define WITHIN  "low = 0.0; high = 1.0; }"
+#define U_OTHER "{ name = \"u1\"; " WITHIN ", { name = \"u2\"; " WITHIN
 #define Y_NAMED "{ name = \"temperature\"; unit = \"K\"; }, { name = \"flow\"; unit = \"m3/s\"; }"
-#define U_NAMED "{ name = \"leak\"; unit = \"l/s\"; }, { name = \"hot\"; }"
+#define U_NAMED "{ name = \"leak\"; unit = \"l/s\"; " WITHIN ", { name = \"hot\"; " WITHIN
 
 static void assert_chosen(const char *y1, const char *y2, const char *u1, const char *u2, const char *d)
 {
@@ -163,6 +178,13 @@ static void what_names_no_variables_of_it_is_refused_with_its_line(void **state)
         {Y_OTHER, "{ name = \"u1\"; }, { name = \"u2\"; unit = \"m3/h\"; }",
          "inputs = [\"hot\", \"cold\"]; outputs = [\"flow\", \"level\"];",
          "u2 is in m3/h, and cold of the model in l/s: nothing is converted"},
+        {Y_NAMED, "{ name = \"leak\"; low = 0.0; high = 1.5; }, { name = \"hot\"; " WITHIN, "",
+         "leak may be 0 to 1.5, and leak of the model takes 0 to 1: give output leak \"low\" and \"high\" "
+         "within"},
+        {Y_NAMED, "{ name = \"leak\"; }, { name = \"hot\"; " WITHIN, "",
+         "leak has no limits, and leak of the model takes 0 to 1"},
+        {Y_NAMED, U_NAMED, "disturbances = ( { name = \"cold\"; at = 1.0; value = 6.0; } );",
+         "\"cold\" is 6: must be from 0 to 5"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
@@ -171,6 +193,90 @@ static void what_names_no_variables_of_it_is_refused_with_its_line(void **state)
         assert_has(why.text, wrong[i].reason);
         assert_null(e.plant.model);
     }
+}
+
+/* ---- What parameters take ----------------------------------------------------------------------------- */
+
+static void a_parameter_has_a_value_of_its_kind_or_is_refused(void **state)
+{
+    static const struct {
+        const char *parameter, *reason; /* NULL: it is taken, */
+        size_t place;
+        double value; /* as that */
+    } of[] = {
+        {"size = 2.5", NULL, 0, 2.5},
+        {"steps = 100", NULL, 1, 100},
+        {"steps = -128.0", NULL, 1, -128},
+        {"steps = 2.5", "mixer.conf:3: \"steps\" is 2.5: must be a whole number", 1, 0},
+        {"steps = 128", "\"steps\" is 128: must be from -128 to 127", 1, 0},
+        {"steps = true", "\"steps\" is \"true\": must be a number", 1, 0},
+        {"steps = \"uniform(0, 9)\"", "must be a whole number", 1, 0},
+        {"seed = 9007199254740991L", NULL, 2, 9007199254740991.0},
+        {"seed = 9007199254740993L", "must be a whole number, of 15 digits at most", 2, 0},
+        {"on = false", NULL, 3, 0},
+        {"on = 1", NULL, 3, 1},
+        {"on = 0.5", "\"on\" is 0.5: must be true or false, or 1 or 0", 3, 0},
+        {"on = \"off\"", "\"on\" is \"off\": must be true or false", 3, 0},
+        {"mode = \"Auto\"", NULL, 4, 4},
+        {"mode = 4", NULL, 4, 4},
+        {"mode = 2", "\"mode\" is 2: must be one of 1 Off, 4 Auto", 4, 0},
+        {"mode = 7", "\"mode\" is 7: must be one of 1 Off, 4 Auto", 4, 0},
+        {"mode = \"Automatic\"", "\"mode\" is \"Automatic\": must be one of 1 Off, 4 Auto", 4, 0},
+        {"mode = \"normal(1, 0)\"", "must be one of 1 Off, 4 Auto", 4, 0},
+        {"note = 5", "\"note\" must be text in double quotes", 0, 0},
+        {"noté = 5", "syntax error", 0, 0},
+        {"nose = \"a\"", "has no parameter \"nose\": did you mean \"note\"?", 0, 0},
+        {"table = 5", "\"table\" is of the type array, and stays as it is", 0, 0},
+        {"size = [2.0, 3.0]", "\"size\" must be a finite number", 0, 0},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        char plant[200];
+        snprintf(plant, sizeof plant, "parameters = { %s; };", of[i].parameter);
+        const int rc = load(Y_NAMED, U_NAMED, plant, NULL);
+        if ((rc == 0) != !of[i].reason)
+            fail_msg("%s: %s", of[i].parameter, rc < 0 ? why.text : "is taken");
+        if (rc < 0) {
+            assert_has(why.text, of[i].reason);
+        } else {
+            assert_near(e.plant.p[of[i].place], of[i].value, 0);
+            experiment_free(&e);
+        }
+    }
+}
+
+/* Also where no file is read. */
+static void a_plant_is_not_made_of_what_does_not_fit(void **state)
+{
+    const struct apc_model *m = NULL;
+    struct apc_plant *plant = NULL;
+    void *handle = NULL;
+    double p[] = {2, 8.5, 0, 1, 1};
+    (void)state;
+    scratch_write("mixer.py", "");
+    assert_int_equal(apc_model_find(scratch_path("mixer.py"), &m, &handle, &why), 0);
+    assert_int_equal(apc_plant_create(&plant, m, p, NULL, NULL, &why), APC_EINVAL);
+    assert_has(why.text, "\"steps\" is 8.5: must be a whole number");
+    p[1] = 9;
+    assert_int_equal(apc_plant_create(&plant, m, p, NULL, NULL, &why), 0);
+    apc_plant_destroy(plant);
+    const struct apc_plant_options never = {.size = sizeof never, .period = -1};
+    assert_int_equal(apc_plant_create(&plant, m, p, NULL, &never, &why), APC_EINVAL);
+    assert_has(why.text, "period is -1 s");
+    apc_plugin_close(handle);
+}
+
+static void a_text_arrives_whole(void **state)
+{
+    (void)state;
+    if (load(Y_NAMED, U_NAMED, "parameters = { note = \"\"; steps = 1; };", NULL) < 0)
+        fail_msg("%s", why.text);
+    experiment_free(&e);
+    if (load(Y_NAMED, U_NAMED, "parameters = { note = \"as it is\"; steps = 77; };", NULL) <
+        0) /* which answer() wants */
+        fail_msg("%s", why.text);
+    experiment_free(&e);
+    assert_true(load(Y_NAMED, U_NAMED, "parameters = { note = \"as it was\"; steps = 77; };", NULL) < 0);
 }
 
 /* ---- No memory --------------------------------------------------------------------------------------- */
@@ -220,6 +326,9 @@ int main(int argc, char **argv)
         T(else_they_have_the_names_of_the_signals),
         T(names_in_the_file_are_of_its_own_model),
         T(what_names_no_variables_of_it_is_refused_with_its_line),
+        T(a_parameter_has_a_value_of_its_kind_or_is_refused),
+        T(a_plant_is_not_made_of_what_does_not_fit),
+        T(a_text_arrives_whole),
         T(each_allocation_may_fail),
     };
 

@@ -118,10 +118,11 @@ class _Run:
 
     def begin(self, number: Sequence[float]) -> Sequence[float]:
         nu, ny, np = (int(n) for n in number[:3])
-        self._inputs = [int(n) for n in number[3:3 + nu]]
-        self._outputs = [int(n) for n in number[3 + nu:3 + nu + ny]]
+        number = number[5:]
+        self._inputs = [int(n) for n in number[:nu]]
+        self._outputs = [int(n) for n in number[nu:nu + ny]]
         self.plant = self._class()
-        set_ = number[3 + nu + ny:3 + nu + ny + 2 * np]
+        set_ = number[nu + ny:nu + ny + 2 * np]
         values = [float(Parameter(*p).initial) for p in self._class.parameters]
         for place, value in zip(set_[::2], set_[1::2]):
             values[int(place)] = value
