@@ -51,6 +51,18 @@ def test_quadratic_programs():
         apc.QP([[1.0, 0.0], [0.0, -1.0]])
 
 
+def test_an_h_that_is_not_symmetric_has_the_objective_that_is_written():
+    H, f = np.array([[2.0, 1.5], [-0.5, 3.0]]), np.array([-1.0, 2.0])
+    for h in (H, H.T, np.triu(H), np.tril(H)):
+        solution = apc.QP(h).solve(f, [-np.inf] * 2, [np.inf] * 2)
+        assert np.allclose(solution.x, np.linalg.solve((h + h.T) / 2, -f))
+        assert np.isclose(solution.objective, solution.x @ h @ solution.x / 2 + f @ solution.x)
+    symmetric = H + H.T
+    qp = apc.QP(np.eye(2))
+    qp.set(np.triu(symmetric) + np.triu(symmetric, 1))  # twice the upper half
+    assert (qp.solve(f, [-9, -9], [9, 9]).x == apc.QP(symmetric).solve(f, [-9, -9], [9, 9]).x).all()
+
+
 def test_a_state_is_estimated():
     linear = apc.linearize("first-order").sample(1.0)
     for steady in (False, True):

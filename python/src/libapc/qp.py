@@ -30,7 +30,8 @@ class Solution(NamedTuple):
 class QP:
     """minimise x'Hx / 2 + f'x  subject to  low <= (x, Ax) <= high
 
-    H [n, n] is positive definite, A [m, n]. Each solve begins from the working set of the former one.
+    H [n, n] is positive definite, A [m, n]. Of an H that is not symmetric x'Hx is that of (H + H')/2, which is what is
+    solved, and what multipliers belong to. Each solve begins from the working set of the former one.
     """
 
     def __init__(self, H: "ArrayLike", A: Optional["ArrayLike"] = None, linear: Optional["ArrayLike"] = None,
@@ -50,6 +51,7 @@ class QP:
     def set(self, H: "ArrayLike", A: Optional["ArrayLike"] = None) -> None:
         """Another H and A of the same sizes."""
         h = doubles("H", H, self.n, self.n)
+        h = 0.5 * h + 0.5 * h.T  # the library reads one half of it
         a = doubles("A", A, self.m, self.n) if self.m else None
         reason = why()
         with self._owned as qp:
