@@ -66,11 +66,15 @@ void get_state(struct ui *ui, struct request *r, struct apc_store *store)
 void get_writes(struct ui *ui, struct request *r, struct apc_store *store)
 {
     const char *key = request_query(r, "key");
+    const bool waits = atomic_load(&ui->writing) > 0; /* before the look: what is done with by then is seen */
     (void)store;
     text_add(&r->reply, "{\"writes\":[");
     size_t n = writes_json(ui->writes, key, &r->reply);
     text_add(&r->reply, "]}");
-    if (key && n == 0)
+    if (key && n == 0 && waits)
+        fault_set(&r->fault, 503, "busy", "key",
+                  "writes are waiting, and this may be one of them: ask again");
+    else if (key && n == 0)
         fault_set(&r->fault, 404, "write", "key", "there was no such write since this server began");
 }
 

@@ -384,6 +384,8 @@ static void *work(void *arg)
         pthread_mutex_unlock(&p->mutex);
         connect_store(p->ui, store);
         x->r.route->handle(p->ui, &x->r, store);
+        if (p == &p->ui->server->writers)
+            atomic_fetch_sub(&p->ui->writing, 1);
         if (!x->r.fault.http)
             zip_reply(&x->r);
         MHD_resume_connection(x->r.connection);
@@ -440,6 +442,8 @@ static enum MHD_Result give_to(struct pool *p, struct exchange *x)
         *p->last = x;
         p->last = &x->next;
         p->queued++;
+        if (p == &p->ui->server->writers)
+            atomic_fetch_add(&p->ui->writing, 1);
         pthread_cond_signal(&p->filled);
     }
     pthread_mutex_unlock(&p->mutex);

@@ -198,6 +198,7 @@ struct ui {
     struct server *server;
     _Atomic apc_ns round[2]; /* when the live and the records thread began their last one, monotonic */
     _Atomic bool stopping;
+    _Atomic unsigned writing;     /* requests that a writer has not done with yet */
     _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
 
     struct audit audit;

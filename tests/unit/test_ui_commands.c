@@ -327,6 +327,10 @@ static void what_became_of_a_write_is_known_by_its_key(void **state)
     assert_int_equal(json_array_size(json_object_get(found, "writes")), 1);
     json_decref(found);
     query[1] = "no-such-key";
+    ui->writing = 1; /* it may be the one that waits */
+    json_decref(ask(get_writes));
+    assert_int_equal(request.fault.http, 503);
+    ui->writing = 0;
     json_decref(ask(get_writes));
     assert_int_equal(request.fault.http, 404);
     assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":3,\"seq\":1,\"key\":\"short\"}"), 400);

@@ -721,6 +721,43 @@ test("a write that is refused says why; one without an answer is asked after, ne
   env.routes.set("/api/writes", one => one.answer({writes: []}));
 });
 
+test("two presses before the screen says so are one write", async () => {
+  void send("twice", "mode", {seq: 1}, "");
+  void send("twice", "mode", {seq: 1}, "");
+  assert.equal(env.asked.filter(one => one.path === "/api/mode").length, 1);
+  env.take("/api/mode").answer(write("of another", "applied"));
+  await env.settle();
+});
+
+test("a write that has not come to the server has failed, once that server has said so twice", async () => {
+  const known = {answers: [] as [number, string][], asked: 0};
+  env.routes.set("/api/writes", one => {
+    const [status, code] = known.answers[Math.min(known.asked++, known.answers.length - 1)]!;
+    one.answer({error: {code, message: "no"}}, status);
+  });
+  const lose = async (...answers: [number, string][]): Promise<void> => {
+    Object.assign(known, {answers, asked: 0});
+    void send("gone", "setpoint", {}, "");
+    env.take("/api/setpoint");
+    await env.pass(1.1);
+  };
+  const phase = (): string | undefined => slot("gone").value?.phase;
+  await lose([404, "write"]);
+  assert.deepEqual([phase(), known.asked], ["unknown", 1]); // it may still be on the way
+  await env.pass(2.1);
+  assert.deepEqual([phase(), slot("gone").value?.reason, known.asked], ["failed", "it has not come to the server: nothing was written", 2]);
+  await lose([404, "write"], [503, "busy"], [404, "write"], [404, "write"]); // the writers have a queue
+  await env.pass(4.2);
+  assert.equal(phase(), "unknown");
+  await env.pass(2.1);
+  assert.deepEqual([phase(), known.asked], ["failed", 4]);
+  await lose([404, "write"]);
+  env.source.send("state", {...server.state(), id: "another.1"}); // what was written to the server before it, this one does not know
+  await env.pass(9);
+  assert.deepEqual([phase(), known.asked], ["unknown", 2]);
+  env.routes.set("/api/writes", one => one.answer({writes: []}));
+});
+
 test("what the server did not understand has its words, what is no JSON its number", async () => {
   env.routes.set("/api/x", one => one.answer({error: {code: "c", message: "m"}}, 422));
   await assert.rejects(get("/api/x"), (error: InstanceType<typeof ApiError>) => error instanceof ApiError && error.code === "c" && error.message === "m" && error.status === 422);

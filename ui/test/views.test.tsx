@@ -1097,6 +1097,8 @@ test("what predictive control expects, what holds it back, and how its solver do
   await env.pass(2.5);
   await settle();
   assert.equal(said(".prediction .complaint"), "the database is away");
+  const old = [...document.querySelectorAll(".prediction .panel .value.stale")].map(each => each.textContent?.replace(/\s+/g, " ") ?? "");
+  for (const words of [/its high limit, falling as fast as it may/, /sub-optimal: /, /4\.00 ms/, /^\??7/]) assert.ok(old.some(text => words.test(text)), `${words} stands as if it were of now: ${old.join("; ")}`);
   // Beside a trend as well, where that is wanted; the link says it.
   made = server.now;
   env.routes.set("/api/outlook", each => each.answer({t: made, at: made, outlook: [course("sensor.1", "y1", [10, 11, 12])]}));

@@ -167,6 +167,9 @@ function lookAtModes(): void {
     }
 }
 
+/** Of the server: another one after it was started anew. */
+export let instance = "";
+
 let standing: Standing = new Map();
 
 function rank(news: AlarmNow[], before: Standing = standing): void {
@@ -194,6 +197,7 @@ function receive(type: string, data: unknown): void {
   switch (type) {
     case "state": {
       const state = data as State;
+      instance = state.id.split(".")[0] ?? "";
       store.value = state.store;
       for (const [ref, cell] of values) if (!(ref in state.values)) cell.value = nothing;
       moded = take(state.values, state.ages, late);

@@ -57,8 +57,7 @@ export function predictors(p: Plant): Predictor[] {
 const HELD = [[1, "its low limit"], [2, "its high limit"], [4, "falling as fast as it may"], [8, "rising as fast as it may"]] as const;
 
 /** What holds a plan back, anywhere in the horizon. */
-export function heldBack(limit: number | null): string | null {
-  if (limit == null) return null;
+export function heldBack(limit: number): string {
   const words = HELD.flatMap(([bit, word]) => (limit & bit ? [word] : []));
   return words.length > 0 ? words.join(", ") : "nothing";
 }

@@ -4,10 +4,11 @@ import {ApiError, get, NoAnswer, post} from "./api";
 import {Cell} from "./cell";
 import {env} from "./env";
 import {type Happening, next, type WriteView} from "./lifecycle";
-import {connection, serverNow, writes} from "./model";
+import {connection, instance, serverNow, writes} from "./model";
 import type {Write, WriteKind} from "./types";
 
 const TIMEOUT = 1; // s until the answer counts as lost
+const AGAIN = 2; // s between two questions for a write that the server does not know
 
 /** Why the next write is made, for the record; "" where nobody says. */
 export const reason = new Cell("");
@@ -30,10 +31,12 @@ function newKey(): string {
   return Array.from({length: 12}, () => Math.floor(env.random() * 256).toString(16).padStart(2, "0")).join("");
 }
 
-/** Send a write; `to` is what is shown for it. */
+/** Send a write; `to` is what is shown for it. Where one is on its way, a second press before the screen says so is the same wish. */
 export async function send(name: string, kind: WriteKind, body: object, to: string, path: string = kind): Promise<void> {
   const cell = slot(name);
+  if (cell.value?.phase === "pending") return;
   const key = newKey();
+  const server = instance;
   cell.value = {phase: "pending", key, at: serverNow(), to, reason: null, stored: false};
   const mine = (): boolean => cell.value?.key === key;
   const why = path === kind ? reason.value.trim() : ""; // of alarms it stands beside them
@@ -47,19 +50,27 @@ export async function send(name: string, kind: WriteKind, body: object, to: stri
       step(cell, {what: "no answer", reason: `${error.message}: whether it was written is not known`});
     else if (error instanceof ApiError) step(cell, {what: "refused", reason: error.message});
     else throw error;
+    sentTo.set(key, server);
     void ask(cell);
   }
 }
 
-/** What became of a write whose answer was lost. It is asked for, never sent again. */
-async function ask(cell: Cell<WriteView | null>): Promise<void> {
+/** The server to which a write went whose answer was lost, by its key. */
+const sentTo = new Map<string, string>();
+
+/** What became of a write whose answer was lost. It is asked for, never sent again. What the server that it was sent to does not know
+ *  twice has not come, and what was sent is not under way for so long; another server, or none that can be reached, says nothing of it. */
+async function ask(cell: Cell<WriteView | null>, before = false): Promise<void> {
   const view = cell.value;
   if (!view || view.phase !== "unknown") return;
   try {
     const found = await get<{writes: Write[]}>("/api/writes", {key: view.key});
     for (const write of found.writes) step(cell, {what: "answer", write});
-  } catch {
-    // Not known there, or not reachable: it stays unknown.
+    sentTo.delete(view.key);
+  } catch (error) {
+    if (!(error instanceof ApiError) || (error.code !== "write" && error.code !== "busy") || sentTo.get(view.key) !== instance || cell.value?.key !== view.key) return;
+    if (error.code === "write" && before) step(cell, {what: "refused", reason: "it has not come to the server: nothing was written"});
+    else env.later(() => void ask(cell, error.code === "write"), AGAIN);
   }
 }
 

@@ -134,8 +134,6 @@ function HandledTable({caption, of, courses, setpoints = false, merits}: {captio
 }
 
 function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course, setpoints, merits}: {of: Handled; course: Course | null; setpoints: boolean; merits: Merit[] | undefined}): JSX.Element {
-  const held = useCell(live(limit ?? "")).value;
-  const words = heldBack(limit ? held : null);
   const share = merits?.find(merit => merit.id === loop?.id)?.service;
   const end = course?.expected[course.expected.length - 1] ?? null;
   return (
@@ -146,7 +144,7 @@ function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course,
       <td class="number" data-label="Aimed at">{target ? <Value of={target} /> : missing}</td>
       <td class="number" data-label="At the end">{told(one.ref, end)}</td>
       <td data-label="Limits">{limitsText(one.low, one.high)}</td>
-      <td data-label="Held back by">{words ?? missing}</td>
+      <td data-label="Held back by">{limit ? <Value of={limit} say={heldBack} /> : missing}</td>
       {merits && <td data-label="Service">{loop ? <ServiceSwitch loop={loop} /> : missing}</td>}
       {merits && <td class="number" data-label="Of the last day">{share == null ? missing : `${(share * 100).toFixed(share > 0.995 && share < 1 ? 1 : 0)} %`}</td>}
     </tr>
@@ -155,20 +153,18 @@ function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course,
 
 function Solver({of: {solver}}: {of: Predictor}): JSX.Element {
   const result = useCell(live(solver.result as Ref)).value;
-  const time = useCell(live(solver.time ?? "")).value;
-  const iterations = useCell(live(solver.iterations ?? "")).value;
   return (
     <div class="panel">
       <h2>Solver</h2>
       <dl class="pairs">
         <dt>result</dt>
-        <dd>{result != null && result > 0 && <Note label="not the best plan" />} {result == null ? missing : (RESULTS[result] ?? exact(result))}</dd>
+        <dd>{result != null && result > 0 && <Note label="not the best plan" />} <Value of={solver.result as Ref} say={value => RESULTS[value] ?? exact(value)} /></dd>
         <dt>objective</dt>
         <dd>{solver.objective ? <Value of={solver.objective} /> : missing} <span class="say">0 at rest</span></dd>
         <dt>time it took</dt>
-        <dd>{duration(time)}</dd>
+        <dd>{solver.time ? <Value of={solver.time} say={duration} /> : missing}</dd>
         <dt>changes of the working set</dt>
-        <dd>{exact(iterations)}</dd>
+        <dd>{solver.iterations ? <Value of={solver.iterations} say={exact} /> : missing}</dd>
       </dl>
     </div>
   );

@@ -22,7 +22,8 @@ export function whole(of: Ref, {value, status}: Pick<Live, "value" | "status">):
   return `${one?.name ?? of} ${exact(value)}${one?.unit ? ` ${one.unit}` : ""}${worth(status) === "good" ? "" : `, ${words(status)}`}`;
 }
 
-export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Element {
+/** `say`: in words. */
+export function Value({of, unit = false, say}: {of: Ref; unit?: boolean; say?: (value: number) => string}): JSX.Element {
   const outer = useRef<HTMLSpanElement>(null);
   const digits = useRef<HTMLSpanElement>(null);
   const one = variable(of);
@@ -30,7 +31,7 @@ export function Value({of, unit = false}: {of: Ref; unit?: boolean}): JSX.Elemen
   const look = (now: Live): string => (now.seq === 0 || now.value == null ? "" : `${now.stale ? now.age : ""} ${now.status} ${beyond(now.value, low, high)}`);
   const now = usePainted(live(of), look, ({seq, value}) => {
     if (!digits.current || !outer.current) return;
-    const text = told(of, value);
+    const text = say && value != null ? say(value) : told(of, value);
     if (digits.current.textContent !== text) digits.current.textContent = text;
     outer.current.setAttribute("data-seq", String(seq));
   });
