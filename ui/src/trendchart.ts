@@ -105,19 +105,44 @@ export class TrendChart {
     for (const one of this.plots) one.redraw(false, true);
   }
 
-  /** As one picture with a title. */
-  picture(title: string): Promise<Blob | null> {
+  /** As one picture, which says by itself what is seen: lines of a title, and a key of what is drawn. */
+  picture(title: string[]): Promise<Blob | null> {
     const plots = this.plots.map(one => one.ctx.canvas);
-    const top = Math.round(36 * devicePixelRatio);
     const canvas = document.createElement("canvas");
-    canvas.width = Math.max(...plots.map(one => one.width));
-    canvas.height = top + plots.reduce((sum, one) => sum + one.height, 0);
     const context = canvas.getContext("2d") as CanvasRenderingContext2D;
+    const [size, line, stroke] = [16, 24, 30].map(px => Math.round(px * devicePixelRatio)) as [number, number, number];
+    const font = `${size}px system-ui, sans-serif`;
+    const margin = size;
+    canvas.width = Math.max(...plots.map(one => one.width));
+    context.font = font;
+    // The key takes as many lines as it needs.
+    let [x, row] = [margin, title.length];
+    const places = this.panels.flatMap(panel => panel.pens).map(pen => {
+      const width = stroke + size / 2 + context.measureText(pen.label).width;
+      if (x > margin && x + width > canvas.width - margin) [x, row] = [margin, row + 1];
+      const place = {pen, x, row};
+      x += width + 1.5 * size;
+      return place;
+    });
+    const top = (row + 1) * line + size;
+    canvas.height = top + plots.reduce((sum, one) => sum + one.height, 0);
     context.fillStyle = colour("--panel");
     context.fillRect(0, 0, canvas.width, canvas.height);
     context.fillStyle = colour("--text");
-    context.font = `${Math.round(16 * devicePixelRatio)}px system-ui, sans-serif`;
-    context.fillText(title, 12 * devicePixelRatio, top * 0.68);
+    context.font = font;
+    const write = (text: string, left: number, of: number): void => context.fillText(text, left, (of + 1) * line, canvas.width - left - margin);
+    title.forEach((text, i) => write(text, margin, i));
+    for (const {pen, x: left, row: of} of places) {
+      const middle = Math.round((of + 1) * line - size * 0.35);
+      context.strokeStyle = colour(pen.colour);
+      context.lineWidth = 2 * devicePixelRatio;
+      context.setLineDash(pen.dash.map(part => part * devicePixelRatio));
+      context.beginPath();
+      context.moveTo(left, middle);
+      context.lineTo(left + stroke, middle);
+      context.stroke();
+      write(pen.label, left + stroke + size / 2, of);
+    }
     let at = top;
     for (const one of plots) {
       context.drawImage(one, 0, at);

@@ -7,7 +7,7 @@ import {acknowledgement, type Alarm, bandsOf, bySignal, counted, countsText, fou
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
 import {hole, matches, merge} from "../src/core/eventlist";
-import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, ticks, written} from "../src/core/format";
+import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromUntil, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, ticks, written} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
@@ -105,12 +105,16 @@ test("times are those of another zone, where one is chosen; a CSV stays in UTC",
   const [winter, summer, autumn] = [Date.UTC(2025, 0, 31, 23, 30) / 1000, Date.UTC(2025, 6, 1, 12) / 1000, Date.UTC(2025, 9, 26, 0, 30) / 1000];
   assert.deepEqual([stamp(winter), clock(summer + 0.25, 2), zoneAt(winter), zoneAt(summer), when(summer)], ["2025-02-01 00:30:00", "14:00:00.25", "UTC+1", "UTC+2", "2025-07-01 14:00:00 UTC+2"]);
   assert.deepEqual([stamp(autumn), stamp(autumn + 1800), stamp(autumn + 3600)], ["2025-10-26 02:30:00", "2025-10-26 02:00:00", "2025-10-26 02:30:00"], "clocks are put back");
-  for (const t of [winter, summer, autumn - 86400, autumn + 86400]) assert.equal(fromWall(Date.parse(`${stamp(t).replace(" ", "T")}Z`) / 1000), t);
+  for (const t of [winter, summer, autumn - 86400, autumn + 86400]) assert.deepEqual(fromWall(Date.parse(`${stamp(t).replace(" ", "T")}Z`) / 1000), [t]);
+  assert.deepEqual(fromWall(Date.UTC(2025, 9, 26, 2, 30) / 1000), [autumn, autumn + 3600], "an hour that comes twice");
+  assert.deepEqual([fromWall(Date.UTC(2025, 2, 30, 2, 30) / 1000), fromWall(NaN)], [[], []], "an hour that there is not");
+  assert.equal(fromUntil(autumn, autumn + 3600), "2025-10-26 02:30:00 UTC+2 – 02:30:00 UTC+1");
   assert.equal(iso(summer), "2025-07-01T12:00:00.000000Z");
   chooseZone("America/St_Johns");
   assert.equal(zoneAt(winter), "UTC\u22123:30");
   chooseZone("UTC");
-  assert.deepEqual([zoneAt(summer), zoneAt(null), fromWall(summer)], ["UTC", "UTC", summer]);
+  assert.deepEqual([zoneAt(summer), zoneAt(null), fromWall(summer)], ["UTC", "UTC", [summer]]);
+  assert.deepEqual([fromUntil(summer, summer + 600), fromUntil(summer, summer + 86400)], ["2025-07-01 12:00:00 – 12:10:00 UTC", "2025-07-01 12:00:00 – 2025-07-02 12:00:00 UTC"]);
 });
 
 test("what is expected stands beside what was as far as there is room, and of now only while it is live", () => {

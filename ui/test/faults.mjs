@@ -283,6 +283,34 @@ test("long names lie on nothing, and nothing on them, whether the screen is narr
   }
 });
 
+/** What is written into pictures that are not on the page: those that are saved. */
+function watchSaved() {
+  const {fillText} = CanvasRenderingContext2D.prototype;
+  window.savedTexts = [];
+  CanvasRenderingContext2D.prototype.fillText = function (text, x, y, ...rest) {
+    if (!this.canvas.isConnected) window.savedTexts.push({text, inside: x >= 0 && x + Math.min(this.measureText(text).width, rest[0] ?? Infinity) <= this.canvas.width && y <= this.canvas.height});
+    return fillText.call(this, text, x, y, ...rest);
+  };
+}
+
+test("a picture that is saved says by itself of what plant, of when, and which line is which", PATIENCE, async () => {
+  for (const [names, width] of [[null, 1280], ["stripper_underflow_G_concentration", 400]]) {
+    Object.assign(fake, {names});
+    await withPage("trend/pens=sensor.1,setpoint.1,actuator.1;span=86400", async page => {
+      await page.setViewportSize({width, height: 900});
+      await until("there is a curve", async () => (await points(page)) > 50);
+      await page.getByRole("button", {name: "Pause"}).click();
+      assert.equal((await exported(page, "PNG")).subarray(1, 4).toString(), "PNG");
+      const texts = await page.evaluate(() => window.savedTexts);
+      assert.equal(texts[0].text, "A tank");
+      const [, from, to] = /^(\d{4}-\d\d-\d\d [\d:]{8}) \u2013 (\d{4}-\d\d-\d\d [\d:]{8}) UTC$/.exec(texts[1].text);
+      assert.equal(Date.parse(`${to}Z`) - Date.parse(`${from}Z`), 86400000);
+      assert.deepEqual(texts.slice(2).map(one => one.text), ["y [m]", "r [m]", "u [V]"].map(name => (names ? `${names}_${name}` : name)));
+      assert.deepEqual(texts.filter(one => !one.inside), []);
+    }, {initScript: watchSaved});
+  }
+});
+
 test("one sample among a hundred is drawn from end to end, of the first pen and of the last, and told at the cursor and in the CSV", PATIENCE, async () => {
   fake.values = {"sensor.1": 1, "actuator.1": 2, "setpoint.1": 1};
   for (const [at, ref, panel, colour] of [["trend/pens=actuator.1,sensor.1;span=86400", "actuator.1", 0, "--pen-1"], ["trend/1", "sensor.1", 0, "--live"], ["trend/1", "actuator.1", 1, "--live"]]) {

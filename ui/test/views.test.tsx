@@ -923,6 +923,34 @@ test("a trend that nobody looks at any more takes no samples", async () => {
   assert.deepEqual(queries, []);
 });
 
+test("an hour that comes twice can be entered both ways, one that there is not is refused", async () => {
+  await show("overview");
+  await show("trend/1");
+  setZone("Europe/Berlin");
+  const details = one<HTMLDetailsElement>("details.from-to");
+  details.open = true;
+  details.dispatchEvent(new window.Event("toggle") as never);
+  await settle();
+  await type(".from-to label:nth-of-type(1) input", "2032-10-31T02:10:00");
+  await type(".from-to label:nth-of-type(2) input", "2032-10-31T02:40:00");
+  const selects = (): HTMLSelectElement[] => [...document.querySelectorAll<HTMLSelectElement>(".from-to select")];
+  assert.deepEqual(selects().map(each => [each.getAttribute("aria-label"), each.textContent]), [["which from", "UTC+2UTC+1"], ["which to", "UTC+2UTC+1"]]);
+  const spans: (string | null)[] = [];
+  for (const zone of ["UTC+1", "UTC+2"]) {
+    const to = selects()[1]!;
+    to.value = zone;
+    to.dispatchEvent(new window.Event("change", {bubbles: true}) as never);
+    await settle();
+    await submit(".from-to form");
+    spans.push(one("section.trend").getAttribute("data-span"));
+  }
+  assert.deepEqual(spans, ["5400", "1800"]);
+  await type(".from-to label:nth-of-type(1) input", "2032-03-28T02:30:00");
+  assert.match(said(".from-to form"), /there is no 2032-03-28 02:30.*: clocks were put forward/);
+  assert.equal(button("Show").disabled, true);
+  setZone("UTC");
+});
+
 test("a trend from one time to another, fitted, turned by the wheel, and saved", async () => {
   const route = env.routes.get("/api/history")!;
   const now = Math.floor(server.now);

@@ -162,10 +162,11 @@ export function zoneAt(t: number | null | undefined): string {
   return `UTC${offset < 0 ? "\u2212" : "+"}${Math.floor(minutes / 60)}${minutes % 60 ? `:${two(minutes % 60)}` : ""}`;
 }
 
-/** Unix s of a time that a clock of the zone shows, given as if it were UTC. */
-export function fromWall(shown: number): number {
-  const near = shown - offsetAt(shown);
-  return shown - offsetAt(near);
+/** Unix s at which a clock of the zone shows a time, given as if it were UTC: two where clocks are put back, none where forward. */
+export function fromWall(shown: number): number[] {
+  if (!isFinite(shown)) return [];
+  const offsets = new Set([shown - 86400, shown + 86400].map(offsetAt));
+  return [...offsets].map(offset => shown - offset).filter(t => t + offsetAt(t) === shown).sort((a, b) => a - b);
 }
 
 const onWall = (t: number): Date => new Date((t + offsetAt(t)) * 1000);
@@ -191,6 +192,12 @@ export function stamp(t: number, subseconds = 0): string {
 /** With its zone. */
 export function when(t: number, subseconds = 0): string {
   return `${stamp(t, subseconds)} ${zoneAt(t)}`;
+}
+
+/** From when to when; the day once where it is one, the zone once where that is one. */
+export function fromUntil(from: number, to: number): string {
+  const zones = [zoneAt(from), zoneAt(to)];
+  return `${zones[0] === zones[1] ? stamp(from) : when(from)} \u2013 ${day(from) === day(to) ? clock(to) : stamp(to)} ${zones[1]}`;
 }
 
 /** For CSV: unambiguous, microseconds, UTC. */

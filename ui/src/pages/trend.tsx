@@ -5,7 +5,7 @@ import {Cell} from "../core/cell";
 import {env, every} from "../core/env";
 import {useCell} from "../usecell";
 import {download, downloadText} from "../download";
-import {clock, csv, duration, exact, fromWall, iso, missing, number, stamp, when, zone, zoneAt} from "../core/format";
+import {clock, csv, duration, exact, fromUntil, fromWall, iso, missing, number, stamp, when, zone, zoneAt} from "../core/format";
 import {merge} from "../core/eventlist";
 import {holds} from "../core/history";
 import {type Mark, marksOf, near} from "../core/marks";
@@ -179,7 +179,8 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         label: titles(variables),
         pens: [...ones.map(pen => ({...pen, curve: () => curves.drawn(pen.ref)})), ...before, ...coming].map((pen, i) => {
           const one = variables[i % ones.length] ?? null;
-          return {...pen, label: describe(one), step: one != null && holds(one)};
+          const late = i < ones.length ? "" : i < ones.length + before.length ? `, ${duration(compare)} before` : ", expected";
+          return {...pen, label: describe(one) + late, step: one != null && holds(one)};
         }),
       };
     });
@@ -311,7 +312,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const exportCsv = (): void => downloadText(`${name}.csv`, csv([head, ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
   const exportPng = async (): Promise<void> => {
     const [from, to] = bounds(win, serverNow());
-    const blob = await chart.current?.picture(`${subject.name}   ${stamp(from)} – ${clock(to)} ${zoneAt(to)}`);
+    const blob = await chart.current?.picture([[plant.value?.title || plant.value?.name, pens ? "" : subject.name].filter(Boolean).join(": "), fromUntil(from, to)]);
     if (blob) download(`${name}.png`, blob);
   };
 
@@ -519,16 +520,26 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
   const [open, setOpen] = useState(false);
   const [from, to] = bounds(win, serverNow());
   const text = (t: number): string => stamp(t).replace(" ", "T");
-  const read = (typed: string): number => fromWall(Date.parse(`${typed}Z`) / 1000);
   const [texts, setTexts] = useState({from: text(from), to: text(to)});
-  const [a, b] = [read(texts.from), read(texts.to)];
-  const refused = refuse(a, b, serverNow());
+  const [zones, setZones] = useState({from: zoneAt(from), to: zoneAt(to)}); // which of two times of an hour that comes twice
+  const meant = {from: fromWall(Date.parse(`${texts.from}Z`) / 1000), to: fromWall(Date.parse(`${texts.to}Z`) / 1000)};
+  const one = (end: "from" | "to"): number => meant[end].find(t => zoneAt(t) === zones[end]) ?? meant[end].at(end === "from" ? 0 : -1) ?? NaN;
+  const [a, b] = [one("from"), one("to")];
+  const skipped = (["from", "to"] as const).find(end => meant[end].length === 0 && !isNaN(Date.parse(`${texts[end]}Z`)));
+  const refused = skipped ? `there is no ${texts[skipped].replace("T", " ")}: clocks were put forward` : refuse(a, b, serverNow());
+  const which = (end: "from" | "to"): JSX.Element | false => meant[end].length > 1 && (
+    <select aria-label={`which ${end}`} value={zoneAt(one(end))} onChange={event => setZones({...zones, [end]: event.currentTarget.value})}>
+      {meant[end].map(t => <option key={t} value={zoneAt(t)}>{zoneAt(t)}</option>)}
+    </select>
+  );
   return (
     <details
       class="from-to"
       onToggle={event => {
         setOpen(event.currentTarget.open);
-        if (event.currentTarget.open) setTexts({from: text(from), to: text(to)});
+        if (!event.currentTarget.open) return;
+        setTexts({from: text(from), to: text(to)});
+        setZones({from: zoneAt(from), to: zoneAt(to)});
       }}
     >
       <summary>From – to</summary>
@@ -540,8 +551,8 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
             if (!refused) apply(beside(win, select(a, b)));
           }}
         >
-          <label>from <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /></label>
-          <label>to <input type="datetime-local" step="1" value={texts.to} onInput={event => setTexts({...texts, to: event.currentTarget.value})} /></label>
+          <label>from <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /> {which("from")}</label>
+          <label>to <input type="datetime-local" step="1" value={texts.to} onInput={event => setTexts({...texts, to: event.currentTarget.value})} /> {which("to")}</label>
           <span class="unit">{zone}</span>
           <button type="submit" class="primary" disabled={refused != null}>Show</button>
           {refused && <span class="complaint">{refused}</span>}
