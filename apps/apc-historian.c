@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "common/daemon.h"
+#include "common/gaps.h"
 #include "common/storeuri.h"
 #include "common/warden.h"
 #include "common/watch.h"
@@ -49,6 +50,7 @@ struct shell {
     bool pack;
     struct apc_store *live, *record;
     struct apc_forward *forward;
+    struct gap_teller gaps;
     bool reached;   /* the history, once */
     uint64_t older; /* when that was said: stats.older */
     apc_ns looked;  /* monotonic: at what the live store still holds */
@@ -65,7 +67,7 @@ struct shell {
         struct lag_watch lag;
         bool scarce;
         int refused;
-        uint64_t gaps, rows, events, timing, older, other, refused_records;
+        uint64_t rows, older, other, refused_records;
     } told;
     apc_ns woken; /* monotonic: the mover, by the task */
 };
@@ -236,18 +238,6 @@ static void tell_room(struct shell *s, const struct report *r, apc_ns now)
     s->told.scarce = r->left < 0.5 || (s->told.scarce && r->left < 1);
 }
 
-static void tell_gap(struct shell *s, const struct report *r)
-{
-    char since[APC_TIME_LEN], until[APC_TIME_LEN];
-    if (r->stats.gap.times == s->told.gaps)
-        return;
-    daemon_event(&s->d, APC_EVENT_ALARM, "history",
-                 "the record has a gap: of %llu variables nothing is there between %s and %s",
-                 (unsigned long long)(r->stats.gap.times - s->told.gaps),
-                 apc_time_format(r->stats.gap.since, since), apc_time_format(r->stats.gap.until, until));
-    s->told.gaps = r->stats.gap.times;
-}
-
 static void tell_older(struct shell *s, const struct report *r)
 {
     if (r->stats.older > s->told.older)
@@ -275,20 +265,6 @@ static void tell_refused(struct shell *s, const struct apc_forward_stats *stats)
                      "of its clock",
                      (unsigned long long)(stats->refused - s->told.refused_records));
     s->told.refused_records = stats->refused;
-}
-
-static void tell_lost(struct shell *s, const struct apc_forward_stats *stats)
-{
-    if (stats->lost.events > s->told.events)
-        daemon_event(&s->d, APC_EVENT_ALARM, "history",
-                     "the record has a gap: up to %llu events were overwritten before the history had them",
-                     (unsigned long long)(stats->lost.events - s->told.events));
-    if (stats->lost.timing > s->told.timing)
-        daemon_event(&s->d, APC_EVENT_WARNING, "history",
-                     "up to %llu rows of timing were overwritten before the history had them",
-                     (unsigned long long)(stats->lost.timing - s->told.timing));
-    s->told.events = stats->lost.events;
-    s->told.timing = stats->lost.timing;
 }
 
 /* What failed, or had no time for all, goes on at the next cycle. */
@@ -322,8 +298,6 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     }
     tell_asked(s, asked, why);
     tell_older(s, &r);
-    tell_gap(s, &r);
-    tell_lost(s, &r.stats);
     tell_other(s, &r.stats);
     tell_refused(s, &r.stats);
     tell_lag(s, &r, now);
@@ -391,7 +365,11 @@ static int open_shell(struct shell *s)
         return daemon_error(&s->d, rc, "--history: %s", why.text);
     if (rc == 0 && (rc = apc_forward_create(&s->forward, s->live, s->record, &why)) < 0)
         return daemon_error(&s->d, rc, "%s", why.text);
-    rc = rc == 0 ? first_step(s, uri) : rc;
+    if (rc == 0) {
+        s->gaps = (struct gap_teller){.live = s->live, .source = s->d.name, .log = s->d.log};
+        apc_forward_tell(s->forward, gap_tell, &s->gaps);
+        rc = first_step(s, uri);
+    }
     return rc == 0 && s->within > 0 ? open_asked(s, uri) : rc;
 }
 

@@ -382,8 +382,8 @@ struct apc_event {
     char text[192];
     int64_t number; /**< out: rises in the order in which they came to this store; from 1 */
 };
-/** All or none of them. Returns @p n; or APC_ERANGE besides the rest: the store refuses one for what it says, a
- * time that is far ahead, and always will. [setup] */
+/** All or none of them. Returns @p n; or APC_ERANGE besides the rest: the store refuses one for what it says,
+ * a time that is far ahead, and always will. [setup] */
 APC_API int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n);
 typedef int (*apc_event_fn)(void *ctx, const struct apc_event *event);
 /** Events in rising order. Returns the number given. [setup] */
@@ -450,6 +450,16 @@ struct apc_forward_stats {
     uint64_t refused; /**< events and rows of timing that TO refuses for what they say: APC_ERANGE */
 };
 
+/** What FROM had no longer when its turn came, since that was told last. */
+struct apc_forward_gap {
+    size_t size;             /**< of this struct */
+    uint64_t variables;      /**< of so many rows are missing; 0: of none */
+    apc_ns since, until;     /**< ... all of which lie between these source times */
+    uint64_t events, timing; /**< so many of these are missing, at most */
+};
+/** Put it down, where it stays: it may call FROM. Returns 0; or an error of FROM's, and is called again. */
+typedef int (*apc_forward_gap_fn)(void *ctx, const struct apc_forward_gap *gap);
+
 /**
  * From @p from into @p to, both open; they stay the caller's and are nobody else's meanwhile. Nothing is read
  * yet. [setup] Returns 0, APC_EINVAL or APC_ENOMEM.
@@ -457,6 +467,10 @@ struct apc_forward_stats {
 APC_API int apc_forward_create(struct apc_forward **forward, struct apc_store *from, struct apc_store *to,
                                struct apc_error *why);
 APC_API void apc_forward_destroy(struct apc_forward *forward); /**< NULL is legal. [setup] */
+/** Who is told of gaps, by apc_forward_step(): of rows before TO gets the ones that follow, and what was put
+ * down as an event in FROM goes to TO before them. So no gap is without a word, whenever a process ends.
+ * [setup] */
+APC_API void apc_forward_tell(struct apc_forward *forward, apc_forward_gap_fn fn, void *ctx);
 /**
  * Move what FROM has, in batches, until TO has it all or @p timeout has passed; a store that hangs is waited
  * for up to its own timeout. What it writes in TO it claims, so that there is one who does. Of samples and

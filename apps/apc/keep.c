@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include "common/gaps.h"
 #include "common/storeuri.h"
 #include "runstore.h"
 #include "segment.h"
@@ -21,6 +22,8 @@ int keep_finish(const char *live, const char *history, apc_ns timeout, struct ap
     if (rc == 0)
         rc = apc_forward_create(&f, from, to, why);
     if (rc == 0) {
+        struct gap_teller gaps = {.live = from, .source = "apc"};
+        apc_forward_tell(f, gap_tell, &gaps);
         while ((rc = apc_forward_step(f, STEP)) > 0)
             ;
         if (rc == 0 && (rc = apc_store_keep_history(to)) == APC_EPERM) /* its owner says so */

@@ -307,9 +307,14 @@ static int find_places(struct apc_forward *f)
         return apc_forward_fail_to(f, rc);
     }
     bool older = false;
+    f->kept = false;
+    f->kept_until = 0;
     for (size_t i = 0; i < f->n; i++) {
         struct apc_forward_variable *v = &f->variable[i];
         older = older || seq_read(f, i) < v->stored;
+        v->gone = seq_read(f, i) == 0 && (v->gone || v->stored > 0);
+        f->kept = f->kept || seq_read(f, i) > f->first;
+        f->kept_until = time_read(f, i) > f->kept_until ? time_read(f, i) : f->kept_until;
         v->ours = v->ours && (seq_read(f, i) == v->at.seq || seq_read(f, i) == v->stored);
         v->at.seq = v->stored = seq_read(f, i);
         v->at.time = time_read(f, i);
@@ -375,8 +380,21 @@ void apc_forward_count(struct apc_forward *f, uint64_t *of, int stored)
     f->moved += stored;
 }
 
+/* What is missing is on record before what follows it: else a process that ends in between would leave a gap
+ * without a word. */
+static int tell_before(struct apc_forward *f)
+{
+    const bool any = f->tell && f->gap.variables > 0;
+    const int rc = any ? apc_forward_tell_gap(f) : 0;
+    return any && rc == 0 ? apc_forward_events(f) : rc;
+}
+
 static int flush_rows(struct apc_forward *f)
 {
+    int rc = tell_before(f);
+    if (rc < 0) {
+        return rc;
+    }
     const struct apc_rows rows = {.size = sizeof rows, .vector = f->vector, .n_vectors = f->vectors};
     for (size_t i = 0; i < f->samples; i++) {
         const int author = f->sample[i].author > 0 ? find_author(f, f->sample[i].author) : 0;
@@ -420,20 +438,39 @@ static bool leaves_out(const struct apc_forward_variable *v)
     return v->at.table == APC_ESTIMATE || v->at.table == APC_PREDICTION;
 }
 
+/* Are rows missing between the last one that TO has, or has been told of, and the first of a step? Of what
+ * was before a record began none is. */
+static bool is_gap(const struct apc_forward *f, const struct apc_forward_variable *v, int64_t seq,
+                   int64_t told)
+{
+    if (v->read || seq <= told + 1) {
+        return false;
+    }
+    if (v->at.seq == 0) { /* TO has none: it may be a backup of before there were any */
+        return v->gone || (f->kept && !leaves_out(v) && seq > f->first + 1);
+    }
+    return !leaves_out(v) || (!v->follows && (v->ours || v->at.seq > f->first));
+}
+
 /* The first row of a variable in a step: is it the one that follows? After a step that failed it may come
  * again. */
 static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
 {
     struct apc_forward_variable *v = f->reading;
+    struct apc_forward_gap *gap = &f->gap;
     const int64_t told = v->at.seq > v->missing ? v->at.seq : v->missing;
-    if (!v->read && v->at.seq > 0 && seq > told + 1 && (!leaves_out(v) || (v->ours && !v->follows))) {
-        f->stats.gap.since =
-            f->stats.gap.times == 0 || v->at.time < f->stats.gap.since ? v->at.time : f->stats.gap.since;
-        f->stats.gap.until = time > f->stats.gap.until ? time : f->stats.gap.until;
-        f->stats.gap.times++;
-        f->stats.gap.rows += apc_rows_between(f->first, told, seq - 1);
-        v->missing = seq - 1;
+    const apc_ns since = v->at.seq > 0 ? v->at.time : f->kept_until;
+    if (!is_gap(f, v, seq, told)) {
+        return;
     }
+    f->stats.gap.since = f->stats.gap.times == 0 || since < f->stats.gap.since ? since : f->stats.gap.since;
+    f->stats.gap.until = time > f->stats.gap.until ? time : f->stats.gap.until;
+    f->stats.gap.times++;
+    f->stats.gap.rows += apc_rows_between(f->first, told, seq - 1);
+    gap->since = gap->variables == 0 || since < gap->since ? since : gap->since;
+    gap->until = gap->variables == 0 || time > gap->until ? time : gap->until;
+    gap->variables++;
+    v->missing = seq - 1;
 }
 
 enum taken { TAKEN, KNOWN, LATER };
@@ -575,6 +612,27 @@ void apc_forward_destroy(struct apc_forward *f)
     free(f);
 }
 
+void apc_forward_tell(struct apc_forward *f, apc_forward_gap_fn fn, void *ctx)
+{
+    f->tell = fn;
+    f->told = ctx;
+}
+
+int apc_forward_tell_gap(struct apc_forward *f)
+{
+    struct apc_forward_gap gap = f->gap;
+    if (!f->tell || (gap.variables == 0 && gap.events == 0 && gap.timing == 0)) {
+        return 0;
+    }
+    gap.size = sizeof gap;
+    const int rc = f->tell(f->told, &gap);
+    if (rc < 0) {
+        return apc_forward_fail_from(f, rc);
+    }
+    f->gap = (struct apc_forward_gap){0};
+    return 0;
+}
+
 int apc_forward_step(struct apc_forward *f, apc_ns timeout)
 {
     if (!f || timeout < 0) {
@@ -604,6 +662,9 @@ int apc_forward_step(struct apc_forward *f, apc_ns timeout)
     }
     if (rc == 0) {
         rc = apc_forward_records(f);
+    }
+    if (rc == 0) {
+        rc = apc_forward_tell_gap(f);
     }
     if (rc == 0) {
         rc = compare(f);

@@ -20,17 +20,19 @@ struct apc_forward_variable {
     bool read;            /* rows of it were read in this step */
     bool ours;            /* its last row was read from FROM ... */
     bool follows;         /* ... and is still there */
+    bool gone;            /* TO had rows of it, and has none any more */
 };
 
 /* How far events, or timing rows, have come. */
 struct apc_forward_cursor {
-    int64_t number; /* all up to it have been moved */
-    bool begun;     /* it is known */
-    bool doubtful;  /* those above it may be there */
-    bool asked;     /* it is known whether TO had any at the start ... */
-    bool had;       /* ... it had, the highest of FROM's being ... */
-    int64_t found;  /* ... this one, as far as it was looked through ... */
-    bool sent;      /* ... up to the first one that was sent */
+    int64_t number;  /* all up to it have been moved */
+    bool begun;      /* it is known */
+    bool doubtful;   /* those above it may be there */
+    bool asked;      /* it is known whether TO had any at the start ... */
+    bool had;        /* ... it had, the highest of FROM's being ... */
+    int64_t found;   /* ... this one, as far as it was looked through ... */
+    bool sent;       /* ... up to the first one that was sent */
+    uint64_t missed; /* above number: were overwritten, and have been counted */
 };
 
 struct apc_forward {
@@ -65,7 +67,12 @@ struct apc_forward {
     int64_t number; /* the highest of those that stream */
     int failed;     /* why the stream was ended */
     struct apc_forward_cursor events, timing;
-    struct apc_sample last; /* table, id and seq of what TO took last; seq 0: nothing yet */
+    apc_forward_gap_fn tell; /* NULL: nobody is told */
+    void *told;
+    struct apc_forward_gap gap; /* not told yet */
+    bool kept;                  /* when places were found TO had rows of FROM's, ... */
+    apc_ns kept_until;          /* ... the newest of this time */
+    struct apc_sample last;     /* table, id and seq of what TO took last; seq 0: nothing yet */
 };
 
 /* What a failure of either store is; both return it. */
@@ -77,7 +84,10 @@ void apc_forward_count(struct apc_forward *f, uint64_t *of, int stored);
 int apc_forward_compare_places(struct apc_forward *f);
 /* Of what was just appended some was there already: was it the same? 0 or an error. */
 int apc_forward_compare_batch(struct apc_forward *f, size_t samples, size_t vectors);
-/* Events and timing that have come since the last time. */
+/* Events, or both events and timing, that have come since the last time. */
+int apc_forward_events(struct apc_forward *f);
 int apc_forward_records(struct apc_forward *f);
+/* Tell of what is missing, if anything is. 0 or an error. */
+int apc_forward_tell_gap(struct apc_forward *f);
 
 #endif

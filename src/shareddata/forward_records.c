@@ -205,7 +205,7 @@ struct count {
 /* What differs between events and timing rows. */
 struct kind {
     struct apc_forward_cursor *cursor;
-    uint64_t *lost;
+    uint64_t *lost, *untold;
     int (*give)(struct apc_forward *f, const struct apc_range *range);
     int (*flush)(struct apc_forward *f);
     int (*count)(struct apc_store *store, const struct apc_range *range, struct count *c);
@@ -245,6 +245,14 @@ static int count_timing(struct apc_store *store, const struct apc_range *range, 
     return apc_store_timing(store, range, count_row, c);
 }
 
+/* So many were overwritten. */
+static int lose(struct apc_forward *f, const struct kind *k, uint64_t n)
+{
+    *k->lost += n;
+    *k->untold += n;
+    return n > 0 ? apc_forward_tell_gap(f) : 0;
+}
+
 /* After a start: how many FROM has above the last one that TO had, where it had any at all; of what was
  * before a history began it has no gap. */
 static int begin_to_count(struct apc_forward *f, const struct kind *k)
@@ -256,9 +264,9 @@ static int begin_to_count(struct apc_forward *f, const struct kind *k)
     if (rc < 0) {
         return apc_forward_fail_from(f, rc);
     }
-    *k->lost += k->cursor->had ? (uint64_t)(f->number - found - held.n) : 0;
+    const uint64_t lost = k->cursor->had ? (uint64_t)(f->number - found - held.n) : 0;
     k->cursor->begun = true;
-    return 0;
+    return lose(f, k, lost);
 }
 
 /* All that have come since the last time. */
@@ -281,23 +289,34 @@ static int move_records(struct apc_forward *f, const struct kind *k)
     if (f->failed == 0 && given < 0) {
         f->failed = apc_forward_fail_from(f, given);
     }
+    if (f->failed == 0 && numbers && c->begun) { /* before TO has what follows them */
+        const uint64_t missed = (uint64_t)(f->number - c->number - given);
+        f->failed = lose(f, k, missed - c->missed);
+        c->missed = missed;
+    }
     if (f->failed == 0) {
         k->flush(f);
     }
     if (f->failed == 0 && numbers && !c->begun) {
         f->failed = begin_to_count(f, k);
-    } else if (f->failed == 0 && numbers) {
-        *k->lost += (uint64_t)(f->number - c->number - given);
     }
     c->number = f->failed == 0 ? f->number : c->number;
+    c->missed = f->failed == 0 ? 0 : c->missed;
     c->doubtful = f->failed < 0; /* some of them may have been moved */
     return f->failed;
 }
 
+int apc_forward_events(struct apc_forward *f)
+{
+    const struct kind events = {&f->events,  &f->stats.lost.events, &f->gap.events,
+                                give_events, flush_events,          count_events};
+    return move_records(f, &events);
+}
+
 int apc_forward_records(struct apc_forward *f)
 {
-    const struct kind events = {&f->events, &f->stats.lost.events, give_events, flush_events, count_events};
-    const struct kind timing = {&f->timing, &f->stats.lost.timing, give_timing, flush_timing, count_timing};
-    const int rc = move_records(f, &events);
+    const struct kind timing = {&f->timing,  &f->stats.lost.timing, &f->gap.timing,
+                                give_timing, flush_timing,          count_timing};
+    const int rc = apc_forward_events(f);
     return rc == 0 ? move_records(f, &timing) : rc;
 }

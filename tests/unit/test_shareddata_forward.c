@@ -472,6 +472,163 @@ static void test_what_was_overwritten_before_its_turn_is_told(void **state)
     live_drop(live);
 }
 
+/* Who is told of gaps. */
+struct telling {
+    struct apc_store *live, *history;
+    int refuse, calls; /* the first ones fail */
+    struct apc_forward_gap gap[8];
+    int64_t newest; /* that the history had at the last call */
+};
+
+static int put_down(void *ctx, const struct apc_forward_gap *gap)
+{
+    struct telling *t = ctx;
+    struct apc_sample s = {.table = APC_SENSOR, .id = 1};
+    assert_int_equal(gap->size, sizeof *gap);
+    ok(t->history, apc_store_read(t->history, &s, 1));
+    t->newest = s.seq;
+    assert_true(t->calls < 8);
+    t->gap[t->calls++] = *gap;
+    if (t->calls <= t->refuse) {
+        return APC_ECONN;
+    }
+    append_event(t->live, t->calls, "history");
+    return 0;
+}
+
+/* So whoever ends in between leaves no gap without a word. */
+static void test_a_gap_is_on_record_before_what_follows_it(void **state)
+{
+    struct apc_store *live = live_make(1);
+    struct telling t = {.live = live, .history = *state, .refuse = 1};
+    append(live, 1, 20);
+    struct apc_forward *f = begin(live, *state);
+    apc_forward_tell(f, put_down, &t);
+    assert_int_equal(step(f), 60);
+    append(live, 21, 20000); /* more than it holds */
+    assert_int_equal(apc_forward_step(f, FOREVER), APC_ECONN);
+    assert_true(t.calls == 1 && t.newest == 20);
+    assert_whole(*state, APC_SENSOR, 1, 20); /* nothing goes on before it is told */
+    assert_whole(*state, APC_TICK, 1, 20);
+    assert_true(step(f) > 0);
+    assert_true(t.calls == 2 && t.newest == 20);
+    assert_memory_equal(&t.gap[0], &t.gap[1], sizeof t.gap[0]);
+    assert_int_equal(t.gap[1].variables, 3);
+    assert_true(t.gap[1].since == 20 * APC_NS_PER_MS && t.gap[1].until > t.gap[1].since);
+    struct seen e = {0};
+    ok(*state, apc_store_events(*state, NULL, see_event, &e));
+    assert_true(e.n == 1 && e.first == 2);
+    append(live, 20001, 20010);
+    assert_int_equal(step(f), 30);
+    append(live, 20011, 40000);
+    assert_true(step(f) > 0);
+    assert_true(t.calls == 3 && t.gap[2].since == 20010 * APC_NS_PER_MS); /* of that gap alone */
+    apc_forward_destroy(f);
+    live_drop(live);
+}
+
+/* Of each kind a variable; of y2 there is none up to the tenth tick, and laws have an answer at each second.
+ */
+static void tick_all(struct apc_store *live, int64_t from, int64_t to)
+{
+    for (int64_t tick = from; tick <= to; tick++) {
+        append(live, tick, tick);
+        if (tick % 2 == 0) {
+            publish(live, tick);
+        }
+        if (tick > 10) {
+            struct apc_sample s = sample(APC_SENSOR, 2, tick - 10, 1);
+            s.time = tick * APC_NS_PER_MS;
+            assert_int_equal(apc_store_append(live, &s, 1), 1);
+        }
+    }
+}
+
+#define LAST_TICK 6000 /* more than it holds */
+
+struct there {
+    bool tick[LAST_TICK + 1];
+};
+
+static int mark_sample(void *ctx, const struct apc_sample *s)
+{
+    ((struct there *)ctx)->tick[s->time / APC_NS_PER_MS] = true;
+    return 0;
+}
+
+static int mark_vector(void *ctx, const struct apc_vector *v)
+{
+    ((struct there *)ctx)->tick[v->time / APC_NS_PER_MS] = true;
+    return 0;
+}
+
+static void assert_each_gap_is_told(const struct telling *t, struct apc_store *history)
+{
+    static const struct {
+        enum apc_table table;
+        int id, first, every;
+    } rows[] = {{APC_SENSOR, 1, 1, 1},   {APC_ACTUATOR, 1, 1, 1},   {APC_TICK, 1, 1, 1},
+                {APC_ESTIMATE, 1, 2, 2}, {APC_PREDICTION, 1, 2, 2}, {APC_SENSOR, 2, 11, 1}};
+    uint64_t variables = 0;
+    for (int k = 0; k < t->calls; k++) {
+        variables += t->gap[k].variables;
+    }
+    assert_int_equal(variables, 6); /* each of them, and once */
+    for (size_t r = 0; r < sizeof rows / sizeof rows[0]; r++) {
+        static struct there there;
+        there = (struct there){{false}};
+        ok(history, apc_table_vectors(rows[r].table)
+                        ? apc_store_vectors(history, rows[r].table, rows[r].id, NULL, mark_vector, &there)
+                        : apc_store_history(history, rows[r].table, rows[r].id, NULL, mark_sample, &there));
+        assert_true(there.tick[LAST_TICK]);
+        for (int i = rows[r].first; i <= LAST_TICK; i += rows[r].every) {
+            bool told = there.tick[i];
+            for (int k = 0; k < t->calls && !told; k++) {
+                told = i * APC_NS_PER_MS > t->gap[k].since && i * APC_NS_PER_MS < t->gap[k].until;
+            }
+            if (!told) {
+                fail_msg("%s %d lacks tick %d, and nobody says so", apc_table_name(rows[r].table), rows[r].id,
+                         i);
+            }
+        }
+    }
+}
+
+/* A backup of before what the live store still has; the historian goes on, or begins anew. */
+static void test_of_a_history_that_is_older_than_the_live_store_each_gap_is_told(void **state)
+{
+    static bool done; /* it is not about the kind of store */
+    (void)state;
+    for (int restarted = 0; restarted < 2 && !done; restarted++) {
+        struct apc_store *live = live_make(1), *history = file_make("history"), *backup = file_make("backup");
+        struct telling t = {.live = live, .history = history};
+        tick_all(live, 1, 10);
+        forward(live, backup);
+        apc_store_close(backup);
+        struct apc_forward *f = begin(live, history);
+        apc_forward_tell(f, put_down, &t);
+        step(f);
+        tick_all(live, 11, 20);
+        step(f);
+        if (restarted) {
+            apc_forward_destroy(f);
+        }
+        assert_int_equal(t.calls, 0);
+        assert_int_equal(rename(scratch_path("backup"), scratch_path("history")), 0);
+        tick_all(live, 21, LAST_TICK);
+        if (restarted) {
+            f = begin(live, history);
+            apc_forward_tell(f, put_down, &t);
+        }
+        step(f);
+        assert_each_gap_is_told(&t, history);
+        apc_forward_destroy(f);
+        apc_store_close(history);
+        live_drop(live);
+    }
+    done = true;
+}
+
 static int count_event(void *ctx, const struct apc_event *e)
 {
     (void)e;
@@ -1032,6 +1189,8 @@ int main(void)
         T(test_what_is_there_already_is_not_stored_again),
         T(test_events_that_are_alike_are_all_moved),
         T(test_what_was_overwritten_before_its_turn_is_told),
+        T(test_a_gap_is_on_record_before_what_follows_it),
+        cmocka_unit_test(test_of_a_history_that_is_older_than_the_live_store_each_gap_is_told),
         T(test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is),
         T(test_events_and_timing_that_were_overwritten_before_their_turn_are_counted),
         T(test_how_much_room_is_left_is_told_before_it_is_used_up),
