@@ -255,7 +255,7 @@ static bool suggest(const struct identification *z, size_t p, bool derivative, s
     const double period = z->data.record.Ts;
 
     why->text[0] = '\0';
-    return (!derivative || (g->integrating ? g->tau[0] : g->tau[1]) > 0.0) &&
+    return (!derivative || g->tau[g->integrating ? 0 : 1] > 0.0) &&
            apc_tune_pid(g, APC_TUNE_SIMC, derivative, z->own.tau_c, period, t, why) == 0 &&
            apc_tune_margins(g, t, period, m, why) == 0;
 }

@@ -291,7 +291,9 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
     struct oscillation swings;
     const bool by_relay = oscillates(z, output, measurement, &swings);
     int rc = check_model(z, output, measurement, g, error, why);
-    const bool modelled = rc == 0, second = modelled ? g->tau[1] > 0.0 : present.tau_d > 0.0;
+    const bool modelled = rc == 0;
+    /* of what integrates the first lag is already one behind another */
+    const bool second = modelled ? g->tau[g->integrating ? 0 : 1] > 0.0 : present.tau_d > 0.0;
 
     if (rc < 0 && !by_relay)
         return rc;

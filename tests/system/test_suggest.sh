@@ -41,6 +41,13 @@ echo 'transfer = ( { from = "u"; to = "y"; gain = 10; tau = [1.0]; dead_time = 1
 for model in by-hand without; do "$apc" tune --suggest "$work/fast.conf" --model "$work/$model.model" >"$work/$model.txt"; done
 cmp -s <(grep then "$work/by-hand.txt" | cut -c1-40) <(grep then "$work/without.txt" | cut -c1-40) ||
   fail "a zero that equals a lag does not cancel it: $(cat "$work/by-hand.txt" "$work/without.txt")"
+# an integrator with a lag: PID, its derivative being the lag's (Skogestad's table); kp 1 / (0.5 * 2 * 2.1), in series tau_i 16.8, tau_d 20
+sed 's/law = "pi";/law = "pid";/' "$work/fast.conf" >"$work/pid.conf"
+echo 'transfer = ( { from = "u"; to = "y"; gain = 0.5; integrating = true; tau = [20.0]; dead_time = 2.0; } );' >"$work/drifts.model"
+read -r Kp tau_i tau_d < <("$apc" tune --suggest "$work/pid.conf" --model "$work/drifts.model" | awk '$2 == "then" { print $3, $4, $5 }')
+near "Kp of an integrator with a lag" "$Kp" 1.043 0.001
+near "tau_i of an integrator with a lag" "$tau_i" 36.8 0.01
+near "tau_d of an integrator with a lag" "$tau_d" 9.13 0.001
 sed 's/"u"/"v"/' "$work/by-hand.model" >"$work/other.model"
 expect 1 'u to y is not in .*other.model' "$apc" tune --suggest "$work/fast.conf" --model "$work/other.model"
 echo 'state_space = { A = ([1.0]); B = ([1.0]); C = ([1.0]); };' >"$work/space.model"
