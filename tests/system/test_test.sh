@@ -145,7 +145,7 @@ expect 1 'nothing would end the test of a live plant: give --guard y=LOW..HIGH' 
 at_rest() { [ "$(sql "SELECT abs(value - 10) < 0.2 FROM apc.sensor WHERE id = 1 ORDER BY seq DESC LIMIT 1")" = t ]; }
 until_true 60 at_rest
 begin=$(date -u +%Y-%m-%dT%H:%M:%S.%NZ)
-live --guard y=-20..40 --amplitude 0.5 -d 8 -o "$work/live" >"$work/live.txt" 2>&1 || fail "live: $(cat "$work/live.txt")"
+live --guard y=-20..40 --amplitude 0.5 -d 12 -o "$work/live" >"$work/live.txt" 2>&1 || fail "live: $(cat "$work/live.txt")"
 until_true 20 back
 next=$(sed -n 's/^record: .*; next: apc identify //p' "$work/live.txt")
 # (of a transfer function, where a sample that a busy machine missed is no gap that many others fall into)
