@@ -117,8 +117,9 @@ APC_API int apc_identity_load(struct apc_identity **identity, const char *file, 
 APC_API void apc_identity_free(struct apc_identity *identity); /**< NULL is legal. [setup] */
 /**
  * Read the file again if it is another than at the last time; connections that are made from now on take what
- * it says, the others stay. It is left alone where what stands in it does not fit together. Returns 1: it was
- * read; 0; or an error of apc_identity_load(). [any], but not in a tick: it reads a file.
+ * it says, the others stay. It is left alone where what stands in it does not fit together, or cannot take
+ * the place of what was read before: the same use, name, hosts and authority, and good today. Returns 1: it
+ * was read; 0; or an error of apc_identity_load(). [any], but not in a tick: it reads a file.
  */
 APC_API int apc_identity_refresh(struct apc_identity *identity, struct apc_error *why);
 /** UTC when the first of its certificates expires. From then on nothing connects by it; connections that

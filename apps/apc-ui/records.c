@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/base_internal.h"
 #include "common/recorder.h"
 #include "ui.h"
 
@@ -231,7 +232,7 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
         task->total[q].count += row->count;
         task->total[q].sum += row->mean * (double)row->count / 1e9;
         task->period = row->period;
-        task->heard = apc_clock_mono(NULL) - (r->started ? 0 : apc_clock_utc(NULL) - row->time);
+        task->heard = apc_clock_mono(NULL) - (r->started ? 0 : apc_ns_since(apc_clock_utc(NULL), row->time));
         if (q == RUN) { /* all quantities of a window have the same */
             task->missed = row->missed;
             task->missed_total += r->started ? row->missed : 0;

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "base/base_internal.h"
 #include "print.h"
 #include "reason.h"
 
@@ -96,7 +97,7 @@ static bool ticks_now(const struct waiting *w, struct apc_store *store, const st
     const struct apc_vector *tick = tick_of(w, c);
     const struct apc_range since = {.since = tick->time};
     struct stop stop = {.loops = &w->operation->plant->loops, .controller = c};
-    apc_ns ago = apc_clock_utc(NULL) - tick->time;
+    apc_ns ago = apc_ns_since(apc_clock_utc(NULL), tick->time);
     return tick->seq > 0 && ago >= 0 && ago <= patience &&
            apc_store_events(store, &since, take_stop, &stop) >= 0 && !stop.stopped;
 }
@@ -114,7 +115,7 @@ static int nobody(const struct waiting *w, const struct cli *cli, const struct l
     return cli_error(cli, APC_EPERM,
                      "nobody applies it: %s's last tick was %s ago. Nothing was written; --no-wait "
                      "does in any case",
-                     name_of(w, c, name), print_age(apc_clock_utc(NULL) - tick->time, age));
+                     name_of(w, c, name), print_age(apc_ns_since(apc_clock_utc(NULL), tick->time), age));
 }
 
 /* An age by the clocks of two hosts is no proof that nothing ticks: then a tick is waited for. */

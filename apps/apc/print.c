@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/base_internal.h"
 #include "base/text.h"
 #include "run/csv.h"
 #include "run/loops.h"
@@ -273,7 +274,7 @@ void print_sample_cells(struct print_table *table, const struct cli_tags *tags, 
         print_cell(table, PRINT_PLAIN, "%s", "");
     } else {
         print_cell(table, print_ink_of(s->status), "%s", apc_status_format(s->status, status));
-        print_cell(table, PRINT_PLAIN, "%s", print_age(now - s->time, text));
+        print_cell(table, PRINT_PLAIN, "%s", print_age(apc_ns_since(now, s->time), text));
     }
     print_cell(table, PRINT_ALARM, "%s", note);
 }
@@ -338,7 +339,7 @@ void print_sample_members(FILE *out, const struct apc_sample *s, const struct cl
         print_json_text(out, "unit", tag ? tag->unit : "");
     }
     if (now && s->seq)
-        fprintf(out, ",\"age\":%.3f", apc_ns_to_s(now - s->time));
+        fprintf(out, ",\"age\":%.3f", apc_ns_to_s(apc_ns_since(now, s->time)));
     else if (now)
         fputs(",\"age\":null", out);
     if (s->origin)

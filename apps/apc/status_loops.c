@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/base_internal.h"
 #include "print.h"
 
 #define SENSIBLE (10 * APC_NS_PER_S) /* so old a value may be whatever its period */
@@ -87,7 +88,7 @@ bool status_is_stale(const struct cli_tags *tags, const struct apc_sample *sampl
     if (tag && tag->period > apc_ns_to_s(SENSIBLE) / 3)
         (void)apc_ns_from_s(3 * tag->period, &sensible);
     return (sample->table == APC_SENSOR || sample->table == APC_ACTUATOR) && sample->seq > 0 &&
-           now - sample->time > sensible;
+           apc_ns_since(now, sample->time) > sensible;
 }
 
 bool status_loops_have(const struct status_loops *s, const struct apc_sample *v)
@@ -188,7 +189,7 @@ static void put_loop(struct print_table *table, const struct status_loops *s, si
         print_cell(table, PRINT_FAINT, "%.4g..%.4g", tag->low, tag->high);
     else
         print_cell(table, PRINT_PLAIN, "%s", "");
-    print_cell(table, PRINT_PLAIN, "%s", aged->seq ? print_age(s->now - aged->time, text) : "");
+    print_cell(table, PRINT_PLAIN, "%s", aged->seq ? print_age(apc_ns_since(s->now, aged->time), text) : "");
     print_cell(table, PRINT_ALARM, "%s", status_is_stale(&s->plant->tags, aged, s->now) ? "STALE" : "");
 }
 
@@ -238,7 +239,7 @@ static void json_value(const struct status_loops *s, const char *key, const stru
         putchar(',');
         print_json_number(stdout, "value", v->value);
         printf(",\"status\":\"%s\",\"age\":%.3f", apc_status_format(v->status, status),
-               apc_ns_to_s(s->now - v->time));
+               apc_ns_to_s(apc_ns_since(s->now, v->time)));
     } else {
         fputs(",\"value\":null,\"status\":null,\"age\":null", stdout);
     }

@@ -42,9 +42,12 @@ static void refresh(struct credentials *c)
     const int rc = apc_identity_refresh(c->identity, &why);
     char time[APC_TIME_LEN];
 
+    const apc_ns expiry = apc_identity_expiry(c->identity);
+
     if (rc > 0)
-        daemon_event(c->d, APC_EVENT_INFO, "certificate", "a new certificate is taken up, good until %s",
-                     apc_time_format(apc_identity_expiry(c->identity), time));
+        daemon_event(c->d, APC_EVENT_INFO, "certificate", "a new certificate is taken up, good %s%s",
+                     expiry < INT64_MAX ? "until " : "without an end",
+                     expiry < INT64_MAX ? apc_time_format(expiry, time) : "");
     else if (rc < 0 && !c->broken)
         daemon_event(c->d, APC_EVENT_WARNING, "certificate",
                      "%.150s; the one that was read before stays in use", why.text);

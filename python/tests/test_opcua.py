@@ -2,15 +2,30 @@
 """What of the gateways of OPC UA needs no OPC UA."""
 
 from collections.abc import Callable
+from datetime import datetime, timezone
 from types import SimpleNamespace
 
 import pytest
 
 from libapc.opcua import __main__ as command
-from libapc.opcua import plant, server, units
+from libapc.opcua import history, plant, server, units
 
 _S = 10**9
 _T0 = 1_700_000_000 * _S
+
+
+@pytest.mark.parametrize("year", [1601, 1969, 2262, 9999])
+def test_a_time_that_says_that_there_is_none_is_none(year: int) -> None:
+    when = datetime(year, 12, 31, tzinfo=timezone.utc)
+    assert plant._ns(when) is None
+    assert history._ns(when) == (0 if year < 1970 else 2**63 - 2)
+
+
+def test_a_history_without_an_end_is_read_from_its_begin_on() -> None:
+    begin = datetime(2026, 1, 1, tzinfo=timezone.utc)
+    details = SimpleNamespace(StartTime=begin, EndTime=datetime(9999, 12, 31), NumValuesPerNode=0)
+    asked = history.asked(SimpleNamespace(), details, None)
+    assert asked.forwards and asked.since == 1767225600 * _S and asked.until == 2**63 - 2
 
 
 @pytest.mark.parametrize("say", [plant.say, server.say])

@@ -31,6 +31,11 @@ def test_history_has_bounds(store):
     part = store.history("y", since=y.time[10], until=y.time[20])
     assert (part.seq == y.seq[10:20]).all()
     assert len(store.history("y", since="2001-01-01").value) == 0
+    # beyond what 64 bits of ns can tell
+    assert len(store.history("y", since="0001-01-01", until="9999-12-31").value) == len(y.value)
+    assert len(store.history("y", since="9999-12-31").value) == 0
+    with pytest.raises(ValueError, match="NaT is no time"):
+        store.history("y", since=np.datetime64("NaT"))
     with pytest.raises(ValueError, match="last = -1"):
         store.history("y", last=-1)
 

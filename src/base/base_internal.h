@@ -44,6 +44,24 @@ bool apc_param_accepts(const struct apc_param *param, double value);
 /** Check a table of parameters that came with law or model @p owner. Returns 0 or APC_EINVAL. */
 int apc_params_check(const struct apc_param *param, size_t n, const char *owner, struct apc_error *why);
 
+/* ---- Times of others ------------------------------------------------------------------------ */
+
+/** How long @p then lies before @p now; rows may be of any time: at the ends of apc_ns, where there is no
+ * such number, the nearest. [tick] */
+static inline apc_ns apc_ns_since(apc_ns now, apc_ns then)
+{
+    apc_ns age;
+
+    return __builtin_sub_overflow(now, then, &age) ? (then < 0 ? INT64_MAX : INT64_MIN) : age;
+}
+/** Seconds as they were read: none that apc_ns cannot have, NaN is 0. [tick] */
+static inline apc_ns apc_ns_read(double seconds)
+{
+    apc_ns ns = 0;
+
+    return apc_ns_from_s(seconds, &ns) == 0 ? ns : seconds > 0 ? INT64_MAX : seconds < 0 ? INT64_MIN : 0;
+}
+
 /* ---- Marks --------------------------------------------------------------------------------- */
 
 #define APC_HASH_BEGIN 2166136261u

@@ -276,7 +276,8 @@ static bool is_plan_of(const struct apc_vector *plan, const struct apc_sample *s
         if (!(fabs(plan->value[i]) < 1e9) || (i > 0 && !(plan->value[i] > plan->value[i - 2])))
             return false;
     }
-    return n == 2 || (utc >= plan->time && utc - plan->time - due_at(plan, 2) <= loss);
+    return n == 2 ||
+           (utc >= plan->time && apc_ns_since(apc_ns_since(utc, plan->time), due_at(plan, 2)) <= loss);
 }
 
 /* Setpoint @p k over the horizon: as it is now or, by a plan, as it will be. Beyond what must not be taken
@@ -288,7 +289,8 @@ static void look_ahead(struct apc_controller *c, size_t k, const struct apc_vect
     uint32_t i = 2;
 
     for (size_t row = 1; row < c->size.n_ahead; row++) {
-        const apc_ns at = plan ? utc - plan->time + llround((double)row * c->Ts * 1e9) + TOGETHER : 0;
+        const apc_ns ahead = (apc_ns)llround((double)row * c->Ts * 1e9) + TOGETHER;
+        const apc_ns at = plan ? apc_ns_since(utc + ahead, plan->time) : 0;
 
         while (plan && i < plan->n && due_at(plan, i) <= at && within(plan->value[i + 1], z->low, z->high)) {
             value = plan->value[i + 1];

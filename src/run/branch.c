@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/base_internal.h"
 #include "modules/controller.h"
 #include "past.h"
 #include "settings.h"
@@ -294,7 +295,7 @@ static int match_measurements(struct simulated *c)
 {
     struct apc_controller *core = c->core;
     for (size_t k = 0; k < core->dim.ny && core->resumed_at; k++) {
-        const apc_ns taken = core->resumed_at - (apc_ns)llround(core->y_age[k] * APC_NS_PER_S);
+        const apc_ns taken = apc_ns_since(core->resumed_at, apc_ns_read(core->y_age[k]));
         const struct apc_range until = {.until = taken + c->s->e->client.rhythm.period / 2, .last = 1};
         struct samples one = {0};
         const int rc = samples_collect_one(&one, c->s->store, APC_SENSOR, core->in.sample[k].id, &until);

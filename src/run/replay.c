@@ -18,6 +18,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/base_internal.h"
 #include "modules/controller.h"
 #include "simulation.h"
 
@@ -103,7 +104,7 @@ static void give_measurements(struct apc_controller *c, const double *row, struc
     for (size_t k = 0; k < c->dim.ny; k++)
         give_measurement(c, k, row[at[APC_TICK_Y] + k], row[at[APC_TICK_Y_SEQ] + k],
                          (apc_status)row[at[APC_TICK_Y_STATUS] + k], now,
-                         now.utc - (apc_ns)llround(row[at[APC_TICK_Y_AGE] + k] * APC_NS_PER_S));
+                         apc_ns_since(now.utc, apc_ns_read(row[at[APC_TICK_Y_AGE] + k])));
     for (size_t k = 0; k < c->dim.nd; k++)
         give_measurement(c, c->dim.ny + k, row[at[APC_TICK_D] + k], row[at[APC_TICK_D_SEQ] + k],
                          (apc_status)row[at[APC_TICK_D_STATUS] + k], now, now.utc);
@@ -230,7 +231,7 @@ static struct apc_now now_of(const struct replay_controller *rc, const double *r
     for (size_t i = 0; i < c->dim.nu; i++) {
         const double held = row[c->offset[APC_TICK_HELD] + i];
         if (held > 0 && c->state[i].loop.holding && !c->resumed_at)
-            now.mono = c->state[i].loop.held + (apc_ns)llround(held * APC_NS_PER_S);
+            now.mono = apc_ns_since(c->state[i].loop.held, -apc_ns_read(held));
     }
     return now;
 }

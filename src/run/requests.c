@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/base_internal.h"
 #include "loops.h"
 #include "outcome.h"
 #include "owner.h"
@@ -195,7 +196,7 @@ static bool APC_PRINTF(2, 3) tell(struct look *l, const char *fmt, ...)
 static bool is_past(struct look *l, apc_ns most, apc_ns most_ahead)
 {
     const struct apc_request *q = l->request;
-    const apc_ns ours = apc_clock_utc(NULL) - q->time, age = ours > q->age ? ours : q->age;
+    const apc_ns ours = apc_ns_since(apc_clock_utc(NULL), q->time), age = ours > q->age ? ours : q->age;
     const apc_ns ahead = ours < q->age ? -ours : -q->age;
     if (age > most)
         return tell(l, "refused: too late, it was asked for %.1f s ago by %s clock, and %.0f s are allowed",

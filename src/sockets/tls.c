@@ -17,6 +17,7 @@
  * OpenSSL reads ahead, what is there of the socket at once: one system call a frame instead of two. So there
  * may be something to receive of which poll(2) knows nothing; `more` says so until a call found nothing.
  */
+#include "base/text.h"
 #include "sockets/sockets_internal.h"
 
 #include <errno.h>
@@ -113,10 +114,16 @@ static int refuse_password(char *buffer, int size, int writing, void *ctx)
     return -1;
 }
 
-static apc_ns expiry_of(const X509 *certificate)
+/* INT64_MAX: beyond the years of apc_ns, as where there is no end (RFC 5280: 99991231235959Z). False: it has
+ * no date. */
+static bool expiry_of(const X509 *certificate, apc_ns *expiry)
 {
     struct tm tm;
-    return ASN1_TIME_to_tm(X509_get0_notAfter(certificate), &tm) ? timegm(&tm) * APC_NS_PER_S : 0;
+    const bool good = ASN1_TIME_to_tm(X509_get0_notAfter(certificate), &tm);
+
+    if (good && __builtin_mul_overflow(timegm(&tm), APC_NS_PER_S, expiry))
+        *expiry = tm.tm_year < 70 ? INT64_MIN : INT64_MAX;
+    return good;
 }
 
 static int on_ticket(SSL *ssl, SSL_SESSION *session)
@@ -153,11 +160,11 @@ static int take_certificates(SSL_CTX *context, BIO *bio, apc_ns *expiry)
 
     *expiry = INT64_MAX;
     for (; (x = PEM_read_bio_X509(bio, NULL, refuse_password, NULL)); n++) {
-        const apc_ns until = expiry_of(x);
-        int ok;
-        if (n == 0)
+        apc_ns until = INT64_MAX;
+        int ok = expiry_of(x, &until);
+        if (ok && n == 0)
             ok = SSL_CTX_use_certificate(context, x);
-        else
+        else if (ok)
             ok = X509_check_ca(x) > 0 && X509_STORE_add_cert(SSL_CTX_get_cert_store(context), x);
         authorities += n > 0;
         *expiry = until < *expiry ? until : *expiry;
@@ -254,6 +261,91 @@ void apc_identity_free(struct apc_identity *i)
     free(i);
 }
 
+/* ---- A new one in its place ------------------------------------------------------------------- */
+
+/* The common name, if it is one line of text and there is just one. */
+static bool name_of(const X509 *certificate, char name[NAME_MAX_LEN + 1])
+{
+    X509_NAME *subject = X509_get_subject_name(certificate);
+    const int at = X509_NAME_get_index_by_NID(subject, NID_commonName, -1);
+    unsigned char *text = NULL;
+    int length = -1;
+
+    if (at >= 0 && X509_NAME_get_index_by_NID(subject, NID_commonName, at) < 0)
+        length = ASN1_STRING_to_UTF8(&text, X509_NAME_ENTRY_get_data(X509_NAME_get_entry(subject, at)));
+    const bool ok = length > 0 && length <= NAME_MAX_LEN && strlen((const char *)text) == (size_t)length &&
+                    text_is_clean((const char *)text);
+    if (ok)
+        memcpy(name, text, (size_t)length + 1);
+    OPENSSL_free(text);
+    return ok;
+}
+
+/* XKU_SSL_CLIENT, XKU_SSL_SERVER: what it says that it is for. One that says nothing is for neither. */
+static uint32_t use_of(X509 *certificate)
+{
+    const uint32_t use = X509_get_extended_key_usage(certificate);
+
+    return use == UINT32_MAX ? 0 : use & (XKU_SSL_CLIENT | XKU_SSL_SERVER);
+}
+
+static bool same_name(const X509 *was, const X509 *is)
+{
+    char before[NAME_MAX_LEN + 1], now[NAME_MAX_LEN + 1];
+
+    return !name_of(was, before) || (name_of(is, now) && strcmp(before, now) == 0);
+}
+
+/* Is @p is of all hosts that @p was is of? */
+static bool same_hosts(const X509 *was, const X509 *is)
+{
+    GENERAL_NAMES *before = X509_get_ext_d2i(was, NID_subject_alt_name, NULL, NULL),
+                  *now = X509_get_ext_d2i(is, NID_subject_alt_name, NULL, NULL);
+    bool there = true;
+
+    for (int i = 0; i < sk_GENERAL_NAME_num(before) && there; i++) {
+        there = false;
+        for (int k = 0; k < sk_GENERAL_NAME_num(now) && !there; k++)
+            there = GENERAL_NAME_cmp(sk_GENERAL_NAME_value(before, i), sk_GENERAL_NAME_value(now, k)) == 0;
+    }
+    GENERAL_NAMES_free(before);
+    GENERAL_NAMES_free(now);
+    return there;
+}
+
+/* Does an authority of @p believer vouch for @p certificate, whatever the day? */
+static bool believes(SSL_CTX *believer, X509 *certificate)
+{
+    X509_STORE_CTX *c = X509_STORE_CTX_new();
+    bool ok = c && X509_STORE_CTX_init(c, SSL_CTX_get_cert_store(believer), certificate, NULL);
+
+    if (ok) {
+        X509_STORE_CTX_set_flags(c, X509_V_FLAG_NO_CHECK_TIME);
+        ok = X509_verify_cert(c) == 1;
+    }
+    X509_STORE_CTX_free(c);
+    return ok;
+}
+
+/* NULL: whoever accepts what @p before says of us, and whom it accepts, is to go on with @p now. Else why
+ * not. Peers have an authority of ours: it must vouch for both. */
+static const char *unlike(SSL_CTX *before, SSL_CTX *now)
+{
+    X509 *const was = SSL_CTX_get0_certificate(before), *const is = SSL_CTX_get0_certificate(now);
+
+    if (use_of(was) & ~use_of(is))
+        return use_of(was) & XKU_SSL_SERVER ? "it is none of a plant" : "it is none of a client";
+    if (!same_name(was, is))
+        return "it bears another name";
+    if (!same_hosts(was, is))
+        return "it is not of all hosts that it was of";
+    if (!believes(before, is) || !believes(now, was))
+        return "it is of another authority";
+    if (X509_cmp_current_time(X509_get0_notAfter(is)) <= 0)
+        return "it has expired";
+    return X509_cmp_current_time(X509_get0_notBefore(is)) < 0 ? NULL : "it is not good yet";
+}
+
 static bool same_file(const struct stat *a, const struct stat *b)
 {
     return a->st_ino == b->st_ino && a->st_size == b->st_size && a->st_mtim.tv_sec == b->st_mtim.tv_sec &&
@@ -272,10 +364,15 @@ int apc_identity_refresh(struct apc_identity *i, struct apc_error *why)
                         strerrordesc_np(errno));
     if (same_file(&now, &i->read))
         return 0;
-    i->read = now;
     rc = read_identity(i->file, &context, &expiry, why);
-    if (rc < 0)
+    const char *const differs = rc == 0 ? unlike(i->context, context) : NULL;
+    if (differs) {
+        rc = apc_fail(why, APC_EINVAL, "identity \"%.90s\": %s", i->file, differs);
+        SSL_CTX_free(context);
+    }
+    if (rc < 0) /* looked at again: it may be half written, or of tomorrow */
         return rc;
+    i->read = now;
     pthread_mutex_lock(&i->mutex);
     old = i->context;
     i->context = context;
@@ -295,23 +392,6 @@ apc_ns apc_identity_expiry(struct apc_identity *i)
 
 /* ---- Who is on the other side ---------------------------------------------------------------- */
 
-/* The common name, if it is one line of text and there is just one. */
-static bool name_of(const X509 *certificate, char name[NAME_MAX_LEN + 1])
-{
-    X509_NAME *subject = X509_get_subject_name(certificate);
-    const int at = X509_NAME_get_index_by_NID(subject, NID_commonName, -1);
-    unsigned char *text = NULL;
-    int length = -1;
-
-    if (at >= 0 && X509_NAME_get_index_by_NID(subject, NID_commonName, at) < 0)
-        length = ASN1_STRING_to_UTF8(&text, X509_NAME_ENTRY_get_data(X509_NAME_get_entry(subject, at)));
-    const bool ok = length > 0 && length <= NAME_MAX_LEN && strlen((const char *)text) == (size_t)length;
-    if (ok)
-        memcpy(name, text, (size_t)length + 1);
-    OPENSSL_free(text);
-    return ok;
-}
-
 /* OpenSSL has looked at one certificate of the peer's chain; the last one is the peer's own. */
 static int on_certificate(int ok, X509_STORE_CTX *context)
 {
@@ -320,7 +400,13 @@ static int on_certificate(int ok, X509_STORE_CTX *context)
 
     if (X509_STORE_CTX_get_error_depth(context) > 0)
         return ok;
-    const bool named = name_of(X509_STORE_CTX_get_current_cert(context), tls->peer);
+    X509 *const own = X509_STORE_CTX_get_current_cert(context);
+    if (ok && !(use_of(own) & (tls->clients ? XKU_SSL_CLIENT : XKU_SSL_SERVER))) {
+        X509_STORE_CTX_set_error(context,
+                                 X509_V_ERR_INVALID_PURPOSE); /* OpenSSL takes one that says nothing */
+        return 0;
+    }
+    const bool named = name_of(own, tls->peer);
     for (size_t i = 0; ok && named && i < tls->n_clients; i++)
         if (!strcmp(tls->clients[i], tls->peer))
             return ok;

@@ -378,6 +378,20 @@ static void table_names_go_both_ways(void **state)
                          table == APC_TICK || table == APC_PLAN || table == APC_PREDICTION);
 }
 
+/* Rows, peers and files may be of any time, and say any number of seconds. */
+static void a_time_at_the_ends_does_not_wrap_around(void **state)
+{
+    (void)state;
+    assert_int_equal(apc_ns_since(5, 3), 2);
+    assert_int_equal(apc_ns_since(INT64_C(1800000000) * APC_NS_PER_S, INT64_MIN), INT64_MAX);
+    assert_int_equal(apc_ns_since(-2, INT64_MAX), INT64_MIN);
+    assert_int_equal(apc_ns_since(0, INT64_MAX), -INT64_MAX);
+    assert_int_equal(apc_ns_read(-1.5), -1500000000);
+    assert_int_equal(apc_ns_read(1e300), INT64_MAX);
+    assert_int_equal(apc_ns_read((double)-INFINITY), INT64_MIN);
+    assert_int_equal(apc_ns_read((double)NAN), 0);
+}
+
 /* ---- Text of others --------------------------------------------------------------------------- */
 
 static const struct {
@@ -730,6 +744,7 @@ int main(void)
         cmocka_unit_test(a_decimal_point_of_two_bytes_is_none_of_ours),
         cmocka_unit_test(table_names_go_both_ways),
         cmocka_unit_test(options_of_another_version_are_understood_or_refused),
+        cmocka_unit_test(a_time_at_the_ends_does_not_wrap_around),
         cmocka_unit_test(each_character_shows_as_itself_or_not_at_all),
         cmocka_unit_test(a_text_is_cleaned_where_it_stands_and_as_far_as_there_is_room),
         cmocka_unit_test(an_error_is_one_line_that_shows_as_it_is),

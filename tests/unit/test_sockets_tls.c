@@ -130,6 +130,31 @@ static void cheat(const char *to, const char *from, const char *believes)
     join(to, (const char *const[]){"part", believes, NULL});
 }
 
+/* As an authority makes it that does not say what a certificate is for. */
+static void without_use(const char *to, const char *from)
+{
+    FILE *file = fopen(in(from), "r");
+    assert_non_null(file);
+    EVP_PKEY *key = PEM_read_PrivateKey(file, NULL, NULL, NULL);
+    X509 *own = PEM_read_X509(file, NULL, NULL, NULL), *above = PEM_read_X509(file, NULL, NULL, NULL);
+    fclose(file);
+    file = fopen(in("ours/authority.key"), "r");
+    assert_non_null(file);
+    EVP_PKEY *by = PEM_read_PrivateKey(file, NULL, NULL, NULL);
+    fclose(file);
+    assert_true(key && own && above && by);
+    X509_EXTENSION_free(X509_delete_ext(own, X509_get_ext_by_NID(own, NID_ext_key_usage, -1)));
+    assert_true(X509_sign(own, by, EVP_sha256()) > 0);
+    file = fopen(in(to), "w");
+    assert_true(file && PEM_write_PKCS8PrivateKey(file, key, NULL, NULL, 0, NULL, NULL) &&
+                PEM_write_X509(file, own) && PEM_write_X509(file, above));
+    assert_int_equal(fclose(file), 0);
+    X509_free(own);
+    X509_free(above);
+    EVP_PKEY_free(key);
+    EVP_PKEY_free(by);
+}
+
 static int make_certificates(void **state)
 {
     (void)state;
@@ -151,6 +176,8 @@ static int make_certificates(void **state)
     }
     cheat("their-client.pem", "theirs/client.pem", "ours/authority.pem");
     cheat("their-plant.pem", "theirs/plant.pem", "ours/authority.pem");
+    without_use("any-client.pem", "ours/client.pem");
+    without_use("any-plant.pem", "ours/plant.pem");
     join("self-client.pem",
          (const char *const[]){"self/authority.key", "self/authority.pem", "ours/authority.pem", NULL});
     return 0;
@@ -327,6 +354,7 @@ static void a_client_with_a_wrong_certificate_never_gets_a_word_in(void **state)
                  {"self-client.pem", "the peer refuses us: "},
                  {"ours/stranger.pem", "the peer refuses us: "},
                  {"ours/plant.pem", "the peer refuses us: unsupported certificate"},
+                 {"any-client.pem", "the peer refuses us: unsupported certificate"},
                  {"theirs/client.pem", "the peer's certificate is refused: "}};
     struct plant *p = open_plant("ours/plant.pem", PATIENCE);
     struct client rightful = open_client("ours/client.pem", "127.0.0.1", apc_server_port(p->server));
@@ -352,9 +380,13 @@ static void a_plant_with_a_wrong_certificate_is_never_told_a_word(void **state)
 {
     static const struct {
         const char *identity, *said;
-    } wrong[] = {{"ours/old-plant.pem", "has expired"},         {"ours/early-plant.pem", "not yet valid"},
-                 {"their-plant.pem", "is refused: "},           {"self-client.pem", "is refused: "},
-                 {"ours/elsewhere.pem", "IP address mismatch"}, {"ours/client.pem", "purpose"}};
+    } wrong[] = {{"ours/old-plant.pem", "has expired"},
+                 {"ours/early-plant.pem", "not yet valid"},
+                 {"their-plant.pem", "is refused: "},
+                 {"self-client.pem", "is refused: "},
+                 {"ours/elsewhere.pem", "IP address mismatch"},
+                 {"ours/client.pem", "purpose"},
+                 {"any-plant.pem", "purpose"}};
     (void)state;
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         struct plant *p = open_plant(wrong[i].identity, PATIENCE);
@@ -615,6 +647,90 @@ static void a_new_certificate_is_taken_up_and_a_broken_file_is_not(void **state)
     close_plant(p);
 }
 
+/* The file of a plant becomes another good identity: whoever commands the plant must get in afterwards too.
+ */
+static void an_identity_that_peers_would_not_take_for_the_same_is_left_alone(void **state)
+{
+    static const struct {
+        const char *file, *said;
+    } others[] = {{"ours/client.pem", "it is none of a plant"},
+                  {"ours/elsewhere.pem", "it bears another name"},
+                  {"theirs/plant.pem", "it is of another authority"},
+                  {"their-plant.pem", "it is of another authority"},
+                  {"any-plant.pem", "it is none of a plant"},
+                  {"moved.pem", "it is not of all hosts that it was of"},
+                  {"late.pem", "it is not good yet"},
+                  {"gone.pem", "it has expired"}};
+    struct apc_error why;
+    (void)state;
+    issue("ours", "plant", ROLE_PLANT, "127.0.0.2", -60, YEAR, true);
+    join("moved.pem", (const char *const[]){"ours/plant.pem", NULL});
+    issue("ours", "plant", ROLE_PLANT, "127.0.0.1", 3600, YEAR, true);
+    join("late.pem", (const char *const[]){"ours/plant.pem", NULL});
+    issue("ours", "plant", ROLE_PLANT, "127.0.0.1", -YEAR, -60, true);
+    join("gone.pem", (const char *const[]){"ours/plant.pem", NULL});
+    issue("ours", "plant", ROLE_PLANT, "127.0.0.1", -60, YEAR, true);
+    join("plant-in-use.pem", (const char *const[]){"ours/plant.pem", NULL});
+    struct plant *p = open_plant("plant-in-use.pem", PATIENCE);
+    struct client c = open_client("ours/client.pem", "127.0.0.1", apc_server_port(p->server));
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+        assert_int_equal(unlink(in("plant-in-use.pem")), 0);
+        join("plant-in-use.pem", (const char *const[]){others[i].file, NULL});
+        for (int k = 0; k < 2; k++) { /* looked at again: it may come into force, or be mended */
+            assert_int_equal(apc_identity_refresh(p->identity, &why), APC_EINVAL);
+            assert_has(why.text, others[i].said);
+        }
+        apc_link_reset(c.link);
+        assert_int_equal(ask(&c), 6);
+    }
+    assert_int_equal(unlink(in("plant-in-use.pem")), 0);
+    join("plant-in-use.pem", (const char *const[]){"ours/plant.pem", NULL});
+    assert_int_equal(apc_identity_refresh(p->identity, &why), 1);
+    apc_link_reset(c.link);
+    assert_int_equal(ask(&c), 6);
+    close_client(&c);
+    close_plant(p);
+}
+
+/* Both authorities, then the new one's certificate, then the new one alone: nobody is ever shut out. */
+static void an_authority_is_changed_in_three_steps(void **state)
+{
+    struct apc_error why;
+    (void)state;
+    join("changing.pem", (const char *const[]){"ours/client.pem", NULL});
+    struct apc_identity *identity = load("changing.pem");
+    const char *const steps[][3] = {{"ours/client.pem", "theirs/authority.pem", NULL},
+                                    {"theirs/client.pem", "ours/authority.pem", NULL},
+                                    {"theirs/client.pem", NULL}};
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++) {
+        assert_int_equal(unlink(in("changing.pem")), 0);
+        join("changing.pem", steps[i]);
+        assert_int_equal(apc_identity_refresh(identity, &why), 1);
+    }
+    assert_int_equal(unlink(in("changing.pem")), 0);
+    join("changing.pem", steps[0]);
+    assert_int_equal(apc_identity_refresh(identity, &why), APC_EINVAL);
+    apc_identity_free(identity);
+}
+
+static void an_end_beyond_all_years_is_no_end_and_not_one_of_the_past(void **state)
+{
+    const time_t now = time(NULL);
+    const time_t ends[] = {253402300799, 9223372037, 9223372036};
+    const apc_ns expected[] = {INT64_MAX, INT64_MAX, INT64_C(9223372036) * APC_NS_PER_S};
+    (void)state;
+    issue("endless", "authority-9", ROLE_AUTHORITY, NULL, -YEAR, ends[0] - now, false);
+    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++) {
+        struct apc_error why;
+        const struct authority_request request = {
+            .name = "endless", .role = ROLE_CLIENT, .from = now - 60, .until = ends[i], .replace = i > 0};
+        assert_int_equal(authority_issue(in("endless"), &request, &why), 0);
+        struct apc_identity *identity = load("endless/endless.pem");
+        assert_true(apc_identity_expiry(identity) == expected[i]);
+        apc_identity_free(identity);
+    }
+}
+
 /* ---- Files and options --------------------------------------------------------------------------- */
 
 static void what_is_no_identity_is_refused_with_its_reason(void **state)
@@ -727,6 +843,9 @@ int main(void)
         cmocka_unit_test(who_cannot_wait_for_the_handshake_finds_it_done),
         cmocka_unit_test(what_expires_ends_no_connection_and_begins_none),
         cmocka_unit_test(a_new_certificate_is_taken_up_and_a_broken_file_is_not),
+        cmocka_unit_test(an_identity_that_peers_would_not_take_for_the_same_is_left_alone),
+        cmocka_unit_test(an_authority_is_changed_in_three_steps),
+        cmocka_unit_test(an_end_beyond_all_years_is_no_end_and_not_one_of_the_past),
         cmocka_unit_test(what_is_no_identity_is_refused_with_its_reason),
         cmocka_unit_test(without_an_identity_or_a_client_there_is_no_tls),
         cmocka_unit_test(keys_are_their_owners_and_nothing_is_overwritten),

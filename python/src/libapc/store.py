@@ -361,5 +361,10 @@ def _ns(time: Optional[Time]) -> int:
         return time
     import numpy as np
 
-    stamp: Any = time
-    return int(np.datetime64(stamp, "ns").astype(np.int64))
+    stamp: Any = np.datetime64(time)
+    if np.isnat(stamp):
+        raise error(lib.APC_EINVAL, "NaT is no time")
+    second = int(stamp.astype("datetime64[s]").astype(np.int64))  # ns of numpy wrap around in 1677 and 2262
+    if abs(second) > 9_200_000_000:
+        return (2**63 - 1) * (1 if second > 0 else -1)
+    return int(stamp.astype("datetime64[ns]").astype(np.int64))

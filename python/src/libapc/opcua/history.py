@@ -13,6 +13,7 @@ from ..store import History, Store, Tag, range_of
 _MOST = 10_000  # values of an answer
 _SECOND = 10**9
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_END = 2**63 - 2  # the end of int64; "9999" is how clients say that there is none
 
 
 class Asked(NamedTuple):
@@ -61,7 +62,7 @@ def _ns(time: Optional[datetime]) -> int:
     if time is None:
         return 0
     since = (time if time.tzinfo else time.replace(tzinfo=timezone.utc)) - _EPOCH
-    return max(0, (since.days * 86400 + since.seconds) * _SECOND + since.microseconds * 1000)
+    return min(max(0, (since.days * 86400 + since.seconds) * _SECOND + since.microseconds * 1000), _END)
 
 
 def _when(time: int) -> datetime:

@@ -25,6 +25,7 @@ _MOST = 8192  # values of a frame
 _PER_CLAIM, _CLAIMED = 1024, 1 << 50  # of a frame's id: apcsockets.h
 _AHEAD = 60 * 10**6  # µs that a claim's number, which is a time, may be ahead
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_END = 9_214_646_400 * 10**9  # of what a frame can say: 2262-01-01
 
 
 class Options(NamedTuple):
@@ -318,9 +319,9 @@ def _fits(number: float, kind: Any) -> bool:
 
 
 def _ns(when: Optional[datetime]) -> Optional[int]:
-    """None: there is none, or one of before 1970, which is how asyncua says that."""
+    """None: there is none; or one of before 1970 or beyond 2261, which is how that is said (Part 6, DateTime)."""
     if when is None:
         return None
     since = (when if when.tzinfo else when.replace(tzinfo=timezone.utc)) - _EPOCH
     ns = ((since.days * 86400 + since.seconds) * 10**6 + since.microseconds) * 1000
-    return ns if ns > 0 else None
+    return ns if 0 < ns < _END else None
