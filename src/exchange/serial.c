@@ -166,7 +166,7 @@ static int read_number(const char *line, double *number)
 
     for (size_t i = 0; i < sizeof(none) / sizeof(none[0]); i++) {
         if (!strcmp(line, none[i])) {
-            *number = NAN;
+            *number = (double)NAN;
             return 0;
         }
     }
