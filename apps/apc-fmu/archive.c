@@ -93,19 +93,20 @@ bool archive_has(const struct archive *a, const char *name)
 void archive_folders(const struct archive *a, const char *folder, char *text, size_t size)
 {
     const size_t length = strlen(folder);
-    char last[64] = "";
     size_t used = 0;
 
     text[0] = '\0';
     for (zip_uint64_t i = 0; i < a->n && used < size; i++) {
         const char *const name = zip_get_name(a->zip, i, 0);
         char one[64];
-        if (!name || strncmp(name, folder, length) != 0 || !strchr(name + length, '/'))
+        const char *const slash =
+            name && strncmp(name, folder, length) == 0 ? strchr(name + length, '/') : NULL;
+        if (!slash || !slash[1] || strchr(slash + 1, '/')) /* no file in such a folder */
             continue;
-        snprintf(one, sizeof one, "%.*s", (int)strcspn(name + length, "/"), name + length);
-        if (strcmp(one, last) == 0)
+        snprintf(one, sizeof one, "%.*s", (int)(slash - name - (ptrdiff_t)length), name + length);
+        const char *const told = strstr(text, one);
+        if (told && (told == text || told[-1] == ' ') && strchr(",", told[strlen(one)]))
             continue;
-        memcpy(last, one, sizeof last);
         used += (size_t)snprintf(text + used, size - used, "%s%s", used ? ", " : "", one);
     }
 }

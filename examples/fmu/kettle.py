@@ -2,7 +2,7 @@
 """A kettle with a heater, as an FMU: what another tool's model looks like to apc.
 
     pip install pythonfmu3
-    pythonfmu3 build -f kettle.py --no-external-tool
+    pythonfmu3 build -f kettle.py
 """
 
 from pythonfmu3 import Float64, Fmi3Causality, Fmi3Initial, Fmi3Slave, Fmi3Variability

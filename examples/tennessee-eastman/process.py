@@ -2,7 +2,7 @@
 """The Tennessee Eastman process of tep-studio as an FMU, which also keeps tep-studio's own account of how well it is controlled:
 
     pip install tep-studio pythonfmu3
-    pythonfmu3 build -f process.py --no-external-tool
+    pythonfmu3 build -f process.py
 """
 
 import numpy
