@@ -74,18 +74,50 @@ static const struct cli_spec spec = {
     .extra = &extra,
 };
 
+#define POINTS   800 /* of a curve, four decades */
+#define BAND     64  /* at most, about a pole */
+#define RESONANT 0.25
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* What hardly damps answers in a band that points so far apart would miss: some within it, at distances that
+ * double. */
+static size_t add_band(const struct loop_analysis *z, size_t pole, double top, double *w)
+{
+    const double period = apc_ns_to_s(z->l.setup.period),
+                 at = atan2(z->pole_im[pole], z->pole_re[pole]) / period;
+    const double width = -log(hypot(z->pole_re[pole], z->pole_im[pole])) / period;
+    size_t n = 0;
+    if (!(width > 0.0 && width < RESONANT * at && at < top))
+        return 0;
+    w[n++] = at;
+    for (double by = width / 2.0; by < at * 4.0 * log(10.0) / POINTS && n + 2 <= BAND; by *= 2.0) {
+        w[n++] = at - by;
+        w[n++] = fmin(at + by, top);
+    }
+    return n;
+}
+
 /* From far below the slowest that is of interest to nearly half a tick. */
 static int respond(struct loop_analysis *z, size_t o, double top)
 {
     struct analysis_of_loop *l = &z->loop[o];
-    l->w = calloc((size_t)3 * ANALYZE_POINTS, sizeof *l->w);
+    const size_t room = POINTS + BAND * z->states;
+    l->w = calloc(3 * room, sizeof *l->w);
     if (!l->w)
         return APC_ENOMEM;
-    l->re = l->w + ANALYZE_POINTS;
-    l->im = l->re + ANALYZE_POINTS;
-    for (int k = 0; k < ANALYZE_POINTS; k++)
-        l->w[k] = top * pow(10.0, 4.0 * (k - ANALYZE_POINTS + 1) / ANALYZE_POINTS);
-    return apc_loop_response(z->l.loop, o, ANALYZE_POINTS, l->w, l->re, l->im);
+    l->re = l->w + room;
+    l->im = l->re + room;
+    for (int k = 0; k < POINTS; k++)
+        l->w[l->points++] = top * pow(10.0, 4.0 * (k - POINTS + 1) / POINTS);
+    for (size_t k = 0; k < z->states; k++)
+        l->points += add_band(z, k, top, l->w + l->points);
+    qsort(l->w, l->points, sizeof *l->w, ascending);
+    return apc_loop_response(z->l.loop, o, l->points, l->w, l->re, l->im);
 }
 
 static double period_of(const struct loop_analysis *z, size_t o)

@@ -7,8 +7,7 @@
 #include "run/linear_cost.h"
 #include "setting.h"
 
-#define ANALYZE_AT     64
-#define ANALYZE_POINTS 800 /* frequencies of a curve */
+#define ANALYZE_AT 64
 
 struct analyze_options {
     struct setting_list set;
@@ -21,7 +20,8 @@ struct analyze_options {
 struct analysis_of_loop {
     char name[APC_TAG_LEN];
     struct apc_loop_margins margins;
-    double *w, *re, *im; /* [ANALYZE_POINTS] of its response; NULL: nobody asked */
+    double *w, *re, *im; /* [points] of its response, by frequency; NULL: nobody asked */
+    size_t points;
 };
 
 struct loop_analysis {

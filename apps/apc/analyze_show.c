@@ -259,7 +259,7 @@ static int show_csv(const struct loop_analysis *z)
     char w[PRINT_LEN], re[PRINT_LEN], im[PRINT_LEN];
     puts("loop,rad_per_s,real,imaginary");
     for (size_t o = 0; o < z->n; o++)
-        for (int k = 0; k < ANALYZE_POINTS; k++)
+        for (size_t k = 0; k < z->loop[o].points; k++)
             if (isfinite(z->loop[o].re[k])) {
                 csv_put(stdout, z->loop[o].name);
                 printf(",%s,%s,%s\n", print_exact(z->loop[o].w[k], w), print_exact(z->loop[o].re[k], re),
@@ -287,7 +287,7 @@ static void put_blocks(FILE *script, const struct loop_analysis *z)
         const struct analysis_of_loop *l = &z->loop[o];
         double phase = (double)NAN;
         fprintf(script, "$loop%zu << END\n", o);
-        for (int k = 0; k < ANALYZE_POINTS; k++) {
+        for (size_t k = 0; k < l->points; k++) {
             double angle = atan2(l->im[k], l->re[k]) * 180.0 / M_PI;
             if (!isfinite(angle))
                 continue;

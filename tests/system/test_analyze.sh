@@ -35,6 +35,12 @@ expect 0 '^upper\.r1 ' "$apc" analyze "$conf/two-layers.conf"
 "$apc" analyze "$conf/servo.conf" --csv >"$work/servo.csv"
 head -n 1 "$work/servo.csv" | grep -qx 'loop,rad_per_s,real,imaginary' || fail "no CSV: $(head -n 2 "$work/servo.csv")"
 [ "$(wc -l <"$work/servo.csv")" -gt 500 ] || fail "hardly a curve"
+# what hardly damps stands in the curve as in the table
+nearly=("$conf/first-order.conf" --set controller.Kp=1.97)
+peak=$("$apc" analyze "${nearly[@]}" --json | sed -n 's/^{"loop":"u".*"sensitivity":\([^,]*\).*/\1/p')
+"$apc" analyze "${nearly[@]}" --csv | awk -F, -v peak="$peak" '
+  NR > 1 { s = 1 / sqrt((1 + $3) ^ 2 + $4 ^ 2); if (s > most) most = s } END { exit !(most > 0.8 * peak && most < 1.001 * peak) }' ||
+  fail "the curve has no peak of $peak"
 
 # ---- What its timing costs
 
