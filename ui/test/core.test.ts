@@ -6,7 +6,7 @@ import {test} from "node:test";
 import {acknowledgement, type Alarm, bandsOf, bySignal, counted, countsText, found, loopOf, raised, ranked, stateWords, story, taken} from "../src/core/alarms";
 import {Backoff} from "../src/core/backoff";
 import {Clock, Parting} from "../src/core/clock";
-import {hole, matches, merge} from "../src/core/eventlist";
+import {folded, hole, matches, merge} from "../src/core/eventlist";
 import {chooseZone, clock, complaint, csv, decimalsOf, duration, exact, fromUntil, fromWall, iso, limitsText, number, period, read, span, stamp, when, zoneAt, ticks, written} from "../src/core/format";
 import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
@@ -91,6 +91,15 @@ test("durations have the unit that fits", () => {
   assert.deepEqual([period(1e-3), period(1), period(0.1 + 0.2)], ["1 ms", "1 s", "300 ms"]);
   const periods: [number | null, string][] = [[0.0005, "500 µs"], [0.2, "200 ms"], [2, "2 s"], [0.0125, "12.5 ms"], [200, "200 s"], [null, "–"]];
   for (const [seconds, text] of periods) assert.equal(period(seconds), text);
+});
+
+test("what is said again and again is told once, what people did each by itself", () => {
+  const event = (time: number, kind: string, text: string, source = "apc-historian"): PlantEvent => ({time, severity: 2, source, kind, text});
+  const told = folded([
+    event(1, "operator", "r: 1 -> 2", "anna"), event(2, "overrun", "1 tick missed in the last 5 s"), event(3, "operator", "r: 2 -> 3", "anna"),
+    event(4, "link", "plant lost"), event(5, "overrun", "12 ticks missed in the last 5 s"), event(6, "overrun", "3 ticks missed in the last 5.5 s"), event(7, "overrun", "3 ticks missed in the last 5 s", "apc-client"),
+  ]);
+  assert.deepEqual(told.map(one => [one.event.time, one.times, one.since]), [[7, 1, 7], [6, 2, 5], [4, 1, 4], [3, 1, 3], [2, 1, 2], [1, 1, 1]]);
 });
 
 test("times are UTC", () => {

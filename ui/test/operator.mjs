@@ -280,7 +280,7 @@ test("timing and diagnostics tell of every task", () =>
     await until("the tasks are listed", async () => /controller/.test(await page.getByRole("region", {name: "Tasks"}).textContent()));
     const links = page.getByRole("region", {name: "Links"});
     await until("the link has a round trip", async () => /apc-client.*\d (µs|ms)/.test(await links.textContent()));
-    await until("signals have ages", async () => (await page.getByRole("region", {name: "Signals"}).locator("tbody tr").count()) > 3);
+    await until("signals have ages", async () => (await page.getByRole("table", {name: "Signals"}).locator("[data-row]").count()) > 3);
   }));
 
 test("dark by the system's wish and by the toggle", () =>

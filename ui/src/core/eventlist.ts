@@ -27,6 +27,26 @@ export function merge(past: PlantEvent[], streamed: PlantEvent[]): PlantEvent[] 
   return [...past, ...streamed.filter(one => !known.has(name(one)))].sort((a, b) => a.time - b.time);
 }
 
+export interface Folded {
+  event: PlantEvent; // the newest
+  times: number;
+  since: number; // of the first
+}
+
+/** What a part of the plant says again and again, but for its numbers, once, with how often; the newest first. What people do is each its own. */
+export function folded(list: PlantEvent[]): Folded[] {
+  const by = new Map<string, Folded>();
+  list.forEach((event, i) => {
+    const {severity, source, kind, text} = event;
+    const people = kind === "operator" || kind === "access";
+    const key = people ? String(i) : [severity, source, kind, text.replace(/\d+(\.\d+)?/g, "#")].join("\n");
+    const before = by.get(key);
+    by.delete(key);
+    by.set(key, {event, times: (before?.times ?? 0) + 1, since: before?.since ?? event.time});
+  });
+  return [...by.values()].reverse();
+}
+
 /** Where something may be missing between what was asked for and the newest that were streamed, as more came than are
  *  kept: the index in `merged` that it lies before; -1: nowhere. */
 export function hole(merged: PlantEvent[], past: PlantEvent[], droppedSince: number): number {

@@ -7,7 +7,9 @@ import {clock, duration, missing, period, stamp, when, zone, zoneAt} from "../co
 import {limit, words, worth} from "../core/quality";
 import {clock as server, connection, second, variable} from "../core/model";
 import {Nothing} from "../parts/nothing";
+import {Rows} from "../parts/rows";
 import {Note, Shape} from "../parts/shape";
+import {path} from "../router";
 import type {Diagnostics, Figures} from "../core/types";
 
 const PERIOD = 1000; // ms between two questions
@@ -100,24 +102,39 @@ export function DiagnosticsPage(): JSX.Element {
             <td colSpan={4}>{d.stream.clients} now, {d.stream.messages} messages sent, {d.stream.dropped} dropped</td>
           </tr>
         </Panel>
-        <Panel title="Signals" head={["signal", "name", "age", "stale after", "status"]} wide>
-          {d.signals.map(signal => {
-            const one = variable(signal.ref);
-            const what = worth(signal.status);
-            const bound = limit({period: signal.period});
-            return (
-              <tr key={signal.ref} class={signal.stale ? "stale" : ""}>
-                <th scope="row">{signal.ref}</th>
-                <td data-label="name">{one?.name}</td>
-                <td data-label="age" class="number">{signal.stale && <Note label="stale" />} {duration(signal.age)}</td>
-                <td data-label="stale after" class="number">{isFinite(bound) ? duration(bound) : "stands"}</td>
-                <td data-label="status">{what !== "good" && signal.status !== "BadNoData" && <Note grave={what === "bad"} label={what} />} {what === "good" ? signal.status : words(signal.status)}</td>
-              </tr>
-            );
-          })}
-        </Panel>
       </div>
+      <Signals of={d.signals} />
     </section>
+  );
+}
+
+/** Hundreds of loops have thousands: only those in sight are there. */
+function Signals({of}: {of: Diagnostics["signals"]}): JSX.Element {
+  const head = ["signal", "name", "age", "stale after", "status"].map((name, i) => <span key={name} role="columnheader" class={i === 2 || i === 3 ? "number" : ""}>{name}</span>);
+  return (
+    <div class="signal-rows">
+      <h2>Signals</h2>
+      <Rows
+        label="Signals"
+        head={<>{head}</>}
+        rows={of}
+        height={34}
+        name={signal => signal.ref}
+        row={signal => {
+          const what = worth(signal.status);
+          const bound = limit({period: signal.period});
+          return (
+            <>
+              <span role="rowheader"><a href={path("trend", `pens=${signal.ref}`)}>{signal.ref}</a></span>
+              <span role="cell">{variable(signal.ref)?.name}</span>
+              <span role="cell" class={`number${signal.stale ? " stale" : ""}`}>{signal.stale && <Note label="stale" />} {duration(signal.age)}</span>
+              <span role="cell" class="number">{isFinite(bound) ? duration(bound) : "stands"}</span>
+              <span role="cell">{what !== "good" && signal.status !== "BadNoData" && <Note grave={what === "bad"} label={what} />} {what === "good" ? signal.status : words(signal.status)}</span>
+            </>
+          );
+        }}
+      />
+    </div>
   );
 }
 
@@ -127,7 +144,7 @@ function Panel({title, head, wide, children}: {title: string; head: string[]; wi
       <h2>{title}</h2>
       <table class="data cards">
         <thead>
-          <tr>{head.map((name, i) => <th scope="col" key={name} class={i > 0 && !["state", "name", "status"].includes(name) ? "number" : ""}>{name}</th>)}</tr>
+          <tr>{head.map((name, i) => <th scope="col" key={name} class={i > 0 && name !== "state" ? "number" : ""}>{name}</th>)}</tr>
         </thead>
         <tbody>{children}</tbody>
       </table>

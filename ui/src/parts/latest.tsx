@@ -4,7 +4,7 @@ import type {JSX} from "preact";
 import {useEffect, useState} from "preact/hooks";
 import {get} from "../core/api";
 import {useCell} from "../usecell";
-import {merge} from "../core/eventlist";
+import {folded, merge} from "../core/eventlist";
 import {clock, zone} from "../core/format";
 import {events, refill} from "../core/model";
 import {path} from "../router";
@@ -12,18 +12,19 @@ import type {PlantEvent} from "../core/types";
 import {EventShape} from "./eventshape";
 
 const MOST = 8;
+const ASKED = 100; // of which some are said again and again
 
 export function Latest(): JSX.Element {
   const [past, setPast] = useState<PlantEvent[]>([]);
   const streamed = useCell(events);
   const filled = useCell(refill);
   useEffect(() => {
-    get<{events: PlantEvent[]}>("/api/events", {last: MOST}).then(
+    get<{events: PlantEvent[]}>("/api/events", {last: ASKED}).then(
       answer => setPast(answer.events),
       () => {},
     );
   }, [filled]);
-  const list = merge(past, streamed.list).slice(-MOST).reverse();
+  const list = folded(merge(past, streamed.list)).slice(0, MOST);
   return (
     <div class="panel latest">
       <h2>
@@ -40,12 +41,12 @@ export function Latest(): JSX.Element {
           </tr>
         </thead>
         <tbody>
-          {list.map((one, i) => (
+          {list.map(({event: one, times, since}, i) => (
             <tr key={`${one.time}-${i}`} class={`severity-${one.severity}`}>
               <td class="digits">{clock(one.time)}</td>
               <td><EventShape of={one} /></td>
               <td>{one.source}</td>
-              <td class="wide">{one.text}</td>
+              <td class="wide">{one.text}{times > 1 && <span class="say"> {times} times since {clock(since)}</span>}</td>
             </tr>
           ))}
         </tbody>
