@@ -34,7 +34,7 @@ export function Help({close}: {close: () => void}): JSX.Element {
           <input type="checkbox" checked={on} onChange={event => setShortcuts(event.currentTarget.checked)} /> keys without Alt act
         </label>
         <p>
-          In a trend: drag selects a time, Ctrl+wheel zooms, Shift+wheel moves. Both pause it. A press sets a second cursor, from
+          In a trend: drag selects a time, Ctrl+wheel, or two fingers, zooms, Shift+wheel moves. Both pause it. A press sets a second cursor, from
           which differences are told. Shapes with a digit at the top are alarms, small triangles other events. <b>Choose signals</b> makes one of any
           signals; its address shows the same again, to whoever has it. Values and names of loops, signals and alarms can be dragged
           into a trend, or onto its tab.

@@ -1,24 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import {Cell} from "./core/cell";
+import {env} from "./core/env";
 import {chooseZone} from "./core/format";
 
 export type Theme = "auto" | "light" | "dark";
 
-export function stored(name: string): string | null {
-  try {
-    return localStorage.getItem(name);
-  } catch {
-    return null;
-  }
-}
-
-export function remember(name: string, value: string): void {
-  try {
-    localStorage.setItem(name, value);
-  } catch {
-    // Private windows may refuse: then it is for this visit only.
-  }
-}
+export const stored = (name: string): string | null => env.recall(name);
+export const remember = (name: string, value: string): void => env.keep(name, value);
 
 const saved = stored("apc-theme");
 export const theme = new Cell<Theme>(saved === "light" || saved === "dark" ? saved : "auto");
@@ -26,8 +14,24 @@ export const theme = new Cell<Theme>(saved === "light" || saved === "dark" ? sav
 export const repaint = new Cell(0);
 export const shortcuts = new Cell(stored("apc-shortcuts") !== "off");
 
+let paper = false;
+
+/** Paper is white. There is no frame before it is printed: who draws is called at once; returns how to call that off. */
+export function onPrint(draw: () => void): () => void {
+  const events = ["beforeprint", "afterprint"];
+  for (const type of events) addEventListener(type, draw);
+  return () => events.forEach(type => removeEventListener(type, draw));
+}
+
+for (const type of ["beforeprint", "afterprint"])
+  addEventListener(type, () => {
+    paper = type === "beforeprint";
+    apply();
+  });
+
 function apply(): void {
-  if (theme.value === "auto") delete document.documentElement.dataset.theme;
+  if (paper) document.documentElement.dataset.theme = "light";
+  else if (theme.value === "auto") delete document.documentElement.dataset.theme;
   else document.documentElement.dataset.theme = theme.value;
   known.clear();
   repaint.value++;

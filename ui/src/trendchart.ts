@@ -6,7 +6,7 @@ import type {Pen} from "./core/trend";
 import type {Mark} from "./core/marks";
 import type {Scale} from "./core/scale";
 import {align, type Series} from "./core/series";
-import {colour} from "./theme";
+import {colour, onPrint} from "./theme";
 
 export interface DrawnPen extends Pick<Pen, "colour" | "dash"> {
   label: string;
@@ -42,6 +42,7 @@ export class TrendChart {
   /** px that the numbers of each panel's axis take: all have as much as the widest, as they are over one time axis. */
   private readonly rooms: number[] = [];
   private room = LEAST_ROOM;
+  private readonly ended: () => void;
 
   constructor(
     private readonly host: HTMLElement,
@@ -78,6 +79,7 @@ export class TrendChart {
       });
     });
     this.resize();
+    this.ended = onPrint(() => this.repaint());
   }
 
   show(data: TrendData): void {
@@ -86,6 +88,12 @@ export class TrendChart {
       const lines = painted(pens).map(pen => pen.curve()).map(({t, mid}) => ({t, columns: [mid]}));
       this.plots[i]?.setData(align(lines) as uPlot.AlignedData);
     });
+  }
+
+  /** Where a place on the screen lies along the time axis, 0 to 1. */
+  along(clientX: number): number {
+    const {left, width} = (this.plots[0] as uPlot).over.getBoundingClientRect();
+    return (clientX - left) / (width || 1);
   }
 
   /** Plot width in CSS pixels. */
@@ -152,6 +160,7 @@ export class TrendChart {
   }
 
   destroy(): void {
+    this.ended();
     for (const one of this.plots) one.destroy();
   }
 }

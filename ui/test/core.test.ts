@@ -17,7 +17,7 @@ import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place, multiples, steps} from "../src/core/scale";
 import {align, append, between, drawn, empty, fromBins, fromHistory, fromSamples, held, indexAt, join, statistics, stoodAt, trim, valueAt, visible} from "../src/core/series";
-import {aheadOf, bounds, goLive, pan, pause, refuse, runsBefore, select, type Window, zoom} from "../src/core/view";
+import {aheadOf, bounds, goLive, pan, pause, refuse, runsBefore, select, type Window, zoom, pinch} from "../src/core/view";
 import type {AlarmIs, Control, Loop, PlantEvent, Transition, Write} from "../src/core/types";
 import {alarmed, cascade, plant, predicted, stands} from "./plant";
 
@@ -91,6 +91,16 @@ test("durations have the unit that fits", () => {
   assert.deepEqual([period(1e-3), period(1), period(0.1 + 0.2)], ["1 ms", "1 s", "300 ms"]);
   const periods: [number | null, string][] = [[0.0005, "500 µs"], [0.2, "200 ms"], [2, "2 s"], [0.0125, "12.5 ms"], [200, "200 s"], [null, "–"]];
   for (const [seconds, text] of periods) assert.equal(period(seconds), text);
+});
+
+test("two fingers hold two times of a trend", () => {
+  const w = {live: false, span: 100, to: 1000};
+  assert.deepEqual(pinch(w, [925, 975], [0.25, 0.75], 2000), w, "nothing has moved");
+  assert.deepEqual(pinch(w, [925, 975], [0.375, 0.625], 2000), {live: false, span: 200, to: 1050});
+  assert.deepEqual(pinch(w, [925, 975], [0.35, 0.85], 2000), {live: false, span: 100, to: 990}, "both to the right");
+  assert.deepEqual(pinch({...w, live: true}, [925, 975], [0.375, 0.625], 1000), {live: true, span: 200, to: 1000}, "now is still seen");
+  assert.deepEqual(pinch({...w, live: true}, [925, 975], [0, 1], 1000), {live: false, span: 50, to: 975});
+  assert.equal(pinch(w, [925, 975], [0.5, 0.5], 2000).span, 31 * 86400);
 });
 
 test("what is said again and again is told once, what people did each by itself", () => {

@@ -73,6 +73,14 @@ export class FakeEnv implements Env {
   random(): number {
     return 0;
   }
+  private readonly kept = new Map<string, string>();
+  recall(name: string): string | null {
+    return globalThis.localStorage ? localStorage.getItem(name) : (this.kept.get(name) ?? null);
+  }
+  keep(name: string, value: string): void {
+    if (globalThis.localStorage) localStorage.setItem(name, value);
+    else this.kept.set(name, value);
+  }
   events(path: string): FakeSource {
     const source = new FakeSource(path);
     this.sources.push(source);

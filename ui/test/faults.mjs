@@ -283,6 +283,24 @@ test("long names lie on nothing, and nothing on them, whether the screen is narr
   }
 });
 
+test("on paper there is what is seen, dark on white, and nothing that is pressed", PATIENCE, async () => {
+  for (const at of ["overview", "trend", "loop/1", "diagnostics"])
+    await withPage(at, async page => {
+      await until("there is content", async () => (await page.locator("main :is(.value .digits, td)").count()) > 0);
+      await page.emulateMedia({media: "print", colorScheme: "dark"});
+      await page.setViewportSize({width: 1016, height: 700}); // of a landscape sheet
+      await page.evaluate(() => dispatchEvent(new Event("beforeprint")));
+      const [pressed, text, paper, wide] = await page.evaluate(() => [
+        [...document.querySelectorAll("nav, button, input, .button")].filter(one => one.checkVisibility()).map(one => one.outerHTML.slice(0, 80)),
+        getComputedStyle(document.body).color, getComputedStyle(document.documentElement).getPropertyValue("--panel").trim(), document.documentElement.scrollWidth > innerWidth + 1,
+      ]);
+      assert.deepEqual([pressed, text, paper, wide], [[], "rgb(31, 31, 31)", "#fff", false], at);
+      await page.evaluate(() => dispatchEvent(new Event("afterprint")));
+      await page.emulateMedia({media: "screen", colorScheme: "dark"});
+      assert.equal(await page.evaluate(() => getComputedStyle(document.body).color), "rgb(230, 230, 230)");
+    }, {colorScheme: "dark"});
+});
+
 /** What is written into pictures that are not on the page: those that are saved. */
 function watchSaved() {
   const {fillText} = CanvasRenderingContext2D.prototype;

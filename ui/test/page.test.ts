@@ -649,6 +649,29 @@ test("a scale is the limits, else what was seen, and stays", async () => {
   env.routes.set("/api/history", route);
 });
 
+test("a scale that was chosen once is there again at the next visit, as long as it fits", async () => {
+  const route = env.routes.get("/api/history")!;
+  let revision = 40;
+  const visit = async (name: string, low: number, high: number): Promise<object | null> => {
+    server.plant = {...tanks, name, variables: tanks.variables.map(one => ({...one, low: null, high: null, display: null}))};
+    env.source.send("plant", {revision: revision++});
+    await env.settle();
+    env.routes.set("/api/history", one => one.answer(server.history(one.query, [[server.now - 5, low], [server.now - 4, high]])));
+    server.sample("actuator.1", low);
+    const scale = outputScale("actuator.1");
+    await env.pass(0.2);
+    return scale.value;
+  };
+  const first = await visit("kept", 8, 12);
+  await visit("another", 1, 2);
+  assert.deepEqual(await visit("kept", 9, 11), first, "the same signal has another scale");
+  await visit("another", 1, 2);
+  assert.notDeepEqual(await visit("kept", 8, 500), first, "what there is lies off the scale");
+  await visit("another", 1, 2);
+  assert.ok(((await visit("kept", 8, 8.1)) as {high: number}).high < 9, "it is much too wide");
+  env.routes.set("/api/history", route);
+});
+
 test("the last ten minutes are kept, no more", async () => {
   const shown = recent("sensor.2");
   await server.run(3);

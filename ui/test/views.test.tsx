@@ -931,6 +931,20 @@ test("a trend that nobody looks at any more takes no samples", async () => {
   assert.deepEqual(queries, []);
 });
 
+test("two fingers draw a trend out, and one does not", async () => {
+  await show("overview");
+  await show("trend/1");
+  const fingers = (type: string, ...at: number[]): boolean => one(".plots").dispatchEvent(Object.assign(new window.Event(type, {cancelable: true, bubbles: true}), {touches: at.map(clientX => ({clientX}))}) as never);
+  assert.equal(fingers("touchstart", 0.5), true, "the page cannot be scrolled");
+  await settle();
+  assert.equal(one("section.trend").getAttribute("data-span"), "600");
+  assert.equal(fingers("touchstart", 0.25, 0.75), false);
+  fingers("touchmove", 0.4, 0.6);
+  await settle();
+  assert.equal(Math.round(Number(one("section.trend").getAttribute("data-span"))), 1500);
+  fingers("touchend");
+});
+
 test("an hour that comes twice can be entered both ways, one that there is not is refused", async () => {
   await show("overview");
   await show("trend/1");

@@ -15,6 +15,8 @@ export interface Env {
   fetch(path: string, init: RequestInit): Promise<Response>;
   events(path: string): Source;
   random(): number;
+  recall(name: string): string | null; // what this browser keeps from one visit to the next
+  keep(name: string, value: string): void;
 }
 
 const browser: Env = {
@@ -45,6 +47,20 @@ const browser: Env = {
     };
   },
   random: Math.random,
+  recall(name) {
+    try {
+      return localStorage.getItem(name);
+    } catch {
+      return null;
+    }
+  },
+  keep(name, value) {
+    try {
+      localStorage.setItem(name, value);
+    } catch {
+      // Private windows may refuse: then it is for this visit only.
+    }
+  },
 };
 
 export let env: Env = browser;

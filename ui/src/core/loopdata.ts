@@ -3,7 +3,7 @@
 import {Cell} from "./cell";
 import {Curve} from "./curve";
 import {env} from "./env";
-import {live, onNewPlant, onSample, refill, serverNow, variable} from "./model";
+import {live, onNewPlant, onSample, plant, refill, serverNow, variable} from "./model";
 import {extent, niceScale, type Scale} from "./scale";
 import {empty, type Series} from "./series";
 import type {Loop, Ref} from "./types";
@@ -77,8 +77,18 @@ function limits(ref: Ref | null): Cell<Scale | null> | null {
   return cell;
 }
 
-/** Round ends around the last ten minutes, with room for what comes; from zero where that is near. Chosen once: only a
- *  setpoint that leaves it moves it. */
+const keptAs = (name: string): string => `apc-scale ${plant.value?.name ?? ""} ${name}`;
+const WIDE = 10; // times what is chosen now: beyond that what was chosen once is of another time
+
+/** What was chosen at an earlier visit, where all there is lies within and it is not much too wide for that. */
+function kept(name: string, low: number, high: number, chosen: Scale): Scale | null {
+  const [from, to] = (env.recall(keptAs(name)) ?? "").split(" ").map(Number);
+  if (from == null || to == null || !(from <= low && to >= high)) return null;
+  return to - from <= WIDE * (chosen.high - chosen.low) ? {low: from, high: to} : null;
+}
+
+/** Round ends around the last ten minutes, with room for what comes; from zero where that is near. Chosen once, and kept for the next
+ *  visit: only a setpoint that leaves it moves it. */
 function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | null> {
   const known = scales.get(name);
   if (known) return known;
@@ -91,7 +101,9 @@ function fitted(name: string, refs: Ref[], setpoint: Ref | null): Cell<Scale | n
     const [low, high] = extent(refs.flatMap(ref => [...recent(ref).value.low, ...recent(ref).value.high, live(ref).value.value]));
     if (!isFinite(low)) return;
     const room = (high - low) * 0.12;
-    cell.value = niceScale(low >= 0 && low - room < high * 0.4 ? Math.min(0, low) : low - room, high + room);
+    const chosen = niceScale(low >= 0 && low - room < high * 0.4 ? Math.min(0, low) : low - room, high + room);
+    cell.value = kept(name, low, high, chosen) ?? chosen;
+    env.keep(keptAs(name), `${cell.value.low} ${cell.value.high}`);
   };
   for (const ref of refs) recent(ref).subscribe(choose);
   if (setpoint) live(setpoint).subscribe(choose);

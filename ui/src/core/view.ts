@@ -70,6 +70,14 @@ export function zoom(w: Window, factor: number, now: number): Window {
   return w.live ? {...w, span} : {...w, span, to: Math.min(now, w.to + (span - w.span) / 2)};
 }
 
+/** Two fingers hold two times, and what lies between them goes along; at, from 0 to 1, is where they are now. A live trend stays live
+ *  as long as now is seen. */
+export function pinch(w: Window, held: [number, number], at: [number, number], now: number): Window {
+  const span = inside(Math.abs((held[1] - held[0]) / (at[1] - at[0] || 1e-9)));
+  const to = (held[0] + held[1]) / 2 + (1 - (at[0] + at[1]) / 2) * span;
+  return w.live && to >= now ? {...w, span} : {...w, live: false, span, to: Math.min(now, to)};
+}
+
 export function select(from: number, to: number): Window {
   const span = inside(to - from);
   return {live: false, span, to: from + span};

@@ -27,7 +27,7 @@ import {empty, type Series, shifted, statistics, valueAt} from "../core/series";
 import {type Column, Curves, describe, off, padded, refsIn, type Subject, subjectOf, subjects, titles} from "../core/trend";
 import {repaint, shortcuts} from "../theme";
 import {TrendChart, type TrendData} from "../trendchart";
-import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, refuse, runsBefore, select, SPANS, type Window, zoom} from "../core/view";
+import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, pinch, refuse, runsBefore, select, SPANS, type Window, zoom} from "../core/view";
 import type {Course, Plant, PlantEvent, Ref, Variable} from "../core/types";
 import {useAnswer} from "../useanswer";
 import {isNarrow, useWidth} from "../usewidth";
@@ -194,9 +194,27 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
       setWin(w => (event.shiftKey ? pan(w, Math.sign(event.deltaY || event.deltaX) * 0.1, serverNow()) : zoom(w, event.deltaY > 0 ? 1.25 : 0.8, serverNow())));
     };
     element.addEventListener("wheel", wheel, {passive: false});
+    // Two fingers: the times that they came down at stay beneath them.
+    let held: [number, number] | null = null;
+    const touch = (event: TouchEvent): void => {
+      const [one, other] = event.touches;
+      if (!one || !other) {
+        held = null;
+        return;
+      }
+      event.preventDefault();
+      const at: [number, number] = [made.along(one.clientX), made.along(other.clientX)];
+      const [from, to] = bounds(state.current.win, serverNow());
+      held ??= [from + at[0] * (to - from), from + at[1] * (to - from)];
+      const grip = held;
+      setWin(w => pinch(w, grip, at, serverNow()));
+    };
+    const touches = ["touchstart", "touchmove", "touchend", "touchcancel"] as const;
+    for (const type of touches) element.addEventListener(type, touch, {passive: false});
     return () => {
       sized.disconnect();
       element.removeEventListener("wheel", wheel);
+      for (const type of touches) element.removeEventListener(type, touch);
       made.destroy();
       chart.current = null;
     };

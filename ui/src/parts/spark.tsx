@@ -7,7 +7,7 @@ import {recent, RECENT} from "../core/loopdata";
 import {clock, live, second, serverNow} from "../core/model";
 import {extent, type Scale} from "../core/scale";
 import {held, indexAt, type Series} from "../core/series";
-import {colour, repaint} from "../theme";
+import {colour, onPrint, repaint} from "../theme";
 import type {Ref} from "../core/types";
 import {told} from "./value";
 
@@ -83,7 +83,9 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
       show();
     });
     show();
+    const printed = onPrint(show);
     return () => {
+      printed();
       stop();
       first();
     };
