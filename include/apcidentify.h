@@ -76,7 +76,8 @@ struct apc_identify_transfer_options {
 struct apc_transfer_fit {
     double deviation;    /**< of what the inputs do not explain, as it would be predicted a sample ahead */
     unsigned noise;      /**< order of its autoregression; 0: it is white */
-    bool rest;           /**< the plant was at rest when the record began, as far as can be told */
+    bool rest;           /**< the plant was at rest when the record began, as far as can be told; the inputs
+                              may have moved with its first sample */
     size_t n_parameters; /**< that were fitted */
 };
 
@@ -185,14 +186,15 @@ struct apc_validation {
     double fit;         /**< %, running freely: 100 (1 - |y - model| / |y - mean of y|) */
     double ahead;       /**< the same, a sample ahead; NAN without a K */
     double white;       /**< the probability that errors as white as that are not */
-    double independent; /**< the probability that errors as independent of the inputs as that are not */
+    double independent; /**< the probability that errors as independent of the inputs as that are not; of
+                             the same sample's where they act at once */
 };
 /**
  * Validate on samples from @p from on, with those before as the model's past; of several runs on that share
  * of each, all of them around the model's operating point. @p K [nx * ny] of an apc_identified; NULL: the
- * state at @p from is the one that fits best. @p run [n * ny]: the free run, NAN before from and where y is;
- * or NULL. [setup] Returns 0, APC_EINVAL (other dimensions, another period, fewer than 20 samples to validate
- * on), APC_ENOMEM.
+ * state at @p from, and what the inputs were before the record, are what fits best. @p run [n * ny]: the free
+ * run, NAN before from and where y is; or NULL. [setup] Returns 0, APC_EINVAL (other dimensions, another
+ * period, fewer than 20 samples to validate on), APC_ENOMEM.
  */
 APC_API int apc_validate(const struct apc_linear *model, const double *K, const struct apc_record *record,
                          size_t from, struct apc_validation *of, double *run, struct apc_error *why);

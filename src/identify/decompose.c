@@ -8,6 +8,7 @@
 #include "base/matrix.h"
 
 #define DEPENDENT 1e-10 /* of a column's length is left when it depends on others */
+#define ROUNDING  1e-6  /* of a sum that is 0 is left, its terms being differences */
 
 static void subtract(size_t n, double scale, const double *from, double *x)
 {
@@ -62,12 +63,18 @@ void apc_qr_solve(size_t p, const double *R, size_t width, const double *b, doub
 double apc_qr_variance(size_t p, const double *R, size_t width, double *g)
 {
     for (size_t i = 0; i < p; i++) {
-        for (size_t k = 0; k < i; k++)
+        double size = fabs(g[i]);
+
+        for (size_t k = 0; k < i; k++) {
             g[i] -= R[k * width + i] * g[k];
+            size += fabs(R[k * width + i] * g[k]);
+        }
         if (R[i * width + i] > 0.0)
             g[i] /= R[i * width + i];
-        else if (g[i] != 0.0)
+        else if (fabs(g[i]) > ROUNDING * size)
             return HUGE_VAL;
+        else
+            g[i] = 0.0; /* of what the others are known by, whatever this one is */
     }
     return apc_matrix_dot(g, g, p);
 }

@@ -155,7 +155,7 @@ static double deviation_of(const struct apc_record *r, size_t i, size_t from)
     return sqrt(sum / n);
 }
 
-/* Up to sample @p from; the inputs were before as at first. */
+/* Up to sample @p from; the inputs were before as at first, which fit_state() mends. */
 static void arrive(struct run *run, size_t from)
 {
     const struct apc_linear *m = run->model;
@@ -184,22 +184,41 @@ static void errors(struct run *run, const double *x, size_t from, bool ahead, do
     }
 }
 
-/* Without a K: x becomes what makes the free run fit best, in the states of the plant. */
+/* x [nx]: at sample @p from what is still held of an input @p j that was larger by 1 before the record. */
+static void held_before(struct run *run, size_t j, size_t from, double *x)
+{
+    const struct apc_linear *m = run->model;
+
+    memset(x, 0, m->nx * sizeof(*x));
+    for (size_t k = 0; k < m->nx_held + from; k++) {
+        apc_matrix_multiply(m->nx, m->nx, 1, m->A, x, run->next);
+        for (size_t i = m->nx_plant; i < m->nx; i++)
+            x[i] = run->next[i] + (k < m->nx_held ? m->B[i * run->inputs + j] : 0.0);
+    }
+}
+
+/* Without a K: x becomes what makes the free run fit best, in the states of the plant, and in what the inputs
+ * were before the record where that still acts. */
 static int fit_state(struct run *run, size_t from, double *x, double *e)
 {
     const struct apc_linear *m = run->model;
-    const size_t n = m->nx_plant, ny = m->ny, rows = (run->r->n - from) * ny;
-    double *Q = calloc((n + 1) * rows + n * n + 2 * n + 1, sizeof(*Q)), *R, *b, *delta;
+    const size_t n = m->nx_plant + (from < m->nx_held ? run->inputs : 0), ny = m->ny,
+                 rows = (run->r->n - from) * ny;
+    double *Q = calloc((n + 1) * rows + n * n + 2 * n + n * m->nx + 1, sizeof(*Q)), *R, *b, *delta, *to;
 
     if (!Q)
         return APC_ENOMEM;
     R = Q + (n + 1) * rows;
     b = R + n * n;
     delta = b + n;
+    to = delta + n; /* [n * nx] the directions */
     errors(run, x, from, false, e);
     for (size_t j = 0; j < n; j++) {
-        memset(run->x, 0, m->nx * sizeof(*x));
-        run->x[j] = 1.0;
+        if (j < m->nx_plant)
+            to[j * m->nx + j] = 1.0;
+        else
+            held_before(run, j - m->nx_plant, from, to + j * m->nx);
+        memcpy(run->x, to + j * m->nx, m->nx * sizeof(*x));
         for (size_t k = 0; k < rows / ny; k++) {
             apc_matrix_multiply(ny, m->nx, 1, m->C, run->x, run->y);
             for (size_t i = 0; i < ny; i++)
@@ -219,8 +238,10 @@ static int fit_state(struct run *run, size_t from, double *x, double *e)
     for (size_t j = 0; j < n; j++)
         b[j] = apc_matrix_dot(Q + j * rows, Q + n * rows, rows);
     apc_qr_solve(n, R, n, b, delta);
-    for (size_t j = 0; j < n; j++)
-        x[j] += delta[j];
+    for (size_t j = 0; j < n; j++) {
+        for (size_t i = 0; i < m->nx; i++)
+            x[i] += delta[j] * to[j * m->nx + i];
+    }
     free(Q);
     return 0;
 }
@@ -316,10 +337,12 @@ static double white_of(const double *e, size_t n)
  * NAN. */
 struct line_up {
     size_t n, inputs;
+    const double *direct; /* [inputs] what each does at once */
     double *e, *u;
 };
 
-/* How much of the errors, whitened, the inputs of the last samples explain, filtered as the errors are. The
+/* How much of the errors, whitened, the inputs of the last samples explain, filtered as the errors are; the
+ * same sample's only where the model has it act at once: else a controller makes it of that very error. The
  * smallest probability, times the number of inputs, as the inputs are so many chances. */
 static int independent_of(const struct line_up *of, double *least)
 {
@@ -338,15 +361,16 @@ static int independent_of(const struct line_up *of, double *least)
     R = u + n;
     apc_whiten(of->e, n, a, (size_t)order, w);
     for (size_t j = 0; j < of->inputs; j++) {
+        const size_t first = of->direct[j] == 0.0;
         double all = 0.0, there = 0.0, explained = 0.0, rank = 0.0;
 
         apc_whiten(of->u + j * n, n, a, (size_t)order, u);
         for (size_t k = LAGS; k < n; k++) {
-            const bool use = isfinite(w[k]) && isfinite(u[k - LAGS + 1]);
+            const bool use = isfinite(w[k]) && isfinite(u[k - LAGS + 1 - first]);
 
             Q[k - LAGS] = use;
             for (size_t lag = 0; lag < LAGS; lag++)
-                Q[(1 + lag) * rows + k - LAGS] = use ? u[k - lag] : 0.0;
+                Q[(1 + lag) * rows + k - LAGS] = use ? u[k - lag - first] : 0.0;
             Q[(1 + LAGS) * rows + k - LAGS] = use ? w[k] : 0.0;
             there += use;
         }
@@ -383,8 +407,8 @@ static void line_up(const struct apc_record *r, const double *ahead, size_t i, s
     }
 }
 
-static int judge(const struct apc_record *r, size_t from, const struct score *score, const double *ahead,
-                 bool filtered, struct apc_validation *of)
+static int judge(const struct apc_linear *m, const struct apc_record *r, size_t from,
+                 const struct score *score, const double *ahead, bool filtered, struct apc_validation *of)
 {
     struct line_up all = {.inputs = r->nu + r->nd};
     int rc = 0;
@@ -402,6 +426,7 @@ static int judge(const struct apc_record *r, size_t from, const struct score *sc
         const struct score *s = &score[i];
         double independent = 1.0;
 
+        all.direct = m->D + i * all.inputs;
         line_up(r, ahead, i, from, &all);
         rc = independent_of(&all, &independent);
         of[i] =
@@ -494,7 +519,7 @@ int apc_validate(const struct apc_linear *model, const double *K, const struct a
             free_run[begin + i] = i / r.ny < share ? (double)NAN : one.y[i] - e[begin + i];
     }
     if (rc == 0)
-        rc = judge(&r, from, score, ahead, K != NULL, of);
+        rc = judge(model, &r, from, score, ahead, K != NULL, of);
 out:
     if (rc < 0)
         apc_fail(why, rc, "validate: no memory");

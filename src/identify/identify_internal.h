@@ -89,10 +89,10 @@ struct apc_lag {
     double tau[2], dead_time;
 };
 /*
- * w [n] = what it makes of u [n], numbers that are @p stride apart, which was u[0] before; it was at rest, at
- * 0. @p rate [n], unless NULL: the derivative of w. Returns 0 or APC_ENOMEM.
+ * w [n] = what it makes of u [n], numbers that are @p stride apart, which was @p before until then; it was at
+ * rest, at 0. @p rate [n], unless NULL: the derivative of w. Returns 0 or APC_ENOMEM.
  */
-int apc_lag_response(const struct apc_lag *lag, double Ts, const double *u, size_t stride, size_t n,
-                     double *w, double *rate);
+int apc_lag_response(const struct apc_lag *lag, double Ts, double before, const double *u, size_t stride,
+                     size_t n, double *w, double *rate);
 
 #endif

@@ -37,14 +37,14 @@ struct recursion {
 };
 
 /* Inlined for each number of states, so that its loops are none. */
-static inline void recur(const struct recursion *r, const size_t states, const double *u, size_t stride,
-                         size_t n, double *w, double *rate)
+static inline void recur(const struct recursion *r, const size_t states, double before, const double *u,
+                         size_t stride, size_t n, double *w, double *rate)
 {
     double x[STATES] = {0}, next[STATES];
 
     for (size_t k = 0; k < n; k++) {
-        const double old = k < r->d ? 0.0 : u[(k - r->d) * stride] - u[0],
-                     young = r->d == 0 || k + 1 < r->d ? 0.0 : u[(k + 1 - r->d) * stride] - u[0];
+        const double old = k < r->d ? 0.0 : u[(k - r->d) * stride] - before,
+                     young = r->d == 0 || k + 1 < r->d ? 0.0 : u[(k + 1 - r->d) * stride] - before;
 
         w[k] = x[states - 1];
         if (rate)
@@ -61,8 +61,8 @@ static inline void recur(const struct recursion *r, const size_t states, const d
     }
 }
 
-int apc_lag_response(const struct apc_lag *lag, double Ts, const double *u, size_t stride, size_t n,
-                     double *w, double *rate)
+int apc_lag_response(const struct apc_lag *lag, double Ts, double before, const double *u, size_t stride,
+                     size_t n, double *w, double *rate)
 {
     const double periods = lag->dead_time / Ts;
     struct recursion r = {.d = (size_t)ceil(periods - 1e-9)};
@@ -78,10 +78,10 @@ int apc_lag_response(const struct apc_lag *lag, double Ts, const double *u, size
     for (size_t i = 0; i < states; i++)
         r.old[i] -= r.young[i];
     if (states == 1)
-        recur(&r, 1, u, stride, n, w, rate);
+        recur(&r, 1, before, u, stride, n, w, rate);
     else if (states == 2)
-        recur(&r, 2, u, stride, n, w, rate);
+        recur(&r, 2, before, u, stride, n, w, rate);
     else
-        recur(&r, STATES, u, stride, n, w, rate);
+        recur(&r, STATES, before, u, stride, n, w, rate);
     return 0;
 }

@@ -13,14 +13,47 @@
 
 /* ---- Columns ------------------------------------------------------------------------------------- */
 
+/* An integrator stands still where the plant was at rest. */
+static bool drifts(const struct shape *shape)
+{
+    return shape->integrating && !shape->rest;
+}
+
 size_t search_base(const struct search *s, const struct shape *shape)
 {
-    return shape->integrating ? 2 * s->runs : s->runs;
+    return drifts(shape) ? 2 * s->runs : s->runs;
+}
+
+/* Response, and its rate where there is a zero. */
+static size_t answers_of(const struct arm *arm)
+{
+    return 1 + (size_t)arm->zero;
+}
+
+/* The first column of what the input's step does, as a run begins. */
+static size_t step_column(const struct search *s, const struct arm *arm, bool rest)
+{
+    return answers_of(arm) + (rest ? 0 : arm->lag.order * s->runs);
 }
 
 size_t search_arm(const struct search *s, const struct arm *arm, bool rest)
 {
-    return arm->none ? 0 : 1 + (size_t)arm->zero + (rest ? 0 : arm->lag.order * s->runs);
+    return arm->none ? 0 : step_column(s, arm, rest) + (arm->moved ? answers_of(arm) * s->runs : 0);
+}
+
+double search_moved(const struct search *s, const struct shape *shape, size_t run)
+{
+    size_t at = search_base(s, shape);
+    double sum = 0.0;
+
+    for (size_t j = 0; j < s->inputs; j++) {
+        const struct arm *arm = &shape->arm[j];
+
+        if (arm->moved && !arm->none)
+            sum += s->value[at + step_column(s, arm, shape->rest) + answers_of(arm) * run];
+        at += search_arm(s, arm, shape->rest);
+    }
+    return sum;
 }
 
 static size_t arm_unknowns(const struct arm *arm)
@@ -78,8 +111,9 @@ int search_respond(const struct search *s, const struct apc_lag *lag, size_t j, 
     for (size_t g = 0; g < s->runs && rc == 0; g++) {
         size_t n, begin = part_of(s, g, &n);
 
-        rc = apc_lag_response(lag, s->record->Ts, s->record->u + begin * s->inputs + j, s->inputs, n,
-                              w + begin, rate ? rate + begin : NULL);
+        const double *u = s->record->u + begin * s->inputs + j;
+
+        rc = apc_lag_response(lag, s->record->Ts, *u, u, s->inputs, n, w + begin, rate ? rate + begin : NULL);
     }
     return rc;
 }
@@ -93,12 +127,35 @@ void search_fill_rest(const struct search *s, double tau, size_t run, double *co
         column[begin + k] = exp(-(double)k * s->record->Ts / tau);
 }
 
-/* Response, rate, and what is left in lags @p from to @p to - 1: the first of each run, then those of the
- * next lag. */
-static int fill_lags(const struct search *s, const struct arm *arm, size_t j, size_t from, size_t to,
-                     double *column)
+/* What a step of the input as each run begins does, in columns of each; begun in the last one, of which there
+ * is room for the longest. */
+static int fill_steps(const struct search *s, const struct arm *arm, double *column)
 {
-    const size_t answers = 1 + (size_t)arm->zero;
+    const size_t answers = answers_of(arm);
+    const double one = 1.0;
+    double *last = column + answers * (s->runs - 1) * s->n;
+    const int rc = apc_lag_response(&arm->lag, s->record->Ts, 0.0, &one, 0, apc_record_longest(s->record),
+                                    last, arm->zero ? last + s->n : NULL);
+
+    for (size_t i = 0; i < answers * s->runs && rc == 0; i++) {
+        const double *answer = last + i % answers * s->n;
+        double *to = column + i * s->n;
+        size_t n, begin = part_of(s, i / answers, &n);
+
+        memmove(to + begin, answer, n * sizeof(*to));
+        memset(to, 0, begin * sizeof(*to));
+        memset(to + begin + n, 0, (s->n - begin - n) * sizeof(*to));
+        search_finish(s, to);
+    }
+    return rc;
+}
+
+/* Response, rate, and what is left in lags @p from to @p to - 1: the first of each run, then those of the
+ * next lag; and what a step does. */
+static int fill_lags(const struct search *s, const struct arm *arm, size_t j, bool rest, size_t from,
+                     size_t to, double *column)
+{
+    const size_t answers = answers_of(arm);
     int rc = search_respond(s, &arm->lag, j, column, arm->zero ? column + s->n : NULL);
 
     for (size_t i = 0; i < answers; i++)
@@ -107,15 +164,17 @@ static int fill_lags(const struct search *s, const struct arm *arm, size_t j, si
         search_fill_rest(s, arm->lag.tau[i / s->runs], i % s->runs, column + (answers + i) * s->n);
         search_finish(s, column + (answers + i) * s->n);
     }
+    if (rc == 0 && arm->moved)
+        rc = fill_steps(s, arm, column + step_column(s, arm, rest) * s->n);
     return rc;
 }
 
 int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column)
 {
-    return arm->none ? 0 : fill_lags(s, arm, j, 0, rest ? 0 : arm->lag.order, column);
+    return arm->none ? 0 : fill_lags(s, arm, j, rest, 0, rest ? 0 : arm->lag.order, column);
 }
 
-/* A level of each run and, where the plant integrates, a slope. */
+/* A level of each run and, where the plant integrates and was not at rest, a slope. */
 void search_fill_base(const struct search *s, const struct shape *shape)
 {
     memset(s->Q, 0, search_base(s, shape) * s->n * sizeof(*s->Q));
@@ -124,7 +183,7 @@ void search_fill_base(const struct search *s, const struct shape *shape)
 
         for (size_t k = 0; k < n; k++) {
             s->Q[g * s->n + begin + k] = 1.0;
-            if (shape->integrating)
+            if (drifts(shape))
                 s->Q[(s->runs + g) * s->n + begin + k] = (double)k / (double)n;
         }
     }
@@ -219,7 +278,8 @@ static int differentiate(struct search *s, const struct shape *shape, size_t j, 
 {
     const double h = 1e-4;
     const struct arm *arm = &shape->arm[j];
-    const size_t answers = 1 + (size_t)arm->zero, to = shape->rest || q == arm->lag.order ? q : q + 1;
+    const size_t answers = answers_of(arm), to = shape->rest || q == arm->lag.order ? q : q + 1,
+                 steps = step_column(s, arm, shape->rest);
     struct arm up = *arm, down = *arm;
     double width = 2.0 * h;
     int rc;
@@ -228,12 +288,13 @@ static int differentiate(struct search *s, const struct shape *shape, size_t j, 
     search_move(s, &down, q, -h);
     if (q == arm->lag.order)
         width = (up.lag.dead_time - down.lag.dead_time) / s->record->Ts;
-    rc = fill_lags(s, &up, j, q, to, s->plus);
+    rc = fill_lags(s, &up, j, shape->rest, q, to, s->plus);
     if (rc == 0)
-        rc = fill_lags(s, &down, j, q, to, s->minus);
+        rc = fill_lags(s, &down, j, shape->rest, q, to, s->minus);
     memset(out, 0, s->n * sizeof(*out));
-    for (size_t i = 0; i < answers + (to - q) * s->runs && rc == 0; i++) {
-        const size_t c = i < answers ? i : i + q * s->runs;
+    for (size_t c = 0; c < search_arm(s, arm, shape->rest) && rc == 0; c++) {
+        if (c >= answers && c < steps && (c < answers + q * s->runs || c >= answers + to * s->runs))
+            continue;
         const double *plus = s->plus + c * s->n, *minus = s->minus + c * s->n;
 
         for (size_t k = 0; k < s->n; k++)
@@ -331,7 +392,7 @@ int search_open(struct search *s)
     double *at;
 
     s->runs = apc_record_runs(s->record);
-    s->arm_columns = 2 + 2 * s->runs;
+    s->arm_columns = 2 + 4 * s->runs;
     linear = s->inputs * s->arm_columns + 2 * s->runs;
 
     s->width = linear + m;

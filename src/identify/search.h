@@ -15,7 +15,8 @@
 struct arm {
     struct apc_lag lag;
     bool zero;
-    bool none; /* nothing, as far as the record shows: it has no columns and no unknowns */
+    bool moved; /* the input was another one before the record: a step of each run's own as it begins */
+    bool none;  /* nothing, as far as the record shows: it has no columns and no unknowns */
 };
 
 struct shape {
@@ -29,7 +30,7 @@ struct search {
     const struct apc_record *record;
     size_t n, inputs, output, runs, width;
     size_t arm_columns; /* of an arm at most: response, its rate, what is left of each run's beginning in each
-                           lag */
+                           lag, and the same two of a step as each begins */
     double dead_time_max;
     unsigned order; /* 0: to be found */
     double noise[NOISE_MOST];
@@ -53,6 +54,9 @@ size_t search_base(const struct search *s, const struct shape *shape);
 size_t search_arm(const struct search *s, const struct arm *arm, bool rest);
 size_t search_linear(const struct search *s, const struct shape *shape); /* all of them */
 size_t search_unknowns(const struct search *s, const struct shape *shape);
+/* After search_evaluate(): how much of each run's first inputs, times their gains, came with its first
+ * sample. */
+double search_moved(const struct search *s, const struct shape *shape, size_t run);
 void search_fill_base(const struct search *s, const struct shape *shape);
 int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column);
 /* w [n], and its rate unless NULL: what a lag makes of input @p j, each run by itself. Returns 0 or

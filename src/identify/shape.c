@@ -154,11 +154,58 @@ static int add_zero(struct search *s, struct shape *shape, size_t j)
     return rc;
 }
 
+/* What came before: was the plant at rest, and were the inputs what they were at first? A record may begin
+ * with the first move, which acts after the dead time as any other does, and it may begin on the way. Asked
+ * before there are more lags, which would be made up for what came before. */
+static int settle(struct search *s, struct shape *shape)
+{
+    bool any = false;
+    int rc = 0;
+
+    for (int i = 0; i < 4 && rc == 0; i++) {
+        bool other = shape->rest != (i % 2 == 0);
+
+        search_copy(s, &s->grown, shape);
+        s->grown.rest = i % 2 == 0;
+        for (size_t j = 0; j < s->inputs; j++) {
+            s->grown.arm[j].moved = i / 2 == 0;
+            other |= s->grown.arm[j].moved != shape->arm[j].moved;
+        }
+        rc = other ? compete(s, shape, false) : 0;
+    }
+    for (size_t j = 0; j < s->inputs; j++)
+        any |= shape->arm[j].moved;
+    for (size_t j = 0; j < s->inputs && s->inputs > 1 && any && rc == 0; j++) {
+        search_copy(s, &s->grown, shape);
+        s->grown.arm[j].moved = !shape->arm[j].moved;
+        rc = compete(s, shape, false);
+    }
+    return rc;
+}
+
+/* Where the dead time is a multiple of the period the errors have an edge, and there may be a valley to each
+ * side of it. */
+static int look_beside(struct search *s, struct shape *shape)
+{
+    int rc = 0;
+
+    for (size_t i = 0; i < 2 * s->inputs && rc == 0; i++) {
+        search_copy(s, &s->grown, shape);
+        search_move(s, &s->grown.arm[i / 2], s->grown.arm[i / 2].lag.order, i % 2 ? 0.9 : -0.9);
+        rc = compete(s, shape, false);
+    }
+    return rc;
+}
+
 static int grow(struct search *s, struct shape *shape)
 {
     const unsigned most = s->order ? s->order : 2;
-    int rc = 0;
+    size_t parts;
+    int rc = settle(s, shape);
 
+    if (rc == 0)
+        rc = look_beside(s, shape);
+    parts = search_linear(s, shape) + search_unknowns(s, shape);
     for (size_t j = 0; j < s->inputs && rc == 0; j++) {
         unsigned before = most + 1;
 
@@ -169,25 +216,7 @@ static int grow(struct search *s, struct shape *shape)
         if (shape->arm[j].lag.order == 2 && !shape->integrating && !shape->arm[j].zero && rc == 0)
             rc = add_zero(s, shape, j);
     }
-    if (rc < 0)
-        return rc;
-    search_copy(s, &s->grown, shape);
-    s->grown.rest = !shape->rest;
-    return compete(s, shape, false);
-}
-
-/* Where the dead time is a multiple of the period the errors have an edge, and there may be a valley to each
- * side of it. */
-static int look_beside(struct search *s)
-{
-    int rc = 0;
-
-    for (size_t i = 0; i < 2 * s->inputs && rc == 0; i++) {
-        search_copy(s, &s->grown, &s->best);
-        search_move(s, &s->grown.arm[i / 2], s->grown.arm[i / 2].lag.order, i % 2 ? 0.9 : -0.9);
-        rc = compete(s, &s->best, false);
-    }
-    return rc;
+    return rc == 0 && search_linear(s, shape) + search_unknowns(s, shape) != parts ? settle(s, shape) : rc;
 }
 
 /* An input that the output can do without: what it seems to do is then a chance, of so many dead times and
@@ -281,7 +310,7 @@ int search_shape(struct search *s, enum apc_identify_integrating integrating)
         if (rc == 0)
             rc = grow(s, &s->best);
         if (rc == 0)
-            rc = look_beside(s);
+            rc = look_beside(s, &s->best);
     }
     return rc == 0 ? drop(s) : rc;
 }

@@ -103,13 +103,28 @@ static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *e
 }
 
 /* Does any input matter? */
-static int check_found(const struct search *s, const struct apc_transfer *g, const struct apc_transfer *error,
+static int check_found(struct search *s, const struct apc_transfer *g, const struct apc_transfer *error,
                        struct apc_error *why)
 {
+    const double found = s->best.score;
+    int rc;
+
     for (size_t j = 0; j < s->inputs; j++) {
         if (fabs(g[j].gain) > 3.0 * error[j].gain)
             return 0;
     }
+    search_copy(s, &s->trial, &s->best);
+    for (size_t j = 0; j < s->inputs; j++)
+        s->trial.arm[j].none = true;
+    rc = search_evaluate(s, &s->trial);
+    if (rc < 0)
+        return apc_fail(why, rc, "apc_identify_transfer: no memory");
+    if (found < s->trial.score)
+        return apc_fail(why, APC_ESOLVER,
+                        "output %zu follows the inputs, but no gain can be told: none is above three times "
+                        "its standard error. Record for longer, and hold the inputs until the output comes "
+                        "to rest",
+                        s->output + 1);
     return apc_fail(why, APC_ESOLVER,
                     "output %zu does not follow the inputs: no gain is above three times its standard error. "
                     "Move the inputs more, hold them longer than the dead time, or record for longer",
@@ -140,7 +155,7 @@ static int answers(struct search *s, const struct arm *arm, const struct apc_tra
 
     for (size_t k = 0; k < n; k++)
         u[k] = k > 0;
-    rc = apc_lag_response(&arm->lag, s->record->Ts, u, 1, n, w, rate);
+    rc = apc_lag_response(&arm->lag, s->record->Ts, 0.0, u, 1, n, w, rate);
     *does = rc == 0 && w[n - 1] + g->zero * rate[n - 1] > 0.0;
     return rc;
 }
@@ -167,13 +182,12 @@ static int check_arm(struct search *s, size_t j, const struct apc_transfer *g,
                             "the record of %g s. Record for longer, and hold the input until the output "
                             "comes to rest",
                             j + 1, s->output + 1, 50.0, (double)r->n * r->Ts);
-    if (!(half < fabs(g->gain)) && !(half * reach < all))
-        return apc_fail(
-            why, APC_ESOLVER,
-            "input %zu to output %zu: the gain would be %.3g, and cannot be told: its 95 %% interval "
-            "moves the output further than the record has it move. Record for longer, and hold "
-            "the input until the output comes to rest",
-            j + 1, s->output + 1, g->gain);
+    if (!(half < fabs(g->gain)) && !(half * reach < all / 2.0))
+        return apc_fail(why, APC_ESOLVER,
+                        "input %zu to output %zu: the gain would be %.3g, with a 95 %% interval as wide as "
+                        "all that the record "
+                        "shows. Record for longer, and hold the input until the output comes to rest",
+                        j + 1, s->output + 1, g->gain);
     if (half < fabs(g->gain) && g->dead_time > 0.999 * s->dead_time_max && s->dead_time_max > 0.0)
         return apc_fail(why, APC_ESOLVER,
                         "input %zu to output %zu: no end of the dead time: it is %g s or more. Record for "
@@ -206,7 +220,7 @@ static int check_arms(struct search *s, const struct apc_transfer *g, const stru
  * units of how much each input moves.
  */
 struct rest {
-    double begin, slope; /* of an output of a run while all inputs are as at first */
+    double begin, slope; /* of an output of a run while all inputs stay as at first */
 };
 
 /* How much each input moves, within the runs. */
@@ -378,11 +392,16 @@ int apc_identify_transfer(const struct apc_record *record,
         if (rc < 0) {
             apc_fail(why, rc, "apc_identify_transfer: no memory");
         } else {
-            for (size_t run = 0; run < runs; run++)
-                rest[run * r.ny + i] = (struct rest){
-                    s.value[run], s.best.integrating
-                                      ? s.value[runs + run] / ((double)apc_record_run(&r, run).n * r.Ts)
-                                      : 0.0};
+            for (size_t run = 0; run < runs; run++) {
+                const double moved = search_moved(&s, &s.best, run),
+                             all = (double)apc_record_run(&r, run).n * r.Ts;
+
+                rest[run * r.ny + i] = (struct rest){s.value[run], moved};
+                if (!s.best.integrating)
+                    rest[run * r.ny + i] = (struct rest){s.value[run] + moved, 0.0};
+                else if (!s.best.rest)
+                    rest[run * r.ny + i].slope += s.value[runs + run] / all;
+            }
             if (fit)
                 fit[i] = told;
             rc = check_found(&s, g + i * inputs, error + i * inputs, why);

@@ -265,7 +265,7 @@ grep -q "Kp = 0.0" suggested.conf || fail "the tuning is not in its place"
 iae() { "$apc" simulate "$1" | awk '$2 == "all" { print $3 }'; }
 awk -v new="$(iae suggested.conf)" -v old="$(iae heater.conf)" 'BEGIN { exit !(new > 0 && new < 0.95 * old) }' ||
   fail "the tuning that is suggested is no better: $(iae suggested.conf) $(iae heater.conf)"
-expect 0 '"simc":\[\{"Kp":0.0931' "$apc" identify heater --model transfer --suggest --json
+expect 0 '"simc":\[\{"Kp":0.0933' "$apc" identify heater --model transfer --suggest --json
 expect 0 ' PI +0.0[0-9]+ ' "$apc" identify heater --model transfer --suggest=20
 expect 2 'is for transfer functions' "$apc" identify heater --model arx --suggest
 

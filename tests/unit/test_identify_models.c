@@ -467,6 +467,56 @@ static void validation_tells_a_right_model_from_a_wrong_one(void **state)
     free(t);
 }
 
+/* A controller makes the input of the error of the same sample: that is no answer of the plant. */
+static void feedback_in_the_same_row_is_no_dependence(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.0, .tau = {4.0}, .dead_time = 1.0};
+    struct record_test *t = record_simulate(&g, 1, 1, 1500, 0.5, (const size_t[]){9}, 0.0, 0.0, 1);
+    double x[2][16] = {{0.0}};
+    struct apc_linear *model;
+    struct apc_random random;
+    struct apc_validation v;
+    (void)state;
+
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, &g, NULL, NULL, 0.5, NULL), 0);
+    assert_true(model->nx <= 16);
+    apc_random_init(&random, 5, "feedback");
+    for (size_t k = 0; k < t->record.n; k++) {
+        apc_linear_output(model, x[k % 2], t->u + k, &t->y[k]);
+        t->y[k] += 0.05 * apc_random_normal(&random);
+        t->u[k] = 0.5 * ((k / 50 % 2 ? 1.0 : -1.0) - t->y[k]);
+        apc_linear_next(model, x[k % 2], t->u + k, x[(k + 1) % 2]);
+    }
+    assert_int_equal(apc_validate(model, NULL, &t->record, 500, &v, NULL, NULL), 0);
+    assert_true(v.white > 0.01 && v.independent > 0.01);
+    apc_linear_destroy(model);
+    free(t);
+}
+
+/* What the inputs were before the record acts for as long as the dead time, and is found like the state. */
+static void what_came_before_the_record_is_found(void **state)
+{
+    static const struct apc_transfer g[] = {{.gain = 2.0, .tau = {3.0}, .dead_time = 6.3},
+                                            {.gain = -1.0, .tau = {1.0}, .dead_time = 4.0}};
+    struct record_test *t = record_simulate(g, 2, 1, 600, 0.2, (const size_t[]){60, 30}, 0.0, 0.0, 1);
+    struct apc_linear *model;
+    struct apc_validation v;
+    (void)state;
+
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 2, 0, g, NULL, NULL, 0.2, NULL), 0);
+    for (size_t from = 0; from < 40; from += 10) { /* the first row is the first move of the first input */
+        struct apc_record late = t->record;
+
+        late.u += 2 * 60;
+        late.y += 60;
+        late.n -= 60;
+        assert_int_equal(apc_validate(model, NULL, &late, from, &v, NULL, NULL), 0);
+        assert_true(v.fit > 99.99);
+    }
+    apc_linear_destroy(model);
+    free(t);
+}
+
 /* Where the record begins is found, and in which units it is does not matter. */
 static void validation_begins_anywhere_and_knows_no_units(void **state)
 {
@@ -762,6 +812,8 @@ int main(void)
         cmocka_unit_test(the_filter_of_a_state_space_model_leaves_white_errors),
         cmocka_unit_test(validation_tells_a_right_model_from_a_wrong_one),
         cmocka_unit_test(validation_begins_anywhere_and_knows_no_units),
+        cmocka_unit_test(feedback_in_the_same_row_is_no_dependence),
+        cmocka_unit_test(what_came_before_the_record_is_found),
         cmocka_unit_test(a_variance_is_that_of_the_inverse),
         cmocka_unit_test(of_a_plant_that_runs_away_there_is_no_state_space),
         cmocka_unit_test(a_record_that_tells_nothing_is_refused_with_its_reason),

@@ -111,7 +111,7 @@ static void each_allocation_may_fail(void **state)
     t = record_simulate(g, 2, 1, 120, 0.2, (const size_t[]){5, 7}, 0.05, 0.5, 1);
     assert_int_equal(apc_identify_arx(&model, &t->record, NULL, NULL), 0);
     for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
-        nomem_each(&steps[i], 20, 31, &why); /* a search asks for the same again and again */
+        nomem_each(&steps[i], 20, 199, &why); /* a search asks for the same again and again */
     apc_identified_destroy(model);
     free(t);
 }

@@ -463,6 +463,91 @@ static void an_output_that_follows_no_input_is_said(void **state)
     refused(t, "output 1 does not follow the inputs");
 }
 
+/* A plant that was at rest, with all at 0, until the first sample, at which the input moves for the first
+ * time; by a controller whose setpoint does. */
+static struct record_test *from_the_first_move(const struct apc_transfer *g, bool controlled, double rounded,
+                                               uint64_t seed)
+{
+    const size_t n = 600;
+    struct record_test *t = calloc(1, sizeof *t);
+    struct apc_linear *model;
+    struct apc_random random;
+    double x[2][32] = {{0.0}}, u = 0.0, integral = 0.0, setpoint = 0.0;
+
+    assert_non_null(t);
+    assert_int_equal(apc_linear_from_transfer(&model, 1, 1, 0, g, NULL, NULL, 1.0, NULL), 0);
+    assert_true(model->nx <= 32);
+    apc_random_init(&random, seed, "first move");
+    for (size_t k = 0; k < n; k++) {
+        double y;
+
+        apc_linear_output(model, x[k % 2], &u, &y);
+        y += (rounded > 0.0 ? 0.02 : 0.05) * g->gain * apc_random_normal(&random);
+        t->y[k] = rounded > 0.0 ? rounded * round(y / rounded) : y;
+        if (k % (controlled ? 60 : 25) == 0)
+            setpoint = apc_random_uniform(&random) < 0.5 ? -1.0 : 1.0;
+        u = setpoint;
+        if (controlled) {
+            integral += 0.05 * (g->gain * setpoint - t->y[k]);
+            u = g->tau[0] / g->gain / 7.8 * (g->gain * setpoint - t->y[k] + integral);
+        }
+        t->u[k] = u;
+        apc_linear_next(model, x[k % 2], &u, x[(k + 1) % 2]);
+    }
+    t->record = (struct apc_record){
+        .size = sizeof t->record, .Ts = 1.0, .n = n, .nu = 1, .ny = 1, .u = t->u, .y = t->y};
+    apc_linear_destroy(model);
+    return t;
+}
+
+/* The first move acts after the dead time as all others do: no lag and no zero are made up for it. */
+static void a_record_may_begin_with_the_first_move(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.5, .tau = {20.0}, .dead_time = 3.4};
+    size_t inside_it = 0, n = 0;
+    (void)state;
+
+    for (int how = 0; how < 3; how++) {
+        for (uint64_t seed = 0; seed < 6; seed++, n++) {
+            struct record_test *t = from_the_first_move(&g, how == 1, how == 2 ? 0.1 : 0.0, seed);
+            struct apc_transfer found, error;
+
+            identify(t, &found, &error);
+            assert_true(found.tau[1] == 0.0 && found.zero == 0.0 && !found.integrating);
+            assert_near(found.dead_time, g.dead_time, 0.4);
+            assert_near(found.gain, g.gain, 0.15);
+            inside_it += fabs(found.dead_time - g.dead_time) <= 1.96 * error.dead_time;
+            free(t);
+        }
+    }
+    print_message("%zu of %zu intervals hold the dead time\n", inside_it, n);
+    assert_true(inside_it >= n - 2);
+}
+
+/* Of a lag that is shorter than a sample there is one, and its dead time is told or is not. */
+static void a_lag_shorter_than_a_sample_is_one(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.5, .tau = {0.3}, .dead_time = 2.4};
+    size_t told = 0, inside_it = 0, n = 12;
+    (void)state;
+
+    for (uint64_t seed = 0; seed < n; seed++) {
+        struct record_test *t =
+            record_simulate(&g, 1, 1, 600, 1.0, (const size_t[]){7}, seed % 2 ? 0.05 : 0.01, 0.0, 40 + seed);
+        struct apc_transfer found, error;
+
+        identify(t, &found, &error);
+        assert_true(found.tau[1] == 0.0 && found.zero == 0.0);
+        assert_near(found.tau[0] + found.dead_time, 2.7, 0.2);
+        assert_true(fabs(found.gain - g.gain) <= 3.0 * error.gain);
+        told += isfinite(error.dead_time) != 0;
+        inside_it += fabs(found.dead_time - g.dead_time) <= 1.96 * error.dead_time;
+        free(t);
+    }
+    print_message("%zu of %zu dead times are told, %zu intervals hold them\n", told, n, inside_it);
+    assert_true(told >= n / 2 && inside_it + 1 >= told);
+}
+
 static void range_of(const double *x, size_t n, size_t stride, double *low, double *high)
 {
     *low = HUGE_VAL;
@@ -641,6 +726,8 @@ int main(void)
         cmocka_unit_test(a_run_without_feedback_is_enough),
         cmocka_unit_test(an_input_that_is_feedback_alone_is_named),
         cmocka_unit_test(an_output_that_follows_no_input_is_said),
+        cmocka_unit_test(a_record_may_begin_with_the_first_move),
+        cmocka_unit_test(a_lag_shorter_than_a_sample_is_one),
         cmocka_unit_test(a_short_record_gives_a_model_of_what_it_shows_or_none),
         cmocka_unit_test(the_point_is_where_the_plant_has_been),
         cmocka_unit_test(an_input_that_does_nothing_has_no_gain),
