@@ -273,22 +273,27 @@ static int check_outputs(const struct simulate *r)
 
 /* ---- The samples -------------------------------------------------------------------------- */
 
-static int write_file(const struct simulate *r, const char *path, const char *text, size_t size)
+/* What is written goes into the hash and, where they were asked for, on to a file: a long run's text is never
+ * in memory as a whole. */
+struct sink {
+    EVP_MD_CTX *digest;
+    FILE *out;  /* NULL: nobody asked */
+    int failed; /* the errno of writing there */
+};
+
+static ssize_t pour(void *ctx, const char *text, size_t size)
 {
-    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "w");
-    bool failed = !out || fwrite(text, 1, size, out) != size;
-    if (out)
-        failed |= out == stdout ? fflush(out) != 0 : fclose(out) != 0;
-    if (failed)
-        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
-    return failed ? APC_ESYS : 0;
+    struct sink *sink = ctx;
+    if (sink->out && !sink->failed && fwrite(text, 1, size, sink->out) != size)
+        sink->failed = errno;
+    return EVP_DigestUpdate(sink->digest, text, size) == 1 ? (ssize_t)size : 0;
 }
 
-static void make_hash(struct simulate *r, const char *text, size_t size)
+static void print_hash(struct simulate *r, EVP_MD_CTX *digest)
 {
     unsigned char hash[EVP_MAX_MD_SIZE];
     unsigned length = 0;
-    if (EVP_Digest(text, size, hash, &length, EVP_sha256(), NULL) != 1)
+    if (EVP_DigestFinal_ex(digest, hash, &length) != 1)
         return;
     for (size_t i = 0; i < length && 2 * i + 2 < sizeof r->hash; i++)
         snprintf(r->hash + 2 * i, 3, "%02x", hash[i]);
@@ -298,22 +303,27 @@ static void make_hash(struct simulate *r, const char *text, size_t size)
 /* Also of a run that ended early. */
 static int put_samples(struct simulate *r)
 {
-    char *text = NULL;
-    size_t size = 0;
-    int rc = 0;
-    FILE *memory = open_memstream(&text, &size);
-
-    if (memory)
-        samples_write(&r->samples, SIMULATION_BEGIN, memory);
-    if (!memory || fclose(memory) != 0) {
-        free(text);
+    const char *path = r->options.csv;
+    const bool to_stdout = path && !strcmp(path, "-");
+    struct sink sink = {.digest = EVP_MD_CTX_new()};
+    FILE *in = sink.digest && EVP_DigestInit_ex(sink.digest, EVP_sha256(), NULL) == 1
+                   ? fopencookie(&sink, "w", (cookie_io_functions_t){.write = pour})
+                   : NULL;
+    if (!in) {
+        EVP_MD_CTX_free(sink.digest);
         return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
     }
-    if (r->options.csv)
-        rc = write_file(r, r->options.csv, text, size);
-    make_hash(r, text, size);
-    free(text);
-    return rc;
+    sink.out = to_stdout ? stdout : path ? fopen(path, "w") : NULL;
+    sink.failed = path && !sink.out ? errno : 0;
+    samples_write(&r->samples, SIMULATION_BEGIN, in);
+    if (fclose(in) == 0)
+        print_hash(r, sink.digest);
+    EVP_MD_CTX_free(sink.digest);
+    if (sink.out && (to_stdout ? fflush(stdout) : fclose(sink.out)) != 0 && !sink.failed)
+        sink.failed = errno;
+    if (sink.failed)
+        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(sink.failed));
+    return sink.failed ? APC_ESYS : 0;
 }
 
 /* ---- One run ------------------------------------------------------------------------------ */
