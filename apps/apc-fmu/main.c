@@ -189,7 +189,10 @@ struct run {
     double *given;       /* to the inputs */
     double length;       /* of its steps, where they are all alike; 0: that of the first one */
     uint32_t *y_float64; /* the outputs' references; NULL: they are of several types */
-    double time;
+    double time;     /* as far as it has come; where its steps are all alike: where these are counted from */
+    double taken;    /* since then */
+    double t, dt;    /* of the last step that was asked for */
+    double at, rest; /* that t, as a sum that does not round */
 };
 
 static void *watch(void *ctx)
@@ -391,14 +394,43 @@ static bool point(struct run *r, const double *in, size_t n, double *out)
     return outputs(r, out + nx);
 }
 
-/* Where its steps are of one length, it goes as far as whole ones lead. */
+#define EARLY 1e-6 /* of a step: where a sum of times comes as near as that to its end, it is taken */
+
+/*
+ * Where its steps are of one length, it goes as far as whole ones lead. They are counted, and the asker's
+ * time is summed once more without rounding: a sum of either rounds by a step some day, and the FMU would lag
+ * by one for good.
+ */
+static bool step_alike(struct run *r, double t, double dt)
+{
+    const bool follows = r->t + r->dt <= t && r->t + r->dt >= t;
+    const double more = (follows ? r->dt : t - r->t) + r->rest, at = r->at + more;
+
+    r->rest = more - (at - r->at);
+    r->at = at;
+    r->t = t;
+    r->dt = dt;
+    if (!(r->length > 0.0))
+        r->length = dt;
+    for (const double whole = floor((at + dt - r->time) / r->length + EARLY); r->taken < whole; r->taken++) {
+        const double from = r->time + r->taken * r->length;
+        double reached = from;
+        if (!r->fmi->step(from, r->length, &reached)) {
+            r->time = reached;
+            r->taken = 0.0;
+            return false;
+        }
+    }
+    return true;
+}
+
 static bool step(struct run *r, const double *in, size_t n, double *y)
 {
     if (n != 2 + r->nu)
         refuse("asked for a step with %zu numbers", n);
     const double t = in[0], dt = in[1], sliver = 1e-9 * dt, to = t + dt;
 
-    if (!give(r, in + 2))
+    if (!give(r, in + 2) || (!r->d.variable_step && !step_alike(r, t, dt)))
         return false;
     if (r->d.variable_step && r->time < to - sliver) {
         const double h = r->time > t + sliver || r->time < t - sliver ? to - r->time : dt;
@@ -406,11 +438,6 @@ static bool step(struct run *r, const double *in, size_t n, double *y)
             return false;
         r->time = to;
     }
-    if (!(r->length > 0.0))
-        r->length = dt;
-    while (!r->d.variable_step && r->time + r->length <= to + sliver)
-        if (!r->fmi->step(r->time, r->length, &r->time))
-            return false;
     return outputs(r, y);
 }
 

@@ -7,7 +7,10 @@ const { DataType, OPCUACertificateManager, OPCUAServer, StatusCodes, Variant } =
 
 const [port, folder] = process.argv.slice(2);
 const certificates = new OPCUACertificateManager({ rootFolder: folder, automaticallyAcceptUnknownCertificate: true });
-const server = new OPCUAServer({ port: Number(port), hostname: "127.0.0.1", serverCertificateManager: certificates });
+// as small PLCs have it: no more than so many nodes in one request
+const operationLimits = { maxNodesPerRead: 3, maxNodesPerWrite: 1 };
+const server = new OPCUAServer({ port: Number(port), hostname: "127.0.0.1", serverCertificateManager: certificates,
+  serverCapabilities: { operationLimits } });
 await server.initialize();
 const space = server.engine.addressSpace.getOwnNamespace();
 const plant = space.addObject({ organizedBy: server.engine.addressSpace.rootFolder.objects, browseName: "Plant" });

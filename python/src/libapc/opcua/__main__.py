@@ -17,7 +17,7 @@ from urllib.parse import urlparse
 from ..errors import Error
 from . import users
 
-_NODE = re.compile("(ns=[0-9]+;)?(i=[0-9]+|[sgb]=.+)", re.DOTALL)
+_NODE = re.compile("(ns=[0-9]+;|nsu=[^;]+;)?(i=[0-9]+|[sgb]=.+)", re.DOTALL)
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
@@ -127,10 +127,12 @@ def _plant(args: Any) -> Callable[[asyncio.Event], Awaitable[None]]:
 def _check_node(text: str) -> None:
     ua = import_module("asyncua.ua")
     try:
+        if not _NODE.fullmatch(text):
+            raise ValueError
         ua.NodeId.from_string(text)
     except (ua.UaError, ValueError):
-        raise _Refused(f"{text}: expected a node's id, as ns=2;s=NAME or ns=2;i=NUMBER, of an output with its safe value behind it, "
-                       "as ns=2;i=NUMBER=0") from None
+        raise _Refused(f"{text}: expected a node's id, as ns=2;s=NAME, ns=2;i=NUMBER or nsu=URI;s=NAME, of an output with its safe value "
+                       "behind it, as ns=2;i=NUMBER=0") from None
 
 
 def _output(text: str) -> tuple[str, float]:

@@ -90,6 +90,7 @@ class Gateway:
         self._ahead = 0  # ns: the server's clock of ours
         self._refuses = self._fences = False  # the last command; one of another claim, and that was said
         self._claim = 0  # the highest that commands; 0: none has a number
+        self._reads = self._writes = _MOST  # nodes in one request
         self._unsafe = ""  # why the safe values were not written, as it was said
         self._room = 256 + 96 * len(options.measure)
         self._samples = ffi.new("struct apc_sample[]", _MOST)
@@ -107,8 +108,9 @@ class Gateway:
             await client.set_security(policy, str(o.certificate), str(o.key), server_certificate=str(o.server_certificate))
         await client.connect()
         try:
-            self._measure = [client.get_node(node) for node in o.measure]
-            self._output = [client.get_node(node) for node, _ in o.output]
+            self._measure = [await _node(client, node) for node in o.measure]
+            self._output = [await _node(client, node) for node, _ in o.output]
+            self._reads, self._writes = [await self._limit(client, limit) for limit in ("Read", "Write")]
             self._kinds = [await node.read_data_type_as_variant_type() for node in self._output]
             for kind, (node, safe) in zip(self._kinds, o.output):
                 if not self._ua.VariantType.Boolean.value < kind.value <= self._ua.VariantType.Double.value:
@@ -120,6 +122,13 @@ class Gateway:
             await client.disconnect()
             raise
         self._client = client
+
+    async def _limit(self, client: Any, service: str) -> int:
+        """Nodes that the server takes in one request (Part 5, OperationLimitsType); where it says none, as many as we have."""
+        number = getattr(self._ua.ObjectIds, f"Server_ServerCapabilities_OperationLimits_MaxNodesPer{service}")
+        (data,) = await client.read_attributes([client.get_node(self._ua.NodeId(number))])
+        limit = data.Value.Value if data.Value is not None else None
+        return limit if isinstance(limit, int) and limit > 0 else _MOST
 
     async def _clock_of(self, client: Any) -> int:
         status = client.get_node(self._ua.NodeId(self._ua.ObjectIds.Server_ServerStatus_CurrentTime))
@@ -155,16 +164,19 @@ class Gateway:
         for number, kind, (node, _) in zip(u, self._kinds, self._o.output):
             if not _fits(number, kind):
                 raise _Refused(f"{node} is to be {number:g}, which does not fit its type, {kind.name}")
-        ua = self._ua
-        values = [ua.DataValue(ua.Variant(number if _is_real(kind) else round(number), kind)) for number, kind in zip(u, self._kinds)]
-        codes = await self._client.uaclient.write_attributes([node.nodeid for node in self._output], values,
-                                                             ua.AttributeIds.Value)
-        for code, (node, _) in zip(codes, self._o.output):
-            if not code.is_good():
-                raise ValueError(f"{node}: {code.name}")
+        values = [_written(self._ua, number, kind) for number, kind in zip(u, self._kinds)]
+        for at in range(0, len(values), self._writes):
+            some = slice(at, at + self._writes)
+            codes = await self._client.uaclient.write_attributes([node.nodeid for node in self._output[some]], values[some],
+                                                                 self._ua.AttributeIds.Value)
+            for code, (node, _) in zip(codes, self._o.output[some]):
+                if not code.is_good():
+                    raise ValueError(f"{node}: {code.name}")
 
     async def _read(self) -> None:
-        read = await self._client.read_attributes(self._measure)
+        read: list[Any] = []
+        for at in range(0, len(self._measure), self._reads):
+            read += await self._client.read_attributes(self._measure[at:at + self._reads])
         at, utc = monotonic_ns(), time_ns() + self._ahead
         for sample, seen, data in zip(self._samples, self._seen, read):
             value = data.Value.Value if data.Value is not None else None
@@ -298,6 +310,22 @@ class Gateway:
             task.cancel()
         await self._safe("it ends")
         await self._drop()
+
+
+async def _node(client: Any, text: str) -> Any:
+    """By "nsu=URI;..." too: of a namespace only its URI is the same in each session (Part 6, 5.3.1.11)."""
+    if not text.startswith("nsu="):
+        return client.get_node(text)
+    uri, _, identifier = text[len("nsu="):].partition(";")
+    uris = await client.get_namespace_array()
+    if uri not in uris:
+        raise ValueError(f"{text}: the server has no such namespace, but {', '.join(uris[1:])}")
+    return client.get_node(f"ns={uris.index(uri)};{identifier}")
+
+
+def _written(ua: Any, number: float, kind: Any) -> Any:
+    """The value alone: a server may refuse one that comes with a status or a time, even a Good one (BadWriteNotSupported)."""
+    return ua.DataValue(ua.Variant(number if _is_real(kind) else round(number), kind), None)
 
 
 def _is_real(kind: Any) -> bool:
