@@ -24,7 +24,8 @@ struct broker {
     pthread_t thread;
     pthread_mutex_t mutex; /* of all below */
     pthread_cond_t changed;
-    bool up, end, gone, refuses;
+    bool up, end, gone, refuses, leaves;
+    int asked; /* number of the subscription to what is commanded */
     uint64_t sessions;
     char why[200];
     int under_way[BROKER_BATCH];
@@ -56,6 +57,13 @@ static int status(struct broker *b, const char *text)
     return mosquitto_publish(b->m, NULL, topic, (int)strlen(text), text, QUALITY, true);
 }
 
+static void be_born(struct broker *b)
+{
+    char *const birth = b->calls.birth(b->calls.birth_ctx);
+    (void)status(b, birth ? birth : "{\"state\":\"online\"}");
+    free(birth);
+}
+
 static void on_connect(struct mosquitto *m, void *ctx, int rc)
 {
     struct broker *b = ctx;
@@ -64,12 +72,14 @@ static void on_connect(struct mosquitto *m, void *ctx, int rc)
         say(b, mosquitto_connack_string(rc));
         return;
     }
-    char *const birth = b->calls.birth(b->calls.birth_ctx);
-    (void)status(b, birth ? birth : "{\"state\":\"online\"}");
-    free(birth);
+    be_born(b);
+    snprintf(topic, sizeof topic, "%s/status", b->prefix);
+    (void)mosquitto_subscribe(m, NULL, topic, QUALITY);
     snprintf(topic, sizeof topic, "%s/command/+/+", b->prefix);
+    pthread_mutex_lock(&b->mutex); /* until its number is known */
     if (b->calls.command)
-        (void)mosquitto_subscribe(m, NULL, topic, QUALITY);
+        (void)mosquitto_subscribe(m, &b->asked, topic, QUALITY);
+    pthread_mutex_unlock(&b->mutex);
     turn(b, true);
 }
 
@@ -79,9 +89,9 @@ static void on_subscribe(struct mosquitto *m, void *ctx, int message, int n, con
 {
     struct broker *b = ctx;
     (void)m;
-    (void)message;
     pthread_mutex_lock(&b->mutex);
-    b->refuses = n > 0 && granted[0] >= SUBSCRIPTION_FAILED;
+    if (b->calls.command && message == b->asked)
+        b->refuses = n > 0 && granted[0] >= SUBSCRIPTION_FAILED;
     pthread_mutex_unlock(&b->mutex);
 }
 
@@ -107,12 +117,31 @@ static void on_publish(struct mosquitto *m, void *ctx, int message)
     pthread_mutex_unlock(&b->mutex);
 }
 
+/*
+ * The last will of a connection of before may come when we are here already: a broker that was not told of
+ * its end finds it after a time-out.
+ */
+static void on_status(struct broker *b, const struct mosquitto_message *message)
+{
+    static const char offline[] = "{\"state\":\"offline\"";
+    pthread_mutex_lock(&b->mutex);
+    const bool leaves = b->leaves;
+    pthread_mutex_unlock(&b->mutex);
+    if (!leaves && message->payloadlen >= (int)sizeof offline - 1 &&
+        memcmp(message->payload, offline, sizeof offline - 1) == 0)
+        be_born(b);
+}
+
 static void on_message(struct mosquitto *m, void *ctx, const struct mosquitto_message *message)
 {
     struct broker *b = ctx;
     const size_t n = strlen(b->prefix);
     char topic[512];
     (void)m;
+    if (strncmp(message->topic, b->prefix, n) == 0 && strcmp(message->topic + n, "/status") == 0) {
+        on_status(b, message);
+        return;
+    }
     if (strlen(message->topic) >= sizeof topic || strncmp(message->topic, b->prefix, n) != 0 ||
         strncmp(message->topic + n, "/command/", 9) != 0)
         return;
@@ -387,6 +416,9 @@ bool broker_close(struct broker *b)
     static const char farewell[] = "{\"state\":\"offline\",\"reason\":\"stopped\"}";
     if (!b)
         return true;
+    pthread_mutex_lock(&b->mutex);
+    b->leaves = true;
+    pthread_mutex_unlock(&b->mutex);
     if (b->begun && broker_publish(b, "status", farewell, sizeof farewell - 1, true, true))
         (void)broker_settled(b, LAST);
     if (b->begun && !join(b))

@@ -158,6 +158,11 @@ out=$pid
 last=$(seqs "$live" y | tail -n 1)
 until_true 60 caught_up "$last"
 
+# ---- a connection that the broker did not see end: its last will comes when the next one is there already, which says that it is
+mosquitto_pub "${as_watcher[@]}" -t works/fast/status -m '{"state":"offline","reason":"lost"}' -r
+stands() { [[ $(mosquitto_sub "${as_watcher[@]}" -i "stands-$$" -W 30 -C 1 -t works/fast/status) = '{"state":"online"'* ]]; }
+until_true 30 stands
+
 # ---- the disk is full: said, nothing is lost, later all is there
 kill -INT "$out"
 wait "$out" || fail "apc-mqtt does not end well"
