@@ -55,10 +55,12 @@ enum { SINGLE_REGISTERS = 1, SINGLE_COILS };
 
 /* ---- One request and its reply -------------------------------------------------------------- */
 
-static int no_answer(struct modbus *m)
+/* @what of the reply is @is, and should be @asked. */
+static int no_answer(struct modbus *m, const char *what, unsigned is, unsigned asked)
 {
     apc_link_reset(m->link);
-    return apc_fail(&m->x.error, APC_EPROTO, "its reply does not answer the request");
+    return apc_fail(&m->x.error, APC_EPROTO,
+                    "its reply does not answer the request: its %s is %u, and should be %u", what, is, asked);
 }
 
 static int ask_once(struct modbus *m, unsigned unit, size_t n, size_t expected, const unsigned char **reply)
@@ -77,13 +79,18 @@ static int ask_once(struct modbus *m, unsigned unit, size_t n, size_t expected, 
     if (length < 0 || !text)
         return apc_fail(&m->x.error, length < 0 ? length : APC_EPROTO, "%s", apc_link_error(m->link));
     *reply = (const unsigned char *)text + APC_MODBUS_HEADER;
-    if (memcmp(text, m->frame, 2) != 0 || memcmp(text + 6, m->frame + 6, 1) != 0)
-        return no_answer(m);
+    const unsigned char *const header = (const unsigned char *)text;
+    if (memcmp(header, m->frame, 2) != 0)
+        return no_answer(m, "transaction", apc_modbus_get(header), m->transaction);
+    if (header[6] != m->frame[6])
+        return no_answer(m, "unit", header[6], m->frame[6]);
     if ((*reply)[0] == (m->frame[APC_MODBUS_HEADER] | 0x80) && length == APC_MODBUS_HEADER + 2 &&
         (*reply)[1] > 0)
         return (*reply)[1];
-    if ((*reply)[0] != m->frame[APC_MODBUS_HEADER] || (size_t)length != APC_MODBUS_HEADER + expected)
-        return no_answer(m);
+    if ((*reply)[0] != m->frame[APC_MODBUS_HEADER])
+        return no_answer(m, "function", (*reply)[0], m->frame[APC_MODBUS_HEADER]);
+    if ((size_t)length != APC_MODBUS_HEADER + expected)
+        return no_answer(m, "length", (unsigned)length, (unsigned)(APC_MODBUS_HEADER + expected));
     return 0;
 }
 
@@ -209,7 +216,12 @@ static int write_request(struct modbus *m, const struct apc_modbus_item *first, 
     for (size_t i = 0; i < n && rc <= 0 && m->sent; i++)
         if (first[i].of < m->x.nu)
             m->x.commanded[first[i].of] = true;
-    return rc == 0 && memcmp(reply, m->frame + APC_MODBUS_HEADER, echo) != 0 ? no_answer(m) : rc;
+    const unsigned char *const asked = m->frame + APC_MODBUS_HEADER;
+    const size_t at = rc == 0 && memcmp(reply, asked, 3) == 0 ? 3 : 1;
+    return rc == 0 && memcmp(reply, asked, echo) != 0
+               ? no_answer(m, at == 1 ? "address" : "value, or number of them,", apc_modbus_get(reply + at),
+                           apc_modbus_get(asked + at))
+               : rc;
 }
 
 /* Bits of a register, and no other bit of it: the device itself puts them in. */
@@ -367,7 +379,7 @@ static int read_together(struct modbus *m, const struct apc_modbus_item *first, 
     if (rc < 0)
         return rc;
     if (rc == 0 && reply[1] != bytes)
-        return no_answer(m);
+        return no_answer(m, "count of bytes", reply[1], bytes);
     const apc_ns now = apc_clock_utc(NULL);
     for (size_t i = 0; i < n; i++) {
         if (rc > 0)

@@ -68,7 +68,8 @@ static size_t answer(struct modbus_peer *p, const unsigned char *request, unsign
     const bool counts = function <= 4 || function == 15 || function == 16,
                beyond = counts && u16(request + 8) + u16(request + 10) > 65536,
                unknown = p->unknown >> function % 32 & 1,
-               large = function <= 4 && p->most && u16(request + 10) > p->most, busy = p->busy > 0;
+               large = function <= 4 && p->most && u16(request + 10) > p->most, busy = p->busy > 0,
+               absent = p->absent && request[6] == p->absent;
     size_t n = 2;
 
     p->unit = request[6];
@@ -76,9 +77,9 @@ static size_t answer(struct modbus_peer *p, const unsigned char *request, unsign
     p->busy -= busy;
     memcpy(reply, request, 7);
     out[0] = request[7];
-    if (beyond || unknown || large || busy || b == MODBUS_EXCEPTION) {
+    if (beyond || unknown || large || busy || absent || b == MODBUS_EXCEPTION) {
         out[0] |= 0x80;
-        out[1] = busy ? 6 : unknown ? 1 : beyond || large ? 2 : p->exception;
+        out[1] = busy ? 6 : absent ? 11 : unknown ? 1 : beyond || large ? 2 : p->exception;
     } else {
         n = request[7] <= 4 ? do_read(p, request + 7, out) : do_write(p, request + 7, out);
     }
@@ -111,12 +112,17 @@ static void serve(struct modbus_peer *p, int fd)
     while (receive(fd, request, 7) && u16(request + 4) <= 254 &&
            receive(fd, request + 7, u16(request + 4) - (size_t)1)) {
         pthread_mutex_lock(&p->mutex);
-        const bool late = p->behaviour == MODBUS_LATE, once = p->behaviour == MODBUS_ONCE;
+        const bool late = p->behaviour == MODBUS_LATE, once = p->behaviour == MODBUS_ONCE,
+                   pieces = p->behaviour == MODBUS_PIECES;
         const size_t n = answer(p, request, reply);
         pthread_mutex_unlock(&p->mutex);
+        const size_t piece = pieces ? 1 : n;
         while (late && sem_wait(&p->released) < 0)
             ;
-        if (n == 0 || send(fd, reply, n, MSG_NOSIGNAL) < 0 || once)
+        for (size_t i = 0; i + piece < n; i += piece)
+            if (send(fd, reply + i, piece, MSG_NOSIGNAL) < 0)
+                return;
+        if (n == 0 || send(fd, reply + n - piece, piece, MSG_NOSIGNAL) < 0 || once)
             return;
     }
 }

@@ -19,6 +19,7 @@ enum modbus_behaviour {
     MODBUS_OTHER,     /* of another function */
     MODBUS_CLOSES,    /* the connection instead of a reply */
     MODBUS_ONCE,      /* it behind each reply */
+    MODBUS_PIECES,    /* the reply byte by byte */
     MODBUS_LATE,      /* the reply when it is released */
     MODBUS_EXCEPTION, /* the exception of that number */
     MODBUS_SCRIPT     /* the bytes of the script, with the transaction's number put in where there is room */
@@ -34,6 +35,7 @@ struct modbus_peer {
     unsigned reads, writes;        /* requests so far */
     unsigned of[256];              /* by unit */
     unsigned busy;                 /* so many are answered by exception 6 before one is served */
+    unsigned absent;               /* unit that a gateway does not reach: exception 11; 0: none */
     uint32_t unknown;              /* functions that it does not know, as bits */
     unsigned most;                 /* registers that it gives in one reply; 0: as many as there is room for */
     uint16_t holding[65536], input[65536];

@@ -426,6 +426,56 @@ static void a_map_may_name_several_units(void **state)
     end(b);
 }
 
+/* What a gateway does not reach is Bad by itself, and the other devices behind it are read all the same. */
+static void a_device_that_its_gateway_does_not_reach_leaves_the_others(void **state)
+{
+    struct apc_modbus_point u = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                            y[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                   point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                   point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0)};
+    struct apc_value value = {.value = 5}, answer[3];
+    (void)state;
+    y[1].unit = 7;
+    y[2].unit = 9;
+    struct bench *b = start(1, 3, (struct apc_modbus_options){.u = &u, .y = y, .unit = 1});
+    b->peer.absent = 7;
+    for (int i = 0; i < 20; i++) {
+        value.value = i;
+        assert_int_equal(exchange(b, &value, answer), 0);
+        assert_int_equal(answer[1].status, APC_BAD_NO_COMMUNICATION);
+        for (size_t k = 0; k < 3; k += 2) {
+            assert_int_equal(answer[k].status, APC_GOOD);
+            assert_near(answer[k].value, i, 0);
+        }
+    }
+    b->peer.absent = 0;
+    assert_int_equal(exchange(b, &value, answer), 0);
+    assert_int_equal(answer[1].status, APC_GOOD);
+    end(b);
+}
+
+/* TCP has bytes and no pieces: a reply may come in any. */
+static void a_reply_may_come_in_pieces(void **state)
+{
+    enum { N = 60 };
+    struct apc_modbus_point u = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0), y[N];
+    struct apc_value value = {0}, answer[N];
+    (void)state;
+    for (unsigned i = 0; i < N; i++)
+        y[i] = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, i);
+    struct bench *b = start(1, N, (struct apc_modbus_options){.u = &u, .y = y});
+    for (unsigned i = 1; i < N; i++)
+        b->peer.holding[i] = (uint16_t)(1000 + i);
+    b->peer.behaviour = MODBUS_PIECES;
+    for (int k = 0; k < 10; k++) {
+        value.value = k;
+        assert_int_equal(exchange(b, &value, answer), 0);
+        for (unsigned i = 0; i < N; i++)
+            assert_near(answer[i].value, i ? 1000 + i : (unsigned)k, 0);
+    }
+    end(b);
+}
+
 /* Bits of one register go in one request that leaves the others, and in no other. */
 static void a_bit_of_a_register_is_read_and_written_by_itself(void **state)
 {
@@ -667,6 +717,56 @@ static void no_bytes_hang_it_or_get_past_it(void **state)
     end(b);
 }
 
+/* Whoever looks for the device's fault is told which part of its reply is another than it was asked for. */
+static void what_is_wrong_with_a_reply_is_told(void **state)
+{
+    static const struct {
+        size_t n;
+        unsigned char reply[16]; /* behind the transaction's number */
+        const char *says;
+    } cases[] = {{11, {0, 0, 0, 5, 9, 3, 2, 0, 42}, "its unit is 9, and should be 0"},
+                 {11, {0, 0, 0, 5, 0, 4, 2, 0, 42}, "its function is 4, and should be 3"},
+                 {13, {0, 0, 0, 7, 0, 3, 4, 0, 42, 0, 0}, "its length is 13, and should be 11"},
+                 {10, {0, 0, 0, 4, 0, 3, 1, 42}, "its length is 10, and should be 11"},
+                 {11, {0, 0, 0, 5, 0, 3, 4, 0, 42}, "its count of bytes is 4, and should be 2"}};
+    const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0);
+    struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
+    const struct apc_value u = {.value = 1};
+    struct apc_value y;
+    int rc;
+    (void)state;
+    for (size_t i = 0; i <= sizeof cases / sizeof *cases; i++) {
+        const bool another = i == sizeof cases / sizeof *cases;
+        pthread_mutex_lock(&b->peer.mutex);
+        b->peer.behaviour = another ? MODBUS_ANOTHERS : MODBUS_SCRIPT;
+        memcpy(b->peer.script + 2, cases[another ? 0 : i].reply, sizeof cases[0].reply);
+        b->peer.script_length = cases[another ? 0 : i].n;
+        pthread_mutex_unlock(&b->peer.mutex);
+        do /* a connect may have failed, then it pauses */
+            rc = exchange(b, NULL, &y);
+        while (rc == APC_ECONN);
+        assert_int_equal(rc, APC_EPROTO);
+        if (!strstr(apc_exchange_error(b->x), another ? "its transaction is " : cases[i].says))
+            fail_msg("%zu: %s", i, apc_exchange_error(b->x));
+    }
+    /* 1 was to be written to 0 */
+    for (unsigned char at = 0; at < 2; at++) {
+        const unsigned char echo[] = {0, 0, 0, 6, 0, 16, 0, at ? 0 : 8, 0, at ? 3 : 1};
+        pthread_mutex_lock(&b->peer.mutex);
+        b->peer.behaviour = MODBUS_SCRIPT;
+        memcpy(b->peer.script + 2, echo, sizeof echo);
+        b->peer.script_length = 2 + sizeof echo;
+        pthread_mutex_unlock(&b->peer.mutex);
+        do
+            rc = exchange(b, &u, &y);
+        while (rc == APC_ECONN);
+        assert_int_equal(rc, APC_EPROTO);
+        assert_non_null(strstr(apc_exchange_error(b->x), at ? "number of them, is 3, and should be 1"
+                                                            : "its address is 8, and should be 0"));
+    }
+    end(b);
+}
+
 /* What says that it is longer than any reply may be is refused at once, and not waited for. */
 static void a_reply_that_would_be_too_long_is_not_waited_for(void **state)
 {
@@ -807,6 +907,8 @@ int main(void)
         cmocka_unit_test(a_value_of_several_registers_is_not_written_one_at_a_time),
         cmocka_unit_test(a_request_has_no_more_registers_than_a_block),
         cmocka_unit_test(a_map_may_name_several_units),
+        cmocka_unit_test(a_device_that_its_gateway_does_not_reach_leaves_the_others),
+        cmocka_unit_test(a_reply_may_come_in_pieces),
         cmocka_unit_test(a_bit_of_a_register_is_read_and_written_by_itself),
         cmocka_unit_test(a_code_for_no_value_is_none),
         cmocka_unit_test(the_watchdog_counts_what_was_given_whole),
@@ -814,6 +916,7 @@ int main(void)
         cmocka_unit_test(an_output_that_is_another_than_was_given_is_found),
         cmocka_unit_test(once_its_sign_of_life_stands_still_nothing_is_good),
         cmocka_unit_test(no_bytes_hang_it_or_get_past_it),
+        cmocka_unit_test(what_is_wrong_with_a_reply_is_told),
         cmocka_unit_test(a_reply_that_would_be_too_long_is_not_waited_for),
         cmocka_unit_test(a_frame_is_as_long_as_its_head_says),
         cmocka_unit_test(a_map_that_makes_no_sense_is_refused),
