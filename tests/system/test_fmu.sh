@@ -94,6 +94,13 @@ with fixed
 "$apc" simulate "$work/fixed.conf" --duration 20000 --csv - 2>/dev/null | awk -F, '
   $2 == "sensor" { if ($5 != last) { changes++; if ($1 - int($1) > 1e-6) exit 1 } last = $5 }
   END { exit !(changes > 10000) }' || fail "a step of one length is not one"
+# a sixtieth of a second is no number of nanoseconds, and no sum of them: a step is made at each tick all the same
+tank 2 sixty fixed=0.016666666666666666
+with sixty
+sed -i 's/period = 0.2; /period = 0.016666666666666666; /; s/period = 0.5; /period = 0.016666666666666666; /' "$work/sixty.conf"
+"$apc" simulate "$work/sixty.conf" --duration 300 --csv - 2>/dev/null | awk -F, '
+  $2 == "sensor" && $1 > 1 { n++; stands += $5 == last; last = $5 }
+  END { exit !(n > 17000 && stands == 0) }' || fail "a step of a sixtieth is left out"
 # where it does not say of which length, that is the plant's period; one that is said to need a tool may have it
 tank 2 fixed fixed=
 tank 3 tool tool=true

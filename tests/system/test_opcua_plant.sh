@@ -59,11 +59,12 @@ asyncio.run(own())
 PY
 )
 background odd "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$beyond" --listen "tcp:127.0.0.1:$odd" --measure "nsu=$uri;s=rest" \
-  --measure "nsu=$uri;i=2267" --output "nsu=$uri;s=word=9" --output 'ns=1;s=u'
+  --measure "nsu=$uri;i=2267" --measure 'ns=1;s=full' --output "nsu=$uri;s=word=9" --output 'ns=1;s=u'
 strange=$pid
 until_true 60 said odd 'connected to'
 # two outputs, where the server takes one in a request; above, four measurements where it takes three
-expect 0 'value=3.5.*BadNodeIdUnknown' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 8 0.5
+# (the last one is Good, whatever else its status says)
+expect 0 'value=3.5.*BadNodeIdUnknown.*value=2.5.*0x00000480' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 8 0.5
 { said plant '^word given 8$' && said plant '^given 0.5$'; } || fail "outputs were not given"
 kill -TERM "$strange"
 wait "$strange" || fail "the gateway ended with $?"
@@ -162,13 +163,21 @@ for output in 'ns=1;s=nobody=0' 'ns=1;s=text=0'; do
   wait "$strange" || fail "the gateway ended with $?"
 done
 
+# A server that stands still is as one that is gone, and not as one whose values are at rest; it is found again.
+answers() { "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.75; }
+until_true 60 answers
+kill -STOP "$plant"
+expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.5
+said gateway 'an exchange with .* failed: ' || fail "a server that stands still is not told"
+kill -CONT "$plant"
+until_true 60 answers
+
 # A server that goes away and comes back: who asks meanwhile gets no answer.
 kill -KILL "$plant"
 expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.5
 until_true 60 said gateway 'trying again'
 background plant node "$APC_SOURCE_DIR/tests/peers/opcua/plant.mjs" "$beyond" "$work/pki"
 plant=$pid
-answers() { "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.75; }
 until_true 60 answers
 until_true 20 said plant '^given 0.75$'
 

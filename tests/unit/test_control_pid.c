@@ -588,6 +588,45 @@ static void without_integral_and_tau_t_a_bumpless_change_fades(void **state)
     assert_near(tick(&r), 0.0, 1e-7);
 }
 
+/* Each parameter at either end of what it may be, all combinations of them: a number within the limits. */
+static void no_tuning_that_is_allowed_gives_what_is_no_number(void **state)
+{
+    (void)state;
+    for (unsigned which = 0; which < 1U << PARAMS; which++) {
+        struct rig r;
+        make(&r, 0.1);
+        for (size_t i = 0; i < PARAMS; i++)
+            r.tuning[i] = which >> i & 1 ? pid->tuning[i].high : pid->tuning[i].low;
+        r.tuning[U_MIN] = r.tuning[U_BAR] = -10.0;
+        r.tuning[U_MAX] = which >> U_MAX & 1 ? 10.0 : -10.0;
+        laws_reset(r.law, &r.c);
+        for (int k = 0; k < 8; k++) {
+            r.y[0] = k % 2 ? 1e6 : -1e6;
+            r.z[0] = k % 3 ? 0.0 : 1e6;
+            const double u = tick(&r);
+            if (!(u >= r.tuning[U_MIN] && u <= r.tuning[U_MAX]))
+                fail_msg("combination %#x: u is %g", which, u);
+        }
+        laws_end(NULL);
+    }
+}
+
+/* An error that stays is an output that stays, however long; and an integral time that comes back begins
+ * there. */
+static void without_integral_an_error_that_stays_leaves_nothing_behind(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    make(&r, 0.1);
+    r.z[0] = 3.0;
+    for (int k = 0; k < 100000; k++)
+        assert_near(tick(&r), 3.0, 0.0);
+    r.tuning[TAU_I] = 10.0;
+    for (int k = 0; k < 10; k++)
+        assert_near(tick(&r), 3.0 + 0.03 * k, 1e-12);
+}
+
 /* While y rises and D acts: from the change on u moves as if it had always been tuned like that. */
 static void a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one(void **state)
 {
@@ -799,6 +838,8 @@ int main(void)
         cmocka_unit_test_teardown(after_a_gap_nothing_is_left_of_the_slopes_before, laws_end),
         cmocka_unit_test_teardown(without_integral_a_bumpless_change_dies_out_with_tau_t, laws_end),
         cmocka_unit_test_teardown(without_integral_and_tau_t_a_bumpless_change_fades, laws_end),
+        cmocka_unit_test_teardown(no_tuning_that_is_allowed_gives_what_is_no_number, laws_end),
+        cmocka_unit_test_teardown(without_integral_an_error_that_stays_leaves_nothing_behind, laws_end),
         cmocka_unit_test_teardown(a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one, laws_end),
         cmocka_unit_test_teardown(a_measured_disturbance_is_fed_forward_as_it_changes, laws_end),
         cmocka_unit_test_teardown(a_disturbance_of_the_controllers_own_is_fed_forward, laws_end),

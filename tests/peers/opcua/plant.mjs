@@ -3,7 +3,7 @@
 // FOLDER is for its certificates.
 import { createRequire } from "node:module";
 
-const { DataType, OPCUACertificateManager, OPCUAServer, StatusCodes, Variant } = createRequire(`${process.env.APC_PEERS}/`)("node-opcua");
+const { DataType, OPCUACertificateManager, OPCUAServer, StatusCode, StatusCodes, Variant } = createRequire(`${process.env.APC_PEERS}/`)("node-opcua");
 
 const [port, folder] = process.argv.slice(2);
 const certificates = new OPCUACertificateManager({ rootFolder: folder, automaticallyAcceptUnknownCertificate: true });
@@ -38,6 +38,9 @@ const failed = space.addVariable({ componentOf: plant, browseName: "failed", nod
 failed.setValueFromSource({ dataType: DataType.Double, value: 7 }, StatusCodes.BadSensorFailure);
 space.addVariable({ componentOf: plant, browseName: "rest", nodeId: "s=rest", dataType: "Double" })
   .setValueFromSource({ dataType: DataType.Double, value: 3.5 }, StatusCodes.Good, new Date(Date.now() - 3600_000));
+// a good value that says more of itself: a queue that has overflowed
+space.addVariable({ componentOf: plant, browseName: "full", nodeId: "s=full", dataType: "Double" })
+  .setValueFromSource({ dataType: DataType.Double, value: 2.5 }, StatusCode.makeStatusCode(StatusCodes.Good, "InfoTypeDataValue | Overflow"));
 space.addVariable({ componentOf: plant, browseName: "text", nodeId: "s=text", dataType: "String" })
   .setValueFromSource({ dataType: DataType.String, value: "much" });
 setInterval(() => {
