@@ -45,11 +45,14 @@ bool host_allowed(const char *text, const char *const *names)
     return false;
 }
 
-bool origin_matches(const char *origin, const char *host, bool tls)
+/* Where TLS ends in front of us a page's origin is https all the same; a browser says of such an address, and
+ * of no plain one, whether the page is from there. */
+bool origin_matches(const char *origin, const char *host, bool tls, const char *site)
 {
-    const char *scheme = strstr(origin, "://");
-    bool known = !strncasecmp(origin, "https://", 8) || (!tls && !strncasecmp(origin, "http://", 7));
-    return known && host && !strcasecmp(scheme + 3, host);
+    const bool in_front = !tls && !strncasecmp(origin, "https://", 8) && site && !strcmp(site, "same-origin");
+    const char *const scheme = tls || in_front ? "https://" : "http://";
+    const size_t n = strlen(scheme);
+    return host && !strncasecmp(origin, scheme, n) && !strcasecmp(origin + n, host);
 }
 
 /* Cookies do not tell ports apart. With the prefix no other host, and nothing without TLS, can set it. */
@@ -61,7 +64,7 @@ void cookie_name(const struct ui *ui, const char *what, char name[COOKIE_NAME])
 static bool same_origin(const struct ui *ui, const struct request *r)
 {
     const char *origin = request_header(r, "Origin"), *site = request_header(r, "Sec-Fetch-Site");
-    if (origin && !origin_matches(origin, request_header(r, "Host"), ui->tls))
+    if (origin && !origin_matches(origin, request_header(r, "Host"), ui->tls, site))
         return false;
     return !site || !strcmp(site, "same-origin") || !strcmp(site, "none");
 }

@@ -109,7 +109,7 @@ int listen_on(struct ui *ui, struct apc_error *why);
 bool gate_pass(struct ui *ui, struct request *r, const char *method);
 bool host_allowed(const char *host, const char *const *names);
 /* Is it this server's? TLS may also end in front of it: then it does not know of it. */
-bool origin_matches(const char *origin, const char *host, bool tls);
+bool origin_matches(const char *origin, const char *host, bool tls, const char *site);
 void cookie_name(const struct ui *ui, const char *what, char name[COOKIE_NAME]);
 
 /* files.c: the page. */

@@ -498,7 +498,7 @@ int command_alarm(int argc, char **argv)
     struct session s = {.cli = {.command = "apc alarm"}};
     struct apc_error why;
     cli_parse(&s.cli, &spec, &s.options, argc, argv);
-    int rc = cli_open(&s.cli, &s.store);
+    int rc = exit_code_of(cli_open(&s.cli, &s.store));
     if (rc == EXIT_OK && (rc = alarm_board_open(&s.board, s.store, &why)) < 0)
         rc = cli_error(&s.cli, rc, "%s", why.text);
     if (rc == EXIT_OK)

@@ -775,7 +775,11 @@ static int leave_report(struct run *r)
     if (rc < 0) {
         cli_error(&r->cli, rc, "%s%s%s", r->failure.text, r->failure.text[0] ? "; no report: " : "",
                   why.text);
-        if (drained < 0 && drained != APC_EPROTO && r->segment.path[0])
+        const bool kept = drained < 0 && drained != APC_EPROTO && r->segment.path[0];
+        if (kept && access(r->segment.path, F_OK) != 0)
+            fprintf(stderr, "%s was removed while the run went on: what its history does not have is lost\n",
+                    r->segment.path);
+        else if (kept)
             fprintf(stderr, "the record is still in memory, %s: `apc drain '%s'` moves it to its history\n",
                     r->live_name, r->dir);
         return rc;

@@ -41,36 +41,96 @@ static bool is_public(const char *parameter, size_t n)
     return false;
 }
 
+#define LETTERS  "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_"
+#define UNQUOTED LETTERS ".-~%"
+
+/* Either the first @p n bytes, as they are what belongs there, or that there is something. */
+static void show(char *out, size_t size, const char *text, size_t n, bool good)
+{
+    add(out, size, good ? text : "***", good ? n : 3);
+}
+
+static bool is_of(const char *text, size_t n, const char *accepted)
+{
+    return strspn(text, accepted) >= n;
+}
+
 /* ?NAME=VALUE&...: only values that are known to be no secret are shown. Returns what comes after it. */
 static const char *mask_query(const char *query, char *out, size_t size)
 {
     while (*query == '?' || *query == '&') {
-        size_t name = 1 + strcspn(query + 1, "=&#"), length = 1 + strcspn(query + 1, "&#");
-        bool open = name == length || is_public(query + 1, name - 1);
-        add(out, size, query, open ? length : name);
-        if (!open)
-            add(out, size, "=***", 4);
+        const size_t name = 1 + strcspn(query + 1, "=&#"), length = 1 + strcspn(query + 1, "&#");
+        const bool value = name < length, open = value && is_public(query + 1, name - 1) &&
+                                                 is_of(query + name + 1, length - name - 1, UNQUOTED "/,:");
+        add(out, size, query, 1);
+        show(out, size, query + 1, name - 1, value || length == 1);
+        add(out, size, "=", value);
+        if (value)
+            show(out, size, query + name + 1, length - name - 1, open);
         query += length;
     }
     return query;
 }
 
-/* The URI without its passwords. What is between the first ':' and the last '@' is taken for one: rather
- * too much than too little. */
+/* HOST[:PORT],...; a port that is no number may be a password whose @ is missing. */
+static bool is_hosts(const char *text, size_t n)
+{
+    bool good = is_of(text, n, UNQUOTED "[]:,"), bracket = false;
+    for (size_t i = 0; i < n && good; i++) {
+        bracket = text[i] == '[' || (bracket && text[i] != ']');
+        if (text[i] == ':' && !bracket) {
+            const size_t digits = strspn(text + i + 1, "0123456789");
+            good = i + 1 + digits == n || text[i + 1 + digits] == ',';
+        }
+    }
+    return good;
+}
+
+/*
+ * A URI of PostgreSQL without its passwords. What is between the first ':' and the last '@' is taken for one:
+ * rather too much than too little. So is all that a URI cannot have where it stands: such a one is malformed,
+ * and a part of a password may be anywhere.
+ */
+static void mask_database(const char *rest, char *out, size_t size)
+{
+    const char *at = strrchr(rest, '@');
+    size_t n;
+    if (strncmp(rest, "//", 2) == 0) {
+        add(out, size, rest, 2);
+        rest += 2;
+        n = at ? strcspn(rest, ":@/?#") : 0;
+        if (at) {
+            show(out, size, rest, n, rest[n] == ':' || rest[n] == '@');
+            add(out, size, ":***@", rest + n == at ? 0 : 4);
+            add(out, size, at, 1);
+            rest = at + 1;
+        }
+        n = strcspn(rest, "/?#");
+        show(out, size, rest, n, is_hosts(rest, n));
+        rest += n;
+        n = strcspn(rest, "?#");
+        show(out, size, rest, n, n == 0 || is_of(rest + 1, n - 1, UNQUOTED));
+        rest = mask_query(rest + n, out, size);
+    }
+    n = strlen(rest);
+    show(out, size, rest, n, n == 0 || (*rest == '#' && is_of(rest + 1, n - 1, LETTERS)));
+}
+
 static void mask(const char *uri, char *out, size_t size)
 {
-    const char *scheme = strstr(uri, "://"), *rest = scheme ? scheme + 3 : uri;
-    const char *at = strrchr(rest, '@'), *colon = strchr(rest, ':');
-    *out = '\0';
-    if (at && colon && colon < at) {
-        add(out, size, uri, (size_t)(colon - uri) + 1);
-        add(out, size, "***", 3);
-        uri = at;
+    static const char *const plain[] = {"sqlite:", "shm:", "mem:"};
+    const size_t scheme = strncmp(uri, "postgresql:", 11) == 0 ? 11
+                          : strncmp(uri, "postgres:", 9) == 0  ? 9
+                                                               : 0;
+    bool known = *uri == '\0';
+    for (size_t i = 0; i < sizeof plain / sizeof *plain; i++)
+        known |= strncmp(uri, plain[i], strlen(plain[i])) == 0;
+    if (scheme == 0) {
+        show(out, size, uri, strlen(uri), known);
+        return;
     }
-    size_t head = strcspn(uri, "?");
-    add(out, size, uri, head);
-    uri = mask_query(uri + head, out, size);
-    add(out, size, uri, strlen(uri));
+    add(out, size, uri, scheme);
+    mask_database(uri + scheme, out, size);
 }
 
 /* "postgresql:" says nothing of where: the environment does. */
@@ -94,6 +154,15 @@ static void add_environment(const char *uri, char *out, size_t size)
 
 void store_name(const char *uri, char *name, size_t size)
 {
-    mask(uri, name, size);
+    char room[256];
+    const char *const live = store_live(uri, room);
+
+    *name = '\0';
+    mask(live, name, size);
+    if (live != uri) {
+        const char *const history = uri + strlen(live) + 1;
+        add(name, size, "+", 1);
+        mask(history, name, size);
+    }
     add_environment(uri, name, size);
 }

@@ -366,6 +366,21 @@ void apc_pg_drop(struct apc_pg *pg)
 
 /* ---- Connecting --------------------------------------------------------------------------- */
 
+/* What cannot be one may be a part of a password, which libpq would quote. NULL: all is well. */
+static const char *misread(const PQconninfoOption *options)
+{
+    for (const PQconninfoOption *o = options; o && o->keyword; o++) {
+        const char *const at = o->val && strcmp(o->keyword, "host") == 0 ? strrchr(o->val, '@') : NULL;
+        if (at && at > o->val && at[-1] != ',') { /* one that begins so is an abstract socket */
+            return "the host has an @ in it: in a password @ is written %40, : %3A, / %2F";
+        }
+        if (o->val && strcmp(o->keyword, "port") == 0 && o->val[strspn(o->val, "0123456789,")] != '\0') {
+            return "the port is no number: expected postgresql://USER:PASSWORD@HOST:PORT/DATABASE";
+        }
+    }
+    return NULL;
+}
+
 int apc_pg_parse_uri(struct apc_pg *pg, const char *uri, struct apc_error *why)
 {
     const char *hash = strrchr(uri, '#');
@@ -395,6 +410,8 @@ int apc_pg_parse_uri(struct apc_pg *pg, const char *uri, struct apc_error *why)
             char flat[256];
             flatten(pg, flat, sizeof flat, message && !secret ? message : "libpq cannot read it");
             err = apc_fail(why, APC_EINVAL, "malformed store URI: %s", flat);
+        } else if (misread(pg->uri)) {
+            err = apc_fail(why, APC_EINVAL, "malformed store URI: %s", misread(pg->uri));
         }
     }
     PQfreemem(message);

@@ -172,6 +172,7 @@ struct apc_shm {
     dev_t device;
     apc_ns checked;  /* when path was last seen to lead to what is mapped */
     uint32_t record; /* as a claimant; 0: none */
+    int lock_kind;   /* what glibc has in a whole writers' lock; another one is damaged */
     struct apc_claims claims;
     struct apc_shm_header *header; /* NULL: not connected */
     size_t size, variables, index_size, cells, tags, text_size;

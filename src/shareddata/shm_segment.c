@@ -122,6 +122,20 @@ static int parse_uri(struct apc_shm *shm, const char *uri, struct apc_error *why
     return 0;
 }
 
+static int make_mutex(pthread_mutex_t *mutex)
+{
+    pthread_mutexattr_t attr;
+    if (pthread_mutexattr_init(&attr) != 0) {
+        return APC_ESYS;
+    }
+    int e = pthread_mutexattr_setpshared(&attr, PTHREAD_PROCESS_SHARED);
+    e = e ? e : pthread_mutexattr_setrobust(&attr, PTHREAD_MUTEX_ROBUST);
+    e = e ? e : pthread_mutexattr_setprotocol(&attr, PTHREAD_PRIO_INHERIT);
+    e = e ? e : pthread_mutex_init(mutex, &attr);
+    pthread_mutexattr_destroy(&attr);
+    return e ? APC_ESYS : 0;
+}
+
 int apc_shm_open(struct apc_store **store, const char *uri, const struct apc_store_config *config,
                  struct apc_error *why)
 {
@@ -133,10 +147,16 @@ int apc_shm_open(struct apc_store **store, const char *uri, const struct apc_sto
     shm->base.config = *config;
     shm->fd = -1;
     int err = parse_uri(shm, uri, why);
+    pthread_mutex_t whole;
+    if (!err && make_mutex(&whole) != 0) {
+        err = apc_fail(why, APC_ESYS, "shm:%s: cannot make a robust mutex", shm->name);
+    }
     if (err) {
         free(shm);
         return err;
     }
+    shm->lock_kind = whole.__data.__kind;
+    pthread_mutex_destroy(&whole);
     *store = &shm->base;
     return 0;
 }
@@ -290,20 +310,6 @@ int apc_shm_ready(struct apc_shm *shm)
 }
 
 /* ---- Make ------------------------------------------------------------------------------------ */
-
-static int make_mutex(pthread_mutex_t *mutex)
-{
-    pthread_mutexattr_t attr;
-    if (pthread_mutexattr_init(&attr) != 0) {
-        return APC_ESYS;
-    }
-    int e = pthread_mutexattr_setpshared(&attr, PTHREAD_PROCESS_SHARED);
-    e = e ? e : pthread_mutexattr_setrobust(&attr, PTHREAD_MUTEX_ROBUST);
-    e = e ? e : pthread_mutexattr_setprotocol(&attr, PTHREAD_PRIO_INHERIT);
-    e = e ? e : pthread_mutex_init(mutex, &attr);
-    pthread_mutexattr_destroy(&attr);
-    return e ? APC_ESYS : 0;
-}
 
 /* A new segment holds zeros. */
 static int fill(struct apc_shm *shm)

@@ -10,6 +10,7 @@
 #include <errno.h>
 #include <limits.h>
 #include <linux/futex.h>
+#include <signal.h>
 #include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
@@ -89,11 +90,34 @@ static int wait_for_lock(struct apc_shm *shm)
     return e;
 }
 
+/*
+ * glibc ends a process that waits for a robust mutex whose owner does not exist: the kernel marks it when a
+ * thread ends, so there is none such, unless somebody has written over it. Its number goes only after that,
+ * so that a mark which has come meanwhile is seen at the second look.
+ */
+static bool is_ownerless(const pthread_mutex_t *mutex)
+{
+    const uint32_t held = (uint32_t)__atomic_load_n(&mutex->__data.__lock, __ATOMIC_ACQUIRE);
+    const pid_t owner = (pid_t)(held & FUTEX_TID_MASK);
+    return owner != 0 && !(held & FUTEX_OWNER_DIED) && kill(owner, 0) < 0 && errno == ESRCH &&
+           (uint32_t)__atomic_load_n(&mutex->__data.__lock, __ATOMIC_ACQUIRE) == held;
+}
+
 int apc_shm_lock(struct apc_shm *shm)
 {
-    int e = pthread_mutex_trylock(&shm->header->writer);
+    pthread_mutex_t *const writer = &shm->header->writer;
+    bool damaged = writer->__data.__kind != shm->lock_kind;
+    int e = damaged ? EINVAL : pthread_mutex_trylock(writer);
     if (e == EBUSY) {
-        e = wait_for_lock(shm);
+        damaged = is_ownerless(writer);
+        e = damaged ? EINVAL : wait_for_lock(shm);
+    }
+    if (damaged) {
+        return apc_fail(
+            &shm->base.why, APC_ESTORE,
+            "shm:%s: %s is corrupt: its writers' lock is damaged. Stop what uses it, keep it with "
+            "`apc copy`, and remove it",
+            shm->name, shm->path);
     }
     if (e == EOWNERDEAD) { /* and until the unlock again, if we die too */
         recover(shm);

@@ -104,6 +104,17 @@ expect 0 'operator changed modes, tuning or outputs 3 times' "$apc" simulate "$w
 start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/live/record.conf")
 [ "$(date -d "$start" +%s)" -gt 0 ] || fail "the record does not say when the run began"
 
+# ---- A run whose memory somebody removes: what is lost is not said to be there
+
+"$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/gone" >"$work/gone.log" 2>&1 &
+run=$!
+store=$work/gone
+until_true 20 more_rows u 3
+rm /dev/shm/apc.run-"$run"-*
+kill -INT "$run"
+wait "$run" && fail "a run without its record is a success: $(cat "$work/gone.log")"
+tail -n 1 "$work/gone.log" | grep -q "^/dev/shm/apc.run-$run-.* was removed while the run went on" || fail "$(cat "$work/gone.log")"
+
 # ---- A run that was killed has its record in its store, and what had not got there in its memory
 
 "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/killed" >"$work/killed.log" 2>&1 &

@@ -630,6 +630,29 @@ static void test_a_damaged_segment_is_said_to_be_one(void **state)
     assert_int_equal(apc_store_events(store, NULL, count_event, &next), APC_ESTORE);
 }
 
+/* glibc would end the process: neither a wait for a thread that does not exist, nor another kind of mutex, is
+ * begun. */
+static void test_a_damaged_lock_is_said_to_be_one(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_shm *shm = apc_shm_of(store);
+    pthread_mutex_t *const writer = &shm->header->writer;
+    const pthread_mutex_t whole = *writer;
+    assert_int_equal(append(store, 1, 1), 1);
+    writer->__data.__lock = 0x3ffffff0; /* no thread may have that number */
+    assert_int_equal(append(store, 1, 2), APC_ESTORE);
+    assert_non_null(strstr(apc_store_error(store), "its writers' lock is damaged"));
+    *writer = whole;
+    static const int bits[] = {1, 0x10, 0x20, 0x80, 0x40000000};
+    for (size_t i = 0; i < sizeof bits / sizeof bits[0]; i++) {
+        writer->__data.__kind ^= bits[i];
+        assert_int_equal(append(store, 1, 2), APC_ESTORE);
+        assert_non_null(strstr(apc_store_error(store), "its writers' lock is damaged"));
+        *writer = whole;
+    }
+    assert_int_equal(append(store, 1, 2), 1);
+}
+
 /* ---- Removed and made anew ---------------------------------------------------------------------- */
 
 static void test_a_removed_segment_is_noticed_and_the_new_one_used(void **state)
@@ -835,6 +858,7 @@ int main(void)
         T(test_a_segment_is_its_users_alone),
         T(test_what_is_no_store_of_ours_is_refused_and_left_as_it_is),
         T(test_a_damaged_segment_is_said_to_be_one),
+        T(test_a_damaged_lock_is_said_to_be_one),
         T(test_a_segment_of_another_version_is_refused),
         T(test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing),
         T(test_a_full_segment_refuses_new_variables_and_keeps_the_rest),

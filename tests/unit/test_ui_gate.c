@@ -139,8 +139,9 @@ static void a_request_with_all_it_takes_passes(void **state)
     assert_int_equal(gate(route("GET", "/api/state"), "HEAD"), 0);
     say("Sec-Fetch-Site", "none");
     assert_int_equal(refused("POST", "/api/setpoint"), 0);
+    say("Sec-Fetch-Site", "same-origin");
     say("Host", "plant.example");
-    say("Origin", "https://plant.example");
+    say("Origin", "https://plant.example"); /* TLS ends in front of it */
     assert_int_equal(refused("POST", "/api/setpoint"), 0);
     say("Content-Type", "application/json; charset=utf-8");
     say("Content-Length", "65536");

@@ -361,15 +361,17 @@ static void only_addresses_and_known_names_are_hosts(void **state)
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         assert_false(host_allowed(bad[i], names));
     assert_false(host_allowed(NULL, names));
-    assert_true(origin_matches("http://localhost:8080", "localhost:8080", false));
-    assert_true(origin_matches("https://Plant.example", "plant.example", true));
-    assert_true(
-        origin_matches("https://plant.example", "plant.example", false)); /* TLS ends in front of it */
-    assert_false(origin_matches("http://plant.example", "plant.example", true));
-    assert_false(origin_matches("ftp://localhost:8080", "localhost:8080", false));
-    assert_false(origin_matches("http://localhost:8081", "localhost:8080", false));
-    assert_false(origin_matches("null", "localhost:8080", false));
-    assert_false(origin_matches("http://localhost:8080", NULL, false));
+    assert_true(origin_matches("http://localhost:8080", "localhost:8080", false, NULL));
+    assert_true(origin_matches("https://Plant.example", "plant.example", true, NULL));
+    /* TLS ends in front of it, or the page is of another server of that host */
+    assert_true(origin_matches("https://plant.example", "plant.example", false, "same-origin"));
+    assert_false(origin_matches("https://plant.example", "plant.example", false, "none"));
+    assert_false(origin_matches("https://plant.example", "plant.example", false, NULL));
+    assert_false(origin_matches("http://plant.example", "plant.example", true, "same-origin"));
+    assert_false(origin_matches("ftp://localhost:8080", "localhost:8080", false, NULL));
+    assert_false(origin_matches("http://localhost:8081", "localhost:8080", false, NULL));
+    assert_false(origin_matches("null", "localhost:8080", false, NULL));
+    assert_false(origin_matches("http://localhost:8080", NULL, false, NULL));
 }
 
 /* ---- The plant ---------------------------------------------------------------------------- */
