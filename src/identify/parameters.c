@@ -468,17 +468,18 @@ static double error_of(struct fit *f, double variance, size_t q, double *g)
 static int check_known(struct fit *f, double variance, size_t q, double error, struct apc_error *why)
 {
     const struct unknown *of = &f->unknown[q];
+    const bool late = of->kind == DEAD_TIME; /* it may be none, and is then known as any other */
     double *mine = f->small, *others = f->small + f->m;
     char list[160] = "", room[60];
     int n = 0;
 
-    if (of->kind == PARAMETER && (f->value[q] <= of->low || f->value[q] >= of->high))
+    if ((f->value[q] <= of->low && !late) || f->value[q] >= of->high)
         return apc_fail(
             why, APC_ESOLVER,
             "parameters: %s goes to its limit %g: is it a record of this plant, with these inputs, in "
             "these units?",
             name_of(f, q, room, sizeof room), f->value[q]);
-    if (of->kind == DEAD_TIME || 1.96 * error < fmax(fabs(f->value[q]), of->size))
+    if (1.96 * error < fmax(fabs(f->value[q]), late ? of->high : of->size))
         return 0;
     error_of(f, variance, q, mine);
     for (size_t i = 0; i < f->m; i++) {

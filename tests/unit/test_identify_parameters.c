@@ -275,6 +275,7 @@ static void what_cannot_be_told_is_named(void **state)
 
     s = create(&(struct experiment){"quadruple-tank", 2.0, {0.001, 0.001}, {2.0, 2.0}, 0.0, 20}, 1);
     refused(s, (const char *const[]){"A3"}, 1, APC_ESOLVER, "A3 ");
+    refused(s, (const char *const[]){"dead_time"}, 1, APC_ESOLVER, "dead_time ");
     free(s);
 }
 
