@@ -91,13 +91,15 @@ static size_t add_band(const struct loop_analysis *z, size_t pole, double top, d
     const double period = apc_ns_to_s(z->l.setup.period),
                  at = atan2(z->pole_im[pole], z->pole_re[pole]) / period;
     const double width = -log(hypot(z->pole_re[pole], z->pole_im[pole])) / period;
+    double by = width / 2.0;
     size_t n = 0;
     if (!(width > 0.0 && width < RESONANT * at && at < top))
         return 0;
     w[n++] = at;
-    for (double by = width / 2.0; by < at * 4.0 * log(10.0) / POINTS && n + 2 <= BAND; by *= 2.0) {
+    while (by < at * 4.0 * log(10.0) / POINTS && n + 2 <= BAND) {
         w[n++] = at - by;
         w[n++] = fmin(at + by, top);
+        by *= 2.0;
     }
     return n;
 }

@@ -286,9 +286,12 @@ static int critical_delays(struct trial *t, const struct crossings *found, doubl
         return APC_ENOMEM;
     for (size_t k = 0; k < found->n && t->rc == 0; k++) {
         const struct crossing *c = &found->at[k];
+        double delay = c->phase / c->w;
 
-        for (double delay = c->phase / c->w; delay <= most && t->rc == 0; delay += 2.0 * M_PI / c->w)
+        while (delay <= most && t->rc == 0) {
             (*list)[(*n)++] = follow(t, *c, delay);
+            delay += 2.0 * M_PI / c->w;
+        }
     }
     return t->rc;
 }
@@ -299,8 +302,8 @@ static double long_delay_margin(struct trial *t, const struct crossings *found)
     const double period = apc_ns_to_s(t->loop->setup.period), least = LONG * period;
     double first = HUGE_VAL, delay = HUGE_VAL;
 
-    for (int round = 0; round < 2;
-         round++) { /* what is left beside whole periods moves each by less than one */
+    /* what is left beside whole periods moves each by less than one */
+    for (int round = 0; round < 2; round++) {
         for (size_t k = 0; k < found->n && t->rc == 0; k++) {
             const struct crossing *c = &found->at[k];
             double next = c->phase / c->w;
@@ -309,11 +312,12 @@ static double long_delay_margin(struct trial *t, const struct crossings *found)
                 next += ceil((least - period - next) * c->w / (2.0 * M_PI)) * 2.0 * M_PI / c->w;
             if (round == 0)
                 first = fmin(first, next);
-            for (; round == 1 && next <= first + period; next += 2.0 * M_PI / c->w) {
+            while (round == 1 && next <= first + period) {
                 const double exact = follow(t, *c, next);
 
                 if (exact >= least * (1.0 - PRECISION))
                     delay = fmin(delay, exact);
+                next += 2.0 * M_PI / c->w;
             }
         }
     }
@@ -334,8 +338,11 @@ static double delay_margin(struct trial *t, const struct crossings *found)
     t->rc = critical_delays(t, found, &critical, &n_critical);
     for (size_t k = 0; k < n_critical; k++)
         first = fmin(first, critical[k]);
-    for (double next = fmax(first, period / 64.0) / 4.0; next < most && n + 1 < STEPS; next *= 1.1)
-        steps[n++] = next;
+    first = fmax(first, period / 64.0) / 4.0;
+    while (n + 1 < STEPS && first * pow(1.1, (double)n) < most) {
+        steps[n] = first * pow(1.1, (double)n);
+        n++;
+    }
     steps[n++] = most;
     if (t->rc == 0)
         t->rc = tries_create(&tries, steps, n, critical, n_critical);

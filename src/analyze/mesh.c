@@ -46,12 +46,14 @@ static int add(struct mesh *mesh, double w, double top)
 static int add_band(struct mesh *mesh, double w, double width, double top)
 {
     const double grid = w * log(10.0) / PER_DECADE;
+    double by = fmax(width, NARROWEST * w) / 2.0;
     int rc = add(mesh, w, top);
 
-    for (double by = fmax(width, NARROWEST * w) / 2.0; by < grid && rc == 0; by *= 2.0) {
+    while (by < grid && rc == 0) {
         rc = add(mesh, w - by, top);
         if (rc == 0)
             rc = add(mesh, w + by, top);
+        by *= 2.0;
     }
     return rc;
 }
@@ -71,10 +73,11 @@ int mesh_create(struct mesh *mesh, double period, double top, const double compl
             bottom = fmin(bottom, 0.1 * width / period);
         if (!(width < RESONANT * angle) || angle < SLOWEST)
             continue;
-        for (double w = angle / period; w - M_PI / period <= top && rc == 0; w += turn) {
-            rc = add_band(mesh, w, width / period, top);
+        for (size_t k = 0; (double)k * turn <= top && rc == 0;
+             k++) { /* where there are more ticks, aliases */
+            rc = add_band(mesh, (double)k * turn + angle / period, width / period, top);
             if (rc == 0)
-                rc = add_band(mesh, w + turn - 2.0 * angle / period, width / period, top);
+                rc = add_band(mesh, (double)(k + 1) * turn - angle / period, width / period, top);
         }
     }
     for (int k = 0; rc == 0; k++) {

@@ -235,7 +235,7 @@ enum { AGAIN = 3 };
 /* What is allowed to a rank beyond what it has reached, over the size of y; where the ranks after it find
  * nothing there, more. */
 #define LITTLE 1e-9
-#define MUCH   2e-4
+#define MUCH   1e-4
 
 static double stress(const struct apc_target *t, const double *q)
 {
@@ -300,7 +300,8 @@ static int give_up(struct apc_target *t, const struct apc_target_call *call)
     const size_t nu = t->model->nu, ny = t->model->ny;
     double *low = t->low + 2 * nu, *high = t->high + 2 * nu, *square = t->square + 2 * nu;
     const double factor = stress(t, call->q);
-    int rc = 0;
+    double room;
+    int rc;
 
     for (unsigned rank = 1; rank <= call->ranks; rank++) {
         for (size_t c = 0; c < ny; c++) {
@@ -312,7 +313,9 @@ static int give_up(struct apc_target *t, const struct apc_target_call *call)
         }
         (void)apc_qp_soft(t->qp, t->linear, t->square);
         rc = approach(t);
-        for (double room = 10.0 * LITTLE; rc < 0 && rank > 1 && room <= MUCH; room *= 10.0) {
+        room = LITTLE;
+        while (rc < 0 && rank > 1 && room < MUCH / 2.0) {
+            room *= 10.0;
             hold_ranks(t, call, 1, rank - 1, room);
             rc = approach(t);
         }

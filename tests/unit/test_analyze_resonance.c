@@ -93,8 +93,9 @@ static struct found scan(const struct world *of)
     const double top = M_PI / apc_ns_to_s(of->period);
     struct found f = {0};
     bool above = false;
+    double w = 1e-4 * top;
 
-    for (double w = 1e-4 * top; w < top;) {
+    while (w < top) {
         const double complex L = response(loop, w);
 
         f.S = fmax(f.S, 1.0 / cabs(1.0 + L));
@@ -143,18 +144,18 @@ static struct world draw(struct apc_random *random)
 /* The least delay, or 0, with which the loop is not stable, of those up to @p most. */
 static double first_delay(const struct world *of, double most)
 {
-    for (double d = 0.0; d <= most; d += 0.002) {
-        if (largest_pole(of, 1.0, (apc_ns)(d * 1e9)) >= 1.0)
-            return d;
+    for (int k = 0; k * 0.002 <= most; k++) {
+        if (largest_pole(of, 1.0, k * 2 * MS) >= 1.0)
+            return k * 0.002;
     }
     return 0.0;
 }
 
 static double first_gain(const struct world *of, double most)
 {
-    for (double g = 1.0; g <= most; g *= 1.001) {
-        if (largest_pole(of, g, 0) >= 1.0)
-            return g;
+    for (int k = 0; pow(1.001, k) <= most; k++) {
+        if (largest_pole(of, pow(1.001, k), 0) >= 1.0)
+            return pow(1.001, k);
     }
     return 0.0;
 }
