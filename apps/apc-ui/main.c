@@ -10,6 +10,7 @@
 #include <systemd/sd-daemon.h>
 
 #include "common/exitcode.h"
+#include "common/streams.h"
 #include "http.h"
 #include "run/run_internal.h"
 
@@ -371,6 +372,7 @@ int main(int argc, char **argv)
     sigset_t signals;
     struct ui *ui = calloc(1, sizeof *ui);
 
+    streams_keep();
     argp_program_version_hook = print_version;
     argp_err_exit_status = EXIT_USAGE;
     argp_parse(&argp, argc, argv, 0, NULL, &o);

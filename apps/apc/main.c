@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "cli.h"
+#include "common/streams.h"
 #include "run/nearest.h"
 
 static const struct {
@@ -62,6 +63,7 @@ static void usage(FILE *out)
 
 int main(int argc, char **argv)
 {
+    streams_keep();
     if (argc < 2) {
         usage(stderr);
         return EXIT_USAGE;

@@ -15,6 +15,7 @@
 #include "recorder.h"
 #include "run/run_internal.h"
 #include "storeuri.h"
+#include "streams.h"
 #include "warden.h"
 #include "watch.h"
 
@@ -247,6 +248,7 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     struct apc_store *records = NULL;
     int rc;
 
+    streams_keep();
     memset(d, 0, sizeof *d);
     d->program = program;
     snprintf(d->name, sizeof d->name, "%s", program->name);

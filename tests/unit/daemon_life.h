@@ -34,7 +34,8 @@ struct life {
     const char *overrun;                 /* of its task; NULL: skip */
     bool without_config, store_optional; /* no --config; see struct program */
     const char *spools;
-    bool own; /* it has an option of its own and chooses its part by it */
+    bool own;  /* it has an option of its own and chooses its part by it */
+    bool bare; /* it is started without any of the standard streams */
 };
 
 static struct {
@@ -127,7 +128,7 @@ static inline void be_a_daemon(const struct life *life)
                                     .extra = life->own ? &extra : NULL,
                                     .choose = life->own ? choose_own : NULL};
     const char *argv[20] = {"apc-test"};
-    const int before = open_files();
+    const int before = open_files() + (life->bare ? 3 : 0);
     int argc = 1;
     struct daemon d;
     if (!life->without_config) {
@@ -164,6 +165,8 @@ static inline pid_t start(const struct life *life, int *end)
         close(ends[0]);
         dup2(ends[1], STDERR_FILENO);
         dup2(ends[1], STDOUT_FILENO);
+        for (int fd = 0; life->bare && fd <= STDERR_FILENO; fd++)
+            close(fd);
         be_a_daemon(life);
     }
     close(ends[1]);

@@ -5,6 +5,7 @@
 
 #include <errno.h>
 #include <sqlite3.h>
+#include <sys/stat.h>
 
 #include "nomem.h"
 
@@ -21,6 +22,31 @@ static void live_well(const struct life *life)
     do {
         live(life);
     } while (strstr(said, "given up") && ++times < 5);
+}
+
+/* ---- What it is started with --------------------------------------------------------------- */
+
+/* Reported of rsyslog and of daemonize: a log line went into whatever file or connection had the number of a
+ * stream. */
+static int streams_are_nobodys(struct daemon *d)
+{
+    struct stat is, null;
+    (void)d;
+    if (stat("/dev/null", &null) != 0)
+        return 1;
+    for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++)
+        if (fstat(fd, &is) != 0 || is.st_rdev != null.st_rdev)
+            return 1;
+    return 0;
+}
+
+static void without_standard_streams_their_numbers_are_given_to_nothing_else(void **state)
+{
+    const struct life life = {
+        .tick = stop_after_three, .before = streams_are_nobodys, .store_optional = true, .bare = true};
+    (void)state;
+    live_well(&life);
+    assert_ended(EXIT_OK);
 }
 
 /* ---- Options ------------------------------------------------------------------------------ */
@@ -349,6 +375,7 @@ static void without_memory_it_says_so_and_ends(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(without_standard_streams_their_numbers_are_given_to_nothing_else),
         cmocka_unit_test(help_lists_its_options_in_order),
         cmocka_unit_test(each_option_means_itself_only),
         cmocka_unit_test(what_spinning_took_is_a_share_of_a_processor),

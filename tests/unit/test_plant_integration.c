@@ -89,6 +89,28 @@ static int clocked_f(double t, const double *x, const double *u, const double *p
 static const struct apc_model clocked = {
     .abi = APC_MODEL_ABI, .name = "clocked", .nx = 1, .nu = 1, .ny = 1, .f = clocked_f, .g = first_g};
 
+/* x' jumps: where x passes a bound, as a valve that shuts; at a bound that it never leaves; with time. */
+static int shutting_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)u, (void)p;
+    dx[0] = x[0] > 0.25 ? 0.0 : 0.1;
+    return 0;
+}
+
+static int relay_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t, (void)u, (void)p;
+    dx[0] = x[0] > 0.25 ? -1.0 : 1.0;
+    return 0;
+}
+
+static int saw_f(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)x, (void)u, (void)p;
+    dx[0] = fmod(t, 1.0);
+    return 0;
+}
+
 /* ---- What must hold ------------------------------------------------------------------------- */
 
 static void the_first_order_plant_follows_its_exact_solution_over_3000_steps(void **state)
@@ -188,6 +210,41 @@ static void the_model_sees_the_plants_own_time(void **state)
         }
         apc_plant_destroy(plant);
     }
+}
+
+/* Reported of CasADi (it never ends) and of SUNDIALS (a jump is stepped over, or no step is taken). */
+static void what_jumps_is_integrated_or_refused_and_never_wrong(void **state)
+{
+    static const char *const integrators[] = {"cvode", "adams"};
+    static const struct {
+        int (*f)(double, const double *, const double *, const double *, double *);
+        double dt, end;
+        int rc;
+    } cases[] = {{shutting_f, 1.0, 0.25, 0},
+                 {saw_f, 10.0, 20.0, 0},
+                 {saw_f, 0.37, 0.6152, 0},
+                 {relay_f, 1.0, 0.0, APC_ESOLVER}}; /* it would switch for ever */
+    const double u = 0.0;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        for (size_t n = 0; n < 2; n++) {
+            const struct apc_model m = {.abi = APC_MODEL_ABI,
+                                        .name = "jumping",
+                                        .nx = 1,
+                                        .nu = 1,
+                                        .ny = 1,
+                                        .f = cases[i].f,
+                                        .g = first_g};
+            const struct apc_plant_options o = {.size = sizeof(o), .integrator = integrators[n]};
+            struct apc_plant *plant = NULL;
+
+            assert_int_equal(apc_plant_create(&plant, &m, NULL, NULL, &o, NULL), 0);
+            for (int k = 0; k < 4; k++)
+                assert_int_equal(apc_plant_advance(plant, cases[i].dt, &u), cases[i].rc);
+            assert_near(apc_plant_state(plant)[0], cases[i].end, 1e-3);
+            apc_plant_destroy(plant);
+        }
 }
 
 /* Each state by its number where it has no name; of very many as many as there is room for. */
@@ -384,6 +441,7 @@ int main(void)
         cmocka_unit_test(a_stiff_reactor_is_solved_with_few_evaluations),
         cmocka_unit_test(next_to_where_a_model_is_not_defined_steps_get_shorter),
         cmocka_unit_test(the_model_sees_the_plants_own_time),
+        cmocka_unit_test(what_jumps_is_integrated_or_refused_and_never_wrong),
         cmocka_unit_test(a_failure_names_every_state_that_there_is_room_for),
         cmocka_unit_test(a_failure_leaves_the_state_as_it_was_and_says_why),
         cmocka_unit_test(after_a_failure_it_goes_on),
