@@ -6,6 +6,7 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
 #include <zlib.h>
@@ -72,10 +73,25 @@ char *zip(const char *data, size_t n, int level, size_t *n_zipped)
     return smaller ? out : NULL;
 }
 
+/* Is @p name among the codings of an Accept-Encoding header: 1; with q=0, which refuses it: 0; else -1. */
+static int coding_wanted(const char *accept, const char *name)
+{
+    while (*accept) {
+        accept += strspn(accept, " \t,");
+        const size_t n = strcspn(accept, " \t;,"), end = strcspn(accept, ",");
+        const char *q = memchr(accept, '=', end);
+        if (n == strlen(name) && !strncasecmp(accept, name, n))
+            return !q || strtod(q + 1, NULL) > 0;
+        accept += end;
+    }
+    return -1;
+}
+
 bool request_takes_zip(const struct request *r)
 {
     const char *accept = request_header(r, "Accept-Encoding");
-    return accept && strstr(accept, "gzip");
+    const int named = accept ? coding_wanted(accept, "gzip") : 0;
+    return named < 0 ? coding_wanted(accept, "*") > 0 : named > 0;
 }
 
 /* A short answer is sent as soon as it would be zipped, and tells nobody by its length what a secret in it

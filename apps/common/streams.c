@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The three standard streams: each number is taken, if need be by /dev/null, opened the other way round. */
+/* The three standard streams: each number is taken, if need be by /dev/null. */
 #include "common/streams.h"
 
 #include <fcntl.h>
@@ -9,6 +9,6 @@
 void streams_keep(void)
 {
     for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++)
-        if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY) != fd)
+        if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", fd == STDOUT_FILENO ? O_RDONLY : O_WRONLY) != fd)
             abort(); /* the lowest number that is free is this one, unless there is no /dev/null */
 }

@@ -6,7 +6,8 @@
 /*
  * Keep 0, 1 and 2 for the standard streams, before anything else is opened: where a program is started
  * without one, its number would be that of the next file or connection, and what is said would be written
- * into that. What is written to such a stream fails, as before. Programs call it first.
+ * into that. Results that are written to no stdout fail, as before; what is said to no stderr is lost.
+ * Programs call it first.
  */
 void streams_keep(void);
 

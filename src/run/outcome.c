@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "outcome.h"
 
+#include <ctype.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -58,10 +59,28 @@ struct refusal {
     bool found, named;
 };
 
+static bool is_of_name(char c)
+{
+    return isalnum((unsigned char)c) || c == '_' || c == '-' || (unsigned char)c >= 0x80;
+}
+
+/* As a whole, not as a part of another's: r is in r2, in y.r and in "after". */
+static bool names(const char *text, const char *name)
+{
+    const size_t n = strlen(name);
+    for (const char *at = text; n > 0 && (at = strstr(at, name)) != NULL; at++) {
+        const bool begins = at == text || !(is_of_name(at[-1]) || at[-1] == '.');
+        const bool ends = !is_of_name(at[n]) && !(at[n] == '.' && is_of_name(at[n + 1]));
+        if (begins && ends)
+            return true;
+    }
+    return false;
+}
+
 static int take_event(void *ctx, const struct apc_event *event)
 {
     struct refusal *r = ctx;
-    const bool named = strstr(event->text, r->name);
+    const bool named = names(event->text, r->name);
     if (event->time < r->since || strcmp(event->kind, "rejected") != 0 || (r->named && !named))
         return 0;
     snprintf(r->text, r->size, "%s", event->text);

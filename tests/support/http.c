@@ -217,10 +217,14 @@ struct http_stream *http_stream_open(int port, const char *path, const char *hea
     free(text);
     s->in = fdopen(fd, "r");
     assert_non_null(s->in);
-    while (fgets(line, sizeof line, s->in) && strcmp(line, "\r\n") != 0)
+    bool at_once = false; /* else a proxy on the way keeps what is said until it has enough of it */
+    while (fgets(line, sizeof line, s->in) && strcmp(line, "\r\n") != 0) {
         if (status == 0)
             (void)sscanf(line, "HTTP/1.1 %d", &status);
+        at_once |= !strcmp(line, "X-Accel-Buffering: no\r\n");
+    }
     assert_int_equal(status, 200);
+    assert_true(at_once);
     return s;
 }
 

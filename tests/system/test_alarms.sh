@@ -125,6 +125,8 @@ for _ in 1 2 3 4 5 6 7 8 9 10; do
   expect 0 'applied' "$apc" set r 5
   until_true 60 listed '^flood1000 +4 +RTN'
 done
+# Reported of cloudprober: each command that was told left a process that nobody had waited for.
+! ps -o stat= --ppid "$(pgrep -P "$run" -x apc-alarms)" | grep -q Z || fail "commands that have ended are still there"
 "$apc" alarm journal --json --last 100000 >"$work/journal"
 [ "$(grep -c '"alarm":"flood' "$work/journal")" = 20000 ] || fail "$(grep -c '"alarm":"flood' "$work/journal") of 20000 transitions"
 [ "$(sed -nE 's/.*"alarm":"(flood[0-9]+)".*"state":"([^"]*)".*/\1 \2/p' "$work/journal" | sort | uniq -c | awk '{print $1}' | sort -u)" = 10 ] ||

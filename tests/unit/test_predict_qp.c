@@ -373,6 +373,35 @@ static void rows_that_contradict_are_named_and_no_others(void **state)
     assert_true(found > 100);
 }
 
+/* Reported of LinearMPC.jl: after one problem without a solution all that followed were called solved, with
+ * NaN. */
+static void without_a_solution_each_solve_says_so_and_the_next_problem_is_solved(void **state)
+{
+    const double H[] = {2.0, 0.0, 0.0, 1.0}, A[] = {1.0, 1.0}, f[] = {1.0, 1.0};
+    const double low[] = {-1.0, -1.0, -1.0}, high[] = {1.0, 1.0, 1.0}, above[] = {-1.0, -1.0, 5.0};
+    const double far_high[] = {1.0, 1.0, 9.0};
+    struct apc_qp *qp = NULL;
+    struct apc_error why;
+
+    (void)state;
+    assert_int_equal(apc_qp_create(&qp, 2, 1, NULL, &why), 0);
+    assert_int_equal(apc_qp_set(qp, H, A, &why), 0);
+    for (int k = 0; k < 5; k++) {
+        struct apc_qp_result result = {.size = sizeof result};
+        double x[2] = {7.0, 7.0};
+
+        assert_int_equal(apc_qp_solve(qp, f, above, far_high, x, &result), APC_ERANGE);
+        assert_int_equal(result.status, APC_QP_INFEASIBLE);
+        assert_true(isfinite(x[0]) && isfinite(x[1]));
+        if (k % 2 == 0)
+            continue;
+        assert_int_equal(apc_qp_solve(qp, f, low, high, x, &result), 0);
+        assert_near(x[0], -1.0 / 3.0, 1e-9);
+        assert_near(x[1], -2.0 / 3.0, 1e-9);
+    }
+    apc_qp_destroy(qp);
+}
+
 /* A row that multiplies nothing, whose limits 0 breaks: no other is in its way, whatever was solved before.
  */
 static void a_row_of_zeros_contradicts_alone(void **state)
@@ -763,6 +792,7 @@ int main(void)
         cmocka_unit_test(what_rounding_has_spoiled_is_not_called_optimal),
         cmocka_unit_test(the_figures_that_come_back_are_those_of_x),
         cmocka_unit_test(rows_that_contradict_are_named_and_no_others),
+        cmocka_unit_test(without_a_solution_each_solve_says_so_and_the_next_problem_is_solved),
         cmocka_unit_test(a_row_of_zeros_contradicts_alone),
         cmocka_unit_test(the_bits_do_not_depend_on_where_the_search_began),
         cmocka_unit_test(the_bits_do_not_depend_on_the_compiler),

@@ -192,6 +192,21 @@ static void test_why_it_was_refused_is_what_the_event_says(void **state)
     assert_string_equal(text, "Kp refused: 7 is not within 0 to 5");
 }
 
+/* Reported of Orion and of Cog: what belongs to MOBA_test2 is taken for what belongs to MOBA_test. */
+static void test_why_another_was_refused_is_no_answer_though_its_name_has_this_one_in_it(void **state)
+{
+    static const char *const others[] = {"r2 refused: 9 is above 5", "y.r refused: 9 is above 5",
+                                         "r.high refused: after a reset", "tracker-r refused"};
+    char text[192] = "";
+    say(*state, NOW + S, "rejected", "mode r: refused, 9 is above 5.");
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        say(*state, NOW + (2 + (apc_ns)i) * S, "rejected", others[i]);
+    assert_true(outcome_refusal(*state, "r", NOW, text, sizeof text));
+    assert_string_equal(text, "mode r: refused, 9 is above 5.");
+    assert_true(outcome_refusal(*state, "y.r", NOW, text, sizeof text));
+    assert_string_equal(text, others[1]);
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, stores_set_up, stores_tear_down)
 
 int main(void)
@@ -206,6 +221,7 @@ int main(void)
         T(test_a_controller_that_does_not_tick_applies_nothing_and_its_age_is_said),
         T(test_what_was_applied_stays_so_when_its_controller_stops),
         T(test_why_it_was_refused_is_what_the_event_says),
+        T(test_why_another_was_refused_is_no_answer_though_its_name_has_this_one_in_it),
     };
     int failed = 0;
     while (stores_next())
