@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What the screen shows while clocks are set and a sensor fails; some of it looked at pixel by pixel.
 import assert from "node:assert/strict";
+import {readFileSync} from "node:fs";
 import {after, before, beforeEach, test} from "node:test";
 import {drawing, Fake, HELD} from "./fake.mjs";
 import {exported, launch, open, until} from "./lib.mjs";
@@ -504,6 +505,27 @@ test("a drawing shows its signals, and nothing in it runs or is loaded", PATIENC
       return Math.abs(part.height / box.height - parseFloat(now) / 2) < 0.02 && Math.abs(part.y + part.height - box.y - box.height) < 1.5;
     });
   });
+});
+
+test("what Inkscape, QElectroTech and Illustrator export is drawn; what is missing of it is said", PATIENCE, async () => {
+  for (const [name, texts, fill, left] of [
+    ["inkscape", ["feed tank", "of line 1"], "rgb(192, 208, 224)", "<flowRoot>, mix-blend-mode, filter"],
+    ["qelectrotech", ["feed tank"], "none", null],
+    ["illustrator", ["feed tank"], "rgb(192, 208, 224)", null],
+  ]) {
+    fake.graphic = readFileSync(new URL(`drawings/${name}.svg`, import.meta.url), "utf8");
+    await withPage("graphic", async page => {
+      const picture = page.locator(".picture > svg");
+      await until("the value is shown", async () => /\d m/.test(await picture.textContent()));
+      for (const text of texts) assert.ok((await picture.textContent()).includes(text), `${name} lacks “${text}”`);
+      const fills = await picture.evaluate(one => [...one.querySelectorAll("rect, circle, path, polyline")].map(each => getComputedStyle(each).fill));
+      assert.ok(fills.includes(fill), `${name} is painted otherwise: ${fills.join("; ")}`);
+      assert.equal(await page.locator(".left-out").count(), left ? 1 : 0, name);
+      if (left) assert.ok((await page.locator(".left-out").textContent()).includes(left), await page.locator(".left-out").textContent());
+      // Of the file as it is read: of it nothing is taken but by name.
+      assert.deepEqual(page.complaints.splice(0).filter(one => !/Content Security Policy/.test(one)), []);
+    });
+  }
 });
 
 test("a script in a description, a unit, an area, a message, a reason is text on every screen, and does nothing", PATIENCE, () => {

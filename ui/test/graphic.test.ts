@@ -54,6 +54,24 @@ test("of a switch the first that can be shown is, of a link what is in it", () =
   assert.doesNotMatch(all(languages.root), /Beh/);
 });
 
+test("a style sheet paints by element, class and id, each before what names more, and a style attribute above all", () => {
+  const sheet = el("style", {}, ["/* .a{fill:#bad} */ .b{fill:#00b;stroke:#0bb!important}\n.a, path{fill:#00a;} path.c{fill:#0cc} #x{fill:#0dd} @media print{.a{fill:#bad}} @font-face{font-family:x} g > .a{fill:#bad} .d{fill:url(https://evil.example/#a)}"]);
+  const read = taken([sheet, el("rect", {class: "b a"}), el("path", {class: "c"}), el("path", {id: "x", class: "c"}), el("path", {id: "x", style: "fill:#0ee"}), el("circle", {fill: "#0ff", class: "none d"})]);
+  assert.deepEqual((read.root.parts as Part[]).map(({attributes: {fill, stroke}}) => [fill, stroke]), [["#00a", "#0bb"], ["#0cc", undefined], ["#0dd", undefined], ["#0ee", undefined], ["#0ff", undefined]]);
+  assert.deepEqual(read.left, ["<style>: @media", "<style>: @font-face", "<style>: g > .a", "a reference to elsewhere"]);
+});
+
+test("what changes the picture and is not taken is said, what is as it is anyway is not", () => {
+  const read = taken([
+    el("rect", {filter: "url(#f)", style: "mix-blend-mode:multiply;overflow:visible;transform:rotate(30deg) translate(1px, 2px);stroke:url(#none) #123"}),
+    el("text", {textLength: "20", "writing-mode": "lr-tb", "xml:space": "preserve"}, ["x"]), el("path", {d: "M0 0 evil()", transform: "translate3d(1,2,3)"}), el("path-effect", {}, [], "http://www.inkscape.org/namespaces/inkscape"),
+    el("use", {"ns1:href": "#r"}), el("rect", {id: "r", width: "calc(1px)"}),
+  ]);
+  assert.deepEqual((read.root.parts[0] as Part).attributes, {transform: "rotate(30) translate(1, 2)", stroke: "url(#drawing-none) #123"});
+  assert.deepEqual(read.left, ["filter", "mix-blend-mode", "textLength", 'd="M0 0 evil()"', 'transform="translate3d(1,2,3)"', 'width="calc(1px)"']);
+  assert.equal((read.root.parts as Part[]).filter(one => one.tag === "use").length, 1);
+});
+
 test("whatever runs, loads or is another document is left out, and said", () => {
   const hostile = [
     el("script", {}, ["window.hacked = 1"]),
@@ -71,7 +89,7 @@ test("whatever runs, loads or is another document is left out, and said", () => 
   ];
   const read = taken(hostile);
   assert.deepEqual((read.root.parts as Part[]).map(part => [part.tag, part.attributes, (part.parts[0] as Part).parts]), [["g", {}, ["press"]]]); // of the link its text
-  assert.deepEqual(read.left, ["<script> (2 times)", "<foreignObject>", "<image>", "<style>", "where a link leads", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
+  assert.deepEqual(read.left, ["<style>: @import", "<script> (2 times)", "<foreignObject>", "<image>", "where a link leads", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
 });
 
 test("an element that is taken keeps nothing that acts or leads elsewhere", () => {

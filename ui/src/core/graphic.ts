@@ -36,13 +36,14 @@ export interface Drawing {
 }
 
 const SVG = "http://www.w3.org/2000/svg";
+const HTML = "http://www.w3.org/1999/xhtml"; // what is of any other is an editor's own, and no browser shows it
 const MOST_PARTS = 20000;
 const MOST_DEPTH = 64;
 
 const list = (words: string): Set<string> => new Set(words.split(" "));
 const TAGS = list("g path rect circle ellipse line polyline polygon text tspan defs linearGradient radialGradient stop clipPath marker symbol use");
 /** What editors leave behind, which nobody misses. */
-const QUIET = list("title desc metadata namedview");
+const QUIET = list("title desc metadata namedview style"); // style: see sheet()
 /** Of these what is in them is taken, and they themselves lead nowhere. */
 const GROUPS = list("a switch");
 const GEOMETRY = list(
@@ -51,6 +52,10 @@ const GEOMETRY = list(
 const PAINT = list(
   "fill stroke stroke-width stroke-linecap stroke-linejoin stroke-dasharray stroke-dashoffset stroke-miterlimit opacity fill-opacity stroke-opacity fill-rule clip-rule clip-path marker-start marker-mid marker-end font-size font-family font-weight font-style text-anchor dominant-baseline letter-spacing stop-color stop-opacity display visibility color text-decoration paint-order vector-effect",
 );
+
+/** What changes a picture and is not taken: what of it is not as it is anyway is said. */
+const SEEN = list("filter mask mix-blend-mode clip overflow rotate textLength writing-mode baseline-shift word-spacing text-transform font marker transform-origin transform-box d");
+const AS_EVER = /^(?:none|normal|auto|visible|baseline|0|lr-tb|horizontal-tb|0 0|view-box|inherit|initial)$/;
 
 /** What is read of an element: all that is in it, of a switch the first that can be shown, as editors put what needs more than a picture before it. */
 function chosen(of: Given): Given[] {
@@ -66,12 +71,17 @@ const TRANSFORM = /^(?:\s*(?:matrix|translate|scale|rotate|skewX|skewY)\([-\d.,e
 const PLAIN = /^(?:(?:rgb|rgba|hsl|hsla)\([\d.,%\s/]+\)|var\(--(?:text|label|live|outline|panel|page|field)\)|[-\w#.,%\s'"+]*)$/;
 const LOCAL = /^\s*url\(\s*["']?#([-\w.]+)["']?\s*\)\s*$/;
 const own = (id: string): string => `drawing-${id}`;
+/** Of a style sheet, by what they are for: "path", ".st0", "path.st0", "#id"; `at`: which of them comes first. */
+type Rules = Map<string, {at: number; said: [string, string][]}>;
+const AT_RULE = /(@[-\w]*)[^;{}]*(?:;|$|\{(?:[^{}]|\{[^{}]*\})*\})/g;
+const SELECTOR = /^(?:[a-zA-Z]+|[a-zA-Z]*\.[-\w]+|#[-\w.]+)$/;
 
 class Reader {
   parts = 0;
   readonly names: string[] = [];
   private readonly leftOut = new Map<string, number>();
   private readonly byId = new Map<string, Part>();
+  private readonly rules: Rules = new Map();
 
   drop(what: string): void {
     this.leftOut.set(what, (this.leftOut.get(what) ?? 0) + 1);
@@ -81,10 +91,35 @@ class Reader {
     return [...this.leftOut].map(([what, n]) => (n > 1 ? `${what} (${n} times)` : what));
   }
 
-  private paint(name: string, value: string): string | null {
+  /** What style sheets say, before any element is read: editors give shapes a class, and their paint there. */
+  sheet(of: Given, depth = 0): void {
+    if (of.localName === "style" && of.namespaceURI === SVG) {
+      const text = Array.from(of.childNodes).map(one => one.nodeValue ?? "").join("").replace(/\/\*[^]*?\*\//g, "");
+      const plain = text.replace(AT_RULE, (_, name: string) => (this.drop(`<style>: ${name.slice(0, 20)}`), ""));
+      for (const [, selectors, body] of plain.matchAll(/([^{}]+)\{([^{}]*)\}/g))
+        for (const selector of (selectors as string).split(",").map(one => one.trim())) {
+          if (SELECTOR.test(selector)) this.rules.set(selector, {at: this.rules.size, said: [...(this.rules.get(selector)?.said ?? []), ...declarations(body as string)]});
+          else this.drop(`<style>: ${selector.slice(0, 20)}`);
+        }
+      return;
+    }
+    if (depth < MOST_DEPTH) for (const child of Array.from(of.childNodes)) if (child.nodeType === 1) this.sheet(child, depth + 1);
+  }
+
+  private declared(tag: string, said: Map<string, string>): [string, string][] {
+    const classes = (said.get("class") ?? "").split(/\s+/);
+    const of = (selectors: string[]): [string, string][] => selectors.flatMap(one => this.rules.get(one) ?? []).sort((a, b) => a.at - b.at).flatMap(one => one.said);
+    return [...of([tag]), ...of(classes.map(name => `.${name}`)), ...of(classes.map(name => `${tag}.${name}`)), ...of([`#${said.get("id") ?? ""}`]), ...declarations(said.get("style") ?? "")];
+  }
+
+  private paint(name: string, given: string): string | null {
+    const value = given.replace(/\s*!important$/, "");
+    if (name === "transform") return this.transform(name, value);
+    if (SEEN.has(name) && !AS_EVER.test(value)) this.drop(name);
     if (!PAINT.has(name)) return null;
-    const local = LOCAL.exec(value);
-    if (local) return `url(#${own(local[1] as string)})`;
+    const [, reference, other] = /^(\s*url\([^)]*\))\s*(.*)$/.exec(value) ?? [null, value, ""]; // and what is in its place where it is not there
+    const local = LOCAL.exec(reference as string);
+    if (local && PLAIN.test(other as string)) return `url(#${own(local[1] as string)})${other ? ` ${other}` : ""}`;
     if (PLAIN.test(value)) return value;
     this.drop(/url|src|image/i.test(value) ? "a reference to elsewhere" : `${name}="${value.slice(0, 20)}"`);
     return null;
@@ -95,15 +130,33 @@ class Reader {
     const put = (name: string, value: string | null): void => {
       if (value != null) kept[name] = value;
     };
-    for (const {name, value} of Array.from(of.attributes ?? [])) {
-      if (GEOMETRY.has(name)) put(name, (/transform/i.test(name) ? TRANSFORM : NUMBERS).test(value) ? value : null);
+    const said = new Map(Array.from(of.attributes ?? []).map(({name, value}) => [name, value]));
+    for (const [name, value] of said) {
+      if (/transform$/i.test(name) && GEOMETRY.has(name)) put(name, this.transform(name, value));
+      else if (GEOMETRY.has(name)) put(name, this.geometry(name, value));
       else if (PAINT.has(name)) put(name, this.paint(name, value));
       else if (name === "id") put("id", /^[-\w.]+$/.test(value) ? own(value) : null);
-      else if ((name === "href" || name === "xlink:href") && of.localName !== "a") put("href", this.link(value));
-      else if (name === "style") for (const [key, said] of declarations(value)) put(key, this.paint(key, said));
+      else if (/^(?:[\w-]+:)?href$/.test(name) && of.localName !== "a") put("href", this.link(value));
       else if (/^on/i.test(name)) this.drop("an event handler");
+      else if (SEEN.has(name) && !AS_EVER.test(value)) this.drop(name);
     }
+    for (const [key, value] of this.declared(of.localName ?? "", said)) put(key, this.paint(key, value));
     return kept;
+  }
+
+  /** Of CSS it has units, of which these are the drawing's own. */
+  private transform(name: string, value: string): string | null {
+    const plain = value.replace(/(\d)(?:px|deg)\b/g, "$1");
+    return plain === "none" ? null : TRANSFORM.test(plain) ? plain : this.refuse(name, value);
+  }
+
+  private geometry(name: string, value: string): string | null {
+    return NUMBERS.test(value) ? value : this.refuse(name, value);
+  }
+
+  private refuse(name: string, value: string): null {
+    this.drop(`${name}="${value.slice(0, 20)}"`);
+    return null;
   }
 
   private link(value: string): string | null {
@@ -130,7 +183,7 @@ class Reader {
         if (name === "a") this.drop("where a link leads");
         const inner = this.read(child, GROUPS.has(name) ? (tag === "text" || tag === "tspan" ? "tspan" : "g") : name, depth + 1, moving);
         if (inner) part.parts.push(inner);
-      } else if (!QUIET.has(name)) this.drop(`<${name.slice(0, 20)}>`);
+      } else if (!QUIET.has(name) && (child.namespaceURI === SVG || child.namespaceURI === HTML)) this.drop(`<${name.slice(0, 20)}>`);
     }
     return part;
   }
@@ -191,6 +244,7 @@ export function drawing(of: Given): Drawing | string {
   if (!root || root.localName !== "svg" || root.namespaceURI !== SVG || holdsError(root)) return "the file is no SVG";
   const reader = new Reader();
   try {
+    reader.sheet(root);
     const read = reader.read(root, "svg", 0, true) as Part;
     reader.settle(read);
     const {width, height, viewBox, ...rest} = read.attributes;
