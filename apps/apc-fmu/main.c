@@ -190,7 +190,7 @@ struct run {
     double length;       /* of its steps, where they are all alike; 0: that of the first one */
     uint32_t *y_float64; /* the outputs' references; NULL: they are of several types */
     double time;     /* as far as it has come; where its steps are all alike: where these are counted from */
-    double taken;    /* since then */
+    uint64_t taken;  /* since then */
     double t, dt;    /* of the last step that was asked for */
     double at, rest; /* that t, as a sum that does not round */
 };
@@ -412,14 +412,16 @@ static bool step_alike(struct run *r, double t, double dt)
     r->dt = dt;
     if (!(r->length > 0.0))
         r->length = dt;
-    for (const double whole = floor((at + dt - r->time) / r->length + EARLY); r->taken < whole; r->taken++) {
-        const double from = r->time + r->taken * r->length;
+    const double whole = floor((at + dt - r->time) / r->length + EARLY);
+    while ((double)r->taken < whole) {
+        const double from = r->time + (double)r->taken * r->length;
         double reached = from;
         if (!r->fmi->step(from, r->length, &reached)) {
             r->time = reached;
-            r->taken = 0.0;
+            r->taken = 0;
             return false;
         }
+        r->taken++;
     }
     return true;
 }
