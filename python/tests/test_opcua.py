@@ -71,7 +71,8 @@ def test_what_fits_a_node_is_within_its_type(kind: str, low: float, high: float)
 @pytest.mark.parametrize("text,node,safe", [
     ("ns=2;i=5", "ns=2;i=5", 0.0), ("ns=2;i=5=7", "ns=2;i=5", 7.0), ("i=85=-0.5", "i=85", -0.5), ("i=85", "i=85", 0.0),
     ("ns=3;s=Pump.Speed=0", "ns=3;s=Pump.Speed", 0.0), ("ns=3;s=Pump.Speed", "ns=3;s=Pump.Speed", 0.0), ("ns=3;s=5", "ns=3;s=5", 0.0),
-    ("ns=3;s=a=b=1e2", "ns=3;s=a=b", 100.0), ("ns=3;s=a=b", "ns=3;s=a=b", 0.0), ("nonsense", "nonsense", 0.0)])
+    ("ns=3;s=a=b=1e2", "ns=3;s=a=b", 100.0), ("ns=3;s=a=b", "ns=3;s=a=b", 0.0), ("nsu=urn:plc;s=Pump=7", "nsu=urn:plc;s=Pump", 7.0),
+    ("nsu=http://a.b/?c=d;i=5", "nsu=http://a.b/?c=d;i=5", 0.0), ("nonsense", "nonsense", 0.0)])
 def test_an_outputs_safe_value_is_told_from_its_id(text: str, node: str, safe: float) -> None:
     assert command._output(text) == (node, safe)
 
