@@ -45,6 +45,15 @@ bool host_allowed(const char *text, const char *const *names)
     return false;
 }
 
+/* HOST[:PORT] as the other; a scheme's own @p port, which no browser writes and many a proxy does, is none.
+ */
+static bool same_host(const char *one, const char *other, const char *port)
+{
+    const size_t n = strlen(one), m = strlen(other), both = n < m ? n : m;
+    const char *rest = n < m ? other + both : one + both;
+    return !strncasecmp(one, other, both) && (!*rest || !strcmp(rest, port));
+}
+
 /* Where TLS ends in front of us a page's origin is https all the same; a browser says of such an address, and
  * of no plain one, whether the page is from there. */
 bool origin_matches(const char *origin, const char *host, bool tls, const char *site)
@@ -52,7 +61,8 @@ bool origin_matches(const char *origin, const char *host, bool tls, const char *
     const bool in_front = !tls && !strncasecmp(origin, "https://", 8) && site && !strcmp(site, "same-origin");
     const char *const scheme = tls || in_front ? "https://" : "http://";
     const size_t n = strlen(scheme);
-    return host && !strncasecmp(origin, scheme, n) && !strcasecmp(origin + n, host);
+    return host && !strncasecmp(origin, scheme, n) &&
+           same_host(origin + n, host, tls || in_front ? ":443" : ":80");
 }
 
 /* Cookies do not tell ports apart. With the prefix no other host, and nothing without TLS, can set it. */

@@ -313,6 +313,32 @@ static void peaks_and_crossover_of_an_integrator(void **state)
     }
 }
 
+/* 2 / (s (s + 1) (s + 2)), held for 50 ms: reported of python-control, which said 31.5 and infinite for what
+ * MATLAB says is 2.79 and 31.5 degrees at 0.749 rad/s. */
+static void margins_of_a_sampled_loop_are_the_published_ones(void **state)
+{
+    const double A[] = {0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, -2.0, -3.0}, B[] = {0.0, 0.0, 1.0}, D = -1.0;
+    const double C[] = {2.0, 0.0, 0.0};
+    const struct apc_loop_controller c = {.n_in = 1, .nu = 1, .D = &D, .in = measured, .to = to};
+    const struct apc_loop_tick tick = {0, 0, 0, 0, 0};
+    struct apc_loop_setup setup = setup_of(&c, 1, &tick, 1);
+    struct apc_loop_margins m = {.size = sizeof m};
+    (void)state;
+
+    setup.plant.nx = 3;
+    setup.plant.A = A, setup.plant.B = B, setup.plant.C = C;
+    setup.plant.period = setup.period = 50 * MS;
+    struct apc_loop *loop = made(&setup);
+    assert_int_equal(apc_loop_margins(loop, 0, NULL, &m, NULL), 0);
+    assert_true(m.stable);
+    assert_near(m.gain, 2.79, 0.005);
+    assert_near(m.gain_least, 0.0, 0.0);
+    assert_near(m.phase, 31.5, 0.05);
+    assert_near(m.crossover, 0.749, 0.0005);
+    assert_near(m.delay, m.phase * M_PI / 180.0 / m.crossover, 0.01 * m.delay);
+    apc_loop_destroy(loop);
+}
+
 static void nothing_else_is_said_of_a_loop_that_is_not_stable(void **state)
 {
     struct apc_loop *loop = noisy(2.5, 0, 0.0, 0.0);
@@ -588,6 +614,7 @@ int main(void)
         cmocka_unit_test(a_response_is_that_of_the_loop_cut_open_there),
         cmocka_unit_test(peaks_of_all_outputs_are_largest_singular_values),
         cmocka_unit_test(peaks_and_crossover_of_an_integrator),
+        cmocka_unit_test(margins_of_a_sampled_loop_are_the_published_ones),
         cmocka_unit_test(nothing_else_is_said_of_a_loop_that_is_not_stable),
         cmocka_unit_test(what_jitter_allows_is_told_of_one_tick_a_period),
         cmocka_unit_test(noise_costs_what_its_recursion_says),

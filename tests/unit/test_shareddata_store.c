@@ -673,6 +673,23 @@ static void test_history_comes_in_rising_seq_within_its_bounds(void **state)
     }
 }
 
+/* Reported of InfluxDB again and again: of two points of one time the later one takes the place of the other.
+ */
+static void test_samples_of_one_time_are_all_kept(void **state)
+{
+    for (int i = 1; i <= 5; i++) { /* in one transaction, and each in its own */
+        struct apc_sample s[] = {sample(APC_SENSOR, 1, 2 * i - 1, i), sample(APC_SENSOR, 1, 2 * i, -i)};
+        s[0].time = s[1].time = APC_NS_PER_S;
+        ok(*state, apc_store_append(*state, s, 2));
+    }
+    const struct apc_range at = {.since = APC_NS_PER_S, .until = APC_NS_PER_S + 1}, last = {.last = 3};
+    struct seen all = {0}, newest = {0};
+    assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, &at, see, &all), 10);
+    assert_true(all.first == 1 && all.last == 10 && !all.falling);
+    assert_int_equal(apc_store_history(*state, APC_SENSOR, 1, &last, see, &newest), 3);
+    assert_true(newest.first == 8 && newest.last == 10 && !newest.falling);
+}
+
 static void test_history_ends_when_its_function_says_so(void **state)
 {
     append_many(*state, 1, 2000);
@@ -1806,6 +1823,7 @@ int main(void)
         T(test_a_wait_sees_every_way_of_writing),
         T(test_two_waiters_wake_each_other_and_miss_nothing),
         T(test_history_comes_in_rising_seq_within_its_bounds),
+        T(test_samples_of_one_time_are_all_kept),
         T(test_history_ends_when_its_function_says_so),
         T(test_a_store_refuses_to_be_used_from_inside_its_history),
         T(test_nor_from_inside_any_other_stream),

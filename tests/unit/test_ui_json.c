@@ -372,6 +372,15 @@ static void only_addresses_and_known_names_are_hosts(void **state)
     assert_false(origin_matches("http://localhost:8081", "localhost:8080", false, NULL));
     assert_false(origin_matches("null", "localhost:8080", false, NULL));
     assert_false(origin_matches("http://localhost:8080", NULL, false, NULL));
+    /* Reported of Grafana: behind a proxy that writes the port into Host each write was refused. */
+    assert_true(origin_matches("https://plant.example", "plant.example:443", false, "same-origin"));
+    assert_true(origin_matches("https://plant.example", "plant.example:443", true, NULL));
+    assert_true(origin_matches("http://[::1]:80", "[::1]", false, NULL));
+    assert_false(origin_matches("https://plant.example", "plant.example:80", true, NULL));
+    assert_false(origin_matches("http://plant.example", "plant.example:443", false, NULL));
+    assert_false(origin_matches("https://plant.example:44", "plant.example:443", true, NULL));
+    assert_false(origin_matches("https://plant.example", "plant.example.evil:443", true, NULL));
+    assert_false(origin_matches("https://", "plant.example", true, NULL));
 }
 
 /* ---- The plant ---------------------------------------------------------------------------- */
