@@ -882,6 +882,14 @@ int apc_fmu_look_open(struct apc_fmu_look **look, const struct apc_model *shown,
     const struct fmu *const f =
         (const struct fmu *)(const void *)((const char *)shown - offsetof(struct fmu, shown));
     struct runner *r = NULL;
+
+    *look = NULL;
+    for (size_t i = 0; i < f->model.nu; i++) /* its rounded differences would be a gain of 0 */
+        if (f->sort[INPUT][f->input_place[i]].kind != REAL)
+            return apc_fail(why, APC_EINVAL,
+                            "%s: its input %s takes whole numbers only, so nothing can be derived by it: "
+                            "apc analyze an experiment that has others as its outputs, or apc test",
+                            f->file, f->input[i].name);
     const int rc = employ(&r, f, FMU_LOOK, p, &(struct apc_plant_options){.size = 0}, why);
 
     *look = (struct apc_fmu_look *)(void *)r;

@@ -79,6 +79,8 @@ for version in 2 3; do
   alike "$work/loop.json" "$work/shows.json" || fail "FMI $version: not the margins of the tank that is built in"
   "$apc" simulate "$work/shows.conf" --csv "$work/shows$version.csv" >/dev/null
   cmp "$work/two.csv" "$work/shows$version.csv" || fail "FMI $version: what it shows changes what it does"
+  tank $version flag states=slope input=Boolean
+  expect 1 'its input u takes whole numbers only, so nothing can be derived by it' "$apc" linearize "$work/flag.fmu"
   tank $version stuck states=stuck_slope
   expect 1 'stay as they are, whatever its states and inputs are set to.*apc identify' "$apc" linearize "$work/stuck.fmu"
   tank $version stuck states=stuck
