@@ -96,12 +96,25 @@ static int system_error(const struct apc_sqlite *sq)
     return error;
 }
 
+/* SQLite would make the log, and says that there is no file, or none that can be written. */
+static int no_log(struct apc_sqlite *sq)
+{
+    return apc_fail(&sq->base.why, APC_EPERM,
+                    "%s has a write-ahead log, which cannot be read where nothing can be written: copy it to "
+                    "where it can, with the files beside it, or before it is brought here run sqlite3 FILE "
+                    "'PRAGMA journal_mode = DELETE'",
+                    sq->given);
+}
+
 /* What the file system says, where SQLite only says that something went wrong. */
 static int fail_system(struct apc_sqlite *sq, int code, int error)
 {
     struct apc_error *why = &sq->base.why;
     if (no_room(error)) {
         return apc_fail(why, APC_EFULL, "%s: there is no room left for it: %s", sq->given, strerror(error));
+    }
+    if ((code & 0xFF) == SQLITE_CANTOPEN && error == ENOENT && access(sq->path, F_OK) == 0) {
+        return no_log(sq);
     }
     if (error == EACCES || error == EPERM || error == EROFS) {
         return apc_fail(why, APC_EPERM, "%s: it, its folder and what is beside it must be writable: %s",
@@ -131,7 +144,12 @@ int apc_sqlite_fail(struct apc_sqlite *sq, int code)
     case SQLITE_FULL:
         return apc_fail(why, APC_EFULL, "%s: there is no room left for it: the disk is full", sq->given);
     case SQLITE_READONLY:
-        return apc_fail(why, APC_EPERM, "%s is read-only for this user", sq->given);
+        return apc_fail(why, APC_EPERM,
+                        code == SQLITE_READONLY_DIRECTORY
+                            ? "%s: its folder is read-only for this user, where a journal or write-ahead log "
+                              "has to be made"
+                            : "%s is read-only for this user",
+                        sq->given);
     case SQLITE_IOERR:
         return fail_system(sq, code, system_error(sq));
     case SQLITE_CANTOPEN:

@@ -910,6 +910,34 @@ static void test_a_file_for_reading_only_is_read(void **state)
     apc_store_close(store);
 }
 
+/* On media that nobody can write; SQLite says "No such file or directory" of the log that it cannot make. */
+static void test_a_log_that_cannot_be_made_is_told_of(void **state)
+{
+    apc_store_close(*state);
+    raw(path, "PRAGMA journal_mode = WAL");
+    const bool root = geteuid() == 0;
+    assert_int_equal(chmod(scratch_folder(), root ? 0755 : 0555), 0);
+    assert_int_equal(chmod(path, 0444), 0);
+    if (root) {
+        assert_int_equal(seteuid(65534), 0);
+    }
+    struct apc_store *store = open_store(SECOND);
+    const int read = apc_store_connect(store);
+    struct apc_error why;
+    snprintf(why.text, sizeof why.text, "%s", apc_store_error(store));
+    apc_store_close(store);
+    if (root) {
+        assert_int_equal(seteuid(0), 0);
+    }
+    assert_int_equal(chmod(scratch_folder(), 0755), 0);
+    assert_int_equal(chmod(path, 0644), 0);
+    if (read != APC_EPERM || !strstr(why.text, "write-ahead log")) {
+        fail_msg("%d: %s", read, why.text);
+    }
+    *state = store = open_store(SECOND);
+    assert_int_equal(append_one(store, 1, 1), 1); /* the cause has gone */
+}
+
 static void test_a_full_disk_keeps_the_whole_append_out_and_no_later_one(void **state)
 {
     enum { N = 50000 };
@@ -1300,6 +1328,7 @@ int main(void)
         N(test_a_file_of_version_1_comes_along_with_its_history),
         T(test_a_write_ahead_log_goes_or_is_refused),
         T(test_a_file_for_reading_only_is_read),
+        T(test_a_log_that_cannot_be_made_is_told_of),
         T(test_a_full_disk_keeps_the_whole_append_out_and_no_later_one),
         T(test_a_damaged_file_gives_errors_and_no_nonsense),
         T(test_what_is_whole_is_read_as_it_was_beside_what_is_not),
