@@ -52,7 +52,7 @@ static void check_peers(const struct ui *ui, int listener, const struct sockaddr
 {
     int far = socket(bound->sin6_family, SOCK_STREAM | SOCK_CLOEXEC, 0), near = -1;
     if (far >= 0 && connect(far, (const struct sockaddr *)bound, size) == 0)
-        near = accept(listener, NULL, NULL);
+        near = accept4(listener, NULL, NULL, SOCK_CLOEXEC);
     if (near >= 0 && !peer_is_own(near))
         apc_log_write(
             ui->log, APC_LOG_WARN,

@@ -130,7 +130,8 @@ static int write_file(const char *path, EVP_PKEY *key, X509 *own, X509 *above, b
     FILE *file = NULL;
     int fd = -1, failed = 0;
 
-    if (snprintf(part, sizeof part, "%s.XXXXXX", path) >= (int)sizeof part || (fd = mkstemp(part)) < 0)
+    if (snprintf(part, sizeof part, "%s.XXXXXX", path) >= (int)sizeof part ||
+        (fd = mkostemp(part, O_CLOEXEC)) < 0)
         return apc_fail(why, APC_ESYS, "cannot write \"%s\": %s", path, strerrordesc_np(errno));
     file = fdopen(fd, "w");
     if (!file)
@@ -169,11 +170,11 @@ static int read_authority(const char *folder, X509 **x, EVP_PKEY **key, struct a
     *key = NULL;
     if (rc < 0)
         return rc;
-    if ((file = fopen(path, "r"))) {
+    if ((file = fopen(path, "re"))) {
         *x = PEM_read_X509(file, NULL, NULL, NULL);
         fclose(file);
         memcpy(strrchr(path, '.'), ".key", 5);
-        if (*x && (file = fopen(path, "r"))) {
+        if (*x && (file = fopen(path, "re"))) {
             *key = PEM_read_PrivateKey(file, NULL, NULL, NULL);
             fclose(file);
         }
@@ -278,7 +279,7 @@ static void list_hosts(X509 *x, char *list, size_t size)
 
 int authority_read(const char *path, struct authority_certificate *out, struct apc_error *why)
 {
-    FILE *file = fopen(path, "r");
+    FILE *file = fopen(path, "re");
     X509 *x = file ? PEM_read_X509(file, NULL, NULL, NULL) : NULL;
 
     if (file)

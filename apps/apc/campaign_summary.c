@@ -275,7 +275,7 @@ static void put_header(FILE *out)
 int summary_csv(const struct campaign *c, struct apc_error *why)
 {
     const char *path = c->options->csv;
-    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "w");
+    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "we");
     if (!out)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
     put_header(out);

@@ -76,7 +76,7 @@ static int file_open(struct file *f, const char *dir, const char *name, struct a
     if (snprintf(f->path, sizeof f->path, "%s/%s", dir, name) >= (int)sizeof f->path)
         return apc_fail(why, APC_EINVAL, "%s: the path is too long", dir);
     snprintf(f->part, sizeof f->part, "%s.part", f->path);
-    f->stream = fopen(f->part, "w");
+    f->stream = fopen(f->part, "we");
     return f->stream ? 0 : apc_fail(why, APC_ESYS, "%s: cannot be written: %s", f->part, strerror(errno));
 }
 

@@ -7,6 +7,7 @@
 #include "gnuplot.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <locale.h>
 #include <spawn.h>
 #include <string.h>
@@ -100,10 +101,20 @@ static int run_gnuplot(const char *dir, FILE *script, FILE *complaints, const ch
                     complaint);
 }
 
+/* Nobody else who is started is to have it. */
+static FILE *open_temporary(void)
+{
+    FILE *file = tmpfile();
+
+    if (file)
+        (void)fcntl(fileno(file), F_SETFD, FD_CLOEXEC);
+    return file;
+}
+
 int gnuplot_draw(const char *dir, int (*write)(FILE *script, void *ctx), void *ctx, const char *what,
                  struct apc_error *why)
 {
-    FILE *script = tmpfile(), *complaints = tmpfile();
+    FILE *script = open_temporary(), *complaints = open_temporary();
     int rc = APC_ESYS;
 
     if (!script || !complaints)

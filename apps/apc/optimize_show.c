@@ -118,7 +118,7 @@ static void show_cost(const struct optimization *z, double took)
 static int put_csv(const struct optimization *z, struct apc_error *why)
 {
     const char *path = z->own.csv;
-    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "w");
+    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "we");
     char text[PRINT_LEN];
     if (!out)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
@@ -312,7 +312,7 @@ static int put_file(const struct optimization *z, const struct experiment *e, st
     int rc = model_files_embed(e, &text, why);
     if (rc < 0)
         return rc;
-    FILE *out = fopen(part, "w");
+    FILE *out = fopen(part, "we");
     bool failed = !out || fprintf(out, "# %s\n%s", z->command, text) < 0;
     failed |= out && fclose(out) != 0;
     free(text);

@@ -186,7 +186,7 @@ static int replay(struct replay_command *c)
     }
     if (csv && (rc = folder_spare(csv, c->options.force, &why)) < 0)
         return fail(c, rc, &why);
-    if (csv && !(c->csv = !strcmp(csv, "-") ? stdout : fopen(csv, "w"))) {
+    if (csv && !(c->csv = !strcmp(csv, "-") ? stdout : fopen(csv, "we"))) {
         cli_error(&c->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
         return APC_ESYS;
     }

@@ -259,7 +259,7 @@ static int check_outputs(const struct simulate *r)
     struct apc_error why;
     bool to_file = path && strcmp(path, "-") != 0;
     int rc = to_file ? folder_spare(path, r->options.force, &why) : 0;
-    FILE *file = to_file && rc == 0 ? fopen(path, "a") : NULL;
+    FILE *file = to_file && rc == 0 ? fopen(path, "ae") : NULL;
     if (file)
         fclose(file);
     else if (to_file && rc == 0)
@@ -313,7 +313,7 @@ static int put_samples(struct simulate *r)
         EVP_MD_CTX_free(sink.digest);
         return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
     }
-    sink.out = to_stdout ? stdout : path ? fopen(path, "w") : NULL;
+    sink.out = to_stdout ? stdout : path ? fopen(path, "we") : NULL;
     sink.failed = path && !sink.out ? errno : 0;
     samples_write(&r->samples, SIMULATION_BEGIN, in);
     if (fclose(in) == 0)

@@ -272,7 +272,7 @@ static void last_words(const struct child *child, int status, char *text, size_t
 {
     char line[512];
     int best = 0;
-    FILE *log = WIFSIGNALED(status) ? NULL : fopen(child->log, "r");
+    FILE *log = WIFSIGNALED(status) ? NULL : fopen(child->log, "re");
     if (WIFSIGNALED(status))
         snprintf(text, size, "%s was killed by signal %d again and again; see %.280s", title_of(child),
                  WTERMSIG(status), child->log);

@@ -159,7 +159,7 @@ static int put_csv(const struct swept *z, struct apc_error *why)
 {
     const struct campaign *c = z->campaign;
     const char *path = c->options->csv;
-    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "w");
+    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "we");
     char text[PRINT_LEN];
     if (!out)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));

@@ -219,7 +219,7 @@ static int store(const struct users *users, const char *path, struct apc_error *
     if (rc < 0)
         return rc;
     snprintf(part, sizeof part, "%s.XXXXXX", path);
-    int fd = mkstemp(part); /* 0600 */
+    int fd = mkostemp(part, O_CLOEXEC); /* 0600 */
     FILE *file = fd < 0 ? NULL : fdopen(fd, "w");
     bool ok = file != NULL;
     for (size_t i = 0; ok && i < users->n; i++)

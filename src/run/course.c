@@ -154,7 +154,7 @@ int course_write(const struct course *c, const char *dir, struct apc_error *why)
 {
     char path[600];
     snprintf(path, sizeof path, "%.580s/" FILE_NAME, dir);
-    FILE *out = fopen(path, "w");
+    FILE *out = fopen(path, "we");
     if (!out)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
     fputs(HEADER "\n", out);

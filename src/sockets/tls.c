@@ -178,7 +178,7 @@ static int take_certificates(SSL_CTX *context, BIO *bio, apc_ns *expiry)
 /* Into @p context and @p expiry. */
 static int read_identity(const char *file, SSL_CTX **context, apc_ns *expiry, struct apc_error *why)
 {
-    BIO *bio = BIO_new_file(file, "r");
+    BIO *bio = BIO_new_file(file, "re");
     EVP_PKEY *key = NULL;
     int rc = 0;
 
