@@ -127,8 +127,10 @@ static bool describe_alarms(struct model *m, const struct apc_tag *tags, size_t 
     return true;
 }
 
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops,
-                    int64_t catalogue)
+/* New descriptions, and which loops they make: what was read is unknown again. Returns true when they
+ * changed. */
+static bool describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops,
+                     int64_t catalogue)
 {
     pthread_mutex_lock(&m->mutex);
     const bool changed = plant_describe(&m->plant, tags, n, loops), other = describe_alarms(m, tags, n);
@@ -160,7 +162,7 @@ int model_load(struct model *m, struct apc_store *store)
     if (rc >= 0)
         rc = apc_store_catalogue(store, NULL, 0, &catalogue);
     if (rc >= 0)
-        model_describe(m, tags, kept, &loops, catalogue);
+        describe(m, tags, kept, &loops, catalogue);
     loops_free(&loops);
     free(tags);
     return rc < 0 ? rc : 0;
@@ -181,7 +183,8 @@ bool model_stale(const struct model *m, size_t i, apc_ns now)
     return too_old(model_age(m, i, now), plant_period(&m->plant, m->now[i].table, m->now[i].id));
 }
 
-apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now)
+/* < 0: it never did. Locked. */
+static apc_ns tick_age(const struct model *m, size_t controller, apc_ns now)
 {
     return m->tick[controller].seq > 0 ? now - m->ticked[controller] : -1;
 }
@@ -194,7 +197,7 @@ bool model_alarms_live(const struct model *m, apc_ns now)
 int model_ticks(const struct model *m, size_t controller, apc_ns now)
 {
     const apc_ns period = plant_tick(&m->plant, controller);
-    return period == 0 ? -1 : !too_old(model_tick_age(m, controller, now), period);
+    return period == 0 ? -1 : !too_old(tick_age(m, controller, now), period);
 }
 
 /* ---- What stands -------------------------------------------------------------------------- */
@@ -263,7 +266,9 @@ void model_take_event(struct model *m, const struct apc_event *event)
     pthread_mutex_unlock(&m->mutex);
 }
 
-bool task_silent(const struct task *task, apc_ns now)
+/* The ticks of a task that has reported are due: a window is written every 5 s if there was one in it.
+ * Locked. */
+static bool is_silent(const struct task *task, apc_ns now)
 {
     return now - task->heard > 2 * REPORT + 3 * task->period;
 }
@@ -321,11 +326,11 @@ size_t model_silent(const struct model *m, apc_ns now, struct text *t)
         }
     for (size_t i = 0; i < m->plant.loops.n_controllers; i++)
         if (model_ticks(m, i, now) == 0) {
-            silence(t, m->plant.loops.controller[i].name, "tick", model_tick_age(m, i, now));
+            silence(t, m->plant.loops.controller[i].name, "tick", tick_age(m, i, now));
             n++;
         }
     for (size_t i = 0; i < m->tasks; i++)
-        if (task_silent(&m->task[i], now)) {
+        if (is_silent(&m->task[i], now)) {
             silence(t, m->task[i].name, "tick reported", now - m->task[i].heard);
             n++;
         }

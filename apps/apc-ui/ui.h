@@ -209,10 +209,6 @@ struct ui {
 /* ---- model.c ---- */
 int model_init(struct model *m);
 void model_free(struct model *m);
-/* New descriptions, and which loops they make: what was read is unknown again. Returns true when they
- * changed. */
-bool model_describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops,
-                    int64_t catalogue);
 /* Read them from the store. Returns 0 or its error. */
 int model_load(struct model *m, struct apc_store *store);
 /* Of an event: what of it stands. */
@@ -221,13 +217,9 @@ void model_state_json(struct ui *ui, struct text *t);
 apc_ns model_age(const struct model *m, size_t i, apc_ns now); /* locked; < 0: no sample yet */
 /* It should come again and again, and did not in time, or never did. Locked. */
 bool model_stale(const struct model *m, size_t i, apc_ns now);
-/* The ticks of a task that has reported are due: a window is written every 5 s if there was one in it.
- * Locked. */
-bool task_silent(const struct task *task, apc_ns now);
 /* Does the controller tick? 1, 0; -1: how often it should is not known. Locked. */
 int model_ticks(const struct model *m, size_t controller, apc_ns now);
 bool model_alarms_live(const struct model *m, apc_ns now); /* somebody evaluates them. Locked. */
-apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now); /* < 0: it never did. Locked. */
 /* What does not tick, a line each, for people. Returns how many. Locked. */
 size_t model_silent(const struct model *m, apc_ns now, struct text *t);
 void control_json(const struct model *m, apc_ns now, struct text *t); /* locked */

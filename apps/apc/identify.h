@@ -102,7 +102,6 @@ void identify_show_samples(const struct identification *z);
 /* What the record does not tell of pair @p p of transfer functions, into @p text: "", or as "the sign of the
  * gain, tau". True: something. */
 bool identify_untold(const struct identify_model *model, size_t p, char *text, size_t size);
-bool identify_any_untold(const struct identify_model *model, const struct identify_data *data);
 /* The report, as --json and --csv say. */
 void identify_show(const struct identification *z);
 /* The model as a file for a controller. @comment, lines of it. */

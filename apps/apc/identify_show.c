@@ -191,7 +191,7 @@ bool identify_untold(const struct identify_model *m, size_t p, char *text, size_
     return at > 0;
 }
 
-bool identify_any_untold(const struct identify_model *m, const struct identify_data *d)
+static bool any_untold(const struct identify_model *m, const struct identify_data *d)
 {
     char text[200];
     bool any = false;
@@ -320,11 +320,11 @@ static void show_text(const struct identification *z)
         cli_error(&z->cli, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < m->linear->ny; i++)
         hangs |= m->validation[i].independent < TELLING;
-    if (z->own.kind != KINDS && identify_any_untold(m, &z->data))
+    if (z->own.kind != KINDS && any_untold(m, &z->data))
         printf("\n%s has numbers that the record does not tell", m->kind);
     else
         printf("\n%s: %s%s", z->own.kind == KINDS ? "the simplest of the best" : "taken", m->kind,
-               identify_any_untold(m, &z->data) ? ", with numbers that the record does not tell" : "");
+               any_untold(m, &z->data) ? ", with numbers that the record does not tell" : "");
     printf("%s\n", hangs ? ", but its errors hang on the inputs: what it leaves out may be another order, a "
                            "nonlinearity, or "
                            "an input that is not on record"

@@ -44,7 +44,8 @@ static void tell_said(struct process *p, const struct apc_law_call *c)
 
 /* ---- The process ------------------------------------------------------------------------------- */
 
-void apc_process_bury(struct process *p, bool hung)
+/* End it, and say how it ended. */
+static void bury(struct process *p, bool hung)
 {
     apc_companion_bury(&p->own, hung);
     p->waiting = false;
@@ -70,7 +71,7 @@ static int refuse(struct process *p, const char *what, struct apc_error *why)
 {
     char said[360];
 
-    apc_process_bury(p, p->own.socket >= 0 && strstr(what, "within"));
+    bury(p, p->own.socket >= 0 && strstr(what, "within"));
     apc_companion_said(&p->own, said, sizeof(said));
     return apc_fail(
         why, APC_EINVAL, "%s: %s%s%s%s", p->own.file, what, said[0] ? ": " : "", said,
@@ -115,7 +116,7 @@ bool apc_process_revive(struct apc_companion *own)
     for (struct instance *i = p->instances; i && well; i = i->next)
         well = apc_process_introduce(p, i, text, &why) == 0;
     if (!well)
-        apc_process_bury(p, true);
+        bury(p, true);
     free(text);
     return well;
 }
@@ -178,11 +179,11 @@ static int catch_up(struct process *p, const struct instance *i, const struct ap
         const ssize_t n = apc_companion_take(&p->own, i->answer, i->n_answer, 0);
 
         if (n == 0) {
-            apc_process_bury(p, false);
+            bury(p, false);
             return 0;
         }
         if (n < 0 && apc_clock_mono(NULL) - p->own.since > patience) {
-            apc_process_bury(p, true);
+            bury(p, true);
             return fail_call(c, APC_LAW_FAILED, p->own.end);
         }
         if (n < 0)
@@ -233,7 +234,7 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
     fill_request(i, c);
     p->own.since = apc_clock_mono(NULL);
     if (!apc_companion_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double))) {
-        apc_process_bury(p, false); /* killed between two ticks: in virtual time nobody was late yet */
+        bury(p, false); /* killed between two ticks: in virtual time nobody was late yet */
         if (live || !apc_process_is_there(p, live) ||
             !apc_companion_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double)))
             return fail_call(c, APC_LAW_FAILED, p->own.end);
@@ -252,7 +253,7 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
         if (n < (ssize_t)sizeof(header)) {
             p->falls++;
             p->given_up = n < 0;
-            apc_process_bury(p, n < 0);
+            bury(p, n < 0);
             return fail_call(c, APC_LAW_FAILED, p->own.end);
         }
         memcpy(&header, i->answer, sizeof(header));

@@ -52,8 +52,6 @@ struct process {
 
 /* Start it; it has not said anything yet. */
 int apc_process_begin(struct process *p, struct apc_error *why);
-/* End it, and say how it ended. */
-void apc_process_bury(struct process *p, bool hung);
 /* Anew, with all instances that it had. */
 bool apc_process_revive(struct apc_companion *own);
 /* Is there a process to be asked? */

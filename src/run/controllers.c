@@ -184,7 +184,9 @@ const struct controller *controllers_selector(const struct experiment *e, struct
     return NULL;
 }
 
-const struct controller *controllers_first(const struct experiment *e, const struct controller *c)
+/* The one that acts on the outputs of @p c where nobody was promoted: itself, or the one whose shadow it is.
+ */
+static const struct controller *first_of(const struct experiment *e, const struct controller *c)
 {
     return owner_of(e, c->u[0]);
 }
@@ -199,7 +201,7 @@ static const config_setting_t *group_of(const config_setting_t *list, const stru
 static void check_shadowed(struct settings *s, const config_setting_t *at, const struct experiment *e,
                            const struct controller *c, size_t k)
 {
-    const struct controller *first = controllers_first(e, c);
+    const struct controller *first = first_of(e, c);
     if (first == c || first->shadow || first->dim.nu != c->dim.nu || owner_of(e, c->u[k]) != first)
         settings_fail(s, at,
                       "%s is to be in shadow: its outputs must be all those of one controller that stands "
@@ -228,7 +230,7 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
                               name);
         }
         for (size_t k = 0; k < c->dim.nz && !s->failed; k++)
-            if (controllers_first(e, controllers_taker(e, c->z[k])) != controllers_first(e, c))
+            if (first_of(e, controllers_taker(e, c->z[k])) != first_of(e, c))
                 settings_fail(s, config_setting_get_member(group_of(list, e, c), "setpoints"),
                               "\"%s\" is a setpoint of two controllers, %s and %s",
                               signal_of(e, c->z[k])->tag.name, controllers_taker(e, c->z[k])->name, c->name);
@@ -514,7 +516,7 @@ static int acting(struct wire output)
 static bool has_shadow(const struct experiment *e, const struct controller *c)
 {
     for (size_t i = 0; i < e->n_controllers; i++)
-        if (e->controllers[i].shadow && controllers_first(e, &e->controllers[i]) == controllers_first(e, c))
+        if (e->controllers[i].shadow && first_of(e, &e->controllers[i]) == first_of(e, c))
             return true;
     return false;
 }
@@ -537,7 +539,7 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
             number_published(s, c, &published);
         }
         if (laws && has_shadow(e, c)) {
-            c->acting = acting(controllers_first(e, c)->u[0]);
+            c->acting = acting(first_of(e, c)->u[0]);
             c->first_output = published.numbers + 1;
             published.numbers += (int)c->dim.nu;
         }

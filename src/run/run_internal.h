@@ -328,9 +328,6 @@ size_t controllers_loops(const struct experiment *e);
 struct controller_loop controllers_loop(const struct experiment *e, size_t n);
 /* What runs the controller calls itself, in events: "apc-controller", of several "apc-controller base". */
 void controllers_program(const struct experiment *e, const struct controller *c, char name[APC_TAG_LEN]);
-/* The one that acts on the outputs of @p c where nobody was promoted: itself, or the one whose shadow it is.
- */
-const struct controller *controllers_first(const struct experiment *e, const struct controller *c);
 /* Its output. */
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop);
 /* Its id in table opmode, and of the operator's output in table manual. */

@@ -62,7 +62,8 @@ static void flatten(const struct apc_pg *pg, char *out, size_t size, const char 
     out[used] = '\0';
 }
 
-int apc_pg_fail(struct apc_pg *pg, int err, const char *what, const char *text)
+/* The text of libpq or of the server on one line, without the password. */
+static int fail(struct apc_pg *pg, int err, const char *what, const char *text)
 {
     char flat[sizeof pg->base.why.text];
     flatten(pg, flat, sizeof flat, text);
@@ -72,7 +73,7 @@ int apc_pg_fail(struct apc_pg *pg, int err, const char *what, const char *text)
 /* The connection is of no use any more. */
 static int lost(struct apc_pg *pg)
 {
-    int err = apc_pg_fail(pg, APC_ECONN, "connection to the database lost", PQerrorMessage(pg->conn));
+    int err = fail(pg, APC_ECONN, "connection to the database lost", PQerrorMessage(pg->conn));
     apc_pg_drop(pg);
     return err;
 }
@@ -113,13 +114,14 @@ static int error_of(const char *sqlstate)
     return APC_ESTORE;
 }
 
-int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
+/* Fail with the error that a result reports. */
+static int refused(struct apc_pg *pg, const PGresult *result)
 {
     const char *sqlstate = PQresultErrorField(result, PG_DIAG_SQLSTATE);
     const char *primary = PQresultErrorField(result, PG_DIAG_MESSAGE_PRIMARY);
     const char *detail = PQresultErrorField(result, PG_DIAG_MESSAGE_DETAIL);
     if (!sqlstate || !primary) {
-        return apc_pg_fail(pg, APC_ECONN, "connection to the database lost", PQresultErrorMessage(result));
+        return fail(pg, APC_ECONN, "connection to the database lost", PQresultErrorMessage(result));
     }
     char text[sizeof pg->base.why.text];
     snprintf(text, sizeof text, "%s%s%s", primary, detail ? ": " : "", detail ? detail : "");
@@ -127,11 +129,11 @@ int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
     int err = error_of(sqlstate);
     switch (err) {
     case APC_EPERM:
-        return apc_pg_fail(pg, err, "the database does not permit it", text);
+        return fail(pg, err, "the database does not permit it", text);
     case APC_ESCHEMA:
-        return apc_pg_fail(pg, err, "the database's schema is not libapc's (run apc init)", text);
+        return fail(pg, err, "the database's schema is not libapc's (run apc init)", text);
     case APC_ECONN:
-        return apc_pg_fail(pg, err, "the database server ended the connection", text);
+        return fail(pg, err, "the database server ended the connection", text);
     default:
         break;
     }
@@ -143,9 +145,9 @@ int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
         char what[160];
         snprintf(what, sizeof what,
                  "schema \"%s\" has tables that are not libapc's (name another behind a #)", pg->schema);
-        return apc_pg_fail(pg, err, what, text);
+        return fail(pg, err, what, text);
     }
-    return apc_pg_fail(pg, err, "the database refused it", text);
+    return fail(pg, err, "the database refused it", text);
 }
 
 /* ---- Waiting ------------------------------------------------------------------------------ */
@@ -255,8 +257,8 @@ void apc_pg_param_text(struct apc_pg_params *p, const char *text)
 /* Half a queue is of no use: what was queued before goes with the connection. */
 static int not_queued(struct apc_pg *pg)
 {
-    int err = apc_pg_fail(pg, PQstatus(pg->conn) == CONNECTION_BAD ? APC_ECONN : APC_ENOMEM,
-                          "cannot talk to the database", PQerrorMessage(pg->conn));
+    int err = fail(pg, PQstatus(pg->conn) == CONNECTION_BAD ? APC_ECONN : APC_ENOMEM,
+                   "cannot talk to the database", PQerrorMessage(pg->conn));
     apc_pg_drop(pg);
     return err;
 }
@@ -294,7 +296,7 @@ static int take(struct apc_pg *pg, PGresult *result, struct progress *at, apc_pg
     case PGRES_PIPELINE_ABORTED:
         return 0; /* the error came before */
     case PGRES_FATAL_ERROR:
-        return apc_pg_refused(pg, result);
+        return refused(pg, result);
     default:
         return apc_fail(&pg->base.why, APC_EPROTO, "the database gave an answer of an unexpected kind");
     }
@@ -492,7 +494,7 @@ static int not_established(struct apc_pg *pg)
 {
     const char *text = PQerrorMessage(pg->conn);
     const bool standby = strstr(text, "session is read-only") != NULL;
-    return apc_pg_fail(
+    return fail(
         pg, APC_ECONN,
         standby ? "no server takes writes: a standby has not been promoted yet, only standbys are named, or "
                   "default_transaction_read_only is on for the database or the user"
@@ -678,7 +680,7 @@ static int take_setup(void *ctx, int statement, PGresult *result)
 static int begin_session(struct apc_pg *pg)
 {
     if (!PQenterPipelineMode(pg->conn)) {
-        return apc_pg_fail(pg, APC_ECONN, "cannot talk to the database", PQerrorMessage(pg->conn));
+        return fail(pg, APC_ECONN, "cannot talk to the database", PQerrorMessage(pg->conn));
     }
     struct apc_pg_params p = {0};
     apc_pg_param_text(&p, pg->schema);
@@ -812,7 +814,7 @@ int apc_pg_command(struct apc_pg *pg, const char *sql, PGresult **result)
         PQclear(last);
         last = r;
         if (PQresultStatus(r) != PGRES_COMMAND_OK && PQresultStatus(r) != PGRES_TUPLES_OK && !failed) {
-            failed = apc_pg_refused(pg, r);
+            failed = refused(pg, r);
         }
     }
     if (!failed && result) {

@@ -153,10 +153,6 @@ int apc_pg_finish(struct apc_pg *pg, apc_pg_result_fn fn, void *ctx);
 int apc_pg_finish_by_rows(struct apc_pg *pg, int by_rows, apc_pg_result_fn fn, void *ctx);
 /** Close the connection, without waiting for anything. The next operation connects anew. */
 void apc_pg_drop(struct apc_pg *pg);
-/** Fail with the error that a result reports. */
-int apc_pg_refused(struct apc_pg *pg, const PGresult *result);
-/** The text of libpq or of the server on one line, without the password. */
-int apc_pg_fail(struct apc_pg *pg, int err, const char *what, const char *text);
 
 /**
  * Can this library work with a schema of that version, made for programs from compatible_from on? 0, or

@@ -291,8 +291,6 @@ struct apc_shm_counters *apc_shm_count(struct apc_shm_write *w);
 int apc_shm_finish(struct apc_shm_write *w, int err, int count);
 /** Make it visible, unlock, wake those who wait. */
 void apc_shm_commit(struct apc_shm_write *w);
-/** Leave everything as it was, unlock. */
-void apc_shm_abort(struct apc_shm_write *w);
 /** The version to write of two; the former one, or -1, is *@p from. */
 int apc_shm_version(struct apc_shm_write *w, apc_word mark[2], int *from);
 

@@ -196,7 +196,8 @@ void apc_shm_commit(struct apc_shm_write *w)
     }
 }
 
-void apc_shm_abort(struct apc_shm_write *w)
+/* Leave everything as it was, unlock. */
+static void give_up(struct apc_shm_write *w)
 {
     recover(w->shm);
     apc_shm_unlock(w->shm);
@@ -205,7 +206,7 @@ void apc_shm_abort(struct apc_shm_write *w)
 int apc_shm_finish(struct apc_shm_write *w, int err, int count)
 {
     if (err < 0) {
-        apc_shm_abort(w);
+        give_up(w);
     } else if (count > 0) {
         apc_shm_commit(w);
     } else {

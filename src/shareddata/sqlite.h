@@ -164,7 +164,6 @@ int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sq
 /** Make the @p n rows, or the chunk at @p pos that they became (0: they are rows), a block. */
 int apc_sqlite_put_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_row *rows, size_t n,
                         int64_t pos);
-int apc_sqlite_drop_block(struct apc_sqlite *sq, int64_t variable, int64_t seq);
 /** Drop the samples before @p before (us) of the block at hand, but not the variable's newest. Returns how
  * many. */
 int apc_sqlite_trim(struct apc_sqlite *sq, int64_t before);

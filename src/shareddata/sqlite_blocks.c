@@ -459,7 +459,7 @@ static int drop_row(struct apc_sqlite *sq, int64_t pos)
     return apc_sqlite_step(sq, statement);
 }
 
-int apc_sqlite_drop_block(struct apc_sqlite *sq, int64_t variable, int64_t seq)
+static int drop_block(struct apc_sqlite *sq, int64_t variable, int64_t seq)
 {
     sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_DROP_BLOCK);
     sqlite3_bind_int64(statement, 1, variable);
@@ -477,7 +477,7 @@ static int put_trimmed(struct apc_sqlite *sq, bool growing)
     }
     int err = 0;
     if (left.seq != l->block.seq) {
-        err = apc_sqlite_drop_block(sq, l->variable, l->block.seq);
+        err = drop_block(sq, l->variable, l->block.seq);
     }
     return err || l->n == 0 ? err : put_block(sq, APC_SQLITE_PUT_BLOCK, l->variable, &left);
 }
@@ -489,7 +489,7 @@ static int trim_packed(struct apc_sqlite *sq, int64_t before)
     if (l->block.last >= before) {
         return 0;
     }
-    int err = apc_sqlite_drop_block(sq, l->variable, l->block.seq);
+    int err = drop_block(sq, l->variable, l->block.seq);
     if (!err) {
         err = apc_sqlite_drop_packed(sq, &l->block);
     }
