@@ -590,8 +590,8 @@ test("rows and heads of a trend are what is exported", async () => {
   curves.fill(now - 30, now, 800, true, () => {});
   await env.settle();
   assert.deepEqual([curves.loading, curves.error], [false, null]);
-  const rows = (from: number, to: number, most: number) => curves.rows(from, to, most).map(t => [t, ...curves.columns(30, 800).map(one => one.at(curves.series(one.ref), t))]);
-  const heads = (span: number) => curves.columns(span, 800).map(one => one.head);
+  const rows = (from: number, to: number, most: number) => curves.rows(from, to, most).map(t => [t, ...curves.columns(now - 30, now, 800).map(one => one.at(curves.series(one.ref), t))]);
+  const heads = (span: number) => curves.columns(now - span, now, 800).map(one => one.head);
   assert.deepEqual(rows(now - 30, now, 10), [[now - 20, 1, null, null], [now - 10, 2, 50, 5], [now - 8, 4, 50, 7]]);
   assert.deepEqual(rows(now - 30, now, 1), [[now - 8, 4, 50, 7]]);
   assert.deepEqual(rows(now - 10, now - 10, 9), [[now - 10, 2, 50, 5]]);
@@ -612,6 +612,21 @@ test("rows and heads of a trend are what is exported", async () => {
   assert.equal(curves.drawn("actuator.1").t.at(-1), now - 8, "what is stale is held");
   env.source.break();
   assert.equal(curves.drawn("setpoint.1").t.at(-1), now - 15, "what nobody says any more is held");
+  curves.stop();
+  env.routes.set("/api/history", route);
+});
+
+test("a table of a trend has bins where its window has some, not where others have", async () => {
+  const route = env.routes.get("/api/history")!;
+  const now = Math.floor(server.now);
+  const at = [now - 90, now - 60, now - 30];
+  const bins = {n: 3, from: at, count: [9, 9, 1], bad: [0, 0, 0], min: [1, 2, 3], max: [5, 6, 3], mean: [2, 3, 3], last: [2, 3, 3], worst: ["Good", "Good", "Good"]};
+  env.routes.set("/api/history", one => (one.query.var === "sensor.3" ? one.answer({t: now, since: now - 90, until: now, before: null, bins}) : route(one)));
+  const curves = new Curves(subjects(tanks)[2]!);
+  curves.fill(now - 90, now, 800, false, () => {});
+  await env.settle();
+  const heads = (from: number, to: number): string[] => curves.columns(from, to, 800).map(one => one.head.replace(/ of .*/, ""));
+  assert.deepEqual([heads(now - 90, now), heads(now - 40, now)], [["T [K], mean", "T [K], least", "T [K], most"], ["T [K]"]]);
   curves.stop();
   env.routes.set("/api/history", route);
 });

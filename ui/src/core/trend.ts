@@ -196,9 +196,10 @@ export class Curves {
   }
 
   /** What a table of such a window has of each: samples, or bins, how wide, and between what it moved in them. */
-  columns(span: number, pixels: number): Column[] {
-    return this.of.flatMap(({variable: one, series: {low, high}}) => {
-      const binned = low.some((least, i) => least !== high[i]); // more samples than its period says
+  columns(from: number, to: number, pixels: number): Column[] {
+    const span = to - from;
+    return this.of.flatMap(({variable: one, series: {t, low, high}}) => {
+      const binned = low.some((least, i) => least !== high[i] && (t[i] as number) >= from && (t[i] as number) <= to); // more samples than its period says
       const width = binWidth(one, span, pixels) || (binned ? span / pixels : 0);
       const column = (head: string, of: keyof Stood): Column => ({ref: one.ref, head: describe(one) + head, at: (series, t) => stoodAt(series, t)?.[of] ?? null});
       if (width === 0) return [column("", "mid")];
