@@ -577,6 +577,14 @@ struct apc_store_plant {
 /** Called for each, by name; return nonzero to end early. */
 typedef int (*apc_plant_fn)(void *ctx, const struct apc_store_plant *plant);
 /**
+ * Put what the file @p from holds, a backup, in the place of all that a store of `sqlite:` holds, at once for
+ * all who have it open; it is made where there is none. What was there is kept in a file beside it, whose
+ * name
+ * @p kept gets ("": there was nothing). [setup] Returns 0, APC_EBUSY: somebody writes it, APC_ENOTFOUND,
+ * APC_ESCHEMA: the one or the other is no record, APC_ESTORE: damaged, or as apc_store_init().
+ */
+APC_API int apc_store_restore(struct apc_store *store, const char *from, char *kept, size_t size);
+/**
  * The plants in the database of a store of `postgresql:` that its user may look at; the schema of its own URI
  * need not be there. It connects for that anew: claims of this store are taken again by its next operation.
  * Returns the number given; APC_EINVAL for a store of another kind; or as apc_store_connect(). [setup]

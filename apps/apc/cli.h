@@ -155,5 +155,6 @@ int command_analyze(int argc, char **argv);
 int command_cert(int argc, char **argv);
 int command_copy(int argc, char **argv);
 int command_drain(int argc, char **argv);
+int command_restore(int argc, char **argv);
 
 #endif

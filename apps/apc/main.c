@@ -28,6 +28,7 @@ static const struct {
     {"alarm", command_alarm, "the alarms: list, acknowledge, shelve, and all that they did"},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks"},
     {"copy", command_copy, "copy history, descriptions, events and timing to another store"},
+    {"restore", command_restore, "put a backup in the place of a record that is a file"},
     {"report", command_report, "draw the report of a run again"},
     {"user", command_user, "who may use the operator's page"},
     {"cert", command_cert, "an authority, and certificates of a plant and its clients, for tls:"},

@@ -92,6 +92,7 @@ struct apc_store_ops {
     int (*init)(struct apc_store *store);
     int (*maintain)(struct apc_store *store, const struct apc_retention *keep);
     int (*plants)(struct apc_store *store, apc_plant_fn fn, void *ctx); /* NULL: it is of one plant */
+    int (*restore)(struct apc_store *store, const char *from, char *kept, size_t size);
 };
 
 extern const struct apc_store_ops apc_postgresql_store;

@@ -35,6 +35,7 @@ static const char *const texts[APC_SQLITE_STATEMENTS] = {
     [APC_SQLITE_NEWEST] = "SELECT s.seq, s.time, s.status, s.value, s.origin,"
                           " s.author"
                           " FROM variable v JOIN sample s ON s.pos = v.pos WHERE v.variable = ?1",
+    [APC_SQLITE_MARK] = "PRAGMA application_id = 1634755377", /* APC_SQLITE_APPLICATION, which it is */
     [APC_SQLITE_VARIABLE] = "SELECT seq, pos, count, first, last FROM variable WHERE variable = ?1",
     [APC_SQLITE_GROW] = "UPDATE variable SET pos = grow(seq, pos, count, first, last), seq = ?2,"
                         " count = count + 1, first = iif(first < ?3, first, ?3),"
@@ -272,9 +273,9 @@ static int resolve(struct apc_sqlite *sq, bool make)
 
 /* For its user alone, whatever the umask; SQLite makes what stands beside it alike. A file that is there is
  * not even opened: to close a descriptor of it would take away the locks of this process. */
-static int make_file(struct apc_sqlite *sq)
+int apc_sqlite_make(struct apc_sqlite *sq, const char *path)
 {
-    int fd = open(sq->path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    int fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
     if (fd < 0 && errno != EEXIST) {
         return fail_system(sq, SQLITE_CANTOPEN, errno);
     }
@@ -356,7 +357,7 @@ int apc_sqlite_open(struct apc_sqlite *sq, bool make)
     sq->deadline = apc_clock_mono(NULL) + sq->base.config.timeout;
     int err = resolve(sq, make);
     if (!err && make) {
-        err = make_file(sq);
+        err = apc_sqlite_make(sq, sq->path);
     }
     if (err) {
         return err;
@@ -369,6 +370,9 @@ int apc_sqlite_open(struct apc_sqlite *sq, bool make)
     if (!err) {
         sq->device = st.st_dev;
         sq->inode = st.st_ino;
+        err = apc_sqlite_check_journal(sq);
+    }
+    if (!err) {
         err = set_up(sq, make);
     }
     if (err) {
@@ -406,7 +410,12 @@ int apc_sqlite_begin(struct apc_sqlite *sq, enum apc_sqlite_sql how)
     sq->base.stats.round_trips++;
     sq->loaded.variable = -1;
     sq->pos = 0;
-    return apc_sqlite_step(sq, apc_sqlite_use(sq, how));
+    int err = apc_sqlite_step(sq, apc_sqlite_use(sq, how));
+    if (!err && how == APC_SQLITE_WRITE && sq->statements[APC_SQLITE_MARK]) {
+        err = apc_sqlite_step(sq, apc_sqlite_use(sq, APC_SQLITE_MARK));
+        return err ? apc_sqlite_end(sq, err) : 0;
+    }
+    return err;
 }
 
 int apc_sqlite_enter_begin(struct apc_sqlite *sq, enum apc_sqlite_sql how)
@@ -612,4 +621,5 @@ const struct apc_store_ops apc_sqlite_store = {
     .timing = apc_sqlite_timing,
     .init = apc_sqlite_init,
     .maintain = apc_sqlite_maintain,
+    .restore = apc_sqlite_restore,
 };

@@ -26,6 +26,7 @@ enum apc_sqlite_sql {
     APC_SQLITE_COMMIT,
     APC_SQLITE_ROLLBACK,
     APC_SQLITE_NEWEST,       /* ?1 variable */
+    APC_SQLITE_MARK,         /* changes nothing, but puts page 1 into the journal first of all */
     APC_SQLITE_VARIABLE,     /* ?1 variable */
     APC_SQLITE_GROW,         /* ?1 variable, ?2 seq, ?3 time: the growing block by one sample */
     APC_SQLITE_LAST_POS,     /* of all samples */
@@ -100,6 +101,8 @@ static inline struct apc_sqlite *apc_sqlite_of(struct apc_store *store)
 int apc_sqlite_prepare_all(struct apc_sqlite *sq);
 /** Open the file, make it first when @p make; without a look at what is in it then. */
 int apc_sqlite_open(struct apc_sqlite *sq, bool make);
+/** Make an empty file of that name, for its user alone, where there is none. */
+int apc_sqlite_make(struct apc_sqlite *sq, const char *path);
 /** Begin an operation: set its deadline, open the file when it is not, or is another one now. */
 int apc_sqlite_enter(struct apc_sqlite *sq);
 /** Begin a transaction: APC_SQLITE_READ or APC_SQLITE_WRITE. On failure there is none. */
@@ -134,6 +137,9 @@ apc_ns apc_sqlite_ns(int64_t us);
 
 /** What a file must say of itself to be used: 0, or APC_ESCHEMA. */
 int apc_sqlite_check(struct apc_sqlite *sq);
+/** 0: the file is empty or ours, of whatever version; APC_ESCHEMA: another program's, or of a newer libapc.
+ */
+int apc_sqlite_another(struct apc_sqlite *sq);
 int apc_sqlite_init(struct apc_store *store);
 
 /* ---- sqlite_blocks.c: within a transaction -------------------------------------------------- */
@@ -194,6 +200,12 @@ int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size
 #define APC_SQLITE_HOLDER 128 /* bytes for a claimant's name */
 /** A claimant who lives, of whatever version, in text. Returns 1, 0: there is none, or an error. */
 int apc_sqlite_holder(struct apc_sqlite *sq, char text[APC_SQLITE_HOLDER]);
+
+/* ---- sqlite_journal.c, sqlite_restore.c ------------------------------------------------------ */
+
+/** A file that has just been opened: 0, or APC_ESTORE: what is called its journal is another file's. */
+int apc_sqlite_check_journal(struct apc_sqlite *sq);
+int apc_sqlite_restore(struct apc_store *store, const char *from, char *kept, size_t size);
 
 /* ---- sqlite_upgrade.c ------------------------------------------------------------------------ */
 

@@ -121,6 +121,12 @@ static int version_of(struct apc_sqlite *sq, int64_t *version)
     return err;
 }
 
+int apc_sqlite_another(struct apc_sqlite *sq)
+{
+    int64_t version = 0;
+    return version_of(sq, &version);
+}
+
 int apc_sqlite_check(struct apc_sqlite *sq)
 {
     int64_t version = 0;

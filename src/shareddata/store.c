@@ -927,6 +927,21 @@ int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep
     return err ? err : store->ops->maintain(store, &k);
 }
 
+int apc_store_restore(struct apc_store *store, const char *from, char *kept, size_t size)
+{
+    int err = enter(store, NULL, 0);
+    if (!err && (!from || !kept || size < 1)) {
+        err = apc_fail(&store->why, APC_EINVAL, "restored from what file?");
+    }
+    if (!err) {
+        kept[0] = '\0';
+    }
+    if (!err && !store->ops->restore) {
+        err = apc_fail(&store->why, APC_EINVAL, "only a file, sqlite:FILE, is restored so");
+    }
+    return err ? err : store->ops->restore(store, from, kept, size);
+}
+
 int apc_store_plants(struct apc_store *store, apc_plant_fn fn, void *ctx)
 {
     int err = enter(store, NULL, 0);

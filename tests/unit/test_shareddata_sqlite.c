@@ -867,6 +867,134 @@ static void test_a_write_ahead_log_goes_or_is_refused(void **state)
     assert_int_equal(access(file, F_OK), -1);
 }
 
+/* ---- A backup in a file's place ----------------------------------------------------------------- */
+
+/* A process that is killed in the middle of a transaction, part of which is in the file already. */
+static void leave_a_journal(void)
+{
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        struct apc_sqlite *sq = apc_sqlite_of(open_store(SECOND));
+        if (apc_sqlite_enter(sq) == 0 && apc_sqlite_run(sq, "PRAGMA cache_size = 4") == 0 &&
+            apc_sqlite_begin(sq, APC_SQLITE_WRITE) == 0) {
+            apc_sqlite_run(
+                sq, "UPDATE sample SET value = -1; WITH RECURSIVE c(i) AS (SELECT 1 UNION ALL SELECT i + 1 "
+                    "FROM c WHERE i < 5000) INSERT INTO event (time, severity, source, kind, text) SELECT "
+                    "i, 1, 'x', 'x', i FROM c; UPDATE sample SET value = -2");
+        }
+        _exit(0);
+    }
+    assert_int_equal(waitpid(child, NULL, 0), child);
+}
+
+static int count_value(void *ctx, const struct apc_sample *s)
+{
+    *(int *)ctx += s->value == (double)s->seq;
+    return 0;
+}
+
+/* Rows that are as they were appended. */
+static int rows_of(struct apc_store *store)
+{
+    int n = 0;
+    const int err = apc_store_history(store, APC_SENSOR, 1, NULL, count_value, &n);
+    return err < 0 ? err : n;
+}
+
+static void append_up_to(struct apc_store *store, int64_t first, int64_t last)
+{
+    for (int64_t seq = first; seq <= last; seq++) {
+        assert_int_equal(append_one(store, 1, seq), 1);
+    }
+}
+
+static void make_backup(char backup[300])
+{
+    char sql[400];
+    snprintf(backup, 300, "%s.backup", path);
+    snprintf(sql, sizeof sql, "VACUUM INTO '%s'", backup);
+    raw(path, sql);
+}
+
+static void test_a_journal_of_another_file_is_told_and_a_files_own_is_rolled_back(void **state)
+{
+    char backup[300], journal[300];
+    append_up_to(*state, 1, 30);
+    make_backup(backup);
+    append_up_to(*state, 31, 60);
+    apc_store_close(*state);
+    leave_a_journal();
+    *state = open_store(SECOND);
+    assert_int_equal(rows_of(*state), 60); /* its own */
+    apc_store_close(*state);
+    leave_a_journal();
+    assert_int_equal(rename(backup, path), 0); /* as one would put a backup back */
+    *state = open_store(SECOND);
+    assert_said(*state, apc_store_connect(*state), APC_ESTORE, "-journal is of another file");
+    assert_said(*state, append_one(*state, 1, 31), APC_ESTORE, "move it away");
+    snprintf(journal, sizeof journal, "%s-journal", path);
+    assert_int_equal(unlink(journal), 0);
+    assert_int_equal(rows_of(*state), 30); /* the backup is as it was */
+    append_up_to(*state, 31, 40);
+    assert_int_equal(rows_of(*state), 40);
+}
+
+static void test_a_backup_is_restored_at_once_and_what_was_there_is_kept(void **state)
+{
+    char backup[300], kept[400], named[420];
+    append_up_to(*state, 1, 30);
+    make_backup(backup);
+    append_up_to(*state, 31, 60);
+    struct apc_store *reader = open_store(SECOND);
+    assert_int_equal(rows_of(reader), 60);
+    leave_a_journal(); /* which is rolled back first, where it belongs */
+    assert_int_equal(apc_store_restore(*state, backup, kept, sizeof kept), 0);
+    assert_int_equal(rows_of(*state), 30);
+    assert_int_equal(rows_of(reader), 30);
+    append_up_to(*state, 31, 32);
+    assert_int_equal(rows_of(reader), 32);
+    apc_store_close(reader);
+    snprintf(named, sizeof named, "sqlite:%s", kept);
+    struct apc_store *former = open_named(named, SECOND);
+    assert_int_equal(rows_of(former), 60);
+    apc_store_close(former);
+    assert_int_equal(unlink(path), 0); /* where there is none it is made */
+    assert_int_equal(apc_store_restore(*state, backup, kept, sizeof kept), 0);
+    assert_string_equal(kept, "");
+    assert_int_equal(rows_of(*state), 30);
+}
+
+static void test_what_is_no_backup_or_has_a_writer_is_left_as_it_is(void **state)
+{
+    char backup[300], kept[400];
+    struct apc_store *writer = open_store(SECOND);
+    int64_t last[1];
+    append_up_to(*state, 1, 30);
+    make_backup(backup);
+    append_up_to(*state, 31, 60);
+    assert_said(*state, apc_store_restore(*state, "/nonexistent", kept, sizeof kept), APC_ENOTFOUND,
+                "nonexistent");
+    assert_said(*state, apc_store_restore(*state, path, kept, sizeof kept), APC_EINVAL, "itself");
+    assert_int_equal(apc_store_claim(writer, APC_SENSOR, 1, last), 0);
+    assert_said(*state, apc_store_restore(*state, backup, kept, sizeof kept), APC_EBUSY, "stop it first");
+    apc_store_close(writer);
+    const int fd = open(backup, O_WRONLY);
+    memset(kept, 0x77, sizeof kept);
+    for (off_t at = 4096; at < 10 * 4096; at += 4096) {
+        assert_int_equal(pwrite(fd, kept, 200, at), 200);
+    }
+    assert_int_equal(close(fd), 0);
+    assert_said(*state, apc_store_restore(*state, backup, kept, sizeof kept), APC_ESTORE, "is damaged");
+    write_file(backup, "this is a letter");
+    assert_said(*state, apc_store_restore(*state, backup, kept, sizeof kept), APC_ESCHEMA,
+                "no record of libapc's");
+    assert_int_equal(rows_of(*state), 60);
+    struct apc_store *memory = open_named("mem:restore", SECOND);
+    assert_said(memory, apc_store_restore(memory, backup, kept, sizeof kept), APC_EINVAL, "only a file");
+    apc_store_close(memory);
+}
+
 static void test_a_file_for_reading_only_is_read(void **state)
 {
     struct apc_store *store = open_store(SECOND);
@@ -1327,6 +1455,9 @@ int main(void)
         N(test_without_memory_a_file_stays_as_it_was_and_that_is_said),
         N(test_a_file_of_version_1_comes_along_with_its_history),
         T(test_a_write_ahead_log_goes_or_is_refused),
+        T(test_a_journal_of_another_file_is_told_and_a_files_own_is_rolled_back),
+        T(test_a_backup_is_restored_at_once_and_what_was_there_is_kept),
+        T(test_what_is_no_backup_or_has_a_writer_is_left_as_it_is),
         T(test_a_file_for_reading_only_is_read),
         T(test_a_log_that_cannot_be_made_is_told_of),
         T(test_a_full_disk_keeps_the_whole_append_out_and_no_later_one),
