@@ -115,7 +115,7 @@ ln -s "$APC_SOURCE_DIR/experiments" .
 shows after
 export APC_PYTHON=$user/bin/python
 "$apc" simulate "$work/fast.conf" --duration 5 --law ./mylaw.py >"$work/page.log" 2>&1 || fail "the law of docs/python.md is none"
-sed '/^  parameters = { K/d; s/model = "first-order"/model = ".\/myplant.py"; inputs = ["q"]; outputs = ["h"]/' experiments/first-order.conf >tank.conf
+sed '/^  parameters = { K/d; s/model = "first-order"/model = ".\/myplant.py"; inputs = ["q"]; outputs = ["h"]/; /name = "u"/s/low = -10.0; high = 10.0/low = 0.0; high = 0.1/' experiments/first-order.conf >tank.conf
 "$apc" simulate tank.conf --duration 5 >"$work/page.log" 2>&1 || fail "the plant of docs/python.md is none"
 "$user/bin/python" - "$work/run" <<'PY' || fail "what was run is no tidy table"
 import sys
