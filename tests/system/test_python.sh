@@ -28,7 +28,7 @@ for example in simulate plant timer mylaw; do
   (cd "$APC_SOURCE_DIR/examples/python" && PYTHONPATH=$tools/lib python3 -m mypy --strict --cache-dir "$APC_BUILD_DIR/tests/mypy" \
     --allow-untyped-defs --allow-untyped-calls --python-executable "$user/bin/python" $example.py) >"$work/mypy.log" 2>&1 || fail "who types an example gets: $(cat "$work/mypy.log")"
 done
-python3 -m zipfile -l "$wheel" | grep -q '/LICENSE ' || fail "the wheel has no licence"
+python3 -m zipfile -l "$wheel" | grep '/LICENSE ' >/dev/null || fail "the wheel has no licence"
 
 # The example says the same as its twin in C, to the last digit.
 "$APC_BUILD_DIR/examples/example_run" "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/c.txt"
