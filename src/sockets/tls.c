@@ -407,11 +407,11 @@ static int on_certificate(int ok, X509_STORE_CTX *context)
         return 0;
     }
     const bool named = name_of(own, tls->peer);
-    for (size_t i = 0; ok && named && i < tls->n_clients; i++)
-        if (!strcmp(tls->clients[i], tls->peer))
-            return ok;
     if (!ok || !tls->clients)
         return ok;
+    for (size_t i = 0; named && i < tls->n_clients; i++)
+        if (!strcmp(tls->clients[i], tls->peer))
+            return ok;
     X509_STORE_CTX_set_error(context, X509_V_ERR_APPLICATION_VERIFICATION);
     return 0;
 }
