@@ -123,8 +123,9 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const streamed = useCell(events);
   const happened = useMemo(() => merge(past?.events ?? [], streamed.list), [past, streamed]);
   const marks = (from: number, to: number): Mark[] => (marked ? marksOf(happened, alarms.value, from, to) : []);
-  const state = useRef({win, scales, reference, marks, expected});
-  state.current = {win, scales, reference, marks, expected};
+  const unscaled = own == null && subject.panels.some(panel => panel.scale == null);
+  const state = useRef({win, scales, unscaled, reference, marks, expected});
+  state.current = {win, scales, unscaled, reference, marks, expected};
   const beyond = useRef(false);
   const counted = subject.lead ?? refsIn(subject)[0];
 
@@ -153,7 +154,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     const now = state.current;
     const data = seen(now);
     chart.current?.show(data);
-    const next = inSight().some((values, i) => off(values, now.scales[i] as Scale));
+    const next = !now.unscaled && inSight().some((values, i) => off(values, now.scales[i] as Scale));
     if (next !== beyond.current) {
       beyond.current = next;
       setDrawn(n => n + 1);
@@ -162,7 +163,6 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
 
   const fit = (): void => setOwn(inSight().map(values => padded(...extent(values))));
   // Without a scale of its own a panel has that of what is first seen; then it stays.
-  const unscaled = own == null && subject.panels.some(panel => panel.scale == null);
   useEffect(() => {
     if (unscaled && !curves.loading && inSight().some(values => values.some(value => value != null))) fit();
   });
