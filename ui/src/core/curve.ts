@@ -13,6 +13,8 @@ const AHEAD = 10; // s; what is stamped later than that is from before a clock w
 
 export class Curve {
   series: Series = empty();
+  /** Of the window that it was asked for: s, and pixels; the bins are as wide as these say. */
+  drawnFor = {span: 0, pixels: 1};
   /** Nothing is on its way: the series is what there is. */
   whole = false;
   error: string | null = null;
@@ -30,6 +32,7 @@ export class Curve {
     this.whole = false;
     load(this.variable, from, to, pixels, current, series => {
       if (!current()) return;
+      this.drawnFor = {span: to - from, pixels};
       const newest = (clock.newest ?? 0) + AHEAD;
       this.series = following ? join(series, between(this.series, to, newest), boundOf(this.variable)) : series;
       changed();

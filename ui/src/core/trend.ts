@@ -195,10 +195,9 @@ export class Curves {
     return times.slice(Math.max(0, times.length - most));
   }
 
-  /** What a table of such a window has of each: samples, or bins, how wide, and between what it moved in them. */
-  columns(from: number, to: number, pixels: number): Column[] {
-    const span = to - from;
-    return this.of.flatMap(({variable: one, series: {t, low, high}}) => {
+  /** What a table of such a window has of each: samples, or bins, how wide those are that are there, and between what it moved in them. */
+  columns(from: number, to: number): Column[] {
+    return this.of.flatMap(({variable: one, series: {t, low, high}, drawnFor: {span, pixels}}) => {
       const binned = low.some((least, i) => least !== high[i] && (t[i] as number) >= from && (t[i] as number) <= to); // more samples than its period says
       const width = binWidth(one, span, pixels) || (binned ? span / pixels : 0);
       const column = (head: string, of: keyof Stood): Column => ({ref: one.ref, head: describe(one) + head, at: (series, t) => stoodAt(series, t)?.[of] ?? null});

@@ -315,7 +315,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
 
   const refs = curves.variables.map(one => one.ref);
   /** An earlier window has columns of its own, at the times of this one. */
-  const columns = curves.columns(...bounds(win, serverNow()), chart.current?.pixels ?? 800);
+  const columns = curves.columns(...bounds(win, serverNow()));
   const rows = (most: number): [number, ...(number | null)[]][] => {
     const [now, before] = [columns.map(one => curves.series(one.ref)), earlier ? columns.map(one => shifted(earlier.series(one.ref), compare)) : []];
     const of = (all: Series[], t: number): (number | null)[] => all.map((series, i) => (columns[i] as Column).at(series, t));
