@@ -18,11 +18,11 @@
 
 #include <apcexchange.h>
 
-#include "common/credentials.h"
-#include "common/daemon.h"
-#include "common/recorder.h"
-#include "common/watch.h"
-#include "run/run_internal.h"
+#include "daemon/credentials.h"
+#include "daemon/daemon.h"
+#include "daemon/recorder.h"
+#include "daemon/watch.h"
+#include "experiment/experiment.h"
 
 #define QUEUED         (10 * APC_NS_PER_S) /* of measurements, for a store that takes its time */
 #define STORE_PRIORITY 79                  /* the task's is 80 */

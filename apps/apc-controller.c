@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/daemon.h"
+#include "daemon/daemon.h"
 #include "common/exitcode.h"
-#include "run/run_internal.h"
-#include "run/standby.h"
+#include "experiment/experiment.h"
+#include "operate/standby.h"
 
 #define PLACE_MAX 8 /* characters of its name */
 

@@ -8,19 +8,19 @@
  * tells what became of it.
  *
  * A second one, with connections of its own, brings what people ask of the history to the live store
- * (run/requests.h), as long as what the first one moves is taken: then the history is this experiment's.
+ * (operate/requests.h), as long as what the first one moves is taken: then the history is this experiment's.
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/daemon.h"
-#include "common/gaps.h"
+#include "daemon/daemon.h"
+#include "daemon/gaps.h"
 #include "common/storeuri.h"
-#include "common/warden.h"
-#include "common/watch.h"
-#include "common/worker.h"
-#include "run/requests.h"
+#include "daemon/warden.h"
+#include "daemon/watch.h"
+#include "daemon/worker.h"
+#include "operate/requests.h"
 
 #define CYCLE   (100 * APC_NS_PER_MS)
 #define TIMEOUT (10 * APC_NS_PER_S)   /* of one operation of the history */

@@ -9,7 +9,7 @@
  * `writing` says that somebody is, and a step that comes meanwhile is left to it. So nobody holds the mutex
  * while it waits for the store, and the task waits for no thread that does.
  */
-#include "common/daemon.h"
+#include "daemon/daemon.h"
 #include <pthread.h>
 
 static const struct program program = {

@@ -18,7 +18,7 @@
 #include <sunlinsol/sunlinsol_dense.h>
 #include <sunmatrix/sunmatrix_dense.h>
 
-#include "run/simulation.h"
+#include "simulation/simulation.h"
 
 #if SUNDIALS_VERSION_MAJOR < 7
 #define SUN_COMM_NULL NULL

@@ -8,7 +8,7 @@
 
 #include <openssl/ssl.h>
 
-#include "apc/authority.h"
+#include "apc/admin/authority.h"
 #include "link.h"
 
 static void make(const struct keys *keys, const char *name, enum authority_role role)

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 
 #include "columns.h"
-#include "run/alarm_board.h"
+#include "record/alarm_board.h"
 
 struct apc_board {
     struct alarm_board alarms;

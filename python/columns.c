@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "run/block.h"
+#include "files/block.h"
 #include "columns.h"
 
 enum { ROOM = 1024 }; /* rows, at first; then twice as many */

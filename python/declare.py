@@ -15,7 +15,7 @@ from pathlib import Path
 from cffi import FFI
 
 # Beside them what the package knows of its own C, and of the library's insides.
-OWN = ("columns.h", "../src/run/samples_columns.h")
+OWN = ("columns.h", "../src/record/samples_columns.h")
 
 HEADERS = ("apcrun.h", "apcqp.h", "apcestimate.h", "apctimer.h", "apcsockets.h")
 

@@ -7,8 +7,8 @@
 #include <string.h>
 
 #include "columns.h"
-#include "run/outcome.h"
-#include "run/owner.h"
+#include "operate/outcome.h"
+#include "operate/owner.h"
 
 _Static_assert((int)APC_FATE_WAITING == (int)OUTCOME_WAITING &&
                    (int)APC_FATE_APPLIED == (int)OUTCOME_APPLIED &&

@@ -4,12 +4,12 @@
  * them. What a tick has made is stored before anything else is looked at, so no transition is lost; while the
  * store is away nothing can be judged, and its tick row grows old.
  */
-#include "common/daemon.h"
+#include "daemon/daemon.h"
 
 #include <stdlib.h>
 
 #include "notifier.h"
-#include "run/alarms.h"
+#include "record/alarms.h"
 
 static const struct program program = {
     .ordinary = true,

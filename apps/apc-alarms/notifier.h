@@ -7,7 +7,7 @@
 #ifndef APC_ALARMS_NOTIFIER_H
 #define APC_ALARMS_NOTIFIER_H
 
-#include "common/daemon.h"
+#include "daemon/daemon.h"
 
 struct notifier;
 

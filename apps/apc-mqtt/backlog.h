@@ -10,7 +10,7 @@
 
 #include <apcstore.h>
 
-#include "apc-ui/json.h"
+#include "common/json.h"
 #include "broker.h"
 
 struct backlog;

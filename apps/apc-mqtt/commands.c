@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc-ui/json.h"
-#include "common/worker.h"
-#include "run/loops.h"
-#include "run/requests.h"
+#include "common/json.h"
+#include "daemon/worker.h"
+#include "operate/loops.h"
+#include "operate/requests.h"
 #include "users/users.h"
 
 #define WITHIN   (10 * APC_NS_PER_S)   /* older ones are refused */

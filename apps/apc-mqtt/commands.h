@@ -3,13 +3,13 @@
  * What the broker's people want written: PREFIX/command/USER/SIGNAL. MQTT says of a message not who sent it;
  * that USER is who he says is the broker's to see to (an access list with %u). Here it is looked at whether
  * he may operate, whether the signal is one of --allow, and how old it is; then it goes the way of what
- * people ask of a history (run/requests.h), and what became of it to PREFIX/outcome/USER/SIGNAL.
+ * people ask of a history (operate/requests.h), and what became of it to PREFIX/outcome/USER/SIGNAL.
  */
 #ifndef APC_MQTT_COMMANDS_H
 #define APC_MQTT_COMMANDS_H
 
 #include "broker.h"
-#include "common/daemon.h"
+#include "daemon/daemon.h"
 
 struct commands;
 

@@ -8,10 +8,10 @@
 
 #include <pthread.h>
 
-#include "common/credentials.h"
-#include "common/daemon.h"
-#include "common/watch.h"
-#include "run/run_internal.h"
+#include "daemon/credentials.h"
+#include "daemon/daemon.h"
+#include "daemon/watch.h"
+#include "experiment/experiment.h"
 
 #define URI_LEN 256
 

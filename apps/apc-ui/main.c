@@ -11,8 +11,8 @@
 
 #include "common/exitcode.h"
 #include "common/streams.h"
-#include "http.h"
-#include "run/run_internal.h"
+#include "apc-ui/server/http.h"
+#include "experiment/experiment.h"
 
 #define NICE          5 /* control comes first */
 #define LIFE          (12 * APC_NS_PER_S * 3600)

@@ -3,9 +3,9 @@
 #include <signal.h>
 #include <string.h>
 
-#include "cli.h"
+#include "apc/common/cli.h"
 #include "common/streams.h"
-#include "run/nearest.h"
+#include "files/nearest.h"
 
 static const struct {
     const char *name;

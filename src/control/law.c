@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The laws there are: built in, one file each, or the user's own from a shared object. */
 #include "base/base_internal.h"
-#include "control/process.h"
+#include "control/process/process.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What a law is made from: a controller's setup, as one output sees it, and as a mark. */
 #include "control/parts.h"
-#include "control/process.h"
+#include "control/process/process.h"
 
 #include "apcestimate.h"
 #include "apclinear.h"

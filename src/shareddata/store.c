@@ -7,10 +7,10 @@
 
 #include "base/base_internal.h"
 #include "base/text.h"
-#include "shareddata/migrations.h"
-#include "shareddata/seam.h"
+#include "shareddata/postgresql/migrations.h"
+#include "shareddata/history/seam.h"
 #include "shareddata/shareddata_internal.h"
-#include "shareddata/spool.h"
+#include "shareddata/spool/spool.h"
 
 static const struct apc_store_ops *const stores[] = {&apc_postgresql_store, &apc_postgres_store,
                                                      &apc_sqlite_store, &apc_shm_store, &apc_mem_store};

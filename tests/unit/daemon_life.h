@@ -18,9 +18,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "common/daemon.h"
+#include "daemon/daemon.h"
 #include "common/exitcode.h"
-#include "run/run_internal.h"
+#include "experiment/experiment.h"
 #include "scratch.h"
 
 #define PERIOD    (APC_NS_PER_S / 10) /* of its task */

@@ -9,7 +9,7 @@
 #include <apccontrol.h>
 #include <apcrun.h>
 
-#include "run/linear_cost.h"
+#include "analyze/linear_cost.h"
 
 #define MS ((apc_ns)1000000)
 

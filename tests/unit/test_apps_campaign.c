@@ -10,8 +10,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "apc/campaign_summary.h"
-#include "run/simulation.h"
+#include "apc/simulate/campaign_summary.h"
+#include "simulation/simulation.h"
 #include "scratch.h"
 
 #define RUNS  6

@@ -2,7 +2,7 @@
 /* Whether a plant was controlled, from the events it left. */
 #include <stdio.h>
 
-#include "apc/evidence.h"
+#include "apc/run/evidence.h"
 #include "check.h"
 
 enum { NO, YES };

@@ -9,8 +9,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "apc/authority.h"
-#include "common/credentials.h"
+#include "apc/admin/authority.h"
+#include "daemon/credentials.h"
 #include "scratch.h"
 
 #define DAY (24 * 3600L)

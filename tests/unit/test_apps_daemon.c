@@ -14,8 +14,8 @@
 #include <sys/un.h>
 #include <time.h>
 
-#include "common/credentials.h"
-#include "common/warden.h"
+#include "daemon/credentials.h"
+#include "daemon/warden.h"
 
 static char told[20000]; /* to who started it */
 

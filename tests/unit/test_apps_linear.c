@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "apc/linear.h"
+#include "apc/identify/linear.h"
 #include "apcplant.h"
 
 #define MAX 8

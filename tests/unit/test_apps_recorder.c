@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "check.h"
-#include "common/recorder.h"
+#include "daemon/recorder.h"
 #include "shareddata/shareddata_internal.h"
 
 /* Of glibc, for programs that replace an allocator; sanitizers bring their own. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What `apc drain` and the end of a run make of the spools in a folder. */
-#include "apc/spools.h"
+#include "apc/folder/spools.h"
 
 #include <fcntl.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
 /* A thread beside a task: it works when it is woken, a last time at the end, and who ends it waits no longer
  * than he said. */
 #include "check.h"
-#include "common/worker.h"
+#include "daemon/worker.h"
 
 #include <semaphore.h>
 

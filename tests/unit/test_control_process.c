@@ -16,7 +16,7 @@
 #include <unistd.h>
 
 #include "check.h"
-#include "control/process_parts.h"
+#include "control/process/process_parts.h"
 #include "nomem.h"
 #include "scratch.h"
 

@@ -19,7 +19,7 @@
 #include <unistd.h>
 
 #ifdef APC_TLS
-#include "apc/authority.h"
+#include "apc/admin/authority.h"
 #endif
 
 #define PATIENCE (20 * APC_NS_PER_S)  /* a hang is a failure, not a hung test */

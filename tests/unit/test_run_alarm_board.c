@@ -4,7 +4,7 @@
 
 #include <stdio.h>
 
-#include "run/alarm_board.h"
+#include "record/alarm_board.h"
 
 #define S   APC_NS_PER_S
 #define NOW (1000000 * S)

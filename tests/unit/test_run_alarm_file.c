@@ -5,7 +5,7 @@
 
 #include <stdio.h>
 
-#include "run/run_internal.h"
+#include "experiment/experiment.h"
 
 #define S APC_NS_PER_S
 

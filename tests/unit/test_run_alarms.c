@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "run/alarms.h"
-#include "run/simulation.h"
+#include "record/alarms.h"
+#include "simulation/simulation.h"
 
 struct run {
     struct experiment e;

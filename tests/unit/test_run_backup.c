@@ -10,8 +10,8 @@
 #include "scratch.h"
 
 #include "modules/controller.h"
-#include "run/replay.h"
-#include "run/simulation.h"
+#include "simulation/replay.h"
+#include "simulation/simulation.h"
 
 #include <apcrun.h>
 

@@ -7,10 +7,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "run/past.h"
-#include "run/samples.h"
-#include "run/simulation.h"
-#include "run/ticks.h"
+#include "simulation/past.h"
+#include "record/samples.h"
+#include "simulation/simulation.h"
+#include "record/ticks.h"
 #include "scratch.h"
 
 #define AT 170.0

@@ -7,7 +7,7 @@
 #include <stdio.h>
 
 #include "modules/controller.h"
-#include "run/experiment_parts.h"
+#include "experiment/experiment_parts.h"
 
 #define S  APC_NS_PER_S
 #define MS APC_NS_PER_MS

@@ -11,9 +11,9 @@
 
 #include <cmocka.h>
 
-#include "run/nearest.h"
-#include "run/record.h"
-#include "run/run_internal.h"
+#include "files/nearest.h"
+#include "experiment/record.h"
+#include "experiment/experiment.h"
 
 static char dir[] = "/tmp/apc-experiment.XXXXXX";
 static char path[64];

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc/statistic.h"
-#include "run/figures.h"
+#include "apc/simulate/statistic.h"
+#include "figures/figures.h"
 #include "scratch.h"
 
 static struct signal signals[3][2];

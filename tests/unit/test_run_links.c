@@ -4,7 +4,7 @@
 
 #include <stdio.h>
 
-#include "run/experiment_parts.h"
+#include "experiment/experiment_parts.h"
 #include "scratch.h"
 
 static struct apc_error why;

@@ -2,7 +2,7 @@
 /* The loops of a plant, as a store describes them. */
 #include <stdio.h>
 
-#include "run/loops.h"
+#include "operate/loops.h"
 #include "stores.h"
 
 static struct apc_tag tags[40];

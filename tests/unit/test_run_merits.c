@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "run/merits.h"
+#include "figures/merits.h"
 
 #define S APC_NS_PER_S
 

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 
 #include "apclinear.h"
-#include "run/experiment_parts.h"
+#include "experiment/experiment_parts.h"
 #include "scratch.h"
 
 enum { U1, U2, W, INPUTS, Y1 = 0, Y2, OUTPUTS };

@@ -8,7 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "run/experiment_parts.h"
+#include "experiment/experiment_parts.h"
 #include "scratch.h"
 
 static struct apc_error why;

@@ -7,17 +7,17 @@
 #include <stdio.h>
 
 #include "nomem.h"
-#include "run/alarms.h"
-#include "run/experiment_parts.h"
-#include "run/figures.h"
-#include "run/linear_cost.h"
-#include "run/linear_loop.h"
-#include "run/merits.h"
-#include "run/outlook.h"
-#include "run/past.h"
-#include "run/replay.h"
-#include "run/simulation.h"
-#include "run/ticks.h"
+#include "record/alarms.h"
+#include "experiment/experiment_parts.h"
+#include "figures/figures.h"
+#include "analyze/linear_cost.h"
+#include "analyze/linear_loop.h"
+#include "figures/merits.h"
+#include "record/outlook.h"
+#include "simulation/past.h"
+#include "simulation/replay.h"
+#include "simulation/simulation.h"
+#include "record/ticks.h"
 #include "scratch.h"
 
 static struct apc_error why;

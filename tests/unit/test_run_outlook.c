@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "run/outlook.h"
+#include "record/outlook.h"
 
 #define S APC_NS_PER_S
 

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "modules/controller.h"
-#include "run/simulation.h"
+#include "simulation/simulation.h"
 
 static const char text[] =
     "name = \"range\"; duration = 100.0;\n"

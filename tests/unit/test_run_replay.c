@@ -12,8 +12,8 @@
 #include "scratch.h"
 
 #include "modules/controller.h"
-#include "run/replay.h"
-#include "run/simulation.h"
+#include "simulation/replay.h"
+#include "simulation/simulation.h"
 
 static struct replay replay;
 static struct apc_error why;

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "check.h"
-#include "run/loops.h"
-#include "run/requests.h"
-#include "run/run_internal.h"
+#include "operate/loops.h"
+#include "operate/requests.h"
+#include "experiment/experiment.h"
 
 #define S    APC_NS_PER_S
 #define MOST (60 * S)

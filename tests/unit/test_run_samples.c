@@ -7,8 +7,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "run/course.h"
-#include "run/samples_columns.h"
+#include "record/course.h"
+#include "record/samples_columns.h"
 #include "scratch.h"
 
 static struct apc_error why;

@@ -5,7 +5,7 @@
 
 #include <apcmodules.h>
 
-#include "run/owner.h"
+#include "operate/owner.h"
 #include "stores.h"
 
 #define PERIOD (20 * APC_NS_PER_S)

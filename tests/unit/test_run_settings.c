@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "run/experiment_parts.h"
-#include "run/run_internal.h"
-#include "run/simulation.h"
+#include "experiment/experiment_parts.h"
+#include "experiment/experiment.h"
+#include "simulation/simulation.h"
 #include "scratch.h"
 
 static const char world[] =

@@ -11,7 +11,7 @@
 
 #include <apcrun.h>
 
-#include "run/run_internal.h"
+#include "experiment/experiment.h"
 
 static const char override[] = APC_SOURCE_DIR "/experiments/double-tank-override.conf";
 

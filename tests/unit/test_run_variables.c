@@ -12,7 +12,7 @@
 #include "check.h"
 #include "nomem.h"
 #include "plant/fmu.h"
-#include "run/run_internal.h"
+#include "experiment/experiment.h"
 #include "scratch.h"
 
 /* ---- The process ----------------------------------------------------------------------------------- */

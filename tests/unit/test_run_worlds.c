@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "run/figures.h"
-#include "run/simulation.h"
+#include "figures/figures.h"
+#include "simulation/simulation.h"
 #include "scratch.h"
 
 #define WORLDS 1000

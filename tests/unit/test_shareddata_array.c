@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "check.h"
-#include "shareddata/postgresql.h"
+#include "shareddata/postgresql/postgresql.h"
 
 static void test_an_array_comes_back_as_it_was_built(void **state)
 {

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "shareddata/seam_internal.h"
+#include "shareddata/history/seam_internal.h"
 
 /* ---- Two stores of which one fails ------------------------------------------------------------ */
 

@@ -12,7 +12,7 @@
 
 #include "apcstore.h"
 #include "check.h"
-#include "shareddata/shm.h"
+#include "shareddata/shm/shm.h"
 
 static char uri[128], path[128];
 

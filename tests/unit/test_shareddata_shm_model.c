@@ -25,7 +25,7 @@
 
 #include "apcstore.h"
 #include "check.h"
-#include "shareddata/shm.h"
+#include "shareddata/shm/shm.h"
 
 static struct apc_store *store;
 static struct apc_shm *shm;

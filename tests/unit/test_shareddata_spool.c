@@ -17,7 +17,7 @@
 #include "check.h"
 #include "cluster.h"
 #include "proxy.h"
-#include "shareddata/spool.h"
+#include "shareddata/spool/spool.h"
 
 #define LONG (30 * APC_NS_PER_S)
 #define T0   (INT64_C(1700000000) * APC_NS_PER_S)

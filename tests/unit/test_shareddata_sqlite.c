@@ -23,7 +23,7 @@
 #include "check.h"
 #include "nomem.h"
 #include "scratch.h"
-#include "shareddata/sqlite.h"
+#include "shareddata/sqlite/sqlite.h"
 
 /* ---- Stores and samples ------------------------------------------------------------------------ */
 

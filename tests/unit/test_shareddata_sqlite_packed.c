@@ -13,7 +13,7 @@
 #include "apcstore.h"
 #include "check.h"
 #include "scratch.h"
-#include "shareddata/sqlite.h"
+#include "shareddata/sqlite/sqlite.h"
 
 #define SECOND APC_NS_PER_S
 #define BEGIN  (INT64_C(1700000000) * SECOND)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* tls: who gets in, who does not, and what it costs the others. */
 #define UNDER_TEST connected
-#include "apc/authority.h"
+#include "apc/admin/authority.h"
 #include "sockets/sockets_internal.h"
 #include "sockets_faults.h"
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What the API says of alarms, asked without a connection, on a store in memory in which they are evaluated.
  */
-#include "run/run_internal.h"
+#include "experiment/experiment.h"
 #include "ui_request.h"
 
 static const char text[] =

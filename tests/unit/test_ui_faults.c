@@ -2,7 +2,7 @@
 /* What the API answers, and what is on record, when the store does not do what it is asked for: asked without
  * a connection, on a store in memory of which one call fails.
  */
-#include "run/run_internal.h"
+#include "experiment/experiment.h"
 #include "shareddata/shareddata_internal.h"
 #include "ui_request.h"
 

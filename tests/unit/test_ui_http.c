@@ -9,7 +9,7 @@
 
 #include <zlib.h>
 
-#include "apc-ui/http.h"
+#include "apc-ui/server/http.h"
 
 #include "../ui/api.h"
 

@@ -3,7 +3,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "run/merits.h"
+#include "figures/merits.h"
 #include "ui_plant.h"
 
 /* ---- What was ----------------------------------------------------------------------------- */

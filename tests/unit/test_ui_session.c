@@ -6,7 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "apc-ui/session.h"
+#include "apc-ui/server/session.h"
 #include "check.h"
 
 #define S APC_NS_PER_S

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc-ui/stream.h"
+#include "apc-ui/server/stream.h"
 #include "check.h"
 
 struct reader {

@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "apc-ui/writes.h"
+#include "apc-ui/plant/writes.h"
 #include "check.h"
 
 #define S   APC_NS_PER_S

@@ -1,0 +1,522 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The alarms as they stand, what they did, and what people want of them. */
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+
+#include "apc-ui/server/http.h"
+#include "record/alarm_board.h"
+#include "record/alarms.h"
+
+#define JOURNAL_MAX  1000
+#define JOURNAL_LAST 200
+#define FIGURES_BACK (86400 * APC_NS_PER_S)
+#define FIGURES_MOST (31 * FIGURES_BACK)
+#define UNTIL_MAX    INT64_C(10000000000) /* Unix seconds: it is not milliseconds */
+
+int desks_init(struct desk desk[DESKS])
+{
+    int rc = 0;
+    for (size_t i = 0; i < DESKS && rc == 0; i++)
+        rc = pthread_mutex_init(&desk[i].mutex, NULL) ? APC_ESYS : 0;
+    return rc;
+}
+
+void desks_free(struct desk desk[DESKS])
+{
+    for (size_t i = 0; i < DESKS; i++) {
+        alarm_board_close(&desk[i].board);
+        pthread_mutex_destroy(&desk[i].mutex);
+    }
+}
+
+/* The alarms that the store describes, as they stand; none where it describes none. False: fault set. In
+ * either case give_back(). */
+static bool take_desk(struct desk *desk, struct request *r, struct apc_store *store)
+{
+    struct apc_error why;
+    pthread_mutex_lock(&desk->mutex);
+    int rc = alarm_board_open(&desk->board, store, &why);
+    if (rc == APC_ENOTFOUND)
+        return true;
+    if (rc < 0)
+        return fault_set(&r->fault, 503, "store", NULL, "%.150s", why.text);
+    if ((rc = alarm_board_read(&desk->board, store)) < 0)
+        fault_store(r, rc, store);
+    return rc == 0;
+}
+
+static void give_back(struct desk *desk)
+{
+    pthread_mutex_unlock(&desk->mutex);
+}
+
+/* ---- As JSON ------------------------------------------------------------------------------- */
+
+static void author_json(struct apc_store *store, uint32_t author, struct text *t)
+{
+    char name[APC_AUTHOR_LEN] = "";
+    if (author > 0 && apc_store_author_name(store, author, name) < 0)
+        name[0] = '\0';
+    text_add(t, ",\"author\":");
+    json_string_add(t, name[0] ? name : NULL);
+}
+
+static void time_json(const char *name, apc_ns time, struct text *t)
+{
+    text_add(t, ",\"%s\":", name);
+    if (time > 0)
+        json_time_add(t, time);
+    else
+        text_add(t, "null");
+}
+
+static const char *truth(bool is)
+{
+    return is ? "true" : "false";
+}
+
+/* Members of what an alarm is, whatever becomes of it. */
+static void described_json(const struct alarm *alarm, struct text *t)
+{
+    const char *const texts[][2] = {{"area", alarm->area},
+                                    {"message", alarm->message},
+                                    {"consequence", alarm->consequence},
+                                    {"response", alarm->response}};
+    text_add(t, ",\"kind\":\"%s\",\"priority\":%d", apc_alarm_kind_name(alarm->is.kind), alarm->is.priority);
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+        text_add(t, ",\"%s\":", texts[i][0]);
+        json_string_add(t, texts[i][1]);
+    }
+}
+
+#define TRANSITIONS_BACK 64 /* of one alarm, that are looked through for when it was raised */
+
+static int keep_raised(void *ctx, const struct apc_sample *row)
+{
+    if ((int)row->value == APC_ALARM_UNACKED)
+        *(apc_ns *)ctx = row->time;
+    return 0;
+}
+
+/* When it was raised last, as long as it is not Normal; 0: it was not, or nobody knows. */
+static apc_ns raised_at(const struct alarm_now *now, struct apc_store *store)
+{
+    const struct apc_range range = {.last = TRANSITIONS_BACK};
+    const enum apc_alarm_state state = alarm_board_state(now);
+    apc_ns raised = 0;
+    if (state == APC_ALARM_UNACKED)
+        return now->row->time;
+    if (state != APC_ALARM_NORMAL)
+        (void)apc_store_history(store, APC_ALARM, now->row->id, &range, keep_raised, &raised);
+    return raised;
+}
+
+/* Members of how it stands. */
+static void stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
+{
+    const enum apc_alarm_state state = alarm_board_state(now);
+    text_add(t,
+             "\"id\":%d,\"seq\":%" PRId64 ",\"journal\":%" PRId64
+             ",\"state\":\"%s\",\"active\":%s,\"unacknowledged\":%s,\"standing\":%s",
+             now->row->id, now->row->seq, now->row->origin, apc_alarm_state_name(state),
+             truth(apc_alarm_is_active(state)), truth(apc_alarm_is_unacked(state)),
+             truth(apc_alarm_is_standing(state)));
+    time_json("time", now->row->seq > 0 ? now->row->time : 0, t);
+    time_json("raised", raised_at(now, store), t);
+    author_json(store, now->row->author, t);
+    time_json("shelved_until", alarm_board_shelved(now), t);
+}
+
+static bool has_limit(enum apc_alarm_kind kind)
+{
+    return (kind >= APC_ALARM_LOW_LOW && kind <= APC_ALARM_DEVIATION) || kind == APC_ALARM_RATE ||
+           kind == APC_ALARM_OVERRUN;
+}
+
+void alarms_described_json(const struct experiment *e, struct text *t)
+{
+    char ref[REF_LEN];
+    text_add(t, "{\"shelve_max\":");
+    json_seconds_add(t, e->alarms.shelve_max);
+    text_add(t, ",\"all\":[");
+    for (size_t i = 0; i < e->n_alarms; i++) {
+        const struct alarm *alarm = &e->alarm[i];
+        text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
+        json_string_add(t, alarm->name);
+        text_add(t, ",\"ref\":\"%s\",\"limit\":", ref_format(alarm->is.table, alarm->is.id, ref));
+        if (has_limit(alarm->is.kind))
+            json_number_add(t, alarm->is.limit);
+        else
+            text_add(t, "null");
+        described_json(alarm, t);
+        text_add(t, "},");
+    }
+    text_chop(t, ',');
+    text_add(t, "]}");
+}
+
+void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
+{
+    text_add(t, "{");
+    stands_json(now, store, t);
+    text_add(t, "}");
+}
+
+void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct desk *desk = &ui->desk[DESK_PAST];
+    const struct alarm_board *board = &desk->board;
+    struct text *t = &r->reply;
+    if (take_desk(desk, r, store)) {
+        const apc_ns utc = apc_clock_utc(NULL);
+        text_add(t, "{\"t\":");
+        json_time_add(t, utc);
+        text_add(t, ",\"evaluated\":%s", truth(alarm_board_lives(board, utc)));
+        time_json("time", board->tick.seq > 0 ? board->tick.time : 0, t);
+        text_add(t, ",\"alarms\":[");
+        for (size_t i = 0; i < board->e.n_alarms; i++) {
+            text_add(t, "{\"alarm\":");
+            json_string_add(t, board->e.alarm[i].name);
+            text_add(t, ",");
+            stands_json(&board->at[i], store, t);
+            described_json(&board->e.alarm[i], t);
+            text_add(t, "},");
+        }
+        text_chop(t, ',');
+        text_add(t, "]}");
+    }
+    give_back(desk);
+}
+
+/* ---- Journal ------------------------------------------------------------------------------ */
+
+static void transition_json(const struct experiment *e, const struct alarm_transition *tr,
+                            struct apc_store *store, struct text *t)
+{
+    const struct alarm *alarm = &e->alarm[tr->alarm - 1];
+    text_add(t, "{\"number\":%" PRId64, tr->number);
+    time_json("time", tr->time, t);
+    text_add(t, ",\"alarm\":");
+    json_string_add(t, alarm->name);
+    text_add(t, ",\"priority\":%d,\"raised\":%s,\"state\":", alarm->is.priority, truth(alarm_is_raised(tr)));
+    json_string_add(t, apc_alarm_state_name(tr->state));
+    text_add(t, ",\"before\":");
+    json_string_add(t, apc_alarm_state_name(tr->before));
+    author_json(store, tr->author, t);
+    text_add(t, "}");
+}
+
+static bool journal_range(struct request *r, struct apc_range *range)
+{
+    const apc_ns now = apc_clock_utc(NULL);
+    int64_t last = JOURNAL_LAST;
+    if (!query_time(r, "since", now, &range->since) || !query_time(r, "until", now, &range->until) ||
+        !query_whole(r, "last", 1, JOURNAL_MAX, &last))
+        return false;
+    range->last = (size_t)last;
+    return range->until == 0 || range->since < range->until ||
+           fault_set(&r->fault, 422, "parameter", "since", "\"since\" must be before \"until\"");
+}
+
+void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct desk *desk = &ui->desk[DESK_PAST];
+    struct alarm_journal journal = {0};
+    struct apc_range range = {0};
+    struct text *t = &r->reply;
+    if (!journal_range(r, &range))
+        return;
+    const bool ok = take_desk(desk, r, store);
+    const int rc = ok ? alarm_journal_load(&journal, store, desk->board.e.n_alarms, &range) : 0;
+    if (rc < 0)
+        fault_store(r, rc, store);
+    if (ok && rc == 0) {
+        text_add(t, "{\"t\":");
+        json_time_add(t, apc_clock_utc(NULL));
+        text_add(t, ",\"transitions\":[");
+        for (size_t i = 0; i < journal.n; i++) {
+            transition_json(&desk->board.e, &journal.at[i], store, t);
+            text_add(t, ",");
+        }
+        text_chop(t, ',');
+        text_add(t, "]}");
+    }
+    alarm_journal_free(&journal);
+    give_back(desk);
+}
+
+/* ---- Figures ------------------------------------------------------------------------------- */
+
+static void each_json(const struct alarm_figures *f, const struct experiment *e, struct text *t)
+{
+    text_add(t, ",\"alarms\":[");
+    for (size_t i = 0; i < f->n; i++) {
+        const struct alarm_figure *one = &f->alarm[i];
+        if (one->raised == 0 && one->since == 0)
+            continue;
+        text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
+        json_string_add(t, e->alarm[i].name);
+        text_add(t, ",\"raised\":%zu,\"chatters\":%s,\"active\":", one->raised, truth(one->chatters));
+        json_seconds_add(t, one->active);
+        time_json("since", one->since, t);
+        text_add(t, "},");
+    }
+    text_chop(t, ',');
+    text_add(t, "]");
+}
+
+static void figures_of(const struct alarm_figures *f, const struct experiment *e, struct text *t)
+{
+    text_add(t, ",\"hours\":");
+    json_number_add(t, f->hours);
+    text_add(t, ",\"raised\":%zu,\"by_priority\":[%zu,%zu,%zu,%zu],\"per_hour\":", f->raised,
+             f->by_priority[0], f->by_priority[1], f->by_priority[2], f->by_priority[3]);
+    json_number_add(t, f->per_hour);
+    text_add(
+        t,
+        ",\"most_in_ten_minutes\":%zu,\"floods\":%zu,\"windows\":%zu,\"chattering\":%zu,\"standing\":%zu,"
+        "\"stale\":%zu,\"unacknowledged\":%zu,\"to_acknowledge\":",
+        f->peak, f->floods, f->windows, f->chattering, f->standing, f->stale, f->unacked);
+    json_number_add(t, f->to_acknowledge); /* null: none was */
+    each_json(f, e, t);
+}
+
+/* From when on there is a record within the range: figures are of that, and not of the time before it. */
+static apc_ns recorded_since(struct model *m, const struct alarm_journal *j, const struct apc_range *range)
+{
+    pthread_mutex_lock(&m->mutex);
+    apc_ns begin = m->plant.start;
+    pthread_mutex_unlock(&m->mutex);
+    if (j->n > 0 && (begin == 0 || j->at[0].time < begin)) /* of a run before, or nobody knows */
+        begin = j->at[0].time;
+    return begin > range->since && begin < range->until ? begin : range->since;
+}
+
+void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct desk *desk = &ui->desk[DESK_PAST];
+    struct alarm_journal journal = {0};
+    struct alarm_figures figures = {0};
+    struct apc_range range = {0};
+    if (!query_range(r, FIGURES_BACK, FIGURES_MOST, &range.since, &range.until))
+        return;
+    const bool ok = take_desk(desk, r, store);
+    const struct experiment *e = &desk->board.e;
+    int rc = ok ? alarm_journal_load(&journal, store, e->n_alarms, &range) : 0;
+    if (ok && rc == 0) {
+        range.since = recorded_since(&ui->model, &journal, &range);
+        rc = alarm_figures_make(&figures, &journal, e, range.since, range.until);
+    }
+    if (rc < 0)
+        fault_store(r, rc, store);
+    if (ok && rc == 0) {
+        text_add(&r->reply, "{");
+        range_json(&r->reply, range.since, range.until);
+        figures_of(&figures, e, &r->reply);
+        text_add(&r->reply, "}");
+    }
+    alarm_figures_free(&figures);
+    alarm_journal_free(&journal);
+    give_back(desk);
+}
+
+/* ---- What is wanted ------------------------------------------------------------------------ */
+
+struct order {
+    struct write write;
+    struct write_change change;
+    enum apc_alarm_switch which;
+    double value; /* of APC_ALARM_SHELF and APC_ALARM_SERVICE */
+    int64_t seq;  /* of the alarm's row that was seen */
+    char reason[REASON_LEN];
+};
+
+static bool read_end(struct request *r, const json_t *body, struct order *o)
+{
+    const json_t *once = json_object_get(body, "once");
+    int64_t until;
+    if (!member_whole(body, "until", 0, UNTIL_MAX, &until, &r->fault))
+        return false;
+    if (once && !json_is_boolean(once))
+        return fault_set(&r->fault, 400, "json", "once", "\"once\" must be true or false");
+    o->value = json_is_true(once) ? -(double)until : (double)until;
+    return true;
+}
+
+static bool read_out(struct request *r, const json_t *body, struct order *o)
+{
+    const json_t *out = json_object_get(body, "out");
+    if (!json_is_boolean(out))
+        return fault_set(&r->fault, 400, "json", "out", "\"out\" must be true or false");
+    o->value = json_is_true(out);
+    return true;
+}
+
+static bool read_order(struct request *r, struct order *o)
+{
+    static const char *const ack[] = {"seq", "reason", "key", NULL};
+    static const char *const shelve[] = {"until", "once", "seq", "reason", "key", NULL};
+    static const char *const service[] = {"out", "seq", "reason", "key", NULL};
+    json_t *body = body_parse(r->body, r->n,
+                              o->which == APC_ALARM_ACK     ? ack
+                              : o->which == APC_ALARM_SHELF ? shelve
+                                                            : service,
+                              &r->fault);
+    const bool ok =
+        body && request_key(r, body, o->write.key) &&
+        member_whole(body, "seq", 0, APC_SEQ_MAX, &o->seq, &r->fault) && request_reason(r, body, o->reason) &&
+        (o->which == APC_ALARM_ACK || (o->which == APC_ALARM_SHELF ? read_end : read_out)(r, body, o));
+    json_decref(body);
+    return ok;
+}
+
+static bool stale(struct request *r, const struct alarm_now *now, const struct alarm *alarm)
+{
+    char ref[REF_LEN];
+    text_add(&r->extra, ",\"current\":{\"%s\":", ref_format(APC_ALARM, now->row->id, ref));
+    json_sample_add(&r->extra, now->row);
+    text_add(&r->extra, "}");
+    return fault_set(&r->fault, 409, "stale", NULL, "%s was changed meanwhile: it is %s now", alarm->name,
+                     apc_alarm_state_name(alarm_board_state(now)));
+}
+
+/* May it be, as the alarm stands? Who acknowledges what has gone again since he looked means the same one:
+ * whether it is, its evaluation says. */
+static bool check_now(struct request *r, const struct alarm_board *board, const struct alarm_now *now,
+                      struct order *o, struct apc_store *store)
+{
+    const struct alarm *alarm = alarm_board_alarm(board, now);
+    const bool shelves = o->which == APC_ALARM_SHELF && (o->value < 0 || o->value > 0);
+    struct apc_sample wish;
+    struct apc_error why;
+    if (!alarm_board_lives(board, o->write.time))
+        return fault_set(&r->fault, 409, "alarm", NULL,
+                         "alarms are not evaluated: nobody would take it, and nothing was written");
+    if (o->seq > now->row->seq || (o->which != APC_ALARM_ACK && o->seq < now->row->seq))
+        return stale(r, now, alarm);
+    if (shelves && !alarm_board_may_shelve(board, now, o->value, o->write.time, &why))
+        return fault_set(&r->fault, 422, "limits", "until", "%s", why.text);
+    if (!alarm_board_want(board, now, store, o->which, o->value, o->write.time, &wish, &why))
+        return fault_set(&r->fault, 409, "alarm", NULL, "%s", why.text);
+    wish.value = o->change.after.value;
+    o->change.after = wish;
+    return true;
+}
+
+static void record(struct ui *ui, const struct request *r, const struct order *o, struct apc_store *store,
+                   const char *outcome)
+{
+    struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
+    snprintf(event.source, sizeof event.source, "%s", o->write.user);
+    alarm_board_words(r->name, &o->change.after, NULL, event.text, sizeof event.text);
+    const size_t n = strlen(event.text);
+    snprintf(event.text + n, sizeof event.text - n, "%s (from %s)", outcome, r->from->address);
+    event_because(&event, o->reason);
+    audit(ui, store, &event);
+}
+
+static void end(struct ui *ui, struct request *r, struct order *o, enum write_state state, int stored)
+{
+    struct text t = {0};
+    const struct write ended = {.state = state, .stored = stored, .n = 1, .change = &o->change};
+    writes_end(ui->writes, o->write.key, &ended, r->fault.http ? r->fault.message : "", apc_clock_mono(NULL),
+               &t);
+    if (r->fault.http == 0) {
+        r->reply = t;
+        return;
+    }
+    if (state == WRITE_UNKNOWN) {
+        text_add(&r->extra, ",\"write\":");
+        text_put(&r->extra, t.at, t.n);
+    }
+    text_free(&t);
+}
+
+static void carry_out(struct ui *ui, struct request *r, const struct alarm_board *board,
+                      const struct alarm_now *now, struct order *o, struct apc_store *store)
+{
+    struct apc_sample *after = &o->change.after;
+    int rc = o->write.user[0] ? apc_store_author(store, o->write.user) : 0;
+    if (rc < 0)
+        fault_store(r, rc, store);
+    if (rc < 0 || fault_history(r, store) || !check_now(r, board, now, o, store)) {
+        end(ui, r, o, WRITE_FAILED, 0);
+        return;
+    }
+    after->author = (uint32_t)rc;
+    rc = apc_store_swap(store, after, 1);
+    const bool unknown = rc == APC_ECONN || rc == APC_ETIMEDOUT;
+    if (rc == APC_ECONFLICT)
+        fault_set(&r->fault, 409, "stale", NULL, "%s: somebody else was faster: look again", r->name);
+    else if (unknown)
+        fault_set(&r->fault, 504, "unknown", NULL,
+                  "the database did not answer: whether it was written is not known");
+    else if (rc < 0)
+        fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", apc_store_error(store));
+    after->seq += unknown; /* what it would have been given */
+    end(ui, r, o,
+        rc >= 0   ? WRITE_ACCEPTED
+        : unknown ? WRITE_UNKNOWN
+                  : WRITE_FAILED,
+        rc >= 0   ? 1
+        : unknown ? -1
+                  : 0);
+    if (rc >= 0 || unknown)
+        record(ui, r, o, unknown ? NULL : store, unknown ? ", outcome unknown" : "");
+}
+
+static void begin(struct ui *ui, struct request *r, const struct alarm_board *board, struct order *o,
+                  struct apc_store *store)
+{
+    const struct alarm_now *now = board->e.n_alarms > 0 ? alarm_board_find(board, r->name) : NULL;
+    const apc_ns mono = apc_clock_mono(NULL);
+    apc_ns again;
+    if (!now) {
+        fault_set(&r->fault, 404, "alarm", NULL, "there is no alarm \"%.63s\"", r->name);
+        return;
+    }
+    if (!session_may_write(&ui->sessions, r->session.token, mono, &again)) {
+        r->retry_after = again - mono;
+        fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
+        return;
+    }
+    o->change.before = o->change.after = *now->wish[ALARM_WISH(o->which)];
+    o->change.after.value = o->which == APC_ALARM_ACK ? (double)o->seq : o->value;
+    snprintf(o->change.name, sizeof o->change.name, "%s", r->name);
+    if (request_begin(ui, r, &o->write, store))
+        carry_out(ui, r, board, now, o, store);
+}
+
+static void want(struct ui *ui, struct request *r, struct apc_store *store, enum apc_alarm_switch which)
+{
+    struct desk *desk = &ui->desk[DESK_WRITES];
+    struct order o = {.which = which,
+                      .write = {.kind = which == APC_ALARM_ACK     ? WRITE_ACK
+                                        : which == APC_ALARM_SHELF ? WRITE_SHELVE
+                                                                   : WRITE_SERVICE,
+                                .time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US,
+                                .n = 1}};
+    o.write.change = &o.change;
+    memcpy(o.write.user, r->session.user, sizeof o.write.user);
+    if (!read_order(r, &o))
+        return;
+    if (take_desk(desk, r, store))
+        begin(ui, r, &desk->board, &o, store);
+    give_back(desk);
+}
+
+void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    want(ui, r, store, APC_ALARM_ACK);
+}
+
+void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    want(ui, r, store, APC_ALARM_SHELF);
+}
+
+void post_alarm_service(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    want(ui, r, store, APC_ALARM_SERVICE);
+}

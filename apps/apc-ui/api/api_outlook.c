@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What predictive laws expected at a time, and what came of it. */
+#include <stdlib.h>
+
+#include "apc-ui/server/http.h"
+#include "record/outlook.h"
+
+static void values_json(const char *name, const double *v, size_t n, struct text *t)
+{
+    text_add(t, ",\"%s\":[", name);
+    for (size_t k = 0; k < n; k++) {
+        json_number_add(t, v[k]);
+        text_put(t, ",", 1);
+    }
+    text_chop(t, ',');
+    text_put(t, "]", 1);
+}
+
+static void course_json(const struct outlook_course *c, struct text *t)
+{
+    char ref[REF_LEN];
+    text_add(t, "{\"ref\":\"%s\",\"name\":", ref_format(c->table, c->id, ref));
+    json_string_add(t, c->name);
+    text_add(t, ",\"made\":");
+    json_time_add(t, c->made);
+    text_add(t, ",\"first\":");
+    json_seconds_add(t, c->first);
+    text_add(t, ",\"step\":");
+    json_seconds_add(t, c->step);
+    values_json("expected", c->expected, c->n, t);
+    values_json("came", c->came, c->n, t);
+    text_add(t, "},");
+}
+
+/* The tags are read anew: those that the model keeps are the ones that people see. */
+static int load(struct outlook *o, struct apc_store *store, apc_ns at, apc_ns now)
+{
+    int n = apc_store_get_tags(store, NULL, 0);
+    struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
+    int rc = n < 0 ? n : tag ? apc_store_get_tags(store, tag, (size_t)n) : APC_ENOMEM;
+    if (rc >= 0)
+        rc = outlook_load(o, store, tag, (size_t)(rc < n ? rc : n), at, 0);
+    if (rc == 0)
+        rc = outlook_take_store(o, store, now);
+    free(tag);
+    return rc;
+}
+
+void get_outlook(struct ui *ui, struct request *r, struct apc_store *store)
+{
+    struct outlook o = {0};
+    struct text *t = &r->reply;
+    const apc_ns now = apc_clock_utc(NULL);
+    apc_ns at = now;
+    (void)ui;
+    if (!query_time(r, "at", now, &at))
+        return;
+    const int rc = load(&o, store, at, now);
+    if (rc < 0)
+        fault_store(r, rc, store);
+    text_add(t, "{\"t\":");
+    json_time_add(t, now);
+    text_add(t, ",\"at\":");
+    json_time_add(t, at);
+    text_add(t, ",\"outlook\":[");
+    for (size_t i = 0; i < o.n; i++)
+        course_json(&o.course[i], t);
+    text_chop(t, ',');
+    text_add(t, "]}");
+    outlook_free(&o);
+}

@@ -1,0 +1,402 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * What the store has no wake-up for: each second the newest events and timing rows, now and then the
+ * descriptions and the files of users and tokens; and the audit rows that could not be written when they were
+ * due.
+ */
+#include <glob.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "daemon/recorder.h"
+#include "apc-ui/server/ui.h"
+
+#define LOOK       APC_NS_PER_S
+#define RECENT     64 /* events that are asked for first; more where the newest known is not among them ... */
+#define MOST       65536               /* ... up to these */
+#define FIRST      8192                /* of the first look, for what stands */
+#define TOGETHER   500                 /* in one message */
+#define BACK       (15 * APC_NS_PER_S) /* timing rows may come this late */
+#define FIRST_BACK (60 * APC_NS_PER_S)
+#define TAGS_EACH  10 /* looks */
+
+const char *const quantity_names[QUANTITIES] = {"lateness", "jitter", "run"};
+
+struct records {
+    struct ui *ui;
+    struct apc_store *store;
+    struct apc_event *event; /* [room]: of this look, oldest first */
+    size_t n, room;
+    struct apc_event last; /* newest event known */
+    bool know_last;
+    bool reported[TASKS]; /* tasks with news in this look */
+    bool started;
+    bool damaged[2]; /* the files of users and tokens, and it was said */
+};
+
+/* ---- Events ------------------------------------------------------------------------------- */
+
+void event_json(const struct apc_event *event, struct text *t)
+{
+    text_add(t, "{\"time\":");
+    json_time_add(t, event->time);
+    text_add(t, ",\"severity\":%d,\"source\":", (int)event->severity);
+    json_string_add(t, event->source);
+    text_add(t, ",\"kind\":");
+    json_string_add(t, event->kind);
+    text_add(t, ",\"text\":");
+    json_string_add(t, event->text);
+    text_add(t, "}");
+}
+
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    struct records *r = ctx;
+    if (r->n < r->room)
+        r->event[r->n++] = *event;
+    return 0;
+}
+
+static bool same_event(const struct apc_event *a, const struct apc_event *b)
+{
+    return a->time == b->time && a->severity == b->severity && !strcmp(a->source, b->source) &&
+           !strcmp(a->kind, b->kind) && !strcmp(a->text, b->text);
+}
+
+/* Who lost or found his connection says so by an event of kind link: a warning, an information. */
+static void take_link(struct model *m, const struct apc_event *event)
+{
+    size_t i = 0;
+    pthread_mutex_lock(&m->mutex);
+    while (i < m->links && strcmp(m->link[i].name, event->source) != 0)
+        i++;
+    if (i == m->links && i < LINKS)
+        m->links++;
+    if (i < LINKS) {
+        struct link_state *link = &m->link[i];
+        memcpy(link->name, event->source, sizeof link->name);
+        memcpy(link->text, event->text, sizeof link->text);
+        link->up = event->severity == APC_EVENT_INFO;
+        link->since = event->time;
+        link->changes++;
+    }
+    pthread_mutex_unlock(&m->mutex);
+}
+
+static void tell_events(struct records *r, size_t from, size_t to)
+{
+    struct text t = {0};
+    text_add(&t, "{\"events\":[");
+    for (size_t i = from; i < to; i++) {
+        event_json(&r->event[i], &t);
+        text_put(&t, ",", 1);
+    }
+    text_chop(&t, ',');
+    text_add(&t, "]}");
+    if (!t.failed)
+        stream_publish(r->ui->stream, "event", t.at, t.n, true);
+    text_free(&t);
+}
+
+/* The newest `last` events. Returns 0 or an error. */
+static int read_events(struct records *r, size_t last)
+{
+    const struct apc_range range = {.last = last};
+    if (last > r->room) {
+        struct apc_event *more = realloc(r->event, last * sizeof *more);
+        if (!more)
+            return APC_ENOMEM;
+        r->event = more;
+        r->room = last;
+    }
+    r->n = 0;
+    int rc = apc_store_events(r->store, &range, take_event, r);
+    return rc < 0 ? rc : 0;
+}
+
+/* Events have no number: the new ones are those behind the newest that is known. */
+static size_t first_new(const struct records *r)
+{
+    size_t from = r->n;
+    while (from > 0 && !(r->know_last && same_event(&r->event[from - 1], &r->last)))
+        from--;
+    return from;
+}
+
+static int look_events(struct records *r)
+{
+    size_t last = r->started ? RECENT : FIRST;
+    int rc = read_events(r, last);
+    while (rc == 0 && r->know_last && r->n == last && last < MOST && first_new(r) == 0)
+        rc = read_events(r, last *= 8);
+    if (rc < 0)
+        return rc;
+    size_t from = first_new(r);
+    for (size_t i = from; i < r->n; i++) {
+        if (!strcmp(r->event[i].kind, "link"))
+            take_link(&r->ui->model, &r->event[i]);
+        model_take_event(&r->ui->model, &r->event[i]);
+    }
+    for (size_t i = from, to; r->started && i < r->n; i = to) {
+        to = i + TOGETHER < r->n ? i + TOGETHER : r->n;
+        tell_events(r, i, to);
+    }
+    if (r->n > 0) {
+        r->last = r->event[r->n - 1];
+        r->know_last = true;
+    }
+    return 0;
+}
+
+/* ---- Timing ------------------------------------------------------------------------------- */
+
+void figures_json(const struct apc_summary *s, struct text *t)
+{
+    text_add(t, "{\"count\":%" PRIu64 ",\"mean\":%.9g,\"p50\":", s->count, s->mean / 1e9);
+    json_seconds_add(t, s->p50);
+    text_add(t, ",\"p99\":");
+    json_seconds_add(t, s->p99);
+    text_add(t, ",\"max\":");
+    json_seconds_add(t, s->max);
+    text_add(t, "}");
+}
+
+void window_json(const struct figures *f, struct text *t)
+{
+    if (f && f->count > 0)
+        figures_json(
+            &(struct apc_summary){
+                .count = f->count, .mean = f->mean, .p50 = f->p50, .p99 = f->p99, .max = f->max},
+            t);
+    else
+        text_add(t, "null");
+}
+
+void task_json(const struct task *task, apc_ns now, struct text *t)
+{
+    text_add(t, "{\"task\":");
+    json_string_add(t, task->name);
+    text_add(t, ",\"period\":");
+    json_seconds_add(t, task->period);
+    text_add(t, ",\"time\":");
+    json_time_add(t, task->last[RUN].time);
+    text_add(t, ",\"age\":");
+    json_seconds_add(t, now - task->heard);
+    text_add(t, ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64 ",\"missed_total\":%" PRIu64,
+             task->last[RUN].count, task->missed, task->missed_total);
+    for (int q = 0; q < QUANTITIES; q++) {
+        text_add(t, ",\"%s\":", quantity_names[q]);
+        window_json(&task->last[q], t);
+    }
+    text_add(t, "}");
+}
+
+static struct task *task_of(struct model *m, const char *name)
+{
+    size_t i = 0;
+    while (i < m->tasks && strcmp(m->task[i].name, name) != 0)
+        i++;
+    if (i == m->tasks && i < TASKS) {
+        m->tasks++;
+        memcpy(m->task[i].name, name, sizeof m->task[i].name);
+    }
+    return i < TASKS ? &m->task[i] : NULL;
+}
+
+static int quantity_of(const char *name)
+{
+    int q = 0;
+    while (q < QUANTITIES && strcmp(name, quantity_names[q]) != 0)
+        q++;
+    return q;
+}
+
+/* A row is new when it is later than what its task said last about this quantity. */
+static int take_timing(void *ctx, const struct apc_timing_row *row)
+{
+    struct records *r = ctx;
+    struct model *m = &r->ui->model;
+    int q = quantity_of(row->quantity);
+    pthread_mutex_lock(&m->mutex);
+    const bool exchange = !strcmp(row->task, TASK_EXCHANGE);
+    struct task *task = q == QUANTITIES ? NULL : exchange ? &m->exchange : task_of(m, row->task);
+    if (task && row->time > task->last[q].time) {
+        task->last[q] = (struct figures){.time = row->time,
+                                         .count = row->count,
+                                         .mean = row->mean,
+                                         .p50 = row->p50,
+                                         .p99 = row->p99,
+                                         .max = row->max};
+        task->total[q].count += row->count;
+        task->total[q].sum += row->mean * (double)row->count / 1e9;
+        task->period = row->period;
+        task->heard = apc_clock_mono(NULL) - (r->started ? 0 : apc_ns_since(apc_clock_utc(NULL), row->time));
+        if (q == RUN) { /* all quantities of a window have the same */
+            task->missed = row->missed;
+            task->missed_total += r->started ? row->missed : 0;
+        }
+        if (!exchange)
+            r->reported[task - m->task] = true;
+    }
+    pthread_mutex_unlock(&m->mutex);
+    return 0;
+}
+
+static void tell_tasks(struct records *r)
+{
+    struct model *m = &r->ui->model;
+    struct text t = {0};
+    apc_ns now = apc_clock_mono(NULL);
+    text_add(&t, "{\"tasks\":[");
+    size_t empty = t.n;
+    pthread_mutex_lock(&m->mutex);
+    for (size_t i = 0; i < m->tasks; i++)
+        if (r->reported[i]) {
+            task_json(&m->task[i], now, &t);
+            text_put(&t, ",", 1);
+        }
+    for (size_t i = 0; i < m->tasks; i++) /* they count more than what a file said */
+        plant_rhythm(&m->plant, m->task[i].name, m->task[i].period);
+    pthread_mutex_unlock(&m->mutex);
+    bool news = t.n > empty;
+    text_chop(&t, ',');
+    text_add(&t, "]}");
+    if (news && !t.failed)
+        stream_publish(r->ui->stream, "tasks", t.at, t.n, true);
+    text_free(&t);
+}
+
+static int look_timing(struct records *r)
+{
+    const struct apc_range range = {.since = apc_clock_utc(NULL) - (r->started ? BACK : FIRST_BACK)};
+    memset(r->reported, 0, sizeof r->reported);
+    int rc = apc_store_timing(r->store, &range, take_timing, r);
+    tell_tasks(r);
+    return rc < 0 ? rc : 0;
+}
+
+/* ---- Spools ------------------------------------------------------------------------------- */
+
+/* What daemons of this host keep back, all together. */
+static void look_spools(struct ui *ui)
+{
+    struct apc_spool_stats all = {0};
+    struct apc_spool_info info = {.size = sizeof info};
+    char pattern[4096];
+    glob_t found = {0};
+    if (!ui->options.spool)
+        return;
+    snprintf(pattern, sizeof pattern, "%s/*.spool", ui->options.spool);
+    if (glob(pattern, GLOB_NOSORT, NULL, &found) != 0)
+        found.gl_pathc = 0;
+    for (size_t i = 0; i < found.gl_pathc; i++) {
+        if (apc_spool_look(found.gl_pathv[i], &info, NULL) < 0)
+            continue;
+        all.samples += info.stats.samples;
+        all.events += info.stats.events;
+        if (info.stats.oldest > 0 && (all.oldest == 0 || info.stats.oldest < all.oldest))
+            all.oldest = info.stats.oldest;
+    }
+    globfree(&found);
+    pthread_mutex_lock(&ui->model.mutex);
+    ui->model.spool = all;
+    pthread_mutex_unlock(&ui->model.mutex);
+}
+
+/* ---- Descriptions and users --------------------------------------------------------------- */
+
+static bool described(struct ui *ui)
+{
+    pthread_mutex_lock(&ui->model.mutex);
+    bool any = ui->model.plant.n > 0;
+    pthread_mutex_unlock(&ui->model.mutex);
+    return any;
+}
+
+static void tell_access(struct ui *ui, enum apc_event_severity severity, const char *what, const char *text)
+{
+    struct apc_event event = {
+        .time = apc_clock_utc(NULL), .severity = severity, .kind = "access", .source = "apc-ui"};
+    snprintf(event.text, sizeof event.text, "%.150s %s", what, text);
+    apc_log_write(ui->log, APC_LOG_WARN, "%s", event.text);
+    audit(ui, NULL, &event);
+}
+
+/* What a file said is in force while it cannot be read; once it is gone, it names nobody. */
+static void reload(struct ui *ui, struct users *users, const char *path, bool *damaged)
+{
+    struct users now;
+    struct apc_error why;
+    int rc = users_load(&now, path, &why);
+    bool bad = rc < 0 && rc != APC_ENOTFOUND;
+    if (bad && !*damaged)
+        tell_access(ui, APC_EVENT_ALARM, why.text, "(what it said before stays in force)");
+    *damaged = bad;
+    if (bad || memcmp(&now.changed, &users->changed, sizeof now.changed) == 0) {
+        users_free(&now);
+        return;
+    }
+    pthread_mutex_lock(&ui->users_mutex);
+    struct users old = *users;
+    *users = now;
+    pthread_mutex_unlock(&ui->users_mutex);
+    users_free(&old);
+    tell_access(ui, APC_EVENT_WARNING, path, rc < 0 ? "is gone: nobody in it may log in" : "has changed");
+}
+
+static void look_users(struct records *r)
+{
+    struct ui *ui = r->ui;
+    char path[4096];
+    if (!ui->users_path[0])
+        return;
+    reload(ui, &ui->users, ui->users_path, &r->damaged[0]);
+    reload(ui, &ui->tokens, tokens_path(ui->users_path, path), &r->damaged[1]);
+    if (ui->users.n > 0)
+        ui->open = false;
+    sessions_revoke(&ui->sessions, &ui->users, &ui->tokens,
+                    apc_clock_utc(NULL)); /* nobody else writes them */
+}
+
+/* ------------------------------------------------------------------------------------------- */
+
+static int look(struct records *r, unsigned looks)
+{
+    int rc = audit_flush(r->ui, r->store);
+    if (rc >= 0)
+        rc = look_events(r);
+    if (rc >= 0)
+        rc = look_timing(r);
+    if (rc >= 0 && (looks % TAGS_EACH == 0 || !described(r->ui)))
+        rc = model_load(&r->ui->model, r->store);
+    if (rc >= 0)
+        r->started = true;
+    return rc;
+}
+
+void *records_thread(void *arg)
+{
+    struct records r = {.ui = arg};
+    struct apc_error why;
+    bool said = false;
+    if (ui_open_store(r.ui, "apc-ui records", 0, &r.store, &why) < 0)
+        return NULL;
+    for (unsigned looks = 1; !r.ui->stopping; looks++) {
+        r.ui->round[1] = apc_clock_mono(NULL);
+        int rc = look(&r, looks);
+        if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && !said)
+            apc_log_write(r.ui->log, APC_LOG_WARN, "events and timing cannot be read: %s",
+                          apc_store_error(r.store));
+        said = rc < 0;
+        look_spools(r.ui);
+        look_users(&r);
+        for (apc_ns left = LOOK; left > 0 && !r.ui->stopping; left -= LOOK / 4)
+            ui_pause(r.ui, LOOK / 4);
+    }
+    audit_flush(r.ui, r.store);
+    apc_store_close(r.store);
+    free(r.event);
+    return NULL;
+}

@@ -1,0 +1,388 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "writes.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "operate/outcome.h"
+
+#define EVENT_LATE (2 * APC_NS_PER_S) /* after the row that it tells of */
+
+struct writes {
+    pthread_mutex_t mutex;
+    struct write at[WRITES]; /* a ring */
+    uint64_t next;
+    write_told told;
+    void *ctx;
+};
+
+int writes_create(struct writes **writes, write_told told, void *ctx)
+{
+    struct writes *w = *writes = calloc(1, sizeof *w);
+    if (!w)
+        return APC_ENOMEM;
+    w->told = told;
+    w->ctx = ctx;
+    return pthread_mutex_init(&w->mutex, NULL) ? APC_ESYS : 0;
+}
+
+void writes_destroy(struct writes *w)
+{
+    if (!w)
+        return;
+    for (size_t i = 0; i < WRITES; i++)
+        free(w->at[i].change);
+    pthread_mutex_destroy(&w->mutex);
+    free(w);
+}
+
+bool key_ok(const char *key)
+{
+    size_t n = strspn(key, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-");
+    return n >= 8 && n < KEY_LEN && key[n] == '\0';
+}
+
+/* ---- JSON --------------------------------------------------------------------------------- */
+
+static void change_json(const struct write *write, const struct write_change *c, struct text *t)
+{
+    char ref[REF_LEN];
+    text_add(t, "{\"ref\":\"%s\",\"name\":", ref_format(c->after.table, c->after.id, ref));
+    json_string_add(t, c->name);
+    text_add(t, ",\"from\":");
+    if (c->before.seq > 0)
+        json_number_add(t, c->before.value);
+    else
+        text_add(t, "null");
+    text_add(t, ",\"to\":");
+    json_number_add(t, c->after.value);
+    if (write->stored == 1)
+        text_add(t, ",\"seq\":%" PRId64 "},", c->after.seq);
+    else
+        text_add(t, ",\"seq\":null},");
+}
+
+void write_json(const struct write *write, struct text *t)
+{
+    static const char *const kinds[] = {
+        [WRITE_SETPOINT] = "setpoint", [WRITE_OUTPUT] = "output",  [WRITE_MODE] = "mode",
+        [WRITE_OWNER] = "owner",       [WRITE_TUNING] = "tuning",  [WRITE_ACK] = "ack",
+        [WRITE_SHELVE] = "shelve",     [WRITE_SERVICE] = "service"};
+    static const char *const states[] = {
+        [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
+        [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};
+    text_add(t, "{\"key\":\"%s\",\"kind\":\"%s\",\"user\":", write->key, kinds[write->kind]);
+    json_string_add(t, write->user);
+    text_add(t, ",\"time\":");
+    json_time_add(t, write->time);
+    text_add(t, ",\"state\":\"%s\",\"stored\":%s,\"reason\":", states[write->state],
+             write->stored < 0 ? "null"
+             : write->stored   ? "true"
+                               : "false");
+    json_string_add(t, write->reason[0] ? write->reason : NULL);
+    text_add(t, ",\"changes\":[");
+    for (size_t i = 0; i < write->n; i++)
+        change_json(write, &write->change[i], t);
+    text_chop(t, ',');
+    text_add(t, "]}");
+}
+
+size_t writes_json(struct writes *w, const char *key, struct text *t)
+{
+    size_t n = 0;
+    pthread_mutex_lock(&w->mutex);
+    for (uint64_t i = w->next > WRITES ? w->next - WRITES : 0; i < w->next; i++) {
+        const struct write *write = &w->at[i % WRITES];
+        if (key && strcmp(key, write->key) != 0)
+            continue;
+        write_json(write, t);
+        text_add(t, ",");
+        n++;
+    }
+    text_chop(t, ',');
+    pthread_mutex_unlock(&w->mutex);
+    return n;
+}
+
+/* ---- Begin and end ------------------------------------------------------------------------ */
+
+static struct write *find(struct writes *w, const char *key)
+{
+    for (size_t i = 0; i < WRITES; i++)
+        if (w->at[i].n > 0 && !strcmp(w->at[i].key, key))
+            return &w->at[i];
+    return NULL;
+}
+
+static int begin(struct writes *w, const struct write *write)
+{
+    struct write_change *change = calloc(write->n + 1, sizeof *change);
+    struct write *place = &w->at[w->next % WRITES];
+    if (!change)
+        return APC_ENOMEM;
+    memcpy(change, write->change, write->n * sizeof *change);
+    free(place->change);
+    *place = *write;
+    place->change = change;
+    place->state = WRITE_BEGUN;
+    place->stored = -1;
+    place->asked = -1;
+    place->wanted = write->n;
+    w->next++;
+    return 0;
+}
+
+static bool same_write(const struct write *a, const struct write *b)
+{
+    bool same = a->kind == b->kind && a->wanted == b->n && !strcmp(a->user, b->user);
+    for (size_t i = 0; i < b->n && same; i++) {
+        const struct apc_sample *x = &a->change[i].after, *y = &b->change[i].after;
+        same = x->table == y->table && x->id == y->id && x->value >= y->value && x->value <= y->value;
+    }
+    return same;
+}
+
+int writes_begin(struct writes *w, const struct write *write, struct text *t)
+{
+    int rc;
+    pthread_mutex_lock(&w->mutex);
+    const struct write *known = find(w, write->key);
+    if (!known) {
+        rc = begin(w, write);
+    } else if (known->state == WRITE_BEGUN) {
+        rc = APC_EBUSY;
+    } else if (!same_write(known, write)) {
+        rc = APC_ECONFLICT;
+    } else {
+        write_json(known, t);
+        rc = 1;
+    }
+    pthread_mutex_unlock(&w->mutex);
+    return rc;
+}
+
+static void turn(struct writes *w, struct write *write, enum write_state state, int stored,
+                 const char *reason)
+{
+    write->state = state;
+    write->stored = stored;
+    snprintf(write->reason, sizeof write->reason, "%s", reason);
+    w->told(w->ctx, write);
+}
+
+void writes_end(struct writes *w, const char *key, const struct write *ended, const char *reason, apc_ns now,
+                struct text *t)
+{
+    pthread_mutex_lock(&w->mutex);
+    struct write *write = find(w, key);
+    if (write) {
+        write->n = ended->n <= write->n ? ended->n : write->n + 1; /* begin() left room for one */
+        memcpy(write->change, ended->change, write->n * sizeof *write->change);
+        write->ended = now;
+        turn(w, write, ended->state, ended->stored, reason);
+        write_json(write, t);
+    }
+    pthread_mutex_unlock(&w->mutex);
+}
+
+/* ---- Settling ----------------------------------------------------------------------------- */
+
+static const struct apc_sample *newest(const struct seen *seen, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < seen->n; i++)
+        if (seen->samples[i].table == table && seen->samples[i].id == id)
+            return &seen->samples[i];
+    return NULL;
+}
+
+static bool is_ours(const struct apc_sample *s, const struct apc_sample *ours)
+{
+    return s->time == ours->time && s->value >= ours->value && s->value <= ours->value;
+}
+
+/* Nobody answered whether it was stored: the rows tell, once one of the seqs is taken. Where the seq was the
+ * store's to give, only our own row tells anything. */
+static void settle_stored(struct writes *w, struct write *write, const struct seen *seen, apc_ns now)
+{
+    struct apc_sample *ours = &write->change[0].after;
+    const bool given = ours->seq > 0;
+    const struct apc_sample *s = newest(seen, ours->table, ours->id);
+    if (!s || s->seq == 0 || (given && s->seq < ours->seq))
+        return;
+    if ((!given || s->seq == ours->seq) && is_ours(s, ours)) {
+        ours->seq = s->seq;
+        write->ended = now;
+        turn(w, write, WRITE_ACCEPTED, 1, "");
+    } else if (given && s->seq == ours->seq) {
+        turn(w, write, WRITE_FAILED, 0, "it was not written: somebody else wrote first");
+    }
+}
+
+static const struct apc_sample *actual_of(const struct seen *seen, const struct apc_sample *s)
+{
+    static const struct apc_sample none = {0};
+    const struct apc_sample *actual = newest(seen, APC_ACTUAL, apc_variable_number(s->table, s->id));
+    return actual ? actual : &none;
+}
+
+static int controller_of(const struct seen *seen, const struct apc_sample *s)
+{
+    const struct apc_sample *own = newest(seen, s->table, s->id);
+    return own ? seen->by[own - seen->samples] : -1;
+}
+
+static enum outcome judge(const struct seen *seen, const struct apc_sample *s)
+{
+    static const struct apc_vector never = {0};
+    const int by = controller_of(seen, s);
+    if (!newest(seen, s->table, s->id)) /* it was written after they were read */
+        return OUTCOME_WAITING;
+    const struct outcome_seen one = {.write = s,
+                                     .actual = actual_of(seen, s),
+                                     .tick = by < 0 ? &never : &seen->tick[by],
+                                     .period = by < 0 ? 0 : seen->controller[by].period,
+                                     .now = seen->utc};
+    return outcome_of(&one);
+}
+
+/* Local it is with the row itself. Given back, it is the scheduler's once that has written the step that is
+ * due over the setpoint, which went along. */
+static enum outcome judge_owner(const struct seen *seen, const struct write *write)
+{
+    const struct apc_sample *ours = &write->change[0].after, *now = newest(seen, ours->table, ours->id),
+                            *along = write->n > 1 ? &write->change[1].after : NULL,
+                            *setpoint = along ? newest(seen, along->table, along->id) : NULL;
+    if (!now || now->seq < ours->seq)
+        return OUTCOME_WAITING;
+    if (now->seq > ours->seq)
+        return OUTCOME_SUPERSEDED;
+    return loops_is_local(ours) || !setpoint || setpoint->seq > along->seq ? OUTCOME_APPLIED
+                                                                           : OUTCOME_WAITING;
+}
+
+/* Of what was asked for, in one transaction, the part that is furthest from being in force. */
+static enum outcome worst(const struct seen *seen, const struct write *write, const struct write_change **of)
+{
+    static const int rank[] = {[OUTCOME_APPLIED] = 1,
+                               [OUTCOME_SUPERSEDED] = 2,
+                               [OUTCOME_WAITING] = 3,
+                               [OUTCOME_NOBODY] = 4,
+                               [OUTCOME_REFUSED] = 5};
+    enum outcome found = OUTCOME_APPLIED;
+    *of = write->change;
+    if (write->kind == WRITE_OWNER)
+        return judge_owner(seen, write);
+    for (size_t i = 0; i < write->wanted; i++) {
+        const enum outcome one = judge(seen, &write->change[i].after);
+        if (rank[one] <= rank[found])
+            continue;
+        found = one;
+        *of = &write->change[i];
+    }
+    return found;
+}
+
+static apc_ns patience(const struct seen *seen, int by)
+{
+    const apc_ns period = by < 0 ? 0 : seen->controller[by].period;
+    return 3 * (period > 0 ? period : 2 * APC_NS_PER_S) + 2 * APC_NS_PER_S;
+}
+
+static void not_confirmed(struct writes *w, struct write *write, const struct seen *seen,
+                          const struct apc_sample *s, enum outcome outcome)
+{
+    const int by = controller_of(seen, s);
+    const struct apc_sample *actual = actual_of(seen, s);
+    const char *mode = s->table == APC_OPMODE && actual->origin == s->seq && actual->seq > 0
+                           ? apc_mode_name((int)actual->value)
+                           : NULL;
+    const char *what = write->kind < WRITE_ACK ? "controller " : "";
+    char reason[160];
+    if (loops_is_owner(s))
+        snprintf(reason, sizeof reason, "it is stored, but no scheduler moves the setpoint");
+    else if (by < 0)
+        snprintf(reason, sizeof reason, "it is stored, but no controller takes it");
+    else if (outcome == OUTCOME_NOBODY)
+        snprintf(reason, sizeof reason, "it is stored, but %s%.63s does not tick: nobody applies it", what,
+                 seen->controller[by].name);
+    else if (mode)
+        snprintf(reason, sizeof reason, "it is asked for, but the loop is in %s", mode);
+    else
+        snprintf(reason, sizeof reason, "it is stored, but %s%.63s has not confirmed it", what,
+                 seen->controller[by].name);
+    turn(w, write, WRITE_UNKNOWN, 1, reason);
+}
+
+/* Returns whether its event is wanted, once a round. */
+static bool refused(struct writes *w, struct write *write, const struct write_change *c, apc_ns now,
+                    struct refusal *r)
+{
+    const bool found = !strcmp(r->key, write->key) && r->text[0];
+    if (!found && write->asked != now) {
+        write->asked = now;
+        *r = (struct refusal){.since = write->time};
+        memcpy(r->key, write->key, sizeof r->key);
+        memcpy(r->name, c->name, sizeof r->name);
+        return true;
+    }
+    if (found || now - write->ended > EVENT_LATE)
+        turn(w, write, WRITE_FAILED, 1, found ? r->text : "its controller refused it");
+    return false;
+}
+
+static bool settle_used(struct writes *w, struct write *write, const struct seen *seen, apc_ns now,
+                        struct refusal *r)
+{
+    const struct write_change *c;
+    const enum outcome outcome = worst(seen, write, &c);
+    switch (outcome) {
+    case OUTCOME_APPLIED:
+        turn(w, write, WRITE_APPLIED, 1, "");
+        break;
+    case OUTCOME_SUPERSEDED:
+        turn(w, write, WRITE_SUPERSEDED, 1, "a newer value came after it");
+        break;
+    case OUTCOME_REFUSED:
+        return refused(w, write, c, now, r);
+    case OUTCOME_NOBODY:
+    case OUTCOME_WAITING:
+        if (write->state == WRITE_ACCEPTED &&
+            (outcome == OUTCOME_NOBODY ||
+             now - write->ended > patience(seen, controller_of(seen, &c->after))))
+            not_confirmed(w, write, seen, &c->after, outcome);
+        break;
+    }
+    return false;
+}
+
+size_t writes_open(struct writes *w, struct apc_sample *rows)
+{
+    size_t n = 0;
+    pthread_mutex_lock(&w->mutex);
+    for (size_t i = 0; i < WRITES; i++) {
+        const struct write *write = &w->at[i];
+        if (write->kind < WRITE_ACK || (write->state != WRITE_ACCEPTED && write->state != WRITE_UNKNOWN))
+            continue;
+        const int id = write->change[0].after.id;
+        rows[n++] = (struct apc_sample){.table = APC_OPMODE, .id = id};
+        rows[n++] = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, id)};
+    }
+    pthread_mutex_unlock(&w->mutex);
+    return n;
+}
+
+bool writes_settle(struct writes *w, const struct seen *seen, apc_ns now, struct refusal *refusal)
+{
+    bool asks = false;
+    pthread_mutex_lock(&w->mutex);
+    for (uint64_t i = w->next > WRITES ? w->next - WRITES : 0; i < w->next && !asks; i++) {
+        struct write *write = &w->at[i % WRITES];
+        if (write->state == WRITE_UNKNOWN && write->stored < 0)
+            settle_stored(w, write, seen, now);
+        if (write->state == WRITE_ACCEPTED || (write->state == WRITE_UNKNOWN && write->stored == 1))
+            asks = settle_used(w, write, seen, now, refusal);
+    }
+    pthread_mutex_unlock(&w->mutex);
+    return asks;
+}

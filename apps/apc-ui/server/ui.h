@@ -1,0 +1,269 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The daemon's parts and threads:
+ *
+ *     server   (one, libmicrohttpd's)  takes requests, answers what is in memory, feeds the streams
+ *     writers, readers  (some)         answer what takes a store, or long: each has a store of its own
+ *     live     (one)                   waits in the store for newer samples: model, stream, writes
+ *     records  (one)                   looks each second for events, timing, descriptions, users
+ *     behind   (one)                   asks how far the history is behind the live store, where there are two
+ *     main                             signals; each second the beat and what has to be closed
+ *
+ * The model is what is newest, under one mutex that nobody holds while he waits for anything else.
+ */
+#ifndef APC_UI_H
+#define APC_UI_H
+
+#include <stdatomic.h>
+
+#include <apcalarm.h>
+#include <apcstore.h>
+#include <apctimer.h>
+
+#include "apc-ui/plant/plant.h"
+#include "record/alarm_board.h"
+#include "session.h"
+#include "stream.h"
+#include "apc-ui/plant/writes.h"
+
+struct files;
+struct server;
+
+struct ui_options {
+    const char *store, *listen, *users, *page, *tls_cert, *tls_key, *spool;
+    const char *graphic;  /* the file of the drawing; NULL: CONFIG's name, with .svg, if there is one */
+    const char *plants;   /* the file of the addresses of other plants' pages, or NULL */
+    const char *names[8]; /* --name, up to a NULL */
+    bool allow_plaintext;
+    double session; /* s */
+    double idle;    /* s until the page logs out who may write; 0: it does not */
+};
+
+/* Figures of a histogram of the last minutes. */
+struct meter {
+    pthread_mutex_t mutex;
+    struct apc_histogram *past, *now; /* `now` becomes `past` when it is old enough */
+    apc_ns since;
+    uint64_t count; /* since the start */
+    double sum;     /* s */
+};
+int meter_init(struct meter *m);
+void meter_free(struct meter *m);
+void meter_record(struct meter *m, apc_ns value);
+void meter_summary(struct meter *m, struct apc_summary *summary);
+
+/* What a task said last about one quantity, or about all of them since the daemon began. */
+struct figures {
+    apc_ns time; /* end of the window, UTC */
+    uint64_t count;
+    double mean, sum; /* ns; s */
+    apc_ns p50, p99, max;
+};
+
+enum { LATENESS = 0, JITTER, RUN, QUANTITIES };
+extern const char *const quantity_names[QUANTITIES];
+
+#define TASKS 64
+#define LINKS 16
+
+struct task {
+    char name[32];
+    apc_ns period, heard; /* heard: when the last window came, monotonic */
+    uint64_t missed, missed_total;
+    struct figures last[QUANTITIES], total[QUANTITIES];
+};
+
+struct link_state {
+    char name[32];
+    bool up;
+    apc_ns since;
+    char text[192];
+    uint64_t changes;
+};
+
+#define TROUBLE_LEN 192
+
+/* What stands, whatever scrolls away: told by events, judged by ticks. */
+struct standing {
+    bool external;                /* the plant, as far as anybody has said */
+    int safe;                     /* it is at its safe value or, external, given no command: 1, 0; -1:
+                                     nobody has said */
+    apc_ns safe_since;            /* UTC */
+    char (*trouble)[TROUBLE_LEN]; /* [loops] what was complained of last and has not been taken back, or "" */
+};
+
+/* What the history has not got of the live store. */
+struct behind {
+    int state; /* 1; 0: there is one store, or nobody has looked yet; negative: it is away, the error */
+    uint64_t rows;
+    bool nothing;        /* it has no row yet, and late means nothing */
+    apc_ns late, oldest; /* oldest: source time of the oldest sample in memory, UTC; 0: none */
+    char why[300];
+};
+
+struct model {
+    pthread_mutex_t mutex;
+    struct plant plant;
+    struct apc_sample *now; /* [count] as plant.tag; behind them what became of all that people may want */
+    apc_ns *moved;          /* [count] monotonic: when the seq was last seen to move; 0: never */
+    size_t count;
+    struct apc_vector *tick;  /* [plant.loops.n_controllers] no element of them, only when they were */
+    apc_ns *ticked;           /* [plant.loops.n_controllers] as moved */
+    struct apc_vector alarms; /* of who evaluates them, without value; id 0: there are none */
+    double alarm_numbers[APC_ALARMS_TICK];
+    apc_ns alarms_period, alarms_ticked;  /* as the controllers' */
+    int64_t catalogue;                    /* its revision: also what an alarm says is described there */
+    struct text alarms_are, alarms_stand; /* as JSON; empty: there are none */
+    struct text plant_zipped;             /* what is told of all that; empty: it is to be made */
+    unsigned zipped_of;                   /* revision of the plant then */
+    bool connected;
+    apc_ns since; /* UTC */
+    char error[300];
+    uint64_t connects;
+    struct task task[TASKS];
+    size_t tasks;
+    struct task exchange; /* apc-client's with the plant: only RUN */
+    struct link_state link[LINKS];
+    size_t links;
+    struct apc_spool_stats spool; /* of all spools of the folder */
+    struct standing standing;
+    struct behind looked, behind; /* of the last look; what is told */
+};
+
+/* ---- audit.c ---- */
+#define REFUSED 32
+
+struct audit {
+    pthread_mutex_t mutex;
+    struct apc_event event[256]; /* that wait for the store */
+    size_t waiting;
+    struct refusals { /* of one user, or of all strangers */
+        struct apc_event last;
+        apc_ns due;
+        uint64_t more; /* that have no row yet */
+    } refused[REFUSED];
+};
+
+struct ui;
+int audit_init(struct audit *audit);
+void audit_free(struct audit *audit);
+/* Write an event, now or as soon as the store takes it. */
+void audit(struct ui *ui, struct apc_store *store, const struct apc_event *event);
+/* Something was tried and refused. A flood of them leaves a row now and then, with their number. */
+void audit_refusal(struct ui *ui, const char *user, const char *address, const char *what, const char *why);
+/* What waits. Returns 0 or the store's error. */
+int audit_flush(struct ui *ui, struct apc_store *store);
+
+/* ---- api_alarm.c ---- */
+/* The alarms as the handlers know them: who writes waits for nobody who reads long. */
+enum { DESK_PAST = 0, DESK_WRITES, DESKS };
+struct desk {
+    pthread_mutex_t mutex; /* held while the store is asked */
+    struct alarm_board board;
+};
+int desks_init(struct desk desk[DESKS]);
+void desks_free(struct desk desk[DESKS]);
+void alarms_described_json(const struct experiment *e, struct text *t);
+void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t);
+
+/* ---- api_plants.c ---- */
+/* The plants of the database, as they were told last. */
+struct listing {
+    pthread_mutex_t mutex; /* held while the store is asked */
+    struct text json;
+    char why[200]; /* they could not be told; "": they were */
+    apc_ns made;   /* monotonic; 0: never */
+};
+int listing_init(struct listing *listing);
+void listing_free(struct listing *listing);
+
+struct ui {
+    struct ui_options options;
+    struct apc_log *log;
+    struct model model;
+    struct stream *stream;
+    struct writes *writes;
+    struct sessions sessions;
+    struct backoff backoff;
+    struct meter reads, stores, lag; /* reading, writing; source time to message */
+    pthread_mutex_t users_mutex;
+    char users_path[4096];
+    struct users users, tokens;
+    _Atomic bool open; /* no users: who runs the server is engineer, on this host */
+    bool tls;
+    int port;
+    apc_ns began;
+    struct files *files;
+    struct text graphic; /* an SVG; empty: there is none */
+    struct server *server;
+    _Atomic apc_ns round[2]; /* when the live and the records thread began their last one, monotonic */
+    _Atomic bool stopping;
+    _Atomic unsigned writing;     /* requests that a writer has not done with yet */
+    _Atomic uint64_t requests[6]; /* answered, by the hundreds of their status */
+
+    struct audit audit;
+    struct desk desk[DESKS];
+    struct listing listing;
+};
+
+/* ---- model.c ---- */
+int model_init(struct model *m);
+void model_free(struct model *m);
+/* Read them from the store. Returns 0 or its error. */
+int model_load(struct model *m, struct apc_store *store);
+/* Of an event: what of it stands. */
+void model_take_event(struct model *m, const struct apc_event *event);
+void model_state_json(struct ui *ui, struct text *t);
+apc_ns model_age(const struct model *m, size_t i, apc_ns now); /* locked; < 0: no sample yet */
+/* It should come again and again, and did not in time, or never did. Locked. */
+bool model_stale(const struct model *m, size_t i, apc_ns now);
+/* Does the controller tick? 1, 0; -1: how often it should is not known. Locked. */
+int model_ticks(const struct model *m, size_t controller, apc_ns now);
+bool model_alarms_live(const struct model *m, apc_ns now); /* somebody evaluates them. Locked. */
+/* What does not tick, a line each, for people. Returns how many. Locked. */
+size_t model_silent(const struct model *m, apc_ns now, struct text *t);
+void control_json(const struct model *m, apc_ns now, struct text *t); /* locked */
+void model_store(struct ui *ui, bool connected, const char *error);
+void store_state_json(const struct model *m, struct text *t); /* locked */
+
+/* ---- alarms.c ---- */
+struct alarm_watch {
+    struct alarm_board board;
+    struct alarm_told { /* of one alarm, what was told of it */
+        struct text json;
+        int64_t seq;
+        apc_ns shelved;
+    } * told;           /* [board.e.n_alarms]; NULL: there are none */
+    int64_t looked;     /* seq of the tick row at the last look; 0: there was none */
+    double transitions; /* the number of the last one then */
+};
+/* Which there are, by the catalogue: into the model. Returns 0 or the store's error: what is wrong with a
+ * catalogue is no reason to show nothing of the plant. */
+int alarm_watch_describe(struct alarm_watch *watch, struct ui *ui, struct apc_store *store);
+/* How they stand, if by the newest tick row of apc-alarms that may be new: into the model and the stream. */
+int alarm_watch_look(struct alarm_watch *watch, struct ui *ui, struct apc_store *store,
+                     const struct apc_vector *tick);
+void alarm_watch_free(struct alarm_watch *watch);
+
+/* ---- behind.c ---- */
+/* A look at it. What is seldom written is for a moment as late as it is seldom: two looks must agree on it.
+ */
+void model_behind(struct model *m, const struct behind *now);
+void behind_json(const struct model *m, struct text *t); /* locked */
+
+/* ---- threads: until ui->stopping; arg is the ui ---- */
+void *live_thread(void *arg);
+void *records_thread(void *arg);
+void *behind_thread(void *arg);
+int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
+                  struct apc_error *why); /* timeout 0: the library's default */
+/* Wait a little, unless it is time to stop. */
+void ui_pause(struct ui *ui, apc_ns pause);
+
+/* ---- records.c ---- */
+void event_json(const struct apc_event *event, struct text *t);
+void task_json(const struct task *task, apc_ns now, struct text *t);
+void figures_json(const struct apc_summary *summary, struct text *t);
+void window_json(const struct figures *window, struct text *t); /* NULL, or nothing in it: null */
+
+#endif

@@ -1,0 +1,187 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc cert: a small authority, and the certificates of a plant and its clients for tls:. */
+#include <dirent.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "authority.h"
+#include "apc/common/cli.h"
+
+#define DAYS           825
+#define AUTHORITY_DAYS 3650
+#define DAYS_MAX       36500
+#define DAY            (24 * 3600L)
+#define EARLIER        300 /* s: clocks differ */
+#define HOSTS_MAX      32
+
+struct options {
+    const char *folder;
+    const char *hosts[HOSTS_MAX];
+    size_t n_hosts;
+    long days; /* 0: not given */
+    bool replace;
+};
+
+enum { OPT_DIR = 0x400, OPT_HOST, OPT_DAYS, OPT_REPLACE };
+
+static const struct argp_option option_list[] = {
+    {"dir", OPT_DIR, "DIR", 0, "Folder of the authority and of what it makes [APC_CERTS]; default certs", 0},
+    {"host", OPT_HOST, "HOST", 0,
+     "Of a plant: a name or an address at which clients find it, as in tls:HOST:PORT; as often as it has "
+     "some",
+     0},
+    {"days", OPT_DAYS, "N", 0, "How long it is good: default 825, of an authority 3650", 0},
+    {"replace", OPT_REPLACE, NULL, 0, "Make one anew that is there, for instance because it expires", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct options *o = state->input;
+    char *end = arg;
+
+    switch (key) {
+    case OPT_DIR:
+        if (!*arg)
+            argp_error(state, "--dir \"\": must name a folder");
+        o->folder = arg;
+        break;
+    case OPT_HOST:
+        if (o->n_hosts == HOSTS_MAX)
+            argp_error(state, "--host may be given %d times at most", HOSTS_MAX);
+        o->hosts[o->n_hosts++] = arg;
+        break;
+    case OPT_DAYS:
+        o->days = strtol(arg, &end, 10);
+        if (end == arg || *end || o->days < 1 || o->days > DAYS_MAX)
+            argp_error(state, "--days \"%s\": must be a whole number, 1 to %d", arg, DAYS_MAX);
+        break;
+    case OPT_REPLACE:
+        o->replace = true;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "authority [NAME] | plant NAME --host HOST | client NAME | list",
+    .doc =
+        "Who is who on a link tls:HOST:PORT. `authority` makes, once, an authority of your own in a folder: "
+        "authority.key, its secret, which stays where it is, and authority.pem. `plant` and `client` make an "
+        "identity, DIR/NAME.pem: a key, its certificate, and that of the authority; the one file that "
+        "apc-plant or apc-client wants (--identity). A plant is known by where it is (--host), a client by "
+        "its "
+        "name: apc-plant takes commands from the names that it is told (--client), and lets nobody else in. "
+        "`list` says who there is, and how long each is good. Files with a key are readable by their owner "
+        "only "
+        "(0600): bring each to its computer by a way that nobody listens to, and keep the authority's key "
+        "off "
+        "both. Daemons take up by themselves what was made anew (--replace).",
+    .takes = 0,
+    .min_args = 1,
+    .max_args = 2,
+    .extra = &extra,
+};
+
+static int make(const struct cli *cli, const struct options *o, enum authority_role role, const char *name)
+{
+    const long days = o->days ? o->days : role == ROLE_AUTHORITY ? AUTHORITY_DAYS : DAYS;
+    const time_t now = time(NULL);
+    const struct authority_request request = {.name = name,
+                                              .role = role,
+                                              .hosts = o->hosts,
+                                              .n_hosts = o->n_hosts,
+                                              .from = now - EARLIER,
+                                              .until = now + days * DAY,
+                                              .replace = o->replace};
+    struct apc_error why;
+    int rc = role == ROLE_AUTHORITY ? authority_create(o->folder, &request, &why)
+                                    : authority_issue(o->folder, &request, &why);
+
+    if (rc < 0)
+        return cli_error(cli, rc, "%s%s", why.text,
+                         rc != APC_EBUSY ? ""
+                         : role == ROLE_AUTHORITY
+                             ? "; what it vouches for would be worth nothing: take another "
+                               "folder, or remove it"
+                             : "; --replace makes it anew");
+    printf("%s/%s.pem made, good for %ld days\n", o->folder, role == ROLE_AUTHORITY ? "authority" : name,
+           days);
+    return EXIT_OK;
+}
+
+static void show(const struct authority_certificate *c)
+{
+    static const char *const roles[] = {"other", "authority", "plant", "client"};
+    const time_t now = time(NULL);
+    struct tm tm;
+    char until[32] = "";
+
+    if (gmtime_r(&c->until, &tm))
+        strftime(until, sizeof until, "%Y-%m-%d", &tm);
+    printf("%-20s  %-9s  until %s", c->name, roles[c->role], until);
+    if (c->until <= now)
+        printf("  EXPIRED");
+    else if (c->from > now)
+        printf("  NOT YET GOOD");
+    else
+        printf("  %ld days", (long)(c->until - now + DAY / 2) / DAY);
+    printf("%s%s\n", *c->hosts ? "  " : "", c->hosts);
+}
+
+static int is_certificate(const struct dirent *entry)
+{
+    const char *dot = strrchr(entry->d_name, '.');
+    return dot && dot != entry->d_name && !strcmp(dot, ".pem");
+}
+
+static int list(const struct cli *cli, const struct options *o)
+{
+    struct dirent **entry;
+    int n = scandir(o->folder, &entry, is_certificate, alphasort), status = EXIT_OK;
+
+    if (n < 0)
+        return cli_error(cli, APC_ENOTFOUND, "there is no folder \"%s\": `apc cert authority` makes one",
+                         o->folder);
+    for (int i = 0; i < n; i++) {
+        struct authority_certificate c;
+        struct apc_error why;
+        char path[4096];
+
+        snprintf(path, sizeof path, "%s/%s", o->folder, entry[i]->d_name);
+        int rc = authority_read(path, &c, &why);
+        if (rc < 0)
+            status = cli_error(cli, rc, "%s", why.text);
+        else
+            show(&c);
+        free(entry[i]);
+    }
+    free(entry);
+    return cli_done(cli, status);
+}
+
+int command_cert(int argc, char **argv)
+{
+    struct options o = {.folder = getenv("APC_CERTS")};
+    struct cli cli;
+
+    if (!o.folder || !*o.folder)
+        o.folder = "certs";
+    cli_parse(&cli, &spec, &o, argc, argv);
+    const char *what = cli.args[0], *name = cli.n_args > 1 ? cli.args[1] : NULL;
+    const bool plant = !strcmp(what, "plant");
+
+    if (!plant && o.n_hosts)
+        return cli_usage(&cli, "--host is of a plant");
+    if (!strcmp(what, "list") && !name)
+        return list(&cli, &o);
+    if (!strcmp(what, "authority") && !o.replace)
+        return make(&cli, &o, ROLE_AUTHORITY, name ? name : "apc-authority");
+    if ((plant || !strcmp(what, "client")) && name)
+        return make(&cli, &o, plant ? ROLE_PLANT : ROLE_CLIENT, name);
+    return cli_usage(&cli, "must be authority (which is never replaced), plant NAME, client NAME or list");
+}

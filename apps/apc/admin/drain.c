@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc drain: what was left in a folder, by daemons whose store was away or by a run that was killed. */
+#include "apc/common/cli.h"
+#include "apc/folder/keep.h"
+#include "apc/folder/spools.h"
+
+static const struct cli_spec spec = {
+    .args_doc = "DIR",
+    .doc = "Store what is left in the folder DIR: of daemons in spools (*.spool), which they had kept back "
+           "while "
+           "the store was away, the next start of such a daemon does the same; of a run that was killed "
+           "also what was in its memory, which goes to its history and is freed. --store says which history, "
+           "where "
+           "the folder does not.",
+    .takes = CLI_STORE | CLI_OWN_STORE,
+    .min_args = 1,
+    .max_args = 1,
+};
+
+int command_drain(int argc, char **argv)
+{
+    struct apc_error why;
+    struct cli cli;
+    cli_parse(&cli, &spec, NULL, argc, argv);
+    const char *store = cli.store ? cli.store : "postgresql:";
+    int rc = keep_left(cli.args[0], store, cli.timeout, &why);
+    if (rc == 0)
+        rc = spools_drain(cli.args[0], store, cli.timeout, &why);
+    return rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;
+}

@@ -1,0 +1,124 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc maintain: the store's housekeeping. */
+#include "apc/common/several.h"
+
+#include <stdlib.h>
+
+#define DAY (86400 * APC_NS_PER_S)
+
+enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS, OPT_PACK, OPT_ALL };
+
+static const struct argp_option option_list[] = {
+    {"keep", OPT_KEEP, "DURATION", 0,
+     "Drop samples and timing older than that, as 90d or 36h; default: keep them for ever", 0},
+    {"keep-events", OPT_EVENTS, "DURATION", 0, "Drop events older than that; default: keep them for ever", 0},
+    {"keep-ticks", OPT_TICKS, "DURATION", 0,
+     "Drop ticks and predictions older than that; default: 1d, or what --keep says if that is shorter", 0},
+    {"pack", OPT_PACK, "DURATION", 0,
+     "Pack samples that are older than that, as 14d, of PostgreSQL whole weeks: a quarter to a tenth of the "
+     "room, the same history; default: none",
+     0},
+    {"all", OPT_ALL, NULL, 0, "All plants in the database whose tables are yours, one after the other", 0},
+    {0},
+};
+
+struct wish {
+    const char *keep, *events, *ticks, *pack;
+    bool all;
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct wish *wish = state->input;
+    switch (key) {
+    case OPT_KEEP:
+        wish->keep = arg;
+        return 0;
+    case OPT_EVENTS:
+        wish->events = arg;
+        return 0;
+    case OPT_TICKS:
+        wish->ticks = arg;
+        return 0;
+    case OPT_PACK:
+        wish->pack = arg;
+        return 0;
+    case OPT_ALL:
+        wish->all = true;
+        return 0;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .doc = "Make room ahead for what will be stored, and drop what is older than is to be kept. For the "
+           "owner of "
+           "the tables; run it once a day, the programs may go on meanwhile. Samples are dropped by the week "
+           "where "
+           "tables are partitioned, ticks and predictions by the day; the newest sample of each variable "
+           "always stays.",
+    .takes = CLI_STORE,
+    .extra = &own,
+};
+
+/* Of one plant, whose name is NULL where there is one only. Returns 0, or an error already said. */
+static int maintain(const struct cli *cli, const char *plant, const struct apc_retention *keep)
+{
+    struct apc_store *store = NULL;
+    int rc = cli_open(cli, &store);
+    if (rc < 0)
+        return rc;
+    rc = apc_store_maintain(store, keep);
+    if (rc < 0)
+        cli_error(cli, rc, "%s%s%s", plant ? plant : "", plant ? ": " : "", apc_store_error(store));
+    else
+        printf("%s%s%d rows and partitions dropped%s\n", plant ? plant : "", plant ? ": " : "", rc,
+               keep->packed > 0 ? " or packed" : "");
+    apc_store_close(store);
+    return rc < 0 ? rc : 0;
+}
+
+/* What fails in one plant is said, and the others have their turn. */
+static int maintain_all(const struct cli *cli, const struct apc_retention *keep)
+{
+    struct several all;
+    size_t n = 0;
+    int failed = several_load(&all, cli);
+    for (size_t i = 0; i < all.n; i++) {
+        if (!all.plant[i].owned)
+            continue;
+        struct cli one = *cli;
+        char *uri = several_store(cli, all.plant[i].schema);
+        one.store = uri;
+        int rc = uri ? maintain(&one, all.plant[i].schema, keep) : APC_ENOMEM;
+        failed = failed ? failed : rc;
+        free(uri);
+        n++;
+    }
+    if (!failed && n == 0)
+        cli_error(cli, failed = APC_ENOTFOUND, "the database has no plant whose tables are yours");
+    several_free(&all);
+    return failed;
+}
+
+int command_maintain(int argc, char **argv)
+{
+    struct wish wish = {0};
+    struct apc_retention keep = {.size = sizeof keep};
+    struct cli cli;
+
+    cli_parse(&cli, &spec, &wish, argc, argv);
+    if (cli_duration(&cli, "keep", wish.keep, &keep.samples) != EXIT_OK ||
+        cli_duration(&cli, "keep-events", wish.events, &keep.events) != EXIT_OK ||
+        cli_duration(&cli, "keep-ticks", wish.ticks, &keep.ticks) != EXIT_OK ||
+        cli_duration(&cli, "pack", wish.pack, &keep.packed) != EXIT_OK)
+        return EXIT_USAGE;
+    keep.timing = keep.samples;
+    if (!wish.ticks)
+        keep.ticks = keep.samples > 0 && keep.samples < DAY ? keep.samples : DAY;
+    int rc = wish.all ? maintain_all(&cli, &keep) : maintain(&cli, NULL, &keep);
+    return cli_done(&cli, exit_code_of(rc));
+}

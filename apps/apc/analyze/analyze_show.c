@@ -1,0 +1,367 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "analyze.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "apc/report/gnuplot.h"
+#include "apc/common/print.h"
+#include "apc/report/report_script.h"
+#include "files/csv.h"
+
+#define HEIGHT 500.0
+#define CURVES 6
+#define POLES  12
+
+/* ---- For people ----------------------------------------------------------------------------- */
+
+static void show_point(const struct loop_analysis *z)
+{
+    const struct apc_model *m = z->e.plant.model;
+    printf("%s: %s\naround ", z->e.name, z->e.title);
+    for (size_t i = 0; i < m->nu; i++)
+        printf("%s%s %.5g", i ? ", " : "", z->e.u[i].tag.name, z->l.u[i]);
+    for (size_t i = 0; i < m->ny; i++)
+        printf("%s%s %.5g", i ? ", " : ": ", z->e.y[i].tag.name, z->l.y[i]);
+    putchar('\n');
+}
+
+static void put(struct print_table *t, double value)
+{
+    if (isnan(value))
+        print_cell(t, PRINT_PLAIN, "-");
+    else if (isinf(value))
+        print_cell(t, PRINT_PLAIN, "any");
+    else
+        print_cell(t, PRINT_PLAIN, "%.4g", value);
+}
+
+static int show_margins(const struct loop_analysis *z)
+{
+    static const struct print_column columns[] = {
+        {"loop", PRINT_LEFT},       {"gain x at least", PRINT_POINT}, {"at most", PRINT_POINT},
+        {"phase deg", PRINT_POINT}, {"delay s", PRINT_POINT},         {"jitter s", PRINT_POINT},
+        {"peak", PRINT_POINT},      {"at rad/s", PRINT_POINT},        {"crossover rad/s", PRINT_POINT}};
+    struct print_table t;
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t o = z->n == 1 ? 1 : 0; o <= z->n; o++) {
+        const size_t at = z->n == 1 ? 0 : o;
+        const struct apc_loop_margins *m = &z->loop[at].margins;
+        print_cell(&t, PRINT_PLAIN, "%s", z->loop[at].name);
+        put(&t, m->gain_least);
+        put(&t, m->gain);
+        put(&t, m->phase);
+        put(&t, m->delay);
+        put(&t, m->jitter);
+        put(&t, m->sensitivity);
+        put(&t, m->at);
+        put(&t, m->crossover);
+    }
+    const int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    return rc;
+}
+
+/* ---- What noise costs */
+
+static const char *const cause_key[COST_CAUSES] = {"ideal", "period", "latency", "jitter", "loss"};
+
+static int first_cause(const struct loop_analysis *z)
+{
+    return z->cost.known[COST_IDEAL] ? COST_IDEAL : COST_PERIOD;
+}
+
+/* In % of the ideal, the mean over the measurements that noise moves. */
+static double costs(const struct loop_analysis *z, int cause)
+{
+    const int ideal = first_cause(z);
+    double sum = 0.0;
+    size_t n = 0;
+    for (size_t i = 0; i < z->e.dim.ny; i++)
+        if (z->cost.known[cause] && z->cost.known[ideal] && z->cost.y[ideal][i] > 0.0) {
+            sum += 100.0 * (z->cost.y[cause][i] / z->cost.y[ideal][i] - 1.0);
+            n++;
+        }
+    return n ? sum / (double)n : (double)NAN;
+}
+
+static void put_cause(struct print_table *t, const struct loop_analysis *z, int cause, size_t ny)
+{
+    const struct linear_loop *l = &z->l;
+    switch (cause) {
+    case COST_IDEAL:
+        print_cell(t, PRINT_PLAIN, "%.0f times as often, at once", z->cost.faster);
+        break;
+    case COST_PERIOD:
+        print_cell(t, PRINT_PLAIN, "as often as it ticks, at once");
+        break;
+    case COST_LATENCY:
+        print_cell(t, PRINT_PLAIN, "%.4g s later", apc_ns_to_s(l->tick[0].acts - l->tick[0].sampled));
+        break;
+    case COST_JITTER:
+        print_cell(t, PRINT_PLAIN, "not always as late");
+        break;
+    default:
+        print_cell(t, PRINT_PLAIN, "frames are lost");
+    }
+    for (size_t i = 0; i < ny; i++) {
+        if (z->cost.known[cause] && isfinite(z->cost.y[cause][i]))
+            print_cell(t, PRINT_PLAIN, "%.5g", z->cost.y[cause][i]);
+        else
+            print_cell(t, PRINT_PLAIN, z->cost.known[cause] ? "unstable" : "-");
+    }
+    put(t, costs(z, cause));
+    put(t, cause == first_cause(z) ? 0.0 : costs(z, cause) - costs(z, cause - 1));
+}
+
+static int show_cost(const struct loop_analysis *z)
+{
+    struct print_column columns[PRINT_COLUMNS] = {{"mean square of", PRINT_LEFT}};
+    const size_t ny = z->e.dim.ny < PRINT_COLUMNS - 3 ? z->e.dim.ny : PRINT_COLUMNS - 3;
+    struct print_table t;
+    for (size_t i = 0; i < ny; i++)
+        columns[i + 1] = (struct print_column){z->e.y[i].tag.name, PRINT_POINT};
+    columns[ny + 1] = (struct print_column){"costs %", PRINT_POINT};
+    columns[ny + 2] = (struct print_column){"of it this", PRINT_POINT};
+    fputs("\nunder the noise of the file, around its point", stdout);
+    fputs(z->own.timing ? ", with the timing of the run\n" : "\n", stdout);
+    print_table_open(&t, columns, ny + 3);
+    for (int k = first_cause(z); k < COST_CAUSES; k++)
+        put_cause(&t, z, k, ny);
+    const int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    if (z->cost.unknown[0])
+        printf("%s\n", z->cost.unknown);
+    return rc;
+}
+
+/* As time constants, which people compare with the plant's; a pair of conjugate ones on one line. */
+static void show_poles(const struct loop_analysis *z)
+{
+    const double T = apc_ns_to_s(z->l.setup.period);
+    int shown = 0;
+    printf("\npoles over %.5g s, the slowest first; %zu states\n", T, z->states);
+    for (size_t i = 0; i < z->states && shown < POLES; i++) {
+        const double re = z->pole_re[i], im = z->pole_im[i], size = hypot(re, im);
+        const double decay = log(size) / T, turn = atan2(im, re) / T;
+        if (size < 1e-9 || im < -1e-9 * size)
+            continue;
+        shown++;
+        if (im > 1e-9 * size)
+            printf("  %.6g +- %.6gi", re, im);
+        else
+            printf("  %.6g", re);
+        if (size < 1.0)
+            printf("  time constant %.4g s", -1.0 / decay);
+        else
+            fputs("  grows", stdout);
+        if (im > 1e-9 * size)
+            printf(", %.4g rad/s, damping %.3g", hypot(decay, turn), -decay / hypot(decay, turn));
+        putchar('\n');
+    }
+}
+
+static bool stable(const struct loop_analysis *z)
+{
+    return z->loop[z->n].margins.stable;
+}
+
+static int show_text(const struct loop_analysis *z)
+{
+    int rc = EXIT_OK;
+    show_point(z);
+    if (stable(z)) {
+        if (show_margins(z) < 0)
+            rc = cli_error(&z->cli, APC_ENOMEM, "out of memory");
+    } else {
+        rc = cli_error(
+            &z->cli, APC_ESOLVER,
+            "the closed loop is not stable around this point, so it has no margins: the pole that grows "
+            "stands first below. Try less gain (--set PATH=VALUE), another point (--at), or have apc "
+            "optimize look for numbers");
+    }
+    show_poles(z);
+    if (z->noisy && show_cost(z) < 0)
+        rc = cli_error(&z->cli, APC_ENOMEM, "out of memory");
+    if (z->own.figure)
+        printf("\nfigure:  %s.svg, %s.png\n", z->own.figure, z->own.figure);
+    return rc;
+}
+
+/* ---- For programs --------------------------------------------------------------------------- */
+
+static void json_loop(const struct analysis_of_loop *l)
+{
+    const struct apc_loop_margins *m = &l->margins;
+    const struct {
+        const char *key;
+        double value;
+    } of[] = {{"gain_least", m->gain_least}, {"gain", m->gain},
+              {"phase", m->phase},           {"delay", m->delay},
+              {"jitter", m->jitter},         {"sensitivity", m->sensitivity},
+              {"sensitivity_at", m->at},     {"complementary", m->complementary},
+              {"crossover", m->crossover}};
+    putchar('{');
+    print_json_text(stdout, "loop", l->name);
+    for (size_t i = 0; i < sizeof of / sizeof *of && m->stable; i++) {
+        putchar(',');
+        print_json_number(stdout, of[i].key, of[i].value);
+    }
+    putchar('}');
+}
+
+static void json_cost(const struct loop_analysis *z)
+{
+    fputs(",\n\"mean_square\":{", stdout);
+    for (int k = 0; k < COST_CAUSES; k++) {
+        printf("%s\"%s\":{", k ? ",\n" : "\n", cause_key[k]);
+        for (size_t i = 0; i < z->e.dim.ny; i++) {
+            fputs(i ? "," : "", stdout);
+            print_json_number(stdout, z->e.y[i].tag.name, z->cost.known[k] ? z->cost.y[k][i] : (double)NAN);
+        }
+        putchar('}');
+    }
+    putchar('}');
+}
+
+static int show_json(const struct loop_analysis *z)
+{
+    char re[PRINT_LEN], im[PRINT_LEN];
+    putchar('{');
+    print_json_text(stdout, "experiment", z->e.name);
+    printf(",\"stable\":%s,\"period\":%s,\"at\":{", stable(z) ? "true" : "false",
+           print_exact(apc_ns_to_s(z->l.setup.period), re));
+    for (size_t i = 0; i < z->e.dim.nu; i++) {
+        fputs(i ? "," : "", stdout);
+        print_json_number(stdout, z->e.u[i].tag.name, z->l.u[i]);
+    }
+    for (size_t i = 0; i < z->e.dim.ny; i++) {
+        putchar(',');
+        print_json_number(stdout, z->e.y[i].tag.name, z->l.y[i]);
+    }
+    fputs("},\n\"loops\":[", stdout);
+    for (size_t o = 0; o <= z->n; o++) {
+        fputs(o == 0 ? "\n" : o < z->n ? ",\n" : "],\n\"all\":", stdout);
+        json_loop(&z->loop[o]);
+    }
+    fputs(",\n\"poles\":[", stdout);
+    for (size_t i = 0; i < z->states; i++)
+        printf("%s[%s,%s]", i ? "," : "", print_exact(z->pole_re[i], re), print_exact(z->pole_im[i], im));
+    putchar(']');
+    if (z->noisy)
+        json_cost(z);
+    puts("}");
+    return stable(z) ? EXIT_OK : EXIT_ERROR;
+}
+
+static int show_csv(const struct loop_analysis *z)
+{
+    char w[PRINT_LEN], re[PRINT_LEN], im[PRINT_LEN];
+    puts("loop,rad_per_s,real,imaginary");
+    for (size_t o = 0; o < z->n; o++)
+        for (size_t k = 0; k < z->loop[o].points; k++)
+            if (isfinite(z->loop[o].re[k])) {
+                csv_put(stdout, z->loop[o].name);
+                printf(",%s,%s,%s\n", print_exact(z->loop[o].w[k], w), print_exact(z->loop[o].re[k], re),
+                       print_exact(z->loop[o].im[k], im));
+            }
+    return EXIT_OK;
+}
+
+int analyze_show(const struct loop_analysis *z)
+{
+    return z->cli.format == CLI_JSON ? show_json(z) : z->cli.format == CLI_CSV ? show_csv(z) : show_text(z);
+}
+
+/* ---- The figure ----------------------------------------------------------------------------- */
+
+static size_t curves_of(const struct loop_analysis *z)
+{
+    return z->n < CURVES ? z->n : CURVES;
+}
+
+/* w, |L|, phase that goes on where the principal value would jump, real, imaginary. */
+static void put_blocks(FILE *script, const struct loop_analysis *z)
+{
+    for (size_t o = 0; o < curves_of(z); o++) {
+        const struct analysis_of_loop *l = &z->loop[o];
+        double phase = (double)NAN;
+        fprintf(script, "$loop%zu << END\n", o);
+        for (size_t k = 0; k < l->points; k++) {
+            double angle = atan2(l->im[k], l->re[k]) * 180.0 / M_PI;
+            if (!isfinite(angle))
+                continue;
+            if (isnan(phase))
+                phase = angle > 0.0 ? angle - 360.0 : angle;
+            phase += remainder(angle - phase, 360.0);
+            fprintf(script, "%.7g %.7g %.7g %.7g %.7g\n", l->w[k], hypot(l->re[k], l->im[k]), phase, l->re[k],
+                    l->im[k]);
+        }
+        fputs("END\n", script);
+    }
+}
+
+static void put_curves(FILE *script, const struct loop_analysis *z, const char *columns, bool titles)
+{
+    static const unsigned colour[CURVES] = {0x0072B2, 0xD55E00, 0x009E73, 0xCC79A7, 0xE69F00, 0x56B4E9};
+    for (size_t o = 0; o < curves_of(z); o++) {
+        fprintf(script, ", $loop%zu using %s with lines lw 1.6 lc rgb 0x%06X ", o, columns, colour[o]);
+        if (titles) {
+            fputs("title ", script);
+            report_quoted(script, z->loop[o].name);
+            fputs(" noenhanced", script);
+        } else {
+            fputs("notitle", script);
+        }
+    }
+    fputc('\n', script);
+}
+
+static void put_frame(FILE *script, double left, double right, double top, double bottom)
+{
+    fprintf(script,
+            "%sset lmargin at screen %.4f\nset rmargin at screen %.4f\nset tmargin at screen %.4f\n"
+            "set bmargin at screen %.4f\n",
+            report_panel_style, left, right, top, bottom);
+}
+
+static void put_figure(FILE *script, void *ctx, bool first)
+{
+    const struct loop_analysis *z = ctx;
+    double peak = 0.0;
+    for (size_t o = 0; o < curves_of(z); o++)
+        peak = fmax(peak, z->loop[o].margins.sensitivity);
+    if (first)
+        put_blocks(script, z);
+    put_frame(script, 0.085, 0.475, 0.875, 0.53);
+    fputs("set label 1 ", script);
+    report_quoted(script, z->e.title);
+    fputs(" at graph 0, screen 0.945 noenhanced\nset logscale xy\nset format x ''\nset format y '10^{%L}'\n"
+          "set key bottom left samplen 1\nset ylabel 'gain of the open loop'\nset yrange [0.01:]\n"
+          "plot 1 with lines lw 0.8 lc rgb 0x777777 notitle",
+          script);
+    put_curves(script, z, "1:2", true);
+    put_frame(script, 0.085, 0.475, 0.485, 0.12);
+    fputs("set logscale x\nset format x '10^{%L}'\nset ylabel 'phase, degrees'\nset xlabel 'rad/s'\n"
+          "set ytics 90\nset yrange [-540:]\nplot -180 with lines lw 0.8 lc rgb 0x777777 notitle",
+          script);
+    put_curves(script, z, "1:3", false);
+    put_frame(script, 0.555, 0.975, 0.875, 0.12);
+    fprintf(
+        script,
+        "set xrange [-2.5:1.5]\nset yrange [-2.1:2.1]\nset xlabel 'real part'\nset ylabel 'imaginary part' "
+        "offset 1\nset xtics 1\nset ytics 1\nset xzeroaxis lw 0.7 lc rgb 0x777777\n"
+        "set yzeroaxis lw 0.7 lc rgb 0x777777\nset parametric\nset trange [0:2*pi]\n"
+        "set object 1 circle at -1,0 size %.6g fs empty border lc rgb 0x999999 lw 0.9\n"
+        "set label 2 '%s' at graph 0.02, graph 0.97 textcolor rgb 0x666666\n"
+        "plot cos(t),sin(t) with lines lw 0.8 dt 2 lc rgb 0x999999 notitle, "
+        "'+' using (-1):(0) every ::0::0 with points pt 2 ps 0.7 lw 1.6 lc rgb 0x222222 notitle",
+        peak > 0.0 ? 1.0 / peak : 1e-6,
+        z->n > CURVES ? "the first six loops" : "the circle that the curve keeps out of: 1 / peak");
+    put_curves(script, z, "4:5", false);
+}
+
+int analyze_draw(const struct loop_analysis *z, struct apc_error *why)
+{
+    return gnuplot_figure(z->own.figure, REPORT_WIDTH, HEIGHT, put_figure, (void *)(uintptr_t)z, why);
+}

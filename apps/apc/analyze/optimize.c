@@ -1,0 +1,315 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc optimize: numbers of an experiment with which it is controlled better. */
+#include "optimize.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc/folder/folder.h"
+#include "apc/common/warn.h"
+
+#define BUDGET 2000
+#define LEAST  60 /* tries: fewer are no search */
+
+enum {
+    OPT_OVER = 0x700,
+    OPT_SET,
+    OPT_WEIGHTS,
+    OPT_PEAK,
+    OPT_BUDGET,
+    OPT_NET,
+    OPT_CSV,
+    OPT_JSON,
+    OPT_FIGURE,
+    OPT_WRITE,
+    OPT_FORCE
+};
+
+static const struct argp_option option_list[] = {
+    {"over", OPT_OVER, "PATH=LOW..HIGH", 0,
+     "A number that is searched, within these bounds, as controllers.base.v1.Kp=0.1..10; up to 16 of them",
+     0},
+    {"set", OPT_SET, "PATH=VALUE", 0, "A setting other than the file's, any number of times", 0},
+    {"weights", OPT_WEIGHTS, "NAME=W,...", 0,
+     "Of the cost: iae, effort (each relative to that of the present numbers), overshoot (of 100 %), limits "
+     "(of all the time beyond "
+     "them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
+     0},
+    {"peak", OPT_PEAK, "M", 0,
+     "No loop's sensitivity, as apc analyze has it, is to have a higher peak; 1.2 to 2 of most good loops",
+     0},
+    {"runs", 'n', "N", 0, "Seeds of each try, from --seed on, the same for all; default: 1", 0},
+    {"budget", OPT_BUDGET, "N", 0, "Simulated runs in all; default: 2000", 0},
+    {"seed", 's', "N", 0, "Of the first run of each try, instead of the file's", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to simulate instead of the file's duration", 0},
+    {"net", OPT_NET, "SPEC", 0, "The network, over what the file says, as in apc simulate", 0},
+    {"jobs", 'j', "N", 0, "Processes; default: one a CPU. What is found does not depend on it", 0},
+    {"csv", OPT_CSV, "FILE", 0, "Write the front of IAE against effort there; - is stdout", 0},
+    {"json", OPT_JSON, NULL, 0, "What was found as JSON on stdout, and what else is said on stderr", 0},
+    {"figure", OPT_FIGURE, "NAME", 0, "Draw the front as NAME.svg and NAME.png", 0},
+    {"write", OPT_WRITE, "FILE", 0,
+     "Write an experiment file with the numbers that were found, without the comments of the former", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over files that are there", 0},
+    {0},
+};
+
+static bool parse_whole(const char *text, double most, double *value)
+{
+    return apc_number_parse(text, value) == 0 && *value >= 1 && *value <= most && *value == floor(*value);
+}
+
+static void parse_over(struct optimize_options *o, char *arg, const struct argp_state *state)
+{
+    char *equals = setting_equals(arg), *dots = equals ? strstr(equals, "..") : NULL;
+    struct number *n = &o->number[o->n];
+    if (!dots || equals == arg || (size_t)(equals - arg) >= sizeof n->path) {
+        argp_error(state, "--over \"%s\": expected PATH=LOW..HIGH, as controller.Kp=0.1..10", arg);
+        return;
+    }
+    if (o->n == OPTIMIZE_NUMBERS)
+        argp_error(state, "--over: at most %d numbers", OPTIMIZE_NUMBERS);
+    *equals = *dots = '\0';
+    snprintf(n->path, sizeof n->path, "%s", arg);
+    if (apc_number_parse(equals + 1, &n->low) < 0 || apc_number_parse(dots + 2, &n->high) < 0 ||
+        !(n->low < n->high))
+        argp_error(state, "--over %s: \"%s..%s\": must be two finite numbers, the lower one first", arg,
+                   equals + 1, dots + 2);
+    for (size_t i = 0; i < o->n; i++)
+        if (!strcmp(o->number[i].path, n->path))
+            argp_error(state, "--over %s: is given twice", n->path);
+    n->logarithmic = n->low > 0 ? n->high >= 10 * n->low : n->high < 0 && n->low <= 10 * n->high;
+    o->n++;
+}
+
+static void parse_weights(struct weights *w, char *arg, const struct argp_state *state)
+{
+    const struct {
+        const char *name;
+        double *weight;
+    } of[] = {{"iae", &w->iae}, {"effort", &w->effort}, {"overshoot", &w->overshoot}, {"limits", &w->limits}};
+    for (char *part; (part = strsep(&arg, ","));) {
+        char *equals = strchr(part, '=');
+        size_t i = 0;
+        while (i < 4 && (!equals || strlen(of[i].name) != (size_t)(equals - part) ||
+                         strncmp(of[i].name, part, (size_t)(equals - part)) != 0))
+            i++;
+        if (i == 4 || apc_number_parse(equals + 1, of[i].weight) < 0 || *of[i].weight < 0)
+            argp_error(
+                state,
+                "--weights \"%s\": expected iae=, effort=, overshoot= or limits= and a number of 0 or more",
+                part);
+    }
+    if (!(w->iae + w->effort + w->overshoot + w->limits > 0))
+        argp_error(state, "--weights: all are 0: then nothing is better than anything else");
+}
+
+static void parse_end(const struct optimize_options *o, const struct argp_state *state)
+{
+    if (o->n == 0)
+        argp_error(state,
+                   "--over is missing: which number is to be searched, as --over controller.Kp=0.1..10");
+    if (o->budget / o->runs < LEAST)
+        argp_error(state, "--budget: %u runs are %u tries of %u: at least %d tries", o->budget,
+                   o->budget / o->runs, o->runs, LEAST);
+    if (o->json && o->csv && !strcmp(o->csv, "-"))
+        argp_error(state, "--json and --csv -: both want stdout");
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct optimize_options *o = state->input;
+    double number = 0;
+    switch (key) {
+    case OPT_OVER:
+        parse_over(o, arg, state);
+        break;
+    case OPT_SET:
+        setting_add(&o->set, state, arg);
+        break;
+    case OPT_WEIGHTS:
+        parse_weights(&o->weights, arg, state);
+        break;
+    case OPT_PEAK:
+        if (apc_number_parse(arg, &o->weights.peak) < 0 || !(o->weights.peak > 1))
+            argp_error(state, "--peak \"%s\": must be above 1; most good loops have 1.2 to 2", arg);
+        break;
+    case 'n':
+        if (!parse_whole(arg, 100000, &number))
+            argp_error(state, "--runs \"%s\": must be 1 to 100000", arg);
+        o->runs = (unsigned)number;
+        break;
+    case OPT_BUDGET:
+        if (!parse_whole(arg, 1e7, &number))
+            argp_error(state, "--budget \"%s\": must be 1 to 10000000", arg);
+        o->budget = (unsigned)number;
+        break;
+    case 'j':
+        if (!parse_whole(arg, 1024, &number))
+            argp_error(state, "--jobs \"%s\": must be 1 to 1024", arg);
+        o->jobs = (unsigned)number;
+        break;
+    case 's':
+        if (apc_number_parse(arg, &number) < 0 ||
+            !(number >= 0 && number <= 0x1p53 && number == floor(number)))
+            argp_error(state, "--seed \"%s\": must be a whole number, 0 to 9007199254740992", arg);
+        o->seed = (uint64_t)number;
+        o->seeded = true;
+        break;
+    case 'd':
+        if (apc_number_parse(arg, &o->duration) < 0 || !(o->duration > 0) || o->duration > 366 * 86400.0)
+            argp_error(state, "--duration \"%s\": must be seconds, above 0 up to 31622400", arg);
+        break;
+    case OPT_NET:
+        o->net = arg;
+        break;
+    case OPT_CSV:
+        o->csv = arg;
+        break;
+    case OPT_JSON:
+        o->json = true;
+        break;
+    case OPT_FIGURE:
+        o->figure = arg;
+        break;
+    case OPT_WRITE:
+        o->write = arg;
+        break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
+    case ARGP_KEY_END:
+        parse_end(o, state);
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "FILE --over PATH=LOW..HIGH ...",
+    .doc = "Search numbers of the experiment FILE with which it costs less: a weighted sum of IAE, effort, "
+           "overshoot and limits that are "
+           "not kept, of simulated runs over the same seeds. Shows what was found as lines to paste, and the "
+           "front of "
+           "IAE against effort. Nothing is changed but what --write names. The same command finds the same.",
+    .min_args = 1,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+/* Does the experiment take it, all else being as it is? */
+static int try_bound(const struct optimization *z, size_t i, double value, struct apc_error *why)
+{
+    char text[40];
+    struct setting_list set = z->own.set;
+    struct experiment e;
+    (void)apc_number_format(value, text, sizeof text);
+    set.at[set.n++] = (struct experiment_setting){z->own.number[i].path, text};
+    int rc = experiment_load(&e, z->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW,
+                             &(struct experiment_overrides){.set = set.at, .n_set = set.n}, why);
+    if (rc == 0)
+        experiment_free(&e);
+    return rc;
+}
+
+/* A number that is there, within its bounds, and bounds that the experiment takes. */
+static int check_number(struct optimization *z, size_t i, struct apc_error *why)
+{
+    struct number *n = &z->own.number[i];
+    int rc = experiment_value(&z->e, n->path, &n->now, why);
+    if (rc < 0)
+        return rc;
+    if (isnan(n->now) && (rc = try_bound(z, i, n->low, why)) < 0) /* it may be no setting at all */
+        return rc;
+    if (isnan(n->now))
+        return apc_fail(why, APC_ENOTFOUND,
+                        "%s: the file does not say what it is now: say so there, or by --set", n->path);
+    if (!(n->now >= n->low && n->now <= n->high))
+        return apc_fail(
+            why, APC_ERANGE,
+            "%s is %.10g now, which lies outside %.10g..%.10g: give bounds around it, or another number to "
+            "begin with, by --set",
+            n->path, n->now, n->low, n->high);
+    rc = try_bound(z, i, n->low, why);
+    return rc < 0 ? rc : try_bound(z, i, n->high, why);
+}
+
+static int check_files(const struct optimization *z, struct apc_error *why)
+{
+    char name[2][600];
+    const char *const file[] = {z->own.csv && strcmp(z->own.csv, "-") != 0 ? z->own.csv : NULL, z->own.write,
+                                z->own.figure ? name[0] : NULL, z->own.figure ? name[1] : NULL};
+    int rc = 0;
+    snprintf(name[0], sizeof name[0], "%.590s.svg", z->own.figure ? z->own.figure : "");
+    snprintf(name[1], sizeof name[1], "%.590s.png", z->own.figure ? z->own.figure : "");
+    for (size_t i = 0; i < 4 && rc == 0; i++)
+        rc = file[i] ? folder_spare(file[i], z->own.force, why) : 0;
+    return rc;
+}
+
+/* What it was asked for, for whoever wants to have it again. */
+static void keep_command(struct optimization *z, int argc, char **argv)
+{
+    size_t used = (size_t)snprintf(z->command, sizeof z->command, "apc optimize");
+    for (int i = 1; i < argc && used < sizeof z->command; i++) {
+        const bool plain =
+            strspn(argv[i], "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-=.,/:+") ==
+            strlen(argv[i]);
+        used +=
+            (size_t)snprintf(z->command + used, sizeof z->command - used, plain ? " %s" : " '%s'", argv[i]);
+    }
+    for (char *c = z->command; *c; c++)
+        if ((unsigned char)*c < ' ')
+            *c = ' ';
+}
+
+static int optimize(struct optimization *z, struct apc_error *why)
+{
+    int rc = optimization_load(z, NULL, &z->e, why);
+    if (rc < 0)
+        return rc;
+    warn(&z->cli, &z->e);
+    if (!(z->e.duration > 0))
+        return apc_fail(why, APC_EINVAL, "%s has no duration: give --duration SECONDS", z->cli.args[0]);
+    if (!z->own.seeded)
+        z->own.seed = z->e.seed;
+    for (size_t i = 0; i < z->own.n; i++)
+        if ((rc = check_number(z, i, why)) < 0)
+            return rc;
+    double peak;
+    if (z->own.weights.peak > 0 && (rc = optimization_peak(&z->e, &peak, why)) < 0)
+        return rc;
+    if ((rc = check_files(z, why)) < 0)
+        return rc;
+    z->loop = calloc(controllers_loops(&z->e) + 1, sizeof *z->loop);
+    if (!z->loop)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    const apc_ns began = apc_clock_mono(NULL);
+    rc = optimization_search(z, why);
+    return rc < 0 ? rc : optimization_show(z, apc_ns_to_s(apc_clock_mono(NULL) - began), why);
+}
+
+int command_optimize(int argc, char **argv)
+{
+    struct optimization z = {.own = {.weights = {.iae = 1, .effort = 0.05, .overshoot = 0.2, .limits = 10},
+                                     .runs = 1,
+                                     .budget = BUDGET}};
+    struct apc_error why;
+    keep_command(&z, argc, argv);
+    cli_parse(&z.cli, &spec, &z.own, argc, argv);
+    z.talk = z.own.json || (z.own.csv && !strcmp(z.own.csv, "-")) ? stderr : stdout;
+    int rc = optimize(&z, &why);
+    if (rc < 0)
+        cli_error(&z.cli, rc, "%s", why.text);
+    farm_destroy(z.farm, z.size);
+    free(z.reference);
+    free(z.front);
+    free(z.loop);
+    experiment_free(&z.e);
+    return cli_done(&z.cli, exit_code_of(rc));
+}

@@ -1,0 +1,275 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc tune: the tuning of the laws, shown or changed. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc/operate/operate.h"
+#include "apc/common/print.h"
+#include "tune.h"
+
+enum { OPT_SUGGEST = 0x700, OPT_MODEL, OPT_FIGURE, OPT_FORCE, OPT_RULE, OPT_TAU_C, OPT_APPLY };
+
+static const struct argp_option option_list[] = {
+    {"suggest", OPT_SUGGEST, "RUN", 0,
+     "Of run folder RUN, best one of apc test: tunings of its PI and PID loops, with what they do beside the "
+     "present ones",
+     0},
+    {"model", OPT_MODEL, "FILE", 0,
+     "Take the plant from this model file of transfer functions; RUN may then be an experiment file", 0},
+    {"figure", OPT_FIGURE, "NAME", 0,
+     "Draw NAME.svg and NAME.png: a step of each loop's setpoint, now and then", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
+    {"rule", OPT_RULE, "RULE", 0,
+     "simc (the default), lambda or relay: by the loop's limit, of the oscillation in RUN where that is a "
+     "test "
+     "by a relay, else of the model",
+     0},
+    {"tau-c", OPT_TAU_C, "S", 0,
+     "How fast the loops are to be; default: as their dead time. Longer is calmer", 0},
+    {"apply", OPT_APPLY, NULL, 0, "Write what is suggested, as one change", 0},
+    {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    static const char *const rules[SUGGEST_RULES] = {"simc", "lambda", "relay"};
+    struct suggest_options *o = state->input;
+    int rule = 0;
+
+    switch (key) {
+    case OPT_SUGGEST:
+        o->run = arg;
+        break;
+    case OPT_MODEL:
+        o->model = arg;
+        break;
+    case OPT_FIGURE:
+        o->figure = arg;
+        break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
+    case OPT_RULE:
+        while (rule < SUGGEST_RULES && strcmp(arg, rules[rule]) != 0)
+            rule++;
+        if (rule == SUGGEST_RULES)
+            argp_error(state, "--rule \"%s\": must be simc, lambda or relay", arg);
+        o->rule = (enum suggest_rule)rule;
+        break;
+    case OPT_TAU_C:
+        if (apc_number_parse(arg, &o->tau_c) < 0 || !(o->tau_c > 0.0))
+            argp_error(state, "--tau-c \"%s\": must be s, above 0", arg);
+        break;
+    case OPT_APPLY:
+        o->apply = true;
+        break;
+    case ARGP_KEY_END:
+        if (!o->run && (o->apply || o->rule || o->tau_c > 0.0 || o->model || o->figure || o->force))
+            argp_error(state,
+                       "--model, --figure, --force, --rule, --tau-c and --apply go with --suggest RUN");
+        if (o->rule == SUGGEST_RELAY && o->tau_c > 0.0)
+            argp_error(state, "--tau-c is that of simc and lambda");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec tune_spec = {
+    .args_doc = "[NAME=VALUE...]",
+    .doc =
+        "Show the tuning of the control laws, or change it; several parameters in one transaction. Where "
+        "there are several loops a parameter is LOOP.NAME. Waits until the controller has it. With --suggest "
+        "show what would be better.",
+    .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
+    .max_args = -1,
+    .extra = &extra,
+};
+
+static char *limit_text(double limit, char text[PRINT_LEN])
+{
+    if (limit > -APC_VALUE_MAX && limit < APC_VALUE_MAX)
+        return print_exact(limit, text);
+    text[0] = '\0';
+    return text;
+}
+
+static int tuning_text(const struct cli_tags *tags, const struct apc_sample *samples, int n)
+{
+    static const struct print_column columns[] = {{"NAME", PRINT_LEFT},  {"VALUE", PRINT_POINT},
+                                                  {"UNIT", PRINT_LEFT},  {"LOW", PRINT_POINT},
+                                                  {"HIGH", PRINT_POINT}, {"DESCRIPTION", PRINT_LEFT}};
+    char text[PRINT_LEN];
+    struct print_table table;
+
+    print_table_open(&table, columns, 6);
+    for (int i = 0; i < n; i++) {
+        const struct apc_tag *tag = cli_tag(tags, APC_TUNING, samples[i].id);
+        print_cell(&table, PRINT_PLAIN, "%s", tag->name);
+        print_cell(&table, PRINT_PLAIN, "%s", samples[i].seq ? print_exact(samples[i].value, text) : "-");
+        print_cell(&table, PRINT_PLAIN, "%s", tag->unit);
+        print_cell(&table, PRINT_PLAIN, "%s", limit_text(tag->low, text));
+        print_cell(&table, PRINT_PLAIN, "%s", limit_text(tag->high, text));
+        print_cell(&table, PRINT_PLAIN, "%s", tag->description);
+    }
+    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static void tuning_json(const struct cli_tags *tags, const struct apc_sample *samples, int n)
+{
+    char value[PRINT_LEN];
+    for (int i = 0; i < n; i++) {
+        const struct apc_tag *tag = cli_tag(tags, APC_TUNING, samples[i].id);
+        fputs(i == 0 ? "[\n{" : ",\n{", stdout);
+        print_json_text(stdout, "name", tag->name);
+        apc_number_format(samples[i].value, value, sizeof value);
+        printf(",\"id\":%d,\"value\":%s,", samples[i].id, samples[i].seq ? value : "null");
+        print_json_text(stdout, "unit", tag->unit);
+        putchar(',');
+        print_json_limit(stdout, "low", tag->low);
+        putchar(',');
+        print_json_limit(stdout, "high", tag->high);
+        putchar(',');
+        print_json_text(stdout, "description", tag->description);
+        putchar('}');
+    }
+    puts("\n]");
+}
+
+static int show_tuning(const struct cli *cli, struct apc_store *store, const struct cli_tags *tags)
+{
+    static const enum apc_table shown[] = {APC_TUNING, (enum apc_table)0};
+    struct apc_sample *samples;
+    int n = cli_variables(cli, tags, shown, &samples);
+    if (n < 0) {
+        free(samples);
+        return exit_code_of(n);
+    }
+    int err = apc_store_read(store, samples, (size_t)n);
+    int rc = EXIT_OK;
+    if (err < 0)
+        rc = cli_store_error(cli, err, store);
+    else if (cli->format == CLI_JSON)
+        tuning_json(tags, samples, n);
+    else if (cli->format == CLI_TEXT && (err = tuning_text(tags, samples, n)) < 0)
+        rc = cli_error(cli, err, "out of memory");
+    else if (cli->format == CLI_CSV) {
+        puts(PRINT_SAMPLE_HEADER);
+        for (int i = 0; i < n; i++)
+            if (samples[i].seq > 0)
+                print_sample_csv(stdout, &samples[i]);
+    }
+    free(samples);
+    return rc;
+}
+
+/* NAME=VALUE, cut in place: the name becomes the argument. */
+static int parse_tunings(const struct cli *cli, struct change *changes)
+{
+    for (int i = 0; i < cli->n_args; i++) {
+        char *equals = strchr(cli->args[i], '=');
+        if (!equals || equals == cli->args[i])
+            return cli_usage(cli, "\"%s\" is not NAME=VALUE", cli->args[i]);
+        *equals = '\0';
+        if (apc_number_parse(equals + 1, &changes[i].after.value) < 0)
+            return cli_usage(cli, "%s: \"%s\" is not a finite number", cli->args[i], equals + 1);
+    }
+    return EXIT_OK;
+}
+
+static int find_tuning(const struct cli *cli, const struct cli_tags *tags, const char *name, struct change *c)
+{
+    for (size_t i = 0; i < tags->n && !c->tag; i++)
+        if (tags->tag[i].table == APC_TUNING && !strcmp(tags->tag[i].name, name))
+            c->tag = &tags->tag[i];
+    for (size_t i = 0; i < tags->n && !c->tag; i++) {
+        char address[32];
+        snprintf(address, sizeof address, "tuning.%d", tags->tag[i].id);
+        if (tags->tag[i].table == APC_TUNING && !strcmp(address, name))
+            c->tag = &tags->tag[i];
+    }
+    if (!c->tag)
+        return exit_code_of(cli_unknown(cli, tags, name, APC_TUNING));
+    snprintf(c->name, sizeof c->name, "%s", c->tag->name);
+    c->after.table = APC_TUNING;
+    c->after.id = c->tag->id;
+    c->before = c->after;
+    return operate_check(cli, c);
+}
+
+static int tune(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                struct change *changes, size_t n)
+{
+    const struct operation o = {.plant = plant, .change = changes, .n = n};
+    for (size_t i = 0; i < n; i++) {
+        int rc = find_tuning(cli, &plant->tags, cli->args[i], &changes[i]);
+        if (rc != EXIT_OK)
+            return rc;
+        for (size_t j = 0; j < i; j++)
+            if (changes[j].after.id == changes[i].after.id)
+                return cli_usage(cli, "%s is given twice", changes[i].name);
+    }
+    int err = operate_read(store, changes, n);
+    return err < 0 ? cli_store_error(cli, err, store) : operate(cli, store, &o);
+}
+
+static int change_tuning(struct cli *cli, const struct suggestion *suggested)
+{
+    struct apc_store *store = NULL;
+    struct cli_plant plant = {0};
+    const size_t n = suggested->n ? suggested->n : (size_t)cli->n_args;
+    struct change *changes = calloc(n + 1, sizeof *changes);
+    char **names = calloc(n + 1, sizeof *names);
+    int rc;
+
+    if (!changes || !names) {
+        free(changes);
+        free(names);
+        return cli_error(cli, APC_ENOMEM, "out of memory");
+    }
+    for (size_t i = 0; i < suggested->n; i++) {
+        names[i] = suggested->name[i];
+        changes[i].after.value = suggested->value[i];
+    }
+    if (suggested->n)
+        cli->args = names;
+    rc = suggested->n ? EXIT_OK : parse_tunings(cli, changes);
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_open(cli, &store));
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_plant_load(cli, store, &plant));
+    if (rc == EXIT_OK)
+        rc = n > 0 ? tune(cli, store, &plant, changes, n) : show_tuning(cli, store, &plant.tags);
+    free(names);
+    free(changes);
+    cli_plant_free(&plant);
+    apc_store_close(store);
+    return rc;
+}
+
+int command_tune(int argc, char **argv)
+{
+    struct suggest_options options = {.run = NULL};
+    struct suggestion suggested = {.n = 0};
+    struct apc_error why;
+    struct cli cli;
+
+    cli_parse(&cli, &tune_spec, &options, argc, argv);
+    if (options.run && (cli.n_args > 0 || cli.format != CLI_TEXT))
+        return cli_usage(&cli, "--suggest finds the numbers: no NAME=VALUE, --json or --csv with it");
+    if (cli.n_args > 0 && cli.format != CLI_TEXT)
+        return cli_usage(&cli, "--json and --csv show the tuning; they do not go with a change");
+    int rc = EXIT_OK;
+    if (options.run) {
+        const int found = suggest(&options, &suggested, &why);
+        rc = found < 0 ? cli_error(&cli, found, "%s", why.text) : EXIT_OK;
+    }
+    if (rc == EXIT_OK && (!options.run || options.apply))
+        rc = change_tuning(&cli, &suggested);
+    suggestion_free(&suggested);
+    return cli_done(&cli, rc);
+}

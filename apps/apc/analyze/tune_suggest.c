@@ -1,0 +1,488 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "tune.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <apctune.h>
+
+#include "apc/folder/folder.h"
+#include "apc/report/gnuplot.h"
+#include "apc/identify/oscillation.h"
+#include "apc/report/report_script.h"
+#include "experiment/experiment.h"
+
+#define HORIZON 20 /* of the slowest that the loop has, a step is looked at for */
+#define STEPS   20000
+#define SETTLED 0.05
+
+/* What a loop does, if the plant is the model. */
+struct answer {
+    struct apc_margins margins;
+    double iae, overshoot, settling; /* of a step of 1 of the setpoint */
+    double *y;                       /* [n] what is measured after it, a sample each Ts */
+    size_t n;
+};
+
+/* What is drawn of a loop. */
+struct drawing {
+    const char *name;
+    double Ts;
+    struct answer now, then;
+};
+
+/* A loop that a relay was in. */
+struct swinging {
+    const char *name;
+    struct oscillation is;
+};
+
+struct suggesting {
+    const struct suggest_options *o;
+    struct experiment e;
+    struct suggest_model *model;
+    struct apc_tag *tags;
+    size_t n_tags;
+    struct drawing *drawing; /* [drawings] */
+    size_t drawings;
+    struct swinging *swinging; /* [n_swinging] */
+    size_t n_swinging;
+    struct identify_data data; /* of the run; unused with o->model */
+    int unmodelled;            /* why there are no models, or 0 */
+    struct apc_error why;      /* of that */
+};
+
+/* ---- The models -----------------------------------------------------------------------------------------
+ */
+
+static int identify(struct suggesting *z, const struct identify_data *data, struct apc_error *why)
+{
+    const struct apc_identify_transfer_options options = {.size = sizeof options};
+    const struct apc_record *r = &data->record;
+    struct apc_transfer *g = calloc(2 * r->ny * r->nu + 1, sizeof *g), *error = g ? g + r->ny * r->nu : NULL;
+    double u0[IDENTIFY_SIGNALS], y0[IDENTIFY_SIGNALS];
+    int rc = apc_record_check(r, why);
+
+    if (!g)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc == 0)
+        rc = apc_identify_transfer(r, &options, g, error, u0, y0, NULL, why);
+    for (size_t p = 0; p < r->ny * r->nu && rc == 0; p++) {
+        const size_t at = p / r->nu * IDENTIFY_SIGNALS + p % r->nu;
+
+        z->model->g[at] = g[p];
+        z->model->error[at] = error[p];
+    }
+    z->model->inputs = r->nu;
+    z->model->outputs = r->ny;
+    memcpy(z->model->input, data->input, sizeof data->input);
+    memcpy(z->model->output, data->output, sizeof data->output);
+    free(g);
+    return rc;
+}
+
+static int find_models(struct suggesting *z, struct apc_error *why)
+{
+    struct identify_wish wish = {.from = -HUGE_VAL};
+    int rc;
+
+    if (z->o->model)
+        return suggest_read_model(z->o, z->model, why);
+    rc = identify_read(&z->data, z->o->run, &wish, why);
+    if (rc < 0) { /* samples of a real plant come late */
+        identify_data_free(&z->data);
+        wish.period = apc_ns_to_s(z->e.client.rhythm.period);
+        rc = identify_read(&z->data, z->o->run, &wish, why);
+    }
+    if (rc == 0 && (rc = identify(z, &z->data, why)) < 0 && z->o->rule == SUGGEST_RELAY) {
+        z->unmodelled = rc; /* what a relay has made of a loop needs none */
+        z->why = *why;
+        return 0;
+    }
+    return rc;
+}
+
+/* Is the run one of a relay in this loop? */
+static bool oscillates(const struct suggesting *z, const char *output, const char *measurement,
+                       struct oscillation *found)
+{
+    const struct apc_record *r = &z->data.record;
+
+    for (size_t i = 0; i < r->ny && z->o->rule == SUGGEST_RELAY; i++)
+        for (size_t j = 0; j < r->nu; j++)
+            if (!strcmp(z->data.output[i], measurement) && !strcmp(z->data.input[j], output))
+                return oscillation_find(r, j, i, found);
+    return false;
+}
+
+/* From the output to what its loop controls; NULL: there is none. */
+static const struct apc_transfer *model_of(const struct suggesting *z, const char *output,
+                                           const char *measurement, const struct apc_transfer **error)
+{
+    const struct suggest_model *m = z->model;
+
+    for (size_t i = 0; i < m->outputs; i++)
+        for (size_t j = 0; j < m->inputs; j++)
+            if (!strcmp(m->output[i], measurement) && !strcmp(m->input[j], output)) {
+                *error = &m->error[i * IDENTIFY_SIGNALS + j];
+                return &m->g[i * IDENTIFY_SIGNALS + j];
+            }
+    return NULL;
+}
+
+/* ---- What a tuning does ----------------------------------------------------------------------------------
+ */
+
+static int answer(const struct apc_transfer *g, const struct apc_pid_tuning *t, double Ts, struct answer *a,
+                  struct apc_error *why)
+{
+    const double lasts = HORIZON * (g->tau[0] + g->tau[1] + g->dead_time + t->tau_i + Ts);
+    const size_t n = lasts / Ts > STEPS ? STEPS : (size_t)(lasts / Ts);
+    struct apc_linear *plant = NULL;
+    double *x = NULL, y = 0.0, u, last = 0.0, integral = 0.0;
+    int rc;
+
+    *a = (struct answer){.iae = 0.0};
+    a->margins.size = sizeof a->margins;
+    rc = apc_tune_margins(g, t, Ts, &a->margins, why);
+
+    if (rc == 0)
+        rc = apc_linear_from_transfer(&plant, 1, 1, 0, g, NULL, NULL, Ts, why);
+    if (rc == 0 && (!(x = calloc(2 * plant->nx + 1, sizeof *x)) || !(a->y = calloc(n + 1, sizeof *a->y))))
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t k = 0; k < n && rc == 0; k++) {
+        double *now = x + (k % 2) * plant->nx, *next = x + ((k + 1) % 2) * plant->nx;
+        u = 0.0;
+        apc_linear_output(plant, now, &u, &y);
+        a->y[a->n++] = y;
+        u = t->Kp * (1.0 - y) + integral - t->Kp * t->tau_d / Ts * (y - last);
+        integral += t->tau_i > 0.0 ? t->Kp * Ts / t->tau_i * (1.0 - y) : 0.0;
+        last = y;
+        apc_linear_next(plant, now, &u, next);
+        a->iae += Ts * fabs(1.0 - y);
+        a->overshoot = fmax(a->overshoot, 100.0 * (y - 1.0));
+        a->settling = fabs(1.0 - y) > SETTLED ? (double)(k + 1) * Ts : a->settling;
+    }
+    free(x);
+    apc_linear_destroy(plant);
+    return rc;
+}
+
+/* @swings: what a relay has shown, or NULL. */
+static int find_tuning(const struct suggesting *z, const struct apc_transfer *g,
+                       const struct oscillation *swings, bool derivative, double Ts, struct apc_pid_tuning *t,
+                       struct apc_error *why)
+{
+    double gain, every;
+
+    if (swings)
+        return apc_tune_relay(swings->gain, swings->every, derivative, t, why);
+
+    if (z->o->rule != SUGGEST_RELAY)
+        return apc_tune_pid(g, z->o->rule == SUGGEST_LAMBDA ? APC_TUNE_LAMBDA : APC_TUNE_SIMC, derivative,
+                            z->o->tau_c, Ts, t, why);
+    const int rc = apc_tune_limit(g, Ts, &gain, &every, why);
+    return rc < 0 ? rc : apc_tune_relay(gain, every, derivative, t, why);
+}
+
+/* ---- Loops ------------------------------------------------------------------------------------------------
+ */
+
+/* Where a loop's parameter is among those of its controller; NULL: the law has none of that name. */
+static double *parameter(const struct controller_loop *loop, const char *name, int *id)
+{
+    const struct controller *c = loop->of;
+
+    for (size_t k = 0; k < apc_law_parameters(c->law, &c->dim); k++) {
+        const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);
+        *id = c->first_tuning + (int)k;
+        if (p.scope != APC_OF_MEASUREMENT && !strcmp(c->law->tuning[p.number].name, name) &&
+            (p.scope == APC_OF_LAW || p.of == loop->u))
+            return &c->tuning[k];
+    }
+    return NULL;
+}
+
+static void add(const struct suggesting *z, struct suggestion *s, int id, double value)
+{
+    char text[40];
+
+    for (size_t i = 0; i < z->n_tags; i++)
+        if (z->tags[i].table == APC_TUNING && z->tags[i].id == id)
+            snprintf(s->name[s->n], APC_TAG_LEN, "%.*s", APC_TAG_LEN - 1, z->tags[i].name);
+    snprintf(text, sizeof text, "%.4g", value); /* what is shown is what is written */
+    (void)apc_number_parse(text, &s->value[s->n++]);
+}
+
+static void show(const char *loop, const char *which, const struct apc_pid_tuning *t, const struct answer *a)
+{
+    printf("%-8s %-8s %-10.4g %-8.4g %-8.4g ", loop, which, t->Kp, t->tau_i, t->tau_d);
+    if (!a)
+        puts("-       -          -        -     -        -            -");
+    else if (a->margins.stable)
+        printf("%-7.3g %-10.3g %-8.3g %-5.3g %-8.4g %-12.3g %.4g\n", a->margins.gain, a->margins.phase,
+               a->margins.delay, a->margins.sensitivity, a->iae, a->overshoot, a->settling);
+    else
+        puts("unstable");
+}
+
+/* What the model says of it. */
+static int predict(struct suggesting *z, const char *output, const struct apc_transfer *g,
+                   const struct apc_pid_tuning *present, const struct apc_pid_tuning *found, double Ts,
+                   struct apc_error *why)
+{
+    struct drawing *d = &z->drawing[z->drawings++];
+    int rc = answer(g, found, Ts, &d->then, why);
+
+    d->name = output;
+    d->Ts = Ts;
+    if (rc == 0 && !d->then.margins.stable)
+        rc = apc_fail(why, APC_ESOLVER,
+                      "%s: this rule's tuning is not stable with the model: take another, or a "
+                      "longer --tau-c",
+                      output);
+    if (rc < 0)
+        return rc;
+    if (present->Kp != 0.0 && answer(g, present, Ts, &d->now, why) == 0)
+        show(output, "now", present, &d->now);
+    show(output, "then", found, &d->then);
+    return 0;
+}
+
+/* Is the model one to tune by? */
+static int check_model(const struct suggesting *z, const char *output, const char *measurement,
+                       const struct apc_transfer *g, const struct apc_transfer *error, struct apc_error *why)
+{
+    if (z->unmodelled) {
+        *why = z->why;
+        return z->unmodelled;
+    }
+    if (!g)
+        return apc_fail(why, APC_ENOTFOUND, "%s to %s is not %s %s", output, measurement,
+                        z->o->model ? "in" : "on record in", z->o->model ? z->o->model : z->o->run);
+    if (g->gain == 0.0)
+        return apc_fail(why, APC_ESOLVER,
+                        "in %s %s has no effect on %s: test it longer, or with a larger amplitude",
+                        z->o->model ? z->o->model : z->o->run, output, measurement);
+    if (!(fabs(g->gain) > 2.0 * error->gain))
+        return apc_fail(
+            why, APC_ESOLVER,
+            "the gain from %s to %s is %.3g +- %.3g: not even its sign is known. Test it longer, or "
+            "with a larger amplitude",
+            output, measurement, g->gain, 1.96 * error->gain);
+    return 0;
+}
+
+/* Returns 0, or why there is nothing to be said of this loop. */
+static int suggest_loop(struct suggesting *z, const struct controller_loop *loop, struct suggestion *s,
+                        struct apc_error *why)
+{
+    const struct controller *c = loop->of;
+    const double Ts = apc_ns_to_s(c->rhythm.period);
+    const char *output = controllers_output(&z->e, *loop)->name;
+    const char *measurement = z->e.y[c->y[loop->u].at].tag.name;
+    int Kp_id, tau_i_id, tau_d_id;
+    double *Kp = parameter(loop, "Kp", &Kp_id), *tau_i = parameter(loop, "tau_i", &tau_i_id),
+           *tau_d = parameter(loop, "tau_d", &tau_d_id);
+    const struct apc_transfer *error, *g = model_of(z, output, measurement, &error);
+    const struct apc_pid_tuning present = {*Kp, *tau_i, tau_d ? *tau_d : 0.0};
+    struct apc_pid_tuning found;
+    struct oscillation swings;
+    const bool by_relay = oscillates(z, output, measurement, &swings);
+    int rc = check_model(z, output, measurement, g, error, why);
+    const bool modelled = rc == 0;
+    /* of what integrates the first lag is already one behind another */
+    const bool second = modelled ? g->tau[g->integrating ? 0 : 1] > 0.0 : present.tau_d > 0.0;
+
+    if (rc < 0 && !by_relay)
+        return rc;
+    rc = find_tuning(z, g, by_relay ? &swings : NULL, tau_d && second, Ts, &found, why);
+    if (rc == 0 && modelled) {
+        rc = predict(z, output, g, &present, &found, Ts, why);
+    } else if (rc == 0) {
+        show(output, "now", &present, NULL);
+        show(output, "then", &found, NULL);
+    }
+    if (rc < 0)
+        return rc;
+    if (by_relay)
+        z->swinging[z->n_swinging++] = (struct swinging){output, swings};
+    add(z, s, Kp_id, found.Kp);
+    add(z, s, tau_i_id, found.tau_i);
+    if (tau_d)
+        add(z, s, tau_d_id, found.tau_d);
+    return 0;
+}
+
+/* A loop of a law with such numbers, from the plant to the plant. */
+static bool is_pid(const struct controller_loop *loop)
+{
+    const struct controller *c = loop->of;
+    int id;
+
+    return c->law && parameter(loop, "Kp", &id) && parameter(loop, "tau_i", &id) &&
+           c->u[loop->u].table == APC_ACTUATOR && loop->u < c->dim.ny && c->y[loop->u].table == APC_SENSOR &&
+           !c->shadow;
+}
+
+/* Is it a loop to be tuned? Where a relay was in some loop, those it was in are. */
+static bool is_wanted(const struct suggesting *z, const struct controller_loop *loop, bool relays)
+{
+    struct oscillation swings;
+
+    return is_pid(loop) && (!relays || oscillates(z, controllers_output(&z->e, *loop)->name,
+                                                  z->e.y[loop->of->y[loop->u].at].tag.name, &swings));
+}
+
+static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_error *why)
+{
+    const size_t loops = controllers_loops(&z->e);
+    bool relays = false;
+    size_t n = 0;
+    int rc = 0;
+
+    s->name = calloc(3 * loops + 1, sizeof *s->name);
+    s->value = calloc(3 * loops + 1, sizeof *s->value);
+    z->drawing = calloc(loops + 1, sizeof *z->drawing);
+    z->swinging = calloc(loops + 1, sizeof *z->swinging);
+    if (!s->name || !s->value || !z->drawing || !z->swinging)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < loops; i++) {
+        const struct controller_loop loop = controllers_loop(&z->e, i);
+        relays = relays || is_wanted(z, &loop, true);
+    }
+    puts("loop     tuning   Kp         tau_i s  tau_d s  gain x  phase deg  delay s  peak  IAE      "
+         "overshoot %  "
+         "settling s");
+    for (size_t i = 0; i < loops && rc == 0; i++) {
+        const struct controller_loop loop = controllers_loop(&z->e, i);
+        if (is_wanted(z, &loop, relays)) {
+            rc = suggest_loop(z, &loop, s, why);
+            n++;
+        }
+    }
+    if (rc == 0 && n == 0)
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s has no PI or PID loop on an output of the plant: apc optimize searches other laws",
+            z->o->run);
+    for (size_t i = 0; i < z->n_swinging && rc == 0; i++)
+        printf("%s: the relay's oscillation, every %.4g s, is the loop's limit, a gain of %.4g\n",
+               z->swinging[i].name, z->swinging[i].is.every, z->swinging[i].is.gain);
+    if (z->unmodelled && rc == 0)
+        printf("no model, so nothing is predicted: %s\n", z->why.text);
+    return rc;
+}
+
+/* ---- The figure -------------------------------------------------------------------------------------------
+ */
+
+#define PANEL 200.0 /* height of one, in units of the page */
+#define TOP   34.0
+#define FOOT  20.0
+
+static void put_step(FILE *script, const char *block, size_t loop, const struct answer *a, double Ts,
+                     double until)
+{
+    fprintf(script, "$%s%zu << END\n", block, loop);
+    for (size_t k = 0; k < a->n && (double)k * Ts <= until; k++)
+        fprintf(script, "%.7g %.7g\n", (double)k * Ts, a->y[k]);
+    fputs(a->n ? "END\n" : "NaN NaN\nEND\n", script);
+}
+
+/* Until both have settled, and a bit more. */
+static double until_of(const struct drawing *d)
+{
+    const double then = d->then.settling,
+                 now = d->now.margins.stable ? fmin(d->now.settling, 4.0 * then) : 0.0;
+
+    return 2.0 * fmax(fmax(now, then), 10.0 * d->Ts);
+}
+
+static void put_figure(FILE *script, void *ctx, bool first)
+{
+    const struct suggesting *z = ctx;
+    const double height = TOP + FOOT + PANEL * (double)z->drawings;
+
+    for (size_t i = 0; i < z->drawings; i++) {
+        const struct drawing *d = &z->drawing[i];
+        const double top = TOP + PANEL * (double)i;
+
+        if (first) {
+            put_step(script, "now", i, &d->now, d->Ts, until_of(d));
+            put_step(script, "then", i, &d->then, d->Ts, until_of(d));
+        }
+        fprintf(script, "%sset lmargin at screen 0.105\nset rmargin at screen 0.96\n", report_panel_style);
+        fprintf(script, "set tmargin at screen %.4f\nset bmargin at screen %.4f\n",
+                report_screen(top, height), report_screen(top + PANEL - 55.0, height));
+        fprintf(script, "set xrange [0:%.9g]\nset yrange [0:*]\nset label 1 ", until_of(d));
+        report_quoted(script, d->name);
+        fprintf(script, " at graph 0, screen %.4f noenhanced\nset key at graph 1, screen %.4f horizontal\n",
+                report_screen(top - 12.0, height), report_screen(top - 12.0, height));
+        if (i + 1 == z->drawings)
+            fputs("set xlabel 'time after a step of the setpoint (s)' offset 0, 0.4\n", script);
+        fprintf(script,
+                "plot 1 with lines lw 1 lc rgb 0x999999 notitle, "
+                "$now%zu using 1:2 with lines lw 1.4 lc rgb 0xD55E00 title 'now', "
+                "$then%zu using 1:2 with lines lw 1.8 lc rgb 0x0072B2 title 'then'\n",
+                i, i);
+    }
+}
+
+static int draw(struct suggesting *z, struct apc_error *why)
+{
+    char file[600];
+    int rc = z->drawings ? 0
+                         : apc_fail(why, APC_EINVAL,
+                                    "without a model there is no step to be drawn: leave --figure out");
+
+    for (int i = 0; i < 2 && rc == 0; i++) {
+        snprintf(file, sizeof file, "%.590s.%s", z->o->figure, i ? "png" : "svg");
+        rc = folder_spare(file, z->o->force, why);
+    }
+    return rc < 0 ? rc
+                  : gnuplot_figure(z->o->figure, REPORT_WIDTH, TOP + FOOT + PANEL * (double)z->drawings,
+                                   put_figure, z, why);
+}
+
+int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_error *why)
+{
+    struct suggesting z = {.o = o};
+    int rc = experiment_load(&z.e, o->run, EXPERIMENT_MODEL | EXPERIMENT_LAW,
+                             &(struct experiment_overrides){.law = NULL}, why);
+
+    *s = (struct suggestion){.n = 0};
+    if (rc < 0)
+        return rc;
+    z.model = calloc(1, sizeof *z.model);
+    z.tags = z.model ? provision_tags(&z.e, &z.n_tags) : NULL;
+    rc = z.tags ? find_models(&z, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    if (rc == 0)
+        rc = suggest_loops(&z, s, why);
+    if (rc == 0) {
+        fputs("as written by --apply: apc tune", stdout);
+        for (size_t i = 0; i < s->n; i++)
+            printf(" %s=%.10g", s->name[i], s->value[i]);
+        putchar('\n');
+    }
+    if (rc == 0 && o->figure)
+        rc = draw(&z, why);
+    for (size_t i = 0; i < z.drawings; i++) {
+        free(z.drawing[i].now.y);
+        free(z.drawing[i].then.y);
+    }
+    identify_data_free(&z.data);
+    free(z.swinging);
+    free(z.drawing);
+    free(z.model);
+    free(z.tags);
+    experiment_free(&z.e);
+    return rc;
+}
+
+void suggestion_free(struct suggestion *s)
+{
+    free(s->name);
+    free(s->value);
+}

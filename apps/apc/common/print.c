@@ -1,0 +1,394 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "print.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "base/text.h"
+#include "files/csv.h"
+#include "operate/loops.h"
+
+/* ---- Pieces ------------------------------------------------------------------------------- */
+
+char *print_value(const struct apc_sample *sample, char text[PRINT_LEN])
+{
+    const char *mode = NULL;
+    const bool actual = sample->table == APC_ACTUAL &&
+                        sample->id == apc_variable_number(APC_OPMODE, sample->id / 16); /* of a mode */
+    if (loops_is_owner(sample))
+        mode = loops_owner_name(loops_is_local(sample));
+    else if (((sample->table == APC_OPMODE && sample->id < LOOPS_IDS) || actual) && sample->value >= 0 &&
+             sample->value <= (double)APC_MODE_LO)
+        mode = apc_mode_name((int)sample->value);
+    if (sample->seq == 0)
+        snprintf(text, PRINT_LEN, "-");
+    else if (mode)
+        snprintf(text, PRINT_LEN, "%s", mode);
+    else
+        snprintf(text, PRINT_LEN, "%.6g", sample->value + 0.0); /* -0 reads as 0 */
+    return text;
+}
+
+char *print_exact(double value, char text[PRINT_LEN])
+{
+    int digits = 6;
+    do
+        snprintf(text, PRINT_LEN, "%.*g", digits, value);
+    while (++digits <= 17 && strtod(text, NULL) != value);
+    return text;
+}
+
+char *print_duration(apc_ns duration, char text[PRINT_LEN])
+{
+    double ns = (double)duration, size = fabs(ns);
+    if (size < 999.5)
+        snprintf(text, PRINT_LEN, "%.3g ns", ns);
+    else if (size < 999.5e3)
+        snprintf(text, PRINT_LEN, "%.3g µs", ns / 1e3);
+    else if (size < 999.5e6)
+        snprintf(text, PRINT_LEN, "%.3g ms", ns / 1e6);
+    else
+        snprintf(text, PRINT_LEN, "%.6g s", ns / 1e9);
+    return text;
+}
+
+char *print_age(apc_ns age, char text[PRINT_LEN])
+{
+    double s = apc_ns_to_s(age);
+    if (s < -0.5)
+        snprintf(text, PRINT_LEN, "%.1f s ahead", -s);
+    else if (s < 9.95)
+        snprintf(text, PRINT_LEN, "%.1f s", s > 0 ? s : 0);
+    else if (s < 99.5)
+        snprintf(text, PRINT_LEN, "%.0f s", s);
+    else if (s < 99.5 * 60)
+        snprintf(text, PRINT_LEN, "%.0f min", s / 60);
+    else if (s < 47.5 * 3600)
+        snprintf(text, PRINT_LEN, "%.0f h", s / 3600);
+    else
+        snprintf(text, PRINT_LEN, "%.0f d", s / 86400);
+    return text;
+}
+
+char *print_second(apc_ns utc, char text[PRINT_LEN])
+{
+    char *point = strchr(apc_time_format(utc, text), '.');
+    if (point)
+        memcpy(point, "Z", 2);
+    return text;
+}
+
+char *print_name(const struct cli_tags *tags, const struct apc_sample *sample, char text[PRINT_LEN])
+{
+    const struct apc_tag *tag = cli_tag(tags, sample->table, sample->id);
+    if (tag && tag->name[0])
+        snprintf(text, PRINT_LEN, "%s%s", tag->name, cli_is_loop(tag) ? ".mode" : "");
+    else
+        snprintf(text, PRINT_LEN, "%s.%d", apc_table_name(sample->table), sample->id);
+    return text;
+}
+
+void print_clean(FILE *out, const char *text)
+{
+    char instead;
+
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
+        fwrite(instead ? &instead : text, 1, instead ? 1 : n, out);
+    }
+}
+
+/* ---- Columns ------------------------------------------------------------------------------ */
+
+void print_table_open(struct print_table *table, const struct print_column *columns, size_t n)
+{
+    *table = (struct print_table){.columns = columns, .n_columns = n};
+}
+
+void print_table_clear(struct print_table *table)
+{
+    table->n = 0;
+}
+
+void print_table_close(struct print_table *table)
+{
+    free(table->cells);
+    *table = (struct print_table){0};
+}
+
+static bool reserve_cell(struct print_table *table)
+{
+    if (table->n < table->capacity)
+        return true;
+    size_t capacity = table->capacity ? 2 * table->capacity : 64;
+    struct print_cell *cells = realloc(table->cells, capacity * sizeof *cells);
+    if (!cells) {
+        table->failed = true;
+        return false;
+    }
+    table->cells = cells;
+    table->capacity = capacity;
+    return true;
+}
+
+void print_cell(struct print_table *table, enum print_ink ink, const char *fmt, ...)
+{
+    va_list args;
+    if (!reserve_cell(table))
+        return;
+    struct print_cell *cell = &table->cells[table->n++];
+    va_start(args, fmt);
+    vsnprintf(cell->text, sizeof cell->text, fmt, args);
+    va_end(args);
+    text_clean(cell->text, cell->text, sizeof cell->text);
+    cell->ink = ink;
+}
+
+/* Characters on the screen: bytes that do not continue a UTF-8 sequence. */
+static int width_of(const char *text)
+{
+    int n = 0;
+    for (; *text; text++)
+        n += ((unsigned char)*text & 0xC0) != 0x80;
+    return n;
+}
+
+/* What of a cell stands before its decimal point; all of what is no number. */
+static int before_point(const char *text)
+{
+    size_t digits = strspn(text, "+-0123456789");
+    return digits > 0 ? (int)digits : width_of(text);
+}
+
+static void lay_out(struct print_table *table, size_t column)
+{
+    const struct print_column *c = &table->columns[column];
+    struct print_layout *l = &table->layout[column];
+    for (size_t i = column; i < table->n; i += table->n_columns) {
+        const char *text = table->cells[i].text;
+        int width = width_of(text), before = c->align == PRINT_POINT ? before_point(text) : 0;
+        l->used |= *text != '\0';
+        l->before = before > l->before ? before : l->before;
+        l->after = width - before > l->after ? width - before : l->after;
+    }
+    int heading = width_of(c->heading);
+    l->width = l->before + l->after > heading ? l->before + l->after : heading;
+}
+
+static void put_text(FILE *out, enum print_ink ink, bool colour, const char *text)
+{
+    static const char *const codes[] = {
+        [PRINT_HEADING] = "1", [PRINT_FAINT] = "2", [PRINT_WARN] = "33", [PRINT_ALARM] = "1;31"};
+    bool coloured = colour && ink != PRINT_PLAIN && *text;
+    if (coloured)
+        fprintf(out, "\033[%sm", codes[ink]);
+    print_clean(out, text);
+    if (coloured)
+        fputs("\033[0m", out);
+}
+
+/* @owed: blanks that are due before the next text; so that none are left at the end of a line. */
+static void put_cell(FILE *out, const struct print_cell *cell, const struct print_layout *l,
+                     enum print_align align, bool colour, int *owed)
+{
+    int width = width_of(cell->text), lead = 0;
+    if (align == PRINT_RIGHT)
+        lead = l->width - width;
+    else if (align == PRINT_POINT)
+        lead = l->before - before_point(cell->text);
+    if (width > 0) {
+        fprintf(out, "%*s", *owed + lead, "");
+        put_text(out, cell->ink, colour, cell->text);
+        *owed = 0;
+        width += lead;
+    }
+    *owed += l->width - width + 2;
+}
+
+static void put_row(FILE *out, const struct print_table *table, size_t row, bool colour)
+{
+    int owed = 0;
+    for (size_t i = 0; i < table->n_columns; i++)
+        if (table->layout[i].used)
+            put_cell(out, &table->cells[row * table->n_columns + i], &table->layout[i],
+                     table->columns[i].align, colour, &owed);
+}
+
+static void put_headings(FILE *out, const struct print_table *table, bool colour)
+{
+    int owed = 0;
+    for (size_t i = 0; i < table->n_columns; i++) {
+        struct print_cell cell = {.ink = PRINT_HEADING};
+        enum print_align align = table->columns[i].align == PRINT_RIGHT ? PRINT_RIGHT : PRINT_LEFT;
+        snprintf(cell.text, sizeof cell.text, "%s", table->columns[i].heading);
+        if (table->layout[i].used)
+            put_cell(out, &cell, &table->layout[i], align, colour, &owed);
+    }
+}
+
+int print_table_show(struct print_table *table, FILE *out, bool colour, size_t most, const char *eol)
+{
+    size_t rows = table->n / table->n_columns;
+    if (table->failed)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < table->n_columns; i++)
+        lay_out(table, i);
+    put_headings(out, table, colour);
+    fputs(eol, out);
+    for (size_t row = 0; row < rows && (most == 0 || row < most); row++) {
+        put_row(out, table, row, colour);
+        fputs(eol, out);
+    }
+    return 0;
+}
+
+enum print_ink print_ink_of(apc_status status)
+{
+    switch (apc_status_severity(status)) {
+    case APC_SEVERITY_GOOD:
+        return PRINT_PLAIN;
+    case APC_SEVERITY_UNCERTAIN:
+        return PRINT_WARN;
+    default:
+        return PRINT_ALARM;
+    }
+}
+
+const struct print_column print_sample_columns[6] = {{"NAME", PRINT_LEFT}, {"VALUE", PRINT_POINT},
+                                                     {"UNIT", PRINT_LEFT}, {"STATUS", PRINT_LEFT},
+                                                     {"AGE", PRINT_POINT}, {"", PRINT_LEFT}};
+
+void print_sample_cells(struct print_table *table, const struct cli_tags *tags, const struct apc_sample *s,
+                        apc_ns now, const char *note)
+{
+    char text[PRINT_LEN], status[APC_STATUS_NAME_LEN];
+    const struct apc_tag *tag = cli_tag(tags, s->table, s->id);
+
+    print_cell(table, PRINT_PLAIN, "%s", print_name(tags, s, text));
+    print_cell(table, PRINT_PLAIN, "%s", print_value(s, text));
+    print_cell(table, PRINT_PLAIN, "%s", tag ? tag->unit : "");
+    if (s->seq == 0) {
+        print_cell(table, PRINT_FAINT, "no sample yet");
+        print_cell(table, PRINT_PLAIN, "%s", "");
+    } else {
+        print_cell(table, print_ink_of(s->status), "%s", apc_status_format(s->status, status));
+        print_cell(table, PRINT_PLAIN, "%s", print_age(apc_ns_since(now, s->time), text));
+    }
+    print_cell(table, PRINT_ALARM, "%s", note);
+}
+
+/* ---- Rows --------------------------------------------------------------------------------- */
+
+void print_sample_csv(FILE *out, const struct apc_sample *s)
+{
+    char time[APC_TIME_LEN], status[APC_STATUS_NAME_LEN], value[PRINT_LEN];
+    apc_number_format(s->value, value, sizeof value);
+    fprintf(out, "%s,%s,%d,%s,%s\n", apc_time_format(s->time, time), apc_table_name(s->table), s->id,
+            apc_status_format(s->status, status), value);
+}
+
+void print_json_text(FILE *out, const char *key, const char *text)
+{
+    fprintf(out, "\"%s\":", key);
+    if (!text) {
+        fputs("null", out);
+        return;
+    }
+    fputc('"', out);
+    cli_json_text(out, text);
+    fputc('"', out);
+}
+
+void print_json_number(FILE *out, const char *key, double value)
+{
+    char text[PRINT_LEN] = "null";
+    if (isfinite(value))
+        apc_number_format(value, text, sizeof text);
+    fprintf(out, "\"%s\":%s", key, text);
+}
+
+void print_json_limit(FILE *out, const char *key, double limit)
+{
+    if (fabs(limit) >= APC_VALUE_MAX)
+        fprintf(out, "\"%s\":null", key);
+    else
+        print_json_number(out, key, limit);
+}
+
+void print_sample_members(FILE *out, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)
+{
+    char time[APC_TIME_LEN], status[APC_STATUS_NAME_LEN], name[PRINT_LEN];
+    const struct apc_tag *tag = tags ? cli_tag(tags, s->table, s->id) : NULL;
+
+    if (tags) {
+        print_json_text(out, "name", print_name(tags, s, name));
+        fputc(',', out);
+    }
+    fprintf(out, "\"table\":\"%s\",\"id\":%d,\"seq\":%lld,", apc_table_name(s->table), s->id,
+            (long long)s->seq);
+    print_json_text(out, "time", s->seq ? apc_time_format(s->time, time) : NULL);
+    fprintf(out, ",\"status\":\"%s\",", apc_status_format(s->status, status));
+    if (s->seq)
+        print_json_number(out, "value", s->value);
+    else
+        fputs("\"value\":null", out);
+    if (tags) {
+        fputc(',', out);
+        print_json_text(out, "unit", tag ? tag->unit : "");
+    }
+    if (now && s->seq)
+        fprintf(out, ",\"age\":%.3f", apc_ns_to_s(apc_ns_since(now, s->time)));
+    else if (now)
+        fputs(",\"age\":null", out);
+    if (s->origin)
+        fprintf(out, ",\"origin\":%lld", (long long)s->origin);
+}
+
+void print_sample_json(FILE *out, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)
+{
+    fputc('{', out);
+    print_sample_members(out, s, tags, now);
+    fputc('}', out);
+}
+
+const char *print_severity(enum apc_event_severity severity)
+{
+    static const char *const names[] = {
+        [APC_EVENT_INFO] = "info", [APC_EVENT_WARNING] = "warning", [APC_EVENT_ALARM] = "alarm"};
+    return severity >= APC_EVENT_INFO && severity <= APC_EVENT_ALARM ? names[severity] : "?";
+}
+
+enum print_ink print_severity_ink(enum apc_event_severity severity)
+{
+    return severity == APC_EVENT_ALARM     ? PRINT_ALARM
+           : severity == APC_EVENT_WARNING ? PRINT_WARN
+                                           : PRINT_PLAIN;
+}
+
+void print_event_csv(FILE *out, const struct apc_event *e)
+{
+    char time[APC_TIME_LEN];
+    fprintf(out, "%s,%s", apc_time_format(e->time, time), print_severity(e->severity));
+    fputc(',', out);
+    csv_put_quoted(out, e->source);
+    fputc(',', out);
+    csv_put_quoted(out, e->kind);
+    fputc(',', out);
+    csv_put_quoted(out, e->text);
+    fputc('\n', out);
+}
+
+void print_event_json(FILE *out, const struct apc_event *e)
+{
+    char time[APC_TIME_LEN];
+    fprintf(out, "{\"time\":\"%s\",\"severity\":\"%s\",", apc_time_format(e->time, time),
+            print_severity(e->severity));
+    print_json_text(out, "source", e->source);
+    fputc(',', out);
+    print_json_text(out, "kind", e->kind);
+    fputc(',', out);
+    print_json_text(out, "text", e->text);
+    fputc('}', out);
+}

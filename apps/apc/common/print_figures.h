@@ -1,0 +1,16 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The figures of a run, for people and for programs. */
+#ifndef APC_PRINT_FIGURES_H
+#define APC_PRINT_FIGURES_H
+
+#include <stdio.h>
+
+#include "figures/figures.h"
+
+/* A table of them for people, of whole runs and of their parts; at most @most rows (0: all). */
+int figures_print(const struct figures *f, const struct course *c, const struct experiment *e, size_t most,
+                  FILE *out);
+/* The members "of" and "loops" of a JSON object. */
+void figures_json(const struct figures *f, const struct course *c, const struct experiment *e, FILE *out);
+
+#endif

@@ -1,0 +1,14 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#ifndef APC_PRINT_MERITS_H
+#define APC_PRINT_MERITS_H
+
+#include <stdio.h>
+
+#include "figures/merits.h"
+
+/* Tables for people. Returns 0 or APC_ENOMEM. */
+int merits_print(const struct merits *m, FILE *out);
+/* Member "merits" for programs; times in s since @p start. */
+void merits_json(const struct merits *m, apc_ns start, FILE *out);
+
+#endif

@@ -1,0 +1,14 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#ifndef APC_PRINT_OUTLOOK_H
+#define APC_PRINT_OUTLOOK_H
+
+#include "record/outlook.h"
+
+#include <stdio.h>
+
+/* A table of what was expected and what came, at steps that double. Returns 0 or APC_ENOMEM. */
+int outlook_print(const struct outlook *o, FILE *out);
+/* "expectations":[...], all of them. */
+void outlook_json(const struct outlook *o, FILE *out);
+
+#endif

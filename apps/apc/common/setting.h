@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* --set PATH=VALUE, any number of times. */
+#ifndef APC_SETTING_H
+#define APC_SETTING_H
+
+#include "cli.h"
+#include "experiment/experiment.h"
+
+#define SETTINGS 64
+
+struct setting_list {
+    struct experiment_setting at[SETTINGS];
+    size_t n;
+};
+
+/* The = behind PATH, NULL where there is none: one within a quoted name of a model ('a=b') is the name's. */
+char *setting_equals(const char *text);
+/* @arg is cut in two. A usage error where it is no PATH=VALUE. */
+void setting_add(struct setting_list *list, const struct argp_state *state, char *arg);
+
+#endif

@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * A run folder, the whole record of a run: run.conf (the experiment file as it was), record.conf (what was
+ * in force beside it: common/record.h), law.so and plant.so (plant.fmu) when they were no built-in ones;
+ * samples.csv, samples.columns, ticks.db, operation.csv, signals.csv, events.csv, timing.csv and
+ * timing-summary.csv; one log a daemon, report.svg and report.png. docs/run-folder.md describes them.
+ */
+#ifndef APC_FOLDER_H
+#define APC_FOLDER_H
+
+#include <apcstore.h>
+#include <apctimer.h>
+
+#include "experiment/experiment.h"
+
+/* What the record says beside the experiment. */
+struct folder_facts {
+    const char *by;                   /* the command */
+    const char *timer, *store, *host; /* NULL: in virtual time */
+    const char *live;                 /* the store in memory beside that; NULL: there is none */
+    apc_ns start;                     /* t = 0: UTC */
+};
+
+/*
+ * Make an empty folder runs/NAME-TIME, or with a number behind it where there is one already: of several that
+ * begin in the same second each gets its own. Its path goes to @p dir.
+ */
+int folder_choose(char *dir, size_t size, const char *name, struct apc_error *why);
+/*
+ * Make the folder (and its parents) for @p e and what its record consists of, under names which folder_keep()
+ * makes the real ones: until then a run that was there before keeps its own. A folder that is not empty is
+ * refused, unless @p force.
+ */
+int folder_create(const char *dir, const struct experiment *e, bool force, struct apc_error *why);
+/* From here on the folder is this run's: what else was there of another one goes. */
+int folder_keep(const char *dir, const struct experiment *e, const struct folder_facts *facts,
+                struct apc_error *why);
+/* Take back what folder_create() made, when nothing has been added. */
+void folder_discard(const char *dir, const struct experiment *e);
+
+/*
+ * Write what the store recorded since and until (UTC; 0: all) as CSV, with times relative to @p start, and
+ * into the record when the run @p ended, in s; 0: just after its last sample. Each file appears whole or not
+ * at all.
+ */
+int folder_export(const char *dir, struct apc_store *store, const struct experiment *e, apc_ns start,
+                  double ended, apc_ns since, apc_ns until, struct apc_error *why);
+
+#define COLUMNS_FILE "samples.columns"
+
+/* Make samples.columns of samples.csv: what Python reads faster. Where it cannot be there is none. */
+void folder_columns(const char *dir);
+
+/* Refuse to write over a file, but for an empty one and what is no regular file. */
+int folder_spare(const char *path, bool force, struct apc_error *why);
+
+#endif

@@ -1,0 +1,431 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc identify: models of a plant from its record. */
+#include "identify.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc/folder/folder.h"
+
+static const char *const kinds[KINDS] = {"transfer", "arx", "subspace", "fir"};
+
+#define AS_GOOD 1.0 /* % of fit by which a simpler model may be worse than the best */
+
+enum {
+    OPT_INPUTS = 0x700,
+    OPT_DISTURBANCES,
+    OPT_OUTPUTS,
+    OPT_PERIOD,
+    OPT_FROM,
+    OPT_TO,
+    OPT_VALIDATE,
+    OPT_SHARE,
+    OPT_MODEL,
+    OPT_ORDER,
+    OPT_FIGURE,
+    OPT_FORCE,
+    OPT_SUGGEST,
+    OPT_FIND,
+    OPT_PLANT
+};
+
+static const struct argp_option option_list[] = {
+    {"inputs", OPT_INPUTS, "NAMES", 0,
+     "What went in, as v1,v2; of a run folder: all outputs of its controllers", 0},
+    {"disturbances", OPT_DISTURBANCES, "NAMES", 0, "What went in as well, and was measured, not moved", 0},
+    {"outputs", OPT_OUTPUTS, "NAMES", 0, "What is to be predicted; of a run folder: all measurements", 0},
+    {"period", OPT_PERIOD, "S", 0, "Time from sample to sample; default: that of the first output", 0},
+    {"from", OPT_FROM, "TIME", 0,
+     "Use the record from that time on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
+     0},
+    {"to", OPT_TO, "TIME", 0, "Use the record up to that time", 0},
+    {"share", OPT_SHARE, "X", 0, "Fit to the first X of each record, 0.67 of it, and validate on the rest",
+     0},
+    {"validate", OPT_VALIDATE, "FILE", 0, "Fit to all of the records, and validate on another one", 0},
+    {"model", OPT_MODEL, "KIND", 0,
+     "transfer, arx, subspace or fir; default: each, and the simplest of the best", 0},
+    {"order", OPT_ORDER, "N", 0, "Lags of transfer functions, 1 or 2; states of subspace; default: found", 0},
+    {"output", 'o', "FILE", 0, "Write the model there, for a controller's \"model\"", 0},
+    {"figure", OPT_FIGURE, "NAME", 0, "Draw NAME.svg and NAME.png: measured, and what the model says", 0},
+    {"suggest", OPT_SUGGEST, "TAU_C", OPTION_ARG_OPTIONAL,
+     "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time", 0},
+    {"find", OPT_FIND, "NAMES", 0,
+     "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
+     0},
+    {"plant", OPT_PLANT, "FILE", 0,
+     "Of --find: the experiment file that has the plant, where the record is no run folder", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
+    {0},
+};
+
+/* ---- Options ----------------------------------------------------------------------------------------- */
+
+/* Names go into the file of the model as they are. */
+static void parse_names(struct argp_state *state, char *arg, char **names, size_t *n)
+{
+    for (char *name; (name = strsep(&arg, ","));) {
+        if (!*name || strlen(name) >= APC_TAG_LEN || strpbrk(name, "\"\\\n"))
+            argp_error(state, "\"%s\" is no name", name);
+        if (*n == IDENTIFY_SIGNALS)
+            argp_error(state, "more than %d names", IDENTIFY_SIGNALS);
+        names[(*n)++] = name;
+    }
+}
+
+static double parse_number(struct argp_state *state, const char *option, const char *arg, double low,
+                           double high)
+{
+    double value;
+
+    if (apc_number_parse(arg, &value) < 0 || !(value >= low && value <= high))
+        argp_error(state, "--%s \"%s\": must be a number from %g to %g", option, arg, low, high);
+    return value;
+}
+
+static int parse_kind(struct argp_state *state, const char *arg)
+{
+    for (int k = 0; k < KINDS; k++)
+        if (!strcmp(arg, kinds[k]))
+            return k;
+    argp_error(state, "--model \"%s\": must be transfer, arx, subspace or fir", arg);
+    return KINDS;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct identify_options *own = state->input;
+    struct identify_wish *wish = &own->wish;
+    switch (key) {
+    case OPT_INPUTS:
+        if (wish->disturbances)
+            argp_error(state, "--inputs go before --disturbances");
+        parse_names(state, arg, wish->input, &wish->inputs);
+        break;
+    case OPT_DISTURBANCES: {
+        const size_t before = wish->inputs;
+        parse_names(state, arg, wish->input, &wish->inputs);
+        wish->disturbances += wish->inputs - before;
+        break;
+    }
+    case OPT_OUTPUTS:
+        parse_names(state, arg, wish->output, &wish->outputs);
+        break;
+    case OPT_PERIOD:
+        wish->period = parse_number(state, "period", arg, 1e-6, 1e6);
+        break;
+    case OPT_FROM:
+        own->from = arg;
+        break;
+    case OPT_TO:
+        own->to = arg;
+        break;
+    case OPT_SHARE:
+        own->share = parse_number(state, "share", arg, 0.1, 0.9);
+        break;
+    case OPT_VALIDATE:
+        own->validate = arg;
+        break;
+    case OPT_MODEL:
+        own->kind = parse_kind(state, arg);
+        break;
+    case OPT_ORDER:
+        own->order = (unsigned)parse_number(state, "order", arg, 1, 50);
+        break;
+    case 'o':
+        own->output = arg;
+        break;
+    case OPT_FIGURE:
+        own->figure = arg;
+        break;
+    case OPT_SUGGEST:
+        own->suggest = true;
+        own->tau_c = arg ? parse_number(state, "suggest", arg, 1e-9, 1e9) : 0.0;
+        break;
+    case OPT_FIND:
+        parse_names(state, arg, own->find, &own->finds);
+        break;
+    case OPT_PLANT:
+        own->plant = arg;
+        break;
+    case OPT_FORCE:
+        own->force = true;
+        break;
+    case ARGP_KEY_END:
+        if (own->order && own->kind != TRANSFER && own->kind != SUBSPACE)
+            argp_error(state, "--order is that of --model transfer or --model subspace");
+        if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
+            argp_error(state, "--suggest is for transfer functions");
+        if (own->plant && !own->finds)
+            argp_error(state, "--plant is that of --find");
+        if (own->finds && (own->kind != KINDS || own->suggest || own->output || own->validate))
+            argp_error(state,
+                       "--find finds parameters: no --model, --suggest, --output or --validate with it");
+        if (wish->disturbances && wish->disturbances == wish->inputs)
+            argp_error(state, "--disturbances need --inputs beside them");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "RUN|STORE|FILE.csv[@FROM..TO]...",
+    .doc =
+        "Find models of a plant in its record: run folder RUN, what STORE has, named by its URI, or CSV with "
+        "a "
+        "name above each column, one of them \"time\" in s. Several records, or windows FROM..TO of them, "
+        "are "
+        "fitted together, each around an operating point of its own. The models are transfer functions of "
+        "first or second "
+        "order with dead time, difference "
+        "equations (arx), a state space (subspace) and finite impulse responses (fir). Each is fitted to the "
+        "first part of each record and judged by what it says of the rest: how well it fits running freely, "
+        "and whether its errors are white and have nothing of the inputs in them.",
+    .takes = CLI_FORMAT,
+    .min_args = 1,
+    .max_args = -1,
+    .extra = &extra,
+};
+
+static const struct identify_data *judged_on(const struct identification *z)
+{
+    return z->own.validate ? &z->other : &z->data;
+}
+
+/* ---- Finding ----------------------------------------------------------------------------------------- */
+
+static int fit_transfer(struct identify_model *m, const struct apc_record *r, unsigned order)
+{
+    const size_t inputs = r->nu + r->nd;
+    const struct apc_identify_transfer_options options = {.size = sizeof options, .order = order};
+    int rc;
+
+    m->g = calloc(2 * inputs * r->ny, sizeof *m->g);
+    m->u0 = calloc(apc_record_runs(r) * (inputs + r->ny) + 1, sizeof *m->u0);
+    if (!m->g || !m->u0)
+        return apc_fail(&m->why, APC_ENOMEM, "out of memory");
+    m->error = m->g + inputs * r->ny;
+    m->y0 = m->u0 + apc_record_runs(r) * inputs;
+    rc = apc_identify_transfer(r, &options, m->g, m->error, m->u0, m->y0, NULL, &m->why);
+    if (rc == 0)
+        rc = apc_linear_from_transfer(&m->linear, r->ny, r->nu, r->nd, m->g, m->u0, m->y0, r->Ts, &m->why);
+    return rc;
+}
+
+static int fit(struct identify_model *m, int kind, const struct apc_record *r, unsigned order)
+{
+    const struct apc_identify_arx_options arx = {.size = sizeof arx, .fir = kind == FIR};
+    const struct apc_identify_subspace_options subspace = {.size = sizeof subspace, .order = order};
+    int rc;
+
+    m->kind = kinds[kind];
+    if (kind == TRANSFER)
+        return fit_transfer(m, r, order);
+    rc = kind == SUBSPACE ? apc_identify_subspace(&m->identified, r, &subspace, &m->why)
+                          : apc_identify_arx(&m->identified, r, &arx, &m->why);
+    if (rc == 0) {
+        m->linear = m->identified->linear;
+        m->u0 = m->identified->u0;
+        m->y0 = m->identified->y0;
+    }
+    return rc;
+}
+
+/* The free run, from around the first record's point to around each one's own. */
+static void part(const struct apc_record *r, const double *y0, double *run)
+{
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const size_t end = apc_record_end(r, g), begin = end - apc_record_run(r, g).n;
+
+        for (size_t k = begin * r->ny; k < end * r->ny; k++)
+            run[k] += y0[g * r->ny + k % r->ny] - y0[k % r->ny];
+    }
+}
+
+static int judge(struct identification *z, struct identify_model *m)
+{
+    struct apc_record on = judged_on(z)->record;
+    const size_t from = z->own.validate ? on.n / 10 : z->fitted;
+    const bool several = on.runs > 1;
+    double *moved = several ? apc_record_gather(&on, m->u0, m->y0) : NULL;
+    int rc;
+
+    m->run = calloc(on.n * on.ny, sizeof *m->run);
+    if (!m->run || (several && !moved)) {
+        free(moved);
+        return apc_fail(&m->why, APC_ENOMEM, "out of memory");
+    }
+    rc = apc_validate(m->linear, m->identified ? m->identified->K : NULL, &on, from, m->validation, m->run,
+                      &m->why);
+    if (rc == 0 && several)
+        part(&on, m->y0, m->run);
+    for (size_t i = 0; i < on.ny && rc == 0; i++)
+        m->fit += m->validation[i].fit / (double)on.ny;
+    free(moved);
+    return rc;
+}
+
+static void drop(struct identify_model *m)
+{
+    if (!m->identified) {
+        apc_linear_destroy(m->linear);
+        free(m->u0);
+    }
+    apc_identified_destroy(m->identified);
+    free(m->g);
+    free(m->run);
+    *m = (struct identify_model){.kind = m->kind, .why = m->why};
+}
+
+/* The first that is as good as the best; KINDS: there is none. */
+static int choose(const struct identification *z)
+{
+    double best = -HUGE_VAL;
+
+    for (int k = 0; k < KINDS; k++)
+        best = z->model[k].linear && z->model[k].fit > best ? z->model[k].fit : best;
+    for (int k = 0; k < KINDS; k++)
+        if (z->model[k].linear && z->model[k].fit >= best - AS_GOOD)
+            return k;
+    return KINDS;
+}
+
+static int find_models(struct identification *z)
+{
+    const size_t n = z->data.record.n;
+    struct apc_record first;
+    struct apc_error why;
+    void *memory = NULL;
+    int rc = apc_record_check(&z->data.record, &why);
+
+    if (rc < 0)
+        return cli_error(&z->cli, rc, "%s: %s", z->cli.args[0], why.text);
+    z->fitted = z->own.validate ? n : (size_t)((double)n * z->own.share);
+    rc = identify_first(&z->data.record, z->fitted, &first, &memory);
+    for (int k = 0; k < KINDS && rc != APC_ENOMEM; k++) {
+        struct identify_model *m = &z->model[k];
+
+        if (z->own.kind != KINDS && z->own.kind != k)
+            continue;
+        rc = fit(m, k, &first, z->own.order);
+        if (rc == 0)
+            rc = judge(z, m);
+        if (rc < 0)
+            drop(m);
+    }
+    free(memory);
+    if (rc == APC_ENOMEM)
+        return cli_error(&z->cli, rc, "out of memory");
+    z->chosen = choose(z);
+    if (z->chosen < KINDS)
+        return EXIT_OK; /* else none could be found: why the first could not */
+    for (int k = 0; k < KINDS; k++)
+        if (z->model[k].kind)
+            return cli_error(&z->cli, APC_ESOLVER, "%s: %s", z->cli.args[0], z->model[k].why.text);
+    return EXIT_ERROR;
+}
+
+/* ---- Writing ------------------------------------------------------------------------------------------ */
+
+/* Whole or not at all. */
+static int write_file(const struct identification *z)
+{
+    const struct identify_model *m = &z->model[z->chosen];
+    char part[600], comment[900], around[300] = "";
+    bool failed;
+    FILE *out;
+    int rc = 0;
+
+    if (m->fit < 0.0 && z->own.kind == KINDS)
+        return cli_error(
+            &z->cli, APC_ESOLVER,
+            "%s: not written: no model says more of what they are judged on than its mean does. Judge "
+            "on something that moves (--share, --validate), or take one by --model",
+            z->own.output);
+    if (snprintf(part, sizeof part, "%s.part", z->own.output) >= (int)sizeof part)
+        return cli_error(&z->cli, APC_EINVAL, "%s: the path is too long", z->own.output);
+    out = fopen(part, "we");
+    if (!out)
+        return cli_error(&z->cli, APC_ESYS, "%s: cannot be written: %s", part, strerror(errno));
+    if (z->cli.n_args > 1)
+        snprintf(around, sizeof around, "# of %d records; the operating point is that of %.200s\n",
+                 z->cli.n_args, z->cli.args[0]);
+    snprintf(comment, sizeof comment,
+             "# apc identify --model %s: free run %.1f %% of samples that it was not fitted to\n%s", m->kind,
+             m->fit, around);
+    identify_write(out, m, &z->data, comment);
+    failed = ferror(out) != 0;
+    failed |= fclose(out) != 0;
+    if (failed || rename(part, z->own.output) != 0) {
+        rc = cli_error(&z->cli, APC_ESYS, "%s: cannot be written: %s", z->own.output, strerror(errno));
+        remove(part);
+        return rc;
+    }
+    return EXIT_OK;
+}
+
+static int draw(const struct identification *z)
+{
+    struct apc_error why;
+    int rc = identify_figure(z->own.figure, &z->model[z->chosen], judged_on(z), &why);
+
+    return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+/* Before it takes its time. */
+static int spare_files(const struct identification *z)
+{
+    char svg[600] = "", png[600] = "";
+    const char *const file[] = {z->own.output, z->own.figure ? svg : NULL, z->own.figure ? png : NULL};
+    struct apc_error why;
+    int rc = 0;
+
+    snprintf(svg, sizeof svg, "%.590s.svg", z->own.figure ? z->own.figure : "");
+    snprintf(png, sizeof png, "%.590s.png", z->own.figure ? z->own.figure : "");
+    for (size_t i = 0; i < 3 && rc == 0; i++)
+        rc = file[i] ? folder_spare(file[i], z->own.force, &why) : 0;
+    return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+/* ---- The command --------------------------------------------------------------------------------------- */
+
+int command_identify(int argc, char **argv)
+{
+    struct identification *z = calloc(1, sizeof *z);
+    int rc;
+
+    if (!z) {
+        fputs("apc identify: out of memory\n", stderr);
+        return EXIT_ERROR;
+    }
+    z->own = (struct identify_options){.share = 0.67, .kind = KINDS};
+    cli_parse(&z->cli, &spec, &z->own, argc, argv);
+    rc = spare_files(z);
+    if (rc == EXIT_OK)
+        rc = identify_read_all(z);
+    if (rc == EXIT_OK && z->own.finds) {
+        rc = identify_find(z);
+        goto out;
+    }
+    if (rc == EXIT_OK)
+        rc = find_models(z);
+    if (rc == EXIT_OK && z->own.output)
+        rc = write_file(z);
+    if (rc == EXIT_OK && z->own.figure)
+        rc = draw(z);
+    if (rc == EXIT_OK)
+        identify_show(z);
+out:
+    rc = cli_done(&z->cli, rc);
+    for (int k = 0; k < KINDS; k++)
+        drop(&z->model[k]);
+    identify_data_free(&z->data);
+    identify_data_free(&z->other);
+    free(z);
+    return rc;
+}

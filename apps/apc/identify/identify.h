@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The parts of apc identify. */
+#ifndef APC_IDENTIFY_H
+#define APC_IDENTIFY_H
+
+#include <stdio.h>
+
+#include <apcidentify.h>
+#include <apcstore.h>
+
+#include "apc/common/cli.h"
+
+#define IDENTIFY_SIGNALS 32 /* inputs or outputs, at most */
+#define IDENTIFY_RECORDS 32
+
+/* What is wanted of a file; n 0: of a run all outputs of its controllers, and all measurements. */
+struct identify_wish {
+    char *input[IDENTIFY_SIGNALS], *output[IDENTIFY_SIGNALS];
+    size_t inputs, disturbances, outputs; /* disturbances are the last of the inputs */
+    double period;                        /* s; 0: that of the first output */
+    double from, to;                      /* s, of files; to 0: all */
+    apc_ns since, until;                  /* UTC, of stores; 0: all */
+};
+
+struct identify_data {
+    struct apc_record record;
+    char input[IDENTIFY_SIGNALS][APC_TAG_LEN], output[IDENTIFY_SIGNALS][APC_TAG_LEN];
+    char input_unit[IDENTIFY_SIGNALS][APC_TAG_LEN],
+        output_unit[IDENTIFY_SIGNALS][APC_TAG_LEN]; /* "": not said */
+    double begin;                                   /* time of the first sample */
+    struct identify_gaps {
+        size_t missing, longest;
+    } gaps[IDENTIFY_SIGNALS]; /* of each output */
+    double *memory;
+    size_t *runs; /* where each record begins that was read; NULL: there is one */
+};
+
+/* Is it the URI of a store, and no file? */
+bool identify_is_store(const char *file);
+/*
+ * Read a run folder, what a store has, or CSV with a name in each column, one of them "time" in s. Inputs are
+ * held until the next one, also where they are Bad; measurements that are not Good or Uncertain, or not
+ * there, are missing. Returns 0 or a negative error with FILE in why; identify_data_free() in either case.
+ */
+int identify_read(struct identify_data *data, const char *file, const struct identify_wish *wish,
+                  struct apc_error *why);
+void identify_data_free(struct identify_data *data);
+
+/* The model that was found: transfer functions, or a sampled state space. */
+struct identify_model {
+    const char *kind; /* "transfer", "arx", "subspace", "fir" */
+    struct apc_linear *linear;
+    struct apc_identified *identified; /* NULL: transfer */
+    struct apc_transfer *g, *error;    /* [ny * (nu + nd)] of transfer */
+    double *u0, *y0;                   /* the operating point of each record; goes with identified or g */
+    double *run;                       /* [n * ny] the free run over what was validated on */
+    struct apc_validation validation[IDENTIFY_SIGNALS];
+    double fit;           /* %, mean over the outputs */
+    struct apc_error why; /* why there is none */
+};
+
+/* In the order in which they go before each other. */
+enum identify_kind { TRANSFER, ARX, SUBSPACE, FIR, KINDS };
+
+struct identify_options {
+    struct identify_wish wish;
+    const char *from, *to, *validate, *output, *figure, *plant; /* plant: the experiment file that has it */
+    char *find[IDENTIFY_SIGNALS]; /* parameters of the plant; finds 0: models are sought */
+    size_t finds;
+    double share; /* of the record that is fitted to */
+    int kind;     /* KINDS: all, and the best of them */
+    unsigned order;
+    bool force, suggest;
+    double tau_c; /* s, of what is suggested; 0: the dead time */
+};
+
+struct identify_window {
+    const char *from, *to; /* NULL: no end */
+};
+
+/* All of a command. */
+struct identification {
+    struct cli cli;
+    struct identify_options own;
+    struct identify_window window[IDENTIFY_RECORDS]; /* of each argument */
+    struct identify_data data, other;                /* all records; other: of --validate */
+    struct identify_model model[KINDS];
+    size_t fitted; /* samples that were fitted to */
+    int chosen;
+};
+
+/* Read the arguments into data, and --validate into other. Returns an exit code, its reason told. */
+int identify_read_all(struct identification *z);
+/* Of each record the share that is @p until of all. Returns 0 or APC_ENOMEM; free(*memory). */
+int identify_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory);
+
+/* --find instead of models. Returns an exit code, its reason told. */
+int identify_find(struct identification *z);
+/* What was read, and what of it is fitted to: the first line of a report. */
+void identify_show_samples(const struct identification *z);
+
+/* What the record does not tell of pair @p p of transfer functions, into @p text: "", or as "the sign of the
+ * gain, tau". True: something. */
+bool identify_untold(const struct identify_model *model, size_t p, char *text, size_t size);
+/* The report, as --json and --csv say. */
+void identify_show(const struct identification *z);
+/* The model as a file for a controller. @comment, lines of it. */
+void identify_write(FILE *out, const struct identify_model *model, const struct identify_data *data,
+                    const char *comment);
+/* A figure of what was measured and what the model says of it: NAME.svg and NAME.png. */
+int identify_figure(const char *name, const struct identify_model *model, const struct identify_data *data,
+                    struct apc_error *why);
+
+#endif

@@ -1,0 +1,289 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc identify --find: parameters of the plant of an experiment file, from its record. */
+#include "identify.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "apc/common/print.h"
+#include "files/csv.h"
+#include "experiment/experiment.h"
+
+struct finding {
+    struct identification *z;
+    struct experiment e;
+    const char *file; /* with the plant */
+    size_t which[IDENTIFY_SIGNALS], input[IDENTIFY_SIGNALS], output[IDENTIFY_SIGNALS];
+    double value[IDENTIFY_SIGNALS], error[IDENTIFY_SIGNALS], was[IDENTIFY_SIGNALS];
+    struct identify_model model; /* with the free run and how it fits, for the figure */
+};
+
+/* ---- Whose plant it is ------------------------------------------------------------------------------- */
+
+static int take_plant(struct finding *f, struct apc_error *why)
+{
+    const char *first = f->z->cli.args[0];
+    struct stat what;
+
+    f->file = f->z->own.plant ? f->z->own.plant : first;
+    if (!f->z->own.plant && !(stat(first, &what) == 0 && S_ISDIR(what.st_mode)))
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s is no run folder, that knows its plant: --plant FILE names an experiment file that has it",
+            first);
+    return experiment_load(&f->e, f->file, EXPERIMENT_MODEL, &(struct experiment_overrides){.law = NULL},
+                           why);
+}
+
+static int take_parameters(struct finding *f, struct apc_error *why)
+{
+    const struct apc_model *m = f->e.plant.model;
+    const struct identify_options *own = &f->z->own;
+
+    if (!m)
+        return apc_fail(why, APC_ENOTFOUND, "%s says no model of its plant", f->file);
+    for (size_t i = 0; i < own->finds; i++) {
+        size_t at = 0;
+
+        while (at < m->np && strcmp(m->param[at].name, own->find[i]) != 0)
+            at++;
+        if (at == m->np && strcmp(own->find[i], "dead_time") != 0)
+            return apc_fail(
+                why, APC_ENOTFOUND,
+                "%s has no parameter \"%s\"; apc plants %s shows those it has, and dead_time is one of "
+                "every plant",
+                m->name, own->find[i], m->name);
+        f->which[i] = at;
+        f->was[i] = at < m->np ? f->e.plant.p[at] : f->e.plant.options.dead_time;
+    }
+    return 0;
+}
+
+/* Which of the model's inputs, disturbances behind them, a signal of the record is. */
+static int take_input(struct finding *f, size_t j, struct apc_error *why)
+{
+    const struct apc_model *m = f->e.plant.model;
+    const char *name = f->z->data.input[j];
+
+    for (size_t i = 0; i < m->nu; i++) {
+        if (!strcmp(f->e.u[i].tag.name, name)) {
+            f->input[j] = i;
+            return 0;
+        }
+    }
+    for (size_t i = 0; i < m->nd && m->disturbance; i++) {
+        if (!strcmp(m->disturbance[i].name, name)) {
+            f->input[j] = m->nu + i;
+            return 0;
+        }
+    }
+    return apc_fail(why, APC_ENOTFOUND,
+                    "%s has no output or disturbance \"%s\": name those of the plant by --inputs", f->file,
+                    name);
+}
+
+static int take_signals(struct finding *f, struct apc_error *why)
+{
+    const struct identify_data *d = &f->z->data;
+    int rc = 0;
+
+    for (size_t j = 0; j < d->record.nu + d->record.nd && rc == 0; j++)
+        rc = take_input(f, j, why);
+    for (size_t i = 0; i < d->record.ny && rc == 0; i++) {
+        f->output[i] = 0;
+        while (f->output[i] < f->e.dim.ny && strcmp(f->e.y[f->output[i]].tag.name, d->output[i]) != 0)
+            f->output[i]++;
+        if (f->output[i] == f->e.dim.ny)
+            rc = apc_fail(why, APC_ENOTFOUND,
+                          "%s has no measurement \"%s\": name those of the plant by --outputs", f->file,
+                          d->output[i]);
+    }
+    return rc;
+}
+
+/* ---- Finding ------------------------------------------------------------------------------------------- */
+
+/* % of each output in what was not fitted to, around its mean there. */
+static void judge(struct finding *f)
+{
+    const struct apc_record *all = &f->z->data.record;
+
+    for (size_t i = 0; i < all->ny; i++) {
+        double left = 0.0, there = 0.0;
+
+        for (size_t g = 0; g < apc_record_runs(all); g++) {
+            const struct apc_record r = apc_record_run(all, g);
+            const size_t share = apc_record_share(all, &r, f->z->fitted);
+            const double *run = f->model.run + (apc_record_end(all, g) - r.n) * r.ny;
+            double mean = 0.0, n = 0.0;
+
+            for (size_t k = share; k < r.n; k++) {
+                const double y = r.y[k * r.ny + i];
+
+                mean += isfinite(y) ? y : 0.0;
+                n += isfinite(y) != 0;
+            }
+            for (size_t k = share; k < r.n; k++) {
+                const double y = r.y[k * r.ny + i];
+
+                left += isfinite(y) ? pow(y - run[k * r.ny + i], 2) : 0.0;
+                there += isfinite(y) ? pow(y - mean / n, 2) : 0.0;
+            }
+        }
+        f->model.validation[i].fit = there > 0.0 ? 100.0 * (1.0 - sqrt(left / there)) : (double)NAN;
+    }
+}
+
+static int find(struct finding *f, struct apc_error *why)
+{
+    const struct apc_record *r = &f->z->data.record;
+    struct apc_plant_options options = f->e.plant.options;
+    struct apc_parameters sought = {.size = sizeof sought,
+                                    .model = f->e.plant.model,
+                                    .p = f->e.plant.p,
+                                    .x0 = f->e.plant.x0,
+                                    .plant = &options,
+                                    .which = f->which,
+                                    .n = f->z->own.finds,
+                                    .input = f->input,
+                                    .output = f->output};
+    int rc = take_plant(f, why);
+
+    if (rc == 0)
+        rc = take_parameters(f, why);
+    if (rc == 0)
+        rc = take_signals(f, why);
+    if (rc < 0)
+        return rc;
+    options = f->e.plant.options;
+    options.size = sizeof options;
+    options.integrator = f->e.plant.integrator[0] ? f->e.plant.integrator : NULL;
+    sought.model = f->e.plant.model;
+    sought.p = f->e.plant.p;
+    sought.x0 = f->e.plant.x0;
+    sought.until = f->z->fitted = (size_t)((double)r->n * f->z->own.share);
+    f->model.kind = sought.model->name;
+    f->model.run = calloc(r->n * r->ny + 1, sizeof *f->model.run);
+    if (!f->model.run)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    rc = apc_identify_parameters(r, &sought, f->value, f->error, NULL, f->model.run, why);
+    if (rc == 0)
+        judge(f);
+    return rc;
+}
+
+/* ---- Showing ------------------------------------------------------------------------------------------- */
+
+static const struct apc_param *param_of(const struct finding *f, size_t i)
+{
+    static const struct apc_param dead_time = {.name = "dead_time", .unit = "s", .description = ""};
+    const struct apc_model *m = f->e.plant.model;
+
+    return f->which[i] < m->np ? &m->param[f->which[i]] : &dead_time;
+}
+
+static int show_text(const struct finding *f)
+{
+    static const struct print_column columns[] = {{"parameter", PRINT_LEFT},
+                                                  {"was", PRINT_POINT},
+                                                  {"found", PRINT_LEFT},
+                                                  {"unit", PRINT_LEFT},
+                                                  {"description", PRINT_LEFT}};
+    const struct identify_data *d = &f->z->data;
+    struct print_table t;
+
+    identify_show_samples(f->z);
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < f->z->own.finds; i++) {
+        const struct apc_param *p = param_of(f, i);
+
+        print_cell(&t, PRINT_PLAIN, "%s", p->name);
+        print_cell(&t, PRINT_PLAIN, "%.5g", f->was[i]);
+        print_cell(&t, PRINT_PLAIN, "%.5g ± %.2g", f->value[i], 1.96 * f->error[i]);
+        print_cell(&t, PRINT_PLAIN, "%s", p->unit ? p->unit : "");
+        print_cell(&t, PRINT_PLAIN, "%s", p->description ? p->description : "");
+    }
+    printf("%s of %s, with 95 %% intervals\n", f->e.plant.model->name, f->file);
+    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    for (size_t i = 0; i < d->record.ny && rc == 0; i++)
+        printf("%s: running freely the model says %.1f %% of what it was not fitted to\n", d->output[i],
+               f->model.validation[i].fit);
+    fputs("to try: apc simulate FILE", stdout);
+    for (size_t i = 0; i < f->z->own.finds; i++)
+        printf(" --set plant.%s%s=%.6g", f->which[i] < f->e.plant.model->np ? "parameters." : "",
+               param_of(f, i)->name, f->value[i]);
+    putchar('\n');
+    return rc;
+}
+
+static void show_json(const struct finding *f)
+{
+    const struct identify_data *d = &f->z->data;
+
+    printf("{\"samples\":%zu,\"fitted\":%zu,", d->record.n, f->z->fitted);
+    print_json_text(stdout, "plant", f->e.plant.model->name);
+    fputs(",\"parameters\":[", stdout);
+    for (size_t i = 0; i < f->z->own.finds; i++) {
+        fputs(i ? ",{" : "{", stdout);
+        print_json_text(stdout, "parameter", param_of(f, i)->name);
+        putchar(',');
+        print_json_number(stdout, "was", f->was[i]);
+        putchar(',');
+        print_json_number(stdout, "value", f->value[i]);
+        putchar(',');
+        print_json_number(stdout, "standard_error", f->error[i]);
+        putchar('}');
+    }
+    fputs("],\"outputs\":[", stdout);
+    for (size_t i = 0; i < d->record.ny; i++) {
+        fputs(i ? ",{" : "{", stdout);
+        print_json_text(stdout, "output", d->output[i]);
+        putchar(',');
+        print_json_number(stdout, "fit", f->model.validation[i].fit);
+        putchar('}');
+    }
+    puts("]}");
+}
+
+static void show_csv(const struct finding *f)
+{
+    puts("parameter,was,value,standard_error");
+    for (size_t i = 0; i < f->z->own.finds; i++) {
+        char was[PRINT_LEN], value[PRINT_LEN], error[PRINT_LEN];
+
+        csv_put(stdout, param_of(f, i)->name);
+        printf(",%s,%s,%s\n", print_exact(f->was[i], was), print_exact(f->value[i], value),
+               print_exact(f->error[i], error));
+    }
+}
+
+int identify_find(struct identification *z)
+{
+    struct finding *f = calloc(1, sizeof *f);
+    struct apc_error why;
+    int rc;
+
+    if (!f)
+        return cli_error(&z->cli, APC_ENOMEM, "out of memory");
+    f->z = z;
+    rc = find(f, &why);
+    if (rc == 0 && z->own.figure)
+        rc = identify_figure(z->own.figure, &f->model, &z->data, &why);
+    if (rc == 0) {
+        if (z->cli.format == CLI_JSON)
+            show_json(f);
+        else if (z->cli.format == CLI_CSV)
+            show_csv(f);
+        else
+            rc = show_text(f) < 0 ? apc_fail(&why, APC_ENOMEM, "out of memory") : 0;
+    }
+    if (rc < 0)
+        rc = cli_error(&z->cli, rc, "%s: %s", z->cli.args[0], why.text);
+    experiment_free(&f->e);
+    free(f->model.run);
+    free(f);
+    return rc;
+}

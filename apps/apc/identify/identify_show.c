@@ -1,0 +1,485 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What apc identify tells, for people and for programs. */
+#include <math.h>
+#include <stdio.h>
+
+#include <apctune.h>
+
+#include "identify.h"
+#include "apc/common/print.h"
+#include "files/csv.h"
+
+#define TELLING 0.01 /* a probability below which it is no chance */
+
+/* How far output @p i goes in any record, in the share that was fitted to, or in what it is judged on. */
+static double reach(const struct identification *z, size_t i, bool judged)
+{
+    const struct apc_record *all = &z->data.record;
+    double most = 0.0;
+
+    for (size_t g = 0; g < apc_record_runs(all); g++) {
+        const struct apc_record r = apc_record_run(all, g);
+        const size_t share = apc_record_share(all, &r, z->fitted);
+        double low = HUGE_VAL, high = -HUGE_VAL;
+
+        for (size_t k = judged ? share : 0; k < (judged ? r.n : share); k++) {
+            if (isfinite(r.y[k * r.ny + i])) {
+                low = fmin(low, r.y[k * r.ny + i]);
+                high = fmax(high, r.y[k * r.ny + i]);
+            }
+        }
+        most = fmax(most, high - low);
+    }
+    return most;
+}
+
+void identify_show_samples(const struct identification *z)
+{
+    const struct apc_record *r = &z->data.record;
+    const size_t runs = apc_record_runs(r);
+
+    for (size_t g = 0; g < runs && runs > 1; g++)
+        printf("%s: %zu samples\n", z->cli.args[g], apc_record_run(r, g).n);
+    printf("%s: %zu samples, one each %g s; ", runs > 1 ? "together" : z->cli.args[0], r->n, r->Ts);
+    if (z->own.validate)
+        printf("judged on %s, %zu samples\n", z->own.validate, z->other.record.n);
+    else if (runs > 1)
+        printf("fitted to the first %.0f %% of each, judged on the rest\n", 100.0 * z->own.share);
+    else
+        printf("fitted to the first %zu, judged on the other %zu\n", z->fitted, r->n - z->fitted);
+}
+
+/* Samples without all outputs at each @p step th time of the grid. */
+static size_t gaps_at(const struct apc_record *r, size_t step)
+{
+    size_t gaps = 0;
+
+    for (size_t g = 0; g < apc_record_runs(r); g++) {
+        const struct apc_record run = apc_record_run(r, g);
+
+        for (size_t k = 0; k < run.n; k += step) {
+            size_t i = 0;
+
+            while (i < run.ny && isfinite(run.y[k * run.ny + i]))
+                i++;
+            gaps += i < run.ny;
+        }
+    }
+    return gaps;
+}
+
+/* Of a plant that moves in steps which the client's period is no multiple of. */
+static void show_longer_period(const struct apc_record *r)
+{
+    if (gaps_at(r, 1) < r->n / 5)
+        return;
+    for (size_t step = 2; step <= 20; step++) {
+        const size_t gaps = gaps_at(r, step);
+
+        if (gaps * step < r->n / 100) {
+            printf("each %g s there are %s: --period %g is what arx, subspace and fir want\n",
+                   (double)step * r->Ts, gaps ? "nearly all" : "all", (double)step * r->Ts);
+            return;
+        }
+    }
+}
+
+static void show_record(const struct identification *z)
+{
+    const struct identify_data *d = &z->data;
+    const struct apc_record *r = &d->record;
+
+    identify_show_samples(z);
+    for (size_t i = 0; i < r->ny; i++)
+        if (d->gaps[i].missing)
+            printf("%s: %zu samples are missing, %zu the most at a time\n", d->output[i], d->gaps[i].missing,
+                   d->gaps[i].longest);
+    show_longer_period(r);
+    for (size_t i = 0; i < r->ny && !z->own.validate; i++)
+        if (reach(z, i, true) < 0.2 * reach(z, i, false))
+            printf(
+                "%s hardly moves in what is judged on: its fit says little; another --share may be better\n",
+                d->output[i]);
+    for (size_t i = 0; i < r->ny && z->own.validate; i++)
+        if (!(z->model[z->chosen].validation[i].fit > 0.0))
+            printf("%s: what fits %s says nothing of %s: are they records of one plant, around one point, in "
+                   "the "
+                   "same units?\n",
+                   d->output[i], z->cli.args[0], z->own.validate);
+    for (size_t j = 0; j < r->nu + r->nd; j++) {
+        const int order = apc_record_excitation(r, j);
+        if (order >= 0 && order < 10)
+            printf("%s has %d frequenc%s only: what a model says of others is a guess\n", d->input[j], order,
+                   order == 1 ? "y" : "ies");
+    }
+}
+
+static void put_probability(struct print_table *t, double p)
+{
+    print_cell(t, p < 0.01 ? PRINT_WARN : PRINT_PLAIN, p < 0.001 ? "< 0.001" : "%.3f", p);
+}
+
+static int show_models(const struct identification *z)
+{
+    static const struct print_column columns[] = {
+        {"model", PRINT_LEFT},    {"of", PRINT_LEFT},     {"states", PRINT_RIGHT},     {"fit %", PRINT_POINT},
+        {"ahead %", PRINT_POINT}, {"white", PRINT_POINT}, {"independent", PRINT_POINT}};
+    struct print_table t;
+
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (int k = 0; k < KINDS; k++) {
+        const struct identify_model *m = &z->model[k];
+
+        for (size_t i = 0; m->linear && i < m->linear->ny; i++) {
+            const struct apc_validation *v = &m->validation[i];
+
+            print_cell(&t, PRINT_PLAIN, "%s", i ? "" : m->kind);
+            print_cell(&t, PRINT_PLAIN, "%s", z->data.output[i]);
+            if (i)
+                print_cell(&t, PRINT_PLAIN, "%s", "");
+            else
+                print_cell(&t, PRINT_PLAIN, "%zu", m->linear->nx);
+            print_cell(&t, v->fit < 50.0 ? PRINT_WARN : PRINT_PLAIN, "%.1f", v->fit);
+            if (isnan(v->ahead))
+                print_cell(&t, PRINT_PLAIN, "%s", "");
+            else
+                print_cell(&t, PRINT_PLAIN, "%.1f", v->ahead);
+            put_probability(&t, v->white);
+            put_probability(&t, v->independent);
+        }
+    }
+    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    for (int k = 0; k < KINDS; k++)
+        if (z->model[k].kind && !z->model[k].linear)
+            printf("no %s: %s\n", z->model[k].kind, z->model[k].why.text);
+    return rc;
+}
+
+static void put_estimate(struct print_table *t, bool there, double value, double error)
+{
+    const double half = 1.96 * error;
+
+    if (!there)
+        print_cell(t, PRINT_PLAIN, "%s", "");
+    else if (isnan(error))
+        print_cell(t, PRINT_WARN, "%.4g ± ?", value);
+    else if (half >= 99.5 && half < 1e6)
+        print_cell(t, PRINT_PLAIN, "%.4g ± %.0f", value, half);
+    else
+        print_cell(t, PRINT_PLAIN, "%.4g ± %.2g", value, half);
+}
+
+bool identify_untold(const struct identify_model *m, size_t p, char *text, size_t size)
+{
+    const struct apc_transfer *g = &m->g[p], *e = &m->error[p];
+    const struct {
+        const char *name;
+        bool untold;
+    } number[] = {{"whether there is any effect", g->gain == 0.0},
+                  {"the sign of the gain", g->gain != 0.0 && !(1.96 * e->gain < fabs(g->gain))},
+                  {"tau", g->tau[0] > 0.0 && isnan(e->tau[0])},
+                  {"the second tau", g->tau[1] > 0.0 && isnan(e->tau[1])},
+                  {"the dead time", g->gain != 0.0 && isnan(e->dead_time)},
+                  {"the zero", g->zero != 0.0 && isnan(e->zero)}};
+    size_t at = 0;
+
+    text[0] = '\0';
+    for (size_t i = 0; i < sizeof number / sizeof *number && at < size; i++)
+        if (number[i].untold)
+            at += (size_t)snprintf(text + at, size - at, "%s%s", at ? ", " : "", number[i].name);
+    return at > 0;
+}
+
+static bool any_untold(const struct identify_model *m, const struct identify_data *d)
+{
+    char text[200];
+    bool any = false;
+
+    for (size_t p = 0; m->g && p < d->record.ny * (d->record.nu + d->record.nd); p++)
+        any |= identify_untold(m, p, text, sizeof text);
+    return any;
+}
+
+static int show_pairs(const struct identification *z)
+{
+    static const struct print_column columns[] = {
+        {"from", PRINT_LEFT}, {"to", PRINT_LEFT},          {"gain", PRINT_LEFT},   {"tau s", PRINT_LEFT},
+        {"", PRINT_LEFT},     {"dead time s", PRINT_LEFT}, {"zero s", PRINT_LEFT}, {"", PRINT_LEFT}};
+    const struct identify_model *m = &z->model[TRANSFER];
+    const size_t inputs = z->data.record.nu + z->data.record.nd;
+    char untold[200];
+    struct print_table t;
+
+    if (!m->linear)
+        return 0;
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++) {
+        const struct apc_transfer *g = &m->g[p], *e = &m->error[p];
+
+        print_cell(&t, PRINT_PLAIN, "%s", z->data.input[p % inputs]);
+        print_cell(&t, PRINT_PLAIN, "%s", z->data.output[p / inputs]);
+        if (g->gain == 0.0) { /* none that shows */
+            for (size_t i = 0; i < 6; i++)
+                print_cell(&t, i ? PRINT_PLAIN : PRINT_WARN, "%s", i ? "" : "none");
+            continue;
+        }
+        put_estimate(&t, true, g->gain, e->gain);
+        put_estimate(&t, g->tau[0] > 0.0, g->tau[0], e->tau[0]);
+        put_estimate(&t, g->tau[1] > 0.0, g->tau[1], e->tau[1]);
+        put_estimate(&t, true, g->dead_time, e->dead_time);
+        put_estimate(&t, g->zero != 0.0, g->zero, e->zero);
+        print_cell(&t, PRINT_PLAIN, "%s", g->integrating ? "integrating" : "");
+    }
+    puts("\ntransfer, with 95 % intervals");
+    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++)
+        if (identify_untold(m, p, untold, sizeof untold))
+            printf("%s to %s: the record does not tell %s\n", z->data.input[p % inputs],
+                   z->data.output[p / inputs], untold);
+    for (size_t i = 0; i < z->data.record.ny; i++)
+        if (m->validation[i].independent < TELLING)
+            printf("of %s these intervals are too narrow: what the model leaves out is not noise alone, and "
+                   "they know of "
+                   "noise only. How well a number is known, models of two records tell\n",
+                   z->data.output[i]);
+    return rc;
+}
+
+/* Of pair @p p: PI, and PID where there is a second lag. False: there is none. */
+static bool suggest(const struct identification *z, size_t p, bool derivative, struct apc_pid_tuning *t,
+                    struct apc_margins *m, struct apc_error *why)
+{
+    const struct apc_transfer *g = &z->model[TRANSFER].g[p];
+    const double period = z->data.record.Ts;
+
+    why->text[0] = '\0';
+    return (!derivative || g->tau[g->integrating ? 0 : 1] > 0.0) &&
+           apc_tune_pid(g, APC_TUNE_SIMC, derivative, z->own.tau_c, period, t, why) == 0 &&
+           apc_tune_margins(g, t, period, m, why) == 0;
+}
+
+static void put_margin(struct print_table *t, bool stable, double margin)
+{
+    if (stable && isfinite(margin))
+        print_cell(t, PRINT_PLAIN, "%.3g", margin);
+    else
+        print_cell(t, stable ? PRINT_PLAIN : PRINT_WARN, "%s", stable ? "any" : "unstable");
+}
+
+static int show_tunings(const struct identification *z)
+{
+    static const struct print_column columns[] = {{"from", PRINT_LEFT},     {"to", PRINT_LEFT},
+                                                  {"loop", PRINT_LEFT},     {"Kp", PRINT_POINT},
+                                                  {"tau_i s", PRINT_POINT}, {"tau_d s", PRINT_POINT},
+                                                  {"gain x", PRINT_POINT},  {"phase deg", PRINT_POINT},
+                                                  {"delay s", PRINT_POINT}, {"peak", PRINT_POINT}};
+    const size_t inputs = z->data.record.nu + z->data.record.nd;
+    struct apc_pid_tuning tuning;
+    struct apc_margins m = {.size = sizeof m};
+    struct apc_error why;
+    struct print_table t;
+
+    if (!z->own.suggest || !z->model[TRANSFER].linear)
+        return 0;
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++) {
+        for (int derivative = 0; derivative < 2 && p % inputs < z->data.record.nu; derivative++) {
+            if (!suggest(z, p, derivative, &tuning, &m, &why))
+                continue;
+            print_cell(&t, PRINT_PLAIN, "%s", z->data.input[p % inputs]);
+            print_cell(&t, PRINT_PLAIN, "%s", z->data.output[p / inputs]);
+            print_cell(&t, PRINT_PLAIN, "%s", derivative ? "PID" : "PI");
+            print_cell(&t, PRINT_PLAIN, "%.4g", tuning.Kp);
+            print_cell(&t, PRINT_PLAIN, "%.4g", tuning.tau_i);
+            print_cell(&t, PRINT_PLAIN, derivative ? "%.4g" : "%.0g", tuning.tau_d);
+            put_margin(&t, m.stable, m.gain);
+            put_margin(&t, m.stable, m.phase);
+            put_margin(&t, m.stable, m.delay);
+            put_margin(&t, m.stable, m.sensitivity);
+        }
+    }
+    printf("\nSIMC for a loop of each pair, with a controller of %g s; margins of the model\n",
+           z->data.record.Ts);
+    int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
+    print_table_close(&t);
+    for (size_t p = 0; p < inputs * z->data.record.ny; p++)
+        if (p % inputs < z->data.record.nu && !suggest(z, p, false, &tuning, &m, &why))
+            printf("%s to %s: %s\n", z->data.input[p % inputs], z->data.output[p / inputs], why.text);
+    return rc;
+}
+
+static void show_text(const struct identification *z)
+{
+    const struct identify_model *m = &z->model[z->chosen];
+    bool hangs = false;
+
+    show_record(z);
+    if (show_models(z) < 0 || show_pairs(z) < 0 || show_tunings(z) < 0)
+        cli_error(&z->cli, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < m->linear->ny; i++)
+        hangs |= m->validation[i].independent < TELLING;
+    if (z->own.kind != KINDS && any_untold(m, &z->data))
+        printf("\n%s has numbers that the record does not tell", m->kind);
+    else
+        printf("\n%s: %s%s", z->own.kind == KINDS ? "the simplest of the best" : "taken", m->kind,
+               any_untold(m, &z->data) ? ", with numbers that the record does not tell" : "");
+    printf("%s\n", hangs ? ", but its errors hang on the inputs: what it leaves out may be another order, a "
+                           "nonlinearity, or "
+                           "an input that is not on record"
+                         : "");
+}
+
+static void json_numbers(const char *key, const double *value, size_t n)
+{
+    printf("\"%s\":[", key);
+    for (size_t i = 0; i < n; i++) {
+        char text[PRINT_LEN];
+        printf("%s%s", i ? "," : "", isfinite(value[i]) ? print_exact(value[i], text) : "null");
+    }
+    putchar(']');
+}
+
+static void json_transfer(const char *key, const struct apc_transfer *g)
+{
+    printf("\"%s\":{", key);
+    print_json_number(stdout, "gain", g->gain);
+    putchar(',');
+    json_numbers("tau", g->tau, 2);
+    putchar(',');
+    print_json_number(stdout, "dead_time", g->dead_time);
+    putchar(',');
+    print_json_number(stdout, "zero", g->zero);
+    printf(",\"integrating\":%s}", g->integrating ? "true" : "false");
+}
+
+static void json_tunings(const struct identification *z, size_t p)
+{
+    struct apc_pid_tuning t;
+    struct apc_margins m = {.size = sizeof m};
+    struct apc_error why;
+
+    fputs(",\"simc\":[", stdout);
+    for (int derivative = 0, n = 0; derivative < 2; derivative++) {
+        if (!suggest(z, p, derivative, &t, &m, &why))
+            continue;
+        fputs(n++ ? ",{" : "{", stdout);
+        print_json_number(stdout, "Kp", t.Kp);
+        putchar(',');
+        print_json_number(stdout, "tau_i", t.tau_i);
+        putchar(',');
+        print_json_number(stdout, "tau_d", t.tau_d);
+        putchar(',');
+        print_json_number(stdout, "gain_margin", m.gain);
+        putchar(',');
+        print_json_number(stdout, "phase_margin", m.phase);
+        putchar(',');
+        print_json_number(stdout, "delay_margin", m.delay);
+        putchar(',');
+        print_json_number(stdout, "sensitivity", m.sensitivity);
+        printf(",\"stable\":%s}", m.stable ? "true" : "false");
+    }
+    putchar(']');
+}
+
+static void json_model(const struct identification *z, const struct identify_model *m)
+{
+    const size_t inputs = z->data.record.nu + z->data.record.nd;
+
+    putchar('{');
+    print_json_text(stdout, "model", m->kind);
+    if (!m->linear) {
+        putchar(',');
+        print_json_text(stdout, "error", m->why.text);
+        putchar('}');
+        return;
+    }
+    printf(",\"states\":%zu,\"outputs\":[", m->linear->nx);
+    for (size_t i = 0; i < m->linear->ny; i++) {
+        const struct apc_validation *v = &m->validation[i];
+
+        printf("%s{", i ? "," : "");
+        print_json_text(stdout, "output", z->data.output[i]);
+        putchar(',');
+        print_json_number(stdout, "fit", v->fit);
+        putchar(',');
+        print_json_number(stdout, "ahead", v->ahead);
+        putchar(',');
+        print_json_number(stdout, "white", v->white);
+        putchar(',');
+        print_json_number(stdout, "independent", v->independent);
+        putchar('}');
+    }
+    putchar(']');
+    for (size_t p = 0; m->g && p < inputs * m->linear->ny; p++) {
+        fputs(p ? ",{" : ",\n\"pairs\":[{", stdout);
+        print_json_text(stdout, "from", z->data.input[p % inputs]);
+        putchar(',');
+        print_json_text(stdout, "to", z->data.output[p / inputs]);
+        putchar(',');
+        json_transfer("value", &m->g[p]);
+        putchar(',');
+        json_transfer("standard_error", &m->error[p]);
+        if (z->own.suggest && p % inputs < z->data.record.nu)
+            json_tunings(z, p);
+        putchar('}');
+    }
+    fputs(m->g ? "]}" : "}", stdout);
+}
+
+static void show_json(const struct identification *z)
+{
+    bool more = false;
+
+    fputs("{\"records\":[", stdout);
+    for (size_t g = 0; g < apc_record_runs(&z->data.record); g++) {
+        fputs(g ? ",{" : "{", stdout);
+        print_json_text(stdout, "record", z->cli.args[g]);
+        printf(",\"samples\":%zu}", apc_record_run(&z->data.record, g).n);
+    }
+    printf("],\"samples\":%zu,\"fitted\":%zu,", z->data.record.n, z->fitted);
+    print_json_number(stdout, "period", z->data.record.Ts);
+    putchar(',');
+    print_json_text(stdout, "chosen", z->model[z->chosen].kind);
+    fputs(",\"models\":[", stdout);
+    for (int k = 0; k < KINDS; k++) {
+        if (!z->model[k].kind)
+            continue;
+        fputs(more ? ",\n" : "\n", stdout);
+        json_model(z, &z->model[k]);
+        more = true;
+    }
+    puts("]}");
+}
+
+static void show_csv(const struct identification *z)
+{
+    puts("model,output,fit,ahead,white,independent");
+    for (int k = 0; k < KINDS; k++) {
+        const struct identify_model *m = &z->model[k];
+
+        for (size_t i = 0; m->linear && i < m->linear->ny; i++) {
+            const double value[] = {m->validation[i].fit, m->validation[i].ahead, m->validation[i].white,
+                                    m->validation[i].independent};
+
+            printf("%s,", m->kind);
+            csv_put(stdout, z->data.output[i]);
+            for (size_t q = 0; q < 4; q++) {
+                char text[PRINT_LEN];
+                printf(",%s", isnan(value[q]) ? "" : print_exact(value[q], text));
+            }
+            putchar('\n');
+        }
+    }
+}
+
+void identify_show(const struct identification *z)
+{
+    if (z->cli.format == CLI_JSON)
+        show_json(z);
+    else if (z->cli.format == CLI_CSV)
+        show_csv(z);
+    else
+        show_text(z);
+}

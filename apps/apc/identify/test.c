@@ -1,0 +1,462 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc test: an experiment on the plant that a model can be had from. */
+#include "test.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "common/storeuri.h"
+#include "apc/folder/folder.h"
+#include "oscillation.h"
+#include "apc/report/report.h"
+#include "apc/simulate/simulation_export.h"
+#include "apc/common/warn.h"
+
+static const char *const kinds[TEST_KINDS] = {"prbs", "steps", "multisine", "relay"};
+
+enum {
+    OPT_MOVE = 0x700,
+    OPT_SIGNAL,
+    OPT_AMPLITUDE,
+    OPT_BAND,
+    OPT_SETTLING,
+    OPT_GUARD,
+    OPT_LIVE,
+    OPT_SET,
+    OPT_NET,
+    OPT_FORCE
+};
+
+static const struct argp_option option_list[] = {
+    {"signal", OPT_SIGNAL, "KIND", 0, "prbs (the default), steps, multisine or relay", 0},
+    {"move", OPT_MOVE, "NAMES", 0,
+     "Outputs, which go to Man meanwhile, or setpoints of loops in Auto, as v1,v2; default: all outputs", 0},
+    {"amplitude", OPT_AMPLITUDE, "[NAME=]X", 0,
+     "How far to each side, in its unit; default: a tenth of its range, or what the noise asks for and the "
+     "guards allow",
+     0},
+    {"guard", OPT_GUARD, "NAME=LOW..HIGH", 0,
+     "A measurement beyond these ends the test; default: its limits in the file", 0},
+    {"settling", OPT_SETTLING, "S", 0,
+     "In which the plant comes to rest; default: of the file's model, else 60 periods of the controller", 0},
+    {"duration", 'd', "S", 0, "Of the signal; default: 10 settling times", 0},
+    {"band", OPT_BAND, "LOW..HIGH", 0, "Of prbs and multisine, in Hz", 0},
+    {"live", OPT_LIVE, NULL, 0, "On the plant that runs in the store, which must be that of FILE", 0},
+    {"out", 'o', "DIR", 0, "Run folder; default runs/NAME-test-TIME", 0},
+    {"seed", 's', "N", 0, "Of a simulated plant, instead of the file's", 0},
+    {"net", OPT_NET, "SPEC", 0, "Its network, over what the file says, as in apc simulate", 0},
+    {"set", OPT_SET, "PATH=VALUE", 0, "A setting other than the file's, any number of times", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in that folder", 0},
+    {0},
+};
+
+static double parse_number(const struct argp_state *state, const char *option, const char *arg, double low,
+                           double high)
+{
+    double value;
+
+    if (apc_number_parse(arg, &value) < 0 || !(value >= low && value <= high))
+        argp_error(state, "--%s \"%s\": must be a number from %g to %g", option, arg, low, high);
+    return value;
+}
+
+static void parse_moves(struct argp_state *state, struct test_options *o, char *arg)
+{
+    for (char *name; (name = strsep(&arg, ","));) {
+        if (o->moves == TEST_SIGNALS)
+            argp_error(state, "--move: more than %d signals", TEST_SIGNALS);
+        o->move[o->moves++] = name;
+    }
+}
+
+static void parse_amplitude(const struct argp_state *state, struct test_options *o, char *arg)
+{
+    char *equals = strchr(arg, '=');
+    const char *number = equals ? equals + 1 : arg;
+
+    if (o->amplitudes == TEST_SIGNALS)
+        argp_error(state, "--amplitude: more than %d", TEST_SIGNALS);
+    o->amplitude[o->amplitudes].value = parse_number(state, "amplitude", number, DBL_MIN, 1e300);
+    o->amplitude[o->amplitudes++].name = equals ? arg : arg + strlen(arg);
+    if (equals)
+        *equals = '\0';
+}
+
+/* "LOW..HIGH" */
+static bool parse_range(char *text, double *low, double *high)
+{
+    char *dots = text ? strstr(text, "..") : NULL;
+
+    if (!dots)
+        return false;
+    *dots = '\0';
+    return apc_number_parse(text, low) == 0 && apc_number_parse(dots + 2, high) == 0 && *low < *high;
+}
+
+static void parse_guard(const struct argp_state *state, struct test_options *o, char *arg)
+{
+    char *equals = strchr(arg, '=');
+
+    if (o->guards == TEST_SIGNALS)
+        argp_error(state, "--guard: more than %d", TEST_SIGNALS);
+    if (!equals || !parse_range(equals + 1, &o->guard[o->guards].value, &o->guard[o->guards].high))
+        argp_error(state, "--guard \"%s\": expected NAME=LOW..HIGH, as y=0..10", arg);
+    if (equals)
+        *equals = '\0';
+    o->guard[o->guards++].name = arg;
+}
+
+static void parse_signal(const struct argp_state *state, struct test_options *o, const char *arg)
+{
+    int kind = 0;
+
+    while (kind < TEST_KINDS && strcmp(arg, kinds[kind]) != 0)
+        kind++;
+    if (kind == TEST_KINDS)
+        argp_error(state, "--signal \"%s\": must be prbs, steps, multisine or relay", arg);
+    o->kind = (enum test_kind)kind;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct test_options *o = state->input;
+
+    switch (key) {
+    case OPT_SIGNAL:
+        parse_signal(state, o, arg);
+        break;
+    case OPT_MOVE:
+        parse_moves(state, o, arg);
+        break;
+    case OPT_AMPLITUDE:
+        parse_amplitude(state, o, arg);
+        break;
+    case OPT_GUARD:
+        parse_guard(state, o, arg);
+        break;
+    case OPT_SETTLING:
+        o->settling = parse_number(state, "settling", arg, 1e-6, 1e9);
+        break;
+    case 'd':
+        o->duration = parse_number(state, "duration", arg, 1e-6, 366 * 86400.0);
+        break;
+    case OPT_BAND:
+        if (!parse_range(arg, &o->from, &o->to) || !(o->from > 0.0))
+            argp_error(state, "--band: expected LOW..HIGH in Hz, as 0.001..0.1");
+        break;
+    case OPT_LIVE:
+        o->live = true;
+        break;
+    case 'o':
+        o->out = arg;
+        break;
+    case 's':
+        o->seed = (uint64_t)parse_number(state, "seed", arg, 0, 0x1p53);
+        o->seeded = true;
+        break;
+    case OPT_NET:
+        o->net = arg;
+        break;
+    case OPT_SET:
+        setting_add(&o->set, state, arg);
+        break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
+    case ARGP_KEY_END:
+        if (o->from > 0.0 && o->kind != TEST_PRBS && o->kind != TEST_MULTISINE)
+            argp_error(state, "--band is that of prbs and multisine; steps follow --settling, and a relay "
+                              "finds its own");
+        if (o->live && (o->seeded || o->net || o->set.n))
+            argp_error(state, "--live: --seed, --net and --set are of a simulated plant");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "FILE\n--live [FILE]",
+    .doc = "Move the plant of experiment FILE so that apc identify can tell what it is: in virtual time, or "
+           "--live. It is let "
+           "come to rest, its outputs go to Man (or its loops stay in Auto and setpoints are moved), the "
+           "signal follows, and all goes back to how it was, also where a guard, a signal or somebody's hand "
+           "ends it. What happened is in a run folder. --live without FILE it is the plant of the run whose "
+           "store it "
+           "is.",
+    .takes = CLI_STORE | CLI_OWN_STORE,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+static volatile sig_atomic_t stop;
+
+static void on_signal(int number)
+{
+    (void)number;
+    stop = 1;
+}
+
+static void catch_signals(void)
+{
+    struct sigaction action = {.sa_handler = on_signal};
+
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    sigaction(SIGHUP, &action, NULL);
+}
+
+/* ---- Before ---------------------------------------------------------------------------------------------
+ */
+
+/* A plant that is left alone but for the test. */
+static void quieten(struct experiment *e)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < e->plant.n_disturbances; i++)
+        if (e->plant.disturbance[i].at <= 0)
+            e->plant.disturbance[n++] = e->plant.disturbance[i];
+    e->plant.n_disturbances = n;
+    e->n_actions = 0;
+}
+
+/* That of the run whose store it is, where none is named. */
+static int find_file(struct test *z, struct apc_error *why)
+{
+    z->file = z->cli.n_args > 0 ? z->cli.args[0] : z->folder;
+    if (z->cli.n_args > 0)
+        return 0;
+    if (!z->cli.store || runstore_folder(z->cli.store, z->folder) < 0)
+        return apc_fail(
+            why, APC_ENOTFOUND,
+            "the store is not that of a run folder, which has the experiment file of its plant: give "
+            "FILE, or the run folder in its place");
+    return 0;
+}
+
+static int load(struct test *z, struct apc_error *why)
+{
+    const struct experiment_overrides overrides = {.set = z->own.set.at, .n_set = z->own.set.n};
+    int rc = experiment_load(&z->e, z->file, EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, why);
+
+    if (rc == 0 && z->own.net)
+        rc = models_network(&z->e.models, z->own.net, why);
+    if (rc == 0 && !z->own.live && !z->e.plant.model)
+        return apc_fail(why, APC_EINVAL, "%s has no model of its plant: it can be tested --live only",
+                        z->file);
+    if (rc == 0) {
+        warn(&z->cli, &z->e);
+        quieten(&z->e);
+    }
+    return rc;
+}
+
+static int open_live(struct test *z, struct apc_error *why)
+{
+    char differs[PROVISION_TEXT];
+    int rc = cli_open(&z->cli, &z->store);
+
+    if (rc < 0)
+        return apc_fail(why, rc, "the store cannot be had");
+    rc = provision_check(z->store, &z->e, differs);
+    if (rc == APC_EPERM)
+        return apc_fail(why, rc, "the store is of another plant: %s", differs);
+    return rc < 0 ? apc_fail(why, rc, "%s", apc_store_error(z->store)) : 0;
+}
+
+/* One test of a loop at a time: of two each would take the other for somebody who moves the plant, and the
+ * last would leave it as the first has had it. The claim ends with the process, however that ends. */
+static int claim_loops(const struct test *z, struct apc_error *why)
+{
+    struct apc_sample target[TEST_SIGNALS];
+    int rc;
+
+    for (size_t i = 0; i < z->moves; i++)
+        target[i] = (struct apc_sample){.table = APC_OPMODE, .id = z->move[i].loop->id};
+    rc = apc_store_claim_set(z->store, target, z->moves);
+    if (rc == APC_EBUSY)
+        return apc_fail(why, rc, "another apc test is at work on this loop (%s): wait for its end",
+                        apc_store_error(z->store));
+    return rc < 0 ? apc_fail(why, rc, "%s", apc_store_error(z->store)) : 0;
+}
+
+/* The controller with the longest period of those that have a hand in it: one sample a tick of it. */
+static const struct controller *slowest(const struct test *z)
+{
+    const struct controller *found = &z->e.controllers[0];
+
+    for (size_t i = 0; i < z->e.n_controllers; i++)
+        for (size_t k = 0; k < z->own.moves; k++)
+            for (size_t j = 0; j < z->e.controllers[i].dim.nu; j++) {
+                const struct controller *c = &z->e.controllers[i];
+                const struct controller_loop loop = {c, j};
+                const bool its = !strcmp(controllers_output(&z->e, loop)->name, z->own.move[k]) && !c->shadow;
+                found = its && c->rhythm.period > found->rhythm.period ? c : found;
+            }
+    return found;
+}
+
+static int make_folder(struct test *z, struct apc_error *why)
+{
+    char name[APC_TAG_LEN + 8];
+    int rc = 0;
+
+    if (z->own.out && strlen(z->own.out) >= sizeof z->dir)
+        return apc_fail(why, APC_EINVAL, "--out: the path is too long");
+    umask(077); /* the record of a plant is its owner's */
+    snprintf(name, sizeof name, "%s-test", z->e.name);
+    if (z->own.out)
+        snprintf(z->dir, sizeof z->dir, "%s", z->own.out);
+    else
+        rc = folder_choose(z->dir, sizeof z->dir, name, why);
+    return rc < 0 ? rc : folder_create(z->dir, &z->e, z->own.force, why);
+}
+
+/* ---- After ----------------------------------------------------------------------------------------------
+ */
+
+static int export_live(struct test *z, struct apc_error *why)
+{
+    char name[256], host[64] = "";
+    gethostname(host, sizeof host - 1);
+    store_name(z->cli.store ? z->cli.store : "postgresql:", name, sizeof name);
+    const struct folder_facts facts = {
+        .by = "apc test", .timer = "", .store = name, .host = host, .start = z->begin};
+    int rc = folder_keep(z->dir, &z->e, &facts, why);
+
+    return rc < 0 ? rc : folder_export(z->dir, z->store, &z->e, z->begin, 0, z->begin, z->bench.now, why);
+}
+
+static int leave(struct test *z, struct apc_error *why)
+{
+    int rc = z->own.live ? export_live(z, why)
+                         : simulation_export(&z->simulation, z->dir, "apc test", z->begin, why);
+
+    if (rc == 0)
+        rc = report_leave(&z->cli, z->dir, &z->e, z->e.title, NULL, why);
+    return rc < 0 ? rc : 0;
+}
+
+static void print_relay(const struct test *z)
+{
+    const struct apc_record record = {.Ts = z->Ts,
+                                      .n = z->kept > 0 ? z->kept - 1 : 0,
+                                      .nu = z->e.dim.nu,
+                                      .ny = z->e.dim.ny,
+                                      .u = z->u,
+                                      .y = z->y};
+    struct oscillation found;
+
+    if (z->own.kind != TEST_RELAY)
+        return;
+    if (!oscillation_find(&record, (size_t)z->move[0].loop->output - 1,
+                          (size_t)z->move[0].loop->measurement - 1, &found)) {
+        puts("the relay's oscillation did not become steady: a longer --duration, or a smaller --amplitude");
+        return;
+    }
+    printf("oscillation: %.4g to each side every %.4g s, so the loop's limit is a gain of %.4g\n",
+           z->relay.amplitude[0], found.every, found.gain);
+}
+
+/* Of a real plant samples come late, so the grid that they were to lie on is named. */
+static void tell_next(const struct test *z)
+{
+    printf("record: %s; next: apc identify %s", z->dir, z->dir);
+    if (z->own.live)
+        printf(" --period %.10g", apc_ns_to_s(z->e.client.rhythm.period));
+    putchar('\n');
+}
+
+static int tell(struct test *z, struct apc_error *why)
+{
+    static const int code[] = {0, 0, APC_ERANGE, APC_EPERM, APC_ECONN};
+    const bool recorded = z->begin > 0 && z->kept > 2;
+    int rc = 0;
+
+    test_gain_print(z);
+    print_relay(z);
+    if (recorded && (rc = leave(z, why)) == 0)
+        tell_next(z);
+    if (!recorded)
+        folder_discard(z->dir, &z->e);
+    if (z->end == TEST_STOPPED)
+        puts("ended by a signal: this is what there is");
+    else if (z->end != TEST_WHOLE && rc == 0)
+        rc = apc_fail(why, code[z->end], "%s: the test ended there", z->why.text);
+    return rc;
+}
+
+static int test(struct test *z, struct apc_error *why)
+{
+    int rc = find_file(z, why);
+
+    if (rc == 0)
+        rc = load(z, why);
+    if (rc == 0 && z->own.live)
+        rc = open_live(z, why);
+    if (rc < 0)
+        return rc;
+    const struct controller *follow = slowest(z);
+    z->Ts = apc_ns_to_s(follow->rhythm.period);
+    z->bench.s = &z->simulation;
+    z->bench.stop = &stop;
+    rc = test_bench_open(&z->bench, &z->e, follow, z->own.seeded ? z->own.seed : z->e.seed, z->store, why);
+    if (rc == 0)
+        rc = test_plan(z, why);
+    if (rc == 0 && z->own.live)
+        rc = claim_loops(z, why);
+    if (rc == 0)
+        rc = make_folder(z, why);
+    if (rc < 0)
+        return rc;
+    catch_signals();
+    rc = test_run(z, why);
+    if (rc < 0)
+        folder_discard(z->dir, &z->e);
+    return rc < 0 ? rc : tell(z, why);
+}
+
+int command_test(int argc, char **argv)
+{
+    struct test *z = calloc(1, sizeof *z);
+    struct apc_error why;
+    int rc;
+
+    if (!z) {
+        fputs("apc test: out of memory\n", stderr);
+        return EXIT_ERROR;
+    }
+    cli_parse(&z->cli, &spec, &z->own, argc, argv);
+    if (z->cli.n_args == 0 && !z->own.live) {
+        rc = cli_usage(&z->cli, "FILE is missing: the experiment of which plant?");
+        free(z);
+        return rc;
+    }
+    rc = test(z, &why);
+    if (rc < 0)
+        cli_error(&z->cli, rc, "%s", why.text);
+    test_bench_close(&z->bench);
+    apc_store_close(z->store);
+    experiment_free(&z->e);
+    free(z->guard);
+    free(z->gains);
+    free(z->levels);
+    free(z->row);
+    free(z->u);
+    free(z->y);
+    free(z->held);
+    free(z->varies);
+    free(z->found);
+    rc = cli_done(&z->cli, exit_code_of(rc));
+    free(z);
+    return rc;
+}

@@ -1,0 +1,511 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc alarm: the alarms as they stand, their journal; acknowledging, shelving. */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "apc/common/cli.h"
+#include "operate.h"
+#include "apc/common/print.h"
+#include "apc/common/print_alarms.h"
+#include "record/alarm_board.h"
+
+#define PAUSE (50 * APC_NS_PER_MS)
+#define GRACE (2 * APC_NS_PER_S) /* beyond three ticks */
+#define LAST  50                 /* transitions that are shown without --since and --last */
+
+#define REASON_MAX 80 /* bytes, as over HTTP: an event has little more room */
+
+struct alarm_options {
+    bool all, once, figures;
+    const char *for_, *since, *last, *reason;
+};
+
+struct session {
+    struct cli cli;
+    struct alarm_options options;
+    struct apc_store *store;
+    struct alarm_board board;
+    apc_ns now; /* UTC of the last read */
+};
+
+enum { OPT_ONCE = 0x700, OPT_SINCE, OPT_LAST, OPT_FIGURES };
+
+static const struct argp_option option_list[] = {
+    {"all", 'a', NULL, 0, "list: also what is normal; ack: all that is unacknowledged", 0},
+    {"for", 'f', "DURATION", 0, "shelve: how long, as 30m or 2h; required", 0},
+    {"once", OPT_ONCE, NULL, 0, "shelve: only until it has returned to normal", 0},
+    {"reason", 'r', "TEXT", 0, "Why, for the record; at most 80 bytes", 0},
+    {"since", OPT_SINCE, "TIME", 0, "journal: from then on, RFC 3339 or before now as -8h", 0},
+    {"last", OPT_LAST, "N", 0, "journal: the newest N transitions", 0},
+    {"figures", OPT_FIGURES, NULL, 0,
+     "journal: how many alarms there were, as ISA-18.2 and EEMUA 191 judge it", 0},
+    {0},
+};
+
+static error_t parse_option(int key, char *arg, struct argp_state *state)
+{
+    struct alarm_options *o = state->input;
+    switch (key) {
+    case 'a':
+        o->all = true;
+        return 0;
+    case 'f':
+        o->for_ = arg;
+        return 0;
+    case 'r':
+        o->reason = arg;
+        return 0;
+    case OPT_ONCE:
+        o->once = true;
+        return 0;
+    case OPT_SINCE:
+        o->since = arg;
+        return 0;
+    case OPT_LAST:
+        o->last = arg;
+        return 0;
+    case OPT_FIGURES:
+        o->figures = true;
+        return 0;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp own = {.options = option_list, .parser = parse_option};
+
+static const struct cli_spec spec = {
+    .args_doc = "list\nack NAME...\nshelve NAME...\nunshelve NAME...\nout NAME...\nin NAME...\njournal",
+    .doc = "List the alarms that stand, acknowledge them (and reset those that latch), shelve them for some "
+           "time, take "
+           "them out of service and back in, or show all that they did, in order.",
+    .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
+    .min_args = 1,
+    .max_args = -1,
+    .extra = &own,
+};
+
+static int look(struct session *s)
+{
+    const int rc = alarm_board_read(&s->board, s->store);
+    s->now = apc_clock_utc(NULL);
+    return rc < 0 ? cli_store_error(&s->cli, rc, s->store) : EXIT_OK;
+}
+
+/* Whoever stands behind the number; "" where nobody does. */
+static const char *author_of(struct session *s, uint32_t number, char name[APC_AUTHOR_LEN])
+{
+    name[0] = '\0';
+    if (number > 0 && apc_store_author_name(s->store, number, name) < 0)
+        name[0] = '\0';
+    return name;
+}
+
+/* ---- List --------------------------------------------------------------------------------- */
+
+static bool is_listed(const struct session *s, const struct alarm_now *now)
+{
+    const enum apc_alarm_state state = alarm_board_state(now);
+    return s->options.all || apc_alarm_is_standing(state) ||
+           (apc_alarm_is_masked(state) && state != APC_ALARM_SUPPRESSED);
+}
+
+/* The gravest first; among them what nobody has acknowledged, then the newest. */
+static int by_urgency(const void *x, const void *y)
+{
+    const struct alarm_now *a = *(const struct alarm_now *const *)x, *b = *(const struct alarm_now *const *)y;
+    const enum apc_alarm_state s = alarm_board_state(a), t = alarm_board_state(b);
+    if (apc_alarm_is_standing(s) != apc_alarm_is_standing(t))
+        return apc_alarm_is_standing(s) ? -1 : 1;
+    if (apc_alarm_is_unacked(s) != apc_alarm_is_unacked(t))
+        return apc_alarm_is_unacked(s) ? -1 : 1;
+    return a->row->origin > b->row->origin ? -1 : a->row->origin < b->row->origin;
+}
+
+static void list_text(struct session *s, const struct alarm_now **at, size_t n)
+{
+    static const struct print_column columns[] = {
+        {"ALARM", PRINT_LEFT}, {"PRIORITY", PRINT_RIGHT}, {"STATE", PRINT_LEFT},  {"AGE", PRINT_RIGHT},
+        {"BY", PRINT_LEFT},    {"UNTIL", PRINT_LEFT},     {"MESSAGE", PRINT_LEFT}};
+    struct print_table table;
+    char text[PRINT_LEN], name[APC_AUTHOR_LEN];
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < n; i++) {
+        const struct alarm *alarm = alarm_board_alarm(&s->board, at[i]);
+        const enum apc_alarm_state state = alarm_board_state(at[i]);
+        const enum print_ink ink = !apc_alarm_is_standing(state) ? PRINT_FAINT
+                                   : alarm->is.priority <= 2     ? PRINT_ALARM
+                                                                 : PRINT_WARN;
+        const apc_ns until =
+            state >= APC_ALARM_SHELVED && state < APC_ALARM_SUPPRESSED ? alarm_board_shelved(at[i]) : 0;
+        print_cell(&table, ink, "%s", alarm->name);
+        print_cell(&table, ink, "%d", alarm->is.priority);
+        print_cell(&table, ink, "%s", apc_alarm_state_name(state));
+        print_cell(&table, PRINT_PLAIN, "%s",
+                   at[i]->row->seq > 0 ? print_age(s->now - at[i]->row->time, text) : "");
+        print_cell(&table, PRINT_PLAIN, "%s", author_of(s, at[i]->row->author, name));
+        print_cell(&table, PRINT_PLAIN, "%s", until ? print_second(until, text) : "");
+        print_cell(&table, PRINT_PLAIN, "%s", alarm->message);
+    }
+    if (n > 0)
+        (void)print_table_show(&table, stdout, cli_colour(), 0, "\n");
+    print_table_close(&table);
+}
+
+static void json_time(const char *key, apc_ns time)
+{
+    char text[APC_TIME_LEN];
+    print_json_text(stdout, key, time ? apc_time_format(time, text) : NULL);
+}
+
+static void json_alarm(struct session *s, const struct alarm_now *now)
+{
+    const struct alarm *alarm = alarm_board_alarm(&s->board, now);
+    const enum apc_alarm_state state = alarm_board_state(now);
+    char name[APC_AUTHOR_LEN];
+    putchar('{');
+    print_json_text(stdout, "alarm", alarm->name);
+    printf(",\"id\":%d,\"priority\":%d,\"seq\":%lld,\"journal\":%lld,\"active\":%s,\"unacknowledged\":%s,"
+           "\"standing\":%s,",
+           now->row->id, alarm->is.priority, (long long)now->row->seq, (long long)now->row->origin,
+           apc_alarm_is_active(state) ? "true" : "false", apc_alarm_is_unacked(state) ? "true" : "false",
+           apc_alarm_is_standing(state) ? "true" : "false");
+    print_json_text(stdout, "state", apc_alarm_state_name(state));
+    putchar(',');
+    json_time("time", now->row->seq > 0 ? now->row->time : 0);
+    putchar(',');
+    print_json_text(stdout, "author", *author_of(s, now->row->author, name) ? name : NULL);
+    putchar(',');
+    json_time("shelved_until", alarm_board_shelved(now));
+    putchar(',');
+    print_json_text(stdout, "area", alarm->area);
+    putchar(',');
+    print_json_text(stdout, "message", alarm->message);
+    putchar(',');
+    print_json_text(stdout, "consequence", alarm->consequence);
+    putchar(',');
+    print_json_text(stdout, "response", alarm->response);
+    putchar('}');
+}
+
+static void list_json(struct session *s, const struct alarm_now **at, size_t n)
+{
+    printf("{\"evaluated\":%s,", alarm_board_lives(&s->board, s->now) ? "true" : "false");
+    json_time("time", s->board.tick.seq > 0 ? s->board.tick.time : 0);
+    fputs(",\"alarms\":[", stdout);
+    for (size_t i = 0; i < n; i++) {
+        fputs(i ? "," : "", stdout);
+        json_alarm(s, at[i]);
+    }
+    puts("]}");
+}
+
+static void say_life(const struct session *s)
+{
+    char age[PRINT_LEN];
+    const double *n = s->board.numbers;
+    if (s->board.tick.seq == 0)
+        puts("alarms have never been evaluated in this store: apc-alarms does not run");
+    else if (!alarm_board_lives(&s->board, s->now))
+        printf("alarms are not evaluated: apc-alarms' last tick was %s ago\n",
+               print_age(s->now - s->board.tick.time, age));
+    else
+        printf("%g unacknowledged, %g active; %g shelved, %g suppressed, %g out of service; of %zu\n",
+               n[APC_ALARMS_UNACKED], n[APC_ALARMS_ACTIVE], n[APC_ALARMS_SHELVED], n[APC_ALARMS_SUPPRESSED],
+               n[APC_ALARMS_OUT_OF_SERVICE], s->board.e.n_alarms);
+}
+
+static int list(struct session *s)
+{
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
+    const struct alarm_now **at = calloc(s->board.e.n_alarms + 1, sizeof *at);
+    size_t n = 0;
+    if (!at)
+        return cli_error(&s->cli, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < s->board.e.n_alarms; i++)
+        if (is_listed(s, &s->board.at[i]))
+            at[n++] = &s->board.at[i];
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): and again */
+    qsort(at, n, sizeof *at, by_urgency);
+    if (s->cli.format == CLI_JSON) {
+        list_json(s, at, n);
+    } else {
+        say_life(s);
+        list_text(s, at, n);
+    }
+    free(at);
+    return EXIT_OK;
+}
+
+/* ---- Journal ------------------------------------------------------------------------------ */
+
+static void journal_json(struct session *s, const struct alarm_transition *t)
+{
+    char name[APC_AUTHOR_LEN];
+    printf("{\"number\":%lld,", (long long)t->number);
+    json_time("time", t->time);
+    putchar(',');
+    print_json_text(stdout, "alarm", s->board.e.alarm[t->alarm - 1].name);
+    printf(",\"priority\":%d,\"raised\":%s,", s->board.e.alarm[t->alarm - 1].is.priority,
+           alarm_is_raised(t) ? "true" : "false");
+    print_json_text(stdout, "state", apc_alarm_state_name(t->state));
+    putchar(',');
+    print_json_text(stdout, "before", apc_alarm_state_name(t->before));
+    putchar(',');
+    print_json_text(stdout, "author", *author_of(s, t->author, name) ? name : NULL);
+    puts("}");
+}
+
+static void journal_text(struct session *s, struct print_table *table, const struct alarm_transition *t)
+{
+    const struct alarm *alarm = &s->board.e.alarm[t->alarm - 1];
+    char text[APC_TIME_LEN], name[APC_AUTHOR_LEN];
+    print_cell(table, PRINT_FAINT, "%lld", (long long)t->number);
+    print_cell(table, PRINT_PLAIN, "%s", apc_time_format(t->time, text));
+    print_cell(table, PRINT_PLAIN, "%d", alarm->is.priority);
+    print_cell(table, alarm_is_raised(t) ? PRINT_WARN : PRINT_PLAIN, "%s", alarm->name);
+    print_cell(table, PRINT_PLAIN, "%s", apc_alarm_state_name(t->state));
+    print_cell(table, PRINT_PLAIN, "%s", author_of(s, t->author, name));
+    print_cell(table, PRINT_PLAIN, "%s", alarm->message);
+}
+
+static int show_journal(struct session *s, const struct alarm_journal *j)
+{
+    static const struct print_column columns[] = {
+        {"NUMBER", PRINT_RIGHT}, {"TIME", PRINT_LEFT}, {"PRIORITY", PRINT_RIGHT}, {"ALARM", PRINT_LEFT},
+        {"STATE", PRINT_LEFT},   {"BY", PRINT_LEFT},   {"MESSAGE", PRINT_LEFT}};
+    struct print_table table;
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < j->n; i++)
+        if (s->cli.format == CLI_JSON)
+            journal_json(s, &j->at[i]);
+        else
+            journal_text(s, &table, &j->at[i]);
+    const int rc = table.n > 0 ? print_table_show(&table, stdout, cli_colour(), 0, "\n") : 0;
+    print_table_close(&table);
+    return rc < 0 ? cli_error(&s->cli, rc, "out of memory") : EXIT_OK;
+}
+
+static int show_figures(struct session *s, const struct alarm_journal *j, apc_ns since)
+{
+    struct alarm_figures figures;
+    const apc_ns from = since ? since : j->n > 0 ? j->at[0].time : s->now;
+    int rc = alarm_figures_make(&figures, j, &s->board.e, from, s->now);
+    if (rc == 0 && s->cli.format == CLI_JSON)
+        alarms_json(&figures, &s->board.e, from, stdout);
+    else if (rc == 0)
+        rc = alarms_print(&figures, &s->board.e, from, stdout);
+    alarm_figures_free(&figures);
+    return rc < 0 ? cli_error(&s->cli, rc, "out of memory") : EXIT_OK;
+}
+
+static int journal(struct session *s)
+{
+    struct apc_range range = {0};
+    struct alarm_journal j = {0};
+    char *end = NULL;
+    if (cli_time(&s->cli, "since", s->options.since, &range.since) != EXIT_OK)
+        return EXIT_USAGE;
+    range.last = s->options.since || s->options.figures ? 0 : LAST;
+    if (s->options.last) {
+        errno = 0;
+        const long last = strtol(s->options.last, &end, 10);
+        if (errno || *end || last < 1)
+            return cli_usage(&s->cli, "--last: \"%s\" must be a whole number above 0", s->options.last);
+        range.last = (size_t)last;
+    }
+    int rc = alarm_journal_load(&j, s->store, s->board.e.n_alarms, &range);
+    if (rc < 0)
+        rc = rc == APC_ENOMEM ? cli_error(&s->cli, rc, "out of memory")
+                              : cli_store_error(&s->cli, rc, s->store);
+    else
+        rc = s->options.figures ? show_figures(s, &j, range.since) : show_journal(s, &j);
+    alarm_journal_free(&j);
+    return rc;
+}
+
+/* ---- What is wanted ------------------------------------------------------------------------ */
+
+struct wanted {
+    const struct alarm_now *now;
+    struct apc_sample wish;
+};
+
+static void describe(const struct session *s, const struct wanted *w, char *text, size_t size)
+{
+    alarm_board_words(alarm_board_alarm(&s->board, w->now)->name, &w->wish, s->options.reason, text, size);
+}
+
+static int record(struct session *s, const struct wanted *w)
+{
+    struct apc_event event = {.time = s->now, .severity = APC_EVENT_INFO, .kind = "operator"};
+    describe(s, w, event.text, sizeof event.text);
+    operate_who(event.source, sizeof event.source);
+    const int rc = apc_store_append_events(s->store, &event, 1);
+    return rc < 0 ? cli_error(&s->cli, rc, "it was done, but not recorded as an event: %s",
+                              apc_store_error(s->store))
+                  : EXIT_OK;
+}
+
+/* Whoever was faster. */
+static int lost(struct session *s, const struct wanted *w)
+{
+    char name[APC_AUTHOR_LEN];
+    return cli_error(&s->cli, APC_ECONFLICT, "%s: %s was faster: look again",
+                     alarm_board_alarm(&s->board, w->now)->name,
+                     *author_of(s, w->wish.author, name) ? name : "somebody else");
+}
+
+static int await(struct session *s, struct wanted *w)
+{
+    const apc_ns end = apc_clock_mono(NULL) + 3 * s->board.e.alarms.rhythm.period + GRACE;
+    const char *name = alarm_board_alarm(&s->board, w->now)->name;
+    char text[192];
+    enum outcome outcome;
+    while ((outcome = alarm_board_outcome(&s->board, w->now, &w->wish, s->now)) == OUTCOME_WAITING &&
+           apc_clock_mono(NULL) < end) {
+        nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
+        const int rc = look(s);
+        if (rc != EXIT_OK)
+            return rc;
+    }
+    describe(s, w, text, sizeof text);
+    switch (outcome) {
+    case OUTCOME_APPLIED:
+        print_clean(stdout, text);
+        puts(" (applied)");
+        return EXIT_OK;
+    case OUTCOME_SUPERSEDED:
+        return cli_error(&s->cli, APC_EPERM, "%s: superseded by what somebody else wanted", name);
+    case OUTCOME_REFUSED:
+        while (!alarm_board_refusal(&s->board, w->now, &w->wish, s->store, text, sizeof text) &&
+               apc_clock_mono(NULL) < end)
+            nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
+        if (!text[0])
+            snprintf(text, sizeof text, "%s: see the events", name);
+        return cli_error(&s->cli, APC_EPERM, "refused: %s", text);
+    case OUTCOME_WAITING:
+    case OUTCOME_NOBODY:
+        break;
+    }
+    return cli_error(&s->cli, APC_ETIMEDOUT, "%s: written, but apc-alarms has not come to it", name);
+}
+
+static int put(struct session *s, const struct alarm_now *now, enum apc_alarm_switch which, double value)
+{
+    struct wanted w = {.now = now};
+    struct apc_error why;
+    char who[APC_AUTHOR_LEN], text[192];
+    if (!alarm_board_want(&s->board, now, s->store, which, value, s->now, &w.wish, &why))
+        return cli_error(&s->cli, APC_EPERM, "%s", why.text);
+    int rc = cli_live(&s->cli, s->store);
+    if (rc != EXIT_OK)
+        return rc;
+    operate_who(who, sizeof who);
+    rc = apc_store_author(s->store, who);
+    if (rc > 0) {
+        w.wish.author = (uint32_t)rc;
+        rc = apc_store_swap(s->store, &w.wish, 1);
+    }
+    if (rc == APC_ECONFLICT)
+        return lost(s, &w);
+    if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
+        return cli_error(&s->cli, rc, "the store did not answer, so whether it was written is not known: %s",
+                         apc_store_error(s->store));
+    if (rc < 0)
+        return cli_store_error(&s->cli, rc, s->store);
+    rc = record(s, &w);
+    if (rc == EXIT_OK && !s->cli.no_wait)
+        return await(s, &w);
+    describe(s, &w, text, sizeof text);
+    print_clean(stdout, text);
+    putchar('\n');
+    return rc;
+}
+
+static int each(struct session *s, enum apc_alarm_switch which, double value)
+{
+    int rc = EXIT_OK;
+    for (int i = 1; i < s->cli.n_args && rc == EXIT_OK; i++)
+        if (!alarm_board_find(&s->board, s->cli.args[i]))
+            rc = cli_error(&s->cli, APC_ENOTFOUND,
+                           "there is no alarm \"%s\": apc alarm list --all names them", s->cli.args[i]);
+    for (int i = 1; i < s->cli.n_args && rc != EXIT_ERROR && rc != EXIT_CONNECTION; i++) {
+        const int done = put(s, alarm_board_find(&s->board, s->cli.args[i]), which, value);
+        rc = done > rc ? done : rc;
+    }
+    for (size_t i = 0; s->options.all && i < s->board.e.n_alarms && rc == EXIT_OK; i++)
+        if (apc_alarm_is_unacked(alarm_board_state(&s->board.at[i])))
+            rc = put(s, &s->board.at[i], which, value);
+    return rc;
+}
+
+static int want(struct session *s, enum apc_alarm_switch which, double value)
+{
+    const bool all = s->options.all && which == APC_ALARM_ACK;
+    if (s->cli.n_args < 2 && !all)
+        return cli_usage(&s->cli, "%s wants the name of an alarm", s->cli.args[0]);
+    if (s->options.reason && strlen(s->options.reason) > REASON_MAX)
+        return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
+                         strlen(s->options.reason), REASON_MAX);
+    s->options.all = all;
+    if (!s->cli.no_wait && !alarm_board_lives(&s->board, s->now)) {
+        say_life(s);
+        return cli_error(&s->cli, APC_EPERM,
+                         "nobody would take it. Nothing was written; --no-wait writes it "
+                         "all the same");
+    }
+    return each(s, which, value);
+}
+
+static int shelve(struct session *s)
+{
+    apc_ns duration = 0;
+    if (!s->options.for_)
+        return cli_usage(&s->cli, "shelve wants an end: --for 30m");
+    if (cli_duration(&s->cli, "for", s->options.for_, &duration) != EXIT_OK)
+        return EXIT_USAGE;
+    const double until = floor(apc_ns_to_s(s->now + duration));
+    return want(s, APC_ALARM_SHELF, s->options.once ? -until : until);
+}
+
+static int act(struct session *s)
+{
+    const char *what = s->cli.args[0];
+    const bool alone = !strcmp(what, "list") || !strcmp(what, "journal");
+    if (alone && s->cli.n_args > 1)
+        return cli_usage(&s->cli, "%s takes no names", what);
+    if (!strcmp(what, "list"))
+        return list(s);
+    if (!strcmp(what, "journal"))
+        return journal(s);
+    if (!strcmp(what, "ack"))
+        return want(s, APC_ALARM_ACK, 0);
+    if (!strcmp(what, "shelve"))
+        return shelve(s);
+    if (!strcmp(what, "unshelve"))
+        return want(s, APC_ALARM_SHELF, 0);
+    if (!strcmp(what, "out") || !strcmp(what, "in"))
+        return want(s, APC_ALARM_SERVICE, *what == 'o');
+    return cli_usage(&s->cli, "\"%s\": must be list, ack, shelve, unshelve, out, in or journal", what);
+}
+
+int command_alarm(int argc, char **argv)
+{
+    struct session s = {.cli = {.command = "apc alarm"}};
+    struct apc_error why;
+    cli_parse(&s.cli, &spec, &s.options, argc, argv);
+    int rc = exit_code_of(cli_open(&s.cli, &s.store));
+    if (rc == EXIT_OK && (rc = alarm_board_open(&s.board, s.store, &why)) < 0)
+        rc = cli_error(&s.cli, rc, "%s", why.text);
+    if (rc == EXIT_OK)
+        rc = look(&s);
+    if (rc == EXIT_OK)
+        rc = act(&s);
+    alarm_board_close(&s.board);
+    apc_store_close(s.store);
+    return cli_done(&s.cli, rc);
+}

@@ -1,0 +1,388 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc mode, apc remote: in which mode each loop is, and who moves its setpoint. */
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "operate.h"
+#include "apc/common/print.h"
+#include "apc/common/reason.h"
+#include "files/nearest.h"
+
+static const struct cli_spec mode_spec = {
+    .args_doc = "[LOOP|CONTROLLER] [man|auto|cas|oos]",
+    .doc =
+        "Show the target mode and the actual one of each loop, of one, or of those of a controller; or "
+        "change "
+        "the target: of all without a name. A loop is called by its output, one that moves a setpoint "
+        "CONTROLLER.SETPOINT. Auto: the law controls. Cas: by the setpoint that the controller above writes. "
+        "Man: the output is the operator's; it stays where it is until `apc set` changes it. OOS: nothing "
+        "goes out. Waits until the loop is in it.",
+    .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
+    .max_args = 2,
+};
+
+static const struct cli_spec remote_spec = {
+    .args_doc = "SETPOINT...",
+    .doc =
+        "Give a setpoint back to who moves it: to the controller above, and the target of its loop becomes "
+        "Cas, or to the scheduler, which writes the step that is due. `apc set SETPOINT VALUE` takes it. "
+        "Waits until it is moved.",
+    .takes = CLI_STORE | CLI_WRITES,
+    .min_args = 1,
+    .max_args = -1,
+};
+
+/* ---- Which loops -------------------------------------------------------------------------- */
+
+/* Those of which a command tells or that it changes, in their order. */
+struct chosen {
+    const struct loops_loop **loop;
+    size_t n;
+    char group[APC_TAG_LEN + 8]; /* "mode", "base mode"; "": one, by its name */
+};
+
+/* The mode of that name, whatever its letters; -1: none. */
+static int mode_of_word(const char *word)
+{
+    for (int mode = 0; mode <= APC_MODE_LO; mode++)
+        if (!strcasecmp(word, apc_mode_name(mode)))
+            return mode;
+    return -1;
+}
+
+static int unknown(const struct cli *cli, const struct loops *loops, const char *name)
+{
+    struct nearest nearest = {.wanted = name};
+    char names[200] = "";
+    for (size_t i = 0; i < loops->n + loops->n_controllers; i++) {
+        const char *one = i < loops->n ? loops->at[i].name : loops->controller[i - loops->n].name;
+        const size_t used = strlen(names);
+        nearest_look(&nearest, one);
+        if (used + strlen(one) + 8 < sizeof names)
+            snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", one);
+        else if (used + 6 < sizeof names && strcmp(names + used - 3, "...") != 0)
+            snprintf(names + used, sizeof names - used, ", ...");
+    }
+    return cli_error(cli, APC_ENOTFOUND, "no loop, controller or mode \"%s\"%s%s%s; there are: %s", name,
+                     nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                     nearest.name ? "\"?" : "", *names ? names : "none described yet (apc init FILE)");
+}
+
+/* By the name of a loop or of a controller; NULL: all. */
+static int choose(const struct cli *cli, const struct loops *loops, const char *name, struct chosen *c)
+{
+    const struct loops_controller *controller = name ? loops_controller(loops, name) : NULL;
+    const struct loops_loop *loop = name ? loops_find(loops, name) : NULL;
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
+    *c = (struct chosen){.loop = calloc(loops->n + 1, sizeof *c->loop)};
+    if (!c->loop)
+        return cli_error(cli, APC_ENOMEM, "out of memory");
+    if (name && !loop && !controller)
+        return unknown(cli, loops, name);
+    if (loops->n == 0)
+        return cli_error(cli, APC_ENOTFOUND,
+                         "no loops are described yet: `apc init FILE` describes those of an experiment");
+    for (size_t i = 0; i < loops->n; i++)
+        if (!name || &loops->at[i] == loop ||
+            (!loop && &loops->controller[loops->at[i].controller] == controller))
+            c->loop[c->n++] = &loops->at[i];
+    if (!name || loops->n == 1)
+        snprintf(c->group, sizeof c->group, "mode");
+    else if (!loop)
+        snprintf(c->group, sizeof c->group, "%s mode", controller->name);
+    return EXIT_OK;
+}
+
+/* Targets, then actual modes. NULL: without memory, or an error of the store that was said. */
+static struct apc_sample *read_modes(const struct cli *cli, struct apc_store *store, const struct chosen *c,
+                                     int *rc)
+{
+    struct apc_sample *mode = calloc(2 * c->n + 1, sizeof *mode);
+    for (size_t i = 0; mode && i < c->n; i++) {
+        mode[i] = (struct apc_sample){.table = APC_OPMODE, .id = c->loop[i]->id};
+        mode[c->n + i] =
+            (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, c->loop[i]->id)};
+    }
+    int err = mode ? apc_store_read(store, mode, 2 * c->n) : APC_ENOMEM;
+    *rc = err >= 0 ? EXIT_OK : mode ? cli_store_error(cli, err, store) : cli_error(cli, err, "out of memory");
+    if (err < 0) {
+        free(mode);
+        mode = NULL;
+    }
+    return mode;
+}
+
+/* ---- Showing ------------------------------------------------------------------------------ */
+
+static const char *word_of(const struct apc_sample *mode)
+{
+    return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
+}
+
+/* The one that all have; NULL: they differ, or have none. */
+static const char *common(const struct apc_sample *mode, size_t n)
+{
+    const char *word = word_of(&mode[0]);
+    for (size_t i = 1; i < n && word; i++)
+        if (!word_of(&mode[i]) || strcmp(word, word_of(&mode[i])) != 0)
+            word = NULL;
+    return word;
+}
+
+static void show_json(const struct cli_plant *plant, struct apc_store *store, const struct chosen *c,
+                      const struct apc_sample *mode)
+{
+    char why[REASON_LEN];
+    putchar('{');
+    print_json_text(stdout, "target", common(mode, c->n));
+    putchar(',');
+    print_json_text(stdout, "actual", common(mode + c->n, c->n));
+    fputs(",\"loops\":[", stdout);
+    for (size_t i = 0; i < c->n; i++) {
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        print_json_text(stdout, "loop", c->loop[i]->name);
+        putchar(',');
+        print_json_text(stdout, "controller", plant->loops.controller[c->loop[i]->controller].name);
+        putchar(',');
+        print_json_text(stdout, "target", word_of(&mode[i]));
+        putchar(',');
+        print_json_text(stdout, "actual", word_of(&mode[c->n + i]));
+        putchar(',');
+        print_json_text(stdout, "reason",
+                        reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
+        putchar('}');
+    }
+    puts("]}");
+}
+
+static void show_one(const struct apc_sample mode[2], const char *reason)
+{
+    static const char *const names[] = {"target", "actual"};
+    char age[PRINT_LEN];
+    for (int i = 0; i < 2; i++) {
+        const char *word = word_of(&mode[i]);
+        if (!word) {
+            printf("%s  none\n", names[i]);
+            continue;
+        }
+        printf("%s  %-4s  for %s", names[i], word, print_age(apc_clock_utc(NULL) - mode[i].time, age));
+        if (i == 1 && reason) {
+            fputs(": ", stdout);
+            print_clean(stdout, reason);
+        }
+        putchar('\n');
+    }
+}
+
+static int show_table(const struct cli_plant *plant, struct apc_store *store, const struct chosen *c,
+                      const struct apc_sample *mode)
+{
+    static const struct print_column columns[] = {{"LOOP", PRINT_LEFT},   {"CONTROLLER", PRINT_LEFT},
+                                                  {"TARGET", PRINT_LEFT}, {"ACTUAL", PRINT_LEFT},
+                                                  {"SINCE", PRINT_POINT}, {"", PRINT_LEFT}};
+    struct print_table table;
+    char text[PRINT_LEN], why[REASON_LEN];
+    print_table_open(&table, columns, 6);
+    for (size_t i = 0; i < c->n; i++) {
+        const char *target = word_of(&mode[i]), *actual = word_of(&mode[c->n + i]);
+        const char *reason = reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why);
+        print_cell(&table, PRINT_PLAIN, "%s", c->loop[i]->name);
+        print_cell(&table, PRINT_PLAIN, "%s", plant->loops.controller[c->loop[i]->controller].name);
+        print_cell(&table, PRINT_PLAIN, "%s", target ? target : "none");
+        print_cell(&table, reason ? PRINT_WARN : PRINT_PLAIN, "%s", actual ? actual : "none");
+        print_cell(&table, PRINT_PLAIN, "%s",
+                   actual ? print_age(apc_clock_utc(NULL) - mode[c->n + i].time, text) : "");
+        print_cell(&table, PRINT_WARN, "%s", reason ? reason : "");
+    }
+    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static int show(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                const struct chosen *c)
+{
+    char why[REASON_LEN];
+    int rc;
+    struct apc_sample *mode = read_modes(cli, store, c, &rc);
+    if (!mode)
+        return rc;
+    if (cli->format == CLI_JSON)
+        show_json(plant, store, c, mode);
+    else if (cli->format == CLI_TEXT && c->n == 1)
+        show_one(mode, reason_find(store, &plant->loops, c->loop[0], &mode[0], &mode[1], why));
+    else if (cli->format == CLI_TEXT && show_table(plant, store, c, mode) < 0)
+        rc = cli_error(cli, APC_ENOMEM, "out of memory");
+    else if (cli->format == CLI_CSV) {
+        puts(PRINT_SAMPLE_HEADER);
+        for (size_t i = 0; i < 2 * c->n; i++)
+            if (mode[i].seq > 0)
+                print_sample_csv(stdout, &mode[i]);
+    }
+    free(mode);
+    return rc;
+}
+
+/* ---- Changing ----------------------------------------------------------------------------- */
+
+static int check(const struct cli *cli, const struct chosen *c, enum apc_mode mode)
+{
+    for (size_t i = 0; i < c->n && mode == APC_MODE_CAS; i++)
+        if (c->loop[i]->above < 0)
+            return cli_error(
+                cli, APC_EPERM,
+                "%s cannot be in Cas: no controller moves its setpoint. It can be in man, auto or oos",
+                c->loop[i]->name);
+    return EXIT_OK;
+}
+
+/* All have that target already: that they are not in it is no success. */
+static int already(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                   const struct chosen *c, const struct apc_sample *mode)
+{
+    const char *word = word_of(&mode[0]);
+    char why[REASON_LEN];
+    for (size_t i = 0; i < c->n && !cli->no_wait; i++) {
+        const struct apc_sample *actual = &mode[c->n + i];
+        if (!word_of(actual) || actual->value == mode[i].value)
+            continue;
+        const char *reason = reason_find(store, &plant->loops, c->loop[i], &mode[i], actual, why);
+        return cli_error(cli, APC_EPERM, "the target is %s already, but %s is in %s: %s", word,
+                         c->loop[i]->name, word_of(actual), reason ? reason : "see apc status");
+    }
+    printf("%s%s: %s already\n", c->group[0] ? c->group : c->loop[0]->name, c->group[0] ? "" : " mode", word);
+    return EXIT_OK;
+}
+
+static int change(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                  const struct chosen *c, enum apc_mode wanted)
+{
+    int rc = check(cli, c, wanted);
+    struct apc_sample *mode = rc == EXIT_OK ? read_modes(cli, store, c, &rc) : NULL;
+    struct change *changes = mode ? calloc(c->n + 1, sizeof *changes) : NULL;
+    bool same = true;
+
+    if (rc == EXIT_OK && !changes)
+        rc = cli_error(cli, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; changes && i < c->n && rc == EXIT_OK; i++) {
+        changes[i] = (struct change){
+            .before = mode[i], .after = {.table = APC_OPMODE, .id = c->loop[i]->id, .value = (double)wanted}};
+        snprintf(changes[i].name, sizeof changes[i].name, "%.63s mode", c->loop[i]->name);
+        same &= mode[i].seq > 0 && mode[i].value == (double)wanted;
+    }
+    const struct operation o = {
+        .plant = plant, .change = changes, .n = c->n, .group = c->group[0] ? c->group : NULL};
+    if (rc == EXIT_OK)
+        rc = same ? already(cli, store, plant, c, mode) : operate(cli, store, &o);
+    free(changes);
+    free(mode);
+    return rc;
+}
+
+int command_mode(int argc, char **argv)
+{
+    struct cli_plant plant = {0};
+    struct apc_store *store = NULL;
+    struct chosen chosen = {0};
+    struct cli cli;
+
+    cli_parse(&cli, &mode_spec, NULL, argc, argv);
+    const char *last = cli.n_args > 0 ? cli.args[cli.n_args - 1] : NULL;
+    const int wanted = last ? mode_of_word(last) : -1;
+    const char *name = cli.n_args == 2 || (last && wanted < 0) ? cli.args[0] : NULL;
+    if (cli.n_args == 2 && wanted < 0)
+        return cli_usage(&cli, "mode \"%s\": must be man, auto, cas or oos", last);
+    if (wanted > APC_MODE_CAS)
+        return cli_usage(&cli, "nobody can ask for %s: it must be man, auto, cas or oos",
+                         apc_mode_name(wanted));
+    if (wanted >= 0 && cli.format != CLI_TEXT)
+        return cli_usage(&cli, "--json and --csv show the mode; they do not go with a change");
+    int rc = exit_code_of(cli_open(&cli, &store));
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_plant_load(&cli, store, &plant));
+    if (rc == EXIT_OK)
+        rc = choose(&cli, &plant.loops, name, &chosen);
+    if (rc == EXIT_OK)
+        rc = wanted < 0 ? show(&cli, store, &plant, &chosen)
+                        : change(&cli, store, &plant, &chosen, (enum apc_mode)wanted);
+    free(chosen.loop);
+    cli_plant_free(&plant);
+    apc_store_close(store);
+    return cli_done(&cli, rc);
+}
+
+/* ---- remote ------------------------------------------------------------------------------- */
+
+struct given {
+    struct chosen loops; /* to controllers above */
+    int *setpoint;       /* to the scheduler */
+    size_t n;
+};
+
+static bool is_given(const struct given *g, int setpoint)
+{
+    for (size_t i = 0; i < g->loops.n; i++)
+        if (g->loops.loop[i]->setpoint == setpoint)
+            return true;
+    for (size_t i = 0; i < g->n; i++)
+        if (g->setpoint[i] == setpoint)
+            return true;
+    return false;
+}
+
+static int choose_setpoint(const struct cli *cli, const struct cli_plant *plant, const char *name,
+                           struct given *g)
+{
+    enum apc_table table = APC_SETPOINT;
+    int id = 0;
+    for (size_t i = 0; i < plant->tags.n && !id; i++)
+        if (plant->tags.tag[i].table == APC_SETPOINT && !strcmp(plant->tags.tag[i].name, name))
+            id = plant->tags.tag[i].id;
+    int rc = id ? 0 : cli_find(cli, &plant->tags, name, &table, &id);
+    if (rc < 0)
+        return exit_code_of(rc);
+    if (table != APC_SETPOINT)
+        return cli_error(cli, APC_EPERM, "%s is no setpoint", name);
+    if (is_given(g, id))
+        return cli_usage(cli, "%s is given twice", name);
+    const struct loops_loop *loop = loops_of(&plant->loops, table, id);
+    if (loop && loop->setpoint == id && loop->above >= 0)
+        g->loops.loop[g->loops.n++] = loop;
+    else if (loops_scheduled(&plant->loops, id))
+        g->setpoint[g->n++] = id;
+    else
+        return cli_error(cli, APC_EPERM, "%s: neither a controller nor the scheduler moves it: it is yours",
+                         name);
+    return EXIT_OK;
+}
+
+int command_remote(int argc, char **argv)
+{
+    struct cli_plant plant = {0};
+    struct apc_store *store = NULL;
+    struct given given = {0};
+    struct cli cli;
+
+    cli_parse(&cli, &remote_spec, NULL, argc, argv);
+    int rc = exit_code_of(cli_open(&cli, &store));
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_plant_load(&cli, store, &plant));
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
+    given.loops.loop = calloc((size_t)cli.n_args, sizeof *given.loops.loop);
+    given.setpoint = calloc((size_t)cli.n_args, sizeof *given.setpoint);
+    const bool room = given.loops.loop && given.setpoint;
+    if (rc == EXIT_OK && !room)
+        rc = cli_error(&cli, APC_ENOMEM, "out of memory");
+    for (int i = 0; room && i < cli.n_args && rc == EXIT_OK; i++)
+        rc = choose_setpoint(&cli, &plant, cli.args[i], &given);
+    if (room && rc == EXIT_OK && given.loops.n > 0)
+        rc = change(&cli, store, &plant, &given.loops, APC_MODE_CAS);
+    if (room && rc == EXIT_OK && given.n > 0)
+        rc = operate_remote(&cli, store, &plant, given.setpoint, given.n);
+    free(given.loops.loop);
+    free(given.setpoint);
+    cli_plant_free(&plant);
+    apc_store_close(store);
+    return cli_done(&cli, rc);
+}

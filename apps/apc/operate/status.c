@@ -1,0 +1,488 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc status: everything about a plant on one screen. It reads; that parts are stale is no failure of it. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/storeuri.h"
+#include "common/timing.h"
+#include "apc/common/print.h"
+#include "apc/common/several.h"
+#include "apc/folder/spools.h"
+#include "status_loops.h"
+#include "status_writes.h"
+
+#define EVENTS 5
+#define WINDOW (60 * APC_NS_PER_S)
+
+enum { OPT_SPOOL = 0x400, OPT_ALL };
+
+static const struct argp_option option_list[] = {
+    {"spool", OPT_SPOOL, "DIR", 0,
+     "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown also while the store is away",
+     0},
+    {"all", OPT_ALL, NULL, 0,
+     "Of all plants in the database that you may look at: a line each, with the age of the newest "
+     "measurement",
+     0},
+    {0},
+};
+
+struct wish {
+    const char *spools;
+    bool all;
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct wish *wish = state->input;
+    switch (key) {
+    case OPT_SPOOL:
+        wish->spools = arg;
+        return 0;
+    case OPT_ALL:
+        wish->all = true;
+        return 0;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "",
+    .doc =
+        "Show the store, the mode, every measurement, setpoint and output with its age, who wrote last what "
+        "operators write, the timing of each task over the last minute, and the last events. Where there are "
+        "several loops: each controller with "
+        "its last tick and its loops: target and actual mode, with the reason where they differ, setpoint SP "
+        "and who moves it, measurement PV, output OP and its limits. Of predictive control: what became of "
+        "the last plan, what "
+        "it took, and which limits hold it back. A measurement or output that was not "
+        "written for 10 s, or for three of its periods if that is longer, is STALE.",
+    .takes = CLI_STORE | CLI_FORMAT,
+    .extra = &extra,
+};
+
+/* All of it, read before any of it is shown. */
+struct status {
+    char store[400]; /* its URI without passwords */
+    struct cli_plant plant;
+    struct status_loops loops;
+    int version; /* of the store's tables */
+    struct apc_sample *samples;
+    size_t n;
+    struct status_writes writes;
+    struct timing timing;
+    struct apc_event events[EVENTS];
+    size_t n_events;
+    int has_history; /* as of apc_store_behind() */
+    struct apc_behind behind;
+    char away[512]; /* why the history cannot be asked */
+    struct spools spools;
+    apc_ns now;
+};
+
+/* ---- Reading ------------------------------------------------------------------------------ */
+
+static int take_event(void *ctx, const struct apc_event *event)
+{
+    struct status *s = ctx;
+    s->events[s->n_events++] = *event;
+    return s->n_events == EVENTS;
+}
+
+/* What it cannot be asked is part of the status. */
+static void load_history(struct status *s, struct apc_store *store)
+{
+    s->behind.size = sizeof s->behind;
+    s->has_history = apc_store_behind(store, &s->behind);
+    if (s->has_history < 0)
+        snprintf(s->away, sizeof s->away, "%s", apc_store_error(store));
+}
+
+/* Says its own errors. */
+static int load(const struct cli *cli, struct apc_store *store, struct status *s)
+{
+    static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR, (enum apc_table)0};
+    const struct apc_range last = {.last = EVENTS};
+    int rc = cli_plant_load(cli, store, &s->plant);
+    if (rc == 0)
+        rc = cli_described(cli, &s->plant.tags, shown, &s->samples);
+    if (rc < 0)
+        return rc;
+    s->n = (size_t)rc;
+    rc = apc_store_read(store, s->samples, s->n);
+    s->now = apc_clock_utc(NULL);
+    if (rc >= 0)
+        rc = timing_load(&s->timing, store, &(struct apc_range){.since = s->now - WINDOW}, "lateness");
+    if (rc >= 0)
+        rc = status_loops_load(&s->loops, store, &s->plant, &s->timing);
+    if (rc >= 0)
+        rc = status_writes_load(&s->writes, store, &s->plant.tags);
+    if (rc >= 0)
+        rc = apc_store_events(store, &last, take_event, s);
+    s->version = apc_store_tables_version(store);
+    if (rc < 0)
+        cli_store_error(cli, rc, store);
+    else
+        load_history(s, store);
+    return rc < 0 ? rc : 0;
+}
+
+/* One loop is shown as its variables; what several show needs not be shown again. */
+static bool by_loop(const struct status *s)
+{
+    return s->plant.loops.n > 1;
+}
+
+static bool is_stale(const struct status *s, const struct apc_sample *sample)
+{
+    return status_is_stale(&s->plant.tags, sample, s->now);
+}
+
+static const char *mode_of(const struct apc_sample *mode)
+{
+    return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
+}
+
+/* The mode that all loops have; NULL: they differ. */
+static const char *common_mode(const struct status *s, int which)
+{
+    const char *mode = s->plant.loops.n > 0 ? mode_of(&s->loops.row[which]) : NULL;
+    for (size_t i = 1; i < s->plant.loops.n && mode; i++) {
+        const char *other = mode_of(&s->loops.row[LOOP_ROWS * i + (size_t)which]);
+        if (!other || strcmp(mode, other) != 0)
+            mode = NULL;
+    }
+    return mode;
+}
+
+/* ---- For people --------------------------------------------------------------------------- */
+
+static int show_values(const struct status *s, bool colour)
+{
+    struct print_table table;
+    size_t shown = 0;
+    if (s->n == 0) {
+        puts("\nno variables are described yet: `apc init FILE` describes those of an experiment");
+        return 0;
+    }
+    print_table_open(&table, print_sample_columns, 6);
+    for (size_t i = 0; i < s->n; i++) {
+        if (by_loop(s) && status_loops_have(&s->loops, &s->samples[i]))
+            continue;
+        shown++;
+        print_sample_cells(&table, &s->plant.tags, &s->samples[i], s->now,
+                           is_stale(s, &s->samples[i]) ? "STALE" : "");
+    }
+    if (shown > 0)
+        putchar('\n');
+    int rc = shown > 0 ? print_table_show(&table, stdout, colour, 0, "\n") : 0;
+    print_table_close(&table);
+    return rc;
+}
+
+/* Of controllers it stands with their loops. */
+static bool has_place(const struct status *s, const struct timing_series *t)
+{
+    return by_loop(s) && loops_controller(&s->plant.loops, t->task);
+}
+
+static int show_timing(const struct status *s, bool colour)
+{
+    static const struct print_column columns[] = {
+        {"TASK", PRINT_LEFT}, {"PERIOD", PRINT_RIGHT}, {"LATE p50", PRINT_RIGHT}, {"p99", PRINT_RIGHT},
+        {"MAX", PRINT_RIGHT}, {"TICKS", PRINT_RIGHT},  {"MISSED", PRINT_RIGHT}};
+    char text[PRINT_LEN];
+    struct print_table table;
+    if (s->timing.n == 0) {
+        puts("\nno task has reported its timing in the last minute");
+        return 0;
+    }
+    print_table_open(&table, columns, 7);
+    for (size_t i = 0; i < s->timing.n; i++) {
+        const struct timing_series *t = &s->timing.series[i];
+        if (has_place(s, t))
+            continue;
+        print_cell(&table, PRINT_PLAIN, "%s", t->task);
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->period, text));
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->p50, text));
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->p99, text));
+        print_cell(&table, PRINT_PLAIN, "%s", print_duration(t->max, text));
+        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)t->count);
+        print_cell(&table, t->missed ? PRINT_WARN : PRINT_PLAIN, "%llu", (unsigned long long)t->missed);
+    }
+    putchar('\n');
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static int show_events(const struct status *s, bool colour)
+{
+    static const struct print_column columns[] = {
+        {"TIME", PRINT_LEFT}, {"EVENT", PRINT_LEFT}, {"SOURCE", PRINT_LEFT}, {"TEXT", PRINT_LEFT}};
+    char text[PRINT_LEN];
+    struct print_table table;
+    if (s->n_events == 0) {
+        puts("\nno events");
+        return 0;
+    }
+    print_table_open(&table, columns, 4);
+    for (size_t i = 0; i < s->n_events; i++) {
+        const struct apc_event *e = &s->events[i];
+        print_cell(&table, PRINT_PLAIN, "%s", print_second(e->time, text));
+        print_cell(&table, print_severity_ink(e->severity), "%s", print_severity(e->severity));
+        print_cell(&table, PRINT_PLAIN, "%s", e->source);
+        print_cell(&table, PRINT_PLAIN, "%s", e->text);
+    }
+    putchar('\n');
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static int show_spools(const struct status *s, bool colour)
+{
+    static const struct print_column columns[] = {{"SPOOL OF", PRINT_LEFT},
+                                                  {"SAMPLES", PRINT_RIGHT},
+                                                  {"EVENTS", PRINT_RIGHT},
+                                                  {"BYTES", PRINT_RIGHT},
+                                                  {"OLDEST", PRINT_RIGHT}};
+    char text[PRINT_LEN];
+    struct print_table table;
+    if (s->spools.n == 0)
+        return 0;
+    print_table_open(&table, columns, 5);
+    for (size_t i = 0; i < s->spools.n; i++) {
+        const struct apc_spool_stats *w = &s->spools.info[i].stats;
+        enum print_ink ink = w->oldest ? PRINT_WARN : PRINT_PLAIN;
+        print_cell(&table, ink, "%s", s->spools.info[i].writer);
+        print_cell(&table, ink, "%llu", (unsigned long long)w->samples);
+        print_cell(&table, ink, "%llu", (unsigned long long)w->events);
+        print_cell(&table, PRINT_PLAIN, "%llu", (unsigned long long)w->bytes);
+        print_cell(&table, ink, "%s", w->oldest ? print_duration(s->now - w->oldest, text) : "-");
+    }
+    putchar('\n');
+    int rc = print_table_show(&table, stdout, colour, 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static void show_mode(const struct status *s)
+{
+    const char *target = mode_of(&s->loops.row[LOOP_TARGET]), *actual = mode_of(&s->loops.row[LOOP_ACTUAL]);
+    printf("mode   target %s, actual %s%s", target ? target : "none", actual ? actual : "none",
+           s->loops.reason[0][0] ? ": " : "");
+    print_clean(stdout, s->loops.reason[0]);
+    putchar('\n');
+    status_plan_show(&s->loops.plan[0], s->now);
+    const char *owner = status_loops_owner(&s->loops, 0);
+    if (owner && !strcmp(owner, loops_owner_name(true))) {
+        const char *setpoint = cli_tag(&s->plant.tags, APC_SETPOINT, s->plant.loops.at->setpoint)->name;
+        printf("       ");
+        print_clean(stdout, setpoint);
+        puts(" is Local: `apc remote` gives it back to the scheduler");
+    }
+}
+
+static void show_history(const struct status *s)
+{
+    char text[PRINT_LEN];
+    if (s->has_history < 0)
+        printf("       %s\n", s->away);
+    else if (s->has_history > 0 && s->behind.rows == 0)
+        puts("       the history has all");
+    else if (s->has_history > 0 && s->behind.nothing)
+        printf("       the history has nothing yet: %llu rows wait for it\n",
+               (unsigned long long)s->behind.rows);
+    else if (s->has_history > 0)
+        printf("       the history is %llu rows behind, %s\n", (unsigned long long)s->behind.rows,
+               print_duration(s->behind.time, text));
+}
+
+static int show(const struct status *s)
+{
+    bool colour = cli_colour();
+    int rc = 0;
+
+    fputs("store  ", stdout);
+    print_clean(stdout, s->store);
+    printf("\n       connected, schema version %d\n", s->version);
+    show_history(s);
+    if (by_loop(s))
+        rc = status_loops_show(&s->loops, colour);
+    else if (s->plant.loops.n == 1)
+        show_mode(s);
+    if (rc == 0)
+        rc = show_values(s, colour);
+    if (rc == 0)
+        rc = status_writes_show(&s->writes, colour);
+    if (rc == 0)
+        rc = show_timing(s, colour);
+    if (rc == 0)
+        rc = show_events(s, colour);
+    return rc == 0 ? show_spools(s, colour) : rc;
+}
+
+/* ---- For programs ------------------------------------------------------------------------- */
+
+/* What the experiment file says of a variable. */
+static void json_tag(const struct apc_tag *tag)
+{
+    const bool scale = tag && tag->display_low < tag->display_high;
+    putchar(',');
+    print_json_limit(stdout, "low", tag ? tag->low : -APC_VALUE_MAX);
+    putchar(',');
+    print_json_limit(stdout, "high", tag ? tag->high : APC_VALUE_MAX);
+    putchar(',');
+    print_json_text(stdout, "area", tag && tag->area[0] ? tag->area : NULL);
+    putchar(',');
+    print_json_number(stdout, "display_low", scale ? tag->display_low : (double)NAN);
+    putchar(',');
+    print_json_number(stdout, "display_high", scale ? tag->display_high : (double)NAN);
+}
+
+static void json_values(const struct status *s)
+{
+    for (size_t i = 0; i < s->n; i++) {
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        print_sample_members(stdout, &s->samples[i], &s->plant.tags, s->now);
+        json_tag(cli_tag(&s->plant.tags, s->samples[i].table, s->samples[i].id));
+        printf(",\"stale\":%s}", is_stale(s, &s->samples[i]) ? "true" : "false");
+    }
+}
+
+static void json_timing(const struct status *s)
+{
+    for (size_t i = 0; i < s->timing.n; i++) {
+        const struct timing_series *t = &s->timing.series[i];
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        print_json_text(stdout, "task", t->task);
+        printf(",\"period_ns\":%lld,\"ticks\":%llu,\"missed\":%llu,", (long long)t->period,
+               (unsigned long long)t->count, (unsigned long long)t->missed);
+        printf("\"lateness_ns\":{\"p50\":%lld,\"p99\":%lld,\"max\":%lld}}", (long long)t->p50,
+               (long long)t->p99, (long long)t->max);
+    }
+}
+
+static void json_store(const char *uri, int version, const char *why)
+{
+    fputs("\"store\":{", stdout);
+    print_json_text(stdout, "uri", uri);
+    if (why)
+        fputs(",\"connected\":false,\"version\":null,", stdout);
+    else
+        printf(",\"connected\":true,\"version\":%d,", version);
+    print_json_text(stdout, "error", why);
+    putchar('}');
+}
+
+static void json_history(const struct status *s)
+{
+    if (s->has_history == 0)
+        return;
+    fputs(",\n\"history\":{", stdout);
+    if (s->has_history > 0)
+        printf("\"behind\":%llu,", (unsigned long long)s->behind.rows);
+    else
+        fputs("\"behind\":null,", stdout);
+    if (s->has_history > 0 && !s->behind.nothing)
+        printf("\"late_s\":%.3f,", apc_ns_to_s(s->behind.time));
+    else
+        fputs("\"late_s\":null,", stdout);
+    print_json_text(stdout, "error", s->has_history < 0 ? s->away : NULL);
+    putchar('}');
+}
+
+static void json_spools(const struct status *s)
+{
+    fputs(",\n\"spools\":[", stdout);
+    for (size_t i = 0; i < s->spools.n; i++) {
+        const struct apc_spool_stats *w = &s->spools.info[i].stats;
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        print_json_text(stdout, "writer", s->spools.info[i].writer);
+        printf(",\"samples\":%llu,\"events\":%llu,\"bytes\":%llu,\"damaged\":%s,\"age_s\":",
+               (unsigned long long)w->samples, (unsigned long long)w->events, (unsigned long long)w->bytes,
+               w->damaged ? "true" : "false");
+        if (w->oldest)
+            printf("%.3f}", apc_ns_to_s(s->now - w->oldest));
+        else
+            fputs("null}", stdout);
+    }
+    putchar(']');
+}
+
+/* @why: it could not be read. */
+static void show_json(const struct status *s, const char *why)
+{
+    putchar('{');
+    json_store(s->store, s->version, why);
+    json_spools(s);
+    if (why) {
+        puts("}");
+        return;
+    }
+    json_history(s);
+    fputs(",\n\"mode\":{", stdout);
+    print_json_text(stdout, "target", common_mode(s, LOOP_TARGET));
+    putchar(',');
+    print_json_text(stdout, "actual", common_mode(s, LOOP_ACTUAL));
+    fputs("},\n", stdout);
+    status_loops_json(&s->loops);
+    fputs(",\n\"variables\":[", stdout);
+    json_values(s);
+    fputs("],\n", stdout);
+    status_writes_json(&s->writes, s->now);
+    fputs(",\n\"timing\":[", stdout);
+    json_timing(s);
+    fputs("],\n\"events\":[", stdout);
+    for (size_t i = 0; i < s->n_events; i++) {
+        fputs(i == 0 ? "\n" : ",\n", stdout);
+        print_event_json(stdout, &s->events[i]);
+    }
+    puts("]}");
+}
+
+int command_status(int argc, char **argv)
+{
+    struct status status = {.version = 0};
+    struct apc_store *store = NULL;
+    struct cli cli;
+
+    struct wish wish = {.spools = getenv("APC_SPOOL")};
+    struct apc_error why;
+    cli_parse(&cli, &spec, &wish, argc, argv);
+    const char *dir = wish.spools;
+    if (cli.format == CLI_CSV)
+        return cli_usage(&cli, "a status is no table: there is --json");
+    if (wish.all)
+        return several_show(&cli);
+    store_name(cli.store, status.store, sizeof status.store);
+    status.now = apc_clock_utc(NULL);
+    if (dir && *dir && spools_look(&status.spools, dir, &why) < 0)
+        cli_error(&cli, 0, "%s", why.text);
+    for (size_t i = 0; i < status.spools.n; i++) {
+        if (status.spools.info[i].stats.damaged)
+            cli_error(&cli, 0, "%s is damaged: what can be read of it is counted, and apc drain stores it",
+                      status.spools.path[i]);
+    }
+    int rc = cli_open(&cli, &store);
+    if (rc == 0)
+        rc = load(&cli, store, &status);
+    if (cli.format == CLI_JSON)
+        show_json(&status, rc < 0 ? apc_store_error(store) : NULL);
+    else if (rc < 0)
+        show_spools(&status, cli_colour());
+    else if ((rc = show(&status)) < 0)
+        cli_error(&cli, rc, "out of memory");
+    free(status.samples);
+    status_loops_free(&status.loops);
+    status_writes_free(&status.writes);
+    cli_plant_free(&status.plant);
+    timing_free(&status.timing);
+    apc_store_close(store);
+    return cli_done(&cli, exit_code_of(rc));
+}

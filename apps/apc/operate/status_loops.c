@@ -1,0 +1,310 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "status_loops.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+#include "apc/common/print.h"
+
+#define SENSIBLE (10 * APC_NS_PER_S) /* so old a value may be whatever its period */
+
+/* ---- Reading ------------------------------------------------------------------------------ */
+
+static void name_rows(struct apc_sample *row, const struct loops *loops, const struct loops_loop *l)
+{
+    const bool scheduled = loops_scheduled(loops, l->setpoint);
+    row[LOOP_TARGET] = (struct apc_sample){.table = APC_OPMODE, .id = l->id};
+    row[LOOP_ACTUAL] = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, l->id)};
+    row[LOOP_SP] = (struct apc_sample){.table = l->setpoint ? APC_SETPOINT : 0, .id = l->setpoint};
+    row[LOOP_OWNER] = (struct apc_sample){.table = scheduled ? APC_OPMODE : 0,
+                                          .id = scheduled ? LOOPS_OWNER(l->setpoint) : 0};
+    row[LOOP_PV] = (struct apc_sample){.table = l->measurement ? APC_SENSOR : 0, .id = l->measurement};
+    row[LOOP_OP] = (struct apc_sample){.table = l->table, .id = l->output};
+}
+
+static int read_all(struct status_loops *s, struct apc_store *store)
+{
+    const size_t n = s->plant->loops.n * LOOP_ROWS;
+    struct apc_sample *there = calloc(n + 1, sizeof *there);
+    struct apc_rows rows = {
+        .size = sizeof rows, .sample = there, .vector = s->tick, .n_vectors = s->plant->loops.n_controllers};
+    if (!there)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < n; i++)
+        if (s->row[i].table)
+            there[rows.n_samples++] = s->row[i];
+    int rc = apc_store_read_rows(store, &rows);
+    for (size_t i = 0, k = 0; i < n && rc >= 0; i++)
+        if (s->row[i].table)
+            s->row[i] = there[k++];
+    free(there);
+    return rc;
+}
+
+int status_loops_load(struct status_loops *s, struct apc_store *store, const struct cli_plant *plant,
+                      const struct timing *timing)
+{
+    const struct loops *l = &plant->loops;
+    *s = (struct status_loops){.plant = plant,
+                               .row = calloc(l->n + 1, LOOP_ROWS * sizeof *s->row),
+                               .tick = calloc(l->n_controllers + 1, sizeof *s->tick),
+                               .reason = calloc(l->n + 1, sizeof *s->reason),
+                               .plan = calloc(l->n_controllers + 1, sizeof *s->plan),
+                               .timing = timing};
+    if (!s->row || !s->tick || !s->reason || !s->plan)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < l->n; i++)
+        name_rows(s->row + LOOP_ROWS * i, l, &l->at[i]);
+    for (size_t i = 0; i < l->n_controllers; i++)
+        s->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->controller[i].number};
+    int rc = read_all(s, store);
+    for (size_t i = 0; i < l->n_controllers && rc >= 0; i++)
+        rc = status_plan_load(&s->plan[i], store, &plant->tags, l->controller[i].name);
+    s->now = apc_clock_utc(NULL);
+    for (size_t i = 0; i < l->n && rc >= 0; i++)
+        (void)reason_find(store, l, &l->at[i], &s->row[LOOP_ROWS * i + LOOP_TARGET],
+                          &s->row[LOOP_ROWS * i + LOOP_ACTUAL], s->reason[i]);
+    return rc < 0 ? rc : 0;
+}
+
+void status_loops_free(struct status_loops *s)
+{
+    for (size_t i = 0; s->plan && i < s->plant->loops.n_controllers; i++)
+        status_plan_free(&s->plan[i]);
+    free(s->plan);
+    free(s->row);
+    free(s->tick);
+    free(s->reason);
+    *s = (struct status_loops){0};
+}
+
+/* ---- What it says ------------------------------------------------------------------------- */
+
+bool status_is_stale(const struct cli_tags *tags, const struct apc_sample *sample, apc_ns now)
+{
+    const struct apc_tag *tag = cli_tag(tags, sample->table, sample->id);
+    apc_ns sensible = SENSIBLE;
+    if (tag && tag->period > apc_ns_to_s(SENSIBLE) / 3)
+        (void)apc_ns_from_s(3 * tag->period, &sensible);
+    return (sample->table == APC_SENSOR || sample->table == APC_ACTUATOR) && sample->seq > 0 &&
+           apc_ns_since(now, sample->time) > sensible;
+}
+
+bool status_loops_have(const struct status_loops *s, const struct apc_sample *v)
+{
+    for (size_t i = 0; i < s->plant->loops.n * LOOP_ROWS; i++)
+        if (s->row[i].table == v->table && s->row[i].id == v->id)
+            return true;
+    return false;
+}
+
+static const char *word_of(const struct apc_sample *mode)
+{
+    return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
+}
+
+const char *status_loops_owner(const struct status_loops *s, size_t i)
+{
+    const struct apc_sample *target = &s->row[LOOP_ROWS * i + LOOP_TARGET],
+                            *owner = &s->row[LOOP_ROWS * i + LOOP_OWNER];
+    if (s->plant->loops.at[i].above >= 0)
+        return loops_owner_name(target->seq == 0 || target->value != (double)APC_MODE_CAS);
+    return owner->table ? loops_owner_name(loops_is_local(owner)) : NULL;
+}
+
+/* Which way a limit holds the output back, as its status says. */
+static const char *limit_of(const struct apc_sample *op)
+{
+    static const char *const words[] = {NULL, "low", "high", "both"};
+    return op->seq > 0 ? words[op->status >> 8 & 3] : NULL;
+}
+
+static const struct timing_series *lateness_of(const struct status_loops *s, const struct loops_controller *c)
+{
+    const struct timing_series *t = timing_find(s->timing, c->name, "lateness");
+    return t || s->plant->loops.n_controllers > 1 ? t : timing_find(s->timing, "controller", "lateness");
+}
+
+/* ---- For people --------------------------------------------------------------------------- */
+
+static void show_controller(const struct status_loops *s, size_t i)
+{
+    const struct loops_controller *c = &s->plant->loops.controller[i];
+    const struct timing_series *t = lateness_of(s, c);
+    const apc_ns age = s->now - s->tick[i].time;
+    char text[PRINT_LEN];
+    putchar('\n');
+    print_clean(stdout, c->name);
+    if (c->period > 0)
+        printf("  every %s", print_duration(c->period, text));
+    if (s->tick[i].seq == 0)
+        fputs(", has not ticked yet", stdout);
+    else
+        printf(", last tick %s ago%s", print_age(age, text),
+               c->period > 0 && age > 3 * c->period + APC_NS_PER_S ? ": IT DOES NOT TICK" : "");
+    if (t) {
+        printf(", late p99 %s", print_duration(t->p99, text));
+        printf(", missed %llu of %llu", (unsigned long long)t->missed,
+               (unsigned long long)(t->count + t->missed));
+    }
+    putchar('\n');
+}
+
+static void put_value(struct print_table *table, const struct status_loops *s, const struct apc_sample *v)
+{
+    const enum print_ink ink =
+        status_is_stale(&s->plant->tags, v, s->now) ? PRINT_ALARM : print_ink_of(v->status);
+    if (!v->table)
+        print_cell(table, PRINT_PLAIN, "%s", "");
+    else if (v->seq == 0)
+        print_cell(table, PRINT_FAINT, "-");
+    else
+        print_cell(table, ink, "%.5g%s", v->value + 0.0,
+                   apc_status_severity(v->status) == APC_SEVERITY_GOOD  ? ""
+                   : apc_status_severity(v->status) == APC_SEVERITY_BAD ? " bad"
+                                                                        : "?");
+}
+
+static void put_loop(struct print_table *table, const struct status_loops *s, size_t i)
+{
+    const struct loops_loop *l = &s->plant->loops.at[i];
+    const struct apc_sample *row = s->row + LOOP_ROWS * i,
+                            *aged = row[LOOP_PV].seq ? &row[LOOP_PV] : &row[LOOP_OP];
+    const char *target = word_of(&row[LOOP_TARGET]), *actual = word_of(&row[LOOP_ACTUAL]);
+    const struct apc_tag *tag = cli_tag(&s->plant->tags, l->table, l->output);
+    const char *limit = limit_of(&row[LOOP_OP]), *owner = status_loops_owner(s, i);
+    char text[PRINT_LEN];
+
+    print_cell(table, PRINT_PLAIN, "%s", l->name);
+    print_cell(table, PRINT_PLAIN, "%s", target ? target : "none");
+    print_cell(table, s->reason[i][0] ? PRINT_WARN : PRINT_PLAIN, "%s", actual ? actual : "none");
+    put_value(table, s, &row[LOOP_SP]);
+    print_cell(table, PRINT_PLAIN, "%s", owner ? owner : "");
+    put_value(table, s, &row[LOOP_PV]);
+    put_value(table, s, &row[LOOP_OP]);
+    if (limit)
+        print_cell(table, PRINT_WARN, "at %s", limit);
+    else if (tag && tag->low > -APC_VALUE_MAX && tag->high < APC_VALUE_MAX)
+        print_cell(table, PRINT_FAINT, "%.4g..%.4g", tag->low, tag->high);
+    else
+        print_cell(table, PRINT_PLAIN, "%s", "");
+    print_cell(table, PRINT_PLAIN, "%s", aged->seq ? print_age(apc_ns_since(s->now, aged->time), text) : "");
+    print_cell(table, PRINT_ALARM, "%s", status_is_stale(&s->plant->tags, aged, s->now) ? "STALE" : "");
+}
+
+int status_loops_show(const struct status_loops *s, bool colour)
+{
+    static const struct print_column columns[] = {
+        {"LOOP", PRINT_LEFT},  {"TARGET", PRINT_LEFT}, {"ACTUAL", PRINT_LEFT}, {"SP", PRINT_POINT},
+        {"OWNER", PRINT_LEFT}, {"PV", PRINT_POINT},    {"OP", PRINT_POINT},    {"LIMITS", PRINT_LEFT},
+        {"AGE", PRINT_POINT},  {"", PRINT_LEFT}};
+    int rc = 0;
+    for (size_t i = 0; i < s->plant->loops.n_controllers && rc == 0; i++) {
+        const struct loops_controller *c = &s->plant->loops.controller[i];
+        struct print_table table;
+        print_table_open(&table, columns, sizeof columns / sizeof *columns);
+        for (size_t k = c->first; k < c->first + c->n; k++)
+            put_loop(&table, s, k);
+        show_controller(s, i);
+        rc = print_table_show(&table, stdout, colour, 0, "\n");
+        print_table_close(&table);
+        status_plan_show(&s->plan[i], s->now);
+        for (size_t k = c->first; k < c->first + c->n; k++) {
+            if (!s->reason[k][0])
+                continue;
+            printf("%s is in %s: ", s->plant->loops.at[k].name,
+                   word_of(&s->row[LOOP_ROWS * k + LOOP_ACTUAL]));
+            print_clean(stdout, s->reason[k]);
+            putchar('\n');
+        }
+    }
+    return rc;
+}
+
+/* ---- For programs ------------------------------------------------------------------------- */
+
+static void json_value(const struct status_loops *s, const char *key, const struct apc_sample *v)
+{
+    const struct apc_tag *tag = v->table ? cli_tag(&s->plant->tags, v->table, v->id) : NULL;
+    char status[APC_STATUS_NAME_LEN];
+    printf(",\"%s\":", key);
+    if (!v->table) {
+        fputs("null", stdout);
+        return;
+    }
+    putchar('{');
+    print_json_text(stdout, "name", tag ? tag->name : "");
+    if (v->seq > 0) {
+        putchar(',');
+        print_json_number(stdout, "value", v->value);
+        printf(",\"status\":\"%s\",\"age\":%.3f", apc_status_format(v->status, status),
+               apc_ns_to_s(apc_ns_since(s->now, v->time)));
+    } else {
+        fputs(",\"value\":null,\"status\":null,\"age\":null", stdout);
+    }
+    printf(",\"stale\":%s}", status_is_stale(&s->plant->tags, v, s->now) ? "true" : "false");
+}
+
+static void json_loop(const struct status_loops *s, size_t i)
+{
+    const struct loops_loop *l = &s->plant->loops.at[i];
+    const struct apc_sample *row = s->row + LOOP_ROWS * i;
+    const struct apc_tag *tag = cli_tag(&s->plant->tags, l->table, l->output);
+    print_json_text(stdout, "loop", l->name);
+    putchar(',');
+    print_json_text(stdout, "controller", s->plant->loops.controller[l->controller].name);
+    putchar(',');
+    print_json_text(stdout, "target", word_of(&row[LOOP_TARGET]));
+    putchar(',');
+    print_json_text(stdout, "actual", word_of(&row[LOOP_ACTUAL]));
+    putchar(',');
+    print_json_text(stdout, "reason", s->reason[i][0] ? s->reason[i] : NULL);
+    putchar(',');
+    print_json_text(stdout, "owner", status_loops_owner(s, i));
+    json_value(s, "setpoint", &row[LOOP_SP]);
+    json_value(s, "measurement", &row[LOOP_PV]);
+    json_value(s, "output", &row[LOOP_OP]);
+    putchar(',');
+    print_json_limit(stdout, "low", tag ? tag->low : -APC_VALUE_MAX);
+    putchar(',');
+    print_json_limit(stdout, "high", tag ? tag->high : APC_VALUE_MAX);
+    putchar(',');
+    print_json_text(stdout, "at_limit", limit_of(&row[LOOP_OP]));
+}
+
+static void json_controller(const struct status_loops *s, size_t i)
+{
+    const struct loops_controller *c = &s->plant->loops.controller[i];
+    const struct timing_series *t = lateness_of(s, c);
+    print_json_text(stdout, "controller", c->name);
+    printf(",\"number\":%d,\"loops\":%zu,\"period_ns\":%lld,\"last_tick\":", c->number, c->n,
+           (long long)c->period);
+    if (s->tick[i].seq > 0)
+        printf("{\"seq\":%lld,\"age\":%.3f}", (long long)s->tick[i].seq,
+               apc_ns_to_s(s->now - s->tick[i].time));
+    else
+        fputs("null", stdout);
+    if (t)
+        printf(",\"ticks\":%llu,\"missed\":%llu,\"lateness_ns\":{\"p50\":%lld,\"p99\":%lld,\"max\":%lld}",
+               (unsigned long long)t->count, (unsigned long long)t->missed, (long long)t->p50,
+               (long long)t->p99, (long long)t->max);
+    status_plan_json(&s->plan[i], s->now);
+}
+
+void status_loops_json(const struct status_loops *s)
+{
+    fputs("\"controllers\":[", stdout);
+    for (size_t i = 0; i < s->plant->loops.n_controllers; i++) {
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        json_controller(s, i);
+        putchar('}');
+    }
+    fputs("],\n\"loops\":[", stdout);
+    for (size_t i = 0; i < s->plant->loops.n; i++) {
+        fputs(i == 0 ? "\n{" : ",\n{", stdout);
+        json_loop(s, i);
+        putchar('}');
+    }
+    putchar(']');
+}

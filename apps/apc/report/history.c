@@ -1,0 +1,239 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc history: rows of one variable, or events, given out as they come from the store. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc/common/print.h"
+
+#define LAST_DEFAULT 20
+
+struct history_options {
+    const char *since, *until;
+    bool events;
+    size_t last; /* 0: not given */
+};
+
+enum { OPT_SINCE = 0x400, OPT_UNTIL, OPT_EVENTS };
+
+static const struct argp_option option_list[] = {
+    {"since", OPT_SINCE, "TIME", 0, "Only from TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d", 0},
+    {"until", OPT_UNTIL, "TIME", 0, "Only before TIME", 0},
+    {"last", 'n', "N", 0, "Only the newest N; default 20, or all when a time is given", 0},
+    {"events", OPT_EVENTS, NULL, 0, "Events instead of a variable's values", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct history_options *o = state->input;
+    double number;
+    switch (key) {
+    case OPT_SINCE:
+        o->since = arg;
+        break;
+    case OPT_UNTIL:
+        o->until = arg;
+        break;
+    case OPT_EVENTS:
+        o->events = true;
+        break;
+    case 'n':
+        if (apc_number_parse(arg, &number) < 0 || number < 1 || number > 1e15 ||
+            (double)(size_t)number != number)
+            argp_error(state, "--last \"%s\": must be a whole number from 1", arg);
+        o->last = (size_t)number;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "[VARIABLE...]",
+    .doc = "Show past values of each VARIABLE, oldest first, one after the other, and who wrote them where "
+           "people did; or events. Times are UTC.",
+    .takes = CLI_STORE | CLI_FORMAT,
+    .max_args = -1,
+    .extra = &own,
+};
+
+/* ---- Rows --------------------------------------------------------------------------------- */
+
+struct rows {
+    enum cli_format format;
+    bool colour;
+    size_t n;
+    const struct cli *cli;
+    struct apc_store *names; /* the store once more, for who is asked while it streams; NULL: not yet */
+    uint32_t author;         /* whose name is known */
+    char name[APC_AUTHOR_LEN];
+};
+
+/* Who wrote a row; "": nobody said, or no name can be had. Who writes once often writes again. */
+static const char *author_of(struct rows *r, uint32_t author)
+{
+    if (author == 0)
+        return "";
+    if (author != r->author && (r->names || cli_open(r->cli, &r->names) >= 0)) {
+        (void)apc_store_author_name(r->names, author, r->name);
+        r->author = author;
+    }
+    return author == r->author ? r->name : "";
+}
+
+static void begin(const struct rows *r, const char *csv, const char *heading)
+{
+    if (r->format == CLI_CSV)
+        puts(csv);
+    else if (r->format == CLI_TEXT)
+        printf(r->colour ? "\033[1m%s\033[0m\n" : "%s\n", heading);
+}
+
+static void next(struct rows *r)
+{
+    if (r->format == CLI_JSON)
+        fputs(r->n == 0 ? "[\n" : ",\n", stdout);
+    r->n++;
+}
+
+/* After a failure in the middle too: what stands there is JSON. */
+static void end(const struct rows *r)
+{
+    if (r->format == CLI_JSON)
+        puts(r->n == 0 ? "[]" : "\n]");
+}
+
+static int put_sample(void *ctx, const struct apc_sample *s)
+{
+    struct rows *r = ctx;
+    char time[APC_TIME_LEN], status[APC_STATUS_NAME_LEN], value[PRINT_LEN];
+
+    next(r);
+    if (r->format == CLI_CSV) {
+        print_sample_csv(stdout, s);
+        return ferror(stdout);
+    }
+    const char *author = author_of(r, s->author);
+    if (r->format == CLI_JSON) {
+        putchar('{');
+        print_sample_members(stdout, s, NULL, 0);
+        if (*author) {
+            putchar(',');
+            print_json_text(stdout, "author", author);
+        }
+        putchar('}');
+    } else {
+        printf("%s  %12s  %s", apc_time_format(s->time, time), print_value(s, value),
+               apc_status_format(s->status, status));
+        if (*author) {
+            fputs("  by ", stdout);
+            print_clean(stdout, author);
+        }
+        putchar('\n');
+    }
+    return ferror(stdout);
+}
+
+static void put_field(const char *text, int width)
+{
+    print_clean(stdout, text);
+    printf("%*s", (int)strlen(text) < width ? width - (int)strlen(text) + 2 : 2, "");
+}
+
+static int put_event(void *ctx, const struct apc_event *e)
+{
+    struct rows *r = ctx;
+    char time[APC_TIME_LEN];
+
+    next(r);
+    if (r->format == CLI_JSON)
+        print_event_json(stdout, e);
+    else if (r->format == CLI_CSV)
+        print_event_csv(stdout, e);
+    else {
+        printf("%s  %-8s  ", apc_time_format(e->time, time), print_severity(e->severity));
+        put_field(e->source, 14);
+        put_field(e->kind, 8);
+        print_clean(stdout, e->text);
+        putchar('\n');
+    }
+    return ferror(stdout);
+}
+
+static int show_variable(const struct cli *cli, struct apc_store *store, const struct apc_sample *variable,
+                         const char *name, const struct apc_range *range, struct rows *rows)
+{
+    if (cli->format == CLI_TEXT && cli->n_args > 1)
+        printf("%s%s\n", rows->n > 0 ? "\n" : "", name);
+    if (cli->format == CLI_TEXT)
+        begin(rows, "", "TIME                                VALUE  STATUS");
+    int rc = apc_store_history(store, variable->table, variable->id, range, put_sample, rows);
+    if (rc < 0)
+        return cli_store_error(cli, rc, store);
+    if (rc == 0)
+        cli_error(cli, 0, "%s has no sample%s", name, range->since || range->until ? " in that time" : "");
+    return EXIT_OK;
+}
+
+static int show_variables(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
+                          struct rows *rows)
+{
+    struct cli_tags tags;
+    struct apc_sample *variables = NULL;
+    int rc = cli_tags_load(cli, store, &tags);
+    if (rc < 0)
+        return exit_code_of(rc);
+    int n = cli_variables(cli, &tags, NULL, &variables);
+    rc = exit_code_of(n);
+    if (cli->format == CLI_CSV && rc == EXIT_OK)
+        puts(PRINT_SAMPLE_HEADER);
+    for (int i = 0; i < n && rc == EXIT_OK; i++)
+        rc = show_variable(cli, store, &variables[i], cli->args[i], range, rows);
+    if (n > 0)
+        end(rows);
+    free(variables);
+    cli_tags_free(&tags);
+    return rc;
+}
+
+static int show_events(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
+                       struct rows *rows)
+{
+    begin(rows, PRINT_EVENT_HEADER, "TIME                         SEVERITY  SOURCE          KIND      TEXT");
+    int rc = apc_store_events(store, range, put_event, rows);
+    end(rows);
+    return rc < 0 ? cli_store_error(cli, rc, store) : EXIT_OK;
+}
+
+int command_history(int argc, char **argv)
+{
+    struct history_options options = {0};
+    struct apc_range range = {0};
+    struct apc_store *store = NULL;
+    struct cli cli;
+
+    cli_parse(&cli, &spec, &options, argc, argv);
+    if (options.events && cli.n_args > 0)
+        return cli_usage(&cli, "either a variable or --events");
+    if (!options.events && cli.n_args == 0)
+        return cli_usage(&cli, "expected a variable, or --events");
+    if (cli_time(&cli, "since", options.since, &range.since) ||
+        cli_time(&cli, "until", options.until, &range.until))
+        return EXIT_USAGE;
+    range.last = options.last || options.since || options.until ? options.last : LAST_DEFAULT;
+
+    struct rows rows = {.format = cli.format, .colour = cli_colour(), .cli = &cli};
+    int rc = exit_code_of(cli_open(&cli, &store));
+    if (rc == EXIT_OK && options.events)
+        rc = show_events(&cli, store, &range, &rows);
+    else if (rc == EXIT_OK)
+        rc = show_variables(&cli, store, &range, &rows);
+    if (rc == EXIT_OK && apc_store_error(store)[0])
+        cli_error(&cli, 0, "%s", apc_store_error(store)); /* there may be more than was given */
+    apc_store_close(rows.names);
+    apc_store_close(store);
+    return cli_done(&cli, rc);
+}

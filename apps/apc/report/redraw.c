@@ -1,0 +1,326 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc report: the figure of a run folder again, and its figures. */
+#include <math.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "apc/common/cli.h"
+#include "common/storeuri.h"
+#include "apc/folder/folder.h"
+#include "apc/folder/keep.h"
+#include "apc/common/print.h"
+#include "apc/common/print_figures.h"
+#include "apc/common/print_merits.h"
+#include "apc/common/print_outlook.h"
+#include "report.h"
+#include "experiment/experiment.h"
+#include "apc/folder/runstore.h"
+#include "apc/folder/spools.h"
+#include "apc/folder/window.h"
+
+#define ROWS 60 /* of figures */
+#define DAY  (86400 * APC_NS_PER_S)
+
+struct report_options {
+    bool json;
+    const char *from, *to, *at;
+};
+
+enum { OPT_FROM = 0x400, OPT_TO, OPT_AT };
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct report_options *o = state->input;
+    switch (key) {
+    case 'J':
+        o->json = true;
+        break;
+    case OPT_FROM:
+        o->from = arg;
+        break;
+    case OPT_TO:
+        o->to = arg;
+        break;
+    case OPT_AT:
+        o->at = arg;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp_option option_list[] = {
+    {"json", 'J', NULL, 0, "The figures as JSON on stdout, and draw nothing", 0},
+    {"from", OPT_FROM, "TIME", 0,
+     "The figures of merit of the time from TIME on, and draw nothing: s since the start of the run; of a "
+     "store "
+     "RFC 3339, or before now, as -10m, -2h, -1d; default: a day before --to",
+     0},
+    {"to", OPT_TO, "TIME", 0, "The same until TIME", 0},
+    {"at", OPT_AT, "TIME", 0,
+     "What predictive laws expected at TIME, and what came: a table instead of the figures, and in the "
+     "figure",
+     0},
+    {0}};
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "[DIR]",
+    .doc = "Draw report.svg and report.png of the run folder DIR again, from its CSV files, and print its "
+           "figures: how well each loop was controlled, from each event to the next; and of all of it what "
+           "the controllers "
+           "were worth: time in service and at limits, standard deviations with and without, and how well "
+           "what was "
+           "predicted came true. Without DIR: the latter of the history of --store. Of "
+           "a run that was killed, and so has left no samples.csv, they are first taken from its store: "
+           "DIR/store.db or, "
+           "where there is none, that of --store or APC_STORE.",
+    .takes = CLI_STORE | CLI_OWN_STORE,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+/* What the daemons could not store belongs to it as well, as at the end of a run. */
+static int recover_from(const struct cli *cli, struct apc_store *store, const char *uri,
+                        const struct experiment *e, struct apc_error *why)
+{
+    const char *dir = cli->args[0];
+    char differs[PROVISION_TEXT];
+    int rc = provision_check(store, e, differs);
+    if (rc < 0)
+        return apc_fail(why, rc, "%s", rc == APC_EPERM ? differs : apc_store_error(store));
+    rc = spools_drain(dir, uri, cli->timeout, why);
+    if (rc < 0 && rc != APC_EPROTO)
+        return rc;
+    apc_ns length = 0;
+    (void)apc_ns_from_s(e->duration, &length);
+    int err = folder_export(dir, store, e, e->start, 0, e->start, length > 0 ? e->start + length : 0, why);
+    return err < 0 ? err : rc;
+}
+
+/* The record of a run that came to no end is in its store. */
+static int recover(const struct cli *cli, const struct experiment *e, FILE *talk, struct apc_error *why)
+{
+    const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
+    char path[600], own[RUNSTORE_LEN];
+    const char *uri = cli->store;
+    struct apc_store *store;
+
+    int rc = keep_left(cli->args[0], cli->store, cli->timeout, why);
+    if (rc < 0 && rc != APC_EPROTO && rc != APC_EBUSY)
+        return rc;
+    snprintf(path, sizeof path, "%.580s/store.db", cli->args[0]);
+    snprintf(own, sizeof own, "sqlite:%s", path);
+    if (rc == APC_EBUSY ? runstore_uri(cli->args[0], own, why) == 0 : access(path, F_OK) == 0)
+        uri = own;
+    if (!e->start || !uri)
+        return apc_fail(
+            why, APC_ENOTFOUND, "%.300s/samples.csv: there is none, %s", cli->args[0],
+            e->start ? "nor a store.db: name the store of this run with --store"
+                     : "and no record.conf says when the run began: apc history shows what is in its store");
+    rc = store_open(&store, uri, &options, why);
+    if (rc == 0)
+        rc = recover_from(cli, store, uri, e, why);
+    if (rc == 0)
+        fprintf(talk, "samples: %s/samples.csv, from the store\n", cli->args[0]);
+    apc_store_close(store);
+    return rc;
+}
+
+/* Seconds since the start of a run; NAN: not given. */
+static int take_seconds(const struct cli *cli, const char *name, const char *text, double *t)
+{
+    *t = (double)NAN;
+    if (!text || (apc_number_parse(text, t) == 0 && *t >= 0))
+        return EXIT_OK;
+    return cli_usage(cli, "--%s \"%s\": must be s since the start of the run, 0 or more", name, text);
+}
+
+static int put_merits(const struct merits *m, const struct experiment *e, apc_ns start, bool json)
+{
+    if (!json)
+        return merits_print(m, stdout);
+    putchar('{');
+    if (e) {
+        print_json_text(stdout, "experiment", e->name);
+        putchar(',');
+    }
+    merits_json(m, start, stdout);
+    puts("}");
+    return 0;
+}
+
+/* Of a part of a run. */
+static int report_window(const struct cli *cli, const struct report_options *o, const struct experiment *e)
+{
+    struct merits merits = {0};
+    struct apc_error why;
+    double from, to;
+    int status = take_seconds(cli, "from", o->from, &from);
+    if (status == EXIT_OK)
+        status = take_seconds(cli, "to", o->to, &to);
+    if (status != EXIT_OK)
+        return status;
+    int rc = window_of_run(&merits, e, cli->args[0], from, to, &why);
+    if (rc == 0 && (rc = put_merits(&merits, e, 0, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    merits_free(&merits);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+/* Of a store's history. */
+static int report_store(const struct cli *cli, const struct report_options *o)
+{
+    struct merits merits = {0};
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    apc_ns to = apc_clock_utc(NULL), from;
+    if (cli_time(cli, "to", o->to, &to))
+        return EXIT_USAGE;
+    from = to - DAY;
+    if (cli_time(cli, "from", o->from, &from))
+        return EXIT_USAGE;
+    int rc = cli_open(cli, &store);
+    if (rc < 0)
+        return exit_code_of(rc);
+    rc = window_of_store(&merits, store, from, to, &why);
+    if (rc == 0 && (rc = put_merits(&merits, NULL, 0, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    if (rc < 0)
+        cli_error(cli, rc, "%s", why.text);
+    merits_free(&merits);
+    apc_store_close(store);
+    return exit_code_of(rc);
+}
+
+/* Of a run, laid over the figure; of a store, a table. */
+static int put_outlook(const struct outlook *o, const struct experiment *e, bool json)
+{
+    if (!json)
+        return outlook_print(o, stdout);
+    putchar('{');
+    if (e) {
+        print_json_text(stdout, "experiment", e->name);
+        putchar(',');
+    }
+    outlook_json(o, stdout);
+    puts("}");
+    return 0;
+}
+
+static int report_outlook_of_run(const struct cli *cli, const struct report_options *o,
+                                 const struct experiment *e)
+{
+    struct outlook outlook = {0};
+    struct apc_error why;
+    double at;
+    const int status = take_seconds(cli, "at", o->at, &at);
+    if (status != EXIT_OK)
+        return status;
+    int rc = window_outlook_of_run(&outlook, e, cli->args[0], at, &why);
+    const int drawn = rc == 0 && !o->json ? report_leave(cli, cli->args[0], e, e->title, &outlook, &why) : 0;
+    if (rc == 0 && (rc = put_outlook(&outlook, e, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    rc = drawn < 0 && rc == 0 ? drawn : rc;
+    if (rc == 0 && drawn > 0)
+        printf("report: %s/report.png, report.svg\n", cli->args[0]);
+    outlook_free(&outlook);
+    return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
+}
+
+static int report_outlook_of_store(const struct cli *cli, const struct report_options *o)
+{
+    struct outlook outlook = {0};
+    struct apc_store *store = NULL;
+    struct apc_error why;
+    apc_ns at = 0;
+    if (cli_time(cli, "at", o->at, &at))
+        return EXIT_USAGE;
+    int rc = cli_open(cli, &store);
+    if (rc < 0)
+        return exit_code_of(rc);
+    rc = window_outlook_of_store(&outlook, store, at, &why);
+    if (rc == 0 && (rc = put_outlook(&outlook, NULL, o->json)) < 0)
+        apc_fail(&why, rc, "out of memory");
+    if (rc < 0)
+        cli_error(cli, rc, "%s", why.text);
+    outlook_free(&outlook);
+    apc_store_close(store);
+    return exit_code_of(rc);
+}
+
+static int put_figures(const char *dir, const struct experiment *e, bool json, struct apc_error *why)
+{
+    struct figures figures = {0};
+    struct merits merits = {0};
+    struct course course;
+    int rc = course_load(&course, dir, e, why);
+    if (rc == 0 && (rc = figures_make(&figures, &course, e)) < 0)
+        apc_fail(why, rc, "out of memory");
+    if (rc == 0)
+        rc = window_of_run(&merits, e, dir, (double)NAN, (double)NAN, why);
+    if (rc == 0 && json) {
+        putchar('{');
+        print_json_text(stdout, "experiment", e->name);
+        putchar(',');
+        print_json_text(stdout, "title", e->title);
+        putchar(',');
+        figures_json(&figures, &course, e, stdout);
+        putchar(',');
+        merits_json(&merits, 0, stdout);
+        puts("}");
+    } else if (rc == 0) {
+        rc = figures_print(&figures, &course, e, ROWS, stdout);
+        if (rc == 0)
+            rc = merits_print(&merits, stdout);
+    }
+    merits_free(&merits);
+    figures_free(&figures);
+    course_free(&course);
+    return rc;
+}
+
+int command_report(int argc, char **argv)
+{
+    struct cli cli;
+    struct experiment e;
+    struct apc_error why;
+    char path[600];
+    struct report_options options = {0};
+
+    umask(077);
+    cli_parse(&cli, &spec, &options, argc, argv);
+    if (cli.n_args == 0 && !cli.store)
+        return cli_usage(&cli, "expected a run folder, or --store");
+    if (options.at && (options.from || options.to))
+        return cli_usage(&cli, "--at is of one time: without --from and --to");
+    if (cli.n_args == 0)
+        return cli_done(&cli,
+                        options.at ? report_outlook_of_store(&cli, &options) : report_store(&cli, &options));
+    const bool json = options.json;
+    int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
+    snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
+    if (rc == 0 && access(path, F_OK) != 0)
+        rc = recover(&cli, &e, json ? stderr : stdout, &why);
+    if (rc == 0 && (options.from || options.to || options.at)) {
+        const int status =
+            options.at ? report_outlook_of_run(&cli, &options, &e) : report_window(&cli, &options, &e);
+        experiment_free(&e);
+        return cli_done(&cli, status);
+    }
+    if (rc == 0 && !json)
+        folder_columns(cli.args[0]);
+    struct apc_error unread;
+    const int drawn = rc == 0 && !json ? report_leave(&cli, cli.args[0], &e, e.title, NULL, &unread) : 0;
+    if (rc == 0)
+        rc = put_figures(cli.args[0], &e, json, &why);
+    experiment_free(&e);
+    if (rc < 0)
+        return cli_error(&cli, rc, "%s", why.text);
+    if (drawn < 0) /* what the figures are made of is there */
+        return cli_done(&cli, cli_error(&cli, drawn, "%s", unread.text));
+    if (drawn > 0)
+        printf("report: %s/report.png, report.svg\n", cli.args[0]);
+    return cli_done(&cli, EXIT_OK);
+}

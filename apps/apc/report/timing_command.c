@@ -1,0 +1,169 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc timing: how well the tasks keep time, of a running loop or from history. */
+#include <inttypes.h>
+#include <string.h>
+
+#include "common/timing.h"
+#include "apc/common/print.h"
+
+#define LIVE (60 * APC_NS_PER_S)
+
+enum { OPT_SINCE = 0x400 };
+
+static const struct argp_option option_list[] = {
+    {"since", OPT_SINCE, "TIME", 0,
+     "From TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d; default -1m: the loop as it runs", 0},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    const char **since = state->input;
+    if (key != OPT_SINCE)
+        return ARGP_ERR_UNKNOWN;
+    *since = arg;
+    return 0;
+}
+
+static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "[TASK...]",
+    .doc =
+        "Show for each task how late its ticks began (lateness), by how much the time between two differed "
+        "from the period (jitter) and how long they took (run), with the ticks that were missed. The "
+        "run of \"exchange\" is how long apc-client waited for the plant's replies; what it missed are "
+        "exchanges that "
+        "failed. --json has the histograms too.",
+    .takes = CLI_STORE | CLI_FORMAT,
+    .max_args = -1,
+    .extra = &own,
+};
+
+static bool wanted(const struct cli *cli, const char *task)
+{
+    for (int i = 0; i < cli->n_args; i++)
+        if (!strcmp(cli->args[i], task))
+            return true;
+    return cli->n_args == 0;
+}
+
+/* Tasks that have not reported are an error only where they were asked for. */
+static int check_wanted(const struct cli *cli, const struct timing *timing)
+{
+    for (int i = 0; i < cli->n_args; i++) {
+        bool known = false;
+        for (size_t k = 0; k < timing->n && !known; k++)
+            known = !strcmp(timing->series[k].task, cli->args[i]);
+        if (!known)
+            return cli_error(cli, APC_ENOTFOUND, "task \"%s\" has reported no timing in that time",
+                             cli->args[i]);
+    }
+    return EXIT_OK;
+}
+
+static void show_row(struct print_table *table, const struct timing_series *s)
+{
+    const apc_ns durations[] = {(apc_ns)s->mean, (apc_ns)s->sd, s->p50, s->p99, s->p999, s->max};
+    char text[PRINT_LEN];
+
+    print_cell(table, PRINT_PLAIN, "%s", s->quantity);
+    print_cell(table, PRINT_PLAIN, "%s", s->task);
+    print_cell(table, PRINT_PLAIN, "%" PRIu64, s->count);
+    print_cell(table, s->missed ? PRINT_WARN : PRINT_PLAIN, "%" PRIu64, s->missed);
+    for (size_t i = 0; i < sizeof durations / sizeof *durations; i++)
+        print_cell(table, PRINT_PLAIN, "%s", print_duration(durations[i], text));
+}
+
+static int show(const struct cli *cli, const struct timing *timing)
+{
+    static const struct print_column columns[] = {
+        {"QUANTITY", PRINT_LEFT}, {"TASK", PRINT_LEFT}, {"TICKS", PRINT_RIGHT}, {"MISSED", PRINT_RIGHT},
+        {"MEAN", PRINT_RIGHT},    {"SD", PRINT_RIGHT},  {"p50", PRINT_RIGHT},   {"p99", PRINT_RIGHT},
+        {"p99.9", PRINT_RIGHT},   {"MAX", PRINT_RIGHT}};
+    struct print_table table;
+
+    if (timing->n == 0) {
+        puts("no task has reported its timing in that time");
+        return 0;
+    }
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < timing->n; i++)
+        if (wanted(cli, timing->series[i].task))
+            show_row(&table, &timing->series[i]);
+    int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
+    print_table_close(&table);
+    return rc;
+}
+
+static void show_csv(const struct cli *cli, const struct timing *timing)
+{
+    puts(TIMING_HEADER);
+    for (size_t i = 0; i < timing->n; i++)
+        if (wanted(cli, timing->series[i].task))
+            timing_csv(stdout, &timing->series[i]);
+}
+
+static void json_series(const struct timing_series *s)
+{
+    putchar('{');
+    print_json_text(stdout, "task", s->task);
+    putchar(',');
+    print_json_text(stdout, "quantity", s->quantity);
+    printf(",\"period_ns\":%" PRId64 ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64
+           ",\"mean_ns\":%.1f,\"sd_ns\":%.1f,\"min_ns\":%" PRId64 ",\"p50_ns\":%" PRId64
+           ",\"p99_ns\":%" PRId64 ",\"p999_ns\":%" PRId64 ",\"max_ns\":%" PRId64 ",\n \"bins\":[",
+           s->period, s->count, s->missed, s->mean, s->sd, timing_min(s), s->p50, s->p99, s->p999, s->max);
+    for (size_t i = 0; i < s->n_bins; i++)
+        printf("%s[%" PRId64 ",%" PRId64 ",%" PRIu64 "]", i ? "," : "", s->bins[i].low, s->bins[i].high,
+               s->bins[i].count);
+    fputs("]}", stdout);
+}
+
+static void show_json(const struct cli *cli, const struct timing *timing)
+{
+    const char *separator = "[\n";
+    for (size_t i = 0; i < timing->n; i++) {
+        if (!wanted(cli, timing->series[i].task))
+            continue;
+        fputs(separator, stdout);
+        json_series(&timing->series[i]);
+        separator = ",\n";
+    }
+    puts(*separator == '[' ? "[]" : "\n]");
+}
+
+static int give_out(const struct cli *cli, const struct timing *timing)
+{
+    int rc = check_wanted(cli, timing);
+    if (rc != EXIT_OK)
+        return rc;
+    if (cli->format == CLI_JSON)
+        show_json(cli, timing);
+    else if (cli->format == CLI_CSV)
+        show_csv(cli, timing);
+    else if (show(cli, timing) < 0)
+        return cli_error(cli, APC_ENOMEM, "out of memory");
+    return EXIT_OK;
+}
+
+int command_timing(int argc, char **argv)
+{
+    apc_ns from = apc_clock_utc(NULL) - LIVE;
+    const char *since = NULL;
+    struct apc_store *store = NULL;
+    struct timing timing = {0};
+    struct cli cli;
+
+    cli_parse(&cli, &spec, &since, argc, argv);
+    if (cli_time(&cli, "since", since, &from) != EXIT_OK)
+        return EXIT_USAGE;
+    int rc = exit_code_of(cli_open(&cli, &store));
+    if (rc == EXIT_OK) {
+        int loaded = timing_load(&timing, store, &(struct apc_range){.since = from}, NULL);
+        rc = loaded == 0 ? give_out(&cli, &timing) : cli_store_error(&cli, loaded, store);
+    }
+    timing_free(&timing);
+    apc_store_close(store);
+    return cli_done(&cli, rc);
+}

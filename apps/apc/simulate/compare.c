@@ -1,0 +1,315 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "compare.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "apc/report/gnuplot.h"
+#include "apc/common/print.h"
+#include "apc/report/report_script.h"
+#include "experiment/experiment.h"
+#include "simulation/simulation.h"
+
+static const double none = (double)NAN;
+
+/* The samples of one variable. */
+struct trace {
+    double *t, *value;
+    size_t n;
+};
+
+static int extract(const struct samples *s, apc_ns start, const struct apc_tag *tag, struct trace *trace)
+{
+    *trace = (struct trace){.t = calloc(s->n + 1, sizeof(double)), .value = calloc(s->n + 1, sizeof(double))};
+    if (!trace->t || !trace->value)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < s->n; i++)
+        if (s->at[i].table == tag->table && s->at[i].id == tag->id) {
+            trace->t[trace->n] = apc_ns_to_s(s->at[i].time - start);
+            trace->value[trace->n++] = s->at[i].value;
+        }
+    return 0;
+}
+
+static void release(struct trace *trace)
+{
+    free(trace->t);
+    free(trace->value);
+}
+
+/* The sample next to @t in time; there is one. */
+static double next_to(const struct trace *trace, double t)
+{
+    size_t low = 0, high = trace->n;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        if (trace->t[middle] < t)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    if (low == trace->n || (low > 0 && t - trace->t[low - 1] < trace->t[low] - t))
+        low--;
+    return trace->value[low];
+}
+
+static double span(const struct trace *trace)
+{
+    double low = HUGE_VAL, high = -HUGE_VAL;
+    for (size_t i = 0; i < trace->n; i++) {
+        low = fmin(low, trace->value[i]);
+        high = fmax(high, trace->value[i]);
+    }
+    return high > low ? high - low : none;
+}
+
+/* The largest step of setpoint @id, the first one from where measurement @id begins. */
+static double step_of(const struct samples *s, int id)
+{
+    double step = none, before = none;
+    for (size_t i = 0; i < s->n && isnan(before); i++)
+        if (s->at[i].table == APC_SENSOR && s->at[i].id == id)
+            before = s->at[i].value;
+    for (size_t i = 0; i < s->n; i++)
+        if (s->at[i].table == APC_SETPOINT && s->at[i].id == id) {
+            step = fmax(step, fabs(s->at[i].value - before)); /* which is the other one when step is NAN */
+            before = s->at[i].value;
+        }
+    return step > 0 ? step : none;
+}
+
+static void print_variable(const struct compare *c, const struct trace *sim, const struct trace *rec,
+                           const struct apc_tag *tag, struct print_table *table)
+{
+    double scale = tag->table == APC_SENSOR ? step_of(c->simulated, tag->id) : span(sim);
+    double worst = 0, at = 0, sum = 0;
+    size_t n = 0, simulated = 0;
+    for (size_t i = 0; i < sim->n; i++)
+        simulated += sim->t[i] >= c->from;
+    for (size_t i = 0; i < rec->n; i++) {
+        if (rec->t[i] < c->from)
+            continue;
+        double apart = fabs(rec->value[i] - next_to(sim, rec->t[i]));
+        sum += apart;
+        n++;
+        if (apart > worst) {
+            worst = apart;
+            at = rec->t[i];
+        }
+    }
+    print_cell(table, PRINT_PLAIN, "%s", tag->name);
+    print_cell(table, PRINT_PLAIN, "%zu", n);
+    print_cell(table, PRINT_PLAIN, "%zu", simulated);
+    print_cell(table, PRINT_PLAIN, n ? "%.3g" : "-", sum / (double)n);
+    print_cell(table, PRINT_PLAIN, "%.3g", worst);
+    print_cell(table, PRINT_PLAIN, isnan(scale) ? "-" : "%.4f", 100 * worst / scale);
+    print_cell(table, PRINT_PLAIN, "%.3f", at);
+}
+
+struct variable {
+    const struct apc_tag *tag;
+    struct trace simulated, recorded, unchanged;
+    struct trace setpoint; /* simulated, of a measurement that has one */
+};
+
+struct comparison {
+    const struct compare *c;
+    const struct experiment *e;
+    struct variable *of; /* [n] */
+    size_t n;
+    double end; /* s */
+};
+
+static int take_variable(struct comparison *z, const struct samples *recorded, const struct apc_tag *tag,
+                         const struct apc_tag *setpoint)
+{
+    const struct samples *simulated = z->c->simulated, *unchanged = z->c->unchanged;
+    struct variable *v = &z->of[z->n++];
+    v->tag = tag;
+    int rc = extract(simulated, SIMULATION_BEGIN, tag, &v->simulated);
+    if (rc == 0)
+        rc = extract(recorded, 0, tag, &v->recorded);
+    if (rc == 0 && unchanged)
+        rc = extract(unchanged, SIMULATION_BEGIN, tag, &v->unchanged);
+    if (rc == 0 && setpoint)
+        rc = extract(simulated, SIMULATION_BEGIN, setpoint, &v->setpoint);
+    return rc;
+}
+
+static bool shown(const struct variable *v)
+{
+    return v->simulated.n > 0 && v->recorded.n > 0;
+}
+
+/* ---- The figure ----------------------------------------------------------------------------- */
+
+#define PANELS 12
+#define PANEL  92.0
+#define TOP    44.0
+#define FOOT   34.0
+
+static size_t panels_of(const struct comparison *z)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < z->n && n < PANELS; i++)
+        n += shown(&z->of[i]);
+    return n;
+}
+
+static double height_of(const struct comparison *z)
+{
+    return TOP + PANEL * (double)panels_of(z) + FOOT;
+}
+
+/* A value holds until the next one, the last one to the end. */
+static void put_trace(FILE *script, const char *name, size_t i, const struct trace *trace, double end)
+{
+    fprintf(script, "$%s%zu << END\n", name, i);
+    for (size_t k = 0; k < trace->n; k++)
+        fprintf(script, "%.9g %.9g\n", trace->t[k], trace->value[k]);
+    if (trace->n > 0)
+        fprintf(script, "%.9g %.9g\n", fmax(end, trace->t[trace->n - 1]), trace->value[trace->n - 1]);
+    fputs("END\n", script);
+}
+
+static void put_panel(FILE *script, const struct comparison *z, size_t i, size_t row)
+{
+    const struct variable *v = &z->of[i];
+    const double height = height_of(z), top = TOP + PANEL * (double)row;
+    const char *how = v->tag->table == APC_SENSOR ? "lines" : "steps";
+    fprintf(script,
+            "%sset lmargin at screen 0.09\nset rmargin at screen 0.97\nset tmargin at screen %.5f\n"
+            "set bmargin at screen %.5f\nset xrange [0:%.9g]\nset offsets graph 0, 0, 0.06, 0.06\n"
+            "set ytics autofreq\nset ylabel ",
+            report_panel_style, report_screen(top, height), report_screen(top + PANEL - 16.0, height),
+            z->end);
+    report_quoted(script, v->tag->name);
+    fputs(" noenhanced\n", script);
+    if (row == 0) {
+        fprintf(script, "set key at graph 1, screen %.5f right top horizontal samplen 2\nset label 1 ",
+                report_screen(8.0, height));
+        report_quoted(script, z->e->title);
+        fprintf(script, " at graph 0, screen %.5f noenhanced\n", report_screen(18.0, height));
+    }
+    if (z->c->from > 0)
+        fprintf(script, "set arrow 1 from %.9g, graph 0 to %.9g, graph 1 nohead lw 1 lc rgb 0x999999\n",
+                z->c->from, z->c->from);
+    fputs(row + 1 == panels_of(z) ? "set xlabel 'time (s)'\n" : "set format x ''\n", script);
+    fprintf(script, "plot $was%zu with %s lw 2.6 lc rgb 0xB8BEC4 title '%s'", i, how,
+            row == 0 ? "as recorded" : "");
+    if (v->setpoint.n > 0)
+        fprintf(script, ", $set%zu with steps dt 2 lw 1 lc rgb 0x222222 title '%s'", i,
+                row == 0 ? "setpoint" : "");
+    if (v->unchanged.n > 0)
+        fprintf(script, ", $else%zu with %s lw 1.3 lc rgb 0xD55E00 title '%s'", i, how,
+                row == 0 ? "simulated, unchanged" : "");
+    fprintf(script, ", $is%zu with %s lw 1.3 lc rgb 0x0072B2 title '%s'\n", i, how,
+            row > 0          ? ""
+            : z->c->from > 0 ? "otherwise"
+                             : "simulated");
+}
+
+static void put_figure(FILE *script, void *ctx, bool first)
+{
+    const struct comparison *z = ctx;
+    size_t row = 0;
+    for (size_t i = 0; i < z->n && row < PANELS; i++) {
+        const struct variable *v = &z->of[i];
+        if (!shown(v))
+            continue;
+        if (first) {
+            put_trace(script, "was", i, &v->recorded, z->end);
+            put_trace(script, "set", i, &v->setpoint, z->end);
+            put_trace(script, "else", i, &v->unchanged, z->end);
+            put_trace(script, "is", i, &v->simulated, z->end);
+        }
+        put_panel(script, z, i, row++);
+    }
+}
+
+/* ---- All of it ------------------------------------------------------------------------------ */
+
+/* Has the run the same signals? Another name is only said: a copy of an experiment is called otherwise. */
+static int check_experiment(const struct experiment *e, const char *dir, FILE *out, struct apc_error *why)
+{
+    struct experiment other;
+    char differs[PROVISION_TEXT];
+    size_t n;
+    int rc = experiment_load(&other, dir, EXPERIMENT_LAW, NULL, why);
+    if (rc < 0)
+        return rc;
+    struct apc_tag *tag = provision_tags(&other, &n);
+    if (!tag)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    else if (provision_compare(e, tag, n, differs) < 0)
+        rc = apc_fail(why, APC_EINVAL, "%s: %s", dir, differs);
+    else if (strcmp(e->name, other.name) != 0)
+        fprintf(out, "%s is a run of %s, this is %s\n", dir, other.name, e->name);
+    free(tag);
+    experiment_free(&other);
+    return rc;
+}
+
+static int print_comparison(const struct comparison *z, bool unchanged, FILE *out)
+{
+    static const struct print_column columns[] = {{"", PRINT_LEFT},           {"recorded", PRINT_RIGHT},
+                                                  {"simulated", PRINT_RIGHT}, {"mean apart", PRINT_POINT},
+                                                  {"at most", PRINT_POINT},   {"% of step", PRINT_POINT},
+                                                  {"at s", PRINT_POINT}};
+    struct print_table table;
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < z->n; i++)
+        if (shown(&z->of[i]))
+            print_variable(z->c, unchanged ? &z->of[i].unchanged : &z->of[i].simulated, &z->of[i].recorded,
+                           z->of[i].tag, &table);
+    const int rc = print_table_show(&table, out, false, 0, "\n");
+    print_table_close(&table);
+    return rc < 0 ? APC_ENOMEM : 0;
+}
+
+static int print_all(const struct comparison *z, FILE *out)
+{
+    int rc = 0;
+    if (z->c->unchanged) {
+        fprintf(out,
+                "unchanged from %g s on, simulated, beside what was recorded: so far it explains the run\n",
+                z->c->from);
+        rc = print_comparison(z, true, out);
+    }
+    if (rc == 0 && z->c->from > 0)
+        fprintf(out, "otherwise from %g s on, beside what was recorded\n", z->c->from);
+    return rc < 0 ? rc : print_comparison(z, false, out);
+}
+
+int compare_run(const struct compare *c, const struct experiment *e, FILE *out, struct apc_error *why)
+{
+    struct comparison z = {
+        .c = c, .e = e, .of = calloc(e->dim.ny + e->dim.nu, sizeof *z.of), .end = e->duration};
+    struct samples recorded = {0};
+    int rc = z.of ? samples_read(&recorded, c->dir, "samples.csv", why)
+                  : apc_fail(why, APC_ENOMEM, "out of memory");
+
+    if (rc == 0)
+        rc = check_experiment(e, c->dir, out, why);
+    for (size_t i = 0; rc == 0 && i < e->dim.ny; i++)
+        rc = take_variable(&z, &recorded, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
+    for (size_t i = 0; rc == 0 && i < e->dim.nu; i++)
+        rc = take_variable(&z, &recorded, &e->u[i].tag, NULL);
+    if (rc == 0)
+        rc = print_all(&z, out);
+    if (rc == APC_ENOMEM)
+        apc_fail(why, rc, "out of memory");
+    if (rc == 0 && c->figure && panels_of(&z) > 0 &&
+        (rc = gnuplot_figure(c->figure, REPORT_WIDTH, height_of(&z), put_figure, &z, why)) == 0)
+        fprintf(out, "figure:  %s.svg, %s.png\n", c->figure, c->figure);
+    for (size_t i = 0; i < z.n; i++) {
+        release(&z.of[i].simulated);
+        release(&z.of[i].recorded);
+        release(&z.of[i].unchanged);
+        release(&z.of[i].setpoint);
+    }
+    free(z.of);
+    samples_free(&recorded);
+    return rc;
+}

@@ -1,0 +1,706 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc simulate: an experiment in virtual time, once or over many seeds. */
+#include <errno.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <openssl/evp.h>
+
+#include "campaign.h"
+#include "apc/common/cli.h"
+#include "compare.h"
+#include "apc/folder/folder.h"
+#include "apc/common/print.h"
+#include "apc/common/print_alarms.h"
+#include "apc/common/print_figures.h"
+#include "apc/report/report.h"
+#include "apc/common/setting.h"
+#include "simulation_export.h"
+#include "sweep.h"
+#include "apc/common/warn.h"
+#include "whatif.h"
+
+#define EVENTS 10 /* of a run that are told of */
+#define ROWS   60 /* of figures */
+
+struct simulate_options {
+    double duration; /* s; 0: the file's */
+    uint64_t seed;
+    bool seeded, force;  /* seeded: --seed was given */
+    unsigned runs, jobs; /* runs 0: one, and no campaign */
+    const char *csv, *report, *net, *compare, *against, *figure;
+    struct whatif from; /* dir "": none */
+    bool json;
+    struct experiment_overrides overrides;
+    struct setting_list set;
+    struct sweep sweep; /* n 0: none */
+    char value[40];     /* that it is at */
+};
+
+enum {
+    OPT_CSV = 0x500,
+    OPT_LAW,
+    OPT_PLANT,
+    OPT_NET,
+    OPT_COMPARE,
+    OPT_FORCE,
+    OPT_AGAINST,
+    OPT_JSON,
+    OPT_SET,
+    OPT_SWEEP,
+    OPT_FIGURE,
+    OPT_FROM,
+    OPT_MODEL
+};
+
+static const struct argp_option option_list[] = {
+    {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1, instead of the file's", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to simulate instead of the file's duration", 0},
+    {"csv", OPT_CSV, "FILE", 0, "Write the samples (of --runs: the figures of each run) there; - is stdout",
+     0},
+    {"report", 'o', "DIR", 0, "Leave a run folder there, with its figure", 0},
+    {"force", OPT_FORCE, NULL, 0, "Write over what is in that folder or file", 0},
+    {"net", OPT_NET, "SPEC", 0,
+     "The network, over what the file says: delay=normal(0.004,0.001),jitter=...,loss=0.01,duplication=...,"
+     "reordering=...,bandwidth=1e6,outage=10-12; times in seconds, bandwidth in bit/s",
+     0},
+    {"compare", OPT_COMPARE, "RUN", 0, "Lay the samples of run folder RUN over those of the simulation", 0},
+    {"from", OPT_FROM, "RUN@TIME", 0,
+     "Go on from what was at TIME (s) in run folder RUN, or in a store, STORE@TIME (RFC 3339, or before now "
+     "as -10m): "
+     "until then the run, from then on FILE, with another law, "
+     "tuning, setpoint, disturbance or fault; laid over what was recorded",
+     0},
+    {"set", OPT_SET, "PATH=VALUE", 0,
+     "A setting other than the file's, as controllers.base.v1.Kp=2 or plant.parameters.K=normal(10,1); any "
+     "number of times",
+     0},
+    {"sweep", OPT_SWEEP, "PATH=FROM..TO:N", 0,
+     "N values of a number, evenly: a table of IAE, overshoot and effort", 0},
+    {"figure", OPT_FIGURE, "NAME", 0,
+     "Of a sweep, or of what --compare or --from compares: draw it as NAME.svg and NAME.png", 0},
+    {"runs", 'n', "N", 0, "A campaign over N seeds from --seed on, with a summary", 0},
+    {"against", OPT_AGAINST, "FILE", 0,
+     "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv", 0},
+    {"json", OPT_JSON, NULL, 0, "The figures as JSON on stdout, and what else is said on stderr", 0},
+    {"jobs", 'j', "N", 0, "Processes of a campaign; default: one a CPU", 0},
+    {"law", OPT_LAW, "NAME", 0,
+     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
+     "several "
+     "controllers: "
+     "CONTROLLER=NAME",
+     0},
+    {"model", OPT_MODEL, "MODELFILE", 0,
+     "Model file that the controller computes with, instead of the file's model or operating point; the "
+     "plant "
+     "stays what it is. Of several controllers: CONTROLLER=MODELFILE",
+     0},
+    {"plant", OPT_PLANT, "NAME", 0,
+     "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
+    {0},
+};
+
+/* Decimal digits only: strtoull() takes a sign, and takes it as a negative number's complement. */
+static bool parse_whole(const char *text, uint64_t low, uint64_t high, uint64_t *value)
+{
+    char *end;
+    if (*text < '0' || *text > '9')
+        return false;
+    errno = 0;
+    *value = strtoull(text, &end, 10);
+    return errno == 0 && *end == '\0' && *value >= low && *value <= high;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct simulate_options *o = state->input;
+    struct apc_error why;
+    uint64_t number = 1;
+    switch (key) {
+    case 's':
+        if (!parse_whole(arg, 0, UINT64_MAX, &o->seed))
+            argp_error(state, "--seed \"%s\": must be a whole number, 0 to 18446744073709551615", arg);
+        o->seeded = true;
+        break;
+    case 'd':
+        if (apc_number_parse(arg, &o->duration) < 0 || !(o->duration > 0) || o->duration > 366 * 86400.0)
+            argp_error(state, "--duration \"%s\": must be seconds, above 0 up to 31622400", arg);
+        break;
+    case 'n':
+        if (!parse_whole(arg, 1, 1000000, &number))
+            argp_error(state, "--runs \"%s\": must be 1 to 1000000", arg);
+        o->runs = (unsigned)number;
+        break;
+    case 'j':
+        if (!parse_whole(arg, 1, 1024, &number))
+            argp_error(state, "--jobs \"%s\": must be 1 to 1024", arg);
+        o->jobs = (unsigned)number;
+        break;
+    case OPT_CSV:
+        o->csv = arg;
+        break;
+    case 'o':
+        o->report = arg;
+        break;
+    case OPT_FORCE:
+        o->force = true;
+        break;
+    case OPT_NET:
+        o->net = arg;
+        break;
+    case OPT_COMPARE:
+        o->compare = arg;
+        break;
+    case OPT_FROM:
+        if (whatif_parse(&o->from, arg, &why) < 0)
+            argp_error(state, "--from %s", why.text);
+        break;
+    case OPT_AGAINST:
+        o->against = arg;
+        break;
+    case OPT_JSON:
+        o->json = true;
+        break;
+    case OPT_FIGURE:
+        o->figure = arg;
+        break;
+    case OPT_SET:
+        setting_add(&o->set, state, arg);
+        break;
+    case OPT_SWEEP:
+        if (o->sweep.n)
+            argp_error(state, "--sweep: only one number at a time");
+        if (sweep_parse(arg, &o->sweep, &why) < 0)
+            argp_error(state, "--sweep %s", why.text);
+        break;
+    case OPT_LAW:
+        if (o->overrides.law)
+            argp_error(state, "--law: only one law at a time");
+        o->overrides.law = arg;
+        break;
+    case OPT_PLANT:
+        o->overrides.model = arg;
+        break;
+    case OPT_MODEL:
+        if (o->overrides.model_file)
+            argp_error(state, "--model: of one controller only; of others --set controllers.NAME.model=FILE");
+        o->overrides.model_file = arg;
+        break;
+    case ARGP_KEY_END:
+        if (o->jobs && !o->runs && !o->sweep.n)
+            argp_error(state, "--jobs: only a campaign has several; give --runs N as well");
+        if (o->sweep.n && (o->report || o->compare || o->against))
+            argp_error(state, "--sweep: has no single run or campaign to %s",
+                       o->report ? "report" : "compare");
+        if (o->from.dir[0] &&
+            (o->runs || o->sweep.n || o->compare || o->seeded || o->net || o->overrides.model || o->report))
+            argp_error(state,
+                       "--from: the run's seed, network and plant hold, and it is one future that is laid "
+                       "over the run: not with %s",
+                       o->runs      ? "--runs"
+                       : o->sweep.n ? "--sweep"
+                       : o->compare ? "--compare"
+                       : o->seeded  ? "--seed"
+                       : o->net     ? "--net"
+                       : o->report  ? "--report, as no file says what a folder would hold: --csv FILE"
+                                    : "--plant");
+        if (o->figure && !o->sweep.n && !o->compare && !o->from.dir[0])
+            argp_error(state,
+                       "--figure: is of a sweep, or of --compare or --from; the figure of a run is in the "
+                       "folder of --report");
+        if (o->against && !o->runs)
+            argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
+        if (o->json && o->csv && !strcmp(o->csv, "-"))
+            argp_error(state, "--json and --csv -: both want stdout");
+        if (o->runs && (o->report || o->compare))
+            argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+
+static const struct cli_spec spec = {
+    .args_doc = "FILE",
+    .doc = "Run the experiment FILE, or that of a run folder with what was in force there, in virtual time, "
+           "in one process: the modules, laws and plants of `apc "
+           "run`, over a network as bad as you like. The same seed gives the same samples bit for bit.",
+    .min_args = 1,
+    .max_args = 1,
+    .extra = &extra,
+};
+
+struct simulate {
+    struct cli cli;
+    struct simulate_options options;
+    struct experiment e;
+    struct simulation s;
+    struct samples samples;
+    char hash[65]; /* of the samples, in hex digits */
+    FILE *talk;    /* where the summary goes: stdout, unless the samples go there */
+};
+
+static int refuse(const struct simulate *r, int rc, const struct apc_error *why)
+{
+    cli_error(&r->cli, rc, "%s", why->text);
+    return rc;
+}
+
+/* Before the work, not after it: may what is asked for be written? */
+static int check_outputs(const struct simulate *r)
+{
+    const char *path = r->options.csv;
+    struct apc_error why;
+    bool to_file = path && strcmp(path, "-") != 0;
+    int rc = to_file ? folder_spare(path, r->options.force, &why) : 0;
+    FILE *file = to_file && rc == 0 ? fopen(path, "ae") : NULL;
+    if (file)
+        fclose(file);
+    else if (to_file && rc == 0)
+        rc = apc_fail(&why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    if (rc == 0 && r->options.report) {
+        umask(077); /* the record of a plant is its owner's */
+        rc = folder_create(r->options.report, &r->e, r->options.force, &why);
+    }
+    return rc < 0 ? refuse(r, rc, &why) : 0;
+}
+
+/* ---- The samples -------------------------------------------------------------------------- */
+
+/* What is written goes into the hash and, where they were asked for, on to a file: a long run's text is never
+ * in memory as a whole. */
+struct sink {
+    EVP_MD_CTX *digest;
+    FILE *out;  /* NULL: nobody asked */
+    int failed; /* the errno of writing there */
+};
+
+static ssize_t pour(void *ctx, const char *text, size_t size)
+{
+    struct sink *sink = ctx;
+    if (sink->out && !sink->failed && fwrite(text, 1, size, sink->out) != size)
+        sink->failed = errno;
+    return EVP_DigestUpdate(sink->digest, text, size) == 1 ? (ssize_t)size : 0;
+}
+
+static void print_hash(struct simulate *r, EVP_MD_CTX *digest)
+{
+    unsigned char hash[EVP_MAX_MD_SIZE];
+    unsigned length = 0;
+    if (EVP_DigestFinal_ex(digest, hash, &length) != 1)
+        return;
+    for (size_t i = 0; i < length && 2 * i + 2 < sizeof r->hash; i++)
+        snprintf(r->hash + 2 * i, 3, "%02x", hash[i]);
+    fprintf(r->talk, "sha256:  %s\n", r->hash);
+}
+
+/* Also of a run that ended early. */
+static int put_samples(struct simulate *r)
+{
+    const char *path = r->options.csv;
+    const bool to_stdout = path && !strcmp(path, "-");
+    struct sink sink = {.digest = EVP_MD_CTX_new()};
+    FILE *in = sink.digest && EVP_DigestInit_ex(sink.digest, EVP_sha256(), NULL) == 1
+                   ? fopencookie(&sink, "w", (cookie_io_functions_t){.write = pour})
+                   : NULL;
+    if (!in) {
+        EVP_MD_CTX_free(sink.digest);
+        return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
+    }
+    sink.out = to_stdout ? stdout : path ? fopen(path, "we") : NULL;
+    sink.failed = path && !sink.out ? errno : 0;
+    samples_write(&r->samples, SIMULATION_BEGIN, in);
+    if (fclose(in) == 0)
+        print_hash(r, sink.digest);
+    EVP_MD_CTX_free(sink.digest);
+    if (sink.out && (to_stdout ? fflush(stdout) : fclose(sink.out)) != 0 && !sink.failed)
+        sink.failed = errno;
+    if (sink.failed)
+        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(sink.failed));
+    return sink.failed ? APC_ESYS : 0;
+}
+
+/* ---- One run ------------------------------------------------------------------------------ */
+
+static void print_speed(const struct simulate *r, apc_ns took)
+{
+    double t = r->s.ended, wall = apc_ns_to_s(took);
+    fprintf(r->talk, "%s: %s\n%.10g s in %.3g ms: %.3g times as fast as real time; %lld events, seed %llu\n",
+            r->e.name, r->e.title, t, 1e3 * wall, t / wall, (long long)r->s.handled,
+            (unsigned long long)r->options.seed);
+}
+
+/* What was drawn for this seed. */
+static void print_parameters(const struct simulate *r)
+{
+    const struct apc_model *m = r->e.plant.model;
+    double *p = calloc(m->np + 1, sizeof *p);
+    if (p && experiment_draw(&r->e, r->options.seed, p, NULL) == 0)
+        for (size_t i = 0; i < m->np; i++)
+            if (r->e.plant.spread[i].kind)
+                fprintf(r->talk, "plant: %s = %.6g in this run\n", m->param[i].name, p[i]);
+    free(p);
+}
+
+static void print_controller(const struct simulate *r, const struct simulated *c)
+{
+    const uint64_t failures = simulated_failures(c);
+    if (c->held > 0)
+        fprintf(r->talk, "%s: output held or at its fault value at %llu ticks\n", c->of->name,
+                (unsigned long long)c->held);
+    if (failures > 0)
+        fprintf(r->talk, "%s: law %s gave no usable output at %llu ticks\n", c->of->name, c->of->law->name,
+                (unsigned long long)failures);
+}
+
+static void print_tasks(const struct simulate *r)
+{
+    struct apc_inproc_stats link = {.size = sizeof link};
+    struct apc_timing timing = {.size = sizeof timing};
+    for (size_t i = 0; i < r->s.n_tasks; i++) {
+        apc_task_timing(r->s.task[i].task, &timing);
+        if (timing.missed > 0)
+            fprintf(r->talk, "%s: %llu of %llu ticks missed\n", r->s.task[i].name,
+                    (unsigned long long)timing.missed, (unsigned long long)(timing.missed + timing.ticks));
+    }
+    apc_inproc_stats(r->s.exchange, &link);
+    if (link.frames.lost + link.frames.duplicated + link.frames.reordered + link.timeouts > 0)
+        fprintf(r->talk,
+                "network: %llu frames, %llu lost, %llu duplicated, %llu reordered; %llu of %llu exchanges in "
+                "vain\n",
+                (unsigned long long)link.frames.sent, (unsigned long long)link.frames.lost,
+                (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
+                (unsigned long long)link.timeouts, (unsigned long long)link.exchanges);
+    for (size_t i = 0; i < r->e.n_controllers; i++)
+        print_controller(r, &r->s.controller[i]);
+}
+
+struct listing {
+    FILE *out;
+    size_t n;
+};
+
+/* What was out of the ordinary, the first few. */
+static int print_event(void *ctx, const struct apc_event *e)
+{
+    struct listing *l = ctx;
+    if (e->severity != APC_EVENT_INFO && l->n++ < EVENTS)
+        fprintf(l->out, "%10.3f s  %s: %s\n", apc_ns_to_s(e->time - SIMULATION_BEGIN), e->source, e->text);
+    return 0;
+}
+
+static void print_events(const struct simulate *r)
+{
+    struct listing l = {.out = r->talk};
+    apc_store_events(r->s.store, NULL, print_event, &l);
+    if (l.n > EVENTS)
+        fprintf(r->talk, "... and %zu more\n", l.n - EVENTS);
+}
+
+static void print_json_parameters(const struct simulate *r)
+{
+    const struct apc_model *m = r->e.plant.model;
+    double *p = calloc(m->np + 1, sizeof *p);
+    fputs("\"parameters\":{", stdout);
+    if (p && experiment_draw(&r->e, r->options.seed, p, NULL) == 0)
+        for (size_t i = 0; i < m->np; i++) {
+            fputs(i ? "," : "", stdout);
+            print_json_number(stdout, m->param[i].name, p[i]);
+        }
+    fputs("},", stdout);
+    free(p);
+}
+
+static void print_json(const struct simulate *r, const struct figures *figures,
+                       const struct alarm_figures *alarms)
+{
+    struct apc_inproc_stats link = {.size = sizeof link};
+    struct apc_timing timing = {.size = sizeof timing};
+    putchar('{');
+    print_json_text(stdout, "experiment", r->e.name);
+    putchar(',');
+    print_json_text(stdout, "title", r->e.title);
+    printf(",\"seed\":%llu,\"sha256\":\"%s\",\"missed_ticks\":{", (unsigned long long)r->options.seed,
+           r->hash);
+    for (size_t i = 0; i < r->s.n_tasks; i++) {
+        apc_task_timing(r->s.task[i].task, &timing);
+        printf("%s\"%s\":%llu", i ? "," : "", r->s.task[i].name, (unsigned long long)timing.missed);
+    }
+    apc_inproc_stats(r->s.exchange, &link);
+    printf("},\"network\":{\"frames\":%llu,\"lost\":%llu,\"duplicated\":%llu,\"reordered\":%llu,"
+           "\"exchanges\":%llu,"
+           "\"in_vain\":%llu},\"held_ticks\":%llu,\"law_failures\":%llu,",
+           (unsigned long long)link.frames.sent, (unsigned long long)link.frames.lost,
+           (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
+           (unsigned long long)link.exchanges, (unsigned long long)link.timeouts,
+           (unsigned long long)simulation_held(&r->s), (unsigned long long)simulation_failures(&r->s));
+    print_json_parameters(r);
+    figures_json(figures, &r->s.course, &r->e, stdout);
+    if (r->e.n_alarms > 0)
+        alarms_json(alarms, &r->e, SIMULATION_BEGIN, stdout);
+    puts("}");
+}
+
+static int leave_report(const struct simulate *r)
+{
+    struct apc_error why;
+    int rc = simulation_export(&r->s, r->options.report, "apc simulate", 0, &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    rc = report_leave(&r->cli, r->options.report, &r->e, r->e.title, NULL, &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    if (rc > 0)
+        fprintf(r->talk, "report:  %s/report.png, report.svg\n", r->options.report);
+    return 0;
+}
+
+/* What was operated in the run whose folder is simulated is no part of the experiment. */
+static void tell_operation(const struct simulate *r)
+{
+    struct samples operation;
+    struct apc_error why;
+    unsigned long long n = 0;
+    char dir[sizeof r->e.file];
+    snprintf(dir, sizeof dir, "%.*s", (int)(strlen(r->e.file) - strlen("run.conf")), r->e.file);
+    if (r->e.start && samples_read(&operation, dir, "operation.csv", &why) == 0) {
+        for (size_t i = 0; i < operation.n; i++) {
+            const struct apc_sample *s = &operation.at[i];
+            n += s->time > 0 && s->table != APC_ACTUAL;
+        }
+        for (size_t i = 0; i < r->e.n_actions && n > 0; i++) /* but what the file asks for it does */
+            n -= r->e.action[i].kind == ACTION_WRITE && r->e.action[i].to.table != APC_SETPOINT &&
+                         r->e.action[i].at <= (apc_ns)(r->e.duration * 1e9)
+                     ? r->e.action[i].n
+                     : 0;
+        samples_free(&operation);
+    }
+    if (n > 0)
+        fprintf(
+            r->talk,
+            "in that run an operator changed modes, tuning or outputs %llu times: a simulation does not, apc "
+            "replay does\n",
+            n);
+}
+
+static int make_alarms(const struct simulate *r, struct alarm_figures *alarms)
+{
+    struct alarm_journal journal;
+    apc_ns ended = 0;
+    int rc = alarm_journal_load(&journal, r->s.store, r->e.n_alarms, NULL);
+    *alarms = (struct alarm_figures){0};
+    (void)apc_ns_from_s(r->s.ended, &ended);
+    if (rc == 0)
+        rc = alarm_figures_make(alarms, &journal, &r->e, SIMULATION_BEGIN, SIMULATION_BEGIN + ended);
+    alarm_journal_free(&journal);
+    return rc;
+}
+
+static int put_figures(const struct simulate *r)
+{
+    struct figures figures;
+    struct alarm_figures alarms;
+    int rc = figures_make(&figures, &r->s.course, &r->e);
+    const int made = make_alarms(r, &alarms);
+    rc = rc < 0 ? rc : made;
+    if (rc == 0 && r->options.json)
+        print_json(r, &figures, &alarms);
+    else if (rc == 0)
+        rc = figures_print(&figures, &r->s.course, &r->e, ROWS, r->talk);
+    if (rc == 0 && !r->options.json && r->e.n_alarms > 0)
+        rc = alarms_print(&alarms, &r->e, SIMULATION_BEGIN, r->talk);
+    alarm_figures_free(&alarms);
+    figures_free(&figures);
+    if (rc < 0)
+        cli_error(&r->cli, rc, "out of memory");
+    return rc;
+}
+
+static int compare(struct simulate *r)
+{
+    const struct whatif *from = &r->options.from;
+    struct apc_error why;
+    const struct compare c = {.simulated = &r->samples,
+                              .unchanged = from->unchanged.n > 0 ? &from->unchanged : NULL,
+                              .from = from->at,
+                              .dir = r->options.compare ? r->options.compare : from->dir,
+                              .figure = r->options.figure};
+    int rc = compare_run(&c, &r->e, r->talk, &why);
+    return rc < 0 ? refuse(r, rc, &why) : 0;
+}
+
+static void keep_first(int *rc, int next)
+{
+    if (*rc == 0)
+        *rc = next;
+}
+
+static struct simulation *running;
+
+static void on_signal(int number)
+{
+    (void)number;
+    simulation_interrupt(running);
+}
+
+/* The first one ends the run and keeps what there is, the second ends the process, also when a law does not
+ * return. */
+static void catch_signals(void)
+{
+    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+}
+
+static int simulate_once(struct simulate *r)
+{
+    struct apc_error why;
+    apc_ns began = apc_clock_mono(NULL);
+    int rc = 0;
+    const bool from = r->options.from.dir[0];
+    if (from && (rc = whatif_load(&r->options.from, &r->e, &why)) < 0)
+        return refuse(r, rc, &why);
+    r->options.seed = from ? r->options.from.was.seed : r->options.seed;
+    running = &r->s;
+    catch_signals();
+    rc = from ? whatif_begin(&r->options.from, &r->s, &r->e, &why)
+              : simulation_create(&r->s, &r->e, r->options.seed, &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    int ended = simulation_run(&r->s, r->e.duration);
+    print_speed(r, apc_clock_mono(NULL) - began);
+    if (r->s.interrupted)
+        fprintf(r->talk, "ended by a signal at t = %.10g s: this is what there is\n", r->s.ended);
+    tell_operation(r);
+    print_parameters(r);
+    print_tasks(r);
+    print_events(r);
+    if ((rc = samples_collect(&r->samples, r->s.store, &r->e, NULL)) < 0) {
+        cli_store_error(&r->cli, rc, r->s.store);
+        return rc;
+    }
+    /* Each of them, also when one before it failed: the run may have been long. */
+    rc = put_samples(r);
+    keep_first(&rc, put_figures(r));
+    if (from && ended == 0 && rc == 0 && (rc = whatif_judge(&r->options.from, r->talk, &why)) < 0)
+        refuse(r, rc, &why);
+    if (r->options.compare || from)
+        keep_first(&rc, compare(r));
+    if (r->options.report)
+        keep_first(&rc, leave_report(r));
+    if (ended < 0)
+        cli_error(&r->cli, ended, "%s", r->s.why.text);
+    return ended < 0 ? ended : rc;
+}
+
+/* Over what the file says. */
+static int override(const struct simulate *r, struct experiment *e)
+{
+    const struct simulate_options *o = &r->options;
+    struct apc_error why;
+    int rc = o->net ? models_network(&e->models, o->net, &why) : 0;
+    if (rc < 0) {
+        cli_error(&r->cli, rc, "--net: %s", why.text);
+        return rc;
+    }
+    if (o->net) {
+        size_t n = strlen(e->net);
+        if (n + strlen(o->net) + 2 > sizeof e->net)
+            return cli_error(&r->cli, APC_EINVAL, "--net: is too long"), APC_EINVAL;
+        snprintf(e->net + n, sizeof e->net - n, "%s%s", n ? "," : "", o->net);
+    }
+    if (o->duration > 0)
+        e->duration = o->duration;
+    if (!(e->duration > 0)) {
+        cli_error(&r->cli, APC_EINVAL, "%s has no duration: give --duration SECONDS", r->cli.args[0]);
+        return APC_EINVAL;
+    }
+    if (o->seeded)
+        e->seed = o->seed;
+    return 0;
+}
+
+static int sweep(struct simulate *r, const struct campaign_options *campaign)
+{
+    struct simulate_options *o = &r->options;
+    struct experiment *e = calloc(o->sweep.n, sizeof *e);
+    struct apc_error why;
+    double now;
+    int rc =
+        e ? experiment_value(&r->e, o->sweep.path, &now, &why) : apc_fail(&why, APC_ENOMEM, "out of memory");
+    if (rc < 0)
+        refuse(r, rc, &why);
+    o->set.at[o->set.n++] = (struct experiment_setting){o->sweep.path, o->value};
+    o->overrides.set = o->set.at;
+    o->overrides.n_set = o->set.n;
+    for (unsigned i = 0; i < o->sweep.n && rc == 0; i++) {
+        sweep_value(&o->sweep, i, o->value);
+        rc = experiment_load(&e[i], r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &o->overrides, &why);
+        if (rc < 0)
+            refuse(r, rc, &why);
+        else
+            rc = override(r, &e[i]);
+    }
+    if (rc == 0 && (rc = sweep_run(&o->sweep, e, now, campaign, o->figure, &why)) < 0)
+        refuse(r, rc, &why);
+    for (unsigned i = 0; e && i < o->sweep.n; i++)
+        experiment_free(&e[i]);
+    free(e);
+    return rc;
+}
+
+static int simulate(struct simulate *r)
+{
+    struct apc_error why;
+    r->options.overrides.set = r->options.set.at;
+    r->options.overrides.n_set = r->options.set.n;
+    int rc = experiment_load(&r->e, r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &r->options.overrides,
+                             &why);
+    if (rc < 0)
+        return refuse(r, rc, &why);
+    warn(&r->cli, &r->e);
+    if ((rc = override(r, &r->e)) < 0)
+        return rc;
+    r->options.seed = r->e.seed;
+    if ((rc = check_outputs(r)) < 0)
+        return rc;
+    const bool several = r->options.runs > 0;
+    if (!several && !r->options.sweep.n)
+        return simulate_once(r);
+    if (several && r->options.runs - 1 > UINT64_MAX - r->options.seed) {
+        cli_error(&r->cli, APC_ERANGE, "--runs %u: so many seeds from %llu on go beyond 18446744073709551615",
+                  r->options.runs, (unsigned long long)r->options.seed);
+        return APC_ERANGE;
+    }
+    const struct campaign_options campaign = {.seed = r->options.seed,
+                                              .runs = several ? r->options.runs : 1,
+                                              .jobs = r->options.jobs,
+                                              .csv = r->options.csv,
+                                              .against = r->options.against,
+                                              .json = r->options.json,
+                                              .talk = r->talk};
+    if (r->options.sweep.n)
+        return sweep(r, &campaign);
+    rc = campaign_run(&r->e, &campaign, &why);
+    return rc < 0 ? refuse(r, rc, &why) : rc;
+}
+
+int command_simulate(int argc, char **argv)
+{
+    struct simulate r = {.options = {.seed = 0}};
+    cli_parse(&r.cli, &spec, &r.options, argc, argv);
+    r.talk = r.options.json || (r.options.csv && !strcmp(r.options.csv, "-")) ? stderr : stdout;
+    int rc = simulate(&r);
+    simulation_destroy(&r.s);
+    whatif_free(&r.options.from);
+    samples_free(&r.samples);
+    experiment_free(&r.e);
+    return cli_done(&r.cli, exit_code_of(rc));
+}

@@ -1,0 +1,390 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "sweep.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "campaign_summary.h"
+#include "apc/report/gnuplot.h"
+#include "apc/common/print.h"
+#include "apc/report/report_script.h"
+#include "apc/common/setting.h"
+
+#define MOST   1000 /* values */
+#define ROWS   8    /* loops in a figure */
+#define TOP    40.0
+#define ROW    185.0
+#define LEFT   0.085
+#define WIDE   0.245
+#define BESIDE 0.325 /* from one panel to the next */
+
+static const enum metric shown[] = {METRIC_IAE, METRIC_OVERSHOOT, METRIC_EFFORT};
+#define SHOWN (sizeof shown / sizeof *shown)
+
+/* Of one value and loop. */
+struct point {
+    struct statistic of[METRICS];
+    unsigned made, diverged;
+};
+
+struct swept {
+    const struct sweep *sweep;
+    const struct campaign *campaign; /* [sweep->n] */
+    struct point *point;             /* [sweep->n * loops] */
+    double now;
+};
+
+int sweep_parse(const char *text, struct sweep *s, struct apc_error *why)
+{
+    static const char wanted[] = "expected PATH=FROM..TO:N, as controller.Kp=0.1..1:10";
+    const char *equals = setting_equals(text), *dots = equals ? strstr(equals, "..") : NULL,
+               *colon = dots ? strrchr(dots, ':') : NULL;
+    char from[64], to[64];
+    double n = 0;
+
+    if (!colon || equals == text || (size_t)(equals - text) >= sizeof s->path)
+        return apc_fail(why, APC_EINVAL, "\"%s\": %s", text, wanted);
+    snprintf(s->path, sizeof s->path, "%.*s", (int)(equals - text), text);
+    snprintf(from, sizeof from, "%.*s", (int)(dots - equals - 1), equals + 1);
+    snprintf(to, sizeof to, "%.*s", (int)(colon - dots - 2), dots + 2);
+    if (apc_number_parse(from, &s->from) < 0 || apc_number_parse(to, &s->to) < 0)
+        return apc_fail(why, APC_EINVAL, "\"%s\": a sweep goes over numbers: %s", text, wanted);
+    if (apc_number_parse(colon + 1, &n) < 0 || !(n >= 2 && n <= MOST && n == floor(n)))
+        return apc_fail(why, APC_EINVAL, "\"%s\": N must be 2 to %d values", text, MOST);
+    if (s->from == s->to)
+        return apc_fail(why, APC_EINVAL, "\"%s\": goes from a value to the same one", text);
+    s->n = (unsigned)n;
+    return 0;
+}
+
+static double value_of(const struct sweep *s, unsigned i)
+{
+    char text[40];
+    double value = s->to;
+    sweep_value(s, i, text);
+    (void)apc_number_parse(text, &value);
+    return value;
+}
+
+/* Twelve digits: 0.3, not 0.30000000000000004. */
+void sweep_value(const struct sweep *s, unsigned i, char text[40])
+{
+    double value = s->from + (s->to - s->from) * i / (s->n - 1);
+    char digits[40];
+    snprintf(digits, sizeof digits, "%.12g", i + 1 == s->n ? s->to : value);
+    (void)apc_number_parse(digits, &value);
+    (void)apc_number_format(value, text, 40);
+}
+
+/* ---- What they gave ------------------------------------------------------------------------ */
+
+static const struct point *point_of(const struct swept *z, unsigned i, size_t loop)
+{
+    return &z->point[i * z->campaign->loops + loop];
+}
+
+static int gather(struct swept *z)
+{
+    const struct campaign *c = z->campaign;
+    const unsigned runs = c->options->runs;
+    struct column column = {calloc(runs, sizeof(double)), calloc(runs, sizeof(uint64_t)), 0};
+    z->point = calloc(z->sweep->n * c->loops + 1, sizeof *z->point);
+    const bool good = column.value && column.seed && z->point;
+    for (unsigned i = 0; good && i < z->sweep->n; i++)
+        for (size_t loop = 0; loop < c->loops; loop++) {
+            struct point *p = &z->point[i * c->loops + loop];
+            for (int m = 0; m < METRICS; m++)
+                p->of[m] = summary_of(&c[i], loop, (enum metric)m, NULL, &column);
+            for (unsigned run = 0; run < runs; run++) {
+                p->made += campaign_trial(&c[i], run)->made;
+                p->diverged += campaign_trial(&c[i], run)->diverged;
+            }
+        }
+    free(column.value);
+    free(column.seed);
+    return good ? 0 : APC_ENOMEM;
+}
+
+static void put_number(struct print_table *t, int digits, double value)
+{
+    if (isnan(value))
+        print_cell(t, PRINT_PLAIN, "-");
+    else
+        print_cell(t, PRINT_PLAIN, "%.*g", digits, value);
+}
+
+/* Nothing for none. */
+static void put_count(struct print_table *t, unsigned n)
+{
+    if (n > 0)
+        print_cell(t, PRINT_PLAIN, "%u", n);
+    else
+        print_cell(t, PRINT_PLAIN, "%s", "");
+}
+
+static int put_table(const struct swept *z)
+{
+    const struct campaign *c = z->campaign;
+    const bool several = c->options->runs > 1;
+    const struct print_column columns[] = {{z->sweep->path, PRINT_POINT}, {"loop", PRINT_LEFT},
+                                           {"runs", PRINT_RIGHT},         {"diverged", PRINT_RIGHT},
+                                           {"IAE", PRINT_POINT},          {"+- 95 %", PRINT_POINT},
+                                           {"overshoot %", PRINT_POINT},  {"+- 95 %", PRINT_POINT},
+                                           {"effort", PRINT_POINT},       {"+- 95 %", PRINT_POINT}};
+    struct print_table t;
+    print_table_open(&t, columns, sizeof columns / sizeof *columns);
+    for (unsigned i = 0; i < z->sweep->n; i++)
+        for (size_t loop = 0; loop < c->loops; loop++) {
+            const struct point *p = point_of(z, i, loop);
+            print_cell(&t, PRINT_PLAIN, "%.12g", value_of(z->sweep, i));
+            print_cell(&t, PRINT_PLAIN, "%s", c->loop[loop].name);
+            put_count(&t, several ? p->made : 0);
+            put_count(&t, p->diverged);
+            for (size_t k = 0; k < SHOWN; k++) {
+                put_number(&t, 5, p->of[shown[k]].mean);
+                if (several)
+                    put_number(&t, 3, p->of[shown[k]].half);
+                else
+                    print_cell(&t, PRINT_PLAIN, "%s", "");
+            }
+        }
+    int rc = print_table_show(&t, c->options->talk, false, 0, "\n");
+    print_table_close(&t);
+    return rc;
+}
+
+static int put_csv(const struct swept *z, struct apc_error *why)
+{
+    const struct campaign *c = z->campaign;
+    const char *path = c->options->csv;
+    FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "we");
+    char text[PRINT_LEN];
+    if (!out)
+        return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
+    fputs("value,loop,runs,diverged", out);
+    for (int m = 0; m < METRICS; m++)
+        fprintf(out, ",%s,%s_half95", metric_key((enum metric)m), metric_key((enum metric)m));
+    fputc('\n', out);
+    for (unsigned i = 0; i < z->sweep->n; i++)
+        for (size_t loop = 0; loop < c->loops; loop++) {
+            const struct point *p = point_of(z, i, loop);
+            fprintf(out, "%s,%zu,%u,%u", print_exact(value_of(z->sweep, i), text), loop + 1, p->made,
+                    p->diverged);
+            for (int m = 0; m < METRICS; m++) {
+                const double pair[] = {p->of[m].mean, p->of[m].half};
+                for (int k = 0; k < 2; k++)
+                    fprintf(out, ",%s",
+                            isinf(pair[k])   ? "inf"
+                            : isnan(pair[k]) ? ""
+                                             : print_exact(pair[k], text));
+            }
+            fputc('\n', out);
+        }
+    bool failed = ferror(out) != 0;
+    failed |= out == stdout ? fflush(out) != 0 : fclose(out) != 0;
+    return failed ? apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)) : 0;
+}
+
+static void put_json(const struct swept *z)
+{
+    const struct campaign *c = z->campaign;
+    putchar('{');
+    print_json_text(stdout, "experiment", c->e->name);
+    putchar(',');
+    print_json_text(stdout, "path", z->sweep->path);
+    putchar(',');
+    print_json_number(stdout, "now", z->now);
+    printf(",\"seed\":%llu,\"runs\":%u,\"points\":[", (unsigned long long)c->options->seed, c->options->runs);
+    for (unsigned i = 0; i < z->sweep->n; i++) {
+        printf("%s\n{", i ? "," : "");
+        print_json_number(stdout, "value", value_of(z->sweep, i));
+        fputs(",\"loops\":[", stdout);
+        for (size_t loop = 0; loop < c->loops; loop++) {
+            const struct point *p = point_of(z, i, loop);
+            printf("%s{", loop ? "," : "");
+            print_json_text(stdout, "loop", c->loop[loop].name);
+            printf(",\"runs\":%u,\"diverged\":%u", p->made, p->diverged);
+            for (int m = 0; m < METRICS; m++) {
+                printf(",\"%s\":{", metric_key((enum metric)m));
+                print_json_number(stdout, "mean", p->of[m].mean);
+                putchar(',');
+                print_json_number(stdout, "half95", p->of[m].half);
+                putchar('}');
+            }
+            putchar('}');
+        }
+        fputs("]}", stdout);
+    }
+    puts("]}");
+}
+
+/* ---- The figure ---------------------------------------------------------------------------- */
+
+static size_t rows_of(const struct swept *z)
+{
+    return z->campaign->loops < ROWS ? z->campaign->loops : ROWS;
+}
+
+static double height_of(const struct swept *z)
+{
+    return TOP + 22.0 + ROW * (double)rows_of(z);
+}
+
+static void put_blocks(FILE *script, const struct swept *z)
+{
+    for (size_t loop = 0; loop < rows_of(z); loop++) {
+        fprintf(script, "$loop%zu << END\n", loop);
+        for (unsigned i = 0; i < z->sweep->n; i++) {
+            const struct point *p = point_of(z, i, loop);
+            fprintf(script, "%.12g", value_of(z->sweep, i));
+            for (size_t k = 0; k < SHOWN; k++) {
+                const struct statistic *s = &p->of[shown[k]];
+                const double half = isfinite(s->half) ? s->half : 0;
+                if (isfinite(s->mean))
+                    fprintf(script, " %.7g %.7g %.7g", s->mean, s->mean - half, s->mean + half);
+                else
+                    fputs(" NaN NaN NaN", script);
+            }
+            fputc('\n', script);
+        }
+        fputs("END\n", script);
+    }
+}
+
+/* Where the value is the file's, and where the plant diverged or the loop never came to rest. */
+static void put_marks(FILE *script, const struct swept *z, size_t loop, enum metric metric)
+{
+    const double low = fmin(z->sweep->from, z->sweep->to), high = fmax(z->sweep->from, z->sweep->to);
+    int tag = 10;
+    if (z->now >= low && z->now <= high)
+        fprintf(script,
+                "set arrow 1 from %.12g, graph 0 to %.12g, graph 1 nohead dt 3 lw 1 lc rgb 0x555555\n",
+                z->now, z->now);
+    for (unsigned i = 0; i < z->sweep->n; i++)
+        if (isinf(point_of(z, i, loop)->of[metric].mean))
+            fprintf(script, "set label %d '×' at %.12g, graph 0.94 center tc rgb 0xD55E00\n", tag++,
+                    value_of(z->sweep, i));
+}
+
+static void put_panel(FILE *script, const struct swept *z, size_t loop, size_t k)
+{
+    static const char *const name[] = {"IAE", "overshoot %", "effort"};
+    const double height = height_of(z), top = TOP + ROW * (double)loop;
+    char title[APC_TAG_LEN + 32];
+    snprintf(title, sizeof title, "%s: %s", z->campaign->loop[loop].name, name[k]);
+    fprintf(script, "%sset lmargin at screen %.4f\nset rmargin at screen %.4f\n", report_panel_style,
+            LEFT + BESIDE * (double)k, LEFT + BESIDE * (double)k + WIDE);
+    fprintf(script, "set tmargin at screen %.4f\nset bmargin at screen %.4f\n", report_screen(top, height),
+            report_screen(top + ROW - 55.0, height));
+    fprintf(script,
+            "set xrange [%.12g:%.12g]\nset yrange [0:*]\nset format '%%.4g'\nset xtics %.7g\nset label 1 ",
+            fmin(z->sweep->from, z->sweep->to), fmax(z->sweep->from, z->sweep->to),
+            report_round_up(fabs(z->sweep->to - z->sweep->from) / 6));
+    report_quoted(script, title);
+    fprintf(script, " at graph 0, screen %.4f noenhanced\n", report_screen(top - 11.0, height));
+    put_marks(script, z, loop, shown[k]);
+    if (loop + 1 == rows_of(z)) {
+        fputs("set xlabel ", script);
+        report_quoted(script, z->sweep->path);
+        fputs(" noenhanced offset 0, 0.4\n", script);
+    }
+    bool any = false;
+    for (unsigned i = 0; i < z->sweep->n; i++)
+        any |= isfinite(point_of(z, i, loop)->of[shown[k]].mean);
+    if (!any) {
+        fputs("set yrange [0:1]\nunset ytics\nplot NaN notitle\n", script);
+        return;
+    }
+    fputs("plot ", script);
+    if (z->campaign->options->runs > 1)
+        fprintf(script, "$loop%zu using 1:%zu:%zu with filledcurves fc rgb 0xCFE4F2 notitle, ", loop,
+                3 * k + 3, 3 * k + 4);
+    fprintf(script, "$loop%zu using 1:%zu with linespoints lw 1.6 pt 7 ps 0.35 lc rgb 0x0072B2 notitle\n",
+            loop, 3 * k + 2);
+}
+
+static void put_figure(FILE *script, void *ctx, bool first)
+{
+    const struct swept *z = ctx;
+    if (first)
+        put_blocks(script, z);
+    for (size_t loop = 0; loop < rows_of(z); loop++)
+        for (size_t k = 0; k < SHOWN; k++)
+            put_panel(script, z, loop, k);
+}
+
+/* ---- All of it ----------------------------------------------------------------------------- */
+
+static void keep_first(int *rc, int next)
+{
+    if (*rc >= 0)
+        *rc = next;
+}
+
+/* A plant that diverges is a result; what else ends a run is none. */
+static int failures(const struct swept *z, unsigned i, struct apc_error *why)
+{
+    const struct campaign *c = &z->campaign[i];
+    char value[40];
+    sweep_value(z->sweep, i, value);
+    for (unsigned run = 0; run < c->options->runs; run++) {
+        const struct trial *t = campaign_trial(c, run);
+        if (t->made && t->rc < 0 && !t->diverged)
+            return apc_fail(why, t->rc, "%s = %s, seed %llu: %s", z->sweep->path, value,
+                            (unsigned long long)(c->options->seed + run), t->why);
+        if (!t->made && atomic_load(&c->farm->stop))
+            fprintf(c->options->talk, "%s = %s: not all runs were made\n", z->sweep->path, value);
+        if (!t->made)
+            return 0;
+    }
+    return 0;
+}
+
+static int show(const struct swept *z, const char *figure, struct apc_error *why)
+{
+    const struct campaign_options *o = z->campaign->options;
+    int rc = 0;
+    if (o->json)
+        put_json(z);
+    else if (put_table(z) < 0)
+        rc = apc_fail(why, APC_ENOMEM, "out of memory");
+    if (o->csv)
+        keep_first(&rc, put_csv(z, why));
+    if (figure && rc == 0 &&
+        (rc = gnuplot_figure(figure, REPORT_WIDTH, height_of(z), put_figure, (void *)(uintptr_t)z, why)) == 0)
+        fprintf(o->talk, "figure:  %s.svg, %s.png%s\n", figure, figure,
+                rows_of(z) < z->campaign->loops ? ": of the first loops" : "");
+    return rc;
+}
+
+int sweep_run(const struct sweep *sweep, const struct experiment *e, double now,
+              const struct campaign_options *options, const char *figure, struct apc_error *why)
+{
+    struct loop *loop = calloc(controllers_loops(e) + 1, sizeof *loop);
+    struct campaign *c = calloc(sweep->n, sizeof *c);
+    struct swept z = {.sweep = sweep, .campaign = c, .now = now};
+    struct apc_error next;
+
+    if (!loop || !c) {
+        free(loop);
+        free(c);
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    }
+    int rc = campaigns_make(c, sweep->n, e, loop, options, why);
+    if (rc == 0) {
+        rc = campaigns_run(c, sweep->n, why);
+        const int said =
+            gather(&z) < 0 ? apc_fail(&next, APC_ENOMEM, "out of memory") : show(&z, figure, &next);
+        if (rc == 0 && (rc = said) < 0)
+            *why = next;
+        for (unsigned i = 0; i < sweep->n && rc == 0; i++)
+            rc = failures(&z, i, why);
+    }
+    campaigns_end(c, sweep->n);
+    free(z.point);
+    free(loop);
+    free(c);
+    return rc;
+}

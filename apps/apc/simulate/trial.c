@@ -1,0 +1,108 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "trial.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "farm.h"
+#include "simulation/simulation.h"
+
+size_t trial_size(size_t loops)
+{
+    const size_t size = sizeof(struct trial) + loops * METRICS * sizeof(double);
+    return (size + FARM_LINE - 1) / FARM_LINE * FARM_LINE;
+}
+
+bool trial_counts(const struct trial *t)
+{
+    return t->made && (t->rc == 0 || t->diverged);
+}
+
+static double beyond(const struct experiment *e, const struct course *c)
+{
+    double time = 0;
+    for (size_t i = 0; i < e->dim.ny; i++) {
+        const struct curve *y = &c->output[i];
+        for (size_t k = 0; k < y->n; k++)
+            if (y->at[k].value < e->y[i].tag.low || y->at[k].value > e->y[i].tag.high)
+                time += (k + 1 < y->n ? y->at[k + 1].t : c->end) - y->at[k].t;
+    }
+    return c->end > 0 ? time / c->end : 0;
+}
+
+static void make(struct trial *t, const struct experiment *e, uint64_t seed)
+{
+    struct simulation s;
+    struct figures figures = {0};
+    struct apc_error why = {""};
+
+    t->rc = simulation_create(&s, e, seed, &why);
+    if (t->rc == 0) {
+        t->rc = simulation_run(&s, e->duration);
+        why = s.why;
+        t->held = simulation_held(&s);
+        t->failures = simulation_failures(&s);
+        t->diverged = s.course.diverged;
+        t->ended = s.ended;
+        t->beyond = beyond(e, &s.course);
+        if (figures_make(&figures, &s.course, e) < 0)
+            t->rc = APC_ENOMEM;
+        for (size_t loop = 0; loop < figures.n_loops; loop++)
+            memcpy(t->figure + loop * METRICS, figures.of[loop].figure, METRICS * sizeof(double));
+    }
+    figures_free(&figures);
+    simulation_destroy(&s);
+    snprintf(t->why, sizeof t->why, "%.199s", why.text);
+    t->made = true;
+}
+
+/*
+ * Code of the user's may keep something in a static variable, which the next run would find: so each run has
+ * a process of its own, in which nothing has run before. One that ends it takes no other run along.
+ */
+static void make_apart(struct trial *t, const struct experiment *e, uint64_t seed)
+{
+    int status = 0;
+    const pid_t parent = getpid(), pid = fork();
+    if (pid == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGKILL);
+        if (getppid() == parent)
+            make(t, e, seed);
+        _exit(0);
+    }
+    while (pid > 0 && waitpid(pid, &status, 0) < 0 && errno == EINTR)
+        continue;
+    if (t->made)
+        return;
+    t->rc = APC_ESYS;
+    if (pid < 0)
+        snprintf(t->why, sizeof t->why, "no process for it: %s", strerror(errno));
+    else if (WIFSIGNALED(status))
+        snprintf(t->why, sizeof t->why, "its process was ended by signal %d (%s)", WTERMSIG(status),
+                 strsignal(WTERMSIG(status)));
+    else
+        snprintf(t->why, sizeof t->why, "law or plant ended its process (exit code %d)", WEXITSTATUS(status));
+    t->made = true;
+}
+
+/* A law or a model of somebody's may keep state of its own. */
+static bool any_plugin(const struct experiment *e)
+{
+    bool any = e->model_handle;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        any = any || e->controllers[i].law_handle;
+    return any;
+}
+
+void trial_make(struct trial *t, const struct experiment *e, uint64_t seed)
+{
+    if (any_plugin(e))
+        make_apart(t, e, seed);
+    else
+        make(t, e, seed);
+}

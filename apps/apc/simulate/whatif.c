@@ -1,0 +1,133 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "whatif.h"
+
+#include <string.h>
+
+#include "apc/identify/identify.h"
+#include "experiment/record.h"
+#include "record/ticks.h"
+
+int whatif_parse(struct whatif *w, const char *spec, struct apc_error *why)
+{
+    const char *at = strrchr(spec, '@');
+    const size_t length = at ? (size_t)(at - spec) : 0;
+    *w = (struct whatif){.spec = spec};
+    if (!at || length == 0 || length >= sizeof w->dir)
+        return apc_fail(why, APC_EINVAL,
+                        "\"%s\": expected RUN@TIME, a run folder and seconds since its start, or STORE@TIME",
+                        spec);
+    memcpy(w->dir, spec, length);
+    if (identify_is_store(w->dir)) {
+        memcpy(w->store, spec, length);
+        return cli_when(at + 1, &w->utc)
+                   ? 0
+                   : apc_fail(why, APC_EINVAL,
+                              "\"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, or "
+                              "-30s, -10m, -2h, -1d",
+                              spec, at + 1);
+    }
+    if (apc_number_parse(at + 1, &w->at) < 0 || !(w->at > 0) || w->at > 366 * 86400.0)
+        return apc_fail(why, APC_EINVAL, "\"%s\": \"%s\" must be seconds since the start of the run, above 0",
+                        spec, at + 1);
+    return 0;
+}
+
+static apc_ns end_of(const struct whatif *w)
+{
+    apc_ns end = 0;
+    (void)apc_ns_from_s(w->at, &end);
+    return end;
+}
+
+int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *why)
+{
+    struct record_stores there;
+    int rc = w->store[0] ? whatif_store_take(w, e->file, why) : 0;
+    if (rc == 0)
+        rc = record_stores(&there, w->dir, why);
+    if (rc == 0)
+        rc = experiment_load(&w->was, w->dir, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
+    if (rc < 0)
+        return rc;
+    if (w->was.duration > 0 && w->at >= w->was.duration)
+        return apc_fail(why, APC_EINVAL, "%s ended at %g s: it does not go on from %g s",
+                        w->store[0] ? w->spec : w->dir, w->was.duration, w->at);
+    if (w->at >= e->duration)
+        return apc_fail(why, APC_EINVAL,
+                        "it ends at %g s, before it could go on from %g s: --duration SECONDS", e->duration,
+                        w->at);
+    if (!w->was.plant.model)
+        return apc_fail(why, APC_EINVAL, "%s names no model of its plant: there is nothing to simulate",
+                        w->dir);
+    if (w->was.start)
+        return past_load(&w->past, w->dir, &w->was, end_of(w), why);
+    while (w->was.n_actions > 0 && w->was.action[w->was.n_actions - 1].at >= end_of(w))
+        w->was.n_actions--;
+    return 0;
+}
+
+static int go_on(const struct whatif *w, struct simulation *s, const struct experiment *e,
+                 struct apc_error *why)
+{
+    const int rc = simulation_run(s, w->at);
+    if (rc < 0)
+        return apc_fail(why, rc, "%s", s->why.text);
+    return s->interrupted ? 0 : simulation_branch(s, e, why);
+}
+
+int whatif_begin(const struct whatif *w, struct simulation *s, const struct experiment *e,
+                 struct apc_error *why)
+{
+    const int rc = simulation_create_after(s, &w->was, w->was.seed, w->was.start ? &w->past : NULL, why);
+    return rc < 0 ? rc : go_on(w, s, e, why);
+}
+
+/* ---- What a run in real time is worth ------------------------------------------------------- */
+
+static int tell_lateness(const struct whatif *w, const struct controller *c, FILE *out)
+{
+    struct ticks ticks;
+    unsigned long long n = 0, missed = 0;
+    apc_ns late = 0;
+    int64_t before = -1;
+    const int rc = ticks_load(&ticks, w->past.ticks, APC_TICK, c->number, w->past.end);
+    for (size_t i = 0; i < ticks.n && rc == 0; i++, n++) {
+        const apc_ns since = ticks.at[i].time - w->past.start - c->rhythm.phase;
+        const int64_t place = since / c->rhythm.period;
+        late = since % c->rhythm.period > late ? since % c->rhythm.period : late;
+        missed += before >= 0 && place > before ? (unsigned long long)(place - before - 1) : 0;
+        before = place;
+    }
+    if (rc == 0)
+        fprintf(out, "%s: %llu ticks from then on, at most %.1f ms late, %llu missed\n", c->name, n,
+                1e-6 * (double)late, missed);
+    ticks_free(&ticks);
+    return rc;
+}
+
+int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why)
+{
+    struct simulation s = {0};
+    int rc = 0;
+    if (!w->was.start)
+        return 0;
+    for (size_t i = 0; i < w->was.n_controllers && rc == 0; i++)
+        if ((rc = tell_lateness(w, &w->was.controllers[i], out)) < 0)
+            apc_fail(why, rc, "%s", apc_store_error(w->past.ticks));
+    if (rc == 0)
+        rc = whatif_begin(w, &s, &w->was, why);
+    if (rc == 0 && (rc = simulation_run(&s, w->was.duration)) < 0)
+        *why = s.why;
+    if (rc == 0 && (rc = samples_collect(&w->unchanged, s.store, &w->was, NULL)) < 0)
+        apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(s.store));
+    simulation_destroy(&s);
+    return rc;
+}
+
+void whatif_free(struct whatif *w)
+{
+    samples_free(&w->unchanged);
+    past_free(&w->past);
+    experiment_free(&w->was);
+    whatif_store_drop(w);
+}

@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* A recorded run goes on otherwise: apc simulate FILE --from RUN@TIME, or STORE@TIME. */
+#ifndef APC_WHATIF_H
+#define APC_WHATIF_H
+
+#include <stdio.h>
+
+#include "simulation/past.h"
+#include "simulation/simulation.h"
+
+struct whatif {
+    const char *spec; /* as it was asked for */
+    char dir[400];    /* of the run */
+    char store[512];  /* the URI of one whose record makes the run folder, for as long as this; "": none */
+    apc_ns utc;       /* of a store: when it goes on */
+    double at;        /* s since its start, when it goes on */
+    struct experiment was;    /* what ran */
+    struct past past;         /* of a run in real time */
+    struct samples unchanged; /* of one: its future as it would have been in virtual time */
+};
+
+/* RUN@TIME or STORE@TIME, where it is kept. Returns 0, or APC_EINVAL with what is wrong. */
+int whatif_parse(struct whatif *w, const char *spec, struct apc_error *why);
+/* The run; it has come to that time, and @p e has not ended by then. Returns 0 or a negative error;
+ * whatif_free() in either case. */
+int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *why);
+/* Simulate until then, and let it be @p e from there. Returns 0 or a negative error; simulation_destroy() in
+ * either case, before whatif_free(). */
+int whatif_begin(const struct whatif *w, struct simulation *s, const struct experiment *e,
+                 struct apc_error *why);
+/* Of a run in real time: how late its ticks were from then on, and how it would have gone on unchanged. */
+int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why);
+void whatif_free(struct whatif *w);
+
+/* What the store has, of the experiment in @p file, as a run folder: dir, and at. Returns 0 or a negative
+ * error; whatif_store_drop() in either case. */
+int whatif_store_take(struct whatif *w, const char *file, struct apc_error *why);
+void whatif_store_drop(struct whatif *w);
+
+#endif

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The closed loop of an experiment around an operating point: its plant and its laws made linear, and the
+ * instants at which it samples, computes and acts, as virtual time has them.
+ */
+#ifndef APC_LINEAR_LOOP_H
+#define APC_LINEAR_LOOP_H
+
+#include <apcanalysis.h>
+
+#include "experiment/experiment.h"
+
+/* A manipulated input or a disturbance at the operating point, by name. */
+struct linear_at {
+    const char *name;
+    double value;
+};
+
+struct linear_how {
+    const struct linear_at *at; /* [n_at] */
+    size_t n_at;
+    double faster; /* controllers tick so many times as often; 0: as they do */
+    bool prompt;   /* nothing takes any time: sampled, computed and acting at one instant */
+};
+
+struct linear_loop {
+    struct apc_loop *loop;
+    const struct apc_model *model; /* the plant's, by its states */
+    double *x, *u, *y;             /* the operating point: [nx], [nu + nd], [ny] */
+    double *scale;                 /* [outputs] the width of each output's range, or 1 */
+    size_t *output;                /* [outputs] number of the loop, as controllers_loop() has it */
+    struct apc_loop_setup setup;
+    struct apc_loop_controller *controller;
+    struct apc_law_linear **law;
+    struct apc_loop_source *source;
+    struct apc_loop_tick *tick;
+    size_t *to, *chosen; /* [setup.n_controllers] by their place in the experiment */
+    double *matrices;
+};
+
+/* Returns 0 or a negative error with what to do in why; linear_loop_free() in either case. */
+int linear_loop_create(struct linear_loop *l, const struct experiment *e, const struct linear_how *how,
+                       struct apc_error *why);
+void linear_loop_free(struct linear_loop *l);
+
+/* When its outputs change the plant's input that was written at @written, or the newest measurement is of
+ * that is there at @at: ns since a tick of the plant. */
+apc_ns linear_acts(const struct experiment *e, apc_ns written);
+apc_ns linear_sampled(const struct experiment *e, apc_ns at);
+
+#endif

@@ -1,0 +1,406 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What an operator does, whoever does it: the list of an experiment file, or a caller of the library. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "experiment_parts.h"
+#include "files/nearest.h"
+#include "operate/owner.h"
+
+/* ---- Names --------------------------------------------------------------------------------- */
+
+static bool may_write(enum apc_table table)
+{
+    return table == APC_SETPOINT || table == APC_TUNING || table == APC_MANUAL;
+}
+
+static const struct apc_tag *find_id(const struct apc_tag *tags, size_t n, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < n; i++)
+        if (tags[i].table == table && tags[i].id == id)
+            return &tags[i];
+    return NULL;
+}
+
+/* Its name or TABLE.ID: sensors before what may be set, as the tags stand. */
+static bool is_called(const struct apc_tag *tag, const char *name)
+{
+    char address[48];
+    snprintf(address, sizeof address, "%s.%d", apc_table_name(tag->table), tag->id);
+    return !strcmp(tag->name, name) || !strcmp(address, name);
+}
+
+/* What an operator writes to move it: the manual output of the loop whose output it is; of all else itself.
+ */
+static const struct apc_tag *moved_by(const struct experiment *e, const struct apc_tag *tags, size_t n,
+                                      const struct apc_tag *tag)
+{
+    const struct controller_loop loop = controllers_above(e, (struct wire){tag->table, (size_t)tag->id - 1});
+    const bool output = tag->table == APC_ACTUATOR || tag->table == APC_SENSOR;
+    return output && loop.of ? find_id(tags, n, APC_MANUAL, controllers_loop_id(loop)) : tag;
+}
+
+int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n, const char *name,
+                bool write, struct apc_tag *found, struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_tag *tag = &tags[i];
+        if (write)
+            tag = moved_by(e, tags, n, tag);
+        if (!tag || (write && !may_write(tag->table)))
+            continue;
+        if (is_called(&tags[i], name)) {
+            *found = *tag;
+            return 0;
+        }
+        nearest_look(&nearest, tags[i].name);
+    }
+    return apc_fail(why, APC_ENOTFOUND, "there is no \"%s\" to be %s%s%s%s", name, write ? "set" : "read",
+                    nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                    nearest.name ? "\"?" : "");
+}
+
+int action_check(const struct apc_tag *tag, double value, struct apc_error *why)
+{
+    if (fabs(value) < APC_VALUE_MAX && value >= tag->low && value <= tag->high)
+        return 0;
+    return apc_fail(why, APC_ERANGE, "%s = %g lies outside its limits %g to %g", tag->name, value, tag->low,
+                    tag->high);
+}
+
+static struct controller_loop find_loop(const struct experiment *e, const char *name, struct nearest *nearest)
+{
+    for (size_t i = 0; i < controllers_loops(e); i++) {
+        const struct controller_loop loop = controllers_loop(e, i);
+        const struct apc_tag *output = controllers_output(e, loop);
+        char own[APC_TAG_LEN];
+        controllers_loop_name(e, loop, own);
+        if (!strcmp(own, name) || (loop.of->u[loop.u].table != APC_SETPOINT && !strcmp(output->name, name)))
+            return loop;
+        nearest_look(nearest, output->name);
+    }
+    return (struct controller_loop){NULL, 0};
+}
+
+static const struct controller *find_controller(const struct experiment *e, const char *name,
+                                                struct nearest *nearest)
+{
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        if (!strcmp(e->controllers[i].name, name))
+            return &e->controllers[i];
+        nearest_look(nearest, e->controllers[i].name);
+    }
+    return NULL;
+}
+
+static int check_mode(const struct experiment *e, struct controller_loop loop, enum apc_mode mode,
+                      struct apc_error *why)
+{
+    char name[APC_TAG_LEN];
+    if (mode != APC_MODE_CAS || controllers_is_below(e, loop))
+        return 0;
+    controllers_loop_name(e, loop, name);
+    return apc_fail(why, APC_EINVAL, "%s cannot be in mode Cas: no controller moves its setpoint", name);
+}
+
+int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct action *action,
+                     struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    if (mode != APC_MODE_MAN && mode != APC_MODE_AUTO && mode != APC_MODE_OOS && mode != APC_MODE_CAS)
+        return apc_fail(why, APC_EINVAL, "mode %s cannot be asked for: it must be OOS, Man, Auto or Cas",
+                        apc_mode_name((int)mode) ? apc_mode_name((int)mode) : "of that number");
+    const struct controller *all = find_controller(e, name, &nearest);
+    const struct controller_loop loop = all ? (struct controller_loop){all, 0} : find_loop(e, name, &nearest);
+    if (!loop.of)
+        return apc_fail(why, APC_ENOTFOUND, "there is no loop or controller \"%s\"%s%s%s", name,
+                        nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                        nearest.name ? "\"?" : "");
+    action->to = (struct apc_sample){.table = APC_OPMODE, .id = controllers_loop_id(loop), .value = mode};
+    action->n = all ? all->dim.nu : 1;
+    for (size_t i = 0; i < action->n; i++) {
+        int rc = check_mode(e, (struct controller_loop){loop.of, loop.u + i}, mode, why);
+        if (rc < 0)
+            return rc;
+    }
+    return 0;
+}
+
+int action_find_promotion(const struct experiment *e, const char *name, struct action *action,
+                          struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    const struct controller *c = find_controller(e, name, &nearest);
+    if (!c)
+        return apc_fail(why, APC_ENOTFOUND, "there is no controller \"%s\"%s%s%s", name,
+                        nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                        nearest.name ? "\"?" : "");
+    if (!c->acting)
+        return apc_fail(why, APC_EINVAL, "%s is not in shadow, and nobody is in its: it acts already", name);
+    action->to = (struct apc_sample){.table = APC_OPMODE, .id = c->acting, .value = c->number};
+    action->n = 1;
+    return 0;
+}
+
+static bool is_scheduled(const struct experiment *e, const struct apc_tag *setpoint)
+{
+    size_t i = 0;
+    while (i < e->scheduler.n && e->scheduler.z[i].at + 1 != (size_t)setpoint->id)
+        i++;
+    return i < e->scheduler.n;
+}
+
+int action_find_owner(const struct experiment *e, const char *name, bool remote, struct action *action,
+                      struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    const struct apc_tag *tag = NULL;
+    for (size_t i = 0; i < e->dim.nz && !tag; i++) {
+        tag = is_called(&e->z[i].tag, name) ? &e->z[i].tag : NULL;
+        nearest_look(&nearest, e->z[i].tag.name);
+    }
+    if (!tag)
+        return apc_fail(why, APC_ENOTFOUND, "there is no setpoint \"%s\"%s%s%s", name,
+                        nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                        nearest.name ? "\"?" : "");
+    const struct wire setpoint = {APC_SETPOINT, (size_t)tag->id - 1};
+    const struct controller_loop loop = controllers_below(e, setpoint);
+    action->n = 1;
+    if (loop.of && controllers_is_below(e, loop)) {
+        action->to = (struct apc_sample){.table = APC_OPMODE,
+                                         .id = controllers_loop_id(loop),
+                                         .value = remote ? APC_MODE_CAS : APC_MODE_AUTO};
+        action->local = !remote;
+        return 0;
+    }
+    action->to = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(tag->id), .value = remote};
+    return is_scheduled(e, tag)
+               ? 0
+               : apc_fail(why, APC_EINVAL, "nobody else moves %s: it is always Local", tag->name);
+}
+
+/* ---- Doing --------------------------------------------------------------------------------- */
+
+static void describe(const struct apc_sample *s, char *text, size_t size)
+{
+    const bool owner = loops_is_owner(s), mode = s->table == APC_OPMODE && s->id < LOOPS_IDS;
+    char number[SETTINGS_NUMBER];
+    settings_format(s->value, number);
+    snprintf(text, size, "%s",
+             owner                                  ? loops_owner_name(loops_is_local(s))
+             : s->seq == 0                          ? "none"
+             : mode && apc_mode_name((int)s->value) ? apc_mode_name((int)s->value)
+                                                    : number);
+}
+
+/* What is written, in words. */
+static const char *name_of(const struct loops *loops, const struct apc_tag *tags, size_t n,
+                           const struct action *action)
+{
+    const struct apc_tag *tag = find_id(tags, n, action->to.table, action->to.id);
+    const struct loops_loop *loop =
+        action->to.table == APC_OPMODE ? loops_of(loops, APC_OPMODE, action->to.id) : NULL;
+    if (!loop)
+        return tag ? tag->name : "";
+    return action->n > 1 ? loops->controller[loop->controller].name : loop->name;
+}
+
+static int write_rows(struct apc_store *store, const struct loops *loops, const struct action *action,
+                      struct apc_sample *before, struct apc_sample *rows, struct owner_rows *with)
+{
+    const int rc = apc_store_read(store, before, 1);
+    if (rc < 0 || (action->local && !(before->value >= (double)APC_MODE_CAS)))
+        return rc;
+    rows->seq = action->local ? before->seq : APC_SEQ_ANY;
+    return owner_put(store, loops, rows, action->n, with);
+}
+
+int action_do(struct apc_store *store, const struct loops *loops, const struct apc_tag *tags, size_t n,
+              const struct action *action, apc_ns now, const char *source)
+{
+    struct apc_event event = {.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
+    struct apc_sample before = action->to, *rows = calloc(action->n, sizeof *rows);
+    struct owner_rows with = {NULL, 0};
+    const int author = apc_store_author(store, source);
+    char was[SETTINGS_NUMBER], is[SETTINGS_NUMBER];
+
+    for (size_t i = 0; rows && i < action->n; i++) {
+        rows[i] = action->to;
+        rows[i].id += (int)i;
+        rows[i].time = now;
+        rows[i].seq = APC_SEQ_ANY;
+        rows[i].author = author > 0 ? (uint32_t)author : 0;
+    }
+    int rc = author < 0 ? author : rows ? 0 : APC_ENOMEM;
+    if (rc >= 0)
+        rc = write_rows(store, loops, action, &before, rows, &with);
+    if (rc >= 0) {
+        describe(&before, was, sizeof was);
+        describe(rows[0].seq > 0 ? rows : &before, is, sizeof is);
+        snprintf(event.source, sizeof event.source, "%s", source);
+        snprintf(event.text, sizeof event.text, "%.64s: %s -> %s", name_of(loops, tags, n, action), was, is);
+        rc = apc_store_append_events(store, &event, 1);
+    }
+    free(with.at);
+    free(rows);
+    return rc < 0 ? rc : 0;
+}
+
+/* ---- The list ------------------------------------------------------------------------------ */
+
+/* What can be done, and what will be. */
+static const char *const done[] = {"set", "mode", "remote", "local", "promote", "kill", "start", NULL};
+static const char *const to_come[] = {"ack", "shelve", "service", NULL};
+#define POSSIBLE "set, mode, remote, local, promote, kill and start"
+
+static bool is_one_of(const char *name, const char *const *names)
+{
+    while (*names && strcmp(*names, name) != 0)
+        names++;
+    return *names;
+}
+
+/* The one member that says what is to be done; NULL after a failure. */
+static const config_setting_t *kind_of(struct settings *s, const config_setting_t *group)
+{
+    const config_setting_t *kind = NULL;
+    if (!config_setting_is_group(group)) {
+        settings_fail(s, group, "expected a group: { at = 100.0; set = \"...\"; value = 1.0; }");
+        return NULL;
+    }
+    for (int i = 0; i < config_setting_length(group); i++) {
+        const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        const char *name = config_setting_name(member);
+        if (!strcmp(name, "at") || !strcmp(name, "value"))
+            continue;
+        if (is_one_of(name, to_come))
+            settings_fail(s, member, "an action \"%s\" is not possible yet: " POSSIBLE " are", name);
+        else if (!is_one_of(name, done))
+            settings_fail(s, member, "there is no action \"%s\": " POSSIBLE " are possible", name);
+        else if (kind)
+            settings_fail(s, member, "one action at a time: \"%s\" and \"%s\"", config_setting_name(kind),
+                          name);
+        kind = member;
+    }
+    if (!kind)
+        settings_fail(s, group, "what is to be done is missing in an action: " POSSIBLE " are possible");
+    return s->failed ? NULL : kind;
+}
+
+static void read_set(struct settings *s, const config_setting_t *group, const char *name,
+                     struct action *action, const struct experiment *e, const struct apc_tag *tags, size_t n)
+{
+    struct apc_tag tag;
+    struct apc_error why;
+    double value = 0;
+    settings_number(s, group, "value", REQUIRED, -APC_VALUE_MAX, APC_VALUE_MAX, &value);
+    if (!s->failed &&
+        (action_find(e, tags, n, name, true, &tag, &why) < 0 || action_check(&tag, value, &why) < 0))
+        settings_fail(s, group, "%s", why.text);
+    if (!s->failed)
+        action->to = (struct apc_sample){.table = tag.table, .id = tag.id, .value = value};
+    action->n = 1;
+}
+
+static void read_mode(struct settings *s, const config_setting_t *group, const char *name,
+                      struct action *action, const struct experiment *e)
+{
+    struct apc_error why;
+    char value[8] = "";
+    int mode = APC_MODE_MAN;
+    settings_text(s, group, "value", REQUIRED, value, sizeof value);
+    while (!s->failed && apc_mode_name(mode) && strcmp(apc_mode_name(mode), value) != 0)
+        mode++;
+    if (!s->failed && !apc_mode_name(mode))
+        settings_fail(s, group, "\"value\" is \"%s\": must be \"OOS\", \"Man\", \"Auto\" or \"Cas\"", value);
+    if (!s->failed && action_find_mode(e, name, (enum apc_mode)mode, action, &why) < 0)
+        settings_fail(s, group, "%s", why.text);
+}
+
+static void read_promotion(struct settings *s, const config_setting_t *group, const char *name,
+                           struct action *action, const struct experiment *e)
+{
+    struct apc_error why;
+    if (config_setting_get_member(group, "value"))
+        settings_fail(s, group, "who is promoted has no \"value\"");
+    else if (!s->failed && action_find_promotion(e, name, action, &why) < 0)
+        settings_fail(s, group, "%s", why.text);
+}
+
+static void read_owner(struct settings *s, const config_setting_t *group, const char *name, bool remote,
+                       struct action *action, const struct experiment *e)
+{
+    struct apc_error why;
+    if (config_setting_get_member(group, "value"))
+        settings_fail(s, group, "whose a setpoint is has no \"value\"");
+    else if (!s->failed && action_find_owner(e, name, remote, action, &why) < 0)
+        settings_fail(s, group, "%s", why.text);
+}
+
+static void read_life(struct settings *s, const config_setting_t *group, const char *name,
+                      struct action *action, const struct experiment *e)
+{
+    struct nearest nearest = {.wanted = name};
+    const struct controller *c = find_controller(e, name, &nearest);
+    if (config_setting_get_member(group, "value"))
+        settings_fail(s, group, "who is killed or started has no \"value\"");
+    else if (!c)
+        settings_fail(s, group, "there is no controller \"%s\"%s%s%s", name,
+                      nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                      nearest.name ? "\"?" : "");
+    else
+        action->controller = (size_t)(c - e->controllers);
+}
+
+static void read_action(struct settings *s, const config_setting_t *group, const struct experiment *e,
+                        struct action *action, const struct apc_tag *tags, size_t n)
+{
+    const config_setting_t *kind = kind_of(s, group);
+    char name[APC_TAG_LEN] = "";
+    double at = 0;
+    if (!kind)
+        return;
+    settings_number(s, group, "at", REQUIRED, 0, 366 * 86400.0, &at);
+    apc_ns_from_s(at, &action->at);
+    const char *what = config_setting_name(kind);
+    settings_text(s, group, what, REQUIRED, name, sizeof name);
+    action->kind = !strcmp(what, "kill") ? ACTION_KILL : !strcmp(what, "start") ? ACTION_START : ACTION_WRITE;
+    if (!strcmp(what, "set"))
+        read_set(s, group, name, action, e, tags, n);
+    else if (!strcmp(what, "mode"))
+        read_mode(s, group, name, action, e);
+    else if (!strcmp(what, "remote") || !strcmp(what, "local"))
+        read_owner(s, group, name, !strcmp(what, "remote"), action, e);
+    else if (!strcmp(what, "promote"))
+        read_promotion(s, group, name, action, e);
+    else
+        read_life(s, group, name, action, e);
+}
+
+void experiment_read_actions(struct settings *s, const config_setting_t *root, struct experiment *e)
+{
+    const config_setting_t *list = settings_list(s, root, "actions", OPTIONAL);
+    const int n = list && e->controllers->law ? config_setting_length(list) : 0;
+    size_t n_tags = 0;
+
+    if (n == 0) /* a daemon without the law knows no tuning, and does none of it */
+        return;
+    struct apc_tag *tags = provision_tags(e, &n_tags);
+    e->action = calloc((size_t)n, sizeof *e->action);
+    if (!tags || !e->action)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    for (int i = 0; i < n && !s->failed; i++) {
+        struct action action = {0};
+        size_t at = e->n_actions;
+        read_action(s, config_setting_get_elem(list, (unsigned)i), e, &action, tags, n_tags);
+        for (; at > 0 && e->action[at - 1].at > action.at;
+             at--) /* by time; at one time in the file's order */
+            e->action[at] = e->action[at - 1];
+        e->action[at] = action;
+        e->n_actions++;
+    }
+    free(tags);
+}

@@ -1,0 +1,161 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "record.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <openssl/evp.h>
+
+#include "files/settings.h"
+
+int record_hash(const char *path, char hash[RECORD_HASH_LEN], struct apc_error *why)
+{
+    unsigned char block[8192], digest[EVP_MAX_MD_SIZE];
+    unsigned length = 0;
+    FILE *in = fopen(path, "re");
+    EVP_MD_CTX *sha = in ? EVP_MD_CTX_new() : NULL;
+    bool ok = sha && EVP_DigestInit_ex(sha, EVP_sha256(), NULL) == 1;
+    size_t n;
+
+    errno = in ? ENOMEM : errno;
+    while (ok && (n = fread(block, 1, sizeof block, in)) > 0)
+        ok = EVP_DigestUpdate(sha, block, n) == 1;
+    ok = ok && !ferror(in) && EVP_DigestFinal_ex(sha, digest, &length) == 1;
+    if (!ok)
+        apc_fail(why, APC_ESYS, "%s: cannot be read: %s", path, strerror(errno));
+    for (unsigned i = 0; ok && i < length; i++)
+        snprintf(hash + (size_t)2 * i, 3, "%02x", digest[i]);
+    EVP_MD_CTX_free(sha);
+    if (in)
+        fclose(in);
+    return ok ? 0 : APC_ESYS;
+}
+
+/* Is the file still the one that ran? */
+static void check_hash(struct settings *s, const config_setting_t *in, const char *path)
+{
+    char wanted[RECORD_HASH_LEN] = "", hash[RECORD_HASH_LEN];
+    struct apc_error why;
+    settings_text(s, in, "sha256", REQUIRED, wanted, sizeof wanted);
+    if (s->failed)
+        return;
+    if (record_hash(path, hash, &why) < 0)
+        settings_fail(s, in, "%s", why.text);
+    else if (strcmp(hash, wanted) != 0)
+        settings_fail(
+            s, in,
+            "%s is not the file that ran: its SHA-256 is no longer the recorded one; to work on it, "
+            "copy it out of the run folder",
+            path);
+}
+
+static void read_plugin(struct settings *s, const config_setting_t *group, const char *dir,
+                        struct record_plugin *plugin)
+{
+    static const char *const known[] = {"name", "chosen", "file", "from", "sha256", NULL};
+    char file[RECORD_LAW_LEN] = "";
+    if (!group || s->failed)
+        return;
+    settings_known(s, group, known);
+    settings_flag(s, group, "chosen", &plugin->chosen);
+    settings_text(s, group, "name", REQUIRED, plugin->name, sizeof plugin->name);
+    settings_text(s, group, "file", OPTIONAL, file, sizeof file);
+    if (s->failed || !*file)
+        return;
+    if (strchr(file, '/'))
+        settings_fail(s, group, "\"file\" is \"%s\": must lie in the run folder", file);
+    snprintf(plugin->name, sizeof plugin->name, "%.440s%s", dir, file);
+    check_hash(s, group, plugin->name);
+}
+
+/* Of one controller a group, of several a list of groups. */
+static void read_laws(struct settings *s, const config_setting_t *root, const char *dir, struct record *r)
+{
+    const config_setting_t *list = settings_list(s, root, "laws", OPTIONAL);
+    const size_t n = list ? (size_t)config_setting_length(list) : 1;
+    r->law = calloc(n + 1, sizeof *r->law);
+    if (!r->law && !s->failed)
+        s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+    for (; r->n_laws < n && !s->failed; r->n_laws++) {
+        const config_setting_t *group = list ? config_setting_get_elem(list, (unsigned)r->n_laws)
+                                             : settings_group(s, root, "law", REQUIRED);
+        if (group && !config_setting_is_group(group))
+            settings_fail(s, group, "expected a group: { name = \"...\"; ... }");
+        read_plugin(s, group, dir, &r->law[r->n_laws]);
+    }
+}
+
+void record_free(struct record *r)
+{
+    free(r->law);
+    *r = (struct record){0};
+}
+
+static void read_record(struct settings *s, const config_setting_t *root, const char *dir, const char *file,
+                        struct record *r)
+{
+    int64_t seed = 0;
+    double ended = 0;
+    char start[APC_TIME_LEN] = "";
+    settings_text(s, root, "start", OPTIONAL, start, sizeof start);
+    if (!s->failed && *start && apc_time_parse(start, &r->start) < 0)
+        settings_fail(s, config_setting_get_member(root, "start"), "\"start\" is \"%s\": must be a time",
+                      start);
+    settings_number(s, root, "duration", REQUIRED, 0, 366 * 86400.0, &r->duration);
+    settings_number(s, root, "ended", OPTIONAL, 0, 1e9, &ended);
+    settings_whole(s, root, "seed", REQUIRED, INT64_MIN + 1, INT64_MAX, &seed);
+    settings_text(s, root, "net", OPTIONAL, r->net, sizeof r->net);
+    const config_setting_t *experiment = settings_group(s, root, "experiment", REQUIRED);
+    if (experiment)
+        check_hash(s, experiment, file);
+    read_laws(s, root, dir, r);
+    read_plugin(s, settings_group(s, root, "plant", REQUIRED), dir, &r->model);
+    r->seed = (uint64_t)seed; /* one above 2^63 stands there as the negative number of the same bits */
+    r->duration = ended > 0 ? ended : r->duration;
+}
+
+int record_read(struct record *r, const char *file, struct apc_error *why)
+{
+    char path[600], dir[600] = "./";
+    const char *slash = strrchr(file, '/');
+    struct settings s = {.file = path, .why = why};
+    config_t config;
+
+    *r = (struct record){0};
+    if (strcmp(slash ? slash + 1 : file, "run.conf") != 0)
+        return 0;
+    if (slash)
+        snprintf(dir, sizeof dir, "%.*s", (int)(slash + 1 - file), file);
+    snprintf(path, sizeof path, "%.580s" RECORD_FILE, dir);
+    if (access(path, F_OK) != 0)
+        return 0;
+    s.failed = settings_load(&config, path, why);
+    if (!s.failed)
+        read_record(&s, config_root_setting(&config), dir, file, r);
+    config_destroy(&config);
+    r->there = s.failed == 0;
+    return s.failed;
+}
+
+int record_stores(struct record_stores *stores, const char *dir, struct apc_error *why)
+{
+    char path[600];
+    struct settings s = {.file = path, .why = why};
+    config_t config;
+
+    *stores = (struct record_stores){0};
+    snprintf(path, sizeof path, "%.580s/" RECORD_FILE, dir);
+    if (access(path, F_OK) != 0)
+        return apc_fail(why, APC_ENOTFOUND, "%s: there is none, so %s is no run folder", path, dir);
+    s.failed = settings_load(&config, path, why);
+    if (!s.failed) {
+        const config_setting_t *root = config_root_setting(&config);
+        settings_text(&s, root, "live", OPTIONAL, stores->live, sizeof stores->live);
+        settings_text(&s, root, "store", OPTIONAL, stores->history, sizeof stores->history);
+    }
+    config_destroy(&config);
+    return s.failed;
+}

@@ -1,0 +1,381 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "merits.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "record/outlook.h"
+
+static const double none = (double)NAN;
+
+/* How long a row stands for what is: as the plant's watchdog has it. */
+static apc_ns patience(apc_ns period)
+{
+    return 3 * period + 100 * APC_NS_PER_MS;
+}
+
+/* ---- Standard deviations ------------------------------------------------------------------ */
+
+/* Welford's. */
+struct spread {
+    double n, mean, sum;
+};
+
+static void spread_take(struct spread *s, double value)
+{
+    const double off = value - s->mean;
+    s->n++;
+    s->mean += off / s->n;
+    s->sum += off * (value - s->mean);
+}
+
+static double deviation(const struct spread *s)
+{
+    return s->n > 1 ? sqrt(s->sum / (s->n - 1)) : none;
+}
+
+/* ---- Loops -------------------------------------------------------------------------------- */
+
+/* What is known of a loop while its rows pass by in order of time. */
+struct watch {
+    const struct loops_loop *loop;
+    apc_ns from, until, patience;
+    apc_ns t;                   /* all before it is counted */
+    apc_ns fresh_until;         /* of the newest output row */
+    double setpoint;            /* NAN: none yet */
+    bool told, automatic, good; /* told: its mode is on record */
+    unsigned limited;
+    double service, at[2]; /* s */
+    struct spread with, without;
+};
+
+static bool serves(const struct watch *w, apc_ns t)
+{
+    return w->automatic && w->good && t < w->fresh_until;
+}
+
+/* Count until @p to with what was known. */
+static void count_until(struct watch *w, apc_ns to)
+{
+    const apc_ns from = w->t > w->from ? w->t : w->from, end = to < w->until ? to : w->until,
+                 stale = w->fresh_until < end ? w->fresh_until : end;
+    if (w->automatic && w->good && stale > from)
+        w->service += apc_ns_to_s(stale - from);
+    for (int side = 0; side < 2; side++)
+        if ((w->limited >> side & 1u) && stale > from)
+            w->at[side] += apc_ns_to_s(stale - from);
+    if (to > w->t)
+        w->t = to;
+}
+
+static void take_row(struct watch *w, const struct apc_sample *s)
+{
+    const struct loops_loop *l = w->loop;
+    count_until(w, s->time);
+    if (s->table == APC_ACTUAL && s->id == apc_variable_number(APC_OPMODE, l->id)) {
+        w->told = true;
+        w->automatic = (s->value == (double)APC_MODE_AUTO || s->value == (double)APC_MODE_CAS) &&
+                       s->status != APC_GOOD_LOCAL_OVERRIDE; /* the backup law's */
+    }
+    if (s->table == APC_SETPOINT && s->id == l->setpoint)
+        w->setpoint = s->value;
+    if (s->table == l->table && s->id == l->output) {
+        w->good = apc_status_severity(s->status) == APC_SEVERITY_GOOD;
+        w->limited = s->status >> 8 & 3u;
+        w->fresh_until = s->time + w->patience;
+    }
+    if (s->table == APC_SENSOR && s->id == l->measurement && s->time >= w->from && s->time < w->until &&
+        apc_status_severity(s->status) != APC_SEVERITY_BAD && !isnan(w->setpoint))
+        spread_take(serves(w, s->time) ? &w->with : &w->without, s->value - w->setpoint);
+}
+
+/* Both lists by time; what was operated first. */
+static void pass(struct watch *w, const struct samples *process, const struct samples *operation)
+{
+    size_t i = 0, k = 0;
+    while (i < process->n || k < operation->n) {
+        const bool second =
+            i == process->n || (k < operation->n && operation->at[k].time <= process->at[i].time);
+        take_row(w, second ? &operation->at[k++] : &process->at[i++]);
+    }
+    count_until(w, w->until);
+}
+
+static struct merits_loop judge(const struct watch *w)
+{
+    const double whole = apc_ns_to_s(w->until - w->from);
+    struct merits_loop m = {.service = whole > 0 && w->told ? w->service / whole : none,
+                            .low = whole > 0 ? w->at[0] / whole : none,
+                            .high = whole > 0 ? w->at[1] / whole : none,
+                            .with = deviation(&w->with),
+                            .without = deviation(&w->without)};
+    memcpy(m.name, w->loop->name, sizeof m.name);
+    m.id = w->loop->id;
+    if (w->loop->above >= 0) /* whose setpoint goes along with the measurement in Man */
+        m.without = none;
+    m.benefit = m.without > 0 ? 1 - m.with / m.without : none;
+    return m;
+}
+
+static int judge_loops(struct merits *m, const struct merits_source *s)
+{
+    const struct loops *loops = s->loops;
+    m->loop = calloc(loops->n + 1, sizeof *m->loop);
+    for (size_t i = 0; i < loops->n && m->loop; i++) {
+        struct watch w = {.loop = &loops->at[i],
+                          .from = s->from,
+                          .until = s->until,
+                          .t = s->from,
+                          .patience = patience(loops->controller[loops->at[i].controller].period),
+                          .setpoint = none};
+        pass(&w, s->process, s->operation);
+        m->loop[m->n_loops++] = judge(&w);
+    }
+    return m->loop ? 0 : APC_ENOMEM;
+}
+
+/* ---- Predictions -------------------------------------------------------------------------- */
+
+/* What was measured of one signal, by time. */
+struct measured {
+    const struct apc_sample **at;
+    size_t n;
+    apc_ns patience;
+};
+
+struct comparison {
+    struct merits_prediction *of;
+    const struct measured *measured;
+    const struct merits_source *source;
+    double first, last; /* sums of squares */
+};
+
+/* What a tick at @p t found; false: nothing that was fresh and not Bad. */
+static bool found_at(const struct measured *m, apc_ns t, double *value)
+{
+    size_t low = 0, high = m->n;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (m->at[middle]->time <= t)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    if (low == 0 || t - m->at[low - 1]->time > m->patience ||
+        apc_status_severity(m->at[low - 1]->status) == APC_SEVERITY_BAD)
+        return false;
+    *value = m->at[low - 1]->value;
+    return true;
+}
+
+static int compare(void *ctx, const struct apc_vector *row)
+{
+    struct comparison *c = ctx;
+    const apc_ns from = row->time - c->source->offset;
+    apc_ns step = 0;
+    double value;
+    if (row->n == 0 || from < c->source->from || from >= c->source->until)
+        return 0;
+    (void)apc_ns_from_s(c->of->step, &step);
+    if (from + step < c->source->until && found_at(c->measured, from + step, &value)) {
+        c->first += (value - row->value[0]) * (value - row->value[0]);
+        c->of->n_first++;
+    }
+    if (from + step * (apc_ns)row->n < c->source->until &&
+        found_at(c->measured, from + step * (apc_ns)row->n, &value)) {
+        c->last += (value - row->value[row->n - 1]) * (value - row->value[row->n - 1]);
+        c->of->n_last++;
+    }
+    return 0;
+}
+
+static int compare_all(struct merits_prediction *p, const struct merits_source *s)
+{
+    /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
+    struct measured m = {.at = calloc(s->process->n + 1, sizeof *m.at), .patience = p->patience};
+    struct comparison c = {.of = p, .measured = &m, .source = s};
+    const struct apc_range range = {.since = s->from + s->offset, .until = s->until + s->offset};
+    if (!m.at)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < s->process->n; i++)
+        if (s->process->at[i].table == APC_SENSOR && s->process->at[i].id == p->measurement)
+            m.at[m.n++] = &s->process->at[i];
+    const int rc = apc_store_vectors(s->published, APC_PREDICTION, p->id, &range, compare, &c);
+    p->first = p->n_first > 0 ? sqrt(c.first / (double)p->n_first) : none;
+    p->last = p->n_last > 0 ? sqrt(c.last / (double)p->n_last) : none;
+    free(m.at);
+    return rc < 0 ? rc : 0;
+}
+
+static int count_plan(void *ctx, const struct apc_sample *s)
+{
+    struct merits_limit *l = ctx;
+    const unsigned bits = s->value >= 0 && s->value < 16 ? (unsigned)s->value : 0;
+    l->plans++;
+    l->low += bits & 1u;
+    l->high += bits >> 1 & 1u;
+    l->falls += bits >> 2 & 1u;
+    l->rises += bits >> 3 & 1u;
+    return 0;
+}
+
+static int count_plans(struct merits_limit *l, const struct merits_source *s)
+{
+    const struct apc_range range = {.since = s->from + s->offset, .until = s->until + s->offset};
+    const int rc = apc_store_history(s->published, APC_ESTIMATE, l->id, &range, count_plan, l);
+    const double n = l->plans > 0 ? (double)l->plans : none;
+    l->low /= n;
+    l->high /= n;
+    l->falls /= n;
+    l->rises /= n;
+    return rc < 0 ? rc : 0;
+}
+
+static void take_prediction(struct merits *m, const struct apc_tag *tag, const struct apc_tag *of)
+{
+    struct merits_prediction *p = &m->prediction[m->n_predictions++];
+    apc_ns period = 0;
+    (void)apc_ns_from_s(of->period, &period);
+    *p = (struct merits_prediction){.id = tag->id,
+                                    .measurement = of->id,
+                                    .patience = patience(period),
+                                    .step = tag->step,
+                                    .length = (size_t)tag->length};
+    memcpy(p->name, of->name, sizeof p->name);
+}
+
+static void take_limit(struct merits *m, const struct apc_tag *tag, const struct apc_tag *of)
+{
+    struct merits_limit *l = &m->limit[m->n_limits++];
+    *l = (struct merits_limit){.id = tag->id, .table = of->table, .variable = of->id};
+    memcpy(l->name, of->name, sizeof l->name);
+}
+
+static const struct apc_tag *limited_variable(const struct apc_tag *published, const struct merits_source *s)
+{
+    static const enum apc_table tables[] = {APC_SENSOR, APC_ACTUATOR, APC_SETPOINT};
+    const struct apc_tag *of = NULL;
+    for (size_t i = 0; i < sizeof tables / sizeof *tables && !of; i++)
+        of = outlook_variable(published, ".limit", tables[i], s->tag, s->n_tags);
+    return of;
+}
+
+static int judge_published(struct merits *m, const struct merits_source *s)
+{
+    int rc = 0;
+    m->prediction = calloc(s->n_tags + 1, sizeof *m->prediction);
+    m->limit = calloc(s->n_tags + 1, sizeof *m->limit);
+    if (!m->prediction || !m->limit)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < s->n_tags && rc == 0; i++) {
+        const struct apc_tag *tag = &s->tag[i], *of = NULL;
+        if (tag->table == APC_PREDICTION && tag->step > 0 &&
+            (of = outlook_variable(tag, ".prediction", APC_SENSOR, s->tag, s->n_tags))) {
+            take_prediction(m, tag, of);
+            rc = compare_all(&m->prediction[m->n_predictions - 1], s);
+        } else if (tag->table == APC_ESTIMATE && (of = limited_variable(tag, s))) {
+            take_limit(m, tag, of);
+            rc = count_plans(&m->limit[m->n_limits - 1], s);
+        }
+    }
+    return rc;
+}
+
+/* ---- All of it ---------------------------------------------------------------------------- */
+
+int merits_make(struct merits *m, const struct merits_source *source)
+{
+    *m = (struct merits){.from = source->from, .until = source->until};
+    const int rc = judge_loops(m, source);
+    return rc == 0 && source->published ? judge_published(m, source) : rc;
+}
+
+/* ---- Of a store --------------------------------------------------------------------------- */
+
+struct gathering {
+    struct samples *to;
+    size_t most;
+    int rc;
+};
+
+static int gather(void *ctx, const struct apc_sample *row)
+{
+    struct gathering *g = ctx;
+    g->rc = g->to->n < g->most ? samples_add(g->to, row) : APC_ERANGE;
+    return g->rc;
+}
+
+/* Of one variable those in the window, and the newest before it. */
+static int gather_variable(struct gathering *g, const struct merits_source *s, enum apc_table table, int id)
+{
+    const struct apc_range before = {.until = s->from, .last = 1},
+                           range = {.since = s->from, .until = s->until};
+    int rc = s->from > 0 ? apc_store_history(s->published, table, id, &before, gather, g) : 0;
+    if (rc >= 0 && g->rc == 0)
+        rc = apc_store_history(s->published, table, id, &range, gather, g);
+    return g->rc < 0 ? g->rc : rc < 0 ? rc : 0;
+}
+
+static int gather_all(const struct merits_source *s, struct samples *process, struct samples *operation,
+                      size_t most)
+{
+    struct gathering g = {.to = process, .most = most};
+    int rc = 0;
+    for (size_t i = 0; i < s->n_tags && rc == 0; i++) {
+        const enum apc_table table = s->tag[i].table;
+        if (table == APC_SENSOR || table == APC_SETPOINT || table == APC_ACTUATOR)
+            rc = gather_variable(&g, s, table, s->tag[i].id);
+    }
+    g = (struct gathering){.to = operation, .most = most};
+    for (size_t i = 0; i < s->loops->n && rc == 0; i++)
+        rc = gather_variable(&g, s, APC_ACTUAL, apc_variable_number(APC_OPMODE, s->loops->at[i].id));
+    samples_sort(process);
+    samples_sort(operation);
+    return rc;
+}
+
+/* What there is no record of is no time out of service. */
+static int make_of_store(struct merits *m, struct merits_source s, size_t most)
+{
+    struct samples process = {0}, operation = {0};
+    int rc = gather_all(&s, &process, &operation, most);
+    s.process = &process;
+    s.operation = &operation;
+    if (process.n > 0 && process.at[0].time > s.from)
+        s.from = process.at[0].time;
+    if (process.n > 0 && process.at[process.n - 1].time < s.until)
+        s.until = process.at[process.n - 1].time + 1;
+    if (rc == 0)
+        rc = process.n > 0 && s.from < s.until ? merits_make(m, &s) : APC_ENOTFOUND;
+    samples_free(&operation);
+    samples_free(&process);
+    return rc;
+}
+
+int merits_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most)
+{
+    struct loops loops = {0};
+    struct merits_source s = {.loops = &loops, .published = store, .from = from, .until = until};
+    int n = apc_store_get_tags(store, NULL, 0);
+    struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
+    int rc = n < 0 ? n : tag ? apc_store_get_tags(store, tag, (size_t)n) : APC_ENOMEM;
+    *m = (struct merits){.from = from, .until = until};
+    s.tag = tag;
+    s.n_tags = (size_t)(rc < 0 ? 0 : rc < n ? rc : n);
+    if (rc >= 0)
+        rc = loops_load(&loops, store, tag, s.n_tags);
+    if (rc == 0)
+        rc = loops.n > 0 ? make_of_store(m, s, most) : APC_ENOTFOUND;
+    loops_free(&loops);
+    free(tag);
+    return rc;
+}
+
+void merits_free(struct merits *m)
+{
+    free(m->loop);
+    free(m->prediction);
+    free(m->limit);
+    *m = (struct merits){0};
+}

@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Inside the files seam*.c: a live store and its history behind one handle. */
+#ifndef APC_SHAREDDATA_SEAM_INTERNAL_H
+#define APC_SHAREDDATA_SEAM_INTERNAL_H
+
+#include "base/base_internal.h"
+#include "shareddata/history/seam.h"
+
+struct apc_seam {
+    struct apc_store base;
+    struct apc_store *live, *history;
+    bool checked;       /* the history is of this experiment */
+    apc_ns quiet_until; /* monotonic: it is left alone so long */
+    unsigned away;      /* times in a row that it was */
+    int failed;         /* the last time, because of reason */
+    struct apc_error reason;
+};
+
+/* May the history be asked? */
+bool apc_seam_has_history(struct apc_seam *s);
+/* It answered so to what began then. Without it there is less to give, and no failure. */
+int apc_seam_answered(struct apc_seam *s, int rc, apc_ns began, const char *text);
+
+int apc_seam_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
+int apc_seam_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+
+#endif

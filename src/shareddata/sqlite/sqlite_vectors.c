@@ -1,0 +1,225 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The SQLite store: vectors, and rows of both kinds together. A vector is a row like a sample's whose value
+ * is a blob, so everything that is said of samples in sqlite_blocks.c holds.
+ */
+#include "shareddata/sqlite/sqlite.h"
+
+#include <endian.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- Elements at hand ----------------------------------------------------------------------- */
+
+static int make_room(struct apc_sqlite *sq, size_t n)
+{
+    if (n > sq->room) {
+        uint64_t *element = (uint64_t *)realloc(sq->element, n * sizeof *element);
+        if (!element) {
+            return apc_fail(&sq->base.why, APC_ENOMEM, "out of memory for a vector of %zu", n);
+        }
+        sq->element = element;
+        sq->room = n;
+    }
+    sq->n_elements = n;
+    return 0;
+}
+
+static int encode(struct apc_sqlite *sq, const struct apc_vector *v)
+{
+    int err = make_room(sq, v->n);
+    for (uint32_t i = 0; !err && i < v->n; i++) {
+        uint64_t bits;
+        memcpy(&bits, &v->value[i], sizeof bits);
+        sq->element[i] = htole64(bits);
+    }
+    return err;
+}
+
+/* Up to @p room elements of a blob; returns how many it has, or an error. */
+static int decode(struct apc_sqlite *sq, sqlite3_stmt *statement, int column, double *value, uint32_t room)
+{
+    const int bytes = sqlite3_column_bytes(statement, column);
+    const char *blob = (const char *)sqlite3_column_blob(statement, column); /* NULL, where it is empty */
+    if (bytes % 8 != 0 || bytes / 8 > APC_ELEMENTS_MAX || (bytes > 0 && !blob)) {
+        return apc_sqlite_damaged(sq);
+    }
+    for (uint32_t i = 0; i < room && i < (uint32_t)bytes / 8; i++) {
+        uint64_t bits;
+        memcpy(&bits, blob + 8 * (size_t)i, sizeof bits);
+        bits = le64toh(bits);
+        memcpy(&value[i], &bits, sizeof bits);
+    }
+    return bytes / 8;
+}
+
+/* ---- Read and append ------------------------------------------------------------------------ */
+
+static int read_vector(struct apc_sqlite *sq, struct apc_vector *v)
+{
+    sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_NEWEST);
+    v->seq = v->time = 0;
+    v->n = 0;
+    v->status = APC_BAD_NO_DATA;
+    sqlite3_bind_int64(statement, 1, apc_sqlite_variable(v->table, v->id));
+    int found = apc_sqlite_step(sq, statement);
+    if (found <= 0) {
+        return found;
+    }
+    v->seq = sqlite3_column_int64(statement, 0);
+    v->time = apc_sqlite_ns(sqlite3_column_int64(statement, 1));
+    v->status = (apc_status)sqlite3_column_int64(statement, 2);
+    const int n = decode(sq, statement, 3, v->value, v->room);
+    v->n = n > 0 ? (uint32_t)n : 0;
+    sqlite3_reset(statement);
+    return n < 0 ? n : 0;
+}
+
+int apc_sqlite_read_rows(struct apc_store *store, struct apc_rows *rows)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    int err = apc_sqlite_enter_begin(sq, APC_SQLITE_READ);
+    if (err) {
+        return err;
+    }
+    for (size_t i = 0; !err && i < rows->n_samples; i++) {
+        err = apc_sqlite_newest(sq, &rows->sample[i]);
+    }
+    for (size_t i = 0; !err && i < rows->n_vectors; i++) {
+        err = read_vector(sq, &rows->vector[i]);
+    }
+    return apc_sqlite_end(sq, err);
+}
+
+int apc_sqlite_append_loops(struct apc_sqlite *sq, const struct apc_sample *s)
+{
+    const struct apc_store *store = &sq->base;
+    int err = 0;
+    for (size_t k = 0; apc_is_of_all(s) && err >= 0 && k < store->n_loops; k++) {
+        struct apc_sample newest = store->loop[k];
+        err = apc_sqlite_newest(sq, &newest);
+        if (!err) {
+            newest = apc_loop_row(store, s, k, newest.seq);
+            err = apc_sqlite_append_one(sq, &newest);
+        }
+    }
+    return err < 0 ? err : 0;
+}
+
+/* Returns 1 when it was stored, 0 when somebody else was faster or its seq is taken, or an error. */
+static int append_sample(struct apc_sqlite *sq, struct apc_sample *s)
+{
+    struct apc_sample newest = {.table = s->table, .id = s->id};
+    int err = apc_table_shared(s->table) ? apc_sqlite_newest(sq, &newest) : 0;
+    if (err || !apc_rows_next(s, newest.seq)) {
+        return err;
+    }
+    err = apc_sqlite_append_one(sq, s);
+    const int loops = err > 0 ? apc_sqlite_append_loops(sq, s) : 0;
+    return loops < 0 ? loops : err;
+}
+
+static int append_vector(struct apc_sqlite *sq, const struct apc_vector *v)
+{
+    const struct apc_sample head = {
+        .table = v->table, .id = v->id, .seq = v->seq, .time = v->time, .status = v->status};
+    int err = encode(sq, v);
+    return err ? err : apc_sqlite_append_one(sq, &head);
+}
+
+int apc_sqlite_append_rows(struct apc_store *store, const struct apc_rows *rows)
+{
+    struct apc_sqlite *sq = apc_sqlite_of(store);
+    int count = 0, err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
+    if (err) {
+        return err;
+    }
+    bool people = false;
+    for (size_t i = 0; i < rows->n_samples; i++) {
+        people = people || apc_table_shared(rows->sample[i].table);
+    }
+    err = people ? apc_sqlite_check_live(sq) : 0;
+    for (size_t i = 0; err >= 0 && i < rows->n_samples; i++) {
+        err = append_sample(sq, &rows->sample[i]);
+        count += err > 0;
+    }
+    for (size_t i = 0; err >= 0 && i < rows->n_vectors; i++) {
+        err = append_vector(sq, &rows->vector[i]);
+        count += err > 0;
+    }
+    return apc_sqlite_end(sq, err < 0 ? err : count);
+}
+
+/* ---- History -------------------------------------------------------------------------------- */
+
+struct given {
+    apc_vector_fn fn;
+    void *ctx;
+    double *value;
+    uint32_t room;
+};
+
+/* The @p n elements of a row: 1, 0 when it has just been dropped, or an error. */
+static int fetch(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct given *g, uint32_t *n)
+{
+    const struct apc_sample *s = &row->sample;
+    sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_SAMPLE);
+    sqlite3_bind_int64(statement, 1, row->pos);
+    int found = apc_sqlite_step(sq, statement);
+    if (found <= 0) {
+        return found;
+    }
+    if (sqlite3_column_int64(statement, 0) != apc_sqlite_variable(s->table, s->id) ||
+        sqlite3_column_int64(statement, 2) != s->seq) {
+        sqlite3_reset(statement);
+        return 0;
+    }
+    const uint32_t need = (uint32_t)sqlite3_column_bytes(statement, 5) / 8;
+    if (need > g->room) {
+        double *value = (double *)realloc(g->value, need * sizeof *value);
+        if (value) {
+            g->value = value;
+            g->room = need;
+        }
+    }
+    found = need > g->room ? apc_fail(&sq->base.why, APC_ENOMEM, "out of memory for a vector of %u", need)
+                           : decode(sq, statement, 5, g->value, g->room);
+    sqlite3_reset(statement);
+    *n = need;
+    return found < 0 ? found : 1;
+}
+
+static int give_vector(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx)
+{
+    struct given *g = (struct given *)ctx;
+    const struct apc_sample s = row->sample;
+    uint32_t n = 0;
+    int found = apc_sqlite_enter_begin(sq, APC_SQLITE_READ);
+    if (found == 0) {
+        found = apc_sqlite_end(sq, fetch(sq, row, g, &n));
+    }
+    if (found <= 0) {
+        return found < 0 ? found : 1;
+    }
+    const struct apc_vector v = {.table = s.table,
+                                 .id = s.id,
+                                 .seq = s.seq,
+                                 .time = s.time,
+                                 .status = s.status,
+                                 .n = n,
+                                 .room = n,
+                                 .value = g->value};
+    sq->base.streaming = true;
+    const int ended = g->fn(g->ctx, &v);
+    sq->base.streaming = false;
+    return ended == 0;
+}
+
+int apc_sqlite_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                       apc_vector_fn fn, void *ctx)
+{
+    struct given g = {.fn = fn, .ctx = ctx};
+    int count = apc_sqlite_walk(apc_sqlite_of(store), table, id, range, give_vector, &g);
+    free(g.value);
+    return count;
+}

@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * An experiment in virtual time: the cores of its modules on the executive "virtual" and the exchange
+ * inproc:, in one process.
+ */
+#ifndef APC_SIMULATION_H
+#define APC_SIMULATION_H
+
+#include <apcexchange.h>
+#include <signal.h>
+
+#include "record/course.h"
+#include "operate/loops.h"
+
+#define SIMULATION_BEGIN (INT64_C(946684800) * APC_NS_PER_S) /* UTC of t = 0: 2000-01-01 */
+
+/* One of its tasks: "scheduler", where there is one, "plant", "client", and each controller by its name. */
+struct simulation_task {
+    const char *name;
+    apc_ns period;
+    struct apc_task *task;
+};
+
+/* A controller in it. */
+struct simulated {
+    struct simulation *s;
+    const struct controller *of;
+    struct apc_controller *core; /* NULL: it was killed */
+    struct apc_store *store;     /* of its own where it takes turns, for its claims */
+    bool claimed;                /* its outputs are */
+    bool ticks;                  /* its tick has begun, and what it made is to take effect */
+    bool holds;                  /* an output of its is not the law's */
+    uint64_t held, failures;     /* ticks at which that was so; of the law, until it was killed */
+};
+
+/* Made by simulation_create(), to be read by anyone. */
+struct simulation {
+    const struct experiment *e;
+    uint64_t seed;
+    struct apc_executive *executive;
+    const struct apc_clock *clock;
+    struct simulation_task *task; /* [n_tasks] */
+    size_t n_tasks;
+    struct apc_exchange *exchange;
+    apc_ns zero; /* monotonic, of t = 0 */
+
+    struct apc_plant *plant;
+    struct apc_plantserver *server;
+    struct apc_client *client;
+    struct simulated *controller;    /* [e->n_controllers] */
+    struct apc_scheduler *scheduler; /* NULL: there is none */
+    uint64_t step;                   /* it is at, once it has begun, */
+    apc_ns step_began;               /* mono, then */
+    bool schedules;                  /* it has */
+    const struct past *past;   /* what a run in real time did until it goes on; NULL: all is simulated */
+    size_t repeated;           /* rows of it */
+    struct apc_alarms *alarms; /* NULL: there are none */
+    struct apc_store *store;   /* mem:, a name of its own */
+    char uri[40];
+
+    /* what the shells keep between two of their events */
+    struct apc_sample *u, *y, *memory;
+    struct apc_value *command, *answer; /* of the exchange that is under way */
+    struct apc_now plant_now;
+    struct clock_step *clock_steps;
+    struct action_step *action_steps;
+    const struct action *call; /* what simulation_operate() does */
+    struct loops loops;
+    struct apc_tag *tags; /* [n_tags] of the experiment's variables */
+    size_t n_tags;
+    bool link_down;
+    bool *outside; /* [ny] measurements that are beyond their ranges */
+
+    struct course course; /* of the plant, by the monotonic clock: a step of the wall clock is none of time */
+    double *now;          /* [nu] what the plant is given */
+    struct apc_histogram *round_trip; /* of the exchanges that had a reply */
+    _Atomic uint64_t in_vain;         /* those that had none */
+    apc_ns sent_at;
+
+    int64_t handled;                 /* events of the executive */
+    double ended;                    /* s since t = 0 */
+    volatile sig_atomic_t interrupt; /* it is asked to end */
+    bool interrupted;                /* and did */
+    int rc;                          /* why it ended early, with its text in why */
+    struct apc_error why;
+};
+
+/* Ticks at which a controller's outputs were held or at their fault value, over all of them; at which a law
+ * gave no usable output. */
+uint64_t simulation_held(const struct simulation *s);
+uint64_t simulation_failures(const struct simulation *s);
+uint64_t simulated_failures(const struct simulated *c);
+
+/* Returns 0 or a negative error; simulation_destroy() in either case. */
+int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
+/* Until simulation_branch(), which must come at the end of @p past, what it holds takes the place of all that
+ * controllers, scheduler, alarms and people do. */
+struct past;
+int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
+                            const struct past *past, struct apc_error *why);
+/*
+ * Go on until @until, in s: what happens at that very instant is not part of it. Returns 0, or why it ended
+ * before, for good (also in s->rc, s->why): what has happened until then is kept. So it is when
+ * simulation_interrupt() was called meanwhile, which a signal handler may do; that is no error.
+ */
+int simulation_run(struct simulation *s, double until);
+void simulation_interrupt(struct simulation *s);
+/*
+ * From now on the experiment is @p e, of which those actions happen that are to come; the one before must
+ * have had none to come. Both have to outlive the simulation. Controllers that are others go on as daemons do
+ * that are started again. Returns 0, APC_EINVAL (it differs in something that does not change in a run, which
+ * is named), or why the simulation ended.
+ */
+int simulation_branch(struct simulation *s, const struct experiment *e, struct apc_error *why);
+/* Parts of it: an event at the very instant that the simulation has come to, and what may be done in one. */
+int simulation_happen(struct simulation *s, apc_virtual_fn event, void *ctx);
+int simulation_start(struct simulated *c, struct apc_error *why);
+void simulation_kill(struct simulated *c);
+void simulation_do(struct simulation *s, const struct action *action, const char *who);
+void simulation_look(struct simulation *s); /* the scheduler, for what is due */
+int simulation_schedule_actions(struct simulation *s, apc_ns from);
+/* What an operator does, now. Returns 0 or why it ended. */
+int simulation_operate(struct simulation *s, const struct action *action);
+void simulation_destroy(struct simulation *s);
+
+#endif
