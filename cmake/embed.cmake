@@ -2,7 +2,7 @@
 # Turns FILES (NNNN-name.sql and NNNN-repair-name.sql, in order) into a C table of {number, repair, name, text}.
 # Called with -P.
 set(out "/* SPDX-License-Identifier: BSD-3-Clause */\n/* Made from sql/ by cmake/embed.cmake. */\n")
-string(APPEND out "#include \"shareddata/postgresql/migrations.h\"\n\n")
+string(APPEND out "#include \"shareddata/migrations.h\"\n\n")
 set(table "")
 set(count 0)
 list(SORT FILES)

@@ -4,7 +4,7 @@
  * arguments of every public function, so that an operation only ever sees good ones, and dispatches.
  *
  * To add a store: write its file with a `const struct apc_store_ops apc_NAME_store`, name it here and in
- * the list of store.c, and add it to the list of tests/unit/test_shareddata_store.c, which every store has
+ * the list of open.c, and add it to the list of tests/unit/test_shareddata_store.c, which every store has
  * to pass.
  */
 #ifndef APC_SHAREDDATA_INTERNAL_H

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "shareddata/postgresql/migrations.h"
+#include "shareddata/migrations.h"
 #include "shareddata/postgresql/postgresql.h"
 
 /* Waiting for another init, or rewriting a large table, may take longer than a tick's operation. */

@@ -5,7 +5,7 @@
  * The header's application_id says that the file is ours, its user_version which tables it has. The views
  * are for people and their tools.
  */
-#include "shareddata/postgresql/migrations.h"
+#include "shareddata/migrations.h"
 #include "shareddata/sqlite/sqlite.h"
 
 #define VECTOR "length(value) / 8 AS n, value"
