@@ -9,7 +9,7 @@
 
 #include "apc/common/cli.h"
 #include "apc/common/print.h"
-#include "files/csv.h"
+#include "files/files.h"
 
 /* One table of a plant or a law. */
 struct kind {
