@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/daemon.h"
 #include "common/exitcode.h"
+#include "daemon/daemon.h"
 #include "experiment/experiment.h"
-#include "operate/standby.h"
+#include "operate/operate.h"
 
 #define PLACE_MAX 8 /* characters of its name */
 

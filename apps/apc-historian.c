@@ -14,13 +14,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/storeuri.h"
 #include "daemon/daemon.h"
 #include "daemon/gaps.h"
-#include "common/storeuri.h"
 #include "daemon/warden.h"
 #include "daemon/watch.h"
 #include "daemon/worker.h"
-#include "operate/requests.h"
+#include "operate/operate.h"
 
 #define CYCLE   (100 * APC_NS_PER_MS)
 #define TIMEOUT (10 * APC_NS_PER_S)   /* of one operation of the history */

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 
 #include "columns.h"
-#include "record/alarm_board.h"
+#include "record/record.h"
 
 struct apc_board {
     struct alarm_board alarms;

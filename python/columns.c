@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "files/block.h"
 #include "columns.h"
+#include "files/files.h"
 
 enum { ROOM = 1024 }; /* rows, at first; then twice as many */
 

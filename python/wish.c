@@ -7,8 +7,7 @@
 #include <string.h>
 
 #include "columns.h"
-#include "operate/outcome.h"
-#include "operate/owner.h"
+#include "operate/operate.h"
 
 _Static_assert((int)APC_FATE_WAITING == (int)OUTCOME_WAITING &&
                    (int)APC_FATE_APPLIED == (int)OUTCOME_APPLIED &&

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 
 #include "notifier.h"
-#include "record/alarms.h"
+#include "record/record.h"
 
 static const struct program program = {
     .ordinary = true,

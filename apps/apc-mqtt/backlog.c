@@ -13,7 +13,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "operate/loops.h"
+#include "operate/operate.h"
 
 #define LOOK  (2 * APC_NS_PER_S)   /* between two looks at what the variables are */
 #define TIDY  (60 * APC_NS_PER_S)  /* between two rounds of dropping what was acknowledged */

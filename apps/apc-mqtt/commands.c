@@ -9,8 +9,7 @@
 
 #include "common/json.h"
 #include "daemon/worker.h"
-#include "operate/loops.h"
-#include "operate/requests.h"
+#include "operate/operate.h"
 #include "users/users.h"
 
 #define WITHIN   (10 * APC_NS_PER_S)   /* older ones are refused */

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                struct apc_error *why)
@@ -15,6 +16,13 @@ int store_open(struct apc_store **store, const char *uri, const struct apc_store
                         "expected postgresql:, sqlite:FILE or shm:NAME",
                         uri);
     return apc_store_open(store, uri, options, why);
+}
+
+bool store_is_uri(const char *text)
+{
+    struct stat what;
+
+    return text[strcspn(text, ":/")] == ':' && stat(text, &what) != 0;
 }
 
 const char *store_live(const char *uri, char room[256])

@@ -12,6 +12,8 @@
 /* apc_store_open(), but for the memory of this very process, which no other program would see. */
 int store_open(struct apc_store **store, const char *uri, const struct apc_store_options *options,
                struct apc_error *why);
+/* Is it the URI of a store, and no file? */
+bool store_is_uri(const char *text);
 /* Of LIVE+HISTORY the live store's own URI, which may be in @p room; else @p uri. */
 const char *store_live(const char *uri, char room[256]);
 /* Which store a URI means, without passwords, and for "postgresql:" with what the environment says. */

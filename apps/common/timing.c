@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "files/csv.h"
+#include "files/files.h"
 
 static size_t find(const struct timing *timing, const char *task, const char *quantity)
 {

@@ -4,7 +4,7 @@
  * time is at which of the client's ticks its output goes, so the probabilities are exact, whatever the
  * distribution.
  */
-#include "linear_cost.h"
+#include "linear.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "linear_loop.h"
+#include "linear.h"
 
 #include <math.h>
 #include <stdlib.h>

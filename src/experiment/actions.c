@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "experiment_parts.h"
-#include "files/nearest.h"
-#include "operate/owner.h"
+#include "files/files.h"
+#include "operate/operate.h"
 
 /* ---- Names --------------------------------------------------------------------------------- */
 

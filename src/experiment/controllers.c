@@ -9,8 +9,8 @@
 #include <string.h>
 
 #include "experiment_parts.h"
-#include "operate/loops.h"
-#include "files/nearest.h"
+#include "files/files.h"
+#include "operate/operate.h"
 
 /* A kind of signals, to be found by their names. */
 struct kind {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "operate/loops.h"
 #include "experiment.h"
+#include "operate/operate.h"
 
 #include <math.h>
 #include <stdio.h>

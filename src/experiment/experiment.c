@@ -7,8 +7,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "files/nearest.h"
-#include "record.h"
+#include "experiment.h"
+#include "files/files.h"
 
 #define PHASE_MAX_S 3600.0
 #define RHYTHM      "period", "phase", "overrun", "execution", "jitter"
@@ -692,7 +692,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     experiment_read_actions(s, root, e);
 }
 
-/* What was in force beside the file: see record.h. */
+/* What was in force beside the file: see struct record. */
 static int take_record(struct experiment *e, const struct record *record, struct apc_error *why)
 {
     if (!record->there)

@@ -4,10 +4,11 @@
  * scheduler, read from a file in libconfig's syntax, of which every program takes its part
  * (docs/experiment-file.md). Programs of others use apcrun.h.
  */
-#ifndef APC_RUN_INTERNAL_H
-#define APC_RUN_INTERNAL_H
+#ifndef APC_EXPERIMENT_H
+#define APC_EXPERIMENT_H
 
 #include <apcalarm.h>
+#include <apcbase.h>
 #include <apcexchange.h>
 #include <apclinear.h>
 #include <apcmodules.h>
@@ -259,8 +260,8 @@ struct experiment_setting {
 };
 
 /*
- * An experiment file or, with what is recorded there (record.h), a run folder. Returns 0, or a negative error
- * with "FILE:LINE: ..." in why; the experiment is then empty.
+ * An experiment file or, with what is recorded there (record.conf), a run folder. Returns 0, or a negative
+ * error with "FILE:LINE: ..." in why; the experiment is then empty.
  */
 int experiment_load(struct experiment *e, const char *file, unsigned parts,
                     const struct experiment_overrides *overrides, struct apc_error *why);
@@ -312,6 +313,17 @@ struct experiment_source {
 /* The same from its text. */
 int experiment_parse(struct experiment *e, const struct experiment_source *from, unsigned parts,
                      const struct experiment_overrides *overrides, struct apc_error *why);
+
+/*
+ * The text of an experiment file with the setting at @path changed or added: *changed, to be freed. @path
+ * goes through groups by their members, through lists by `name` or [INDEX], and from a controller to the
+ * tuning of its outputs ("controller.Kp", "controllers.base.u1.Kp"). Returns 0, APC_ENOTFOUND or APC_ENOMEM;
+ * whether it is an experiment still is not looked at.
+ */
+int experiment_change(const char *text, const char *path, const char *value, char **changed,
+                      struct apc_error *why);
+/* What is said anew is no longer what is on record. */
+void experiment_forget(struct record *record, const char *path);
 
 /* The first controller that selects among signals, of which @p signal is one; NULL: none. */
 const struct controller *controllers_selector(const struct experiment *e, struct wire signal);
@@ -450,5 +462,54 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *n);
 
 /* The experiment must have been loaded with its law. Returns 0 or the store's error. */
 int provision(struct apc_store *store, const struct experiment *e, enum provision how);
+
+/* ---- Record --------------------------------------------------------------------------------- */
+
+/*
+ * record.conf in a run folder: what was in force beside what run.conf, the experiment file as it was, says.
+ * Whoever loads DIR/run.conf, or DIR, gets what ran, with the plug-ins that lie there.
+ */
+
+#define RECORD_FILE     "record.conf"
+#define RECORD_HASH_LEN 65 /* SHA-256 in hexadecimal digits */
+#define RECORD_LAW_LEN  64 /* of the name of a file in the folder */
+
+/* A law or a model of the run. */
+struct record_plugin {
+    char name[512]; /* built in, or the path of the copy in the run folder; "": there is no record */
+    bool chosen;    /* by --law or --plant: its own tuning or parameters held, not the file's */
+};
+
+struct record {
+    bool there;
+    apc_ns start;    /* t = 0: UTC; 0: in virtual time */
+    double duration; /* s that it ran or, where it never came to its end, was to run; 0: not known; NAN: what
+                        the file says holds */
+    uint64_t seed;
+    bool file_seed; /* instead of it the file's holds */
+    char net[512];  /* --net, "" without */
+    struct record_plugin model;
+    struct record_plugin *law; /* [n_laws] of each controller, in the order of the file */
+    size_t n_laws;
+};
+
+/*
+ * What is recorded beside the experiment file @p file, which is a run's only when it is called run.conf.
+ * Returns 0, also when there is nothing, or a negative error: damaged, or a file is not the one that ran.
+ * record_free() in either case.
+ */
+int record_read(struct record *record, const char *file, struct apc_error *why);
+void record_free(struct record *record);
+
+/* Where a run's data are and its record goes, as it was named to people; "": not recorded. */
+struct record_stores {
+    char live[128], history[512];
+};
+
+/* Those of the run folder @p dir. Returns 0, or a negative error: it is none, or its record is damaged. */
+int record_stores(struct record_stores *stores, const char *dir, struct apc_error *why);
+
+/* SHA-256 of a file. Returns 0, or a negative error with the reason in why. */
+int record_hash(const char *path, char hash[RECORD_HASH_LEN], struct apc_error *why);
 
 #endif

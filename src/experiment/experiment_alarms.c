@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "experiment_parts.h"
-#include "files/nearest.h"
+#include "files/files.h"
 
 #define PERIOD_MIN  (100 * APC_NS_PER_MS) /* of what evaluates them, where the file does not say it */
 #define DELAY_MAX_S 86400.0

@@ -66,16 +66,8 @@ size_t experiment_read_columns(struct settings *s, const config_setting_t *group
 /* Does the path begin with a setting of a controller, and no parameter of its law? */
 bool experiment_knows_of_controller(const char *name);
 
-/*
- * The text of an experiment file with the setting at @path changed or added: *changed, to be freed. @path
- * goes through groups by their members, through lists by `name` or [INDEX], and from a controller to the
- * tuning of its outputs ("controller.Kp", "controllers.base.u1.Kp"). Returns 0, APC_ENOTFOUND or APC_ENOMEM;
- * whether it is an experiment still is not looked at.
- */
-int experiment_change(const char *text, const char *path, const char *value, char **changed,
-                      struct apc_error *why);
-/* The same of the model of a controller, by its name or "[0]", which takes the place of an operating point.
- * Where there is one controller in short form it is that one's. */
+/* As experiment_change(), of the model of a controller, by its name or "[0]", which takes the place of an
+ * operating point. Where there is one controller in short form it is that one's. */
 int experiment_change_model(const char *text, const char *controller, const char *value, char **changed,
                             struct apc_error *why);
 
@@ -83,8 +75,6 @@ int experiment_change_model(const char *text, const char *controller, const char
  */
 int experiment_parse_changed(struct experiment *e, const struct experiment_source *from, unsigned parts,
                              const struct experiment_overrides *overrides, struct apc_error *why);
-/* What is said anew is no longer what is on record. */
-void experiment_forget(struct record *record, const char *path);
 
 /* `alarms` of all signals and controllers, and of the file's root; when all else is known. */
 void experiment_read_alarms(struct settings *s, const config_setting_t *root, struct experiment *e);

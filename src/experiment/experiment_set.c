@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "record.h"
+#include "experiment.h"
 
 void experiment_forget(struct record *record, const char *path)
 {

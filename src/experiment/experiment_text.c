@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "experiment_parts.h"
-#include "files/nearest.h"
+#include "files/files.h"
 
 /* Where the new value goes: instead of a setting that is there, or as a new member of a group. */
 struct place {

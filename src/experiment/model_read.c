@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "base/matrix.h"
-#include "files/nearest.h"
 #include "experiment.h"
+#include "files/files.h"
 
 void *model_array(struct settings *s, size_t n, size_t size)
 {

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "files/csv.h"
+#include "files/files.h"
 
 #define TEXT_LEN 512
 

@@ -5,7 +5,7 @@
  * straight pieces as well; within a part only one that a controller moves does.
  */
 #include "figures.h"
-#include "operate/loops.h"
+#include "operate/operate.h"
 
 #include <math.h>
 #include <stdio.h>

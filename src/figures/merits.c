@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "merits.h"
+#include "figures.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "record/outlook.h"
+#include "record/record.h"
 
 static const double none = (double)NAN;
 

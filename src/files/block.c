@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "block.h"
+#include "files.h"
 
 #include <stdint.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "csv.h"
+#include "files.h"
 
 #include <errno.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "decimal.h"
+#include "files.h"
 
 #include <apcstore.h>
 #include <stdint.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "nearest.h"
+#include "files.h"
 
 #include <stdint.h>
 #include <string.h>

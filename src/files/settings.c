@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "base/text.h"
-#include "nearest.h"
+#include "files.h"
 
 #define FILE_MAX ((size_t)16 << 20)
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "loops.h"
+#include "operate.h"
 
 #include <stdio.h>
 #include <stdlib.h>

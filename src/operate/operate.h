@@ -1,13 +1,18 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+/* What people do to a plant, and what becomes of it. */
+#ifndef APC_OPERATE_H
+#define APC_OPERATE_H
+
+#include <apcmodules.h>
+#include <apcstore.h>
+
+/* ---- Loops ---------------------------------------------------------------------------------- */
+
 /*
  * The loops and controllers of a plant as its store describes them, for whoever shows or moves them. An id of
  * table opmode whose tag names a controller is a loop, and the tag's name is the loop's; loops stand in the
  * order of their controllers.
  */
-#ifndef APC_RUN_LOOPS_H
-#define APC_RUN_LOOPS_H
-
-#include <apcstore.h>
 
 /* Ids of table opmode from here on are other switches: kind x this + apc_variable_number() of what they are
  * of. */
@@ -75,5 +80,142 @@ bool loops_is_local(const struct apc_sample *owner);
 const char *loops_owner_name(bool local); /* "Local", "Remote" */
 /* The setpoint whose owner a row of table opmode says: a switch, or the target of its loop. 0: none. */
 int loops_owned(const struct loops *loops, const struct apc_sample *row);
+
+/* ---- Owner ---------------------------------------------------------------------------------- */
+
+/*
+ * What an operator writes, with what hangs on it. A setpoint that somebody else moves has an owner. Where
+ * that is a loop above, the setpoint is its while the target of its own is Cas, else the operator's; where it
+ * is the scheduler, a switch says so (LOOPS_OWNER). Whoever changes the owner writes it and the setpoint
+ * together, each only if nobody did since it was looked at.
+ */
+
+/* Rows that were written besides. Of table opmode: the setpoint was another's, and is the operator's now. */
+struct owner_rows {
+    struct apc_sample *at; /* free() */
+    size_t n;
+};
+
+/*
+ * Write operator variables as one, as apc_store_swap() does it: seq is the newest that the caller knows, or
+ * APC_SEQ_ANY, and becomes that of the row. A setpoint that is another's takes along what makes it Local, the
+ * target Auto or the switch; a target that comes to Cas or goes from it, and a switch that changes, take the
+ * setpoint along, as it is in force. Returns 0, APC_ECONFLICT (a seq was not the newest; or, after ten tries,
+ * somebody was always faster: then @p samples are what is newest), APC_ENOMEM or the store's error.
+ */
+int owner_put(struct apc_store *store, const struct loops *loops, struct apc_sample *samples, size_t n,
+              struct owner_rows *with);
+
+/* ---- Outcome -------------------------------------------------------------------------------- */
+
+/*
+ * What became of an operator's write: one judgement for all who show it. The controller that acts on a
+ * variable says in its row of table actual which row of the variable it has looked at, and what came of that;
+ * its tick row says that it lives.
+ */
+
+enum outcome {
+    OUTCOME_WAITING = 1, /* its controller has not come to it, or to the mode, yet */
+    OUTCOME_APPLIED,     /* it is in force */
+    OUTCOME_SUPERSEDED,  /* a newer row came after it */
+    OUTCOME_REFUSED,     /* outcome_refusal() finds why */
+    OUTCOME_NOBODY       /* its controller does not tick: outcome_age() */
+};
+
+/* What is known of a write, of one moment. */
+struct outcome_seen {
+    const struct apc_sample *write;  /* as it was stored: table, id, seq, value */
+    const struct apc_sample *actual; /* newest of apc_variable_number() of that; seq 0: there is none */
+    const struct apc_vector *tick;   /* newest of its controller; seq 0: it has never ticked */
+    apc_ns period;                   /* of its controller; 0: not known */
+    apc_ns now;                      /* UTC */
+};
+
+/* A mode that was written for all loops, under id 0, has an outcome in each loop: that of the loop's own row.
+ * [tick] */
+enum outcome outcome_of(const struct outcome_seen *seen);
+
+/* How long ago it ticked; 0: just now, or never, or by a clock that is ahead of this one. [tick] */
+apc_ns outcome_age(const struct outcome_seen *seen);
+
+/*
+ * With which words something was refused since @p since, UTC: of the events that say so the last one that
+ * names @p name, or the last one. Returns whether there is one. The event may come a little after the row.
+ * [setup]
+ */
+bool outcome_refusal(struct apc_store *store, const char *name, apc_ns since, char *text, size_t size);
+
+/* ---- Requests ------------------------------------------------------------------------------- */
+
+/*
+ * What people ask of a history, or at a broker, brought to the live store. A request is done once: the row
+ * that it becomes and the mark that it has been done are one transaction of the live store, so whoever is
+ * killed when, the mark says what the history was not told any more. The mark is a row of table opmode in one
+ * of REQUESTS_MARKS places: value is the request's id, time is when it was asked for, origin the seq of the
+ * row. It takes the place of the mark of the earliest time, so what was asked for later than that, and has no
+ * mark, has not been done; of what is as early or earlier nobody knows. A database that comes back older asks
+ * for what has been done, under the same id and time; or for something new, under an id that was given out
+ * before, at a later time.
+ *
+ * What is too old, by the database's clock or by ours, what lies outside its limits, and what no controller
+ * would take now, is not written: it would come into force when nobody expects it any more.
+ */
+
+#define REQUESTS_MARKS 64
+/* Ids in table opmode of the marks, by who brings them. */
+#define REQUESTS_OF_HISTORY (5 * 65536)
+#define REQUESTS_OF_BROKER  (6 * 65536)
+
+struct requests;
+
+/* Where requests come from, and are answered: as apc_store_requests() and apc_store_answer(). */
+struct requests_source {
+    void *ctx;
+    int (*give)(void *ctx, apc_request_fn fn, void *fn_ctx);
+    int (*answer)(void *ctx, int64_t id, int64_t seq, const char *outcome);
+    const char *(*error)(void *ctx);
+    int marks;    /* the first of its REQUESTS_MARKS ids */
+    apc_ns ahead; /* of our clock a request may be; 0: as much as it may be old */
+};
+
+/* Both stay the caller's and are nobody else's meanwhile. @p most is how old a request may become. Returns 0
+ * or APC_ENOMEM. */
+int requests_create(struct requests **requests, struct apc_store *live, struct apc_store *history,
+                    apc_ns most, struct apc_error *why);
+/* The same of another source. */
+int requests_create_of(struct requests **requests, struct apc_store *live, const struct requests_source *from,
+                       apc_ns most, struct apc_error *why);
+void requests_destroy(struct requests *requests);
+/* Bring what is new, and say what became of what is settled. Returns how many are still to be answered, or an
+ * error after which it may be called again. */
+int requests_step(struct requests *requests);
+const char *requests_error(const struct requests *requests);
+
+/* ---- Standby -------------------------------------------------------------------------------- */
+
+/*
+ * One that stands by for a controller: it follows the ticks that the other one stores, and takes its place
+ * when none has come for two looks in a row, a look a period. So the other one may miss a tick, and has a
+ * successor within three periods. Who had the place lives perhaps, and only hangs: he is fenced
+ * (apc_store_seize()), so of what he still writes nothing is stored.
+ */
+
+struct standby {
+    struct apc_sample *mine; /* what the place consists of; the last is the tick row */
+    size_t n;
+    apc_ns period;
+
+    bool looked;
+    apc_ns time; /* of the last look, monotonic */
+    int64_t seq; /* that it found */
+    unsigned missing;
+    uint64_t holder; /* at the first look without a tick; 0: none, or the store numbers no claims */
+};
+
+/* Begin to follow. */
+void standby_follow(struct standby *s);
+/* One look, once a period. @p former as of apc_controller_former(). Returns 1: the place is ours, and former
+ * has to be read once more; 0; or an error of the store's. */
+int standby_look(struct standby *s, struct apc_store *store, struct apc_rows *former, apc_ns mono);
 
 #endif

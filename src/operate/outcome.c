@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "outcome.h"
+#include "operate.h"
 
 #include <ctype.h>
 #include <stdio.h>

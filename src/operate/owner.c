@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "owner.h"
+#include "operate.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "requests.h"
+#include "operate.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -7,9 +7,6 @@
 #include <string.h>
 
 #include "base/base_internal.h"
-#include "loops.h"
-#include "outcome.h"
-#include "owner.h"
 
 #define MOST   64  /* at once */
 #define EVENTS 200 /* so many are looked through for one's own */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "standby.h"
+#include "operate.h"
 
 #define MISSING 2 /* looks in a row without a new tick */
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "alarm_board.h"
+#include "record.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "course.h"
+#include "record.h"
 
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "files/csv.h"
+#include "files/files.h"
 
 #define FILE_NAME "plant.csv"
 #define HEADER    "time,what,id,value"

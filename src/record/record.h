@@ -1,11 +1,321 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
+/* What is kept of a run, and what is read from it. */
+#ifndef APC_RECORD_H
+#define APC_RECORD_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include <apcstore.h>
+#include <apcstore.h> /* APC_TAG_LEN */
+#include <apctimer.h> /* struct apc_bin */
+
+#include "experiment/experiment.h"
+#include "operate/operate.h"
+
+/* ---- Samples -------------------------------------------------------------------------------- */
+
+/* The samples of a run: measurements, setpoints, outputs, and the file samples.csv. */
+
+struct samples {
+    struct apc_sample *at;
+    size_t n, room;
+};
+
+int samples_add(struct samples *s, const struct apc_sample *sample); /* 0 or APC_ENOMEM */
+void samples_free(struct samples *s);
+/* By time; at one time in the order of the loop: setpoint, measurement, output. */
+void samples_sort(struct samples *s);
+/* Those of DIR/NAME, samples.csv or operation.csv, in the order of the file, times counted from the start of
+ * the run, and the seq of each variable counted from 1. Returns 0 or a negative error; samples_free() in
+ * either case. */
+int samples_read(struct samples *s, const char *dir, const char *name, struct apc_error *why);
+/* Each row of a file as such, with its time as a number: to @p take, which returns 0 or a negative error. */
+int samples_each(const char *path, int (*take)(void *ctx, double t, const struct apc_sample *sample),
+                 void *ctx, struct apc_error *why);
+/* Those that a store has in a range, sorted. Returns 0, APC_ENOMEM or the store's error. */
+int samples_collect(struct samples *s, struct apc_store *store, const struct experiment *e,
+                    const struct apc_range *range);
+/* Those of one variable. */
+int samples_collect_one(struct samples *s, struct apc_store *store, enum apc_table table, int id,
+                        const struct apc_range *range);
+/* Modes, target and actual, tuning, operator's outputs: of each the newest before the range, and those in it;
+ * by time. */
+int samples_collect_operation(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                              const struct apc_range *range);
+/* The numbers that laws published: in the range only, by time. */
+int samples_collect_published(struct samples *samples, struct apc_store *store, const struct experiment *e,
+                              const struct apc_range *range);
+/* With the header; times in seconds since @start. */
+void samples_write(const struct samples *s, apc_ns start, FILE *out);
+
+/* ---- Ticks ---------------------------------------------------------------------------------- */
+
+/*
+ * What each tick of each controller was made from, as a run folder keeps it: ticks.db, a store of its own
+ * with the controllers' tick rows, the plans of setpoints, the rows of setpoint, opmode, manual, tuning and
+ * actual that they name, and what the laws published.
+ */
+
+#define TICKS_FILE "ticks.db"
+
+/* The ticks in @p file, to be read or written by whom no tick waits for: as long as a busy disk takes.
+ * Returns 0 or a negative error. */
+int ticks_open(struct apc_store **ticks, const char *file, struct apc_error *why);
+/* From the run's store, of a range, into the folder. Returns 0 or a negative error. */
+int ticks_keep(const char *dir, struct apc_store *from, const struct experiment *e,
+               const struct apc_range *range, struct apc_error *why);
+
+/* The tick rows of one controller, or the plans of one setpoint, by seq. */
+struct ticks {
+    struct tick_row {
+        int64_t seq;
+        apc_ns time;
+        size_t n, first; /* values, and where they begin */
+    } * at;
+    double *value;
+    size_t n, room, n_values, values_room;
+};
+
+/* Those that a store has of number @p id of @p table, from @p since on. Returns 0, APC_ENOMEM or the store's
+ * error; ticks_free() in either case. */
+int ticks_load(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id, apc_ns since);
+void ticks_free(struct ticks *ticks);
+/* NULL: it is not on record. */
+const struct tick_row *ticks_find(const struct ticks *ticks, int64_t seq);
+
+/* ---- Course --------------------------------------------------------------------------------- */
+
+/*
+ * The course of a run, of which its figures are made: what the plant put out, what was wanted, what the plant
+ * was given, and when nobody controlled it. Times are in s since the start of the run.
+ */
+
+struct curve {
+    struct curve_point {
+        double t, value;
+    } * at;
+    size_t n, room;
+};
+
+struct course {
+    struct apc_dim dim;
+    struct curve *output;   /* [ny] at each tick of the plant; between them they are straight lines */
+    struct curve *setpoint; /* [nz] its changes */
+    struct curve *input;    /* [nu] its changes, as the plant was given them */
+    struct curve without;   /* changes between 0 and 1: the plant is not under the law's control */
+    double end;             /* s */
+    double gap;    /* s: farther apart two points of an output have a hole between them; HUGE_VAL: never */
+    bool measured; /* output is what was measured of it: that is all there is of a run in real time */
+    bool diverged; /* the plant, at the end */
+    bool failed;   /* out of memory: it is not whole */
+};
+
+int course_create(struct course *c, const struct apc_dim *dim); /* 0 or APC_ENOMEM */
+void course_free(struct course *c);
+
+/* A new value, if it is one: not that of the last point. Times do not go back. */
+void course_change(struct course *c, struct curve *curve, double t, double value);
+/* A point, new or not. */
+void course_add(struct course *c, struct curve *curve, double t, double value);
+
+/*
+ * The course as the samples of a run in real time tell it, their times counted from @p start. There was no
+ * control while an output was not the law's, or while outputs or measurements stayed away for longer than the
+ * plant waits for them. Returns 0 or APC_ENOMEM; course_free() in either case.
+ */
+int course_of_samples(struct course *c, const struct samples *samples, const struct experiment *e,
+                      apc_ns start);
+
+/* The file plant.csv of a run folder: what simulation knows of the plant and nobody measured. Reading returns
+ * APC_ENOTFOUND when there is none; course_free() in either case. */
+int course_write(const struct course *c, const char *dir, struct apc_error *why);
+int course_read(struct course *c, const char *dir, const struct apc_dim *dim, struct apc_error *why);
+
+/* Of the run in folder @p dir: the plant's own if it has them, or else that of its samples. */
+int course_load(struct course *c, const char *dir, const struct experiment *e, struct apc_error *why);
+
+/* ---- Outlook -------------------------------------------------------------------------------- */
+
+/* What predictive laws expected at an instant, over their horizons, beside what came of it. */
+
+/* Of one measurement what was predicted, or of one output what was planned. */
+struct outlook_course {
+    char name[APC_TAG_LEN], unit[APC_TAG_LEN]; /* of the variable */
+    enum apc_table table;                      /* the variable: of sensor, actuator or setpoint */
+    int id;
+    int prediction;    /* id of the row in table prediction */
+    apc_ns made, step; /* when */
+    apc_ns first;      /* after that: when the first value is for */
+    apc_ns patience;   /* how long a row of the variable stands for what is */
+    size_t n;
+    double *expected, *came; /* [n]; came is NAN where nothing is on record, or it is Bad */
+};
+
+struct outlook {
+    struct outlook_course *course;
+    size_t n;
+};
+
+/* The variable of @p table that a name beside it is of: "y1.prediction" or, of several controllers,
+ * "upper.y1.prediction" is of y1, with @p end ".prediction". NULL: of none that is there. */
+const struct apc_tag *outlook_variable(const struct apc_tag *published, const char *end, enum apc_table table,
+                                       const struct apc_tag *tag, size_t n);
+
+/*
+ * What stood at @p at: of each variable whose tag says that a law expects it, the newest row until then,
+ * unless its horizon was over. The store's times are @p offset later. Nothing of what came is known yet.
+ * Returns 0, APC_ENOMEM or the store's error; outlook_free() in either case.
+ */
+int outlook_load(struct outlook *o, struct apc_store *published, const struct apc_tag *tag, size_t n,
+                 apc_ns at, apc_ns offset);
+/* What came, from rows by time. */
+void outlook_take(struct outlook *o, const struct apc_sample *rows, size_t n);
+/* The same from a store's history until @p now, whose times are those of @p o. Returns 0, APC_ENOMEM or the
+ * store's error. */
+int outlook_take_store(struct outlook *o, struct apc_store *store, apc_ns now);
+void outlook_free(struct outlook *o);
+
+/* Of value @p k: how long after it was made. */
+static inline double outlook_ahead(const struct outlook_course *c, size_t k)
+{
+    return apc_ns_to_s(c->first + c->step * (apc_ns)k);
+}
+
+/* ---- Report data ---------------------------------------------------------------------------- */
+
+/* What the report is drawn from: the CSV files of a run folder, read into memory. */
+
+struct report_point {
+    double t, value; /* t in s since the start of the run */
+    enum apc_severity severity;
+    bool limited; /* a limit held it back */
+    size_t line;  /* of the file: keeps the order of points of the same time */
+};
+
+/* The samples of one variable in order of time. */
+struct report_series {
+    struct report_point *points;
+    size_t n, capacity;
+};
+
+/* The variables of one kind: id i is series[i - 1]. */
+struct report_group {
+    struct report_series *series;
+    size_t n; /* highest id in the file */
+};
+
+/* What was out of the ordinary. */
+struct report_event {
+    double t;
+    bool alarm; /* or a warning */
+    char kind[32];
+};
+
+/* (t_{k+1} - t_k) - period of one task, in ns. */
+struct report_jitter {
+    char task[APC_TAG_LEN];
+    struct apc_bin *bins;
+    size_t n_bins, capacity;
+    uint64_t count, missed;
+    double period, mean, sd;
+};
+
+struct report_data {
+    struct report_group y, z, u;
+    struct report_group published; /* by id of the estimate */
+    struct report_group mode;      /* of loop i: actual ones; not Good where it differs from the target */
+    struct report_jitter *jitter;  /* [n_jitter] in the order of the file */
+    size_t n_jitter;
+    struct report_event *event; /* [n_events] by time; none where there is no events.csv */
+    size_t n_events, events_room;
+    double begin, end; /* s: 0 and the time of the last sample of all, or what is left of these */
+    const struct outlook *expected; /* to be laid over it; NULL: nothing */
+};
+
+/* Fill *data, which report_free() takes back also after a failure. Returns as report_write() does. */
+int report_read(struct report_data *data, const char *dir, struct apc_error *why);
+void report_free(struct report_data *data);
+
+/* Leave what happened from @p begin to @p end, and what was in force before it. */
+void report_clip(struct report_data *data, double begin, double end);
+
+/* Of one task; NULL: nothing is known of it. */
+struct report_jitter *report_jitter_of(const struct report_data *data, const char *task);
+
+/* ---- Alarms --------------------------------------------------------------------------------- */
+
+/*
+ * What alarms did: the journal of a store, all transitions in their order, and the figures by which
+ * ANSI/ISA-18.2 (16.) and EEMUA 191 judge how many there are.
+ */
+
+#define ALARMS_WINDOW         (600 * APC_NS_PER_S) /* alarms are counted by ten minutes */
+#define ALARMS_FLOOD          10                   /* more in one: nobody can follow */
+#define ALARMS_CHATTER        3                    /* one alarm so often within: */
+#define ALARMS_CHATTER_WINDOW (60 * APC_NS_PER_S)
+#define ALARMS_STALE          (86400 * APC_NS_PER_S) /* standing for longer */
+
+struct alarm_transition {
+    int64_t number, seq; /* in the journal; of its row */
+    apc_ns time;
+    int alarm;
+    enum apc_alarm_state before, state; /* before 0: not known */
+    apc_status status;
+    uint32_t author;
+};
+
+struct alarm_journal {
+    struct alarm_transition *at; /* [n] by number */
+    size_t n;
+};
+
+/* Those of alarms 1 .. @n in the range, whose `last` is of all of them together. Returns 0, APC_ENOMEM or the
+ * store's error; alarm_journal_free() in either case. */
+int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, size_t n,
+                       const struct apc_range *range);
+void alarm_journal_free(struct alarm_journal *journal);
+
+/* Is an alarm raised by it: shown to operators as new? */
+bool alarm_is_raised(const struct alarm_transition *t);
+
+/* Of a new row of table alarm: the event that it is raised. Returns false where it is not, or is another row.
+ */
+bool alarm_event(const struct experiment *e, const struct apc_sample *row, struct apc_event *event);
+
+/* Of one alarm. */
+struct alarm_figure {
+    size_t raised;
+    apc_ns first;  /* time, when it was raised first; 0: it was not */
+    apc_ns active; /* for how long it was active, masked or not */
+    apc_ns since;  /* from when on it has been standing; 0: it is not */
+    bool chatters;
+    enum apc_alarm_state state; /* at the end */
+};
+
+struct alarm_figures {
+    struct alarm_figure *alarm; /* [n] */
+    size_t n;
+    double hours;
+    size_t raised, by_priority[APC_ALARM_PRIORITIES];
+    double per_hour;
+    size_t windows, floods, peak; /* of ten minutes: how many, those with a flood, the most in one */
+    size_t chattering, standing, stale, unacked;
+    size_t acknowledged;
+    double to_acknowledge; /* s, mean; NAN: none was */
+};
+
+/* Of a journal that reaches from @since to @until. Returns 0 or APC_ENOMEM; alarm_figures_free() in either
+ * case.
+ */
+int alarm_figures_make(struct alarm_figures *figures, const struct alarm_journal *journal,
+                       const struct experiment *e, apc_ns since, apc_ns until);
+void alarm_figures_free(struct alarm_figures *figures);
+
+/* ---- Alarm board ---------------------------------------------------------------------------- */
+
 /* The alarms of a store as they stand, and what people want of them: for whoever shows or acknowledges them.
  */
-#ifndef APC_RUN_ALARM_BOARD_H
-#define APC_RUN_ALARM_BOARD_H
-
-#include "operate/outcome.h"
-#include "experiment/experiment.h"
 
 /* Of one alarm: its newest row; the newest of each switch, and what became of that. */
 struct alarm_now {

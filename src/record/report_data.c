@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "report_data.h"
+#include "record.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "files/csv.h"
+#include "files/files.h"
 
 #define MAX_COLUMNS   12
 #define ID_MAX        8192    /* a module has no more variables of one kind */

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "samples.h"
+#include "record.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "files/csv.h"
+#include "files/files.h"
 
 #define HEADER "time,table,id,status,value"
 

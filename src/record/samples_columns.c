@@ -30,7 +30,7 @@
 #define XXH_INLINE_ALL /* as fast as this processor's vectors, and no library to be had at run time */
 #include <xxhash.h>
 
-#include "files/block.h"
+#include "files/files.h"
 
 enum { BLOCK = 1 << 14, SEGMENT = 1 << 20, CHUNK = 1 << 18, PART = 4 << 20 /* bytes, at least */ };
 enum { TICK = 100000000 /* ns, within which two changes of a file may have the same time */ };

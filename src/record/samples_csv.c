@@ -10,9 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "files/block.h"
-#include "files/decimal.h"
-#include "samples.h"
+#include "files/files.h"
+#include "record.h"
 #include "samples_columns.h"
 
 enum { ROOM = 4096, CHUNK = 1 << 18, BEHIND = 32, ROW = 32 };

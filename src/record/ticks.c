@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "ticks.h"
+#include "record.h"
 
 #include <errno.h>
 #include <stdlib.h>

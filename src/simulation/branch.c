@@ -14,9 +14,8 @@
 #include <string.h>
 
 #include "base/base_internal.h"
-#include "modules/controller.h"
-#include "past.h"
 #include "files/settings.h"
+#include "modules/controller.h"
 
 /* ---- What differs --------------------------------------------------------------------------- */
 

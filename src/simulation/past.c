@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "past.h"
+#include "simulation.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -7,8 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "simulation.h"
-#include "record/ticks.h"
+#include "record/record.h"
 
 /* ---- What is played ------------------------------------------------------------------------- */
 

@@ -9,7 +9,7 @@
  * row is another than that of one that lived on. From a row that differs all the same the replay goes on, so
  * that each tick is judged by itself.
  */
-#include "replay.h"
+#include "simulation.h"
 
 #include <errno.h>
 #include <math.h>
@@ -20,7 +20,6 @@
 
 #include "base/base_internal.h"
 #include "modules/controller.h"
-#include "simulation.h"
 
 /* ---- Rows that are named -------------------------------------------------------------------- */
 

@@ -9,9 +9,9 @@
 #include <string.h>
 
 #include "base/base_internal.h"
-#include "experiment/experiment_parts.h"
+#include "experiment/experiment.h"
 #include "figures/figures.h"
-#include "experiment/record.h"
+#include "files/settings.h"
 #include "simulation.h"
 
 /* An experiment never changes once it is read: a change makes another one, and who uses this one goes on. */

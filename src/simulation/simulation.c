@@ -6,8 +6,7 @@
  */
 #include "simulation.h"
 
-#include "record/alarms.h"
-#include "past.h"
+#include "record/record.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -9,7 +9,7 @@
 #include <apccontrol.h>
 #include <apcrun.h>
 
-#include "analyze/linear_cost.h"
+#include "analyze/linear.h"
 
 #define MS ((apc_ns)1000000)
 

@@ -4,7 +4,7 @@
 
 #include <stdio.h>
 
-#include "record/alarm_board.h"
+#include "record/record.h"
 
 #define S   APC_NS_PER_S
 #define NOW (1000000 * S)

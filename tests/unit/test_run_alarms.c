@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "record/alarms.h"
+#include "record/record.h"
 #include "simulation/simulation.h"
 
 struct run {

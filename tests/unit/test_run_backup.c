@@ -10,7 +10,6 @@
 #include "scratch.h"
 
 #include "modules/controller.h"
-#include "simulation/replay.h"
 #include "simulation/simulation.h"
 
 #include <apcrun.h>

@@ -7,11 +7,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "simulation/past.h"
-#include "record/samples.h"
-#include "simulation/simulation.h"
-#include "record/ticks.h"
+#include "record/record.h"
 #include "scratch.h"
+#include "simulation/simulation.h"
 
 #define AT 170.0
 

@@ -8,10 +8,10 @@
 
 #include "check.h"
 
-#include "record/course.h"
-#include "figures/figures.h"
-#include "operate/loops.h"
 #include "experiment/experiment.h"
+#include "figures/figures.h"
+#include "operate/operate.h"
+#include "record/record.h"
 
 /* Two layers over the quadruple tank, as lines 1 to 9. */
 static const char *const good[] = {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The one reader of CSV: what RFC 4180 allows is read, what may mean two things is refused. */
 #include "check.h"
-#include "files/csv.h"
+#include "files/files.h"
 #include "scratch.h"
 
 #include <math.h>

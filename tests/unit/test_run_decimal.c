@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Numbers of a table are read as the C library reads them, to the last bit, however they are written. */
-#include "files/decimal.h"
+#include "files/files.h"
 
 #include <apcbase.h>
 #include <math.h>

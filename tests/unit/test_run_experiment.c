@@ -11,9 +11,8 @@
 
 #include <cmocka.h>
 
-#include "files/nearest.h"
-#include "experiment/record.h"
 #include "experiment/experiment.h"
+#include "files/files.h"
 
 static char dir[] = "/tmp/apc-experiment.XXXXXX";
 static char path[64];

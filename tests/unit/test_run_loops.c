@@ -2,7 +2,7 @@
 /* The loops of a plant, as a store describes them. */
 #include <stdio.h>
 
-#include "operate/loops.h"
+#include "operate/operate.h"
 #include "stores.h"
 
 static struct apc_tag tags[40];

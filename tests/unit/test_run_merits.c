@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "figures/merits.h"
+#include "figures/figures.h"
 
 #define S APC_NS_PER_S
 

@@ -6,19 +6,13 @@
 
 #include <stdio.h>
 
-#include "nomem.h"
-#include "record/alarms.h"
+#include "analyze/linear.h"
 #include "experiment/experiment_parts.h"
 #include "figures/figures.h"
-#include "analyze/linear_cost.h"
-#include "analyze/linear_loop.h"
-#include "figures/merits.h"
-#include "record/outlook.h"
-#include "simulation/past.h"
-#include "simulation/replay.h"
-#include "simulation/simulation.h"
-#include "record/ticks.h"
+#include "nomem.h"
+#include "record/record.h"
 #include "scratch.h"
+#include "simulation/simulation.h"
 
 static struct apc_error why;
 static const char *file;

@@ -2,7 +2,7 @@
 /* What became of a write, by the rows that a controller leaves in a store. */
 #include <stdio.h>
 
-#include "operate/outcome.h"
+#include "operate/operate.h"
 #include "stores.h"
 
 #define S      APC_NS_PER_S

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "record/outlook.h"
+#include "record/record.h"
 
 #define S APC_NS_PER_S
 

@@ -2,8 +2,8 @@
 /* What is written along with what an operator writes to a loop under another one. */
 #include <stdlib.h>
 
-#include "operate/owner.h"
 #include "experiment/experiment.h"
+#include "operate/operate.h"
 #include "shareddata/shareddata_internal.h"
 #include "stores.h"
 

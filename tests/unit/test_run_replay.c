@@ -12,7 +12,6 @@
 #include "scratch.h"
 
 #include "modules/controller.h"
-#include "simulation/replay.h"
 #include "simulation/simulation.h"
 
 static struct replay replay;

@@ -7,7 +7,7 @@
 #include "check.h"
 #include "scratch.h"
 
-#include "record/report_data.h"
+#include "record/record.h"
 
 #define SAMPLES   "time,table,id,status,value\n"
 #define OPERATION SAMPLES

@@ -5,9 +5,8 @@
 #include <string.h>
 
 #include "check.h"
-#include "operate/loops.h"
-#include "operate/requests.h"
 #include "experiment/experiment.h"
+#include "operate/operate.h"
 
 #define S    APC_NS_PER_S
 #define MOST (60 * S)

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "record/course.h"
+#include "record/record.h"
 #include "record/samples_columns.h"
 #include "scratch.h"
 

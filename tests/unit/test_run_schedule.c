@@ -5,7 +5,7 @@
 
 #include <apcmodules.h>
 
-#include "operate/owner.h"
+#include "operate/operate.h"
 #include "stores.h"
 
 #define PERIOD (20 * APC_NS_PER_S)

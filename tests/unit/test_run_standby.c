@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* One that stands by: whose place it is, over a store that can take it from one who lives. */
-#include "operate/standby.h"
+#include "operate/operate.h"
 #include "stores.h"
 
 #define PERIOD APC_NS_PER_S

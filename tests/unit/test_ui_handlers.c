@@ -3,7 +3,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "figures/merits.h"
+#include "figures/figures.h"
 #include "ui_plant.h"
 
 static void what_never_came_but_should_is_stale(void **state)
@@ -305,13 +305,13 @@ static struct task *a_task(size_t i, const char *name)
     task->missed = 3;
     task->missed_total = 7;
     for (int q = 0; q < QUANTITIES; q++) {
-        task->last[q] = (struct figures){.time = 1763730000 * S,
+        task->last[q] = (struct task_figures){.time = 1763730000 * S,
                                          .count = 5,
                                          .mean = 1e6 * (q + 1),
                                          .p50 = 1000000,
                                          .p99 = 2000000,
                                          .max = 4000000};
-        task->total[q] = (struct figures){.count = 50, .sum = 0.5};
+        task->total[q] = (struct task_figures){.count = 50, .sum = 0.5};
     }
     ui->model.tasks = i + 1;
     return task;
@@ -334,8 +334,8 @@ static void what_tasks_report_is_in_the_metrics(void **state)
     has(metrics, "apc_task_overruns_total{task=\"controller\"} 7\n");
     has(metrics, "apc_task_age_seconds{task=\"controller\"} 4");
     assert_int_equal(times_in(metrics, "apc_link_round_trip_seconds"), 0); /* nobody measures one */
-    ui->model.exchange.last[RUN] = (struct figures){.count = 2, .p50 = 3000000, .p99 = 5000000};
-    ui->model.exchange.total[RUN] = (struct figures){.count = 9, .sum = 0.25};
+    ui->model.exchange.last[RUN] = (struct task_figures){.count = 2, .p50 = 3000000, .p99 = 5000000};
+    ui->model.exchange.total[RUN] = (struct task_figures){.count = 9, .sum = 0.25};
     ui->model.exchange.missed_total = 4;
     metrics = ask_text(get_metrics);
     has(metrics, "apc_link_round_trip_seconds{link=\"apc-client\",quantile=\"0.5\"} 0.003\n"

@@ -3,7 +3,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "figures/merits.h"
+#include "figures/figures.h"
 #include "ui_plant.h"
 
 /* ---- What was ----------------------------------------------------------------------------- */

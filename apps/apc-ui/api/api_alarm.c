@@ -5,8 +5,7 @@
 #include <string.h>
 
 #include "apc-ui/server/http.h"
-#include "record/alarm_board.h"
-#include "record/alarms.h"
+#include "record/record.h"
 
 #define JOURNAL_MAX  1000
 #define JOURNAL_LAST 200

@@ -3,7 +3,7 @@
 #include <inttypes.h>
 
 #include "apc-ui/server/http.h"
-#include "figures/merits.h"
+#include "figures/figures.h"
 
 #define DAY  (86400 * APC_NS_PER_S)
 #define MOST 1000000 /* rows that are held at once */

@@ -309,7 +309,7 @@ static void link_metrics(const struct model *m, apc_ns now, struct text *t)
 
 static void exchange_metrics(const struct task *exchange, struct text *t)
 {
-    const struct figures *last = &exchange->last[RUN], *total = &exchange->total[RUN];
+    const struct task_figures *last = &exchange->last[RUN], *total = &exchange->total[RUN];
     if (last->count == 0)
         return;
     metric(t, "apc_link_round_trip_seconds", "summary",

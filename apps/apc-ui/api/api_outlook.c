@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 #include "apc-ui/server/http.h"
-#include "record/outlook.h"
+#include "record/record.h"
 
 static void values_json(const char *name, const double *v, size_t n, struct text *t)
 {

@@ -4,7 +4,7 @@
  * swapped in for what the operator saw, then recorded with his name; writes.h says what becomes of it.
  *
  * A setpoint whose loop is asked for Cas is written over and over by the loop above: the newest that the
- * operator saw says nothing then, and his value takes the target Auto along (operate/owner.h).
+ * operator saw says nothing then, and his value takes the target Auto along (operate/operate.h).
  */
 #include <inttypes.h>
 #include <math.h>
@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include "apc-ui/server/http.h"
-#include "operate/owner.h"
+#include "operate/operate.h"
 
 #define TEXT_LEN 40
 

@@ -7,9 +7,9 @@
 #include <string.h>
 #include <time.h>
 
-#include "common/storeuri.h"
-#include "operate/outcome.h"
 #include "apc-ui/server/ui.h"
+#include "common/storeuri.h"
+#include "operate/operate.h"
 
 #define PACE         (25 * APC_NS_PER_MS)
 #define WAIT         (500 * APC_NS_PER_MS) /* also how long it takes to notice that it is time to stop */

@@ -8,7 +8,7 @@
 #include <apcstore.h>
 
 #include "common/json.h"
-#include "operate/loops.h"
+#include "operate/operate.h"
 
 #define REF_LEN 24 /* "setpoint.2147483647" */
 

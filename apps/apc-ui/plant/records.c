@@ -163,7 +163,7 @@ void figures_json(const struct apc_summary *s, struct text *t)
     text_add(t, "}");
 }
 
-void window_json(const struct figures *f, struct text *t)
+void window_json(const struct task_figures *f, struct text *t)
 {
     if (f && f->count > 0)
         figures_json(
@@ -223,7 +223,7 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
     const bool exchange = !strcmp(row->task, TASK_EXCHANGE);
     struct task *task = q == QUANTITIES ? NULL : exchange ? &m->exchange : task_of(m, row->task);
     if (task && row->time > task->last[q].time) {
-        task->last[q] = (struct figures){.time = row->time,
+        task->last[q] = (struct task_figures){.time = row->time,
                                          .count = row->count,
                                          .mean = row->mean,
                                          .p50 = row->p50,

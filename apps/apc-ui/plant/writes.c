@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "operate/outcome.h"
+#include "operate/operate.h"
 
 #define EVENT_LATE (2 * APC_NS_PER_S) /* after the row that it tells of */
 

@@ -21,10 +21,10 @@
 #include <apctimer.h>
 
 #include "apc-ui/plant/plant.h"
-#include "record/alarm_board.h"
+#include "apc-ui/plant/writes.h"
+#include "record/record.h"
 #include "session.h"
 #include "stream.h"
-#include "apc-ui/plant/writes.h"
 
 struct files;
 struct server;
@@ -53,7 +53,7 @@ void meter_record(struct meter *m, apc_ns value);
 void meter_summary(struct meter *m, struct apc_summary *summary);
 
 /* What a task said last about one quantity, or about all of them since the daemon began. */
-struct figures {
+struct task_figures {
     apc_ns time; /* end of the window, UTC */
     uint64_t count;
     double mean, sum; /* ns; s */
@@ -70,7 +70,7 @@ struct task {
     char name[32];
     apc_ns period, heard; /* heard: when the last window came, monotonic */
     uint64_t missed, missed_total;
-    struct figures last[QUANTITIES], total[QUANTITIES];
+    struct task_figures last[QUANTITIES], total[QUANTITIES];
 };
 
 struct link_state {
@@ -264,6 +264,6 @@ void ui_pause(struct ui *ui, apc_ns pause);
 void event_json(const struct apc_event *event, struct text *t);
 void task_json(const struct task *task, apc_ns now, struct text *t);
 void figures_json(const struct apc_summary *summary, struct text *t);
-void window_json(const struct figures *window, struct text *t); /* NULL, or nothing in it: null */
+void window_json(const struct task_figures *window, struct text *t); /* NULL, or nothing in it: null */
 
 #endif

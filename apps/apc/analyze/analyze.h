@@ -3,8 +3,8 @@
 #ifndef APC_ANALYZE_H
 #define APC_ANALYZE_H
 
+#include "analyze/linear.h"
 #include "apc/common/cli.h"
-#include "analyze/linear_cost.h"
 #include "apc/common/setting.h"
 
 #define ANALYZE_AT 64

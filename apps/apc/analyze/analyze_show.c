@@ -4,10 +4,10 @@
 #include <math.h>
 #include <string.h>
 
-#include "apc/report/gnuplot.h"
 #include "apc/common/print.h"
+#include "apc/report/gnuplot.h"
 #include "apc/report/report_script.h"
-#include "files/csv.h"
+#include "files/files.h"
 
 #define HEIGHT 500.0
 #define CURVES 6

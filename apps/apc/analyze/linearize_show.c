@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "apc/common/print.h"
-#include "files/csv.h"
+#include "files/files.h"
 
 static const char *name_of(const struct linearize_names *names, size_t i, char text[24])
 {

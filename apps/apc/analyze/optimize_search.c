@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "analyze/linear_loop.h"
+#include "analyze/linear.h"
 
 #define SEARCHES  6    /* beside each other, of the first part; the second has as many */
 #define SCATTERED 24   /* tries all over the bounds before them */

@@ -8,10 +8,10 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "apc/report/gnuplot.h"
 #include "apc/common/print.h"
+#include "apc/report/gnuplot.h"
 #include "apc/report/report_script.h"
-#include "files/csv.h"
+#include "files/files.h"
 
 #define HEIGHT 470.0
 

@@ -7,11 +7,11 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "apc/folder/runstore.h"
 #include "base/text.h"
 #include "common/storeuri.h"
+#include "files/files.h"
 #include "print.h"
-#include "files/nearest.h"
-#include "apc/folder/runstore.h"
 
 #define NAMES 12 /* that are listed where one is not known */
 

@@ -13,7 +13,7 @@
 #include <apcstore.h>
 
 #include "common/exitcode.h"
-#include "operate/loops.h"
+#include "operate/operate.h"
 
 enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 

@@ -7,8 +7,8 @@
 
 #include "base/base_internal.h"
 #include "base/text.h"
-#include "files/csv.h"
-#include "operate/loops.h"
+#include "files/files.h"
+#include "operate/operate.h"
 
 /* ---- Pieces ------------------------------------------------------------------------------- */
 

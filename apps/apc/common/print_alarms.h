@@ -5,7 +5,7 @@
 
 #include <stdio.h>
 
-#include "record/alarms.h"
+#include "record/record.h"
 
 /* Times are in s since @p start. Returns 0 or APC_ENOMEM. */
 int alarms_print(const struct alarm_figures *figures, const struct experiment *e, apc_ns start, FILE *out);

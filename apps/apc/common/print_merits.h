@@ -4,7 +4,7 @@
 
 #include <stdio.h>
 
-#include "figures/merits.h"
+#include "figures/figures.h"
 
 /* Tables for people. Returns 0 or APC_ENOMEM. */
 int merits_print(const struct merits *m, FILE *out);

@@ -2,7 +2,7 @@
 #ifndef APC_PRINT_OUTLOOK_H
 #define APC_PRINT_OUTLOOK_H
 
-#include "record/outlook.h"
+#include "record/record.h"
 
 #include <stdio.h>
 

@@ -4,7 +4,7 @@
 #ifndef APC_REASON_H
 #define APC_REASON_H
 
-#include "operate/loops.h"
+#include "operate/operate.h"
 
 #define REASON_LEN 192
 

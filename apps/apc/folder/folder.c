@@ -12,12 +12,10 @@
 
 #include "base/text.h"
 #include "common/timing.h"
-#include "files/csv.h"
-#include "experiment/record.h"
 #include "experiment/experiment.h"
-#include "record/samples.h"
+#include "files/files.h"
+#include "record/record.h"
 #include "record/samples_columns.h"
-#include "record/ticks.h"
 
 #define PATH_LEN 600
 

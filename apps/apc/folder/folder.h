@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * A run folder, the whole record of a run: run.conf (the experiment file as it was), record.conf (what was
- * in force beside it: common/record.h), law.so and plant.so (plant.fmu) when they were no built-in ones;
+ * in force beside it: experiment/experiment.h), law.so and plant.so (plant.fmu) when they were no built-in ones;
  * samples.csv, samples.columns, ticks.db, operation.csv, signals.csv, events.csv, timing.csv and
  * timing-summary.csv; one log a daemon, report.svg and report.png. docs/run-folder.md describes them.
  */

@@ -9,7 +9,7 @@
 
 #include <apcstore.h>
 
-#include "experiment/record.h"
+#include "experiment/experiment.h"
 
 bool runstore_gone(const char *uri)
 {

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <unistd.h>
 
+#include "record/record.h"
 #include "simulation/simulation.h"
-#include "record/ticks.h"
 
 static int take_time(double t, apc_ns otherwise, const char *name, apc_ns *to, struct apc_error *why)
 {

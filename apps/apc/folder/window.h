@@ -3,8 +3,8 @@
 #ifndef APC_WINDOW_H
 #define APC_WINDOW_H
 
-#include "figures/merits.h"
-#include "record/outlook.h"
+#include "figures/figures.h"
+#include "record/record.h"
 
 /* Of the run in @p dir, t in s since its start; NAN: from its start, to its end. Returns 0 or a negative
  * error; merits_free() in either case. */

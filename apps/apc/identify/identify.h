@@ -35,8 +35,6 @@ struct identify_data {
     size_t *runs; /* where each record begins that was read; NULL: there is one */
 };
 
-/* Is it the URI of a store, and no file? */
-bool identify_is_store(const char *file);
 /*
  * Read a run folder, what a store has, or CSV with a name in each column, one of them "time" in s. Inputs are
  * held until the next one, also where they are Bad; measurements that are not Good or Uncertain, or not

@@ -8,8 +8,8 @@
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "files/csv.h"
-#include "record/samples.h"
+#include "files/files.h"
+#include "record/record.h"
 
 /* ---- CSV with names -------------------------------------------------------------------------------- */
 

@@ -8,8 +8,8 @@
 #include <sys/stat.h>
 
 #include "apc/common/print.h"
-#include "files/csv.h"
 #include "experiment/experiment.h"
+#include "files/files.h"
 
 struct finding {
     struct identification *z;

@@ -5,7 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
+
+#include "common/storeuri.h"
 
 #define SAMPLES_MOST 1000000
 #define PARTS        10   /* of the median interval that are tried as the period */
@@ -238,13 +239,6 @@ static void close_reading(struct reading *r)
     free(r);
 }
 
-bool identify_is_store(const char *file)
-{
-    struct stat what;
-
-    return file[strcspn(file, ":/")] == ':' && stat(file, &what) != 0;
-}
-
 int identify_read(struct identify_data *data, const char *file, const struct identify_wish *wish,
                   struct apc_error *why)
 {
@@ -263,7 +257,7 @@ int identify_read(struct identify_data *data, const char *file, const struct ide
         r->input[i].name = wish->input[i];
     for (size_t i = 0; i < wish->outputs; i++)
         r->output[i].name = wish->output[i];
-    rc = identify_is_store(file) ? identify_read_store(r) : identify_read_files(r);
+    rc = store_is_uri(file) ? identify_read_store(r) : identify_read_files(r);
     if (rc == 0)
         rc = sample(r, data);
     for (size_t i = 0; i < r->inputs && rc == 0; i++) {

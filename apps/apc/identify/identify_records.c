@@ -7,6 +7,8 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "common/storeuri.h"
+
 #define ONE_PERIOD 0.01 /* by how much of it clocks may be apart */
 
 /* ---- Windows ----------------------------------------------------------------------------------------- */
@@ -32,7 +34,7 @@ static int take_window(const struct cli *cli, const char *file, const char *from
     wish->from = -HUGE_VAL;
     wish->to = 0.0;
     wish->since = wish->until = 0;
-    if (identify_is_store(file)) {
+    if (store_is_uri(file)) {
         const int rc = cli_time(cli, "from", from, &wish->since);
         return rc == EXIT_OK ? cli_time(cli, "to", to, &wish->until) : rc;
     }

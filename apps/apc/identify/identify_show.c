@@ -5,9 +5,9 @@
 
 #include <apctune.h>
 
-#include "identify.h"
 #include "apc/common/print.h"
-#include "files/csv.h"
+#include "files/files.h"
+#include "identify.h"
 
 #define TELLING 0.01 /* a probability below which it is no chance */
 

@@ -11,10 +11,10 @@
 #include <apcexcite.h>
 
 #include "apc/common/cli.h"
-#include "operate/loops.h"
-#include "simulation/simulation.h"
-#include "apc/folder/runstore.h"
 #include "apc/common/setting.h"
+#include "apc/folder/runstore.h"
+#include "operate/operate.h"
+#include "simulation/simulation.h"
 
 #define TEST_SIGNALS 32
 

@@ -7,10 +7,10 @@
 #include <time.h>
 
 #include "apc/common/cli.h"
-#include "operate.h"
 #include "apc/common/print.h"
 #include "apc/common/print_alarms.h"
-#include "record/alarm_board.h"
+#include "operate.h"
+#include "record/record.h"
 
 #define PAUSE (50 * APC_NS_PER_MS)
 #define GRACE (2 * APC_NS_PER_S) /* beyond three ticks */

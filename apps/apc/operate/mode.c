@@ -4,10 +4,10 @@
 #include <string.h>
 #include <strings.h>
 
-#include "operate.h"
 #include "apc/common/print.h"
 #include "apc/common/reason.h"
-#include "files/nearest.h"
+#include "files/files.h"
+#include "operate.h"
 
 static const struct cli_spec mode_spec = {
     .args_doc = "[LOOP|CONTROLLER] [man|auto|cas|oos]",

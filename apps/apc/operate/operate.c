@@ -8,9 +8,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "outcome.h"
 #include "apc/common/print.h"
-#include "operate/owner.h"
+#include "operate/operate.h"
+#include "outcome.h"
 
 int operate_check(const struct cli *cli, const struct change *c)
 {

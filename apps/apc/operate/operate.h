@@ -4,11 +4,11 @@
  * transaction; each leaves an event with the operator's name, and is shown as "r: 10 -> 12 (applied)" when
  * its controller has it (outcome.h).
  */
-#ifndef APC_OPERATE_H
-#define APC_OPERATE_H
+#ifndef APC_CLI_OPERATE_H
+#define APC_CLI_OPERATE_H
 
 #include "apc/common/cli.h"
-#include "operate/outcome.h"
+#include "operate/operate.h"
 
 struct change {
     char name[APC_TAG_LEN + 8]; /* as the operator knows it */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Who will apply an operator's changes, and what becomes of them: operate/outcome.h, as a command says it. */
+/* Who will apply an operator's changes, and what becomes of them: operate/operate.h, as a command says it. */
 #ifndef APC_OUTCOME_H
 #define APC_OUTCOME_H
 

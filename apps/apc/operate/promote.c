@@ -4,9 +4,9 @@
 #include <string.h>
 #include <time.h>
 
-#include "operate.h"
 #include "apc/common/print.h"
-#include "files/nearest.h"
+#include "files/files.h"
+#include "operate.h"
 
 #define GRACE APC_NS_PER_S
 

@@ -4,9 +4,9 @@
 #include <string.h>
 #include <time.h>
 
-#include "operate.h"
 #include "apc/common/print.h"
-#include "operate/owner.h"
+#include "operate.h"
+#include "operate/operate.h"
 
 #define PATIENCE (3 * APC_NS_PER_S) /* the scheduler looks four times a second */
 

@@ -4,8 +4,8 @@
 #define APC_REPORT_H
 
 #include "apc/common/cli.h"
-#include "record/outlook.h"
 #include "experiment/experiment.h"
+#include "record/record.h"
 
 /**
  * Draw report.svg and report.png in the run folder @p dir from its CSV files: on top a histogram of the time

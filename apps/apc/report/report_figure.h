@@ -5,8 +5,8 @@
 
 #include <stdio.h>
 
-#include "record/report_data.h"
 #include "experiment/experiment.h"
+#include "record/record.h"
 
 /* Write a script that makes report.svg and report.png in gnuplot's working directory. The calling
  * thread's locale must be "C.UTF-8". Returns 0 or APC_ENOMEM. */

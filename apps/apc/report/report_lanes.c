@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "operate/operate.h"
 #include "report_script.h"
-#include "operate/loops.h"
 
 #define LANE      17.0
 #define LANES_MAX 12 /* more could not be told apart from the panels */

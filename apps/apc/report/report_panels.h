@@ -4,8 +4,8 @@
 #ifndef APC_REPORT_PANELS_H
 #define APC_REPORT_PANELS_H
 
+#include "operate/operate.h"
 #include "report_script.h"
-#include "operate/loops.h"
 
 #define PANELS_MAX   40
 #define CURVES_NAMED 8 /* of a panel: more have no names in its legend */

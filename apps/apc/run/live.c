@@ -13,7 +13,7 @@
 
 #include "common/storeuri.h"
 #include "control.h"
-#include "operate/loops.h"
+#include "operate/operate.h"
 
 #define BAR          24                 /* at most */
 #define PLAIN_EVERY  (5 * APC_NS_PER_S) /* between two lines when stdout is no terminal */

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "apc/common/print.h"
-#include "files/csv.h"
+#include "files/files.h"
 
 #define FAILURES 5 /* that are told of */
 

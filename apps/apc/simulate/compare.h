@@ -6,7 +6,7 @@
 #include <stdio.h>
 
 #include "experiment/experiment.h"
-#include "record/samples.h"
+#include "record/record.h"
 
 struct compare {
     const struct samples *simulated; /* in order of time, as the next one */

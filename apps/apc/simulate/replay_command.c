@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc replay: what a controller would have done in a recorded run. */
-#include "simulation/replay.h"
+#include "simulation/simulation.h"
 
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "apc/common/cli.h"
-#include "apc/folder/folder.h"
 #include "apc/common/print.h"
-#include "files/csv.h"
+#include "apc/folder/folder.h"
+#include "files/files.h"
 
 struct replay_options {
     const char *csv;

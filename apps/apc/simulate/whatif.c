@@ -3,9 +3,10 @@
 
 #include <string.h>
 
-#include "apc/identify/identify.h"
-#include "experiment/record.h"
-#include "record/ticks.h"
+#include "apc/common/cli.h"
+#include "common/storeuri.h"
+#include "experiment/experiment.h"
+#include "record/record.h"
 
 int whatif_parse(struct whatif *w, const char *spec, struct apc_error *why)
 {
@@ -17,7 +18,7 @@ int whatif_parse(struct whatif *w, const char *spec, struct apc_error *why)
                         "\"%s\": expected RUN@TIME, a run folder and seconds since its start, or STORE@TIME",
                         spec);
     memcpy(w->dir, spec, length);
-    if (identify_is_store(w->dir)) {
+    if (store_is_uri(w->dir)) {
         memcpy(w->store, spec, length);
         return cli_when(at + 1, &w->utc)
                    ? 0

@@ -5,7 +5,6 @@
 
 #include <stdio.h>
 
-#include "simulation/past.h"
 #include "simulation/simulation.h"
 
 struct whatif {
