@@ -45,6 +45,7 @@ step "the tutorial, by who has nothing but the packages and a compiler"
 mkdir first
 (cd first && APC=/usr/share/doc/apc python3 /check/shown.py /usr/share/doc/apc/docs/tutorial.md) || fail "the tutorial shows something else than what comes out"
 
+# Types(docs/operate.md): cp, systemd-, apc user, systemctl enable, systemctl start, runuser
 step "a plant as docs/operate.md has it"
 awk '/^```/ { if (inside) exit; inside = 1; next } inside' /usr/share/doc/apc/docs/operate.md >typed
 (cd /usr/share/doc/apc && bash -e /check/typed <<<'a password of some length')
@@ -113,11 +114,14 @@ first=$(sql 'SELECT min(time) FROM apc.sensor')
 pid=$(systemctl show -P MainPID "apc-client@$plant")
 apt install /check/new/*.deb
 installed
+# Promise(docs/packages-fresh-debian): Packages in a fresh Debian 12 under systemd: install, the paper's experiment
+#   on PostgreSQL, the page, a hang, upkeep, upgrade with data, remove, purge (docs/install.md).
 [ "$(systemctl show -P MainPID "apc-client@$plant")" = "$pid" ] || fail "an upgrade touched a loop that runs"
 systemctl restart "apc@$plant.target"
 more() { [ "$(sql 'SELECT count(*) FROM apc.sensor')" -gt $((rows + 20)) ]; }
 until_true 60 more
 until_true 60 settled
+# Promise(docs/packages-fresh-debian)
 [ "$(sql 'SELECT min(time) FROM apc.sensor')" = "$first" ] || fail "the record does not begin where it did"
 [ "$(systemctl show -P MainPID "apc-client@$plant")" != "$pid" ] || fail "the target restarted nobody"
 echo "rows: $rows, then $(sql 'SELECT count(*) FROM apc.sensor')"
@@ -138,6 +142,7 @@ apt purge "${ours[@]}"
 [ -e "/etc/apc/$plant.conf" ] || fail "what an administrator wrote is gone"
 [ "$(sql 'SELECT min(time) FROM apc.sensor')" = "$first" ] || fail "the record is gone"
 left=$(find /usr /lib /etc/systemd /var/lib/systemd /var/lib/dpkg/info -xdev -iname '*apc*' -not -path '/usr/share/zoneinfo/*' | grep -vE 'libcapc|/python3|apcc|tapc|lapc' || true)
+# Promise(docs/packages-fresh-debian)
 [ -z "$left" ] || fail "left behind: $left"
 ! installed | grep -q . || fail "packages are left: $(installed)"
 touch /check/passed

@@ -29,12 +29,15 @@ says() {
   said=$(timeout 60 "$@" 2>&1) && { echo "tests/parts.sh: this did not fail: $*" >&2; exit 1; }
   grep -qF -- "$text" <<<"$said" || { echo "tests/parts.sh: no \"$text\" in what $* says: $said" >&2; exit 1; }
 }
+# Promise(docs/part-left-out)
 "$bin/apc" simulate "$experiments/first-order.conf" --duration 10 >said || { echo "tests/parts.sh: nothing is simulated" >&2; exit 1; }
 grep -q '^sha256: ' said
 for part; do
   case $part in
     POSTGRESQL) says 'built without PostgreSQL (-DAPC_POSTGRESQL=OFF)' "$bin/apc" status --store postgresql: ;;
     SQLITE)
+      # Promise(docs/part-left-out): A part that is left out when it is built, alone or with all others, says so when
+      #   it is asked for, and what to install; simulation takes none of them (docs/install.md).
       says 'built without SQLite (-DAPC_SQLITE=OFF)' "$bin/apc" status --store sqlite:none.db
       says 'built without SQLite (-DAPC_SQLITE=OFF)' "$bin/apc" run "$experiments/first-order.conf" --store shm:apc-parts --no-ui --duration 1
       ;;

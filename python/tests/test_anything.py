@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# Promise(python): Whatever argument of whatever call in Python is of the wrong kind, it is an exception that names
+#   it, and the interpreter goes on; what is closed says so.
 """Whatever anybody gives to what is public is an exception, not the end of the interpreter: each argument of each call is
 once of the wrong kind. That runs in a process of its own, which says where it was."""
 import inspect

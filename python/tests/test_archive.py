@@ -1,4 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# Promise(python): An archive is the history, file by file read back; what was killed, is damaged, gone, another
+#   store's or another writer's drops nothing and is told.
+# Promise(python): An archive that is killed at any place is whole after the next call; of two at once one waits for
+#   nobody and says so; without room it says so; what comes meanwhile is not dropped.
 """Archives need pyarrow: "arrow" in each name."""
 import fcntl
 import json

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# Promise(python): Linear models, steady states, quadratic programs and estimators in Python are the library's; wrong
+#   arrays are exceptions.
 import numpy as np
 import pytest
 

@@ -1,4 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# Promise(python): A history and a run have one memory in NumPy, Arrow and pandas, that which the library filled,
+#   times and texts as well.
+# Promise(python): A file of samples that is read in parts gives what it gives as a whole, and names the line of what
+#   is wrong; numbers are those of Python to the last bit.
+# Promise(python/samples-columns-gives): `samples.columns` gives what `samples.csv` gives, bit for bit, also of a
+#   copied folder; one that is damaged in any place, cut short, of another file or of an edited one is not believed;
+#   where there is no room for it there is none; a run, a simulation that takes a folder over and `apc report` make
+#   it.
 import ctypes
 import ctypes.util
 import gc

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# Promise(python/periodic-task-python): A periodic task in Python lies on a grid, whatever it took before, and what
+#   passes meanwhile is counted; a timer's exception is told; what answers on a link and is no plant is told.
 import contextlib
 import signal
 import socket

@@ -5,6 +5,8 @@
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 command -v abidiff >/dev/null || { echo "skipped: there is no abidiff (scripts/setup --dev)"; exit 77; }
 abi=$APC_SOURCE_DIR/scripts/abi
+# Promise(docs/programs-were-built): What programs that were built with the last release use stays as it was, while
+#   the soname does.
 "$abi" "$APC_BUILD_DIR/lib/libapc.so" || fail "the interface of the last release has changed under its soname"
 
 # library NAME SONAME MEMBER FUNCTION: a small one
@@ -20,6 +22,7 @@ gunzip -t "$work/abi/0.1.0.abi.gz"
 compare() { "$abi" "$work/$1.so" "$2" "$work/include" "$work/abi"; }
 expect 0 'the interface of 0.1.0 stands' compare first 0.1.1
 library moved libthing.so.0.1 'int b; double a;' apc_more
+# Promise(docs/programs-were-built)
 expect 1 'would break' compare moved 0.1.1
 expect 0 'until 0.1.0 is released' compare moved 0.1.0
 library gone libthing.so.0.1 'double a;' apc_other

@@ -36,6 +36,7 @@ until_true 60 value_is setpoint.1 7
 kill -INT "$pid"
 wait "$pid" || fail "the run failed"
 grep -E ',apc-run,operator,' "$work/run/events.csv" | cut -d, -f5 >"$work/events"
+# Promise(experiment/actions-taken-time)
 diff - "$work/events" <<'EVENTS' || fail "not what was asked for, in real time"
 "u: Auto -> Man"
 "manual: none -> 1.25"
@@ -43,6 +44,7 @@ diff - "$work/events" <<'EVENTS' || fail "not what was asked for, in real time"
 "r: 10 -> 7"
 EVENTS
 # none of them before its time
+# Promise(experiment/actions-taken-time)
 awk -F, '/,apc-run,operator,/ { if ($1 < 0.51 + 0.2 * n++) bad = 1 } END { exit bad || n != 4 }' "$work/run/events.csv" ||
   fail "an action came before its time"
 

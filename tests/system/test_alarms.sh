@@ -47,6 +47,7 @@ expect 0 'applied' "$apc" set r 10
 until_true 60 listed '^r\.high +1 +Normal'
 
 # ---- Of two who acknowledge at once one does
+# Promise(alarms/acknowledge-once-told)
 
 expect 0 'applied' "$apc" set r 15
 until_true 60 listed '^r\.high +1 +Unacknowledged'
@@ -63,9 +64,11 @@ grep -qE 'was faster|just acknowledged|nothing to acknowledge|superseded' "$work
 
 # ---- Shelved, with an end
 
+# Promise(alarms/acknowledge-once-told)
 expect 2 'shelve wants an end' "$apc" alarm shelve r.high
 expect 4 'r.high may be shelved for up to 8 h$' "$apc" alarm shelve r.high --for 9h
 long=$(printf 'x%.0s' {1..81}) # bytes
+# Promise(page/reason-goes-write)
 expect 2 'reason: 81 bytes, and at most 80' "$apc" alarm shelve r.high --for 1h --reason "$long"
 expect 2 'reason: 81 bytes, and at most 80' "$apc" alarm ack r.high --reason "${long:2}é"
 expect 0 'r.high +1 +Acknowledged Active' "$apc" alarm list # nothing was written
@@ -79,10 +82,14 @@ kill -9 "$(pgrep -P "$run" -x apc-alarms)" # what was wanted holds
 ticks_again() { [ "$(grep -c 'running every' "$work/run/apc-alarms.log")" = 2 ]; }
 until_true 60 ticks_again
 until_true 60 listed '^[0-9]+ unacknowledged'
+# Promise(alarms/acknowledge-once-told)
 listed '^r\.high +1 +Out of Service, Active' || fail "the restart forgot it: $("$apc" alarm list)"
 expect 0 'in service \(applied\)' "$apc" alarm in r.high
 
 # ---- Who was to be told may not have been when it was killed: what stands is told again, after the restart
+# Promise(experiment/command-told-alarm): A command is told of an alarm that is raised, once more after a restart of
+#   apc-alarms; one that hangs is killed with all it started, one that fails is one event, of a flood no more than 64
+#   wait.
 
 until_true 60 listed '^r\.high +1 +Unacknowledged Active'
 hangs() { pgrep -f "sleep (88|99)$$\$" >/dev/null; }
@@ -117,6 +124,7 @@ assert (last["alarm"], last["state"]) == ("r.high", "Acknowledged Active") and l
 END
 
 # ---- A flood, 10000 alarms: every transition is in the journal, each once. (Not so each event: more than are kept are counted.)
+# Promise(alarms/acknowledge-once-told)
 
 until_true 60 grep -q 'did not end within 10 s and was killed' "$work/run/apc-alarms.log"
 for _ in 1 2 3 4 5 6 7 8 9 10; do
@@ -136,12 +144,15 @@ done
 expect 0 'floods \(more than 10\): [1-9]' "$apc" alarm journal --figures
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
+# Promise(experiment/command-told-alarm)
 for event in 'alarm,"r.high: too much"' 'notify,"r.high was not told: ""sleep 88[0-9]* & sleep 99[0-9]*"" did not end within 10 s and was killed"' \
   'notify,"r.high was not told: ""exit 3"" ended with code 3"' 'notify,"""cat"" is told of alarms; [1-9][0-9]* were not told"'; do
   grep -q "$event" "$work/run/events.csv" || fail "no event $event: $(cat "$work/run/events.csv")"
 done
+# Promise(experiment/command-told-alarm)
 [ "$(grep -c '""exit 3"" ended' "$work/run/events.csv")" -le 3 ] || fail "not one event of a command that fails: $(cat "$work/run/events.csv")"
 ended() { ! hangs; }
+# Promise(experiment/command-told-alarm)
 until_true 60 ended
 ! grep -q '"alarm":"r.low"' "$work/told" || fail "told of one of priority 3: $(cat "$work/told")"
 
@@ -153,6 +164,7 @@ listed '^surge +4 +Normal' || fail "it has what was flood7's: $("$apc" alarm lis
 listed '^flood8 +4 +RTN' || fail "flood8 was forgotten: $("$apc" alarm list)"
 
 # ---- A history is not written to
+# Promise(stores/loop-would-read)
 
 sql "INSERT INTO apc.catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM apc.catalogue ORDER BY revision DESC LIMIT 1"
 rows() { sql "SELECT (SELECT count(*) FROM apc.alarm) + (SELECT count(*) FROM apc.event)"; }

@@ -11,6 +11,9 @@ near() { # WHAT IS EXPECTED TOLERANCE
 }
 
 # ---- Margins that are known
+# Promise(analysis/apc-analyze-shipped): `apc analyze`: the shipped loops' margins, as text, JSON, CSV and a figure;
+#   an unstable loop, a limit, and what is not linear are refused with what to do; what docs/analysis.md shows is
+#   what it prints.
 
 "$apc" analyze "$conf/pendulum.conf" --json >"$work/pendulum.json"
 near "least gain of the pendulum" "$(number "$work/pendulum.json" F gain_least)" 0.59 0.005
@@ -24,6 +27,7 @@ near "delay of F" "$(number "$work/reactor.json" F delay)" 25 0.5
 grep -q 'the circle that the curve keeps out of' "$work/reactor.svg" && [ -s "$work/reactor.png" ] || fail "no figure"
 
 # the document shows what is printed
+# Promise(analysis/apc-analyze-shipped)
 (cd "$APC_SOURCE_DIR" && "$apc" analyze experiments/van-de-vusse.conf) | sed -n 1,6p >"$work/printed"
 sed -n '/^van-de-vusse: /,/^all /p' "$APC_SOURCE_DIR/docs/analysis.md" | cmp - "$work/printed" || fail "docs/analysis.md shows something else"
 
@@ -43,6 +47,7 @@ peak=$("$apc" analyze "${nearly[@]}" --json | sed -n 's/^{"loop":"u".*"sensitivi
   fail "the curve has no peak of $peak"
 
 # ---- What its timing costs
+# Promise(analysis/noise-costs-timing)
 
 cat >"$work/noise.conf" <<'END'
 name = "noise"; duration = 1000.0;
@@ -70,6 +75,7 @@ expect 0 'longer than the period has room for' "$apc" analyze "$work/noise.conf"
 expect 1 'timing.csv: No such file' "$apc" analyze "$work/noise.conf" --timing "$work"
 
 # ---- What it does not take
+# Promise(analysis/apc-analyze-shipped)
 
 no() { # CODE PATTERN ARGUMENT...
   local code=$1 pattern=$2

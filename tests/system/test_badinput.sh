@@ -9,6 +9,7 @@ daemons=(apc-plant apc-client apc-controller apc-scheduler)
 run() { "$apc" run "$bad" --duration 1 --out "$work/never"; }
 
 # change SED PATTERN: the good file with one mistake is refused by name, file and line
+# Promise(experiment/misspelled-missing-name)
 change() {
   sed -e "$1" "$good" >"$bad"
   cmp -s "$bad" "$good" && fail "the mistake $1 changes nothing"
@@ -16,6 +17,7 @@ change() {
 }
 
 # options
+# Promise(docs/options-exit-codes): Options and exit codes of each program and command; one clear line for bad input.
 for program in "${daemons[@]}"; do
   expect 0 'Usage: ' "$APC_BIN/$program" --help
   expect 0 'libapc' "$APC_BIN/$program" --version
@@ -71,6 +73,8 @@ expect 0 'seed 3000000000' "$apc" simulate "$bad" --duration 1
 change 's/law = "pi"/law = "magic"/' 'magic.*pi'
 simulated() { expect 0 "$1" "$apc" simulate "$bad" --duration 1; }
 # what an editor or a generator leaves is no mistake
+# Promise(experiment/16-mib-text): 16 MiB of text, a byte order mark, no `@include`; large numbers take an `L`; names
+#   that shadow are warned of.
 { printf '\357\273\277' && cat "$good"; } >"$bad"
 simulated sha256
 { printf '# ' && head -c 9000000 /dev/zero | tr '\0' x && echo && cat "$good"; } >"$bad"
@@ -80,6 +84,7 @@ expect 1 'bad\.conf: is larger than 16 MiB' run
 { cat "$good" && printf '\0'; } >"$bad"
 expect 1 'bad\.conf: is no text' run
 # what is hardly meant is said
+# Promise(experiment/16-mib-text)
 sed 's/link = "tcp:127.0.0.1:[0-9]*"/link = "tcp:127.0.0.1:1"/' "$good" >"$bad"
 simulated 'warning: link of client is "tcp:127.0.0.1:1", listen of plant "tcp:127.0.0.1:'"$port"'"'
 sed 's/period = 0.05; phase/period = 0.4; phase/' "$good" >"$bad"
@@ -102,6 +107,7 @@ change 's/phase = 0.012/phase = 0.2/' '"phase" is 0.2: must be below the period,
 change 's|link = "tcp:|link = "tcp://|' '"link" is "tcp://127.0.0.1:[0-9]*": must be tcp:HOST:PORT'
 change 's/tau = 1.0; }/tau = 1.0; /' 'syntax error at "parameters = '
 change '/^scheduler/,$s/};//' 'the file ends within a group'
+# Promise(experiment/16-mib-text)
 change '1i @include "other.conf"' '@include is not taken'
 for name in -y a=b sensor.1 tuning.3; do
   change "s/name = \"y\"/name = \"$name\"/" '"name" is .*which a command line takes for something else'
@@ -169,6 +175,7 @@ expect 1 'left\.spool is no regular file' "$apc" drain "$work"
 expect 1 'left\.spool is no regular file' "$apc" status --spool "$work"
 rm "$work/left.spool"
 for command in "init $good" "run $good" get; do
+  # Promise(stores): `mem:` is refused where it makes no sense.
   # shellcheck disable=SC2086
   expect 1 'mem:.* is the memory of one process.*sqlite:FILE' "$apc" $command --store mem:
 done
@@ -199,6 +206,7 @@ expect 1 'no parameter of the control law "Kq": did you mean "Kp"' "$apc" tune K
 [ "$(sql 'SELECT count(*) FROM apc.setpoint')" = 0 ] || fail "a refused setpoint was written"
 
 # the network
+# Promise(links/plant-listens-beyond)
 expect 4 'plain text.*--allow-plaintext' "$APC_BIN/apc-plant" --config "$good" --listen tcp:0.0.0.0:0
 expect 1 'port' "$APC_BIN/apc-plant" --config "$good" --listen tcp:127.0.0.1:99999
 expect 1 'pigeon' "$APC_BIN/apc-client" --config "$good" --link pigeon:coop
@@ -218,6 +226,7 @@ kill -0 "$plant" || fail "the plant did not survive a malformed frame"
 answers || fail "the plant answers no more after malformed frames"
 
 # several controllers: the long form of one says the same; what does not fit together is refused by name
+# Promise(experiment/several-controllers)
 sed -e 's/controller = {/controllers = ( { name = "one"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"];/' -e '/mode = "Auto";/{n;s/};/} );/}' \
   "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/long.conf"
 expect 0 'sha256' "$apc" simulate "$work/long.conf" --duration 10

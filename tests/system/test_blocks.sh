@@ -32,11 +32,13 @@ of setpoint 2 | awk '{if (NR > 1 && $2 - last > 0.4 + 1e-9) exit 1; last = $2} E
 of sensor 1 | awk '$2 > 400 {n++} END {exit !(n >= 4)}' || fail "there was no spike"
 of sensor 3 | awk '$2 > 70 || ($1 > 100 && $1 < 102 && $3 != "UncertainLastUsableValue") {exit 1}' || fail "the spike got through the filter"
 # the second heater only helps the first one, and does
+# Promise(modes/blocks-put-together): Blocks put together by naming signals work in virtual and in real time.
 paste -d ' ' <(of actuator 1) <(of actuator 2) | awk '$1 != $4 || ($5 > 0 && $2 < 100) {exit 1} $5 > 0 {n++} END {exit !(n > 20)}' ||
   fail "the heaters do not share the demand"
 of sensor 1 | awk '$1 > 550 && ($2 < 58 || $2 > 62) {exit 1}' || fail "it is not warm at the end"
 
 # live: what is calculated is a variable like others
+# Promise(modes/blocks-put-together)
 work() {
   [ "$(sql 'SELECT (SELECT min(n) > 3 FROM (SELECT count(*) FILTER (WHERE status = 0) AS n FROM apc.sensor WHERE id IN (3, 4) GROUP BY id) AS s)
               AND (SELECT count(*) > 3 FROM apc.actuator WHERE id = 1 AND value > 0)')" = t ]

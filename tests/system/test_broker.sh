@@ -76,17 +76,23 @@ until_true 60 heard operator 'outcome/operator/r .*"outcome":"applied"'
 command anna operator 2.5 # the broker drops it
 command anna anna 3.5
 until_true 60 heard anna 'outcome/anna/r \{"id":null,"outcome":"refused: there is no such user'
+# Promise(links/containers-broker)
 ! heard anna 'outcome/operator' || fail "one sees the outcomes of another"
+# Promise(links/containers-broker)
 ! heard operator '"id":"2.5"' || fail "who is not the operator commands as he does"
 as anna mosquitto_pub -t apc/fast/value/y -m '{"value":99}'
 as anna mosquitto_pub -t apc/fast/command/mqtt/r -m '{"value":99}'
 command operator operator 7.5 # after which what came before has been dealt with
 until_true 60 heard operator 'outcome/operator/r .*"value":7.5,"outcome":"applied"'
+# Promise(links/containers-broker): At the containers' broker one is who his certificate says: `mqtt` speaks for the
+#   plant, others see it, command under their own name where that is allowed, and get their own outcomes; what is
+#   retained outlives a restart (docs/compose.md).
 ! heard operator '"value":99' || fail "a person speaks for the plant"
 until_true 30 heard anna 'event .*"source":"operator","kind":"operator","text":"r: .* -> 6.5 '
 over() { timeout 60 openssl s_client "$1" -connect "127.0.0.1:$broker" -CAfile "$work/anna.pem" -cert "$work/anna.pem" -key "$work/anna.pem" </dev/null >>"$work/over.log" 2>&1; }
 over -tls1_3 || fail "TLS 1.3 will not do"
 ! over -tls1_2 || fail "TLS 1.2 will do"
+# Promise(links/containers-broker)
 ! mosquitto_sub -h 127.0.0.1 -p "$broker" --cafile "$work/anna.pem" -t x -W 5 -E >>"$work/nobody.log" 2>&1 || fail "who has no certificate comes in"
 
 # healthy: connected with the database and with a broker, whatever ports these have
@@ -109,6 +115,7 @@ wait "$published" || fail "apc-mqtt does not end well"
 kill -TERM "$server"
 wait "$server" || fail "the broker does not end well"
 mosquitto_runs
+# Promise(links/containers-broker)
 as anna mosquitto_sub -W 60 -C 1 -t apc/fast/mode/u -F '%r %p' >"$work/kept.log" || fail "the broker has forgotten what was retained"
 grep -q '^1 {.*"mode":"Auto"' "$work/kept.log" || fail "the broker kept something else: $(cat "$work/kept.log")"
 mqtt

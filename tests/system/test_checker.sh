@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The history checker: rejects histories that must not be, and finds nothing in those of the stores while their writers
 # and their server are killed. APC_KILLS=100 is the long run (docs/stores.md); APC_SEED repeats one.
+# Promise(stores/acknowledged-survives): What was acknowledged survives kills of writers and of the server; nothing
+#   is doubled or torn.
+# Types(docs/stores.md): APC_KILLS=
 # shellcheck source=lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-checker.XXXXXX)
@@ -82,6 +85,7 @@ check postgresql --store 'postgresql:#plain' --server-hook "bash $work/hook"
 check sqlite --store "sqlite:$work/checker.db"
 check shm --store "shm:checker-$$" --ring
 # what the memory gets, moved on to a database; all three are killed
+# Promise(stores): Writers, server and historian killed at random lose and double nothing.
 fast_experiment
 "$apc" init --store 'postgresql:#moved' "$work/fast.conf" >/dev/null
 check moved --store "shm:checker-$$-moved?size=64" --history 'postgresql:#moved' --server-hook "bash $work/hook" \

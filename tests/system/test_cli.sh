@@ -101,6 +101,7 @@ out_is_json() {
 
 # ---- Tests ----------------------------------------------------------------------------------------------------
 
+# Promise(docs/options-exit-codes)
 test_usage_errors_exit_2() {
   run 2 frobnicate
   run 2 set
@@ -129,6 +130,7 @@ test_usage_errors_exit_2() {
   run 2 get --no-such-option
 }
 
+# Promise(docs/options-exit-codes)
 test_an_unreachable_store_exits_3() {
   local command
   for command in "get" "set r 1" "mode" "mode man" "mode u man" "remote r" "tune" "tune Kp=1" "watch --count 1" "history y" "timing" "status"; do
@@ -150,6 +152,8 @@ test_a_store_without_tables_says_what_to_do() {
   err_has "apc init"
 }
 
+# Promise(stores/ticks-predictions-kept)
+# Promise(database/sql-hand-double)
 test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   local store=postgresql:#maintained
   for bad in 0d -5d 5 d 5y nand 1e300d ""; do
@@ -253,6 +257,7 @@ test_get_says_so_when_there_is_no_sample() {
   out_empty
 }
 
+# Promise(run/commands-operator-answer)
 test_set_writes_setpoints() {
   run 0 set r 10 --no-wait
   out_is "r: none -> 10
@@ -315,6 +320,7 @@ test_several_pairs_are_all_or_nothing() {
   run 0 mode auto --no-wait
 }
 
+# Promise(run/commands-operator-answer)
 test_mode_is_shown_and_changed() {
   run 0 mode
   out_has '^target  Auto  for '
@@ -345,6 +351,7 @@ test_mode_is_shown_and_changed() {
   refused 1 'no variable "q"' remote q
 }
 
+# Promise(run/commands-operator-answer)
 test_tune_is_shown_and_changed() {
   run 0 tune
   out_has '^Kp +0\.2 .*proportional gain$'
@@ -366,6 +373,7 @@ test_tune_is_shown_and_changed() {
   out_has '^[0-9T:.-]+Z,tuning,1,Good,-0.25$'
 }
 
+# Promise(run/commands-operator-answer)
 test_history_gives_rows_in_their_order() {
   sql "INSERT INTO apc.sensor SELECT 1, i, now() - (101 - i) * interval '1 hour', CASE i WHEN 99 THEN
          2156658688 ELSE 0 END, i / 8.0 FROM generate_series(1, 100) AS i"
@@ -412,6 +420,7 @@ test_values_are_shown_with_age_and_status() {
   out_has '^[0-9T:.-]+Z,setpoint,1,Good,3$'
 }
 
+# Promise(run/commands-operator-answer)
 test_status_is_one_screen() {
   sql "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low,
                                  bin_high, bin_count)
@@ -429,6 +438,7 @@ test_status_is_one_screen() {
   out_has '"stale":true'
 }
 
+# Promise(run/commands-operator-answer)
 test_timing_puts_the_windows_together() {
   run 0 timing
   out_has '^QUANTITY +TASK +TICKS +MISSED +MEAN +SD +p50 +p99 +p99.9 +MAX$'
@@ -466,6 +476,7 @@ test_watch_gives_one_line_a_new_sample() {
   run 1 watch nonsense --count 1
 }
 
+# Promise(run/commands-operator-answer)
 test_watch_follows_and_ends_on_interrupt() {
   local lines pid line code=0
   exec {lines}< <(exec "$apc" watch r --interval 0.01 2>"$work/err")
@@ -495,6 +506,8 @@ test_a_terminal_gets_a_table_and_colour_unless_told_not_to() {
   ! grep -q $'\033' "$work/out" || fail "$what: colour in a file"
 }
 
+# Promise(laws/pairing-stands-shared): The pairing stands in the shared data, and a law of one's own says it, or is
+#   paired in order.
 test_init_says_what_the_law_pairs_each_output_with() {
   local store="sqlite:$work/pairs.db"
   sed 's/law = "pid";/law = "pid"; settings = { measurement = [2, 1]; setpoint = [1, 1]; };/' \
@@ -504,6 +517,7 @@ test_init_says_what_the_law_pairs_each_output_with() {
   equal "$(sed 1d "$work/out" | cut -d, -f3,5 | paste -sd ' ')" "4,2 5,1 6,1 7,1" "measurement and setpoint of each output"
 }
 
+# Promise(laws/tuning-taken-set)
 test_limits_of_tuning_are_the_files() {
   local store="sqlite:$work/limits.db"
   sed 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 0.5]; };/' "$experiment" >"$work/limits.conf"
@@ -512,6 +526,7 @@ test_limits_of_tuning_are_the_files() {
   err_has "Kp = 0.6 lies outside its limits 0 to 0.5"
 }
 
+# Promise(run/text-way-out)
 test_text_from_the_store_cannot_drive_the_terminal() {
   sql "INSERT INTO apc.event (time, severity, source, kind, text)
          VALUES (now(), 3, E'x\033[31m', 'operator', E'say \"\033[2J\", then\nmore \u009b2J \u202ekcab\u2028')"
@@ -535,6 +550,7 @@ test_a_target_that_is_not_reached_is_no_success_and_has_a_reason() {
   out_has '^actual  LO    for .*: output at fault value: measurement 1 is stale$'
 }
 
+# Promise(docs/options-exit-codes)
 test_output_that_cannot_be_written_is_an_error() {
   [[ -w /dev/full ]] || return 0
   local code=0

@@ -46,6 +46,8 @@ done
 [ "$(sql "SELECT count(*) FROM apc.event WHERE kind = 'clock'")" = 8 ] || fail "a step was recorded more than once"
 [ "$(sql 'SELECT max(seq) - count(*) FROM apc.sensor WHERE id = 1')" = 0 ] || fail "the sensor's seq has gaps"
 # the grid did not move: between two measurements one period on the monotonic clock, whatever the wall clock did
+# Promise(run/step-wall-clock): A step of the wall clock moves no tick, hides no row, makes none fresh, and is an
+#   event.
 late=$(sql "SELECT count(*) FROM (SELECT extract(epoch FROM time - lag(time) OVER (ORDER BY seq)) AS d FROM apc.sensor
               WHERE id = 1) s WHERE abs(d) > 600")
 [ "$late" = 2 ] || fail "the wall clock was stepped twice but $late measurements show it"

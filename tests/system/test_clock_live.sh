@@ -56,6 +56,8 @@ step 0
 until_true 60 stepped +3600
 until_true 60 applied 6
 goes_on
+# Promise(stores/wall-clock-steps): The wall clock steps by an hour, either way, under live store and historian:
+#   nothing is lost, doubled or out of order, and no command of the past is done.
 [ "$(sql 'SELECT string_agg(value::text, $$ $$ ORDER BY seq) FROM apc.setpoint WHERE id = 1 AND value IN (6, 7, 8, 9)')" = "7 6" ] ||
   fail "not what was asked for in time, once each: $(sql 'SELECT id, value, outcome FROM apc.request ORDER BY id')"
 kill -INT "$run"
@@ -63,6 +65,7 @@ wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/run.log")"
 
 # all of it, once, in the order in which it came
 for table in sensor actuator tick; do
+  # Promise(stores/wall-clock-steps)
   sql "SELECT count(*), count(DISTINCT seq), max(seq) - min(seq) + 1 FROM apc.$table WHERE id = 1" | awk -F'|' '$1 > 20 && $1 == $2 && $2 == $3 {same = 1} END {exit !same}' ||
     fail "$table is not whole: $(sql "SELECT count(*), count(DISTINCT seq), min(seq), max(seq) FROM apc.$table WHERE id = 1")"
 done

@@ -41,6 +41,8 @@ offers 'Kp' apc tune --store = sqlite:s.db K
 APC_STORE=sqlite:s.db offers 'y' apc get y
 
 # Every command, and every option of each, is offered.
+# Promise(docs/bash-zsh-complete): bash and zsh complete commands, options, their values, and names in a store that
+#   is here.
 COMP_WORDS=(apc '') COMP_CWORD=1 COMPREPLY=()
 _apc apc
 [ "${COMPREPLY[*]}" = "$("$apc" help | sed -nE 's/^  ([a-z]+) .*/\1/p' | xargs)" ] || fail "offered: ${COMPREPLY[*]}"
@@ -51,6 +53,7 @@ for command in "${COMPREPLY[@]}"; do
 done
 
 # On a real terminal, by the shells themselves.
+# Promise(docs/bash-zsh-complete)
 types() { python3 "$(dirname "${BASH_SOURCE[0]}")/complete.py" "$@"; }
 bash_says() { types "$1" "$2" bash --norc --noprofile -i <<<". '$completion/apc'"; }
 bash_says 'apc simulate ' 'apc simu\t'

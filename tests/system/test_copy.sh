@@ -56,6 +56,8 @@ n=$(wc -l <"$work/samples")
 v=$(wc -l <"$work/vectors")
 
 # there, there again, and back
+# Promise(stores/apc-copy-everything): `apc copy`: everything, once, in parts, of a damaged file what can be read,
+#   into no store of another.
 expect 0 "samples: +$n copied\$" "$apc" copy postgresql: "$file"
 expect 0 "vectors: +0 copied, $v were there\$" "$apc" copy postgresql: "$file"
 expect 0 "samples: +0 copied, $n were there" "$apc" copy postgresql: "$file"
@@ -71,6 +73,7 @@ done
 "$apc" set r 3 --no-wait # and that it is the operator's now, no longer the scheduler's
 expect 0 'samples: +2 copied' "$apc" copy postgresql: "$file"
 # ... the mode of all with those of the loops, which TO does not make of it once more
+# Promise(stores/apc-copy-everything)
 "$apc" mode man --no-wait >/dev/null
 "$apc" mode auto --no-wait >/dev/null
 expect 0 'samples: +4 copied' "$apc" copy postgresql: "$file"
@@ -115,6 +118,7 @@ expect 3 'writing TO: .*/no/folder' "$apc" copy postgresql: sqlite:/no/folder/x.
 expect 1 'FROM: .*schema "empty".*apc init' "$apc" copy 'postgresql:#empty' "sqlite:$work/x.db"
 
 # of a damaged file all that can be read goes along, and it is said what cannot
+# Promise(stores/apc-copy-everything)
 cp "$work/copy.db" "$work/damaged.db"
 page() { echo $(($(grep -abo -m1 -- "$1" "$work/damaged.db" | head -n 1 | cut -d: -f1) / 4096)); }
 printf '\377\377\377\377\377\377\377\377' | dd of="$work/damaged.db" bs=4096 seek="$(page 'no 700')" conv=notrunc status=none
@@ -146,6 +150,7 @@ newest() {
 diff <(newest apc) <(newest recent) >"$work/difference" || fail "the newest differ: $(head -n 5 "$work/difference")"
 
 # a disk that is full ends it; what is there is whole, and the rest follows when there is room
+# Promise(stores/apc-copy-everything)
 status=0
 (ulimit -f 300 && exec "$apc" copy postgresql: "sqlite:$work/small.db") >"$work/full.out" 2>&1 || status=$?
 [ $status -eq 1 ] && grep -q 'writing TO: .*no room left' "$work/full.out" ||

@@ -13,6 +13,8 @@ event_again() { [ "$(events "$1")" -gt "$2" ]; }
 daemon() { pgrep -P "$run" -x "$1"; }
 
 # the line that it prints is what another terminal needs, whatever the folder is called
+# Promise(run/line-terminal-works): The line for another terminal works whatever the folder is called, also when the
+#   run has ended; the folder stands for its stores.
 dir="$work/it's a run"
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$dir"
 run=$pid
@@ -27,6 +29,7 @@ until_true 20 more_values u 5
 
 # what an operator does
 expect 0 'connected, schema version' "$apc" status
+# Promise(run/line-terminal-works)
 expect 0 "^store +shm:run-$run-.*sqlite:" env -u APC_STORE "$apc" status --store "$dir" # the folder stands for both
 expect 0 '^target +Auto' "$apc" mode
 expect 0 '' "$apc" set r 12
@@ -70,6 +73,7 @@ until_true 60 grep -q 'apc-historian was killed by signal 9 (Killed) and was sta
 until_true 60 more_values y "$n" # the loop did not notice
 
 # a second signal while it is stopping does not cost the report
+# Promise(run/ctrl-c-ends-run)
 kill -STOP "$run"
 kill -INT "$run"
 kill -TERM "$run"
@@ -82,10 +86,12 @@ done
 # 12 timing rows are kept in a MiB, and of each series one comes every 5 s
 said=$(sed -En 's/^live: .* ([0-9]+) s of timing.*/\1/p' "$work/run.log")
 series=$(tail -n +2 "$dir/timing.csv" | cut -d, -f1,2 | sort -u | wc -l)
+# Promise(run/shared-memory-keeps)
 [ "$series" -gt 9 ] && [ "$said" -gt 30 ] && [ $((said * series)) -le $((12 * 16 * 5)) ] ||
   fail "$said s of timing, of $series series"
 
 # the memory has gone, and what named it leads to the record; no measurement is doubled or missing
+# Promise(run/line-terminal-works)
 [ ! -e "$memory" ] && [ ! -e "$memory.folder" ] || fail "the run left its memory behind"
 expect 0 "^store +sqlite:" "$apc" status
 seqs() { sqlite3 "$dir/store.db" "SELECT $1 FROM sensor"; }

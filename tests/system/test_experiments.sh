@@ -57,6 +57,7 @@ done <<<"$tolerances"
 
 # what predictive control has to be worth: IAE and effort of a loop, both at most so much, and without a look ahead (blind);
 # before a pump of the four tanks fails
+# Promise(laws): Predictive control is worth what it costs: IAE and effort of its experiments.
 "$apc" simulate "$experiments/four-tank-mpc.conf" --duration 2400 >"$work/four-tank-mpc.log"
 "$apc" simulate "$experiments/four-tank-mpc.conf" --duration 2400 --set controller.settings.preview=0 >"$work/four-tank-mpc-blind.log"
 while read -r name y iae effort; do
@@ -99,6 +100,8 @@ awk -F, '$2 == "sensor" && $5 > 52.1 + 5 * 0.02 { exit 1 }' "$work/adiabatic-cst
   fail "adiabatic-cstr-nmpc: the temperature goes beyond its limit"
 
 # the published figures of the quadruple tank: a step of 1 V in r1 overshoots by 4.6 %, both within 5 % at 48 s
+# Promise(laws/experiment-gallery): Each experiment of the gallery settles within a stated tolerance, with the
+#   published figures.
 awk -F, '$2 == "sensor" && $1 >= 200 && $1 < 400 {
     if ($3 == 1 && $5 > peak) peak = $5
     far = $3 == 1 ? $5 - 7.1315 : $5 - 6.3915
@@ -145,6 +148,7 @@ change servo 's/law = "pid";/law = "pid"; settings = { measurement = [2]; };/' '
 change first-order 's/law = "pi";/law = "pi"; settings = { measurement = [1]; };/' 'unknown setting "measurement"'
 
 # a law of one's own with a setting, which every so often gives no number: held, counted, reported
+# Promise(laws/law-gives-finite)
 cat >"$work/nan.c" <<'END'
 #include <apccontrol.h>
 #include <stdlib.h>

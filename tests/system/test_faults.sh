@@ -19,6 +19,7 @@ start() { background "$1" "$APC_BIN/$1" "${@:2}"; }
 
 # two writers of one table, two servers of one port. A claim goes with its connection, which a daemon drops when the
 # database does not answer in a period, 2 s at most: so these are slow.
+# Promise(run/second-controller-client)
 sed -e 's/period = 0.05;/period = 2.0;/' -e 's/period = 0.2;/period = 2.0;/' "$work/fast.conf" >"$work/slow.conf"
 started() { grep -q 'running every' "$work/$1.log"; }
 holders=()
@@ -49,6 +50,7 @@ until_true 20 more_rows actuator 5
 until_true 20 events 'plant takes commands' 1
 
 # the loop settles; then the controller dies: the plant trips, a new controller goes on where the old one stopped
+# Promise(run/restarted-controller)
 settled() { near "$(newest sensor)" "$(newest setpoint)" 0.1; }
 until_true 30 settled
 safe=$(count 'safe value') taken=$(count 'plant takes commands')
@@ -65,6 +67,7 @@ near "$(sql "SELECT value FROM apc.actuator WHERE id = 1 AND seq = $n + 1")" "$b
 until_true 10 again 'plant takes commands' "$taken"
 
 # the client dies
+# Promise(run/without-frames-new)
 safe=$(count 'safe value') taken=$(count 'plant takes commands')
 kill -9 "$client"
 until_true 10 again 'safe value' "$safe"
@@ -84,6 +87,7 @@ until_true 10 events '10 ticks or more missed in a row' 1
 until_true 10 events 'ticks are on time again' 1
 
 # the plant dies: the client says so once, holds no old command, and finds the new one by itself
+# Promise(run/goes-away-waited)
 lost() { sql "SELECT count(*) FROM apc.event WHERE text LIKE 'plant lost%refused%'"; }
 n=$(lost) # a client that was up before the plant has said it once already
 taken=$(count 'plant takes commands')
@@ -113,6 +117,7 @@ until_true 10 more_rows actuator "$n"
 near "$(sql "SELECT value FROM apc.actuator WHERE id = 1 AND seq = $n + 1")" "$before" 0.2 || fail "a bump at the change to Auto"
 
 # a second client that commands is named, with its address; the rightful one does not fill the log
+# Promise(run): Who commands beside the client is named with address.
 named_when_it_commands() { # again, should the client have connected anew just then and so have taken the plant back unseen
   exec 4<>"/dev/tcp/127.0.0.1/$port"
   printf 'apc1 command 1 1;%s,Good,1;\n' "$(date -u +%FT%T.000000Z)" >&4

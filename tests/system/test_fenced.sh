@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A whole side of a plant, controller, client and store, that slept while another one took its place: it moves nothing.
+# Promise(modes/client-slept-took): A client that slept while another one took its place moves nothing: the plant
+#   refuses commands of an older claim, over reconnects, and says so once; over `modbus:` and `serial:` what is too
+#   late to go out never does.
+# Promise(modes/command-whatever-number): One command with whatever number ends nobody's control for good: a claim is
+#   forgotten when its client is silent, one ahead of the clock takes the plant from no claim, one that is refused
+#   from nobody; who sent it is told by address, also when it has gone.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 cat >"$work/fenced.conf" <<CONF

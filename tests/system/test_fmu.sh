@@ -26,6 +26,8 @@ tank 2 two
 tank 3 three
 
 # ---- the same plant
+# Promise(links/plants-fmus-give): Plants that are FMUs give what the same plant gives that is built in; what they do
+#   to their process they do to no other; what is none is refused before any of it runs.
 
 sed 's|^plant = {|plant = { integrator = "exact";|' "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/exact.conf"
 "$apc" simulate "$work/exact.conf" --csv "$work/exact.csv" >/dev/null
@@ -45,6 +47,8 @@ cmp -s "$work/two.csv" "$work/faster.csv" && fail "a parameter does nothing"
 with two
 (cd "$work" && TMPDIR=tmp expect 0 sha256 "$apc" simulate two.conf) || fail "a TMPDIR that begins nowhere"
 # names as tools of Modelica write them: in the file, on the command line, as signals
+# Promise(links/variable-fmu-name): A variable of an FMU may have any name: `tank.level`, `x[1,2]`, `'a=b'`, as
+#   parameter, input, output or disturbance, in the file and on the command line.
 for version in 2 3; do
   tank $version dots names=structured
   sed -e 's|name = "u"; |name = "valve[1].u"; |; s|name = "y"; |name = "tank.'"'level, h'"'"; |' \
@@ -64,6 +68,8 @@ expect 0 'K +10 +K of the tank' "$apc" plants "$work/two.fmu"
 expect 0 '^tank,input,u,"V",0,,,"u of the tank"$' "$apc" plants "$work/three.fmu" --csv
 
 # ---- its linear model: that of the tank that is built in, where it shows its state and the derivative; else what to do instead
+# Promise(links/fmu-shows-states): An FMU that shows its states has the linear model and the margins of the same
+#   plant built in; what it only pretends to show is refused.
 
 alike() { python3 "$APC_SOURCE_DIR/tests/system/alike.py" "$@"; }
 expect 1 'does not show its states and their derivatives.*apc test, apc identify' "$apc" linearize "$work/two.fmu"
@@ -93,6 +99,7 @@ done
 tank 2 fixed fixed=1
 # -- and so for hours: a sum of 0.2 is 1e-9 s late after 2630 s, and what compares such sums has lost a step by then
 with fixed
+# Promise(links/fmu-steps-length): An FMU whose steps are of one length makes each of them in time, for hours.
 "$apc" simulate "$work/fixed.conf" --duration 20000 --csv - 2>/dev/null | awk -F, '
   $2 == "sensor" { if ($5 != last) { changes++; if ($1 - int($1) > 1e-6) exit 1 } last = $5 }
   END { exit !(changes > 10000) }' || fail "a step of one length is not one"
@@ -100,6 +107,7 @@ with fixed
 tank 2 sixty fixed=0.016666666666666666
 with sixty
 sed -i 's/period = 0.2; /period = 0.016666666666666666; /; s/period = 0.5; /period = 0.016666666666666666; /' "$work/sixty.conf"
+# Promise(links/fmu-steps-length)
 "$apc" simulate "$work/sixty.conf" --duration 300 --csv - 2>/dev/null | awk -F, '
   $2 == "sensor" && $1 > 1 { n++; stands += $5 == last; last = $5 }
   END { exit !(n > 17000 && stands == 0) }' || fail "a step of a sixtieth is left out"
@@ -125,11 +133,14 @@ expect 1 'has its own integrator, not "rk4"' "$apc" simulate <(changed 'integrat
 expect 1 'its parameters say where it starts' "$apc" simulate <(changed 'x0 = [1.0];')
 expect 1 'its states cannot be moved' "$apc" simulate <(changed 'noise = { y = 0.1; };')
 expect 1 'tau.*must lie in|tau.*0.1' "$apc" simulate <(changed '' | sed 's|K = 10.0; |K = 10.0; tau = 0.0;|')
+# Promise(incoming/scale-code-unit)
 tank 2 kelvin unit=K
 sed -e 's|"two.fmu"|"kelvin.fmu"|' -e 's|name = "y"; |name = "y"; unit = "degC"; |' "$work/two.conf" >"$work/kelvin.conf"
 expect 1 'y is in degC, and y of the model in K: nothing is converted' "$apc" simulate "$work/kelvin.conf"
 
 # ---- what does not fit is refused, and never arrives as another value
+# Promise(links/parameter-input-fmu): No parameter or input of an FMU gets another value than was said: what its
+#   type, its limits or its enumeration cannot have is refused; labels, truths and texts can be said.
 
 cannot() { expect 1 "$1" "$apc" simulate "$work/${of:-kinds}.conf" "${@:2}"; }
 for version in 2 3; do
@@ -180,6 +191,9 @@ of=kinds cannot '"blob" is of the type Binary, and stays as it is' --set plant.p
 of=kinds cannot '"table" is of the type array, and stays as it is' --set plant.parameters.table=1
 
 # ---- what it does to its process
+# Promise(links/fmu-says-step): What an FMU says of a step holds: a discarded one is Bad, as is what is no number,
+#   and the next begins where it got to; after an error it starts again; a warning changes nothing.
+# Promise(links/plants-fmus-give)
 
 # trick NUMBER SAYS: in virtual time that is the end, and it is said
 trick() {
@@ -201,6 +215,7 @@ of=three trick 14 'cannot be solved at t = 5.2 s: .*returned early, which nobody
 for name in two three; do # a warning is none of our business
   with $name 'trick = 13.0; tau = 5.0;'
   "$apc" simulate "$work/$name.conf" --force --csv "$work/warned.csv" >/dev/null
+  # Promise(links/fmu-says-step)
   cmp "$work/faster.csv" "$work/warned.csv" || fail "FMI $name: a warning changes something"
 done
 trick 7 'cannot be solved at t = 5.2 s: .*: its process was ended by signal 9'
@@ -212,6 +227,7 @@ expect 0 sha256 "$apc" simulate "$work/two.conf" # it prints, and nobody waits
 [ "$(unpacked)" = 0 ] || fail "something is left in $TMPDIR"
 
 # ---- what is no FMU, or none for us, is refused before any of it runs
+# Promise(links/plants-fmus-give)
 
 refused() { # refused PATTERN VERSION KEY=VALUE...
   local pattern=$1
@@ -260,6 +276,8 @@ cp "$apc" "$work/apc" # where there is no apc-fmu
 expect 1 'two.fmu: apc-fmu, which runs FMUs, cannot be started: No such file.*libzip and expat' "$work/apc" plants "$work/two.fmu"
 
 # ---- in real time: what hangs or crashes starts again; the plant's server goes on, and says so
+# Promise(links/fmu-says-step)
+# Promise(links/plants-fmus-give)
 
 fast_experiment
 unset APC_STORE APC_HISTORY

@@ -40,6 +40,8 @@ same() {
 }
 alike() {
   expect 0 sha256 "$apc" simulate "$work/$1.conf" --csv "$work/$1.csv"
+  # Promise(links/five-fmus-python): Five FMUs of Python of FMI 3, and four of FMI 2, have the trajectories that fmpy
+  #   gives them, to 1e-12, in virtual and in real time; that of examples/fmu is made as it says, and controlled.
   PYTHONPATH=$peers python3 "$APC_SOURCE_DIR/tests/peers/fmu_look.py" "$work/$1.csv" "$work/$1.fmu" 0.2 "${@:2}" ||
     fail "$1: not the trajectory that fmpy gives"
 }
@@ -63,11 +65,13 @@ same reactor u y
 # by its states and their derivatives: the four tanks that are built in, around the state at rest
 "$apc" linearize quadruple-tank kc=1 --json >"$work/built-in.json"
 "$apc" linearize "$work/quadruple.fmu" --json >"$work/quadruple.json"
+# Promise(links/fmu-shows-states)
 python3 "$APC_SOURCE_DIR/tests/system/alike.py" "$work/built-in.json" "$work/quadruple.json" ||
   fail "not the linear model of the tanks that are built in"
 
 # in real time, at rest: each value is one of fmpy's. (The plant is moved seldom enough for an interpreter on a busy machine: a step
 # that it does not answer within half of that is made up for with another length.)
+# Promise(links/five-fmus-python)
 sed -e 's/period = 2.0;/period = 0.1; mode = "Man";/; s/client = { period = 0.5;/client = { period = 0.05;/' \
   -e 's/period = 0.2;/period = 0.5;/; s/w = 0.3/w = 0.7/' "$work/swing.conf" >"$work/real.conf"
 many() { [ "$("$apc" history y --store "$work/run" --last 1000 --csv | grep -c Good)" -ge 60 ]; }
@@ -87,5 +91,6 @@ cp "$APC_SOURCE_DIR"/examples/fmu/* "$work"
   expect 0 'temperature +57.5' "$apc" linearize ./Kettle.fmu power=300
   expect 0 'around power 500: temperature 70' "$apc" analyze kettle.conf --at power=500
   expect 0 'room 20 -> 5 ' "$apc" simulate kettle.conf --csv kettle.csv)
+# Promise(links/five-fmus-python)
 awk -F, '$2 == "sensor" && $1 > 1000 && $1 < 1200 {a = $5; n++} $2 == "sensor" && $1 > 1200 {b = b && b < $5 ? b : $5; last = $5}
   END {exit !(n && a > 59.9 && a < 60.1 && b < 59 && last > 59.9 && last < 60.1)}' "$work/kettle.csv" || fail "the kettle of examples/fmu is not kept warm"

@@ -83,6 +83,8 @@ apc_validation
 apc_value
 apc_watchdog
 END
+# Promise(docs/struct-library-fills): A struct that the library fills begins with its size, and is filled no further
+#   than that.
 )" ] || fail "a struct that the library fills begins with its size, or is named here with a reason: $(unsized "$APC_SOURCE_DIR"/include/*.h)"
 printf 'struct apc_bad {\n    int a;\n};\nstruct apc_good {\n    size_t size; /**< so */\n};\n/** Fills. [any] */\nAPC_API void apc_f(const struct apc_x *x,\n    struct apc_bad *bad, struct apc_good *good);\n' >"$work/sizes.h"
 [ "$(unsized "$work/sizes.h")" = 'apc_bad ' ] || fail "unsized: $(unsized "$work/sizes.h")"

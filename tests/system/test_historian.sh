@@ -31,10 +31,13 @@ historian database postgresql:
 to_database=$pid
 until_true 30 more_values "$file" u 5
 until_true 30 more_values postgresql: u 5
+# Promise(run): The historian does not ask for the priority of the loop, which its unit does not grant.
 ! ps -L -o cls= -p "$to_file" | grep -v TS || fail "it asks for the priority of the loop, which its unit does not grant"
 ! grep -q '^VmLck:.*[1-9]' "/proc/$to_file/status" || fail "it locks memory, and no loop waits for it"
 
 # a second one on the same history, and the history of another experiment, are refused
+# Promise(stores/historian-says-history): A historian says that the history is away and has all again, goes on after
+#   a kill; a second one, another experiment's and a newer history are refused.
 expect 4 'history sqlite:.* cannot be taken: .*apc-historian' \
   "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history "$file"
 "$apc" init --store "sqlite:$work/other.db" "$APC_SOURCE_DIR/experiments/servo.conf" >/dev/null
@@ -56,6 +59,7 @@ printf '%s\n' 'COMMIT;' '.quit' >&"${COPROC[1]}"
 until_true 60 said file 'the history has all again' 0
 
 # a historian that is killed, twice, by a loop that goes on
+# Promise(stores/historian-says-history)
 for _ in 1 2; do
   n=$(count "$file" u)
   kill -9 "$to_file"
@@ -80,6 +84,8 @@ historian file "$file"
 to_file=$pid
 
 # what people ask for in the database is done in the loop, once, under their names, and they are told what became of it
+# Promise(stores/people-ask-history): What people ask for in a history is done once, fresh, within limits, under
+#   their names, and they are told; killed historians and restored databases do nothing twice.
 [ "$(sql 'SELECT kind FROM apc.catalogue ORDER BY revision DESC LIMIT 1')" = history ] || fail "the historian did not say what it writes"
 PGOPTIONS='-c search_path=apc' psql -Xqf "$APC_SOURCE_DIR/sql/roles.sql" >/dev/null 2>&1 || fail "roles.sql"
 operator=anna_$$
@@ -115,10 +121,12 @@ until_true 60 "$apc" set r 9.25 --store postgresql:
 [ "$(rows_of 9.25)" -ge 1 ] && becomes '^applied$' || fail "what apc asked for did not come to the loop"
 
 # what it does not ask for is refused, and not written where no loop reads it
+# Promise(stores/loop-would-read): What no loop would read is refused in a history, and not written.
 expect 4 'is a history, which no loop reads' "$apc" remote r --store postgresql:
 expect 4 'is a history, which no loop reads' "$apc" init --store postgresql: "$work/fast.conf"
 
 # a database that comes back older asks for what has been done, and gives its numbers out again
+# Promise(stores/people-ask-history)
 done=$(sql "SELECT id FROM apc.request WHERE value = 7.5")
 sql "UPDATE apc.request SET seq = NULL, outcome = NULL WHERE id = $done"
 until_true 60 answers "$done" .
@@ -128,6 +136,7 @@ until_true 60 answers "$done" '^applied$'
 [ "$(rows_of 8.5)" = 1 ] || fail "a number that was given out again was not taken"
 
 # the historian is killed between what it does and what it says, wherever that is
+# Promise(stores/people-ask-history)
 for i in $(seq "${APC_KILLS:-6}"); do
   ask setpoint $((20 + i))
   read -rt "0.$((RANDOM % 4))$((RANDOM % 10))" <> <(:) || true
@@ -143,6 +152,7 @@ done
 sql "REASSIGN OWNED BY $operator TO CURRENT_USER; DROP OWNED BY $operator; DROP USER $operator"
 
 # a backup of the database is put back, while its historian goes on: what came since is sent again
+# Promise(stores/history-comes-back)
 pg_dump -n apc >"$work/backup.sql"
 loop_goes_on
 until_true 60 more_values postgresql: u "$(count "$live" u)"
@@ -164,6 +174,7 @@ until_true 120 noticed
 loop_goes_on
 
 # one that is to move rarely moves what has come since in one transaction
+# Promise(stores): `apc-historian --every` moves what has come since in one transaction.
 expect 2 'must be seconds, from 0.1 to 9' "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --every 10
 kill -TERM "$to_database"
 wait "$to_database" || fail "a historian ended with $?"
@@ -175,6 +186,7 @@ in_one() { sql "SELECT count(*) FROM apc.sensor WHERE id = 1 AND seq > $n GROUP 
 until_true 60 in_one
 
 # and one that is to pack writes it as chunks, which are the same values (below)
+# Promise(stores/several-samples-signal)
 kill -TERM "$to_database"
 wait "$to_database" || fail "a historian ended with $?"
 background database "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history postgresql: --every 1 --pack
@@ -184,6 +196,7 @@ until_true 60 in_chunks sensor
 until_true 60 in_chunks actuator
 
 # nothing of it came to the plant, and all of it is there
+# Promise(run/history-own-loop)
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/run.log")"
 # (both historians go on, and report their own timing to the live store)
@@ -205,9 +218,11 @@ for pid in "$to_file" "$to_database"; do
 done
 
 # nor does a loop meet where people only ask
+# Promise(stores/loop-would-read)
 expect 4 'is a history, which no loop reads' "$apc" run "$work/fast.conf" --store postgresql: --no-ui --duration 5 --out "$work/astray"
 
 # a live store that begins anew is not what this history is of
+# Promise(stores/historian-says-history)
 rm "$segment"
 run_until "more_values $live u 3" "$work/fast.conf" --store "$live" --no-ui --out "$work/anew"
 expect 4 'cannot be taken: .*newer' \

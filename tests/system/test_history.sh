@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # `apc run --history`: the loop in memory of its own, the record in a database that is not there when it begins, and is
 # killed in the middle. The run is one that was controlled all the time, and its record is whole.
+# Promise(run/history-own-loop)
 # shellcheck source=lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
   data=$(mktemp -d /tmp/apc-history.XXXXXX)
@@ -63,6 +64,7 @@ until_true 30 more_values $((n + 60)) # 12 s of the plant's time, twice as long 
 until_true 60 start_server
 n=$(rows sensor)
 until_true 60 more_rows sensor $((n + 20))
+# Promise(stores/live-store-history)
 once_each
 up_to_date() { "$apc" status --store "$store" --json | grep -q '"history":{"behind":[0-9]*,"late_s":0\.[0-9]*,"error":null}'; }
 until_true 60 up_to_date
@@ -76,11 +78,14 @@ end first
 expect 0 '^samples: +[1-9][0-9]* copied' "$apc" copy "$work/first" "sqlite:$work/copied.db"
 
 # the next one goes on in the same record
+# Promise(stores/run-goes-history): A run goes on in its history, and leaves no memory behind; what is another
+#   experiment's is refused before it starts.
 n=$(rows sensor)
 begin second $(($(rows actuator) + 5)) # those of the first run are among them
 once_each
 
 # the page, too, tells of the first run, of which the live store knows nothing
+# Promise(page/how-far-history)
 ! "$apc" history --events --store "${store%%+*}" --last 1000 | grep -q 'has all again' || fail "the live store knows it"
 background ui "$APC_BIN/apc-ui" --config "$work/fast.conf" --store "$store" --listen 127.0.0.1:0
 until_true 20 grep -q 'serving http' "$work/ui.log"
@@ -99,6 +104,7 @@ end second
 [ "$(rows sensor)" -gt "$n" ] || fail "the second run left no record"
 
 # another experiment is not taken in
+# Promise(stores/run-goes-history)
 expect 4 'cannot be taken' "$apc" run "$APC_SOURCE_DIR/experiments/servo.conf" --history postgresql: --duration 1 \
   --no-ui --out "$work/third"
 [ ! -e "$work/third" ] || fail "a run that did not come about left a folder"

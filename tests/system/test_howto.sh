@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Who follows a page of docs that says that it is run as a test gets what it shows; of other pages, and of README.md, what they type
-# is taken (typed.txt says which test types what).
+# is taken: each `typed PAGE COMMAND` here is what typed.py goes by.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 shown=$(cd "$(dirname "$0")" && pwd)/shown.py
 unset APC_STORE
 export PATH=$APC_BIN:$PATH
+# Promise(docs/moves-postgresql): Who moves to PostgreSQL, connects a PLC, spreads a plant over hosts, makes a backup
+#   or finds out what is wrong as the pages say gets what they show.
+# Promise(database/backup-put-file)
 mapfile -t pages < <(cd "$APC_SOURCE_DIR/docs" && grep -l 'is run as a test' -- *.md | grep -vx tutorial.md)
 [ ${#pages[@]} -ge 5 ] || fail "only these pages are run: ${pages[*]}"
 export APC=$work/installed
@@ -18,6 +21,7 @@ sed -i "s/1502/$plc/" "$APC"/examples/rig/tanks.conf
 for page in "${pages[@]}"; do
   sql 'DROP SCHEMA IF EXISTS apc CASCADE'
   mkdir "$work/${page%.md}"
+  # Promise(docs/moves-postgresql)
   (cd "$work/${page%.md}" && python3 "$shown" "$APC_SOURCE_DIR/docs/$page" "43051=$port" "1502=$plc" "shm:rig=shm:rig$$") >"$work/$page.log" ||
     fail "docs/$page shows something else than what comes out: $(cat "$work/$page.log")"
 done
@@ -33,6 +37,9 @@ ln -s "$APC_BUILD_DIR" build
 cp -r "$APC/experiments" .
 
 # What the pages on virtual time show. (tuning, mpc: test_walk.sh; what replay shows wants a run of ten minutes.)
+# Promise(docs/readme-law-built)
+# Types(docs/alarms.md): apc simulate
+# Types(docs/analysis.md): apc analyze
 for page in docs/simulate.md docs/analysis.md docs/alarms.md; do
   copy=$work/${page##*/}
   sed -E 's/^([0-9.]+ s) in [^;]*;/\1 in ...;/; /^## Replay/,/^## /d' "$APC_SOURCE_DIR/$page" >"$copy"
@@ -41,6 +48,7 @@ for page in docs/simulate.md docs/analysis.md docs/alarms.md; do
 done
 
 # The loop of docs/tuning.md behind the walk, from its test on
+# Types(docs/tuning.md): apc simulate heater, apc test heater, apc tune --suggest heater
 sed -n '/^name = "heater"/,/^```/p' "$APC_SOURCE_DIR/docs/tuning.md" | sed '$d' >heater.conf
 "$apc" simulate heater.conf --report heater >/dev/null
 sed -n '/^\$ apc test heater/,$p' "$APC_SOURCE_DIR/docs/tuning.md" | sed '1i ```' >"$work/tuning.md"
@@ -68,6 +76,7 @@ wait "$pid" || fail "the plant behind registers: $(cat "$work/registers.log")"
 # By command, docs/modes.md says, and what comes of it stands below: a loop that was in Man is given to the controller above.
 background layers "$apc" run experiments/two-layers.conf --no-ui --out "$work/layers" --store "sqlite:$work/layers.db" --duration 0
 until_true 30 env APC_STORE="sqlite:$work/layers.db" "$apc" mode v2 man
+# Types(docs/modes.md): apc
 sed -n '/^## By command/,/^## /{/^\$ apc \(mode\|set\)/,/^r1: /p}' "$APC_SOURCE_DIR/docs/modes.md" | sed '1i ```' |
   sed -E 's/^r1: [0-9.]+ /r1: ... /; $a ...\n```' >"$work/modes.md"
 APC_STORE=sqlite:$work/layers.db python3 "$shown" "$work/modes.md" >"$work/modes.log" || fail "docs/modes.md shows something else than what comes out: $(cat "$work/modes.log")"
@@ -131,11 +140,16 @@ done < <({ typed docs/stores.md 'apc run' && typed docs/http-api.md 'apc run'; }
 
 # README: the law is built, simulated and run as it says. (Its first commands install and build: test_scripts.sh.) It runs
 # long enough for the plant to take commands on a machine that is busy: a run that never closes its loop says so.
+# Types(README.md): cc, build/bin/apc
 sed -n '/^## Your own controller/,/^## /p' "$APC_SOURCE_DIR/README.md" |
   sed -E 's/^600 s in .*/600 s in .../; s/^ +[0-9.]+ s  r .*/.../; s/first-order-[0-9]+-[0-9]+/first-order-.../' >"$work/readme.md"
+# Promise(docs/readme-law-built): README's law is built, simulated and run as it shows; what README and the command
+#   line (docs/cli.md) have an operator type is taken; docs/simulate.md, docs/analysis.md and docs/alarms.md show
+#   what comes out.
 python3 "$shown" "$work/readme.md" '--duration 30=--duration 10' >"$work/readme.log" || fail "README shows something else than what comes out: $(cat "$work/readme.log")"
 
 # What README and docs/cli.md have an operator type while it runs is taken, each line.
+# Promise(docs/readme-law-built)
 background run "$apc" run experiments/first-order.conf --no-ui --out "$work/ran" --store "sqlite:$work/live.db" --duration 0
 export APC_STORE=sqlite:$work/live.db
 until_true 30 "$apc" set r 10

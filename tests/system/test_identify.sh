@@ -27,6 +27,9 @@ tank 900 7 >tank.csv
 tank 400 8 >other.csv
 
 # ---- CSV: the numbers of the plant, each model, judged on what it was not fitted to
+# Promise(identification/apc-identify-csv): `apc identify`: from CSV, a run folder or a window of a store to a model
+#   that `mpc` and `lqg` take; judged on what it was not fitted to; as text, JSON, CSV and a figure; what
+#   docs/tuning.md shows is what it prints.
 
 known=(--inputs valve --disturbances flow --outputs level)
 expect 0 'tank.csv: 900 samples, one each 0.5 s; fitted to the first 603, judged on the other 297' \
@@ -69,10 +72,12 @@ expect 0 'of y these intervals are too narrow' "$apc" identify swings.csv --inpu
 "$apc" identify tank.csv "${known[@]}" -o again.model >again.txt
 cmp -s tank.model again.model || fail "the second time it found another model"
 awk 'NR == 1 || NR % 9' tank.csv | sed '30s/,[^,]*$/,NaN/; 31s/,[^,]*$/,/' >gaps.csv
+# Promise(incoming/table-ways-commands)
 expect 0 'level: 102 samples are missing, 2 the most at a time' "$apc" identify gaps.csv "${known[@]}" --model transfer -o gaps.model
 near "the gain of the valve, with gaps" "$(number gaps.model valve gain)" 0.4 0.02
 
 # ---- The same record as others write it: the same bytes
+# Promise(run/csv-read-rfc)
 
 same_model() { # FILE ARGUMENTS: the model of tank.csv
   rm -f as.model
@@ -98,6 +103,7 @@ refused '1: "time" and "Time": which of them is the time' sed '1s/flow/Time/' ta
 refused '1: there are two columns "level"' sed '1s/flow/level/' tank.csv
 refused '5: the byte 0xB0 is not UTF-8' sed "5s/\$/,\xb0/" tank.csv
 refused '2: column "time": "s" is no number' sed '1a s,%,%,degC' tank.csv
+# Promise(incoming/table-ways-commands)
 refused '12: the time [0-9.]+ is not after that of the row before' sed 11p tank.csv
 refused '30: 3 fields under 4 names: is the row cut off' sed '30s/,[^,]*$//' tank.csv
 # measured each 0.5 s of a plant that moves each 0.2 s: at 0.4, 1, 1.4, 2, ... of a grid of 0.2 s, and each second
@@ -111,6 +117,7 @@ expect 0 'each 1 s there are all: --period 1 is what arx, subspace and fir want'
 grep -q 'period = 0.5' arx.model || fail "a sampled model does not say its period: $(cat arx.model)"
 
 # ---- Rows that do not come on time are the same rows: late, early, with an offset, with some that are not there
+# Promise(run/csv-read-rfc)
 
 moved() { awk -F, -v OFS=, -v seed=5 "function chance() { seed = (seed * 16807) % 2147483647; return seed / 2147483647 }
   NR > 1 { \$1 = sprintf(\"%.4f\", \$1 + $1) } NR == 1 || $2" tank.csv; }
@@ -129,6 +136,7 @@ awk -F, -v OFS=, 'BEGIN { srand(1); print "time,valve,flow,level" } NR > 1 && NR
 expect 0 'long.csv: 31920 samples, one each 0.5 s' "$apc" identify long.csv "${known[@]}" --model arx
 
 # ---- A run folder, and a controller that takes the model
+# Promise(identification/apc-identify-csv)
 
 experiment() { # LAW REST: the paper's plant under that law
   cat <<END
@@ -172,12 +180,14 @@ for law in lqg mpc; do
   for model in drift without; do
     sed "s/law = \"pi\"; period = 1.0; tuning = .*/law = \"$law\"; period = 1.0; model = \"$model.model\"; settings = { $load = [0.1]; }; };/" drift.conf >$model-$law.conf
   done
+  # Promise(identification/apc-identify-csv)
   awk -v with="$("$apc" simulate drift-$law.conf | awk '/^y +all/ { print $4 }')" \
     -v without="$("$apc" simulate without-$law.conf | awk '/^y +all/ { print $4 }')" 'BEGIN { exit !(with > 0 && with < 0.9 * without) }' ||
     fail "$law with the filter that was identified is no better"
 done
 
 # ---- Parameters of the plant itself: the truth inside the interval, from a start that is far off, of CSV as well
+# Promise(identification/parameters-model-not)
 
 held() { # FILE PARAMETER TRUTH: of --find's CSV
   awk -F, -v p="$2" -v t="$3" '$1 == p { d = $3 - t; found = d <= 2.6 * $4 && d >= -2.6 * $4 && $4 < 0.05 * t } END { exit !found }' "$1" ||
@@ -190,6 +200,7 @@ held found.csv tau 10
 grep -Eq '^dead_time,3,5\.[0-3]' found.csv || fail "the dead time: $(cat found.csv)" # and the client's way
 [ -s found.svg ] || fail "--find draws nothing"
 # docs/tuning.md, of this plant
+# Types(docs/tuning.md): apc identify
 as_typed() { typed docs/tuning.md "apc identify $1" | sed "s/$1/$2/; s/g1,g2,k1/K,tau/; s/v1,v2/u/; s/y1,y2/y/; s/tanks.conf/guessed.conf/"; }
 expect 0 'first-order of run, with 95 % intervals' env PATH="$APC_BIN:$PATH" bash -c "$(as_typed tanks-test run)"
 expect 0 'to try: apc simulate FILE --set plant.parameters.K=' "$apc" identify run run@..200 --find K
@@ -224,6 +235,7 @@ grep -Eq ': (599|600|601) samples' window.txt || fail "the window: $(cat window.
 expect 1 'nothing to tell from' "$apc" "${in_store[@]}" --to 2001-01-01T00:00:00Z
 
 # ---- Several records are one: each around its own point, windows of one among them
+# Promise(identification/several-records-windows)
 
 awk -F, -v OFS=, 'NR > 1 { $2 += 7; $3 -= 1; $4 += 300 } 1' other.csv >away.csv
 expect 0 'together 1300 samples|together: 1300 samples, one each 0.5 s; fitted to the first 67 % of each' \
@@ -247,6 +259,7 @@ expect 2 'must be a time' "$apc" identify "$APC_STORE@yesterday.." --model trans
 expect 2 'must be in s' "$apc" identify tank.csv@now..later "${known[@]}"
 
 # ---- the document shows what is printed
+# Promise(identification/apc-identify-csv)
 
 document=$APC_SOURCE_DIR/docs/tuning.md
 sed -n '/^name = "heater"/,/^```/p' "$document" | sed '$d' >heater.conf
@@ -256,6 +269,7 @@ diff <(sed -n '/^heater: /,/^```/p' "$document" | sed '$d') heater.txt || fail "
 near "the gain in the document" "$(number <(sed -n '/^transfer = (/,/^```/p' "$document") u gain)" "$(number heater.model u gain)" 1e-6
 
 # ---- a tuning that is suggested controls, with the margins that are told
+# Promise(identification/simc-lambda-tunings)
 
 "$apc" identify heater --model transfer --suggest >suggest.txt
 diff <(sed -n '/^SIMC for/,/^\.\.\.$/p' "$document" | sed '$d') <(sed -n '/^SIMC for/,/^$/p' suggest.txt | sed '$d') || fail "docs/tuning.md shows another tuning"
@@ -270,6 +284,7 @@ expect 0 ' PI +0.0[0-9]+ ' "$apc" identify heater --model transfer --suggest=20
 expect 2 'is for transfer functions' "$apc" identify heater --model arx --suggest
 
 # ---- What the record does not tell is refused or marked, and never taken
+# Promise(identification/record-tell-refused)
 
 heaters() { # SEED: two heaters of three minutes that warm each other, for ten; the second one moves in the last part only
   awk -v seed="$1" 'function chance() { seed = (seed * 16807) % 2147483647; return seed / 2147483647 }
@@ -296,6 +311,8 @@ grep -q '^# other to level: the record does not tell whether there is any effect
 "$apc" linearize idle.model >linear.txt || fail "the file cannot be read"
 
 # ---- What cannot be told, or is not there, is refused, and nothing is half written
+# Promise(identification/records-tell-none): Records that cannot tell, or are none, are refused with what to do;
+#   nothing is half written.
 
 expect 4 'tank.model: .*--force' "$apc" identify tank.csv "${known[@]}" -o tank.model
 expect 0 'taken: transfer' "$apc" identify tank.csv "${known[@]}" --model transfer -o tank.model --force
@@ -311,6 +328,7 @@ expect 1 'hole.csv:21: the row before it is empty, and no column tells the time'
 sed '20s/,[^,]*$/,high/' tank.csv >text.csv
 expect 1 'text.csv:20: column "level": "high" is no number' "$apc" identify text.csv "${known[@]}"
 # two records that do not go together
+# Promise(identification/records-tell-none)
 awk -F, -v OFS=, 'NR > 1 { $4 = 20 - 0.2 * ($4 - 20) } 1' other.csv >opposite.csv
 expect 0 'level: what fits tank.csv says nothing of opposite.csv: are they records of one plant' \
   "$apc" identify tank.csv "${known[@]}" --validate opposite.csv --model transfer
@@ -337,6 +355,7 @@ awk -F, -v OFS=, 'NR > 1 { $2 = 50 } 1' tank.csv >low.csv
 awk -F, -v OFS=, 'NR > 1 { $2 = 60 } 1' tank.csv >high.csv
 expect 1 'input 1 is 60 all the time' "$apc" identify low.csv high.csv "${known[@]}"
 # Bad samples are missing ones
+# Promise(identification/records-tell-none)
 awk -F, -v OFS=, 'NR > 1 && $2 == "sensor" && NR % 7 == 0 { $4 = "BadSensorFailure"; $5 = 999 } 1' run/samples.csv >bad.csv
 cp -r run bad && mv bad.csv bad/samples.csv
 expect 0 'y: [0-9]+ samples are missing' "$apc" identify bad --model transfer -o bad.model

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What is installed is complete: a consumer builds and runs with find_package and with pkg-config, shared and static.
+# Promise(docs/installed-whole-programs): What is installed is whole: programs, man pages, completion, headers,
+#   libraries, package files, documents, examples.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
@@ -45,6 +47,7 @@ packaged() {
 [ ${#removed[@]} -gt 2 ] || fail "debian/rules removes nothing"
 (cd "$prefix" && find . \( -type f -o -type l \) -printf '%P\n') | sed "s|^lib/$(gcc -print-multiarch)/|lib/|" >"$work/files"
 while read -r file; do
+  # Promise(docs): What is installed is in a package, each file.
   packaged "$file" || fail "$file is installed and in no package: debian/*.install"
 done <"$work/files"
 ! packaged share/apc/first-order.txt || fail "a file of no package is taken"
@@ -54,6 +57,7 @@ recommended() { sed -n '/^Package: apc$/,/^$/s/^Recommends: //p' "$APC_SOURCE_DI
 mapfile -t wanted < <(grep -rhoE '(Debian:|apt-get install) [a-z0-9-]+' "$APC_SOURCE_DIR/apps" --include='*.c' | sed 's/.* //' | sort -u)
 [ ${#wanted[@]} -ge 2 ] || fail "programs tell of these only: ${wanted[*]}"
 for package in "${wanted[@]}"; do
+  # Promise(docs): What a program says that it misses at run time, its package recommends.
   recommended | grep -qx "$package" || fail "debian/control does not recommend $package"
 done
 
@@ -105,6 +109,8 @@ for file in man/man1/apc-run.1 man/man8/apc-ui.8 bash-completion/completions/apc
 done
 
 # No document points at what is not there, and the examples build from where they were installed.
+# Promise(docs/installed-whole-programs)
+# Types(README.md): cmake --install
 doc=$(dirname "$(find "$prefix" -name README.md -path '*/doc/*' -not -path '*/examples/*' -not -path '*/docs/*')")
 while IFS=: read -r file link; do
   case $link in http*) continue ;; esac
@@ -121,6 +127,8 @@ cc -shared -fPIC $(pkg-config --cflags apc) -o "$work/mylaw.so" "$doc/examples/l
 expect 0 'sha256' "$prefix/bin/apc" simulate "$prefix/share/apc/first-order.conf" --law "$work/mylaw.so" --duration 10
 
 # Who has nothing else can follow the tutorial.
+# Promise(docs/follows-docs-tutorial)
 mkdir "$work/first"
+# Types(docs/tutorial.md): export
 (cd "$work/first" && unset APC_STORE && export APC=$doc PATH=$prefix/bin:$PATH C_INCLUDE_PATH=$prefix/include &&
   python3 "$APC_SOURCE_DIR/tests/system/shown.py" "$doc/docs/tutorial.md" "43061=$port") >"$work/tutorial.log" || fail "the tutorial: $(cat "$work/tutorial.log")"

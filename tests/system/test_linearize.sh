@@ -8,6 +8,8 @@ at() { "$apc" linearize "$1" --csv | awk -F, -v what="$2" '$1 "," $2 "," $3 == w
 near() { awk -v x="$2" -v e="$3" 'BEGIN { d = x - e; exit !(x != "" && d <= 1e-6 && d >= -1e-6) }' || fail "$1 is $2, not $3"; }
 
 # ---- Transfer functions: the numbers of the file, and what follows from them
+# Promise(plants/apc-linearize-model): `apc linearize` of a model file, and `apc simulate --model`: the controller
+#   has that model as if its file named it, in a run folder as well.
 
 cat >tanks.model <<'EOF'
 outputs = ["y2", "y1"]; delay = 1.0;
@@ -40,6 +42,7 @@ assert z["outputs"]["names"] == ["y2", "y1"] and z["gain"] == [[0, 3], [2, 1]] a
 [ "$(at servo.model A,x1,x2)" = 4 ] && [ "$(at servo.model A,x2,x2)" = -0.5 ] || fail "$("$apc" linearize servo.model)"
 
 # ---- A state space, sampled: x1[k+1] = 0.5 x1 + u, y = 2 x1, two samples later
+# Promise(plants/apc-linearize-model)
 
 cat >sampled.model <<'EOF'
 state_space = { period = 2.0;
@@ -110,6 +113,7 @@ experiment 'model = "elsewhere/right.model";' >right.conf
 experiment 'model = "wrong.model";' >wrong.conf
 experiment '' >none.conf
 samples() { "$apc" simulate "$@" --csv - 2>/dev/null | sha256sum; }
+# Promise(plants/apc-linearize-model)
 [ "$(samples own.conf --model wrong.model)" = "$(samples wrong.conf)" ] || fail "--model does not take the place of the operating point"
 [ "$(samples right.conf --model wrong.model)" = "$(samples wrong.conf)" ] || fail "--model does not take the place of the model"
 [ "$(samples none.conf --model elsewhere/right.model)" = "$(samples right.conf)" ] || fail "--model is not what the file would say"
@@ -122,6 +126,7 @@ samples() { "$apc" simulate "$@" --csv - 2>/dev/null | sha256sum; }
 expect 0 'plant.parameters.K' "$apc" simulate own.conf --model wrong.model --sweep plant.parameters.K=8..12:2
 "$apc" simulate own.conf --model wrong.model --report ran >/dev/null
 mv wrong.model gone.model
+# Promise(plants/apc-linearize-model)
 [ "$(samples ran)" = "$(samples own.conf --model gone.model)" ] || fail "the run folder does not have the model that was chosen"
 expect 1 '--model wrong.model: No such file' "$apc" simulate own.conf --model wrong.model
 expect 1 'tanks.model:1: "outputs" must name all 1 of controller controller' "$apc" simulate own.conf --model tanks.model

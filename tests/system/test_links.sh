@@ -13,6 +13,9 @@ links=(tcp modbus serial fmu)
   "$apc" cert client loop --dir "$work/certs"
 
 # ---- scripts/links, as docs/links.md has its table; of the FMU's peers only where they can be had
+# Promise(links/paper-loop-runs): The paper's loop runs over each link alike; over each, a plant that stands still
+#   for 10 s or is killed leaves no value that is taken for one of now, is said once and found again, and a client
+#   that stands still leaves the plant at its safe value (docs/links.md).
 
 PYTHONPATH=$peers "$APC_SOURCE_DIR/scripts/links" --duration 4 --only tcp,modbus,serial "$work/shown" >"$work/table"
 [ -s "$work/shown/links.png" ] || fail "scripts/links has drawn nothing"
@@ -25,6 +28,7 @@ PYTHONPATH=$work expect 0 'modbus is left out: pymodbus is not there: pip instal
   "$APC_SOURCE_DIR/scripts/links" --duration 1 --only modbus "$work/without"
 
 # ---- five plants and a loop on each, all at once
+# Promise(links/paper-loop-runs)
 
 declare -A port_of plant_of run_of
 cc -std=c11 -D_GNU_SOURCE -O1 -shared -fPIC -DFMI=2 -o "$work/tank.so" "$APC_SOURCE_DIR/tests/fmu/tank.c" -lm

@@ -52,6 +52,9 @@ last_line() { tail -n 1 "$work/$1.log" | grep -Eq "$2" || fail "the last line of
 ticks() { awk -F, -v t="$2" '$1 == t && $2 == "lateness" {print $4, $5}' "$work/$1/timing-summary.csv"; }
 
 # a law that hangs: the daemon is killed and started again, again and again; the run failed and says why
+# Promise(run/daemon-not-tick): A daemon that does not tick is killed and started again, whatever it hangs in;
+#   SIGTERM ends each, SIGKILL the others.
+# Promise(run/run-not-controlled)
 background hang "$apc" run "$work/short.conf" --duration 0 --no-ui --law "$work/law.so" --out "$work/hang"
 run=$pid
 until_true 30 taken hang 1
@@ -101,11 +104,13 @@ ends_with "$pid" 0
 export APC_STORE=sqlite:$work/alone.db
 
 # overrun "stop" does not wait for the tick to return
+# Promise(docs/options-exit-codes)
 sed -e 's/period = 0.2;/period = 0.2; overrun = "stop";/' "$work/fast.conf" >"$work/stop.conf"
 order hang
 expect 5 'overrun is .*stop' timeout 60 "$APC_BIN/apc-controller" --config "$work/stop.conf" --law "$work/law.so"
 
 # nobody reads what a daemon says: SIGTERM ends it all the same
+# Promise(run/daemon-not-tick)
 rm "$ORDER"
 mkfifo "$work/deaf"
 exec 7<>"$work/deaf"
@@ -125,6 +130,8 @@ wait "${beside[@]}" || fail "a daemon ended with $? on SIGTERM"
 
 # SIGSTOP: as a hang; the successor counts what nobody ran, and nobody else is started again. Of several controllers each
 # is looked after by its own period.
+# Promise(run/callbacks-never-overlap)
+# Promise(run/daemon-not-tick)
 { echo 'name = "two"; duration = 60.0;' && two_layers; } >"$work/two.conf"
 export APC_STORE=sqlite:$work/stopped.db
 background stopped "$apc" run "$work/two.conf" --duration 0 --no-ui --out "$work/stopped"
@@ -171,6 +178,7 @@ last_line crash 'apc-controller failed 1 times'
 grep -q 'apc-run,stop,.*apc-controller was killed by signal 6' "$work/crash/events.csv" || fail "no event of the crash"
 
 # a client that never reaches the plant
+# Promise(run/run-not-controlled)
 export APC_STORE=sqlite:$work/never.db
 sed -e "s/link = \"tcp:127.0.0.1:$port\"/link = \"tcp:127.0.0.1:1\"/" "$work/fast.conf" >"$work/never.conf"
 expect 1 'the loop was never closed: the plant got no command' "$apc" run "$work/never.conf" --duration 3 --no-ui --out "$work/never"

@@ -9,6 +9,8 @@ pages=("$man"/man1/* "$man"/man8/*)
 page_of() {
   local file=$1 untold
   shift
+  # Promise(docs/every-program-command): Every program and command has its man page, with every option, set without a
+  #   warning and spelled right.
   [ -s "$file" ] || fail "$* has no page"
   untold=$("$@" --help | awk '
     FNR == NR { page = page $0 "\n"; next }
@@ -25,6 +27,7 @@ page_of() {
       if (!index(page, "\n.SH DESCRIPTION\n")) print "what it is"
       if (!index(page, "\n\\fB5\\fR\n")) print "exit codes"
     }' "$file" -)
+  # Promise(docs/every-program-command)
   [ -z "$untold" ] || fail "$file does not tell of $untold"
 }
 for command in $("$apc" help | sed -nE 's/^  ([a-z]+) .*/\1/p'); do
@@ -45,6 +48,8 @@ if command -v doxygen >/dev/null; then
   nm -D --defined-only "$APC_BUILD_DIR/lib/libapc.so" | sed -nE 's/.* T (apc_[a-z0-9_]+)(@.*)?$/\1/p' >"$work/functions"
   [ "$(wc -l <"$work/functions")" -gt 200 ] || fail "the library has $(wc -l <"$work/functions") functions only"
   while read -r name; do
+    # Promise(docs/library-man-page): The library has a man page for each header and struct, and a name for each
+    #   function, set without a warning and spelled right.
     [ -s "$man/man3/$name.3" ] || fail "$name() has no page"
   done <"$work/functions"
   mapfile -t library < <(grep -L '^\.so ' "$man"/man3/*)
@@ -57,6 +62,7 @@ if ! command -v mandoc >/dev/null; then
   echo "skipped: how the pages are set and spelled, there is no mandoc (scripts/setup --dev)"
   exit 0
 fi
+# Promise(docs/every-program-command)
 mandoc -T lint -W warning "${pages[@]}" "${library[@]}" || fail "a page is not as man pages are"
 printf '.TH X 1\n.SH NAME\nx\n.XX\n' >"$work/bad.1"
 ! mandoc -T lint -W warning "$work/bad.1" >/dev/null || fail "a page without a date is taken"
@@ -67,12 +73,14 @@ if ! aspell dump dicts 2>/dev/null | grep -qx en_GB; then
 fi
 misspelled() { aspell list -l en_GB | sort -u | grep -vxFf "$APC_SOURCE_DIR/man/words" || true; }
 wrong=$(mandoc -T ascii -O width=200 "${pages[@]}" | col -bx | misspelled)
+# Promise(docs/every-program-command)
 [ -z "$wrong" ] || fail "misspelled, or missing in man/words: $wrong"
 # Of the library's pages the prose: no names of C, nor of people.
 if [ ${#library[@]} -gt 0 ]; then
   sed 's|/\*.*\*/||; s|///*<.*||' "$APC_SOURCE_DIR"/include/*.h | grep -v '^ \*\|^/\*' | grep -oE '[A-Za-z]+' | sort -u >"$work/names"
   wrong=$(mandoc -T ascii -O width=200 "${library[@]}" | col -bx | sed -E 's/[^ ]*[][_0-9={}#<>/][^ ]*//g' | misspelled |
     grep -vE "[A-Z]|^.{1,3}$|'s$|^apc" | grep -vxFf "$work/names" || true)
+  # Promise(docs/library-man-page)
   [ -z "$wrong" ] || fail "misspelled in a header, or missing in man/words: $wrong"
 fi
 [ "$(echo 'a setpiont' | misspelled)" = setpiont ] || fail "a wrong word is not found"

@@ -24,6 +24,8 @@ more() { [ "$(ticks)" -ge "$1" ]; }
 until_true 60 more 5
 
 # nobody listens to them for some seconds: that is held against nobody
+# Promise(modes): However many daemons there are, one that ticks is not taken for hung, also while nobody could
+#   listen to them.
 kill -STOP "$run"
 until_true 60 more $(($(ticks) + 12))
 kill -CONT "$run"

@@ -49,6 +49,8 @@ echo "sessions of two plants with client, controller and scheduler over PostgreS
 [ "$sessions" -le 16 ] || fail "they hold too many: $(sql "SELECT application_name FROM pg_stat_activity WHERE usename = '$owner'")"
 expect 0 'r: .* -> 42 \(applied\)' "$apc" set r 42 --store 'postgresql:#line1'
 expect 0 '^r +42 ' "$apc" get r --store 'postgresql:#line1'
+# Promise(database/many-plants-database): Many plants in one database: made, listed, maintained, run; the same names
+#   do not mix; roles of one get at nothing of another.
 "$apc" get r --store 'postgresql:#line2' | grep -q ' 42 ' && fail "the setpoint of one is that of the other"
 [ "$(sql 'SELECT count(*) FROM line3.sensor')" = 0 ] || fail "something is in a plant that does not run"
 expect 0 '^line1 +[0-9.]+ m?s ' env PGUSER=$owner "$apc" status --all --store postgresql:
@@ -71,12 +73,16 @@ sys.exit(not eval(sys.argv[2]))
 END
 listed() { python3 "$work/listed.py" "$url" "$1"; }
 until_true 60 listed 'plants'
+# Promise(page/page-plant-lists): The page of a plant lists those of its database that its user may see, what has
+#   fallen silent first, with links to the pages that a file names; what is no address is none.
 listed "len(plants) == $plants and 'other' not in of" || fail "the page's list is of other plants"
 listed '[one["name"] for one in plants if one["here"]] == ["line1"] and of["line1"]["age"] < 60 and of["line1"]["page"] is None' ||
   fail "the page's own plant is another"
+# Promise(page/page-plant-lists)
 listed 'of["line2"]["page"] == "https://line2.example/" and of["line2"]["age"] < 60' || fail "line2 has no address"
 listed 'of["line3"]["page"] is None and of["line3"]["age"] is None' || fail "line3 has measured"
 echo 'line3 javascript:alert(1)' >>"$work/plants"
+# Promise(page/page-plant-lists)
 complained() { listed 'of["line3"]["page"] is None' && grep -q 'addresses of plants: .*/plants:4: expected' "$work/page.log"; }
 until_true 60 complained
 
@@ -125,9 +131,11 @@ for kind in "${kinds[@]}"; do
       echo "$tried;"
     done
   done | PGUSER=$user psql -Xq >"$work/tried" 2>&1 || true
+  # Promise(database/many-plants-database)
   [ "$(grep -c 'permission denied for schema line2' "$work/tried")" = $((3 * $(wc -w <<<"$tables"))) ] ||
     fail "$user gets at plant 2: $(grep -v 'permission denied' "$work/tried" | head -3)"
   expect 0 '^line1 ' env PGUSER="$user" "$apc" status --all --store postgresql:
+  # Promise(database/many-plants-database)
   [ "$(PGUSER=$user "$apc" status --all --json --store postgresql: | wc -l)" = 1 ] || fail "$user sees more than its own plant"
 done
 operator=$(roles_of 1)_u_operator
@@ -136,6 +144,7 @@ expect 0 '^r +42 ' env PGUSER="$operator" "$apc" get r --store 'postgresql:#line
 # who he is shows in what becomes of what he writes: the scheduler's setpoint is Local, and the row bears his name
 sql 'INSERT INTO line1.opmode (id, seq, time, status, value) SELECT id, seq + 1, now(), 0, 1 FROM line1.opmode_newest WHERE id > 65536'
 PGUSER=$operator psql -Xqc 'INSERT INTO line1.setpoint (id, seq, time, status, value) SELECT id, seq + 1, now(), 0, 7 FROM line1.setpoint_newest WHERE id = 1'
+# Promise(database/many-plants-database)
 [ "$(sql 'SELECT value FROM line1.opmode_newest WHERE id > 65536')" = 0 ] || fail "the operator's setpoint is not Local"
 [ "$(sql 'SELECT a.role FROM line1.setpoint_newest AS s JOIN line1.author AS a ON a.number = s.author WHERE s.id = 1')" = "$operator" ] ||
   fail "the operator's row does not bear his name"

@@ -20,6 +20,8 @@ plant() {
 plant
 
 # y settles at the setpoint, and who leaves leaves the safe value behind
+# Promise(links/plant-behind-modbus): A plant behind Modbus TCP is controlled; it sees that nobody is there, and gets
+#   its safe values from who leaves; what it does not have is Bad.
 run_until 'in_a_row 20 y 9.8 10.2' "$work/modbus.conf" --out "$work/run"
 [ "$(tail -n 1 "$work/plant.log")" = 'given 0' ] || fail "the last that the plant was given: $(tail -n 1 "$work/plant.log")"
 
@@ -37,6 +39,7 @@ n=$(given)
 until_true 20 more_given "$n"
 
 # somebody turns the plant to local, where it takes no orders: which is said once, and so is that it takes them again
+# Promise(links/output-stands-value)
 readback() { grep -c "$1" "$work/killed/apc-client.log" || true; }
 told() { [ "$(readback "$1")" -gt "$2" ]; }
 # what the plant had done by itself while nobody was there may have been found, and has to be over
@@ -82,6 +85,7 @@ n=$(given)
 sed 's/mode = "Auto"/mode = "OOS"/' "$work/modbus.conf" >"$work/looks.conf"
 "$apc" run "$work/looks.conf" --duration 3 --out "$work/looks" >"$work/looks.log" 2>&1 || true # how that ends is not the question
 grep -q ',sensor,1,Good' "$work/looks/samples.csv" || fail "who looks sees nothing: $(tail -n 1 "$work/looks.log")"
+# Promise(links/client-looked-leaves)
 [ "$(given)" = "$n" ] || fail "a client that has commanded nothing gave the plant something"
 background run "$apc" run "$work/modbus.conf" --duration 0 --out "$work/oos"
 run=$pid
@@ -91,4 +95,5 @@ until_true 20 grep -q 'the plant is given no command' "$work/oos/apc-client.log"
 n=$(given)
 kill -INT "$run"
 wait "$run" || true
+# Promise(links/client-looked-leaves)
 [ "$(given)" = "$n" ] || fail "what was out of service was given its safe value"

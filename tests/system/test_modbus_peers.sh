@@ -26,6 +26,7 @@ CONF
 both() { echo "{ name = \"u$1\"; at = \"holding:$2\"; type = \"$3\"; $4 }, { name = \"y$1\"; at = \"holding:$2\"; type = \"$3\"; $4 }"; }
 
 # controls NAME: both loops come to their setpoints, and no measurement is lost on the way
+# Promise(links/modbus-device-lawfully)
 controls() {
   expect 0 '' env -u APC_STORE "$apc" run "$work/$1.conf" --no-ui --out "$work/$server-$1"
   awk -F, '$2 == "sensor" { n[$3]++; bad += $4 != "Good"; y[$3] = $5 }

@@ -33,6 +33,9 @@ awk 'BEGIN { a = exp(-0.2); f = 10 * (1 - exp(-0.03)); g = 10 * (exp(-0.03) - a)
   print " B = ( [0.0], [1.0], [0.0], [0.0] ); C = ( [1.0, 0.0, 0.0, 0.0] ); D = ( [0.0] ); };" }' >"$work/sampled.model"
 
 # runs alike: no value of u or y differs by more than 1e-6
+# Promise(laws/law-model-file): A law's model is a file: transfer functions, state space in continuous time or
+#   sampled are the same to `mpc` and `lqg`, in any order of their signals; a run keeps it; mistakes are told with
+#   both files and lines.
 alike() {
   paste -d, "$1" "$2" | awk -F, 'NR > 1 { d = $5 - $10; if ($1 != $6 || d > 1e-6 || d < -1e-6) { print; exit 1 } n++ } END { exit n < 1000 }'
 }
@@ -52,6 +55,7 @@ for law in mpc lqg; do
 done
 
 # the order of its signals is its own affair
+# Promise(laws/law-model-file)
 two() {
   cat <<END
 name = "two"; duration = 300.0;
@@ -75,6 +79,7 @@ two "inputs = [\"v2\", \"v1\"]; outputs = [\"y2\", \"y1\"]; operating_point = { 
 cmp -s "$work/two.csv" "$work/turned.csv" || fail "a model whose signals stand in another order is another one"
 
 # a run keeps it: what the file said then, and where
+# Promise(laws/law-model-file)
 "$apc" simulate "$work/mpc-transfer.conf" --report "$work/run" --csv "$work/first.csv" >"$work/run.log"
 cp "$work/transfer.model" "$work/kept.model"
 sed -i 's/10\.0/1.0/g' "$work/transfer.model"
@@ -102,12 +107,14 @@ for law in mpc lqg; do
   for model in filter wide filter-own plain-own; do
     "$apc" simulate "$work/$law-$model.conf" --csv "$work/$law-$model.csv" >"$work/$law-$model.log"
   done
+  # Promise(identification/apc-identify-csv)
   alike "$work/$law-filter.csv" "$work/$law-wide.csv" || fail "$law: K is not the filter of the errors that it stands for"
   cmp -s "$work/$law-filter-own.csv" "$work/$law-plain-own.csv" || fail "$law: K is used against the settings"
   if cmp -s "$work/$law-filter.csv" "$work/$law-plain-own.csv"; then fail "$law: K is not used"; fi
 done
 
 # mistakes: of the file
+# Promise(laws/law-model-file)
 expect 1 "mpc-transfer.conf:6: .*/transfer.model: cannot be read" "$apc" simulate "$work/mpc-transfer.conf"
 wrong() { # MODEL PATTERN
   printf '%b\n' "$1" >"$work/transfer.model"

@@ -50,6 +50,8 @@ answered() { [ -n "$(ask "$1")" ]; }
 until_true 60 is 'up{job="apc"}' 1
 
 # every question of the dashboard is understood, and has an answer
+# Promise(server/examples-monitoring-asks): What examples/monitoring asks of apc-ui by Prometheus has answers, its
+#   rules are taken, and one speaks when the controller does not tick.
 python3 - "$example/dashboard.json" >"$work/questions" <<'END'
 import json, sys
 for panel in json.load(open(sys.argv[1]))["panels"]:
@@ -69,6 +71,7 @@ until_true 60 is 'apc_alarms_standing{priority="1"}' 0
 until_true 60 is 'count(ALERTS{alertname="ApcGone"}) or vector(0)' 0
 
 # a rule speaks when the controller does not tick: the loop is stopped
+# Promise(server/examples-monitoring-asks)
 kill -INT "$run"
 wait "$run" || fail "apc run ended with $?"
 until_true 60 is 'apc_control_running{controller="controller"}' 0

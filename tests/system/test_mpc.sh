@@ -8,12 +8,14 @@ status_has() { "$apc" status | grep -Eq -- "$1"; }
 
 background run "$apc" run "$work/mpc.conf" --duration 0 --no-ui --out "$work/run"
 until_true 60 status_has '^plan   good, [^;]* ago; [0-9]+ changes? in [0-9.]+ .?s; objective [-0-9.e+]+$'
+# Promise(laws/plan-predictive-control)
 "$apc" set r1 9.5 >/dev/null # far away: the pump is to give all it can
 until_true 60 status_has '^plan   [^;]*; [^;]*; objective [-0-9.e+]+; held back by [uv]1 high'
 expect 0 '"plan":\{"result":"[a-z-]+","age":[0-9.]+,"iterations":[0-9]+,"solve_time":[0-9.e-]+,"objective":[-0-9.e]+,"limits":\[\{"variable":"[uv]1","limit":"high"\}' \
   "$apc" status --json
 at_high() { [ "$(sql 'SELECT count(*) FROM apc.actuator WHERE id = 1 AND value > 9.99')" -ge 4 ]; }
 until_true 60 at_high
+# Promise(laws/predictive-control)
 until_true 60 status_has '^       state h1 [0-9.]+, h2 [0-9.]+, h3 [0-9.]+, h4 [0-9.]+; disturbed by v1 [-0-9.e]+, v2 [-0-9.e]+$'
 expect 0 '"estimates":\{"h1":[0-9.]+,.*\},"disturbances":\{"v1":[-0-9.e]+,"v2":[-0-9.e]+\}' "$apc" status --json
 expect 0 '^[^ ]+ +[0-9.]+' "$apc" history h1.estimate -n 2
@@ -21,9 +23,11 @@ kill -INT "$pid"
 wait "$pid" || fail "the run did not end well"
 
 # The folder keeps what was published.
+# Promise(laws/plan-predictive-control)
 [ "$("$apc" history --store "sqlite:$work/run/ticks.db" estimate.7 --csv | wc -l)" -gt 1 ] || fail "the folder has not kept what the law published"
 
 # What it was worth: of the run, of a part of it, of the store's history.
+# Promise(laws/time-service-limits)
 expect 0 '^v1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report "$work/run"
 expect 0 '^y1 +0\.5 +[0-9.e-]+ +30 ' "$apc" report "$work/run"
 expect 0 '^v1 +[0-9.]+ +0 +[0-9.]+ ' "$apc" report "$work/run" --from 1 --to 1.5
@@ -34,6 +38,7 @@ expect 2 'must be s since the start of the run' "$apc" report "$work/run" --from
 expect 1 'the window is empty' "$apc" report "$work/run" --from 5 --to 4
 expect 1 'the window is empty' "$apc" report --from 2020-01-01T00:00:00Z --to 2020-01-02T00:00:00Z
 # What was expected at a time, beside what came; in the figure as well.
+# Promise(laws/predictive-law-expected)
 start=$(sed -n 's/^start = "\(.*\)".*/\1/p' "$work/run/record.conf")
 at=$(sql "SELECT round(extract(epoch FROM min(time) - '$start'::timestamptz) + 1.2, 6) FROM apc.prediction")
 expect 0 '^y1 +0\.5 +[0-9.-]+ +[0-9.-]+ ' "$apc" report "$work/run" --at "$at"
@@ -50,6 +55,7 @@ expect 2 'without --from and --to' "$apc" report "$work/run" --at 1 --from 1
 "$apc" report "$work/run" --json | python3 -c 'import json, sys; m = json.load(sys.stdin)["merits"]; assert len(m["loops"]) == 2 and len(m["plans"]) == 4' ||
   fail "report --json is no JSON, or not whole"
 # Every one of its figures, from the files alone: with a pump in Man, limits met, and a sensor that fails.
+# Promise(laws/time-service-limits)
 sed 's/name = "h1";/& faults = ( { kind = "dropout"; at = 700.0; duration = 60.0; } );/' "$APC_SOURCE_DIR/experiments/four-tank-mpc.conf" >"$work/four.conf"
 grep -q dropout "$work/four.conf" || fail "the experiment has no h1"
 "$apc" simulate "$work/four.conf" -o "$work/four" >"$work/four.log"

@@ -4,6 +4,7 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 without=$APC_BUILD_DIR/tests/mqtt_without
+# Promise(links): Without libmosquitto there is an apc-mqtt that says so.
 expect 1 'built without libmosquitto.*install libmosquitto-dev' "$without" --broker mqtts://somewhere
 expect 0 '--queue=URI' "$without" --help
 expect 2 'unrecognized option' "$without" --nonsense
@@ -69,6 +70,9 @@ expect 1 '--ca /gone: No such file' "$APC_BIN/apc-mqtt" "${options[@]}" --ca /go
 expect 1 '--topic "a/#"' "$APC_BIN/apc-mqtt" "${options[@]}" --topic 'a/#' --queue "sqlite:$work/x.db"
 
 # ---- no broker at the start: it goes on, says so once, and later gives all; as docs/mqtt.md has it typed
+# Promise(links/live-store-gets): What the live store gets comes to an MQTT broker over TLS, each row, also after the
+#   broker was away, apc-mqtt killed or the disk full; retained birth and last will; a wrong certificate is refused,
+#   one that expires is said once and replaced without a stop; each trouble is one event.
 read -ra options < <(typed docs/mqtt.md apc-mqtt | sed "s|line.conf|$work/fast.conf|; s|shm:line|$live|; s|broker.lan|127.0.0.1:$broker|
   s|works.pem|$certs/authority.pem|; s|line.pem|$certs/mqtt.pem|; s|sqlite:mqtt.db|sqlite:$work/out.db|")
 options=("${options[@]:1}" --topic works/fast)
@@ -91,6 +95,7 @@ watch
 heard=$pid
 until_true 60 has_heard 'works/fast/status {"state":"online"'
 until_true 60 has_heard 'works/fast/value/y ' 60
+# Promise(links/live-store-gets)
 [ "$(times out 'no more, trying again')" = 1 ] || fail "a broker that is away is said again and again"
 grep 'works/fast/status' "$work/heard.log" | grep -q '"topic":"value/y","name":"y","kind":"sensor"' || fail "the birth does not say what there is"
 until_true 60 has_heard 'works/fast/value/u {"time":[0-9.]*,"value":[-0-9.e]*,"status":"Good[A-Za-z]*","seq":[0-9]*}'
@@ -101,9 +106,11 @@ until_true 60 has_heard 'works/fast/alarm/y.high {"time":[0-9.]*,"value":[0-9]*,
 until_true 60 has_heard 'works/fast/alarm/y.high .*"state":"Acknowledged Active"'
 grep -q '"topic":"alarm/y.high","name":"y.high","kind":"alarm"' "$work/heard.log" || fail "the birth does not name the alarm"
 mosquitto_sub "${as_watcher[@]}" -i later-$$ -W 30 -C 1 -t works/fast/alarm/y.high -F '%r %p' >"$work/kept.log" || fail "an alarm's state is not there for who comes later"
+# Promise(links/live-store-gets)
 grep -q '^1 {.*"state":' "$work/kept.log" || fail "an alarm's state is not retained: $(cat "$work/kept.log")"
 
 hours() { [ "$(sed -n 's|^. works/hour/value/y .*"seq":\([0-9]*\).*|\1|p' "$work/heard.log" | sort -nu | wc -l)" = 36000 ]; }
+# Promise(links/live-store-gets)
 until_true 60 hours # of an hour nothing is missing
 kill -INT "$hour"
 wait "$hour" || fail "apc-mqtt does not end well"
@@ -115,9 +122,11 @@ until_true 60 said out 'the certificate expires in 1.0 days'
   "$apc" cert client mqtt --replace >/dev/null)
 until_true 60 said out 'a new certificate is taken up'
 [ "$(times out 'the certificate expires')" = 1 ] || fail "a certificate that expires is said again and again"
+# Promise(links/live-store-gets)
 [ "$(times out 'the broker is there again')" = 1 ] || fail "a new certificate has broken the connection"
 
 # ---- a broker that stands still, and is not gone: nothing is missing, and nothing said twice
+# Promise(links/live-store-gets)
 n=$("$apc" history y --store "sqlite:$work/out.db" --last 100000 --csv | wc -l)
 kill -STOP "$server"
 until_true 60 kept $((n + 60))
@@ -145,6 +154,7 @@ until_true 60 caught_up "$last"
 # what stands still was not said since, and this broker keeps nothing: it is there for who comes all the same
 retained() { mosquitto_sub "${as_watcher[@]}" -i "kept-$$" -W 30 -C 1 -t "works/fast/$1" -F '%r' | grep -q 1; }
 for topic in value/r mode/u alarm/y.high status; do
+  # Promise(links): What stands still is retained at a broker that has forgotten it.
   retained "$topic" || fail "a broker that has forgotten $topic is not told again"
 done
 
@@ -159,6 +169,7 @@ last=$(seqs "$live" y | tail -n 1)
 until_true 60 caught_up "$last"
 
 # ---- a connection that the broker did not see end: its last will comes when the next one is there already, which says that it is
+# Promise(links): A last will that comes when the next connection is there already does not stay.
 mosquitto_pub "${as_watcher[@]}" -t works/fast/status -m '{"state":"offline","reason":"lost"}' -r
 stands() { [[ $(mosquitto_sub "${as_watcher[@]}" -i "stands-$$" -W 30 -C 1 -t works/fast/status) = '{"state":"online"'* ]]; }
 until_true 30 stands
@@ -178,10 +189,13 @@ out=$pid
 last=$(seqs "$live" y | tail -n 1)
 until_true 60 caught_up "$last"
 missing=$(comm -23 <(seqs "$live" y | awk -v a="$first" -v b="$last" '$1 >= a && $1 <= b' | sort) <(told y | sort -u))
+# Promise(links/live-store-gets)
 [ -z "$missing" ] || fail "the broker was never told of y: $missing"
 
 # ---- commands
 # command USER SIGNAL PAYLOAD [OPTION...]; outcome USER SIGNAL PATTERN
+# Promise(links/broker-named-signals): From the broker only named signals are commanded, by users who may, fresh,
+#   once, within limits, with outcome (docs/mqtt.md).
 command_as() { mosquitto_pub "${as_watcher[@]}" -t "works/fast/command/$1/$2" -m "$3" "${@:4}"; }
 outcome() { until_true 30 has_heard "works/fast/outcome/$1/$2 .*$3"; }
 now() { date +%s.%6N; }
@@ -205,6 +219,7 @@ outcome anna r '"id":"two".*"outcome":"applied"'
 before=$("$apc" history r --store "$live" --last 1000 --csv | wc -l)
 command_as anna r "$same" # sent twice, done once
 until_true 30 has_heard '"id":"two".*"outcome":"applied"' 1
+# Promise(links/broker-named-signals)
 [ "$("$apc" history r --store "$live" --last 1000 --csv | awk -F, '$5 == 6.5' | wc -l)" -le 1 ] || fail "it was done twice, after $before"
 command_as otto r "{\"value\":1,\"time\":$(now)}"
 outcome otto r 'refused: who may only observe'
@@ -215,22 +230,28 @@ outcome anna y 'refused: it is not one of those that may be commanded'
 command_as anna u1.mode "{\"mode\":\"Man\",\"time\":$(now)}"
 outcome anna u1.mode 'refused: there is no setpoint, output or loop of that name'
 command_as anna r "{\"id\":\"old\",\"value\":1,\"time\":$(($(date +%s) - 60))}"
+# Promise(incoming/table-ways-commands)
 outcome anna r '"id":"old".*refused: too late'
 command_as anna r "{\"id\":\"ahead\",\"value\":1,\"time\":$(($(date +%s) + 3600))}"
+# Promise(incoming/table-ways-commands)
 outcome anna r '"id":"ahead".*refused: it comes from'
 command_as anna r "{\"id\":\"soon\",\"value\":1,\"time\":$(($(date +%s) + 6))}"
 outcome anna r '"id":"soon".*refused: it comes from'
 command_as anna r "{\"id\":\"ms\",\"value\":1,\"time\":$(date +%s000)}"
+# Promise(incoming/table-ways-commands)
 outcome anna r 'refused: .*time.* must be Unix seconds'
 # a recipe of one time: each is done, and none taken for another
+# Promise(links/broker-named-signals)
 at=$(now)
 for k in $(seq 40); do echo "{\"id\":\"of $k\",\"value\":$k.5,\"time\":$at}"; done |
   mosquitto_pub "${as_watcher[@]}" -t works/fast/command/anna/r -l
 all_done() { [ "$(grep 'works/fast/outcome/anna/r {"id":"of ' "$work/heard.log" | grep -c '"outcome":"\(applied\|superseded\)')" = 40 ]; }
 until_true 60 all_done
 command_as anna r "{\"id\":\"much\",\"value\":1e6,\"time\":$(now)}"
+# Promise(incoming/table-ways-commands): The table of the other ways in: commands by MQTT; CSV; plants of one's own.
 outcome anna r '"id":"much".*refused: r = 1e+06 lies outside'
 command_as anna r '{"value":1}'
+# Promise(incoming/table-ways-commands)
 outcome anna r 'refused: .*time.* is missing'
 command_as anna r "{\"value\":\"high\",\"time\":$(now)}"
 outcome anna r 'refused: .*value.* must'
@@ -250,8 +271,10 @@ until_true 30 has_heard 'works/fast/outcome/anna/nonsense' 29
 refusals() { "$apc" history --events --store "$live" --last 100000 --csv | grep -c 'from the broker: \|from the broker; the last'; }
 is_told() { [ "$(refusals)" -ge 1 ]; }
 until_true 90 is_told
+# Promise(links/broker-named-signals)
 [ "$(refusals)" -le 12 ] || fail "each refusal is an event: $(refusals)"
 # a command that the broker keeps is not taken by the one who comes later
+# Promise(links/broker-named-signals)
 kill -INT "$out"
 wait "$out" || fail "apc-mqtt does not end well"
 mosquitto_pub "${as_watcher[@]}" -t works/fast/command/anna/r -r -m "{\"id\":\"kept\",\"value\":3,\"time\":$(now)}"
@@ -263,6 +286,7 @@ kill -INT "$out"
 wait "$out" || fail "apc-mqtt does not end well"
 
 # ---- a broker that does not let commands be heard: it is said, and what is published goes on
+# Promise(links/broker-named-signals)
 cat >"$work/refuses.py" <<'PY'
 # No broker: it acknowledges all, and refuses subscriptions.
 import socket
@@ -306,6 +330,7 @@ kill -INT "$deaf"
 wait "$deaf" || fail "apc-mqtt does not end well"
 
 # ---- certificates that are wrong
+# Promise(links/live-store-gets)
 wrong() { # wrong NAME PATTERN IDENTITY-OF-BROKER OPTION...
   kill -KILL "$server"
   wait "$server" 2>/dev/null || true

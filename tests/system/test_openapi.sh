@@ -29,10 +29,13 @@ python3 -m openapi_python_client generate --path "$APC_SOURCE_DIR/docs/openapi.j
   --meta none >"$work/client.log" 2>&1 || fail "no client could be made: $(cat "$work/client.log")"
 left_out=$(grep -E '^(WARNING|ERROR|Unable)' "$work/client.log" | grep -vE 'GET /(api/graphic|\{file\}) ' || true)
 [ -z "$left_out" ] || fail "the client lacks something: $(cat "$work/client.log")"
+# Promise(server/client-made-openapi): A client made of openapi.json reads all answers; what it allows is never
+#   malformed, what it does not is refused.
 python3 "$APC_SOURCE_DIR/tests/peers/openapi_client.py" "$work" "$url" "$APC_JUDGE_TOKEN" || fail "a client cannot read an answer"
 
 # the stream has no end, and logging out or in is no part of what a token does
 cd "$work" # where it writes
+# Promise(server/client-made-openapi)
 python3 -m schemathesis.cli --config-file "$APC_SOURCE_DIR/tests/peers/openapi.toml" run "$APC_SOURCE_DIR/docs/openapi.json" --url "$url" \
   --exclude-operation-id stream --exclude-operation-id login --exclude-operation-id logout \
   --phases examples,coverage,fuzzing --no-color --continue-on-failure >"$work/schemathesis.log" 2>&1 ||

@@ -13,7 +13,11 @@ for jobs in 1 3; do
   "$apc" optimize "$conf" "${over[@]}" --duration 150 --budget 200 --jobs $jobs --csv "$work/front$jobs.csv" --write "$work/found$jobs.conf" |
     sed -e 's/ in [0-9.e+]* s//' -e 's/found[13]/found/' >"$work/jobs$jobs.txt"
 done
+# Promise(analysis/apc-optimize-finds)
 cmp "$work/jobs1.txt" "$work/jobs3.txt" && cmp "$work/front1.csv" "$work/front3.csv" || fail "what is found depends on the processes"
+# Promise(analysis/apc-optimize-finds): `apc optimize` finds better numbers, the same from any number of processes;
+#   what is printed, written and simulated is one tuning; the front is one; effort counts as it is weighted; no
+#   loop's sensitivity peaks above `--peak`; unstable tries are told of.
 awk -v was="$(sed -n 's/^cost \(.*\) -> .*/\1/p' "$work/jobs1.txt")" -v is="$(cost "$work/jobs1.txt")" 'BEGIN { exit !(is < 0.8 * was) }' ||
   fail "it found nothing better: $(cat "$work/jobs1.txt")"
 
@@ -24,10 +28,12 @@ sed "s/^  tuning = .*/$line/" "$conf" >"$work/pasted.conf"
 iae() { "$apc" simulate "$1" --duration 150 --json 2>/dev/null | sed 's/.*"loops":\[{[^{]*"iae":\([^,]*\).*/\1/'; }
 found=$(awk '/^loop/ { getline; print $3 }' "$work/jobs1.txt")
 [ "$(printf %.5g "$(iae "$work/pasted.conf")")" = "$found" ] || fail "pasted: IAE $(iae "$work/pasted.conf"), not $found"
+# Promise(analysis/apc-optimize-finds)
 [ "$(iae "$work/found1.conf")" = "$(iae "$work/pasted.conf")" ] || fail "the file that is written is another tuning"
 grep -q '^# apc optimize .*--over controller.Kp=0.05..2 ' "$work/found1.conf" || fail "the file does not say how it was found"
 
 # the front: from the least effort to the least IAE, no one beaten in both
+# Promise(analysis/apc-optimize-finds)
 awk -F, 'NR > 2 && !($3 > effort && $2 < iae) { exit 1 } { effort = $3; iae = $2 } END { exit !(NR > 10) }' "$work/front1.csv" ||
   fail "no front: $(cat "$work/front1.csv")"
 least=$(tail -n +2 "$work/front1.csv" | cut -d, -f1 | sort -g | head -n 1)
@@ -40,11 +46,13 @@ noisy=(--set measurements.y.noise=0.5 --duration 60 --budget 180 --runs 3)
 grep -q '"seed":1,"runs":3,"now":{"cost":' "$work/found.json" && grep -q '^"found":{"cost":' "$work/found.json" || fail "no JSON: $(cat "$work/found.json")"
 grep -q 'nothing tried is better in both' "$work/front.svg" && [ -s "$work/front.png" ] || fail "no figure"
 effort() { "$apc" optimize "$conf" "${over[@]}" --duration 150 --budget 200 --weights "$1" | awk '/^loop/ { getline; print $5 }'; }
+# Promise(analysis/apc-optimize-finds)
 awk -v calm="$(effort iae=1,effort=1)" -v brisk="$(effort iae=1,effort=0)" 'BEGIN { exit !(calm < 0.7 * brisk) }' || fail "effort counts for nothing"
 
 # no loop is more nervous than --peak says, as apc analyze finds of the file that is written
 "$apc" optimize "$conf" "${over[@]}" --duration 150 --budget 200 --peak 1.3 --write "$work/calm.conf" >"$work/calm.txt"
 peak() { "$apc" analyze "$1" --json | sed -n 's/^{"loop":"u".*"sensitivity":\([^,]*\).*/\1/p'; }
+# Promise(analysis/apc-optimize-finds)
 awk -v calm="$(peak "$work/calm.conf")" -v brisk="$(peak "$work/found1.conf")" -v said="$(sed -n 's/^peak .* -> \(.*\), 1.3 at most/\1/p' "$work/calm.txt")" \
   'BEGIN { exit !(calm <= 1.3 && brisk > 1.4 && said - calm < 1e-3 && calm - said < 1e-3) }' || fail "--peak counts for nothing: $(cat "$work/calm.txt")"
 
@@ -63,12 +71,15 @@ awk -v Kp="$found" 'BEGIN { exit !(Kp > 0.2 && Kp < 4) }' || fail "Kp $found for
 
 sed -e 's/period = 0.2; .*/period = 27.0; integrator = "rk4"; steps = 1;/' "$conf" >"$work/rk4.conf" # beyond 28 s it diverges
 "$apc" optimize "$work/rk4.conf" --duration 10000 --set plant.period=60 --over plant.period=20..61 --budget 100 >"$work/rk4.txt" 2>/dev/null
+# Promise(analysis/apc-optimize-finds)
 grep -Eq '; [1-9][0-9]* were unstable' "$work/rk4.txt" && grep -Eq '^cost inf -> [0-9]' "$work/rk4.txt" && grep -Eq '^y +diverges ' "$work/rk4.txt" ||
   fail "an unstable beginning: $(cat "$work/rk4.txt")"
 expect 4 'the plant diverges with the present numbers and with 24 others within these bounds: give bounds in which' \
   "$apc" optimize "$work/rk4.conf" --duration 10000 --set plant.period=60 --over plant.period=50..61 --budget 100
 
 # ---- What cannot be searched
+# Promise(analysis): Bounds that exclude the present number, what is no number, what the experiment does not take,
+#   files that are there: refused before anything is run.
 
 no() { # CODE PATTERN ARGUMENT...
   local code=$1 pattern=$2

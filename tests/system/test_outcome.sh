@@ -10,6 +10,7 @@ good() { [ "$(sql 'SELECT count(*) FROM apc.actuator WHERE status = 0')" -gt 3 ]
 until_true 30 good
 
 # ---- Applied, one after the other
+# Promise(run/commands-operator-answer): The commands of an operator, each with its answer.
 
 expect 0 '^r: 10 -> 12 \(applied\)$' "$apc" set r 12
 [ "$(sql 'SELECT z.value FROM apc.actual a JOIN apc.setpoint z ON z.id = 1 AND z.seq = a.origin
@@ -24,6 +25,8 @@ expect 0 'mode: Auto already' "$apc" mode auto
 said=$("$apc" set r 11 setpoint.1 13 2>&1) && fail "twice the same: $said"
 
 # ---- Several at once: each has a true outcome, and one that was passed over is not called applied
+# Promise(run/write-outcome-applied): A write's outcome: applied, superseded or refused, not confirmed; nothing is
+#   written where nobody ticks.
 
 for round in 1 2 3; do
   writers=()
@@ -63,6 +66,7 @@ pkill_client() { pgrep -P "$run" -x apc-client | while read -r one; do kill -CON
 pkill_client
 
 # ---- A finished run is a record
+# Promise(run/write-outcome-applied)
 
 kill -INT "$run"
 wait "$run" || true
@@ -83,6 +87,7 @@ expect 4 'nobody applies it: no controller has ticked in this store' "$apc" set 
 expect 0 'none -> 7' "$apc" set r 7 --no-wait --store "sqlite:$work/new.db"
 
 # ---- Written, and then nobody is there: a controller that stands still meanwhile
+# Promise(run/write-outcome-applied)
 
 "$apc" init "$work/fast.conf" >/dev/null
 background plant "$APC_BIN/apc-plant" --config "$work/fast.conf"

@@ -41,6 +41,8 @@ if [ -n "${APC_SMALL_DISK:-}" ]; then
   rm "$APC_SMALL_DISK/fill"
   same "the disk was full"
   [ "$(weeks)" -gt 0 ] || fail "a week went when the disk was full"
+  # Promise(database/full-disk-server): A full disk, a server that is killed, and maintainers that are killed, leave
+  #   rows or chunks, and the same history.
   echo "the disk was full: the week is as it was"
 fi
 
@@ -62,6 +64,7 @@ read -rt 120 <&"${COPROC[0]}"
 one=$!
 until_true 60 waits
 as_server kill -9 "$(head -n 1 "$data/postmaster.pid")"
+# Promise(database/full-disk-server)
 ! wait "$one" || fail "nobody said that the server was killed: $(cat "$work/pack.log")"
 until_true 60 start_server
 [ "$(weeks)" = "$all" ] || fail "a week went when the server was killed"
@@ -81,6 +84,7 @@ for try in 1 2 3 4 5 6; do
   wait "$one" 2>/dev/null || true
   same "killed, $try"
 done
+# Promise(database/full-disk-server)
 echo "its server killed, and it $killed times: the history is the same"
 pack || fail "what was killed cannot be packed: $(cat "$work/pack.log")"
 [ "$(weeks)" = 0 ] || { pack && [ "$(weeks)" = 0 ]; } || fail "weeks are left"

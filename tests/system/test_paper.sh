@@ -33,6 +33,7 @@ background listing1_2 "$listings/listing1_2"
 listing1_2=$pid
 
 # Listings 3, 4, 5, 6 together: y rises towards the setpoint.
+# Promise(run): The listings of the paper run, together and with the daemons.
 first_rows
 background listing4_6 "$listings/listing4_6" 60
 server=$pid

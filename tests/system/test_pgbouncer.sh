@@ -39,6 +39,8 @@ INI
 }
 "$apc" init "$work/fast.conf" --store postgresql: >/dev/null
 
+# Promise(database/pooler-session-mode): A pooler in session mode is as none, also where a session is handed on; in
+#   transaction mode it is refused.
 refused='a pooler between here and the database hands each transaction another session of the server .pgbouncer: pool_mode = transaction.'
 pool_of transaction 20
 expect 3 "$refused" "$apc" get r --store "$pooled"
@@ -75,5 +77,6 @@ kill -9 "$pid"
 wait "$pid" 2>/dev/null || true
 background scheduler "$APC_BIN/apc-scheduler" --config "$work/fast.conf" --store "$pooled"
 until_true 60 claimed setpoint
+# Promise(database/pooler-session-mode)
 [ "$(sql "SELECT count(*) FROM apc.claim AS c WHERE c.table_name = 'sensor' AND apc.is_claimant(c.pid)")" = 0 ] ||
   fail "who came next in the session has the claims of the one before"

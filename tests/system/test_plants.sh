@@ -5,6 +5,8 @@
 fast_experiment
 
 # What is listed can be linearised, and JSON says the same as text does.
+# Promise(plants/apc-plants-apc): `apc plants`, `apc laws` and `apc linearize`, as text, CSV and JSON, of built-in
+#   ones and others.
 expect 0 'adiabatic-cstr +cA cB T +F +cAin cBin Tin +T ' "$apc" plants
 expect 0 'parameters +A1 +0.5 +m2 .*cross section of tank 1' "$apc" plants double-tank
 expect 0 '^servo,parameter,K,"",1000,-1e\+06,1e\+06,"gain"$' "$apc" plants servo --csv
@@ -25,6 +27,7 @@ for name in "${names[@]}"; do
 done
 
 # Operating points
+# Promise(plants/apc-plants-apc)
 near() { awk -v x="$2" -v e="$3" -v t="$4" 'BEGIN { exit !(x - e <= t && e - x <= t && x != "") }' || fail "$1 is $2, not $3"; }
 at() { "$apc" linearize "$@" --csv | awk -F, -v what="$what" '$1 "," $2 "," $3 == what { print $4 }'; }
 steady() { "$apc" linearize "$@" | awk '$2 == "T" || $1 == "T" { for (i = 1; i < NF; i++) if ($i == "T") { print $(i + 1); exit } }'; }

@@ -2,6 +2,9 @@
 # Predictive control, linear and nonlinear: what ran in real time is what virtual time makes of it, bit for bit, also where the
 # controller was killed meanwhile; and what makes no sense is refused at the start, or told while it runs, by apc run as by apc
 # simulate, with outputs within their limits.
+# Promise(laws): Predictive control in real time is what virtual time makes of it, bit for bit, with a `kill -9`
+#   between; what makes no sense in its settings is refused by `apc run` as by `apc simulate`; what it cannot do is
+#   told while it runs, outputs within limits.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 experiments=$APC_SOURCE_DIR/experiments
@@ -30,6 +33,7 @@ within() { # of each output, in the file's order: no value that is none, or outs
 
 # ---- real and virtual time, and a kill -9 ----------------------------------------------------------------------------------
 # soon, with noise, and one of the two levels of the tanks from a laboratory
+# Promise(laws/measurement-period-own)
 steps='/^scheduler/,$s/period = .*/period = 6.0;/; s/name = "y1";/& noise = 0.01;/; s/name = "y2";/& period = 2.0;/; s/horizon = 30;/& steady = 0;/'
 for experiment in quadruple-tank-mpc adiabatic-cstr-nmpc; do
   # in virtual time a controller that is killed and started between two ticks leaves no trace in the samples

@@ -1,62 +1,75 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# What the documents say of themselves: the tests that docs/promises.md names exist, links lead somewhere, what is shown
+# What the documents say of themselves: the tests that promises are marked at exist, links lead somewhere, what is shown
 # is what is printed, and what is to be done by hand can be done.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 cd "$APC_SOURCE_DIR"
 
-# named FILE: what the tables of FILE name, a line each: the test's file, "function" or "text", its name.
-named() {
-  awk '
-    /^\|/ && !/^\|-/ && split($0, cell, / \| /) == 2 && cell[2] != "test |" {
-      rest = cell[2]
-      file = "?"
-      while (match(rest, /`[a-z0-9_]+`|"([^"\\]|\\.)+"|[a-z_.]+\.(c|sh|mjs|ts|tsx):/)) {
-        token = substr(rest, RSTART, RLENGTH)
-        rest = substr(rest, RSTART + RLENGTH)
-        name = substr(token, 2, length(token) - 2)
-        if (token ~ /:$/) file = substr(token, 1, length(token) - 1)
-        else print file "\t" (token ~ /^`/ ? "function" : "text") "\t" name
-        rows[NR]
-      }
-      if (!(NR in rows)) print "?\ttext\t" cell[1]
-    }' "$1"
+promises=$APC_SOURCE_DIR/scripts/promises
+"$promises" >"$work/promises.md" || fail "a mark of a promise is wrong"
+[ "$(grep -c '^| [^p-]' "$work/promises.md")" -ge 390 ] || fail "only $(grep -c '^| [^p-]' "$work/promises.md") promises are kept by tests"
+
+# it finds what is wrong
+mkdir -p "$work/tree/tests" "$work/tree/ui/test" "$work/tree/python/tests"
+sed "s/@(/Promise(/" >"$work/tree/tests/test_base.c" <<'END'
+/* @(laws): Whole files keep promises. */
+#include "check.h"
+
+/* @(laws/kept): A sentence stands once. */
+static void kept_here(void **state)
+{
 }
 
-# untested FILE: which of these are not there.
-untested() {
-  local file kind name path was=
-  while IFS=$'\t' read -r file kind name; do
-    [ "$file" = "$was" ] || path=$(find tests ui/test -name "$file" -not -path '*/node_modules/*')
-    was=$file
-    if [ ! -f "$path" ]; then # none, or several
-      echo "no test $file"
-    elif [ "$kind" = function ]; then
-      grep -Eq "^((static )?void )?$name\((void|\) \{)" "$path" || echo "$file has no $name"
-    else
-      grep -qF -- "${name//\\\"/\"}" "$path" || echo "$file does not say $name"
-    fi
-  done < <(named "$1")
+/*
+ * @(laws/kept)
+ * @(laws/nowhere)
+ * @(lawless): There is no such section,
+ *   however long it is.
+ */
+static void kept_there(void **state)
+{
 }
 
-missing=$(untested docs/promises.md)
-[ -z "$missing" ] || fail "docs/promises.md: $missing"
-[ "$(named docs/promises.md | wc -l)" -gt 300 ] || fail "docs/promises.md names $(named docs/promises.md | wc -l) tests only"
+/* @(laws): Nobody runs this. */
+static void never_run(void **state)
+{
+}
 
-# it finds what is not there
-cat >"$work/bad.md" <<'END'
-| promise | test |
-|---|---|
-| kept | test_base.c: `every_error_has_a_name_and_a_text`; test_run.sh: `folder_is_whole`, "Ctrl-C ends an endless run" |
-| gone | test_base.c: `every_error_has_a_name`, "no such line"; test_run.sh: `folder_is` |
-| moved | test_nowhere.c: `a_test`; lib.mjs: "export" |
-| none | by hand |
+int main(void)
+{
+    return run(kept_here, kept_there);
+}
 END
-[ "$(untested "$work/bad.md")" = 'test_base.c has no every_error_has_a_name
-test_base.c does not say no such line
-test_run.sh has no folder_is
-no test test_nowhere.c
-no test ?' ] || fail "found: $(untested "$work/bad.md")"
+sed "s/@(/Promise(/" >"$work/tree/tests/test_run.sh" <<'END'
+. lib.sh
+# @(laws/kept)
+# @(laws/kept)
+# @(laws/twice): It has two sentences.
+fail "it is not kept"
+# @(laws/twice): It has no end
+# or so
+[ kept ] || fail "neither is this"
+# @(laws): Whole files keep promises.
+END
+sed "s/@(/Promise(/" >"$work/tree/ui/test/page.test.ts" <<'END'
+import {test} from "node:test";
+// @(page): It is shown.
+test("it is shown", () => new @(done => done));
+END
+! "$promises" "$work/tree" >"$work/promises.md" 2>"$work/wrong" || fail "marks that are wrong are taken"
+diff - "$work/wrong" <<'END' || fail "marks that are wrong are not found"
+scripts/promises: tests/test_base.c:12: there is no section lawless
+scripts/promises: tests/test_base.c:19: no test stands behind the mark
+scripts/promises: tests/test_run.sh:3: laws/kept has this test already
+scripts/promises: tests/test_run.sh:6: the sentence has no end: It has no end
+scripts/promises: tests/test_run.sh:9: no test stands behind the mark
+scripts/promises: tests/test_run.sh:9: stands at tests/test_base.c:1 already: Whole files keep promises.
+scripts/promises: tests/test_base.c: laws/nowhere has 0 sentences
+scripts/promises: tests/test_run.sh: laws/twice has 2 sentences
+END
+grep -qx '| A sentence stands once. | tests/test_base.c: kept_here, kept_there; tests/test_run.sh: 5, 5 |' "$work/promises.md" &&
+  grep -qx '| Whole files keep promises. | tests/test_base.c |' "$work/promises.md" &&
+  grep -qx '| It is shown. | ui/test/page.test.ts: "it is shown" |' "$work/promises.md" || fail "found: $(cat "$work/promises.md")"
 
 # ---- Links
 
@@ -78,6 +91,7 @@ dead() {
     fi
   done < <(grep -oHE '\]\([^) ]+' "$@" | sed 's/\](//')
 }
+# Types(sql/README.md): ```sql
 documents=(README.md docs/*.md sql/README.md bench/README.md tests/mutation/README.md)
 linked=("${documents[@]}" CONTRIBUTING.md SECURITY.md CHANGELOG.md examples/*/README.md)
 [ -z "$(dead "${linked[@]}")" ] || fail "dead links: $(dead "${linked[@]}")"
@@ -86,6 +100,7 @@ printf '# A heading, of `code`\n[a](#a-heading-of-code) [b](bad.md) [c](http://x
 $work/bad.md: bad.md#gone" ] || fail "found: $(dead "$work/bad.md")"
 
 for document in docs/*.md; do
+  # Promise(docs): The list of documents, docs/README.md, names each.
   [ "$document" = docs/README.md ] || grep -qF "](${document#docs/})" docs/README.md || fail "$document is in no list"
 done
 
@@ -98,6 +113,7 @@ prose() {
 misspelled() { prose "$@" | aspell list -l en_GB --encoding=utf-8 --mode=none | sort -u | grep -vE '^.{1,3}$' | grep -vxFf man/words || true; }
 if aspell dump dicts 2>/dev/null | grep -qx en_GB; then
   wrong=$(misspelled "${linked[@]}")
+  # Promise(docs): The documents are spelled right.
   [ -z "$wrong" ] || fail "misspelled, or missing in man/words: $wrong"
   printf 'A setpiont of `kode`.\n' >"$work/bad.md"
   [ "$(misspelled "$work/bad.md")" = setpiont ] || fail "a wrong word is not found"
@@ -106,6 +122,7 @@ else
 fi
 
 # ---- what is shown is what is printed
+# Promise(docs): What README and docs/simulate.md show of `apc simulate` is what it prints.
 
 figures() { sed -n '/^loop  from/,/^[^ly ]/p' "$1" | grep '^[ly ]'; }
 "$apc" simulate experiments/first-order.conf >"$work/pi.txt"
@@ -121,29 +138,52 @@ diff <(sed -n '/^controller.Kp  loop/,/^```/p' docs/simulate.md | grep -v '```')
 
 commands=$APC_SOURCE_DIR/tests/system/commands.py
 python3 "$commands" "$APC_BIN" "${documents[@]}" >"$work/commands"
+# Promise(docs/command-line-documents): Each command line that the documents show names a command and options that
+#   there are, each piece of Python what the package has.
 [ "$(wc -l <"$work/commands")" = 1 ] || fail "no such command or option: $(cat "$work/commands")"
 [ "$(cat "$work/commands")" -gt 100 ] || fail "only $(cat "$work/commands") command lines were looked at"
 printf '```\n$ apc simulate x --frobnicate | apc nothing\napc set: r is nothing\n```\n```python\napc.Nothing(1)\n```\n```python\nif :\n```\n' >"$work/bad.md"
+# Promise(docs/command-line-documents)
 [ "$(python3 "$commands" "$APC_BIN" "$work/bad.md" | grep -c ' has no ')" = 4 ] || fail "what there is not is taken"
 
-# ---- each command of a page is typed by a test, as typed.txt says
+# ---- each command of a page is typed by a test, as marks in the tests say
 
-typed=$APC_SOURCE_DIR/tests/system/typed
-python3 "$typed.py" "$typed.txt" README.md docs/*.md sql/README.md >"$work/typed"
+typed=$APC_SOURCE_DIR/tests/system/typed.py
+python3 "$typed" "$APC_SOURCE_DIR" README.md docs/*.md sql/README.md >"$work/typed"
+# Promise(docs/command-block-documents): Each command in a block of the documents is typed by a test, or by hand
+#   where no test can, as a table says that is compared with the pages.
 [ "$(wc -l <"$work/typed")" = 1 ] || fail "a page and its tests differ: $(cat "$work/typed")"
 [ "$(cat "$work/typed")" -gt 200 ] || fail "only $(cat "$work/typed") commands were looked at"
-# it finds a command that nobody types, one that is gone, and a test that knows nothing of the page
-printf '```\napc set r 1    # aside\napc get y\n```\n```\n$ curl x\nan answer\n```\n' >"$work/bad.md"
-printf '%s\n' "$work/bad.md - apc set" "$work/bad.md tests/system/test_run.sh curl" "$work/bad.md - apc tune" >"$work/bad.txt"
-python3 "$typed.py" "$work/bad.txt" "$work/bad.md" >"$work/typed"
+# it finds a command that nobody types, a mark of one that is gone, and one that is by hand and is typed
+mkdir -p "$work/typing/tests"
+cat >"$work/bad.md" <<'END'
+```
+apc set r 1    # aside
+apc get y
+```
+<!-- by hand: it has no end -->
+```
+$ curl x
+an answer
+```
+<!-- by hand: as it was once -->
+```
+apc mode
+```
+END
+printf '# Types(%s): apc %s\n' "$work/bad.md" 'set, apc tune' >"$work/typing/tests/test_a.sh"
+echo "x=\$(typed $work/bad.md 'apc m.de')" >"$work/typing/tests/test_b.sh"
+python3 "$typed" "$work/typing" "$work/bad.md" >"$work/typed"
+# Promise(docs/command-block-documents)
 diff - "$work/typed" <<END || fail "a page that no test types is taken"
 $work/bad.md: no test types: apc get y
-tests/system/test_run.sh does not name $work/bad.md
-$work/bad.md: there is no such command: apc tune
-3
+$work/bad.md: tests type all of it, and none is by hand: as it was once
+tests/test_a.sh:1: $work/bad.md has no such command: apc\ tune
+4
 END
 
 # ---- what is not given is the default that docs/experiment-file.md states: where the library chooses, too
+# Promise(experiment/stands-loaded-not)
 
 samples() { # SETTINGS of the plant
   sed "s/model = \"first-order\";/& $1/" experiments/first-order.conf >"$work/given.conf"
@@ -159,6 +199,7 @@ done
 [ "$(samples 'integrator = "rk4"; steps = 1;')" != "$(samples 'integrator = "rk4";')" ] || fail "steps changes nothing"
 
 # ---- what is to be done by hand can be done
+# Promise(database): The statements of sql/README.md work as they stand there.
 
 "$apc" init experiments/first-order.conf >/dev/null
 sed -n '/^## By hand/,/^## Growth/s/^\(    \)\?SELECT/SELECT/p' sql/README.md |

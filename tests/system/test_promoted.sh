@@ -45,6 +45,8 @@ until_true 60 more "$first" $((before + 20))
 [ "$(rows "$second")" = "$before" ] || fail "somebody writes to the server that was promoted while the first one lives"
 
 # The first one dies. What it alone has been given is sent again, to the other.
+# Promise(database/standby-promoted-hand): A standby promoted by hand while the leader lives: who writes stays with
+#   its server; when that is gone the other has each row once, and an event says so.
 whole() { # of a server: from the first row on each once, with the value that the live store has
   local table missing
   for table in sensor actuator tick; do
@@ -63,6 +65,7 @@ whole "$second" 'the second server'
   fail "no event says that the history was another one's"
 
 # It comes back, takes writes as before, and is named first: who begins goes there, and that is whole too.
+# Promise(database/standby-promoted-hand)
 as_server "$bin/pg_ctl" -D "$first_data" -w -t 60 -l "$first/server.log" -o "-k $first ${options[*]}" start >/dev/null
 n=$(rows "$second")
 until_true 60 more "$second" $((n + 5)) # who has a server keeps it

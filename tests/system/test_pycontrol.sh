@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Other people's controllers as laws: do-mpc, CasADi and python-control control our plants, and replay computes again what they did in
 # a real run. They are big: scripts/peers control.
+# Promise(python): do-mpc, CasADi and python-control control our plants as they are; what do-mpc's did in a real run
+#   is computed again bit for bit.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac

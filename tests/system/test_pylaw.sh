@@ -11,10 +11,12 @@ hash() { "$apc" simulate "$@" | grep sha256; }
 # ---- the same law
 
 mine=$APC_SOURCE_DIR/examples/python/mylaw.py
+# Promise(laws/law-python-gives): A law in Python gives the samples of the same law in C, bit for bit.
 [ "$(hash "$experiment" --law "$mine")" = "$(hash "$experiment" --law "$APC_BUILD_DIR/examples/mylaw.so")" ] ||
   fail "in Python it gives other samples than in C"
 sed -e 's|law = "pi"|law = "./mylaw.py"|' -e 's|Kp = 0.2; tau_i = 10.0; u_bar = 0.0;|Kp = 0.25; tau_i = 10.0;|' "$experiment" >"$work/own.conf"
 cp "$mine" "$work"
+# Promise(laws/law-python-raises)
 [ "$(hash "$work/own.conf")" = "$(hash "$experiment" --law "$mine")" ] || fail "a path in the file means something else"
 
 # Of a law that is whole, what it is told of settings and signals, and what it publishes.
@@ -95,6 +97,7 @@ class Odd(apc.Law):
         MyLaw.update(self, c)
 PY
 sed -i "s|FOLDER|'$(dirname "$mine")'|" "$work/odd.py"
+# Promise(laws/law-python-gives)
 [ "$(hash "$experiment" --law "$work/odd.py")" = "$(hash "$experiment" --law "$mine")" ] || fail "a call that is assigned to, copied and sent is another one"
 
 # Each process of a campaign has one of its own, which ends with it.
@@ -135,20 +138,31 @@ law prints "$compute print(2000 * 'x', 'the end')
         if c.tick > 25: print(10000000 * 'y')
         return 1.0"
 grep -q 'output held: law Bad: ValueError: no way (line 4)' <<<"$(events raises)" || fail "an exception is no event"
+# Promise(laws/law-python-raises): A law in Python that raises, exits, is killed, hangs, prints without end, returns
+#   NaN, a wrong shape or a text is an event and is held; the loop goes on afterwards; what is no law is refused with
+#   its line.
 grep -q '|ValueError: no way (line 4)' "$work/raises/events.csv" || fail "a traceback is no event"
+# Promise(laws/law-python-raises)
 grep -q 'output held: law Bad: its process ended, exit code 3' <<<"$(events exits)" || fail "an exit is no event"
+# Promise(laws/law-python-raises)
 grep -q 'output held: law Bad: its process was ended by signal 9' <<<"$(events killed)" || fail "a kill is no event"
 grep -q 'output held: law Bad: gave no finite number' <<<"$(events nothing)" || fail "NaN is no event"
+# Promise(laws/law-python-raises)
 grep -q 'compute gave 2 numbers, not 1' <<<"$(events shape)" || fail "a wrong shape is no event"
 grep -q "compute gave '12', not 1 number" <<<"$(events text)" || fail "a text is no event"
+# Promise(laws/law-python-raises)
 grep -q 'x the end' <<<"$(events prints)" || fail "what is printed is no event"
 grep -q 'B) ... yyyy' "$work/prints/events.csv" || fail "a flood is no event"
 for limit in 1 5 25; do # in which it also has to begin, which takes a busy machine its time
   (events loops) >/dev/null 2>&1 && break
 done
+# Promise(laws/law-python-raises)
 grep -q 'output held: law Bad: did not answer and was killed' "$work/loops/events.csv" || fail "a hang is no event: $(cat "$work/loops.log")"
 unset limit
 for name in raises exits killed nothing shape text; do
+  # Promise(laws/law-python-raises)
+  # Promise(laws/real-time-law): In real time a law in Python that hangs is killed and started again, and the run's
+  #   replay is exact.
   grep -q 'inputs good again' "$work/$name/events.csv" || fail "$name: the loop does not go on"
 done
 grep -q 'rejected' "$work/prints/events.csv" && fail "printing held the loop up"
@@ -190,8 +204,10 @@ until_true 60 happened 'did not answer and was killed'
 until_true 60 happened 'inputs good again'
 kill -INT "$pid"
 wait "$pid" || fail "a law that hung for a while ended the run"
+# Promise(laws/real-time-law)
 grep -q 'did not answer and was killed' "$work/run/events.csv" || fail "a hang in real time is no event"
 [ -f "$work/run/law.py" ] || fail "the folder has not kept the law"
 expect 0 'ticks the same bit for bit' "$apc" replay "$work/run"
+# Promise(laws/real-time-law)
 "$apc" replay "$work/run" | grep -q 'the first that differs' && fail "a replay makes something else"
 exit 0

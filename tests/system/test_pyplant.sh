@@ -24,11 +24,14 @@ conf "$APC_BUILD_DIR/examples/myplant.so" >"$work/c.conf"
 conf ./myplant.py >"$work/python.conf"
 "$apc" simulate "$work/c.conf" --csv "$work/c.csv" >"$work/c.log"
 "$apc" simulate "$work/python.conf" --csv "$work/python.csv" --report "$work/folder" >"$work/python.log"
+# Promise(python/plant-python-gives): A plant in Python gives the samples of the same plant in C, and the same each
+#   time; its inputs and outputs are chosen by name.
 paste -d, "$work/c.csv" "$work/python.csv" | awk -F, 'NR > 1 {
   n = NF / 2
   if ($1 != $(n + 1) || ($n - $NF) ^ 2 > 1e-12) exit 1
   rows++ } END { exit rows < 100 }' || fail "in Python it gives other samples than in C"
 grep sha256 "$work/python.log" >"$work/hash"
+# Promise(python/plant-python-gives)
 "$apc" simulate "$work/python.conf" | grep -qF "$(cat "$work/hash")" || fail "it is not the same each time"
 [ -f "$work/folder/plant.py" ] || fail "the run folder does not keep it"
 "$apc" simulate "$work/folder" | grep -qF "$(cat "$work/hash")" || fail "the run folder's plant is another one"
@@ -62,10 +65,13 @@ client = { period = 0.2; link = "tcp:127.0.0.1:$port"; };
 controller = { law = "pi"; period = 0.2; mode = "Auto"; hold = 600.0; tuning = ( { Kp = 0.5; tau_i = 1.0; } ); };
 CONF
 "$apc" simulate "$work/mixer.conf" --csv "$work/mixer.csv" >"$work/mixer.log"
+# Promise(python/plant-python-gives)
 awk -F, '$2 == "actuator" && $1 < 9.9 {u = $NF} $2 == "actuator" {last = $NF} END {exit !(u > 1.49 && u < 1.51 && last > 1.98 && last < 2.02)}' "$work/mixer.csv" ||
   fail "inputs are not those that were named: $(tail -n 3 "$work/mixer.csv")"
 
 # ---- what is none
+# Promise(python/plant-python-raises): A plant in Python that raises, exits, is killed, hangs, returns NaN, a wrong
+#   shape or a text ends a simulation with its line; in real time it is started again and the loop goes on.
 
 # refused PATTERN [CODE...]: a plant that has this line in its step
 refused() {
@@ -77,6 +83,7 @@ refused() {
 refused 'bad.py: .*RuntimeError: leaks \(line' 'raise RuntimeError("leaks")'
 refused 'bad.py: its process ended, exit code 3' 'import os; os._exit(3)'
 refused 'bad.py: its process .*(signal|killed)' 'import os; os.kill(os.getpid(), 9)'
+# Promise(incoming/table-ways-commands)
 refused 'bad.py: step gave nan for y|bad.py: .*gave nan for y' 'self.y = float("nan")'
 refused 'bad.py: .*step gave 1 numbers, not 2' 'return [1.0]'
 refused "bad.py: .*could not convert|bad.py: .*step gave 'much'" 'return "much"'
@@ -106,6 +113,7 @@ bad() { "$apc" history y --last 400 --csv --store "$work/run" | grep -q ',Bad'; 
 until_true 60 bad
 until_true 60 good
 kill -INT "$run"
+# Promise(python/plant-python-raises)
 wait "$run" || fail "a plant that was killed ended the run"
 gone() { ! process; }
 until_true 20 gone

@@ -5,6 +5,9 @@
 . "$(dirname "$0")/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 python=$APC_SOURCE_DIR/python
+# Promise(python/wheel-pythons-3): A wheel for all Pythons from 3.9 on is built and installed where nothing else is;
+#   there experiments, simulations, stores and history do what docs/python.md says, refusals are exceptions with the
+#   library's sentence, the types are clean, and a simulation has the figures of its twin in C.
 python_user
 wheel=$(echo "$work"/libapc-*.whl)
 cd "$work"
@@ -12,6 +15,8 @@ cd "$work"
 promises() {
   "$user/bin/python" -m pytest -q -p no:cacheprovider "$@" >"$work/pytest.log" 2>&1 || {
     cat "$work/pytest.log"
+    # Promise(python/wheel-pythons-3)
+    # Promise(python/run-folder-tidy)
     fail "the package does not do what it promises"
   }
   tail -n 1 "$work/pytest.log"
@@ -19,9 +24,12 @@ promises() {
 promises "$python/tests"
 export PYTHONPATH=$tools/lib # what it needs not, and works with: pandas, pyarrow, duckdb
 promises -k 'arrow or pandas or duckdb' "$python/tests"
+# Promise(python/run-folder-tidy)
 grep -q skipped "$work/pytest.log" && fail "pandas and pyarrow are not taken"
+# Promise(python): A history of PostgreSQL is bit for bit what psycopg reads.
 "$user/bin/python" "$APC_SOURCE_DIR/tests/peers/postgres_history.py" 100000 >"$work/history.log" 2>&1 || fail "a history is not what psycopg reads"
 unset PYTHONPATH
+# Promise(python/wheel-pythons-3)
 PYTHONPATH=$tools/lib python3 -m mypy --strict --cache-dir "$APC_BUILD_DIR/tests/mypy" --python-executable "$user/bin/python" \
   -p libapc >"$work/mypy.log" 2>&1 || fail "its types are not clean"
 for example in simulate plant timer mylaw; do
@@ -33,6 +41,7 @@ python3 -m zipfile -l "$wheel" | grep '/LICENSE ' >/dev/null || fail "the wheel 
 # The example says the same as its twin in C, to the last digit.
 "$APC_BUILD_DIR/examples/example_run" "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/c.txt"
 "$user/bin/python" "$APC_SOURCE_DIR/examples/python/simulate.py" "$APC_SOURCE_DIR/experiments/first-order.conf" >"$work/python.txt"
+# Promise(python/wheel-pythons-3)
 diff "$work/c.txt" "$work/python.txt" || fail "simulated from Python it is something else"
 
 # An operator in Python, of a run that goes on: what becomes of each write is waited for, and stands in the record.
@@ -99,12 +108,21 @@ unset APC_STORE APC_HISTORY
 background run "$apc" run "$work/fast.conf" --no-ui --out "$work/run"
 happened() { "$apc" status --store "$work/run" | grep -q "$1"; }
 until_true 60 happened 'actual Auto'
+# Promise(python): From Python an operator's write has an outcome, as by `apc set`: what is in force, or an exception
+#   with the reason; who wrote it stands in the record.
+# Promise(python): From Python alarms are read, acknowledged and shelved as by `apc alarm`; who wants what makes no
+#   sense is told.
 "$user/bin/python" "$work/operate.py" "$work/run" || fail "an operator's write has no outcome"
 example() { "$user/bin/python" "$APC_SOURCE_DIR/examples/python/$1" "${@:2}" >"$work/example.txt" && cat "$work/example.txt"; }
+# Promise(python/periodic-task-python)
 example plant.py "tcp:127.0.0.1:$port" 2 | grep -qE '^-?[0-9.e+-]+$' || fail "a plant is not asked"
+# Promise(python/periodic-task-python)
 example timer.py 0.01 3 | grep -q '^tick 0: .* ms late, 0 missed before it$' || fail "there is no periodic task"
 # What the page shows is so.
 shows() {
+  # Promise(python/docs-python-md): What docs/python.md shows in Python runs as it stands there: experiments, stores,
+  #   alarms, a run, an archive, links, models, a law, a plant.
+  # Types(docs/python.md): ```python
   PYTHONPATH=$tools/lib "$user/bin/python" "$APC_SOURCE_DIR/tests/system/python_page.py" "$APC_SOURCE_DIR/docs/python.md" "$work/run" "$port" "$1" \
     >"$work/page.log" 2>&1 || fail "docs/python.md shows what is not so"
 }
@@ -114,9 +132,13 @@ wait "$pid" || fail "an operator in Python ended the run"
 ln -s "$APC_SOURCE_DIR/experiments" .
 shows after
 export APC_PYTHON=$user/bin/python
+# Promise(python/docs-python-md)
 "$apc" simulate "$work/fast.conf" --duration 5 --law ./mylaw.py >"$work/page.log" 2>&1 || fail "the law of docs/python.md is none"
 sed '/^  parameters = { K/d; s/model = "first-order"/model = ".\/myplant.py"; inputs = ["q"]; outputs = ["h"]/; /name = "u"/s/low = -10.0; high = 10.0/low = 0.0; high = 0.1/' experiments/first-order.conf >tank.conf
+# Promise(python/docs-python-md)
 "$apc" simulate tank.conf --duration 5 >"$work/page.log" 2>&1 || fail "the plant of docs/python.md is none"
+# Promise(python/run-folder-tidy): A run folder is one tidy table, read to the last digit, with names, units and
+#   modes; pandas and pyarrow share its memory, and it needs neither; a damaged file is an exception with its line.
 "$user/bin/python" - "$work/run" <<'PY' || fail "what was run is no tidy table"
 import sys
 
@@ -136,6 +158,7 @@ PY
 "$apc" simulate "$APC_SOURCE_DIR/experiments/quadruple-tank.conf" --report "$work/taken" >/dev/null || fail "no columns: no simulation"
 "$apc" simulate "$APC_SOURCE_DIR/experiments/first-order.conf" --report "$work/taken" --force >/dev/null || fail "no columns: the folder is not taken"
 for folder in "$work/run" "$work/taken"; do
+  # Promise(python/samples-columns-gives)
   "$user/bin/python" - "$folder" "$apc" <<'PY' || fail "columns are not those of samples.csv"
 import subprocess
 import sys
@@ -165,4 +188,5 @@ const char *apc_version(void);
 const char *apc_version(void) { return "0.0.1"; }
 C
 cc -shared -fPIC -Wl,-soname,libapc.so.0.1 -o "$work/libapc.so.0.1" "$work/other.c"
+# Promise(python): Another libapc in the wheel's place is told, not run.
 expect 1 'libapc cannot be loaded: .*LD_LIBRARY_PATH' env LD_LIBRARY_PATH="$work" "$user/bin/python" -c 'import libapc as apc; apc.version()'

@@ -4,6 +4,8 @@
 . "$(dirname "$0")/lib.sh"
 "$APC_SOURCE_DIR/scripts/qts" >"$work/tables"
 while read -r line; do
+  # Promise(laws): PI, linear and nonlinear predictive control of the same tanks: the tables are what the script
+  #   prints.
   grep -qxF -- "$line" "$APC_SOURCE_DIR/docs/qts.md" || fail "docs/qts.md does not have this line of scripts/qts: $line"
 done < <(grep . "$work/tables")
 [ "$(grep -c '^| \(PI\|linear\|nonlinear\)' "$work/tables")" -eq 10 ] || fail "scripts/qts has not printed ten rows"

@@ -65,6 +65,8 @@ while [ $((resets += 1)) -le "${APC_RESETS:-1}" ]; do
 
   expect 4 'the history: it belongs to experiment fast' "$apc" init --store "$both" "$APC_SOURCE_DIR/experiments/servo.conf"
   was=$(newest actuator)
+  # Promise(stores/host-comes-up): A host that comes up again goes on from its history: what people wanted, what the
+  #   controllers go on from, and seqs; from when to when nothing is on record is told, also where that is away.
   expect 0 '[0-9]+ variables go on from the history' "$apc" init --store "$both" "$work/fast.conf"
   expect 0 'tables are up to date' "$apc" init --store "$both" "$work/fast.conf" # once more, by a careful person
   expect 0 '^Kp +0.25 ' "$apc" tune --store "$live"
@@ -74,11 +76,14 @@ while [ $((resets += 1)) -le "${APC_RESETS:-1}" ]; do
   daemon historian --history postgresql:
   until_true 60 beyond actuator $((was + 3))
   until_true 60 has_told "$resets"
+  # Promise(stores/host-comes-up)
   tells_the_truth || fail "the gap that was told is not that of the record"
+  # Promise(stores/host-comes-up)
   [ "$(grep -c 'resuming from the stored state' "$work/controller.log")" -gt "$resumed" ] || fail "the controller began anew"
   expect 0 'r +7.5' "$apc" get r --store "$live" # the scheduler still stands aside
 done
 for table in sensor actuator tick; do
+  # Promise(stores/host-comes-up)
   rises $table || fail "of $table numbers were given out twice"
   [ "$(gaps $table)" = 0 ] || fail "of $table the numbers have a hole"
 done
@@ -104,6 +109,7 @@ for table in sensor actuator tick setpoint tuning; do
   rises $table || fail "of $table numbers were given out twice"
 done
 for table in sensor actuator tick; do
+  # Promise(stores/host-comes-up)
   [ "$(gaps $table)" = 1 ] || fail "of $table the record has $(gaps $table) gaps, not one"
 done
 expect 0 'the history (has all|is [0-9]{1,3} rows behind)' "$apc" status --store "$both"

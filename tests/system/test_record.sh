@@ -21,6 +21,8 @@ ran=$("$apc" simulate "$work/here/own.conf" --plant "$work/here/plant.so" --seed
 [ -n "$ran" ] || fail "the simulation did not say its hash"
 mv "$work/here/run" "$work/there/run" && rm -r "$work/here"
 again=$("$apc" simulate "$work/there/run" | hash_of)
+# Promise(simulation/folder-whole-record): A folder is the whole record: simulated and replayed from it elsewhere,
+#   plug-ins included, without an option.
 [ "$again" = "$ran" ] || fail "simulated from its folder, elsewhere and without its plug-ins, a run is another"
 [ "$("$apc" simulate "$work/there/run/run.conf" | hash_of)" = "$ran" ] || fail "run.conf in its folder is not the run"
 [ "$("$apc" simulate "$work/there/run" --seed 2 | hash_of)" != "$ran" ] || fail "an option does not go over the record"
@@ -28,9 +30,11 @@ expect 0 '^u +(1[0-9]+) +\1 +0 ' "$apc" replay "$work/there/run" --tolerance 0
 expect 0 '^controller: ([0-9]+) of \1 ticks the same bit for bit$' "$apc" replay "$work/there/run"
 [ "$("$apc" simulate "$work/there/run" --report "$work/there/copy" | hash_of)" = "$ran" ] || fail "a run of a run is another"
 rm -r "$work/there/run"
+# Promise(simulation/folder-whole-record)
 [ "$("$apc" simulate "$work/there/copy" | hash_of)" = "$ran" ] || fail "a record that came from a record is not whole"
 
 # a record that was tampered with is none
+# Promise(simulation): A file that is no longer the one that ran is refused.
 cp "$mylaw" "$work/there/copy/plant.so"
 expect 1 'record\.conf:[0-9]+: .*plant\.so is not the file that ran' "$apc" simulate "$work/there/copy"
 cp "$myplant" "$work/there/copy/plant.so"
@@ -42,10 +46,13 @@ sed -i 's/^seed.*/seed = /' "$work/there/copy/record.conf"
 expect 1 'record\.conf:[0-9]+: syntax error' "$apc" report "$work/there/copy"
 
 # each tick of a law that uses more than its loop's own measurement comes out again as well, and what is damaged is named
+# Promise(simulation/replay-makes-tick): A replay makes each tick from its row, of a law that uses more than its
+#   loop's own measurement too; a run without rows of ticks is refused.
 "$apc" simulate "$APC_SOURCE_DIR/experiments/double-tank.conf" --duration 60 --report "$work/two" >/dev/null
 expect 0 '^controller: 120 of 120 ticks the same bit for bit$' "$apc" replay "$work/two"
 expect 0 '^controller: 120 of 120 ticks the same bit for bit$' "$apc" replay "$work/two" --virtual
 mv "$work/two/ticks.db" "$work/ticks.db"
+# Promise(simulation/replay-makes-tick)
 expect 1 'ticks\.db: No such file or directory: a run of a former version' "$apc" replay "$work/two"
 
 # ---- A run
@@ -66,12 +73,15 @@ at_set() { "$apc" get u --csv --store "$store" | grep -q ',1.5$'; }
 until_true 20 at_set
 
 # beside its historian nobody writes to the record: it would have rows that never were in force
+# Promise(stores/file-history-nobody)
 for command in 'set u 2' 'mode auto' 'tune Kp=0.4'; do
   # shellcheck disable=SC2086
   expect 4 'store\.db is a history, which no loop reads' "$apc" $command --store "sqlite:$work/live/store.db"
 done
 
 # nobody else reads it, nobody else's experiment takes its place or its store
+# Promise(simulation/nothing-overwritten): Nothing is overwritten without `--force`; a store of another experiment is
+#   refused always; others may not read.
 [ "$(find "$work/live" -not -perm -go-rwx -o -perm /077 | wc -l)" = 0 ] || fail "others may read: $(find "$work/live" -perm /077)"
 before=$(md5sum <"$work/live/record.conf")
 expect 4 'live is not empty: .*--force' "$apc" run "$work/fast.conf" --duration 1 --out "$work/live"
@@ -88,6 +98,7 @@ for other in "$work/other.conf" "$APC_SOURCE_DIR/experiments/servo.conf"; do
 done
 "$apc" init "$APC_SOURCE_DIR/experiments/servo.conf" --store "sqlite:$work/servo.db" >/dev/null
 expect 4 'it belongs to .*experiment.*--force' "$apc" init "$work/other.conf" --store "sqlite:$work/servo.db"
+# Promise(stores/apc-copy-everything)
 expect 4 'TO: it belongs to another experiment: its sensor.1 is "angle"' "$apc" copy "$store" "sqlite:$work/servo.db"
 expect 0 '^angle ' "$apc" get --store "sqlite:$work/servo.db"
 [ ! -e "$work/taken" ] || fail "a refused run left its folder behind"
@@ -97,6 +108,7 @@ expect 0 '^angle ' "$apc" get --store "sqlite:$work/servo.db"
 # what was tuned and set meanwhile is in the record, and every output comes out again
 grep -q ',tuning,1,Good,0.29999999999999999$' "$work/live/operation.csv" || fail "the record has no tuning"
 grep -q ',manual,1,Good,1.5$' "$work/live/operation.csv" || fail "the record has no manual output"
+# Promise(simulation/files-columns-lines)
 grep -q '^actuator,1,"u","","manipulated variable",-10,10$' "$work/live/signals.csv" || fail "signals.csv does not say what u is"
 expect 0 "^u +([0-9]+) +\\1 +0 " "$apc" replay "$work/live"
 expect 1 'u differs' "$apc" replay "$work/live" --law pi --tolerance 0
@@ -116,12 +128,15 @@ wait "$run" && fail "a run without its record is a success: $(cat "$work/gone.lo
 tail -n 1 "$work/gone.log" | grep -q "^/dev/shm/apc.run-$run-.* was removed while the run went on" || fail "$(cat "$work/gone.log")"
 
 # ---- A run that was killed has its record in its store, and what had not got there in its memory
+# Promise(simulation): A killed run is reported from its store.
 
 "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/killed" >"$work/killed.log" 2>&1 &
 run=$!
 store=$work/killed
 until_true 20 more_rows u 3
 # as long as it goes on its memory is its own, whoever asks for it
+# Promise(run/run-killed-leaves): A run that was killed leaves its memory, whoever runs next is told of it, and its
+#   report and `apc drain` move it to the record; the memory of one that goes on is left alone.
 expect 4 "/dev/shm/apc.run-$run-[0-9]*: its run goes on" "$apc" drain "$work/killed"
 until_true 20 more_rows u $(($(rows u) + 3))
 daemons() { pgrep -P "$run" || true; }
@@ -133,6 +148,8 @@ until_true 20 gone
 n=$(rows u)
 # whoever runs something next is told of it, and what runs meanwhile has memory of its own; two that begin at once have
 # folders of their own
+# Promise(run/run-killed-leaves)
+# Promise(simulation/runs-tests-begin): Runs, and tests, that begin in the same second have folders of their own.
 sed "s/:$port\"/:$(free_port)\"/" "$work/fast.conf" >"$work/elsewhere.conf"
 next() { (cd "$work" && exec "$apc" run "$2" --duration 5 --no-ui) >"$work/$1.log" 2>&1; }
 next one "$work/fast.conf" &
@@ -145,6 +162,7 @@ grep -q "^shm:run-$run-.* is the memory of a run that was killed: .apc drain '$w
 mv "$work/killed" "$work/moved"
 expect 0 'samples: .*moved/samples\.csv, from the store' "$apc" report "$work/moved"
 [ "$(grep -c ',actuator,1,' "$work/moved/samples.csv")" = "$n" ] || fail "the report of a killed run lost outputs"
+# Promise(run/run-killed-leaves)
 ! compgen -G "/dev/shm/apc.run-$run-*" || fail "its memory was left behind"
 expect 0 "^u +$n +$n +0 " "$apc" replay "$work/moved"
 # how long it was includes its last sample: the same report again has all of them
@@ -171,6 +189,7 @@ rm "$work/moved/samples.csv"
 expect 1 'name the store of this run with --store' "$apc" report "$work/moved"
 
 # ---- Single files
+# Promise(simulation/nothing-overwritten)
 
 echo mine >"$work/mine.csv"
 for command in "simulate $work/fast.conf --duration 1" "simulate $work/fast.conf --duration 1 --runs 2" "replay $work/live"; do

@@ -23,6 +23,7 @@ expect 1 'one language for both' "$apc" simulate "$work/babel.conf"
 expect 2 'requires an argument' "$APC_BIN/apc-plant" --config "$work/fast.conf" --modbus
 
 # a stranger controls it, is refused what must not be, and when he is silent the plant goes to its safe value
+# Promise(links/plant-ours-modbus)
 python_peers
 background plant "$APC_BIN/apc-plant" --config "$work/fast.conf" --modbus "127.0.0.1:$port"
 until_true 20 listens

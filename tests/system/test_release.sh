@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A release is the same bit for bit when it is made again, and its bill of materials has what is in it. (The packages:
 # scripts/release, as docs/install.md has it, by hand.)
+# Types(docs/install.md): scripts/release
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 cd "$APC_SOURCE_DIR"
@@ -15,6 +16,8 @@ tar -tzf "$work/release/libapc-$version.tar.gz" >"$work/names"
 grep -qx "libapc-$version/include/apcstore.h" "$work/names" || fail "the sources are not whole"
 mkdir "$work/again"
 scripts/release --sources "$work/again" >>"$work/release.log"
+# Promise(docs/release-bit-bit): A release is the same bit for bit when it is made again; its bill of materials has
+#   each library that is linked, with its version, and what is bundled into the page.
 cmp "$work/release/SHA256SUMS" "$work/again/SHA256SUMS" || fail "the second time the sources are others"
 
 # ---- the bill of materials
@@ -29,6 +32,7 @@ if [ -e "$page/index.html" ]; then
   sed -n 's/^== \(.*\) [0-9.]*$/\1/p' "$page/notices.txt" | diff "$work/bundled" - || fail "the page is without a licence of what is bundled into it"
   [ "$(grep -c '^Copyright' "$page/notices.txt")" -ge "$(wc -l <"$work/bundled")" ] || fail "a licence is of nobody: $page/notices.txt"
 fi
+# Promise(docs/release-bit-bit)
 python3 - "$work/first.json" "$work/bundled" "$(dpkg-query -W -f='${Version}' libpq5)" <<'PYTHON' || fail "the bill is wrong"
 import json
 import sys

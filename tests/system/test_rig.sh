@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # docs/plants-real.md, step by step, with a PLC that is played.
+# Promise(links): A plant can be connected step by step: read only, by hand from its safe values on, in automatic,
+#   and back.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 segment=/dev/shm/apc.rig$$
@@ -46,4 +48,5 @@ wait "$run" || true
 # a run that only reads, from its beginning to its end, is what it was to be
 reads() { "$apc" get y1 --store "$work/watched" | grep -q Good; }
 (unset APC_STORE && run_until reads "$work/tanks.conf" --no-ui --out "$work/watched")
+# Promise(run/run-not-controlled)
 grep -q 'sensor' "$work/watched/samples.csv" || fail "a run that only reads has read nothing"

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Which room knows which is as docs/architecture.md says, by the symbols of the object files.
+# Promise(run/room-knows-table): Which room knows which is as the table says, by the object files; a room has one
+#   face, a folder 25 files at most.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
@@ -18,6 +20,7 @@ for line in 'timer does not know base by the table: timer/' 'timer does not use 
 done
 
 # A room of the project's own library has one face, and that of a room below it is its public header.
+# Promise(run/room-knows-table)
 strangers() { # FOLDER...: what is included of other rooms that is not their face
   grep -rnoE '^#include "[a-z]+(/[a-z]+)?/[a-z_]+\.h"' "$@" |
     sed -E "s#^$APC_SOURCE_DIR/##" |

@@ -5,6 +5,7 @@
 fast_experiment
 sed -i -e 's/period = 15.0;/period = 0.5;/' -e 's/sequence = (.*);/sequence = ( [10.0] );/' "$work/fast.conf" # ticks soon, wherever it begins
 
+# Promise(simulation/files-columns-lines): Files have the columns and lines that are stated.
 folder_is_whole() {
   for file in run.conf record.conf samples.csv ticks.db operation.csv signals.csv timing.csv timing-summary.csv events.csv report.svg report.png; do
     [ -s "$1/$file" ] || fail "$1/$file is missing or empty"
@@ -32,6 +33,8 @@ folder_is_whole "$work/run"
   fail "an actuator row names a tick or a measurement that is not there"
 
 # every u is the paper's PI of the very samples that its tick row names: u = Kp e + I, then I += Kp Ts/tau_i e
+# Promise(run): The paper's loop, live: the whole folder, y at its setpoint, every u the paper's PI of the samples
+#   that its row names.
 error=$(sql "
   SELECT max(abs(u - (0.2 * e + 0.2 * 0.2 / 1.0 * coalesce(before, 0)))) FROM (
     SELECT a.value AS u, z.value - y.value AS e,
@@ -55,6 +58,8 @@ awk -F, '$1 < 0 || $1 >= 8 {exit 1}' <(tail -n +2 "$work/again/samples.csv") || 
 awk -F, '$2 == "actuator" && $4 == "Good" {exit !($5 > 0)}' "$work/again/samples.csv"
 
 # without gnuplot all but the figure is there, and the run ends with a result of its own
+# Promise(run/run-simulation-test): A run, a simulation, a test whose figure cannot be drawn end with their own
+#   result, and say what is missing.
 expect 0 'there is no figure: gnuplot, which draws report.svg, is not installed .*apc report' \
   env PATH=/nonexistent "$apc" run "$work/fast.conf" --duration 8 --out "$work/bare" --timer $timer
 [ -s "$work/bare/samples.csv" ] && [ ! -e "$work/bare/report.svg" ] || fail "without gnuplot: $(ls "$work/bare")"
@@ -64,6 +69,7 @@ grep -Eq '^y +all ' "$work/bare.txt" && grep -q 'there is no figure: gnuplot' "$
 expect 0 '^report: ' "$apc" report "$work/bare"
 folder_is_whole "$work/bare"
 expect 0 'there is no figure' env PATH=/nonexistent "$apc" simulate "$work/fast.conf" --duration 8 --report "$work/drawn"
+# Promise(run/run-simulation-test)
 [ -s "$work/drawn/samples.csv" ] || fail "a simulation without gnuplot left no samples"
 
 # a run whose own record cannot be read is no success, and says so in its last line
@@ -71,6 +77,8 @@ if [ -z "${APC_SANITIZE:-}" ]; then
   status=0
   LD_PRELOAD="$APC_BUILD_DIR/tests/unreadable.so" APC_TEST_UNREADABLE=/events.csv \
     "$apc" run "$work/fast.conf" --duration 8 --out "$work/unread" --timer $timer >"$work/unread.log" 2>&1 || status=$?
+  # Promise(run/run-own-record): A run whose own record cannot be read fails, and says so last; names with commas and
+  #   quotes are read.
   [ $status = 1 ] && tail -n 1 "$work/unread.log" | grep -q 'the record cannot be read: .*events\.csv' ||
     fail "exit code $status: $(cat "$work/unread.log")"
 fi
@@ -78,6 +86,8 @@ printf 'time,severity,source,kind,text\n0,info,a\n' >"$work/bare/events.csv"
 expect 1 'events\.csv:2: 3 fields under 5 names' "$apc" report "$work/bare"
 
 # a plant that is there already: nobody starts another, nobody needs a model of it, and what its client says counts
+# Promise(run/plant-already-needs): A plant that is there already needs no model and no `apc-plant`; whether it was
+#   commanded its client says.
 store=sqlite:$work/elsewhere.db
 expect 0 '' "$apc" init "$work/fast.conf" --store "$store"
 background plant "$APC_BIN/apc-plant" --config "$work/fast.conf" --store "$store"
@@ -95,6 +105,8 @@ wait "$plant" || true
 expect 1 'the loop was never closed' "$apc" run "$work/external.conf" --duration 2 --out "$work/nobody"
 
 # a law and a plant of one's own; and Ctrl-C ends an endless run cleanly, as each of these, with its report
+# Promise(run/ctrl-c-ends-run): Ctrl-C ends a run cleanly with its report, a second signal does not cost it.
+# Promise(run/law-plant-own): A law or plant of one's own runs live and simulated.
 rows() { sql "SELECT count(*) FROM apc.$1"; }
 more_rows() { [ "$(rows "$1")" -gt "$2" ]; }
 good='actuator WHERE status = 0'
@@ -111,6 +123,7 @@ done
 
 # in mode Man it begins with the fault value: what an operator set in a former run counts no more, also where the clock
 # was ahead then
+# Promise(run/set-hand-former)
 sql "INSERT INTO apc.manual (id, seq, time, status, value)
        SELECT 1, coalesce(max(seq), 0) + 1, now() + interval '1 minute', 0, 7 FROM apc.manual" >"$work/inserted"
 sed 's/mode = "Auto"/mode = "Man"/' "$work/fast.conf" >"$work/man.conf"

@@ -78,6 +78,7 @@ expect 0 '^APC_STORE=postgresql: PGDATABASE=apc PGHOST=/tmp/apc-pg\.\w{6} PGUSER
   "$private" "$work/pg" bash -c '{ env | grep -E "^(PG|APC_STORE)" | sort; psql -XAtqc "SELECT \$\$answer=1\$\$"; } | tr "\n" " "'
 
 # nobody else gets in; one folder serves one run at a time
+# Promise(docs/scripts-demo-postgres)
 guest "$work/pg"
 [ "$(stat -c %a "$sockets")" = 700 ] || fail "others may enter $sockets"
 if [ "$(id -u)" -eq 0 ]; then
@@ -128,6 +129,9 @@ expect 0 '^$' "$private" "$work/pg" true
 [ -e "$work/precious/thesis" ] || fail "the folder that a forged mark named was removed"
 
 # the other scripts say what they want, scripts/demo of README.md among them
+# Promise(docs/scripts-demo-postgres): `scripts/demo` and its `--postgres`; a cluster of its own that lets nobody in
+#   and leaves nothing behind.
+# Types(README.md): scripts/demo
 expect 0 '^scripts/demo \[--postgres\] \[--duration' "$scripts/demo" --help
 mkdir -p "$work/top/scripts" "$work/top/build/bin" # where nothing is built
 cp "$scripts/demo" "$work/top/scripts"
@@ -156,6 +160,7 @@ chmod +x "$work/apt"/*
 expect 1 'E: Unable to locate package gcc' env PATH="$work/apt:$PATH" "$scripts/setup"
 
 # compose-init makes what is missing, and nothing else anew
+# Promise(containers): Passwords: 256 bits each, in a folder closed to others, kept where they are.
 cp "$scripts/compose-init" "$work/top/scripts"
 secrets=$work/top/secrets
 expect 0 'secrets/page made' "$work/top/scripts/compose-init"
@@ -175,6 +180,9 @@ expect 0 'secrets/plant made' "$work/top/scripts/compose-init"
   fail "not just secrets/plant was made anew: $(cd "$secrets" && sha256sum -c "$work/made" 2>&1)"
 
 # what docs/compose.md says of all services
+# Promise(containers): No service has rights, a writable root or a port beyond this host; `data` and `field` are
+#   internal.
+# Types(docs/compose.md): scripts/compose-init
 lax() { # FILE: what is not as it says
   awk '
     /^[a-z]/ { part = $1 }

@@ -19,6 +19,9 @@ answer() { # answer LINE: what the board says
 }
 
 # our loop on a board that nobody here started: it warms up, all that is read is good, and who leaves turns the heaters off
+# Promise(links/temperature-control-lab): A temperature control lab at a serial port is controlled, and its own
+#   package drives a plant of ours; a late or wrong answer is never taken for another; who leaves turns the heaters
+#   off.
 plant board
 sed -e '/^plant = {$/,/^};/c plant = { external = true; };' -e "s|^client = {|client = { link = \"serial:$lab\";|" \
   "$APC_SOURCE_DIR/experiments/temperature-lab.conf" >"$work/lab.conf"
@@ -48,6 +51,7 @@ expect 1 'a heater of a temperature control lab takes 0 to 100 %' "$apc" simulat
 expect 1 'or serial:PATH' "$apc" simulate <(sed "s|^client = {|client = { link = \"serial:\";|" "$APC_SOURCE_DIR/experiments/temperature-lab.conf")
 
 # the lab's own package drives a plant of ours
+# Promise(links/temperature-control-lab)
 python_peers
 plant plant
 PYTHONPATH="$peers" python3 "$APC_SOURCE_DIR/tests/peers/lab_user.py" "$lab" >"$work/user.log" 2>&1 ||

@@ -73,6 +73,7 @@ mode 1 2 || fail "first acts"
 mode 2 1 || fail "trial does not act"
 
 # what is written to a setpoint or an output is for the one that acts, be the other one dead or not
+# Promise(modes/output-called-loop)
 kill -9 "$first"
 expect 0 'r: 5 -> 6 \(applied\)' "$apc" set r 6
 expect 0 '^trial.u mode: Auto -> Man \(applied\)$' "$apc" mode u man
@@ -98,12 +99,14 @@ expect 4 'trial does not tick: nobody would act' "$apc" promote trial
 mode 1 1 || fail "first does not act"
 
 # nor is one in a history, where nobody would read it
+# Promise(stores/loop-would-read)
 sql "INSERT INTO apc.catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM apc.catalogue ORDER BY revision DESC LIMIT 1"
 n=$(sql 'SELECT count(*) FROM apc.opmode')
 expect 4 'is a history, which no loop reads' "$apc" promote trial --no-wait
 [ "$(sql 'SELECT count(*) FROM apc.opmode')" = "$n" ] || fail "what was refused was written"
 
 # in a cascade, on shared memory: above, below and beside, there and back; and each tick is on record as it was
+# Promise(modes/controller-shadow-above)
 segment=/dev/shm/apc.system-shadow-$$
 port=$(free_port)
 cat >"$work/cascade.conf" <<CONF
@@ -134,6 +137,7 @@ for who in upper2 base2; do
 done
 
 # the record and the figure show both
+# Promise(modes/record-figure-run)
 sed 's/duration = 600.0;/duration = 8.0; actions = ( { at = 6.0; promote = "trial"; } );/' "$work/shadow.conf" >"$work/both.conf"
 "$apc" simulate "$work/both.conf" --report "$work/both" >/dev/null
 id=$(awk -F, '$3 == "\"trial.u.output\"" {print $2}' "$work/both/signals.csv")

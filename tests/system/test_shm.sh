@@ -65,6 +65,7 @@ done
 expect 0 'samples' "$apc" copy "$APC_STORE" "sqlite:$work/copy.db"
 
 # a segment that goes away ends the run, which says why in a line for people
+# Promise(stores/shared-memory-user)
 background gone "$apc" run "$work/fast.conf" --duration 0 --out "$work/gone"
 n=$(values y | wc -l)
 until_true 20 more_values y $((n + 5))

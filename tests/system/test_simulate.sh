@@ -21,12 +21,15 @@ edit() {
 
 sed 's/name = "base"/name = "base, \\"low\\""/' "$APC_SOURCE_DIR/experiments/two-layers.conf" >"$work/names.conf"
 "$apc" simulate "$work/names.conf" --duration 60 --report "$work/names" >"$work/names.txt" 2>&1 || fail "$(cat "$work/names.txt")"
+# Promise(run/run-own-record)
 grep -q '^report: ' "$work/names.txt" || fail "its own record cannot be drawn: $(cat "$work/names.txt")"
 for file in timing.csv timing-summary.csv events.csv; do
   grep -q 'base, ""low""",' "$work/names/$file" || fail "the name is not in $file: $(head -n 3 "$work/names/$file")"
 done
 
 # ---- One run is its seed
+# Promise(simulation/seed-run-last): One seed is one run, to the last bit, whatever `--jobs` is; streams of
+#   randomness do not disturb each other.
 
 for run in 1 2; do
   "$apc" simulate "$conf" --seed 1 --csv - >"$work/plain$run.csv" 2>"$work/plain$run.txt"
@@ -38,6 +41,7 @@ cmp "$work/rough1.csv" "$work/rough2.csv" || fail "two rough runs of one seed di
 hash=$(sha256sum "$work/plain1.csv" | cut -d' ' -f1)
 grep -q "sha256:  $hash" "$work/plain1.txt" || fail "the SHA-256 printed is not that of the samples"
 head -n 1 "$work/plain1.csv" | grep -qx 'time,table,id,status,value' || fail "not the design's CSV"
+# Promise(run/virtual-time-ideal): In virtual time it is the ideal loop.
 awk -f "$APC_SOURCE_DIR/tests/system/ideal.awk" "$work/plain1.csv" || fail "it is not the paper's loop"
 grep -Eq 'network: .* lost, .* duplicated, .* reordered' "$work/rough1.txt" || fail "no word of what the network did"
 
@@ -64,6 +68,7 @@ grep -q '^exchange,run,' "$work/run/timing-summary.csv" || fail "how long exchan
 "$apc" simulate "$work/models.conf" --duration 60 --json >"$work/simulated.json" 2>"$work/simulated.txt"
 "$apc" report "$work/run" --json >"$work/reported.json"
 loops() { python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["loops"])' "$1"; }
+# Promise(simulation): `--json` of simulation and report say the same.
 cmp <(loops "$work/simulated.json") <(loops "$work/reported.json") || fail "the folder's figures are not the simulation's"
 grep -q '"of":"plant"' "$work/reported.json" || fail "of what the figures are is not said"
 grep -q "sha256\":\"$(sed -n 's/^sha256:  //p' "$work/simulated.txt")\"" "$work/simulated.json" || fail "no SHA-256 in the JSON"
@@ -112,6 +117,7 @@ edit "$work/rk4.conf" -e 's/period = 0.2; .*/period = 27.0; integrator = "rk4"; 
 "$apc" simulate "$work/rk4.conf" 2>&1 | grep warning && fail "a warning of steps that are short enough"
 
 # An exchange is given up after half of the client's period, and after 1 s where that is longer.
+# Promise(simulation): An exchange is given up after half of the client's period, at most 1 s.
 edit "$work/seldom.conf" -e "s/period = 0.5;/period = 4.0;/"
 for late in "$conf 0.12 0.13" "$work/seldom.conf 0.49 0.51"; do
   read -r file in_time too_late <<<"$late"
@@ -124,6 +130,7 @@ done
 for jobs in 1 2 5; do
   "$apc" simulate "$conf" --duration 60 --net "$rough" --runs 20 --jobs $jobs --csv "$work/jobs$jobs.csv" |
     grep -v 'real time' >"$work/jobs$jobs.txt"
+  # Promise(simulation/seed-run-last)
   cmp "$work/jobs1.csv" "$work/jobs$jobs.csv" || fail "$jobs processes give other figures than one"
   cmp "$work/jobs1.txt" "$work/jobs$jobs.txt" || fail "$jobs processes give another summary than one"
 done
@@ -139,15 +146,19 @@ expect 0 'all 3 runs are the same' "$apc" simulate "$conf" --duration 60 --runs 
 edit "$work/faster.conf" -e 's/Kp = 0.2/Kp = 0.5/' -e 's/duration = 600/duration = 60/'
 "$apc" simulate "$work/faster.conf" --csv "$work/faster.csv" >/dev/null
 "$apc" simulate "$conf" --set controller.Kp=0.5 --set duration=60 --csv "$work/set.csv" --report "$work/set" >/dev/null
+# Promise(simulation/set-file-would): `--set` is what the file would have said, is kept in the folder, and is never
+#   passed over; a path that leads nowhere is told with what there is.
 cmp "$work/faster.csv" "$work/set.csv" || fail "--set is not what the file would have said"
 tanks=$APC_SOURCE_DIR/experiments/quadruple-tank-mpc.conf
 sed 's/^  tuning/  measurement_tuning = ( { }, { weight = 3.0; zone = 0.1; } );\n&/' "$tanks" >"$work/weights.conf"
 "$apc" simulate "$work/weights.conf" --duration 20 --csv "$work/weights.csv" >/dev/null
 "$apc" simulate "$tanks" --duration 20 --set controller.y2.weight=3 --set controller.y2.zone=0.1 --csv "$work/set-weights.csv" >/dev/null
+# Promise(simulation/set-file-would)
 cmp "$work/weights.csv" "$work/set-weights.csv" || fail "--set of a measurement is not what the file would have said"
 expect 0 '^1 +y1 ' "$apc" simulate "$tanks" --duration 20 --sweep controller.y2.weight=1..3:2
 expect 1 'there is no "y3" in controller' "$apc" simulate "$tanks" --set controller.y3.weight=3
 expect 1 'mpc has no parameter "wait": did you mean "weight"' "$apc" simulate "$tanks" --set controller.y1.wait=3
+# Promise(simulation/set-file-would)
 "$apc" simulate "$work/set" --csv - 2>/dev/null | cmp - "$work/set.csv" || fail "the folder does not keep what was set"
 expect 1 'controler.Kp = 1: .*did you mean "controller"' "$apc" simulate "$conf" --set controler.Kp=1
 expect 1 'controller.tau_i = -3: "tau_i" is -3: must be from' "$apc" simulate "$conf" --set controller.tau_i=-3
@@ -158,11 +169,14 @@ sweep=(--duration 100 --sweep controller.Kp=0.1..0.5:3)
 for jobs in 1 3; do
   "$apc" simulate "$conf" "${sweep[@]}" --net loss=0.2 --runs 4 --jobs $jobs --csv "$work/sweep$jobs.csv" >"$work/sweep$jobs.txt"
 done
+# Promise(simulation/value-sweep-campaign)
 cmp "$work/sweep1.csv" "$work/sweep3.csv" && cmp "$work/sweep1.txt" "$work/sweep3.txt" || fail "a sweep depends on its processes"
 [ "$(cut -d, -f1-4 "$work/sweep1.csv" | tr '\n' ' ')" = 'value,loop,runs,diverged 0.1,1,4,0 0.3,1,4,0 0.5,1,4,0 ' ] || fail "not the values of the sweep"
 # each value is the campaign of it, over the same seeds
 "$apc" simulate "$conf" --duration 100 --set controller.Kp=0.3 --net loss=0.2 --runs 4 --json 2>/dev/null >"$work/one.json"
 mean=$(sed 's/.*"iae":{[^}]*"mean":\([^,]*\).*/\1/' "$work/one.json")
+# Promise(simulation/value-sweep-campaign): A value of a sweep is the campaign of it over the same seeds; a sweep
+#   does not depend on `--jobs`.
 awk -F, -v mean="$mean" '$1 == 0.3 { same = $5 - mean < 1e-12 && mean - $5 < 1e-12 } END { exit !same }' "$work/sweep1.csv" || fail "the sweep at 0.3 is not the campaign of 0.3, $mean"
 "$apc" simulate "$conf" "${sweep[@]}" --json --figure "$work/swept" 2>/dev/null >"$work/sweep.json"
 grep -q '"path":"controller.Kp","now":0.2' "$work/sweep.json" || fail "no JSON of a sweep"
@@ -179,10 +193,13 @@ drawn() { "$apc" simulate "$conf" --duration 50 --set 'plant.parameters.K=normal
 [ "$(drawn 3)" = "$(drawn 3)" ] && [ "$(drawn 3)" != "$(drawn 4)" ] || fail "K is $(drawn 3) and $(drawn 4)"
 expect 0 "plant: K = $(printf %.6g "$(drawn 3)") in this run" "$apc" simulate "$conf" --duration 50 --set 'plant.parameters.K=normal(10,1)' --seed 3
 "$apc" simulate "$conf" --duration 50 --set 'plant.parameters.K=normal(10,1)' --seed 3 --runs 2 --csv - 2>/dev/null | sed -n 's/^3,1,\([^,]*\),.*/\1/p' >"$work/campaign.iae"
+# Promise(simulation/drawn-plant-seed): A drawn plant is that of its seed, and the law has the mean of what it is
+#   drawn from.
 "$apc" simulate "$conf" --duration 50 --set "plant.parameters.K=$(drawn 3)" --seed 3 --runs 2 --csv - 2>/dev/null | sed -n 's/^3,1,\([^,]*\),.*/\1/p' | cmp - "$work/campaign.iae" ||
   fail "a campaign does not draw what the run of its seed has"
 
 # Two campaigns over the same seeds, run by run.
+# Promise(simulation/worse-world-worse)
 "$apc" simulate "$conf" --duration 60 --runs 20 --csv "$work/plain.csv" >/dev/null
 mkdir "$work/parts" # in parts, as the document tells an array of jobs
 sed -n '/^#!\/bin\/bash/,/^```/p' "$APC_SOURCE_DIR/docs/simulate.md" |
@@ -191,6 +208,9 @@ for seed in 1 11; do
   (cd "$work/parts" && SLURM_ARRAY_TASK_ID=$seed bash job >/dev/null)
 done
 (cd "$work/parts" && eval "$(grep '^awk .FNR > 1' "$APC_SOURCE_DIR/docs/simulate.md")")
+# Promise(run/array-jobs-docs): The array of jobs that docs/simulate.md shows is one campaign, on a cluster of Slurm
+#   and by GNU parallel, where there is one.
+# Promise(simulation/seed-run-last)
 cmp "$work/parts/campaign.csv" "$work/plain.csv" || fail "a campaign in two parts is another one"
 if command -v parallel >/dev/null; then # GNU's, in Debian's package parallel (scripts/setup --bench), as the document calls it
   mkdir "$work/hosts"
@@ -199,6 +219,7 @@ if command -v parallel >/dev/null; then # GNU's, in Debian's package parallel (s
   line=$(sed -n 's/^seq 1 100 9901 | parallel /seq 1 5 16 | parallel --will-cite /p' "$APC_SOURCE_DIR/docs/simulate.md")
   [ -n "$line" ] || fail "docs/simulate.md shows no parallel"
   (cd "$work/hosts" && PATH=$(dirname "$apc"):$PATH && eval "${line/--runs 100/--duration 60 --runs 5}" >/dev/null && eval "$(grep '^awk .FNR > 1' "$APC_SOURCE_DIR/docs/simulate.md")")
+  # Promise(run/array-jobs-docs)
   cmp "$work/hosts/campaign.csv" "$work/plain.csv" || fail "a campaign by GNU parallel is another one"
 fi
 expect 0 'IAE +20 +0 +0 +0 +none to be seen' "$apc" simulate "$conf" --duration 60 --runs 20 --against "$work/plain.csv"
@@ -212,6 +233,8 @@ expect 2 '--against: .*--runs' "$apc" simulate "$conf" --against "$work/plain.cs
 expect 2 '--json and --csv -' "$apc" simulate "$conf" --json --csv -
 
 # Each kind of a worse world makes the IAE larger, by more than chance.
+# Promise(simulation/worse-world-worse): A worse world has worse figures; campaigns are paired, with intervals by
+#   Student.
 edit "$work/dropout.conf" -e 's/name = "y";/name = "y"; faults = ( { kind = "dropout"; at = 40.0; duration = 20.0; } );/'
 worse() { expect 0 'IAE +20 +[0-9.e+]+ +[0-9.e+]+ +[0-9.e+]+ +more' "$apc" simulate "$@" --duration 60 --runs 20 --against "$work/plain.csv"; }
 worse "$work/dropout.conf"
@@ -220,6 +243,8 @@ for net in outage=40-50 loss=0.6 'delay=exponential(0.1)'; do
 done
 
 # A law that keeps something in a static variable finds it as it was at each run, in any process.
+# Promise(simulation/statics-plug-in-fresh): Statics of a plug-in are fresh in each run; a law that crashes takes its
+#   run only; a signal keeps what there is.
 plugin "$work/static.so" <<'C'
 #include <apccontrol.h>
 static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
@@ -233,8 +258,11 @@ done
 cmp "$work/static1.csv" "$work/static3.csv" || fail "the figures depend on the processes"
 
 # ---- The user's own law and plant, as apc run takes them
+# Promise(run/law-plant-own)
 
 # the law that README shows is the example
+# Promise(run/law-shown-example): The law that is shown is the example; it controls well, is bumpless, compiles as
+#   C++; so does the Smith predictor.
 diff <(sed -n '/^#include <apccontrol\.h>/,/^```/p' "$APC_SOURCE_DIR/README.md" | sed '$d') \
   <(sed '1,2d' "$APC_SOURCE_DIR/examples/law/mylaw.c") >"$work/differs" || fail "README shows another law: $(cat "$work/differs")"
 expect 0 'sha256' "$apc" simulate "$conf" --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"
@@ -275,6 +303,7 @@ expect 1 '^y +all +[0-9]' "$apc" simulate "$conf" --csv /dev/full
 [ -s "$work/full/report.png" ] || fail "no report because the samples could not be written"
 
 # A law that ends a process or does not return takes only its runs along. It knows its run by the noise.
+# Promise(simulation/statics-plug-in-fresh)
 sed -e 's/duration = 600.0/duration = 20.0/' -e 's/name = "y";/name = "y"; noise = 1.0;/' "$conf" >"$work/noise.conf"
 plugin "$work/moody.so" <<'C'
 #include <apccontrol.h>
@@ -320,6 +349,7 @@ wait "$looping" || fail "a campaign that was stopped ends with $?"
 grep -q 'of 30 runs were not made' "$work/loop.txt" || fail "no word of the runs that are missing"
 
 # A signal keeps what there is.
+# Promise(simulation/statics-plug-in-fresh)
 MARK=$work/began "$apc" simulate "$conf" --duration 31622400 --law "$work/moody.so" --csv "$work/began.csv" >"$work/began.txt" &
 long=$!
 until_true 20 test -e "$work/began"
@@ -369,6 +399,7 @@ edit "$work/bad.conf" -e '$a clock = ( { at = 1.0; drift = 2.0; } );'
 expect 1 'bad.conf:[0-9]+: "drift"' "$apc" simulate "$work/bad.conf"
 
 # ---- The figure: a panel a unit, names, units, disturbances, what happened; all of many variables
+# Promise(simulation): The figure: a panel for each unit, limits, disturbances, events.
 
 "$apc" simulate "$APC_SOURCE_DIR/experiments/van-de-vusse.conf" --net outage=2000-2200 --report "$work/reactor" >/dev/null
 in_figure() { # folder, texts ...

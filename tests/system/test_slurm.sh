@@ -45,6 +45,7 @@ until_true 30 idle
 # The document's script and its line, with fewer and shorter runs.
 cd "$work/jobs"
 cp "$APC_SOURCE_DIR/experiments/four-tank.conf" .
+# Types(docs/simulate.md): awk
 sed -n '/^#!\/bin\/bash/,/^```/p' "$APC_SOURCE_DIR/docs/simulate.md" | sed -e '/^```/d' -e 's/--runs 100/--duration 60 --runs 4/' >job
 line=$(sed -n 's/.*`\(sbatch --array=\)1-9901:100`.*/\11-9:4 --wait job/p' "$APC_SOURCE_DIR/docs/simulate.md")
 [ -n "$line" ] && grep -q -- '--runs 4' job || fail "docs/simulate.md shows no array of Slurm"
@@ -54,4 +55,5 @@ timeout 600 $line || fail "the array did not come to its end: $(tail -n 5 slurm-
 eval "$(grep '^awk .FNR > 1' "$APC_SOURCE_DIR/docs/simulate.md")"
 
 "$apc" simulate four-tank.conf --duration 60 --runs 12 --jobs 1 --csv whole.csv >/dev/null
+# Promise(run/array-jobs-docs)
 cmp campaign.csv whole.csv || fail "a campaign of Slurm's jobs is another one than that of one process"

@@ -84,6 +84,8 @@ until_true 60 settled
 until_true 60 recorded 20
 
 # of a database that is cut off the loop notices nothing
+# Promise(stores/networks-between-client): Networks between client and plant, and historian and database, that are
+#   split: who is cut off says so and when it is over, nothing is lost or doubled.
 listen
 split "$database_side"
 until_true 60 says historian 'the history takes nothing'
@@ -94,6 +96,7 @@ until_true 120 says historian 'the history has all again'
 until_true 60 recorded "$(count u)"
 
 # a plant that is cut off goes to its safe value
+# Promise(stores/networks-between-client)
 listen
 split "$plant_side"
 until_true 60 says client 'plant \(still \)*lost\|now lost' # a busy machine has had it come and go before
@@ -131,6 +134,7 @@ for variable in y u; do
     fail "the record of $variable is not what the live store has"
 done
 for said in 'plant lost' 'plant connected' 'the history takes nothing' 'the history has all again'; do
+  # Promise(stores/networks-between-client)
   [ "$(sql "SELECT count(*) FROM apc.event WHERE text LIKE '%$said%'")" -ge 2 ] || fail "no events on record: $said"
 done
 ! grep -q 'the record has a gap' "$work/historian.log" || fail "a gap where there is none"

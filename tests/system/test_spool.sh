@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Store and forward: the database is killed during `apc run`, the client too, and nothing that was measured is lost.
 # APC_OUTAGE=600 (docs/stores.md) makes the outage last so many seconds; by default it lasts until enough is waiting.
+# Types(docs/stores.md): apc status --spool, APC_OUTAGE=600
 # shellcheck source=lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-spool.XXXXXX)
@@ -46,6 +47,8 @@ until_true 20 said apc-scheduler 'records are kept back'
 until_true 20 said apc-client 'measurements go to the spool'
 
 # the client is killed: another one goes on where it stopped, though it cannot ask the database
+# Promise(run/measurements-events): Measurements and events of an outage are stored later, none twice, also when the
+#   client is killed.
 first=$(client)
 kill -9 "$first"
 until_true 20 another_client "$first"
@@ -59,6 +62,7 @@ for log in "$work"/run/*.log; do
   ! grep -q 'being stored again\|spool of .* drained' "$log" || fail "$log: stored again, with the server down"
 done
 ! "$apc" status --spool "$work/run" >"$work/status" 2>/dev/null || fail "apc status found a database"
+# Promise(stores/apc-drain-apc)
 grep -Eq '^apc-client +[0-9]{3,} ' "$work/status" || fail "apc status does not tell of the spool: $(cat "$work/status")"
 
 n=$(waiting)
@@ -87,6 +91,7 @@ tail -n 1 "$work/run.log" | grep -q 'the loop was open' || fail "its last line i
 [ -s "$work/run/report.png" ] || fail "no report after the outage"
 
 # the events of the outage are on record, once each
+# Promise(run/measurements-events)
 for text in 'measurements go to the spool' 'spool of measurements drained'; do
   [ "$(grep -c "apc-client,store,\"$text" "$work/run/events.csv")" -ge 1 ] || fail "no event \"$text\""
 done

@@ -33,6 +33,7 @@ stop() {
 
 # The database's process for the client stands still while the controller makes twenty commands, which takes much
 # longer than the plant waits for a frame, or for a new command. True: the plant missed the latter, never the former.
+# Promise(run): A store that stalls keeps no frame from the plant.
 stalled_in_peace() {
   local n frames commands taken
   frames=$(count 'no command frame' apc-plant.log) commands=$(count 'no new command' apc-plant.log)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A controller that another one stands by for, over PostgreSQL and over shared memory: killed, stopped, ended.
+# Promise(modes/process-stands-takes): A process stands by (docs/standby.md): it takes the place of a controller that
+#   dies, hangs or is ended, one with a law in Python and one whose log is full among them, and that one writes
+#   nothing any more.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 cat >"$work/standby.conf" <<CONF
@@ -83,7 +86,10 @@ kill -STOP "$a"
 until_true 30 says b "may not take the place of the one that has stopped ticking; let both log in as the same role" 1
 kill -9 "$a"
 until_true 30 says b "acts from now on" 1
+# Promise(modes/stands-role-acts): One that stands by under another role than the one that acts says that it may not
+#   take the place, once, and takes it when that one has ended.
 ! grep "store lost" "$work/b.log" || fail "b takes that for a loss of the store"
+# Promise(modes/stands-role-acts)
 [ "$(grep -c "may not take the place" "$work/b.log")" -eq 1 ] || fail "it is said again and again"
 kill -TERM "$b"
 wait "$b" || fail "it does not end well"

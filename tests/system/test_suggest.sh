@@ -18,6 +18,7 @@ read -r Kp tau_i overshoot < <(awk '$1 == "u" && $2 == "then" { print $3, $4, $1
 near Kp "$Kp" 0.111 0.012
 near tau_i "$tau_i" 1 0.05
 "$apc" simulate "$work/fast.conf" --set controller.Kp="$Kp" --set controller.tau_i="$tau_i" --set measurements.y.noise=0 >"$work/simulated.txt"
+# Promise(identification/apc-tune-suggest-tunings)
 near "overshoot, predicted and simulated" "$(awk '/r 10 -> 20/ { print $9 }' "$work/simulated.txt")" "$overshoot" 3
 "$apc" tune --suggest "$work/tested" --tau-c 1.5 >"$work/calm.txt"
 awk '$2 == "then" && $3 < 0.07 { found = 1 } END { exit !found }' "$work/calm.txt" || fail "a longer tau_c is not calmer: $(cat "$work/calm.txt")"
@@ -26,6 +27,7 @@ for rule in lambda relay; do
 done
 
 # ---- From a model file, of an experiment file as well; and drawn
+# Promise(identification/apc-tune-suggest-tunings)
 
 "$apc" identify "$work/tested" --model transfer -o "$work/fast.model" >/dev/null
 "$apc" tune --suggest "$work/fast.conf" --model "$work/fast.model" --figure "$work/steps" >"$work/model.txt"
@@ -67,9 +69,11 @@ until_true 60 in_auto
 rows() { sql 'SELECT count(*) FROM apc.tuning'; }
 before=$(rows)
 "$apc" tune --suggest "$work/tested" >/dev/null
+# Promise(identification/apc-tune-suggest-tunings)
 [ "$(rows)" = "$before" ] || fail "a suggestion was written unasked"
 expect 0 '^Kp: 0.2 -> 0\.1.* \(applied\)$' "$apc" tune --suggest "$work/tested" --apply
 [ "$(rows)" = $((before + 2)) ] || fail "$(rows) rows of tuning, after $before"
+# Promise(identification/apc-tune-suggest-tunings)
 [ "$(sql 'SELECT count(DISTINCT time) FROM (SELECT time FROM apc.tuning ORDER BY time DESC LIMIT 2) t')" = 1 ] || fail "it was no single write"
 
 # ---- What cannot be suggested

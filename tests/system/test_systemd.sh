@@ -11,6 +11,8 @@ sed -i '/^Documentation=man:/d' ./*.service ./*.target # they are not installed
 for program in "$APC_BIN"/apc-*; do
   [ "${program##*/}" = apc-fmu ] && continue # no daemon: an FMU's process, which who runs the model starts
   unit=${program##*/}@.service
+  # Promise(docs/daemon-unit-systemd): Each daemon has a unit of systemd that is right, looks after it, and lets it
+  #   do no more than it has to.
   [ -f "$unit" ] || fail "${program##*/} has no unit"
   grep -q '^Type=notify$' "$unit" && grep -q '^WatchdogSec=' "$unit" && grep -q '^Restart=' "$unit" || fail "$unit looks after nothing"
   for option in $(sed -n 's/^ExecStart=[^ ]*//p' "$unit" | grep -oE -- '--[a-z-]+'); do
@@ -27,6 +29,7 @@ done
 wrong=$(verified "${units[@]}")
 [ -z "$wrong" ] || fail "$wrong"
 sed 's/^Restart=.*/Restart=perhaps/' apc-ui@.service >apc-bad@.service
+# Promise(docs/daemon-unit-systemd)
 [ -n "$(verified apc-bad@plant.service)" ] || fail "a wrong unit is taken"
 
 # exposed UNIT: how much is not held from it, 0 to 100
@@ -36,6 +39,7 @@ for unit in *@.service; do
   grep -q '^LimitRTPRIO=' "$unit" && limit=30 || limit=20
   level=$(exposed "$unit")
   [ -n "$level" ] || fail "$unit is not judged"
+  # Promise(docs/daemon-unit-systemd)
   [ "$((10#$level))" -lt $limit ] || fail "$unit may more than it has to: $level of $limit"
 done
 # The loop may be scheduled in real time, nobody else; each has its passwords as a credential, and its experiment in the journal.
@@ -62,5 +66,6 @@ mkdir -p root/etc root/var/lib
 systemd-sysusers --root="$work/root" "$APC_SOURCE_DIR/systemd/apc.sysusers"
 grep -q '^apc:.*:/var/lib/apc:' root/etc/passwd || fail "there is no user apc: $(cat root/etc/passwd)"
 systemd-tmpfiles --root="$work/root" --create "$APC_SOURCE_DIR/systemd/apc.tmpfiles"
+# Promise(docs/daemon-unit-systemd)
 [ "$(stat -c %a root/etc/apc/credentials)" = 700 ] || fail "others see the credentials"
 [ "$(stat -c %u root/var/lib/apc)" = "$(sed -nE 's/^apc:[^:]*:([0-9]+):.*/\1/p' root/etc/passwd)" ] || fail "the user has nothing to write to"

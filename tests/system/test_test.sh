@@ -28,6 +28,7 @@ for signal in prbs steps multisine; do
   "$apc" test "$work/heater.conf" --signal $signal -o "$work/$signal" >"$work/$signal.txt"
   grep -q '^record: .*; next: apc identify ' "$work/$signal.txt" || fail "$signal: $(cat "$work/$signal.txt")"
   "$apc" identify "$work/$signal" --model transfer | awk '$1 == "u" && $2 == "y" { print $3, $6, $9 }' >"$work/numbers"
+  # Promise(identification/apc-test-simulated)
   read -r gain tau dead <"$work/numbers" || fail "$signal cannot be identified"
   near "$signal: gain" "$gain" 10 0.1
   near "$signal: time constant" "$tau" 10 0.3
@@ -38,6 +39,7 @@ done
 "$apc" test "$work/heater.conf" -o "$work/again" >/dev/null
 cmp "$work/prbs/samples.csv" "$work/again/samples.csv" || fail "the same test is another one"
 # several that begin in one second have folders of their own
+# Promise(simulation/runs-tests-begin)
 pids=()
 for i in 1 2 3 4; do
   (cd "$work" && exec "$apc" test "$work/heater.conf" -d 100 --signal steps) >"$work/at-once-$i.txt" 2>&1 &
@@ -48,6 +50,7 @@ for i in 1 2 3 4; do
 done
 [ "$(find "$work/runs" -name samples.csv | wc -l)" = 4 ] || fail "four tests left $(find "$work/runs" -name samples.csv)"
 grep -q 'u: Man -> Auto' "$work/prbs/events.csv" || fail "the loop was not given back"
+# Promise(identification/apc-test-simulated)
 grep -q 'r: Local -> Remote' "$work/prbs/events.csv" || fail "the scheduler has not got its setpoint back"
 
 # setpoints in Auto
@@ -60,6 +63,8 @@ near "in Auto: gain" "$("$apc" identify "$work/auto" --model transfer | awk '$1 
 near "the relay's period" "$(sed -n 's/^oscillation: .* every \([0-9.]*\) s.*/\1/p' "$work/relay.txt")" 18.5 3
 
 # of a plant that answers the other way, too, and what is suggested from the record is the limit that the model has
+# Promise(identification/apc-tune-suggest): `apc tune --suggest --rule relay` of a test by a relay: the loop's limit
+#   is what the model of the plant has, without a model, also of a plant that answers the other way.
 "$apc" test "$work/heater.conf" --signal relay --set plant.parameters.K=-10 --set controller.Kp=-0.08 -o "$work/relay-down" >"$work/relay-down.txt"
 near "the period of the relay of a plant that goes down" "$(sed -n 's/^oscillation: .* every \([0-9.]*\) s.*/\1/p' "$work/relay-down.txt")" 19.5 3
 for way in relay relay-down; do
@@ -74,6 +79,7 @@ done
 diff <(sed -n '/^\$ apc tune --suggest heater-relay/,/^as written/p' "$APC_SOURCE_DIR/docs/tuning.md" | tail -n +2) "$work/relay-tuning.txt" ||
   fail "docs/tuning.md shows another tuning by relay"
 # one loop of two: no model can be had, and none is needed; the other loop is left out
+# Promise(identification/apc-tune-suggest)
 "$apc" test "$APC_SOURCE_DIR/experiments/quadruple-tank.conf" --signal relay --move v1 --settling 200 -o "$work/one-of-two" >/dev/null
 "$apc" tune --suggest "$work/one-of-two" --rule relay >"$work/one-of-two.txt"
 grep -Eq '^v1 +then +[0-9.]+ +[0-9.]+ +0 +- ' "$work/one-of-two.txt" && grep -q '^no model, so nothing is predicted: ' "$work/one-of-two.txt" &&
@@ -87,6 +93,7 @@ awk '$1 == "y1" && NF == 3 { exit !($2 > 1.5 && $3 > 0.5) }' "$work/tank.txt" ||
 
 expect 4 'y is [-0-9.]*, beyond its guards -5 to 20: the test ended there' \
   "$apc" test "$work/heater.conf" --guard y=-5..20 --amplitude 5 -o "$work/guarded"
+# Promise(identification/apc-test-simulated)
 grep -q 'u: Man -> Auto' "$work/guarded/events.csv" || fail "a guard ended the test, and the loop is in Man"
 [ "$(tail -n 1 "$work/guarded/samples.csv" | cut -d, -f1 | cut -d. -f1)" -lt 300 ] || fail "it went on beyond its guard"
 # what is proposed keeps within what the guards leave
@@ -170,6 +177,7 @@ until_true 20 back
 background signalled "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/signalled"
 until_true 60 is 0
 kill -INT "$pid"
+# Promise(identification/apc-test-simulated)
 wait "$pid" || fail "Ctrl-C: $(cat "$work/signalled.log")"
 until_true 20 back
 grep -q 'ended by a signal' "$work/signalled.log" || fail "Ctrl-C: $(cat "$work/signalled.log")"
@@ -180,6 +188,7 @@ until_true 60 is 0
 "$apc" mode auto >/dev/null
 status=0
 wait "$pid" || status=$?
+# Promise(identification/apc-test-simulated)
 [ $status -eq 4 ] && grep -q 'somebody else has moved u, or changed its mode' "$work/taken.log" || fail "taken: $status, $(cat "$work/taken.log")"
 
 # and so does what they put out
@@ -188,6 +197,7 @@ until_true 60 is 0
 "$apc" set u 1.2 >/dev/null
 status=0
 wait "$pid" || status=$?
+# Promise(identification/apc-test-simulated)
 [ $status -eq 4 ] && grep -q 'somebody else has moved u, or changed its mode' "$work/touched.log" || fail "touched: $status, $(cat "$work/touched.log")"
 [ "$(newest manual 1 value)" = 1.2 ] && is 0 || fail "the test took back what somebody else has put out"
 "$apc" mode auto >/dev/null
@@ -195,6 +205,9 @@ wait "$pid" || status=$?
 # one test of a loop at a time; killed it gives nothing back, and the next one may begin
 background first "$apc" test "$work/fast.conf" --live --guard y=-20..40 --amplitude 0.5 -d 600 -o "$work/first"
 until_true 60 is 0
+# Promise(identification/apc-test-simulated): `apc test`, simulated and live: what it records is identified without
+#   another option; guards, Ctrl-C, another operator, by mode or output, and a lost store end it, and the plant goes
+#   back; of a loop there is one test at a time, also after one that was killed, and none of a loop out of service.
 expect 4 'another apc test is at work on this loop' live --guard y=-20..40 -d 8 -o "$work/none"
 [ ! -e "$work/none" ] || fail "a second test left a folder"
 is 0 && ! grep -q 'somebody else' "$work/first.log" || fail "a second test ended the first: $(cat "$work/first.log")"
@@ -209,6 +222,7 @@ until_true 20 back
 
 # a loop that is out of service, and a setpoint in Man
 "$apc" mode oos >/dev/null
+# Promise(identification/apc-test-simulated)
 expect 1 'u is out of service: bring it to Man or Auto first' live --guard y=-20..40 -d 8 -o "$work/none"
 "$apc" mode man >/dev/null
 expect 1 'u is in Man: its setpoint moves nothing' live --guard y=-20..40 --move r --amplitude 1 -d 8 -o "$work/none"
@@ -233,6 +247,7 @@ start() {
 until_true 60 start
 status=0
 wait "$lost" || status=$?
+# Promise(identification/apc-test-simulated)
 [ $status -eq 3 ] || fail "lost: $status, $(cat "$work/lost.log")"
 until_true 60 back
 

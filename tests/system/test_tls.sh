@@ -33,6 +33,7 @@ certs client client --replace --days 40
 expect 0 '^our-works +authority +until .* 3650 days$' certs list
 expect 0 '^plant +plant +until .* 825 days  127.0.0.1 localhost$' certs list
 expect 0 '^stranger +client +until .* 20 days$' certs list
+# Promise(links/apc-cert-makes)
 [ -z "$(find "$work/certs" -type f ! -name authority.pem -perm /077)" ] || fail "a key can be read by others"
 [ -z "$(find "$work/certs" -name '*.pem.*')" ] || fail "a part of a file is left behind"
 
@@ -56,7 +57,9 @@ certs client stranger --replace --days 1
 background stranger env APC_STORE="sqlite:$work/stranger.db" "$APC_BIN/apc-client" --config "$work/fast.conf" --identity "$work/certs/stranger.pem"
 until_true 60 grep_log stranger 'the peer refuses us'
 until_true 60 grep_log plant 'stranger.* is none of the clients that may connect'
+# Promise(links/certificate-expires-said)
 until_true 60 grep_log stranger 'the certificate expires in 1.0 days'
+# Promise(links/tls-nobody-heard)
 ! grep_log stranger 'plant connected' || fail "a stranger got in"
 [ "$(grep -c 'plant lost' "$work/stranger.log")" = 1 ] || fail "one thing was said several times"
 certs client stranger --replace --days 400

@@ -12,6 +12,7 @@ printf 'operator123\n' | "$apc" user add anna --role engineer --users "$work/use
 printf 'observer123\n' | "$apc" user add otto --users "$work/users"
 [ "$(stat -c %a "$work/users")" = 600 ] || fail "the file of users is not 0600"
 ! grep -q 'operator123\|observer123' "$work/users" || fail "a password stands in the file"
+# Promise(server/users-come-change)
 [ "$(grep -cE ':\$argon2id\$v=19\$m=19456,' "$work/users")" = 2 ] || fail "a hash is no argon2id of 19 MiB: $(cat "$work/users")"
 expect 0 '^otto +observer$' "$apc" user list --users "$work/users"
 expect 1 'no password' "$apc" user add eve --users "$work/users" # no password at all
@@ -31,6 +32,7 @@ expect 0 '^grafana +observer  token$' "$apc" user list --users "$work/users"
 "$apc" user token brief --days 30 --users "$work/users" >/dev/null
 expect 0 '^brief +observer  token, ends 20' "$apc" user list --users "$work/users"
 for days in 0 -1 3651 1e3 '' 9223372036854775807 99999999999999999999; do
+  # Promise(server/token-ended-opens)
   expect 2 'a whole number from 1 to 3650' "$apc" user token eve --days "$days" --users "$work/users"
 done
 expect 2 'is of a token' "$apc" user add eve --days 3 --users "$work/users"
@@ -39,6 +41,7 @@ printf 'operator123\n' | expect 1 'is a token already' "$apc" user add grafana -
 expect 1 'no "nobody"' "$apc" user revoke nobody --users "$work/users"
 
 # who may bind where
+# Promise(server/address-takes-users): Another address takes users and TLS, with safe ciphers and cookies.
 expect 4 'apc user add' "$APC_BIN/apc-ui" --listen 0.0.0.0:0
 expect 4 'tls-cert' "$APC_BIN/apc-ui" --listen 0.0.0.0:0 --users "$work/users"
 expect 2 'belong together' "$APC_BIN/apc-ui" --tls-cert "$work/users"
@@ -89,6 +92,8 @@ until_true 60 grep -q 'store connected' "$work/secure.log"
   fail "failed logins are not recorded"
 
 # without users the page is for who started it, not for everybody on this host
+# Promise(server/without-users-user): Without users it is its user's own; with users every path but three takes a
+#   login or a token.
 if [ "$(id -u)" = 0 ] && command -v setpriv >/dev/null; then
   # shellcheck disable=SC2016
   as_nobody() {
@@ -104,6 +109,7 @@ if [ "$(id -u)" = 0 ] && command -v setpriv >/dev/null; then
 fi
 
 # a token that is revoked opens nothing; a damaged file of users is said, and what it said stays in force
+# Promise(server/users-come-change)
 "$apc" user revoke script --users "$work/users"
 revoked() {
   ! printf 'GET /metrics HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer %s\r\nConnection: close\r\n\r\n' "$APC_UI_OPERATOR_TOKEN" |
@@ -119,6 +125,8 @@ until_true 60 grep -q 'hello' "$work/kept.log"
 mv "$work/kept" "$work/users"
 
 # a user who is taken away loses the session he has
+# Promise(server/users-come-change): Users come, change and go while it runs; files are 0600, with hashes; a damaged
+#   file changes nothing.
 "$APC_BUILD_DIR/tests/ui_probe" --watch "$APC_UI_SECURE" otto observer123 >"$work/watch.log" 2>&1 &
 watch=$!
 until_true 60 grep -q 'hello' "$work/watch.log"
@@ -141,6 +149,7 @@ until_true 60 back login
 until_true 60 back secure
 
 # an open server that gets users is open no longer
+# Promise(server/users-come-change)
 background late "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:0
 late=$pid
 until_true 60 grep -q 'serving http' "$work/late.log"
@@ -156,6 +165,7 @@ wait "$late" || fail "apc-ui ended with $?"
 rm -r "$work/.config"
 
 # the page's files: revalidated by their tag, zipped, kept for a year where the name has a hash
+# Promise(server/page-files-folder)
 mkdir "$work/page"
 printf '<p>' >"$work/page/index.html"
 printf 'a%.0s' {1..2000} >"$work/page/app-1A2B3C4D.js"
@@ -166,6 +176,7 @@ fetch() { # PATH HEADERS
     "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port" | tr -d '\0\r'
 }
 # answers are zipped as well, and say the same; not the short one that the store has not been read yet
+# Promise(server/page-files-folder)
 zipped() { fetch /api/plant 'Accept-Encoding: gzip\r\n' | grep -aqi '^Content-Encoding: gzip$'; }
 until_true 60 zipped
 python3 - "http://127.0.0.1:$ui_port/api/plant" <<'PY' || fail "an answer says something else where it is zipped"
@@ -177,6 +188,7 @@ plain, zipped = get({}), get({"Accept-Encoding": "gzip"})
 sys.exit(plain[0] is not None or zipped[0] != "gzip" or gzip.decompress(zipped[1]) != plain[1])
 PY
 # the drawing beside the experiment file: whoever opens it runs nothing
+# Promise(page/drawing-shows-signals)
 fetch /api/graphic >"$work/graphic.txt"
 grep -aqi '^Content-Type: image/svg+xml$' "$work/graphic.txt" || fail "there is no drawing: $(cat "$work/graphic.txt")"
 grep -aqi "^Content-Security-Policy: sandbox; default-src 'none';" "$work/graphic.txt" || fail "a drawing may run: $(cat "$work/graphic.txt")"
@@ -194,6 +206,7 @@ grep -aqi '^Cache-Control: private, max-age=31536000, immutable$' "$work/script.
 fetch /app-1A2B3C4D.js | grep -aqx 'a\{2000\}' || fail "a script is zipped for who does not take that"
 
 # TLS: cookies are Secure, an unprotected request gets nothing
+# Promise(server/address-takes-users)
 if command -v openssl >/dev/null; then
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout "$work/key.pem" -out "$work/cert.pem" \
     -days 2 -subj /CN=localhost 2>/dev/null
@@ -230,6 +243,7 @@ wait "$run" || fail "apc run ended with $?"
 [ ! -e "$work/run/apc-ui.log" ] || fail "--no-ui did not keep the page away"
 
 # what does not tick is neither ready nor running
+# Promise(server/stale-running-reason)
 serve after
 ask() { printf 'GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n' "$1" | "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port"; }
 said_late() { ask /readyz | grep -q '^controller: no tick for'; }
@@ -242,6 +256,7 @@ kill -TERM "$pid"
 wait "$pid" || fail "apc-ui ended with $?"
 
 # where port 8080 is taken, `apc run` serves the page on another
+# Promise(server): `apc run` serves the page on port 8080 or, where that is taken, on another.
 background first "$APC_BIN/apc-ui" --config "$work/fast.conf" --listen 127.0.0.1:8080
 first=$pid
 begun() { grep -q 'serving http' "$work/first.log" || ! kill -0 "$first"; } # or somebody else has the port

@@ -2,6 +2,7 @@
 # experiments/alarms/pump-failure-mpc.conf in a browser, as an operator lives through it (ui/test/story.mjs). The tanks are a tenth as wide, so
 # that they are ten times as fast; what fails does so when the test says, not at a time: the plant is one that is there already, and another
 # one takes its place.
+# Promise(page/pump-fails-four)
 # shellcheck source=browser.sh
 . "$(dirname "$0")/browser.sh"
 # shellcheck source=lib.sh

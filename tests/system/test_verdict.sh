@@ -38,6 +38,7 @@ takes() { until_true 30 taken $(($(wc -l <"$work/taken") + $1)); }
 at_fault() { more 'output at its fault value' apc-controller "$1"; }
 
 # hiccups, so many that the link's words are held back, and then the device is gone for good
+# Promise(run/verdict-run-somebody)
 begin dies
 until_true 30 more 'the plant is given its commands' apc-client 0
 takes 20
@@ -56,6 +57,7 @@ judged 1 'the loop was open: from [0-9.]+ s on the plant was given no command fo
 grep -q 'the run failed: the loop was open' "$work/dies/events.csv" || fail "no event of it"
 
 # each seventh request is refused, and yet the device takes one command after the other
+# Promise(run/verdict-run-somebody)
 habit busy
 begin busy
 until_true 30 more 'the plant is given its commands' apc-client 0
@@ -63,6 +65,7 @@ takes 60
 judged 0 '^samples:'
 
 # commands go out, and none of them is the law's: it has no measurement
+# Promise(run/verdict-run-somebody)
 habit blind
 begin blind
 until_true 30 at_fault 0
@@ -78,6 +81,7 @@ fast_experiment
 sed '/^plant = {$/,/^};/c plant = { external = true; };' "$work/fast.conf" >"$work/external.conf"
 "$apc" init "$work/fast.conf" --store "sqlite:$work/plant.db" >/dev/null
 # a plant whose clock is wrong: the record is whole all the same, and the matter is said
+# Promise(run/plant-clock-hour)
 came() { [ "$("$apc" history y --store "$work/$name" --last 100 --csv | grep -c Good)" -ge "$1" ]; }
 for ahead in 3600 -3600 -1700000000; do
   echo $ahead >"$work/clock"

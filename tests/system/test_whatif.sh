@@ -14,6 +14,9 @@ from() {
   echo 'start = "2000-01-01T00:00:00.000000Z";' >>"$1-rows/record.conf"
   for run in "$1" "$1-rows"; do
     "$apc" simulate "$run" --from "$run@$2" --csv same.csv --force >"$run.txt" 2>&1
+    # Promise(analysis/run-goes-otherwise): What if: a run goes on otherwise from any time; until then, and where
+    #   nobody changes it, it is the recorded one bit for bit, also from the rows of a run in real time without late
+    #   ticks; what cannot change in the middle of a run is refused; the figure has all.
     cmp -s same.csv "$1/samples.csv" || fail "$run: a future that nobody changed is another one: $(tail -n 12 "$run.txt")"
   done
   grep -q 'ticks from then on, at most 0.0 ms late, 0 missed' "$1-rows.txt" || fail "how late its ticks were is not said: $(cat "$1-rows.txt")"
@@ -45,12 +48,14 @@ changes() {
   local low=$1 high=$2 at
   shift 2
   at=$(parts "$@")
+  # Promise(analysis/run-goes-otherwise)
   awk -v t="$at" -v a="$low" -v b="$high" 'BEGIN { exit !(t >= a && t <= b) }' || fail "$*: another from $at s on, not from $low to $high"
 }
 for run in first-order first-order-rows; do
   changes 170 172.1 controller.Kp=0.4
   changes 170 172.1 controller.law=pid
   changes 170 170.1 'scheduler.sequence.[1].[0]=12'
+  # Promise(analysis/run-goes-otherwise)
   grep -q '^170.000000,setpoint,1,Good,12$' if.csv || fail "the other step is not at once in force"
   changes 170 172.1 'controller.mode=Man'
   changes 170 170.5 plant.parameters.K=15
@@ -66,6 +71,7 @@ grep -Eq '^u +215 +215 +[0-9.e-]*[1-9]' if.txt || fail "another law does nothing
 whatif=$(sed -n "/^\\$ apc simulate ran /,/'\$/p" "$APC_SOURCE_DIR/docs/simulate.md" | sed -e 's/^\$ apc/"$apc"/')
 mv first-order ran
 eval "$whatif" >if.txt
+# Promise(analysis/run-goes-otherwise)
 grep -q 'as recorded' what-if.svg && grep -q 'otherwise' what-if.svg && [ -s what-if.png ] || fail "no figure of the futures"
 diff <(sed -n '/^otherwise/,/^figure/p' if.txt) <(sed -n '/^otherwise from 170/,/^figure/p' "$APC_SOURCE_DIR/docs/simulate.md") ||
   fail "what is shown is not what is printed"
@@ -97,8 +103,10 @@ fast_experiment
 "$apc" run "$work/fast.conf" -d 6 -o real >/dev/null
 "$apc" simulate real --from real@3 --set controller.Kp=0.01 --figure real >real.txt
 grep -Eq '^controller: [0-9]+ ticks from then on, at most [0-9.]+ ms late, [0-9]+ missed' real.txt || fail "how late its ticks were is not said: $(cat real.txt)"
+# Promise(analysis/run-goes-otherwise)
 grep -q 'simulated, unchanged' real.svg || fail "the unchanged future is not in the figure"
 if "$apc" replay --virtual real >virtual.txt; then
+  # Promise(analysis/run-goes-otherwise)
   sed -n '/^unchanged/,/^otherwise/p' real.txt | awk '/^[yu] / { n++; worst += $5 } END { exit !(n == 2 && worst == 0) }' ||
     fail "no tick was late, and the unchanged future is another one: $(cat real.txt virtual.txt)"
 fi
@@ -109,9 +117,12 @@ began=$(sed -n 's/^start = "\([^"]*\)".*/\1/p' real/record.conf)
 at() { date -u -d "@$(($(date -d "$began" +%s) + $1))" +%FT%TZ; }
 mkdir scratch
 TMPDIR=$work/scratch "$apc" simulate fast.conf -d 6 --from "$APC_STORE@$(at 3)" --set controller.Kp=0.01 >store.txt
+# Promise(analysis/store-future-folder): What if, from a store: the same future as from the folder of that run;
+#   nothing is left behind.
 grep -q '^sha256: ' store.txt && [ "$(grep '^sha256: ' store.txt)" = "$(grep '^sha256: ' real.txt)" ] ||
   fail "from the store it is another future than from the folder: $(diff store.txt real.txt)"
 grep -Eq '^controller: [0-9]+ ticks from then on' store.txt || fail "how late its ticks were is not said: $(cat store.txt)"
+# Promise(analysis/store-future-folder)
 [ -z "$(ls -A scratch)" ] || fail "it leaves something behind: $(ls scratch)"
 expect 1 'has no tick on record before that time' "$apc" simulate fast.conf --from "$APC_STORE@$(at -60)"
 expect 1 'it does not go on from 900 s' "$apc" simulate fast.conf -d 1000 --from "$APC_STORE@$(at 900)"

@@ -73,6 +73,7 @@ wait "$run" || fail "apc run ended with $?: $(tail -n 1 "$work/run.log")"
 
 whole() { # all of it, once
   for table in sensor_all actuator_all tick; do
+    # Promise(stores/clock-wrong-twenty)
     sql "SELECT count(*), count(DISTINCT seq), max(seq) - min(seq) + 1 FROM $table WHERE id = 1" | awk -F'|' '$1 > 100 && $1 == $2 && $2 == $3 {same = 1} END {exit !same}' ||
       fail "$1: $table is not whole: $(sql "SELECT count(*), count(DISTINCT seq), min(seq), max(seq) FROM $table WHERE id = 1")"
   done
@@ -85,6 +86,7 @@ for year in $((now - 20)) "$now" $((now + 20)); do
 done
 maintain --pack 1h
 whole "packed"
+# Promise(stores/clock-wrong-twenty)
 [ "$(all)" = "$was" ] || fail "packed, the history is another one"
 
 # the programs read the same
@@ -95,4 +97,6 @@ whole "packed"
 kept="$(of_year "$now") $(of_year $((now + 20)))"
 maintain --keep 400d
 [ "$(of_year $((now - 20)))" = 0 ] || fail "of twenty years ago $(of_year $((now - 20))) measurements are left"
+# Promise(stores/clock-wrong-twenty): A clock that is wrong by twenty years, ahead or behind, or writes to a week
+#   that is packed: nothing is lost or doubled, `apc maintain` goes on, `--keep` drops what is old by its times.
 [ "$(of_year "$now") $(of_year $((now + 20)))" = "$kept" ] || fail "--keep has dropped what is not old"

@@ -63,6 +63,7 @@ static void same_parameters(const struct route *route, const json_t *described)
     assert_string_equal(query, route->query);
 }
 
+/* Promise(server/routes-answers-openapi): Routes and answers are those of openapi.json. */
 static void openapi_names_every_route_and_no_other(void **state)
 {
     size_t described = 0;
@@ -82,6 +83,7 @@ static void openapi_names_every_route_and_no_other(void **state)
     assert_int_equal(described, n_routes);
 }
 
+/* Promise(server/routes-answers-openapi) */
 static void openapi_says_how_a_request_shows_who_it_is_from(void **state)
 {
     const json_t *components = json_object_get(openapi, "components");
@@ -125,6 +127,10 @@ static const struct route *route_of(const char *method, const char *path)
     return NULL;
 }
 
+/*
+ * Promise(page/page-plant-lists)
+ * Promise(server/routes-answers-openapi)
+ */
 static void answers_are_what_openapi_says(void **state)
 {
     static const struct {
@@ -174,6 +180,7 @@ static void answers_are_what_openapi_says(void **state)
 
 /* ---- Access ------------------------------------------------------------------------------- */
 
+/* Promise(server/without-users-user) */
 static void a_stranger_gets_401_on_every_route(void **state)
 {
     (void)state;
@@ -194,6 +201,7 @@ static void a_stranger_gets_401_on_every_route(void **state)
     expect_error(&stranger, "GET", "/api/state", "Cookie: apc-session-1=0\r\n", NULL, 401, "login");
 }
 
+/* Promise(server/without-users-user) */
 static void only_these_need_no_login(void **state)
 {
     static const char *const anyone[] = {"/api/login", "/livez", "/readyz"};
@@ -207,6 +215,7 @@ static void only_these_need_no_login(void **state)
     assert_int_equal(client_get(&stranger, "/readyz", NULL), 200);
 }
 
+/* Promise(server/without-users-user) */
 static void a_browser_without_a_session_gets_the_form(void **state)
 {
     struct http_reply reply;
@@ -232,6 +241,7 @@ static void a_browser_without_a_session_gets_the_form(void **state)
     http_free(&reply);
 }
 
+/* Promise(page/write-nothing-long) */
 static void an_open_server_says_that_it_is_one(void **state)
 {
     json_t *session;
@@ -252,6 +262,7 @@ static void an_open_server_says_that_it_is_one(void **state)
     json_decref(session);
 }
 
+/* Promise(server/headers-protect-csrf): Headers that protect; CSRF, origin, host. */
 static void every_answer_carries_the_headers_that_protect_it(void **state)
 {
     static const char *const names[][2] = {{"Content-Security-Policy", "default-src 'self'"},
@@ -286,6 +297,7 @@ static void a_session_ends_with_logout(void **state)
     http_stream_close(stream);
 }
 
+/* Promise(server/every-status-code) */
 static void failed_logins_have_to_wait(void **state)
 {
     struct http_reply reply;
@@ -343,6 +355,7 @@ static void failed_logins_have_to_wait(void **state)
 
 /* ---- Bad input: nothing is written -------------------------------------------------------- */
 
+/* Promise(server/every-status-code) */
 static void refused_requests_write_nothing(void **state)
 {
     char header[200], stale[200], output[200], tuning[400];
@@ -436,6 +449,7 @@ static void refused_requests_write_nothing(void **state)
     assert_int_equal(seq_of(&anna, "tuning.1"), kp);
 }
 
+/* Promise(page): A form older than the value is refused. */
 static void a_stale_form_is_shown_the_newer_value(void **state)
 {
     json_t *json;
@@ -449,6 +463,7 @@ static void a_stale_form_is_shown_the_newer_value(void **state)
     json_decref(json);
 }
 
+/* Promise(server/every-status-code): Every status and code of the table. */
 static void bad_parameters_and_paths_are_refused(void **state)
 {
     static const struct {
@@ -495,6 +510,7 @@ static void bad_parameters_and_paths_are_refused(void **state)
     expect_error(&local, "PUT", "/nothing", NULL, NULL, 404, "path");
 }
 
+/* Promise(server/every-status-code) */
 static void a_body_that_is_too_large_is_refused(void **state)
 {
     const size_t size = 10 << 20;
@@ -595,6 +611,7 @@ static void write_mode(const struct client *c, struct http_stream *stream, const
     assert_near(value_of(c, "actual.21"), number, 0);
 }
 
+/* Promise(server/write-states-key) */
 static void what_an_operator_writes_is_accepted_then_applied(void **state)
 {
     struct http_stream *stream = client_stream(&anna, NULL);
@@ -621,6 +638,7 @@ static void what_an_operator_writes_is_accepted_then_applied(void **state)
     http_stream_close(stream);
 }
 
+/* Promise(server/every-write-every): Every write and every refusal is on record, a flood in a few rows. */
 static void each_write_is_recorded_with_its_operator(void **state)
 {
     json_t *json;
@@ -667,6 +685,7 @@ static void await_refusal(const struct client *reader, const char *source, const
     http_stream_close(stream);
 }
 
+/* Promise(server/every-write-every) */
 static void what_was_refused_is_recorded_as_well(void **state)
 {
     struct client forger = local;
@@ -694,6 +713,7 @@ static int answers(const char *bytes, int *status)
     return count;
 }
 
+/* Promise(server/every-status-code) */
 static void a_request_that_says_twice_where_it_ends_is_the_last_of_its_connection(void **state)
 {
 #define AFTER "GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
@@ -723,6 +743,7 @@ static void a_request_that_says_twice_where_it_ends_is_the_last_of_its_connectio
 
 /* ---- Machines ----------------------------------------------------------------------------- */
 
+/* Promise(server/without-users-user) */
 static void a_token_opens_what_its_role_may_without_a_login(void **state)
 {
     const char *observer = getenv("APC_UI_OBSERVER_TOKEN"), *writer = getenv("APC_UI_OPERATOR_TOKEN");
@@ -788,6 +809,7 @@ static void a_token_works_with_basic_too(void **state)
     http_free(&reply);
 }
 
+/* Promise(server/stream-everything-first) */
 static void a_session_has_its_share_of_streams(void **state)
 {
     struct client c = client_make(anna.port, "otto", "observer123"), other;
@@ -802,6 +824,7 @@ static void a_session_has_its_share_of_streams(void **state)
         http_stream_close(streams[i]);
 }
 
+/* Promise(server/write-states-key) */
 static void a_key_that_was_used_writes_nothing_again(void **state)
 {
     char body[300], key[40];
@@ -830,6 +853,10 @@ static void a_key_that_was_used_writes_nothing_again(void **state)
 
 /* ---- The stream --------------------------------------------------------------------------- */
 
+/*
+ * Promise(server/stream-everything-first): The stream: everything first, then changes, resumed where it
+ *   broke off, the slow are dropped and told.
+ */
 static void a_stream_begins_with_everything_and_goes_on_with_changes(void **state)
 {
     struct http_stream *stream = client_stream(&otto, NULL);
@@ -862,6 +889,7 @@ static void a_stream_begins_with_everything_and_goes_on_with_changes(void **stat
     http_stream_close(stream);
 }
 
+/* Promise(server/stream-everything-first) */
 static void a_stream_goes_on_where_it_was_left(void **state)
 {
     struct http_stream *stream = client_stream(&otto, NULL);
@@ -902,6 +930,7 @@ static void a_stream_goes_on_where_it_was_left(void **state)
 /* ---- Slow clients ------------------------------------------------------------------------- */
 
 /* They dribble a byte a look until they are thrown out; meanwhile the server answers others. */
+/* Promise(server/rooms-shares-stranger) */
 static void whoever_dribbles_is_thrown_out(void **state)
 {
     static const char *const begun[] = {"GET /api/state HTTP/1.1\r\nHost: localhost\r\nX-Slow: ",
@@ -936,6 +965,7 @@ static bool still_open(int fd)
 
 /* Connections that send a header for ever, from two addresses, more than there is room for. They are closed
  * in the end; what counts is that a newcomer is answered before. */
+/* Promise(server/rooms-shares-stranger) */
 static void many_slow_strangers_keep_nobody_out(void **state)
 {
     enum { SLOW = 700 };

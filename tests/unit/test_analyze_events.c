@@ -561,6 +561,7 @@ static void assert_margins_of_poles(const struct world *w, size_t of, const stru
     }
 }
 
+/* Promise(analysis/margins-loop-ticks) */
 static void a_loop_does_what_is_said_of_it(void **state)
 {
     static const size_t which[] = {0, 1, 2, APC_LOOP_WHOLE};

@@ -57,6 +57,10 @@ static struct apc_loop_margins margins_of(const struct apc_loop *loop, size_t of
     return m;
 }
 
+/*
+ * Promise(analysis/margins-loop-ticks): Margins of a loop as it ticks are those of theory, and those at
+ *   which a simulation begins to swing, within 1 %; a law is made linear as its equations say.
+ */
 static void an_integrator_has_the_margins_of_theory(void **state)
 {
     struct apc_loop *loop = integrator(0.5, 0);
@@ -105,6 +109,7 @@ static void a_delay_at_the_margin_puts_a_pole_on_the_circle(void **state)
 }
 
 /* A pole for each period of it would be slow, and beyond a thousand hopeless. */
+/* Promise(analysis/margins-loop-ticks) */
 static void a_long_delay_is_found_as_well_however_long_and_in_any_pattern_of_ticks(void **state)
 {
     static const double gain[] = {0.1, 0.03, 1e-4};
@@ -207,6 +212,7 @@ static double simulated_margin(const char *path, double stable, double unstable)
     return (stable + unstable) / 2.0;
 }
 
+/* Promise(analysis/margins-loop-ticks) */
 static void margins_are_where_a_simulation_begins_to_swing(void **state)
 {
     const struct experiment_source source = {.file = "here.conf", .text = text};
@@ -292,6 +298,10 @@ static double expected_square(const char *experiment, struct linear_cost *c)
     return square;
 }
 
+/*
+ * Promise(analysis/noise-costs-timing): What noise costs under a timing is what simulations have on
+ *   average, and four known numbers to four digits; of a run's timing, too; what is not known says why.
+ */
 static void the_cost_is_what_simulations_have_on_average(void **state)
 {
     struct linear_cost c = {0};
@@ -345,6 +355,7 @@ static void draw_loop(char *experiment, size_t size)
 }
 
 /* Of ten, at 95 %, one may lie outside; none far. */
+/* Promise(analysis/noise-costs-timing) */
 static void the_cost_of_ten_loops_drawn_by_chance_is_that_of_their_simulations(void **state)
 {
     char experiment[1200];
@@ -425,6 +436,7 @@ static void drawn_loops_have_the_same_costs_and_margins(void **state)
         fail_msg("%.9f of %zu numbers, not %.9f", sum, n, expected);
 }
 
+/* Promise(analysis/noise-costs-timing) */
 static void shares_are_those_of_the_distribution(void **state)
 {
     const struct apc_share shares[] = {{0.0, 1.0, 0.25}, {2.0, 2.0, 0.75}, {3.0, 5.0, 1.0}};
@@ -449,6 +461,7 @@ static void shares_are_those_of_the_distribution(void **state)
 /* ---- Laws ------------------------------------------------------------------------------------------------
  */
 
+/* Promise(analysis/margins-loop-ticks) */
 static void a_law_is_what_its_equations_say(void **state)
 {
     const struct apc_law_setup setup = {.dim = {.ny = 1, .nz = 1, .nu = 1}, .Ts = 2.0};

@@ -182,6 +182,10 @@ static void assert_found(const struct world *of)
         assert_true(largest_pole(of, 1.0, (apc_ns)(m.delay * (1.0 + 1e-5) * 1e9)) > 1.0);
 }
 
+/*
+ * Promise(analysis/peaks-crossover-margins): Peaks, crossover and margins of a loop about a plant that
+ *   hardly damps are those of a dense scan, and of the poles of loops that are changed in short steps.
+ */
 static void what_hardly_damps_is_not_overlooked(void **state)
 {
     struct apc_random random;
@@ -202,6 +206,7 @@ static void what_hardly_damps_is_not_overlooked(void **state)
 }
 
 /* Not stable with delays of 4.4 to 4.7 s, and again with those of 21 s and more. */
+/* Promise(analysis/peaks-crossover-margins) */
 static void a_narrow_range_of_delays_is_not_stepped_over(void **state)
 {
     const struct world of = {.tau = 1.607896,

@@ -26,6 +26,7 @@ static int heard(bool external, const char *source, const char *kind, enum apc_e
     return control_hears(&c, &e, &commanded) ? commanded : -1;
 }
 
+/* Promise(run/plant-already-needs) */
 static void who_knows_is_heard_and_nobody_else(void **state)
 {
     (void)state;
@@ -60,6 +61,7 @@ static void a_plant_that_was_never_commanded_stood_at_its_safe_value_all_the_tim
     assert_int_equal(judged(&c, 1000), CONTROL_OPEN); /* however long it is held */
 }
 
+/* Promise(run/run-not-controlled) */
 static void the_longest_time_without_control_is_found_with_its_beginning(void **state)
 {
     struct control c;
@@ -84,6 +86,11 @@ static void the_longest_time_without_control_is_found_with_its_beginning(void **
     assert_int_equal(c.open.start, 900);
 }
 
+/*
+ * Promise(run/run-not-controlled): A run that was not controlled ends with 1 and says why in its last line,
+ *   events and report; one in which an output was to be out of service does not, for that time, nor one
+ *   that started late.
+ */
 static void what_is_out_of_service_is_not_to_be_commanded(void **state)
 {
     struct control c;
@@ -110,6 +117,7 @@ static void what_is_out_of_service_is_not_to_be_commanded(void **state)
     assert_int_equal(c.open.start, 1100);
 }
 
+/* Promise(run/verdict-run-somebody) */
 static void fault_values_are_no_control(void **state)
 {
     struct control c;
@@ -163,6 +171,7 @@ static void what_is_better_just_before_a_trip_never_came_to_the_plant(void **sta
     assert_int_equal(c.open.total, 190 + 90 + 80);
 }
 
+/* Promise(run/verdict-run-somebody) */
 static void again_and_again_is_more_than_hold_and_a_hundredth_in_sum(void **state)
 {
     struct control c;
@@ -217,6 +226,7 @@ static apc_ns begin_of(double first, double second, double above)
     return begin - start - 3 * APC_NS_PER_S / 5 - 100 * APC_NS_PER_MS; /* for which the plant waits */
 }
 
+/* Promise(run/run-not-controlled) */
 static void a_start_has_its_grace_until_each_controller_has_ticked(void **state)
 {
     (void)state;
@@ -419,6 +429,11 @@ static enum control_verdict expected(const struct seen *s, apc_ns counted)
     return s->total > HOLD && s->total > counted / CONTROL_SHARE ? CONTROL_AGAIN : CONTROL_CLOSED;
 }
 
+/*
+ * Promise(run/verdict-run-somebody): The verdict on a run is that of somebody who stands beside the plant,
+ *   whatever link, device and sensors do; fault values are no control, nor is a loop that is open again and
+ *   again.
+ */
 static void the_verdict_is_that_of_one_who_stands_beside_the_plant(void **state)
 {
     unsigned verdicts[CONTROL_OPEN + 1] = {0};
@@ -459,6 +474,7 @@ static void the_verdict_is_that_of_one_who_stands_beside_the_plant(void **state)
                 verdicts[CONTROL_OPEN] > 10);
 }
 
+/* Promise(run/verdict-run-somebody) */
 static void rows_that_are_not_in_the_record_are_counted_by_their_numbers(void **state)
 {
     struct minute m;

@@ -589,6 +589,7 @@ static void what_a_store_that_is_away_does_not_take_is_told_and_kept(void **stat
 
 /* A file stands where its folder should be: as of any disk that will not have it, the loop starts all the
  * same. */
+/* Promise(stores/disk-will-not) */
 static void a_disk_that_will_not_have_the_spool_keeps_nobody_from_starting(void **state)
 {
     char dir[300];
@@ -610,6 +611,7 @@ static void a_disk_that_will_not_have_the_spool_keeps_nobody_from_starting(void 
 }
 
 /* Over shared memory, which is never away, there is none. */
+/* Promise(stores/disk-will-not) */
 static void over_shared_memory_nobody_asks_for_a_spool(void **state)
 {
     char live_store[64], segment[128], dir[300];
@@ -863,6 +865,7 @@ static void each_notice_is_an_event_of_its_kind_and_severity(void **state)
     }
 }
 
+/* Promise(links/certificate-expires-said) */
 static void a_certificate_that_expires_is_said_at_30_7_and_1_days_and_at_its_end(void **state)
 {
     const apc_ns day = 24 * 3600 * APC_NS_PER_S;

@@ -136,6 +136,7 @@ static void linearise(struct plant *p, const char *name)
     p->sys = (struct linear){p->model->nx, p->model->nu, p->model->ny, p->a, p->b, p->c, p->d};
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_pendulum_has_its_poles(void **state)
 {
     struct plant p;
@@ -183,6 +184,7 @@ static void assert_quadruple_tank(const char *name, double g1, double g2, double
     assert_near(rga[1], rga[2], 1e-9);
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_quadruple_tanks_zeros_lie_where_its_valves_put_them(void **state)
 {
     (void)state;

@@ -240,6 +240,7 @@ static void test_events_that_were_pushed_out_of_the_queue_are_counted_in_the_rec
     tear_down(&b);
 }
 
+/* Promise(stores/link-comes-goes) */
 static void test_a_link_that_comes_and_goes_is_counted(void **state)
 {
     struct bench b;
@@ -447,6 +448,7 @@ static int append_events_pickily(struct apc_store *store, const struct apc_event
 }
 
 /* One of a clock that was wrong keeps the others back no longer than itself, and is told of. */
+/* Promise(database/role-writes-time) */
 static void test_an_event_that_is_refused_for_good_keeps_no_other_back(void **state)
 {
     struct apc_store_ops ops;

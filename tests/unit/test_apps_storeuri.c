@@ -25,6 +25,7 @@ static void assert_named(const char *uri, const char *expected)
     assert_string_equal(name, expected);
 }
 
+/* Promise(stores/password-shown) */
 static void a_password_is_not_shown(void **state)
 {
     static const char *const of[][2] = {

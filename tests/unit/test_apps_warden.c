@@ -109,6 +109,10 @@ static int tick(void *ctx, const struct apc_tick *t)
     return 0;
 }
 
+/*
+ * Promise(run/ready-once-watchdog): READY once, and WATCHDOG as long as its task ticks, in the form of
+ *   systemd.
+ */
 static void the_watchdog_hears_of_it_as_long_as_the_task_ticks(void **state)
 {
     (void)state;
@@ -184,6 +188,7 @@ static void a_socket_s_name_may_have_107_letters_and_has_two_at_least(void **sta
     warden_destroy(w);
 }
 
+/* Promise(run/ready-once-watchdog) */
 static void a_process_that_is_told_to_end_and_does_not_is_ended(void **state)
 {
     (void)state;

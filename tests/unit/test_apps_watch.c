@@ -138,6 +138,7 @@ static void a_callback_that_hangs_is_one_alarm(void **state)
     assert_int_equal(overrun_watch_look(&w, 0, 1), OVERRUN_SAME);
 }
 
+/* Promise(run/ready-once-watchdog) */
 static void a_task_ticks_unless_ticks_are_missed_and_none_returns(void **state)
 {
     struct tick_watch w = {0};
@@ -163,6 +164,7 @@ static void a_task_that_hangs_in_its_first_tick_does_not_tick(void **state)
     assert_false(tick_watch_look(&w, 0, 1));
 }
 
+/* Promise(run/hears-told-link) */
 static void of_a_state_that_flaps_a_few_changes_are_told_and_then_how_it_is(void **state)
 {
     struct state_watch w = {.up = true};
@@ -189,6 +191,10 @@ static void of_a_state_that_flaps_a_few_changes_are_told_and_then_how_it_is(void
 
 /* Whatever it does: who heard all that was told knows a pause after the last change how it is, and never had
  * more words than are allowed. */
+/*
+ * Promise(run/hears-told-link): Who hears what is told of a link that flaps knows 15 s after its last
+ *   change how it is.
+ */
 static void who_hears_all_that_is_told_knows_the_state(void **state)
 {
     (void)state;
@@ -218,6 +224,10 @@ static void who_hears_all_that_is_told_knows_the_state(void **state)
 
 #define LATE (LAG_LIMIT + 1)
 
+/*
+ * Promise(stores/history-merely-slow): A history that is merely slow is told once, and once when it has
+ *   caught up.
+ */
 static void a_history_that_is_slow_is_told_once_and_once_when_it_has_all(void **state)
 {
     struct lag_watch w = {.away = false};
@@ -247,6 +257,7 @@ static void a_history_has_all_when_nothing_is_behind_and_its_last_was_in_time(vo
     assert_int_equal(lag_watch_look(&w, false, 0, LAG_LIMIT), LAG_ENDED);
 }
 
+/* Promise(stores/history-merely-slow) */
 static void a_history_that_was_away_catches_up_without_being_called_slow(void **state)
 {
     struct lag_watch w = {.away = false};

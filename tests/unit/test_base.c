@@ -325,6 +325,10 @@ static void what_is_not_a_finite_decimal_is_no_number(void **state)
     assert_near(value, 0.7, 0);
 }
 
+/*
+ * Promise(run/numbers-frames-csv): Numbers, frames and CSV do not follow the locale; a log's lines are
+ *   whole.
+ */
 static void numbers_do_not_follow_the_locale(void **state)
 {
     char text[40], long_text[40];
@@ -412,6 +416,10 @@ static size_t encode(uint32_t code, char text[5])
     return n;
 }
 
+/*
+ * Promise(run/text-way-out): Text of others, on its way in and out, is one line that shows as it is: no
+ *   control characters, marks of direction or broken UTF-8.
+ */
 static void each_character_shows_as_itself_or_not_at_all(void **state)
 {
     size_t next = 0;
@@ -445,6 +453,7 @@ static void a_text_is_cleaned_where_it_stands_and_as_far_as_there_is_room(void *
 }
 
 /* Peers and files are quoted in it. */
+/* Promise(run/text-way-out) */
 static void an_error_is_one_line_that_shows_as_it_is(void **state)
 {
     struct apc_error why;
@@ -471,6 +480,7 @@ static void a_name_of_several_words_is_in_quotes(void **state)
     assert_non_null(strstr(text, " level=info name=\"apc-controller my \\\"base\\\"\" msg=\"mode Auto\"\n"));
 }
 
+/* Promise(run/numbers-frames-csv) */
 static void the_log_writes_whole_escaped_lines(void **state)
 {
     struct apc_log *log;

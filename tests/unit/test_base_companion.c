@@ -37,6 +37,10 @@ static bool begin(struct apc_companion *c)
 
 /* By the thread that asks it and by the one that starts it anew, as the process was started: nice -n 3 chrt
  * -b 0 */
+/*
+ * Promise(run): An FMU, a plant or a law in Python is as nice as who has it, also when it is started again
+ *   (`nice`, `chrt`).
+ */
 static void it_is_scheduled_as_who_has_it(void **state)
 {
     struct apc_companion c = {0};

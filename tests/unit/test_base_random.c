@@ -74,6 +74,7 @@ static struct moments moments_of(const struct apc_distribution *d)
     return m;
 }
 
+/* Promise(simulation/distributions-recorded): Distributions, also recorded ones. */
 static void draws_have_the_moments_of_their_distribution(void **state)
 {
     static const struct {
@@ -105,6 +106,7 @@ static void draws_have_the_moments_of_their_distribution(void **state)
     }
 }
 
+/* Promise(simulation/distributions-recorded) */
 static void recorded_draws_follow_their_histogram(void **state)
 {
     static const struct apc_share shares[] = {{0, 1, 0.25}, {2, 2, 0.75}, {4, 6, 1.0}};
@@ -145,6 +147,7 @@ static void a_seed_and_a_name_stand_for_the_same_numbers_for_ever(void **state)
     assert_true(apc_random_next(&random) == UINT64_C(0x836e23877bdb14a7));
 }
 
+/* Promise(simulation/distributions-recorded) */
 static void what_is_no_distribution_is_refused(void **state)
 {
     static const char *const bad[] = {"",

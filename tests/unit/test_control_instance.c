@@ -243,6 +243,10 @@ static void make(struct rig *r, const struct apc_law_setup *setup)
 
 /* ---- Who sees what --------------------------------------------------------------------------- */
 
+/*
+ * Promise(laws/instance-output-sees): An instance for each output sees what belongs to it and nothing else,
+ *   and is asked by itself.
+ */
 static void an_instance_sees_what_belongs_to_its_output_and_no_more(void **state)
 {
     struct rig r;
@@ -378,6 +382,7 @@ static void x_and_what_is_published_are_laid_out_one_after_another(void **state)
 }
 
 /* One that is asked alone moves nothing of the other's. */
+/* Promise(laws/instance-output-sees) */
 static void an_instance_is_asked_by_itself(void **state)
 {
     struct rig r, before;
@@ -442,6 +447,7 @@ static void move_on(struct rig *r, double by)
 }
 
 /* Numbers change where they stand; whether the call was kept shows in nothing. */
+/* Promise(laws/instance-output-sees) */
 static void a_call_that_is_kept_is_seen_as_one_that_is_not(void **state)
 {
     struct rig kept, plainly;
@@ -458,6 +464,7 @@ static void a_call_that_is_kept_is_seen_as_one_that_is_not(void **state)
     }
 }
 
+/* Promise(laws/instance-output-sees) */
 static void another_call_in_between_takes_nothing_from_the_one_that_is_kept(void **state)
 {
     struct rig kept, plainly;
@@ -479,6 +486,7 @@ static void another_call_in_between_takes_nothing_from_the_one_that_is_kept(void
 
 /* ---- What it is made from -------------------------------------------------------------------- */
 
+/* Promise(laws/instance-output-sees) */
 static void an_instance_is_made_from_its_part_of_the_model_and_the_signals(void **state)
 {
     static const double A[4] = {1, 2, 3, 4}, x0[2] = {5, 6}, u0[4] = {10, 11, 12, 13},
@@ -519,6 +527,7 @@ static void an_instance_is_made_from_its_part_of_the_model_and_the_signals(void 
     }
 }
 
+/* Promise(laws/settings-numbers): Settings are numbers, matrices or text. */
 static void settings_are_numbers_matrices_and_texts(void **state)
 {
     static const double value[6] = {1, 2, 3, 4, 5, 6};
@@ -617,6 +626,10 @@ static void a_law_that_counted_wrong_is_refused(void **state)
 
 /* ---- Tuning ---------------------------------------------------------------------------------- */
 
+/*
+ * Promise(laws/parameters-law-outputs): Parameters of the law, of outputs, of measurements; a set is
+ *   checked whole.
+ */
 static void parameters_are_of_the_law_of_outputs_and_of_measurements(void **state)
 {
     static const struct apc_law_parameter expected[] = {
@@ -643,6 +656,7 @@ static void parameters_are_of_the_law_of_outputs_and_of_measurements(void **stat
     assert_int_equal(apc_law_parameter_at(&apc_law_pi, &dim, 7).number, 2);
 }
 
+/* Promise(laws/parameters-law-outputs) */
 static void a_set_is_checked_whole_instance_by_instance(void **state)
 {
     struct apc_error why = {""};
@@ -668,6 +682,10 @@ static void a_set_is_checked_whole_instance_by_instance(void **state)
 
 /* ---- Answers --------------------------------------------------------------------------------- */
 
+/*
+ * Promise(laws/answer-infeasible-failed): An answer that is infeasible, failed or no number does not go
+ *   out.
+ */
 static void an_answer_is_looked_at_before_it_is_believed(void **state)
 {
     struct rig r;
@@ -904,6 +922,7 @@ static double rise(const struct apc_law *law, double gain, double tau_t, unsigne
     return u - before;
 }
 
+/* Promise(laws): No integral moves the way that its consumer cannot follow. */
 static void no_integral_moves_the_way_that_its_consumer_cannot_follow(void **state)
 {
     static const struct apc_law *const laws[] = {&apc_law_pi, &apc_law_pid, &apc_law_cascade};

@@ -124,6 +124,7 @@ static size_t parameter(const struct apc_law *law, const char *name)
     return i;
 }
 
+/* Promise(laws/tuning-taken-set) */
 static void the_built_in_laws_refuse_crossed_limits_of_any_output(void **state)
 {
     static const struct {
@@ -286,6 +287,7 @@ static void assert_pairs(const struct apc_law *law, const struct apc_law_setup *
     }
 }
 
+/* Promise(laws/pairing-stands-shared) */
 static void a_law_that_says_nothing_is_paired_in_order(void **state)
 {
     const struct apc_law law = {.abi = APC_LAW_ABI, .name = "mine", .compute = compute};
@@ -338,6 +340,7 @@ static int beyond(const struct apc_law_setup *setup, size_t output, struct apc_l
     return 0;
 }
 
+/* Promise(laws/pairing-stands-shared) */
 static void ports_to_what_there_is_not_are_refused(void **state)
 {
     static const char *const known[] = {"ports", NULL};

@@ -1,6 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Law nmpc on the adiabatic reactor, whose steady states between the folds are unstable: loads that nobody
  * measures, limits, rates, an output by hand, a restart. */
+/*
+ * Promise(laws/nmpc-rests-unstable): `nmpc`: rests at unstable steady states, no offset over the whole
+ *   range, finds what disturbs, limits and rates, by hand, a restart has the same bits; what is predicted
+ *   is what the model does, nodes need not fit.
+ */
 #include "apclinear.h"
 #include "laws.h"
 #include "plant/plant_internal.h"
@@ -239,6 +244,10 @@ static double moved_by_the_feed(struct rig *r)
     return most;
 }
 
+/*
+ * Promise(laws/measured-disturbances): Measured disturbances are fed forward by `mpc` and `nmpc`, with the
+ *   plant's model as well; one that the plant does not have is refused.
+ */
 static void a_measured_disturbance_is_fed_forward(void **state)
 {
     static const size_t temperature[] = {2};
@@ -295,6 +304,7 @@ static void its_first_plan_comes_true(void **state)
 
 /* Outputs act three periods and a bit late: the plant is unstable there, and a law that did not know would
  * lose it, as the same without it does. */
+/* Promise(laws/nmpc-outputs-act) */
 static void a_dead_time_of_some_periods_is_in_the_prediction(void **state)
 {
     static const double many = 50.0;
@@ -335,6 +345,7 @@ static void a_dead_time_of_some_periods_is_in_the_prediction(void **state)
 }
 
 /* Steps of the search for steady states are counted like changes of the working set. */
+/* Promise(laws/nmpc-outputs-act) */
 static void a_search_that_takes_too_many_steps_is_late_and_goes_on(void **state)
 {
     static const double few = 3.0;

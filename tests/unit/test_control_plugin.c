@@ -97,6 +97,7 @@ static double tick(struct rig *r, double z)
     return y;
 }
 
+/* Promise(run/law-shown-example) */
 static void a_users_law_controls_well(void **state)
 {
     (void)state;
@@ -114,6 +115,7 @@ static void a_users_law_controls_well(void **state)
 }
 
 /* With dead time of four periods: the predictor settles where the same PI without it swings. */
+/* Promise(run/law-shown-example) */
 static void a_users_law_with_settings_and_state_predicts(void **state)
 {
     double most[2] = {0.0, 0.0}, y = 0.0;
@@ -136,6 +138,7 @@ static void a_users_law_with_settings_and_state_predicts(void **state)
     }
 }
 
+/* Promise(run/law-shown-example) */
 static void users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump(void **state)
 {
     static const char *const names[] = {"mylaw", "smith"};
@@ -170,6 +173,7 @@ static void users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump(voi
 
 #ifdef APC_CPP_EXAMPLES
 /* Of the same name and size, but what its state means only its own code knows. */
+/* Promise(laws/state-law-settings) */
 static void a_plugin_built_otherwise_is_another_law_to_a_stored_state(void **state)
 {
     static const char *const names[] = {"mylaw", "smith"};
@@ -226,6 +230,7 @@ static void the_predictor_refuses_what_it_cannot_work_with(void **state)
     apc_plugin_close(handle);
 }
 
+/* Promise(laws): A plug-in of a former layout is refused, saying what to do. */
 static void a_plugin_of_a_former_layout_is_refused_with_what_to_do(void **state)
 {
     static const char *const former[] = {"old_law_1", "old_law_2"};

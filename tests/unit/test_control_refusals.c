@@ -475,6 +475,10 @@ static const struct refusal refusals[] = {
      "mpc, whose linear model has one"},
 };
 
+/*
+ * Promise(laws/law-made-tuned): What a law cannot be made of, or tuned to, is said in a sentence, of which
+ *   output, measurement and setting.
+ */
 static void it_is_said_what_a_law_cannot_be_made_of(void **state)
 {
     size_t wrong = 0;
@@ -536,6 +540,7 @@ static const struct {
     {&apc_law_mpc, {{23, 1.5}}, "service of measurement 2: 1.5 is not within 0 to 1"},
 };
 
+/* Promise(laws/law-made-tuned) */
 static void it_is_said_what_a_law_cannot_be_tuned_to(void **state)
 {
     size_t wrong = 0;

@@ -66,6 +66,10 @@ static int exchange(struct bench *b, const struct apc_value *u, struct apc_value
 /* ---- Values --------------------------------------------------------------------------------- */
 
 /* Each is written to where it is read from. */
+/*
+ * Promise(links/types-word-order): Types, word order, scale, and what goes in one request; what does not
+ *   fit is not written; no bytes of a peer hang or get past the client.
+ */
 static void a_value_of_each_type_stands_as_the_specification_has_it(void **state)
 {
     static const struct {
@@ -115,6 +119,7 @@ static void a_value_of_each_type_stands_as_the_specification_has_it(void **state
     }
 }
 
+/* Promise(links/types-word-order) */
 static void what_does_not_fit_is_not_written_nor_anything_beside_it(void **state)
 {
     static const struct {
@@ -194,6 +199,7 @@ static void a_register_that_holds_no_number_is_bad(void **state)
 
 /* ---- Requests ------------------------------------------------------------------------------- */
 
+/* Promise(links/types-word-order) */
 static void what_is_next_to_each_other_goes_in_one_request(void **state)
 {
     const struct apc_modbus_point
@@ -239,6 +245,7 @@ static void what_is_next_to_each_other_goes_in_one_request(void **state)
     end(b);
 }
 
+/* Promise(links/types-word-order) */
 static void a_request_has_no_more_than_a_frame_holds(void **state)
 {
     enum { N = 2500 };
@@ -261,6 +268,7 @@ static void a_request_has_no_more_than_a_frame_holds(void **state)
     end(b);
 }
 
+/* Promise(links/plant-behind-modbus) */
 static void an_exception_is_a_status_when_read_and_a_failure_when_written(void **state)
 {
     static const struct {
@@ -292,6 +300,11 @@ static void an_exception_is_a_status_when_read_and_a_failure_when_written(void *
 
 /* Whoever is busy for some requests is asked again; who stays so is Bad, and the others are read all the
  * same. */
+/*
+ * Promise(links/modbus-device-lawfully): What a Modbus device may lawfully do costs no measurement: busy,
+ *   closing after each answer, functions 5 and 6 only, few registers a request, swapped bytes, codes for no
+ *   value.
+ */
 static void a_device_that_is_busy_is_asked_again_in_time(void **state)
 {
     const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 30);
@@ -317,6 +330,7 @@ static void a_device_that_is_busy_is_asked_again_in_time(void **state)
     end(b);
 }
 
+/* Promise(links/modbus-device-lawfully) */
 static void a_server_that_closes_after_each_answer_gives_all(void **state)
 {
     const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
@@ -339,6 +353,7 @@ static void a_server_that_closes_after_each_answer_gives_all(void **state)
 }
 
 /* By a setting, or after exception 1 to the other function, which is then not tried again. */
+/* Promise(links/modbus-device-lawfully) */
 static void a_device_that_writes_one_at_a_time_is_written_so(void **state)
 {
     const struct apc_modbus_point u[] = {
@@ -367,6 +382,7 @@ static void a_device_that_writes_one_at_a_time_is_written_so(void **state)
 }
 
 /* Half of a value must not stand there, even for a moment. */
+/* Promise(links/nothing-modbus-written) */
 static void a_value_of_several_registers_is_not_written_one_at_a_time(void **state)
 {
     const struct apc_modbus_point u = point(APC_MODBUS_HOLDING, APC_MODBUS_F32, 0);
@@ -390,6 +406,7 @@ static void a_value_of_several_registers_is_not_written_one_at_a_time(void **sta
     assert_non_null(strstr(why.text, "a block must have as many"));
 }
 
+/* Promise(links/modbus-device-lawfully) */
 static void a_request_has_no_more_registers_than_a_block(void **state)
 {
     enum { N = 24 };
@@ -407,6 +424,7 @@ static void a_request_has_no_more_registers_than_a_block(void **state)
     end(b);
 }
 
+/* Promise(links/modbus-device-lawfully) */
 static void a_map_may_name_several_units(void **state)
 {
     struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
@@ -477,6 +495,10 @@ static void a_reply_may_come_in_pieces(void **state)
 }
 
 /* Bits of one register go in one request that leaves the others, and in no other. */
+/*
+ * Promise(links/nothing-modbus-written): Nothing of Modbus is written by halves: a bit by function 22, a
+ *   value of several registers whole.
+ */
 static void a_bit_of_a_register_is_read_and_written_by_itself(void **state)
 {
     struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_FLAG, 7),
@@ -506,6 +528,7 @@ static void a_bit_of_a_register_is_read_and_written_by_itself(void **state)
     end(b);
 }
 
+/* Promise(links/modbus-device-lawfully) */
 static void a_code_for_no_value_is_none(void **state)
 {
     static const struct {
@@ -543,6 +566,10 @@ static void a_code_for_no_value_is_none(void **state)
 
 /* ---- Who watches whom ----------------------------------------------------------------------- */
 
+/*
+ * Promise(links/plant-behind-modbus)
+ * Promise(links/output-own-watchdog)
+ */
 static void the_watchdog_counts_what_was_given_whole(void **state)
 {
     const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
@@ -571,6 +598,10 @@ static void the_watchdog_counts_what_was_given_whole(void **state)
 }
 
 /* One that is out of service stops its own, and no other's. */
+/*
+ * Promise(links/output-own-watchdog): An output's own watchdog goes on while other outputs are out of
+ *   service; the one of all stands still.
+ */
 static void each_outputs_watchdog_counts_by_itself(void **state)
 {
     const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
@@ -607,6 +638,10 @@ static void each_outputs_watchdog_counts_by_itself(void **state)
 
 /* What stands where the outputs are, as each exchange begins: what was given the last time, or somebody
  * else's. */
+/*
+ * Promise(links/output-stands-value): An output that stands at another value than it was given is found,
+ *   said once, and counts as not commanded.
+ */
 static void an_output_that_is_another_than_was_given_is_found(void **state)
 {
     const struct apc_modbus_point u[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_F32, 0),
@@ -651,6 +686,7 @@ static void an_output_that_is_another_than_was_given_is_found(void **state)
     end(b);
 }
 
+/* Promise(links/plant-behind-modbus) */
 static void once_its_sign_of_life_stands_still_nothing_is_good(void **state)
 {
     const struct apc_modbus_point u = point(APC_MODBUS_COIL, APC_MODBUS_BIT, 0),
@@ -678,6 +714,7 @@ static void once_its_sign_of_life_stands_still_nothing_is_good(void **state)
 /* ---- Nonsense ------------------------------------------------------------------------------- */
 
 /* Whatever comes instead of a reply: refused, or a reply by chance; never a hang, and the next is good. */
+/* Promise(links/types-word-order) */
 static void no_bytes_hang_it_or_get_past_it(void **state)
 {
     const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0);

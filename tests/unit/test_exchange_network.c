@@ -145,6 +145,10 @@ static double run(double delay_s, double *growth)
     return l.peak;
 }
 
+/*
+ * Promise(simulation/virtual-loops-overshoot): Virtual loops have the overshoot and stability limit that
+ *   theory gives.
+ */
 static void overshoot_grows_with_delay_as_computed(void **state)
 {
     double growth;
@@ -154,6 +158,7 @@ static void overshoot_grows_with_delay_as_computed(void **state)
     assert_near(100 * (run(0.008, &growth) - 1), 22.8, 0.05);
 }
 
+/* Promise(simulation/virtual-loops-overshoot) */
 static void the_loop_is_stable_up_to_the_delay_computed(void **state)
 {
     double growth, low = 0.008, high = 0.02;

@@ -112,6 +112,11 @@ static char *ask(struct plant *p, const char *request)
     return ask_as(p, 7, request);
 }
 
+/*
+ * Promise(links/plant-ours-modbus): A plant of ours as a Modbus server: each request is answered as the
+ *   specification has it; nothing but whole numbers within the limits reaches the plant; it watches its
+ *   client; no bytes do harm.
+ */
 static void each_request_is_answered_as_the_specification_has_it(void **state)
 {
     static const struct {
@@ -210,6 +215,7 @@ static void another_unit_does_not_answer_for_this_one(void **state)
     apc_modbus_unit_destroy(p.unit);
 }
 
+/* Promise(links/plant-ours-modbus) */
 static void what_the_plant_refuses_is_as_if_it_was_never_written(void **state)
 {
     struct plant p;
@@ -225,6 +231,7 @@ static void what_the_plant_refuses_is_as_if_it_was_never_written(void **state)
     apc_modbus_unit_destroy(p.unit);
 }
 
+/* Promise(links/plant-ours-modbus) */
 static void a_sign_of_life_is_a_new_count_or_any_write(void **state)
 {
     struct plant p;
@@ -286,6 +293,7 @@ static void a_map_in_which_two_stand_at_one_place_cannot_be_served(void **state)
 }
 
 /* Whatever bytes: a reply that is one, and to the plant only numbers. */
+/* Promise(links/plant-ours-modbus) */
 static void no_bytes_do_harm(void **state)
 {
     struct apc_random random;
@@ -350,6 +358,7 @@ static struct apc_server *start(struct plant *p)
 }
 
 /* Of outputs that have their own the count of any is a sign of life, and no value is. */
+/* Promise(links/output-own-watchdog) */
 static void a_new_count_of_any_watchdog_is_a_sign_of_life(void **state)
 {
     static const struct apc_modbus_point u[NU] = {
@@ -470,6 +479,7 @@ static int connect_to(struct apc_server *server)
     return fd;
 }
 
+/* Promise(links/plant-ours-modbus) */
 static void requests_may_come_in_pieces_and_several_at_once(void **state)
 {
     static const char two_and_a_half[] =
@@ -494,6 +504,7 @@ static void requests_may_come_in_pieces_and_several_at_once(void **state)
     apc_modbus_unit_destroy(p.unit);
 }
 
+/* Promise(links/plant-ours-modbus) */
 static void who_speaks_something_else_is_sent_away(void **state)
 {
     static const char http[] = "GET / HTTP/1.1\r\n\r\n";

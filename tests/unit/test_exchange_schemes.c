@@ -603,6 +603,10 @@ static void who_only_asks_writes_nothing(void **state)
     assert_int_equal(commanded(p), 0);
 }
 
+/*
+ * Promise(links/whatever-scheme-plant): Whatever the scheme, a plant is given only what is fresh, Good or
+ *   Uncertain, and finite; a reply that is late, another's, or no reply is none.
+ */
 static void what_is_bad_or_not_finite_is_not_written(void **state)
 {
     struct plant *p = *state;
@@ -636,6 +640,7 @@ static void what_is_bad_or_not_finite_is_not_written(void **state)
     }
 }
 
+/* Promise(links/whatever-scheme-plant) */
 static void a_reply_that_is_late_is_none_and_never_the_next_ones(void **state)
 {
     struct plant *p = *state;
@@ -654,6 +659,7 @@ static void a_reply_that_is_late_is_none_and_never_the_next_ones(void **state)
     assert_string_equal(apc_exchange_error(p->x), "");
 }
 
+/* Promise(links/whatever-scheme-plant) */
 static void what_does_not_answer_is_refused_and_the_next_exchange_is_another(void **state)
 {
     static const struct {
@@ -675,6 +681,7 @@ static void what_does_not_answer_is_refused_and_the_next_exchange_is_another(voi
 }
 
 /* By frames alone. */
+/* Promise(links/server-plant-value) */
 static void a_plant_can_say_that_it_has_not_taken_a_command_and_is_read_all_the_same(void **state)
 {
     struct plant *p = *state;
@@ -697,6 +704,7 @@ static void a_plant_can_say_that_it_has_not_taken_a_command_and_is_read_all_the_
     assert_true(apc_exchange_taken(p->x));
 }
 
+/* Promise(links/whatever-scheme-plant) */
 static void what_went_wrong_is_not_written_again(void **state)
 {
     struct plant *p = *state;
@@ -713,6 +721,7 @@ static void what_went_wrong_is_not_written_again(void **state)
 }
 
 /* Who slept with a command in his hand, until the tick that it belonged to was over. */
+/* Promise(modes/client-slept-took) */
 static void what_is_too_late_to_go_out_never_does(void **state)
 {
     struct plant *p = *state;
@@ -737,6 +746,7 @@ static uint64_t last_id(struct plant *p)
     return id;
 }
 
+/* Promise(modes/client-slept-took) */
 static void requests_are_numbered_by_the_claim_where_they_have_numbers(void **state)
 {
     struct plant *p = *state;
@@ -816,6 +826,11 @@ static void leave(struct plant *p, const bool *spared)
 }
 
 /* Of what it has commanded, and of that what is not spared. */
+/*
+ * Promise(links/client-looked-leaves): A client that only looked leaves no safe values behind, nor does it
+ *   in what is out of service.
+ * Promise(links/plant-behind-modbus)
+ */
 static void who_leaves_gives_safe_values_where_the_plant_does_not_watch_him(void **state)
 {
     static const bool second[] = {false, true};

@@ -60,6 +60,7 @@ static struct apc_board *make_board(struct plant *p)
     return board;
 }
 
+/* Promise(links/temperature-control-lab) */
 static void each_line_is_answered_as_the_board_does(void **state)
 {
     static const struct {
@@ -114,6 +115,7 @@ static void each_line_is_a_sign_of_life(void **state)
     apc_board_destroy(board);
 }
 
+/* Promise(links/temperature-control-lab) */
 static void no_line_does_harm(void **state)
 {
     struct apc_random random;
@@ -317,6 +319,7 @@ static void heaters_are_set_and_sensors_are_read(void **state)
     }
 }
 
+/* Promise(links/temperature-control-lab) */
 static void what_must_not_be_is_not_set(void **state)
 {
     struct lab *lab = *state;
@@ -342,6 +345,7 @@ static void what_must_not_be_is_not_set(void **state)
 }
 
 /* Numbers that were for us an exchange ago would pass for temperatures. */
+/* Promise(links/temperature-control-lab) */
 static void a_late_answer_is_never_taken_for_the_next_ones(void **state)
 {
     struct lab *lab = *state;
@@ -364,6 +368,7 @@ static void a_late_answer_is_never_taken_for_the_next_ones(void **state)
     }
 }
 
+/* Promise(links/temperature-control-lab) */
 static void an_answer_that_is_none_is_a_failure_and_the_next_is_whole(void **state)
 {
     static const struct {

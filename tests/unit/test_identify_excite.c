@@ -18,6 +18,7 @@ static double fourier(const double *u, size_t n, size_t line)
     return hypot(re, im);
 }
 
+/* Promise(identification/signals-test-plant) */
 static void steps_go_up_down_and_back_for_as_long_as_asked(void **state)
 {
     static const double expected[] = {1, 1, 1, 1, -1, -1, -1, -1, 1, 1, 0, 0, -1, 1, -1, -1, 0, 0, 0, 0, 1};
@@ -30,6 +31,7 @@ static void steps_go_up_down_and_back_for_as_long_as_asked(void **state)
     assert_int_equal(apc_excite_steps(3, u, 21), APC_EINVAL);
 }
 
+/* Promise(identification/signals-test-plant) */
 static void prbs_of_each_order_is_as_long_as_can_be(void **state)
 {
     double *u = calloc(1 << 17, sizeof *u);
@@ -61,6 +63,10 @@ static void prbs_of_each_order_is_as_long_as_can_be(void **state)
     free(u);
 }
 
+/*
+ * Promise(identification/signals-test-plant): Signals that test a plant have the levels, the spectrum and
+ *   the crest that they are made for; a relay finds the oscillation.
+ */
 static void prbs_has_the_same_power_at_all_frequencies(void **state)
 {
     double u[127], later[127], both = 0.0;
@@ -92,6 +98,7 @@ static void prbs_holds_each_bit(void **state)
     assert_int_equal(apc_excite_prbs(5, 0, 0, bit, 31), APC_EINVAL);
 }
 
+/* Promise(identification/signals-test-plant) */
 static void multisine_has_the_lines_asked_for_and_a_low_crest(void **state)
 {
     static const struct {
@@ -127,6 +134,7 @@ static void multisine_has_the_lines_asked_for_and_a_low_crest(void **state)
 }
 
 /* 2 e^(-s) / (5 s + 1) */
+/* Promise(identification/signals-test-plant) */
 static void a_relay_finds_the_oscillation(void **state)
 {
     struct apc_relay relay = {.hysteresis = 0.0};

@@ -198,6 +198,7 @@ static double gain_by_free_run(const struct apc_record *r, const double *A, cons
 /* Octave states its matrices to four digits, of numbers that are no deviations: its gain is then that of the
  * means, which B and D of N4SID's projection give back 2 % differently (docs/rationale.md), unlike the poles;
  * those of the best free run, upon Octave's A and C, have our gain. */
+/* Promise(identification/difference-equations) */
 static void state_space_of_the_hair_dryer_is_octaves(void **state)
 {
     struct dryer *d = dryer();
@@ -235,6 +236,7 @@ static void state_space_of_the_hair_dryer_is_octaves(void **state)
 }
 
 /* Fitted to the first half, run freely over the second. */
+/* Promise(identification/difference-equations) */
 static void the_hair_dryer_is_predicted(void **state)
 {
     struct dryer *d = dryer();
@@ -295,6 +297,7 @@ static void predicts(const struct apc_identified *m, double least)
     free(t);
 }
 
+/* Promise(identification/difference-equations) */
 static void difference_equations_find_delays_and_orders(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.0, .tau = {1.0, 0.5}, .dead_time = 0.8};
@@ -335,6 +338,10 @@ static void an_integrator_stands_still_at_its_operating_point(void **state)
     free(t);
 }
 
+/*
+ * Promise(identification/difference-equations): Difference equations and state space, of any number of
+ *   inputs and outputs, predict what they have not seen; the hair dryer as well as others identify it.
+ */
 static void multivariable_models_predict_what_they_have_not_seen(void **state)
 {
     struct record_test *t = of_two_by_two(0.02, 1);
@@ -362,6 +369,7 @@ static void multivariable_models_predict_what_they_have_not_seen(void **state)
 }
 
 /* Runs around points of their own, that have nothing to do with each other, make the models of one plant. */
+/* Promise(identification/several-records-windows) */
 static void several_runs_make_one_model(void **state)
 {
     static const double du[] = {0.0, 30.0, -20.0};
@@ -424,6 +432,7 @@ static void missing_samples_bias_nothing(void **state)
 
 /* What the expectation of a model of a disturbed plant leaves is white, and nothing of the inputs is in it.
  */
+/* Promise(identification/validation-tells-right) */
 static void the_filter_of_a_state_space_model_leaves_white_errors(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.0, .tau = {1.0}};
@@ -444,6 +453,7 @@ static void the_filter_of_a_state_space_model_leaves_white_errors(void **state)
 
 /* ---- Validation -------------------------------------------------------------------------------------- */
 
+/* Promise(identification/validation-tells-right): Validation tells a right model from a wrong one. */
 static void validation_tells_a_right_model_from_a_wrong_one(void **state)
 {
     static const struct apc_transfer g[] = {{.gain = 2.0, .tau = {1.0, 0.6}, .dead_time = 0.4},
@@ -468,6 +478,7 @@ static void validation_tells_a_right_model_from_a_wrong_one(void **state)
 }
 
 /* A controller makes the input of the error of the same sample: that is no answer of the plant. */
+/* Promise(identification/validation-tells-right) */
 static void feedback_in_the_same_row_is_no_dependence(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.0, .tau = {4.0}, .dead_time = 1.0};
@@ -494,6 +505,7 @@ static void feedback_in_the_same_row_is_no_dependence(void **state)
 }
 
 /* What the inputs were before the record acts for as long as the dead time, and is found like the state. */
+/* Promise(identification/validation-tells-right) */
 static void what_came_before_the_record_is_found(void **state)
 {
     static const struct apc_transfer g[] = {{.gain = 2.0, .tau = {3.0}, .dead_time = 6.3},

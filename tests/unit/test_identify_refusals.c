@@ -208,6 +208,10 @@ static const struct {
     {measured_feedback, "it is taken"},
 };
 
+/*
+ * Promise(identification/record-tell-refused): A record that cannot tell is refused with the reason and
+ *   what to do.
+ */
 static void it_is_said_what_a_record_lacks(void **state)
 {
     size_t wrong = 0;

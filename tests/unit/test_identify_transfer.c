@@ -26,6 +26,11 @@ static void near(const struct apc_transfer *found, const struct apc_transfer *tr
 }
 
 /* Twenty settling times of four time constants, noise of 5 %. */
+/*
+ * Promise(identification/first-second-order): First and second order with dead time from a record: gains
+ *   within 1 %, time constants within 3 %, dead times within half a sample at 5 % noise; standard errors
+ *   that hold what they say, also where the noise has a colour.
+ */
 static void numbers_are_those_of_the_plant(void **state)
 {
     static const struct apc_transfer plants[] = {
@@ -51,6 +56,7 @@ static void numbers_are_those_of_the_plant(void **state)
 }
 
 /* Two lags are told from one, and an answer the wrong way from dead time; no noise, so to many digits. */
+/* Promise(identification/first-second-order) */
 static void structure_is_found(void **state)
 {
     static const struct apc_transfer plants[] = {
@@ -76,6 +82,7 @@ static void structure_is_found(void **state)
 }
 
 /* Two inputs of two outputs, moved at the same time. */
+/* Promise(identification/first-second-order) */
 static void each_pair_is_found(void **state)
 {
     static const struct apc_transfer g[] = {
@@ -96,6 +103,11 @@ static void each_pair_is_found(void **state)
 
 /* Three runs, each around a point of its own, are one record: the numbers are those of the plant, and each
  * operating point is that of its run. */
+/*
+ * Promise(identification/several-records-windows): Several records, and windows of them, are fitted
+ *   together, each around a point of its own; what differs between them only is no movement; other signals,
+ *   units and periods are refused.
+ */
 static void several_runs_are_fitted_together(void **state)
 {
     static const struct apc_transfer plants[] = {
@@ -227,6 +239,7 @@ static void count(struct tally *t, double found, double truth, double error)
 
 /* 95 % of the numbers lie within 1.96 standard errors of the truth. APC_IDENTIFY_SEEDS says over how many
  * seeds; with 500 (bench/identify) each number must do so, with fewer all of them together. */
+/* Promise(identification/first-second-order) */
 static void intervals_hold_what_they_say(void **state)
 {
     static const struct {
@@ -311,6 +324,7 @@ static struct record_test *of_two(uint64_t seed)
     return record_simulate(g, 2, 1, 500, 0.2, (const size_t[]){7, 11}, 0.02, 0.0, seed);
 }
 
+/* Promise(identification/record-tell-refused) */
 static void poor_records_are_refused_with_what_to_do(void **state)
 {
     struct record_test *t = of_two(1);
@@ -395,6 +409,7 @@ static struct record_test *of_one(void)
     return record_simulate(&one_lag, 1, 1, 500, 0.2, (const size_t[]){7}, 0.0, 0.0, 1);
 }
 
+/* Promise(identification/record-tell-refused) */
 static void feedback_alone_is_refused(void **state)
 {
     (void)state;
@@ -451,6 +466,7 @@ static void an_input_that_is_feedback_alone_is_named(void **state)
     }
 }
 
+/* Promise(identification/record-tell-refused) */
 static void an_output_that_follows_no_input_is_said(void **state)
 {
     struct record_test *t = of_two(1);
@@ -501,6 +517,7 @@ static struct record_test *from_the_first_move(const struct apc_transfer *g, boo
 }
 
 /* The first move acts after the dead time as all others do: no lag and no zero are made up for it. */
+/* Promise(identification/first-second-order) */
 static void a_record_may_begin_with_the_first_move(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.5, .tau = {20.0}, .dead_time = 3.4};
@@ -525,6 +542,7 @@ static void a_record_may_begin_with_the_first_move(void **state)
 }
 
 /* Of a lag that is shorter than a sample there is one, and its dead time is told or is not. */
+/* Promise(identification/first-second-order) */
 static void a_lag_shorter_than_a_sample_is_one(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.5, .tau = {0.3}, .dead_time = 2.4};
@@ -569,6 +587,7 @@ static void inside(double at, const double *x, size_t n, size_t stride)
 /* Two heaters that warm each other, for two time constants: such a record is too poor for one model or the
  * other, which is then refused with what to do; or the model rests where the plant has been, and each number
  * that has an interval is known by it. */
+/* Promise(identification/record-tell-refused) */
 static void a_short_record_gives_a_model_of_what_it_shows_or_none(void **state)
 {
     static const struct apc_transfer heaters[] = {{.gain = 0.5, .tau = {180.0, 18.0}},
@@ -610,6 +629,7 @@ static void a_short_record_gives_a_model_of_what_it_shows_or_none(void **state)
 
 /* So the point of a slow plant is where its record was, though at the mean of its inputs it would rest
  * elsewhere. */
+/* Promise(identification/record-tell-refused) */
 static void the_point_is_where_the_plant_has_been(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.0, .tau = {50.0}, .dead_time = 1.0};
@@ -646,6 +666,7 @@ static void the_point_is_where_the_plant_has_been(void **state)
 
 /* What seems to be an effect of an input that has none is chance: it has a gain of 0, of which nothing is
  * known. */
+/* Promise(identification/record-tell-refused) */
 static void an_input_that_does_nothing_has_no_gain(void **state)
 {
     static const struct apc_transfer g[] = {{.gain = 1.0, .tau = {1.0}, .dead_time = 0.5}, {.gain = 0.0}};
@@ -665,6 +686,7 @@ static void an_input_that_does_nothing_has_no_gain(void **state)
 }
 
 /* One sample in five is missing, and the plant was on its way when the record began. */
+/* Promise(identification/first-second-order) */
 static void gaps_and_a_moving_start_bias_nothing(void **state)
 {
     static const struct apc_transfer g = {.gain = 3.0, .tau = {2.0}, .dead_time = 0.5};

@@ -7,6 +7,10 @@
 #include <string.h>
 
 /* Skogestad 2003, table 1: tau_c = theta. */
+/*
+ * Promise(identification/simc-lambda-tunings): SIMC and lambda tunings of a transfer function, with the
+ *   margins that theory says they have; `apc identify --suggest`.
+ */
 static void simc_has_the_margins_of_its_table(void **state)
 {
     static const struct apc_transfer lag = {.gain = -2.5, .tau = {7.0}, .dead_time = 1.0},
@@ -37,6 +41,7 @@ static void simc_has_the_margins_of_its_table(void **state)
     assert_near(m.sensitivity, 1.70, 0.005);
 }
 
+/* Promise(identification/simc-lambda-tunings) */
 static void a_second_lag_is_for_the_derivative_or_counts_by_halves(void **state)
 {
     static const struct apc_transfer g = {.gain = 2.0, .tau = {2.0, 10.0}, .dead_time = 1.0};
@@ -119,6 +124,7 @@ static void lambda_keeps_the_time_constant(void **state)
 }
 
 /* The loop of a lag and P control, where all can be written down: L = 4 e^(-s) / (s + 1). */
+/* Promise(identification/simc-lambda-tunings) */
 static void margins_are_where_the_loop_begins_to_oscillate(void **state)
 {
     const struct apc_transfer g = {.gain = 1.0, .tau = {1.0}, .dead_time = 1.0};
@@ -337,6 +343,11 @@ static void what_no_rule_is_for_is_refused(void **state)
 }
 
 /* e^-s / (s + 1) to a gain: -180 degrees where tan w = -w, w 2.02876. */
+/*
+ * Promise(identification/apc-tune-suggest-tunings): `apc tune --suggest`: tunings by SIMC, lambda and from
+ *   the loop's limit, of a run or of a model file, which do in simulation what is predicted; written only
+ *   by `--apply`, as one write.
+ */
 static void a_relay_tuning_is_that_of_the_limit(void **state)
 {
     static const struct apc_transfer g = {.gain = -2.0, .tau = {1.0}, .dead_time = 1.0},

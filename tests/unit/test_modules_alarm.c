@@ -53,6 +53,10 @@ static char expected(char from, const char *arrows)
     return from;
 }
 
+/*
+ * Promise(alarms/alarm-state-isa): Each alarm is in one state of ISA-18.2, by its table, cell by cell; the
+ *   journal is whole and in order whatever happens.
+ */
 static void each_state_and_event_is_as_in_the_standard(void **state)
 {
     (void)state;
@@ -329,6 +333,10 @@ static struct world begin_overrun(double limit)
     return w;
 }
 
+/*
+ * Promise(alarms/ticks-controller-missed): Ticks that a controller missed are an alarm, in virtual time as
+ *   well; rows that the evaluation passed over, and a controller that begins anew, are none.
+ */
 static void a_tick_that_is_missed_is_an_overrun_once(void **state)
 {
     struct world w = begin_overrun(1);
@@ -348,6 +356,7 @@ static void a_tick_that_is_missed_is_an_overrun_once(void **state)
     assert_false(tick(&w, 14, 9001));
 }
 
+/* Promise(alarms/ticks-controller-missed) */
 static void an_overrun_has_a_limit_and_its_delays(void **state)
 {
     struct world w = begin_overrun(3), none = begin_overrun(0);
@@ -369,6 +378,7 @@ static void an_overrun_has_a_limit_and_its_delays(void **state)
     assert_true(tick(&none, 3, 3));
 }
 
+/* Promise(alarms/ticks-controller-missed) */
 static void rows_that_were_passed_over_are_no_overrun(void **state)
 {
     struct world w = begin_overrun(1);
@@ -381,6 +391,7 @@ static void rows_that_were_passed_over_are_no_overrun(void **state)
     assert_false(tick(&w, 501, 351));
 }
 
+/* Promise(alarms/ticks-controller-missed) */
 static void a_controller_or_a_store_that_begins_anew_is_no_overrun(void **state)
 {
     struct world w = begin_overrun(1);
@@ -395,6 +406,7 @@ static void a_controller_or_a_store_that_begins_anew_is_no_overrun(void **state)
     assert_true(tick(&w, 5, 2003));
 }
 
+/* Promise(alarms/ticks-controller-missed) */
 static void a_row_without_a_usable_index_is_passed_over(void **state)
 {
     const double of[] = {(double)NAN, HUGE_VAL, -HUGE_VAL, -1, 1e300, 0x1p53 + 2};

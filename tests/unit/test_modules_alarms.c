@@ -546,6 +546,7 @@ static void check_answers(struct world *w)
                              at(w, APC_OPMODE, apc_alarm_switch_id((enum apc_alarm_switch)which, i))->seq);
 }
 
+/* Promise(alarms/alarm-state-isa) */
 static void whatever_happens_the_journal_tells_it_whole_and_in_order(void **state)
 {
     struct world w;

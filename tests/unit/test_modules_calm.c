@@ -436,24 +436,31 @@ static void live(enum kind kind)
         assert_true(w.calm > SEEDS * TICKS * LOOPS / 5 && w.roused > SEEDS * TICKS / 50);
 }
 
+/*
+ * Promise(modes/loop-nothing-decide): A loop that has nothing to decide takes a shorter way through a tick,
+ *   to the same rows and notices, whatever happens to it.
+ */
 static void a_calm_loop_does_what_it_would_do_anyway(void **state)
 {
     (void)state;
     live(PLAIN);
 }
 
+/* Promise(modes/loop-nothing-decide) */
 static void so_do_those_beside_loops_of_a_cascade(void **state)
 {
     (void)state;
     live(CASCADED);
 }
 
+/* Promise(modes/loop-nothing-decide) */
 static void so_do_those_beside_one_whose_output_is_selected(void **state)
 {
     (void)state;
     live(SELECTED);
 }
 
+/* Promise(modes/loop-nothing-decide) */
 static void where_controllers_take_turns_no_loop_is_calm(void **state)
 {
     (void)state;

@@ -331,6 +331,7 @@ static void an_output_names_what_it_was_computed_from(void **state)
     assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
 }
 
+/* Promise(laws/held-back-output-status): A held-back output has its status, whoever's the limit is. */
 static void the_output_never_leaves_its_limits(void **state)
 {
     struct rig *r = *state;
@@ -345,6 +346,7 @@ static void the_output_never_leaves_its_limits(void **state)
     assert_int_equal(measured_tick(r, 0.0)->status, APC_GOOD);
 }
 
+/* Promise(laws/held-back-output-status) */
 static void a_limit_of_the_law_is_told_as_well(void **state)
 {
     struct rig *r = *state;
@@ -394,6 +396,10 @@ static void assert_refused(struct rig *r, int which, double value, const char *w
     assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
 }
 
+/*
+ * Promise(run/controller-refuses): The controller itself refuses setpoint, mode, output, tuning outside
+ *   limits, says so, keeps the last good one.
+ */
 static void a_setpoint_outside_its_limits_is_refused_and_the_last_good_one_kept(void **state)
 {
     static const double wrong[] = {1e6, -1e4 - 1.0, (double)NAN, (double)INFINITY};
@@ -433,6 +439,7 @@ static void where_there_was_no_good_setpoint_yet_a_wrong_one_starts_nothing(void
     assert_int_equal(find(r, APC_ACTUATOR, 1)->status, APC_GOOD);
 }
 
+/* Promise(run/controller-refuses) */
 static void an_operators_output_outside_its_limits_is_refused_and_the_last_good_one_kept(void **state)
 {
     static const double wrong[] = {99.0, -1.1, (double)NAN, (double)INFINITY};
@@ -450,6 +457,7 @@ static void an_operators_output_outside_its_limits_is_refused_and_the_last_good_
 }
 
 /* Both are in range; together they would put the output at -5. */
+/* Promise(laws/tuning-taken-set): Tuning is taken as a set within its limits, narrowed by the file. */
 static void contradictory_tuning_is_refused_and_the_set_before_stays(void **state)
 {
     struct rig *r = *state;
@@ -547,6 +555,7 @@ static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state
     }
 }
 
+/* Promise(run/controller-refuses) */
 static void a_target_mode_that_is_none_is_refused_and_the_last_one_kept(void **state)
 {
     static const double wrong[] = {-1.0, 0.5, 3.0, 1e9, (double)NAN};
@@ -636,6 +645,7 @@ static void a_change_of_tuning_in_auto_gives_no_bump(void **state)
     assert_near(measured_tick(r, 0.4)->value, before + 1.5 * 2.0 / 30.0 * 0.6, 1e-14);
 }
 
+/* Promise(run/controller-refuses) */
 static void tuning_out_of_range_is_refused_once_and_the_last_good_one_kept(void **state)
 {
     struct rig *r = *state;
@@ -699,6 +709,10 @@ static void lose(struct rig *r, int way)
     }
 }
 
+/*
+ * Promise(run/lost-bad-measurement): A lost or Bad measurement is bridged, then the fault value; no bump on
+ *   return; predictive control goes on by its estimate.
+ */
 static void a_lost_measurement_holds_then_faults_then_recovers_without_a_bump(void **state)
 {
     for (int way = 0; way <= 4; way++) {
@@ -790,6 +804,7 @@ static void what_the_output_is_held_for_is_said(void **state)
     }
 }
 
+/* Promise(experiment/measurement-stale) */
 static void a_measurement_that_is_no_longer_renewed_is_stale(void **state)
 {
     struct rig *r = *state;
@@ -801,6 +816,7 @@ static void a_measurement_that_is_no_longer_renewed_is_stale(void **state)
     assert_int_equal(measured_tick(r, 0.5)->status, APC_GOOD);
 }
 
+/* Promise(run/lost-bad-measurement) */
 static void the_integral_stands_still_while_the_output_is_held(void **state)
 {
     struct rig *r = *state;
@@ -830,6 +846,7 @@ static void without_any_measurement_yet_nothing_goes_out_until_the_fault_value(v
     assert_int_equal(r->n, 1);
 }
 
+/* Promise(run/step-wall-clock) */
 static void a_clock_step_of_an_hour_changes_nothing(void **state)
 {
     struct rig *r = *state;
@@ -915,6 +932,7 @@ static void resume_and_compare(struct rig *r)
     apc_controller_destroy(next.controller);
 }
 
+/* Promise(run/restarted-controller): A restarted controller goes on bit for bit, with each law. */
 static void a_restarted_controller_goes_on_bit_for_bit(void **state)
 {
     resume_and_compare(*state);
@@ -999,6 +1017,7 @@ static void restarted_with_the_clock_set_back_it_begins_from_the_last_output(voi
 }
 
 /* The operator's output of another run; or of this one, set before the controller was there. */
+/* Promise(run/set-hand-former): What was set by hand in a former run is never taken up. */
 static void only_an_operators_output_of_this_run_is_taken_up_at_the_start(void **state)
 {
     static const struct {
@@ -1218,6 +1237,7 @@ static void another_law_goes_on_from_the_last_output_in_man_and_in_auto(void **s
     }
 }
 
+/* Promise(laws/state-law-settings) */
 static void a_law_of_as_many_states_but_another_name_does_not_take_the_state(void **state)
 {
     const struct apc_law other = {
@@ -1285,6 +1305,10 @@ static int fragile_compute(struct apc_law_call *c)
 static const struct apc_law fragile = {
     .abi = APC_LAW_ABI, .name = "fragile", .n_state = one_state, .compute = fragile_compute};
 
+/*
+ * Promise(laws/law-gives-finite): A law that gives no finite number keeps its last output, begins anew, is
+ *   counted.
+ */
 static void a_law_that_gives_no_finite_number_is_held_and_begins_anew(void **state)
 {
     struct rig r;

@@ -34,6 +34,10 @@ static void measure(struct rig *r, int id)
 /* ---- Loops by themselves ---------------------------------------------------------------------- */
 
 /* Whatever befalls loop 1, loop 2 is bit for bit as it is beside a loop 1 that nothing befalls. */
+/*
+ * Promise(run/befalls-loop-controller): What befalls one loop of a controller does not touch another, to
+ *   the last bit.
+ */
 static void what_befalls_one_loop_does_not_touch_another(void **state)
 {
     struct rig calm, troubled;
@@ -70,6 +74,7 @@ static void what_befalls_one_loop_does_not_touch_another(void **state)
     end(&troubled);
 }
 
+/* Promise(run/befalls-loop-controller) */
 static void a_bad_measurement_holds_its_own_loop_and_says_which(void **state)
 {
     struct rig r;
@@ -92,6 +97,10 @@ static void a_bad_measurement_holds_its_own_loop_and_says_which(void **state)
     end(&r);
 }
 
+/*
+ * Promise(modes): What befalls several loops of a controller at one tick is an event of each; where it is
+ *   the same with all, one.
+ */
 static void what_befalls_two_loops_at_a_tick_is_told_of_both(void **state)
 {
     struct rig r;
@@ -413,6 +422,7 @@ static const struct apc_law seeing = {.abi = APC_LAW_ABI,
  * Two controllers see the same; one is killed and started again, at any instant: after a tick whose rows are
  * there, whether or not it had its answer. Both put out the same, to the last bit, and confirm the same.
  */
+/* Promise(run/restarted-controller) */
 static void a_controller_that_is_killed_at_any_tick_goes_on_bit_for_bit(void **state)
 {
     unsigned restarts = 0;

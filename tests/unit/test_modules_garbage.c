@@ -133,6 +133,9 @@ static void run(struct apc_controller *c, struct apc_now *now, int ticks, struct
     }
 }
 
+/*
+ * Promise(run/nothing-not-finite): Nothing that is not finite or is outside its limits reaches the plant.
+ */
 static void no_input_makes_an_output_that_is_not_finite_or_outside_its_limits(void **state)
 {
     struct apc_controller *c = make();

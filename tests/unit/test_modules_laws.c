@@ -128,6 +128,7 @@ static double wavy(int k)
 }
 
 /* Derivatives, rate limits, observers: nothing of them may be lost, in Auto and in Man. */
+/* Promise(run/restarted-controller) */
 static void every_law_restarted_goes_on_bit_for_bit(void **state)
 {
     const struct {
@@ -166,6 +167,7 @@ static void every_law_restarted_goes_on_bit_for_bit(void **state)
 }
 
 /* The output of the tick is that of the old tuning, and the next ones are those of the new. */
+/* Promise(laws/track-compute-limits) */
 static void a_change_of_tuning_in_auto_gives_no_bump(void **state)
 {
     const struct {
@@ -199,6 +201,10 @@ static void a_change_of_tuning_in_auto_gives_no_bump(void **state)
     }
 }
 
+/*
+ * Promise(laws/track-compute-limits): `track`, `compute`, limits, `update` in that order; no bump from Man,
+ *   after a lost measurement, a tuning, a restart.
+ */
 static void from_man_to_auto_no_law_gives_a_bump(void **state)
 {
     const struct {
@@ -251,6 +257,10 @@ static void a_loop_without_integral_leaves_a_bumpless_change_slowly(void **state
     }
 }
 
+/*
+ * Promise(laws/state-law-settings): A state of another law, other settings, or a plug-in compiled from
+ *   another source is not taken, and gives no bump.
+ */
 static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void **state)
 {
     const double dev = 0.01;
@@ -274,6 +284,7 @@ static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void
 }
 
 /* From Man to Auto while y moves: the derivative has gone on with it, and is there from the first tick. */
+/* Promise(laws/track-compute-limits) */
 static void in_man_a_filter_goes_on(void **state)
 {
     double u[2];
@@ -297,6 +308,7 @@ static void in_man_a_filter_goes_on(void **state)
 
 /* What y did while it was away is no derivative; the output goes on from where it was held, in Auto, after
  * Man or OOS without a measurement, and in a new controller after the plant went to its safe value. */
+/* Promise(laws/track-compute-limits) */
 static void after_a_lost_measurement_the_derivative_begins_anew(void **state)
 {
     (void)state;
@@ -419,6 +431,7 @@ static int answer(struct apc_law_call *c)
     return c->z[0] == 1.0 ? APC_LAW_INFEASIBLE : c->z[0] == 2.0 ? APC_LAW_LATE : APC_LAW_SUBOPTIMAL;
 }
 
+/* Promise(laws/answer-infeasible-failed) */
 static void an_infeasible_answer_is_held_and_the_state_kept(void **state)
 {
     static const struct apc_law law = {

@@ -164,6 +164,7 @@ static void quiet(struct cascade *w, struct chance *c)
 #endif
 #define EPISODES 50000 /* of each seed */
 
+/* Promise(modes/acts-now-tracks) */
 static void test_whatever_happens_in_whatever_order(void **state)
 {
     uint64_t entered = 0, shed = 0, taken = 0, ticks = 0;
@@ -254,6 +255,7 @@ static bool permute(enum who *order, size_t n)
 
 /* Two ticks of each loop and two of the operator's writes, in every order, from Cas, from the wait for it,
  * and from Auto and Man. */
+/* Promise(modes/every-order-setpoint): In every order the setpoint ends as its owner's. */
 static void test_in_every_order_the_setpoint_ends_as_its_owner_s(void **state)
 {
     const size_t n_wishes = sizeof(wishes) / sizeof(*wishes);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The state of a loop: every pair of a state and the facts, against what must hold of each. */
+/* Promise(modes/law-act-gives) */
 #include "check.h"
 
 #include "apcmodules.h"
@@ -70,6 +71,10 @@ static void check_settled(enum apc_loop_state from, const struct apc_loop_facts 
     assert_false((third.law | third.backup) & APC_ASK_TRACK_FIRST);
 }
 
+/*
+ * Promise(modes/first-rule-fits): The first rule that fits says the state; nothing without a source; Man,
+ *   Oos, Shadow as asked; a reason where not.
+ */
 static void test_every_pair_has_a_move_that_settles_in_one_step(void **state)
 {
     (void)state;
@@ -89,6 +94,7 @@ static void check_two_passes(enum apc_loop_state from, const struct apc_loop_fac
         assert_true(same(&other, move)); /* an answer that was not asked for makes no difference */
 }
 
+/* Promise(modes/acts-now-tracks) */
 static void test_whether_the_law_is_asked_does_not_hang_on_its_answer(void **state)
 {
     (void)state;
@@ -131,6 +137,7 @@ static void check_source(enum apc_loop_state from, const struct apc_loop_facts *
         assert_int_equal(move->output, APC_PUT_NONE);
 }
 
+/* Promise(modes/first-rule-fits) */
 static void test_nothing_goes_out_without_a_source(void **state)
 {
     (void)state;
@@ -151,6 +158,7 @@ static void check_answer(enum apc_loop_state from, const struct apc_loop_facts *
     assert_int_equal(move->status, APC_UNCERTAIN_INITIAL);
 }
 
+/* Promise(modes/down-cascade-two) */
 static void test_a_loop_below_is_answered_only_by_one_that_could_act(void **state)
 {
     (void)state;
@@ -179,6 +187,7 @@ static void check_status(enum apc_loop_state from, const struct apc_loop_facts *
     }
 }
 
+/* Promise(modes/first-rule-fits) */
 static void test_a_row_says_whether_it_is_what_was_wanted(void **state)
 {
     (void)state;
@@ -212,6 +221,7 @@ static void check_mode(enum apc_loop_state from, const struct apc_loop_facts *f,
         assert_null(move->reason);
 }
 
+/* Promise(modes/first-rule-fits) */
 static void test_the_actual_mode_is_the_wanted_one_or_there_is_a_reason(void **state)
 {
     (void)state;
@@ -237,6 +247,7 @@ static void check_sticky(enum apc_loop_state from, const struct apc_loop_facts *
         assert_int_equal(move->state, APC_LOOP_HOLD);
 }
 
+/* Promise(modes/hold-shed-after-counts) */
 static void test_what_held_too_long_comes_back_only_with_input_and_answer(void **state)
 {
     (void)state;
@@ -267,6 +278,9 @@ static void check_law(enum apc_loop_state from, const struct apc_loop_facts *f,
         assert_int_equal(ask, APC_ASK_COMPUTE | APC_ASK_UPDATE | (acts ? 0u : (unsigned)APC_ASK_TRACK));
 }
 
+/*
+ * Promise(modes/acts-now-tracks): What acts from now on tracks first; what does not act moves no integral.
+ */
 static void test_no_integral_moves_unless_the_output_acts(void **state)
 {
     (void)state;

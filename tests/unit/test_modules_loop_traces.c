@@ -65,6 +65,10 @@ static void assert_local(struct cascade *w, double value)
 
 /* ---- The handshake ------------------------------------------------------------------------- */
 
+/*
+ * Promise(modes/down-cascade-two): Down a cascade: in two periods and an answer, without a step, also of
+ *   one that answers late; a write between wins.
+ */
 static void test_two_periods_of_the_upper_loop_and_its_answer_lead_into_cas_without_a_step(void **state)
 {
     struct cascade w;
@@ -87,6 +91,7 @@ static void test_two_periods_of_the_upper_loop_and_its_answer_lead_into_cas_with
 }
 
 /* It answers late in its period: the loop below has ticked thrice since it was read. */
+/* Promise(modes/down-cascade-two) */
 static void test_an_answer_later_than_a_tick_of_the_loop_below_is_taken(void **state)
 {
     struct cascade w;
@@ -107,6 +112,7 @@ static void test_an_answer_later_than_a_tick_of_the_loop_below_is_taken(void **s
     cascade_check(&w);
 }
 
+/* Promise(modes/down-cascade-two) */
 static void test_an_operator_s_write_during_the_handshake_wins(void **state)
 {
     (void)state;
@@ -127,6 +133,7 @@ static void test_an_operator_s_write_during_the_handshake_wins(void **state)
 }
 
 /* The operator puts a value, then says Cas: the loop below still says what it had before. */
+/* Promise(modes/down-cascade-two) */
 static void test_an_upper_loop_answers_only_what_is_still_in_force(void **state)
 {
     struct cascade w;
@@ -164,6 +171,7 @@ static void test_an_answer_to_an_earlier_wait_does_not_count(void **state)
     cascade_check(&w);
 }
 
+/* Promise(modes/down-cascade-two) */
 static void test_an_upper_loop_in_man_answers_and_then_is_the_operator_s(void **state)
 {
     struct cascade w;
@@ -185,6 +193,7 @@ static void test_an_upper_loop_in_man_answers_and_then_is_the_operator_s(void **
 
 /* ---- Whose the setpoint is ------------------------------------------------------------------ */
 
+/* Promise(modes/every-order-setpoint) */
 static void test_a_put_between_the_upper_loop_s_look_and_its_write_leaves_that_out(void **state)
 {
     struct cascade w = in_cas();
@@ -197,6 +206,7 @@ static void test_a_put_between_the_upper_loop_s_look_and_its_write_leaves_that_o
     assert_local(&w, -0.7);
 }
 
+/* Promise(modes/every-order-setpoint) */
 static void test_a_put_between_the_upper_loop_s_write_and_the_lower_s_look_is_in_force(void **state)
 {
     struct cascade w = in_cas();
@@ -209,6 +219,7 @@ static void test_a_put_between_the_upper_loop_s_write_and_the_lower_s_look_is_in
 
 /* Written without a setpoint, as in a database by hand, while a row of the upper loop is there that the loop
  * below has not seen: it does not become the setpoint of Auto. */
+/* Promise(modes/every-order-setpoint) */
 static void test_a_row_from_above_does_not_count_once_the_target_is_auto(void **state)
 {
     struct cascade w = in_cas();
@@ -222,6 +233,7 @@ static void test_a_row_from_above_does_not_count_once_the_target_is_auto(void **
     assert_local(&w, z);
 }
 
+/* Promise(modes/every-order-setpoint) */
 static void test_a_put_on_a_loop_in_man_is_written_over_by_its_measurement(void **state)
 {
     struct cascade w = in_cas();
@@ -248,6 +260,10 @@ static void test_a_put_on_a_loop_in_man_is_written_over_by_its_measurement(void 
 
 /* ---- Shedding ------------------------------------------------------------------------------- */
 
+/*
+ * Promise(modes/shed-within-three): Shed within three upper periods, 100 ms and a tick, no step, taken up
+ *   again without one; a late row is put back.
+ */
 static void test_a_loop_sheds_in_time_and_takes_up_again_both_without_a_step(void **state)
 {
     struct cascade w = in_cas();
@@ -276,6 +292,7 @@ static void test_a_loop_sheds_in_time_and_takes_up_again_both_without_a_step(voi
 }
 
 /* The upper loop looked in time, but writes after the loop below has given it up, and before it said so. */
+/* Promise(modes/shed-within-three) */
 static void test_a_row_that_comes_after_the_shed_is_put_back(void **state)
 {
     struct cascade w = in_cas();
@@ -300,6 +317,7 @@ static void test_a_row_that_comes_after_the_shed_is_put_back(void **state)
     cascade_check(&w);
 }
 
+/* Promise(modes/shed-within-three) */
 static void test_an_upper_loop_at_its_end_or_out_of_service_is_left_at_once(void **state)
 {
     struct cascade w = in_cas();
@@ -324,6 +342,7 @@ static int changes(struct cascade *w, int periods)
     return n;
 }
 
+/* Promise(modes/hold-shed-after-counts) */
 static void test_a_law_that_never_answers_well_is_shed_once_for_all(void **state)
 {
     (void)state;
@@ -344,6 +363,7 @@ static void test_a_law_that_never_answers_well_is_shed_once_for_all(void **state
     }
 }
 
+/* Promise(modes/hold-shed-after-counts) */
 static void test_a_law_that_is_late_now_and_then_is_not_shed(void **state)
 {
     struct cascade w = in_cas();
@@ -358,6 +378,7 @@ static void test_a_law_that_is_late_now_and_then_is_not_shed(void **state)
 }
 
 /* One good answer is no recovery: it takes as many as it took bad ones. */
+/* Promise(modes/hold-shed-after-counts) */
 static void test_a_law_comes_back_after_as_many_good_answers_as_it_was_shed_after(void **state)
 {
     struct cascade w = in_cas();
@@ -380,6 +401,7 @@ static void test_a_law_comes_back_after_as_many_good_answers_as_it_was_shed_afte
     cascade_check(&w);
 }
 
+/* Promise(modes/hold-shed-after-counts) */
 static void test_man_and_out_of_service_forgive_a_law(void **state)
 {
     static const enum apc_mode modes[] = {APC_MODE_MAN, APC_MODE_OOS};
@@ -403,6 +425,10 @@ static void test_man_and_out_of_service_forgive_a_law(void **state)
 
 /* ---- Holding -------------------------------------------------------------------------------- */
 
+/*
+ * Promise(modes/hold-shed-after-counts): `hold` and `shed_after`: what counts, what ends them, what
+ *   forgives.
+ */
 static void test_a_measurement_that_returns_when_the_hold_ends_is_in_time(void **state)
 {
     struct cascade w = in_cas();
@@ -424,6 +450,7 @@ static void test_a_measurement_that_returns_when_the_hold_ends_is_in_time(void *
 }
 
 /* What was spent in another mode, or initialising, is no holding: the hold begins with Hold. */
+/* Promise(modes/hold-shed-after-counts) */
 static void test_only_a_loop_that_holds_comes_to_its_hold_s_end(void **state)
 {
     struct cascade w = in_cas();
@@ -460,6 +487,10 @@ static void test_only_a_loop_that_holds_comes_to_its_hold_s_end(void **state)
     cascade_check(&w);
 }
 
+/*
+ * Promise(modes/lower-loop-holds): A lower loop that holds goes back to Cas without a wait; at its limit,
+ *   the setpoint does not run away, whatever its sign.
+ */
 static void test_a_held_loop_goes_back_to_cas_without_a_new_wait(void **state)
 {
     struct cascade w = in_cas();
@@ -476,6 +507,7 @@ static void test_a_held_loop_goes_back_to_cas_without_a_new_wait(void **state)
     cascade_check(&w);
 }
 
+/* Promise(modes/lower-loop-holds) */
 static void test_a_held_loop_whose_upper_one_is_gone_asks_anew(void **state)
 {
     struct cascade w = in_cas();
@@ -494,6 +526,7 @@ static void test_a_held_loop_whose_upper_one_is_gone_asks_anew(void **state)
 
 /* ---- Windup --------------------------------------------------------------------------------- */
 
+/* Promise(modes/lower-loop-holds) */
 static void test_the_setpoint_does_not_run_away_while_the_loop_below_is_at_its_limit(void **state)
 {
     (void)state;
@@ -547,6 +580,7 @@ static void test_what_begins_a_hold_and_what_ends_it(void **state)
 }
 
 /* In Backup it is the backup law that may miss something, whatever the law proper does. */
+/* Promise(modes/law-act-gives) */
 static void test_in_backup_a_hold_is_of_the_backup_law(void **state)
 {
     (void)state;
@@ -623,6 +657,7 @@ static void test_only_its_own_answer_lets_a_loop_into_cas(void **state)
     assert_false(apc_loop_remote(&l, &a) || apc_loop_takes(&l, &a));
 }
 
+/* Promise(modes/lower-loop-holds) */
 static void test_a_measurement_cannot_follow_the_way_that_it_lacks(void **state)
 {
     (void)state;

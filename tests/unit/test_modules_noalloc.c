@@ -190,6 +190,7 @@ static void the_counter_counts(void **state)
     assert_true(allocations > before);
 }
 
+/* Promise(links/nothing-tick-allocates) */
 static void ticks_do_not_allocate(void **state)
 {
     struct loop l;
@@ -330,6 +331,7 @@ static int live_tick(struct apc_store *store, struct apc_controller *controller,
     return written;
 }
 
+/* Promise(links/nothing-tick-allocates) */
 static void a_tick_through_the_live_store_does_not_allocate(void **state)
 {
     enum { N = 10, WARM = 5, TICKS = 100 };
@@ -655,6 +657,7 @@ static void whichever_allocation_fails_an_exchange_says_so_and_gives_all_back(vo
     assert_in_range(n, 8, 100);
 }
 
+/* Promise(links/nothing-tick-allocates) */
 static void exchanges_do_not_allocate(void **state)
 {
     struct apc_executive *e;

@@ -128,6 +128,10 @@ static void without_a_plan_it_stays_as_it_is(void **state)
     apc_controller_destroy(r.core);
 }
 
+/*
+ * Promise(modes/law-looks-ahead): A law that looks ahead is told the steps to come of a setpoint in force,
+ *   and of no other; after a restart and in a replay the same.
+ */
 static void a_plan_is_told_at_the_times_of_the_ticks_to_come(void **state)
 {
     struct rig r;
@@ -177,6 +181,7 @@ static void each_setpoint_has_its_own_plan(void **state)
     apc_controller_destroy(r.core);
 }
 
+/* Promise(modes/law-looks-ahead) */
 static void a_plan_of_another_row_is_none(void **state)
 {
     struct rig r;
@@ -196,6 +201,7 @@ static void a_plan_of_another_row_is_none(void **state)
     apc_controller_destroy(r.core);
 }
 
+/* Promise(modes/law-looks-ahead) */
 static void a_plan_that_is_damaged_is_none(void **state)
 {
     struct rig r;
@@ -261,6 +267,7 @@ static void the_tick_row_says_which_plan_was_looked_at_and_whether_it_counted(vo
 }
 
 /* x goes on by an update with what the tick before the restart foresaw. */
+/* Promise(modes/law-looks-ahead) */
 static void a_restart_goes_on_with_the_plan_of_the_tick_before(void **state)
 {
     struct rig r, next;

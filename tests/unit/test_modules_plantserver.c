@@ -150,6 +150,7 @@ static void it_starts_at_the_safe_value_and_says_that_it_has_no_data(void **stat
 }
 
 /* A plant that is running already when the experiment begins. */
+/* Promise(experiment/until-first-command): Until the first command the plant has its `initial` input. */
 static void until_the_first_command_it_has_its_initial_input(void **state)
 {
     struct rig *r = *state;
@@ -172,6 +173,7 @@ static void until_the_first_command_it_has_its_initial_input(void **state)
     assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
 }
 
+/* Promise(experiment/until-first-command) */
 static void without_any_command_it_goes_from_its_initial_input_to_the_safe_value(void **state)
 {
     const apc_ns limit = 3 * LINK + 100 * MS;
@@ -249,6 +251,10 @@ static void missed_ticks_are_simulated_through(void **state)
 
 /* ---- Watchdog -------------------------------------------------------------------------------- */
 
+/*
+ * Promise(run/without-frames-new): Without frames or new commands the plant goes to its safe value at the
+ *   stated instants, until a new command.
+ */
 static void without_a_frame_it_trips_at_three_link_periods_and_100_ms(void **state)
 {
     struct rig *r = *state;
@@ -274,6 +280,7 @@ static void without_a_frame_it_trips_at_three_link_periods_and_100_ms(void **sta
     assert_int_equal(r->notice.kind, APC_NOTICE_NONE);
 }
 
+/* Promise(run/without-frames-new) */
 static void repeated_commands_trip_at_three_controller_periods_and_100_ms(void **state)
 {
     struct rig *r = *state;
@@ -322,6 +329,7 @@ static void a_trip_between_ticks_counts_even_when_a_new_command_ends_it(void **s
     assert_input(r, 0.5, false);
 }
 
+/* Promise(run/without-frames-new) */
 static void a_replay_of_the_old_command_never_resumes(void **state)
 {
     struct rig *r = *state;
@@ -370,6 +378,7 @@ static void a_clock_step_of_an_hour_changes_nothing(void **state)
 
 /* ---- What must not reach the plant ----------------------------------------------------------- */
 
+/* Promise(run/nothing-not-finite) */
 static void a_value_outside_the_limits_or_bad_is_not_applied_but_answered(void **state)
 {
     struct rig *r = *state;
@@ -503,6 +512,7 @@ static void assert_fenced(struct rig *r, apc_ns mono, uint64_t connection, uint6
 }
 
 /* It slept while another one took its place. */
+/* Promise(modes/client-slept-took) */
 static void a_client_of_an_older_claim_moves_nothing(void **state)
 {
     struct rig *r = *state;
@@ -538,6 +548,7 @@ static void a_client_of_an_older_claim_moves_nothing(void **state)
 
 /* Of a time to come: it takes the plant from nobody whose claim counts, and alone it commands without a
  * number. */
+/* Promise(modes/command-whatever-number) */
 static void a_claim_ahead_of_the_clock_shuts_nobody_out(void **state)
 {
     struct rig *r = *state;
@@ -568,6 +579,7 @@ static void a_claim_ahead_of_the_clock_shuts_nobody_out(void **state)
 }
 
 /* One command of somebody with a number ends nobody's control for good. */
+/* Promise(modes/command-whatever-number) */
 static void a_claim_is_forgotten_once_its_client_is_silent(void **state)
 {
     struct rig *r = *state;
@@ -587,6 +599,7 @@ static void a_claim_is_forgotten_once_its_client_is_silent(void **state)
     assert_input(r, 1.4, false);
 }
 
+/* Promise(modes/command-whatever-number) */
 static void a_command_that_is_refused_takes_the_plant_from_nobody(void **state)
 {
     struct rig *r = *state;

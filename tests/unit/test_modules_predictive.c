@@ -6,6 +6,11 @@
  * keeps to rates.
  * Set APC_TEST_SEED to see a failure again.
  */
+/*
+ * Promise(laws): Whatever predictive control is told, of measurements, setpoints, modes, tuning, and
+ *   whatever its model answers, outputs and state are finite and within limits, and it is back once that
+ *   makes sense.
+ */
 #include "check.h"
 
 #include "base/base_internal.h"

@@ -98,6 +98,10 @@ static void each_step_is_written_once(void **state)
     apc_scheduler_destroy(w.scheduler);
 }
 
+/*
+ * Promise(experiment/schedule-keeps-last): The schedule keeps its last step or begins again; a daemon that
+ *   is restarted falls into its step.
+ */
 static void the_schedule_keeps_its_last_step_or_begins_again(void **state)
 {
     struct apc_scheduler_options o = options;
@@ -114,6 +118,7 @@ static void the_schedule_keeps_its_last_step_or_begins_again(void **state)
     apc_scheduler_destroy(w.scheduler);
 }
 
+/* Promise(modes/scheduler-moves-too) */
 static void one_that_is_local_is_left_alone_and_given_back_gets_the_step_that_is_due(void **state)
 {
     struct world w;
@@ -184,6 +189,7 @@ static void assert_plan(struct world *w, size_t i, const double *pairs, uint32_t
         assert_near(v->value[k], pairs[k], 1e-9);
 }
 
+/* Promise(modes/law-looks-ahead) */
 static void a_step_goes_with_those_to_come_that_change_it(void **state)
 {
     static const double whole[] = {1, 2, 1, 4, 5, 6};
@@ -240,6 +246,7 @@ static int restart(struct world *w, uint64_t index, apc_ns since)
     return compute(w, index);
 }
 
+/* Promise(modes/scheduler-moves-too) */
 static void one_that_is_restarted_writes_what_is_not_there(void **state)
 {
     struct world w;

@@ -61,6 +61,10 @@ static void tick(struct rig *r, int k)
 
 /* ---- Noise --------------------------------------------------------------------------------- */
 
+/*
+ * Promise(experiment/noise-steps-faults): Noise, steps and faults of sensors begin and end when they
+ *   should, and come of the seed.
+ */
 static void measurement_noise_has_its_standard_deviation_and_leaves_the_plant_alone(void **state)
 {
     const struct apc_sensor sensor = {.noise = 0.3};
@@ -80,6 +84,7 @@ static void measurement_noise_has_its_standard_deviation_and_leaves_the_plant_al
 }
 
 /* What a tick adds to where the plant would go by itself. */
+/* Promise(experiment/dead-time-process) */
 static void process_noise_moves_the_state_as_a_random_walk(void **state)
 {
     const double noise = 0.2, expected = 0.2 * sqrt(0.1);
@@ -143,6 +148,7 @@ static void a_level_under_noise_stays_at_or_above_zero(void **state)
     drop(&r);
 }
 
+/* Promise(experiment/noise-steps-faults) */
 static void the_same_seed_gives_the_same_numbers_and_another_others(void **state)
 {
     const struct apc_sensor sensor[2] = {{.noise = 1.0}, {.noise = 1.0}};
@@ -170,6 +176,7 @@ static void the_same_seed_gives_the_same_numbers_and_another_others(void **state
 }
 
 /* Giving one sensor noise, or a fault, must not change what another shows. */
+/* Promise(experiment/noise-steps-faults) */
 static void one_sensor_changes_nothing_of_another(void **state)
 {
     const struct apc_sensor_fault fault = {.kind = APC_FAULT_DROPOUT, .at = S};
@@ -191,6 +198,7 @@ static void one_sensor_changes_nothing_of_another(void **state)
 
 /* ---- Sensors ------------------------------------------------------------------------------- */
 
+/* Promise(experiment/noise-steps-faults) */
 static void a_sensor_shows_whole_steps_only(void **state)
 {
     const struct apc_sensor sensor[2] = {{.noise = 0.5, .quantum = 0.3223}, {.quantum = 0.3223}};
@@ -209,6 +217,7 @@ static void a_sensor_shows_whole_steps_only(void **state)
 }
 
 /* Levels that rise all the time, so that a stuck sensor shows. */
+/* Promise(experiment/noise-steps-faults) */
 static void faults_begin_and_end_when_they_should(void **state)
 {
     const struct apc_sensor_fault stuck = {.kind = APC_FAULT_STUCK, .at = 2 * S, .duration = S};
@@ -248,6 +257,7 @@ static void faults_begin_and_end_when_they_should(void **state)
     drop(&r);
 }
 
+/* Promise(experiment/noise-steps-faults) */
 static void a_fault_without_duration_lasts(void **state)
 {
     const struct apc_sensor_fault fault = {.kind = APC_FAULT_DROPOUT, .at = S};
@@ -263,6 +273,11 @@ static void a_fault_without_duration_lasts(void **state)
 }
 
 /* Every third tick from the first one on; the other sensor goes on as if it were alone. */
+/*
+ * Promise(laws/measurement-period-own): A measurement with a period of its own comes as often, in virtual
+ *   time as in real, with its time; predictive control takes a sample of a laboratory once, and knows its
+ *   course in between; a filter that this would lead astray is refused.
+ */
 static void a_sensor_with_a_period_of_its_own_looks_as_often_and_its_value_stands_with_its_time(void **state)
 {
     const double noise[4] = {0.0, 0.0, 0.2, 0.2};
@@ -294,6 +309,7 @@ static void a_sensor_with_a_period_of_its_own_looks_as_often_and_its_value_stand
 }
 
 /* Between two ticks: it shows what the next tick finds. A draw of noise for each look. */
+/* Promise(laws/measurement-period-own) */
 static void a_period_that_is_no_multiple_of_the_plants_is_kept_on_average(void **state)
 {
     const struct apc_sensor sensor = {.period = 25 * TICK / 10, .noise = 0.3};
@@ -317,6 +333,7 @@ static void a_period_that_is_no_multiple_of_the_plants_is_kept_on_average(void *
 /* ---- Disturbances -------------------------------------------------------------------------- */
 
 /* Between two ticks, at 0.25 s and 0.55 s: ambient temperature through heater to sensor, in closed form. */
+/* Promise(experiment/dead-time-process) */
 static void a_disturbance_changes_at_its_very_instant(void **state)
 {
     const struct apc_disturbance changes[] = {{.k = 0, .at = S / 4, .value = 31.0},

@@ -113,6 +113,7 @@ static int saw_f(double t, const double *x, const double *u, const double *p, do
 
 /* ---- What must hold ------------------------------------------------------------------------- */
 
+/* Promise(plants/plant-column-checked) */
 static void the_first_order_plant_follows_its_exact_solution_over_3000_steps(void **state)
 {
     const double a = exp(-0.2 / 10.0);

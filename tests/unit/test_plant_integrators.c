@@ -45,6 +45,10 @@ static double worst_error(const char *integrator)
     return worst;
 }
 
+/*
+ * Promise(plants/integrators-exact-say): Integrators are as exact as they say; `exact` refuses what is not
+ *   linear; a failure is told with time and state.
+ */
 static void each_integrator_is_as_exact_as_it_says(void **state)
 {
     (void)state;
@@ -103,6 +107,7 @@ static int bent_f(double t, const double *x, const double *u, const double *p, d
     return 0;
 }
 
+/* Promise(plants/integrators-exact-say) */
 static void what_is_not_linear_is_refused_by_the_exact_step(void **state)
 {
     static const struct apc_model timed = {
@@ -135,6 +140,7 @@ static void what_is_not_linear_is_refused_by_the_exact_step(void **state)
 /* ---- Dead time ----------------------------------------------------------------------------- */
 
 /* x after a step of the input from 0 to 1 at t = 0 that acts theta later. */
+/* Promise(experiment/dead-time-process): Dead time, process noise, disturbances at their instants. */
 static void a_step_acts_after_the_dead_time_and_not_before(void **state)
 {
     static const char *const integrators[] = {"exact", "rk4", "cvode", "adams"};
@@ -361,6 +367,7 @@ static int explosive_f(double t, const double *x, const double *u, const double 
     return 0;
 }
 
+/* Promise(plants/integrators-exact-say) */
 static void a_diverging_plant_is_told_with_time_and_state_under_every_integrator(void **state)
 {
     static const struct apc_param table[] = {{"hotness", "", "", 1.0, -1e299, 1e299}};

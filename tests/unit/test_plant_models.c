@@ -124,6 +124,7 @@ static void the_integrators_agree(void **state)
 
 /* ---- One by one ---------------------------------------------------------------------------- */
 
+/* Promise(plants/plant-column-checked): Each plant is as the column "checked against" says. */
 static void the_servo_follows_its_closed_form(void **state)
 {
     static const char *const integrators[] = {"cvode", "adams", "rk4", "exact"};
@@ -142,6 +143,7 @@ static void the_servo_follows_its_closed_form(void **state)
     }
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_double_tank_settles_at_its_levels(void **state)
 {
     struct apc_plant *plant = make("double-tank", NULL, "cvode");
@@ -160,6 +162,7 @@ static void the_double_tank_settles_at_its_levels(void **state)
 }
 
 /* Torricelli: with the pump off sqrt(h) falls by a sqrt(2 g) / 2 A each second until the tank is empty. */
+/* Promise(plants/plant-column-checked) */
 static void a_tank_runs_empty_and_stays_so(void **state)
 {
     static const char *const integrators[] = {"cvode", "adams", "rk4"};
@@ -190,6 +193,7 @@ static double energy(const double *x, const double *p)
            ml * cos(x[2]) * x[1] * x[3] + ml * p[5] * cos(x[2]);
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_pendulum_falls_and_keeps_its_energy(void **state)
 {
     const struct apc_model *m = find("pendulum");
@@ -209,6 +213,7 @@ static void the_pendulum_falls_and_keeps_its_energy(void **state)
     apc_plant_destroy(plant);
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_quadruple_tank_settles_at_its_levels(void **state)
 {
     static const double expected[4] = {12.263, 12.783, 1.634, 1.409};
@@ -225,6 +230,7 @@ static void the_quadruple_tank_settles_at_its_levels(void **state)
 }
 
 /* What went in is there, or has left through the outlets. */
+/* Promise(plants/plant-column-checked) */
 static void the_four_tanks_balance_their_mass(void **state)
 {
     const struct apc_model *m = find("four-tank");
@@ -252,6 +258,7 @@ static void the_four_tanks_balance_their_mass(void **state)
     apc_plant_destroy(plant);
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_modified_four_tank_settles_at_its_masses(void **state)
 {
     static const double expected[4] = {17612.0124, 29640.6695, 4644.2195, 9378.4931};
@@ -263,6 +270,7 @@ static void the_modified_four_tank_settles_at_its_masses(void **state)
         assert_near(x[i], expected[i], 5e-4);
 }
 
+/* Promise(plants/plant-column-checked) */
 static void a_full_tank_runs_over(void **state)
 {
     struct apc_plant *plant = make("quadruple-tank", NULL, "cvode");
@@ -277,6 +285,7 @@ static void a_full_tank_runs_over(void **state)
     apc_plant_destroy(plant);
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_van_de_vusse_reactor_settles_at_its_point(void **state)
 {
     static const double expected[4] = {2.1400, 1.0903, 114.194, 112.910};
@@ -309,6 +318,7 @@ static double steady_temperature(double feed, double start)
     return x[2];
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_adiabatic_reactor_has_three_steady_states_between_its_folds(void **state)
 {
     double u[4] = {290.0, 0.8, 1.2, 0.5}, x[3] = {0.7, 1.0, 13.3};
@@ -348,6 +358,7 @@ static void the_hot_and_the_cold_state_of_the_reactor_are_stable_and_the_middle_
     }
 }
 
+/* Promise(plants/plant-column-checked) */
 static void the_temperature_lab_warms_as_it_should(void **state)
 {
     static const char *const integrators[] = {"cvode", "rk4", "exact"};

@@ -67,6 +67,10 @@ static void add_square(double *H, double *f, size_t k, const double *a, size_t n
     }
 }
 
+/*
+ * Promise(analysis/estimators-least-squares): Estimators: the least-squares answer whatever is missing, the
+ *   same bits after a restart, and they know how wrong they are.
+ */
 static void the_filter_is_the_least_squares_of_all_that_was_measured(void **state)
 {
     const double q[] = {0.2, 0.05, 0.4}, r[] = {0.3, 0.1}, p0[] = {2.0, 1.0, 0.5};
@@ -257,6 +261,7 @@ static const struct apc_model *tanks(void)
 }
 
 /* Four levels from two measurements; the errors are as large as the filter says, over all runs and times. */
+/* Promise(analysis/estimators-least-squares) */
 static void the_extended_one_knows_how_wrong_it_is(void **state)
 {
     enum { RUNS = 60, TICKS = 120, TANKS = 4 };
@@ -319,6 +324,7 @@ static void the_extended_one_knows_how_wrong_it_is(void **state)
 
 /* A load at the input of the paper's plant, and an error of its measurement, one after the other: both are
  * found. */
+/* Promise(laws/nmpc-rests-unstable) */
 static void the_extended_one_finds_what_nobody_measures(void **state)
 {
     static const struct apc_linear_unknown at_input = {APC_AT_INPUT, 0}, at_output = {APC_AT_OUTPUT, 0};
@@ -389,6 +395,7 @@ static void what_is_not_usable_changes_nothing(void **state)
     apc_linear_destroy(m);
 }
 
+/* Promise(analysis/estimators-least-squares) */
 static void a_restart_goes_on_bit_for_bit(void **state)
 {
     const struct apc_model *model = tanks();

@@ -48,6 +48,10 @@ static void the_plant_with_dead_time(double dead_time, double Ts, double y[SAMPL
     apc_plant_destroy(plant);
 }
 
+/*
+ * Promise(analysis/linear-models-follow): Linear models follow the plant for any dead time, and tell when
+ *   disturbances cannot be told apart.
+ */
 static void a_sampled_model_follows_the_plant_for_any_dead_time(void **state)
 {
     const double dead_times[] = {0.0, 0.07, 0.1, 0.25, 0.3, 0.99};
@@ -142,6 +146,7 @@ static double step_response(const struct apc_transfer *g, double t)
     return g->gain * (1.0 + ((z - a) * exp(-t / a) - (z - b) * exp(-t / b)) / (a - b));
 }
 
+/* Promise(analysis/linear-models-follow) */
 static void transfer_functions_give_their_step_responses(void **state)
 {
     const struct apc_transfer g[] = {
@@ -268,6 +273,7 @@ static void a_disturbance_at_an_input_acts_as_the_input_does(void **state)
     apc_linear_destroy(from);
 }
 
+/* Promise(analysis/linear-models-follow) */
 static void disturbances_that_nobody_could_tell_apart_are_refused(void **state)
 {
     const struct apc_linear_unknown twice[] = {{APC_AT_OUTPUT, 0}, {APC_AT_OUTPUT, 0}},

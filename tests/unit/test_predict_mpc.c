@@ -166,6 +166,7 @@ static void measured(const struct scene *s, double *y)
 
 /* ---- Against the regulator ----------------------------------------------------------------------- */
 
+/* Promise(laws/mpc-offset-nothing) */
 static void without_limits_it_is_the_regulator_of_an_endless_horizon(void **state)
 {
     const struct apc_mpc_options options = {.blocks = N, .block = each_sample, .terminal = true};
@@ -285,6 +286,7 @@ static double cost(const struct scene *s, const double *plan)
     return sum;
 }
 
+/* Promise(laws/mpc-offset-nothing) */
 static void no_other_plan_costs_less(void **state)
 {
     const struct apc_mpc_options options = {
@@ -336,6 +338,7 @@ static void no_other_plan_costs_less(void **state)
     assert_true(limited > 30); /* else this looked at nothing */
 }
 
+/* Promise(laws/measured-disturbances) */
 static void what_is_predicted_comes(void **state)
 {
     const struct apc_mpc_options options = {.blocks = sizeof blocks / sizeof *blocks, .block = blocks};
@@ -491,6 +494,7 @@ static double worst(const struct scene *s, const double *y, size_t c)
 }
 
 /* A disturbance lifts both outputs above their limits; u can help one of them only. */
+/* Promise(laws/mpc-offset-nothing) */
 static void limits_are_given_up_by_rank_and_no_further_than_needed(void **state)
 {
     const unsigned ranks[][NY] = {{1, 2}, {2, 1}};
@@ -530,6 +534,10 @@ static void limits_are_given_up_by_rank_and_no_further_than_needed(void **state)
 }
 
 /* A plan all the same, and of moves within their limits and rates, to the last one. */
+/*
+ * Promise(laws/limits-contradict-never): Limits that contradict each other never leave predictive control
+ *   without a plan, nor with moves beyond limits and rates.
+ */
 static void limits_that_contradict_never_leave_it_without_a_plan(void **state)
 {
     const struct apc_mpc_options options = {.blocks = sizeof blocks / sizeof *blocks,

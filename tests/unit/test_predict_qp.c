@@ -187,6 +187,10 @@ static struct apc_qp *make(const struct problem *p, struct apc_qp_options *optio
     return qp;
 }
 
+/*
+ * Promise(analysis/quadratic-programs): Quadratic programs: optimal where it says so, the same bits from
+ *   anywhere, contradictions by name, no allocation.
+ */
 static void what_is_called_optimal_is(void **state)
 {
     struct apc_random random;
@@ -214,6 +218,7 @@ static void what_is_called_optimal_is(void **state)
 
 /* Rows that stand there twice, with the same limits and weights of their own: one of them can be changed for
  * the other for ever, and nothing is gained. */
+/* Promise(analysis/quadratic-programs) */
 static void rows_that_stand_there_twice_do_not_take_turns(void **state)
 {
     struct apc_random random;
@@ -331,6 +336,7 @@ static void the_figures_that_come_back_are_those_of_x(void **state)
 }
 
 /* Alone, the rows that are named still contradict; without any one of them they no longer do. */
+/* Promise(analysis/quadratic-programs) */
 static void rows_that_contradict_are_named_and_no_others(void **state)
 {
     struct apc_random random;
@@ -404,6 +410,7 @@ static void without_a_solution_each_solve_says_so_and_the_next_problem_is_solved
 
 /* A row that multiplies nothing, whose limits 0 breaks: no other is in its way, whatever was solved before.
  */
+/* Promise(analysis/quadratic-programs) */
 static void a_row_of_zeros_contradicts_alone(void **state)
 {
     struct apc_random random;
@@ -440,6 +447,7 @@ static void a_row_of_zeros_contradicts_alone(void **state)
     }
 }
 
+/* Promise(analysis/quadratic-programs) */
 static void the_bits_do_not_depend_on_where_the_search_began(void **state)
 {
     struct apc_random random;
@@ -640,6 +648,7 @@ static void another_cost_keeps_the_working_set(void **state)
 }
 
 /* What held as an equation pulls either way; as a limit it may not any more. */
+/* Promise(analysis/quadratic-programs) */
 static void limits_may_become_equations_and_limits_again(void **state)
 {
     struct apc_random random;
@@ -727,6 +736,7 @@ static void bad_input_is_refused_and_leaves_x_finite(void **state)
     apc_qp_destroy(NULL);
 }
 
+/* Promise(analysis/quadratic-programs) */
 static void a_solve_allocates_nothing(void **state)
 {
     struct apc_random random;
@@ -755,6 +765,7 @@ static void a_solve_allocates_nothing(void **state)
 
 /* Soft rows that repeat hard ones, and want something else: their multipliers cancel each other, and are far
  * larger than all that x itself weighs. */
+/* Promise(laws): A row that a limit pulls against is no doubt about a quadratic program's answer. */
 static void a_soft_row_against_a_hard_one_is_no_doubt_about_the_answer(void **state)
 {
     const double linear[6] = {0}, square[6] = {0, 0, 0, 0, 1e4, 1e4}, f[2] = {0};

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Steady states of nonlinear models, found from other ones: of reactors whose gain changes its sign, and
  * which have several for one input. */
+/* Promise(laws/nmpc-options-mpc) */
 #include "check.h"
 #include "plant/plant_internal.h"
 #include "predict/predict_internal.h"
@@ -182,6 +183,7 @@ static bool at_once(void *ctx)
 }
 
 /* Cut short again and again it comes to the same end as in one go. */
+/* Promise(laws/nmpc-outputs-act) */
 static void a_search_takes_the_steps_it_is_given_and_goes_on_from_there(void **state)
 {
     static const double x[] = {0.515, 0.63, 38.6}, u[] = {500.0};
@@ -269,6 +271,7 @@ static double missed(const struct apc_target_call *call, const double *y, unsign
 
 /* Of no width, or nearly touching each other, of one rank or of several: there is a steady state to aim at,
  * and what the first rank reaches alone it reaches in spite of the others. */
+/* Promise(laws/mpc-steady-states) */
 static void ranges_however_narrow_have_a_steady_state_to_aim_at(void **state)
 {
     static const double s[NU] = {1.0, 1.0, 1.0}, q[NY] = {1.0, 1.0, 1.0, 1.0, 1.0}, at[NX] = {0.0};

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Multiple shooting: what it predicts is what the model does, near where it was made linear, and exactly for
  * a linear model, wherever its nodes were. */
+/* Promise(laws/nmpc-rests-unstable) */
 #include "check.h"
 #include "plant/plant_internal.h"
 #include "predict/shoot.h"
@@ -267,6 +268,10 @@ static void play(const struct apc_model *m, const double *x0, const double *dela
     apc_plant_destroy(plant);
 }
 
+/*
+ * Promise(laws/nmpc-outputs-act): `nmpc`: outputs act late, each by its own delay, of periods and parts of
+ *   them; a search for steady states keeps to the budget; a measurement that an output acts on at once.
+ */
 static void inputs_that_act_late_are_predicted(void **state)
 {
     static const double Ts = 0.5, delay[] = {2.7 * 0.5, 0.5}, x0[] = {0.3, -1.0}, u0[] = {0.1, 0.2},
@@ -311,6 +316,7 @@ static void inputs_that_act_late_are_predicted(void **state)
 }
 
 /* At rest, an interval is what the sampled linear model with the same dead times says. */
+/* Promise(laws/nmpc-outputs-act) */
 static void a_sample_of_a_model_that_acts_late_is_the_linear_one(void **state)
 {
     static const double Ts = 0.5, delay[] = {2.7 * 0.5, 0.5}, A[] = {-1.0, 0.0, 0.5, -2.0},

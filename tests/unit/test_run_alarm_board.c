@@ -74,6 +74,7 @@ static void what_nobody_has_acknowledged_can_be_once(void **state)
 }
 
 /* Until its evaluation has looked at it. */
+/* Promise(alarms/acknowledge-once-told) */
 static void who_acknowledges_after_another_is_told(void **state)
 {
     static const char said[] = "y.high: somebody has just acknowledged it"; /* not: it is Unacknowledged */
@@ -88,6 +89,7 @@ static void who_acknowledges_after_another_is_told(void **state)
     assert_want(APC_ALARM_ACK, 0, NULL);
 }
 
+/* Promise(alarms/acknowledge-once-told) */
 static void shelving_ends_in_time(void **state)
 {
     const double at = 1e6, most = 8 * 3600;
@@ -177,6 +179,11 @@ static void words_say_what_is_wanted(void **state)
     }
 }
 
+/*
+ * Promise(alarms/acknowledge-once-told): Of those who acknowledge at once one does, and the others are
+ *   told; who is refused is told his own refusal; shelving has an end; a killed apc-alarms forgets nothing;
+ *   a flood loses no transition.
+ */
 static void a_refusal_is_ones_own(void **state)
 {
     static const struct apc_event events[] = {

@@ -47,6 +47,7 @@ static bool is_same(const struct alarm_transition *a, const struct alarm_transit
            a->before == b->before && a->state == b->state && a->status == b->status && a->author == b->author;
 }
 
+/* Promise(alarms): `apc simulate` raises the same alarms in the same order each time. */
 static void a_scenario_raises_its_alarms_in_order_and_the_same_each_time(void **state)
 {
     static const char *const raised[] = {"h2.deviation", "F2.at-limit", "h2.low"};
@@ -118,6 +119,7 @@ static size_t overruns(const char *execution)
     return n;
 }
 
+/* Promise(alarms/ticks-controller-missed) */
 static void ticks_that_take_longer_than_the_period_raise_an_overrun(void **state)
 {
     (void)state;

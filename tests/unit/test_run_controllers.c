@@ -54,6 +54,10 @@ static void assert_wire(struct wire w, enum apc_table table, size_t at)
     assert_int_equal(w.at, at);
 }
 
+/*
+ * Promise(experiment/several-controllers): Several controllers: the signals of each, one owner of an
+ *   output, no circles, each mistake with its line; one in either form; `--law` says whose.
+ */
 static void each_controller_has_its_own_signals(void **state)
 {
     struct experiment e;
@@ -193,6 +197,7 @@ static void loops_are_described_by_their_controllers_and_numbered_in_the_order_o
     experiment_free(&e);
 }
 
+/* Promise(experiment/several-controllers) */
 static void a_law_instead_of_the_files_says_whose_it_is(void **state)
 {
     struct experiment e;
@@ -374,6 +379,7 @@ static void without_measurements_there_was_no_control(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/several-controllers) */
 static void each_controller_has_a_law_of_its_own(void **state)
 {
     struct experiment e;
@@ -447,6 +453,7 @@ static void loops_and_tuning_are_numbered_over_all_controllers(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/several-controllers) */
 static void a_controller_may_calculate_what_another_one_measures(void **state)
 {
     struct experiment e;
@@ -485,6 +492,7 @@ static void a_controller_may_calculate_what_another_one_measures(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/several-controllers) */
 static void the_short_form_is_one_controller_of_all(void **state)
 {
     struct experiment e;
@@ -502,6 +510,7 @@ static void the_short_form_is_one_controller_of_all(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/several-controllers) */
 static void one_in_the_long_form_is_the_same(void **state)
 {
     struct experiment e;
@@ -543,6 +552,7 @@ static void one_in_the_long_form_is_the_same(void **state)
     "]; outputs = [" u "]; } );"
 
 /* The second sensor of the plant measures what disturbs it: the law's model says how that acts. */
+/* Promise(laws/measured-disturbances) */
 static void a_measured_disturbance_is_the_plants_of_the_same_name(void **state)
 {
     static const char text[] =
@@ -575,6 +585,7 @@ static void a_measured_disturbance_is_the_plants_of_the_same_name(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/several-controllers) */
 static void what_cannot_be_is_refused_with_its_line(void **state)
 {
     static const struct {
@@ -678,6 +689,7 @@ static void what_cannot_be_is_refused_with_its_line(void **state)
     }
 }
 
+/* Promise(experiment/several-controllers) */
 static void nobody_waits_for_himself_in_the_end(void **state)
 {
     struct experiment e;

@@ -49,6 +49,10 @@ static void assert_same(double a, double b)
         fail_msg("%.17g is not %.17g", a, b);
 }
 
+/*
+ * Promise(experiment/stands-loaded-not): What stands there is loaded; what is not given has the default
+ *   that is stated.
+ */
 static void everything_is_loaded_as_it_stands_there(void **state)
 {
     struct experiment e;
@@ -89,6 +93,7 @@ static void everything_is_loaded_as_it_stands_there(void **state)
 }
 
 /* The columns "default" of docs/experiment-file.md, by a file of what is required. */
+/* Promise(experiment/stands-loaded-not) */
 static void what_is_not_given_has_its_default(void **state)
 {
     static const char least[] = "name = \"least\";\n"
@@ -139,6 +144,7 @@ static void what_is_not_given_has_its_default(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/stands-loaded-not) */
 static void an_output_is_safe_at_0_or_at_the_limit_next_to_it(void **state)
 {
     struct experiment e;
@@ -156,6 +162,7 @@ static void an_output_is_safe_at_0_or_at_the_limit_next_to_it(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/stands-loaded-not) */
 static void each_output_has_its_own_tuning_and_the_laws_where_none_is_given(void **state)
 {
     struct experiment e;
@@ -233,6 +240,7 @@ static void a_law_with_an_operating_point_needs_the_model(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/16-mib-text) */
 static void a_file_has_at_most_16_mib(void **state)
 {
     static const char line[] = "                                                               \n";
@@ -251,6 +259,7 @@ static void a_file_has_at_most_16_mib(void **state)
     }
 }
 
+/* Promise(experiment/misspelled-missing-name) */
 static void an_edge_is_still_within(void **state)
 {
     static const struct {
@@ -284,6 +293,7 @@ static void an_edge_is_still_within(void **state)
 }
 
 /* One that is not ours to start: without a model, and with one for what needs it. */
+/* Promise(run/plant-already-needs) */
 static void an_external_plant_is_named_by_its_client_alone(void **state)
 {
     struct experiment e;
@@ -312,6 +322,10 @@ static void an_external_plant_is_named_by_its_client_alone(void **state)
     experiment_free(&e);
 }
 
+/*
+ * Promise(experiment/actions-taken-time): Actions: taken by time, refused with their line; done at the
+ *   instant in virtual time, not before it in a real run.
+ */
 static void actions_are_taken_by_time(void **state)
 {
     static const struct {
@@ -368,6 +382,7 @@ static int load_modbus(struct experiment *e, const char *line, struct apc_error 
     return experiment_load(e, path, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
 }
 
+/* Promise(links/types-word-order) */
 static void a_map_is_loaded_as_it_stands_there(void **state)
 {
     struct experiment e;
@@ -428,6 +443,7 @@ static void a_map_is_loaded_as_it_stands_there(void **state)
     experiment_free(&e);
 }
 
+/* Promise(links/types-word-order) */
 static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
 {
     static const struct {
@@ -479,6 +495,9 @@ static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
          "must be bit, uint16, int16"},
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; type = \"bit\"; } );"), "registers are not"},
         {MODBUS("map = ( { name = \"y1\"; at = \"coil:1\"; type = \"int16\"; } );"), "are bits"},
+        /*
+         * Promise(incoming/scale-code-unit): A scale, code or unit that cannot be is refused with its line.
+         */
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; scale = 0.0; } );"), "\"scale\" must not be 0"},
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; scal = 1.0; } );"), "unknown setting \"scal\""},
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; word_order = \"big\"; } );"),
@@ -486,6 +505,7 @@ static void a_map_with_a_mistake_is_refused_with_its_reason(void **state)
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; byte_order = \"big\"; } );"),
          "the byte of each register that comes first"},
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1\"; unit = 0; } );"),
+         /* Promise(incoming/scale-code-unit) */
          "\"unit\" must be from 1 to 255"},
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1.16\"; } );"), "a bit, 0 to 15"},
         {MODBUS("map = ( { name = \"y1\"; at = \"input:1.\"; } );"), "a bit, 0 to 15"},
@@ -579,6 +599,11 @@ static void a_code_for_no_value_is_taken_as_it_is_written(void **state)
     }
 }
 
+/*
+ * Promise(experiment/misspelled-missing-name): A misspelled or missing name, a value outside its limits:
+ *   file, line, reason; nothing is started.
+ * Promise(experiment/actions-taken-time)
+ */
 static void a_mistake_is_refused_with_its_line_and_reason(void **state)
 {
     static const struct {
@@ -779,6 +804,7 @@ static void a_file_that_is_not_there_or_no_text_is_refused(void **state)
 }
 
 /* A name or a message that drives a terminal, or reads as another one, is refused however it is written. */
+/* Promise(run/text-way-out) */
 static void a_text_that_controls_how_it_is_shown_is_refused(void **state)
 {
     static const struct {
@@ -1126,6 +1152,7 @@ static void an_operating_point_is_the_models_own_as_far_as_the_file_does_not_say
 }
 
 /* The Smith predictor of the examples takes a row for each output; texts are the law's to understand. */
+/* Promise(laws/settings-numbers) */
 static void a_setting_is_a_number_an_array_rows_or_a_text(void **state)
 {
     static const struct {

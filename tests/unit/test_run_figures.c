@@ -73,6 +73,7 @@ static double whole(enum metric metric)
 }
 
 /* r goes from 0 to 10 at 1 s and to 6 at 10 s; z follows in straight lines. */
+/* Promise(simulation/figures-plant-true) */
 static void figures_are_those_by_hand(void **state)
 {
     (void)state;
@@ -173,6 +174,7 @@ static void settling_ends_with_the_first_tick_from_which_on_it_is_near(void **st
     assert_near(of(0, METRIC_SETTLING), 4, 0);
 }
 
+/* Promise(simulation/figures-plant-true) */
 static void a_loop_that_does_not_settle_is_infinitely_slow(void **state)
 {
     (void)state;
@@ -237,6 +239,7 @@ static void where_the_setpoint_does_not_move_there_is_no_overshoot(void **state)
     assert_near(of(1, METRIC_SETTLING), 0.5, 1e-12);
 }
 
+/* Promise(simulation/figures-plant-true) */
 static void a_disturbance_has_figures_of_its_own(void **state)
 {
     static const struct apc_param names[] = {{.name = "load", .initial = 1}};
@@ -453,6 +456,7 @@ static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturb
     assert_string_equal(text, "T 6");
 }
 
+/* Promise(simulation/figures-plant-true) */
 static void what_is_not_known_has_no_figures_and_what_diverged_infinite_ones(void **state)
 {
     (void)state;
@@ -628,6 +632,7 @@ static void statistics_are_those_by_hand(void **state)
 }
 
 /* Quantiles of Student's distribution from tables of it. */
+/* Promise(simulation/worse-world-worse) */
 static void intervals_are_student_s(void **state)
 {
     static const struct {
@@ -646,6 +651,7 @@ static void intervals_are_student_s(void **state)
     }
 }
 
+/* Promise(simulation/worse-world-worse) */
 static void what_is_infinite_counts_as_infinite(void **state)
 {
     double value[100];

@@ -90,6 +90,10 @@ static double largest_step(struct apc_simulation *s, enum apc_table table, int i
     return largest;
 }
 
+/*
+ * Promise(modes/cascade-closes-opens): A cascade closes, opens, sheds and is taken up again without a step;
+ *   a loop in Man follows its operator.
+ */
 static void the_cascade_closes_without_a_step(void **state)
 {
     struct apc_experiment *e = load(layers);
@@ -111,6 +115,7 @@ static void the_cascade_closes_without_a_step(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(modes/cascade-closes-opens) */
 static void a_loop_in_man_follows_its_operator_and_comes_back_without_a_step(void **state)
 {
     struct apc_experiment *e = load(layers);
@@ -132,6 +137,7 @@ static void a_loop_in_man_follows_its_operator_and_comes_back_without_a_step(voi
     apc_experiment_destroy(e);
 }
 
+/* Promise(modes/cascade-closes-opens) */
 static void a_controller_that_is_killed_is_shed_and_taken_up_again(void **state)
 {
     struct apc_experiment *e = load(layers);
@@ -158,6 +164,7 @@ static void a_controller_that_is_killed_is_shed_and_taken_up_again(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(modes/cascade-closes-opens) */
 static void an_operator_takes_a_setpoint_and_gives_it_back(void **state)
 {
     struct apc_experiment *e = load(layers);
@@ -189,6 +196,7 @@ static void an_operator_takes_a_setpoint_and_gives_it_back(void **state)
 
 /* Killed at any of these instants and started again within its period, nothing is other than if it had lived.
  */
+/* Promise(modes/bad-measurement-leaves) */
 static void a_restart_between_two_ticks_leaves_no_trace(void **state)
 {
     static const double at[] = {0.01, 5.0, 12.0, 100.0, 200.5};
@@ -231,6 +239,10 @@ static void assert_no_offset(struct apc_simulation *s, double tolerance)
         assert_near(newest(s, APC_SENSOR, k).value, newest(s, APC_SETPOINT, 2 + k).value, tolerance);
 }
 
+/*
+ * Promise(laws/predictive-control-pid): Predictive control over PID loops takes up without a bump, knows
+ *   what an operator holds below, is shed and comes back, keeps limits, leaves no offset.
+ */
 static void predictive_control_takes_up_without_a_bump(void **state)
 {
     struct apc_experiment *e = load(predictive);
@@ -268,6 +280,7 @@ static void predictive_control_takes_up_wherever_it_is_wanted(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(laws/predictive-control-pid) */
 static void predictive_control_knows_what_is_in_man_below(void **state)
 {
     struct apc_experiment *e = load(predictive);
@@ -290,6 +303,7 @@ static void predictive_control_knows_what_is_in_man_below(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(laws/predictive-control-pid) */
 static void predictive_control_that_is_killed_is_shed_and_takes_up_again(void **state)
 {
     struct apc_experiment *e = load(predictive);
@@ -318,6 +332,7 @@ static void predictive_control_that_is_killed_is_shed_and_takes_up_again(void **
     apc_experiment_destroy(e);
 }
 
+/* Promise(laws/predictive-control-pid) */
 static void predictive_control_keeps_limits_and_leaves_no_offset(void **state)
 {
     struct apc_experiment *e = load(predictive);
@@ -337,6 +352,10 @@ static void predictive_control_keeps_limits_and_leaves_no_offset(void **state)
 
 /* ---- A hundred loops ---------------------------------------------------------------------- */
 
+/*
+ * Promise(modes/bad-measurement-leaves): A Bad measurement leaves all other loops' outputs bit for bit as
+ *   they were; a restart between two ticks, too.
+ */
 static void a_bad_measurement_touches_its_own_loop_only(void **state)
 {
     struct apc_experiment *e = load(hundred);

@@ -84,6 +84,7 @@ static void what_is_wrong_is_said_with_its_line(void **state)
     apc_simulation_destroy(NULL);
 }
 
+/* Promise(simulation/library-experiment) */
 static void the_text_is_as_it_was_written_until_it_is_changed(void **state)
 {
     struct apc_experiment *e = load(""), *again;
@@ -107,6 +108,10 @@ static void the_text_is_as_it_was_written_until_it_is_changed(void **state)
     apc_experiment_destroy(e);
 }
 
+/*
+ * Promise(simulation/library-experiment): The library: an experiment is changed by path or left as it was;
+ *   a simulation in steps, operated, is that at once, with the file's actions, bit for bit.
+ */
 static void a_setting_is_changed_by_its_path(void **state)
 {
     static const struct {
@@ -152,6 +157,7 @@ static void a_setting_is_changed_by_its_path(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(simulation/library-experiment) */
 static void a_controller_of_several_is_changed_by_name(void **state)
 {
     static const char layers[] =
@@ -198,6 +204,10 @@ static void a_controller_of_several_is_changed_by_name(void **state)
     apc_experiment_destroy(e);
 }
 
+/*
+ * Promise(simulation/set-file-would)
+ * Promise(simulation/library-experiment)
+ */
 static void what_cannot_be_changed_leaves_all_as_it_was(void **state)
 {
     static const struct {
@@ -245,6 +255,10 @@ static void what_cannot_be_changed_leaves_all_as_it_was(void **state)
     apc_experiment_destroy(e);
 }
 
+/*
+ * Promise(laws/tuned-value-stays): A tuned value stays when a store is set up again, unless its number is
+ *   another parameter now.
+ */
 static void a_store_is_described_once_and_is_no_other_s_then(void **state)
 {
     struct apc_experiment *e = load("");
@@ -277,6 +291,7 @@ static void a_store_is_described_once_and_is_no_other_s_then(void **state)
 }
 
 /* Number 3 of pi is u_bar, of pid tau_d: what was tuned as the one is no value of the other. */
+/* Promise(laws/tuned-value-stays) */
 static void a_number_that_is_another_parameter_now_does_not_keep_its_value(void **state)
 {
     struct apc_experiment *e = load("");
@@ -306,6 +321,7 @@ static void a_number_that_is_another_parameter_now_does_not_keep_its_value(void 
 
 /* ---- Simulations --------------------------------------------------------------------------- */
 
+/* Promise(simulation/library-experiment) */
 static void in_steps_it_is_the_same_as_at_once(void **state)
 {
     struct apc_experiment *e = load("network = { loss = 0.2; };");
@@ -324,6 +340,7 @@ static void in_steps_it_is_the_same_as_at_once(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(simulation/library-experiment) */
 static void a_simulation_keeps_the_experiment_it_began_with(void **state)
 {
     struct apc_experiment *e = load("");
@@ -343,6 +360,7 @@ static void a_simulation_keeps_the_experiment_it_began_with(void **state)
 }
 
 /* The same by the library's calls and by the file's list, bit for bit. */
+/* Promise(simulation/library-experiment) */
 static void an_operator_does_what_the_file_s_actions_do(void **state)
 {
     struct apc_experiment *plain = load(""),
@@ -377,6 +395,7 @@ static void an_operator_does_what_the_file_s_actions_do(void **state)
 }
 
 /* What an operator writes at the instant of a tick is there before anything else happens. */
+/* Promise(experiment/actions-taken-time) */
 static void an_operator_comes_before_the_tick_of_the_same_instant(void **state)
 {
     struct apc_experiment *e = load("actions = ( { at = 0.03; set = \"r\"; value = 3.0; },\n"
@@ -412,6 +431,7 @@ static int times(struct apc_simulation *s, const char *event)
 }
 
 /* Steps are 10, 20, 5 and 15, of 150 s each. */
+/* Promise(modes/scheduler-moves-too) */
 static void what_an_operator_sets_is_his_until_he_gives_it_back(void **state)
 {
     struct apc_experiment *e = load("");
@@ -466,6 +486,7 @@ static double iae_of(struct apc_simulation *s)
     return f->iae;
 }
 
+/* Promise(modes/law-looks-ahead) */
 static void what_is_to_come_is_foreseen(void **state)
 {
     struct apc_simulation *seeing = predicting(REACTOR, "1"), *blind = predicting(REACTOR, "0");
@@ -476,6 +497,7 @@ static void what_is_to_come_is_foreseen(void **state)
 }
 
 /* A setpoint that is the operator's will stay as it is; given back, it has a future again. */
+/* Promise(modes/law-looks-ahead) */
 static void what_an_operator_took_has_no_future(void **state)
 {
     struct apc_simulation *s = predicting(TANKS, "1"), *blind = predicting(TANKS, "0");
@@ -497,6 +519,7 @@ static void what_an_operator_took_has_no_future(void **state)
     apc_simulation_destroy(blind);
 }
 
+/* Promise(modes/law-looks-ahead) */
 static void a_restart_between_two_ticks_forgets_no_plan(void **state)
 {
     struct apc_simulation *calm = predicting(TANKS, "1"), *restarted = predicting(TANKS, "1");
@@ -580,6 +603,7 @@ static void options_of_another_size_are_refused(void **state)
 
 /* ---- Figures ------------------------------------------------------------------------------- */
 
+/* Promise(simulation/library-experiment) */
 static void figures_come_by_loop_and_event(void **state)
 {
     struct apc_experiment *e = load("");
@@ -608,6 +632,7 @@ static void figures_come_by_loop_and_event(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(simulation/library-experiment) */
 static void the_example_prints_its_figures(void **state)
 {
     char line[200] = "", all[2000] = "";

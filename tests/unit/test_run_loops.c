@@ -149,6 +149,10 @@ static void describe_shadows(struct apc_store *store)
     describe(APC_OPMODE, SWITCH, "u.acting", "");
 }
 
+/*
+ * Promise(modes/output-called-loop): An output is called for the loop of the controller that acts on it,
+ *   and so is what became of a write, also where another one is dead.
+ */
 static void test_an_output_is_called_for_the_loop_that_acts_on_it(void **state)
 {
     const struct apc_tag r = {.table = APC_SETPOINT, .id = 1, .controller = "first"},

@@ -1,5 +1,10 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Figures of merit of records whose figures are known by hand. */
+/*
+ * Promise(laws/time-service-limits): Time in service and at limits, deviations with and without service,
+ *   errors of predictions and what held plans back are those of the record, over any window of a run or of
+ *   a store.
+ */
 #include "check.h"
 
 #include <stdlib.h>
@@ -118,6 +123,7 @@ static void time_in_service_is_that_of_the_laws_own_answers(void **state)
     assert_near(m.loop[0].service, 0.0, 0.0);
 }
 
+/* Promise(incoming): Figures leave out what is Bad. */
 static void deviations_with_and_without_service_are_those_by_hand(void **state)
 {
     static const double without[] = {3, -3, 3, -3, 3, -3, 3, -3}, with[] = {1, -1, 1, -1, 1, -1, 1, -1};

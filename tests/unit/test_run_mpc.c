@@ -1,5 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Predictive control in a run in which a measurement is Bad for a while, as a step comes. */
+/*
+ * Promise(run/lost-bad-measurement)
+ * Promise(laws/mpc-offset-nothing)
+ */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -110,6 +114,10 @@ static int told(struct apc_simulation *s, const char *says)
 }
 
 /* y1 high and y2 low is more than the pumps can do: v2 stands at 0. */
+/*
+ * Promise(laws/input-saturated-higher): With an input saturated the higher rank keeps its setpoint within 1
+ *   %; what cannot be had, and a plan that is not found in time, are told with a sentence, and their end.
+ */
 static void with_an_input_saturated_the_higher_rank_keeps_its_setpoint(void **state)
 {
     static const double wanted[] = {9.5, 2.0};
@@ -132,6 +140,7 @@ static void with_an_input_saturated_the_higher_rank_keeps_its_setpoint(void **st
     }
 }
 
+/* Promise(laws/input-saturated-higher) */
 static void what_is_out_of_reach_for_a_while_is_told_and_its_end(void **state)
 {
     struct apc_simulation *s =
@@ -159,6 +168,7 @@ static void what_is_out_of_reach_now_and_then_is_told_once(void **state)
     apc_experiment_destroy(e);
 }
 
+/* Promise(laws/input-saturated-higher) */
 static void a_plan_that_is_not_found_in_time_is_told(void **state)
 {
     struct apc_simulation *s =
@@ -170,6 +180,7 @@ static void a_plan_that_is_not_found_in_time_is_told(void **state)
 }
 
 /* Two changes of the working set in a tick, and a step that takes nine: once this law was shed for ever. */
+/* Promise(laws/too-little-time) */
 static void with_little_to_compute_by_it_is_late_for_a_while_and_reaches_its_setpoints(void **state)
 {
     static const double wanted[] = {7.1315, 5.3915};
@@ -192,6 +203,7 @@ static void with_little_to_compute_by_it_is_late_for_a_while_and_reaches_its_set
 
 /* Each time that the loops below take up they need a plan of more changes than that: while they did not
  * follow, everything was given. */
+/* Promise(laws/too-little-time) */
 static void over_loops_with_little_to_compute_by_it_acts_all_the_same(void **state)
 {
     struct apc_experiment *e = NULL;
@@ -227,6 +239,7 @@ static void limits_far_out_of_reach_are_given_up(void **state)
 
 /* y2 comes every 10 s, and its setpoint steps at 400 s. In between it is estimated: what is expected of a
  * sample is far nearer to it than the one before. */
+/* Promise(laws/measurement-period-own) */
 static void a_sample_of_a_laboratory_counts_once_and_its_course_in_between_is_known(void **state)
 {
     struct apc_experiment *e = NULL;
@@ -257,6 +270,7 @@ static void a_sample_of_a_laboratory_counts_once_and_its_course_in_between_is_kn
 }
 
 /* With which what it estimates would run away. */
+/* Promise(laws/measurement-period-own) */
 static void a_gain_that_stays_is_refused_for_what_comes_seldom(void **state)
 {
     struct apc_experiment *e = NULL;
@@ -274,6 +288,10 @@ static void a_gain_that_stays_is_refused_for_what_comes_seldom(void **state)
 }
 
 /* A range of y1 that is narrower than what a model knows of a plant, or no range at all. */
+/*
+ * Promise(laws/mpc-steady-states): `mpc` and the steady states that it aims at have an answer for ranges of
+ *   measurements however narrow, also of no width or nearly touching.
+ */
 static void with_a_range_however_narrow_it_goes_on(void **state)
 {
     static const char *const high[] = {"7.0001", "7.00001", "7.0"};

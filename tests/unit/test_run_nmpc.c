@@ -1,6 +1,11 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Nonlinear predictive control in a run: each option that it has in common with mpc, on Van de Vusse's
  * reactor without steps that are announced, unless a test says so. */
+/*
+ * Promise(laws/nmpc-options-mpc): `nmpc` has the options of `mpc`: ranks of setpoints out of reach and of
+ *   limits, wish and cost of steady states, ranges, terminal weight, outputs in Man, measurements out of
+ *   service, Bad for long, critical.
+ */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -210,6 +215,7 @@ static void within_a_range_nothing_needs_to_be_done(void **state)
 }
 
 /* cB is to be below 0.9 and T above 115.2, for which there is no heat, and it begins where neither is so. */
+/* Promise(laws/limits-contradict-never) */
 static void limits_that_contradict_are_given_up_by_rank(void **state)
 {
     (void)state;
@@ -349,6 +355,7 @@ static struct apc_simulation *begin_above(bool nonlinear)
     return s;
 }
 
+/* Promise(laws/nmpc-moves-setpoints) */
 static void above_base_loops_it_moves_their_setpoints(void **state)
 {
     double iae[2][2] = {{0.0}};

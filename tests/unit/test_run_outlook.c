@@ -79,6 +79,10 @@ static void load(apc_ns at)
     assert_int_equal(outlook_load(&outlook, store, tags, TAGS, at, 0), 0);
 }
 
+/*
+ * Promise(laws/predictive-law-expected): What a predictive law expected at a time is shown beside what
+ *   came, of a run and of a store, as a table, as JSON, in the figure and in the HTTP API.
+ */
 static void it_is_the_newest_plan_until_then_whose_horizon_is_not_over(void **state)
 {
     (void)state;
@@ -109,6 +113,7 @@ static void it_is_the_newest_plan_until_then_whose_horizon_is_not_over(void **st
     assert_int_equal(outlook.n, 0);
 }
 
+/* Promise(laws/predictive-law-expected) */
 static void what_came_is_what_was_measured_then_and_what_went_out(void **state)
 {
     (void)state;
@@ -136,6 +141,7 @@ static void what_came_is_what_was_measured_then_and_what_went_out(void **state)
     assert_true(isnan(r[3])); /* still to come */
 }
 
+/* Promise(laws/predictive-law-expected) */
 static void rows_that_are_at_hand_say_the_same(void **state)
 {
     const struct apc_sample rows[] = {

@@ -25,6 +25,10 @@ static int find_event(void *ctx, const struct apc_event *event)
     return 0;
 }
 
+/*
+ * Promise(run/number-well-beyond)
+ * Promise(incoming/table-ways-commands)
+ */
 static void beyond_its_range_it_is_bridged_then_the_fault_value_and_back(void **state)
 {
     const char *wanted[] = {"beyond its range, 0 to 20: Bad", "y is within its range again", ""};

@@ -96,6 +96,12 @@ static int end(void **state)
 
 #define BAD "loss=0.2,delay=gamma(2,0.05),outage=20-28"
 
+/*
+ * Promise(modes/law-looks-ahead)
+ * Promise(simulation/every-tick-every): Every tick of every controller comes out of its record again, bit
+ *   for bit, also late, after restarts, over bad networks; else the first that does not is named with its
+ *   cause; so in virtual time.
+ */
 static void every_tick_comes_out_again_whatever_happened(void **state)
 {
     static const struct {
@@ -141,6 +147,7 @@ static void every_tick_comes_out_again_whatever_happened(void **state)
     }
 }
 
+/* Promise(simulation/every-tick-every) */
 static void a_law_that_was_late_is_late_again(void **state)
 {
     size_t late = 0;
@@ -156,6 +163,11 @@ static void a_law_that_was_late_is_late_again(void **state)
     assert_exact("mpc");
 }
 
+/*
+ * Promise(modes): A replay compares the ticks that are on record and says since when they are, where the
+ *   store had no room for all.
+ * Promise(simulation/every-tick-every)
+ */
 static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
 {
     (void)state;
@@ -210,6 +222,7 @@ static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
     assert_has(base->first, "tuning.1 seq 1 is not on record");
 }
 
+/* Promise(simulation/every-tick-every) */
 static void in_virtual_time_the_first_tick_that_differs_is_named(void **state)
 {
     (void)state;
@@ -229,6 +242,7 @@ static void in_virtual_time_the_first_tick_that_differs_is_named(void **state)
     assert_has(replay.controller->first, ": a measurement was ");
 }
 
+/* Promise(simulation/every-tick-every) */
 static void a_folder_without_ticks_is_of_a_former_version(void **state)
 {
     (void)state;

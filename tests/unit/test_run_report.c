@@ -46,6 +46,7 @@ static void write_all(void)
                                        "0.3,alarm,a,watchdog,\"x\"\n");
 }
 
+/* Promise(modes/record-figure-run) */
 static void a_folder_is_read_by_time(void **state)
 {
     (void)state;

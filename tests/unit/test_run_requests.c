@@ -415,6 +415,7 @@ static void what_opens_a_cascade_or_is_the_schedulers_is_said(void **state)
     assert_string_equal(events(), expected);
 }
 
+/* Promise(links/broker-named-signals) */
 static void what_comes_from_ahead_is_refused_where_its_source_says_so(void **state)
 {
     const struct requests_source from = {
@@ -471,6 +472,7 @@ static void an_event_that_is_missing_is_made_up_for(void **state)
 }
 
 /* Whatever their ids are: a recipe, of one time. */
+/* Promise(links/broker-named-signals) */
 static void as_many_of_one_time_as_there_are_marks_are_done_each_once(void **state)
 {
     (void)state;

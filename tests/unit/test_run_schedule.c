@@ -141,6 +141,10 @@ static unsigned count_bits(unsigned x)
     return x ? 1 + count_bits(x & (x - 1)) : 0;
 }
 
+/*
+ * Promise(modes/scheduler-moves-too): One that the scheduler moves, too, over each kind of store, also when
+ *   it is started anew; given back it gets the step that is due; by SQL as well.
+ */
 static void test_in_every_order_the_setpoint_ends_as_its_owners(void **state)
 {
     static const deed operators[][3] = {
@@ -184,6 +188,7 @@ static void *operate(void *ctx)
     return NULL;
 }
 
+/* Promise(modes/scheduler-moves-too) */
 static void test_at_once_the_setpoint_ends_as_its_owners(void **state)
 {
     struct apc_store *other = stores_open();

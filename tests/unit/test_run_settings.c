@@ -130,6 +130,7 @@ static void what_is_wrong_is_said_of_what_was_set_or_of_the_file(void **state)
     assert_has(why.text, "broken.conf:2: unknown setting \"name2\"");
 }
 
+/* Promise(simulation/set-file-would) */
 static void a_setting_of_a_law_or_model_that_is_not_there_is_refused(void **state)
 {
     static const struct {
@@ -185,6 +186,7 @@ static void what_begins_as_a_list_and_is_none_is_refused(void **state)
     experiment_free(&e);
 }
 
+/* Promise(simulation/drawn-plant-seed) */
 static void a_parameter_is_drawn_for_each_seed_and_the_law_has_its_mean(void **state)
 {
     static const struct experiment_setting set[] = {{"plant.parameters.A1", "normal(30, 2)"},
@@ -224,6 +226,7 @@ static double level(const struct experiment *e, uint64_t seed)
     return newest.value;
 }
 
+/* Promise(simulation/drawn-plant-seed) */
 static void the_plant_runs_with_what_was_drawn(void **state)
 {
     struct experiment e;
@@ -267,6 +270,7 @@ static void a_draw_keeps_to_the_parameter_s_limits_or_is_refused(void **state)
     experiment_free(&e);
 }
 
+/* Promise(links/variable-fmu-name) */
 static void parameters_stand_in_a_group_or_a_list(void **state)
 {
     static const struct {
@@ -387,6 +391,7 @@ static void what_holds_a_setting_is_told_as_a_line(void **state)
 }
 
 /* The file is written anew, with one place changed; each change goes on from the one before. */
+/* Promise(links/variable-fmu-name) */
 static void what_is_set_goes_where_it_belongs(void **state)
 {
     static const struct {

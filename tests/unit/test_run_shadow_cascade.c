@@ -149,6 +149,10 @@ static void same_rows(struct apc_simulation *a, struct apc_simulation *b, enum a
 }
 
 /* All that the first ones do is, bit for bit, what they do alone. */
+/*
+ * Promise(modes/controller-shadow-above): Any controller has a shadow: above, below, one that calculates,
+ *   one that selects; beside the others it changes no bit, and no promotion moves what is at rest.
+ */
 static void shadows_in_a_cascade_change_nothing(void **state)
 {
     struct apc_simulation *a = simulate(CASCADE SHADOWS END, 200), *b = simulate(CASCADE END, 200);
@@ -208,6 +212,7 @@ static void promote(struct apc_simulation *s, const char *name, double *now)
     run(s, *now += pause);
 }
 
+/* Promise(modes/controller-shadow-above) */
 static void at_rest_no_promotion_in_a_cascade_moves_anything(void **state)
 {
     static const char *const all[] = {"smooth", "smooth2", "base",   "base2", "upper",
@@ -256,6 +261,7 @@ static void at_rest_no_promotion_in_a_cascade_moves_anything(void **state)
 }
 
 /* Nobody sheds where the one above is another from now on. */
+/* Promise(modes/controller-shadow-above) */
 static void a_promotion_above_opens_no_cascade(void **state)
 {
     struct apc_simulation *s = simulate(CASCADE SHADOWS END, AWAKE);
@@ -285,6 +291,7 @@ static enum apc_mode actual(struct apc_simulation *s, int loop)
 enum { BASE = 2, UPPER, SMOOTH2, BASE2, UPPER2 }; /* loops in the order of the file */
 
 /* Neighbours go by the loop of whoever acts, whatever the other ones are asked for. */
+/* Promise(modes/controller-shadow-above) */
 static void the_loop_of_who_acts_counts(void **state)
 {
     struct apc_simulation *s = simulate(CASCADE SHADOWS END, AWAKE);
@@ -317,6 +324,7 @@ static void the_loop_of_who_acts_counts(void **state)
 
 /* The loop has been shed; a row that was on its way comes at some time of a promotion. Whoever acts then puts
  * back what was in force. */
+/* Promise(modes/controller-shadow-above) */
 static void a_late_row_is_not_taken_by_who_is_promoted(void **state)
 {
     (void)state;
@@ -345,6 +353,7 @@ static void a_late_row_is_not_taken_by_who_is_promoted(void **state)
     }
 }
 
+/* Promise(modes/controller-shadow-above) */
 static void at_rest_no_promotion_among_selectors_moves_anything(void **state)
 {
     static const char *const all[] = {"level", "level2", "guard", "guard2", "choose", "choose2", NULL};

@@ -56,6 +56,10 @@ static struct apc_simulation *begin(const char *text)
 
 /* ---- A chain ------------------------------------------------------------------------------ */
 
+/*
+ * Promise(experiment/calculated-signals-taken): Calculated signals: taken at the tick that follows, within
+ *   their limits, moved by hand, Bad down the chain and back, stale when their controller is gone.
+ */
 static void a_signal_is_taken_at_the_very_tick_that_follows(void **state)
 {
     struct apc_simulation *s = begin(CHAIN(""));
@@ -76,6 +80,7 @@ static void a_signal_is_taken_at_the_very_tick_that_follows(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Promise(experiment/calculated-signals-taken) */
 static void a_signal_keeps_its_limits_and_says_so(void **state)
 {
     struct apc_simulation *s = begin(CHAIN("actions = ( { at = 5.2; set = \"s.bias\"; value = 100.0; } );"));
@@ -87,6 +92,7 @@ static void a_signal_keeps_its_limits_and_says_so(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Promise(experiment/calculated-signals-taken) */
 static void what_is_bad_stays_bad_down_the_chain_and_comes_back(void **state)
 {
     struct apc_simulation *s =
@@ -113,6 +119,7 @@ static void what_is_bad_stays_bad_down_the_chain_and_comes_back(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Promise(experiment/calculated-signals-taken) */
 static void a_signal_is_stale_when_its_controller_is_gone(void **state)
 {
     struct apc_simulation *s = begin(CHAIN(""));
@@ -134,6 +141,7 @@ static void a_signal_is_stale_when_its_controller_is_gone(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Promise(experiment/calculated-signals-taken) */
 static void an_operator_moves_a_signal_as_any_output(void **state)
 {
     struct apc_simulation *s = begin(CHAIN(""));
@@ -171,6 +179,7 @@ static double value_of(struct apc_simulation *s, const char *name)
     return value.value;
 }
 
+/* Promise(laws/select-low-high) */
 static void who_is_not_selected_neither_winds_up_nor_falls_asleep(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, NULL, NULL);
@@ -195,6 +204,7 @@ static void who_is_not_selected_neither_winds_up_nor_falls_asleep(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Promise(laws/select-low-high) */
 static void a_selector_comes_back_from_its_operator_without_a_bump(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, NULL, NULL);
@@ -223,6 +233,7 @@ static void a_selector_comes_back_from_its_operator_without_a_bump(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Promise(laws/select-low-high) */
 static void a_selector_leaves_out_what_is_bad(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, "measurements.h1.faults",
@@ -244,6 +255,7 @@ static void a_selector_leaves_out_what_is_bad(void **state)
     apc_simulation_destroy(s);
 }
 
+/* Promise(laws/select-low-high) */
 static void a_restart_between_two_ticks_changes_no_bit_of_what_is_selected(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, NULL, NULL),
@@ -281,6 +293,10 @@ static int parse(struct experiment *e, const char *text, struct apc_error *why)
                             EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, why);
 }
 
+/*
+ * Promise(experiment/area-scale-period): Area, scale, period, soft limits, rates, alarms: checked with
+ *   their line; tags have what a page needs, laws are told the rest.
+ */
 static void what_is_wanted_of_a_signal_reaches_its_tag_and_its_law(void **state)
 {
     struct experiment e;
@@ -323,6 +339,7 @@ static void what_is_wanted_of_a_signal_reaches_its_tag_and_its_law(void **state)
     experiment_free(&e);
 }
 
+/* Promise(experiment/area-scale-period) */
 static void a_mistake_in_what_is_wanted_is_refused_with_its_line(void **state)
 {
 #define Y(more)      KEYS(more, "", "", "")
@@ -413,6 +430,7 @@ static int spy(struct apc_law_call *c)
     return APC_LAW_GOOD;
 }
 
+/* Promise(experiment/area-scale-period) */
 static void soft_limits_are_told_at_each_tick(void **state)
 {
     static const struct apc_law law = {.abi = APC_LAW_ABI, .name = "spy", .compute = spy};

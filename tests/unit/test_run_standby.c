@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* One that stands by: whose place it is, over a store that can take it from one who lives. */
+/* Promise(modes/process-stands-takes) */
 #include "operate/operate.h"
 #include "stores.h"
 

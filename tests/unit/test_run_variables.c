@@ -3,6 +3,7 @@
  * Which variables of a model are the signals of an experiment, where the model names them: an FMU, or a plant
  * in Python. In place of Python stands this program itself, which speaks the same way.
  */
+/* Promise(python/plant-python-gives) */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -202,6 +203,7 @@ static const struct apc_model *model;
 
 /* ---- What parameters take ----------------------------------------------------------------------------- */
 
+/* Promise(links/parameter-input-fmu) */
 static void a_parameter_has_a_value_of_its_kind_or_is_refused(void **state)
 {
     static const struct {
@@ -251,6 +253,7 @@ static void a_parameter_has_a_value_of_its_kind_or_is_refused(void **state)
 }
 
 /* Also where no file is read. */
+/* Promise(links/parameter-input-fmu) */
 static void a_plant_is_not_made_of_what_does_not_fit(void **state)
 {
     const struct apc_model *m = NULL;
@@ -272,6 +275,7 @@ static void a_plant_is_not_made_of_what_does_not_fit(void **state)
 }
 
 /* It is what it was before, and the next step is one again, of the same process. */
+/* Promise(links/fmu-says-step) */
 static void a_step_to_no_number_is_none(void **state)
 {
     const double u[] = {0, 0, 0};
@@ -292,6 +296,7 @@ static void a_step_to_no_number_is_none(void **state)
     apc_plugin_close(handle);
 }
 
+/* Promise(links/parameter-input-fmu) */
 static void a_text_arrives_whole(void **state)
 {
     (void)state;

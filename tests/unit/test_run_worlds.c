@@ -179,6 +179,10 @@ static size_t check_world(const struct world *w, const struct figures *f, uint64
     return steps;
 }
 
+/*
+ * Promise(simulation/figures-plant-true): Figures are the plant's true ones in any world, by hand, of each
+ *   event, `-`, `never`, `inf` as stated.
+ */
 static void figures_are_the_plant_s_in_any_world(void **state)
 {
     char path[300];

@@ -64,6 +64,7 @@ static void test_two_writers_share_a_table_but_no_variable(void **state)
     ok(*state, claim_soon(*state, theirs, 2));
 }
 
+/* Promise(stores/claim-set-variables) */
 static void test_a_refusal_names_the_variable_and_the_holder(void **state)
 {
     struct apc_store *second = stores_open();
@@ -75,6 +76,10 @@ static void test_a_refusal_names_the_variable_and_the_holder(void **state)
     apc_store_close(second);
 }
 
+/*
+ * Promise(stores/claim-set-variables): A claim is of a set of variables, all or none; who is refused is
+ *   told the variable and the holder.
+ */
 static void test_all_are_claimed_or_none(void **state)
 {
     struct apc_store *second = stores_open(), *third = stores_open();
@@ -173,6 +178,7 @@ static void test_each_claim_has_a_greater_number(void **state)
 
 /* A writer's commands are told by it from those of writers before, also where he came first and was refused.
  */
+/* Promise(modes/client-slept-took) */
 static void test_the_number_of_a_claim_is_that_of_its_taking(void **state)
 {
     struct apc_store *second = stores_open(), *third = stores_open();
@@ -204,6 +210,7 @@ static int append_one(struct apc_store *store, enum apc_table table, int id, int
     return stored;
 }
 
+/* Promise(modes/process-stands-takes) */
 static void test_who_lives_is_fenced_by_who_seizes(void **state)
 {
     if (!numbered()) {
@@ -229,6 +236,7 @@ static void test_who_lives_is_fenced_by_who_seizes(void **state)
     apc_store_close(second);
 }
 
+/* Promise(modes/process-stands-takes) */
 static void test_only_the_claim_that_was_seen_is_seized(void **state)
 {
     if (!numbered()) {
@@ -275,6 +283,7 @@ static void *compete(void *unused)
     return (void *)(uintptr_t)wrong;
 }
 
+/* Promise(stores/claim-set-variables) */
 static void test_of_rivals_one_at_a_time_has_it(void **state)
 {
     pthread_t thread[RIVALS];

@@ -211,6 +211,10 @@ static void append_timing(struct apc_store *store, int n)
 
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
+/*
+ * Promise(stores/store-holds-gets): What one store holds and gets is forwarded into another once and in
+ *   order, whoever is killed when; what was overwritten before is told; not into the record of another.
+ */
 static void test_all_that_a_store_holds_and_gets_arrives_once(void **state)
 {
     struct apc_store *live = live_make(4);
@@ -328,6 +332,10 @@ static void assert_author(struct apc_store *store, uint32_t number, const char *
 }
 
 /* While the forward goes on, the file is put back as it was some time ago. */
+/*
+ * Promise(stores/history-comes-back): A history that comes back older, from a backup, is sent again what
+ *   the live store still has, once, while the historian goes on.
+ */
 static void test_a_history_that_comes_back_older_gets_again_what_it_lost(void **state)
 {
     (void)state;
@@ -417,6 +425,7 @@ static void publish(struct apc_store *store, int64_t tick)
     assert_int_equal(apc_store_append_rows(store, &rows), 2);
 }
 
+/* Promise(stores/warns-before-history) */
 static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(void **state)
 {
     struct apc_store *live = live_make(1);
@@ -445,6 +454,10 @@ static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(
     live_drop(live);
 }
 
+/*
+ * Promise(stores/store-holds-gets)
+ * Promise(stores/warns-before-history)
+ */
 static void test_what_was_overwritten_before_its_turn_is_told(void **state)
 {
     struct apc_store *live = live_make(1);
@@ -497,6 +510,11 @@ static int put_down(void *ctx, const struct apc_forward_gap *gap)
 }
 
 /* So whoever ends in between leaves no gap without a word. */
+/*
+ * Promise(stores/warns-before-history): It warns before what the history has not got is overwritten, and
+ *   tells of a gap, before what follows it is on record, also after a restart and of a backup that is older
+ *   than the live store.
+ */
 static void test_a_gap_is_on_record_before_what_follows_it(void **state)
 {
     struct apc_store *live = live_make(1);
@@ -595,6 +613,7 @@ static void assert_each_gap_is_told(const struct telling *t, struct apc_store *h
 }
 
 /* A backup of before what the live store still has; the historian goes on, or begins anew. */
+/* Promise(stores/warns-before-history) */
 static void test_of_a_history_that_is_older_than_the_live_store_each_gap_is_told(void **state)
 {
     static bool done; /* it is not about the kind of store */
@@ -699,6 +718,7 @@ static void test_events_and_timing_that_were_overwritten_before_their_turn_are_c
     live_drop(live);
 }
 
+/* Promise(stores/warns-before-history) */
 static void test_how_much_room_is_left_is_told_before_it_is_used_up(void **state)
 {
     struct apc_store *live = live_make(1);
@@ -756,6 +776,7 @@ static void assert_refused(struct apc_store *live, struct apc_store *to, int err
     apc_forward_destroy(f);
 }
 
+/* Promise(stores/store-holds-gets) */
 static void test_another_experiments_record_is_left_alone(void **state)
 {
     struct apc_store *live = live_make(4);
@@ -771,6 +792,7 @@ static void test_another_experiments_record_is_left_alone(void **state)
     live_drop(live);
 }
 
+/* Promise(stores/store-holds-gets) */
 static void test_a_record_that_is_newer_is_left_alone(void **state)
 {
     struct apc_store *live = live_make(4);
@@ -781,6 +803,7 @@ static void test_a_record_that_is_newer_is_left_alone(void **state)
     live_drop(live);
 }
 
+/* Promise(stores/file-history-nobody) */
 static void test_another_runs_rows_under_the_same_numbers_are_no_record_of_this_one(void **state)
 {
     struct apc_store *live = live_make(4);
@@ -803,6 +826,7 @@ static void assert_other(struct apc_forward *f, int64_t seq)
     assert_true(stats.other.table == APC_SETPOINT && stats.other.id == 1 && stats.other.seq == seq);
 }
 
+/* Promise(stores/file-history-nobody) */
 static void test_what_somebody_else_wrote_to_the_record_is_told_and_never_passed_over(void **state)
 {
     struct apc_store *live = live_make(4);
@@ -865,6 +889,7 @@ _Noreturn static void historian(_Atomic int64_t *done)
     }
 }
 
+/* Promise(stores/store-holds-gets) */
 static void test_kills_lose_and_double_nothing(void **state)
 {
     enum { KILLS = 12, ROWS = 200 }; /* all of which the live store holds */
@@ -919,6 +944,10 @@ static void assert_no_hole(struct apc_store *store, int64_t base)
 }
 
 /* What came before the last batch was begun is there; what is there has no hole. */
+/*
+ * Promise(stores): A host that dies loses what came since the last batch was begun; there is no hole
+ *   before.
+ */
 static void test_a_host_that_dies_loses_what_came_since_a_batch_was_begun(void **state)
 {
     enum { RESETS = 20, APART = 1 << 20, ROWS = 500 }; /* all of which the live store holds */
@@ -974,6 +1003,7 @@ static void assert_gap_is_told(struct apc_store *store, const char *since)
     assert_has(e.text, since);
 }
 
+/* Promise(stores/host-comes-up) */
 static void test_a_new_live_store_goes_on_from_its_history(void **state)
 {
     struct apc_error why;
@@ -1001,6 +1031,7 @@ static void test_a_new_live_store_goes_on_from_its_history(void **state)
     live_drop(live);
 }
 
+/* Promise(stores/host-comes-up) */
 static void test_a_history_of_the_future_leaves_the_end_of_the_gap_open(void **state)
 {
     struct apc_error why;
@@ -1013,6 +1044,7 @@ static void test_a_history_of_the_future_leaves_the_end_of_the_gap_open(void **s
     live_drop(live);
 }
 
+/* Promise(stores/host-comes-up) */
 static void test_of_a_history_where_nothing_ran_no_gap_is_told(void **state)
 {
     struct apc_error why;
@@ -1049,6 +1081,7 @@ static int64_t assert_numbers_begin_anew(struct apc_store *live)
     return last;
 }
 
+/* Promise(stores/host-comes-up) */
 static void test_where_the_history_is_away_numbers_begin_above_it(void **state)
 {
     struct apc_error why;

@@ -375,6 +375,7 @@ static int64_t stored(const struct apc_forward *f)
     return (int64_t)(stats.samples + stats.vectors + stats.events + stats.timing);
 }
 
+/* Promise(stores/store-holds-gets) */
 static void test_whichever_call_fails_the_next_step_makes_up_for_it(void **state)
 {
     bool more = true;
@@ -411,6 +412,7 @@ static void test_whichever_call_fails_the_next_step_makes_up_for_it(void **state
 }
 
 /* What was overwritten while nobody moved anything is told when it is begun again: once, and all of it. */
+/* Promise(stores/store-holds-gets) */
 static void test_whichever_call_fails_first_the_whole_gap_is_told_once(void **state)
 {
     bool more = true;
@@ -615,6 +617,7 @@ static int count_timing(void *ctx, const struct apc_timing_row *row)
     return 0;
 }
 
+/* Promise(database/role-writes-time) */
 static void test_what_is_refused_for_good_keeps_no_other_back_and_is_counted(void **state)
 {
     struct apc_forward_stats stats = {.size = sizeof stats};

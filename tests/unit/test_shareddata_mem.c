@@ -80,6 +80,7 @@ static void test_without_a_name_it_is_its_handles_own(void **state)
     apc_store_close(other);
 }
 
+/* Promise(stores/mem-names-doubling): `mem:`: names, and the doubling that is its only allocation. */
 static void test_a_name_is_shared_and_gone_with_its_last_handle(void **state)
 {
     (void)state;
@@ -226,6 +227,7 @@ static void test_any_allocation_may_fail_and_nothing_is_half_done(void **state)
     assert_true(failed > 6);
 }
 
+/* Promise(stores/mem-names-doubling) */
 static void test_ticks_allocate_nothing_but_the_doubling_of_what_is_full(void **state)
 {
     (void)state;

@@ -128,12 +128,14 @@ static void assert_steady(const char *uri, const char *spool)
     apc_store_close(store);
 }
 
+/* Promise(links/nothing-tick-allocates) */
 static void test_steady_ticks_allocate_nothing_on_postgresql(void **state)
 {
     (void)state;
     assert_steady(cluster_uri(cluster_start()), NULL);
 }
 
+/* Promise(links/nothing-tick-allocates) */
 static void test_steady_ticks_allocate_nothing_on_sqlite(void **state)
 {
     char uri[300];
@@ -142,6 +144,7 @@ static void test_steady_ticks_allocate_nothing_on_sqlite(void **state)
     assert_steady(uri, NULL);
 }
 
+/* Promise(links/nothing-tick-allocates) */
 static void test_steady_ticks_allocate_nothing_in_shm(void **state)
 {
     char uri[64], file[80];

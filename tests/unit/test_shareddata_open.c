@@ -149,6 +149,11 @@ static struct apc_store *memory(void)
 
 /* ---- The same history ------------------------------------------------------------------------------- */
 
+/*
+ * Promise(stores/several-samples-signal): Several samples of a signal that a historian writes as one row
+ *   (`--pack`) are the same history, newest values and bins, each once also when they come again, and large
+ *   chunks when their week is packed; who may not write rows may not write these.
+ */
 static void test_what_comes_as_chunks_is_the_same_history(void **state)
 {
     (void)state;
@@ -193,6 +198,7 @@ static int add_bin(void *ctx, const struct apc_history_bin *bin)
     return 0;
 }
 
+/* Promise(stores/several-samples-signal) */
 static void test_bins_of_chunks_are_those_of_the_rows(void **state)
 {
     (void)state;
@@ -226,6 +232,7 @@ static void make_run(struct apc_sample *s, size_t n, int id, int64_t first)
     }
 }
 
+/* Promise(stores/several-samples-signal) */
 static void test_chunks_whose_answer_was_lost_are_stored_once(void **state)
 {
     (void)state;
@@ -252,6 +259,7 @@ static void test_chunks_whose_answer_was_lost_are_stored_once(void **state)
     apc_store_close(store);
 }
 
+/* Promise(stores/several-samples-signal) */
 static void test_a_seq_of_a_chunk_is_taken_and_a_free_one_is_not(void **state)
 {
     (void)state;
@@ -332,6 +340,7 @@ static int pack(struct apc_store *store)
     return apc_store_maintain(store, &keep);
 }
 
+/* Promise(stores/several-samples-signal) */
 static void test_small_chunks_become_large_ones(void **state)
 {
     (void)state;
@@ -457,6 +466,7 @@ static const char *state_of(PGconn *conn, const char *sql)
     return code;
 }
 
+/* Promise(stores/several-samples-signal) */
 static void test_only_the_historian_of_a_history_writes_chunks(void **state)
 {
     (void)state;

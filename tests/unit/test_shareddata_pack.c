@@ -85,6 +85,7 @@ static double tenths(size_t i)
 }
 
 /* The bytes of a sample: 8 of noise, its time's jitter, and what blocks and columns begin with. */
+/* Promise(database/chunk-gives-back) */
 static void test_samples_take_the_bytes_that_they_hold(void **state)
 {
     (void)state;
@@ -109,6 +110,10 @@ static void test_samples_take_the_bytes_that_they_hold(void **state)
     }
 }
 
+/*
+ * Promise(database/chunk-gives-back): A chunk gives back each bit, in few bytes; bytes that are no chunk
+ *   are refused within their bounds.
+ */
 static void test_any_number_in_any_column_comes_back(void **state)
 {
     (void)state;
@@ -179,6 +184,7 @@ static void test_values_that_doubles_tell_apart_stay_apart(void **state)
     packed();
 }
 
+/* Promise(database/chunk-gives-back) */
 static void test_what_is_no_chunk_is_refused(void **state)
 {
     (void)state;
@@ -198,6 +204,7 @@ static void test_what_is_no_chunk_is_refused(void **state)
     assert_int_equal(apc_unpack(bytes, length, &out), APC_EPROTO);
 }
 
+/* Promise(database/chunk-gives-back) */
 static void test_bytes_of_any_kind_are_read_within_their_bounds(void **state)
 {
     (void)state;

@@ -153,6 +153,10 @@ static int pack(struct apc_store *store)
 
 /* ---- The same history ------------------------------------------------------------------------------- */
 
+/*
+ * Promise(database/packed-weeks-history): Packed weeks are the same history, whole, in part, in bins and in
+ *   the views.
+ */
 static void test_packed_weeks_are_the_same_history(void **state)
 {
     (void)state;
@@ -177,6 +181,7 @@ static void test_packed_weeks_are_the_same_history(void **state)
     apc_store_close(store);
 }
 
+/* Promise(database/packed-weeks-history) */
 static void test_views_show_packed_rows_bit_for_bit(void **state)
 {
     (void)state;
@@ -243,6 +248,11 @@ static void assert_trends_are_the_rows(const char *what)
 }
 
 /* A chunk whose data are spoiled is one that must not be read. */
+/*
+ * Promise(database/trend-gives-rows): `trend()` gives the rows of a time by name, and reads the chunks of
+ *   that time only; `trend_bins()` sums them up exactly and unpacks no chunk that is short; who only looks
+ *   writes nothing.
+ */
 static void test_a_trend_is_the_rows_and_reads_the_chunks_of_its_time_only(void **state)
 {
     (void)state;
@@ -266,6 +276,7 @@ static void test_a_trend_is_the_rows_and_reads_the_chunks_of_its_time_only(void 
     "SELECT concat_ws(' ', sum(samples), sum(bad), min(lowest), max(highest), min(time), max(till), "        \
     "count(*) <= 20) FROM trend_bins(at(4), now(), 20, '" signal "')"
 
+/* Promise(database/trend-gives-rows) */
 static void test_a_trend_in_bins_is_the_rows_and_reads_no_chunk_that_is_short(void **state)
 {
     (void)state;
@@ -306,6 +317,7 @@ static void refused(const char *call, const char *state)
     ask(sql);
 }
 
+/* Promise(database/trend-gives-rows) */
 static void test_a_signal_of_a_trend_is_named_as_for_apc_history(void **state)
 {
     (void)state;
@@ -347,6 +359,7 @@ static struct apc_range some_range(const struct list *l, unsigned round)
     return r;
 }
 
+/* Promise(database/packed-weeks-history) */
 static void test_parts_of_a_packed_history_are_those_of_the_rows(void **state)
 {
     (void)state;
@@ -389,6 +402,7 @@ static int add_bin(void *ctx, const struct apc_history_bin *bin)
     return 0;
 }
 
+/* Promise(database/packed-weeks-history) */
 static void test_bins_of_a_packed_history_are_those_of_the_rows(void **state)
 {
     (void)state;
@@ -422,6 +436,7 @@ static void test_bins_of_a_packed_history_are_those_of_the_rows(void **state)
 }
 
 /* The rows behind the one that failed are still on their way then. */
+/* Promise(database): A chunk that is damaged is said, and what is asked next is answered. */
 static void test_a_damaged_chunk_is_told_and_what_is_asked_next_is_answered(void **state)
 {
     (void)state;
@@ -443,6 +458,10 @@ static void test_a_damaged_chunk_is_told_and_what_is_asked_next_is_answered(void
 
 /* ---- What comes late -------------------------------------------------------------------------------- */
 
+/*
+ * Promise(database/comes-late-two): What comes late, two maintainers, a kill: each sample once, a week
+ *   packed or as it was.
+ */
 static void test_a_packed_seq_is_taken_and_a_free_one_is_not(void **state)
 {
     (void)state;
@@ -479,6 +498,7 @@ static void test_a_packed_seq_is_taken_and_a_free_one_is_not(void **state)
     apc_store_close(store);
 }
 
+/* Promise(database/comes-late-two) */
 static void test_a_week_that_is_written_to_while_it_is_packed_stays_as_it_is(void **state)
 {
     (void)state;
@@ -517,6 +537,7 @@ static void *maintain(void *arg)
     return NULL;
 }
 
+/* Promise(database/comes-late-two) */
 static void test_two_maintainers_pack_each_week_once(void **state)
 {
     (void)state;
@@ -545,6 +566,7 @@ static void test_two_maintainers_pack_each_week_once(void **state)
 
 /* The server's process ends wherever it is: after each of the first statements of a week, and then here and
  * there. */
+/* Promise(database/comes-late-two) */
 static void test_a_maintainer_that_is_killed_leaves_rows_or_chunks(void **state)
 {
     (void)state;
@@ -581,6 +603,7 @@ static void test_a_maintainer_that_is_killed_leaves_rows_or_chunks(void **state)
 
 /* ---- What else is done with them -------------------------------------------------------------------- */
 
+/* Promise(database/packing-gives-nobody) */
 static void test_packed_weeks_are_dropped_but_not_the_newest_of_a_variable(void **state)
 {
     (void)state;
@@ -600,6 +623,10 @@ static void test_packed_weeks_are_dropped_but_not_the_newest_of_a_variable(void 
     apc_store_close(store);
 }
 
+/*
+ * Promise(database/packing-gives-nobody): Packing gives nobody a right; what is packed can be dropped, but
+ *   not the newest of a variable.
+ */
 static void test_who_reads_the_rows_reads_them_packed_and_nobody_writes_them(void **state)
 {
     (void)state;

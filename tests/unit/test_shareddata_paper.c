@@ -236,6 +236,7 @@ static void *insert_second(void *arg)
 }
 
 /* The server undoes the statement that waited for another's row (SQLSTATE 40001), and wants it again. */
+/* Promise(database/defaults-server-database) */
 static void test_a_statement_that_the_server_wants_again_is_tried_again(void **state)
 {
     (void)state;

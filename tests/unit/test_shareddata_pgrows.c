@@ -97,6 +97,10 @@ static void check_held(const char *begin, const char *data, bool committed)
     apc_store_close(store);
 }
 
+/*
+ * Promise(database/person-open-transaction): A person's open transaction, a hanging COPY included, neither
+ *   blocks nor fails a tick; a tick is one round trip each way.
+ */
 static void test_a_persons_open_insert_neither_blocks_nor_fails_a_tick(void **state)
 {
     (void)state;
@@ -109,6 +113,7 @@ static void test_nor_does_one_that_is_rolled_back(void **state)
     check_held("INSERT INTO setpoint VALUES (1, 2, now(), 0, 99)", NULL, false);
 }
 
+/* Promise(database/person-open-transaction) */
 static void test_nor_does_a_copy_that_hangs_in_its_middle(void **state)
 {
     (void)state;
@@ -128,6 +133,7 @@ static void test_nor_does_one_that_locks_the_row_of_newest_values(void **state)
 }
 
 /* There is no row yet that could be held. */
+/* Promise(database/person-open-transaction) */
 static void test_nor_does_an_open_transaction_with_a_variables_first_row(void **state)
 {
     (void)state;
@@ -167,6 +173,7 @@ static void test_a_variable_that_was_only_held_has_no_row(void **state)
     apc_store_close(store);
 }
 
+/* Promise(database/person-open-transaction) */
 static void test_a_tick_is_one_round_trip_each_way(void **state)
 {
     (void)state;
@@ -240,6 +247,7 @@ static void test_a_claim_of_a_set_is_refused_by_variable_and_holder(void **state
     apc_store_close(a);
 }
 
+/* Promise(database/claim-single-variables) */
 static void test_a_set_is_claimed_anew_with_each_connection_or_the_other_writer_is_named(void **state)
 {
     (void)state;

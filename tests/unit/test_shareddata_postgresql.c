@@ -34,6 +34,7 @@ static struct apc_store *open_through(const char *directory, apc_ns timeout)
  */
 enum { TRIES = 20 };
 
+/* Promise(run): A tick costs two round trips to the database. */
 static void test_a_tick_reads_in_one_round_trip_and_writes_in_one(void **state)
 {
     (void)state;
@@ -77,6 +78,10 @@ static void test_a_tick_reads_in_one_round_trip_and_writes_in_one(void **state)
 
 /* ---- Network faults ---------------------------------------------------------------------------- */
 
+/*
+ * Promise(stores/postgresql-deadlines): PostgreSQL: deadlines; several hosts and failover; an asynchronous
+ *   commit is no acknowledgement; each refusal has its answer.
+ */
 static void test_a_stalled_server_costs_the_timeout_and_the_next_call_works(void **state)
 {
     (void)state;
@@ -123,6 +128,7 @@ static void test_a_write_that_the_server_does_not_take_ends_at_the_timeout(void 
     rmdir(directory);
 }
 
+/* Promise(stores/postgresql-deadlines) */
 static void test_a_lost_answer_to_commit_is_retried_without_a_duplicate(void **state)
 {
     (void)state;
@@ -203,6 +209,7 @@ static double next_try(const struct apc_store *store)
     return says ? strtod(says + strlen("next try in "), NULL) : 0;
 }
 
+/* Promise(run/goes-away-waited) */
 static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
 {
     (void)state;
@@ -227,6 +234,7 @@ static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
     assert_true(highest - lowest > 1);
 }
 
+/* Promise(run/goes-away-waited): What goes away is waited for in growing, jittered pauses, said once. */
 static void test_the_pauses_grow_up_to_the_longest(void **state)
 {
     (void)state;
@@ -333,6 +341,7 @@ static void test_hosts_of_a_service_file_take_turns_as_well(void **state)
     rmdir(directory);
 }
 
+/* Promise(stores/postgresql-deadlines) */
 static void test_only_a_host_that_can_be_written_to_is_used(void **state)
 {
     (void)state;
@@ -412,6 +421,7 @@ static void make_refusing(void)
     cluster_query(cluster, sql);
 }
 
+/* Promise(stores/postgresql-deadlines) */
 static void test_each_refusal_of_the_server_is_told_apart(void **state)
 {
     (void)state;
@@ -503,6 +513,7 @@ static void *append_on(void *arg)
     return NULL;
 }
 
+/* Promise(stores/postgresql-deadlines) */
 static void test_a_commit_that_no_standby_has_is_not_acknowledged(void **state)
 {
     (void)state;
@@ -531,6 +542,7 @@ static void test_a_commit_that_no_standby_has_is_not_acknowledged(void **state)
 
 /* ---- The server dies ---------------------------------------------------------------------------- */
 
+/* Promise(stores/acknowledged-survives) */
 static void test_after_kill_9_of_the_server_nothing_acknowledged_is_lost(void **state)
 {
     (void)state;
@@ -560,6 +572,10 @@ static void test_after_kill_9_of_the_server_nothing_acknowledged_is_lost(void **
 
 /* ---- A standby takes over ------------------------------------------------------------------------ */
 
+/*
+ * Promise(stores/postgresql-deadlines)
+ * Promise(database/leader-killed-patroni)
+ */
 static void test_of_two_servers_the_primary_is_used_and_after_a_failover_the_other_one(void **state)
 {
     (void)state;
@@ -603,6 +619,10 @@ static void append_all(struct apc_store *store, int64_t from, int64_t to)
     }
 }
 
+/*
+ * Promise(database): A program that has been at a promoted standby does not go back to the former leader,
+ *   and says what to do with it.
+ */
 static void test_who_was_with_a_promoted_standby_goes_not_back_to_the_former_leader(void **state)
 {
     (void)state;
@@ -652,6 +672,7 @@ static void test_who_was_with_a_promoted_standby_goes_not_back_to_the_former_lea
 
 /* ---- Claims ------------------------------------------------------------------------------------- */
 
+/* Promise(stores/postgresql-deadlines) */
 static void test_a_dead_writers_claim_goes_to_the_next_and_the_dead_one_gets_it_not_back(void **state)
 {
     (void)state;
@@ -821,6 +842,7 @@ static void test_postgresql_alone_means_the_environments_database(void **state)
     apc_store_close(store);
 }
 
+/* Promise(stores/password-shown): No password is shown. */
 static void test_a_password_is_never_shown(void **state)
 {
     (void)state;
@@ -974,6 +996,11 @@ static void append_behind(struct apc_store *store)
     assert_int_equal(a.result, 1);
 }
 
+/*
+ * Promise(database/defaults-server-database): Defaults of a server, database or role change nothing for a
+ *   store: isolation, time-outs, formats, time zone; the paper's functions try again what the server wants
+ *   again; a database that is read-only by default is named as such.
+ */
 static void test_a_session_has_what_the_store_relies_on_whatever_the_defaults_are(void **state)
 {
     char sql[800];
@@ -1023,6 +1050,7 @@ static void test_a_session_has_what_the_store_relies_on_whatever_the_defaults_ar
     apc_store_close(store);
 }
 
+/* Promise(database/defaults-server-database) */
 static void test_a_database_that_is_for_reading_only_by_default_is_named_as_such(void **state)
 {
     (void)state;

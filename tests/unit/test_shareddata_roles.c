@@ -166,6 +166,11 @@ static void check_rights(const struct right *r, int64_t seq[APC_TABLE_END][2])
     PQfinish(conn);
 }
 
+/*
+ * Promise(database/role-row-says): Each role may do what its row says and no more; nobody gets at the
+ *   owner's rights.
+ * Promise(database/trend-gives-rows)
+ */
 static void test_each_role_may_do_what_it_needs_and_no_more(void **state)
 {
     (void)state;
@@ -186,6 +191,10 @@ static const char *value_of(PGconn *conn, const char *sql)
 }
 
 /* A history has one writer, and people ask it. It is live again afterwards. */
+/*
+ * Promise(database/role-writes-time)
+ * Promise(database/people-rows-bear)
+ */
 static void test_of_a_history_only_the_historian_writes_and_people_ask(void **state)
 {
     (void)state;
@@ -250,6 +259,7 @@ static void test_of_a_history_only_the_historian_writes_and_people_ask(void **st
     PQfinish(conn);
 }
 
+/* Promise(database/people-rows-bear) */
 static void test_the_engineer_sets_limits_and_nobody_else_does(void **state)
 {
     (void)state;
@@ -275,6 +285,10 @@ static void test_the_engineer_sets_limits_and_nobody_else_does(void **state)
     cluster_query(cluster, "DELETE FROM apc.tag WHERE id = 99");
 }
 
+/*
+ * Promise(database/people-rows-bear): People's rows bear their names; the mode of all is each loop's; a
+ *   person's setpoint opens a cascade; a history is asked.
+ */
 static void test_a_row_bears_its_writers_own_name_and_no_other(void **state)
 {
     (void)state;
@@ -336,6 +350,7 @@ static int put_as(const char *role, enum apc_table table, int id, double value)
     return err;
 }
 
+/* Promise(database/people-rows-bear) */
 static void test_the_mode_of_all_is_written_to_each_loop_and_a_person_opens_a_cascade(void **state)
 {
     (void)state;
@@ -414,6 +429,7 @@ static void make_scheduled(void)
     cluster_query(cluster, sql);
 }
 
+/* Promise(modes/scheduler-moves-too) */
 static void test_what_a_person_writes_to_a_scheduled_setpoint_makes_it_local(void **state)
 {
     (void)state;
@@ -434,6 +450,7 @@ static void test_what_a_person_writes_to_a_scheduled_setpoint_makes_it_local(voi
 }
 
 /* Written together, as programs do it: what is said of the owner is what holds. */
+/* Promise(modes/scheduler-moves-too) */
 static void test_who_gives_a_setpoint_away_is_not_taken_at_his_own_row_of_it(void **state)
 {
     (void)state;
@@ -488,6 +505,10 @@ static void test_nobody_but_the_owner_maintains_the_tables_but_waiting_is_for_re
     }
 }
 
+/*
+ * Promise(database/event-names-user): Each event names the user who wrote it; no seq far ahead, no time of
+ *   tomorrow; there is room for the next.
+ */
 static void test_an_event_names_the_user_who_wrote_it(void **state)
 {
     (void)state;
@@ -546,6 +567,10 @@ static void test_the_operator_puts_and_the_client_may_not(void **state)
     apc_store_close(operator_store);
 }
 
+/*
+ * Promise(database/owner-tables-superuser): All of it where the owner of the tables is no superuser: claims
+ *   by name over roles, after the end of a session, history.
+ */
 static void test_a_claim_is_refused_by_name_across_roles(void **state)
 {
     (void)state;
@@ -559,6 +584,7 @@ static void test_a_claim_is_refused_by_name_across_roles(void **state)
 }
 
 /* A process of the server may have the number of one that is gone, with its claims left in the table. */
+/* Promise(database/owner-tables-superuser) */
 static void test_claims_of_a_session_that_is_gone_are_not_those_of_a_later_one_of_its_number(void **state)
 {
     (void)state;
@@ -583,6 +609,7 @@ static void test_claims_of_a_session_that_is_gone_are_not_those_of_a_later_one_o
     PQfinish(conn);
 }
 
+/* Promise(database/role-row-says) */
 static void test_nobody_updates_deletes_or_makes_tables(void **state)
 {
     (void)state;
@@ -780,6 +807,7 @@ static const struct {
       "COPY (SELECT 1) TO PROGRAM 'true'", "CREATE EXTENSION dblink", "CREATE LANGUAGE mine HANDLER loot"}},
 };
 
+/* Promise(database/role-row-says) */
 static void test_nobody_becomes_the_owner(void **state)
 {
     (void)state;
@@ -839,6 +867,7 @@ static void test_a_trigger_function_refuses_every_table_but_its_own(void **state
     cluster_query(cluster, "DROP TABLE mine");
 }
 
+/* Promise(database/role-row-says) */
 static void test_every_function_with_the_owners_rights_has_its_search_path_and_no_public(void **state)
 {
     (void)state;
@@ -887,6 +916,7 @@ static void test_in_a_database_of_its_own_nobody_makes_temporary_tables_or_takes
 
 /* ---- Nobody spoils what others count on --------------------------------------------------------------- */
 
+/* Promise(database/event-names-user) */
 static void test_a_persons_value_is_the_successor_of_the_newest(void **state)
 {
     (void)state;
@@ -939,6 +969,7 @@ static void test_a_persons_value_is_the_successor_of_the_newest(void **state)
 }
 
 /* A daemon's count has gaps, where samples were lost; what it cannot be is ahead of every count. */
+/* Promise(database/event-names-user) */
 static void test_whatever_a_role_wrote_there_is_room_for_the_next_sample(void **state)
 {
     (void)state;
@@ -974,6 +1005,10 @@ static void test_whatever_a_role_wrote_there_is_room_for_the_next_sample(void **
 }
 
 /* Whatever table it is: a row of 2200, or with a number that no count has reached, is nobody's to write. */
+/*
+ * Promise(database/role-writes-time): No role writes a time or number that is far ahead, into whatever
+ *   table; what is refused so keeps no other event back and is told; a row of timing names its writer.
+ */
 static void test_nobody_writes_far_ahead_into_any_table(void **state)
 {
     (void)state;
@@ -1031,6 +1066,7 @@ static void test_nobody_writes_far_ahead_into_any_table(void **state)
 }
 
 /* task is what a program says; role is what it is. */
+/* Promise(database/role-writes-time) */
 static void test_a_row_of_timing_names_the_user_who_wrote_it(void **state)
 {
     (void)state;
@@ -1096,6 +1132,7 @@ test_no_role_writes_a_time_that_is_far_ahead_but_old_ones_and_stepped_clocks_are
     apc_store_close(owner);
 }
 
+/* Promise(database/event-names-user) */
 static void test_an_operator_who_leaves_a_transaction_open_holds_up_no_controller(void **state)
 {
     (void)state;
@@ -1123,6 +1160,7 @@ static void test_an_operator_who_leaves_a_transaction_open_holds_up_no_controlle
     PQfinish(person);
 }
 
+/* Promise(database/event-names-user) */
 static void test_nobody_takes_the_numbers_of_rows_to_come(void **state)
 {
     (void)state;

@@ -211,6 +211,7 @@ static void test_a_row_that_people_write_follows_the_newest_that_its_writer_know
     assert_near(newest(*state, APC_SETPOINT, 1).value, 3, 0);
 }
 
+/* Promise(stores/rows-samples-vectors) */
 static void test_a_row_whose_writer_was_too_late_is_left_out_alone(void **state)
 {
     struct apc_sample first = sample(APC_SETPOINT, 1, 0, 1);
@@ -310,6 +311,10 @@ static void *write_moments(void *failed)
     return NULL;
 }
 
+/*
+ * Promise(stores/rows-samples-vectors): Rows of samples and vectors are written together, read together,
+ *   and left out alone where somebody was faster.
+ */
 static void test_what_is_read_together_was_written_together(void **state)
 {
     pthread_t thread;
@@ -377,6 +382,7 @@ static void test_what_makes_no_sense_is_refused_and_nothing_is_written(void **st
 }
 
 /* What only the store can see: no row is written then, and each seq is as it was. */
+/* Promise(stores/rows-samples-vectors) */
 static void test_a_row_that_the_store_refuses_keeps_all_out(void **state)
 {
     double in[2] = {1, 2}, out[ROOM];
@@ -413,6 +419,10 @@ static void assert_mode(struct apc_store *store, int id, double value, int64_t s
     assert_int_equal(s.origin, origin);
 }
 
+/*
+ * Promise(database/put-mode-put): What is put to the mode of all is put to each loop in the same
+ *   transaction, or to none; what is appended under its seq is that alone.
+ */
 static void test_what_is_put_to_the_mode_of_all_is_put_to_each_loop(void **state)
 {
     const struct apc_tag tags[] = {
@@ -469,6 +479,7 @@ static void test_what_is_put_to_the_mode_of_all_is_put_to_each_loop(void **state
     assert_mode(*state, 2, APC_MODE_MAN, 5, 5);
 }
 
+/* Promise(database/put-mode-put) */
 static void test_what_is_appended_is_stored_as_it_is(void **state)
 {
     const struct apc_tag tag = {.table = APC_OPMODE, .id = 1, .name = "u", .controller = "base"};
@@ -591,6 +602,10 @@ static int count_vector(void *ctx, const struct apc_vector *v)
     return 0;
 }
 
+/*
+ * Promise(stores/ticks-predictions-kept): Ticks and predictions are kept a day, or as long as one says,
+ *   whatever is kept of the rest.
+ */
 static void test_maintenance_drops_what_is_old_and_keeps_the_newest(void **state)
 {
     const apc_ns now = apc_clock_utc(NULL);

@@ -41,6 +41,7 @@ static int rows_of(struct apc_store *store, int id)
     return n;
 }
 
+/* Promise(database/sql-hand-double) */
 static void test_there_is_a_partition_for_now_and_for_the_weeks_to_come(void **state)
 {
     (void)state;
@@ -57,6 +58,7 @@ static void test_there_is_a_partition_for_now_and_for_the_weeks_to_come(void **s
     apc_store_close(store);
 }
 
+/* Promise(database/sql-hand-double) */
 static void test_a_week_made_late_takes_in_what_was_stored_elsewhere(void **state)
 {
     (void)state;
@@ -91,6 +93,7 @@ static void make_old_weeks(struct apc_store *store)
     assert_string_equal(ask("SELECT count(DISTINCT tableoid) FROM sensor"), "6");
 }
 
+/* Promise(database/sql-hand-double) */
 static void test_old_weeks_are_dropped_whole_but_not_the_newest_of_a_variable(void **state)
 {
     (void)state;
@@ -121,6 +124,7 @@ static void *maintain(void *arg)
     return NULL;
 }
 
+/* Promise(database/sql-hand-double) */
 static void test_maintenance_waits_for_readers_without_holding_up_writers(void **state)
 {
     (void)state;
@@ -199,6 +203,10 @@ static void test_a_key_is_taken_once_in_all_partitions_whoever_is_faster(void **
     assert_string_equal(ask("SELECT count(*) || ' ' || count(DISTINCT (id, seq)) FROM sensor"), "300 300");
 }
 
+/*
+ * Promise(database/sql-hand-double): SQL by hand cannot double a key or leave the newest behind;
+ *   partitions, the default one, maintenance.
+ */
 static void test_sql_by_hand_cannot_take_a_key_twice_nor_leave_the_newest_behind(void **state)
 {
     (void)state;
@@ -318,6 +326,7 @@ static void test_a_wait_sees_changes_of_all_its_tables_and_of_no_other(void **st
 
 /* ---- Schema ------------------------------------------------------------------------------------- */
 
+/* Promise(database/apc-init-once) */
 static void test_a_missing_schema_says_what_to_run(void **state)
 {
     (void)state;
@@ -349,6 +358,7 @@ static void test_a_missing_schema_says_what_to_run(void **state)
     apc_store_close(store);
 }
 
+/* Promise(database/apc-init-once) */
 static void test_a_newer_schema_is_left_alone(void **state)
 {
     (void)state;
@@ -370,6 +380,7 @@ static void test_a_newer_schema_is_left_alone(void **state)
     apc_store_close(store);
 }
 
+/* Promise(database/apc-init-once) */
 static void test_a_newer_schema_that_says_it_is_compatible_is_worked_with(void **state)
 {
     (void)state;
@@ -418,6 +429,7 @@ static void make_version_1(bool repaired)
     cluster_query(cluster, "RESET search_path");
 }
 
+/* Promise(database/apc-init-once) */
 static void test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs(void **state)
 {
     (void)state;
@@ -557,6 +569,7 @@ static void run_version_1(PGconn *conn, int k)
     assert_string_equal(say(conn, "CALL maintain(now(), NULL, NULL, NULL, NULL)"), "0");
 }
 
+/* Promise(database/apc-init-once) */
 static void test_programs_of_version_1_go_on_over_the_upgrade_and_after_it(void **state)
 {
     (void)state;
@@ -597,6 +610,7 @@ static void test_programs_of_version_1_go_on_over_the_upgrade_and_after_it(void 
 }
 
 /* The rights that a scheduler of version 1 had; sql/roles.sql was not run again yet. */
+/* Promise(database/apc-init-once) */
 static void test_a_role_of_version_1_goes_on_with_the_rights_it_had(void **state)
 {
     (void)state;
@@ -667,6 +681,10 @@ static void sum_up(char sums[6][64])
     }
 }
 
+/*
+ * Promise(database/version-4-moves): Version 4 moves modes to loops, touches no row of a process value,
+ *   names who is still connected, and goes on.
+ */
 static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **state)
 {
     (void)state;
@@ -736,6 +754,7 @@ static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **sta
     }
 }
 
+/* Promise(database/version-4-moves) */
 static void test_programs_that_are_still_there_are_named_and_nothing_is_changed(void **state)
 {
     (void)state;
@@ -766,6 +785,7 @@ static void test_programs_that_are_still_there_are_named_and_nothing_is_changed(
     apc_store_close(admin);
 }
 
+/* Promise(database/version-4-moves) */
 static void test_only_what_people_write_notifies(void **state)
 {
     (void)state;
@@ -801,6 +821,10 @@ static void test_only_what_people_write_notifies(void **state)
     "WHERE "                                                                                                 \
     "datname = current_database())"
 
+/*
+ * Promise(database/claim-single-variables): A claim of single variables is whole or none, names who has
+ *   one, lives with its session, and comes back with the connection.
+ */
 static void test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session(void **state)
 {
     (void)state;
@@ -843,6 +867,7 @@ static void test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session
     PQfinish(a);
 }
 
+/* Promise(database/apc-init-once) */
 static void test_init_by_a_superuser_makes_the_owners_tables(void **state)
 {
     (void)state;
@@ -924,6 +949,10 @@ static void *init_one(void *arg)
     return NULL;
 }
 
+/*
+ * Promise(database/apc-init-once): `apc init` once or many times at once, owner's also by a superuser;
+ *   programs of version 1 go on over an upgrade; newer versions.
+ */
 static void test_many_inits_at_once_make_one_schema(void **state)
 {
     (void)state;

@@ -309,6 +309,10 @@ static void test_any_window_over_memory_and_history_is_that_of_one_store(void **
     check_windows("mem:", 3);
 }
 
+/*
+ * Promise(stores/live-store-history): Live store and history read as one give every row once, in any
+ *   window, while rows are moved and where the history is away or another's.
+ */
 static void test_any_window_over_a_ring_and_history_is_that_of_one_store(void **state)
 {
     (void)state;
@@ -328,6 +332,7 @@ static int take_while_it_moves(void *ctx, const struct apc_sample *s)
     return 0;
 }
 
+/* Promise(stores/live-store-history) */
 static void test_what_moves_meanwhile_is_given_once(void **state)
 {
     (void)state;
@@ -368,6 +373,7 @@ static void test_what_is_newest_and_every_write_is_the_live_stores(void **state)
     world_end(&w);
 }
 
+/* Promise(stores/live-store-history) */
 static void test_how_far_the_history_is_behind_is_told(void **state)
 {
     struct world w;
@@ -392,6 +398,7 @@ static void test_how_far_the_history_is_behind_is_told(void **state)
     world_end(&w);
 }
 
+/* Promise(stores/live-store-history) */
 static void test_without_its_history_it_gives_what_the_live_store_has(void **state)
 {
     (void)state;
@@ -412,6 +419,7 @@ static void test_without_its_history_it_gives_what_the_live_store_has(void **sta
     world_end(&w);
 }
 
+/* Promise(stores/live-store-history) */
 static void test_another_experiments_history_is_left_out(void **state)
 {
     struct world w;
@@ -531,6 +539,7 @@ static struct apc_seam *two_parts(struct world *w)
 }
 
 /* Whichever call fails, there is what the live store has, and no row of the history that comes back. */
+/* Promise(stores/live-store-history) */
 static void test_whichever_call_of_the_history_fails_it_is_left_out_whole(void **state)
 {
     static const struct apc_range ranges[] = {{0}, {.last = 150}, {.last = 600}, {.after = 350}};
@@ -660,6 +669,7 @@ static int note_author(void *ctx, const struct apc_sample *s)
     return 0;
 }
 
+/* Promise(stores/live-store-history) */
 static void test_who_set_something_is_told_by_the_store_that_has_it(void **state)
 {
     static const char *const name[] = {NULL, "bob", NULL, "ada", NULL, "bob"};

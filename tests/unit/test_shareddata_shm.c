@@ -156,6 +156,10 @@ static void test_before_init_there_is_nothing_and_nothing_is_made(void **state)
     apc_store_close(store);
 }
 
+/*
+ * Promise(stores/shared-memory-user): Shared memory: its user's alone, sizes of a MiB, rings, full,
+ *   damaged, removed, cut short, another version.
+ */
 static void test_a_segment_is_its_users_alone(void **state)
 {
     (void)state;
@@ -229,6 +233,7 @@ static void test_what_is_no_store_of_ours_is_refused_and_left_as_it_is(void **st
     apc_store_close(store);
 }
 
+/* Promise(stores/shared-memory-user) */
 static void test_a_segment_of_another_version_is_refused(void **state)
 {
     (void)state;
@@ -248,6 +253,7 @@ static void test_a_segment_of_another_version_is_refused(void **state)
     apc_store_close(store);
 }
 
+/* Promise(stores/shared-memory-user) */
 static void test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing(void **state)
 {
     (void)state;
@@ -274,6 +280,7 @@ static void test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing(voi
 
 /* ---- Limits ---------------------------------------------------------------------------------- */
 
+/* Promise(stores/shared-memory-user) */
 static void test_a_full_segment_refuses_new_variables_and_keeps_the_rest(void **state)
 {
     struct apc_store *store = *state;
@@ -308,6 +315,7 @@ static void append_twenty(struct apc_store *store, int64_t seq)
 }
 
 /* A sample every 0.1 s, another and a vector every 0.7 s. */
+/* Promise(run/shared-memory-keeps): Shared memory keeps what `apc run` says that it keeps. */
 static void test_it_holds_what_it_says_that_it_holds(void **state)
 {
     const struct apc_tag tags[] = {{.table = APC_SENSOR, .id = 1, .period = 0.1},
@@ -336,6 +344,7 @@ static void test_it_holds_what_it_says_that_it_holds(void **state)
     assert_true(apc_shm_holds(0, tags, 4) == 0);
 }
 
+/* Promise(stores/shared-memory-user) */
 static void test_a_history_ends_where_it_was_overwritten(void **state)
 {
     (void)state;
@@ -444,6 +453,10 @@ static int note_kind(void *ctx, const struct apc_event *e)
     return 0;
 }
 
+/*
+ * Promise(stores/link-comes-goes): A link that comes and goes pushes out no action, alarm or start, and is
+ *   counted instead of listed.
+ */
 static void test_a_flood_of_link_events_displaces_nothing_that_matters(void **state)
 {
     struct apc_store *store = *state;
@@ -464,6 +477,10 @@ static void test_a_flood_of_link_events_displaces_nothing_that_matters(void **st
     assert_int_equal(there, 15);
 }
 
+/*
+ * Promise(run/shared-memory-keeps)
+ * Promise(stores/shared-memory-user)
+ */
 static void test_rings_of_events_and_timing_keep_the_newest(void **state)
 {
     struct apc_store *store = *state;
@@ -528,6 +545,7 @@ static int count_kinds(void *ctx, const struct apc_event *e)
     return 0;
 }
 
+/* Promise(stores/shared-memory-user) */
 static void test_no_chatter_pushes_out_what_people_did(void **state)
 {
     struct apc_store *store = *state;
@@ -573,6 +591,7 @@ static void test_no_chatter_pushes_out_what_people_did(void **state)
 
 /* Whatever stands in a damaged segment: who reads it is told, at once, and never waits for what cannot come.
  */
+/* Promise(stores/shared-memory-user) */
 static void test_a_damaged_segment_is_said_to_be_one(void **state)
 {
     struct apc_store *store = *state;
@@ -655,6 +674,7 @@ static void test_a_damaged_lock_is_said_to_be_one(void **state)
 
 /* ---- Removed and made anew ---------------------------------------------------------------------- */
 
+/* Promise(stores/shared-memory-user) */
 static void test_a_removed_segment_is_noticed_and_the_new_one_used(void **state)
 {
     struct apc_store *store = *state, *other = open_store();
@@ -686,6 +706,7 @@ static void test_a_removed_segment_is_noticed_and_the_new_one_used(void **state)
 }
 
 /* Whoever may write the file may cut it short; to touch what is gone would be the end of the process. */
+/* Promise(stores/shared-memory-user) */
 static void test_a_segment_cut_short_is_refused_and_not_touched(void **state)
 {
     struct apc_store *store = *state;
@@ -803,6 +824,7 @@ static void test_a_new_variable_has_no_owner(void **state)
     apc_store_close(other);
 }
 
+/* Promise(stores/shared-memory-user) */
 static void test_a_flat_out_writer_neither_tears_nor_starves_a_reader(void **state)
 {
     enum { N = 10, READS = 20000 };

@@ -518,6 +518,7 @@ KILLED(prepare, append_new, true)
 KILLED(prepare, append_late, true)
 KILLED(prepare, put, false)
 KILLED(prepare, swap, true)
+/* Promise(stores/rows-samples-vectors) */
 KILLED(prepare, append_tick, false)
 KILLED(prepare, append_wider, true)
 KILLED(prepare, append_new_vector, true)
@@ -745,6 +746,7 @@ static int64_t check_all(struct apc_store *store)
     return s[0].seq;
 }
 
+/* Promise(stores/acknowledged-survives) */
 static void test_random_kills_lose_double_and_tear_nothing(void **state)
 {
     (void)state;

@@ -188,6 +188,10 @@ static void test_as_many_writers_may_claim_as_it_says(void **state)
 
 /* Rings grow as far as they may, as those of alarms in a flood do; then the first row of every variable that
  * the segment can describe is taken, three tables of each: somebody's write, a mode, an alarm. */
+/*
+ * Promise(stores): Histories that grow in shared memory leave room for the first rows of variables that are
+ *   yet to come.
+ */
 static void test_rings_that_grow_leave_room_for_first_rows(void **state)
 {
     struct apc_store *store = *state;

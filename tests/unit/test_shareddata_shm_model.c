@@ -603,6 +603,10 @@ static int tear_down(void **state)
     return unlink(path);
 }
 
+/*
+ * Promise(stores/reader-shared-memory): A reader of shared memory gets what there was at one commit,
+ *   whatever writers do, fail at or die of: every choice that C11 leaves it is gone through.
+ */
 static void test_a_variable_that_has_data_never_has_none(void **state)
 {
     (void)state;
@@ -610,6 +614,7 @@ static void test_a_variable_that_has_data_never_has_none(void **state)
     check(&(struct scenario){"first", read_a, false, {fail_a, put_a, fail_a, put_a, put_a}, 0}, 2);
 }
 
+/* Promise(stores/reader-shared-memory) */
 static void test_samples_are_of_one_generation(void **state)
 {
     (void)state;
@@ -617,6 +622,7 @@ static void test_samples_are_of_one_generation(void **state)
           2);
 }
 
+/* Promise(stores/reader-shared-memory) */
 static void test_a_slot_that_is_used_again_is_not_another_variables(void **state)
 {
     (void)state;
@@ -628,12 +634,14 @@ static void test_a_slot_that_is_used_again_is_not_another_variables(void **state
     check(&(struct scenario){"variables", read_variables, false, {fail_new, put_other, put_new}, 0}, 2);
 }
 
+/* Promise(stores/reader-shared-memory) */
 static void test_a_ring_that_grows_has_its_rows(void **state)
 {
     (void)state;
     check(&(struct scenario){"history", history_a, true, {put_a, put_a, put_a, put_a, fail_a, put_a}, 3}, 1);
 }
 
+/* Promise(stores/reader-shared-memory) */
 static void test_vectors_are_whole_while_they_grow_wider(void **state)
 {
     (void)state;
@@ -645,6 +653,7 @@ static void test_vectors_are_whole_while_they_grow_wider(void **state)
           1);
 }
 
+/* Promise(stores/reader-shared-memory) */
 static void test_tags_and_catalogue_are_of_one_description(void **state)
 {
     (void)state;
@@ -654,6 +663,7 @@ static void test_tags_and_catalogue_are_of_one_description(void **state)
           1);
 }
 
+/* Promise(stores/reader-shared-memory) */
 static void test_events_are_those_of_one_moment(void **state)
 {
     (void)state;

@@ -217,6 +217,10 @@ static void in_a_process_that_dies(const char *uri, void (*fn)(struct apc_store 
 
 /* ---- While the store is away ---------------------------------------------------------------- */
 
+/*
+ * Promise(stores/spool-acknowledges): A spool acknowledges, drains in order, none twice, survives its
+ *   writer, says its damage, keeps the oldest when full.
+ */
 static void test_an_append_is_acknowledged_once_it_is_in_the_spool(void **state)
 {
     (void)state;
@@ -254,6 +258,7 @@ static void test_a_spool_without_records_is_removed_at_the_end(void **state)
     assert_int_equal(access(spool, F_OK), -1);
 }
 
+/* Promise(stores/tick-not-held) */
 static void test_what_commands_is_not_spooled(void **state)
 {
     (void)state;
@@ -264,6 +269,7 @@ static void test_what_commands_is_not_spooled(void **state)
     apc_store_close(store);
 }
 
+/* Promise(stores/tick-not-held) */
 static void test_a_reader_gets_the_last_value_with_its_own_time_and_an_uncertain_status(void **state)
 {
     (void)state;
@@ -310,6 +316,7 @@ static void test_what_waits_is_newer_than_what_is_stored(void **state)
 }
 
 /* A controller that reads through a spool while the store is away: holds, then goes to its fault value. */
+/* Promise(stores/tick-not-held) */
 static void test_a_controller_does_not_take_an_old_value_for_a_new_one(void **state)
 {
     (void)state;
@@ -353,6 +360,7 @@ static void test_a_controller_does_not_take_an_old_value_for_a_new_one(void **st
 
 /* ---- At its return --------------------------------------------------------------------------- */
 
+/* Promise(stores/spool-acknowledges) */
 static void test_it_drains_in_order_and_without_duplicates(void **state)
 {
     (void)state;
@@ -408,6 +416,7 @@ static void spool_some(struct apc_store *store)
 }
 
 /* The next process drains what a killed one left, and what both sent is there once, events too. */
+/* Promise(stores/spool-acknowledges) */
 static void test_a_killed_writers_spool_is_drained_by_the_next(void **state)
 {
     (void)state;
@@ -432,6 +441,7 @@ static void test_a_killed_writers_spool_is_drained_by_the_next(void **state)
     apc_store_close(store);
 }
 
+/* Promise(stores/spool-acknowledges) */
 static void test_events_whose_answer_was_lost_are_stored_once(void **state)
 {
     (void)state;
@@ -491,6 +501,10 @@ static void test_a_large_spool_drains_in_portions(void **state)
     apc_store_close(store);
 }
 
+/*
+ * Promise(stores/tick-not-held): A tick is not held up; a short stall is not made a long one; commands are
+ *   not spooled; old values do not look new.
+ */
 static void test_a_store_that_hangs_is_left_alone_for_a_while(void **state)
 {
     (void)state;
@@ -517,6 +531,7 @@ static void test_a_store_that_hangs_is_left_alone_for_a_while(void **state)
     apc_store_close(store);
 }
 
+/* Promise(stores/tick-not-held) */
 static void test_a_short_stall_is_not_made_a_long_one(void **state)
 {
     (void)state;
@@ -579,6 +594,10 @@ static void fill_disk_of(const char *path)
     assert_int_equal(filled, 1);
 }
 
+/*
+ * Promise(stores/disk-will-not): A disk that will not have the spool, when a daemon starts or later, keeps
+ *   no loop from running; what waits there keeps its numbers; `shm:` needs no spool.
+ */
 static void test_without_its_disk_a_spool_is_in_memory_and_says_so(void **state)
 {
     (void)state;
@@ -607,6 +626,7 @@ static void test_without_its_disk_a_spool_is_in_memory_and_says_so(void **state)
     assert_refused(nowhere, &o, APC_EINVAL, "of writer another");
 }
 
+/* Promise(stores/disk-will-not) */
 static void test_a_disk_that_fills_up_before_the_store_goes_away_costs_nothing(void **state)
 {
     (void)state;
@@ -635,6 +655,7 @@ static void as_nobody(bool nobody)
     }
 }
 
+/* Promise(stores/disk-will-not) */
 static void test_numbers_that_wait_where_nothing_can_be_written_are_not_given_out_again(void **state)
 {
     (void)state;
@@ -755,6 +776,7 @@ static void test_a_claim_on_trust_is_made_up_for_before_anything_drains(void **s
     apc_store_close(store);
 }
 
+/* Promise(stores/spool-acknowledges) */
 static void test_seqs_that_somebody_else_took_meanwhile_are_found_and_set_aside(void **state)
 {
     (void)state;
@@ -809,6 +831,7 @@ static void test_a_spool_in_memory_does_the_same_until_the_process_ends(void **s
     apc_store_close(other);
 }
 
+/* Promise(stores/spool-acknowledges) */
 static void test_a_row_that_the_store_refuses_shows_and_loses_nothing(void **state)
 {
     char sql[128];
@@ -836,6 +859,7 @@ static void test_a_row_that_the_store_refuses_shows_and_loses_nothing(void **sta
 
 /* ---- Full, unwritable ------------------------------------------------------------------------- */
 
+/* Promise(stores/spool-acknowledges) */
 static void test_a_full_spool_keeps_what_it_has_and_refuses_the_next(void **state)
 {
     (void)state;
@@ -859,6 +883,7 @@ static void test_a_full_spool_keeps_what_it_has_and_refuses_the_next(void **stat
     apc_store_close(store);
 }
 
+/* Promise(stores/spool-acknowledges) */
 static void test_what_the_disk_does_not_take_is_not_acknowledged(void **state)
 {
     (void)state;
@@ -879,6 +904,7 @@ static void test_what_the_disk_does_not_take_is_not_acknowledged(void **state)
     apc_store_close(store);
 }
 
+/* Promise(stores/tick-not-held) */
 static void test_a_store_whose_disk_is_full_is_bridged(void **state)
 {
     enum { THERE = 5000, N = 500 };
@@ -908,6 +934,7 @@ static void test_a_store_whose_disk_is_full_is_bridged(void **state)
 
 /* ---- What is found at opening ------------------------------------------------------------------ */
 
+/* Promise(stores/spool-acknowledges) */
 static void test_another_writers_or_stores_spool_is_refused(void **state)
 {
     (void)state;
@@ -929,6 +956,7 @@ static void test_another_writers_or_stores_spool_is_refused(void **state)
 }
 
 /* Where a store is, and nothing of who asks, or how. */
+/* Promise(stores/password-shown) */
 static void test_the_identity_of_a_store_has_no_secrets(void **state)
 {
     static const char *const names[] = {"PGSERVICE", "PGHOST", "PGPORT", "PGDATABASE"};
@@ -1024,6 +1052,7 @@ static off_t size_of(const char *path)
 }
 
 /* At whatever byte the last record ends: it goes, those before it stay. */
+/* Promise(stores/spool-acknowledges) */
 static void test_a_torn_tail_is_cut_off(void **state)
 {
     (void)state;
@@ -1055,6 +1084,7 @@ static void flip(off_t at)
 
 /* Whatever byte of whatever record is wrong: that record is lost to us, the others are not, and the file is
  * kept for people. */
+/* Promise(stores/spool-acknowledges) */
 static void test_a_damaged_record_is_set_aside_and_the_others_go_on(void **state)
 {
     (void)state;
@@ -1104,6 +1134,7 @@ static void make_records_old(void)
     close(fd);
 }
 
+/* Promise(stores/spool-acknowledges) */
 static void test_a_spool_of_the_former_version_is_taken_over_whole(void **state)
 {
     (void)state;

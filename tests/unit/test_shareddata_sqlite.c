@@ -447,6 +447,11 @@ static int sum_up(void *ctx, const struct apc_sample *s)
     return 0;
 }
 
+/*
+ * Promise(stores): A SQLite file of version 1 comes along with its history.
+ * Promise(database/file-older-version): A file of an older version comes along with its history, wholly or
+ *   not at all; who still uses it is named.
+ */
 static void test_a_file_of_version_1_comes_along_with_its_history(void **state)
 {
     struct apc_store *store = *state;
@@ -475,6 +480,10 @@ static void test_a_file_of_version_1_comes_along_with_its_history(void **state)
     assert_int_equal(raw_number(path, "SELECT count(*) FROM sample"), 75);
 }
 
+/*
+ * Promise(stores/file-history-nobody): In a file that is a history nobody sets, tunes, switches or
+ *   acknowledges; a row that somebody wrote past the historian is told, and another run's rows are refused.
+ */
 static void test_people_write_nothing_to_a_history(void **state)
 {
     struct apc_store *store = *state;
@@ -580,6 +589,7 @@ static void assert_whole(struct apc_store *store, int64_t version)
     }
 }
 
+/* Promise(database/file-older-version) */
 static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **state)
 {
     struct apc_store *store = *state;
@@ -729,6 +739,7 @@ static void read_as_version_1(void)
     }
 }
 
+/* Promise(database/file-older-version) */
 static void test_who_still_uses_an_old_file_is_named_and_nothing_is_changed(void **state)
 {
     char name[40];
@@ -784,6 +795,7 @@ static int bring_along(rlim_t limit, bool kill)
     return status;
 }
 
+/* Promise(database/file-older-version) */
 static void test_a_file_that_comes_along_does_so_wholly_or_not_at_all(void **state)
 {
     for (int kill = 0; kill <= 1; kill++) {
@@ -848,6 +860,7 @@ static void test_without_memory_a_file_stays_as_it_was_and_that_is_said(void **s
     assert_true(refused > STEPS / 2);
 }
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_a_write_ahead_log_goes_or_is_refused(void **state)
 {
     struct apc_store *store = *state;
@@ -917,6 +930,7 @@ static void make_backup(char backup[300])
     raw(path, sql);
 }
 
+/* Promise(database/backup-put-file) */
 static void test_a_journal_of_another_file_is_told_and_a_files_own_is_rolled_back(void **state)
 {
     char backup[300], journal[300];
@@ -940,6 +954,11 @@ static void test_a_journal_of_another_file_is_told_and_a_files_own_is_rolled_bac
     assert_int_equal(rows_of(*state), 40);
 }
 
+/*
+ * Promise(database/backup-put-file): A backup is put in a file's place at once, what was there is kept, and
+ *   what is no backup or has a writer is left as it is; a journal of a former file is recognised, and
+ *   spoils none.
+ */
 static void test_a_backup_is_restored_at_once_and_what_was_there_is_kept(void **state)
 {
     char backup[300], kept[400], named[420];
@@ -965,6 +984,7 @@ static void test_a_backup_is_restored_at_once_and_what_was_there_is_kept(void **
     assert_int_equal(rows_of(*state), 30);
 }
 
+/* Promise(database/backup-put-file) */
 static void test_what_is_no_backup_or_has_a_writer_is_left_as_it_is(void **state)
 {
     char backup[300], kept[400];
@@ -995,6 +1015,7 @@ static void test_what_is_no_backup_or_has_a_writer_is_left_as_it_is(void **state
     apc_store_close(memory);
 }
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_a_file_for_reading_only_is_read(void **state)
 {
     struct apc_store *store = open_store(SECOND);
@@ -1066,6 +1087,7 @@ static void test_a_log_that_cannot_be_made_is_told_of(void **state)
     assert_int_equal(append_one(store, 1, 1), 1); /* the cause has gone */
 }
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_a_full_disk_keeps_the_whole_append_out_and_no_later_one(void **state)
 {
     enum { N = 50000 };
@@ -1094,6 +1116,7 @@ static void test_a_full_disk_keeps_the_whole_append_out_and_no_later_one(void **
     free(s);
 }
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_a_damaged_file_gives_errors_and_no_nonsense(void **state)
 {
     enum { PAGE = 4096, N = 300 };
@@ -1177,6 +1200,10 @@ static void test_an_error_in_the_middle_of_housekeeping_is_said(void **state)
 
 /* Whatever the umask: a record is its user's own until he says otherwise, and what stands beside it follows.
  */
+/*
+ * Promise(stores/sqlite-0600-writer): SQLite: 0600, one writer, readers hold nobody up, full disk, damage,
+ *   no write-ahead log, a file that comes and goes.
+ */
 static void test_a_file_is_made_for_its_user_alone(void **state)
 {
     char beside[700];
@@ -1234,6 +1261,7 @@ static void test_making_the_tables_waits_for_a_lock_as_all_else_does(void **stat
 
 /* ---- Others have it open ----------------------------------------------------------------------- */
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_a_lock_that_is_not_given_back_ends_in_a_timeout(void **state)
 {
     struct apc_store *store = open_store(50 * APC_NS_PER_MS);
@@ -1288,6 +1316,7 @@ static int beside_bin(void *ctx, const struct apc_history_bin *bin)
     return write_beside(ctx);
 }
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_nobody_is_held_up_by_somebody_who_reads_slowly(void **state)
 {
     struct apc_store *store = *state;
@@ -1308,6 +1337,7 @@ static void test_nobody_is_held_up_by_somebody_who_reads_slowly(void **state)
     apc_store_close(b.store);
 }
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_a_file_that_goes_away_and_comes_back_is_noticed(void **state)
 {
     struct apc_store *store = *state;
@@ -1350,6 +1380,7 @@ static pid_t start_claimant(int fd)
     _exit(1);
 }
 
+/* Promise(stores/sqlite-0600-writer) */
 static void test_a_claim_ends_with_its_process_and_with_nothing_less(void **state)
 {
     struct apc_store *store = *state;
@@ -1400,6 +1431,7 @@ static void append_until_killed(int fd, int64_t seq)
     _exit(1);
 }
 
+/* Promise(stores/acknowledged-survives) */
 static void test_a_killed_writer_leaves_what_was_acknowledged_and_no_half_of_a_tick(void **state)
 {
     struct apc_store *store = *state;

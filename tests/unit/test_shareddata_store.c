@@ -174,6 +174,7 @@ static void test_the_same_variable_may_be_read_twice_at_once(void **state)
     assert_near(out[2].value, 4.5, 0);
 }
 
+/* Promise(stores/stores-suite) */
 static void test_an_append_repeated_changes_nothing_and_counts_nothing(void **state)
 {
     struct apc_sample s[3] = {sample(APC_SENSOR, 1, 1, 1), sample(APC_SENSOR, 2, 1, 2),
@@ -247,6 +248,7 @@ static void test_an_append_larger_than_any_buffer_is_still_one(void **state)
     free(s);
 }
 
+/* Promise(stores/stores-suite) */
 static void test_one_bad_row_keeps_the_whole_append_out(void **state)
 {
     /* A fractional dimension is refused by the store itself, after the others were taken. */
@@ -261,6 +263,10 @@ static void test_one_bad_row_keeps_the_whole_append_out(void **state)
     assert_int_equal(apc_store_append(*state, &good, 1), 1); /* and it goes on */
 }
 
+/*
+ * Promise(run/step-wall-clock)
+ * Promise(stores/stores-suite): All stores do the same, by one suite.
+ */
 static void test_newest_is_the_highest_seq_when_the_clock_steps_back(void **state)
 {
     struct apc_sample before = sample(APC_SENSOR, 1, 10, 1), after = sample(APC_SENSOR, 1, 11, 2);
@@ -311,6 +317,9 @@ static void test_a_claim_gives_the_newest_seq_of_each_id(void **state)
     assert_int_equal(apc_store_claim(*state, APC_ACTUATOR, 0, last), 0);
 }
 
+/*
+ * Promise(run/second-controller-client): A second controller or client is refused, and told who is there.
+ */
 static void test_a_second_writer_is_refused_by_name_until_the_first_has_gone(void **state)
 {
     struct apc_store *second = stores_open(), *third = stores_open();
@@ -547,6 +556,7 @@ static void test_a_wait_tells_what_is_there_already_and_what_is_not(void **state
     assert_int_equal(newest(*state, APC_SETPOINT, 2).seq, 3); /* and the store goes on */
 }
 
+/* Promise(stores/stores-suite) */
 static void test_a_wait_sees_every_way_of_writing(void **state)
 {
     struct apc_store *writer = stores_open();
@@ -867,6 +877,7 @@ static void append_at(struct apc_store *store, int64_t seq, apc_ns us, double va
     assert_int_equal(apc_store_append(store, &s, 1), 1);
 }
 
+/* Promise(server/history-events-timing) */
 static void test_a_bin_holds_what_lies_within_it(void **state)
 {
     append_at(*state, 1, 99, 1000, APC_GOOD); /* before */
@@ -1087,6 +1098,10 @@ static int keep_event(void *ctx, const struct apc_event *e)
     return 0;
 }
 
+/*
+ * Promise(stores/plant-stands-every): What the plant is stands in every store, each text a revision; a
+ *   number says who wrote a row, and stays.
+ */
 static void test_the_catalogue_comes_with_the_tags_and_each_text_is_a_revision(void **state)
 {
     struct apc_store *store = *state;
@@ -1135,6 +1150,7 @@ static void test_the_catalogue_comes_with_the_tags_and_each_text_is_a_revision(v
     apc_store_close(other);
 }
 
+/* Promise(stores/plant-stands-every) */
 static void test_a_catalogue_of_many_bytes_is_whole_or_refused(void **state)
 {
     struct apc_store *store = *state;
@@ -1161,6 +1177,7 @@ static int keep_first(void *ctx, const struct apc_sample *s)
     return 1;
 }
 
+/* Promise(stores/plant-stands-every) */
 static void test_an_author_has_a_number_that_stays(void **state)
 {
     struct apc_store *store = *state, *other = stores_open();
@@ -1232,6 +1249,7 @@ static void test_events_come_back_in_order(void **state)
 }
 
 /* Every length of UTF-8 at both ends of what is well-formed, and just beyond. */
+/* Promise(run/text-way-out) */
 static void test_a_text_keeps_its_characters_and_no_other_byte(void **state)
 {
     static const struct {
@@ -1286,6 +1304,7 @@ static int keep_task(void *ctx, const struct apc_timing_row *row)
 
 /* Who writes, what is described, and which task was measured is shown in one line too; a catalogue has its
  * lines. */
+/* Promise(run/text-way-out) */
 static void test_names_are_one_line_that_shows_as_it_is(void **state)
 {
     struct apc_store *store = *state;
@@ -1566,6 +1585,7 @@ static void test_maintenance_goes_through_a_long_history(void **state)
     assert_int_equal(apc_store_maintain(store, &keep), 0);
 }
 
+/* Promise(stores/stores-suite) */
 static void test_maintenance_drops_what_is_old_and_keeps_the_newest_of_each_variable(void **state)
 {
     struct apc_store *store = *state;
@@ -1752,6 +1772,7 @@ static void test_each_operation_is_counted(void **state)
     counts(store, apc_store_maintain(store, &keep));
 }
 
+/* Promise(run/numbers-frames-csv) */
 static void test_a_comma_locale_changes_no_value(void **state)
 {
     if (!comma_locale()) {

@@ -206,6 +206,10 @@ static void every_truncation_is_refused(void **state)
 }
 
 /* Every byte at every place: what still decodes is a frame in its own right. */
+/*
+ * Promise(links/malformed-endless-slow): Malformed, endless or slow frames cost their sender the
+ *   connection, and nothing else.
+ */
 static void every_mutation_is_a_frame_or_refused(void **state)
 {
     char text[sizeof golden], again[sizeof golden + 64];
@@ -345,6 +349,7 @@ static void a_frame_beyond_the_limit_is_refused(void **state)
     assert_int_equal(decode(text, sizeof text, &frame, NULL, 0), APC_EPROTO);
 }
 
+/* Promise(run/numbers-frames-csv) */
 static void frames_do_not_follow_the_locale(void **state)
 {
     char text[512];

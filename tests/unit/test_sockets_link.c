@@ -222,6 +222,7 @@ static void a_peer_that_closes_is_no_reply(void **state)
 }
 
 /* As a plant does with a client that was replaced: it is not to be asked again at each tick. */
+/* Promise(run/goes-away-waited) */
 static void a_peer_that_refuses_is_left_alone_for_a_pause(void **state)
 {
     const struct apc_link_options options = {
@@ -337,6 +338,7 @@ static void a_peer_that_never_reads_cannot_hold_the_sender(void **state)
     close(listener);
 }
 
+/* Promise(run/goes-away-waited) */
 static void a_pause_follows_a_failed_connect(void **state)
 {
     const struct apc_link_options options = {
@@ -483,6 +485,7 @@ static void what_fails_is_said_and_leaves_nothing_open(void **state)
 }
 
 /* Where nothing of ours is on its way the peer reads an end, and no reset, of which servers have died. */
+/* Promise(links): A link is closed in order. */
 static void who_has_his_answer_closes_in_order(void **state)
 {
     struct peer p;

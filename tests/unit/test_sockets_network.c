@@ -41,6 +41,7 @@ static void a_perfect_network_delivers_at_once(void **state)
     apc_network_destroy(n);
 }
 
+/* Promise(simulation/network-models-delay) */
 static void a_constant_delay_and_jitter_add_up(void **state)
 {
     struct apc_network *n = make((struct apc_network_options){.delay = of("0.004"), .jitter = of("-0.001")});
@@ -72,6 +73,10 @@ static void what_takes_for_ever_does_not_arrive_at_once(void **state)
     apc_network_destroy(slow);
 }
 
+/*
+ * Promise(simulation/network-models-delay): The network's models: delay, jitter, loss, duplication,
+ *   reordering, bandwidth, outages.
+ */
 static void random_delays_have_their_mean(void **state)
 {
     static const struct {
@@ -99,6 +104,7 @@ static void random_delays_have_their_mean(void **state)
     }
 }
 
+/* Promise(simulation/network-models-delay) */
 static void frames_keep_their_order_unless_they_overtake(void **state)
 {
     struct apc_network *kept =
@@ -124,6 +130,7 @@ static void frames_keep_their_order_unless_they_overtake(void **state)
     apc_network_destroy(mixed);
 }
 
+/* Promise(simulation/network-models-delay) */
 static void loss_and_duplication_have_their_share(void **state)
 {
     struct apc_network *n =
@@ -157,6 +164,7 @@ static void certain_loss_and_none_are_exact(void **state)
     apc_network_destroy(none);
 }
 
+/* Promise(simulation/network-models-delay) */
 static void an_outage_loses_what_is_sent_in_it(void **state)
 {
     const struct apc_outage outages[] = {{2 * S, 3 * S}, {5 * S, 5 * S + 1}};
@@ -189,6 +197,7 @@ static void a_line_is_as_slow_at_every_time(void **state)
     }
 }
 
+/* Promise(simulation/network-models-delay) */
 static void bandwidth_makes_frames_wait_for_each_other(void **state)
 {
     struct apc_network *n = make((struct apc_network_options){.bandwidth = 8000, .delay = of("0.5")});
@@ -221,6 +230,7 @@ static void same_delays(struct apc_network_options a, struct apc_network_options
     apc_network_destroy(y);
 }
 
+/* Promise(simulation/seed-run-last) */
 static void changing_one_model_changes_no_other(void **state)
 {
     const struct apc_network_options plain = {.delay = of("gamma(0.7, 0.01)"), .seed = 11};
@@ -287,6 +297,7 @@ static void what_no_network_can_do_is_refused(void **state)
 
 /* A caller who was compiled when the struct was shorter has no room behind it, one who was when it is longer
  * has. */
+/* Promise(docs/struct-library-fills) */
 static void counts_fill_no_more_than_the_caller_has_room_for(void **state)
 {
     struct apc_network *network = make((struct apc_network_options){.seed = 1});

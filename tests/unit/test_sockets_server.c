@@ -266,6 +266,7 @@ static void half_a_frame_times_out_and_idleness_does_not(void **state)
 }
 
 /* More bytes do not buy more time. */
+/* Promise(links/malformed-endless-slow) */
 static void a_frame_that_trickles_for_ever_times_out(void **state)
 {
     const struct apc_server_options options = {.size = sizeof options, .frame_timeout = 50 * APC_NS_PER_MS};
@@ -284,6 +285,7 @@ static void a_frame_that_trickles_for_ever_times_out(void **state)
     stop(&p);
 }
 
+/* Promise(links/malformed-endless-slow) */
 static void a_frame_beyond_frame_max_is_rejected(void **state)
 {
     const struct apc_server_options options = {.size = sizeof options, .frame_max = 16};
@@ -315,6 +317,7 @@ static void an_error_of_the_handler_closes_that_connection_only(void **state)
     stop(&p);
 }
 
+/* Promise(links/malformed-endless-slow) */
 static void a_client_that_never_reads_is_closed_and_holds_nobody_up(void **state)
 {
     const struct apc_server_options options = {
@@ -422,6 +425,7 @@ static void connections_beyond_the_cap_are_closed_at_once_while_all_others_are_i
     stop(&p);
 }
 
+/* Promise(links/malformed-endless-slow) */
 static void whoever_only_connects_cannot_lock_the_client_out(void **state)
 {
     struct plant p;
@@ -525,6 +529,7 @@ static void destroy_ends_connections_and_calls(void **state)
     stop(&p);
 }
 
+/* Promise(links/plant-listens-beyond): The plant listens beyond its host only when told so by name. */
 static void only_loopback_is_listened_on_unless_allowed_by_name(void **state)
 {
     struct apc_server_options options = {.size = sizeof options};
@@ -637,6 +642,7 @@ static void the_answer_knows_who_asks_and_is_not_interrupted(void **state)
 }
 
 /* Whoever sent something and left can still be named. */
+/* Promise(modes/command-whatever-number) */
 static void the_address_of_a_closed_connection_is_told(void **state)
 {
     struct plant p;

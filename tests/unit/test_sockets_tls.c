@@ -344,6 +344,11 @@ static void frames_of_any_size_pass_in_pieces_of_any_size(void **state)
     close_plant(p);
 }
 
+/*
+ * Promise(links/tls-nobody-heard): Over `tls:` nobody is heard but a client that the plant was told of,
+ *   with a good certificate of its authority, by TLS 1.3; no plant is told a word that does not prove its
+ *   host.
+ */
 static void a_client_with_a_wrong_certificate_never_gets_a_word_in(void **state)
 {
     static const struct {
@@ -376,6 +381,7 @@ static void a_client_with_a_wrong_certificate_never_gets_a_word_in(void **state)
     close_plant(p);
 }
 
+/* Promise(links/tls-nobody-heard) */
 static void a_plant_with_a_wrong_certificate_is_never_told_a_word(void **state)
 {
     static const struct {
@@ -460,6 +466,7 @@ static bool gets_in(int port, const char *identity, int version)
     return in_there;
 }
 
+/* Promise(links/tls-nobody-heard) */
 static void without_a_certificate_or_with_an_old_protocol_nobody_gets_in(void **state)
 {
     struct plant *p = open_plant("ours/plant.pem", PATIENCE);
@@ -494,6 +501,7 @@ static void *serve_old(void *arg)
     return NULL;
 }
 
+/* Promise(links/tls-nobody-heard) */
 static void a_plant_of_an_old_protocol_is_refused(void **state)
 {
     struct sockaddr_in at = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
@@ -515,6 +523,10 @@ static void a_plant_of_an_old_protocol_is_refused(void **state)
 
 /* ---- Nobody in anybody's way -------------------------------------------------------------------- */
 
+/*
+ * Promise(links/handshake-stalls-crowd): A handshake that stalls, and a crowd of strangers, hold nobody up;
+ *   who cannot wait for a handshake finds it done.
+ */
 static void a_handshake_that_stalls_ends_and_holds_nobody_up(void **state)
 {
     struct plant *p = open_plant("ours/plant.pem", 2 * APC_NS_PER_S);
@@ -537,6 +549,7 @@ static void a_handshake_that_stalls_ends_and_holds_nobody_up(void **state)
     close_plant(p);
 }
 
+/* Promise(links/handshake-stalls-crowd) */
 static void strangers_cannot_lock_the_client_out(void **state)
 {
     enum { CROWD = 40 };
@@ -562,6 +575,10 @@ static void strangers_cannot_lock_the_client_out(void **state)
 
 /* Its own pieces are small enough for malloc's cache of a thread, which knows neither locks nor the kernel.
  */
+/*
+ * Promise(links/nothing-tick-allocates): Nothing in a tick allocates, but for small pieces that OpenSSL
+ *   takes for a frame of `tls:` and gives back at once.
+ */
 static void an_exchange_keeps_no_memory_and_takes_small_pieces_only(void **state)
 {
     enum { EXCHANGES = 1000, CACHED = 1032 };
@@ -583,6 +600,7 @@ static void an_exchange_keeps_no_memory_and_takes_small_pieces_only(void **state
 }
 
 /* A task that cannot wait leaves with its own deadline; the connection is there for the next one. */
+/* Promise(links/handshake-stalls-crowd) */
 static void who_cannot_wait_for_the_handshake_finds_it_done(void **state)
 {
     struct plant *p = open_plant("ours/plant.pem", PATIENCE);
@@ -600,6 +618,10 @@ static void who_cannot_wait_for_the_handshake_finds_it_done(void **state)
 
 /* ---- Time goes by -------------------------------------------------------------------------------- */
 
+/*
+ * Promise(links/certificate-expires-said): A certificate that expires is said ahead of time, ends no
+ *   connection and begins none; a new file is taken up, a broken one is not.
+ */
 static void what_expires_ends_no_connection_and_begins_none(void **state)
 {
     struct plant *p = open_plant("ours/plant.pem", PATIENCE);
@@ -620,6 +642,7 @@ static void what_expires_ends_no_connection_and_begins_none(void **state)
     close_plant(p);
 }
 
+/* Promise(links/certificate-expires-said) */
 static void a_new_certificate_is_taken_up_and_a_broken_file_is_not(void **state)
 {
     struct plant *p = open_plant("ours/plant.pem", PATIENCE);
@@ -649,6 +672,7 @@ static void a_new_certificate_is_taken_up_and_a_broken_file_is_not(void **state)
 
 /* The file of a plant becomes another good identity: whoever commands the plant must get in afterwards too.
  */
+/* Promise(links/certificate-expires-said) */
 static void an_identity_that_peers_would_not_take_for_the_same_is_left_alone(void **state)
 {
     static const struct {
@@ -693,6 +717,7 @@ static void an_identity_that_peers_would_not_take_for_the_same_is_left_alone(voi
 }
 
 /* Both authorities, then the new one's certificate, then the new one alone: nobody is ever shut out. */
+/* Promise(links/certificate-expires-said) */
 static void an_authority_is_changed_in_three_steps(void **state)
 {
     struct apc_error why;
@@ -713,6 +738,7 @@ static void an_authority_is_changed_in_three_steps(void **state)
     apc_identity_free(identity);
 }
 
+/* Promise(links/certificate-expires-said) */
 static void an_end_beyond_all_years_is_no_end_and_not_one_of_the_past(void **state)
 {
     const time_t now = time(NULL);
@@ -788,6 +814,10 @@ static void without_an_identity_or_a_client_there_is_no_tls(void **state)
     apc_identity_free(identity);
 }
 
+/*
+ * Promise(links/apc-cert-makes): What `apc cert` makes is its owner's, whole or not at all, and in the
+ *   place of nothing.
+ */
 static void keys_are_their_owners_and_nothing_is_overwritten(void **state)
 {
     static const char *const hosts[] = {"plant", "10.0.0.7", "::1"};

@@ -448,6 +448,10 @@ static void child_without_privileges(const char *executive, int fd)
     work_with_everything_asked_for(executive, fd);
 }
 
+/*
+ * Promise(run/sched-fifo-locked-memory): SCHED_FIFO, locked memory and latency hold where they are
+ *   permitted; one line of the log where not.
+ */
 static void refused_privileges_are_one_log_line_each_and_no_failure(void **state)
 {
     char text[4096];
@@ -461,6 +465,7 @@ static void refused_privileges_are_one_log_line_each_and_no_failure(void **state
     assert_non_null(strstr(text, "none is locked"));
 }
 
+/* Promise(run/sched-fifo-locked-memory) */
 static void memory_is_locked_and_latency_held_where_that_is_allowed(void **state)
 {
     char text[4096];

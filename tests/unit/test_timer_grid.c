@@ -108,6 +108,7 @@ static void resume_is_later_than_the_tick_that_ran_and_not_before_now(void **sta
 }
 
 /* The life of a task under random delays, by the two rules alone. */
+/* Promise(run/callbacks-never-overlap) */
 static void every_tick_up_to_due_is_run_or_missed_and_calls_are_in_time(void **state)
 {
     uint64_t random = seed();

@@ -146,6 +146,10 @@ static void calls_lie_on_the_grid_and_the_numbers_add_up(void **state)
     tear_down(b);
 }
 
+/*
+ * Promise(run/callbacks-never-overlap): Callbacks never overlap or run after stop; every missed tick is
+ *   counted, also of a daemon that was not there.
+ */
 static void a_task_never_overlaps_itself_and_counts_what_it_missed(void **state)
 {
     struct bench *b = set_up(*state, (struct apc_task_options){.period = 5 * MS}, NULL);
@@ -197,6 +201,7 @@ static void ten_ticks_missed_in_a_row_are_an_alarm_seen_while_it_lasts(void **st
     tear_down(b);
 }
 
+/* Promise(simulation/execution-jitter-overrun) */
 static void burst_runs_every_tick_in_turn(void **state)
 {
     struct bench *b =
@@ -282,6 +287,7 @@ static void stop_interrupts_a_long_period_and_may_be_repeated(void **state)
     tear_down(b);
 }
 
+/* Promise(experiment/schedule-keeps-last) */
 static void a_start_in_the_future_is_the_instant_of_tick_0(void **state)
 {
     apc_ns at = apc_clock_mono(NULL) + 300 * MS;
@@ -323,6 +329,7 @@ static apc_ns steady_utc(void *ctx)
     return apc_clock_mono(NULL) + *(const apc_ns *)ctx;
 }
 
+/* Promise(experiment/schedule-keeps-last) */
 static void aligned_tasks_tick_on_the_wall_clocks_grid_and_agree_on_the_index(void **state)
 {
     const apc_ns period = 50 * MS, phase = 7 * MS, tolerance = 5 * MS;
@@ -503,6 +510,7 @@ static void seventy_tasks_share_an_executive(void **state)
     free(r);
 }
 
+/* Promise(run): A spinning task keeps its grid and its share of a CPU. */
 static void a_spinning_task_keeps_its_grid_and_its_bounds(void **state)
 {
     const apc_ns periods[] = {20 * APC_NS_PER_US, MS, 20 * MS};
@@ -569,6 +577,7 @@ static int race(void *ctx, const struct apc_tick *tick)
 }
 
 /* APC_TEST_STOPS=100000 for a long run. */
+/* Promise(run/callbacks-never-overlap) */
 static void no_callback_runs_after_stop_whenever_it_comes(void **state)
 {
     const char *given = getenv("APC_TEST_STOPS");

@@ -190,6 +190,7 @@ static void an_event_of_now_comes_before_those_of_higher_rank(void **state)
 
 /* ---- Execution times ---- */
 
+/* Promise(simulation/execution-jitter-overrun): Execution, jitter, overrun, clock of the tasks. */
 static void what_a_callback_made_takes_effect_at_its_end(void **state)
 {
     struct apc_executive *e = make();
@@ -216,6 +217,7 @@ static void what_a_callback_made_takes_effect_at_its_end(void **state)
     apc_executive_destroy(e);
 }
 
+/* Promise(simulation/execution-jitter-overrun) */
 static void an_overrun_follows_its_policy(void **state)
 {
     static const struct {
@@ -278,6 +280,7 @@ static void a_task_that_returns_nonzero_has_ended(void **state)
 
 /* ---- Jitter ---- */
 
+/* Promise(simulation/execution-jitter-overrun) */
 static void jitter_delays_ticks_and_moves_no_grid(void **state)
 {
     struct apc_executive *e = make();
@@ -337,6 +340,7 @@ static void run_beside(struct apc_distribution other, char *out)
     apc_executive_destroy(e);
 }
 
+/* Promise(simulation/seed-run-last) */
 static void a_seed_repeats_and_models_do_not_disturb_each_other(void **state)
 {
     static char first[TRACE], again[TRACE], beside[TRACE];
@@ -351,6 +355,7 @@ static void a_seed_repeats_and_models_do_not_disturb_each_other(void **state)
 
 /* ---- The clock ---- */
 
+/* Promise(simulation/execution-jitter-overrun) */
 static void the_wall_clock_steps_and_drifts_and_ticks_stay(void **state)
 {
     struct apc_executive *e = make();

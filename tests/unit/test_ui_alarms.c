@@ -172,6 +172,7 @@ static void a_store_without_alarms_has_none(void **state)
     apc_store_close(empty);
 }
 
+/* Promise(page/alarm-acknowledged) */
 static void figures_count_them(void **state)
 {
     (void)state;
@@ -329,6 +330,7 @@ static void what_is_acknowledged_is_confirmed_and_on_record(void **state)
     assert_true(answered("\"state\":\"applied\""));
 }
 
+/* Promise(page/alarm-acknowledged) */
 static void a_reason_is_on_record(void **state)
 {
     struct apc_event event = {0};
@@ -339,6 +341,7 @@ static void a_reason_is_on_record(void **state)
     assert_string_equal(event.text, "y.high: acknowledged (from 10.0.0.7): valve 3 stuck");
 }
 
+/* Promise(alarms/acknowledge-once-told) */
 static void of_two_who_acknowledge_one_does_and_the_other_is_told(void **state)
 {
     (void)state;
@@ -402,6 +405,7 @@ static void shelving_has_an_end_and_is_of_what_was_seen(void **state)
     assert_state(0, "One-shot Shelved, Active");
 }
 
+/* Promise(page/alarm-acknowledged) */
 static void what_is_out_of_service_says_nothing_until_it_is_in_again(void **state)
 {
     struct apc_event event = {0};
@@ -423,6 +427,7 @@ static void what_is_out_of_service_says_nothing_until_it_is_in_again(void **stat
     assert_state(0, "Unacknowledged Active");
 }
 
+/* Promise(page/reason-goes-write) */
 static void what_makes_no_sense_writes_nothing(void **state)
 {
     struct apc_sample wish = {.table = APC_OPMODE, .id = apc_alarm_switch_id(APC_ALARM_ACK, 1)};
@@ -528,6 +533,10 @@ static void a_zipped_plant_is_the_one_there_is_now(void **state)
     alarm_watch_free(&watch);
 }
 
+/*
+ * Promise(alarms/alarms-every-screen): Alarms are on every screen as soon as they move, the most urgent
+ *   first; how they stand is in the state of each stream, and nothing is told twice.
+ */
 static void what_moves_is_told_once_and_is_in_the_state(void **state)
 {
     struct alarm_watch watch = {0};
@@ -557,6 +566,7 @@ static void what_moves_is_told_once_and_is_in_the_state(void **state)
     alarm_watch_free(&watch);
 }
 
+/* Promise(alarms/alarms-every-screen) */
 static void the_end_of_shelving_may_move_without_a_transition(void **state)
 {
     struct alarm_watch watch = {0};
@@ -576,6 +586,7 @@ static void the_end_of_shelving_may_move_without_a_transition(void **state)
     alarm_watch_free(&watch);
 }
 
+/* Promise(alarms/alarms-every-screen) */
 static void who_was_described_anew_is_told_anew(void **state)
 {
     struct alarm_watch watch = {0};

@@ -103,6 +103,7 @@ static void a_refusal_says_who_whence_what_and_why(void **state)
     assert_string_equal(events[1].text, "refused: /api/mode from 10.0.0.8: please log in");
 }
 
+/* Promise(server/every-write-every) */
 static void a_flood_of_refusals_leaves_a_few_rows_and_its_number(void **state)
 {
     (void)state;
@@ -121,6 +122,7 @@ static void a_flood_of_refusals_leaves_a_few_rows_and_its_number(void **state)
     assert_int_equal(count("otto"), 6);
 }
 
+/* Promise(server/every-write-every) */
 static void strangers_of_any_number_push_no_user_out(void **state)
 {
     char address[32], name[16];

@@ -75,6 +75,10 @@ static void the_record_shows_every_digit(void **state)
     }
 }
 
+/*
+ * Promise(page/reason-goes-write): A reason goes with a write into the record, and with no other; one too
+ *   long is refused before anything is written.
+ */
 static void a_reason_is_on_record_with_every_kind_of_write(void **state)
 {
     static const struct {
@@ -156,6 +160,7 @@ static void an_output_is_the_operators_in_man_only(void **state)
     assert_int_equal(refused(post_output, "{\"id\":3,\"value\":-101,\"seq\":1}"), 422);
 }
 
+/* Promise(server/loops-their-controllers) */
 static void a_mode_is_written_to_its_loop_and_no_other(void **state)
 {
     static const char *const wrong[] = {"{\"id\":0,\"mode\":\"Man\",\"seq\":0}",
@@ -181,6 +186,7 @@ static void a_mode_is_written_to_its_loop_and_no_other(void **state)
         assert_true(refused(post_mode, wrong[i]) >= 400);
 }
 
+/* Promise(server/loops-their-controllers) */
 static void a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said(void **state)
 {
     int64_t seq;
@@ -215,6 +221,10 @@ static void a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said
 }
 
 /* r2 is the scheduler's. */
+/*
+ * Promise(server/setpoint-operator-took): A setpoint that an operator took from the scheduler is Local on
+ *   the page, and given back there; it is applied once the scheduler has written the step that is due.
+ */
 static void a_setpoint_that_was_taken_is_given_back_to_the_scheduler(void **state)
 {
     const int owner = LOOPS_OWNER(2);
@@ -301,6 +311,10 @@ static void a_stale_write_is_told_what_is_newer(void **state)
         strstr(extra, "\"tuning.1\":[1,1.000000,1.5,\"Good\"],\"tuning.2\":[2,1.000000,3.5,\"Good\"]}"));
 }
 
+/*
+ * Promise(server/key-stands-write)
+ * Promise(page/write-not-come)
+ */
 static void what_became_of_a_write_is_known_by_its_key(void **state)
 {
     (void)state;
@@ -336,6 +350,7 @@ static void what_became_of_a_write_is_known_by_its_key(void **state)
     assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":3,\"seq\":1,\"key\":\"short\"}"), 400);
 }
 
+/* Promise(server/every-status-code) */
 static void too_many_writes_at_once_have_to_wait(void **state)
 {
     char body[100];

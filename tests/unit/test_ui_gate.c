@@ -128,6 +128,7 @@ static void say_all(void)
     say("Content-Length", "10");
 }
 
+/* Promise(server/headers-protect-csrf) */
 static void a_request_with_all_it_takes_passes(void **state)
 {
     (void)state;
@@ -148,6 +149,7 @@ static void a_request_with_all_it_takes_passes(void **state)
     assert_int_equal(refused("POST", "/api/setpoint"), 0);
 }
 
+/* Promise(server/every-status-code) */
 static void each_thing_amiss_is_a_refusal_by_itself(void **state)
 {
     static const struct {
@@ -248,6 +250,10 @@ static void a_token_is_as_good_as_its_role(void **state)
     }
 }
 
+/*
+ * Promise(server/token-ended-opens): A token that has ended opens nothing, and what it holds open ends with
+ *   it.
+ */
 static void a_token_that_has_ended_opens_nothing(void **state)
 {
     char bearer[200];
@@ -286,6 +292,10 @@ static bool documented(const char *document, const struct route *r, enum role ro
     return yes;
 }
 
+/*
+ * Promise(server/every-route-opens): Every route opens to the roles that its row of the table says, and to
+ *   no other.
+ */
 static void the_table_of_roles_is_what_the_gate_does(void **state)
 {
     static const char *const names[] = {"nobody", "reader", "writer", "tuner"};
@@ -318,6 +328,7 @@ static void the_table_of_roles_is_what_the_gate_does(void **state)
     assert_int_equal(rows, n_routes); /* and none that there is not */
 }
 
+/* Promise(server/headers-protect-csrf) */
 static void cookies_are_named_by_port_and_bound_to_the_host_under_tls(void **state)
 {
     char name[COOKIE_NAME];

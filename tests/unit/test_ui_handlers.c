@@ -6,6 +6,10 @@
 #include "figures/figures.h"
 #include "ui_plant.h"
 
+/*
+ * Promise(server/stale-running-reason): Stale, running, reason, safe: by ticks and events, not by what was
+ *   written last.
+ */
 static void what_never_came_but_should_is_stale(void **state)
 {
     (void)state;
@@ -22,6 +26,7 @@ static void what_never_came_but_should_is_stale(void **state)
     assert_false(stale("sensor.1"));
 }
 
+/* Promise(server/stale-running-reason) */
 static void a_controller_is_judged_by_its_own_ticks(void **state)
 {
     (void)state;
@@ -72,6 +77,7 @@ static void out_of_service_writes_nothing_and_runs_all_the_same(void **state)
     assert_non_null(strstr(ask_text(get_readyz), "scheduler: no tick reported for 15."));
 }
 
+/* Promise(server/stale-running-reason) */
 static void why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts(void **state)
 {
     (void)state;
@@ -110,6 +116,7 @@ static void why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts(vo
     assert_string_equal(control("reasons"), "{\"3\": \"what takes its output is not ready for it\"}");
 }
 
+/* Promise(server/stale-running-reason) */
 static void the_plant_at_its_safe_value_stands_until_it_takes_commands(void **state)
 {
     (void)state;
@@ -153,6 +160,7 @@ static void of_an_external_plant_its_client_says_whether_it_is_commanded(void **
     assert_string_equal(control("safe"), "true");
 }
 
+/* Promise(server/stale-running-reason) */
 static void ready_is_what_ticks(void **state)
 {
     (void)state;
@@ -174,6 +182,7 @@ static void ready_is_what_ticks(void **state)
     assert_int_equal(request.status, 503);
 }
 
+/* Promise(server/stale-running-reason) */
 static void a_thread_that_goes_round_no_more_is_not_alive(void **state)
 {
     (void)state;
@@ -188,6 +197,7 @@ static void a_thread_that_goes_round_no_more_is_not_alive(void **state)
     }
 }
 
+/* Promise(server/metrics-diagnostics) */
 static void a_link_is_there_before_it_ever_changed(void **state)
 {
     (void)state;
@@ -216,6 +226,10 @@ static json_t *history_of_state(json_t **whole)
     return json_object_get(*whole, "history");
 }
 
+/*
+ * Promise(page/how-far-history): How far the history is behind the live store, or that it is away: state,
+ *   stream, metrics, and quietly on the page.
+ */
 static void how_far_the_history_is_behind_is_said_where_there_is_one(void **state)
 {
     json_t *whole, *history = history_of_state(&whole);
@@ -268,6 +282,7 @@ static void how_far_the_history_is_behind_is_said_where_there_is_one(void **stat
     assert_null(strstr(metrics, "apc_history_behind"));
 }
 
+/* Promise(server/metrics-diagnostics): Metrics and diagnostics. */
 static void process_values_are_in_the_metrics(void **state)
 {
     (void)state;
@@ -317,6 +332,7 @@ static struct task *a_task(size_t i, const char *name)
     return task;
 }
 
+/* Promise(server/metrics-diagnostics) */
 static void what_tasks_report_is_in_the_metrics(void **state)
 {
     (void)state;
@@ -371,6 +387,7 @@ static void what_the_server_does_itself_is_in_the_metrics(void **state)
     has(metrics, "apc_ui_clients 0\n");
 }
 
+/* Promise(server/metrics-diagnostics) */
 static void diagnostics_say_how_each_part_is(void **state)
 {
     (void)state;
@@ -491,6 +508,10 @@ static const char *loop_json(size_t i, const char *member)
     return text;
 }
 
+/*
+ * Promise(server/loops-their-controllers): Loops, their controllers, modes and the loop above; a mode goes
+ *   to its loop; a setpoint is taken from the loop above and that is said, before and after.
+ */
 static void each_loop_has_its_controller_its_modes_and_the_loop_above(void **state)
 {
     (void)state;
@@ -521,6 +542,7 @@ static void each_loop_has_its_controller_its_modes_and_the_loop_above(void **sta
     assert_null(strstr(ask_text(get_plant), "opmode.0")); /* the mode of all is no loop's */
 }
 
+/* Promise(modes/record-figure-run) */
 static void who_goes_along_is_said_and_what_it_would_put_out(void **state)
 {
     (void)state;

@@ -265,6 +265,7 @@ static void what_is_not_there_is_said(void **state)
     files_free(none);
 }
 
+/* Promise(page/logs-form-comes) */
 static void every_answer_carries_what_protects_it(void **state)
 {
     static const char *const heads[][2] = {{"X-Content-Type-Options", "nosniff"},
@@ -294,6 +295,7 @@ static void every_answer_carries_what_protects_it(void **state)
 
 /* ---- Strangers ---------------------------------------------------------------------------- */
 
+/* Promise(page/logs-form-comes) */
 static void a_person_who_asks_for_the_page_gets_the_form_and_a_program_does_not(void **state)
 {
     struct http_reply reply;

@@ -275,6 +275,7 @@ static void what_is_wrong_with_a_body_is_said(void **state)
     json_decref(body);
 }
 
+/* Promise(server/client-made-openapi) */
 static void a_whole_number_may_be_written_with_a_point(void **state)
 {
     static const struct {
@@ -519,6 +520,10 @@ static void write_file(const char *folder, const char *name, const char *text)
     fclose(file);
 }
 
+/*
+ * Promise(server/page-files-folder): The page's files: only what is in the folder, revalidated or kept for
+ *   a year, zipped; long answers are zipped as well.
+ */
 static void only_what_lies_in_the_folder_is_served(void **state)
 {
     char folder[] = "/tmp/apc-files.XXXXXX", inner[64], text[2000], command[80];

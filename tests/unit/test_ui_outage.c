@@ -133,6 +133,7 @@ static char *setpoint(double value, const char *key)
     return body;
 }
 
+/* Promise(server/every-status-code) */
 static void while_it_is_away_the_page_is_told_and_nothing_is_written(void **state)
 {
     json_t *json;
@@ -163,6 +164,7 @@ static void while_it_is_away_the_page_is_told_and_nothing_is_written(void **stat
 
 /* The commit waits for a standby that is not there, longer than the daemon does: nobody knows what will
  * become of it. */
+/* Promise(server/every-status-code) */
 static void a_commit_without_an_answer_is_unknown_and_settles_by_itself(void **state)
 {
     json_t *json;
@@ -199,6 +201,7 @@ static void a_commit_without_an_answer_is_unknown_and_settles_by_itself(void **s
         "r: 5 -> 20, outcome unknown (from 127.0.0.1)"));
 }
 
+/* Promise(stores/loop-would-read) */
 static void in_a_history_nothing_is_written(void **state)
 {
     json_t *json;

@@ -51,6 +51,10 @@ static void what_a_law_does_not_publish_now_is_old_and_no_alarm(void **state)
     json_decref(all);
 }
 
+/*
+ * Promise(server/history-events-timing): History, events and timing: limits, `before`, bins, several at
+ *   once, filters.
+ */
 static void history_is_given_by_name_for_several_at_once(void **state)
 {
     (void)state;
@@ -86,6 +90,7 @@ static void history_is_given_by_name_for_several_at_once(void **state)
     json_decref(all);
 }
 
+/* Promise(page/drawing-shows-signals) */
 static void the_drawing_is_given_as_it_is_and_must_not_run(void **state)
 {
     const char *text = "<svg onload=\"alert(1)\"/>";
@@ -108,6 +113,7 @@ static void the_drawing_is_given_as_it_is_and_must_not_run(void **state)
     text_free(&ui->graphic);
 }
 
+/* Promise(page/drawing-shows-signals) */
 static void a_drawing_has_at_most_a_mebibyte(void **state)
 {
     char path[] = "/tmp/apc-graphic.XXXXXX", part[1 << 16];
@@ -133,6 +139,7 @@ static void a_drawing_has_at_most_a_mebibyte(void **state)
     unlink(path);
 }
 
+/* Promise(server/history-events-timing) */
 static void a_name_that_two_have_is_nobodys(void **state)
 {
     (void)state;
@@ -171,6 +178,7 @@ static void in_form(const char *form)
     query[9] = form;
 }
 
+/* Promise(server/past-values-csv): Past values as CSV and as binary columns, of what JSON gives. */
 static void history_comes_as_csv_of_all_that_was_asked_for(void **state)
 {
     struct apc_sample bad = {.table = APC_SENSOR,
@@ -249,6 +257,7 @@ static json_t *take_apart(const unsigned char **data, size_t *n_data)
     return json_loadb((const char *)reply + 4, n, 0, NULL);
 }
 
+/* Promise(server/past-values-csv) */
 static void history_comes_as_binary_columns(void **state)
 {
     const unsigned char *data;
@@ -356,6 +365,7 @@ static size_t events(const char *const *q, size_t n, char first[32], bool *more)
     return found;
 }
 
+/* Promise(server/history-events-timing) */
 static void the_newest_events_are_found_however_many_lie_on_top(void **state)
 {
     char first[32];
@@ -398,6 +408,7 @@ static void exactly_as_many_events_as_asked_for_are_all(void **state)
     assert_int_equal(events(grave, 2, first, &more), 0);
 }
 
+/* Promise(server/history-events-timing) */
 static void timing_is_put_together_by_task_and_against_time(void **state)
 {
     (void)state;
@@ -476,6 +487,7 @@ static void timing_is_asked_for_in_one_way(void **state)
     assert_int_equal(request.fault.http, 0);
 }
 
+/* Promise(server/history-events-timing) */
 static void what_stood_before_the_window_is_told(void **state)
 {
     (void)state;
@@ -498,6 +510,7 @@ static void what_stood_before_the_window_is_told(void **state)
     json_decref(json);
 }
 
+/* Promise(server/history-events-timing) */
 static void a_bad_sample_is_counted_and_not_averaged(void **state)
 {
     struct apc_sample s[] = {{.table = APC_SENSOR, .id = 1, .seq = 1, .time = 1000 * S, .value = 4},
@@ -531,6 +544,7 @@ static void a_bad_sample_is_counted_and_not_averaged(void **state)
     json_decref(json);
 }
 
+/* Promise(laws/predictive-law-expected) */
 static void what_was_expected_stands_beside_what_came(void **state)
 {
     double value[] = {1.5, 2.5, 3.5};
@@ -606,6 +620,7 @@ static double figure_of(const json_t *json, const char *list, const char *name)
     return json_number_value(json_object_get(json_array_get(json_object_get(json, list), 0), name));
 }
 
+/* Promise(laws/time-service-limits) */
 static void what_the_controllers_were_worth_is_told(void **state)
 {
     static const char *const day[10] = {"since", "1000", "until", "87400"},

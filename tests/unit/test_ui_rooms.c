@@ -68,6 +68,10 @@ static void visit(int many, const char *address, apc_ns now)
         come(address, now);
 }
 
+/*
+ * Promise(server/rooms-shares-stranger): Rooms and shares: no stranger or session keeps others out; slow
+ *   ones end.
+ */
 static void many_of_one_address_cost_only_each_other(void **state)
 {
     (void)state;
@@ -82,6 +86,7 @@ static void many_of_one_address_cost_only_each_other(void **state)
     assert_true(is_open(&visitors[n - 1])); /* who came last can ask */
 }
 
+/* Promise(server/rooms-shares-stranger) */
 static void strangers_of_many_addresses_cost_the_oldest_stranger_only(void **state)
 {
     char address[32];
@@ -124,6 +129,7 @@ static void where_all_are_being_answered_the_newcomer_goes(void **state)
         assert_true(is_open(&visitors[i]));
 }
 
+/* Promise(server/rooms-shares-stranger) */
 static void a_session_has_a_share_of_the_room(void **state)
 {
     (void)state;
@@ -153,6 +159,7 @@ static void there_are_no_more_members_than_places(void **state)
     assert_true(is_open(&visitors[1]));
 }
 
+/* Promise(server/rooms-shares-stranger) */
 static void strangers_have_to_ask_soon(void **state)
 {
     (void)state;
@@ -240,6 +247,7 @@ static bool own_when_made_by(uid_t uid)
     return own;
 }
 
+/* Promise(server/without-users-user) */
 static void a_process_of_this_user_is_known_and_another_is_not(void **state)
 {
     (void)state;

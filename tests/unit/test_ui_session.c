@@ -165,6 +165,7 @@ static void a_token_is_known_by_its_secret_only(void **state)
     users_free(&tokens);
 }
 
+/* Promise(server/token-ended-opens) */
 static void a_token_ends_at_its_time_and_not_before(void **state)
 {
     const apc_ns last = INT64_MAX / S * S; /* that apc_ns can tell */
@@ -273,6 +274,7 @@ static void secrets_are_compared_whole_and_random(void **state)
     assert_int_equal(random_text(text, 65), APC_ESYS);
 }
 
+/* Promise(server/failed-logins-pause) */
 static void a_device_is_of_one_user_and_one_password(void **state)
 {
     struct user one = {.name = "anna", .hash = "$argon2id$1"},
@@ -337,6 +339,7 @@ static void a_session_is_found_by_its_token_only(void **state)
     assert_true(session_find(&sessions, b.token, 2 * S, &found));
 }
 
+/* Promise(server/failed-logins-pause) */
 static void it_ends_without_use_and_at_last_in_any_case(void **state)
 {
     struct session s, found;
@@ -391,6 +394,7 @@ static void who_is_gone_or_changed_loses_his_sessions(void **state)
     assert_false(session_find(&sessions, a.token, S, &found));
 }
 
+/* Promise(server/failed-logins-pause) */
 static void who_logs_in_again_and_again_loses_his_own_sessions_only(void **state)
 {
     const struct user otto = {.name = "otto", .role = ROLE_OBSERVER, .hash = "$argon2id$2"};
@@ -405,6 +409,7 @@ static void who_logs_in_again_and_again_loses_his_own_sessions_only(void **state
     assert_true(session_find(&sessions, last.token, 4 * S, &found));
 }
 
+/* Promise(server/token-ended-opens) */
 static void a_machine_has_one_session_as_long_as_its_token_stands(void **state)
 {
     struct user token = {.name = "grafana", .role = ROLE_OBSERVER, .hash = "$argon2id$4"};
@@ -460,6 +465,10 @@ static void writes_are_limited_to_their_rate_after_a_burst(void **state)
 
 static struct backoff backoff;
 
+/*
+ * Promise(server/failed-logins-pause): Failed logins pause by name and address, and lock nobody else out;
+ *   sessions end; a user has 32.
+ */
 static void each_failure_beyond_those_allowed_doubles_the_pause(void **state)
 {
     const apc_ns pauses[] = {0, 0, 0, 1, 2, 4, 8, 16, 32, 60, 60, 60};

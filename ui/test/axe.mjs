@@ -35,6 +35,8 @@ for (const colorScheme of ["light", "dark"])
   for (const width of [1280, 400]) {
     const looks = {colorScheme, viewport: {width, height: 800}};
 
+    // Promise(page/page-accessible-screen): The page is accessible (axe) on each screen, whatever its state: a write
+    //   failed, controller stopped, database away, disconnected, logged out, nothing known yet.
     test(`no violation, ${colorScheme}, ${width} pixels`, PATIENCE, async () => {
       const page = await open(browser, "overview", looks);
       for (const screen of screens) {
@@ -56,6 +58,7 @@ for (const colorScheme of ["light", "dark"])
     });
 
     // Colours are the same however wide it is.
+    // Promise(page/page-accessible-screen)
     test(`no violation in trouble, ${colorScheme}, ${width} pixels`, {...PATIENCE, skip: colorScheme === "dark" && width < 750}, async t => {
       const fake = await new Fake().start();
       t.after(() => fake.stop());
@@ -133,6 +136,7 @@ for (const colorScheme of ["light", "dark"])
       await page.context().close();
     });
 
+    // Promise(page/page-accessible-screen)
     test(`no violation on a wall, ${colorScheme}, ${width} pixels`, PATIENCE, async () => {
       const page = await open(browser, "overview", {...looks, query: "?wall"});
       await page.locator("main .value").first().waitFor();

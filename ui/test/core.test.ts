@@ -93,6 +93,7 @@ test("durations have the unit that fits", () => {
   for (const [seconds, text] of periods) assert.equal(period(seconds), text);
 });
 
+// Promise(page/two-fingers-draw): Two fingers draw a trend out and along.
 test("two fingers hold two times of a trend", () => {
   const w = {live: false, span: 100, to: 1000};
   assert.deepEqual(pinch(w, [925, 975], [0.25, 0.75], 2000), w, "nothing has moved");
@@ -103,6 +104,7 @@ test("two fingers hold two times of a trend", () => {
   assert.equal(pinch(w, [925, 975], [0.5, 0.5], 2000).span, 31 * 86400);
 });
 
+// Promise(page): What a part of the plant says again and again is one line among the newest events, with how often.
 test("what is said again and again is told once, what people did each by itself", () => {
   const event = (time: number, kind: string, text: string, source = "apc-historian"): PlantEvent => ({time, severity: 2, source, kind, text});
   const told = folded([
@@ -119,6 +121,7 @@ test("times are UTC", () => {
   assert.equal(iso(0.5), "1970-01-01T00:00:00.500000Z");
 });
 
+// Promise(page/times-zone-chosen): Times are those of a zone that is chosen; files stay in UTC.
 test("times are those of another zone, where one is chosen; a CSV stays in UTC", () => {
   chooseZone("Europe/Berlin");
   const [winter, summer, autumn] = [Date.UTC(2025, 0, 31, 23, 30) / 1000, Date.UTC(2025, 6, 1, 12) / 1000, Date.UTC(2025, 9, 26, 0, 30) / 1000];
@@ -136,6 +139,8 @@ test("times are those of another zone, where one is chosen; a CSV stays in UTC",
   assert.deepEqual([fromUntil(summer, summer + 600), fromUntil(summer, summer + 86400)], ["2025-07-01 12:00:00 – 12:10:00 UTC", "2025-07-01 12:00:00 – 2025-07-02 12:00:00 UTC"]);
 });
 
+// Promise(page/expected-stands-trend): What is expected stands in a trend beside what was; outputs are taken out of
+//   service and put in where the plan is shown.
 test("what is expected stands beside what was as far as there is room, and of now only while it is live", () => {
   const window = chosen("pens=y1;span=60;ahead=1", 1e9).window;
   assert.equal(window.ahead, true);
@@ -347,6 +352,7 @@ test("numbers at an axis differ, have the same decimals, and are short", () => {
 const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, stored: false};
 const write = (state: Write["state"], key = "k"): Write => ({key, kind: "setpoint", user: "", time: 0, state, stored: true, reason: null, changes: []});
 
+// Promise(page/stale-crossed-values)
 test("a write lives from pending to applied, failed or unknown, and no message takes it back", () => {
   const accepted = next(view, {what: "answer", write: write("accepted")});
   assert.equal(accepted.phase, "accepted");
@@ -621,6 +627,7 @@ test("where more events came than are kept, the hole is known", () => {
 const defined = alarmed.alarms!.all;
 const standing = (...now: ReturnType<typeof stands>[]): Alarm[] => ranked(defined, taken(new Map(), now));
 
+// Promise(alarms/alarms-every-screen)
 test("of an alarm the highest seq counts, in whatever order and however often it is told", () => {
   const told = [stands(1, 1, "Unacknowledged Active"), stands(1, 2, "Acknowledged Active"), stands(2, 5, "RTN Unacknowledged")];
   const states = (order: typeof told): string[] => [...order.reduce((known, one) => taken(known, [one]), taken(new Map(), [])).values()].map(one => `${one.id} ${one.state}`).sort();
@@ -629,6 +636,7 @@ test("of an alarm the highest seq counts, in whatever order and however often it
   assert.equal(moved.get(1)?.shelved_until, 9);
 });
 
+// Promise(alarms/alarms-every-screen)
 test("alarms come in the order in which they want somebody", () => {
   const order = (...now: ReturnType<typeof stands>[]): string[] => standing(...now).map(one => one.alarm);
   assert.deepEqual(order(), ["base.stopped", "y1.high", "y2.low", "u1.mode"]); // by priority where nothing stands
@@ -671,6 +679,7 @@ test("what acknowledging does, states in words, and what a search finds", () => 
   assert.deepEqual([found("HIGH tanks", defined[0]!), found("high low", defined[0]!), found("", defined[0]!)], [true, false, true]);
 });
 
+// Promise(page/pump-fails-four)
 test("the journal tells what people said between the transitions, and nothing of other things", () => {
   const transition = (number: number, time: number) => ({number, time, alarm: "y1.high", priority: 2 as const, raised: number === 1, state: "x", before: null, author: null});
   const event = (time: number, text: string, kind = "operator"): PlantEvent => ({time, severity: 1, source: "anna", kind, text});
@@ -694,6 +703,7 @@ test("a time that people choose is told exactly", () => {
 
 const placed = itemsOf({...plant, variables: plant.variables.map(one => ({...one, area: one.ref === "sensor.1" ? "b/x10" : one.ref === "actuator.2" ? "b/x9/deep" : one.ref === "sensor.3" ? "a" : ""}))});
 
+// Promise(run/overview-many-loops)
 test("areas are a tree, in the order of people, with what is in each; a loop is where its measurement is, else its output", () => {
   assert.deepEqual(placed.map(one => `${one.name} ${one.area}`), ["y1 b/x10", "y2 b/x9/deep", "T a"]);
   assert.deepEqual(areasOf(placed).map(one => `${one.depth} ${one.path} ${one.name} ${one.count}`), ["0  all 3", "1 a a 1", "1 b b 2", "2 b/x9 x9 1", "3 b/x9/deep deep 1", "2 b/x10 x10 1"]);
@@ -701,6 +711,7 @@ test("areas are a tree, in the order of people, with what is in each; a loop is 
   assert.deepEqual([isIn("a/b", "a"), isIn("ab", "a"), isIn("x", ""), isIn("", "a")], [true, false, true, false]);
 });
 
+// Promise(run/overview-many-loops)
 test("a list is searched by words, area, mode, alarm and what is abnormal", () => {
   const marks = bySignal(standing(stands(2, 1, "Acknowledged Active")));
   const now: Now = {mode: loop => (loop.id === 1 ? {target: "Auto", actual: "LO"} : {target: "Man", actual: "Man"}), abnormal: item => item.name === "T", marks};
@@ -714,6 +725,7 @@ test("a list is searched by words, area, mode, alarm and what is abnormal", () =
   assert.ok(left({text: unit}).length > 0);
 });
 
+// Promise(run/overview-many-loops)
 test("a list is in the order of a column as it was then, what has nothing there last", () => {
   const by = (of: Record<string, number | string | null>, down: boolean): string => ordered(placed, orderOf(placed, one => of[one.name] ?? null, down)).map(one => one.name).join(" ");
   assert.deepEqual([by({y1: 3, y2: 2}, false), by({y1: 3, y2: 2}, true)], ["y2 y1 T", "y1 y2 T"]);
@@ -726,6 +738,7 @@ test("each area has the gravest alarm within it", () => {
   assert.equal(worstByArea(placed, new Map()).size, 0);
 });
 
+// Promise(run/overview-many-loops)
 test("rows come and go a few in a frame, until those that are wanted are there", () => {
   const at = (names: string, from = 0): Map<string, number> => new Map([...names].map((name, i) => [name, from + i]));
   const names = (places: Map<string, number>): string => [...places].sort((a, b) => a[1] - b[1]).map(one => one[0]).join("");

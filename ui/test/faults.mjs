@@ -145,6 +145,7 @@ test("the controller is stopped: its mode is last known, and the plant at its sa
     await page.locator(".mode.last-known").waitFor({state: "detached"});
   }));
 
+// Promise(modes/record-figure-run)
 test("what a controller in shadow would put out is a curve of dashes beside that of the output", PATIENCE, () => {
   fake.trial = true;
   return withPage("trend", async page => {
@@ -266,6 +267,7 @@ function watchUpright() {
   };
 }
 
+// Promise(page): Long names lie on nothing, whether the screen is narrow or wide, and titles of axes have room.
 test("long names lie on nothing, and nothing on them, whether the screen is narrow or wide", PATIENCE, async () => {
   const standing = {id: 1, seq: 1, journal: 1, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, raised: fake.now - 9, author: null, shelved_until: null};
   for (const [at, more] of [["overview", 0], ["overview", 9], ["overview", 40], ["loop/1", 0], ["trend", 0], ["trend/pens=sensor.1,setpoint.1,actuator.1", 0], ["prediction", 0], ["alarms/all", 0], ["diagnostics", 0]]) {
@@ -284,6 +286,7 @@ test("long names lie on nothing, and nothing on them, whether the screen is narr
   }
 });
 
+// Promise(page): Each screen can be printed: dark on white, without what is pressed.
 test("on paper there is what is seen, dark on white, and nothing that is pressed", PATIENCE, async () => {
   for (const at of ["overview", "trend", "loop/1", "diagnostics"])
     await withPage(at, async page => {
@@ -312,6 +315,7 @@ function watchSaved() {
   };
 }
 
+// Promise(page): A picture of a trend that is saved says of what plant and time it is, and which line is which.
 test("a picture that is saved says by itself of what plant, of when, and which line is which", PATIENCE, async () => {
   for (const [names, width] of [[null, 1280], ["stripper_underflow_G_concentration", 400]]) {
     Object.assign(fake, {names});
@@ -433,6 +437,7 @@ test("the login stays until somebody logs in, however often Esc is pressed", PAT
     page.complaints.length = 0; // the browser tells of each 401
   }));
 
+// Promise(page/trend-signals-link)
 test("a link that leads nowhere says so, and to nothing else: least of all to another loop", PATIENCE, () => {
   fake.predicts = true;
   return withPage("overview", async page => {
@@ -482,6 +487,7 @@ function geometry(element) {
   });
 }
 
+// Promise(page/drawing-shows-signals)
 test("a drawing shows its signals, and nothing in it runs or is loaded", PATIENCE, () => {
   fake.graphic = hostile;
   return withPage("overview", async page => {
@@ -507,6 +513,8 @@ test("a drawing shows its signals, and nothing in it runs or is loaded", PATIENC
   });
 });
 
+// Promise(page/inkscape-qelectrotech): What Inkscape, QElectroTech, Illustrator and draw.io export is drawn, with the
+//   paint of its style sheet; what is missing of it is said.
 test("what Inkscape, QElectroTech and Illustrator export is drawn; what is missing of it is said", PATIENCE, async () => {
   for (const [name, texts, fill, left] of [
     ["inkscape", ["feed tank", "of line 1"], "rgb(192, 208, 224)", "<flowRoot>, mix-blend-mode, filter"],
@@ -528,6 +536,7 @@ test("what Inkscape, QElectroTech and Illustrator export is drawn; what is missi
   }
 });
 
+// Promise(page): A script in a description, a unit, an area, a message or a reason is text.
 test("a script in a description, a unit, an area, a message, a reason is text on every screen, and does nothing", PATIENCE, () => {
   const text = `<img src=x onerror="window.hacked=1"><script>window.hacked=1</script><svg onload="window.hacked=1">{{window.hacked=1}}`;
   const standing = id => ({id, seq: 1, journal: id, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, raised: null, author: text, shelved_until: null});
@@ -549,6 +558,7 @@ test("a script in a description, a unit, an area, a message, a reason is text on
 test("where there is no drawing the page says how to make one", PATIENCE, () =>
   withPage("graphic", async page => page.getByText("There is no drawing of tank: an SVG beside the experiment file").waitFor()));
 
+// Promise(page/drawing-shows-signals)
 test("an element of the drawing leads to its faceplate, by mouse and by key, and carries its alarm", PATIENCE, () => {
   Object.assign(fake, {graphic: drawing, alarms: [{id: 1, seq: 1, journal: 1, state: "Unacknowledged Active", active: true, unacknowledged: true, standing: true, time: fake.now - 9, raised: null, author: null, shelved_until: null}]});
   return withPage("graphic", async page => {
@@ -587,6 +597,7 @@ test("while values come, an earlier window is laid beside and taken away, and th
     }
   }));
 
+// Promise(page/trend-second-cursor)
 test("a press sets a second cursor, from which differences are told; an earlier window lies beside, dotted", PATIENCE, () =>
   withPage("trend/pens=y,r;span=120", async page => {
     await until("there is a curve", async () => (await points(page)) > 100);

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What is taken of a drawing, and what is not.
+// Promise(page/drawing-shows-signals): A drawing shows its signals, leads to faceplates and carries alarms; of the
+//   file what is a picture is taken, nothing in it runs or is loaded, and what was left out or is unknown is said.
 import assert from "node:assert/strict";
 import {readdirSync, readFileSync} from "node:fs";
 import {test} from "node:test";
@@ -42,6 +44,7 @@ test("shapes, their geometry and their paint are taken", () => {
   assert.equal(((one.parts[2] as Part).parts[1] as Part).parts[0], "b");
 });
 
+// Promise(page/inkscape-qelectrotech)
 test("of a switch the first that can be shown is, of a link what is in it", () => {
   const label = (x: string): Given => el("switch", {}, [el("foreignObject", {width: "100%", requiredFeatures: "http://www.w3.org/TR/SVG11/feature#Extensibility"}, [el("div", {}, ["Feed tank"], HTML)]), el("text", {x, "text-anchor": "middle"}, ["Feed tank"])]);
   const read = taken([el("g", {transform: "translate(-0.5 -0.5)"}, [label("50")]), el("a", {"xlink:href": "https://example.org/v"}, [el("path", {d: "M 10 10 L 20 20"}), el("text", {}, [el("a", {href: "#x"}, ["valve"])])])]);
@@ -54,6 +57,7 @@ test("of a switch the first that can be shown is, of a link what is in it", () =
   assert.doesNotMatch(all(languages.root), /Beh/);
 });
 
+// Promise(page/inkscape-qelectrotech)
 test("a style sheet paints by element, class and id, each before what names more, and a style attribute above all", () => {
   const sheet = el("style", {}, ["/* .a{fill:#bad} */ .b{fill:#00b;stroke:#0bb!important}\n.a, path{fill:#00a;} path.c{fill:#0cc} #x{fill:#0dd} @media print{.a{fill:#bad}} @font-face{font-family:x} g > .a{fill:#bad} .d{fill:url(https://evil.example/#a)}"]);
   const read = taken([sheet, el("rect", {class: "b a"}), el("path", {class: "c"}), el("path", {id: "x", class: "c"}), el("path", {id: "x", style: "fill:#0ee"}), el("circle", {fill: "#0ff", class: "none d"})]);
@@ -61,6 +65,7 @@ test("a style sheet paints by element, class and id, each before what names more
   assert.deepEqual(read.left, ["<style>: @media", "<style>: @font-face", "<style>: g > .a", "a reference to elsewhere"]);
 });
 
+// Promise(page/inkscape-qelectrotech)
 test("what changes the picture and is not taken is said, what is as it is anyway is not", () => {
   const read = taken([
     el("rect", {filter: "url(#f)", style: "mix-blend-mode:multiply;overflow:visible;transform:rotate(30deg) translate(1px, 2px);stroke:url(#none) #123"}),

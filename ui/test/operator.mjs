@@ -104,6 +104,7 @@ test("an entry does not fight the readback, and a change by somebody else is not
     assert.equal(await setpoint(page).inputValue(), "11");
   }));
 
+// Promise(server/setpoint-operator-took)
 test("a setpoint that was taken is given back to the scheduler", () =>
   withPage("loop", {}, async page => {
     const owner = page.locator(".operate .owner");
@@ -161,6 +162,7 @@ test("the trend is paused, zoomed, moved, and exported", () =>
     }
   }));
 
+// Promise(page/trend-signals-link)
 test("signals are chosen by what they are called, and the link shows the same again", () =>
   withPage("trend", {}, async page => {
     await page.getByRole("link", {name: "Choose signals"}).click();
@@ -186,6 +188,8 @@ test("signals are chosen by what they are called, and the link shows the same ag
     await page.goBack();
   }));
 
+// Promise(page/value-name-loop): A value, or the name of a loop, signal or alarm, is dragged into a trend or onto its
+//   tab, and comes beside what is there.
 test("a value is dragged into the trend, a loop onto its tab", () =>
   withPage("trend/pens=r;span=600", {}, async page => {
     const rows = page.locator(".pens tbody tr");
@@ -216,6 +220,8 @@ test("a value is dragged into the trend, a loop onto its tab", () =>
     });
   }));
 
+// Promise(page/stale-crossed-values): Stale, crossed values; a write from pending to its end; keyboard alone; 400
+//   pixels; light and dark.
 test("everything by keyboard alone", () =>
   withPage("overview", {}, async page => {
     const at = () => page.locator("nav [aria-current]").textContent();
@@ -283,6 +289,7 @@ test("timing and diagnostics tell of every task", () =>
     await until("signals have ages", async () => (await page.getByRole("table", {name: "Signals"}).locator("[data-row]").count()) > 3);
   }));
 
+// Promise(page/stale-crossed-values)
 test("dark by the system's wish and by the toggle", () =>
   withPage("overview", {colorScheme: "dark"}, async page => {
     const background = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
@@ -296,6 +303,7 @@ test("dark by the system's wish and by the toggle", () =>
     assert.equal(await background(), "rgb(43, 43, 43)");
   }));
 
+// Promise(page/stale-crossed-values)
 test("400 pixels wide: nothing sticks out, and fingers find their targets", () =>
   withPage("overview", {viewport: {width: 400, height: 800}, hasTouch: true}, async page => {
     for (const key of ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics", "plants"]) {
@@ -316,6 +324,8 @@ test("400 pixels wide: nothing sticks out, and fingers find their targets", () =
     }
   }));
 
+// Promise(page/alarm-acknowledged): An alarm is acknowledged with a comment, shelved for a time and a reason, and the
+//   journal tells it in order.
 test("an alarm comes with its rank and what to do, is acknowledged with a comment, shelved, and the journal tells it in order", () =>
   withPage("overview", {}, async page => {
     const line = page.locator(".alarm-line");
@@ -356,6 +366,7 @@ test("an alarm comes with its rank and what to do, is acknowledged with a commen
     await until("two were raised", async () => /raised\s*2/.test(await page.locator(".alarms .panel").first().textContent()));
   }));
 
+// Promise(alarms/acknowledge-once-told)
 test("of two who acknowledge at once one does, the other is told or sees it done; an alarm is shelved with an end, and no longer than is allowed", () =>
   withPage("alarms", {}, async page => {
     const other = await open(browser, "alarms");
@@ -395,6 +406,8 @@ test("of two who acknowledge at once one does, the other is told or sees it done
     await until("it is gone", async () => /No alarm stands/.test(await page.locator(".alarm-line").textContent()));
   }));
 
+// Promise(page/logs-form-comes): Who logs in by the form comes to what the link named; only the form may run a
+//   script, its own.
 test("logging in by the form, and again in place when the session has ended", async () => {
   const context = await browser.newContext();
   const page = await context.newPage();

@@ -127,6 +127,7 @@ test("nothing for three seconds is a lost connection; 2.9 are none", async () =>
   assert.deepEqual([y.value.stale, y.value.age! > 30], [true, true]);
 });
 
+// Promise(page): A page that was busy itself says of no server that it is silent.
 test("a page that hangs itself does not take what it did not hear for silence", async () => {
   await env.pass(1);
   env.hang(10);
@@ -625,6 +626,7 @@ test("rows and heads of a trend are what is exported", async () => {
   env.routes.set("/api/history", route);
 });
 
+// Promise(page): A table of a trend, and its CSV, has bins where its window has some, not where others have.
 test("a table of a trend has bins where its window has some, not where others have", async () => {
   const route = env.routes.get("/api/history")!;
   const now = Math.floor(server.now);
@@ -673,6 +675,7 @@ test("a scale is the limits, else what was seen, and stays", async () => {
   env.routes.set("/api/history", route);
 });
 
+// Promise(page): A bar has the scale it had at the visit before, as long as what there is fits.
 test("a scale that was chosen once is there again at the next visit, as long as it fits", async () => {
   const route = env.routes.get("/api/history")!;
   let revision = 40;
@@ -768,6 +771,7 @@ test("a write that is refused says why; one without an answer is asked after, ne
   env.routes.set("/api/writes", one => one.answer({writes: []}));
 });
 
+// Promise(page/write-not-come)
 test("two presses before the screen says so are one write", async () => {
   void send("twice", "mode", {seq: 1}, "");
   void send("twice", "mode", {seq: 1}, "");
@@ -776,6 +780,8 @@ test("two presses before the screen says so are one write", async () => {
   await env.settle();
 });
 
+// Promise(page/write-not-come): A write that did not come to the server is known to have failed; two presses before
+//   the screen says so are one write.
 test("a write that has not come to the server has failed, once that server has said so twice", async () => {
   const known = {answers: [] as [number, string][], asked: 0};
   env.routes.set("/api/writes", one => {

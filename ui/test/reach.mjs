@@ -28,6 +28,7 @@ async function notReached(page) {
   return left();
 }
 
+// Promise(page/page-accessible-screen)
 test("the keyboard alone reaches all that has a use, on each screen", PATIENCE, async t => {
   const fake = await new Fake().start();
   t.after(() => fake.stop());

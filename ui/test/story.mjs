@@ -12,6 +12,9 @@ function plantIs(name) {
   process.kill(Number(readFileSync(`${process.env.APC_UI_PLANT}.pid`, "utf8")));
 }
 
+// Promise(page/pump-fails-four): A pump fails on the four tanks: the alarm with its rank and what to do,
+//   acknowledged; predictive control is shed; the loop in Man, moved by hand, and back; the journal has all of it in
+//   order.
 test("a pump fails: the alarm comes with its rank and help, is acknowledged, predictive control is shed, the operator takes the loop to Man and back, and the journal tells it in order", {timeout: 600000}, async t => {
   const browser = await launch();
   t.after(() => browser.close());

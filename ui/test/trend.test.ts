@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What a trend lays beside its curves: groups that are kept, events, an earlier window.
+// Promise(page/trend-second-cursor): A trend has a second cursor with differences, the events of its window, an
+//   earlier window beside it, and groups that are kept.
 import assert from "node:assert/strict";
 import {test} from "node:test";
 import {priorityOf} from "../src/core/alarms";
@@ -44,6 +46,8 @@ test("marks are what somebody did, modes, alarms and warnings, of the window", (
   assert.deepEqual(near(marks, 15, 1), []);
 });
 
+// Promise(page): An alarm has the shape and colour of its priority in trends and among events too, whatever the
+//   severity of its event.
 test("what an alarm raises is marked as that alarm, whatever its event's severity", () => {
   const event = (text: string, severity: 1 | 2 | 3, kind = "alarm"): PlantEvent => ({time: 1, severity, source: "apc-alarms", kind, text});
   const alarm = (name: string, priority: 1 | 2 | 3 | 4): AlarmIs => ({id: priority, alarm: name, ref: "sensor.1", limit: null, kind: "low", priority, area: "", message: "", consequence: "", response: ""});
@@ -67,12 +71,14 @@ test("what lies over the present is the past, that much later, and stays as it i
   assert.deepEqual(past.t, [1, 2]);
 });
 
+// Promise(page/value-name-loop)
 test("what is dragged into a trend comes beside what is there, each once", () => {
   assert.equal(joined("pens=y1;span=60;compare=3600", ["y1", "u1"], 1e9), "pens=y1,u1;span=60;compare=3600");
   assert.equal(joined(null, ["y1"], 1e9), "pens=y1;span=600");
   assert.equal(joined("2", ["y1"], 1e9), "pens=y1;span=600", "of a loop's trend the page says what is there");
 });
 
+// Promise(page/value-name-loop)
 test("a value is dragged as itself, a link as what it leads to", () => {
   const p = plant;
   const [loop] = p.loops as [Loop];

@@ -155,6 +155,7 @@ test("the overview as a table", async () => {
   assert.equal(document.querySelectorAll("canvas.spark").length, 3);
 });
 
+// Promise(page/stale-crossed-values)
 test("what is not as it should be is counted and marked where it stands", async () => {
   const t = server.now;
   await state({
@@ -210,6 +211,7 @@ test("the header says who, what, whether there is a connection, and the server's
   assert.equal(document.querySelectorAll(".database-bar").length, 0);
 });
 
+// Promise(page/how-far-history)
 test("a history that is away, or late, is said quietly; one that keeps up is not", async () => {
   const beat = async (history: object | null): Promise<void> => {
     env.source.send("beat", {t: server.now, connected: true, control: server.control, history});
@@ -289,6 +291,7 @@ test("pages by Alt and a digit, help by ?, if wanted", async () => {
   await settle();
 });
 
+// Promise(page/times-zone-chosen)
 test("times are those of the zone that is chosen", async () => {
   await show("events");
   assert.match(said(".clock"), / UTC$/);
@@ -303,6 +306,7 @@ test("times are those of the zone that is chosen", async () => {
   assert.match(said(".clock"), / UTC$/);
 });
 
+// Promise(page/reason-goes-write)
 test("a reason goes with the next change, and with no other", async () => {
   await show("loop/1");
   await type('input[name="reason"]', "x".repeat(81));
@@ -544,6 +548,7 @@ test("a faceplate tells how far a loop is off, what is at its limit, and leads t
   await settle();
 });
 
+// Promise(server/every-route-opens)
 test("an observer and somebody without a database may look, and are told why", async () => {
   await show("loop/1");
   const who = model.session.value!;
@@ -931,6 +936,7 @@ test("a trend that nobody looks at any more takes no samples", async () => {
   assert.deepEqual(queries, []);
 });
 
+// Promise(page/two-fingers-draw)
 test("two fingers draw a trend out, and one does not", async () => {
   await show("overview");
   await show("trend/1");
@@ -945,6 +951,8 @@ test("two fingers draw a trend out, and one does not", async () => {
   fingers("touchend");
 });
 
+// Promise(page): An hour that comes twice when clocks are put back can be entered both ways, one that is skipped is
+//   refused.
 test("an hour that comes twice can be entered both ways, one that there is not is refused", async () => {
   await show("overview");
   await show("trend/1");
@@ -1038,6 +1046,8 @@ test("a trend from one time to another, fitted, turned by the wheel, and saved",
   env.routes.set("/api/history", route);
 });
 
+// Promise(page/trend-signals-link): A trend of any signals is what its link says, and what is wrong with a link is
+//   said; a prediction that is old is none.
 test("a trend of any signals: its link, a search for more, how they were, and what a link gets wrong", async () => {
   const route = env.routes.get("/api/history")!;
   const asked: string[] = [];
@@ -1104,6 +1114,9 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   await show("overview");
 });
 
+// Promise(page/expected-stands-trend)
+// Promise(page): What a predictive controller said last is crossed out once it says nothing more.
+// Promise(page/trend-signals-link)
 test("what predictive control expects, what holds it back, and how its solver does; a plan that is old is none", async () => {
   await show("prediction");
   assert.match(said("main"), /No controller of this plant predicts or estimates/);
@@ -1243,6 +1256,7 @@ async function layers(part: Record<string, Sample> = {}): Promise<void> {
   await state({"opmode.3": [1, t - 9, 1, "Good"], "actual.53": [1, t - 9, 1, "Good"], "manual.3": [0, null, null, "BadNoData"], ...part});
 }
 
+// Promise(server/loops-their-controllers)
 test("loops are grouped by their controllers, and who does not run is named", async () => {
   await layers();
   assert.equal(said(".loops .group"), "base every 2 s | upper every 20 s");
@@ -1271,6 +1285,8 @@ test("in Man below another loop a setpoint goes along with its measurement, and 
   assert.equal(field().disabled, false);
 });
 
+// Promise(modes/record-figure-run): The record and the figure of a run show what a controller in shadow would have
+//   put out beside what went out, the page while it runs.
 test("who is in shadow is named, and what it would put out stands beside what goes out, until it acts", async () => {
   server.plant = shadowed;
   server.control = {...server.control, running: {base: true, trial: true}, shadow: ["trial"]};
@@ -1309,6 +1325,7 @@ test("who is in shadow is named, and what it would put out stands beside what go
   await settle();
 });
 
+// Promise(server/loops-their-controllers)
 test("a setpoint that the loop above moves is Remote, and a value of one's own takes it, as is said before", async () => {
   const t = server.now;
   await layers({"opmode.1": [5, t, 3, "Good"], "actual.21": [5, t, 3, "Good"], "setpoint.1": [7, t, 0.123456789012, "Good"]});
@@ -1334,6 +1351,7 @@ test("a setpoint that the loop above moves is Remote, and a value of one's own t
   assert.equal(one<HTMLInputElement>('input[name="output.3"]').disabled, true);
 });
 
+// Promise(server/setpoint-operator-took)
 test("a setpoint of the scheduler is Remote, and is given back to it where it was taken", async () => {
   const t = server.now;
   const owner = "opmode.65555";
@@ -1370,6 +1388,7 @@ async function withAlarms(...now: ReturnType<typeof stands>[]): Promise<void> {
   await state({});
 }
 
+// Promise(alarms/alarms-every-screen)
 test("the line of alarms stands on every page, with the most urgent, which is acknowledged there", async () => {
   assert.equal(document.querySelectorAll(".alarm-line").length, 0); // this plant has none
   await withAlarms();
@@ -1441,6 +1460,7 @@ test("the list of alarms stands still while somebody points at it, and a press i
   await settle();
 });
 
+// Promise(page/alarm-acknowledged)
 test("the list of alarms: the most urgent first, what each means, and shelving for a reason", async () => {
   await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 1, "Acknowledged Active", {author: "anna", raised: START - 60}), stands(3, 4, "Shelved", {shelved_until: server.now + 600}));
   await show("alarms");
@@ -1480,6 +1500,7 @@ test("the list of alarms: the most urgent first, what each means, and shelving f
   assert.match(said(".alarms .panel"), /nothing matches/);
 });
 
+// Promise(page/alarm-acknowledged)
 test("all that is shown is acknowledged together, each as it was seen; an observer may not", async () => {
   await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 7, "RTN Unacknowledged"), stands(4, 1, "Acknowledged Active"));
   await show("alarms");
@@ -1500,6 +1521,7 @@ test("all that is shown is acknowledged together, each as it was seen; an observ
   await env.pass(0.3);
 });
 
+// Promise(page/alarm-acknowledged)
 test("the journal tells the story, and figures stand beside what they should be", async () => {
   env.routes.set("/api/alarms/journal", asked => asked.answer({t: server.now, transitions: [
     {number: 1, time: START - 60, alarm: "y1.high", priority: 2, raised: true, state: "Unacknowledged Active", before: "Normal", author: null},
@@ -1580,6 +1602,7 @@ test("a sample is written into the rows; they are rendered anew when they look o
   await settle();
 });
 
+// Promise(run/overview-many-loops)
 test("an overview of many loops: a tree of areas, a search, and those with an alarm", async () => {
   const many = Array.from({length: 40}, (_, i) => i + 1);
   const loops = many.map(id => ({...tanks.loops[0]!, id, name: `y${id}`, called: `u${id}`, measurement: `sensor.${id}`, setpoint: null, output: null, tuning: [], parameters: []}));
@@ -1637,6 +1660,7 @@ test("an overview of many loops: a tree of areas, a search, and those with an al
   assert.equal(document.querySelectorAll(".rows").length, 0);
 });
 
+// Promise(page/drawing-shows-signals)
 test("a drawing shows its signals, and says what it lacks", async () => {
   const text = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><rect x="0" y="0" width="4" height="8" data-apc="y2"/><text data-apc="y1">?</text><text data-apc="u1.mode.actual"/><text data-apc="nobody"/><circle r="1" data-apc="u2"/><script>1</script><g data-apc="y2" data-apc-as="show"><path d="M0 0"/></g></svg>`;
   env.routes.set("/api/graphic", one => one.answer(text));
@@ -1719,6 +1743,7 @@ test("a link to a signal of a loop shows the trend of that loop, one to nothing 
   assert.match(said("main"), /tanks has no loop or signal “sensor\.99”/);
 });
 
+// Promise(page/trend-second-cursor)
 test("a trend: a second cursor, events along it, an earlier window beside it, groups that are kept", async () => {
   const route = env.routes.get("/api/history")!;
   const happened = env.routes.get("/api/events")!;
@@ -1890,6 +1915,7 @@ test("what was superseded is final", async () => {
   assert.match(said('[data-slot="setpoint.1"]'), /superseded – a newer value came after it Dismiss/);
 });
 
+// Promise(page/write-nothing-long): Who may write and does nothing for long is logged out; who only looks is not.
 test("who may write and does nothing for long is told, and logged out", async () => {
   watchIdle();
   await press("Shift");
@@ -1919,6 +1945,7 @@ test("who may write and does nothing for long is told, and logged out", async ()
   await model.begin();
 });
 
+// Promise(page/page-plant-lists)
 test("the plants of the database: what has fallen silent first, each with the way to its page", async () => {
   await show("plants");
   for (let i = 0; i < 40 && app.querySelectorAll("main tbody tr").length < 5; i++) await env.pass(0.25);
