@@ -544,13 +544,6 @@ static void one_in_the_long_form_is_the_same(void **state)
     }
 }
 
-#define BASE(more)                                                                                           \
-    " { name = \"base\"; law = \"pi\"; period = 0.5; measurements = [\"y1\", \"y2\"]; setpoints = [\"r1\", " \
-    "\"r2\"]; outputs = [\"v1\", \"v2\"]; " more " },"
-#define UPPER(name, z, u)                                                                                    \
-    " { name = \"" name "\"; law = \"pi\"; period = 5.0; measurements = [\"y1\", \"y2\"]; setpoints = [" z   \
-    "]; outputs = [" u "]; } );"
-
 /* The second sensor of the plant measures what disturbs it: the law's model says how that acts. */
 /* Promise(laws/measured-disturbances) */
 static void a_measured_disturbance_is_the_plants_of_the_same_name(void **state)
@@ -583,110 +576,6 @@ static void a_measured_disturbance_is_the_plants_of_the_same_name(void **state)
     assert_near(p->u0[1], 3.0, 0);
     assert_near(p->u0[2], 0.0, 0);
     experiment_free(&e);
-}
-
-/* Promise(experiment/several-controllers) */
-static void what_cannot_be_is_refused_with_its_line(void **state)
-{
-    static const struct {
-        size_t line;
-        const char *instead, *reason;
-    } mistake[] = {
-        {6, "controller = { law = \"pi\"; period = 1.0; }; controllers = (",
-         "6: \"controller\" is the short form of one in \"controllers\": only one of the two"},
-        {8, " 3.0 );", "8: expected a group"},
-        {8, UPPER("base", "\"w1\", \"w2\"", "\"r1\", \"r2\""), "8: two controllers are called \"base\""},
-        {8, UPPER("w1", "\"w1\", \"w2\"", "\"r1\", \"r2\""),
-         "8: a controller and a signal are called \"w1\""},
-        {8, UPPER("a.b", "\"w1\", \"w2\"", "\"r1\", \"r2\""), "8: \"name\" of a controller has no dot"},
-        {8, UPPER("upper", "\"w1\", \"q\"", "\"r1\", \"r2\""), "8: there is no setpoint \"q\""},
-        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"v3\""),
-         "8: there is no output \"v3\": did you mean \"v1\"?"},
-        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"y1\""), "8: there is no output \"y1\""},
-        {8, UPPER("upper", "\"w1\", \"w1\"", "\"r1\", \"r2\""), "8: \"w1\" stands twice in \"setpoints\""},
-        {8, UPPER("upper", "\"w1\", 2", "\"r1\", \"r2\""), "8: mismatched element type in array"},
-        {8, UPPER("upper", "1, 2", "\"r1\", \"r2\""), "8: \"setpoints\" must be names in double quotes"},
-        {8, UPPER("upper", "", "\"r1\", \"r2\""), "8: \"setpoints\" must name at least one setpoint"},
-        {8, " { name = \"upper\"; law = \"pi\"; period = 5.0; setpoints = [\"w1\"]; outputs = [\"r1\"]; } );",
-         "8: \"measurements\" must name at least one measurement"},
-        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"v2\""),
-         "8: \"v2\" is an output of two controllers, base and upper"},
-        {8, UPPER("upper", "\"w1\", \"w2\"", "\"r1\", \"w2\""),
-         "8: \"w2\" is a setpoint of upper and its output as well"},
-        {8, UPPER("upper", "\"w1\"", "\"r1\", \"w2\""), "8: \"w2\" is a setpoint that no controller has"},
-        {8, UPPER("upper", "\"w1\", \"r2\"", "\"r1\""),
-         "8: \"r2\" is a setpoint of two controllers, base and upper"},
-        {7,
-         " { name = \"base\"; law = \"pi\"; period = 0.5; measurements = [\"y1\"]; setpoints = [\"r1\", "
-         "\"r2\"]; "
-         "outputs = [\"v1\"]; },",
-         "6: output \"v2\" belongs to no controller"},
-        {7,
-         " { name = \"base\"; law = \"pi\"; period = 0.5; measurements = [\"y1\"]; setpoints = [\"r1\", "
-         "\"r2\"]; "
-         "outputs = [\"v2\"]; },",
-         "6: output \"v1\" belongs to no controller"},
-        {6, "signals = ( { name = \"x\"; } ); controllers = (",
-         "6: signal \"x\" is no controller's output: nobody would calculate it"},
-        {6, "signals = ( { name = \"y1\"; } ); controllers = (", "6: two variables are called \"y1\""},
-        {6, "signals = ( { name = \"v1\"; } ); controllers = (", "4: two variables are called \"v1\""},
-        {6, "signals = ( { name = \"x\"; noise = 0.1; } ); controllers = (", "6: unknown setting \"noise\""},
-        {8, UPPER("client", "\"w1\", \"w2\"", "\"r1\", \"r2\""),
-         "8: a controller cannot be called \"client\""},
-        {8, UPPER("upper", "\"w1\"", "\"w2\""), "8: \"w2\" is a setpoint that no controller has"},
-        {3,
-         "setpoints = ( { name = \"r1\"; }, { name = \"r2\"; }, { name = \"w1\"; }, { name = \"w2\"; }, { "
-         "name = \"w3\"; } );",
-         "8: setpoint \"r2\" is moved by upper: it needs an \"initial\" value"},
-        {3, "setpoints = ( { name = \"r1\"; low = 0.0; initial = -1.0; } );",
-         "3: \"initial\" is -1: must be from 0"},
-        {7, BASE("rate = [1.0];"), "7: expected 2 numbers"},
-        {7, BASE("rate = [1.0, -1.0];"), "7: \"rate\" must be above 0"},
-        {8,
-         " { name = \"upper\"; law = \"pi\"; period = 5.0; mode = \"Cas\"; measurements = [\"y1\"]; "
-         "setpoints = [\"w1\"]; outputs = [\"r1\"]; } );",
-         "8: \"mode\" must be \"Auto\", \"Man\" or \"OOS\": no controller moves its setpoints"},
-        {7, BASE("hopla = 1;"), "7: unknown setting \"hopla\""},
-        {7, BASE("mode = \"Oos\";"), "7: \"mode\" must be \"Auto\", \"Cas\", \"Man\" or \"OOS\""},
-        {8,
-         " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\"]; setpoints = "
-         "[\"w1\"]; outputs = "
-         "[\"r1\", \"r2\"]; } );",
-         "8: law pi does not work with 1 measurements, 1 setpoints, 2 outputs"},
-        {7, BASE("tuning = ( { Kp = 1.0; } );"),
-         "7: \"tuning\" must have one group for each of the 2 outputs"},
-        {7, BASE("tuning = ( { Kb = 1.0; }, { } );"), "7: pi has no parameter \"Kb\": did you mean \"Kp\"?"},
-        {7, BASE("limits = { Kp = [0.0, 1e9]; };"), "7: limits of Kp must rise and lie within the law's own"},
-        {7, BASE("tuning = ( { Kp = 3.0; }, { } ); limits = { Kp = [0.0, 2.0]; };"),
-         "7: Kp of output 1 is 3, outside its"},
-        {7, BASE("settings = { hopla = 1.0; };"), "7: unknown setting \"hopla\" in settings"},
-        {8,
-         " { name = \"upper\"; law = \"pi\"; period = 5.0; measurements = [\"y1\", \"y2\"]; setpoints = "
-         "[\"w1\", "
-         "\"w2\"]; outputs = [\"r1\", \"r2\"]; operating_point = { }; } );",
-         "8: \"operating_point\": the plant's linear model is of all its measurements and outputs"},
-        {7, BASE("disturbances = [\"y2\"]; operating_point = { };"),
-         "7: \"operating_point\": plant quadruple-tank has no disturbance \"y2\""},
-        {7, BASE("phase = 0.5;"), "7: \"phase\" is 0.5: must be below the period"},
-        {5, "plant = { model = \"quadruple-tank\"; period = 0.1; }; client = { period = 2.0; };",
-         "5: \"period\" of client is 2 s, of base 0.5 s: at most 3"},
-        {9, "scheduler = { period = 20.0; sequence = ( [1.0, 2.0] ); };",
-         "9: expected 3 numbers in brackets"},
-        {9, "scheduler = { period = 20.0; sequence = ( [1.0] ); setpoints = [\"r1\"]; };",
-         "9: \"r1\" is moved by controller upper already"},
-        {9, "scheduler = { period = 20.0; sequence = ( [1.0] ); setpoints = [\"r3\"]; };",
-         "9: there is no setpoint \"r3\""},
-    };
-    (void)state;
-    for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {
-        struct experiment e;
-        struct apc_error why = {""};
-        char reason[300];
-        int rc = parse(&e, mistake[i].line, mistake[i].instead, &why);
-        snprintf(reason, sizeof reason, "layers.conf:%s", mistake[i].reason);
-        if (rc >= 0 || strncmp(why.text, reason, strlen(reason)) != 0)
-            fail_msg("%d, \"%s\" instead of \"%s\"", rc, why.text, reason);
-    }
 }
 
 /* Promise(experiment/several-controllers) */
@@ -757,7 +646,6 @@ int main(void)
         cmocka_unit_test(the_short_form_is_one_controller_of_all),
         cmocka_unit_test(one_in_the_long_form_is_the_same),
         cmocka_unit_test(a_measured_disturbance_is_the_plants_of_the_same_name),
-        cmocka_unit_test(what_cannot_be_is_refused_with_its_line),
         cmocka_unit_test(nobody_waits_for_himself_in_the_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -339,87 +339,6 @@ static void what_is_wanted_of_a_signal_reaches_its_tag_and_its_law(void **state)
     experiment_free(&e);
 }
 
-/* Promise(experiment/area-scale-period) */
-static void a_mistake_in_what_is_wanted_is_refused_with_its_line(void **state)
-{
-#define Y(more)      KEYS(more, "", "", "")
-#define ALARM(alarm) Y("alarms = ( " alarm " );")
-    static const struct {
-        const char *text, *reason;
-    } mistake[] = {
-        {Y("area = \"a//b\";"), "2: \"area\" is \"a//b\": must be names with / between"},
-        {Y("display = [1.0, 1.0];"), "2: \"display\" must rise: [low, high]"},
-        {Y("display = 3.0;"), "2: expected 2 numbers"},
-        {Y("soft = [9.0, 8.9];"), "2: \"soft\" must not fall: [low, high]"},
-        {Y("soft = [-1.0, 9.0];"), "2: \"soft\" is -1 to 9: must lie within the limits, 0 to 10"},
-        {Y("soft = [1.0, 11.0];"), "2: \"soft\" is 1 to 11: must lie within the limits, 0 to 10"},
-        {Y("period = 0.0;"), "2: \"period\""},
-        {Y("rate = 1.0;"), "2: unknown setting \"rate\""},
-        {Y("critical = 1;"), "2: \"critical\""},
-        {KEYS("", "soft = [0.0, 1.0];", "", ""), "3: unknown setting \"soft\""},
-        {KEYS("", "rate = 1.0;", "", ""), "3: \"rate\" of setpoint \"r\": no controller moves it"},
-        {KEYS("", "", "rate = 0.0;", ""), "4: \"rate\" is 0: must be from"},
-        {KEYS("", "", "critical = true;", ""), "4: unknown setting \"critical\""},
-        {ALARM("{ kind = \"hihi\"; limit = 1.0; }"), "2: \"kind\" is \"hihi\": must be \"low-low\", \"low\""},
-        {ALARM("{ limit = 1.0; }"), "2: \"kind\" is missing"},
-        {ALARM("{ kind = \"high\"; }"), "2: \"limit\" is missing"},
-        {ALARM("{ kind = \"high\"; limit = 10.5; }"), "2: \"limit\" is 10.5: must be from 0 to 10"},
-        {ALARM("{ kind = \"rate\"; limit = -1.0; }"), "2: \"limit\" is -1: must be from 0"},
-        {ALARM("{ kind = \"bad\"; limit = 1.0; }"), "2: an alarm of kind \"bad\" has no \"limit\""},
-        {ALARM("{ kind = \"bad\"; priority = 5; }"), "2: \"priority\" must be from 1 to 4"},
-        {ALARM("{ kind = \"bad\"; delay = -1.0; }"), "2: \"delay\" is -1: must be from 0"},
-        {ALARM("{ kind = \"bad\"; colour = 1; }"), "2: unknown setting \"colour\""},
-        {ALARM("{ kind = \"bad\"; }, { kind = \"bad\"; }"), "2: y has two alarms of this kind"},
-        {ALARM("{ kind = \"high\"; limit = 3.0; }, { kind = \"low\"; limit = 3.0; }"),
-         "2: the limit of \"high\", 3, must be above that of \"low\", 3"},
-        {ALARM("{ kind = \"high\"; limit = 9.0; deadband = -1.0; }"),
-         "2: \"deadband\" is -1: must be from 0"},
-        {ALARM("{ kind = \"high\"; limit = 9.0; deadband = 9.5; }"),
-         "2: \"deadband\" is 9.5: the alarm would return to normal at -0.5, outside 0 to 10 only"},
-        {ALARM("{ kind = \"deviation\"; limit = 1.0; }"), "2: \"from\" is missing"},
-        {ALARM("{ kind = \"deviation\"; limit = 1.0; from = \"rr\"; }"), "2: there is no signal \"rr\""},
-        {ALARM("{ kind = \"high\"; limit = 9.0; from = \"r\"; }"), "2: \"from\" is of a deviation only"},
-        {ALARM("{ kind = \"mode\"; }"), "2: \"kind\" is \"mode\": must be \"low-low\", \"low\""},
-        {ALARM("{ kind = \"bad\"; name = \"a\"; }, { kind = \"frozen\"; name = \"a\"; }"),
-         "2: two alarms are called \"a\""},
-        {ALARM("{ kind = \"bad\"; suppress = { alarm = \"y.bad\"; }; }"), "2: y.bad is suppressed by itself"},
-        {ALARM("{ kind = \"bad\"; suppress = { alarm = \"y.bat\"; }; }"),
-         "2: there is no alarm \"y.bat\": did you mean \"y.bad\"?"},
-        {ALARM("{ kind = \"bad\"; suppress = { signal = \"u\"; }; }"),
-         "2: \"suppress\" is by a signal or an alarm"},
-        {ALARM("{ kind = \"bad\"; suppress = { signal = \"uu\"; below = 1.0; }; }"),
-         "2: there is no signal \"uu\""},
-        {KEYS("", "", "alarms = ( { kind = \"frozen\"; } );", ""),
-         "4: \"kind\" is \"frozen\": must be \"low-low\", \"low\", \"high\", \"high-high\", \"deviation\", "
-         "\"rate\", "
-         "\"at-limit\" or \"mode\""},
-        {KEYS("", "", "", "alarms = ( { kind = \"high\"; } );"),
-         "6: \"kind\" is \"high\": must be \"stopped\" or \"overrun\""},
-        {KEYS("", "", "", "") "alarms = { shelve_max = 0.0; };", "7: \"shelve_max\" is 0: must be from 1"},
-        {KEYS("", "", "", "") "alarms = { forever = true; };", "7: unknown setting \"forever\""},
-        {KEYS("", "", "", "") "alarms = { notify = ( \"mail\" ); };",
-         "7: expected a group: { priority = 1; command = \"...\"; }"},
-        {KEYS("", "", "", "") "alarms = { notify = ( { priority = 1; } ); };", "7: \"command\" is missing"},
-        {KEYS("", "", "", "") "alarms = { notify = ( { command = \"\"; } ); };", "7: \"command\" is empty"},
-        {KEYS("", "", "", "") "alarms = { notify = ( { priority = 5; command = \"a\"; } ); };",
-         "7: \"priority\" must be from 1 to 4, a whole number"},
-        {KEYS("", "", "", "") "alarms = { notify = ( { timeout = 0.0; command = \"a\"; } ); };",
-         "7: \"timeout\" is 0: must be from 0.1"},
-        {KEYS("", "", "", "") "alarms = { notify = ( {}, {}, {}, {}, {} ); };",
-         "7: \"notify\" has more than 4 commands"},
-    };
-    (void)state;
-    for (size_t i = 0; i < sizeof mistake / sizeof *mistake; i++) {
-        struct experiment e;
-        struct apc_error why = {""};
-        char reason[200];
-        const int rc = parse(&e, mistake[i].text, &why);
-        snprintf(reason, sizeof reason, "keys.conf:%s", mistake[i].reason);
-        if (rc >= 0 || strncmp(why.text, reason, strlen(reason)) != 0)
-            fail_msg("%d, \"%s\" instead of \"%s\"", rc, why.text, reason);
-    }
-}
-
 static double told_soft[2];
 
 static int spy(struct apc_law_call *c)
@@ -492,7 +411,6 @@ int main(void)
         cmocka_unit_test(a_selector_leaves_out_what_is_bad),
         cmocka_unit_test(a_restart_between_two_ticks_changes_no_bit_of_what_is_selected),
         cmocka_unit_test(what_is_wanted_of_a_signal_reaches_its_tag_and_its_law),
-        cmocka_unit_test(a_mistake_in_what_is_wanted_is_refused_with_its_line),
         cmocka_unit_test(soft_limits_are_told_at_each_tick),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
