@@ -48,7 +48,10 @@ static void read_names(const struct model *m, struct model_signals *of)
         settings_fail(m->s, names, "\"%s\" must name all %zu of %s, as [\"%s\", ...]", of->list, of->n,
                       m->whose, of->name[0]);
     for (size_t i = 0; of->place && names && i < of->n && !m->s->failed; i++) {
-        of->place[i] = find(m, names, config_setting_get_string_elem(names, (int)i), of);
+        const char *name = config_setting_get_string_elem(names, (int)i);
+        if (!name)
+            settings_fail(m->s, names, "\"%s\" must be names in double quotes", of->list);
+        of->place[i] = find(m, names, name, of);
         for (size_t k = 0; k < i; k++)
             if (of->place[k] == of->place[i])
                 settings_fail(m->s, names, "\"%s\" names \"%s\" twice", of->list, of->name[of->place[i]]);

@@ -28,15 +28,25 @@ int settings_fail(struct settings *s, const config_setting_t *at, const char *fm
     return s->failed = apc_fail(s->why, APC_EINVAL, "%s:%u: %s", s->file, line ? line : 1, text);
 }
 
-static const char *name_of(const config_setting_t *setting)
+#define PLACE 80
+
+/* "the file", the name of a group, or that of a list and which of its elements, as a path has it: alarms[0].
+ */
+static const char *name_of(const config_setting_t *group, char place[PLACE])
 {
-    const char *name = config_setting_name(setting);
-    return name ? name : "the file";
+    const config_setting_t *list = config_setting_parent(group);
+    if (!list)
+        return "the file";
+    if (config_setting_name(group))
+        return config_setting_name(group);
+    snprintf(place, PLACE, "%s.[%d]", config_setting_name(list) ? config_setting_name(list) : "",
+             config_setting_index(group));
+    return place;
 }
 
 void settings_known(struct settings *s, const config_setting_t *group, const char *const *names)
 {
-    char list[256] = "";
+    char list[256] = "", place[PLACE];
     if (s->failed || !group)
         return;
     for (int i = 0; i < config_setting_length(group); i++) {
@@ -52,9 +62,10 @@ void settings_known(struct settings *s, const config_setting_t *group, const cha
             snprintf(list + length, sizeof list - length, "%s%s", length ? ", " : "", *known);
             nearest_look(&nearest, *known);
         }
-        settings_fail(s, member, "unknown setting \"%s\" in %s; %s%s%s%s%s", nearest.wanted, name_of(group),
-                      *list ? "known are: " : "there are none", list, nearest.name ? "; did you mean \"" : "",
-                      nearest.name ? nearest.name : "", nearest.name ? "\"?" : "");
+        settings_fail(s, member, "unknown setting \"%s\" in %s; %s%s%s%s%s", nearest.wanted,
+                      name_of(group, place), *list ? "known are: " : "there are none", list,
+                      nearest.name ? "; did you mean \"" : "", nearest.name ? nearest.name : "",
+                      nearest.name ? "\"?" : "");
         return;
     }
 }
@@ -62,11 +73,12 @@ void settings_known(struct settings *s, const config_setting_t *group, const cha
 static config_setting_t *find(struct settings *s, const config_setting_t *in, const char *name,
                               enum settings_presence presence)
 {
+    char place[PLACE];
     if (s->failed)
         return NULL;
     config_setting_t *found = config_setting_get_member(in, name);
     if (!found && presence == REQUIRED)
-        settings_fail(s, in, "\"%s\" is missing in %s", name, name_of(in));
+        settings_fail(s, in, "\"%s\" is missing in %s", name, name_of(in, place));
     return found;
 }
 
@@ -383,6 +395,7 @@ void settings_whole(struct settings *s, const config_setting_t *in, const char *
 void settings_period(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, apc_ns *value)
 {
+    char place[PLACE];
     struct apc_error why;
     double seconds;
     const config_setting_t *found = find(s, in, name, presence);
@@ -391,7 +404,7 @@ void settings_period(struct settings *s, const config_setting_t *in, const char 
     if (!number_of(found, &seconds))
         settings_fail(s, found, "\"%s\" must be a number of seconds", name);
     else if (apc_period_from_s(seconds, value, &why) < 0)
-        settings_fail(s, found, "\"%s\" of %s: %s", name, name_of(in), why.text);
+        settings_fail(s, found, "\"%s\" of %s: %s", name, name_of(in, place), why.text);
 }
 
 void settings_flag(struct settings *s, const config_setting_t *in, const char *name, bool *value)
