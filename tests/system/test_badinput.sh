@@ -48,29 +48,14 @@ expect 2 'posix cannot spin' "$apc" run "$good" --timer posix --spin
 
 # the experiment file
 expect 1 'nowhere\.conf' "$apc" run "$work/nowhere.conf"
-change 's/safe = 0.0;/safe = 0.0; initial = 11.0;/' 'initial.*-10 to 10'
-change 's/Kp = 0.2;/Kp = 0.2; u_min = 5.0; u_max = -5.0;/' 'output 1: u_min = 5 is above u_max = -5'
-change 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 0.1]; };/' 'Kp of output 1 is 0.2, outside its "limits", 0 to 0.1'
-change 's/law = "pi";/law = "pi"; limits = { Kq = [0.0, 0.1]; };/' 'pi has no parameter "Kq"'
-change 's/law = "pi";/law = "pi"; limits = { Kp = [1.0, 0.1]; };/' 'limits of Kp must rise'
-change 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 1e7]; };/' 'limits of Kp must rise and lie within the law.s own, -1e.06 to 1e.06'
-change 's/law = "pi";/law = "pi"; limits = { Kp = 1.0; };/' 'expected 2 numbers in brackets'
-change 's/period = 0.02;/period = 0;/' 'period.*must be from'
-change 's/period = 0.02;/period = -1.0;/' 'period.*must be from'
-change 's/period = 0.02;/period = 1e300;/' 'period.*must be from'
-change 's/period = 0.02;/period = 1e-9;/' 'period.*must be from'
+# (each mistake that there may be, and its sentence: tests/unit/experiment.refusals)
+change 's/safe = 0.0;/safe = 0.0; initial = 11.0;/' '"initial" is 11'
+change 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 0.1]; };/' 'Kp of output 1'
+change 's/period = 0.02;/perid = 0.02;/' '"perid".*"period"'
 change 's/period = 0.02;/period = nan;/' 'syntax error'
-change 's/period = 0.02;/period = "fast";/' 'period.*number of seconds'
-change 's/period = 0.02;/perid = 0.02;/' 'unknown setting "perid" in plant; known are: .*period'
-change '/^plant/,/^};/d' '"plant" is missing'
-for seed in -3 1.5 9007199254740993L '"one"'; do
-  change "\$a seed = $seed;" '"seed" must be from 0 to 9007199254740992, a whole number'
-done
-change '$a seed = 9007199254740993;' '9007199254740993 is beyond 32 bits: write 9007199254740993.0 or 9007199254740993L'
-change 's/duration = 60.0;/duration = -3000000000;/' '-3000000000 is beyond 32 bits'
+change '/^plant/,/^};/d' '"plant"'
 sed -e 's/^title = .*/title = "3000000000 \\" 3000000000";/' -e '$a seed = 3000000000L; # 3000000000' "$good" >"$bad"
 expect 0 'seed 3000000000' "$apc" simulate "$bad" --duration 1
-change 's/law = "pi"/law = "magic"/' 'magic.*pi'
 simulated() { expect 0 "$1" "$apc" simulate "$bad" --duration 1; }
 # what an editor or a generator leaves is no mistake
 # Promise(experiment/16-mib-text): 16 MiB of text, a byte order mark, no `@include`; large numbers take an `L`; names
@@ -99,51 +84,12 @@ for shared in 'y mode sensor.1 opmode.0' 'u Kp actuator.1 tuning.1' 'y tau_i sen
 done
 ! "$apc" simulate "$good" --duration 1 2>&1 | grep warning || fail "a good file is warned of"
 change 's/law = "pi"/law = ".\/magic.so"/' 'magic\.so'
-change 's/model = "first-order"/model = "reactor"/' 'reactor.*first-order'
-change 's/Kp = 0.2/Kq = 0.2/' 'no parameter "Kq": did you mean "Kp"\?'
-change 's/law = "pi";/law = "pi"; settings = { measurement = [1]; };/' 'unknown setting "measurement" in settings; there are none$'
-change 's/period = 0.05; phase/period = 500.0; phase/' '"period" of client is 500 s, of controller 0.2 s'
-change 's/phase = 0.012/phase = 0.2/' '"phase" is 0.2: must be below the period, which is 0.2'
-change 's|link = "tcp:|link = "tcp://|' '"link" is "tcp://127.0.0.1:[0-9]*": must be tcp:HOST:PORT'
-change 's/tau = 1.0; }/tau = 1.0; /' 'syntax error at "parameters = '
-change '/^scheduler/,$s/};//' 'the file ends within a group'
+change 's/Kp = 0.2/Kq = 0.2/' '"Kq".*"Kp"'
+change 's|link = "tcp:|link = "tcp://|' '"link"'
+change '/^scheduler/,$s/};//' 'ends within a group'
 # Promise(experiment/16-mib-text)
 change '1i @include "other.conf"' '@include is not taken'
-for name in -y a=b sensor.1 tuning.3; do
-  change "s/name = \"y\"/name = \"$name\"/" '"name" is .*which a command line takes for something else'
-done
-change 's/tau_i = 1.0/tau_i = -1.0/' 'tau_i.*must be from'
-change 's/tau = 1.0;/tau = 0.0;/' 'tau.*must be from'
-change 's/\[10.0\]/[1000.0]/' 'setpoint r = 1000 lies outside its limits'
-change 's/\[10.0\]/[10.0, 20.0]/' 'expected 1 number'
-change 's/mode = "Auto"/mode = "Fast"/' 'mode.*Auto.*Man'
-change 's/duration = 60.0;/duration = 60.0/;s/^measurements.*/x/' 'syntax error'
-change 's/safe = 0.0/safe = 11.0/' 'safe.*must be from'
-plant_with() { change "s/model = \"first-order\";/&$1/" "$2"; }
-plant_with 'integrator = "euler";' 'no integrator "euler"; there are: cvode, adams, rk4, exact'
-plant_with 'steps = 0;' 'steps.*must be from'
-plant_with 'rtol = 2.0;' 'rtol.*must be from'
-plant_with 'dead_time = -1.0;' 'dead_time.*must be from'
-plant_with 'x0 = [1e301];' 'x0?.*1e\+301'
-plant_with 'noise = { z = 0.1; };' 'first-order has no state "z"; there are: x'
-plant_with 'noise = { x = -0.1; };' '"x" is -0.1: must be from'
-plant_with 'disturbances = ( { name = "d"; at = 1.0; value = 1.0; } );' 'has no disturbance "d"'
-change 's/model = "first-order";/model = "adiabatic-cstr"; integrator = "exact";/;s/parameters = [^;]*;[^}]*};//' 'exact: adiabatic-cstr is not linear'
-sensor_with() { change "s/name = \"y\";/&$1/" "$2"; }
-sensor_with 'noise = -0.1;' 'noise.*must be from'
-sensor_with 'quantum = "fine";' 'quantum.*finite number'
-sensor_with 'faults = ( { kind = "tired"; at = 1.0; } );' 'kind.*stuck.*drift.*dropout.*spike'
-sensor_with 'faults = ( { kind = "drift"; at = 1.0; } );' '"size" is missing'
-sensor_with 'faults = ( { kind = "stuck"; at = 1.0; size = 3.0; } );' 'stuck.*has no size'
-sensor_with 'faults = ( { kind = "stuck"; } );' '"at" is missing'
-change 's/^name = /seed = -1; name = /' 'seed.*must be from'
-change 's/^name = "fast"/name = ""/' 'name.*at least one character'
-change 's/^name = "fast"/name = "..\/fast"/' 'names a folder'
-change 's/{ name = "u"/{ name = ""/' 'name.*at least one character'
-change 's/{ name = "u"/{ name = "u\\nv"/' 'name.*no line breaks'
-change 's/{ name = "u"/{ name = "r"/' 'two variables are called "r"'
-change 's/"tcp:127.0.0.1:[0-9]*"/"udp:127.0.0.1:1"/' '"link" is "udp:127.0.0.1:1": must be tcp:HOST:PORT'
-change 's/listen = "tcp:127.0.0.1:[0-9]*"/listen = "tcp:127.0.0.1:99999"/' '"listen" is .*must be tcp:HOST:PORT'
+change 's/\[10.0\]/[1000.0]/' 'setpoint r = 1000'
 for option in law plant; do
   expect 1 "^apc run: --$option: .*magic" "$apc" run "$good" --$option magic --out "$work/never"
 done
