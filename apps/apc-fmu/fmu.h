@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * apc-fmu: an FMU (a model by the standard of fmi-standard.org, 2.0 or 3.0, for co-simulation) in a process
- * of its own. src/plant/fmu.c starts it and speaks with it; apps/apc-fmu/main.c says how.
+ * of its own. src/plant/fmu.c and fmu_plant.c start it and speak with it; apps/apc-fmu/main.c says how.
  */
 #ifndef APC_FMU_FMU_H
 #define APC_FMU_FMU_H

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * FMUs as plants, and what is said between the library (fmu.c) and apc-fmu, the program that runs them.
+ * FMUs as plants, and what is said between the library and apc-fmu, the program that runs them.
  *
  * `apc-fmu keep FILE` looks at the archive, unpacks it into a folder, describes it, and keeps the folder
  * until its other end of the socket is closed. It sends lines of fields with tabs between them, each a

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * What a store is inside. A store is one file (or a few) with a table of operations; store.c checks the
- * arguments of every public function, so that an operation only ever sees good ones, and dispatches.
+ * What a store is inside. A store is one file (or a few) with a table of operations; store.c and
+ * store_records.c check the arguments of every public function, so that an operation only ever sees good
+ * ones, and dispatches.
  *
  * To add a store: write its file with a `const struct apc_store_ops apc_NAME_store`, name it here and in
  * the list of open.c, and add it to the list of tests/unit/test_shareddata_store.c, which every store has
@@ -150,6 +151,14 @@ static inline apc_ns apc_table_kept(const struct apc_retention *keep, enum apc_t
 {
     return table == APC_TICK || table == APC_PREDICTION ? keep->ticks : keep->samples;
 }
+
+/* ---- store.c --------------------------------------------------------------------------------- */
+
+/** Every operation begins with it: the store can be used, @p array holds @p n. Returns 0 or an error. */
+int apc_store_enter(struct apc_store *store, const void *array, size_t n);
+int apc_store_check_variable(struct apc_store *store, enum apc_table table, int id);
+/** @p range may be NULL; has_fn: there is a function for the rows. */
+int apc_store_check_range(struct apc_store *store, const struct apc_range *range, bool has_fn);
 
 /* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */
 

@@ -57,8 +57,7 @@ int apc_store_tables_version(const struct apc_store *store)
 
 /* ---- Checks ------------------------------------------------------------------------------- */
 
-/* Every operation begins with it. */
-static int enter(struct apc_store *store, const void *array, size_t n)
+int apc_store_enter(struct apc_store *store, const void *array, size_t n)
 {
     if (!store) {
         return APC_EINVAL;
@@ -78,7 +77,7 @@ static int enter(struct apc_store *store, const void *array, size_t n)
     return 0;
 }
 
-static int check_variable(struct apc_store *store, enum apc_table table, int id)
+int apc_store_check_variable(struct apc_store *store, enum apc_table table, int id)
 {
     if (!apc_table_known(table)) {
         return apc_fail(&store->why, APC_EINVAL, "%d is no table", (int)table);
@@ -92,7 +91,7 @@ static int check_variable(struct apc_store *store, enum apc_table table, int id)
 
 static int wrong_kind(struct apc_store *store, enum apc_table table, int id, bool vectors)
 {
-    int err = check_variable(store, table, id);
+    int err = apc_store_check_variable(store, table, id);
     return err ? err
                : apc_fail(&store->why, APC_EINVAL, "%s %d: the rows of this table are %s",
                           apc_table_name(table), id, vectors ? "samples" : "vectors");
@@ -161,7 +160,7 @@ static int check_samples(struct apc_store *store, const struct apc_sample *sampl
     return 0;
 }
 
-static int check_range(struct apc_store *store, const struct apc_range *range, bool has_fn)
+int apc_store_check_range(struct apc_store *store, const struct apc_range *range, bool has_fn)
 {
     if (!has_fn) {
         return apc_fail(&store->why, APC_EINVAL, "no function to give the rows to");
@@ -179,13 +178,13 @@ static int check_range(struct apc_store *store, const struct apc_range *range, b
 
 int apc_store_connect(struct apc_store *store)
 {
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     return err ? err : store->ops->connect(store);
 }
 
 int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
-    int err = enter(store, samples, n);
+    int err = apc_store_enter(store, samples, n);
     if (!err) {
         err = check_names(store, samples, n);
     }
@@ -194,7 +193,7 @@ int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n
 
 int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    int err = enter(store, samples, n);
+    int err = apc_store_enter(store, samples, n);
     if (!err) {
         err = check_samples(store, samples, n);
     }
@@ -204,9 +203,9 @@ int apc_store_append(struct apc_store *store, const struct apc_sample *samples, 
 /* A set that is the first ids of a table, as those who have one writer a table claim it. */
 int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int64_t *last)
 {
-    int err = enter(store, last, n);
+    int err = apc_store_enter(store, last, n);
     if (!err) {
-        err = check_variable(store, table, 0);
+        err = apc_store_check_variable(store, table, 0);
     }
     if (err) {
         return err;
@@ -228,9 +227,9 @@ int apc_store_claim(struct apc_store *store, enum apc_table table, size_t n, int
 
 static int check_set(struct apc_store *store, const struct apc_sample *variables, size_t n)
 {
-    int err = enter(store, variables, n);
+    int err = apc_store_enter(store, variables, n);
     for (size_t i = 0; !err && i < n; i++) {
-        err = check_variable(store, variables[i].table, variables[i].id);
+        err = apc_store_check_variable(store, variables[i].table, variables[i].id);
     }
     return err;
 }
@@ -292,7 +291,7 @@ int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_
 
 static int check_put(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    int err = enter(store, samples, n);
+    int err = apc_store_enter(store, samples, n);
     if (!err && n > PUT_MAX) {
         err = apc_fail(&store->why, APC_EINVAL, "%zu values at once are too many: at most %d", n, PUT_MAX);
     }
@@ -357,7 +356,7 @@ int apc_store_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 int apc_store_author(struct apc_store *store, const char *name)
 {
     char clean[APC_AUTHOR_LEN];
-    int err = enter(store, name, 1);
+    int err = apc_store_enter(store, name, 1);
     if (!err && (name[0] == '\0' || strnlen(name, sizeof clean) == sizeof clean)) {
         err = apc_fail(&store->why, APC_EINVAL, "an author's name has 1 to %d bytes", APC_AUTHOR_LEN - 1);
     }
@@ -366,7 +365,7 @@ int apc_store_author(struct apc_store *store, const char *name)
 
 int apc_store_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
 {
-    int err = enter(store, name, 1);
+    int err = apc_store_enter(store, name, 1);
     if (err) {
         return err;
     }
@@ -395,14 +394,14 @@ int apc_store_swap(struct apc_store *store, struct apc_sample *samples, size_t n
 
 static int enter_rows(struct apc_store *store, const struct apc_rows *rows)
 {
-    int err = enter(store, rows, rows ? rows->n_samples : 1);
+    int err = apc_store_enter(store, rows, rows ? rows->n_samples : 1);
     if (!err && rows->size != sizeof *rows) {
         err = apc_fail(&store->why, APC_EINVAL, "struct apc_rows must say its size, %zu bytes", sizeof *rows);
     }
     if (!err) {
-        err = enter(store, rows->sample, rows->n_samples);
+        err = apc_store_enter(store, rows->sample, rows->n_samples);
     }
-    return err ? err : enter(store, rows->vector, rows->n_vectors);
+    return err ? err : apc_store_enter(store, rows->vector, rows->n_vectors);
 }
 
 int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows)
@@ -505,99 +504,21 @@ int apc_store_append_rows(struct apc_store *store, const struct apc_rows *rows)
 int apc_store_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                       apc_vector_fn fn, void *ctx)
 {
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     if (!err) {
         err = check_kind(store, table, id, true);
     }
     if (!err) {
-        err = check_range(store, range, fn != NULL);
+        err = apc_store_check_range(store, range, fn != NULL);
     }
     return err ? err : store->ops->vectors(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx);
 }
 
-/* What others wrote into a database by SQL is cleaned where it is read. */
-struct reading {
-    apc_request_fn request;
-    apc_event_fn event;
-    apc_timing_fn timing;
-    void *ctx;
-};
-
-static int give_request(void *ctx, const struct apc_request *request)
-{
-    const struct reading *to = (const struct reading *)ctx;
-    struct apc_request clean = *request;
-    text_clean(clean.author, request->author, sizeof clean.author);
-    text_clean(clean.role, request->role, sizeof clean.role);
-    text_clean(clean.reason, request->reason, sizeof clean.reason);
-    return to->request(to->ctx, &clean);
-}
-
-int apc_store_requests(struct apc_store *store, apc_request_fn fn, void *ctx)
-{
-    struct reading to = {.request = fn, .ctx = ctx};
-    int err = enter(store, NULL, 0);
-    if (!err && !fn) {
-        err = apc_fail(&store->why, APC_EINVAL, "no function to give the requests to");
-    }
-    return err || !store->ops->requests ? err : store->ops->requests(store, give_request, &to);
-}
-
-int apc_store_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome)
-{
-    char clean[192];
-    int err = enter(store, NULL, 0);
-    if (!err && (id <= 0 || seq < 0 || seq > APC_SEQ_MAX || !store->ops->answer)) {
-        err = apc_fail(&store->why, APC_EINVAL, "there is no request %lld to be answered", (long long)id);
-    }
-    return err ? err
-               : store->ops->answer(store, id, seq,
-                                    outcome ? text_clean(clean, outcome, sizeof clean) : NULL);
-}
-
-int apc_store_keep_history(struct apc_store *store)
-{
-    int err = enter(store, NULL, 0);
-    return err || !store->ops->keep_history ? err : store->ops->keep_history(store);
-}
-
-int apc_store_is_history(struct apc_store *store)
-{
-    int err = enter(store, NULL, 0);
-    return err || !store->ops->is_history ? err : store->ops->is_history(store);
-}
-
-int apc_store_ask(struct apc_store *store, struct apc_request *request)
-{
-    int err = enter(store, request, 1);
-    if (!err && (!store->ops->ask || !apc_table_shared(request->table) || request->variable < 0 ||
-                 !(fabs(request->value) < APC_VALUE_MAX))) {
-        err = apc_fail(&store->why, APC_EINVAL, "nobody can be asked for that here");
-    }
-    if (!err) {
-        text_clean(request->author, request->author, sizeof request->author);
-        text_clean(request->reason, request->reason, sizeof request->reason);
-    }
-    return err ? err : store->ops->ask(store, request);
-}
-
-int apc_store_asked(struct apc_store *store, int64_t id, char *outcome, size_t size)
-{
-    int err = enter(store, outcome, size);
-    if (!err && (id <= 0 || !store->ops->asked)) {
-        err = apc_fail(&store->why, APC_EINVAL, "there is no request %lld", (long long)id);
-    }
-    if (!err && (err = store->ops->asked(store, id, outcome, size)) >= 0 && size > 0) {
-        text_clean(outcome, outcome, size);
-    }
-    return err;
-}
-
 int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
-    int err = enter(store, seen, n);
+    int err = apc_store_enter(store, seen, n);
     for (size_t i = 0; !err && i < n; i++) {
-        err = check_variable(store, seen[i].table, seen[i].id);
+        err = apc_store_check_variable(store, seen[i].table, seen[i].id);
     }
     if (!err && timeout < 0) {
         err = apc_fail(&store->why, APC_EINVAL, "a wait must not be negative");
@@ -607,19 +528,19 @@ int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_
 
 int apc_store_variables(struct apc_store *store, struct apc_sample *variables, size_t capacity)
 {
-    int err = enter(store, variables, capacity);
+    int err = apc_store_enter(store, variables, capacity);
     return err ? err : store->ops->variables(store, variables, capacity);
 }
 
 int apc_store_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                       apc_sample_fn fn, void *ctx)
 {
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     if (!err) {
         err = check_kind(store, table, id, false);
     }
     if (!err) {
-        err = check_range(store, range, fn != NULL);
+        err = apc_store_check_range(store, range, fn != NULL);
     }
     return err ? err : store->ops->history(store, table, id, range ? range : &(struct apc_range){0}, fn, ctx);
 }
@@ -627,7 +548,7 @@ int apc_store_history(struct apc_store *store, enum apc_table table, int id, con
 int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
                            size_t n, apc_history_bin_fn fn, void *ctx)
 {
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     if (!err) {
         err = check_kind(store, table, id, false);
     }
@@ -643,183 +564,16 @@ int apc_store_history_bins(struct apc_store *store, enum apc_table table, int id
     return err ? err : store->ops->history_bins(store, table, id, since, until, n, fn, ctx);
 }
 
-static bool is_range(double low, double high)
-{
-    return fabs(low) <= APC_VALUE_MAX && fabs(high) <= APC_VALUE_MAX && low <= high;
-}
-
-static bool is_while(double seconds)
-{
-    return seconds >= 0 && seconds <= APC_VALUE_MAX;
-}
-
-static int check_tag(struct apc_store *store, const struct apc_tag *t)
-{
-    int err = check_variable(store, t->table, t->id);
-    if (err) {
-        return err;
-    }
-    const char *table = apc_table_name(t->table);
-    if (!is_range(t->low, t->high)) {
-        return apc_fail(&store->why, APC_EINVAL, "%s %d: limits %g and %g are no range", table, t->id, t->low,
-                        t->high);
-    }
-    if (!is_range(t->display_low, t->display_high)) {
-        return apc_fail(&store->why, APC_EINVAL, "%s %d: a scale from %g to %g is none", table, t->id,
-                        t->display_low, t->display_high);
-    }
-    if (!is_while(t->period) || !is_while(t->step) || t->length < 0) {
-        return apc_fail(&store->why, APC_EINVAL,
-                        "%s %d: a period of %g s, a step of %g s and %d elements: expected 0 or more", table,
-                        t->id, t->period, t->step, t->length);
-    }
-    return 0;
-}
-
-int apc_store_put_tags(struct apc_store *store, const struct apc_tag *tags, size_t n)
-{
-    return apc_store_describe(store, tags, n, NULL);
-}
-
-int apc_store_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue)
-{
-    const size_t length = catalogue ? strnlen(catalogue, APC_CATALOGUE_MAX + 1) : 0;
-    char *text = NULL;
-    int err = enter(store, tags, n);
-    for (size_t i = 0; !err && i < n; i++) {
-        err = check_tag(store, &tags[i]);
-    }
-    if (!err && length > APC_CATALOGUE_MAX) {
-        err = apc_fail(&store->why, APC_EINVAL, "a catalogue is %d bytes long at most", APC_CATALOGUE_MAX);
-    }
-    if (!err && catalogue && !(text = (char *)malloc(length + 1))) {
-        err = apc_fail(&store->why, APC_ENOMEM, "out of memory for a catalogue of %zu bytes", length);
-    }
-    if (!err) {
-        err = store->ops->describe(store, tags, n,
-                                   text ? text_cleaned(text, catalogue, length + 1, true) : NULL);
-    }
-    free(text);
-    return err;
-}
-
-int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
-{
-    int64_t none;
-    int err = enter(store, NULL, 0);
-    if (text && size > 0) {
-        text[0] = '\0';
-    }
-    return err ? err : store->ops->catalogue(store, text, text ? size : 0, revision ? revision : &none);
-}
-
-int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
-{
-    int n = enter(store, tags, capacity);
-    n = n ? n : store->ops->get_tags(store, tags, capacity);
-    for (int i = 0; i < n && (size_t)i < capacity; i++) {
-        apc_tag_clean(&tags[i]);
-    }
-    return n;
-}
-
-int apc_store_behind(struct apc_store *store, struct apc_behind *behind)
-{
-    struct apc_behind all = {.size = 0};
-    int err = enter(store, behind, 1);
-    if (!err && store->ops->behind) {
-        err = store->ops->behind(store, &all);
-    }
-    apc_result_copy(behind, &all, sizeof all);
-    return err;
-}
-
-int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
-{
-    int err = enter(store, events, n);
-    for (size_t i = 0; !err && i < n; i++) {
-        if (events[i].severity < APC_EVENT_INFO || events[i].severity > APC_EVENT_ALARM) {
-            err = apc_fail(&store->why, APC_EINVAL, "%d is no severity of an event", (int)events[i].severity);
-        }
-    }
-    return err || n == 0 ? err : store->ops->append_events(store, events, n);
-}
-
-static int give_event(void *ctx, const struct apc_event *event)
-{
-    const struct reading *to = (const struct reading *)ctx;
-    struct apc_event clean = *event;
-    text_clean(clean.source, event->source, sizeof clean.source);
-    text_clean(clean.kind, event->kind, sizeof clean.kind);
-    text_clean(clean.text, event->text, sizeof clean.text);
-    return to->event(to->ctx, &clean);
-}
-
-int apc_store_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
-{
-    struct reading to = {.event = fn, .ctx = ctx};
-    int err = enter(store, NULL, 0);
-    if (!err) {
-        err = check_range(store, range, fn != NULL);
-    }
-    return err ? err : store->ops->events(store, range ? range : &(struct apc_range){0}, give_event, &to);
-}
-
-static int check_timing(struct apc_store *store, const struct apc_timing_row *r)
-{
-    char quantity[sizeof r->quantity];
-    if (r->n_bins > APC_STORE_SAMPLES_MAX ||
-        (r->n_bins > 0 && !(r->bin_low && r->bin_high && r->bin_count))) {
-        return apc_fail(&store->why, APC_EINVAL, "a timing row's buckets are missing or too many");
-    }
-    if (!isfinite(r->mean) || !isfinite(r->sd) || r->missed > INT64_MAX || r->count > INT64_MAX) {
-        return apc_fail(&store->why, APC_EINVAL, "a timing row's figures are not finite or too large");
-    }
-    text_clean(quantity, r->quantity, sizeof quantity);
-    if (strcmp(quantity, "lateness") != 0 && strcmp(quantity, "jitter") != 0 &&
-        strcmp(quantity, "run") != 0) {
-        return apc_fail(&store->why, APC_ESTORE, "\"%s\" is no quantity of a timing row", quantity);
-    }
-    return r->period < 0 ? apc_fail(&store->why, APC_ESTORE, "a timing row's period is negative") : 0;
-}
-
-int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
-{
-    int err = enter(store, rows, n);
-    for (size_t i = 0; !err && i < n; i++) {
-        err = check_timing(store, &rows[i]);
-    }
-    return err || n == 0 ? err : store->ops->append_timing(store, rows, n);
-}
-
-static int give_timing(void *ctx, const struct apc_timing_row *row)
-{
-    const struct reading *to = (const struct reading *)ctx;
-    struct apc_timing_row clean = *row;
-    text_clean(clean.task, row->task, sizeof clean.task);
-    return to->timing(to->ctx, &clean);
-}
-
-int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
-{
-    struct reading to = {.timing = fn, .ctx = ctx};
-    int err = enter(store, NULL, 0);
-    if (!err) {
-        err = check_range(store, range, fn != NULL);
-    }
-    return err ? err : store->ops->timing(store, range ? range : &(struct apc_range){0}, give_timing, &to);
-}
-
 int apc_store_init(struct apc_store *store)
 {
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     return err ? err : store->ops->init(store);
 }
 
 int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct apc_retention k = {0};
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     if (!err) {
         err = apc_options_copy(&k, sizeof k, keep, "apc_retention", &store->why);
     }
@@ -831,7 +585,7 @@ int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep
 
 int apc_store_restore(struct apc_store *store, const char *from, char *kept, size_t size)
 {
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     if (!err && (!from || !kept || size < 1)) {
         err = apc_fail(&store->why, APC_EINVAL, "restored from what file?");
     }
@@ -846,7 +600,7 @@ int apc_store_restore(struct apc_store *store, const char *from, char *kept, siz
 
 int apc_store_plants(struct apc_store *store, apc_plant_fn fn, void *ctx)
 {
-    int err = enter(store, NULL, 0);
+    int err = apc_store_enter(store, NULL, 0);
     if (!err && !fn) {
         err = apc_fail(&store->why, APC_EINVAL, "no function to give the plants to");
     }

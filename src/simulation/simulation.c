@@ -4,9 +4,7 @@
  * daemon reads, it reads when its tick begins; what the daemon writes or sends, it writes or sends when the
  * execution time is over.
  */
-#include "simulation.h"
-
-#include "record/record.h"
+#include "simulation_internal.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -15,43 +13,19 @@
 
 #define DIVERGED 1e100 /* no state of a plant is as large as that */
 
-/* The order of coinciding events. Requests come to the plant after its own tick, replies before the
- * controllers'. Of those who stand above comes what those below take, so each depth has a rank of its own. */
-enum rank {
-    RANK_CLOCK,
-    RANK_OPERATOR,
-    RANK_SCHEDULER,
-    RANK_PLANT,
-    RANK_LINK,
-    RANK_CLIENT = RANK_LINK,
-    RANK_CONTROLLERS,
-    RANK_ALARMS = 1 << 20 /* behind controllers of any depth */
-};
-
-struct clock_step {
-    struct simulation *s;
-    const struct clock_change *change;
-};
-
-struct action_step {
-    struct simulation *s;
-    const struct action *action;
-};
-
 static struct apc_now now_of(const struct simulation *s)
 {
     return (struct apc_now){.mono = apc_clock_mono(s->clock), .utc = apc_clock_utc(s->clock)};
 }
 
-static double time_of(const struct simulation *s)
+double simulation_time(const struct simulation *s)
 {
     return apc_ns_to_s(apc_clock_mono(s->clock) - s->zero);
 }
 
 /* ---- What is told ------------------------------------------------------------------------- */
 
-static void stop(struct simulation *s, int rc, const char *fmt, ...) APC_PRINTF(3, 4);
-static void stop(struct simulation *s, int rc, const char *fmt, ...)
+void simulation_stop(struct simulation *s, int rc, const char *fmt, ...)
 {
     va_list args;
     if (s->rc < 0)
@@ -66,26 +40,24 @@ static void stop(struct simulation *s, int rc, const char *fmt, ...)
 static void stop_at_failure(struct simulation *s, int rc)
 {
     if (rc < 0)
-        stop(s, rc, "at t = %g s: %s", time_of(s), apc_err_text(rc));
+        simulation_stop(s, rc, "at t = %g s: %s", simulation_time(s), apc_err_text(rc));
 }
 
-static void stop_at_store(struct simulation *s, int rc)
+void simulation_stop_at_store(struct simulation *s, int rc)
 {
     if (rc < 0)
-        stop(s, rc, "at t = %g s: %s", time_of(s), apc_store_error(s->store));
+        simulation_stop(s, rc, "at t = %g s: %s", simulation_time(s), apc_store_error(s->store));
 }
 
 static void record(struct simulation *s, const char *source, struct apc_event *event)
 {
     event->time += apc_clock_utc(s->clock);
     snprintf(event->source, sizeof event->source, "%s", source);
-    stop_at_store(s, apc_store_append_events(s->store, event, 1));
+    simulation_stop_at_store(s, apc_store_append_events(s->store, event, 1));
 }
 
-static void tell(struct simulation *s, const char *source, enum apc_event_severity severity, const char *kind,
-                 const char *fmt, ...) APC_PRINTF(5, 6);
-static void tell(struct simulation *s, const char *source, enum apc_event_severity severity, const char *kind,
-                 const char *fmt, ...)
+void simulation_tell(struct simulation *s, const char *source, enum apc_event_severity severity,
+                     const char *kind, const char *fmt, ...)
 {
     struct apc_event event = {.severity = severity};
     va_list args;
@@ -116,7 +88,7 @@ static int scheduler_tick(void *ctx, const struct apc_tick *tick)
     s->step = tick->index;
     s->step_began = tick->scheduled;
     s->schedules = true;
-    stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
+    simulation_stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
     return 0;
 }
 
@@ -129,10 +101,10 @@ static bool schedule(struct simulation *s)
     int rc = apc_scheduler_compute(s->scheduler, now, s->step, now.mono - s->step_began, &notice);
     tell_notice(s, "apc-scheduler", &notice);
     if (rc > 0)
-        stop_at_store(s, rc = apc_store_append_rows(s->store, out));
+        simulation_stop_at_store(s, rc = apc_store_append_rows(s->store, out));
     for (size_t i = 0; i < out->n_samples && rc >= 0; i++)
         if (out->sample[i].seq > 0)
-            course_change(&s->course, &s->course.setpoint[out->sample[i].id - 1], time_of(s),
+            course_change(&s->course, &s->course.setpoint[out->sample[i].id - 1], simulation_time(s),
                           out->sample[i].value);
     return apc_scheduler_update(s->scheduler, rc >= 0) || s->rc < 0;
 }
@@ -140,7 +112,7 @@ static bool schedule(struct simulation *s)
 void simulation_look(struct simulation *s)
 {
     do
-        stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
+        simulation_stop_at_store(s, apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler)));
     while (s->rc == 0 && !schedule(s));
 }
 
@@ -212,7 +184,7 @@ static void record_plant(struct simulation *s)
         course_change(c, &c->input[i], t, input[i]);
     course_change(c, &c->without, t, safe || any_holds(s));
     if (c->failed)
-        stop(s, APC_ENOMEM, "at t = %g s: out of memory", t);
+        simulation_stop(s, APC_ENOMEM, "at t = %g s: out of memory", t);
 }
 
 static void plant_finish(void *ctx)
@@ -225,11 +197,12 @@ static void plant_finish(void *ctx)
     tell_notice(s, "apc-plant", &notice);
     s->course.diverged = rc < 0 || diverged(s);
     if (rc < 0) {
-        stop(s, APC_ESOLVER, "the plant cannot be solved at t = %g s: %s", time_of(s),
-             apc_plant_error(s->plant));
+        simulation_stop(s, APC_ESOLVER, "the plant cannot be solved at t = %g s: %s", simulation_time(s),
+                        apc_plant_error(s->plant));
     } else if (s->course.diverged) {
         describe_state(s, state, sizeof state);
-        stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: beyond %g", time_of(s), state, DIVERGED);
+        simulation_stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: beyond %g", simulation_time(s),
+                        state, DIVERGED);
     } else {
         record_plant(s);
     }
@@ -250,7 +223,7 @@ static int client_tick(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
     const struct apc_now now = {.mono = tick->started, .utc = tick->utc};
-    stop_at_store(s, apc_store_read(s->store, s->u, s->e->dim.nu));
+    simulation_stop_at_store(s, apc_store_read(s->store, s->u, s->e->dim.nu));
     apc_client_command(s->client, now, s->u, s->command);
     return 0;
 }
@@ -258,8 +231,8 @@ static int client_tick(void *ctx, const struct apc_tick *tick)
 static void report_link(struct simulation *s, bool down, const char *why)
 {
     if (s->link_down != down)
-        tell(s, "apc-client", down ? APC_EVENT_WARNING : APC_EVENT_INFO, "link", "plant %s%s",
-             down ? "lost, trying again: " : "connected", why);
+        simulation_tell(s, "apc-client", down ? APC_EVENT_WARNING : APC_EVENT_INFO, "link", "plant %s%s",
+                        down ? "lost, trying again: " : "connected", why);
     s->link_down = down;
 }
 
@@ -287,7 +260,7 @@ static void on_exchanged(void *ctx)
     size_t n = apc_client_measurements(s->client, s->answer, s->y);
     for (size_t i = 0; i < n; i++)
         report_range(s, &s->y[i]);
-    stop_at_store(s, apc_store_append(s->store, s->y, n));
+    simulation_stop_at_store(s, apc_store_append(s->store, s->y, n));
 }
 
 static void client_finish(void *ctx)
@@ -321,7 +294,7 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
     struct apc_notice notice;
     if (!c->core)
         return 0;
-    stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
+    simulation_stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
     apc_controller_compute(c->core, now_of(c->s), tick->index, true, &notice);
     do
         tell_of(c, &notice);
@@ -345,7 +318,7 @@ static void take_turns(struct simulated *c)
 {
     const int rc = cores_take_turns(c->of, c->core, c->store, &c->claimed);
     if (rc < 0 && rc != APC_EBUSY)
-        stop(c->s, rc, "at t = %g s: %s", time_of(c->s), apc_store_error(c->store));
+        simulation_stop(c->s, rc, "at t = %g s: %s", simulation_time(c->s), apc_store_error(c->store));
 }
 
 static void controller_finish(void *ctx)
@@ -357,13 +330,13 @@ static void controller_finish(void *ctx)
     c->ticks = false;
     struct apc_rows *out = apc_controller_out(c->core);
     int rc = apc_store_append_rows(c->store ? c->store : s->store, out);
-    stop_at_store(s, rc);
+    simulation_stop_at_store(s, rc);
     c->holds = is_held(out);
     c->held += c->holds;
     for (size_t i = 0; i < out->n_samples && rc >= 0; i++) {
         const struct apc_sample *row = &out->sample[i];
         if (row->table == APC_SETPOINT && row->seq > 0) /* else somebody was faster */
-            course_change(&s->course, &s->course.setpoint[row->id - 1], time_of(s), row->value);
+            course_change(&s->course, &s->course.setpoint[row->id - 1], simulation_time(s), row->value);
     }
     apc_controller_update(c->core, rc >= 0);
     take_turns(c);
@@ -398,7 +371,7 @@ int simulation_start(struct simulated *c, struct apc_error *why)
     if (rc == 0 && c->of->acting)
         rc = apc_store_open(&c->store, c->s->uri, NULL, why);
     if (rc == 0 && c->of->acting) {
-        stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
+        simulation_stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
         take_turns(c);
     }
     return rc;
@@ -429,7 +402,7 @@ static int alarms_tick(void *ctx, const struct apc_tick *tick)
     (void)tick;
     if (s->past)
         return 0;
-    stop_at_store(s, apc_store_read_rows(s->store, apc_alarms_in(s->alarms)));
+    simulation_stop_at_store(s, apc_store_read_rows(s->store, apc_alarms_in(s->alarms)));
     apc_alarms_compute(s->alarms, now_of(s), &notice);
     tell_notice(s, "apc-alarms", &notice);
     return 0;
@@ -442,7 +415,7 @@ static void alarms_finish(void *ctx)
     struct apc_event event;
     if (s->past)
         return;
-    stop_at_store(s, apc_store_append_rows(s->store, out));
+    simulation_stop_at_store(s, apc_store_append_rows(s->store, out));
     for (size_t i = 0; i < out->n_samples; i++)
         if (alarm_event(s->e, &out->sample[i], &event))
             record(s, "apc-alarms", &event);
@@ -455,133 +428,6 @@ static int make_alarms(struct simulation *s, struct apc_error *why)
     if (s->alarms)
         apc_alarms_resume(s->alarms);
     return rc;
-}
-
-/* ---- The wall clock ----------------------------------------------------------------------- */
-
-static void on_clock(void *ctx)
-{
-    struct clock_step *step = ctx;
-    const struct clock_change *c = step->change;
-    apc_virtual_set_clock(step->s->executive, c->step, c->drift);
-    if (c->step != 0)
-        tell(step->s, "apc-simulate", APC_EVENT_WARNING, "clock",
-             "the wall clock stepped by %+.3f s; periods are not affected", apc_ns_to_s(c->step));
-}
-
-static int schedule_clock(struct simulation *s)
-{
-    const struct models *m = &s->e->models;
-    s->clock_steps = calloc(m->n_clock + 1, sizeof *s->clock_steps);
-    if (!s->clock_steps)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < m->n_clock; i++) {
-        s->clock_steps[i] = (struct clock_step){s, &m->clock[i]};
-        if (apc_virtual_at(s->executive, s->zero + m->clock[i].at, RANK_CLOCK, on_clock, &s->clock_steps[i]) <
-            0)
-            return APC_ENOMEM;
-    }
-    return 0;
-}
-
-/* ---- The operator -------------------------------------------------------------------------- */
-
-static void write_as_operator(struct simulation *s, const struct action *action, const char *who)
-{
-    stop_at_store(s,
-                  action_do(s->store, &s->loops, s->tags, s->n_tags, action, apc_clock_utc(s->clock), who));
-    if (action->to.table == APC_SETPOINT)
-        course_change(&s->course, &s->course.setpoint[action->to.id - 1], time_of(s), action->to.value);
-    if (s->schedules) /* it sees at once whose its setpoints are */
-        simulation_look(s);
-}
-
-void simulation_do(struct simulation *s, const struct action *action, const char *who)
-{
-    struct simulated *c = &s->controller[action->controller];
-    struct apc_error why;
-    if (action->kind == ACTION_WRITE) {
-        write_as_operator(s, action, who);
-        return;
-    }
-    const bool start = action->kind == ACTION_START;
-    if (start && simulation_start(c, &why) < 0)
-        stop(s, APC_ESTATE, "at t = %g s: %s", time_of(s), why.text);
-    else if (!start)
-        simulation_kill(c);
-    tell(s, who, APC_EVENT_INFO, start ? "start" : "stop", "%s %s", c->of->name,
-         start ? "started" : "killed");
-}
-
-static void on_call(void *ctx)
-{
-    struct simulation *s = ctx;
-    simulation_do(s, s->call, "operator");
-}
-
-/* An event of its own, at the very instant that the run has come to: what else happens then comes after it.
- */
-int simulation_happen(struct simulation *s, apc_virtual_fn event, void *ctx)
-{
-    apc_ns t;
-    if (s->rc < 0 || s->interrupted)
-        return s->rc;
-    apc_ns_from_s(s->ended, &t);
-    if (apc_virtual_at(s->executive, s->zero + t, RANK_OPERATOR, event, ctx) < 0)
-        return s->rc = apc_fail(&s->why, APC_ENOMEM, "out of memory");
-    s->handled += apc_virtual_run(s->executive, s->zero + t);
-    return s->rc;
-}
-
-int simulation_operate(struct simulation *s, const struct action *action)
-{
-    s->call = action;
-    return simulation_happen(s, on_call, s);
-}
-
-static void on_action(void *ctx)
-{
-    const struct action_step *step = ctx;
-    simulation_do(step->s, step->action, "apc-simulate");
-}
-
-int simulation_schedule_actions(struct simulation *s, apc_ns from)
-{
-    const struct experiment *e = s->e;
-    loops_free(&s->loops);
-    free(s->tags);
-    free(s->action_steps); /* those of another experiment have been done */
-    s->tags = provision_tags(e, &s->n_tags);
-    s->action_steps = calloc(e->n_actions + 1, sizeof *s->action_steps);
-    if (!s->tags || !s->action_steps || controllers_describe(e, &s->loops) < 0)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < e->n_actions && !s->past; i++) { /* they are among its rows */
-        s->action_steps[i] = (struct action_step){s, &e->action[i]};
-        if (e->action[i].at >= from && apc_virtual_at(s->executive, s->zero + e->action[i].at, RANK_OPERATOR,
-                                                      on_action, &s->action_steps[i]) < 0)
-            return APC_ENOMEM;
-    }
-    return 0;
-}
-
-/* ---- A recorded past ------------------------------------------------------------------------ */
-
-/* Each row at its time. */
-static void repeat(void *ctx)
-{
-    struct simulation *s = ctx;
-    const struct samples *rows = &s->past->rows;
-    const apc_ns now = apc_clock_utc(s->clock);
-    for (; s->repeated < rows->n && rows->at[s->repeated].time <= now; s->repeated++) {
-        const struct apc_sample *row = &rows->at[s->repeated];
-        stop_at_store(s, apc_store_append(s->store, row, 1));
-        if (row->table == APC_SETPOINT)
-            course_change(&s->course, &s->course.setpoint[row->id - 1], time_of(s), row->value);
-    }
-    if (s->repeated < rows->n &&
-        apc_virtual_at(s->executive, s->zero + rows->at[s->repeated].time - SIMULATION_BEGIN, RANK_OPERATOR,
-                       repeat, s) < 0)
-        stop(s, APC_ENOMEM, "out of memory");
 }
 
 /* ---- Making one --------------------------------------------------------------------------- */
@@ -746,13 +592,13 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
         (e->scheduler.steps > 0 && (rc = cores_scheduler(e, &s->scheduler, why)) < 0) ||
         (rc = make_exchange(s, seed, why)) < 0)
         return rc;
-    if (make_room(s) < 0 || schedule_clock(s) < 0 || simulation_schedule_actions(s, 0) < 0)
+    if (make_room(s) < 0 || simulation_schedule_clock(s) < 0 || simulation_schedule_actions(s, 0) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0 ||
         (rc = make_alarms(s, why)) < 0)
         return rc;
     if (past)
-        repeat(s);
+        simulation_repeat(s);
     return make_tasks(s, seed, why);
 }
 
@@ -766,7 +612,7 @@ int simulation_run(struct simulation *s, double until)
     if (until <= s->ended)
         return 0;
     s->handled += apc_virtual_run(s->executive, s->zero + length - 1);
-    s->ended = s->course.end = s->rc < 0 || s->interrupted ? time_of(s) : until;
+    s->ended = s->course.end = s->rc < 0 || s->interrupted ? simulation_time(s) : until;
     return s->rc;
 }
 

@@ -15,7 +15,7 @@ import subprocess
 import sys
 
 FILES = 25  # in a folder
-LINES = 930  # in a file
+LINES = 800  # in a file
 
 
 def table(document, source):

@@ -1,43 +1,21 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc run: the daemons of an experiment as processes, one live line, a run folder. */
 #include <arpa/inet.h>
-#include <errno.h>
-#include <inttypes.h>
-#include <limits.h>
 #include <math.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include "apc/common/cli.h"
-#include "common/storeuri.h"
-#include "evidence.h"
-#include "apc/folder/folder.h"
-#include "apc/folder/keep.h"
-#include "live.h"
-#include "apc/report/report.h"
-#include "experiment/experiment.h"
-#include "apc/folder/segment.h"
-#include "apc/folder/spools.h"
-#include "supervisor.h"
 #include "apc/common/warn.h"
+#include "common/storeuri.h"
+#include "run.h"
 
-#define EXPORT_TRIES     60 /* a second each */
 #define HISTORIAN_PERIOD (APC_NS_PER_S / 10)
-#define LEAD             (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
 #define PAGE_PORT        8080
 #define PAGE_PERIOD      (5 * APC_NS_PER_S) /* it has no task: it says once a second that it lives */
-
-struct run_options {
-    double duration; /* s; < 0: the file's */
-    const char *out, *timer, *history;
-    bool spin, hold_latency, no_ui, force;
-    struct experiment_overrides overrides;
-};
 
 enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY, OPT_NO_UI, OPT_FORCE, OPT_HISTORY };
 
@@ -144,31 +122,6 @@ static const struct cli_spec spec = {
     .extra = &extra,
 };
 
-struct run {
-    struct cli cli;
-    struct run_options options;
-    struct experiment e;
-    struct apc_store *store;
-    struct supervisor daemons;
-    struct live *live;
-    char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
-    int listener;                /* its socket */
-    char graphic[PATH_MAX];      /* the drawing beside the file; "": there is none */
-    struct apc_error failure;    /* why the run is none; "": nothing known */
-    apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
-    apc_ns stopped;              /* monotonic: when it was ended */
-    size_t controllers;          /* the first one's place among the daemons */
-    size_t done;                 /* of the experiment's actions */
-    char dir[512], config[544], store_name[400], live_name[128], host[256];
-    struct segment segment;          /* the store in memory, if it was given none */
-    char own_history[PATH_MAX + 32]; /* URI of a file in dir; "": it was given one, or a store alone */
-    char live_uri[256];              /* of --store LIVE+HISTORY */
-    char *history;                   /* its URI, with a path that holds in any folder; NULL: there is none */
-    char *both;                      /* LIVE+HISTORY, likewise */
-    bool made_store;                 /* own_history was not there before */
-    const char *record;              /* URI of the store that holds the record in the end */
-};
-
 /* ---- Signals ------------------------------------------------------------------------------ */
 
 static void block(sigset_t *set)
@@ -189,210 +142,7 @@ static void unblock(const sigset_t *set)
     sigprocmask(SIG_UNBLOCK, set, NULL);
 }
 
-/* ---- Steps of a run ----------------------------------------------------------------------- */
-
-/* It may be described anew when it is this experiment's. */
-static int check_store(struct run *r, struct apc_store *store, const char *uri)
-{
-    char why[PROVISION_TEXT], name[400];
-    int rc = provision_check(store, &r->e, why);
-    store_name(uri, name, sizeof name);
-    if (rc == APC_EPERM)
-        cli_error(&r->cli, rc, "the store %s cannot be taken: %s; give another --%s%s", name, why,
-                  uri == r->history ? "history" : "store",
-                  r->own_history[0] && uri == r->history
-                      ? " or --out"
-                      : ", or make it this experiment's with `apc init --force FILE`");
-    else if (rc < 0)
-        cli_store_error(&r->cli, rc, store);
-    else if (uri != r->history && cli_live(&r->cli, store) != EXIT_OK)
-        return APC_EPERM;
-    return rc;
-}
-
-/* Is anybody running this plant? Then nothing of it may be touched. */
-static int claim_all(const struct run *r, struct apc_store *guard)
-{
-    const struct {
-        enum apc_table table;
-        size_t n;
-    } of[] = {{APC_SENSOR, r->e.dim.ny + r->e.n_signals},
-              {APC_ACTUATOR, r->e.dim.nu},
-              {APC_SETPOINT, r->e.dim.nz},
-              {APC_TICK, r->e.n_controllers}};
-    size_t n = 0;
-    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
-        n += of[i].n;
-    struct apc_sample *all = calloc(n, sizeof *all), *at = all;
-    for (size_t i = 0; all && i < sizeof of / sizeof *of; i++)
-        for (size_t k = 0; k < of[i].n; k++)
-            *at++ = (struct apc_sample){.table = of[i].table, .id = (int)k + 1};
-    int rc = all ? apc_store_claim_set(guard, all, n) : APC_ENOMEM;
-    free(all);
-    if (rc < 0)
-        cli_store_error(&r->cli, rc, guard);
-    return rc;
-}
-
-/* The history, when it is there, is this experiment's and nobody's at the moment, and the live store goes on
- * from it. */
-static int prepare_history(struct run *r)
-{
-    struct apc_store *history = NULL;
-    struct cli cli = r->cli;
-    struct apc_error why;
-    cli.store = r->history;
-    int rc = cli_open(&cli, &history);
-    if (rc < 0)
-        return rc;
-    rc = cli_init(&cli, history);
-    if (!r->own_history[0] && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL)) {
-        fprintf(stderr, "the history is away: %s; the record is kept in memory until it comes\n",
-                apc_store_error(history));
-        (void)apc_store_take_over(r->store, history, &why); /* numbers that lie above its */
-        rc = 0;
-    } else if (rc < 0) {
-        cli_store_error(&cli, rc, history);
-    } else if ((rc = claim_all(r, history)) >= 0 && (rc = check_store(r, history, cli.store)) == 0 &&
-               (rc = apc_store_take_over(r->store, history, &why)) < 0) {
-        cli_error(&cli, rc, "%s", why.text);
-    }
-    apc_store_close(history);
-    return rc < 0 ? rc : 0;
-}
-
-/* Nobody is running the plant in this store. */
-static int describe(struct run *r)
-{
-    int rc = check_store(r, r->store, r->cli.store);
-    if (rc == 0 && r->history)
-        rc = prepare_history(r);
-    if (rc == 0 && (rc = provision(r->store, &r->e, PROVISION_RESET)) < 0)
-        cli_store_error(&r->cli, rc, r->store);
-    return rc;
-}
-
-static int prepare_store(struct run *r)
-{
-    struct apc_store *guard = NULL;
-    struct apc_error why;
-    int rc = cli_open(&r->cli, &r->store);
-    if (rc < 0)
-        return rc;
-    rc = cli_init(&r->cli, r->store);
-    if (rc < 0) {
-        cli_store_error(&r->cli, rc, r->store);
-        return rc;
-    }
-    rc = cli_open(&r->cli, &guard);
-    if (rc >= 0)
-        rc = claim_all(r, guard);
-    if (rc >= 0)
-        rc = describe(r);
-    if (rc >= 0 && r->segment.uri[0] && (rc = segment_own(&r->segment, r->dir, &why)) < 0)
-        cli_error(&r->cli, rc, "%s", why.text);
-    apc_store_close(guard);
-    apc_store_close(r->store); /* while it runs, other processes use it */
-    r->store = NULL;
-    return rc;
-}
-
-static int prepare_folder(struct run *r)
-{
-    struct apc_error why;
-    if (r->options.out && strlen(r->options.out) >= sizeof r->dir) {
-        cli_error(&r->cli, APC_EINVAL, "--out: the path is too long");
-        return APC_EINVAL;
-    }
-    int rc = 0;
-    if (r->options.out)
-        snprintf(r->dir, sizeof r->dir, "%s", r->options.out);
-    else
-        rc = folder_choose(r->dir, sizeof r->dir, r->e.name, &why);
-    if (rc == 0)
-        rc = folder_create(r->dir, &r->e, r->options.force, &why);
-    if (rc < 0)
-        cli_error(&r->cli, rc, "%s", why.text);
-    return rc;
-}
-
-/* Live store and history as one, for those who look on: with a path that holds in any folder. */
-static int join_stores(struct run *r)
-{
-    const char *history = r->options.history;
-    char here[PATH_MAX] = "";
-    if (!history)
-        return 0;
-    const bool relative =
-        !strncmp(history, "sqlite:", strlen("sqlite:")) && history[strlen("sqlite:")] != '/';
-    if (relative && !getcwd(here, sizeof here))
-        return cli_error(&r->cli, APC_ESYS, "the current folder: %s", strerror(errno)), APC_ESYS;
-    const size_t live = strcspn(r->cli.store, "?");
-    if (asprintf(&r->both, "%.*s+%s%s%s%s", (int)live, r->cli.store, relative ? "sqlite:" : "", here,
-                 relative ? "/" : "", relative ? history + strlen("sqlite:") : history) < 0) {
-        r->both = NULL;
-        return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
-    }
-    r->history = r->both + live + 1;
-    return 0;
-}
-
-/* Is the live store memory, so that both can be one? */
-static const char *seen_from_outside(const struct run *r)
-{
-    return r->both && r->both[apc_store_live(r->both)] ? r->both : r->cli.store;
-}
-
-/* "in another terminal: export APC_STORE='sqlite:...'", to be pasted into a shell. Not with a password. */
-static void say_export(const char *uri)
-{
-    char shown[PATH_MAX + 64], room[256];
-    store_name(uri, shown, sizeof shown);
-    if (strstr(shown, "***"))
-        uri = store_live(uri, room);
-    fputs("in another terminal: export APC_STORE='", stderr);
-    for (; *uri; uri++)
-        fputs(*uri == '\'' ? "'\\''" : (const char[]){*uri, '\0'}, stderr);
-    fputs("'\n", stderr);
-}
-
-/* Nobody named a store: memory of its own, and the record, if nobody said where, in the run folder. Every
- * program then gets it from the environment. */
-static int embed_store(struct run *r)
-{
-    struct apc_error why;
-    const int rc = segment_plan(&r->segment, &r->e, &why);
-    if (rc < 0) {
-        cli_error(&r->cli, rc, "%s", why.text);
-        return rc;
-    }
-    r->cli.store = r->segment.uri;
-    if (r->options.history)
-        return 0;
-    char dir[PATH_MAX];
-    if (!realpath(r->dir, dir)) {
-        cli_error(&r->cli, APC_ESYS, "%s: %s", r->dir, strerror(errno));
-        return APC_ESYS;
-    }
-    const int scheme = snprintf(r->own_history, sizeof r->own_history, "sqlite:");
-    snprintf(r->own_history + scheme, sizeof r->own_history - (size_t)scheme, "%s/store.db", dir);
-    r->made_store = access(r->own_history + scheme, F_OK) != 0;
-    r->options.history = r->own_history;
-    return 0;
-}
-
-/* The run did not come about: what was made for it goes. */
-static void discard(const struct run *r)
-{
-    static const char *const names[] = {"store.db", "store.db-journal", "store.db-claims"};
-    char path[sizeof r->dir + 32];
-    for (size_t i = 0; r->made_store && i < sizeof names / sizeof *names; i++) {
-        snprintf(path, sizeof path, "%s/%s", r->dir, names[i]);
-        remove(path);
-    }
-    segment_remove(&r->segment);
-    folder_discard(r->dir, &r->e);
-}
+/* ---- The daemons -------------------------------------------------------------------------- */
 
 /* A socket that listens on a port of this host; 0: any. Sets *port. Negative: it is taken. */
 static int listen_on(int *port)
@@ -411,35 +161,6 @@ static int listen_on(int *port)
     }
     *port = ntohs(address.sin_port);
     return fd;
-}
-
-static struct folder_facts facts_of(struct run *r)
-{
-    store_name(r->record, r->store_name, sizeof r->store_name);
-    snprintf(r->live_name, sizeof r->live_name, "%.*s", (int)strcspn(r->cli.store, "?"), r->cli.store);
-    gethostname(r->host, sizeof r->host - 1);
-    return (struct folder_facts){.by = "apc run",
-                                 .timer = r->options.timer ? r->options.timer : "deadline",
-                                 .store = r->store_name,
-                                 .live = r->history ? r->live_name : NULL,
-                                 .host = r->host,
-                                 .start = r->start};
-}
-
-/* t = 0 is chosen, and from now on the folder is this run's. The daemons load run.conf there, and with it the
- * record and the plug-ins: what they run is what is kept. */
-static int keep_folder(struct run *r)
-{
-    struct apc_error why;
-    r->start = (apc_clock_utc(NULL) + LEAD + APC_NS_PER_S - 1) / APC_NS_PER_S * APC_NS_PER_S;
-    r->begin = r->start - apc_clock_offset(NULL, NULL);
-    r->finish = r->e.duration > 0 ? r->begin + (apc_ns)(r->e.duration * 1e9) : 0;
-    snprintf(r->config, sizeof r->config, "%s/run.conf", r->dir);
-    const struct folder_facts facts = facts_of(r);
-    int rc = folder_keep(r->dir, &r->e, &facts, &why);
-    if (rc < 0)
-        cli_error(&r->cli, rc, "%s", why.text);
-    return rc;
 }
 
 static struct child *add(struct run *r, const struct child *child)
@@ -549,7 +270,7 @@ static int start_daemons(struct run *r)
     }
     add_daemons(r);
     /* Not in argv, where everybody could read a password. */
-    setenv("APC_STORE", seen_from_outside(r), 1);
+    setenv("APC_STORE", run_store(r), 1);
     setenv("APC_SPOOL", r->dir, 1);
     if (r->history)
         setenv("APC_HISTORY", r->history, 1);
@@ -628,191 +349,17 @@ static bool follow(struct run *r, const sigset_t *signals)
     }
 }
 
-typedef int stage(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why);
-
-/* What the daemons could not store before they were stopped belongs to the record. */
-static int drain(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
+/* "in another terminal: export APC_STORE='sqlite:...'", to be pasted into a shell. Not with a password. */
+static void say_export(const char *uri)
 {
-    (void)since;
-    (void)until;
-    int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
-    if (r->history && (rc == 0 || rc == APC_EPROTO)) {
-        const int kept = keep_finish(r->cli.store, r->history, r->cli.timeout, why);
-        rc = kept < 0 ? kept : rc;
-    }
-    return rc;
-}
-
-static apc_ns ran(const struct run *r)
-{
-    return (r->finish && r->finish < r->stopped ? r->finish : r->stopped) - r->begin;
-}
-
-static int export(const struct run *r, apc_ns since, apc_ns until, struct apc_error *why)
-{
-    return folder_export(r->dir, r->store, &r->e, r->start, apc_ns_to_s(ran(r)), since, until, why);
-}
-
-/* The store may just be away: nobody wants to lose a run for that. */
-static int patiently(const struct run *r, stage *what, apc_ns since, apc_ns until, struct apc_error *why)
-{
-    const struct timespec pause = {1, 0};
-    int rc = what(r, since, until, why);
-    for (int tries = 0; (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EBUSY) && tries < EXPORT_TRIES;
-         tries++) {
-        if (tries == 0)
-            cli_error(&r->cli, rc, "%s; trying again", why->text);
-        nanosleep(&pause, NULL);
-        rc = what(r, since, until, why);
-    }
-    return rc;
-}
-
-/* The longest of those who command the plant. */
-static apc_ns longest_hold(const struct experiment *e)
-{
-    apc_ns hold = 0;
-    for (size_t i = 0; i < e->n_controllers; i++)
-        for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
-            if (e->controllers[i].u[k].table == APC_ACTUATOR && e->controllers[i].hold > hold)
-                hold = e->controllers[i].hold;
-    return hold;
-}
-
-/* A run of which the record has not all is no success: nobody can say what it was. */
-static void name_missing(struct run *r, const struct missing *missing)
-{
-    if (missing->empty)
-        apc_fail(&r->failure, APC_ESTATE, "the record has no value of %s: see %s/*.log", missing->empty,
-                 r->dir);
-    else if (missing->name)
-        apc_fail(&r->failure, APC_ESTATE,
-                 "the record is not whole: of %s %" PRIu64 " of %" PRIu64 " rows were lost, see %s/*.log",
-                 missing->name, missing->rows, missing->of, r->dir);
-}
-
-/* Why the run is not what it was to be, if it is not: in r->failure. */
-static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
-{
-    const struct apc_range range = {.since = since - LEAD, .until = until};
-    struct missing missing = {0};
-    char why[400];
-    apc_ns begin;
-    int rc = evidence_begin(r->store, &r->e, r->start, &begin);
-    control_begin(control, r->e.plant.external, apc_watchdog_make(r->e.client.rhythm.period, 0).link, begin);
-    if (rc == 0)
-        rc = evidence_take(r->store, &r->e, &range, control, &missing);
-    if (rc < 0 || r->failure.text[0])
-        return rc;
-    control_end(control, until);
-    const enum control_verdict verdict =
-        control_judge(control, r->start, longest_hold(&r->e), why, sizeof why);
-    if (verdict == CONTROL_OPEN)
-        apc_fail(&r->failure, APC_ESTATE, "%s; see %s/*.log", why, r->dir);
-    for (size_t i = 0; i < r->daemons.n && !r->failure.text[0]; i++) {
-        const struct child *child = &r->daemons.child[i];
-        if (child->faults > 0 && !child->aside)
-            apc_fail(&r->failure, APC_ESTATE, "%s failed %u times and was started again: see %.300s",
-                     child->title[0] ? child->title : child->name, child->faults, child->log);
-    }
-    if (verdict == CONTROL_AGAIN && !r->failure.text[0])
-        apc_fail(&r->failure, APC_ESTATE, "%s", why);
-    if (!r->failure.text[0])
-        name_missing(r, &missing);
-    return rc;
-}
-
-/* The last word on the run, into its records too. */
-static void record_failure(const struct run *r, apc_ns until)
-{
-    struct apc_event event = {
-        .time = until - APC_NS_PER_US, .severity = APC_EVENT_ALARM, .source = "apc-run", .kind = "stop"};
-    if (!r->failure.text[0])
-        return;
-    snprintf(event.text, sizeof event.text, "the run failed: %.170s", r->failure.text);
-    apc_store_append_events(r->store, &event, 1);
-}
-
-static int write_report(const struct run *r, struct apc_error *why)
-{
-    char title[sizeof r->e.title + sizeof r->failure.text + 32];
-    snprintf(title, sizeof title, "%s%s%s", r->e.title, r->failure.text[0] ? " - failed: " : "",
-             r->failure.text);
-    return report_leave(&r->cli, r->dir, &r->e, title, NULL, why);
-}
-
-static int leave_report(struct run *r)
-{
-    struct apc_error why = {""};
-    struct control control = {0};
-    /* By how much the wall clock stepped meanwhile: samples before it and after it both belong to the run. */
-    apc_ns step = apc_clock_offset(NULL, NULL) - (r->start - r->begin);
-    if (step > -APC_NS_PER_S && step < APC_NS_PER_S)
-        step = 0;
-    apc_ns since = r->start + (step < 0 ? step : 0), until = r->start + ran(r) + (step > 0 ? step : 0);
-    struct cli cli = r->cli;
-    cli.store = r->record;
-    int rc = cli_open(&cli, &r->store);
-    if (rc < 0)
-        return rc;
-    int drained = patiently(r, drain, since, until, &why);
-    rc = drained == APC_EPROTO ? 0 : drained; /* what is damaged is no reason not to give the rest */
-    if (rc >= 0 && (rc = judge(r, since, until, &control)) < 0)
-        apc_fail(&why, rc, "%s", apc_store_error(r->store));
-    if (rc >= 0)
-        record_failure(r, until);
-    if (rc >= 0)
-        rc = patiently(r, export, since, until, &why);
-    const int drawn = rc >= 0 ? write_report(r, &why) : 0;
-    if (drawn < 0 && !r->failure.text[0])
-        apc_fail(&r->failure, APC_ESTATE, "the record cannot be read: %.400s", why.text);
-    if (rc >= 0 && drained < 0) {
-        rc = drained;
-        apc_fail(&why, rc, "what waited in a spool is damaged: see %s", r->dir);
-    }
-    if (drained == 0 || drained == APC_EPROTO)
-        segment_remove(&r->segment);
-    if (rc < 0) {
-        cli_error(&r->cli, rc, "%s%s%s", r->failure.text, r->failure.text[0] ? "; no report: " : "",
-                  why.text);
-        const bool kept = drained < 0 && drained != APC_EPROTO && r->segment.path[0];
-        if (kept && access(r->segment.path, F_OK) != 0)
-            fprintf(stderr, "%s was removed while the run went on: what its history does not have is lost\n",
-                    r->segment.path);
-        else if (kept)
-            fprintf(stderr, "the record is still in memory, %s: `apc drain '%s'` moves it to its history\n",
-                    r->live_name, r->dir);
-        return rc;
-    }
-    if (drawn > 0 && (!r->failure.text[0] || control.ever))
-        printf("report:  %s/report.png, report.svg\n", r->dir);
-    if (!r->failure.text[0] || control.ever)
-        printf("samples: %s/samples.csv\n", r->dir);
-    fflush(stdout);
-    return r->failure.text[0] ? cli_error(&r->cli, APC_ESTATE, "%s", r->failure.text), APC_ESTATE : 0;
-}
-
-/* In a process of its own: what it reads may be shared memory that somebody cuts short. */
-static int report_apart(struct run *r)
-{
-    int status;
-    fflush(stdout);
-    pid_t pid = fork();
-    if (pid == 0) {
-        int rc = leave_report(r);
-        apc_store_close(r->store);
-        fflush(stdout);
-        _exit(-rc);
-    }
-    if (pid < 0)
-        return leave_report(r);
-    while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
-        ;
-    if (WIFEXITED(status))
-        return -WEXITSTATUS(status);
-    cli_error(&r->cli, APC_ESTATE, "%s%sthe record could not be written (%s): the shared data are damaged",
-              r->failure.text, r->failure.text[0] ? "; " : "", sigdescr_np(WTERMSIG(status)));
-    return APC_ESTATE;
+    char shown[PATH_MAX + 64], room[256];
+    store_name(uri, shown, sizeof shown);
+    if (strstr(shown, "***"))
+        uri = store_live(uri, room);
+    fputs("in another terminal: export APC_STORE='", stderr);
+    for (; *uri; uri++)
+        fputs(*uri == '\'' ? "'\\''" : (const char[]){*uri, '\0'}, stderr);
+    fputs("'\n", stderr);
 }
 
 static int run(struct run *r)
@@ -839,16 +386,16 @@ static int run(struct run *r)
         r->e.duration = r->options.duration;
     block(&signals);
     signal(SIGPIPE, SIG_IGN); /* `apc run ... | head` is no reason to leave no report */
-    if ((rc = prepare_folder(r)) < 0)
+    if ((rc = run_prepare_folder(r)) < 0)
         return rc;
     segment_name_orphans();
-    if ((!r->cli.store && (rc = embed_store(r)) < 0) || (rc = join_stores(r)) < 0 ||
-        (rc = prepare_store(r)) < 0) {
-        discard(r);
+    if ((!r->cli.store && (rc = run_embed_store(r)) < 0) || (rc = run_join_stores(r)) < 0 ||
+        (rc = run_prepare_store(r)) < 0) {
+        run_discard(r);
         return rc;
     }
     r->record = r->history ? r->history : r->cli.store;
-    if ((rc = keep_folder(r)) < 0)
+    if ((rc = run_keep_folder(r)) < 0)
         return rc;
     if (r->segment.uri[0])
         fprintf(stderr,
@@ -856,8 +403,8 @@ static int run(struct run *r)
                 r->live_name, r->segment.mib,
                 r->segment.held < r->e.live.history ? "holds no more than" : "holds",
                 r->segment.held < 86400 ? r->segment.held : 86400, floor(r->segment.timing_held));
-    if (seen_from_outside(r) == r->both || r->segment.uri[0])
-        say_export(seen_from_outside(r));
+    if (run_store(r) == r->both || r->segment.uri[0])
+        say_export(run_store(r));
     else
         fprintf(stderr, "store:   %s\n", r->store_name);
     if ((rc = start_daemons(r)) < 0)
@@ -874,7 +421,7 @@ static int run(struct run *r)
     if (supervisor_stop(&r->daemons, &why) < 0 && !r->failure.text[0])
         r->failure = why;
     unblock(&signals); /* from here on Ctrl-C may end it */
-    return report_apart(r);
+    return run_finish(r);
 }
 
 int command_run(int argc, char **argv)

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The PostgreSQL store, shared by its files: pg_array.c (binary values), pg_statements.c (every SQL text),
- * pg_connection.c (connecting, waiting with a deadline), pg_claim.c (claims), pg_former.c (claims that
- * outlive their connection), pg_pooled.c (poolers), pg_init.c (migrations), pg_tick.c (the ticks'
- * operations), pg_chunks.c (appending chunks), pg_catalogue.c (authors, the catalogue), pg_request.c (what
- * people ask of a history), pg_rows.c (events, timing, tags), pg_history.c (history of samples and vectors),
- * pg_pack.c (packing old weeks), pg_plants.c (which plants there are), postgresql.c (its life).
- * apcshareddata.c uses the first two.
+ * pg_connection.c (operations, waiting with a deadline), pg_connect.c (connecting), pg_error.c (what failed),
+ * pg_claim.c (claims), pg_former.c (claims that outlive their connection), pg_pooled.c (poolers), pg_init.c
+ * (migrations), pg_tick.c (the ticks' operations), pg_chunks.c (appending chunks), pg_catalogue.c (authors,
+ * the catalogue), pg_request.c (what people ask of a history), pg_rows.c (events, timing, tags), pg_history.c
+ * (history of samples and vectors), pg_pack.c (packing old weeks), pg_plants.c (which plants there are),
+ * postgresql.c (its life). apcshareddata.c uses the first two.
  */
 #ifndef APC_POSTGRESQL_H
 #define APC_POSTGRESQL_H
@@ -139,13 +139,15 @@ void apc_pg_param_text(struct apc_pg_params *p, const char *text);
  */
 typedef int (*apc_pg_result_fn)(void *ctx, int statement, PGresult *result);
 
-/** Begin an operation: set its deadline, connect when not connected. */
-int apc_pg_begin(struct apc_pg *pg);
 /** Wait for a notification until @p deadline (monotonic). Returns 1, 0 when the time is up, or an error. */
 int apc_pg_await_notify(struct apc_pg *pg, apc_ns deadline);
+/** Wait for the socket within the running operation. Returns 0, or APC_ETIMEDOUT, APC_ESYS. */
+int apc_pg_wait_socket(struct apc_pg *pg, short events);
 /** Queue a statement by text, or a prepared one by name. */
 int apc_pg_send(struct apc_pg *pg, const char *sql, const struct apc_pg_params *p);
 int apc_pg_send_prepared(struct apc_pg *pg, const char *name, const struct apc_pg_params *p);
+/** Half a queue is of no use: close the connection, and with it what was queued before. Returns an error. */
+int apc_pg_not_queued(struct apc_pg *pg);
 /** Send what is queued, wait for all results: one round trip. @p fn may be NULL. */
 int apc_pg_finish(struct apc_pg *pg, apc_pg_result_fn fn, void *ctx);
 /** The same; each row of the statement of that number, from 1, is a result of its own, given while the server
@@ -154,6 +156,16 @@ int apc_pg_finish_by_rows(struct apc_pg *pg, int by_rows, apc_pg_result_fn fn, v
 /** Close the connection, without waiting for anything. The next operation connects anew. */
 void apc_pg_drop(struct apc_pg *pg);
 
+/** Run SQL text, maybe several commands, outside pipeline mode. @p result (may be NULL) gets the last result.
+ */
+int apc_pg_command(struct apc_pg *pg, const char *sql, PGresult **result);
+
+/* ---- pg_connect.c --------------------------------------------------------------------------- */
+
+/** Split the URI. On failure nothing has to be freed. */
+int apc_pg_parse_uri(struct apc_pg *pg, const char *uri, struct apc_error *why);
+/** Begin an operation: set its deadline, connect when not connected. */
+int apc_pg_begin(struct apc_pg *pg);
 /**
  * Can this library work with a schema of that version, made for programs from compatible_from on? 0, or
  * APC_ESCHEMA with what to do when it is too new.
@@ -162,12 +174,18 @@ int apc_pg_check_version(struct apc_pg *pg, int version, int compatible_from);
 
 /** Connect without looking at the schema and without pipeline mode: for pg_init.c. */
 int apc_pg_connect_bare(struct apc_pg *pg);
-/** Run SQL text, maybe several commands, outside pipeline mode. @p result (may be NULL) gets the last result.
- */
-int apc_pg_command(struct apc_pg *pg, const char *sql, PGresult **result);
 
-/** Split the URI. On failure nothing has to be freed. */
-int apc_pg_parse_uri(struct apc_pg *pg, const char *uri, struct apc_error *why);
+/* ---- pg_error.c ----------------------------------------------------------------------------- */
+
+/** The text of libpq or of the server: several lines become one, and a password is never shown. */
+void apc_pg_flatten(const struct apc_pg *pg, char *out, size_t size, const char *text);
+/** Fail with it, behind @p what. */
+int apc_pg_fail(struct apc_pg *pg, int err, const char *what, const char *text);
+/** The connection is of no use any more: say so, and close it. */
+int apc_pg_lost(struct apc_pg *pg);
+int apc_pg_timed_out(struct apc_pg *pg);
+/** Fail with the error that a result reports. */
+int apc_pg_refused(struct apc_pg *pg, const PGresult *result);
 
 /* ---- pg_chunks.c ---------------------------------------------------------------------------- */
 

@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What one `apc run` is, shared by its files: run.c (the daemons), run_prepare.c (before), run_finish.c
+ * (after). */
+#ifndef APC_RUN_H
+#define APC_RUN_H
+
+#include <limits.h>
+
+#include "apc/common/cli.h"
+#include "apc/folder/segment.h"
+#include "experiment/experiment.h"
+#include "live.h"
+#include "supervisor.h"
+
+#define RUN_LEAD (2 * APC_NS_PER_S) /* from here to t = 0: the daemons start meanwhile */
+
+struct run_options {
+    double duration; /* s; < 0: the file's */
+    const char *out, *timer, *history;
+    bool spin, hold_latency, no_ui, force;
+    struct experiment_overrides overrides;
+};
+
+struct run {
+    struct cli cli;
+    struct run_options options;
+    struct experiment e;
+    struct apc_store *store;
+    struct supervisor daemons;
+    struct live *live;
+    char page[64];               /* ADDRESS:PORT of the operator's page; "": none */
+    int listener;                /* its socket */
+    char graphic[PATH_MAX];      /* the drawing beside the file; "": there is none */
+    struct apc_error failure;    /* why the run is none; "": nothing known */
+    apc_ns start, begin, finish; /* t = 0: UTC then, monotonic; monotonic end, 0: none */
+    apc_ns stopped;              /* monotonic: when it was ended */
+    size_t controllers;          /* the first one's place among the daemons */
+    size_t done;                 /* of the experiment's actions */
+    char dir[512], config[544], store_name[400], live_name[128], host[256];
+    struct segment segment;          /* the store in memory, if it was given none */
+    char own_history[PATH_MAX + 32]; /* URI of a file in dir; "": it was given one, or a store alone */
+    char live_uri[256];              /* of --store LIVE+HISTORY */
+    char *history;                   /* its URI, with a path that holds in any folder; NULL: there is none */
+    char *both;                      /* LIVE+HISTORY, likewise */
+    bool made_store;                 /* own_history was not there before */
+    const char *record;              /* URI of the store that holds the record in the end */
+};
+
+/* ---- run_prepare.c: each returns 0 or a negative error, having said why. */
+
+int run_prepare_folder(struct run *r);
+/* Nobody named a store: memory of its own, and the record, if nobody said where, in the run folder. */
+int run_embed_store(struct run *r);
+/* Live store and history as one, for those who look on. */
+int run_join_stores(struct run *r);
+/* The store is this experiment's and nobody else's, and so is the history, if it is there. */
+int run_prepare_store(struct run *r);
+/* t = 0 is chosen, and from now on the folder is this run's. */
+int run_keep_folder(struct run *r);
+/* The run did not come about: what was made for it goes. */
+void run_discard(const struct run *r);
+/* Both in one, if the live store is memory; else the store. */
+const char *run_store(const struct run *r);
+
+/* ---- run_finish.c */
+
+/* The record is made whole, judged and reported. Returns 0 or a negative error, having said why. */
+int run_finish(struct run *r);
+
+#endif

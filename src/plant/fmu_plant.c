@@ -1,0 +1,388 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * A plant of an FMU: a process of its own that is asked for each step.
+ *
+ * The states of such a model are its outputs: what is inside nobody is shown. In real time
+ * (apc_plant_options.patience) nobody waits for it longer than that: the step has failed, and the next one
+ * goes on from where the FMU has come to by then. One that has not answered for three times that and a second
+ * is killed; what has ended is started again by a thread, from its start. In virtual time it has
+ * APC_FMU_TIMEOUT seconds, and what has ended stays away.
+ */
+#include "plant/fmu_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct runner {
+    const struct fmu *fmu;
+    struct apc_companion own;
+    const double *p;
+    apc_ns patience, timeout; /* patience 0: this is virtual time */
+    uint32_t asked;
+    bool waiting;             /* the newest request has not been answered */
+    bool anew;                /* it begins at the time of the next step */
+    double offset;            /* the plant's time at its own 0 */
+    struct fmu_header *begin; /* as it was sent */
+    size_t begin_length;
+    double *request, *answer; /* a header and numbers */
+    double *y;                /* [ny] as it begins */
+};
+
+#define HEADER (sizeof(struct fmu_header) / sizeof(double)) /* in numbers */
+
+/* Read one answer, of @p n bytes: derivatives [nx], if these were asked for, and outputs. */
+static int take_answer(struct runner *r, ssize_t n, size_t nx, double *value, struct apc_error *why)
+{
+    const size_t n_values = nx + r->fmu->model.ny;
+    struct fmu_header header;
+    char said[400];
+
+    if (n > 6 && memcmp(r->answer, "error\t", 6) == 0) {
+        ((char *)r->answer)[n] = '\0';
+        apc_companion_bury(&r->own, false);
+        return apc_fail(why, APC_EINVAL, "%s: %s", r->fmu->file, (const char *)r->answer + 6);
+    }
+    if (n != (ssize_t)((HEADER + n_values) * sizeof(double))) {
+        apc_companion_bury(&r->own, true);
+        return apc_fail(why, APC_ESOLVER, "%s: its process sent %zd bytes that are no answer, and was killed",
+                        r->fmu->file, n);
+    }
+    memcpy(&header, r->answer, sizeof(header));
+    apc_companion_listen(&r->own);
+    apc_companion_said(&r->own, said, sizeof(said));
+    if (header.failed)
+        return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, said[0] ? said : "failed, without a word");
+    for (size_t i = 0; i < n_values; i++)
+        if (!apc_value_ok(r->answer[HEADER + i]))
+            return apc_fail(why, APC_ESOLVER, "%s: its %s %s is not a finite number", r->fmu->file,
+                            i < nx ? "derivative of" : "output",
+                            i < nx ? r->fmu->table[STATE][i].name : r->fmu->output[i - nx].name);
+    memcpy(value, r->answer + HEADER, n_values * sizeof(*value));
+    return 0;
+}
+
+/* Start it, and wait until it has begun. */
+static int set_out(struct runner *r, struct apc_error *why)
+{
+    int rc = apc_fmu_begin(&r->own, "run", r->fmu->folder, why);
+
+    if (rc < 0)
+        return rc;
+    r->waiting = false;
+    r->anew = true;
+    r->begin->number = ++r->asked;
+    /* It may have ended already: why is to be read. */
+    (void)apc_companion_give(&r->own, r->begin, r->begin_length);
+    const ssize_t n =
+        apc_companion_take(&r->own, r->answer, (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT,
+                           apc_clock_mono(NULL) + r->timeout);
+    if (n <= 0)
+        return apc_fmu_fail_silent(&r->own, n, why);
+    return take_answer(r, n, 0, r->y, why);
+}
+
+static bool revive(struct apc_companion *own)
+{
+    struct runner *const r = (struct runner *)(void *)((char *)own - offsetof(struct runner, own));
+    struct apc_error why;
+    const bool well = set_out(r, &why) == 0;
+
+    if (!well)
+        apc_companion_bury(own, true);
+    return well;
+}
+
+/* What is given to its texts, as numbers: the place, the bytes with their 0, these. Returns how many numbers
+ * these are; @p at NULL: nothing is written. */
+static size_t write_texts(const struct fmu *f, double *at)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < f->n[TEXT]; i++) {
+        const size_t bytes = f->given[i] ? strlen(f->given[i]) + 1 : 0;
+        if (bytes == 0)
+            continue;
+        if (at) {
+            at[n] = (double)i;
+            at[n + 1] = (double)bytes;
+            memcpy(at + n + 2, f->given[i], bytes);
+        }
+        n += 2 + (bytes + sizeof(*at) - 1) / sizeof(*at);
+    }
+    return n;
+}
+
+/* What it is to begin with: parameters that are other than its own. */
+static bool write_begin(struct runner *r, double period)
+{
+    const struct fmu *const f = r->fmu;
+    const struct apc_model *const m = &f->model;
+    double *at;
+    size_t np = 0, texts = 0;
+
+    r->begin = calloc(1, sizeof(*r->begin) +
+                             (5 + m->nu + m->nd + m->ny + 2 * m->np + write_texts(f, NULL)) * sizeof(double));
+    if (!r->begin)
+        return false;
+    r->begin->request = FMU_BEGIN;
+    double *const numbers = (double *)(void *)(r->begin + 1);
+    numbers[0] = (double)(m->nu + m->nd);
+    numbers[1] = (double)m->ny;
+    numbers[4] = period;
+    at = numbers + 5;
+    for (size_t i = 0; i < m->nu + m->nd; i++)
+        *at++ = (double)f->input_place[i];
+    for (size_t i = 0; i < m->ny; i++)
+        *at++ = (double)f->output_place[i];
+    for (size_t i = 0; i < m->np; i++) {
+        if (r->p[i] >= m->param[i].initial && r->p[i] <= m->param[i].initial)
+            continue;
+        *at++ = (double)i;
+        *at++ = r->p[i];
+        np++;
+    }
+    for (size_t i = 0; i < f->n[TEXT]; i++)
+        texts += f->given[i] != NULL;
+    at += write_texts(f, at);
+    numbers[2] = (double)np;
+    numbers[3] = (double)texts;
+    r->begin_length = (size_t)((char *)at - (char *)r->begin);
+    return true;
+}
+
+static void destroy(void *self)
+{
+    struct runner *const r = self;
+
+    if (!r)
+        return;
+    apc_companion_close(&r->own);
+    free(r->begin);
+    free(r->request);
+    free(r->answer);
+    free(r->y);
+    free(r);
+}
+
+/* A process of the FMU, begun as @p with says: FMU_BEGIN or FMU_LOOK. */
+static int employ(struct runner **runner, const struct fmu *f, enum fmu_request with, const double *p,
+                  const struct apc_plant_options *options, struct apc_error *why)
+{
+    const struct apc_model *const model = &f->model;
+    const size_t nx = with == FMU_LOOK ? f->n[STATE] : 0;
+    struct runner *r;
+    int rc;
+
+    for (size_t i = 0; i < model->np; i++) { /* what is its own is not set, whatever it is */
+        if ((p[i] < model->param[i].initial || p[i] > model->param[i].initial) &&
+            (rc = apc_model_takes(model, &model->param[i], p[i], why)) < 0)
+            return rc;
+    }
+    r = calloc(1, sizeof(*r));
+    if (!r || apc_companion_open(&r->own, f->file, revive) < 0) {
+        free(r);
+        return apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+    }
+    r->fmu = f;
+    r->p = p;
+    r->patience = (apc_ns)(options->patience * 1e9);
+    r->timeout = apc_fmu_timeout();
+    r->request = calloc(HEADER + 2 + nx + model->nu + model->nd, sizeof(double));
+    r->answer = calloc((HEADER + nx + model->ny) * sizeof(double) + APC_FMU_TEXT + 1, 1);
+    r->y = calloc(nx + model->ny, sizeof(double));
+    rc = r->request && r->answer && r->y && write_begin(r, options->period)
+             ? 0
+             : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+    if (rc == 0)
+        r->begin->request = with;
+    if (rc == 0 && r->begin_length > APC_COMPANION_MESSAGE)
+        rc = apc_fail(why, APC_EINVAL, "%s: its inputs, outputs and parameters that were set are too many",
+                      f->file);
+    if (rc == 0)
+        rc = set_out(r, why);
+    if (rc < 0) {
+        destroy(r);
+        return rc;
+    }
+    *runner = r;
+    return 0;
+}
+
+static int create(void **self, const struct apc_model *model, const double *p,
+                  const struct apc_plant_options *options, struct apc_error *why)
+{
+    const struct fmu *const f = apc_fmu_of(model);
+    struct runner *r = NULL;
+    const int rc = employ(&r, f, FMU_BEGIN, p, options, why);
+
+    *self = r;
+    return rc;
+}
+
+static void start(void *self, double *x)
+{
+    const struct runner *const r = self;
+
+    memcpy(x, r->y, r->fmu->model.ny * sizeof(*x));
+}
+
+/* Is there one that can be asked? What it was late with is taken, if it has come. */
+static int be_ready(struct runner *r, struct apc_error *why)
+{
+    const apc_ns now = apc_clock_mono(NULL);
+
+    if (!r->own.starting)
+        apc_companion_disown(&r->own);
+    if (!r->own.starting && r->own.socket < 0 && r->patience && now - r->own.since > APC_NS_PER_S) {
+        r->own.since = now;
+        apc_companion_start(&r->own);
+    }
+    if (r->own.starting)
+        return apc_fail(why, APC_ESOLVER, "%s: is being started again, from its start", r->fmu->file);
+    if (r->own.socket < 0)
+        return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, r->own.end);
+    while (r->waiting) {
+        struct fmu_header header = {0};
+        const ssize_t n = apc_companion_take(&r->own, r->answer,
+                                             (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT, 0);
+        if (n == 0 || (n < 0 && now - r->own.since > 3 * r->patience + APC_NS_PER_S))
+            return apc_fmu_fail_silent(&r->own, n, why);
+        if (n < 0)
+            return apc_fail(why, APC_ESOLVER, "%s: has not answered an earlier step yet", r->fmu->file);
+        memcpy(&header, r->answer, n >= (ssize_t)sizeof(header) ? sizeof(header) : 0);
+        r->waiting = header.number != r->asked;
+    }
+    return 0;
+}
+
+static int ask(struct runner *r, double t, double dt, const double *u, double *x, struct apc_error *why)
+{
+    const struct apc_model *const m = &r->fmu->model;
+    struct fmu_header header = {.request = FMU_STEP};
+    const int rc = be_ready(r, why);
+
+    if (rc < 0)
+        return rc;
+    if (r->anew)
+        r->offset = t;
+    r->anew = false;
+    header.number = ++r->asked;
+    memcpy(r->request, &header, sizeof(header));
+    r->request[HEADER] = t - r->offset;
+    r->request[HEADER + 1] = dt;
+    memcpy(r->request + HEADER + 2, u, (m->nu + m->nd) * sizeof(*u));
+    r->own.since = apc_clock_mono(NULL);
+    if (!apc_companion_give(&r->own, r->request, (HEADER + 2 + m->nu + m->nd) * sizeof(double)))
+        return apc_fmu_fail_silent(&r->own, 0, why);
+    const ssize_t n = apc_companion_take(&r->own, r->answer, (HEADER + m->ny) * sizeof(double) + APC_FMU_TEXT,
+                                         r->own.since + (r->patience ? r->patience : r->timeout));
+    if (n < 0 && r->patience) {
+        r->waiting = true;
+        return apc_fail(why, APC_ESOLVER, "%s: has not answered within %g s", r->fmu->file,
+                        apc_ns_to_s(r->patience));
+    }
+    return n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_answer(r, n, 0, x, why);
+}
+
+static int step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
+{
+    struct runner *const r = self;
+    int rc;
+
+    pthread_mutex_lock(&r->own.lock);
+    rc = ask(r, t, dt, u, x, why);
+    pthread_mutex_unlock(&r->own.lock);
+    return rc < 0 ? APC_ESOLVER : 0;
+}
+
+const struct apc_integrator apc_integrator_fmu = {
+    .name = "fmu", .create = create, .start = start, .step = step, .destroy = destroy};
+
+/* ---- Its equations, where it shows them ---------------------------------------------------------- */
+
+/* Asked of its process alone: apc_fmu_look_at(). */
+static int shown_elsewhere(double t, const double *x, const double *u, const double *p, double *dx)
+{
+    (void)t;
+    (void)x;
+    (void)u;
+    (void)p;
+    (void)dx;
+    return -1;
+}
+
+bool apc_fmu_shown(const struct apc_model *model)
+{
+    return model->f == shown_elsewhere;
+}
+
+int apc_model_equations(const struct apc_model *model, const struct apc_model **shown, struct apc_error *why)
+{
+    struct fmu *const f = apc_fmu_of(model);
+
+    *shown = model;
+    if (!apc_model_is_fmu(model))
+        return 0;
+    if (f->n[STATE] == 0)
+        return apc_fail(
+            why, APC_EINVAL,
+            "%s does not show its states and their derivatives (an FMU does by its ModelStructure), so there "
+            "are no equations to make linear; a step test of it and a model of that do as well: apc test, "
+            "apc identify",
+            f->file);
+    f->shown = f->model;
+    f->shown.nx = f->n[STATE];
+    f->shown.state = f->table[STATE];
+    f->shown.f = shown_elsewhere;
+    *shown = &f->shown;
+    return apc_model_check(*shown, f->file, why);
+}
+
+int apc_fmu_look_open(struct apc_fmu_look **look, const struct apc_model *shown, const double *p,
+                      struct apc_error *why)
+{
+    const struct fmu *const f = apc_fmu_of(shown);
+    struct runner *r = NULL;
+
+    *look = NULL;
+    for (size_t i = 0; i < f->model.nu; i++) /* its rounded differences would be a gain of 0 */
+        if (f->sort[INPUT][f->input_place[i]].kind != REAL)
+            return apc_fail(why, APC_EINVAL,
+                            "%s: its input %s takes whole numbers only, so nothing can be derived by it: "
+                            "apc analyze an experiment that has others as its outputs, or apc test",
+                            f->file, f->input[i].name);
+    const int rc = employ(&r, f, FMU_LOOK, p, &(struct apc_plant_options){.size = 0}, why);
+
+    *look = (struct apc_fmu_look *)(void *)r;
+    return rc;
+}
+
+int apc_fmu_look_at(struct apc_fmu_look *look, const double *x, const double *u, double *dx, double *y,
+                    struct apc_error *why)
+{
+    struct runner *const r = (struct runner *)(void *)look;
+    const struct apc_model *const m = &r->fmu->shown;
+    const struct fmu_header header = {.request = FMU_POINT, .number = ++r->asked};
+    const size_t n_in = m->nu + m->nd;
+    int rc;
+
+    memcpy(r->request, &header, sizeof(header));
+    memcpy(r->request + HEADER, x, m->nx * sizeof(*x));
+    memcpy(r->request + HEADER + m->nx, u, n_in * sizeof(*u));
+    if (!apc_companion_give(&r->own, r->request, (HEADER + m->nx + n_in) * sizeof(double)))
+        return apc_fmu_fail_silent(&r->own, 0, why);
+    const ssize_t n =
+        apc_companion_take(&r->own, r->answer, (HEADER + m->nx + m->ny) * sizeof(double) + APC_FMU_TEXT,
+                           apc_clock_mono(NULL) + r->timeout);
+    rc = n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_answer(r, n, m->nx, r->y, why);
+    if (rc < 0)
+        return APC_ESOLVER;
+    memcpy(dx, r->y, m->nx * sizeof(*dx));
+    memcpy(y, r->y + m->nx, m->ny * sizeof(*y));
+    return 0;
+}
+
+void apc_fmu_look_close(struct apc_fmu_look *look)
+{
+    destroy(look);
+}

@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What happens in a simulation that is no module's: the wall clock steps, an operator acts, a past is
+ * repeated. */
+#include "simulation_internal.h"
+
+#include <stdlib.h>
+
+struct clock_step {
+    struct simulation *s;
+    const struct clock_change *change;
+};
+
+struct action_step {
+    struct simulation *s;
+    const struct action *action;
+};
+
+/* ---- The wall clock ----------------------------------------------------------------------- */
+
+static void on_clock(void *ctx)
+{
+    struct clock_step *step = ctx;
+    const struct clock_change *c = step->change;
+    apc_virtual_set_clock(step->s->executive, c->step, c->drift);
+    if (c->step != 0)
+        simulation_tell(step->s, "apc-simulate", APC_EVENT_WARNING, "clock",
+                        "the wall clock stepped by %+.3f s; periods are not affected", apc_ns_to_s(c->step));
+}
+
+int simulation_schedule_clock(struct simulation *s)
+{
+    const struct models *m = &s->e->models;
+    s->clock_steps = calloc(m->n_clock + 1, sizeof *s->clock_steps);
+    if (!s->clock_steps)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < m->n_clock; i++) {
+        s->clock_steps[i] = (struct clock_step){s, &m->clock[i]};
+        if (apc_virtual_at(s->executive, s->zero + m->clock[i].at, RANK_CLOCK, on_clock, &s->clock_steps[i]) <
+            0)
+            return APC_ENOMEM;
+    }
+    return 0;
+}
+
+/* ---- The operator -------------------------------------------------------------------------- */
+
+static void write_as_operator(struct simulation *s, const struct action *action, const char *who)
+{
+    simulation_stop_at_store(
+        s, action_do(s->store, &s->loops, s->tags, s->n_tags, action, apc_clock_utc(s->clock), who));
+    if (action->to.table == APC_SETPOINT)
+        course_change(&s->course, &s->course.setpoint[action->to.id - 1], simulation_time(s),
+                      action->to.value);
+    if (s->schedules) /* it sees at once whose its setpoints are */
+        simulation_look(s);
+}
+
+void simulation_do(struct simulation *s, const struct action *action, const char *who)
+{
+    struct simulated *c = &s->controller[action->controller];
+    struct apc_error why;
+    if (action->kind == ACTION_WRITE) {
+        write_as_operator(s, action, who);
+        return;
+    }
+    const bool start = action->kind == ACTION_START;
+    if (start && simulation_start(c, &why) < 0)
+        simulation_stop(s, APC_ESTATE, "at t = %g s: %s", simulation_time(s), why.text);
+    else if (!start)
+        simulation_kill(c);
+    simulation_tell(s, who, APC_EVENT_INFO, start ? "start" : "stop", "%s %s", c->of->name,
+                    start ? "started" : "killed");
+}
+
+static void on_call(void *ctx)
+{
+    struct simulation *s = ctx;
+    simulation_do(s, s->call, "operator");
+}
+
+/* An event of its own, at the very instant that the run has come to: what else happens then comes after it.
+ */
+int simulation_happen(struct simulation *s, apc_virtual_fn event, void *ctx)
+{
+    apc_ns t;
+    if (s->rc < 0 || s->interrupted)
+        return s->rc;
+    apc_ns_from_s(s->ended, &t);
+    if (apc_virtual_at(s->executive, s->zero + t, RANK_OPERATOR, event, ctx) < 0)
+        return s->rc = apc_fail(&s->why, APC_ENOMEM, "out of memory");
+    s->handled += apc_virtual_run(s->executive, s->zero + t);
+    return s->rc;
+}
+
+int simulation_operate(struct simulation *s, const struct action *action)
+{
+    s->call = action;
+    return simulation_happen(s, on_call, s);
+}
+
+static void on_action(void *ctx)
+{
+    const struct action_step *step = ctx;
+    simulation_do(step->s, step->action, "apc-simulate");
+}
+
+int simulation_schedule_actions(struct simulation *s, apc_ns from)
+{
+    const struct experiment *e = s->e;
+    loops_free(&s->loops);
+    free(s->tags);
+    free(s->action_steps); /* those of another experiment have been done */
+    s->tags = provision_tags(e, &s->n_tags);
+    s->action_steps = calloc(e->n_actions + 1, sizeof *s->action_steps);
+    if (!s->tags || !s->action_steps || controllers_describe(e, &s->loops) < 0)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < e->n_actions && !s->past; i++) { /* they are among its rows */
+        s->action_steps[i] = (struct action_step){s, &e->action[i]};
+        if (e->action[i].at >= from && apc_virtual_at(s->executive, s->zero + e->action[i].at, RANK_OPERATOR,
+                                                      on_action, &s->action_steps[i]) < 0)
+            return APC_ENOMEM;
+    }
+    return 0;
+}
+
+/* ---- A recorded past ------------------------------------------------------------------------ */
+
+void simulation_repeat(void *ctx)
+{
+    struct simulation *s = ctx;
+    const struct samples *rows = &s->past->rows;
+    const apc_ns now = apc_clock_utc(s->clock);
+    for (; s->repeated < rows->n && rows->at[s->repeated].time <= now; s->repeated++) {
+        const struct apc_sample *row = &rows->at[s->repeated];
+        simulation_stop_at_store(s, apc_store_append(s->store, row, 1));
+        if (row->table == APC_SETPOINT)
+            course_change(&s->course, &s->course.setpoint[row->id - 1], simulation_time(s), row->value);
+    }
+    if (s->repeated < rows->n &&
+        apc_virtual_at(s->executive, s->zero + rows->at[s->repeated].time - SIMULATION_BEGIN, RANK_OPERATOR,
+                       simulation_repeat, s) < 0)
+        simulation_stop(s, APC_ENOMEM, "out of memory");
+}

@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* A simulation, shared by its files: simulation.c (the modules), external_events.c (what else happens). */
+#ifndef APC_SIMULATION_INTERNAL_H
+#define APC_SIMULATION_INTERNAL_H
+
+#include "simulation.h"
+
+/* The order of coinciding events. Requests come to the plant after its own tick, replies before the
+ * controllers'. Of those who stand above comes what those below take, so each depth has a rank of its own. */
+enum rank {
+    RANK_CLOCK,
+    RANK_OPERATOR,
+    RANK_SCHEDULER,
+    RANK_PLANT,
+    RANK_LINK,
+    RANK_CLIENT = RANK_LINK,
+    RANK_CONTROLLERS,
+    RANK_ALARMS = 1 << 20 /* behind controllers of any depth */
+};
+
+/* ---- simulation.c */
+
+/* s since t = 0 */
+double simulation_time(const struct simulation *s);
+/* It ends early, and says why. */
+void simulation_stop(struct simulation *s, int rc, const char *fmt, ...) APC_PRINTF(3, 4);
+void simulation_stop_at_store(struct simulation *s, int rc); /* if @p rc is an error of its store */
+/* An event of its records. */
+void simulation_tell(struct simulation *s, const char *source, enum apc_event_severity severity,
+                     const char *kind, const char *fmt, ...) APC_PRINTF(5, 6);
+
+/* ---- external_events.c */
+
+int simulation_schedule_clock(struct simulation *s);
+/* Of a recorded past, each row at its time. */
+void simulation_repeat(void *simulation);
+
+#endif
