@@ -114,14 +114,14 @@ first=$(sql 'SELECT min(time) FROM apc.sensor')
 pid=$(systemctl show -P MainPID "apc-client@$plant")
 apt install /check/new/*.deb
 installed
-# Promise(docs/packages-fresh-debian): Packages in a fresh Debian 12 under systemd: install, the paper's experiment
-#   on PostgreSQL, the page, a hang, upkeep, upgrade with data, remove, purge (docs/install.md).
+# Promise(docs/packages): Packages in a fresh Debian 12 under systemd: install, the paper's experiment on PostgreSQL,
+#   the page, a hang, upkeep, upgrade with data, remove, purge (docs/install.md).
 [ "$(systemctl show -P MainPID "apc-client@$plant")" = "$pid" ] || fail "an upgrade touched a loop that runs"
 systemctl restart "apc@$plant.target"
 more() { [ "$(sql 'SELECT count(*) FROM apc.sensor')" -gt $((rows + 20)) ]; }
 until_true 60 more
 until_true 60 settled
-# Promise(docs/packages-fresh-debian)
+# Promise(docs/packages)
 [ "$(sql 'SELECT min(time) FROM apc.sensor')" = "$first" ] || fail "the record does not begin where it did"
 [ "$(systemctl show -P MainPID "apc-client@$plant")" != "$pid" ] || fail "the target restarted nobody"
 echo "rows: $rows, then $(sql 'SELECT count(*) FROM apc.sensor')"
@@ -142,7 +142,7 @@ apt purge "${ours[@]}"
 [ -e "/etc/apc/$plant.conf" ] || fail "what an administrator wrote is gone"
 [ "$(sql 'SELECT min(time) FROM apc.sensor')" = "$first" ] || fail "the record is gone"
 left=$(find /usr /lib /etc/systemd /var/lib/systemd /var/lib/dpkg/info -xdev -iname '*apc*' -not -path '/usr/share/zoneinfo/*' | grep -vE 'libcapc|/python3|apcc|tapc|lapc' || true)
-# Promise(docs/packages-fresh-debian)
+# Promise(docs/packages)
 [ -z "$left" ] || fail "left behind: $left"
 ! installed | grep -q . || fail "packages are left: $(installed)"
 touch /check/passed

@@ -526,7 +526,7 @@ test_limits_of_tuning_are_the_files() {
   err_has "Kp = 0.6 lies outside its limits 0 to 0.5"
 }
 
-# Promise(run/text-way-out)
+# Promise(incoming/text-of-others)
 test_text_from_the_store_cannot_drive_the_terminal() {
   sql "INSERT INTO apc.event (time, severity, source, kind, text)
          VALUES (now(), 3, E'x\033[31m', 'operator', E'say \"\033[2J\", then\nmore \u009b2J \u202ekcab\u2028')"

@@ -12,16 +12,16 @@ listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
 
 puppet "tcp:$port"
 until_true 20 listens
-# Promise(incoming/table-comes-plant): The table of what comes in from a plant, row by row, link by link: status,
-#   loop, record and verdict.
+# Promise(incoming/from-a-plant): The table of what comes in from a plant (docs/guarantees.md) holds row by row, link
+#   by link: status, loop, record and verdict.
 comes_in 'frames' "tcp:127.0.0.1:$port"
 port=$(free_port)
 puppet "modbus:$port"
 until_true 20 listens
-# Promise(incoming/table-comes-plant)
+# Promise(incoming/from-a-plant)
 comes_in 'Modbus' "modbus:127.0.0.1:$port" 'modbus = { unit = 1; map = ( { name = "y"; at = "input:0"; type = "float32"; no_value = -9999.0; },
   { name = "u"; at = "holding:0"; type = "float32"; } ); };'
 puppet "serial:$work/lab"
 until_true 20 test -e "$work/lab"
-# Promise(incoming/table-comes-plant)
+# Promise(incoming/from-a-plant)
 comes_in 'serial' "serial:$work/lab"

@@ -12,7 +12,7 @@ until_true 60 listens
 background gateway "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$server" --listen "tcp:127.0.0.1:$port" --measure 'ns=2;s=y' --output 'ns=2;s=u=0'
 gateway=$pid
 until_true 60 said gateway 'connected to'
-# Promise(incoming/table-comes-plant)
+# Promise(incoming/from-a-plant)
 comes_in 'OPC UA' "tcp:127.0.0.1:$port"
 background client "$user/bin/python" -c "import libapc, sys, time
 with libapc.Link(sys.argv[1], timeout=5) as plant:

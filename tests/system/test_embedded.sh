@@ -13,8 +13,8 @@ event_again() { [ "$(events "$1")" -gt "$2" ]; }
 daemon() { pgrep -P "$run" -x "$1"; }
 
 # the line that it prints is what another terminal needs, whatever the folder is called
-# Promise(run/line-terminal-works): The line for another terminal works whatever the folder is called, also when the
-#   run has ended; the folder stands for its stores.
+# Promise(run/another-terminal): The line for another terminal works whatever the folder is called, also when the run
+#   has ended; the folder stands for its stores.
 dir="$work/it's a run"
 background run "$apc" run "$work/fast.conf" --duration 0 --out "$dir"
 run=$pid
@@ -29,7 +29,7 @@ until_true 20 more_values u 5
 
 # what an operator does
 expect 0 'connected, schema version' "$apc" status
-# Promise(run/line-terminal-works)
+# Promise(run/another-terminal)
 expect 0 "^store +shm:run-$run-.*sqlite:" env -u APC_STORE "$apc" status --store "$dir" # the folder stands for both
 expect 0 '^target +Auto' "$apc" mode
 expect 0 '' "$apc" set r 12
@@ -91,7 +91,7 @@ series=$(tail -n +2 "$dir/timing.csv" | cut -d, -f1,2 | sort -u | wc -l)
   fail "$said s of timing, of $series series"
 
 # the memory has gone, and what named it leads to the record; no measurement is doubled or missing
-# Promise(run/line-terminal-works)
+# Promise(run/another-terminal)
 [ ! -e "$memory" ] && [ ! -e "$memory.folder" ] || fail "the run left its memory behind"
 expect 0 "^store +sqlite:" "$apc" status
 seqs() { sqlite3 "$dir/store.db" "SELECT $1 FROM sensor"; }

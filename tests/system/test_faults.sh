@@ -87,7 +87,7 @@ until_true 10 events '10 ticks or more missed in a row' 1
 until_true 10 events 'ticks are on time again' 1
 
 # the plant dies: the client says so once, holds no old command, and finds the new one by itself
-# Promise(run/goes-away-waited)
+# Promise(run/growing-pauses)
 lost() { sql "SELECT count(*) FROM apc.event WHERE text LIKE 'plant lost%refused%'"; }
 n=$(lost) # a client that was up before the plant has said it once already
 taken=$(count 'plant takes commands')
@@ -117,7 +117,7 @@ until_true 10 more_rows actuator "$n"
 near "$(sql "SELECT value FROM apc.actuator WHERE id = 1 AND seq = $n + 1")" "$before" 0.2 || fail "a bump at the change to Auto"
 
 # a second client that commands is named, with its address; the rightful one does not fill the log
-# Promise(run): Who commands beside the client is named with address.
+# Promise(run): A second client that commands the plant is named with its address.
 named_when_it_commands() { # again, should the client have connected anew just then and so have taken the plant back unseen
   exec 4<>"/dev/tcp/127.0.0.1/$port"
   printf 'apc1 command 1 1;%s,Good,1;\n' "$(date -u +%FT%T.000000Z)" >&4

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The whole loop where the owner of the tables is no superuser, as with a hosted PostgreSQL and in docker-compose.yml: each
 # program logs in under a role of its own, the historian of another loop as that owner.
-# Promise(database/owner-tables-superuser)
+# Promise(database/no-superuser)
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 fast_experiment

@@ -37,7 +37,7 @@ ln -s "$APC_BUILD_DIR" build
 cp -r "$APC/experiments" .
 
 # What the pages on virtual time show. (tuning, mpc: test_walk.sh; what replay shows wants a run of ten minutes.)
-# Promise(docs/readme-law-built)
+# Promise(docs/readme)
 # Types(docs/alarms.md): apc simulate
 # Types(docs/analysis.md): apc analyze
 for page in docs/simulate.md docs/analysis.md docs/alarms.md; do
@@ -143,13 +143,12 @@ done < <({ typed docs/stores.md 'apc run' && typed docs/http-api.md 'apc run'; }
 # Types(README.md): cc, build/bin/apc
 sed -n '/^## Your own controller/,/^## /p' "$APC_SOURCE_DIR/README.md" |
   sed -E 's/^600 s in .*/600 s in .../; s/^ +[0-9.]+ s  r .*/.../; s/first-order-[0-9]+-[0-9]+/first-order-.../' >"$work/readme.md"
-# Promise(docs/readme-law-built): README's law is built, simulated and run as it shows; what README and the command
-#   line (docs/cli.md) have an operator type is taken; docs/simulate.md, docs/analysis.md and docs/alarms.md show
-#   what comes out.
+# Promise(docs/readme): README's law is built, simulated and run as it shows; what README and docs/cli.md have an
+#   operator type is taken; docs/simulate.md, docs/analysis.md and docs/alarms.md show what comes out.
 python3 "$shown" "$work/readme.md" '--duration 30=--duration 10' >"$work/readme.log" || fail "README shows something else than what comes out: $(cat "$work/readme.log")"
 
 # What README and docs/cli.md have an operator type while it runs is taken, each line.
-# Promise(docs/readme-law-built)
+# Promise(docs/readme)
 background run "$apc" run experiments/first-order.conf --no-ui --out "$work/ran" --store "sqlite:$work/live.db" --duration 0
 export APC_STORE=sqlite:$work/live.db
 until_true 30 "$apc" set r 10

@@ -72,12 +72,12 @@ expect 0 'of y these intervals are too narrow' "$apc" identify swings.csv --inpu
 "$apc" identify tank.csv "${known[@]}" -o again.model >again.txt
 cmp -s tank.model again.model || fail "the second time it found another model"
 awk 'NR == 1 || NR % 9' tank.csv | sed '30s/,[^,]*$/,NaN/; 31s/,[^,]*$/,/' >gaps.csv
-# Promise(incoming/table-ways-commands)
+# Promise(incoming/other-ways)
 expect 0 'level: 102 samples are missing, 2 the most at a time' "$apc" identify gaps.csv "${known[@]}" --model transfer -o gaps.model
 near "the gain of the valve, with gaps" "$(number gaps.model valve gain)" 0.4 0.02
 
 # ---- The same record as others write it: the same bytes
-# Promise(run/csv-read-rfc)
+# Promise(incoming/csv)
 
 same_model() { # FILE ARGUMENTS: the model of tank.csv
   rm -f as.model
@@ -103,7 +103,7 @@ refused '1: "time" and "Time": which of them is the time' sed '1s/flow/Time/' ta
 refused '1: there are two columns "level"' sed '1s/flow/level/' tank.csv
 refused '5: the byte 0xB0 is not UTF-8' sed "5s/\$/,\xb0/" tank.csv
 refused '2: column "time": "s" is no number' sed '1a s,%,%,degC' tank.csv
-# Promise(incoming/table-ways-commands)
+# Promise(incoming/other-ways)
 refused '12: the time [0-9.]+ is not after that of the row before' sed 11p tank.csv
 refused '30: 3 fields under 4 names: is the row cut off' sed '30s/,[^,]*$//' tank.csv
 # measured each 0.5 s of a plant that moves each 0.2 s: at 0.4, 1, 1.4, 2, ... of a grid of 0.2 s, and each second
@@ -117,7 +117,7 @@ expect 0 'each 1 s there are all: --period 1 is what arx, subspace and fir want'
 grep -q 'period = 0.5' arx.model || fail "a sampled model does not say its period: $(cat arx.model)"
 
 # ---- Rows that do not come on time are the same rows: late, early, with an offset, with some that are not there
-# Promise(run/csv-read-rfc)
+# Promise(incoming/csv)
 
 moved() { awk -F, -v OFS=, -v seed=5 "function chance() { seed = (seed * 16807) % 2147483647; return seed / 2147483647 }
   NR > 1 { \$1 = sprintf(\"%.4f\", \$1 + $1) } NR == 1 || $2" tank.csv; }

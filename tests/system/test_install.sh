@@ -127,7 +127,7 @@ cc -shared -fPIC $(pkg-config --cflags apc) -o "$work/mylaw.so" "$doc/examples/l
 expect 0 'sha256' "$prefix/bin/apc" simulate "$prefix/share/apc/first-order.conf" --law "$work/mylaw.so" --duration 10
 
 # Who has nothing else can follow the tutorial.
-# Promise(docs/follows-docs-tutorial)
+# Promise(docs/tutorial)
 mkdir "$work/first"
 # Types(docs/tutorial.md): export
 (cd "$work/first" && unset APC_STORE && export APC=$doc PATH=$prefix/bin:$PATH C_INCLUDE_PATH=$prefix/include &&

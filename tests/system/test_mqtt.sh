@@ -230,15 +230,15 @@ outcome anna y 'refused: it is not one of those that may be commanded'
 command_as anna u1.mode "{\"mode\":\"Man\",\"time\":$(now)}"
 outcome anna u1.mode 'refused: there is no setpoint, output or loop of that name'
 command_as anna r "{\"id\":\"old\",\"value\":1,\"time\":$(($(date +%s) - 60))}"
-# Promise(incoming/table-ways-commands)
+# Promise(incoming/other-ways)
 outcome anna r '"id":"old".*refused: too late'
 command_as anna r "{\"id\":\"ahead\",\"value\":1,\"time\":$(($(date +%s) + 3600))}"
-# Promise(incoming/table-ways-commands)
+# Promise(incoming/other-ways)
 outcome anna r '"id":"ahead".*refused: it comes from'
 command_as anna r "{\"id\":\"soon\",\"value\":1,\"time\":$(($(date +%s) + 6))}"
 outcome anna r '"id":"soon".*refused: it comes from'
 command_as anna r "{\"id\":\"ms\",\"value\":1,\"time\":$(date +%s000)}"
-# Promise(incoming/table-ways-commands)
+# Promise(incoming/other-ways)
 outcome anna r 'refused: .*time.* must be Unix seconds'
 # a recipe of one time: each is done, and none taken for another
 # Promise(links/broker-named-signals)
@@ -248,10 +248,10 @@ for k in $(seq 40); do echo "{\"id\":\"of $k\",\"value\":$k.5,\"time\":$at}"; do
 all_done() { [ "$(grep 'works/fast/outcome/anna/r {"id":"of ' "$work/heard.log" | grep -c '"outcome":"\(applied\|superseded\)')" = 40 ]; }
 until_true 60 all_done
 command_as anna r "{\"id\":\"much\",\"value\":1e6,\"time\":$(now)}"
-# Promise(incoming/table-ways-commands): The table of the other ways in: commands by MQTT; CSV; plants of one's own.
+# Promise(incoming/other-ways): The table of the other ways in holds: commands by MQTT, CSV, plants of one's own.
 outcome anna r '"id":"much".*refused: r = 1e+06 lies outside'
 command_as anna r '{"value":1}'
-# Promise(incoming/table-ways-commands)
+# Promise(incoming/other-ways)
 outcome anna r 'refused: .*time.* is missing'
 command_as anna r "{\"value\":\"high\",\"time\":$(now)}"
 outcome anna r 'refused: .*value.* must'

@@ -29,15 +29,15 @@ background serve "$user/bin/python" -m libapc.opcua serve "$store" --listen "opc
   --certificate "$work/own/certificate.der" --key "$work/own/key.pem"
 served=$pid
 until_true 60 said serve "is at opc.tcp://127.0.0.1:$at"
-# Promise(links/store-opc-ua): A store as an OPC UA server: node-opcua browses, reads, subscribes, writes with an
+# Promise(links/opcua-server): A store as an OPC UA server: node-opcua browses, reads, subscribes, writes with an
 #   outcome, acknowledges an alarm, shelves it, and reads what was, in pages, forwards and backwards, encrypted and
 #   as a user, whose name is on record; what he may not do, wrong passwords and arguments that make no sense are
 #   refused.
 other walk "opc.tcp://127.0.0.1:$at" anna 'some secret words' "$work/pki" || fail "node-opcua does not find its way"
-# Promise(links/store-opc-ua)
+# Promise(links/opcua-server)
 said serve "a login as 'anna' was refused" || fail "a wrong password is not told"
 "$apc" history --events --last 1000 --store "$work/run" >"$work/events.log"
-# Promise(links/store-opc-ua)
+# Promise(links/opcua-server)
 grep -q 'anna.*r: .* -> 15' "$work/events.log" || fail "what was written is not on record under its user"
 grep -q 'anna.*r.high: acknowledged (seen by node-opcua)' "$work/events.log" || fail "the comment is not on record"
 

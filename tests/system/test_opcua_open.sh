@@ -7,11 +7,11 @@ plain=$(free_port)
 background open "$user/bin/python" -m libapc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$plain" --period 0.1 --users "$work/users" --anonymous engineer
 opened=$pid
 until_true 60 said open 'not encrypted'
-# Promise(links/store-opc-ua)
+# Promise(links/opcua-server)
 other walk "opc.tcp://127.0.0.1:$plain" '' '' "$work/pki" || fail "who need not log in does not find his way"
 
 # A server that is started anew: who had subscribed learns that his subscription is gone, makes another, and has values again.
-# Promise(laws/waits-controller-holds)
+# Promise(links/opcua-waits)
 background stays node "$APC_SOURCE_DIR/tests/peers/opcua/stays.mjs" "opc.tcp://127.0.0.1:$plain" "$work/pki"
 stays=$pid
 came() { [ "$(grep -c '^y ' "$work/stays.log")" -gt "$1" ]; }

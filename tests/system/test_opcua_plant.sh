@@ -15,8 +15,8 @@ sed -e '/^plant = {$/,/^};/c plant = { external = true; };' -e 's/period = 0.05;
   -e 's/period = 0.2; phase = 0.012;/period = 1.0; phase = 0.3;/' -e 's/Kp = 0.2;/Kp = 0.02;/' -e 's/sequence *= .*$/sequence = ( [10.0] );/' "$work/fast.conf" >"$work/beyond.conf"
 settled() { "$apc" history y --last 10 --csv --store "$work/beyond" | awk -F, '$4 == "Good" && $5 > 9.8 && $5 < 10.2 {n++} END {exit n < 10}'; }
 run_until settled "$work/beyond.conf" --no-ui --out "$work/beyond"
-# Promise(links/opc-ua-server): An OPC UA server that nobody here wrote is controlled as a plant; without new
-#   commands, and when the gateway leaves, it has its safe values; what it refuses is told.
+# Promise(links/opcua-plant): An OPC UA server that nobody here wrote is controlled as a plant; without new commands,
+#   and when the gateway leaves, it has its safe values; what it refuses is told.
 until_true 60 said gateway 'no new command for 4 s: the safe values were written'
 until_true 20 said plant '^given -0.5$'
 cat >"$work/ask.py" <<'PY'
@@ -30,13 +30,13 @@ PY
 expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1 2
 said gateway '2 outputs were commanded, and there are 1' || fail "why is not told"
 expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1000
-# Promise(links/opc-ua-server)
+# Promise(links/opcua-plant)
 said gateway 'ns=1;s=u: BadOutOfRange' || fail "what the server refuses is not told"
 expect 0 'Value' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.25
 until_true 20 said plant '^given 0.25$'
 
 # What fails there is told: the value with its status (BadTypeMismatch, BadNodeIdUnknown), or, of an output, why nothing is written.
-# Promise(links/server-plant-sensor): Of a server as a plant a sensor that has failed, a text and a node that is not
+# Promise(links/opcua-bad-values): Of a server as a plant a sensor that has failed, a text and a node that is not
 #   there are Bad values with their status; outputs that are no numbers are told; who asks while it is away gets no
 #   answer, and when it is back it goes on.
 odd=$(free_port)
@@ -50,8 +50,8 @@ wait "$strange" || fail "the gateway ended with $?"
 
 # Of a namespace only its URI stays: by "nsu=" that one is meant, whatever its number is today, and not namespace 0, which a library
 # may read there: its node 2267 would be a Good 255.
-# Promise(links/server-plant-nodes): Of a server as a plant nodes are found by the URI of their namespace, no request
-#   has more than the server takes, values are written alone; one that stands still is as one that is gone.
+# Promise(links/opcua-nodes): Of a server as a plant nodes are found by the URI of their namespace, no request has
+#   more than the server takes, values are written alone; one that stands still is as one that is gone.
 : >"$work/odd.log"
 uri=$("$user/bin/python" - "opc.tcp://127.0.0.1:$beyond" <<'PY'
 import asyncio, sys
@@ -84,7 +84,7 @@ until_true 60 said odd 'nsu=urn:nobody;s=y: the server has no such namespace, bu
 kill -TERM "$strange"
 wait "$strange" || fail "the gateway ended with $?"
 # A value is written alone: servers refuse one that comes with a status, even a Good one (Part 4, BadWriteNotSupported).
-# Promise(links/server-plant-nodes)
+# Promise(links/opcua-nodes)
 "$user/bin/python" - <<'PY'
 from asyncua import ua
 from asyncua.ua.ua_binary import struct_to_binary
@@ -102,9 +102,9 @@ background odd "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$be
   --output 'ns=1;s=word=9'
 strange=$pid
 until_true 60 said odd 'connected to'
-# Promise(links/server-plant-value): Of a server as a plant a value at rest is fresh, whatever its source time; who
-#   has commanded nothing writes no safe values; what an output's type cannot take is refused, told, and the plant
-#   read all the same.
+# Promise(links/opcua-at-rest): Of a server as a plant a value at rest is fresh, whatever its source time; who has
+#   commanded nothing writes no safe values; what an output's type cannot take is refused, told, and the plant read
+#   all the same.
 cat >"$work/rest.py" <<'PY'
 import sys
 from time import time_ns
@@ -121,7 +121,7 @@ PY
 expect 0 '3.5.*3.5' "$user/bin/python" "$work/rest.py" "tcp:127.0.0.1:$odd"
 kill -TERM "$strange"
 wait "$strange" || fail "the gateway ended with $?"
-# Promise(links/server-plant-value)
+# Promise(links/opcua-at-rest)
 if said odd 'safe values' || said plant 'word given'; then fail "who has commanded nothing writes its safe values"; fi
 
 # What an output's node cannot take is not written, and the plant is read all the same.
@@ -132,7 +132,7 @@ strange=$pid
 until_true 60 said odd 'connected to'
 expect 0 'Value' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" 7
 expect 1 'RefusedError: .*has not taken the command' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$odd" -3
-# Promise(links/server-plant-value)
+# Promise(links/opcua-at-rest)
 said odd 'ns=1;s=word is to be -3, which does not fit its type, UInt16' || fail "why it is refused is not told"
 expect 0 '3.5' "$user/bin/python" "$work/rest.py" "tcp:127.0.0.1:$odd"
 # Nor is what a client sends whose place another one has taken, or whose claim is of a time to come.
@@ -153,11 +153,11 @@ with apc.Link(sys.argv[1], timeout=5) as plant:
 print("fenced")
 PY
 expect 0 fenced "$user/bin/python" "$work/claims.py" "tcp:127.0.0.1:$odd"
-# Promise(links/server-plant-value)
+# Promise(links/opcua-at-rest)
 said odd 'commands are refused of a client whose place another one has taken' || fail "who was replaced is not told"
 kill -TERM "$strange"
 wait "$strange" || fail "the gateway ended with $?"
-# Promise(links/opc-ua-server)
+# Promise(links/opcua-plant)
 said odd 'it ends: the safe values were written' || fail "it leaves its output behind"
 [ "$(grep '^word given' "$work/plant.log" | sort -u | wc -l)" = 2 ] || fail "the node was given $(grep '^word given' "$work/plant.log" | tr '\n' ' ')"
 for output in 'ns=1;s=word=-1' 'ns=1;s=word=65536'; do
@@ -184,13 +184,13 @@ answers() { "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.75; }
 until_true 60 answers
 kill -STOP "$plant"
 expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.5
-# Promise(links/server-plant-nodes)
+# Promise(links/opcua-nodes)
 said gateway 'an exchange with .* failed: ' || fail "a server that stands still is not told"
 kill -CONT "$plant"
 until_true 60 answers
 
 # A server that goes away and comes back: who asks meanwhile gets no answer.
-# Promise(links/server-plant-sensor)
+# Promise(links/opcua-bad-values)
 kill -KILL "$plant"
 expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.5
 until_true 60 said gateway 'trying again'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # In real time: what an operator sets of a scheduled setpoint is his, over steps and over a scheduler that is killed and
 # started again, until `apc remote`; over each kind of store.
-# Promise(modes/scheduler-moves-too)
+# Promise(modes/scheduled-setpoint)
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 fast_experiment

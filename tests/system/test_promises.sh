@@ -100,7 +100,7 @@ printf '# A heading, of `code`\n[a](#a-heading-of-code) [b](bad.md) [c](http://x
 $work/bad.md: bad.md#gone" ] || fail "found: $(dead "$work/bad.md")"
 
 for document in docs/*.md; do
-  # Promise(docs): The list of documents, docs/README.md, names each.
+  # Promise(docs): docs/README.md names each document.
   [ "$document" = docs/README.md ] || grep -qF "](${document#docs/})" docs/README.md || fail "$document is in no list"
 done
 
@@ -150,8 +150,8 @@ printf '```\n$ apc simulate x --frobnicate | apc nothing\napc set: r is nothing\
 
 typed=$APC_SOURCE_DIR/tests/system/typed.py
 python3 "$typed" "$APC_SOURCE_DIR" README.md docs/*.md sql/README.md >"$work/typed"
-# Promise(docs/command-block-documents): Each command in a block of the documents is typed by a test, or by hand
-#   where no test can, as a table says that is compared with the pages.
+# Promise(docs/typed-commands): Each command in a block of the documents is typed by a test, or by hand where no test
+#   can, as marks in tests and documents say.
 [ "$(wc -l <"$work/typed")" = 1 ] || fail "a page and its tests differ: $(cat "$work/typed")"
 [ "$(cat "$work/typed")" -gt 200 ] || fail "only $(cat "$work/typed") commands were looked at"
 # it finds a command that nobody types, a mark of one that is gone, and one that is by hand and is typed
@@ -174,7 +174,7 @@ END
 printf '# Types(%s): apc %s\n' "$work/bad.md" 'set, apc tune' >"$work/typing/tests/test_a.sh"
 echo "x=\$(typed $work/bad.md 'apc m.de')" >"$work/typing/tests/test_b.sh"
 python3 "$typed" "$work/typing" "$work/bad.md" >"$work/typed"
-# Promise(docs/command-block-documents)
+# Promise(docs/typed-commands)
 diff - "$work/typed" <<END || fail "a page that no test types is taken"
 $work/bad.md: no test types: apc get y
 $work/bad.md: tests type all of it, and none is by hand: as it was once

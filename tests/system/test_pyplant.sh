@@ -83,7 +83,7 @@ refused() {
 refused 'bad.py: .*RuntimeError: leaks \(line' 'raise RuntimeError("leaks")'
 refused 'bad.py: its process ended, exit code 3' 'import os; os._exit(3)'
 refused 'bad.py: its process .*(signal|killed)' 'import os; os.kill(os.getpid(), 9)'
-# Promise(incoming/table-ways-commands)
+# Promise(incoming/other-ways)
 refused 'bad.py: step gave nan for y|bad.py: .*gave nan for y' 'self.y = float("nan")'
 refused 'bad.py: .*step gave 1 numbers, not 2' 'return [1.0]'
 refused "bad.py: .*could not convert|bad.py: .*step gave 'much'" 'return "much"'

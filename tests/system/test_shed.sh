@@ -36,7 +36,7 @@ wait "$run" || fail "apc run ended with $?"
 
 # When: at base's first tick, or the one after, at which what upper wrote last was older than three of its periods and
 # 100 ms; at none before it was as old as three periods.
-# Promise(modes/shed-within-three)
+# Promise(modes/shed)
 for loop in 1 2; do
   sql "WITH cas AS (SELECT min(seq) AS seq FROM apc.actual WHERE id = 16 * $loop + 5 AND value = 3),
        shed AS (SELECT min(a.time) AS at FROM apc.actual AS a, cas WHERE a.id = 16 * $loop + 5 AND a.seq > cas.seq AND a.value = 1),
@@ -50,7 +50,7 @@ done
 
 # Without a bump: no setpoint ever moves by more than upper's rate allows in one of its ticks, also when it takes up
 # again, and no output by more than the law below makes of that.
-# Promise(modes/shed-within-three)
+# Promise(modes/shed)
 biggest() { sql "SELECT max(abs(value - before)) FROM (SELECT value, lag(value) OVER (ORDER BY seq) AS before FROM apc.$1 WHERE id = $2) AS d"; }
 for i in 1 2; do
   awk -v r="$(biggest setpoint $i)" -v u="$(biggest actuator $i)" 'BEGIN {exit !(r <= 0.05 + 1e-9 && u <= 0.25)}' ||

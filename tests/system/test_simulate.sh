@@ -41,7 +41,7 @@ cmp "$work/rough1.csv" "$work/rough2.csv" || fail "two rough runs of one seed di
 hash=$(sha256sum "$work/plain1.csv" | cut -d' ' -f1)
 grep -q "sha256:  $hash" "$work/plain1.txt" || fail "the SHA-256 printed is not that of the samples"
 head -n 1 "$work/plain1.csv" | grep -qx 'time,table,id,status,value' || fail "not the design's CSV"
-# Promise(run/virtual-time-ideal): In virtual time it is the ideal loop.
+# Promise(run/virtual-time): In virtual time a run is the ideal loop.
 awk -f "$APC_SOURCE_DIR/tests/system/ideal.awk" "$work/plain1.csv" || fail "it is not the paper's loop"
 grep -Eq 'network: .* lost, .* duplicated, .* reordered' "$work/rough1.txt" || fail "no word of what the network did"
 
@@ -261,8 +261,8 @@ cmp "$work/static1.csv" "$work/static3.csv" || fail "the figures depend on the p
 # Promise(run/law-plant-own)
 
 # the law that README shows is the example
-# Promise(run/law-shown-example): The law that is shown is the example; it controls well, is bumpless, compiles as
-#   C++; so does the Smith predictor.
+# Promise(run/law-of-readme): The law that README shows is the example; it controls well, is bumpless, and compiles
+#   as C++; so does the Smith predictor.
 diff <(sed -n '/^#include <apccontrol\.h>/,/^```/p' "$APC_SOURCE_DIR/README.md" | sed '$d') \
   <(sed '1,2d' "$APC_SOURCE_DIR/examples/law/mylaw.c") >"$work/differs" || fail "README shows another law: $(cat "$work/differs")"
 expect 0 'sha256' "$apc" simulate "$conf" --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"

@@ -62,7 +62,7 @@ for log in "$work"/run/*.log; do
   ! grep -q 'being stored again\|spool of .* drained' "$log" || fail "$log: stored again, with the server down"
 done
 ! "$apc" status --spool "$work/run" >"$work/status" 2>/dev/null || fail "apc status found a database"
-# Promise(stores/apc-drain-apc)
+# Promise(stores/apc-drain)
 grep -Eq '^apc-client +[0-9]{3,} ' "$work/status" || fail "apc status does not tell of the spool: $(cat "$work/status")"
 
 n=$(waiting)

@@ -86,10 +86,10 @@ kill -STOP "$a"
 until_true 30 says b "may not take the place of the one that has stopped ticking; let both log in as the same role" 1
 kill -9 "$a"
 until_true 30 says b "acts from now on" 1
-# Promise(modes/stands-role-acts): One that stands by under another role than the one that acts says that it may not
-#   take the place, once, and takes it when that one has ended.
+# Promise(modes/standby-role): A process that stands by under another role than the one that acts says that it may
+#   not take the place, once, and takes it when that one has ended.
 ! grep "store lost" "$work/b.log" || fail "b takes that for a loss of the store"
-# Promise(modes/stands-role-acts)
+# Promise(modes/standby-role)
 [ "$(grep -c "may not take the place" "$work/b.log")" -eq 1 ] || fail "it is said again and again"
 kill -TERM "$b"
 wait "$b" || fail "it does not end well"

@@ -9,8 +9,8 @@ cd "$work"
 case "${APC_SANITIZE:-}" in # a plug-in of one's own is built as people do, and loaded by programs that are sanitized
   ?*) echo "sanitized build: skipped"; exit 77 ;;
 esac
-# Promise(docs/follows-docs-tutorial): Who follows the docs/tutorial.md gets what it shows, in the sources and from
-#   an installation, packages among them (tests/packages.sh).
+# Promise(docs/tutorial): Who follows docs/tutorial.md gets what it shows, in the sources and from an installation,
+#   packages among them (tests/packages.sh).
 # Types(docs/tutorial.md): mkdir
 python3 "$shown" "$APC/docs/tutorial.md" "43061=$port" >"$work/tutorial.log" || fail "the tutorial is not what comes out: $(cat "$work/tutorial.log")"
 

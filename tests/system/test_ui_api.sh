@@ -41,7 +41,8 @@ printf 'operator123\n' | expect 1 'is a token already' "$apc" user add grafana -
 expect 1 'no "nobody"' "$apc" user revoke nobody --users "$work/users"
 
 # who may bind where
-# Promise(server/address-takes-users): Another address takes users and TLS, with safe ciphers and cookies.
+# Promise(server/another-address): apc-ui listens at another address only with users and TLS, with safe ciphers and
+#   cookies.
 expect 4 'apc user add' "$APC_BIN/apc-ui" --listen 0.0.0.0:0
 expect 4 'tls-cert' "$APC_BIN/apc-ui" --listen 0.0.0.0:0 --users "$work/users"
 expect 2 'belong together' "$APC_BIN/apc-ui" --tls-cert "$work/users"
@@ -92,8 +93,8 @@ until_true 60 grep -q 'store connected' "$work/secure.log"
   fail "failed logins are not recorded"
 
 # without users the page is for who started it, not for everybody on this host
-# Promise(server/without-users-user): Without users it is its user's own; with users every path but three takes a
-#   login or a token.
+# Promise(server/users): Without users the page is its user's own; with users every path but three takes a login or a
+#   token.
 if [ "$(id -u)" = 0 ] && command -v setpriv >/dev/null; then
   # shellcheck disable=SC2016
   as_nobody() {
@@ -165,7 +166,7 @@ wait "$late" || fail "apc-ui ended with $?"
 rm -r "$work/.config"
 
 # the page's files: revalidated by their tag, zipped, kept for a year where the name has a hash
-# Promise(server/page-files-folder)
+# Promise(server/files)
 mkdir "$work/page"
 printf '<p>' >"$work/page/index.html"
 printf 'a%.0s' {1..2000} >"$work/page/app-1A2B3C4D.js"
@@ -176,7 +177,7 @@ fetch() { # PATH HEADERS
     "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port" | tr -d '\0\r'
 }
 # answers are zipped as well, and say the same; not the short one that the store has not been read yet
-# Promise(server/page-files-folder)
+# Promise(server/files)
 zipped() { fetch /api/plant 'Accept-Encoding: gzip\r\n' | grep -aqi '^Content-Encoding: gzip$'; }
 until_true 60 zipped
 python3 - "http://127.0.0.1:$ui_port/api/plant" <<'PY' || fail "an answer says something else where it is zipped"
@@ -206,7 +207,7 @@ grep -aqi '^Cache-Control: private, max-age=31536000, immutable$' "$work/script.
 fetch /app-1A2B3C4D.js | grep -aqx 'a\{2000\}' || fail "a script is zipped for who does not take that"
 
 # TLS: cookies are Secure, an unprotected request gets nothing
-# Promise(server/address-takes-users)
+# Promise(server/another-address)
 if command -v openssl >/dev/null; then
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout "$work/key.pem" -out "$work/cert.pem" \
     -days 2 -subj /CN=localhost 2>/dev/null
@@ -243,7 +244,7 @@ wait "$run" || fail "apc run ended with $?"
 [ ! -e "$work/run/apc-ui.log" ] || fail "--no-ui did not keep the page away"
 
 # what does not tick is neither ready nor running
-# Promise(server/stale-running-reason)
+# Promise(server/stale-running)
 serve after
 ask() { printf 'GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n' "$1" | "$APC_BUILD_DIR/tests/ui_probe" --raw "$ui_port"; }
 said_late() { ask /readyz | grep -q '^controller: no tick for'; }

@@ -81,7 +81,7 @@ fast_experiment
 sed '/^plant = {$/,/^};/c plant = { external = true; };' "$work/fast.conf" >"$work/external.conf"
 "$apc" init "$work/fast.conf" --store "sqlite:$work/plant.db" >/dev/null
 # a plant whose clock is wrong: the record is whole all the same, and the matter is said
-# Promise(run/plant-clock-hour)
+# Promise(incoming/clock-of-the-plant)
 came() { [ "$("$apc" history y --store "$work/$name" --last 100 --csv | grep -c Good)" -ge "$1" ]; }
 for ahead in 3600 -3600 -1700000000; do
   echo $ahead >"$work/clock"

@@ -3,12 +3,11 @@
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
 
-# Promise(run/walks-docs-tuning): What the walks of docs/tuning.md and predictive control (docs/mpc.md) show is what
-#   comes out.
+# Promise(docs/walks): What the walks of docs/tuning.md and docs/mpc.md show is what comes out.
 # Types(docs/tuning.md): apc simulate mixer, apc test mixer, apc identify mixer-test, apc tune --suggest mixer-test, cc, cp, grep
 "$APC_SOURCE_DIR/scripts/walk" --check || fail "docs/tuning.md shows something else than what comes out: scripts/walk mends it"
 [ "$(sed -n '/^## A walk/,/^## A record/p' "$APC_SOURCE_DIR/docs/tuning.md" | grep -c '^\$ apc')" = 6 ] || fail "the walk has other commands"
-# Promise(run/walks-docs-tuning)
+# Promise(docs/walks)
 # Types(docs/mpc.md): apc simulate, apc linearize, apc report, cp, grep, sed
 "$APC_SOURCE_DIR/scripts/walk" --check "$APC_SOURCE_DIR/docs/mpc.md" || fail "docs/mpc.md shows something else than what comes out: scripts/walk docs/mpc.md mends it"
 [ "$(sed -n '/^## A walk/,/^## What is/p' "$APC_SOURCE_DIR/docs/mpc.md" | grep -c '^\$ ')" = 14 ] || fail "the walk of docs/mpc.md has other commands"

@@ -180,7 +180,7 @@ static void answers_are_what_openapi_says(void **state)
 
 /* ---- Access ------------------------------------------------------------------------------- */
 
-/* Promise(server/without-users-user) */
+/* Promise(server/users) */
 static void a_stranger_gets_401_on_every_route(void **state)
 {
     (void)state;
@@ -201,7 +201,7 @@ static void a_stranger_gets_401_on_every_route(void **state)
     expect_error(&stranger, "GET", "/api/state", "Cookie: apc-session-1=0\r\n", NULL, 401, "login");
 }
 
-/* Promise(server/without-users-user) */
+/* Promise(server/users) */
 static void only_these_need_no_login(void **state)
 {
     static const char *const anyone[] = {"/api/login", "/livez", "/readyz"};
@@ -215,7 +215,7 @@ static void only_these_need_no_login(void **state)
     assert_int_equal(client_get(&stranger, "/readyz", NULL), 200);
 }
 
-/* Promise(server/without-users-user) */
+/* Promise(server/users) */
 static void a_browser_without_a_session_gets_the_form(void **state)
 {
     struct http_reply reply;
@@ -262,7 +262,10 @@ static void an_open_server_says_that_it_is_one(void **state)
     json_decref(session);
 }
 
-/* Promise(server/headers-protect-csrf): Headers that protect; CSRF, origin, host. */
+/*
+ * Promise(server/headers): Each answer has the headers that protect it; CSRF, origin and host are looked
+ *   at.
+ */
 static void every_answer_carries_the_headers_that_protect_it(void **state)
 {
     static const char *const names[][2] = {{"Content-Security-Policy", "default-src 'self'"},
@@ -297,7 +300,7 @@ static void a_session_ends_with_logout(void **state)
     http_stream_close(stream);
 }
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void failed_logins_have_to_wait(void **state)
 {
     struct http_reply reply;
@@ -355,7 +358,7 @@ static void failed_logins_have_to_wait(void **state)
 
 /* ---- Bad input: nothing is written -------------------------------------------------------- */
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void refused_requests_write_nothing(void **state)
 {
     char header[200], stale[200], output[200], tuning[400];
@@ -463,7 +466,9 @@ static void a_stale_form_is_shown_the_newer_value(void **state)
     json_decref(json);
 }
 
-/* Promise(server/every-status-code): Every status and code of the table. */
+/*
+ * Promise(server/status-codes): Every status and code of the table in docs/http-api.md is given as it says.
+ */
 static void bad_parameters_and_paths_are_refused(void **state)
 {
     static const struct {
@@ -510,7 +515,7 @@ static void bad_parameters_and_paths_are_refused(void **state)
     expect_error(&local, "PUT", "/nothing", NULL, NULL, 404, "path");
 }
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void a_body_that_is_too_large_is_refused(void **state)
 {
     const size_t size = 10 << 20;
@@ -611,7 +616,7 @@ static void write_mode(const struct client *c, struct http_stream *stream, const
     assert_near(value_of(c, "actual.21"), number, 0);
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void what_an_operator_writes_is_accepted_then_applied(void **state)
 {
     struct http_stream *stream = client_stream(&anna, NULL);
@@ -713,7 +718,7 @@ static int answers(const char *bytes, int *status)
     return count;
 }
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void a_request_that_says_twice_where_it_ends_is_the_last_of_its_connection(void **state)
 {
 #define AFTER "GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
@@ -743,7 +748,7 @@ static void a_request_that_says_twice_where_it_ends_is_the_last_of_its_connectio
 
 /* ---- Machines ----------------------------------------------------------------------------- */
 
-/* Promise(server/without-users-user) */
+/* Promise(server/users) */
 static void a_token_opens_what_its_role_may_without_a_login(void **state)
 {
     const char *observer = getenv("APC_UI_OBSERVER_TOKEN"), *writer = getenv("APC_UI_OPERATOR_TOKEN");
@@ -809,7 +814,7 @@ static void a_token_works_with_basic_too(void **state)
     http_free(&reply);
 }
 
-/* Promise(server/stream-everything-first) */
+/* Promise(server/stream) */
 static void a_session_has_its_share_of_streams(void **state)
 {
     struct client c = client_make(anna.port, "otto", "observer123"), other;
@@ -824,7 +829,7 @@ static void a_session_has_its_share_of_streams(void **state)
         http_stream_close(streams[i]);
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void a_key_that_was_used_writes_nothing_again(void **state)
 {
     char body[300], key[40];
@@ -854,8 +859,8 @@ static void a_key_that_was_used_writes_nothing_again(void **state)
 /* ---- The stream --------------------------------------------------------------------------- */
 
 /*
- * Promise(server/stream-everything-first): The stream: everything first, then changes, resumed where it
- *   broke off, the slow are dropped and told.
+ * Promise(server/stream): The stream: everything first, then changes, resumed where it broke off, the slow
+ *   are dropped and told.
  */
 static void a_stream_begins_with_everything_and_goes_on_with_changes(void **state)
 {
@@ -889,7 +894,7 @@ static void a_stream_begins_with_everything_and_goes_on_with_changes(void **stat
     http_stream_close(stream);
 }
 
-/* Promise(server/stream-everything-first) */
+/* Promise(server/stream) */
 static void a_stream_goes_on_where_it_was_left(void **state)
 {
     struct http_stream *stream = client_stream(&otto, NULL);

@@ -70,7 +70,7 @@ static int stored(void)
     return n;
 }
 
-/* Promise(stores/apc-drain-apc): `apc drain` and `apc status --spool`. */
+/* Promise(stores/apc-drain): `apc drain` and `apc status --spool` say and do what docs/stores.md has. */
 static void test_what_waits_is_stored_and_the_spool_removed(void **state)
 {
     struct apc_error why = {""};
@@ -82,7 +82,7 @@ static void test_what_waits_is_stored_and_the_spool_removed(void **state)
 }
 
 /* Wherever the damage is, above all at the end, where it could be taken for a record cut short. */
-/* Promise(stores/apc-drain-apc) */
+/* Promise(stores/apc-drain) */
 static void test_damage_is_said_and_the_rest_is_stored(void **state)
 {
     (void)state;

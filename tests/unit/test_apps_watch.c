@@ -164,7 +164,7 @@ static void a_task_that_hangs_in_its_first_tick_does_not_tick(void **state)
     assert_false(tick_watch_look(&w, 0, 1));
 }
 
-/* Promise(run/hears-told-link) */
+/* Promise(run/link-that-flaps) */
 static void of_a_state_that_flaps_a_few_changes_are_told_and_then_how_it_is(void **state)
 {
     struct state_watch w = {.up = true};
@@ -192,7 +192,7 @@ static void of_a_state_that_flaps_a_few_changes_are_told_and_then_how_it_is(void
 /* Whatever it does: who heard all that was told knows a pause after the last change how it is, and never had
  * more words than are allowed. */
 /*
- * Promise(run/hears-told-link): Who hears what is told of a link that flaps knows 15 s after its last
+ * Promise(run/link-that-flaps): A listener to what is told of a link that flaps knows 15 s after its last
  *   change how it is.
  */
 static void who_hears_all_that_is_told_knows_the_state(void **state)

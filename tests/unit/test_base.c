@@ -417,8 +417,8 @@ static size_t encode(uint32_t code, char text[5])
 }
 
 /*
- * Promise(run/text-way-out): Text of others, on its way in and out, is one line that shows as it is: no
- *   control characters, marks of direction or broken UTF-8.
+ * Promise(incoming/text-of-others): Text of others, on its way in and out, is one line that shows as it
+ *   is: no control characters, marks of direction or broken UTF-8.
  */
 static void each_character_shows_as_itself_or_not_at_all(void **state)
 {
@@ -453,7 +453,7 @@ static void a_text_is_cleaned_where_it_stands_and_as_far_as_there_is_room(void *
 }
 
 /* Peers and files are quoted in it. */
-/* Promise(run/text-way-out) */
+/* Promise(incoming/text-of-others) */
 static void an_error_is_one_line_that_shows_as_it_is(void **state)
 {
     struct apc_error why;

@@ -74,7 +74,7 @@ static struct moments moments_of(const struct apc_distribution *d)
     return m;
 }
 
-/* Promise(simulation/distributions-recorded): Distributions, also recorded ones. */
+/* Promise(simulation/distributions): Delays have the distributions that are stated, also recorded ones. */
 static void draws_have_the_moments_of_their_distribution(void **state)
 {
     static const struct {
@@ -106,7 +106,7 @@ static void draws_have_the_moments_of_their_distribution(void **state)
     }
 }
 
-/* Promise(simulation/distributions-recorded) */
+/* Promise(simulation/distributions) */
 static void recorded_draws_follow_their_histogram(void **state)
 {
     static const struct apc_share shares[] = {{0, 1, 0.25}, {2, 2, 0.75}, {4, 6, 1.0}};
@@ -147,7 +147,7 @@ static void a_seed_and_a_name_stand_for_the_same_numbers_for_ever(void **state)
     assert_true(apc_random_next(&random) == UINT64_C(0x836e23877bdb14a7));
 }
 
-/* Promise(simulation/distributions-recorded) */
+/* Promise(simulation/distributions) */
 static void what_is_no_distribution_is_refused(void **state)
 {
     static const char *const bad[] = {"",

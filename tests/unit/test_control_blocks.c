@@ -65,9 +65,8 @@ static void assert_refused(const struct apc_law *law, struct apc_dim dim, const 
 static const struct apc_setting low = {"select", "low", 0, 0, NULL}, high = {"select", "high", 0, 0, NULL};
 
 /*
- * Promise(laws/select-low-high): `select`: low, high, Bad inputs left out; override neither winds up nor
- *   keeps the loser from winning, between controllers, too; back from Man without a bump; a restart changes
- *   no bit.
+ * Promise(laws/select): `select`: low, high, Bad inputs left out; override neither winds up nor keeps the
+ *   loser from winning, between controllers, too; back from Man without a bump; a restart changes no bit.
  */
 static void the_least_or_the_greatest_good_input_is_selected(void **state)
 {
@@ -92,7 +91,7 @@ static void the_least_or_the_greatest_good_input_is_selected(void **state)
     }
 }
 
-/* Promise(laws/select-low-high) */
+/* Promise(laws/select) */
 static void each_output_has_inputs_of_its_own(void **state)
 {
     static const double inputs[] = {3, 1, 2, 4};
@@ -181,7 +180,7 @@ static struct override run_override(bool told)
     return o;
 }
 
-/* Promise(laws/select-low-high) */
+/* Promise(laws/select) */
 static void override_control_neither_winds_up_nor_keeps_the_loser_from_winning(void **state)
 {
     const struct override told = run_override(true), alone = run_override(false);
@@ -195,7 +194,7 @@ static void override_control_neither_winds_up_nor_keeps_the_loser_from_winning(v
 
 /* ---- Split range ------------------------------------------------------------------------------ */
 
-/* Promise(laws/split-ramp-leadlag): `split`, `ramp`, `leadlag`, `filter`: their equations. */
+/* Promise(laws/blocks): `split`, `ramp`, `leadlag`, `filter`: their equations. */
 static void each_output_moves_over_its_part_of_the_demand(void **state)
 {
     /* a cooling valve that closes up to 45, a heating one that opens from 55 */
@@ -247,7 +246,7 @@ static void the_demand_may_be_any_measurement(void **state)
 
 /* ---- Setpoint ramp ------------------------------------------------------------------------------ */
 
-/* Promise(laws/split-ramp-leadlag) */
+/* Promise(laws/blocks) */
 static void a_setpoint_moves_at_its_rate_and_within_its_limits(void **state)
 {
     struct rig r;
@@ -278,7 +277,7 @@ static void a_setpoint_moves_at_its_rate_and_within_its_limits(void **state)
 
 /* ---- Lead and lag -------------------------------------------------------------------------------- */
 
-/* Promise(laws/split-ramp-leadlag) */
+/* Promise(laws/blocks) */
 static void lead_and_lag_answer_a_step_as_the_formula_says(void **state)
 {
     static const double time[][2] = {{0.0, 0.0}, {5.0, 5.0}, {0.0, 4.0}, {9.0, 3.0}, {2.0, 0.0}};
@@ -366,7 +365,7 @@ static double worst_deviation(double lead, double lag, double gain)
     return worst;
 }
 
-/* Promise(laws/split-ramp-leadlag) */
+/* Promise(laws/blocks) */
 static void feed_forward_with_lead_and_lag_keeps_a_disturbance_from_the_loop(void **state)
 {
     const double none = worst_deviation(0.0, 0.0, 0.0), gain = worst_deviation(0.0, 0.0, -0.5),
@@ -379,7 +378,7 @@ static void feed_forward_with_lead_and_lag_keeps_a_disturbance_from_the_loop(voi
 
 /* ---- Filter --------------------------------------------------------------------------------------- */
 
-/* Promise(laws/split-ramp-leadlag) */
+/* Promise(laws/blocks) */
 static void a_filter_goes_to_its_measurement_with_tau(void **state)
 {
     struct rig r;
@@ -400,7 +399,7 @@ static void a_filter_goes_to_its_measurement_with_tau(void **state)
 }
 
 /* Every tenth tick: filtered as much as ten periods' worth, and not again in between. */
-/* Promise(laws/split-ramp-leadlag) */
+/* Promise(laws/blocks) */
 static void a_sample_that_comes_seldom_counts_once(void **state)
 {
     struct rig r;
@@ -420,7 +419,7 @@ static void a_sample_that_comes_seldom_counts_once(void **state)
     }
 }
 
-/* Promise(laws/split-ramp-leadlag) */
+/* Promise(laws/blocks) */
 static void what_lies_outside_its_range_is_no_measurement(void **state)
 {
     char why[APC_LAW_WHY];

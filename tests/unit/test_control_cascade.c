@@ -78,10 +78,7 @@ static void the_outer_loop_reaches_its_setpoint_through_the_inner_one(void **sta
 }
 
 /* The first output by hand: outer P, limited, into inner P. */
-/*
- * Promise(laws/cascade-limits-inner): `cascade`: limits of the inner setpoint, no windup, at rest after
- *   Man, pairs.
- */
+/* Promise(laws/cascade): `cascade`: limits of the inner setpoint, no windup, at rest after Man, pairs. */
 static void the_inner_setpoint_is_the_outer_output_within_its_limits(void **state)
 {
     struct rig r;
@@ -113,7 +110,7 @@ static void the_inner_loop_takes_disturbances_before_they_reach_the_outer_one(vo
     assert_true(worst > 0.0 && worst < 0.06);
 }
 
-/* Promise(laws/cascade-limits-inner) */
+/* Promise(laws/cascade) */
 static void neither_integral_winds_up_while_the_output_is_cut(void **state)
 {
     struct rig r;
@@ -204,7 +201,7 @@ static void at_rest_every_pair_begins_with_its_u_bar(void **state)
     }
 }
 
-/* Promise(laws/cascade-limits-inner) */
+/* Promise(laws/cascade) */
 static void after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_rest(void **state)
 {
     (void)state;
@@ -226,7 +223,7 @@ static void after_track_it_gives_the_tracked_output_and_the_inner_loop_is_at_res
     }
 }
 
-/* Promise(laws/cascade-limits-inner) */
+/* Promise(laws/cascade) */
 static void pairs_are_made_at_will(void **state)
 {
     const double outer[] = {4.0, 3.0}, inner[] = {1.0, 2.0}, setpoint[] = {2.0, 1.0}, beyond[] = {5.0, 1.0};

@@ -117,7 +117,7 @@ static void at_its_operating_point_it_rests(void **state)
     assert_near(r.y[0], mass_y0, 1e-12);
 }
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void it_reaches_setpoints_without_offset_in_spite_of_a_load(void **state)
 {
     struct rig r;
@@ -190,9 +190,9 @@ static void two_outputs_are_controlled_together_without_offset(void **state)
 
 /* A plant whose time constant is not the model's: the disturbance estimate takes the difference. */
 /*
- * Promise(laws/lqg-offset-nothing): `lqg`: no offset, nothing winds up, `delay`, `tau_b`, `du_max`,
- *   `preview`, a Bad measurement among good ones, any number of states; what it cannot be made from is
- *   refused with the reason.
+ * Promise(laws/lqg): `lqg`: no offset, nothing winds up, `delay`, `tau_b`, `du_max`, `preview`, a Bad
+ *   measurement among good ones, any number of states; what it cannot be made from is refused with the
+ *   reason.
  */
 static void an_error_of_the_model_leaves_no_offset(void **state)
 {
@@ -210,7 +210,7 @@ static void an_error_of_the_model_leaves_no_offset(void **state)
     assert_near(r.y[0], 1.0, 1e-9);
 }
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void weights_decide_how_hard_it_acts(void **state)
 {
     double first[2], dev[2] = {10.0, 0.1};
@@ -227,7 +227,7 @@ static void weights_decide_how_hard_it_acts(void **state)
     assert_true(first[0] > 0.0 && first[1] > 10.0 * first[0]);
 }
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void nothing_winds_up_while_the_output_is_at_its_limit(void **state)
 {
     struct rig r;
@@ -254,7 +254,7 @@ static void nothing_winds_up_while_the_output_is_at_its_limit(void **state)
     assert_true(peak < 40.0); /* it had fallen 120 below with speed -2 */
 }
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void after_track_it_gives_the_tracked_output_which_dies_out_with_tau_b(void **state)
 {
     (void)state;
@@ -296,7 +296,7 @@ static void in_man_the_estimates_follow_the_plant(void **state)
 }
 
 /* An unstable plant whose input acts nearly a period late. */
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void a_known_delay_is_allowed_for(void **state)
 {
     const double A = 6.0, B = 1.0, C = 1.0, delay = 0.08;
@@ -586,7 +586,7 @@ static void each_outputs_bias_dies_out_with_its_own_tau_b(void **state)
 
 /* ---- Rates, preview, gaps -------------------------------------------------------------------- */
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void the_output_moves_no_faster_than_du_max(void **state)
 {
     struct rig r;
@@ -636,7 +636,7 @@ static double cost_of(const struct apc_setting *setting, size_t n, size_t ahead,
     return cost;
 }
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void a_setpoint_that_is_known_beforehand_costs_less(void **state)
 {
     const double ahead[] = {0.0, 0.5, 1.0, 4.0};
@@ -653,7 +653,7 @@ static void a_setpoint_that_is_known_beforehand_costs_less(void **state)
 }
 
 /* Whatever else is done with the same knowledge costs more. */
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void the_preview_is_the_best_there_is(void **state)
 {
     const double ahead = 10.0;
@@ -688,7 +688,7 @@ static void setpoints_that_stay_are_no_preview(void **state)
 }
 
 /* The state is seen by both measurements: one of them may go. */
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void a_bad_measurement_among_good_ones_corrects_nothing(void **state)
 {
     const double A = -0.4, B = 1.0, C[2] = {1.0, 1.0}, two = 2.0;
@@ -759,7 +759,7 @@ static void a_model_that_is_sampled_already_is_the_same(void **state)
     apc_linear_destroy(sampled);
 }
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void there_may_be_more_than_64_states(void **state)
 {
     enum { LAGS = 80 };
@@ -804,7 +804,7 @@ static void there_may_be_more_than_64_states(void **state)
     assert_near(x[LAGS], 0.25, 1e-6);
 }
 
-/* Promise(laws/lqg-offset-nothing) */
+/* Promise(laws/lqg) */
 static void what_it_cannot_be_made_from_is_refused_with_the_reason(void **state)
 {
     const double nothing = 0.0, late = H, one = 1.0, second = 2.0;

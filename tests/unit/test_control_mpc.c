@@ -216,12 +216,12 @@ static void it_rests_at_its_operating_point(void **state)
 }
 
 /*
- * Promise(laws/mpc-offset-nothing): `mpc`: no offset, nothing winds up, limits and rates always hold, soft
- *   ones as long as there is a way, then rank by rank, known steps are met half way, an output in Man is a
- *   known input, a Bad measurement corrects nothing, one that stays Bad is given up or, if critical, ends
- *   the service, an unstable plant out of service is kept in hand, it begins where the plant stands, what
- *   is no number never goes out, a model that cannot be controlled or seen is refused, late goes on with
- *   the former plan, a restart has the same bits.
+ * Promise(laws/mpc): `mpc`: no offset, nothing winds up, limits and rates always hold, soft ones as long
+ *   as there is a way, then rank by rank, known steps are met half way, an output in Man is a known input,
+ *   a Bad measurement corrects nothing, one that stays Bad is given up or, if critical, ends the service,
+ *   an unstable plant out of service is kept in hand, it begins where the plant stands, what is no number
+ *   never goes out, a model that cannot be controlled or seen is refused, late goes on with the former
+ *   plan, a restart has the same bits.
  */
 static void no_offset_remains_in_spite_of_loads_and_a_wrong_gain(void **state)
 {
@@ -238,7 +238,7 @@ static void no_offset_remains_in_spite_of_loads_and_a_wrong_gain(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void a_saturated_output_winds_nothing_up(void **state)
 {
     struct rig r;
@@ -260,7 +260,7 @@ static void a_saturated_output_winds_nothing_up(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void in_man_an_output_is_a_known_input_and_comes_back_without_a_bump(void **state)
 {
     struct rig r;
@@ -327,7 +327,7 @@ static void back_in_service_it_moves_no_faster_than_it_may(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void a_measurement_that_is_bad_for_a_while_is_estimated(void **state)
 {
     struct rig r;
@@ -353,7 +353,7 @@ static void a_measurement_that_is_bad_for_a_while_is_estimated(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void a_limit_of_a_lower_loop_is_respected(void **state)
 {
     struct rig r;
@@ -374,7 +374,7 @@ static void a_limit_of_a_lower_loop_is_respected(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void rates_hold_and_announced_steps_are_met_half_way(void **state)
 {
     struct rig r;
@@ -407,7 +407,7 @@ static void rates_hold_and_announced_steps_are_met_half_way(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void the_bits_do_not_depend_on_a_restart(void **state)
 {
     const double steady = 0.0;
@@ -449,7 +449,7 @@ static void the_bits_do_not_depend_on_a_restart(void **state)
     end(&other);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void without_a_plan_in_time_the_former_one_goes_on(void **state)
 {
     const double one = 1.0, move_by_move[] = {1, 1, 1, 1, 1, 1, 1, 13};
@@ -604,7 +604,7 @@ static void at_rest_a_plan_costs_nothing_and_otherwise_more(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void soft_limits_come_before_setpoints_and_zones_are_free(void **state)
 {
     struct rig r;
@@ -819,7 +819,7 @@ static void the_time_that_a_plan_took_is_published(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
 {
     const double big = 3.0, half = 0.5, blocks[] = {10.0, 11.0}, ranks[] = {1.0, 3.0}, twice[] = {1.0, 1.0},
@@ -884,7 +884,7 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
     end(&r);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void a_limit_of_the_tuning_holds_and_none_can_cross(void **state)
 {
     double *of_y1, *of_v1;
@@ -929,7 +929,7 @@ static void a_limit_of_the_tuning_holds_and_none_can_cross(void **state)
 }
 
 /* y1 is lost for good: nothing is done for it any more, and y2 is still at its setpoint. */
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void a_measurement_that_stays_bad_is_given_up_and_a_critical_one_ends_the_service(void **state)
 {
     const double hold[] = {20.0, 20.0}, critical[] = {1.0, 0.0};
@@ -968,7 +968,7 @@ static void a_measurement_that_stays_bad_is_given_up_and_a_critical_one_ends_the
 }
 
 /* Both states grow by themselves; nothing says where they are to be. */
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void an_unstable_plant_is_kept_in_hand_when_nothing_is_asked_of_it(void **state)
 {
     static const double grow[] = {0.05, 0.0, 0.0, 0.08}, in[] = {1.0, 0.2, 0.1, 1.0},
@@ -1023,7 +1023,7 @@ static void what_integrates_is_held_in_spite_of_a_load(void **state)
 
 /* A plant that has stood still for long, but not where the model has its operating point, is held from the
  * first tick on; also with a long dead time. */
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void it_begins_where_the_plant_stands(void **state)
 {
     const double delay[] = {60.0, 0.5}, horizon = 100.0, y_standing[] = {8.0, 5.0};
@@ -1073,7 +1073,7 @@ static void what_is_estimated_out_of_all_numbers_is_said(void **state)
     assert_true(said > 0);
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void what_is_no_number_never_goes_out(void **state)
 {
     struct rig r;
@@ -1097,7 +1097,7 @@ static void what_is_no_number_never_goes_out(void **state)
 }
 
 /* Models that no settings help. */
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void a_model_that_cannot_be_controlled_or_seen_is_refused(void **state)
 {
     static const double lonely[] = {0.02, 0.0, 0.0, 0.0, 0.0, -0.1, 0.0, 0.0,

@@ -2,9 +2,9 @@
 /* Law nmpc on the adiabatic reactor, whose steady states between the folds are unstable: loads that nobody
  * measures, limits, rates, an output by hand, a restart. */
 /*
- * Promise(laws/nmpc-rests-unstable): `nmpc`: rests at unstable steady states, no offset over the whole
- *   range, finds what disturbs, limits and rates, by hand, a restart has the same bits; what is predicted
- *   is what the model does, nodes need not fit.
+ * Promise(laws/nmpc): `nmpc`: rests at unstable steady states, no offset over the whole range, finds what
+ *   disturbs, limits and rates, by hand, a restart has the same bits; what is predicted is what the model
+ *   does, nodes need not fit.
  */
 #include "apclinear.h"
 #include "laws.h"

@@ -31,7 +31,7 @@ static struct apc_law_call *begin(struct loop *l, const double *parameters)
     return &l->c;
 }
 
-/* Promise(laws/pi-paper-anti-windup): `pi` is the paper's, with its anti-windup. */
+/* Promise(laws/pi): `pi` is the paper's, with its anti-windup. */
 static void the_papers_loop_follows_the_published_step_response(void **state)
 {
     const double expected[] = {0.0, .36254, .60043, .75518, .85475, .91792};
@@ -54,7 +54,7 @@ static void the_papers_loop_follows_the_published_step_response(void **state)
     assert_near(l.y, 1.0, 1e-9);
 }
 
-/* Promise(laws/track-compute-limits) */
+/* Promise(laws/order-of-calls) */
 static void the_integral_moves_only_in_update(void **state)
 {
     struct loop l;
@@ -70,7 +70,7 @@ static void the_integral_moves_only_in_update(void **state)
     assert_near(l.x, 0.25 + KP * 2.0 / TAU_I * 3.0, 1e-15);
 }
 
-/* Promise(laws/pi-paper-anti-windup) */
+/* Promise(laws/pi) */
 static void after_long_saturation_it_leaves_the_limit_at_once(void **state)
 {
     const double limited[] = {KP, TAU_I, 0.0, -0.5, 0.5};

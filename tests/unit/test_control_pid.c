@@ -283,7 +283,7 @@ static void without_derivative_it_gives_the_papers_sequence(void **state)
 
 /* ---- Its parts ------------------------------------------------------------------------------- */
 
-/* Promise(laws/pid-line-table): `pid`: each line of its table. */
+/* Promise(laws/pid): `pid` does what each line of its table in docs/laws.md says. */
 static void setpoint_weights_scale_what_a_setpoint_step_gives_at_once(void **state)
 {
     struct rig r;
@@ -303,7 +303,7 @@ static void setpoint_weights_scale_what_a_setpoint_step_gives_at_once(void **sta
 }
 
 /* After a step of y the derivative is there at once and dies out with time constant tau_d / N. */
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void the_derivative_of_the_measurement_is_filtered(void **state)
 {
     const double h = 0.01, a = 2.0 / (2.0 + 8.0 * h);
@@ -333,7 +333,7 @@ static void a_first_measurement_far_from_zero_gives_no_derivative(void **state)
     assert_near(tick(&r), 0.0, 1e-13);
 }
 
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void at_its_setpoint_it_begins_with_u_bar_whatever_the_weight(void **state)
 {
     struct rig r;
@@ -381,7 +381,7 @@ static void make_windup(struct rig *r, double tau_t)
     r->z[0] = 10.0;
 }
 
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void conditional_integration_stands_still_in_saturation(void **state)
 {
     struct rig r;
@@ -427,7 +427,7 @@ static void conditional_integration_knows_the_smallest_errors(void **state)
 }
 
 /* Where increment and back-calculation balance: Kp h / tau_i e = h / tau_t (v - u). */
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void back_calculation_settles_at_a_distance_from_the_limit(void **state)
 {
     const double tau_t = 0.5;
@@ -442,7 +442,7 @@ static void back_calculation_settles_at_a_distance_from_the_limit(void **state)
     assert_near(tick(&r), -1.0, 0.0);
 }
 
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void the_output_changes_no_faster_than_its_rate_limit(void **state)
 {
     struct rig r;
@@ -483,7 +483,7 @@ static void the_rate_limit_begins_at_what_went_out(void **state)
     assert_int_equal(r.limited[0], APC_LIMITED_LOW);
 }
 
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void a_limit_tuned_below_the_output_is_approached_at_the_rate_limit(void **state)
 {
     struct rig r;
@@ -561,7 +561,7 @@ static void after_a_gap_nothing_is_left_of_the_slopes_before(void **state)
         assert_near(tick(&r), 1.0, 1e-6);
 }
 
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void without_integral_a_bumpless_change_dies_out_with_tau_t(void **state)
 {
     struct rig r;
@@ -585,7 +585,7 @@ static void without_integral_a_bumpless_change_dies_out_with_tau_t(void **state)
 }
 
 /* With the tuning that it begins with, nothing may jump either: it goes in twenty periods. */
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void without_integral_and_tau_t_a_bumpless_change_fades(void **state)
 {
     struct rig r;
@@ -640,7 +640,7 @@ static void without_integral_an_error_that_stays_leaves_nothing_behind(void **st
 }
 
 /* While y rises and D acts: from the change on u moves as if it had always been tuned like that. */
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one(void **state)
 {
     static const struct {
@@ -685,7 +685,7 @@ static void a_change_of_gain_or_derivative_leaves_nothing_of_the_old_one(void **
     }
 }
 
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void a_measured_disturbance_is_fed_forward_as_it_changes(void **state)
 {
     const double use = 2.0;
@@ -768,7 +768,7 @@ static void each_output_has_its_own_loop_tuning_and_disturbance(void **state)
 
 /* ---- Pairing --------------------------------------------------------------------------------- */
 
-/* Promise(laws/pid-line-table) */
+/* Promise(laws/pid) */
 static void outputs_are_paired_with_measurements_at_will(void **state)
 {
     const double measurement[] = {2.0, 1.0}, setpoint[] = {1.0, 2.0};

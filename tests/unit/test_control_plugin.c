@@ -97,7 +97,7 @@ static double tick(struct rig *r, double z)
     return y;
 }
 
-/* Promise(run/law-shown-example) */
+/* Promise(run/law-of-readme) */
 static void a_users_law_controls_well(void **state)
 {
     (void)state;
@@ -115,7 +115,7 @@ static void a_users_law_controls_well(void **state)
 }
 
 /* With dead time of four periods: the predictor settles where the same PI without it swings. */
-/* Promise(run/law-shown-example) */
+/* Promise(run/law-of-readme) */
 static void a_users_law_with_settings_and_state_predicts(void **state)
 {
     double most[2] = {0.0, 0.0}, y = 0.0;
@@ -138,7 +138,7 @@ static void a_users_law_with_settings_and_state_predicts(void **state)
     }
 }
 
-/* Promise(run/law-shown-example) */
+/* Promise(run/law-of-readme) */
 static void users_laws_go_from_man_to_auto_and_out_of_a_limit_without_a_bump(void **state)
 {
     static const char *const names[] = {"mylaw", "smith"};

@@ -681,7 +681,7 @@ static void what_does_not_answer_is_refused_and_the_next_exchange_is_another(voi
 }
 
 /* By frames alone. */
-/* Promise(links/server-plant-value) */
+/* Promise(links/opcua-at-rest) */
 static void a_plant_can_say_that_it_has_not_taken_a_command_and_is_read_all_the_same(void **state)
 {
     struct plant *p = *state;

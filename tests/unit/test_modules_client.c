@@ -70,7 +70,7 @@ static void an_age_seen_at_the_first_look_counts_on(void **state)
 }
 
 /* One who looks each 100 at what is written each 5 sees by its stamp that it is gone, at the next look. */
-/* Promise(modes/shed-within-three) */
+/* Promise(modes/shed) */
 static void what_is_stamped_when_written_is_as_old_as_its_stamp_says(void **state)
 {
     struct apc_freshness f = {0};
@@ -233,8 +233,8 @@ static void a_clock_step_neither_stops_nor_revives_a_command(void **state)
 }
 
 /*
- * Promise(laws/value-status-time): The same value, status and time is one sample, whatever else changes is
- *   new; a sample of a laboratory that is read again and again counts once.
+ * Promise(links/opcua-one-sample): Over OPC UA the same value, status and time is one sample, whatever
+ *   else changes is new; a sample of a laboratory that is read again and again counts once.
  */
 static void each_new_measurement_is_stored_once(void **state)
 {
@@ -283,8 +283,8 @@ static struct apc_client *make_ranged(const double *low, const double *high)
 }
 
 /*
- * Promise(run/number-well-beyond): A number well beyond `low` to `high` of a measurement is no measurement:
- *   Bad, bridged, then the fault value, and said.
+ * Promise(incoming/beyond-its-range): A number well beyond `low` to `high` of a measurement is no
+ *   measurement: Bad, bridged, then the fault value, and said.
  */
 static void what_lies_beyond_its_range_is_bad_until_it_is_well_back(void **state)
 {
@@ -329,7 +329,7 @@ static void a_status_that_is_bad_is_the_plants_own(void **state)
     apc_client_destroy(client);
 }
 
-/* Promise(laws/value-status-time) */
+/* Promise(links/opcua-one-sample) */
 static void what_changes_under_the_same_time_is_new(void **state)
 {
     struct apc_value y[] = {{.time = T0, .value = 1.0}, {.time = T0, .value = 2.0}};
@@ -348,7 +348,7 @@ static void what_changes_under_the_same_time_is_new(void **state)
 }
 
 /* As over modbus: each reading has a time. */
-/* Promise(laws/value-status-time) */
+/* Promise(links/opcua-one-sample) */
 static void a_sample_of_a_laboratory_that_is_read_again_and_again_counts_once(void **state)
 {
     const apc_ns apart[] = {0, 60 * S};
@@ -406,7 +406,7 @@ static void a_client_without_dimensions_is_refused(void **state)
 
 #define HOUR (3600 * S)
 
-/* Promise(run/plant-clock-hour) */
+/* Promise(incoming/clock-of-the-plant) */
 static void a_clock_that_is_near_enough_dates_its_samples(void **state)
 {
     static const apc_ns off[] = {0, -9 * S, 9 * S};
@@ -420,8 +420,8 @@ static void a_clock_that_is_near_enough_dates_its_samples(void **state)
 }
 
 /*
- * Promise(run/plant-clock-hour): A plant whose clock is an hour ahead or behind, or in 1970, has its
- *   record, by when the measurements came, and that is said.
+ * Promise(incoming/clock-of-the-plant): A plant whose clock is an hour ahead or behind, or in 1970, has
+ *   its record, by when the measurements came, and that is said.
  */
 static void a_clock_that_is_wrong_dates_nothing_and_is_known(void **state)
 {
@@ -465,7 +465,7 @@ static void a_step_of_ones_own_clock_is_not_laid_at_the_plants_door(void **state
 }
 
 /* Such a time is that of the last change, and old with right. */
-/* Promise(run/plant-clock-hour) */
+/* Promise(incoming/clock-of-the-plant) */
 static void what_was_at_rest_since_before_the_run_came_when_it_came(void **state)
 {
     struct apc_dating d = {0};

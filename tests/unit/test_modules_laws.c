@@ -167,7 +167,7 @@ static void every_law_restarted_goes_on_bit_for_bit(void **state)
 }
 
 /* The output of the tick is that of the old tuning, and the next ones are those of the new. */
-/* Promise(laws/track-compute-limits) */
+/* Promise(laws/order-of-calls) */
 static void a_change_of_tuning_in_auto_gives_no_bump(void **state)
 {
     const struct {
@@ -202,7 +202,7 @@ static void a_change_of_tuning_in_auto_gives_no_bump(void **state)
 }
 
 /*
- * Promise(laws/track-compute-limits): `track`, `compute`, limits, `update` in that order; no bump from Man,
+ * Promise(laws/order-of-calls): `track`, `compute`, limits, `update` in that order; no bump from Man,
  *   after a lost measurement, a tuning, a restart.
  */
 static void from_man_to_auto_no_law_gives_a_bump(void **state)
@@ -284,7 +284,7 @@ static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void
 }
 
 /* From Man to Auto while y moves: the derivative has gone on with it, and is there from the first tick. */
-/* Promise(laws/track-compute-limits) */
+/* Promise(laws/order-of-calls) */
 static void in_man_a_filter_goes_on(void **state)
 {
     double u[2];
@@ -308,7 +308,7 @@ static void in_man_a_filter_goes_on(void **state)
 
 /* What y did while it was away is no derivative; the output goes on from where it was held, in Auto, after
  * Man or OOS without a measurement, and in a new controller after the plant went to its safe value. */
-/* Promise(laws/track-compute-limits) */
+/* Promise(laws/order-of-calls) */
 static void after_a_lost_measurement_the_derivative_begins_anew(void **state)
 {
     (void)state;

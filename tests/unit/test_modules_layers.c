@@ -510,8 +510,8 @@ static void must_be_owned(struct plant *p)
 }
 
 /*
- * Promise(modes/two-controllers-store): So do two controllers over one store, through crashes, rows that
- *   are lost and answers that are lost.
+ * Promise(modes/two-controllers): Two controllers over one store give the same as one, through crashes,
+ *   rows that are lost and answers that are lost.
  */
 static void test_whatever_happens_two_controllers_agree_on_the_setpoint(void **state)
 {
@@ -619,7 +619,7 @@ static void in_every_order(struct plant *p, const unsigned left[3], char *done, 
     ++*orders;
 }
 
-/* Promise(modes/two-controllers-store) */
+/* Promise(modes/two-controllers) */
 static void test_in_every_order_two_controllers_leave_the_setpoint_to_its_owner(void **state)
 {
     static const unsigned left[3] = {EACH, EACH, 2};
@@ -643,7 +643,7 @@ static void test_in_every_order_two_controllers_leave_the_setpoint_to_its_owner(
 
 /* ---- Windup --------------------------------------------------------------------------------- */
 
-/* Promise(modes/two-controllers-store) */
+/* Promise(modes/two-controllers) */
 static void test_above_a_loop_at_its_limit_the_setpoint_stays_in_reach(void **state)
 {
     (void)state;
@@ -678,7 +678,7 @@ static double in_force(const struct plant *p)
 }
 
 /* The setpoint in Man: the measurement, within its own limits; the last one where there is none. */
-/* Promise(modes/two-controllers-store) */
+/* Promise(modes/two-controllers) */
 static void test_in_man_the_setpoint_is_the_measurement_within_its_limits(void **state)
 {
     struct plant p;
@@ -712,7 +712,7 @@ static void test_in_man_the_setpoint_is_the_measurement_within_its_limits(void *
 }
 
 /* The loop above is at its fault value: it writes nothing, and nobody waits for three of its periods. */
-/* Promise(modes/two-controllers-store) */
+/* Promise(modes/two-controllers) */
 static void test_a_loop_leaves_one_above_that_is_at_its_fault_value_at_once(void **state)
 {
     struct plant p;
@@ -786,7 +786,7 @@ static void assert_told(struct plant *p)
 
 /* A loop is at its fault value for a while, or begins and is left by an operator, and at some tick the rows,
  * or the answer, or both get lost. */
-/* Promise(modes/two-controllers-store) */
+/* Promise(modes/two-controllers) */
 static void test_what_is_told_of_a_mode_is_so_whatever_became_of_a_tick(void **state)
 {
     const int top = (int)(TOP / BASE);

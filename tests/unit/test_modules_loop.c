@@ -149,7 +149,7 @@ static void note(struct loop *l)
     l->notice.kind = APC_NOTICE_NONE;
 }
 
-/* Promise(run/virtual-time-ideal) */
+/* Promise(run/virtual-time) */
 static void the_four_cores_make_the_papers_experiment(void **state)
 {
     static double expected[TICKS];

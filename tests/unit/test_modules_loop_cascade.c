@@ -255,7 +255,7 @@ static bool permute(enum who *order, size_t n)
 
 /* Two ticks of each loop and two of the operator's writes, in every order, from Cas, from the wait for it,
  * and from Auto and Man. */
-/* Promise(modes/every-order-setpoint): In every order the setpoint ends as its owner's. */
+/* Promise(modes/owner): In every order of writes a setpoint ends as its owner's. */
 static void test_in_every_order_the_setpoint_ends_as_its_owner_s(void **state)
 {
     const size_t n_wishes = sizeof(wishes) / sizeof(*wishes);

@@ -72,8 +72,8 @@ static void check_settled(enum apc_loop_state from, const struct apc_loop_facts 
 }
 
 /*
- * Promise(modes/first-rule-fits): The first rule that fits says the state; nothing without a source; Man,
- *   Oos, Shadow as asked; a reason where not.
+ * Promise(modes/first-rule): The first rule of docs/modes.md that fits says the state of a loop; nothing
+ *   without a source; Man, Oos, Shadow as asked; a reason where not.
  */
 static void test_every_pair_has_a_move_that_settles_in_one_step(void **state)
 {
@@ -137,7 +137,7 @@ static void check_source(enum apc_loop_state from, const struct apc_loop_facts *
         assert_int_equal(move->output, APC_PUT_NONE);
 }
 
-/* Promise(modes/first-rule-fits) */
+/* Promise(modes/first-rule) */
 static void test_nothing_goes_out_without_a_source(void **state)
 {
     (void)state;
@@ -158,7 +158,7 @@ static void check_answer(enum apc_loop_state from, const struct apc_loop_facts *
     assert_int_equal(move->status, APC_UNCERTAIN_INITIAL);
 }
 
-/* Promise(modes/down-cascade-two) */
+/* Promise(modes/down-a-cascade) */
 static void test_a_loop_below_is_answered_only_by_one_that_could_act(void **state)
 {
     (void)state;
@@ -187,7 +187,7 @@ static void check_status(enum apc_loop_state from, const struct apc_loop_facts *
     }
 }
 
-/* Promise(modes/first-rule-fits) */
+/* Promise(modes/first-rule) */
 static void test_a_row_says_whether_it_is_what_was_wanted(void **state)
 {
     (void)state;
@@ -221,7 +221,7 @@ static void check_mode(enum apc_loop_state from, const struct apc_loop_facts *f,
         assert_null(move->reason);
 }
 
-/* Promise(modes/first-rule-fits) */
+/* Promise(modes/first-rule) */
 static void test_the_actual_mode_is_the_wanted_one_or_there_is_a_reason(void **state)
 {
     (void)state;
@@ -247,7 +247,7 @@ static void check_sticky(enum apc_loop_state from, const struct apc_loop_facts *
         assert_int_equal(move->state, APC_LOOP_HOLD);
 }
 
-/* Promise(modes/hold-shed-after-counts) */
+/* Promise(modes/hold-and-shed-after) */
 static void test_what_held_too_long_comes_back_only_with_input_and_answer(void **state)
 {
     (void)state;

@@ -66,8 +66,8 @@ static void assert_local(struct cascade *w, double value)
 /* ---- The handshake ------------------------------------------------------------------------- */
 
 /*
- * Promise(modes/down-cascade-two): Down a cascade: in two periods and an answer, without a step, also of
- *   one that answers late; a write between wins.
+ * Promise(modes/down-a-cascade): A mode comes down a cascade in two periods and an answer, without a step,
+ *   also where one answers late; a write between wins.
  */
 static void test_two_periods_of_the_upper_loop_and_its_answer_lead_into_cas_without_a_step(void **state)
 {
@@ -91,7 +91,7 @@ static void test_two_periods_of_the_upper_loop_and_its_answer_lead_into_cas_with
 }
 
 /* It answers late in its period: the loop below has ticked thrice since it was read. */
-/* Promise(modes/down-cascade-two) */
+/* Promise(modes/down-a-cascade) */
 static void test_an_answer_later_than_a_tick_of_the_loop_below_is_taken(void **state)
 {
     struct cascade w;
@@ -112,7 +112,7 @@ static void test_an_answer_later_than_a_tick_of_the_loop_below_is_taken(void **s
     cascade_check(&w);
 }
 
-/* Promise(modes/down-cascade-two) */
+/* Promise(modes/down-a-cascade) */
 static void test_an_operator_s_write_during_the_handshake_wins(void **state)
 {
     (void)state;
@@ -133,7 +133,7 @@ static void test_an_operator_s_write_during_the_handshake_wins(void **state)
 }
 
 /* The operator puts a value, then says Cas: the loop below still says what it had before. */
-/* Promise(modes/down-cascade-two) */
+/* Promise(modes/down-a-cascade) */
 static void test_an_upper_loop_answers_only_what_is_still_in_force(void **state)
 {
     struct cascade w;
@@ -171,7 +171,7 @@ static void test_an_answer_to_an_earlier_wait_does_not_count(void **state)
     cascade_check(&w);
 }
 
-/* Promise(modes/down-cascade-two) */
+/* Promise(modes/down-a-cascade) */
 static void test_an_upper_loop_in_man_answers_and_then_is_the_operator_s(void **state)
 {
     struct cascade w;
@@ -193,7 +193,7 @@ static void test_an_upper_loop_in_man_answers_and_then_is_the_operator_s(void **
 
 /* ---- Whose the setpoint is ------------------------------------------------------------------ */
 
-/* Promise(modes/every-order-setpoint) */
+/* Promise(modes/owner) */
 static void test_a_put_between_the_upper_loop_s_look_and_its_write_leaves_that_out(void **state)
 {
     struct cascade w = in_cas();
@@ -206,7 +206,7 @@ static void test_a_put_between_the_upper_loop_s_look_and_its_write_leaves_that_o
     assert_local(&w, -0.7);
 }
 
-/* Promise(modes/every-order-setpoint) */
+/* Promise(modes/owner) */
 static void test_a_put_between_the_upper_loop_s_write_and_the_lower_s_look_is_in_force(void **state)
 {
     struct cascade w = in_cas();
@@ -219,7 +219,7 @@ static void test_a_put_between_the_upper_loop_s_write_and_the_lower_s_look_is_in
 
 /* Written without a setpoint, as in a database by hand, while a row of the upper loop is there that the loop
  * below has not seen: it does not become the setpoint of Auto. */
-/* Promise(modes/every-order-setpoint) */
+/* Promise(modes/owner) */
 static void test_a_row_from_above_does_not_count_once_the_target_is_auto(void **state)
 {
     struct cascade w = in_cas();
@@ -233,7 +233,7 @@ static void test_a_row_from_above_does_not_count_once_the_target_is_auto(void **
     assert_local(&w, z);
 }
 
-/* Promise(modes/every-order-setpoint) */
+/* Promise(modes/owner) */
 static void test_a_put_on_a_loop_in_man_is_written_over_by_its_measurement(void **state)
 {
     struct cascade w = in_cas();
@@ -261,8 +261,8 @@ static void test_a_put_on_a_loop_in_man_is_written_over_by_its_measurement(void 
 /* ---- Shedding ------------------------------------------------------------------------------- */
 
 /*
- * Promise(modes/shed-within-three): Shed within three upper periods, 100 ms and a tick, no step, taken up
- *   again without one; a late row is put back.
+ * Promise(modes/shed): A loop is shed within three periods of the upper controller, 100 ms and a tick,
+ *   without a step, and taken up again without one; a late row is put back.
  */
 static void test_a_loop_sheds_in_time_and_takes_up_again_both_without_a_step(void **state)
 {
@@ -292,7 +292,7 @@ static void test_a_loop_sheds_in_time_and_takes_up_again_both_without_a_step(voi
 }
 
 /* The upper loop looked in time, but writes after the loop below has given it up, and before it said so. */
-/* Promise(modes/shed-within-three) */
+/* Promise(modes/shed) */
 static void test_a_row_that_comes_after_the_shed_is_put_back(void **state)
 {
     struct cascade w = in_cas();
@@ -317,7 +317,7 @@ static void test_a_row_that_comes_after_the_shed_is_put_back(void **state)
     cascade_check(&w);
 }
 
-/* Promise(modes/shed-within-three) */
+/* Promise(modes/shed) */
 static void test_an_upper_loop_at_its_end_or_out_of_service_is_left_at_once(void **state)
 {
     struct cascade w = in_cas();
@@ -342,7 +342,7 @@ static int changes(struct cascade *w, int periods)
     return n;
 }
 
-/* Promise(modes/hold-shed-after-counts) */
+/* Promise(modes/hold-and-shed-after) */
 static void test_a_law_that_never_answers_well_is_shed_once_for_all(void **state)
 {
     (void)state;
@@ -363,7 +363,7 @@ static void test_a_law_that_never_answers_well_is_shed_once_for_all(void **state
     }
 }
 
-/* Promise(modes/hold-shed-after-counts) */
+/* Promise(modes/hold-and-shed-after) */
 static void test_a_law_that_is_late_now_and_then_is_not_shed(void **state)
 {
     struct cascade w = in_cas();
@@ -378,7 +378,7 @@ static void test_a_law_that_is_late_now_and_then_is_not_shed(void **state)
 }
 
 /* One good answer is no recovery: it takes as many as it took bad ones. */
-/* Promise(modes/hold-shed-after-counts) */
+/* Promise(modes/hold-and-shed-after) */
 static void test_a_law_comes_back_after_as_many_good_answers_as_it_was_shed_after(void **state)
 {
     struct cascade w = in_cas();
@@ -401,7 +401,7 @@ static void test_a_law_comes_back_after_as_many_good_answers_as_it_was_shed_afte
     cascade_check(&w);
 }
 
-/* Promise(modes/hold-shed-after-counts) */
+/* Promise(modes/hold-and-shed-after) */
 static void test_man_and_out_of_service_forgive_a_law(void **state)
 {
     static const enum apc_mode modes[] = {APC_MODE_MAN, APC_MODE_OOS};
@@ -426,8 +426,7 @@ static void test_man_and_out_of_service_forgive_a_law(void **state)
 /* ---- Holding -------------------------------------------------------------------------------- */
 
 /*
- * Promise(modes/hold-shed-after-counts): `hold` and `shed_after`: what counts, what ends them, what
- *   forgives.
+ * Promise(modes/hold-and-shed-after): `hold` and `shed_after`: what counts, what ends them, what forgives.
  */
 static void test_a_measurement_that_returns_when_the_hold_ends_is_in_time(void **state)
 {
@@ -450,7 +449,7 @@ static void test_a_measurement_that_returns_when_the_hold_ends_is_in_time(void *
 }
 
 /* What was spent in another mode, or initialising, is no holding: the hold begins with Hold. */
-/* Promise(modes/hold-shed-after-counts) */
+/* Promise(modes/hold-and-shed-after) */
 static void test_only_a_loop_that_holds_comes_to_its_hold_s_end(void **state)
 {
     struct cascade w = in_cas();

@@ -118,7 +118,7 @@ static void the_schedule_keeps_its_last_step_or_begins_again(void **state)
     apc_scheduler_destroy(w.scheduler);
 }
 
-/* Promise(modes/scheduler-moves-too) */
+/* Promise(modes/scheduled-setpoint) */
 static void one_that_is_local_is_left_alone_and_given_back_gets_the_step_that_is_due(void **state)
 {
     struct world w;
@@ -246,7 +246,7 @@ static int restart(struct world *w, uint64_t index, apc_ns since)
     return compute(w, index);
 }
 
-/* Promise(modes/scheduler-moves-too) */
+/* Promise(modes/scheduled-setpoint) */
 static void one_that_is_restarted_writes_what_is_not_there(void **state)
 {
     struct world w;

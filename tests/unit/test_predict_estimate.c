@@ -324,7 +324,7 @@ static void the_extended_one_knows_how_wrong_it_is(void **state)
 
 /* A load at the input of the paper's plant, and an error of its measurement, one after the other: both are
  * found. */
-/* Promise(laws/nmpc-rests-unstable) */
+/* Promise(laws/nmpc) */
 static void the_extended_one_finds_what_nobody_measures(void **state)
 {
     static const struct apc_linear_unknown at_input = {APC_AT_INPUT, 0}, at_output = {APC_AT_OUTPUT, 0};

@@ -166,7 +166,7 @@ static void measured(const struct scene *s, double *y)
 
 /* ---- Against the regulator ----------------------------------------------------------------------- */
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void without_limits_it_is_the_regulator_of_an_endless_horizon(void **state)
 {
     const struct apc_mpc_options options = {.blocks = N, .block = each_sample, .terminal = true};
@@ -286,7 +286,7 @@ static double cost(const struct scene *s, const double *plan)
     return sum;
 }
 
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void no_other_plan_costs_less(void **state)
 {
     const struct apc_mpc_options options = {
@@ -494,7 +494,7 @@ static double worst(const struct scene *s, const double *y, size_t c)
 }
 
 /* A disturbance lifts both outputs above their limits; u can help one of them only. */
-/* Promise(laws/mpc-offset-nothing) */
+/* Promise(laws/mpc) */
 static void limits_are_given_up_by_rank_and_no_further_than_needed(void **state)
 {
     const unsigned ranks[][NY] = {{1, 2}, {2, 1}};

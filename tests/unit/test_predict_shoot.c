@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Multiple shooting: what it predicts is what the model does, near where it was made linear, and exactly for
  * a linear model, wherever its nodes were. */
-/* Promise(laws/nmpc-rests-unstable) */
+/* Promise(laws/nmpc) */
 #include "check.h"
 #include "plant/plant_internal.h"
 #include "predict/shoot.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The one reader of CSV: what RFC 4180 allows is read, what may mean two things is refused. */
 /*
- * Promise(run/csv-read-rfc): CSV is read by RFC 4180: as pandas, a spreadsheet and a logger write it, it is
+ * Promise(incoming/csv): CSV is read by RFC 4180: as pandas, a spreadsheet and a logger write it, it is
  *   the same record; what is in doubt is refused with line and column; rows that come late or early bias
  *   nothing.
  */
@@ -70,7 +70,7 @@ static void what_the_rfc_allows_is_read(void **state)
 }
 
 /* Spreadsheets have headings in two lines; and nobody's text drives the terminal that it is shown in. */
-/* Promise(run/text-way-out) */
+/* Promise(incoming/text-of-others) */
 static void a_name_is_one_line(void **state)
 {
     (void)state;
@@ -79,7 +79,7 @@ static void a_name_is_one_line(void **state)
 }
 
 /* What is written is read, as what it shows. */
-/* Promise(run/text-way-out) */
+/* Promise(incoming/text-of-others) */
 static void a_field_that_is_written_is_one_field(void **state)
 {
     static const char *const texts[][2] = {{"plain", "plain"},
@@ -179,7 +179,7 @@ static double sum_of(const char *text)
     return rc < 0 ? (double)NAN : sum;
 }
 
-/* Promise(incoming/table-ways-commands) */
+/* Promise(incoming/other-ways) */
 static void numbers_have_a_point_or_throughout_a_comma(void **state)
 {
     static const struct {

@@ -514,7 +514,7 @@ static void a_file_that_is_not_there_or_no_text_is_refused(void **state)
 }
 
 /* A name or a message that drives a terminal, or reads as another one, is refused however it is written. */
-/* Promise(run/text-way-out) */
+/* Promise(incoming/text-of-others) */
 static void a_text_that_controls_how_it_is_shown_is_refused(void **state)
 {
     static const struct {

@@ -431,7 +431,7 @@ static int times(struct apc_simulation *s, const char *event)
 }
 
 /* Steps are 10, 20, 5 and 15, of 150 s each. */
-/* Promise(modes/scheduler-moves-too) */
+/* Promise(modes/scheduled-setpoint) */
 static void what_an_operator_sets_is_his_until_he_gives_it_back(void **state)
 {
     struct apc_experiment *e = load("");

@@ -2,7 +2,7 @@
 /* Predictive control in a run in which a measurement is Bad for a while, as a step comes. */
 /*
  * Promise(run/lost-bad-measurement)
- * Promise(laws/mpc-offset-nothing)
+ * Promise(laws/mpc)
  */
 #include <math.h>
 #include <stdio.h>

@@ -26,8 +26,8 @@ static int find_event(void *ctx, const struct apc_event *event)
 }
 
 /*
- * Promise(run/number-well-beyond)
- * Promise(incoming/table-ways-commands)
+ * Promise(incoming/beyond-its-range)
+ * Promise(incoming/other-ways)
  */
 static void beyond_its_range_it_is_bridged_then_the_fault_value_and_back(void **state)
 {

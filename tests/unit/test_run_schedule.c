@@ -142,8 +142,9 @@ static unsigned count_bits(unsigned x)
 }
 
 /*
- * Promise(modes/scheduler-moves-too): One that the scheduler moves, too, over each kind of store, also when
- *   it is started anew; given back it gets the step that is due; by SQL as well.
+ * Promise(modes/scheduled-setpoint): A setpoint that the scheduler moves ends as its owner's, too, over
+ *   each kind of store, also when the scheduler is started anew; given back it gets the step that is due;
+ *   by SQL as well.
  */
 static void test_in_every_order_the_setpoint_ends_as_its_owners(void **state)
 {
@@ -188,7 +189,7 @@ static void *operate(void *ctx)
     return NULL;
 }
 
-/* Promise(modes/scheduler-moves-too) */
+/* Promise(modes/scheduled-setpoint) */
 static void test_at_once_the_setpoint_ends_as_its_owners(void **state)
 {
     struct apc_store *other = stores_open();

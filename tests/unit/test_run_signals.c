@@ -179,7 +179,7 @@ static double value_of(struct apc_simulation *s, const char *name)
     return value.value;
 }
 
-/* Promise(laws/select-low-high) */
+/* Promise(laws/select) */
 static void who_is_not_selected_neither_winds_up_nor_falls_asleep(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, NULL, NULL);
@@ -204,7 +204,7 @@ static void who_is_not_selected_neither_winds_up_nor_falls_asleep(void **state)
     apc_simulation_destroy(s);
 }
 
-/* Promise(laws/select-low-high) */
+/* Promise(laws/select) */
 static void a_selector_comes_back_from_its_operator_without_a_bump(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, NULL, NULL);
@@ -233,7 +233,7 @@ static void a_selector_comes_back_from_its_operator_without_a_bump(void **state)
     apc_simulation_destroy(s);
 }
 
-/* Promise(laws/select-low-high) */
+/* Promise(laws/select) */
 static void a_selector_leaves_out_what_is_bad(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, "measurements.h1.faults",
@@ -255,7 +255,7 @@ static void a_selector_leaves_out_what_is_bad(void **state)
     apc_simulation_destroy(s);
 }
 
-/* Promise(laws/select-low-high) */
+/* Promise(laws/select) */
 static void a_restart_between_two_ticks_changes_no_bit_of_what_is_selected(void **state)
 {
     struct apc_simulation *s = begin_with(override, NULL, NULL, NULL),

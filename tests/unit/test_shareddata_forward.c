@@ -425,7 +425,7 @@ static void publish(struct apc_store *store, int64_t tick)
     assert_int_equal(apc_store_append_rows(store, &rows), 2);
 }
 
-/* Promise(stores/warns-before-history) */
+/* Promise(stores/warned-of-a-gap) */
 static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(void **state)
 {
     struct apc_store *live = live_make(1);
@@ -456,7 +456,7 @@ static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(
 
 /*
  * Promise(stores/store-holds-gets)
- * Promise(stores/warns-before-history)
+ * Promise(stores/warned-of-a-gap)
  */
 static void test_what_was_overwritten_before_its_turn_is_told(void **state)
 {
@@ -511,9 +511,9 @@ static int put_down(void *ctx, const struct apc_forward_gap *gap)
 
 /* So whoever ends in between leaves no gap without a word. */
 /*
- * Promise(stores/warns-before-history): It warns before what the history has not got is overwritten, and
- *   tells of a gap, before what follows it is on record, also after a restart and of a backup that is older
- *   than the live store.
+ * Promise(stores/warned-of-a-gap): The historian warns before what the history has not got is overwritten,
+ *   and tells of a gap before what follows it is on record, also after a restart and of a backup that is
+ *   older than the live store.
  */
 static void test_a_gap_is_on_record_before_what_follows_it(void **state)
 {
@@ -613,7 +613,7 @@ static void assert_each_gap_is_told(const struct telling *t, struct apc_store *h
 }
 
 /* A backup of before what the live store still has; the historian goes on, or begins anew. */
-/* Promise(stores/warns-before-history) */
+/* Promise(stores/warned-of-a-gap) */
 static void test_of_a_history_that_is_older_than_the_live_store_each_gap_is_told(void **state)
 {
     static bool done; /* it is not about the kind of store */
@@ -718,7 +718,7 @@ static void test_events_and_timing_that_were_overwritten_before_their_turn_are_c
     live_drop(live);
 }
 
-/* Promise(stores/warns-before-history) */
+/* Promise(stores/warned-of-a-gap) */
 static void test_how_much_room_is_left_is_told_before_it_is_used_up(void **state)
 {
     struct apc_store *live = live_make(1);

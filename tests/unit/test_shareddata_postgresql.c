@@ -209,7 +209,7 @@ static double next_try(const struct apc_store *store)
     return says ? strtod(says + strlen("next try in "), NULL) : 0;
 }
 
-/* Promise(run/goes-away-waited) */
+/* Promise(run/growing-pauses) */
 static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
 {
     (void)state;
@@ -234,7 +234,10 @@ static void test_the_pauses_of_many_clients_are_not_the_same(void **state)
     assert_true(highest - lowest > 1);
 }
 
-/* Promise(run/goes-away-waited): What goes away is waited for in growing, jittered pauses, said once. */
+/*
+ * Promise(run/growing-pauses): A peer or store that goes away is tried again after growing, jittered
+ *   pauses, and that is said once.
+ */
 static void test_the_pauses_grow_up_to_the_longest(void **state)
 {
     (void)state;

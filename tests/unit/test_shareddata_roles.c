@@ -429,7 +429,7 @@ static void make_scheduled(void)
     cluster_query(cluster, sql);
 }
 
-/* Promise(modes/scheduler-moves-too) */
+/* Promise(modes/scheduled-setpoint) */
 static void test_what_a_person_writes_to_a_scheduled_setpoint_makes_it_local(void **state)
 {
     (void)state;
@@ -450,7 +450,7 @@ static void test_what_a_person_writes_to_a_scheduled_setpoint_makes_it_local(voi
 }
 
 /* Written together, as programs do it: what is said of the owner is what holds. */
-/* Promise(modes/scheduler-moves-too) */
+/* Promise(modes/scheduled-setpoint) */
 static void test_who_gives_a_setpoint_away_is_not_taken_at_his_own_row_of_it(void **state)
 {
     (void)state;
@@ -568,8 +568,8 @@ static void test_the_operator_puts_and_the_client_may_not(void **state)
 }
 
 /*
- * Promise(database/owner-tables-superuser): All of it where the owner of the tables is no superuser: claims
- *   by name over roles, after the end of a session, history.
+ * Promise(database/no-superuser): A database whose owner of the tables is no superuser has all of it:
+ *   claims by name over roles, after the end of a session, history.
  */
 static void test_a_claim_is_refused_by_name_across_roles(void **state)
 {
@@ -584,7 +584,7 @@ static void test_a_claim_is_refused_by_name_across_roles(void **state)
 }
 
 /* A process of the server may have the number of one that is gone, with its claims left in the table. */
-/* Promise(database/owner-tables-superuser) */
+/* Promise(database/no-superuser) */
 static void test_claims_of_a_session_that_is_gone_are_not_those_of_a_later_one_of_its_number(void **state)
 {
     (void)state;

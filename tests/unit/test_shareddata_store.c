@@ -1249,7 +1249,7 @@ static void test_events_come_back_in_order(void **state)
 }
 
 /* Every length of UTF-8 at both ends of what is well-formed, and just beyond. */
-/* Promise(run/text-way-out) */
+/* Promise(incoming/text-of-others) */
 static void test_a_text_keeps_its_characters_and_no_other_byte(void **state)
 {
     static const struct {
@@ -1304,7 +1304,7 @@ static int keep_task(void *ctx, const struct apc_timing_row *row)
 
 /* Who writes, what is described, and which task was measured is shown in one line too; a catalogue has its
  * lines. */
-/* Promise(run/text-way-out) */
+/* Promise(incoming/text-of-others) */
 static void test_names_are_one_line_that_shows_as_it_is(void **state)
 {
     struct apc_store *store = *state;

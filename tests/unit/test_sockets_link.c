@@ -222,7 +222,7 @@ static void a_peer_that_closes_is_no_reply(void **state)
 }
 
 /* As a plant does with a client that was replaced: it is not to be asked again at each tick. */
-/* Promise(run/goes-away-waited) */
+/* Promise(run/growing-pauses) */
 static void a_peer_that_refuses_is_left_alone_for_a_pause(void **state)
 {
     const struct apc_link_options options = {
@@ -338,7 +338,7 @@ static void a_peer_that_never_reads_cannot_hold_the_sender(void **state)
     close(listener);
 }
 
-/* Promise(run/goes-away-waited) */
+/* Promise(run/growing-pauses) */
 static void a_pause_follows_a_failed_connect(void **state)
 {
     const struct apc_link_options options = {

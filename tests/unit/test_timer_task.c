@@ -201,7 +201,7 @@ static void ten_ticks_missed_in_a_row_are_an_alarm_seen_while_it_lasts(void **st
     tear_down(b);
 }
 
-/* Promise(simulation/execution-jitter-overrun) */
+/* Promise(simulation/tasks) */
 static void burst_runs_every_tick_in_turn(void **state)
 {
     struct bench *b =

@@ -190,7 +190,7 @@ static void an_event_of_now_comes_before_those_of_higher_rank(void **state)
 
 /* ---- Execution times ---- */
 
-/* Promise(simulation/execution-jitter-overrun): Execution, jitter, overrun, clock of the tasks. */
+/* Promise(simulation/tasks): Execution, jitter, overrun and clock of the tasks are as the file says. */
 static void what_a_callback_made_takes_effect_at_its_end(void **state)
 {
     struct apc_executive *e = make();
@@ -217,7 +217,7 @@ static void what_a_callback_made_takes_effect_at_its_end(void **state)
     apc_executive_destroy(e);
 }
 
-/* Promise(simulation/execution-jitter-overrun) */
+/* Promise(simulation/tasks) */
 static void an_overrun_follows_its_policy(void **state)
 {
     static const struct {
@@ -280,7 +280,7 @@ static void a_task_that_returns_nonzero_has_ended(void **state)
 
 /* ---- Jitter ---- */
 
-/* Promise(simulation/execution-jitter-overrun) */
+/* Promise(simulation/tasks) */
 static void jitter_delays_ticks_and_moves_no_grid(void **state)
 {
     struct apc_executive *e = make();
@@ -355,7 +355,7 @@ static void a_seed_repeats_and_models_do_not_disturb_each_other(void **state)
 
 /* ---- The clock ---- */
 
-/* Promise(simulation/execution-jitter-overrun) */
+/* Promise(simulation/tasks) */
 static void the_wall_clock_steps_and_drifts_and_ticks_stay(void **state)
 {
     struct apc_executive *e = make();

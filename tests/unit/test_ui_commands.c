@@ -350,7 +350,7 @@ static void what_became_of_a_write_is_known_by_its_key(void **state)
     assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":3,\"seq\":1,\"key\":\"short\"}"), 400);
 }
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void too_many_writes_at_once_have_to_wait(void **state)
 {
     char body[100];

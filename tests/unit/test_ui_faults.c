@@ -227,7 +227,7 @@ static size_t on_record(void)
     return n;
 }
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void what_the_store_does_not_do_is_said_and_nothing_more_is_known_than_it_says(void **state)
 {
     static const struct {

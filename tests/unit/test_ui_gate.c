@@ -128,7 +128,7 @@ static void say_all(void)
     say("Content-Length", "10");
 }
 
-/* Promise(server/headers-protect-csrf) */
+/* Promise(server/headers) */
 static void a_request_with_all_it_takes_passes(void **state)
 {
     (void)state;
@@ -149,7 +149,7 @@ static void a_request_with_all_it_takes_passes(void **state)
     assert_int_equal(refused("POST", "/api/setpoint"), 0);
 }
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void each_thing_amiss_is_a_refusal_by_itself(void **state)
 {
     static const struct {
@@ -328,7 +328,7 @@ static void the_table_of_roles_is_what_the_gate_does(void **state)
     assert_int_equal(rows, n_routes); /* and none that there is not */
 }
 
-/* Promise(server/headers-protect-csrf) */
+/* Promise(server/headers) */
 static void cookies_are_named_by_port_and_bound_to_the_host_under_tls(void **state)
 {
     char name[COOKIE_NAME];

@@ -7,8 +7,8 @@
 #include "ui_plant.h"
 
 /*
- * Promise(server/stale-running-reason): Stale, running, reason, safe: by ticks and events, not by what was
- *   written last.
+ * Promise(server/stale-running): Stale, running, reason and safe are judged by ticks and events, not by
+ *   what was written last.
  */
 static void what_never_came_but_should_is_stale(void **state)
 {
@@ -26,7 +26,7 @@ static void what_never_came_but_should_is_stale(void **state)
     assert_false(stale("sensor.1"));
 }
 
-/* Promise(server/stale-running-reason) */
+/* Promise(server/stale-running) */
 static void a_controller_is_judged_by_its_own_ticks(void **state)
 {
     (void)state;
@@ -77,7 +77,7 @@ static void out_of_service_writes_nothing_and_runs_all_the_same(void **state)
     assert_non_null(strstr(ask_text(get_readyz), "scheduler: no tick reported for 15."));
 }
 
-/* Promise(server/stale-running-reason) */
+/* Promise(server/stale-running) */
 static void why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts(void **state)
 {
     (void)state;
@@ -116,7 +116,7 @@ static void why_the_mode_is_not_the_target_is_said_of_its_loop_while_it_lasts(vo
     assert_string_equal(control("reasons"), "{\"3\": \"what takes its output is not ready for it\"}");
 }
 
-/* Promise(server/stale-running-reason) */
+/* Promise(server/stale-running) */
 static void the_plant_at_its_safe_value_stands_until_it_takes_commands(void **state)
 {
     (void)state;
@@ -160,7 +160,7 @@ static void of_an_external_plant_its_client_says_whether_it_is_commanded(void **
     assert_string_equal(control("safe"), "true");
 }
 
-/* Promise(server/stale-running-reason) */
+/* Promise(server/stale-running) */
 static void ready_is_what_ticks(void **state)
 {
     (void)state;
@@ -182,7 +182,7 @@ static void ready_is_what_ticks(void **state)
     assert_int_equal(request.status, 503);
 }
 
-/* Promise(server/stale-running-reason) */
+/* Promise(server/stale-running) */
 static void a_thread_that_goes_round_no_more_is_not_alive(void **state)
 {
     (void)state;
@@ -197,7 +197,7 @@ static void a_thread_that_goes_round_no_more_is_not_alive(void **state)
     }
 }
 
-/* Promise(server/metrics-diagnostics) */
+/* Promise(server/metrics) */
 static void a_link_is_there_before_it_ever_changed(void **state)
 {
     (void)state;
@@ -282,7 +282,7 @@ static void how_far_the_history_is_behind_is_said_where_there_is_one(void **stat
     assert_null(strstr(metrics, "apc_history_behind"));
 }
 
-/* Promise(server/metrics-diagnostics): Metrics and diagnostics. */
+/* Promise(server/metrics): Metrics and diagnostics say what they are said to say. */
 static void process_values_are_in_the_metrics(void **state)
 {
     (void)state;
@@ -332,7 +332,7 @@ static struct task *a_task(size_t i, const char *name)
     return task;
 }
 
-/* Promise(server/metrics-diagnostics) */
+/* Promise(server/metrics) */
 static void what_tasks_report_is_in_the_metrics(void **state)
 {
     (void)state;
@@ -387,7 +387,7 @@ static void what_the_server_does_itself_is_in_the_metrics(void **state)
     has(metrics, "apc_ui_clients 0\n");
 }
 
-/* Promise(server/metrics-diagnostics) */
+/* Promise(server/metrics) */
 static void diagnostics_say_how_each_part_is(void **state)
 {
     (void)state;

@@ -521,8 +521,8 @@ static void write_file(const char *folder, const char *name, const char *text)
 }
 
 /*
- * Promise(server/page-files-folder): The page's files: only what is in the folder, revalidated or kept for
- *   a year, zipped; long answers are zipped as well.
+ * Promise(server/files): The page's files: only what is in the folder, revalidated or kept for a year,
+ *   zipped; long answers are zipped as well.
  */
 static void only_what_lies_in_the_folder_is_served(void **state)
 {

@@ -133,7 +133,7 @@ static char *setpoint(double value, const char *key)
     return body;
 }
 
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void while_it_is_away_the_page_is_told_and_nothing_is_written(void **state)
 {
     json_t *json;
@@ -164,7 +164,7 @@ static void while_it_is_away_the_page_is_told_and_nothing_is_written(void **stat
 
 /* The commit waits for a standby that is not there, longer than the daemon does: nobody knows what will
  * become of it. */
-/* Promise(server/every-status-code) */
+/* Promise(server/status-codes) */
 static void a_commit_without_an_answer_is_unknown_and_settles_by_itself(void **state)
 {
     json_t *json;

@@ -247,7 +247,7 @@ static bool own_when_made_by(uid_t uid)
     return own;
 }
 
-/* Promise(server/without-users-user) */
+/* Promise(server/users) */
 static void a_process_of_this_user_is_known_and_another_is_not(void **state)
 {
     (void)state;

@@ -170,7 +170,7 @@ static void who_comes_back_goes_on_after_the_last_message(void **state)
     }
 }
 
-/* Promise(server/stream-everything-first) */
+/* Promise(server/stream) */
 static void what_the_ring_has_lost_is_not_resumed(void **state)
 {
     struct reader r;
@@ -190,7 +190,7 @@ static void what_the_ring_has_lost_is_not_resumed(void **state)
     stream_close(r.reader);
 }
 
-/* Promise(server/stream-everything-first) */
+/* Promise(server/stream) */
 static void the_slow_are_dropped_and_told_the_others_go_on(void **state)
 {
     struct reader slow, quick;
@@ -218,7 +218,7 @@ static void the_slow_are_dropped_and_told_the_others_go_on(void **state)
     stream_close(quick.reader);
 }
 
-/* Promise(server/stream-everything-first) */
+/* Promise(server/stream) */
 static void many_bytes_are_too_many_as_well(void **state)
 {
     struct reader slow;
@@ -296,7 +296,7 @@ static void there_are_no_more_readers_than_allowed(void **state)
     free(r);
 }
 
-/* Promise(server/stream-everything-first) */
+/* Promise(server/stream) */
 static void observers_leave_room_for_operators(void **state)
 {
     struct stream_reader *reader[STREAM_READERS];

@@ -157,7 +157,7 @@ static void shows(const char *key, const char *part)
         fail_msg("%s is not in %s", part, shown(key));
 }
 
-/* Promise(server/write-states-key): A write's states, its key, the seq that was seen. */
+/* Promise(server/states-of-a-write): A write's states, its key, the seq that was seen. */
 static void it_is_applied_once_its_controller_has_taken_it(void **state)
 {
     struct write_change c = change_of(Z, 12);
@@ -192,7 +192,7 @@ static void all_of_one_write_has_to_be_in_force(void **state)
     assert_string_equal(told, "accepted applied");
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void a_newer_one_that_was_taken_supersedes_it(void **state)
 {
     struct write_change c = change_of(Z, 12);
@@ -209,7 +209,7 @@ static void a_newer_one_that_was_taken_supersedes_it(void **state)
     shows("key-0001", "\"state\":\"superseded\",\"stored\":true,\"reason\":\"a newer value came after it\"");
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void a_mode_is_applied_when_the_loop_is_in_it(void **state)
 {
     struct write_change c = change_of(TARGET, APC_MODE_CAS);
@@ -261,7 +261,7 @@ static void what_is_given_back_is_applied_when_the_scheduler_has_written_it(void
     assert_string_equal(told, "accepted unknown applied accepted superseded");
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void what_is_refused_has_failed_with_the_reason_of_its_event(void **state)
 {
     struct write_change c = change_of(KP, 0.3), other = change_of(TAU_I, 5);
@@ -295,7 +295,7 @@ static void what_is_refused_has_failed_with_the_reason_of_its_event(void **state
     shows("key-0001", "\"reason\":\"its controller refused it\"");
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void without_a_confirmation_it_is_unknown_and_may_still_be_applied(void **state)
 {
     struct write_change c = change_of(KP, 0.3);
@@ -314,7 +314,7 @@ static void without_a_confirmation_it_is_unknown_and_may_still_be_applied(void *
     assert_string_equal(told, "accepted unknown applied");
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void nobody_applies_it_when_its_own_controller_does_not_tick(void **state)
 {
     struct write_change c = change_of(Z, 12), other = change_of(OTHER, APC_MODE_MAN);
@@ -385,7 +385,7 @@ static void what_was_taken_along_is_told_and_not_waited_for(void **state)
     assert_string_equal(told, "accepted applied");
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void a_lost_answer_is_settled_by_the_row_itself(void **state)
 {
     struct write_change c = change_of(Z, 12);
@@ -431,7 +431,7 @@ static void a_lost_answer_is_a_failure_when_the_row_is_somebody_elses(void **sta
     assert_string_equal(told, "unknown failed");
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void final_is_final(void **state)
 {
     struct write_change c = change_of(Z, 12);
@@ -491,7 +491,7 @@ static void a_key_of_another_write_answers_nothing(void **state)
     text_free(&t);
 }
 
-/* Promise(server/write-states-key) */
+/* Promise(server/states-of-a-write) */
 static void the_oldest_are_forgotten(void **state)
 {
     struct write_change c = change_of(Z, 12);

@@ -352,7 +352,7 @@ test("numbers at an axis differ, have the same decimals, and are short", () => {
 const view: WriteView = {phase: "pending", key: "k", at: 0, to: "", reason: null, stored: false};
 const write = (state: Write["state"], key = "k"): Write => ({key, kind: "setpoint", user: "", time: 0, state, stored: true, reason: null, changes: []});
 
-// Promise(page/stale-crossed-values)
+// Promise(page/values-and-writes)
 test("a write lives from pending to applied, failed or unknown, and no message takes it back", () => {
   const accepted = next(view, {what: "answer", write: write("accepted")});
   assert.equal(accepted.phase, "accepted");
@@ -703,7 +703,7 @@ test("a time that people choose is told exactly", () => {
 
 const placed = itemsOf({...plant, variables: plant.variables.map(one => ({...one, area: one.ref === "sensor.1" ? "b/x10" : one.ref === "actuator.2" ? "b/x9/deep" : one.ref === "sensor.3" ? "a" : ""}))});
 
-// Promise(run/overview-many-loops)
+// Promise(page/overview)
 test("areas are a tree, in the order of people, with what is in each; a loop is where its measurement is, else its output", () => {
   assert.deepEqual(placed.map(one => `${one.name} ${one.area}`), ["y1 b/x10", "y2 b/x9/deep", "T a"]);
   assert.deepEqual(areasOf(placed).map(one => `${one.depth} ${one.path} ${one.name} ${one.count}`), ["0  all 3", "1 a a 1", "1 b b 2", "2 b/x9 x9 1", "3 b/x9/deep deep 1", "2 b/x10 x10 1"]);
@@ -711,7 +711,7 @@ test("areas are a tree, in the order of people, with what is in each; a loop is 
   assert.deepEqual([isIn("a/b", "a"), isIn("ab", "a"), isIn("x", ""), isIn("", "a")], [true, false, true, false]);
 });
 
-// Promise(run/overview-many-loops)
+// Promise(page/overview)
 test("a list is searched by words, area, mode, alarm and what is abnormal", () => {
   const marks = bySignal(standing(stands(2, 1, "Acknowledged Active")));
   const now: Now = {mode: loop => (loop.id === 1 ? {target: "Auto", actual: "LO"} : {target: "Man", actual: "Man"}), abnormal: item => item.name === "T", marks};
@@ -725,7 +725,7 @@ test("a list is searched by words, area, mode, alarm and what is abnormal", () =
   assert.ok(left({text: unit}).length > 0);
 });
 
-// Promise(run/overview-many-loops)
+// Promise(page/overview)
 test("a list is in the order of a column as it was then, what has nothing there last", () => {
   const by = (of: Record<string, number | string | null>, down: boolean): string => ordered(placed, orderOf(placed, one => of[one.name] ?? null, down)).map(one => one.name).join(" ");
   assert.deepEqual([by({y1: 3, y2: 2}, false), by({y1: 3, y2: 2}, true)], ["y2 y1 T", "y1 y2 T"]);
@@ -738,7 +738,7 @@ test("each area has the gravest alarm within it", () => {
   assert.equal(worstByArea(placed, new Map()).size, 0);
 });
 
-// Promise(run/overview-many-loops)
+// Promise(page/overview)
 test("rows come and go a few in a frame, until those that are wanted are there", () => {
   const at = (names: string, from = 0): Map<string, number> => new Map([...names].map((name, i) => [name, from + i]));
   const names = (places: Map<string, number>): string => [...places].sort((a, b) => a[1] - b[1]).map(one => one[0]).join("");

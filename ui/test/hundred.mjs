@@ -37,8 +37,8 @@ test("a value that is not Good is marked, and nothing of it is cut off", PATIENC
   }
 });
 
-// Promise(run/overview-many-loops): An overview of many loops has the rows in sight alone, and all of them by keys,
-//   search, area, mode and alarm.
+// Promise(page/overview): An overview of many loops has the rows in sight alone, and all of them by keys, search,
+//   area, mode and alarm.
 test("of a hundred rows those in sight are there; keys go to all of them, a search and the areas leave what is wanted", PATIENCE, async () => {
   const page = await open(browser, "overview", {url: process.env.APC_UI_HUNDRED});
   const rows = page.locator(".rows [data-row]");

@@ -220,7 +220,7 @@ test("a value is dragged into the trend, a loop onto its tab", () =>
     });
   }));
 
-// Promise(page/stale-crossed-values): Stale, crossed values; a write from pending to its end; keyboard alone; 400
+// Promise(page/values-and-writes): Stale, crossed values; a write from pending to its end; keyboard alone; 400
 //   pixels; light and dark.
 test("everything by keyboard alone", () =>
   withPage("overview", {}, async page => {
@@ -289,7 +289,7 @@ test("timing and diagnostics tell of every task", () =>
     await until("signals have ages", async () => (await page.getByRole("table", {name: "Signals"}).locator("[data-row]").count()) > 3);
   }));
 
-// Promise(page/stale-crossed-values)
+// Promise(page/values-and-writes)
 test("dark by the system's wish and by the toggle", () =>
   withPage("overview", {colorScheme: "dark"}, async page => {
     const background = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
@@ -303,7 +303,7 @@ test("dark by the system's wish and by the toggle", () =>
     assert.equal(await background(), "rgb(43, 43, 43)");
   }));
 
-// Promise(page/stale-crossed-values)
+// Promise(page/values-and-writes)
 test("400 pixels wide: nothing sticks out, and fingers find their targets", () =>
   withPage("overview", {viewport: {width: 400, height: 800}, hasTouch: true}, async page => {
     for (const key of ["overview", "loop", "trend", "trend/pens=y,r,u", "alarms", "alarms/all", "alarms/journal", "alarms/figures", "events", "timing", "diagnostics", "plants"]) {

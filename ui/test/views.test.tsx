@@ -155,7 +155,7 @@ test("the overview as a table", async () => {
   assert.equal(document.querySelectorAll("canvas.spark").length, 3);
 });
 
-// Promise(page/stale-crossed-values)
+// Promise(page/values-and-writes)
 test("what is not as it should be is counted and marked where it stands", async () => {
   const t = server.now;
   await state({
@@ -1602,7 +1602,7 @@ test("a sample is written into the rows; they are rendered anew when they look o
   await settle();
 });
 
-// Promise(run/overview-many-loops)
+// Promise(page/overview)
 test("an overview of many loops: a tree of areas, a search, and those with an alarm", async () => {
   const many = Array.from({length: 40}, (_, i) => i + 1);
   const loops = many.map(id => ({...tanks.loops[0]!, id, name: `y${id}`, called: `u${id}`, measurement: `sensor.${id}`, setpoint: null, output: null, tuning: [], parameters: []}));

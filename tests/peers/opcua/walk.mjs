@@ -47,8 +47,8 @@ assert.equal((await session.read({ nodeId: id("setpoint.r/range"), attributeId: 
 assert.equal((await session.read({ nodeId: id("sensor.nobody"), attributeId: AttributeIds.Value })).statusCode.name, "BadNodeIdUnknown");
 
 // what they are: a number with a range, as often as it can be new; the server, and not what it is made of
-// Promise(laws/variables-analogitemtype): Variables are of AnalogItemType, with range, unit code, description and
-//   sampling interval; a condition has all that Part 9 wants of it; the build information is ours.
+// Promise(links/opcua-types): Variables are of AnalogItemType, with range, unit code, description and sampling
+//   interval; a condition has all that Part 9 wants of it; the build information is ours.
 const attribute = async (name, attributeId) => (await session.read({ nodeId: id(name), attributeId })).value.value;
 const kind = async (name) => (await session.browse({ nodeId: id(name), referenceTypeId: "HasTypeDefinition" })).references[0].nodeId.toString();
 assert.equal(await kind("setpoint.r"), "ns=0;i=2368");
@@ -58,7 +58,7 @@ const built = (await session.read({ nodeId: "ns=0;i=2260", attributeId: Attribut
 assert.deepEqual([built.productName, built.manufacturerName, built.productUri], ["libapc", "libapc", "urn:libapc"]);
 
 // a condition has all that its type, and those above it, have to have
-// Promise(laws/variables-analogitemtype)
+// Promise(links/opcua-types)
 const children = async (nodeId) => (await session.browse({ nodeId, referenceTypeId: "Aggregates", includeSubtypes: true, browseDirection: 0 })).references;
 const lacking = async (nodeId, types) => {
   const has = (await children(nodeId)).map((r) => r.browseName.name), lacks = [];
@@ -93,7 +93,7 @@ assert.equal(await write("setpoint.r", DataType.String, "much"), "BadTypeMismatc
 assert.equal(await write("setpoint.r", DataType.Double, NaN), "BadOutOfRange");
 for (const statusCode of [StatusCodes.BadSensorFailure, StatusCodes.UncertainLastUsableValue])
   assert.equal((await session.write({ nodeId: id("setpoint.r"), attributeId: AttributeIds.Value,
-    // Promise(laws/waits-controller-holds)
+    // Promise(links/opcua-waits)
     value: { statusCode, value: { dataType: DataType.Double, value: 12 } } })).name, "BadWriteNotSupported");
 assert.equal(await value("setpoint.r"), 15);
 assert.equal(await write("actuator.u", DataType.Double, 1), "BadInvalidState");
@@ -110,9 +110,8 @@ const call = async (name, ...args) => {
 assert.equal(await call("SetMode", "u", "Auto"), "Auto");
 
 // what waits for the controller holds up nobody else of the same connection, and keeps its order
-// Promise(laws/waits-controller-holds): What waits for the controller holds up nobody else of the connection; what is
-//   written as Bad or Uncertain does not come into force; after a restart of the server who had subscribed has values
-//   again.
+// Promise(links/opcua-waits): What waits for the controller holds up nobody else of the connection; what is written
+//   as Bad or Uncertain does not come into force; after a restart of the server who had subscribed has values again.
 const answers = [];
 const note = async (what, answer) => { await answer; answers.push(what); };
 await Promise.all([note("write", write("setpoint.r", DataType.Double, 13)), note("call", call("Set", "r", 14)), note("read", value("sensor.y"))]);
