@@ -218,8 +218,7 @@ static void date(struct shell *s, size_t n)
         daemon_event(s->d, APC_EVENT_INFO, "clock", "the plant's clock is right");
 }
 
-/* A command that has not gone out with the tick it belongs to never does: who slept in between moves nothing.
- */
+/* A command that has not gone out with the tick it belongs to never does: who slept in between moves nothing. */
 static apc_ns exchange_until(const struct shell *s, const struct apc_tick *tick, apc_ns begun)
 {
     const apc_ns end = tick->started + s->d->experiment.client.rhythm.period;

@@ -137,8 +137,7 @@ void jitter_sort(apc_ns *ns, size_t n);
 void jitter_row_add(struct jitter_row *row, size_t round, struct jitter_run *run);
 void jitter_drift_of(struct jitter_drift *drift, struct jitter_run *run);
 bool jitter_has(const struct jitter_cell *cell, enum jitter_way way); /* measured; @p cell may be NULL */
-/* Median over the rounds; the reference WAY_CYCLIC is the mean of the round's two runs of it. NAN: unknown.
- */
+/* Median over the rounds; the reference WAY_CYCLIC is the mean of the round's two runs of it. NAN: unknown. */
 double jitter_ratio(const struct jitter *j, const struct jitter_cell *cell, enum jitter_way way,
                     enum jitter_way to, enum jitter_quantile q);
 /* How far the reference was from itself: least and greatest ratio in a round. False: unknown. */

@@ -39,8 +39,7 @@ struct bare_tls *bare_tls_open(const struct frames *frames, const struct keys *k
 void bare_tls_once(void *ctx);
 void bare_tls_close(struct bare_tls *t);
 
-/* link_modbus.c: ten registers out and ten in, by libmodbus and by us, each with a server of libmodbus's own.
- */
+/* link_modbus.c: ten registers out and ten in, by libmodbus and by us, each with a server of libmodbus's own. */
 struct modbus_bench;
 struct modbus_bench *modbus_open(void);
 void modbus_bare_once(void *ctx);

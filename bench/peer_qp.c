@@ -255,8 +255,7 @@ static void note(struct figures *g, size_t k, double took, size_t n, const doubl
     g->least[k] = g->least[k] == 0.0 || took < g->least[k] ? took : g->least[k];
 }
 
-/** Columns of a matrix [m * n], after those of the identity where @p bounds says so; @p upper: its triangle.
- */
+/** Columns of a matrix [m * n], after those of the identity where @p bounds says so; @p upper: its triangle. */
 static OSQPCscMatrix columns(size_t m, size_t n, const double *a, bool bounds, bool upper)
 {
     OSQPCscMatrix to;

@@ -3,12 +3,13 @@
  * The PostgreSQL store.
  *
  *     ingest    batches of 1000 samples, 100 variables with 10 each: apc_store_append(), and by hand one
- * INSERT from arrays and one binary COPY into the same tables; for comparison a COPY into a plain table with
- *               the key alone, which has no newest values, no partitions and wakes nobody
+ *               INSERT from arrays and one binary COPY into the same tables; for comparison a COPY into a
+ *               plain table with the key alone, which has no newest values, no partitions and wakes nobody
  *     historian from shm: into the same tables by apc_forward_step(), beside the COPY
  *     newest    of 100 variables, in a short and in a long history over 53 weekly partitions:
- * apc_store_read(), and by hand the search of the history that would do without tables of newest values tick
- * as bench/tick
+ *               apc_store_read(), and by hand the search of the history that would do without tables of
+ *               newest values
+ *     tick      as bench/tick
  */
 #include <stdlib.h>
 #include <unistd.h>

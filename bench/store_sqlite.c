@@ -3,10 +3,11 @@
  * The SQLite store, in files beside this program: on the disk that the build folder is on.
  *
  *     tick      append n samples of n variables, durable: apc_store_append(), and two prepared transactions
- * written by hand for the same rows. "history, newest" appends to a table in the order of arrival and updates
- *               a table of newest values, which is the fastest way that was found to keep both; "(id, seq)
- * key" is one table with the key that names a sample, which is what one writes first. newest    of n
- * variables, in a short and in a long history
+ *               written by hand for the same rows. "history, newest" appends to a table in the order of
+ *               arrival and updates a table of newest values, which is the fastest way that was found to keep
+ *               both; "(id, seq) key" is one table with the key that names a sample, which is what one writes
+ *               first
+ *     newest    of n variables, in a short and in a long history
  */
 #include <ftw.h>
 #include <sqlite3.h>

@@ -48,8 +48,7 @@ struct apc_loop_controller {
     const size_t *to; /**< [nu] input of the plant, from 0, or APC_LOOP_NOWHERE: others read it */
 };
 
-/** One tick of a controller. Times from the beginning of the period; what lies beyond it, or before, wraps.
- */
+/** One tick of a controller. Times from the beginning of the period; what lies beyond it, or before, wraps. */
 struct apc_loop_tick {
     size_t controller;
     apc_ns sampled;  /**< <= computed, and not before that of its controller's last tick: when the plant was
@@ -108,8 +107,7 @@ struct apc_loop_margins {
  */
 APC_API int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
                              struct apc_loop_margins *margins, struct apc_error *why);
-/** The same without the margins, which take many times as long: gain, phase, delay, jitter are NAN. [setup]
- */
+/** The same without the margins, which take many times as long: gain, phase, delay, jitter are NAN. [setup] */
 APC_API int apc_loop_peaks(const struct apc_loop *loop, size_t of, const double *scale,
                            struct apc_loop_margins *margins, struct apc_error *why);
 

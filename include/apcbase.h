@@ -70,8 +70,7 @@ struct apc_error {
     char text[512];
 };
 
-/** Write a line into @p why (may be NULL) and return @p err, so that `return apc_fail(...)` reads well. [any]
- */
+/** Write a line into @p why (may be NULL) and return @p err, so that `return apc_fail(...)` reads well. [any] */
 APC_API int apc_fail(struct apc_error *why, int err, const char *fmt, ...) APC_PRINTF(3, 4);
 #ifdef __clang_analyzer__ /* it sees one file at a time: this is what apc_fail() returns */
 static inline void apc_said(const char *fmt, ...)
@@ -164,8 +163,7 @@ APC_API int apc_time_parse(const char *text, apc_ns *utc);
 
 /** %.17g in the C locale whatever the process's locale is. Returns the length, or APC_ERANGE. [tick] */
 APC_API int apc_number_format(double value, char *text, size_t size);
-/** A finite number in the C locale, the whole text. Returns 0 or APC_EINVAL (also for nan, inf, hex). [tick]
- */
+/** A finite number in the C locale, the whole text. Returns 0 or APC_EINVAL (also for nan, inf, hex). [tick] */
 APC_API int apc_number_parse(const char *text, double *value);
 
 /* ---- Samples ------------------------------------------------------------------------------ */

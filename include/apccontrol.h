@@ -270,8 +270,7 @@ struct apc_law_parameter {
     enum apc_law_scope scope;
     size_t of; /**< which output or measurement, from 0 */
 };
-/** How many there are: the law's own, those of each output, those of each measurement, in this order. [tick]
- */
+/** How many there are: the law's own, those of each output, those of each measurement, in this order. [tick] */
 APC_API size_t apc_law_parameters(const struct apc_law *law, const struct apc_dim *dim);
 /** Number @p i of them, from 0, below apc_law_parameters(). [tick] */
 APC_API struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law, const struct apc_dim *dim,

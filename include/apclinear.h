@@ -98,8 +98,7 @@ APC_API void apc_linear_output(const struct apc_linear *model, const double *x, 
 
 /* ---- Design ------------------------------------------------------------------------------------ */
 
-/* Matrices are stored row after row. All return 0, APC_EINVAL, APC_ENOMEM or APC_ESOLVER.
- */
+/* Matrices are stored row after row. All return 0, APC_EINVAL, APC_ENOMEM or APC_ESOLVER. */
 
 /**
  * Sample dx/dt = A x + B u with period @p Ts, u held between the samples: x[k+1] = Ad x[k] + Bd u[k].

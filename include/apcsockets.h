@@ -248,8 +248,7 @@ struct apc_outage {
     apc_ns from, until;
 };
 
-/** Zero means none. Distributions of seconds; one of kind 0 is none, what they borrow outlives the network.
- */
+/** Zero means none. Distributions of seconds; one of kind 0 is none, what they borrow outlives the network. */
 struct apc_network_options {
     size_t size;
     struct apc_distribution delay;  /**< of each frame; a draw below 0 counts as 0 */

@@ -43,13 +43,14 @@ struct apc_store;
  * A store by URI (which one: docs/stores.md):
  * - `sqlite:FILE`, a file.
  * - `shm:NAME`, POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
- * until the machine stops or /dev/shm/apc.NAME is removed: the newest value of every variable and of each a
- *   recent history. `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes it larger or smaller than
- * 32 MiB. What no longer fits takes the place of the oldest; a new variable that does not, too many tags and
- * a call of too many rows are refused with APC_ESTORE. Durable means: survives any process, not the machine.
+ *   until the machine stops or /dev/shm/apc.NAME is removed: the newest value of every variable and of each
+ *   a recent history. `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes it larger or smaller
+ *   than 32 MiB. What no longer fits takes the place of the oldest; a new variable that does not, too many
+ *   tags and a call of too many rows are refused with APC_ESTORE. Durable means: survives any process, not
+ *   the machine.
  * - `mem:`, this process' memory, for virtual time and for tests: `mem:` alone is the handle's own,
- * `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and gone when
- * the last of them is closed. Its ticks allocate only when a variable's history doubles.
+ *   `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and gone when
+ *   the last of them is closed. Its ticks allocate only when a variable's history doubles.
  * - `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or `postgresql://...`, any libpq URI;
  *   `#NAME` at its end chooses the schema NAME, one a plant, default `apc`. A standby is refused, because a
  *   store is for writing, unless target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise.
@@ -120,9 +121,9 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
  * time for twice as long, then for four times as long.
  *
  * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is away it
- * succeeds if records wait, which say how far the writer had come, and is made up for before they drain; then
- * another writer's claim is APC_EBUSY, and they go on waiting. With an empty spool it is APC_ECONN, as
- * without one.
+ *   succeeds if records wait, which say how far the writer had come, and is made up for before they drain;
+ *   then another writer's claim is APC_EBUSY, and they go on waiting. With an empty spool it is APC_ECONN, as
+ *   without one.
  * - apc_store_read() gives, while the store is away, what was last read or appended through this store, with
  *   its own seq and time, and status UncertainLastUsableValue unless it is worse; APC_ECONN if one of the
  *   variables was never seen.
@@ -130,12 +131,12 @@ APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_sta
  * - A spool that is full keeps what it has: a new append is then refused with APC_ESTORE, and counted in
  *   `refused`. What was acknowledged is never thrown away.
  * - Samples drain once: see apc_store_append(). A sample whose seq another writer took meanwhile, with
- * another value, is found: the spool is set aside as FILE.conflict-TIME, and the answer is APC_ECONFLICT. Of
- * events that may have been stored already, those that stand there are left out, if this user may read
- * events.
+ *   another value, is found: the spool is set aside as FILE.conflict-TIME, and the answer is APC_ECONFLICT.
+ *   Of events that may have been stored already, those that stand there are left out, if this user may read
+ *   events.
  * - A spool of another writer (options->name) or for another store is refused by apc_store_open(), one that
- *   another process has in use too. One that is damaged is kept as FILE.damaged-TIME; what is readable goes
- * on.
+ *   another process has in use too. One that is damaged is kept as FILE.damaged-TIME; what is readable
+ *   goes on.
  *
  * All else goes to the store itself. What commands (setpoints, outputs, modes, tuning) must not be spooled:
  * it would come late and look new.

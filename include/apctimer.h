@@ -269,8 +269,7 @@ APC_API bool apc_executive_is_virtual(const struct apc_executive *executive); /*
  * number, or APC_EINVAL, also for a time that is past. Not from inside an event. [setup]
  */
 APC_API int64_t apc_virtual_run(struct apc_executive *executive, apc_ns until);
-/** End apc_virtual_run() after the present event; the time stays. The next apc_virtual_run() goes on. [tick]
- */
+/** End apc_virtual_run() after the present event; the time stays. The next apc_virtual_run() goes on. [tick] */
 APC_API int apc_virtual_stop(struct apc_executive *executive);
 
 typedef void (*apc_virtual_fn)(void *ctx);

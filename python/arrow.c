@@ -60,8 +60,7 @@ static void let_go(PyObject *owner)
     PyGILState_Release(state);
 }
 
-/* ---- A schema, a batch: a block with a count of the parts that point into it ------------------------------
- */
+/* ---- A schema, a batch: a block with a count of the parts that point into it ----------------- */
 
 struct block {
     PyObject *owner;
@@ -98,8 +97,7 @@ static void release_array(struct ArrowArray *array)
     leave(array->private_data);
 }
 
-/* ---- The stream -------------------------------------------------------------------------------------------
- */
+/* ---- The stream ------------------------------------------------------------------------------ */
 
 struct source {
     PyObject *owner;

@@ -30,8 +30,7 @@ char *archive_text(const struct archive *a, const char *name, size_t *length);
 bool archive_has(const struct archive *a, const char *name);
 /* The names of the folders within @p folder ("binaries/"), for a sentence, into @p text. */
 void archive_folders(const struct archive *a, const char *folder, char *text, size_t size);
-/* A new folder for the process's life, with what lies under @p folders [n] and the text of the description.
- */
+/* A new folder for the process's life, with what lies under @p folders [n] and the text of the description. */
 const char *archive_unpack(const struct archive *a, const char *const *folders, size_t n);
 void archive_close(struct archive *a);
 /* Remove what was unpacked. */

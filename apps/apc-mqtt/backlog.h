@@ -10,8 +10,8 @@
 
 #include <apcstore.h>
 
-#include "common/json.h"
 #include "broker.h"
+#include "common/json.h"
 
 struct backlog;
 

@@ -34,8 +34,7 @@ struct broker_calls {
 int broker_open(struct broker **broker, const struct mqtt_options *options, const char *prefix,
                 const struct broker_calls *calls, struct apc_error *why);
 int broker_start(struct broker *b, struct apc_error *why);
-/* Say farewell, and end. Returns false where a connection attempt could not be ended in time: then b stays.
- */
+/* Say farewell, and end. Returns false where a connection attempt could not be ended in time: then b stays. */
 bool broker_close(struct broker *b);
 
 /* @why [n] gets why it is not. */

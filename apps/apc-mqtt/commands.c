@@ -392,8 +392,7 @@ static apc_ns step(void *ctx, bool last)
     return waiting(c) == 0 ? WORKER_IDLE : rc != 0 ? ASK : 0;
 }
 
-/* ---- Start and end ---------------------------------------------------------------------------------------
- */
+/* ---- Start and end --------------------------------------------------------------------------- */
 
 int commands_create(struct commands **commands, struct daemon *d, const struct mqtt_options *options,
                     const char *users, struct apc_error *why)

@@ -9,9 +9,9 @@
 
 #include <systemd/sd-daemon.h>
 
+#include "apc-ui/server/http.h"
 #include "common/exitcode.h"
 #include "common/streams.h"
-#include "apc-ui/server/http.h"
 #include "experiment/experiment.h"
 
 #define NICE          5 /* control comes first */

@@ -11,11 +11,11 @@
 
 #include "base/text.h"
 #include "common/exitcode.h"
-#include "locked.h"
-#include "recorder.h"
-#include "experiment/experiment.h"
 #include "common/storeuri.h"
 #include "common/streams.h"
+#include "experiment/experiment.h"
+#include "locked.h"
+#include "recorder.h"
 #include "warden.h"
 #include "watch.h"
 

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What the main thread of a daemon looks out for while the task runs. Each look compares with the one before.
- */
+/* What the main thread of a daemon looks out for while the task runs. Each look compares with the one before. */
 #ifndef APC_WATCH_H
 #define APC_WATCH_H
 

@@ -112,8 +112,7 @@ static void add_course(struct courses *c, const struct apc_loop_tick *tick, doub
     c->n++;
 }
 
-/* From @p origin until the output acts on the plant; at the end of a period, just before the next one begins.
- */
+/* From @p origin until the output acts on the plant; at the end of a period, just before the next one begins. */
 static apc_ns until_act(const struct courses *c, size_t i, apc_ns origin)
 {
     const apc_ns until = c->tick[i].acts + c->dead_time - origin;

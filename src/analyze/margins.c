@@ -217,8 +217,7 @@ static void gain_margins(struct trial *t, struct crossings *found, struct apc_lo
     free(tries.at);
 }
 
-/* What lags by so much at w lags as much less at -w: the border is that of lag or lead, whichever is nearer.
- */
+/* What lags by so much at w lags as much less at -w: the border is that of lag or lead, whichever is nearer. */
 static double phase_margin(struct trial *t, const struct crossings *found)
 {
     enum { STEPS = 45 };

@@ -20,8 +20,7 @@ static inline double *apc_carve(double **at, size_t n)
 double apc_matrix_dot(const double *a, const double *b, size_t n);
 /* T [columns * rows] = A' */
 void apc_matrix_transpose(size_t rows, size_t columns, const double *A, double *T);
-/* Copy block [rows * columns] to where its first element is at row r, column c of M, which has width columns.
- */
+/* Copy block [rows * columns] to where its first element is at row r, column c of M, which has width columns. */
 void apc_matrix_put(double *M, size_t width, size_t r, size_t c, size_t rows, size_t columns,
                     const double *block);
 /* X [n * m] = A^-1 B, in place of B; A is destroyed. Returns 0, or nonzero where A is singular. */

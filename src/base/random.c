@@ -54,8 +54,7 @@ double apc_random_uniform(struct apc_random *random)
     return (double)(apc_random_next(random) >> 11) * 0x1p-53;
 }
 
-/* Marsaglia's polar method. Its second number is thrown away: a stream is its four words, nothing kept back.
- */
+/* Marsaglia's polar method. Its second number is thrown away: a stream is its four words, nothing kept back. */
 double apc_random_normal(struct apc_random *random)
 {
     double x, y, square;

@@ -50,8 +50,7 @@ struct apc_instances {
     uint32_t mark;
 };
 
-/* ---- Creation --------------------------------------------------------------------------------------------
- */
+/* ---- Creation -------------------------------------------------------------------------------- */
 
 /* Which parameters instance k, for an output, has: the law's, its output's, those of its measurements. */
 static int choose_tuning(struct apc_instances *s, size_t k)

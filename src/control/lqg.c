@@ -176,8 +176,7 @@ static int sample(struct design *d, struct apc_error *why)
     return 0;
 }
 
-/* A model that is sampled already, dead times and all: a disturbance adds to an input before its dead time.
- */
+/* A model that is sampled already, dead times and all: a disturbance adds to an input before its dead time. */
 static int take_sampled(struct design *d, struct lqg *q, struct apc_error *why)
 {
     const struct apc_linear *from = d->setup->plant->sampled;

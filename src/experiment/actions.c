@@ -32,8 +32,7 @@ static bool is_called(const struct apc_tag *tag, const char *name)
     return !strcmp(tag->name, name) || !strcmp(address, name);
 }
 
-/* What an operator writes to move it: the manual output of the loop whose output it is; of all else itself.
- */
+/* What an operator writes to move it: the manual output of the loop whose output it is; of all else itself. */
 static const struct apc_tag *moved_by(const struct experiment *e, const struct apc_tag *tags, size_t n,
                                       const struct apc_tag *tag)
 {

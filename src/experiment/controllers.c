@@ -184,8 +184,7 @@ const struct controller *controllers_selector(const struct experiment *e, struct
     return NULL;
 }
 
-/* The one that acts on the outputs of @p c where nobody was promoted: itself, or the one whose shadow it is.
- */
+/* The one that acts on the outputs of @p c where nobody was promoted: itself, or the one whose shadow it is. */
 static const struct controller *first_of(const struct experiment *e, const struct controller *c)
 {
     return owner_of(e, c->u[0]);
@@ -253,8 +252,7 @@ static bool hangs_on(const struct experiment *e, const bool *gone, size_t lower,
     return !gone[upper] && taken(&e->controllers[lower], &e->controllers[upper]);
 }
 
-/* Whoever waits for nobody that is left, or is waited for by nobody, goes. What stays goes round in circles.
- */
+/* Whoever waits for nobody that is left, or is waited for by nobody, goes. What stays goes round in circles. */
 static size_t reduce(const struct experiment *e, bool *gone)
 {
     size_t left = e->n_controllers, before;

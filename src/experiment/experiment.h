@@ -425,8 +425,7 @@ int action_check(const struct apc_tag *tag, double value, struct apc_error *why)
  * Fills action->to and n. Returns 0 or a negative error. */
 int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct action *action,
                      struct apc_error *why);
-/* Promote the controller called @p name: it is to act. Fills action->to and n. Returns 0 or a negative error.
- */
+/* Promote the controller called @p name: it is to act. Fills action->to and n. Returns 0 or a negative error. */
 int action_find_promotion(const struct experiment *e, const char *name, struct action *action,
                           struct apc_error *why);
 /* Give the setpoint called @p name to who moves it, a loop above or the scheduler (@p remote), or take it

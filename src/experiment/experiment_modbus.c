@@ -76,8 +76,7 @@ static void read_order(struct settings *s, const config_setting_t *in, struct ap
     read_first(s, in, "byte_order", "byte of each register", &p->low_byte_first);
 }
 
-/* As it stands in the registers: what is written as a whole number or in hexadecimal, with a sign or without.
- */
+/* As it stands in the registers: what is written as a whole number or in hexadecimal, with a sign or without. */
 static void read_code(struct settings *s, const config_setting_t *code, struct apc_modbus_point *p)
 {
     static const double unsigned_most[] = {[APC_MODBUS_U16] = 65535,

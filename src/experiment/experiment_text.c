@@ -409,8 +409,7 @@ static double number_in(const config_setting_t *at)
                                                         : (double)config_setting_get_int64(at);
 }
 
-/* As it stands in a file; what would not be understood there, or where text was, is text without its quotes.
- */
+/* As it stands in a file; what would not be understood there, or where text was, is text without its quotes. */
 static char *value_of(const char *value, const config_setting_t *was)
 {
     char *line = NULL, *written = NULL;

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "model_read.h"
 #include "experiment.h"
+#include "model_read.h"
 
 #define SIGNALS 1000 /* of a kind, at most */
 

@@ -51,8 +51,7 @@ int csv_refuse(const struct csv *csv, struct apc_error *why, const char *format,
 /* The same for one of its fields. */
 int csv_refuse_field(const struct csv *csv, size_t column, struct apc_error *why, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
-/* Text as a field: in one line and as it is to be shown (base/text.h), in quotes where it needs them; always.
- */
+/* Text as a field: in one line and as it is to be shown (base/text.h), in quotes where it needs them; always. */
 void csv_put(FILE *out, const char *text);
 void csv_put_quoted(FILE *out, const char *text);
 /* Are the names these, which are parted by ',' here? Returns 0 or APC_EPROTO. */

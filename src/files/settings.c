@@ -30,8 +30,7 @@ int settings_fail(struct settings *s, const config_setting_t *at, const char *fm
 
 #define PLACE 80
 
-/* "the file", the name of a group, or that of a list and which of its elements, as a path has it: alarms[0].
- */
+/* "the file", the name of a group, or that of a list and which of its elements, as a path has it: alarms[0]. */
 static const char *name_of(const config_setting_t *group, char place[PLACE])
 {
     const config_setting_t *list = config_setting_parent(group);

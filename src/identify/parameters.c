@@ -237,8 +237,7 @@ static int differentiate(struct fit *f, struct apc_error *why)
     return rc;
 }
 
-/* ---- What cannot be told --------------------------------------------------------------------------------
- */
+/* ---- What cannot be told --------------------------------------------------------------------- */
 
 static const char *name_of(const struct fit *f, size_t q, char *room, size_t size)
 {

@@ -203,8 +203,7 @@ static void set(struct apc_controller *c, size_t k, double value)
         c->z[row * c->dim.nz + k] = value;
 }
 
-/* In Man the setpoint is where the measurement is, so that nothing happens when the law has the output again.
- */
+/* In Man the setpoint is where the measurement is, so that nothing happens when the law has the output again. */
 static void follow_measurement(struct apc_controller *c, size_t k)
 {
     const struct apc_law_ports *p = apc_instances_ports(c->law.instances, c->above[k].loop);
@@ -214,8 +213,7 @@ static void follow_measurement(struct apc_controller *c, size_t k)
         set(c, k, fmin(fmax(c->y[p->y[0]], z->low), z->high));
 }
 
-/* One that is in shadow says OOS, which nobody asked it for: until it acts, what the former one wrote holds.
- */
+/* One that is in shadow says OOS, which nobody asked it for: until it acts, what the former one wrote holds. */
 static bool is_able(const struct apc_controller_above *a)
 {
     const struct apc_sample *mode = &a->mode[a->who.now];

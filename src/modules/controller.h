@@ -329,8 +329,7 @@ void apc_controller_settle(struct apc_controller *controller, struct apc_now now
 /** Ask the laws; with that the loops have their moves and outputs. [tick] */
 void apc_controller_run(struct apc_controller *controller, struct apc_now now, bool have,
                         struct apc_notice *notice);
-/** The laws' x goes on; @p selected: also of those that wait for what was selected of their outputs. [tick]
- */
+/** The laws' x goes on; @p selected: also of those that wait for what was selected of their outputs. [tick] */
 void apc_controller_update_laws(struct apc_controller *controller, bool selected);
 
 /* ---- rows.c */
@@ -339,8 +338,7 @@ int apc_controller_lay_out(struct apc_controller *controller, const struct apc_c
                            struct apc_error *why);
 /** Good, with OPC UA's limit bits for enum apc_limited. [tick] */
 apc_status apc_controller_limited(unsigned limited);
-/** Does what was told say what became of number @p k of what is wanted, or is there nothing to tell? [tick]
- */
+/** Does what was told say what became of number @p k of what is wanted, or is there nothing to tell? [tick] */
 bool apc_controller_is_quiet(const struct apc_controller *controller, size_t k);
 /** Fill out. [tick] */
 void apc_controller_put(struct apc_controller *controller, struct apc_now now);

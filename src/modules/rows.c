@@ -451,8 +451,7 @@ static double number_of(const struct apc_controller_group *g)
     return !g->choice ? 0.0 : g->now < g->n ? (double)g->number[g->now] : -1.0;
 }
 
-/* Setpoints, modes and manual outputs, and which of their rows were looked at: it stands as long as none is.
- */
+/* Setpoints, modes and manual outputs, and which of their rows were looked at: it stands as long as none is. */
 static void put_wanted(struct apc_controller *c, double *row)
 {
     const size_t *at = c->offset;

@@ -6,8 +6,7 @@
 
 #include <math.h>
 
-/** Check a model from outside; @p from, its path or name, begins the error's text. Returns 0 or APC_EINVAL.
- */
+/** Check a model from outside; @p from, its path or name, begins the error's text. Returns 0 or APC_EINVAL. */
 int apc_model_check(const struct apc_model *model, const char *from, struct apc_error *why);
 /** f, with APC_ESOLVER when it says that it is not defined there or gives no finite numbers. [tick] */
 int apc_model_derivative(const struct apc_model *model, double t, const double *x, const double *u,
@@ -61,8 +60,7 @@ void apc_delay_close(struct apc_delay *delay);
 /** Note that the input is @p u from @p t on, unless it was so before; @p now is what acts at present. False
  * when it is full. [tick] */
 bool apc_delay_put(struct apc_delay *delay, double t, const double *u, const double *now);
-/** Take what acts by @p t into @p now. Returns when the next change acts; INFINITY: none is under way. [tick]
- */
+/** Take what acts by @p t into @p now. Returns when the next change acts; INFINITY: none is under way. [tick] */
 double apc_delay_take(struct apc_delay *delay, double t, double *now);
 
 /* ---- Models --------------------------------------------------------------------------------- */

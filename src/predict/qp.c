@@ -220,8 +220,7 @@ static bool rests(struct apc_qp *qp, const struct apc_qp_pending *last, const do
     return gain <= 0.5 * qp_allowance(qp, limit);
 }
 
-/** One step of the row that waits last, which depends on W. Returns false when nothing ends it: infeasible.
- */
+/** One step of the row that waits last, which depends on W. Returns false when nothing ends it: infeasible. */
 static bool along(struct apc_qp *qp)
 {
     struct apc_qp_pending *last = &qp->pending[qp->waiting - 1];

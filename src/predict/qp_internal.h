@@ -3,8 +3,8 @@
  * The inside of apc_qp. With H = R'R, J = R^-1 and w = Rx, every row i of (x, Ax) is M_i w: rows of J for x's
  * bounds, of AJ for the others. The multipliers of the working set W solve
  *
- *     (M_W M_W' + 1/s) lambda = -b - M_W q + sign linear / s,    q = J'f + M_F' lambda_F,    w = -q - M_W'
- * lambda
+ *     (M_W M_W' + 1/s) lambda = -b - M_W q + sign linear / s,
+ *     q = J'f + M_F' lambda_F,    w = -q - M_W' lambda
  *
  * where 1/s and linear are there for soft rows that are violated, s being their quadratic weight, and F are
  * the violated soft rows without one: their multiplier is +-linear. lambda is > 0 at high, < 0 at low.
@@ -251,8 +251,7 @@ size_t qp_worst(const struct apc_qp *qp, bool careful, double *sign);
 
 /** Where the multiplier of row i may be, in the state that it is in. */
 void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high);
-/** Append row i with multiplier @p lambda. False when it depends on W: the row of L is made, W is as it was.
- */
+/** Append row i with multiplier @p lambda. False when it depends on W: the row of L is made, W is as it was. */
 bool qp_work_append(struct apc_qp *qp, size_t i, double lambda);
 void qp_work_remove(struct apc_qp *qp, size_t at);
 /** Right-hand sides of rows from @p at on, which is also how far z holds. */

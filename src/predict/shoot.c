@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Of interval i, from node x_i with u: F_i, and by central differences of the integrator itself A_i, B_i.
- * With what node i moves by, dx_i = e_i + S_i (u - plan), and the gap c_i = F_i - x_i+1, e_i+1 = A_i e_i +
- * c_i,    S_i+1 = A_i S_i + B_i in the columns of the interval's block.
+ * With what node i moves by, dx_i = e_i + S_i (u - plan), and the gap c_i = F_i - x_i+1,
+ *
+ *     e_i+1 = A_i e_i + c_i,    S_i+1 = A_i S_i + B_i in the columns of the interval's block.
  *
  * A delay of m periods and a bit r makes an input act m intervals later; in the first r of an interval the
  * one before it still does. So an interval has parts, as many as there are different r, and an input two
@@ -220,8 +221,7 @@ static double small(double value)
     return 6e-6 * fmax(fabs(value), 1e-3);
 }
 
-/* The end of an interval from x, with number k moved by so much: of x, then of newer, then of older inputs.
- */
+/* The end of an interval from x, with number k moved by so much: of x, then of newer, then of older inputs. */
 static int end(struct apc_shoot *s, const double *x, const double *d, size_t k, double by, double *to)
 {
     int rc = 0;

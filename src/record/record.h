@@ -279,8 +279,7 @@ void alarm_journal_free(struct alarm_journal *journal);
 /* Is an alarm raised by it: shown to operators as new? */
 bool alarm_is_raised(const struct alarm_transition *t);
 
-/* Of a new row of table alarm: the event that it is raised. Returns false where it is not, or is another row.
- */
+/* Of a new row of table alarm: the event that it is raised. Returns false where it is not, or is another row. */
 bool alarm_event(const struct experiment *e, const struct apc_sample *row, struct apc_event *event);
 
 /* Of one alarm. */
@@ -314,8 +313,7 @@ void alarm_figures_free(struct alarm_figures *figures);
 
 /* ---- Alarm board ---------------------------------------------------------------------------- */
 
-/* The alarms of a store as they stand, and what people want of them: for whoever shows or acknowledges them.
- */
+/* The alarms of a store as they stand, and what people want of them: for whoever shows or acknowledges them. */
 
 /* Of one alarm: its newest row; the newest of each switch, and what became of that. */
 struct alarm_now {

@@ -3,9 +3,8 @@
  * samples.columns: a head, and blocks of BLOCK rows, the last one of what is left. All numbers are as this
  * machine has them; one that has them otherwise does not know the mark again.
  *
- *   head    mark, rows, variables, codes, size of samples.csv, its checksum, inode
- *           and time of change; of each variable table and id in
- *           int32; of each code uint32; checksum of all that
+ *   head    mark, rows, variables, codes, size of samples.csv, its checksum, inode and time of change; of
+ *           each variable table and id in int32; of each code uint32; checksum of all that
  *   block   time in double [rows], value in double [rows], variable in uint16 [rows], status in int8 [rows],
  *           checksum of these
  *
@@ -50,8 +49,7 @@ static uint64_t sum_of(const void *data, size_t n, uint64_t before)
     return XXH3_64bits_withSeed(data, n, before);
 }
 
-/* ---- Parts of the work, a thread each --------------------------------------------------------------------
- */
+/* ---- Parts of the work, a thread each -------------------------------------------------------- */
 
 struct part {
     struct apc_record *rows;
@@ -160,8 +158,7 @@ size_t samples_parts(size_t size)
     return parts > SAMPLES_PARTS ? SAMPLES_PARTS : parts;
 }
 
-/* The blocks into the rows, unless @p columns is -1, and the checksum of the CSV file, unless @p csv is -1.
- */
+/* The blocks into the rows, unless @p columns is -1, and the checksum of the CSV file, unless @p csv is -1. */
 static bool take_parts(struct apc_record *rows, int csv, off_t csv_size, int columns, off_t at,
                        uint64_t *csv_sum)
 {
@@ -189,8 +186,7 @@ static bool take_parts(struct apc_record *rows, int csv, off_t csv_size, int col
     return hold;
 }
 
-/* ---- Reading ----------------------------------------------------------------------------------------------
- */
+/* ---- Reading --------------------------------------------------------------------------------- */
 
 /* The head, as long as it fits a file of that size. */
 static bool take_head(int fd, off_t size, struct apc_record *r, struct head *head, off_t *at)
@@ -268,8 +264,7 @@ void apc_record_free(struct apc_record *r)
     free(r);
 }
 
-/* ---- Writing ----------------------------------------------------------------------------------------------
- */
+/* ---- Writing --------------------------------------------------------------------------------- */
 
 static bool put(FILE *out, const void *from, size_t size, size_t n)
 {
@@ -362,8 +357,7 @@ void apc_record_keep(const char *csv, const char *columns)
     free(part);
 }
 
-/* ---- What is told of each row -----------------------------------------------------------------------------
- */
+/* ---- What is told of each row ---------------------------------------------------------------- */
 
 void apc_record_spread(const struct apc_record *rows, size_t first, size_t n, const void *of, size_t size,
                        void *to)

@@ -153,8 +153,7 @@ static bool is_spelled(const struct spelling *s, const char *at)
     return s->length && !(((text[0] & s->mask[0]) ^ s->text[0]) | ((text[1] & s->mask[1]) ^ s->text[1]));
 }
 
-/* The variable "TABLE,ID," at @p *p, which is moved behind it. Returns its place, APC_EPROTO or APC_ENOMEM.
- */
+/* The variable "TABLE,ID," at @p *p, which is moved behind it. Returns its place, APC_EPROTO or APC_ENOMEM. */
 static int32_t take_variable(struct part *t, const char **p)
 {
     const char *const from = *p, *end = from;

@@ -12,7 +12,7 @@
  *   3  start, slope, 8 bytes each, then blocks: x[i] - start - (i slope >> 12)
  *   4  start, 8 bytes, then blocks: x[i] - x[i - 1], and 0 for i = 0
  *   5  of values: the bits of doubles a and b, 8 bytes each, then two columns k and e: the bits of the value
- * are those of a + b k, plus e
+ *      are those of a + b k, plus e
  *
  * A block holds 128 numbers, the last one what is left: 8 bytes base, 1 byte width, then of each number width
  * bits, which are added to the base. With width 64 the base is 0, and the bits are the number.

@@ -224,8 +224,7 @@ struct apc_event apc_event_row(const struct apc_event *event);
 struct apc_timing_row apc_timing_stored(const struct apc_timing_row *row);
 void apc_tag_clean(struct apc_tag *tag);
 
-/** Check tags and give a copy, to be freed, in the order of table and id. Returns 0, APC_ESTORE, APC_ENOMEM.
- */
+/** Check tags and give a copy, to be freed, in the order of table and id. Returns 0, APC_ESTORE, APC_ENOMEM. */
 int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n, struct apc_tag **sorted);
 
 /** Intervals that are being filled. */

@@ -78,8 +78,7 @@ static void on_call(void *ctx)
     simulation_do(s, s->call, "operator");
 }
 
-/* An event of its own, at the very instant that the run has come to: what else happens then comes after it.
- */
+/* An event of its own, at the very instant that the run has come to: what else happens then comes after it. */
 int simulation_happen(struct simulation *s, apc_virtual_fn event, void *ctx)
 {
     apc_ns t;

@@ -397,8 +397,7 @@ static bool begins_later(const struct replay_controller *rc, const double *row,
            same_bits(row[at[APC_TICK_MARK]], rc->core->row[at[APC_TICK_MARK]]);
 }
 
-/* Tick @p k of the record, of a controller that lived on or, where that gives another row, was started anew.
- */
+/* Tick @p k of the record, of a controller that lived on or, where that gives another row, was started anew. */
 static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
 {
     const struct tick_row *at = &rc->ticks.at[k], *former = k > 0 ? at - 1 : NULL;

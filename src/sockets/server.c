@@ -6,13 +6,15 @@
  * All memory is taken in create. A connection is in one of these states, and `since` is when it came
  * into it:
  *
- *     shaking    of tls: the handshake is not over        frame_timeout; a step a turn, so that a crowd of
- * strangers costs the others no more than a step each idle       nothing begun                            may
- * last for ever (keepalive finds the dead), as long as there is room: a new connection takes the place of the
- * one that was idle longest begun      part of a request is here                frame_timeout, however the
- * bytes trickle ready      a whole request is here                  answered on the next turn, one a turn, so
- * that a peer that pipelines cannot starve the others answering  the reply is not yet wholly sent
- * frame_timeout; meanwhile nothing is read
+ *     shaking    of tls: the handshake is not over   frame_timeout; a step a turn, so that a crowd of
+ *                                                    strangers costs the others no more than a step each
+ *     idle       nothing begun                       may last for ever (keepalive finds the dead), as long as
+ *                                                    there is room: a new connection takes the place of the
+ *                                                    one that was idle longest
+ *     begun      part of a request is here           frame_timeout, however the bytes trickle
+ *     ready      a whole request is here             answered on the next turn, one a turn, so that a peer
+ *                                                    that pipelines cannot starve the others
+ *     answering  the reply is not yet wholly sent    frame_timeout; meanwhile nothing is read
  *
  * Whoever only connects can therefore not lock the client out: it gets in, and once it was the last to be
  * answered it keeps its place however many others come.

@@ -7,11 +7,11 @@
  * ---------------------------------------
  * A task keeps `due`: every tick before it has run or has been counted as missed. Two rules move it.
  *
- *   waking at `now`       apc_grid_newest: run the newest tick whose instant has come. Those between due
- *                         and it are missed: their time is over, a younger one stands for them. A wake-up
- *                         three seconds late is therefore one call, less than a period late.
+ *   waking at `now`        apc_grid_newest: run the newest tick whose instant has come. Those between due
+ *                          and it are missed: their time is over, a younger one stands for them. A wake-up
+ *                          three seconds late is therefore one call, less than a period late.
  *   callback ends at `now` apc_grid_resume: wait for the first tick that is not yet past. Those that passed
- *                         during the callback are missed; one whose instant is exactly now is not.
+ *                          during the callback are missed; one whose instant is exactly now is not.
  *
  * So a call runs the tick it was woken for, or a younger one, and calls and missed ticks together are the
  * grid up to due: missed = due - calls, whatever happened. With APC_OVERRUN_BURST neither rule is applied.

@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * Preloaded before libapc: every QP that a program solves, and its answer, into the file APC_QP_LOG: doubles,
- * a record after the other. All of them begin with their kind and the number of the qp: 1, qp, n, m made 2,
- * qp, H [n*n], A [m*n]        set 3, qp, linear, square [n+m]    soft 4, qp, f [n], low, high [n+m], status,
- * objective, soft, x [n], multipliers [n+m]    solved
+ * a record after the other. All of them begin with their kind and the number of the qp:
+ *
+ *     1, qp, n, m                     made
+ *     2, qp, H [n*n], A [m*n]         set
+ *     3, qp, linear, square [n+m]     soft
+ *     4, qp, f [n], low, high [n+m], status, objective, soft, x [n], multipliers [n+m]     solved
  */
 #include <apcqp.h>
 

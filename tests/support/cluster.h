@@ -29,8 +29,7 @@ const char *cluster_database(const struct cluster *c);
 
 /** A plain connection as the superuser, whose name is apc; the caller finishes it. */
 PGconn *cluster_connect(const struct cluster *c);
-/** Run SQL as superuser. Returns the first value of the last result ("" if none), valid until the next call.
- */
+/** Run SQL as superuser. Returns the first value of the last result ("" if none), valid until the next call. */
 const char *cluster_query(struct cluster *c, const char *sql);
 /** Run a file of SQL as superuser. */
 void cluster_query_file(struct cluster *c, const char *path);

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* A Modbus TCP server on a thread of its own, written after the specification, that also misbehaves to order.
- */
+/* A Modbus TCP server on a thread of its own, written after the specification, that also misbehaves to order. */
 #ifndef APC_TEST_MODBUS_PEER_H
 #define APC_TEST_MODBUS_PEER_H
 

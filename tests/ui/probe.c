@@ -337,8 +337,7 @@ static void failed_logins_have_to_wait(void **state)
                  "{\"user\":\"anna\",\"password\":\"operator123\"}");
     assert_int_equal(reply.status, 429);
     http_free(&reply);
-    /* but not in a browser in which anna has logged in before, nor for another name, nor from another address
-     */
+    /* but not in a browser in which anna has logged in before, nor for another name, nor from another address */
     snprintf(header, sizeof header, JSON "Cookie: %s\r\n", device);
     http_request(&reply, port, "POST", "/api/login", header,
                  "{\"user\":\"anna\",\"password\":\"operator123\"}");

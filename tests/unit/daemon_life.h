@@ -18,8 +18,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "daemon/daemon.h"
 #include "common/exitcode.h"
+#include "daemon/daemon.h"
 #include "experiment/experiment.h"
 #include "scratch.h"
 

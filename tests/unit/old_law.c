@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* A plug-in as it was compiled for a former layout of struct apc_law, number OLD_ABI: compute gave nothing.
- */
+/* A plug-in as it was compiled for a former layout of struct apc_law, number OLD_ABI: compute gave nothing. */
 #include <stdbool.h>
 #include <stddef.h>
 

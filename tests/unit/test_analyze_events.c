@@ -18,8 +18,7 @@ enum { FIRST = 5 }; /* period of which something is looked at: by then all that 
 
 /* ---- A loop ------------------------------------------------------------------------------------------- */
 
-/* The first controller ticks twice a period, reads what the second leaves for it, and remembers its output.
- */
+/* The first controller ticks twice a period, reads what the second leaves for it, and remembers its output. */
 static const struct apc_loop_source first_in[] = {
     {APC_FROM_MEASUREMENT, 1}, {APC_FROM_OWN, 0}, {APC_FROM_NONE, 0}, {APC_FROM_OUTPUT, 2}};
 static const struct apc_loop_source second_in[] = {

@@ -152,8 +152,7 @@ static void what_cannot_be_a_loop_is_refused(void **state)
     apc_loop_destroy(NULL);
 }
 
-/* ---- Found again by bisection in simulation -------------------------------------------------------------
- */
+/* ---- Found again by bisection in simulation -------------------------------------------------- */
 
 static const char text[] =
     "name = \"swing\"; duration = 1000.0;\n"
@@ -235,8 +234,7 @@ static void margins_are_where_a_simulation_begins_to_swing(void **state)
     experiment_free(&e);
 }
 
-/* ---- Under noise ----------------------------------------------------------------------------------------
- */
+/* ---- Under noise ----------------------------------------------------------------------------- */
 
 static const char noisy[] =
     "name = \"noise\"; duration = 10000.0; seed = 7;\n"
@@ -458,8 +456,7 @@ static void shares_are_those_of_the_distribution(void **state)
         assert_near(distribution_below(&of[i].d, of[i].x), of[i].below, 1e-12);
 }
 
-/* ---- Laws ------------------------------------------------------------------------------------------------
- */
+/* ---- Laws ------------------------------------------------------------------------------------ */
 
 /* Promise(analysis/margins-loop-ticks) */
 static void a_law_is_what_its_equations_say(void **state)

@@ -11,8 +11,8 @@
 #include <unistd.h>
 
 #include "apc/simulate/campaign_summary.h"
-#include "simulation/simulation.h"
 #include "scratch.h"
+#include "simulation/simulation.h"
 
 #define RUNS  6
 #define FIRST 10 /* seed */

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The bounds of what a daemon is told and given: paths, pauses, phases, memory; and what its log says of it.
- */
+/* The bounds of what a daemon is told and given: paths, pauses, phases, memory; and what its log says of it. */
 #include "daemon_life.h"
 
 #include <errno.h>

@@ -253,8 +253,7 @@ static int asked_to(int what)
     return r.law->compute(&r.c);
 }
 
-/* ---- What goes over and comes back -----------------------------------------------------------------------
- */
+/* ---- What goes over and comes back ----------------------------------------------------------- */
 
 static void what_it_says_of_itself_is_the_law(void **state)
 {
@@ -354,8 +353,7 @@ static void its_state_comes_back_from_all_but_compute(void **state)
     assert_near(r.x[0], 7, 0);
 }
 
-/* ---- Answers that are not good ---------------------------------------------------------------------------
- */
+/* ---- Answers that are not good --------------------------------------------------------------- */
 
 static void what_it_answers_is_what_comes_of_it(void **state)
 {
@@ -652,8 +650,7 @@ static void a_law_is_known_by_the_text_of_its_file(void **state)
     assert_true(apc_law_is_process("a.py") && !apc_law_is_process(".py") && !apc_law_is_process("a.so"));
 }
 
-/* ---- No memory ------------------------------------------------------------------------------------------
- */
+/* ---- No memory ------------------------------------------------------------------------------- */
 
 static int find(void)
 {

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What a law refuses to be made of, or to be tuned to, is said in a sentence, each number of which is right.
- */
+/* What a law refuses to be made of, or to be tuned to, is said in a sentence, each number of which is right. */
 #include "apclinear.h"
 #include "laws.h"
 

@@ -225,8 +225,7 @@ static void as_many_lags_as_are_asked_for(void **state)
     free(t);
 }
 
-/* ---- Of a disturbed plant --------------------------------------------------------------------------------
- */
+/* ---- Of a disturbed plant -------------------------------------------------------------------- */
 
 static void what_disturbs_the_plant_is_told(void **state)
 {

@@ -163,8 +163,7 @@ static void poles(size_t n, const double *A, double complex *root)
     }
 }
 
-/* The gain that A and C have with the B, D and first state of which the free run over the record fits best.
- */
+/* The gain that A and C have with the B, D and first state of which the free run over the record fits best. */
 static double gain_by_free_run(const struct apc_record *r, const double *A, const double *C)
 {
     enum { UNKNOWN = 9 }; /* first state, B, D */
@@ -430,8 +429,7 @@ static void missing_samples_bias_nothing(void **state)
     free(t);
 }
 
-/* What the expectation of a model of a disturbed plant leaves is white, and nothing of the inputs is in it.
- */
+/* What the expectation of a model of a disturbed plant leaves is white, and nothing of the inputs is in it. */
 /* Promise(identification/validation-tells-right) */
 static void the_filter_of_a_state_space_model_leaves_white_errors(void **state)
 {

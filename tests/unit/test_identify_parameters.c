@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Parameters of models that are not linear, from records: the truth, how sure it is, and what cannot be told.
- */
+/* Parameters of models that are not linear, from records: the truth, how sure it is, and what cannot be told. */
 /*
  * Promise(identification/parameters-model-not): Parameters of a model that is not linear, from a record:
  *   what a search from 20 % off finds is the truth, within intervals that hold it, also of a parameter that

@@ -221,8 +221,7 @@ static double noise_of(const struct apc_transfer *g, const struct record_test *t
     return noise * (high - low) / 2.0;
 }
 
-/* What became of one number over all seeds: in how many its interval held the truth, and how far it was off.
- */
+/* What became of one number over all seeds: in how many its interval held the truth, and how far it was off. */
 struct tally {
     const char *name;
     double unit; /* of how far: the truth's per cent, or the period */

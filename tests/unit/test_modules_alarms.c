@@ -14,8 +14,7 @@
 
 enum { Y1 = 1, Y2 = 2, PUMP = 5 };
 
-/* Y2's alarm is suppressed by that of y1, that of y1's neighbour while the pump stands; the last one latches.
- */
+/* Y2's alarm is suppressed by that of y1, that of y1's neighbour while the pump stands; the last one latches. */
 static const struct apc_alarm plant[N] = {
     {.name = "y1.high", .kind = APC_ALARM_HIGH, .table = APC_SENSOR, .id = Y1, .limit = 1, .priority = 1},
     {.name = "y2.low",

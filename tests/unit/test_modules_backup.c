@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The backup law acts while the law proper cannot: into it and out of it nothing moves that it does not move.
- */
+/* The backup law acts while the law proper cannot: into it and out of it nothing moves that it does not move. */
 /*
  * Promise(modes/law-act-gives): A law that cannot act gives way to its backup law and comes back, and
  *   nothing moves that the acting law does not move; a restart in between goes on bit for bit.

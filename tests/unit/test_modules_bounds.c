@@ -508,8 +508,7 @@ static void each_alarm_has_bounds(void **state)
     make_alarms(priority);
 }
 
-/* Each suppressed by the next, the last one by the first: in a ring of any length none would ever be shown.
- */
+/* Each suppressed by the next, the last one by the first: in a ring of any length none would ever be shown. */
 static void alarms_that_suppress_one_another_in_a_ring_are_refused(void **state)
 {
     (void)state;

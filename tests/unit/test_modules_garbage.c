@@ -65,8 +65,7 @@ static void calm(struct apc_sample *s, struct apc_now now)
     s->value = s->table == APC_OPMODE ? 1.0 : 1.0 + (double)chance(100) / 100.0;
 }
 
-/* How many outputs were computed, held, at the fault value, how many runs went on: all must have been tried.
- */
+/* How many outputs were computed, held, at the fault value, how many runs went on: all must have been tried. */
 struct tally {
     int64_t seq[2];
     int computed, held, fault, resumed;
@@ -164,8 +163,7 @@ static double any_field(double value, bool wild)
     }
 }
 
-/* What a former run left, spoilt: another length, NaN, states that are none, seqs beyond all, from tomorrow.
- */
+/* What a former run left, spoilt: another length, NaN, states that are none, seqs beyond all, from tomorrow. */
 static void no_former_row_makes_an_output_that_is_not_finite_or_outside_its_limits(void **state)
 {
     struct apc_now now = {.mono = S, .utc = T0};

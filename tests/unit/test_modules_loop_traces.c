@@ -150,8 +150,7 @@ static void test_an_upper_loop_answers_only_what_is_still_in_force(void **state)
     cascade_check(&w);
 }
 
-/* A wait is answered by its own answer only: a row that was made for an earlier one has seen another world.
- */
+/* A wait is answered by its own answer only: a row that was made for an earlier one has seen another world. */
 static void test_an_answer_to_an_earlier_wait_does_not_count(void **state)
 {
     struct cascade w;

@@ -244,8 +244,7 @@ struct alarmed {
     int transitions, refused;
 };
 
-/* No cmocka in here either. Rows that it reads are rewritten in place: what a wish is of is its table's id.
- */
+/* No cmocka in here either. Rows that it reads are rewritten in place: what a wish is of is its table's id. */
 static void one_second_of_alarms(struct apc_alarms *alarms, int k, struct alarmed *seen)
 {
     const struct apc_now now = {.mono = k * S, .utc = T0 + k * S};

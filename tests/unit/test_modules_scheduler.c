@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The scheduler: which step of which setpoint is due, and that none is written to one that is the operator's.
- */
+/* The scheduler: which step of which setpoint is due, and that none is written to one that is the operator's. */
 #include <string.h>
 
 #include "check.h"

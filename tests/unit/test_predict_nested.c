@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Loops around a model: its linear model is that of its equations, and what its inputs cannot do they do not.
- */
+/* Loops around a model: its linear model is that of its equations, and what its inputs cannot do they do not. */
 /*
  * Promise(laws/nmpc-moves-setpoints): `nmpc` moves setpoints of loops below, with these in its prediction,
  *   at an end of an input's range as well.

@@ -147,8 +147,7 @@ static long double gradient_of(const struct problem *p, size_t i, const double *
     return g;
 }
 
-/** The conditions of Karush, Kuhn and Tucker; with soft rows: |multiplier| = linear + square e where e > 0.
- */
+/** The conditions of Karush, Kuhn and Tucker; with soft rows: |multiplier| = linear + square e where e > 0. */
 static void assert_optimal(const struct problem *p, const double *x, const double *multiplier)
 {
     for (size_t i = 0; i < p->n; i++) {
@@ -257,8 +256,7 @@ static void rows_that_stand_there_twice_do_not_take_turns(void **state)
     }
 }
 
-/* Variables whose units are up to a million apart: the answer may be "limit" or "numbers", never a wrong one.
- */
+/* Variables whose units are up to a million apart: the answer may be "limit" or "numbers", never a wrong one. */
 static void what_rounding_has_spoiled_is_not_called_optimal(void **state)
 {
     struct apc_random random;
@@ -408,8 +406,7 @@ static void without_a_solution_each_solve_says_so_and_the_next_problem_is_solved
     apc_qp_destroy(qp);
 }
 
-/* A row that multiplies nothing, whose limits 0 breaks: no other is in its way, whatever was solved before.
- */
+/* A row that multiplies nothing, whose limits 0 breaks: no other is in its way, whatever was solved before. */
 /* Promise(analysis/quadratic-programs) */
 static void a_row_of_zeros_contradicts_alone(void **state)
 {

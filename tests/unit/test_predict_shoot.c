@@ -168,8 +168,7 @@ static void cross(double t, const double *x, const double *u, const double *p, d
     y[0] = x[0] * x[1];
 }
 
-/* A measurement that hangs on two states at once, and a disturbance that is not 0 when nothing is disturbed.
- */
+/* A measurement that hangs on two states at once, and a disturbance that is not 0 when nothing is disturbed. */
 static void what_is_measured_of_several_states_is_predicted(void **state)
 {
     static const struct apc_param loaded = {"d", "", "", 3.0, 0.0, 10.0};

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* A predictive law that has no time gives way to its backup law, in the shipped experiment, and comes back.
- */
+/* A predictive law that has no time gives way to its backup law, in the shipped experiment, and comes back. */
 /* Promise(modes/law-act-gives) */
 #include <math.h>
 #include <stdio.h>

@@ -6,8 +6,8 @@
 
 #include <stdio.h>
 
-#include "modules/controller.h"
 #include "experiment/experiment_parts.h"
+#include "modules/controller.h"
 
 #define S  APC_NS_PER_S
 #define MS APC_NS_PER_MS

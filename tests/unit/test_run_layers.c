@@ -194,8 +194,7 @@ static void an_operator_takes_a_setpoint_and_gives_it_back(void **state)
     apc_experiment_destroy(e);
 }
 
-/* Killed at any of these instants and started again within its period, nothing is other than if it had lived.
- */
+/* Killed at any of these instants and started again within its period, nothing is other than if it had lived. */
 /* Promise(modes/bad-measurement-leaves) */
 static void a_restart_between_two_ticks_leaves_no_trace(void **state)
 {

@@ -35,8 +35,7 @@ static struct loops load(struct apc_store *store)
     return loops;
 }
 
-/* Two layers: base has v1, v2; upper moves r1, which v1 has as its setpoint. v2 stands first among outputs.
- */
+/* Two layers: base has v1, v2; upper moves r1, which v1 has as its setpoint. v2 stands first among outputs. */
 static void describe_layers(struct apc_store *store)
 {
     n_tags = 0;

@@ -34,8 +34,7 @@ static struct requests *requests;
 static struct apc_request asked;
 static struct apc_error why;
 
-/* ---- Where requests come from -----------------------------------------------------------------------------
- */
+/* ---- Where requests come from ---------------------------------------------------------------- */
 
 static struct {
     int64_t id, seq;
@@ -68,8 +67,7 @@ static const char *source_error(void *ctx)
     return "nobody is there";
 }
 
-/* ---- The plant --------------------------------------------------------------------------------------------
- */
+/* ---- The plant ------------------------------------------------------------------------------- */
 
 static struct apc_sample newest(enum apc_table table, int id)
 {
@@ -218,8 +216,7 @@ static const char *events(void)
     return told;
 }
 
-/* ---- Refused ----------------------------------------------------------------------------------------------
- */
+/* ---- Refused --------------------------------------------------------------------------------- */
 
 static void what_is_asked_for_at_another_time_is_too_late(void **state)
 {
@@ -319,8 +316,7 @@ static void what_has_never_ticked_applies_nothing(void **state)
     assert_settled("written");
 }
 
-/* ---- Written ----------------------------------------------------------------------------------------------
- */
+/* ---- Written --------------------------------------------------------------------------------- */
 
 static void what_was_written_is_settled_by_what_its_controller_says(void **state)
 {
@@ -434,8 +430,7 @@ static void what_comes_from_ahead_is_refused_where_its_source_says_so(void **sta
     (void)assert_written();
 }
 
-/* ---- Once -------------------------------------------------------------------------------------------------
- */
+/* ---- Once ------------------------------------------------------------------------------------ */
 
 static void who_was_ended_before_he_answered_answers_and_does_it_no_more(void **state)
 {

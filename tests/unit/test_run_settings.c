@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "experiment/experiment_parts.h"
 #include "experiment/experiment.h"
-#include "simulation/simulation.h"
+#include "experiment/experiment_parts.h"
 #include "scratch.h"
+#include "simulation/simulation.h"
 
 static const char world[] =
     "name = \"world\"; duration = 12.0; seed = 5;\n"
@@ -39,8 +39,7 @@ static void load(struct experiment *e, const struct experiment_setting *set, siz
         fail_msg("%s", why.text);
 }
 
-/* Reported of a reader of YAML: 0010 is taken for 8. Files of other machines have \r, and a byte order mark.
- */
+/* Reported of a reader of YAML: 0010 is taken for 8. Files of other machines have \r, and a byte order mark. */
 static void a_number_with_zeros_before_it_is_decimal_on_whatever_machine_it_was_written(void **state)
 {
     static const char *const durations[] = {"010", "0010.0", "10.", "1e1", "+10", "0x0A"};

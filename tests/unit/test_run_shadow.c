@@ -87,8 +87,7 @@ static void a_shadow_changes_nothing(void **state)
     apc_simulation_destroy(with);
 }
 
-/* There and back: the first output of whoever takes over is the last one of whoever did; three ticks apart.
- */
+/* There and back: the first output of whoever takes over is the last one of whoever did; three ticks apart. */
 static void a_promotion_is_no_step(void **state)
 {
     static const double at[] = {65.2, 125.2};

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Signals that one controller calculates and another one measures: values, quality, modes, in virtual time.
- */
+/* Signals that one controller calculates and another one measures: values, quality, modes, in virtual time. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

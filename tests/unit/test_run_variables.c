@@ -11,9 +11,9 @@
 #include <sys/socket.h>
 
 #include "check.h"
+#include "experiment/experiment.h"
 #include "nomem.h"
 #include "plant/fmu.h"
-#include "experiment/experiment.h"
 #include "scratch.h"
 
 /* ---- The process ----------------------------------------------------------------------------------- */

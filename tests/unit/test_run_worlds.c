@@ -11,8 +11,8 @@
 #include <string.h>
 
 #include "figures/figures.h"
-#include "simulation/simulation.h"
 #include "scratch.h"
+#include "simulation/simulation.h"
 
 #define WORLDS 1000
 #define STEPS  4

@@ -176,8 +176,7 @@ static void test_each_claim_has_a_greater_number(void **state)
     assert_int_equal(holder_of(*state, APC_ACTUATOR, 1), 0);
 }
 
-/* A writer's commands are told by it from those of writers before, also where he came first and was refused.
- */
+/* A writer's commands are told by it from those of writers before, also where he came first and was refused. */
 /* Promise(modes/client-slept-took) */
 static void test_the_number_of_a_claim_is_that_of_its_taking(void **state)
 {

@@ -545,8 +545,7 @@ static void test_a_gap_is_on_record_before_what_follows_it(void **state)
     live_drop(live);
 }
 
-/* Of each kind a variable; of y2 there is none up to the tenth tick, and laws have an answer at each second.
- */
+/* Of each kind a variable; of y2 there is none up to the tenth tick, and laws have an answer at each second. */
 static void tick_all(struct apc_store *live, int64_t from, int64_t to)
 {
     for (int64_t tick = from; tick <= to; tick++) {

@@ -332,8 +332,7 @@ static void assert_whole(int64_t last, const char *unit)
     assert_string_equal(text, unit);
 }
 
-/* ---- One call after the other fails ---------------------------------------------------------------------
- */
+/* ---- One call after the other fails ---------------------------------------------------------- */
 
 static struct apc_forward *begin(void)
 {
@@ -473,8 +472,7 @@ static void test_two_failures_one_after_the_other_are_as_one(void **state)
     set_up(state);
 }
 
-/* ---- Batches ----------------------------------------------------------------------------------------------
- */
+/* ---- Batches --------------------------------------------------------------------------------- */
 
 static void fill(enum apc_table table, int id, int n)
 {

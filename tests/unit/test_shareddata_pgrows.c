@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Rows in PostgreSQL: beside people's open transactions, in one round trip, and claims of single variables.
- */
+/* Rows in PostgreSQL: beside people's open transactions, in one round trip, and claims of single variables. */
 #include <string.h>
 
 #include "plants.h"

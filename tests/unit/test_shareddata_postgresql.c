@@ -30,8 +30,7 @@ static struct apc_store *open_through(const char *directory, apc_ns timeout)
 
 /* ---- Round trips ----------------------------------------------------------------------------- */
 
-/* On a busy machine an answer may begin before all of its request is through, and that looks like two trips.
- */
+/* On a busy machine an answer may begin before all of its request is through, and that looks like two trips. */
 enum { TRIES = 20 };
 
 /* Promise(run): A tick costs two round trips to the database. */

@@ -447,8 +447,7 @@ static void test_another_runs_history_is_left_out(void **state)
     world_end(&w);
 }
 
-/* ---- A history that fails, or changes, between two calls -------------------------------------------------
- */
+/* ---- A history that fails, or changes, between two calls ------------------------------------- */
 
 static const struct apc_store_ops *real;
 static const struct apc_store_ops *real_live;
@@ -867,8 +866,7 @@ static void test_whose_failure_keeps_a_live_store_from_going_on_is_said(void **s
     world_end(&w);
 }
 
-/* ---- Its name --------------------------------------------------------------------------------------------
- */
+/* ---- Its name -------------------------------------------------------------------------------- */
 
 static void test_a_uri_of_two_says_what_is_wrong_with_either(void **state)
 {

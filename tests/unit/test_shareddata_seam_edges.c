@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* A live store and its history, both in memory: each call of either fails in turn, each bound is met exactly.
- */
+/* A live store and its history, both in memory: each call of either fails in turn, each bound is met exactly. */
 #include "check.h"
 
 #include <stdio.h>

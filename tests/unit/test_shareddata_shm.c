@@ -589,8 +589,7 @@ static void test_no_chatter_pushes_out_what_people_did(void **state)
     assert_int_equal(apc_store_events(store, NULL, count_kinds, &kinds), 0);
 }
 
-/* Whatever stands in a damaged segment: who reads it is told, at once, and never waits for what cannot come.
- */
+/* Whatever stands in a damaged segment: who reads it is told, at once, and never waits for what cannot come. */
 /* Promise(stores/shared-memory-user) */
 static void test_a_damaged_segment_is_said_to_be_one(void **state)
 {

@@ -528,8 +528,7 @@ KILLED(prepare, put_tags, true)
 KILLED(prepare, append_events, false)
 KILLED(prepare, append_timing, false)
 
-/* Housekeeping is a transaction a variable: in between is neither old nor new, but every newest sample stays.
- */
+/* Housekeeping is a transaction a variable: in between is neither old nor new, but every newest sample stays. */
 static void test_maintain_killed_anywhere_keeps_the_newest_and_can_be_repeated(void **state)
 {
     (void)state;

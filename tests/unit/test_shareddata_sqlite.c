@@ -1198,8 +1198,7 @@ static void test_an_error_in_the_middle_of_housekeeping_is_said(void **state)
     assert_int_equal(apc_store_maintain(*state, &records), 1);
 }
 
-/* Whatever the umask: a record is its user's own until he says otherwise, and what stands beside it follows.
- */
+/* Whatever the umask: a record is its user's own until he says otherwise, and what stands beside it follows. */
 /*
  * Promise(stores/sqlite-0600-writer): SQLite: 0600, one writer, readers hold nobody up, full disk, damage,
  *   no write-ahead log, a file that comes and goes.

@@ -683,8 +683,7 @@ static void test_history_comes_in_rising_seq_within_its_bounds(void **state)
     }
 }
 
-/* Reported of InfluxDB again and again: of two points of one time the later one takes the place of the other.
- */
+/* Reported of InfluxDB again and again: of two points of one time the later one takes the place of the other. */
 static void test_samples_of_one_time_are_all_kept(void **state)
 {
     for (int i = 1; i <= 5; i++) { /* in one transaction, and each in its own */

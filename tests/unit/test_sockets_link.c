@@ -325,8 +325,7 @@ static void a_peer_that_never_reads_cannot_hold_the_sender(void **state)
     assert_false(apc_link_connected(link));
     apc_link_destroy(link);
 
-    /* and what the kernel still held is not delivered later: a network that comes back brings no old command
-     */
+    /* and what the kernel still held is not delivered later: a network that comes back brings no old command */
     connection = accept(listener, NULL, NULL);
     do
         n = recv(connection, request, size, 0);

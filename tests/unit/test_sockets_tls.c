@@ -573,8 +573,7 @@ static void strangers_cannot_lock_the_client_out(void **state)
     close_plant(p);
 }
 
-/* Its own pieces are small enough for malloc's cache of a thread, which knows neither locks nor the kernel.
- */
+/* Its own pieces are small enough for malloc's cache of a thread, which knows neither locks nor the kernel. */
 /*
  * Promise(links/nothing-tick-allocates): Nothing in a tick allocates, but for small pieces that OpenSSL
  *   takes for a frame of `tls:` and gives back at once.
@@ -670,8 +669,7 @@ static void a_new_certificate_is_taken_up_and_a_broken_file_is_not(void **state)
     close_plant(p);
 }
 
-/* The file of a plant becomes another good identity: whoever commands the plant must get in afterwards too.
- */
+/* The file of a plant becomes another good identity: whoever commands the plant must get in afterwards too. */
 /* Promise(links/certificate-expires-said) */
 static void an_identity_that_peers_would_not_take_for_the_same_is_left_alone(void **state)
 {

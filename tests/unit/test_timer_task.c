@@ -13,8 +13,7 @@
 #define MS    APC_NS_PER_MS
 #define CALLS 64
 
-/* What a callback saw, and what it is told to do. Read it only after `ticked`, or when the task is stopped.
- */
+/* What a callback saw, and what it is told to do. Read it only after `ticked`, or when the task is stopped. */
 struct record {
     struct apc_tick tick[CALLS];
     unsigned calls;

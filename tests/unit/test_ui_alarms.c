@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What the API says of alarms, asked without a connection, on a store in memory in which they are evaluated.
- */
+/* What the API says of alarms, asked without a connection, on a store in memory in which they are evaluated. */
 #include "experiment/experiment.h"
 #include "ui_request.h"
 
@@ -480,8 +479,7 @@ static size_t told(struct stream_reader *reader)
     return n;
 }
 
-/* As the live thread does it, when it has read the newest tick. Returns of how many alarms readers were told.
- */
+/* As the live thread does it, when it has read the newest tick. Returns of how many alarms readers were told. */
 static size_t follow(struct alarm_watch *watch)
 {
     double numbers[APC_ALARMS_TICK] = {0};

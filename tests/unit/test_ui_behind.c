@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The thread that looks how far the history is behind the live store: what it finds is what both stores have.
- */
+/* The thread that looks how far the history is behind the live store: what it finds is what both stores have. */
 /* Promise(page/how-far-history) */
 #include <stdio.h>
 #include <stdlib.h>

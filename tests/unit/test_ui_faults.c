@@ -137,8 +137,7 @@ static void let_fail(enum call call, int with)
     store->ops = &faulty;
 }
 
-/* ---- The plant ------------------------------------------------------------------------------------------
- */
+/* ---- The plant ------------------------------------------------------------------------------- */
 
 /* As apc-alarms does it. */
 static void evaluate(double y)
@@ -182,8 +181,7 @@ static int tear_down(void **state)
     return 0;
 }
 
-/* ---- Writes -----------------------------------------------------------------------------------------------
- */
+/* ---- Writes ---------------------------------------------------------------------------------- */
 
 static char shelving[64];
 static const struct writing {
@@ -365,8 +363,7 @@ static void a_tuning_is_a_list_of_values_each_once(void **state)
     }
 }
 
-/* ---- Reads ------------------------------------------------------------------------------------------------
- */
+/* ---- Reads ----------------------------------------------------------------------------------- */
 
 static void alarms_that_cannot_be_read_are_not_answered(void **state)
 {

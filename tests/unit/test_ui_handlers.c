@@ -321,11 +321,11 @@ static struct task *a_task(size_t i, const char *name)
     task->missed_total = 7;
     for (int q = 0; q < QUANTITIES; q++) {
         task->last[q] = (struct task_figures){.time = 1763730000 * S,
-                                         .count = 5,
-                                         .mean = 1e6 * (q + 1),
-                                         .p50 = 1000000,
-                                         .p99 = 2000000,
-                                         .max = 4000000};
+                                              .count = 5,
+                                              .mean = 1e6 * (q + 1),
+                                              .p50 = 1000000,
+                                              .p99 = 2000000,
+                                              .max = 4000000};
         task->total[q] = (struct task_figures){.count = 50, .sum = 0.5};
     }
     ui->model.tasks = i + 1;

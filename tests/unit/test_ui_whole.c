@@ -64,8 +64,7 @@ static int describe(void **state)
     return 0;
 }
 
-/* Times of now are one word, so are keys and ids, which are drawn, and the version; the rest is what it is.
- */
+/* Times of now are one word, so are keys and ids, which are drawn, and the version; the rest is what it is. */
 static uint32_t mark_of(const char *text, size_t n, char *shown, size_t size)
 {
     size_t used = 0;

@@ -3,8 +3,8 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "base/text.h"
 #include "apc-ui/server/http.h"
+#include "base/text.h"
 
 /* Locked. */
 static void tell_plant(struct ui *ui, struct text *t)
@@ -17,8 +17,7 @@ static void tell_plant(struct ui *ui, struct text *t)
     text_put(t, "}", 1);
 }
 
-/* Of a thousand signals it is 50 ms of work, which all pages ask for: zipped, it is kept until it is another.
- */
+/* Of a thousand signals it is 50 ms of work, which all pages ask for: zipped, it is kept until it is another. */
 void get_plant(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct model *m = &ui->model;

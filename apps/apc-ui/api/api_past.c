@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "apc-ui/plant/columns.h"
-#include "common/timing.h"
 #include "apc-ui/server/http.h"
+#include "common/timing.h"
 
 #define EVENTS_MAX 5000
 #define EVENTS_LOOK                                                                                          \

@@ -88,8 +88,7 @@ static void tell(struct alarm_watch *w, struct ui *ui, const struct text *news)
     text_free(&t);
 }
 
-/* A transition is stored together with the tick that counts it; only the end of shelving moves without one.
- */
+/* A transition is stored together with the tick that counts it; only the end of shelving moves without one. */
 int alarm_watch_look(struct alarm_watch *w, struct ui *ui, struct apc_store *store,
                      const struct apc_vector *tick)
 {

@@ -9,9 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "apc-ui/server/ui.h"
 #include "base/base_internal.h"
 #include "daemon/recorder.h"
-#include "apc-ui/server/ui.h"
 
 #define LOOK       APC_NS_PER_S
 #define RECENT     64 /* events that are asked for first; more where the newest known is not among them ... */
@@ -224,11 +224,11 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
     struct task *task = q == QUANTITIES ? NULL : exchange ? &m->exchange : task_of(m, row->task);
     if (task && row->time > task->last[q].time) {
         task->last[q] = (struct task_figures){.time = row->time,
-                                         .count = row->count,
-                                         .mean = row->mean,
-                                         .p50 = row->p50,
-                                         .p99 = row->p99,
-                                         .max = row->max};
+                                              .count = row->count,
+                                              .mean = row->mean,
+                                              .p50 = row->p50,
+                                              .p99 = row->p99,
+                                              .max = row->max};
         task->total[q].count += row->count;
         task->total[q].sum += row->mean * (double)row->count / 1e9;
         task->period = row->period;

@@ -5,9 +5,10 @@
  *
  *     unknown, stored not known   the row with the write's own seq and time is there: accepted;
  *                                 that seq is somebody else's: failed
- *     accepted                    as operate/operate.h judges it: applied, superseded, or failed, when all of it
- * is; unknown, stored, when its controller does not tick or takes too long. A setpoint that was given back to
- * the scheduler: applied when the scheduler has written it
+ *     accepted                    as operate/operate.h judges it: applied, superseded, or failed, when all
+ *                                 of it is; unknown, stored, when its controller does not tick or takes too
+ *                                 long. A setpoint that was given back to the scheduler: applied when the
+ *                                 scheduler has written it
  */
 #ifndef APC_UI_WRITES_H
 #define APC_UI_WRITES_H

@@ -45,8 +45,7 @@ bool host_allowed(const char *text, const char *const *names)
     return false;
 }
 
-/* HOST[:PORT] as the other; a scheme's own @p port, which no browser writes and many a proxy does, is none.
- */
+/* HOST[:PORT] as the other; a scheme's own @p port, which no browser writes and many a proxy does, is none. */
 static bool same_host(const char *one, const char *other, const char *port)
 {
     const size_t n = strlen(one), m = strlen(other), both = n < m ? n : m;

@@ -520,8 +520,7 @@ static enum MHD_Result count_head(void *ctx, enum MHD_ValueKind kind, const char
     return MHD_YES;
 }
 
-/* One host, and one way to tell where the body ends: else two servers in a row may see two requests in one.
- */
+/* One host, and one way to tell where the body ends: else two servers in a row may see two requests in one. */
 static bool framed(struct request *r)
 {
     struct heads heads = {0};

@@ -44,8 +44,7 @@ apc_ns session_end(const struct sessions *s, const struct session *session, apc_
 /* False: too many writes; it may try again at *again. An empty token is the local session. */
 bool session_may_write(struct sessions *s, const char *token, apc_ns now, apc_ns *again);
 
-/* One of a rate: true when it may be had now. After a pause `burst` may be had at once, then one in `each`.
- */
+/* One of a rate: true when it may be had now. After a pause `burst` may be had at once, then one in `each`. */
 bool rate_take(apc_ns *due, apc_ns each, unsigned burst, apc_ns now);
 
 /* 32 random bytes as text. Returns 0 or APC_ESYS. */

@@ -121,8 +121,7 @@ static X509 *certify(const struct authority_request *r, const char *hosts, EVP_P
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-/* A file beside @p path becomes it when all is in it and on the disk. @p key, @p own and @p above: NULL: not.
- */
+/* A file beside @p path becomes it when all is in it and on the disk. @p key, @p own and @p above: NULL: not. */
 static int write_file(const char *path, EVP_PKEY *key, X509 *own, X509 *above, bool replace,
                       struct apc_error *why)
 {

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "authority.h"
 #include "apc/common/cli.h"
+#include "authority.h"
 
 #define DAYS           825
 #define AUTHORITY_DAYS 3650

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "apc/common/cli.h"
+#include "apc/common/warn.h"
 #include "common/storeuri.h"
 #include "experiment/experiment.h"
-#include "apc/common/warn.h"
 
 #include <string.h>
 

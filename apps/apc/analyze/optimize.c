@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc/folder/folder.h"
 #include "apc/common/warn.h"
+#include "apc/folder/folder.h"
 
 #define BUDGET 2000
 #define LEAST  60 /* tries: fewer are no search */

@@ -3,13 +3,12 @@
 #ifndef APC_OPTIMIZE_H
 #define APC_OPTIMIZE_H
 
-#include "apc/simulate/campaign.h"
 #include "apc/common/setting.h"
+#include "apc/simulate/campaign.h"
 
 #define OPTIMIZE_NUMBERS 16
 
-/* One number that is searched. In the search it goes from 0 to 1, by its logarithm where it spans a decade.
- */
+/* One number that is searched. In the search it goes from 0 to 1, by its logarithm where it spans a decade. */
 struct number {
     char path[EXPERIMENT_SETTING];
     double low, high, now; /* now: in the file */

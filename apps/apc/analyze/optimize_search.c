@@ -339,8 +339,7 @@ static double iae_of(const struct optimization *z, unsigned i)
     return optimization_attempt(z, i)->stable ? sum : HUGE_VAL;
 }
 
-/* What the present numbers give counts as 1; where they give nothing, what the try with the least IAE does.
- */
+/* What the present numbers give counts as 1; where they give nothing, what the try with the least IAE does. */
 static int find_reference(struct optimization *z, struct apc_error *why)
 {
     unsigned i = 0;

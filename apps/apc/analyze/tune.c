@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc/operate/operate.h"
 #include "apc/common/print.h"
+#include "apc/operate/operate.h"
 #include "tune.h"
 
 enum { OPT_SUGGEST = 0x700, OPT_MODEL, OPT_FIGURE, OPT_FORCE, OPT_RULE, OPT_TAU_C, OPT_APPLY };

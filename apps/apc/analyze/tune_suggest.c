@@ -8,8 +8,8 @@
 #include <apctune.h>
 
 #include "apc/folder/folder.h"
-#include "apc/report/gnuplot.h"
 #include "apc/identify/oscillation.h"
+#include "apc/report/gnuplot.h"
 #include "apc/report/report_script.h"
 #include "experiment/experiment.h"
 
@@ -53,8 +53,7 @@ struct suggesting {
     struct apc_error why;      /* of that */
 };
 
-/* ---- The models -----------------------------------------------------------------------------------------
- */
+/* ---- The models ------------------------------------------------------------------------------ */
 
 static int identify(struct suggesting *z, const struct identify_data *data, struct apc_error *why)
 {
@@ -131,8 +130,7 @@ static const struct apc_transfer *model_of(const struct suggesting *z, const cha
     return NULL;
 }
 
-/* ---- What a tuning does ----------------------------------------------------------------------------------
- */
+/* ---- What a tuning does ---------------------------------------------------------------------- */
 
 static int answer(const struct apc_transfer *g, const struct apc_pid_tuning *t, double Ts, struct answer *a,
                   struct apc_error *why)
@@ -186,8 +184,7 @@ static int find_tuning(const struct suggesting *z, const struct apc_transfer *g,
     return rc < 0 ? rc : apc_tune_relay(gain, every, derivative, t, why);
 }
 
-/* ---- Loops ------------------------------------------------------------------------------------------------
- */
+/* ---- Loops ----------------------------------------------------------------------------------- */
 
 /* Where a loop's parameter is among those of its controller; NULL: the law has none of that name. */
 static double *parameter(const struct controller_loop *loop, const char *name, int *id)
@@ -375,8 +372,7 @@ static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_
     return rc;
 }
 
-/* ---- The figure -------------------------------------------------------------------------------------------
- */
+/* ---- The figure ------------------------------------------------------------------------------ */
 
 #define PANEL 200.0 /* height of one, in units of the page */
 #define TOP   34.0

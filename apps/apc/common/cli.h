@@ -67,8 +67,7 @@ int cli_init(const struct cli *cli, struct apc_store *store);
 /* Open and connect the store of --store, APC_STORE or the environment. Returns 0 or an error already said. */
 int cli_open(const struct cli *cli, struct apc_store **store);
 
-/* Does a loop read what is written there? Of a history nobody does. Returns EXIT_OK, or it is said why not.
- */
+/* Does a loop read what is written there? Of a history nobody does. Returns EXIT_OK, or it is said why not. */
 int cli_live(const struct cli *cli, struct apc_store *store);
 
 /* The end of a command that exits with rc: EXIT_ERROR instead of success when stdout could not be written. */

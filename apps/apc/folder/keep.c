@@ -3,8 +3,8 @@
 
 #include <unistd.h>
 
-#include "daemon/gaps.h"
 #include "common/storeuri.h"
+#include "daemon/gaps.h"
 #include "runstore.h"
 #include "segment.h"
 #include "spools.h"

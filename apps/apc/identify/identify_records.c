@@ -198,8 +198,7 @@ int identify_read_all(struct identification *z)
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
 }
 
-/* ---- A part of each --------------------------------------------------------------------------------------
- */
+/* ---- A part of each -------------------------------------------------------------------------- */
 
 int identify_first(const struct apc_record *all, size_t until, struct apc_record *first, void **memory)
 {

@@ -5,8 +5,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "apc/report/gnuplot.h"
 #include "apc/common/print.h"
+#include "apc/report/gnuplot.h"
 #include "apc/report/report_script.h"
 
 /* ---- The model file -------------------------------------------------------------------------------- */

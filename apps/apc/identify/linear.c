@@ -118,8 +118,7 @@ static void build_test(struct subspace *z)
     project_out(z, z->test, w, w);
 }
 
-/* Singular values and right vectors of x [rows * columns], rows >= columns, destroyed; the rank, or an error.
- */
+/* Singular values and right vectors of x [rows * columns], rows >= columns, destroyed; the rank, or an error. */
 static int decompose(struct subspace *z, double *x, size_t rows, size_t columns, double largest)
 {
     if (columns == 0)

@@ -9,12 +9,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "common/storeuri.h"
+#include "apc/common/warn.h"
 #include "apc/folder/folder.h"
-#include "oscillation.h"
 #include "apc/report/report.h"
 #include "apc/simulate/simulation_export.h"
-#include "apc/common/warn.h"
+#include "common/storeuri.h"
+#include "oscillation.h"
 
 static const char *const kinds[TEST_KINDS] = {"prbs", "steps", "multisine", "relay"};
 
@@ -214,8 +214,7 @@ static void catch_signals(void)
     sigaction(SIGHUP, &action, NULL);
 }
 
-/* ---- Before ---------------------------------------------------------------------------------------------
- */
+/* ---- Before ---------------------------------------------------------------------------------- */
 
 /* A plant that is left alone but for the test. */
 static void quieten(struct experiment *e)
@@ -321,8 +320,7 @@ static int make_folder(struct test *z, struct apc_error *why)
     return rc < 0 ? rc : folder_create(z->dir, &z->e, z->own.force, why);
 }
 
-/* ---- After ----------------------------------------------------------------------------------------------
- */
+/* ---- After ----------------------------------------------------------------------------------- */
 
 static int export_live(struct test *z, struct apc_error *why)
 {

@@ -18,8 +18,7 @@
 
 #define TEST_SIGNALS 32
 
-/* ---- The bench ------------------------------------------------------------------------------------------
- */
+/* ---- The bench ------------------------------------------------------------------------------- */
 
 struct test_bench {
     const struct experiment *e;
@@ -49,8 +48,7 @@ int test_bench_do(struct test_bench *b, const struct action *action, struct apc_
 /* The newest rows, as apc_store_read(). */
 int test_bench_read(struct test_bench *b, struct apc_sample *rows, size_t n, struct apc_error *why);
 
-/* ---- The plan -------------------------------------------------------------------------------------------
- */
+/* ---- The plan -------------------------------------------------------------------------------- */
 
 enum test_kind { TEST_PRBS, TEST_STEPS, TEST_MULTISINE, TEST_RELAY, TEST_KINDS };
 

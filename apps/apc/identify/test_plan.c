@@ -22,8 +22,7 @@
 #define SAMPLES   400000
 #define LINES     64 /* of a multisine, at most */
 
-/* ---- What is moved --------------------------------------------------------------------------------------
- */
+/* ---- What is moved --------------------------------------------------------------------------- */
 
 static int find_move(struct test *z, const char *name, struct test_move *m, struct apc_error *why)
 {
@@ -109,8 +108,7 @@ static int name_guards(struct test *z, struct apc_error *why)
     return 0;
 }
 
-/* ---- What the file's model says -------------------------------------------------------------------------
- */
+/* ---- What the file's model says -------------------------------------------------------------- */
 
 struct linearised {
     double *memory, *x, *u, *a, *b, *c, *d, *manipulated, *direct, *gain;
@@ -196,8 +194,7 @@ out:
     return 0;
 }
 
-/* ---- How long -------------------------------------------------------------------------------------------
- */
+/* ---- How long -------------------------------------------------------------------------------- */
 
 static int find_times(struct test *z, struct apc_error *why)
 {
@@ -254,8 +251,7 @@ int test_plan(struct test *z, struct apc_error *why)
     return rc < 0 ? rc : find_times(z, why);
 }
 
-/* ---- How far --------------------------------------------------------------------------------------------
- */
+/* ---- How far --------------------------------------------------------------------------------- */
 
 /* By which factor what is expected of measurement @p i would have to change. */
 static double fits(const struct test *z, size_t i, double *noise_factor)
@@ -310,8 +306,7 @@ int test_plan_amplitudes(struct test *z, struct apc_error *why)
     return 0;
 }
 
-/* ---- The signals ----------------------------------------------------------------------------------------
- */
+/* ---- The signals ----------------------------------------------------------------------------- */
 
 /* Lines evenly spaced over the band; of several signals each its own ones. */
 static int make_multisine(struct test *z, struct test_move *m, size_t number, struct apc_error *why)
@@ -355,8 +350,7 @@ int test_plan_levels(struct test *z, struct apc_error *why)
     return rc;
 }
 
-/* ---- Telling --------------------------------------------------------------------------------------------
- */
+/* ---- Telling --------------------------------------------------------------------------------- */
 
 void test_plan_print(const struct test *z)
 {

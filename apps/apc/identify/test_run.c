@@ -82,8 +82,7 @@ static void keep(struct test *z)
     z->kept++;
 }
 
-/* ---- Writing --------------------------------------------------------------------------------------------
- */
+/* ---- Writing --------------------------------------------------------------------------------- */
 
 static struct action writing(enum apc_table table, int id, double value)
 {
@@ -105,8 +104,7 @@ static int move_to(struct test *z, struct test_move *m, double value)
     return rc;
 }
 
-/* ---- At rest --------------------------------------------------------------------------------------------
- */
+/* ---- At rest --------------------------------------------------------------------------------- */
 
 /* The setpoints that the scheduler moves stay where they are. */
 static int hold_setpoints(struct test *z)
@@ -224,8 +222,7 @@ static int rest(struct test *z, struct apc_error *why)
     return test_plan_amplitudes(z, why);
 }
 
-/* ---- The hands change -----------------------------------------------------------------------------------
- */
+/* ---- The hands change ------------------------------------------------------------------------ */
 
 /* Is each loop in the mode that the test needs, and nobody else's? */
 static bool all_in_mode(const struct test *z)
@@ -263,8 +260,7 @@ static void take(struct test *z)
             return;
 }
 
-/* ---- The signal -----------------------------------------------------------------------------------------
- */
+/* ---- The signal ------------------------------------------------------------------------------ */
 
 static int watch(struct test *z)
 {
@@ -382,8 +378,7 @@ static void carry_out(struct test *z)
     show(z, (double)z->kept / (whole + 1.0), true);
 }
 
-/* ---- Giving back ----------------------------------------------------------------------------------------
- */
+/* ---- Giving back ----------------------------------------------------------------------------- */
 
 /* A store that is away is waited for: nobody else knows that the plant is to go back. Returns 0, or 1: a
  * second signal has come. */

@@ -5,9 +5,9 @@
 #include <string.h>
 #include <time.h>
 
-#include "base/base_internal.h"
 #include "apc/common/print.h"
 #include "apc/common/reason.h"
+#include "base/base_internal.h"
 
 #define GRACE       (2 * APC_NS_PER_S)   /* beyond three ticks */
 #define LOOK        16                   /* ticks that a period is seen from that nobody says */

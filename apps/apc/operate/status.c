@@ -4,11 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/storeuri.h"
-#include "common/timing.h"
 #include "apc/common/print.h"
 #include "apc/common/several.h"
 #include "apc/folder/spools.h"
+#include "common/storeuri.h"
+#include "common/timing.h"
 #include "status_loops.h"
 #include "status_writes.h"
 

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/base_internal.h"
 #include "apc/common/print.h"
+#include "base/base_internal.h"
 
 #define SENSIBLE (10 * APC_NS_PER_S) /* so old a value may be whatever its period */
 

@@ -4,8 +4,8 @@
 #define APC_STATUS_LOOPS_H
 
 #include "apc/common/cli.h"
-#include "common/timing.h"
 #include "apc/common/reason.h"
+#include "common/timing.h"
 #include "status_plan.h"
 
 enum { LOOP_TARGET, LOOP_ACTUAL, LOOP_SP, LOOP_OWNER, LOOP_PV, LOOP_OP, LOOP_ROWS };

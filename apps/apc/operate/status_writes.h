@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Which setpoints, modes, tunings and manual outputs stand as somebody wrote them, and who: for apc status.
- */
+/* Which setpoints, modes, tunings and manual outputs stand as somebody wrote them, and who: for apc status. */
 #ifndef APC_STATUS_WRITES_H
 #define APC_STATUS_WRITES_H
 

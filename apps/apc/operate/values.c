@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "operate.h"
 #include "apc/common/print.h"
+#include "operate.h"
 
 /* ---- get ---------------------------------------------------------------------------------- */
 

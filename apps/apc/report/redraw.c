@@ -5,18 +5,18 @@
 #include <unistd.h>
 
 #include "apc/common/cli.h"
-#include "common/storeuri.h"
-#include "apc/folder/folder.h"
-#include "apc/folder/keep.h"
 #include "apc/common/print.h"
 #include "apc/common/print_figures.h"
 #include "apc/common/print_merits.h"
 #include "apc/common/print_outlook.h"
-#include "report.h"
-#include "experiment/experiment.h"
+#include "apc/folder/folder.h"
+#include "apc/folder/keep.h"
 #include "apc/folder/runstore.h"
 #include "apc/folder/spools.h"
 #include "apc/folder/window.h"
+#include "common/storeuri.h"
+#include "experiment/experiment.h"
+#include "report.h"
 
 #define ROWS 60 /* of figures */
 #define DAY  (86400 * APC_NS_PER_S)

@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "report_panels.h"
 #include "figures/figures.h"
+#include "report_panels.h"
 
 #define BUNDLE_MAX 20 /* loops: more in one small panel would say less than panels of a few */
 #define SMALL      15 /* a curve moves at least by this part of what its panel shows */

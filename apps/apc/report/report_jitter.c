@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* How regularly the tasks ticked: a histogram of the time increments of each; of many controllers one of all.
- */
+/* How regularly the tasks ticked: a histogram of the time increments of each; of many controllers one of all. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

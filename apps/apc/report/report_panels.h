@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What report_arrange.c and report_panels.c share: the curves of a figure, and the panels that they are in.
- */
+/* What report_arrange.c and report_panels.c share: the curves of a figure, and the panels that they are in. */
 #ifndef APC_REPORT_PANELS_H
 #define APC_REPORT_PANELS_H
 

@@ -45,8 +45,7 @@ int report_lanes_create(struct report_lanes **lanes, const struct report_data *d
 void report_lanes_destroy(struct report_lanes *lanes);
 /* 0: there are none. */
 double report_lanes_height(const struct report_lanes *lanes);
-/* Into a panel whose place and times are set: @p unit s to a number of its axis, @p length s, @p width wide.
- */
+/* Into a panel whose place and times are set: @p unit s to a number of its axis, @p length s, @p width wide. */
 void report_lanes_draw(FILE *script, const struct report_lanes *lanes, double unit, double length,
                        double width);
 

@@ -3,8 +3,8 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "common/timing.h"
 #include "apc/common/print.h"
+#include "common/timing.h"
 
 #define LIVE (60 * APC_NS_PER_S)
 

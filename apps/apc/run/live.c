@@ -199,8 +199,7 @@ static const char *name_of(const struct view *l, const struct apc_sample *s)
     return "";
 }
 
-/* "no controller": it no longer ticks. One that ticks goes on in a mode that an earlier run may have written.
- */
+/* "no controller": it no longer ticks. One that ticks goes on in a mode that an earlier run may have written. */
 static const char *mode_of(const struct view *l, size_t loop)
 {
     const struct apc_sample *mode = &l->samples[ROWS * loop + MODE];

@@ -256,8 +256,7 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
     return rc;
 }
 
-/* How much a line of a child's log says about its end: an error before it ran, one of its log, anything else.
- */
+/* How much a line of a child's log says about its end: an error before it ran, one of its log, anything else. */
 static int weight(const struct child *child, const char *line)
 {
     const size_t n = strlen(child->name);
@@ -266,8 +265,7 @@ static int weight(const struct child *child, const char *line)
                                                                                     : 1;
 }
 
-/* The last line that the child left in its log, of those that say most, or, when a signal killed it, which.
- */
+/* The last line that the child left in its log, of those that say most, or, when a signal killed it, which. */
 static void last_words(const struct child *child, int status, char *text, size_t size)
 {
     char line[512];

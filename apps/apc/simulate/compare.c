@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc/report/gnuplot.h"
 #include "apc/common/print.h"
+#include "apc/report/gnuplot.h"
 #include "apc/report/report_script.h"
 #include "experiment/experiment.h"
 #include "simulation/simulation.h"

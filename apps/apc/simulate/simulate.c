@@ -9,18 +9,18 @@
 
 #include <openssl/evp.h>
 
-#include "campaign.h"
 #include "apc/common/cli.h"
-#include "compare.h"
-#include "apc/folder/folder.h"
 #include "apc/common/print.h"
 #include "apc/common/print_alarms.h"
 #include "apc/common/print_figures.h"
-#include "apc/report/report.h"
 #include "apc/common/setting.h"
+#include "apc/common/warn.h"
+#include "apc/folder/folder.h"
+#include "apc/report/report.h"
+#include "campaign.h"
+#include "compare.h"
 #include "simulation_export.h"
 #include "sweep.h"
-#include "apc/common/warn.h"
 #include "whatif.h"
 
 #define EVENTS 10 /* of a run that are told of */

@@ -4,8 +4,8 @@
 
 #include <string.h>
 
-#include "daemon/recorder.h"
 #include "apc/folder/folder.h"
+#include "daemon/recorder.h"
 
 static int fill_timing(const struct simulation *s)
 {

@@ -6,11 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "campaign_summary.h"
-#include "apc/report/gnuplot.h"
 #include "apc/common/print.h"
-#include "apc/report/report_script.h"
 #include "apc/common/setting.h"
+#include "apc/report/gnuplot.h"
+#include "apc/report/report_script.h"
+#include "campaign_summary.h"
 
 #define MOST   1000 /* values */
 #define ROWS   8    /* loops in a figure */

@@ -9,8 +9,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "common/storeuri.h"
 #include "apc/folder/folder.h"
+#include "common/storeuri.h"
 
 #define TIMEOUT (60 * APC_NS_PER_S)
 #define LOOK    1000    /* tick rows; the least late of them says when t = 0 was */

@@ -136,8 +136,7 @@ static int write_setup(struct instance *i, const struct apc_law_setup *setup, st
     return 0;
 }
 
-/* The next line of @p text, split at its tabs into @p field [n]; what is missing is "". False: there is none.
- */
+/* The next line of @p text, split at its tabs into @p field [n]; what is missing is "". False: there is none. */
 static bool next_line(char **text, char **field, size_t n)
 {
     char *line = *text, *const end = line + strcspn(line, "\n");

@@ -156,8 +156,7 @@ int apc_pg_finish_by_rows(struct apc_pg *pg, int by_rows, apc_pg_result_fn fn, v
 /** Close the connection, without waiting for anything. The next operation connects anew. */
 void apc_pg_drop(struct apc_pg *pg);
 
-/** Run SQL text, maybe several commands, outside pipeline mode. @p result (may be NULL) gets the last result.
- */
+/** Run SQL text, maybe several commands, outside pipeline mode. @p result (may be NULL) gets the last result. */
 int apc_pg_command(struct apc_pg *pg, const char *sql, PGresult **result);
 
 /* ---- pg_connect.c --------------------------------------------------------------------------- */
@@ -251,8 +250,7 @@ struct apc_pg_stream {
     bool ended;
 };
 
-/** Run a statement that declares cursor "rows", and give its rows. Returns how many were given, or an error.
- */
+/** Run a statement that declares cursor "rows", and give its rows. Returns how many were given, or an error. */
 int apc_pg_stream(struct apc_pg_stream *s, const char *declare, const struct apc_pg_params *p);
 
 /** Room for what a range becomes among the parameters: since, until, after and, when asked for, how many. */
@@ -265,8 +263,7 @@ double apc_pg_cell_double(const PGresult *result, int row, int column);
 
 /** Queue all that replaces the descriptions. */
 int apc_pg_send_tags(struct apc_pg *pg, const struct apc_tag *tags, size_t n);
-/** Send what was queued, unless @p err; a constraint that says no is no race. Returns @p count or an error.
- */
+/** Send what was queued, unless @p err; a constraint that says no is no race. Returns @p count or an error. */
 int apc_pg_finish_insert(struct apc_pg *pg, int err, int count);
 
 /* ---- pg_tick.c, pg_claim.c, pg_catalogue.c, pg_init.c, pg_maintain.c, pg_rows.c: operations

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* In the place of postgresql.c and its parts, and of the paper's functions, in a libapc without PostgreSQL.
- */
+/* In the place of postgresql.c and its parts, and of the paper's functions, in a libapc without PostgreSQL. */
 #include "shareddata/shareddata_internal.h"
 
 static int open_store(struct apc_store **store, const char *uri, const struct apc_store_config *config,

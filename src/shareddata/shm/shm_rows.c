@@ -464,8 +464,7 @@ static uint64_t old_samples(const struct apc_shm *shm, const struct apc_shm_slot
     return n;
 }
 
-/* One variable's: a transaction of its own, so that no writer waits for more. The newest stays in the slot.
- */
+/* One variable's: a transaction of its own, so that no writer waits for more. The newest stays in the slot. */
 static int drop_samples(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns before)
 {
     struct apc_shm_write w;

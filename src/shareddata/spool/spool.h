@@ -63,8 +63,7 @@ typedef int (*apc_spool_fn)(void *ctx, enum apc_spool_kind kind, const struct ap
  */
 int apc_spool_open(struct apc_spool_file *file, const char *path, const char *writer, const char *store,
                    uint64_t capacity, apc_spool_fn fn, void *ctx, struct apc_error *why);
-/** Tell of what waits in a file that apc_spool_open() refused, as far as it can be read; it stays as it is.
- */
+/** Tell of what waits in a file that apc_spool_open() refused, as far as it can be read; it stays as it is. */
 void apc_spool_left(const char *path, const char *writer, const char *store, apc_spool_fn fn, void *ctx);
 /** Go on in memory: nothing waits in the file, and the disk will not have it, which @p why says. [tick]
  * Returns 0 or APC_ESTORE. */

@@ -491,8 +491,7 @@ static int end_put(struct apc_sqlite *sq, struct apc_sample *samples, size_t n, 
     return err;
 }
 
-/* The lock of the transaction keeps every other writer out between reading the newest and writing the next.
- */
+/* The lock of the transaction keeps every other writer out between reading the newest and writing the next. */
 static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);

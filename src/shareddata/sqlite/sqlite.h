@@ -109,8 +109,7 @@ int apc_sqlite_enter(struct apc_sqlite *sq);
 int apc_sqlite_begin(struct apc_sqlite *sq, enum apc_sqlite_sql how);
 /** Both at once. */
 int apc_sqlite_enter_begin(struct apc_sqlite *sq, enum apc_sqlite_sql how);
-/** End it: commit when @p result is 0 or above, else roll back. Returns @p result, or why it cannot commit.
- */
+/** End it: commit when @p result is 0 or above, else roll back. Returns @p result, or why it cannot commit. */
 int apc_sqlite_end(struct apc_sqlite *sq, int result);
 /** Close the file. The next operation opens it anew. */
 void apc_sqlite_drop(struct apc_sqlite *sq);
@@ -137,8 +136,7 @@ apc_ns apc_sqlite_ns(int64_t us);
 
 /** What a file must say of itself to be used: 0, or APC_ESCHEMA. */
 int apc_sqlite_check(struct apc_sqlite *sq);
-/** 0: the file is empty or ours, of whatever version; APC_ESCHEMA: another program's, or of a newer libapc.
- */
+/** 0: the file is empty or ours, of whatever version; APC_ESCHEMA: another program's, or of a newer libapc. */
 int apc_sqlite_another(struct apc_sqlite *sq);
 int apc_sqlite_init(struct apc_store *store);
 

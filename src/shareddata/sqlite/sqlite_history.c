@@ -15,8 +15,7 @@ struct walk {
     int64_t next, end;              /* seq: from next to end */
 };
 
-/* The next block that has some: 1 with its rows in sq->loaded and the file free, 0 at the end, or an error.
- */
+/* The next block that has some: 1 with its rows in sq->loaded and the file free, 0 at the end, or an error. */
 static int next_rows(struct walk *w)
 {
     struct apc_sqlite_block b;
