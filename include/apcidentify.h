@@ -166,9 +166,10 @@ struct apc_parameters {
 };
 /**
  * The parameters with which the model's free run goes best with the record: least squares of errors that are
- * whitened by an autoregression, and weighed as each output scatters, over the parameters sought and where
- * each run begins, by Gauss and Newton's iteration with Marquardt's damping. The model may be as nonlinear as
- * it likes; searches go downhill from where they begin, and from beside there, until two of them end alike.
+ * whitened by an autoregression, and weighed as each output scatters, over the parameters sought, where
+ * each run begins, and, where a dead time has them act, what the inputs were before, as far as that shows, by
+ * Gauss and Newton's iteration with Marquardt's damping. The model may be as nonlinear as it likes; searches
+ * go downhill from where they begin, and from beside there, until two of them end alike.
  * @p value, @p error [n] what was found, and standard errors; @p x0 [runs * nx], @p run [n * ny] where each
  * run began, and what the model says, also of what it was not fitted to; both may be NULL. [setup] Returns 0;
  * APC_EINVAL: no record, no such parameter, an FMU, a start out of range; APC_ESOLVER: a parameter cannot be
@@ -191,8 +192,9 @@ struct apc_validation {
 };
 /**
  * Validate on samples from @p from on, with those before as the model's past; of several runs on that share
- * of each, all of them around the model's operating point. @p K [nx * ny] of an apc_identified; NULL: the
- * state at @p from, and what the inputs were before the record, are what fits best. @p run [n * ny]: the free
+ * of each, all of them around the model's operating point. Where the
+ * model was before, and its inputs, is what fits best: with @p K [nx * ny] of an apc_identified at the first
+ * sample, of errors a sample ahead; NULL: at @p from, of the free run. @p run [n * ny]: the free
  * run, NAN before from and where y is; or NULL. [setup] Returns 0, APC_EINVAL (other dimensions, another
  * period, fewer than 20 samples to validate on), APC_ENOMEM.
  */

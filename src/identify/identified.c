@@ -11,8 +11,9 @@
 #include "predict/predict_internal.h"
 
 #define VALIDATE_LEAST 20
-#define LAGS           15  /* over which errors must be white and independent */
-#define AWAY           1e6 /* of a free run's deviations: it has run away */
+#define LAGS           15    /* over which errors must be white and independent */
+#define AWAY           1e6   /* of a free run's deviations: it has run away */
+#define NOTHING        1e-12 /* of what a state began with: it has been forgotten */
 
 int apc_identified_create(struct apc_identified **model, const struct apc_record *r, size_t nx,
                           struct apc_error *why)
@@ -155,22 +156,6 @@ static double deviation_of(const struct apc_record *r, size_t i, size_t from)
     return sqrt(sum / n);
 }
 
-/* Up to sample @p from; the inputs were before as at first, which fit_state() mends. */
-static void arrive(struct run *run, size_t from)
-{
-    const struct apc_linear *m = run->model;
-
-    for (size_t i = 0; i < m->ny; i++)
-        run->size[i] = deviation_of(run->r, i, from);
-    memcpy(run->x, m->x0, m->nx * sizeof(*run->x));
-    for (size_t i = 0; i < m->nx_held; i++) {
-        apc_linear_next(m, run->x, run->r->u, run->next);
-        memcpy(run->x + m->nx_plant, run->next + m->nx_plant, m->nx_held * sizeof(*run->x));
-    }
-    for (size_t k = 0; k < from; k++)
-        step(run, k, true);
-}
-
 /* errors[k * ny + i] from @p from on, of a free run or a sample ahead. */
 static void errors(struct run *run, const double *x, size_t from, bool ahead, double *e)
 {
@@ -197,63 +182,128 @@ static void held_before(struct run *run, size_t j, size_t from, double *x)
     }
 }
 
-/* Without a K: x becomes what makes the free run fit best, in the states of the plant, and in what the inputs
- * were before the record where that still acts. */
-static int fit_state(struct run *run, size_t from, double *x, double *e)
+/* Unknowns of where a run is at sample @p from: the states of the plant, and what each input was before the
+ * record, where that still acts. */
+static size_t begun_by(const struct run *run, size_t from)
+{
+    return run->model->nx_plant + (from < run->model->nx_held ? run->inputs : 0);
+}
+
+/* A direction of the state a sample on, as the errors of step() take it with them. @p out [ny] */
+static void turn(struct run *run, size_t k, double *x, double *out)
 {
     const struct apc_linear *m = run->model;
-    const size_t n = m->nx_plant + (from < m->nx_held ? run->inputs : 0), ny = m->ny,
-                 rows = (run->r->n - from) * ny;
-    double *Q = calloc((n + 1) * rows + n * n + 2 * n + n * m->nx + 1, sizeof(*Q)), *R, *b, *delta, *to;
 
-    if (!Q)
+    apc_matrix_multiply(m->ny, m->nx, 1, m->C, x, out);
+    apc_matrix_multiply(m->nx, m->nx, 1, m->A, x, run->next);
+    for (size_t i = 0; i < m->ny && run->K; i++)
+        for (size_t j = 0; j < m->nx && isfinite(run->r->y[k * m->ny + i]); j++)
+            run->next[j] -= run->K[j * m->ny + i] * out[i];
+    memcpy(x, run->next, m->nx * sizeof(*x));
+}
+
+/* One row of an output and sample: what each of the @p n unknowns does to its error, and the error; until
+ * none of them does anything any more. to [n * nx] are their directions, row [ny * (n + 1)]. */
+static void gather(struct run *run, size_t from, size_t n, double *to, const double *e, double *row,
+                   struct apc_triangle *rows)
+{
+    const size_t nx = run->model->nx, ny = run->model->ny;
+    bool acts = true;
+
+    for (size_t k = from; k < run->r->n && acts; k++) {
+        acts = false;
+        for (size_t j = 0; j < n; j++) {
+            turn(run, k, to + j * nx, run->y);
+            for (size_t i = 0; i < ny; i++)
+                row[i * (n + 1) + j] = run->y[i] / run->size[i];
+        }
+        for (size_t i = 0; i < ny; i++) {
+            row[i * (n + 1) + n] = e[k * ny + i] / run->size[i];
+            if (isfinite(row[i * (n + 1) + n]))
+                apc_triangle_add(rows, row + i * (n + 1));
+        }
+        for (size_t i = 0; i < n * nx; i++)
+            acts |= fabs(to[i]) > NOTHING;
+    }
+    apc_triangle_end(rows);
+}
+
+/* x becomes what fits best from sample @p from on: a sample ahead where there is a K, else running freely. */
+static int fit_state(struct run *run, size_t from, double *x)
+{
+    const struct apc_linear *m = run->model;
+    const size_t n = begun_by(run, from), ny = m->ny;
+    struct apc_triangle rows = {0};
+    double *to = calloc(2 * n * m->nx + (ny + 1) * (n + 1) + run->r->n * ny, sizeof(*to)), *found, *row, *e,
+           *b;
+
+    if (!to || apc_triangle_open(&rows, n + 1) < 0) {
+        free(to);
         return APC_ENOMEM;
-    R = Q + (n + 1) * rows;
-    b = R + n * n;
-    delta = b + n;
-    to = delta + n; /* [n * nx] the directions */
-    errors(run, x, from, false, e);
+    }
+    found = to + n * m->nx;
+    row = found + n * m->nx;
+    b = row + ny * (n + 1);
+    e = b + n + 1;
+    errors(run, x, from, run->K != NULL, e);
     for (size_t j = 0; j < n; j++) {
         if (j < m->nx_plant)
             to[j * m->nx + j] = 1.0;
         else
             held_before(run, j - m->nx_plant, from, to + j * m->nx);
-        memcpy(run->x, to + j * m->nx, m->nx * sizeof(*x));
-        for (size_t k = 0; k < rows / ny; k++) {
-            apc_matrix_multiply(ny, m->nx, 1, m->C, run->x, run->y);
-            for (size_t i = 0; i < ny; i++)
-                Q[j * rows + k * ny + i] = run->y[i] / run->size[i];
-            apc_matrix_multiply(m->nx, m->nx, 1, m->A, run->x, run->next);
-            memcpy(run->x, run->next, m->nx * sizeof(*x));
-        }
     }
-    for (size_t q = 0; q < rows; q++) {
-        const double error = e[from * ny + q] / run->size[q % ny];
-
-        Q[n * rows + q] = isfinite(error) ? error : 0.0;
-        for (size_t j = 0; j < n && !isfinite(error); j++)
-            Q[j * rows + q] = 0.0;
-    }
-    apc_qr_extend(rows, 0, n, Q, R, n);
+    memcpy(found, to, n * m->nx * sizeof(*to));
+    gather(run, from, n, to, e, row, &rows);
     for (size_t j = 0; j < n; j++)
-        b[j] = apc_matrix_dot(Q + j * rows, Q + n * rows, rows);
-    apc_qr_solve(n, R, n, b, delta);
+        b[j] = rows.R[j * (n + 1) + n];
+    apc_qr_solve(n, rows.R, n + 1, b, b);
     for (size_t j = 0; j < n; j++) {
         for (size_t i = 0; i < m->nx; i++)
-            x[i] += delta[j] * to[j * m->nx + i];
+            x[i] += b[j] * found[j * m->nx + i];
     }
-    free(Q);
+    apc_triangle_close(&rows);
+    free(to);
     return 0;
 }
 
-/* The sum of the squares of a run's relative errors, and how many there are. e [n * ny + nx] */
+/*
+ * x [nx]: where the run is at sample @p from. With a K what was measured until then says so, from where the
+ * record begins; without one, what is measured from there on. Neither knows how the plant came to where the
+ * record begins, nor what the inputs were: both are what fits best.
+ */
+static int arrive(struct run *run, size_t from, double *x)
+{
+    const struct apc_linear *m = run->model;
+    const size_t begin = run->K ? 0 : from;
+    int rc;
+
+    for (size_t i = 0; i < m->ny; i++)
+        run->size[i] = deviation_of(run->r, i, from);
+    memcpy(run->x, m->x0, m->nx * sizeof(*run->x));
+    for (size_t i = 0; i < m->nx_held; i++) {
+        apc_linear_next(m, run->x, run->r->u, run->next);
+        memcpy(run->x + m->nx_plant, run->next + m->nx_plant, m->nx_held * sizeof(*run->x));
+    }
+    for (size_t k = 0; k < begin; k++)
+        step(run, k, false);
+    memcpy(x, run->x, m->nx * sizeof(*x));
+    rc = fit_state(run, begin, x);
+    memcpy(run->x, x, m->nx * sizeof(*x));
+    for (size_t k = begin; k < from && rc == 0; k++)
+        step(run, k, true);
+    memcpy(x, run->x, m->nx * sizeof(*x));
+    return rc;
+}
+
+/* The sum of the squares of a run's relative errors, and how many there are; negative: no memory.
+ * e [n * ny + nx] */
 static double misfit_of(struct run *run, size_t from, double *e, double *n)
 {
     const struct apc_record *r = run->r;
     double *x = e + r->n * r->ny, sum = 0.0;
 
-    arrive(run, from);
-    memcpy(x, run->x, run->model->nx * sizeof(*x));
+    if (arrive(run, from, x) < 0)
+        return -1.0;
     errors(run, x, from, false, e);
     for (size_t k = from * r->ny; k < r->n * r->ny; k++) {
         const double relative = e[k] / run->size[k % r->ny];
@@ -270,7 +320,7 @@ double apc_identified_misfit(const struct apc_identified *model, const struct ap
 {
     struct apc_record r = *record;
     struct run run = {.model = model->linear, .K = model->K, .r = &r};
-    double sum = 0.0, n = 0.0, *e = calloc(r.n * r.ny + model->linear->nx, sizeof(*e)),
+    double sum = 0.0, n = 0.0, of = 0.0, *e = calloc(r.n * r.ny + model->linear->nx, sizeof(*e)),
            *moved = apc_record_gather(&r, model->u0, model->y0);
 
     if (!e || !moved || open_run(&run) < 0) {
@@ -278,16 +328,17 @@ double apc_identified_misfit(const struct apc_identified *model, const struct ap
         free(moved);
         return -1.0;
     }
-    for (size_t g = 0; g < apc_record_runs(&r); g++) {
+    for (size_t g = 0; g < apc_record_runs(&r) && of >= 0.0; g++) {
         const struct apc_record one = apc_record_run(&r, g);
 
         run.r = &one;
-        sum += misfit_of(&run, apc_record_share(&r, &one, from), e, &n);
+        of = misfit_of(&run, apc_record_share(&r, &one, from), e, &n);
+        sum += of;
     }
     free(run.x);
     free(e);
     free(moved);
-    return sqrt(sum / n);
+    return of < 0.0 ? of : sqrt(sum / n);
 }
 
 /* ---- What the errors tell --------------------------------------------------------------------------- */
@@ -471,16 +522,12 @@ static int check_validation(const struct apc_linear *m, const struct apc_record 
 static int validate_run(struct run *run, size_t from, double *x, double *e, double *ahead,
                         struct score *score)
 {
-    int rc = 0;
+    const int rc = arrive(run, from, x);
 
-    arrive(run, from);
-    memcpy(x, run->x, run->model->nx * sizeof(*x));
-    if (run->K)
-        errors(run, x, from, true, ahead);
-    else
-        rc = fit_state(run, from, x, e);
     if (rc < 0)
         return rc;
+    if (run->K)
+        errors(run, x, from, true, ahead);
     errors(run, x, from, false, e);
     if (!run->K)
         memcpy(ahead, e, run->r->n * run->r->ny * sizeof(*e));

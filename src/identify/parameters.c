@@ -12,90 +12,85 @@
 
 #include "base/base_internal.h"
 #include "base/matrix.h"
-#include "identify/identify_internal.h"
-#include "plant/plant_internal.h"
+#include "identify/parameters.h"
 
-#define NOISE_MOST 8
-#define STEP       1e-4 /* of an unknown's size, to either side */
-#define ROUNDS     3    /* of what errors are expected to be like */
-#define STARTS     6    /* of a search, beside the first */
-#define ASIDE      0.3  /* by so much of each parameter */
-#define ALIKE      1e-3 /* of what is left: two searches that have come to the same end */
-#define APART      1e-3 /* of what an unknown does that nothing else does, at least */
-#define TOGETHER   0.1  /* of it that another does which is named with it */
-
-struct unknown {
-    enum kind { STATE, PARAMETER, DEAD_TIME } kind;
-    size_t run, at; /* a state of which run; which one */
-    double low, high, size;
-};
-
-struct fit {
-    struct apc_record r;
-    struct apc_parameters s;
-    struct apc_plant_options plant;
-    const struct apc_model *model;
-    size_t runs, rows, m, first;          /* rows: n * ny; unknowns, of which the first are states */
-    struct unknown *unknown;              /* [m] */
-    double *p, *x0, dead_time;            /* [np], [runs * nx], s */
-    double *value, *trial, *step, *along; /* [m], [m], [2 * m], [m] */
-    double *y, *plus, *minus, *e, *room;  /* [rows] */
-    double *Q, *R, *small, *small_R;      /* [rows * m], [m * m]; of a step */
-    double *deviation, *noise;            /* [ny], [ny * NOISE_MOST]: what the errors are like */
-    double *u, *out;                      /* [nu], [model's ny] */
-    int *order;                           /* [ny] */
-    void *memory;
-};
+#define STEP     1e-4 /* of an unknown's size, to either side */
+#define ROUNDS   3    /* of what errors are expected to be like */
+#define APART    1e-3 /* of what an unknown does that nothing else does, at least */
+#define TOGETHER 0.1  /* of it that another does which is named with it */
 
 /* ---- Running -------------------------------------------------------------------------------------- */
 
-static void put(struct fit *f, size_t q, double value)
+void fit_put(struct fit *f, size_t q, double value)
 {
     const struct unknown *of = &f->unknown[q];
 
     if (of->kind == STATE)
         f->x0[of->run * f->model->nx + of->at] = value;
+    else if (of->kind == BEFORE)
+        f->before[of->run * LEVELS * f->inputs + of->at] = value;
     else if (of->kind == PARAMETER)
         f->p[of->at] = value;
     else
         f->dead_time = value;
 }
 
-/* What acts from sample @p k of a run, @p late periods late; before the run it was as at first. */
-static int drive(struct fit *f, struct apc_plant *plant, const struct apc_record *run, double k)
+/* The inputs of sample @p k of run @p g; of one before it the level that is known of, the last one of all
+ * that are older. */
+static const double *inputs_of(const struct fit *f, size_t g, const struct apc_record *run, double k)
 {
-    const size_t inputs = run->nu + run->nd, at = k > 0.0 ? (size_t)k : 0;
+    const double ago = fmin(-k, (double)f->levels);
+
+    if (k >= 0.0 || f->levels == 0)
+        return run->u + (k > 0.0 ? (size_t)k : 0) * f->inputs;
+    return f->before + (g * LEVELS + (size_t)ago - 1) * f->inputs;
+}
+
+/* Do inputs act that were before a run? */
+bool fit_acts_late(const struct fit *f)
+{
+    bool late = f->plant.dead_time > 0.0 || f->dead_time > 0.0;
+
+    for (size_t i = 0; i < f->s.n; i++)
+        late |= f->s.which[i] == f->model->np;
+    return late;
+}
+
+/* What acts from sample @p k of a run on. */
+static int drive(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run, double k)
+{
+    const double *u = inputs_of(f, g, run, k);
     int rc = 0;
 
-    for (size_t j = 0; j < inputs; j++) {
+    for (size_t j = 0; j < f->inputs; j++) {
         const size_t to = f->s.input ? f->s.input[j] : j;
 
         if (to < f->model->nu)
-            f->u[to] = run->u[at * inputs + j];
+            f->u[to] = u[j];
         else if (rc == 0)
-            rc = apc_plant_disturb(plant, to - f->model->nu, run->u[at * inputs + j]);
+            rc = apc_plant_disturb(plant, to - f->model->nu, u[j]);
     }
     return rc;
 }
 
 /* A sample on: the input changes within it, where it acts a part of a period late. */
-static int advance(struct fit *f, struct apc_plant *plant, const struct apc_record *run, size_t k)
+static int advance(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run, size_t k)
 {
     const double late = f->dead_time / run->Ts, whole = floor(late + 1e-9), part = late - whole;
     int rc = 0;
 
     if (part > 1e-9) {
-        rc = drive(f, plant, run, (double)k - whole - 1.0);
+        rc = drive(f, plant, g, run, (double)k - whole - 1.0);
         if (rc == 0)
             rc = apc_plant_advance(plant, part * run->Ts, f->u);
     }
     if (rc == 0)
-        rc = drive(f, plant, run, (double)k - whole);
+        rc = drive(f, plant, g, run, (double)k - whole);
     return rc == 0 ? apc_plant_advance(plant, fmin(1.0 - part, 1.0) * run->Ts, f->u) : rc;
 }
 
 /* y [n * ny] as the numbers in p, x0 and dead_time say. APC_ESOLVER: they have no answer. */
-static int run_all(struct fit *f, double *y, struct apc_error *why)
+int fit_run(struct fit *f, double *y, struct apc_error *why)
 {
     const size_t ny = f->r.ny;
     int rc = 0;
@@ -108,12 +103,12 @@ static int run_all(struct fit *f, double *y, struct apc_error *why)
         apc_param_initials(f->model->input, f->model->nu, f->u);
         rc = apc_plant_create(&plant, f->model, f->p, f->x0 + g * f->model->nx, &f->plant, why);
         for (size_t k = 0; k < run.n && rc == 0; k++) {
-            rc = drive(f, plant, &run, (double)k - floor(f->dead_time / run.Ts + 1e-9));
+            rc = drive(f, plant, g, &run, (double)k - floor(f->dead_time / run.Ts + 1e-9));
             apc_plant_output(plant, f->u, f->out);
             for (size_t i = 0; i < ny; i++)
                 to[k * ny + i] = f->out[f->s.output ? f->s.output[i] : i];
             if (rc == 0 && k + 1 < run.n)
-                rc = advance(f, plant, &run, k);
+                rc = advance(f, plant, g, &run, k);
         }
         if (rc == APC_ESOLVER && plant)
             apc_fail(why, rc, "parameters: %s", apc_plant_error(plant));
@@ -160,7 +155,7 @@ static void weigh(const struct fit *f, double *column)
 }
 
 /* e = what is measured without y, weighed. Returns its sum of squares. */
-static double misfit(const struct fit *f, const double *y, double *e)
+double fit_misfit(const struct fit *f, const double *y, double *e)
 {
     for (size_t k = 0; k < f->rows; k++)
         e[k] = isfinite(f->r.y[k]) ? f->r.y[k] - y[k] : 0.0;
@@ -198,7 +193,7 @@ static int expect(struct fit *f, const double *y)
 }
 
 /* How many errors count. */
-static size_t counted(const struct fit *f)
+size_t fit_counted(const struct fit *f)
 {
     size_t rows = 0;
 
@@ -212,7 +207,7 @@ static size_t counted(const struct fit *f)
 }
 
 /* Q R = how y moves with each unknown. */
-static int differentiate(struct fit *f, struct apc_error *why)
+int fit_differentiate(struct fit *f, struct apc_error *why)
 {
     int rc = 0;
 
@@ -222,12 +217,12 @@ static int differentiate(struct fit *f, struct apc_error *why)
                      down = fmax(at - STEP * of->size, of->low);
         double *out = f->Q + q * f->rows;
 
-        put(f, q, up);
-        rc = run_all(f, f->plus, why);
-        put(f, q, down);
+        fit_put(f, q, up);
+        rc = fit_run(f, f->plus, why);
+        fit_put(f, q, down);
         if (rc == 0)
-            rc = run_all(f, f->minus, why);
-        put(f, q, at);
+            rc = fit_run(f, f->minus, why);
+        fit_put(f, q, at);
         for (size_t k = 0; k < f->rows && rc == 0; k++)
             out[k] = (f->plus[k] - f->minus[k]) / (up - down) * of->size;
         weigh(f, out);
@@ -247,7 +242,9 @@ static const char *name_of(const struct fit *f, size_t q, char *room, size_t siz
         return "dead_time";
     if (of->kind == PARAMETER)
         return f->model->param[of->at].name;
-    if (f->model->state)
+    if (of->kind == BEFORE)
+        snprintf(room, size, "what input %zu was before", of->at % f->inputs + 1);
+    else if (f->model->state)
         snprintf(room, size, "where %s begins", f->model->state[of->at].name);
     else
         snprintf(room, size, "where state %zu begins", of->at + 1);
@@ -255,7 +252,7 @@ static const char *name_of(const struct fit *f, size_t q, char *room, size_t siz
 }
 
 /* A sought-for number that does nothing, or nothing that others do not do as well: those are named. */
-static int check_apart(const struct fit *f, struct apc_error *why)
+int fit_check_apart(const struct fit *f, struct apc_error *why)
 {
     double *share = f->small;
 
@@ -296,116 +293,58 @@ static int check_apart(const struct fit *f, struct apc_error *why)
     return 0;
 }
 
-/* ---- Searching -------------------------------------------------------------------------------------- */
+/* ---- Unknowns -------------------------------------------------------------------------------------- */
 
-static void take(struct fit *f, const double *value)
+static void set_unknown(struct fit *f, size_t q, enum kind kind, size_t run, size_t at)
 {
-    for (size_t q = 0; q < f->m; q++)
-        put(f, q, value[q]);
+    const size_t j = kind == BEFORE ? at % f->inputs : 0, to = f->s.input ? f->s.input[j] : j,
+                 nu = f->model->nu;
+    const struct apc_param *table = kind == STATE       ? f->model->state
+                                    : kind == PARAMETER ? f->model->param
+                                    : to < nu           ? f->model->input
+                                                        : f->model->disturbance;
+    const size_t row = kind != BEFORE ? at : to < nu ? to : to - nu;
+    struct unknown *of = &f->unknown[q];
+    double usual = 0.0;
+
+    *of = (struct unknown){.kind = kind, .run = run, .at = at, .low = -HUGE_VAL, .high = HUGE_VAL};
+    if (kind == DEAD_TIME) {
+        of->low = 0.0;
+        of->high = (double)apc_record_shortest(&f->r) / 4.0 * f->r.Ts;
+        of->size = f->r.Ts;
+        f->value[q] = f->dead_time;
+        return;
+    }
+    if (table) {
+        of->low = table[row].low;
+        of->high = table[row].high;
+        usual = 0.01 * fabs(table[row].initial);
+    }
+    if (kind == BEFORE) {
+        f->value[q] = f->before[run * LEVELS * f->inputs + at];
+        of->low = fmin(of->low, f->value[q]); /* what was on record was there */
+        of->high = fmax(of->high, f->value[q]);
+        of->size = apc_record_reach(&f->r, f->r.u + j, f->inputs);
+    } else {
+        f->value[q] = kind == STATE ? f->x0[run * f->model->nx + at] : f->p[at];
+        of->size = fmax(fabs(f->value[q]), usual);
+    }
+    of->size = of->size > 0.0 ? of->size : 1.0;
 }
 
-/* A step to the better, *left becoming less; *better: there was one. */
-static int improve(struct fit *f, double *left, double *damping, bool *better, struct apc_error *why)
+/* The unknowns, where they are now: states, levels, and what is sought. */
+void fit_set_unknowns(struct fit *f)
 {
-    int rc = differentiate(f, why);
+    const size_t nx = f->model->nx, each = f->levels * f->inputs, states = f->runs * nx;
 
-    if (rc == 0)
-        rc = check_apart(f, why);
-    for (size_t q = 0; q < f->m; q++)
-        f->along[q] = apc_matrix_dot(f->Q + q * f->rows, f->e, f->rows);
-    *better = false;
-    while (!*better && *damping < 1e6 && rc == 0) {
-        double found = HUGE_VAL;
-
-        apc_qr_damped(f->m, f->R, f->m, f->along, *damping, f->small, f->small_R, f->step);
-        for (size_t q = 0; q < f->m; q++)
-            f->trial[q] = fmin(fmax(f->value[q] + f->step[q] * f->unknown[q].size, f->unknown[q].low),
-                               f->unknown[q].high);
-        take(f, f->trial);
-        rc = run_all(f, f->plus, why);
-        if (rc == 0)
-            found = misfit(f, f->plus, f->minus);
-        rc = rc == APC_ENOMEM ? rc : 0; /* where the model has no answer is no way to go */
-        *better = found < *left;
-        *damping *= *better ? 0.1 : 10.0;
-        if (*better) {
-            memcpy(f->value, f->trial, f->m * sizeof(*f->value));
-            memcpy(f->y, f->plus, f->rows * sizeof(*f->y));
-            memcpy(f->e, f->minus, f->rows * sizeof(*f->e));
-            *left = found;
-        }
-    }
-    take(f, f->value);
-    *damping = fmax(*damping, 1e-9);
-    return rc;
-}
-
-static int search(struct fit *f, double *left, struct apc_error *why)
-{
-    double damping = 1e-3;
-    bool better = true;
-    int rc = 0;
-
-    *left = misfit(f, f->y, f->e);
-    for (int iteration = 0, idle = 0; iteration < 50 && idle < 2 && better && rc == 0; iteration++) {
-        const double before = *left;
-
-        rc = improve(f, left, &damping, &better, why);
-        idle = before - *left < 1e-6 * before ? idle + 1 : 0;
-    }
-    return rc;
-}
-
-/* The parameters start @p k aside of @p from, by turns to either side; states begin as they did. */
-static int step_aside(struct fit *f, const double *from, unsigned k)
-{
-    memcpy(f->trial, from, f->m * sizeof(*f->trial));
-    for (size_t q = f->first; q < f->m; q++) {
-        const struct unknown *of = &f->unknown[q];
-        const double by = ((q - f->first) >> (k / 2) ^ k) & 1 ? -ASIDE : ASIDE;
-
-        f->trial[q] = fmin(fmax(from[q] + by * of->size, of->low), of->high);
-    }
-    memcpy(f->value, f->trial, f->m * sizeof(*f->value));
-    take(f, f->value);
-    return run_all(f, f->y, NULL);
-}
-
-/*
- * A search goes downhill, and may end in a valley of its own. So it begins again beside its first start,
- * until two of them end alike, and the lowest end counts.
- */
-static int search_around(struct fit *f, double *left, struct apc_error *why)
-{
-    double *from = calloc(2 * f->m + 1, sizeof(*from)), *best = from ? from + f->m : NULL, other = 0.0;
-    bool alike = false;
-    int rc;
-
-    if (!from)
-        return APC_ENOMEM;
-    memcpy(from, f->value, f->m * sizeof(*from));
-    rc = search(f, left, why);
-    memcpy(best, f->value, f->m * sizeof(*best));
-    for (unsigned k = 0; k < STARTS && rc == 0 && !alike; k++) {
-        int again = step_aside(f, from, k);
-
-        if (again == 0)
-            again = search(f, &other, NULL);
-        rc = again == APC_ENOMEM ? again : 0;
-        if (again < 0)
-            continue;
-        alike = fabs(other - *left) <= ALIKE * *left;
-        if (other < *left) {
-            *left = other;
-            memcpy(best, f->value, f->m * sizeof(*best));
-        }
-    }
-    memcpy(f->value, best, f->m * sizeof(*best));
-    take(f, f->value);
-    if (rc == 0)
-        rc = run_all(f, f->y, why);
-    free(from);
-    return rc;
+    f->first = states + f->runs * each;
+    f->m = f->first + f->s.n;
+    for (size_t q = 0; q < states; q++)
+        set_unknown(f, q, STATE, q / nx, q % nx);
+    for (size_t q = states; q < f->first; q++)
+        set_unknown(f, q, BEFORE, (q - states) / each, (q - states) % each);
+    for (size_t q = 0; q < f->s.n; q++)
+        set_unknown(f, f->first + q, f->s.which[q] < f->model->np ? PARAMETER : DEAD_TIME, 0, f->s.which[q]);
 }
 
 /* Of each run where the model stands still with its first inputs, where that goes better with it. */
@@ -413,7 +352,7 @@ static int begin(struct fit *f, struct apc_error *why)
 {
     const size_t nx = f->model->nx, inputs = f->r.nu + f->r.nd;
     double *x = calloc(f->runs * nx + f->model->nu + f->model->nd + 1, sizeof(*x)), *u = x + f->runs * nx;
-    int rc = x ? run_all(f, f->y, why) : APC_ENOMEM;
+    int rc = x ? fit_run(f, f->y, why) : APC_ENOMEM;
 
     if (rc == APC_ENOMEM) {
         free(x);
@@ -434,7 +373,7 @@ static int begin(struct fit *f, struct apc_error *why)
         for (size_t i = 0; i < nx && f->model->state; i++)
             still[i] = fmin(fmax(still[i], f->model->state[i].low), f->model->state[i].high);
     }
-    rc = run_all(f, f->plus, lost ? why : NULL);
+    rc = fit_run(f, f->plus, lost ? why : NULL);
     for (size_t g = 0; g < f->runs; g++) {
         size_t first, n = fitted_of(f, g, &first);
         double given = 0.0, found = 0.0;
@@ -451,7 +390,7 @@ static int begin(struct fit *f, struct apc_error *why)
     free(x);
     if (rc < 0 && !lost)
         rc = 0;
-    return rc == 0 ? run_all(f, f->y, why) : rc;
+    return rc == 0 ? fit_run(f, f->y, why) : rc;
 }
 
 /* ---- What is told ------------------------------------------------------------------------------------ */
@@ -499,12 +438,12 @@ static int check_known(struct fit *f, double variance, size_t q, double error, s
 
 static int tell(struct fit *f, double left, double *value, double *error, struct apc_error *why)
 {
-    const size_t rows = counted(f);
+    const size_t rows = fit_counted(f);
     const double variance = left / (double)(rows > f->m ? rows - f->m : 1);
-    int rc = differentiate(f, why);
+    int rc = fit_differentiate(f, why);
 
     if (rc == 0)
-        rc = check_apart(f, why);
+        rc = fit_check_apart(f, why);
     for (size_t q = f->first; q < f->m && rc == 0; q++) {
         value[q - f->first] = f->value[q];
         error[q - f->first] = error_of(f, variance, q, f->small);
@@ -514,30 +453,6 @@ static int tell(struct fit *f, double left, double *value, double *error, struct
 }
 
 /* ---- The whole -------------------------------------------------------------------------------------- */
-
-static void set_unknown(struct fit *f, size_t q, enum kind kind, size_t run, size_t at)
-{
-    const struct apc_param *table = kind == STATE ? f->model->state : f->model->param;
-    struct unknown *of = &f->unknown[q];
-    double usual = 0.0;
-
-    *of = (struct unknown){.kind = kind, .run = run, .at = at, .low = -HUGE_VAL, .high = HUGE_VAL};
-    if (kind == DEAD_TIME) {
-        of->low = 0.0;
-        of->high = (double)apc_record_shortest(&f->r) / 4.0 * f->r.Ts;
-        of->size = f->r.Ts;
-        f->value[q] = f->dead_time;
-        return;
-    }
-    if (table) {
-        of->low = table[at].low;
-        of->high = table[at].high;
-        usual = 0.01 * fabs(table[at].initial);
-    }
-    f->value[q] = kind == STATE ? f->x0[run * f->model->nx + at] : f->p[at];
-    of->size = fmax(fabs(f->value[q]), usual);
-    of->size = of->size > 0.0 ? of->size : 1.0;
-}
 
 static int check_sought(const struct fit *f, struct apc_error *why)
 {
@@ -571,17 +486,18 @@ static int check_sought(const struct fit *f, struct apc_error *why)
 static int open_fit(struct fit *f)
 {
     const struct apc_model *m = f->model;
-    const size_t ny = f->r.ny;
+    const size_t ny = f->r.ny, runs = apc_record_runs(&f->r), inputs = f->r.nu + f->r.nd,
+                 states = runs * m->nx, before = fit_acts_late(f) ? runs * LEVELS * inputs : 0,
+                 most = states + before + f->s.n;
     double *at;
 
-    f->runs = apc_record_runs(&f->r);
+    f->runs = runs;
+    f->inputs = inputs;
     f->rows = f->r.n * ny;
-    f->first = f->runs * m->nx;
-    f->m = f->first + f->s.n;
-    f->unknown = calloc(f->m + 1, sizeof(*f->unknown));
+    f->unknown = calloc(most + 1, sizeof(*f->unknown));
     f->order = calloc(ny + 1, sizeof(*f->order));
-    f->memory = at = calloc((5 + f->m) * f->rows + 6 * f->m + 3 * f->m * f->m + 2 * f->m * (f->m + 1) +
-                                (1 + NOISE_MOST) * ny + m->np + f->first + m->nu + m->ny + 1,
+    f->memory = at = calloc((5 + most) * f->rows + 8 * most + 2 * most * most + 2 * most * (most + 1) +
+                                (1 + NOISE_MOST) * ny + m->np + states + before + m->nu + m->ny + 1,
                             sizeof(*at));
     if (!f->unknown || !f->order || !at)
         return APC_ENOMEM;
@@ -590,18 +506,19 @@ static int open_fit(struct fit *f)
     f->minus = apc_carve(&at, f->rows);
     f->e = apc_carve(&at, f->rows);
     f->room = apc_carve(&at, f->rows);
-    f->Q = apc_carve(&at, f->rows * f->m);
-    f->R = apc_carve(&at, f->m * f->m);
-    f->small = apc_carve(&at, 2 * f->m * (f->m + 1));
-    f->small_R = apc_carve(&at, f->m * f->m);
-    f->value = apc_carve(&at, f->m);
-    f->trial = apc_carve(&at, f->m);
-    f->step = apc_carve(&at, 2 * f->m);
-    f->along = apc_carve(&at, f->m);
+    f->Q = apc_carve(&at, f->rows * most);
+    f->R = apc_carve(&at, most * most);
+    f->small = apc_carve(&at, 2 * most * (most + 1));
+    f->small_R = apc_carve(&at, most * most);
+    f->value = apc_carve(&at, most);
+    f->trial = apc_carve(&at, most);
+    f->step = apc_carve(&at, 2 * most);
+    f->along = apc_carve(&at, most);
     f->deviation = apc_carve(&at, ny);
     f->noise = apc_carve(&at, ny * NOISE_MOST);
     f->p = apc_carve(&at, m->np);
-    f->x0 = apc_carve(&at, f->first);
+    f->x0 = apc_carve(&at, states);
+    f->before = apc_carve(&at, before);
     f->u = apc_carve(&at, m->nu);
     f->out = apc_carve(&at, m->ny);
     return 0;
@@ -650,10 +567,7 @@ static int prepare(struct fit *f, struct apc_error *why)
             return apc_fail(why, APC_EINVAL,
                             "output %zu is the same all the time, or not there: leave it out", i + 1);
     rc = begin(f, why);
-    for (size_t q = 0; q < f->first; q++)
-        set_unknown(f, q, STATE, q / m->nx, q % m->nx);
-    for (size_t q = 0; q < f->s.n; q++)
-        set_unknown(f, f->first + q, f->s.which[q] < m->np ? PARAMETER : DEAD_TIME, 0, f->s.which[q]);
+    fit_set_unknowns(f);
     return rc;
 }
 
@@ -684,12 +598,12 @@ int apc_identify_parameters(const struct apc_record *record, const struct apc_pa
     for (int round = 0; round < ROUNDS && rc == 0; round++) {
         rc = round ? expect(&f, f.y) : 0;
         if (rc == 0)
-            rc = round ? search(&f, &left, why) : search_around(&f, &left, why);
+            rc = round ? fit_search(&f, &left, why) : fit_find(&f, &left, why);
     }
     if (rc == 0)
         rc = tell(&f, left, value, error, why);
     if (rc == 0 && x0)
-        memcpy(x0, f.x0, f.first * sizeof(*x0));
+        memcpy(x0, f.x0, f.runs * f.model->nx * sizeof(*x0));
     if (rc == 0 && run)
         memcpy(run, f.y, f.rows * sizeof(*run));
     if (rc == APC_ENOMEM)

@@ -502,6 +502,17 @@ static void feedback_in_the_same_row_is_no_dependence(void **state)
     free(t);
 }
 
+/* @p n samples of one input and one output from @p begin on. */
+static struct apc_record part_of(const struct apc_record *r, size_t begin, size_t n)
+{
+    struct apc_record part = *r;
+
+    part.u += begin;
+    part.y += begin;
+    part.n = n;
+    return part;
+}
+
 /* What the inputs were before the record acts for as long as the dead time, and is found like the state. */
 /* Promise(identification/validation-tells-right) */
 static void what_came_before_the_record_is_found(void **state)
@@ -524,6 +535,49 @@ static void what_came_before_the_record_is_found(void **state)
         assert_true(v.fit > 99.99);
     }
     apc_linear_destroy(model);
+    free(t);
+}
+
+/* So it is of a model with a K, whose past is the record's: where that begins the plant moved, and its inputs
+ * were others. Of a K as good as 0, of noise of the sensor, the past of a slow plant is never forgotten. */
+/* Promise(identification/validation-tells-right) */
+static void a_model_with_a_gain_knows_nothing_of_what_came_before(void **state)
+{
+    static const struct apc_transfer late = {.gain = 2.0, .tau = {3.0}, .dead_time = 3.0},
+                                     slow = {.gain = 2.0, .tau = {40.0}};
+    struct record_test *t = record_simulate(&late, 1, 1, 600, 0.2, (const size_t[]){60}, 0.0, 0.0, 1),
+                       *noisy = record_simulate(&slow, 1, 1, 1500, 0.2, (const size_t[]){120}, 0.05, 0.0, 1);
+    struct apc_identified *model;
+    struct apc_record part;
+    struct apc_validation v;
+    struct apc_error why;
+    (void)state;
+
+    if (apc_identify_arx(&model, &t->record,
+                         &(struct apc_identify_arx_options){
+                             .size = sizeof(struct apc_identify_arx_options), .na = 1, .nb = 1},
+                         &why))
+        fail_msg("%s", why.text);
+    assert_true(model->linear->nx_held > 10);
+    for (size_t from = 0; from < 15; from += 5) {
+        part = part_of(&t->record, 60, 400); /* the first row is the move */
+        assert_int_equal(apc_validate(model->linear, model->K, &part, from, &v, NULL, NULL), 0);
+        assert_true(v.fit > 99.99);
+    }
+    apc_identified_destroy(model);
+
+    if (apc_identify_subspace(&model, &noisy->record,
+                              &(struct apc_identify_subspace_options){
+                                  .size = sizeof(struct apc_identify_subspace_options), .order = 1},
+                              &why))
+        fail_msg("%s", why.text);
+    for (size_t begin = 600; begin < 1000; begin += 70) {
+        part = part_of(&noisy->record, begin, 400);
+        assert_int_equal(apc_validate(model->linear, model->K, &part, 40, &v, NULL, NULL), 0);
+        assert_true(v.fit > 75.0);
+    }
+    apc_identified_destroy(model);
+    free(noisy);
     free(t);
 }
 
@@ -824,6 +878,7 @@ int main(void)
         cmocka_unit_test(validation_begins_anywhere_and_knows_no_units),
         cmocka_unit_test(feedback_in_the_same_row_is_no_dependence),
         cmocka_unit_test(what_came_before_the_record_is_found),
+        cmocka_unit_test(a_model_with_a_gain_knows_nothing_of_what_came_before),
         cmocka_unit_test(a_variance_is_that_of_the_inverse),
         cmocka_unit_test(of_a_plant_that_runs_away_there_is_no_state_space),
         cmocka_unit_test(a_record_that_tells_nothing_is_refused_with_its_reason),

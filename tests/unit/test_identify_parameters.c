@@ -3,8 +3,8 @@
 /*
  * Promise(identification/parameters-model-not): Parameters of a model that is not linear, from a record:
  *   what a search from 20 % off finds is the truth, within intervals that hold it, also of a parameter that
- *   shows little ; runs begin where they begin; what nothing measured tells, or another parameter does as
- *   well, is refused by name.
+ *   shows little; runs begin where they begin, also between a move and its answer; what nothing measured
+ *   tells, or another parameter does as well, is refused by name.
  */
 #include "apcidentify.h"
 #include "apcplant.h"
@@ -33,7 +33,8 @@ struct experiment {
 
 static const struct experiment tanks = {"quadruple-tank", 2.0, {1.0, 1.0}, {0.05, 0.05}, 0.0, 20},
                                reactor = {"van-de-vusse", 20.0, {4.0, 500.0}, {0.01, 0.3}, 0.0, 12},
-                               coloured = {"quadruple-tank", 2.0, {1.0, 1.0}, {0.02, 0.02}, 0.8, 20};
+                               coloured = {"quadruple-tank", 2.0, {1.0, 1.0}, {0.02, 0.02}, 0.8, 20},
+                               lag = {"first-order", 2.0, {1.0}, {0.02}, 0.0, 20};
 
 static size_t number_of(const struct apc_model *m, const char *name)
 {
@@ -238,6 +239,75 @@ static void runs_begin_where_they_begin(void **state)
     free(s);
 }
 
+/* A lag whose input has moved @p ago samples before the record begins, and for as long as the record lasts;
+ * at random, or, @p controlled, a little with each sample as well. */
+static void begin_after_a_move(struct simulated *s, size_t ago, bool controlled, uint64_t seed)
+{
+    const struct apc_plant_options options = {.size = sizeof options, .dead_time = 6.8};
+    const size_t cut = 200 + ago;
+    struct apc_plant *plant;
+    struct apc_random random;
+    double u = 0.0, y;
+
+    apc_random_init(&random, seed, "cut");
+    assert_int_equal(apc_plant_create(&plant, s->model, s->p, s->x0, &options, NULL), 0);
+    for (size_t k = 0; k < cut + 300; k++) {
+        if (k % 40 == 0)
+            u = k / 40 % 2 ? 1.0 : -1.0;
+        apc_plant_output(plant, &u, &y);
+        y += 0.02 * apc_random_normal(&random);
+        if (controlled)
+            u += 0.1 * apc_random_normal(&random);
+        if (k >= cut) {
+            s->u[k - cut] = u;
+            s->y[k - cut] = y;
+        }
+        assert_int_equal(apc_plant_advance(plant, s->record.Ts, &u), 0);
+    }
+    apc_plant_destroy(plant);
+    s->record.n = 300;
+}
+
+/* A record may begin with a move, while one is under way that has not come to the measurement yet, and in the
+ * middle of the answer to one. */
+static void a_record_may_begin_in_the_middle_of_a_movement(void **state)
+{
+    static const char *const name[] = {"K", "tau", "dead_time"};
+    static const size_t ago[] = {0, 1, 2, 3, 5, 9};
+    const char *given = getenv("APC_IDENTIFY_SEEDS");
+    const unsigned long seeds = given ? strtoul(given, NULL, 10) : 2;
+    unsigned long all = 0, n = 0;
+    (void)state;
+
+    for (int controlled = 0; controlled < 2; controlled++) {
+        for (size_t i = 0; i < sizeof ago / sizeof *ago; i++) {
+            unsigned long inside[3] = {0};
+
+            for (unsigned long seed = 0; seed < seeds; seed++) {
+                struct simulated *s = create(&lag, 1);
+                double value[3], error[3];
+                struct apc_error why;
+
+                begin_after_a_move(s, ago[i], controlled == 1, seed);
+                if (find(s, name, 3, 0.8, value, error, &why))
+                    fail_msg("%s", why.text);
+                for (size_t k = 0; k < 3; k++) {
+                    const double truth = k < 2 ? s->p[k] : 6.8;
+
+                    inside[k] += fabs(value[k] - truth) <= 1.96 * error[k];
+                }
+                free(s);
+            }
+            print_message("%s, the last move %zu samples before: %lu, %lu and %lu of %lu intervals hold it\n",
+                          controlled ? "moved all the time" : "moved now and then", ago[i], inside[0],
+                          inside[1], inside[2], seeds);
+            all += inside[0] + inside[1] + inside[2];
+            n += 3 * seeds;
+        }
+    }
+    assert_true((double)all >= 0.85 * (double)n);
+}
+
 static void refused(const struct simulated *s, const char *const *name, size_t n, int code,
                     const char *reason)
 {
@@ -291,6 +361,7 @@ int main(void)
         cmocka_unit_test(a_weak_parameter_is_found_from_a_poor_start),
         cmocka_unit_test(intervals_hold_what_they_say),
         cmocka_unit_test(runs_begin_where_they_begin),
+        cmocka_unit_test(a_record_may_begin_in_the_middle_of_a_movement),
         cmocka_unit_test(what_cannot_be_told_is_named),
     };
 
