@@ -21,7 +21,7 @@
 #include "daemon/credentials.h"
 #include "daemon/daemon.h"
 #include "daemon/recorder.h"
-#include "daemon/watch.h"
+#include "daemon/self_monitor.h"
 #include "experiment/experiment.h"
 
 #define QUEUED         (10 * APC_NS_PER_S) /* of measurements, for a store that takes its time */

@@ -17,8 +17,8 @@
 #include "common/storeuri.h"
 #include "daemon/daemon.h"
 #include "daemon/gaps.h"
-#include "daemon/warden.h"
-#include "daemon/watch.h"
+#include "daemon/process_watchdog.h"
+#include "daemon/self_monitor.h"
 #include "daemon/worker.h"
 #include "operate/operate.h"
 

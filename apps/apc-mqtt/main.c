@@ -17,7 +17,7 @@
 #include "common/storeuri.h"
 #include "daemon/credentials.h"
 #include "daemon/daemon.h"
-#include "daemon/watch.h"
+#include "daemon/self_monitor.h"
 #include "daemon/worker.h"
 #include "options.h"
 #include "users/users.h"

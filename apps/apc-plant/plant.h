@@ -10,7 +10,7 @@
 
 #include "daemon/credentials.h"
 #include "daemon/daemon.h"
-#include "daemon/watch.h"
+#include "daemon/self_monitor.h"
 #include "experiment/experiment.h"
 
 #define URI_LEN 256
@@ -59,7 +59,7 @@ void registers_close(struct shell *s);
 int registers_answer(void *ctx, uint64_t connection, const char *request, size_t length, char *reply,
                      size_t size);
 
-/* board.c: a serial port of ours, with a Temperature Control Lab behind it. */
+/* tclab_port.c: a serial port of ours, with a Temperature Control Lab behind it. */
 int board_open(struct shell *s, const char *path, struct apc_error *why);
 void board_close(struct shell *s);
 

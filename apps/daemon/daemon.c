@@ -14,10 +14,10 @@
 #include "common/storeuri.h"
 #include "common/streams.h"
 #include "experiment/experiment.h"
-#include "locked.h"
+#include "locked_memory.h"
+#include "process_watchdog.h"
 #include "recorder.h"
-#include "warden.h"
-#include "watch.h"
+#include "self_monitor.h"
 
 #define HOUSEKEEPING    APC_NS_PER_S                            /* between two looks of the main thread */
 #define LOOKS           4                                       /* of the program itself, in that time */

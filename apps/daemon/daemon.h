@@ -3,7 +3,7 @@
  * What the four daemons have in common: options, experiment, log, signals, one periodic task, and the
  * records of it. The main thread waits for a signal; meanwhile, over a store connection of its own, it
  * records events and the timing of the task, so that nothing of that stands in the task's way. A third thread
- * (warden.h) looks after the two.
+ * (process_watchdog.h) looks after the two.
  */
 #ifndef APC_DAEMON_H
 #define APC_DAEMON_H

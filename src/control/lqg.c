@@ -27,7 +27,7 @@
 #include "apclinear.h"
 #include "base/matrix.h"
 #include "control/control_internal.h"
-#include "predict/rest.h"
+#include "predict/initial_state.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -6,10 +6,10 @@
 
 #include "apcestimate.h"
 #include "control/control_internal.h"
+#include "predict/initial_state.h"
 #include "predict/mpc.h"
 #include "predict/nested.h"
-#include "predict/rest.h"
-#include "predict/shoot.h"
+#include "predict/shooting.h"
 
 /* Tuning: of each output, then of each measurement. */
 enum { MOVE, WISH, REFERENCE, COST, U_MIN, U_MAX, DU_MAX, N_OF_U };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The controller's making, and its tick: take what the shared data say (facts.c), find what each loop does
+ * The controller's making, and its tick: take what the shared data say (inputs.c), find what each loop does
  * (loop.c), ask the law (law.c), put what came of it (rows.c).
  */
 #include "modules/controller.h"

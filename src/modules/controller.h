@@ -2,9 +2,9 @@
 /*
  * Inside the controller, whose loops stand each by itself: one state, mode, hold and fault an output.
  *
- * controller.c makes it and does a tick; facts.c takes what the shared data say and gathers the facts of each
+ * controller.c makes it and does a tick; inputs.c takes what the shared data say and gathers the facts of each
  * loop; loop.c finds from them what the loop does; law.c asks the law; rows.c lays out what is read and
- * written; cascade.c has what loops above and below have to do with each other; calm.c says of which loops a
+ * written; cascade.c has what loops above and below have to do with each other; fast_path.c says of which loops a
  * tick need not ask all this again.
  */
 #ifndef APC_MODULES_CONTROLLER_H
@@ -179,7 +179,7 @@ struct apc_controller {
     bool *flags;                    /* all those below */
     bool *y_new, *ok, *refused, *rests,
         *planned;                         /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [nz]; [nz] */
-    bool *calm;                           /* [nu] as calm.c says */
+    bool *calm;                           /* [nu] as fast_path.c says */
     bool *open;                           /* [nz] something may have to be taken, or told, of the setpoint */
     apc_status *y_status;                 /* [ny] */
     unsigned *bits;                       /* all of enum apc_limited: the laws', and */
@@ -229,7 +229,7 @@ struct apc_controller {
     uint64_t failures;      /* at so many ticks */
 };
 
-/* ---- facts.c */
+/* ---- inputs.c */
 
 /** Where what is wanted of a table begins in the arrays [n_wanted]. [tick] */
 static inline size_t apc_controller_wanted(const struct apc_controller *controller, enum apc_table table)
@@ -292,7 +292,7 @@ void apc_controller_own_setpoint(struct apc_controller *controller, size_t k,
 /** What setpoint @p k says to the loop above. [tick] */
 apc_status apc_controller_handshake(const struct apc_controller *controller, size_t k);
 
-/* ---- selected.c */
+/* ---- selector_feedback.c */
 
 /** Find the measurements of which who calculates them is told; @p told as in the options. Returns how many.
  * [setup] */
@@ -307,7 +307,7 @@ static inline bool apc_controller_is_selected(const struct apc_controller *contr
     return controller->loop[i].signal && controller->loop[i].below_tick;
 }
 
-/* ---- calm.c */
+/* ---- fast_path.c */
 
 /** At the next tick no loop is calm, and every setpoint open. [any] */
 void apc_controller_stir(struct apc_controller *controller);

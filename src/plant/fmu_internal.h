@@ -6,7 +6,7 @@
 #ifndef APC_PLANT_FMU_INTERNAL_H
 #define APC_PLANT_FMU_INTERNAL_H
 
-#include "base/companion.h"
+#include "base/subprocess.h"
 #include "plant/fmu.h"
 
 enum table { INPUT, OUTPUT, PARAMETER, STATE, TEXT, FIXED, N_TABLES };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
  * The problem of predictive control, as its files share it: mpc.c makes it and tells of it, mpc_weights.c
- * makes H, mpc_aim.c finds steady states, mpc_solve.c the moves.
+ * makes H, mpc_target.c finds steady states, mpc_solve.c the moves.
  */
 #ifndef APC_MPC_INTERNAL_H
 #define APC_MPC_INTERNAL_H

@@ -239,7 +239,7 @@ static inline double qp_allowance(const struct apc_qp *qp, double limit)
     return qp->tolerance + 8.0 * DBL_EPSILON * fabs(limit);
 }
 
-/* ---- qp_price.c: what is violated -------------------------------------------------------------- */
+/* ---- qp_violation.c: what is violated -------------------------------------------------------------- */
 
 /** How far row i is beyond a limit; 0 within its allowance. *@p sign says which limit. */
 double qp_beyond(const struct apc_qp *qp, size_t i, double *sign);
@@ -247,7 +247,7 @@ double qp_beyond(const struct apc_qp *qp, size_t i, double *sign);
  * first one, else it is that which is violated most. */
 size_t qp_worst(const struct apc_qp *qp, bool careful, double *sign);
 
-/* ---- qp_work.c: the working set and its factor ------------------------------------------------ */
+/* ---- qp_working_set.c: the working set and its factor ------------------------------------------------ */
 
 /** Where the multiplier of row i may be, in the state that it is in. */
 void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high);

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "base/base_internal.h"
-#include "shareddata/history/seam.h"
+#include "shareddata/history/federated.h"
 #include "shareddata/shareddata_internal.h"
 #include "shareddata/spool/spool.h"
 

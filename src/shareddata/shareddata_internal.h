@@ -189,7 +189,7 @@ int apc_rows_seq_failure(struct apc_store *store, const struct apc_sample *sampl
 /** The operation variables, from @p all that there are, in any order; frees them. Returns @p n. */
 int apc_variables_give(struct apc_sample *all, size_t n, struct apc_sample *variables, size_t capacity);
 
-/* ---- takeover.c ------------------------------------------------------------------------------ */
+/* ---- failover.c ------------------------------------------------------------------------------ */
 
 /** Above which seqs of new variables begin. */
 int64_t apc_store_first(struct apc_store *store);

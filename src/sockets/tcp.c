@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * TCP with deadlines, and the `tcp:` transport of a link; that of `tls:` (dial.c) is the same with a session
+ * TCP with deadlines, and the `tcp:` transport of a link; that of `tls:` (tls_link.c) is the same with a session
  * on top.
  *
  * Sockets of a link are non-blocking: a send goes out at once in nearly every case, so it is tried

@@ -10,7 +10,7 @@
  * the server has looked at its certificate, and would learn of a refusal from its first exchange.
  *
  * A handshake takes memory and gives some back much later, so the asking side has it in a thread of its own
- * (dial.c). A frame takes a few pieces below 1 KiB within OpenSSL and gives them back before the call
+ * (tls_link.c). A frame takes a few pieces below 1 KiB within OpenSSL and gives them back before the call
  * returns; malloc has those in its thread's cache, without a lock or a system call. That is all that a tick
  * ever takes.
  *

@@ -8,7 +8,7 @@
  * wait, also when that wait's instant has already passed.
  *
  * A task that spins sleeps until a margin before the instant, then reads the clock until it has come, looking
- * for the order to stop in between. The margin follows from how late those sleeps ended (margin.c), which is
+ * for the order to stop in between. The margin follows from how late those sleeps ended (spin_margin.c), which is
  * not the lateness of the ticks. A sleep whose instant was past when it began says nothing and is not learned
  * from, and learning comes after the callback: it delays none.
  *

@@ -20,7 +20,7 @@ uint64_t apc_grid_newest(apc_ns start, apc_ns period, uint64_t due, apc_ns now);
  * later. */
 uint64_t apc_grid_resume(apc_ns start, apc_ns period, uint64_t index, apc_ns now);
 
-/* ---- margin.c ---- */
+/* ---- spin_margin.c ---- */
 
 #define APC_MARGIN_WINDOW 1000
 #define APC_MARGIN_BINS   512 /* of a microsecond; the last takes all that is longer */

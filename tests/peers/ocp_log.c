@@ -14,7 +14,7 @@
 
 #include "base/base_internal.h"
 #include "predict/mpc.h"
-#include "predict/shoot.h"
+#include "predict/shooting.h"
 
 int __real_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
                             struct apc_error *why);

@@ -15,7 +15,7 @@
 #include <time.h>
 
 #include "daemon/credentials.h"
-#include "daemon/warden.h"
+#include "daemon/process_watchdog.h"
 
 static char told[20000]; /* to who started it */
 

@@ -5,7 +5,7 @@
 #include "check.h"
 #include "plant/plant_internal.h"
 #include "predict/predict_internal.h"
-#include "predict/shoot.h"
+#include "predict/shooting.h"
 #include "predict/target.h"
 
 #include <string.h>

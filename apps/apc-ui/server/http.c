@@ -4,7 +4,7 @@
  * to a pool of threads, one of which wakes it with its answer. A stream sleeps while there is nothing for it.
  * Long looks into the past have a pool of their own, so that no write waits behind them.
  *
- * Who may keep a connection, and for how long without a request, is said in rooms.h: libmicrohttpd's own
+ * Who may keep a connection, and for how long without a request, is said in connection_limits.h: libmicrohttpd's own
  * limits know neither who is logged in nor who dribbles.
  */
 #include "http.h"

@@ -9,7 +9,7 @@
 
 #include <microhttpd.h>
 
-#include "rooms.h"
+#include "connection_limits.h"
 #include "ui.h"
 
 #define BODY_MAX    65536 /* bytes */
@@ -105,7 +105,7 @@ void server_stop(struct ui *ui);
  * place that others can reach is refused without users, and without TLS unless it was asked for. */
 int listen_on(struct ui *ui, struct apc_error *why);
 
-/* gate.c: may this request go on? False: the fault is set. Body not looked at. */
+/* authorization.c: may this request go on? False: the fault is set. Body not looked at. */
 bool gate_pass(struct ui *ui, struct request *r, const char *method);
 bool host_allowed(const char *host, const char *const *names);
 /* Is it this server's? TLS may also end in front of it: then it does not know of it. */

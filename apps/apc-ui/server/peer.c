@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Whose process is at the other end: asked of the kernel, which keeps the owner of each socket. */
-#include "rooms.h"
+#include "connection_limits.h"
 
 #include <arpa/inet.h>
 #include <linux/inet_diag.h>

@@ -245,7 +245,7 @@ int alarm_watch_look(struct alarm_watch *watch, struct ui *ui, struct apc_store 
                      const struct apc_vector *tick);
 void alarm_watch_free(struct alarm_watch *watch);
 
-/* ---- behind.c ---- */
+/* ---- history_lag.c ---- */
 /* A look at it. What is seldom written is for a moment as late as it is seldom: two looks must agree on it. */
 void model_behind(struct model *m, const struct behind *now);
 void behind_json(const struct model *m, struct text *t); /* locked */

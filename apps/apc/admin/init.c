@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "apc/common/cli.h"
-#include "apc/common/warn.h"
+#include "apc/common/experiment_warnings.h"
 #include "common/storeuri.h"
 #include "experiment/experiment.h"
 

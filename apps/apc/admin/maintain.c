@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc maintain: the store's housekeeping. */
-#include "apc/common/several.h"
+#include "apc/common/all_plants.h"
 
 #include <stdlib.h>
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc/common/warn.h"
+#include "apc/common/experiment_warnings.h"
 #include "apc/folder/folder.h"
 
 #define BUDGET 2000

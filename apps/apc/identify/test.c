@@ -9,7 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "apc/common/warn.h"
+#include "apc/common/experiment_warnings.h"
 #include "apc/folder/folder.h"
 #include "apc/report/report.h"
 #include "apc/simulate/simulation_export.h"

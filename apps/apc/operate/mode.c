@@ -4,8 +4,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include "apc/common/mode_reason.h"
 #include "apc/common/print.h"
-#include "apc/common/reason.h"
 #include "files/files.h"
 #include "operate.h"
 

@@ -5,8 +5,8 @@
 #include <string.h>
 #include <time.h>
 
+#include "apc/common/mode_reason.h"
 #include "apc/common/print.h"
-#include "apc/common/reason.h"
 #include "base/base_internal.h"
 
 #define GRACE       (2 * APC_NS_PER_S)   /* beyond three ticks */

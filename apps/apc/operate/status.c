@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "apc/common/all_plants.h"
 #include "apc/common/print.h"
-#include "apc/common/several.h"
 #include "apc/folder/spools.h"
 #include "common/storeuri.h"
 #include "common/timing.h"

@@ -4,7 +4,7 @@
 #define APC_STATUS_LOOPS_H
 
 #include "apc/common/cli.h"
-#include "apc/common/reason.h"
+#include "apc/common/mode_reason.h"
 #include "common/timing.h"
 #include "status_plan.h"
 

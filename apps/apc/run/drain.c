@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc drain: what was left in a folder, by daemons whose store was away or by a run that was killed. */
 #include "apc/common/cli.h"
-#include "apc/folder/keep.h"
+#include "apc/folder/run_recovery.h"
 #include "apc/folder/spools.h"
 
 static const struct cli_spec spec = {

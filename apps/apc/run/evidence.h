@@ -3,7 +3,7 @@
 #ifndef APC_EVIDENCE_H
 #define APC_EVIDENCE_H
 
-#include "control.h"
+#include "control_verdict.h"
 #include "experiment/experiment.h"
 
 /* From when on the plant of a run that began at @p start is to be commanded: the controllers that do that

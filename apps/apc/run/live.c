@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "common/storeuri.h"
-#include "control.h"
+#include "control_verdict.h"
 #include "operate/operate.h"
 
 #define BAR          24                 /* at most */

@@ -9,7 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "apc/common/warn.h"
+#include "apc/common/experiment_warnings.h"
 #include "common/storeuri.h"
 #include "run.h"
 

@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "apc/folder/folder.h"
-#include "apc/folder/keep.h"
+#include "apc/folder/run_recovery.h"
 #include "apc/folder/spools.h"
 #include "apc/report/report.h"
 #include "evidence.h"

@@ -10,11 +10,11 @@
 #include <openssl/evp.h>
 
 #include "apc/common/cli.h"
+#include "apc/common/experiment_warnings.h"
 #include "apc/common/print.h"
 #include "apc/common/print_alarms.h"
 #include "apc/common/print_figures.h"
 #include "apc/common/setting.h"
-#include "apc/common/warn.h"
 #include "apc/folder/folder.h"
 #include "apc/report/report.h"
 #include "campaign.h"

@@ -4,7 +4,7 @@
 #ifndef APC_CONTROL_PROCESS_PARTS_H
 #define APC_CONTROL_PROCESS_PARTS_H
 
-#include "base/companion.h"
+#include "base/subprocess.h"
 #include "control/process/process.h"
 
 enum kind { CREATE = 1, DESTROY, RESET, COMPUTE, UPDATE, TRACK };

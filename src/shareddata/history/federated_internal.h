@@ -4,7 +4,7 @@
 #define APC_SHAREDDATA_SEAM_INTERNAL_H
 
 #include "base/base_internal.h"
-#include "shareddata/history/seam.h"
+#include "shareddata/history/federated.h"
 
 struct apc_seam {
     struct apc_store base;

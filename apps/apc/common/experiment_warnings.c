@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "warn.h"
+#include "experiment_warnings.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -5,7 +5,7 @@
  * to be decided would come out as it did: its facts, its move, its mode, what is told of that and stands of
  * it in the tick row stay as they are. Such a tick asks the law and puts its answer; whatever else happens,
  * even in that answer, makes it one as any other. So it never matters that a loop is calm:
- * test_modules_calm.c.
+ * test_modules_fast_path.c.
  *
  * Loops of a law that is whole or selects, with a backup, with others above or below, and those that take
  * turns with another controller's are never calm: more is decided of them at each tick.

@@ -7,7 +7,7 @@
  * which TO says that some were there already. A row of what people write is counted and told, and the record
  * goes on; one of a variable with one writer is another run's.
  */
-#include "shareddata/history/forward.h"
+#include "shareddata/history/replication.h"
 
 struct comparing {
     const struct apc_sample *sample, *end; /* of one variable in rising seq */

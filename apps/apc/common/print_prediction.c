@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "print_outlook.h"
+#include "print_prediction.h"
 
 #include <math.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "warden.h"
+#include "process_watchdog.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -16,7 +16,7 @@
 #include <unistd.h>
 
 #include "common/exitcode.h"
-#include "watch.h"
+#include "self_monitor.h"
 
 #define LOOK (200 * APC_NS_PER_MS) /* between two words to the watchdog */
 

@@ -4,7 +4,7 @@
 /* Promise(laws/nmpc) */
 #include "check.h"
 #include "plant/plant_internal.h"
-#include "predict/shoot.h"
+#include "predict/shooting.h"
 
 #include <string.h>
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What a daemon looks out for: steps of the wall clock, ticks missed in a row, a history that lags. */
 #include "check.h"
-#include "daemon/watch.h"
+#include "daemon/self_monitor.h"
 
 #include <apctimer.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "print_merits.h"
+#include "print_kpis.h"
 
 #include <math.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "daemon/watch.h"
+#include "daemon/self_monitor.h"
 
 #include <apctimer.h>
 

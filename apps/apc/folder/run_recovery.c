@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "keep.h"
+#include "run_recovery.h"
 
 #include <unistd.h>
 

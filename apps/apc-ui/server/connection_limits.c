@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "rooms.h"
+#include "connection_limits.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -20,7 +20,7 @@
 
 #include <cmocka.h>
 
-#include "daemon/warden.h"
+#include "daemon/process_watchdog.h"
 
 /* Sanitizers bring their own. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

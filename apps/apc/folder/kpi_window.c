@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "window.h"
+#include "kpi_window.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -18,7 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "shareddata/history/forward.h"
+#include "shareddata/history/replication.h"
 
 #define SAMPLES  16384 /* of one append */
 #define VECTORS  1024

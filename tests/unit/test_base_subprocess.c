@@ -7,7 +7,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "base/companion.h"
+#include "base/subprocess.h"
 
 static void its_last_word_is_heard_though_it_ended_with_a_message_unread(void **state)
 {

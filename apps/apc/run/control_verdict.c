@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "control.h"
+#include "control_verdict.h"
 
 #include <string.h>
 

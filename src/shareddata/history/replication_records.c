@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "shareddata/history/forward.h"
+#include "shareddata/history/replication.h"
 
 static bool same_event(const struct apc_event *a, const struct apc_event *b)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "several.h"
+#include "all_plants.h"
 
 #include <math.h>
 #include <stdlib.h>

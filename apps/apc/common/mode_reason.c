@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "reason.h"
+#include "mode_reason.h"
 
 #include <stdio.h>
 #include <string.h>

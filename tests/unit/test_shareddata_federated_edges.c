@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "shareddata/history/seam_internal.h"
+#include "shareddata/history/federated_internal.h"
 
 /* ---- Two stores of which one fails ------------------------------------------------------------ */
 

@@ -9,7 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "apc-ui/server/rooms.h"
+#include "apc-ui/server/connection_limits.h"
 #include "check.h"
 
 #define S APC_NS_PER_S

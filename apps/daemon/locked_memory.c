@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "locked.h"
+#include "locked_memory.h"
 
 #include <stdio.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "base/companion.h"
+#include "base/subprocess.h"
 
 #include <errno.h>
 #include <fcntl.h>

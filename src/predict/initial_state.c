@@ -4,7 +4,7 @@
  * states, or more: the least squares of those of y, each over the size of its row, with those of rest, which
  * hold, weighed much more. Where all can be met they are, whatever the weight.
  */
-#include "predict/rest.h"
+#include "predict/initial_state.h"
 
 #include <math.h>
 #include <stdlib.h>

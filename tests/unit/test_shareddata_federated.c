@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "scratch.h"
-#include "shareddata/history/seam_internal.h"
+#include "shareddata/history/federated_internal.h"
 #include "stores.h"
 
 #define FOREVER (60 * APC_NS_PER_S)

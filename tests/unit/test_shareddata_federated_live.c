@@ -4,7 +4,7 @@
  */
 #include "check.h"
 #include "counting_store.h"
-#include "shareddata/history/seam_internal.h"
+#include "shareddata/history/federated_internal.h"
 
 static struct apc_store *both;
 static struct apc_store *own; /* the live store that it was made with */

@@ -5,7 +5,7 @@
  */
 #include <stdlib.h>
 
-#include "shareddata/history/seam_internal.h"
+#include "shareddata/history/federated_internal.h"
 
 /* One of the live store's, and by what it is known elsewhere. */
 struct mark {

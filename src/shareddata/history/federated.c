@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "shareddata/history/seam_internal.h"
+#include "shareddata/history/federated_internal.h"
 #include "shareddata/spool/spool.h"
 
 #define TRIES 10 /* to find where the newest N begin, while a historian moves rows */

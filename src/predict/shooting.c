@@ -9,7 +9,7 @@
  * one before it still does. So an interval has parts, as many as there are different r, and an input two
  * columns of B: of the newer and of the older one.
  */
-#include "predict/shoot.h"
+#include "predict/shooting.h"
 
 #include <math.h>
 #include <stdlib.h>
