@@ -60,7 +60,8 @@ static void symmetrise(size_t n, double *M)
 }
 
 /* G = B R^-1 B'. Returns nonzero where R is singular. */
-static int begin(struct riccati *r, const double *A, const double *B, const double *Q, const double *R)
+static int factor_riccati(struct riccati *r, const double *A, const double *B, const double *Q,
+                          const double *R)
 {
     memcpy(r->A, A, r->n * r->n * sizeof(*A));
     memcpy(r->H, Q, r->n * r->n * sizeof(*Q));
@@ -125,8 +126,8 @@ static int gain(struct riccati *r, const double *A, const double *B, const doubl
  * K. It takes away the rounding errors of the doubling. Returns how much P changed, relative to it; NaN when
  * F is not stable.
  */
-static double newton(struct riccati *r, const double *A, const double *B, const double *Q, const double *R,
-                     double *P, double *K)
+static double kleinman_step(struct riccati *r, const double *A, const double *B, const double *Q,
+                            const double *R, double *P, double *K)
 {
     size_t n = r->n, m = r->m, all = n * n * sizeof(double);
     double change, before;
@@ -160,8 +161,8 @@ static double newton(struct riccati *r, const double *A, const double *B, const 
     return gain(r, A, B, R, P, K) ? (double)NAN : apc_matrix_norm(n, r->T) / fmax(before, 1e-300);
 }
 
-static bool solve(struct riccati *r, const double *A, const double *B, const double *Q, const double *R,
-                  double *P, double *K)
+static bool solve_riccati(struct riccati *r, const double *A, const double *B, const double *Q,
+                          const double *R, double *P, double *K)
 {
     double change = 1.0, before = HUGE_VAL;
 
@@ -174,7 +175,7 @@ static bool solve(struct riccati *r, const double *A, const double *B, const dou
         return false;
     for (int k = 0; k < 20 && change < before; k++) {
         before = k > 0 ? change : HUGE_VAL;
-        change = newton(r, A, B, Q, R, P, K);
+        change = kleinman_step(r, A, B, Q, R, P, K);
         if (!(change >= 0.0))
             return false;
     }
@@ -198,9 +199,9 @@ int apc_riccati_in(double *memory, size_t nx, size_t nu, const double *A, const 
     r.small = at;
     r.Bt = r.small + nu * nu;
     r.BtP = r.Bt + nu * nx;
-    if (begin(&r, A, B, Q, R))
+    if (factor_riccati(&r, A, B, Q, R))
         return apc_fail(why, APC_EINVAL, "apc_riccati_solve: R must be positive definite");
-    if (!solve(&r, A, B, Q, R, P, K))
+    if (!solve_riccati(&r, A, B, Q, R, P, K))
         return apc_fail(
             why, APC_ESOLVER,
             "the Riccati equation has no stabilising solution: a mode that does not die out by itself "

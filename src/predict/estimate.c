@@ -49,7 +49,7 @@ static size_t triangle(size_t n)
 
 /* ---- Making ------------------------------------------------------------------------------------- */
 
-static int check_model(const struct apc_estimator_options *o, struct apc_error *why)
+static int check_estimated_model(const struct apc_estimator_options *o, struct apc_error *why)
 {
     apc_ns period;
 
@@ -71,12 +71,12 @@ static int check_variances(const double *value, size_t n, double least, const ch
     return 0;
 }
 
-static const double *keep(double **at, const double *from, size_t n)
+static const double *copy_array(double **at, const double *from, size_t n)
 {
     return memcpy(apc_carve(at, n), from, n * sizeof(*from));
 }
 
-static int allocate(struct apc_estimator *e, const struct apc_estimator_options *o)
+static int allocate_estimator(struct apc_estimator *e, const struct apc_estimator_options *o)
 {
     const size_t nx = e->nx, ny = e->ny, n = e->n_inputs, np = o->model ? o->model->np : 0;
     double *at =
@@ -103,13 +103,13 @@ static int allocate(struct apc_estimator *e, const struct apc_estimator_options 
     e->moved = apc_carve(&at, ny);
     e->input = apc_carve(&at, n);
     if (o->linear) {
-        e->A = keep(&at, o->linear->A, nx * nx);
-        e->B = keep(&at, o->linear->B, nx * n);
-        e->C = keep(&at, o->linear->C, ny * nx);
-        e->D = keep(&at, o->linear->D, ny * n);
-        e->x0 = keep(&at, o->linear->x0, nx);
-        e->u0 = keep(&at, o->linear->u0, n);
-        e->y0 = keep(&at, o->linear->y0, ny);
+        e->A = copy_array(&at, o->linear->A, nx * nx);
+        e->B = copy_array(&at, o->linear->B, nx * n);
+        e->C = copy_array(&at, o->linear->C, ny * nx);
+        e->D = copy_array(&at, o->linear->D, ny * n);
+        e->x0 = copy_array(&at, o->linear->x0, nx);
+        e->u0 = copy_array(&at, o->linear->u0, n);
+        e->y0 = copy_array(&at, o->linear->y0, ny);
     }
     return 0;
 }
@@ -161,7 +161,8 @@ static int steady(struct apc_estimator *e, struct apc_error *why)
     return rc;
 }
 
-static int take_unknown(struct apc_estimator *e, const struct apc_estimator_options *o, struct apc_error *why)
+static int take_unknown_disturbances(struct apc_estimator *e, const struct apc_estimator_options *o,
+                                     struct apc_error *why)
 {
     if (o->linear || o->n_unknown == 0)
         return 0;
@@ -182,8 +183,8 @@ static int take_unknown(struct apc_estimator *e, const struct apc_estimator_opti
     return 0;
 }
 
-static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, struct apc_nested *nested,
-                struct apc_error *why)
+static int fill_estimator(struct apc_estimator *e, const struct apc_estimator_options *o,
+                          struct apc_nested *nested, struct apc_error *why)
 {
     const struct apc_model *model = o->model;
     int rc;
@@ -194,7 +195,7 @@ static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, 
     e->nx = o->linear ? o->linear->nx : e->n_model + o->n_unknown;
     e->ny = o->linear ? o->linear->ny : model->ny;
     e->n_inputs = o->linear ? o->linear->nu + o->linear->nd : model->nu + model->nd;
-    rc = take_unknown(e, o, why);
+    rc = take_unknown_disturbances(e, o, why);
     if (rc == 0)
         rc = check_variances(o->q, e->nx, 0.0, "q", why);
     if (rc == 0)
@@ -203,7 +204,7 @@ static int fill(struct apc_estimator *e, const struct apc_estimator_options *o, 
         rc = check_variances(o->p0, e->nx, 0.0, "p0", why);
     if (rc < 0)
         return rc;
-    if (allocate(e, o) < 0)
+    if (allocate_estimator(e, o) < 0)
         return apc_fail(why, APC_ENOMEM, "estimator: no memory");
     memcpy(e->q, o->q, e->nx * sizeof(*e->q));
     memcpy(e->r, o->r, e->ny * sizeof(*e->r));
@@ -247,13 +248,13 @@ int apc_estimator_create_nested(struct apc_estimator **estimator, const struct a
     if (!o.linear && !o.model)
         return apc_fail(why, APC_EINVAL, "estimator: a %s is required",
                         o.kind == APC_KALMAN_EXTENDED ? "model" : "linear model");
-    rc = check_model(&o, why);
+    rc = check_estimated_model(&o, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
     if (!new)
         return apc_fail(why, APC_ENOMEM, "estimator: no memory");
-    rc = fill(new, &o, nested, why);
+    rc = fill_estimator(new, &o, nested, why);
     if (rc < 0)
         apc_estimator_destroy(new);
     else
@@ -290,7 +291,7 @@ void apc_estimator_reset(const struct apc_estimator *e, double *s, const double 
 
 /* ---- Covariance ---------------------------------------------------------------------------------- */
 
-static void unpack(struct apc_estimator *e, const double *s)
+static void unpack_estimates(struct apc_estimator *e, const double *s)
 {
     const double *at = s + e->nx;
 
@@ -300,7 +301,7 @@ static void unpack(struct apc_estimator *e, const double *s)
     }
 }
 
-static void pack(const struct apc_estimator *e, double *s)
+static void pack_estimates(const struct apc_estimator *e, double *s)
 {
     double *at = s + e->nx;
 
@@ -338,7 +339,7 @@ static void forget_covariance(struct apc_estimator *e)
 }
 
 /* to [nx * nx] += factor F diag(q) F' */
-static void add_noise(const struct apc_estimator *e, const double *F, double factor, double *to)
+static void add_process_noise(const struct apc_estimator *e, const double *F, double factor, double *to)
 {
     for (size_t i = 0; i < e->nx; i++) {
         for (size_t j = 0; j <= i; j++) {
@@ -354,7 +355,7 @@ static void add_noise(const struct apc_estimator *e, const double *F, double fac
 }
 
 /* P = F P F', by way of T */
-static void propagate(struct apc_estimator *e, const double *F)
+static void propagate_covariance(struct apc_estimator *e, const double *F)
 {
     const size_t n = e->nx;
 
@@ -375,7 +376,7 @@ static void propagate(struct apc_estimator *e, const double *F)
  *     P <- (I - k c) P (I - k c)' + k r k'
  * from left to right: W = P - k (P c)', then W - (W c) k' + k r k'.
  */
-static void take(struct apc_estimator *e, const double *c, double r, double v, double *x)
+static void measurement_update(struct apc_estimator *e, const double *c, double r, double v, double *x)
 {
     const size_t n = e->nx;
     double *Pc = e->column, *k = e->slope, *Wc = e->next, total = r;
@@ -412,7 +413,7 @@ static const double *disturbed(struct apc_estimator *e, const double *x, const d
     return e->input;
 }
 
-static int derivative(struct apc_estimator *e, const double *x, const double *u, double *dx)
+static int state_derivative(struct apc_estimator *e, const double *x, const double *u, double *dx)
 {
     memset(dx + e->n_model, 0, e->n_unknown * sizeof(*dx));
     return e->nested ? apc_nested_slope(e->nested, x, disturbed(e, x, u), dx)
@@ -489,7 +490,7 @@ static int correct_steady(const struct apc_estimator *e, double *s, const double
     return n;
 }
 
-static double nearest(double value, const struct apc_param *range)
+static double clamp_to_range(double value, const struct apc_param *range)
 {
     return fmin(fmax(value, range->low), range->high);
 }
@@ -503,9 +504,9 @@ static bool is_felt(struct apc_estimator *e, const double *s, const double *u, s
 
     memcpy(e->x, s, e->nx * sizeof(*s));
     e->x[i] = s[i] + by;
-    rc = derivative(e, e->x, u, e->slope);
+    rc = state_derivative(e, e->x, u, e->slope);
     e->x[i] = s[i] - by;
-    return rc != 0 || derivative(e, e->x, u, e->column) != 0 ||
+    return rc != 0 || state_derivative(e, e->x, u, e->column) != 0 ||
            memcmp(e->slope, e->column, e->n_model * sizeof(*s)) != 0;
 }
 
@@ -518,7 +519,7 @@ static void keep_in_range(struct apc_estimator *e, double *s, const double *u)
     const struct apc_model *m = e->model;
 
     for (size_t i = 0; i < m->nx && m->state; i++)
-        s[i] = nearest(s[i], &m->state[i]);
+        s[i] = clamp_to_range(s[i], &m->state[i]);
     for (size_t k = 0; k < e->n_unknown && !e->nested; k++) {
         const size_t j = e->unknown[k].number;
         const struct apc_param *range = j < m->nu ? m->input : m->disturbance;
@@ -527,8 +528,8 @@ static void keep_in_range(struct apc_estimator *e, double *s, const double *u)
         if (e->unknown[k].where != APC_AT_INPUT || !range)
             continue;
         range += j < m->nu ? j : j - m->nu;
-        if (nearest(u[j] + *d, range) != u[j] + *d && !is_felt(e, s, u, k))
-            *d = nearest(u[j] + *d, range) - u[j];
+        if (clamp_to_range(u[j] + *d, range) != u[j] + *d && !is_felt(e, s, u, k))
+            *d = clamp_to_range(u[j] + *d, range) - u[j];
     }
 }
 
@@ -545,7 +546,7 @@ static int correct_one_by_one(struct apc_estimator *e, double *s, const double *
         if (!apc_values_ok(C, e->nx * e->ny))
             return 0;
     }
-    unpack(e, s);
+    unpack_estimates(e, s);
     memcpy(e->x, s, e->nx * sizeof(*s));
     for (size_t k = 0; k < e->ny; k++) {
         const double *c = C + k * e->nx;
@@ -555,13 +556,13 @@ static int correct_one_by_one(struct apc_estimator *e, double *s, const double *
             continue;
         for (size_t j = 0; j < e->nx; j++)
             v -= c[j] * (e->x[j] - s[j]);
-        take(e, c, e->r[k], v, e->x);
+        measurement_update(e, c, e->r[k], v, e->x);
         n++;
     }
     memcpy(s, e->x, e->nx * sizeof(*s));
     if (!is_covariance(e))
         forget_covariance(e);
-    pack(e, s);
+    pack_estimates(e, s);
     return n;
 }
 
@@ -600,15 +601,15 @@ static void predict_linear(struct apc_estimator *e, double *s, const double *u)
     memcpy(s, e->next, e->nx * sizeof(*s));
     if (e->kind == APC_KALMAN_STEADY)
         return;
-    unpack(e, s);
-    propagate(e, e->A);
+    unpack_estimates(e, s);
+    propagate_covariance(e, e->A);
     for (size_t i = 0; i < e->nx; i++)
         e->P[i * e->nx + i] += e->q[i];
-    pack(e, s);
+    pack_estimates(e, s);
 }
 
 /* x on by h, the classical Runge-Kutta formula. */
-static int step(struct apc_estimator *e, double *x, const double *u, double h)
+static int runge_kutta_step(struct apc_estimator *e, double *x, const double *u, double h)
 {
     static const double reach[] = {0.0, 0.5, 0.5, 1.0}, weight[] = {1.0, 2.0, 2.0, 1.0};
     double *sum = e->column;
@@ -617,7 +618,7 @@ static int step(struct apc_estimator *e, double *x, const double *u, double h)
     for (int k = 0; k < 4; k++) {
         for (size_t i = 0; i < e->nx; i++)
             e->next[i] = x[i] + (k ? reach[k] * h * e->slope[i] : 0.0);
-        if (derivative(e, e->next, u, e->slope) != 0)
+        if (state_derivative(e, e->next, u, e->slope) != 0)
             return APC_ESOLVER;
         for (size_t i = 0; i < e->nx; i++)
             sum[i] += weight[k] * e->slope[i];
@@ -634,10 +635,10 @@ static int jacobian(struct apc_estimator *e, const double *x, const double *u)
         double by = small_step(x[j]), up = x[j] + by, down = x[j] - by;
 
         e->next[j] = up;
-        if (derivative(e, e->next, u, e->slope) != 0)
+        if (state_derivative(e, e->next, u, e->slope) != 0)
             return APC_ESOLVER;
         e->next[j] = down;
-        if (derivative(e, e->next, u, e->column) != 0)
+        if (state_derivative(e, e->next, u, e->column) != 0)
             return APC_ESOLVER;
         for (size_t i = 0; i < e->nx; i++)
             e->J[i * e->nx + j] = (e->slope[i] - e->column[i]) / (up - down);
@@ -663,20 +664,20 @@ static void short_exponential(struct apc_estimator *e, double h)
 static int substep(struct apc_estimator *e, const double *u)
 {
     const size_t n = e->nx;
-    int rc = step(e, e->x, u, e->h / 2.0);
+    int rc = runge_kutta_step(e, e->x, u, e->h / 2.0);
 
     if (rc == 0)
         rc = jacobian(e, e->x, u);
     if (rc == 0)
-        rc = step(e, e->x, u, e->h / 2.0);
+        rc = runge_kutta_step(e, e->x, u, e->h / 2.0);
     if (rc < 0)
         return rc;
     short_exponential(e, e->h / 2.0);
-    propagate(e, e->M);
-    propagate(e, e->M);
+    propagate_covariance(e, e->M);
+    propagate_covariance(e, e->M);
     apc_matrix_multiply(n, n, n, e->M, e->M, e->T);
-    add_noise(e, e->M, 4.0 * e->h / 6.0, e->P);
-    add_noise(e, e->T, e->h / 6.0, e->P);
+    add_process_noise(e, e->M, 4.0 * e->h / 6.0, e->P);
+    add_process_noise(e, e->T, e->h / 6.0, e->P);
     for (size_t i = 0; i < n; i++)
         e->P[i * n + i] += e->h / 6.0 * e->q[i];
     return apc_values_ok(e->P, n * n) ? 0 : APC_ESOLVER;
@@ -688,7 +689,7 @@ int apc_estimator_predict(struct apc_estimator *e, double *s, const double *u)
         predict_linear(e, s, u);
         return 0;
     }
-    unpack(e, s);
+    unpack_estimates(e, s);
     memcpy(e->x, s, e->nx * sizeof(*s));
     for (unsigned k = 0; k < e->steps; k++) {
         int rc = substep(e, u);
@@ -697,6 +698,6 @@ int apc_estimator_predict(struct apc_estimator *e, double *s, const double *u)
             return rc;
     }
     memcpy(s, e->x, e->nx * sizeof(*s));
-    pack(e, s);
+    pack_estimates(e, s);
     return 0;
 }

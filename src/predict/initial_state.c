@@ -24,7 +24,7 @@ struct apc_rest {
     double *memory;
 };
 
-static int fill(struct apc_rest *r, struct apc_error *why)
+static int solve_steady_state(struct apc_rest *r, struct apc_error *why)
 {
     const struct apc_linear *m = r->model;
 
@@ -63,7 +63,7 @@ int apc_rest_create(struct apc_rest **rest, const struct apc_linear *model, stru
     r->scale = apc_carve(&at, rows);
     r->side = apc_carve(&at, rows);
     r->turned = apc_carve(&at, rows);
-    rc = fill(r, why);
+    rc = solve_steady_state(r, why);
     if (rc < 0)
         apc_rest_destroy(r);
     else

@@ -85,7 +85,7 @@ static double *coefficient(struct apc_linear *m, const size_t *held, size_t row,
 }
 
 /* For how long, s, of a period the input of @p d periods ago still acts. */
-static double share(const struct term *term, size_t d, double Ts)
+static double acting_time(const struct term *term, size_t d, double Ts)
 {
     double a = term->dead_time - ((double)d - 1.0) * Ts;
 
@@ -96,8 +96,8 @@ static double share(const struct term *term, size_t d, double Ts)
  * gamma(t) [n] = integral of exp(A s) b over s from 0 to t. With Phi = exp(A (Ts - a)) the input that acts
  * first, for a, gives Phi gamma(a) = gamma(Ts) - gamma(Ts - a), the one after it gamma(Ts - a).
  */
-static int integrate(size_t n, const double *A, const struct term *term, double t, double *gamma,
-                     struct apc_error *why)
+static int integrate_exponential(size_t n, const double *A, const struct term *term, double t, double *gamma,
+                                 struct apc_error *why)
 {
     double *memory = calloc(n * n + 2 * n + 1, sizeof(*memory)), *b;
     int rc;
@@ -116,11 +116,11 @@ static int add_term(struct apc_linear *m, const size_t *held, const double *A, c
                     double *gamma, struct apc_error *why)
 {
     const size_t n = m->nx_plant, d = periods(term->dead_time, m->Ts);
-    const double a = share(term, d, m->Ts);
-    int rc = n ? integrate(n, A, term, m->Ts, gamma, why) : 0;
+    const double a = acting_time(term, d, m->Ts);
+    int rc = n ? integrate_exponential(n, A, term, m->Ts, gamma, why) : 0;
 
     if (rc == 0 && n)
-        rc = integrate(n, A, term, m->Ts - a, gamma + n, why);
+        rc = integrate_exponential(n, A, term, m->Ts - a, gamma + n, why);
     for (size_t i = 0; i < n && rc == 0; i++) {
         if (d == 0)
             *coefficient(m, held, i, term->j, 0) += gamma[i];
@@ -141,8 +141,8 @@ static int add_term(struct apc_linear *m, const size_t *held, const double *A, c
 }
 
 /* Sample x' = A x + the sum of the terms, y = C x + what is direct. */
-static int sample(struct apc_linear **model, const struct apc_linear_continuous *from,
-                  const struct term *term, size_t n_terms, double Ts, struct apc_error *why)
+static int sample_continuous(struct apc_linear **model, const struct apc_linear_continuous *from,
+                             const struct term *term, size_t n_terms, double Ts, struct apc_error *why)
 {
     const size_t n = from->nx, inputs = from->nu + from->nd;
     size_t nx = n, *held = calloc(2 * inputs + 1, sizeof(*held)), *length = held + inputs;
@@ -219,14 +219,14 @@ static int check_period(struct apc_linear **model, double Ts, const char *functi
     return apc_period_from_s(Ts, &period, why);
 }
 
-static bool numbers(const double *value, size_t n)
+static bool are_finite_numbers(const double *value, size_t n)
 {
     return !value || apc_values_ok(value, n);
 }
 
 /* The options of both, and what they have in common. */
-static int take(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
-                const char *function, struct apc_linear_continuous *o, struct apc_error *why)
+static int take_linear_options(struct apc_linear **model, const struct apc_linear_continuous *from, double Ts,
+                               const char *function, struct apc_linear_continuous *o, struct apc_error *why)
 {
     size_t inputs;
     int rc = check_period(model, Ts, function, why);
@@ -241,9 +241,10 @@ static int take(struct apc_linear **model, const struct apc_linear_continuous *f
         return apc_fail(why, APC_EINVAL,
                         "%s: A, B and C are required where there are states, of no more than %d elements",
                         function, ELEMENTS_MAX);
-    if (!numbers(o->A, o->nx * o->nx) || !numbers(o->B, o->nx * inputs) || !numbers(o->C, o->ny * o->nx) ||
-        !numbers(o->D, o->ny * inputs) || !numbers(o->x0, o->nx) || !numbers(o->u0, inputs) ||
-        !numbers(o->y0, o->ny))
+    if (!are_finite_numbers(o->A, o->nx * o->nx) || !are_finite_numbers(o->B, o->nx * inputs) ||
+        !are_finite_numbers(o->C, o->ny * o->nx) || !are_finite_numbers(o->D, o->ny * inputs) ||
+        !are_finite_numbers(o->x0, o->nx) || !are_finite_numbers(o->u0, inputs) ||
+        !are_finite_numbers(o->y0, o->ny))
         return apc_fail(why, APC_EINVAL, "%s: an element of the model is no finite number", function);
     return 0;
 }
@@ -254,7 +255,7 @@ int apc_linear_from_continuous(struct apc_linear **model, const struct apc_linea
     struct apc_linear_continuous o = {0};
     struct term *term;
     size_t inputs;
-    int rc = take(model, from, Ts, "apc_linear_from_continuous", &o, why);
+    int rc = take_linear_options(model, from, Ts, "apc_linear_from_continuous", &o, why);
 
     if (rc < 0)
         return rc;
@@ -272,7 +273,7 @@ int apc_linear_from_continuous(struct apc_linear **model, const struct apc_linea
         rc = check_dead_time(term[j].dead_time, Ts, j, why);
     }
     if (rc == 0)
-        rc = sample(model, &o, term, inputs, Ts, why);
+        rc = sample_continuous(model, &o, term, inputs, Ts, why);
     free(term);
     return rc;
 }
@@ -282,7 +283,7 @@ int apc_linear_from_sampled(struct apc_linear **model, const struct apc_linear_c
 {
     struct apc_linear_continuous o = {0};
     size_t inputs;
-    int rc = take(model, from, Ts, "apc_linear_from_sampled", &o, why);
+    int rc = take_linear_options(model, from, Ts, "apc_linear_from_sampled", &o, why);
 
     if (rc < 0)
         return rc;
@@ -318,12 +319,12 @@ int apc_linear_from_sampled(struct apc_linear **model, const struct apc_linear_c
 
 /* Lags of a pair. Integrators are an output's: two of them on one output would be two states of which only
  * the sum is ever seen. */
-static size_t lags(const struct apc_transfer *g)
+static size_t lags_of_pair(const struct apc_transfer *g)
 {
     return g->gain == 0.0 ? 0 : (size_t)((g->tau[0] > 0.0) + (g->tau[1] > 0.0));
 }
 
-static bool integrates(const struct apc_transfer *g, size_t inputs)
+static bool has_integrator(const struct apc_transfer *g, size_t inputs)
 {
     for (size_t j = 0; j < inputs; j++) {
         if (g[j].gain != 0.0 && g[j].integrating)
@@ -362,12 +363,12 @@ struct pair {
  * A chain of first-order lags, x1' = (u - x1)/tau1, x2' = (x1 - x2)/tau2, and maybe an integrator behind
  * them. The lead acts in the first: zero s + 1 over tau1 s + 1 is zero/tau1 u + (1 - zero/tau1) x1.
  */
-static void realise(const struct apc_transfer *g, const struct pair *to)
+static void realise_pair(const struct apc_transfer *g, const struct pair *to)
 {
     double from_u = g->gain, from_x = 0.0; /* what goes into the next stage: of u, and of the state before */
     size_t before = to->at;
 
-    for (size_t k = 0; k < lags(g); k++) {
+    for (size_t k = 0; k < lags_of_pair(g); k++) {
         const double rate = 1.0 / g->tau[k];
         const size_t state = to->at + k;
 
@@ -380,11 +381,11 @@ static void realise(const struct apc_transfer *g, const struct pair *to)
     }
     if (g->integrating) {
         to->b[to->integrator] = from_u;
-        if (lags(g))
+        if (lags_of_pair(g))
             to->A[to->integrator * to->nx + before] = from_x;
     } else {
         *to->direct = from_u;
-        if (lags(g))
+        if (lags_of_pair(g))
             to->c[before] = from_x;
     }
 }
@@ -407,11 +408,11 @@ int apc_linear_from_transfer(struct apc_linear **model, size_t ny, size_t nu, si
                         "apc_linear_from_transfer: %zu outputs and %zu inputs; there must be one of each, no "
                         "more than %d pairs, and their transfer functions",
                         ny, inputs, ELEMENTS_MAX);
-    if (!numbers(u0, inputs) || !numbers(y0, ny))
+    if (!are_finite_numbers(u0, inputs) || !are_finite_numbers(y0, ny))
         return apc_fail(why, APC_EINVAL, "apc_linear_from_transfer: the operating point is no finite number");
     for (size_t k = 0; k < ny * inputs && rc == 0; k++) {
         rc = check_transfer(&g[k], k / inputs, k % inputs, Ts, why);
-        o.nx += lags(&g[k]) + (k % inputs == 0 && integrates(&g[k], inputs));
+        o.nx += lags_of_pair(&g[k]) + (k % inputs == 0 && has_integrator(&g[k], inputs));
     }
     if (rc == 0 && (o.nx + ny) * (o.nx + ny * inputs) > ELEMENTS_MAX)
         rc = apc_fail(why, APC_EINVAL, "apc_linear_from_transfer: %zu states are too many", o.nx);
@@ -437,19 +438,19 @@ int apc_linear_from_transfer(struct apc_linear **model, size_t ny, size_t nu, si
                                 .stride_b = 1,
                                 .d = d + k * ny,
                                 .stride_d = 1};
-        if (k % inputs == 0 && integrates(&g[k], inputs)) {
+        if (k % inputs == 0 && has_integrator(&g[k], inputs)) {
             C[i * o.nx + at] = 1.0;
             integrator = at++;
         }
         to.integrator = integrator;
         to.at = at;
         if (g[k].gain != 0.0)
-            realise(&g[k], &to);
-        at += lags(&g[k]);
+            realise_pair(&g[k], &to);
+        at += lags_of_pair(&g[k]);
     }
     o.A = A;
     o.C = C;
-    rc = sample(model, &o, term, ny * inputs, Ts, why);
+    rc = sample_continuous(model, &o, term, ny * inputs, Ts, why);
 out:
     free(memory);
     free(term);
@@ -585,7 +586,7 @@ int apc_linear_disturb(struct apc_linear **model, const struct apc_linear *from,
 
 /* ---- Use ----------------------------------------------------------------------------------------- */
 
-static double row_times(const double *a, const double *value, const double *origin, size_t n)
+static double linear_row_times(const double *a, const double *value, const double *origin, size_t n)
 {
     double sum = 0.0;
 
@@ -599,8 +600,8 @@ void apc_linear_next(const struct apc_linear *model, const double *x, const doub
     const size_t inputs = model->nu + model->nd;
 
     for (size_t i = 0; i < model->nx; i++)
-        next[i] = model->x0[i] + (row_times(model->A + i * model->nx, x, model->x0, model->nx) +
-                                  row_times(model->B + i * inputs, u, model->u0, inputs));
+        next[i] = model->x0[i] + (linear_row_times(model->A + i * model->nx, x, model->x0, model->nx) +
+                                  linear_row_times(model->B + i * inputs, u, model->u0, inputs));
 }
 
 void apc_linear_output(const struct apc_linear *model, const double *x, const double *u, double *y)
@@ -608,6 +609,6 @@ void apc_linear_output(const struct apc_linear *model, const double *x, const do
     const size_t inputs = model->nu + model->nd;
 
     for (size_t i = 0; i < model->ny; i++)
-        y[i] = model->y0[i] + (row_times(model->C + i * model->nx, x, model->x0, model->nx) +
-                               row_times(model->D + i * inputs, u, model->u0, inputs));
+        y[i] = model->y0[i] + (linear_row_times(model->C + i * model->nx, x, model->x0, model->nx) +
+                               linear_row_times(model->D + i * inputs, u, model->u0, inputs));
 }

@@ -19,7 +19,7 @@
 
 /* ---- Making -------------------------------------------------------------------------------------- */
 
-static int check(const struct apc_mpc_options *o, struct apc_error *why)
+static int check_mpc_options(const struct apc_mpc_options *o, struct apc_error *why)
 {
     size_t samples = 0;
 
@@ -40,7 +40,7 @@ static int check(const struct apc_mpc_options *o, struct apc_error *why)
 }
 
 /* Step responses into G: a block's is that of its beginning less that of the one after it. */
-static void respond(struct apc_mpc *p)
+static void step_responses(struct apc_mpc *p)
 {
     const struct apc_linear *m = p->model;
     double *S = p->free_y; /* [N * ny], not needed yet */
@@ -182,7 +182,7 @@ static int count_rows(struct apc_mpc *p, const struct apc_mpc_options *o)
     return 0;
 }
 
-static int allocate(struct apc_mpc *p)
+static int allocate_mpc(struct apc_mpc *p)
 {
     const size_t n = p->n, m = p->m, ny = p->ny, nu = p->nu, N = p->N, nx = p->model->nx, na = p->nc + nu;
     const size_t of_terminal =
@@ -279,7 +279,7 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
                                       .enough = options->enough,
                                       .ctx = options->ctx};
     struct apc_mpc *p;
-    int rc = check(options, why);
+    int rc = check_mpc_options(options, why);
 
     *mpc = NULL;
     if (rc < 0)
@@ -300,7 +300,7 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
     p->few = options->iterations > 0;
     p->enough = options->enough;
     p->ctx = options->ctx;
-    if (count_rows(p, options) < 0 || allocate(p) < 0)
+    if (count_rows(p, options) < 0 || allocate_mpc(p) < 0)
         rc = apc_fail(why, APC_ENOMEM, "predictive control: no memory");
     p->steps = p->few ? options->iterations : (unsigned)(10 * (p->n + p->m));
     if (rc == 0)
@@ -314,7 +314,7 @@ int apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, 
     if (rc == 0 && respond_to_state(p) < 0)
         rc = apc_fail(why, APC_ENOMEM, "predictive control: no memory");
     if (rc == 0) {
-        respond(p);
+        step_responses(p);
         mpc_make_rows(p);
         rc = apc_values_ok(p->G, p->N * p->ny * p->n) && apc_values_ok(p->F, m->nx * p->N * p->ny)
                  ? mpc_make_easy(p, why)
@@ -358,7 +358,7 @@ QP_LANES static void respond_to_moves(const struct apc_mpc *p, double *y)
 }
 
 /* v of a plan. */
-static void take_plan(const struct apc_mpc *p, const double *plan)
+static void inputs_of_plan(const struct apc_mpc *p, const double *plan)
 {
     const double *u0 = p->model->u0;
     double *v = p->v;
@@ -436,7 +436,7 @@ QP_LANES static double cost_of_rest(struct apc_mpc *p, const double *plan)
 
 double apc_mpc_predict(struct apc_mpc *p, const double *plan, double *y)
 {
-    take_plan(p, plan);
+    inputs_of_plan(p, plan);
     respond_to_moves(p, y);
     return cost_of_y(p, y) + cost_of_moves(p, plan) + (p->ends && p->aims ? cost_of_rest(p, plan) : 0.0);
 }

@@ -115,7 +115,7 @@ static void wish(struct apc_mpc *p, const struct apc_mpc_call *call)
     }
 }
 
-QP_LANES static void gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
+QP_LANES static void mpc_gradient(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     const struct apc_linear *m = p->model;
     const size_t n = p->n, nu = p->nu, nc = p->nc, na = nc + nu;
@@ -190,7 +190,7 @@ static void bound_zones(struct apc_mpc *p, const struct apc_mpc_call *call, bool
     }
 }
 
-static void bound_output(struct apc_mpc *p, const struct apc_mpc_call *call, size_t c, bool wait)
+static void bound_controlled(struct apc_mpc *p, const struct apc_mpc_call *call, size_t c, bool wait)
 {
     double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
     const double least = wait ? -HUGE_VAL : call->y_low[c], most = wait ? HUGE_VAL : call->y_high[c];
@@ -202,7 +202,7 @@ static void bound_output(struct apc_mpc *p, const struct apc_mpc_call *call, siz
     }
 }
 
-static int solve(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *result)
+static int solve_mpc_qp(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *result)
 {
     struct apc_qp_result r = {.size = sizeof(r)};
     int rc = apc_qp_solve(qp, p->f, p->low, p->high, p->v, &r);
@@ -213,7 +213,7 @@ static int solve(struct apc_mpc *p, struct apc_qp *qp, struct apc_mpc_result *re
 }
 
 /* Widen the limits of one y by what the plan breaks them, and a little, so that it can be done again. */
-static void widen(struct apc_mpc *p, size_t c, double share)
+static void relax_limits(struct apc_mpc *p, size_t c, double share)
 {
     double *low = p->low + p->n + p->row_of_limit[c], *high = p->high + p->n + p->row_of_limit[c];
 
@@ -262,12 +262,12 @@ static void pull_to_plan(struct apc_mpc *p)
  * that one would have changed next to nothing. */
 static int break_least(struct apc_mpc *p, struct apc_mpc_result *result)
 {
-    const int rc = solve(p, p->easy_qp, result);
+    const int rc = solve_mpc_qp(p, p->easy_qp, result);
     bool moves = rc == 0;
 
     for (int again = 1; again < AGAIN && moves; again++) {
         pull_to_plan(p);
-        moves = solve(p, p->easy_qp, result) == 0;
+        moves = solve_mpc_qp(p, p->easy_qp, result) == 0;
         for (size_t k = 0; k < p->n && !moves; k++)
             p->v[k] = -p->f[k] / p->H_easy[k * p->n + k];
     }
@@ -277,8 +277,8 @@ static int break_least(struct apc_mpc *p, struct apc_mpc_result *result)
 
 /* Rank by rank, from the first: what it breaks of its limits, at least, is allowed to it from then on. *@p
  * found: there are moves that break least, at least of the first rank. */
-static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, double room,
-                   struct apc_mpc_result *result, bool *found)
+static int relax_by_rank(struct apc_mpc *p, const struct apc_mpc_call *call, double room,
+                         struct apc_mpc_result *result, bool *found)
 {
     int rc = p->easy_stale ? mpc_make_easy(p, NULL) : 0;
 
@@ -295,13 +295,13 @@ static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, double ro
         }
     }
     for (size_t c = 0; c < p->ny; c++)
-        bound_output(p, call, c, true);
+        bound_controlled(p, call, c, true);
     for (unsigned rank = 1; rank <= p->ranks && rc == 0; rank++) {
         memset(p->easy, 0, (p->n + p->m) * sizeof(*p->easy));
         for (size_t c = 0; c < p->ny; c++) {
             if (p->rank[c] != rank)
                 continue;
-            bound_output(p, call, c, false);
+            bound_controlled(p, call, c, false);
             for (size_t i = 0; i < p->N && p->row_of_limit[c] != SIZE_MAX; i++)
                 p->easy[p->n + p->row_of_limit[c] + i] = 1.0;
         }
@@ -313,7 +313,7 @@ static int give_up(struct apc_mpc *p, const struct apc_mpc_call *call, double ro
         *found = true;
         for (size_t c = 0; c < p->ny; c++) {
             if (p->rank[c] == rank && p->row_of_limit[c] != SIZE_MAX)
-                widen(p, c, room);
+                relax_limits(p, c, room);
         }
     }
     return rc;
@@ -333,11 +333,11 @@ static void solve_without(struct apc_mpc *p, const struct apc_mpc_call *call, st
     bool found = false;
 
     do {
-        result->rc = give_up(p, call, room, result, &found);
+        result->rc = relax_by_rank(p, call, room, result, &found);
         if (result->rc == 0) {
-            gradient(p, call);
+            mpc_gradient(p, call);
             bound_zones(p, call, false);
-            result->rc = solve(p, p->qp, result);
+            result->rc = solve_mpc_qp(p, p->qp, result);
         }
         room *= 10.0;
     } while (result->rc < 0 && room <= MUCH && !is_cut(p, result->rc));
@@ -368,14 +368,14 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
     if (result->rc < 0)
         return;
     result->reachable = p->reachable;
-    gradient(p, call);
+    mpc_gradient(p, call);
     for (size_t j = 0; j < p->nu; j++)
         bound_moves(p, call, j);
     bound_rates(p, call);
     bound_zones(p, call, false);
     for (size_t c = 0; c < p->ny; c++)
-        bound_output(p, call, c, false);
-    result->rc = solve(p, p->qp, result);
+        bound_controlled(p, call, c, false);
+    result->rc = solve_mpc_qp(p, p->qp, result);
     if (result->rc < 0 && !(result->rc == APC_ETIMEDOUT && is_cut(p, result->rc)))
         solve_without(p, call, result);
     for (size_t j = 0; j < p->nu && result->rc == 0; j++) {

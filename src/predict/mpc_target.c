@@ -11,7 +11,7 @@
 
 /* Where y of sample i is to be: at its setpoint or in its zone, within its limits. Returns false where the
  * setpoint itself lies outside. */
-static bool aim(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
+static bool set_reference(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
 {
     bool inside = true;
 
@@ -29,7 +29,7 @@ static bool aim(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
     return inside;
 }
 
-static bool same(const double *row, size_t i, size_t n)
+static bool is_same_as_before(const double *row, size_t i, size_t n)
 {
     for (size_t k = 0; k < n; k++) {
         if (row[i * n + k] != row[(i - 1) * n + k])
@@ -48,10 +48,10 @@ bool mpc_is_bound(const struct apc_mpc *p, const struct apc_mpc_call *call)
     return given == p->nu;
 }
 
-/* Y of sample i at its setpoint, where no steady state says more. Returns as aim(). */
+/* Y of sample i at its setpoint, where no steady state says more. Returns as set_reference(). */
 static bool aim_at_setpoint(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
 {
-    const bool inside = aim(p, call, i);
+    const bool inside = set_reference(p, call, i);
 
     for (size_t c = 0; c < p->ny; c++)
         p->target_y[(i - 1) * p->ny + c] =
@@ -70,7 +70,7 @@ void mpc_aim_at_setpoints(struct apc_mpc *p, const struct apc_mpc_call *call)
     }
 }
 
-/* Of sample i, as aim() says; a nonlinear model's from where target_x and u are. */
+/* Of sample i, as set_reference() says; a nonlinear model's from where target_x and u are. */
 static int find_target(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i, double *u, double *y,
                        bool *reachable)
 {
@@ -124,12 +124,13 @@ int mpc_find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigne
         bool inside, reachable;
         int rc;
 
-        if (i > 1 && same(call->w, i, p->ny) && (!call->d || same(call->d, i, p->nd))) {
+        if (i > 1 && is_same_as_before(call->w, i, p->ny) &&
+            (!call->d || is_same_as_before(call->d, i, p->nd))) {
             mpc_copy(ny, y - ny, y);
             mpc_copy(nu, u - nu, u);
             continue;
         }
-        inside = aim(p, call, i);
+        inside = set_reference(p, call, i);
         if (p->linearise && i > 1)
             memcpy(u, u - nu, nu * sizeof(*u));
         rc = find_target(p, call, i, u, y, &reachable);

@@ -78,7 +78,7 @@ static int weigh_terminal(struct apc_mpc *p, struct apc_error *why)
     return 0;
 }
 
-static int weigh(struct apc_mpc *p, struct apc_error *why)
+static int make_hessian(struct apc_mpc *p, struct apc_error *why)
 {
     const size_t n = p->n, nu = p->nu;
     int rc = 0;
@@ -131,7 +131,7 @@ int apc_mpc_tune(struct apc_mpc *p, const struct apc_mpc_weights *weights, struc
     copy_weights(p, weights);
     for (size_t c = 0; c < p->ny; c++)
         sought += tracked(p, c) > 0.0;
-    rc = weigh(p, why);
+    rc = make_hessian(p, why);
     if (rc == 0)
         rc = apc_target_tune(p->target, sought, p->r, p->s, why);
     if (rc < 0)
@@ -155,10 +155,10 @@ int apc_mpc_follow(struct apc_mpc *p, const double *G, const double *free_y, con
     p->easy_stale = true;
     mpc_make_rows(p);
     p->ends = p->terminal && p->aims;
-    rc = weigh(p, NULL);
+    rc = make_hessian(p, NULL);
     if (rc < 0 && p->ends) {
         p->ends = false;
-        rc = weigh(p, NULL);
+        rc = make_hessian(p, NULL);
     }
     return rc;
 }

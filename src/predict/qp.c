@@ -40,17 +40,17 @@ void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high)
 }
 
 /** Row @p i becomes one of F at multiplier @p lambda, or (0) no longer is. */
-static void fix(struct apc_qp *qp, size_t i, double lambda)
+static void fix_multiplier(struct apc_qp *qp, size_t i, double lambda)
 {
     qp_row_add(qp, i, lambda - qp->fixed[i], qp->q);
     qp->fixed[i] = lambda;
     qp->shifted = true;
-    qp_work_sides(qp, 0);
+    qp_work_right_hand_sides(qp, 0);
 }
 
 /* ---- A point ---------------------------------------------------------------------------------- */
 
-QP_LANES static void rows_of(struct apc_qp *qp)
+QP_LANES static void evaluate_rows(struct apc_qp *qp)
 {
     size_t n = qp->n;
 
@@ -73,22 +73,22 @@ QP_LANES static void rows_of(struct apc_qp *qp)
 }
 
 /** x = J w and its rows, from the multipliers as they stand. */
-QP_LANES static void point(struct apc_qp *qp)
+QP_LANES static void primal_point(struct apc_qp *qp)
 {
     size_t n = qp->n;
 
     for (size_t i = 0; i < n; i++)
         qp->w[i] = -qp->q[i];
-    qp_work_pull(qp, qp->lambda, qp->w);
+    qp_work_subtract_rows(qp, qp->lambda, qp->w);
     for (size_t p = 0; p < qp->waiting; p++)
         qp_row_add(qp, qp->pending[p].row, -qp->pending[p].lambda, qp->w);
     for (size_t i = 0; i < n; i++)
         qp->x[i] = qp_dot(n - i, qp->J + i * n + i, qp->w + i);
-    rows_of(qp);
+    evaluate_rows(qp);
 }
 
 /** Where row @p at of W ought to be minus where it is. */
-static double astray(const struct apc_qp *qp, size_t at)
+static double primal_residual(const struct apc_qp *qp, size_t at)
 {
     size_t i = qp->work[at];
     double sign = qp->state[i] > 0 ? 1.0 : -1.0;
@@ -99,7 +99,7 @@ static double astray(const struct apc_qp *qp, size_t at)
 
 /* ---- Ways ------------------------------------------------------------------------------------- */
 
-static void line_up(struct apc_qp *qp, size_t i, double lambda, double direction)
+static void queue_entering(struct apc_qp *qp, size_t i, double lambda, double direction)
 {
     qp->pending[qp->waiting++] = (struct apc_qp_pending){(unsigned)i, lambda, direction};
 }
@@ -108,7 +108,7 @@ static void line_up(struct apc_qp *qp, size_t i, double lambda, double direction
  * The multiplier of row @p i, which is not in W, has come to an end of its interval, @p lambda. Returns
  * true when it goes on from there in another state: @p direction is where it wants to.
  */
-static bool turn(struct apc_qp *qp, size_t i, double lambda, double *direction)
+static bool pass_multiplier_bound(struct apc_qp *qp, size_t i, double lambda, double *direction)
 {
     int sign = lambda > 0.0 ? 1 : -1;
 
@@ -126,23 +126,23 @@ static bool turn(struct apc_qp *qp, size_t i, double lambda, double *direction)
     *direction = sign;
     if (qp->square[i] > 0.0)
         return true;
-    fix(qp, i, lambda);
+    fix_multiplier(qp, i, lambda);
     return false;
 }
 
 /** The row at @p at leaves W, its multiplier being at an end of its interval. */
-static void leave(struct apc_qp *qp, size_t at)
+static void drop_constraint(struct apc_qp *qp, size_t at)
 {
     size_t i = qp->work[at];
     double lambda = qp->lambda[at], direction;
 
     qp_work_remove(qp, at);
-    if (turn(qp, i, lambda, &direction))
-        line_up(qp, i, lambda, direction);
+    if (pass_multiplier_bound(qp, i, lambda, &direction))
+        queue_entering(qp, i, lambda, direction);
 }
 
 /** May four rows of W, from @p j on, go @p most of the way along @p move? */
-static inline bool are_free(const struct apc_qp *qp, const double *move, double most, size_t j)
+static inline bool none_blocks(const struct apc_qp *qp, const double *move, double most, size_t j)
 {
     const apc_lanes step = QP_FOUR(move + j), to = QP_FOUR(qp->lambda + j) + most * step;
     const apc_masks held = (~(step <= 0.0) & ~(to <= QP_FOUR(qp->most_of + j))) |
@@ -152,8 +152,8 @@ static inline bool are_free(const struct apc_qp *qp, const double *move, double 
 }
 
 /** How far W may go along @p move; *@p at is the row that says so, its lambda's end *@p end. */
-QP_LANES static double reach(const struct apc_qp *qp, const double *move, double most, bool careful,
-                             size_t *at, double *end)
+QP_LANES static double ratio_test(const struct apc_qp *qp, const double *move, double most, bool careful,
+                                  size_t *at, double *end)
 {
     double best = most, steepest = 0.0;
 
@@ -161,7 +161,7 @@ QP_LANES static double reach(const struct apc_qp *qp, const double *move, double
     for (size_t j = 0; j < qp->k; j++) {
         double bound, step;
 
-        while (j + 4 <= qp->k && are_free(qp, move, most, j))
+        while (j + 4 <= qp->k && none_blocks(qp, move, most, j))
             j += 4;
         if (j == qp->k)
             break;
@@ -187,7 +187,8 @@ QP_LANES static double reach(const struct apc_qp *qp, const double *move, double
 }
 
 /** Which rows contradict: the one that waits, and those of W that hold it. */
-static void accuse(struct apc_qp *qp, const struct apc_qp_pending *last, const double *move)
+static void infeasibility_certificate(struct apc_qp *qp, const struct apc_qp_pending *last,
+                                      const double *move)
 {
     double most = 1.0;
 
@@ -204,7 +205,7 @@ static void accuse(struct apc_qp *qp, const struct apc_qp_pending *last, const d
  * A row that has come back to its limit from beyond it, and depends on W: does it gain nothing by going on?
  * Then it would only change places with a row of W, and that one with it, for ever: it is one of F instead.
  */
-static bool rests(struct apc_qp *qp, const struct apc_qp_pending *last, const double *move)
+static bool would_cycle(struct apc_qp *qp, const struct apc_qp_pending *last, const double *move)
 {
     const size_t i = last->row;
     const double sign = last->lambda > 0.0 ? 1.0 : -1.0, limit = sign > 0.0 ? qp->high[i] : qp->low[i];
@@ -213,15 +214,15 @@ static bool rests(struct apc_qp *qp, const struct apc_qp_pending *last, const do
     if (last->lambda == 0.0 || fabs(last->lambda) != qp->linear[i] || last->direction == sign ||
         qp->state[i] != (signed char)sign)
         return false;
-    point(qp);
+    primal_point(qp);
     gain = last->direction * (qp->value[i] - limit);
     for (size_t j = 0; j < qp->k; j++)
-        gain -= move[j] * astray(qp, j);
+        gain -= move[j] * primal_residual(qp, j);
     return gain <= 0.5 * qp_allowance(qp, limit);
 }
 
 /** One step of the row that waits last, which depends on W. Returns false when nothing ends it: infeasible. */
-static bool along(struct apc_qp *qp)
+static bool partial_step(struct apc_qp *qp)
 {
     struct apc_qp_pending *last = &qp->pending[qp->waiting - 1];
     double low, high, own, end = 0.0, length, *move = qp->carry;
@@ -229,20 +230,20 @@ static bool along(struct apc_qp *qp)
 
     memset(move, 0, qp->k * sizeof(*move));
     if (qp->size[last->row] > 0.0) /* a row of zeros depends on nothing */
-        qp_work_against(qp, move);
+        qp_work_dual_direction(qp, move);
     for (size_t j = 0; j < qp->k; j++)
         move[j] *= -last->direction;
-    if (rests(qp, last, move)) {
+    if (would_cycle(qp, last, move)) {
         qp->state[last->row] = (signed char)(2 * qp->state[last->row]);
-        fix(qp, last->row, last->lambda);
+        fix_multiplier(qp, last->row, last->lambda);
         qp->waiting--;
         return true;
     }
     qp_interval(qp, last->row, &low, &high);
     own = last->direction > 0.0 ? high - last->lambda : last->lambda - low;
-    length = reach(qp, move, own, false, &at, &end);
+    length = ratio_test(qp, move, own, false, &at, &end);
     if (!isfinite(length)) {
-        accuse(qp, last, move);
+        infeasibility_certificate(qp, last, move);
         return false;
     }
     for (size_t j = 0; j < qp->k; j++)
@@ -250,26 +251,26 @@ static bool along(struct apc_qp *qp)
     last->lambda += last->direction * length;
     if (at < qp->k) {
         qp->lambda[at] = end;
-        leave(qp, at);
+        drop_constraint(qp, at);
         return true;
     }
     last->lambda = last->direction > 0.0 ? high : low;
-    if (!turn(qp, last->row, last->lambda, &last->direction))
+    if (!pass_multiplier_bound(qp, last->row, last->lambda, &last->direction))
         qp->waiting--;
     return true;
 }
 
-static void come_in(struct apc_qp *qp, size_t i, double sign)
+static void add_constraint(struct apc_qp *qp, size_t i, double sign)
 {
     if (qp->fixed[i] != 0.0) {
         double lambda = qp->fixed[i];
 
-        fix(qp, i, 0.0);
+        fix_multiplier(qp, i, 0.0);
         qp->state[i] = (signed char)sign;
-        line_up(qp, i, lambda, fabs(sign) > 1.0 ? sign / 2.0 : -sign);
+        queue_entering(qp, i, lambda, fabs(sign) > 1.0 ? sign / 2.0 : -sign);
     } else {
         qp->state[i] = (signed char)(qp->linear[i] == 0.0 && qp->square[i] > 0.0 ? 2.0 * sign : sign);
-        line_up(qp, i, 0.0, sign);
+        queue_entering(qp, i, 0.0, sign);
     }
     qp->changes++;
 }
@@ -277,7 +278,7 @@ static void come_in(struct apc_qp *qp, size_t i, double sign)
 /* ---- A solve ---------------------------------------------------------------------------------- */
 
 /** q from f and F alone, F in the order of its rows. */
-QP_LANES static void base(struct apc_qp *qp)
+QP_LANES static void transformed_gradient(struct apc_qp *qp)
 {
     size_t n = qp->n, i = 0;
 
@@ -297,7 +298,7 @@ QP_LANES static void base(struct apc_qp *qp)
 }
 
 /** Row i, if it still has the limit on its side, begins at the multiplier that it had. */
-static void take_up(struct apc_qp *qp, size_t i)
+static void warm_start_row(struct apc_qp *qp, size_t i)
 {
     double lambda = qp->multiplier[i], low, high;
     int sign = qp->state[i] > 0 ? 1 : -1;
@@ -319,7 +320,7 @@ static void take_up(struct apc_qp *qp, size_t i)
 }
 
 /** The working set of the former solve, as far as it still may be one. */
-static void begin(struct apc_qp *qp)
+static void warm_start(struct apc_qp *qp)
 {
     bool anew = qp->k > qp->rows;
 
@@ -335,7 +336,7 @@ static void begin(struct apc_qp *qp)
             qp->fixed[i] = 0.0;
             qp->state[i] = 0;
         }
-    base(qp);
+    transformed_gradient(qp);
     for (size_t j = qp->k; j-- > 0;) {
         size_t i = qp->work[j];
 
@@ -346,16 +347,16 @@ static void begin(struct apc_qp *qp)
         qp_work_remove(qp, j);
         qp->state[i] = 0;
     }
-    qp_work_sides(qp, 0);
+    qp_work_right_hand_sides(qp, 0);
     for (size_t i = 0; anew && i < qp->rows; i++)
         if (qp->state[i])
-            take_up(qp, i);
+            warm_start_row(qp, i);
     if (anew && qp->k > 0)
-        qp_work_sides(qp, 0); /* F may have come after */
+        qp_work_right_hand_sides(qp, 0); /* F may have come after */
 }
 
 /** To the end of the way: 0 when no row is violated. */
-static enum apc_qp_status search(struct apc_qp *qp)
+static enum apc_qp_status dual_active_set(struct apc_qp *qp)
 {
     unsigned still = 0; /* steps without length */
 
@@ -371,7 +372,7 @@ static enum apc_qp_status search(struct apc_qp *qp)
                 qp->waiting--;
             else if (qp->changes >= qp->most)
                 return APC_QP_LIMIT;
-            else if (!along(qp))
+            else if (!partial_step(qp))
                 return APC_QP_INFEASIBLE;
         }
         if (qp->changes > 0 && (qp->changes >= qp->most || (qp->enough && qp->enough(qp->ctx))))
@@ -379,34 +380,34 @@ static enum apc_qp_status search(struct apc_qp *qp)
         qp_work_target(qp);
         for (size_t j = 0; j < qp->k; j++)
             move[j] = qp->target[j] - qp->lambda[j];
-        length = reach(qp, move, 1.0, careful, &at, &end);
+        length = ratio_test(qp, move, 1.0, careful, &at, &end);
         if (at < qp->k) {
             for (size_t j = 0; j < qp->k; j++)
                 qp->lambda[j] += length * move[j];
             qp->lambda[at] = end;
             still = length > 0.0 ? 0 : still + 1;
-            leave(qp, at);
+            drop_constraint(qp, at);
             continue;
         }
         memcpy(qp->lambda, qp->target, qp->k * sizeof(*qp->lambda));
-        point(qp);
-        i = qp_worst(qp, careful, &sign);
+        primal_point(qp);
+        i = qp_entering(qp, careful, &sign);
         if (i < qp->rows) {
-            come_in(qp, i, sign);
+            add_constraint(qp, i, sign);
             continue;
         }
         if (qp->settled && !qp->shifted)
             return APC_QP_OPTIMAL;
         qp_work_settle(qp);
         if (qp->shifted) {
-            base(qp);
-            qp_work_sides(qp, 0);
+            transformed_gradient(qp);
+            qp_work_right_hand_sides(qp, 0);
         }
     }
 }
 
 /** Hx + f + (I, A')multipliers into g, Hx into e. */
-QP_LANES static void gradient(struct apc_qp *qp)
+QP_LANES static void lagrangian_gradient(struct apc_qp *qp)
 {
     size_t n = qp->n;
 
@@ -427,7 +428,7 @@ QP_LANES static void gradient(struct apc_qp *qp)
     }
 }
 
-static void publish(struct apc_qp *qp)
+static void publish_multipliers(struct apc_qp *qp)
 {
     memcpy(qp->multiplier, qp->fixed, qp->rows * sizeof(*qp->fixed));
     for (size_t j = 0; j < qp->k; j++)
@@ -439,13 +440,13 @@ static void publish(struct apc_qp *qp)
 
         if (qp->size[i] > 0.0 || !qp_soft(qp, i))
             continue;
-        much = qp_beyond(qp, i, &sign);
+        much = qp_violation_of(qp, i, &sign);
         qp->multiplier[i] = much > 0.0 ? sign * (qp->linear[i] + qp->square[i] * much) : 0.0;
     }
 }
 
-/** Is the dual residual of each variable at most a share of the scale of its own terms? Needs gradient(). */
-QP_LANES static bool fits(const struct apc_qp *qp, double share)
+/** Is the dual residual of each variable at most a share of the scale of its own terms? Needs lagrangian_gradient(). */
+QP_LANES static bool is_stationary(const struct apc_qp *qp, double share)
 {
     const double scale = sqrt(qp_dot(qp->n, qp->w, qp->w)) + sqrt(qp_dot(qp->n, qp->q, qp->q));
     apc_masks off = {0};
@@ -462,19 +463,20 @@ QP_LANES static bool fits(const struct apc_qp *qp, double share)
     return !qp_any(&off);
 }
 
-static bool holds(const struct apc_qp *qp, double share)
+static bool active_rows_hold(const struct apc_qp *qp, double share)
 {
     for (size_t j = 0; j < qp->k; j++) {
         size_t i = qp->work[j];
 
-        if (fabs(astray(qp, j)) > share * qp_allowance(qp, qp->state[i] > 0 ? qp->high[i] : qp->low[i]))
+        if (fabs(primal_residual(qp, j)) >
+            share * qp_allowance(qp, qp->state[i] > 0 ? qp->high[i] : qp->low[i]))
             return false;
     }
     return true;
 }
 
 /** One step of refinement on the final working set. */
-QP_LANES static void refine(struct apc_qp *qp)
+QP_LANES static void refine_iteratively(struct apc_qp *qp)
 {
     size_t n = qp->n;
     double *y = qp->target;
@@ -483,29 +485,29 @@ QP_LANES static void refine(struct apc_qp *qp)
     for (size_t i = 0; i < n; i++)
         qp_add(n - i, -qp->g[i], qp->J + i * n + i, qp->e + i);
     for (size_t j = 0; j < qp->k; j++)
-        y[j] = qp_row_dot(qp, qp->work[j], qp->e) - astray(qp, j);
+        y[j] = qp_row_dot(qp, qp->work[j], qp->e) - primal_residual(qp, j);
     qp_work_solve(qp, qp->k, y);
     for (size_t j = 0; j < qp->k; j++)
         qp->lambda[j] += y[j];
-    qp_work_pull(qp, y, qp->e);
+    qp_work_subtract_rows(qp, y, qp->e);
     for (size_t i = 0; i < n; i++)
         qp->x[i] += qp_dot(n - i, qp->J + i * n + i, qp->e + i);
-    rows_of(qp);
-    publish(qp);
-    gradient(qp);
+    evaluate_rows(qp);
+    publish_multipliers(qp);
+    lagrangian_gradient(qp);
 }
 
-/** Look at what search() found. False when a row has to come in or leave after all, which it now does. */
-static bool confirm(struct apc_qp *qp)
+/** Look at what dual_active_set() found. False when a row has to come in or leave after all, which it now does. */
+static bool verify_optimality(struct apc_qp *qp)
 {
     double sign, most = 0.0;
     size_t i;
     int round;
 
-    publish(qp);
-    gradient(qp);
-    for (round = 0; round < REFINEMENTS && !(fits(qp, REFINE) && holds(qp, 0.1)); round++)
-        refine(qp);
+    publish_multipliers(qp);
+    lagrangian_gradient(qp);
+    for (round = 0; round < REFINEMENTS && !(is_stationary(qp, REFINE) && active_rows_hold(qp, 0.1)); round++)
+        refine_iteratively(qp);
     if (round == 0)
         return true;
     for (size_t j = 0; j < qp->k; j++)
@@ -516,21 +518,21 @@ static bool confirm(struct apc_qp *qp)
         qp->lambda[j] = lambda < low ? low : lambda > high ? high : lambda;
         qp->multiplier[qp->work[j]] = qp->lambda[j];
         if (fabs(qp->lambda[j] - lambda) > VOUCH * most) {
-            leave(qp, j);
+            drop_constraint(qp, j);
             return false;
         }
     }
-    i = qp_worst(qp, false, &sign);
+    i = qp_entering(qp, false, &sign);
     if (i < qp->rows) {
-        come_in(qp, i, sign);
+        add_constraint(qp, i, sign);
         return false;
     }
-    gradient(qp);
+    lagrangian_gradient(qp);
     return true;
 }
 
 /** Are four rows, from @p i on, within their limits, and does none of them pull? */
-static inline bool are_idle(const struct apc_qp *qp, size_t i)
+static inline bool are_inactive(const struct apc_qp *qp, size_t i)
 {
     const apc_lanes value = QP_FOUR(qp->value + i);
     const apc_masks busy = (QP_FOUR(qp->multiplier + i) != 0.0) | ~(value <= QP_FOUR(qp->high + i)) |
@@ -539,8 +541,8 @@ static inline bool are_idle(const struct apc_qp *qp, size_t i)
     return !qp_any(&busy);
 }
 
-/** Figures of the point as it stands. Needs gradient(). */
-QP_LANES static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
+/** Figures of the point as it stands. Needs lagrangian_gradient(). */
+QP_LANES static void measure_solution(const struct apc_qp *qp, struct apc_qp_result *r)
 {
     r->objective = 0.5 * qp_dot(qp->n, qp->x, qp->e) + qp_dot(qp->n, qp->x, qp->f);
     for (size_t i = 0; i < qp->n; i++)
@@ -550,7 +552,7 @@ QP_LANES static void measure(const struct apc_qp *qp, struct apc_qp_result *r)
     for (size_t i = 0; i < qp->rows; i++) {
         double lambda, above, below, excess, off = 0.0;
 
-        while (i + 4 <= qp->rows && are_idle(qp, i))
+        while (i + 4 <= qp->rows && are_inactive(qp, i))
             i += 4;
         if (i == qp->rows)
             break;
@@ -589,7 +591,7 @@ static bool cancels(const struct apc_qp *qp)
     return true;
 }
 
-static void say(struct apc_qp_result *to, const struct apc_qp_result *ours)
+static void copy_qp_result(struct apc_qp_result *to, const struct apc_qp_result *ours)
 {
     size_t size = to ? to->size : 0;
 
@@ -599,11 +601,11 @@ static void say(struct apc_qp_result *to, const struct apc_qp_result *ours)
     to->size = size;
 }
 
-static int refuse(struct apc_qp *qp, double *x, struct apc_qp_result *result, enum apc_qp_status status,
-                  int err)
+static int refuse_problem(struct apc_qp *qp, double *x, struct apc_qp_result *result,
+                          enum apc_qp_status status, int err)
 {
     memset(x, 0, qp->n * sizeof(*x));
-    say(result, &(struct apc_qp_result){.status = status});
+    copy_qp_result(result, &(struct apc_qp_result){.status = status});
     return err;
 }
 
@@ -616,7 +618,8 @@ static inline bool are_limits(const double *low, const double *high)
 }
 
 /** f and limits are numbers, no low above its high. */
-QP_LANES static int look(struct apc_qp *qp, const double *f, const double *low, const double *high)
+QP_LANES static int problem_is_finite(struct apc_qp *qp, const double *f, const double *low,
+                                      const double *high)
 {
     size_t crossing = qp->rows, rest = qp->rows;
 
@@ -646,20 +649,20 @@ int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const do
 
     if (!qp || !x)
         return APC_EINVAL;
-    err = qp->ready && f && low && high ? look(qp, f, low, high) : APC_EINVAL;
+    err = qp->ready && f && low && high ? problem_is_finite(qp, f, low, high) : APC_EINVAL;
     if (err)
-        return refuse(qp, x, result, err == APC_ERANGE ? APC_QP_INFEASIBLE : APC_QP_NUMBERS, err);
+        return refuse_problem(qp, x, result, err == APC_ERANGE ? APC_QP_INFEASIBLE : APC_QP_NUMBERS, err);
     qp->f = f;
     qp->low = low;
     qp->high = high;
-    begin(qp);
+    warm_start(qp);
     do
-        ours.status = search(qp);
-    while (ours.status == APC_QP_OPTIMAL && !confirm(qp));
+        ours.status = dual_active_set(qp);
+    while (ours.status == APC_QP_OPTIMAL && !verify_optimality(qp));
     if (ours.status != APC_QP_OPTIMAL) {
-        point(qp);
-        publish(qp);
-        gradient(qp);
+        primal_point(qp);
+        publish_multipliers(qp);
+        lagrangian_gradient(qp);
     }
     if (ours.status != APC_QP_INFEASIBLE)
         for (size_t i = 0; i < qp->rows; i++) { /* of an equation the multiplier says which side it is */
@@ -668,18 +671,19 @@ int apc_qp_solve(struct apc_qp *qp, const double *f, const double *low, const do
             qp->side[i] = qp->state[i] ? (at > 0.0 ? 1 : -1) : 0;
         }
     ours.iterations = qp->changes;
-    measure(qp, &ours);
+    measure_solution(qp, &ours);
     if (!qp_all_finite(qp->n, qp->x) || !isfinite(ours.dual)) {
         apc_qp_start(qp, NULL);
-        return refuse(qp, x, result, APC_QP_NUMBERS, APC_ESOLVER);
+        return refuse_problem(qp, x, result, APC_QP_NUMBERS, APC_ESOLVER);
     }
     memcpy(x, qp->x, qp->n * sizeof(*x));
-    if (ours.status == APC_QP_OPTIMAL && !((fits(qp, VOUCH) || cancels(qp)) && holds(qp, 1.0)))
+    if (ours.status == APC_QP_OPTIMAL &&
+        !((is_stationary(qp, VOUCH) || cancels(qp)) && active_rows_hold(qp, 1.0)))
         ours.status = APC_QP_NUMBERS;
     for (size_t p = 0; p < qp->waiting;
          p++) /* a solve that ended on the way begins without them the next time */
         qp->state[qp->pending[p].row] = 0;
-    say(result, &ours);
+    copy_qp_result(result, &ours);
     return ours.status == APC_QP_OPTIMAL      ? 0
            : ours.status == APC_QP_LIMIT      ? APC_ETIMEDOUT
            : ours.status == APC_QP_INFEASIBLE ? APC_ERANGE

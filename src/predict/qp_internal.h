@@ -242,10 +242,10 @@ static inline double qp_allowance(const struct apc_qp *qp, double limit)
 /* ---- qp_violation.c: what is violated -------------------------------------------------------------- */
 
 /** How far row i is beyond a limit; 0 within its allowance. *@p sign says which limit. */
-double qp_beyond(const struct apc_qp *qp, size_t i, double *sign);
+double qp_violation_of(const struct apc_qp *qp, size_t i, double *sign);
 /** The row that is to come in: rows when there is none. *@p sign says on which side; @p careful takes the
  * first one, else it is that which is violated most. */
-size_t qp_worst(const struct apc_qp *qp, bool careful, double *sign);
+size_t qp_entering(const struct apc_qp *qp, bool careful, double *sign);
 
 /* ---- qp_working_set.c: the working set and its factor ------------------------------------------------ */
 
@@ -255,13 +255,13 @@ void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high);
 bool qp_work_append(struct apc_qp *qp, size_t i, double lambda);
 void qp_work_remove(struct apc_qp *qp, size_t at);
 /** Right-hand sides of rows from @p at on, which is also how far z holds. */
-void qp_work_sides(struct apc_qp *qp, size_t at);
+void qp_work_right_hand_sides(struct apc_qp *qp, size_t at);
 /** target = W's own optimum. */
 void qp_work_target(struct apc_qp *qp);
 /** lambda of M_W M_W' lambda = L's row k d: how W moves against a row that depends on it. */
-void qp_work_against(const struct apc_qp *qp, double *move);
+void qp_work_dual_direction(const struct apc_qp *qp, double *move);
 /** v -= M_W' lambda */
-void qp_work_pull(const struct apc_qp *qp, const double *lambda, double *v);
+void qp_work_subtract_rows(const struct apc_qp *qp, const double *lambda, double *v);
 /** Put W in the order of its rows and factorise it anew: from then on nothing tells how it came about. */
 void qp_work_settle(struct apc_qp *qp);
 /** Solve (M_W M_W' + 1/s) y = y for the first @p k rows of W. */

@@ -21,7 +21,7 @@ static int weights_check(size_t n, const double *weight)
 }
 
 /** Cut a piece of @p n elements of @p width bytes off the block; with block NULL it only counts. */
-static void *cut(unsigned char *block, size_t *used, size_t n, size_t width)
+static void *cut_block(unsigned char *block, size_t *used, size_t n, size_t width)
 {
     void *piece = block ? block + *used : NULL;
 
@@ -29,7 +29,7 @@ static void *cut(unsigned char *block, size_t *used, size_t n, size_t width)
     return piece;
 }
 
-static size_t lay_out(struct apc_qp *qp, unsigned char *block)
+static size_t lay_out_qp(struct apc_qp *qp, unsigned char *block)
 {
     size_t n = qp->n, m = qp->m, rows = qp->rows, used = 0, packed = qp_packed(rows + 1);
     struct {
@@ -67,15 +67,15 @@ static size_t lay_out(struct apc_qp *qp, unsigned char *block)
 
     used = (sizeof(*qp) + 31) / 32 * 32;
     for (size_t i = 0; i < sizeof(doubles) / sizeof(doubles[0]); i++)
-        *doubles[i].to = cut(block, &used, doubles[i].n, sizeof(double));
-    qp->pending = cut(block, &used, rows + 1, sizeof(*qp->pending));
-    qp->column = cut(block, &used, m * n, sizeof(*qp->column));
-    qp->filled = cut(block, &used, m, sizeof(*qp->filled));
-    qp->zeros = cut(block, &used, m, sizeof(*qp->zeros));
-    qp->work = cut(block, &used, rows + 1, sizeof(*qp->work));
-    qp->order = cut(block, &used, 2 * rows, sizeof(*qp->order));
-    qp->state = cut(block, &used, rows, 1);
-    qp->side = cut(block, &used, rows, 1);
+        *doubles[i].to = cut_block(block, &used, doubles[i].n, sizeof(double));
+    qp->pending = cut_block(block, &used, rows + 1, sizeof(*qp->pending));
+    qp->column = cut_block(block, &used, m * n, sizeof(*qp->column));
+    qp->filled = cut_block(block, &used, m, sizeof(*qp->filled));
+    qp->zeros = cut_block(block, &used, m, sizeof(*qp->zeros));
+    qp->work = cut_block(block, &used, rows + 1, sizeof(*qp->work));
+    qp->order = cut_block(block, &used, 2 * rows, sizeof(*qp->order));
+    qp->state = cut_block(block, &used, rows, 1);
+    qp->side = cut_block(block, &used, rows, 1);
     return used;
 }
 
@@ -100,7 +100,7 @@ int apc_qp_create(struct apc_qp **qp, size_t n, size_t m, const struct apc_qp_op
     if (!(o.tolerance >= 0.0) || o.tolerance > APC_VALUE_MAX || weights_check(n + m, o.linear) ||
         weights_check(n + m, o.square))
         return apc_fail(why, APC_EINVAL, "a QP's tolerance and weights are numbers that are not negative");
-    size = lay_out(&plan, NULL) + LINE;
+    size = lay_out_qp(&plan, NULL) + LINE;
     plan.memory = malloc(size);
     if (!plan.memory)
         return apc_fail(why, APC_ENOMEM, "no memory for a QP of %zu variables and %zu rows: %zu bytes", n, m,
@@ -111,7 +111,7 @@ int apc_qp_create(struct apc_qp **qp, size_t n, size_t m, const struct apc_qp_op
     plan.ctx = o.ctx;
     block = (unsigned char *)plan.memory + (LINE - (uintptr_t)plan.memory % LINE) % LINE;
     memset(block, 0, size - LINE); /* no page is touched for the first time in a solve */
-    (void)lay_out(&plan, block);
+    (void)lay_out_qp(&plan, block);
     memcpy(block, &plan, sizeof plan);
     *qp = (struct apc_qp *)(void *)block;
     return apc_qp_soft(*qp, o.linear, o.square);

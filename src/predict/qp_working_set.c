@@ -7,7 +7,7 @@
 
 /** x[j] = b[j] - L_j x for j from @p from to before @p to, each sum as qp_dot() has it. Where b and x are one
  * it is solved in place. An element waits for the one before it, but only within eight. */
-static inline void forward(const double *L, const double *b, double *x, size_t from, size_t to)
+static inline void forward_substitute(const double *L, const double *b, double *x, size_t from, size_t to)
 {
     while (from < to) {
         const size_t done = from / 8 * 8, end = to < done + 8 ? to : done + 8;
@@ -62,13 +62,13 @@ QP_LANES static void back(const struct apc_qp *qp, size_t k, double *y)
 
 QP_LANES void qp_work_solve(const struct apc_qp *qp, size_t k, double *y)
 {
-    forward(qp->L, y, y, 0, k);
+    forward_substitute(qp->L, y, y, 0, k);
     for (size_t j = 0; j < k; j++)
         y[j] *= qp->inverse[j];
     back(qp, k, y);
 }
 
-QP_LANES void qp_work_sides(struct apc_qp *qp, size_t at)
+QP_LANES void qp_work_right_hand_sides(struct apc_qp *qp, size_t at)
 {
     for (size_t j = at; j < qp->k; j++) {
         size_t i = qp->work[j];
@@ -83,7 +83,7 @@ QP_LANES void qp_work_sides(struct apc_qp *qp, size_t at)
 }
 
 /** v -= M_W' y of the first @p k rows of W, row after row. */
-static inline void take_away(const struct apc_qp *qp, size_t k, const double *y, double *v)
+static inline void subtract_rows(const struct apc_qp *qp, size_t k, const double *y, double *v)
 {
     size_t j = 0;
 
@@ -109,7 +109,7 @@ QP_LANES static double left_beside(struct apc_qp *qp, size_t i, size_t k)
     qp_row_add(qp, i, 1.0, rest);
     memcpy(y, qp->L + qp_packed(k), k * sizeof(*y));
     back(qp, k, y);
-    take_away(qp, k, y, rest);
+    subtract_rows(qp, k, y, rest);
     for (size_t j = 0; j < k; j++)
         give += y[j] * y[j] * qp->give[j];
     left = qp_dot(qp->n, rest, rest) + give;
@@ -118,12 +118,12 @@ QP_LANES static double left_beside(struct apc_qp *qp, size_t i, size_t k)
     for (size_t j = 0; j < k; j++)
         y[j] = qp_row_dot(qp, qp->work[j], rest) - y[j] * qp->give[j];
     qp_work_solve(qp, k, y);
-    take_away(qp, k, y, rest);
+    subtract_rows(qp, k, y, rest);
     return qp_dot(qp->n, rest, rest) + give;
 }
 
 /** Row i, in the state that it is in, at place k of W. */
-static void place(struct apc_qp *qp, size_t k, size_t i)
+static void place_in_working_set(struct apc_qp *qp, size_t k, size_t i)
 {
     qp->work[k] = (unsigned)i;
     qp->give[k] = qp->state[i] == 2 || qp->state[i] == -2 ? 1.0 / qp->square[i] : 0.0;
@@ -133,7 +133,7 @@ static void place(struct apc_qp *qp, size_t k, size_t i)
 /** Elements j of row k of L, from @p from to before @p to, each still times d[j]. */
 static inline void eliminate(struct apc_qp *qp, size_t k, size_t from, size_t to)
 {
-    forward(qp->L, qp->G + qp_packed(k), qp->L + qp_packed(k), from, to);
+    forward_substitute(qp->L, qp->G + qp_packed(k), qp->L + qp_packed(k), from, to);
 }
 
 /** Row k of L is eliminated: d[k]. False when nothing is left. */
@@ -176,7 +176,7 @@ QP_LANES bool qp_work_append(struct apc_qp *qp, size_t i, double lambda)
 
     if (k >= qp->rows)
         return false;
-    place(qp, k, i);
+    place_in_working_set(qp, k, i);
     qp->tried = (unsigned)qp->rows;
     for (size_t j = 0; j < k; j += 8) { /* sums of G while those of L wait for each other */
         const size_t end = j + 8 < k ? j + 8 : k;
@@ -193,7 +193,7 @@ QP_LANES bool qp_work_append(struct apc_qp *qp, size_t i, double lambda)
     qp->lambda[k] = lambda;
     qp->k = k + 1;
     qp->settled = false;
-    qp_work_sides(qp, k);
+    qp_work_right_hand_sides(qp, k);
     return true;
 }
 
@@ -218,7 +218,7 @@ QP_LANES static void strike(double *packed, size_t at, size_t k)
 }
 
 /** Row r from its column @p from on, @p rest being what the columns before left over; then its pivot. */
-QP_LANES static double give_row(struct apc_qp *qp, size_t r, size_t from, double rest, double alpha)
+QP_LANES static double update_factor_row(struct apc_qp *qp, size_t r, size_t from, double rest, double alpha)
 {
     double *row = qp->L + qp_packed(r), old = 1.0 / qp->inverse[r];
 
@@ -237,7 +237,7 @@ QP_LANES static double give_row(struct apc_qp *qp, size_t r, size_t from, double
  * update, row after row (Gill, Golub, Murray and Saunders 1974, method C1). Each element waits for the one
  * before it, so four rows go side by side.
  */
-QP_LANES static void give_back(struct apc_qp *qp, size_t at, double alpha)
+QP_LANES static void rank_one_update(struct apc_qp *qp, size_t at, double alpha)
 {
     size_t r = at;
 
@@ -258,13 +258,13 @@ QP_LANES static void give_back(struct apc_qp *qp, size_t at, double alpha)
             c[p] += beta * y;
             d[p] += beta * z;
         }
-        alpha = give_row(qp, r, r, w, alpha);
-        alpha = give_row(qp, r + 1, r, x, alpha);
-        alpha = give_row(qp, r + 2, r, y, alpha);
-        alpha = give_row(qp, r + 3, r, z, alpha);
+        alpha = update_factor_row(qp, r, r, w, alpha);
+        alpha = update_factor_row(qp, r + 1, r, x, alpha);
+        alpha = update_factor_row(qp, r + 2, r, y, alpha);
+        alpha = update_factor_row(qp, r + 3, r, z, alpha);
     }
     for (; r < qp->k; r++)
-        alpha = give_row(qp, r, at, qp->carry[r], alpha);
+        alpha = update_factor_row(qp, r, at, qp->carry[r], alpha);
 }
 
 QP_LANES void qp_work_remove(struct apc_qp *qp, size_t at)
@@ -286,25 +286,25 @@ QP_LANES void qp_work_remove(struct apc_qp *qp, size_t at)
         qp->solved = at;
     if (qp->fresh > at)
         qp->fresh = at;
-    give_back(qp, at, alpha);
+    rank_one_update(qp, at, alpha);
 }
 
 QP_LANES void qp_work_target(struct apc_qp *qp)
 {
-    forward(qp->L, qp->rhs, qp->z, qp->solved, qp->k);
+    forward_substitute(qp->L, qp->rhs, qp->z, qp->solved, qp->k);
     qp->solved = qp->k;
     for (size_t j = 0; j < qp->k; j++)
         qp->target[j] = qp->z[j] * qp->inverse[j];
     back(qp, qp->k, qp->target);
 }
 
-void qp_work_against(const struct apc_qp *qp, double *move)
+void qp_work_dual_direction(const struct apc_qp *qp, double *move)
 {
     memcpy(move, qp->L + qp_packed(qp->k), qp->k * sizeof(*move));
     back(qp, qp->k, move);
 }
 
-QP_LANES void qp_work_pull(const struct apc_qp *qp, const double *lambda, double *v)
+QP_LANES void qp_work_subtract_rows(const struct apc_qp *qp, const double *lambda, double *v)
 {
     size_t j = 0;
 
@@ -374,7 +374,7 @@ QP_LANES void qp_work_settle(struct apc_qp *qp)
             if (k == same && k < qp->fresh && qp->work[k] == i)
                 same++;
             was[k] = qp->order[i];
-            place(qp, k++, i);
+            place_in_working_set(qp, k++, i);
         }
     for (size_t r = same; r < k; r++) {
         qp->lambda[r] = qp->beta[was[r]];

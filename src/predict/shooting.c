@@ -43,7 +43,7 @@ struct apc_shoot {
     double *plan, *away;          /* [n] of the last linearisation; from u0 */
 };
 
-static int allocate(struct apc_shoot *s, const struct apc_shoot_options *o)
+static int allocate_shooting(struct apc_shoot *s, const struct apc_shoot_options *o)
 {
     const size_t nx = s->nx, nu = s->nu, ny = s->ny, n = s->n, all = nu + o->model->nd;
     double *at = calloc(o->model->np + 2 * all + 6 * nu + 2 + 4 * nx + 2 * (nx + ny) + nx * nx + 2 * nx * nu +
@@ -120,8 +120,8 @@ int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o
                             .n_unknown = o->n_unknown,
                             .Ts = o->Ts,
                             .steps = o->steps};
-    rc = allocate(s, o) < 0 ? apc_fail(why, APC_ENOMEM, "shooting: no memory")
-                            : apc_model_take(m, s->p, o->p, m->param, m->np, "parameter", why);
+    rc = allocate_shooting(s, o) < 0 ? apc_fail(why, APC_ENOMEM, "shooting: no memory")
+                                     : apc_model_take(m, s->p, o->p, m->param, m->np, "parameter", why);
     if (rc < 0) {
         apc_shoot_destroy(s);
         return rc;
@@ -164,7 +164,7 @@ static void disturb(struct apc_shoot *s, const double *u, const double *d)
 }
 
 /* x on by t in so many steps, with s->input. */
-static int integrate(struct apc_shoot *s, double *x, double t)
+static int integrate_interval(struct apc_shoot *s, double *x, double t)
 {
     static const double reach[] = {0.0, 0.5, 0.5, 1.0}, weight[] = {1.0, 2.0, 2.0, 1.0};
     const double h = t / s->steps;
@@ -207,7 +207,7 @@ int apc_shoot_advance(struct apc_shoot *s, double *x, const double *u, const dou
 
     memcpy(s->x, x, s->nx * sizeof(*x));
     disturb(s, u, d);
-    rc = integrate(s, s->x, t);
+    rc = integrate_interval(s, s->x, t);
     if (rc == 0)
         memcpy(x, s->x, s->nx * sizeof(*x));
     return rc;
@@ -222,7 +222,8 @@ static double small(double value)
 }
 
 /* The end of an interval from x, with number k moved by so much: of x, then of newer, then of older inputs. */
-static int end(struct apc_shoot *s, const double *x, const double *d, size_t k, double by, double *to)
+static int interval_end(struct apc_shoot *s, const double *x, const double *d, size_t k, double by,
+                        double *to)
 {
     int rc = 0;
 
@@ -238,7 +239,7 @@ static int end(struct apc_shoot *s, const double *x, const double *d, size_t k, 
                 s->moved[j] += by;
         }
         disturb(s, s->moved, d);
-        rc = integrate(s, to, s->begins[part + 1] - s->begins[part]);
+        rc = integrate_interval(s, to, s->begins[part + 1] - s->begins[part]);
     }
     return rc;
 }
@@ -246,11 +247,11 @@ static int end(struct apc_shoot *s, const double *x, const double *d, size_t k, 
 /* Nothing is moved. */
 static int end_as_is(struct apc_shoot *s, const double *x, const double *d)
 {
-    return end(s, x, d, s->nx + 2 * s->nu, 0.0, s->x);
+    return interval_end(s, x, d, s->nx + 2 * s->nu, 0.0, s->x);
 }
 
 /* A and B of the interval from x. */
-static int differentiate(struct apc_shoot *s, const double *x, const double *d)
+static int linearize_interval(struct apc_shoot *s, const double *x, const double *d)
 {
     const size_t nx = s->nx, nu = s->nu;
 
@@ -261,7 +262,7 @@ static int differentiate(struct apc_shoot *s, const double *x, const double *d)
 
         if (k >= nx + nu && s->bit[k - nx - nu] == 0.0)
             continue;
-        if (end(s, x, d, k, by, s->up) < 0 || end(s, x, d, k, -by, s->down) < 0)
+        if (interval_end(s, x, d, k, by, s->up) < 0 || interval_end(s, x, d, k, -by, s->down) < 0)
             return APC_ESOLVER;
         for (size_t r = 0; r < nx; r++)
             column[r * stride] = (s->up[r] - s->down[r]) / (2.0 * by);
@@ -270,7 +271,7 @@ static int differentiate(struct apc_shoot *s, const double *x, const double *d)
 }
 
 /* y at x, with unknown disturbances. */
-static void measure(struct apc_shoot *s, const double *x, const double *u, const double *d, double *y)
+static void predict_outputs(struct apc_shoot *s, const double *x, const double *u, const double *d, double *y)
 {
     disturb(s, u, d);
     if (s->nested)
@@ -284,7 +285,7 @@ static void measure(struct apc_shoot *s, const double *x, const double *u, const
 }
 
 /* C and D at x, where all newer inputs act. */
-static void look(struct apc_shoot *s, const double *x, const double *d)
+static void linearize_outputs(struct apc_shoot *s, const double *x, const double *d)
 {
     double *up = s->up + s->nx, *down = s->down + s->nx;
 
@@ -295,9 +296,9 @@ static void look(struct apc_shoot *s, const double *x, const double *d)
         const double here = *at, by = small(here);
 
         *at = here + by;
-        measure(s, s->at, s->moved, d, up);
+        predict_outputs(s, s->at, s->moved, d, up);
         *at = here - by;
-        measure(s, s->at, s->moved, d, down);
+        predict_outputs(s, s->at, s->moved, d, down);
         *at = here;
         for (size_t c = 0; c < s->ny; c++)
             *(k < s->nx ? s->C + c * s->nx + k : s->D + c * s->nu + (k - s->nx)) =
@@ -369,11 +370,11 @@ int apc_shoot_linearise(struct apc_shoot *s, const double *x, const double *d, c
         double *y = free_y + i * ny;
 
         take_inputs(s, plan, past, i);
-        if (end_as_is(s, from, d) < 0 || differentiate(s, from, d) < 0)
+        if (end_as_is(s, from, d) < 0 || linearize_interval(s, from, d) < 0)
             return APC_ESOLVER;
         carry_on(s, i, to);
-        look(s, to, d);
-        measure(s, to, s->newer, d, y);
+        linearize_outputs(s, to, d);
+        predict_outputs(s, to, s->newer, d, y);
         apc_matrix_multiply(ny, nx, n, s->C, s->S + i * nx * n, G + i * ny * n);
         for (size_t c = 0; c < ny; c++) {
             double *row = G + (i * ny + c) * n;
@@ -397,7 +398,7 @@ void apc_shoot_move(const struct apc_shoot *s, const double *plan, double *nodes
 }
 
 /* How many former inputs j stand in the state of the linear model, as apclinear.h has them. */
-static size_t held(const struct apc_shoot *s, size_t j)
+static size_t held_inputs(const struct apc_shoot *s, size_t j)
 {
     return s->whole[j] + (s->bit[j] > 0.0);
 }
@@ -411,7 +412,7 @@ void apc_shoot_end(const struct apc_shoot *s, const double *nodes, const double 
     for (size_t i = 0; i < nx; i++)
         free_x[i] = nodes[last * nx + i] + s->e[last * nx + i] - apc_matrix_dot(Gx + i * n, s->away, n);
     for (size_t j = 0, row = nx; j < s->nu; j++) {
-        for (size_t ago = 1; ago <= held(s, j); ago++, row++) {
+        for (size_t ago = 1; ago <= held_inputs(s, j); ago++, row++) {
             memset(Gx + row * n, 0, n * sizeof(*Gx));
             add_move(s, s->N, j, ago, 1.0, Gx + row * n);
             free_x[row] = s->N >= ago ? s->u0[j] : past[(ago - s->N - 1) * s->nu + j];
@@ -420,7 +421,7 @@ void apc_shoot_end(const struct apc_shoot *s, const double *nodes, const double 
 }
 
 /* Where the input of so many periods ago acts on state i of the plant: as a state, or as the input itself. */
-static double *place(struct apc_linear *m, size_t first, size_t i, size_t j, size_t ago)
+static double *input_gain_place(struct apc_linear *m, size_t first, size_t i, size_t j, size_t ago)
 {
     return ago ? m->A + i * m->nx + first + ago - 1 : m->B + i * (m->nu + m->nd) + j;
 }
@@ -432,12 +433,12 @@ int apc_shoot_sample(struct apc_shoot *s, const double *x, const double *u, cons
 
     memcpy(s->newer, u, nu * sizeof(*u));
     memcpy(s->older, u, nu * sizeof(*u));
-    if (end_as_is(s, x, d) < 0 || differentiate(s, x, d) < 0)
+    if (end_as_is(s, x, d) < 0 || linearize_interval(s, x, d) < 0)
         return APC_ESOLVER;
     memset(drift, 0, to->nx * sizeof(*drift));
     for (size_t i = 0; i < nx; i++)
         drift[i] = s->x[i] - x[i];
-    look(s, x, d);
+    linearize_outputs(s, x, d);
     memset(to->A, 0, nx * to->nx * sizeof(*to->A));
     memset(to->B, 0, nx * inputs * sizeof(*to->B));
     memset(to->C, 0, s->ny * to->nx * sizeof(*to->C));
@@ -447,16 +448,16 @@ int apc_shoot_sample(struct apc_shoot *s, const double *x, const double *u, cons
     apc_matrix_put(to->D, inputs, 0, 0, s->ny, nu, s->D);
     memcpy(to->x0, x, nx * sizeof(*x));
     memcpy(to->u0, u, nu * sizeof(*u));
-    for (size_t j = 0, first = nx; j < nu; first += held(s, j++)) {
+    for (size_t j = 0, first = nx; j < nu; first += held_inputs(s, j++)) {
         for (size_t i = 0; i < nx; i++) {
-            *place(to, first, i, j, s->whole[j]) += s->B[i * 2 * nu + j];
+            *input_gain_place(to, first, i, j, s->whole[j]) += s->B[i * 2 * nu + j];
             if (s->bit[j] > 0.0)
-                *place(to, first, i, j, s->whole[j] + 1) += s->B[i * 2 * nu + nu + j];
+                *input_gain_place(to, first, i, j, s->whole[j] + 1) += s->B[i * 2 * nu + nu + j];
         }
-        for (size_t k = 0; k < held(s, j); k++)
+        for (size_t k = 0; k < held_inputs(s, j); k++)
             to->x0[first + k] = u[j];
     }
-    measure(s, x, u, d, to->y0);
+    predict_outputs(s, x, u, d, to->y0);
     return apc_values_ok(to->A, nx * to->nx) && apc_values_ok(to->B, nx * inputs) &&
                    apc_values_ok(to->C, s->ny * to->nx) && apc_values_ok(to->D, s->ny * inputs) &&
                    apc_values_ok(to->y0, s->ny)

@@ -52,7 +52,7 @@ static double output(const struct apc_linear *m, size_t c, const double *point, 
 }
 
 /* From the model as it is now. */
-static int arrange(struct apc_target *t, struct apc_error *why)
+static int target_rows(struct apc_target *t, struct apc_error *why)
 {
     const struct apc_linear *m = t->model;
     const size_t nc = t->nc, n = t->n, nu = m->nu, inputs = nu + m->nd;
@@ -79,11 +79,11 @@ static int arrange(struct apc_target *t, struct apc_error *why)
     return 0;
 }
 
-static int fill(struct apc_target *t, struct apc_error *why)
+static int fill_target_rows(struct apc_target *t, struct apc_error *why)
 {
     const size_t nu = t->model->nu;
     const struct apc_qp_options options = {.size = sizeof(options)};
-    int rc = arrange(t, why);
+    int rc = target_rows(t, why);
 
     for (size_t k = 0; k < nu; k++) {
         t->low[k] = -HUGE_VAL;
@@ -131,7 +131,7 @@ int apc_target_create(struct apc_target **target, struct apc_linear *model, stru
     t->square = apc_carve(&at, 2 * nu + ny);
     t->linear = apc_carve(&at, 2 * nu + ny);
     t->y = apc_carve(&at, ny);
-    rc = fill(t, why);
+    rc = fill_target_rows(t, why);
     if (rc < 0)
         apc_target_destroy(t);
     else
@@ -149,7 +149,7 @@ void apc_target_destroy(struct apc_target *target)
 }
 
 /* H, and the program, from weights and rows. */
-static int weigh(struct apc_target *t, struct apc_error *why)
+static int weigh_target(struct apc_target *t, struct apc_error *why)
 {
     const size_t nu = t->model->nu;
     double known = 0.0;
@@ -195,7 +195,7 @@ int apc_target_tune(struct apc_target *t, size_t sought, const double *r, const 
 
         t->weight[j] = fmax(r[j], (t->largest > 0.0 ? 1e-6 * t->largest : 1.0) * share);
     }
-    return weigh(t, why);
+    return weigh_target(t, why);
 }
 
 /* The point of z = 0: least of all steady states under these disturbances. */
@@ -295,7 +295,7 @@ static void hold_ranks(struct apc_target *t, const struct apc_target_call *call,
 
 /* Rank by rank: what a rank has reached is a limit to those after it. That may leave so little that rounding
  * does not find it: then some more, and in the end the ranks from there on wait. */
-static int give_up(struct apc_target *t, const struct apc_target_call *call)
+static int relax_target_by_rank(struct apc_target *t, const struct apc_target_call *call)
 {
     const size_t nu = t->model->nu, ny = t->model->ny;
     double *low = t->low + 2 * nu, *high = t->high + 2 * nu, *square = t->square + 2 * nu;
@@ -356,7 +356,7 @@ int apc_target_find(struct apc_target *t, const struct apc_target_call *call, do
     rc = apc_qp_solve(t->qp, t->f, t->low, t->high, t->z, NULL);
     *reachable = rc == 0;
     if (rc < 0 && rc != APC_EINVAL)
-        rc = give_up(t, call);
+        rc = relax_target_by_rank(t, call);
     if (rc < 0)
         return rc;
     for (size_t i = 0; i < t->n; i++)
@@ -382,7 +382,7 @@ enum { SEARCH = 60, CAREFUL = 16 };
 
 /* Where an input turns back, as at the top of a curve, it goes half as far. Returns by how much the farthest
  * moves. */
-static double moves(struct apc_target *t, const double *x, const double *u)
+static double take_target_step(struct apc_target *t, const double *x, const double *u)
 {
     const struct apc_linear *m = t->model;
     double most = 0.0;
@@ -433,14 +433,14 @@ static int walk(struct apc_target *t, const struct apc_target_call *call, apc_ta
             t->highest[j] = fmax(fmin(u[j] + t->reach[j], call->high[j]), call->low[j]);
         }
         if (rc == 0)
-            rc = arrange(t, NULL);
+            rc = target_rows(t, NULL);
         if (rc == 0)
-            rc = weigh(t, NULL);
+            rc = weigh_target(t, NULL);
         if (rc == 0)
             rc = apc_target_find(t, &of, x, u, y, reachable);
         if (rc < 0)
             return rc;
-        most = moves(t, x, u);
+        most = take_target_step(t, x, u);
     }
     return most <= ALL_BUT_IT ? 0 : APC_ESOLVER;
 }
