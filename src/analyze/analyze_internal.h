@@ -146,7 +146,7 @@ struct open {
 int open_create(struct open *o, const struct apc_loop *loop, size_t of, const double *delay);
 void open_free(struct open *o);
 /* L [m * m] at w. APC_ESOLVER: a pole of the open loop lies there. */
-int respond(struct open *o, double w);
+int loop_frequency_response(struct open *o, double w);
 
 #define NEAR 2.0 /* of 1: a size so near to it may reach it between two frequencies */
 

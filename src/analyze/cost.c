@@ -85,7 +85,7 @@ static void blur(struct covariance *c, const struct machine *m, size_t controlle
     }
 }
 
-static void propagate(struct covariance *c, struct machine *m, double weight, apc_ns from)
+static void propagate_loop_covariance(struct covariance *c, struct machine *m, double weight, apc_ns from)
 {
     struct ride ride = {.Z = c->P, .width = c->n};
 
@@ -147,14 +147,14 @@ static int covariance_create(struct covariance *c, const struct apc_loop *loop, 
     return 0;
 }
 
-static void forget(struct covariance *c)
+static void free_covariance(struct covariance *c)
 {
     memset(c->y, 0, (c->loop->setup.plant.ny + c->loop->n_out) * sizeof(*c->y));
     c->looks = 0.0;
 }
 
 /* The covariance at the beginning of a period, until it stays. */
-static int settle(struct covariance *c, struct machine *m, const double *probability, size_t n)
+static int stationary_covariance(struct covariance *c, struct machine *m, const double *probability, size_t n)
 {
     const size_t all = c->n * c->n;
     double *before = c->T, *next = c->T + all;
@@ -164,10 +164,10 @@ static int settle(struct covariance *c, struct machine *m, const double *probabi
 
         memcpy(before, c->P, all * sizeof(*before));
         memset(next, 0, all * sizeof(*next));
-        forget(c);
+        free_covariance(c);
         for (size_t j = 0; j < n; j++) {
             memcpy(c->P, before, all * sizeof(*before));
-            propagate(c, &m[j], probability[j], 0);
+            propagate_loop_covariance(c, &m[j], probability[j], 0);
             for (size_t i = 0; i < all; i++)
                 next[i] += probability[j] * c->P[i];
         }
@@ -185,7 +185,7 @@ static int settle(struct covariance *c, struct machine *m, const double *probabi
     return APC_ESOLVER;
 }
 
-static void report(const struct covariance *c, double *y, double *u)
+static void report_variances(const struct covariance *c, double *y, double *u)
 {
     for (size_t i = 0; i < c->loop->setup.plant.ny; i++)
         y[i] = c->y[i] / c->looks;
@@ -193,7 +193,7 @@ static void report(const struct covariance *c, double *y, double *u)
         u[o] = c->u[o] / c->looks;
 }
 
-static int explain(int rc, struct apc_error *why)
+static int explain_cost_failure(int rc, struct apc_error *why)
 {
     if (rc == APC_ESOLVER)
         return apc_fail(why, rc, "cost: it grows without bound: the loop is not stable under this timing");
@@ -222,7 +222,7 @@ static int settle_courses(const struct apc_loop *loop, const struct apc_loop_cou
     if (rc == 0)
         rc = covariance_create(c, loop, m[0].n);
     if (rc == 0)
-        rc = settle(c, m, probability, n);
+        rc = stationary_covariance(c, m, probability, n);
     free(probability);
     return rc;
 }
@@ -237,12 +237,12 @@ int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_course *cou
     int rc = m ? settle_courses(loop, course ? course : &own, courses, m, &c) : APC_ENOMEM;
 
     if (rc == 0)
-        report(&c, y, u);
+        report_variances(&c, y, u);
     for (size_t k = 0; m && k < courses; k++)
         machine_free(&m[k]);
     free(m);
     free(c.P);
-    return explain(rc, why);
+    return explain_cost_failure(rc, why);
 }
 
 int apc_loop_cost_recorded(const struct apc_loop *loop, const struct apc_loop_tick *tick, size_t n,
@@ -266,16 +266,16 @@ int apc_loop_cost_recorded(const struct apc_loop *loop, const struct apc_loop_ti
     if (rc == 0)
         rc = covariance_create(&c, loop, m[0].n);
     if (rc == 0)
-        rc = settle(&c, m, &certain, 1);
+        rc = stationary_covariance(&c, m, &certain, 1);
     if (rc == 0) {
-        forget(&c);
-        propagate(&c, &m[1], 1.0, 0);
+        free_covariance(&c);
+        propagate_loop_covariance(&c, &m[1], 1.0, 0);
         rc = isfinite(c.P[0]) ? 0 : APC_ESOLVER;
     }
     if (rc == 0)
-        report(&c, y, u);
+        report_variances(&c, y, u);
     machine_free(&m[0]);
     machine_free(&m[1]);
     free(c.P);
-    return explain(rc, why);
+    return explain_cost_failure(rc, why);
 }

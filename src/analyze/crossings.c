@@ -13,7 +13,7 @@ struct roots {
     bool lowest;          /* its least size, and not the greatest */
 };
 
-static int by_size(const void *a, const void *b)
+static int by_crossing_size(const void *a, const void *b)
 {
     const double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
 
@@ -23,12 +23,12 @@ static int by_size(const void *a, const void *b)
 static int roots_at(struct roots *r, double w)
 {
     struct open *o = &r->open;
-    int rc = respond(o, w);
+    int rc = loop_frequency_response(o, w);
 
     if (rc == 0)
         rc = eigenvalues(o->m, o->L, r->root);
     if (rc == 0)
-        qsort(r->root, o->m, sizeof(*r->root), by_size);
+        qsort(r->root, o->m, sizeof(*r->root), by_crossing_size);
     return rc;
 }
 

@@ -13,7 +13,7 @@ static inline double complex times(double complex a, double complex b)
     return complex_of(creal(a) * creal(b) - cimag(a) * cimag(b), creal(a) * cimag(b) + cimag(a) * creal(b));
 }
 
-static inline double size_of(double complex a)
+static inline double one_norm(double complex a)
 {
     return fabs(creal(a)) + fabs(cimag(a));
 }
@@ -30,8 +30,8 @@ static void balance(size_t n, double complex *A)
             int power;
 
             for (size_t j = 0; j < n; j++) {
-                row += j == i ? 0.0 : size_of(A[i * n + j]);
-                column += j == i ? 0.0 : size_of(A[j * n + i]);
+                row += j == i ? 0.0 : one_norm(A[i * n + j]);
+                column += j == i ? 0.0 : one_norm(A[j * n + i]);
             }
             if (!(row > 0.0 && column > 0.0 && isfinite(row + column)))
                 continue;
@@ -48,7 +48,7 @@ static void balance(size_t n, double complex *A)
     }
 }
 
-static void swap(double complex *a, double complex *b)
+static void swap_complex(double complex *a, double complex *b)
 {
     const double complex keep = *a;
 
@@ -62,17 +62,17 @@ static void to_hessenberg(size_t n, double complex *A)
         size_t pivot = k;
 
         for (size_t i = k; i < n; i++)
-            pivot = size_of(A[i * n + k - 1]) > size_of(A[pivot * n + k - 1]) ? i : pivot;
-        if (!(size_of(A[pivot * n + k - 1]) > 0.0))
+            pivot = one_norm(A[i * n + k - 1]) > one_norm(A[pivot * n + k - 1]) ? i : pivot;
+        if (!(one_norm(A[pivot * n + k - 1]) > 0.0))
             continue;
         for (size_t j = 0; j < n && pivot != k; j++)
-            swap(&A[pivot * n + j], &A[k * n + j]);
+            swap_complex(&A[pivot * n + j], &A[k * n + j]);
         for (size_t j = 0; j < n && pivot != k; j++)
-            swap(&A[j * n + pivot], &A[j * n + k]);
+            swap_complex(&A[j * n + pivot], &A[j * n + k]);
         for (size_t i = k + 1; i < n; i++) {
             const double complex share = A[i * n + k - 1] / A[k * n + k - 1];
 
-            if (!(size_of(share) > 0.0))
+            if (!(one_norm(share) > 0.0))
                 continue;
             for (size_t j = k - 1; j < n; j++)
                 A[i * n + j] -= times(share, A[k * n + j]);
@@ -94,7 +94,7 @@ static double complex wilkinson(size_t n, const double complex *H, size_t hi)
 }
 
 /* H - shift = Q R, then R Q + shift, between rows lo and hi. */
-static void sweep(size_t n, double complex *H, size_t lo, size_t hi, double complex shift)
+static void qr_sweep(size_t n, double complex *H, size_t lo, size_t hi, double complex shift)
 {
     double complex c0 = 0.0, s0 = 0.0; /* the rotation before: its columns wait for the next rows */
 
@@ -139,7 +139,7 @@ int eigenvalues(size_t n, double complex *A, double complex *value)
     int iteration = 0;
 
     for (size_t i = 0; i < n * n; i++)
-        all += size_of(A[i]);
+        all += one_norm(A[i]);
     if (!isfinite(all))
         return APC_ESOLVER;
     balance(n, A);
@@ -148,10 +148,10 @@ int eigenvalues(size_t n, double complex *A, double complex *value)
         size_t lo = hi;
 
         while (lo > 0) {
-            double near = size_of(A[lo * n + lo]) + size_of(A[(lo - 1) * n + lo - 1]);
+            double near = one_norm(A[lo * n + lo]) + one_norm(A[(lo - 1) * n + lo - 1]);
 
             near = near > 0.0 ? near : all;
-            if (size_of(A[lo * n + lo - 1]) <= 0x1p-53 * near || size_of(A[lo * n + lo - 1]) < 1e-290)
+            if (one_norm(A[lo * n + lo - 1]) <= 0x1p-53 * near || one_norm(A[lo * n + lo - 1]) < 1e-290)
                 break;
             lo--;
         }
@@ -164,9 +164,9 @@ int eigenvalues(size_t n, double complex *A, double complex *value)
         }
         if (++iteration > ITERATIONS)
             return APC_ESOLVER;
-        sweep(n, A, lo, hi,
-              iteration % 11 == 10 ? A[hi * n + hi] + 1.1 * size_of(A[hi * n + hi - 1])
-                                   : wilkinson(n, A, hi));
+        qr_sweep(n, A, lo, hi,
+                 iteration % 11 == 10 ? A[hi * n + hi] + 1.1 * one_norm(A[hi * n + hi - 1])
+                                      : wilkinson(n, A, hi));
         hi++;
     }
     return 0;
@@ -178,17 +178,17 @@ int complex_solve(size_t n, size_t m, double complex *A, double complex *B)
         size_t pivot = k;
 
         for (size_t i = k + 1; i < n; i++)
-            pivot = size_of(A[i * n + k]) > size_of(A[pivot * n + k]) ? i : pivot;
-        if (!(size_of(A[pivot * n + k]) > 0.0))
+            pivot = one_norm(A[i * n + k]) > one_norm(A[pivot * n + k]) ? i : pivot;
+        if (!(one_norm(A[pivot * n + k]) > 0.0))
             return 1;
         for (size_t j = k; j < n && pivot != k; j++)
-            swap(&A[pivot * n + j], &A[k * n + j]);
+            swap_complex(&A[pivot * n + j], &A[k * n + j]);
         for (size_t j = 0; j < m && pivot != k; j++)
-            swap(&B[pivot * m + j], &B[k * m + j]);
+            swap_complex(&B[pivot * m + j], &B[k * m + j]);
         for (size_t i = k + 1; i < n; i++) {
             const double complex share = A[i * n + k] / A[k * n + k];
 
-            if (!(size_of(share) > 0.0))
+            if (!(one_norm(share) > 0.0))
                 continue;
             for (size_t j = k + 1; j < n; j++)
                 A[i * n + j] -= times(share, A[k * n + j]);

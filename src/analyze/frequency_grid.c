@@ -18,14 +18,14 @@
 #define CLIMBS     36   /* steps between neighbours, each to 0.618 of the one before */
 #define WORTH      0.5  /* of the highest point seen: from there on a climb is worth it */
 
-static int ascending(const void *a, const void *b)
+static int by_frequency(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
 
     return x < y ? -1 : x > y;
 }
 
-static int add(struct mesh *mesh, double w, double top)
+static int add_frequency(struct mesh *mesh, double w, double top)
 {
     if (!(w > 0.0 && w <= top))
         return 0;
@@ -43,16 +43,16 @@ static int add(struct mesh *mesh, double w, double top)
 }
 
 /* About @p w, with a band so wide. */
-static int add_band(struct mesh *mesh, double w, double width, double top)
+static int add_frequency_band(struct mesh *mesh, double w, double width, double top)
 {
     const double grid = w * log(10.0) / PER_DECADE;
     double by = fmax(width, NARROWEST * w) / 2.0;
-    int rc = add(mesh, w, top);
+    int rc = add_frequency(mesh, w, top);
 
     while (by < grid && rc == 0) {
-        rc = add(mesh, w - by, top);
+        rc = add_frequency(mesh, w - by, top);
         if (rc == 0)
-            rc = add(mesh, w + by, top);
+            rc = add_frequency(mesh, w + by, top);
         by *= 2.0;
     }
     return rc;
@@ -75,9 +75,9 @@ int mesh_create(struct mesh *mesh, double period, double top, const double compl
             continue;
         for (size_t k = 0; (double)k * turn <= top && rc == 0;
              k++) { /* where there are more ticks, aliases */
-            rc = add_band(mesh, (double)k * turn + angle / period, width / period, top);
+            rc = add_frequency_band(mesh, (double)k * turn + angle / period, width / period, top);
             if (rc == 0)
-                rc = add_band(mesh, (double)(k + 1) * turn - angle / period, width / period, top);
+                rc = add_frequency_band(mesh, (double)(k + 1) * turn - angle / period, width / period, top);
         }
     }
     for (int k = 0; rc == 0; k++) {
@@ -85,11 +85,11 @@ int mesh_create(struct mesh *mesh, double period, double top, const double compl
 
         if (k > 0 && w < bottom)
             break;
-        rc = add(mesh, w, top);
+        rc = add_frequency(mesh, w, top);
     }
     if (rc < 0)
         return rc;
-    qsort(mesh->w, mesh->n, sizeof(*mesh->w), ascending);
+    qsort(mesh->w, mesh->n, sizeof(*mesh->w), by_frequency);
     for (size_t i = 0; i < mesh->n; i++) {
         if (kept == 0 || mesh->w[i] > mesh->w[kept - 1] * (1.0 + 1e-12))
             mesh->w[kept++] = mesh->w[i];

@@ -146,7 +146,7 @@ static double outside(const struct courses *c, apc_ns origin, bool begins_late, 
 }
 
 /* Cut time into periods where least is cut apart, from @p origin back; courses then count from there. */
-static void cut(struct courses *c, apc_ns origin, bool begins_late)
+static void cut_into_periods(struct courses *c, apc_ns origin, bool begins_late)
 {
     const apc_ns step = c->e->plant.rhythm.period;
     apc_ns best = origin, turns = 0;
@@ -246,7 +246,7 @@ static int course_cost(const struct experiment *e, const struct linear_loop *l, 
         add_executions(c, r, at, quantile(&r->model.jitter, ((double)k + 0.5) / (double)late),
                        1.0 / (double)late, loss);
     if (c->n > 0)
-        cut(c, linear_sampled(e, at), late > 1);
+        cut_into_periods(c, linear_sampled(e, at), late > 1);
     *known = c->beyond < RARE && c->n > 0;
     for (size_t i = 0; i < c->n; i++)
         c->course[i].probability /= 1.0 - c->beyond;

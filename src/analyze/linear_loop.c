@@ -42,7 +42,7 @@ static int take_named(const struct experiment *e, const struct linear_how *how, 
     return 0;
 }
 
-static int check_range(const struct experiment *e, const double *u, struct apc_error *why)
+static int check_operating_point(const struct experiment *e, const double *u, struct apc_error *why)
 {
     for (size_t i = 0; i < e->dim.nu; i++) {
         const struct apc_tag *tag = &e->u[i].tag;
@@ -77,7 +77,7 @@ static int find_point(struct linear_loop *l, const struct experiment *e, const s
     take_controllers(e, l->u);
     rc = take_named(e, how, l->u, why);
     if (rc == 0)
-        rc = check_range(e, l->u, why);
+        rc = check_operating_point(e, l->u, why);
     if (rc < 0)
         return rc;
     rc = apc_model_equilibrium(m, e->plant.p, l->u, l->x, &own);
@@ -175,8 +175,9 @@ static void values_at(const struct linear_loop *l, const struct experiment *e, c
         u[i] = c->u[i].table == APC_ACTUATOR ? l->u[c->u[i].at] : value_of_setpoint(e, c->u[i].at, l->y);
 }
 
-static int make_law(struct linear_loop *l, const struct experiment *e, size_t k, const struct linear_how *how,
-                    struct apc_loop_source *source, size_t *to, struct apc_error *why)
+static int make_linear_law(struct linear_loop *l, const struct experiment *e, size_t k,
+                           const struct linear_how *how, struct apc_loop_source *source, size_t *to,
+                           struct apc_error *why)
 {
     const struct controller *c = &e->controllers[l->chosen[k]];
     const struct apc_dim *dim = &c->dim;
@@ -243,7 +244,7 @@ static int check_controllers(const struct experiment *e, struct apc_error *why)
 
 /* ---- The instants ---------------------------------------------------------------------------- */
 
-static apc_ns mean_of(const struct apc_distribution *d)
+static apc_ns mean_of_delay(const struct apc_distribution *d)
 {
     apc_ns mean = 0;
     if (d->kind && apc_ns_from_s(fmax(0.0, apc_distribution_mean(d)), &mean) < 0)
@@ -260,29 +261,30 @@ static apc_ns floor_to(apc_ns at, apc_ns grid)
 /* A frame's way, once. */
 static apc_ns way(const struct experiment *e)
 {
-    return mean_of(&e->models.network.options.delay) + mean_of(&e->models.network.options.jitter);
+    return mean_of_delay(&e->models.network.options.delay) + mean_of_delay(&e->models.network.options.jitter);
 }
 
 /* The client reads when its tick begins, and sends when that is over. */
 static apc_ns client_offset(const struct experiment *e)
 {
-    return e->client.rhythm.phase + mean_of(&e->client.rhythm.model.jitter) - e->plant.rhythm.phase;
+    return e->client.rhythm.phase + mean_of_delay(&e->client.rhythm.model.jitter) - e->plant.rhythm.phase;
 }
 
 apc_ns linear_acts(const struct experiment *e, apc_ns written)
 {
     const apc_ns T = e->client.rhythm.period, h = e->plant.rhythm.period, off = client_offset(e);
     const apc_ns reads = floor_to(written - off, T) + T + off; /* at one instant the client comes first */
-    const apc_ns arrives = reads + mean_of(&e->client.rhythm.model.execution) + way(e);
-    return floor_to(arrives - mean_of(&e->plant.rhythm.model.execution), h) + h; /* and so does the plant */
+    const apc_ns arrives = reads + mean_of_delay(&e->client.rhythm.model.execution) + way(e);
+    return floor_to(arrives - mean_of_delay(&e->plant.rhythm.model.execution), h) +
+           h; /* and so does the plant */
 }
 
 apc_ns linear_sampled(const struct experiment *e, apc_ns at)
 {
     const apc_ns T = e->client.rhythm.period, h = e->plant.rhythm.period, off = client_offset(e);
-    const apc_ns execution = mean_of(&e->client.rhythm.model.execution);
+    const apc_ns execution = mean_of_delay(&e->client.rhythm.model.execution);
     const apc_ns began = floor_to(at - off - execution - 2 * way(e), T) + off;
-    return floor_to(began + execution + way(e) - mean_of(&e->plant.rhythm.model.execution), h);
+    return floor_to(began + execution + way(e) - mean_of_delay(&e->plant.rhythm.model.execution), h);
 }
 
 static apc_ns common_divisor(apc_ns a, apc_ns b)
@@ -295,20 +297,21 @@ static apc_ns common_divisor(apc_ns a, apc_ns b)
     return a;
 }
 
-static apc_ns period_of(const struct controller *c, const struct linear_how *how)
+static apc_ns period_of_linear_loop(const struct controller *c, const struct linear_how *how)
 {
     const double faster = how->faster > 0 ? how->faster : 1.0;
     const apc_ns T = (apc_ns)llround((double)c->rhythm.period / faster);
     return T > 0 ? T : 1;
 }
 
-static int find_period(struct linear_loop *l, const struct experiment *e, const struct linear_how *how,
-                       struct apc_error *why)
+static int find_loop_period(struct linear_loop *l, const struct experiment *e, const struct linear_how *how,
+                            struct apc_error *why)
 {
     apc_ns all = e->plant.rhythm.period, shortest = all;
     for (size_t k = 0; k <= l->setup.n_controllers; k++) {
-        const apc_ns next = k == l->setup.n_controllers ? (how->prompt ? all : e->client.rhythm.period)
-                                                        : period_of(&e->controllers[l->chosen[k]], how);
+        const apc_ns next = k == l->setup.n_controllers
+                                ? (how->prompt ? all : e->client.rhythm.period)
+                                : period_of_linear_loop(&e->controllers[l->chosen[k]], how);
         if (next <= 0)
             continue;
         shortest = next < shortest ? next : shortest;
@@ -327,7 +330,7 @@ static int find_period(struct linear_loop *l, const struct experiment *e, const 
     return 0;
 }
 
-static int by_time(const void *a, const void *b)
+static int by_tick_time(const void *a, const void *b)
 {
     const struct apc_loop_tick *x = a, *y = b;
     if (x->computed != y->computed)
@@ -341,27 +344,27 @@ static int make_ticks(struct linear_loop *l, const struct experiment *e, const s
     const apc_ns all = l->setup.period, h = e->plant.rhythm.period;
     size_t n = 0;
     for (size_t k = 0; k < l->setup.n_controllers; k++)
-        n += (size_t)(all / period_of(&e->controllers[l->chosen[k]], how));
+        n += (size_t)(all / period_of_linear_loop(&e->controllers[l->chosen[k]], how));
     l->tick = calloc(n + 1, sizeof *l->tick);
     if (!l->tick)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t k = 0; k < l->setup.n_controllers; k++) {
         const struct controller *c = &e->controllers[l->chosen[k]];
-        const apc_ns T = period_of(c, how);
+        const apc_ns T = period_of_linear_loop(c, how);
         for (apc_ns i = 0; i < all / T; i++) {
             struct apc_loop_tick *t = &l->tick[l->setup.n_ticks++];
-            apc_ns at = c->rhythm.phase - e->plant.rhythm.phase + mean_of(&c->rhythm.model.jitter);
+            apc_ns at = c->rhythm.phase - e->plant.rhythm.phase + mean_of_delay(&c->rhythm.model.jitter);
             at = floor_to(at, T) < 0 || at >= T ? at - floor_to(at, T) : at;
             at = how->prompt ? floor_to(i * T, h) : at + i * T;
             *t = (struct apc_loop_tick){k, at, at, at, at};
             if (how->prompt)
                 continue;
             t->sampled = linear_sampled(e, at);
-            t->written = at + mean_of(&c->rhythm.model.execution);
+            t->written = at + mean_of_delay(&c->rhythm.model.execution);
             t->acts = linear_acts(e, t->written);
         }
     }
-    qsort(l->tick, l->setup.n_ticks, sizeof *l->tick, by_time);
+    qsort(l->tick, l->setup.n_ticks, sizeof *l->tick, by_tick_time);
     l->setup.tick = l->tick;
     return 0;
 }
@@ -369,7 +372,7 @@ static int make_ticks(struct linear_loop *l, const struct experiment *e, const s
 /* ---- All of it ------------------------------------------------------------------------------- */
 
 /* Those that act, the ones above first, as they compute at one instant. */
-static void choose(struct linear_loop *l, const struct experiment *e)
+static void choose_acting(struct linear_loop *l, const struct experiment *e)
 {
     for (unsigned depth = 0; depth <= e->n_controllers; depth++)
         for (size_t i = 0; i < e->n_controllers; i++)
@@ -377,7 +380,7 @@ static void choose(struct linear_loop *l, const struct experiment *e)
                 l->chosen[l->setup.n_controllers++] = i;
 }
 
-static int allocate(struct linear_loop *l, const struct experiment *e)
+static int allocate_linear_loop(struct linear_loop *l, const struct experiment *e)
 {
     const struct apc_model *m = l->model;
     size_t sources = 1, outputs = 1;
@@ -425,11 +428,11 @@ int linear_loop_create(struct linear_loop *l, const struct experiment *e, const 
         rc = apc_model_equations(e->plant.model, &l->model, why);
     if (rc < 0)
         return rc;
-    if (allocate(l, e) < 0)
+    if (allocate_linear_loop(l, e) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    choose(l, e);
+    choose_acting(l, e);
     l->setup.controller = l->controller;
-    rc = find_period(l, e, how, why);
+    rc = find_loop_period(l, e, how, why);
     if (rc == 0)
         rc = find_point(l, e, how, why);
     if (rc == 0)
@@ -437,7 +440,7 @@ int linear_loop_create(struct linear_loop *l, const struct experiment *e, const 
     source = l->source;
     for (size_t k = 0; k < l->setup.n_controllers && rc == 0; k++) {
         const struct controller *c = &e->controllers[l->chosen[k]];
-        rc = make_law(l, e, k, how, source, l->to + o, why);
+        rc = make_linear_law(l, e, k, how, source, l->to + o, why);
         source += c->dim.ny + c->dim.nz + c->dim.nd + c->dim.nu;
         for (size_t i = 0; i < c->dim.nu; i++)
             name_output(l, e, o++, (struct controller_loop){c, i});

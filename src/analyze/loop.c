@@ -34,7 +34,7 @@ static int check_controller(const struct apc_loop_setup *s, size_t outputs,
 }
 
 /* When the tick of the same controller before tick @p k was sampled. */
-static apc_ns sampled_before(const struct apc_loop_setup *s, size_t k)
+static apc_ns previous_sampling(const struct apc_loop_setup *s, size_t k)
 {
     apc_ns turn = 0;
     size_t j = k;
@@ -53,14 +53,14 @@ static int check_ticks(const struct apc_loop_setup *s, struct apc_error *why)
 
         if (t->controller >= s->n_controllers || t->computed < (k ? t[-1].computed : 0) ||
             t->computed > s->period || t->sampled > t->computed ||
-            t->computed - t->sampled > 1000 * s->period || t->sampled < sampled_before(s, k) ||
+            t->computed - t->sampled > 1000 * s->period || t->sampled < previous_sampling(s, k) ||
             t->written < t->computed || t->acts < t->computed)
             return apc_fail(why, APC_EINVAL, "loop: tick %zu: its times are not in order", k + 1);
     }
     return 0;
 }
 
-static int check(const struct apc_loop_setup *s, struct apc_error *why)
+static int check_loop_setup(const struct apc_loop_setup *s, struct apc_error *why)
 {
     const struct apc_loop_plant *p = &s->plant;
     size_t outputs = 0;
@@ -85,7 +85,7 @@ static int check(const struct apc_loop_setup *s, struct apc_error *why)
 
 /* ---- The copy -------------------------------------------------------------------------------- */
 
-static const double *keep(double **at, const double *from, size_t n)
+static const double *copy_matrix(double **at, const double *from, size_t n)
 {
     double *to = apc_carve(at, n);
 
@@ -94,7 +94,7 @@ static const double *keep(double **at, const double *from, size_t n)
     return to;
 }
 
-static size_t numbers_of(const struct apc_loop_setup *s)
+static size_t count_loop_numbers(const struct apc_loop_setup *s)
 {
     const struct apc_loop_plant *p = &s->plant;
     size_t n = (p->nx + p->ny) * (p->nx + p->nu + 1);
@@ -108,12 +108,12 @@ static void copy_plant(struct apc_loop *l, double **at)
 {
     struct apc_loop_plant *p = &l->setup.plant;
 
-    p->A = keep(at, p->A, p->nx * p->nx);
-    p->B = keep(at, p->B, p->nx * p->nu);
-    p->C = keep(at, p->C, p->ny * p->nx);
-    p->D = keep(at, p->D, p->ny * p->nu);
-    p->noise = keep(at, p->noise, p->nx);
-    p->sensor = keep(at, p->sensor, p->ny);
+    p->A = copy_matrix(at, p->A, p->nx * p->nx);
+    p->B = copy_matrix(at, p->B, p->nx * p->nu);
+    p->C = copy_matrix(at, p->C, p->ny * p->nx);
+    p->D = copy_matrix(at, p->D, p->ny * p->nu);
+    p->noise = copy_matrix(at, p->noise, p->nx);
+    p->sensor = copy_matrix(at, p->sensor, p->ny);
 }
 
 static void copy_controllers(struct apc_loop *l, struct apc_loop_controller *to, struct apc_loop_source *in,
@@ -128,10 +128,10 @@ static void copy_controllers(struct apc_loop *l, struct apc_loop_controller *to,
         const struct apc_loop_controller *from = &s->controller[c];
 
         to[c] = *from;
-        to[c].A = keep(at, from->A, from->nx * from->nx);
-        to[c].B = keep(at, from->B, from->nx * from->n_in);
-        to[c].C = keep(at, from->C, from->nu * from->nx);
-        to[c].D = keep(at, from->D, from->nu * from->n_in);
+        to[c].A = copy_matrix(at, from->A, from->nx * from->nx);
+        to[c].B = copy_matrix(at, from->B, from->nx * from->n_in);
+        to[c].C = copy_matrix(at, from->C, from->nu * from->nx);
+        to[c].D = copy_matrix(at, from->D, from->nu * from->n_in);
         to[c].in = in;
         to[c].to = l->to + outputs;
         l->first[c] = outputs;
@@ -161,7 +161,7 @@ int apc_loop_create(struct apc_loop **loop, const struct apc_loop_setup *setup, 
     *loop = NULL;
     rc = apc_options_copy(&s, sizeof(s), setup, "apc_loop_setup", why);
     if (rc == 0)
-        rc = check(&s, why);
+        rc = check_loop_setup(&s, why);
     if (rc < 0)
         return rc;
     for (size_t c = 0; c < s.n_controllers; c++) {
@@ -173,7 +173,7 @@ int apc_loop_create(struct apc_loop **loop, const struct apc_loop_setup *setup, 
         return apc_fail(why, APC_ENOMEM, "no memory");
     l->setup = s;
     l->n_out = outputs;
-    l->numbers = at = calloc(numbers_of(&s), sizeof(*at));
+    l->numbers = at = calloc(count_loop_numbers(&s), sizeof(*at));
     l->indices = calloc(2 * s.n_controllers + 2 * outputs + s.plant.nu, sizeof(*l->indices));
     l->controllers = calloc(1, s.n_controllers * sizeof(*s.controller) + sources * sizeof(*s.controller->in));
     l->ticks = calloc(s.n_ticks, sizeof(*s.tick));

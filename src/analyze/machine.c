@@ -19,7 +19,7 @@ struct sorted {
     size_t order;
 };
 
-static int compare(const void *a, const void *b)
+static int by_step_time(const void *a, const void *b)
 {
     const struct sorted *x = a, *y = b;
 
@@ -69,7 +69,7 @@ static size_t act_age(const struct course *c, size_t k, apc_ns at)
 }
 
 /* Is the measurement that of the tick before? */
-static bool sampled_before(const struct course *c, size_t k)
+static bool is_sampled_in_former_tick(const struct course *c, size_t k)
 {
     apc_ns turn = 0;
     size_t j = k;
@@ -90,8 +90,8 @@ static void wrap(struct step *step, apc_ns period)
     step->tick -= turns * period;
 }
 
-static size_t add(struct sorted *to, size_t n, enum step_kind kind, size_t number, size_t age, apc_ns at,
-                  size_t order)
+static size_t add_loop_step(struct sorted *to, size_t n, enum step_kind kind, size_t number, size_t age,
+                            apc_ns at, size_t order)
 {
     static const int rank[] = {[STEP_KICK] = 0, [STEP_SAMPLE] = 1, [STEP_ACT] = 2, [STEP_COMPUTE] = 3};
 
@@ -105,9 +105,9 @@ static size_t list_tick(const struct apc_loop *l, const struct course *c, size_t
     const struct apc_loop_tick *t = &c->tick[k];
     const size_t outputs = l->setup.controller[t->controller].nu;
 
-    if (!sampled_before(c, k))
-        n = add(to, n, STEP_SAMPLE, t->controller, 0, t->sampled, k);
-    n = add(to, n, STEP_COMPUTE, t->controller, sample_age(c, k), t->computed, 2 * k);
+    if (!is_sampled_in_former_tick(c, k))
+        n = add_loop_step(to, n, STEP_SAMPLE, t->controller, 0, t->sampled, k);
+    n = add_loop_step(to, n, STEP_COMPUTE, t->controller, sample_age(c, k), t->computed, 2 * k);
     for (size_t o = l->first[t->controller]; o < l->first[t->controller] + outputs; o++) {
         const bool nowhere = l->to[o] == APC_LOOP_NOWHERE;
         apc_ns at = nowhere ? t->written : t->acts, delay = 0;
@@ -117,7 +117,7 @@ static size_t list_tick(const struct apc_loop *l, const struct course *c, size_t
         if (c->delay)
             (void)apc_ns_from_s(c->delay[o], &delay);
         at += (nowhere ? 0 : l->setup.plant.dead_time) + delay;
-        n = add(to, n, STEP_ACT, o, act_age(c, k, at), at, 2 * k + 1);
+        n = add_loop_step(to, n, STEP_ACT, o, act_age(c, k, at), at, 2 * k + 1);
         to[n - 1].step.tick = t->computed;
         if (nowhere || at == t->computed)
             to[n - 1].rank = 3;
@@ -127,7 +127,7 @@ static size_t list_tick(const struct apc_loop *l, const struct course *c, size_t
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void lay_out(struct machine *m)
+static void lay_out_machine(struct machine *m)
 {
     const struct apc_loop *l = m->loop;
 
@@ -220,16 +220,16 @@ int machine_create(struct machine *m, const struct apc_loop *loop, const struct 
         return apc_fail(why, APC_ENOMEM, "no memory");
     }
     for (size_t k = 0; k < kicks; k++)
-        n = add(list, n, STEP_KICK, 0, 0, (apc_ns)k * every, 0);
+        n = add_loop_step(list, n, STEP_KICK, 0, 0, (apc_ns)k * every, 0);
     for (size_t k = 0; k < course->n; k++)
         n = list_tick(loop, course, k, list, n);
     for (size_t k = 0; k < n; k++)
         wrap(&list[k].step, course->period);
-    qsort(list, n, sizeof(*list), compare);
+    qsort(list, n, sizeof(*list), by_step_time);
     rc = string_together(m, course, list, n, why);
     free(list);
     if (rc == 0)
-        lay_out(m);
+        lay_out_machine(m);
     return rc;
 }
 
@@ -253,7 +253,7 @@ static void add_row(double *to, double share, const double *from, size_t width)
         to[i] += share * from[i];
 }
 
-static void advance(struct machine *m, const struct step *s, struct ride *r)
+static void advance_plant_state(struct machine *m, const struct step *s, struct ride *r)
 {
     const struct apc_loop_plant *p = &m->loop->setup.plant;
     const struct advance *a = &m->advance[s->age];
@@ -272,12 +272,12 @@ static void advance(struct machine *m, const struct step *s, struct ride *r)
 }
 
 /* Make room for the newest among @p kept times @p n rows that begin at @p at. */
-static void shift(struct ride *r, size_t at, size_t kept, size_t n)
+static void shift_rows(struct ride *r, size_t at, size_t kept, size_t n)
 {
     memmove(r->Z + (at + n) * r->width, r->Z + at * r->width, (kept - 1) * n * r->width * sizeof(*r->Z));
 }
 
-static void sample(struct machine *m, const struct step *s, struct ride *r)
+static void sample_step(struct machine *m, const struct step *s, struct ride *r)
 {
     const struct apc_loop_plant *p = &m->loop->setup.plant;
     const struct apc_loop_controller *c = &m->loop->setup.controller[s->number];
@@ -287,7 +287,7 @@ static void sample(struct machine *m, const struct step *s, struct ride *r)
 
     if (n == 0)
         return;
-    shift(r, of->y, of->samples, n);
+    shift_rows(r, of->y, of->samples, n);
     memset(to, 0, n * w * sizeof(*to));
     for (size_t k = 0; k < c->n_in; k++) {
         const size_t i = c->in[k].number;
@@ -304,7 +304,7 @@ static void sample(struct machine *m, const struct step *s, struct ride *r)
     }
 }
 
-static void compute(struct machine *m, const struct step *s, struct ride *r)
+static void compute_step(struct machine *m, const struct step *s, struct ride *r)
 {
     const struct apc_loop_controller *c = &m->loop->setup.controller[s->number];
     const struct course_of *of = &m->of[s->number];
@@ -329,11 +329,11 @@ static void compute(struct machine *m, const struct step *s, struct ride *r)
                     w);
     }
     memcpy(r->Z + of->x * w, m->room, c->nx * w * sizeof(*r->Z));
-    shift(r, of->u, of->computed, c->nu);
+    shift_rows(r, of->u, of->computed, c->nu);
     memcpy(r->Z + of->u * w, m->room + c->nx * w, c->nu * w * sizeof(*r->Z));
 }
 
-static void act(struct machine *m, const struct step *s, struct ride *r)
+static void actuate_step(struct machine *m, const struct step *s, struct ride *r)
 {
     const struct apc_loop *l = m->loop;
     const size_t c = l->owner[s->number], w = r->width, half = w / 2;
@@ -358,13 +358,13 @@ static void act(struct machine *m, const struct step *s, struct ride *r)
 void machine_step(struct machine *m, const struct step *step, struct ride *ride)
 {
     if (step->kind == STEP_ADVANCE)
-        advance(m, step, ride);
+        advance_plant_state(m, step, ride);
     else if (step->kind == STEP_SAMPLE)
-        sample(m, step, ride);
+        sample_step(m, step, ride);
     else if (step->kind == STEP_ACT)
-        act(m, step, ride);
+        actuate_step(m, step, ride);
     else if (step->kind == STEP_COMPUTE)
-        compute(m, step, ride);
+        compute_step(m, step, ride);
 }
 
 int machine_widen(struct machine *m, size_t width)

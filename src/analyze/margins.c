@@ -44,7 +44,7 @@ static int radius(struct machine *m, const double complex *factor, double *large
     return rc;
 }
 
-static int by_size(const void *a, const void *b)
+static int by_margin_size(const void *a, const void *b)
 {
     const double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
 
@@ -76,7 +76,7 @@ int apc_loop_poles(const struct apc_loop *loop, double *re, double *im)
     if (rc == 0)
         rc = radius(&m, NULL, &largest, value);
     if (rc == 0)
-        qsort(value, m.n, sizeof(*value), by_size);
+        qsort(value, m.n, sizeof(*value), by_margin_size);
     for (size_t i = 0; i < m.n && rc == 0; i++) {
         re[i] = creal(value[i]);
         im[i] = cimag(value[i]);
@@ -105,7 +105,7 @@ static bool concerned(const struct trial *t, size_t o)
 }
 
 /* Is the loop stable where what is tried is @p value? */
-static bool holds(struct trial *t, double value)
+static bool is_stable_at(struct trial *t, double value)
 {
     const struct apc_loop_setup *s = &t->loop->setup;
     const struct course course = {.period = s->period, .n = s->n_ticks, .tick = s->tick, .delay = t->delay};
@@ -138,12 +138,12 @@ static double border(struct trial *t, double good, double bad)
     while (fabs(bad - good) > PRECISION * fmax(fabs(good), fabs(bad)) && t->rc == 0) {
         const double middle = (good + bad) / 2.0;
 
-        *(holds(t, middle) ? &good : &bad) = middle;
+        *(is_stable_at(t, middle) ? &good : &bad) = middle;
     }
     return good;
 }
 
-static int ascending(const void *a, const void *b)
+static int by_margin_frequency(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
 
@@ -169,10 +169,10 @@ static int tries_create(struct tries *tries, const double *steps, size_t n_steps
     for (size_t k = 0; k < n_steps; k++)
         tries->at[tries->n++] = steps[k];
     if (n > 0)
-        qsort(critical, n, sizeof(*critical), ascending);
+        qsort(critical, n, sizeof(*critical), by_margin_frequency);
     for (size_t k = 1; k < n; k++)
         tries->at[tries->n++] = (critical[k - 1] + critical[k]) / 2.0;
-    qsort(tries->at, tries->n, sizeof(*tries->at), ascending);
+    qsort(tries->at, tries->n, sizeof(*tries->at), by_margin_frequency);
     return 0;
 }
 
@@ -186,7 +186,7 @@ static double first_border(struct trial *t, const struct tries *tries, double go
 
         if (up ? next <= begin : next >= begin)
             continue;
-        if (!holds(t, next))
+        if (!is_stable_at(t, next))
             return border(t, good, next);
         good = next;
     }
@@ -246,7 +246,7 @@ static double phase_margin(struct trial *t, const struct crossings *found)
  * hardly counts beside them: from one to the next the answer settles at once. @p delay is about where the
  * crossing is critical; returns where it is.
  */
-static double follow(struct trial *t, struct crossing crossing, double delay)
+static double follow_delay(struct trial *t, struct crossing crossing, double delay)
 {
     const double period = apc_ns_to_s(t->loop->setup.period);
     double before = -1.0;
@@ -288,7 +288,7 @@ static int critical_delays(struct trial *t, const struct crossings *found, doubl
         double delay = c->phase / c->w;
 
         while (delay <= most && t->rc == 0) {
-            (*list)[(*n)++] = follow(t, *c, delay);
+            (*list)[(*n)++] = follow_delay(t, *c, delay);
             delay += 2.0 * M_PI / c->w;
         }
     }
@@ -312,7 +312,7 @@ static double long_delay_margin(struct trial *t, const struct crossings *found)
             if (round == 0)
                 first = fmin(first, next);
             while (round == 1 && next <= first + period) {
-                const double exact = follow(t, *c, next);
+                const double exact = follow_delay(t, *c, next);
 
                 if (exact >= least * (1.0 - PRECISION))
                     delay = fmin(delay, exact);
@@ -377,7 +377,7 @@ static int find_roots(struct trial *t, bool zeros, double complex *root, size_t 
     return rc;
 }
 
-static int measure(struct trial *t, const double *scale, bool peaks_only, struct apc_loop_margins *to)
+static int measure_margins(struct trial *t, const double *scale, bool peaks_only, struct apc_loop_margins *to)
 {
     const bool reaches = t->of == APC_LOOP_WHOLE || t->loop->to[t->of] != APC_LOOP_NOWHERE;
     double complex *root = calloc(3 * t->nominal->n + 1, sizeof(*root));
@@ -407,8 +407,8 @@ out:
     return t->rc;
 }
 
-static int find(const struct apc_loop *loop, size_t of, const double *scale, bool peaks_only,
-                struct apc_loop_margins *margins, struct apc_error *why)
+static int find_margins(const struct apc_loop *loop, size_t of, const double *scale, bool peaks_only,
+                        struct apc_loop_margins *margins, struct apc_error *why)
 {
     const struct course course = {
         .period = loop->setup.period, .n = loop->setup.n_ticks, .tick = loop->setup.tick};
@@ -423,7 +423,7 @@ static int find(const struct apc_loop *loop, size_t of, const double *scale, boo
     t.factor = calloc(loop->n_out, sizeof(*t.factor));
     t.delay = calloc(loop->n_out, sizeof(*t.delay));
     if (rc == 0)
-        rc = t.factor && t.delay ? measure(&t, scale, peaks_only, &m) : APC_ENOMEM;
+        rc = t.factor && t.delay ? measure_margins(&t, scale, peaks_only, &m) : APC_ENOMEM;
     if (rc < 0)
         rc = apc_fail(why, rc, "margins: %s", apc_err_text(rc));
     else
@@ -437,11 +437,11 @@ static int find(const struct apc_loop *loop, size_t of, const double *scale, boo
 int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
                      struct apc_loop_margins *margins, struct apc_error *why)
 {
-    return find(loop, of, scale, false, margins, why);
+    return find_margins(loop, of, scale, false, margins, why);
 }
 
 int apc_loop_peaks(const struct apc_loop *loop, size_t of, const double *scale,
                    struct apc_loop_margins *margins, struct apc_error *why)
 {
-    return find(loop, of, scale, true, margins, why);
+    return find_margins(loop, of, scale, true, margins, why);
 }

@@ -49,7 +49,7 @@ static int open_at(struct peaks *p, double w)
 {
     const struct open *o = &p->open;
     const size_t m = o->m;
-    const int rc = respond(&p->open, w);
+    const int rc = loop_frequency_response(&p->open, w);
 
     for (size_t i = 0; i < m && rc == 0; i++) {
         for (size_t j = 0; j < m; j++)

@@ -128,7 +128,7 @@ int open_create(struct open *o, const struct apc_loop *loop, size_t of, const do
     return machine_ride(&o->machine, &ride);
 }
 
-static int drive(struct open *o, bool listens)
+static int drive_open_loop(struct open *o, bool listens)
 {
     struct ride ride = {.Z = o->Z, .width = 2 * o->m, .cut = o->slot ? cut_lifted : cut_driven, .ctx = o};
 
@@ -136,7 +136,7 @@ static int drive(struct open *o, bool listens)
     return machine_ride(&o->machine, &ride);
 }
 
-int respond(struct open *o, double w)
+int loop_frequency_response(struct open *o, double w)
 {
     const size_t n = o->machine.n, m = o->m;
     const double angle = w * apc_ns_to_s(o->loop->setup.period);
@@ -145,7 +145,7 @@ int respond(struct open *o, double w)
     o->w = w;
     memset(o->Z, 0, 2 * n * m * sizeof(*o->Z));
     memset(o->L, 0, m * m * sizeof(*o->L));
-    rc = drive(o, false);
+    rc = drive_open_loop(o, false);
     for (size_t i = 0; i < n * n; i++)
         o->A[i] = (i % (n + 1) == 0 ? complex_of(cos(angle), sin(angle)) : 0.0) - o->map[i];
     for (size_t i = 0; i < n; i++) {
@@ -160,7 +160,7 @@ int respond(struct open *o, double w)
             o->Z[i * 2 * m + m + j] = cimag(o->X[i * m + j]);
         }
     }
-    return rc < 0 ? rc : drive(o, true);
+    return rc < 0 ? rc : drive_open_loop(o, true);
 }
 
 int apc_loop_response(const struct apc_loop *loop, size_t of, size_t n, const double *w, double *re,
@@ -173,7 +173,7 @@ int apc_loop_response(const struct apc_loop *loop, size_t of, size_t n, const do
         return APC_EINVAL;
     rc = open_create(&o, loop, of, NULL);
     for (size_t k = 0; k < n && rc == 0; k++) {
-        const bool there = respond(&o, w[k]) == 0 && o.ticks[0];
+        const bool there = loop_frequency_response(&o, w[k]) == 0 && o.ticks[0];
 
         re[k] = there ? creal(o.L[0]) : (double)NAN;
         im[k] = there ? cimag(o.L[0]) : (double)NAN;

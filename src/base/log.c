@@ -76,7 +76,7 @@ static bool wait_for_room(struct apc_log *log)
     return !log->stuck;
 }
 
-static void write_all(struct apc_log *log, const char *text, size_t length)
+static void write_log_text(struct apc_log *log, const char *text, size_t length)
 {
     while (length > 0 && wait_for_room(log)) {
         ssize_t n = write(log->fd, text, length);
@@ -117,7 +117,7 @@ static void write_line(struct apc_log *log, const struct message *m)
     at = strpbrk(log->name, " \"\\") ? quote(at, log->name) : stpcpy(at, log->name);
     at = quote(stpcpy(at, " msg="), m->text);
     *at++ = '\n';
-    write_all(log, line, (size_t)(at - line));
+    write_log_text(log, line, (size_t)(at - line));
 }
 
 static void *writer(void *arg)

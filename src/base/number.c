@@ -64,7 +64,7 @@ static int decimal_exponent(double size)
 
 /* The 17 digits of a number with that exponent, half to even. They are finer than doubles lie apart, so
  * rounding never makes an 18th. The product has 117 bits at most. */
-static uint64_t scale(double size, int exponent)
+static uint64_t scale_digits(double size, int exponent)
 {
     int shift;
     uint128 product = (uint128)(uint64_t)(frexp(size, &shift) * 0x1p53) * power[16 - exponent];
@@ -102,7 +102,7 @@ static int format_plain(double value, char *text)
         *c++ = '-';
     memcpy(c, "0.00", 4);
     char *const digits = c + (whole > 0 ? 1 : 1 - exponent); /* behind the point, */
-    const uint64_t number = scale(size, exponent);
+    const uint64_t number = scale_digits(size, exponent);
     put_digits(digits, (uint32_t)(number / 100000000u), 9);
     put_digits(digits + 9, (uint32_t)(number % 100000000u), 8);
     while (n > whole && digits[n - 1] == '0')
@@ -213,7 +213,7 @@ int apc_number_format(double value, char *text, size_t size)
 
 /* [-+] digits [. digits] [e [-+] digits], with a digit before or after the point. Only then strtod may
  * look: it would also take "nan", "inf", "0x1p3", blanks in front, and the locale's point. */
-static bool is_number(const char *c)
+static bool is_decimal_number(const char *c)
 {
     size_t digits = 0;
     if (*c == '-' || *c == '+')
@@ -246,7 +246,7 @@ int apc_number_parse(const char *text, double *value)
         return APC_EINVAL;
     if (parse_plain(text, value))
         return 0;
-    if (strnlen(text, NUMBER_MAX) == NUMBER_MAX || !is_number(text))
+    if (strnlen(text, NUMBER_MAX) == NUMBER_MAX || !is_decimal_number(text))
         return APC_EINVAL;
     const char *point = decimal_point();
     if (strcmp(point, ".") != 0 && strlen(point) < 16) {

@@ -60,7 +60,7 @@ struct search {
     uint32_t mark;
 };
 
-static bool holds(const struct dl_phdr_info *object, uintptr_t address)
+static bool object_holds(const struct dl_phdr_info *object, uintptr_t address)
 {
     for (size_t i = 0; i < object->dlpi_phnum; i++) {
         const ElfW(Phdr) *part = &object->dlpi_phdr[i];
@@ -90,14 +90,14 @@ __attribute__((no_sanitize("address"))) static uint32_t sum(const struct dl_phdr
     return hash;
 }
 
-static int look(struct dl_phdr_info *object, size_t size, void *ctx)
+static int find_object(struct dl_phdr_info *object, size_t size, void *ctx)
 {
     struct search *s = ctx;
 
     (void)size;
-    if (!holds(object, s->of))
+    if (!object_holds(object, s->of))
         return 0;
-    s->mark = holds(object, s->ours) ? 0 : sum(object);
+    s->mark = object_holds(object, s->ours) ? 0 : sum(object);
     return 1;
 }
 
@@ -105,7 +105,7 @@ uint32_t apc_plugin_mark(uintptr_t address)
 {
     struct search s = {.of = address, .ours = (uintptr_t)apc_plugin_mark};
 
-    (void)dl_iterate_phdr(look, &s);
+    (void)dl_iterate_phdr(find_object, &s);
     return s.mark;
 }
 

@@ -30,7 +30,7 @@ void apc_random_init(struct apc_random *random, uint64_t seed, const char *name)
         random->state[i] = splitmix(&state);
 }
 
-static uint64_t rotate(uint64_t x, int by)
+static uint64_t rotate_bits(uint64_t x, int by)
 {
     return (x << by) | (x >> (64 - by));
 }
@@ -38,14 +38,14 @@ static uint64_t rotate(uint64_t x, int by)
 uint64_t apc_random_next(struct apc_random *random)
 {
     uint64_t *s = random->state;
-    uint64_t result = rotate(s[0] + s[3], 23) + s[0], t = s[1] << 17;
+    uint64_t result = rotate_bits(s[0] + s[3], 23) + s[0], t = s[1] << 17;
 
     s[2] ^= s[0];
     s[3] ^= s[1];
     s[1] ^= s[2];
     s[0] ^= s[3];
     s[2] ^= t;
-    s[3] = rotate(s[3], 45);
+    s[3] = rotate_bits(s[3], 45);
     return result;
 }
 

@@ -83,7 +83,7 @@ static bool wait_readable(int fd, apc_ns until)
 }
 
 /* That it ended with a message of ours unread is said once, before what it had to say itself. */
-static ssize_t receive(int fd, void *to, size_t size)
+static ssize_t receive_message(int fd, void *to, size_t size)
 {
     const ssize_t n = recv(fd, to, size, MSG_DONTWAIT);
     return n < 0 && errno == ECONNRESET ? recv(fd, to, size, MSG_DONTWAIT) : n;
@@ -93,7 +93,7 @@ ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size,
 {
     if (!wait_readable(c->socket, until))
         return -1;
-    const ssize_t n = receive(c->socket, to, size);
+    const ssize_t n = receive_message(c->socket, to, size);
     return n < 0 && errno != EAGAIN && errno != EINTR ? 0 : n;
 }
 
@@ -148,7 +148,7 @@ static char **environment(char *extra)
     return all;
 }
 
-static int spawn(char *const argv[], char *extra, int socket, int output, pid_t *pid)
+static int spawn_subprocess(char *const argv[], char *extra, int socket, int output, pid_t *pid)
 {
     char **const env = environment(extra);
     posix_spawn_file_actions_t actions;
@@ -186,7 +186,7 @@ static int spawn(char *const argv[], char *extra, int socket, int output, pid_t 
 
 /* As this process was started (nice, chrt), whichever of its threads asks; of a real-time policy one below,
  * so that what hangs never keeps from the processor who is to kill it. */
-static void schedule(pid_t pid)
+static void inherit_scheduling(pid_t pid)
 {
     const int policy = sched_getscheduler(getpid()) & ~SCHED_RESET_ON_FORK;
     struct sched_param param;
@@ -213,7 +213,7 @@ int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra
         close(pair[1]);
         return rc;
     }
-    rc = spawn(argv, extra, pair[1], output[1], &c->pid);
+    rc = spawn_subprocess(argv, extra, pair[1], output[1], &c->pid);
     close(pair[1]);
     close(output[1]);
     c->since = apc_clock_mono(NULL);
@@ -222,7 +222,7 @@ int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra
         close(output[0]);
         return apc_fail(why, rc == ENOMEM ? APC_ENOMEM : APC_ESYS, "cannot be started: %s", strerror(rc));
     }
-    schedule(c->pid);
+    inherit_scheduling(c->pid);
     c->socket = pair[0];
     c->output = output[0];
     c->owner = getpid();

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <time.h>
 
-static apc_ns read_clock(clockid_t id)
+static apc_ns read_system_clock(clockid_t id)
 {
     struct timespec t;
     clock_gettime(id, &t); /* cannot fail for these clocks and a valid pointer */
@@ -14,13 +14,13 @@ static apc_ns read_clock(clockid_t id)
 static apc_ns system_mono(void *ctx)
 {
     (void)ctx;
-    return read_clock(CLOCK_MONOTONIC);
+    return read_system_clock(CLOCK_MONOTONIC);
 }
 
 static apc_ns system_utc(void *ctx)
 {
     (void)ctx;
-    return read_clock(CLOCK_REALTIME);
+    return read_system_clock(CLOCK_REALTIME);
 }
 
 static const struct apc_clock system_clock = {system_mono, system_utc, NULL};
@@ -109,7 +109,7 @@ static void date_from_days(int64_t days, uint32_t *year, uint32_t *month, uint32
 }
 
 /* Two decimal digits and @end, into text; where the next piece goes. */
-static char *put(char *text, uint32_t value, char end)
+static char *put_two_digits(char *text, uint32_t value, char end)
 {
     text[0] = (char)('0' + value / 10);
     text[1] = (char)('0' + value % 10);
@@ -127,22 +127,22 @@ char *apc_time_format(apc_ns utc, char text[APC_TIME_LEN])
     char *c = text;
 
     date_from_days(days, &year, &month, &day);
-    c = put(c, year / 100, '0') - 1; /* the next digit stands where the end was */
-    c = put(c, year % 100, '-');
-    c = put(c, month, '-');
-    c = put(c, day, 'T');
-    c = put(c, second / 3600, ':');
-    c = put(c, second / 60 % 60, ':');
-    c = put(c, second % 60, '.');
-    c = put(c, micro / 10000, '0') - 1;
-    c = put(c, micro / 100 % 100, '0') - 1;
-    c = put(c, micro % 100, 'Z');
+    c = put_two_digits(c, year / 100, '0') - 1; /* the next digit stands where the end was */
+    c = put_two_digits(c, year % 100, '-');
+    c = put_two_digits(c, month, '-');
+    c = put_two_digits(c, day, 'T');
+    c = put_two_digits(c, second / 3600, ':');
+    c = put_two_digits(c, second / 60 % 60, ':');
+    c = put_two_digits(c, second % 60, '.');
+    c = put_two_digits(c, micro / 10000, '0') - 1;
+    c = put_two_digits(c, micro / 100 % 100, '0') - 1;
+    c = put_two_digits(c, micro % 100, 'Z');
     *c = '\0';
     return text;
 }
 
 /* Two decimal digits, advancing *text. */
-static bool take(const char **text, int *value)
+static bool take_two_digits(const char **text, int *value)
 {
     const unsigned tens = (unsigned char)(*text)[0] - (unsigned)'0';
     unsigned ones;
@@ -183,8 +183,8 @@ static bool take_zone(const char **text, apc_ns *offset)
     (*text)++;
     if (sign == 'Z')
         return true;
-    if ((sign != '+' && sign != '-') || !take(text, &hours) || !take_char(text, ':') ||
-        !take(text, &minutes) || hours > 23 || minutes > 59)
+    if ((sign != '+' && sign != '-') || !take_two_digits(text, &hours) || !take_char(text, ':') ||
+        !take_two_digits(text, &minutes) || hours > 23 || minutes > 59)
         return false;
     *offset = (hours * INT64_C(60) + minutes) * 60 * APC_NS_PER_S * (sign == '-' ? -1 : 1);
     return true;
@@ -204,10 +204,12 @@ int apc_time_parse(const char *text, apc_ns *utc)
 
     if (!text || !utc)
         return APC_EINVAL;
-    if (!take(&text, &century) || !take(&text, &year) || !take_char(&text, '-') || !take(&text, &month) ||
-        !take_char(&text, '-') || !take(&text, &day) || (!take_char(&text, 'T') && !take_char(&text, ' ')) ||
-        !take(&text, &hour) || !take_char(&text, ':') || !take(&text, &minute) || !take_char(&text, ':') ||
-        !take(&text, &second) || !take_fraction(&text, &fraction) || !take_zone(&text, &offset) || *text)
+    if (!take_two_digits(&text, &century) || !take_two_digits(&text, &year) || !take_char(&text, '-') ||
+        !take_two_digits(&text, &month) || !take_char(&text, '-') || !take_two_digits(&text, &day) ||
+        (!take_char(&text, 'T') && !take_char(&text, ' ')) || !take_two_digits(&text, &hour) ||
+        !take_char(&text, ':') || !take_two_digits(&text, &minute) || !take_char(&text, ':') ||
+        !take_two_digits(&text, &second) || !take_fraction(&text, &fraction) || !take_zone(&text, &offset) ||
+        *text)
         return APC_EINVAL;
     year += 100 * century;
     /* the range of 64-bit nanoseconds, in whole years */

@@ -105,7 +105,7 @@ static int send(struct inproc *p, struct apc_network *network, const struct apc_
 
 /* ---- Arrivals ------------------------------------------------------------------------------ */
 
-static void end(struct inproc *p, int result)
+static void end_exchange(struct inproc *p, int result)
 {
     p->waiting = false;
     p->result = result;
@@ -117,7 +117,7 @@ static void end(struct inproc *p, int result)
 
 static void end_in_vain(struct inproc *p, int result)
 {
-    end(p, apc_fail(&p->why, result, "%s", apc_err_text(result)));
+    end_exchange(p, apc_fail(&p->why, result, "%s", apc_err_text(result)));
 }
 
 static void on_reply(void *ctx)
@@ -131,13 +131,13 @@ static void on_reply(void *ctx)
         } else {
             int rc = apc_frames_answer(&p->frames, f->bytes, (size_t)f->length, p->y, &p->why);
             p->x.refused = p->frames.refused;
-            end(p, rc);
+            end_exchange(p, rc);
         }
     }
     land(f);
 }
 
-static void on_request(void *ctx)
+static void on_inproc_request(void *ctx)
 {
     struct flight *f = ctx;
     struct inproc *p = f->of;
@@ -178,8 +178,8 @@ static void inproc_close(struct apc_exchange *x)
     free(p);
 }
 
-static int take_options(struct apc_inproc_options *o, const struct apc_inproc_options *options,
-                        struct apc_error *why)
+static int take_inproc_options(struct apc_inproc_options *o, const struct apc_inproc_options *options,
+                               struct apc_error *why)
 {
     int rc = apc_options_copy(o, sizeof(*o), options, "apc_inproc_options", why);
 
@@ -214,7 +214,7 @@ static int inproc_open(struct apc_exchange **x, const char *uri, const struct ap
 {
     struct apc_inproc_options o = {.network = {.size = sizeof(o.network)}};
     struct inproc *p = NULL;
-    int rc = take_options(&o, options->inproc, why);
+    int rc = take_inproc_options(&o, options->inproc, why);
 
     if (rc < 0)
         return rc;
@@ -258,7 +258,7 @@ static int inproc_begin(struct apc_exchange *x, const struct apc_value *u, apc_n
     const struct apc_network_fate fate = apc_network_draw(p->to),
                                   reply[2] = {apc_network_draw(p->from),
                                               fate.twice ? apc_network_draw(p->again) : fate};
-    int rc = send(p, p->to, &fate, o->request_rank, on_request, &of, reply, p->frames.text, length);
+    int rc = send(p, p->to, &fate, o->request_rank, on_inproc_request, &of, reply, p->frames.text, length);
     if (rc < 0)
         p->waiting = false;
     return rc < 0 ? apc_fail(&x->error, rc, "%s", apc_err_text(rc)) : 0;

@@ -94,7 +94,7 @@ static int ask_once(struct modbus *m, unsigned unit, size_t n, size_t expected, 
     return 0;
 }
 
-static void wait_for(apc_ns time)
+static void sleep_for(apc_ns time)
 {
     (void)nanosleep(&(struct timespec){time / APC_NS_PER_S, time % APC_NS_PER_S}, NULL);
 }
@@ -108,7 +108,8 @@ static void wait_for(apc_ns time)
  * half of the time that is left, so that there is some for the others. Both change nothing when they are
  * repeated: the same is read, or the same value written.
  */
-static int ask(struct modbus *m, unsigned unit, size_t n, size_t expected, const unsigned char **reply)
+static int request_modbus(struct modbus *m, unsigned unit, size_t n, size_t expected,
+                          const unsigned char **reply)
 {
     const apc_ns now = apc_clock_mono(NULL), until = now + (m->deadline - now) / 2;
     apc_ns pause = PAUSE;
@@ -126,7 +127,7 @@ static int ask(struct modbus *m, unsigned unit, size_t n, size_t expected, const
         }
         if ((rc != BUSY && rc != ACKNOWLEDGE) || apc_clock_mono(NULL) + pause >= until)
             return rc;
-        wait_for(pause);
+        sleep_for(pause);
         pause = 2 * pause < PAUSE_MAX ? 2 * pause : PAUSE_MAX;
     }
 }
@@ -205,13 +206,13 @@ static size_t together(const struct modbus *m, const struct apc_modbus_item *fir
 
 /*
  * A request to write @n items, of @bytes behind the header; the reply is the first @echo of them. Returns as
- * ask() does.
+ * request_modbus() does.
  */
-static int write_request(struct modbus *m, const struct apc_modbus_item *first, size_t n, size_t bytes,
+static int request_write(struct modbus *m, const struct apc_modbus_item *first, size_t n, size_t bytes,
                          size_t echo)
 {
     const unsigned char *reply;
-    const int rc = ask(m, first->point.unit, bytes, echo, &reply);
+    const int rc = request_modbus(m, first->point.unit, bytes, echo, &reply);
 
     for (size_t i = 0; i < n && rc <= 0 && m->sent; i++)
         if (first[i].of < m->x.nu)
@@ -240,7 +241,7 @@ static int write_flags(struct modbus *m, const struct apc_modbus_item *first, si
             pdu[5 + k] |= first[i].data[k];
         }
     }
-    return write_request(m, first, n, 7, 7);
+    return request_write(m, first, n, 7, 7);
 }
 
 /* Each by itself. */
@@ -256,7 +257,7 @@ static int write_single(struct modbus *m, const struct apc_modbus_item *first, s
         memcpy(pdu + 3, first[i].data, 2);
         if (bits)
             apc_modbus_put(pdu + 3, first[i].data[1] ? 0xFF00 : 0);
-        rc = write_request(m, &first[i], 1, 5, 5);
+        rc = request_write(m, &first[i], 1, 5, 5);
     }
     return rc;
 }
@@ -281,7 +282,7 @@ static int write_multiple(struct modbus *m, const struct apc_modbus_item *first,
             memcpy(pdu + 6 + (size_t)2 * at, first[i].data,
                    (size_t)2 * apc_modbus_registers(first[i].point.type));
     }
-    return write_request(m, first, n, 6 + bytes, 5);
+    return request_write(m, first, n, 6 + bytes, 5);
 }
 
 /* Values of one register, which no request can leave half written. */
@@ -324,7 +325,7 @@ static int write_together(struct modbus *m, const struct apc_modbus_item *first,
 }
 
 /* All that go, in the order of their addresses. */
-static int write_all(struct modbus *m)
+static int write_all_items(struct modbus *m)
 {
     int rc = 0;
 
@@ -342,8 +343,8 @@ static int write_all(struct modbus *m)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-static void take(struct apc_value *to, const struct apc_modbus_item *y, const unsigned char *data,
-                 unsigned at, apc_ns now)
+static void take_modbus_value(struct apc_value *to, const struct apc_modbus_item *y,
+                              const unsigned char *data, unsigned at, apc_ns now)
 {
     unsigned char bit[2] = {0};
 
@@ -375,7 +376,7 @@ static int read_together(struct modbus *m, const struct apc_modbus_item *first, 
     pdu[0] = functions[first->point.area];
     apc_modbus_put(pdu + 1, first->point.address);
     apc_modbus_put(pdu + 3, width);
-    int rc = ask(m, first->point.unit, 5, 2 + bytes, &reply);
+    int rc = request_modbus(m, first->point.unit, 5, 2 + bytes, &reply);
     if (rc < 0)
         return rc;
     if (rc == 0 && reply[1] != bytes)
@@ -385,7 +386,8 @@ static int read_together(struct modbus *m, const struct apc_modbus_item *first, 
         if (rc > 0)
             to[first[i].of] = (struct apc_value){.status = exception_status(rc), .time = now};
         else
-            take(&to[first[i].of], &first[i], reply + 2, first[i].point.address - first->point.address, now);
+            take_modbus_value(&to[first[i].of], &first[i], reply + 2,
+                              first[i].point.address - first->point.address, now);
     }
     return 0;
 }
@@ -393,7 +395,7 @@ static int read_together(struct modbus *m, const struct apc_modbus_item *first, 
 /* ---- What stands there ----------------------------------------------------------------------- */
 
 /* Is what was found there other than the bytes that were written? */
-static bool is_other(const struct apc_modbus_item *u, const struct apc_value *found)
+static bool differs_from_written(const struct apc_modbus_item *u, const struct apc_value *found)
 {
     unsigned char bytes[8] = {0};
 
@@ -423,7 +425,7 @@ static int look_back(struct modbus *m)
             continue;
         m->stands[of] = m->found[of];
         if (apc_status_severity(m->found[of].status) == APC_SEVERITY_GOOD &&
-            is_other(&m->u[i], &m->found[of]))
+            differs_from_written(&m->u[i], &m->found[of]))
             m->stands[of].status = APC_UNCERTAIN_SUBSTITUTE;
     }
     return 0;
@@ -454,7 +456,7 @@ static int encode_all(struct modbus *m)
 }
 
 /* What goes out this time, and who counts it. */
-static void choose(struct modbus *m, const struct apc_value *u)
+static void choose_commanded_value(struct modbus *m, const struct apc_value *u)
 {
     const size_t nu = m->x.nu;
     bool all = true;
@@ -484,12 +486,12 @@ static int modbus_begin(struct apc_exchange *x, const struct apc_value *u, apc_n
     m->deadline = deadline;
     if (!u)
         return 0;
-    choose(m, u);
+    choose_commanded_value(m, u);
     rc = m->looks ? look_back(m) : 0;
     if (rc == 0)
         rc = encode_all(m);
     if (rc == 0)
-        rc = write_all(m);
+        rc = write_all_items(m);
     for (size_t i = 0; i < m->n_u; i++) {
         const size_t of = m->u[i].of;
 
@@ -513,7 +515,7 @@ static int modbus_safe(struct apc_exchange *x, const bool *which, apc_ns deadlin
             m->values[m->u[i].of] = m->u[i].point.safe;
     }
     rc = encode_all(m);
-    return rc < 0 ? rc : write_all(m);
+    return rc < 0 ? rc : write_all_items(m);
 }
 
 /* ---- Measurements ---------------------------------------------------------------------------- */
@@ -590,7 +592,8 @@ static int check_widths(const struct modbus *m, const struct apc_modbus_item *it
     return 0;
 }
 
-static int take_options(struct modbus *m, const struct apc_exchange_options *options, struct apc_error *why)
+static int take_modbus_options(struct modbus *m, const struct apc_exchange_options *options,
+                               struct apc_error *why)
 {
     struct apc_modbus_options o = {0};
     int rc = apc_options_copy(&o, sizeof(o), options->modbus, "apc_modbus_options", why);
@@ -630,7 +633,7 @@ static int modbus_open(struct apc_exchange **x, const char *uri, const struct ap
     m->stands = calloc(options->nu, sizeof(*m->stands));
     m->wrote = calloc(options->nu, sizeof(*m->wrote));
     rc = m->values && m->counts && m->read && m->found && m->stands && m->wrote
-             ? take_options(m, options, why)
+             ? take_modbus_options(m, options, why)
              : apc_fail(why, APC_ENOMEM, "modbus: no memory");
     if (rc == 0) {
         (void)snprintf(to, sizeof(to), "tcp:%s", uri + strlen("modbus:"));

@@ -3,7 +3,7 @@
 #include "base/base_internal.h"
 #include "exchange/exchange_internal.h"
 
-static int refused(struct apc_error *why)
+static int refuse_modbus(struct apc_error *why)
 {
     return apc_fail(
         why, APC_ESTATE,
@@ -15,7 +15,7 @@ static int open_exchange(struct apc_exchange **x, const char *uri, const struct 
                          struct apc_error *why)
 {
     (void)x, (void)uri, (void)options;
-    return refused(why);
+    return refuse_modbus(why);
 }
 
 const struct apc_exchange_ops apc_exchange_modbus = {.scheme = "modbus:", .open = open_exchange};
@@ -26,7 +26,7 @@ int apc_modbus_unit_create(struct apc_modbus_unit **unit, const struct apc_modbu
     (void)options;
     if (unit)
         *unit = NULL;
-    return refused(why);
+    return refuse_modbus(why);
 }
 
 void apc_modbus_unit_destroy(struct apc_modbus_unit *unit)

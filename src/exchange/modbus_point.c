@@ -127,13 +127,14 @@ static unsigned byte_shift(const struct apc_modbus_point *p, unsigned place)
     return (place == 0) != p->low_byte_first ? 8 : 0;
 }
 
-static void put_bits(const struct apc_modbus_point *p, uint64_t bits, unsigned n, unsigned char *registers)
+static void put_register_bits(const struct apc_modbus_point *p, uint64_t bits, unsigned n,
+                              unsigned char *registers)
 {
     for (unsigned i = 0; i < 2 * n; i++)
         registers[i] = (unsigned char)(bits >> (16 * word_at(p, i / 2, n) + byte_shift(p, i % 2)));
 }
 
-static uint64_t get_bits(const struct apc_modbus_point *p, const unsigned char *registers)
+static uint64_t get_register_bits(const struct apc_modbus_point *p, const unsigned char *registers)
 {
     const unsigned n = apc_modbus_registers(p->type);
     uint64_t bits = 0;
@@ -145,12 +146,12 @@ static uint64_t get_bits(const struct apc_modbus_point *p, const unsigned char *
 
 void apc_modbus_mask(const struct apc_modbus_point *p, unsigned char registers[2])
 {
-    put_bits(p, UINT64_C(1) << p->bit, 1, registers);
+    put_register_bits(p, UINT64_C(1) << p->bit, 1, registers);
 }
 
 bool apc_modbus_is_code(const struct apc_modbus_point *p, const unsigned char *registers)
 {
-    const uint64_t bits = get_bits(p, registers);
+    const uint64_t bits = get_register_bits(p, registers);
     bool is = false;
 
     for (unsigned i = 0; i < p->n_no_value; i++)
@@ -160,7 +161,7 @@ bool apc_modbus_is_code(const struct apc_modbus_point *p, const unsigned char *r
 
 void apc_modbus_put_code(const struct apc_modbus_point *p, unsigned char *registers)
 {
-    put_bits(p, p->no_value[0], apc_modbus_registers(p->type), registers);
+    put_register_bits(p, p->no_value[0], apc_modbus_registers(p->type), registers);
 }
 
 bool apc_modbus_encode(const struct apc_modbus_point *p, double value, unsigned char *registers)
@@ -170,7 +171,7 @@ bool apc_modbus_encode(const struct apc_modbus_point *p, double value, unsigned 
 
     if (!to_bits(p->type, (value - p->offset) / p->scale, &bits))
         return false;
-    put_bits(p, p->type == APC_MODBUS_FLAG ? bits << p->bit : bits, n, registers);
+    put_register_bits(p, p->type == APC_MODBUS_FLAG ? bits << p->bit : bits, n, registers);
     return true;
 }
 
@@ -186,7 +187,7 @@ bool apc_modbus_fits(const struct apc_modbus_point *point, double value)
 
 bool apc_modbus_decode(const struct apc_modbus_point *p, const unsigned char *registers, double *value)
 {
-    uint64_t bits = get_bits(p, registers);
+    uint64_t bits = get_register_bits(p, registers);
 
     if (p->type == APC_MODBUS_FLAG)
         bits = bits >> p->bit & 1;

@@ -65,7 +65,7 @@ static bool reaches(const struct apc_modbus_unit *m, size_t i, const struct span
            m->items[i].point.address < s->first + s->count;
 }
 
-static void show(const struct apc_modbus_item *i, const unsigned char *data, const struct span *s)
+static void show_item(const struct apc_modbus_item *i, const unsigned char *data, const struct span *s)
 {
     for (unsigned a = i->point.address; a < apc_modbus_end(i); a++, data += 2) {
         const unsigned at = a - s->first;
@@ -108,12 +108,12 @@ static int read_span(struct apc_modbus_unit *m, const struct span *s)
             apc_modbus_put_code(&item->point, data);
         else if (bad || !apc_modbus_encode(&item->point, value, data))
             return DEVICE_FAILURE;
-        show(item, data, s);
+        show_item(item, data, s);
     }
     return 0;
 }
 
-static int take(struct apc_modbus_unit *m, const struct apc_modbus_item *i, const struct span *s)
+static int take_written_item(struct apc_modbus_unit *m, const struct apc_modbus_item *i, const struct span *s)
 {
     const unsigned at = i->point.address - s->first;
     const bool is_bit = apc_modbus_is_bit(s->area);
@@ -140,7 +140,7 @@ static int write_span(struct apc_modbus_unit *m, const struct span *s)
 
         exception = m->items[i].point.address < s->first || end > s->first + s->count
                         ? ILLEGAL_VALUE
-                        : take(m, &m->items[i], s);
+                        : take_written_item(m, &m->items[i], s);
         at = end;
     }
     if (exception == 0 && at < s->first + s->count)
@@ -181,8 +181,8 @@ static int read_request(struct apc_modbus_unit *m, unsigned unit, const unsigned
 }
 
 /* One value, functions 5 and 6, or several, 15 and 16; each is answered by the beginning of its request. */
-static int write_request(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
-                         unsigned char *reply, size_t *length)
+static int answer_write(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
+                        unsigned char *reply, size_t *length)
 {
     const bool bits = pdu[0] == APC_MODBUS_WRITE_COIL || pdu[0] == APC_MODBUS_WRITE_COILS;
     const bool one = pdu[0] == APC_MODBUS_WRITE_COIL || pdu[0] == APC_MODBUS_WRITE_REGISTER;
@@ -223,7 +223,7 @@ static int mask_request(struct apc_modbus_unit *m, unsigned unit, const unsigned
     for (size_t i = first_in(m, &s); reaches(m, i, &s) && m->items[i].go; i++) {
         if (!apc_modbus_encode(&m->items[i].point, m->given[m->items[i].of], data))
             return DEVICE_FAILURE;
-        show(&m->items[i], data, &s);
+        show_item(&m->items[i], data, &s);
     }
     for (size_t k = 0; k < 2; k++)
         stands[k] = (unsigned char)((stands[k] & pdu[3 + k]) | (pdu[5 + k] & ~pdu[3 + k]));
@@ -240,8 +240,8 @@ static bool has_unit(const struct apc_modbus_unit *m, unsigned unit)
     return unit == m->unit;
 }
 
-static int answer(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
-                  unsigned char *reply, size_t *length)
+static int answer_request(struct apc_modbus_unit *m, unsigned unit, const unsigned char *pdu, size_t n,
+                          unsigned char *reply, size_t *length)
 {
     if (!has_unit(m, unit) && (unit == 0 || unit == 255))
         unit = m->unit;
@@ -257,7 +257,7 @@ static int answer(struct apc_modbus_unit *m, unsigned unit, const unsigned char 
     case APC_MODBUS_WRITE_REGISTER:
     case APC_MODBUS_WRITE_COILS:
     case APC_MODBUS_WRITE_HOLDING:
-        return write_request(m, unit, pdu, n, reply, length);
+        return answer_write(m, unit, pdu, n, reply, length);
     case APC_MODBUS_MASK_HOLDING:
         return mask_request(m, unit, pdu, n, reply, length);
     default:
@@ -277,8 +277,8 @@ int apc_modbus_unit_answer(struct apc_modbus_unit *unit, const char *request, si
     if (size < APC_MODBUS_FRAME)
         return APC_ERANGE;
     memcpy(to, bytes, APC_MODBUS_HEADER + 1);
-    const int exception = answer(unit, bytes[6], bytes + APC_MODBUS_HEADER, length - APC_MODBUS_HEADER,
-                                 to + APC_MODBUS_HEADER, &n);
+    const int exception = answer_request(unit, bytes[6], bytes + APC_MODBUS_HEADER,
+                                         length - APC_MODBUS_HEADER, to + APC_MODBUS_HEADER, &n);
     if (exception) {
         to[APC_MODBUS_HEADER] |= 0x80;
         to[APC_MODBUS_HEADER + 1] = (unsigned char)exception;
@@ -291,7 +291,8 @@ int apc_modbus_unit_answer(struct apc_modbus_unit *unit, const char *request, si
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
 /* Of two lists one; each address is one value's. */
-static int merge(struct apc_modbus_unit *m, const struct apc_modbus_options *map, struct apc_error *why)
+static int merge_register_lists(struct apc_modbus_unit *m, const struct apc_modbus_options *map,
+                                struct apc_error *why)
 {
     struct apc_modbus_item *u = NULL, *y = NULL;
     size_t n_u = 0, n_y = 0;
@@ -355,7 +356,7 @@ int apc_modbus_unit_create(struct apc_modbus_unit **unit, const struct apc_modbu
     m->given = calloc(APC_MODBUS_WRITTEN(o.nu), sizeof(*m->given));
     m->asked = calloc(APC_MODBUS_WRITTEN(o.nu), sizeof(*m->asked));
     m->shown = calloc(o.ny + 1, sizeof(*m->shown));
-    rc = m->given && m->asked && m->shown ? merge(m, &map, why)
+    rc = m->given && m->asked && m->shown ? merge_register_lists(m, &map, why)
                                           : apc_fail(why, APC_ENOMEM, "modbus: no memory");
     if (rc < 0) {
         apc_modbus_unit_destroy(m);

@@ -45,7 +45,7 @@ struct serial {
 
 /* ---- The port -------------------------------------------------------------------------------- */
 
-static int lose(struct serial *s, int err, const char *what)
+static int lose_serial_line(struct serial *s, int err, const char *what)
 {
     close(s->fd);
     s->fd = -1;
@@ -66,21 +66,21 @@ static int open_port(struct serial *s)
         return apc_fail(&s->x.error, APC_ECONN, "cannot open %s: %s", s->path, strerrordesc_np(errno));
     }
     if (tcgetattr(s->fd, &how) < 0)
-        return lose(s, APC_ECONN, "not a serial port");
+        return lose_serial_line(s, APC_ECONN, "not a serial port");
     if (flock(s->fd, LOCK_EX | LOCK_NB) < 0)
-        return lose(s, APC_ECONN, "another program has it");
+        return lose_serial_line(s, APC_ECONN, "another program has it");
     cfmakeraw(&how);
     how.c_cflag |= CLOCAL | CREAD;
     cfsetspeed(&how, B115200);
     if (tcsetattr(s->fd, TCSANOW, &how) < 0)
-        return lose(s, APC_ECONN, "cannot be set to 115200 baud");
+        return lose_serial_line(s, APC_ECONN, "cannot be set to 115200 baud");
     s->have = 0;
     s->asked_at = 0;
     return 0;
 }
 
 /* 1: ready, or a negative error. */
-static int wait_for(struct serial *s, short events)
+static int wait_for_serial(struct serial *s, short events)
 {
     struct pollfd p = {.fd = s->fd, .events = events};
     const apc_ns left = s->deadline - apc_clock_mono(NULL);
@@ -88,22 +88,22 @@ static int wait_for(struct serial *s, short events)
     const int n = left > 0 ? ppoll(&p, 1, &t, NULL) : 0;
 
     if (n > 0 && (p.revents & (POLLERR | POLLHUP | POLLNVAL)) && !(p.revents & events))
-        return lose(s, APC_ECONN, "the board is gone");
+        return lose_serial_line(s, APC_ECONN, "the board is gone");
     return n == 0 ? apc_fail(&s->x.error, APC_ETIMEDOUT, "%s: the board does not answer in time", s->path)
                   : 1;
 }
 
-static int say(struct serial *s, const char *line)
+static int send_serial_line(struct serial *s, const char *line)
 {
     size_t n = strlen(line);
 
     while (n > 0) {
-        int rc = wait_for(s, POLLOUT);
+        int rc = wait_for_serial(s, POLLOUT);
         if (rc < 0)
             return rc;
         const ssize_t sent = write(s->fd, line, n);
         if (sent < 0 && errno != EAGAIN && errno != EINTR)
-            return lose(s, APC_ECONN, strerrordesc_np(errno));
+            return lose_serial_line(s, APC_ECONN, strerrordesc_np(errno));
         if (sent > 0) {
             line += sent;
             n -= (size_t)sent;
@@ -113,7 +113,7 @@ static int say(struct serial *s, const char *line)
 }
 
 /* The next line, without its end. */
-static int hear(struct serial *s, char line[LINE])
+static int read_serial_line(struct serial *s, char line[LINE])
 {
     for (;;) {
         const char *end = memchr(s->bytes, '\n', s->have);
@@ -126,12 +126,12 @@ static int hear(struct serial *s, char line[LINE])
             memmove(s->bytes, s->bytes + whole, s->have);
             return 0;
         }
-        int rc = wait_for(s, POLLIN);
+        int rc = wait_for_serial(s, POLLIN);
         if (rc < 0)
             return rc;
         const ssize_t n = read(s->fd, s->bytes + s->have, sizeof(s->bytes) - s->have);
         if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR))
-            return lose(s, APC_ECONN, n == 0 ? "the board is gone" : strerrordesc_np(errno));
+            return lose_serial_line(s, APC_ECONN, n == 0 ? "the board is gone" : strerrordesc_np(errno));
         s->have += n > 0 ? (size_t)n : 0;
     }
 }
@@ -148,10 +148,10 @@ static int agree(struct serial *s)
 
     if (!s->asked_at || now - s->asked_at > RESTART) {
         s->asked_at = now;
-        rc = say(s, "VER\r\n");
+        rc = send_serial_line(s, "VER\r\n");
     }
     while (rc == 0 && !s->agreed) {
-        rc = hear(s, line);
+        rc = read_serial_line(s, line);
         s->agreed = rc == 0 && !strncmp(line, "TCLab", 5);
     }
     if (s->agreed)
@@ -174,14 +174,14 @@ static int read_number(const char *line, double *number)
 }
 
 /* A line that is answered by a number, of which it may say that it is none. */
-static int ask(struct serial *s, const char *request, double *number)
+static int request_number(struct serial *s, const char *request, double *number)
 {
     char line[LINE];
     int rc = s->have ? apc_fail(&s->x.error, APC_EPROTO, "%s: the board said more than it was asked", s->path)
-                     : say(s, request);
+                     : send_serial_line(s, request);
 
     if (rc == 0)
-        rc = hear(s, line);
+        rc = read_serial_line(s, line);
     if (rc == 0 && read_number(line, number) < 0)
         rc = apc_fail(&s->x.error, APC_EPROTO, "%s: the board answers %.2s by \"%.40s\", not by a number",
                       s->path, request, line);
@@ -197,7 +197,7 @@ static int set_heater(struct serial *s, size_t i, double percent)
 
     (void)snprintf(line, sizeof(line), "Q%zu %ld.%02ld\r\n", i + 1, hundredths / 100, hundredths % 100);
     s->x.commanded[i] = true;
-    int rc = ask(s, line, &echo);
+    int rc = request_number(s, line, &echo);
     if (rc == 0 && !(fabs(echo - percent) < TOLERANCE)) {
         s->agreed = false;
         return apc_fail(&s->x.error, APC_EPROTO, "%s: heater %zu was set to %g %%, and the board says %g",
@@ -245,7 +245,7 @@ static int serial_finish(struct apc_exchange *x, struct apc_value *y)
 
     for (size_t i = 0; i < x->ny && rc == 0; i++) {
         double celsius = 0.0;
-        rc = ask(s, i ? "T2\r\n" : "T1\r\n", &celsius);
+        rc = request_number(s, i ? "T2\r\n" : "T1\r\n", &celsius);
         y[i] = (struct apc_value){.value = celsius, .time = apc_clock_utc(NULL)};
         if (!(celsius > COLDEST && celsius < HOTTEST))
             y[i].status = APC_BAD_SENSOR_FAILURE;

@@ -53,7 +53,7 @@ static double celsius(struct apc_board *b, size_t i)
 }
 
 /* With two digits behind the point, whatever the locale. */
-static int number(char *reply, size_t size, double value)
+static int format_tclab_number(char *reply, size_t size, double value)
 {
     const long hundredths = lround(value * 100.0);
 
@@ -61,26 +61,26 @@ static int number(char *reply, size_t size, double value)
                     labs(hundredths) % 100);
 }
 
-static int answer(struct apc_board *b, const char *line, char *reply, size_t size)
+static int answer_tclab_line(struct apc_board *b, const char *line, char *reply, size_t size)
 {
     const char *rest;
     double value = 0.0;
     int i;
 
     if ((i = channel_of(line, 'T', &rest)) >= 0)
-        return number(reply, size, celsius(b, (size_t)i));
+        return format_tclab_number(reply, size, celsius(b, (size_t)i));
     if ((i = channel_of(line, 'R', &rest)) >= 0)
-        return number(reply, size, b->u[i]);
+        return format_tclab_number(reply, size, b->u[i]);
     if ((i = channel_of(line, 'P', &rest)) >= 0)
-        return number(reply, size, i ? 100 : 200); /* of 255: the powers that the model has */
+        return format_tclab_number(reply, size, i ? 100 : 200); /* of 255: the powers that the model has */
     if ((i = channel_of(line, 'Q', &rest)) >= 0) {
         if (apc_number_parse(rest, &value) == 0) /* else it stays */
             heat(b, (size_t)i, value);
-        return number(reply, size, b->u[i]);
+        return format_tclab_number(reply, size, b->u[i]);
     }
     if (!strncmp(line, "LED", 3) && (!line[3] || line[3] == ' ')) {
         (void)apc_number_parse(line[3] ? line + 4 : "", &value);
-        return number(reply, size, fmin(fmax(value, 0.0), 100.0));
+        return format_tclab_number(reply, size, fmin(fmax(value, 0.0), 100.0));
     }
     if (!strcmp(line, "X")) {
         heat(b, 0, 0.0);
@@ -102,7 +102,7 @@ int apc_board_answer(struct apc_board *board, const char *line, size_t length, c
         memcpy(text, line, length); /* none of its lines is as long */
     if (board->commanded)
         (void)board->o.command(board->o.ctx, board->u, true);
-    const int n = answer(board, text, reply, size);
+    const int n = answer_tclab_line(board, text, reply, size);
     return n > 0 && (size_t)n < size ? n : APC_ERANGE;
 }
 

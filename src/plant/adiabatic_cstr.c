@@ -31,7 +31,7 @@ static const struct apc_param disturbance[] = {
 };
 static const struct apc_param output[] = {{"T", "degC", "temperature", 0.0, 0.0, 0.0}};
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int adiabatic_cstr_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double kelvin = x[2] + APC_KELVIN, dilution = fmax(u[0], 0.0) / 60e3 / p[V]; /* 1/s */
     double r;
@@ -46,7 +46,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void adiabatic_cstr_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u, (void)p;
     y[0] = x[2];
@@ -66,6 +66,6 @@ const struct apc_model apc_model_adiabatic_cstr = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = adiabatic_cstr_f,
+    .g = adiabatic_cstr_g,
 };

@@ -48,7 +48,7 @@ struct solver {
 #endif
 
 /* For CVODE: 0, above 0 try a shorter step, below 0 give up. */
-static int derivative(sunrealtype t, N_Vector state, N_Vector out, void *user)
+static int cvode_derivative(sunrealtype t, N_Vector state, N_Vector out, void *user)
 {
     struct solver *s = user;
     double *dx = N_VGetArrayPointer(out);
@@ -63,7 +63,7 @@ static int derivative(sunrealtype t, N_Vector state, N_Vector out, void *user)
 }
 
 /* J by forward differences. CVODE has its own, but that allocates at every call. */
-static int differentiate(struct solver *s, sunrealtype t, N_Vector state, N_Vector f, N_Vector shifted)
+static int cvode_jacobian(struct solver *s, sunrealtype t, N_Vector state, N_Vector f, N_Vector shifted)
 {
     double *x = N_VGetArrayPointer(state);
     const double *f0 = N_VGetArrayPointer(f), *f1 = N_VGetArrayPointer(shifted);
@@ -76,7 +76,7 @@ static int differentiate(struct solver *s, sunrealtype t, N_Vector state, N_Vect
 
         x[j] = own + h;
         h = x[j] - own; /* what was really added */
-        rc = derivative(t, state, shifted, s);
+        rc = cvode_derivative(t, state, shifted, s);
         x[j] = own;
         if (rc)
             return rc;
@@ -92,7 +92,7 @@ static int newton_matrix(sunrealtype t, N_Vector state, N_Vector f, SUNMatrix ou
                          N_Vector c)
 {
     struct solver *s = user;
-    int rc = former_ok ? 0 : differentiate(s, t, state, f, a);
+    int rc = former_ok ? 0 : cvode_jacobian(s, t, state, f, a);
 
     (void)b;
     (void)c;
@@ -141,7 +141,7 @@ static int keep_messages(struct solver *s)
 }
 #endif
 
-static void destroy(void *self)
+static void cvode_destroy(void *self)
 {
     struct solver *s = self;
 
@@ -169,7 +169,7 @@ static int configure(struct solver *s, double rtol, double atol)
     int rc = keep_messages(s);
 
     if (rc == CV_SUCCESS)
-        rc = CVodeInit(s->memory, derivative, 0.0, s->state);
+        rc = CVodeInit(s->memory, cvode_derivative, 0.0, s->state);
     if (rc == CV_SUCCESS)
         rc = CVodeSetUserData(s->memory, s);
     if (rc == CV_SUCCESS)
@@ -185,8 +185,8 @@ static int configure(struct solver *s, double rtol, double atol)
     return rc;
 }
 
-static int create(int method, void **self, const struct apc_model *model, const double *p,
-                  const struct apc_plant_options *options, struct apc_error *why)
+static int cvode_create(int method, void **self, const struct apc_model *model, const double *p,
+                        const struct apc_plant_options *options, struct apc_error *why)
 {
     sunindextype nx = (sunindextype)model->nx;
     struct solver *s = calloc(1, sizeof(*s));
@@ -222,11 +222,11 @@ static int create(int method, void **self, const struct apc_model *model, const 
 fail:
     (void)apc_fail(why, rc, "integrator CVODE could not be set up: %s",
                    s && s->error.text[0] ? s->error.text : apc_err_text(rc));
-    destroy(s);
+    cvode_destroy(s);
     return rc;
 }
 
-static int step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
+static int cvode_step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
 {
     struct solver *s = self;
     size_t nx = s->model->nx;
@@ -256,16 +256,16 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
 static int create_bdf(void **self, const struct apc_model *model, const double *p,
                       const struct apc_plant_options *options, struct apc_error *why)
 {
-    return create(CV_BDF, self, model, p, options, why);
+    return cvode_create(CV_BDF, self, model, p, options, why);
 }
 
 static int create_adams(void **self, const struct apc_model *model, const double *p,
                         const struct apc_plant_options *options, struct apc_error *why)
 {
-    return create(CV_ADAMS, self, model, p, options, why);
+    return cvode_create(CV_ADAMS, self, model, p, options, why);
 }
 
 const struct apc_integrator apc_integrator_cvode = {
-    .name = "cvode", .create = create_bdf, .step = step, .destroy = destroy};
+    .name = "cvode", .create = create_bdf, .step = cvode_step, .destroy = cvode_destroy};
 const struct apc_integrator apc_integrator_adams = {
-    .name = "adams", .create = create_adams, .step = step, .destroy = destroy};
+    .name = "adams", .create = create_adams, .step = cvode_step, .destroy = cvode_destroy};

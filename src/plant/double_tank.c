@@ -28,7 +28,7 @@ static const struct apc_param output[] = {
     {"h1", "m", "level of tank 1", 0.0, 0.0, 0.0},
 };
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int double_tank_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     double q1 = apc_outflow(p[2], p[5], x[0]), q2 = apc_outflow(p[3], p[5], x[1]);
 
@@ -40,7 +40,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void double_tank_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u, (void)p;
     y[0] = x[1];
@@ -61,6 +61,6 @@ const struct apc_model apc_model_double_tank = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = double_tank_f,
+    .g = double_tank_g,
 };

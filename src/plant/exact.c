@@ -86,7 +86,7 @@ static int exponentiate(struct solver *s, double dt)
 
 /* ---- Integrator ----------------------------------------------------------------------------- */
 
-static void destroy(void *self)
+static void exact_destroy(void *self)
 {
     struct solver *s = self;
 
@@ -96,8 +96,8 @@ static void destroy(void *self)
     free(s);
 }
 
-static int create(void **self, const struct apc_model *model, const double *p,
-                  const struct apc_plant_options *options, struct apc_error *why)
+static int exact_create(void **self, const struct apc_model *model, const double *p,
+                        const struct apc_plant_options *options, struct apc_error *why)
 {
     size_t nx = model->nx, n = nx + model->nu + model->nd + 1;
     struct solver *s = calloc(1, sizeof(*s));
@@ -118,7 +118,7 @@ static int create(void **self, const struct apc_model *model, const double *p,
                          .work = memory + nx * n + 2 * n * n,
                          .x = memory + nx * n + 6 * n * n};
     if (!find_matrix(s, p)) {
-        destroy(s);
+        exact_destroy(s);
         return apc_fail(why, APC_EINVAL,
                         "integrator exact: %s is not linear in its states and inputs; use cvode or rk4",
                         model->name);
@@ -127,7 +127,7 @@ static int create(void **self, const struct apc_model *model, const double *p,
     return 0;
 }
 
-static int step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
+static int exact_step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
 {
     struct solver *s = self;
 
@@ -151,4 +151,4 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
 }
 
 const struct apc_integrator apc_integrator_exact = {
-    .name = "exact", .create = create, .step = step, .destroy = destroy};
+    .name = "exact", .create = exact_create, .step = exact_step, .destroy = exact_destroy};

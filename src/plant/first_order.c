@@ -11,14 +11,14 @@ static const struct apc_param state[] = {{"x", "", "state", 0.0, -APC_VALUE_MAX,
 static const struct apc_param input[] = {{"u", "", "manipulated variable", 0.0, -10.0, 10.0}};
 static const struct apc_param output[] = {{"y", "", "measurement", 0.0, 0.0, 0.0}};
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int first_order_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     (void)t;
     dx[0] = (-x[0] + p[0] * u[0]) / p[1];
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void first_order_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t;
     (void)u;
@@ -38,6 +38,6 @@ const struct apc_model apc_model_first_order = {
     .state = state,
     .input = input,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = first_order_f,
+    .g = first_order_g,
 };

@@ -31,7 +31,7 @@ struct runner {
 #define HEADER (sizeof(struct fmu_header) / sizeof(double)) /* in numbers */
 
 /* Read one answer, of @p n bytes: derivatives [nx], if these were asked for, and outputs. */
-static int take_answer(struct runner *r, ssize_t n, size_t nx, double *value, struct apc_error *why)
+static int take_fmu_answer(struct runner *r, ssize_t n, size_t nx, double *value, struct apc_error *why)
 {
     const size_t n_values = nx + r->fmu->model.ny;
     struct fmu_header header;
@@ -78,7 +78,7 @@ static int set_out(struct runner *r, struct apc_error *why)
                            apc_clock_mono(NULL) + r->timeout);
     if (n <= 0)
         return apc_fmu_fail_silent(&r->own, n, why);
-    return take_answer(r, n, 0, r->y, why);
+    return take_fmu_answer(r, n, 0, r->y, why);
 }
 
 static bool revive(struct apc_companion *own)
@@ -94,7 +94,7 @@ static bool revive(struct apc_companion *own)
 
 /* What is given to its texts, as numbers: the place, the bytes with their 0, these. Returns how many numbers
  * these are; @p at NULL: nothing is written. */
-static size_t write_texts(const struct fmu *f, double *at)
+static size_t pack_fmu_strings(const struct fmu *f, double *at)
 {
     size_t n = 0;
 
@@ -120,8 +120,9 @@ static bool write_begin(struct runner *r, double period)
     double *at;
     size_t np = 0, texts = 0;
 
-    r->begin = calloc(1, sizeof(*r->begin) +
-                             (5 + m->nu + m->nd + m->ny + 2 * m->np + write_texts(f, NULL)) * sizeof(double));
+    r->begin =
+        calloc(1, sizeof(*r->begin) +
+                      (5 + m->nu + m->nd + m->ny + 2 * m->np + pack_fmu_strings(f, NULL)) * sizeof(double));
     if (!r->begin)
         return false;
     r->begin->request = FMU_BEGIN;
@@ -143,14 +144,14 @@ static bool write_begin(struct runner *r, double period)
     }
     for (size_t i = 0; i < f->n[TEXT]; i++)
         texts += f->given[i] != NULL;
-    at += write_texts(f, at);
+    at += pack_fmu_strings(f, at);
     numbers[2] = (double)np;
     numbers[3] = (double)texts;
     r->begin_length = (size_t)((char *)at - (char *)r->begin);
     return true;
 }
 
-static void destroy(void *self)
+static void fmu_plant_destroy(void *self)
 {
     struct runner *const r = self;
 
@@ -201,15 +202,15 @@ static int employ(struct runner **runner, const struct fmu *f, enum fmu_request 
     if (rc == 0)
         rc = set_out(r, why);
     if (rc < 0) {
-        destroy(r);
+        fmu_plant_destroy(r);
         return rc;
     }
     *runner = r;
     return 0;
 }
 
-static int create(void **self, const struct apc_model *model, const double *p,
-                  const struct apc_plant_options *options, struct apc_error *why)
+static int fmu_plant_create(void **self, const struct apc_model *model, const double *p,
+                            const struct apc_plant_options *options, struct apc_error *why)
 {
     const struct fmu *const f = apc_fmu_of(model);
     struct runner *r = NULL;
@@ -219,7 +220,7 @@ static int create(void **self, const struct apc_model *model, const double *p,
     return rc;
 }
 
-static void start(void *self, double *x)
+static void fmu_plant_start(void *self, double *x)
 {
     const struct runner *const r = self;
 
@@ -255,7 +256,8 @@ static int be_ready(struct runner *r, struct apc_error *why)
     return 0;
 }
 
-static int ask(struct runner *r, double t, double dt, const double *u, double *x, struct apc_error *why)
+static int request_fmu_step(struct runner *r, double t, double dt, const double *u, double *x,
+                            struct apc_error *why)
 {
     const struct apc_model *const m = &r->fmu->model;
     struct fmu_header header = {.request = FMU_STEP};
@@ -281,22 +283,25 @@ static int ask(struct runner *r, double t, double dt, const double *u, double *x
         return apc_fail(why, APC_ESOLVER, "%s: has not answered within %g s", r->fmu->file,
                         apc_ns_to_s(r->patience));
     }
-    return n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_answer(r, n, 0, x, why);
+    return n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_fmu_answer(r, n, 0, x, why);
 }
 
-static int step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
+static int fmu_plant_step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
 {
     struct runner *const r = self;
     int rc;
 
     pthread_mutex_lock(&r->own.lock);
-    rc = ask(r, t, dt, u, x, why);
+    rc = request_fmu_step(r, t, dt, u, x, why);
     pthread_mutex_unlock(&r->own.lock);
     return rc < 0 ? APC_ESOLVER : 0;
 }
 
-const struct apc_integrator apc_integrator_fmu = {
-    .name = "fmu", .create = create, .start = start, .step = step, .destroy = destroy};
+const struct apc_integrator apc_integrator_fmu = {.name = "fmu",
+                                                  .create = fmu_plant_create,
+                                                  .start = fmu_plant_start,
+                                                  .step = fmu_plant_step,
+                                                  .destroy = fmu_plant_destroy};
 
 /* ---- Its equations, where it shows them ---------------------------------------------------------- */
 
@@ -374,7 +379,7 @@ int apc_fmu_look_at(struct apc_fmu_look *look, const double *x, const double *u,
     const ssize_t n =
         apc_companion_take(&r->own, r->answer, (HEADER + m->nx + m->ny) * sizeof(double) + APC_FMU_TEXT,
                            apc_clock_mono(NULL) + r->timeout);
-    rc = n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_answer(r, n, m->nx, r->y, why);
+    rc = n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_fmu_answer(r, n, m->nx, r->y, why);
     if (rc < 0)
         return APC_ESOLVER;
     memcpy(dx, r->y, m->nx * sizeof(*dx));
@@ -384,5 +389,5 @@ int apc_fmu_look_at(struct apc_fmu_look *look, const double *x, const double *u,
 
 void apc_fmu_look_close(struct apc_fmu_look *look)
 {
-    destroy(look);
+    fmu_plant_destroy(look);
 }

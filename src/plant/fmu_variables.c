@@ -18,7 +18,8 @@ struct fmu *apc_fmu_of(const struct apc_model *model)
 
 /* ---- Which of its variables --------------------------------------------------------------------- */
 
-static int place_of(const struct fmu *f, enum table k, const char *name, size_t *place, struct apc_error *why)
+static int find_fmu_variable(const struct fmu *f, enum table k, const char *name, size_t *place,
+                             struct apc_error *why)
 {
     char names[300] = "";
     size_t used = 0;
@@ -37,8 +38,8 @@ static int place_of(const struct fmu *f, enum table k, const char *name, size_t 
 }
 
 /* The first @p n are those of @p name (NULL: as they come); of inputs the others follow. */
-static int arrange(struct fmu *f, enum table k, const char *const *name, size_t n, size_t *place,
-                   struct apc_param *to, struct apc_error *why)
+static int arrange_fmu_variables(struct fmu *f, enum table k, const char *const *name, size_t n,
+                                 size_t *place, struct apc_param *to, struct apc_error *why)
 {
     size_t all = n;
 
@@ -46,7 +47,7 @@ static int arrange(struct fmu *f, enum table k, const char *const *name, size_t 
         int rc = 0;
         place[i] = i;
         if (name)
-            rc = place_of(f, k, name[i], &place[i], why);
+            rc = find_fmu_variable(f, k, name[i], &place[i], why);
         for (size_t j = 0; name && rc == 0 && j < i; j++)
             if (place[j] == place[i])
                 rc = apc_fail(why, APC_EINVAL, "%s: \"%s\" is named twice", f->file, name[i]);
@@ -79,9 +80,9 @@ int apc_model_choose(const struct apc_model *model, const char *const *input, si
     if (nu > f->n[INPUT] || ny > f->n[OUTPUT] || !nu || !ny)
         return apc_fail(why, APC_EINVAL, "%s has %zu inputs and %zu outputs; %zu and %zu are wanted", f->file,
                         f->n[INPUT], f->n[OUTPUT], nu, ny);
-    rc = arrange(f, INPUT, input, nu, f->input_place, f->input, why);
+    rc = arrange_fmu_variables(f, INPUT, input, nu, f->input_place, f->input, why);
     if (rc == 0)
-        rc = arrange(f, OUTPUT, output, ny, f->output_place, f->output, why);
+        rc = arrange_fmu_variables(f, OUTPUT, output, ny, f->output_place, f->output, why);
     if (rc < 0)
         return rc;
     for (size_t i = 0; i < ny; i++) { /* what it begins with it says when it begins */

@@ -45,7 +45,7 @@ static double flow(const double *p, double mass)
     return apc_outflow(p[OUTLET], p[GRAVITY], mass / (p[RHO] * p[A]));
 }
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int four_tank_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double f1 = fmax(u[0], 0.0), f2 = fmax(u[1], 0.0);
 
@@ -57,7 +57,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void four_tank_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u;
     y[0] = x[0] / (p[RHO] * p[A]);
@@ -78,6 +78,6 @@ const struct apc_model apc_model_four_tank = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = four_tank_f,
+    .g = four_tank_g,
 };

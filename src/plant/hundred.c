@@ -47,7 +47,7 @@ static const struct apc_param output[] = {ALL(OUTPUT)};
 static const struct apc_param disturbance[] = {LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4),
                                                LOAD(5), LOAD(6), LOAD(7), LOAD(8), LOAD(9)};
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int hundred_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double *d = &u[AREAS * EACH];
 
@@ -57,7 +57,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void hundred_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t;
     (void)u;
@@ -80,6 +80,6 @@ const struct apc_model apc_model_hundred = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = hundred_f,
+    .g = hundred_g,
 };

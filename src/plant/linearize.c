@@ -27,7 +27,7 @@ static void close_point(struct point *at)
 }
 
 /* f at @p x into @p dx, and g, unless @p y is NULL; both with the point's u. */
-static int evaluate(struct point *at, const double *x, double *dx, double *y, struct apc_error *why)
+static int evaluate_model(struct point *at, const double *x, double *dx, double *y, struct apc_error *why)
 {
     const struct apc_model *m = at->model;
     int rc;
@@ -105,8 +105,8 @@ static int open_point(struct point *at, const struct apc_model *model, const dou
  * Derivatives of f and g by *@p value, one of x or u, into column @p column of @p df and @p dg (each may be
  * NULL), matrices of @p width columns: (8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / 12 h.
  */
-static int differentiate(struct point *at, double *value, double *df, double *dg, size_t column, size_t width,
-                         struct apc_error *why)
+static int differentiate_model(struct point *at, double *value, double *df, double *dg, size_t column,
+                               size_t width, struct apc_error *why)
 {
     static const double offset[4] = {1.0, -1.0, 2.0, -2.0};
     const struct apc_model *m = at->model;
@@ -117,7 +117,7 @@ static int differentiate(struct point *at, double *value, double *df, double *dg
 
     for (size_t k = 0; k < 4 && rc == 0; k++) {
         *value = own + offset[k] * h;
-        rc = evaluate(at, at->x, at->f[k], at->g[k], why);
+        rc = evaluate_model(at, at->x, at->f[k], at->g[k], why);
     }
     *value = own;
     for (size_t i = 0; df && i < at->nx && rc == 0; i++)
@@ -149,9 +149,9 @@ int apc_model_linearize(const struct apc_model *model, const double *p, const do
     if (rc < 0)
         return rc;
     for (size_t j = 0; j < at.nx && rc == 0; j++)
-        rc = differentiate(&at, &at.x[j], a, c, j, at.nx, why);
+        rc = differentiate_model(&at, &at.x[j], a, c, j, at.nx, why);
     for (size_t j = 0; j < at.nu && rc == 0; j++)
-        rc = differentiate(&at, &at.u[j], b, d, j, at.nu, why);
+        rc = differentiate_model(&at, &at.u[j], b, d, j, at.nu, why);
     if (rc == 0 && at.look && a && b && all_zero(a, at.nx * at.nx) && all_zero(b, at.nx * at.nu))
         rc =
             apc_fail(why, APC_ESOLVER,
@@ -170,7 +170,7 @@ int apc_model_evaluate(const struct apc_model *model, const double *p, const dou
 
     if (rc < 0)
         return rc;
-    rc = evaluate(&at, at.x, at.dx, at.y, why);
+    rc = evaluate_model(&at, at.x, at.dx, at.y, why);
     if (rc == 0 && dx)
         memcpy(dx, at.dx, at.nx * sizeof(*dx));
     if (rc == 0 && y)
@@ -182,7 +182,7 @@ int apc_model_evaluate(const struct apc_model *model, const double *p, const dou
 /* ---- Steady states -------------------------------------------------------------------------- */
 
 /* The Jacobian to its LU decomposition, rows exchanged for the largest pivot. False when it is singular. */
-static bool decompose(struct point *at)
+static bool decompose_jacobian(struct point *at)
 {
     size_t n = at->nx;
     double *j = at->jacobian;
@@ -214,7 +214,7 @@ static bool decompose(struct point *at)
 }
 
 /* v = J^-1 v */
-static void solve(const struct point *at, double *v)
+static void solve_jacobian(const struct point *at, double *v)
 {
     size_t n = at->nx;
     const double *j = at->jacobian;
@@ -260,10 +260,10 @@ static bool within_ranges(const struct point *at, const double *x)
 /* One damped step. The step is halved until the next Newton step with this Jacobian would be shorter, a test
  * that does not depend on the units (Deuflhard, Newton Methods for Nonlinear Problems, 3.3). Returns 1 when
  * the steady state is reached. */
-static int newton(struct point *at, struct apc_error *why)
+static int damped_newton_step(struct point *at, struct apc_error *why)
 {
     double size;
-    int rc = evaluate(at, at->x, at->dx, NULL, why);
+    int rc = evaluate_model(at, at->x, at->dx, NULL, why);
     bool at_rest = true;
 
     for (size_t i = 0; i < at->nx && rc == 0; i++)
@@ -271,23 +271,23 @@ static int newton(struct point *at, struct apc_error *why)
     if (rc < 0 || at_rest) /* also where there are many, as with an integrator */
         return rc < 0 ? rc : 1;
     for (size_t j = 0; j < at->nx && rc == 0; j++)
-        rc = differentiate(at, &at->x[j], at->jacobian, NULL, j, at->nx, why);
+        rc = differentiate_model(at, &at->x[j], at->jacobian, NULL, j, at->nx, why);
     if (rc < 0)
         return rc;
-    if (!decompose(at))
+    if (!decompose_jacobian(at))
         return apc_fail(why, APC_ESOLVER,
                         "%s: no steady state found: the Jacobian is singular; an integrating plant has one "
                         "only at the inputs that balance it",
                         at->model->name);
-    solve(at, at->dx);
+    solve_jacobian(at, at->dx);
     size = relative(at, at->dx);
     for (int halvings = 0; halvings < 27; halvings++) {
         const double damping = ldexp(1.0, -halvings);
         for (size_t i = 0; i < at->nx; i++)
             at->trial[i] = at->x[i] - damping * at->dx[i];
-        if (!within_ranges(at, at->trial) || evaluate(at, at->trial, at->dx_trial, NULL, NULL) < 0)
+        if (!within_ranges(at, at->trial) || evaluate_model(at, at->trial, at->dx_trial, NULL, NULL) < 0)
             continue;
-        solve(at, at->dx_trial);
+        solve_jacobian(at, at->dx_trial);
         if (relative(at, at->dx_trial) < size || size < 1e-9) {
             memcpy(at->x, at->trial, at->nx * sizeof(*at->x));
             return size < 1e-9;
@@ -309,7 +309,7 @@ int apc_model_equilibrium(const struct apc_model *model, const double *p, const 
     if (rc < 0)
         return rc;
     for (int k = 0; k < 200 && rc == 0; k++)
-        rc = newton(&at, why);
+        rc = damped_newton_step(&at, why);
     if (rc == 1)
         memcpy(x, at.x, at.nx * sizeof(*x));
     else if (rc == 0)

@@ -50,7 +50,7 @@ int apc_model_check(const struct apc_model *model, const char *from, struct apc_
     return check_tables(model, from, why);
 }
 
-static int check(const void *model, const char *from, struct apc_error *why)
+static int check_model_plugin(const void *model, const char *from, struct apc_error *why)
 {
     return apc_model_check(model, from, why);
 }
@@ -58,8 +58,11 @@ static int check(const void *model, const char *from, struct apc_error *why)
 int apc_model_find(const char *name, const struct apc_model **model, void **handle, struct apc_error *why)
 {
     struct apc_built_in built_in[N_MODELS];
-    const struct apc_plugin_kind kind = {
-        .what = "model", .symbol = "apc_model", .built_in = built_in, .n_built_in = N_MODELS, .check = check};
+    const struct apc_plugin_kind kind = {.what = "model",
+                                         .symbol = "apc_model",
+                                         .built_in = built_in,
+                                         .n_built_in = N_MODELS,
+                                         .check = check_model_plugin};
     const void *found;
     int rc;
 

@@ -30,7 +30,7 @@ static const struct apc_param output[] = {
     {"phi", "rad", "angle of the pendulum from upright", 0.0, 0.0, 0.0},
 };
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int pendulum_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double mass = p[0] + p[1], ml = p[1] * p[3], inertia = p[4] + ml * p[3];
     const double sine = sin(x[2]), cosine = cos(x[2]), coupling = ml * cosine;
@@ -45,7 +45,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void pendulum_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u, (void)p;
     y[0] = x[0];
@@ -66,6 +66,6 @@ const struct apc_model apc_model_pendulum = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = pendulum_f,
+    .g = pendulum_g,
 };

@@ -24,8 +24,8 @@ struct apc_plant {
 
 /* ---- Set-up --------------------------------------------------------------------------------- */
 
-static int take_options(struct apc_plant_options *ours, const struct apc_plant_options *theirs,
-                        struct apc_error *why)
+static int take_plant_options(struct apc_plant_options *ours, const struct apc_plant_options *theirs,
+                              struct apc_error *why)
 {
     int rc = apc_options_copy(ours, sizeof(*ours), theirs, "apc_plant_options", why);
 
@@ -68,7 +68,7 @@ static int find_integrator(const struct apc_integrator **integrator, const char 
         return 0;
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++) {
         *integrator = all[i];
-        /* NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): take_options() gave it a name */
+        /* NOLINTNEXTLINE(clang-analyzer-core.NonNullParamChecker): take_plant_options() gave it a name */
         if (strcmp(all[i]->name, name) == 0)
             return 0;
     }
@@ -92,7 +92,7 @@ static int check_fmu(const struct apc_model *model, const double *x0, const char
     return 0;
 }
 
-static int allocate(struct apc_plant *plant)
+static int allocate_plant(struct apc_plant *plant)
 {
     const struct apc_model *m = plant->model;
     size_t n_in = m->nu + m->nd;
@@ -110,13 +110,13 @@ static int allocate(struct apc_plant *plant)
     return 0;
 }
 
-static int set_up(struct apc_plant *plant, const double *p, const double *x0,
-                  const struct apc_plant_options *o, struct apc_error *why)
+static int set_up_solver(struct apc_plant *plant, const double *p, const double *x0,
+                         const struct apc_plant_options *o, struct apc_error *why)
 {
     const struct apc_model *m = plant->model;
     int rc = find_integrator(&plant->integrator, o->integrator, why);
 
-    if (rc == 0 && (allocate(plant) < 0 || apc_delay_open(&plant->delay, o->dead_time, m->nu) < 0))
+    if (rc == 0 && (allocate_plant(plant) < 0 || apc_delay_open(&plant->delay, o->dead_time, m->nu) < 0))
         rc = apc_fail(why, APC_ENOMEM, "no memory for plant %s", m->name);
     if (rc == 0)
         rc = apc_model_take(m, plant->p, p, m->param, m->np, "parameter", why);
@@ -147,7 +147,7 @@ int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, co
         return apc_fail(why, APC_EINVAL, "apc_plant_create: model must not be NULL");
     rc = apc_model_check(model, "apc_plant_create", why);
     if (rc == 0)
-        rc = take_options(&o, options, why);
+        rc = take_plant_options(&o, options, why);
     if (rc == 0 && apc_model_is_fmu(model))
         rc = check_fmu(model, x0, options ? options->integrator : NULL, &o, why);
     if (rc < 0)
@@ -156,7 +156,7 @@ int apc_plant_create(struct apc_plant **plant, const struct apc_model *model, co
     if (!new)
         return apc_fail(why, APC_ENOMEM, "no memory for plant %s", model->name);
     new->model = model;
-    rc = set_up(new, p, x0, &o, why);
+    rc = set_up_solver(new, p, x0, &o, why);
     if (rc < 0)
         apc_plant_destroy(new);
     else
@@ -208,7 +208,7 @@ void apc_plant_destroy(struct apc_plant *plant)
 /* ---- Running -------------------------------------------------------------------------------- */
 
 /* What failed, and where: the time and the state from which it could not go on. */
-static int report(struct apc_plant *plant, int rc, const char *what)
+static int report_solver_failure(struct apc_plant *plant, int rc, const char *what)
 {
     const struct apc_model *m = plant->model;
     char where[300] = "";
@@ -260,12 +260,12 @@ int apc_plant_advance(struct apc_plant *plant, double dt, const double *u)
     why.text[0] = '\0';
     if (!(dt >= 0.0) || !isfinite(dt)) {
         (void)apc_fail(&why, APC_ESOLVER, "cannot advance by %g s", dt);
-        return report(plant, APC_ESOLVER, why.text);
+        return report_solver_failure(plant, APC_ESOLVER, why.text);
     }
     for (size_t i = 0; i < m->nu; i++) {
         if (!isfinite(u[i])) {
             (void)apc_fail(&why, APC_ESOLVER, "input %zu is not a finite number", i + 1);
-            return report(plant, APC_ESOLVER, why.text);
+            return report_solver_failure(plant, APC_ESOLVER, why.text);
         }
     }
     if (dt == 0.0)
@@ -285,7 +285,7 @@ int apc_plant_advance(struct apc_plant *plant, double dt, const double *u)
     memcpy(plant->x, plant->x_before, x_bytes);
     memcpy(plant->in, plant->in_before, in_bytes);
     plant->delay = delay;
-    return report(plant, rc, why.text);
+    return report_solver_failure(plant, rc, why.text);
 }
 
 int apc_plant_disturb(struct apc_plant *plant, size_t k, double value)

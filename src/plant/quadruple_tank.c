@@ -55,7 +55,7 @@ static const struct apc_param output[] = {
     {"y2", "V", "level of tank 2, measured", 0.0, 0.0, 0.0},
 };
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int quadruple_tank_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double pump1 = p[K1] * fmax(u[0], 0.0), pump2 = p[K2] * fmax(u[1], 0.0);
     double q[4];
@@ -72,7 +72,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void quadruple_tank_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u;
     y[0] = p[KC] * x[0];
@@ -83,7 +83,7 @@ static void g(double t, const double *x, const double *u, const double *p, doubl
     {                                                                                                        \
         .abi = APC_MODEL_ABI, .name = name_, .description = description_, .nx = 4, .nu = 2, .nd = 2,         \
         .ny = 2, .np = N_PARAM, .param = param_, .state = state_, .input = input_,                           \
-        .disturbance = disturbance, .output = output, .f = f, .g = g,                                        \
+        .disturbance = disturbance, .output = output, .f = quadruple_tank_f, .g = quadruple_tank_g,          \
     }
 
 const struct apc_model apc_model_quadruple_tank = MODEL(

@@ -15,7 +15,7 @@ struct solver {
     double *k1, *k2, *k3, *k4, *x, *at; /* [nx] */
 };
 
-static void destroy(void *self)
+static void rk4_destroy(void *self)
 {
     struct solver *s = self;
 
@@ -25,8 +25,8 @@ static void destroy(void *self)
     free(s);
 }
 
-static int create(void **self, const struct apc_model *model, const double *p,
-                  const struct apc_plant_options *options, struct apc_error *why)
+static int rk4_create(void **self, const struct apc_model *model, const double *p,
+                      const struct apc_plant_options *options, struct apc_error *why)
 {
     size_t nx = model->nx;
     struct solver *s = calloc(1, sizeof(*s));
@@ -51,14 +51,14 @@ static int create(void **self, const struct apc_model *model, const double *p,
 }
 
 /* k = f at x + h k0 */
-static bool slope(struct solver *s, double t, const double *u, double h, const double *k0, double *k)
+static bool rk4_slope(struct solver *s, double t, const double *u, double h, const double *k0, double *k)
 {
     for (size_t i = 0; i < s->model->nx; i++)
         s->at[i] = s->x[i] + h * k0[i];
     return s->model->f(t, s->at, u, s->p, k) == 0;
 }
 
-static int step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
+static int rk4_step(void *self, double t, double dt, const double *u, double *x, struct apc_error *why)
 {
     struct solver *s = self;
     size_t nx = s->model->nx;
@@ -68,8 +68,8 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
     for (unsigned n = 0; n < s->steps; n++) {
         double at = t + n * h;
 
-        if (s->model->f(at, s->x, u, s->p, s->k1) || !slope(s, at + h / 2, u, h / 2, s->k1, s->k2) ||
-            !slope(s, at + h / 2, u, h / 2, s->k2, s->k3) || !slope(s, at + h, u, h, s->k3, s->k4))
+        if (s->model->f(at, s->x, u, s->p, s->k1) || !rk4_slope(s, at + h / 2, u, h / 2, s->k1, s->k2) ||
+            !rk4_slope(s, at + h / 2, u, h / 2, s->k2, s->k3) || !rk4_slope(s, at + h, u, h, s->k3, s->k4))
             return apc_fail(why, APC_ESOLVER, "the model is not defined there");
         for (size_t i = 0; i < nx; i++)
             s->x[i] += h / 6 * (s->k1[i] + 2 * (s->k2[i] + s->k3[i]) + s->k4[i]);
@@ -84,4 +84,4 @@ static int step(void *self, double t, double dt, const double *u, double *x, str
 }
 
 const struct apc_integrator apc_integrator_rk4 = {
-    .name = "rk4", .create = create, .step = step, .destroy = destroy};
+    .name = "rk4", .create = rk4_create, .step = rk4_step, .destroy = rk4_destroy};

@@ -19,7 +19,7 @@ static const struct apc_param input[] = {{"u", "V", "voltage", 0.0, -10.0, 10.0}
 static const struct apc_param disturbance[] = {{"load", "V", "load torque, as voltage", 0.0, -10.0, 10.0}};
 static const struct apc_param output[] = {{"angle", "rad", "angle", 0.0, 0.0, 0.0}};
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int servo_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     (void)t;
     dx[0] = x[1];
@@ -27,7 +27,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void servo_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u, (void)p;
     y[0] = x[0];
@@ -47,6 +47,6 @@ const struct apc_model apc_model_servo = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = servo_f,
+    .g = servo_g,
 };

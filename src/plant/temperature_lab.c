@@ -33,7 +33,7 @@ static const struct apc_param output[] = {
     {"T2", "degC", "temperature of sensor 2", 0.0, 0.0, 0.0},
 };
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int temperature_lab_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double across = (x[0] - x[1]) / 100.0;
 
@@ -45,7 +45,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void temperature_lab_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u, (void)p;
     y[0] = x[2];
@@ -66,6 +66,6 @@ const struct apc_model apc_model_temperature_lab = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = temperature_lab_f,
+    .g = temperature_lab_g,
 };

@@ -52,7 +52,7 @@ static const struct apc_param output[] = {
     {"T", "degC", "temperature", 0.0, 0.0, 0.0},
 };
 
-static int f(double t, const double *x, const double *u, const double *p, double *dx)
+static int van_de_vusse_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double kelvin = x[2] + APC_KELVIN, feed = fmax(u[0], 0.0), per_s = 1.0 / 3600.0;
     double r1, r2, r3, wall;
@@ -72,7 +72,7 @@ static int f(double t, const double *x, const double *u, const double *p, double
     return 0;
 }
 
-static void g(double t, const double *x, const double *u, const double *p, double *y)
+static void van_de_vusse_g(double t, const double *x, const double *u, const double *p, double *y)
 {
     (void)t, (void)u, (void)p;
     y[0] = x[1];
@@ -93,6 +93,6 @@ const struct apc_model apc_model_van_de_vusse = {
     .input = input,
     .disturbance = disturbance,
     .output = output,
-    .f = f,
-    .g = g,
+    .f = van_de_vusse_f,
+    .g = van_de_vusse_g,
 };

@@ -129,7 +129,7 @@ int apc_hostport_parse(struct apc_hostport *out, const char *uri, struct apc_err
     return 0;
 }
 
-static void collect(struct apc_endpoints *out, const struct addrinfo *list, int family)
+static void collect_endpoints(struct apc_endpoints *out, const struct addrinfo *list, int family)
 {
     for (const struct addrinfo *a = list; a && out->count < APC_ADDRESS_MAX; a = a->ai_next)
         if (a->ai_family == family && a->ai_addrlen <= sizeof out->at->address) {
@@ -154,8 +154,8 @@ int apc_hostport_resolve(const struct apc_hostport *host, struct apc_endpoints *
     err = getaddrinfo(host->host, port, &hints, &list);
     if (err != 0)
         return apc_fail(why, APC_ECONN, "cannot resolve host name \"%s\": %s", host->host, gai_strerror(err));
-    collect(out, list, AF_INET);
-    collect(out, list, AF_INET6);
+    collect_endpoints(out, list, AF_INET);
+    collect_endpoints(out, list, AF_INET6);
     freeaddrinfo(list);
     if (out->count == 0)
         return apc_fail(why, APC_ECONN, "host name \"%s\" has no address", host->host);
@@ -174,7 +174,7 @@ struct apc_resolver {
     struct apc_error why;       /* of the last query, when it failed */
 };
 
-static void *resolve(void *arg)
+static void *resolve_in_thread(void *arg)
 {
     struct apc_resolver *r = arg;
 
@@ -201,13 +201,13 @@ static void *resolve(void *arg)
     return NULL;
 }
 
-static int start_thread(struct apc_resolver *r)
+static int start_resolver(struct apc_resolver *r)
 {
     sigset_t all, old;
     int err;
     sigfillset(&all); /* signals are the program's own threads' business */
     pthread_sigmask(SIG_SETMASK, &all, &old);
-    err = pthread_create(&r->thread, NULL, resolve, r);
+    err = pthread_create(&r->thread, NULL, resolve_in_thread, r);
     pthread_sigmask(SIG_SETMASK, &old, NULL);
     return err;
 }
@@ -232,7 +232,7 @@ int apc_resolver_create(struct apc_resolver **resolver, const struct apc_hostpor
         err = apc_hostport_resolve(host, &r->known, why);
     } else {
         r->wanted = true;
-        err = start_thread(r);
+        err = start_resolver(r);
         if (err)
             err = apc_fail(why, APC_ESYS, "cannot start a thread to resolve \"%s\": %s", host->host,
                            strerrordesc_np(err));

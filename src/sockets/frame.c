@@ -40,20 +40,20 @@ struct writer {
 };
 
 /* What was written at w->at. */
-static void advance(struct writer *w, size_t length)
+static void advance_writer(struct writer *w, size_t length)
 {
     w->at += length;
     w->left -= length;
 }
 
 /* Words of a few letters. */
-static bool put(struct writer *w, const char *text)
+static bool put_word(struct writer *w, const char *text)
 {
     char *at = w->at, *const end = at + w->left;
 
     while (*text && at < end)
         *at++ = *text++;
-    advance(w, (size_t)(at - w->at));
+    advance_writer(w, (size_t)(at - w->at));
     return !*text;
 }
 
@@ -66,7 +66,7 @@ static bool put_uint(struct writer *w, uint64_t value)
     do
         *--first = (char)('0' + value % 10);
     while ((value /= 10) > 0);
-    return put(w, first);
+    return put_word(w, first);
 }
 
 /* The years that apc_time_parse() reads; a few months at either end of apc_ns lie outside. */
@@ -88,22 +88,22 @@ static const char *put_time(struct writer *w, apc_ns value, const char *time)
         memcpy(at, time, TIME_TEXT);
     else
         apc_time_format(value, at);
-    advance(w, TIME_TEXT);
+    advance_writer(w, TIME_TEXT);
     return at;
 }
 
-static int put_rest(struct writer *w, const struct apc_sample *s)
+static int put_sample_rest(struct writer *w, const struct apc_sample *s)
 {
     char status[APC_STATUS_NAME_LEN];
     int length;
 
-    if (!put(w, ",") || !put(w, apc_status_format(s->status, status)) || !put(w, ","))
+    if (!put_word(w, ",") || !put_word(w, apc_status_format(s->status, status)) || !put_word(w, ","))
         return APC_ERANGE;
     length = apc_number_format(s->value, w->at, w->left);
     if (length < 0)
         return length;
-    advance(w, (size_t)length);
-    return put(w, ";") ? 0 : APC_ERANGE;
+    advance_writer(w, (size_t)length);
+    return put_word(w, ";") ? 0 : APC_ERANGE;
 }
 
 int apc_frame_encode(char *text, size_t size, const struct apc_frame *frame, const struct apc_sample *samples)
@@ -116,8 +116,8 @@ int apc_frame_encode(char *text, size_t size, const struct apc_frame *frame, con
         return APC_EINVAL;
     if (frame->n > APC_FRAME_COUNT)
         return APC_ERANGE;
-    if (!put(&w, "apc1 ") || !put(&w, kinds[frame->kind]) || !put(&w, " ") || !put_uint(&w, frame->id) ||
-        !put(&w, " ") || !put_uint(&w, frame->n) || !put(&w, ";"))
+    if (!put_word(&w, "apc1 ") || !put_word(&w, kinds[frame->kind]) || !put_word(&w, " ") ||
+        !put_uint(&w, frame->id) || !put_word(&w, " ") || !put_uint(&w, frame->n) || !put_word(&w, ";"))
         return APC_ERANGE;
     for (size_t i = 0; i < frame->n; i++) {
         const struct apc_sample *s = &samples[i];
@@ -128,11 +128,11 @@ int apc_frame_encode(char *text, size_t size, const struct apc_frame *frame, con
         if (i > 0 && s->time != s[-1].time) /* else the text is there: a vector is sampled at one time */
             time = NULL;
         time = put_time(&w, s->time, time);
-        err = time ? put_rest(&w, s) : APC_ERANGE;
+        err = time ? put_sample_rest(&w, s) : APC_ERANGE;
         if (err < 0)
             return err;
     }
-    if (!put(&w, "\n"))
+    if (!put_word(&w, "\n"))
         return APC_ERANGE;
     return (int)(w.at - text);
 }
@@ -145,7 +145,7 @@ struct reader {
     apc_ns time;
 };
 
-static bool take(struct reader *r, const char *literal)
+static bool take_literal(struct reader *r, const char *literal)
 {
     size_t length = strlen(literal);
     if ((size_t)(r->end - r->at) < length || memcmp(r->at, literal, length) != 0)
@@ -183,7 +183,7 @@ static bool take_field(struct reader *r, char until, char *text, size_t size)
     return true;
 }
 
-static bool take_time(struct reader *r, apc_ns *time)
+static bool take_frame_time(struct reader *r, apc_ns *time)
 {
     const char *first = r->at;
     char text[TIME_TEXT + 1];
@@ -204,31 +204,31 @@ static bool take_time(struct reader *r, apc_ns *time)
     return true;
 }
 
-static bool take_sample(struct reader *r, struct apc_sample *sample)
+static bool take_frame_sample(struct reader *r, struct apc_sample *sample)
 {
     char status[APC_STATUS_NAME_LEN], value[NUMBER_TEXT + 1];
 
-    return take_time(r, &sample->time) && take_field(r, ',', status, sizeof status) &&
+    return take_frame_time(r, &sample->time) && take_field(r, ',', status, sizeof status) &&
            apc_status_parse(status, &sample->status) == 0 && take_field(r, ';', value, sizeof value) &&
            apc_number_parse(value, &sample->value) == 0;
 }
 
-static bool take_head(struct reader *r, struct apc_frame *frame)
+static bool take_frame_head(struct reader *r, struct apc_frame *frame)
 {
     uint64_t n;
 
-    if (!take(r, "apc1 "))
+    if (!take_literal(r, "apc1 "))
         return false;
-    if (take(r, "command "))
+    if (take_literal(r, "command "))
         frame->kind = APC_FRAME_COMMAND;
-    else if (take(r, "query "))
+    else if (take_literal(r, "query "))
         frame->kind = APC_FRAME_QUERY;
-    else if (take(r, "values "))
+    else if (take_literal(r, "values "))
         frame->kind = APC_FRAME_VALUES;
     else
         return false;
-    if (!take_uint(r, UINT64_MAX, &frame->id) || !take(r, " ") || !take_uint(r, APC_FRAME_COUNT, &n) ||
-        !take(r, ";"))
+    if (!take_uint(r, UINT64_MAX, &frame->id) || !take_literal(r, " ") ||
+        !take_uint(r, APC_FRAME_COUNT, &n) || !take_literal(r, ";"))
         return false;
     frame->n = (size_t)n;
     return frame->kind != APC_FRAME_QUERY || n == 0;
@@ -246,12 +246,12 @@ int apc_frame_decode(const char *text, size_t length, struct apc_frame *frame, s
     if (!text || !frame || (capacity > 0 && !samples))
         return APC_EINVAL;
     r.end = text + length;
-    if (length > APC_FRAME_MAX || !take_head(&r, &head))
+    if (length > APC_FRAME_MAX || !take_frame_head(&r, &head))
         return APC_EPROTO;
     for (size_t i = 0; i < head.n; i++)
-        if (!take_sample(&r, i < capacity ? &samples[i] : &beyond))
+        if (!take_frame_sample(&r, i < capacity ? &samples[i] : &beyond))
             return APC_EPROTO;
-    if (!take(&r, "\n") || r.at != r.end)
+    if (!take_literal(&r, "\n") || r.at != r.end)
         return APC_EPROTO;
     if (head.n > capacity)
         return APC_ERANGE;

@@ -48,8 +48,8 @@ static const struct apc_transport *find_transport(const char *uri)
     return NULL;
 }
 
-static int take_options(struct apc_link_options *o, const struct apc_link_options *options,
-                        struct apc_error *why)
+static int take_link_options(struct apc_link_options *o, const struct apc_link_options *options,
+                             struct apc_error *why)
 {
     int err = apc_options_copy(o, sizeof *o, options, "apc_link_options", why);
     if (err < 0)
@@ -86,7 +86,7 @@ int apc_link_create(struct apc_link **link, const char *uri, const struct apc_li
         return apc_fail(why, APC_EINVAL,
                         "link \"%s\": unknown scheme; expected tcp:HOST:PORT or tls:HOST:PORT",
                         uri ? uri : "");
-    err = take_options(&o, options, why);
+    err = take_link_options(&o, options, why);
     if (err < 0)
         return err;
     err = APC_ENOMEM;
@@ -121,7 +121,7 @@ void apc_link_destroy(struct apc_link *l)
 }
 
 /* Uniform in [0, 1): splitmix64. */
-static double next_random(uint64_t *state)
+static double next_link_random(uint64_t *state)
 {
     uint64_t z = *state += UINT64_C(0x9E3779B97F4A7C15);
     z = (z ^ z >> 30) * UINT64_C(0xBF58476D1CE4E5B9);
@@ -131,7 +131,8 @@ static double next_random(uint64_t *state)
 
 static void begin_pause(struct apc_link *l)
 {
-    l->retry_at = apc_clock_mono(NULL) + (apc_ns)((double)l->pause * (0.5 + next_random(&l->random) / 2));
+    l->retry_at =
+        apc_clock_mono(NULL) + (apc_ns)((double)l->pause * (0.5 + next_link_random(&l->random) / 2));
     l->pause = l->pause > l->options.backoff_max / 2 ? l->options.backoff_max : 2 * l->pause;
 }
 

@@ -29,7 +29,7 @@ static int check_probability(const char *what, double p, struct apc_error *why)
                : apc_fail(why, APC_EINVAL, "network: %s is %g; it is a probability, 0 to 1", what, p);
 }
 
-static int check(const struct apc_network_options *o, struct apc_error *why)
+static int check_network_options(const struct apc_network_options *o, struct apc_error *why)
 {
     int rc;
 
@@ -63,7 +63,7 @@ int apc_network_create(struct apc_network **network, const struct apc_network_op
         return apc_fail(why, APC_EINVAL, "no place for the network");
     *network = NULL;
     if ((rc = apc_options_copy(&o, sizeof o, options, "apc_network_options", why)) < 0 ||
-        (rc = check(&o, why)) < 0)
+        (rc = check_network_options(&o, why)) < 0)
         return rc;
     struct apc_network *n = calloc(1, sizeof *n);
     struct apc_outage *outages = calloc(o.n_outages + 1, sizeof *outages);
@@ -137,7 +137,7 @@ static apc_ns transmit(struct apc_network *n, apc_ns now, size_t length)
 }
 
 /* In order, unless it overtakes. */
-static apc_ns arrive(struct apc_network *n, apc_ns at)
+static apc_ns arrival_time(struct apc_network *n, apc_ns at)
 {
     if (at < n->newest)
         at = n->newest;
@@ -169,8 +169,8 @@ int apc_network_carry(struct apc_network *network, const struct apc_network_fate
     }
     network->stats.duplicated += fate->twice;
     network->stats.reordered += fate->overtakes;
-    at[0] = fate->overtakes ? gone : arrive(network, gone + fate->delay);
-    at[1] = fate->twice ? arrive(network, gone + fate->copy_delay) : 0;
+    at[0] = fate->overtakes ? gone : arrival_time(network, gone + fate->delay);
+    at[1] = fate->twice ? arrival_time(network, gone + fate->copy_delay) : 0;
     return fate->twice ? 2 : 1;
 }
 

@@ -87,7 +87,7 @@ struct apc_server {
 
 /* ---- One connection ------------------------------------------------------------------------ */
 
-static void count(atomic_uint_least64_t *counter)
+static void count_up(atomic_uint_least64_t *counter)
 {
     atomic_fetch_add_explicit(counter, 1, memory_order_relaxed);
 }
@@ -121,7 +121,7 @@ static void log_closing(struct apc_server *s, const struct apc_endpoint *peer, c
 /* Close for what the peer did. */
 static void reject(struct apc_server *s, struct connection *c, const char *reason, apc_ns now)
 {
-    count(&s->rejected);
+    count_up(&s->rejected);
     log_closing(s, &c->peer, reason, now);
     hang_up(s, c);
 }
@@ -158,7 +158,7 @@ static void drop_request(struct apc_server *s, struct connection *c)
     }
 }
 
-static void fill(struct apc_server *s, struct connection *c, apc_ns now)
+static void fill_input(struct apc_server *s, struct connection *c, apc_ns now)
 {
     char *at = c->request + c->have;
     const size_t room = s->options.frame_max - c->have;
@@ -178,7 +178,7 @@ static void fill(struct apc_server *s, struct connection *c, apc_ns now)
     }
 }
 
-static void flush(struct apc_server *s, struct connection *c, apc_ns now)
+static void flush_output(struct apc_server *s, struct connection *c, apc_ns now)
 {
     const char *at = c->reply + c->sent;
     const size_t left = c->length - c->sent;
@@ -193,7 +193,7 @@ static void flush(struct apc_server *s, struct connection *c, apc_ns now)
     }
 }
 
-static void answer(struct apc_server *s, struct connection *c, apc_ns now)
+static void answer_requests(struct apc_server *s, struct connection *c, apc_ns now)
 {
     int n = s->fn(s->ctx, c->id, c->request + c->from, c->line, c->reply, s->options.frame_max);
 
@@ -201,17 +201,17 @@ static void answer(struct apc_server *s, struct connection *c, apc_ns now)
         reject(s, c, n == APC_EPERM ? "its request is refused" : "not a request that can be answered", now);
         return;
     }
-    count(&s->requests);
+    count_up(&s->requests);
     s->served = c->id;
     c->sent = 0;
     c->length = (size_t)n;
     c->since = now;
-    flush(s, c, now);
+    flush_output(s, c, now);
     drop_request(s, c);
 }
 
 /* Close a connection that has nothing more to say, or took too long to say it. */
-static void expire(struct apc_server *s, struct connection *c, apc_ns now)
+static void close_expired(struct apc_server *s, struct connection *c, apc_ns now)
 {
     bool late = now - c->since >= s->options.frame_timeout;
 
@@ -236,7 +236,7 @@ static void expire(struct apc_server *s, struct connection *c, apc_ns now)
 }
 
 /* A peer that closes in the middle of it has thought better of it, or asked whether somebody is here. */
-static void shake(struct apc_server *s, struct connection *c, apc_ns now)
+static void shake_hands(struct apc_server *s, struct connection *c, apc_ns now)
 {
     struct apc_error why;
     int done = apc_tls_handshake(c->tls, &why);
@@ -253,12 +253,12 @@ static void shake(struct apc_server *s, struct connection *c, apc_ns now)
 }
 
 /* Bytes of the next request may be here already, out of the socket. */
-static bool more(const struct connection *c)
+static bool has_pending_input(const struct connection *c)
 {
     return c->tls && !c->shaking && apc_tls_more(c->tls);
 }
 
-static void serve(struct apc_server *s, struct connection *c, short events, apc_ns now)
+static void serve_connection(struct apc_server *s, struct connection *c, short events, apc_ns now)
 {
     if (events & (POLLERR | POLLNVAL)) {
         hang_up(s, c);
@@ -266,25 +266,25 @@ static void serve(struct apc_server *s, struct connection *c, short events, apc_
     }
     if (c->shaking) {
         if (events)
-            shake(s, c, now);
+            shake_hands(s, c, now);
     } else if (answering(c)) {
         if (events & (POLLOUT | POLLHUP))
-            flush(s, c, now);
+            flush_output(s, c, now);
     } else {
-        if (!c->line && !c->end && (events || more(c)))
-            fill(s, c, now);
+        if (!c->line && !c->end && (events || has_pending_input(c)))
+            fill_input(s, c, now);
         if (c->fd >= 0 && c->line)
-            answer(s, c, now);
+            answer_requests(s, c, now);
     }
     if (c->fd >= 0)
-        expire(s, c, now);
+        close_expired(s, c, now);
 }
 
 /* ---- The loop ------------------------------------------------------------------------------ */
 
 /* A free place, or that of the connection that was idle longest, which is closed. NULL: there is none. Of
  * free ones that of the oldest connection: who the latest were can still be told. */
-static struct connection *make_room(struct apc_server *s, apc_ns now)
+static struct connection *make_connection_room(struct apc_server *s, apc_ns now)
 {
     struct connection *idle = NULL, *vacant = NULL;
 
@@ -300,7 +300,7 @@ static struct connection *make_room(struct apc_server *s, apc_ns now)
     if (vacant)
         return vacant;
     if (idle) {
-        count(&s->evicted);
+        count_up(&s->evicted);
         log_closing(s, &idle->peer, "it was silent longest, and a new one needed its place", now);
         hang_up(s, idle);
     }
@@ -309,12 +309,12 @@ static struct connection *make_room(struct apc_server *s, apc_ns now)
 
 static void open_connection(struct apc_server *s, int fd, const struct apc_endpoint *peer, apc_ns now)
 {
-    struct connection *c = make_room(s, now);
+    struct connection *c = make_connection_room(s, now);
     struct apc_tls *tls = NULL;
 
     if (!c || (s->tls &&
                apc_tls_answer(&tls, s->options.identity, fd, s->options.clients, s->options.n_clients) < 0)) {
-        count(&s->refused);
+        count_up(&s->refused);
         log_closing(s, peer, "all the connections there may be are in use", now);
         close(fd);
         return;
@@ -328,7 +328,7 @@ static void open_connection(struct apc_server *s, int fd, const struct apc_endpo
                              .shaking = s->tls,
                              .tls = tls,
                              .since = now};
-    count(&s->accepted);
+    count_up(&s->accepted);
     atomic_fetch_add_explicit(&s->open, 1, memory_order_relaxed);
 }
 
@@ -354,7 +354,7 @@ static short events_of(const struct connection *c)
 }
 
 /* Fill polls[]; when the next thing happens by itself. */
-static apc_ns prepare(struct apc_server *s, nfds_t *n)
+static apc_ns prepare_polls(struct apc_server *s, nfds_t *n)
 {
     apc_ns next = s->accept_at ? s->accept_at : INT64_MAX;
 
@@ -368,7 +368,7 @@ static apc_ns prepare(struct apc_server *s, nfds_t *n)
             continue;
         s->polls[*n] = (struct pollfd){.fd = c->fd, .events = events_of(c)};
         s->polled[(*n)++] = c;
-        if (!answering(c) && (c->line || c->end || c->alien || more(c)))
+        if (!answering(c) && (c->line || c->end || c->alien || has_pending_input(c)))
             at = 0;
         else if (c->shaking || answering(c) || c->have > 0)
             at = c->since + s->options.frame_timeout;
@@ -378,7 +378,7 @@ static apc_ns prepare(struct apc_server *s, nfds_t *n)
     return next;
 }
 
-static void wait_for(struct apc_server *s, nfds_t n, apc_ns until)
+static void wait_for_events(struct apc_server *s, nfds_t n, apc_ns until)
 {
     struct timespec t = {0};
     apc_ns left = until == INT64_MAX ? 0 : until - apc_clock_mono(NULL);
@@ -388,21 +388,21 @@ static void wait_for(struct apc_server *s, nfds_t n, apc_ns until)
     (void)ppoll(s->polls, n, until == INT64_MAX ? NULL : &t, NULL); /* if it fails, nothing happened */
 }
 
-static void *run(void *arg)
+static void *run_server(void *arg)
 {
     struct apc_server *s = arg;
 
     for (;;) {
         nfds_t n;
-        apc_ns now, until = prepare(s, &n);
-        wait_for(s, n, until);
+        apc_ns now, until = prepare_polls(s, &n);
+        wait_for_events(s, n, until);
         if (s->polls[0].revents)
             return NULL;
         now = apc_clock_mono(NULL);
         if (s->accept_at && now >= s->accept_at)
             s->accept_at = 0;
         for (nfds_t i = 2; i < n; i++)
-            serve(s, s->polled[i], s->polls[i].revents, now);
+            serve_connection(s, s->polled[i], s->polls[i].revents, now);
         if (s->polls[1].revents)
             accept_one(s, now);
     }
@@ -410,8 +410,8 @@ static void *run(void *arg)
 
 /* ---- Set-up -------------------------------------------------------------------------------- */
 
-static int take_options(struct apc_server_options *o, const struct apc_server_options *options,
-                        struct apc_error *why)
+static int take_server_options(struct apc_server_options *o, const struct apc_server_options *options,
+                               struct apc_error *why)
 {
     int err = apc_options_copy(o, sizeof *o, options, "apc_server_options", why);
     if (err < 0)
@@ -481,7 +481,7 @@ static int start_listening(struct apc_server *s, const char *uri, struct apc_err
     return bind_and_listen(s, uri, &at.at[0], why);
 }
 
-static int allocate(struct apc_server *s)
+static int allocate_server(struct apc_server *s)
 {
     size_t n = s->options.connections, each = s->options.frame_max;
 
@@ -497,20 +497,20 @@ static int allocate(struct apc_server *s)
     return 0;
 }
 
-static int start_thread(struct apc_server *s)
+static int start_server_thread(struct apc_server *s)
 {
     sigset_t all, old;
     int number;
 
     sigfillset(&all); /* signals are the program's own threads' business */
     pthread_sigmask(SIG_SETMASK, &all, &old);
-    number = pthread_create(&s->thread, NULL, run, s);
+    number = pthread_create(&s->thread, NULL, run_server, s);
     pthread_sigmask(SIG_SETMASK, &old, NULL);
     return number;
 }
 
 /* All but the thread. */
-static void release(struct apc_server *s)
+static void release_server(struct apc_server *s)
 {
     for (unsigned i = 0; s->connections && i < s->options.connections; i++)
         if (s->connections[i].fd >= 0)
@@ -537,7 +537,7 @@ int apc_server_create(struct apc_server **server, const char *uri, const struct 
         return apc_fail(why, APC_EINVAL,
                         "a server needs a place to go, an address and a function that answers");
     *server = NULL;
-    err = take_options(&o, options, why);
+    err = take_server_options(&o, options, why);
     if (err < 0)
         return err;
     s = calloc(1, sizeof *s);
@@ -551,13 +551,13 @@ int apc_server_create(struct apc_server **server, const char *uri, const struct 
     err = start_listening(s, uri, why);
     if (err < 0)
         goto fail;
-    err = allocate(s);
+    err = allocate_server(s);
     if (err < 0) {
         apc_fail(why, err, "link \"%s\": no memory for %u connections", uri, o.connections);
         goto fail;
     }
     s->wake = eventfd(0, EFD_CLOEXEC);
-    number = s->wake < 0 ? errno : start_thread(s);
+    number = s->wake < 0 ? errno : start_server_thread(s);
     if (number) {
         err =
             apc_fail(why, APC_ESYS, "link \"%s\": cannot start its thread: %s", uri, strerrordesc_np(number));
@@ -566,7 +566,7 @@ int apc_server_create(struct apc_server **server, const char *uri, const struct 
     *server = s;
     return 0;
 fail:
-    release(s);
+    release_server(s);
     return err;
 }
 
@@ -576,7 +576,7 @@ void apc_server_destroy(struct apc_server *s)
         return;
     (void)eventfd_write(s->wake, 1);
     pthread_join(s->thread, NULL);
-    release(s);
+    release_server(s);
 }
 
 char *apc_server_peer(const struct apc_server *server, uint64_t connection, char text[APC_PEER_LEN])

@@ -59,19 +59,19 @@ int apc_tcp_connect(int fd, const struct apc_endpoint *to, apc_ns deadline)
     return number ? APC_ECONN : 0;
 }
 
-static void set(int fd, int level, int option, int value)
+static void set_socket_option(int fd, int level, int option, int value)
 {
     (void)setsockopt(fd, level, option, &value, sizeof value); /* comfort: nothing depends on it */
 }
 
 void apc_tcp_tune(int fd)
 {
-    set(fd, IPPROTO_TCP, TCP_NODELAY, 1);
-    set(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
-    set(fd, IPPROTO_TCP, TCP_KEEPIDLE, 5);
-    set(fd, IPPROTO_TCP, TCP_KEEPINTVL, 5);
-    set(fd, IPPROTO_TCP, TCP_KEEPCNT, 3);
-    set(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, 15000);
+    set_socket_option(fd, IPPROTO_TCP, TCP_NODELAY, 1);
+    set_socket_option(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
+    set_socket_option(fd, IPPROTO_TCP, TCP_KEEPIDLE, 5);
+    set_socket_option(fd, IPPROTO_TCP, TCP_KEEPINTVL, 5);
+    set_socket_option(fd, IPPROTO_TCP, TCP_KEEPCNT, 3);
+    set_socket_option(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, 15000);
 }
 
 int apc_tcp_bind(const struct apc_endpoint *at)
@@ -80,7 +80,8 @@ int apc_tcp_bind(const struct apc_endpoint *at)
 
     if (fd < 0)
         return APC_ESYS;
-    set(fd, SOL_SOCKET, SO_REUSEADDR, 1); /* a server restarts while its old connections are in TIME_WAIT */
+    set_socket_option(fd, SOL_SOCKET, SO_REUSEADDR,
+                      1); /* a server restarts while its old connections are in TIME_WAIT */
     if (bind(fd, (const struct sockaddr *)&at->address, at->length) == 0)
         return fd;
     number = errno;

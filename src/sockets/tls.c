@@ -62,7 +62,7 @@ static int socket_of(BIO *bio)
     return (int)(intptr_t)BIO_get_data(bio);
 }
 
-static int moved(BIO *bio, ssize_t n)
+static int moved_bytes(BIO *bio, ssize_t n)
 {
     BIO_clear_flags(bio, BIO_FLAGS_RWS | BIO_FLAGS_SHOULD_RETRY | BIO_FLAGS_IN_EOF);
     if (n == 0)
@@ -72,7 +72,7 @@ static int moved(BIO *bio, ssize_t n)
 
 static int socket_write(BIO *bio, const char *data, int length)
 {
-    int n = moved(bio, send(socket_of(bio), data, (size_t)length, MSG_NOSIGNAL));
+    int n = moved_bytes(bio, send(socket_of(bio), data, (size_t)length, MSG_NOSIGNAL));
     if (n < 0 && (errno == EAGAIN || errno == EINTR))
         BIO_set_retry_write(bio);
     return n;
@@ -80,7 +80,7 @@ static int socket_write(BIO *bio, const char *data, int length)
 
 static int socket_read(BIO *bio, char *data, int size)
 {
-    int n = moved(bio, recv(socket_of(bio), data, (size_t)size, 0));
+    int n = moved_bytes(bio, recv(socket_of(bio), data, (size_t)size, 0));
     if (n < 0 && (errno == EAGAIN || errno == EINTR))
         BIO_set_retry_read(bio);
     return n;
@@ -97,7 +97,7 @@ static long socket_control(BIO *bio, int command, long number, void *pointer)
 /* ---- Identity ------------------------------------------------------------------------------- */
 
 /* What OpenSSL says; of a peer's alert what the peer says. */
-static const char *last_words(void)
+static const char *last_tls_error(void)
 {
     const unsigned long e = ERR_peek_last_error();
     const int reason = ERR_GET_REASON(e);
@@ -189,7 +189,7 @@ static int read_identity(const char *file, SSL_CTX **context, apc_ns *expiry, st
                         strerrordesc_np(errno));
     *context = new_context();
     if (!*context)
-        rc = apc_fail(why, APC_ENOMEM, "identity \"%s\": %s", file, last_words());
+        rc = apc_fail(why, APC_ENOMEM, "identity \"%s\": %s", file, last_tls_error());
     else if (!(key = PEM_read_bio_PrivateKey(bio, NULL, refuse_password, NULL)))
         rc = apc_fail(why, APC_EINVAL, "identity \"%s\" has no private key, or one with a password", file);
     else if (BIO_seek(bio, 0) < 0 || (rc = take_certificates(*context, bio, expiry)) < 0)
@@ -264,7 +264,7 @@ void apc_identity_free(struct apc_identity *i)
 /* ---- A new one in its place ------------------------------------------------------------------- */
 
 /* The common name, if it is one line of text and there is just one. */
-static bool name_of(const X509 *certificate, char name[NAME_MAX_LEN + 1])
+static bool common_name_of(const X509 *certificate, char name[NAME_MAX_LEN + 1])
 {
     X509_NAME *subject = X509_get_subject_name(certificate);
     const int at = X509_NAME_get_index_by_NID(subject, NID_commonName, -1);
@@ -293,7 +293,7 @@ static bool same_name(const X509 *was, const X509 *is)
 {
     char before[NAME_MAX_LEN + 1], now[NAME_MAX_LEN + 1];
 
-    return !name_of(was, before) || (name_of(is, now) && strcmp(before, now) == 0);
+    return !common_name_of(was, before) || (common_name_of(is, now) && strcmp(before, now) == 0);
 }
 
 /* Is @p is of all hosts that @p was is of? */
@@ -406,7 +406,7 @@ static int on_certificate(int ok, X509_STORE_CTX *context)
                                  X509_V_ERR_INVALID_PURPOSE); /* OpenSSL takes one that says nothing */
         return 0;
     }
-    const bool named = name_of(own, tls->peer);
+    const bool named = common_name_of(own, tls->peer);
     if (!ok || !tls->clients)
         return ok;
     for (size_t i = 0; named && i < tls->n_clients; i++)
@@ -498,9 +498,9 @@ static void say_why(struct apc_tls *t)
         apc_fail(&t->error, APC_EPROTO, "the peer's certificate is refused: %s",
                  X509_verify_cert_error_string(verified));
     else if (ERR_GET_REASON(ERR_peek_last_error()) > SSL_AD_REASON_OFFSET)
-        apc_fail(&t->error, APC_EPROTO, "the peer refuses us: %s", last_words());
+        apc_fail(&t->error, APC_EPROTO, "the peer refuses us: %s", last_tls_error());
     else
-        apc_fail(&t->error, APC_EPROTO, "TLS: %s", last_words());
+        apc_fail(&t->error, APC_EPROTO, "TLS: %s", last_tls_error());
 }
 
 /* What became of a call that returned @p n: as of recv(2). */

@@ -39,7 +39,7 @@ struct dial {
     enum step step;
 };
 
-static int shake(struct dial *d, apc_ns deadline)
+static int tls_handshake(struct dial *d, apc_ns deadline)
 {
     for (;;) {
         int rc = apc_tls_handshake(d->tcp.tls, &d->why);
@@ -67,7 +67,7 @@ static int attempt(struct dial *d)
     if (rc < 0)
         rc = apc_fail(&d->why, APC_ECONN, "no memory for a TLS session");
     else
-        rc = shake(d, deadline);
+        rc = tls_handshake(d, deadline);
     if (rc < 0) {
         apc_tls_free(d->tcp.tls);
         d->tcp.tls = NULL;
@@ -76,7 +76,7 @@ static int attempt(struct dial *d)
     return rc;
 }
 
-static void *run(void *arg)
+static void *run_tls_dialer(void *arg)
 {
     struct dial *d = arg;
 
@@ -99,14 +99,14 @@ static void *run(void *arg)
     return NULL;
 }
 
-static int start_thread(struct dial *d)
+static int start_tls_dialer(struct dial *d)
 {
     sigset_t all, old;
     int number;
 
     sigfillset(&all); /* signals are the program's own threads' business */
     pthread_sigmask(SIG_SETMASK, &all, &old);
-    number = pthread_create(&d->thread, NULL, run, d);
+    number = pthread_create(&d->thread, NULL, run_tls_dialer, d);
     pthread_sigmask(SIG_SETMASK, &old, NULL);
     return number;
 }
@@ -134,7 +134,7 @@ static int tls_create(void **self, const char *uri, struct apc_identity *identit
         goto release;
     }
     pthread_cond_init(&d->changed, NULL);
-    number = start_thread(d);
+    number = start_tls_dialer(d);
     if (number == 0) {
         *self = d;
         return 0;

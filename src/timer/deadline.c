@@ -12,7 +12,7 @@
  * not the lateness of the ticks. A sleep whose instant was past when it began says nothing and is not learned
  * from, and learning comes after the callback: it delays none.
  *
- * halt() posts and joins: what the thread wrote is seen by whoever comes after.
+ * deadline_halt() posts and joins: what the thread wrote is seen by whoever comes after.
  */
 #include "timer/timer_internal.h"
 
@@ -32,7 +32,7 @@ struct deadline {
     apc_ns spun, now;   /* altogether; when the last wait ended */
 };
 
-static int prepare(struct apc_task *task)
+static int deadline_prepare(struct apc_task *task)
 {
     struct deadline *own = calloc(1, sizeof *own);
     if (!own)
@@ -44,7 +44,7 @@ static int prepare(struct apc_task *task)
     return 0;
 }
 
-static void release(struct apc_task *task)
+static void deadline_release(struct apc_task *task)
 {
     struct deadline *own = task->own;
     sem_destroy(&own->stop);
@@ -98,7 +98,7 @@ static bool spin_until(struct deadline *own, const struct apc_clock *mono, apc_n
     return true;
 }
 
-static void learn(struct apc_task *task, struct deadline *own)
+static void learn_margin(struct apc_task *task, struct deadline *own)
 {
     if (own->late >= 0)
         apc_margin_learn(&own->margin, own->late);
@@ -114,7 +114,7 @@ static bool wait_for_tick(struct apc_task *task, struct deadline *own)
     return sleep_until(&own->stop, apc_task_due(task));
 }
 
-static void *run(void *arg)
+static void *run_deadline_task(void *arg)
 {
     struct apc_task *task = arg;
     struct deadline *own = task->own;
@@ -128,12 +128,12 @@ static void *run(void *arg)
     for (bool more = true; more && wait_for_tick(task, own);) {
         more = apc_task_tick(task);
         if (task->options.spin)
-            learn(task, own);
+            learn_margin(task, own);
     }
     return NULL;
 }
 
-static int start(struct apc_task *task, struct apc_error *why)
+static int deadline_start(struct apc_task *task, struct apc_error *why)
 {
     struct deadline *own = task->own;
     pthread_attr_t attr;
@@ -141,7 +141,7 @@ static int start(struct apc_task *task, struct apc_error *why)
     int err = apc_task_thread_attr(task, &attr, why);
     if (err < 0)
         return err;
-    err = pthread_create(&own->thread, &attr, run, task);
+    err = pthread_create(&own->thread, &attr, run_deadline_task, task);
     pthread_attr_destroy(&attr);
     if (err)
         return apc_fail(why, APC_ESYS, "task '%s': no thread: %s", task->name, strerror(err));
@@ -150,12 +150,16 @@ static int start(struct apc_task *task, struct apc_error *why)
     return 0;
 }
 
-static void halt(struct apc_task *task)
+static void deadline_halt(struct apc_task *task)
 {
     struct deadline *own = task->own;
     sem_post(&own->stop);
     pthread_join(own->thread, NULL);
 }
 
-const struct apc_executive_ops apc_executive_deadline = {
-    .name = "deadline", .spins = true, .prepare = prepare, .start = start, .halt = halt, .release = release};
+const struct apc_executive_ops apc_executive_deadline = {.name = "deadline",
+                                                         .spins = true,
+                                                         .prepare = deadline_prepare,
+                                                         .start = deadline_start,
+                                                         .halt = deadline_halt,
+                                                         .release = deadline_release};

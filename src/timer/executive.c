@@ -10,7 +10,7 @@
 static const struct apc_executive_ops *const executives[] = {&apc_executive_deadline, &apc_executive_posix,
                                                              &apc_executive_virtual, NULL};
 
-static const struct apc_executive_ops *find(const char *name)
+static const struct apc_executive_ops *find_executive(const char *name)
 {
     const struct apc_executive_ops *const *ops = executives;
     while (*ops && !(name && !strcmp((*ops)->name, name)))
@@ -29,7 +29,7 @@ int apc_executive_create(struct apc_executive **executive, const char *name,
     *executive = NULL;
     if ((err = apc_options_copy(&o, sizeof o, options, "apc_executive_options", why)) < 0)
         return err;
-    const struct apc_executive_ops *ops = find(name);
+    const struct apc_executive_ops *ops = find_executive(name);
     if (!ops)
         return apc_fail(why, APC_EINVAL,
                         "no executive is called '%s': expected 'deadline', 'posix' or 'virtual'",

@@ -19,7 +19,7 @@
 #include "timer/timer_internal.h"
 
 /* to - from, where to >= from. */
-static uint64_t distance(apc_ns from, apc_ns to)
+static uint64_t elapsed(apc_ns from, apc_ns to)
 {
     return (uint64_t)to - (uint64_t)from;
 }
@@ -27,7 +27,7 @@ static uint64_t distance(apc_ns from, apc_ns to)
 apc_ns apc_grid_time(apc_ns start, apc_ns period, uint64_t index)
 {
     uint64_t gone;
-    if (__builtin_mul_overflow(index, (uint64_t)period, &gone) || gone > distance(start, INT64_MAX))
+    if (__builtin_mul_overflow(index, (uint64_t)period, &gone) || gone > elapsed(start, INT64_MAX))
         return INT64_MAX;
     return (apc_ns)((uint64_t)start + gone);
 }
@@ -36,7 +36,7 @@ uint64_t apc_grid_next(apc_ns start, apc_ns period, apc_ns now)
 {
     if (now <= start)
         return 0;
-    uint64_t gone = distance(start, now);
+    uint64_t gone = elapsed(start, now);
     return gone / (uint64_t)period + (gone % (uint64_t)period != 0);
 }
 
@@ -44,7 +44,7 @@ uint64_t apc_grid_newest(apc_ns start, apc_ns period, uint64_t due, apc_ns now)
 {
     if (now < apc_grid_time(start, period, due + 1)) /* as nearly always: without a division */
         return due;
-    uint64_t newest = now <= start ? 0 : distance(start, now) / (uint64_t)period;
+    uint64_t newest = now <= start ? 0 : elapsed(start, now) / (uint64_t)period;
     return newest > due ? newest : due;
 }
 

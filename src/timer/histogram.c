@@ -64,7 +64,7 @@ struct apc_histogram {
 /* ---- Buckets ---- */
 
 /* How far from the middle its bucket is. */
-static int distance(apc_ns value)
+static int bucket_distance(apc_ns value)
 {
     uint64_t magnitude = (uint64_t)(value < 0 ? -value : value);
     if (magnitude < EXACT)
@@ -87,30 +87,30 @@ static void bounds(int at, apc_ns *low, apc_ns *high)
     *high = at < ZERO ? -near : far;
 }
 
-static uint64_t held(const struct apc_histogram *h, int at)
+static uint64_t bucket_count(const struct apc_histogram *h, int at)
 {
     return atomic_load_explicit(&h->bucket[at], memory_order_relaxed);
 }
 
 /* Not a read-modify-write: there is one writer. */
-static void hold(struct apc_histogram *h, int at, uint64_t count)
+static void store_bucket_count(struct apc_histogram *h, int at, uint64_t count)
 {
     atomic_store_explicit(&h->bucket[at], count, memory_order_relaxed);
 }
 
 /* Buckets of magnitudes that far from the middle may be used, on either side. */
-static int reach_of(const struct apc_histogram *h)
+static int bucket_reach(const struct apc_histogram *h)
 {
     return atomic_load_explicit(&h->reach, memory_order_acquire);
 }
 
-static void reach(struct apc_histogram *h, int far)
+static void extend_bucket_reach(struct apc_histogram *h, int far)
 {
-    const int before = reach_of(h);
+    const int before = bucket_reach(h);
 
     for (int i = before + 1; i <= far; i++) {
-        hold(h, ZERO - i, 0);
-        hold(h, ZERO + i, 0);
+        store_bucket_count(h, ZERO - i, 0);
+        store_bucket_count(h, ZERO + i, 0);
     }
     if (far > before)
         atomic_store_explicit(&h->reach, far, memory_order_release);
@@ -120,17 +120,17 @@ static void reach(struct apc_histogram *h, int far)
 
 static const struct moments no_moments = {.min = INT64_MAX, .max = INT64_MIN};
 
-static wide join(uint64_t high, uint64_t low)
+static wide join_words(uint64_t high, uint64_t low)
 {
     return (wide)((uwide)high << 64 | low);
 }
 
-static uint64_t get(const _Atomic uint64_t *copy, enum word word)
+static uint64_t load_word(const _Atomic uint64_t *copy, enum word word)
 {
     return atomic_load_explicit(&copy[word], memory_order_relaxed);
 }
 
-static void set(_Atomic uint64_t *copy, enum word word, uint64_t value)
+static void store_word(_Atomic uint64_t *copy, enum word word, uint64_t value)
 {
     atomic_store_explicit(&copy[word], value, memory_order_release);
 }
@@ -144,8 +144,8 @@ static struct moments read_moments(const struct apc_histogram *h)
             word[i] = atomic_load_explicit(&h->copy[sequence & 1][i], memory_order_acquire);
     } while (sequence != atomic_load_explicit(&h->sequence, memory_order_relaxed));
     return (struct moments){.count = word[COUNT],
-                            .sum = join(word[SUM_HIGH], word[SUM_LOW]),
-                            .squares = join(word[SQUARES_HIGH], word[SQUARES_LOW]),
+                            .sum = join_words(word[SUM_HIGH], word[SUM_LOW]),
+                            .squares = join_words(word[SQUARES_HIGH], word[SQUARES_LOW]),
                             .min = (apc_ns)word[MIN],
                             .max = (apc_ns)word[MAX]};
 }
@@ -193,9 +193,9 @@ int apc_histogram_create(struct apc_histogram **histogram)
 
 void apc_histogram_clear(struct apc_histogram *histogram)
 {
-    const int far = reach_of(histogram);
+    const int far = bucket_reach(histogram);
     for (int at = ZERO - far; at <= ZERO + far; at++)
-        hold(histogram, at, 0);
+        store_bucket_count(histogram, at, 0);
     publish_moments(histogram, &no_moments);
 }
 
@@ -212,20 +212,21 @@ void apc_histogram_record(struct apc_histogram *histogram, apc_ns value)
     _Atomic uint64_t *from = histogram->copy[sequence & 1], *to = histogram->copy[(sequence + 1) & 1];
 
     value = value < -LIMIT ? -LIMIT : value > LIMIT ? LIMIT : value;
-    const int far = distance(value), at = value < 0 ? ZERO - far : ZERO + far;
+    const int far = bucket_distance(value), at = value < 0 ? ZERO - far : ZERO + far;
     if (far > atomic_load_explicit(&histogram->reach, memory_order_relaxed))
-        reach(histogram, far);
-    hold(histogram, at, held(histogram, at) + 1);
-    wide sum = join(get(from, SUM_HIGH), get(from, SUM_LOW)) + value;
-    wide squares = join(get(from, SQUARES_HIGH), get(from, SQUARES_LOW)) + (wide)value * value;
-    apc_ns min = (apc_ns)get(from, MIN), max = (apc_ns)get(from, MAX);
-    set(to, COUNT, get(from, COUNT) + 1);
-    set(to, SUM_LOW, (uint64_t)sum);
-    set(to, SUM_HIGH, (uint64_t)((uwide)sum >> 64));
-    set(to, SQUARES_LOW, (uint64_t)squares);
-    set(to, SQUARES_HIGH, (uint64_t)((uwide)squares >> 64));
-    set(to, MIN, (uint64_t)(value < min ? value : min));
-    set(to, MAX, (uint64_t)(value > max ? value : max));
+        extend_bucket_reach(histogram, far);
+    store_bucket_count(histogram, at, bucket_count(histogram, at) + 1);
+    wide sum = join_words(load_word(from, SUM_HIGH), load_word(from, SUM_LOW)) + value;
+    wide squares =
+        join_words(load_word(from, SQUARES_HIGH), load_word(from, SQUARES_LOW)) + (wide)value * value;
+    apc_ns min = (apc_ns)load_word(from, MIN), max = (apc_ns)load_word(from, MAX);
+    store_word(to, COUNT, load_word(from, COUNT) + 1);
+    store_word(to, SUM_LOW, (uint64_t)sum);
+    store_word(to, SUM_HIGH, (uint64_t)((uwide)sum >> 64));
+    store_word(to, SQUARES_LOW, (uint64_t)squares);
+    store_word(to, SQUARES_HIGH, (uint64_t)((uwide)squares >> 64));
+    store_word(to, MIN, (uint64_t)(value < min ? value : min));
+    store_word(to, MAX, (uint64_t)(value > max ? value : max));
     atomic_store_explicit(&histogram->sequence, sequence + 1, memory_order_release);
 }
 
@@ -233,10 +234,10 @@ void apc_histogram_merge(struct apc_histogram *to, const struct apc_histogram *f
 {
     struct moments sum = read_moments(to), more = read_moments(from);
 
-    const int far = reach_of(from);
-    reach(to, far);
+    const int far = bucket_reach(from);
+    extend_bucket_reach(to, far);
     for (int at = ZERO - far; at <= ZERO + far; at++)
-        hold(to, at, held(to, at) + held(from, at));
+        store_bucket_count(to, at, bucket_count(to, at) + bucket_count(from, at));
     add_moments(&sum, &more);
     publish_moments(to, &sum);
 }
@@ -245,17 +246,17 @@ void apc_histogram_window(struct apc_histogram *window, struct apc_histogram *ma
                           const struct apc_histogram *live)
 {
     struct moments now = read_moments(live), before = read_moments(mark), cut = now;
-    const int far = reach_of(live); /* after its moments, so all that they count lies within */
+    const int far = bucket_reach(live); /* after its moments, so all that they count lies within */
     apc_ns low, high;
     bool filled = false;
 
     apc_histogram_clear(window);
-    reach(window, far);
-    reach(mark, far);
+    extend_bucket_reach(window, far);
+    extend_bucket_reach(mark, far);
     for (int at = ZERO - far; at <= ZERO + far; at++) {
-        uint64_t count = held(live, at), added = count - held(mark, at);
-        hold(window, at, added);
-        hold(mark, at, count);
+        uint64_t count = bucket_count(live, at), added = count - bucket_count(mark, at);
+        store_bucket_count(window, at, added);
+        store_bucket_count(mark, at, count);
         if (added == 0)
             continue;
         /* Extremes cannot be subtracted: take the buckets' edges, or the exact one if it is inside. */
@@ -273,13 +274,13 @@ void apc_histogram_window(struct apc_histogram *window, struct apc_histogram *ma
 }
 
 /* Nearest rank: the smallest value that at least @permille of all do not exceed; the middle of its bucket. */
-static apc_ns percentile(const struct apc_histogram *h, uint64_t total, unsigned permille, apc_ns min,
-                         apc_ns max)
+static apc_ns histogram_percentile(const struct apc_histogram *h, uint64_t total, unsigned permille,
+                                   apc_ns min, apc_ns max)
 {
-    const int far = reach_of(h);
+    const int far = bucket_reach(h);
     uint64_t rank = (uint64_t)(((uwide)total * permille + 999) / 1000), seen = 0;
     for (int at = ZERO - far; at <= ZERO + far; at++) {
-        seen += held(h, at);
+        seen += bucket_count(h, at);
         if (seen < rank || seen == 0)
             continue;
         apc_ns low, high;
@@ -298,9 +299,9 @@ void apc_histogram_summary(const struct apc_histogram *histogram, struct apc_sum
     *summary = (struct apc_summary){.count = m.count};
     if (m.count == 0)
         return;
-    const int far = reach_of(histogram);
+    const int far = bucket_reach(histogram);
     for (int at = ZERO - far; at <= ZERO + far; at++)
-        total += held(histogram, at);
+        total += bucket_count(histogram, at);
     /* About the whole part of the mean the sum of squares is exact and small: nothing cancels. */
     wide whole = m.sum / (wide)m.count;
     wide rest = m.sum - whole * (wide)m.count;
@@ -311,17 +312,17 @@ void apc_histogram_summary(const struct apc_histogram *histogram, struct apc_sum
     summary->sd = m.count > 1 && spread > 0 ? sqrt(spread / (n - 1)) : 0.0;
     summary->min = m.min;
     summary->max = m.max;
-    summary->p50 = percentile(histogram, total, 500, m.min, m.max);
-    summary->p99 = percentile(histogram, total, 990, m.min, m.max);
-    summary->p999 = percentile(histogram, total, 999, m.min, m.max);
+    summary->p50 = histogram_percentile(histogram, total, 500, m.min, m.max);
+    summary->p99 = histogram_percentile(histogram, total, 990, m.min, m.max);
+    summary->p999 = histogram_percentile(histogram, total, 999, m.min, m.max);
 }
 
 size_t apc_histogram_bins(const struct apc_histogram *histogram, struct apc_bin *bins, size_t capacity)
 {
-    const int far = reach_of(histogram);
+    const int far = bucket_reach(histogram);
     size_t filled = 0;
     for (int at = ZERO - far; at <= ZERO + far; at++) {
-        uint64_t count = held(histogram, at);
+        uint64_t count = bucket_count(histogram, at);
         if (count == 0)
             continue;
         if (filled < capacity) {

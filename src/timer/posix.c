@@ -3,10 +3,10 @@
  * The executive "posix": the paper's SIGEV_THREAD interval timers, made safe.
  *
  * How glibc does it: the kernel signals a helper thread at each expiry, the helper creates a detached
- * thread, and that calls notify() with the value given to timer_create(). Three things follow.
+ * thread, and that calls on_posix_timer() with the value given to timer_create(). Three things follow.
  *
  * 1. A notification may come at any time. timer_delete() stops the helper from creating more threads, but
- *    one that exists already, and has not been given a CPU yet, calls notify() when it gets one; nobody can
+ *    one that exists already, and has not been given a CPU yet, calls on_posix_timer() when it gets one; nobody can
  *    tell how many there are, or wait for them. So the value must never point at anything that is freed.
  *    It points at a slot, and slots lie on pages that the executive maps and never unmaps: 4 KiB for 39
  *    tasks at a time (x86-64), kept until the process ends. A slot is used again by later tasks.
@@ -18,7 +18,7 @@
  *
  * slot->lock hands the task from thread to thread. `busy` marks the one thread inside the callback; any
  * other returns at once. Its tick is not lost: the busy thread looks again, under the lock, before it
- * goes. halt() takes the task out of the slot and waits until the slot is not busy: from then on no
+ * goes. posix_halt() takes the task out of the slot and waits until the slot is not busy: from then on no
  * notification can find the task. Only after that is the timer deleted, for a busy thread may still
  * disarm it, and its record is glibc's memory.
  */
@@ -59,7 +59,7 @@ struct posix_task {
 
 /* ---- Slots ---- */
 
-static int add_page(struct posix *posix)
+static int add_slot_page(struct posix *posix)
 {
     struct page *page = mmap(NULL, PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (page == MAP_FAILED)
@@ -86,7 +86,7 @@ static struct slot *take_slot(struct posix *posix)
 {
     pthread_mutex_lock(&posix->lock);
     struct slot *slot = free_slot(posix);
-    if (!slot && add_page(posix) == 0)
+    if (!slot && add_slot_page(posix) == 0)
         slot = free_slot(posix);
     if (slot)
         slot->taken = true;
@@ -94,7 +94,7 @@ static struct slot *take_slot(struct posix *posix)
     return slot;
 }
 
-static void give_back(struct posix *posix, struct slot *slot)
+static void release_slot(struct posix *posix, struct slot *slot)
 {
     pthread_mutex_lock(&posix->lock);
     slot->taken = false;
@@ -107,7 +107,7 @@ static void disarm(const struct apc_task *task)
 {
     const struct posix_task *own = task->own;
     const struct itimerspec never = {.it_value = {0}};
-    timer_settime(own->timer, 0, &never, NULL); /* cannot fail: the timer exists until halt() returns */
+    timer_settime(own->timer, 0, &never, NULL); /* cannot fail: the timer exists until posix_halt() returns */
 }
 
 /* glibc gives its threads the scheduling and the stack of the attributes, but not the CPUs. */
@@ -139,7 +139,7 @@ static void run_due(struct slot *slot)
     pthread_cond_broadcast(&slot->idle);
 }
 
-static void notify(union sigval value)
+static void on_posix_timer(union sigval value)
 {
     struct slot *slot = value.sival_ptr;
     sigset_t blocked;
@@ -172,7 +172,7 @@ static void close_posix(struct apc_executive *executive)
     free(posix);
 }
 
-static int prepare(struct apc_task *task)
+static int posix_prepare(struct apc_task *task)
 {
     struct posix_task *own = calloc(1, sizeof *own);
     if (own)
@@ -185,10 +185,10 @@ static int prepare(struct apc_task *task)
     return 0;
 }
 
-static void release(struct apc_task *task)
+static void posix_release(struct apc_task *task)
 {
     struct posix_task *own = task->own;
-    give_back(task->executive->own, own->slot);
+    release_slot(task->executive->own, own->slot);
     free(own);
 }
 
@@ -203,7 +203,7 @@ static int make_timer(struct apc_task *task, struct apc_error *why)
         return err;
     memset(&event, 0, sizeof event);
     event.sigev_notify = SIGEV_THREAD;
-    event.sigev_notify_function = notify;
+    event.sigev_notify_function = on_posix_timer;
     event.sigev_notify_attributes = &attr; /* copied by glibc */
     event.sigev_value.sival_ptr = own->slot;
     if (timer_create(CLOCK_MONOTONIC, &event, &own->timer) < 0)
@@ -213,7 +213,7 @@ static int make_timer(struct apc_task *task, struct apc_error *why)
     return err;
 }
 
-static int start(struct apc_task *task, struct apc_error *why)
+static int posix_start(struct apc_task *task, struct apc_error *why)
 {
     struct posix_task *own = task->own;
     const apc_ns period = task->options.period;
@@ -237,7 +237,7 @@ static int start(struct apc_task *task, struct apc_error *why)
     return err;
 }
 
-static void halt(struct apc_task *task)
+static void posix_halt(struct apc_task *task)
 {
     struct posix_task *own = task->own;
 
@@ -252,7 +252,7 @@ static void halt(struct apc_task *task)
 const struct apc_executive_ops apc_executive_posix = {.name = "posix",
                                                       .open = open_posix,
                                                       .close = close_posix,
-                                                      .prepare = prepare,
-                                                      .start = start,
-                                                      .halt = halt,
-                                                      .release = release};
+                                                      .prepare = posix_prepare,
+                                                      .start = posix_start,
+                                                      .halt = posix_halt,
+                                                      .release = posix_release};

@@ -78,7 +78,7 @@ static uint64_t skip_to(struct apc_task *task, uint64_t index)
     return missed;
 }
 
-static bool end(struct apc_task *task, int result)
+static bool end_task(struct apc_task *task, int result)
 {
     pthread_mutex_lock(&task->lock);
     task->ended = true;
@@ -89,7 +89,7 @@ static bool end(struct apc_task *task, int result)
     return false;
 }
 
-static void record(struct apc_task *task, const struct apc_tick *tick, apc_ns finished)
+static void record_tick(struct apc_task *task, const struct apc_tick *tick, apc_ns finished)
 {
     apc_histogram_record(task->lateness, tick->started - tick->scheduled);
     if (task->started > 0 && tick->missed == 0)
@@ -101,7 +101,7 @@ static void record(struct apc_task *task, const struct apc_tick *tick, apc_ns fi
 }
 
 /* Call the function with tick task->due, which began at @now. Returns what it returned. */
-static int call(struct apc_task *task, apc_ns now, apc_ns *finished)
+static int call_task(struct apc_task *task, apc_ns now, apc_ns *finished)
 {
     struct apc_tick tick = {.index = task->due,
                             .scheduled = apc_task_due(task),
@@ -114,7 +114,7 @@ static int call(struct apc_task *task, apc_ns now, apc_ns *finished)
     atomic_store_explicit(&task->runner, (pthread_t)0, memory_order_relaxed);
 
     *finished = apc_clock_mono(task->executive->mono);
-    record(task, &tick, *finished);
+    record_tick(task, &tick, *finished);
     task->expected = ++task->due;
     return result;
 }
@@ -129,9 +129,9 @@ bool apc_task_tick(struct apc_task *task)
     if (overrun != APC_OVERRUN_BURST)
         missed = skip_to(task, apc_grid_newest(task->epoch, period, task->due, now));
     if (missed > 0 && overrun == APC_OVERRUN_STOP)
-        return end(task, APC_EOVERRUN);
+        return end_task(task, APC_EOVERRUN);
 
-    int result = call(task, now, &finished);
+    int result = call_task(task, now, &finished);
     if (overrun != APC_OVERRUN_BURST)
         missed += skip_to(task, apc_grid_resume(task->epoch, period, task->due - 1, finished));
     else
@@ -140,7 +140,7 @@ bool apc_task_tick(struct apc_task *task)
         atomic_store_explicit(&task->in_a_row, 0, memory_order_relaxed);
     if (result == 0 && missed > 0 && overrun == APC_OVERRUN_STOP)
         result = APC_EOVERRUN;
-    return result == 0 || end(task, result);
+    return result == 0 || end_task(task, result);
 }
 
 /* ---- Making one ---- */
@@ -369,7 +369,7 @@ void apc_task_timing(const struct apc_task *task, struct apc_timing *timing)
 }
 
 /* Ticks whose instants have passed since that of the one that is due, or runs. */
-static uint64_t behind(const struct apc_task *task)
+static uint64_t ticks_behind(const struct apc_task *task)
 {
     apc_ns now = apc_clock_mono(task->executive->mono);
     apc_ns next = atomic_load_explicit(&task->next, memory_order_relaxed);
@@ -379,14 +379,14 @@ static uint64_t behind(const struct apc_task *task)
 uint64_t apc_task_missed(const struct apc_task *task)
 {
     uint64_t missed = atomic_load_explicit(&task->missed, memory_order_acquire);
-    return missed + (task->options.overrun == APC_OVERRUN_BURST ? 0 : behind(task));
+    return missed + (task->options.overrun == APC_OVERRUN_BURST ? 0 : ticks_behind(task));
 }
 
 uint64_t apc_task_overruns(const struct apc_task *task, uint64_t *alarms)
 {
     if (alarms)
         *alarms = atomic_load_explicit(&task->alarms, memory_order_relaxed);
-    return atomic_load_explicit(&task->in_a_row, memory_order_relaxed) + behind(task);
+    return atomic_load_explicit(&task->in_a_row, memory_order_relaxed) + ticks_behind(task);
 }
 
 const struct apc_histogram *apc_task_histogram(const struct apc_task *task, enum apc_task_histogram which)

@@ -38,7 +38,7 @@ void apc_task_cpus(const struct apc_task *task, cpu_set_t *cpus)
     CPU_SET((size_t)task->options.cpu - 1, cpus);
 }
 
-static void *nothing(void *arg)
+static void *thread_of_nothing(void *arg)
 {
     return arg;
 }
@@ -78,7 +78,7 @@ static int set_common(const struct apc_task *task, pthread_attr_t *attr)
 static int try_create(const pthread_attr_t *attr)
 {
     pthread_t thread;
-    int err = pthread_create(&thread, attr, nothing, NULL);
+    int err = pthread_create(&thread, attr, thread_of_nothing, NULL);
     return err ? err : pthread_join(thread, NULL);
 }
 

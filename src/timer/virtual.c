@@ -73,7 +73,7 @@ static apc_ns utc(void *ctx)
 
 /* ---- The queue ---- */
 
-static bool before(const struct event *a, const struct event *b)
+static bool event_is_before(const struct event *a, const struct event *b)
 {
     if (a->at != b->at)
         return a->at < b->at;
@@ -82,7 +82,7 @@ static bool before(const struct event *a, const struct event *b)
 
 static inline void sift_up(struct virtual *v, size_t i, struct event event)
 {
-    for (size_t parent; i > 0 && before(&event, &v->heap[parent = (i - 1) / 2]); i = parent)
+    for (size_t parent; i > 0 && event_is_before(&event, &v->heap[parent = (i - 1) / 2]); i = parent)
         v->heap[i] = v->heap[parent];
     v->heap[i] = event;
 }
@@ -90,9 +90,9 @@ static inline void sift_up(struct virtual *v, size_t i, struct event event)
 static void sift_down(struct virtual *v, size_t i, struct event event)
 {
     for (size_t child; (child = 2 * i + 1) < v->n; i = child) {
-        if (child + 1 < v->n && before(&v->heap[child + 1], &v->heap[child]))
+        if (child + 1 < v->n && event_is_before(&v->heap[child + 1], &v->heap[child]))
             child++;
-        if (before(&event, &v->heap[child]))
+        if (event_is_before(&event, &v->heap[child]))
             break;
         v->heap[i] = v->heap[child];
     }
@@ -113,7 +113,7 @@ static struct event pop(struct virtual *v)
 }
 
 /* Room for @more events of tasks, or for one other beside all that tasks may yet need. */
-static int make_room(struct virtual *v, size_t more)
+static int make_event_room(struct virtual *v, size_t more)
 {
     size_t needed = v->n + v->reserved + more, capacity = v->capacity;
     if (needed <= capacity)
@@ -130,7 +130,7 @@ static int make_room(struct virtual *v, size_t more)
 
 /* ---- Tasks ---- */
 
-static apc_ns draw(const struct apc_distribution *d, struct apc_random *random)
+static apc_ns draw_delay(const struct apc_distribution *d, struct apc_random *random)
 {
     apc_ns ns = 0;
     double seconds = d->kind ? apc_distribution_draw(d, random) : 0.0;
@@ -139,11 +139,11 @@ static apc_ns draw(const struct apc_distribution *d, struct apc_random *random)
 }
 
 /* In the place of the task's own function. */
-static int call(void *ctx, const struct apc_tick *tick)
+static int call_delayed(void *ctx, const struct apc_tick *tick)
 {
     struct virtual_task *own = ctx;
     int result = own->fn(own->ctx, tick);
-    own->virtual->ahead = draw(&own->model.execution, &own->execution);
+    own->virtual->ahead = draw_delay(&own->model.execution, &own->execution);
     return result;
 }
 
@@ -153,20 +153,20 @@ static void on_finish(void *ctx)
     own->model.finish(own->ctx);
 }
 
-static void on_tick(void *ctx);
+static void on_virtual_tick(void *ctx);
 
 static void push_tick(struct apc_task *task, apc_ns not_before)
 {
     struct virtual_task *own = task->own;
-    apc_ns at = apc_task_due(task), late = draw(&own->model.jitter, &own->jitter);
+    apc_ns at = apc_task_due(task), late = draw_delay(&own->model.jitter, &own->jitter);
 
     if (at == INT64_MAX || late > INT64_MAX - at) /* never */
         return;
     at += late;
-    push(own->virtual, at > not_before ? at : not_before, own->model.rank, on_tick, task);
+    push(own->virtual, at > not_before ? at : not_before, own->model.rank, on_virtual_tick, task);
 }
 
-static void on_tick(void *ctx)
+static void on_virtual_tick(void *ctx)
 {
     struct apc_task *task = ctx;
     struct virtual_task *own = task->own;
@@ -187,11 +187,11 @@ static void on_tick(void *ctx)
 }
 
 /* Take out what is queued for the task. */
-static void forget(struct virtual *v, const struct apc_task *task)
+static void forget_events(struct virtual *v, const struct apc_task *task)
 {
     size_t kept = 0, n = v->n;
     for (size_t i = 0; i < n; i++)
-        if (v->heap[i].ctx != task || (v->heap[i].fn != on_tick && v->heap[i].fn != on_finish))
+        if (v->heap[i].ctx != task || (v->heap[i].fn != on_virtual_tick && v->heap[i].fn != on_finish))
             v->heap[kept++] = v->heap[i];
     v->n = 0;
     while (v->n < kept) {
@@ -200,24 +200,24 @@ static void forget(struct virtual *v, const struct apc_task *task)
     }
 }
 
-static int prepare(struct apc_task *task)
+static int virtual_prepare(struct apc_task *task)
 {
     struct virtual *v = task->executive->own;
     struct virtual_task *own = calloc(1, sizeof *own);
 
-    if (!own || make_room(v, TASK_EVENTS) < 0) {
+    if (!own || make_event_room(v, TASK_EVENTS) < 0) {
         free(own);
         return APC_ENOMEM;
     }
     v->reserved += TASK_EVENTS;
     *own = (struct virtual_task){.virtual = v, .fn = task->fn, .ctx = task->ctx};
-    task->fn = call;
+    task->fn = call_delayed;
     task->ctx = own;
     task->own = own;
     return 0;
 }
 
-static int start(struct apc_task *task, struct apc_error *why)
+static int virtual_start(struct apc_task *task, struct apc_error *why)
 {
     (void)why;
     apc_task_begin(task);
@@ -225,12 +225,12 @@ static int start(struct apc_task *task, struct apc_error *why)
     return 0;
 }
 
-static void halt(struct apc_task *task)
+static void virtual_halt(struct apc_task *task)
 {
-    forget(task->executive->own, task);
+    forget_events(task->executive->own, task);
 }
 
-static void release(struct apc_task *task)
+static void virtual_release(struct apc_task *task)
 {
     ((struct virtual *)task->executive->own)->reserved -= TASK_EVENTS;
     free(task->own);
@@ -260,10 +260,10 @@ const struct apc_executive_ops apc_executive_virtual = {.name = "virtual",
                                                         .own_clock = true,
                                                         .open = open_virtual,
                                                         .close = close_virtual,
-                                                        .prepare = prepare,
-                                                        .start = start,
-                                                        .halt = halt,
-                                                        .release = release};
+                                                        .prepare = virtual_prepare,
+                                                        .start = virtual_start,
+                                                        .halt = virtual_halt,
+                                                        .release = virtual_release};
 
 /* ---- Its own functions ---- */
 
@@ -310,7 +310,7 @@ int apc_virtual_at(struct apc_executive *executive, apc_ns at, int rank, apc_vir
     struct virtual *v = virtual_of(executive);
     if (!v || !fn || at < v->now)
         return APC_EINVAL;
-    if (make_room(v, 1) < 0)
+    if (make_event_room(v, 1) < 0)
         return APC_ENOMEM;
     push(v, at, rank, fn, ctx);
     return 0;
