@@ -18,7 +18,8 @@ static const struct apc_param tuning[N_TUNING] = {PID_PARAMS("outer_"), PID_PARA
 
 static const char *const settings[] = {"outer", "inner", "setpoint", NULL};
 
-static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p, struct apc_error *why)
+static int cascade_ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p,
+                         struct apc_error *why)
 {
     const struct apc_dim *d = &s->dim;
     const size_t most[] = {d->ny, d->ny, d->nz};
@@ -47,7 +48,7 @@ static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_po
     return 0;
 }
 
-static size_t n_state(const struct apc_dim *dim)
+static size_t cascade_n_state(const struct apc_dim *dim)
 {
     (void)dim;
     return N_STATES;
@@ -72,7 +73,7 @@ static double outer_output(const struct pid_loop *outer)
     return apc_pid_limit(outer, apc_pid_wanted(outer), &limited);
 }
 
-static void reset(struct apc_law_call *c)
+static void cascade_reset(struct apc_law_call *c)
 {
     const struct pid_loop outer = outer_loop(c);
     struct pid_loop inner;
@@ -82,7 +83,7 @@ static void reset(struct apc_law_call *c)
     apc_pid_reset(&inner);
 }
 
-static int compute(struct apc_law_call *c)
+static int cascade_compute(struct apc_law_call *c)
 {
     const struct pid_loop outer = outer_loop(c);
     const struct pid_loop inner = inner_loop(c, outer_output(&outer));
@@ -103,7 +104,7 @@ static unsigned held_outside(const struct pid_loop *inner, double u, unsigned he
     return inner->p[PID_KP] < 0.0 ? apc_law_mirrored(held) : inner->p[PID_KP] > 0.0 ? held : 0u;
 }
 
-static void update(struct apc_law_call *c)
+static void cascade_update(struct apc_law_call *c)
 {
     const struct pid_loop outer = outer_loop(c);
     const struct pid_loop inner = inner_loop(c, outer_output(&outer));
@@ -112,7 +113,7 @@ static void update(struct apc_law_call *c)
     apc_pid_update(&inner, c->u[0], c->limited[0]);
 }
 
-static void track(struct apc_law_call *c)
+static void cascade_track(struct apc_law_call *c)
 {
     const struct pid_loop outer = outer_loop(c);
     struct pid_loop inner = inner_loop(c, 0.0);
@@ -122,7 +123,7 @@ static void track(struct apc_law_call *c)
     apc_pid_track(&inner, c->u[0], c->gap);
 }
 
-static int check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
+static int cascade_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     int rc = apc_law_check_order(&apc_law_cascade, setup, p, PID_U_MIN, PID_U_MAX, why);
 
@@ -138,12 +139,12 @@ const struct apc_law apc_law_cascade = {
     .description = "two PID loops, the outer one giving the inner one's setpoint",
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .n_state = n_state,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
+    .n_state = cascade_n_state,
+    .reset = cascade_reset,
+    .compute = cascade_compute,
+    .update = cascade_update,
+    .track = cascade_track,
     .settings = settings,
-    .ports = ports,
-    .check = check_tuning,
+    .ports = cascade_ports,
+    .check = cascade_check_tuning,
 };

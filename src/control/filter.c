@@ -20,15 +20,15 @@ static const struct apc_param tuning[N_TUNING] = {
     [VALID_HIGH] = {"valid_high", "", "what lies above is no measurement", 1e9, -1e9, 1e9},
 };
 
-static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
-                 struct apc_error *why)
+static int filter_ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
+                        struct apc_error *why)
 {
     (void)setup, (void)output, (void)why;
     p->nz = p->nd = 0;
     return 0;
 }
 
-static bool accepts(const struct apc_dim *dim)
+static bool filter_accepts(const struct apc_dim *dim)
 {
     return dim->ny >= dim->nu;
 }
@@ -38,18 +38,18 @@ static bool valid(const struct apc_law_call *c)
     return c->y[0] >= c->tuning[VALID_LOW] && c->y[0] <= c->tuning[VALID_HIGH];
 }
 
-static size_t n_state(const struct apc_dim *dim)
+static size_t filter_n_state(const struct apc_dim *dim)
 {
     (void)dim;
     return N_STATES;
 }
 
-static void reset(struct apc_law_call *c)
+static void filter_reset(struct apc_law_call *c)
 {
     c->x[LAST] = c->y[0];
 }
 
-static int compute(struct apc_law_call *c)
+static int filter_compute(struct apc_law_call *c)
 {
     const double since = c->x[SINCE] + c->Ts;
 
@@ -63,18 +63,18 @@ static int compute(struct apc_law_call *c)
     return APC_LAW_GOOD;
 }
 
-static void update(struct apc_law_call *c)
+static void filter_update(struct apc_law_call *c)
 {
     c->x[LAST] = c->u[0];
     c->x[SINCE] = c->y_new[0] && valid(c) ? 0.0 : c->x[SINCE] + c->Ts;
 }
 
-static void track(struct apc_law_call *c)
+static void filter_track(struct apc_law_call *c)
 {
     c->x[LAST] = c->u[0];
 }
 
-static int check(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
+static int filter_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     return apc_law_check_order(&apc_law_filter, setup, p, VALID_LOW, VALID_HIGH, why);
 }
@@ -85,12 +85,12 @@ const struct apc_law apc_law_filter = {
     .description = "a measurement filtered, and refused outside its range",
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .n_state = n_state,
-    .accepts = accepts,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
-    .ports = ports,
-    .check = check,
+    .n_state = filter_n_state,
+    .accepts = filter_accepts,
+    .reset = filter_reset,
+    .compute = filter_compute,
+    .update = filter_update,
+    .track = filter_track,
+    .ports = filter_ports,
+    .check = filter_check_tuning,
 };

@@ -180,7 +180,7 @@ static int make_window(struct apc_instances *s)
     return w->z && w->d && w->tuning ? 0 : APC_ENOMEM;
 }
 
-static int fill(struct apc_instances *s, const struct apc_law_setup *setup, struct apc_error *why)
+static int fill_instances(struct apc_instances *s, const struct apc_law_setup *setup, struct apc_error *why)
 {
     int rc;
 
@@ -231,7 +231,7 @@ int apc_instances_create(struct apc_instances **instances, const struct apc_law 
     s->law = law;
     s->dim = *d;
     s->Ts = setup->Ts;
-    rc = fill(s, &own, why);
+    rc = fill_instances(s, &own, why);
     if (rc < 0) {
         apc_instances_destroy(s);
         return rc;
@@ -315,7 +315,7 @@ uint32_t apc_instances_mark(const struct apc_instances *s)
 
 /* ---- Calls ----------------------------------------------------------------------------------- */
 
-static void gather(double *to, const double *from, const int *number, size_t n)
+static void gather_numbered(double *to, const double *from, const int *number, size_t n)
 {
     for (size_t i = 0; from && i < n; i++)
         to[i] = from[number[i]];
@@ -325,7 +325,7 @@ static void gather_rows(double *to, const double *from, size_t rows, size_t widt
                         size_t n)
 {
     for (size_t k = 0; from && k < rows; k++)
-        gather(to + k * n, from + k * width, number, n);
+        gather_numbered(to + k * n, from + k * width, number, n);
 }
 
 /* The controller's tuning as instance k has it. */
@@ -344,7 +344,7 @@ static const double *own_tuning(struct apc_instances *s, size_t k, const double 
 #define SEEN(from, apart, first, copy) (!(from) ? NULL : (apart) ? (copy) : (from) + (first))
 
 /* What instance k sees of the controller's arrays. */
-static void find_own(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
+static void find_own_signals(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
 {
     const struct apc_law_ports *p = &s->ports[k];
     struct instance *of = &s->instance[k];
@@ -367,7 +367,7 @@ static void find_own(struct apc_instances *s, size_t k, const struct apc_law_cal
     c->u_last = SEEN(whole->u_last, false, k, NULL);
 }
 
-static void lay_out(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
+static void lay_out_instance(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
 {
     struct instance *of = &s->instance[k];
     struct apc_law_call *c = &of->call;
@@ -382,13 +382,13 @@ static void lay_out(struct apc_instances *s, size_t k, const struct apc_law_call
     if (c->published)
         c->published = of->part.n ? c->published + of->part.published : NULL;
     if (!s->law->whole)
-        find_own(s, k, whole);
+        find_own_signals(s, k, whole);
 }
 
 void apc_instances_keep(struct apc_instances *s, const struct apc_law_call *call)
 {
     for (size_t k = 0; k < s->size.instances; k++)
-        lay_out(s, k, call);
+        lay_out_instance(s, k, call);
     s->kept = call;
 }
 
@@ -406,10 +406,10 @@ static void copy_apart(struct apc_instances *s, size_t k, const struct apc_law_c
             w->y_new[i] = whole->y_new[p->y[i]];
     }
     if (of->y_apart) {
-        gather(w->y, whole->y, p->y, p->ny);
-        gather(w->y_age, whole->y_age, p->y, p->ny);
-        gather(w->y_low, whole->y_low, p->y, p->ny);
-        gather(w->y_high, whole->y_high, p->y, p->ny);
+        gather_numbered(w->y, whole->y, p->y, p->ny);
+        gather_numbered(w->y_age, whole->y_age, p->y, p->ny);
+        gather_numbered(w->y_low, whole->y_low, p->y, p->ny);
+        gather_numbered(w->y_high, whole->y_high, p->y, p->ny);
     }
     if (of->z_apart)
         gather_rows(w->z, whole->z, whole->n_ahead, s->dim.nz, p->z, p->nz);
@@ -420,14 +420,14 @@ static void copy_apart(struct apc_instances *s, size_t k, const struct apc_law_c
 }
 
 /* The controller's call as instance k sees it. */
-static struct apc_law_call *see(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
+static struct apc_law_call *instance_call(struct apc_instances *s, size_t k, const struct apc_law_call *whole)
 {
     struct instance *of = &s->instance[k];
     struct apc_law_call *c = &of->call;
     const size_t from = s->law->whole ? 0 : k;
 
     if (whole != s->kept) {
-        lay_out(s, k, whole);
+        lay_out_instance(s, k, whole);
         s->kept = NULL; /* another's arrays stand here now */
     }
     if (of->apart)
@@ -448,14 +448,14 @@ static struct apc_law_call *see(struct apc_instances *s, size_t k, const struct 
     return c;
 }
 
-static bool in_order(const struct apc_instances *s, size_t k, const struct apc_law_call *c)
+static bool is_in_order(const struct apc_instances *s, size_t k, const struct apc_law_call *c)
 {
     return apc_values_ok(c->u, s->instance[k].dim.nu) && apc_values_ok(c->x, s->instance[k].needs.states);
 }
 
 void apc_instances_reset(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call *c = see(s, k, call);
+    struct apc_law_call *c = instance_call(s, k, call);
 
     memset(c->x, 0, s->instance[k].needs.states * sizeof(*c->x));
     if (s->law->reset)
@@ -465,7 +465,7 @@ void apc_instances_reset(struct apc_instances *s, size_t k, const struct apc_law
 int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
     char *const said = call->why ? call->why : s->window.why;
-    struct apc_law_call *c = see(s, k, call);
+    struct apc_law_call *c = instance_call(s, k, call);
     int result;
 
     c->why = said;
@@ -476,7 +476,7 @@ int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_la
     said[APC_LAW_WHY - 1] = '\0';
     if (result < APC_LAW_GOOD || result > APC_LAW_FAILED)
         (void)snprintf(said, APC_LAW_WHY, "gave %d, which is no result", result);
-    else if (result == APC_LAW_FAILED || in_order(s, k, c))
+    else if (result == APC_LAW_FAILED || is_in_order(s, k, c))
         return result;
     else
         (void)snprintf(said, APC_LAW_WHY, "gave no finite number");
@@ -485,7 +485,7 @@ int apc_instances_compute(struct apc_instances *s, size_t k, const struct apc_la
 
 void apc_instances_update(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call *c = see(s, k, call);
+    struct apc_law_call *c = instance_call(s, k, call);
 
     if (s->law->update)
         s->law->update(c);
@@ -493,7 +493,7 @@ void apc_instances_update(struct apc_instances *s, size_t k, const struct apc_la
 
 void apc_instances_track(struct apc_instances *s, size_t k, const struct apc_law_call *call)
 {
-    struct apc_law_call *c = see(s, k, call);
+    struct apc_law_call *c = instance_call(s, k, call);
 
     if (s->law->track)
         s->law->track(c);

@@ -61,8 +61,8 @@ const struct apc_setting *apc_setting_find(const struct apc_law_setup *setup, co
 }
 
 /* The setting of that name, if it is there, which must be n numbers. Returns 0 or APC_EINVAL. */
-static int take(const struct apc_law_setup *setup, const char *name, size_t n, const double **value,
-                struct apc_error *why)
+static int take_setting(const struct apc_law_setup *setup, const char *name, size_t n, const double **value,
+                        struct apc_error *why)
 {
     const struct apc_setting *s = apc_setting_find(setup, name);
 
@@ -79,7 +79,7 @@ int apc_setting_index(const struct apc_law_setup *setup, const char *name, size_
                       size_t most, size_t *to, struct apc_error *why)
 {
     const double *value;
-    int rc = take(setup, name, n, &value, why);
+    int rc = take_setting(setup, name, n, &value, why);
 
     if (rc < 0 || !value)
         return rc;
@@ -94,7 +94,7 @@ int apc_setting_amounts(const struct apc_law_setup *setup, const char *name, siz
                         struct apc_error *why)
 {
     const double *value;
-    int rc = take(setup, name, n, &value, why);
+    int rc = take_setting(setup, name, n, &value, why);
 
     for (size_t i = 0; rc == 0 && value && i < n; i++) {
         if (!(value[i] >= 0.0 && value[i] <= APC_VALUE_MAX))
@@ -130,15 +130,18 @@ const struct apc_law *apc_law_built_in(size_t i)
     return i < N_LAWS ? laws[i].plugin : NULL;
 }
 
-static int check(const void *law, const char *from, struct apc_error *why)
+static int check_law_plugin(const void *law, const char *from, struct apc_error *why)
 {
     return apc_law_check(law, from, why);
 }
 
 int apc_law_find(const char *name, const struct apc_law **law, void **handle, struct apc_error *why)
 {
-    static const struct apc_plugin_kind kind = {
-        .what = "law", .symbol = "apc_law", .built_in = laws, .n_built_in = N_LAWS, .check = check};
+    static const struct apc_plugin_kind kind = {.what = "law",
+                                                .symbol = "apc_law",
+                                                .built_in = laws,
+                                                .n_built_in = N_LAWS,
+                                                .check = check_law_plugin};
     const void *found;
     int rc;
 

@@ -20,8 +20,8 @@ static const struct apc_param tuning[N_TUNING] = {
     [BIAS] = {"bias", "", "output where d is 0", 0.0, -1e9, 1e9},
 };
 
-static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
-                 struct apc_error *why)
+static int leadlag_ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
+                         struct apc_error *why)
 {
     if (output >= setup->dim.nd && output >= setup->dim.ny)
         return apc_fail(why, APC_EINVAL,
@@ -38,49 +38,49 @@ static double input(const struct apc_law_call *c)
 }
 
 /* w, but for its former value. */
-static double moved(const struct apc_law_call *c)
+static double leadlag_change(const struct apc_law_call *c)
 {
     return c->tuning[T_LEAD] * (input(c) - c->x[LAST_D]) + c->Ts * input(c);
 }
 
 static double filtered(const struct apc_law_call *c)
 {
-    return (c->tuning[T_LAG] * c->x[LAST_W] + moved(c)) / (c->tuning[T_LAG] + c->Ts);
+    return (c->tuning[T_LAG] * c->x[LAST_W] + leadlag_change(c)) / (c->tuning[T_LAG] + c->Ts);
 }
 
-static size_t n_state(const struct apc_dim *dim)
+static size_t leadlag_n_state(const struct apc_dim *dim)
 {
     (void)dim;
     return N_STATES;
 }
 
 /* As if d had long been what it is. */
-static void reset(struct apc_law_call *c)
+static void leadlag_reset(struct apc_law_call *c)
 {
     c->x[LAST_W] = c->x[LAST_D] = input(c);
 }
 
-static int compute(struct apc_law_call *c)
+static int leadlag_compute(struct apc_law_call *c)
 {
     c->u[0] = c->tuning[BIAS] + c->tuning[K] * filtered(c);
     return APC_LAW_GOOD;
 }
 
-static void update(struct apc_law_call *c)
+static void leadlag_update(struct apc_law_call *c)
 {
     c->x[LAST_W] = filtered(c);
     c->x[LAST_D] = input(c);
 }
 
 /* The difference dies out with T_lag; without it, or with K = 0, there is nothing that could hold it. */
-static void track(struct apc_law_call *c)
+static void leadlag_track(struct apc_law_call *c)
 {
     const double gain = c->tuning[K], lag = c->tuning[T_LAG];
 
     if (c->gap)
-        reset(c);
+        leadlag_reset(c);
     if ((gain < 0.0 || gain > 0.0) && lag > 0.0)
-        c->x[LAST_W] = ((c->u[0] - c->tuning[BIAS]) / gain * (lag + c->Ts) - moved(c)) / lag;
+        c->x[LAST_W] = ((c->u[0] - c->tuning[BIAS]) / gain * (lag + c->Ts) - leadlag_change(c)) / lag;
 }
 
 const struct apc_law apc_law_leadlag = {
@@ -89,10 +89,10 @@ const struct apc_law apc_law_leadlag = {
     .description = "lead and lag of a measured disturbance, for feed-forward",
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .n_state = n_state,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
-    .ports = ports,
+    .n_state = leadlag_n_state,
+    .reset = leadlag_reset,
+    .compute = leadlag_compute,
+    .update = leadlag_update,
+    .track = leadlag_track,
+    .ports = leadlag_ports,
 };

@@ -39,7 +39,7 @@ struct around {
 
 /* ---- The law's call -------------------------------------------------------------------------- */
 
-static int allocate(struct around *a, const struct apc_dim *dim)
+static int allocate_perturbed_law(struct around *a, const struct apc_dim *dim)
 {
     const size_t ny = dim->ny, nu = dim->nu, ahead = a->size.n_ahead, n = a->nx;
     double *at = calloc(
@@ -80,7 +80,8 @@ static int allocate(struct around *a, const struct apc_dim *dim)
     return 0;
 }
 
-static void prepare(struct around *a, const struct apc_dim *dim, const double *tuning, double Ts)
+static void prepare_perturbed_law(struct around *a, const struct apc_dim *dim, const double *tuning,
+                                  double Ts)
 {
     a->call = (struct apc_law_call){.size = sizeof(a->call),
                                     .dim = *dim,
@@ -106,7 +107,7 @@ static void prepare(struct around *a, const struct apc_dim *dim, const double *t
                                     .budget = 1e9};
 }
 
-static void spread(double *rows, const double *row, size_t n, size_t count)
+static void repeat_row(double *rows, const double *row, size_t n, size_t count)
 {
     for (size_t k = 0; k < count; k++)
         memcpy(rows + k * n, row, n * sizeof(*rows));
@@ -117,13 +118,13 @@ static void announce(struct around *a)
 {
     const struct apc_dim *dim = &a->call.dim;
 
-    spread(a->z, a->in + dim->ny, dim->nz, a->size.n_ahead);
-    spread(a->d, a->in + dim->ny + dim->nz, dim->nd, a->size.n_ahead);
+    repeat_row(a->z, a->in + dim->ny, dim->nz, a->size.n_ahead);
+    repeat_row(a->d, a->in + dim->ny + dim->nz, dim->nd, a->size.n_ahead);
     memset(a->limited, 0, a->nu * sizeof(*a->limited));
 }
 
 /* One tick of the law from a->trial, which becomes the next x, and its u, both into @p to. */
-static int tick(struct around *a, double *to, struct apc_error *why)
+static int tick_perturbed_law(struct around *a, double *to, struct apc_error *why)
 {
     announce(a);
     memcpy(a->trial, a->x, a->nx * sizeof(*a->x));
@@ -143,7 +144,7 @@ static int tick(struct around *a, double *to, struct apc_error *why)
 }
 
 /* As after an operator has held u. */
-static void settle(struct around *a, const double *u)
+static void settle_perturbed_law(struct around *a, const double *u)
 {
     double moved = HUGE_VAL;
 
@@ -174,16 +175,16 @@ static void settle(struct around *a, const double *u)
 /* ---- Differences ----------------------------------------------------------------------------- */
 
 /* The derivatives by *@p at, a state or an input, into above. Returns 1 where the halves differ. */
-static int differ(struct around *a, double *at, double by, struct apc_error *why)
+static int difference_quotient(struct around *a, double *at, double by, struct apc_error *why)
 {
     const double here = *at, step = by * fmax(1.0, fabs(here));
     int rc, bent = 0;
 
     *at = here + step;
-    rc = tick(a, a->above, why);
+    rc = tick_perturbed_law(a, a->above, why);
     *at = here - step;
     if (rc == 0)
-        rc = tick(a, a->below, why);
+        rc = tick_perturbed_law(a, a->below, why);
     *at = here;
     for (size_t i = 0; i < a->nx + a->nu && rc == 0; i++) {
         const double whole = a->above[i] - a->below[i],
@@ -201,7 +202,7 @@ static int derive(struct around *a, double *at, struct apc_error *why)
     int rc = 1;
 
     for (size_t i = 0; i < sizeof(step) / sizeof(*step) && rc == 1; i++)
-        rc = differ(a, at, step[i], why);
+        rc = difference_quotient(a, at, step[i], why);
     if (rc == 1)
         return apc_fail(why, APC_ESOLVER,
                         "law %s is not linear at this point: one of its limits, or a choice it makes; take "
@@ -211,7 +212,7 @@ static int derive(struct around *a, double *at, struct apc_error *why)
 }
 
 /* Column @p j of [rows * columns] matrices of the next x and of u. */
-static void store(const struct around *a, double *X, double *U, size_t columns, size_t j)
+static void store_column(const struct around *a, double *X, double *U, size_t columns, size_t j)
 {
     for (size_t i = 0; i < a->nx; i++)
         X[i * columns + j] = a->above[i];
@@ -221,7 +222,7 @@ static void store(const struct around *a, double *X, double *U, size_t columns, 
 
 /* ---- What matters of it ---------------------------------------------------------------------- */
 
-static struct apc_law_linear *make(size_t nx, size_t n_in, size_t nu)
+static struct apc_law_linear *make_law_linear(size_t nx, size_t n_in, size_t nu)
 {
     struct apc_law_linear *l =
         calloc(1, sizeof(*l) + (nx * (nx + n_in) + nu * (nx + n_in) + 1) * sizeof(double));
@@ -270,7 +271,7 @@ static void look_for(const struct apc_law_linear *l, bool *moved, bool *moves)
     }
 }
 
-static int reduce(const struct apc_law_linear *from, struct apc_law_linear **to)
+static int reduce_law_linear(const struct apc_law_linear *from, struct apc_law_linear **to)
 {
     bool *moved = calloc(2 * from->nx + 1, sizeof(*moved));
     size_t *kept = calloc(from->nx + 1, sizeof(*kept)), n = 0;
@@ -282,7 +283,7 @@ static int reduce(const struct apc_law_linear *from, struct apc_law_linear **to)
             if (moved[i] && moved[from->nx + i])
                 kept[n++] = i;
         }
-        l = make(n, from->n_in, from->nu);
+        l = make_law_linear(n, from->n_in, from->nu);
     }
     for (size_t i = 0; l && i < n; i++) {
         for (size_t j = 0; j < n; j++)
@@ -301,20 +302,20 @@ static int reduce(const struct apc_law_linear *from, struct apc_law_linear **to)
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
-static int differentiate(struct around *a, struct apc_law_linear **linear, struct apc_error *why)
+static int differentiate_law(struct around *a, struct apc_law_linear **linear, struct apc_error *why)
 {
-    struct apc_law_linear *whole = make(a->nx, a->n_in, a->nu);
-    int rc = whole ? tick(a, a->centre, why) : apc_fail(why, APC_ENOMEM, "no memory");
+    struct apc_law_linear *whole = make_law_linear(a->nx, a->n_in, a->nu);
+    int rc = whole ? tick_perturbed_law(a, a->centre, why) : apc_fail(why, APC_ENOMEM, "no memory");
 
     for (size_t j = 0; j < a->nx && rc == 0; j++) {
         rc = derive(a, &a->x[j], why);
-        store(a, whole->A, whole->C, a->nx, j);
+        store_column(a, whole->A, whole->C, a->nx, j);
     }
     for (size_t j = 0; j < a->n_in && rc == 0; j++) {
         rc = derive(a, &a->in[j], why);
-        store(a, whole->B, whole->D, a->n_in, j);
+        store_column(a, whole->B, whole->D, a->n_in, j);
     }
-    if (rc == 0 && reduce(whole, linear) < 0)
+    if (rc == 0 && reduce_law_linear(whole, linear) < 0)
         rc = apc_fail(why, APC_ENOMEM, "no memory");
     free(whole);
     return rc;
@@ -333,17 +334,17 @@ int apc_law_linearize(struct apc_law_linear **linear, const struct apc_law *law,
         return rc;
     a.size = apc_instances_size(a.instances);
     a.nx = a.size.states;
-    rc = allocate(&a, dim) < 0 ? apc_fail(why, APC_ENOMEM, "no memory")
-                               : apc_instances_check(a.instances, tuning, why);
+    rc = allocate_perturbed_law(&a, dim) < 0 ? apc_fail(why, APC_ENOMEM, "no memory")
+                                             : apc_instances_check(a.instances, tuning, why);
     if (rc == 0) {
-        prepare(&a, dim, tuning, setup->Ts);
+        prepare_perturbed_law(&a, dim, tuning, setup->Ts);
         memcpy(a.in, y, dim->ny * sizeof(*y));
         memcpy(a.in + dim->ny, z, dim->nz * sizeof(*z));
         if (dim->nd)
             memcpy(a.in + dim->ny + dim->nz, d, dim->nd * sizeof(*d));
         memcpy(a.in + dim->ny + dim->nz + dim->nd, u, dim->nu * sizeof(*u));
-        settle(&a, u);
-        rc = differentiate(&a, linear, why);
+        settle_perturbed_law(&a, u);
+        rc = differentiate_law(&a, linear, why);
     }
     apc_instances_destroy(a.instances);
     free(a.memory);

@@ -65,7 +65,7 @@ struct layout {
     size_t F, G, H, Next, Gain, Drive, Start, C, Preview, u0, y0, z0, end;
 };
 
-static struct layout lay_out(const struct sizes *s)
+static struct layout lay_out_lqg(const struct sizes *s)
 {
     struct layout at = {.F = 0};
 
@@ -149,7 +149,7 @@ static int all_positive(const char *name, const double *v, size_t n, struct apc_
 }
 
 /* With a delay of tau in a period of h: x' = A(h) x + A(h - tau) B(tau) u_{k-1} + B(h - tau) u_k. */
-static int sample(struct design *d, struct apc_error *why)
+static int sample_weights(struct design *d, struct apc_error *why)
 {
     const struct apc_law_plant *plant = d->setup->plant;
     size_t nx = d->s.nx, nu = d->s.nu, ns = d->s.ns;
@@ -291,7 +291,7 @@ static int observer(struct design *d, struct apc_error *why)
     return 0;
 }
 
-static int start(struct design *d, double *Start, struct apc_error *why)
+static int design_start(struct design *d, double *Start, struct apc_error *why)
 {
     const struct sizes *s = &d->s;
     double *Ct = matrix(d, s->nx, s->ny), *CC = matrix(d, s->ny, s->ny), *X = matrix(d, s->ny, s->nx);
@@ -384,7 +384,7 @@ static int controlled_measurement(const struct apc_law_setup *setup, size_t i, s
     return apc_setting_index(setup, "measurement", setup->dim.nz, i, 1, setup->dim.ny, to, why);
 }
 
-static int make(struct design *d, struct lqg *q, struct apc_error *why)
+static int make_lqg(struct design *d, struct lqg *q, struct apc_error *why)
 {
     const struct sizes *s = &d->s;
     const struct layout *at = &q->at;
@@ -409,7 +409,7 @@ static int make(struct design *d, struct lqg *q, struct apc_error *why)
         if (rc < 0)
             return rc;
     }
-    rc = d->setup->plant->sampled ? take_sampled(d, q, why) : sample(d, why);
+    rc = d->setup->plant->sampled ? take_sampled(d, q, why) : sample_weights(d, why);
     if (rc < 0)
         return rc;
     apc_matrix_put(d->Aa, s->n, 0, 0, s->ns, s->ns, d->A);
@@ -424,7 +424,7 @@ static int make(struct design *d, struct lqg *q, struct apc_error *why)
     if (rc == 0)
         rc = observer(d, why);
     if (rc == 0)
-        rc = start(d, k + at->Start, why);
+        rc = design_start(d, k + at->Start, why);
     if (rc == 0)
         rc = preview(d, k + at->Preview, why);
     if (rc == 0)
@@ -432,7 +432,7 @@ static int make(struct design *d, struct lqg *q, struct apc_error *why)
     return rc;
 }
 
-static int check(const struct apc_law_setup *setup, struct apc_error *why)
+static int check_lqg_settings(const struct apc_law_setup *setup, struct apc_error *why)
 {
     const struct apc_dim *dim = &setup->dim;
 
@@ -457,7 +457,7 @@ static int check(const struct apc_law_setup *setup, struct apc_error *why)
 }
 
 /* Delay and preview from the settings; then the sizes. */
-static int measure(struct design *d, struct apc_error *why)
+static int measure_lqg(struct design *d, struct apc_error *why)
 {
     const struct apc_law_setup *setup = d->setup;
     const struct apc_dim *dim = &setup->dim;
@@ -491,10 +491,10 @@ static int measure(struct design *d, struct apc_error *why)
     return 0;
 }
 
-static struct lqg *allocate(struct design *d)
+static struct lqg *allocate_lqg(struct design *d)
 {
     const struct sizes *s = &d->s;
-    const struct layout at = lay_out(s);
+    const struct layout at = lay_out_lqg(s);
     const size_t span = s->n + s->ny + s->nz;
     struct lqg *q = calloc(1, sizeof(*q) + (at.end + 2 * s->n + s->ny) * sizeof(q->k[0]));
 
@@ -512,20 +512,20 @@ static struct lqg *allocate(struct design *d)
     return q;
 }
 
-static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
-                  struct apc_error *why)
+static int lqg_create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                      struct apc_error *why)
 {
     struct design d = {.setup = setup};
     struct apc_error reason = {""};
     struct lqg *q;
-    int rc = check(setup, why);
+    int rc = check_lqg_settings(setup, why);
 
     if (rc == 0)
-        rc = measure(&d, why);
+        rc = measure_lqg(&d, why);
     if (rc < 0)
         return rc;
-    q = allocate(&d);
-    rc = q ? make(&d, q, &reason) : apc_fail(&reason, APC_ENOMEM, "no memory");
+    q = allocate_lqg(&d);
+    rc = q ? make_lqg(&d, q, &reason) : apc_fail(&reason, APC_ENOMEM, "no memory");
     free(d.memory);
     free(d.controlled);
     *self = q;
@@ -534,7 +534,7 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
     return rc < 0 ? apc_fail(why, rc, "law lqg: %s", reason.text) : 0;
 }
 
-static void destroy(void *self)
+static void lqg_destroy(void *self)
 {
     struct lqg *q = self;
 
@@ -543,11 +543,11 @@ static void destroy(void *self)
     free(q);
 }
 
-static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
-                 struct apc_error *why)
+static int lqg_ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
+                     struct apc_error *why)
 {
     size_t y;
-    int rc = check(setup, why);
+    int rc = check_lqg_settings(setup, why);
 
     if (rc == 0)
         rc = controlled_measurement(setup, output, &y, why);
@@ -558,7 +558,7 @@ static int ports(const struct apc_law_setup *setup, size_t output, struct apc_la
 
 /* ---- The tick -------------------------------------------------------------------------------- */
 
-static double row_times(const double *M, size_t row, size_t n, const double *a)
+static double lqg_row_times(const double *M, size_t row, size_t n, const double *a)
 {
     double sum = 0.0;
 
@@ -568,11 +568,11 @@ static double row_times(const double *M, size_t row, size_t n, const double *a)
 }
 
 /* y - y0; of what is Bad, what the estimates say of it. */
-static void look(const struct apc_law_call *c, const struct lqg *q)
+static void take_lqg_measurements(const struct apc_law_call *c, const struct lqg *q)
 {
     for (size_t i = 0; i < q->s.ny; i++)
         q->dy[i] = apc_status_severity(c->y_status[i]) == APC_SEVERITY_BAD
-                       ? row_times(q->k + q->at.C, i, q->s.n, c->x)
+                       ? lqg_row_times(q->k + q->at.C, i, q->s.n, c->x)
                        : c->y[i] - q->k[q->at.y0 + i];
 }
 
@@ -599,8 +599,8 @@ static double unbiased(const struct apc_law_call *c, const struct lqg *q, size_t
 {
     const double *k = q->k;
 
-    return k[q->at.u0 + i] - row_times(k + q->at.F, i, q->s.n, c->x) -
-           row_times(k + q->at.G, i, q->s.ny, q->dy) + from_setpoints(c, q, i);
+    return k[q->at.u0 + i] - lqg_row_times(k + q->at.F, i, q->s.n, c->x) -
+           lqg_row_times(k + q->at.G, i, q->s.ny, q->dy) + from_setpoints(c, q, i);
 }
 
 static double *bias(const struct apc_law_call *c, const struct lqg *q)
@@ -609,7 +609,7 @@ static double *bias(const struct apc_law_call *c, const struct lqg *q)
 }
 
 /* What went out last, for its rate: a restart must find it where the estimates are. */
-static double *last(const struct apc_law_call *c, const struct lqg *q)
+static double *last_lqg_output(const struct apc_law_call *c, const struct lqg *q)
 {
     return c->x + q->s.n + q->s.nu;
 }
@@ -628,55 +628,57 @@ static void restart(const struct apc_law_call *c, const struct lqg *q, const dou
     for (size_t i = 0; i < q->s.ny; i++)
         q->dy[i] = c->y[i] - q->k[q->at.y0 + i];
     for (size_t i = 0; i < q->s.nx; i++)
-        c->x[i] = row_times(q->k + q->at.Start, i, q->s.ny, q->dy);
+        c->x[i] = lqg_row_times(q->k + q->at.Start, i, q->s.ny, q->dy);
 }
 
-static void reset(struct apc_law_call *c)
+static void lqg_reset(struct apc_law_call *c)
 {
     const struct lqg *q = c->self;
 
     restart(c, q, q->k + q->at.u0);
-    memcpy(last(c, q), q->k + q->at.u0, q->s.nu * sizeof(*c->x));
+    memcpy(last_lqg_output(c, q), q->k + q->at.u0, q->s.nu * sizeof(*c->x));
 }
 
-static int compute(struct apc_law_call *c)
+static int lqg_compute(struct apc_law_call *c)
 {
     const struct lqg *q = c->self;
 
-    look(c, q);
+    take_lqg_measurements(c, q);
     for (size_t i = 0; i < q->s.nu; i++) {
         const double *p = c->tuning + i * N_TUNING, step = p[DU_MAX] * c->Ts;
         double u = apc_law_cut(unbiased(c, q, i) + bias(c, q)[i], p[U_MIN], p[U_MAX], &c->limited[i]);
 
-        c->u[i] = step > 0.0 ? apc_law_cut(u, last(c, q)[i] - step, last(c, q)[i] + step, &c->limited[i]) : u;
+        c->u[i] = step > 0.0 ? apc_law_cut(u, last_lqg_output(c, q)[i] - step,
+                                           last_lqg_output(c, q)[i] + step, &c->limited[i])
+                             : u;
     }
     return APC_LAW_GOOD;
 }
 
-static void update(struct apc_law_call *c)
+static void lqg_update(struct apc_law_call *c)
 {
     const struct lqg *q = c->self;
     const double *k = q->k;
 
-    look(c, q);
+    take_lqg_measurements(c, q);
     memcpy(q->before, c->x, q->s.n * sizeof(*q->before));
     for (size_t i = 0; i < q->s.n; i++) {
         double driven = 0.0;
 
         for (size_t j = 0; j < q->s.nu; j++)
             driven += k[q->at.Drive + i * q->s.nu + j] * (c->u[j] - k[q->at.u0 + j]);
-        c->x[i] = row_times(k + q->at.Next, i, q->s.n, q->before) +
-                  row_times(k + q->at.Gain, i, q->s.ny, q->dy) + driven;
+        c->x[i] = lqg_row_times(k + q->at.Next, i, q->s.n, q->before) +
+                  lqg_row_times(k + q->at.Gain, i, q->s.ny, q->dy) + driven;
     }
     for (size_t i = 0; i < q->s.nu; i++) {
         double *b = &bias(c, q)[i], tau = c->tuning[i * N_TUNING + TAU_B];
 
         *b -= c->Ts < tau ? c->Ts / tau * *b : *b;
-        last(c, q)[i] = c->u[i];
+        last_lqg_output(c, q)[i] = c->u[i];
     }
 }
 
-static void track(struct apc_law_call *c)
+static void lqg_track(struct apc_law_call *c)
 {
     const struct lqg *q = c->self;
 
@@ -685,15 +687,15 @@ static void track(struct apc_law_call *c)
         for (size_t i = q->s.nx; i < q->s.ns; i++)
             c->x[i] = c->u[i - q->s.nx] - q->k[q->at.u0 + i - q->s.nx];
     }
-    look(c, q);
+    take_lqg_measurements(c, q);
     for (size_t i = 0; i < q->s.nu; i++) {
         if (c->out[i] != APC_OUT_LAW)
             bias(c, q)[i] = c->u[i] - unbiased(c, q, i);
-        last(c, q)[i] = c->u[i];
+        last_lqg_output(c, q)[i] = c->u[i];
     }
 }
 
-static int check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
+static int lqg_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     return apc_law_check_order(&apc_law_lqg, setup, p, U_MIN, U_MAX, why);
 }
@@ -705,13 +707,13 @@ const struct apc_law apc_law_lqg = {
     .whole = true,
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
+    .reset = lqg_reset,
+    .compute = lqg_compute,
+    .update = lqg_update,
+    .track = lqg_track,
     .settings = settings,
-    .ports = ports,
-    .create = create,
-    .destroy = destroy,
-    .check = check_tuning,
+    .ports = lqg_ports,
+    .create = lqg_create,
+    .destroy = lqg_destroy,
+    .check = lqg_check_tuning,
 };

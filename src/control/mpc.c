@@ -55,12 +55,12 @@ bool apc_mpc_late(void *mpc)
 
 /* ---- Taking in -------------------------------------------------------------------------------------- */
 
-static double last(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
+static double last_mpc_output(const struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
 {
     return apc_value_ok(c->u_last[j]) ? c->u_last[j] : fmin(fmax(p->model->u0[j], c->low[j]), c->high[j]);
 }
 
-static bool is_bad(const struct apc_law_call *c, size_t i)
+static bool is_bad_measurement(const struct apc_law_call *c, size_t i)
 {
     return apc_status_severity(c->y_status[i]) == APC_SEVERITY_BAD;
 }
@@ -78,19 +78,19 @@ static bool is_served(const struct apc_law_mpc *p, const struct apc_law_call *c,
 
 /* All that a plan follows from, so that the same question is not answered twice. What only compute is told
  * comes last: update goes with the plan that went out. */
-static void gather(const struct apc_law_mpc *p, const struct apc_law_call *c, double *at)
+static void gather_plan_inputs(const struct apc_law_mpc *p, const struct apc_law_call *c, double *at)
 {
     memcpy(at, c->x, p->states * sizeof(*at));
     at += p->states;
     for (size_t i = 0; i < p->dim.ny; i++)
-        *at++ = p->usable[i] ? c->y[i] : is_bad(c, i) ? -HUGE_VAL : HUGE_VAL;
+        *at++ = p->usable[i] ? c->y[i] : is_bad_measurement(c, i) ? -HUGE_VAL : HUGE_VAL;
     memcpy(at, c->z, p->n_ahead * p->dim.nz * sizeof(*at));
     at += p->n_ahead * p->dim.nz;
     if (p->dim.nd)
         memcpy(at, c->d, p->n_ahead * p->dim.nd * sizeof(*at));
     at += p->n_ahead * p->dim.nd;
     for (size_t j = 0; j < p->dim.nu; j++)
-        *at++ = last(p, c, j);
+        *at++ = last_mpc_output(p, c, j);
     memcpy(at, c->tuning, (p->dim.nu * N_OF_U + p->dim.ny * N_OF_Y) * sizeof(*at));
     at += p->dim.nu * N_OF_U + p->dim.ny * N_OF_Y;
     for (size_t j = 0; j < p->dim.nu; j++) {
@@ -99,7 +99,7 @@ static void gather(const struct apc_law_mpc *p, const struct apc_law_call *c, do
     }
 }
 
-static void tune(struct apc_law_mpc *p, const struct apc_law_call *c)
+static void tune_mpc(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu;
     const struct apc_mpc_weights weights = {
@@ -129,7 +129,7 @@ static void tune(struct apc_law_mpc *p, const struct apc_law_call *c)
 }
 
 /* Rows that the caller has; the last of them goes on. A measurement without a setpoint has weight 0. */
-static void look_ahead(struct apc_law_mpc *p, const struct apc_law_call *c)
+static void preview_setpoints(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     const size_t ny = p->dim.ny, nz = p->dim.nz, nd = p->dim.nd, last_row = p->n_ahead - 1;
 
@@ -143,18 +143,18 @@ static void look_ahead(struct apc_law_mpc *p, const struct apc_law_call *c)
         memcpy(p->d + i * nd, c->d + (i < last_row ? i : last_row) * nd, nd * sizeof(*p->d));
 }
 
-static double within(double value, double low, double high)
+static double clamp_mpc_limit(double value, double low, double high)
 {
     return fmin(fmax(value, low), high);
 }
 
 /* The output's own limits hold, whatever the tuning says. */
-static void bound_output(struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
+static void bound_manipulated(struct apc_law_mpc *p, const struct apc_law_call *c, size_t j)
 {
     const double rate = of_u(c, j, DU_MAX);
 
-    p->low[j] = within(of_u(c, j, U_MIN), c->low[j], c->high[j]);
-    p->high[j] = within(of_u(c, j, U_MAX), c->low[j], c->high[j]);
+    p->low[j] = clamp_mpc_limit(of_u(c, j, U_MIN), c->low[j], c->high[j]);
+    p->high[j] = clamp_mpc_limit(of_u(c, j, U_MAX), c->low[j], c->high[j]);
     p->step[j] = p->Ts * (rate > 0.0 ? fmin(rate, c->rate[j]) : c->rate[j]);
     if (c->limited[j] & APC_LIMITED_LOW)
         p->low[j] = fmax(p->low[j], p->u_last[j]);
@@ -165,11 +165,11 @@ static void bound_output(struct apc_law_mpc *p, const struct apc_law_call *c, si
 static void bound(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     for (size_t j = 0; j < p->dim.nu; j++) {
-        p->u_last[j] = last(p, c, j);
+        p->u_last[j] = last_mpc_output(p, c, j);
         p->given[j] = c->out[j] != APC_OUT_LAW;
         p->wish[j] = of_u(c, j, WISH) > 0.0 ? of_u(c, j, REFERENCE) : p->u_last[j];
         p->cost[j] = of_u(c, j, COST);
-        bound_output(p, c, j);
+        bound_manipulated(p, c, j);
     }
     for (size_t i = 0; i < p->dim.ny; i++) {
         const double low = of_y(c, i, Y_MIN), high = of_y(c, i, Y_MAX);
@@ -183,7 +183,7 @@ static void bound(struct apc_law_mpc *p, const struct apc_law_call *c)
 
 /* ---- The plan --------------------------------------------------------------------------------------- */
 
-static void take_measured(struct apc_law_mpc *p, const struct apc_law_call *c)
+static void preview_disturbances(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     for (size_t k = 0; k < p->dim.nd; k++)
         p->input[p->dim.nu + (p->measured ? p->measured[k] : k)] = c->d[k];
@@ -193,7 +193,7 @@ static void take_measured(struct apc_law_mpc *p, const struct apc_law_call *c)
 static void take_acting(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     for (size_t j = 0; j < p->dim.nu; j++)
-        p->input[j] = p->past[j] = last(p, c, j);
+        p->input[j] = p->past[j] = last_mpc_output(p, c, j);
     if (p->nonlinear) {
         memcpy(p->past + p->dim.nu, apc_mpc_past_of(p, p->x), p->late_most * p->dim.nu * sizeof(*p->past));
         apc_nmpc_take_past(p);
@@ -204,11 +204,11 @@ static void correct(struct apc_law_mpc *p, const struct apc_law_call *c)
 {
     memcpy(p->x, c->x, p->states * sizeof(*p->x));
     take_acting(p, c);
-    take_measured(p, c);
+    preview_disturbances(p, c);
     for (size_t i = 0; i < p->dim.ny; i++) {
         double *absent = &apc_mpc_absent_of(p, p->x)[i];
 
-        *absent = is_bad(c, i) ? fmin(*absent + 1.0, 1e15) : 0.0;
+        *absent = is_bad_measurement(c, i) ? fmin(*absent + 1.0, 1e15) : 0.0;
     }
     (void)apc_estimator_correct(p->estimator, p->x, c->y, p->usable, p->input);
 }
@@ -240,7 +240,7 @@ static void keep_rows(const struct apc_law_mpc *p, const signed char *active)
 
 /* What the next solution begins with: the rows of the last one, and as equations moves that somebody else
  * has. */
-static void take_rows(const struct apc_law_mpc *p)
+static void take_active_rows(const struct apc_law_mpc *p)
 {
     const size_t n = p->n_rows, nu = p->dim.nu; /* here, since a char might be any of them */
     const double *kept = apc_mpc_rows_of(p, p->x);
@@ -256,7 +256,7 @@ static void take_rows(const struct apc_law_mpc *p)
 }
 
 /* The plan, or that the former one is a sample older. */
-static void keep(struct apc_law_mpc *p)
+static void keep_plan(struct apc_law_mpc *p)
 {
     const size_t nu = p->dim.nu, ny = p->dim.ny;
     const signed char *active = apc_mpc_active(p->mpc);
@@ -289,21 +289,21 @@ static void make_plan(struct apc_law_mpc *p, const struct apc_law_call *c)
                                       .y_high = p->y_high,
                                       .given = p->given};
 
-    take_rows(p);
+    take_active_rows(p);
     p->call = c;
     if (p->shoot)
         apc_nmpc_solve(p, &call);
     else
         apc_mpc_solve(p->mpc, &call, p->plan, &p->result);
     p->call = NULL;
-    keep(p);
+    keep_plan(p);
 }
 
 static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_same)
 {
     for (size_t i = 0; i < p->dim.ny; i++)
-        p->usable[i] = c->y_new[i] && !is_bad(c, i);
-    gather(p, c, p->now);
+        p->usable[i] = c->y_new[i] && !is_bad_measurement(c, i);
+    gather_plan_inputs(p, c, p->now);
     if (p->is_seen && !memcmp(p->now, p->seen, n_same * sizeof(*p->now)))
         return;
     double *before = p->seen;
@@ -312,8 +312,8 @@ static void think(struct apc_law_mpc *p, const struct apc_law_call *c, size_t n_
     p->now = before;
     p->is_seen = true;
     correct(p, c);
-    tune(p, c);
-    look_ahead(p, c);
+    tune_mpc(p, c);
+    preview_setpoints(p, c);
     bound(p, c);
     make_plan(p, c);
 }
@@ -332,7 +332,7 @@ static size_t missing(const struct apc_law_mpc *p)
 
 /* Limits that hold whatever happens do not contradict each other: where a program finds that they do, it is
  * by numbers so far apart that nothing is left of the smaller ones. */
-static const char *reason(const struct apc_law_mpc *p)
+static const char *reason_of_no_plan(const struct apc_law_mpc *p)
 {
     return p->result.rc == APC_ERANGE || (p->result.rc == APC_ESOLVER && !p->nonlinear)
                ? "what is estimated is too far away to be calculated with"
@@ -347,7 +347,7 @@ static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
         return APC_LAW_LATE;
     }
     if (p->result.rc < 0) {
-        snprintf(c->why, APC_LAW_WHY, "no plan: %s", reason(p));
+        snprintf(c->why, APC_LAW_WHY, "no plan: %s", reason_of_no_plan(p));
         return APC_LAW_INFEASIBLE;
     }
     if (p->result.given_up) {
@@ -367,7 +367,7 @@ static int verdict(const struct apc_law_mpc *p, const struct apc_law_call *c)
     return APC_LAW_GOOD;
 }
 
-static int compute(struct apc_law_call *c)
+static int mpc_compute(struct apc_law_call *c)
 {
     struct apc_law_mpc *p = c->self;
     const double *move, left = apc_law_left(c);
@@ -397,7 +397,7 @@ static int compute(struct apc_law_call *c)
         const double least = fmax(p->low[j], p->u_last[j] - p->step[j]),
                      most = fmin(p->high[j], p->u_last[j] + p->step[j]);
 
-        c->u[j] = within(move[j], fmin(least, most), fmax(least, most));
+        c->u[j] = clamp_mpc_limit(move[j], fmin(least, most), fmax(least, most));
         c->limited[j] |= (c->u[j] <= least ? (unsigned)APC_LIMITED_LOW : 0u) |
                          (c->u[j] >= most ? (unsigned)APC_LIMITED_HIGH : 0u);
     }
@@ -406,7 +406,7 @@ static int compute(struct apc_law_call *c)
     return result;
 }
 
-static void update(struct apc_law_call *c)
+static void mpc_update(struct apc_law_call *c)
 {
     struct apc_law_mpc *p = c->self;
 
@@ -423,36 +423,36 @@ static void update(struct apc_law_call *c)
 /* ---- Beginning -------------------------------------------------------------------------------------- */
 
 /* The steady state that y and u would be of. */
-static void settle(struct apc_law_call *c, const double *u)
+static void mpc_settle(struct apc_law_call *c, const double *u)
 {
     struct apc_law_mpc *p = c->self;
 
     memset(c->x, 0, p->states * sizeof(*c->x));
     memcpy(p->input, u, p->dim.nu * sizeof(*u));
-    take_measured(p, c);
+    preview_disturbances(p, c);
     apc_rest_find(p->rest, c->y, p->input, p->x);
     apc_estimator_reset(p->estimator, c->x, p->x);
     for (size_t k = 0; k < p->late_most * p->dim.nu; k++)
         apc_mpc_past_of(p, c->x)[k] = u[k % p->dim.nu];
 }
 
-static void reset(struct apc_law_call *c)
+static void mpc_reset(struct apc_law_call *c)
 {
     struct apc_law_mpc *p = c->self;
 
     for (size_t j = 0; j < p->dim.nu; j++)
-        p->u_last[j] = last(p, c, j);
-    settle(c, p->u_last);
+        p->u_last[j] = last_mpc_output(p, c, j);
+    mpc_settle(c, p->u_last);
 }
 
-static void track(struct apc_law_call *c)
+static void mpc_track(struct apc_law_call *c)
 {
     if (c->gap)
-        settle(c, c->u);
+        mpc_settle(c, c->u);
 }
 
-static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *to,
-                 struct apc_error *why)
+static int mpc_ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *to,
+                     struct apc_error *why)
 {
     size_t number = output + 1;
 
@@ -468,7 +468,7 @@ static int ports(const struct apc_law_setup *setup, size_t output, struct apc_la
 }
 
 /* Limits that the operator writes do not cross. */
-static int check(const struct apc_law_setup *setup, const double *wanted, struct apc_error *why)
+static int mpc_check_tuning(const struct apc_law_setup *setup, const double *wanted, struct apc_error *why)
 {
     for (size_t j = 0; j < setup->dim.nu; j++) {
         const double *at = wanted + j * N_OF_U;
@@ -487,7 +487,7 @@ static int check(const struct apc_law_setup *setup, const double *wanted, struct
     return 0;
 }
 
-static bool accepts(const struct apc_dim *dim)
+static bool mpc_accepts(const struct apc_dim *dim)
 {
     return dim->nz >= 1 && dim->nz <= dim->ny;
 }
@@ -502,16 +502,16 @@ const struct apc_law apc_law_mpc = {
     .n_tuning = N_OF_U + N_OF_Y,
     .tuning = tuning,
     .scope = scope,
-    .accepts = accepts,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
+    .accepts = mpc_accepts,
+    .reset = mpc_reset,
+    .compute = mpc_compute,
+    .update = mpc_update,
+    .track = mpc_track,
     .settings = apc_mpc_settings,
-    .ports = ports,
+    .ports = mpc_ports,
     .create = apc_mpc_make,
     .destroy = apc_mpc_unmake,
-    .check = check,
+    .check = mpc_check_tuning,
 };
 
 const struct apc_law apc_law_nmpc = {
@@ -524,14 +524,14 @@ const struct apc_law apc_law_nmpc = {
     .n_tuning = N_OF_U + N_OF_Y,
     .tuning = tuning,
     .scope = scope,
-    .accepts = accepts,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
+    .accepts = mpc_accepts,
+    .reset = mpc_reset,
+    .compute = mpc_compute,
+    .update = mpc_update,
+    .track = mpc_track,
     .settings = apc_nmpc_settings,
-    .ports = ports,
+    .ports = mpc_ports,
     .create = apc_nmpc_make,
     .destroy = apc_mpc_unmake,
-    .check = check,
+    .check = mpc_check_tuning,
 };

@@ -10,8 +10,9 @@
 /* ---- Which variables -------------------------------------------------------------------------------- */
 
 /* Number k: of this signal, or of number i, of which nothing is known. */
-static void declare(struct apc_law_mpc *p, size_t k, const struct apc_signal_view *signal, char letter,
-                    size_t i, const char *suffix, const char *description, size_t length)
+static void declare_published(struct apc_law_mpc *p, size_t k, const struct apc_signal_view *signal,
+                              char letter, size_t i, const char *suffix, const char *description,
+                              size_t length)
 {
     struct apc_law_mpc_name *name = &p->name[k];
     const char *unit = signal && signal->unit ? signal->unit : "";
@@ -28,7 +29,7 @@ static void declare(struct apc_law_mpc *p, size_t k, const struct apc_signal_vie
                                              .step = length ? p->Ts : 0.0};
 }
 
-static const struct apc_signal_view *of(const struct apc_signal_view *signal, size_t i)
+static const struct apc_signal_view *view_of_signal(const struct apc_signal_view *signal, size_t i)
 {
     return signal ? signal + i : NULL;
 }
@@ -40,14 +41,14 @@ static void declare_disturbance(struct apc_law_mpc *p, size_t k, const struct ap
     const struct apc_linear_unknown *u = &p->unknown[i];
 
     if (u->where == APC_AT_OUTPUT) {
-        declare(p, k, of(setup->y, u->number), 'y', u->number, "disturbance", what, 0);
+        declare_published(p, k, view_of_signal(setup->y, u->number), 'y', u->number, "disturbance", what, 0);
     } else if (u->number < p->dim.nu) {
-        declare(p, k, of(setup->u, u->number), 'u', u->number, "disturbance", what, 0);
+        declare_published(p, k, view_of_signal(setup->u, u->number), 'u', u->number, "disturbance", what, 0);
     } else {
         const struct apc_param *own = &setup->plant->model->disturbance[u->number - p->dim.nu];
 
-        declare(p, k, &(struct apc_signal_view){.name = own->name, .unit = own->unit}, 'd', 0, "disturbance",
-                what, 0);
+        declare_published(p, k, &(struct apc_signal_view){.name = own->name, .unit = own->unit}, 'd', 0,
+                          "disturbance", what, 0);
     }
 }
 
@@ -60,7 +61,7 @@ static void declare_states(struct apc_law_mpc *p, size_t k, const struct apc_law
         const struct apc_signal_view state = {.name = named ? model->state[i].name : NULL,
                                               .unit = named ? model->state[i].unit : NULL};
 
-        declare(p, k + i, &state, 'x', i, "estimate", "state of the model, estimated", 0);
+        declare_published(p, k + i, &state, 'x', i, "estimate", "state of the model, estimated", 0);
     }
 }
 
@@ -77,21 +78,22 @@ int apc_mpc_declare(struct apc_law_mpc *p, const struct apc_law_setup *setup, st
     if (!p->published || !p->name)
         return apc_fail(why, APC_ENOMEM, "no memory");
     for (size_t i = 0; i < ny; i++)
-        declare(p, k++, of(setup->y, i), 'y', i, "prediction", "predicted from the next sample on", p->N);
+        declare_published(p, k++, view_of_signal(setup->y, i), 'y', i, "prediction",
+                          "predicted from the next sample on", p->N);
     for (size_t j = 0; j < nu; j++)
-        declare(p, k++, of(setup->u, j), 'u', j, "plan", "moves from now on", p->N);
+        declare_published(p, k++, view_of_signal(setup->u, j), 'u', j, "plan", "moves from now on", p->N);
     for (size_t i = 0; i < ny; i++)
-        declare(p, k++, of(setup->y, i), 'y', i, "target", "steady state aimed at", 0);
+        declare_published(p, k++, view_of_signal(setup->y, i), 'y', i, "target", "steady state aimed at", 0);
     for (size_t j = 0; j < nu; j++)
-        declare(p, k++, of(setup->u, j), 'u', j, "target", "steady state aimed at", 0);
+        declare_published(p, k++, view_of_signal(setup->u, j), 'u', j, "target", "steady state aimed at", 0);
     for (size_t i = 0; i < n_unknown; i++)
         declare_disturbance(p, k++, setup, i);
     for (size_t i = 0; i < ny; i++)
-        declare(p, k++, of(setup->y, i), 'y', i, "limit", "what holds the plan back: 1 its low limit, 2 high",
-                0);
+        declare_published(p, k++, view_of_signal(setup->y, i), 'y', i, "limit",
+                          "what holds the plan back: 1 its low limit, 2 high", 0);
     for (size_t j = 0; j < nu; j++)
-        declare(p, k++, of(setup->u, j), 'u', j, "limit",
-                "what holds the plan back: 1 low, 2 high, 4 falls, 8 rises as fast as it may", 0);
+        declare_published(p, k++, view_of_signal(setup->u, j), 'u', j, "limit",
+                          "what holds the plan back: 1 low, 2 high, 4 falls, 8 rises as fast as it may", 0);
     for (size_t i = 2 * (ny + nu) + n_unknown; i < k; i++)
         snprintf(p->name[i].unit, sizeof(p->name[i].unit), "1");
     p->published[k++] = (struct apc_published){

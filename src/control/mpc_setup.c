@@ -111,7 +111,8 @@ int apc_mpc_take_delay(const struct apc_law_setup *setup, double *to, struct apc
     return rc;
 }
 
-static int sample(const struct apc_law_setup *setup, struct apc_linear **model, struct apc_error *why)
+static int sample_mpc_model(const struct apc_law_setup *setup, struct apc_linear **model,
+                            struct apc_error *why)
 {
     double *delay = calloc(setup->dim.nu + setup->dim.nd + 1, sizeof(*delay));
     int rc = delay ? apc_mpc_take_delay(setup, delay, why) : apc_fail(why, APC_ENOMEM, "no memory");
@@ -122,8 +123,8 @@ static int sample(const struct apc_law_setup *setup, struct apc_linear **model, 
     return rc;
 }
 
-static int take_unknown(const struct apc_law_setup *setup, const char *name, enum apc_linear_where where,
-                        size_t most, struct apc_linear_unknown *unknown, size_t *n, struct apc_error *why)
+static int take_mpc_unknown(const struct apc_law_setup *setup, const char *name, enum apc_linear_where where,
+                            size_t most, struct apc_linear_unknown *unknown, size_t *n, struct apc_error *why)
 {
     const struct apc_setting *s = apc_setting_find(setup, name);
     const size_t length = s ? s->rows * s->columns : 0;
@@ -164,11 +165,11 @@ int apc_mpc_disturb(struct apc_law_mpc *p, const struct apc_law_setup *setup, co
                     struct apc_linear_unknown *unknown, struct apc_error *why)
 {
     size_t n = 0;
-    int rc = take_unknown(setup, "at_input", APC_AT_INPUT, from->nu + (p->nonlinear ? from->nd : 0), unknown,
-                          &n, why);
+    int rc = take_mpc_unknown(setup, "at_input", APC_AT_INPUT, from->nu + (p->nonlinear ? from->nd : 0),
+                              unknown, &n, why);
 
     if (rc == 0)
-        rc = take_unknown(setup, "at_output", APC_AT_OUTPUT, setup->dim.ny, unknown, &n, why);
+        rc = take_mpc_unknown(setup, "at_output", APC_AT_OUTPUT, setup->dim.ny, unknown, &n, why);
     if (rc == 0)
         rc = n ? apc_linear_disturb(&p->disturbed, from, unknown, n, why)
                : choose_unknown(p, from, unknown, &n, why);
@@ -179,14 +180,14 @@ int apc_mpc_disturb(struct apc_law_mpc *p, const struct apc_law_setup *setup, co
     return rc;
 }
 
-static int take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+static int take_mpc_model(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
     struct apc_linear_unknown *unknown = calloc(p->dim.ny + 1, sizeof(*unknown));
     const struct apc_linear *from = setup->plant->sampled;
     struct apc_linear *own = NULL;
     int rc = !unknown ? apc_fail(why, APC_ENOMEM, "no memory")
              : from   ? check_sampled(setup, why)
-                      : sample(setup, &own, why);
+                      : sample_mpc_model(setup, &own, why);
 
     if (!from)
         from = own;
@@ -281,7 +282,7 @@ static int make_estimator(struct apc_law_mpc *p, const struct apc_law_setup *set
 /* ---- All of it -------------------------------------------------------------------------------------- */
 
 /* What counts as 1 where settings do not say: the signal's span. */
-static double span(const struct apc_signal_view *signal, size_t i)
+static double signal_span(const struct apc_signal_view *signal, size_t i)
 {
     double width = signal ? signal[i].high - signal[i].low : 1.0;
 
@@ -294,7 +295,7 @@ static int take_deviations(const struct apc_law_setup *setup, const char *name,
     int rc;
 
     for (size_t i = 0; i < n; i++)
-        to[i] = span(signal, i);
+        to[i] = signal_span(signal, i);
     rc = apc_setting_amounts(setup, name, n, to, why);
     for (size_t i = 0; i < n && rc == 0; i++) {
         if (!(to[i] > 0.0))
@@ -303,7 +304,7 @@ static int take_deviations(const struct apc_law_setup *setup, const char *name,
     return rc;
 }
 
-static int take_signals(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+static int take_mpc_signals(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
     const size_t ny = p->dim.ny;
     int rc = take_deviations(setup, "y_dev", setup->y, ny, p->dev_y, why);
@@ -408,9 +409,9 @@ static int check_weights(struct apc_law_mpc *p, const struct apc_law_setup *setu
     if (!dev)
         return apc_fail(why, APC_ENOMEM, "no memory");
     for (size_t i = 0; i < p->dim.ny; i++)
-        dev[i] = span(setup->y, i);
+        dev[i] = signal_span(setup->y, i);
     for (size_t j = 0; j < p->dim.nu; j++)
-        dev[p->dim.ny + j] = span(setup->u, j);
+        dev[p->dim.ny + j] = signal_span(setup->u, j);
     if (try_weights(p, dev, dev + p->dim.ny, NULL) == 0)
         rc = apc_fail(why, rc,
                       "settings \"y_dev\" and \"u_dev\": deviations as large, as small or as far apart as "
@@ -501,7 +502,7 @@ out:
     return rc;
 }
 
-static int allocate(struct apc_law_mpc *p, struct apc_error *why)
+static int allocate_mpc_law(struct apc_law_mpc *p, struct apc_error *why)
 {
     const size_t ny = p->dim.ny, nu = p->dim.nu, n = nu * p->blocks, inputs = nu + p->disturbed->nd;
     const size_t nx = p->nonlinear ? p->model->nx_plant : 0;
@@ -573,7 +574,7 @@ static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setu
         }
     }
     if (rc == 0)
-        rc = take_signals(p, setup, why);
+        rc = take_mpc_signals(p, setup, why);
     if (rc == 0)
         rc = apc_mpc_count(setup, "iterations", 1, 1000000, &p->iterations, why);
     if (rc == 0)
@@ -583,8 +584,8 @@ static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setu
     return rc == 0 ? flag(setup, "preview", preview, why) : rc;
 }
 
-static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_law_needs *needs,
-                struct apc_error *why)
+static int make_mpc_law(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_law_needs *needs,
+                        struct apc_error *why)
 {
     const size_t ny = p->dim.ny;
     bool terminal = !p->nonlinear, steady = !p->nonlinear, preview = true;
@@ -609,7 +610,7 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
                       "setting \"steady\": an extended filter has no gain that stays; leave it out, or take "
                       "law mpc, whose linear model has one");
     if (rc == 0)
-        rc = p->nonlinear ? apc_nmpc_take_model(p, setup, why) : take_model(p, setup, why);
+        rc = p->nonlinear ? apc_nmpc_take_model(p, setup, why) : take_mpc_model(p, setup, why);
     if (rc == 0)
         rc = apc_rest_create(&p->rest, p->disturbed, why);
     if (rc == 0)
@@ -626,7 +627,7 @@ static int make(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct
     p->n_ahead = preview ? p->N + 1 : 1;
     needs->states = p->states;
     needs->n_ahead = p->n_ahead;
-    rc = allocate(p, why);
+    rc = allocate_mpc_law(p, why);
     return rc == 0 ? apc_mpc_declare(p, setup, needs, why) : rc;
 }
 
@@ -643,7 +644,7 @@ static int make_named(const char *name, bool nonlinear, const struct apc_law_set
     p->nonlinear = nonlinear;
     p->dim = setup->dim;
     p->Ts = setup->Ts;
-    rc = make(p, setup, needs, &reason);
+    rc = make_mpc_law(p, setup, needs, &reason);
     return rc < 0 ? apc_fail(why, rc, "law %s: %s", name, reason.text) : 0;
 }
 

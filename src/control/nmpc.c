@@ -37,7 +37,7 @@ void apc_nmpc_predict(struct apc_law_mpc *p, double *x, const double *u)
 
 /* Moves and nodes that nmpc starts from: those of the last solution, as many samples later as it is old;
  * without one, everything as it is. */
-static void shift(struct apc_law_mpc *p)
+static void shift_trajectory(struct apc_law_mpc *p)
 {
     const size_t nu = p->dim.nu, nx = p->model->nx_plant, age = (size_t)*apc_mpc_age_of(p, p->x);
     const double *nodes = apc_mpc_nodes_of(p, p->x);
@@ -63,13 +63,13 @@ static int linearise_here(struct apc_law_mpc *p, const double *d)
 
 /* The problem about moves and nodes as they stand. Where the model is not defined there, or so steep that
  * there is no problem, about the present. */
-static int linearise(struct apc_law_mpc *p, const double *d)
+static int linearize_trajectory(struct apc_law_mpc *p, const double *d)
 {
     int rc = linearise_here(p, d);
 
     if (rc < 0) {
         *apc_mpc_age_of(p, p->x) = 0.0;
-        shift(p);
+        shift_trajectory(p);
         rc = linearise_here(p, d);
     }
     return rc;
@@ -92,16 +92,16 @@ static void keep_nodes(struct apc_law_mpc *p)
 }
 
 /* One step: a plan about moves and nodes as they stand, as long as there is time. */
-static void step(struct apc_law_mpc *p, const struct apc_mpc_call *call, const double *d)
+static void sqp_step(struct apc_law_mpc *p, const struct apc_mpc_call *call, const double *d)
 {
-    p->result.rc = apc_mpc_late(p) ? APC_ETIMEDOUT : linearise(p, d);
+    p->result.rc = apc_mpc_late(p) ? APC_ETIMEDOUT : linearize_trajectory(p, d);
     if (p->result.rc == 0)
         apc_mpc_solve(p->mpc, call, p->plan, &p->result);
 }
 
 /* The present, when the plan begins to act, but for whole periods. Steady states are sought from the last one
  * on, unless there is none, or one where no model holds, from which a search need not find back. */
-static int begin(struct apc_law_mpc *p, const double *d)
+static int begin_nmpc(struct apc_law_mpc *p, const double *d)
 {
     const size_t nx = p->model->nx_plant, nu = p->dim.nu;
     int rc = 0;
@@ -112,7 +112,7 @@ static int begin(struct apc_law_mpc *p, const double *d)
         apc_nmpc_take_past(p);
         rc = apc_shoot_advance(p->shoot, p->start, p->input, d, p->late);
     }
-    shift(p);
+    shift_trajectory(p);
     if (!(*apc_mpc_age_of(p, p->x) > 0.0) || !apc_shoot_holds(p->shoot, apc_mpc_rest_of(p, p->x))) {
         memcpy(apc_mpc_rest_of(p, p->x), p->start, nx * sizeof(*p->start));
         memcpy(apc_mpc_rest_of(p, p->x) + p->nc, p->u_last, nu * sizeof(*p->u_last));
@@ -128,13 +128,13 @@ void apc_nmpc_solve(struct apc_law_mpc *p, const struct apc_mpc_call *call)
                  steps = p->newton > least ? p->newton : least;
     bool done = false;
 
-    p->result = (struct apc_mpc_result){.rc = begin(p, d)};
+    p->result = (struct apc_mpc_result){.rc = begin_nmpc(p, d)};
     if (p->result.rc == 0)
         apc_mpc_aim(p->mpc, call, apc_mpc_rest_of(p, p->x), apc_mpc_rest_of(p, p->x) + p->nc, &p->result);
     for (size_t k = 0; k < steps && !done && p->result.rc == 0; k++) {
         const struct apc_mpc_result before = p->result;
 
-        step(p, call, d);
+        sqp_step(p, call, d);
         if (p->result.rc < 0 && (k >= least || (k > 0 && !apc_mpc_late(p)))) {
             p->result = before; /* that step has an answer of its own */
             break;

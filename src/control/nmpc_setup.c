@@ -314,7 +314,7 @@ static int check_nonlinear(const struct apc_law_setup *setup, struct apc_error *
     return 0;
 }
 
-static int take_measured(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
+static int take_nmpc_measured(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
     const size_t nd = p->dim.nd;
 
@@ -376,8 +376,8 @@ static int take_delays(struct apc_law_mpc *p, const struct apc_law_setup *setup,
 }
 
 /* All that is made from the model, whose linear one setup has. */
-static int take_parts(struct apc_law_mpc *p, const struct apc_law_setup *setup,
-                      const struct apc_linear_continuous *linear, double *delay, struct apc_error *why)
+static int take_nmpc_parts(struct apc_law_mpc *p, const struct apc_law_setup *setup,
+                           const struct apc_linear_continuous *linear, double *delay, struct apc_error *why)
 {
     struct apc_linear *all = NULL;
     size_t steps = 10;
@@ -416,14 +416,14 @@ int apc_nmpc_take_model(struct apc_law_mpc *p, const struct apc_law_setup *setup
     p->unknown = calloc(p->dim.ny + 1, sizeof(*p->unknown));
     rc = p->unknown && delay ? check_nonlinear(setup, why) : apc_fail(why, APC_ENOMEM, "no memory");
     if (rc == 0)
-        rc = take_measured(p, setup, why);
+        rc = take_nmpc_measured(p, setup, why);
     if (rc == 0)
         rc = take_lower(p, setup, why);
     if (rc == 0)
         rc = linearise_all(&view, p, setup, why);
     of.plant = &view.plant;
     if (rc == 0)
-        rc = take_parts(p, &of, &view.all, delay, why);
+        rc = take_nmpc_parts(p, &of, &view.all, delay, why);
     free(view.memory);
     free(delay);
     return rc;

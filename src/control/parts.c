@@ -74,8 +74,8 @@ size_t apc_law_parameters(const struct apc_law *law, const struct apc_dim *dim)
 }
 
 /* Parameter number i among those of that scope. */
-static struct apc_law_parameter parameter(const struct apc_law *law, enum apc_law_scope scope, size_t each,
-                                          size_t i)
+static struct apc_law_parameter law_parameter_at(const struct apc_law *law, enum apc_law_scope scope,
+                                                 size_t each, size_t i)
 {
     struct apc_law_parameter p = {.scope = scope, .of = each ? i / each : 0};
     size_t left = i - p.of * each;
@@ -90,9 +90,9 @@ struct apc_law_parameter apc_law_parameter_at(const struct apc_law *law, const s
     const size_t own = apc_law_count(law, APC_OF_LAW), each = apc_law_count(law, APC_OF_OUTPUT);
 
     if (i < own)
-        return parameter(law, APC_OF_LAW, own, i);
+        return law_parameter_at(law, APC_OF_LAW, own, i);
     if (i < own + dim->nu * each)
-        return parameter(law, APC_OF_OUTPUT, each, i - own);
-    return parameter(law, APC_OF_MEASUREMENT, apc_law_count(law, APC_OF_MEASUREMENT),
-                     i - own - dim->nu * each);
+        return law_parameter_at(law, APC_OF_OUTPUT, each, i - own);
+    return law_parameter_at(law, APC_OF_MEASUREMENT, apc_law_count(law, APC_OF_MEASUREMENT),
+                            i - own - dim->nu * each);
 }

@@ -27,25 +27,25 @@ static double proportional(const struct apc_law_call *c)
     return c->tuning[U_BAR] + c->tuning[KP] * (c->z[0] - c->y[0]);
 }
 
-static size_t n_state(const struct apc_dim *dim)
+static size_t pi_n_state(const struct apc_dim *dim)
 {
     (void)dim;
     return 1;
 }
 
-static bool accepts(const struct apc_dim *dim)
+static bool pi_accepts(const struct apc_dim *dim)
 {
     return dim->nz == dim->nu && dim->ny >= dim->nu;
 }
 
-static int compute(struct apc_law_call *c)
+static int pi_compute(struct apc_law_call *c)
 {
     c->u[0] = apc_law_cut(proportional(c) + c->x[0], c->tuning[U_MIN], c->tuning[U_MAX], &c->limited[0]);
     return APC_LAW_GOOD;
 }
 
 /* Compared with what went out, not with u_min and u_max, so that a limit set elsewhere counts as well. */
-static void update(struct apc_law_call *c)
+static void pi_update(struct apc_law_call *c)
 {
     double increment = c->tuning[KP] * c->Ts / c->tuning[TAU_I] * (c->z[0] - c->y[0]);
     double wanted = proportional(c) + c->x[0];
@@ -55,12 +55,12 @@ static void update(struct apc_law_call *c)
         c->x[0] += increment;
 }
 
-static void track(struct apc_law_call *c)
+static void pi_track(struct apc_law_call *c)
 {
     c->x[0] = c->u[0] - proportional(c);
 }
 
-static int check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
+static int pi_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     return apc_law_check_order(&apc_law_pi, setup, p, U_MIN, U_MAX, why);
 }
@@ -71,10 +71,10 @@ const struct apc_law apc_law_pi = {
     .description = "PI controller of the paper",
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .n_state = n_state,
-    .accepts = accepts,
-    .compute = compute,
-    .update = update,
-    .track = track,
-    .check = check_tuning,
+    .n_state = pi_n_state,
+    .accepts = pi_accepts,
+    .compute = pi_compute,
+    .update = pi_update,
+    .track = pi_track,
+    .check = pi_check_tuning,
 };

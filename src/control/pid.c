@@ -18,7 +18,8 @@ static const struct apc_param tuning[N_TUNING] = {
 
 static const char *const settings[] = {"measurement", "setpoint", "feed_forward", NULL};
 
-static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p, struct apc_error *why)
+static int pid_ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p,
+                     struct apc_error *why)
 {
     const struct apc_dim *d = &s->dim;
     size_t y = output + 1, z, from = 0;
@@ -57,20 +58,20 @@ static struct pid_loop loop(const struct apc_law_call *c)
                              .feed_forward = from ? c->tuning[KFF] * *from : 0.0};
 }
 
-static size_t n_state(const struct apc_dim *dim)
+static size_t pid_n_state(const struct apc_dim *dim)
 {
     (void)dim;
     return PID_STATES;
 }
 
-static void reset(struct apc_law_call *c)
+static void pid_reset(struct apc_law_call *c)
 {
     const struct pid_loop l = loop(c);
 
     apc_pid_reset(&l);
 }
 
-static int compute(struct apc_law_call *c)
+static int pid_compute(struct apc_law_call *c)
 {
     const struct pid_loop l = loop(c);
 
@@ -78,21 +79,21 @@ static int compute(struct apc_law_call *c)
     return APC_LAW_GOOD;
 }
 
-static void update(struct apc_law_call *c)
+static void pid_update(struct apc_law_call *c)
 {
     const struct pid_loop l = loop(c);
 
     apc_pid_update(&l, c->u[0], c->limited[0]);
 }
 
-static void track(struct apc_law_call *c)
+static void pid_track(struct apc_law_call *c)
 {
     const struct pid_loop l = loop(c);
 
     apc_pid_track(&l, c->u[0], c->gap);
 }
 
-static int check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
+static int pid_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     return apc_law_check_order(&apc_law_pid, setup, p, PID_U_MIN, PID_U_MAX, why);
 }
@@ -103,12 +104,12 @@ const struct apc_law apc_law_pid = {
     .description = "PID in standard form, paired at will",
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .n_state = n_state,
-    .reset = reset,
-    .compute = compute,
-    .update = update,
-    .track = track,
+    .n_state = pid_n_state,
+    .reset = pid_reset,
+    .compute = pid_compute,
+    .update = pid_update,
+    .track = pid_track,
     .settings = settings,
-    .ports = ports,
-    .check = check_tuning,
+    .ports = pid_ports,
+    .check = pid_check_tuning,
 };

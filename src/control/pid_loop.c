@@ -6,31 +6,32 @@
 enum { I, SLOPE_Y, SLOPE_R, LAST_Y, LAST_R, LAST_U };
 
 /* The filtered slope of what was last then and is now. */
-static double slope(const struct pid_loop *l, double filtered, double last, double now)
+static double filtered_slope(const struct pid_loop *l, double filtered, double last, double now)
 {
     double tau = l->p[PID_TAU_D], reach = tau + l->p[PID_N] * l->h;
 
     return (tau * filtered + l->p[PID_N] * (now - last)) / reach;
 }
 
-static double derivative(const struct pid_loop *l)
+static double derivative_part(const struct pid_loop *l)
 {
     const double *p = l->p, *x = l->x;
 
     return p[PID_KP] * p[PID_TAU_D] *
-           (p[PID_C] * slope(l, x[SLOPE_R], x[LAST_R], l->r) - slope(l, x[SLOPE_Y], x[LAST_Y], l->y));
+           (p[PID_C] * filtered_slope(l, x[SLOPE_R], x[LAST_R], l->r) -
+            filtered_slope(l, x[SLOPE_Y], x[LAST_Y], l->y));
 }
 
 /* v without the integral. Always evaluated in this order: a law that resumes compares bits. */
-static double rest(const struct pid_loop *l)
+static double output_without_integral(const struct pid_loop *l)
 {
     const double *p = l->p;
 
-    return p[PID_U_BAR] + p[PID_KP] * (p[PID_B] * l->r - l->y) + derivative(l) + l->feed_forward;
+    return p[PID_U_BAR] + p[PID_KP] * (p[PID_B] * l->r - l->y) + derivative_part(l) + l->feed_forward;
 }
 
 /* The part of a bias that one period takes away. */
-static double share(const struct pid_loop *l)
+static double bias_share(const struct pid_loop *l)
 {
     return l->h < l->p[PID_TAU_T] ? l->h / l->p[PID_TAU_T] : 1.0;
 }
@@ -49,7 +50,7 @@ void apc_pid_reset(const struct pid_loop *l)
 
 double apc_pid_wanted(const struct pid_loop *l)
 {
-    return rest(l) + l->x[I];
+    return output_without_integral(l) + l->x[I];
 }
 
 double apc_pid_limit(const struct pid_loop *l, double wanted, unsigned *limited)
@@ -72,12 +73,12 @@ void apc_pid_update(const struct pid_loop *l, double u, unsigned held)
         if (!apc_law_blocks(held, increment) && !(conditional && increment * beyond > 0.0))
             x[I] += increment;
         if (!conditional)
-            x[I] -= share(l) * beyond;
+            x[I] -= bias_share(l) * beyond;
     } else {
-        x[I] -= p[PID_TAU_T] > 0.0 ? share(l) * x[I] : x[I] / PID_FADE;
+        x[I] -= p[PID_TAU_T] > 0.0 ? bias_share(l) * x[I] : x[I] / PID_FADE;
     }
-    x[SLOPE_Y] = slope(l, x[SLOPE_Y], x[LAST_Y], l->y);
-    x[SLOPE_R] = slope(l, x[SLOPE_R], x[LAST_R], l->r);
+    x[SLOPE_Y] = filtered_slope(l, x[SLOPE_Y], x[LAST_Y], l->y);
+    x[SLOPE_R] = filtered_slope(l, x[SLOPE_R], x[LAST_R], l->r);
     x[LAST_Y] = l->y;
     x[LAST_R] = l->r;
     x[LAST_U] = u;
@@ -87,6 +88,6 @@ void apc_pid_track(const struct pid_loop *l, double u, bool gap)
 {
     if (gap)
         apc_pid_reset(l);
-    l->x[I] = u - rest(l);
+    l->x[I] = u - output_without_integral(l);
     l->x[LAST_U] = u;
 }

@@ -17,31 +17,31 @@ static const struct apc_param tuning[N_TUNING] = {
     [Z_MAX] = {"z_max", "", "greatest setpoint", 1e9, -1e9, 1e9},
 };
 
-static int ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
-                 struct apc_error *why)
+static int ramp_ports(const struct apc_law_setup *setup, size_t output, struct apc_law_ports *p,
+                      struct apc_error *why)
 {
     (void)setup, (void)output, (void)why;
     p->ny = p->nd = 0; /* a lost measurement is none of its business */
     return 0;
 }
 
-static size_t n_state(const struct apc_dim *dim)
+static size_t ramp_n_state(const struct apc_dim *dim)
 {
     (void)dim;
     return 1;
 }
 
-static bool accepts(const struct apc_dim *dim)
+static bool ramp_accepts(const struct apc_dim *dim)
 {
     return dim->nz >= dim->nu;
 }
 
-static void reset(struct apc_law_call *c)
+static void ramp_reset(struct apc_law_call *c)
 {
     c->x[0] = c->z[0];
 }
 
-static int compute(struct apc_law_call *c)
+static int ramp_compute(struct apc_law_call *c)
 {
     const double *p = c->tuning, step = p[RATE] * c->Ts;
     double u = apc_law_cut(c->z[0], p[Z_MIN], p[Z_MAX], &c->limited[0]);
@@ -50,12 +50,12 @@ static int compute(struct apc_law_call *c)
     return APC_LAW_GOOD;
 }
 
-static void keep(struct apc_law_call *c)
+static void ramp_keep(struct apc_law_call *c)
 {
     c->x[0] = c->u[0];
 }
 
-static int check(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
+static int ramp_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     return apc_law_check_order(&apc_law_ramp, setup, p, Z_MIN, Z_MAX, why);
 }
@@ -66,12 +66,12 @@ const struct apc_law apc_law_ramp = {
     .description = "a setpoint within limits and at a rate",
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .n_state = n_state,
-    .accepts = accepts,
-    .reset = reset,
-    .compute = compute,
-    .update = keep,
-    .track = keep,
-    .ports = ports,
-    .check = check,
+    .n_state = ramp_n_state,
+    .accepts = ramp_accepts,
+    .reset = ramp_reset,
+    .compute = ramp_compute,
+    .update = ramp_keep,
+    .track = ramp_keep,
+    .ports = ramp_ports,
+    .check = ramp_check_tuning,
 };

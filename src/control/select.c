@@ -17,7 +17,8 @@ static const struct apc_published published[] = {
     {.name = "selected", .description = "which of its inputs is selected, from 1"}};
 
 /* Row @output of setting inputs, numbers of measurements from 1. */
-static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p, struct apc_error *why)
+static int select_ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p,
+                        struct apc_error *why)
 {
     const struct apc_setting *inputs = apc_setting_find(s, "inputs");
     const size_t ny = inputs ? inputs->columns : s->dim.ny;
@@ -43,8 +44,8 @@ static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_po
     return 0;
 }
 
-static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
-                  struct apc_error *why)
+static int select_create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                         struct apc_error *why)
 {
     const struct apc_setting *s = apc_setting_find(setup, "select");
     const char *which = s && s->text ? s->text : "";
@@ -62,7 +63,7 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
     return 0;
 }
 
-static int compute(struct apc_law_call *c)
+static int select_compute(struct apc_law_call *c)
 {
     const double sign = *(const double *)c->self;
     size_t best = c->dim.ny;
@@ -90,9 +91,9 @@ const struct apc_law apc_law_select = {
     .name = "select",
     .description = "the least or the greatest of several inputs",
     .selects = true,
-    .compute = compute,
+    .compute = select_compute,
     .settings = settings,
-    .ports = ports,
-    .create = create,
+    .ports = select_ports,
+    .create = select_create,
     .destroy = free,
 };

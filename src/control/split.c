@@ -19,7 +19,8 @@ static const struct apc_param tuning[N_TUNING] = {
 };
 static const char *const settings[] = {"input", NULL};
 
-static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p, struct apc_error *why)
+static int split_ports(const struct apc_law_setup *s, size_t output, struct apc_law_ports *p,
+                       struct apc_error *why)
 {
     size_t y = 1;
     int rc = apc_setting_index(s, "input", s->dim.nu, output, 1, s->dim.ny, &y, why);
@@ -28,7 +29,7 @@ static int ports(const struct apc_law_setup *s, size_t output, struct apc_law_po
     return rc;
 }
 
-static int compute(struct apc_law_call *c)
+static int split_compute(struct apc_law_call *c)
 {
     const double *p = c->tuning;
     const double share = (c->y[0] - p[FROM]) / (p[TO] - p[FROM]);
@@ -40,7 +41,7 @@ static int compute(struct apc_law_call *c)
     return APC_LAW_GOOD;
 }
 
-static int check(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
+static int split_check_tuning(const struct apc_law_setup *setup, const double *p, struct apc_error *why)
 {
     if (p[FROM] < p[TO])
         return 0;
@@ -54,8 +55,8 @@ const struct apc_law apc_law_split = {
     .description = "split range: one demand moves several outputs, each over a part of its range",
     .n_tuning = N_TUNING,
     .tuning = tuning,
-    .compute = compute,
+    .compute = split_compute,
     .settings = settings,
-    .ports = ports,
-    .check = check,
+    .ports = split_ports,
+    .check = split_check_tuning,
 };

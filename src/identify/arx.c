@@ -51,7 +51,7 @@ static size_t run_column(const struct arx *a, size_t run)
 }
 
 /* Row of sample @p k of a run; false where something is missing. */
-static bool fill_row(struct arx *a, const struct apc_record *r, size_t run, size_t k)
+static bool fill_arx_row(struct arx *a, const struct apc_record *r, size_t run, size_t k)
 {
     bool there = true;
 
@@ -72,7 +72,7 @@ static bool fill_row(struct arx *a, const struct apc_record *r, size_t run, size
 }
 
 /* R of the samples before @p until. */
-static int gather(struct arx *a, size_t until, struct apc_error *why)
+static int gather_arx_rows(struct arx *a, size_t until, struct apc_error *why)
 {
     const size_t past = a->na > a->lags - 1 ? a->na : a->lags - 1;
 
@@ -84,7 +84,7 @@ static int gather(struct arx *a, size_t until, struct apc_error *why)
         const size_t end = apc_record_share(&a->r, &run, until);
 
         for (size_t k = past; k < end; k++) {
-            if (fill_row(a, &run, g, k))
+            if (fill_arx_row(a, &run, g, k))
                 apc_triangle_add(&a->triangle, a->row);
         }
     }
@@ -95,7 +95,7 @@ static int gather(struct arx *a, size_t until, struct apc_error *why)
     return 0;
 }
 
-static void take_column(const struct arx *a, size_t from, size_t to)
+static void take_arx_column(const struct arx *a, size_t from, size_t to)
 {
     for (size_t row = 0; row < a->width; row++)
         a->Q[to * a->width + row] = a->triangle.R[row * a->width + from];
@@ -103,7 +103,7 @@ static void take_column(const struct arx *a, size_t from, size_t to)
 
 /* Least squares of output @p i in the structure that p_na, p_nb and delay say. Returns the sum of squares
  * that is left. */
-static double solve(struct arx *a, size_t i)
+static double solve_arx_output(struct arx *a, size_t i)
 {
     const size_t width = a->width;
     double *target = a->left + i * width, *b = a->row;
@@ -111,14 +111,14 @@ static double solve(struct arx *a, size_t i)
 
     for (size_t o = 0; o < a->r.ny; o++) {
         for (size_t lag = 1; lag <= a->p_na; lag++)
-            take_column(a, y_column(a, o, lag), n++);
+            take_arx_column(a, y_column(a, o, lag), n++);
     }
     for (size_t j = 0; j < a->inputs; j++) {
         for (size_t lag = 0; lag < a->p_nb; lag++)
-            take_column(a, u_column(a, j, a->delay[i * a->inputs + j] + lag), n++);
+            take_arx_column(a, u_column(a, j, a->delay[i * a->inputs + j] + lag), n++);
     }
     for (size_t g = 0; g < a->runs; g++)
-        take_column(a, run_column(a, g), n++);
+        take_arx_column(a, run_column(a, g), n++);
     a->n_columns = n;
     for (size_t row = 0; row < width; row++)
         target[row] = a->triangle.R[row * width + first_target(a) + i];
@@ -180,7 +180,7 @@ static size_t hold_of(const struct arx *a, size_t j)
  * Where that is no point, or none that was on record, the plant integrates: y0 is then the mean, u0 the
  * nearest that holds it.
  */
-static int place(const struct arx *a, size_t g, double *u0, double *y0)
+static int place_run_at_rest(const struct arx *a, size_t g, double *u0, double *y0)
 {
     const struct apc_record r = apc_record_run(&a->r, g);
     const size_t ny = r.ny, inputs = a->inputs;
@@ -305,7 +305,7 @@ static int build(const struct arx *a, struct apc_identified **model, struct apc_
     (*model)->na = a->p_na;
     (*model)->nb = a->p_nb;
     for (size_t g = 0; g < a->runs && rc == 0; g++)
-        rc = place(a, g, (*model)->u0 + g * inputs, (*model)->y0 + g * ny);
+        rc = place_run_at_rest(a, g, (*model)->u0 + g * inputs, (*model)->y0 + g * ny);
     if (rc < 0) {
         apc_identified_destroy(*model);
         *model = NULL;
@@ -323,7 +323,7 @@ static int build(const struct arx *a, struct apc_identified **model, struct apc_
 }
 
 /* Of the errors a sample ahead. */
-static void spread(const struct arx *a, double *covariance)
+static void arx_error_covariance(const struct arx *a, double *covariance)
 {
     const size_t ny = a->r.ny, width = a->width;
     const double n = fmax((double)a->triangle.n - (double)a->n_columns, 1.0);
@@ -342,7 +342,7 @@ static void find_delay(struct arx *a, size_t i, size_t j, size_t most)
     double best = HUGE_VAL;
 
     for (*delay = a->first; *delay <= most && *delay + a->p_nb <= a->lags; ++*delay) {
-        const double left = solve(a, i);
+        const double left = solve_arx_output(a, i);
 
         if (left < best) {
             best = left;
@@ -370,7 +370,7 @@ static double misfit(struct arx *a, size_t from, struct apc_error *why)
     double found;
 
     for (size_t i = 0; i < a->r.ny; i++)
-        solve(a, i);
+        solve_arx_output(a, i);
     if (build(a, &model, why) < 0)
         return -1.0;
     found = apc_identified_misfit(model, &a->r, from);
@@ -384,7 +384,7 @@ static int find_structure(struct arx *a, const struct apc_identify_arx_options *
     const size_t nb_step = o->fir ? 5 : 1, nb_most = a->lags - o->delay_max, nb_low = o->nb ? o->nb : nb_step;
     double best = HUGE_VAL;
     size_t na = na_low, nb = nb_low;
-    int rc = gather(a, from, why);
+    int rc = gather_arx_rows(a, from, why);
 
     a->p_na = na_low > 2 || o->na ? na_low : na_high < 2 ? na_high : 2;
     a->p_nb = o->nb ? o->nb : nb_most < 2 ? nb_most : 2;
@@ -419,8 +419,8 @@ static size_t afforded(const struct apc_record *r, size_t of)
     return r->n / of < fit ? r->n / of : fit;
 }
 
-static int take_options(struct apc_identify_arx_options *o, const struct apc_record *r,
-                        const struct apc_identify_arx_options *options, struct apc_error *why)
+static int take_arx_options(struct apc_identify_arx_options *o, const struct apc_record *r,
+                            const struct apc_identify_arx_options *options, struct apc_error *why)
 {
     const size_t inputs = r->nu + r->nd, afford = afforded(r, 4 * (inputs + r->ny));
     int rc = apc_options_copy(o, sizeof(*o), options, "apc_identify_arx_options", why);
@@ -475,7 +475,7 @@ int apc_identify_arx(struct apc_identified **model, const struct apc_record *rec
     if (rc == 0)
         rc = apc_options_copy(&a.r, sizeof(a.r), record, "apc_record", why);
     if (rc == 0)
-        rc = take_options(&o, &a.r, options, why);
+        rc = take_arx_options(&o, &a.r, options, why);
     if (rc < 0)
         return rc;
     a.inputs = a.r.nu + a.r.nd;
@@ -483,15 +483,15 @@ int apc_identify_arx(struct apc_identified **model, const struct apc_record *rec
     if (rc == 0)
         rc = find_structure(&a, &o, why);
     if (rc == 0)
-        rc = gather(&a, a.r.n, why);
+        rc = gather_arx_rows(&a, a.r.n, why);
     if (rc == APC_ENOMEM)
         apc_fail(why, rc, "apc_identify_arx: no memory");
     if (rc == 0) {
         for (size_t i = 0; i < a.r.ny; i++)
-            solve(&a, i);
+            solve_arx_output(&a, i);
         rc = build(&a, model, why);
         if (rc == 0)
-            spread(&a, (*model)->covariance);
+            arx_error_covariance(&a, (*model)->covariance);
         if (rc == 0)
             rc = apc_record_check_point(&a.r, (*model)->u0, (*model)->y0, why);
         if (rc == APC_ESOLVER) {

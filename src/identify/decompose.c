@@ -16,7 +16,7 @@ static void subtract(size_t n, double scale, const double *from, double *x)
         x[i] -= scale * from[i];
 }
 
-static void scale(size_t n, double by, double *x)
+static void scale_column(size_t n, double by, double *x)
 {
     for (size_t i = 0; i < n; i++)
         x[i] *= by;
@@ -45,7 +45,7 @@ void apc_qr_extend(size_t n, size_t from, size_t to, double *Q, double *R, size_
         if (length <= DEPENDENT * before)
             length = 0.0;
         R[j * width + j] = length;
-        scale(n, length > 0.0 ? 1.0 / length : 0.0, q);
+        scale_column(n, length > 0.0 ? 1.0 / length : 0.0, q);
     }
 }
 
@@ -142,7 +142,7 @@ void apc_triangle_close(struct apc_triangle *rows)
     free(rows->Q);
 }
 
-static void rotate(size_t n, double *a, double *b, double c, double s)
+static void rotate_columns(size_t n, double *a, double *b, double c, double s)
 {
     for (size_t i = 0; i < n; i++) {
         const double kept = a[i];
@@ -153,7 +153,7 @@ static void rotate(size_t n, double *a, double *b, double c, double s)
 }
 
 /* Make columns p and q orthogonal; false when they were. */
-static bool turn(size_t m, size_t n, double *A, double *V, size_t p, size_t q)
+static bool orthogonalize_columns(size_t m, size_t n, double *A, double *V, size_t p, size_t q)
 {
     double *a = A + p * m, *b = A + q * m;
     const double aa = apc_matrix_dot(a, a, m), bb = apc_matrix_dot(b, b, m), ab = apc_matrix_dot(a, b, m);
@@ -164,8 +164,8 @@ static bool turn(size_t m, size_t n, double *A, double *V, size_t p, size_t q)
     zeta = (bb - aa) / (2.0 * ab);
     t = copysign(1.0, zeta) / (fabs(zeta) + sqrt(1.0 + zeta * zeta));
     c = 1.0 / sqrt(1.0 + t * t);
-    rotate(m, a, b, c, c * t);
-    rotate(n, V + p * n, V + q * n, c, c * t);
+    rotate_columns(m, a, b, c, c * t);
+    rotate_columns(n, V + p * n, V + q * n, c, c * t);
     return true;
 }
 
@@ -190,7 +190,7 @@ void apc_svd(size_t m, size_t n, double *A, double *s, double *V)
         turned = false;
         for (size_t p = 0; p + 1 < n; p++) {
             for (size_t q = p + 1; q < n; q++)
-                turned |= turn(m, n, A, V, p, q);
+                turned |= orthogonalize_columns(m, n, A, V, p, q);
         }
     }
     for (size_t j = 0; j < n; j++)
@@ -203,6 +203,6 @@ void apc_svd(size_t m, size_t n, double *A, double *s, double *V)
         swap_columns(1, &s[j], &s[largest]);
         swap_columns(m, A + j * m, A + largest * m);
         swap_columns(n, V + j * n, V + largest * n);
-        scale(m, s[j] > 0.0 ? 1.0 / s[j] : 0.0, A + j * m);
+        scale_column(m, s[j] > 0.0 ? 1.0 / s[j] : 0.0, A + j * m);
     }
 }

@@ -57,7 +57,7 @@ struct multisine {
 };
 
 /* Where in its period a line is at sample k. */
-static size_t at(const struct multisine *m, size_t line, size_t k)
+static size_t line_phase_at(const struct multisine *m, size_t line, size_t k)
 {
     return (m->first + line * m->every) * k % m->n;
 }
@@ -71,7 +71,7 @@ static double add_up(const struct multisine *m, const double *phase)
     for (size_t j = 0; j < m->lines; j++) {
         const double c = cos(phase[j]), s = sin(phase[j]);
         for (size_t k = 0; k < m->n; k++)
-            m->u[k] += c * m->cosine[at(m, j, k)] - s * m->sine[at(m, j, k)];
+            m->u[k] += c * m->cosine[line_phase_at(m, j, k)] - s * m->sine[line_phase_at(m, j, k)];
     }
     for (size_t k = 0; k < m->n; k++)
         largest = fmax(largest, fabs(m->u[k]));
@@ -86,14 +86,14 @@ static void clip(const struct multisine *m, double level)
     for (size_t j = 0; j < m->lines; j++) {
         double re = 0.0, im = 0.0;
         for (size_t k = 0; k < m->n; k++) {
-            re += m->u[k] * m->cosine[at(m, j, k)];
-            im -= m->u[k] * m->sine[at(m, j, k)];
+            re += m->u[k] * m->cosine[line_phase_at(m, j, k)];
+            im -= m->u[k] * m->sine[line_phase_at(m, j, k)];
         }
         m->phase[j] = atan2(im, re);
     }
 }
 
-static double search(const struct multisine *m)
+static double search_crest_factor(const struct multisine *m)
 {
     double least = HUGE_VAL;
 
@@ -129,7 +129,7 @@ int apc_excite_multisine(size_t first, size_t last, size_t every, double *u, siz
         m.cosine[k] = cos(2.0 * M_PI * (double)k / (double)n);
         m.sine[k] = sin(2.0 * M_PI * (double)k / (double)n);
     }
-    largest = search(&m);
+    largest = search_crest_factor(&m);
     for (size_t k = 0; k < n; k++)
         u[k] /= largest;
     if (crest)

@@ -122,7 +122,7 @@ static int open_run(struct run *run)
 }
 
 /* One sample on; where there is a K and @p corrected, with what was measured. */
-static void step(struct run *run, size_t k, bool corrected)
+static void step_run(struct run *run, size_t k, bool corrected)
 {
     const struct apc_linear *m = run->model;
     const double *u = run->r->u + k * run->inputs;
@@ -163,7 +163,7 @@ static void errors(struct run *run, const double *x, size_t from, bool ahead, do
 
     memcpy(run->x, x, run->model->nx * sizeof(*x));
     for (size_t k = from; k < run->r->n; k++) {
-        step(run, k, ahead);
+        step_run(run, k, ahead);
         for (size_t i = 0; i < ny; i++)
             e[k * ny + i] = run->r->y[k * ny + i] - run->y[i];
     }
@@ -189,8 +189,8 @@ static size_t begun_by(const struct run *run, size_t from)
     return run->model->nx_plant + (from < run->model->nx_held ? run->inputs : 0);
 }
 
-/* A direction of the state a sample on, as the errors of step() take it with them. @p out [ny] */
-static void turn(struct run *run, size_t k, double *x, double *out)
+/* A direction of the state a sample on, as the errors of step_run() take it with them. @p out [ny] */
+static void propagate_direction(struct run *run, size_t k, double *x, double *out)
 {
     const struct apc_linear *m = run->model;
 
@@ -204,8 +204,8 @@ static void turn(struct run *run, size_t k, double *x, double *out)
 
 /* One row of an output and sample: what each of the @p n unknowns does to its error, and the error; until
  * none of them does anything any more. to [n * nx] are their directions, row [ny * (n + 1)]. */
-static void gather(struct run *run, size_t from, size_t n, double *to, const double *e, double *row,
-                   struct apc_triangle *rows)
+static void gather_initial_rows(struct run *run, size_t from, size_t n, double *to, const double *e,
+                                double *row, struct apc_triangle *rows)
 {
     const size_t nx = run->model->nx, ny = run->model->ny;
     bool acts = true;
@@ -213,7 +213,7 @@ static void gather(struct run *run, size_t from, size_t n, double *to, const dou
     for (size_t k = from; k < run->r->n && acts; k++) {
         acts = false;
         for (size_t j = 0; j < n; j++) {
-            turn(run, k, to + j * nx, run->y);
+            propagate_direction(run, k, to + j * nx, run->y);
             for (size_t i = 0; i < ny; i++)
                 row[i * (n + 1) + j] = run->y[i] / run->size[i];
         }
@@ -253,7 +253,7 @@ static int fit_state(struct run *run, size_t from, double *x)
             held_before(run, j - m->nx_plant, from, to + j * m->nx);
     }
     memcpy(found, to, n * m->nx * sizeof(*to));
-    gather(run, from, n, to, e, row, &rows);
+    gather_initial_rows(run, from, n, to, e, row, &rows);
     for (size_t j = 0; j < n; j++)
         b[j] = rows.R[j * (n + 1) + n];
     apc_qr_solve(n, rows.R, n + 1, b, b);
@@ -271,7 +271,7 @@ static int fit_state(struct run *run, size_t from, double *x)
  * record begins; without one, what is measured from there on. Neither knows how the plant came to where the
  * record begins, nor what the inputs were: both are what fits best.
  */
-static int arrive(struct run *run, size_t from, double *x)
+static int initial_state_of(struct run *run, size_t from, double *x)
 {
     const struct apc_linear *m = run->model;
     const size_t begin = run->K ? 0 : from;
@@ -285,12 +285,12 @@ static int arrive(struct run *run, size_t from, double *x)
         memcpy(run->x + m->nx_plant, run->next + m->nx_plant, m->nx_held * sizeof(*run->x));
     }
     for (size_t k = 0; k < begin; k++)
-        step(run, k, false);
+        step_run(run, k, false);
     memcpy(x, run->x, m->nx * sizeof(*x));
     rc = fit_state(run, begin, x);
     memcpy(run->x, x, m->nx * sizeof(*x));
     for (size_t k = begin; k < from && rc == 0; k++)
-        step(run, k, true);
+        step_run(run, k, true);
     memcpy(x, run->x, m->nx * sizeof(*x));
     return rc;
 }
@@ -302,7 +302,7 @@ static double misfit_of(struct run *run, size_t from, double *e, double *n)
     const struct apc_record *r = run->r;
     double *x = e + r->n * r->ny, sum = 0.0;
 
-    if (arrive(run, from, x) < 0)
+    if (initial_state_of(run, from, x) < 0)
         return -1.0;
     errors(run, x, from, false, e);
     for (size_t k = from * r->ny; k < r->n * r->ny; k++) {
@@ -441,8 +441,8 @@ static int independent_of(const struct line_up *of, double *least)
 }
 
 /* Of each run the share from @p from on. */
-static void line_up(const struct apc_record *r, const double *ahead, size_t i, size_t from,
-                    struct line_up *to)
+static void align_output(const struct apc_record *r, const double *ahead, size_t i, size_t from,
+                         struct line_up *to)
 {
     size_t at = 0;
 
@@ -458,8 +458,9 @@ static void line_up(const struct apc_record *r, const double *ahead, size_t i, s
     }
 }
 
-static int judge(const struct apc_linear *m, const struct apc_record *r, size_t from,
-                 const struct score *score, const double *ahead, bool filtered, struct apc_validation *of)
+static int score_record(const struct apc_linear *m, const struct apc_record *r, size_t from,
+                        const struct score *score, const double *ahead, bool filtered,
+                        struct apc_validation *of)
 {
     struct line_up all = {.inputs = r->nu + r->nd};
     int rc = 0;
@@ -478,7 +479,7 @@ static int judge(const struct apc_linear *m, const struct apc_record *r, size_t 
         double independent = 1.0;
 
         all.direct = m->D + i * all.inputs;
-        line_up(r, ahead, i, from, &all);
+        align_output(r, ahead, i, from, &all);
         rc = independent_of(&all, &independent);
         of[i] =
             (struct apc_validation){.fit = 100.0 * (1.0 - sqrt(s->free / s->all)),
@@ -522,7 +523,7 @@ static int check_validation(const struct apc_linear *m, const struct apc_record 
 static int validate_run(struct run *run, size_t from, double *x, double *e, double *ahead,
                         struct score *score)
 {
-    const int rc = arrive(run, from, x);
+    const int rc = initial_state_of(run, from, x);
 
     if (rc < 0)
         return rc;
@@ -566,7 +567,7 @@ int apc_validate(const struct apc_linear *model, const double *K, const struct a
             free_run[begin + i] = i / r.ny < share ? (double)NAN : one.y[i] - e[begin + i];
     }
     if (rc == 0)
-        rc = judge(model, &r, from, score, ahead, K != NULL, of);
+        rc = score_record(model, &r, from, score, ahead, K != NULL, of);
 out:
     if (rc < 0)
         apc_fail(why, rc, "validate: no memory");

@@ -57,7 +57,7 @@ bool fit_acts_late(const struct fit *f)
 }
 
 /* What acts from sample @p k of a run on. */
-static int drive(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run, double k)
+static int drive_fit(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run, double k)
 {
     const double *u = inputs_of(f, g, run, k);
     int rc = 0;
@@ -74,18 +74,19 @@ static int drive(struct fit *f, struct apc_plant *plant, size_t g, const struct 
 }
 
 /* A sample on: the input changes within it, where it acts a part of a period late. */
-static int advance(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run, size_t k)
+static int advance_fit(struct fit *f, struct apc_plant *plant, size_t g, const struct apc_record *run,
+                       size_t k)
 {
     const double late = f->dead_time / run->Ts, whole = floor(late + 1e-9), part = late - whole;
     int rc = 0;
 
     if (part > 1e-9) {
-        rc = drive(f, plant, g, run, (double)k - whole - 1.0);
+        rc = drive_fit(f, plant, g, run, (double)k - whole - 1.0);
         if (rc == 0)
             rc = apc_plant_advance(plant, part * run->Ts, f->u);
     }
     if (rc == 0)
-        rc = drive(f, plant, g, run, (double)k - whole);
+        rc = drive_fit(f, plant, g, run, (double)k - whole);
     return rc == 0 ? apc_plant_advance(plant, fmin(1.0 - part, 1.0) * run->Ts, f->u) : rc;
 }
 
@@ -103,12 +104,12 @@ int fit_run(struct fit *f, double *y, struct apc_error *why)
         apc_param_initials(f->model->input, f->model->nu, f->u);
         rc = apc_plant_create(&plant, f->model, f->p, f->x0 + g * f->model->nx, &f->plant, why);
         for (size_t k = 0; k < run.n && rc == 0; k++) {
-            rc = drive(f, plant, g, &run, (double)k - floor(f->dead_time / run.Ts + 1e-9));
+            rc = drive_fit(f, plant, g, &run, (double)k - floor(f->dead_time / run.Ts + 1e-9));
             apc_plant_output(plant, f->u, f->out);
             for (size_t i = 0; i < ny; i++)
                 to[k * ny + i] = f->out[f->s.output ? f->s.output[i] : i];
             if (rc == 0 && k + 1 < run.n)
-                rc = advance(f, plant, g, &run, k);
+                rc = advance_fit(f, plant, g, &run, k);
         }
         if (rc == APC_ESOLVER && plant)
             apc_fail(why, rc, "parameters: %s", apc_plant_error(plant));
@@ -130,7 +131,7 @@ static size_t fitted_of(const struct fit *f, size_t g, size_t *begin)
 
 /* Column [rows], in units of what errors scatter by and whitened as they are; 0 where none counts. It becomes
  * output after output. */
-static void weigh(const struct fit *f, double *column)
+static void weigh_residuals(const struct fit *f, double *column)
 {
     const size_t ny = f->r.ny;
     double *room = f->room;
@@ -159,7 +160,7 @@ double fit_misfit(const struct fit *f, const double *y, double *e)
 {
     for (size_t k = 0; k < f->rows; k++)
         e[k] = isfinite(f->r.y[k]) ? f->r.y[k] - y[k] : 0.0;
-    weigh(f, e);
+    weigh_residuals(f, e);
     return apc_matrix_dot(e, e, f->rows);
 }
 
@@ -225,7 +226,7 @@ int fit_differentiate(struct fit *f, struct apc_error *why)
         fit_put(f, q, at);
         for (size_t k = 0; k < f->rows && rc == 0; k++)
             out[k] = (f->plus[k] - f->minus[k]) / (up - down) * of->size;
-        weigh(f, out);
+        weigh_residuals(f, out);
     }
     if (rc == 0)
         apc_qr_extend(f->rows, 0, f->m, f->Q, f->R, f->m);
@@ -234,7 +235,7 @@ int fit_differentiate(struct fit *f, struct apc_error *why)
 
 /* ---- What cannot be told --------------------------------------------------------------------- */
 
-static const char *name_of(const struct fit *f, size_t q, char *room, size_t size)
+static const char *name_of_unknown(const struct fit *f, size_t q, char *room, size_t size)
 {
     const struct unknown *of = &f->unknown[q];
 
@@ -269,7 +270,7 @@ int fit_check_apart(const struct fit *f, struct apc_error *why)
                 why, APC_ESOLVER,
                 "parameters: %s changes nothing that was measured: it cannot be found from this record. "
                 "Measure what it acts on, or leave it as it is",
-                name_of(f, q, room, sizeof room));
+                name_of_unknown(f, q, room, sizeof room));
         if (f->R[q * f->m + q] > APART * length)
             continue;
         for (size_t i = 0; i < q; i++)
@@ -282,13 +283,13 @@ int fit_check_apart(const struct fit *f, struct apc_error *why)
                 other += f->R[k * f->m + i] * f->R[k * f->m + i];
             if (fabs(share[i]) * sqrt(other) > TOGETHER * length && n >= 0 && (size_t)n < sizeof list - 1)
                 n += snprintf(list + n, sizeof list - (size_t)n, "%s%s", n ? ", " : "",
-                              name_of(f, i, room, sizeof room));
+                              name_of_unknown(f, i, room, sizeof room));
         }
         return apc_fail(
             why, APC_ESOLVER,
             "parameters: what %s does to the measurements, %s does as well: one cannot be told from "
             "the other by this record. Leave one of them as it is, or move the inputs otherwise",
-            name_of(f, q, room, sizeof room), list);
+            name_of_unknown(f, q, room, sizeof room), list);
     }
     return 0;
 }
@@ -348,7 +349,7 @@ void fit_set_unknowns(struct fit *f)
 }
 
 /* Of each run where the model stands still with its first inputs, where that goes better with it. */
-static int begin(struct fit *f, struct apc_error *why)
+static int begin_fit(struct fit *f, struct apc_error *why)
 {
     const size_t nx = f->model->nx, inputs = f->r.nu + f->r.nd;
     double *x = calloc(f->runs * nx + f->model->nu + f->model->nd + 1, sizeof(*x)), *u = x + f->runs * nx;
@@ -396,7 +397,7 @@ static int begin(struct fit *f, struct apc_error *why)
 /* ---- What is told ------------------------------------------------------------------------------------ */
 
 /* The standard error of unknown @p q, and behind it in small R'^-1 of its unit. */
-static double error_of(struct fit *f, double variance, size_t q, double *g)
+static double standard_error_of(struct fit *f, double variance, size_t q, double *g)
 {
     memset(g, 0, f->m * sizeof(*g));
     g[q] = 1.0;
@@ -416,27 +417,28 @@ static int check_known(struct fit *f, double variance, size_t q, double error, s
             why, APC_ESOLVER,
             "parameters: %s goes to its limit %g: is it a record of this plant, with these inputs, in "
             "these units?",
-            name_of(f, q, room, sizeof room), f->value[q]);
+            name_of_unknown(f, q, room, sizeof room), f->value[q]);
     if (1.96 * error < fmax(fabs(f->value[q]), late ? of->high : of->size))
         return 0;
-    error_of(f, variance, q, mine);
+    standard_error_of(f, variance, q, mine);
     for (size_t i = 0; i < f->m; i++) {
-        error_of(f, variance, i, others);
+        standard_error_of(f, variance, i, others);
         const double alike = apc_matrix_dot(mine, others, f->m) /
                              sqrt(apc_matrix_dot(mine, mine, f->m) * apc_matrix_dot(others, others, f->m));
 
         if (i != q && fabs(alike) > 0.9 && (size_t)n < sizeof list - 1)
-            n += snprintf(list + n, sizeof list - (size_t)n, "%s%s",
-                          n ? ", " : ", as it does what these do: ", name_of(f, i, room, sizeof room));
+            n +=
+                snprintf(list + n, sizeof list - (size_t)n, "%s%s",
+                         n ? ", " : ", as it does what these do: ", name_of_unknown(f, i, room, sizeof room));
     }
     return apc_fail(
         why, APC_ESOLVER,
         "parameters: %s cannot be found from this record: %.3g +- %.2g%s. Leave it as it is, record for "
         "longer, or move the inputs more",
-        name_of(f, q, room, sizeof room), f->value[q], 1.96 * error, list);
+        name_of_unknown(f, q, room, sizeof room), f->value[q], 1.96 * error, list);
 }
 
-static int tell(struct fit *f, double left, double *value, double *error, struct apc_error *why)
+static int report_parameters(struct fit *f, double left, double *value, double *error, struct apc_error *why)
 {
     const size_t rows = fit_counted(f);
     const double variance = left / (double)(rows > f->m ? rows - f->m : 1);
@@ -446,7 +448,7 @@ static int tell(struct fit *f, double left, double *value, double *error, struct
         rc = fit_check_apart(f, why);
     for (size_t q = f->first; q < f->m && rc == 0; q++) {
         value[q - f->first] = f->value[q];
-        error[q - f->first] = error_of(f, variance, q, f->small);
+        error[q - f->first] = standard_error_of(f, variance, q, f->small);
         rc = check_known(f, variance, q, error[q - f->first], why);
     }
     return rc;
@@ -525,7 +527,7 @@ static int open_fit(struct fit *f)
 }
 
 /* How far each output goes from its mean in each run. */
-static void measure(struct fit *f)
+static void measure_deviations(struct fit *f)
 {
     const size_t ny = f->r.ny;
 
@@ -550,7 +552,7 @@ static void measure(struct fit *f)
     }
 }
 
-static int prepare(struct fit *f, struct apc_error *why)
+static int prepare_fit(struct fit *f, struct apc_error *why)
 {
     const struct apc_model *m = f->model;
     int rc = apc_model_take(m, f->p, f->s.p, m->param, m->np, "parameter", why);
@@ -561,12 +563,12 @@ static int prepare(struct fit *f, struct apc_error *why)
         return rc;
     f->dead_time = f->plant.dead_time;
     f->plant.dead_time = 0.0;
-    measure(f);
+    measure_deviations(f);
     for (size_t i = 0; i < f->r.ny; i++)
         if (!(f->deviation[i] > 0.0))
             return apc_fail(why, APC_EINVAL,
                             "output %zu is the same all the time, or not there: leave it out", i + 1);
-    rc = begin(f, why);
+    rc = begin_fit(f, why);
     fit_set_unknowns(f);
     return rc;
 }
@@ -594,14 +596,14 @@ int apc_identify_parameters(const struct apc_record *record, const struct apc_pa
         return rc;
     rc = open_fit(&f);
     if (rc == 0)
-        rc = prepare(&f, why);
+        rc = prepare_fit(&f, why);
     for (int round = 0; round < ROUNDS && rc == 0; round++) {
         rc = round ? expect(&f, f.y) : 0;
         if (rc == 0)
             rc = round ? fit_search(&f, &left, why) : fit_find(&f, &left, why);
     }
     if (rc == 0)
-        rc = tell(&f, left, value, error, why);
+        rc = report_parameters(&f, left, value, error, why);
     if (rc == 0 && x0)
         memcpy(x0, f.x0, f.runs * f.model->nx * sizeof(*x0));
     if (rc == 0 && run)

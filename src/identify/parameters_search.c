@@ -15,7 +15,7 @@
 
 /* ---- Searching -------------------------------------------------------------------------------------- */
 
-static void take(struct fit *f, const double *value)
+static void take_unknowns(struct fit *f, const double *value)
 {
     for (size_t q = 0; q < f->m; q++)
         fit_put(f, q, value[q]);
@@ -38,7 +38,7 @@ static int improve(struct fit *f, double *left, double *damping, bool *better, s
         for (size_t q = 0; q < f->m; q++)
             f->trial[q] = fmin(fmax(f->value[q] + f->step[q] * f->unknown[q].size, f->unknown[q].low),
                                f->unknown[q].high);
-        take(f, f->trial);
+        take_unknowns(f, f->trial);
         rc = fit_run(f, f->plus, why);
         if (rc == 0)
             found = fit_misfit(f, f->plus, f->minus);
@@ -52,7 +52,7 @@ static int improve(struct fit *f, double *left, double *damping, bool *better, s
             *left = found;
         }
     }
-    take(f, f->value);
+    take_unknowns(f, f->value);
     *damping = fmax(*damping, 1e-9);
     return rc;
 }
@@ -84,7 +84,7 @@ static int step_aside(struct fit *f, const double *from, unsigned k)
         f->trial[q] = fmin(fmax(from[q] + by * of->size, of->low), of->high);
     }
     memcpy(f->value, f->trial, f->m * sizeof(*f->value));
-    take(f, f->value);
+    take_unknowns(f, f->value);
     return fit_run(f, f->y, NULL);
 }
 
@@ -118,7 +118,7 @@ static int search_around(struct fit *f, double *left, struct apc_error *why)
         }
     }
     memcpy(f->value, best, f->m * sizeof(*best));
-    take(f, f->value);
+    take_unknowns(f, f->value);
     if (rc == 0)
         rc = fit_run(f, f->y, why);
     free(from);
@@ -126,7 +126,7 @@ static int search_around(struct fit *f, double *left, struct apc_error *why)
 }
 
 /* Schwarz' criterion, as each output scatters by itself; the less the better. */
-static double score_of(const struct fit *f, const double *errors)
+static double score_of_fit(const struct fit *f, const double *errors)
 {
     const size_t n = f->r.n;
     double score = (double)f->m * log((double)fit_counted(f));
@@ -143,14 +143,14 @@ static double score_of(const struct fit *f, const double *errors)
 }
 
 /* All numbers that are sought or known; behind them how many levels there are. */
-static size_t numbers_of(const struct fit *f)
+static size_t count_fit_numbers(const struct fit *f)
 {
     return f->model->np + f->runs * (f->model->nx + LEVELS * f->inputs) + 2;
 }
 
-static void keep(const struct fit *f, double *to)
+static void keep_unknowns(const struct fit *f, double *to)
 {
-    const size_t n = numbers_of(f);
+    const size_t n = count_fit_numbers(f);
 
     memcpy(to, f->p, (n - 2) * sizeof(*to));
     to[n - 2] = f->dead_time;
@@ -158,9 +158,9 @@ static void keep(const struct fit *f, double *to)
 }
 
 /* As they were kept, with @p levels: those that are more are as the last one is. */
-static void give_back(struct fit *f, const double *from, size_t levels)
+static void restore_unknowns(struct fit *f, const double *from, size_t levels)
 {
-    const size_t n = numbers_of(f), had = (size_t)from[n - 1], row = f->inputs;
+    const size_t n = count_fit_numbers(f), had = (size_t)from[n - 1], row = f->inputs;
 
     memcpy(f->p, from, (n - 2) * sizeof(*from));
     f->dead_time = from[n - 2];
@@ -176,7 +176,7 @@ static void give_back(struct fit *f, const double *from, size_t levels)
 }
 
 /* Where it is now: *score becomes what a step to all sides would make of it, were all linear. */
-static int look_ahead(struct fit *f, double *score)
+static int look_ahead_of_step(struct fit *f, double *score)
 {
     int rc = fit_run(f, f->y, NULL);
 
@@ -190,7 +190,7 @@ static int look_ahead(struct fit *f, double *score)
         for (size_t k = 0; k < f->rows; k++)
             f->e[k] -= along * column[k];
     }
-    *score = rc == 0 ? score_of(f, f->e) : HUGE_VAL;
+    *score = rc == 0 ? score_of_fit(f, f->e) : HUGE_VAL;
     return rc;
 }
 
@@ -201,14 +201,14 @@ static int look_ahead(struct fit *f, double *score)
  * that was found to be none without them may be one, so searches begin where the first did as well.
  * @p rc: how the search without ended.
  */
-static int settle(struct fit *f, const double *start, int rc, double *left, struct apc_error *why)
+static int settle_fit(struct fit *f, const double *start, int rc, double *left, struct apc_error *why)
 {
-    const size_t n = numbers_of(f);
-    double *best = calloc(n, sizeof(*best)), least = rc == 0 ? score_of(f, f->e) : HUGE_VAL;
+    const size_t n = count_fit_numbers(f);
+    double *best = calloc(n, sizeof(*best)), least = rc == 0 ? score_of_fit(f, f->e) : HUGE_VAL;
 
     if (!best)
         return APC_ENOMEM;
-    keep(f, best);
+    keep_unknowns(f, best);
     for (size_t levels = 1; levels <= LEVELS && rc != APC_ENOMEM; levels *= 2) {
         const double dead_time = best[n - 2];
         bool doubtful = rc < 0 || (dead_time < f->r.Ts && start[n - 2] > 0.0);
@@ -216,24 +216,24 @@ static int settle(struct fit *f, const double *start, int rc, double *left, stru
 
         if (levels > 1 && !((double)levels < 2.0 * ceil(dead_time / f->r.Ts - 1e-9)))
             break;
-        give_back(f, best, levels);
-        int again = look_ahead(f, &promised);
+        restore_unknowns(f, best, levels);
+        int again = look_ahead_of_step(f, &promised);
 
         doubtful |= promised < least;
         for (int from = 0; from < 2 && doubtful && again != APC_ENOMEM; from++) {
-            give_back(f, from == 0 ? best : start, levels);
+            restore_unknowns(f, from == 0 ? best : start, levels);
             again = fit_run(f, f->y, NULL);
             if (again == 0)
                 again = fit_search(f, left, NULL);
-            if (again == 0 && score_of(f, f->e) < least) {
-                least = score_of(f, f->e);
-                keep(f, best);
+            if (again == 0 && score_of_fit(f, f->e) < least) {
+                least = score_of_fit(f, f->e);
+                keep_unknowns(f, best);
                 rc = 0;
             }
         }
         rc = again == APC_ENOMEM ? again : rc;
     }
-    give_back(f, best, (size_t)best[n - 1]);
+    restore_unknowns(f, best, (size_t)best[n - 1]);
     if (rc == 0)
         rc = fit_run(f, f->y, why);
     if (rc == 0)
@@ -245,15 +245,15 @@ static int settle(struct fit *f, const double *start, int rc, double *left, stru
 /* The first search of all. */
 int fit_find(struct fit *f, double *left, struct apc_error *why)
 {
-    double *start = fit_acts_late(f) ? calloc(numbers_of(f), sizeof(*start)) : NULL;
+    double *start = fit_acts_late(f) ? calloc(count_fit_numbers(f), sizeof(*start)) : NULL;
     int rc;
 
     if (!start)
         return fit_acts_late(f) ? APC_ENOMEM : search_around(f, left, why);
-    keep(f, start);
+    keep_unknowns(f, start);
     rc = search_around(f, left, why);
     if (rc != APC_ENOMEM)
-        rc = settle(f, start, rc, left, why);
+        rc = settle_fit(f, start, rc, left, why);
     free(start);
     return rc;
 }

@@ -21,7 +21,7 @@ size_t apc_record_runs(const struct apc_record *r)
     return r->runs > 1 ? r->runs : 1;
 }
 
-static size_t begin_of(const struct apc_record *r, size_t run)
+static size_t begin_of_run(const struct apc_record *r, size_t run)
 {
     return r->runs > 1 ? r->begin[run] : 0;
 }
@@ -33,7 +33,7 @@ size_t apc_record_end(const struct apc_record *r, size_t run)
 
 struct apc_record apc_record_run(const struct apc_record *r, size_t run)
 {
-    const size_t begin = begin_of(r, run);
+    const size_t begin = begin_of_run(r, run);
     struct apc_record one = *r;
 
     one.n = apc_record_end(r, run) - begin;
@@ -131,7 +131,7 @@ static size_t range(const double *x, size_t n, size_t stride, double *low, doubl
     return there;
 }
 
-static bool moves(double low, double high)
+static bool is_moving(double low, double high)
 {
     return high - low > 1e-9 * fmax(fabs(low), fabs(high));
 }
@@ -144,8 +144,8 @@ static bool moves_in_a_run(const struct apc_record *r, const double *x, size_t s
     for (size_t g = 0; g < apc_record_runs(r) && !moved; g++) {
         double high;
 
-        if (range(x + begin_of(r, g) * stride, apc_record_run(r, g).n, stride, low, &high) > 0)
-            moved = moves(*low, high);
+        if (range(x + begin_of_run(r, g) * stride, apc_record_run(r, g).n, stride, low, &high) > 0)
+            moved = is_moving(*low, high);
     }
     return moved;
 }
@@ -157,7 +157,7 @@ double apc_record_reach(const struct apc_record *r, const double *x, size_t stri
     for (size_t g = 0; g < apc_record_runs(r); g++) {
         double low, high;
 
-        if (range(x + begin_of(r, g) * stride, apc_record_run(r, g).n, stride, &low, &high) > 0)
+        if (range(x + begin_of_run(r, g) * stride, apc_record_run(r, g).n, stride, &low, &high) > 0)
             most = fmax(most, high - low);
     }
     return most;
@@ -168,7 +168,7 @@ bool apc_record_near(const struct apc_record *r, size_t run, const double *x, si
     const double beside = apc_record_reach(r, x, stride) / 2.0;
     double low, high;
 
-    return range(x + begin_of(r, run) * stride, apc_record_run(r, run).n, stride, &low, &high) == 0
+    return range(x + begin_of_run(r, run) * stride, apc_record_run(r, run).n, stride, &low, &high) == 0
                ? isfinite(at) != 0
                : at >= low - beside && at <= high + beside;
 }
@@ -179,7 +179,7 @@ static int fail_point(const struct apc_record *r, size_t run, const char *what, 
     char which[32] = "";
     double low, high;
 
-    range(x + begin_of(r, run) * stride, apc_record_run(r, run).n, stride, &low, &high);
+    range(x + begin_of_run(r, run) * stride, apc_record_run(r, run).n, stride, &low, &high);
     if (r->runs > 1)
         snprintf(which, sizeof(which), "run %zu: ", run + 1);
     return apc_fail(why, APC_ESOLVER,
@@ -259,7 +259,7 @@ static int check_alike(const struct apc_record *r, struct apc_error *why)
         for (size_t k = 0; k < r->n; k++)
             Q[j * r->n + k] = r->u[k * inputs + j];
         for (size_t g = 0; g < apc_record_runs(r); g++)
-            centre(Q + j * r->n + begin_of(r, g), apc_record_run(r, g).n);
+            centre(Q + j * r->n + begin_of_run(r, g), apc_record_run(r, g).n);
     }
     apc_qr_extend(r->n, 0, inputs, Q, R, inputs);
     for (size_t j = 1; j < inputs && rc == 0; j++) {
@@ -295,14 +295,14 @@ static size_t change_width(const struct apc_record *r)
 
 /* Of input @p j what is left when it is expected from its past and, @p with_y, from y as well; from as many
  * numbers either way, around a level of each run's own. */
-static double left_of(const struct apc_record *r, size_t j, bool with_y, double *Q, double *R)
+static double unexplained_input(const struct apc_record *r, size_t j, bool with_y, double *Q, double *R)
 {
     const size_t inputs = r->nu + r->nd, past = FEEDBACK_LAGS + (with_y ? 0 : (FEEDBACK_LAGS + 1) * r->ny);
     const size_t first = FEEDBACK_LAGS + (FEEDBACK_LAGS + 1) * r->ny, width = feedback_width(r), rows = r->n;
 
     memset(Q, 0, rows * width * sizeof(*Q));
     for (size_t g = 0; g < apc_record_runs(r); g++) {
-        for (size_t k = begin_of(r, g) + first; k < apc_record_end(r, g); k++) {
+        for (size_t k = begin_of_run(r, g) + first; k < apc_record_end(r, g); k++) {
             bool there = true;
             size_t at = apc_record_runs(r);
 
@@ -336,7 +336,7 @@ static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y,
     for (size_t g = 0; g < apc_record_runs(r); g++) {
         size_t n = 0;
 
-        for (size_t k = begin_of(r, g) + 1; k < apc_record_end(r, g); k++) {
+        for (size_t k = begin_of_run(r, g) + 1; k < apc_record_end(r, g); k++) {
             const double *u = r->u + j;
             size_t c = apc_record_runs(r);
             bool there = true;
@@ -370,9 +370,9 @@ static size_t left_at_changes(const struct apc_record *r, size_t j, bool with_y,
 static bool is_feedback(const struct apc_record *r, size_t j, double *Q)
 {
     const size_t width = feedback_width(r), seldom = change_width(r);
-    double alone = left_of(r, j, false, Q, Q + width * r->n), with_y, at_alone, at_with_y;
+    double alone = unexplained_input(r, j, false, Q, Q + width * r->n), with_y, at_alone, at_with_y;
 
-    with_y = left_of(r, j, true, Q, Q + width * r->n);
+    with_y = unexplained_input(r, j, true, Q, Q + width * r->n);
     if (alone > 0.0 && with_y < 0.01 * alone)
         return true;
     if (left_at_changes(r, j, false, Q, Q + seldom * r->n, &at_alone) < 3 * seldom)
@@ -434,7 +434,7 @@ int apc_record_excitation(const struct apc_record *record, size_t j)
     R = Q + most * n;
     for (size_t i = 0; i < most; i++) {
         for (size_t g = 0; g < apc_record_runs(&r); g++) {
-            const size_t first = begin_of(&r, g) + most, end = apc_record_end(&r, g);
+            const size_t first = begin_of_run(&r, g) + most, end = apc_record_end(&r, g);
 
             for (size_t k = first; k < end; k++)
                 Q[i * n + k] = r.u[(k - i) * inputs + j];

@@ -223,7 +223,7 @@ void search_project(struct search *s, size_t from, size_t to)
 }
 
 /* Schwarz' criterion, the autoregression among what is fitted; the less the better. */
-static double score_of(const struct search *s, double left, size_t parameters)
+static double score_of_search(const struct search *s, double left, size_t parameters)
 {
     const double least = WHITE * apc_matrix_dot(s->y, s->y, s->n), n = (double)s->n;
 
@@ -247,7 +247,7 @@ int search_evaluate(struct search *s, struct shape *shape)
     search_project(s, 0, at);
     apc_qr_solve(at, s->R, s->width, s->along, s->value);
     shape->left = apc_matrix_dot(s->e, s->e, s->n);
-    shape->score = score_of(s, shape->left, at + search_unknowns(s, shape));
+    shape->score = score_of_search(s, shape->left, at + search_unknowns(s, shape));
     return 0;
 }
 
@@ -273,8 +273,8 @@ void search_move(const struct search *s, struct arm *arm, size_t q, double step)
 
 /* How the errors move with unknown @p q of arm @p j, whose columns begin at @p at: only what it moves is
  * filled. */
-static int differentiate(struct search *s, const struct shape *shape, size_t j, size_t at, size_t q,
-                         double *out)
+static int differentiate_shape(struct search *s, const struct shape *shape, size_t j, size_t at, size_t q,
+                               double *out)
 {
     const double h = 1e-4;
     const struct arm *arm = &shape->arm[j];
@@ -310,7 +310,7 @@ int search_differentiate(struct search *s, const struct shape *shape)
 
     for (size_t j = 0; j < s->inputs && rc == 0; j++) {
         for (size_t q = 0; q < arm_unknowns(&shape->arm[j]) && rc == 0; q++, to++)
-            rc = differentiate(s, shape, j, at, q, s->Q + to * s->n);
+            rc = differentiate_shape(s, shape, j, at, q, s->Q + to * s->n);
         at += search_arm(s, &shape->arm[j], shape->rest);
     }
     if (rc == 0)

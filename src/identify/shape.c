@@ -49,7 +49,7 @@ static bool look_along(struct search *s, const double *w, size_t width, double *
 
 /* Of the arm @p j the lag and dead time that leave least, of the other arms those before @p known being what
  * they are and the rest not there yet: every shift of every lag. */
-static int look_around(struct search *s, struct shape *shape, size_t j, size_t known)
+static int search_lag_and_delay(struct search *s, struct shape *shape, size_t j, size_t known)
 {
     const double Ts = s->record->Ts, longest = 2.0 * (double)s->n;
     const size_t left = shape->arm[j].lag.order * s->runs; /* what is left of the beginnings */
@@ -86,7 +86,7 @@ static int look_around(struct search *s, struct shape *shape, size_t j, size_t k
     return rc;
 }
 
-static int begin(struct search *s, struct shape *shape, bool integrating)
+static int begin_shape(struct search *s, struct shape *shape, bool integrating)
 {
     int rc = 0;
 
@@ -98,7 +98,7 @@ static int begin(struct search *s, struct shape *shape, bool integrating)
             .lag = {.order = integrating ? 0 : 1, .integrating = integrating, .tau = {s->record->Ts}}};
     for (size_t round = 0; round < (s->inputs > 1 ? 3 : 1); round++) {
         for (size_t j = 0; j < s->inputs && rc == 0; j++)
-            rc = look_around(s, shape, j, round == 0 ? j : s->inputs);
+            rc = search_lag_and_delay(s, shape, j, round == 0 ? j : s->inputs);
     }
     return rc == 0 ? search_refine(s, shape) : rc;
 }
@@ -157,7 +157,7 @@ static int add_zero(struct search *s, struct shape *shape, size_t j)
 /* What came before: was the plant at rest, and were the inputs what they were at first? A record may begin
  * with the first move, which acts after the dead time as any other does, and it may begin on the way. Asked
  * before there are more lags, which would be made up for what came before. */
-static int settle(struct search *s, struct shape *shape)
+static int fit_initial_conditions(struct search *s, struct shape *shape)
 {
     bool any = false;
     int rc = 0;
@@ -185,7 +185,7 @@ static int settle(struct search *s, struct shape *shape)
 
 /* Where the dead time is a multiple of the period the errors have an edge, and there may be a valley to each
  * side of it. */
-static int look_beside(struct search *s, struct shape *shape)
+static int try_neighbouring_delay(struct search *s, struct shape *shape)
 {
     int rc = 0;
 
@@ -197,14 +197,14 @@ static int look_beside(struct search *s, struct shape *shape)
     return rc;
 }
 
-static int grow(struct search *s, struct shape *shape)
+static int grow_shape(struct search *s, struct shape *shape)
 {
     const unsigned most = s->order ? s->order : 2;
     size_t parts;
-    int rc = settle(s, shape);
+    int rc = fit_initial_conditions(s, shape);
 
     if (rc == 0)
-        rc = look_beside(s, shape);
+        rc = try_neighbouring_delay(s, shape);
     parts = search_linear(s, shape) + search_unknowns(s, shape);
     for (size_t j = 0; j < s->inputs && rc == 0; j++) {
         unsigned before = most + 1;
@@ -216,12 +216,14 @@ static int grow(struct search *s, struct shape *shape)
         if (shape->arm[j].lag.order == 2 && !shape->integrating && !shape->arm[j].zero && rc == 0)
             rc = add_zero(s, shape, j);
     }
-    return rc == 0 && search_linear(s, shape) + search_unknowns(s, shape) != parts ? settle(s, shape) : rc;
+    return rc == 0 && search_linear(s, shape) + search_unknowns(s, shape) != parts
+               ? fit_initial_conditions(s, shape)
+               : rc;
 }
 
 /* An input that the output can do without: what it seems to do is then a chance, of so many dead times and
  * lags that were tried. One is left. */
-static int drop(struct search *s)
+static int drop_input(struct search *s)
 {
     size_t left = s->inputs;
     int rc = 0;
@@ -278,11 +280,11 @@ static int find_from(struct search *s, const struct shape *begun, bool noise_fir
     search_copy(s, &candidate, begun);
     search_set_noise(s, NULL, 0);
     if (!noise_first)
-        rc = grow(s, &candidate);
+        rc = grow_shape(s, &candidate);
     if (rc == 0)
         rc = whiten(s, &candidate);
     if (rc == 0)
-        rc = grow(s, &candidate);
+        rc = grow_shape(s, &candidate);
     if (rc == 0 && candidate.score < s->best.score + (eager ? DECISIVE : 0.0))
         search_copy(s, &s->best, &candidate);
     return rc;
@@ -299,7 +301,7 @@ int search_shape(struct search *s, enum apc_identify_integrating integrating)
 
         if (integrating == (i ? APC_INTEGRATING_NO : APC_INTEGRATING_YES))
             continue;
-        rc = begin(s, &begun, i == 1);
+        rc = begin_shape(s, &begun, i == 1);
         if (rc == 0)
             rc = find_from(s, &begun, false, eager);
         if (rc == 0)
@@ -308,9 +310,9 @@ int search_shape(struct search *s, enum apc_identify_integrating integrating)
     for (int round = 0; round < 2 && rc == 0; round++) {
         rc = whiten(s, &s->best);
         if (rc == 0)
-            rc = grow(s, &s->best);
+            rc = grow_shape(s, &s->best);
         if (rc == 0)
-            rc = look_beside(s, &s->best);
+            rc = try_neighbouring_delay(s, &s->best);
     }
-    return rc == 0 ? drop(s) : rc;
+    return rc == 0 ? drop_input(s) : rc;
 }

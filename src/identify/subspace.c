@@ -47,8 +47,8 @@ static double y_at(const struct subspace *p, size_t k, size_t i)
 }
 
 /* x [n * width] around the mean [runs * width] of each run, in units of its deviation from there [width]. */
-static void scale(const struct subspace *p, const double *x, size_t width, double *mean, double *size,
-                  double *to)
+static void scale_to_deviation(const struct subspace *p, const double *x, size_t width, double *mean,
+                               double *size, double *to)
 {
     for (size_t i = 0; i < width; i++) {
         double all = 0.0;
@@ -79,7 +79,7 @@ static void scale(const struct subspace *p, const double *x, size_t width, doubl
 }
 
 /* The samples of a run that are used: all but s at either end. */
-static size_t first_of(const struct subspace *p, size_t run, size_t *end)
+static size_t first_used_sample(const struct subspace *p, size_t run, size_t *end)
 {
     const struct apc_record one = apc_record_run(&p->r, run);
     const size_t begin = apc_record_end(&p->r, run) - one.n, share = apc_record_share(&p->r, &one, p->used);
@@ -91,7 +91,7 @@ static size_t first_of(const struct subspace *p, size_t run, size_t *end)
 /* ---- The triangle ---------------------------------------------------------------------------------- */
 
 /* u of samples k..k+s-1, u and y of k-s..k-1, y of k..k+s-1. */
-static bool fill_row(const struct subspace *p, size_t k)
+static bool fill_subspace_row(const struct subspace *p, size_t k)
 {
     const size_t m = p->inputs, l = p->r.ny, s = p->s;
     double *at = p->row;
@@ -115,7 +115,7 @@ static bool fill_row(const struct subspace *p, size_t k)
 }
 
 /* Of samples 0..until-1: the triangle, and from it the directions of the states. */
-static int gather(struct subspace *p, size_t until, struct apc_error *why)
+static int gather_subspace(struct subspace *p, size_t until, struct apc_error *why)
 {
     const size_t m = p->inputs, l = p->r.ny, s = p->s, past = s * (m + l), width = p->width;
     double *block, *V;
@@ -127,8 +127,8 @@ static int gather(struct subspace *p, size_t until, struct apc_error *why)
     for (size_t g = 0; g < p->runs; g++) {
         size_t end;
 
-        for (size_t k = first_of(p, g, &end); k < end; k++) {
-            if (fill_row(p, k))
+        for (size_t k = first_used_sample(p, g, &end); k < end; k++) {
+            if (fill_subspace_row(p, k))
                 apc_triangle_add(&p->rows, p->row);
         }
     }
@@ -178,8 +178,8 @@ static int find_errors(struct subspace *p)
     for (size_t g = 0; g < p->runs; g++) {
         size_t end;
 
-        for (size_t k = first_of(p, g, &end); k < end; k++) {
-            if (!fill_row(p, k))
+        for (size_t k = first_used_sample(p, g, &end); k < end; k++) {
+            if (!fill_subspace_row(p, k))
                 continue;
             for (size_t i = 0; i < l; i++)
                 p->e[k * l + i] = y_at(p, k, i) - apc_matrix_dot(theta + i * n, p->row, m) -
@@ -260,7 +260,7 @@ static void add_sample(const struct subspace *p, struct rest *rest, const double
 }
 
 /* The states that a unit of each unknown makes: [n, states]. */
-static void advance(const struct subspace *p, struct rest *rest, const double *A, size_t k)
+static void advance_states(const struct subspace *p, struct rest *rest, const double *A, size_t k)
 {
     const size_t n = rest->n, m = p->inputs, states = rest->states, first = p->runs * n;
 
@@ -292,9 +292,9 @@ static int find_rest(const struct subspace *p, struct rest *rest, const double *
         memset(rest->state, 0, n * states * sizeof(*rest->state));
         for (size_t q = 0; q < n; q++)
             rest->state[q * states + g * n + q] = 1.0;
-        for (size_t k = first_of(p, g, &end); k < end; k++) {
+        for (size_t k = first_used_sample(p, g, &end); k < end; k++) {
             add_sample(p, rest, C, g, k);
-            advance(p, rest, A, k);
+            advance_states(p, rest, A, k);
         }
     }
     apc_triangle_end(&rest->rows);
@@ -370,7 +370,7 @@ static void write_model(const struct subspace *p, const struct rest *rest, const
 }
 
 /* The covariance of what the autoregression leaves. Scaled. */
-static void spread(const struct subspace *p, double *S)
+static void subspace_covariance(const struct subspace *p, double *S)
 {
     const size_t l = p->r.ny;
     double n = 0.0;
@@ -389,7 +389,8 @@ static void spread(const struct subspace *p, double *S)
     }
 }
 
-static int model_of(const struct subspace *p, size_t n, struct apc_identified **model, struct apc_error *why)
+static int model_of_order(const struct subspace *p, size_t n, struct apc_identified **model,
+                          struct apc_error *why)
 {
     const size_t l = p->r.ny;
     struct rest rest = {.n = n, .sources = p->inputs + l};
@@ -416,7 +417,7 @@ static int model_of(const struct subspace *p, size_t n, struct apc_identified **
             rc = apc_identified_create(model, &p->r, n, why);
         if (rc == 0) {
             write_model(p, &rest, A, C, *model);
-            spread(p, S);
+            subspace_covariance(p, S);
             rc = mend_gain(n, l, A, C, S, (*model)->K);
             for (size_t i = 0; i < l; i++) {
                 for (size_t q = 0; q < n; q++)
@@ -443,7 +444,7 @@ static int find_order(struct subspace *p, size_t *order, struct apc_error *why)
 {
     const size_t from = p->r.n * 2 / 3;
     double best = HUGE_VAL;
-    int rc = gather(p, from, why), reason = APC_ESOLVER;
+    int rc = gather_subspace(p, from, why), reason = APC_ESOLVER;
 
     if (rc == 0)
         rc = find_errors(p);
@@ -454,7 +455,7 @@ static int find_order(struct subspace *p, size_t *order, struct apc_error *why)
         struct apc_identified *model;
         double misfit;
 
-        rc = model_of(p, n, &model, why);
+        rc = model_of_order(p, n, &model, why);
         if (rc == APC_ESOLVER) {
             rc = 0;
             continue;
@@ -506,16 +507,16 @@ static int open_subspace(struct subspace *p, const struct apc_identify_subspace_
     p->y = apc_carve(&at, p->r.n * l);
     p->offsets = !o->deviations;
     p->direct = o->direct;
-    scale(p, p->r.u, m, p->mean_u, p->size_u, p->u);
-    scale(p, p->r.y, l, p->mean_y, p->size_y, p->y);
+    scale_to_deviation(p, p->r.u, m, p->mean_u, p->size_u, p->u);
+    scale_to_deviation(p, p->r.y, l, p->mean_y, p->size_y, p->y);
     return 0;
 }
 
 /* One that rests where the plant has been. */
-static int take_model(const struct subspace *p, size_t n, struct apc_identified **model,
-                      struct apc_error *why)
+static int take_stable_model(const struct subspace *p, size_t n, struct apc_identified **model,
+                             struct apc_error *why)
 {
-    int rc = model_of(p, n, model, why);
+    int rc = model_of_order(p, n, model, why);
 
     if (rc == 0 && p->offsets)
         rc = apc_record_check_point(&p->r, (*model)->u0, (*model)->y0, why);
@@ -548,16 +549,16 @@ int apc_identify_subspace(struct apc_identified **model, const struct apc_record
     if (rc == 0 && o.order == 0)
         rc = find_order(&p, &o.order, why);
     if (rc == 0) {
-        rc = gather(&p, p.r.n, why);
+        rc = gather_subspace(&p, p.r.n, why);
         if (rc == 0)
             rc = find_errors(&p);
         if (rc == APC_ENOMEM)
             apc_fail(why, rc, "apc_identify_subspace: no memory");
     }
     if (rc == 0)
-        rc = take_model(&p, o.order, model, why);
+        rc = take_stable_model(&p, o.order, model, why);
     while (rc == APC_ESOLVER && found && o.order > 1) /* of a part of the record it was stable */
-        rc = take_model(&p, --o.order, model, why);
+        rc = take_stable_model(&p, --o.order, model, why);
     apc_triangle_close(&p.rows);
     free(p.mean_u);
     return rc;

@@ -12,8 +12,8 @@
 
 /* ---- What is told ----------------------------------------------------------------------------------- */
 
-static double deviation(struct search *s, size_t width, double variance, size_t at, double weight,
-                        size_t other, double other_weight)
+static double parameter_deviation(struct search *s, size_t width, double variance, size_t at, double weight,
+                                  size_t other, double other_weight)
 {
     double *g = s->small, found;
 
@@ -53,8 +53,8 @@ static void hide_untold(const struct search *s, const struct arm *arm, const str
 }
 
 /* The numbers of each arm, and their standard errors. Time constants the larger one first. */
-static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *error,
-                struct apc_transfer_fit *fit)
+static int report_transfer(struct search *s, struct apc_transfer *g, struct apc_transfer *error,
+                           struct apc_transfer_fit *fit)
 {
     struct shape *best = &s->best;
     const size_t linear = search_linear(s, best), all = linear + search_unknowns(s, best);
@@ -82,17 +82,18 @@ static int tell(struct search *s, struct apc_transfer *g, struct apc_transfer *e
 
         g[j] = (struct apc_transfer){
             .gain = gain, .zero = zero, .dead_time = arm->lag.dead_time, .integrating = best->integrating};
-        error[j] = (struct apc_transfer){.gain = deviation(s, all, variance, at, 1.0, at, 0.0)};
+        error[j] = (struct apc_transfer){.gain = parameter_deviation(s, all, variance, at, 1.0, at, 0.0)};
         if (arm->zero)
-            error[j].zero = deviation(s, all, variance, at + 1, 1.0 / gain, at, -zero / gain);
+            error[j].zero = parameter_deviation(s, all, variance, at + 1, 1.0 / gain, at, -zero / gain);
         for (size_t i = 0; i < arm->lag.order; i++) {
             const size_t place = turned ? 1 - i : i, mate = twins(arm) ? q + 1 - i : q + i;
 
             g[j].tau[place] = arm->lag.tau[i];
-            error[j].tau[place] = arm->lag.tau[i] * deviation(s, all, variance, q + i, 0.5, mate, 0.5);
+            error[j].tau[place] =
+                arm->lag.tau[i] * parameter_deviation(s, all, variance, q + i, 0.5, mate, 0.5);
         }
         q += arm->lag.order;
-        error[j].dead_time = s->record->Ts * deviation(s, all, variance, q, 1.0, q, 0.0);
+        error[j].dead_time = s->record->Ts * parameter_deviation(s, all, variance, q, 1.0, q, 0.0);
         q++;
         at += search_arm(s, arm, best->rest);
         hide_untold(s, arm, &g[j], &error[j]);
@@ -133,7 +134,7 @@ static int check_found(struct search *s, const struct apc_transfer *g, const str
 
 /* How far the output goes at a gain of 1. Of an integrating one all that was done within the record, else
  * what it comes to rest at. */
-static int reach_of(struct search *s, size_t j, double *reach)
+static int output_reach(struct search *s, size_t j, double *reach)
 {
     const struct arm *arm = &s->best.arm[j];
     int rc = 0;
@@ -147,7 +148,7 @@ static int reach_of(struct search *s, size_t j, double *reach)
 }
 
 /* Does the answer to a step, as far as the longest run goes, have the sign of the gain? */
-static int answers(struct search *s, const struct arm *arm, const struct apc_transfer *g, bool *does)
+static int answers_in_sign(struct search *s, const struct arm *arm, const struct apc_transfer *g, bool *does)
 {
     const size_t n = apc_record_longest(s->record);
     double *u = s->plus, *w = s->minus, *rate = s->minus + s->n;
@@ -169,10 +170,10 @@ static int check_arm(struct search *s, size_t j, const struct apc_transfer *g,
     const double half = INTERVAL * error->gain, all = apc_record_reach(r, r->y + s->output, r->ny);
     bool does = true;
     double reach;
-    int rc = reach_of(s, j, &reach);
+    int rc = output_reach(s, j, &reach);
 
     if (rc == 0 && arm->zero)
-        rc = answers(s, arm, g, &does);
+        rc = answers_in_sign(s, arm, g, &does);
     if (rc < 0)
         return apc_fail(why, rc, "apc_identify_transfer: no memory");
     for (size_t i = 0; i < arm->lag.order; i++)
@@ -224,7 +225,7 @@ struct rest {
 };
 
 /* How much each input moves, within the runs. */
-static void measure(const struct apc_record *r, double *size)
+static void measure_inputs(const struct apc_record *r, double *size)
 {
     const size_t inputs = r->nu + r->nd;
 
@@ -265,7 +266,7 @@ static double rest_of(const struct apc_record *r, const struct apc_transfer *g, 
     return y;
 }
 
-static double mean_of(const struct apc_record *r, size_t i)
+static double mean_of_input(const struct apc_record *r, size_t i)
 {
     double mean = 0.0, n = 0.0;
 
@@ -279,9 +280,9 @@ static double mean_of(const struct apc_record *r, size_t i)
 }
 
 /* Of one run. Q [inputs * ny], R [ny * ny], b [ny] are room. */
-static void place(const struct apc_record *all, size_t run, const struct apc_transfer *g,
-                  const struct rest *rest, const double *size, double *Q, double *R, double *b, double *u0,
-                  double *y0)
+static void rest_of_run(const struct apc_record *all, size_t run, const struct apc_transfer *g,
+                        const struct rest *rest, const double *size, double *Q, double *R, double *b,
+                        double *u0, double *y0)
 {
     const struct apc_record one = apc_record_run(all, run), *r = &one;
     const size_t inputs = r->nu + r->nd;
@@ -298,7 +299,7 @@ static void place(const struct apc_record *all, size_t run, const struct apc_tra
         y0[i] = rest_of(r, g + i * inputs, &rest[i], u0);
         if (!integrates && apc_record_near(all, run, all->y + i, r->ny, y0[i]))
             continue;
-        b[n] = integrates ? -rest[i].slope : mean_of(r, i) - rest[i].begin;
+        b[n] = integrates ? -rest[i].slope : mean_of_input(r, i) - rest[i].begin;
         for (size_t j = 0; j < inputs; j++)
             Q[n * inputs + j] = g[i * inputs + j].gain * size[j];
         n++;
@@ -331,15 +332,15 @@ static int place_runs(const struct apc_record *r, const struct apc_transfer *g, 
     Q = apc_carve(&at, inputs * r->ny);
     R = apc_carve(&at, r->ny * r->ny);
     b = apc_carve(&at, r->ny);
-    measure(r, size);
+    measure_inputs(r, size);
     for (size_t run = 0; run < apc_record_runs(r); run++)
-        place(r, run, g, rest + run * r->ny, size, Q, R, b, u0 + run * inputs, y0 + run * r->ny);
+        rest_of_run(r, run, g, rest + run * r->ny, size, Q, R, b, u0 + run * inputs, y0 + run * r->ny);
     free(size);
     return apc_record_check_point(r, u0, y0, why);
 }
 
-static int take_options(struct apc_identify_transfer_options *o, const struct apc_record *r,
-                        const struct apc_identify_transfer_options *options, struct apc_error *why)
+static int take_transfer_options(struct apc_identify_transfer_options *o, const struct apc_record *r,
+                                 const struct apc_identify_transfer_options *options, struct apc_error *why)
 {
     int rc = apc_options_copy(o, sizeof(*o), options, "apc_identify_transfer_options", why);
 
@@ -371,7 +372,7 @@ int apc_identify_transfer(const struct apc_record *record,
     if (rc == 0)
         rc = apc_options_copy(&r, sizeof(r), record, "apc_record", why);
     if (rc == 0)
-        rc = take_options(&o, &r, options, why);
+        rc = take_transfer_options(&o, &r, options, why);
     if (rc < 0)
         return rc;
     inputs = r.nu + r.nd;
@@ -388,7 +389,7 @@ int apc_identify_transfer(const struct apc_record *record,
         if (rc == 0)
             rc = search_shape(&s, o.integrating);
         if (rc == 0)
-            rc = tell(&s, g + i * inputs, error + i * inputs, &told);
+            rc = report_transfer(&s, g + i * inputs, error + i * inputs, &told);
         if (rc < 0) {
             apc_fail(why, rc, "apc_identify_transfer: no memory");
         } else {

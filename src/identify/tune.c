@@ -16,7 +16,7 @@ struct reduced {
     double gain, tau1, tau2, theta;
 };
 
-static int check(const struct apc_transfer *g, double period, struct apc_error *why)
+static int check_tuning_request(const struct apc_transfer *g, double period, struct apc_error *why)
 {
     const double number[] = {g->gain, g->zero, g->tau[0], g->tau[1], g->dead_time, period};
 
@@ -29,7 +29,7 @@ static int check(const struct apc_transfer *g, double period, struct apc_error *
 
 /* Half of a lag that is neglected counts as dead time, half goes to the one before it; an answer the wrong
  * way is dead time; a lead takes from the lag that is nearest to it, or makes the gain larger. */
-static struct reduced reduce(const struct apc_transfer *g, bool derivative, double period)
+static struct reduced reduce_half_rule(const struct apc_transfer *g, bool derivative, double period)
 {
     struct reduced r = {g->gain, fmax(g->tau[0], g->tau[1]), fmin(g->tau[0], g->tau[1]),
                         g->dead_time + period / 2.0};
@@ -70,9 +70,9 @@ int apc_tune_pid(const struct apc_transfer *g, enum apc_tune_rule rule, bool der
     struct reduced r;
     double speed, Kp, tau_i;
 
-    if (check(g, period, why) < 0)
+    if (check_tuning_request(g, period, why) < 0)
         return APC_EINVAL;
-    r = reduce(g, derivative, period);
+    r = reduce_half_rule(g, derivative, period);
     speed = r.theta + (tau_c > 0.0 ? tau_c : r.theta);
     if (!(tau_c >= 0.0 && tau_c < APC_VALUE_MAX) || !(speed > 0.0))
         return apc_fail(why, APC_EINVAL,
@@ -121,7 +121,7 @@ int apc_tune_limit(const struct apc_transfer *g, double period, double *gain, do
     const double all = g->tau[0] + g->tau[1] + g->dead_time + period;
     double low = 1e-6 / all, high = 1e6 / all, m, p;
 
-    if (check(g, period, why) < 0)
+    if (check_tuning_request(g, period, why) < 0)
         return APC_EINVAL;
     loop_at(g, &alone, period, high, &m, &p);
     if (!(p < -M_PI))
@@ -179,7 +179,7 @@ static void meet(struct sweep *s, double w0, double m0, double p0, double w1, do
     }
 }
 
-static void turn(struct sweep *s, double magnitude, double phase)
+static void follow_phase(struct sweep *s, double magnitude, double phase)
 {
     const double re = 1.0 + magnitude * cos(phase), im = magnitude * sin(phase), angle = atan2(im, re);
     double step = angle - s->last;
@@ -207,7 +207,7 @@ int apc_tune_margins(const struct apc_transfer *g, const struct apc_pid_tuning *
     double m0 = 0.0, p0 = 0.0, w0 = 0.0, lowest, shortest = HUGE_VAL;
     const double times[] = {g->tau[0], g->tau[1], late, tuning->tau_i, tuning->tau_d};
 
-    if (check(g, period, why) < 0)
+    if (check_tuning_request(g, period, why) < 0)
         return APC_EINVAL;
     if (!apc_values_ok(number, 3) || tuning->Kp == 0.0 || tuning->tau_i < 0.0 || tuning->tau_d < 0.0 ||
         !(all > 0.0))
@@ -226,7 +226,7 @@ int apc_tune_margins(const struct apc_transfer *g, const struct apc_pid_tuning *
         } else {
             meet(&s, w0, m0, p0, w, m, p);
         }
-        turn(&s, m, p);
+        follow_phase(&s, m, p);
         m0 = m;
         p0 = p;
         w0 = w;

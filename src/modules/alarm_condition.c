@@ -115,8 +115,8 @@ static bool waits(struct apc_alarm_condition *c, apc_ns horizon, apc_ns now)
     return now - c->began <= horizon;
 }
 
-static bool judge(struct apc_alarm_condition *c, const struct apc_alarm *a, const struct apc_alarm_inputs *in,
-                  struct apc_now now)
+static bool judge_condition(struct apc_alarm_condition *c, const struct apc_alarm *a,
+                            const struct apc_alarm_inputs *in, struct apc_now now)
 {
     const struct apc_sample *s = in->signal;
     const bool early = waits(c, a->horizon, now.mono);
@@ -143,7 +143,7 @@ static bool judge(struct apc_alarm_condition *c, const struct apc_alarm *a, cons
 bool apc_alarm_judge(struct apc_alarm_condition *c, const struct apc_alarm *a,
                      const struct apc_alarm_inputs *in, struct apc_now now)
 {
-    const bool raw = judge(c, a, in, now);
+    const bool raw = judge_condition(c, a, in, now);
     if (raw != c->is && !c->differs)
         c->since = now.mono;
     c->raw = raw;

@@ -65,7 +65,7 @@ struct apc_alarms {
 
 /* ---- Making ------------------------------------------------------------------------------- */
 
-static int refuse(const struct apc_alarm *a, struct apc_error *why, const char *what)
+static int refuse_alarm(const struct apc_alarm *a, struct apc_error *why, const char *what)
 {
     return apc_fail(why, APC_EINVAL, "alarm %s: %s", a->name ? a->name : "?", what);
 }
@@ -92,31 +92,31 @@ static int check_alarm(const struct apc_alarms_options *o, size_t i, struct apc_
     const struct apc_alarm *a = &o->alarm[i];
     const bool lives = a->kind == APC_ALARM_BAD || a->kind == APC_ALARM_STOPPED;
     if (!a->name || !apc_alarm_kind_name(a->kind))
-        return refuse(a, why, "a name and a kind are required");
+        return refuse_alarm(a, why, "a name and a kind are required");
     if (!apc_table_name(a->table) || a->id < 0 ||
         apc_table_vectors(a->table) != apc_alarm_is_of_controller(a->kind))
-        return refuse(a, why, "no such signal");
+        return refuse_alarm(a, why, "no such signal");
     if (a->kind == APC_ALARM_DEVIATION &&
         (!apc_table_name(a->other_table) || apc_table_vectors(a->other_table)))
-        return refuse(a, why, "a deviation is from another signal");
+        return refuse_alarm(a, why, "a deviation is from another signal");
     if (!apc_value_ok(a->limit) || !apc_value_ok(a->deadband) || a->deadband < 0)
-        return refuse(a, why, "limit and deadband must be numbers, the deadband not below 0");
+        return refuse_alarm(a, why, "limit and deadband must be numbers, the deadband not below 0");
     if (a->kind == APC_ALARM_AT_LIMIT && !(a->low < a->high))
-        return refuse(a, why, "the limits must rise");
+        return refuse_alarm(a, why, "the limits must rise");
     if (!is_delay(a->on_delay) || !is_delay(a->off_delay) || !is_delay(a->horizon) ||
         !is_delay(a->suppression.hold) || (lives && a->horizon == 0))
-        return refuse(a, why, "a delay or horizon must be from 0 to 366 days");
+        return refuse_alarm(a, why, "a delay or horizon must be from 0 to 366 days");
     if (a->priority < 1 || a->priority > APC_ALARM_PRIORITIES)
-        return refuse(a, why, "the priority must be from 1 to 4");
+        return refuse_alarm(a, why, "the priority must be from 1 to 4");
     if (a->suppression.alarm < 0 || (size_t)a->suppression.alarm > o->n || is_in_a_ring(o, i))
-        return refuse(a, why, "it is suppressed by itself, or by no alarm that there is");
+        return refuse_alarm(a, why, "it is suppressed by itself, or by no alarm that there is");
     if (a->suppression.table &&
         (!apc_table_name(a->suppression.table) || apc_table_vectors(a->suppression.table)))
-        return refuse(a, why, "it is suppressed by no signal that there is");
+        return refuse_alarm(a, why, "it is suppressed by no signal that there is");
     return 0;
 }
 
-static int check(const struct apc_alarms_options *o, struct apc_error *why)
+static int check_alarms_options(const struct apc_alarms_options *o, struct apc_error *why)
 {
     int rc = 0;
     if (o->n < 1 || o->n > APC_ALARMS_MAX || !o->alarm || o->number < 1)
@@ -194,7 +194,7 @@ int apc_alarms_create(struct apc_alarms **alarms, const struct apc_alarms_option
     *alarms = NULL;
     int rc = apc_options_copy(&o, sizeof o, options, "apc_alarms_options", why);
     if (rc == 0)
-        rc = check(&o, why);
+        rc = check_alarms_options(&o, why);
     if (rc < 0)
         return rc;
     if (o.shelve_max == 0)
@@ -252,7 +252,7 @@ static bool wants_somebody(enum apc_alarm_state state)
     return apc_alarm_is_unacked(state) || apc_alarm_is_latched(state);
 }
 
-static void resume(struct apc_alarms *a, struct watched *w, const struct apc_sample *row)
+static void resume_alarm(struct apc_alarms *a, struct watched *w, const struct apc_sample *row)
 {
     const enum apc_alarm_state state = (enum apc_alarm_state)(int)row->value;
     w->seq = apc_seq_last(row);
@@ -278,7 +278,7 @@ void apc_alarms_resume(struct apc_alarms *a)
     if (a->former_tick.seq > 0 && a->former_tick.n > APC_ALARMS_JOURNAL && a->numbers[APC_ALARMS_JOURNAL] > 0)
         a->journal = (int64_t)a->numbers[APC_ALARMS_JOURNAL];
     for (size_t i = 0; i < a->options.n; i++)
-        resume(a, &a->at[i], a->former.sample + (1 + SWITCHES) * i);
+        resume_alarm(a, &a->at[i], a->former.sample + (1 + SWITCHES) * i);
 }
 
 /* ---- What comes to pass -------------------------------------------------------------------- */
@@ -307,8 +307,8 @@ static void happen(struct apc_alarms *a, struct watched *w, enum apc_alarm_event
 /* ---- What people want ---------------------------------------------------------------------- */
 
 /* What became of it. */
-static void settle(struct apc_alarms *a, struct watched *w, int which, double value, apc_status status,
-                   apc_ns utc)
+static void settle_wish(struct apc_alarms *a, struct watched *w, int which, double value, apc_status status,
+                        apc_ns utc)
 {
     struct wish *wish = &w->wish[which];
     wish->value = value;
@@ -345,7 +345,7 @@ static const char *refuse_shelf(const struct apc_alarms *a, double until, apc_ns
     return left > apc_ns_to_s(a->options.shelve_max) + 1 ? "its end is later than shelving may last" : NULL;
 }
 
-static const char *refusal(const struct apc_alarms *a, const struct watched *w, int which, apc_ns utc)
+static const char *refusal_of_wish(const struct apc_alarms *a, const struct watched *w, int which, apc_ns utc)
 {
     const struct apc_sample *row = w->wish[which].row;
     if (apc_status_severity(row->status) == APC_SEVERITY_BAD)
@@ -357,7 +357,7 @@ static const char *refusal(const struct apc_alarms *a, const struct watched *w, 
     return row->value < 0 || row->value > 1 ? "it is neither 0 nor 1" : NULL;
 }
 
-static apc_ns until_of(double value, struct apc_now now)
+static apc_ns end_of_shelving(double value, struct apc_now now)
 {
     const double left = fabs(value) - apc_ns_to_s(now.utc);
     apc_ns ns;
@@ -365,21 +365,21 @@ static apc_ns until_of(double value, struct apc_now now)
 }
 
 /* Look at a wish that is new. One that is refused is told; where another was at this tick it waits. */
-static void look(struct apc_alarms *a, struct watched *w, int which, struct apc_now now,
-                 struct apc_notice *notice)
+static void look_at_wish(struct apc_alarms *a, struct watched *w, int which, struct apc_now now,
+                         struct apc_notice *notice)
 {
     static const char *const what[SWITCHES] = {"not acknowledged", "not shelved", "service not changed"};
     struct wish *wish = &w->wish[which];
     const struct apc_sample *row = wish->row;
     if (row->seq <= wish->looked)
         return;
-    const char *reason = refusal(a, w, which, now.utc);
+    const char *reason = refusal_of_wish(a, w, which, now.utc);
     if (reason && notice->kind != APC_NOTICE_NONE)
         return;
     wish->looked = row->seq;
     if (reason) {
         apc_note(notice, APC_NOTICE_REJECTED, "%.63s: %s: %s", w->is.name, what[which], reason);
-        settle(a, w, which, wish->value, APC_BAD_OUT_OF_RANGE, now.utc);
+        settle_wish(a, w, which, wish->value, APC_BAD_OUT_OF_RANGE, now.utc);
         return;
     }
     wish->author = row->author;
@@ -387,20 +387,20 @@ static void look(struct apc_alarms *a, struct watched *w, int which, struct apc_
         happen(a, w, w->state == APC_ALARM_LATCHED ? APC_ALARM_RESET : APC_ALARM_ACKNOWLEDGE, now.utc,
                row->author);
     if (which == SHELF)
-        w->shelved_until = until_of(row->value, now);
-    settle(a, w, which, row->value, APC_GOOD, now.utc);
+        w->shelved_until = end_of_shelving(row->value, now);
+    settle_wish(a, w, which, row->value, APC_GOOD, now.utc);
 }
 
 /* Shelving that is over is in force no more. */
-static void expire(struct apc_alarms *a, struct watched *w, bool over, struct apc_now now)
+static void expire_shelving(struct apc_alarms *a, struct watched *w, bool over, struct apc_now now)
 {
     struct wish *shelf = &w->wish[SHELF];
     const bool shelved = shelf->value < 0 || shelf->value > 0;
     if (shelved && w->shelved_until == INT64_MIN)
-        w->shelved_until = until_of(shelf->value, now);
+        w->shelved_until = end_of_shelving(shelf->value, now);
     if (shelved && (over || now.mono >= w->shelved_until)) {
         shelf->author = 0;
-        settle(a, w, SHELF, 0, APC_GOOD, now.utc);
+        settle_wish(a, w, SHELF, 0, APC_GOOD, now.utc);
     }
 }
 
@@ -439,7 +439,7 @@ static enum apc_alarm_event unmask(enum apc_alarm_state state)
                                              : APC_ALARM_UNSHELVE;
 }
 
-static uint32_t author_of(const struct watched *w, enum apc_alarm_event event)
+static uint32_t author_of_alarm(const struct watched *w, enum apc_alarm_event event)
 {
     switch (event) {
     case APC_ALARM_REMOVE:
@@ -458,24 +458,24 @@ static uint32_t author_of(const struct watched *w, enum apc_alarm_event event)
 
 /* What goes, goes before a mask is taken away, and what comes, comes after it was put on: so nothing is
  * announced that was masked all the while. */
-static void step(struct apc_alarms *a, struct watched *w, struct apc_now now, struct apc_notice *notice)
+static void step_alarm(struct apc_alarms *a, struct watched *w, struct apc_now now, struct apc_notice *notice)
 {
     for (int k = 0; k < SWITCHES; k++)
-        look(a, w, k, now, notice);
+        look_at_wish(a, w, k, now, notice);
     const bool once = w->state == APC_ALARM_ONE_SHOT_ACTIVE;
     if (!w->condition.is && apc_alarm_is_active(w->state))
         happen(a, w, APC_ALARM_GOES, now.utc, 0);
-    expire(a, w, once && w->state == APC_ALARM_NORMAL, now);
+    expire_shelving(a, w, once && w->state == APC_ALARM_NORMAL, now);
     enum apc_alarm_event event = mask_of(a, w, now.mono);
     if (!event && apc_alarm_is_masked(w->state))
         event = unmask(w->state);
     if (event)
-        happen(a, w, event, now.utc, author_of(w, event));
+        happen(a, w, event, now.utc, author_of_alarm(w, event));
     if (w->condition.is && !apc_alarm_is_active(w->state))
         happen(a, w, APC_ALARM_COMES, now.utc, 0);
 }
 
-static void count(struct apc_alarms *a, apc_ns utc)
+static void count_transition(struct apc_alarms *a, apc_ns utc)
 {
     double *n = a->numbers;
     memset(n, 0, sizeof a->numbers);
@@ -510,10 +510,10 @@ int apc_alarms_compute(struct apc_alarms *a, struct apc_now now, struct apc_noti
     for (size_t i = 0; i < a->options.n; i++)
         apc_alarm_judge(&a->at[i].condition, &a->at[i].is, &a->at[i].inputs, now);
     for (size_t i = 0; i < a->options.n; i++)
-        step(a, &a->at[i], now, notice);
+        step_alarm(a, &a->at[i], now, notice);
     memmove(a->out.sample + a->transitions, a->settled, a->n_settled * sizeof *a->settled);
     a->out.n_samples = a->transitions + a->n_settled;
-    count(a, now.utc);
+    count_transition(a, now.utc);
     return (int)a->transitions;
 }
 

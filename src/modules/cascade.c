@@ -197,7 +197,7 @@ void apc_controller_look_below(struct apc_controller *c, size_t i, struct apc_no
 
 /* ---- The loop above ------------------------------------------------------------------------ */
 
-static void set(struct apc_controller *c, size_t k, double value)
+static void set_lower_setpoint(struct apc_controller *c, size_t k, double value)
 {
     for (size_t row = 0; row < c->size.n_ahead; row++)
         c->z[row * c->dim.nz + k] = value;
@@ -210,7 +210,7 @@ static void follow_measurement(struct apc_controller *c, size_t k)
     const struct apc_controller_setpoint *z = &c->setpoint[k];
 
     if (p->ny && c->ok[p->y[0]])
-        set(c, k, fmin(fmax(c->y[p->y[0]], z->low), z->high));
+        set_lower_setpoint(c, k, fmin(fmax(c->y[p->y[0]], z->low), z->high));
 }
 
 /* One that is in shadow says OOS, which nobody asked it for: until it acts, what the former one wrote holds. */
@@ -231,7 +231,7 @@ static bool go_along(struct apc_controller *c, size_t k, const struct apc_sample
 
     if (c->acting || !told->seq || !newest->seq)
         return false;
-    set(c, k, told->value);
+    set_lower_setpoint(c, k, told->value);
     c->z_seq[k] = newest->seq;
     return true;
 }

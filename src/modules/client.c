@@ -34,8 +34,8 @@ struct apc_client {
     double *low, *high;          /* [ny] */
 };
 
-static int take_options(struct apc_client_options *o, const struct apc_client_options *options,
-                        struct apc_error *why)
+static int take_client_options(struct apc_client_options *o, const struct apc_client_options *options,
+                               struct apc_error *why)
 {
     int rc = apc_options_copy(o, sizeof(*o), options, "apc_client_options", why);
 
@@ -59,7 +59,7 @@ int apc_client_create(struct apc_client **client, const struct apc_client_option
     if (!client)
         return apc_fail(why, APC_EINVAL, "apc_client_create: client must not be NULL");
     *client = NULL;
-    rc = take_options(&o, options, why);
+    rc = take_client_options(&o, options, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
@@ -139,7 +139,7 @@ static bool is_outside(double value, double low, double high, bool before)
 }
 
 /* A status that is Bad already says more, and its value nothing. */
-static apc_status judge(struct apc_client *client, size_t i, const struct apc_value *y)
+static apc_status judge_measurement(struct apc_client *client, size_t i, const struct apc_value *y)
 {
     struct sensor *s = &client->sensor[i];
 
@@ -181,7 +181,7 @@ size_t apc_client_measurements(struct apc_client *client, const struct apc_value
                                        .seq = ++s->seq,
                                        .time = y[i].time, /* at which the plant acquired it */
                                        .value = y[i].value,
-                                       .status = judge(client, i, &y[i])};
+                                       .status = judge_measurement(client, i, &y[i])};
     }
     return n;
 }

@@ -14,8 +14,8 @@
 
 /* ---- Making ------------------------------------------------------------------------------- */
 
-static int take_options(struct apc_controller_options *o, const struct apc_controller_options *options,
-                        struct apc_error *why)
+static int take_controller_options(struct apc_controller_options *o,
+                                   const struct apc_controller_options *options, struct apc_error *why)
 {
     const struct apc_dim *d = &o->dim;
     int rc = apc_options_copy(o, sizeof(*o), options, "apc_controller_options", why);
@@ -74,7 +74,7 @@ static int allocate_doubles(struct apc_controller *c)
 }
 
 /* What both laws have one behind the other. */
-static void divide(struct apc_controller *c)
+static void divide_law_arrays(struct apc_controller *c)
 {
     c->law.instance = c->instance;
     c->backup.instance = c->instance + c->law.size.instances;
@@ -86,7 +86,7 @@ static void divide(struct apc_controller *c)
     c->backup.offered = c->offered + c->backup.first;
 }
 
-static int allocate(struct apc_controller *c)
+static int allocate_controller(struct apc_controller *c)
 {
     const size_t ny = c->dim.ny, nz = c->dim.nz, nu = c->dim.nu, nd = c->dim.nd;
 
@@ -128,15 +128,15 @@ static int allocate(struct apc_controller *c)
     c->law.decides = c->decides;
     c->backup.decides = c->decides + nu;
     c->given = c->decides + 2 * nu;
-    divide(c);
+    divide_law_arrays(c);
     for (size_t i = 0; i < nu; i++)
         c->given[i] = APC_OUT_GIVEN;
     return 0;
 }
 
 /* The tuning that a law begins with. */
-static int take_tuning(struct apc_controller_law *law, const struct apc_param *param, const double *start,
-                       struct apc_error *why)
+static int take_initial_tuning(struct apc_controller_law *law, const struct apc_param *param,
+                               const double *start, struct apc_error *why)
 {
     law->param = param ? param : law->definition->tuning;
     for (size_t i = 0; i < law->definition->n_tuning; i++) {
@@ -161,8 +161,8 @@ static int take_tuning(struct apc_controller_law *law, const struct apc_param *p
     return apc_instances_check(law->instances, law->tuning, why);
 }
 
-static int take_setpoints(struct apc_controller *c, const struct apc_controller_options *o,
-                          struct apc_error *why)
+static int take_initial_setpoints(struct apc_controller *c, const struct apc_controller_options *o,
+                                  struct apc_error *why)
 {
     for (size_t k = 0; k < c->dim.nz; k++) {
         struct apc_controller_setpoint *z = &c->setpoint[k];
@@ -182,8 +182,8 @@ static int take_setpoints(struct apc_controller *c, const struct apc_controller_
     return 0;
 }
 
-static int take_loop(struct apc_controller *c, size_t i, const struct apc_controller_options *o,
-                     struct apc_error *why)
+static int take_loop_options(struct apc_controller *c, size_t i, const struct apc_controller_options *o,
+                             struct apc_error *why)
 {
     struct apc_controller_loop *l = &c->loop[i];
 
@@ -236,8 +236,8 @@ static int take_horizons(struct apc_controller *c, const struct apc_controller_o
     return 0;
 }
 
-static int make_law(struct apc_controller_law *law, const struct apc_law *definition,
-                    const struct apc_law_setup *setup, struct apc_error *why)
+static int make_controller_law(struct apc_controller_law *law, const struct apc_law *definition,
+                               const struct apc_law_setup *setup, struct apc_error *why)
 {
     const int rc = apc_instances_create(&law->instances, definition, setup, why);
 
@@ -264,13 +264,13 @@ static int make_laws(struct apc_controller *c, const struct apc_controller_optio
                                   .n_setting = o->n_setting,
                                   .setting = o->setting,
                                   .plant = o->plant};
-    int rc = make_law(&c->law, o->law, &setup, why);
+    int rc = make_controller_law(&c->law, o->law, &setup, why);
 
     if (rc == 0 && b) {
         setup.n_setting = b->n_setting;
         setup.setting = b->setting;
         setup.plant = b->plant;
-        rc = b->law ? make_law(&c->backup, b->law, &setup, why)
+        rc = b->law ? make_controller_law(&c->backup, b->law, &setup, why)
                     : apc_fail(why, APC_EINVAL, "controller: a backup wants a law");
     }
     c->size = (struct apc_instances_size){.instances = c->law.size.instances + c->backup.size.instances,
@@ -286,12 +286,14 @@ static int make_laws(struct apc_controller *c, const struct apc_controller_optio
 static int take_tunings(struct apc_controller *c, const struct apc_controller_options *o,
                         struct apc_error *why)
 {
-    const int rc = take_tuning(&c->law, o->param, o->start, why);
+    const int rc = take_initial_tuning(&c->law, o->param, o->start, why);
 
-    return rc < 0 || !o->backup ? rc : take_tuning(&c->backup, o->backup->param, o->backup->start, why);
+    return rc < 0 || !o->backup ? rc
+                                : take_initial_tuning(&c->backup, o->backup->param, o->backup->start, why);
 }
 
-static int fill(struct apc_controller *c, const struct apc_controller_options *o, struct apc_error *why)
+static int fill_controller(struct apc_controller *c, const struct apc_controller_options *o,
+                           struct apc_error *why)
 {
     int rc = make_laws(c, o, why);
 
@@ -305,7 +307,7 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     c->shadow = o->shadow;
     c->loss = apc_loss_limit(o->period);
     c->shed_after = o->shed_after ? o->shed_after : 1;
-    if (allocate(c) < 0)
+    if (allocate_controller(c) < 0)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
     for (size_t k = 0; k < c->dim.ny; k++) {
         c->y_low[k] = o->view ? o->view[k].soft_low : -HUGE_VAL;
@@ -322,9 +324,9 @@ static int fill(struct apc_controller *c, const struct apc_controller_options *o
     if (rc == 0)
         rc = take_tunings(c, o, why);
     if (rc == 0)
-        rc = take_setpoints(c, o, why);
+        rc = take_initial_setpoints(c, o, why);
     for (size_t i = 0; i < c->dim.nu && rc == 0; i++)
-        rc = take_loop(c, i, o, why);
+        rc = take_loop_options(c, i, o, why);
     return rc < 0 ? rc : apc_controller_lay_out(c, o, why);
 }
 
@@ -338,13 +340,13 @@ int apc_controller_create(struct apc_controller **core, const struct apc_control
     if (!core)
         return apc_fail(why, APC_EINVAL, "apc_controller_create: controller must not be NULL");
     *core = NULL;
-    rc = take_options(&o, options, why);
+    rc = take_controller_options(&o, options, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
     if (!new)
         return apc_fail(why, APC_ENOMEM, "controller: no memory");
-    rc = fill(new, &o, why);
+    rc = fill_controller(new, &o, why);
     if (rc < 0) {
         apc_controller_destroy(new);
         return rc;
@@ -463,7 +465,7 @@ static void forget_notes(struct apc_controller *c)
 }
 
 /* The gravest is the tick's, without a name where it is so with all loops. What else there is, is kept. */
-static void put_notice(struct apc_controller *c, struct apc_notice *notice)
+static void put_tick_notice(struct apc_controller *c, struct apc_notice *notice)
 {
     if (c->said == c->dim.nu && c->said > 0) {
         for (size_t i = 0; i < c->dim.nu; i++)
@@ -506,7 +508,7 @@ static enum fate find_fate(const struct apc_controller *c)
     return NO_SIGN;
 }
 
-static void take_up(struct apc_controller *c, bool told)
+static void take_up_record(struct apc_controller *c, bool told)
 {
     apc_controller_update_laws(c, false);
     c->awaits = c->selected;
@@ -550,7 +552,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
         if (fate == DID_NOT)
             take_back(c);
         else
-            take_up(c, fate == ACTED); /* with no sign what became of the wanted is told again */
+            take_up_record(c, fate == ACTED); /* with no sign what became of the wanted is told again */
     }
     c->pending = false;
     if (c->awaits)
@@ -586,7 +588,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     apc_controller_put(c, now);
     apc_controller_calm_down(c);
     if (notice)
-        put_notice(c, notice);
+        put_tick_notice(c, notice);
     return (int)(c->out.n_samples + c->out.n_vectors);
 }
 
@@ -594,7 +596,7 @@ void apc_controller_update(struct apc_controller *c, int written)
 {
     c->pending = written < 0;
     if (written > 0)
-        take_up(c, true);
+        take_up_record(c, true);
     else if (written == 0)
         take_back(c);
 }

@@ -23,7 +23,7 @@ void apc_controller_stir(struct apc_controller *c)
 }
 
 /* Has loop @p i all its measurements and disturbances, and the setpoints that it had? */
-static bool has_all(const struct apc_controller *c, size_t i)
+static bool has_all_inputs(const struct apc_controller *c, size_t i)
 {
     const struct apc_law_ports *p = apc_instances_ports(c->law.instances, i);
     bool has = true;
@@ -45,11 +45,11 @@ void apc_controller_keep_calm(struct apc_controller *c)
     const bool all = !memchr(c->ok, 0, c->dim.ny + c->dim.nd) && !memchr(c->open, 1, c->dim.nz);
 
     for (size_t i = 0; i < c->dim.nu; i++)
-        c->calm[i] = c->calm[i] && row[i].seq == looked[i] && (all || has_all(c, i));
+        c->calm[i] = c->calm[i] && row[i].seq == looked[i] && (all || has_all_inputs(c, i));
 }
 
 /* May its loops be calm at all? */
-static bool is_plain(const struct apc_controller *c)
+static bool may_use_fast_path(const struct apc_controller *c)
 {
     const struct apc_law *law = c->law.definition;
 
@@ -78,7 +78,7 @@ static bool is_calm(const struct apc_controller *c, size_t i)
 
 void apc_controller_calm_down(struct apc_controller *c)
 {
-    const bool plain = is_plain(c);
+    const bool plain = may_use_fast_path(c);
 
     for (size_t i = 0; plain && i < c->dim.nu; i++) {
         if (!c->calm[i])

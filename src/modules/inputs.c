@@ -13,24 +13,24 @@
 /* ---- Where it stands ---------------------------------------------------------------------- */
 
 /* The row of number @p k of what is wanted. */
-static const struct apc_sample *row_of(const struct apc_controller *c, size_t k)
+static const struct apc_sample *row_of_wanted(const struct apc_controller *c, size_t k)
 {
     return &c->in.sample[c->dim.ny + c->dim.nd + k];
 }
 
 /* ---- What must not be taken ---------------------------------------------------------------- */
 
-static bool is_bad(const struct apc_sample *s)
+static bool is_bad_sample(const struct apc_sample *s)
 {
     return apc_status_severity(s->status) == APC_SEVERITY_BAD;
 }
 
-static bool usable(const struct apc_sample *s)
+static bool is_usable_sample(const struct apc_sample *s)
 {
-    return s->seq > 0 && !is_bad(s) && apc_value_ok(s->value);
+    return s->seq > 0 && !is_bad_sample(s) && apc_value_ok(s->value);
 }
 
-static bool within(double value, double low, double high)
+static bool is_in_range(double value, double low, double high)
 {
     return value >= low && value <= high;
 }
@@ -38,12 +38,12 @@ static bool within(double value, double low, double high)
 /* Is the row of number @p k of what is wanted another one than when it was looked at? */
 static bool is_new(const struct apc_controller *c, size_t k)
 {
-    return row_of(c, k)->seq != c->looked[k];
+    return row_of_wanted(c, k)->seq != c->looked[k];
 }
 
-static void look(struct apc_controller *c, size_t k, bool refused)
+static void look_at_wanted(struct apc_controller *c, size_t k, bool refused)
 {
-    c->looked[k] = row_of(c, k)->seq;
+    c->looked[k] = row_of_wanted(c, k)->seq;
     c->refused[k] = refused;
     c->looking = true;
     if (k < c->dim.nz)
@@ -66,8 +66,8 @@ static struct called called(const char *name, int number)
     return c;
 }
 
-static void refuse(struct apc_controller *c, struct apc_notice *notice, const char *what, const char *who,
-                   double value, double low, double high)
+static void refuse_wanted(struct apc_controller *c, struct apc_notice *notice, const char *what,
+                          const char *who, double value, double low, double high)
 {
     char text[256]; /* a notice takes what fits */
 
@@ -80,13 +80,13 @@ static void refuse(struct apc_controller *c, struct apc_notice *notice, const ch
 static void take_target(struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
     const size_t k = apc_controller_wanted(c, APC_OPMODE) + i;
-    const struct apc_sample *s = row_of(c, k);
+    const struct apc_sample *s = row_of_wanted(c, k);
     struct apc_controller_state *l = &c->state[i];
     bool is_none = false;
 
     c->calm[i] = false;
 
-    if (s->seq == 0 || is_bad(s))
+    if (s->seq == 0 || is_bad_sample(s))
         l->target = APC_MODE_OOS;
     else if (s->value == (double)APC_MODE_MAN || s->value == (double)APC_MODE_AUTO ||
              s->value == (double)APC_MODE_OOS ||
@@ -94,7 +94,7 @@ static void take_target(struct apc_controller *c, size_t i, struct apc_notice *n
         l->target = (enum apc_mode)(int)s->value;
     else
         is_none = true;
-    look(c, k, is_none);
+    look_at_wanted(c, k, is_none);
     if (is_none)
         apc_controller_note(c, i, notice, APC_NOTICE_REJECTED, "target mode refused: %g is none", s->value);
 }
@@ -116,20 +116,20 @@ static void refuse_tuning(struct apc_controller *c, const struct apc_controller_
         snprintf(what, sizeof(what), "%s%.40s of", backup, param->name);
     else
         snprintf(what, sizeof(what), "%s%.40s of %s", backup, param->name, of[p.scope]);
-    refuse(c, notice, what, p.scope == APC_OF_LAW ? law->definition->name : who.text, value, param->low,
-           param->high);
+    refuse_wanted(c, notice, what, p.scope == APC_OF_LAW ? law->definition->name : who.text, value,
+                  param->low, param->high);
 }
 
 static void take_parameter(struct apc_controller *c, size_t i, struct apc_notice *notice)
 {
     const size_t k = apc_controller_wanted(c, APC_TUNING) + i;
     const struct apc_controller_law *law = apc_controller_tuned(c, i);
-    const struct apc_sample *s = row_of(c, k);
+    const struct apc_sample *s = row_of_wanted(c, k);
     const struct apc_param *param =
         &law->param[apc_instances_parameter(law->instances, i - law->first).number];
-    const bool good = usable(s) && apc_param_accepts(param, s->value);
+    const bool good = is_usable_sample(s) && apc_param_accepts(param, s->value);
 
-    look(c, k, s->seq > 0 && !good);
+    look_at_wanted(c, k, s->seq > 0 && !good);
     if (good)
         c->offered[i] = s->value;
     else if (s->seq > 0)
@@ -149,10 +149,11 @@ static void take_offer(struct apc_controller *c, struct apc_controller_law *law,
         apc_controller_note_refused(c, notice, text);
 }
 
-static void take_tuning(struct apc_controller *c, struct apc_controller_law *law, struct apc_notice *notice)
+static void take_wanted_tuning(struct apc_controller *c, struct apc_controller_law *law,
+                               struct apc_notice *notice)
 {
     const size_t first = apc_controller_wanted(c, APC_TUNING), end = law->first + law->size.tuning;
-    const struct apc_sample *const row = row_of(c, first);
+    const struct apc_sample *const row = row_of_wanted(c, first);
     const int64_t *const looked = c->looked + first;
     bool new = false;
 
@@ -169,15 +170,15 @@ static void take_tuning(struct apc_controller *c, struct apc_controller_law *law
 void apc_controller_take_wanted(struct apc_controller *c, struct apc_notice *notice)
 {
     const size_t mode = apc_controller_wanted(c, APC_OPMODE);
-    const struct apc_sample *const row = row_of(c, mode);
+    const struct apc_sample *const row = row_of_wanted(c, mode);
     const int64_t *const looked = c->looked + mode;
 
     for (size_t i = 0; i < c->dim.nu; i++) {
         if (row[i].seq != looked[i])
             take_target(c, i, notice);
     }
-    take_tuning(c, &c->law, notice);
-    take_tuning(c, &c->backup, notice);
+    take_wanted_tuning(c, &c->law, notice);
+    take_wanted_tuning(c, &c->backup, notice);
 }
 
 /*
@@ -192,17 +193,18 @@ void apc_controller_take_manual(struct apc_controller *c, size_t i, apc_ns utc, 
     if (!is_new(c, k))
         return;
 
-    const struct apc_sample *s = row_of(c, k);
+    const struct apc_sample *s = row_of_wanted(c, k);
     const struct apc_controller_loop *l = &c->loop[i];
     const bool new = c->looked[k] >= 0 || (s->seq > 0 && s->time > c->since && s->time <= utc + c->loss),
                takes = c->state[i].move.output == APC_PUT_OPERATOR,
-               good = usable(s) && within(s->value, l->low, l->high);
+               good = is_usable_sample(s) && is_in_range(s->value, l->low, l->high);
 
     if (new &&takes && good)
         c->state[i].wanted = s->value;
-    else if (new &&takes && !is_bad(s))
-        refuse(c, notice, "manual output", called(l->name, (int)i + 1).text, s->value, l->low, l->high);
-    look(c, k, !(new &&takes &&good));
+    else if (new &&takes && !is_bad_sample(s))
+        refuse_wanted(c, notice, "manual output", called(l->name, (int)i + 1).text, s->value, l->low,
+                      l->high);
+    look_at_wanted(c, k, !(new &&takes &&good));
 }
 
 /* ---- Inputs -------------------------------------------------------------------------------- */
@@ -213,7 +215,7 @@ static void take_value(struct apc_controller *c, size_t k, struct apc_now now, d
     const struct apc_sample *s = &c->in.sample[k];
     const bool fresh = apc_freshness_look(&c->fresh[k], s->seq, s->time, now, c->horizon[k]);
 
-    c->ok[k] = fresh && usable(s);
+    c->ok[k] = fresh && is_usable_sample(s);
     if (!c->ok[k])
         return;
     *value = s->value;
@@ -228,7 +230,7 @@ static void take_measurements(struct apc_controller *c, struct apc_now now)
 
         take_value(c, k, now, &c->y[k], &c->y_seq[k]);
         c->y_new[k] = c->y_seq[k] != before;
-        c->y_status[k] = c->ok[k] || is_bad(s) ? s->status : APC_BAD_NO_COMMUNICATION;
+        c->y_status[k] = c->ok[k] || is_bad_sample(s) ? s->status : APC_BAD_NO_COMMUNICATION;
         c->y_age[k] =
             (double)(((long double)now.utc - (long double)s->time) / APC_NS_PER_S); /* of any time */
     }
@@ -240,13 +242,13 @@ static void take_measurements(struct apc_controller *c, struct apc_now now)
 
 static void take_setpoint(struct apc_controller *c, size_t k, struct apc_notice *notice)
 {
-    const struct apc_sample *s = row_of(c, k);
+    const struct apc_sample *s = row_of_wanted(c, k);
     const struct apc_controller_setpoint *z = &c->setpoint[k];
-    const bool good = usable(s) && within(s->value, z->low, z->high);
+    const bool good = is_usable_sample(s) && is_in_range(s->value, z->low, z->high);
 
-    if (is_new(c, k) && s->seq > 0 && !good && !is_bad(s))
-        refuse(c, notice, "setpoint", called(z->name, z->id).text, s->value, z->low, z->high);
-    look(c, k, s->seq > 0 && !good);
+    if (is_new(c, k) && s->seq > 0 && !good && !is_bad_sample(s))
+        refuse_wanted(c, notice, "setpoint", called(z->name, z->id).text, s->value, z->low, z->high);
+    look_at_wanted(c, k, s->seq > 0 && !good);
     if (!good)
         return;
     c->z_seq[k] = s->seq;
@@ -282,7 +284,8 @@ static bool is_plan_of(const struct apc_vector *plan, const struct apc_sample *s
 
 /* Setpoint @p k over the horizon: as it is now or, by a plan, as it will be. Beyond what must not be taken
  * nothing is known. */
-static void look_ahead(struct apc_controller *c, size_t k, const struct apc_vector *plan, apc_ns utc)
+static void fill_setpoint_horizon(struct apc_controller *c, size_t k, const struct apc_vector *plan,
+                                  apc_ns utc)
 {
     const struct apc_controller_setpoint *z = &c->setpoint[k];
     double value = c->z[k];
@@ -292,7 +295,8 @@ static void look_ahead(struct apc_controller *c, size_t k, const struct apc_vect
         const apc_ns ahead = (apc_ns)llround((double)row * c->Ts * 1e9) + TOGETHER;
         const apc_ns at = plan ? apc_ns_since(utc + ahead, plan->time) : 0;
 
-        while (plan && i < plan->n && due_at(plan, i) <= at && within(plan->value[i + 1], z->low, z->high)) {
+        while (plan && i < plan->n && due_at(plan, i) <= at &&
+               is_in_range(plan->value[i + 1], z->low, z->high)) {
             value = plan->value[i + 1];
             i += 2;
         }
@@ -300,21 +304,21 @@ static void look_ahead(struct apc_controller *c, size_t k, const struct apc_vect
     }
 }
 
-static void take_plan(struct apc_controller *c, size_t k, apc_ns utc)
+static void take_setpoint_plan(struct apc_controller *c, size_t k, apc_ns utc)
 {
     const struct apc_vector *plan = &c->plan[k];
-    const struct apc_sample *s = row_of(c, k);
+    const struct apc_sample *s = row_of_wanted(c, k);
 
     c->plan_seq[k] = plan->seq;
     c->planned[k] = c->z_seq[k] == s->seq && is_plan_of(plan, s, utc, c->loss);
-    look_ahead(c, k, c->planned[k] ? plan : NULL, utc);
+    fill_setpoint_horizon(c, k, c->planned[k] ? plan : NULL, utc);
 }
 
 void apc_controller_recall_plans(struct apc_controller *c)
 {
     for (size_t k = 0; k < c->dim.nz && c->plan; k++) {
         if (c->planned[k] && c->plan[k].seq == c->plan_seq[k] && c->plan[k].n <= c->plan[k].room)
-            look_ahead(c, k, &c->plan[k], c->resumed_at);
+            fill_setpoint_horizon(c, k, &c->plan[k], c->resumed_at);
     }
 }
 
@@ -323,22 +327,22 @@ static void take_one_setpoint(struct apc_controller *c, size_t k, struct apc_now
 {
     const bool above = c->setpoint[k].above;
 
-    if (!above || apc_controller_look_above(c, k, row_of(c, k), now))
+    if (!above || apc_controller_look_above(c, k, row_of_wanted(c, k), now))
         take_setpoint(c, k, notice);
     else
-        look(c, k, false);
+        look_at_wanted(c, k, false);
     if (above)
-        apc_controller_own_setpoint(c, k, row_of(c, k));
+        apc_controller_own_setpoint(c, k, row_of_wanted(c, k));
     if (c->plan)
-        take_plan(c, k, now.utc);
+        take_setpoint_plan(c, k, now.utc);
 }
 
-static void take_setpoints(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
+static void take_wanted_setpoints(struct apc_controller *c, struct apc_now now, struct apc_notice *notice)
 {
-    const struct apc_sample *const row = row_of(c, 0);
+    const struct apc_sample *const row = row_of_wanted(c, 0);
 
     for (size_t k = 0; k < c->dim.nz; k++) {
-        if (c->open[k] || c->plan || row[k].seq != c->looked[k] || !usable(&row[k]))
+        if (c->open[k] || c->plan || row[k].seq != c->looked[k] || !is_usable_sample(&row[k]))
             take_one_setpoint(c, k, now, notice);
     }
 }
@@ -348,7 +352,7 @@ void apc_controller_take_inputs(struct apc_controller *c, struct apc_now now, bo
 {
     if (have) {
         take_measurements(c, now);
-        take_setpoints(c, now, notice);
+        take_wanted_setpoints(c, now, notice);
         return;
     }
     for (size_t k = 0; k < c->dim.ny; k++) {
@@ -402,7 +406,7 @@ static void take_output(struct apc_controller *c, size_t i)
 {
     const struct apc_sample *s = apc_controller_output(c, i);
 
-    if (!usable(s))
+    if (!is_usable_sample(s))
         return;
     c->u[i] = fmin(fmax(s->value, c->low[i]), c->high[i]);
     c->state[i].there = true;
@@ -410,7 +414,7 @@ static void take_output(struct apc_controller *c, size_t i)
 
 /* ---- Facts --------------------------------------------------------------------------------- */
 
-static void say(struct apc_controller_state *l, const char *what, const char *who, const char *how)
+static void say_of_loop(struct apc_controller_state *l, const char *what, const char *who, const char *how)
 {
     snprintf(l->trouble, sizeof(l->trouble), "%s %s is %s", what, who, how);
 }
@@ -421,29 +425,29 @@ static bool has_measurement(struct apc_controller *c, size_t i, size_t k, bool d
     const struct apc_sample *s = &c->in.sample[at];
 
     if (!c->ok[at])
-        say(&c->state[i], disturbance ? "disturbance" : "measurement", called(NULL, s->id).text,
-            !s->seq     ? "missing"
-            : usable(s) ? "stale"
-                        : "Bad");
+        say_of_loop(&c->state[i], disturbance ? "disturbance" : "measurement", called(NULL, s->id).text,
+                    !s->seq               ? "missing"
+                    : is_usable_sample(s) ? "stale"
+                                          : "Bad");
     return c->ok[at];
 }
 
 static bool has_setpoint(struct apc_controller *c, size_t i, size_t k)
 {
-    const struct apc_sample *s = row_of(c, k);
-    const bool there = s->seq && !is_bad(s) && c->z_seq[k];
+    const struct apc_sample *s = row_of_wanted(c, k);
+    const bool there = s->seq && !is_bad_sample(s) && c->z_seq[k];
 
     if (!there)
-        say(&c->state[i], "setpoint", called(c->setpoint[k].name, s->id).text,
-            !s->seq     ? "missing"
-            : is_bad(s) ? "Bad"
-                        : "refused");
+        say_of_loop(&c->state[i], "setpoint", called(c->setpoint[k].name, s->id).text,
+                    !s->seq            ? "missing"
+                    : is_bad_sample(s) ? "Bad"
+                                       : "refused");
     return there;
 }
 
 /* What a law that is whole needs: all measurements or, where it estimates those that are missing, one at
  * least. */
-static bool has_all(struct apc_controller *c, const struct apc_law *law, size_t i)
+static bool has_all_of_law(struct apc_controller *c, const struct apc_law *law, size_t i)
 {
     bool has = true, any = false;
 
@@ -465,7 +469,7 @@ static bool has_input(struct apc_controller *c, const struct apc_controller_law 
     bool has = true, any = !selects;
 
     if (law->definition->whole)
-        return has_all(c, law->definition, i);
+        return has_all_of_law(c, law->definition, i);
     for (size_t k = 0; k < p->ny; k++) {
         const bool one = has_measurement(c, i, (size_t)p->y[k], false);
 
@@ -479,7 +483,7 @@ static bool has_input(struct apc_controller *c, const struct apc_controller_law 
     return has && any;
 }
 
-static bool same(const struct apc_loop_facts *a, const struct apc_loop_facts *b)
+static bool are_same_facts(const struct apc_loop_facts *a, const struct apc_loop_facts *b)
 {
     return a->target == b->target && a->acting == b->acting && a->setpoint == b->setpoint &&
            a->taken == b->taken && a->invited == b->invited && a->input == b->input && a->law == b->law &&
@@ -517,7 +521,7 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         .backup = backup && (ready || apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold)),
         .bare = backup && !ready,
         .remote = cascade && c->above[l->setpoint].remote};
-    if (l->loop.state != l->from || !same(&facts, &l->facts)) {
+    if (l->loop.state != l->from || !are_same_facts(&facts, &l->facts)) {
         l->from = l->loop.state;
         l->facts = facts;
         l->move = apc_loop_next(l->loop.state, &facts);
@@ -530,7 +534,7 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
 
 /* ---- What became of it ---------------------------------------------------------------------- */
 
-static void confirm(struct apc_controller *c, size_t k, double force, apc_status status)
+static void confirm_output(struct apc_controller *c, size_t k, double force, apc_status status)
 {
     struct apc_sample *s = &c->actual[k];
 
@@ -566,28 +570,28 @@ void apc_controller_confirm(struct apc_controller *c)
     find_rests(c);
     for (size_t k = 0; k < mode; k++) {
         if (c->open[k])
-            confirm(c, k, c->z[k],
-                    c->setpoint[k].above ? apc_controller_handshake(c, k)
-                    : c->refused[k]      ? APC_BAD
-                    : c->rests[k]        ? APC_UNCERTAIN
-                                         : APC_GOOD);
+            confirm_output(c, k, c->z[k],
+                           c->setpoint[k].above ? apc_controller_handshake(c, k)
+                           : c->refused[k]      ? APC_BAD
+                           : c->rests[k]        ? APC_UNCERTAIN
+                                                : APC_GOOD);
     }
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_state *l = &c->state[i];
 
         if (c->calm[i])
             continue;
-        confirm(c, mode + i, (double)l->actual,
-                c->refused[mode + i]               ? APC_BAD
-                : l->actual != l->target           ? APC_UNCERTAIN
-                : l->loop.state == APC_LOOP_BACKUP ? APC_GOOD_LOCAL_OVERRIDE
-                                                   : APC_GOOD);
+        confirm_output(c, mode + i, (double)l->actual,
+                       c->refused[mode + i]               ? APC_BAD
+                       : l->actual != l->target           ? APC_UNCERTAIN
+                       : l->loop.state == APC_LOOP_BACKUP ? APC_GOOD_LOCAL_OVERRIDE
+                                                          : APC_GOOD);
         if (c->looked[manual + i] != c->actual[manual + i].origin)
-            confirm(c, manual + i, c->u[i], c->refused[manual + i] ? APC_BAD : APC_GOOD);
+            confirm_output(c, manual + i, c->u[i], c->refused[manual + i] ? APC_BAD : APC_GOOD);
     }
     for (size_t i = 0; c->untold && i < c->size.tuning; i++) {
         const bool taken = c->tuning[i] >= c->offered[i] && c->tuning[i] <= c->offered[i];
 
-        confirm(c, tuning + i, c->tuning[i], c->refused[tuning + i] || !taken ? APC_BAD : APC_GOOD);
+        confirm_output(c, tuning + i, c->tuning[i], c->refused[tuning + i] || !taken ? APC_BAD : APC_GOOD);
     }
 }

@@ -15,13 +15,14 @@ enum { QUIET = 20 }; /* good answers in a row until an episode of others is over
 
 /* ---- Asking ------------------------------------------------------------------------------- */
 
-static bool is_backup(const struct apc_controller *c, const struct apc_controller_law *law)
+static bool is_backup_law(const struct apc_controller *c, const struct apc_controller_law *law)
 {
     return law == &c->backup;
 }
 
 /* Of what stays and is not of one instance or call. */
-static struct apc_law_call lay_out(const struct apc_controller *c, const struct apc_controller_law *law)
+static struct apc_law_call lay_out_law_call(const struct apc_controller *c,
+                                            const struct apc_controller_law *law)
 {
     return (struct apc_law_call){.size = sizeof(struct apc_law_call),
                                  .dim = c->dim,
@@ -46,15 +47,15 @@ static struct apc_law_call lay_out(const struct apc_controller *c, const struct 
 
 void apc_controller_lay_out_calls(struct apc_controller *c)
 {
-    c->law.call = lay_out(c, &c->law);
+    c->law.call = lay_out_law_call(c, &c->law);
     apc_instances_keep(c->law.instances, &c->law.call);
     if (!c->backup.definition)
         return;
-    c->backup.call = lay_out(c, &c->backup);
+    c->backup.call = lay_out_law_call(c, &c->backup);
     apc_instances_keep(c->backup.instances, &c->backup.call);
 }
 
-static void date(const struct apc_controller *c, struct apc_law_call *call)
+static void date_law_call(const struct apc_controller *c, struct apc_law_call *call)
 {
     call->tick = c->index;
     call->t = c->t;
@@ -64,12 +65,13 @@ static void date(const struct apc_controller *c, struct apc_law_call *call)
 
 void apc_controller_date_calls(struct apc_controller *c)
 {
-    date(c, &c->law.call);
-    date(c, &c->backup.call);
+    date_law_call(c, &c->law.call);
+    date_law_call(c, &c->backup.call);
 }
 
 /* To be used before the next one. */
-static struct apc_law_call *call(struct apc_controller_law *law, size_t k, double *u, unsigned *limited)
+static struct apc_law_call *instance_law_call(struct apc_controller_law *law, size_t k, double *u,
+                                              unsigned *limited)
 {
     struct apc_law_call *asked = &law->call;
 
@@ -81,18 +83,18 @@ static struct apc_law_call *call(struct apc_controller_law *law, size_t k, doubl
 }
 
 /* x to what it is before the first tick. */
-static void reset(struct apc_controller *c, struct apc_controller_law *law, size_t k)
+static void reset_law_instance(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
-    apc_instances_reset(law->instances, k, call(law, k, c->u, c->blocked));
+    apc_instances_reset(law->instances, k, instance_law_call(law, k, c->u, c->blocked));
     law->instance[k].begun = true;
     law->instance[k].gap = true;
 }
 
 /* The law goes on from @p u of all outputs, where @p decides does not say that it is its own. */
-static void track(struct apc_controller *c, struct apc_controller_law *law, size_t k, double *u,
-                  const enum apc_law_output *decides)
+static void track_law_instance(struct apc_controller *c, struct apc_controller_law *law, size_t k, double *u,
+                               const enum apc_law_output *decides)
 {
-    struct apc_law_call *asked = call(law, k, u, c->blocked);
+    struct apc_law_call *asked = instance_law_call(law, k, u, c->blocked);
 
     asked->out = decides;
     apc_instances_track(law->instances, k, asked);
@@ -104,7 +106,7 @@ static void track(struct apc_controller *c, struct apc_controller_law *law, size
 static bool is_tried(const struct apc_controller *c, const struct apc_controller_law *law,
                      enum apc_loop_state state)
 {
-    return !is_backup(c, law) &&
+    return !is_backup_law(c, law) &&
            (state == APC_LOOP_SHADOW || state == APC_LOOP_BACKUP || state == APC_LOOP_FAULT);
 }
 
@@ -113,7 +115,7 @@ static bool put_by(const struct apc_controller *c, const struct apc_controller_l
 {
     const enum apc_loop_state state = c->state[i].loop.state;
 
-    return is_backup(c, law) ? state == APC_LOOP_BACKUP : state == APC_LOOP_AUTO || state == APC_LOOP_CAS;
+    return is_backup_law(c, law) ? state == APC_LOOP_BACKUP : state == APC_LOOP_AUTO || state == APC_LOOP_CAS;
 }
 
 /* Of a signal of which something else was selected, the law goes on from that. */
@@ -122,11 +124,11 @@ static inline void update_of(struct apc_controller *c, struct apc_controller_law
 {
     for (size_t i = first; i < first + nu; i++)
         c->went[i] = c->selected && c->below[i].returned && put_by(c, law, i) ? c->below[i].value : c->u[i];
-    apc_instances_update(law->instances, k, call(law, k, c->went, c->blocked));
+    apc_instances_update(law->instances, k, instance_law_call(law, k, c->went, c->blocked));
     law->instance[k].updating = false;
 }
 
-static void update(struct apc_controller *c, struct apc_controller_law *law, size_t k)
+static void update_law_instance(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
@@ -150,10 +152,10 @@ static void update_all(struct apc_controller *c, struct apc_controller_law *law,
     for (size_t k = 0; k < law->size.instances; k++) {
         if (!law->instance[k].updating)
             continue;
-        if (!is_backup(c, law) && c->calm[k])
+        if (!is_backup_law(c, law) && c->calm[k])
             update_of(c, law, k, k, 1);
         else if (selected || !awaits(c, law, k))
-            update(c, law, k);
+            update_law_instance(c, law, k);
     }
 }
 
@@ -188,13 +190,13 @@ static unsigned limit(const struct apc_controller *c, size_t i, double *u)
 static inline enum apc_law_result compute_of(struct apc_controller *c, struct apc_controller_law *law,
                                              size_t k, size_t first, size_t nu, char why[APC_LAW_WHY])
 {
-    struct apc_law_call *asked = call(law, k, law->trial, law->limited);
+    struct apc_law_call *asked = instance_law_call(law, k, law->trial, law->limited);
     int result;
 
     asked->budget = law->instance[k].gone ? -1.0 : c->budget;
     asked->why = why;
     asked->say = law->instance[k].say[0] ? NULL : law->instance[k].say;
-    asked->y_limited = law->definition->selects && !is_backup(c, law) ? c->y_limited : NULL;
+    asked->y_limited = law->definition->selects && !is_backup_law(c, law) ? c->y_limited : NULL;
     for (size_t i = first; i < first + nu; i++) {
         law->trial[i] = c->u[i]; /* a law that leaves one out keeps it */
         law->limited[i] = c->blocked[i];
@@ -212,8 +214,8 @@ static inline enum apc_law_result compute_of(struct apc_controller *c, struct ap
     return (enum apc_law_result)result;
 }
 
-static enum apc_law_result compute(struct apc_controller *c, struct apc_controller_law *law, size_t k,
-                                   char why[APC_LAW_WHY])
+static enum apc_law_result compute_law_instance(struct apc_controller *c, struct apc_controller_law *law,
+                                                size_t k, char why[APC_LAW_WHY])
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
@@ -225,12 +227,12 @@ static unsigned loop_asks(const struct apc_controller *c, const struct apc_contr
 {
     const struct apc_loop_move *move = &c->state[i].move;
 
-    return is_backup(c, law) ? move->backup : move->law;
+    return is_backup_law(c, law) ? move->backup : move->law;
 }
 
 static bool goes_out(const struct apc_controller *c, const struct apc_controller_law *law, size_t i)
 {
-    return c->state[i].move.output == (is_backup(c, law) ? APC_PUT_BACKUP : APC_PUT_LAW);
+    return c->state[i].move.output == (is_backup_law(c, law) ? APC_PUT_BACKUP : APC_PUT_LAW);
 }
 
 /* Which outputs the law decides on, as long as it did not track. One that rested goes on as one that did not
@@ -242,7 +244,7 @@ static void decide(struct apc_controller *c, struct apc_controller_law *law, siz
     for (size_t i = part->u; i < part->u + part->nu; i++) {
         struct apc_loop_move *move = &c->state[i].move;
 
-        if (is_backup(c, law) && goes_out(c, law, i) && law->instance[k].gap) {
+        if (is_backup_law(c, law) && goes_out(c, law, i) && law->instance[k].gap) {
             move->backup |= APC_ASK_TRACK_FIRST;
             c->state[i].from = 0; /* at this tick only */
         }
@@ -254,7 +256,7 @@ static void decide(struct apc_controller *c, struct apc_controller_law *law, siz
 
 /* ---- Tuning ------------------------------------------------------------------------------- */
 
-static bool differs(const struct apc_controller_law *law, size_t i)
+static bool output_differs(const struct apc_controller_law *law, size_t i)
 {
     return law->offered[i] < law->tuning[i] || law->offered[i] > law->tuning[i];
 }
@@ -295,7 +297,7 @@ static void retune(struct apc_controller *c, struct apc_controller_law *law)
         return;
     law->offer_new = false;
     for (size_t i = 0; law->offer_ok && i < law->size.tuning; i++) {
-        if (!differs(law, i))
+        if (!output_differs(law, i))
             continue;
         any = true;
         for (size_t k = 0; k < law->size.instances; k++)
@@ -306,12 +308,13 @@ static void retune(struct apc_controller *c, struct apc_controller_law *law)
     for (size_t k = 0; k < law->size.instances; k++) {
         decide(c, law, k);
         law->instance[k].retuned = law->instance[k].retuned && law->definition->track &&
-                                   on_track(c, law, k) && compute(c, law, k, why) <= APC_LAW_LATE;
+                                   on_track(c, law, k) &&
+                                   compute_law_instance(c, law, k, why) <= APC_LAW_LATE;
     }
     memcpy(law->tuning, law->offered, law->size.tuning * sizeof(*law->tuning));
     for (size_t k = 0; k < law->size.instances; k++) {
         if (law->instance[k].retuned)
-            track(c, law, k, law->trial, c->given);
+            track_law_instance(c, law, k, law->trial, c->given);
         law->instance[k].retuned = false;
     }
 }
@@ -346,7 +349,7 @@ static void settle_instance(struct apc_controller *c, struct apc_controller_law 
     }
     c->u = c->last; /* as it was when the law was asked */
     if (any)
-        follows = compute(c, law, k, why) <= APC_LAW_LATE || !own;
+        follows = compute_law_instance(c, law, k, why) <= APC_LAW_LATE || !own;
     c->u = u;
     for (size_t i = part->u; i < part->u + part->nu; i++) {
         follows &= !put_by(c, law, i) || (law->trial[i] >= u[i] && law->trial[i] <= u[i]);
@@ -354,8 +357,8 @@ static void settle_instance(struct apc_controller *c, struct apc_controller_law 
             law->decides[i] = APC_OUT_GIVEN;
     }
     if (!follows)
-        track(c, law, k, c->u, c->given);
-    update(c, law, k);
+        track_law_instance(c, law, k, c->u, c->given);
+    update_law_instance(c, law, k);
 }
 
 static void settle_law(struct apc_controller *c, struct apc_controller_law *law, bool follows)
@@ -406,7 +409,8 @@ static void put_fault(struct apc_controller *c, size_t i)
 }
 
 /* The outputs that are not the law's. */
-static void place(struct apc_controller *c, size_t i, apc_ns utc, bool have, struct apc_notice *notice)
+static void place_outputs(struct apc_controller *c, size_t i, apc_ns utc, bool have,
+                          struct apc_notice *notice)
 {
     struct apc_controller_state *l = &c->state[i];
     double u;
@@ -463,15 +467,15 @@ static void refuse_all(struct apc_controller *c, struct apc_controller_law *law,
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
-    if (!is_backup(c, law) && !c->failed) {
+    if (!is_backup_law(c, law) && !c->failed) {
         c->failures++;
         c->failed = true;
     }
     if (result == APC_LAW_FAILED)
-        reset(c, law, k);
+        reset_law_instance(c, law, k);
     for (size_t i = part->u; i < part->u + part->nu; i++) {
         law->decides[i] = APC_OUT_GIVEN;
-        if (is_backup(c, law))
+        if (is_backup_law(c, law))
             refuse_backup(c, i, now);
         else
             refuse_answer(c, i, result, law->instance[k].why);
@@ -488,7 +492,7 @@ static inline bool ask_of(struct apc_controller *c, struct apc_controller_law *l
     of->result = (int)result;
     of->answered = result <= APC_LAW_LATE;
     of->good = result == APC_LAW_GOOD ? of->good + 1 : 0;
-    for (size_t i = first; i < first + nu && !is_backup(c, law); i++) {
+    for (size_t i = first; i < first + nu && !is_backup_law(c, law); i++) {
         if (c->calm[i] && result == APC_LAW_GOOD) /* none was poor, and none is */
             continue;
         if (c->state[i].move.law & APC_ASK_COMPUTE)
@@ -499,7 +503,7 @@ static inline bool ask_of(struct apc_controller *c, struct apc_controller_law *l
     return of->answered;
 }
 
-static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
+static bool ask_law(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
 
@@ -508,24 +512,24 @@ static bool ask(struct apc_controller *c, struct apc_controller_law *law, size_t
 
 /* ---- What came to pass --------------------------------------------------------------------- */
 
-static bool is_away(enum apc_loop_state state)
+static bool is_out_of_service(enum apc_loop_state state)
 {
     return state == APC_LOOP_HOLD || state == APC_LOOP_BACKUP || state == APC_LOOP_FAULT;
 }
 
-static void tell(struct apc_controller *c, size_t i, apc_ns now, struct apc_notice *notice)
+static void tell_of_loop(struct apc_controller *c, size_t i, apc_ns now, struct apc_notice *notice)
 {
     struct apc_controller_state *l = &c->state[i];
     const enum apc_loop_state before = l->loop.state, state = l->move.state;
 
-    if (is_away(state) && !is_away(before))
+    if (is_out_of_service(state) && !is_out_of_service(before))
         l->since = now;
     if (state == APC_LOOP_FAULT && before != APC_LOOP_FAULT)
         apc_controller_note(c, i, notice, APC_NOTICE_FAULT, "%s: %s", l->move.reason, l->trouble);
     else if ((state == APC_LOOP_HOLD || state == APC_LOOP_BACKUP) && state != before)
         apc_controller_note(c, i, notice, l->facts.law ? APC_NOTICE_HOLD : APC_NOTICE_REJECTED, "%s: %s",
                             l->move.reason, l->trouble);
-    else if (is_away(before) && l->move.output == APC_PUT_LAW)
+    else if (is_out_of_service(before) && l->move.output == APC_PUT_LAW)
         apc_controller_note(c, i, notice, APC_NOTICE_RECOVERED,
                             before == APC_LOOP_BACKUP ? "the law acts again after %.3f s"
                                                       : "inputs good again after %.3f s",
@@ -557,8 +561,8 @@ static void tell_answer(struct apc_controller *c, size_t k, struct apc_notice *n
 }
 
 /* As soon as there is no graver news. */
-static void tell_said(struct apc_controller *c, struct apc_controller_law *law, size_t k,
-                      struct apc_notice *notice)
+static void tell_law_said(struct apc_controller *c, struct apc_controller_law *law, size_t k,
+                          struct apc_notice *notice)
 {
     const size_t i = apc_instances_part(law->instances, k)->u;
     char *const say = law->instance[k].say;
@@ -603,7 +607,8 @@ static bool all_there(const struct apc_controller *c, const struct apc_instance_
 }
 
 /* Ask instance @p k for what its loops want of it. */
-static void run(struct apc_controller *c, struct apc_controller_law *law, size_t k, struct apc_now now)
+static void run_law_instance(struct apc_controller *c, struct apc_controller_law *law, size_t k,
+                             struct apc_now now)
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
     unsigned all;
@@ -612,17 +617,17 @@ static void run(struct apc_controller *c, struct apc_controller_law *law, size_t
     decide(c, law, k);
     all = asked(c, law, part);
     if (all && !law->instance[k].begun)
-        reset(c, law, k);
+        reset_law_instance(c, law, k);
     if ((all & APC_ASK_TRACK_FIRST) && any_there(c, part))
-        track(c, law, k, c->u, law->decides);
+        track_law_instance(c, law, k, c->u, law->decides);
     for (size_t i = part->u; i < part->u + part->nu; i++) {
         if (goes_out(c, law, i) || is_tried(c, law, c->state[i].move.state))
             law->decides[i] = APC_OUT_LAW;
     }
     if (all & APC_ASK_COMPUTE)
-        answered = ask(c, law, k, now);
+        answered = ask_law(c, law, k, now);
     for (size_t i = part->u; i < part->u + part->nu; i++) {
-        if (!is_backup(c, law))
+        if (!is_backup_law(c, law))
             c->state[i].would = answered ? law->trial[i] : (double)NAN;
         if (is_tried(c, law, c->state[i].move.state))
             law->decides[i] = APC_OUT_GIVEN;
@@ -643,7 +648,7 @@ static bool run_calmly(struct apc_controller *c, size_t i, struct apc_now now)
 }
 
 /* What goes out of loop @p i is known, and with it its state. */
-static void finish(struct apc_controller *c, size_t i, struct apc_now now, struct apc_notice *notice)
+static void finish_loop(struct apc_controller *c, size_t i, struct apc_now now, struct apc_notice *notice)
 {
     struct apc_controller_state *l = &c->state[i];
 
@@ -653,13 +658,13 @@ static void finish(struct apc_controller *c, size_t i, struct apc_now now, struc
         put_out(c, i, c->backup.trial[i]);
     if (l->move.output == APC_PUT_FAULT) /* also where an answer was refused */
         put_fault(c, i);
-    tell(c, i, now.mono, notice);
+    tell_of_loop(c, i, now.mono, notice);
     apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
                     apc_controller_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
 }
 
 /* The law after what goes out is known. */
-static void follow(struct apc_controller *c, struct apc_controller_law *law, size_t k)
+static void follow_outputs(struct apc_controller *c, struct apc_controller_law *law, size_t k)
 {
     const struct apc_instance_part *part = apc_instances_part(law->instances, k);
     struct apc_controller_instance *of = &law->instance[k];
@@ -667,7 +672,7 @@ static void follow(struct apc_controller *c, struct apc_controller_law *law, siz
     const bool known = all_there(c, part);
 
     if ((all & APC_ASK_TRACK) && of->begun && any_there(c, part))
-        track(c, law, k, c->u, law->decides);
+        track_law_instance(c, law, k, c->u, law->decides);
     if (of->answered && known)
         of->gap = false;
     if (!(all & (APC_ASK_TRACK | APC_ASK_COMPUTE)))
@@ -678,7 +683,7 @@ static void follow(struct apc_controller *c, struct apc_controller_law *law, siz
 }
 
 /* All that is told of loops and answers, but for those that are calm. */
-static void tell_all(struct apc_controller *c, struct apc_notice *notice)
+static void tell_all_loops(struct apc_controller *c, struct apc_notice *notice)
 {
     for (size_t k = 0; k < c->law.size.instances; k++) {
         if (!c->calm[k])
@@ -686,37 +691,37 @@ static void tell_all(struct apc_controller *c, struct apc_notice *notice)
     }
     for (size_t k = 0; k < c->law.size.instances; k++) {
         if (!c->calm[k])
-            tell_said(c, &c->law, k, notice);
+            tell_law_said(c, &c->law, k, notice);
     }
     for (size_t k = 0; k < c->backup.size.instances; k++)
-        tell_said(c, &c->backup, k, notice);
+        tell_law_said(c, &c->backup, k, notice);
 }
 
 void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have, struct apc_notice *notice)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
         if (!c->calm[i])
-            place(c, i, now.utc, have, notice);
+            place_outputs(c, i, now.utc, have, notice);
     }
     for (size_t k = 0; k < c->law.size.instances; k++) {
         if (c->calm[k])
             c->calm[k] = run_calmly(c, k, now);
         else
-            run(c, &c->law, k, now);
+            run_law_instance(c, &c->law, k, now);
     }
     for (size_t k = 0; k < c->backup.size.instances; k++)
-        run(c, &c->backup, k, now);
+        run_law_instance(c, &c->backup, k, now);
     if (!memchr(c->calm, 0, c->dim.nu))
         return;
     for (size_t i = 0; i < c->dim.nu; i++) {
         if (!c->calm[i])
-            finish(c, i, now, notice);
+            finish_loop(c, i, now, notice);
     }
-    tell_all(c, notice);
+    tell_all_loops(c, notice);
     for (size_t k = 0; k < c->law.size.instances; k++) {
         if (!c->calm[k])
-            follow(c, &c->law, k);
+            follow_outputs(c, &c->law, k);
     }
     for (size_t k = 0; k < c->backup.size.instances; k++)
-        follow(c, &c->backup, k);
+        follow_outputs(c, &c->backup, k);
 }

@@ -76,7 +76,7 @@ static unsigned bits(const struct apc_loop_facts *f)
 
 /* A loop that asks to be initialised is answered only by one that could act on it then: else it would go to
  * Cas, be shed at once, and ask again, for ever. */
-static bool answers(const struct apc_loop_facts *f)
+static bool answers_initialisation(const struct apc_loop_facts *f)
 {
     return f->invited && (f->target == APC_MODE_MAN || f->backup || (f->input && f->law && !f->expired));
 }
@@ -107,7 +107,7 @@ struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_l
         move.backup = 0;
         move.status = APC_UNCERTAIN_LAST_USABLE;
     }
-    if ((move.output == APC_PUT_BELOW && !answers(facts)) ||
+    if ((move.output == APC_PUT_BELOW && !answers_initialisation(facts)) ||
         (move.output == APC_PUT_FAULT && facts->setpoint))
         move.output = APC_PUT_NONE;
     return move;
@@ -176,14 +176,15 @@ bool apc_loop_invited(const struct apc_loop_below *b)
            b->newest >= b->value && b->newest <= b->value;
 }
 
-static bool answered(const struct apc_loop *l, const struct apc_loop_above *a)
+static bool is_initialisation_answered(const struct apc_loop *l, const struct apc_loop_above *a)
 {
     return l->asked && a->origin >= l->asked && a->value >= a->working && a->value <= a->working;
 }
 
 bool apc_loop_remote(const struct apc_loop *l, const struct apc_loop_above *a)
 {
-    return a->target == APC_MODE_CAS && a->theirs && a->fresh && a->able && (l->linked || answered(l, a));
+    return a->target == APC_MODE_CAS && a->theirs && a->fresh && a->able &&
+           (l->linked || is_initialisation_answered(l, a));
 }
 
 bool apc_loop_takes(const struct apc_loop *l, const struct apc_loop_above *a)

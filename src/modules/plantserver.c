@@ -91,8 +91,8 @@ static int check_world(const struct apc_plantserver_options *o, struct apc_error
     return o->sensor ? apc_sensors_check(o->sensor, o->model->ny, why) : 0;
 }
 
-static int take_options(struct apc_plantserver_options *o, const struct apc_plantserver_options *options,
-                        struct apc_error *why)
+static int take_plantserver_options(struct apc_plantserver_options *o,
+                                    const struct apc_plantserver_options *options, struct apc_error *why)
 {
     int rc = apc_options_copy(o, sizeof(*o), options, "apc_plantserver_options", why);
 
@@ -110,7 +110,7 @@ static int take_options(struct apc_plantserver_options *o, const struct apc_plan
     return check_world(o, why);
 }
 
-static int allocate(struct apc_plantserver *s)
+static int allocate_plantserver(struct apc_plantserver *s)
 {
     size_t nu = s->nu, ny = s->ny;
     double *at = calloc(5 * nu + 2 * ny + s->nx, sizeof(*at));
@@ -151,7 +151,7 @@ static void set_up_noise(struct apc_plantserver *s, const struct apc_plantserver
     }
 }
 
-static void give(struct apc_plantserver *s, bool safe)
+static void give_command(struct apc_plantserver *s, bool safe)
 {
     memcpy(s->input, safe ? s->safe : s->command, s->nu * sizeof(*s->input));
     s->input_safe = safe;
@@ -167,7 +167,7 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     if (!server)
         return apc_fail(why, APC_EINVAL, "apc_plantserver_create: server must not be NULL");
     *server = NULL;
-    rc = take_options(&o, options, why);
+    rc = take_plantserver_options(&o, options, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
@@ -178,7 +178,7 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     new->nu = o.model->nu;
     new->ny = o.model->ny;
     new->watchdog = apc_watchdog_make(o.link_period, o.command_period); /* tripped, until it ticks */
-    rc = allocate(new);
+    rc = allocate_plantserver(new);
     if (rc < 0)
         (void)apc_fail(why, rc, "plant server: no memory");
     else
@@ -195,7 +195,7 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     new->disturbance = o.disturbance;
     new->n_disturbances = o.n_disturbances;
     new->warm = o.initial != NULL;
-    give(new, !new->warm);
+    give_command(new, !new->warm);
     *server = new;
     return 0;
 }
@@ -241,7 +241,7 @@ void apc_plantserver_destroy(struct apc_plantserver *server)
 /* ---- Watchdog ------------------------------------------------------------------------------ */
 
 /* To be asked before anything else at every tick and every request: it may have tripped in between. */
-static void watch(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
+static void watch_commands(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
 {
     const struct apc_watchdog *w = &s->watchdog;
 
@@ -256,7 +256,7 @@ static void watch(struct apc_plantserver *s, apc_ns mono, struct apc_notice *not
              link ? "command frame" : "new command", apc_ns_to_s(link ? w->link : w->command));
 }
 
-static bool usable(const struct apc_plantserver *s, size_t i)
+static bool is_usable_input(const struct apc_plantserver *s, size_t i)
 {
     const struct apc_sample *u = &s->samples[i];
 
@@ -273,7 +273,7 @@ static bool acceptable(struct apc_plantserver *s, struct apc_notice *notice)
     char status[APC_STATUS_NAME_LEN];
     size_t i = 0;
 
-    while (i < s->nu && usable(s, i))
+    while (i < s->nu && is_usable_input(s, i))
         i++;
     if (i == s->nu)
         s->refusing = false;
@@ -299,7 +299,7 @@ static void take_command(struct apc_plantserver *s, apc_ns mono)
 
 /* Two clients who both want to command take the plant from each other again and again, each by a new
  * connection. */
-static void tell_of_rivals(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
+static void tell_of_rival_clients(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
 {
     if (s->rivals && mono - s->told_at < RIVALS_AGAIN)
         return;
@@ -326,7 +326,8 @@ static apc_ns ahead_by(uint64_t claim, apc_ns utc)
 }
 
 /* Is one refused for the sake of the claim that counts? @ahead: of the clock, by how much; 0: it is not. */
-static bool fence(struct apc_plantserver *s, uint64_t claim, apc_ns ahead, struct apc_notice *notice)
+static bool fence_former_claim(struct apc_plantserver *s, uint64_t claim, apc_ns ahead,
+                               struct apc_notice *notice)
 {
     if (!s->claim || !claim || (claim >= s->claim && !ahead))
         return false;
@@ -344,7 +345,7 @@ static bool fence(struct apc_plantserver *s, uint64_t claim, apc_ns ahead, struc
 }
 
 /* Did that client send it before it reconnected? */
-static bool is_late(const struct apc_plantserver *s, uint64_t id)
+static bool is_late_frame(const struct apc_plantserver *s, uint64_t id)
 {
     return id <= s->command_id || (claim_of(id) && claim_of(id) == claim_of(s->command_id));
 }
@@ -367,8 +368,8 @@ static void keep_claim(struct apc_plantserver *s, apc_ns mono, uint64_t claim, a
 
 /* One that cannot be taken does not take the plant from anybody either. Returns false: refused for who sent
  * it. */
-static bool command(struct apc_plantserver *s, struct apc_now now, uint64_t connection, uint64_t id,
-                    struct apc_notice *notice)
+static bool take_client_command(struct apc_plantserver *s, struct apc_now now, uint64_t connection,
+                                uint64_t id, struct apc_notice *notice)
 {
     const uint64_t claim = claim_of(id);
 
@@ -377,11 +378,11 @@ static bool command(struct apc_plantserver *s, struct apc_now now, uint64_t conn
     /* the clock may have been put back since that claim was new */
     const apc_ns ahead = claim && claim != s->claim ? ahead_by(claim, now.utc) : 0;
     if (connection < s->connection) {
-        if (!is_late(s, id))
-            tell_of_rivals(s, now.mono, notice);
+        if (!is_late_frame(s, id))
+            tell_of_rival_clients(s, now.mono, notice);
         return false;
     }
-    if (fence(s, claim, ahead, notice))
+    if (fence_former_claim(s, claim, ahead, notice))
         return false;
     if (!acceptable(s, notice))
         return true;
@@ -397,7 +398,7 @@ static bool command(struct apc_plantserver *s, struct apc_now now, uint64_t conn
 /* ---- Tick ---------------------------------------------------------------------------------- */
 
 /* The watchdog waits for the first command as for any other. */
-static void begin(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
+static void begin_serving(struct apc_plantserver *s, apc_ns mono, struct apc_notice *notice)
 {
     s->began_at = mono;
     if (!s->warm || s->watchdog.ever)
@@ -408,7 +409,7 @@ static void begin(struct apc_plantserver *s, apc_ns mono, struct apc_notice *not
 }
 
 /* With one input from one instant to another, piece by piece between the changes of the disturbances. */
-static int hold(struct apc_plantserver *s, apc_ns from, apc_ns to)
+static int hold_inputs(struct apc_plantserver *s, apc_ns from, apc_ns to)
 {
     int rc = 0;
 
@@ -427,18 +428,18 @@ static int hold(struct apc_plantserver *s, apc_ns from, apc_ns to)
     return rc;
 }
 
-static int advance(struct apc_plantserver *s, apc_ns to)
+static int advance_served_plant(struct apc_plantserver *s, apc_ns to)
 {
     apc_ns from = s->ticked_at;
     int rc = 0;
 
     if (s->split && s->split_at < to) {
-        rc = hold(s, from, s->split_at);
-        give(s, true);
+        rc = hold_inputs(s, from, s->split_at);
+        give_command(s, true);
         from = s->split_at > from ? s->split_at : from;
     }
     if (rc == 0)
-        rc = hold(s, from, to);
+        rc = hold_inputs(s, from, to);
     for (size_t i = 0; i < s->nx && to > s->ticked_at && rc == 0; i++) {
         if (s->noise[i] > 0.0)
             rc = apc_plant_kick(s->plant, i,
@@ -449,7 +450,7 @@ static int advance(struct apc_plantserver *s, apc_ns to)
 }
 
 /* A sensor that looks seldom does not wait for its next time where the plant fails, or is solved again. */
-static void publish(struct apc_plantserver *s, struct apc_now now, bool solved)
+static void publish_measurements(struct apc_plantserver *s, struct apc_now now, bool solved)
 {
     const apc_ns t = now.mono - s->began_at;
     const bool again = solved && !s->solved;
@@ -483,21 +484,21 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
 
     if (notice)
         notice->kind = APC_NOTICE_NONE;
-    watch(server, now.mono, notice);
+    watch_commands(server, now.mono, notice);
     if (server->ticked)
-        rc = advance(server, now.mono);
+        rc = advance_served_plant(server, now.mono);
     else
-        begin(server, now.mono, notice);
+        begin_serving(server, now.mono, notice);
     if (!server->ticked || now.mono > server->ticked_at)
         server->ticked_at = now.mono;
     server->ticked = true;
-    publish(server, now, rc == 0);
+    publish_measurements(server, now, rc == 0);
     report_solver(server, rc == 0, notice);
     if (server->watchdog.ever && server->watchdog.commanded &&
         (server->input_safe || server->split || !server->announced))
         /* Of a tick that has something else to say it is said by the next. */
         server->announced = apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
-    give(server, !server->watchdog.commanded);
+    give_command(server, !server->watchdog.commanded);
     server->split = false;
     return rc;
 }
@@ -525,12 +526,12 @@ int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, 
 
     if (notice)
         notice->kind = APC_NOTICE_NONE;
-    watch(server, now.mono, notice);
+    watch_commands(server, now.mono, notice);
     if (apc_frame_decode(request, length, &frame, server->samples, capacity) < 0)
         return APC_EPROTO;
     /* packMultiMsg() cannot know which way it goes: the paper's client sends its command as values. */
     if ((frame.kind == APC_FRAME_COMMAND || frame.kind == APC_FRAME_VALUES) && frame.n == server->nu) {
-        if (!command(server, now, connection, frame.id, notice))
+        if (!take_client_command(server, now, connection, frame.id, notice))
             return APC_EPERM;
     } else if (frame.kind != APC_FRAME_QUERY || frame.n != 0) {
         return APC_EPROTO;

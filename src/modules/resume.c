@@ -7,7 +7,7 @@
 #include <string.h>
 
 /* A row of this run, of a controller of the same dimensions? It has all fields before those of the law. */
-static bool fits(const struct apc_controller *c, const struct apc_vector *v, apc_ns since)
+static bool row_fits_controller(const struct apc_controller *c, const struct apc_vector *v, apc_ns since)
 {
     const uint32_t n = v->n < v->room ? v->n : v->room;
 
@@ -32,7 +32,7 @@ static void take_values(double *value, const double *at, size_t n)
     memcpy(value, at, n * sizeof(*value));
 }
 
-static void take_loop(struct apc_controller *c, size_t i, const double *row)
+static void resume_loop(struct apc_controller *c, size_t i, const double *row)
 {
     const size_t *at = c->offset;
     const double state = row[at[APC_TICK_STATE] + i], held = row[at[APC_TICK_HELD] + i],
@@ -63,7 +63,7 @@ static void take_common(struct apc_controller *c, const double *row)
     const size_t *at = c->offset, manual = apc_controller_wanted(c, APC_MANUAL);
 
     for (size_t i = 0; i < c->dim.nu; i++)
-        take_loop(c, i, row);
+        resume_loop(c, i, row);
     take_seqs(c->looked + manual, row + at[APC_TICK_WANTED] + manual, c->dim.nu);
     for (size_t k = 0; k < c->dim.ny; k++) {
         const double status = row[at[APC_TICK_Y_STATUS] + k];
@@ -83,7 +83,7 @@ static void take_common(struct apc_controller *c, const double *row)
 }
 
 /* The tuning that was in force, where the file still allows it. */
-static void take_tuning(struct apc_controller_law *law, const double *tuning)
+static void resume_tuning(struct apc_controller_law *law, const double *tuning)
 {
     for (size_t i = 0; i < law->size.tuning; i++) {
         if (!apc_param_accepts(&law->param[apc_instances_parameter(law->instances, i).number], tuning[i]))
@@ -99,8 +99,8 @@ static void take_law(struct apc_controller *c, const double *row)
 {
     const size_t *at = c->offset;
 
-    take_tuning(&c->law, row + at[APC_TICK_TUNING]);
-    take_tuning(&c->backup, row + at[APC_TICK_TUNING] + c->backup.first);
+    resume_tuning(&c->law, row + at[APC_TICK_TUNING]);
+    resume_tuning(&c->backup, row + at[APC_TICK_TUNING] + c->backup.first);
     for (size_t k = 0; k < c->size.instances; k++)
         c->instance[k] = (struct apc_controller_instance){.begun = row[at[APC_TICK_BEGUN] + k] > 0.0,
                                                           .gap = row[at[APC_TICK_GAP] + k] > 0.0,
@@ -149,7 +149,7 @@ int apc_controller_resume(struct apc_controller *c, apc_ns since)
         c->seq = c->former.sample[k].seq > c->seq ? c->former.sample[k].seq : c->seq;
     if (c->seq == 0 && c->former.sample[0].seq == 0)
         c->seq = c->former.sample[0].origin;
-    if (!fits(c, v, since))
+    if (!row_fits_controller(c, v, since))
         return 0;
     take_common(c, v->value);
     if (is_of_this_law(c, v))

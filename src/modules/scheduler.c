@@ -38,7 +38,7 @@ struct apc_scheduler {
 
 /* ---- Making ------------------------------------------------------------------------------- */
 
-static int check(const struct apc_scheduler_options *o, struct apc_error *why)
+static int check_scheduler_options(const struct apc_scheduler_options *o, struct apc_error *why)
 {
     if (!o->nz || o->nz > APC_VECTOR_MAX || !o->z || !o->steps || !o->sequence)
         return apc_fail(why, APC_EINVAL, "scheduler: setpoints (at most %d) and a sequence are required",
@@ -48,7 +48,7 @@ static int check(const struct apc_scheduler_options *o, struct apc_error *why)
     return 0;
 }
 
-static void name_rows(struct apc_scheduler *s)
+static void name_scheduler_rows(struct apc_scheduler *s)
 {
     const size_t nz = s->options.nz;
 
@@ -74,7 +74,7 @@ int apc_scheduler_create(struct apc_scheduler **scheduler, const struct apc_sche
     *scheduler = NULL;
     rc = apc_options_copy(&o, sizeof(o), options, "apc_scheduler_options", why);
     if (rc == 0)
-        rc = check(&o, why);
+        rc = check_scheduler_options(&o, why);
     if (rc < 0)
         return rc;
     new = calloc(1, sizeof(*new));
@@ -92,7 +92,7 @@ int apc_scheduler_create(struct apc_scheduler **scheduler, const struct apc_sche
         return apc_fail(why, APC_ENOMEM, "scheduler: no memory");
     }
     memcpy(new->z, o.z, o.nz * sizeof(*new->z));
-    name_rows(new);
+    name_scheduler_rows(new);
     *scheduler = new;
     return 0;
 }
@@ -127,7 +127,7 @@ static const struct apc_sample *setpoint_of(const struct apc_scheduler *s, size_
     return &s->in.sample[k];
 }
 
-static const struct apc_sample *owner_of(const struct apc_scheduler *s, size_t k)
+static const struct apc_sample *owner_of_setpoint(const struct apc_scheduler *s, size_t k)
 {
     return &s->in.sample[s->options.nz + k];
 }
@@ -138,7 +138,7 @@ static bool is_local(const struct apc_sample *owner)
 }
 
 /* One notice tells of all of them. */
-static void tell(struct apc_notice *notice, const char *name, const char *what)
+static void tell_of_setpoint(struct apc_notice *notice, const char *name, const char *what)
 {
     const size_t used = notice && notice->kind != APC_NOTICE_NONE ? strlen(notice->text) : 0;
 
@@ -148,16 +148,16 @@ static void tell(struct apc_notice *notice, const char *name, const char *what)
     snprintf(notice->text + used, sizeof(notice->text) - used, "%s%s %s", used ? "; " : "", name, what);
 }
 
-static bool is_due(const struct apc_scheduler *s, size_t k)
+static bool is_setpoint_due(const struct apc_scheduler *s, size_t k)
 {
     const struct moved *m = &s->state[k];
 
-    return !m->local && !(m->written && m->step == s->step && m->owner == owner_of(s, k)->seq);
+    return !m->local && !(m->written && m->step == s->step && m->owner == owner_of_setpoint(s, k)->seq);
 }
 
 /* ---- Steps -------------------------------------------------------------------------------- */
 
-static double value_at(const struct apc_scheduler *s, size_t k, uint64_t step)
+static double setpoint_at_step(const struct apc_scheduler *s, size_t k, uint64_t step)
 {
     const struct apc_scheduler_options *o = &s->options;
     const uint64_t row = step < o->steps ? step : o->repeat ? step % o->steps : o->steps - 1;
@@ -170,13 +170,13 @@ static uint32_t plan(const struct apc_scheduler *s, size_t k, apc_ns age, double
 {
     const struct apc_scheduler_options *o = &s->options;
     const uint64_t left = o->repeat ? o->steps : s->step < o->steps ? o->steps - 1 - s->step : 0;
-    double value = value_at(s, k, s->step);
+    double value = setpoint_at_step(s, k, s->step);
     uint32_t n = 0;
 
     pair[n++] = 0.0;
     pair[n++] = value;
     for (uint64_t i = 1; i <= left && n < PLAN_ROOM; i++) {
-        const double next = value_at(s, k, s->step + i);
+        const double next = setpoint_at_step(s, k, s->step + i);
 
         if (next >= value && next <= value)
             continue;
@@ -186,7 +186,7 @@ static uint32_t plan(const struct apc_scheduler *s, size_t k, apc_ns age, double
     return n;
 }
 
-static void put(struct apc_scheduler *s, size_t k, apc_ns utc, apc_ns age)
+static void put_scheduled_setpoint(struct apc_scheduler *s, size_t k, apc_ns utc, apc_ns age)
 {
     double *pair = s->pairs + PLAN_ROOM * s->out.n_vectors;
     const uint32_t n = plan(s, k, age, pair);
@@ -203,25 +203,25 @@ static void put(struct apc_scheduler *s, size_t k, apc_ns utc, apc_ns age)
                                                             .id = s->z[k].id,
                                                             .seq = setpoint_of(s, k)->seq,
                                                             .time = utc,
-                                                            .value = value_at(s, k, s->step),
+                                                            .value = setpoint_at_step(s, k, s->step),
                                                             .status = APC_GOOD};
 }
 
-static void written(struct apc_scheduler *s, size_t k)
+static void mark_written(struct apc_scheduler *s, size_t k)
 {
     s->state[k].written = true;
     s->state[k].step = s->step;
-    s->state[k].owner = owner_of(s, k)->seq;
+    s->state[k].owner = owner_of_setpoint(s, k)->seq;
 }
 
 void apc_scheduler_resume(struct apc_scheduler *s, uint64_t step, apc_ns since)
 {
     s->step = step;
     for (size_t k = 0; k < s->options.nz; k++) {
-        const struct apc_sample *setpoint = setpoint_of(s, k), *owner = owner_of(s, k);
+        const struct apc_sample *setpoint = setpoint_of(s, k), *owner = owner_of_setpoint(s, k);
 
         if (setpoint->seq > 0 && setpoint->time >= since && (owner->seq == 0 || setpoint->time > owner->time))
-            written(s, k);
+            mark_written(s, k);
     }
 }
 
@@ -233,14 +233,15 @@ int apc_scheduler_compute(struct apc_scheduler *s, struct apc_now now, uint64_t 
     s->step = step;
     s->out.n_samples = s->out.n_vectors = 0;
     for (size_t k = 0; k < s->options.nz; k++) {
-        const bool local = is_local(owner_of(s, k));
+        const bool local = is_local(owner_of_setpoint(s, k));
 
         if (local != s->state[k].local)
-            tell(notice, s->z[k].name,
-                 local ? "is Local: its steps are not written" : "is Remote: its steps are written again");
+            tell_of_setpoint(notice, s->z[k].name,
+                             local ? "is Local: its steps are not written"
+                                   : "is Remote: its steps are written again");
         s->state[k].local = local;
-        if (is_due(s, k))
-            put(s, k, now.utc, age);
+        if (is_setpoint_due(s, k))
+            put_scheduled_setpoint(s, k, now.utc, age);
     }
     return (int)s->out.n_samples;
 }
@@ -251,7 +252,7 @@ bool apc_scheduler_update(struct apc_scheduler *s, bool stored)
 
     for (size_t i = 0; i < s->out.n_samples && stored; i++) {
         if (s->out.sample[i].seq > 0)
-            written(s, s->of[i]);
+            mark_written(s, s->of[i]);
         else
             all = false;
     }

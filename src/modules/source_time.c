@@ -9,7 +9,7 @@
 
 enum verdict { RIGHT, UNKNOWN, WRONG };
 
-static enum verdict judge(const struct apc_dating *d, apc_ns time, apc_ns now, apc_ns by)
+static enum verdict judge_source_time(const struct apc_dating *d, apc_ns time, apc_ns now, apc_ns by)
 {
     if (time > now + by)
         return WRONG;
@@ -20,7 +20,7 @@ static enum verdict judge(const struct apc_dating *d, apc_ns time, apc_ns now, a
 
 apc_ns apc_dating_look(struct apc_dating *d, apc_ns time, apc_ns now, apc_ns since)
 {
-    const enum verdict is = judge(d, time, now, d->wrong ? APC_DATING_OFF / 2 : APC_DATING_OFF);
+    const enum verdict is = judge_source_time(d, time, now, d->wrong ? APC_DATING_OFF / 2 : APC_DATING_OFF);
 
     d->wrong = is == UNKNOWN ? d->wrong : is == WRONG;
     d->off = time < now - APC_DATING_FAR   ? -APC_DATING_FAR

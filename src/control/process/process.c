@@ -24,7 +24,7 @@
 
 /* ---- What it prints -------------------------------------------------------------------------- */
 
-static void tell_said(struct process *p, const struct apc_law_call *c)
+static void tell_process_said(struct process *p, const struct apc_law_call *c)
 {
     const double since = p->told_at < 0 || c->t < p->told_at ? HUGE_VAL : c->t - p->told_at;
     const char *tail;
@@ -45,7 +45,7 @@ static void tell_said(struct process *p, const struct apc_law_call *c)
 /* ---- The process ------------------------------------------------------------------------------- */
 
 /* End it, and say how it ended. */
-static void bury(struct process *p, bool hung)
+static void bury_process(struct process *p, bool hung)
 {
     apc_companion_bury(&p->own, hung);
     p->waiting = false;
@@ -67,11 +67,11 @@ int apc_process_begin(struct process *p, struct apc_error *why)
 }
 
 /* Why it did not become one. */
-static int refuse(struct process *p, const char *what, struct apc_error *why)
+static int refuse_process(struct process *p, const char *what, struct apc_error *why)
 {
     char said[360];
 
-    bury(p, p->own.socket >= 0 && strstr(what, "within"));
+    bury_process(p, p->own.socket >= 0 && strstr(what, "within"));
     apc_companion_said(&p->own, said, sizeof(said));
     return apc_fail(
         why, APC_EINVAL, "%s: %s%s%s%s", p->own.file, what, said[0] ? ": " : "", said,
@@ -86,9 +86,9 @@ int apc_process_hear(struct process *p, char *text, struct apc_error *why)
         apc_companion_take(&p->own, text, APC_COMPANION_MESSAGE, apc_clock_mono(NULL) + p->timeout);
 
     if (n < 0)
-        return refuse(p, "said nothing within its time", why);
+        return refuse_process(p, "said nothing within its time", why);
     if (n == 0)
-        return refuse(p, "is no law", why);
+        return refuse_process(p, "is no law", why);
     text[n] = '\0';
     apc_companion_listen(&p->own);
     if (strncmp(text, "error\t", 6) == 0)
@@ -102,7 +102,7 @@ int apc_process_introduce(struct process *p, const struct instance *i, char *tex
 
     memcpy(i->setup, &header, sizeof(header));
     if (!apc_companion_give(&p->own, i->setup, i->setup_length))
-        return refuse(p, "does not take its settings", why);
+        return refuse_process(p, "does not take its settings", why);
     return apc_process_hear(p, text, why);
 }
 
@@ -116,14 +116,14 @@ bool apc_process_revive(struct apc_companion *own)
     for (struct instance *i = p->instances; i && well; i = i->next)
         well = apc_process_introduce(p, i, text, &why) == 0;
     if (!well)
-        bury(p, true);
+        bury_process(p, true);
     free(text);
     return well;
 }
 
 /* ---- Calls ------------------------------------------------------------------------------------- */
 
-static double *put(double *to, const double *from, size_t n, double otherwise)
+static double *put_numbers(double *to, const double *from, size_t n, double otherwise)
 {
     for (size_t i = 0; i < n; i++)
         to[i] = from ? from[i] : otherwise;
@@ -140,27 +140,27 @@ static void fill_request(const struct instance *i, const struct apc_law_call *c)
     *to++ = (double)c->tick;
     *to++ = c->budget;
     *to++ = c->gap;
-    to = put(to, c->y, ny, 0.0);
+    to = put_numbers(to, c->y, ny, 0.0);
     for (size_t k = 0; k < ny; k++)
         *to++ = c->y_status ? (double)c->y_status[k] : 0.0;
-    to = put(to, c->y_age, ny, 0.0);
+    to = put_numbers(to, c->y_age, ny, 0.0);
     for (size_t k = 0; k < ny; k++)
         *to++ = c->y_new ? (double)c->y_new[k] : 1.0;
-    to = put(to, c->z, i->n_ahead * i->dim.nz, 0.0);
-    to = put(to, c->d, i->n_ahead * i->dim.nd, 0.0);
-    to = put(to, c->low, nu, -HUGE_VAL);
-    to = put(to, c->high, nu, HUGE_VAL);
-    to = put(to, c->rate, nu, HUGE_VAL);
-    to = put(to, c->y_low, ny, -HUGE_VAL);
-    to = put(to, c->y_high, ny, HUGE_VAL);
-    to = put(to, c->u_last, nu, (double)NAN);
+    to = put_numbers(to, c->z, i->n_ahead * i->dim.nz, 0.0);
+    to = put_numbers(to, c->d, i->n_ahead * i->dim.nd, 0.0);
+    to = put_numbers(to, c->low, nu, -HUGE_VAL);
+    to = put_numbers(to, c->high, nu, HUGE_VAL);
+    to = put_numbers(to, c->rate, nu, HUGE_VAL);
+    to = put_numbers(to, c->y_low, ny, -HUGE_VAL);
+    to = put_numbers(to, c->y_high, ny, HUGE_VAL);
+    to = put_numbers(to, c->u_last, nu, (double)NAN);
     for (size_t k = 0; k < nu; k++)
         *to++ = c->out ? (double)c->out[k] : (double)APC_OUT_LAW;
-    to = put(to, c->u, nu, 0.0);
+    to = put_numbers(to, c->u, nu, 0.0);
     for (size_t k = 0; k < nu; k++)
         *to++ = c->limited ? (double)c->limited[k] : 0.0;
-    to = put(to, c->tuning, i->tuning, 0.0);
-    (void)put(to, c->x, i->states, 0.0);
+    to = put_numbers(to, c->tuning, i->tuning, 0.0);
+    (void)put_numbers(to, c->x, i->states, 0.0);
 }
 
 static int fail_call(const struct apc_law_call *c, int result, const char *text)
@@ -171,19 +171,19 @@ static int fail_call(const struct apc_law_call *c, int result, const char *text)
 }
 
 /* Has it taken what it was asked before? Returns 0, or what to answer instead. */
-static int catch_up(struct process *p, const struct instance *i, const struct apc_law_call *c,
-                    apc_ns patience)
+static int catch_up_process(struct process *p, const struct instance *i, const struct apc_law_call *c,
+                            apc_ns patience)
 {
     while (p->waiting) {
         struct header header;
         const ssize_t n = apc_companion_take(&p->own, i->answer, i->n_answer, 0);
 
         if (n == 0) {
-            bury(p, false);
+            bury_process(p, false);
             return 0;
         }
         if (n < 0 && apc_clock_mono(NULL) - p->own.since > patience) {
-            bury(p, true);
+            bury_process(p, true);
             return fail_call(c, APC_LAW_FAILED, p->own.end);
         }
         if (n < 0)
@@ -213,8 +213,8 @@ bool apc_process_is_there(struct process *p, bool live)
 }
 
 /* Ask with the lock held. Returns 0 and the answer in i->answer, or enum apc_law_result. */
-static int exchange(struct process *p, const struct instance *i, enum kind kind, const struct apc_law_call *c,
-                    size_t *length)
+static int exchange_with_process(struct process *p, const struct instance *i, enum kind kind,
+                                 const struct apc_law_call *c, size_t *length)
 {
     const bool live = c->deadline != 0;
     const apc_ns patience =
@@ -225,7 +225,7 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
     if (p->own.starting || !apc_process_is_there(p, live))
         return fail_call(c, APC_LAW_FAILED,
                          p->own.starting || !p->own.end[0] ? "its process is being started" : p->own.end);
-    if ((rc = catch_up(p, i, c, patience)) != 0)
+    if ((rc = catch_up_process(p, i, c, patience)) != 0)
         return rc;
     if (p->own.socket < 0 && (live || !apc_process_is_there(p, live)))
         return fail_call(c, APC_LAW_FAILED, p->own.end);
@@ -234,7 +234,7 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
     fill_request(i, c);
     p->own.since = apc_clock_mono(NULL);
     if (!apc_companion_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double))) {
-        bury(p, false); /* killed between two ticks: in virtual time nobody was late yet */
+        bury_process(p, false); /* killed between two ticks: in virtual time nobody was late yet */
         if (live || !apc_process_is_there(p, live) ||
             !apc_companion_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double)))
             return fail_call(c, APC_LAW_FAILED, p->own.end);
@@ -253,7 +253,7 @@ static int exchange(struct process *p, const struct instance *i, enum kind kind,
         if (n < (ssize_t)sizeof(header)) {
             p->falls++;
             p->given_up = n < 0;
-            bury(p, n < 0);
+            bury_process(p, n < 0);
             return fail_call(c, APC_LAW_FAILED, p->own.end);
         }
         memcpy(&header, i->answer, sizeof(header));
@@ -280,10 +280,10 @@ int apc_process_ask(const struct apc_law_call *c, enum kind kind)
     if (!c->deadline && c->budget <= 0)
         return fail_call(c, c->budget < 0 ? APC_LAW_FAILED : APC_LAW_LATE, "has not answered in time");
     pthread_mutex_lock(&p->own.lock);
-    rc = exchange(p, i, kind, c, &length);
+    rc = exchange_with_process(p, i, kind, c, &length);
     if (!p->own.starting) {
         apc_companion_listen(&p->own);
-        tell_said(p, c);
+        tell_process_said(p, c);
     }
     if (rc == 0) {
         memcpy(&header, i->answer, sizeof(header));

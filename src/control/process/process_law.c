@@ -14,31 +14,31 @@
 
 /* ---- Calls ------------------------------------------------------------------------------------- */
 
-static int compute(struct apc_law_call *c)
+static int process_compute(struct apc_law_call *c)
 {
     return apc_process_ask(c, COMPUTE);
 }
 
-static void reset(struct apc_law_call *c)
+static void process_reset(struct apc_law_call *c)
 {
     if (((const struct instance *)c->self)->of->resets)
         (void)apc_process_ask(c, RESET);
 }
 
-static void update(struct apc_law_call *c)
+static void process_update(struct apc_law_call *c)
 {
     if (((const struct instance *)c->self)->of->updates)
         (void)apc_process_ask(c, UPDATE);
 }
 
-static void track(struct apc_law_call *c)
+static void process_track(struct apc_law_call *c)
 {
     (void)apc_process_ask(c, TRACK);
 }
 
 /* ---- Instances --------------------------------------------------------------------------------- */
 
-static void put_text(FILE *out, const char *text)
+static void put_setup_text(FILE *out, const char *text)
 {
     fputc('"', out);
     for (const char *c = text ? text : ""; *c; c++) {
@@ -53,7 +53,7 @@ static void put_text(FILE *out, const char *text)
 }
 
 /* As JSON of Python's kind has it: Infinity, NaN. */
-static void put_number(FILE *out, double value)
+static void put_setup_number(FILE *out, double value)
 {
     char text[40];
 
@@ -76,12 +76,12 @@ static void put_signals(FILE *out, const char *name, const struct apc_signal_vie
         const double limit[] = {s->low, s->high, s->rate, s->soft_low, s->soft_high};
 
         fputs(i > 0 ? ",[" : "[", out);
-        put_text(out, s->name);
+        put_setup_text(out, s->name);
         fputc(',', out);
-        put_text(out, s->unit);
+        put_setup_text(out, s->unit);
         for (size_t k = 0; k < sizeof(limit) / sizeof(limit[0]); k++) {
             fputc(',', out);
-            put_number(out, limit[k]);
+            put_setup_number(out, limit[k]);
         }
         fputc(']', out);
     }
@@ -95,15 +95,15 @@ static void put_settings(FILE *out, const struct apc_law_setup *setup)
         const struct apc_setting *const s = &setup->setting[i];
 
         fputs(i > 0 ? "," : "", out);
-        put_text(out, s->name);
+        put_setup_text(out, s->name);
         fputc(':', out);
         if (s->text)
-            put_text(out, s->text);
+            put_setup_text(out, s->text);
         else
             fprintf(out, "[%zu,%zu", s->rows, s->columns);
         for (size_t k = 0; !s->text && k < s->rows * s->columns; k++) {
             fputc(',', out);
-            put_number(out, s->value[k]);
+            put_setup_number(out, s->value[k]);
         }
         fputs(s->text ? "" : "]", out);
     }
@@ -121,7 +121,7 @@ static int write_setup(struct instance *i, const struct apc_law_setup *setup, st
     fwrite(&room, sizeof(room), 1, out);
     fprintf(out, "{\"ny\":%zu,\"nz\":%zu,\"nu\":%zu,\"nd\":%zu,\"output\":%zu,\"Ts\":", setup->dim.ny,
             setup->dim.nz, setup->dim.nu, setup->dim.nd, setup->output);
-    put_number(out, setup->Ts);
+    put_setup_number(out, setup->Ts);
     put_signals(out, "y", setup->y, setup->dim.ny);
     put_signals(out, "z", setup->z, setup->dim.nz);
     put_signals(out, "u", setup->u, setup->dim.nu);
@@ -155,7 +155,7 @@ static bool next_line(char **text, char **field, size_t n)
     return true;
 }
 
-static size_t count(const char *text, const char *key)
+static size_t count_key(const char *text, const char *key)
 {
     size_t n = 0;
 
@@ -168,7 +168,7 @@ static int read_needs(struct instance *i, struct apc_law_needs *needs)
 {
     char *text = i->texts, *field[6];
 
-    i->what = calloc(count(text, "published\t") + 1, sizeof(*i->what));
+    i->what = calloc(count_key(text, "published\t") + 1, sizeof(*i->what));
     if (!i->what)
         return APC_ENOMEM;
     while (next_line(&text, field, 6)) {
@@ -193,7 +193,7 @@ static int read_needs(struct instance *i, struct apc_law_needs *needs)
     return 0;
 }
 
-static int make_room(struct instance *i, struct apc_error *why)
+static int make_answer_room(struct instance *i, struct apc_error *why)
 {
     const struct apc_dim *const d = &i->dim;
     const size_t answer = 2 * d->nu + i->published > i->states ? 2 * d->nu + i->published : i->states;
@@ -211,8 +211,8 @@ static int make_room(struct instance *i, struct apc_error *why)
     return i->request && i->answer ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
 }
 
-static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
-                  struct apc_error *why)
+static int process_create(const struct apc_law_setup *setup, struct apc_law_needs *needs, void **self,
+                          struct apc_error *why)
 {
     struct process *const p =
         (struct process *)(void *)((char *)(uintptr_t)setup->law - offsetof(struct process, law));
@@ -240,7 +240,7 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
     if (rc == 0 && (!(i->texts = strdup(text)) || read_needs(i, needs) < 0))
         rc = apc_fail(why, APC_ENOMEM, "law %s: no memory", p->law.name);
     if (rc == 0)
-        rc = make_room(i, why);
+        rc = make_answer_room(i, why);
     if (rc == 0) {
         i->next = p->instances;
         p->instances = i;
@@ -250,7 +250,7 @@ static int create(const struct apc_law_setup *setup, struct apc_law_needs *needs
     return rc;
 }
 
-static void destroy(void *self)
+static void process_destroy(void *self)
 {
     struct instance *const i = self;
     struct process *const p = i->of;
@@ -278,16 +278,16 @@ static void destroy(void *self)
 /* ---- The law ------------------------------------------------------------------------------------- */
 
 /* From what it says of itself. */
-static int describe(struct process *p, char *text)
+static int describe_process_law(struct process *p, char *text)
 {
     struct apc_law *const law = &p->law;
     char *field[8];
     size_t settings = 0;
 
     p->texts = text;
-    p->param = calloc(count(text, "param\t") + 1, sizeof(*p->param));
-    p->scope = calloc(count(text, "param\t") + 1, sizeof(*p->scope));
-    p->settings = calloc(count(text, "setting\t") + 1, sizeof(*p->settings));
+    p->param = calloc(count_key(text, "param\t") + 1, sizeof(*p->param));
+    p->scope = calloc(count_key(text, "param\t") + 1, sizeof(*p->scope));
+    p->settings = calloc(count_key(text, "setting\t") + 1, sizeof(*p->settings));
     if (!p->param || !p->scope || !p->settings)
         return APC_ENOMEM;
     *law = (struct apc_law){.abi = APC_LAW_ABI,
@@ -295,11 +295,11 @@ static int describe(struct process *p, char *text)
                             .tuning = p->param,
                             .scope = p->scope,
                             .settings = p->settings,
-                            .create = create,
-                            .destroy = destroy,
-                            .reset = reset,
-                            .compute = compute,
-                            .update = update};
+                            .create = process_create,
+                            .destroy = process_destroy,
+                            .reset = process_reset,
+                            .compute = process_compute,
+                            .update = process_update};
     while (next_line(&text, field, 8)) {
         if (strcmp(field[0], "name") == 0) {
             law->name = field[1];
@@ -327,7 +327,7 @@ static int describe(struct process *p, char *text)
             (void)apc_number_parse(field[7], &param->high);
         }
     }
-    law->track = p->tracks ? track : NULL;
+    law->track = p->tracks ? process_track : NULL;
     return 0;
 }
 
@@ -396,7 +396,7 @@ int apc_law_process_open(const char *file, const struct apc_law **law, void **ha
              : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
     if (rc == 0)
         rc = apc_process_hear(p, text, why);
-    if (rc == 0 && describe(p, text) < 0)
+    if (rc == 0 && describe_process_law(p, text) < 0)
         rc = apc_fail(why, APC_ENOMEM, "%s: no memory", file);
     if (rc == 0)
         rc = apc_law_check(&p->law, file, why);
@@ -413,7 +413,7 @@ int apc_law_process_open(const char *file, const struct apc_law **law, void **ha
 
 bool apc_law_in_process(const struct apc_law *law)
 {
-    return law->compute == compute;
+    return law->compute == process_compute;
 }
 
 uint32_t apc_law_process_mark(const struct apc_law *law)
