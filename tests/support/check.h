@@ -13,6 +13,10 @@
 
 #include <cmocka.h>
 
+#ifdef main /* of one file of a room's program: unit/main.c */
+int main(void);
+#endif
+
 #define assert_near(actual, expected, tolerance)                                                             \
     do {                                                                                                     \
         double near_a = (actual), near_e = (expected), near_t = (tolerance);                                 \
