@@ -25,7 +25,7 @@ static const struct apc_tag *find_id(const struct apc_tag *tags, size_t n, enum 
 }
 
 /* Its name or TABLE.ID: sensors before what may be set, as the tags stand. */
-static bool is_called(const struct apc_tag *tag, const char *name)
+static bool is_tag_called(const struct apc_tag *tag, const char *name)
 {
     char address[48];
     snprintf(address, sizeof address, "%s.%d", apc_table_name(tag->table), tag->id);
@@ -51,7 +51,7 @@ int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n
             tag = moved_by(e, tags, n, tag);
         if (!tag || (write && !may_write(tag->table)))
             continue;
-        if (is_called(&tags[i], name)) {
+        if (is_tag_called(&tags[i], name)) {
             *found = *tag;
             return 0;
         }
@@ -84,8 +84,8 @@ static struct controller_loop find_loop(const struct experiment *e, const char *
     return (struct controller_loop){NULL, 0};
 }
 
-static const struct controller *find_controller(const struct experiment *e, const char *name,
-                                                struct nearest *nearest)
+static const struct controller *find_action_controller(const struct experiment *e, const char *name,
+                                                       struct nearest *nearest)
 {
     for (size_t i = 0; i < e->n_controllers; i++) {
         if (!strcmp(e->controllers[i].name, name))
@@ -95,8 +95,8 @@ static const struct controller *find_controller(const struct experiment *e, cons
     return NULL;
 }
 
-static int check_mode(const struct experiment *e, struct controller_loop loop, enum apc_mode mode,
-                      struct apc_error *why)
+static int check_action_mode(const struct experiment *e, struct controller_loop loop, enum apc_mode mode,
+                             struct apc_error *why)
 {
     char name[APC_TAG_LEN];
     if (mode != APC_MODE_CAS || controllers_is_below(e, loop))
@@ -112,7 +112,7 @@ int action_find_mode(const struct experiment *e, const char *name, enum apc_mode
     if (mode != APC_MODE_MAN && mode != APC_MODE_AUTO && mode != APC_MODE_OOS && mode != APC_MODE_CAS)
         return apc_fail(why, APC_EINVAL, "mode %s cannot be asked for: it must be OOS, Man, Auto or Cas",
                         apc_mode_name((int)mode) ? apc_mode_name((int)mode) : "of that number");
-    const struct controller *all = find_controller(e, name, &nearest);
+    const struct controller *all = find_action_controller(e, name, &nearest);
     const struct controller_loop loop = all ? (struct controller_loop){all, 0} : find_loop(e, name, &nearest);
     if (!loop.of)
         return apc_fail(why, APC_ENOTFOUND, "there is no loop or controller \"%s\"%s%s%s", name,
@@ -121,7 +121,7 @@ int action_find_mode(const struct experiment *e, const char *name, enum apc_mode
     action->to = (struct apc_sample){.table = APC_OPMODE, .id = controllers_loop_id(loop), .value = mode};
     action->n = all ? all->dim.nu : 1;
     for (size_t i = 0; i < action->n; i++) {
-        int rc = check_mode(e, (struct controller_loop){loop.of, loop.u + i}, mode, why);
+        int rc = check_action_mode(e, (struct controller_loop){loop.of, loop.u + i}, mode, why);
         if (rc < 0)
             return rc;
     }
@@ -132,7 +132,7 @@ int action_find_promotion(const struct experiment *e, const char *name, struct a
                           struct apc_error *why)
 {
     struct nearest nearest = {.wanted = name};
-    const struct controller *c = find_controller(e, name, &nearest);
+    const struct controller *c = find_action_controller(e, name, &nearest);
     if (!c)
         return apc_fail(why, APC_ENOTFOUND, "there is no controller \"%s\"%s%s%s", name,
                         nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
@@ -158,7 +158,7 @@ int action_find_owner(const struct experiment *e, const char *name, bool remote,
     struct nearest nearest = {.wanted = name};
     const struct apc_tag *tag = NULL;
     for (size_t i = 0; i < e->dim.nz && !tag; i++) {
-        tag = is_called(&e->z[i].tag, name) ? &e->z[i].tag : NULL;
+        tag = is_tag_called(&e->z[i].tag, name) ? &e->z[i].tag : NULL;
         nearest_look(&nearest, e->z[i].tag.name);
     }
     if (!tag)
@@ -183,7 +183,7 @@ int action_find_owner(const struct experiment *e, const char *name, bool remote,
 
 /* ---- Doing --------------------------------------------------------------------------------- */
 
-static void describe(const struct apc_sample *s, char *text, size_t size)
+static void describe_written(const struct apc_sample *s, char *text, size_t size)
 {
     const bool owner = loops_is_owner(s), mode = s->table == APC_OPMODE && s->id < LOOPS_IDS;
     char number[SETTINGS_NUMBER];
@@ -196,8 +196,8 @@ static void describe(const struct apc_sample *s, char *text, size_t size)
 }
 
 /* What is written, in words. */
-static const char *name_of(const struct loops *loops, const struct apc_tag *tags, size_t n,
-                           const struct action *action)
+static const char *name_of_action(const struct loops *loops, const struct apc_tag *tags, size_t n,
+                                  const struct action *action)
 {
     const struct apc_tag *tag = find_id(tags, n, action->to.table, action->to.id);
     const struct loops_loop *loop =
@@ -237,10 +237,11 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
     if (rc >= 0)
         rc = write_rows(store, loops, action, &before, rows, &with);
     if (rc >= 0) {
-        describe(&before, was, sizeof was);
-        describe(rows[0].seq > 0 ? rows : &before, is, sizeof is);
+        describe_written(&before, was, sizeof was);
+        describe_written(rows[0].seq > 0 ? rows : &before, is, sizeof is);
         snprintf(event.source, sizeof event.source, "%s", source);
-        snprintf(event.text, sizeof event.text, "%.64s: %s -> %s", name_of(loops, tags, n, action), was, is);
+        snprintf(event.text, sizeof event.text, "%.64s: %s -> %s", name_of_action(loops, tags, n, action),
+                 was, is);
         rc = apc_store_append_events(store, &event, 1);
     }
     free(with.at);
@@ -255,7 +256,7 @@ static const char *const done[] = {"set", "mode", "remote", "local", "promote", 
 static const char *const to_come[] = {"ack", "shelve", "service", NULL};
 #define POSSIBLE "set, mode, remote, local, promote, kill and start"
 
-static bool is_one_of(const char *name, const char *const *names)
+static bool is_target_name(const char *name, const char *const *names)
 {
     while (*names && strcmp(*names, name) != 0)
         names++;
@@ -263,7 +264,7 @@ static bool is_one_of(const char *name, const char *const *names)
 }
 
 /* The one member that says what is to be done; NULL after a failure. */
-static const config_setting_t *kind_of(struct settings *s, const config_setting_t *group)
+static const config_setting_t *kind_of_action(struct settings *s, const config_setting_t *group)
 {
     const config_setting_t *kind = NULL;
     if (!config_setting_is_group(group)) {
@@ -275,9 +276,9 @@ static const config_setting_t *kind_of(struct settings *s, const config_setting_
         const char *name = config_setting_name(member);
         if (!strcmp(name, "at") || !strcmp(name, "value"))
             continue;
-        if (is_one_of(name, to_come))
+        if (is_target_name(name, to_come))
             settings_fail(s, member, "an action \"%s\" is not possible yet: " POSSIBLE " are", name);
-        else if (!is_one_of(name, done))
+        else if (!is_target_name(name, done))
             settings_fail(s, member, "there is no action \"%s\": " POSSIBLE " are possible", name);
         else if (kind)
             settings_fail(s, member, "one action at a time: \"%s\" and \"%s\"", config_setting_name(kind),
@@ -304,8 +305,8 @@ static void read_set(struct settings *s, const config_setting_t *group, const ch
     action->n = 1;
 }
 
-static void read_mode(struct settings *s, const config_setting_t *group, const char *name,
-                      struct action *action, const struct experiment *e)
+static void read_action_mode(struct settings *s, const config_setting_t *group, const char *name,
+                             struct action *action, const struct experiment *e)
 {
     struct apc_error why;
     char value[8] = "";
@@ -329,8 +330,8 @@ static void read_promotion(struct settings *s, const config_setting_t *group, co
         settings_fail(s, group, "%s", why.text);
 }
 
-static void read_owner(struct settings *s, const config_setting_t *group, const char *name, bool remote,
-                       struct action *action, const struct experiment *e)
+static void read_action_owner(struct settings *s, const config_setting_t *group, const char *name,
+                              bool remote, struct action *action, const struct experiment *e)
 {
     struct apc_error why;
     if (config_setting_get_member(group, "value"))
@@ -343,7 +344,7 @@ static void read_life(struct settings *s, const config_setting_t *group, const c
                       struct action *action, const struct experiment *e)
 {
     struct nearest nearest = {.wanted = name};
-    const struct controller *c = find_controller(e, name, &nearest);
+    const struct controller *c = find_action_controller(e, name, &nearest);
     if (config_setting_get_member(group, "value"))
         settings_fail(s, group, "who is killed or started has no \"value\"");
     else if (!c)
@@ -357,7 +358,7 @@ static void read_life(struct settings *s, const config_setting_t *group, const c
 static void read_action(struct settings *s, const config_setting_t *group, const struct experiment *e,
                         struct action *action, const struct apc_tag *tags, size_t n)
 {
-    const config_setting_t *kind = kind_of(s, group);
+    const config_setting_t *kind = kind_of_action(s, group);
     char name[APC_TAG_LEN] = "";
     double at = 0;
     if (!kind)
@@ -370,9 +371,9 @@ static void read_action(struct settings *s, const config_setting_t *group, const
     if (!strcmp(what, "set"))
         read_set(s, group, name, action, e, tags, n);
     else if (!strcmp(what, "mode"))
-        read_mode(s, group, name, action, e);
+        read_action_mode(s, group, name, action, e);
     else if (!strcmp(what, "remote") || !strcmp(what, "local"))
-        read_owner(s, group, name, !strcmp(what, "remote"), action, e);
+        read_action_owner(s, group, name, !strcmp(what, "remote"), action, e);
     else if (!strcmp(what, "promote"))
         read_promotion(s, group, name, action, e);
     else

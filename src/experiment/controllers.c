@@ -20,7 +20,7 @@ struct kind {
     size_t n;
 };
 
-static void *array(struct settings *s, size_t n, size_t size)
+static void *controllers_array(struct settings *s, size_t n, size_t size)
 {
     void *p = calloc(n ? n : 1, size);
     if (!p && !s->failed)
@@ -44,19 +44,19 @@ static bool look_up(const struct kind *kinds, size_t n, const char *name, struct
     return false;
 }
 
-static bool same(struct wire a, struct wire b)
+static bool are_same_wires(struct wire a, struct wire b)
 {
     return a.table == b.table && a.at == b.at;
 }
 
 /* The names of list @p list of a controller, each of which stands for a signal of one of the kinds. */
-static size_t read_names(struct settings *s, const config_setting_t *group, const char *list,
-                         enum settings_presence presence, const struct kind *kinds, size_t n_kinds,
-                         struct wire **wires)
+static size_t read_wire_names(struct settings *s, const config_setting_t *group, const char *list,
+                              enum settings_presence presence, const struct kind *kinds, size_t n_kinds,
+                              struct wire **wires)
 {
     const config_setting_t *names = config_setting_get_member(group, list);
     const size_t n = names && config_setting_is_aggregate(names) ? (size_t)config_setting_length(names) : 0;
-    struct wire *w = *wires = array(s, n, sizeof *w);
+    struct wire *w = *wires = controllers_array(s, n, sizeof *w);
 
     if (n == 0 && (names || presence == REQUIRED))
         settings_fail(s, names ? names : group, "\"%s\" must name at least one %s: %s = [\"...\"];", list,
@@ -72,7 +72,7 @@ static size_t read_names(struct settings *s, const config_setting_t *group, cons
                           nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
                           nearest.name ? "\"?" : "");
         for (size_t k = 0; k < i && !s->failed; k++)
-            if (same(w[k], w[i]))
+            if (are_same_wires(w[k], w[i]))
                 settings_fail(s, one, "\"%s\" stands twice in \"%s\"", name, list);
     }
     return n;
@@ -86,10 +86,10 @@ static void read_wiring(struct settings *s, const config_setting_t *group, const
                       u[] = {{"output", APC_ACTUATOR, e->u, e->dim.nu},
                              {"setpoint", APC_SETPOINT, e->z, e->dim.nz},
                              {"signal", APC_SENSOR, e->y + e->dim.ny, e->n_signals}};
-    c->dim.ny = read_names(s, group, "measurements", REQUIRED, y, 1, &c->y);
-    c->dim.nz = read_names(s, group, "setpoints", OPTIONAL, z, 1, &c->z);
-    c->dim.nu = read_names(s, group, "outputs", REQUIRED, u, 3, &c->u);
-    c->dim.nd = read_names(s, group, "disturbances", OPTIONAL, y, 1, &c->d);
+    c->dim.ny = read_wire_names(s, group, "measurements", REQUIRED, y, 1, &c->y);
+    c->dim.nz = read_wire_names(s, group, "setpoints", OPTIONAL, z, 1, &c->z);
+    c->dim.nu = read_wire_names(s, group, "outputs", REQUIRED, u, 3, &c->u);
+    c->dim.nd = read_wire_names(s, group, "disturbances", OPTIONAL, y, 1, &c->d);
     for (size_t i = 0; i < c->dim.nu && !s->failed; i++)
         if (c->u[i].table == APC_SENSOR)
             c->u[i].at += e->dim.ny; /* calculated ones stand behind the measurements */
@@ -97,7 +97,7 @@ static void read_wiring(struct settings *s, const config_setting_t *group, const
 
 static struct wire *all(struct settings *s, enum apc_table table, size_t n)
 {
-    struct wire *w = array(s, n, sizeof *w);
+    struct wire *w = controllers_array(s, n, sizeof *w);
     for (size_t i = 0; w && i < n; i++)
         w[i] = (struct wire){table, i};
     return w;
@@ -105,14 +105,14 @@ static struct wire *all(struct settings *s, enum apc_table table, size_t n)
 
 /* ---- What hangs on what -------------------------------------------------------------------- */
 
-static const struct signal *signal_of(const struct experiment *e, struct wire w)
+static const struct signal *signal_of_wire(const struct experiment *e, struct wire w)
 {
     return w.table == APC_ACTUATOR ? &e->u[w.at] : w.table == APC_SETPOINT ? &e->z[w.at] : &e->y[w.at];
 }
 
 static struct apc_signal_view view_of(const struct experiment *e, struct wire w)
 {
-    const struct signal *of = signal_of(e, w);
+    const struct signal *of = signal_of_wire(e, w);
     return (struct apc_signal_view){.name = of->tag.name,
                                     .unit = of->tag.unit,
                                     .low = of->tag.low,
@@ -127,7 +127,7 @@ void experiment_view(struct settings *s, const struct experiment *e, struct cont
 {
     const struct wire *const of[] = {c->y, c->z, c->u, c->d};
     const size_t n[] = {c->dim.ny, c->dim.nz, c->dim.nu, c->dim.nd};
-    struct apc_signal_view *v = c->view = array(s, n[0] + n[1] + n[2] + n[3], sizeof *v);
+    struct apc_signal_view *v = c->view = controllers_array(s, n[0] + n[1] + n[2] + n[3], sizeof *v);
     for (size_t k = 0; v && k < sizeof n / sizeof *n; k++)
         for (size_t i = 0; i < n[k]; i++)
             *v++ = view_of(e, of[k][i]);
@@ -140,28 +140,28 @@ void experiment_view(struct settings *s, const struct experiment *e, struct cont
         c->backup->view = c->view;
 }
 
-static bool has(const struct wire *w, size_t n, struct wire wanted)
+static bool has_wire(const struct wire *w, size_t n, struct wire wanted)
 {
     for (size_t i = 0; i < n; i++)
-        if (same(w[i], wanted))
+        if (are_same_wires(w[i], wanted))
             return true;
     return false;
 }
 
-static const struct controller *owner_of(const struct experiment *e, struct wire w)
+static const struct controller *owner_of_wire(const struct experiment *e, struct wire w)
 {
     for (size_t i = 0; i < e->n_controllers; i++)
-        if (has(e->controllers[i].u, e->controllers[i].dim.nu, w))
+        if (has_wire(e->controllers[i].u, e->controllers[i].dim.nu, w))
             return &e->controllers[i];
     return NULL;
 }
 
 /* What @p lower takes of what @p upper puts out; NULL: nothing. */
-static const struct wire *taken(const struct controller *lower, const struct controller *upper)
+static const struct wire *cascade_input_of(const struct controller *lower, const struct controller *upper)
 {
     for (size_t i = 0; i < upper->dim.nu; i++)
-        if (has(lower->z, lower->dim.nz, upper->u[i]) || has(lower->y, lower->dim.ny, upper->u[i]) ||
-            has(lower->d, lower->dim.nd, upper->u[i]))
+        if (has_wire(lower->z, lower->dim.nz, upper->u[i]) ||
+            has_wire(lower->y, lower->dim.ny, upper->u[i]) || has_wire(lower->d, lower->dim.nd, upper->u[i]))
             return &upper->u[i];
     return NULL;
 }
@@ -169,7 +169,7 @@ static const struct wire *taken(const struct controller *lower, const struct con
 const struct controller *controllers_taker(const struct experiment *e, struct wire setpoint)
 {
     for (size_t i = 0; i < e->n_controllers; i++)
-        if (has(e->controllers[i].z, e->controllers[i].dim.nz, setpoint))
+        if (has_wire(e->controllers[i].z, e->controllers[i].dim.nz, setpoint))
             return &e->controllers[i];
     return NULL;
 }
@@ -178,20 +178,21 @@ const struct controller *controllers_selector(const struct experiment *e, struct
 {
     for (size_t i = 0; i < e->n_controllers; i++) {
         const struct controller *c = &e->controllers[i];
-        if (c->law && c->law->selects && has(c->y, c->dim.ny, signal))
+        if (c->law && c->law->selects && has_wire(c->y, c->dim.ny, signal))
             return c;
     }
     return NULL;
 }
 
 /* The one that acts on the outputs of @p c where nobody was promoted: itself, or the one whose shadow it is. */
-static const struct controller *first_of(const struct experiment *e, const struct controller *c)
+static const struct controller *first_acting_controller(const struct experiment *e,
+                                                        const struct controller *c)
 {
-    return owner_of(e, c->u[0]);
+    return owner_of_wire(e, c->u[0]);
 }
 
-static const config_setting_t *group_of(const config_setting_t *list, const struct experiment *e,
-                                        const struct controller *c)
+static const config_setting_t *group_of_controller(const config_setting_t *list, const struct experiment *e,
+                                                   const struct controller *c)
 {
     return config_setting_get_elem(list, (unsigned)(c - e->controllers));
 }
@@ -200,8 +201,8 @@ static const config_setting_t *group_of(const config_setting_t *list, const stru
 static void check_shadowed(struct settings *s, const config_setting_t *at, const struct experiment *e,
                            const struct controller *c, size_t k)
 {
-    const struct controller *first = first_of(e, c);
-    if (first == c || first->shadow || first->dim.nu != c->dim.nu || owner_of(e, c->u[k]) != first)
+    const struct controller *first = first_acting_controller(e, c);
+    if (first == c || first->shadow || first->dim.nu != c->dim.nu || owner_of_wire(e, c->u[k]) != first)
         settings_fail(s, at,
                       "%s is to be in shadow: its outputs must be all those of one controller that stands "
                       "before it, and is in nobody's shadow",
@@ -213,47 +214,48 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
         const struct controller *c = &e->controllers[i];
         for (size_t k = 0; k < c->dim.nu && !s->failed; k++) {
-            const struct controller *first = owner_of(e, c->u[k]);
+            const struct controller *first = owner_of_wire(e, c->u[k]);
             const config_setting_t *at = config_setting_get_elem(
-                config_setting_get_member(group_of(list, e, c), "outputs"), (unsigned)k);
-            const char *name = signal_of(e, c->u[k])->tag.name;
+                config_setting_get_member(group_of_controller(list, e, c), "outputs"), (unsigned)k);
+            const char *name = signal_of_wire(e, c->u[k])->tag.name;
             if (c->shadow)
                 check_shadowed(s, at, e, c, k);
             else if (first != c)
                 settings_fail(s, at, "\"%s\" is an output of two controllers, %s and %s", name, first->name,
                               c->name);
-            else if (has(c->z, c->dim.nz, c->u[k]))
+            else if (has_wire(c->z, c->dim.nz, c->u[k]))
                 settings_fail(s, at, "\"%s\" is a setpoint of %s and its output as well", name, c->name);
             else if (c->u[k].table == APC_SETPOINT && !controllers_taker(e, c->u[k]))
                 settings_fail(s, at, "\"%s\" is a setpoint that no controller has: nobody would take it",
                               name);
         }
         for (size_t k = 0; k < c->dim.nz && !s->failed; k++)
-            if (first_of(e, controllers_taker(e, c->z[k])) != first_of(e, c))
-                settings_fail(s, config_setting_get_member(group_of(list, e, c), "setpoints"),
+            if (first_acting_controller(e, controllers_taker(e, c->z[k])) != first_acting_controller(e, c))
+                settings_fail(s, config_setting_get_member(group_of_controller(list, e, c), "setpoints"),
                               "\"%s\" is a setpoint of two controllers, %s and %s",
-                              signal_of(e, c->z[k])->tag.name, controllers_taker(e, c->z[k])->name, c->name);
+                              signal_of_wire(e, c->z[k])->tag.name, controllers_taker(e, c->z[k])->name,
+                              c->name);
     }
 }
 
 static void check_owned(struct settings *s, const config_setting_t *list, const struct experiment *e)
 {
     for (size_t i = 0; i < e->dim.nu && !s->failed; i++)
-        if (!owner_of(e, (struct wire){APC_ACTUATOR, i}))
+        if (!owner_of_wire(e, (struct wire){APC_ACTUATOR, i}))
             settings_fail(s, list, "output \"%s\" belongs to no controller", e->u[i].tag.name);
     for (size_t i = e->dim.ny; i < e->dim.ny + e->n_signals && !s->failed; i++)
-        if (!owner_of(e, (struct wire){APC_SENSOR, i}))
+        if (!owner_of_wire(e, (struct wire){APC_SENSOR, i}))
             settings_fail(s, list, "signal \"%s\" is no controller's output: nobody would calculate it",
                           e->y[i].tag.name);
 }
 
 static bool hangs_on(const struct experiment *e, const bool *gone, size_t lower, size_t upper)
 {
-    return !gone[upper] && taken(&e->controllers[lower], &e->controllers[upper]);
+    return !gone[upper] && cascade_input_of(&e->controllers[lower], &e->controllers[upper]);
 }
 
 /* Whoever waits for nobody that is left, or is waited for by nobody, goes. What stays goes round in circles. */
-static size_t reduce(const struct experiment *e, bool *gone)
+static size_t reduce_cycle(const struct experiment *e, bool *gone)
 {
     size_t left = e->n_controllers, before;
     do {
@@ -262,7 +264,7 @@ static size_t reduce(const struct experiment *e, bool *gone)
             bool waits = false, awaited = false;
             for (size_t k = 0; k < e->n_controllers && !gone[i]; k++) {
                 waits = waits || hangs_on(e, gone, i, k);
-                awaited = awaited || (!gone[k] && taken(&e->controllers[k], &e->controllers[i]));
+                awaited = awaited || (!gone[k] && cascade_input_of(&e->controllers[k], &e->controllers[i]));
             }
             if (gone[i] || (waits && awaited))
                 continue;
@@ -284,8 +286,8 @@ static size_t awaited_by(const struct experiment *e, const bool *gone, size_t lo
 static void check_circles(struct settings *s, const config_setting_t *list, const struct experiment *e)
 {
     char names[300] = "";
-    bool *gone = array(s, e->n_controllers, sizeof *gone);
-    if (!gone || reduce(e, gone) == 0) {
+    bool *gone = controllers_array(s, e->n_controllers, sizeof *gone);
+    if (!gone || reduce_cycle(e, gone) == 0) {
         free(gone);
         return;
     }
@@ -302,10 +304,10 @@ static void check_circles(struct settings *s, const config_setting_t *list, cons
         const struct controller *c = &e->controllers[i], *of = &e->controllers[upper];
         length +=
             (size_t)snprintf(names + length, sizeof names - length, "%s%s for %s of %s", length ? ", " : "",
-                             c->name, signal_of(e, *taken(c, of))->tag.name, of->name);
+                             c->name, signal_of_wire(e, *cascade_input_of(c, of))->tag.name, of->name);
         i = upper;
     }
-    settings_fail(s, group_of(list, e, &e->controllers[first]),
+    settings_fail(s, group_of_controller(list, e, &e->controllers[first]),
                   "controllers wait for each other in a circle: %s", names);
     free(gone);
 }
@@ -317,7 +319,7 @@ static void find_depths(struct experiment *e)
         for (size_t i = 0; i < e->n_controllers; i++)
             for (size_t k = 0; k < e->n_controllers; k++) {
                 struct controller *lower = &e->controllers[i], *upper = &e->controllers[k];
-                if (lower->depth <= upper->depth && taken(lower, upper))
+                if (lower->depth <= upper->depth && cascade_input_of(lower, upper))
                     lower->depth = upper->depth + 1;
             }
 }
@@ -342,7 +344,7 @@ struct controller_loop controllers_loop(const struct experiment *e, size_t n)
 
 const struct apc_tag *controllers_output(const struct experiment *e, struct controller_loop loop)
 {
-    return &signal_of(e, loop.of->u[loop.u])->tag;
+    return &signal_of_wire(e, loop.of->u[loop.u])->tag;
 }
 
 size_t controllers_parameters(const struct controller *c)
@@ -375,7 +377,7 @@ struct controller_loop controllers_above(const struct experiment *e, struct wire
 {
     for (size_t i = 0; i < e->n_controllers; i++)
         for (size_t k = 0; k < e->controllers[i].dim.nu; k++)
-            if (same(e->controllers[i].u[k], output))
+            if (are_same_wires(e->controllers[i].u[k], output))
                 return (struct controller_loop){&e->controllers[i], k};
     return (struct controller_loop){NULL, 0};
 }
@@ -384,7 +386,7 @@ struct controller_loop controllers_above(const struct experiment *e, struct wire
 struct controller_loop controllers_below_in(const struct controller *c, struct wire setpoint)
 {
     for (size_t i = 0; c && c->pair && i < c->dim.nu; i++)
-        if (c->pair[i].setpoint > 0 && same(c->z[c->pair[i].setpoint - 1], setpoint))
+        if (c->pair[i].setpoint > 0 && are_same_wires(c->z[c->pair[i].setpoint - 1], setpoint))
             return (struct controller_loop){c, i};
     return (struct controller_loop){NULL, 0};
 }
@@ -460,12 +462,12 @@ static void check_cascade(struct settings *s, const config_setting_t *list, cons
     const struct wire setpoint = upper.of->u[upper.u];
     if (setpoint.table != APC_SETPOINT)
         return;
-    const struct signal *signal = signal_of(e, setpoint);
+    const struct signal *signal = signal_of_wire(e, setpoint);
     const config_setting_t *at = config_setting_get_elem(
-        config_setting_get_member(group_of(list, e, upper.of), "outputs"), (unsigned)upper.u);
+        config_setting_get_member(group_of_controller(list, e, upper.of), "outputs"), (unsigned)upper.u);
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
         const struct controller *lower = &e->controllers[i];
-        if (has(lower->z, lower->dim.nz, setpoint) && !controllers_below_in(lower, setpoint).of)
+        if (has_wire(lower->z, lower->dim.nz, setpoint) && !controllers_below_in(lower, setpoint).of)
             settings_fail(s, at,
                           "\"%s\" is not what law %s of %s controls an output to: nobody would take it",
                           signal->tag.name, lower->law->name, lower->name);
@@ -479,7 +481,7 @@ struct count {
     int numbers, courses;
 };
 
-static void count_published(void *ctx, size_t output, const struct apc_published *published)
+static void count_published_output(void *ctx, size_t output, const struct apc_published *published)
 {
     struct count *n = ctx;
     (void)output;
@@ -492,7 +494,7 @@ static void number_published(struct settings *s, struct controller *c, struct co
     const struct apc_law_setup setup = cores_law_setup(c);
     c->first_estimate = n->numbers + 1;
     c->first_prediction = n->courses + 1;
-    c->n_published = apc_law_published(c->law, &setup, count_published, n, s->why);
+    c->n_published = apc_law_published(c->law, &setup, count_published_output, n, s->why);
     if (c->n_published < 0)
         s->failed = c->n_published;
 }
@@ -500,7 +502,7 @@ static void number_published(struct settings *s, struct controller *c, struct co
 static void pair_outputs(struct settings *s, struct controller *c)
 {
     const struct apc_law_setup setup = cores_law_setup(c);
-    c->pair = array(s, c->dim.nu, sizeof *c->pair);
+    c->pair = controllers_array(s, c->dim.nu, sizeof *c->pair);
     if (c->pair) /* what it says of its outputs was looked at when it was tried */
         (void)apc_law_pairing(c->law, &setup, c->pair, NULL);
 }
@@ -514,7 +516,8 @@ static int acting(struct wire output)
 static bool has_shadow(const struct experiment *e, const struct controller *c)
 {
     for (size_t i = 0; i < e->n_controllers; i++)
-        if (e->controllers[i].shadow && first_of(e, &e->controllers[i]) == first_of(e, c))
+        if (e->controllers[i].shadow &&
+            first_acting_controller(e, &e->controllers[i]) == first_acting_controller(e, c))
             return true;
     return false;
 }
@@ -537,7 +540,7 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
             number_published(s, c, &published);
         }
         if (laws && has_shadow(e, c)) {
-            c->acting = acting(first_of(e, c)->u[0]);
+            c->acting = acting(first_acting_controller(e, c)->u[0]);
             c->first_output = published.numbers + 1;
             published.numbers += (int)c->dim.nu;
         }
@@ -576,12 +579,12 @@ static void read_name(struct settings *s, const config_setting_t *group, const s
                           c->name);
 }
 
-static void read_list(struct settings *s, const config_setting_t *list, struct experiment *e)
+static void read_controllers_list(struct settings *s, const config_setting_t *list, struct experiment *e)
 {
     const int n = config_setting_length(list);
     if (n < 1)
         settings_fail(s, list, "\"controllers\" must have at least one group");
-    e->controllers = array(s, (size_t)n, sizeof *e->controllers);
+    e->controllers = controllers_array(s, (size_t)n, sizeof *e->controllers);
     for (int i = 0; i < n && !s->failed; i++) {
         const config_setting_t *group = config_setting_get_elem(list, (unsigned)i);
         struct controller *c = &e->controllers[e->n_controllers++];
@@ -605,7 +608,7 @@ static void read_list(struct settings *s, const config_setting_t *list, struct e
 /* One controller of all signals, in order; so it calculates none. */
 static void read_short(struct settings *s, const config_setting_t *group, struct experiment *e)
 {
-    struct controller *c = e->controllers = array(s, 1, sizeof *c);
+    struct controller *c = e->controllers = controllers_array(s, 1, sizeof *c);
     if (!c)
         return;
     e->n_controllers = 1;
@@ -620,7 +623,7 @@ static void read_short(struct settings *s, const config_setting_t *group, struct
 static void check_rates(struct settings *s, const config_setting_t *setpoints, const struct experiment *e)
 {
     for (size_t i = 0; i < e->dim.nz && !s->failed; i++)
-        if (e->z[i].rate > 0 && !owner_of(e, (struct wire){APC_SETPOINT, i}))
+        if (e->z[i].rate > 0 && !owner_of_wire(e, (struct wire){APC_SETPOINT, i}))
             settings_fail(
                 s, config_setting_get_elem(setpoints, (unsigned)i),
                 "\"rate\" of setpoint \"%s\": no controller moves it, so nobody keeps to a rate; law "
@@ -639,7 +642,7 @@ const config_setting_t *experiment_read_controllers(struct settings *s, const co
     if (s->failed)
         return NULL;
     if (list)
-        read_list(s, list, e);
+        read_controllers_list(s, list, e);
     else
         read_short(s, group, e);
     check_rates(s, config_setting_get_member(root, "setpoints"), e);
@@ -653,15 +656,15 @@ size_t experiment_read_columns(struct settings *s, const config_setting_t *group
     const config_setting_t *names = config_setting_get_member(group, "setpoints");
     size_t n = 0;
     if (names)
-        n = read_names(s, group, "setpoints", REQUIRED, z, 1, columns);
+        n = read_wire_names(s, group, "setpoints", REQUIRED, z, 1, columns);
     else if ((*columns = all(s, APC_SETPOINT, e->dim.nz)))
         for (size_t i = 0; i < e->dim.nz; i++)
-            if (!owner_of(e, (*columns)[i]))
+            if (!owner_of_wire(e, (*columns)[i]))
                 (*columns)[n++] = (*columns)[i];
     for (size_t i = 0; i < n && !s->failed; i++)
-        if (owner_of(e, (*columns)[i]))
+        if (owner_of_wire(e, (*columns)[i]))
             settings_fail(s, names, "\"%s\" is moved by controller %s already",
-                          signal_of(e, (*columns)[i])->tag.name, owner_of(e, (*columns)[i])->name);
+                          signal_of_wire(e, (*columns)[i])->tag.name, owner_of_wire(e, (*columns)[i])->name);
     return n;
 }
 
@@ -683,7 +686,7 @@ void experiment_free_controllers(struct experiment *e)
     free(e->controllers);
 }
 
-static bool in_order(const struct wire *w, size_t n, enum apc_table table, size_t all)
+static bool are_wires_in_order(const struct wire *w, size_t n, enum apc_table table, size_t all)
 {
     for (size_t i = 0; i < n; i++)
         if (w[i].table != table || w[i].at != i)
@@ -702,5 +705,5 @@ static bool moves_all(const struct experiment *e, const struct controller *c, bo
 
 bool controllers_has_all(const struct experiment *e, const struct controller *c, bool lower)
 {
-    return in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) && moves_all(e, c, lower);
+    return are_wires_in_order(c->y, c->dim.ny, APC_SENSOR, e->dim.ny) && moves_all(e, c, lower);
 }

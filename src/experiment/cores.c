@@ -246,7 +246,7 @@ static void free_wiring(struct wiring *w)
 }
 
 /* How long what comes every @p period may stay away. */
-static apc_ns patience(apc_ns period)
+static apc_ns row_timeout(apc_ns period)
 {
     return 3 * period + 100 * APC_NS_PER_MS;
 }
@@ -259,7 +259,7 @@ apc_ns cores_horizon(const struct experiment *e, struct wire wire)
         if (loop_that_puts_out(&e->controllers[i], wire).of && e->controllers[i].rhythm.period > by)
             by = e->controllers[i].rhythm.period;
     const apc_ns fast = client > plant ? client : plant, own = e->y[wire.at].period;
-    return patience(by ? by : own > fast ? own : fast);
+    return row_timeout(by ? by : own > fast ? own : fast);
 }
 
 /* Is it this one, or one of those that take turns with it? */
@@ -317,7 +317,7 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
         .period = c->rhythm.period,
         .budget = c->budget,
         .real_time = real_time,
-        .horizon = patience(e->client.rhythm.period),
+        .horizon = row_timeout(e->client.rhythm.period),
         .y = wiring.y,
         .d = wiring.d,
         .y_horizon = wiring.y_horizon,

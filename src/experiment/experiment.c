@@ -17,7 +17,7 @@
  * controller where ticks coincide. */
 static const double client_phase_s = 0.010, controller_phase_s = 0.030, depth_phase_s = 0.010;
 
-static void *array(struct settings *s, size_t n, size_t size)
+static void *experiment_array(struct settings *s, size_t n, size_t size)
 {
     void *p = calloc(n ? n : 1, size);
     if (!p && !s->failed)
@@ -102,14 +102,14 @@ struct owner {
     const struct apc_model *model;
 };
 
-static struct owner owner_of(const struct apc_model *m)
+static struct owner owner_of_model(const struct apc_model *m)
 {
     return (struct owner){m->name, m->param, m->np, m};
 }
 
 /* A number; true or false, or a label, of a model that has such. */
-static void read_value(struct settings *s, const config_setting_t *member, const struct apc_model *model,
-                       const struct apc_param *param, double *value)
+static void read_model_value(struct settings *s, const config_setting_t *member,
+                             const struct apc_model *model, const struct apc_param *param, double *value)
 {
     const char *text = config_setting_type(member) == CONFIG_TYPE_BOOL
                            ? (config_setting_get_bool(member) ? "true" : "false")
@@ -131,8 +131,8 @@ static void read_value(struct settings *s, const config_setting_t *member, const
 }
 
 /* One that is none of the numbers: a text, or a mistake. */
-static void read_text(struct settings *s, const config_setting_t *member, const struct owner *owner,
-                      const char *name, struct nearest *nearest)
+static void read_model_text(struct settings *s, const config_setting_t *member, const struct owner *owner,
+                            const char *name, struct nearest *nearest)
 {
     size_t n = 0;
     struct apc_error why;
@@ -169,11 +169,11 @@ static void read_params(struct settings *s, const config_setting_t *group, struc
             nearest_look(&nearest, owner.param[j].name);
         const struct apc_param *param = j < owner.n ? &owner.param[j] : NULL;
         if (!param)
-            read_text(s, member, &owner, name, &nearest);
+            read_model_text(s, member, &owner, name, &nearest);
         else if (!owner.model)
             settings_number_at(s, member, name, param->low, param->high, &values[j]);
         else if (!spread || !read_spread(s, member, owner.model, param, &values[j], &spread[j]))
-            read_value(s, member, owner.model, param, &values[j]);
+            read_model_value(s, member, owner.model, param, &values[j]);
     }
 }
 
@@ -181,10 +181,10 @@ void experiment_read_believed(struct settings *s, const config_setting_t *group,
                               struct controller *c)
 {
     const struct apc_model *m = e->plant.model;
-    c->believed = array(s, m->np, sizeof *c->believed);
+    c->believed = experiment_array(s, m->np, sizeof *c->believed);
     for (size_t i = 0; c->believed && i < m->np; i++)
         c->believed[i] = e->plant.p[i];
-    read_params(s, settings_values(s, group, "parameters"), owner_of(m), c->believed, NULL);
+    read_params(s, settings_values(s, group, "parameters"), owner_of_model(m), c->believed, NULL);
 }
 
 void experiment_resolve(const struct settings *s, const char *name, char *path, size_t size)
@@ -213,8 +213,8 @@ bool is_fmu(const char *name)
  * Which plug-in: what the command line names, else what the run's record does, else the file, where a path
  * means: from where the file is. What was chosen instead of the file's brings its own tuning or parameters.
  */
-static void choose(const struct settings *s, const char *name, const char *override,
-                   const struct record_plugin *recorded, struct plugin *plugin)
+static void choose_plugin(const struct settings *s, const char *name, const char *override,
+                          const struct record_plugin *recorded, struct plugin *plugin)
 {
     if (override)
         snprintf(plugin->name, sizeof plugin->name, "%s", override);
@@ -241,13 +241,13 @@ static int take_choice(struct settings *s, const config_setting_t *group, const 
     return override ? s->failed : take_error(s, config_setting_get_member(group, name), err, why);
 }
 
-static void read_model(struct settings *s, const config_setting_t *group, struct experiment *e,
-                       const char *override, const struct record *record)
+static void read_plant_model(struct settings *s, const config_setting_t *group, struct experiment *e,
+                             const char *override, const struct record *record)
 {
     struct apc_error why;
     if (s->failed)
         return;
-    choose(s, e->plant.name, override, &record->model, &e->plant.plugin);
+    choose_plugin(s, e->plant.name, override, &record->model, &e->plant.plugin);
     const bool chosen = e->plant.plugin.chosen;
     if (take_choice(s, group, "model", override,
                     apc_model_find(e->plant.plugin.name, &e->plant.model, &e->model_handle, &why), &why))
@@ -264,14 +264,15 @@ static void read_model(struct settings *s, const config_setting_t *group, struct
             model->name, model->ny, model->nu, e->dim.ny, e->dim.nu);
         return;
     }
-    e->plant.p = array(s, model->np, sizeof *e->plant.p);
-    e->plant.spread = array(s, model->np, sizeof *e->plant.spread);
+    e->plant.p = experiment_array(s, model->np, sizeof *e->plant.p);
+    e->plant.spread = experiment_array(s, model->np, sizeof *e->plant.spread);
     for (size_t i = 0; i < model->np && e->plant.p; i++)
         e->plant.p[i] = model->param[i].initial;
     if (!chosen && !s->failed)
-        read_params(s, settings_values(s, group, "parameters"), owner_of(model), e->plant.p, e->plant.spread);
+        read_params(s, settings_values(s, group, "parameters"), owner_of_model(model), e->plant.p,
+                    e->plant.spread);
     const config_setting_t *x0 = config_setting_get_member(group, "x0");
-    if (x0 && !chosen && (e->plant.x0 = array(s, model->nx, sizeof *e->plant.x0)))
+    if (x0 && !chosen && (e->plant.x0 = experiment_array(s, model->nx, sizeof *e->plant.x0)))
         settings_numbers(s, x0, model->nx, e->plant.x0);
     experiment_read_dynamics(s, group, e, chosen);
 }
@@ -333,7 +334,7 @@ static void read_plant(struct settings *s, const config_setting_t *root, struct 
         settings_fail(s, config_setting_get_member(group, "listen"),
                       "\"listen\" of an external plant: where it is, is said by \"link\" of the client");
     if (resolve_model && (e->plant.name[0] || override))
-        read_model(s, group, e, override, record);
+        read_plant_model(s, group, e, override, record);
     else if (wanted && !e->plant.name[0])
         settings_fail(s, group, "\"operating_point\" of the controller wants a \"model\" of the plant");
 }
@@ -396,14 +397,14 @@ static void read_tuning_list(struct settings *s, const config_setting_t *group, 
     }
 }
 
-static void read_tuning(struct settings *s, const config_setting_t *group, struct controller *c,
-                        bool override)
+static void read_tuning_group(struct settings *s, const config_setting_t *group, struct controller *c,
+                              bool override)
 {
     const struct apc_law *law = c->law;
     const size_t n = apc_law_parameters(law, &c->dim);
-    double *values = array(s, law->n_tuning, sizeof *values);
+    double *values = experiment_array(s, law->n_tuning, sizeof *values);
 
-    c->tuning = array(s, n, sizeof *c->tuning);
+    c->tuning = experiment_array(s, n, sizeof *c->tuning);
     for (size_t k = 0; c->tuning && k < n; k++)
         c->tuning[k] = law->tuning[apc_law_parameter_at(law, &c->dim, k).number].initial;
     if (!s->failed && !override) {
@@ -420,7 +421,7 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
     if (s->failed)
         return;
     static const struct record_plugin none = {.name = ""};
-    choose(s, c->law_name, override, place < record->n_laws ? &record->law[place] : &none, &c->plugin);
+    choose_plugin(s, c->law_name, override, place < record->n_laws ? &record->law[place] : &none, &c->plugin);
     if (take_choice(s, group, "law", override, apc_law_find(c->plugin.name, &c->law, &c->law_handle, &why),
                     &why))
         return;
@@ -428,7 +429,7 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
         settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
                       c->law->name, c->dim.ny, c->dim.nz, c->dim.nu);
     else
-        read_tuning(s, group, c, c->plugin.chosen);
+        read_tuning_group(s, group, c, c->plugin.chosen);
 }
 
 #define CONTROLLER                                                                                           \
@@ -456,8 +457,8 @@ static bool any_is_below(const struct experiment *e, const struct controller *c)
     return false;
 }
 
-static enum apc_mode read_mode(struct settings *s, const config_setting_t *group, const struct experiment *e,
-                               const struct controller *c)
+static enum apc_mode read_initial_mode(struct settings *s, const config_setting_t *group,
+                                       const struct experiment *e, const struct controller *c)
 {
     static const enum apc_mode modes[] = {APC_MODE_OOS, APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_CAS};
     const size_t n = any_is_below(e, c) ? 4 : 3;
@@ -518,7 +519,7 @@ static void read_backup(struct settings *s, const config_setting_t *of, struct c
                       "that go on by themselves",
                       c->name);
     settings_known(s, group, known);
-    c->backup = array(s, 1, sizeof *c->backup);
+    c->backup = experiment_array(s, 1, sizeof *c->backup);
     if (s->failed)
         return;
     *c->backup = (struct controller){
@@ -542,8 +543,8 @@ static void read_controller(struct settings *s, const config_setting_t *group, s
     read_rhythm(s, group, c->name, controller_phase_s + c->depth * depth_phase_s, &c->rhythm,
                 &e->models.recordings);
     settings_text(s, group, "law", REQUIRED, c->law_name, sizeof c->law_name);
-    c->mode = read_mode(s, group, e, c);
-    c->rate = array(s, c->dim.nu, sizeof *c->rate);
+    c->mode = read_initial_mode(s, group, e, c);
+    c->rate = experiment_array(s, c->dim.nu, sizeof *c->rate);
     const config_setting_t *rate = config_setting_get_member(group, "rate");
     if (rate && c->rate)
         settings_numbers(s, rate, c->dim.nu, c->rate);
@@ -581,7 +582,7 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
     if (e->scheduler.steps == 0)
         settings_fail(s, list, "\"sequence\" must have at least one step: sequence = ( [10.0], [20.0] );");
     const size_t n = e->scheduler.n = experiment_read_columns(s, group, e, &e->scheduler.z);
-    e->scheduler.sequence = array(s, e->scheduler.steps * n, sizeof(double));
+    e->scheduler.sequence = experiment_array(s, e->scheduler.steps * n, sizeof(double));
     for (size_t k = 0; k < e->scheduler.steps && !s->failed; k++) {
         const config_setting_t *step = config_setting_get_elem(list, (unsigned)k);
         double *values = e->scheduler.sequence + k * n;
@@ -595,7 +596,7 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
     }
 }
 
-static bool commands_plant(const struct controller *c)
+static bool is_commanding_plant(const struct controller *c)
 {
     for (size_t k = 0; k < c->dim.nu; k++)
         if (c->u[k].table == APC_ACTUATOR)
@@ -609,7 +610,7 @@ static void check_rhythms(struct settings *s, const config_setting_t *root, cons
     const apc_ns client = e->client.rhythm.period;
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
         const struct controller *c = &e->controllers[i];
-        if (commands_plant(c) && client > 3 * c->rhythm.period + 100 * APC_NS_PER_MS)
+        if (is_commanding_plant(c) && client > 3 * c->rhythm.period + 100 * APC_NS_PER_MS)
             settings_fail(
                 s, config_setting_get_member(config_setting_get_member(root, "client"), "period"),
                 "\"period\" of client is %g s, of %s %g s: at most 3 of the controller's + 0.1 s, or "
@@ -619,14 +620,14 @@ static void check_rhythms(struct settings *s, const config_setting_t *root, cons
 }
 
 /* Of controller @p i in the list, or the one group of the short form. */
-static const config_setting_t *group_of(const config_setting_t *controllers, size_t i)
+static const config_setting_t *controller_group_at(const config_setting_t *controllers, size_t i)
 {
     return config_setting_is_list(controllers) ? config_setting_get_elem(controllers, (unsigned)i)
                                                : controllers;
 }
 
-static void read_laws(struct settings *s, const config_setting_t *group, const struct experiment *e,
-                      struct controller *c)
+static void read_controller_laws(struct settings *s, const config_setting_t *group,
+                                 const struct experiment *e, struct controller *c)
 {
     if (!s->failed)
         experiment_view(s, e, c);
@@ -675,16 +676,16 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
     if (laws)
         check_law(s, e, law);
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
-        read_controller(s, group_of(list, i), e, &e->controllers[i], laws,
+        read_controller(s, controller_group_at(list, i), e, &e->controllers[i], laws,
                         law_for(e, &e->controllers[i], law), record);
-        wanted = wanted || experiment_wants_model(group_of(list, i));
+        wanted = wanted || experiment_wants_model(controller_group_at(list, i));
     }
     read_plant(s, root, e, (parts & EXPERIMENT_MODEL) || (laws && wanted), wanted,
                overrides ? overrides->model : NULL, record);
     read_scheduler(s, root, e);
     check_rhythms(s, root, e);
     for (size_t i = 0; i < e->n_controllers; i++)
-        read_laws(s, s->failed ? NULL : group_of(list, i), e, &e->controllers[i]);
+        read_controller_laws(s, s->failed ? NULL : controller_group_at(list, i), e, &e->controllers[i]);
     experiment_number(s, list, e, laws);
     read_live(s, root, e);
     models_read(s, root, &e->models);
@@ -693,7 +694,7 @@ static void read_root(struct settings *s, const config_setting_t *root, struct e
 }
 
 /* What was in force beside the file: see struct record. */
-static int take_record(struct experiment *e, const struct record *record, struct apc_error *why)
+static int take_recorded_settings(struct experiment *e, const struct record *record, struct apc_error *why)
 {
     if (!record->there)
         return 0;
@@ -735,7 +736,7 @@ int experiment_parse(struct experiment *e, const struct experiment_source *from,
         read_root(&s, config_root_setting(&config), e, parts, overrides, record);
     config_destroy(&config);
     if (!s.failed)
-        s.failed = take_record(e, record, why);
+        s.failed = take_recorded_settings(e, record, why);
     if (s.failed)
         experiment_free(e);
     return s.failed;

@@ -30,7 +30,7 @@ static bool is_level(enum apc_alarm_kind kind)
     return kind >= APC_ALARM_LOW_LOW && kind <= APC_ALARM_HIGH_HIGH;
 }
 
-static bool has_limit(enum apc_alarm_kind kind)
+static bool is_level_alarm(enum apc_alarm_kind kind)
 {
     return is_level(kind) || kind == APC_ALARM_DEVIATION || kind == APC_ALARM_RATE;
 }
@@ -158,14 +158,14 @@ static void check_deadband(struct settings *s, const config_setting_t *group, co
     const bool up = a->kind == APC_ALARM_HIGH || a->kind == APC_ALARM_HIGH_HIGH;
     const double back = is_level(a->kind) && !up ? a->limit + a->deadband : a->limit - a->deadband;
     const double low = is_level(a->kind) ? tag->low : 0, high = is_level(a->kind) ? tag->high : APC_VALUE_MAX;
-    if (!s->failed && has_limit(a->kind) && (back < low || back > high))
+    if (!s->failed && is_level_alarm(a->kind) && (back < low || back > high))
         settings_fail(s, config_setting_get_member(group, "deadband"),
                       "\"deadband\" is %g: the alarm would return to normal at %g, outside %g to %g only",
                       a->deadband, back, low, high);
 }
 
-static void read_signal(struct settings *s, const config_setting_t *group, const struct owner *o,
-                        struct apc_alarm *a)
+static void read_alarm_signal(struct settings *s, const config_setting_t *group, const struct owner *o,
+                              struct apc_alarm *a)
 {
     a->table = o->wire.table;
     a->id = o->tag.id;
@@ -197,7 +197,7 @@ static void read_limit(struct settings *s, const config_setting_t *group, const 
     const bool level = is_level(a->kind);
     if (a->kind == APC_ALARM_OVERRUN)
         read_missed(s, group, a);
-    else if (has_limit(a->kind))
+    else if (is_level_alarm(a->kind))
         settings_number(s, group, "limit", REQUIRED, level ? o->tag.low : 0,
                         level ? o->tag.high : APC_VALUE_MAX, &a->limit);
     else if (!s->failed && config_setting_get_member(group, "limit"))
@@ -235,7 +235,7 @@ static void read_alarm(struct settings *s, const config_setting_t *group, const 
         a->id = o->of->number;
         a->horizon = 3 * o->of->rhythm.period + 100 * APC_NS_PER_MS;
     } else {
-        read_signal(s, group, o, a);
+        read_alarm_signal(s, group, o, a);
     }
     read_limit(s, group, o, a);
     settings_whole(s, group, "priority", OPTIONAL, 1, APC_ALARM_PRIORITIES, &priority);
@@ -274,7 +274,7 @@ static void check_kinds(struct settings *s, const struct owner *o, size_t first)
         }
 }
 
-static bool make_room(struct settings *s, struct owner *o, size_t more)
+static bool make_alarm_room(struct settings *s, struct owner *o, size_t more)
 {
     struct experiment *e = o->e;
     if (s->failed || (o->group && e->n_alarms + more <= o->room))
@@ -295,7 +295,7 @@ static bool make_room(struct settings *s, struct owner *o, size_t more)
     return true;
 }
 
-static void read_list(struct settings *s, const config_setting_t *of, struct owner *o)
+static void read_alarm_list(struct settings *s, const config_setting_t *of, struct owner *o)
 {
     struct experiment *e = o->e;
     const size_t first = e->n_alarms;
@@ -303,7 +303,7 @@ static void read_list(struct settings *s, const config_setting_t *of, struct own
     const size_t n = list ? (size_t)config_setting_length(list) : 0;
     if (e->n_alarms + n > APC_ALARMS_MAX)
         settings_fail(s, list, "there are more than %d alarms", APC_ALARMS_MAX);
-    if (!make_room(s, o, n))
+    if (!make_alarm_room(s, o, n))
         return;
     for (size_t i = 0; i < n && !s->failed; i++) {
         o->group[e->n_alarms] = config_setting_get_elem(list, (unsigned)i);
@@ -314,8 +314,8 @@ static void read_list(struct settings *s, const config_setting_t *of, struct own
     check_kinds(s, o, first);
 }
 
-static void read_signals(struct settings *s, const config_setting_t *root, const char *name, struct owner *o,
-                         enum apc_table table, size_t first)
+static void read_alarm_signals(struct settings *s, const config_setting_t *root, const char *name,
+                               struct owner *o, enum apc_table table, size_t first)
 {
     const config_setting_t *list = config_setting_get_member(root, name);
     for (int i = 0; list && i < config_setting_length(list) && !s->failed; i++) {
@@ -325,7 +325,7 @@ static void read_signals(struct settings *s, const config_setting_t *root, const
         o->tag = of[at].tag;
         o->name = o->tag.name;
         o->area = o->tag.area;
-        read_list(s, config_setting_get_elem(list, (unsigned)i), o);
+        read_alarm_list(s, config_setting_get_elem(list, (unsigned)i), o);
     }
 }
 
@@ -337,16 +337,16 @@ static void read_controllers(struct settings *s, const config_setting_t *root, s
         o->tag = (struct apc_tag){.table = APC_TICK};
         o->name = o->of->name;
         o->area = "";
-        read_list(s,
-                  list ? config_setting_get_elem(list, (unsigned)i)
-                       : config_setting_get_member(root, "controller"),
-                  o);
+        read_alarm_list(s,
+                        list ? config_setting_get_elem(list, (unsigned)i)
+                             : config_setting_get_member(root, "controller"),
+                        o);
     }
 }
 
 /* ---- What is known when all are ---------------------------------------------------------------- */
 
-static void check_names(struct settings *s, const struct owner *o)
+static void check_alarm_names(struct settings *s, const struct owner *o)
 {
     const struct experiment *e = o->e;
     for (size_t i = 0; i < e->n_alarms && !s->failed; i++)
@@ -393,7 +393,7 @@ static void check_rings(struct settings *s, const struct owner *o)
 
 static void check_all(struct settings *s, const struct owner *o)
 {
-    check_names(s, o);
+    check_alarm_names(s, o);
     for (size_t i = 0; i < o->e->n_alarms && !s->failed; i++)
         find_suppressor(s, o, i);
     check_rings(s, o);
@@ -457,10 +457,10 @@ void experiment_read_alarms(struct settings *s, const config_setting_t *root, st
     struct owner o = {.e = e};
     if (s->failed)
         return;
-    read_signals(s, root, "measurements", &o, APC_SENSOR, 0);
-    read_signals(s, root, "signals", &o, APC_SENSOR, e->dim.ny);
-    read_signals(s, root, "setpoints", &o, APC_SETPOINT, 0);
-    read_signals(s, root, "outputs", &o, APC_ACTUATOR, 0);
+    read_alarm_signals(s, root, "measurements", &o, APC_SENSOR, 0);
+    read_alarm_signals(s, root, "signals", &o, APC_SENSOR, e->dim.ny);
+    read_alarm_signals(s, root, "setpoints", &o, APC_SETPOINT, 0);
+    read_alarm_signals(s, root, "outputs", &o, APC_ACTUATOR, 0);
     read_controllers(s, root, &o);
     if (o.group)
         check_all(s, &o);

@@ -115,8 +115,8 @@ static size_t *match_disturbances(struct settings *s, const config_setting_t *at
 }
 
 /* Columns of u and of the measured disturbances, of all that the plant has. */
-static void take_columns(const struct controller *c, size_t rows, const double *all, size_t n_all, size_t nu,
-                         double *to)
+static void take_law_columns(const struct controller *c, size_t rows, const double *all, size_t n_all,
+                             size_t nu, double *to)
 {
     const size_t n = nu + c->dim.nd;
     for (size_t i = 0; i < rows; i++)
@@ -125,8 +125,8 @@ static void take_columns(const struct controller *c, size_t rows, const double *
 }
 
 /* From what the file says, or the model's own values, to the steady state there and the linear model. */
-static void linearise(struct settings *s, const config_setting_t *at, const struct experiment *e,
-                      struct controller *c)
+static void linearize_law_model(struct settings *s, const config_setting_t *at, const struct experiment *e,
+                                struct controller *c)
 {
     const struct apc_model *m = e->plant.model;
     size_t nx = m->nx, nu = m->nu, all = nu + m->nd, ny = m->ny, n = nu + c->dim.nd;
@@ -161,9 +161,9 @@ static void linearise(struct settings *s, const config_setting_t *at, const stru
         return;
     }
     m->g(0, x, u, c->believed, y);
-    take_columns(c, nx, B_all, all, nu, B);
-    take_columns(c, ny, D_all, all, nu, D);
-    take_columns(c, 1, u, all, nu, u0);
+    take_law_columns(c, nx, B_all, all, nu, B);
+    take_law_columns(c, ny, D_all, all, nu, D);
+    take_law_columns(c, 1, u, all, nu, u0);
     c->plant = (struct apc_law_plant){.nx = nx,
                                       .A = A,
                                       .B = B,
@@ -205,7 +205,7 @@ static void read_operating_point(struct settings *s, const config_setting_t *gro
     if (!s->failed)
         experiment_read_believed(s, at, e, c);
     if (!s->failed)
-        linearise(s, at, e, c);
+        linearize_law_model(s, at, e, c);
 }
 
 /* ---- Tuning ---------------------------------------------------------------------------------- */
@@ -243,7 +243,7 @@ static void read_limits(struct settings *s, const config_setting_t *group, struc
     }
 }
 
-static void check_tuning(struct settings *s, const config_setting_t *at, const struct controller *c)
+static void check_law_tuning(struct settings *s, const config_setting_t *at, const struct controller *c)
 {
     const struct apc_law *law = c->law;
     const size_t n = apc_law_parameters(law, &c->dim);
@@ -306,7 +306,7 @@ void experiment_read_law(struct settings *s, const config_setting_t *group, cons
         read_limits(s, group, c);
     const config_setting_t *at = config_setting_get_member(group, "tuning");
     if (!s->failed)
-        check_tuning(s, at ? at : group, c);
+        check_law_tuning(s, at ? at : group, c);
     if (!s->failed)
         check_seldom(s, group, e, c);
     if (!s->failed)

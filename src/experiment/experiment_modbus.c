@@ -17,7 +17,7 @@ static const char *const types[] = {
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 
 /* Its place in a list that begins at 1; 0: it is not there. */
-static size_t place_of(const char *const *list, size_t n, const char *text, size_t length)
+static size_t place_in_list(const char *const *list, size_t n, const char *text, size_t length)
 {
     for (size_t i = 1; i < n; i++)
         if (strlen(list[i]) == length && !strncmp(list[i], text, length))
@@ -32,7 +32,7 @@ static void read_place(struct settings *s, const config_setting_t *in, const cha
     char text[40] = "", *end = NULL;
     settings_text(s, in, name, REQUIRED, text, sizeof text);
     const char *colon = strchr(text, ':');
-    size_t area = colon ? place_of(areas, COUNT(areas), text, (size_t)(colon - text)) : 0;
+    size_t area = colon ? place_in_list(areas, COUNT(areas), text, (size_t)(colon - text)) : 0;
     long address = area && colon[1] >= '0' && colon[1] <= '9' ? strtol(colon + 1, &end, 10) : -1;
     if (s->failed)
         return;
@@ -70,7 +70,7 @@ static void read_first(struct settings *s, const config_setting_t *in, const cha
         *low_first = !strcmp(text, "low");
 }
 
-static void read_order(struct settings *s, const config_setting_t *in, struct apc_modbus_point *p)
+static void read_word_order(struct settings *s, const config_setting_t *in, struct apc_modbus_point *p)
 {
     read_first(s, in, "word_order", "word", &p->low_word_first);
     read_first(s, in, "byte_order", "byte of each register", &p->low_byte_first);
@@ -144,7 +144,7 @@ static void read_type(struct settings *s, const config_setting_t *in, struct apc
     if (s->failed || !*text || (p->type == APC_MODBUS_FLAG && !strcmp(text, "bit")))
         return;
     const bool flag = p->type == APC_MODBUS_FLAG;
-    p->type = (enum apc_modbus_type)place_of(types, COUNT(types), text, strlen(text));
+    p->type = (enum apc_modbus_type)place_in_list(types, COUNT(types), text, strlen(text));
     if (p->type == 0)
         settings_fail(
             s, config_setting_get_member(in, "type"),
@@ -172,8 +172,8 @@ static size_t find_signal(const struct signal *signal, size_t n, const char *nam
 }
 
 /* Which point an entry of the map is of; NULL: of none, or of one that has its place already. */
-static struct apc_modbus_point *point_of(struct settings *s, const config_setting_t *entry,
-                                         const struct experiment *e, bool *written)
+static struct apc_modbus_point *point_of_entry(struct settings *s, const config_setting_t *entry,
+                                               const struct experiment *e, bool *written)
 {
     char name[APC_TAG_LEN + 16] = "";
     settings_text(s, entry, "name", REQUIRED, name, sizeof name);
@@ -250,7 +250,7 @@ static void read_entry(struct settings *s, const config_setting_t *entry, struct
         return;
     }
     settings_known(s, entry, known);
-    struct apc_modbus_point *p = point_of(s, entry, e, &written);
+    struct apc_modbus_point *p = point_of_entry(s, entry, e, &written);
     if (!p || s->failed)
         return;
     p->low_word_first = whole->low_word_first;
@@ -260,7 +260,7 @@ static void read_entry(struct settings *s, const config_setting_t *entry, struct
     p->unit = (unsigned)unit;
     read_place(s, entry, "at", written, p);
     read_type(s, entry, p);
-    read_order(s, entry, p);
+    read_word_order(s, entry, p);
     read_codes(s, entry, written, p);
     settings_number(s, entry, "scale", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->scale);
     settings_number(s, entry, "offset", OPTIONAL, -APC_VALUE_MAX, APC_VALUE_MAX, &p->offset);
@@ -323,7 +323,7 @@ void experiment_read_modbus(struct settings *s, const config_setting_t *client, 
     settings_known(s, group, known);
     settings_whole(s, group, "unit", OPTIONAL, 0, 255, &unit);
     settings_whole(s, group, "block", OPTIONAL, 1, 2000, &block);
-    read_order(s, group, &whole);
+    read_word_order(s, group, &whole);
     settings_flag(s, group, "write_single", &o->write_single);
     settings_flag(s, group, "read_back", &o->read_back);
     const config_setting_t *map = settings_list(s, group, "map", REQUIRED);

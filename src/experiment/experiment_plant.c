@@ -29,8 +29,9 @@ static apc_ns seconds(struct settings *s, const config_setting_t *group, const c
 }
 
 /* The number of a model's variable by its name; @n when there is none, and that is a failure. */
-static size_t find(struct settings *s, const config_setting_t *at, const char *name,
-                   const struct apc_param *table, size_t n, const char *what, const char *model)
+static size_t find_plant_variable(struct settings *s, const config_setting_t *at, const char *name,
+                                  const struct apc_param *table, size_t n, const char *what,
+                                  const char *model)
 {
     char names[256] = "none with a name";
     size_t i = 0, used = 0;
@@ -109,8 +110,8 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
  * -------------------------------------------------------------------- */
 
 /* Those that the file names, else those that have the signals' names. */
-static void take_names(struct settings *s, const config_setting_t *list, const char *what,
-                       const struct signal *signal, size_t n, const char **name)
+static void take_signal_names(struct settings *s, const config_setting_t *list, const char *what,
+                              const struct signal *signal, size_t n, const char **name)
 {
     if (list && (!config_setting_is_aggregate(list) || (size_t)config_setting_length(list) != n))
         settings_fail(s, list,
@@ -160,11 +161,11 @@ void experiment_choose_variables(struct settings *s, const config_setting_t *gro
                        **const output = input + e->dim.nu;
     struct apc_error why;
     if (!s->failed)
-        take_names(s, own ? NULL : config_setting_get_member(group, "inputs"), "inputs", e->u, e->dim.nu,
-                   input);
+        take_signal_names(s, own ? NULL : config_setting_get_member(group, "inputs"), "inputs", e->u,
+                          e->dim.nu, input);
     if (!s->failed)
-        take_names(s, own ? NULL : config_setting_get_member(group, "outputs"), "outputs", e->y, e->dim.ny,
-                   output);
+        take_signal_names(s, own ? NULL : config_setting_get_member(group, "outputs"), "outputs", e->y,
+                          e->dim.ny, output);
     if (!s->failed && apc_model_choose(e->plant.model, input, e->dim.nu, output, e->dim.ny, &why) < 0)
         settings_fail(s, group, "%s (in the file: \"inputs\" and \"outputs\" of the plant)", why.text);
     if (!s->failed)
@@ -185,7 +186,9 @@ static void read_noise(struct settings *s, const config_setting_t *group, struct
     for (int i = 0; i < config_setting_length(group) && !s->failed; i++) {
         const char *name;
         const config_setting_t *member = settings_value(s, group, i, &name);
-        size_t k = member ? find(s, member, name, model->state, model->nx, "state", model->name) : model->nx;
+        size_t k = member
+                       ? find_plant_variable(s, member, name, model->state, model->nx, "state", model->name)
+                       : model->nx;
         if (k < model->nx)
             settings_number_at(s, member, name, 0, APC_VALUE_MAX / 2, &e->plant.noise[k]);
     }
@@ -205,7 +208,8 @@ static void read_disturbance(struct settings *s, const config_setting_t *group, 
     settings_text(s, group, "name", REQUIRED, name, sizeof name);
     if (s->failed)
         return;
-    change->k = find(s, group, name, model->disturbance, model->nd, "disturbance", model->name);
+    change->k =
+        find_plant_variable(s, group, name, model->disturbance, model->nd, "disturbance", model->name);
     change->at = seconds(s, group, "at", REQUIRED);
     if (s->failed)
         return;

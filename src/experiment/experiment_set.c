@@ -67,7 +67,7 @@ static int check_effect(const struct experiment *e, const char *path, struct apc
     return 0;
 }
 
-static void list(const struct experiment_overrides *o, char *text, size_t size)
+static void list_overrides(const struct experiment_overrides *o, char *text, size_t size)
 {
     size_t used = 0;
     *text = '\0';
@@ -79,7 +79,7 @@ static void list(const struct experiment_overrides *o, char *text, size_t size)
 }
 
 /* What stands before the "=" of [CONTROLLER=]FILE; the first controller where nothing does. */
-static const char *split(const char *wanted, char controller[APC_TAG_LEN])
+static const char *split_controller_name(const char *wanted, char controller[APC_TAG_LEN])
 {
     const char *equals = strchr(wanted, '=');
     const size_t n = equals ? (size_t)(equals - wanted) : 0;
@@ -95,7 +95,7 @@ static const char *split(const char *wanted, char controller[APC_TAG_LEN])
 static int change_model(const char *text, const char *wanted, char **next, struct apc_error *why)
 {
     char controller[APC_TAG_LEN];
-    const char *file = split(wanted, controller);
+    const char *file = split_controller_name(wanted, controller);
     char *path = realpath(file, NULL);
     int rc = path ? experiment_change_model(text, controller, path, next, why)
                   : apc_fail(why, APC_ENOTFOUND, "--model %s: %s", file, strerror(errno));
@@ -104,11 +104,11 @@ static int change_model(const char *text, const char *wanted, char **next, struc
     return rc;
 }
 
-static int check_model(const struct experiment *e, const char *wanted, struct apc_error *why)
+static int check_model_override(const struct experiment *e, const char *wanted, struct apc_error *why)
 {
     char controller[APC_TAG_LEN], path[APC_TAG_LEN + 32];
 
-    split(wanted, controller);
+    split_controller_name(wanted, controller);
     if (*controller == '[' && e->n_controllers > 1)
         return apc_fail(why, APC_EINVAL, "--model %s: there are %zu controllers: say whose it is, as %s=%s",
                         wanted, e->n_controllers, e->controllers->name, wanted);
@@ -140,7 +140,7 @@ int experiment_parse_changed(struct experiment *e, const struct experiment_sourc
         free(text);
         text = next;
     }
-    list(overrides, said, sizeof said);
+    list_overrides(overrides, said, sizeof said);
     changed.text = text;
     changed.change = said;
     changed.record = &record;
@@ -149,7 +149,7 @@ int experiment_parse_changed(struct experiment *e, const struct experiment_sourc
         *why = of_file; /* it was so before */
     else if (rc < 0)
         experiment_free(e);
-    if (overrides->model_file && rc == 0 && (rc = check_model(e, overrides->model_file, why)) < 0)
+    if (overrides->model_file && rc == 0 && (rc = check_model_override(e, overrides->model_file, why)) < 0)
         experiment_free(e);
     for (size_t i = 0; i < overrides->n_set && rc == 0; i++)
         if ((rc = check_effect(e, overrides->set[i].path, why)) < 0)

@@ -66,8 +66,8 @@ static void read_area(struct settings *s, const config_setting_t *group, struct 
                       tag->area);
 }
 
-static void read_signal(struct settings *s, const config_setting_t *group, enum kind kind, int id,
-                        struct signal *signal)
+static void read_experiment_signal(struct settings *s, const config_setting_t *group, enum kind kind, int id,
+                                   struct signal *signal)
 {
     static const enum apc_table table[] = {APC_SENSOR, APC_SENSOR, APC_SETPOINT, APC_ACTUATOR};
     struct apc_tag *tag = &signal->tag;
@@ -103,8 +103,8 @@ static void read_signal(struct settings *s, const config_setting_t *group, enum 
 /* ---- All ----------------------------------------------------------------------------------- */
 
 /* Behind the @p n that are there already. Returns how many there are now. */
-static size_t read_list(struct settings *s, const config_setting_t *root, const char *name, enum kind kind,
-                        struct signal **signals, size_t n)
+static size_t read_signal_list(struct settings *s, const config_setting_t *root, const char *name,
+                               enum kind kind, struct signal **signals, size_t n)
 {
     const config_setting_t *list = settings_list(s, root, name, kind == CALCULATED ? OPTIONAL : REQUIRED);
     if (!list)
@@ -122,13 +122,14 @@ static size_t read_list(struct settings *s, const config_setting_t *root, const 
     *signals = all;
     memset(all + n, 0, (size_t)more * sizeof *all);
     for (int i = 0; i < more && !s->failed; i++)
-        read_signal(s, config_setting_get_elem(list, (unsigned)i), kind, (int)n + i + 1, &all[n + (size_t)i]);
+        read_experiment_signal(s, config_setting_get_elem(list, (unsigned)i), kind, (int)n + i + 1,
+                               &all[n + (size_t)i]);
     return n + (size_t)more;
 }
 
 /* A name stands for one variable: among those of its table, and among those that can be set. */
-static void check_names(struct settings *s, const config_setting_t *root, const char *list,
-                        const struct signal *signals, size_t n, const struct signal *others, size_t m)
+static void check_signal_names(struct settings *s, const config_setting_t *root, const char *list,
+                               const struct signal *signals, size_t n, const struct signal *others, size_t m)
 {
     for (size_t i = 0; i < n && !s->failed; i++) {
         const char *name = signals[i].tag.name;
@@ -145,16 +146,16 @@ static void check_names(struct settings *s, const config_setting_t *root, const 
 
 void experiment_read_signals(struct settings *s, const config_setting_t *root, struct experiment *e)
 {
-    e->dim.ny = read_list(s, root, "measurements", MEASUREMENT, &e->y, 0);
+    e->dim.ny = read_signal_list(s, root, "measurements", MEASUREMENT, &e->y, 0);
     experiment_read_sensors(s, config_setting_get_member(root, "measurements"), e);
-    e->n_signals = read_list(s, root, "signals", CALCULATED, &e->y, e->dim.ny) - e->dim.ny;
-    e->dim.nz = read_list(s, root, "setpoints", SETPOINT, &e->z, 0);
-    e->dim.nu = read_list(s, root, "outputs", OUTPUT, &e->u, 0);
+    e->n_signals = read_signal_list(s, root, "signals", CALCULATED, &e->y, e->dim.ny) - e->dim.ny;
+    e->dim.nz = read_signal_list(s, root, "setpoints", SETPOINT, &e->z, 0);
+    e->dim.nu = read_signal_list(s, root, "outputs", OUTPUT, &e->u, 0);
     if (s->failed)
         return;
-    check_names(s, root, "measurements", e->y, e->dim.ny, NULL, 0);
-    check_names(s, root, "signals", e->y + e->dim.ny, e->n_signals, e->y, e->dim.ny);
-    check_names(s, root, "setpoints", e->z, e->dim.nz, e->y + e->dim.ny, e->n_signals);
-    check_names(s, root, "outputs", e->u, e->dim.nu, e->y + e->dim.ny, e->n_signals);
-    check_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
+    check_signal_names(s, root, "measurements", e->y, e->dim.ny, NULL, 0);
+    check_signal_names(s, root, "signals", e->y + e->dim.ny, e->n_signals, e->y, e->dim.ny);
+    check_signal_names(s, root, "setpoints", e->z, e->dim.nz, e->y + e->dim.ny, e->n_signals);
+    check_signal_names(s, root, "outputs", e->u, e->dim.nu, e->y + e->dim.ny, e->n_signals);
+    check_signal_names(s, root, "outputs", e->u, e->dim.nu, e->z, e->dim.nz);
 }

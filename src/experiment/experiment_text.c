@@ -25,7 +25,7 @@ struct place {
     bool backup;   /* it is its backup law's */
 };
 
-static int lose(struct place *place, const config_setting_t *among, const char *path)
+static int lose_place(struct place *place, const config_setting_t *among, const char *path)
 {
     place->among = among;
     place->lost = path;
@@ -74,7 +74,7 @@ static void put_scalar(FILE *out, const config_setting_t *at)
     }
 }
 
-static void put(FILE *out, const config_setting_t *at, const struct place *place);
+static void put_setting_text(FILE *out, const config_setting_t *at, const struct place *place);
 
 /* Of values by name: what has any name stands in a list. */
 static void put_named(FILE *out, const char *name)
@@ -91,7 +91,7 @@ static void put_as_list(FILE *out, const config_setting_t *group, const struct p
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
         put_named(out, config_setting_name(member));
-        put(out, member, place);
+        put_setting_text(out, member, place);
         fputs("; }, ", out);
     }
     put_named(out, place->name);
@@ -105,14 +105,14 @@ static void put_members(FILE *out, const config_setting_t *group, const struct p
         if (!member || member == place->without)
             continue;
         fprintf(out, "%s = ", config_setting_name(member));
-        put(out, member, place);
+        put_setting_text(out, member, place);
         fputs(end, out);
     }
     if (place->in == group)
         fprintf(out, "%s = %s%s", place->name, place->value, end);
 }
 
-static void put(FILE *out, const config_setting_t *at, const struct place *place)
+static void put_setting_text(FILE *out, const config_setting_t *at, const struct place *place)
 {
     const bool list = config_setting_is_list(at);
     if (at == place->at) {
@@ -127,7 +127,7 @@ static void put(FILE *out, const config_setting_t *at, const struct place *place
         fputc(list ? '(' : '[', out);
         for (int i = 0; i < config_setting_length(at); i++) {
             fputs(i ? ", " : "", out);
-            put(out, config_setting_get_elem(at, (unsigned)i), place);
+            put_setting_text(out, config_setting_get_elem(at, (unsigned)i), place);
         }
         if (at == place->in) {
             fputs(config_setting_length(at) ? ", " : "", out);
@@ -236,7 +236,7 @@ static const config_setting_t *signals_of(const config_setting_t *controller, co
 
 /* OUTPUT.PARAMETER, OUTPUT.backup.PARAMETER or, where there is one output only, what stands behind it; the
  * same of a measurement. */
-static int find_tuning(struct place *place, const config_setting_t *controller, const char *path)
+static int find_tuning_place(struct place *place, const config_setting_t *controller, const char *path)
 {
     int n, n_measured;
     const config_setting_t *outputs = signals_of(controller, "outputs", &n);
@@ -258,7 +258,7 @@ static int find_tuning(struct place *place, const config_setting_t *controller, 
     if (of_backup)
         path = of_backup;
     if (which < 0 || !settings_is_word(path) || strlen(path) >= sizeof place->name)
-        return lose(place, named ? NULL : outputs, path);
+        return lose_place(place, named ? NULL : outputs, path);
     place->controller = controller;
     place->parameter = path;
     place->output = (size_t)which;
@@ -270,7 +270,7 @@ static int find_tuning(struct place *place, const config_setting_t *controller, 
         return new_tuning(place, law, name, which, n, path);
     const config_setting_t *group = config_setting_get_elem(tuning, (unsigned)which);
     if (!group || !config_setting_is_group(group))
-        return lose(place, NULL, path);
+        return lose_place(place, NULL, path);
     place->at = config_setting_get_member(group, path);
     place->in = place->at ? NULL : group;
     snprintf(place->name, sizeof place->name, "%s", path);
@@ -288,7 +288,7 @@ static bool holds_values(const char *name, const config_setting_t *parent)
 static int find_value(struct place *place, const config_setting_t *values, const char *path)
 {
     if (strlen(path) >= sizeof place->name)
-        return lose(place, values, path);
+        return lose_place(place, values, path);
     snprintf(place->name, sizeof place->name, "%s", path);
     if (config_setting_is_group(values)) {
         place->at = config_setting_get_member(values, path);
@@ -306,7 +306,7 @@ static int find_value(struct place *place, const config_setting_t *values, const
 }
 
 /* All of such values, with the one that is called @p name: in place of @p place->value. */
-static int new_values(struct place *place, const char *name)
+static int new_model_values(struct place *place, const char *name)
 {
     char *values = NULL;
     size_t size = 0;
@@ -336,14 +336,14 @@ static int new_member(struct place *place, const config_setting_t *in, const cha
     char *value = NULL, first[sizeof place->name];
     snprintf(first, sizeof first, "%.*s", (int)n, path);
     if (!settings_is_word(first) || n >= sizeof first)
-        return lose(place, in, path);
+        return lose_place(place, in, path);
     if (path[n] && path[n + 1] && holds_values(first, in)) {
-        if (new_values(place, path + n + 1) < 0)
+        if (new_model_values(place, path + n + 1) < 0)
             return APC_ENOMEM;
     } else if (path[n]) {
         int rc = new_member(place, in, path + n + 1);
         if (rc < 0)
-            return rc == APC_ENOMEM ? rc : lose(place, in, path);
+            return rc == APC_ENOMEM ? rc : lose_place(place, in, path);
         if (asprintf(&value, "{ %s = %s; }", place->name, place->value) < 0)
             return APC_ENOMEM;
         free(place->value);
@@ -362,7 +362,7 @@ static bool is_controller(const config_setting_t *group)
 }
 
 /* Where @p path leads. Returns 0, APC_ENOTFOUND or APC_ENOMEM. */
-static int find(struct place *place, const config_setting_t *root, const char *path)
+static int find_path(struct place *place, const config_setting_t *root, const char *path)
 {
     const config_setting_t *at = root;
     while (*path) {
@@ -384,13 +384,13 @@ static int find(struct place *place, const config_setting_t *root, const char *p
     }
     if (!*path) {
         place->at = at;
-        return at == root ? lose(place, root, path) : 0;
+        return at == root ? lose_place(place, root, path) : 0;
     }
     const bool of_controllers = at == root && !strncmp(path, "controller", 10); /* naming one makes none */
     if (!config_setting_is_group(at) || of_controllers)
-        return lose(place, at, path);
+        return lose_place(place, at, path);
     if (is_controller(at) && !experiment_knows_of_controller(path))
-        return find_tuning(place, at, path);
+        return find_tuning_place(place, at, path);
     return new_member(place, at, path);
 }
 
@@ -410,7 +410,7 @@ static double number_in(const config_setting_t *at)
 }
 
 /* As it stands in a file; what would not be understood there, or where text was, is text without its quotes. */
-static char *value_of(const char *value, const config_setting_t *was)
+static char *value_as_text(const char *value, const config_setting_t *was)
 {
     char *line = NULL, *written = NULL;
     double number;
@@ -432,7 +432,7 @@ static char *value_of(const char *value, const config_setting_t *was)
     if (good && is && config_setting_is_number(is) && is_float_in_array(was))
         put_float(out, number_in(is));
     else if (good && is)
-        put(out, is, &(struct place){.at = NULL});
+        put_setting_text(out, is, &(struct place){.at = NULL});
     else if (!of_text && apc_number_parse(value, &number) == 0) /* beyond 32 bits */
         put_float(out, number);
     else
@@ -449,13 +449,13 @@ out:
 
 /* ---- Where a path leads nowhere ------------------------------------------------------------- */
 
-static const char *name_of(const config_setting_t *in, int i)
+static const char *name_of_element(const config_setting_t *in, int i)
 {
     const config_setting_t *at = config_setting_get_elem(in, (unsigned)i);
     return config_setting_is_group(in) ? config_setting_name(at) : name_in(at);
 }
 
-static void tell(const struct place *place, const char *path, struct apc_error *why)
+static void tell_unknown_path(const struct place *place, const char *path, struct apc_error *why)
 {
     const config_setting_t *in = place->among;
     const int before = (int)(place->lost - path),
@@ -465,7 +465,7 @@ static void tell(const struct place *place, const char *path, struct apc_error *
     size_t used = 0;
     snprintf(wanted, sizeof wanted, "%.*s", (int)strcspn(place->lost, "."), place->lost);
     for (int i = 0; i < n; i++) {
-        const char *name = name_of(in, i);
+        const char *name = name_of_element(in, i);
         if (name && used < sizeof names)
             used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "; there are ",
                                      name);
@@ -480,12 +480,13 @@ static void tell(const struct place *place, const char *path, struct apc_error *
              nearest.name ? "\"?" : "");
 }
 
-/* find(), and says why not. */
-static int look(struct place *place, const config_setting_t *root, const char *path, struct apc_error *why)
+/* find_path(), and says why not. */
+static int look_for_path(struct place *place, const config_setting_t *root, const char *path,
+                         struct apc_error *why)
 {
-    const int rc = place->value ? find(place, root, path) : APC_ENOMEM;
+    const int rc = place->value ? find_path(place, root, path) : APC_ENOMEM;
     if (rc == APC_ENOTFOUND)
-        tell(place, path, why);
+        tell_unknown_path(place, path, why);
     return rc == APC_ENOMEM ? apc_fail(why, rc, "out of memory") : rc;
 }
 
@@ -520,20 +521,20 @@ static const config_setting_t *replaced(const struct place *place)
     return model ? config_setting_get_member(group, "operating_point") : NULL;
 }
 
-static int change(const config_t *config, const char *path, const char *value, char **changed,
-                  struct apc_error *why)
+static int change_setting(const config_t *config, const char *path, const char *value, char **changed,
+                          struct apc_error *why)
 {
     const config_setting_t *root = config_root_setting(config);
     struct place place = {.value = strdup("")};
     size_t size = 0;
-    int rc = look(&place, root, path, why);
+    int rc = look_for_path(&place, root, path, why);
 
     if (rc == 0)
         rc = check_list(path, value, place.at, why);
     if (rc == 0) { /* now it is known what was there */
         free(place.value);
-        place = (struct place){.value = value_of(value, place.at)};
-        rc = look(&place, root, path, why);
+        place = (struct place){.value = value_as_text(value, place.at)};
+        rc = look_for_path(&place, root, path, why);
         place.without = replaced(&place);
     }
     FILE *out = rc == 0 ? open_memstream(changed, &size) : NULL;
@@ -552,7 +553,7 @@ int experiment_change(const char *text, const char *path, const char *value, cha
     *changed = NULL;
     int rc = settings_parse(&config, path, text, why);
     if (rc == 0)
-        rc = change(&config, path, value, changed, why);
+        rc = change_setting(&config, path, value, changed, why);
     config_destroy(&config);
     return rc;
 }
@@ -629,7 +630,7 @@ int experiment_value(const struct experiment *e, const char *path, double *value
     int rc = settings_parse(&config, path, e->text, why);
     struct place place = {.value = strdup("")};
     if (rc == 0)
-        rc = look(&place, config_root_setting(&config), path, why);
+        rc = look_for_path(&place, config_root_setting(&config), path, why);
     if (rc == 0 && place.at)
         rc = number_there(place.at, path, value, why);
     else if (rc == 0 && place.controller)
@@ -659,14 +660,14 @@ int experiment_line(const struct experiment *e, const char *path, char **line, s
     *line = NULL;
     int rc = settings_parse(&config, path, e->text, why);
     if (rc == 0)
-        rc = look(&place, config_root_setting(&config), path, why);
+        rc = look_for_path(&place, config_root_setting(&config), path, why);
     const config_setting_t *at = rc == 0 ? place.at : NULL;
     while (at && !is_outer(config_setting_parent(at)))
         at = config_setting_parent(at);
     FILE *out = at ? open_memstream(line, &size) : NULL;
     if (out) {
         fprintf(out, "%s = ", config_setting_name(at));
-        put(out, at, &(struct place){.at = NULL});
+        put_setting_text(out, at, &(struct place){.at = NULL});
         fputc(';', out);
     }
     if (rc == 0 && !at)

@@ -14,7 +14,7 @@
 
 /* ---- Signals ---------------------------------------------------------------------------------- */
 
-static const char *name_of(const struct experiment *e, struct wire w)
+static const char *name_of_wire(const struct experiment *e, struct wire w)
 {
     const struct signal *of = w.table == APC_ACTUATOR ? e->u : w.table == APC_SETPOINT ? e->z : e->y;
     return of[w.at].tag.name;
@@ -30,9 +30,9 @@ static void name_signals(const struct experiment *e, const struct controller *c,
     m->output = (struct model_signals){"outputs", "measurement",
                                        model_array(m->s, c->dim.ny, sizeof *m->output.name), c->dim.ny, NULL};
     for (size_t i = 0; m->input.name && i < inputs; i++)
-        m->input.name[i] = name_of(e, i < c->dim.nu ? c->u[i] : c->d[i - c->dim.nu]);
+        m->input.name[i] = name_of_wire(e, i < c->dim.nu ? c->u[i] : c->d[i - c->dim.nu]);
     for (size_t i = 0; m->output.name && i < c->dim.ny; i++)
-        m->output.name[i] = name_of(e, c->y[i]);
+        m->output.name[i] = name_of_wire(e, c->y[i]);
 }
 
 /* ---- Transfer functions ----------------------------------------------------------------------- */
@@ -116,7 +116,7 @@ static bool wants_filter(const struct controller *c)
  * x[k+1] = A x[k] + B u[k] + K e[k], y[k] = C x[k] + D u[k] + e[k], with e as further states, which noise
  * makes anew for each sample: a filter that hardly doubts what is measured then corrects x[k+1] by K.
  */
-static void widen(const struct model *m, struct model_space *p)
+static void widen_model(const struct model *m, struct model_space *p)
 {
     const size_t outputs = m->output.n;
     double *A = p->room, *C = A + p->nx * p->nx;
@@ -179,7 +179,7 @@ static void take_space(const struct model *m, const config_setting_t *group, str
 
     model_read_space(m, group, wants_filter(c), &p);
     if (!m->s->failed && p.nx > p.rows)
-        widen(m, &p);
+        widen_model(m, &p);
     if (!m->s->failed)
         sample_space(m, group, &p, c);
     if (!m->s->failed && p.nx > p.rows)
@@ -189,8 +189,8 @@ static void take_space(const struct model *m, const config_setting_t *group, str
 
 /* ---- All of it -------------------------------------------------------------------------------- */
 
-static void read_model(struct settings *s, const config_setting_t *root, const struct experiment *e,
-                       struct controller *c)
+static void read_model_group(struct settings *s, const config_setting_t *root, const struct experiment *e,
+                             struct controller *c)
 {
     char whose[APC_TAG_LEN + 16];
     struct model m = {.s = s, .root = root, .whose = whose};
@@ -210,8 +210,8 @@ static void read_model(struct settings *s, const config_setting_t *root, const s
     free(m.output.name);
 }
 
-static void read_file(struct settings *s, const config_setting_t *at, const struct experiment *e,
-                      struct controller *c)
+static void read_model_file(struct settings *s, const config_setting_t *at, const struct experiment *e,
+                            struct controller *c)
 {
     struct apc_error why = {""};
     struct settings own = {.file = c->model_file, .why = &why};
@@ -220,7 +220,7 @@ static void read_file(struct settings *s, const config_setting_t *at, const stru
     experiment_resolve(s, config_setting_get_string(at), c->model_file, sizeof c->model_file);
     own.failed = settings_load(&config, c->model_file, &why);
     if (!own.failed)
-        read_model(&own, config_root_setting(&config), e, c);
+        read_model_group(&own, config_root_setting(&config), e, c);
     if (own.failed)
         settings_fail(s, at, "%s", why.text);
     config_destroy(&config);
@@ -238,9 +238,9 @@ void model_file_read(struct settings *s, const config_setting_t *group, const st
     else if (config_setting_get_member(group, "operating_point"))
         settings_fail(s, at, "\"model\" and \"operating_point\" are two models: one of them");
     else if (config_setting_is_group(at))
-        read_model(s, at, e, c);
+        read_model_group(s, at, e, c);
     else if (config_setting_get_string(at))
-        read_file(s, at, e, c);
+        read_model_file(s, at, e, c);
     else
         settings_fail(s, at, "\"model\" must be a file, as \"tanks.model\", or a group");
     if (s->failed)

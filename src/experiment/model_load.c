@@ -14,7 +14,8 @@ struct names {
     size_t n;
 };
 
-static void add(struct settings *s, const config_setting_t *at, struct names *names, const char *name)
+static void add_signal_name(struct settings *s, const config_setting_t *at, struct names *names,
+                            const char *name)
 {
     char(*more)[APC_TAG_LEN];
 
@@ -41,7 +42,7 @@ static void add_numbered(struct settings *s, const config_setting_t *at, struct 
         char name[24];
 
         snprintf(name, sizeof name, "%c%d", letter, i + 1);
-        add(s, at, names, name);
+        add_signal_name(s, at, names, name);
     }
 }
 
@@ -59,7 +60,7 @@ static void find_names(const struct model *m, const char *list, const char *side
     for (int i = 0; i < length(said) && !m->s->failed; i++) {
         const char *name = config_setting_get_string_elem(said, i);
 
-        add(m->s, said, names, name ? name : "");
+        add_signal_name(m->s, said, names, name ? name : "");
         if (!m->s->failed && names->n == (size_t)i)
             settings_fail(m->s, said, "\"%s\" names \"%s\" twice", list, name);
     }
@@ -68,7 +69,7 @@ static void find_names(const struct model *m, const char *list, const char *side
         const char *name = NULL;
 
         if (config_setting_is_group(pair) && config_setting_lookup_string(pair, side, &name))
-            add(m->s, pair, names, name);
+            add_signal_name(m->s, pair, names, name);
         else
             settings_fail(m->s, pair, "expected a group: { from = \"...\"; to = \"...\"; gain = 1.0; ... }");
     }
@@ -78,8 +79,8 @@ static void find_names(const struct model *m, const char *list, const char *side
         settings_fail(m->s, m->root, "the model has no %s", list);
 }
 
-static void take(struct model_signals *to, struct settings *s, const char *list, const char *kind,
-                 const struct names *names)
+static void take_model_signals(struct model_signals *to, struct settings *s, const char *list,
+                               const char *kind, const struct names *names)
 {
     *to = (struct model_signals){list, kind, model_array(s, names->n, sizeof *to->name), names->n, NULL};
     for (size_t i = 0; to->name && i < names->n; i++)
@@ -110,7 +111,7 @@ static void read_space(const struct model *m, const config_setting_t *group, str
     f->dead_time = p.dead_time;
 }
 
-static void read_file(struct settings *s, const config_setting_t *root, struct model_file *f)
+static void read_model_matrices(struct settings *s, const config_setting_t *root, struct model_file *f)
 {
     struct model m = {.s = s, .root = root, .whose = "this model"};
     const config_setting_t *transfer, *space, *B, *C;
@@ -130,8 +131,8 @@ static void read_file(struct settings *s, const config_setting_t *root, struct m
     f->outputs = output.n;
     if (s->failed)
         return;
-    take(&m.input, s, "inputs", "input", &input);
-    take(&m.output, s, "outputs", "output", &output);
+    take_model_signals(&m.input, s, "inputs", "input", &input);
+    take_model_signals(&m.output, s, "outputs", "output", &output);
     if (!s->failed)
         model_begin(&m);
     if (!s->failed && transfer)
@@ -154,7 +155,7 @@ int model_file_load(struct model_file *f, const char *file, struct apc_error *wh
     *f = (struct model_file){.inputs = 0};
     s.failed = settings_load(&config, file, why);
     if (!s.failed)
-        read_file(&s, config_root_setting(&config), f);
+        read_model_matrices(&s, config_root_setting(&config), f);
     config_destroy(&config);
     return s.failed;
 }

@@ -19,8 +19,8 @@ void *model_array(struct settings *s, size_t n, size_t size)
 /* ---- Names ------------------------------------------------------------------------------------ */
 
 /* Which of the signals that is. */
-static size_t find(const struct model *m, const config_setting_t *at, const char *name,
-                   const struct model_signals *of)
+static size_t find_model_signal(const struct model *m, const config_setting_t *at, const char *name,
+                                const struct model_signals *of)
 {
     struct nearest nearest = {.wanted = name ? name : ""};
 
@@ -36,7 +36,7 @@ static size_t find(const struct model *m, const config_setting_t *at, const char
 }
 
 /* All of the signals, each once, in the file's order. */
-static void read_names(const struct model *m, struct model_signals *of)
+static void read_model_names(const struct model *m, struct model_signals *of)
 {
     const config_setting_t *names = config_setting_get_member(m->root, of->list);
 
@@ -51,7 +51,7 @@ static void read_names(const struct model *m, struct model_signals *of)
         const char *name = config_setting_get_string_elem(names, (int)i);
         if (!name)
             settings_fail(m->s, names, "\"%s\" must be names in double quotes", of->list);
-        of->place[i] = find(m, names, name, of);
+        of->place[i] = find_model_signal(m, names, name, of);
         for (size_t k = 0; k < i; k++)
             if (of->place[k] == of->place[i])
                 settings_fail(m->s, names, "\"%s\" names \"%s\" twice", of->list, of->name[of->place[i]]);
@@ -61,8 +61,8 @@ static void read_names(const struct model *m, struct model_signals *of)
 void model_begin(struct model *m)
 {
     settings_number(m->s, m->root, "delay", OPTIONAL, 0, APC_VALUE_MAX, &m->delay);
-    read_names(m, &m->input);
-    read_names(m, &m->output);
+    read_model_names(m, &m->input);
+    read_model_names(m, &m->output);
     m->u0 = model_array(m->s, m->input.n, sizeof *m->u0);
     m->y0 = model_array(m->s, m->output.n, sizeof *m->y0);
 }
@@ -110,8 +110,8 @@ static void read_array(const struct model *m, const config_setting_t *group, con
 }
 
 /* Numbers that stand in the file's order, to their places. */
-static void read_signals(const struct model *m, const config_setting_t *group, const char *name,
-                         const struct model_signals *of, double *to)
+static void read_signal_numbers(const struct model *m, const config_setting_t *group, const char *name,
+                                const struct model_signals *of, double *to)
 {
     double *from = model_array(m->s, of->n, sizeof *from);
 
@@ -130,8 +130,8 @@ static const config_setting_t *operating_point(const struct model *m, bool state
     const config_setting_t *group = settings_group(m->s, m->root, "operating_point", OPTIONAL);
 
     settings_known(m->s, group, states ? with_x : known);
-    read_signals(m, group, "u", &m->input, m->u0);
-    read_signals(m, group, "y", &m->output, m->y0);
+    read_signal_numbers(m, group, "u", &m->input, m->u0);
+    read_signal_numbers(m, group, "y", &m->output, m->y0);
     return group;
 }
 
@@ -155,8 +155,8 @@ static void read_pair(const struct model *m, const config_setting_t *group, stru
     settings_text(s, group, "to", REQUIRED, to, sizeof to);
     if (s->failed)
         return;
-    const size_t j = find(m, config_setting_get_member(group, "from"), from, &m->input);
-    const size_t i = find(m, config_setting_get_member(group, "to"), to, &m->output);
+    const size_t j = find_model_signal(m, config_setting_get_member(group, "from"), from, &m->input);
+    const size_t i = find_model_signal(m, config_setting_get_member(group, "to"), to, &m->output);
     const size_t at = i * m->input.n + j;
     struct apc_transfer *g = &all[at];
     if (!s->failed && there[at])
@@ -197,7 +197,7 @@ static void read_dead_times(const struct model *m, const config_setting_t *group
 {
     const config_setting_t *at = config_setting_get_member(group, "dead_time");
 
-    read_signals(m, group, "dead_time", &m->input, p->dead_time);
+    read_signal_numbers(m, group, "dead_time", &m->input, p->dead_time);
     for (size_t j = 0; j < m->input.n; j++) {
         if (p->dead_time[j] < 0.0)
             settings_fail(m->s, at, "\"dead_time\" of %s is %g: must be 0 or above", m->input.name[j],
@@ -220,7 +220,7 @@ static void read_filter(const struct model *m, const config_setting_t *group, st
     if (!K || m->s->failed)
         return;
     read_matrix(m, group, "K", p->rows, m->output.n, p->K);
-    read_signals(m, group, "error", &m->output, p->error);
+    read_signal_numbers(m, group, "error", &m->output, p->error);
     for (size_t i = 0; i < m->output.n && !m->s->failed; i++)
         if (!(p->error[i] > 0.0))
             settings_fail(m->s, error, "\"error\" of %s is %g: a standard deviation is above 0",
@@ -244,7 +244,7 @@ static void turn_rows(const struct model_signals *of, size_t columns, double *M,
         memcpy(M + of->place[i] * columns, room + i * columns, columns * sizeof *room);
 }
 
-static int allocate(const struct model *m, struct model_space *p)
+static int allocate_model_space(const struct model *m, struct model_space *p)
 {
     const size_t nx = p->nx, inputs = m->input.n, outputs = m->output.n;
     const size_t turning = inputs + outputs * (nx + inputs), widening = nx * nx + outputs * nx;
@@ -282,7 +282,7 @@ void model_read_space(const struct model *m, const config_setting_t *group, bool
     p->filter = config_setting_get_member(group, "K") != NULL;
     p->rows = rows;
     p->nx = rows + (p->filter && more ? outputs : 0);
-    if (allocate(m, p) < 0)
+    if (allocate_model_space(m, p) < 0)
         return;
     settings_period(m->s, group, "period", OPTIONAL, &p->period);
     read_array(m, operating_point(m, true), "x", rows, p->x0);

@@ -30,8 +30,8 @@ struct histogram {
 };
 
 /* A row, where it is of the task and quantity asked for. */
-static int take_row(struct histogram *h, const struct form *form, struct csv *csv, const char *task,
-                    const char *quantity, struct apc_error *why)
+static int take_histogram_row(struct histogram *h, const struct form *form, struct csv *csv, const char *task,
+                              const char *quantity, struct apc_error *why)
 {
     double number[3];
 
@@ -64,7 +64,7 @@ static int read_histogram(struct histogram *h, const char *path, const struct fo
     if (rc == 0)
         rc = csv_expect(csv, form->columns, why);
     while (rc == 0 && (rc = csv_next(csv, why)) > 0)
-        rc = take_row(h, form, csv, task, quantity, why);
+        rc = take_histogram_row(h, form, csv, task, quantity, why);
     csv_close(csv);
     if (rc == 0 && !(h->total > 0))
         rc = apc_fail(why, APC_ENOTFOUND, "%s: has nothing of the %s of task %s", path, quantity, task);
@@ -98,8 +98,9 @@ static int recorded(const char *path, const char *task, const char *quantity, st
 }
 
 /* @folder, of @length bytes, is where paths begin. */
-static int parse(const char *text, const char *folder, int length, const char *task, const char *quantity,
-                 struct apc_distribution *d, struct recordings *recordings, struct apc_error *why)
+static int parse_distribution_file(const char *text, const char *folder, int length, const char *task,
+                                   const char *quantity, struct apc_distribution *d,
+                                   struct recordings *recordings, struct apc_error *why)
 {
     static const char open[] = "recorded(";
     char path[TEXT_LEN];
@@ -116,7 +117,7 @@ static int parse(const char *text, const char *folder, int length, const char *t
 /* ---- From the file ------------------------------------------------------------------------ */
 
 /* The text of a member that is a number or text. */
-static bool text_of(struct settings *s, const config_setting_t *member, char text[TEXT_LEN])
+static bool text_of_member(struct settings *s, const config_setting_t *member, char text[TEXT_LEN])
 {
     int type = config_setting_type(member);
     double value = type == CONFIG_TYPE_FLOAT ? config_setting_get_float(member)
@@ -138,9 +139,10 @@ static void read_distribution(struct settings *s, const config_setting_t *group,
     struct apc_error why;
     char text[TEXT_LEN] = "";
 
-    if (!member || !text_of(s, member, text))
+    if (!member || !text_of_member(s, member, text))
         return;
-    if (parse(text, s->file, slash ? (int)(slash + 1 - s->file) : 0, task, quantity, d, recordings, &why) < 0)
+    if (parse_distribution_file(text, s->file, slash ? (int)(slash + 1 - s->file) : 0, task, quantity, d,
+                                recordings, &why) < 0)
         settings_fail(s, member, "\"%s\": %s", name, why.text);
 }
 
@@ -189,7 +191,7 @@ static void read_outages(struct settings *s, const config_setting_t *group, stru
 }
 
 /* Whatever the network itself would refuse. */
-static int check(const struct network_model *n, struct apc_error *why)
+static int check_network_model(const struct network_model *n, struct apc_error *why)
 {
     struct apc_network_options options = n->options;
     struct apc_network *trial = NULL;
@@ -217,7 +219,7 @@ static void read_network(struct settings *s, const config_setting_t *root, struc
     settings_number(s, group, "reordering", OPTIONAL, 0, 1, &o->reordering);
     settings_number(s, group, "bandwidth", OPTIONAL, 0, 1e15, &o->bandwidth);
     read_outages(s, group, &m->network);
-    if (!s->failed && check(&m->network, &why) < 0)
+    if (!s->failed && check_network_model(&m->network, &why) < 0)
         settings_fail(s, group, "%s", why.text);
 }
 
@@ -271,7 +273,7 @@ void models_free(struct models *m)
 
 /* ---- From the command line ---------------------------------------------------------------- */
 
-static int set(struct models *m, const char *name, const char *value, struct apc_error *why)
+static int set_network_member(struct models *m, const char *name, const char *value, struct apc_error *why)
 {
     struct apc_network_options *o = &m->network.options;
     const struct {
@@ -291,7 +293,8 @@ static int set(struct models *m, const char *name, const char *value, struct apc
         if (strcmp(name, of[i].name) != 0)
             continue;
         if (of[i].distribution)
-            return parse(value, "", 0, "network", name, of[i].distribution, &m->recordings, why);
+            return parse_distribution_file(value, "", 0, "network", name, of[i].distribution, &m->recordings,
+                                           why);
         if (apc_number_parse(value, of[i].number) < 0)
             return apc_fail(why, APC_EINVAL, "%s=%s: must be a number", name, value);
         return 0;
@@ -323,10 +326,10 @@ int models_network(struct models *m, const char *spec, struct apc_error *why)
         if (n >= sizeof part || !equals)
             return apc_fail(why, APC_EINVAL, "\"%.80s\": expected NAME=VALUE, as delay=0.004", part);
         *equals = '\0';
-        rc = set(m, part, equals + 1, why);
+        rc = set_network_member(m, part, equals + 1, why);
         spec += n + (spec[n] == ',');
     }
-    return rc < 0 ? rc : check(&m->network, why);
+    return rc < 0 ? rc : check_network_model(&m->network, why);
 }
 
 int models_recorded(struct models *m, const char *run, const char *name, struct task_model *task,

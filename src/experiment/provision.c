@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* "LEFT.RIGHT"; what is too long is cut on the left, which is the user's own word. */
-static void join(const char *left, const char *right, char name[APC_TAG_LEN])
+static void join_names(const char *left, const char *right, char name[APC_TAG_LEN])
 {
     const int room = APC_TAG_LEN - 2 - (int)strnlen(right, APC_TAG_LEN / 2);
     snprintf(name, APC_TAG_LEN, "%.*s.%.*s", room, left, APC_TAG_LEN / 2, right);
@@ -23,7 +23,7 @@ static void name_of_loop(const struct experiment *e, struct controller_loop loop
     if (controllers_loops(e) == 1)
         snprintf(name, APC_TAG_LEN, "%.63s", what);
     else
-        join(left, what, name);
+        join_names(left, what, name);
 }
 
 /* ---- Tags --------------------------------------------------------------------------------- */
@@ -45,7 +45,7 @@ struct tags {
     size_t n;
 };
 
-static struct apc_tag *add(struct tags *t, struct apc_tag tag)
+static struct apc_tag *add_tag(struct tags *t, struct apc_tag tag)
 {
     snprintf(tag.controller, sizeof tag.controller, "%s", t->of ? t->of->name : "");
     t->at[t->n] = tag;
@@ -63,13 +63,13 @@ static void name_tuning(const struct tags *t, const struct controller *law, stru
         return;
     }
     if (at.scope == APC_OF_MEASUREMENT)
-        join(t->e->y[t->of->y[at.of].at].tag.name, what, of);
+        join_names(t->e->y[t->of->y[at.of].at].tag.name, what, of);
     else
         snprintf(of, sizeof of, "%.63s", what);
     if (t->e->n_controllers == 1)
         snprintf(name, APC_TAG_LEN, "%s", of);
     else
-        join(t->of->name, of, name);
+        join_names(t->of->name, of, name);
 }
 
 static void add_tuning(struct tags *t, const struct controller *law)
@@ -81,8 +81,8 @@ static void add_tuning(struct tags *t, const struct controller *law)
         const struct apc_law_parameter at = apc_law_parameter_at(law->law, &law->dim, k);
         const struct apc_param *p = &law->param[at.number];
         name_tuning(t, law, at, name);
-        struct apc_tag *tag = add(t, plain_tag(APC_TUNING, law->first_tuning + (int)k, name,
-                                               p->description ? p->description : "", p->low, p->high));
+        struct apc_tag *tag = add_tag(t, plain_tag(APC_TUNING, law->first_tuning + (int)k, name,
+                                                   p->description ? p->description : "", p->low, p->high));
         snprintf(tag->unit, sizeof tag->unit, "%s", p->unit ? p->unit : "");
     }
 }
@@ -95,19 +95,19 @@ static void add_loop(struct tags *t, struct controller_loop loop)
     char name[APC_TAG_LEN];
 
     controllers_loop_name(t->e, loop, name);
-    add(t, plain_tag(APC_OPMODE, id, name, "target mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", 0, 3));
+    add_tag(t, plain_tag(APC_OPMODE, id, name, "target mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", 0, 3));
     name_of_loop(t->e, loop, "mode.actual", name);
-    add(t, plain_tag(APC_ACTUAL, apc_variable_number(APC_OPMODE, id), name,
-                     "actual mode; besides 4 initialising, 5 at the fault value", 0, 5));
+    add_tag(t, plain_tag(APC_ACTUAL, apc_variable_number(APC_OPMODE, id), name,
+                         "actual mode; besides 4 initialising, 5 at the fault value", 0, 5));
     name_of_loop(t->e, loop, "manual", name);
-    struct apc_tag *manual = add(t, plain_tag(APC_MANUAL, controllers_loop_id(loop), name,
-                                              "operator's output in mode Man", of->low, of->high));
+    struct apc_tag *manual = add_tag(t, plain_tag(APC_MANUAL, controllers_loop_id(loop), name,
+                                                  "operator's output in mode Man", of->low, of->high));
     memcpy(manual->unit, of->unit, sizeof manual->unit);
 
     snprintf(name, sizeof name, "dim.u%d.y", id);
-    add(t, plain_tag(APC_DIM, 2 + 2 * id, name, "measurement that the output controls", 1, 1e6));
+    add_tag(t, plain_tag(APC_DIM, 2 + 2 * id, name, "measurement that the output controls", 1, 1e6));
     snprintf(name, sizeof name, "dim.u%d.z", id);
-    add(t, plain_tag(APC_DIM, 3 + 2 * id, name, "setpoint that it controls it to; 0: none", 0, 1e6));
+    add_tag(t, plain_tag(APC_DIM, 3 + 2 * id, name, "setpoint that it controls it to; 0: none", 0, 1e6));
 }
 
 struct publishing {
@@ -126,8 +126,8 @@ static void add_published(void *ctx, size_t output, const struct apc_published *
     else if (t->e->n_controllers == 1)
         snprintf(name, sizeof name, "%.63s", published->name);
     else
-        join(t->of->name, published->name, name);
-    struct apc_tag *tag = add(
+        join_names(t->of->name, published->name, name);
+    struct apc_tag *tag = add_tag(
         t, plain_tag(course ? APC_PREDICTION : APC_ESTIMATE, course ? p->prediction++ : p->estimate++, name,
                      published->description ? published->description : "", -APC_VALUE_MAX, APC_VALUE_MAX));
     snprintf(tag->unit, sizeof tag->unit, "%s", published->unit ? published->unit : "");
@@ -144,18 +144,19 @@ static void add_outputs(struct tags *t)
         const struct controller_loop loop = {t->of, k};
         const struct apc_tag *of = controllers_output(t->e, loop);
         name_of_loop(t->e, loop, "output", name);
-        struct apc_tag *tag = add(t, plain_tag(APC_ESTIMATE, t->of->first_output + (int)k, name,
-                                               "as it puts it out or, in shadow, would", of->low, of->high));
+        struct apc_tag *tag =
+            add_tag(t, plain_tag(APC_ESTIMATE, t->of->first_output + (int)k, name,
+                                 "as it puts it out or, in shadow, would", of->low, of->high));
         memcpy(tag->unit, of->unit, sizeof tag->unit);
         tag->period = apc_ns_to_s(t->of->rhythm.period);
     }
     if (t->of->shadow)
         return;
     const int id = t->of->acting;
-    join(controllers_output(t->e, (struct controller_loop){t->of, 0})->name, "acting", name);
+    join_names(controllers_output(t->e, (struct controller_loop){t->of, 0})->name, "acting", name);
     t->of = NULL; /* whoever acts */
-    add(t, plain_tag(APC_OPMODE, id, name, "number of the controller that acts", 1,
-                     (double)t->e->n_controllers));
+    add_tag(t, plain_tag(APC_OPMODE, id, name, "number of the controller that acts", 1,
+                         (double)t->e->n_controllers));
 }
 
 static int add_controllers(struct tags *t)
@@ -163,7 +164,7 @@ static int add_controllers(struct tags *t)
     int rc = 0;
     for (size_t i = 0; i < t->e->n_controllers; i++) {
         const struct controller *c = t->of = &t->e->controllers[i];
-        add(t, plain_tag(APC_TICK, c->number, c->name, "what its ticks were made from", 0, 0))->period =
+        add_tag(t, plain_tag(APC_TICK, c->number, c->name, "what its ticks were made from", 0, 0))->period =
             apc_ns_to_s(c->rhythm.period);
         add_tuning(t, c);
         if (c->backup)
@@ -189,13 +190,13 @@ static void add_owners(struct tags *t)
     char name[APC_TAG_LEN];
     for (size_t i = 0; i < t->e->scheduler.n; i++) {
         const struct apc_tag *of = &t->e->z[t->e->scheduler.z[i].at].tag;
-        join(of->name, "owner", name);
-        add(t, plain_tag(APC_OPMODE, LOOPS_OWNER(of->id), name,
-                         "who moves the setpoint: 0 Local, the operator; 1 Remote, the scheduler", 0, 1));
-        join(of->name, "plan", name);
-        struct apc_tag *plan = add(t, plain_tag(APC_PLAN, of->id, name,
-                                                "what it will be: pairs of seconds from then on and value",
-                                                -APC_VALUE_MAX, APC_VALUE_MAX));
+        join_names(of->name, "owner", name);
+        add_tag(t, plain_tag(APC_OPMODE, LOOPS_OWNER(of->id), name,
+                             "who moves the setpoint: 0 Local, the operator; 1 Remote, the scheduler", 0, 1));
+        join_names(of->name, "plan", name);
+        struct apc_tag *plan = add_tag(
+            t, plain_tag(APC_PLAN, of->id, name, "what it will be: pairs of seconds from then on and value",
+                         -APC_VALUE_MAX, APC_VALUE_MAX));
         const size_t pairs = t->e->scheduler.steps + 1;
         plan->length = 2 * (int)(pairs < APC_PLAN_PAIRS ? pairs : APC_PLAN_PAIRS);
     }
@@ -205,14 +206,14 @@ static void add_alarms(struct tags *t)
 {
     for (size_t i = 0; i < t->e->n_alarms; i++) {
         const struct alarm *alarm = &t->e->alarm[i];
-        struct apc_tag *tag = add(t, plain_tag(APC_ALARM, (int)i + 1, alarm->name, alarm->message,
-                                               APC_ALARM_NORMAL, APC_ALARM_STATES - 1));
+        struct apc_tag *tag = add_tag(t, plain_tag(APC_ALARM, (int)i + 1, alarm->name, alarm->message,
+                                                   APC_ALARM_NORMAL, APC_ALARM_STATES - 1));
         snprintf(tag->area, sizeof tag->area, "%s", alarm->area);
     }
     if (t->e->n_alarms == 0)
         return;
-    struct apc_tag *tick = add(t, plain_tag(APC_TICK, cores_alarms_number(t->e), "alarms",
-                                            "how many alarms are in which state", 0, 0));
+    struct apc_tag *tick = add_tag(t, plain_tag(APC_TICK, cores_alarms_number(t->e), "alarms",
+                                                "how many alarms are in which state", 0, 0));
     tick->period = apc_ns_to_s(t->e->alarms.rhythm.period);
     tick->length = APC_ALARMS_TICK;
 }
@@ -225,7 +226,7 @@ static size_t count_tuning(const struct experiment *e)
     return n;
 }
 
-static size_t count_published(const struct experiment *e)
+static size_t count_published_tags(const struct experiment *e)
 {
     size_t n = 0;
     for (size_t i = 0; i < e->n_controllers; i++)
@@ -240,23 +241,23 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      count_published(e) + 5 * controllers_loops(e) + 2 * e->scheduler.n +
-                                      e->n_alarms + 6,
+                                      count_published_tags(e) + 5 * controllers_loops(e) +
+                                      2 * e->scheduler.n + e->n_alarms + 6,
                                   sizeof *t.at)};
     if (!t.at)
         return NULL;
     for (size_t i = 0; i < ny; i++) {
         t.of = controllers_above(e, (struct wire){APC_SENSOR, i}).of;
         const apc_ns own = e->y[i].period > 0 ? e->y[i].period : e->client.rhythm.period;
-        add(&t, e->y[i].tag)->period = apc_ns_to_s(t.of ? t.of->rhythm.period : own);
+        add_tag(&t, e->y[i].tag)->period = apc_ns_to_s(t.of ? t.of->rhythm.period : own);
     }
     for (size_t i = 0; i < dim->nz; i++) {
         t.of = controllers_taker(e, (struct wire){APC_SETPOINT, i});
-        add(&t, e->z[i].tag);
+        add_tag(&t, e->z[i].tag);
     }
     for (size_t i = 0; i < dim->nu; i++) {
         t.of = controllers_above(e, (struct wire){APC_ACTUATOR, i}).of;
-        add(&t, e->u[i].tag)->period = t.of ? apc_ns_to_s(t.of->rhythm.period) : 0;
+        add_tag(&t, e->u[i].tag)->period = t.of ? apc_ns_to_s(t.of->rhythm.period) : 0;
     }
     if (add_controllers(&t) < 0) { /* it was made before: there is no memory */
         free(t.at);
@@ -264,16 +265,16 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     }
     add_owners(&t);
     add_alarms(&t);
-    add(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
-    add(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));
-    add(&t, plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6));
-    add(&t, plain_tag(APC_OPMODE, 0, "mode", "target mode of all loops", 0, 3));
-    add(&t, plain_tag(APC_STATE, 0, "experiment", e->name, 0, 0));
+    add_tag(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
+    add_tag(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));
+    add_tag(&t, plain_tag(APC_DIM, 3, "dim.u", "number of manipulated variables", 1, 1e6));
+    add_tag(&t, plain_tag(APC_OPMODE, 0, "mode", "target mode of all loops", 0, 3));
+    add_tag(&t, plain_tag(APC_STATE, 0, "experiment", e->name, 0, 0));
     *count = t.n;
     return t.at;
 }
 
-static int describe(struct apc_store *store, const struct experiment *e)
+static int describe_experiment(struct apc_store *store, const struct experiment *e)
 {
     size_t n;
     char *text = NULL;
@@ -288,7 +289,7 @@ static int describe(struct apc_store *store, const struct experiment *e)
 
 /* ---- Whose store it is -------------------------------------------------------------------- */
 
-static const struct apc_tag *signal_of(const struct experiment *e, enum apc_table table, size_t i)
+static const struct apc_tag *signal_of_table(const struct experiment *e, enum apc_table table, size_t i)
 {
     if (table == APC_SENSOR)
         return i < e->dim.ny + e->n_signals ? &e->y[i].tag : NULL;
@@ -311,7 +312,7 @@ int provision_compare(const struct experiment *e, const struct apc_tag *tag, siz
         if (!is_signal(&tag[i]))
             continue;
         signals++;
-        const struct apc_tag *own = signal_of(e, tag[i].table, (size_t)tag[i].id - 1);
+        const struct apc_tag *own = signal_of_table(e, tag[i].table, (size_t)tag[i].id - 1);
         if (own && !strcmp(own->name, tag[i].name) && !strcmp(own->unit, tag[i].unit))
             continue;
         snprintf(why, PROVISION_TEXT,
@@ -359,7 +360,8 @@ int provision_check(struct apc_store *store, const struct experiment *e, char wh
 /* ---- Writing ------------------------------------------------------------------------------ */
 
 /* Write those of n samples that are not there yet (KEEP) or have another value (RESET). */
-static int put_values(struct apc_store *store, struct apc_sample *wanted, size_t n, enum provision how)
+static int put_initial_values(struct apc_store *store, struct apc_sample *wanted, size_t n,
+                              enum provision how)
 {
     struct apc_sample *there = calloc(n + 1, sizeof *there);
     size_t changed = 0;
@@ -396,7 +398,7 @@ static int put_renamed(struct apc_store *store, const struct experiment *e, cons
             if (new[k].table == APC_TUNING &&new[k].id == was[i].id && strcmp(new[k].name, was[i].name) != 0)
                 moved[renamed++] = wanted[new[k].id - 1];
     if (rc >= 0)
-        rc = put_values(store, moved, renamed, PROVISION_RESET);
+        rc = put_initial_values(store, moved, renamed, PROVISION_RESET);
     free(moved);
     free(was);
     free(new);
@@ -423,7 +425,7 @@ static int put_dimensions(struct apc_store *store, const struct experiment *e, a
             next++->value = z ? (double)c->z[z - 1].at + 1 : 0;
         }
     }
-    const int rc = put_values(store, wanted, n, PROVISION_RESET);
+    const int rc = put_initial_values(store, wanted, n, PROVISION_RESET);
     free(wanted);
     return rc;
 }
@@ -461,12 +463,12 @@ static int put_setpoints(struct apc_store *store, const struct experiment *e, ap
         if (!isnan(e->z[i].initial))
             wanted[n++] = (struct apc_sample){
                 .table = APC_SETPOINT, .id = (int)i + 1, .time = now, .value = e->z[i].initial};
-    const int rc = put_values(store, wanted, n, how);
+    const int rc = put_initial_values(store, wanted, n, how);
     free(wanted);
     return rc;
 }
 
-static double mode_of(const struct experiment *e, struct controller_loop loop)
+static double initial_mode_of(const struct experiment *e, struct controller_loop loop)
 {
     const bool cascade = loop.of->mode != APC_MODE_CAS || controllers_is_below(e, loop);
     return cascade ? loop.of->mode : APC_MODE_AUTO;
@@ -485,7 +487,7 @@ static int put_modes(struct apc_store *store, const struct experiment *e, apc_ns
 
     for (size_t i = 0; i < n && rc == 0; i++) {
         there[i] = wanted[i] = (struct apc_sample){.table = APC_OPMODE, .id = (int)i, .time = now};
-        wanted[i].value = mode_of(e, controllers_loop(e, i > 0 ? i - 1 : 0));
+        wanted[i].value = initial_mode_of(e, controllers_loop(e, i > 0 ? i - 1 : 0));
     }
     if (rc == 0)
         rc = apc_store_read(store, there, n);
@@ -516,7 +518,7 @@ static int put_choices(struct apc_store *store, const struct experiment *e, apc_
             wanted[n++] =
                 (struct apc_sample){.table = APC_OPMODE, .id = c->acting, .time = now, .value = c->number};
     }
-    const int rc = put_values(store, wanted, n, how);
+    const int rc = put_initial_values(store, wanted, n, how);
     free(wanted);
     return rc;
 }
@@ -530,7 +532,7 @@ static int put_owners(struct apc_store *store, const struct experiment *e, apc_n
     for (size_t i = 0; i < e->scheduler.n; i++)
         wanted[i] = (struct apc_sample){
             .table = APC_OPMODE, .id = LOOPS_OWNER((int)e->scheduler.z[i].at + 1), .time = now, .value = 1};
-    const int rc = put_values(store, wanted, e->scheduler.n, how);
+    const int rc = put_initial_values(store, wanted, e->scheduler.n, how);
     free(wanted);
     return rc;
 }
@@ -623,7 +625,7 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     if (rc >= 0 && how == PROVISION_KEEP)
         rc = put_renamed(store, e, wanted, n);
     if (rc >= 0)
-        rc = put_values(store, wanted, n, how);
+        rc = put_initial_values(store, wanted, n, how);
     if (rc >= 0)
         rc = put_setpoints(store, e, now, how);
     if (rc >= 0)
@@ -637,5 +639,5 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     if (rc >= 0)
         rc = renew_alarms(store, e, now);
     free(wanted);
-    return rc < 0 ? rc : describe(store, e);
+    return rc < 0 ? rc : describe_experiment(store, e);
 }

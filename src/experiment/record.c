@@ -72,7 +72,8 @@ static void read_plugin(struct settings *s, const config_setting_t *group, const
 }
 
 /* Of one controller a group, of several a list of groups. */
-static void read_laws(struct settings *s, const config_setting_t *root, const char *dir, struct record *r)
+static void read_recorded_laws(struct settings *s, const config_setting_t *root, const char *dir,
+                               struct record *r)
 {
     const config_setting_t *list = settings_list(s, root, "laws", OPTIONAL);
     const size_t n = list ? (size_t)config_setting_length(list) : 1;
@@ -94,8 +95,8 @@ void record_free(struct record *r)
     *r = (struct record){0};
 }
 
-static void read_record(struct settings *s, const config_setting_t *root, const char *dir, const char *file,
-                        struct record *r)
+static void read_record_file(struct settings *s, const config_setting_t *root, const char *dir,
+                             const char *file, struct record *r)
 {
     int64_t seed = 0;
     double ended = 0;
@@ -111,7 +112,7 @@ static void read_record(struct settings *s, const config_setting_t *root, const 
     const config_setting_t *experiment = settings_group(s, root, "experiment", REQUIRED);
     if (experiment)
         check_hash(s, experiment, file);
-    read_laws(s, root, dir, r);
+    read_recorded_laws(s, root, dir, r);
     read_plugin(s, settings_group(s, root, "plant", REQUIRED), dir, &r->model);
     r->seed = (uint64_t)seed; /* one above 2^63 stands there as the negative number of the same bits */
     r->duration = ended > 0 ? ended : r->duration;
@@ -134,7 +135,7 @@ int record_read(struct record *r, const char *file, struct apc_error *why)
         return 0;
     s.failed = settings_load(&config, path, why);
     if (!s.failed)
-        read_record(&s, config_root_setting(&config), dir, file, r);
+        read_record_file(&s, config_root_setting(&config), dir, file, r);
     config_destroy(&config);
     r->there = s.failed == 0;
     return s.failed;

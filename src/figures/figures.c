@@ -91,7 +91,7 @@ static double set_at(const struct curve *c, double t)
     return next > 0 ? c->at[next - 1].value : none;
 }
 
-static int by_time(const void *left, const void *right)
+static int by_change_time(const void *left, const void *right)
 {
     const struct event *a = left, *b = right;
     if (a->t != b->t)
@@ -101,7 +101,7 @@ static int by_time(const void *left, const void *right)
     return (a->which > b->which) - (a->which < b->which);
 }
 
-static double begin_of(const struct course *c)
+static double begin_of_trajectory(const struct course *c)
 {
     double begin = c->end;
     for (size_t i = 0; i < c->dim.ny; i++)
@@ -125,7 +125,7 @@ static bool is_moved(const struct experiment *e, size_t setpoint)
 static int collect_events(struct figures *f, const struct course *c, const struct experiment *e)
 {
     size_t room = 1 + (e->plant.model ? e->plant.n_disturbances : 0);
-    double begin = begin_of(c);
+    double begin = begin_of_trajectory(c);
     for (size_t i = 0; i < c->dim.nz; i++)
         room += c->setpoint[i].n;
     f->event = calloc(room, sizeof *f->event);
@@ -151,13 +151,13 @@ static int collect_events(struct figures *f, const struct course *c, const struc
         add_event(f, c, (struct event){EVENT_DISTURBANCE, d->k, fmax(t, begin), from, d->value});
     }
     if (f->n_events > 0)
-        qsort(f->event, f->n_events, sizeof *f->event, by_time);
+        qsort(f->event, f->n_events, sizeof *f->event, by_change_time);
     for (size_t i = 0; i < f->n_events; i++)
         f->n_parts += i == 0 || f->event[i].t > f->event[i - 1].t;
     return 0;
 }
 
-static void make_parts(const struct figures *f, struct part *part, double end)
+static void make_figure_parts(const struct figures *f, struct part *part, double end)
 {
     for (size_t i = 0, k = 0; i < f->n_parts; i++) {
         part[i].first = k;
@@ -219,7 +219,7 @@ static void take_point(struct pass *p, double t, double e)
 }
 
 /* On the straight line between the points around @t. */
-static double value_at(const struct curve *c, double t)
+static double curve_value_at(const struct curve *c, double t)
 {
     size_t next = first_from(c, t);
     if (next == c->n || next == 0)
@@ -241,9 +241,9 @@ static bool whole(const struct curve *c, const struct part *part, double gap)
     return c->n > 0 && (next < c->n ? c->at[next].t : part->to) - before <= gap;
 }
 
-static void follow(struct pass *p, const struct curve *c, const struct curve *r, double to)
+static void follow_curve(struct pass *p, const struct curve *c, const struct curve *r, double to)
 {
-    double t = p->from, e = value_at(c, t) - p->r;
+    double t = p->from, e = curve_value_at(c, t) - p->r;
     size_t next = first_from(r, t);
     while (next < r->n && r->at[next].t <= t)
         next++;
@@ -251,7 +251,7 @@ static void follow(struct pass *p, const struct curve *c, const struct curve *r,
     take_point(p, t, e);
     for (size_t i = first_from(c, t); i < c->n && c->at[i].t <= to; i++) {
         for (; next < r->n && r->at[next].t < c->at[i].t; next++) { /* moved by a controller */
-            const double z = value_at(c, r->at[next].t);
+            const double z = curve_value_at(c, r->at[next].t);
             take_piece(p, t, e, r->at[next].t, z - p->r);
             t = r->at[next].t;
             p->r = r->at[next].value;
@@ -264,12 +264,12 @@ static void follow(struct pass *p, const struct curve *c, const struct curve *r,
         e = to_e;
         take_point(p, t, e);
     }
-    take_piece(p, t, e, to, value_at(c, to) - p->r);
+    take_piece(p, t, e, to, curve_value_at(c, to) - p->r);
 }
 
 /* How far the loop's own setpoint moved at the begin of a part; at the start from where the output was. */
-static double step_of(const struct figures *f, const struct part *part, const struct loop *loop, double z,
-                      double r)
+static double setpoint_step_of(const struct figures *f, const struct part *part, const struct loop *loop,
+                               double z, double r)
 {
     for (size_t i = part->first; i < part->first + part->n; i++) {
         const struct event *at = &f->event[i];
@@ -319,8 +319,8 @@ static void diverge(double *figure)
         figure[i] = isnan(figure[i]) ? none : HUGE_VAL;
 }
 
-static void measure(const struct figures *f, const struct course *c, const struct loop *loop,
-                    const struct scale *scale, struct part *part)
+static void measure_part(const struct figures *f, const struct course *c, const struct loop *loop,
+                         const struct scale *scale, struct part *part)
 {
     const struct curve *output = &c->output[loop->y];
     struct pass p = {
@@ -333,11 +333,11 @@ static void measure(const struct figures *f, const struct course *c, const struc
     if (isnan(p.r) || !whole(output, part, c->gap))
         return;
     p.figure[METRIC_IAE] = p.figure[METRIC_ISE] = p.figure[METRIC_ITAE] = p.figure[METRIC_PEAK] = 0;
-    p.step = step_of(f, part, loop, value_at(output, part->from), p.r);
+    p.step = setpoint_step_of(f, part, loop, curve_value_at(output, part->from), p.r);
     part->step = fabs(p.step) > scale->least;
     p.step = part->step ? p.step : 0;
     p.band = part->step ? BAND * fabs(p.step) : scale->band;
-    follow(&p, output, &c->setpoint[loop->z], part->to);
+    follow_curve(&p, output, &c->setpoint[loop->z], part->to);
     if (part->step) {
         p.figure[METRIC_OVERSHOOT] = 100 * p.beyond;
         p.figure[METRIC_SETTLING] = p.near_since;
@@ -357,7 +357,7 @@ static struct scale scale_of(const struct course *c, const struct experiment *e,
     const struct curve *r = &c->setpoint[loop->z];
     const struct apc_tag *tag = &e->z[loop->z].tag;
     const double range = tag->high - tag->low,
-                 z = c->output[loop->y].n > 0 ? value_at(&c->output[loop->y], begin) : none,
+                 z = c->output[loop->y].n > 0 ? curve_value_at(&c->output[loop->y], begin) : none,
                  first = fabs(set_at(r, begin) - z);
     double largest = 0;
     for (size_t i = 1; i < r->n && !is_moved(e, loop->z); i++)
@@ -370,7 +370,7 @@ static struct scale scale_of(const struct course *c, const struct experiment *e,
     return (struct scale){least, first > least ? BAND * first : ranged ? least : none};
 }
 
-static void sum_up(struct metrics *m, size_t n_parts)
+static void sum_up_parts(struct metrics *m, size_t n_parts)
 {
     double time = 0, lost = 0;
     bool hole = n_parts == 0;
@@ -408,11 +408,11 @@ int figures_make(struct figures *f, const struct course *c, const struct experim
         m->part = calloc(f->n_parts + 1, sizeof *m->part);
         if (!m->part)
             return APC_ENOMEM;
-        make_parts(f, m->part, c->end);
-        const struct scale scale = scale_of(c, e, loop, begin_of(c));
+        make_figure_parts(f, m->part, c->end);
+        const struct scale scale = scale_of(c, e, loop, begin_of_trajectory(c));
         for (size_t k = 0; k < f->n_parts; k++)
-            measure(f, c, loop, &scale, &m->part[k]);
-        sum_up(m, f->n_parts);
+            measure_part(f, c, loop, &scale, &m->part[k]);
+        sum_up_parts(m, f->n_parts);
     }
     return f->of ? 0 : APC_ENOMEM;
 }

@@ -10,7 +10,7 @@
 static const double none = (double)NAN;
 
 /* How long a row stands for what is: as the plant's watchdog has it. */
-static apc_ns patience(apc_ns period)
+static apc_ns row_patience(apc_ns period)
 {
     return 3 * period + 100 * APC_NS_PER_MS;
 }
@@ -30,7 +30,7 @@ static void spread_take(struct spread *s, double value)
     s->sum += off * (value - s->mean);
 }
 
-static double deviation(const struct spread *s)
+static double standard_deviation(const struct spread *s)
 {
     return s->n > 1 ? sqrt(s->sum / (s->n - 1)) : none;
 }
@@ -69,7 +69,7 @@ static void count_until(struct watch *w, apc_ns to)
         w->t = to;
 }
 
-static void take_row(struct watch *w, const struct apc_sample *s)
+static void take_loop_row(struct watch *w, const struct apc_sample *s)
 {
     const struct loops_loop *l = w->loop;
     count_until(w, s->time);
@@ -91,25 +91,25 @@ static void take_row(struct watch *w, const struct apc_sample *s)
 }
 
 /* Both lists by time; what was operated first. */
-static void pass(struct watch *w, const struct samples *process, const struct samples *operation)
+static void pass_loop_rows(struct watch *w, const struct samples *process, const struct samples *operation)
 {
     size_t i = 0, k = 0;
     while (i < process->n || k < operation->n) {
         const bool second =
             i == process->n || (k < operation->n && operation->at[k].time <= process->at[i].time);
-        take_row(w, second ? &operation->at[k++] : &process->at[i++]);
+        take_loop_row(w, second ? &operation->at[k++] : &process->at[i++]);
     }
     count_until(w, w->until);
 }
 
-static struct merits_loop judge(const struct watch *w)
+static struct merits_loop kpis_of_loop(const struct watch *w)
 {
     const double whole = apc_ns_to_s(w->until - w->from);
     struct merits_loop m = {.service = whole > 0 && w->told ? w->service / whole : none,
                             .low = whole > 0 ? w->at[0] / whole : none,
                             .high = whole > 0 ? w->at[1] / whole : none,
-                            .with = deviation(&w->with),
-                            .without = deviation(&w->without)};
+                            .with = standard_deviation(&w->with),
+                            .without = standard_deviation(&w->without)};
     memcpy(m.name, w->loop->name, sizeof m.name);
     m.id = w->loop->id;
     if (w->loop->above >= 0) /* whose setpoint goes along with the measurement in Man */
@@ -127,10 +127,10 @@ static int judge_loops(struct merits *m, const struct merits_source *s)
                           .from = s->from,
                           .until = s->until,
                           .t = s->from,
-                          .patience = patience(loops->controller[loops->at[i].controller].period),
+                          .patience = row_patience(loops->controller[loops->at[i].controller].period),
                           .setpoint = none};
-        pass(&w, s->process, s->operation);
-        m->loop[m->n_loops++] = judge(&w);
+        pass_loop_rows(&w, s->process, s->operation);
+        m->loop[m->n_loops++] = kpis_of_loop(&w);
     }
     return m->loop ? 0 : APC_ENOMEM;
 }
@@ -169,7 +169,7 @@ static bool found_at(const struct measured *m, apc_ns t, double *value)
     return true;
 }
 
-static int compare(void *ctx, const struct apc_vector *row)
+static int compare_tick(void *ctx, const struct apc_vector *row)
 {
     struct comparison *c = ctx;
     const apc_ns from = row->time - c->source->offset;
@@ -201,7 +201,7 @@ static int compare_all(struct merits_prediction *p, const struct merits_source *
     for (size_t i = 0; i < s->process->n; i++)
         if (s->process->at[i].table == APC_SENSOR && s->process->at[i].id == p->measurement)
             m.at[m.n++] = &s->process->at[i];
-    const int rc = apc_store_vectors(s->published, APC_PREDICTION, p->id, &range, compare, &c);
+    const int rc = apc_store_vectors(s->published, APC_PREDICTION, p->id, &range, compare_tick, &c);
     p->first = p->n_first > 0 ? sqrt(c.first / (double)p->n_first) : none;
     p->last = p->n_last > 0 ? sqrt(c.last / (double)p->n_last) : none;
     free(m.at);
@@ -239,7 +239,7 @@ static void take_prediction(struct merits *m, const struct apc_tag *tag, const s
     (void)apc_ns_from_s(of->period, &period);
     *p = (struct merits_prediction){.id = tag->id,
                                     .measurement = of->id,
-                                    .patience = patience(period),
+                                    .patience = row_patience(period),
                                     .step = tag->step,
                                     .length = (size_t)tag->length};
     memcpy(p->name, of->name, sizeof p->name);
@@ -299,7 +299,7 @@ struct gathering {
     int rc;
 };
 
-static int gather(void *ctx, const struct apc_sample *row)
+static int gather_loop_row(void *ctx, const struct apc_sample *row)
 {
     struct gathering *g = ctx;
     g->rc = g->to->n < g->most ? samples_add(g->to, row) : APC_ERANGE;
@@ -311,9 +311,9 @@ static int gather_variable(struct gathering *g, const struct merits_source *s, e
 {
     const struct apc_range before = {.until = s->from, .last = 1},
                            range = {.since = s->from, .until = s->until};
-    int rc = s->from > 0 ? apc_store_history(s->published, table, id, &before, gather, g) : 0;
+    int rc = s->from > 0 ? apc_store_history(s->published, table, id, &before, gather_loop_row, g) : 0;
     if (rc >= 0 && g->rc == 0)
-        rc = apc_store_history(s->published, table, id, &range, gather, g);
+        rc = apc_store_history(s->published, table, id, &range, gather_loop_row, g);
     return g->rc < 0 ? g->rc : rc < 0 ? rc : 0;
 }
 

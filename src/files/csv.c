@@ -42,7 +42,7 @@ struct csv {
 /* ---- What is wrong ------------------------------------------------------------------------- */
 
 static int __attribute__((format(printf, 4, 0)))
-refuse(const struct csv *csv, struct apc_error *why, const char *column, const char *format, va_list ap)
+refuse_csv(const struct csv *csv, struct apc_error *why, const char *column, const char *format, va_list ap)
 {
     char text[300];
 
@@ -55,7 +55,7 @@ int csv_refuse(const struct csv *csv, struct apc_error *why, const char *format,
     va_list ap;
 
     va_start(ap, format);
-    const int rc = refuse(csv, why, "", format, ap);
+    const int rc = refuse_csv(csv, why, "", format, ap);
     va_end(ap);
     return rc;
 }
@@ -70,19 +70,19 @@ int csv_refuse_field(const struct csv *csv, size_t column, struct apc_error *why
     else
         snprintf(name, sizeof name, "column %zu: ", column + 1);
     va_start(ap, format);
-    const int rc = refuse(csv, why, name, format, ap);
+    const int rc = refuse_csv(csv, why, name, format, ap);
     va_end(ap);
     return rc;
 }
 
-static int no_memory(const struct csv *csv, struct apc_error *why)
+static int no_csv_memory(const struct csv *csv, struct apc_error *why)
 {
     return apc_fail(why, APC_ENOMEM, "%s: out of memory", csv->path);
 }
 
 /* ---- Rows as they stand in the file ----------------------------------------------------------- */
 
-static bool put(struct csv *csv, char c)
+static bool put_csv_byte(struct csv *csv, char c)
 {
     if (csv->n == csv->room) {
         const size_t room = csv->room ? 2 * csv->room : 256;
@@ -111,7 +111,7 @@ static void end_line(struct csv *csv, int c)
 
 /* The bytes of the next row, up to an end of line that is not within quotes. Returns 1, 0: the file is at its
  * end, or a negative error. */
-static int gather(struct csv *csv, struct apc_error *why)
+static int gather_csv_row(struct csv *csv, struct apc_error *why)
 {
     bool quoted = false;
     int c;
@@ -125,8 +125,8 @@ static int gather(struct csv *csv, struct apc_error *why)
             return csv_refuse(csv, why, "a byte 0 is in it: the file must be text in UTF-8");
         if (csv->n == ROW_MOST)
             return csv_refuse(csv, why, "the row has more than %d bytes: is a quote missing?", ROW_MOST);
-        if (!put(csv, (char)c))
-            return no_memory(csv, why);
+        if (!put_csv_byte(csv, (char)c))
+            return no_csv_memory(csv, why);
     }
     if (c == EOF && ferror(csv->in))
         return apc_fail(why, APC_ESYS, "%s: cannot be read: %s", csv->path, strerror(errno));
@@ -135,10 +135,10 @@ static int gather(struct csv *csv, struct apc_error *why)
     csv->ended = c != EOF;
     if (c != EOF)
         end_line(csv, c);
-    return put(csv, '\0') ? 1 : no_memory(csv, why);
+    return put_csv_byte(csv, '\0') ? 1 : no_csv_memory(csv, why);
 }
 
-static int check_text(const struct csv *csv, struct apc_error *why)
+static int check_csv_text(const struct csv *csv, struct apc_error *why)
 {
     for (size_t at = 0, step; csv->text[at]; at += step)
         if ((step = utf8_length(csv->text + at)) == 0)
@@ -188,7 +188,7 @@ static size_t take_quoted(struct csv *csv, size_t from)
 }
 
 /* Cut the row into its fields. */
-static int split(struct csv *csv, struct apc_error *why)
+static int split_csv_row(struct csv *csv, struct apc_error *why)
 {
     char *const text = csv->text;
     size_t at = 0;
@@ -200,7 +200,7 @@ static int split(struct csv *csv, struct apc_error *why)
         while (is_blank(csv, text[at]))
             at++;
         if (!begin_field(csv, at))
-            return no_memory(csv, why);
+            return no_csv_memory(csv, why);
         size_t end = at;
         if (text[at] == '"') {
             at = take_quoted(csv, at + 1);
@@ -229,7 +229,7 @@ static int split(struct csv *csv, struct apc_error *why)
     }
 }
 
-static bool is_empty(const struct csv *csv)
+static bool is_empty_csv_row(const struct csv *csv)
 {
     for (size_t i = 0; i < csv->fields; i++)
         if (csv_text(csv, i)[0])
@@ -237,22 +237,22 @@ static bool is_empty(const struct csv *csv)
     return true;
 }
 
-/* A row that has something. Returns as gather(). */
-static int take_row(struct csv *csv, struct apc_error *why)
+/* A row that has something. Returns as gather_csv_row(). */
+static int take_csv_row(struct csv *csv, struct apc_error *why)
 {
     int rc;
 
     csv->passed = 0;
     for (;; csv->passed++) {
-        rc = gather(csv, why);
+        rc = gather_csv_row(csv, why);
         if (rc <= 0)
             return rc;
-        rc = check_text(csv, why);
+        rc = check_csv_text(csv, why);
         if (rc == 0)
-            rc = split(csv, why);
+            rc = split_csv_row(csv, why);
         if (rc < 0)
             return rc;
-        if (!is_empty(csv))
+        if (!is_empty_csv_row(csv))
             return 1;
     }
 }
@@ -282,27 +282,27 @@ static int find_separator(struct csv *csv, struct apc_error *why)
     return 0;
 }
 
-static int take_names(struct csv *csv, struct apc_error *why)
+static int take_csv_names(struct csv *csv, struct apc_error *why)
 {
     int rc;
 
     do { /* the row of names is the first that has more than blanks */
-        rc = gather(csv, why);
+        rc = gather_csv_row(csv, why);
     } while (rc > 0 && csv->text[strspn(csv->text, " \t")] == '\0');
     if (rc == 0)
         return apc_fail(why, APC_EPROTO, "%s:1: it is empty; expected a row of names", csv->path);
     if (rc > 0)
-        rc = check_text(csv, why);
+        rc = check_csv_text(csv, why);
     if (rc == 0)
         rc = find_separator(csv, why);
     if (rc == 0)
-        rc = split(csv, why);
+        rc = split_csv_row(csv, why);
     if (rc < 0)
         return rc;
     csv->names = malloc(csv->n);
     csv->name = calloc(csv->fields, sizeof *csv->name);
     if (!csv->names || !csv->name)
-        return no_memory(csv, why);
+        return no_csv_memory(csv, why);
     memcpy(csv->names, csv->text, csv->n);
     for (size_t i = 0; i < csv->fields; i++) {
         char *const name = csv->names + csv->field[i].at; /* a spreadsheet may have it in two lines */
@@ -358,7 +358,7 @@ int csv_open(struct csv **out, const char *path, struct apc_error *why)
     else
         rc = take_order_mark(csv, why);
     if (rc == 0)
-        rc = take_names(csv, why);
+        rc = take_csv_names(csv, why);
     if (rc == 0)
         *out = csv;
     else
@@ -381,7 +381,7 @@ void csv_close(struct csv *csv)
 }
 
 /* At the end of the file: did any comma show what it is? */
-static int settle(struct csv *csv, struct apc_error *why)
+static int settle_decimal_comma(struct csv *csv, struct apc_error *why)
 {
     if (!csv->doubt_line)
         return 0;
@@ -395,12 +395,12 @@ static int settle(struct csv *csv, struct apc_error *why)
 
 int csv_next(struct csv *csv, struct apc_error *why)
 {
-    const int rc = take_row(csv, why);
+    const int rc = take_csv_row(csv, why);
 
     if (rc < 0)
         return rc;
     if (rc == 0)
-        return settle(csv, why);
+        return settle_decimal_comma(csv, why);
     for (size_t i = csv->columns; i < csv->fields; i++)
         if (csv_text(csv, i)[0])
             return csv_refuse(
@@ -507,7 +507,7 @@ static bool in_thousands(const char *text)
 }
 
 /* The comma of a number: for decimals, or in doubt until the end of the file. */
-static void weigh(struct csv *csv, size_t column, const char *text)
+static void weigh_decimal_comma(struct csv *csv, size_t column, const char *text)
 {
     if (csv->separator != ',' || !in_thousands(text)) {
         csv->mark = ','; /* beyond doubt */
@@ -549,7 +549,7 @@ int csv_number(struct csv *csv, size_t column, double *value, struct apc_error *
                 csv->mark = mark == '.' ? '.' : '\0';
             }
             if (comma)
-                weigh(csv, column, as_read);
+                weigh_decimal_comma(csv, column, as_read);
             return 0;
         }
     }

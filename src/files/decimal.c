@@ -73,7 +73,7 @@ static const uint64_t fifths[DECIMALS + 1][2] = {
 
 /* @p digits / 10^decimals, rounded once. Daniel Lemire, Number parsing at a gigabyte per second, Software:
  * Practice and Experience 51 (2021): 128 bits of the quotient decide for up to 27 decimals. */
-static double divide(uint64_t digits, unsigned decimals)
+static double scale_decimal(uint64_t digits, unsigned decimals)
 {
     __extension__ typedef unsigned __int128 wide;
     static const double power[] = {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11};
@@ -128,7 +128,7 @@ bool decimal_take(const char *from, const char **end, double *value)
     if (n > DIGITS)
         return take_any(from, end, value);
     *end = p;
-    *value = divide(digits, (unsigned)decimals);
+    *value = scale_decimal(digits, (unsigned)decimals);
     *value = negative ? -*value : *value;
     return true;
 }

@@ -31,7 +31,7 @@ int settings_fail(struct settings *s, const config_setting_t *at, const char *fm
 #define PLACE 80
 
 /* "the file", the name of a group, or that of a list and which of its elements, as a path has it: alarms[0]. */
-static const char *name_of(const config_setting_t *group, char place[PLACE])
+static const char *name_of_group(const config_setting_t *group, char place[PLACE])
 {
     const config_setting_t *list = config_setting_parent(group);
     if (!list)
@@ -62,29 +62,29 @@ void settings_known(struct settings *s, const config_setting_t *group, const cha
             nearest_look(&nearest, *known);
         }
         settings_fail(s, member, "unknown setting \"%s\" in %s; %s%s%s%s%s", nearest.wanted,
-                      name_of(group, place), *list ? "known are: " : "there are none", list,
+                      name_of_group(group, place), *list ? "known are: " : "there are none", list,
                       nearest.name ? "; did you mean \"" : "", nearest.name ? nearest.name : "",
                       nearest.name ? "\"?" : "");
         return;
     }
 }
 
-static config_setting_t *find(struct settings *s, const config_setting_t *in, const char *name,
-                              enum settings_presence presence)
+static config_setting_t *find_setting(struct settings *s, const config_setting_t *in, const char *name,
+                                      enum settings_presence presence)
 {
     char place[PLACE];
     if (s->failed)
         return NULL;
     config_setting_t *found = config_setting_get_member(in, name);
     if (!found && presence == REQUIRED)
-        settings_fail(s, in, "\"%s\" is missing in %s", name, name_of(in, place));
+        settings_fail(s, in, "\"%s\" is missing in %s", name, name_of_group(in, place));
     return found;
 }
 
 config_setting_t *settings_group(struct settings *s, const config_setting_t *in, const char *name,
                                  enum settings_presence presence)
 {
-    config_setting_t *found = find(s, in, name, presence);
+    config_setting_t *found = find_setting(s, in, name, presence);
     if (found && !config_setting_is_group(found)) {
         settings_fail(s, found, "\"%s\" must be a group: %s = { ... };", name, name);
         return NULL;
@@ -95,7 +95,7 @@ config_setting_t *settings_group(struct settings *s, const config_setting_t *in,
 config_setting_t *settings_list(struct settings *s, const config_setting_t *in, const char *name,
                                 enum settings_presence presence)
 {
-    config_setting_t *found = find(s, in, name, presence);
+    config_setting_t *found = find_setting(s, in, name, presence);
     if (found && !config_setting_is_list(found)) {
         settings_fail(s, found, "\"%s\" must be a list: %s = ( ... );", name, name);
         return NULL;
@@ -103,7 +103,7 @@ config_setting_t *settings_list(struct settings *s, const config_setting_t *in, 
     return found;
 }
 
-static bool number_of(const config_setting_t *setting, double *value)
+static bool number_of_setting(const config_setting_t *setting, double *value)
 {
     switch (config_setting_type(setting)) {
     case CONFIG_TYPE_FLOAT:
@@ -121,7 +121,7 @@ static bool number_of(const config_setting_t *setting, double *value)
 void settings_number(struct settings *s, const config_setting_t *in, const char *name,
                      enum settings_presence presence, double low, double high, double *value)
 {
-    const config_setting_t *found = find(s, in, name, presence);
+    const config_setting_t *found = find_setting(s, in, name, presence);
     if (found)
         settings_number_at(s, found, name, low, high, value);
 }
@@ -130,7 +130,7 @@ void settings_number_at(struct settings *s, const config_setting_t *at, const ch
                         double high, double *value)
 {
     double number;
-    if (!number_of(at, &number))
+    if (!number_of_setting(at, &number))
         settings_fail(s, at, "\"%s\" must be a finite number", name);
     else if (!(number >= low && number <= high))
         settings_fail(s, at, "\"%s\" is %g: must be from %g to %g", name, number, low, high);
@@ -148,7 +148,7 @@ bool settings_is_word(const char *name)
 
 const config_setting_t *settings_values(struct settings *s, const config_setting_t *in, const char *name)
 {
-    const config_setting_t *found = find(s, in, name, OPTIONAL);
+    const config_setting_t *found = find_setting(s, in, name, OPTIONAL);
     if (!found || config_setting_is_group(found) || config_setting_is_list(found))
         return found;
     settings_fail(s, found,
@@ -265,7 +265,7 @@ static void quote_line(const char *text, int number, char *line, size_t size)
 }
 
 /* Texts go into files, pages and terminals: they are UTF-8, and say what they show. */
-static int check_text(const char *file, int line, const char *text, struct apc_error *why)
+static int check_settings_text(const char *file, int line, const char *text, struct apc_error *why)
 {
     char instead;
 
@@ -290,19 +290,19 @@ static int check_text(const char *file, int line, const char *text, struct apc_e
 static int check_values(const char *file, const config_setting_t *in, struct apc_error *why)
 {
     const char *const text = config_setting_get_string(in);
-    int rc = text ? check_text(file, (int)config_setting_source_line(in), text, why) : 0;
+    int rc = text ? check_settings_text(file, (int)config_setting_source_line(in), text, why) : 0;
 
     for (int i = 0; i < config_setting_length(in) && rc == 0; i++)
         rc = check_values(file, config_setting_get_elem(in, (unsigned)i), why);
     return rc;
 }
 
-static int parse(config_t *config, const char *file, char *text, struct apc_error *why)
+static int parse_settings(config_t *config, const char *file, char *text, struct apc_error *why)
 {
     char line[60];
     int rc = strip(file, text, why);
     if (rc == 0)
-        rc = check_text(file, 1, text, why);
+        rc = check_settings_text(file, 1, text, why);
     if (rc < 0)
         return rc;
     if (config_read_string(config, text) == CONFIG_TRUE)
@@ -325,7 +325,8 @@ int settings_parse(config_t *config, const char *file, const char *text, struct 
     static const char mark[] = "\xef\xbb\xbf"; /* of an editor that says UTF-8 so */
     config_init(config);
     char *copy = strdup(text + (strncmp(text, mark, 3) == 0 ? 3 : 0));
-    int rc = copy ? parse(config, file, copy, why) : apc_fail(why, APC_ENOMEM, "%s: out of memory", file);
+    int rc =
+        copy ? parse_settings(config, file, copy, why) : apc_fail(why, APC_ENOMEM, "%s: out of memory", file);
     free(copy);
     return rc;
 }
@@ -377,7 +378,7 @@ int settings_load(config_t *config, const char *file, struct apc_error *why)
 void settings_whole(struct settings *s, const config_setting_t *in, const char *name,
                     enum settings_presence presence, int64_t low, int64_t high, int64_t *value)
 {
-    const config_setting_t *found = find(s, in, name, presence);
+    const config_setting_t *found = find_setting(s, in, name, presence);
     if (!found)
         return;
     const int type = config_setting_type(found);
@@ -397,18 +398,18 @@ void settings_period(struct settings *s, const config_setting_t *in, const char 
     char place[PLACE];
     struct apc_error why;
     double seconds;
-    const config_setting_t *found = find(s, in, name, presence);
+    const config_setting_t *found = find_setting(s, in, name, presence);
     if (!found)
         return;
-    if (!number_of(found, &seconds))
+    if (!number_of_setting(found, &seconds))
         settings_fail(s, found, "\"%s\" must be a number of seconds", name);
     else if (apc_period_from_s(seconds, value, &why) < 0)
-        settings_fail(s, found, "\"%s\" of %s: %s", name, name_of(in, place), why.text);
+        settings_fail(s, found, "\"%s\" of %s: %s", name, name_of_group(in, place), why.text);
 }
 
 void settings_flag(struct settings *s, const config_setting_t *in, const char *name, bool *value)
 {
-    const config_setting_t *found = find(s, in, name, OPTIONAL);
+    const config_setting_t *found = find_setting(s, in, name, OPTIONAL);
     if (!found)
         return;
     if (config_setting_type(found) != CONFIG_TYPE_BOOL)
@@ -420,7 +421,7 @@ void settings_flag(struct settings *s, const config_setting_t *in, const char *n
 void settings_text(struct settings *s, const config_setting_t *in, const char *name,
                    enum settings_presence presence, char *value, size_t size)
 {
-    const config_setting_t *found = find(s, in, name, presence);
+    const config_setting_t *found = find_setting(s, in, name, presence);
     if (!found)
         return;
     if (config_setting_type(found) != CONFIG_TYPE_STRING)
@@ -468,7 +469,7 @@ void settings_numbers(struct settings *s, const config_setting_t *array, size_t 
         return;
     }
     for (size_t i = 0; i < n; i++)
-        if (!number_of(config_setting_get_elem(array, (unsigned)i), &values[i]))
+        if (!number_of_setting(config_setting_get_elem(array, (unsigned)i), &values[i]))
             settings_fail(s, array, "element %zu must be a finite number", i + 1);
 }
 

@@ -10,7 +10,8 @@
 
 /* ---- Making ------------------------------------------------------------------------------- */
 
-static int parse(struct experiment *e, struct apc_store *store, int64_t *revision, struct apc_error *why)
+static int parse_alarm_catalogue(struct experiment *e, struct apc_store *store, int64_t *revision,
+                                 struct apc_error *why)
 {
     int rc = apc_store_catalogue(store, NULL, 0, revision);
     if (rc < 0)
@@ -28,7 +29,7 @@ static int parse(struct experiment *e, struct apc_store *store, int64_t *revisio
     return rc;
 }
 
-static int make(struct alarm_board *b, struct apc_error *why)
+static int make_alarm_board(struct alarm_board *b, struct apc_error *why)
 {
     const size_t n = b->e.n_alarms;
     b->at = calloc(n + 1, sizeof *b->at);
@@ -66,7 +67,8 @@ int alarm_board_open(struct alarm_board *b, struct apc_store *store, struct apc_
         return apc_fail(why, rc, "%s", apc_store_error(store));
     if (revision == 0 || revision != b->revision) {
         alarm_board_close(b);
-        if ((rc = parse(&b->e, store, &revision, why)) < 0 || (rc = make(b, why)) < 0)
+        if ((rc = parse_alarm_catalogue(&b->e, store, &revision, why)) < 0 ||
+            (rc = make_alarm_board(b, why)) < 0)
             return rc;
         b->revision = revision;
     }
@@ -115,22 +117,22 @@ apc_ns alarm_board_shelved(const struct alarm_now *now)
     return actual->seq > 0 && apc_ns_from_s(fabs(actual->value), &until) == 0 ? until : 0;
 }
 
-static struct outcome_seen seen_of(const struct alarm_board *b, apc_ns utc)
+static struct outcome_seen seen_of_alarm(const struct alarm_board *b, apc_ns utc)
 {
     return (struct outcome_seen){.tick = &b->tick, .period = b->e.alarms.rhythm.period, .now = utc};
 }
 
 bool alarm_board_lives(const struct alarm_board *b, apc_ns utc)
 {
-    const struct outcome_seen seen = seen_of(b, utc);
+    const struct outcome_seen seen = seen_of_alarm(b, utc);
     return b->tick.seq > 0 && outcome_age(&seen) <= 3 * seen.period + 100 * APC_NS_PER_MS;
 }
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
 /* As it stands that makes no sense. */
-static bool refuse(const struct alarm_board *b, const struct alarm_now *now, const char *reason,
-                   struct apc_error *why)
+static bool refuse_alarm_wish(const struct alarm_board *b, const struct alarm_now *now, const char *reason,
+                              struct apc_error *why)
 {
     apc_fail(why, APC_EPERM, "%s: %s: it is %s", alarm_board_alarm(b, now)->name, reason,
              apc_alarm_state_name(alarm_board_state(now)));
@@ -145,7 +147,7 @@ static bool may_ack(const struct alarm_board *b, const struct alarm_now *now, st
     const enum apc_alarm_state state = alarm_board_state(now);
     char name[APC_AUTHOR_LEN];
     if (!apc_alarm_is_unacked(state) && !apc_alarm_is_latched(state))
-        return refuse(b, now, "there is nothing to acknowledge", why);
+        return refuse_alarm_wish(b, now, "there is nothing to acknowledge", why);
     if (ack->seq <= actual->origin || ack->value < (double)now->row->seq)
         return true;
     /* its evaluation has not come to that, so its state is the one before */
@@ -189,14 +191,14 @@ bool alarm_board_want(const struct alarm_board *b, const struct alarm_now *now, 
     if (which == APC_ALARM_SHELF && on)
         return alarm_board_may_shelve(b, now, value, utc, why);
     if (which == APC_ALARM_SHELF && alarm_board_shelved(now) == 0)
-        return refuse(b, now, "it is not shelved", why);
+        return refuse_alarm_wish(b, now, "it is not shelved", why);
     return true;
 }
 
 enum outcome alarm_board_outcome(const struct alarm_board *b, const struct alarm_now *now,
                                  const struct apc_sample *wish, apc_ns utc)
 {
-    struct outcome_seen seen = seen_of(b, utc);
+    struct outcome_seen seen = seen_of_alarm(b, utc);
     const int which = (wish->id / 65536) - APC_ALARM_ACK;
     seen.write = wish;
     seen.actual = now->actual[which];
@@ -228,7 +230,7 @@ struct refusal {
     size_t size;
 };
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int take_board_event(void *ctx, const struct apc_event *event)
 {
     const struct refusal *r = ctx;
     const size_t n = strlen(r->name);
@@ -246,5 +248,6 @@ bool alarm_board_refusal(const struct alarm_board *b, const struct alarm_now *no
     const struct apc_range since = {.since = actual->time};
     struct refusal r = {.name = alarm_board_alarm(b, now)->name, .text = text, .size = size};
     text[0] = '\0';
-    return actual->origin == wish->seq && apc_store_events(store, &since, take_event, &r) >= 0 && text[0];
+    return actual->origin == wish->seq && apc_store_events(store, &since, take_board_event, &r) >= 0 &&
+           text[0];
 }

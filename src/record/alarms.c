@@ -14,7 +14,7 @@ struct loading {
     bool failed;
 };
 
-static int take(void *ctx, const struct apc_sample *row)
+static int take_alarm_row(void *ctx, const struct apc_sample *row)
 {
     struct loading *l = ctx;
     struct alarm_journal *j = l->journal;
@@ -54,7 +54,7 @@ int alarm_journal_load(struct alarm_journal *journal, struct apc_store *store, s
     int rc = 0;
     *journal = (struct alarm_journal){0};
     for (size_t i = 0; i < n && rc >= 0 && !l.failed; i++)
-        rc = apc_store_history(store, APC_ALARM, (int)i + 1, range, take, &l);
+        rc = apc_store_history(store, APC_ALARM, (int)i + 1, range, take_alarm_row, &l);
     if (l.failed)
         rc = APC_ENOMEM;
     if (journal->n > 1)
@@ -117,8 +117,8 @@ static void raise_one(struct alarm_figures *f, struct alarm_figure *of, struct t
     f->by_priority[priority - 1]++;
 }
 
-static void follow(struct alarm_figures *f, struct track *t, const struct alarm_transition *at, int priority,
-                   double *waited)
+static void follow_alarm(struct alarm_figures *f, struct track *t, const struct alarm_transition *at,
+                         int priority, double *waited)
 {
     struct alarm_figure *of = &f->alarm[at->alarm - 1];
     const bool active = apc_alarm_is_active(at->state), standing = apc_alarm_is_standing(at->state);
@@ -185,7 +185,7 @@ int alarm_figures_make(struct alarm_figures *f, const struct alarm_journal *jour
     for (size_t i = 0; i < journal->n; i++) {
         const struct alarm_transition *at = &journal->at[i];
         if (at->alarm >= 1 && (size_t)at->alarm <= f->n)
-            follow(f, &track[at->alarm - 1], at, e->alarm[at->alarm - 1].is.priority, &waited);
+            follow_alarm(f, &track[at->alarm - 1], at, e->alarm[at->alarm - 1].is.priority, &waited);
     }
     f->hours = apc_ns_to_s(until - since) / 3600;
     f->per_hour = f->hours > 0 ? (double)f->raised / f->hours : 0;

@@ -45,7 +45,7 @@ struct reading {
     int failed;
 };
 
-static int take_row(void *ctx, const struct apc_vector *row)
+static int take_prediction_row(void *ctx, const struct apc_vector *row)
 {
     struct reading *r = ctx;
     struct outlook_course *c = &r->next;
@@ -77,7 +77,7 @@ static int load_course(struct reading *r, struct apc_store *store, const struct 
     (void)apc_ns_from_s(variable->period, &period);
     r->next.first = planned ? 0 : r->next.step;
     r->next.patience = planned ? INT64_MAX : 3 * period + 100 * APC_NS_PER_MS;
-    const int rc = apc_store_vectors(store, APC_PREDICTION, published->id, &newest, take_row, r);
+    const int rc = apc_store_vectors(store, APC_PREDICTION, published->id, &newest, take_prediction_row, r);
     return r->failed ? r->failed : rc < 0 ? rc : 0;
 }
 
@@ -117,7 +117,7 @@ static apc_ns looked_at(const struct outlook_course *c, size_t k)
 }
 
 /* @p row stands from its time to @p until. */
-static void fill(struct outlook_course *c, const struct apc_sample *row, apc_ns from, apc_ns until)
+static void fill_with_row(struct outlook_course *c, const struct apc_sample *row, apc_ns from, apc_ns until)
 {
     const bool bad = row->table == APC_SENSOR && apc_status_severity(row->status) == APC_SEVERITY_BAD;
     for (size_t k = 0; k < c->n; k++) {
@@ -134,11 +134,11 @@ static void take_course(struct outlook_course *c, const struct apc_sample *rows,
         if (rows[i].table != c->table || rows[i].id != c->id)
             continue;
         if (before)
-            fill(c, before, before->time, rows[i].time);
+            fill_with_row(c, before, before->time, rows[i].time);
         before = &rows[i];
     }
     if (before)
-        fill(c, before, before->time, end);
+        fill_with_row(c, before, before->time, end);
 }
 
 void outlook_take(struct outlook *o, const struct apc_sample *rows, size_t n)
@@ -147,7 +147,7 @@ void outlook_take(struct outlook *o, const struct apc_sample *rows, size_t n)
         take_course(&o->course[i], rows, n, n > 0 ? rows[n - 1].time + 1 : 0);
 }
 
-static int take_history(struct outlook_course *c, struct apc_store *store, apc_ns now)
+static int take_outcome_history(struct outlook_course *c, struct apc_store *store, apc_ns now)
 {
     struct samples rows = {0};
     const apc_ns end = looked_at(c, c->n - 1) + 1;
@@ -165,6 +165,6 @@ int outlook_take_store(struct outlook *o, struct apc_store *store, apc_ns now)
 {
     int rc = 0;
     for (size_t i = 0; i < o->n && rc == 0; i++)
-        rc = take_history(&o->course[i], store, now);
+        rc = take_outcome_history(&o->course[i], store, now);
     return rc;
 }

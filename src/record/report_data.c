@@ -24,7 +24,7 @@ struct form {
 /* ---- Fields ------------------------------------------------------------------------------- */
 
 /* A whole number; doubles hold nanoseconds exactly up to 104 days. */
-static bool parse_whole(const char *text, double low, double high, double *value)
+static bool parse_whole_number(const char *text, double low, double high, double *value)
 {
     return apc_number_parse(text, value) == 0 && *value >= low && *value <= high && *value == floor(*value);
 }
@@ -33,7 +33,7 @@ static bool parse_count(const char *text, uint64_t *count)
 {
     double value;
 
-    if (!parse_whole(text, 0.0, 9e15, &value))
+    if (!parse_whole_number(text, 0.0, 9e15, &value))
         return false;
     *count = (uint64_t)value;
     return true;
@@ -43,14 +43,14 @@ static bool parse_ns(const char *text, apc_ns *ns)
 {
     double value;
 
-    if (!parse_whole(text, -9e15, 9e15, &value))
+    if (!parse_whole_number(text, -9e15, 9e15, &value))
         return false;
     *ns = (apc_ns)value;
     return true;
 }
 
 /* Room for one more element of @p size bytes in *items. */
-static int reserve(void **items, size_t n, size_t *capacity, size_t size)
+static int reserve_item(void **items, size_t n, size_t *capacity, size_t size)
 {
     size_t wanted = *capacity > 0 ? 2 * *capacity : 64;
     void *grown;
@@ -91,7 +91,7 @@ static struct report_jitter *find_jitter(struct report_data *data, const char *t
 
 /* ---- Rows --------------------------------------------------------------------------------- */
 
-static bool widen(struct report_group *group, size_t n)
+static bool widen_group(struct report_group *group, size_t n)
 {
     struct report_series *series = reallocarray(group->series, n, sizeof *series);
 
@@ -103,13 +103,13 @@ static bool widen(struct report_group *group, size_t n)
     return true;
 }
 
-static int take(struct report_group *group, size_t id, const struct report_point *point)
+static int take_report_point(struct report_group *group, size_t id, const struct report_point *point)
 {
-    if (id > group->n && !widen(group, id))
+    if (id > group->n && !widen_group(group, id))
         return APC_ENOMEM;
     struct report_series *series = &group->series[id - 1];
     void *items = series->points;
-    if (reserve(&items, series->n, &series->capacity, sizeof *point) != 0)
+    if (reserve_item(&items, series->n, &series->capacity, sizeof *point) != 0)
         return APC_ENOMEM;
     series->points = items;
     series->points[series->n++] = *point;
@@ -122,7 +122,7 @@ static int parse_point(char const *const *field, struct report_point *point, dou
     apc_status status;
     if (apc_number_parse(field[0], &point->t) != 0)
         return 1;
-    if (!parse_whole(field[2], 1, id_max, id))
+    if (!parse_whole_number(field[2], 1, id_max, id))
         return 3;
     if (apc_status_parse(field[3], &status) != 0)
         return 4;
@@ -156,7 +156,7 @@ static int sample_row(struct report_data *data, size_t line, char const *const *
     if (bad)
         return bad;
     data->end = fmax(data->end, point.t);
-    return take(group, (size_t)id, &point);
+    return take_report_point(group, (size_t)id, &point);
 }
 
 /* Of the operation only the actual modes are drawn. */
@@ -170,7 +170,7 @@ static int operation_row(struct report_data *data, size_t line, char const *cons
         return bad;
     const int loop = (int)id / step;
     return loop > 0 && (int)id == apc_variable_number(APC_OPMODE, loop)
-               ? take(&data->mode, (size_t)loop, &point)
+               ? take_report_point(&data->mode, (size_t)loop, &point)
                : 0;
 }
 
@@ -181,10 +181,10 @@ static int published_row(struct report_data *data, size_t line, char const *cons
     int bad = parse_point(field, &point, PUBLISHED_MAX, &id);
     if (apc_table_parse(field[1]) != APC_ESTIMATE || bad)
         return bad ? bad : 2;
-    return take(&data->published, (size_t)id, &point);
+    return take_report_point(&data->published, (size_t)id, &point);
 }
 
-static int bin_row(struct report_data *data, size_t line, char const *const *field)
+static int bin_timing_row(struct report_data *data, size_t line, char const *const *field)
 {
     struct report_jitter *jitter;
     struct apc_bin bin;
@@ -203,7 +203,7 @@ static int bin_row(struct report_data *data, size_t line, char const *const *fie
     if (!jitter)
         return APC_ENOMEM;
     items = jitter->bins;
-    if (reserve(&items, jitter->n_bins, &jitter->capacity, sizeof bin) != 0)
+    if (reserve_item(&items, jitter->n_bins, &jitter->capacity, sizeof bin) != 0)
         return APC_ENOMEM;
     jitter->bins = items;
     jitter->bins[jitter->n_bins++] = bin;
@@ -220,7 +220,7 @@ static int summary_row(struct report_data *data, size_t line, char const *const 
     jitter = find_jitter(data, field[0]);
     if (!jitter)
         return APC_ENOMEM;
-    if (!parse_whole(field[2], 1, 366 * 86400e9, &jitter->period))
+    if (!parse_whole_number(field[2], 1, 366 * 86400e9, &jitter->period))
         return 3;
     if (!parse_count(field[3], &jitter->count))
         return 4;
@@ -237,7 +237,7 @@ static const struct form files[] = {
     {"samples.csv", "time,table,id,status,value", sample_row, false},
     {"operation.csv", "time,table,id,status,value", operation_row, true},
     {"published.csv", "time,table,id,status,value", published_row, true},
-    {"timing.csv", "task,quantity,period_ns,low_ns,high_ns,count", bin_row, false},
+    {"timing.csv", "task,quantity,period_ns,low_ns,high_ns,count", bin_timing_row, false},
     {"timing-summary.csv",
      "task,quantity,period_ns,count,missed,mean_ns,sd_ns,min_ns,p50_ns,p99_ns,p999_ns,max_ns", summary_row,
      false},
@@ -245,7 +245,8 @@ static const struct form files[] = {
 
 /* ---- Files -------------------------------------------------------------------------------- */
 
-static int read_row(struct csv *csv, const struct form *form, struct report_data *data, struct apc_error *why)
+static int read_report_row(struct csv *csv, const struct form *form, struct report_data *data,
+                           struct apc_error *why)
 {
     char const *field[MAX_COLUMNS];
 
@@ -257,8 +258,8 @@ static int read_row(struct csv *csv, const struct form *form, struct report_data
                      : 0;
 }
 
-static int read_file(const char *dir, const struct form *form, struct report_data *data,
-                     struct apc_error *why)
+static int read_report_file(const char *dir, const struct form *form, struct report_data *data,
+                            struct apc_error *why)
 {
     struct csv *csv;
     char *path;
@@ -272,12 +273,12 @@ static int read_file(const char *dir, const struct form *form, struct report_dat
     if (rc == 0)
         rc = csv_expect(csv, form->columns, why);
     while (rc == 0 && (rc = csv_next(csv, why)) > 0)
-        rc = read_row(csv, form, data, why);
+        rc = read_report_row(csv, form, data, why);
     csv_close(csv);
     return rc;
 }
 
-static int by_time(const void *a, const void *b)
+static int by_report_time(const void *a, const void *b)
 {
     const struct report_point *p = a, *q = b;
 
@@ -291,7 +292,7 @@ static void sort_group(struct report_group *group)
     for (size_t i = 0; i < group->n; i++) {
         struct report_series *series = &group->series[i];
         if (series->n > 1)
-            qsort(series->points, series->n, sizeof *series->points, by_time);
+            qsort(series->points, series->n, sizeof *series->points, by_report_time);
     }
 }
 
@@ -307,7 +308,7 @@ static int event_row(struct report_data *data, size_t line, char const *const *f
     if (event.t < 0 || (!event.alarm && strcmp(field[1], "warning") != 0))
         return 0;
     snprintf(event.kind, sizeof event.kind, "%s", field[3]);
-    if (reserve(&items, data->n_events, &data->events_room, sizeof event) != 0)
+    if (reserve_item(&items, data->n_events, &data->events_room, sizeof event) != 0)
         return APC_ENOMEM;
     data->event = items;
     data->event[data->n_events++] = event;
@@ -320,7 +321,7 @@ int report_read(struct report_data *data, const char *dir, struct apc_error *why
 {
     *data = (struct report_data){0};
     for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
-        int rc = read_file(dir, &files[i], data, why);
+        int rc = read_report_file(dir, &files[i], data, why);
         if (rc < 0)
             return rc;
     }
@@ -329,7 +330,7 @@ int report_read(struct report_data *data, const char *dir, struct apc_error *why
     sort_group(&data->u);
     sort_group(&data->mode);
     sort_group(&data->published);
-    return read_file(dir, &events, data, why);
+    return read_report_file(dir, &events, data, why);
 }
 
 static void clip_group(struct report_group *group, double begin, double end)

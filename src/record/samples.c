@@ -29,7 +29,7 @@ void samples_free(struct samples *s)
     *s = (struct samples){0};
 }
 
-static int by_time(const void *left, const void *right)
+static int by_sample_time(const void *left, const void *right)
 {
     static const int rank[APC_TABLE_END] = {
         [APC_SETPOINT] = 1, [APC_SENSOR] = 2, [APC_ACTUATOR] = 3, [APC_OPMODE] = 4,
@@ -44,7 +44,7 @@ static int by_time(const void *left, const void *right)
     return a->seq < b->seq ? -1 : a->seq > b->seq;
 }
 
-static int collect(void *ctx, const struct apc_sample *sample)
+static int collect_sample(void *ctx, const struct apc_sample *sample)
 {
     return samples_add(ctx, sample);
 }
@@ -61,7 +61,7 @@ static int collect_part(struct samples *samples, struct apc_store *store, const 
 {
     for (size_t i = 0; i < part->n; i++) {
         size_t before = samples->n;
-        int rc = apc_store_history(store, part->table, part->first + (int)i, range, collect, samples);
+        int rc = apc_store_history(store, part->table, part->first + (int)i, range, collect_sample, samples);
         if (rc < 0)
             return rc;
         if (samples->n - before < (size_t)rc)
@@ -79,7 +79,7 @@ int samples_collect_one(struct samples *samples, struct apc_store *store, enum a
 void samples_sort(struct samples *samples)
 {
     if (samples->n > 0)
-        qsort(samples->at, samples->n, sizeof *samples->at, by_time);
+        qsort(samples->at, samples->n, sizeof *samples->at, by_sample_time);
 }
 
 int samples_collect(struct samples *samples, struct apc_store *store, const struct experiment *e,
@@ -157,7 +157,7 @@ void samples_write(const struct samples *s, apc_ns start, FILE *out)
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
-static int take_row(struct csv *csv, double *t, struct apc_sample *sample, struct apc_error *why)
+static int take_sample_row(struct csv *csv, double *t, struct apc_sample *sample, struct apc_error *why)
 {
     double id = 0.0;
     int rc = csv_number(csv, 0, t, why);
@@ -192,7 +192,7 @@ int samples_each(const char *path, int (*take)(void *ctx, double t, const struct
         struct apc_sample sample = {0};
         double t;
 
-        rc = take_row(csv, &t, &sample, why);
+        rc = take_sample_row(csv, &t, &sample, why);
         if (rc == 0 && (rc = take(ctx, t, &sample)) < 0)
             rc = apc_fail(why, rc, "%s: %s", path, apc_err_text(rc));
     }
@@ -202,7 +202,7 @@ int samples_each(const char *path, int (*take)(void *ctx, double t, const struct
     return rc;
 }
 
-static int add(void *ctx, double t, const struct apc_sample *sample)
+static int add_sample_line(void *ctx, double t, const struct apc_sample *sample)
 {
     (void)t;
     return samples_add(ctx, sample);
@@ -229,6 +229,6 @@ int samples_read(struct samples *s, const char *dir, const char *name, struct ap
 
     *s = (struct samples){0};
     snprintf(path, sizeof path, "%.540s/%.50s", dir, name);
-    const int rc = samples_each(path, add, s, why);
+    const int rc = samples_each(path, add_sample_line, s, why);
     return rc == 0 && count_seqs(s) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : rc;
 }

@@ -61,7 +61,7 @@ struct part {
     bool holds;
 };
 
-static bool read_all(int fd, void *to, size_t n, off_t at)
+static bool read_columns_at(int fd, void *to, size_t n, off_t at)
 {
     char *p = to;
     ssize_t got;
@@ -80,7 +80,7 @@ static bool sum_segment(const struct part *t, size_t i, char *chunk)
     for (off_t at = (off_t)i * SEGMENT; at < end; at += CHUNK) {
         const size_t n = end - at < CHUNK ? (size_t)(end - at) : CHUNK;
 
-        if (!read_all(t->csv, chunk, n, at))
+        if (!read_columns_at(t->csv, chunk, n, at))
             return false;
         t->segment[i] = sum_of(chunk, n, t->segment[i]);
     }
@@ -101,7 +101,7 @@ static uint64_t sum_of_block(const struct apc_record *r, size_t first, size_t n,
     return sum_of(r->status + first, n * sizeof *r->status, sum);
 }
 
-static bool take_block(const struct part *t, size_t block, uint16_t *variable)
+static bool read_column_block(const struct part *t, size_t block, uint16_t *variable)
 {
     const struct apc_record *const r = t->rows;
     const size_t first = block * BLOCK, n = rows_of_block(r, block), size = n * ROW + sizeof(uint64_t);
@@ -130,7 +130,7 @@ static bool take_block(const struct part *t, size_t block, uint16_t *variable)
     return most < r->n_variables && code < r->n_codes;
 }
 
-static void *part_main(void *ctx)
+static void *read_columns_part(void *ctx)
 {
     struct part *const t = ctx;
     const size_t blocks = t->columns < 0 ? 0 : (t->rows->n + BLOCK - 1) / BLOCK;
@@ -139,7 +139,7 @@ static void *part_main(void *ctx)
 
     t->holds = chunk && variable;
     for (size_t i = t->number * blocks / t->of; t->holds && i < (t->number + 1) * blocks / t->of; i++)
-        t->holds = take_block(t, i, variable);
+        t->holds = read_column_block(t, i, variable);
     for (size_t i = t->number * t->segments / t->of; t->holds && i < (t->number + 1) * t->segments / t->of;
          i++)
         t->holds = sum_segment(t, i, chunk);
@@ -159,8 +159,8 @@ size_t samples_parts(size_t size)
 }
 
 /* The blocks into the rows, unless @p columns is -1, and the checksum of the CSV file, unless @p csv is -1. */
-static bool take_parts(struct apc_record *rows, int csv, off_t csv_size, int columns, off_t at,
-                       uint64_t *csv_sum)
+static bool read_columns_parts(struct apc_record *rows, int csv, off_t csv_size, int columns, off_t at,
+                               uint64_t *csv_sum)
 {
     const size_t parts = samples_parts((size_t)csv_size),
                  segments = csv < 0 ? 0 : (size_t)(csv_size / SEGMENT) + 1;
@@ -171,11 +171,11 @@ static bool take_parts(struct apc_record *rows, int csv, off_t csv_size, int col
     for (size_t i = 0; hold && i < parts; i++) {
         part[i] =
             (struct part){rows, csv, columns, csv_size, at, segment, segments, i, parts, .holds = false};
-        started[i] = i > 0 && pthread_create(&part[i].thread, NULL, part_main, &part[i]) == 0;
+        started[i] = i > 0 && pthread_create(&part[i].thread, NULL, read_columns_part, &part[i]) == 0;
     }
     for (size_t i = 0; segment && i < parts; i++) {
         if (!started[i])
-            part_main(&part[i]);
+            read_columns_part(&part[i]);
         else
             pthread_join(part[i].thread, NULL);
         hold &= part[i].holds;
@@ -193,7 +193,7 @@ static bool take_head(int fd, off_t size, struct apc_record *r, struct head *hea
 {
     uint64_t sum;
 
-    if (!read_all(fd, head, sizeof *head, 0) || memcmp(head->mark, mark, sizeof mark) != 0 ||
+    if (!read_columns_at(fd, head, sizeof *head, 0) || memcmp(head->mark, mark, sizeof mark) != 0 ||
         head->variables > VARIABLES || head->codes > sizeof r->code / sizeof r->code[0] ||
         head->rows > (uint64_t)size / ROW)
         return false;
@@ -203,10 +203,11 @@ static bool take_head(int fd, off_t size, struct apc_record *r, struct head *hea
     *at = (off_t)(sizeof *head + 2 * n + codes + sizeof sum);
     if ((uint64_t)*at + head->rows * ROW + blocks * sizeof sum != (uint64_t)size ||
         !apc_grow(&r->table, head->variables + 1, sizeof *r->table) ||
-        !apc_grow(&r->id, head->variables + 1, sizeof *r->id) || !read_all(fd, r->table, n, sizeof *head) ||
-        !read_all(fd, r->id, n, (off_t)(sizeof *head + n)) ||
-        !read_all(fd, r->code, codes, (off_t)(sizeof *head + 2 * n)) ||
-        !read_all(fd, &sum, sizeof sum, *at - (off_t)sizeof sum))
+        !apc_grow(&r->id, head->variables + 1, sizeof *r->id) ||
+        !read_columns_at(fd, r->table, n, sizeof *head) ||
+        !read_columns_at(fd, r->id, n, (off_t)(sizeof *head + n)) ||
+        !read_columns_at(fd, r->code, codes, (off_t)(sizeof *head + 2 * n)) ||
+        !read_columns_at(fd, &sum, sizeof sum, *at - (off_t)sizeof sum))
         return false;
     for (size_t i = 0; i < head->variables; i++)
         if (r->table[i] <= 0 || r->table[i] >= APC_TABLE_END)
@@ -218,12 +219,12 @@ static bool take_head(int fd, off_t size, struct apc_record *r, struct head *hea
            sum_of(r->code, codes, sum_of(r->id, n, sum_of(r->table, n, sum_of(head, sizeof *head, 0))));
 }
 
-static uint64_t changed(const struct stat *of)
+static uint64_t change_time_of(const struct stat *of)
 {
     return (uint64_t)of->st_ctim.tv_sec * 1000000000 + (uint64_t)of->st_ctim.tv_nsec;
 }
 
-static bool take_columns(struct apc_record *r, int csv, int columns)
+static bool take_columns_file(struct apc_record *r, int csv, int columns)
 {
     struct stat of_csv, of_columns;
     struct head head;
@@ -236,9 +237,9 @@ static bool take_columns(struct apc_record *r, int csv, int columns)
         !apc_grow(&r->variable, r->n + 1, sizeof *r->variable) ||
         !apc_grow(&r->status, r->n + 1, sizeof *r->status))
         return false;
-    const bool untouched = head.csv_inode == of_csv.st_ino && head.csv_changed == changed(&of_csv);
+    const bool untouched = head.csv_inode == of_csv.st_ino && head.csv_changed == change_time_of(&of_csv);
 
-    return take_parts(r, untouched ? -1 : csv, of_csv.st_size, columns, at, &csv_sum) &&
+    return read_columns_parts(r, untouched ? -1 : csv, of_csv.st_size, columns, at, &csv_sum) &&
            (untouched || csv_sum == head.csv_sum);
 }
 
@@ -246,7 +247,7 @@ int apc_record_read(struct apc_record *rows, const char *csv, const char *column
 {
     const int fd = open(csv, O_RDONLY | O_CLOEXEC),
               beside = columns ? open(columns, O_RDONLY | O_CLOEXEC | O_NONBLOCK) : -1;
-    const bool taken = fd >= 0 && beside >= 0 && take_columns(rows, fd, beside);
+    const bool taken = fd >= 0 && beside >= 0 && take_columns_file(rows, fd, beside);
 
     if (fd >= 0)
         close(fd);
@@ -266,12 +267,12 @@ void apc_record_free(struct apc_record *r)
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-static bool put(FILE *out, const void *from, size_t size, size_t n)
+static bool write_columns(FILE *out, const void *from, size_t size, size_t n)
 {
     return n == 0 || fwrite(from, size, n, out) == n; /* of a record without rows there are no arrays */
 }
 
-static bool put_block(FILE *out, const struct apc_record *r, size_t block, uint16_t *variable)
+static bool write_column_block(FILE *out, const struct apc_record *r, size_t block, uint16_t *variable)
 {
     const size_t first = block * BLOCK, n = rows_of_block(r, block);
 
@@ -279,9 +280,11 @@ static bool put_block(FILE *out, const struct apc_record *r, size_t block, uint1
         variable[i] = (uint16_t)r->variable[first + i];
     const uint64_t sum = sum_of_block(r, first, n, variable);
 
-    return put(out, r->time + first, sizeof *r->time, n) && put(out, r->value + first, sizeof *r->value, n) &&
-           put(out, variable, sizeof *variable, n) && put(out, r->status + first, sizeof *r->status, n) &&
-           put(out, &sum, sizeof sum, 1);
+    return write_columns(out, r->time + first, sizeof *r->time, n) &&
+           write_columns(out, r->value + first, sizeof *r->value, n) &&
+           write_columns(out, variable, sizeof *variable, n) &&
+           write_columns(out, r->status + first, sizeof *r->status, n) &&
+           write_columns(out, &sum, sizeof sum, 1);
 }
 
 static bool put_columns(FILE *out, const struct apc_record *r, const struct head *head)
@@ -292,24 +295,26 @@ static bool put_columns(FILE *out, const struct apc_record *r, const struct head
     sum = sum_of(r->table, r->n_variables * sizeof *r->table, sum);
     sum = sum_of(r->id, r->n_variables * sizeof *r->id, sum);
     sum = sum_of(r->code, r->n_codes * sizeof *r->code, sum);
-    bool good = variable && put(out, head, sizeof *head, 1) &&
-                put(out, r->table, sizeof *r->table, r->n_variables) &&
-                put(out, r->id, sizeof *r->id, r->n_variables) &&
-                put(out, r->code, sizeof *r->code, r->n_codes) && put(out, &sum, sizeof sum, 1);
+    bool good = variable && write_columns(out, head, sizeof *head, 1) &&
+                write_columns(out, r->table, sizeof *r->table, r->n_variables) &&
+                write_columns(out, r->id, sizeof *r->id, r->n_variables) &&
+                write_columns(out, r->code, sizeof *r->code, r->n_codes) &&
+                write_columns(out, &sum, sizeof sum, 1);
     for (size_t i = 0; good && i * BLOCK < r->n; i++)
-        good = put_block(out, r, i, variable);
+        good = write_column_block(out, r, i, variable);
     free(variable);
     return good;
 }
 
 /* Has it stayed as it was, and would a change from now on be seen by its time? */
-static bool rests(int fd, const struct stat *was)
+static bool is_file_at_rest(int fd, const struct stat *was)
 {
     struct timespec now;
     struct stat is;
 
-    return clock_gettime(CLOCK_REALTIME, &now) == 0 && fstat(fd, &is) == 0 && changed(&is) == changed(was) &&
-           (uint64_t)now.tv_sec * 1000000000 + (uint64_t)now.tv_nsec > changed(&is) + TICK;
+    return clock_gettime(CLOCK_REALTIME, &now) == 0 && fstat(fd, &is) == 0 &&
+           change_time_of(&is) == change_time_of(was) &&
+           (uint64_t)now.tv_sec * 1000000000 + (uint64_t)now.tv_nsec > change_time_of(&is) + TICK;
 }
 
 /* What @p csv holds, and what tells it from any other. */
@@ -321,12 +326,12 @@ static bool know(const char *csv, struct apc_record *r, struct head *head)
 
     *head = (struct head){.csv_size = (uint64_t)of_csv.st_size, .csv_inode = of_csv.st_ino};
     memcpy(head->mark, mark, sizeof mark);
-    good = good && take_parts(NULL, fd, of_csv.st_size, -1, 0, &head->csv_sum) &&
+    good = good && read_columns_parts(NULL, fd, of_csv.st_size, -1, 0, &head->csv_sum) &&
            samples_csv_read(r, csv, &(struct apc_error){0}) == 0 && r->n_variables <= VARIABLES;
     head->rows = r->n;
     head->variables = r->n_variables;
     head->codes = r->n_codes;
-    head->csv_changed = good && rests(fd, &of_csv) ? changed(&of_csv) : 0;
+    head->csv_changed = good && is_file_at_rest(fd, &of_csv) ? change_time_of(&of_csv) : 0;
     if (fd >= 0)
         close(fd);
     return good;

@@ -51,7 +51,7 @@ static bool more_slots(struct apc_record *r)
 }
 
 /* Its place; -1: out of memory. */
-static int32_t place_of(struct apc_record *r, int32_t table, int32_t id)
+static int32_t place_of_variable(struct apc_record *r, int32_t table, int32_t id)
 {
     if (2 * r->n_variables >= r->slots && !more_slots(r))
         return -1;
@@ -114,7 +114,7 @@ struct part {
     const char *why;
 };
 
-static bool widen(struct apc_record *r, size_t room)
+static bool widen_record(struct apc_record *r, size_t room)
 {
     if (!apc_grow(&r->time, room, sizeof *r->time) || !apc_grow(&r->variable, room, sizeof *r->variable) ||
         !apc_grow(&r->status, room, sizeof *r->status) || !apc_grow(&r->value, room, sizeof *r->value))
@@ -154,7 +154,7 @@ static bool is_spelled(const struct spelling *s, const char *at)
 }
 
 /* The variable "TABLE,ID," at @p *p, which is moved behind it. Returns its place, APC_EPROTO or APC_ENOMEM. */
-static int32_t take_variable(struct part *t, const char **p)
+static int32_t parse_variable(struct part *t, const char **p)
 {
     const char *const from = *p, *end = from;
     double id;
@@ -173,7 +173,7 @@ static int32_t take_variable(struct part *t, const char **p)
 
     if (!table || !decimal_take(end + 1, &end, &id) || *end != ',' || !(id >= 0 && id < (1 << 28)))
         return APC_EPROTO;
-    const int32_t place = place_of(t->r, table, (int32_t)id);
+    const int32_t place = place_of_variable(t->r, table, (int32_t)id);
 
     *p = end + 1;
     return place < 0 || !learn(t, place, from, (size_t)(*p - from)) ? APC_ENOMEM : place;
@@ -200,15 +200,15 @@ static int take_status(struct apc_record *r, const char **p)
 }
 
 /* The line at @p *p, which is moved behind it. Returns 0, APC_EPROTO: it is no row, or APC_ENOMEM. */
-static int take_row(struct part *t, const char **p)
+static int parse_sample_line(struct part *t, const char **p)
 {
     struct apc_record *const r = t->r;
 
-    if (r->n == r->room && !widen(r, r->room ? 2 * r->room : t->rows))
+    if (r->n == r->room && !widen_record(r, r->room ? 2 * r->room : t->rows))
         return APC_ENOMEM;
     if (!decimal_take(*p, p, &r->time[r->n]) || *(*p)++ != ',')
         return APC_EPROTO;
-    const int32_t variable = take_variable(t, p);
+    const int32_t variable = parse_variable(t, p);
 
     if (variable < 0)
         return variable;
@@ -241,7 +241,7 @@ static ssize_t take_lines(struct part *t, size_t n, off_t at)
 
         if (names)
             p = (const char *)memchr(p, '\n', n) + 1;
-        const int rc = names ? 0 : take_row(t, &p);
+        const int rc = names ? 0 : parse_sample_line(t, &p);
 
         if (rc < 0)
             return rc;
@@ -249,7 +249,7 @@ static ssize_t take_lines(struct part *t, size_t n, off_t at)
     return p - t->chunk;
 }
 
-static int fail(struct part *t, int rc, const char *why)
+static int fail_part(struct part *t, int rc, const char *why)
 {
     t->why = why;
     return rc;
@@ -263,21 +263,22 @@ static int take_part(struct part *t)
 
     while (at < t->to && (got = pread(t->fd, t->chunk + n, CHUNK - n, at + (off_t)n)) != 0) {
         if (got < 0)
-            return fail(t, APC_ESYS, "cannot be read");
+            return fail_part(t, APC_ESYS, "cannot be read");
         n += (size_t)got;
         const ssize_t taken = take_lines(t, n, at);
 
         if (taken < 0)
-            return fail(t, (int)taken,
-                        taken == APC_EPROTO ? "not a row \"time,table,id,status,value\": is the file damaged?"
-                                            : "out of memory");
+            return fail_part(t, (int)taken,
+                             taken == APC_EPROTO
+                                 ? "not a row \"time,table,id,status,value\": is the file damaged?"
+                                 : "out of memory");
         if (taken == 0 && n == CHUNK)
-            return fail(t, APC_EPROTO, "a line without an end");
+            return fail_part(t, APC_EPROTO, "a line without an end");
         n -= (size_t)taken;
         at += taken;
         memmove(t->chunk, t->chunk + taken, n);
     }
-    return at >= t->to || n == 0 ? 0 : fail(t, APC_EPROTO, "ends in the middle of a line");
+    return at >= t->to || n == 0 ? 0 : fail_part(t, APC_EPROTO, "ends in the middle of a line");
 }
 
 void samples_forget(struct apc_record *r)
@@ -292,23 +293,23 @@ void samples_forget(struct apc_record *r)
     *r = (struct apc_record){0};
 }
 
-static void *part_main(void *ctx)
+static void *parse_csv_part(void *ctx)
 {
     struct part *const t = ctx;
 
-    t->rc = t->chunk ? take_part(t) : fail(t, APC_ENOMEM, "out of memory");
+    t->rc = t->chunk ? take_part(t) : fail_part(t, APC_ENOMEM, "out of memory");
     return NULL;
 }
 
 /* The rows of a part behind those that are there. Returns false: out of memory, or too many codes. */
-static bool append(struct apc_record *r, const struct apc_record *part)
+static bool append_part(struct apc_record *r, const struct apc_record *part)
 {
     int32_t *const place = malloc((part->n_variables + 1) * sizeof *place);
     int8_t code[sizeof part->code / sizeof part->code[0]];
-    bool fits = place && (r->n + part->n <= r->room || widen(r, r->n + part->n));
+    bool fits = place && (r->n + part->n <= r->room || widen_record(r, r->n + part->n));
 
     for (size_t i = 0; fits && i < part->n_variables; i++)
-        fits = (place[i] = place_of(r, part->table[i], part->id[i])) >= 0;
+        fits = (place[i] = place_of_variable(r, part->table[i], part->id[i])) >= 0;
     for (size_t i = 0; fits && i < part->n_codes; i++)
         fits = (code[i] = (int8_t)place_of_code(r, part->code[i])) >= 0;
     if (fits && part->n > 0) {
@@ -331,10 +332,10 @@ static int take_file(struct part part[SAMPLES_PARTS], size_t parts, struct apc_e
     uint64_t lines = 0;
 
     for (size_t i = 1; i < parts; i++)
-        started[i] = pthread_create(&part[i].thread, NULL, part_main, &part[i]) == 0;
+        started[i] = pthread_create(&part[i].thread, NULL, parse_csv_part, &part[i]) == 0;
     for (size_t i = 0; i < parts; i++) {
         if (!started[i])
-            part_main(&part[i]);
+            parse_csv_part(&part[i]);
         else
             pthread_join(part[i].thread, NULL);
     }
@@ -343,7 +344,7 @@ static int take_file(struct part part[SAMPLES_PARTS], size_t parts, struct apc_e
         if (part[i].rc < 0)
             return apc_fail(why, part[i].rc, "%s:%llu: %s", part[i].name, (unsigned long long)lines + 1,
                             part[i].why);
-        if (i > 0 && !append(part[0].r, part[i].r))
+        if (i > 0 && !append_part(part[0].r, part[i].r))
             return apc_fail(why, APC_ENOMEM, "out of memory for the rows of %s", part[i].name);
     }
     return 0;
@@ -351,13 +352,13 @@ static int take_file(struct part part[SAMPLES_PARTS], size_t parts, struct apc_e
 
 /* ---- Files as nobody here writes them --------------------------------------------------------- */
 
-static int take_sample(void *ctx, double t, const struct apc_sample *sample)
+static int take_slow_sample(void *ctx, double t, const struct apc_sample *sample)
 {
     struct apc_record *const r = ctx;
 
-    if (r->n == r->room && !widen(r, r->room ? 2 * r->room : ROOM))
+    if (r->n == r->room && !widen_record(r, r->room ? 2 * r->room : ROOM))
         return APC_ENOMEM;
-    const int32_t variable = place_of(r, (int32_t)sample->table, sample->id);
+    const int32_t variable = place_of_variable(r, (int32_t)sample->table, sample->id);
     const int status = place_of_code(r, sample->status);
 
     if (variable < 0 || status < 0)
@@ -415,5 +416,5 @@ int samples_csv_read(struct apc_record *rows, const char *file, struct apc_error
     if (rc != APC_EPROTO)
         return rc;
     samples_forget(rows);
-    return samples_each(file, take_sample, rows, why);
+    return samples_each(file, take_slow_sample, rows, why);
 }

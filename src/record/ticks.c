@@ -34,14 +34,14 @@ static int flush(struct copy *c)
     return c->failed = rc < 0 ? rc : 0;
 }
 
-static int take_sample(void *ctx, const struct apc_sample *sample)
+static int keep_sample(void *ctx, const struct apc_sample *sample)
 {
     struct copy *c = ctx;
     c->sample[c->n++] = *sample;
     return c->n == BATCH ? flush(c) : 0;
 }
 
-static int take_vector(void *ctx, const struct apc_vector *vector)
+static int keep_vector(void *ctx, const struct apc_vector *vector)
 {
     struct copy *c = ctx;
     struct apc_vector *to = &c->vector[c->n_vectors];
@@ -55,14 +55,14 @@ static int take_vector(void *ctx, const struct apc_vector *vector)
 }
 
 /* What was in force when the range begins, and all in it. */
-static int copy_variable(struct copy *c, enum apc_table table, int id)
+static int copy_variable_rows(struct copy *c, enum apc_table table, int id)
 {
     const struct apc_range before = {.until = c->range->since, .last = 1};
     int rc = 0;
     if (c->range->since > 0)
-        rc = apc_store_history(c->from, table, id, &before, take_sample, c);
+        rc = apc_store_history(c->from, table, id, &before, keep_sample, c);
     if (rc >= 0 && !c->failed)
-        rc = apc_store_history(c->from, table, id, c->range, take_sample, c);
+        rc = apc_store_history(c->from, table, id, c->range, keep_sample, c);
     return c->failed ? c->failed : rc;
 }
 
@@ -71,13 +71,13 @@ static int copy_vectors(struct copy *c, enum apc_table table, int id)
     const struct apc_range before = {.until = c->range->since, .last = 1};
     int rc = 0;
     if (table == APC_PLAN && c->range->since > 0) /* it may be what was in force */
-        rc = apc_store_vectors(c->from, table, id, &before, take_vector, c);
+        rc = apc_store_vectors(c->from, table, id, &before, keep_vector, c);
     if (rc >= 0 && !c->failed)
-        rc = apc_store_vectors(c->from, table, id, c->range, take_vector, c);
+        rc = apc_store_vectors(c->from, table, id, c->range, keep_vector, c);
     return c->failed ? c->failed : rc;
 }
 
-static bool is_named(enum apc_table table)
+static bool is_table_with_names(enum apc_table table)
 {
     return table == APC_SETPOINT || table == APC_OPMODE || table == APC_MANUAL || table == APC_TUNING ||
            table == APC_ACTUAL || table == APC_ESTIMATE;
@@ -92,8 +92,8 @@ static int copy_named(struct copy *c)
     int rc = apc_store_variables(c->from, variable, (size_t)n);
     n = rc < n ? rc : n;
     for (int i = 0; i < n && rc >= 0; i++)
-        if (is_named(variable[i].table))
-            rc = copy_variable(c, variable[i].table, variable[i].id);
+        if (is_table_with_names(variable[i].table))
+            rc = copy_variable_rows(c, variable[i].table, variable[i].id);
         else if (variable[i].table == APC_PREDICTION || variable[i].table == APC_PLAN)
             rc = copy_vectors(c, variable[i].table, variable[i].id);
     free(variable);
@@ -155,7 +155,7 @@ int ticks_keep(const char *dir, struct apc_store *from, const struct experiment 
 
 /* ---- Out of it ------------------------------------------------------------------------------ */
 
-static void *grow(void *at, size_t needed, size_t *room, size_t size)
+static void *grow_room(void *at, size_t needed, size_t *room, size_t size)
 {
     size_t wanted = *room ? *room : 1024;
     while (wanted < needed)
@@ -165,14 +165,14 @@ static void *grow(void *at, size_t needed, size_t *room, size_t size)
     return grown;
 }
 
-static int take_row(void *ctx, const struct apc_vector *row)
+static int take_tick_row(void *ctx, const struct apc_vector *row)
 {
     struct ticks *t = ctx;
-    struct tick_row *at = grow(t->at, t->n + 1, &t->room, sizeof *at);
+    struct tick_row *at = grow_room(t->at, t->n + 1, &t->room, sizeof *at);
     if (!at)
         return APC_ENOMEM;
     t->at = at;
-    double *value = grow(t->value, t->n_values + row->n, &t->values_room, sizeof *value);
+    double *value = grow_room(t->value, t->n_values + row->n, &t->values_room, sizeof *value);
     if (!value)
         return APC_ENOMEM;
     t->value = value;
@@ -186,7 +186,7 @@ int ticks_load(struct ticks *ticks, struct apc_store *store, enum apc_table tabl
 {
     const struct apc_range range = {.since = since};
     *ticks = (struct ticks){0};
-    int rc = apc_store_vectors(store, table, id, &range, take_row, ticks);
+    int rc = apc_store_vectors(store, table, id, &range, take_tick_row, ticks);
     return rc < 0 ? rc : (size_t)rc > ticks->n ? APC_ENOMEM : 0;
 }
 

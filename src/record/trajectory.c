@@ -54,7 +54,7 @@ void course_change(struct course *c, struct curve *curve, double t, double value
 /* ---- From samples ------------------------------------------------------------------------- */
 
 /* How long each kind of sample may stay away: as the plant's watchdog has it. */
-static double patience(apc_ns period)
+static double sample_patience(apc_ns period)
 {
     return 3 * apc_ns_to_s(period) + 0.1;
 }
@@ -67,7 +67,7 @@ struct life {
 };
 
 /* Before what happens at @t is looked at: was there control all the time until then? */
-static void watch(struct course *c, const struct life *life, double t)
+static void watch_control(struct course *c, const struct life *life, double t)
 {
     double lost = life[0].until;
     for (size_t i = 1; i <= c->dim.nu; i++)
@@ -91,10 +91,10 @@ static struct life *lives(const struct experiment *e)
     struct life *life = calloc(1 + e->dim.nu, sizeof *life);
     if (!life)
         return NULL;
-    life[0] = (struct life){0, patience(client > plant ? client : plant), true};
+    life[0] = (struct life){0, sample_patience(client > plant ? client : plant), true};
     for (size_t i = 0; i < e->dim.nu; i++) {
         const struct controller *owner = controllers_above(e, (struct wire){APC_ACTUATOR, i}).of;
-        life[1 + i] = (struct life){0, patience(owner->rhythm.period), true};
+        life[1 + i] = (struct life){0, sample_patience(owner->rhythm.period), true};
     }
     return life;
 }
@@ -122,7 +122,7 @@ int course_of_samples(struct course *c, const struct samples *samples, const str
             course_change(c, &c->setpoint[k], t, s->value);
             continue;
         }
-        watch(c, life, t);
+        watch_control(c, life, t);
         if (s->table == APC_SENSOR && k < c->dim.ny && severity != APC_SEVERITY_BAD) {
             course_add(c, &c->output[k], t, s->value);
             life[0] = (struct life){t + life[0].limit, life[0].limit, false};
@@ -133,7 +133,7 @@ int course_of_samples(struct course *c, const struct samples *samples, const str
             course_change(c, &c->without, t, is_without(c, life, t));
         }
     }
-    watch(c, life, c->end);
+    watch_control(c, life, c->end);
     free(life);
     return c->failed ? APC_ENOMEM : 0;
 }
@@ -169,7 +169,7 @@ int course_write(const struct course *c, const char *dir, struct apc_error *why)
 }
 
 /* The curve that a line is about; NULL: there is none such. */
-static struct curve *find(struct course *c, const char *what, double id)
+static struct curve *find_curve(struct course *c, const char *what, double id)
 {
     const struct {
         const char *name;
@@ -185,7 +185,7 @@ static struct curve *find(struct course *c, const char *what, double id)
     return NULL;
 }
 
-static int take_row(struct course *c, struct csv *csv, struct apc_error *why)
+static int take_trajectory_row(struct course *c, struct csv *csv, struct apc_error *why)
 {
     double t = 0.0, id = 0.0, value = 0.0;
     int rc = csv_number(csv, 0, &t, why);
@@ -201,7 +201,7 @@ static int take_row(struct course *c, struct csv *csv, struct apc_error *why)
         c->diverged = value != 0;
         return 0;
     }
-    struct curve *const curve = find(c, csv_text(csv, 1), id);
+    struct curve *const curve = find_curve(c, csv_text(csv, 1), id);
     if (!curve)
         return csv_refuse(csv, why, "this experiment has no %.40s %g", csv_text(csv, 1), id);
     if (curve->n > 0 && t < curve->at[curve->n - 1].t)
@@ -224,7 +224,7 @@ int course_read(struct course *c, const char *dir, const struct apc_dim *dim, st
     if (rc == 0)
         rc = csv_expect(csv, HEADER, why);
     while (rc == 0 && (rc = csv_next(csv, why)) > 0)
-        rc = take_row(c, csv, why);
+        rc = take_trajectory_row(c, csv, why);
     csv_close(csv);
     if (rc == 0 && c->end < 0)
         rc = apc_fail(why, APC_EPROTO, "%s: is not whole: its last line must tell the end", path);

@@ -4,7 +4,7 @@
 
 #include "shareddata/shareddata_internal.h"
 
-static size_t find(const struct apc_claims *c, const struct apc_sample *v)
+static size_t find_claim(const struct apc_claims *c, const struct apc_sample *v)
 {
     size_t i = 0;
     while (i < c->n && (c->at[i].table != v->table || c->at[i].id != v->id)) {
@@ -26,7 +26,7 @@ int apc_claims_reserve(struct apc_store *store, struct apc_claims *c, size_t n)
 void apc_claims_add(struct apc_claims *c, const struct apc_sample *variables, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
-        if (find(c, &variables[i]) == c->n) {
+        if (find_claim(c, &variables[i]) == c->n) {
             c->at[c->n++] = (struct apc_sample){.table = variables[i].table, .id = variables[i].id};
         }
     }
@@ -35,7 +35,7 @@ void apc_claims_add(struct apc_claims *c, const struct apc_sample *variables, si
 void apc_claims_drop(struct apc_claims *c, const struct apc_sample *variables, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
-        const size_t at = find(c, &variables[i]);
+        const size_t at = find_claim(c, &variables[i]);
         if (at < c->n) {
             c->at[at] = c->at[--c->n];
         }

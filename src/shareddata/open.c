@@ -50,8 +50,8 @@ static int open_plain(struct apc_store **store, const char *uri, const struct ap
 }
 
 /* LIVE+HISTORY: the live one is memory. */
-static int open_both(struct apc_store **store, const char *uri, size_t live_length,
-                     const struct apc_store_config *config, struct apc_error *why)
+static int open_live_and_history(struct apc_store **store, const char *uri, size_t live_length,
+                                 const struct apc_store_config *config, struct apc_error *why)
 {
     char live_uri[256];
     struct apc_store *live = NULL, *history = NULL;
@@ -93,7 +93,8 @@ int apc_store_open(struct apc_store **store, const char *uri, const struct apc_s
     }
     const size_t live = apc_store_live(uri);
     struct apc_store *plain = NULL;
-    err = uri[live] ? open_both(&plain, uri, live, &config, why) : open_plain(&plain, uri, &config, why);
+    err = uri[live] ? open_live_and_history(&plain, uri, live, &config, why)
+                    : open_plain(&plain, uri, &config, why);
     if (!err && o.spool) {
         return apc_spool_wrap(store, plain, uri, o.spool, o.spool_size ? o.spool_size : SPOOL_SIZE, why);
     }

@@ -34,7 +34,7 @@ static void put_int8(struct out *o, int64_t value)
     o->n += 8;
 }
 
-static unsigned width_of(uint64_t range)
+static unsigned bit_width_of(uint64_t range)
 {
     unsigned width = 0;
     while (width < 64 && range >> width != 0) {
@@ -44,7 +44,7 @@ static unsigned width_of(uint64_t range)
 }
 
 /* The low bits of numbers one after the other, each with its high bit first; width is not 0. */
-static void put_bits(struct out *o, const int64_t *x, size_t n, int64_t base, unsigned width)
+static void put_packed_bits(struct out *o, const int64_t *x, size_t n, int64_t base, unsigned width)
 {
     uint64_t rest = 0;
     unsigned held = 0; /* bits, below 64 */
@@ -67,7 +67,7 @@ static void put_bits(struct out *o, const int64_t *x, size_t n, int64_t base, un
     }
 }
 
-static void put_blocks(struct out *o, const int64_t *x, size_t n)
+static void put_packed_blocks(struct out *o, const int64_t *x, size_t n)
 {
     for (size_t begin = 0; begin < n; begin += BLOCK) {
         const size_t m = n - begin < BLOCK ? n - begin : BLOCK;
@@ -76,12 +76,12 @@ static void put_blocks(struct out *o, const int64_t *x, size_t n)
             low = x[i] < low ? x[i] : low;
             high = x[i] > high ? x[i] : high;
         }
-        const unsigned width = width_of((uint64_t)high - (uint64_t)low);
+        const unsigned width = bit_width_of((uint64_t)high - (uint64_t)low);
         low = width == 64 ? 0 : low;
         put_int8(o, low);
         o->at[o->n++] = (uint8_t)width;
         if (width > 0) {
-            put_bits(o, x + begin, m, low, width);
+            put_packed_bits(o, x + begin, m, low, width);
         }
     }
 }
@@ -128,7 +128,7 @@ static void put_grid(struct out *o, const int64_t *x, size_t n, int64_t slope)
     o->at[o->n++] = GRID;
     put_int8(o, x[0]);
     put_int8(o, slope);
-    put_blocks(o, rest, n);
+    put_packed_blocks(o, rest, n);
 }
 
 static void put_steps(struct out *o, const int64_t *x, size_t n)
@@ -139,7 +139,7 @@ static void put_steps(struct out *o, const int64_t *x, size_t n)
     }
     o->at[o->n++] = STEPS;
     put_int8(o, x[0]);
-    put_blocks(o, step, n);
+    put_packed_blocks(o, step, n);
 }
 
 #define COLUMN_BYTES (17 + (APC_PACK_MAX / BLOCK) * (9 + BLOCK * 8))
@@ -167,7 +167,7 @@ static void put_column(struct out *o, const int64_t *x, size_t n)
         return;
     }
     o->at[o->n++] = PLAIN;
-    put_blocks(o, x, n);
+    put_packed_blocks(o, x, n);
     if (is_narrow(x, n)) {
         uint8_t bytes[COLUMN_BYTES];
         struct out other = {bytes, 0};
@@ -184,7 +184,7 @@ static void put_column(struct out *o, const int64_t *x, size_t n)
 
 /* ---- Values of a converter ------------------------------------------------------------------ */
 
-static int compare(const void *a, const void *b)
+static int by_rising_value(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
@@ -194,7 +194,7 @@ static int compare(const void *a, const void *b)
 
 /* The step of the grid on which all of the rising values lie, as nearly as doubles tell; 0: on none. Euclid's
  * way: what a distance leaves when it is measured by the step is the next step. */
-static double step_of(const double *value, size_t n)
+static double grid_step_of(const double *value, size_t n)
 {
     const double span = value[n - 1] - value[0];
     double step = span, steps = 0;
@@ -224,7 +224,7 @@ static double rising_step(const int64_t *bits, size_t n, double *base)
     for (size_t i = 0; i < n; i++) {
         value[i] = apc_pack_value(bits[i]);
     }
-    qsort(value, n, sizeof *value, compare);
+    qsort(value, n, sizeof *value, by_rising_value);
     *base = value[0];
     for (size_t i = 1; i < n; i++) {
         if (value[i] != value[different - 1]) {
@@ -233,7 +233,7 @@ static double rising_step(const int64_t *bits, size_t n, double *base)
         *base = fabs(value[i]) < fabs(*base) ? value[i] : *base;
     }
     const double span = value[different - 1] - value[0];
-    return different > 1 && span < APC_VALUE_MAX ? step_of(value, different) : 0;
+    return different > 1 && span < APC_VALUE_MAX ? grid_step_of(value, different) : 0;
 }
 
 /* Returns false where they are no converter's. */
@@ -271,7 +271,7 @@ static bool all_finite(const int64_t *bits, size_t n)
     return i == n;
 }
 
-static void put_values(struct out *o, const int64_t *bits, size_t n)
+static void put_packed_values(struct out *o, const int64_t *bits, size_t n)
 {
     const size_t mark = o->n;
     put_column(o, bits, n);
@@ -294,7 +294,7 @@ size_t apc_pack(const struct apc_pack *samples, uint8_t bytes[APC_PACK_BYTES])
     bytes[o.n++] = (uint8_t)n;
     for (size_t c = 0; c < APC_PACK_COLUMNS; c++) {
         if (c == APC_PACK_VALUE) {
-            put_values(&o, samples->at[c], n);
+            put_packed_values(&o, samples->at[c], n);
         } else {
             put_column(&o, samples->at[c], n);
         }

@@ -91,7 +91,7 @@ void apc_tag_clean(struct apc_tag *t)
 
 /* ---- Tags ---------------------------------------------------------------------------------- */
 
-static int by_name(const void *a, const void *b)
+static int by_variable_name(const void *a, const void *b)
 {
     const struct apc_tag *x = (const struct apc_tag *)a, *y = (const struct apc_tag *)b;
     return x->table != y->table ? (x->table > y->table) - (x->table < y->table) : strcmp(x->name, y->name);
@@ -115,9 +115,9 @@ int apc_tags_sort(struct apc_store *store, const struct apc_tag *tags, size_t n,
         apc_tag_clean(&t[i]);
     }
     int err = 0;
-    qsort(t, n, sizeof *t, by_name);
+    qsort(t, n, sizeof *t, by_variable_name);
     for (size_t i = 0; !err && i < n; i++) {
-        if (t[i].name[0] == '\0' || (i > 0 && by_name(&t[i - 1], &t[i]) == 0)) {
+        if (t[i].name[0] == '\0' || (i > 0 && by_variable_name(&t[i - 1], &t[i]) == 0)) {
             err =
                 apc_fail(&store->why, APC_ESTORE, "%s %d: the name \"%s\" is %s", apc_table_name(t[i].table),
                          t[i].id, t[i].name, t[i].name[0] ? "another one's too" : "empty");
@@ -155,7 +155,7 @@ int apc_bins_make(struct apc_store *store, struct apc_bins *bins, apc_ns since, 
 
 /* The highest i whose edge, since + span * i / n rounded down, is not above the time. Samples come one after
  * the other, so it is nearly always the bin of the one before. */
-static struct apc_bin *bin_of(struct apc_bins *x, apc_ns time)
+static struct apc_bin *highest_bin_of(struct apc_bins *x, apc_ns time)
 {
     if (time < x->from || time >= x->to) {
         const uwide into = (uwide)((uint64_t)time - (uint64_t)x->since) + 1;
@@ -172,7 +172,7 @@ int apc_bins_add(void *bins, const struct apc_sample *s)
     if (s->time < x->since || s->time >= x->until) {
         return 0; /* 0 is no bound to a range, but one to bins */
     }
-    struct apc_bin *bin = bin_of(x, s->time);
+    struct apc_bin *bin = highest_bin_of(x, s->time);
     struct apc_history_bin *b = &bin->b;
     if (apc_status_severity(s->status) == APC_SEVERITY_BAD) {
         b->bad++;
@@ -209,7 +209,7 @@ void apc_bins_merge(struct apc_bins *x, size_t i, const struct apc_history_bin *
 int apc_bins_take(void *bins, const struct apc_history_bin *bin)
 {
     struct apc_bins *x = (struct apc_bins *)bins;
-    *bin_of(x, bin->from) =
+    *highest_bin_of(x, bin->from) =
         (struct apc_bin){.b = *bin, .sum = (long double)bin->mean * (long double)bin->count};
     x->last = bin->seq > x->last ? bin->seq : x->last;
     return 0;

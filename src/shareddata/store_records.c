@@ -191,7 +191,7 @@ int apc_store_append_events(struct apc_store *store, const struct apc_event *eve
     return err || n == 0 ? err : store->ops->append_events(store, events, n);
 }
 
-static int give_event(void *ctx, const struct apc_event *event)
+static int give_checked_event(void *ctx, const struct apc_event *event)
 {
     const struct reading *to = (const struct reading *)ctx;
     struct apc_event clean = *event;
@@ -208,7 +208,8 @@ int apc_store_events(struct apc_store *store, const struct apc_range *range, apc
     if (!err) {
         err = apc_store_check_range(store, range, fn != NULL);
     }
-    return err ? err : store->ops->events(store, range ? range : &(struct apc_range){0}, give_event, &to);
+    return err ? err
+               : store->ops->events(store, range ? range : &(struct apc_range){0}, give_checked_event, &to);
 }
 
 static int check_timing(struct apc_store *store, const struct apc_timing_row *r)
@@ -238,7 +239,7 @@ int apc_store_append_timing(struct apc_store *store, const struct apc_timing_row
     return err || n == 0 ? err : store->ops->append_timing(store, rows, n);
 }
 
-static int give_timing(void *ctx, const struct apc_timing_row *row)
+static int give_checked_timing(void *ctx, const struct apc_timing_row *row)
 {
     const struct reading *to = (const struct reading *)ctx;
     struct apc_timing_row clean = *row;
@@ -253,5 +254,6 @@ int apc_store_timing(struct apc_store *store, const struct apc_range *range, apc
     if (!err) {
         err = apc_store_check_range(store, range, fn != NULL);
     }
-    return err ? err : store->ops->timing(store, range ? range : &(struct apc_range){0}, give_timing, &to);
+    return err ? err
+               : store->ops->timing(store, range ? range : &(struct apc_range){0}, give_checked_timing, &to);
 }

@@ -39,22 +39,22 @@ static const char *const fixed[] = {"name",    "period",       "phase",     "exe
                                     "overrun", "measurements", "setpoints", "outputs",   "disturbances",
                                     "shadow",  "alarms",       NULL};
 
-static bool is_one_of(const char *const *names, const char *name)
+static bool is_branch_name(const char *const *names, const char *name)
 {
     while (*names && fnmatch(*names, name, 0) != 0)
         names++;
     return *names;
 }
 
-static bool may_change(const char *path)
+static bool may_branch_change(const char *path)
 {
     unsigned place;
     int end = 0;
     if (!strncmp(path, "controller.", strlen("controller.")))
-        return !is_one_of(fixed, path + strlen("controller."));
+        return !is_branch_name(fixed, path + strlen("controller."));
     if (sscanf(path, "controllers.[%5u].%n", &place, &end) == 1 && end > 0)
-        return !is_one_of(fixed, path + end);
-    return is_one_of(changeable, path);
+        return !is_branch_name(fixed, path + end);
+    return is_branch_name(changeable, path);
 }
 
 /* The first setting in which two differ that @p skip does not name, by its path behind @p path. */
@@ -63,7 +63,7 @@ struct difference {
     char path[200];
 };
 
-static double number_of(const config_setting_t *at)
+static double number_of_member(const config_setting_t *at)
 {
     const int type = config_setting_type(at);
     return type == CONFIG_TYPE_FLOAT  ? config_setting_get_float(at)
@@ -76,10 +76,10 @@ static bool same_scalar(const config_setting_t *a, const config_setting_t *b)
     const char *text[2] = {config_setting_get_string(a), config_setting_get_string(b)};
     if (text[0] || text[1])
         return text[0] && text[1] && !strcmp(text[0], text[1]);
-    return number_of(a) >= number_of(b) && number_of(a) <= number_of(b);
+    return number_of_member(a) >= number_of_member(b) && number_of_member(a) <= number_of_member(b);
 }
 
-static bool differ(struct difference *d, const config_setting_t *a, const config_setting_t *b);
+static bool settings_differ(struct difference *d, const config_setting_t *a, const config_setting_t *b);
 
 /* @p name: of a member, or "[INDEX]". */
 static bool differ_in(struct difference *d, const char *name, const config_setting_t *a,
@@ -87,7 +87,7 @@ static bool differ_in(struct difference *d, const char *name, const config_setti
 {
     const size_t n = strlen(d->path);
     snprintf(d->path + n, sizeof d->path - n, "%s%s", n ? "." : "", name);
-    const bool other = !d->skip(d->path) && (!a || !b || differ(d, a, b));
+    const bool other = !d->skip(d->path) && (!a || !b || settings_differ(d, a, b));
     if (!other)
         d->path[n] = '\0';
     return other;
@@ -111,7 +111,7 @@ static bool members_differ(struct difference *d, const config_setting_t *a, cons
 }
 
 /* The innermost is left in d->path. */
-static bool differ(struct difference *d, const config_setting_t *a, const config_setting_t *b)
+static bool settings_differ(struct difference *d, const config_setting_t *a, const config_setting_t *b)
 {
     char place[16];
     if (config_setting_is_group(a) && config_setting_is_group(b))
@@ -135,14 +135,14 @@ struct texts {
     config_t was, is;
 };
 
-static int compare(struct texts *t, const struct experiment *was, const struct experiment *is,
-                   struct apc_error *why)
+static int compare_experiments(struct texts *t, const struct experiment *was, const struct experiment *is,
+                               struct apc_error *why)
 {
-    struct difference d = {.skip = may_change};
+    struct difference d = {.skip = may_branch_change};
     int rc = settings_parse(&t->was, was->file, was->text, why);
     const int other = settings_parse(&t->is, is->file, is->text, rc == 0 ? why : NULL);
     rc = rc < 0 ? rc : other;
-    if (rc == 0 && differ(&d, config_root_setting(&t->was), config_root_setting(&t->is)))
+    if (rc == 0 && settings_differ(&d, config_root_setting(&t->was), config_root_setting(&t->is)))
         rc = apc_fail(why, APC_EINVAL,
                       "%s is another than in the run: in the middle of a run laws, tuning, settings, modes, "
                       "setpoints, parameters and disturbances of the plant, noise and faults of measurements "
@@ -168,7 +168,7 @@ static bool is_stored(const char *path)
     return !strncmp(path, "tuning", strlen("tuning")) || !strcmp(path, "mode");
 }
 
-static bool same(const double *a, const double *b, size_t n)
+static bool are_same_numbers(const double *a, const double *b, size_t n)
 {
     size_t i = 0;
     while (i < n && a[i] >= b[i] && a[i] <= b[i])
@@ -192,7 +192,7 @@ static int change_plant(struct simulation *s, const struct experiment *was, stru
     int rc = p ? experiment_draw(was, s->seed, p, why) : apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = experiment_draw(e, s->seed, p + np, why);
-    if (rc == 0 && !same(p, p + np, np))
+    if (rc == 0 && !are_same_numbers(p, p + np, np))
         rc = apc_plant_change(s->plant, p + np, why);
     free(p);
     return rc < 0 ? rc : apc_plantserver_change(s->server, &world, why);
@@ -203,7 +203,7 @@ static bool same_sequence(const struct experiment *a, const struct experiment *b
     const size_t n = a->scheduler.steps * a->scheduler.n;
     return a->scheduler.steps == b->scheduler.steps && a->scheduler.n == b->scheduler.n &&
            a->scheduler.repeat == b->scheduler.repeat &&
-           same(a->scheduler.sequence, b->scheduler.sequence, n);
+           are_same_numbers(a->scheduler.sequence, b->scheduler.sequence, n);
 }
 
 /* Where the sequence is another one, so is the step at hand. */
@@ -224,7 +224,8 @@ static int change_scheduler(struct simulation *s, const struct experiment *was, 
     return rc;
 }
 
-static const struct apc_sample *find(const struct apc_sample *rows, size_t n, const struct apc_sample *wanted)
+static const struct apc_sample *find_branch_sample(const struct apc_sample *rows, size_t n,
+                                                   const struct apc_sample *wanted)
 {
     for (size_t i = 0; i < n; i++)
         if (rows[i].table == wanted->table && rows[i].id == wanted->id)
@@ -265,7 +266,7 @@ static int change_rows(struct simulation *s, const struct experiment *was, struc
     int rc = first[0] && first[1] ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < n[1] && rc == 0; i++) {
         const struct action action = {.kind = ACTION_WRITE, .to = first[1][i], .n = 1};
-        if (is_other(s, was, find(first[0], n[0], &first[1][i]), &first[1][i]))
+        if (is_other(s, was, find_branch_sample(first[0], n[0], &first[1][i]), &first[1][i]))
             simulation_do(s, &action, "operator");
     }
     free(first[0]);
@@ -274,17 +275,19 @@ static int change_rows(struct simulation *s, const struct experiment *was, struc
 }
 
 /* Is it made otherwise than before? @p a, @p b: its settings. */
-static int look_at(const struct simulated *c, const struct controller *of, const config_setting_t *a,
-                   const config_setting_t *b, bool *other, struct apc_error *why)
+static int look_at_controller(const struct simulated *c, const struct controller *of,
+                              const config_setting_t *a, const config_setting_t *b, bool *other,
+                              struct apc_error *why)
 {
     struct difference d = {.skip = is_stored};
     struct apc_controller *core;
     int rc = cores_controller(c->s->e, of, false, &core, why);
     if (rc < 0)
         return rc;
-    *other = !c->core || (a && b && differ(&d, a, b)) || !same(c->core->mark, core->mark, 2) ||
-             of->first_tuning != c->of->first_tuning || of->first_estimate != c->of->first_estimate ||
-             of->first_prediction != c->of->first_prediction || of->first_output != c->of->first_output;
+    *other = !c->core || (a && b && settings_differ(&d, a, b)) ||
+             !are_same_numbers(c->core->mark, core->mark, 2) || of->first_tuning != c->of->first_tuning ||
+             of->first_estimate != c->of->first_estimate || of->first_prediction != c->of->first_prediction ||
+             of->first_output != c->of->first_output;
     apc_controller_destroy(core);
     return 0;
 }
@@ -315,7 +318,7 @@ static int change_controllers(struct simulation *s, const struct texts *t, bool 
         struct simulated *c = &s->controller[i];
         const struct controller *of = &s->e->controllers[i];
         bool other = false;
-        rc = look_at(c, of, controller_in(&t->was, i), controller_in(&t->is, i), &other, why);
+        rc = look_at_controller(c, of, controller_in(&t->was, i), controller_in(&t->is, i), &other, why);
         if (rc == 0 && other && c->core)
             simulation_kill(c);
         c->of = of;
@@ -363,7 +366,7 @@ int simulation_branch(struct simulation *s, const struct experiment *e, struct a
     struct branch b = {.s = s, .was = s->e, .is = e, .why = why};
     if (s->rc < 0)
         return apc_fail(why, s->rc, "%s", s->why.text);
-    b.rc = compare(&b.texts, b.was, e, why);
+    b.rc = compare_experiments(&b.texts, b.was, e, why);
     if (b.rc == 0 && simulation_happen(s, on_branch, &b) < 0 && b.rc == 0)
         b.rc = apc_fail(why, s->rc, "%s", s->why.text);
     config_destroy(&b.texts.was);

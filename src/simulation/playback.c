@@ -12,7 +12,7 @@
 /* ---- What is played ------------------------------------------------------------------------- */
 
 /* Setpoints under the numbers that tick rows name. */
-static int take_setpoints(struct past *p, const struct experiment *e)
+static int take_recorded_setpoints(struct past *p, const struct experiment *e)
 {
     const struct apc_range until = {.until = p->end};
     int rc = 0;
@@ -49,7 +49,7 @@ int past_load(struct past *p, const char *dir, const struct experiment *e, apc_n
     int rc = ticks_open(&p->ticks, path, why);
     if (rc == 0)
         rc = samples_read(&process, dir, "samples.csv", why);
-    if (rc == 0 && (rc = take_setpoints(p, e)) < 0)
+    if (rc == 0 && (rc = take_recorded_setpoints(p, e)) < 0)
         apc_fail(why, rc, "%s: %s", path, rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(p->ticks));
     if (rc == 0 && (rc = take_outputs(p, e, &process)) < 0)
         apc_fail(why, rc, "out of memory");

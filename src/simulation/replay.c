@@ -23,7 +23,7 @@
 
 /* ---- Rows that are named -------------------------------------------------------------------- */
 
-static int by_name(const void *left, const void *right)
+static int by_controller_name(const void *left, const void *right)
 {
     const struct apc_sample *a = left, *b = right;
     if (a->table != b->table)
@@ -34,12 +34,12 @@ static int by_name(const void *left, const void *right)
 }
 
 /* How many samples come before @p wanted. */
-static size_t before(const struct replay *r, const struct apc_sample *wanted)
+static size_t samples_before(const struct replay *r, const struct apc_sample *wanted)
 {
     size_t low = 0, high = r->samples.n;
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
-        if (by_name(&r->samples.at[middle], wanted) < 0)
+        if (by_controller_name(&r->samples.at[middle], wanted) < 0)
             low = middle + 1;
         else
             high = middle;
@@ -48,7 +48,7 @@ static size_t before(const struct replay *r, const struct apc_sample *wanted)
 }
 
 /* Fill in the row of @p seq of its variable; 0: there was none. False: it is not on record. */
-static bool give(const struct replay *r, struct apc_sample *in, double seq)
+static bool give_recorded_sample(const struct replay *r, struct apc_sample *in, double seq)
 {
     struct apc_sample wanted = {.table = in->table, .id = in->id, .seq = (int64_t)seq};
     if (seq <= 0) {
@@ -57,8 +57,8 @@ static bool give(const struct replay *r, struct apc_sample *in, double seq)
         in->status = APC_BAD_NO_DATA;
         return true;
     }
-    const size_t at = before(r, &wanted);
-    if (at == r->samples.n || by_name(&r->samples.at[at], &wanted) != 0) {
+    const size_t at = samples_before(r, &wanted);
+    if (at == r->samples.n || by_controller_name(&r->samples.at[at], &wanted) != 0) {
         *in = wanted;
         in->status = APC_BAD_NO_DATA;
         return false;
@@ -71,13 +71,13 @@ static bool give(const struct replay *r, struct apc_sample *in, double seq)
 static void give_newest(const struct replay *r, struct apc_sample *in, apc_ns time)
 {
     const struct apc_sample end = {.table = in->table, .id = in->id, .seq = INT64_MAX};
-    for (size_t i = before(r, &end);
+    for (size_t i = samples_before(r, &end);
          i-- > 0 && r->samples.at[i].table == in->table && r->samples.at[i].id == in->id;)
         if (r->samples.at[i].time <= time) {
             *in = r->samples.at[i];
             return;
         }
-    (void)give(r, in, 0);
+    (void)give_recorded_sample(r, in, 0);
 }
 
 /* ---- A controller's inputs ------------------------------------------------------------------ */
@@ -132,7 +132,8 @@ static void give_below(const struct replay *r, struct apc_vector *tick, double s
 
 /* What is wanted, outputs as they stood, and loops above and below. Returns what is not on record; NULL: all
  * is. */
-static const struct apc_sample *give_rows(struct replay *r, struct replay_controller *rc, const double *row)
+static const struct apc_sample *give_tick_rows(struct replay *r, struct replay_controller *rc,
+                                               const double *row)
 {
     struct apc_controller *c = rc->core;
     const size_t *at = c->offset, n = c->dim.nz + 2 * c->dim.nu;
@@ -142,12 +143,13 @@ static const struct apc_sample *give_rows(struct replay *r, struct replay_contro
 
     for (size_t k = 0; k < c->n_wanted; k++, in++) {
         const bool own = r->other_law && k >= n; /* its own tuning holds */
-        if (!give(r, in, own ? 0 : row[k < n ? at[APC_TICK_WANTED] + k : at[APC_TICK_TUNING_SEQ] + k - n]))
+        if (!give_recorded_sample(
+                r, in, own ? 0 : row[k < n ? at[APC_TICK_WANTED] + k : at[APC_TICK_TUNING_SEQ] + k - n]))
             missing = in;
     }
     for (size_t i = 0; i < c->dim.nu; i++, in++) {
         in->seq = c->state[i].seq;
-        if (c->loop[i].setpoint && !give(r, in, row[at[APC_TICK_BELOW] + 4 * i]))
+        if (c->loop[i].setpoint && !give_recorded_sample(r, in, row[at[APC_TICK_BELOW] + 4 * i]))
             missing = in;
     }
     for (size_t i = 0; i < c->dim.nu; i++) {
@@ -156,18 +158,19 @@ static const struct apc_sample *give_rows(struct replay *r, struct replay_contro
         if (!b->actual)
             continue;
         const size_t one = give_acting(&b->who, peer ? peer[c->dim.nz + i] : 0);
-        if (c->loop[i].setpoint && !give(r, &b->target[one], seq[2]))
+        if (c->loop[i].setpoint && !give_recorded_sample(r, &b->target[one], seq[2]))
             missing = &b->target[one];
-        if (!give(r, b->actual, seq[1]))
+        if (!give_recorded_sample(r, b->actual, seq[1]))
             missing = b->actual;
         give_below(r, &b->tick[one], seq[3]);
     }
     for (size_t k = 0; k < c->dim.nz; k++) {
         struct apc_controller_above *a = &c->above[k];
         const size_t one = a->mode ? give_acting(&a->who, peer ? peer[k] : 0) : 0;
-        if (a->mode && !give(r, &a->mode[one], row[at[APC_TICK_ABOVE] + k]))
+        if (a->mode && !give_recorded_sample(r, &a->mode[one], row[at[APC_TICK_ABOVE] + k]))
             missing = &a->mode[one];
-        if (c->choice && !give(r, &c->choice[1 + k], peer ? peer[c->dim.nz + c->dim.nu + k] : 0))
+        if (c->choice &&
+            !give_recorded_sample(r, &c->choice[1 + k], peer ? peer[c->dim.nz + c->dim.nu + k] : 0))
             missing = &c->choice[1 + k];
     }
     return missing;
@@ -217,7 +220,7 @@ static void give_choice(struct apc_controller *c, const double *row)
 
 /* The monotonic clock is not on record: it goes as the wall clock did, unless that was set, and a loop that
  * holds says for how long. */
-static struct apc_now now_of(const struct replay_controller *rc, const double *row, apc_ns utc)
+static struct apc_now recorded_now(const struct replay_controller *rc, const double *row, apc_ns utc)
 {
     const struct apc_controller *c = rc->core;
     struct apc_now now = {.mono = APC_NS_PER_S, .utc = utc};
@@ -256,10 +259,12 @@ static void find_gone(struct apc_controller *c, const double *row)
 /* ---- Comparing ------------------------------------------------------------------------------ */
 
 /* Say of a tick what is the matter with it. */
-static void describe(const struct replay *r, const struct replay_controller *rc, const struct tick_row *at,
-                     const double *row, char text[REPLAY_TEXT], const char *fmt, ...) APC_PRINTF(6, 7);
-static void describe(const struct replay *r, const struct replay_controller *rc, const struct tick_row *at,
-                     const double *row, char text[REPLAY_TEXT], const char *fmt, ...)
+static void describe_difference(const struct replay *r, const struct replay_controller *rc,
+                                const struct tick_row *at, const double *row, char text[REPLAY_TEXT],
+                                const char *fmt, ...) APC_PRINTF(6, 7);
+static void describe_difference(const struct replay *r, const struct replay_controller *rc,
+                                const struct tick_row *at, const double *row, char text[REPLAY_TEXT],
+                                const char *fmt, ...)
 {
     va_list args;
     const int n = snprintf(text, REPLAY_TEXT, "tick %.0f at %.3f s: ", row[rc->core->offset[APC_TICK_INDEX]],
@@ -279,8 +284,8 @@ static bool same_bits(double a, double b)
 
 /* The first value that differs, but in fields that @p leave_out names (NULL: none). Returns false: all are
  * the same. */
-static bool differ(const struct apc_controller *c, const double *recorded, const double *made,
-                   const bool *leave_out, const char **name, size_t *element)
+static bool first_difference(const struct apc_controller *c, const double *recorded, const double *made,
+                             const bool *leave_out, const char **name, size_t *element)
 {
     size_t offset, length;
     for (size_t f = 0; apc_controller_tick_field(c, f, name, &offset, &length); f++)
@@ -320,7 +325,8 @@ static void compare_outputs(struct replay *r, const struct replay_controller *rc
 /* ---- The ticks ------------------------------------------------------------------------------ */
 
 /* A controller anew, as a daemon that is started after the row of @p former; NULL: at the beginning. */
-static int start(struct replay *r, struct replay_controller *rc, const struct tick_row *former, apc_ns time)
+static int start_replayed_controller(struct replay *r, struct replay_controller *rc,
+                                     const struct tick_row *former, apc_ns time)
 {
     struct apc_error why;
     apc_controller_destroy(rc->core);
@@ -341,13 +347,14 @@ static int start(struct replay *r, struct replay_controller *rc, const struct ti
     return 0;
 }
 
-static const struct apc_sample *tick(struct replay *r, struct replay_controller *rc,
-                                     const struct tick_row *at, const double *row, struct apc_notice *notice)
+static const struct apc_sample *replay_controller_tick(struct replay *r, struct replay_controller *rc,
+                                                       const struct tick_row *at, const double *row,
+                                                       struct apc_notice *notice)
 {
     struct apc_controller *c = rc->core;
-    const struct apc_now now = now_of(rc, row, at->time);
+    const struct apc_now now = recorded_now(rc, row, at->time);
     give_measurements(c, row, now);
-    const struct apc_sample *missing = give_rows(r, rc, row), *lost = give_plans(r, rc, row);
+    const struct apc_sample *missing = give_tick_rows(r, rc, row), *lost = give_plans(r, rc, row);
     give_choice(c, row);
     c->budget = was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
     find_gone(c, row);
@@ -359,7 +366,7 @@ static bool is_made(const struct apc_controller *c, const double *row)
 {
     const char *name;
     size_t element;
-    return !differ(c, row, c->row, NULL, &name, &element);
+    return !first_difference(c, row, c->row, NULL, &name, &element);
 }
 
 static void tell_difference(const struct replay *r, const struct replay_controller *rc,
@@ -372,7 +379,7 @@ static void tell_difference(const struct replay *r, const struct replay_controll
     const double gap = rc->row ? row[index] - rc->row[index] : 1;
     size_t element = 0;
     char reason[100];
-    if (!differ(c, row, c->row, NULL, &name, &element))
+    if (!first_difference(c, row, c->row, NULL, &name, &element))
         return;
     if (missing) {
         snprintf(reason, sizeof reason, "%s.%d seq %lld is not on record", apc_table_name(missing->table),
@@ -384,8 +391,8 @@ static void tell_difference(const struct replay *r, const struct replay_controll
         snprintf(reason, sizeof reason, "%.0f ticks before it are not on record", gap - 1);
         because = reason;
     }
-    describe(r, rc, at, row, text, "%s was %.17g, is %.17g: %s", name, row[element], c->row[element],
-             because);
+    describe_difference(r, rc, at, row, text, "%s was %.17g, is %.17g: %s", name, row[element],
+                        c->row[element], because);
 }
 
 /* The first of the record, which went on from one that a store without room for all has overwritten. */
@@ -404,7 +411,7 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
     const double *row = rc->ticks.value + at->first;
     char text[REPLAY_TEXT] = "";
     struct apc_notice notice;
-    const struct apc_sample *missing = tick(r, rc, at, row, &notice);
+    const struct apc_sample *missing = replay_controller_tick(r, rc, at, row, &notice);
     bool same = is_made(rc->core, row);
     int err = 0;
 
@@ -413,9 +420,9 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
     else if (!same)
         tell_difference(r, rc, at, row, missing, text);
     if (!same && !r->other_law && former) {
-        if ((err = start(r, rc, former, former->time)) < 0)
+        if ((err = start_replayed_controller(r, rc, former, former->time)) < 0)
             return err;
-        (void)tick(r, rc, at, row, &notice);
+        (void)replay_controller_tick(r, rc, at, row, &notice);
         same = is_made(rc->core, row);
         rc->restarts += same;
     }
@@ -428,9 +435,9 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
             r->watch.notice(r->watch.ctx, apc_ns_to_s(at->time - r->start), notice.text);
     while (apc_controller_noticed(rc->core, &notice));
     apc_controller_update(rc->core, 1);
-    rc->now = now_of(rc, row, at->time);
+    rc->now = recorded_now(rc, row, at->time);
     rc->row = row;
-    return same || r->other_law ? 0 : start(r, rc, at, at->time);
+    return same || r->other_law ? 0 : start_replayed_controller(r, rc, at, at->time);
 }
 
 int replay_run(struct replay *r, const struct replay_watch *watch)
@@ -439,7 +446,7 @@ int replay_run(struct replay *r, const struct replay_watch *watch)
     r->watch = *watch;
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++) {
         struct replay_controller *c = &r->controller[i];
-        rc = start(r, c, NULL, r->start - 1);
+        rc = start_replayed_controller(r, c, NULL, r->start - 1);
         for (size_t k = 0; k < c->ticks.n && rc == 0; k++) {
             if (!r->other_law && c->ticks.at[k].n != c->core->out_row->n)
                 return apc_fail(&r->why, APC_EPROTO,
@@ -504,17 +511,19 @@ static void compare_virtual(struct replay *r, struct replay_controller *rc, cons
         const char *name;
         size_t element;
         if (!other || other[index] < row[index] || other[index] > row[index])
-            describe(r, rc, at, row, rc->first, "%s",
-                     !other                      ? "there is none in virtual time: the run was longer"
-                     : other[index] < row[index] ? "a tick before it is not on record: it was missed"
-                                                 : "it was missed in virtual time");
+            describe_difference(r, rc, at, row, rc->first, "%s",
+                                !other ? "there is none in virtual time: the run was longer"
+                                : other[index] < row[index]
+                                    ? "a tick before it is not on record: it was missed"
+                                    : "it was missed in virtual time");
         else if (at->n != made->at[k].n)
-            describe(r, rc, at, row, rc->first, "its law, its settings or its model are not those that ran");
-        else if (differ(c, row, other, left_out, &name, &element))
-            describe(r, rc, at, row, rc->first,
-                     "%s was %.17g, in virtual time it is %.17g: %s, and the tick %.1f ms late", name,
-                     row[element], other[element], cause_of(c, row, other),
-                     1e3 * late_s(r, rc, at, row[index]));
+            describe_difference(r, rc, at, row, rc->first,
+                                "its law, its settings or its model are not those that ran");
+        else if (first_difference(c, row, other, left_out, &name, &element))
+            describe_difference(r, rc, at, row, rc->first,
+                                "%s was %.17g, in virtual time it is %.17g: %s, and the tick %.1f ms late",
+                                name, row[element], other[element], cause_of(c, row, other),
+                                1e3 * late_s(r, rc, at, row[index]));
         else
             rc->same++;
     }
@@ -533,7 +542,7 @@ int replay_virtual(struct replay *r)
         why = s.why;
     for (size_t i = 0; i < e.n_controllers && rc == 0; i++) {
         struct ticks made;
-        rc = start(r, &r->controller[i], NULL, r->start - 1);
+        rc = start_replayed_controller(r, &r->controller[i], NULL, r->start - 1);
         if (rc == 0 && (rc = ticks_load(&made, s.store, APC_TICK, e.controllers[i].number, 0)) == 0)
             compare_virtual(r, &r->controller[i], &made);
         ticks_free(&made);
@@ -560,11 +569,11 @@ static int load_samples(struct replay *r, struct apc_store *store)
             rc = samples_collect_one(&r->samples, store, variable[i].table, variable[i].id, NULL);
     free(variable);
     if (r->samples.n > 0)
-        qsort(r->samples.at, r->samples.n, sizeof *r->samples.at, by_name);
+        qsort(r->samples.at, r->samples.n, sizeof *r->samples.at, by_controller_name);
     return rc < 0 ? rc : 0;
 }
 
-static int load_record(struct replay *r, const char *dir, struct apc_error *why)
+static int load_replay_record(struct replay *r, const char *dir, struct apc_error *why)
 {
     char path[600];
     struct apc_store *store;
@@ -601,7 +610,7 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < r->e.n_controllers; i++)
         r->controller[i].of = &r->e.controllers[i];
-    return load_record(r, dir, why);
+    return load_replay_record(r, dir, why);
 }
 
 void replay_free(struct replay *r)

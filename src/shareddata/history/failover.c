@@ -16,7 +16,7 @@ struct newest {
     bool there;
 };
 
-static int take_sample(void *ctx, const struct apc_sample *s)
+static int take_newest_sample(void *ctx, const struct apc_sample *s)
 {
     struct newest *n = (struct newest *)ctx;
     n->sample = *s;
@@ -24,7 +24,7 @@ static int take_sample(void *ctx, const struct apc_sample *s)
     return 1;
 }
 
-static int take_vector(void *ctx, const struct apc_vector *v)
+static int take_newest_vector(void *ctx, const struct apc_vector *v)
 {
     struct newest *n = (struct newest *)ctx;
     n->vector = *v;
@@ -37,7 +37,7 @@ static int take_vector(void *ctx, const struct apc_vector *v)
 }
 
 /* The list goes to free(). Returns how many or an error. */
-static int list(struct apc_store *store, struct apc_sample **variables)
+static int list_store_variables(struct apc_store *store, struct apc_sample **variables)
 {
     const int n = apc_store_variables(store, NULL, 0);
     *variables = n > 0 ? (struct apc_sample *)calloc((size_t)n, sizeof **variables) : NULL;
@@ -75,8 +75,9 @@ static int take_newest(struct apc_store *live, struct apc_store *history, const 
     const bool vector = apc_table_vectors(variable->table);
     n->there = false;
     *failed = history;
-    int rc = vector ? apc_store_vectors(history, variable->table, variable->id, &newest, take_vector, n)
-                    : apc_store_history(history, variable->table, variable->id, &newest, take_sample, n);
+    int rc = vector
+                 ? apc_store_vectors(history, variable->table, variable->id, &newest, take_newest_vector, n)
+                 : apc_store_history(history, variable->table, variable->id, &newest, take_newest_sample, n);
     if (rc < 0 || !n->there) {
         return rc < 0 ? rc : 0;
     }
@@ -156,11 +157,11 @@ int apc_store_take_over(struct apc_store *live, struct apc_store *history, struc
     struct newest *newest = (struct newest *)malloc(sizeof *newest);
     struct apc_sample *has = NULL, *had = NULL;
     struct apc_store *failed = live;
-    int taken = 0, rc = newest ? list(live, &has) : APC_ENOMEM;
+    int taken = 0, rc = newest ? list_store_variables(live, &has) : APC_ENOMEM;
     const int n_has = rc;
     if (rc >= 0) {
         failed = history;
-        rc = list(history, &had);
+        rc = list_store_variables(history, &had);
     }
     const int n_had = rc;
     if (rc > 0) {

@@ -20,7 +20,7 @@
 
 #define TRIES 10 /* to find where the newest N begin, while a historian moves rows */
 
-static struct apc_seam *of(struct apc_store *store)
+static struct apc_seam *federated_of(struct apc_store *store)
 {
     return (struct apc_seam *)store;
 }
@@ -43,7 +43,7 @@ int apc_seam_answered(struct apc_seam *s, int rc, apc_ns began, const char *text
     return rc;
 }
 
-static int check_experiment(struct apc_seam *s)
+static int check_same_experiment(struct apc_seam *s)
 {
     struct apc_tag *live = NULL, *history = NULL;
     size_t n_live = 0, n_history = 0;
@@ -71,7 +71,7 @@ bool apc_seam_has_history(struct apc_seam *s)
         s->base.why = s->reason;
         return false;
     }
-    return s->checked || check_experiment(s) == 0;
+    return s->checked || check_same_experiment(s) == 0;
 }
 
 static int newest_seq(struct apc_store *store, enum apc_table table, int id, int64_t *seq)
@@ -91,7 +91,7 @@ static int newest_seq(struct apc_store *store, enum apc_table table, int id, int
 
 /* Up to which seq the history has the variable. It cannot have more than the live store, which began with
  * what it had. */
-static int reach(struct apc_seam *s, enum apc_table table, int id, int64_t *seq)
+static int history_reach(struct apc_seam *s, enum apc_table table, int id, int64_t *seq)
 {
     int64_t live = 0;
     const apc_ns began = apc_clock_mono(NULL);
@@ -128,7 +128,7 @@ struct stream {
     bool ended;          /* by the caller */
 };
 
-static bool take(struct stream *x, int64_t seq, apc_ns time)
+static bool take_stream_row(struct stream *x, int64_t seq, apc_ns time)
 {
     if (x->n == 0) {
         x->first = seq;
@@ -143,7 +143,7 @@ static int pass_sample(void *ctx, const struct apc_sample *s)
 {
     struct stream *x = (struct stream *)ctx;
     struct apc_sample row = *s;
-    bool end = take(x, s->seq, s->time);
+    bool end = take_stream_row(x, s->seq, s->time);
     if (x->sample) {
         row.author |= row.author > 0 ? x->mark : 0;
         x->ended = x->sample(x->ctx, &row) != 0;
@@ -155,7 +155,7 @@ static int pass_sample(void *ctx, const struct apc_sample *s)
 static int pass_vector(void *ctx, const struct apc_vector *v)
 {
     struct stream *x = (struct stream *)ctx;
-    bool end = take(x, v->seq, v->time);
+    bool end = take_stream_row(x, v->seq, v->time);
     if (x->vector) {
         x->ended = x->vector(x->ctx, v) != 0;
         end = x->ended || x->n == x->most;
@@ -190,7 +190,7 @@ static int is_live(struct apc_seam *s, enum apc_table table, int id, const struc
 static int find_first(struct apc_seam *s, enum apc_table table, int id, struct apc_range *range)
 {
     int64_t end = 0, moved = 0;
-    int rc = reach(s, table, id, &moved);
+    int rc = history_reach(s, table, id, &moved);
     struct stream old = {.one = true};
     for (int i = 0; rc == 0 && i < TRIES && (i == 0 || moved != end); i++) {
         struct apc_range tail = *range, head = *range;
@@ -205,15 +205,16 @@ static int find_first(struct apc_seam *s, enum apc_table table, int id, struct a
         head.last = range->last - (new.n < range->last ? new.n : range->last - 1);
         const apc_ns began = apc_clock_mono(NULL);
         rc = stream(s->history, table, id, &head, &old);
-        rc = rc < 0 ? apc_seam_answered(s, rc, began, s->history->why.text) : reach(s, table, id, &moved);
+        rc = rc < 0 ? apc_seam_answered(s, rc, began, s->history->why.text)
+                    : history_reach(s, table, id, &moved);
     }
     range->after = rc == 0 && old.n > 0 ? old.first - 1 : range->after;
     return rc;
 }
 
 /* The caller's rows of the variable, in the order of their seqs. */
-static int rows(struct apc_seam *s, enum apc_table table, int id, const struct apc_range *asked,
-                struct stream *x)
+static int federated_rows(struct apc_seam *s, enum apc_table table, int id, const struct apc_range *asked,
+                          struct stream *x)
 {
     struct apc_range range = *asked;
     int64_t end = 0;
@@ -223,7 +224,7 @@ static int rows(struct apc_seam *s, enum apc_table table, int id, const struct a
     if (rc < 0) {
         s->base.why = s->live->why;
     } else if (rc == 0 && apc_seam_has_history(s)) {
-        rc = range.last > 0 ? find_first(s, table, id, &range) : reach(s, table, id, &end);
+        rc = range.last > 0 ? find_first(s, table, id, &range) : history_reach(s, table, id, &end);
         if (rc == 0) {
             const apc_ns began = apc_clock_mono(NULL);
             range.last = 0;
@@ -245,18 +246,18 @@ static int rows(struct apc_seam *s, enum apc_table table, int id, const struct a
     return rc < 0 ? rc : (int)x->n;
 }
 
-static int history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                   apc_sample_fn fn, void *ctx)
+static int federated_history(struct apc_store *store, enum apc_table table, int id,
+                             const struct apc_range *range, apc_sample_fn fn, void *ctx)
 {
     struct stream x = {.sample = fn, .ctx = ctx};
-    return rows(of(store), table, id, range, &x);
+    return federated_rows(federated_of(store), table, id, range, &x);
 }
 
-static int vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                   apc_vector_fn fn, void *ctx)
+static int federated_vectors(struct apc_store *store, enum apc_table table, int id,
+                             const struct apc_range *range, apc_vector_fn fn, void *ctx)
 {
     struct stream x = {.vector = fn, .ctx = ctx};
-    return rows(of(store), table, id, range, &x);
+    return federated_rows(federated_of(store), table, id, range, &x);
 }
 
 static int live_bins(struct apc_seam *s, enum apc_table table, int id, apc_ns since, apc_ns until, size_t n,
@@ -270,10 +271,10 @@ static int live_bins(struct apc_seam *s, enum apc_table table, int id, apc_ns si
 }
 
 /* The history's bins, made where the rows are, and into them what the live store has behind these. */
-static int history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
-                        size_t n, apc_history_bin_fn fn, void *ctx)
+static int federated_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since,
+                                  apc_ns until, size_t n, apc_history_bin_fn fn, void *ctx)
 {
-    struct apc_seam *s = of(store);
+    struct apc_seam *s = federated_of(store);
     struct apc_bins bins;
     struct apc_range range = {.since = since, .until = until};
     int64_t end = 0;
@@ -282,7 +283,7 @@ static int history_bins(struct apc_store *store, enum apc_table table, int id, a
         store->why = s->live->why;
         return reached;
     }
-    if (reached > 0 || !apc_seam_has_history(s) || reach(s, table, id, &end) < 0) {
+    if (reached > 0 || !apc_seam_has_history(s) || history_reach(s, table, id, &end) < 0) {
         return live_bins(s, table, id, since, until, n, fn, ctx);
     }
     int rc = apc_bins_make(store, &bins, since, until, n);
@@ -306,9 +307,9 @@ static int history_bins(struct apc_store *store, enum apc_table table, int id, a
 }
 
 /* Those of both: a run that began without its history has not got all in the live store. */
-static int variables(struct apc_store *store, struct apc_sample *into, size_t capacity)
+static int federated_variables(struct apc_store *store, struct apc_sample *into, size_t capacity)
 {
-    struct apc_seam *s = of(store);
+    struct apc_seam *s = federated_of(store);
     int n_live = apc_store_variables(s->live, NULL, 0), n_history = 0, n = 0;
     const apc_ns began = apc_clock_mono(NULL);
     if (n_live >= 0 && apc_seam_has_history(s)) {
@@ -343,8 +344,8 @@ static int variables(struct apc_store *store, struct apc_sample *into, size_t ca
 }
 
 /* The newest of @p n variables, vectors first, of one moment. */
-static int read_all(struct apc_store *store, const struct apc_sample *variable, size_t n,
-                    struct apc_sample *sample, struct apc_vector *vector)
+static int read_newest_of_all(struct apc_store *store, const struct apc_sample *variable, size_t n,
+                              struct apc_sample *sample, struct apc_vector *vector)
 {
     struct apc_rows all = {.size = sizeof all, .sample = sample, .vector = vector};
     for (size_t i = 0; i < n; i++) {
@@ -362,8 +363,8 @@ static int read_all(struct apc_store *store, const struct apc_sample *variable, 
     return rc;
 }
 
-static void compare(int64_t first, const struct apc_sample *live, const struct apc_sample *history, size_t n,
-                    struct apc_behind *behind)
+static void compare_newest(int64_t first, const struct apc_sample *live, const struct apc_sample *history,
+                           size_t n, struct apc_behind *behind)
 {
     behind->nothing = n > 0;
     for (size_t i = 0; i < n; i++) {
@@ -377,7 +378,7 @@ static void compare(int64_t first, const struct apc_sample *live, const struct a
 }
 
 /* The live store first: what it gets meanwhile is not what the history should have. */
-static int measure(struct apc_seam *s, struct apc_behind *behind)
+static int measure_lag(struct apc_seam *s, struct apc_behind *behind)
 {
     const int most = apc_store_variables(s->live, NULL, 0);
     const size_t n = most > 0 ? (size_t)most : 0;
@@ -385,32 +386,32 @@ static int measure(struct apc_seam *s, struct apc_behind *behind)
     struct apc_vector *vector = (struct apc_vector *)calloc(n + 1, sizeof *vector);
     int rc = at && vector ? most : apc_fail(&s->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
     rc = rc > 0 ? apc_store_variables(s->live, at, n) : rc;
-    rc = rc > 0 ? read_all(s->live, at, n, at + n, vector) : rc;
+    rc = rc > 0 ? read_newest_of_all(s->live, at, n, at + n, vector) : rc;
     if (rc < 0 && rc != APC_ENOMEM) {
         s->base.why = s->live->why;
     }
     const apc_ns began = apc_clock_mono(NULL);
     if (rc == 0 && n > 0) {
-        rc = read_all(s->history, at, n, at + 2 * n, vector);
+        rc = read_newest_of_all(s->history, at, n, at + 2 * n, vector);
         rc = apc_seam_answered(s, rc, began, s->history->why.text);
     }
     if (rc == 0) {
-        compare(apc_store_first(s->live), at + n, at + 2 * n, n, behind);
+        compare_newest(apc_store_first(s->live), at + n, at + 2 * n, n, behind);
     }
     free(at);
     free(vector);
     return rc;
 }
 
-static uint64_t number_of_claim(const struct apc_store *store)
+static uint64_t federated_number_of_claim(const struct apc_store *store)
 {
     return apc_store_claimed(((const struct apc_seam *)store)->live);
 }
 
 static int behind_of(struct apc_store *store, struct apc_behind *behind)
 {
-    struct apc_seam *s = of(store);
-    const int rc = apc_seam_has_history(s) ? measure(s, behind) : s->failed;
+    struct apc_seam *s = federated_of(store);
+    const int rc = apc_seam_has_history(s) ? measure_lag(s, behind) : s->failed;
     return rc < 0 ? rc : 1;
 }
 
@@ -418,64 +419,65 @@ static int behind_of(struct apc_store *store, struct apc_behind *behind)
 
 #define LIVE(store, call)                                                                                    \
     do {                                                                                                     \
-        struct apc_store *live = of(store)->live;                                                            \
+        struct apc_store *live = federated_of(store)->live;                                                  \
         const int live_rc = (call);                                                                          \
         (store)->why = live->why;                                                                            \
         return live_rc;                                                                                      \
     } while (0)
 
-static int connect_store(struct apc_store *store)
+static int federated_connect(struct apc_store *store)
 {
     LIVE(store, apc_store_connect(live));
 }
 
-static bool connected(const struct apc_store *store)
+static bool federated_connected(const struct apc_store *store)
 {
     return apc_store_connected(((const struct apc_seam *)store)->live);
 }
 
-static void stats(const struct apc_store *store, struct apc_store_stats *all)
+static void federated_stats(const struct apc_store *store, struct apc_store_stats *all)
 {
     all->size = sizeof *all;
     apc_store_stats(((const struct apc_seam *)store)->live, all);
 }
 
-static int version(const struct apc_store *store)
+static int federated_version(const struct apc_store *store)
 {
     return apc_store_tables_version(((const struct apc_seam *)store)->live);
 }
 
-static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int federated_read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     LIVE(store, apc_store_read(live, samples, n));
 }
 
-static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
+static int federated_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     LIVE(store, apc_store_append(live, samples, n));
 }
 
-static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int federated_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     LIVE(store, apc_store_put(live, samples, n));
 }
 
-static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int federated_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     LIVE(store, apc_store_swap(live, samples, n));
 }
 
-static int wait_change(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
+static int federated_wait_change(struct apc_store *store, const struct apc_sample *seen, size_t n,
+                                 apc_ns timeout)
 {
     LIVE(store, apc_store_wait(live, seen, n, timeout));
 }
 
-static int read_rows(struct apc_store *store, struct apc_rows *all)
+static int federated_read_rows(struct apc_store *store, struct apc_rows *all)
 {
     LIVE(store, apc_store_read_rows(live, all));
 }
 
-static int append_rows(struct apc_store *store, const struct apc_rows *all)
+static int federated_append_rows(struct apc_store *store, const struct apc_rows *all)
 {
     LIVE(store, apc_store_append_rows(live, all));
 }
@@ -485,19 +487,19 @@ static int claim_set(struct apc_store *store, struct apc_sample *claimed, size_t
     LIVE(store, apc_store_claim_set(live, claimed, n));
 }
 
-static int release(struct apc_store *store, const struct apc_sample *claimed, size_t n)
+static int federated_release(struct apc_store *store, const struct apc_sample *claimed, size_t n)
 {
     LIVE(store, apc_store_release(live, claimed, n));
 }
 
-static int author(struct apc_store *store, const char *name)
+static int federated_author(struct apc_store *store, const char *name)
 {
     LIVE(store, apc_store_author(live, name));
 }
 
-static int author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
+static int federated_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
 {
-    struct apc_seam *s = of(store);
+    struct apc_seam *s = federated_of(store);
     if (number & APC_SEAM_AUTHOR) {
         const int rc = apc_store_author_name(s->history, number & ~APC_SEAM_AUTHOR, name);
         store->why = s->history->why;
@@ -506,37 +508,37 @@ static int author_name(struct apc_store *store, uint32_t number, char name[APC_A
     LIVE(store, apc_store_author_name(live, number, name));
 }
 
-static int get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
+static int federated_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
 {
     LIVE(store, apc_store_get_tags(live, tags, capacity));
 }
 
-static int describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *text)
+static int federated_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *text)
 {
     LIVE(store, apc_store_describe(live, tags, n, text));
 }
 
-static int catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+static int federated_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
 {
     LIVE(store, apc_store_catalogue(live, text, size, revision));
 }
 
-static int append_events(struct apc_store *store, const struct apc_event *event, size_t n)
+static int federated_append_events(struct apc_store *store, const struct apc_event *event, size_t n)
 {
     LIVE(store, apc_store_append_events(live, event, n));
 }
 
-static int append_timing(struct apc_store *store, const struct apc_timing_row *row, size_t n)
+static int federated_append_timing(struct apc_store *store, const struct apc_timing_row *row, size_t n)
 {
     LIVE(store, apc_store_append_timing(live, row, n));
 }
 
-static int init(struct apc_store *store)
+static int federated_init(struct apc_store *store)
 {
     LIVE(store, apc_store_init(live));
 }
 
-static int maintain(struct apc_store *store, const struct apc_retention *keep)
+static int federated_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct apc_retention sized = *keep; /* 0, where nothing is to be dropped */
     sized.size = sizeof sized;
@@ -545,9 +547,9 @@ static int maintain(struct apc_store *store, const struct apc_retention *keep)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static void close_store(struct apc_store *store)
+static void federated_close(struct apc_store *store)
 {
-    struct apc_seam *s = of(store);
+    struct apc_seam *s = federated_of(store);
     apc_store_close(s->live);
     apc_store_close(s->history);
     free(s);
@@ -556,37 +558,37 @@ static void close_store(struct apc_store *store)
 static const struct apc_store_ops seam_store = {
     .scheme = "",
     .spreads = true,
-    .close = close_store,
-    .connected = connected,
-    .stats = stats,
-    .version = version,
-    .connect = connect_store,
-    .read = read_newest,
-    .append = append,
-    .put = put,
-    .swap = swap,
-    .wait = wait_change,
-    .variables = variables,
-    .history = history,
-    .history_bins = history_bins,
-    .get_tags = get_tags,
-    .append_events = append_events,
+    .close = federated_close,
+    .connected = federated_connected,
+    .stats = federated_stats,
+    .version = federated_version,
+    .connect = federated_connect,
+    .read = federated_read_newest,
+    .append = federated_append,
+    .put = federated_put,
+    .swap = federated_swap,
+    .wait = federated_wait_change,
+    .variables = federated_variables,
+    .history = federated_history,
+    .history_bins = federated_history_bins,
+    .get_tags = federated_get_tags,
+    .append_events = federated_append_events,
     .events = apc_seam_events,
-    .append_timing = append_timing,
+    .append_timing = federated_append_timing,
     .timing = apc_seam_timing,
-    .read_rows = read_rows,
-    .append_rows = append_rows,
-    .vectors = vectors,
+    .read_rows = federated_read_rows,
+    .append_rows = federated_append_rows,
+    .vectors = federated_vectors,
     .claim_set = claim_set,
-    .release = release,
-    .author = author,
-    .author_name = author_name,
-    .describe = describe,
-    .catalogue = catalogue,
-    .claimed = number_of_claim,
+    .release = federated_release,
+    .author = federated_author,
+    .author_name = federated_author_name,
+    .describe = federated_describe,
+    .catalogue = federated_catalogue,
+    .claimed = federated_number_of_claim,
     .behind = behind_of,
-    .init = init,
-    .maintain = maintain,
+    .init = federated_init,
+    .maintain = federated_maintain,
 };
 
 int apc_seam_wrap(struct apc_store **store, struct apc_store *live, struct apc_store *history_of_it,

@@ -40,7 +40,7 @@ static uint64_t add_text(uint64_t sum, const char *text)
     return add_number(sum, 0);
 }
 
-static void note(struct records *x, int64_t number, apc_ns time, uint64_t says)
+static void note_record(struct records *x, int64_t number, apc_ns time, uint64_t says)
 {
     if (x->n == x->capacity) {
         const size_t capacity = 2 * x->capacity + 256;
@@ -57,8 +57,8 @@ static void note(struct records *x, int64_t number, apc_ns time, uint64_t says)
 }
 
 /* They come in one order in both, so that it is mostly the next one. */
-static struct mark *next(struct records *x, bool (*is)(const struct mark *m, const struct mark *like),
-                         const struct mark *like)
+static struct mark *next_mark(struct records *x, bool (*is)(const struct mark *m, const struct mark *like),
+                              const struct mark *like)
 {
     for (size_t i = 0; i < x->n; i++) {
         const size_t at = (x->cursor + i) % x->n;
@@ -81,23 +81,23 @@ static bool is_number(const struct mark *m, const struct mark *like)
 }
 
 /* Is the caller to have it, in this turn? */
-static bool is_due(struct records *x, int64_t number, apc_ns time, uint64_t says)
+static bool is_record_due(struct records *x, int64_t number, apc_ns time, uint64_t says)
 {
     const struct mark like = {number, time, says, false};
     struct mark *m = NULL;
     switch (x->turn) {
     case NOTE:
-        note(x, number, time, says);
+        note_record(x, number, time, says);
         return false;
     case FIND:
     case GIVE_OLD:
-        m = time >= x->oldest ? next(x, is_alike, &like) : NULL;
+        m = time >= x->oldest ? next_mark(x, is_alike, &like) : NULL;
         if (m) {
             m->there = true;
         }
         return x->turn == GIVE_OLD;
     default: /* what has come since is not marked: it has its turn the next time */
-        m = next(x, is_number, &like);
+        m = next_mark(x, is_number, &like);
         if (!m || m->there) {
             return false;
         }
@@ -110,7 +110,7 @@ static int on_event(void *ctx, const struct apc_event *e)
 {
     struct records *x = (struct records *)ctx;
     const uint64_t says = add_text(add_text(add_text((uint64_t)e->severity, e->source), e->kind), e->text);
-    if (is_due(x, e->number, e->time, says)) {
+    if (is_record_due(x, e->number, e->time, says)) {
         x->count++;
         x->ended = x->event(x->ctx, e) != 0;
     }
@@ -122,7 +122,7 @@ static int on_timing(void *ctx, const struct apc_timing_row *r)
     struct records *x = (struct records *)ctx;
     uint64_t says = add_text(add_text(0, r->task), r->quantity);
     says = add_number(add_number(add_number(says, r->missed), r->count), (uint64_t)r->max);
-    if (is_due(x, r->number, r->time, says)) {
+    if (is_record_due(x, r->number, r->time, says)) {
         x->count++;
         x->ended = x->timing(x->ctx, r) != 0;
     }

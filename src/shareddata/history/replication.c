@@ -105,7 +105,7 @@ static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_t
 }
 
 /* When they have changed, or TO may not have them. */
-static int describe(struct apc_forward *f)
+static int copy_descriptions(struct apc_forward *f)
 {
     struct apc_tag *now = NULL, *to = NULL;
     size_t n = 0, n_to = 0;
@@ -147,7 +147,7 @@ static int describe(struct apc_forward *f)
 
 /* ---- Where it is --------------------------------------------------------------------------- */
 
-static int grow(struct apc_forward *f, size_t n)
+static int grow_replicated(struct apc_forward *f, size_t n)
 {
     struct apc_forward_variable *variable =
         (struct apc_forward_variable *)realloc(f->variable, n * sizeof *variable);
@@ -179,14 +179,14 @@ static int by_kind(const void *a, const void *b)
 }
 
 /* Variables that have come since the last time. Nothing reads table state, of version 1, any more. */
-static int list(struct apc_forward *f)
+static int list_new_variables(struct apc_forward *f)
 {
     const int room = apc_store_variables(f->from, NULL, 0);
     if (room < 0 || (size_t)room == f->n) {
         return room < 0 ? apc_forward_fail_from(f, room) : 0;
     }
     const size_t known = f->n;
-    const int rc = grow(f, known + (size_t)room);
+    const int rc = grow_replicated(f, known + (size_t)room);
     const int n = rc < 0 ? 0 : apc_store_variables(f->from, f->ask, (size_t)room);
     if (rc < 0 || n < 0) {
         return rc < 0 ? rc : apc_forward_fail_from(f, n);
@@ -206,7 +206,7 @@ static int list(struct apc_forward *f)
 }
 
 /* The newest of all, as of one moment, into ask_vector and ask. */
-static int read_newest(struct apc_forward *f, struct apc_store *store)
+static int read_newest_of_both(struct apc_forward *f, struct apc_store *store)
 {
     const size_t n_samples = f->n - f->n_vectors;
     for (size_t i = 0; i < f->n_vectors; i++) {
@@ -269,7 +269,7 @@ static void begin_anew(struct apc_forward *f)
 }
 
 /* How much TO has not got; or that it cannot have got what it has from here. */
-static int compare(struct apc_forward *f)
+static int compare_stores(struct apc_forward *f)
 {
     f->stats.behind = 0;
     for (size_t i = 0; i < f->n; i++) {
@@ -301,7 +301,7 @@ static int find_places(struct apc_forward *f)
     }
     int rc = apc_store_claim_set(f->to, f->ask, n);
     if (rc >= 0) {
-        rc = read_newest(f, f->to);
+        rc = read_newest_of_both(f, f->to);
     }
     if (rc < 0) {
         return apc_forward_fail_to(f, rc);
@@ -323,7 +323,7 @@ static int find_places(struct apc_forward *f)
     if (older) {
         begin_anew(f);
     }
-    rc = compare(f);
+    rc = compare_stores(f);
     rc = rc == 0 ? apc_forward_compare_places(f) : rc;
     if (rc < 0) {
         lose_places(f);
@@ -333,8 +333,8 @@ static int find_places(struct apc_forward *f)
 
 static int look_at_from(struct apc_forward *f)
 {
-    int rc = list(f);
-    if (rc == 0 && f->n > 0 && (rc = read_newest(f, f->from)) < 0) {
+    int rc = list_new_variables(f);
+    if (rc == 0 && f->n > 0 && (rc = read_newest_of_both(f, f->from)) < 0) {
         return apc_forward_fail_from(f, rc);
     }
     f->first = apc_store_first(f->from);
@@ -348,7 +348,7 @@ static int look_at_from(struct apc_forward *f)
 /* ---- Samples and vectors ------------------------------------------------------------------- */
 
 /* A number of an author is a name's in its own store only. 0: FROM does not know it. */
-static int find_author(struct apc_forward *f, uint32_t number)
+static int find_author_in_target(struct apc_forward *f, uint32_t number)
 {
     char name[APC_AUTHOR_LEN];
     for (size_t i = 0; i < f->n_authors; i++) {
@@ -389,7 +389,7 @@ static int tell_before(struct apc_forward *f)
     return any && rc == 0 ? apc_forward_events(f) : rc;
 }
 
-static int flush_rows(struct apc_forward *f)
+static int flush_row_batch(struct apc_forward *f)
 {
     int rc = tell_before(f);
     if (rc < 0) {
@@ -397,7 +397,7 @@ static int flush_rows(struct apc_forward *f)
     }
     const struct apc_rows rows = {.size = sizeof rows, .vector = f->vector, .n_vectors = f->vectors};
     for (size_t i = 0; i < f->samples; i++) {
-        const int author = f->sample[i].author > 0 ? find_author(f, f->sample[i].author) : 0;
+        const int author = f->sample[i].author > 0 ? find_author_in_target(f, f->sample[i].author) : 0;
         if (author < 0) {
             return author;
         }
@@ -476,7 +476,7 @@ static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
 enum taken { TAKEN, KNOWN, LATER };
 
 /* The row joins the batch, unless it is the one before, or came after the step began. */
-static enum taken take_row(struct apc_forward *f, int64_t seq, apc_ns time)
+static enum taken take_row_into_batch(struct apc_forward *f, int64_t seq, apc_ns time)
 {
     struct apc_forward_variable *v = f->reading;
     if (seq > v->newest) {
@@ -493,21 +493,21 @@ static enum taken take_row(struct apc_forward *f, int64_t seq, apc_ns time)
     return TAKEN;
 }
 
-static int take_sample(void *ctx, const struct apc_sample *s)
+static int replicate_sample(void *ctx, const struct apc_sample *s)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
-    const enum taken taken = f->samples == SAMPLES ? LATER : take_row(f, s->seq, s->time);
+    const enum taken taken = f->samples == SAMPLES ? LATER : take_row_into_batch(f, s->seq, s->time);
     if (taken == TAKEN) {
         f->sample[f->samples++] = *s;
     }
     return taken == LATER;
 }
 
-static int take_vector(void *ctx, const struct apc_vector *v)
+static int replicate_vector(void *ctx, const struct apc_vector *v)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
     const bool room = f->vectors < VECTORS && f->elements + v->n <= ELEMENTS;
-    const enum taken taken = room ? take_row(f, v->seq, v->time) : LATER;
+    const enum taken taken = room ? take_row_into_batch(f, v->seq, v->time) : LATER;
     if (taken != TAKEN) {
         return taken == LATER;
     }
@@ -534,16 +534,17 @@ static int move_variable(struct apc_forward *f, struct apc_forward_variable *v)
     while (rc == 0 && v->at.seq < v->newest && !late(f)) {
         const struct apc_range range = {.after = v->at.seq - (leaves_out(v) && v->at.seq > 0)};
         v->follows = false;
-        const int given = apc_table_vectors(v->at.table)
-                              ? apc_store_vectors(f->from, v->at.table, v->at.id, &range, take_vector, f)
-                              : apc_store_history(f->from, v->at.table, v->at.id, &range, take_sample, f);
+        const int given =
+            apc_table_vectors(v->at.table)
+                ? apc_store_vectors(f->from, v->at.table, v->at.id, &range, replicate_vector, f)
+                : apc_store_history(f->from, v->at.table, v->at.id, &range, replicate_sample, f);
         if (given < 0) {
             return apc_forward_fail_from(f, given);
         }
         if (!is_full(f)) {
             break;
         }
-        rc = flush_rows(f);
+        rc = flush_row_batch(f);
     }
     return rc;
 }
@@ -557,7 +558,7 @@ static int move_rows(struct apc_forward *f)
         f->turn += late(f) ? 0 : 1; /* where there is no time for all, all have their turn */
         f->turn = f->turn < f->n ? f->turn : 0;
     }
-    rc = rc == 0 ? flush_rows(f) : rc;
+    rc = rc == 0 ? flush_row_batch(f) : rc;
     if (rc < 0) {
         lose_places(f); /* what is in the batch was read, and is not stored */
     }
@@ -643,19 +644,19 @@ int apc_forward_step(struct apc_forward *f, apc_ns timeout)
     f->why.text[0] = '\0';
     int rc = look_at_from(f);
     if (rc == 0) {
-        rc = compare(f); /* while TO is away: how far behind it is by now */
+        rc = compare_stores(f); /* while TO is away: how far behind it is by now */
     }
     if (rc == 0) {
         rc = look_at_to(f);
     }
     if (rc == 0) {
-        rc = describe(f);
+        rc = copy_descriptions(f);
     }
     if (rc == 0) {
         rc = find_places(f);
     }
     if (rc == 0) {
-        rc = compare(f);
+        rc = compare_stores(f);
     }
     if (rc == 0) {
         rc = move_rows(f);
@@ -667,7 +668,7 @@ int apc_forward_step(struct apc_forward *f, apc_ns timeout)
         rc = apc_forward_tell_gap(f);
     }
     if (rc == 0) {
-        rc = compare(f);
+        rc = compare_stores(f);
     }
     return rc < 0 ? rc : f->moved;
 }
@@ -677,20 +678,20 @@ struct held {
     size_t n;
 };
 
-static void hold(struct held *h, int64_t seq)
+static void hold_seq(struct held *h, int64_t seq)
 {
     h->first = h->n++ == 0 ? seq : h->first;
 }
 
 static int hold_sample(void *ctx, const struct apc_sample *s)
 {
-    hold((struct held *)ctx, s->seq);
+    hold_seq((struct held *)ctx, s->seq);
     return 0;
 }
 
 static int hold_vector(void *ctx, const struct apc_vector *v)
 {
-    hold((struct held *)ctx, v->seq);
+    hold_seq((struct held *)ctx, v->seq);
     return 0;
 }
 

@@ -16,7 +16,7 @@ struct comparing {
     uint64_t others;
 };
 
-static void differs(struct comparing *c, enum apc_table table, int id, int64_t seq)
+static void row_differs(struct comparing *c, enum apc_table table, int id, int64_t seq)
 {
     if (c->others++ == 0) {
         c->other = (struct apc_sample){.table = table, .id = id, .seq = seq};
@@ -33,7 +33,7 @@ static int compare_sample(void *ctx, const struct apc_sample *there)
     if (c->sample < c->end && c->sample->seq == there->seq &&
         (apc_time_stored(c->sample->time) != apc_time_stored(there->time) ||
          c->sample->status != there->status || c->sample->value != there->value)) {
-        differs(c, there->table, there->id, there->seq);
+        row_differs(c, there->table, there->id, there->seq);
     }
     return c->sample >= c->end || there->seq >= c->end[-1].seq;
 }
@@ -47,12 +47,12 @@ static int compare_vector(void *ctx, const struct apc_vector *there)
     if (c->vector < c->vector_end && c->vector->seq == there->seq &&
         (apc_time_stored(c->vector->time) != apc_time_stored(there->time) ||
          c->vector->status != there->status || c->vector->n != there->n)) {
-        differs(c, there->table, there->id, there->seq);
+        row_differs(c, there->table, there->id, there->seq);
     }
     return c->vector >= c->vector_end || there->seq >= c->vector_end[-1].seq;
 }
 
-static void note(struct apc_forward *f, const struct comparing *c)
+static void note_difference(struct apc_forward *f, const struct comparing *c)
 {
     if (c->others > 0) {
         f->stats.other.rows += c->others;
@@ -73,7 +73,7 @@ int apc_forward_compare_batch(struct apc_forward *f, size_t samples, size_t vect
         struct comparing c = {.sample = s, .end = &f->sample[end]};
         const struct apc_range range = {.after = s->seq - 1};
         rc = apc_store_history(f->to, s->table, s->id, &range, compare_sample, &c);
-        note(f, &c);
+        note_difference(f, &c);
     }
     for (size_t i = 0, end; rc >= 0 && i < vectors; i = end) {
         const struct apc_vector *v = &f->vector[i];
@@ -83,7 +83,7 @@ int apc_forward_compare_batch(struct apc_forward *f, size_t samples, size_t vect
         struct comparing c = {.vector = v, .vector_end = &f->vector[end]};
         const struct apc_range range = {.after = v->seq - 1};
         rc = apc_store_vectors(f->to, v->table, v->id, &range, compare_vector, &c);
-        note(f, &c);
+        note_difference(f, &c);
     }
     return rc < 0 ? apc_forward_fail_to(f, rc) : 0;
 }
@@ -125,7 +125,7 @@ int apc_forward_compare_places(struct apc_forward *f)
                             "run, or somebody else wrote there",
                             apc_table_name(v->at.table), v->at.id, (long long)seq);
         }
-        note(f, &c);
+        note_difference(f, &c);
         v->compared = seq;
     }
     return 0;

@@ -9,35 +9,35 @@
 
 #include "shareddata/history/replication.h"
 
-static bool same_event(const struct apc_event *a, const struct apc_event *b)
+static bool are_same_events(const struct apc_event *a, const struct apc_event *b)
 {
     return a->time == b->time && a->severity == b->severity && strcmp(a->source, b->source) == 0 &&
            strcmp(a->kind, b->kind) == 0 && strcmp(a->text, b->text) == 0;
 }
 
-static bool same_timing(const struct apc_timing_row *a, const struct apc_timing_row *b)
+static bool are_same_timing(const struct apc_timing_row *a, const struct apc_timing_row *b)
 {
     return a->time == b->time && strcmp(a->task, b->task) == 0 && strcmp(a->quantity, b->quantity) == 0 &&
            a->period == b->period && a->missed == b->missed && a->count == b->count && a->p50 == b->p50 &&
            a->p99 == b->p99 && a->max == b->max && a->n_bins == b->n_bins;
 }
 
-static int mark_event(void *ctx, const struct apc_event *e)
+static int mark_known_event(void *ctx, const struct apc_event *e)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
     size_t i = 0;
-    while (i < f->records && (f->there[i] || !same_event(&f->event[i], e))) {
+    while (i < f->records && (f->there[i] || !are_same_events(&f->event[i], e))) {
         i++;
     }
     f->there[i] = true;
     return 0;
 }
 
-static int mark_timing(void *ctx, const struct apc_timing_row *row)
+static int mark_known_timing(void *ctx, const struct apc_timing_row *row)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
     size_t i = 0;
-    while (i < f->records && (f->there[i] || !same_timing(&f->timing_row[i], row))) {
+    while (i < f->records && (f->there[i] || !are_same_timing(&f->timing_row[i], row))) {
         i++;
     }
     f->there[i] = true;
@@ -45,7 +45,7 @@ static int mark_timing(void *ctx, const struct apc_timing_row *row)
 }
 
 /* Where TO can have what lies between two times. */
-static struct apc_range span(apc_ns first, apc_ns last)
+static struct apc_range target_range(apc_ns first, apc_ns last)
 {
     return (struct apc_range){.since = first, .until = last < INT64_MAX - 1000 ? last + 1000 : 0};
 }
@@ -75,7 +75,7 @@ static int end_batch(struct apc_forward *f, uint64_t *of, int stored)
 }
 
 /* Where TO refuses one for what it says, the others go without it. */
-static int append_events(struct apc_forward *f, size_t n)
+static int append_event_batch(struct apc_forward *f, size_t n)
 {
     int rc = apc_store_append_events(f->to, f->event, n), stored = 0;
     const bool singly = rc == APC_ERANGE;
@@ -90,7 +90,7 @@ static int append_events(struct apc_forward *f, size_t n)
     return singly ? stored : rc;
 }
 
-static int append_timing(struct apc_forward *f, const struct apc_timing_row *rows, size_t n)
+static int append_timing_batch(struct apc_forward *f, const struct apc_timing_row *rows, size_t n)
 {
     int rc = apc_store_append_timing(f->to, rows, n), stored = 0;
     const bool singly = rc == APC_ERANGE;
@@ -105,7 +105,7 @@ static int append_timing(struct apc_forward *f, const struct apc_timing_row *row
     return singly ? stored : rc;
 }
 
-static int flush_events(struct apc_forward *f)
+static int flush_event_batch(struct apc_forward *f)
 {
     apc_ns first = INT64_MAX, last = INT64_MIN;
     size_t new = 0;
@@ -116,8 +116,8 @@ static int flush_events(struct apc_forward *f)
         last = f->event[i].time > last ? f->event[i].time : last;
     }
     if (f->records > 0 && f->events.doubtful) {
-        const struct apc_range range = span(first, last);
-        rc = apc_store_events(f->to, &range, mark_event, f);
+        const struct apc_range range = target_range(first, last);
+        rc = apc_store_events(f->to, &range, mark_known_event, f);
     }
     for (size_t i = 0; i < f->records; i++) {
         if (f->there[i]) {
@@ -127,10 +127,10 @@ static int flush_events(struct apc_forward *f)
         }
     }
     f->events.sent = f->events.sent || new > 0;
-    return end_batch(f, &f->stats.events, rc < 0 ? rc : append_events(f, new));
+    return end_batch(f, &f->stats.events, rc < 0 ? rc : append_event_batch(f, new));
 }
 
-static int flush_timing(struct apc_forward *f)
+static int flush_timing_batch(struct apc_forward *f)
 {
     struct apc_timing_row rows[APC_FORWARD_TIMING];
     size_t new = 0;
@@ -138,8 +138,8 @@ static int flush_timing(struct apc_forward *f)
     memset(f->there, 0, sizeof f->there);
     if (f->records > 0 && f->timing.doubtful) {
         const struct apc_range range =
-            span(f->timing_row[0].time, f->timing_row[f->records - 1].time); /* they come by time */
-        rc = apc_store_timing(f->to, &range, mark_timing, f);
+            target_range(f->timing_row[0].time, f->timing_row[f->records - 1].time); /* they come by time */
+        rc = apc_store_timing(f->to, &range, mark_known_timing, f);
     }
     for (size_t i = 0; i < f->records; i++) {
         if (f->there[i]) {
@@ -149,16 +149,16 @@ static int flush_timing(struct apc_forward *f)
         }
     }
     f->timing.sent = f->timing.sent || new > 0;
-    return end_batch(f, &f->stats.timing, rc < 0 ? rc : append_timing(f, rows, new));
+    return end_batch(f, &f->stats.timing, rc < 0 ? rc : append_timing_batch(f, rows, new));
 }
 
 /* Two that are alike stay in one batch: else the second would find the first one's copy. */
-static int take_event(void *ctx, const struct apc_event *e)
+static int replicate_event(void *ctx, const struct apc_event *e)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
     if ((f->records == APC_FORWARD_EVENTS ||
          (f->records > APC_FORWARD_EVENTS / 2 && e->time != f->event[f->records - 1].time)) &&
-        flush_events(f) < 0) {
+        flush_event_batch(f) < 0) {
         return 1;
     }
     f->event[f->records++] = *e;
@@ -166,13 +166,13 @@ static int take_event(void *ctx, const struct apc_event *e)
     return 0;
 }
 
-static int take_timing(void *ctx, const struct apc_timing_row *row)
+static int replicate_timing(void *ctx, const struct apc_timing_row *row)
 {
     struct apc_forward *f = (struct apc_forward *)ctx;
     const size_t n = row->n_bins;
     if ((f->records == APC_FORWARD_TIMING ||
          (f->records > APC_FORWARD_TIMING / 2 && row->time != f->timing_row[f->records - 1].time)) &&
-        flush_timing(f) < 0) {
+        flush_timing_batch(f) < 0) {
         return 1;
     }
     int64_t *bins = (int64_t *)realloc(f->bins[f->records], (3 * n + 1) * sizeof *bins);
@@ -213,12 +213,12 @@ struct kind {
 
 static int give_events(struct apc_forward *f, const struct apc_range *range)
 {
-    return apc_store_events(f->from, range, take_event, f);
+    return apc_store_events(f->from, range, replicate_event, f);
 }
 
-static int give_timing(struct apc_forward *f, const struct apc_range *range)
+static int replicate_timing_range(struct apc_forward *f, const struct apc_range *range)
 {
-    return apc_store_timing(f->from, range, take_timing, f);
+    return apc_store_timing(f->from, range, replicate_timing, f);
 }
 
 static int count_event(void *ctx, const struct apc_event *e)
@@ -233,7 +233,7 @@ static int count_events(struct apc_store *store, const struct apc_range *range, 
     return apc_store_events(store, range, count_event, c);
 }
 
-static int count_row(void *ctx, const struct apc_timing_row *row)
+static int count_timing_row(void *ctx, const struct apc_timing_row *row)
 {
     struct count *c = (struct count *)ctx;
     c->n += row->number <= c->until;
@@ -242,11 +242,11 @@ static int count_row(void *ctx, const struct apc_timing_row *row)
 
 static int count_timing(struct apc_store *store, const struct apc_range *range, struct count *c)
 {
-    return apc_store_timing(store, range, count_row, c);
+    return apc_store_timing(store, range, count_timing_row, c);
 }
 
 /* So many were overwritten. */
-static int lose(struct apc_forward *f, const struct kind *k, uint64_t n)
+static int count_lost_records(struct apc_forward *f, const struct kind *k, uint64_t n)
 {
     *k->lost += n;
     *k->untold += n;
@@ -266,7 +266,7 @@ static int begin_to_count(struct apc_forward *f, const struct kind *k)
     }
     const uint64_t lost = k->cursor->had ? (uint64_t)(f->number - found - held.n) : 0;
     k->cursor->begun = true;
-    return lose(f, k, lost);
+    return count_lost_records(f, k, lost);
 }
 
 /* All that have come since the last time. */
@@ -291,7 +291,7 @@ static int move_records(struct apc_forward *f, const struct kind *k)
     }
     if (f->failed == 0 && numbers && c->begun) { /* before TO has what follows them */
         const uint64_t missed = (uint64_t)(f->number - c->number - given);
-        f->failed = lose(f, k, missed - c->missed);
+        f->failed = count_lost_records(f, k, missed - c->missed);
         c->missed = missed;
     }
     if (f->failed == 0) {
@@ -309,14 +309,15 @@ static int move_records(struct apc_forward *f, const struct kind *k)
 int apc_forward_events(struct apc_forward *f)
 {
     const struct kind events = {&f->events,  &f->stats.lost.events, &f->gap.events,
-                                give_events, flush_events,          count_events};
+                                give_events, flush_event_batch,     count_events};
     return move_records(f, &events);
 }
 
 int apc_forward_records(struct apc_forward *f)
 {
-    const struct kind timing = {&f->timing,  &f->stats.lost.timing, &f->gap.timing,
-                                give_timing, flush_timing,          count_timing};
+    const struct kind timing = {&f->timing,         &f->stats.lost.timing,
+                                &f->gap.timing,     replicate_timing_range,
+                                flush_timing_batch, count_timing};
     const int rc = apc_forward_events(f);
     return rc == 0 ? move_records(f, &timing) : rc;
 }

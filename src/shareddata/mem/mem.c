@@ -114,7 +114,7 @@ static void leave_memory(struct memory *m)
     }
 }
 
-static void close_store(struct apc_store *store)
+static void mem_close(struct apc_store *store)
 {
     struct memory *m = apc_mem_of(store)->memory;
     pthread_mutex_lock(&m->mutex);
@@ -128,8 +128,8 @@ static void close_store(struct apc_store *store)
     free(store);
 }
 
-static int open_store(struct apc_store **store, const char *uri, const struct apc_store_config *config,
-                      struct apc_error *why)
+static int mem_open(struct apc_store **store, const char *uri, const struct apc_store_config *config,
+                    struct apc_error *why)
 {
     const char *name = uri + strlen(apc_mem_store.scheme);
     if (strlen(name) >= sizeof((struct memory *)0)->name) {
@@ -149,7 +149,7 @@ static int open_store(struct apc_store **store, const char *uri, const struct ap
     return 0;
 }
 
-static bool connected(const struct apc_store *store)
+static bool mem_connected(const struct apc_store *store)
 {
     return ((const struct mem *)store)->connected;
 }
@@ -181,7 +181,7 @@ int apc_mem_begin(struct apc_store *store)
     return 0;
 }
 
-static int connect_store(struct apc_store *store)
+static int mem_connect(struct apc_store *store)
 {
     int err = apc_mem_begin(store);
     if (!err) {
@@ -190,7 +190,7 @@ static int connect_store(struct apc_store *store)
     return err;
 }
 
-static int init(struct apc_store *store)
+static int mem_init(struct apc_store *store)
 {
     struct memory *m = apc_mem_of(store)->memory;
     apc_mem_begin_bare(store);
@@ -209,7 +209,7 @@ static size_t hash(enum apc_table table, int id, size_t size)
 }
 
 /* Where it is in the index, or the empty place where it belongs. */
-static uint32_t *place(const struct memory *m, enum apc_table table, int id)
+static uint32_t *mem_index_place(const struct memory *m, enum apc_table table, int id)
 {
     for (size_t i = hash(table, id, 2 * m->capacity);; i = (i + 1) & (2 * m->capacity - 1)) {
         uint32_t number = m->index[i];
@@ -221,7 +221,7 @@ static uint32_t *place(const struct memory *m, enum apc_table table, int id)
 
 struct variable *apc_mem_find(const struct memory *m, enum apc_table table, int id)
 {
-    uint32_t number = m->n > 0 ? *place(m, table, id) : 0;
+    uint32_t number = m->n > 0 ? *mem_index_place(m, table, id) : 0;
     return number ? &m->variable[number - 1] : NULL;
 }
 
@@ -243,7 +243,7 @@ static int grow_variables(struct apc_store *store, struct memory *m)
     m->capacity = capacity;
     for (size_t i = 0; i < m->n; i++) {
         /* NOLINTNEXTLINE(clang-analyzer-core.CallAndMessage): the first n came along from before realloc() */
-        *place(m, variable[i].table, variable[i].id) = (uint32_t)(i + 1);
+        *mem_index_place(m, variable[i].table, variable[i].id) = (uint32_t)(i + 1);
     }
     return 0;
 }
@@ -264,7 +264,7 @@ int apc_mem_find_or_add(struct apc_store *store, enum apc_table table, int id, s
     /* NOLINTNEXTLINE(clang-analyzer-core.NullDereference): there are capacity of them, more than n */
     m->variable[m->n] = (struct variable){.table = table, .id = id};
     *found = &m->variable[m->n++];
-    *place(m, table, id) = (uint32_t)m->n;
+    *mem_index_place(m, table, id) = (uint32_t)m->n;
     return 0;
 }
 
@@ -300,7 +300,7 @@ int64_t apc_mem_newest_seq(const struct memory *m, enum apc_table table, int id)
 
 /* ---- Read and write -------------------------------------------------------------------------- */
 
-static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int mem_read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     int err = apc_mem_begin(store);
     if (err) {
@@ -343,7 +343,7 @@ static void set_row(struct apc_sample *row, const struct apc_sample *s)
 
 bool apc_mem_insert(struct memory *m, const struct apc_sample *s)
 {
-    struct variable *v = &m->variable[*place(m, s->table, s->id) - 1];
+    struct variable *v = &m->variable[*mem_index_place(m, s->table, s->id) - 1];
     size_t at = v->n == 0 || v->row[v->n - 1].seq < s->seq ? v->n : apc_mem_lower_bound(v, s->seq);
     if (at < v->n && v->row[at].seq == s->seq) {
         return false;
@@ -389,7 +389,7 @@ static int insert_all(struct memory *m, const struct apc_sample *samples, size_t
     return count;
 }
 
-static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
+static int mem_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     int err = apc_rows_check(store, samples, n);
     if (!err) {
@@ -405,7 +405,7 @@ static int append(struct apc_store *store, const struct apc_sample *samples, siz
 }
 
 /* Each becomes its variable's next. */
-static int write_next(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int mem_write_next(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct memory *m = apc_mem_of(store)->memory;
     int err = apc_mem_reserve(store, samples, n);
@@ -442,7 +442,7 @@ static int put_or_swap(struct apc_store *store, struct apc_sample *samples, size
         newest = newest && samples[i].seq == apc_mem_newest_seq(m, samples[i].table, samples[i].id);
     }
     if (newest) {
-        err = write_next(store, samples, n);
+        err = mem_write_next(store, samples, n);
     } else {
         for (size_t i = 0; i < n; i++) {
             apc_mem_newest(m, &samples[i]);
@@ -453,17 +453,17 @@ static int put_or_swap(struct apc_store *store, struct apc_sample *samples, size
     return err;
 }
 
-static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int mem_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     return put_or_swap(store, samples, n, false);
 }
 
-static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int mem_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     return put_or_swap(store, samples, n, true);
 }
 
-static int claim(struct apc_store *store, struct apc_sample *variables, size_t n)
+static int mem_claim(struct apc_store *store, struct apc_sample *variables, size_t n)
 {
     struct memory *m = apc_mem_of(store)->memory;
     struct variable *v = NULL;
@@ -479,7 +479,7 @@ static int claim(struct apc_store *store, struct apc_sample *variables, size_t n
         }
     }
     for (size_t i = 0; !err && i < n; i++) {
-        v = &m->variable[*place(m, variables[i].table, variables[i].id) - 1];
+        v = &m->variable[*mem_index_place(m, variables[i].table, variables[i].id) - 1];
         v->writer = store;
         variables[i].seq = apc_mem_newest_seq(m, variables[i].table, variables[i].id);
     }
@@ -487,7 +487,7 @@ static int claim(struct apc_store *store, struct apc_sample *variables, size_t n
     return err;
 }
 
-static int release(struct apc_store *store, const struct apc_sample *variables, size_t n)
+static int mem_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
 {
     const struct memory *m = apc_mem_of(store)->memory;
     int err = apc_mem_begin(store);
@@ -504,7 +504,7 @@ static int release(struct apc_store *store, const struct apc_sample *variables, 
     return 0;
 }
 
-static bool any_newer(const struct memory *m, const struct apc_sample *seen, size_t n)
+static bool mem_any_newer(const struct memory *m, const struct apc_sample *seen, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         if (apc_mem_newest_seq(m, seen[i].table, seen[i].id) > seen[i].seq) {
@@ -514,7 +514,7 @@ static bool any_newer(const struct memory *m, const struct apc_sample *seen, siz
     return false;
 }
 
-static int wait_newer(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
+static int mem_wait_newer(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
     struct memory *m = apc_mem_of(store)->memory;
     const apc_ns now = apc_clock_mono(NULL), until = timeout < INT64_MAX - now ? now + timeout : INT64_MAX;
@@ -525,8 +525,8 @@ static int wait_newer(struct apc_store *store, const struct apc_sample *seen, si
         return err;
     }
     m->waiters++;
-    bool newer = any_newer(m, seen, n);
-    for (int e = timeout > 0 ? 0 : 1; !newer && e == 0; newer = any_newer(m, seen, n)) {
+    bool newer = mem_any_newer(m, seen, n);
+    for (int e = timeout > 0 ? 0 : 1; !newer && e == 0; newer = mem_any_newer(m, seen, n)) {
         e = pthread_cond_timedwait(&m->changed, &m->mutex, &deadline);
     }
     m->waiters--;
@@ -550,8 +550,8 @@ int64_t apc_mem_first_seq(const struct variable *v, const struct apc_range *rang
 #define BATCH 128
 
 /* Copies of up to BATCH rows from *next on; *next is where to go on. */
-static size_t copy_rows(const struct variable *v, const struct apc_range *range, int64_t *next, int64_t last,
-                        struct apc_sample *out)
+static size_t mem_copy_rows(const struct variable *v, const struct apc_range *range, int64_t *next,
+                            int64_t last, struct apc_sample *out)
 {
     size_t n = 0;
     for (size_t i = apc_mem_lower_bound(v, *next); i < v->n && v->row[i].seq <= last && n < BATCH; i++) {
@@ -563,8 +563,8 @@ static size_t copy_rows(const struct variable *v, const struct apc_range *range,
     return n;
 }
 
-static int history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                   apc_sample_fn fn, void *ctx)
+static int mem_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                       apc_sample_fn fn, void *ctx)
 {
     struct memory *m = apc_mem_of(store)->memory;
     struct apc_sample row[BATCH];
@@ -581,7 +581,7 @@ static int history(struct apc_store *store, enum apc_table table, int id, const 
             next = apc_mem_first_seq(v, range);
             last = apc_mem_newest_seq(m, table, id);
         }
-        n = v ? copy_rows(v, range, &next, last, row) : 0;
+        n = v ? mem_copy_rows(v, range, &next, last, row) : 0;
         apc_mem_end(store);
         store->streaming = true;
         for (size_t i = 0; i < n; i++) {
@@ -595,7 +595,7 @@ static int history(struct apc_store *store, enum apc_table table, int id, const 
     return count;
 }
 
-static int variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
+static int mem_variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
 {
     struct memory *m = apc_mem_of(store)->memory;
     size_t n = 0;
@@ -616,7 +616,7 @@ static int variables(struct apc_store *store, struct apc_sample *out, size_t cap
 /* ---- Housekeeping ---------------------------------------------------------------------------- */
 
 /* The newest stays whatever its age. */
-static int drop_samples(struct variable *v, apc_ns before)
+static int mem_drop_samples(struct variable *v, apc_ns before)
 {
     size_t kept = 0;
     const size_t n = v->n;
@@ -629,7 +629,7 @@ static int drop_samples(struct variable *v, apc_ns before)
     return (int)(n - kept);
 }
 
-static int maintain(struct apc_store *store, const struct apc_retention *keep)
+static int mem_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct memory *m = apc_mem_of(store)->memory;
     const apc_ns now = apc_clock_utc(NULL);
@@ -641,7 +641,7 @@ static int maintain(struct apc_store *store, const struct apc_retention *keep)
         struct variable *v = &m->variable[i];
         const apc_ns kept = apc_table_kept(keep, v->table);
         if (kept > 0) {
-            dropped += v->vector ? apc_mem_drop_vectors(v, now - kept) : drop_samples(v, now - kept);
+            dropped += v->vector ? apc_mem_drop_vectors(v, now - kept) : mem_drop_samples(v, now - kept);
         }
     }
     if (keep->events > 0 && m->n_events > 0) {
@@ -656,22 +656,22 @@ static int maintain(struct apc_store *store, const struct apc_retention *keep)
 
 const struct apc_store_ops apc_mem_store = {
     .scheme = "mem:",
-    .open = open_store,
-    .close = close_store,
-    .connected = connected,
-    .connect = connect_store,
-    .read = read_newest,
-    .append = append,
-    .claim_set = claim,
-    .release = release,
-    .put = put,
-    .swap = swap,
+    .open = mem_open,
+    .close = mem_close,
+    .connected = mem_connected,
+    .connect = mem_connect,
+    .read = mem_read_newest,
+    .append = mem_append,
+    .claim_set = mem_claim,
+    .release = mem_release,
+    .put = mem_put,
+    .swap = mem_swap,
     .read_rows = apc_mem_read_rows,
     .append_rows = apc_mem_append_rows,
     .vectors = apc_mem_vectors,
-    .wait = wait_newer,
-    .variables = variables,
-    .history = history,
+    .wait = mem_wait_newer,
+    .variables = mem_variables,
+    .history = mem_history,
     .history_bins = apc_bins_by_history,
     .author = apc_mem_author,
     .author_name = apc_mem_author_name,
@@ -682,6 +682,6 @@ const struct apc_store_ops apc_mem_store = {
     .events = apc_mem_events,
     .append_timing = apc_mem_append_timing,
     .timing = apc_mem_timing,
-    .init = init,
-    .maintain = maintain,
+    .init = mem_init,
+    .maintain = mem_maintain,
 };

@@ -11,7 +11,7 @@
 
 /* ---- Read ---------------------------------------------------------------------------------- */
 
-static void give(const struct variable *v, const struct mem_vector *row, struct apc_vector *out)
+static void give_mem_vector(const struct variable *v, const struct mem_vector *row, struct apc_vector *out)
 {
     out->seq = row->seq;
     out->time = row->time;
@@ -37,7 +37,7 @@ int apc_mem_read_rows(struct apc_store *store, struct apc_rows *rows)
         struct apc_vector *out = &rows->vector[i];
         const struct variable *v = apc_mem_find(m, out->table, out->id);
         if (v && v->n > 0) {
-            give(v, &v->vector[v->n - 1], out);
+            give_mem_vector(v, &v->vector[v->n - 1], out);
         } else {
             out->seq = out->time = 0;
             out->n = 0;
@@ -50,7 +50,7 @@ int apc_mem_read_rows(struct apc_store *store, struct apc_rows *rows)
 
 /* ---- Write --------------------------------------------------------------------------------- */
 
-static int reserve(struct apc_store *store, const struct apc_vector *vectors, size_t n)
+static int reserve_vectors(struct apc_store *store, const struct apc_vector *vectors, size_t n)
 {
     const uint64_t reservation = ++apc_mem_of(store)->memory->reservations;
     struct variable *v = NULL;
@@ -70,7 +70,7 @@ static int reserve(struct apc_store *store, const struct apc_vector *vectors, si
 }
 
 /* There is room. Returns whether the seq was free. */
-static bool insert(struct memory *m, const struct apc_vector *in)
+static bool insert_vector(struct memory *m, const struct apc_vector *in)
 {
     struct variable *v = apc_mem_find(m, in->table, in->id);
     const size_t at = apc_mem_lower_bound(v, in->seq);
@@ -109,7 +109,7 @@ int apc_mem_append_rows(struct apc_store *store, const struct apc_rows *rows)
         err = apc_mem_reserve_loops(store);
     }
     if (!err) {
-        err = reserve(store, rows->vector, rows->n_vectors);
+        err = reserve_vectors(store, rows->vector, rows->n_vectors);
     }
     for (size_t i = 0; !err && i < rows->n_samples; i++) {
         struct apc_sample *s = &rows->sample[i];
@@ -119,7 +119,7 @@ int apc_mem_append_rows(struct apc_store *store, const struct apc_rows *rows)
         }
     }
     for (size_t i = 0; !err && i < rows->n_vectors; i++) {
-        count += insert(m, &rows->vector[i]);
+        count += insert_vector(m, &rows->vector[i]);
     }
     apc_mem_wake(m);
     apc_mem_end(store);
@@ -145,7 +145,7 @@ static int copy_next(struct apc_store *store, const struct variable *v, const st
         return err;
     }
     out->room = row->n;
-    give(v, row, out);
+    give_mem_vector(v, row, out);
     *next = row->seq + 1;
     return 1;
 }
@@ -184,7 +184,7 @@ int apc_mem_vectors(struct apc_store *store, enum apc_table table, int id, const
 /* ---- Housekeeping ---------------------------------------------------------------------------- */
 
 /* Give back the elements of rows that have gone; without memory for it they stay for now. */
-static void pack(struct variable *v)
+static void compact_elements(struct variable *v)
 {
     size_t n = 0;
     for (size_t i = 0; i < v->n; i++) {
@@ -219,7 +219,7 @@ int apc_mem_drop_vectors(struct variable *v, apc_ns before)
     }
     v->n = kept;
     if (kept < n) {
-        pack(v);
+        compact_elements(v);
     }
     return (int)(n - kept);
 }

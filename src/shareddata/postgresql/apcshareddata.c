@@ -38,7 +38,7 @@ static PGresult *execute(PGconn *conn, const char *sql, const struct apc_pg_para
     }
 }
 
-static int refused(PGconn *conn)
+static int refused_by_server(PGconn *conn)
 {
     return PQstatus(conn) == CONNECTION_OK ? APC_ESTORE : APC_ECONN;
 }
@@ -96,7 +96,7 @@ int insertIntoTableFloat(PGconn *conn, const char *table, int id, const char *ts
         bool taken = sqlstate && strcmp(sqlstate, "23505") == 0;
         PQclear(result);
         if (!done && !taken) {
-            return refused(conn);
+            return refused_by_server(conn);
         }
         if (inserted) {
             return 0;
@@ -138,7 +138,7 @@ static bool well_formed(const PGresult *result, int n)
 }
 
 /* The newest samples of ids first .. first + n - 1, or what kept from it; PQclear() the result either way. */
-static int read_rows(PGconn *conn, const char *table, int first, int n, PGresult **result)
+static int read_newest_rows(PGconn *conn, const char *table, int first, int n, PGresult **result)
 {
     enum apc_table number = table ? apc_table_parse(table) : (enum apc_table)0;
     *result = NULL;
@@ -158,7 +158,7 @@ static int read_rows(PGconn *conn, const char *table, int first, int n, PGresult
     *result = execute(conn, apc_pg_texts[number].paper_read, &p);
     free(ids.data);
     if (PQresultStatus(*result) != PGRES_TUPLES_OK) {
-        return refused(conn);
+        return refused_by_server(conn);
     }
     if (!well_formed(*result, n)) {
         return APC_ESTORE;
@@ -166,7 +166,7 @@ static int read_rows(PGconn *conn, const char *table, int first, int n, PGresult
     return PQntuples(*result) == n ? 0 : APC_ENOTFOUND;
 }
 
-static double value_of(const PGresult *result, int row)
+static double value_of_result(const PGresult *result, int row)
 {
     return apc_pg_get_float8(PQgetvalue(result, row, 4));
 }
@@ -189,7 +189,7 @@ static void write_texts(const PGresult *result, int row, char *ts, char *status)
 static int check_ints(const PGresult *result)
 {
     for (int row = 0; row < PQntuples(result); row++) {
-        double value = value_of(result, row);
+        double value = value_of_result(result, row);
         if (!(value >= INT_MIN && value <= INT_MAX) || value != trunc(value)) {
             return APC_ERANGE;
         }
@@ -203,9 +203,9 @@ int readRecentValFloat(PGconn *conn, const char *table, int id, char *ts, char *
         return APC_EINVAL;
     }
     PGresult *result;
-    int err = read_rows(conn, table, id, 1, &result);
+    int err = read_newest_rows(conn, table, id, 1, &result);
     if (!err) {
-        *value = value_of(result, 0);
+        *value = value_of_result(result, 0);
         write_texts(result, 0, ts, status);
     }
     PQclear(result);
@@ -218,12 +218,12 @@ int readRecentValInt(PGconn *conn, const char *table, int id, char *ts, char *st
         return APC_EINVAL;
     }
     PGresult *result;
-    int err = read_rows(conn, table, id, 1, &result);
+    int err = read_newest_rows(conn, table, id, 1, &result);
     if (!err) {
         err = check_ints(result);
     }
     if (!err) {
-        *value = (int)value_of(result, 0);
+        *value = (int)value_of_result(result, 0);
         write_texts(result, 0, ts, status);
     }
     PQclear(result);
@@ -245,10 +245,10 @@ int readMultiRecentValsFloat(PGconn *conn, const char *table, int n, char (*ts)[
         return APC_EINVAL;
     }
     PGresult *result;
-    int err = read_rows(conn, table, 1, n, &result);
+    int err = read_newest_rows(conn, table, 1, n, &result);
     if (!err) {
         for (int row = 0; row < n; row++) {
-            values[position(result, row)] = value_of(result, row);
+            values[position(result, row)] = value_of_result(result, row);
         }
         write_all_texts(result, ts, status);
     }
@@ -263,13 +263,13 @@ int readMultiRecentValsInt(PGconn *conn, const char *table, int n, char (*ts)[10
         return APC_EINVAL;
     }
     PGresult *result;
-    int err = read_rows(conn, table, 1, n, &result);
+    int err = read_newest_rows(conn, table, 1, n, &result);
     if (!err) {
         err = check_ints(result);
     }
     if (!err) {
         for (int row = 0; row < n; row++) {
-            values[position(result, row)] = (int)value_of(result, row);
+            values[position(result, row)] = (int)value_of_result(result, row);
         }
         write_all_texts(result, ts, status);
     }

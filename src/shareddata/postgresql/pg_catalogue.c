@@ -4,7 +4,7 @@
 
 #include "shareddata/postgresql/postgresql.h"
 
-static int unexpected(struct apc_pg *pg)
+static int pg_catalogue_unexpected(struct apc_pg *pg)
 {
     return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
 }
@@ -25,7 +25,7 @@ static int take_answer(void *ctx, int statement, PGresult *result)
     struct answer *a = (struct answer *)ctx;
     (void)statement;
     if (PQnfields(result) != (a->text ? 2 : 1)) {
-        return unexpected(a->pg);
+        return pg_catalogue_unexpected(a->pg);
     }
     a->found = PQntuples(result) > 0;
     if (!a->found) {
@@ -43,7 +43,7 @@ static int take_answer(void *ctx, int statement, PGresult *result)
     return 0;
 }
 
-static int ask(struct answer *a, const char *sql, const struct apc_pg_params *p)
+static int ask_catalogue(struct answer *a, const char *sql, const struct apc_pg_params *p)
 {
     int err = apc_pg_begin(a->pg);
     if (!err) {
@@ -57,8 +57,10 @@ int apc_pg_author(struct apc_store *store, const char *name)
     struct answer a = {.pg = apc_pg_of(store)};
     struct apc_pg_params p = {0};
     apc_pg_param_text(&p, name);
-    int err = ask(&a, "SELECT author_number($1)", &p);
-    return err ? err : a.found && a.number > 0 && a.number <= INT32_MAX ? (int)a.number : unexpected(a.pg);
+    int err = ask_catalogue(&a, "SELECT author_number($1)", &p);
+    return err                                                ? err
+           : a.found && a.number > 0 && a.number <= INT32_MAX ? (int)a.number
+                                                              : pg_catalogue_unexpected(a.pg);
 }
 
 int apc_pg_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
@@ -68,7 +70,7 @@ int apc_pg_author_name(struct apc_store *store, uint32_t number, char name[APC_A
     char bytes[8];
     apc_pg_put_int8(bytes, number);
     apc_pg_param(&p, bytes, sizeof bytes);
-    int err = ask(&a, "SELECT number, name FROM author WHERE number = $1::int8", &p);
+    int err = ask_catalogue(&a, "SELECT number, name FROM author WHERE number = $1::int8", &p);
     return err || a.found ? err : APC_ENOTFOUND;
 }
 
@@ -102,13 +104,13 @@ int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *
 {
     char none[1];
     struct answer a = {.pg = apc_pg_of(store), .text = text ? text : none, .size = text ? size : 0};
-    int err = ask(&a, "SELECT revision, text FROM catalogue ORDER BY revision DESC LIMIT 1",
-                  &(struct apc_pg_params){0});
+    int err = ask_catalogue(&a, "SELECT revision, text FROM catalogue ORDER BY revision DESC LIMIT 1",
+                            &(struct apc_pg_params){0});
     if (err) {
         return err;
     }
     *revision = a.found ? a.number : 0;
-    return a.length <= INT32_MAX ? (int)a.length : unexpected(a.pg);
+    return a.length <= INT32_MAX ? (int)a.length : pg_catalogue_unexpected(a.pg);
 }
 
 /* ---- A history, and what is asked of it ----------------------------------------------------- */
@@ -117,20 +119,20 @@ int apc_pg_is_history(struct apc_store *store)
 {
     char kind[16] = "";
     struct answer a = {.pg = apc_pg_of(store), .text = kind, .size = sizeof kind};
-    const int err = ask(&a, "SELECT revision, kind FROM catalogue ORDER BY revision DESC LIMIT 1",
-                        &(struct apc_pg_params){0});
+    const int err = ask_catalogue(&a, "SELECT revision, kind FROM catalogue ORDER BY revision DESC LIMIT 1",
+                                  &(struct apc_pg_params){0});
     return err ? err : strcmp(kind, "history") == 0;
 }
 
 int apc_pg_keep_history(struct apc_store *store)
 {
     struct answer a = {.pg = apc_pg_of(store)};
-    const int err =
-        ask(&a,
-            "INSERT INTO catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM "
-            "(SELECT revision, kind, text FROM catalogue ORDER BY revision DESC LIMIT 1) newest "
-            "WHERE kind <> 'history' RETURNING revision",
-            &(struct apc_pg_params){0});
+    const int err = ask_catalogue(
+        &a,
+        "INSERT INTO catalogue (revision, kind, text) SELECT revision + 1, 'history', text FROM "
+        "(SELECT revision, kind, text FROM catalogue ORDER BY revision DESC LIMIT 1) newest "
+        "WHERE kind <> 'history' RETURNING revision",
+        &(struct apc_pg_params){0});
     return err ? err : a.found;
 }
 
@@ -146,12 +148,12 @@ int apc_pg_ask(struct apc_store *store, struct apc_request *request)
     apc_pg_param_text(&p, apc_table_name(request->table));
     apc_pg_param_text(&p, request->author);
     apc_pg_param_text(&p, request->reason);
-    const int err = ask(&a,
-                        "INSERT INTO request (table_name, variable, value, author, reason) VALUES "
-                        "($3, ($1::int8)::int4, $2::float8, $4, $5) RETURNING id",
-                        &p);
+    const int err = ask_catalogue(&a,
+                                  "INSERT INTO request (table_name, variable, value, author, reason) VALUES "
+                                  "($3, ($1::int8)::int4, $2::float8, $4, $5) RETURNING id",
+                                  &p);
     request->id = err ? 0 : a.number;
-    return err || a.found ? err : unexpected(a.pg);
+    return err || a.found ? err : pg_catalogue_unexpected(a.pg);
 }
 
 int apc_pg_asked(struct apc_store *store, int64_t id, char *outcome, size_t size)
@@ -162,6 +164,6 @@ int apc_pg_asked(struct apc_store *store, int64_t id, char *outcome, size_t size
     apc_pg_put_int8(bytes, id);
     apc_pg_param(&p, bytes, sizeof bytes);
     const int err =
-        ask(&a, "SELECT id, outcome FROM request WHERE id = $1::int8 AND outcome IS NOT NULL", &p);
+        ask_catalogue(&a, "SELECT id, outcome FROM request WHERE id = $1::int8 AND outcome IS NOT NULL", &p);
     return err ? err : a.found;
 }

@@ -49,7 +49,7 @@ void apc_pg_free_chunks(struct apc_pg_chunks *c)
     free(c);
 }
 
-static int begin(struct apc_pg *pg, size_t chunks)
+static int begin_chunks(struct apc_pg *pg, size_t chunks)
 {
     static const uint32_t oid[COLUMNS] = {
         [ID] = APC_PG_INT4,       [SINCE] = APC_PG_TIMESTAMPTZ, [UNTIL] = APC_PG_TIMESTAMPTZ,
@@ -176,7 +176,7 @@ int apc_pg_send_chunks(struct apc_pg *pg, enum apc_table table, const struct apc
     for (size_t i = 0; i < n; i += of_one(sample, place + i, n - i)) {
         chunks++;
     }
-    int err = begin(pg, chunks);
+    int err = begin_chunks(pg, chunks);
     for (size_t i = 0; i < n && !err; i += length) {
         length = of_one(sample, place + i, n - i);
         err = add_chunk(pg, sample, place + i, length);

@@ -8,7 +8,7 @@
 
 #include "shareddata/postgresql/postgresql.h"
 
-static int unexpected(struct apc_pg *pg)
+static int pg_claim_unexpected(struct apc_pg *pg)
 {
     return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
 }
@@ -69,12 +69,12 @@ static int take_set(struct apc_pg *pg, const PGresult *result, const struct apc_
                     int64_t *last)
 {
     if (PQntuples(result) != 1 || PQnfields(result) != 4) {
-        return unexpected(pg);
+        return pg_claim_unexpected(pg);
     }
     const int64_t at = apc_pg_cell(result, 0, 0);
     if (!PQgetisnull(result, 0, 0)) {
         return at < 1 || (size_t)at > n
-                   ? unexpected(pg)
+                   ? pg_claim_unexpected(pg)
                    : apc_fail(&pg->base.why, APC_EBUSY,
                               "%s %d of schema %s is already written by %s: stop it first",
                               apc_table_name(variables[at - 1].table), variables[at - 1].id, pg->schema,
@@ -85,7 +85,7 @@ static int take_set(struct apc_pg *pg, const PGresult *result, const struct apc_
         return 0;
     }
     int got = apc_pg_get_int8_array(PQgetvalue(result, 0, 2), (size_t)PQgetlength(result, 0, 2), last, n);
-    return got >= 0 && (size_t)got == n ? 0 : unexpected(pg);
+    return got >= 0 && (size_t)got == n ? 0 : pg_claim_unexpected(pg);
 }
 
 int apc_pg_take_claims(struct apc_pg *pg, const PGresult *result)

@@ -107,7 +107,7 @@ struct connect_params {
     int n;
 };
 
-static void add(struct connect_params *c, const char *keyword, const char *value)
+static void add_connect_param(struct connect_params *c, const char *keyword, const char *value)
 {
     if (value && c->n < OPTIONS_MAX - 1) {
         c->keywords[c->n] = keyword;
@@ -123,21 +123,21 @@ static void add(struct connect_params *c, const char *keyword, const char *value
 static void make_params(struct apc_pg *pg, struct connect_params *c)
 {
     c->n = 0;
-    add(c, "application_name", pg->base.config.name);
-    add(c, "keepalives_idle", "5");
-    add(c, "keepalives_interval", "1");
-    add(c, "keepalives_count", "3");
-    add(c, "tcp_user_timeout", "8000");
+    add_connect_param(c, "application_name", pg->base.config.name);
+    add_connect_param(c, "keepalives_idle", "5");
+    add_connect_param(c, "keepalives_interval", "1");
+    add_connect_param(c, "keepalives_count", "3");
+    add_connect_param(c, "tcp_user_timeout", "8000");
     if (!getenv("PGTARGETSESSIONATTRS")) {
-        add(c, "target_session_attrs", "read-write");
+        add_connect_param(c, "target_session_attrs", "read-write");
     }
     for (const PQconninfoOption *o = pg->uri; o->keyword; o++) {
-        add(c, o->keyword, o->val);
+        add_connect_param(c, o->keyword, o->val);
     }
     for (size_t i = 0; i < 3; i++) {
-        add(c, host_keywords[i], pg->hosts[i][0] ? pg->hosts[i] : NULL);
+        add_connect_param(c, host_keywords[i], pg->hosts[i][0] ? pg->hosts[i] : NULL);
     }
-    add(c, "client_encoding", "UTF8");
+    add_connect_param(c, "client_encoding", "UTF8");
     c->keywords[c->n] = c->values[c->n] = NULL;
 }
 
@@ -358,7 +358,7 @@ static int begin_session(struct apc_pg *pg)
     return err ? err : apc_pg_finish(pg, take_session, pg);
 }
 
-static int set_up(struct apc_pg *pg)
+static int set_up_session(struct apc_pg *pg)
 {
     int err = apc_pg_send(pg, version_sql, &(struct apc_pg_params){0});
     for (enum apc_table table = APC_SENSOR; !err && table < APC_TABLE_END; table++) {
@@ -435,7 +435,7 @@ int apc_pg_begin(struct apc_pg *pg)
         err = apc_pg_end_former(pg);
     }
     if (!err) {
-        err = set_up(pg);
+        err = set_up_session(pg);
     }
     if (err) {
         return connect_failed(pg, err);

@@ -60,7 +60,7 @@ int apc_pg_timed_out(struct apc_pg *pg)
 }
 
 /* By SQLSTATE: PostgreSQL's manual, appendix A. */
-static int error_of(const char *sqlstate)
+static int error_of_sqlstate(const char *sqlstate)
 {
     static const struct {
         const char *prefix;
@@ -98,7 +98,7 @@ int apc_pg_refused(struct apc_pg *pg, const PGresult *result)
     char text[sizeof pg->base.why.text];
     snprintf(text, sizeof text, "%s%s%s", primary, detail ? ": " : "", detail ? detail : "");
     pg->violated = strcmp(sqlstate, "23514") == 0;
-    int err = error_of(sqlstate);
+    int err = error_of_sqlstate(sqlstate);
     switch (err) {
     case APC_EPERM:
         return apc_pg_fail(pg, err, "the database does not permit it", text);

@@ -47,7 +47,8 @@ int apc_pg_has_chunks(struct apc_pg *pg)
     return err ? err : pg->packed;
 }
 
-static int take_chunk(struct apc_pg *pg, const PGresult *result, int row, int column, struct apc_pack *chunk)
+static int pg_take_chunk(struct apc_pg *pg, const PGresult *result, int row, int column,
+                         struct apc_pack *chunk)
 {
     const size_t length = (size_t)PQgetlength(result, row, column);
     if (apc_unpack((const uint8_t *)PQgetvalue(result, row, column), length, chunk) != 0) {
@@ -97,13 +98,13 @@ static struct apc_sample row_sample(const struct apc_pg_stream *s, const PGresul
     };
 }
 
-static int give_sample(struct apc_pg_stream *s, const PGresult *result, int row)
+static int pg_give_sample(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     const struct apc_sample sample = row_sample(s, result, row);
     return s->fn.sample(s->ctx, &sample) != 0;
 }
 
-static int hold(struct seam *m, const struct apc_sample *sample)
+static int hold_chunk_sample(struct seam *m, const struct apc_sample *sample)
 {
     if (m->n == m->room) {
         const size_t room = m->room ? 2 * m->room : 256;
@@ -118,17 +119,17 @@ static int hold(struct seam *m, const struct apc_sample *sample)
     return m->n == m->range->last;
 }
 
-static int turn(struct seam *m, const struct apc_sample *sample)
+static int merge_chunk_sample(struct seam *m, const struct apc_sample *sample)
 {
     if (m->range->last > 0) {
-        return hold(m, sample);
+        return hold_chunk_sample(m, sample);
     }
     m->count += m->count < INT_MAX;
     m->ended = m->s.fn.sample(m->s.ctx, sample) != 0;
     return m->ended;
 }
 
-static bool within(const struct apc_range *range, const struct apc_sample *s)
+static bool is_in_history_range(const struct apc_range *range, const struct apc_sample *s)
 {
     return s->seq > range->after && (range->since == 0 || s->time >= range->since) &&
            (range->until == 0 || s->time < range->until);
@@ -146,7 +147,7 @@ static int turn_chunk(struct seam *m, int64_t seq)
             break;
         }
         m->left--;
-        err = within(m->range, &sample) ? turn(m, &sample) : 0;
+        err = is_in_history_range(m->range, &sample) ? merge_chunk_sample(m, &sample) : 0;
     }
     return err;
 }
@@ -163,11 +164,11 @@ static int seam_row(struct apc_pg_stream *s, const PGresult *result, int row)
     if (PQgetisnull(result, row, 6)) {
         const struct apc_sample sample = row_sample(s, result, row);
         const int err = turn_chunk(m, seq);
-        return err ? err : turn(m, &sample);
+        return err ? err : merge_chunk_sample(m, &sample);
     }
     int err = turn_all(m);
     if (!err) {
-        err = take_chunk(s->pg, result, row, 6, &m->chunk);
+        err = pg_take_chunk(s->pg, result, row, 6, &m->chunk);
     }
     if (!err) {
         m->left = m->chunk.n;
@@ -216,7 +217,7 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
                    apc_sample_fn fn, void *ctx)
 {
     struct apc_pg_stream s = {.pg = apc_pg_of(store),
-                              .row = give_sample,
+                              .row = pg_give_sample,
                               .columns = 6,
                               .fn.sample = fn,
                               .ctx = ctx,
@@ -243,7 +244,7 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
 
 /* ---- Vectors ------------------------------------------------------------------------------- */
 
-static int give_vector(struct apc_pg_stream *s, const PGresult *result, int row)
+static int pg_give_vector(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     const char *bytes = PQgetvalue(result, row, 3);
     const size_t length = (size_t)PQgetlength(result, row, 3);
@@ -277,7 +278,7 @@ int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const 
                    apc_vector_fn fn, void *ctx)
 {
     struct apc_pg_stream s = {.pg = apc_pg_of(store),
-                              .row = give_vector,
+                              .row = pg_give_vector,
                               .columns = 4,
                               .fn.vector = fn,
                               .ctx = ctx,
@@ -311,7 +312,7 @@ struct binned {
 /* A chunk that lies in several bins, or partly outside of all. */
 static int bin_chunk(struct binned *b, const PGresult *result, int row)
 {
-    int err = take_chunk(b->s.pg, result, row, 10, b->chunk);
+    int err = pg_take_chunk(b->s.pg, result, row, 10, b->chunk);
     b->chunk->first = apc_pg_cell(result, row, 8);
     for (size_t i = 0; !err && i < b->chunk->n; i++) {
         const struct apc_sample sample = chunk_sample(b->chunk, i, b->s.table, b->s.id);
@@ -320,7 +321,7 @@ static int bin_chunk(struct binned *b, const PGresult *result, int row)
     return err;
 }
 
-static int bin_row(struct apc_pg_stream *s, const PGresult *result, int row)
+static int pg_bin_row(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     struct binned *b = (struct binned *)s;
     if (!PQgetisnull(result, row, 10)) {
@@ -344,7 +345,7 @@ static int bin_row(struct apc_pg_stream *s, const PGresult *result, int row)
     return 0;
 }
 
-static int fill_bins(struct binned *b, const struct apc_pg_text *text, int chunks)
+static int pg_fill_bins(struct binned *b, const struct apc_pg_text *text, int chunks)
 {
     struct apc_pg *pg = b->s.pg;
     struct apc_pg_array *edges = &pg->columns[0];
@@ -371,7 +372,7 @@ int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, a
 {
     struct apc_pg *pg = apc_pg_of(store);
     struct binned b = {
-        .s = {.pg = pg, .row = bin_row, .columns = 11, .large = true, .table = table, .id = id}};
+        .s = {.pg = pg, .row = pg_bin_row, .columns = 11, .large = true, .table = table, .id = id}};
     const struct apc_pg_text *text = apc_pg_text_of(pg, table);
     int chunks = text ? apc_pg_begin(pg) : APC_ESCHEMA;
     chunks = chunks == 0 && text->seam ? apc_pg_has_chunks(pg) : chunks;
@@ -381,7 +382,7 @@ int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, a
         err = b.chunk ? 0 : apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for a chunk of samples");
     }
     if (!err) {
-        err = fill_bins(&b, text, chunks);
+        err = pg_fill_bins(&b, text, chunks);
     }
     int count = err < 0 ? err : apc_bins_give(store, &b.bins, fn, ctx);
     free(b.chunk);

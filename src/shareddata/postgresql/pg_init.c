@@ -16,17 +16,17 @@
 /* Waiting for another init, or rewriting a large table, may take longer than a tick's operation. */
 #define PATIENCE 30
 
-static int command(struct apc_pg *pg, const char *sql, PGresult **result)
+static int run_schema_command(struct apc_pg *pg, const char *sql, PGresult **result)
 {
     pg->deadline = apc_clock_mono(NULL) + PATIENCE * pg->base.config.timeout;
     return apc_pg_command(pg, sql, result);
 }
 
 /* The one number that a query gives. */
-static int number(struct apc_pg *pg, const char *sql, int *out)
+static int query_schema_number(struct apc_pg *pg, const char *sql, int *out)
 {
     PGresult *result = NULL;
-    int err = command(pg, sql, &result);
+    int err = run_schema_command(pg, sql, &result);
     if (err) {
         return err;
     }
@@ -53,7 +53,7 @@ static int has_table(struct apc_pg *pg, const char *name, int *there)
              "SELECT count(*) FROM pg_class c JOIN pg_namespace n ON n.oid = c.relnamespace "
              "WHERE n.nspname = '%s' AND c.relname = '%s'",
              pg->schema, name);
-    return number(pg, sql, there);
+    return query_schema_number(pg, sql, there);
 }
 
 static int make_schema(struct apc_pg *pg)
@@ -64,10 +64,10 @@ static int make_schema(struct apc_pg *pg)
              "SELECT count(*) FROM pg_namespace WHERE nspname = '%s'",
              pg->schema, pg->schema);
     int there = 0;
-    int err = number(pg, sql, &there);
+    int err = query_schema_number(pg, sql, &there);
     if (!err && !there) {
         snprintf(sql, sizeof sql, "CREATE SCHEMA \"%s\"", pg->schema);
-        err = command(pg, sql, NULL);
+        err = run_schema_command(pg, sql, NULL);
     }
     return err;
 }
@@ -88,7 +88,7 @@ static int enter_schema(struct apc_pg *pg)
              "FROM pg_namespace n WHERE nspname = '%s') AS o WHERE pg_has_role(owner, 'MEMBER'); "
              "SET LOCAL search_path TO \"%s\", pg_temp",
              pg->schema, pg->schema);
-    return command(pg, sql, NULL);
+    return run_schema_command(pg, sql, NULL);
 }
 
 static int current_version(struct apc_pg *pg, int *version, int *compatible_from)
@@ -101,12 +101,12 @@ static int current_version(struct apc_pg *pg, int *version, int *compatible_from
         return err;
     }
     snprintf(sql, sizeof sql, "SELECT coalesce(max(version), 0) FROM \"%s\".migration", pg->schema);
-    err = number(pg, sql, version);
+    err = query_schema_number(pg, sql, version);
     snprintf(sql, sizeof sql,
              "SELECT coalesce(max((to_jsonb(m) ->> 'compatible_from')::int), %d) FROM \"%s\".migration m "
              "WHERE version = %d",
              *version, pg->schema, *version);
-    return err ? err : number(pg, sql, compatible_from);
+    return err ? err : query_schema_number(pg, sql, compatible_from);
 }
 
 static int is_repaired(struct apc_pg *pg, const char *name, int *repaired)
@@ -119,11 +119,11 @@ static int is_repaired(struct apc_pg *pg, const char *name, int *repaired)
         return err; /* the first one makes the table */
     }
     snprintf(sql, sizeof sql, "SELECT count(*) FROM \"%s\".repair WHERE name = '%s'", pg->schema, name);
-    return number(pg, sql, repaired);
+    return query_schema_number(pg, sql, repaired);
 }
 
 /* What was mended while programs worked is worth an event. */
-static int note(struct apc_pg *pg, const struct apc_migration *m, bool running)
+static int note_migration(struct apc_pg *pg, const struct apc_migration *m, bool running)
 {
     char sql[SQL_MAX];
     if (!m->repair) {
@@ -136,7 +136,7 @@ static int note(struct apc_pg *pg, const struct apc_migration *m, bool running)
                  "text) SELECT now(), 1, 'apc init', 'store', 'repair %s of the tables applied' WHERE %s",
                  m->name, m->name, running ? "true" : "false");
     }
-    return command(pg, sql, NULL);
+    return run_schema_command(pg, sql, NULL);
 }
 
 static int apply(struct apc_pg *pg, const struct apc_migration *m, int had)
@@ -146,9 +146,9 @@ static int apply(struct apc_pg *pg, const struct apc_migration *m, int had)
     if (err || done) {
         return err;
     }
-    err = command(pg, m->sql, NULL);
+    err = run_schema_command(pg, m->sql, NULL);
     if (!err) {
-        err = note(pg, m, had > 0);
+        err = note_migration(pg, m, had > 0);
     }
     if (err) {
         struct apc_error cause = pg->base.why;
@@ -158,7 +158,7 @@ static int apply(struct apc_pg *pg, const struct apc_migration *m, int had)
 }
 
 /* A newer version has all repairs of ours. */
-static int migrate(struct apc_pg *pg, int *version)
+static int migrate_schema(struct apc_pg *pg, int *version)
 {
     int compatible_from = 0;
     int err = make_schema(pg);
@@ -174,7 +174,7 @@ static int migrate(struct apc_pg *pg, int *version)
     for (int i = 0; !err && i < apc_migration_count && *version <= apc_store_version(); i++) {
         err = apply(pg, &apc_migrations[i], *version);
     }
-    return err ? err : command(pg, "COMMIT", NULL);
+    return err ? err : run_schema_command(pg, "COMMIT", NULL);
 }
 
 int apc_pg_init(struct apc_store *store)
@@ -183,7 +183,7 @@ int apc_pg_init(struct apc_store *store)
     int version = 0;
     int err = apc_pg_connect_bare(pg);
     if (!err) {
-        err = migrate(pg, &version);
+        err = migrate_schema(pg, &version);
     }
     apc_pg_drop(pg); /* rolls back what failed; the next operation finds the schema as it is now */
     if (!err) {

@@ -70,7 +70,7 @@ static int stay(struct packer *p)
     return 0;
 }
 
-static int insert(struct packer *p, size_t length)
+static int insert_chunk(struct packer *p, size_t length)
 {
     struct apc_pack_summary s;
     apc_pack_summarize(&p->chunk, &s);
@@ -111,14 +111,14 @@ static int end_chunk(struct packer *p)
     if (n > 0 && length == 0 && p->week.open) {
         err = apc_fail(&p->pg->base.why, APC_ECONFLICT, "samples of it that no chunk can hold");
     } else if (n > 0) {
-        err = length > 0 ? insert(p, length) : stay(p);
+        err = length > 0 ? insert_chunk(p, length) : stay(p);
         p->samples += length > 0 ? (int64_t)n : 0;
     }
     p->chunk.n = 0;
     return err;
 }
 
-static int take_row(struct packer *p, const int64_t row[CELLS], bool odd)
+static int take_packer_row(struct packer *p, const int64_t row[CELLS], bool odd)
 {
     struct apc_pack *c = &p->chunk;
     int err = 0;
@@ -154,7 +154,7 @@ static int take_small(struct packer *p, size_t i)
         for (size_t column = 0; column < APC_PACK_COLUMNS; column++) {
             row[2 + column] = c->at[column][k];
         }
-        err = take_row(p, row, false);
+        err = take_packer_row(p, row, false);
     }
     return err;
 }
@@ -183,7 +183,7 @@ static int keep_small(struct packer *p, size_t i, const PGresult *result)
     return 0;
 }
 
-static int take_batch(void *ctx, int statement, PGresult *result)
+static int take_packer_batch(void *ctx, int statement, PGresult *result)
 {
     struct batch *b = (struct batch *)ctx;
     struct packer *p = b->packer;
@@ -209,13 +209,13 @@ static int take_batch(void *ctx, int statement, PGresult *result)
 }
 
 /* What was queued goes along. */
-static int fetch(struct packer *p)
+static int fetch_packer_rows(struct packer *p)
 {
     struct batch b = {p, p->queued};
     p->queued = 0;
     p->pg->deadline = apc_clock_mono(NULL) + PATIENCE * p->pg->base.config.timeout;
     int err = apc_pg_send(p->pg, "FETCH FORWARD 4096 FROM rows", &(struct apc_pg_params){0});
-    return err ? err : apc_pg_finish(p->pg, take_batch, &b);
+    return err ? err : apc_pg_finish(p->pg, take_packer_batch, &b);
 }
 
 static int take_size(void *ctx, int statement, PGresult *result)
@@ -251,12 +251,12 @@ static int begin_week(struct packer *p)
 
 static int pack_rows(struct packer *p)
 {
-    int err = fetch(p);
+    int err = fetch_packer_rows(p);
     while (!err && p->rows > 0) {
         for (size_t i = 0; i < p->rows && !err; i++) {
-            err = p->week.open ? take_small(p, i) : take_row(p, p->row[i], p->odd[i]);
+            err = p->week.open ? take_small(p, i) : take_packer_row(p, p->row[i], p->odd[i]);
         }
-        err = err ? err : fetch(p);
+        err = err ? err : fetch_packer_rows(p);
     }
     return err ? err : end_chunk(p);
 }
@@ -296,7 +296,7 @@ static int end_week(struct packer *p)
     return err ? err : apc_pg_finish(pg, take_stayed, p);
 }
 
-static int say(struct apc_pg *pg, const char *severity, const char *text)
+static int say_packing(struct apc_pg *pg, const char *severity, const char *text)
 {
     struct apc_pg_params params = {0};
     apc_pg_param_text(&params, severity);
@@ -314,7 +314,7 @@ static int commit_week(struct packer *p)
              "%s packed: %" PRId64 " samples in %" PRId64 " kB are %" PRId64 " kB now, %" PRId64
              " rows stayed",
              p->week.partition, p->samples, p->before / 1000, p->bytes / 1000, p->stayed);
-    int err = say(p->pg, "1", text);
+    int err = say_packing(p->pg, "1", text);
     err = err ? err : apc_pg_send(p->pg, "COMMIT", &(struct apc_pg_params){0});
     return err ? err : apc_pg_finish(p->pg, NULL, NULL);
 }
@@ -404,7 +404,7 @@ static int pack_or_say(struct apc_pg *pg, const struct week *week)
     if (err == APC_ECONFLICT) {
         char text[192];
         snprintf(text, sizeof text, "%s is not packed: %.100s", week->partition, pg->base.why.text);
-        err = say(pg, "2", text);
+        err = say_packing(pg, "2", text);
         err = err ? err : apc_pg_finish(pg, NULL, NULL);
     } else if (!err) {
         err = 1;

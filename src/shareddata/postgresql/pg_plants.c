@@ -41,7 +41,8 @@ static char *newest_sql(const PGresult *plants)
     return sql;
 }
 
-static int give(struct apc_pg *pg, const PGresult *plants, const PGresult *newest, apc_plant_fn fn, void *ctx)
+static int give_plants(struct apc_pg *pg, const PGresult *plants, const PGresult *newest, apc_plant_fn fn,
+                       void *ctx)
 {
     const int n = PQntuples(plants);
     if (PQnfields(plants) != 4 || PQntuples(newest) != n || PQnfields(newest) != 2) {
@@ -74,7 +75,7 @@ int apc_pg_plants(struct apc_store *store, apc_plant_fn fn, void *ctx)
     apc_pg_drop(pg); /* the next operation connects as it should be */
     if (rc == 0 && newest) {
         store->streaming = true;
-        rc = give(pg, plants, newest, fn, ctx);
+        rc = give_plants(pg, plants, newest, fn, ctx);
         store->streaming = false;
     }
     PQclear(newest);

@@ -23,7 +23,7 @@ struct asking {
     int count;
 };
 
-static void cell_text(const PGresult *result, int row, int column, char *text, size_t size)
+static void request_cell_text(const PGresult *result, int row, int column, char *text, size_t size)
 {
     snprintf(text, size, "%.*s", PQgetlength(result, row, column), PQgetvalue(result, row, column));
 }
@@ -51,10 +51,10 @@ static int take_requests(void *ctx, int statement, PGresult *result)
                                 .variable = (int)apc_pg_cell(result, row, 4),
                                 .value = apc_pg_get_float8(PQgetvalue(result, row, 5)),
                                 .seq = apc_pg_cell(result, row, 6)};
-        cell_text(result, row, 7, table, sizeof table);
-        cell_text(result, row, 8, r.author, sizeof r.author);
-        cell_text(result, row, 9, r.reason, sizeof r.reason);
-        cell_text(result, row, 10, r.role, sizeof r.role);
+        request_cell_text(result, row, 7, table, sizeof table);
+        request_cell_text(result, row, 8, r.author, sizeof r.author);
+        request_cell_text(result, row, 9, r.reason, sizeof r.reason);
+        request_cell_text(result, row, 10, r.role, sizeof r.role);
         r.table = apc_table_parse(table);
         a->count++;
         if (a->fn(a->ctx, &r) != 0) {

@@ -18,7 +18,7 @@
 #define FETCH_ROWS "FETCH FORWARD 512 FROM rows"
 #define FETCH_ALL  "FETCH ALL FROM rows"
 
-static int take_batch(void *ctx, int statement, PGresult *result)
+static int take_result_batch(void *ctx, int statement, PGresult *result)
 {
     struct apc_pg_stream *s = (struct apc_pg_stream *)ctx;
     if (statement != s->fetch || s->ended) {
@@ -53,7 +53,7 @@ int apc_pg_stream(struct apc_pg_stream *s, const char *declare, const struct apc
     for (s->fetch = 2; !err && !s->ended; s->fetch = 0) {
         err = apc_pg_send(pg, s->large ? FETCH_ALL : FETCH_ROWS, &(struct apc_pg_params){0});
         if (!err) {
-            err = apc_pg_finish_by_rows(pg, s->large ? s->fetch : -1, take_batch, s);
+            err = apc_pg_finish_by_rows(pg, s->large ? s->fetch : -1, take_result_batch, s);
         }
     }
     if (pg->conn) {
@@ -94,7 +94,7 @@ double apc_pg_cell_double(const PGresult *result, int row, int column)
 }
 
 /* The tables' CHECKs see to it that it fits. */
-static void cell_text(const PGresult *result, int row, int column, char *out, size_t size)
+static void record_cell_text(const PGresult *result, int row, int column, char *out, size_t size)
 {
     size_t length = (size_t)PQgetlength(result, row, column);
     length = length < size ? length : size - 1;
@@ -209,21 +209,21 @@ int apc_pg_append_events(struct apc_store *store, const struct apc_event *events
     return finish_records(pg, err, (int)n);
 }
 
-static int give_event(struct apc_pg_stream *s, const PGresult *result, int row)
+static int pg_give_event(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     struct apc_event e = {.time = apc_pg_time_ns(apc_pg_cell(result, row, 0)),
                           .severity = (enum apc_event_severity)apc_pg_cell(result, row, 1),
                           .number = apc_pg_cell(result, row, 5)};
-    cell_text(result, row, 2, e.source, sizeof e.source);
-    cell_text(result, row, 3, e.kind, sizeof e.kind);
-    cell_text(result, row, 4, e.text, sizeof e.text);
+    record_cell_text(result, row, 2, e.source, sizeof e.source);
+    record_cell_text(result, row, 3, e.kind, sizeof e.kind);
+    record_cell_text(result, row, 4, e.text, sizeof e.text);
     return s->fn.event(s->ctx, &e) != 0;
 }
 
 int apc_pg_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
     struct apc_pg_stream s = {
-        .pg = apc_pg_of(store), .row = give_event, .columns = 6, .fn.event = fn, .ctx = ctx};
+        .pg = apc_pg_of(store), .row = pg_give_event, .columns = 6, .fn.event = fn, .ctx = ctx};
     struct apc_pg_params p = {0};
     struct apc_pg_bounds b;
     apc_pg_add_range(&p, &b, range);
@@ -296,7 +296,7 @@ int apc_pg_append_timing(struct apc_store *store, const struct apc_timing_row *r
 }
 
 /* The three arrays of a row, into s->bins one after the other. Returns the number of buckets. */
-static int take_bins(struct apc_pg_stream *s, const PGresult *result, int row)
+static int pg_take_bins(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     size_t need = 0;
     for (int column = 11; column < 14; column++) {
@@ -325,9 +325,9 @@ static int take_bins(struct apc_pg_stream *s, const PGresult *result, int row)
     return n;
 }
 
-static int give_timing(struct apc_pg_stream *s, const PGresult *result, int row)
+static int pg_give_timing(struct apc_pg_stream *s, const PGresult *result, int row)
 {
-    int n = take_bins(s, result, row);
+    int n = pg_take_bins(s, result, row);
     if (n < 0) {
         return n;
     }
@@ -347,15 +347,15 @@ static int give_timing(struct apc_pg_stream *s, const PGresult *result, int row)
         .n_bins = (size_t)n,
         .number = apc_pg_cell(result, row, 14),
     };
-    cell_text(result, row, 1, r.task, sizeof r.task);
-    cell_text(result, row, 2, r.quantity, sizeof r.quantity);
+    record_cell_text(result, row, 1, r.task, sizeof r.task);
+    record_cell_text(result, row, 2, r.quantity, sizeof r.quantity);
     return s->fn.timing(s->ctx, &r) != 0;
 }
 
 int apc_pg_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
     struct apc_pg_stream s = {
-        .pg = apc_pg_of(store), .row = give_timing, .columns = 15, .fn.timing = fn, .ctx = ctx};
+        .pg = apc_pg_of(store), .row = pg_give_timing, .columns = 15, .fn.timing = fn, .ctx = ctx};
     struct apc_pg_params p = {0};
     struct apc_pg_bounds b;
     apc_pg_add_range(&p, &b, range);
@@ -425,7 +425,7 @@ static int take_tags(void *ctx, int statement, PGresult *result)
     for (int row = 0; row < list->count && (size_t)row < list->capacity; row++) {
         struct apc_tag *t = &list->tags[row];
         char table[APC_TAG_LEN];
-        cell_text(result, row, 0, table, sizeof table);
+        record_cell_text(result, row, 0, table, sizeof table);
         *t = (struct apc_tag){.table = apc_table_parse(table),
                               .id = (int)apc_pg_cell(result, row, 1),
                               .low = apc_pg_cell_double(result, row, 7),
@@ -435,11 +435,11 @@ static int take_tags(void *ctx, int statement, PGresult *result)
                               .period = apc_pg_cell_double(result, row, 11),
                               .step = apc_pg_cell_double(result, row, 12),
                               .length = (int)apc_pg_cell(result, row, 13)};
-        cell_text(result, row, 2, t->name, sizeof t->name);
-        cell_text(result, row, 3, t->unit, sizeof t->unit);
-        cell_text(result, row, 4, t->description, sizeof t->description);
-        cell_text(result, row, 5, t->controller, sizeof t->controller);
-        cell_text(result, row, 6, t->area, sizeof t->area);
+        record_cell_text(result, row, 2, t->name, sizeof t->name);
+        record_cell_text(result, row, 3, t->unit, sizeof t->unit);
+        record_cell_text(result, row, 4, t->description, sizeof t->description);
+        record_cell_text(result, row, 5, t->controller, sizeof t->controller);
+        record_cell_text(result, row, 6, t->area, sizeof t->area);
     }
     return 0;
 }

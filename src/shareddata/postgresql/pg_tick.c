@@ -74,7 +74,7 @@ static int sort_by_table(struct apc_pg *pg, const struct apc_rows *rows)
     return 0;
 }
 
-static bool before(const struct apc_rows *rows, struct apc_pg_place a, struct apc_pg_place b)
+static bool place_is_before(const struct apc_rows *rows, struct apc_pg_place a, struct apc_pg_place b)
 {
     const int i = id_of(rows, a.row), j = id_of(rows, b.row);
     return a.pass != b.pass ? a.pass < b.pass : i != j ? i < j : a.row < b.row;
@@ -87,7 +87,7 @@ static void sort_places(const struct apc_rows *rows, struct apc_pg_place *place,
         for (size_t i = gap; i < n; i++) {
             struct apc_pg_place moving = place[i];
             size_t at = i;
-            for (; at >= gap && before(rows, moving, place[at - gap]); at -= gap) {
+            for (; at >= gap && place_is_before(rows, moving, place[at - gap]); at -= gap) {
                 place[at] = place[at - gap];
             }
             place[at] = moving;
@@ -174,7 +174,7 @@ static void put_reference(struct apc_pg_array *a, int64_t seq)
     }
 }
 
-static void put_sample(struct apc_pg_array *a, enum column column, const struct apc_sample *s)
+static void put_array_sample(struct apc_pg_array *a, enum column column, const struct apc_sample *s)
 {
     switch (column) {
     case COLUMN_ID:
@@ -260,7 +260,7 @@ static int add_column(struct apc_pg *pg, struct apc_pg_params *p, const struct a
             end += v->n;
             put_vector(a, column, v, end);
         } else {
-            put_sample(a, column, &rows->sample[place[i].row]);
+            put_array_sample(a, column, &rows->sample[place[i].row]);
         }
     }
     apc_pg_param(p, a->data, a->length);
@@ -290,7 +290,7 @@ struct exchange {
 };
 
 /* Has none of the rows more than a value? */
-static bool is_plain(const struct exchange *x, const struct batch *b)
+static bool has_values_only(const struct exchange *x, const struct batch *b)
 {
     for (size_t i = b->begin; i < b->begin + b->n; i++) {
         const struct apc_sample *s = &x->rows->sample[x->pg->places[i].row];
@@ -315,7 +315,7 @@ static int send_batch(struct exchange *x, const struct batch *b)
     const bool vectors = apc_table_vectors(b->table);
     const bool place = x->op == PLACE && apc_table_shared(b->table);
     const bool append = !place && (x->op == APPEND || x->op == PLACE);
-    const bool plain = append && !vectors && !x->repeat && is_plain(x, b);
+    const bool plain = append && !vectors && !x->repeat && has_values_only(x, b);
     const enum column *columns = vectors ? vector_columns : x->op == PUT ? put_columns : sample_columns;
     const size_t n = x->op == READ ? 1 : x->op == PUT ? 6 : plain ? 5 : 7;
     struct apc_pg_params p = {0};
@@ -381,7 +381,7 @@ static int send_all(struct exchange *x)
     return err;
 }
 
-static int unexpected(struct apc_pg *pg)
+static int pg_tick_unexpected(struct apc_pg *pg)
 {
     return apc_fail(&pg->base.why, APC_EPROTO, "the database did not answer what was asked");
 }
@@ -408,7 +408,7 @@ static int end_transaction(struct apc_pg *pg, const char *how)
 
 /* ---- Read ----------------------------------------------------------------------------------- */
 
-static void give_sample(const PGresult *result, int row, struct apc_sample *s)
+static void take_result_sample(const PGresult *result, int row, struct apc_sample *s)
 {
     s->value = apc_pg_get_float8(PQgetvalue(result, row, 4));
     s->origin = apc_pg_cell(result, row, 5); /* NULL is 0 */
@@ -421,12 +421,12 @@ static int give_row(struct exchange *x, const struct batch *b, const PGresult *r
     for (int column = 0; column < PQnfields(result); column++) {
         if (PQgetlength(result, row, column) != 8 && !PQgetisnull(result, row, column) &&
             !(vectors && column == 4)) {
-            return unexpected(x->pg);
+            return pg_tick_unexpected(x->pg);
         }
     }
     const int64_t position = apc_pg_cell(result, row, 0);
     if (position < 1 || (size_t)position > b->n) {
-        return unexpected(x->pg);
+        return pg_tick_unexpected(x->pg);
     }
     const uint32_t at = x->pg->places[b->begin + (size_t)position - 1].row;
     const int64_t seq = apc_pg_cell(result, row, 1);
@@ -438,7 +438,7 @@ static int give_row(struct exchange *x, const struct batch *b, const PGresult *r
         s->time = time;
         s->status = status;
         if (!vectors) { /* a wait looks at seqs only */
-            give_sample(result, row, s);
+            take_result_sample(result, row, s);
         }
         return 0;
     }
@@ -446,7 +446,7 @@ static int give_row(struct exchange *x, const struct batch *b, const PGresult *r
     int n = apc_pg_get_float8_array(PQgetvalue(result, row, 4), (size_t)PQgetlength(result, row, 4), v->value,
                                     v->room);
     if (n < 0) {
-        return unexpected(x->pg);
+        return pg_tick_unexpected(x->pg);
     }
     v->seq = seq;
     v->time = time;
@@ -463,7 +463,7 @@ static int take_read(void *ctx, int statement, PGresult *result)
         return 0;
     }
     const int columns = apc_table_vectors(b.table) ? 5 : 7;
-    int err = PQnfields(result) == columns ? 0 : unexpected(x->pg);
+    int err = PQnfields(result) == columns ? 0 : pg_tick_unexpected(x->pg);
     for (int row = 0; !err && row < PQntuples(result); row++) {
         err = give_row(x, &b, result, row);
     }
@@ -509,7 +509,7 @@ static int take_places(struct exchange *x, const struct batch *b, const PGresult
 {
     int row = 0;
     if (PQnfields(result) != 2) {
-        return unexpected(x->pg);
+        return pg_tick_unexpected(x->pg);
     }
     for (size_t i = b->begin; i < b->begin + b->n; i++) {
         struct apc_sample *s = &x->rows->sample[x->pg->places[i].row];
@@ -519,7 +519,7 @@ static int take_places(struct exchange *x, const struct batch *b, const PGresult
             s->seq = apc_pg_cell(result, row++, 1);
         }
     }
-    return row == PQntuples(result) ? 0 : unexpected(x->pg);
+    return row == PQntuples(result) ? 0 : pg_tick_unexpected(x->pg);
 }
 
 static int take_append(void *ctx, int statement, PGresult *result)
@@ -527,7 +527,7 @@ static int take_append(void *ctx, int statement, PGresult *result)
     struct exchange *x = (struct exchange *)ctx;
     struct batch b;
     if (next_batch(x, statement, &b)) {
-        return unexpected(x->pg);
+        return pg_tick_unexpected(x->pg);
     }
     x->count += is_chunks(x, &b) ? (int)b.n : (int)strtol(PQcmdTuples(result), NULL, 10);
     return x->op == PLACE && apc_table_shared(b.table) ? take_places(x, &b, result) : 0;
@@ -557,7 +557,7 @@ static int try_append(struct exchange *x)
 }
 
 /* Only a row that is there already, so that all are refused, makes it two round trips. */
-static int append(struct apc_pg *pg, enum operation op, const struct apc_rows *rows)
+static int run_append(struct apc_pg *pg, enum operation op, const struct apc_rows *rows)
 {
     struct exchange x = {.pg = pg, .op = op, .rows = rows};
     int err = try_append(&x);
@@ -576,14 +576,14 @@ static int append(struct apc_pg *pg, enum operation op, const struct apc_rows *r
 
 int apc_pg_append_rows(struct apc_store *store, const struct apc_rows *rows)
 {
-    return append(apc_pg_of(store), PLACE, rows);
+    return run_append(apc_pg_of(store), PLACE, rows);
 }
 
 int apc_pg_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     const struct apc_rows rows = {
         .size = sizeof rows, .sample = (struct apc_sample *)(uintptr_t)samples, .n_samples = n};
-    return append(apc_pg_of(store), APPEND, &rows);
+    return run_append(apc_pg_of(store), APPEND, &rows);
 }
 
 /* ---- Put ------------------------------------------------------------------------------------ */
@@ -593,11 +593,11 @@ static int take_put(void *ctx, int statement, PGresult *result)
     struct exchange *x = (struct exchange *)ctx;
     struct batch b;
     if (next_batch(x, statement, &b) || PQnfields(result) != 2 || (size_t)PQntuples(result) != b.n) {
-        return unexpected(x->pg);
+        return pg_tick_unexpected(x->pg);
     }
     for (int row = 0; row < PQntuples(result); row++) {
         if (PQgetlength(result, row, 0) != 4 || PQgetlength(result, row, 1) != 8) {
-            return unexpected(x->pg);
+            return pg_tick_unexpected(x->pg);
         }
         const int id = apc_pg_get_int4(PQgetvalue(result, row, 0));
         for (size_t i = b.begin; i < b.begin + b.n; i++) {
@@ -635,7 +635,7 @@ static int take_swap(void *ctx, int statement, PGresult *result)
 {
     struct exchange *x = (struct exchange *)ctx;
     x->count += PQntuples(result);
-    return statement == 0 || PQnfields(result) == 2 ? 0 : unexpected(x->pg);
+    return statement == 0 || PQnfields(result) == 2 ? 0 : pg_tick_unexpected(x->pg);
 }
 
 /*

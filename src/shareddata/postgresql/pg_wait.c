@@ -83,7 +83,7 @@ static int listen_to_all(struct apc_pg *w, const struct apc_sample *seen, size_t
 }
 
 /* 1 when one is newer, 0, or an error. */
-static int look(struct apc_pg *w, const struct apc_sample *seen, size_t n, struct apc_sample *now)
+static int look_for_change(struct apc_pg *w, const struct apc_sample *seen, size_t n, struct apc_sample *now)
 {
     memcpy(now, seen, n * sizeof *now);
     int err = apc_pg_read(&w->base, now, n);
@@ -95,8 +95,8 @@ static int look(struct apc_pg *w, const struct apc_sample *seen, size_t n, struc
     return err;
 }
 
-static int wait_until(struct apc_pg *w, const struct apc_sample *seen, size_t n, struct apc_sample *now,
-                      apc_ns deadline)
+static int wait_for_change_until(struct apc_pg *w, const struct apc_sample *seen, size_t n,
+                                 struct apc_sample *now, apc_ns deadline)
 {
     bool polled = false;
     for (size_t i = 0; i < n; i++) {
@@ -104,7 +104,7 @@ static int wait_until(struct apc_pg *w, const struct apc_sample *seen, size_t n,
     }
     for (;;) {
         int result = listen_to_all(w, seen, n);
-        result = result ? result : look(w, seen, n, now);
+        result = result ? result : look_for_change(w, seen, n, now);
         if (result) {
             return result;
         }
@@ -131,7 +131,7 @@ int apc_pg_wait(struct apc_store *store, const struct apc_sample *seen, size_t n
     if (!newest) {
         return apc_fail(&pg->base.why, APC_ENOMEM, "out of memory for %zu variables", n);
     }
-    result = wait_until(pg->waiter, seen, n, newest, deadline);
+    result = wait_for_change_until(pg->waiter, seen, n, newest, deadline);
     free(newest);
     if (result < 0) {
         pg->base.why = pg->waiter->base.why;

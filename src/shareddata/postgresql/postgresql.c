@@ -6,7 +6,7 @@
 
 /* ---- Life ---------------------------------------------------------------------------------- */
 
-static void close_store(struct apc_store *store)
+static void pg_close(struct apc_store *store)
 {
     struct apc_pg *pg = apc_pg_of(store);
     apc_pg_close_waiter(pg);
@@ -21,8 +21,8 @@ static void close_store(struct apc_store *store)
     free(pg);
 }
 
-static int open_store(struct apc_store **store, const char *uri, const struct apc_store_config *config,
-                      struct apc_error *why)
+static int pg_open(struct apc_store **store, const char *uri, const struct apc_store_config *config,
+                   struct apc_error *why)
 {
     struct apc_pg *pg = (struct apc_pg *)calloc(1, sizeof *pg);
     if (!pg) {
@@ -33,33 +33,33 @@ static int open_store(struct apc_store **store, const char *uri, const struct ap
     pg->random = ((uint64_t)apc_clock_mono(NULL) ^ (uint64_t)(uintptr_t)pg) | 1;
     int err = apc_pg_parse_uri(pg, uri, why);
     if (err) {
-        close_store(&pg->base);
+        pg_close(&pg->base);
         return err;
     }
     *store = &pg->base;
     return 0;
 }
 
-static bool connected(const struct apc_store *store)
+static bool pg_connected(const struct apc_store *store)
 {
     const struct apc_pg *pg = (const struct apc_pg *)store;
     return pg->conn && PQstatus(pg->conn) == CONNECTION_OK;
 }
 
-static int version(const struct apc_store *store)
+static int pg_version(const struct apc_store *store)
 {
     return ((const struct apc_pg *)store)->version;
 }
 
-static int connect_store(struct apc_store *store)
+static int pg_connect(struct apc_store *store)
 {
     return apc_pg_begin(apc_pg_of(store));
 }
 
 #define OPS(word)                                                                                            \
     {                                                                                                        \
-        .scheme = word, .spreads = true, .open = open_store, .close = close_store, .connected = connected,   \
-        .connect = connect_store, .version = version, .read = apc_pg_read, .append = apc_pg_append,          \
+        .scheme = word, .spreads = true, .open = pg_open, .close = pg_close, .connected = pg_connected,      \
+        .connect = pg_connect, .version = pg_version, .read = apc_pg_read, .append = apc_pg_append,          \
         .put = apc_pg_put, .swap = apc_pg_swap, .wait = apc_pg_wait, .variables = apc_pg_variables,          \
         .history = apc_pg_history, .history_bins = apc_pg_history_bins, .get_tags = apc_pg_get_tags,         \
         .append_events = apc_pg_append_events, .events = apc_pg_events,                                      \

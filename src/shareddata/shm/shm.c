@@ -58,7 +58,7 @@ static inline bool load_sample(struct apc_shm *shm, uint64_t g, struct apc_sampl
 }
 
 /* The @p i-th of rows, samples first, of generation @p g. */
-static inline bool load_row(struct apc_shm *shm, uint64_t g, struct apc_rows *rows, size_t i)
+static inline bool load_generation_row(struct apc_shm *shm, uint64_t g, struct apc_rows *rows, size_t i)
 {
     uint32_t *hint = apc_shm_hint(shm->read_hint, i);
     return i < rows->n_samples ? load_sample(shm, g, &rows->sample[i], hint)
@@ -66,12 +66,12 @@ static inline bool load_row(struct apc_shm *shm, uint64_t g, struct apc_rows *ro
 }
 
 /* All of one generation, those first that were lost the last time. */
-static bool load_rows(struct apc_shm *shm, struct apc_rows *rows, size_t *first)
+static bool load_generation(struct apc_shm *shm, struct apc_rows *rows, size_t *first)
 {
     const uint64_t g = apc_shm_generation(shm);
     const size_t n = rows->n_samples + rows->n_vectors;
     for (size_t k = 0, i = *first; k < n; k++, i = i + 1 < n ? i + 1 : 0) {
-        if (!load_row(shm, g, rows, i)) {
+        if (!load_generation_row(shm, g, rows, i)) {
             *first = i;
             return false;
         }
@@ -86,7 +86,7 @@ int apc_shm_lost(struct apc_shm *shm, uint64_t g)
                : apc_fail(&shm->base.why, APC_ETIMEDOUT, "shm:%s changes too fast to be read", shm->name);
 }
 
-static int read_rows(struct apc_store *store, struct apc_rows *rows)
+static int shm_read_rows(struct apc_store *store, struct apc_rows *rows)
 {
     struct apc_shm *shm = apc_shm_of(store);
     int err = apc_shm_ready(shm);
@@ -95,7 +95,7 @@ static int read_rows(struct apc_store *store, struct apc_rows *rows)
     }
     size_t first = 0;
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
-        if (load_rows(shm, rows, &first)) {
+        if (load_generation(shm, rows, &first)) {
             return 0;
         }
     }
@@ -103,7 +103,7 @@ static int read_rows(struct apc_store *store, struct apc_rows *rows)
         const uint64_t g = apc_shm_generation(shm);
         bool whole = false;
         for (int tries = 0; !whole && tries < APC_SHM_TRIES; tries++) {
-            whole = load_row(shm, apc_shm_generation(shm), rows, i);
+            whole = load_generation_row(shm, apc_shm_generation(shm), rows, i);
         }
         if (!whole) {
             return apc_shm_lost(shm, g);
@@ -112,10 +112,10 @@ static int read_rows(struct apc_store *store, struct apc_rows *rows)
     return 0;
 }
 
-static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int shm_read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_rows rows = {.sample = samples, .n_samples = n};
-    return read_rows(store, &rows);
+    return shm_read_rows(store, &rows);
 }
 
 /* ---- Write --------------------------------------------------------------------------------- */
@@ -131,7 +131,8 @@ static int write_all(struct apc_shm_write *w, const struct apc_sample *samples, 
     return apc_shm_finish(w, err, count);
 }
 
-static int begin(struct apc_store *store, const struct apc_sample *samples, size_t n, struct apc_shm_write *w)
+static int begin_shm_samples(struct apc_store *store, const struct apc_sample *samples, size_t n,
+                             struct apc_shm_write *w)
 {
     int err = apc_rows_check(store, samples, n);
     if (!err) {
@@ -140,10 +141,10 @@ static int begin(struct apc_store *store, const struct apc_sample *samples, size
     return err ? err : apc_shm_begin(apc_shm_of(store), w);
 }
 
-static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
+static int shm_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     struct apc_shm_write w;
-    int err = begin(store, samples, n, &w);
+    int err = begin_shm_samples(store, samples, n, &w);
     return err ? err : write_all(&w, samples, n);
 }
 
@@ -161,7 +162,7 @@ int apc_shm_write_loops(struct apc_shm_write *w, const struct apc_sample *s)
 }
 
 /* Nobody else writes meanwhile. */
-static void newest(const struct apc_shm_write *w, struct apc_sample *samples, size_t n)
+static void newest_of_writer(const struct apc_shm_write *w, struct apc_sample *samples, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         load_sample(w->shm, w->generation, &samples[i], NULL);
@@ -169,7 +170,7 @@ static void newest(const struct apc_shm_write *w, struct apc_sample *samples, si
 }
 
 /* Each becomes its variable's next. */
-static int write_next(struct apc_shm_write *w, struct apc_sample *samples, size_t n)
+static int shm_write_next(struct apc_shm_write *w, struct apc_sample *samples, size_t n)
 {
     int err = 0;
     for (size_t i = 0; err >= 0 && i < n; i++) {
@@ -187,28 +188,28 @@ static int write_next(struct apc_shm_write *w, struct apc_sample *samples, size_
     return apc_shm_finish(w, err, 1) < 0 ? err : 0;
 }
 
-static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int shm_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_shm_write w;
-    int err = begin(store, samples, n, &w);
-    return err ? err : write_next(&w, samples, n);
+    int err = begin_shm_samples(store, samples, n, &w);
+    return err ? err : shm_write_next(&w, samples, n);
 }
 
-static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int shm_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_shm_write w;
-    int err = begin(store, samples, n, &w);
+    int err = begin_shm_samples(store, samples, n, &w);
     if (err) {
         return err;
     }
     for (size_t i = 0; i < n; i++) {
         if (samples[i].seq != apc_shm_newest_seq(&w, samples[i].table, samples[i].id)) {
-            newest(&w, samples, n);
+            newest_of_writer(&w, samples, n);
             apc_shm_unlock(w.shm);
             return apc_fail(&store->why, APC_ECONFLICT, "someone else has changed it meanwhile");
         }
     }
-    return write_next(&w, samples, n);
+    return shm_write_next(&w, samples, n);
 }
 
 /* ---- Wait ---------------------------------------------------------------------------------- */
@@ -216,7 +217,7 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 /* A writer may die between its commit and waking us, and the segment may be removed: look every so often. */
 #define SLICE (100 * APC_NS_PER_MS)
 
-static bool any_newer(struct apc_shm *shm, const struct apc_sample *seen, size_t n)
+static bool shm_any_newer(struct apc_shm *shm, const struct apc_sample *seen, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         const struct apc_shm_slot *slot;
@@ -229,7 +230,7 @@ static bool any_newer(struct apc_shm *shm, const struct apc_sample *seen, size_t
     return false;
 }
 
-static int wait_newer(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
+static int shm_wait_newer(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
     struct apc_shm *shm = apc_shm_of(store);
     const apc_ns now = apc_clock_mono(NULL), until = timeout < INT64_MAX - now ? now + timeout : INT64_MAX;
@@ -240,7 +241,7 @@ static int wait_newer(struct apc_store *store, const struct apc_sample *seen, si
         }
         struct apc_shm_header *h = shm->header;
         const uint32_t tick = atomic_load_explicit(&h->tick, memory_order_seq_cst);
-        if (any_newer(shm, seen, n)) {
+        if (shm_any_newer(shm, seen, n)) {
             return 1;
         }
         apc_ns left = timeout > 0 ? until - apc_clock_mono(NULL) : 0;
@@ -256,12 +257,12 @@ static int wait_newer(struct apc_store *store, const struct apc_sample *seen, si
 
 /* ---- The store ------------------------------------------------------------------------------ */
 
-static bool connected(const struct apc_store *store)
+static bool shm_connected(const struct apc_store *store)
 {
     return ((const struct apc_shm *)store)->header != NULL;
 }
 
-static int connect_store(struct apc_store *store)
+static int shm_connect(struct apc_store *store)
 {
     return apc_shm_ready(apc_shm_of(store));
 }
@@ -287,20 +288,20 @@ const struct apc_store_ops apc_shm_store = {
     .numbers = true,
     .open = apc_shm_open,
     .close = apc_shm_close,
-    .connected = connected,
-    .connect = connect_store,
-    .read = read_newest,
-    .append = append,
+    .connected = shm_connected,
+    .connect = shm_connect,
+    .read = shm_read_newest,
+    .append = shm_append,
     .claim_set = apc_shm_claim,
     .release = apc_shm_release,
     .holder = apc_shm_holder,
     .seize = apc_shm_seize,
-    .put = put,
-    .swap = swap,
-    .read_rows = read_rows,
+    .put = shm_put,
+    .swap = shm_swap,
+    .read_rows = shm_read_rows,
     .append_rows = apc_shm_append_rows,
     .vectors = apc_shm_vectors,
-    .wait = wait_newer,
+    .wait = shm_wait_newer,
     .variables = apc_shm_variables,
     .history = apc_shm_history,
     .history_bins = apc_bins_by_history,

@@ -10,7 +10,7 @@
 /* ---- Tags and catalogue ----------------------------------------------------------------------- */
 
 /* The text of a version, which is @p length bytes; @p size bytes of it with its terminator. */
-static void get_text(const apc_word *from, char *text, size_t size, size_t length)
+static void get_version_text(const apc_word *from, char *text, size_t size, size_t length)
 {
     for (size_t i = 0; size > 0 && i <= length && i < size; i += 8) {
         char word[8] = {0};
@@ -24,7 +24,7 @@ static void get_text(const apc_word *from, char *text, size_t size, size_t lengt
     }
 }
 
-static void put_text(apc_word *to, const char *text, size_t length)
+static void put_version_text(apc_word *to, const char *text, size_t length)
 {
     for (size_t i = 0; i < length; i += 8) {
         char word[8] = {0};
@@ -51,7 +51,7 @@ static void write_text(struct apc_shm *shm, int from, int to, const char *text)
     const size_t was = there ? (size_t)apc_word_get(&h->text_length[from]) : 0;
     const size_t length = text ? strlen(text) : was;
     if (text) {
-        put_text(shm->text[to], text, length);
+        put_version_text(shm->text[to], text, length);
     } else if (there) {
         for (size_t i = 0; i < (was + 7) / 8; i++) {
             apc_word_put(&shm->text[to][i], apc_word_get(&shm->text[from][i]));
@@ -115,7 +115,7 @@ int apc_shm_catalogue(struct apc_store *store, char *text, size_t size, int64_t 
         if (length >= shm->text_size) {
             continue;
         }
-        get_text(shm->text[current], text, size, (size_t)length);
+        get_version_text(shm->text[current], text, size, (size_t)length);
         if (apc_shm_unchanged(&h->tags_mark[current], was)) {
             return (int)length;
         }
@@ -160,7 +160,7 @@ static uint64_t authors(const struct apc_shm *shm)
 }
 
 /* The number of a name among @p n; 0: it has none. */
-static int number_of(const struct apc_shm *shm, uint64_t n, const char name[APC_AUTHOR_LEN])
+static int number_of_author(const struct apc_shm *shm, uint64_t n, const char name[APC_AUTHOR_LEN])
 {
     char known[APC_AUTHOR_LEN];
     for (uint64_t i = 0; i < n; i++) {
@@ -176,7 +176,7 @@ static int number_of(const struct apc_shm *shm, uint64_t n, const char name[APC_
 static int add_author(struct apc_shm *shm, const char name[APC_AUTHOR_LEN])
 {
     const uint64_t n = authors(shm);
-    const int number = number_of(shm, n, name);
+    const int number = number_of_author(shm, n, name);
     if (number > 0) {
         return number;
     }
@@ -194,7 +194,7 @@ int apc_shm_author(struct apc_store *store, const char *name)
     struct apc_shm *shm = apc_shm_of(store);
     int number = apc_shm_ready(shm);
     if (number == 0) {
-        number = number_of(shm, authors(shm), name);
+        number = number_of_author(shm, authors(shm), name);
     }
     if (number == 0) {
         number = apc_shm_lock(shm);

@@ -13,15 +13,15 @@
 
 #include "shareddata/shm/shm.h"
 
-static struct flock byte_of(uint32_t record)
+static struct flock shm_lock_byte_of(uint32_t record)
 {
     return (struct flock){.l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = (off_t)record, .l_len = 1};
 }
 
 /* Is the record another one's who lives? */
-static bool is_alive(const struct apc_shm *shm, uint32_t record)
+static bool is_shm_claimant_alive(const struct apc_shm *shm, uint32_t record)
 {
-    struct flock lock = byte_of(record);
+    struct flock lock = shm_lock_byte_of(record);
     return record != 0 && record != shm->record && record <= APC_SHM_CLAIMANTS &&
            fcntl(shm->fd, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
 }
@@ -73,7 +73,7 @@ static void leave_fenced(struct apc_shm *shm)
     if (shm->record == 0 || apc_word_get(&own(shm)->number) != 0) {
         return;
     }
-    struct flock lock = byte_of(shm->record);
+    struct flock lock = shm_lock_byte_of(shm->record);
     lock.l_type = F_UNLCK;
     (void)fcntl(shm->fd, F_OFD_SETLK, &lock);
     shm->record = 0;
@@ -81,11 +81,11 @@ static void leave_fenced(struct apc_shm *shm)
 }
 
 /* A record of this handle's own. */
-static int take_record(struct apc_shm *shm)
+static int take_claimant_record(struct apc_shm *shm)
 {
     leave_fenced(shm);
     for (uint32_t record = 1; shm->record == 0 && record <= APC_SHM_CLAIMANTS; record++) {
-        struct flock lock = byte_of(record);
+        struct flock lock = shm_lock_byte_of(record);
         if (fcntl(shm->fd, F_OFD_SETLK, &lock) == 0) {
             disown(shm, record);
             shm->record = record;
@@ -102,7 +102,7 @@ static int take_record(struct apc_shm *shm)
 }
 
 /* @other: a record that need not be asked. */
-static int check(struct apc_shm_write *w, const struct apc_sample *variables, size_t n, uint32_t other)
+static int check_claims(struct apc_shm_write *w, const struct apc_sample *variables, size_t n, uint32_t other)
 {
     struct apc_shm *shm = w->shm;
     for (size_t i = 0; i < n; i++) {
@@ -112,7 +112,7 @@ static int check(struct apc_shm_write *w, const struct apc_sample *variables, si
         if (!slot) {
             return APC_ESTORE;
         }
-        if (owner != other && is_alive(shm, owner)) {
+        if (owner != other && is_shm_claimant_alive(shm, owner)) {
             return apc_fail(
                 &shm->base.why, APC_EBUSY, "%s %d of shm:%s is already written by %.55s: stop it first",
                 apc_table_name(v->table), v->id, shm->name, shm->header->claimant[owner - 1].name);
@@ -131,7 +131,7 @@ static uint32_t record_of(const struct apc_shm *shm, uint64_t number)
     return record;
 }
 
-static void fence(struct apc_shm *shm, uint32_t record)
+static void fence_claimant(struct apc_shm *shm, uint32_t record)
 {
     struct apc_shm_claimant *other = &shm->header->claimant[record - 1];
     apc_word_put(&own(shm)->number, next_number(shm)); /* above the other's, whenever this one began */
@@ -156,13 +156,13 @@ int apc_shm_take(struct apc_shm *shm, struct apc_sample *variables, size_t n, ui
     if (err) {
         return err;
     }
-    err = take_record(shm);
+    err = take_claimant_record(shm);
     const uint32_t other = record_of(shm, holder);
     if (!err) {
-        err = check(&w, variables, n, other);
+        err = check_claims(&w, variables, n, other);
     }
     if (!err && other != 0 && other != shm->record) {
-        fence(shm, other);
+        fence_claimant(shm, other);
     }
     for (size_t i = 0; !err && i < n; i++) {
         struct apc_shm_slot *slot =
@@ -209,7 +209,7 @@ int apc_shm_holder(struct apc_store *store, const struct apc_sample *variable, u
     }
     const struct apc_shm_slot *slot = apc_shm_find(shm, apc_shm_key(variable->table, variable->id), NULL);
     const uint32_t owner = slot ? atomic_load_explicit(&slot->owner, memory_order_relaxed) : 0;
-    const bool lives = owner != 0 && (owner == shm->record || is_alive(shm, owner));
+    const bool lives = owner != 0 && (owner == shm->record || is_shm_claimant_alive(shm, owner));
     *holder = lives ? apc_word_get(&shm->header->claimant[owner - 1].number) : 0;
     apc_shm_unlock(shm);
     return 0;

@@ -20,7 +20,7 @@ struct growth {
     struct ring *ring;
 };
 
-static int by_time(const void *a, const void *b)
+static int by_hold_time(const void *a, const void *b)
 {
     const double x = ((const struct growth *)a)->time, y = ((const struct growth *)b)->time;
     return (x > y) - (x < y);
@@ -47,7 +47,7 @@ static double grow_all(const struct apc_shm *shm, struct ring *ring, size_t n, s
             growth[m++] = (struct growth){shown_for(&ring[i], e), &ring[i]};
         }
     }
-    qsort(growth, m, sizeof *growth, by_time);
+    qsort(growth, m, sizeof *growth, by_hold_time);
     for (size_t i = 0; i < m; i++) {
         struct ring *r = growth[i].ring;
         r->stuck = r->stuck || !apc_shm_may_grow(shm, used, r->extents, r->width, r->vectors);

@@ -10,7 +10,7 @@
 #include "base/text.h"
 #include "shareddata/shm/shm.h"
 
-static int no_memory(struct apc_shm *shm, uint64_t rows)
+static int no_memory_for_rows(struct apc_shm *shm, uint64_t rows)
 {
     return apc_fail(&shm->base.why, APC_ENOMEM, "out of memory for %llu rows", (unsigned long long)rows);
 }
@@ -27,7 +27,7 @@ static bool load_cell(const struct apc_shm_cell *cell, uint64_t ordinal, uint64_
     return apc_shm_unchanged(&cell->mark, ordinal + 1);
 }
 
-static int by_seq(const void *a, const void *b)
+static int by_sample_seq(const void *a, const void *b)
 {
     const struct apc_sample *x = (const struct apc_sample *)a, *y = (const struct apc_sample *)b;
     return (x->seq > y->seq) - (x->seq < y->seq);
@@ -35,8 +35,9 @@ static int by_seq(const void *a, const void *b)
 
 /* What the ring of a version still holds above @p after, and the version's own sample, in rising seq, at the
  * end of @p out, which has room for @p capacity. Returns how many. */
-static size_t load_ring(const struct apc_shm *shm, const struct apc_shm_slot *slot, const uint64_t version[8],
-                        enum apc_table table, int id, int64_t after, struct apc_sample *out, size_t capacity)
+static size_t load_sample_ring(const struct apc_shm *shm, const struct apc_shm_slot *slot,
+                               const uint64_t version[8], enum apc_table table, int id, int64_t after,
+                               struct apc_sample *out, size_t capacity)
 {
     const uint64_t head = version[0], kept = version[7] >> 8, extents = version[7] & 0xff;
     const struct apc_sample newest = apc_shm_sample(table, id, version);
@@ -58,7 +59,7 @@ static size_t load_ring(const struct apc_shm *shm, const struct apc_shm_slot *sl
         out[--at] = newest;
     }
     if (!sorted || !complete) {
-        qsort(out + at, capacity - at, sizeof *out, by_seq);
+        qsort(out + at, capacity - at, sizeof *out, by_sample_seq);
     }
     return capacity - at;
 }
@@ -86,8 +87,8 @@ int apc_shm_load_newest(struct apc_shm *shm, uint64_t key, const struct apc_shm_
 }
 
 /* Of a variable of samples. */
-static int load_version(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot,
-                        uint64_t version[8])
+static int load_sample_version(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot,
+                               uint64_t version[8])
 {
     const int there = apc_shm_load_newest(shm, key, slot, version);
     const uint64_t kept = there > 0 ? version[7] >> 8 : 0;
@@ -106,7 +107,7 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
         return err;
     }
     const struct apc_shm_slot *slot;
-    const int there = load_version(shm, apc_shm_key(table, id), &slot, version);
+    const int there = load_sample_version(shm, apc_shm_key(table, id), &slot, version);
     if (there <= 0) {
         return there;
     }
@@ -118,9 +119,9 @@ int apc_shm_history(struct apc_store *store, enum apc_table table, int id, const
     const size_t most = (size_t)(kept < (uint64_t)newer ? kept : (uint64_t)newer) + 1;
     struct apc_sample *row = (struct apc_sample *)malloc(most * sizeof *row);
     if (!row) {
-        return no_memory(shm, kept);
+        return no_memory_for_rows(shm, kept);
     }
-    size_t first = most - load_ring(shm, slot, version, table, id, range->after, row, most), n = 0;
+    size_t first = most - load_sample_ring(shm, slot, version, table, id, range->after, row, most), n = 0;
     for (; first < most; first++) {
         if (apc_shm_within(range, row[first].time)) {
             row[n++] = row[first];
@@ -149,7 +150,7 @@ int apc_shm_variables(struct apc_store *store, struct apc_sample *variables, siz
     }
     struct apc_sample *all = (struct apc_sample *)malloc(shm->variables * sizeof *all);
     if (!all) {
-        return no_memory(shm, shm->variables);
+        return no_memory_for_rows(shm, shm->variables);
     }
     for (size_t i = 0; i < shm->variables && (key = apc_word_get(&shm->slot[i].key)) != 0; i++) {
         const struct apc_shm_slot *slot;
@@ -193,7 +194,7 @@ static int load_ends(struct apc_shm *shm, struct apc_shm_ends ends[APC_SHM_LOGS]
 }
 
 /* The first @p words of a record; false when it has been overwritten. */
-static bool load_record(const struct apc_shm_log *log, uint64_t ordinal, void *out, size_t words)
+static bool load_log_record(const struct apc_shm_log *log, uint64_t ordinal, void *out, size_t words)
 {
     const apc_word *at = log->record + (size_t)(ordinal % log->capacity) * log->words;
     if (atomic_load_explicit(at, memory_order_acquire) != ordinal + 1) {
@@ -220,7 +221,7 @@ static int by_arrival(const void *a, const void *b)
     return (x->arrival > y->arrival) - (x->arrival < y->arrival);
 }
 
-static int by_time(const void *a, const void *b)
+static int by_event_time(const void *a, const void *b)
 {
     const struct entry *x = (const struct entry *)a, *y = (const struct entry *)b;
     return x->time != y->time ? (x->time > y->time) - (x->time < y->time) : by_arrival(a, b);
@@ -256,12 +257,12 @@ static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, enum 
     s->order = (struct entry *)calloc(most, sizeof *s->order);
     if (!s->record || !s->order) {
         free_selection(s);
-        return no_memory(shm, most);
+        return no_memory_for_rows(shm, most);
     }
     for (enum apc_shm_log_name log = name; log <= last; log++) {
         for (uint64_t o = ends[log].head; o > ends[log].head - ends[log].kept; o--, at++) {
             uint64_t *record = s->record + at * s->words;
-            if (!load_record(&shm->log[log], o - 1, record, s->words)) {
+            if (!load_log_record(&shm->log[log], o - 1, record, s->words)) {
                 break;
             }
             if (record[0] < (uint64_t)range->after) {
@@ -272,7 +273,7 @@ static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, enum 
             }
         }
     }
-    qsort(s->order, s->n, sizeof *s->order, name == APC_SHM_TIMING ? by_time : by_arrival);
+    qsort(s->order, s->n, sizeof *s->order, name == APC_SHM_TIMING ? by_event_time : by_arrival);
     s->first = range->last > 0 && s->n > range->last ? s->n - range->last : 0;
     return 0;
 }
@@ -404,7 +405,7 @@ int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *
     return (int)n;
 }
 
-static int give_timing(const struct apc_shm_timing *t, uint64_t arrival, apc_timing_fn fn, void *ctx)
+static int shm_give_timing(const struct apc_shm_timing *t, uint64_t arrival, apc_timing_fn fn, void *ctx)
 {
     const size_t n = t->n_bins < APC_SHM_BINS ? (size_t)t->n_bins : APC_SHM_BINS;
     struct apc_timing_row row = {.time = t->time,
@@ -440,8 +441,8 @@ int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_t
     store->streaming = true;
     for (bool ended = false; !ended && s.first < s.n; s.first++) {
         count++;
-        ended = give_timing((const struct apc_shm_timing *)selected(&s, s.first), s.order[s.first].arrival,
-                            fn, ctx) != 0;
+        ended = shm_give_timing((const struct apc_shm_timing *)selected(&s, s.first),
+                                s.order[s.first].arrival, fn, ctx) != 0;
     }
     store->streaming = false;
     free_selection(&s);
@@ -465,13 +466,13 @@ static uint64_t old_samples(const struct apc_shm *shm, const struct apc_shm_slot
 }
 
 /* One variable's: a transaction of its own, so that no writer waits for more. The newest stays in the slot. */
-static int drop_samples(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns before)
+static int shm_drop_samples(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns before)
 {
     struct apc_shm_write w;
     const uint64_t key = apc_word_get(&slot->key);
     const struct apc_shm_slot *found;
     uint64_t version[8];
-    int there = load_version(shm, key, &found, version);
+    int there = load_sample_version(shm, key, &found, version);
     if (there <= 0 || old_samples(shm, found, version, before) == 0) {
         return there < 0 ? there : 0;
     }
@@ -479,7 +480,7 @@ static int drop_samples(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns b
     if (err) {
         return err;
     }
-    if ((there = load_version(shm, key, &found, version)) <= 0 || found != slot) {
+    if ((there = load_sample_version(shm, key, &found, version)) <= 0 || found != slot) {
         apc_shm_unlock(shm);
         return there < 0 ? there : 0;
     }
@@ -508,7 +509,7 @@ static int drop_records(struct apc_shm *shm, enum apc_shm_log_name name, apc_ns 
     }
     int n = 0;
     uint64_t record[2]; /* its arrival, its time */
-    while (ends->kept > 0 && (!load_record(&shm->log[name], ends->head - ends->kept, record, 2) ||
+    while (ends->kept > 0 && (!load_log_record(&shm->log[name], ends->head - ends->kept, record, 2) ||
                               (apc_ns)record[1] < before)) {
         ends->kept--;
         n++;
@@ -534,7 +535,7 @@ int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
         const apc_ns kept = key != 0 ? apc_table_kept(keep, table) : 0;
         if (kept > 0) {
             err = apc_table_vectors(table) ? apc_shm_drop_vectors(shm, slot, now - kept)
-                                           : drop_samples(shm, slot, now - kept);
+                                           : shm_drop_samples(shm, slot, now - kept);
             dropped += err > 0 ? err : 0;
         }
     }

@@ -36,7 +36,7 @@ _Static_assert(ATOMIC_LLONG_LOCK_FREE == 2 && ATOMIC_INT_LOCK_FREE == 2, "shared
 
 /* ---- Layout -------------------------------------------------------------------------------- */
 
-static size_t take(size_t *at, size_t bytes)
+static size_t take_segment_bytes(size_t *at, size_t bytes)
 {
     size_t begin = *at;
     *at = (begin + bytes + 63) & ~(size_t)63;
@@ -59,14 +59,14 @@ void apc_shm_lay_out(struct apc_shm *shm, uint64_t mib, char *base)
     shm->log[APC_SHM_ACCESS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 8};
     shm->log[APC_SHM_CHATTER] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 16};
     shm->log[APC_SHM_TIMING] = (struct apc_shm_log){.words = TIMING_WORDS, .capacity = (size_t)mib * 16};
-    take(&at, sizeof(struct apc_shm_header));
-    const size_t index = take(&at, shm->index_size * sizeof *shm->index);
-    const size_t slot = take(&at, shm->variables * sizeof *shm->slot);
-    const size_t tag[2] = {take(&at, shm->tags * sizeof(struct apc_tag)),
-                           take(&at, shm->tags * sizeof(struct apc_tag))};
-    const size_t text[2] = {take(&at, shm->text_size), take(&at, shm->text_size)};
+    take_segment_bytes(&at, sizeof(struct apc_shm_header));
+    const size_t index = take_segment_bytes(&at, shm->index_size * sizeof *shm->index);
+    const size_t slot = take_segment_bytes(&at, shm->variables * sizeof *shm->slot);
+    const size_t tag[2] = {take_segment_bytes(&at, shm->tags * sizeof(struct apc_tag)),
+                           take_segment_bytes(&at, shm->tags * sizeof(struct apc_tag))};
+    const size_t text[2] = {take_segment_bytes(&at, shm->text_size), take_segment_bytes(&at, shm->text_size)};
     for (size_t i = 0; i < APC_SHM_LOGS; i++) {
-        const size_t records = take(&at, shm->log[i].capacity * shm->log[i].words * 8);
+        const size_t records = take_segment_bytes(&at, shm->log[i].capacity * shm->log[i].words * 8);
         shm->log[i].record = base ? (apc_word *)(void *)(base + records) : NULL;
     }
     shm->cells = (shm->size - at) / sizeof *shm->cell;
@@ -162,7 +162,7 @@ int apc_shm_open(struct apc_store **store, const char *uri, const struct apc_sto
 }
 
 /* The claims go with the descriptor. */
-static void drop(struct apc_shm *shm)
+static void drop_segment(struct apc_shm *shm)
 {
     if (shm->header) {
         munmap(shm->header, shm->size);
@@ -177,7 +177,7 @@ static void drop(struct apc_shm *shm)
 
 void apc_shm_close(struct apc_store *store)
 {
-    drop(apc_shm_of(store));
+    drop_segment(apc_shm_of(store));
     free(apc_shm_of(store)->claims.at);
     free(store);
 }
@@ -191,18 +191,18 @@ static int system_failure(struct apc_shm *shm, int err, const char *what)
                     strerror_r(errno, text, sizeof text));
 }
 
-static int refuse(struct apc_shm *shm, const char *why)
+static int refuse_segment(struct apc_shm *shm, const char *why)
 {
     return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s: %s %s: left as it is; remove it to make a new one",
                     shm->name, shm->path, why);
 }
 
 /* Is it a store of ours, and this user's? Its constants are read without mapping it. */
-static int check(struct apc_shm *shm, const struct stat *st)
+static int check_segment(struct apc_shm *shm, const struct stat *st)
 {
     struct apc_shm_constants c;
     if (!S_ISREG(st->st_mode)) {
-        return refuse(shm, "is no file");
+        return refuse_segment(shm, "is no file");
     }
     if (st->st_uid != geteuid() || (st->st_mode & 077) != 0) {
         return apc_fail(&shm->base.why, APC_EPERM,
@@ -210,11 +210,11 @@ static int check(struct apc_shm *shm, const struct stat *st)
                         shm->name, shm->path, (unsigned)st->st_uid, (unsigned)st->st_mode & 0777);
     }
     if (pread(shm->fd, &c, sizeof c, 0) != (ssize_t)sizeof c || memcmp(c.magic, magic, sizeof magic) != 0) {
-        return refuse(shm, "is no store of libapc");
+        return refuse_segment(shm, "is no store of libapc");
     }
     /* Where another layout has its checksum, that version alone knows. */
     if (c.layout == LAYOUT && c.checksum != checksum(&c)) {
-        return refuse(shm, "is corrupt: its header's checksum is wrong");
+        return refuse_segment(shm, "is corrupt: its header's checksum is wrong");
     }
     if (c.layout != LAYOUT || c.header_size != sizeof(struct apc_shm_header)) {
         return apc_fail(
@@ -224,7 +224,7 @@ static int check(struct apc_shm *shm, const struct stat *st)
             shm->name, shm->path, (unsigned)c.layout, LAYOUT);
     }
     if (c.mib < 1 || c.mib > APC_SHM_MIB_MAX || (uint64_t)st->st_size != c.mib << 20) {
-        return refuse(shm, "is corrupt: it has not the size that its header says");
+        return refuse_segment(shm, "is corrupt: it has not the size that its header says");
     }
     apc_shm_lay_out(shm, c.mib, NULL);
     return 0;
@@ -248,13 +248,13 @@ static apc_ns coarse_now(void)
     return (apc_ns)t.tv_sec * APC_NS_PER_S + t.tv_nsec;
 }
 
-static int attach(struct apc_shm *shm)
+static int attach_segment(struct apc_shm *shm)
 {
     struct stat st;
     if (fstat(shm->fd, &st) != 0) {
         return system_failure(shm, APC_ESYS, "look at");
     }
-    int err = check(shm, &st);
+    int err = check_segment(shm, &st);
     if (!err) {
         err = map(shm, shm->size >> 20);
     }
@@ -273,15 +273,15 @@ static int attach(struct apc_shm *shm)
 /* The one there is. APC_ENOTFOUND: there is none. */
 static int connect_existing(struct apc_shm *shm)
 {
-    drop(shm);
+    drop_segment(shm);
     shm->fd = open(shm->path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
     if (shm->fd < 0) {
         return errno == ENOENT ? APC_ENOTFOUND
                                : system_failure(shm, errno == EACCES ? APC_EPERM : APC_ESTORE, "open");
     }
-    int err = attach(shm);
+    int err = attach_segment(shm);
     if (err) {
-        drop(shm);
+        drop_segment(shm);
     }
     return err;
 }
@@ -312,7 +312,7 @@ int apc_shm_ready(struct apc_shm *shm)
 /* ---- Make ------------------------------------------------------------------------------------ */
 
 /* A new segment holds zeros. */
-static int fill(struct apc_shm *shm)
+static int fill_segment(struct apc_shm *shm)
 {
     struct apc_shm_header *h = shm->header;
     if (make_mutex(&h->writer) != 0) {
@@ -331,7 +331,7 @@ static int fill(struct apc_shm *shm)
 /* A file without a name, complete. */
 static int make_unnamed(struct apc_shm *shm)
 {
-    drop(shm);
+    drop_segment(shm);
     shm->fd = open(DIRECTORY, O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
     if (shm->fd < 0 || fchmod(shm->fd, 0600) != 0) {
         return system_failure(shm, APC_ESTORE, "make");
@@ -352,7 +352,7 @@ static int make_unnamed(struct apc_shm *shm)
             strerror_r(e, text, sizeof text), shm->name);
     }
     int err = map(shm, shm->mib);
-    return err ? err : fill(shm);
+    return err ? err : fill_segment(shm);
 }
 
 static int give_name(struct apc_shm *shm)
@@ -377,7 +377,7 @@ int apc_shm_init(struct apc_store *store)
     if (!err) {
         err = give_name(shm);
     }
-    drop(shm);
+    drop_segment(shm);
     if (!err) {
         err = connect_existing(shm);
     }

@@ -30,7 +30,7 @@ struct ring {
     uint32_t extent[EXTENTS]; /* first cell of each */
 };
 
-static struct ring unpack(const uint64_t words[8])
+static struct ring unpack_ring(const uint64_t words[8])
 {
     struct ring r = {.head = words[0],
                      .seq = words[1],
@@ -42,7 +42,7 @@ static struct ring unpack(const uint64_t words[8])
     return r;
 }
 
-static void pack(const struct ring *r, uint64_t words[8])
+static void pack_ring(const struct ring *r, uint64_t words[8])
 {
     words[0] = r->head;
     words[1] = r->seq;
@@ -81,7 +81,7 @@ uint64_t apc_shm_width(size_t elements)
 /* ---- Read ---------------------------------------------------------------------------------- */
 
 /* The row's words up to its first @p room elements; false when it has been overwritten. */
-static bool load_row(const apc_word *row, uint64_t ordinal, uint64_t shift, struct apc_vector *out)
+static bool load_vector_row(const apc_word *row, uint64_t ordinal, uint64_t shift, struct apc_vector *out)
 {
     if (!row || atomic_load_explicit(row, memory_order_acquire) != ordinal + 1) {
         return false;
@@ -106,9 +106,9 @@ bool apc_shm_load_vector(struct apc_shm *shm, uint64_t g, struct apc_vector *v, 
     uint64_t words[8];
     const int there = slot ? apc_shm_load(slot, g, words) : 0;
     if (there > 0) {
-        const struct ring r = unpack(words);
+        const struct ring r = unpack_ring(words);
         const uint64_t newest = r.head - 1 - r.back;
-        return load_row(row_at(shm, &r, newest), newest, r.shift, v);
+        return load_vector_row(row_at(shm, &r, newest), newest, r.shift, v);
     }
     v->seq = v->time = 0;
     v->n = 0;
@@ -119,7 +119,7 @@ bool apc_shm_load_vector(struct apc_shm *shm, uint64_t g, struct apc_vector *v, 
 /* ---- Write --------------------------------------------------------------------------------- */
 
 /* One more extent, if there are cells for it. */
-static void grow(struct apc_shm_write *w, struct ring *r)
+static void grow_vector_ring(struct apc_shm_write *w, struct ring *r)
 {
     const uint64_t rows = apc_shm_capacity(r->extents + 1) - apc_shm_capacity(r->extents);
     struct apc_shm_counters *counters = apc_shm_count(w);
@@ -131,11 +131,11 @@ static void grow(struct apc_shm_write *w, struct ring *r)
 }
 
 /* The row behind the head, to be filled: nobody takes it for one until end_row(). */
-static apc_word *begin_row(struct apc_shm_write *w, struct ring *r)
+static apc_word *begin_vector_row(struct apc_shm_write *w, struct ring *r)
 {
     const uint64_t capacity = apc_shm_capacity(r->extents);
     if (r->head >= apc_shm_shown(capacity) && r->head <= capacity && r->extents < EXTENTS) {
-        grow(w, r); /* it never went round */
+        grow_vector_ring(w, r); /* it never went round */
     }
     apc_word *row = row_at(w->shm, r, r->head);
     if (row) {
@@ -156,13 +156,13 @@ static void end_row(struct ring *r, apc_word *row)
 }
 
 /* A ring of wider rows, into which the rows move. */
-static int widen(struct apc_shm_write *w, struct ring *r, uint64_t shift)
+static int widen_vector_ring(struct apc_shm_write *w, struct ring *r, uint64_t shift)
 {
     const struct ring former = *r;
     *r = (struct ring){.seq = former.seq, .back = former.back, .shift = shift};
     for (uint64_t o = former.head - former.kept; o < former.head; o++) {
         const apc_word *from = row_at(w->shm, &former, o);
-        apc_word *to = from ? begin_row(w, r) : NULL;
+        apc_word *to = from ? begin_vector_row(w, r) : NULL;
         if (!to) {
             return APC_ESTORE;
         }
@@ -178,7 +178,7 @@ static int widen(struct apc_shm_write *w, struct ring *r, uint64_t shift)
 }
 
 /* Is the seq, which is not above the newest, there; or is it older than what the ring can hold? */
-static bool holds(const struct apc_shm *shm, const struct ring *r, uint64_t seq)
+static bool vector_ring_holds(const struct apc_shm *shm, const struct ring *r, uint64_t seq)
 {
     uint64_t oldest = UINT64_MAX;
     for (uint64_t o = r->head; o > r->head - r->kept; o--) {
@@ -193,11 +193,11 @@ static bool holds(const struct apc_shm *shm, const struct ring *r, uint64_t seq)
            r->back + 2 > apc_shm_shown(apc_shm_capacity(r->extents)); /* it would push the newest out */
 }
 
-static int write_row(struct apc_shm_write *w, struct ring *r, const struct apc_vector *v)
+static int write_vector_row(struct apc_shm_write *w, struct ring *r, const struct apc_vector *v)
 {
     const uint64_t shift = (uint64_t)__builtin_ctzll(apc_shm_width(v->n));
-    int err = shift > r->shift ? widen(w, r, shift) : 0;
-    apc_word *row = err ? NULL : begin_row(w, r);
+    int err = shift > r->shift ? widen_vector_ring(w, r, shift) : 0;
+    apc_word *row = err ? NULL : begin_vector_row(w, r);
     if (!row) {
         return APC_ESTORE;
     }
@@ -230,14 +230,14 @@ static int write_vector(struct apc_shm_write *w, const struct apc_vector *v, uin
     int from = apc_shm_current(slot->mark, w->generation, &was);
     if (from >= 0) {
         apc_words_get(words, &slot->version[from].mark, 8);
-        r = unpack(words);
-        if ((uint64_t)v->seq <= r.seq && holds(w->shm, &r, (uint64_t)v->seq)) {
+        r = unpack_ring(words);
+        if ((uint64_t)v->seq <= r.seq && vector_ring_holds(w->shm, &r, (uint64_t)v->seq)) {
             return 0;
         }
     }
-    int err = write_row(w, &r, v);
+    int err = write_vector_row(w, &r, v);
     if (!err) {
-        pack(&r, words);
+        pack_ring(&r, words);
         apc_words_put(&slot->version[apc_shm_version(w, slot->mark, &from)].mark, words, 8);
     }
     return err ? err : 1;
@@ -288,15 +288,15 @@ struct found {
     size_t n;
 };
 
-static int by_seq(const void *a, const void *b)
+static int by_vector_seq(const void *a, const void *b)
 {
     const struct apc_vector *x = (const struct apc_vector *)a, *y = (const struct apc_vector *)b;
     return (x->seq > y->seq) - (x->seq < y->seq);
 }
 
 /* What the ring still holds, in rising seq. */
-static int load_ring(struct apc_shm *shm, const struct ring *r, enum apc_table table, int id,
-                     const struct apc_range *range, struct found *f)
+static int load_vector_ring(struct apc_shm *shm, const struct ring *r, enum apc_table table, int id,
+                            const struct apc_range *range, struct found *f)
 {
     const size_t room = (size_t)room_of(r->shift);
     const int64_t newer = (int64_t)r->seq - range->after; /* seqs: no more rows than that */
@@ -314,21 +314,22 @@ static int load_ring(struct apc_shm *shm, const struct ring *r, enum apc_table t
         struct apc_vector *row = &f->row[f->n];
         *row = (struct apc_vector){
             .table = table, .id = id, .room = (uint32_t)room, .value = f->value + f->n * room};
-        if (!load_row(row_at(shm, r, o - 1), o - 1, r->shift, row)) {
+        if (!load_vector_row(row_at(shm, r, o - 1), o - 1, r->shift, row)) {
             break;
         }
         f->n += row->seq > range->after && apc_shm_within(range, row->time);
     }
-    qsort(f->row, f->n, sizeof *f->row, by_seq);
+    qsort(f->row, f->n, sizeof *f->row, by_vector_seq);
     return 0;
 }
 
-static int load_version(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot, struct ring *r)
+static int load_vector_version(struct apc_shm *shm, uint64_t key, const struct apc_shm_slot **slot,
+                               struct ring *r)
 {
     uint64_t words[8];
     const int there = apc_shm_load_newest(shm, key, slot, words);
     if (there > 0) {
-        *r = unpack(words);
+        *r = unpack_ring(words);
         if (r->kept > r->head || r->extents > EXTENTS || r->shift > SHIFT_MAX ||
             r->kept > apc_shm_shown(apc_shm_capacity(r->extents))) {
             return apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is corrupt", shm->name);
@@ -348,8 +349,8 @@ int apc_shm_vectors(struct apc_store *store, enum apc_table table, int id, const
         return err;
     }
     const struct apc_shm_slot *slot;
-    const int there = load_version(shm, apc_shm_key(table, id), &slot, &r);
-    err = there > 0 ? load_ring(shm, &r, table, id, range, &f) : there;
+    const int there = load_vector_version(shm, apc_shm_key(table, id), &slot, &r);
+    err = there > 0 ? load_vector_ring(shm, &r, table, id, range, &f) : there;
     store->streaming = true;
     size_t first = range->last > 0 && f.n > range->last ? f.n - range->last : 0;
     for (bool ended = err < 0; !ended && first < f.n; first++) {
@@ -386,7 +387,7 @@ int apc_shm_drop_vectors(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns 
     const struct apc_shm_slot *found;
     struct ring r;
     uint64_t words[8];
-    int there = load_version(shm, key, &found, &r);
+    int there = load_vector_version(shm, key, &found, &r);
     if (there <= 0 || old_rows(shm, &r, before) == 0) {
         return there < 0 ? there : 0;
     }
@@ -394,14 +395,14 @@ int apc_shm_drop_vectors(struct apc_shm *shm, struct apc_shm_slot *slot, apc_ns 
     if (err) {
         return err;
     }
-    if ((there = load_version(shm, key, &found, &r)) <= 0 || found != slot) {
+    if ((there = load_vector_version(shm, key, &found, &r)) <= 0 || found != slot) {
         apc_shm_unlock(shm);
         return there < 0 ? there : 0;
     }
     const uint64_t n = old_rows(shm, &r, before);
     int from, to = apc_shm_version(&w, slot->mark, &from);
     r.kept -= n;
-    pack(&r, words);
+    pack_ring(&r, words);
     apc_words_put(&slot->version[to].mark, words, 8);
     apc_shm_commit(&w);
     return (int)n;

@@ -45,7 +45,7 @@ static struct apc_shm_counters counters_of(const struct apc_shm *shm, uint64_t g
 }
 
 /* The lock is held: nothing above the generation has happened. */
-static void recover(struct apc_shm *shm)
+static void recover_transaction(struct apc_shm *shm)
 {
     struct apc_shm_header *h = shm->header;
     const uint64_t g = apc_shm_generation(shm);
@@ -120,7 +120,7 @@ int apc_shm_lock(struct apc_shm *shm)
             shm->name, shm->path);
     }
     if (e == EOWNERDEAD) { /* and until the unlock again, if we die too */
-        recover(shm);
+        recover_transaction(shm);
         e = pthread_mutex_consistent(&shm->header->writer);
     }
     if (e == ETIMEDOUT) {
@@ -199,7 +199,7 @@ void apc_shm_commit(struct apc_shm_write *w)
 /* Leave everything as it was, unlock. */
 static void give_up(struct apc_shm_write *w)
 {
-    recover(w->shm);
+    recover_transaction(w->shm);
     apc_shm_unlock(w->shm);
 }
 
@@ -218,7 +218,7 @@ int apc_shm_finish(struct apc_shm_write *w, int err, int count)
 /* ---- Slots ----------------------------------------------------------------------------------- */
 
 /* Where in the index it is, or the free place where it belongs; NULL when there is neither. */
-static _Atomic uint32_t *place(const struct apc_shm *shm, uint64_t key)
+static _Atomic uint32_t *shm_index_place(const struct apc_shm *shm, uint64_t key)
 {
     const size_t mask = shm->index_size - 1;
     size_t i = (size_t)(key * UINT64_C(0x9E3779B97F4A7C15) >> 32) & mask;
@@ -233,7 +233,7 @@ static _Atomic uint32_t *place(const struct apc_shm *shm, uint64_t key)
 
 struct apc_shm_slot *apc_shm_look_up(const struct apc_shm *shm, uint64_t key, uint32_t *hint)
 {
-    const _Atomic uint32_t *at = place(shm, key);
+    const _Atomic uint32_t *at = shm_index_place(shm, key);
     const uint32_t number = at ? atomic_load_explicit(at, memory_order_relaxed) : 0;
     if (number == 0 || number > shm->variables) {
         return NULL;
@@ -244,10 +244,10 @@ struct apc_shm_slot *apc_shm_look_up(const struct apc_shm *shm, uint64_t key, ui
     return &shm->slot[number - 1];
 }
 
-static struct apc_shm_slot *add(struct apc_shm_write *w, uint64_t key)
+static struct apc_shm_slot *add_slot(struct apc_shm_write *w, uint64_t key)
 {
     struct apc_shm *shm = w->shm;
-    _Atomic uint32_t *at = place(shm, key);
+    _Atomic uint32_t *at = shm_index_place(shm, key);
     struct apc_shm_counters *counters = apc_shm_count(w);
     if (!at || counters->variables >= shm->variables) {
         apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is full: it holds %zu variables: make a larger one",
@@ -267,7 +267,7 @@ static struct apc_shm_slot *add(struct apc_shm_write *w, uint64_t key)
 struct apc_shm_slot *apc_shm_find_or_add(struct apc_shm_write *w, uint64_t key, uint32_t *hint)
 {
     struct apc_shm_slot *slot = apc_shm_find(w->shm, key, hint);
-    return slot ? slot : add(w, key);
+    return slot ? slot : add_slot(w, key);
 }
 
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id)
@@ -303,7 +303,7 @@ struct version {
     uint64_t seq, head, kept, extents;
 };
 
-static struct version load_version(const struct apc_shm_cell *v)
+static struct version load_cell_version(const struct apc_shm_cell *v)
 {
     const uint64_t ring = apc_word_get(&v->ring);
     return (struct version){.seq = apc_word_get(&v->seq),
@@ -313,8 +313,8 @@ static struct version load_version(const struct apc_shm_cell *v)
 }
 
 /* Is the seq, which is not above the newest, there; or is it older than what the ring still holds? */
-static bool holds(const struct apc_shm *shm, const struct apc_shm_slot *slot, const struct version *v,
-                  uint64_t seq)
+static bool sample_ring_holds(const struct apc_shm *shm, const struct apc_shm_slot *slot,
+                              const struct version *v, uint64_t seq)
 {
     const uint64_t back = v->seq - seq; /* most count by one */
     const struct apc_shm_cell *cell = NULL;
@@ -352,8 +352,8 @@ static void put_words(struct apc_shm_cell *c, const struct apc_sample *s)
 }
 
 /* Into the ring behind its head. */
-static int put_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, struct version *v,
-                    const struct apc_sample *s)
+static int put_sample_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, struct version *v,
+                           const struct apc_sample *s)
 {
     const uint64_t capacity = apc_shm_capacity(v->extents);
     if (v->head >= apc_shm_shown(capacity) && v->head <= capacity &&
@@ -385,12 +385,12 @@ int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, ui
     uint64_t was;
     int from = apc_shm_current(slot->mark, w->generation, &was);
     if (from >= 0) {
-        v = load_version(&slot->version[from]);
-        if ((uint64_t)s->seq <= v.seq && holds(w->shm, slot, &v, (uint64_t)s->seq)) {
+        v = load_cell_version(&slot->version[from]);
+        if ((uint64_t)s->seq <= v.seq && sample_ring_holds(w->shm, slot, &v, (uint64_t)s->seq)) {
             return 0;
         }
     }
-    int err = put_cell(w, slot, &v, s);
+    int err = put_sample_cell(w, slot, &v, s);
     if (err) {
         return err;
     }

@@ -39,13 +39,13 @@ struct spooling {
     size_t n_seen, seen_capacity, cursor;
 };
 
-static struct spooling *of(struct apc_store *store)
+static struct spooling *spooling_of(struct apc_store *store)
 {
     return (struct spooling *)store;
 }
 
 /* It may take later what it does not take now. */
-static bool is_away(int err)
+static bool is_store_away(int err)
 {
     return err == APC_ECONN || err == APC_ETIMEDOUT || err == APC_EFULL;
 }
@@ -72,7 +72,7 @@ apc_ns apc_spool_pause(apc_ns waited, unsigned away, const struct apc_store_conf
 }
 
 /* What it answered to a call that began then. */
-static int answered(struct spooling *s, int rc, apc_ns began)
+static int note_answer(struct spooling *s, int rc, apc_ns began)
 {
     apc_ns now = apc_clock_mono(NULL);
     s->base.stats = s->inner->stats;
@@ -82,7 +82,7 @@ static int answered(struct spooling *s, int rc, apc_ns began)
         return rc;
     }
     s->base.why = s->inner->why;
-    if (is_away(rc)) {
+    if (is_store_away(rc)) {
         s->reason = s->inner->why;
         s->quiet_until = now + apc_spool_pause(now - began, ++s->away, &s->base.config);
     }
@@ -92,9 +92,9 @@ static int answered(struct spooling *s, int rc, apc_ns began)
 /* One expression that calls the store behind, for operations that are not a tick's. */
 #define PASS(store, call)                                                                                    \
     do {                                                                                                     \
-        struct apc_store *inner = of(store)->inner;                                                          \
+        struct apc_store *inner = spooling_of(store)->inner;                                                 \
         apc_ns pass_began = apc_clock_mono(NULL);                                                            \
-        return answered(of(store), (call), pass_began);                                                      \
+        return note_answer(spooling_of(store), (call), pass_began);                                          \
     } while (0)
 
 /* ---- What was seen --------------------------------------------------------------------------- */
@@ -113,7 +113,7 @@ static struct apc_sample *find_seen(struct spooling *s, enum apc_table table, in
 
 /* A newer one, or, while nothing waits, what the store says: it may have been put back to an older state.
  * Without memory for one more it is not remembered, that is all. */
-static void see(struct spooling *s, const struct apc_sample *sample)
+static void see_newer(struct spooling *s, const struct apc_sample *sample)
 {
     struct apc_sample *seen = find_seen(s, sample->table, sample->id);
     if (!seen && s->n_seen == s->seen_capacity) {
@@ -134,17 +134,17 @@ static void see(struct spooling *s, const struct apc_sample *sample)
     }
 }
 
-static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int spool_read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
-    struct spooling *s = of(store);
+    struct spooling *s = spooling_of(store);
     apc_ns began = apc_clock_mono(NULL);
-    int rc = is_quiet(s) ? resting(s) : answered(s, apc_store_read(s->inner, samples, n), began);
-    if (rc < 0 && !is_away(rc)) {
+    int rc = is_quiet(s) ? resting(s) : note_answer(s, apc_store_read(s->inner, samples, n), began);
+    if (rc < 0 && !is_store_away(rc)) {
         return rc;
     }
     for (size_t i = 0; i < n; i++) {
         if (rc == 0) {
-            see(s, &samples[i]);
+            see_newer(s, &samples[i]);
         }
         const struct apc_sample *seen = find_seen(s, samples[i].table, samples[i].id);
         if (!seen) {
@@ -202,7 +202,7 @@ static int recovered(void *ctx, enum apc_spool_kind kind, const struct apc_sampl
     }
     use_up(s, sample, 1);
     if (kind == APC_SPOOL_SAMPLES) {
-        see(s, sample);
+        see_newer(s, sample);
     }
     return 0;
 }
@@ -268,7 +268,7 @@ static int strike_event(void *ctx, const struct apc_event *row)
 
 /* The batch was appended, but some of it stood there: is that ours? A writer that may not read what it writes
  * has to believe it where it may be so. */
-static int verify(struct spooling *s)
+static int verify_batch(struct spooling *s)
 {
     struct apc_spool_batch *b = &s->batch;
     struct standing standing = {b};
@@ -292,7 +292,7 @@ static int verify(struct spooling *s)
             return b->begin < s->unsure ? 0 : APC_ECONFLICT;
         }
         if (rc < 0) {
-            return answered(s, rc, began);
+            return note_answer(s, rc, began);
         }
         for (size_t i = 0; i < b->n; i++) {
             after += b->samples[i].table == table && b->samples[i].id == id;
@@ -308,11 +308,11 @@ static int drain_samples(struct spooling *s)
 {
     apc_ns began = apc_clock_mono(NULL);
     size_t n = s->batch.n;
-    int rc = answered(s, apc_store_append(s->inner, s->batch.samples, n), began);
+    int rc = note_answer(s, apc_store_append(s->inner, s->batch.samples, n), began);
     if (rc < 0 || (size_t)rc == n) {
         return rc;
     }
-    rc = verify(s);
+    rc = verify_batch(s);
     s->batch.n = n;
     if (rc == APC_ECONFLICT && apc_spool_set_aside(&s->file, "conflict", false, &s->base.why) == 0) {
         s->file.stats.damaged++;
@@ -346,7 +346,7 @@ static int drain_events(struct spooling *s)
         rc = apc_store_append_events(s->inner, b->events, b->n);
     }
     b->n = n;
-    return answered(s, rc, began);
+    return note_answer(s, rc, began);
 }
 
 static int drain_batch(struct spooling *s)
@@ -362,11 +362,11 @@ static int drain_batch(struct spooling *s)
     }
     if (s->batch.n == 0) { /* only how far the writer was, which the store knows, if it is there */
         apc_ns began = apc_clock_mono(NULL);
-        rc = answered(s, apc_store_connect(s->inner), began);
+        rc = note_answer(s, apc_store_connect(s->inner), began);
     } else {
         rc = s->batch.kind == APC_SPOOL_EVENTS ? drain_events(s) : drain_samples(s);
     }
-    if (is_away(rc) && s->unsure < s->batch.end) {
+    if (is_store_away(rc) && s->unsure < s->batch.end) {
         s->unsure = s->batch.end;
     }
     return rc < 0 ? rc : apc_spool_advance(&s->file, &s->batch, &s->base.why);
@@ -379,13 +379,13 @@ static int claim_pending(struct spooling *s)
         return 0;
     }
     apc_ns began = apc_clock_mono(NULL);
-    int rc = answered(s, apc_store_claim_set(s->inner, s->claims.at, s->claims.n), began);
+    int rc = note_answer(s, apc_store_claim_set(s->inner, s->claims.at, s->claims.n), began);
     s->pending = rc < 0;
     return rc;
 }
 
 /* A portion of what waits. Returns 0, or why there is still something. */
-static int drain(struct spooling *s)
+static int drain_portion(struct spooling *s)
 {
     const apc_ns enough = apc_clock_mono(NULL) + s->base.config.timeout / 10;
     if (apc_spool_empty(&s->file)) {
@@ -398,7 +398,7 @@ static int drain(struct spooling *s)
     while (rc >= 0 && !apc_spool_empty(&s->file) && (rc = drain_batch(s)) >= 0 &&
            apc_clock_mono(NULL) < enough) {
     }
-    s->file.stats.blocked = rc < 0 && !is_away(rc) ? rc : 0;
+    s->file.stats.blocked = rc < 0 && !is_store_away(rc) ? rc : 0;
     return rc < 0 ? rc : 0;
 }
 
@@ -409,7 +409,7 @@ static bool may_fall_back(const struct spooling *s)
     return s->base.config.spool_or_memory && !s->file.memory;
 }
 
-static int keep(struct spooling *s, enum apc_spool_kind kind, const void *items, size_t n, bool sent)
+static int keep_in_spool(struct spooling *s, enum apc_spool_kind kind, const void *items, size_t n, bool sent)
 {
     struct apc_error why = {""};
     bool first = apc_spool_empty(&s->file);
@@ -438,9 +438,9 @@ static int keep(struct spooling *s, enum apc_spool_kind kind, const void *items,
  * safe; that the store refuses a part of what waits is not: it goes on waiting. */
 static int spool(struct spooling *s, enum apc_spool_kind kind, const void *items, size_t n, bool sent)
 {
-    int rc = keep(s, kind, items, n, sent);
+    int rc = keep_in_spool(s, kind, items, n, sent);
     const struct apc_error why = s->base.why;
-    int left = drain(s); /* also when it is full: there may be room the next time */
+    int left = drain_portion(s); /* also when it is full: there may be room the next time */
     if (rc < 0) {
         s->base.why = why;
         return rc;
@@ -448,35 +448,35 @@ static int spool(struct spooling *s, enum apc_spool_kind kind, const void *items
     return left == APC_EBUSY || left == APC_ECONFLICT || left == APC_ESCHEMA ? left : (int)n;
 }
 
-static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
+static int spool_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
-    struct spooling *s = of(store);
+    struct spooling *s = spooling_of(store);
     bool direct = apc_spool_empty(&s->file) && !is_quiet(s);
     int rc = APC_ECONN;
     use_up(s, samples, n);
     if (direct) {
         apc_ns began = apc_clock_mono(NULL);
-        rc = answered(s, apc_store_append(s->inner, samples, n), began);
+        rc = note_answer(s, apc_store_append(s->inner, samples, n), began);
     }
-    if (is_away(rc)) {
+    if (is_store_away(rc)) {
         rc = spool(s, APC_SPOOL_SAMPLES, samples, n, direct);
     }
     for (size_t i = 0; rc >= 0 && i < n; i++) {
-        see(s, &samples[i]);
+        see_newer(s, &samples[i]);
     }
     return rc;
 }
 
-static int append_events(struct apc_store *store, const struct apc_event *events, size_t n)
+static int spool_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
-    struct spooling *s = of(store);
+    struct spooling *s = spooling_of(store);
     bool direct = apc_spool_empty(&s->file) && !is_quiet(s);
     int rc = APC_ECONN;
     if (direct) {
         apc_ns began = apc_clock_mono(NULL);
-        rc = answered(s, apc_store_append_events(s->inner, events, n), began);
+        rc = note_answer(s, apc_store_append_events(s->inner, events, n), began);
     }
-    return is_away(rc) ? spool(s, APC_SPOOL_EVENTS, events, n, direct) : rc;
+    return is_store_away(rc) ? spool(s, APC_SPOOL_EVENTS, events, n, direct) : rc;
 }
 
 /* ---- Claiming ------------------------------------------------------------------------------- */
@@ -522,17 +522,17 @@ static void count_on(struct spooling *s, struct apc_sample *v, bool trusted)
     v->seq = newest;
 }
 
-static int claim(struct apc_store *store, struct apc_sample *variables, size_t n)
+static int spool_claim(struct apc_store *store, struct apc_sample *variables, size_t n)
 {
-    struct spooling *s = of(store);
+    struct spooling *s = spooling_of(store);
     const bool known = is_known(s, variables, n);
     int rc = check_left(s, variables, n);
     if (rc < 0) {
         return rc;
     }
     apc_ns began = apc_clock_mono(NULL);
-    rc = answered(s, apc_store_claim_set(s->inner, variables, n), began);
-    bool trusted = known && is_away(rc);
+    rc = note_answer(s, apc_store_claim_set(s->inner, variables, n), began);
+    bool trusted = known && is_store_away(rc);
     if (rc < 0 && !trusted) {
         return rc;
     }
@@ -556,100 +556,100 @@ static int claim(struct apc_store *store, struct apc_sample *variables, size_t n
 }
 
 /* What waits in the spool is ours still. */
-static int release(struct apc_store *store, const struct apc_sample *variables, size_t n)
+static int spool_release(struct apc_store *store, const struct apc_sample *variables, size_t n)
 {
-    apc_claims_drop(&of(store)->claims, variables, n);
+    apc_claims_drop(&spooling_of(store)->claims, variables, n);
     PASS(store, apc_store_release(inner, variables, n));
 }
 
 /* ---- Everything else ------------------------------------------------------------------------ */
 
-static bool connected(const struct apc_store *store)
+static bool spool_connected(const struct apc_store *store)
 {
     return apc_store_connected(((const struct spooling *)store)->inner);
 }
 
-static int connect_store(struct apc_store *store)
+static int spool_connect(struct apc_store *store)
 {
-    struct spooling *s = of(store);
+    struct spooling *s = spooling_of(store);
     if (is_quiet(s)) {
         return resting(s);
     }
     apc_ns began = apc_clock_mono(NULL);
-    int rc = answered(s, apc_store_connect(s->inner), began);
-    return rc < 0 ? rc : drain(s);
+    int rc = note_answer(s, apc_store_connect(s->inner), began);
+    return rc < 0 ? rc : drain_portion(s);
 }
 
-static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int spool_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     PASS(store, apc_store_put(inner, samples, n));
 }
 
-static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int spool_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     PASS(store, apc_store_swap(inner, samples, n));
 }
 
-static int wait_change(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
+static int spool_wait_change(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout)
 {
     PASS(store, apc_store_wait(inner, seen, n, timeout));
 }
 
 /* They command, so they are not spooled. */
-static int append_rows(struct apc_store *store, const struct apc_rows *rows)
+static int spool_append_rows(struct apc_store *store, const struct apc_rows *rows)
 {
     PASS(store, apc_store_append_rows(inner, rows));
 }
 
-static int read_rows(struct apc_store *store, struct apc_rows *rows)
+static int spool_read_rows(struct apc_store *store, struct apc_rows *rows)
 {
     PASS(store, apc_store_read_rows(inner, rows));
 }
 
-static int vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                   apc_vector_fn fn, void *ctx)
+static int spool_vectors(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                         apc_vector_fn fn, void *ctx)
 {
     PASS(store, apc_store_vectors(inner, table, id, range, fn, ctx));
 }
 
-static int variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
+static int spool_variables(struct apc_store *store, struct apc_sample *out, size_t capacity)
 {
     PASS(store, apc_store_variables(inner, out, capacity));
 }
 
-static int history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
-                   apc_sample_fn fn, void *ctx)
+static int spool_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
+                         apc_sample_fn fn, void *ctx)
 {
     PASS(store, apc_store_history(inner, table, id, range, fn, ctx));
 }
 
-static int history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
-                        size_t n, apc_history_bin_fn fn, void *ctx)
+static int spool_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since,
+                              apc_ns until, size_t n, apc_history_bin_fn fn, void *ctx)
 {
     PASS(store, apc_store_history_bins(inner, table, id, since, until, n, fn, ctx));
 }
 
-static int author(struct apc_store *store, const char *name)
+static int spool_author(struct apc_store *store, const char *name)
 {
     PASS(store, apc_store_author(inner, name));
 }
 
-static int author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
+static int spool_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
 {
     PASS(store, apc_store_author_name(inner, number, name));
 }
 
-static int describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *text)
+static int spool_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *text)
 {
     PASS(store, apc_store_describe(inner, tags, n, text));
 }
 
-static int catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+static int spool_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
 {
     PASS(store, apc_store_catalogue(inner, text, size, revision));
 }
 
-static int get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
+static int spool_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
 {
     PASS(store, apc_store_get_tags(inner, tags, capacity));
 }
@@ -659,7 +659,7 @@ static int events(struct apc_store *store, const struct apc_range *range, apc_ev
     PASS(store, apc_store_events(inner, range, fn, ctx));
 }
 
-static int append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
+static int spool_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
 {
     PASS(store, apc_store_append_timing(inner, rows, n));
 }
@@ -669,24 +669,24 @@ static int timing(struct apc_store *store, const struct apc_range *range, apc_ti
     PASS(store, apc_store_timing(inner, range, fn, ctx));
 }
 
-static int version(const struct apc_store *store)
+static int spool_version(const struct apc_store *store)
 {
     return apc_store_tables_version(((const struct spooling *)store)->inner);
 }
 
-static int init(struct apc_store *store)
+static int spool_init(struct apc_store *store)
 {
     PASS(store, apc_store_init(inner));
 }
 
-static int maintain(struct apc_store *store, const struct apc_retention *retention)
+static int spool_maintain(struct apc_store *store, const struct apc_retention *retention)
 {
     struct apc_retention sized = *retention;
     sized.size = sizeof sized;
     PASS(store, apc_store_maintain(inner, &sized));
 }
 
-static void stats(const struct apc_store *store, struct apc_store_stats *out)
+static void spool_stats(const struct apc_store *store, struct apc_store_stats *out)
 {
     const struct spooling *s = (const struct spooling *)store;
     *out = s->inner->stats;
@@ -706,13 +706,13 @@ static void free_all(struct spooling *s)
     free(s);
 }
 
-static void close_store(struct apc_store *store)
+static void spool_close(struct apc_store *store)
 {
-    apc_spool_close(&of(store)->file);
-    free_all(of(store));
+    apc_spool_close(&spooling_of(store)->file);
+    free_all(spooling_of(store));
 }
 
-static uint64_t number_of_claim(const struct apc_store *store)
+static uint64_t spool_number_of_claim(const struct apc_store *store)
 {
     return apc_store_claimed(((const struct spooling *)store)->inner);
 }
@@ -720,36 +720,36 @@ static uint64_t number_of_claim(const struct apc_store *store)
 static const struct apc_store_ops spooling_store = {
     .scheme = "",
     .spreads = true,
-    .close = close_store,
-    .connected = connected,
-    .stats = stats,
-    .connect = connect_store,
-    .read = read_newest,
-    .append = append,
-    .claim_set = claim,
-    .release = release,
-    .claimed = number_of_claim,
-    .read_rows = read_rows,
-    .append_rows = append_rows,
-    .vectors = vectors,
-    .put = put,
-    .swap = swap,
-    .wait = wait_change,
-    .variables = variables,
-    .history = history,
-    .history_bins = history_bins,
-    .author = author,
-    .author_name = author_name,
-    .describe = describe,
-    .catalogue = catalogue,
-    .get_tags = get_tags,
-    .append_events = append_events,
+    .close = spool_close,
+    .connected = spool_connected,
+    .stats = spool_stats,
+    .connect = spool_connect,
+    .read = spool_read_newest,
+    .append = spool_append,
+    .claim_set = spool_claim,
+    .release = spool_release,
+    .claimed = spool_number_of_claim,
+    .read_rows = spool_read_rows,
+    .append_rows = spool_append_rows,
+    .vectors = spool_vectors,
+    .put = spool_put,
+    .swap = spool_swap,
+    .wait = spool_wait_change,
+    .variables = spool_variables,
+    .history = spool_history,
+    .history_bins = spool_history_bins,
+    .author = spool_author,
+    .author_name = spool_author_name,
+    .describe = spool_describe,
+    .catalogue = spool_catalogue,
+    .get_tags = spool_get_tags,
+    .append_events = spool_append_events,
     .events = events,
-    .append_timing = append_timing,
+    .append_timing = spool_append_timing,
     .timing = timing,
-    .version = version,
-    .init = init,
-    .maintain = maintain,
+    .version = spool_version,
+    .init = spool_init,
+    .maintain = spool_maintain,
 };
 
 int apc_spool_wrap(struct apc_store **store, struct apc_store *inner, const char *uri, const char *path,

@@ -34,7 +34,7 @@ static const char magic[8] = {'a', 'p', 'c', 's', 'p', 'o', 'o', 'l'};
 
 /* ---- Bytes ---------------------------------------------------------------------------------- */
 
-static void put_bits(unsigned char *at, uint64_t value, size_t bytes)
+static void put_big_endian(unsigned char *at, uint64_t value, size_t bytes)
 {
     for (size_t i = 0; i < bytes; i++) {
         at[i] = (unsigned char)(value >> 8 * i);
@@ -94,7 +94,7 @@ static bool write_at(int fd, const unsigned char *data, size_t n, uint64_t at)
     return true;
 }
 
-static bool read_at(int fd, unsigned char *data, size_t n, uint64_t at)
+static bool read_spool_at(int fd, unsigned char *data, size_t n, uint64_t at)
 {
     while (n > 0) {
         ssize_t got = pread(fd, data, n, (off_t)at);
@@ -111,7 +111,7 @@ static bool read_at(int fd, unsigned char *data, size_t n, uint64_t at)
     return true;
 }
 
-static int reserve(struct apc_spool_file *file, size_t size)
+static int reserve_spool(struct apc_spool_file *file, size_t size)
 {
     if (size > file->buffer_size) {
         unsigned char *grown = realloc(file->buffer, size);
@@ -127,7 +127,7 @@ static int reserve(struct apc_spool_file *file, size_t size)
 /* ---- Items ---------------------------------------------------------------------------------- */
 
 /* Tables by name: their numbers are the library's own and may change. A name has eight letters at most. */
-static void put_sample(unsigned char *at, const struct apc_sample *s)
+static void put_spool_sample(unsigned char *at, const struct apc_sample *s)
 {
     const char *name = apc_table_name(s->table);
     uint64_t value;
@@ -136,11 +136,11 @@ static void put_sample(unsigned char *at, const struct apc_sample *s)
     for (size_t i = 0; i < 8 && name[i]; i++) {
         at[i] = (unsigned char)name[i];
     }
-    put_bits(at + 8, (uint64_t)s->id, 4);
-    put_bits(at + 12, s->status, 4);
-    put_bits(at + 16, (uint64_t)s->seq, 8);
-    put_bits(at + 24, (uint64_t)s->time, 8);
-    put_bits(at + 32, value, 8);
+    put_big_endian(at + 8, (uint64_t)s->id, 4);
+    put_big_endian(at + 12, s->status, 4);
+    put_big_endian(at + 16, (uint64_t)s->seq, 8);
+    put_big_endian(at + 24, (uint64_t)s->time, 8);
+    put_big_endian(at + 32, value, 8);
     memset(at + 40, 0, 16); /* seqs that an output of version 1 was computed from */
 }
 
@@ -159,11 +159,11 @@ void apc_spool_get_sample(const struct apc_spool_file *file, size_t i, struct ap
 }
 
 /* As the store will have it: whether it stands there already is asked by its texts. */
-static void put_event(unsigned char *at, const struct apc_event *event)
+static void put_spool_event(unsigned char *at, const struct apc_event *event)
 {
     const struct apc_event e = apc_event_row(event);
-    put_bits(at, (uint64_t)event->time, 8);
-    put_bits(at + 8, (uint64_t)e.severity, 8);
+    put_big_endian(at, (uint64_t)event->time, 8);
+    put_big_endian(at + 8, (uint64_t)e.severity, 8);
     memcpy(at + 16, e.source, sizeof e.source);
     memcpy(at + 48, e.kind, sizeof e.kind);
     memcpy(at + 80, e.text, sizeof e.text);
@@ -211,16 +211,17 @@ static int read_head(const struct apc_spool_file *file, struct apc_spool_record 
 int apc_spool_record_read(struct apc_spool_file *file, uint64_t at, struct apc_spool_record *record)
 {
     *record = (struct apc_spool_record){.at = at};
-    if (!read_at(file->fd, file->buffer, APC_SPOOL_RECORD, at) || read_head(file, record) != 0) {
+    if (!read_spool_at(file->fd, file->buffer, APC_SPOOL_RECORD, at) || read_head(file, record) != 0) {
         return APC_EPROTO;
     }
     size_t size = apc_spool_record_size(record->kind, record->n);
-    int err = reserve(file, size);
+    int err = reserve_spool(file, size);
     if (err) {
         return err;
     }
     const size_t from = get_bits(file->buffer, 4) == OLD_MAGIC ? 8 : APC_SPOOL_RECORD;
-    if (!read_at(file->fd, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD, at + APC_SPOOL_RECORD) ||
+    if (!read_spool_at(file->fd, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD,
+                       at + APC_SPOOL_RECORD) ||
         crc_of(file, file->buffer + from, size - from) != get_bits(file->buffer + 4, 4)) {
         return APC_EPROTO;
     }
@@ -256,8 +257,8 @@ static apc_ns first_time(const struct apc_spool_file *file, const struct apc_spo
 static bool write_head(const struct apc_spool_file *file, uint64_t head)
 {
     unsigned char bytes[16] = {0};
-    put_bits(bytes, head, 8);
-    put_bits(bytes + 8, crc_of(file, bytes, 8), 4);
+    put_big_endian(bytes, head, 8);
+    put_big_endian(bytes + 8, crc_of(file, bytes, 8), 4);
     return write_at(file->fd, bytes, sizeof bytes, AT_HEAD) && fdatasync(file->fd) == 0;
 }
 
@@ -278,10 +279,10 @@ int apc_spool_write_header(struct apc_spool_file *file, struct apc_error *why)
     unsigned char *h = file->buffer;
     memset(h, 0, APC_SPOOL_HEADER);
     memcpy(h, magic, sizeof magic);
-    put_bits(h + AT_VERSION, VERSION, 4);
+    put_big_endian(h + AT_VERSION, VERSION, 4);
     memcpy(h + AT_WRITER, file->writer, strlen(file->writer));
     memcpy(h + AT_STORE, file->store, strlen(file->store));
-    put_bits(h + AT_CRC, crc_of(file, h + AT_WRITER, AT_TEXT_END - AT_WRITER), 4);
+    put_big_endian(h + AT_CRC, crc_of(file, h + AT_WRITER, AT_TEXT_END - AT_WRITER), 4);
     if (!write_at(file->fd, h, APC_SPOOL_HEADER, 0)) {
         return sick(file, "cannot be written", why);
     }
@@ -294,7 +295,7 @@ static int read_header(struct apc_spool_file *file, uint64_t size, struct apc_er
     unsigned char *h = file->buffer;
     memset(h, 0, APC_SPOOL_HEADER);
     size_t n = size < APC_SPOOL_HEADER ? (size_t)size : APC_SPOOL_HEADER;
-    if (!read_at(file->fd, h, n, 0)) {
+    if (!read_spool_at(file->fd, h, n, 0)) {
         return sick(file, "cannot be read", why);
     }
     if (memcmp(h, magic, sizeof magic) != 0) {
@@ -388,7 +389,7 @@ static int open_locked(struct apc_spool_file *file, uint64_t *size, struct apc_e
 static int raise_version(struct apc_spool_file *file, struct apc_error *why)
 {
     unsigned char version[4];
-    put_bits(version, VERSION, sizeof version);
+    put_big_endian(version, VERSION, sizeof version);
     return write_at(file->fd, version, sizeof version, AT_VERSION) ? 0 : sick(file, "cannot be written", why);
 }
 
@@ -430,7 +431,7 @@ int apc_spool_open(struct apc_spool_file *file, const char *path, const char *wr
     file->memory = !*path;
     snprintf(file->path, sizeof file->path, "%s", file->memory ? "in memory" : path);
     make_crc(file->crc);
-    int err = reserve(file, APC_SPOOL_HEADER);
+    int err = reserve_spool(file, APC_SPOOL_HEADER);
     if (err) {
         return apc_fail(why, err, "out of memory");
     }
@@ -482,7 +483,7 @@ void apc_spool_close(struct apc_spool_file *file)
 }
 
 /* Count what waits, also behind what is damaged. */
-static void look_through(struct apc_spool_file *file)
+static void count_spooled(struct apc_spool_file *file)
 {
     struct apc_spool_record record;
     for (uint64_t at = file->head; at < file->end;
@@ -517,7 +518,7 @@ int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_err
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "spool %s cannot be opened: %s",
                         path, strerror(errno));
     }
-    if (reserve(&file, APC_SPOOL_HEADER) != 0) {
+    if (reserve_spool(&file, APC_SPOOL_HEADER) != 0) {
         err = apc_fail(why, APC_ENOMEM, "out of memory");
     }
     /* What its writer drains just now looks like damage, but not the next time. */
@@ -529,7 +530,7 @@ int apc_spool_look(const char *path, struct apc_spool_info *info, struct apc_err
             err = read_header(&file, (uint64_t)st.st_size, why);
         }
         if (!err) {
-            look_through(&file);
+            count_spooled(&file);
         }
     }
     all.stats = file.stats;
@@ -551,7 +552,7 @@ void apc_spool_left(const char *path, const char *writer, const char *store, apc
     }
     snprintf(file.path, sizeof file.path, "%s", path);
     make_crc(file.crc);
-    if (reserve(&file, APC_SPOOL_HEADER) == 0 && fstat(file.fd, &st) == 0 && S_ISREG(st.st_mode) &&
+    if (reserve_spool(&file, APC_SPOOL_HEADER) == 0 && fstat(file.fd, &st) == 0 && S_ISREG(st.st_mode) &&
         st.st_size > APC_SPOOL_HEADER && read_header(&file, (uint64_t)st.st_size, NULL) == 0 &&
         check_owner(&file, writer, store, NULL) == 0) {
         (void)apc_spool_go_through(&file, fn, ctx, &err);
@@ -571,21 +572,23 @@ int apc_spool_put(struct apc_spool_file *file, enum apc_spool_kind kind, const v
         return apc_fail(why, APC_ESTORE, "spool %s is full (%llu bytes): what comes now is lost", file->path,
                         (unsigned long long)file->capacity);
     }
-    if (reserve(file, size)) {
+    if (reserve_spool(file, size)) {
         return apc_fail(why, APC_ENOMEM, "out of memory for a spool's record of %zu", n);
     }
     for (size_t i = 0; i < n; i++) {
         if (kind == APC_SPOOL_EVENTS) {
-            put_event(file->buffer + APC_SPOOL_RECORD + i * EVENT, (const struct apc_event *)items + i);
+            put_spool_event(file->buffer + APC_SPOOL_RECORD + i * EVENT, (const struct apc_event *)items + i);
         } else {
-            put_sample(file->buffer + APC_SPOOL_RECORD + i * SAMPLE, (const struct apc_sample *)items + i);
+            put_spool_sample(file->buffer + APC_SPOOL_RECORD + i * SAMPLE,
+                             (const struct apc_sample *)items + i);
         }
     }
-    put_bits(file->buffer, MAGIC, 4);
-    put_bits(file->buffer + 4, crc_of(file, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD), 4);
-    put_bits(file->buffer + 8, kind, 1);
-    put_bits(file->buffer + 9, n, 3);
-    put_bits(file->buffer + 12, crc_of(file, file->buffer, 12), 4);
+    put_big_endian(file->buffer, MAGIC, 4);
+    put_big_endian(file->buffer + 4, crc_of(file, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD),
+                   4);
+    put_big_endian(file->buffer + 8, kind, 1);
+    put_big_endian(file->buffer + 9, n, 3);
+    put_big_endian(file->buffer + 12, crc_of(file, file->buffer, 12), 4);
     if (!write_at(file->fd, file->buffer, size, file->end) || fdatasync(file->fd) != 0) {
         int err = sick(file, "cannot be written: what comes now is lost", why);
         (void)!ftruncate(file->fd, (off_t)file->end);

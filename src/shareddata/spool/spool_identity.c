@@ -6,7 +6,7 @@
 
 #include "shareddata/spool/spool.h"
 
-static void add(char *text, size_t size, const char *more, size_t n)
+static void add_to_identity(char *text, size_t size, const char *more, size_t n)
 {
     size_t used = strlen(text);
     snprintf(text + used, size - used, "%.*s", (int)n, more);
@@ -20,8 +20,8 @@ static void add_query(char *text, size_t size, const char *query, size_t n)
         size_t length = strcspn(at, "&#");
         for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
             if (strncmp(at, names[i], strlen(names[i])) == 0) {
-                add(text, size, " ", 1);
-                add(text, size, at, length);
+                add_to_identity(text, size, " ", 1);
+                add_to_identity(text, size, at, length);
             }
         }
         at += length + 1;
@@ -34,7 +34,7 @@ void apc_spool_identity(const char *uri, char *text, size_t size)
     const char *authority = strstr(uri, "://"), *rest = authority ? authority + 3 : uri;
     size_t host = strcspn(rest, "/?#");
     text[0] = '\0';
-    add(text, size, uri, (size_t)(rest - uri));
+    add_to_identity(text, size, uri, (size_t)(rest - uri));
     for (size_t i = host; i > 0 && authority; i--) { /* user:password@ */
         if (rest[i - 1] == '@') {
             rest += i;
@@ -42,19 +42,19 @@ void apc_spool_identity(const char *uri, char *text, size_t size)
         }
     }
     size_t query = strcspn(rest, "?"), hash = strcspn(rest, "#");
-    add(text, size, rest, query < hash ? query : hash);
+    add_to_identity(text, size, rest, query < hash ? query : hash);
     if (query < hash) {
         add_query(text, size, rest + query + 1, hash - query - 1);
     }
-    add(text, size, rest + hash, strlen(rest + hash));
+    add_to_identity(text, size, rest + hash, strlen(rest + hash));
     for (size_t i = 0; strncmp(uri, "postgres", 8) == 0 && i < sizeof environment / sizeof *environment;
          i++) {
         const char *value = getenv(environment[i]);
         if (value && value[0]) {
-            add(text, size, " ", 1);
-            add(text, size, environment[i], strlen(environment[i]));
-            add(text, size, "=", 1);
-            add(text, size, value, strlen(value));
+            add_to_identity(text, size, " ", 1);
+            add_to_identity(text, size, environment[i], strlen(environment[i]));
+            add_to_identity(text, size, "=", 1);
+            add_to_identity(text, size, value, strlen(value));
         }
     }
 }

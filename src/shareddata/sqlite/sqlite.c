@@ -76,7 +76,7 @@ apc_ns apc_sqlite_ns(int64_t us)
 
 /* ---- Errors --------------------------------------------------------------------------------- */
 
-static bool no_room(int error)
+static bool is_disk_full(int error)
 {
     return error == ENOSPC || error == EDQUOT || error == EFBIG;
 }
@@ -91,7 +91,7 @@ static int system_error(const struct apc_sqlite *sq)
         journal && journal->pMethods) {
         journal->pMethods->xFileControl(journal, SQLITE_FCNTL_LAST_ERRNO, &error);
     }
-    if (!no_room(error)) {
+    if (!is_disk_full(error)) {
         sqlite3_file_control(sq->db, "main", SQLITE_FCNTL_LAST_ERRNO, &error);
     }
     return error;
@@ -111,7 +111,7 @@ static int no_log(struct apc_sqlite *sq)
 static int fail_system(struct apc_sqlite *sq, int code, int error)
 {
     struct apc_error *why = &sq->base.why;
-    if (no_room(error)) {
+    if (is_disk_full(error)) {
         return apc_fail(why, APC_EFULL, "%s: there is no room left for it: %s", sq->given, strerror(error));
     }
     if ((code & 0xFF) == SQLITE_CANTOPEN && error == ENOENT && access(sq->path, F_OK) == 0) {
@@ -307,7 +307,7 @@ static int set_journal(struct apc_sqlite *sq)
     return err;
 }
 
-static int prepare(struct apc_sqlite *sq, size_t from, size_t to)
+static int prepare_statements(struct apc_sqlite *sq, size_t from, size_t to)
 {
     for (size_t i = from; i < to; i++) {
         int rc =
@@ -321,10 +321,10 @@ static int prepare(struct apc_sqlite *sq, size_t from, size_t to)
 
 int apc_sqlite_prepare_all(struct apc_sqlite *sq)
 {
-    return prepare(sq, APC_SQLITE_NEWEST, APC_SQLITE_STATEMENTS);
+    return prepare_statements(sq, APC_SQLITE_NEWEST, APC_SQLITE_STATEMENTS);
 }
 
-static int set_up(struct apc_sqlite *sq, bool make)
+static int set_up_file(struct apc_sqlite *sq, bool make)
 {
     sqlite3_extended_result_codes(sq->db, 1);
     sqlite3_busy_handler(sq->db, on_busy, sq);
@@ -343,7 +343,7 @@ static int set_up(struct apc_sqlite *sq, bool make)
         err = rc == SQLITE_OK ? 0 : apc_sqlite_fail(sq, rc);
     }
     if (!err) {
-        err = prepare(sq, 0, APC_SQLITE_NEWEST);
+        err = prepare_statements(sq, 0, APC_SQLITE_NEWEST);
     }
     if (!err && !make) {
         err = apc_sqlite_prepare_all(sq);
@@ -373,7 +373,7 @@ int apc_sqlite_open(struct apc_sqlite *sq, bool make)
         err = apc_sqlite_check_journal(sq);
     }
     if (!err) {
-        err = set_up(sq, make);
+        err = set_up_file(sq, make);
     }
     if (err) {
         apc_sqlite_drop(sq);
@@ -448,7 +448,7 @@ int apc_sqlite_end(struct apc_sqlite *sq, int result)
 
 /* ---- Operations ----------------------------------------------------------------------------- */
 
-static int read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int sqlite_read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     int err = apc_sqlite_enter_begin(sq, APC_SQLITE_READ);
@@ -461,7 +461,7 @@ static int read_newest(struct apc_store *store, struct apc_sample *samples, size
     return apc_sqlite_end(sq, err);
 }
 
-static int append(struct apc_store *store, const struct apc_sample *samples, size_t n)
+static int sqlite_append(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     int count = 0, err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
@@ -492,7 +492,7 @@ static int end_put(struct apc_sqlite *sq, struct apc_sample *samples, size_t n, 
 }
 
 /* The lock of the transaction keeps every other writer out between reading the newest and writing the next. */
-static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int sqlite_put(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     int err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
@@ -508,7 +508,7 @@ static int put(struct apc_store *store, struct apc_sample *samples, size_t n)
     return end_put(sq, samples, n, err);
 }
 
-static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
+static int sqlite_swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     bool same = true;
@@ -533,7 +533,7 @@ static int swap(struct apc_store *store, struct apc_sample *samples, size_t n)
 
 /* ---- Life ----------------------------------------------------------------------------------- */
 
-static void close_store(struct apc_store *store)
+static void sqlite_close(struct apc_store *store)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     apc_sqlite_drop(sq);
@@ -545,8 +545,8 @@ static void close_store(struct apc_store *store)
     free(sq);
 }
 
-static int open_store(struct apc_store **store, const char *uri, const struct apc_store_config *config,
-                      struct apc_error *why)
+static int sqlite_open(struct apc_store **store, const char *uri, const struct apc_store_config *config,
+                       struct apc_error *why)
 {
     const char *path = uri + strlen(apc_sqlite_store.scheme);
     struct apc_sqlite *sq = (struct apc_sqlite *)calloc(1, sizeof *sq);
@@ -577,28 +577,28 @@ static int open_store(struct apc_store **store, const char *uri, const struct ap
     return 0;
 }
 
-static bool connected(const struct apc_store *store)
+static bool sqlite_connected(const struct apc_store *store)
 {
     return ((const struct apc_sqlite *)store)->db != NULL;
 }
 
-static int connect_store(struct apc_store *store)
+static int sqlite_connect(struct apc_store *store)
 {
     return apc_sqlite_enter(apc_sqlite_of(store));
 }
 
 const struct apc_store_ops apc_sqlite_store = {
     .scheme = "sqlite:",
-    .open = open_store,
-    .close = close_store,
-    .connected = connected,
-    .connect = connect_store,
-    .read = read_newest,
-    .append = append,
+    .open = sqlite_open,
+    .close = sqlite_close,
+    .connected = sqlite_connected,
+    .connect = sqlite_connect,
+    .read = sqlite_read_newest,
+    .append = sqlite_append,
     .claim_set = apc_sqlite_claim,
     .release = apc_sqlite_release,
-    .put = put,
-    .swap = swap,
+    .put = sqlite_put,
+    .swap = sqlite_swap,
     .read_rows = apc_sqlite_read_rows,
     .append_rows = apc_sqlite_append_rows,
     .vectors = apc_sqlite_vectors,

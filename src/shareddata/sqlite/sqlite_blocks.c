@@ -21,7 +21,7 @@
 
 /* ---- Rows of the tables --------------------------------------------------------------------- */
 
-static void take_block(sqlite3_stmt *statement, struct apc_sqlite_block *b)
+static void take_block_row(sqlite3_stmt *statement, struct apc_sqlite_block *b)
 {
     *b = (struct apc_sqlite_block){.seq = sqlite3_column_int64(statement, 0),
                                    .pos = sqlite3_column_int64(statement, 1),
@@ -37,14 +37,14 @@ static int growing_block(struct apc_sqlite *sq, int64_t variable, struct apc_sql
     sqlite3_bind_int64(statement, 1, variable);
     int found = apc_sqlite_step(sq, statement);
     if (found > 0) {
-        take_block(statement, b);
+        take_block_row(statement, b);
         sqlite3_reset(statement);
     }
     return found;
 }
 
-static int put_block(struct apc_sqlite *sq, enum apc_sqlite_sql where, int64_t variable,
-                     const struct apc_sqlite_block *b)
+static int put_block_row(struct apc_sqlite *sq, enum apc_sqlite_sql where, int64_t variable,
+                         const struct apc_sqlite_block *b)
 {
     sqlite3_stmt *statement = apc_sqlite_use(sq, where);
     sqlite3_bind_int64(statement, 1, variable);
@@ -59,7 +59,7 @@ static int put_block(struct apc_sqlite *sq, enum apc_sqlite_sql where, int64_t v
 static const struct apc_sqlite_block no_block = {.first = INT64_MAX, .last = INT64_MIN};
 
 /* The span of times grows by one sample's, the count by one. */
-static void widen(struct apc_sqlite_block *b, apc_ns time)
+static void widen_block(struct apc_sqlite_block *b, apc_ns time)
 {
     int64_t us = apc_sqlite_time(time);
     b->count++;
@@ -72,12 +72,12 @@ static int put_growing(struct apc_sqlite *sq, int64_t variable, struct apc_sqlit
 {
     int err = 0;
     if (b->count >= APC_SQLITE_BLOCK) {
-        err = put_block(sq, APC_SQLITE_PUT_BLOCK, variable, b);
+        err = put_block_row(sq, APC_SQLITE_PUT_BLOCK, variable, b);
         b->count = 0;
         b->first = no_block.first;
         b->last = no_block.last;
     }
-    return err ? err : put_block(sq, APC_SQLITE_PUT_VARIABLE, variable, b);
+    return err ? err : put_block_row(sq, APC_SQLITE_PUT_VARIABLE, variable, b);
 }
 
 static void bind_reference(sqlite3_stmt *statement, int parameter, int64_t seq)
@@ -106,7 +106,7 @@ static int next_pos(struct apc_sqlite *sq)
 }
 
 /* What sql/ says by constraints of the same names. Here they would cost a row a fifth of its time. */
-static int check(struct apc_sqlite *sq, const struct apc_sample *s)
+static int check_constraints(struct apc_sqlite *sq, const struct apc_sample *s)
 {
     const bool whole = (s->table != APC_DIM && s->table != APC_OPMODE && s->table != APC_ALARM) ||
                        s->value == trunc(s->value);
@@ -119,7 +119,7 @@ static int check(struct apc_sqlite *sq, const struct apc_sample *s)
 }
 
 /* A row at sq->pos; of a vector its elements are at hand. */
-static int insert(struct apc_sqlite *sq, const struct apc_sample *s, int64_t previous)
+static int insert_block_row(struct apc_sqlite *sq, const struct apc_sample *s, int64_t previous)
 {
     sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_INSERT);
     sqlite3_bind_int64(statement, 1, sq->pos);
@@ -144,7 +144,7 @@ static int insert(struct apc_sqlite *sq, const struct apc_sample *s, int64_t pre
  * grow(seq, pos, count, first, last) in GROW: keeps what the block was and gives where its next row goes. So
  * one statement both reads and writes it; a statement costs about half a microsecond, a tenth of a row.
  */
-static void grow(sqlite3_context *context, int n, sqlite3_value **value)
+static void grow_block_function(sqlite3_context *context, int n, sqlite3_value **value)
 {
     struct apc_sqlite *sq = (struct apc_sqlite *)sqlite3_user_data(context);
     (void)n;
@@ -158,14 +158,14 @@ static void grow(sqlite3_context *context, int n, sqlite3_value **value)
 
 int apc_sqlite_make_function(struct apc_sqlite *sq)
 {
-    return sqlite3_create_function_v2(sq->db, "grow", 5, SQLITE_UTF8 | SQLITE_DIRECTONLY, sq, grow, NULL,
-                                      NULL, NULL);
+    return sqlite3_create_function_v2(sq->db, "grow", 5, SQLITE_UTF8 | SQLITE_DIRECTONLY, sq,
+                                      grow_block_function, NULL, NULL, NULL);
 }
 
 /* ---- Reading -------------------------------------------------------------------------------- */
 
 /* Columns from seq on, without a vector's elements. */
-static void take_sample(sqlite3_stmt *statement, int column, struct apc_sample *s)
+static void take_sample_columns(sqlite3_stmt *statement, int column, struct apc_sample *s)
 {
     s->seq = sqlite3_column_int64(statement, column);
     s->time = apc_sqlite_ns(sqlite3_column_int64(statement, column + 1));
@@ -182,15 +182,15 @@ int apc_sqlite_newest(struct apc_sqlite *sq, struct apc_sample *s)
     sqlite3_bind_int64(statement, 1, apc_sqlite_variable(s->table, s->id));
     int found = apc_sqlite_step(sq, statement);
     if (found > 0) {
-        take_sample(statement, 0, s);
+        take_sample_columns(statement, 0, s);
         sqlite3_reset(statement);
     }
     return found < 0 ? found : 0;
 }
 
 /* One row, and the place of the one before it. */
-static int load_row(struct apc_sqlite *sq, int64_t variable, int64_t pos, struct apc_sqlite_row *row,
-                    int64_t *previous)
+static int load_block_row(struct apc_sqlite *sq, int64_t variable, int64_t pos, struct apc_sqlite_row *row,
+                          int64_t *previous)
 {
     sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_SAMPLE);
     sqlite3_bind_int64(statement, 1, pos);
@@ -203,19 +203,19 @@ static int load_row(struct apc_sqlite *sq, int64_t variable, int64_t pos, struct
         row->pos = pos;
         row->sample =
             (struct apc_sample){.table = (enum apc_table)(variable & 15), .id = (int)(variable >> 4)};
-        take_sample(statement, 2, &row->sample);
+        take_sample_columns(statement, 2, &row->sample);
         *previous = sqlite3_column_int64(statement, 1);
     }
     sqlite3_reset(statement);
     return ours ? 0 : apc_sqlite_damaged(sq);
 }
 
-static int load_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b)
+static int load_block_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
     int64_t pos = b->pos;
     for (size_t i = (size_t)b->count; i-- > 0;) {
-        int err = load_row(sq, variable, pos, &l->rows[i], &pos);
+        int err = load_block_row(sq, variable, pos, &l->rows[i], &pos);
         if (err) {
             return err;
         }
@@ -237,7 +237,7 @@ int apc_sqlite_load(struct apc_sqlite *sq, int64_t variable, const struct apc_sq
     if (b->count < 1 || b->count > (packed ? APC_PACK_MAX : 2 * APC_SQLITE_BLOCK + 1)) {
         return apc_sqlite_damaged(sq);
     }
-    const int err = packed ? apc_sqlite_load_packed(sq, variable, b) : load_rows(sq, variable, b);
+    const int err = packed ? apc_sqlite_load_packed(sq, variable, b) : load_block_rows(sq, variable, b);
     if (err) {
         return err;
     }
@@ -257,7 +257,7 @@ static int find_block(struct apc_sqlite *sq, enum apc_sqlite_sql which, int64_t 
     sqlite3_bind_int64(statement, 4, until);
     int found = apc_sqlite_step(sq, statement);
     if (found > 0) {
-        take_block(statement, b);
+        take_block_row(statement, b);
         sqlite3_reset(statement);
     }
     return found;
@@ -295,7 +295,7 @@ static struct apc_sqlite_block block_of(const struct apc_sqlite_row *rows, size_
 {
     struct apc_sqlite_block b = no_block;
     for (size_t i = 0; i < n; i++) {
-        widen(&b, rows[i].sample.time);
+        widen_block(&b, rows[i].sample.time);
     }
     b.seq = n > 0 ? rows[n - 1].sample.seq : 0;
     b.pos = n > 0 ? rows[n - 1].pos : 0;
@@ -303,21 +303,21 @@ static struct apc_sqlite_block block_of(const struct apc_sqlite_row *rows, size_
 }
 
 /* The block at hand is too long: its lower half becomes one of its own. */
-static int split(struct apc_sqlite *sq, int64_t variable)
+static int split_block(struct apc_sqlite *sq, int64_t variable)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
     const struct apc_sqlite_block lower = block_of(l->rows, APC_SQLITE_BLOCK);
     const struct apc_sqlite_block upper = block_of(l->rows + APC_SQLITE_BLOCK, l->n - APC_SQLITE_BLOCK);
     l->variable = -1;
-    int err = put_block(sq, APC_SQLITE_PUT_BLOCK, variable, &lower);
-    return err ? err : put_block(sq, APC_SQLITE_PUT_BLOCK, variable, &upper);
+    int err = put_block_row(sq, APC_SQLITE_PUT_BLOCK, variable, &lower);
+    return err ? err : put_block_row(sq, APC_SQLITE_PUT_BLOCK, variable, &upper);
 }
 
 /* Between rows[i - 1] and rows[i] of the block at hand, which is the growing one or not. */
 static int insert_late(struct apc_sqlite *sq, const struct apc_sample *s, size_t i, bool growing)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
-    int err = insert(sq, s, i > 0 ? l->rows[i - 1].pos : 0);
+    int err = insert_block_row(sq, s, i > 0 ? l->rows[i - 1].pos : 0);
     if (err) {
         return err;
     }
@@ -331,13 +331,14 @@ static int insert_late(struct apc_sqlite *sq, const struct apc_sample *s, size_t
     memmove(&l->rows[i + 1], &l->rows[i], (l->n - i) * sizeof l->rows[0]);
     l->rows[i] = (struct apc_sqlite_row){.pos = sq->pos, .sample = *s};
     l->n++;
-    widen(&l->block, s->time);
+    widen_block(&l->block, s->time);
     if (growing) {
         struct apc_sqlite_block b = l->block;
         return put_growing(sq, l->variable, &b);
     }
-    return l->n > (size_t)2 * APC_SQLITE_BLOCK ? split(sq, l->variable)
-                                               : put_block(sq, APC_SQLITE_PUT_BLOCK, l->variable, &l->block);
+    return l->n > (size_t)2 * APC_SQLITE_BLOCK
+               ? split_block(sq, l->variable)
+               : put_block_row(sq, APC_SQLITE_PUT_BLOCK, l->variable, &l->block);
 }
 
 int apc_sqlite_put_rows(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_row *rows, size_t n,
@@ -345,7 +346,7 @@ int apc_sqlite_put_rows(struct apc_sqlite *sq, int64_t variable, const struct ap
 {
     struct apc_sqlite_block b = block_of(rows, n);
     b.pos = pos ? pos : b.pos;
-    return put_block(sq, APC_SQLITE_PUT_BLOCK, variable, &b);
+    return put_block_row(sq, APC_SQLITE_PUT_BLOCK, variable, &b);
 }
 
 /* What is packed has all the seqs that it spans; below them there is room for a block. */
@@ -355,7 +356,7 @@ static int append_before_packed(struct apc_sqlite *sq, const struct apc_sample *
     if (s->seq > b->seq - b->count) {
         return 0;
     }
-    int err = insert(sq, s, 0);
+    int err = insert_block_row(sq, s, 0);
     if (!err) {
         err = apc_sqlite_put_rows(sq, variable, &(struct apc_sqlite_row){.pos = sq->pos, .sample = *s}, 1, 0);
     }
@@ -411,8 +412,8 @@ static int grow_block(struct apc_sqlite *sq, const struct apc_sample *s, int64_t
         return err;
     }
     struct apc_sqlite_block b = sq->grown;
-    err = insert(sq, s, b.count > 0 ? b.pos : 0);
-    widen(&b, s->time);
+    err = insert_block_row(sq, s, b.count > 0 ? b.pos : 0);
+    widen_block(&b, s->time);
     if (!err && b.count >= APC_SQLITE_BLOCK) {
         b.seq = s->seq;
         b.pos = sq->pos;
@@ -425,7 +426,7 @@ int apc_sqlite_append_one(struct apc_sqlite *sq, const struct apc_sample *s)
 {
     const int64_t variable = apc_sqlite_variable(s->table, s->id);
     struct apc_sqlite_block b = no_block;
-    int err = check(sq, s);
+    int err = check_constraints(sq, s);
     if (!err) {
         err = next_pos(sq);
     }
@@ -439,13 +440,13 @@ int apc_sqlite_append_one(struct apc_sqlite *sq, const struct apc_sample *s)
     if (found != 0) {
         return found < 0 ? found : append_late(sq, s, variable, &b);
     }
-    err = insert(sq, s, 0);
+    err = insert_block_row(sq, s, 0);
     if (err) {
         return err;
     }
     b.seq = s->seq;
     b.pos = sq->pos;
-    widen(&b, s->time);
+    widen_block(&b, s->time);
     err = put_growing(sq, variable, &b);
     return err ? err : 1;
 }
@@ -473,13 +474,13 @@ static int put_trimmed(struct apc_sqlite *sq, bool growing)
     struct apc_sqlite_loaded *l = &sq->loaded;
     struct apc_sqlite_block left = block_of(l->rows, l->n);
     if (growing) { /* the newest stays in any case */
-        return put_block(sq, APC_SQLITE_PUT_VARIABLE, l->variable, &left);
+        return put_block_row(sq, APC_SQLITE_PUT_VARIABLE, l->variable, &left);
     }
     int err = 0;
     if (left.seq != l->block.seq) {
         err = drop_block(sq, l->variable, l->block.seq);
     }
-    return err || l->n == 0 ? err : put_block(sq, APC_SQLITE_PUT_BLOCK, l->variable, &left);
+    return err || l->n == 0 ? err : put_block_row(sq, APC_SQLITE_PUT_BLOCK, l->variable, &left);
 }
 
 /* One that is packed goes as a whole. */

@@ -65,16 +65,16 @@ static void drop_claims(struct apc_sqlite *sq)
     sq->record = 0;
 }
 
-static struct flock byte_of(uint32_t record)
+static struct flock sqlite_lock_byte_of(uint32_t record)
 {
     return (struct flock){
         .l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = (off_t)record * SLOT, .l_len = 1};
 }
 
 /* Is the record another one's who lives? */
-static bool is_alive(const struct apc_sqlite *sq, uint32_t record)
+static bool is_sqlite_claimant_alive(const struct apc_sqlite *sq, uint32_t record)
 {
-    struct flock lock = byte_of(record);
+    struct flock lock = sqlite_lock_byte_of(record);
     return record != sq->record && fcntl(sq->claims, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
 }
 
@@ -92,7 +92,7 @@ int apc_sqlite_holder(struct apc_sqlite *sq, char text[SLOT])
 {
     int err = open_claims(sq);
     for (uint32_t record = 1; !err && record <= CLAIMANTS; record++) {
-        if (is_alive(sq, record)) {
+        if (is_sqlite_claimant_alive(sq, record)) {
             name_holder(sq, record, text);
             return 1;
         }
@@ -101,7 +101,7 @@ int apc_sqlite_holder(struct apc_sqlite *sq, char text[SLOT])
 }
 
 /* A record of this handle's own. */
-static int take_record(struct apc_sqlite *sq)
+static int take_claim_record(struct apc_sqlite *sq)
 {
     char text[SLOT] = {0};
     int err = open_claims(sq);
@@ -109,7 +109,7 @@ static int take_record(struct apc_sqlite *sq)
         return err;
     }
     for (uint32_t record = 1; record <= CLAIMANTS; record++) {
-        struct flock lock = byte_of(record);
+        struct flock lock = sqlite_lock_byte_of(record);
         if (fcntl(sq->claims, F_OFD_SETLK, &lock) == 0) {
             snprintf(text, sizeof text, "%s (process %ld)", sq->base.config.name, (long)getpid());
             /* The lock is what counts; without the name the refusal is only less telling. */
@@ -146,7 +146,7 @@ static int run_claim(struct apc_sqlite *sq, const char *sql, int64_t first, int6
 }
 
 /* The variable becomes ours, and its seq the newest. */
-static int take_variable(struct apc_sqlite *sq, struct apc_sample *v)
+static int claim_variable(struct apc_sqlite *sq, struct apc_sample *v)
 {
     const int64_t variable = apc_sqlite_variable(v->table, v->id);
     int64_t owner = 0;
@@ -155,7 +155,7 @@ static int take_variable(struct apc_sqlite *sq, struct apc_sample *v)
     if (err < 0) {
         return err;
     }
-    if (err > 0 && is_alive(sq, (uint32_t)owner)) {
+    if (err > 0 && is_sqlite_claimant_alive(sq, (uint32_t)owner)) {
         name_holder(sq, (uint32_t)owner, text);
         return apc_fail(&sq->base.why, APC_EBUSY, "%s %d of %s is already written by %s: stop it first",
                         apc_table_name(v->table), v->id, sq->given, text);
@@ -170,9 +170,9 @@ static int take_variable(struct apc_sqlite *sq, struct apc_sample *v)
 }
 
 /* All or none, in a transaction: what a former claimant of our number left is not ours. */
-static int take(struct apc_sqlite *sq, struct apc_sample *variables, size_t n)
+static int claim_variables(struct apc_sqlite *sq, struct apc_sample *variables, size_t n)
 {
-    int err = take_record(sq);
+    int err = take_claim_record(sq);
     if (!err) {
         err = apc_sqlite_begin(sq, APC_SQLITE_WRITE);
     }
@@ -183,7 +183,7 @@ static int take(struct apc_sqlite *sq, struct apc_sample *variables, size_t n)
         err = run_claim(sq, "DELETE FROM claim WHERE record = ?1", sq->record, 0, NULL);
     }
     for (size_t i = 0; !err && i < n; i++) {
-        err = take_variable(sq, &variables[i]);
+        err = claim_variable(sq, &variables[i]);
     }
     err = apc_sqlite_end(sq, err);
     sq->fresh = sq->fresh && err;
@@ -211,7 +211,7 @@ int apc_sqlite_renew_claims(struct apc_sqlite *sq)
         drop_claims(sq);
     }
     if (sq->claimed.n > 0) {
-        err = take(sq, sq->claimed.at, sq->claimed.n);
+        err = claim_variables(sq, sq->claimed.at, sq->claimed.n);
     }
     if (err) { /* all or none: the next operation tries again */
         drop_claims(sq);
@@ -228,7 +228,7 @@ int apc_sqlite_claim(struct apc_store *store, struct apc_sample *variables, size
         err = apc_claims_reserve(store, &sq->claimed, n);
     }
     if (!err) {
-        err = take(sq, variables, n);
+        err = claim_variables(sq, variables, n);
     }
     if (!err) {
         apc_claims_add(&sq->claimed, variables, n);
@@ -274,7 +274,7 @@ static void set_watch(struct apc_sqlite *sq)
 }
 
 /* 1 when one of them is newer than seen. */
-static int look(struct apc_sqlite *sq, const struct apc_sample *seen, size_t n)
+static int look_for_newer(struct apc_sqlite *sq, const struct apc_sample *seen, size_t n)
 {
     bool newer = false;
     int err = apc_sqlite_begin(sq, APC_SQLITE_READ);
@@ -305,7 +305,7 @@ int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size
         int found = apc_sqlite_enter(sq);
         if (found == 0) {
             set_watch(sq);
-            found = look(sq, seen, n);
+            found = look_for_newer(sq, seen, n);
         }
         apc_ns left = end - apc_clock_mono(NULL);
         if (found != 0 || left <= 0) {

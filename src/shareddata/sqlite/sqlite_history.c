@@ -30,14 +30,14 @@ static int next_rows(struct walk *w)
     return apc_sqlite_end(w->sq, err ? err : found);
 }
 
-static bool within(const struct walk *w, const struct apc_sample *s)
+static bool is_in_walk_range(const struct walk *w, const struct apc_sample *s)
 {
     int64_t us = apc_sqlite_time(s->time);
     return s->seq >= w->next && s->seq <= w->end && us >= w->since && us < w->until;
 }
 
 /* Past the rows at hand. */
-static bool advance(struct walk *w)
+static bool advance_walk(struct walk *w)
 {
     w->next = w->sq->loaded.rows[w->sq->loaded.n - 1].sample.seq + 1;
     return w->next <= w->end;
@@ -51,7 +51,7 @@ static size_t count_back(struct walk *w, size_t most)
     size_t n = 0;
     for (size_t i = w->sq->loaded.n; i-- > 0 && n < most;) {
         const struct apc_sample *s = &w->sq->loaded.rows[i].sample;
-        if (within(w, s)) {
+        if (is_in_walk_range(w, s)) {
             n++;
             w->next = n == most ? s->seq : w->next;
         }
@@ -84,17 +84,17 @@ static int begin_at_last(struct walk *w, size_t last)
     return apc_sqlite_end(w->sq, err ? err : found < 0 ? found : 0);
 }
 
-static int give_rows(struct walk *w, apc_sqlite_give_fn give, void *ctx, int *count)
+static int give_walked_rows(struct walk *w, apc_sqlite_give_fn give, void *ctx, int *count)
 {
     const struct apc_sqlite_loaded *l = &w->sq->loaded;
     int more = 1;
     for (size_t i = 0; i < l->n && more > 0; i++) {
-        if (within(w, &l->rows[i].sample)) {
+        if (is_in_walk_range(w, &l->rows[i].sample)) {
             more = give(w->sq, &l->rows[i], ctx);
             *count += *count < INT_MAX;
         }
     }
-    return more > 0 ? advance(w) : more;
+    return more > 0 ? advance_walk(w) : more;
 }
 
 int apc_sqlite_walk(struct apc_sqlite *sq, enum apc_table table, int id, const struct apc_range *range,
@@ -111,7 +111,7 @@ int apc_sqlite_walk(struct apc_sqlite *sq, enum apc_table table, int id, const s
         err = begin_at_last(&w, range->last);
     }
     while (!err && more > 0 && (more = next_rows(&w)) > 0) {
-        more = give_rows(&w, give, ctx, &count);
+        more = give_walked_rows(&w, give, ctx, &count);
         err = more > 0 ? apc_sqlite_enter(w.sq)
                        : 0; /* a new deadline: the caller's own time is not the file's */
     }
@@ -123,7 +123,7 @@ struct samples {
     void *ctx;
 };
 
-static int give_sample(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx)
+static int sqlite_give_sample(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx)
 {
     const struct samples *s = (const struct samples *)ctx;
     sq->base.streaming = true;
@@ -135,7 +135,7 @@ static int give_sample(struct apc_sqlite *sq, const struct apc_sqlite_row *row, 
 int apc_sqlite_history(struct apc_store *store, enum apc_table table, int id, const struct apc_range *range,
                        apc_sample_fn fn, void *ctx)
 {
-    return apc_sqlite_walk(apc_sqlite_of(store), table, id, range, give_sample,
+    return apc_sqlite_walk(apc_sqlite_of(store), table, id, range, sqlite_give_sample,
                            &(struct samples){.fn = fn, .ctx = ctx});
 }
 
@@ -168,7 +168,7 @@ struct bins {
     apc_ns since, until;
 };
 
-static struct apc_history_bin *bin_of(const struct bins *b, apc_ns time)
+static struct apc_history_bin *bin_of_time(const struct bins *b, apc_ns time)
 {
     double share = ((double)time - (double)b->since) / ((double)b->until - (double)b->since);
     size_t i = share > 0 ? (size_t)(share * (double)b->n) : 0;
@@ -198,18 +198,18 @@ static void put_in_bin(struct apc_history_bin *bin, const struct apc_sample *s)
     bin->last = s->value;
 }
 
-static int fill_bins(struct walk *w, const struct bins *bins)
+static int sqlite_fill_bins(struct walk *w, const struct bins *bins)
 {
     const apc_ns deadline = w->sq->deadline; /* of it all */
     int more = 1;
     while (more && (more = next_rows(w)) > 0) {
         for (size_t i = 0; i < w->sq->loaded.n; i++) {
             const struct apc_sample *s = &w->sq->loaded.rows[i].sample;
-            if (within(w, s)) {
-                put_in_bin(bin_of(bins, s->time), s);
+            if (is_in_walk_range(w, s)) {
+                put_in_bin(bin_of_time(bins, s->time), s);
             }
         }
-        more = advance(w);
+        more = advance_walk(w);
         if (more && apc_clock_mono(NULL) >= deadline) {
             return apc_sqlite_fail(w->sq, SQLITE_INTERRUPT);
         }
@@ -249,7 +249,7 @@ int apc_sqlite_history_bins(struct apc_store *store, enum apc_table table, int i
     }
     int err = apc_sqlite_enter(w.sq);
     if (!err) {
-        err = fill_bins(&w, &bins);
+        err = sqlite_fill_bins(&w, &bins);
     }
     int count = err ? err : give_bins(store, &bins, fn, ctx);
     free(bins.bin);

@@ -36,18 +36,19 @@ struct journal {
     uint32_t nonce, pages, count; /* of the file before its transaction */
 };
 
-static bool read_at(int fd, void *to, size_t n, off_t at)
+static bool read_journal_at(int fd, void *to, size_t n, off_t at)
 {
     return pread(fd, to, n, at) == (ssize_t)n;
 }
 
 /* SQLite's file format, section 3: a header, then pages with their numbers, in a sector's multiple again and
  * again. */
-static void look_through(int fd, struct journal *j)
+static void check_journal_pages(int fd, struct journal *j)
 {
     static const unsigned char magic[8] = {0xd9, 0xd5, 0x05, 0xf9, 0x20, 0xa1, 0x63, 0xd7};
     unsigned char header[HEADER], page[4 + COUNT_AT + 4];
-    for (off_t at = 0; !j->found && read_at(fd, header, sizeof header, at) && !memcmp(header, magic, 8);) {
+    for (off_t at = 0;
+         !j->found && read_journal_at(fd, header, sizeof header, at) && !memcmp(header, magic, 8);) {
         const uint32_t records = number_at(header, 8), sector = number_at(header, 20),
                        size = number_at(header, 24);
         if (sector < 32 || sector > 65536 || size < 512 || size > 65536) {
@@ -57,9 +58,9 @@ static void look_through(int fd, struct journal *j)
         j->there = j->there || records > 0;
         j->nonce = number_at(header, 12);
         j->pages = number_at(header, 16);
-        for (uint32_t i = 0; i < records && !j->found && read_at(fd, page, 4, at);
+        for (uint32_t i = 0; i < records && !j->found && read_journal_at(fd, page, 4, at);
              i++, at += 8 + (off_t)size) {
-            j->found = number_at(page, 0) == 1 && read_at(fd, page, sizeof page, at);
+            j->found = number_at(page, 0) == 1 && read_journal_at(fd, page, sizeof page, at);
             j->count = j->found ? number_at(page, 4 + COUNT_AT) : 0;
         }
         at = (at + sector - 1) / sector * sector;
@@ -73,14 +74,14 @@ static struct journal read_journal(const struct apc_sqlite *sq)
     snprintf(path, sizeof path, "%s-journal", sq->path);
     const int fd = open(path, O_RDONLY | O_CLOEXEC);
     if (fd >= 0) {
-        look_through(fd, &j);
+        check_journal_pages(fd, &j);
         close(fd);
     }
     return j;
 }
 
 /* Can it be of the file whose page 1 begins so? A file whose count is 0 was not made by SQLite alone. */
-static bool fits(const struct journal *j, const unsigned char page[HEADER])
+static bool journal_fits_file(const struct journal *j, const unsigned char page[HEADER])
 {
     const uint32_t count = number_at(page, COUNT_AT), pages = number_at(page, PAGES_AT);
     return count == 0 || (j->found ? count == j->count || count == j->count + 1 : pages == j->pages);
@@ -104,7 +105,8 @@ int apc_sqlite_check_journal(struct apc_sqlite *sq)
     sqlite3_file_control(sq->db, "main", SQLITE_FCNTL_FILE_POINTER, &file);
     for (int look = 0; look < LOOKS; look++) {
         const struct journal j = read_journal(sq);
-        if (!j.there || !read_page(file, page) || fits(&j, page) || (look > 0 && j.nonce != nonce)) {
+        if (!j.there || !read_page(file, page) || journal_fits_file(&j, page) ||
+            (look > 0 && j.nonce != nonce)) {
             return 0;
         }
         nonce = j.nonce;

@@ -2,8 +2,8 @@
 /* In the place of sqlite.c and its parts, in a libapc without SQLite. */
 #include "shareddata/shareddata_internal.h"
 
-static int open_store(struct apc_store **store, const char *uri, const struct apc_store_config *config,
-                      struct apc_error *why)
+static int refuse_sqlite(struct apc_store **store, const char *uri, const struct apc_store_config *config,
+                         struct apc_error *why)
 {
     (void)store, (void)config;
     return apc_fail(why, APC_ESTATE,
@@ -12,4 +12,4 @@ static int open_store(struct apc_store **store, const char *uri, const struct ap
                     uri);
 }
 
-const struct apc_store_ops apc_sqlite_store = {.scheme = "sqlite:", .open = open_store};
+const struct apc_store_ops apc_sqlite_store = {.scheme = "sqlite:", .open = refuse_sqlite};

@@ -41,8 +41,8 @@ struct packer {
 
 /* ---- One that is packed --------------------------------------------------------------------- */
 
-static int take_chunk(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b,
-                      const uint8_t *data, size_t length)
+static int sqlite_take_chunk(struct apc_sqlite *sq, int64_t variable, const struct apc_sqlite_block *b,
+                             const uint8_t *data, size_t length)
 {
     struct apc_sqlite_loaded *l = &sq->loaded;
     struct apc_pack *p = (struct apc_pack *)malloc(sizeof *p);
@@ -78,14 +78,15 @@ int apc_sqlite_load_packed(struct apc_sqlite *sq, int64_t variable, const struct
     if (!err) {
         const void *data = sqlite3_column_blob(statement, 0);
         const int length = sqlite3_column_bytes(statement, 0);
-        err = take_chunk(sq, variable, b, (const uint8_t *)data, (size_t)length);
+        err = sqlite_take_chunk(sq, variable, b, (const uint8_t *)data, (size_t)length);
     }
     sqlite3_finalize(statement);
     return err;
 }
 
 /* One statement with up to three numbers, of which no row comes back. */
-static int run(struct apc_sqlite *sq, const char *sql, int64_t first, int64_t second, int64_t third)
+static int run_pack_statement(struct apc_sqlite *sq, const char *sql, int64_t first, int64_t second,
+                              int64_t third)
 {
     const int64_t number[] = {first, second, third};
     sqlite3_stmt *statement = NULL;
@@ -100,7 +101,7 @@ static int run(struct apc_sqlite *sq, const char *sql, int64_t first, int64_t se
 
 int apc_sqlite_drop_packed(struct apc_sqlite *sq, const struct apc_sqlite_block *b)
 {
-    return run(sq, "DELETE FROM packed WHERE number = ?1", -b->pos, 0, 0);
+    return run_pack_statement(sq, "DELETE FROM packed WHERE number = ?1", -b->pos, 0, 0);
 }
 
 /* ---- Chunks --------------------------------------------------------------------------------- */
@@ -120,7 +121,7 @@ static int64_t on_pages(int64_t page, int64_t payload)
 }
 
 /* The rows from @p from on into the chunk at hand. */
-static int take_rows(struct packer *p, size_t from, size_t n)
+static int take_rows_into_chunk(struct packer *p, size_t from, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         const struct apc_sample *s = &p->row[from + i].sample;
@@ -193,7 +194,7 @@ static int put_chunk(struct packer *p, size_t from, size_t n)
 
 /* Rows of the blocks from p->next on that have rows, are old, and are not the newest: 1 when there are enough
  * for a chunk. */
-static int gather(struct packer *p)
+static int gather_old_rows(struct packer *p)
 {
     struct apc_sqlite *sq = p->sq;
     sqlite3_stmt *statement = NULL;
@@ -255,7 +256,7 @@ static int make_chunks(struct packer *p)
         }
         size_t length = 0;
         if (n >= FEW) {
-            err = take_rows(p, from, n);
+            err = take_rows_into_chunk(p, from, n);
             length = err ? 0 : best_length(p, n);
         }
         if (length > 0) {
@@ -276,8 +277,8 @@ static int put_rest(struct packer *p)
         const size_t end = from + (size_t)p->block[i].count;
         if (memchr(&p->taken[from], 1, end - from)) {
             /* one that ends with a chunk has become that chunk's */
-            err = run(p->sq, "DELETE FROM block WHERE variable = ?1 AND seq = ?2 AND pos > 0", p->variable,
-                      p->block[i].seq, 0);
+            err = run_pack_statement(p->sq, "DELETE FROM block WHERE variable = ?1 AND seq = ?2 AND pos > 0",
+                                     p->variable, p->block[i].seq, 0);
             for (size_t a = from, b; !err && a < end; a = b) {
                 for (b = a; b < end && p->taken[b] == p->taken[a]; b++) {
                 }
@@ -300,10 +301,11 @@ static int note_rows(struct packer *p)
         low = p->taken[i] && pos < low ? pos : low;
         high = p->taken[i] && pos > high ? pos : high;
     }
-    int err = run(p->sq, "INSERT INTO packing SELECT ?1, ?2, 0 WHERE NOT EXISTS (SELECT 1 FROM packing)", low,
-                  high, 0);
+    int err = run_pack_statement(
+        p->sq, "INSERT INTO packing SELECT ?1, ?2, 0 WHERE NOT EXISTS (SELECT 1 FROM packing)", low, high, 0);
     return err ? err
-               : run(p->sq, "UPDATE packing SET low = min(low, ?1), high = max(high, ?2), times = times + 1",
+               : run_pack_statement(
+                     p->sq, "UPDATE packing SET low = min(low, ?1), high = max(high, ?2), times = times + 1",
                      low, high, 0);
 }
 
@@ -311,7 +313,7 @@ static int note_rows(struct packer *p)
 static int pack_some(struct packer *p)
 {
     const int64_t chunks = p->chunks;
-    int more = gather(p), err = 0;
+    int more = gather_old_rows(p), err = 0;
     if (more > 0) {
         err = make_chunks(p);
     }
@@ -355,7 +357,7 @@ static int read_sweep(struct apc_sqlite *sq, struct sweep *s)
 }
 
 /* Rows that a chunk stands for go. What somebody else has packed meanwhile is left to him, or to the next. */
-static int sweep(struct apc_sqlite *sq)
+static int sweep_packed_rows(struct apc_sqlite *sq)
 {
     struct sweep s = {0};
     int err = apc_sqlite_enter(sq), found = err ? err : read_sweep(sq, &s);
@@ -363,7 +365,8 @@ static int sweep(struct apc_sqlite *sq)
         err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
         if (!err) {
             err = apc_sqlite_end(
-                sq, run(sq,
+                sq, run_pack_statement(
+                        sq,
                         "DELETE FROM sample WHERE pos >= ?1 AND pos < ?2 AND variable & 15 IN (1, 2, 3, 9, "
                         "10) AND"
                         " (SELECT b.pos < 0 AND b.seq - b.count < sample.seq FROM block b WHERE"
@@ -373,7 +376,7 @@ static int sweep(struct apc_sqlite *sq)
     }
     if (found > 0 && !err) {
         err = apc_sqlite_enter(sq);
-        err = err ? err : run(sq, "DELETE FROM packing WHERE times = ?1", s.times, 0, 0);
+        err = err ? err : run_pack_statement(sq, "DELETE FROM packing WHERE times = ?1", s.times, 0, 0);
     }
     return found < 0 ? found : err;
 }
@@ -394,7 +397,7 @@ static int pack_turn(struct packer *p)
     return err ? err : found;
 }
 
-static int say(const struct packer *p)
+static int report_packing(const struct packer *p)
 {
     struct apc_event event = {
         .time = apc_clock_utc(NULL), .severity = APC_EVENT_INFO, .source = "apc maintain", .kind = "store"};
@@ -410,13 +413,13 @@ static int pack_all(struct packer *p)
     int64_t chunks;
     int err = apc_sqlite_enter_begin(p->sq, APC_SQLITE_WRITE);
     err = err ? err : apc_sqlite_end(p->sq, apc_sqlite_run(p->sq, tables));
-    err = err ? err : sweep(p->sq); /* of one who was killed */
+    err = err ? err : sweep_packed_rows(p->sq); /* of one who was killed */
     do {
         chunks = p->chunks;
         err = err ? err : pack_turn(p);
-        err = err ? err : sweep(p->sq);
+        err = err ? err : sweep_packed_rows(p->sq);
     } while (!err && p->chunks > chunks);
-    return err || p->chunks == 0 ? err : say(p);
+    return err || p->chunks == 0 ? err : report_packing(p);
 }
 
 static int page_size(struct apc_sqlite *sq, int64_t *page)

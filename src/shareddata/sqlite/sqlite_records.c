@@ -56,7 +56,7 @@ static int insert_rows(struct apc_sqlite *sq, const char *sql, bind_fn bind, con
     return err ? err : (int)n;
 }
 
-static int append_rows(struct apc_store *store, const char *sql, bind_fn bind, const void *rows, size_t n)
+static int append_records(struct apc_store *store, const char *sql, bind_fn bind, const void *rows, size_t n)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     int err = apc_sqlite_enter_begin(sq, APC_SQLITE_WRITE);
@@ -170,12 +170,12 @@ static int bind_event(struct apc_sqlite *sq, sqlite3_stmt *statement, const void
 
 int apc_sqlite_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
-    return append_rows(store,
-                       "INSERT INTO event (time, severity, source, kind, text) VALUES (?1, ?2, ?3, ?4, ?5)",
-                       bind_event, events, n);
+    return append_records(
+        store, "INSERT INTO event (time, severity, source, kind, text) VALUES (?1, ?2, ?3, ?4, ?5)",
+        bind_event, events, n);
 }
 
-static int take_event(struct stream *s, sqlite3_stmt *statement)
+static int take_event_row(struct stream *s, sqlite3_stmt *statement)
 {
     struct apc_event *e = &s->event;
     e->number = sqlite3_column_int64(statement, 1);
@@ -187,7 +187,7 @@ static int take_event(struct stream *s, sqlite3_stmt *statement)
     return 0;
 }
 
-static int give_event(struct stream *s)
+static int sqlite_give_event(struct stream *s)
 {
     return s->fn.event(s->ctx, &s->event);
 }
@@ -205,8 +205,8 @@ int apc_sqlite_events(struct apc_store *store, const struct apc_range *range, ap
                 " AND time >= ?1 AND time < ?2 ORDER BY id LIMIT 1",
         .back = "SELECT 0, id FROM event NOT INDEXED WHERE id > ?5 AND time >= ?1 AND time < ?2"
                 " ORDER BY id DESC LIMIT 1 OFFSET ?3",
-        .take = take_event,
-        .give = give_event,
+        .take = take_event_row,
+        .give = sqlite_give_event,
         .fn.event = fn,
         .ctx = ctx,
     };
@@ -245,14 +245,14 @@ static int bind_timing(struct apc_sqlite *sq, sqlite3_stmt *statement, const voi
 
 int apc_sqlite_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n)
 {
-    return append_rows(
+    return append_records(
         store,
         "INSERT INTO timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max,"
         " bins) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
         bind_timing, rows, n);
 }
 
-static int take_bins(struct stream *s, sqlite3_stmt *statement, int column)
+static int sqlite_take_bins(struct stream *s, sqlite3_stmt *statement, int column)
 {
     size_t n = (size_t)sqlite3_column_bytes(statement, column) / (3 * sizeof *s->bins);
     const void *blob = sqlite3_column_blob(statement, column);
@@ -274,7 +274,7 @@ static int take_bins(struct stream *s, sqlite3_stmt *statement, int column)
     return 0;
 }
 
-static int take_timing(struct stream *s, sqlite3_stmt *statement)
+static int take_timing_row(struct stream *s, sqlite3_stmt *statement)
 {
     struct apc_timing_row *r = &s->timing;
     r->time = apc_sqlite_ns(sqlite3_column_int64(statement, 0));
@@ -289,10 +289,10 @@ static int take_timing(struct stream *s, sqlite3_stmt *statement)
     r->p50 = sqlite3_column_int64(statement, 9);
     r->p99 = sqlite3_column_int64(statement, 10);
     r->max = sqlite3_column_int64(statement, 11);
-    return take_bins(s, statement, 12);
+    return sqlite_take_bins(s, statement, 12);
 }
 
-static int give_timing(struct stream *s)
+static int sqlite_give_timing(struct stream *s)
 {
     return s->fn.timing(s->ctx, &s->timing);
 }
@@ -306,8 +306,8 @@ int apc_sqlite_timing(struct apc_store *store, const struct apc_range *range, ap
                 " ORDER BY time, id LIMIT 1",
         .back = "SELECT time, id FROM timing WHERE time >= ?1 AND time < ?2 AND id > ?5"
                 " ORDER BY time DESC, id DESC LIMIT 1 OFFSET ?3",
-        .take = take_timing,
-        .give = give_timing,
+        .take = take_timing_row,
+        .give = sqlite_give_timing,
         .fn.timing = fn,
         .ctx = ctx,
     };
@@ -511,7 +511,7 @@ int apc_sqlite_get_tags(struct apc_store *store, struct apc_tag *tags, size_t ca
 /* ---- Authors -------------------------------------------------------------------------------- */
 
 /* The number of a name: 0 when it has none yet. */
-static int number_of(struct apc_sqlite *sq, const char *name)
+static int find_author_number(struct apc_sqlite *sq, const char *name)
 {
     sqlite3_stmt *statement = NULL;
     int found = apc_sqlite_prepare(sq, "SELECT number FROM author WHERE name = ?1", &statement);
@@ -534,7 +534,7 @@ static int insert_author(struct apc_sqlite *sq, const char *name)
         err = apc_sqlite_step(sq, statement);
     }
     sqlite3_finalize(statement);
-    return err ? err : number_of(sq, name);
+    return err ? err : find_author_number(sq, name);
 }
 
 int apc_sqlite_author(struct apc_store *store, const char *name)
@@ -543,7 +543,7 @@ int apc_sqlite_author(struct apc_store *store, const char *name)
     int number = apc_sqlite_enter(sq);
     sq->base.stats.round_trips++;
     if (number == 0) {
-        number = number_of(sq, name);
+        number = find_author_number(sq, name);
     }
     if (number == 0) {
         number = apc_sqlite_begin(sq, APC_SQLITE_WRITE);

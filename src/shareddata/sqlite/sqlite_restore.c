@@ -15,7 +15,7 @@
 /* ---- What it comes from ---------------------------------------------------------------------- */
 
 /* The one value of a query: a number, or whether it is that text. */
-static int ask(sqlite3 *db, const char *sql, const char *text, int64_t *out)
+static int query_value(sqlite3 *db, const char *sql, const char *text, int64_t *out)
 {
     sqlite3_stmt *statement = NULL;
     int rc = sqlite3_prepare_v2(db, sql, -1, &statement, NULL);
@@ -42,9 +42,9 @@ static int check_source(struct apc_sqlite *sq, const char *from)
     sqlite3 *source = NULL;
     int64_t application = 0, whole = 0;
     int rc = sqlite3_open_v2(from, &source, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, NULL), err = 0;
-    rc = rc == SQLITE_OK ? ask(source, "PRAGMA application_id", NULL, &application) : rc;
+    rc = rc == SQLITE_OK ? query_value(source, "PRAGMA application_id", NULL, &application) : rc;
     if (rc == SQLITE_OK && application == APC_SQLITE_APPLICATION) {
-        rc = ask(source, "PRAGMA quick_check(1)", "ok", &whole);
+        rc = query_value(source, "PRAGMA quick_check(1)", "ok", &whole);
     }
     if ((rc & 0xFF) == SQLITE_CANTOPEN) {
         err = apc_fail(why, APC_ENOTFOUND, "%s cannot be opened", from);
@@ -81,11 +81,11 @@ static int copy_aside(struct apc_sqlite *sq, const char *kept)
 }
 
 /* It stays beside the file: who restores the wrong way round has lost nothing. */
-static int keep(struct apc_sqlite *sq, char *kept, size_t size)
+static int keep_former_file(struct apc_sqlite *sq, char *kept, size_t size)
 {
     char time[APC_TIME_LEN];
     int64_t tables = 0;
-    const int rc = ask(sq->db, "SELECT count(*) FROM sqlite_schema", NULL, &tables);
+    const int rc = query_value(sq->db, "SELECT count(*) FROM sqlite_schema", NULL, &tables);
     if (rc != SQLITE_OK) {
         return apc_sqlite_fail(sq, rc);
     }
@@ -135,7 +135,7 @@ static int run_made(struct apc_sqlite *sq, const char *query)
     return err;
 }
 
-static int attach(struct apc_sqlite *sq, const char *from)
+static int attach_backup(struct apc_sqlite *sq, const char *from)
 {
     sqlite3_stmt *statement = NULL;
     int err = apc_sqlite_prepare(sq, "ATTACH ?1 AS source", &statement);
@@ -153,7 +153,7 @@ static int replace(struct apc_sqlite *sq)
     int64_t version = 0;
     char pragmas[100];
     int err = apc_sqlite_run(sq, "BEGIN; SELECT count(*) FROM source.sqlite_schema");
-    const int rc = err ? SQLITE_OK : ask(sq->db, "PRAGMA source.user_version", NULL, &version);
+    const int rc = err ? SQLITE_OK : query_value(sq->db, "PRAGMA source.user_version", NULL, &version);
     err = rc == SQLITE_OK ? err : apc_sqlite_fail(sq, rc);
     sq->deadline = INT64_MAX; /* it takes as long as it takes */
     for (size_t i = 0; !err && i < sizeof steps / sizeof steps[0]; i++) {
@@ -181,8 +181,8 @@ static int restore(struct apc_sqlite *sq, const char *from, char *kept, size_t s
                                  sq->given, holder)
                       : err;
     }
-    err = err ? err : keep(sq, kept, size);
-    err = err ? err : attach(sq, from);
+    err = err ? err : keep_former_file(sq, kept, size);
+    err = err ? err : attach_backup(sq, from);
     return err ? err : replace(sq);
 }
 

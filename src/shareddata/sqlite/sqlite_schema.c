@@ -9,11 +9,11 @@
 #include "shareddata/sqlite/sqlite.h"
 
 #define VECTOR "length(value) / 8 AS n, value"
-#define VIEW(name, number, columns)                                                                          \
+#define VIEW(name, query_number, columns)                                                                    \
     "CREATE VIEW " name " AS SELECT variable >> 4 AS id, seq,"                                               \
     " strftime('%Y-%m-%dT%H:%M:%S', time / 1000000 - (time % 1000000 < 0), 'unixepoch') ||"                  \
     " printf('.%06dZ', (time % 1000000 + 1000000) % 1000000) AS time, status, " columns                      \
-    " FROM sample WHERE variable & 15 = " number ";"
+    " FROM sample WHERE variable & 15 = " query_number ";"
 
 static const char version_1[] =
     /* variable: id * 16 + number of the table (enum apc_table, never to be renumbered). time: us of Unix
@@ -83,7 +83,7 @@ static const char version_4[] =
 static const char *const versions[] = {version_1, NULL, version_3, version_4};
 #define VERSION ((int)(sizeof versions / sizeof versions[0]))
 
-static int number(struct apc_sqlite *sq, const char *sql, int64_t *out)
+static int query_number(struct apc_sqlite *sq, const char *sql, int64_t *out)
 {
     sqlite3_stmt *statement = NULL;
     int err = apc_sqlite_prepare(sq, sql, &statement);
@@ -99,12 +99,12 @@ static int number(struct apc_sqlite *sq, const char *sql, int64_t *out)
 static int version_of(struct apc_sqlite *sq, int64_t *version)
 {
     int64_t application = 0, objects = 0;
-    int err = number(sq, "PRAGMA application_id", &application);
+    int err = query_number(sq, "PRAGMA application_id", &application);
     if (!err) {
-        err = number(sq, "PRAGMA user_version", version);
+        err = query_number(sq, "PRAGMA user_version", version);
     }
     if (!err) {
-        err = number(sq, "SELECT count(*) FROM sqlite_schema", &objects);
+        err = query_number(sq, "SELECT count(*) FROM sqlite_schema", &objects);
     }
     if (!err && application != APC_SQLITE_APPLICATION && (application != 0 || objects > 0)) {
         return apc_fail(&sq->base.why, APC_ESCHEMA,
@@ -139,7 +139,7 @@ int apc_sqlite_check(struct apc_sqlite *sq)
     return err;
 }
 
-static int migrate(struct apc_sqlite *sq, int64_t *had)
+static int migrate_file(struct apc_sqlite *sq, int64_t *had)
 {
     char pragmas[100];
     int err = version_of(sq, had);
@@ -177,7 +177,7 @@ int apc_sqlite_init(struct apc_store *store)
         err = apc_sqlite_begin(sq, APC_SQLITE_WRITE);
     }
     if (!err) {
-        err = apc_sqlite_end(sq, migrate(sq, &had));
+        err = apc_sqlite_end(sq, migrate_file(sq, &had));
     }
     apc_sqlite_drop(sq);
     return err ? err : had == VERSION ? apc_store_version() : (int)had;

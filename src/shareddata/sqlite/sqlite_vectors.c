@@ -11,7 +11,7 @@
 
 /* ---- Elements at hand ----------------------------------------------------------------------- */
 
-static int make_room(struct apc_sqlite *sq, size_t n)
+static int make_elements_room(struct apc_sqlite *sq, size_t n)
 {
     if (n > sq->room) {
         uint64_t *element = (uint64_t *)realloc(sq->element, n * sizeof *element);
@@ -27,7 +27,7 @@ static int make_room(struct apc_sqlite *sq, size_t n)
 
 static int encode(struct apc_sqlite *sq, const struct apc_vector *v)
 {
-    int err = make_room(sq, v->n);
+    int err = make_elements_room(sq, v->n);
     for (uint32_t i = 0; !err && i < v->n; i++) {
         uint64_t bits;
         memcpy(&bits, &v->value[i], sizeof bits);
@@ -160,7 +160,8 @@ struct given {
 };
 
 /* The @p n elements of a row: 1, 0 when it has just been dropped, or an error. */
-static int fetch(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct given *g, uint32_t *n)
+static int fetch_elements(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct given *g,
+                          uint32_t *n)
 {
     const struct apc_sample *s = &row->sample;
     sqlite3_stmt *statement = apc_sqlite_use(sq, APC_SQLITE_SAMPLE);
@@ -189,14 +190,14 @@ static int fetch(struct apc_sqlite *sq, const struct apc_sqlite_row *row, struct
     return found < 0 ? found : 1;
 }
 
-static int give_vector(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx)
+static int sqlite_give_vector(struct apc_sqlite *sq, const struct apc_sqlite_row *row, void *ctx)
 {
     struct given *g = (struct given *)ctx;
     const struct apc_sample s = row->sample;
     uint32_t n = 0;
     int found = apc_sqlite_enter_begin(sq, APC_SQLITE_READ);
     if (found == 0) {
-        found = apc_sqlite_end(sq, fetch(sq, row, g, &n));
+        found = apc_sqlite_end(sq, fetch_elements(sq, row, g, &n));
     }
     if (found <= 0) {
         return found < 0 ? found : 1;
@@ -219,7 +220,7 @@ int apc_sqlite_vectors(struct apc_store *store, enum apc_table table, int id, co
                        apc_vector_fn fn, void *ctx)
 {
     struct given g = {.fn = fn, .ctx = ctx};
-    int count = apc_sqlite_walk(apc_sqlite_of(store), table, id, range, give_vector, &g);
+    int count = apc_sqlite_walk(apc_sqlite_of(store), table, id, range, sqlite_give_vector, &g);
     free(g.value);
     return count;
 }
