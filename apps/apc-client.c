@@ -42,7 +42,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_client_options(int key, char *arg, struct argp_state *state)
 {
     struct own_options *o = state->input;
     if (key == 'l')
@@ -54,7 +54,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_client_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .name = "apc-client",
@@ -110,8 +110,8 @@ struct shell {
     struct state_watch store_state;
 };
 
-static void report(struct shell *s, struct state_watch *state, bool up, const char *kind, const char *what,
-                   const char *why)
+static void report_client_state(struct shell *s, struct state_watch *state, bool up, const char *kind,
+                                const char *what, const char *why)
 {
     enum change change = state_watch_look(state, up, apc_clock_mono(NULL));
     if (change == CHANGE_ONE)
@@ -180,7 +180,7 @@ static bool outputs_stand(struct shell *s)
 }
 
 /* A sensor that shows more than it can. */
-static void report_range(struct shell *s, const struct apc_sample *y)
+static void report_sensor_range(struct shell *s, const struct apc_sample *y)
 {
     const size_t i = (size_t)y->id - 1;
     struct state_watch *state = &s->range_state[i];
@@ -238,25 +238,25 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     report_command(s, all && rc == 0 && stand && apc_exchange_taken(s->plant));
     if (rc < 0) {
         atomic_fetch_add(&s->failed, 1);
-        report(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));
+        report_client_state(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));
         report_reason(s, apc_exchange_error(s->plant));
         return 0;
     }
     apc_histogram_record(s->round_trip, apc_clock_mono(NULL) - begun);
-    report(s, &s->link_state, true, "link", "plant", "");
+    report_client_state(s, &s->link_state, true, "link", "plant", "");
     s->reasons = 0;
     s->reason[0] = '\0';
     const size_t n = apc_client_measurements(s->core, s->measured, s->y);
     date(s, n);
     for (size_t i = 0; i < n; i++)
-        report_range(s, &s->y[i]);
+        report_sensor_range(s, &s->y[i]);
     return n;
 }
 
 /* ---- The store's thread -------------------------------------------------------------------- */
 
 /* The store, or else the spool, takes them, or they are lost: a measurement belongs to its instant. */
-static int append(struct shell *s, size_t n)
+static int append_measurements(struct shell *s, size_t n)
 {
     int rc = apc_store_append(s->store, s->batch, n);
     if (rc == APC_EBUSY || rc == APC_ECONFLICT || rc == APC_ESCHEMA) /* the end, which says why */
@@ -309,12 +309,12 @@ static int write_y(struct shell *s)
     s->lost += s->dropped;
     s->dropped = 0;
     pthread_mutex_unlock(&s->mutex);
-    return n > 0 ? append(s, n) : 0;
+    return n > 0 ? append_measurements(s, n) : 0;
 }
 
 /* What is another client's by now, and what somebody took out of service: that the plant has as they want it.
  * Who cannot be asked is not waited for: then it is what this client has commanded that it makes safe. */
-static void look_around(struct shell *s)
+static void look_for_rivals(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
     const size_t loops = controllers_loops(e);
@@ -367,9 +367,9 @@ static void *serve_store(void *arg)
         while (sem_wait(&s->work) < 0)
             ;
         int rc = read_u(s), wrote = write_y(s);
-        look_around(s);
+        look_for_rivals(s);
         bool up = rc >= 0 && wrote >= 0 && apc_store_connected(s->store);
-        report(s, &s->store_state, up, "store", "store", up ? "" : apc_store_error(s->store));
+        report_client_state(s, &s->store_state, up, "store", "store", up ? "" : apc_store_error(s->store));
         daemon_spool(s->d, s->store);
         rc = daemon_fatal(s->d, s->store, wrote < 0 ? wrote : rc);
         pthread_mutex_lock(&s->mutex);
@@ -418,7 +418,7 @@ static void queue_y(struct shell *s, size_t n)
     pthread_mutex_unlock(&s->mutex);
 }
 
-static int on_tick(void *ctx, const struct apc_tick *tick)
+static int on_client_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     int rc = ask_u(s);
@@ -458,7 +458,7 @@ static void stop_store(struct shell *s)
     apc_store_close(s->store);
 }
 
-static int allocate(struct shell *s)
+static int allocate_client(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
     const size_t ticks = (size_t)(QUEUED / e->client.rhythm.period) + 2;
@@ -510,7 +510,7 @@ static int open_plant(struct shell *s, const struct own_options *own)
     return rc < 0 ? daemon_error(s->d, rc, "%s", why.text) : 0;
 }
 
-static int open_shell(struct shell *s, const struct own_options *own)
+static int open_client(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
     struct apc_error why;
@@ -520,7 +520,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
     s->patience = cores_patience(e);
     s->budget = s->patience / 2;
     s->d->store_pause = e->controllers->rhythm.period;
-    int rc = last ? allocate(s) : APC_ENOMEM;
+    int rc = last ? allocate_client(s) : APC_ENOMEM;
     if (rc < 0)
         daemon_error(s->d, rc, "%s", apc_err_text(rc));
     if (rc == 0) {
@@ -560,7 +560,7 @@ static void leave_safe(struct shell *s)
                      apc_exchange_error(s->plant));
 }
 
-static void close_shell(struct shell *s)
+static void close_client(struct shell *s)
 {
     stop_store(s);
     apc_client_destroy(s->core);
@@ -598,9 +598,9 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = daemon_open(&d, &program, &own, argc, argv);
     if (rc == 0)
-        rc = open_shell(&s, &own);
-    if (rc == 0 && (rc = daemon_run(&d, d.experiment.client.rhythm, on_tick, &s)) == 0)
+        rc = open_client(&s, &own);
+    if (rc == 0 && (rc = daemon_run(&d, d.experiment.client.rhythm, on_client_tick, &s)) == 0)
         leave_safe(&s);
-    close_shell(&s);
+    close_client(&s);
     return daemon_close(&d, rc);
 }

@@ -45,7 +45,7 @@ struct shell {
     bool refused;   /* the place of that one, which was said */
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_controller_options(int key, char *arg, struct argp_state *state)
 {
     struct shell *s = state->input;
     const char **const law = &s->d.options.overrides.law;
@@ -71,7 +71,7 @@ static void list_names(const struct experiment *e, char *text, size_t size)
         n += (size_t)snprintf(text + n, size - n, "%s%s", i ? ", " : "", e->controllers[i].name);
 }
 
-static void choose(struct daemon *d)
+static void choose_controller(struct daemon *d)
 {
     struct shell *s = d->options.own;
     const struct experiment *e = &d->experiment;
@@ -101,7 +101,7 @@ static void choose(struct daemon *d)
     snprintf(d->name, sizeof d->name, "apc-controller %.30s %.8s", s->of->name, s->place);
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_controller_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .name = "apc-controller",
@@ -109,12 +109,12 @@ static const struct program program = {
     .task = "controller",
     .parts = EXPERIMENT_LAW,
     .extra = &extra,
-    .choose = choose,
+    .choose = choose_controller,
 };
 
 /* ---- The store ----------------------------------------------------------------------------- */
 
-static void report_store(struct shell *s, int rc)
+static void report_controller_store(struct shell *s, int rc)
 {
     if (rc < 0 && s->store_up)
         daemon_event(&s->d, APC_EVENT_WARNING, "store", "store lost, trying again: %s",
@@ -126,7 +126,7 @@ static void report_store(struct shell *s, int rc)
 
 /* The controller never repeats a row: one that is there already is somebody else's. But a setpoint that
  * somebody wrote meanwhile is left out, by itself: then its seq is 0. */
-static int append(struct shell *s, int n)
+static int append_tick(struct shell *s, int n)
 {
     const struct apc_rows *out = apc_controller_out(s->core);
     int rc = apc_store_append_rows(s->store, out);
@@ -136,7 +136,7 @@ static int append(struct shell *s, int n)
 }
 
 /* Whoever is to act takes the outputs as soon as the other one has given them back. */
-static int take_turns(struct shell *s)
+static int take_turn_of_outputs(struct shell *s)
 {
     int rc = cores_take_turns(s->of, s->core, s->store, &s->claimed);
     if (rc == APC_EBUSY && !s->told)
@@ -148,7 +148,7 @@ static int take_turns(struct shell *s)
 /* ---- Whose place it is --------------------------------------------------------------------- */
 
 /* Of its outputs, where it does not take them by turns, and of its tick row, which comes last. */
-static int make_place(struct shell *s)
+static int fence_former_controller(struct shell *s)
 {
     const size_t nu = s->of->acting ? 0 : s->of->dim.nu;
     struct apc_sample *mine = calloc(nu + 1, sizeof *mine);
@@ -170,12 +170,12 @@ static int resume(struct shell *s)
     if (apc_controller_resume(s->core, s->d.start) == 1)
         daemon_event(&s->d, APC_EVENT_INFO, "start", "resuming from the stored state");
     if (s->of->acting && (rc = apc_store_read_rows(s->store, apc_controller_in(s->core))) >= 0)
-        rc = take_turns(s);
+        rc = take_turn_of_outputs(s);
     return rc;
 }
 
 /* With a core that knows nothing yet. */
-static int follow(struct shell *s)
+static int follow_acting(struct shell *s)
 {
     struct apc_error why;
     apc_controller_destroy(s->core);
@@ -196,7 +196,7 @@ static int step_back(struct shell *s)
 {
     daemon_event(&s->d, APC_EVENT_ALARM, "standby", "follows from now on: %s", apc_store_error(s->store));
     const int rc = apc_store_release(s->store, s->standby.mine, s->standby.n);
-    return rc == APC_EBUSY || rc >= 0 ? follow(s) : rc;
+    return rc == APC_EBUSY || rc >= 0 ? follow_acting(s) : rc;
 }
 
 /* Returns 1 where this one acts from this tick on. */
@@ -225,12 +225,12 @@ static void report_looking(struct shell *s, int rc)
             apc_store_error(s->store));
     s->refused = s->refused || rc == APC_EPERM;
     if (rc != APC_EPERM)
-        report_store(s, rc);
+        report_controller_store(s, rc);
 }
 
 /* ---- Ticks -------------------------------------------------------------------------------- */
 
-static int on_tick(void *ctx, const struct apc_tick *tick)
+static int on_controller_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     struct apc_notice notice = {0};
@@ -246,7 +246,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 
     int n = apc_controller_compute(s->core, now, tick->index, rc >= 0, &notice);
     if (rc >= 0) {
-        rc = append(s, n);
+        rc = append_tick(s, n);
         written = rc >= 0 ? 1 : rc == APC_ECONN || rc == APC_ETIMEDOUT ? -1 : 0;
     }
     apc_controller_update(s->core, written);
@@ -254,8 +254,8 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
         daemon_notice(&s->d, &notice);
     while (apc_controller_noticed(s->core, &notice));
     if (rc >= 0)
-        rc = take_turns(s);
-    report_store(s, rc);
+        rc = take_turn_of_outputs(s);
+    report_controller_store(s, rc);
     return rc == APC_EBUSY && s->place ? step_back(s) : daemon_fatal(&s->d, s->store, rc);
 }
 
@@ -271,7 +271,7 @@ static void say_what_it_cannot(struct shell *s)
 }
 
 /* Act, or follow the one that does. */
-static int begin(struct shell *s)
+static int begin_acting(struct shell *s)
 {
     int rc = daemon_store(&s->d, &s->store, s->standby.mine, s->place ? 0 : s->standby.n);
     if (rc != 0 || !s->place)
@@ -282,12 +282,12 @@ static int begin(struct shell *s)
         return daemon_error(&s->d, rc, "%s", apc_store_error(s->store));
     if (rc == APC_EBUSY) {
         daemon_event(&s->d, APC_EVENT_INFO, "standby", "stands by: %s", apc_store_error(s->store));
-        return follow(s);
+        return follow_acting(s);
     }
     return 0;
 }
 
-static int open_shell(struct shell *s)
+static int open_controller(struct shell *s)
 {
     struct apc_error why;
     int rc = cores_controller(&s->d.experiment, s->of, true, &s->core, &why);
@@ -295,9 +295,9 @@ static int open_shell(struct shell *s)
         return daemon_error(&s->d, rc, "%s", why.text);
     s->d.store_timeout = daemon_timeout(s->of->rhythm.period);
     s->d.store_pause = s->of->rhythm.period;
-    rc = make_place(s);
+    rc = fence_former_controller(s);
     if (rc == 0)
-        rc = begin(s);
+        rc = begin_acting(s);
     if (rc == 0 && !s->following && (rc = resume(s)) < 0)
         daemon_error(&s->d, rc, "%s", apc_store_error(s->store));
     return rc;
@@ -308,9 +308,9 @@ int main(int argc, char **argv)
     struct shell s = {.store_up = true};
     int rc = daemon_open(&s.d, &program, &s, argc, argv);
     if (rc == 0)
-        rc = open_shell(&s);
+        rc = open_controller(&s);
     if (rc == 0)
-        rc = daemon_run(&s.d, s.of->rhythm, on_tick, &s);
+        rc = daemon_run(&s.d, s.of->rhythm, on_controller_tick, &s);
     if (s.core && apc_controller_failures(s.core) > 0)
         daemon_event(&s.d, APC_EVENT_WARNING, "rejected",
                      "law %s gave no usable output at %llu ticks of this run", s.of->law->name,

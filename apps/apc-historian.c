@@ -93,7 +93,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_historian_options(int key, char *arg, struct argp_state *state)
 {
     struct shell *s = state->input;
     if (key == OPT_WITHIN && (apc_number_parse(arg, &s->within) < 0 || s->within < 0 || s->within > 3600))
@@ -107,7 +107,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return key >= OPT_HISTORY && key <= OPT_PACK ? 0 : ARGP_ERR_UNKNOWN;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_historian_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .ordinary = true,
@@ -164,7 +164,7 @@ static double left_of(struct shell *s, int rc, uint64_t behind)
     return apc_forward_left(s->forward);
 }
 
-static apc_ns step(void *ctx, bool last)
+static apc_ns replicate_step(void *ctx, bool last)
 {
     struct shell *s = ctx;
     const int rc = move(s, last ? LAST : BATCHES);
@@ -277,7 +277,7 @@ static void wake_mover(struct shell *s, const struct report *r, apc_ns now)
     }
 }
 
-static int on_tick(void *ctx, const struct apc_tick *tick)
+static int on_historian_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     const apc_ns now = apc_clock_mono(NULL);
@@ -307,7 +307,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 
 /* ---- Start and end ------------------------------------------------------------------------- */
 
-static int refuse(struct shell *s, const char *uri, int rc)
+static int refuse_history(struct shell *s, const char *uri, int rc)
 {
     char name[400];
     store_name(uri, name, sizeof name);
@@ -315,7 +315,7 @@ static int refuse(struct shell *s, const char *uri, int rc)
 }
 
 /* What is away may come; what is another's, or newer, stays so. */
-static int first_step(struct shell *s, const char *uri)
+static int replicate_first(struct shell *s, const char *uri)
 {
     const apc_ns give_up = apc_clock_mono(NULL) + WAIT;
     int rc = move(s, BATCHES);
@@ -330,7 +330,7 @@ static int first_step(struct shell *s, const char *uri)
     note(s, rc, &stats, 1);
     return rc >= 0 || (stats.away && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL))
                ? 0
-               : refuse(s, uri, rc);
+               : refuse_history(s, uri, rc);
 }
 
 static int open_asked(struct shell *s, const char *uri)
@@ -347,7 +347,7 @@ static int open_asked(struct shell *s, const char *uri)
     return rc;
 }
 
-static int open_shell(struct shell *s)
+static int open_historian(struct shell *s)
 {
     const struct apc_store_options options = {
         .size = sizeof options, .name = s->d.name, .timeout = TIMEOUT, .chunks = s->pack};
@@ -368,12 +368,12 @@ static int open_shell(struct shell *s)
     if (rc == 0) {
         s->gaps = (struct gap_teller){.live = s->live, .source = s->d.name, .log = s->d.log};
         apc_forward_tell(s->forward, gap_tell, &s->gaps);
-        rc = first_step(s, uri);
+        rc = replicate_first(s, uri);
     }
     return rc == 0 && s->within > 0 ? open_asked(s, uri) : rc;
 }
 
-static int start(struct shell *s)
+static int start_replication(struct shell *s)
 {
     struct apc_error why;
     s->looked = apc_clock_mono(NULL);
@@ -384,7 +384,7 @@ static int start(struct shell *s)
 }
 
 /* True: they have ended. One that waits for a history is left alone, and the process ends around it. */
-static bool end(struct shell *s)
+static bool end_replication(struct shell *s)
 {
     const apc_ns until = apc_clock_mono(NULL) + LAST;
     worker_stop(&s->asked.worker);
@@ -397,18 +397,18 @@ int main(int argc, char **argv)
     static struct shell s = {.within = WITHIN, .every = 0.1}; /* it outlives main(), should a worker */
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
     struct apc_error why;
-    int rc = worker_init(&s.mover, step, &s, &why);
+    int rc = worker_init(&s.mover, replicate_step, &s, &why);
     if (rc == 0)
         rc = worker_init(&s.asked.worker, bring, &s, &why);
     if (rc == 0)
         rc = daemon_open(&s.d, &program, &s, argc, argv);
     if (rc == 0)
-        rc = open_shell(&s);
+        rc = open_historian(&s);
     if (rc == 0)
-        rc = start(&s);
+        rc = start_replication(&s);
     if (rc == 0)
-        rc = daemon_run(&s.d, rhythm, on_tick, &s);
-    if (end(&s)) {
+        rc = daemon_run(&s.d, rhythm, on_historian_tick, &s);
+    if (end_replication(&s)) {
         requests_destroy(s.asked.requests);
         apc_store_close(s.asked.history);
         apc_store_close(s.asked.live);

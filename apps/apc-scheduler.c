@@ -34,7 +34,7 @@ struct shell {
 };
 
 /* Write what is due. */
-static int put(struct shell *s, struct apc_scheduler_at at)
+static int put_due_setpoints(struct shell *s, struct apc_scheduler_at at)
 {
     struct apc_notice notice;
     bool done = false;
@@ -52,7 +52,7 @@ static int put(struct shell *s, struct apc_scheduler_at at)
     return rc < 0 ? rc : done;
 }
 
-static void report(struct shell *s, int rc)
+static void report_scheduler_store(struct shell *s, int rc)
 {
     if (rc < 0 && !s->failing)
         daemon_event(s->d, APC_EVENT_WARNING, "store", "setpoint not written, trying again: %s",
@@ -64,7 +64,7 @@ static void report(struct shell *s, int rc)
 
 /* Write what is due, and what comes to be due meanwhile; nothing when somebody does so already, or no step
  * has begun. */
-static int look(struct shell *s)
+static int look_for_due(struct shell *s)
 {
     int rc = 1;
     pthread_mutex_lock(&s->mutex);
@@ -77,9 +77,9 @@ static int look(struct shell *s)
         const uint64_t chosen = s->chosen;
         const struct apc_scheduler_at at = s->at;
         pthread_mutex_unlock(&s->mutex);
-        rc = put(s, at);
+        rc = put_due_setpoints(s, at);
         if (s->failing || s->written != chosen) /* else nothing was due, as far as is known */
-            report(s, rc);
+            report_scheduler_store(s, rc);
         pthread_mutex_lock(&s->mutex);
         if (rc > 0)
             s->written = chosen;
@@ -91,7 +91,7 @@ static int look(struct shell *s)
     return rc < 0 ? rc : 0;
 }
 
-static void choose(struct shell *s, uint64_t step, apc_ns began)
+static void choose_step(struct shell *s, uint64_t step, apc_ns began)
 {
     pthread_mutex_lock(&s->mutex);
     s->at = (struct apc_scheduler_at){step, began};
@@ -99,16 +99,16 @@ static void choose(struct shell *s, uint64_t step, apc_ns began)
     pthread_mutex_unlock(&s->mutex);
 }
 
-static int on_tick(void *ctx, const struct apc_tick *tick)
+static int on_scheduler_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
-    choose(s, tick->index, tick->scheduled);
-    return daemon_fatal(s->d, s->store, look(s));
+    choose_step(s, tick->index, tick->scheduled);
+    return daemon_fatal(s->d, s->store, look_for_due(s));
 }
 
 static void on_look(void *ctx)
 {
-    look(ctx);
+    look_for_due(ctx);
 }
 
 /* Started in the middle of a step: is it in the store already, or was there nobody to write it? */
@@ -123,11 +123,11 @@ static int catch_up(struct shell *s)
     if (rc < 0)
         return rc;
     apc_scheduler_resume(s->core, (uint64_t)((now - zero) / period), now - age);
-    choose(s, (uint64_t)((now - zero) / period), apc_clock_mono(NULL) - age);
-    return look(s);
+    choose_step(s, (uint64_t)((now - zero) / period), apc_clock_mono(NULL) - age);
+    return look_for_due(s);
 }
 
-static int open_shell(struct shell *s)
+static int open_scheduler(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
     struct apc_error why;
@@ -156,9 +156,9 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = daemon_open(&d, &program, NULL, argc, argv);
     if (rc == 0)
-        rc = open_shell(&s);
+        rc = open_scheduler(&s);
     if (rc == 0)
-        rc = daemon_run(&d, d.experiment.scheduler.rhythm, on_tick, &s);
+        rc = daemon_run(&d, d.experiment.scheduler.rhythm, on_scheduler_tick, &s);
     apc_store_close(s.store);
     apc_scheduler_destroy(s.core);
     return daemon_close(&d, rc);

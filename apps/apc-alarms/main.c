@@ -26,7 +26,7 @@ struct shell {
     bool failing;
 };
 
-static void report(struct shell *s, int rc)
+static void report_alarms_store(struct shell *s, int rc)
 {
     if (rc < 0 && !s->failing)
         daemon_event(s->d, APC_EVENT_WARNING, "store", "alarms are not evaluated, trying again: %s",
@@ -38,7 +38,7 @@ static void report(struct shell *s, int rc)
 
 /* Numbers of authors are each database user's own: the same name under ours. Where it cannot be had, the row
  * of the wish says it. */
-static int name_authors(struct shell *s)
+static int name_alarm_authors(struct shell *s)
 {
     struct apc_rows *out = apc_alarms_out(s->core);
     char name[APC_AUTHOR_LEN];
@@ -74,7 +74,7 @@ static void notify(struct shell *s, const struct apc_sample *row, bool again)
         notifier_tell(s->notifier[i], row, again);
 }
 
-static void tell(struct shell *s)
+static void tell_transitions(struct shell *s)
 {
     const struct apc_rows *out = apc_alarms_out(s->core);
     struct apc_event event;
@@ -102,20 +102,20 @@ static int start_notifiers(struct shell *s)
     return 0;
 }
 
-static int on_tick(void *ctx, const struct apc_tick *tick)
+static int on_alarms_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     int rc = apc_alarms_pending(s->core) ? 0 : evaluate(s);
     (void)tick;
     if (rc >= 0)
-        rc = name_authors(s);
+        rc = name_alarm_authors(s);
     if (rc >= 0)
         rc = apc_store_append_rows(s->store, apc_alarms_out(s->core));
     if (rc >= 0) {
-        tell(s);
+        tell_transitions(s);
         apc_alarms_stored(s->core);
     }
-    report(s, rc);
+    report_alarms_store(s, rc);
     return daemon_fatal(s->d, s->store, rc);
 }
 
@@ -134,7 +134,7 @@ static int claim(struct shell *s)
     return rc;
 }
 
-static int open_shell(struct shell *s)
+static int open_alarms(struct shell *s)
 {
     const struct experiment *e = &s->d->experiment;
     struct apc_error why;
@@ -160,9 +160,9 @@ int main(int argc, char **argv)
     struct shell s = {.d = &d};
     int rc = daemon_open(&d, &program, NULL, argc, argv);
     if (rc == 0)
-        rc = open_shell(&s);
+        rc = open_alarms(&s);
     if (rc == 0)
-        rc = daemon_run(&d, d.experiment.alarms.rhythm, on_tick, &s);
+        rc = daemon_run(&d, d.experiment.alarms.rhythm, on_alarms_tick, &s);
     for (size_t i = 0; i < ALARM_NOTICES; i++)
         notifier_stop(s.notifier[i]);
     apc_store_close(s.store);

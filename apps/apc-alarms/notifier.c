@@ -93,7 +93,7 @@ static int set_attributes(posix_spawnattr_t *attributes)
 }
 
 /* Returns 0 or an errno. */
-static int spawn(const struct alarm_notice *is, int input, pid_t *pid)
+static int spawn_command(const struct alarm_notice *is, int input, pid_t *pid)
 {
     char guard[] = "timeout", with[] = "-sKILL", seconds[32];
     char shell[] = "/bin/sh", option[] = "-c", copy[ALARM_COMMAND];
@@ -117,7 +117,7 @@ static int spawn(const struct alarm_notice *is, int input, pid_t *pid)
 }
 
 /* Until it has ended, its time is up, or the daemon stops. Returns whether it has ended. */
-static bool await(const struct notifier *n, pid_t pid)
+static bool await_command(const struct notifier *n, pid_t pid)
 {
     const int process = pidfd_open(pid, 0);
     struct pollfd of[] = {{.fd = process, .events = POLLIN}, {.fd = n->stop, .events = POLLIN}};
@@ -139,14 +139,14 @@ static bool run_command(const struct notifier *n, const char *text, char *why, s
     const int input = open_message(text);
     pid_t pid;
     int status = 0;
-    int rc = input < 0 ? errno : spawn(n->is, input, &pid);
+    int rc = input < 0 ? errno : spawn_command(n->is, input, &pid);
     if (input >= 0)
         close(input);
     if (rc != 0) {
         snprintf(why, size, "could not be started: %s", strerror(rc));
         return false;
     }
-    const bool ended = await(n, pid);
+    const bool ended = await_command(n, pid);
     if (!ended)
         (void)kill(-pid, SIGKILL);
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
@@ -162,14 +162,14 @@ static bool run_command(const struct notifier *n, const char *text, char *why, s
 
 /* ---- The thread --------------------------------------------------------------------------- */
 
-static bool stopped(const struct notifier *n)
+static bool is_notifier_stopped(const struct notifier *n)
 {
     struct pollfd of = {.fd = n->stop, .events = POLLIN};
     return poll(&of, 1, 0) != 0;
 }
 
-static void report(struct notifier *n, const struct raised *raised, bool done, const char *why,
-                   unsigned long dropped)
+static void report_notification(struct notifier *n, const struct raised *raised, bool done, const char *why,
+                                unsigned long dropped)
 {
     const char *name = n->d->experiment.alarm[raised->row.id - 1].name;
     if (done && n->untold == 0 && dropped == 0)
@@ -185,7 +185,7 @@ static void report(struct notifier *n, const struct raised *raised, bool done, c
     n->untold = 0;
 }
 
-static bool take(struct notifier *n, struct raised *raised, unsigned long *dropped)
+static bool take_raised(struct notifier *n, struct raised *raised, unsigned long *dropped)
 {
     pthread_mutex_lock(&n->mutex);
     const bool some = n->count > 0;
@@ -204,21 +204,21 @@ static void tell_waiting(struct notifier *n)
 {
     struct raised raised;
     unsigned long dropped;
-    while (!stopped(n) && take(n, &raised, &dropped)) {
+    while (!is_notifier_stopped(n) && take_raised(n, &raised, &dropped)) {
         char why[128] = "needs more memory than there is";
         char *text = make_message(n, &raised);
         const bool done = text && run_command(n, text, why, sizeof why);
-        if (!stopped(n))
-            report(n, &raised, done, why, dropped);
+        if (!is_notifier_stopped(n))
+            report_notification(n, &raised, done, why, dropped);
         free(text);
     }
 }
 
-static void *serve(void *ctx)
+static void *serve_notifications(void *ctx)
 {
     struct notifier *n = ctx;
     struct pollfd of[] = {{.fd = n->wake, .events = POLLIN}, {.fd = n->stop, .events = POLLIN}};
-    while (!stopped(n)) {
+    while (!is_notifier_stopped(n)) {
         uint64_t count;
         if (poll(of, 2, -1) > 0 && read(n->wake, &count, sizeof count) > 0)
             tell_waiting(n);
@@ -248,7 +248,8 @@ int notifier_start(struct notifier **out, struct daemon *d, const struct alarm_n
     n->is = is;
     n->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     n->stop = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    const int rc = n->wake < 0 || n->stop < 0 ? errno : pthread_create(&n->thread, NULL, serve, n);
+    const int rc =
+        n->wake < 0 || n->stop < 0 ? errno : pthread_create(&n->thread, NULL, serve_notifications, n);
     if (rc != 0) {
         destroy(n);
         return daemon_error(d, APC_ESYS, "alarms cannot be told to \"%s\": %s", is->command, strerror(rc));

@@ -38,7 +38,7 @@ static bool stays_within(const char *name)
     return true;
 }
 
-static void look_at(const struct archive *a, zip_uint64_t i, uint64_t *total)
+static void check_archive_entry(const struct archive *a, zip_uint64_t i, uint64_t *total)
 {
     zip_stat_t about;
     zip_uint8_t system;
@@ -46,16 +46,16 @@ static void look_at(const struct archive *a, zip_uint64_t i, uint64_t *total)
     const zip_uint64_t needed = ZIP_STAT_NAME | ZIP_STAT_SIZE;
 
     if (zip_stat_index(a->zip, i, 0, &about) < 0 || (about.valid & needed) != needed)
-        refuse("the archive is damaged: entry %llu of it cannot be read", (unsigned long long)i + 1);
+        refuse_fmu("the archive is damaged: entry %llu of it cannot be read", (unsigned long long)i + 1);
     if (!stays_within(about.name))
-        refuse("the archive holds \"%.80s\", a path that leads out of its folder: it is not unpacked",
-               about.name);
+        refuse_fmu("the archive holds \"%.80s\", a path that leads out of its folder: it is not unpacked",
+                   about.name);
     if (zip_file_get_external_attributes(a->zip, i, 0, &system, &attributes) == 0 &&
         system == ZIP_OPSYS_UNIX && S_ISLNK(attributes >> 16))
-        refuse("the archive holds \"%.80s\", a symbolic link: it is not unpacked", about.name);
+        refuse_fmu("the archive holds \"%.80s\", a symbolic link: it is not unpacked", about.name);
     if (about.size > SIZE_MAX_B || (*total += about.size) > SIZE_MAX_B)
-        refuse("the archive would be more than %llu MiB when unpacked: it is not",
-               (unsigned long long)(SIZE_MAX_B >> 20));
+        refuse_fmu("the archive would be more than %llu MiB when unpacked: it is not",
+                   (unsigned long long)(SIZE_MAX_B >> 20));
 }
 
 struct archive *archive_open(const char *path)
@@ -68,14 +68,14 @@ struct archive *archive_open(const char *path)
     if (!a->zip) {
         zip_error_t error;
         zip_error_init_with_code(&error, code);
-        refuse("cannot be read as an archive (zip), which an FMU is: %s", zip_error_strerror(&error));
+        refuse_fmu("cannot be read as an archive (zip), which an FMU is: %s", zip_error_strerror(&error));
     }
     const zip_int64_t n = zip_get_num_entries(a->zip, 0);
     if (n < 1 || n > ENTRIES_MAX)
-        refuse("the archive has %lld entries; 1 to %d are expected", (long long)n, ENTRIES_MAX);
+        refuse_fmu("the archive has %lld entries; 1 to %d are expected", (long long)n, ENTRIES_MAX);
     a->n = (zip_uint64_t)n;
     for (zip_uint64_t i = 0; i < a->n; i++)
-        look_at(a, i, &total);
+        check_archive_entry(a, i, &total);
     return a;
 }
 
@@ -112,8 +112,8 @@ void archive_folders(const struct archive *a, const char *folder, char *text, si
 }
 
 /* As much as it says that it is, and not a byte more. */
-static void copy(const struct archive *a, zip_uint64_t i, void (*to)(void *ctx, const void *, size_t),
-                 void *ctx)
+static void copy_archive_entry(const struct archive *a, zip_uint64_t i,
+                               void (*to)(void *ctx, const void *, size_t), void *ctx)
 {
     char block[65536];
     zip_stat_t about;
@@ -127,7 +127,7 @@ static void copy(const struct archive *a, zip_uint64_t i, void (*to)(void *ctx, 
             to(ctx, block, (size_t)n);
     }
     if (n < 0 || total != about.size)
-        refuse("the archive is damaged: \"%.80s\" is not what it says", zip_get_name(a->zip, i, 0));
+        refuse_fmu("the archive is damaged: \"%.80s\" is not what it says", zip_get_name(a->zip, i, 0));
     zip_fclose(in);
 }
 
@@ -150,9 +150,9 @@ char *archive_text(const struct archive *a, const char *name, size_t *length)
     zip_stat_t about;
 
     if (i < 0 || zip_stat_index(a->zip, (zip_uint64_t)i, 0, &about) < 0)
-        refuse("holds no %s: it is no FMU", name);
+        refuse_fmu("holds no %s: it is no FMU", name);
     m.at = room(about.size + 1, 1);
-    copy(a, (zip_uint64_t)i, to_memory, &m);
+    copy_archive_entry(a, (zip_uint64_t)i, to_memory, &m);
     *length = m.n;
     return m.at;
 }
@@ -163,13 +163,13 @@ static void to_file(void *ctx, const void *from, size_t n)
 {
     const char *at = from;
     if (asker_gone())
-        refuse("nobody waits for it any more");
+        refuse_fmu("nobody waits for it any more");
     while (n > 0) {
         const ssize_t written = write(*(const int *)ctx, at, n);
         if (written < 0 && errno == EINTR)
             continue;
         if (written < 0)
-            refuse("cannot be unpacked into %s (TMPDIR says where): %s", unpacked, strerror(errno));
+            refuse_fmu("cannot be unpacked into %s (TMPDIR says where): %s", unpacked, strerror(errno));
         at += written;
         n -= (size_t)written;
     }
@@ -184,15 +184,15 @@ static void unpack(const struct archive *a, zip_uint64_t i)
     for (char *slash = path + strlen(unpacked) + 1; (slash = strchr(slash, '/')); slash++) {
         *slash = '\0';
         if (mkdir(path, 0700) < 0 && errno != EEXIST)
-            refuse("cannot be unpacked: %s: %s", path, strerror(errno));
+            refuse_fmu("cannot be unpacked: %s: %s", path, strerror(errno));
         *slash = '/';
     }
     if (name[strlen(name) - 1] == '/')
         return;
     int out = open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0700);
     if (out < 0)
-        refuse("cannot be unpacked: %s: %s", path, strerror(errno));
-    copy(a, i, to_file, &out);
+        refuse_fmu("cannot be unpacked: %s: %s", path, strerror(errno));
+    copy_archive_entry(a, i, to_file, &out);
     close(out);
 }
 
@@ -205,7 +205,7 @@ const char *archive_unpack(const struct archive *a, const char *const *folders, 
         snprintf(unpacked, sizeof unpacked, "%s/apc-fmu-XXXXXX", whole);
     if (!whole || !mkdtemp(unpacked)) {
         unpacked[0] = '\0';
-        refuse("no folder to unpack it into (TMPDIR says where): %s", strerror(errno));
+        refuse_fmu("no folder to unpack it into (TMPDIR says where): %s", strerror(errno));
     }
     free(whole);
     /* Who tidies up temporary folders by their age leaves one alone that is locked. */
@@ -221,7 +221,7 @@ const char *archive_unpack(const struct archive *a, const char *const *folders, 
     return unpacked;
 }
 
-static int drop(const char *path, const struct stat *about, int kind, struct FTW *walk)
+static int drop_extracted(const char *path, const struct stat *about, int kind, struct FTW *walk)
 {
     (void)about;
     (void)kind;
@@ -233,6 +233,6 @@ static int drop(const char *path, const struct stat *about, int kind, struct FTW
 void archive_remove(void)
 {
     if (unpacked[0])
-        (void)nftw(unpacked, drop, 16, FTW_DEPTH | FTW_PHYS);
+        (void)nftw(unpacked, drop_extracted, 16, FTW_DEPTH | FTW_PHYS);
     unpacked[0] = '\0';
 }

@@ -60,16 +60,16 @@ static bool is_true(const char **a, const char *name)
     return text && (strcmp(text, "true") == 0 || strcmp(text, "1") == 0);
 }
 
-static char *keep(const char *text)
+static char *keep_string(const char *text)
 {
     char *const kept = strdup(text ? text : "");
     if (!kept)
-        refuse("no memory");
+        refuse_fmu("no memory");
     return kept;
 }
 
 /* Numbers as XML has them; a truth is one of 0 and 1. */
-static double number(const char *text, double otherwise)
+static double number_of_attribute(const char *text, double otherwise)
 {
     char *rest;
     if (!text)
@@ -81,7 +81,7 @@ static double number(const char *text, double otherwise)
 }
 
 /* What a type holds; of 64 bits as far as a double can say. */
-static void narrow(struct variable *v)
+static void narrow_to_type(struct variable *v)
 {
     static const double range[N_TYPES][2] = {[TYPE_FLOAT64] = {-APC_VALUE_MAX, APC_VALUE_MAX},
                                              [TYPE_INT32] = {INT32_MIN, INT32_MAX},
@@ -110,7 +110,7 @@ static void stop(struct reader *r, const char *problem)
     XML_StopParser(r->parser, XML_FALSE);
 }
 
-static enum type type_of(const char *element)
+static enum type type_of_element(const char *element)
 {
     static const struct {
         const char *element;
@@ -143,19 +143,19 @@ static void read_model(struct reader *r, const char **a)
         XML_StopParser(r->parser, XML_FALSE);
         return;
     }
-    d->name = keep(attribute(a, "modelName"));
-    d->description = keep(attribute(a, "description"));
-    d->token = keep(attribute(a, d->version == 2 ? "guid" : "instantiationToken"));
+    d->name = keep_string(attribute(a, "modelName"));
+    d->description = keep_string(attribute(a, "description"));
+    d->token = keep_string(attribute(a, d->version == 2 ? "guid" : "instantiationToken"));
 }
 
 static void read_co_simulation(struct description *d, const char **a)
 {
     free(d->identifier);
-    d->identifier = keep(attribute(a, "modelIdentifier"));
+    d->identifier = keep_string(attribute(a, "modelIdentifier"));
     d->co_simulation = true;
     d->variable_step = is_true(a, "canHandleVariableCommunicationStepSize");
     d->needs_tool = is_true(a, "needsExecutionTool");
-    d->step = number(attribute(a, "fixedInternalStepSize"), d->step);
+    d->step = number_of_attribute(attribute(a, "fixedInternalStepSize"), d->step);
 }
 
 static void declare(struct reader *r, const char *name, const char **a)
@@ -163,10 +163,11 @@ static void declare(struct reader *r, const char *name, const char **a)
     if (!name || r->n_declared == VARIABLES_MAX)
         return;
     r->declared = more_room(r->declared, r->n_declared + 1, sizeof *r->declared);
-    r->declared[r->n_declared++] = (struct declared){.name = keep(name),
-                                                     .unit = keep(attribute(a, "unit")),
-                                                     .low = number(attribute(a, "min"), -APC_VALUE_MAX),
-                                                     .high = number(attribute(a, "max"), APC_VALUE_MAX)};
+    r->declared[r->n_declared++] =
+        (struct declared){.name = keep_string(name),
+                          .unit = keep_string(attribute(a, "unit")),
+                          .low = number_of_attribute(attribute(a, "min"), -APC_VALUE_MAX),
+                          .high = number_of_attribute(attribute(a, "max"), APC_VALUE_MAX)};
     r->is_type = true;
 }
 
@@ -178,8 +179,8 @@ static void note_label(struct reader *r, const char **a)
     if (!attribute(a, "name") || t->n_labels == VARIABLES_MAX)
         return;
     t->label = more_room(t->label, t->n_labels + 1, sizeof *t->label);
-    t->label[t->n_labels++] =
-        (struct label){.name = keep(attribute(a, "name")), .value = number(attribute(a, "value"), 0.0)};
+    t->label[t->n_labels++] = (struct label){.name = keep_string(attribute(a, "name")),
+                                             .value = number_of_attribute(attribute(a, "value"), 0.0)};
 }
 
 static void begin_variable(struct reader *r, const char **a)
@@ -187,8 +188,8 @@ static void begin_variable(struct reader *r, const char **a)
     const char *const causality = attribute(a, "causality");
 
     r->variable = (struct variable){
-        .name = keep(attribute(a, "name")),
-        .description = keep(attribute(a, "description")),
+        .name = keep_string(attribute(a, "name")),
+        .description = keep_string(attribute(a, "description")),
         .reference = (uint32_t)strtoul(attribute(a, "valueReference") ? attribute(a, "valueReference") : "0",
                                        NULL, 10),
         .low = -APC_VALUE_MAX,
@@ -204,7 +205,7 @@ static void type_variable(struct reader *r, const char *element, const char **a)
     struct variable *const v = &r->variable;
     const char *const declared = attribute(a, "declaredType"), *const unit = attribute(a, "unit");
 
-    v->type = type_of(element);
+    v->type = type_of_element(element);
     if (strcmp(element, "Enumeration") == 0)
         v->type = r->d->version == 2 ? TYPE_INT32 : TYPE_INT64;
     for (size_t i = 0; declared && i < r->n_declared; i++)
@@ -214,35 +215,35 @@ static void type_variable(struct reader *r, const char *element, const char **a)
             v->label = r->declared[i].label;
             v->n_labels = r->declared[i].n_labels;
             free(v->unit);
-            v->unit = keep(r->declared[i].unit);
+            v->unit = keep_string(r->declared[i].unit);
         }
-    v->low = number(attribute(a, "min"), v->low);
-    v->high = number(attribute(a, "max"), v->high);
-    narrow(v);
+    v->low = number_of_attribute(attribute(a, "min"), v->low);
+    v->high = number_of_attribute(attribute(a, "max"), v->high);
+    narrow_to_type(v);
     if (v->type == TYPE_STRING || v->type == TYPE_NONE)
-        v->text = keep(v->type == TYPE_NONE ? element : attribute(a, "start"));
+        v->text = keep_string(v->type == TYPE_NONE ? element : attribute(a, "start"));
     else
-        v->start = number(attribute(a, "start"), fmin(fmax(0.0, v->low), v->high));
+        v->start = number_of_attribute(attribute(a, "start"), fmin(fmax(0.0, v->low), v->high));
     const char *const of = attribute(a, "derivative");
     r->has_of = of && v->type == TYPE_FLOAT64;
     r->of = r->has_of ? strtoul(of, NULL, 10) : 0;
     if (unit || !v->unit) {
         free(v->unit);
-        v->unit = keep(unit);
+        v->unit = keep_string(unit);
     }
 }
 
-static struct variable copy(const struct variable *v)
+static struct variable copy_fmu_variable(const struct variable *v)
 {
     struct variable made = *v;
-    made.name = keep(v->name);
-    made.unit = keep(v->unit);
-    made.description = keep(v->description);
+    made.name = keep_string(v->name);
+    made.unit = keep_string(v->unit);
+    made.description = keep_string(v->description);
     made.text = NULL;
     return made;
 }
 
-static void drop(struct variable *v)
+static void drop_fmu_variable(struct variable *v)
 {
     free(v->name);
     free(v->unit);
@@ -257,8 +258,8 @@ static void note_quantity(struct reader *r)
     if (v->type != TYPE_FLOAT64 || r->n_quantities == VARIABLES_MAX)
         return;
     r->quantity = more_room(r->quantity, r->n_quantities + 1, sizeof *r->quantity);
-    r->quantity[r->n_quantities++] =
-        (struct quantity){.variable = copy(v), .index = r->index, .of = r->of, .has_of = r->has_of};
+    r->quantity[r->n_quantities++] = (struct quantity){
+        .variable = copy_fmu_variable(v), .index = r->index, .of = r->of, .has_of = r->has_of};
 }
 
 /* Its structure says of which variables the model's states are made: each by its index or reference. */
@@ -287,7 +288,7 @@ static void end_variable(struct reader *r)
         k = v->type == TYPE_STRING ? KIND_TEXT : KIND_FIXED;
     if (k == KIND_STATE || (k < KIND_STATE && (v->type == TYPE_STRING || v->type == TYPE_NONE)) ||
         !v->name[0]) {
-        drop(v);
+        drop_fmu_variable(v);
         return;
     }
     if (r->d->n[k] == VARIABLES_MAX) {
@@ -307,13 +308,13 @@ static void begin_type(struct reader *r, const char *element, const char **a)
         snprintf(r->declaring, sizeof r->declaring, "%s", attribute(a, "name") ? attribute(a, "name") : "");
     else if (strcmp(element, "Item") == 0 && r->is_type)
         note_label(r, a);
-    else if (r->d->version == 3
-                 ? strcmp(ending, "Type") == 0
-                 : r->declaring[0] && (type_of(element) != TYPE_NONE || strcmp(element, "Enumeration") == 0))
+    else if (r->d->version == 3 ? strcmp(ending, "Type") == 0
+                                : r->declaring[0] && (type_of_element(element) != TYPE_NONE ||
+                                                      strcmp(element, "Enumeration") == 0))
         declare(r, r->d->version == 2 ? r->declaring : attribute(a, "name"), a);
 }
 
-static void begin(void *ctx, const char *element, const char **a)
+static void begin_element(void *ctx, const char *element, const char **a)
 {
     struct reader *const r = ctx;
 
@@ -326,7 +327,7 @@ static void begin(void *ctx, const char *element, const char **a)
     } else if (strcmp(element, "CoSimulation") == 0) {
         read_co_simulation(r->d, a);
     } else if (strcmp(element, "DefaultExperiment") == 0) {
-        r->d->step = r->d->step > 0 ? r->d->step : number(attribute(a, "stepSize"), 0.0);
+        r->d->step = r->d->step > 0 ? r->d->step : number_of_attribute(attribute(a, "stepSize"), 0.0);
     } else if (strcmp(element, "ModelVariables") == 0) {
         r->in_variables = true;
     } else if (r->d->version == 2 && strcmp(element, "Derivatives") == 0) {
@@ -348,14 +349,14 @@ static void begin(void *ctx, const char *element, const char **a)
     } else if (r->is_variable && strcmp(element, "Dimension") == 0) {
         r->variable.type = TYPE_NONE;
         free(r->variable.text);
-        r->variable.text = keep("array");
+        r->variable.text = keep_string("array");
     } else if (r->is_variable && r->variable.type == TYPE_STRING && strcmp(element, "Start") == 0) {
         free(r->variable.text);
-        r->variable.text = keep(attribute(a, "value"));
+        r->variable.text = keep_string(attribute(a, "value"));
     }
 }
 
-static void end(void *ctx, const char *element)
+static void end_element(void *ctx, const char *element)
 {
     struct reader *const r = ctx;
 
@@ -368,9 +369,10 @@ static void end(void *ctx, const char *element)
     else if (strcmp(element, "TypeDefinitions") == 0)
         r->is_type = false;
     else if (r->in_variables && r->is_variable &&
-             (r->d->version == 2 ? strcmp(element, "ScalarVariable") == 0
-                                 : type_of(element) != TYPE_NONE || strcmp(element, "Enumeration") == 0 ||
-                                       strcmp(element, "Binary") == 0 || strcmp(element, "Clock") == 0))
+             (r->d->version == 2
+                  ? strcmp(element, "ScalarVariable") == 0
+                  : type_of_element(element) != TYPE_NONE || strcmp(element, "Enumeration") == 0 ||
+                        strcmp(element, "Binary") == 0 || strcmp(element, "Clock") == 0))
         end_variable(r);
 }
 
@@ -402,12 +404,12 @@ static void find_states(struct reader *r)
                 state = &r->quantity[j];
         if (!state)
             continue;
-        d->of[KIND_STATE][n] = copy(&state->variable);
-        d->derivative[n++] = copy(&q->variable);
+        d->of[KIND_STATE][n] = copy_fmu_variable(&state->variable);
+        d->derivative[n++] = copy_fmu_variable(&q->variable);
     }
     d->n[KIND_STATE] = n == wanted ? n : 0;
     for (size_t i = 0; i < r->n_quantities; i++)
-        drop(&r->quantity[i].variable);
+        drop_fmu_variable(&r->quantity[i].variable);
     free(r->quantity);
 }
 
@@ -420,16 +422,17 @@ static bool is_identifier(const char *text)
            strspn(text, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_") == strlen(text);
 }
 
-static void check(const struct description *d)
+static void check_description(const struct description *d)
 {
     if (!d->co_simulation)
-        refuse("it is an FMU for model exchange, without a solver: export it for co-simulation");
+        refuse_fmu("it is an FMU for model exchange, without a solver: export it for co-simulation");
     if (!is_identifier(d->identifier))
-        refuse("modelDescription.xml: \"%.40s\" is no modelIdentifier: letters, digits and _ are expected",
-               d->identifier);
+        refuse_fmu(
+            "modelDescription.xml: \"%.40s\" is no modelIdentifier: letters, digits and _ are expected",
+            d->identifier);
     if (d->n[KIND_INPUT] == 0 || d->n[KIND_OUTPUT] == 0)
-        refuse("it has %zu inputs and %zu outputs that are numbers; a plant has one of each at least",
-               d->n[KIND_INPUT], d->n[KIND_OUTPUT]);
+        refuse_fmu("it has %zu inputs and %zu outputs that are numbers; a plant has one of each at least",
+                   d->n[KIND_INPUT], d->n[KIND_OUTPUT]);
 }
 
 void description_read(struct description *d, const char *text, size_t length)
@@ -438,13 +441,13 @@ void description_read(struct description *d, const char *text, size_t length)
 
     *d = (struct description){0};
     if (!r.parser || length > INT32_MAX)
-        refuse("modelDescription.xml cannot be read: no memory");
+        refuse_fmu("modelDescription.xml cannot be read: no memory");
     XML_SetUserData(r.parser, &r);
-    XML_SetElementHandler(r.parser, begin, end);
+    XML_SetElementHandler(r.parser, begin_element, end_element);
     XML_SetStartDoctypeDeclHandler(r.parser, doctype);
     if (XML_Parse(r.parser, text, (int)length, XML_TRUE) != XML_STATUS_OK)
-        refuse("modelDescription.xml, line %lu: %s", (unsigned long)XML_GetCurrentLineNumber64(r.parser),
-               r.problem[0] ? r.problem : XML_ErrorString(XML_GetErrorCode(r.parser)));
+        refuse_fmu("modelDescription.xml, line %lu: %s", (unsigned long)XML_GetCurrentLineNumber64(r.parser),
+                   r.problem[0] ? r.problem : XML_ErrorString(XML_GetErrorCode(r.parser)));
     XML_ParserFree(r.parser);
     find_states(&r);
     for (size_t i = 0; i < r.n_declared; i++) { /* its labels are the variables' */
@@ -454,7 +457,7 @@ void description_read(struct description *d, const char *text, size_t length)
     free(r.declared);
     if (!(d->step > 0.0 && d->step < 1e6))
         d->step = 0.0;
-    check(d);
+    check_description(d);
 }
 
 void description_library(const struct description *d, char *path, size_t size)

@@ -39,8 +39,8 @@ static struct {
 } call;
 static instance self;
 
-static void say(void *environment, const char *name, int status, const char *category, const char *message,
-                ...)
+static void fmi2_log(void *environment, const char *name, int status, const char *category,
+                     const char *message, ...)
 {
     va_list arguments;
 
@@ -58,7 +58,7 @@ static void say(void *environment, const char *name, int status, const char *cat
     va_end(arguments);
 }
 
-static const char *load(void *library)
+static const char *fmi2_load(void *library)
 {
     const struct {
         const char *name;
@@ -87,9 +87,9 @@ static const char *load(void *library)
     return NULL;
 }
 
-static bool instantiate(const struct description *d, const char *folder)
+static bool fmi2_instantiate(const struct description *d, const char *folder)
 {
-    static const struct callbacks callbacks = {.logger = say, .allocate = calloc, .release = free};
+    static const struct callbacks callbacks = {.logger = fmi2_log, .allocate = calloc, .release = free};
     char resources[600];
 
     snprintf(resources, sizeof resources, "file://%s/resources", folder);
@@ -97,18 +97,18 @@ static bool instantiate(const struct description *d, const char *folder)
     return self && status_well(call.set_up(self, 0, 0.0, 0.0, 0, 0.0), "fmi2SetupExperiment");
 }
 
-static bool enter(void)
+static bool fmi2_enter(void)
 {
     return status_well(call.enter(self), "fmi2EnterInitializationMode");
 }
 
-static bool leave(void)
+static bool fmi2_leave(void)
 {
     return status_well(call.leave(self), "fmi2ExitInitializationMode");
 }
 
 /* It was looked at before whether it fits. */
-static bool set(const struct variable *v, double value)
+static bool fmi2_set(const struct variable *v, double value)
 {
     const int whole = v->type == TYPE_BOOLEAN ? value >= 0.5 : v->type == TYPE_INT32 ? (int)lrint(value) : 0;
 
@@ -118,14 +118,14 @@ static bool set(const struct variable *v, double value)
                        v->name);
 }
 
-static bool set_text(const struct variable *v, const char *text)
+static bool fmi2_set_text(const struct variable *v, const char *text)
 {
     if (!call.set_string)
         fputs("its library does not export fmi2SetString\n", stderr);
     return call.set_string && status_well(call.set_string(self, &v->reference, 1, &text), v->name);
 }
 
-static bool get(const struct variable *v, double *value)
+static bool fmi2_get(const struct variable *v, double *value)
 {
     int whole = 0, status;
 
@@ -137,7 +137,7 @@ static bool get(const struct variable *v, double *value)
     return status_well(status, v->name);
 }
 
-static bool get_float64(const uint32_t *reference, size_t n, double *value)
+static bool fmi2_get_float64(const uint32_t *reference, size_t n, double *value)
 {
     return status_well(call.get_real(self, reference, n, value), "fmi2GetReal");
 }
@@ -160,7 +160,7 @@ static void explain(double t, double h, double *reached)
     }
 }
 
-static bool step(double t, double h, double *reached)
+static bool fmi2_step(double t, double h, double *reached)
 {
     const int status = call.do_step(self, t, h, 1);
 
@@ -174,12 +174,12 @@ static bool step(double t, double h, double *reached)
     return false;
 }
 
-const struct standard fmi2 = {.load = load,
-                              .instantiate = instantiate,
-                              .enter = enter,
-                              .leave = leave,
-                              .set = set,
-                              .set_text = set_text,
-                              .get = get,
-                              .get_float64 = get_float64,
-                              .step = step};
+const struct standard fmi2 = {.load = fmi2_load,
+                              .instantiate = fmi2_instantiate,
+                              .enter = fmi2_enter,
+                              .leave = fmi2_leave,
+                              .set = fmi2_set,
+                              .set_text = fmi2_set_text,
+                              .get = fmi2_get,
+                              .get_float64 = fmi2_get_float64,
+                              .step = fmi2_step};

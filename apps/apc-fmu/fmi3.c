@@ -42,14 +42,14 @@ static struct {
 } call;
 static instance self;
 
-static void say(void *environment, int status, const char *category, const char *message)
+static void fmi3_log(void *environment, int status, const char *category, const char *message)
 {
     (void)environment;
     if (status != STATUS_OK)
         fprintf(stderr, "%s: %s\n", category ? category : "", message ? message : "");
 }
 
-static const char *load(void *library)
+static const char *fmi3_load(void *library)
 {
     const struct {
         const char *name;
@@ -72,28 +72,28 @@ static const char *load(void *library)
     return NULL;
 }
 
-static bool instantiate(const struct description *d, const char *folder)
+static bool fmi3_instantiate(const struct description *d, const char *folder)
 {
     char resources[600];
 
     snprintf(resources, sizeof resources, "%s/resources/", folder);
-    self =
-        call.instantiate(d->name, d->token, resources, false, true, false, false, NULL, 0, NULL, say, NULL);
+    self = call.instantiate(d->name, d->token, resources, false, true, false, false, NULL, 0, NULL, fmi3_log,
+                            NULL);
     return self != NULL;
 }
 
-static bool enter(void)
+static bool fmi3_enter(void)
 {
     return status_well(call.enter(self, false, 0.0, 0.0, false, 0.0), "fmi3EnterInitializationMode");
 }
 
-static bool leave(void)
+static bool fmi3_leave(void)
 {
     return status_well(call.leave(self), "fmi3ExitInitializationMode");
 }
 
 /* It was looked at before whether it fits. */
-static bool set(const struct variable *v, double value)
+static bool fmi3_set(const struct variable *v, double value)
 {
     switch (v->type) {
 #define SET(TYPE, Name, c)                                                                                   \
@@ -109,14 +109,14 @@ static bool set(const struct variable *v, double value)
     }
 }
 
-static bool set_text(const struct variable *v, const char *text)
+static bool fmi3_set_text(const struct variable *v, const char *text)
 {
     if (!call.set_string)
         fputs("its library does not export fmi3SetString\n", stderr);
     return call.set_string && status_well(call.set_string(self, &v->reference, 1, &text, 1), v->name);
 }
 
-static bool get(const struct variable *v, double *value)
+static bool fmi3_get(const struct variable *v, double *value)
 {
     switch (v->type) {
 #define GET(TYPE, Name, c)                                                                                   \
@@ -132,12 +132,12 @@ static bool get(const struct variable *v, double *value)
     }
 }
 
-static bool get_float64(const uint32_t *reference, size_t n, double *value)
+static bool fmi3_get_float64(const uint32_t *reference, size_t n, double *value)
 {
     return status_well(call.get_Float64(self, reference, n, value, n), "fmi3GetFloat64");
 }
 
-static bool step(double t, double h, double *reached)
+static bool fmi3_step(double t, double h, double *reached)
 {
     bool event = false, ends = false, early = false;
     double last = t;
@@ -155,12 +155,12 @@ static bool step(double t, double h, double *reached)
     return well && !ends && !early;
 }
 
-const struct standard fmi3 = {.load = load,
-                              .instantiate = instantiate,
-                              .enter = enter,
-                              .leave = leave,
-                              .set = set,
-                              .set_text = set_text,
-                              .get = get,
-                              .get_float64 = get_float64,
-                              .step = step};
+const struct standard fmi3 = {.load = fmi3_load,
+                              .instantiate = fmi3_instantiate,
+                              .enter = fmi3_enter,
+                              .leave = fmi3_leave,
+                              .set = fmi3_set,
+                              .set_text = fmi3_set_text,
+                              .get = fmi3_get,
+                              .get_float64 = fmi3_get_float64,
+                              .step = fmi3_step};

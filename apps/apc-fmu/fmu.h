@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 /* Nothing can be done: tell who asks, in a sentence, and end. */
-void refuse(const char *format, ...) __attribute__((noreturn, format(printf, 1, 2)));
+void refuse_fmu(const char *format, ...) __attribute__((noreturn, format(printf, 1, 2)));
 /* Is nobody there any more to be told? */
 bool asker_gone(void);
 /* Memory, zeroed, or the end. */

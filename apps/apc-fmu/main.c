@@ -45,7 +45,7 @@ static void blank(char *text, size_t n)
             text[i] = ' ';
 }
 
-static void tell(const char *text, size_t n)
+static void tell_host(const char *text, size_t n)
 {
     if (send(ASKER, text, n, MSG_NOSIGNAL) != (ssize_t)n) {
         archive_remove();
@@ -53,7 +53,7 @@ static void tell(const char *text, size_t n)
     }
 }
 
-void refuse(const char *format, ...)
+void refuse_fmu(const char *format, ...)
 {
     char text[APC_FMU_TEXT] = "error\t";
     const size_t word = serving ? strlen(text) : 0;
@@ -64,7 +64,7 @@ void refuse(const char *format, ...)
     va_end(arguments);
     blank(text + word, strlen(text + word));
     if (serving)
-        tell(text, strlen(text));
+        tell_host(text, strlen(text));
     else
         fprintf(stderr, "apc-fmu: %s\n", text);
     archive_remove();
@@ -75,7 +75,7 @@ void *room(size_t n, size_t size)
 {
     void *const memory = calloc(n ? n : 1, size);
     if (!memory)
-        refuse("no memory");
+        refuse_fmu("no memory");
     return memory;
 }
 
@@ -83,7 +83,7 @@ void *more_room(void *memory, size_t n, size_t size)
 {
     void *const more = reallocarray(memory, n, size);
     if (!more)
-        refuse("no memory");
+        refuse_fmu("no memory");
     return more;
 }
 
@@ -100,11 +100,11 @@ static void line(const char *kind, const char *const *field, size_t n)
         used += (size_t)snprintf(text + used, sizeof text - used, "\t%.600s", field[i]);
         blank(text + from, used - from);
     }
-    tell(text, used);
+    tell_host(text, used);
 }
 
 /* With what its numbers are called. */
-static const char *described(const struct variable *v, char *text, size_t size)
+static const char *described_with_names(const struct variable *v, char *text, size_t size)
 {
     size_t used = (size_t)snprintf(text, size, "%s", v->description);
 
@@ -117,7 +117,7 @@ static const char *described(const struct variable *v, char *text, size_t size)
     return text;
 }
 
-static void describe(const struct description *d)
+static void describe_fmu(const struct description *d)
 {
     static const char *const kinds[N_KINDS] = {"input", "output", "parameter", "state", "text", "fixed"};
 
@@ -133,8 +133,8 @@ static void describe(const struct description *d)
                 line(kinds[k], (const char *const[]){v->name, v->description, v->text}, 3);
             else
                 line(kinds[k],
-                     (const char *const[]){v->name, v->unit, described(v, text, sizeof text), start, low,
-                                           high,
+                     (const char *const[]){v->name, v->unit, described_with_names(v, text, sizeof text),
+                                           start, low, high,
                                            v->n_labels                                          ? "label"
                                            : v->type == TYPE_BOOLEAN                            ? "truth"
                                            : v->type == TYPE_FLOAT64 || v->type == TYPE_FLOAT32 ? "real"
@@ -147,7 +147,7 @@ static void describe(const struct description *d)
         }
 }
 
-static int keep(const char *file)
+static int keep_fmu(const char *file)
 {
     struct archive *const a = archive_open(file);
     struct description d;
@@ -163,15 +163,15 @@ static int keep(const char *file)
     if (!archive_has(a, library)) {
         char platforms[200];
         archive_folders(a, "binaries/", platforms, sizeof platforms);
-        refuse("it holds no %s, which this machine needs; there is: %s", library,
-               platforms[0] ? platforms : "no library at all");
+        refuse_fmu("it holds no %s, which this machine needs; there is: %s", library,
+                   platforms[0] ? platforms : "no library at all");
     }
     char folder[300];
     snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(library, '/') + 1 - library), library);
     const char *const path = archive_unpack(a, (const char *const[]){folder, "resources/"}, 2);
     archive_close(a);
     free(text);
-    describe(&d);
+    describe_fmu(&d);
     line("folder", &path, 1);
     while (recv(ASKER, &byte, 1, 0) > 0)
         ;
@@ -195,7 +195,7 @@ struct run {
     double at, rest; /* that t, as a sum that does not round */
 };
 
-static void *watch(void *ctx)
+static void *watch_host(void *ctx)
 {
     struct pollfd asker = {.fd = ASKER, .events = POLLRDHUP};
 
@@ -214,7 +214,7 @@ static char *read_file(const char *path, size_t *length)
     size_t n = 0, used = 0;
 
     if (!in)
-        refuse("%s cannot be read any more", path);
+        refuse_fmu("%s cannot be read any more", path);
     do {
         text = more_room(text, (n += 65536) + 1, 1);
         used += fread(text + used, 1, n - used, in);
@@ -241,10 +241,10 @@ static void preload(void)
 {
     const char *const named = getenv("APC_FMU_PRELOAD");
     if (named && *named && !dlopen(named, RTLD_NOW | RTLD_GLOBAL))
-        refuse("APC_FMU_PRELOAD: %s", dlerror());
+        refuse_fmu("APC_FMU_PRELOAD: %s", dlerror());
 }
 
-static void load(struct run *r, const char *folder)
+static void load_fmu(struct run *r, const char *folder)
 {
     char path[600], within[300];
 
@@ -253,24 +253,24 @@ static void load(struct run *r, const char *folder)
     void *const library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (!library) {
         const char *const said = dlerror();
-        refuse("its library cannot be loaded: %s%s", said,
-               strstr(said, "undefined symbol: Py") || strstr(said, "undefined symbol: _Py")
-                   ? ": name the interpreter's library in APC_FMU_PRELOAD, e.g. libpython3.11.so.1.0"
-               : strstr(said, "failed to map segment")
-                   ? ": TMPDIR must name a folder that code can be run from, not one mounted noexec"
-                   : "");
+        refuse_fmu("its library cannot be loaded: %s%s", said,
+                   strstr(said, "undefined symbol: Py") || strstr(said, "undefined symbol: _Py")
+                       ? ": name the interpreter's library in APC_FMU_PRELOAD, e.g. libpython3.11.so.1.0"
+                   : strstr(said, "failed to map segment")
+                       ? ": TMPDIR must name a folder that code can be run from, not one mounted noexec"
+                       : "");
     }
     r->fmi = r->d.version == 2 ? &fmi2 : &fmi3;
     const char *const missing = r->fmi->load(library);
     if (missing)
-        refuse("its library does not export %s, which FMI %u.0 demands", missing, r->d.version);
+        refuse_fmu("its library does not export %s, which FMI %u.0 demands", missing, r->d.version);
 }
 
 /* The place that the asker means. */
 static const struct variable *variable(const struct run *r, enum kind kind, double place)
 {
     if (!(place >= 0.0 && place < (double)r->d.n[kind]))
-        refuse("asked for a variable that it has not");
+        refuse_fmu("asked for a variable that it has not");
     return &r->d.of[kind][(size_t)place];
 }
 
@@ -285,7 +285,7 @@ static bool outputs(const struct run *r, double *y)
 }
 
 /* A call costs an FMU of Python tens of microseconds: what is all of one type is asked for in one. */
-static void gather(struct run *r)
+static void gather_outputs(struct run *r)
 {
     size_t n = 0;
 
@@ -299,7 +299,7 @@ static void gather(struct run *r)
 }
 
 /* An input keeps its value until it is set. */
-static bool give(const struct run *r, const double *u)
+static bool set_fmu_inputs(const struct run *r, const double *u)
 {
     for (size_t i = 0; i < r->nu; i++)
         if (u[i] != r->given[i]) {
@@ -317,7 +317,7 @@ static bool set_texts(const struct run *r, const double *in, size_t n, size_t te
         const size_t bytes = n > 2 ? (size_t)in[1] : 0, length = 2 + (bytes + 7) / 8;
         const char *const text = (const char *)(in + 2);
         if (bytes == 0 || length > n || text[bytes - 1] != '\0')
-            refuse("asked to begin with texts that are none");
+            refuse_fmu("asked to begin with texts that are none");
         if (!r->fmi->set_text(variable(r, KIND_TEXT, in[0]), text))
             return false;
         in += length;
@@ -326,12 +326,12 @@ static bool set_texts(const struct run *r, const double *in, size_t n, size_t te
     return true;
 }
 
-static bool begin(struct run *r, const char *folder, bool look, const double *in, size_t n, double *y)
+static bool begin_fmu(struct run *r, const char *folder, bool look, const double *in, size_t n, double *y)
 {
     const double *const end = in + n;
 
     if (n < 5 || !(in[0] + in[1] + 2 * in[2] + 5 <= (double)n))
-        refuse("asked to begin with nothing");
+        refuse_fmu("asked to begin with nothing");
     r->nu = (size_t)in[0];
     r->ny = (size_t)in[1];
     const size_t np = (size_t)in[2], texts = (size_t)in[3];
@@ -343,7 +343,7 @@ static bool begin(struct run *r, const char *folder, bool look, const double *in
         r->u[i] = variable(r, KIND_INPUT, *in++);
     for (size_t i = 0; i < r->ny; i++)
         r->y[i] = variable(r, KIND_OUTPUT, *in++);
-    gather(r);
+    gather_outputs(r);
     r->given = room(r->nu, sizeof *r->given);
     for (size_t i = 0; i < r->nu; i++)
         r->given[i] = (double)NAN;
@@ -381,7 +381,7 @@ static bool point(struct run *r, const double *in, size_t n, double *out)
     const size_t nx = r->d.n[KIND_STATE];
 
     if (n != nx + r->nu)
-        refuse("asked for a point with %zu numbers", n);
+        refuse_fmu("asked for a point with %zu numbers", n);
     for (size_t i = 0; i < r->nu; i++)
         if (!r->fmi->set(r->u[i], in[nx + i]))
             return false;
@@ -426,13 +426,13 @@ static bool step_alike(struct run *r, double t, double dt)
     return true;
 }
 
-static bool step(struct run *r, const double *in, size_t n, double *y)
+static bool step_fmu(struct run *r, const double *in, size_t n, double *y)
 {
     if (n != 2 + r->nu)
-        refuse("asked for a step with %zu numbers", n);
+        refuse_fmu("asked for a step with %zu numbers", n);
     const double t = in[0], dt = in[1], sliver = 1e-9 * dt, to = t + dt;
 
-    if (!give(r, in + 2) || (!r->d.variable_step && !step_alike(r, t, dt)))
+    if (!set_fmu_inputs(r, in + 2) || (!r->d.variable_step && !step_alike(r, t, dt)))
         return false;
     if (r->d.variable_step && r->time < to - sliver) {
         const double h = r->time > t + sliver || r->time < t - sliver ? to - r->time : dt;
@@ -443,7 +443,7 @@ static bool step(struct run *r, const double *in, size_t n, double *y)
     return outputs(r, y);
 }
 
-static int run(const char *folder)
+static int run_fmu(const char *folder)
 {
     struct run *const r = room(1, sizeof *r);
     double *const in = room(MESSAGE, 1), *const out = room(2, MESSAGE);
@@ -454,27 +454,27 @@ static int run(const char *folder)
     ssize_t n;
 
     (void)setrlimit(RLIMIT_CORE, &(struct rlimit){0});
-    if (pthread_create(&watcher, NULL, watch, NULL) != 0)
-        refuse("no thread");
+    if (pthread_create(&watcher, NULL, watch_host, NULL) != 0)
+        refuse_fmu("no thread");
     snprintf(path, sizeof path, "%s/modelDescription.xml", folder);
     char *const text = read_file(path, &length);
     description_read(&r->d, text, length);
     free(text);
     preload();
-    load(r, folder);
+    load_fmu(r, folder);
     while ((n = recv(ASKER, in, MESSAGE, 0)) >= (ssize_t)sizeof header) {
         const double *const values = (const double *)(const void *)((const char *)in + sizeof header);
         const size_t n_values = ((size_t)n - sizeof header) / sizeof(double);
         double *const y = (double *)(void *)((char *)out + sizeof header);
         memcpy(&header, in, sizeof header);
         const bool begins = header.request == FMU_BEGIN || header.request == FMU_LOOK;
-        header.failed = !(begins ? begin(r, folder, header.request == FMU_LOOK, values, n_values, y)
+        header.failed = !(begins ? begin_fmu(r, folder, header.request == FMU_LOOK, values, n_values, y)
                           : header.request == FMU_POINT ? point(r, values, n_values, y)
-                                                        : step(r, values, n_values, y));
+                                                        : step_fmu(r, values, n_values, y));
         const size_t n_out = r->ny + (header.request == FMU_POINT ? r->d.n[KIND_STATE] : 0);
         fflush(NULL);
         memcpy(out, &header, sizeof header);
-        tell((const char *)out, sizeof header + n_out * sizeof(double));
+        tell_host((const char *)out, sizeof header + n_out * sizeof(double));
         if (fmu_spent)
             _exit(EXIT_FAILURE);
     }
@@ -492,9 +492,9 @@ int main(int argc, char **argv)
     if (serving)
         (void)fcntl(ASKER, F_SETFD, FD_CLOEXEC); /* else what an FMU starts would hold it */
     if (serving && argc == 3 && strcmp(argv[1], "keep") == 0)
-        return keep(argv[2]);
+        return keep_fmu(argv[2]);
     if (serving && argc == 3 && strcmp(argv[1], "run") == 0)
-        return run(argv[2]);
+        return run_fmu(argv[2]);
     if (argc == 2 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0))
         return puts("apc-fmu (libapc) " APC_VERSION) < 0;
     const int asked = argc == 2 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-?") == 0);

@@ -51,7 +51,7 @@ struct backlog {
 
 /* ---- How far it has come -------------------------------------------------------------------------- */
 
-static struct place *place_of(struct backlog *b, int table, int id)
+static struct place *backlog_place_of(struct backlog *b, int table, int id)
 {
     for (size_t i = 0; i < b->n_places; i++)
         if (b->place[i].table == table && b->place[i].id == id)
@@ -64,7 +64,7 @@ static struct place *place_of(struct backlog *b, int table, int id)
     return &more[b->n_places++];
 }
 
-static int load(struct backlog *b, struct apc_error *why)
+static int load_backlog(struct backlog *b, struct apc_error *why)
 {
     FILE *const in = fopen(b->file, "re");
     char line[128];
@@ -81,7 +81,7 @@ static int load(struct backlog *b, struct apc_error *why)
             b->since = number;
             /* NOLINTNEXTLINE(cert-err34-c) */
         } else if (sscanf(line, "%d %d %" SCNd64, &table, &id, &number) == 3) {
-            struct place *const p = place_of(b, table, id);
+            struct place *const p = backlog_place_of(b, table, id);
             if (p)
                 p->sent = number;
         } else {
@@ -147,7 +147,7 @@ static void topic_of(const char *kind, const char *name, char topic[BROKER_TOPIC
             *c = '_';
 }
 
-static int look(struct backlog *b)
+static int look_for_news(struct backlog *b)
 {
     const int n = apc_store_get_tags(b->queue, NULL, 0);
     struct apc_tag *const tag = n > 0 ? calloc((size_t)n, sizeof *tag) : NULL;
@@ -157,7 +157,7 @@ static int look(struct backlog *b)
 
     for (int i = 0; i < there && i < n; i++) {
         const char *const kind = kind_of(&tag[i]);
-        struct place *const p = kind ? place_of(b, (int)tag[i].table, tag[i].id) : NULL;
+        struct place *const p = kind ? backlog_place_of(b, (int)tag[i].table, tag[i].id) : NULL;
         if (!p)
             continue;
         at[used].tag = tag[i];
@@ -211,7 +211,7 @@ void backlog_describe(struct backlog *b, struct text *t)
 
 /* ---- Publishing ------------------------------------------------------------------------------------ */
 
-static const char *word_of(const struct apc_sample *s)
+static const char *word_of_sample(const struct apc_sample *s)
 {
     const int value = s->value >= 0 && s->value < 100 ? (int)s->value : -1;
     return s->table == APC_ALARM    ? apc_alarm_state_name((enum apc_alarm_state)value)
@@ -224,7 +224,7 @@ struct sending {
     const struct series *series;
 };
 
-static bool publish(struct backlog *b, const char *topic, struct text *t, bool retained)
+static bool publish_text(struct backlog *b, const char *topic, struct text *t, bool retained)
 {
     const bool well = !t->failed && broker_publish(b->broker, topic, t->at, t->n, retained, true);
     text_free(t);
@@ -237,7 +237,7 @@ static int send_sample(void *ctx, const struct apc_sample *s)
 {
     const struct sending *const to = ctx;
     char status[APC_STATUS_NAME_LEN];
-    const char *const word = word_of(s);
+    const char *const word = word_of_sample(s);
     struct text t = {0};
 
     text_add(&t, "{\"time\":");
@@ -248,7 +248,7 @@ static int send_sample(void *ctx, const struct apc_sample *s)
     if (word)
         text_member(&t, s->table == APC_ALARM ? "state" : "mode", word);
     text_add(&t, ",\"seq\":%" PRId64 "}", s->seq);
-    if (!publish(to->b, to->series->topic, &t, true))
+    if (!publish_text(to->b, to->series->topic, &t, true))
         return 1;
     to->b->place[to->series->place].sent = s->seq;
     return 0;
@@ -291,9 +291,9 @@ static int send_event(void *ctx, const struct apc_event *e)
     text_add(&t, "}");
     if (e->time < b->since)
         text_free(&t);
-    else if (!publish(b, "event", &t, false))
+    else if (!publish_text(b, "event", &t, false))
         return 1;
-    struct place *const p = place_of(b, 0, 0);
+    struct place *const p = backlog_place_of(b, 0, 0);
     if (p)
         p->sent = e->number;
     return 0;
@@ -309,7 +309,7 @@ static int send_portion(struct backlog *b)
         rc = apc_store_history(b->queue, b->at[i].tag.table, b->at[i].tag.id, &range, send_sample, &to);
     }
     if (rc >= 0 && !b->more) {
-        const struct place *const p = place_of(b, 0, 0);
+        const struct place *const p = backlog_place_of(b, 0, 0);
         const struct apc_range range = {.after = p ? p->sent : 0};
         rc = p ? apc_store_events(b->queue, &range, send_event, b) : APC_ENOMEM;
     }
@@ -337,7 +337,7 @@ int backlog_send(struct backlog *b, apc_ns timeout)
     if (!b->under_way) {
         if (!b->at || now - b->looked > LOOK) {
             b->looked = now;
-            rc = look(b);
+            rc = look_for_news(b);
         }
         if (rc == 0 && broker_is_up(b->broker, NULL, 0))
             rc = send_portion(b);
@@ -378,7 +378,7 @@ void backlog_stats(const struct backlog *b, struct apc_forward_stats *stats)
 }
 
 /* A queue that is new begins with what is newest, not with all that ever was. */
-static int begin(struct backlog *b, struct apc_error *why)
+static int begin_backlog(struct backlog *b, struct apc_error *why)
 {
     int rc = apc_store_init(b->queue);
     if (rc >= 0)
@@ -403,8 +403,8 @@ int backlog_create(struct backlog **backlog, struct apc_store *live, struct apc_
     b->queue = queue;
     b->broker = broker;
     snprintf(b->file, sizeof b->file, "%s.sent", file);
-    int rc = load(b, why);
-    return rc == 0 ? begin(b, why) : rc;
+    int rc = load_backlog(b, why);
+    return rc == 0 ? begin_backlog(b, why) : rc;
 }
 
 void backlog_destroy(struct backlog *b)

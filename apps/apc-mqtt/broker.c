@@ -34,14 +34,14 @@ struct broker {
 
 /* ---- What comes from it: in the connection's thread -------------------------------------------- */
 
-static void say(struct broker *b, const char *why)
+static void say_connection(struct broker *b, const char *why)
 {
     pthread_mutex_lock(&b->mutex);
     snprintf(b->why, sizeof b->why, "%s", why);
     pthread_mutex_unlock(&b->mutex);
 }
 
-static void turn(struct broker *b, bool up)
+static void turn_connection(struct broker *b, bool up)
 {
     pthread_mutex_lock(&b->mutex);
     b->sessions += up;
@@ -69,7 +69,7 @@ static void on_connect(struct mosquitto *m, void *ctx, int rc)
     struct broker *b = ctx;
     char topic[BROKER_TOPIC + 16];
     if (rc != 0) {
-        say(b, mosquitto_connack_string(rc));
+        say_connection(b, mosquitto_connack_string(rc));
         return;
     }
     be_born(b);
@@ -80,7 +80,7 @@ static void on_connect(struct mosquitto *m, void *ctx, int rc)
     if (b->calls.command)
         (void)mosquitto_subscribe(m, &b->asked, topic, QUALITY);
     pthread_mutex_unlock(&b->mutex);
-    turn(b, true);
+    turn_connection(b, true);
 }
 
 #define SUBSCRIPTION_FAILED 0x80 /* what is granted instead of a quality */
@@ -99,7 +99,7 @@ static void on_disconnect(struct mosquitto *m, void *ctx, int rc)
 {
     (void)m;
     (void)rc;
-    turn(ctx, false);
+    turn_connection(ctx, false);
 }
 
 static void on_publish(struct mosquitto *m, void *ctx, int message)
@@ -160,12 +160,12 @@ static void on_log(struct mosquitto *m, void *ctx, int level, const char *text)
     const char *const colon = strrchr(text, ':');
     (void)m;
     if (level == MOSQ_LOG_ERR)
-        say(ctx, strstr(text, "OpenSSL") && colon ? colon + 1 : text);
+        say_connection(ctx, strstr(text, "OpenSSL") && colon ? colon + 1 : text);
 }
 
 /* ---- Its thread ---------------------------------------------------------------------------------- */
 
-static bool rest(struct broker *b, apc_ns pause)
+static bool pause_broker(struct broker *b, apc_ns pause)
 {
     const apc_ns until = apc_clock_mono(NULL) + pause;
     const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
@@ -186,13 +186,13 @@ static bool ends(struct broker *b)
     return end;
 }
 
-static void *run(void *ctx)
+static void *run_broker(void *ctx)
 {
     struct broker *b = ctx;
     apc_ns pause = APC_NS_PER_S;
     bool again = false;
     do {
-        say(b, "");
+        say_connection(b, "");
         int rc = again ? mosquitto_reconnect(b->m) : mosquitto_connect(b->m, b->host, b->port, KEEPALIVE);
         const int e = errno;
         again = true;
@@ -201,14 +201,14 @@ static void *run(void *ctx)
             if (broker_is_up(b, NULL, 0))
                 pause = APC_NS_PER_S / 2;
         }
-        turn(b, false);
+        turn_connection(b, false);
         pthread_mutex_lock(&b->mutex);
         if (!b->why[0])
             snprintf(b->why, sizeof b->why, "%s",
                      rc == MOSQ_ERR_ERRNO ? strerror(e) : mosquitto_strerror(rc));
         pthread_mutex_unlock(&b->mutex);
         pause = pause < PAUSE_MAX / 2 ? 2 * pause : PAUSE_MAX;
-    } while (rest(b, pause));
+    } while (pause_broker(b, pause));
     pthread_mutex_lock(&b->mutex);
     b->gone = true;
     pthread_cond_broadcast(&b->changed);
@@ -276,7 +276,7 @@ bool broker_settled(struct broker *b, apc_ns timeout)
 
 /* ---- Start and end ---------------------------------------------------------------------------------- */
 
-static int parse(struct broker *b, const char *uri, struct apc_error *why)
+static int parse_broker_uri(struct broker *b, const char *uri, struct apc_error *why)
 {
     const char *const at = strstr(uri, "://");
     b->tls = strncmp(uri, "mqtts://", 8) == 0;
@@ -334,7 +334,7 @@ static int encrypt(struct broker *b, const struct mqtt_options *o, struct apc_er
                                   : apc_fail(why, APC_EINVAL, "--broker: no TLS: %s", mosquitto_strerror(rc));
 }
 
-static int prepare(struct broker *b, const struct mqtt_options *o, struct apc_error *why)
+static int prepare_mosquitto(struct broker *b, const struct mqtt_options *o, struct apc_error *why)
 {
     static const char farewell[] = "{\"state\":\"offline\",\"reason\":\"lost\"}";
     char topic[BROKER_TOPIC + 16];
@@ -367,7 +367,7 @@ int broker_open(struct broker **broker, const struct mqtt_options *options, cons
         return apc_fail(why, APC_ENOMEM, "out of memory");
     b->calls = *calls;
     snprintf(b->prefix, sizeof b->prefix, "%s", prefix);
-    int rc = parse(b, options->broker, why);
+    int rc = parse_broker_uri(b, options->broker, why);
     if (rc < 0 || pthread_condattr_init(&attr) != 0) {
         free(b);
         return rc < 0 ? rc : APC_ENOMEM;
@@ -379,7 +379,7 @@ int broker_open(struct broker **broker, const struct mqtt_options *options, cons
     mosquitto_lib_init();
     *broker = b;
     b->m = mosquitto_new(NULL, true, b);
-    rc = b->m ? prepare(b, options, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    rc = b->m ? prepare_mosquitto(b, options, why) : apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc < 0) {
         (void)broker_close(b);
         *broker = NULL;
@@ -389,12 +389,12 @@ int broker_open(struct broker **broker, const struct mqtt_options *options, cons
 
 int broker_start(struct broker *b, struct apc_error *why)
 {
-    const int e = pthread_create(&b->thread, NULL, run, b);
+    const int e = pthread_create(&b->thread, NULL, run_broker, b);
     b->begun = !e;
     return e ? apc_fail(why, APC_ESYS, "no thread: %s", strerror(e)) : 0;
 }
 
-static bool join(struct broker *b)
+static bool connect_broker(struct broker *b)
 {
     const apc_ns until = apc_clock_mono(NULL) + LAST;
     const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
@@ -421,7 +421,7 @@ bool broker_close(struct broker *b)
     pthread_mutex_unlock(&b->mutex);
     if (b->begun && broker_publish(b, "status", farewell, sizeof farewell - 1, true, true))
         (void)broker_settled(b, LAST);
-    if (b->begun && !join(b))
+    if (b->begun && !connect_broker(b))
         return false;
     if (b->m) { /* nobody else writes any more; without a word the broker would say that we were lost */
         mosquitto_threaded_set(b->m, false);

@@ -47,8 +47,8 @@ struct commands {
 
 /* ---- Answering ------------------------------------------------------------------------------------ */
 
-static void answer(struct commands *c, const char *user, const char *signal, const struct command *command,
-                   int64_t seq, const char *outcome)
+static void answer_command(struct commands *c, const char *user, const char *signal,
+                           const struct command *command, int64_t seq, const char *outcome)
 {
     char topic[BROKER_TOPIC];
     struct text t = {0};
@@ -72,17 +72,17 @@ static void answer(struct commands *c, const char *user, const char *signal, con
     text_free(&t);
 }
 
-static void refuse(struct commands *c, const char *user, const char *signal, const struct command *command,
-                   const char *fmt, ...) APC_PRINTF(5, 6);
-static void refuse(struct commands *c, const char *user, const char *signal, const struct command *command,
-                   const char *fmt, ...)
+static void refuse_command(struct commands *c, const char *user, const char *signal,
+                           const struct command *command, const char *fmt, ...) APC_PRINTF(5, 6);
+static void refuse_command(struct commands *c, const char *user, const char *signal,
+                           const struct command *command, const char *fmt, ...)
 {
     char text[192] = "refused: ";
     va_list args;
     va_start(args, fmt);
     vsnprintf(text + 9, sizeof text - 9, fmt, args);
     va_end(args);
-    answer(c, user, signal, command, 0, text);
+    answer_command(c, user, signal, command, 0, text);
     pthread_mutex_lock(&c->worker.mutex);
     c->said.refused++;
     snprintf(c->said.why, sizeof c->said.why, "%.30s, %.40s: %.80s", user, signal, text + 9);
@@ -121,25 +121,26 @@ static bool is_allowed(struct commands *c, const char *user, const char *signal)
     while (i < c->options->n_allow && strcmp(c->options->allow[i], signal) != 0)
         i++;
     if (i == c->options->n_allow) {
-        refuse(c, user, signal, NULL, "it is not one of those that may be commanded from here (--allow)");
+        refuse_command(c, user, signal, NULL,
+                       "it is not one of those that may be commanded from here (--allow)");
         return false;
     }
     if (users_load(&users, c->users, &why) < 0) {
-        refuse(c, user, signal, NULL, "who may operate is not known: %s", why.text);
+        refuse_command(c, user, signal, NULL, "who may operate is not known: %s", why.text);
         return false;
     }
     const struct user *const him = users_find(&users, user);
     const enum role role = him && !user_ended(him, apc_clock_utc(NULL)) ? him->role : ROLE_NONE;
     users_free(&users);
     if (role < ROLE_OPERATOR)
-        refuse(c, user, signal, NULL,
-               role ? "who may only observe commands nothing" : "there is no such user");
+        refuse_command(c, user, signal, NULL,
+                       role ? "who may only observe commands nothing" : "there is no such user");
     return role >= ROLE_OPERATOR;
 }
 
 /* ---- Reading it -------------------------------------------------------------------------------------- */
 
-static bool read_mode(const json_t *body, double *value, struct fault *f)
+static bool read_command_mode(const json_t *body, double *value, struct fault *f)
 {
     const char *name;
     if (!member_text(body, "mode", &name, f))
@@ -171,10 +172,10 @@ static bool read_body(const void *payload, size_t n, bool is_mode, struct comman
     struct apc_request *const q = &to->request;
     double time = 0;
     json_t *const body = body_parse(payload, n, is_mode ? mode_members : members, f);
-    bool well = body && read_text(body, "id", to->own, sizeof to->own, f) &&
-                read_text(body, "reason", q->reason, sizeof q->reason, f) &&
-                member_number(body, "time", &time, f) &&
-                (is_mode ? read_mode(body, &q->value, f) : member_number(body, "value", &q->value, f));
+    bool well =
+        body && read_text(body, "id", to->own, sizeof to->own, f) &&
+        read_text(body, "reason", q->reason, sizeof q->reason, f) && member_number(body, "time", &time, f) &&
+        (is_mode ? read_command_mode(body, &q->value, f) : member_number(body, "value", &q->value, f));
     if (well && !(time > 0 && time < 9e9))
         well = fault_set(f, 422, "value", "time", "\"time\" must be Unix seconds");
     if (well)
@@ -184,7 +185,7 @@ static bool read_body(const void *payload, size_t n, bool is_mode, struct comman
 }
 
 /* Sent twice it is the same: its number is made of all that it says (FNV-1a). */
-static int64_t number_of(const char *user, const char *signal, const unsigned char *payload, size_t n)
+static int64_t number_of_command(const char *user, const char *signal, const unsigned char *payload, size_t n)
 {
     uint64_t h = 14695981039346656037u;
     for (; *user; user++)
@@ -196,7 +197,7 @@ static int64_t number_of(const char *user, const char *signal, const unsigned ch
     return (int64_t)(h >> 12); /* a value of a row holds it exactly */
 }
 
-static void enter(struct commands *c, const char *user, const struct command *command)
+static void enter_command(struct commands *c, const char *user, const struct command *command)
 {
     bool there = false;
     pthread_mutex_lock(&c->worker.mutex);
@@ -208,7 +209,7 @@ static void enter(struct commands *c, const char *user, const struct command *co
     pthread_mutex_unlock(&c->worker.mutex);
     worker_wake(&c->worker);
     if (!room && !there)
-        refuse(c, user, command->signal, command, "%d others are not answered yet", MOST);
+        refuse_command(c, user, command->signal, command, "%d others are not answered yet", MOST);
 }
 
 void commands_take(void *commands, const char *user, const char *signal, const void *payload, size_t n,
@@ -221,7 +222,7 @@ void commands_take(void *commands, const char *user, const char *signal, const v
     const bool is_mode = length > 5 && strcmp(signal + length - 5, ".mode") == 0;
 
     if (n > PAYLOAD || length >= sizeof command.signal) {
-        refuse(c, user, signal, NULL, "it is longer than a command can be");
+        refuse_command(c, user, signal, NULL, "it is longer than a command can be");
         return;
     }
     snprintf(command.signal, sizeof command.signal, "%s", signal);
@@ -230,21 +231,22 @@ void commands_take(void *commands, const char *user, const char *signal, const v
     if (!is_allowed(c, user, signal))
         return;
     if (!read_body(payload, n, is_mode, &command, &f)) {
-        refuse(c, user, signal, NULL, "%s", f.message);
+        refuse_command(c, user, signal, NULL, "%s", f.message);
         return;
     }
     if (retained) { /* the broker gives it to whoever comes, whenever */
-        refuse(c, user, signal, &command, "it was sent as retained");
+        refuse_command(c, user, signal, &command, "it was sent as retained");
         return;
     }
-    command.request.id = number_of(user, signal, payload, n);
-    enter(c, user, &command);
+    command.request.id = number_of_command(user, signal, payload, n);
+    enter_command(c, user, &command);
 }
 
 /* ---- Bringing it to the live store -------------------------------------------------------------------- */
 
 /* Which variable it means; table 0: none. */
-static void find(const struct loops *loops, const struct apc_tag *tag, size_t n, struct command *command)
+static void find_commanded_variable(const struct loops *loops, const struct apc_tag *tag, size_t n,
+                                    struct command *command)
 {
     char name[APC_TAG_LEN];
     const size_t length = strlen(command->signal);
@@ -280,13 +282,13 @@ static int find_all(struct commands *c, struct command *at, size_t n)
     if (rc >= 0)
         rc = loops_load(&loops, c->live, tag, n_tags);
     for (size_t i = 0; i < n && rc >= 0; i++)
-        find(&loops, tag, n_tags, &at[i]);
+        find_commanded_variable(&loops, tag, n_tags, &at[i]);
     loops_free(&loops);
     free(tag);
     return rc;
 }
 
-static void drop(struct commands *c, int64_t id)
+static void drop_command(struct commands *c, int64_t id)
 {
     pthread_mutex_lock(&c->worker.mutex);
     for (size_t i = 0; i < c->n; i++)
@@ -298,7 +300,7 @@ static void drop(struct commands *c, int64_t id)
     pthread_mutex_unlock(&c->worker.mutex);
 }
 
-static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
+static int give_commands(void *ctx, apc_request_fn fn, void *fn_ctx)
 {
     struct commands *const c = ctx;
     struct command at[MOST];
@@ -312,8 +314,9 @@ static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
     for (size_t i = 0; i < n && rc >= 0; i++) {
         struct apc_request *const q = &at[i].request;
         if (!q->table) {
-            refuse(c, q->author, at[i].signal, &at[i], "there is no setpoint, output or loop of that name");
-            drop(c, q->id);
+            refuse_command(c, q->author, at[i].signal, &at[i],
+                           "there is no setpoint, output or loop of that name");
+            drop_command(c, q->id);
             continue;
         }
         q->age = apc_clock_utc(NULL) - q->time;
@@ -328,7 +331,7 @@ static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
     return rc < 0 ? rc : given;
 }
 
-static int settle(void *ctx, int64_t id, int64_t seq, const char *outcome)
+static int settle_command(void *ctx, int64_t id, int64_t seq, const char *outcome)
 {
     struct commands *const c = ctx;
     struct command one = {0};
@@ -343,14 +346,14 @@ static int settle(void *ctx, int64_t id, int64_t seq, const char *outcome)
     if (!outcome || !one.signal[0])
         return 0;
     if (strncmp(outcome, "refused: ", 9) == 0)
-        refuse(c, one.request.author, one.signal, &one, "%s", outcome + 9);
+        refuse_command(c, one.request.author, one.signal, &one, "%s", outcome + 9);
     else
-        answer(c, one.request.author, one.signal, &one, seq, outcome);
-    drop(c, id);
+        answer_command(c, one.request.author, one.signal, &one, seq, outcome);
+    drop_command(c, id);
     return 0;
 }
 
-static const char *error(void *ctx)
+static const char *commands_error(void *ctx)
 {
     const struct commands *const c = ctx;
     return apc_store_error(c->live);
@@ -367,9 +370,9 @@ static void expire(struct commands *c)
             old[n++] = c->at[i];
     pthread_mutex_unlock(&c->worker.mutex);
     for (size_t i = 0; i < n; i++) {
-        refuse(c, old[i].request.author, old[i].signal, &old[i], "the store is away: %s",
-               apc_store_error(c->live));
-        drop(c, old[i].request.id);
+        refuse_command(c, old[i].request.author, old[i].signal, &old[i], "the store is away: %s",
+                       apc_store_error(c->live));
+        drop_command(c, old[i].request.id);
     }
 }
 
@@ -381,7 +384,7 @@ static size_t waiting(struct commands *c)
     return n;
 }
 
-static apc_ns step(void *ctx, bool last)
+static apc_ns commands_step(void *ctx, bool last)
 {
     struct commands *const c = ctx;
     if (last || waiting(c) == 0)
@@ -404,13 +407,13 @@ int commands_create(struct commands **commands, struct daemon *d, const struct m
     c->d = d;
     c->options = options;
     c->users = users;
-    int rc = worker_init(&c->worker, step, c, why);
+    int rc = worker_init(&c->worker, commands_step, c, why);
     if (rc == 0)
         rc = daemon_store(d, &c->live, NULL, 0);
     const struct requests_source from = {.ctx = c,
-                                         .give = give,
-                                         .answer = settle,
-                                         .error = error,
+                                         .give = give_commands,
+                                         .answer = settle_command,
+                                         .error = commands_error,
                                          .marks = REQUESTS_OF_BROKER,
                                          .ahead = AHEAD};
     if (rc == 0)

@@ -76,7 +76,7 @@ static char *birth(void *ctx)
     return t.at;
 }
 
-static apc_ns step(void *ctx, bool last)
+static apc_ns publish_step(void *ctx, bool last)
 {
     struct shell *s = ctx;
     (void)last; /* once more then, for what came at the end */
@@ -97,7 +97,8 @@ static apc_ns step(void *ctx, bool last)
 
 /* ---- The task -------------------------------------------------------------------------------------- */
 
-static void tell(struct shell *s, struct state_watch *state, bool up, const char *what, const char *why)
+static void tell_broker_state(struct shell *s, struct state_watch *state, bool up, const char *what,
+                              const char *why)
 {
     const enum change change = state_watch_look(state, up, apc_clock_mono(NULL));
     if (change == CHANGE_ONE)
@@ -122,7 +123,7 @@ static void tell_gaps(struct shell *s, const struct apc_forward_stats *stats)
     s->told.gaps = stats->gap.times;
 }
 
-static int on_tick(void *ctx, const struct apc_tick *tick)
+static int on_mqtt_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     char why[200];
@@ -137,17 +138,18 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     }
     const bool up = broker_is_up(s->broker, why, sizeof why);
     if (up || why[0])
-        tell(s, &s->told.broker, up, "the broker is there", why);
+        tell_broker_state(s, &s->told.broker, up, "the broker is there", why);
     if (up && s->commands) {
         char refusal[BROKER_TOPIC + 100];
         snprintf(
             refusal, sizeof refusal,
             "the broker refuses the subscription to %.100s/command/+/+: let it allow that (its access list)",
             s->prefix);
-        tell(s, &s->told.commands, !broker_refuses_commands(s->broker), "commands come in", refusal);
+        tell_broker_state(s, &s->told.commands, !broker_refuses_commands(s->broker), "commands come in",
+                          refusal);
     }
-    tell(s, &s->told.queue, r.taken >= 0, "the queue takes what is new", r.why);
-    tell(s, &s->told.sent, r.sent >= 0, "what was acknowledged is noted", r.sent_why);
+    tell_broker_state(s, &s->told.queue, r.taken >= 0, "the queue takes what is new", r.why);
+    tell_broker_state(s, &s->told.sent, r.sent >= 0, "what was acknowledged is noted", r.sent_why);
     tell_gaps(s, &r.stats);
     commands_tell(s->commands);
     return 0;
@@ -155,7 +157,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
 
 /* ---- Start and end ------------------------------------------------------------------------------------ */
 
-static const char *or_environment(const char *option, const char *name)
+static const char *mqtt_or_environment(const char *option, const char *name)
 {
     return option ? option : getenv(name);
 }
@@ -164,8 +166,8 @@ static int read_options(struct shell *s)
 {
     struct mqtt_options *o = &s->options;
     char path[4096];
-    o->broker = or_environment(o->broker, "APC_BROKER");
-    o->queue = or_environment(o->queue, "APC_QUEUE");
+    o->broker = mqtt_or_environment(o->broker, "APC_BROKER");
+    o->queue = mqtt_or_environment(o->queue, "APC_QUEUE");
     if (!o->broker)
         return daemon_error(&s->d, APC_EINVAL, "no broker: give --broker URI or set APC_BROKER");
     if (!o->queue || strncmp(o->queue, "sqlite:", 7) != 0 || !o->queue[7])
@@ -202,7 +204,7 @@ static int open_stores(struct shell *s)
 }
 
 /* What is away may come; what is another's stays so. */
-static int first_step(struct shell *s)
+static int publish_first(struct shell *s)
 {
     const int rc = backlog_take(s->backlog, TAKE);
     if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && rc != APC_EFULL)
@@ -232,7 +234,7 @@ static int open_parts(struct shell *s)
         return why.text[0] ? daemon_error(&s->d, rc, "%s", why.text) : rc;
     if (commanded)
         commands_answer_by(s->commands, s->broker);
-    return first_step(s);
+    return publish_first(s);
 }
 
 /* One that `apc cert` has not made is libmosquitto's to read, and nobody's to watch. */
@@ -244,7 +246,7 @@ static void watch_identity(struct shell *s)
         credentials_watch(&s->credentials, &s->d, identity);
 }
 
-static int start(struct shell *s)
+static int start_publishing(struct shell *s)
 {
     struct apc_error why;
     int rc = s->commands ? commands_start(s->commands, &why) : 0;
@@ -260,7 +262,7 @@ int main(int argc, char **argv)
     static struct shell s; /* it outlives main(), should a worker */
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
     struct apc_error why;
-    int rc = worker_init(&s.worker, step, &s, &why);
+    int rc = worker_init(&s.worker, publish_step, &s, &why);
     s.told.queue.up = s.told.sent.up = s.told.broker.up = s.told.commands.up = true;
     if (rc == 0)
         rc = daemon_open(&s.d, &program, &s.options, argc, argv);
@@ -273,9 +275,9 @@ int main(int argc, char **argv)
     if (rc == 0)
         watch_identity(&s);
     if (rc == 0)
-        rc = start(&s);
+        rc = start_publishing(&s);
     if (rc == 0)
-        rc = daemon_run(&s.d, rhythm, on_tick, &s);
+        rc = daemon_run(&s.d, rhythm, on_mqtt_tick, &s);
     /* One that waits for a disk is left alone, and the process ends around it. */
     bool ended = worker_join(&s.worker, apc_clock_mono(NULL) + LAST);
     ended = broker_close(s.broker) && ended;

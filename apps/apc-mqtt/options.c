@@ -36,7 +36,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_mqtt_options(int key, char *arg, struct argp_state *state)
 {
     struct mqtt_options *o = state->input;
     switch (key) {
@@ -75,4 +75,4 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-const struct argp mqtt_argp = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+const struct argp mqtt_argp = {option_list, parse_mqtt_options, NULL, NULL, NULL, NULL, NULL};

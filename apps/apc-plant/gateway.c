@@ -9,13 +9,13 @@
 enum { ILLEGAL_VALUE = 3, DEVICE_FAILURE, DEVICE_BUSY = 6 };
 
 /* One frame to the core: 0 or its refusal, with the values of its reply in samples. */
-static int ask(struct shell *s, enum apc_frame_kind kind, size_t n)
+static int ask_core(struct shell *s, enum apc_frame_kind kind, size_t n)
 {
     struct gateway *g = &s->gateway;
     struct apc_frame frame = {.kind = kind, .id = ++g->id, .n = n};
     int length = apc_frame_encode(g->request, g->room, &frame, g->samples);
     if (length > 0)
-        length = on_request(s, g->connection, g->request, (size_t)length, g->reply, g->room);
+        length = on_plant_request(s, g->connection, g->request, (size_t)length, g->reply, g->room);
     return length > 0
                ? apc_frame_decode(g->reply, (size_t)length, &frame, g->samples, s->d->experiment.dim.ny)
                : length;
@@ -33,7 +33,7 @@ int gateway_command(void *ctx, const double *u, bool alive)
         s->gateway.samples[i] = (struct apc_sample){.time = s->gateway.stamp, .value = u[i]};
         within = within && u[i] >= e->u[i].tag.low && u[i] <= e->u[i].tag.high;
     }
-    int rc = ask(s, APC_FRAME_COMMAND, e->dim.nu);
+    int rc = ask_core(s, APC_FRAME_COMMAND, e->dim.nu);
     if (rc == APC_EPERM)
         return DEVICE_BUSY;
     if (rc < 0 && rc != APC_EINVAL)
@@ -44,7 +44,7 @@ int gateway_command(void *ctx, const double *u, bool alive)
 unsigned gateway_measure(void *ctx, struct apc_value *y)
 {
     struct shell *s = ctx;
-    int rc = ask(s, APC_FRAME_QUERY, 0);
+    int rc = ask_core(s, APC_FRAME_QUERY, 0);
 
     for (size_t i = 0; i < s->d->experiment.dim.ny; i++) {
         const struct apc_sample *from = &s->gateway.samples[i];

@@ -47,7 +47,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_plant_options(int key, char *arg, struct argp_state *state)
 {
     struct own_options *o = state->input;
     switch (key) {
@@ -79,7 +79,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_plant_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .name = "apc-plant",
@@ -91,7 +91,7 @@ static const struct program program = {
 };
 
 /* One that can be solved, and cannot, again and again, is counted instead of told of each time. */
-static void tell(struct shell *s, const struct apc_notice *notice, apc_ns tripped)
+static void tell_plant_notice(struct shell *s, const struct apc_notice *notice, apc_ns tripped)
 {
     const bool of_solving = notice->kind == APC_NOTICE_FAILED || notice->kind == APC_NOTICE_RECOVERED;
     const bool solved = of_solving ? notice->kind == APC_NOTICE_RECOVERED : s->solved.up;
@@ -105,7 +105,7 @@ static void tell(struct shell *s, const struct apc_notice *notice, apc_ns trippe
                      s->solved.count, solved ? "can" : "cannot");
 }
 
-static int on_tick(void *ctx, const struct apc_tick *tick)
+static int on_plant_tick(void *ctx, const struct apc_tick *tick)
 {
     struct shell *s = ctx;
     const struct apc_now now = {.mono = tick->scheduled, .utc = tick->utc};
@@ -116,7 +116,7 @@ static int on_tick(void *ctx, const struct apc_tick *tick)
     const apc_ns tripped = apc_plantserver_watchdog(s->core)->tripped;
     s->ticks++;
     pthread_mutex_unlock(&s->mutex);
-    tell(s, &notice, tripped);
+    tell_plant_notice(s, &notice, tripped);
     return 0;
 }
 
@@ -148,7 +148,8 @@ static void hurry(struct shell *s)
     s->hurries = true;
 }
 
-int on_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
+int on_plant_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply,
+                     size_t size)
 {
     struct shell *s = ctx;
     const struct apc_now now = {.mono = apc_clock_mono(NULL), .utc = apc_clock_utc(NULL)};
@@ -194,10 +195,10 @@ static int open_server(struct shell *s, const char *at, const struct own_options
         snprintf(tcp, sizeof tcp, "tcp:%s", at + sizeof MODBUS - 1);
         at = tcp;
     }
-    return apc_server_create(&s->server, at, &options, modbus ? registers_answer : on_request, s, why);
+    return apc_server_create(&s->server, at, &options, modbus ? registers_answer : on_plant_request, s, why);
 }
 
-static int open_shell(struct shell *s, const struct own_options *own)
+static int open_plant_server(struct shell *s, const struct own_options *own)
 {
     const struct experiment *e = &s->d->experiment;
     const char *at = own->listen ? own->listen : e->plant.listen;
@@ -220,7 +221,7 @@ static int open_shell(struct shell *s, const struct own_options *own)
     return rc;
 }
 
-static void close_shell(struct shell *s)
+static void close_plant(struct shell *s)
 {
     apc_server_destroy(s->server);
     credentials_close(&s->credentials);
@@ -240,9 +241,9 @@ int main(int argc, char **argv)
     if (rc == 0)
         rc = daemon_open(&d, &program, &own, argc, argv);
     if (rc == 0)
-        rc = open_shell(&s, &own);
+        rc = open_plant_server(&s, &own);
     if (rc == 0)
-        rc = daemon_run(&d, d.experiment.plant.rhythm, on_tick, &s);
-    close_shell(&s);
+        rc = daemon_run(&d, d.experiment.plant.rhythm, on_plant_tick, &s);
+    close_plant(&s);
     return daemon_close(&d, rc);
 }

@@ -45,7 +45,8 @@ struct shell {
 };
 
 /* main.c: a frame of whatever connection. */
-int on_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size);
+int on_plant_request(void *ctx, uint64_t connection, const char *request, size_t length, char *reply,
+                     size_t size);
 
 /* gateway.c: vectors instead of frames. command() returns 0 or the Modbus exception that says why not. */
 int gateway_open(struct shell *s, struct apc_error *why);

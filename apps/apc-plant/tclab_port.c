@@ -35,7 +35,7 @@ static size_t answer_lines(struct shell *s, char *bytes, size_t have)
     return have < LINE ? have : 0; /* no line is as long */
 }
 
-static void *run(void *arg)
+static void *run_tclab_port(void *arg)
 {
     struct shell *s = arg;
     struct pollfd p[2] = {{.fd = s->board.wake, .events = POLLIN}, {.fd = s->board.port, .events = POLLIN}};
@@ -50,7 +50,7 @@ static void *run(void *arg)
     return NULL;
 }
 
-static int fail(struct shell *s, struct apc_error *why, const char *what)
+static int fail_tclab_port(struct shell *s, struct apc_error *why, const char *what)
 {
     snprintf(why->text, sizeof why->text, "serial port %s: %s: %s", s->board.path, what,
              strerrordesc_np(errno));
@@ -74,22 +74,22 @@ static int make_port(struct shell *s, const char *path, struct apc_error *why)
 
     if (snprintf(s->board.path, sizeof s->board.path, "%s", path) >= (int)sizeof s->board.path) {
         errno = ENAMETOOLONG;
-        return fail(s, why, "this name cannot be given to it");
+        return fail_tclab_port(s, why, "this name cannot be given to it");
     }
     if (is_left_over(path)) /* before there is a new one, which may have the old one's number */
         unlink(path);
     s->board.port = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC | O_NONBLOCK);
     if (s->board.port < 0 || grantpt(s->board.port) < 0 || unlockpt(s->board.port) < 0 ||
         ptsname_r(s->board.port, name, sizeof name) != 0)
-        return fail(s, why, "no pseudo-terminal can be had");
+        return fail_tclab_port(s, why, "no pseudo-terminal can be had");
     s->board.kept = open(name, O_RDWR | O_NOCTTY | O_CLOEXEC);
     if (s->board.kept < 0 || tcgetattr(s->board.kept, &how) < 0)
-        return fail(s, why, name);
+        return fail_tclab_port(s, why, name);
     cfmakeraw(&how);
     if (tcsetattr(s->board.kept, TCSANOW, &how) < 0)
-        return fail(s, why, name);
+        return fail_tclab_port(s, why, name);
     if (symlink(name, path) < 0)
-        return fail(s, why, "this name cannot be given to it");
+        return fail_tclab_port(s, why, "this name cannot be given to it");
     return 0;
 }
 
@@ -114,11 +114,11 @@ int board_open(struct shell *s, const char *path, struct apc_error *why)
     s->board.wake = eventfd(0, EFD_CLOEXEC);
     sigfillset(&all); /* signals are the daemon's business */
     pthread_sigmask(SIG_SETMASK, &all, &old);
-    errno = s->board.wake < 0 ? errno : pthread_create(&s->board.thread, NULL, run, s);
+    errno = s->board.wake < 0 ? errno : pthread_create(&s->board.thread, NULL, run_tclab_port, s);
     pthread_sigmask(SIG_SETMASK, &old, NULL);
     if (errno) {
         unlink(path);
-        return fail(s, why, "no thread can be had");
+        return fail_tclab_port(s, why, "no thread can be had");
     }
     apc_log_write(s->d->log, APC_LOG_INFO, "a temperature control lab at serial port %s", path);
     return 0;

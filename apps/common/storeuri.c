@@ -34,7 +34,7 @@ const char *store_live(const char *uri, char room[256])
 
 /* ---- For people --------------------------------------------------------------------------- */
 
-static void add(char *out, size_t size, const char *text, size_t n)
+static void add_uri_text(char *out, size_t size, const char *text, size_t n)
 {
     size_t used = strlen(out);
     snprintf(out + used, size - used, "%.*s", (int)n, text);
@@ -53,12 +53,12 @@ static bool is_public(const char *parameter, size_t n)
 #define UNQUOTED LETTERS ".-~%"
 
 /* Either the first @p n bytes, as they are what belongs there, or that there is something. */
-static void show(char *out, size_t size, const char *text, size_t n, bool good)
+static void show_uri_part(char *out, size_t size, const char *text, size_t n, bool good)
 {
-    add(out, size, good ? text : "***", good ? n : 3);
+    add_uri_text(out, size, good ? text : "***", good ? n : 3);
 }
 
-static bool is_of(const char *text, size_t n, const char *accepted)
+static bool is_made_of(const char *text, size_t n, const char *accepted)
 {
     return strspn(text, accepted) >= n;
 }
@@ -68,13 +68,14 @@ static const char *mask_query(const char *query, char *out, size_t size)
 {
     while (*query == '?' || *query == '&') {
         const size_t name = 1 + strcspn(query + 1, "=&#"), length = 1 + strcspn(query + 1, "&#");
-        const bool value = name < length, open = value && is_public(query + 1, name - 1) &&
-                                                 is_of(query + name + 1, length - name - 1, UNQUOTED "/,:");
-        add(out, size, query, 1);
-        show(out, size, query + 1, name - 1, value || length == 1);
-        add(out, size, "=", value);
+        const bool value = name < length,
+                   open = value && is_public(query + 1, name - 1) &&
+                          is_made_of(query + name + 1, length - name - 1, UNQUOTED "/,:");
+        add_uri_text(out, size, query, 1);
+        show_uri_part(out, size, query + 1, name - 1, value || length == 1);
+        add_uri_text(out, size, "=", value);
         if (value)
-            show(out, size, query + name + 1, length - name - 1, open);
+            show_uri_part(out, size, query + name + 1, length - name - 1, open);
         query += length;
     }
     return query;
@@ -83,7 +84,7 @@ static const char *mask_query(const char *query, char *out, size_t size)
 /* HOST[:PORT],...; a port that is no number may be a password whose @ is missing. */
 static bool is_hosts(const char *text, size_t n)
 {
-    bool good = is_of(text, n, UNQUOTED "[]:,"), bracket = false;
+    bool good = is_made_of(text, n, UNQUOTED "[]:,"), bracket = false;
     for (size_t i = 0; i < n && good; i++) {
         bracket = text[i] == '[' || (bracket && text[i] != ']');
         if (text[i] == ':' && !bracket) {
@@ -104,24 +105,24 @@ static void mask_database(const char *rest, char *out, size_t size)
     const char *at = strrchr(rest, '@');
     size_t n;
     if (strncmp(rest, "//", 2) == 0) {
-        add(out, size, rest, 2);
+        add_uri_text(out, size, rest, 2);
         rest += 2;
         n = at ? strcspn(rest, ":@/?#") : 0;
         if (at) {
-            show(out, size, rest, n, rest[n] == ':' || rest[n] == '@');
-            add(out, size, ":***@", rest + n == at ? 0 : 4);
-            add(out, size, at, 1);
+            show_uri_part(out, size, rest, n, rest[n] == ':' || rest[n] == '@');
+            add_uri_text(out, size, ":***@", rest + n == at ? 0 : 4);
+            add_uri_text(out, size, at, 1);
             rest = at + 1;
         }
         n = strcspn(rest, "/?#");
-        show(out, size, rest, n, is_hosts(rest, n));
+        show_uri_part(out, size, rest, n, is_hosts(rest, n));
         rest += n;
         n = strcspn(rest, "?#");
-        show(out, size, rest, n, n == 0 || is_of(rest + 1, n - 1, UNQUOTED));
+        show_uri_part(out, size, rest, n, n == 0 || is_made_of(rest + 1, n - 1, UNQUOTED));
         rest = mask_query(rest + n, out, size);
     }
     n = strlen(rest);
-    show(out, size, rest, n, n == 0 || (*rest == '#' && is_of(rest + 1, n - 1, LETTERS)));
+    show_uri_part(out, size, rest, n, n == 0 || (*rest == '#' && is_made_of(rest + 1, n - 1, LETTERS)));
 }
 
 static void mask(const char *uri, char *out, size_t size)
@@ -134,10 +135,10 @@ static void mask(const char *uri, char *out, size_t size)
     for (size_t i = 0; i < sizeof plain / sizeof *plain; i++)
         known |= strncmp(uri, plain[i], strlen(plain[i])) == 0;
     if (scheme == 0) {
-        show(out, size, uri, strlen(uri), known);
+        show_uri_part(out, size, uri, strlen(uri), known);
         return;
     }
-    add(out, size, uri, scheme);
+    add_uri_text(out, size, uri, scheme);
     mask_database(uri + scheme, out, size);
 }
 
@@ -157,7 +158,7 @@ static void add_environment(const char *uri, char *out, size_t size)
         any = true;
     }
     if (any)
-        add(out, size, ")", 1);
+        add_uri_text(out, size, ")", 1);
 }
 
 void store_name(const char *uri, char *name, size_t size)
@@ -169,7 +170,7 @@ void store_name(const char *uri, char *name, size_t size)
     mask(live, name, size);
     if (live != uri) {
         const char *const history = uri + strlen(live) + 1;
-        add(name, size, "+", 1);
+        add_uri_text(name, size, "+", 1);
         mask(history, name, size);
     }
     add_environment(uri, name, size);

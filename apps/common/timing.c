@@ -8,7 +8,7 @@
 
 #include "files/files.h"
 
-static size_t find(const struct timing *timing, const char *task, const char *quantity)
+static size_t find_timing_series(const struct timing *timing, const char *task, const char *quantity)
 {
     size_t i = 0;
     while (i < timing->n &&
@@ -19,13 +19,13 @@ static size_t find(const struct timing *timing, const char *task, const char *qu
 
 const struct timing_series *timing_find(const struct timing *timing, const char *task, const char *quantity)
 {
-    size_t i = find(timing, task, quantity);
+    size_t i = find_timing_series(timing, task, quantity);
     return i < timing->n ? &timing->series[i] : NULL;
 }
 
-static struct timing_series *series_of(struct timing *timing, const struct apc_timing_row *row)
+static struct timing_series *series_of_row(struct timing *timing, const struct apc_timing_row *row)
 {
-    size_t i = find(timing, row->task, row->quantity);
+    size_t i = find_timing_series(timing, row->task, row->quantity);
     if (i < timing->n)
         return &timing->series[i];
     struct timing_series *series = realloc(timing->series, (timing->n + 1) * sizeof *series);
@@ -62,7 +62,7 @@ static void compact(struct timing_series *s)
 
 /* Room for n more. Compacting first keeps the memory to the number of different buckets, however long the
  * history. */
-static int reserve(struct timing_series *s, size_t n)
+static int reserve_series(struct timing_series *s, size_t n)
 {
     if (s->n_bins + n <= s->capacity)
         return 0;
@@ -87,13 +87,13 @@ static void pool(struct timing_series *s, const struct apc_timing_row *row)
     s->count += row->count;
 }
 
-static int take_row(void *ctx, const struct apc_timing_row *row)
+static int take_timing_series_row(void *ctx, const struct apc_timing_row *row)
 {
     struct timing *timing = ctx;
     if (timing->quantity && strcmp(row->quantity, timing->quantity) != 0)
         return 0;
-    struct timing_series *s = series_of(timing, row);
-    if (!s || reserve(s, row->n_bins) < 0)
+    struct timing_series *s = series_of_row(timing, row);
+    if (!s || reserve_series(s, row->n_bins) < 0)
         return timing->failed = APC_ENOMEM;
     for (size_t i = 0; i < row->n_bins; i++)
         if (row->bin_count[i] > 0)
@@ -109,7 +109,7 @@ static int take_row(void *ctx, const struct apc_timing_row *row)
 }
 
 /* The bucket that the value of rank ceil(share * count) lies in; no value lies above max. */
-static apc_ns percentile(const struct timing_series *s, unsigned permille)
+static apc_ns series_percentile(const struct timing_series *s, unsigned permille)
 {
     uint64_t rank = s->count / 1000 * permille + (s->count % 1000 * permille + 999) / 1000, below = 0;
     for (size_t i = 0; i < s->n_bins; i++) {
@@ -131,15 +131,15 @@ int timing_load(struct timing *timing, struct apc_store *store, const struct apc
                 const char *quantity)
 {
     *timing = (struct timing){.quantity = quantity};
-    int rc = apc_store_timing(store, range, take_row, timing);
+    int rc = apc_store_timing(store, range, take_timing_series_row, timing);
     if (timing->failed)
         return timing->failed;
     for (size_t i = 0; i < timing->n && rc >= 0; i++) {
         struct timing_series *s = &timing->series[i];
         compact(s);
-        s->p50 = percentile(s, 500);
-        s->p99 = percentile(s, 990);
-        s->p999 = percentile(s, 999);
+        s->p50 = series_percentile(s, 500);
+        s->p99 = series_percentile(s, 990);
+        s->p999 = series_percentile(s, 999);
     }
     if (timing->n > 0)
         qsort(timing->series, timing->n, sizeof *timing->series, by_name);

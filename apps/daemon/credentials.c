@@ -55,7 +55,7 @@ static void refresh(struct credentials *c)
         c->broken = rc < 0;
 }
 
-static void look(void *ctx)
+static void look_for_credentials(void *ctx)
 {
     struct credentials *c = ctx;
     const apc_ns now = apc_clock_mono(NULL);
@@ -70,7 +70,7 @@ static void look(void *ctx)
 void credentials_watch(struct credentials *c, struct daemon *d, struct apc_identity *identity)
 {
     *c = (struct credentials){.d = d, .identity = identity};
-    d->look = look;
+    d->look = look_for_credentials;
     d->look_ctx = c;
 }
 

@@ -92,7 +92,7 @@ static error_t parse_common(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static void print_version(FILE *stream, struct argp_state *state)
+static void print_daemon_version(FILE *stream, struct argp_state *state)
 {
     fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
 }
@@ -102,12 +102,12 @@ static void parse_options(struct daemon *d, int argc, char **argv)
     struct argp_child children[] = {{d->program->extra, 0, NULL, 0}, {0}};
     const struct argp argp = {
         common_options, parse_common, NULL, d->program->doc, d->program->extra ? children : NULL, NULL, NULL};
-    argp_program_version_hook = print_version;
+    argp_program_version_hook = print_daemon_version;
     argp_err_exit_status = EXIT_USAGE;
     argp_parse(&argp, argc, argv, 0, NULL, &d->options);
 }
 
-static const char *or_environment(const char *flag, const char *name)
+static const char *daemon_or_environment(const char *flag, const char *name)
 {
     return flag ? flag : getenv(name);
 }
@@ -128,7 +128,7 @@ int daemon_error(const struct daemon *d, int err, const char *fmt, ...)
 
 static enum apc_log_level read_level(const struct daemon *d)
 {
-    const char *name = or_environment(d->options.log_level, "APC_LOG_LEVEL");
+    const char *name = daemon_or_environment(d->options.log_level, "APC_LOG_LEVEL");
     enum apc_log_level level = name ? apc_log_level_parse(name) : APC_LOG_INFO;
     if (!level) {
         daemon_error(d, 0, "--log-level \"%s\": must be error, warn, info or debug", name);
@@ -143,10 +143,10 @@ static int open_log(struct daemon *d, enum apc_log_level level)
     return rc < 0 ? daemon_error(d, rc, "log: %s", apc_err_text(rc)) : 0;
 }
 
-static int load(struct daemon *d)
+static int load_daemon(struct daemon *d)
 {
     struct apc_error why;
-    const char *file = or_environment(d->options.config, "APC_CONFIG");
+    const char *file = daemon_or_environment(d->options.config, "APC_CONFIG");
     if (!file) {
         daemon_error(d, 0, "no experiment file: give --config FILE or set APC_CONFIG");
         exit(EXIT_USAGE);
@@ -192,10 +192,10 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
     struct apc_error why;
     char path[512];
     char room[256];
-    const char *named = or_environment(d->options.store, "APC_STORE");
+    const char *named = daemon_or_environment(d->options.store, "APC_STORE");
     const char *uri = named ? store_live(named, room) : "postgresql:";
     const bool shared = !strncmp(uri, "shm:", 4); /* memory is never away for long, and then it is gone */
-    const char *dir = spool && !shared ? or_environment(d->options.spool, "APC_SPOOL") : NULL;
+    const char *dir = spool && !shared ? daemon_or_environment(d->options.spool, "APC_SPOOL") : NULL;
     if (spool) { /* an outage that the process outlives is bridged in any case */
         options.spool = "";
         options.spool_size = SPOOL_IN_MEMORY;
@@ -215,7 +215,7 @@ static int open_store(struct daemon *d, struct apc_store **store, apc_ns timeout
     return rc < 0 ? daemon_error(d, rc, "--store: %s", why.text) : 0;
 }
 
-static void *nothing(void *arg)
+static void *idle_thread(void *arg)
 {
     return arg;
 }
@@ -233,7 +233,7 @@ static void bound_stacks(void)
         return;
     if (pthread_attr_init(&attr) == 0) {
         if (pthread_attr_setstacksize(&attr, STACK) == 0 && pthread_setattr_default_np(&attr) == 0) {
-            if (pthread_create(&thread, NULL, nothing, NULL) == 0)
+            if (pthread_create(&thread, NULL, idle_thread, NULL) == 0)
                 (void)pthread_join(thread, NULL);
             else
                 (void)pthread_setattr_default_np(&standard);
@@ -261,13 +261,13 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     if ((rc = warden_create(&d->warden)) < 0)
         return daemon_error(d, rc, "no thread that waits for signals: %s", apc_err_text(rc));
     const enum apc_log_level level = read_level(d);
-    if ((rc = load(d)) < 0)
+    if ((rc = load_daemon(d)) < 0)
         return rc;
     if (program->choose)
         program->choose(d); /* it may have a name of its own */
     if ((rc = open_log(d, level)) < 0 || (rc = open_executive(d)) < 0)
         return rc;
-    d->has_store = !program->store_optional || or_environment(d->options.store, "APC_STORE");
+    d->has_store = !program->store_optional || daemon_or_environment(d->options.store, "APC_STORE");
     if (d->has_store && (rc = open_store(d, &records, 0, 0, "-events")) < 0)
         return rc;
     rc = recorder_create(&d->recorder, records, d->task_name);
@@ -326,7 +326,7 @@ int daemon_store(struct daemon *d, struct apc_store **store, struct apc_sample *
 
 /* ---- Events ------------------------------------------------------------------------------- */
 
-static void record(struct daemon *d, struct apc_event *event, apc_ns mono)
+static void record_daemon_event(struct daemon *d, struct apc_event *event, apc_ns mono)
 {
     static const enum apc_log_level levels[] = {[APC_EVENT_INFO] = APC_LOG_INFO,
                                                 [APC_EVENT_WARNING] = APC_LOG_WARN,
@@ -338,20 +338,20 @@ static void record(struct daemon *d, struct apc_event *event, apc_ns mono)
 }
 
 APC_PRINTF(5, 0)
-static void say(struct daemon *d, apc_ns mono, enum apc_event_severity severity, const char *kind,
-                const char *fmt, va_list args)
+static void say_as_daemon(struct daemon *d, apc_ns mono, enum apc_event_severity severity, const char *kind,
+                          const char *fmt, va_list args)
 {
     struct apc_event event = {.severity = severity};
     vsnprintf(event.text, sizeof event.text, fmt, args);
     snprintf(event.kind, sizeof event.kind, "%s", kind);
-    record(d, &event, mono);
+    record_daemon_event(d, &event, mono);
 }
 
 void daemon_event(struct daemon *d, enum apc_event_severity severity, const char *kind, const char *fmt, ...)
 {
     va_list args;
     va_start(args, fmt);
-    say(d, apc_clock_mono(NULL), severity, kind, fmt, args);
+    say_as_daemon(d, apc_clock_mono(NULL), severity, kind, fmt, args);
     va_end(args);
 }
 
@@ -360,7 +360,7 @@ void daemon_event_at(struct daemon *d, apc_ns mono, enum apc_event_severity seve
 {
     va_list args;
     va_start(args, fmt);
-    say(d, mono, severity, kind, fmt, args);
+    say_as_daemon(d, mono, severity, kind, fmt, args);
     va_end(args);
 }
 
@@ -370,7 +370,7 @@ void daemon_notice_at(struct daemon *d, const struct apc_notice *notice, apc_ns 
     if (notice->kind == APC_NOTICE_NONE)
         return;
     notice_event(notice, &event);
-    record(d, &event, mono);
+    record_daemon_event(d, &event, mono);
 }
 
 void daemon_notice(struct daemon *d, const struct apc_notice *notice)

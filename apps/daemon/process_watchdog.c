@@ -78,7 +78,7 @@ static void feed(struct warden *w)
         warden_tell(w, text);
 }
 
-static void *run(void *arg)
+static void *run_watchdog(void *arg)
 {
     static const char text[] = "something would not end within 2 s of being told to: given up\n";
     const struct timespec look = {0, LOOK};
@@ -114,7 +114,7 @@ int warden_create(struct warden **out)
     sem_init(&w->closed, 0, 0);
     atomic_init(&w->signal, 0);
     atomic_init(&w->code, EXIT_ERROR);
-    if (apc_mutex_init(&w->mutex) < 0 || pthread_create(&w->thread, NULL, run, w)) {
+    if (apc_mutex_init(&w->mutex) < 0 || pthread_create(&w->thread, NULL, run_watchdog, w)) {
         if (w->notify >= 0)
             close(w->notify);
         free(w);

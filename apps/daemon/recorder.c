@@ -263,7 +263,7 @@ static int send_singly(struct recorder *r, const struct apc_event *batch, size_t
 }
 
 /* The queue is only shortened after the store has acknowledged. */
-static int flush_events(struct recorder *r)
+static int flush_event_queue(struct recorder *r)
 {
     struct apc_event batch[1 + QUEUE];
     int rc = settle_events(r);
@@ -383,7 +383,7 @@ static int flush_window(struct recorder *r, int i, const char *task, const char 
     return 0;
 }
 
-static int flush_timing(struct recorder *r, const struct apc_task *task, apc_ns period)
+static int flush_timing_queue(struct recorder *r, const struct apc_task *task, apc_ns period)
 {
     const uint64_t missed = atomic_load(&r->absent) + apc_task_missed(task);
     int rc = 0;
@@ -399,9 +399,9 @@ int recorder_flush(struct recorder *r, const struct apc_task *task, apc_ns perio
 {
     if (!r->store)
         return 0;
-    int rc = apc_store_connect(r->store), wrote = flush_events(r);
+    int rc = apc_store_connect(r->store), wrote = flush_event_queue(r);
     rc = rc < 0 ? rc : wrote;
-    return rc < 0 || !task ? rc : flush_timing(r, task, period);
+    return rc < 0 || !task ? rc : flush_timing_queue(r, task, period);
 }
 
 const struct apc_store *recorder_store(const struct recorder *r)

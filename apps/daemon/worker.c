@@ -12,7 +12,7 @@ static int wait_until(struct worker *w, apc_ns at)
     return pthread_cond_timedwait(&w->changed, &w->mutex, &time);
 }
 
-static void *run(void *ctx)
+static void *run_worker(void *ctx)
 {
     struct worker *const w = ctx;
     bool last = false;
@@ -53,7 +53,7 @@ int worker_init(struct worker *w, worker_step *step, void *ctx, struct apc_error
 
 int worker_start(struct worker *w, struct apc_error *why)
 {
-    const int e = pthread_create(&w->thread, NULL, run, w);
+    const int e = pthread_create(&w->thread, NULL, run_worker, w);
     w->begun = !e;
     return e ? apc_fail(why, APC_ESYS, "no thread: %s", strerror(e)) : 0;
 }

@@ -87,7 +87,7 @@ static bool name_ok(const char *name)
 }
 
 /* Of the years that apc_ns can tell. */
-static bool parse_end(const char *text, apc_ns *until)
+static bool parse_account_end(const char *text, apc_ns *until)
 {
     char *end;
     errno = 0;
@@ -109,7 +109,7 @@ static bool parse_line(char *line, struct user *user)
     *user = (struct user){.role = role_parse(role)};
     if (end)
         *end++ = '\0';
-    if (end && !parse_end(end, &user->until))
+    if (end && !parse_account_end(end, &user->until))
         return false;
     if (!name_ok(line) || user->role == ROLE_NONE || strncmp(hash, "$argon2id$", 10) != 0 ||
         strlen(hash) >= sizeof user->hash)
@@ -119,7 +119,7 @@ static bool parse_line(char *line, struct user *user)
     return true;
 }
 
-static int append(struct users *users, const struct user *user)
+static int append_user(struct users *users, const struct user *user)
 {
     struct user *more = realloc(users->user, (users->n + 1) * sizeof *more);
     if (!more)
@@ -165,7 +165,7 @@ int users_load(struct users *users, const char *path, struct apc_error *why)
                 "%s:%u: must be NAME:observer, operator or engineer:HASH, or with :END in Unix seconds, "
                 "each name once",
                 path, number);
-        else if (append(users, &user) < 0)
+        else if (append_user(users, &user) < 0)
             rc = apc_fail(why, APC_ENOMEM, "out of memory");
     }
     fclose(file);
@@ -190,7 +190,7 @@ const struct user *users_find(const struct users *users, const char *name)
 
 /* ---- Writing ------------------------------------------------------------------------------ */
 
-static int make_folder(const char *path, struct apc_error *why)
+static int make_users_folder(const char *path, struct apc_error *why)
 {
     char folder[4096];
     snprintf(folder, sizeof folder, "%s", path);
@@ -203,7 +203,7 @@ static int make_folder(const char *path, struct apc_error *why)
     return 0;
 }
 
-static bool put_line(FILE *file, const struct user *user)
+static bool put_user_line(FILE *file, const struct user *user)
 {
     char end[24] = "";
     if (user->until > 0)
@@ -215,7 +215,7 @@ static bool put_line(FILE *file, const struct user *user)
 static int store(const struct users *users, const char *path, struct apc_error *why)
 {
     char part[4200];
-    int rc = make_folder(path, why);
+    int rc = make_users_folder(path, why);
     if (rc < 0)
         return rc;
     snprintf(part, sizeof part, "%s.XXXXXX", path);
@@ -223,7 +223,7 @@ static int store(const struct users *users, const char *path, struct apc_error *
     FILE *file = fd < 0 ? NULL : fdopen(fd, "w");
     bool ok = file != NULL;
     for (size_t i = 0; ok && i < users->n; i++)
-        ok = put_line(file, &users->user[i]);
+        ok = put_user_line(file, &users->user[i]);
     ok = ok && fflush(file) == 0 && fsync(fd) == 0;
     if (file)
         ok = fclose(file) == 0 && ok;
@@ -258,8 +258,8 @@ static int check_new(const char *name, const char *password, struct apc_error *w
     return 0;
 }
 
-static int add(const char *path, const char *name, enum role role, const char *password, bool token,
-               apc_ns until, struct apc_error *why)
+static int add_new_user(const char *path, const char *name, enum role role, const char *password, bool token,
+                        apc_ns until, struct apc_error *why)
 {
     struct users users;
     struct user user = {.role = role, .until = until};
@@ -278,7 +278,7 @@ static int add(const char *path, const char *name, enum role role, const char *p
         user.role = i < users.n ? users.user[i].role : ROLE_OBSERVER;
     if (rc == 0 && i < users.n)
         users.user[i] = user;
-    else if (rc == 0 && append(&users, &user) < 0)
+    else if (rc == 0 && append_user(&users, &user) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = store(&users, path, why);
@@ -288,7 +288,7 @@ static int add(const char *path, const char *name, enum role role, const char *p
 
 int users_add(const char *path, const char *name, enum role role, const char *password, struct apc_error *why)
 {
-    return add(path, name, role, password, false, 0, why);
+    return add_new_user(path, name, role, password, false, 0, why);
 }
 
 int tokens_add(const char *path, const char *name, enum role role, apc_ns until, char secret[SECRET_LEN],
@@ -296,7 +296,7 @@ int tokens_add(const char *path, const char *name, enum role role, apc_ns until,
 {
     if (random_text(secret, (SECRET_LEN - 1) / 2) < 0)
         return apc_fail(why, APC_ESYS, "no random numbers: %s", strerror(errno));
-    return add(path, name, role, secret, true, until, why);
+    return add_new_user(path, name, role, secret, true, until, why);
 }
 
 bool user_ended(const struct user *user, apc_ns utc)

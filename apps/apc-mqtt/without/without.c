@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static void print_version(FILE *stream, struct argp_state *state)
+static void print_mqtt_version(FILE *stream, struct argp_state *state)
 {
     fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
 }
@@ -18,7 +18,7 @@ int main(int argc, char **argv)
     struct argp argp = mqtt_argp;
 
     argp.doc = MQTT_DOC;
-    argp_program_version_hook = print_version;
+    argp_program_version_hook = print_mqtt_version;
     argp_err_exit_status = 2;
     (void)argp_parse(&argp, argc, argv, 0, NULL, &options);
     fputs("apc-mqtt: it was built without libmosquitto, and can do nothing: install libmosquitto-dev and "

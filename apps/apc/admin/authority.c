@@ -47,7 +47,7 @@ static int host_list(const struct authority_request *r, char *list, size_t size,
     return 0;
 }
 
-static int check(const struct authority_request *r, struct apc_error *why)
+static int check_authority_request(const struct authority_request *r, struct apc_error *why)
 {
     if (!is_name(r->name))
         return apc_fail(why, APC_EINVAL,
@@ -78,7 +78,7 @@ static bool extend(X509 *x, X509 *issuer, int kind, const char *value)
     return ok;
 }
 
-static bool describe(X509 *x, X509 *issuer, enum authority_role role, const char *hosts)
+static bool describe_certificate(X509 *x, X509 *issuer, enum authority_role role, const char *hosts)
 {
     if (role == ROLE_AUTHORITY)
         return extend(x, issuer, NID_basic_constraints, "critical,CA:TRUE,pathlen:0") &&
@@ -92,7 +92,7 @@ static bool describe(X509 *x, X509 *issuer, enum authority_role role, const char
            (!*hosts || extend(x, issuer, NID_subject_alt_name, hosts));
 }
 
-static bool number(X509 *x)
+static bool set_serial_number(X509 *x)
 {
     BIGNUM *n = BN_new();
     bool ok = n && BN_rand(n, SERIAL_BITS, BN_RAND_TOP_ANY, BN_RAND_BOTTOM_ANY) &&
@@ -108,12 +108,12 @@ static X509 *certify(const struct authority_request *r, const char *hosts, EVP_P
     X509 *x = X509_new();
     X509_NAME *name = x ? X509_get_subject_name(x) : NULL;
 
-    if (x && X509_set_version(x, 2) && number(x) && X509_set_pubkey(x, key) &&
+    if (x && X509_set_version(x, 2) && set_serial_number(x) && X509_set_pubkey(x, key) &&
         X509_NAME_add_entry_by_NID(name, NID_commonName, MBSTRING_UTF8, (const unsigned char *)r->name, -1,
                                    -1, 0) &&
         X509_set_issuer_name(x, issuer ? X509_get_subject_name(issuer) : name) &&
         ASN1_TIME_set(X509_getm_notBefore(x), r->from) && ASN1_TIME_set(X509_getm_notAfter(x), r->until) &&
-        describe(x, issuer ? issuer : x, r->role, hosts) && X509_sign(x, by, EVP_sha256()))
+        describe_certificate(x, issuer ? issuer : x, r->role, hosts) && X509_sign(x, by, EVP_sha256()))
         return x;
     X509_free(x);
     return NULL;
@@ -122,8 +122,8 @@ static X509 *certify(const struct authority_request *r, const char *hosts, EVP_P
 /* ---- Files ----------------------------------------------------------------------------------- */
 
 /* A file beside @p path becomes it when all is in it and on the disk. @p key, @p own and @p above: NULL: not. */
-static int write_file(const char *path, EVP_PKEY *key, X509 *own, X509 *above, bool replace,
-                      struct apc_error *why)
+static int write_certificate(const char *path, EVP_PKEY *key, X509 *own, X509 *above, bool replace,
+                             struct apc_error *why)
 {
     char part[PATH_LEN];
     FILE *file = NULL;
@@ -152,7 +152,7 @@ static int write_file(const char *path, EVP_PKEY *key, X509 *own, X509 *above, b
     return failed ? apc_fail(why, APC_ESYS, "cannot write \"%s\": %s", path, strerrordesc_np(failed)) : 0;
 }
 
-static int path_of(char path[PATH_LEN], const char *folder, const char *name, struct apc_error *why)
+static int path_in_authority(char path[PATH_LEN], const char *folder, const char *name, struct apc_error *why)
 {
     return snprintf(path, PATH_LEN, "%s/%s", folder, name) < PATH_LEN - 8
                ? 0
@@ -163,7 +163,7 @@ static int read_authority(const char *folder, X509 **x, EVP_PKEY **key, struct a
 {
     char path[PATH_LEN];
     FILE *file;
-    int rc = path_of(path, folder, "authority.pem", why);
+    int rc = path_in_authority(path, folder, "authority.pem", why);
 
     *x = NULL;
     *key = NULL;
@@ -198,20 +198,20 @@ int authority_create(const char *folder, const struct authority_request *r, stru
     char path[PATH_LEN];
     EVP_PKEY *key = NULL;
     X509 *x = NULL;
-    int rc = check(r, why);
+    int rc = check_authority_request(r, why);
 
     if (rc == 0)
-        rc = path_of(path, folder, "authority.key", why);
+        rc = path_in_authority(path, folder, "authority.key", why);
     if (rc == 0 && mkdir(folder, 0755) < 0 && errno != EEXIST)
         rc = apc_fail(why, APC_ESYS, "cannot make the folder \"%s\": %s", folder, strerrordesc_np(errno));
     if (rc < 0)
         return rc;
     key = EVP_EC_gen("P-256");
     x = key ? certify(r, "", key, NULL, key) : NULL;
-    rc = x ? write_file(path, key, NULL, NULL, false, why) : no_openssl(why);
+    rc = x ? write_certificate(path, key, NULL, NULL, false, why) : no_openssl(why);
     if (rc == 0) { /* the key first: whoever has that has the authority */
         memcpy(strrchr(path, '.'), ".pem", 5);
-        rc = write_file(path, NULL, x, NULL, true, why);
+        rc = write_certificate(path, NULL, x, NULL, true, why);
     }
     X509_free(x);
     EVP_PKEY_free(key);
@@ -223,7 +223,7 @@ int authority_issue(const char *folder, const struct authority_request *r, struc
     char path[PATH_LEN], name[AUTHORITY_NAME_LEN + 4], hosts[256];
     EVP_PKEY *by = NULL, *key = NULL;
     X509 *authority = NULL, *x = NULL;
-    int rc = check(r, why);
+    int rc = check_authority_request(r, why);
 
     if (rc == 0)
         rc = host_list(r, hosts, sizeof hosts, why);
@@ -231,12 +231,12 @@ int authority_issue(const char *folder, const struct authority_request *r, struc
         rc = read_authority(folder, &authority, &by, why);
     if (rc == 0) {
         snprintf(name, sizeof name, "%s.pem", r->name);
-        rc = path_of(path, folder, name, why);
+        rc = path_in_authority(path, folder, name, why);
     }
     if (rc == 0) {
         key = EVP_EC_gen("P-256");
         x = key ? certify(r, hosts, key, authority, by) : NULL;
-        rc = x ? write_file(path, key, x, authority, r->replace, why) : no_openssl(why);
+        rc = x ? write_certificate(path, key, x, authority, r->replace, why) : no_openssl(why);
     }
     X509_free(x);
     X509_free(authority);

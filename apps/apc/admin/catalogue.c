@@ -70,7 +70,7 @@ static bool plant_built_in(size_t i, struct entry *to)
     return m;
 }
 
-static int plant_find(const char *name, struct entry *to, void **handle, struct apc_error *why)
+static int find_plant_model(const char *name, struct entry *to, void **handle, struct apc_error *why)
 {
     const struct apc_model *m;
     int rc = apc_model_find(name, &m, handle, why);
@@ -108,7 +108,7 @@ static int law_find(const char *name, struct entry *to, void **handle, struct ap
     return rc;
 }
 
-static const struct catalogue plants = {"plant", plant_built_in, plant_find, 1, 5},
+static const struct catalogue plants = {"plant", plant_built_in, find_plant_model, 1, 5},
                               laws = {"law", law_built_in, law_find, 0, 0};
 
 static const char *text_of(const char *text)
@@ -117,13 +117,13 @@ static const char *text_of(const char *text)
 }
 
 /* A number in full; nothing for a limit that is none. */
-static char *number(double value, char text[PRINT_LEN])
+static char *print_limit(double value, char text[PRINT_LEN])
 {
     text[0] = '\0';
     return value > -APC_VALUE_MAX && value < APC_VALUE_MAX ? print_exact(value, text) : text;
 }
 
-static void show_json(const struct entry *e)
+static void entry_json(const struct entry *e)
 {
     putchar('{');
     print_json_text(stdout, "name", e->name);
@@ -154,7 +154,7 @@ static void show_json(const struct entry *e)
     putchar('}');
 }
 
-static void show_csv(const struct entry *e)
+static void entry_csv(const struct entry *e)
 {
     char a[PRINT_LEN], b[PRINT_LEN], c[PRINT_LEN];
     for (size_t k = 0; k < e->n_kinds; k++)
@@ -172,13 +172,14 @@ static void show_csv(const struct entry *e)
             } else if (e->kinds[k].named_only)
                 fputs(",,,,", stdout);
             else
-                printf(",%s,%s,%s,", number(p->initial, a), number(p->low, b), number(p->high, c));
+                printf(",%s,%s,%s,", print_limit(p->initial, a), print_limit(p->low, b),
+                       print_limit(p->high, c));
             csv_put_quoted(stdout, text_of(p->description));
             putchar('\n');
         }
 }
 
-static int show_text(const struct entry *e)
+static int entry_text(const struct entry *e)
 {
     static const struct print_column columns[] = {
         {"", PRINT_LEFT},     {"NAME", PRINT_LEFT},  {"VALUE", PRINT_RIGHT},     {"UNIT", PRINT_LEFT},
@@ -201,11 +202,11 @@ static int show_text(const struct entry *e)
             print_cell(&table, PRINT_PLAIN, "%s", p->name);
             print_cell(&table, PRINT_PLAIN, "%s",
                        e->kinds[k].texts ? text_of(p->unit)
-                       : value           ? number(p->initial, text)
+                       : value           ? print_limit(p->initial, text)
                                          : "");
             print_cell(&table, PRINT_PLAIN, "%s", e->kinds[k].texts ? "" : text_of(p->unit));
-            print_cell(&table, PRINT_PLAIN, "%s", value ? number(p->low, text) : "");
-            print_cell(&table, PRINT_PLAIN, "%s", value ? number(p->high, text) : "");
+            print_cell(&table, PRINT_PLAIN, "%s", value ? print_limit(p->low, text) : "");
+            print_cell(&table, PRINT_PLAIN, "%s", value ? print_limit(p->high, text) : "");
             print_cell(&table, PRINT_PLAIN, "%s", text_of(p->description));
         }
     int rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
@@ -213,7 +214,7 @@ static int show_text(const struct entry *e)
     return rc;
 }
 
-static int list_text(const struct catalogue *list)
+static int list_entries(const struct catalogue *list)
 {
     struct print_column columns[KINDS + 2] = {{"NAME", PRINT_LEFT}};
     char heads[KINDS][16];
@@ -250,19 +251,19 @@ static int list_text(const struct catalogue *list)
     return rc;
 }
 
-static int show(const struct cli *cli, const struct entry *e, bool first)
+static int show_entry(const struct cli *cli, const struct entry *e, bool first)
 {
     int rc = 0;
     if (cli->format == CLI_JSON) {
         if (!first)
             puts(",");
-        show_json(e);
+        entry_json(e);
     } else if (cli->format == CLI_CSV) {
-        show_csv(e);
+        entry_csv(e);
     } else {
         if (!first)
             putchar('\n');
-        rc = show_text(e);
+        rc = entry_text(e);
     }
     return rc;
 }
@@ -277,7 +278,7 @@ static int show_named(const struct cli *cli, const struct catalogue *list)
         rc = list->find(cli->args[i], &e, &handle, &why);
         if (rc < 0)
             return cli_error(cli, rc, "%s", why.text);
-        rc = show(cli, &e, i == 0);
+        rc = show_entry(cli, &e, i == 0);
         apc_plugin_close(handle);
     }
     return rc;
@@ -297,9 +298,9 @@ static int command(const struct catalogue *list, const struct cli_spec *spec, in
     if (cli.n_args > 0)
         rc = show_named(&cli, list);
     else if (cli.format == CLI_TEXT)
-        rc = list_text(list);
+        rc = list_entries(list);
     for (size_t i = 0; cli.n_args == 0 && cli.format != CLI_TEXT && list->built_in(i, &e); i++)
-        (void)show(&cli, &e, i == 0);
+        (void)show_entry(&cli, &e, i == 0);
     if (cli.format == CLI_JSON)
         puts("]");
     return cli_done(&cli, rc < 0 ? exit_code_of(rc) : rc);

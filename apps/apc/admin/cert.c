@@ -35,7 +35,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_cert_options(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
     char *end = arg;
@@ -65,7 +65,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_cert_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "authority [NAME] | plant NAME --host HOST | client NAME | list",
@@ -87,7 +87,8 @@ static const struct cli_spec spec = {
     .extra = &extra,
 };
 
-static int make(const struct cli *cli, const struct options *o, enum authority_role role, const char *name)
+static int make_certificate(const struct cli *cli, const struct options *o, enum authority_role role,
+                            const char *name)
 {
     const long days = o->days ? o->days : role == ROLE_AUTHORITY ? AUTHORITY_DAYS : DAYS;
     const time_t now = time(NULL);
@@ -114,7 +115,7 @@ static int make(const struct cli *cli, const struct options *o, enum authority_r
     return EXIT_OK;
 }
 
-static void show(const struct authority_certificate *c)
+static void show_certificate(const struct authority_certificate *c)
 {
     static const char *const roles[] = {"other", "authority", "plant", "client"};
     const time_t now = time(NULL);
@@ -139,7 +140,7 @@ static int is_certificate(const struct dirent *entry)
     return dot && dot != entry->d_name && !strcmp(dot, ".pem");
 }
 
-static int list(const struct cli *cli, const struct options *o)
+static int list_certificates(const struct cli *cli, const struct options *o)
 {
     struct dirent **entry;
     int n = scandir(o->folder, &entry, is_certificate, alphasort), status = EXIT_OK;
@@ -157,7 +158,7 @@ static int list(const struct cli *cli, const struct options *o)
         if (rc < 0)
             status = cli_error(cli, rc, "%s", why.text);
         else
-            show(&c);
+            show_certificate(&c);
         free(entry[i]);
     }
     free(entry);
@@ -178,10 +179,10 @@ int command_cert(int argc, char **argv)
     if (!plant && o.n_hosts)
         return cli_usage(&cli, "--host is of a plant");
     if (!strcmp(what, "list") && !name)
-        return list(&cli, &o);
+        return list_certificates(&cli, &o);
     if (!strcmp(what, "authority") && !o.replace)
-        return make(&cli, &o, ROLE_AUTHORITY, name ? name : "apc-authority");
+        return make_certificate(&cli, &o, ROLE_AUTHORITY, name ? name : "apc-authority");
     if ((plant || !strcmp(what, "client")) && name)
-        return make(&cli, &o, plant ? ROLE_PLANT : ROLE_CLIENT, name);
+        return make_certificate(&cli, &o, plant ? ROLE_PLANT : ROLE_CLIENT, name);
     return cli_usage(&cli, "must be authority (which is never replaced), plant NAME, client NAME or list");
 }

@@ -26,7 +26,7 @@ static const struct argp_option option_list[] = {{"since", 0x500, "TIME", 0,
                                                   0},
                                                  {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_copy_options(int key, char *arg, struct argp_state *state)
 {
     if (key != 0x500)
         return ARGP_ERR_UNKNOWN;
@@ -34,7 +34,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp own = {option_list, parse_copy_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "FROM TO",
@@ -92,7 +92,7 @@ struct copy {
 
 /* ---- Progress ------------------------------------------------------------------------------- */
 
-static void show(struct copy *c, int64_t seq)
+static void show_copy_progress(struct copy *c, int64_t seq)
 {
     apc_ns now = c->terminal ? apc_clock_mono(NULL) : c->shown;
     if (now - c->shown < SHOW)
@@ -207,11 +207,11 @@ static int begin_row(struct copy *c, int64_t seq)
 {
     if (c->first == 0)
         c->first = seq;
-    show(c, seq);
+    show_copy_progress(c, seq);
     return c->n_samples == SAMPLES || c->n_vectors == VECTORS ? flush_rows(c) : 0;
 }
 
-static int take_sample(void *ctx, const struct apc_sample *s)
+static int copy_sample(void *ctx, const struct apc_sample *s)
 {
     struct copy *c = ctx;
     if (begin_row(c, s->seq) < 0)
@@ -236,7 +236,7 @@ static int take_vector(void *ctx, const struct apc_vector *v)
 static int take_history(struct copy *c, const struct apc_sample *v, const struct apc_range *range)
 {
     return apc_table_vectors(v->table) ? apc_store_vectors(c->from, v->table, v->id, range, take_vector, c)
-                                       : apc_store_history(c->from, v->table, v->id, range, take_sample, c);
+                                       : apc_store_history(c->from, v->table, v->id, range, copy_sample, c);
 }
 
 static int copy_variable(struct copy *c, const struct apc_sample *newest)
@@ -286,7 +286,7 @@ static int copy_rows(struct copy *c)
 
 /* ---- Events --------------------------------------------------------------------------------- */
 
-static bool same_event(const struct apc_event *a, const struct apc_event *b)
+static bool is_same_copied_event(const struct apc_event *a, const struct apc_event *b)
 {
     return a->time == b->time && a->severity == b->severity && !strcmp(a->source, b->source) &&
            !strcmp(a->kind, b->kind) && !strcmp(a->text, b->text);
@@ -296,7 +296,7 @@ static int mark_event(void *ctx, const struct apc_event *e)
 {
     struct copy *c = ctx;
     for (size_t i = 0; i < c->n; i++)
-        if (!c->found[i] && same_event(&c->event[i], e)) {
+        if (!c->found[i] && is_same_copied_event(&c->event[i], e)) {
             c->found[i] = true;
             break;
         }
@@ -304,7 +304,7 @@ static int mark_event(void *ctx, const struct apc_event *e)
 }
 
 /* What TO can have of a batch: between its earliest time and its latest. */
-static struct apc_range span(apc_ns first, apc_ns last)
+static struct apc_range copied_batch_range(apc_ns first, apc_ns last)
 {
     return (struct apc_range){.since = first, .until = last < INT64_MAX - 1000 ? last + 1000 : 0};
 }
@@ -328,7 +328,7 @@ static int append_timing(struct copy *c, const struct apc_timing_row *rows, size
     return rc < 0 ? rc : append_timing(c, rows + n / 2, n - n / 2);
 }
 
-static int flush_events(struct copy *c)
+static int flush_copied_events(struct copy *c)
 {
     apc_ns first = INT64_MAX, last = INT64_MIN;
     size_t new = 0;
@@ -339,7 +339,7 @@ static int flush_events(struct copy *c)
         first = c->event[i].time < first ? c->event[i].time : first;
         last = c->event[i].time > last ? c->event[i].time : last;
     }
-    const struct apc_range range = span(first, last);
+    const struct apc_range range = copied_batch_range(first, last);
     int rc = apc_store_events(c->to, &range, mark_event, c);
     for (size_t i = 0; i < c->n; i++)
         if (!c->found[i])
@@ -353,11 +353,11 @@ static int flush_events(struct copy *c)
 }
 
 /* Two that are alike stay in one batch: else the second would find the first one's copy. */
-static int take_event(void *ctx, const struct apc_event *e)
+static int copy_event(void *ctx, const struct apc_event *e)
 {
     struct copy *c = ctx;
     if (c->n == EVENTS || (c->n > EVENTS / 2 && e->time != c->event[c->n - 1].time))
-        if (flush_events(c) < 0)
+        if (flush_copied_events(c) < 0)
             return c->failed;
     c->event[c->n++] = *e;
     return 0;
@@ -366,9 +366,9 @@ static int take_event(void *ctx, const struct apc_event *e)
 static int copy_events(struct copy *c)
 {
     c->n = 0;
-    int rc = apc_store_events(c->from, &c->range, take_event, c);
+    int rc = apc_store_events(c->from, &c->range, copy_event, c);
     if (!c->failed)
-        flush_events(c);
+        flush_copied_events(c);
     return stream_result(c, rc, "events are");
 }
 
@@ -392,7 +392,7 @@ static int mark_timing(void *ctx, const struct apc_timing_row *row)
     return 0;
 }
 
-static int flush_timing(struct copy *c)
+static int flush_copied_timing(struct copy *c)
 {
     struct apc_timing_row rows[ROWS];
     size_t new = 0;
@@ -400,7 +400,7 @@ static int flush_timing(struct copy *c)
         return 0;
     memset(c->found, 0, sizeof c->found);
     const struct apc_range range =
-        span(c->timing_row[0].row.time, c->timing_row[c->n - 1].row.time); /* by time */
+        copied_batch_range(c->timing_row[0].row.time, c->timing_row[c->n - 1].row.time); /* by time */
     int rc = apc_store_timing(c->to, &range, mark_timing, c);
     for (size_t i = 0; i < c->n; i++)
         if (!c->found[i])
@@ -413,11 +413,11 @@ static int flush_timing(struct copy *c)
     return c->failed = rc < 0 ? rc : 0;
 }
 
-static int take_timing(void *ctx, const struct apc_timing_row *row)
+static int copy_timing_row(void *ctx, const struct apc_timing_row *row)
 {
     struct copy *c = ctx;
     if (c->n == ROWS || (c->n > ROWS / 2 && row->time != c->timing_row[c->n - 1].row.time))
-        if (flush_timing(c) < 0)
+        if (flush_copied_timing(c) < 0)
             return c->failed;
     struct timing_copy *t = &c->timing_row[c->n];
     int64_t *bins = realloc(t->bins, (3 * row->n_bins + 1) * sizeof *bins);
@@ -441,9 +441,9 @@ static int take_timing(void *ctx, const struct apc_timing_row *row)
 static int copy_timing(struct copy *c)
 {
     c->n = 0;
-    int rc = apc_store_timing(c->from, &c->range, take_timing, c);
+    int rc = apc_store_timing(c->from, &c->range, copy_timing_row, c);
     if (!c->failed)
-        flush_timing(c);
+        flush_copied_timing(c);
     for (size_t i = 0; i < ROWS; i++)
         free(c->timing_row[i].bins);
     return stream_result(c, rc, "timing is");
@@ -453,7 +453,8 @@ static int copy_timing(struct copy *c)
 
 /* FROM's, and TO's own of variables that FROM does not describe. */
 /* Two experiments in one store would be one series of each variable. */
-static int check_experiment(const struct copy *c, const struct cli_tags *from, const struct cli_tags *to)
+static int check_copied_experiment(const struct copy *c, const struct cli_tags *from,
+                                   const struct cli_tags *to)
 {
     for (size_t i = 0; i < from->n; i++) {
         const struct apc_tag *a = &from->tag[i], *b = cli_tag(to, a->table, a->id);
@@ -479,7 +480,7 @@ static int copy_tags(struct copy *c)
     if (rc == 0)
         rc = cli_tags_load(&c->cli, c->to, &to);
     if (rc == 0)
-        rc = check_experiment(c, &from, &to);
+        rc = check_copied_experiment(c, &from, &to);
     if (rc < 0 || from.n == 0)
         goto out;
     all = calloc(from.n + to.n, sizeof *all);
@@ -550,7 +551,7 @@ static int open_both(struct copy *c)
     return rc < 0 ? fail_to(c, rc) : 0;
 }
 
-static void say(const char *what, const struct counts *n)
+static void say_copied(const char *what, const struct counts *n)
 {
     printf("%-13s %" PRIu64 " copied", what, n->copied);
     if (n->there > 0)
@@ -585,11 +586,11 @@ int command_copy(int argc, char **argv)
     if ((rc = open_both(c)) >= 0 && (rc = copy_tags(c)) >= 0 && (rc = copy_rows(c)) >= 0 &&
         (rc = copy_events(c)) >= 0 && (rc = copy_timing(c)) >= 0) {
         end_show(c);
-        say("samples:", &c->samples);
-        say("vectors:", &c->vectors);
+        say_copied("samples:", &c->samples);
+        say_copied("vectors:", &c->vectors);
         printf("descriptions: %zu copied\n", c->tags);
-        say("events:", &c->events);
-        say("timing:", &c->timing);
+        say_copied("events:", &c->events);
+        say_copied("timing:", &c->timing);
         if (c->former)
             puts("left out:     table state, from which controllers of version 1 resumed");
         rc = c->damaged ? APC_ESTORE : rc;

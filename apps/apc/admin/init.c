@@ -9,7 +9,7 @@
 static const struct argp_option option_list[] = {
     {"force", 'f', NULL, 0, "Describe FILE also in a store that belongs to another experiment", 0}, {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_init_options(int key, char *arg, struct argp_state *state)
 {
     bool *force = state->input;
     (void)arg;
@@ -19,7 +19,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_init_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[FILE]",
@@ -52,7 +52,8 @@ static int init_store(const struct cli *cli, struct apc_store *store)
     return EXIT_OK;
 }
 
-static int describe(const struct cli *cli, struct apc_store *store, const struct experiment *e, bool force)
+static int describe_in_store(const struct cli *cli, struct apc_store *store, const struct experiment *e,
+                             bool force)
 {
     char why[PROVISION_TEXT];
     int rc = cli_live(cli, store);
@@ -119,7 +120,7 @@ int command_init(int argc, char **argv)
     if (rc == EXIT_OK && cli.store[apc_store_live(cli.store)])
         rc = take_over(&cli, &e);
     if (rc == EXIT_OK && cli.n_args > 0)
-        rc = describe(&cli, store, &e, force);
+        rc = describe_in_store(&cli, store, &e, force);
 out:
     apc_store_close(store);
     experiment_free(&e);

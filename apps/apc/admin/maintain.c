@@ -27,7 +27,7 @@ struct wish {
     bool all;
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_maintain_options(int key, char *arg, struct argp_state *state)
 {
     struct wish *wish = state->input;
     switch (key) {
@@ -51,7 +51,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     }
 }
 
-static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp own = {option_list, parse_maintain_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .doc = "Make room ahead for what will be stored, and drop what is older than is to be kept. For the "

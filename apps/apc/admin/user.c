@@ -36,7 +36,7 @@ static apc_ns parse_days(const char *text, struct argp_state *state)
     return (apc_ns)days * DAY;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_user_options(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
     if (key == OPT_USERS && !*arg)
@@ -54,7 +54,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_user_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "list | add NAME | remove NAME | token NAME | revoke NAME",
@@ -86,7 +86,7 @@ static bool read_line(char *line, size_t size)
 }
 
 /* Without an echo, where there is a terminal. */
-static bool ask(const char *prompt, char *line, size_t size)
+static bool ask_password(const char *prompt, char *line, size_t size)
 {
     struct termios terminal, quiet;
     if (tcgetattr(STDIN_FILENO, &terminal) < 0)
@@ -101,13 +101,14 @@ static bool ask(const char *prompt, char *line, size_t size)
     return ok;
 }
 
-static int add(const struct cli *cli, const struct options *o, const char *path, const char *name)
+static int add_user(const struct cli *cli, const struct options *o, const char *path, const char *name)
 {
     char password[PASSWORD_MAX + 2], again[PASSWORD_MAX + 2];
     struct apc_error why;
-    if (!ask("Password: ", password, sizeof password))
+    if (!ask_password("Password: ", password, sizeof password))
         return cli_error(cli, APC_EINVAL, "no password, or one of more than %d bytes", PASSWORD_MAX);
-    if (isatty(STDIN_FILENO) && (!ask("Once more: ", again, sizeof again) || strcmp(password, again) != 0))
+    if (isatty(STDIN_FILENO) &&
+        (!ask_password("Once more: ", again, sizeof again) || strcmp(password, again) != 0))
         return cli_error(cli, APC_EINVAL, "the two are not the same");
     int rc = users_add(path, name, o->role ? role_parse(o->role) : ROLE_NONE, password, &why);
     explicit_bzero(password, sizeof password);
@@ -115,7 +116,7 @@ static int add(const struct cli *cli, const struct options *o, const char *path,
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }
 
-static int list(const struct cli *cli, const char *path, const char *kind)
+static int list_users(const struct cli *cli, const char *path, const char *kind)
 {
     struct users users;
     struct apc_error why;
@@ -179,14 +180,14 @@ int command_user(int argc, char **argv)
         return cli_error(&cli, APC_EINVAL, "there is no home folder: give --users FILE");
     tokens_path(path, tokens);
     if (listing) {
-        int status = list(&cli, path, "");
-        return cli_done(&cli, status == EXIT_OK ? list(&cli, tokens, "  token") : status);
+        int status = list_users(&cli, path, "");
+        return cli_done(&cli, status == EXIT_OK ? list_users(&cli, tokens, "  token") : status);
     }
     if ((adding && taken(tokens, name)) || (making && taken(path, name)))
         return cli_error(&cli, APC_EINVAL, "\"%s\" is %s already: take another name", name,
                          adding ? "a token" : "a user");
     if (adding)
-        return add(&cli, &o, path, name);
+        return add_user(&cli, &o, path, name);
     if (making)
         return cli_done(&cli, new_token(&cli, &o, tokens, name));
     int rc = users_remove(revoking ? tokens : path, name, &why);

@@ -36,7 +36,7 @@ static void parse_at(struct analyze_options *o, char *arg, const struct argp_sta
     o->n_at++;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_analyze_options(int key, char *arg, struct argp_state *state)
 {
     struct analyze_options *o = state->input;
     switch (key) {
@@ -58,7 +58,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_analyze_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
@@ -127,7 +127,7 @@ static double period_of(const struct loop_analysis *z, size_t o)
     return apc_ns_to_s(controllers_loop(&z->e, z->l.output[o]).of->rhythm.period);
 }
 
-static int analyse(struct loop_analysis *z, struct apc_error *why)
+static int analyze_loops(struct loop_analysis *z, struct apc_error *why)
 {
     const bool curves = z->own.figure || z->cli.format == CLI_CSV;
     int rc = 0;
@@ -172,7 +172,7 @@ static int find_cost(struct loop_analysis *z, const struct linear_how *how, stru
     return z->noisy ? linear_cost_create(&z->cost, &z->e, &z->l, how, why) : 0;
 }
 
-static int take_timing(struct loop_analysis *z, struct apc_error *why)
+static int take_recorded_timing(struct loop_analysis *z, struct apc_error *why)
 {
     int rc = 0;
     for (size_t i = 0; z->own.timing && i < z->e.n_controllers && rc == 0; i++)
@@ -207,11 +207,11 @@ int command_analyze(int argc, char **argv)
     const struct linear_how how = {.at = z->own.at, .n_at = z->own.n_at};
     rc = experiment_load(&z->e, z->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, &why);
     if (rc == 0)
-        rc = take_timing(z, &why);
+        rc = take_recorded_timing(z, &why);
     if (rc == 0)
         rc = linear_loop_create(&z->l, &z->e, &how, &why);
     if (rc == 0)
-        rc = analyse(z, &why);
+        rc = analyze_loops(z, &why);
     if (rc == 0)
         rc = find_cost(z, &how, &why);
     if (rc == 0 && z->own.figure)

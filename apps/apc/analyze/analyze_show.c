@@ -26,7 +26,7 @@ static void show_point(const struct loop_analysis *z)
     putchar('\n');
 }
 
-static void put(struct print_table *t, double value)
+static void put_analysis_number(struct print_table *t, double value)
 {
     if (isnan(value))
         print_cell(t, PRINT_PLAIN, "-");
@@ -48,14 +48,14 @@ static int show_margins(const struct loop_analysis *z)
         const size_t at = z->n == 1 ? 0 : o;
         const struct apc_loop_margins *m = &z->loop[at].margins;
         print_cell(&t, PRINT_PLAIN, "%s", z->loop[at].name);
-        put(&t, m->gain_least);
-        put(&t, m->gain);
-        put(&t, m->phase);
-        put(&t, m->delay);
-        put(&t, m->jitter);
-        put(&t, m->sensitivity);
-        put(&t, m->at);
-        put(&t, m->crossover);
+        put_analysis_number(&t, m->gain_least);
+        put_analysis_number(&t, m->gain);
+        put_analysis_number(&t, m->phase);
+        put_analysis_number(&t, m->delay);
+        put_analysis_number(&t, m->jitter);
+        put_analysis_number(&t, m->sensitivity);
+        put_analysis_number(&t, m->at);
+        put_analysis_number(&t, m->crossover);
     }
     const int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
     print_table_close(&t);
@@ -110,11 +110,11 @@ static void put_cause(struct print_table *t, const struct loop_analysis *z, int 
         else
             print_cell(t, PRINT_PLAIN, z->cost.known[cause] ? "unstable" : "-");
     }
-    put(t, costs(z, cause));
-    put(t, cause == first_cause(z) ? 0.0 : costs(z, cause) - costs(z, cause - 1));
+    put_analysis_number(t, costs(z, cause));
+    put_analysis_number(t, cause == first_cause(z) ? 0.0 : costs(z, cause) - costs(z, cause - 1));
 }
 
-static int show_cost(const struct loop_analysis *z)
+static int show_loop_cost(const struct loop_analysis *z)
 {
     struct print_column columns[PRINT_COLUMNS] = {{"mean square of", PRINT_LEFT}};
     const size_t ny = z->e.dim.ny < PRINT_COLUMNS - 3 ? z->e.dim.ny : PRINT_COLUMNS - 3;
@@ -166,7 +166,7 @@ static bool stable(const struct loop_analysis *z)
     return z->loop[z->n].margins.stable;
 }
 
-static int show_text(const struct loop_analysis *z)
+static int show_analysis(const struct loop_analysis *z)
 {
     int rc = EXIT_OK;
     show_point(z);
@@ -181,7 +181,7 @@ static int show_text(const struct loop_analysis *z)
             "optimize look for numbers");
     }
     show_poles(z);
-    if (z->noisy && show_cost(z) < 0)
+    if (z->noisy && show_loop_cost(z) < 0)
         rc = cli_error(&z->cli, APC_ENOMEM, "out of memory");
     if (z->own.figure)
         printf("\nfigure:  %s.svg, %s.png\n", z->own.figure, z->own.figure);
@@ -190,7 +190,7 @@ static int show_text(const struct loop_analysis *z)
 
 /* ---- For programs --------------------------------------------------------------------------- */
 
-static void json_loop(const struct analysis_of_loop *l)
+static void analysis_loop_json(const struct analysis_of_loop *l)
 {
     const struct apc_loop_margins *m = &l->margins;
     const struct {
@@ -224,7 +224,7 @@ static void json_cost(const struct loop_analysis *z)
     putchar('}');
 }
 
-static int show_json(const struct loop_analysis *z)
+static int show_analysis_json(const struct loop_analysis *z)
 {
     char re[PRINT_LEN], im[PRINT_LEN];
     putchar('{');
@@ -242,7 +242,7 @@ static int show_json(const struct loop_analysis *z)
     fputs("},\n\"loops\":[", stdout);
     for (size_t o = 0; o <= z->n; o++) {
         fputs(o == 0 ? "\n" : o < z->n ? ",\n" : "],\n\"all\":", stdout);
-        json_loop(&z->loop[o]);
+        analysis_loop_json(&z->loop[o]);
     }
     fputs(",\n\"poles\":[", stdout);
     for (size_t i = 0; i < z->states; i++)
@@ -254,7 +254,7 @@ static int show_json(const struct loop_analysis *z)
     return stable(z) ? EXIT_OK : EXIT_ERROR;
 }
 
-static int show_csv(const struct loop_analysis *z)
+static int show_analysis_csv(const struct loop_analysis *z)
 {
     char w[PRINT_LEN], re[PRINT_LEN], im[PRINT_LEN];
     puts("loop,rad_per_s,real,imaginary");
@@ -270,7 +270,9 @@ static int show_csv(const struct loop_analysis *z)
 
 int analyze_show(const struct loop_analysis *z)
 {
-    return z->cli.format == CLI_JSON ? show_json(z) : z->cli.format == CLI_CSV ? show_csv(z) : show_text(z);
+    return z->cli.format == CLI_JSON  ? show_analysis_json(z)
+           : z->cli.format == CLI_CSV ? show_analysis_csv(z)
+                                      : show_analysis(z);
 }
 
 /* ---- The figure ----------------------------------------------------------------------------- */
@@ -281,7 +283,7 @@ static size_t curves_of(const struct loop_analysis *z)
 }
 
 /* w, |L|, phase that goes on where the principal value would jump, real, imaginary. */
-static void put_blocks(FILE *script, const struct loop_analysis *z)
+static void put_bode_blocks(FILE *script, const struct loop_analysis *z)
 {
     for (size_t o = 0; o < curves_of(z); o++) {
         const struct analysis_of_loop *l = &z->loop[o];
@@ -301,7 +303,7 @@ static void put_blocks(FILE *script, const struct loop_analysis *z)
     }
 }
 
-static void put_curves(FILE *script, const struct loop_analysis *z, const char *columns, bool titles)
+static void put_bode_curves(FILE *script, const struct loop_analysis *z, const char *columns, bool titles)
 {
     static const unsigned colour[CURVES] = {0x0072B2, 0xD55E00, 0x009E73, 0xCC79A7, 0xE69F00, 0x56B4E9};
     for (size_t o = 0; o < curves_of(z); o++) {
@@ -317,7 +319,7 @@ static void put_curves(FILE *script, const struct loop_analysis *z, const char *
     fputc('\n', script);
 }
 
-static void put_frame(FILE *script, double left, double right, double top, double bottom)
+static void put_bode_frame(FILE *script, double left, double right, double top, double bottom)
 {
     fprintf(script,
             "%sset lmargin at screen %.4f\nset rmargin at screen %.4f\nset tmargin at screen %.4f\n"
@@ -325,28 +327,28 @@ static void put_frame(FILE *script, double left, double right, double top, doubl
             report_panel_style, left, right, top, bottom);
 }
 
-static void put_figure(FILE *script, void *ctx, bool first)
+static void put_bode_figure(FILE *script, void *ctx, bool first)
 {
     const struct loop_analysis *z = ctx;
     double peak = 0.0;
     for (size_t o = 0; o < curves_of(z); o++)
         peak = fmax(peak, z->loop[o].margins.sensitivity);
     if (first)
-        put_blocks(script, z);
-    put_frame(script, 0.085, 0.475, 0.875, 0.53);
+        put_bode_blocks(script, z);
+    put_bode_frame(script, 0.085, 0.475, 0.875, 0.53);
     fputs("set label 1 ", script);
     report_quoted(script, z->e.title);
     fputs(" at graph 0, screen 0.945 noenhanced\nset logscale xy\nset format x ''\nset format y '10^{%L}'\n"
           "set key bottom left samplen 1\nset ylabel 'gain of the open loop'\nset yrange [0.01:]\n"
           "plot 1 with lines lw 0.8 lc rgb 0x777777 notitle",
           script);
-    put_curves(script, z, "1:2", true);
-    put_frame(script, 0.085, 0.475, 0.485, 0.12);
+    put_bode_curves(script, z, "1:2", true);
+    put_bode_frame(script, 0.085, 0.475, 0.485, 0.12);
     fputs("set logscale x\nset format x '10^{%L}'\nset ylabel 'phase, degrees'\nset xlabel 'rad/s'\n"
           "set ytics 90\nset yrange [-540:]\nplot -180 with lines lw 0.8 lc rgb 0x777777 notitle",
           script);
-    put_curves(script, z, "1:3", false);
-    put_frame(script, 0.555, 0.975, 0.875, 0.12);
+    put_bode_curves(script, z, "1:3", false);
+    put_bode_frame(script, 0.555, 0.975, 0.875, 0.12);
     fprintf(
         script,
         "set xrange [-2.5:1.5]\nset yrange [-2.1:2.1]\nset xlabel 'real part'\nset ylabel 'imaginary part' "
@@ -358,10 +360,10 @@ static void put_figure(FILE *script, void *ctx, bool first)
         "'+' using (-1):(0) every ::0::0 with points pt 2 ps 0.7 lw 1.6 lc rgb 0x222222 notitle",
         peak > 0.0 ? 1.0 / peak : 1e-6,
         z->n > CURVES ? "the first six loops" : "the circle that the curve keeps out of: 1 / peak");
-    put_curves(script, z, "4:5", false);
+    put_bode_curves(script, z, "4:5", false);
 }
 
 int analyze_draw(const struct loop_analysis *z, struct apc_error *why)
 {
-    return gnuplot_figure(z->own.figure, REPORT_WIDTH, HEIGHT, put_figure, (void *)(uintptr_t)z, why);
+    return gnuplot_figure(z->own.figure, REPORT_WIDTH, HEIGHT, put_bode_figure, (void *)(uintptr_t)z, why);
 }

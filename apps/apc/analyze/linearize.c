@@ -16,7 +16,7 @@ static const struct argp_option option_list[] = {
     {"here", 'H', NULL, 0, "Linearise at the states as they are given, whether or not they are at rest", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_linearize_options(int key, char *arg, struct argp_state *state)
 {
     struct own *own = state->input;
     (void)arg;
@@ -26,7 +26,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_linearize_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "PLANT [NAME=VALUE...]\nMODELFILE",
@@ -55,7 +55,7 @@ struct analysis {
 
 /* ---- The point ----------------------------------------------------------------------------- */
 
-static int allocate(struct analysis *z)
+static int allocate_linearization(struct analysis *z)
 {
     const struct apc_model *m = z->model;
     size_t nx = m->nx, nu = z->n_in = m->nu + m->nd, ny = m->ny;
@@ -90,8 +90,8 @@ static int allocate(struct analysis *z)
 }
 
 /* The variable of that name, its place in *value; those of a table that is none are x1, x2, ... */
-static bool find(const struct apc_param *table, char letter, size_t n, const char *name, double *values,
-                 double **value, const struct apc_param **found)
+static bool find_model_variable(const struct apc_param *table, char letter, size_t n, const char *name,
+                                double *values, double **value, const struct apc_param **found)
 {
     static const struct apc_param unnamed = {"value", "", "", 0, -APC_VALUE_MAX, APC_VALUE_MAX};
     for (size_t i = 0; i < n; i++) {
@@ -106,7 +106,8 @@ static bool find(const struct apc_param *table, char letter, size_t n, const cha
 }
 
 /* A parameter that is a text. */
-static int set_text(const struct cli *cli, const struct analysis *z, const char *name, const char *text)
+static int set_text_parameter(const struct cli *cli, const struct analysis *z, const char *name,
+                              const char *text)
 {
     struct apc_error why;
     const int rc = apc_model_set_text(z->model, name, text, &why);
@@ -118,7 +119,7 @@ static int set_text(const struct cli *cli, const struct analysis *z, const char 
 }
 
 /* NAME=VALUE */
-static int set(const struct cli *cli, struct analysis *z, const char *text)
+static int set_named_value(const struct cli *cli, struct analysis *z, const char *text)
 {
     const struct apc_model *m = z->model;
     const struct apc_param *found;
@@ -130,11 +131,11 @@ static int set(const struct cli *cli, struct analysis *z, const char *text)
     if (!equals)
         return cli_usage(cli, "\"%s\": expected NAME=VALUE", text);
     snprintf(name, sizeof name, "%.*s", (int)(equals - text), text);
-    if (!find(m->param, 'p', m->np, name, z->p, &at, &found) &&
-        !find(m->input, 'u', m->nu, name, z->u, &at, &found) &&
-        !find(m->disturbance, 'd', m->nd, name, z->u + m->nu, &at, &found) &&
-        !find(m->state, 'x', m->nx, name, z->x, &at, &found))
-        return set_text(cli, z, name, equals + 1);
+    if (!find_model_variable(m->param, 'p', m->np, name, z->p, &at, &found) &&
+        !find_model_variable(m->input, 'u', m->nu, name, z->u, &at, &found) &&
+        !find_model_variable(m->disturbance, 'd', m->nd, name, z->u + m->nu, &at, &found) &&
+        !find_model_variable(m->state, 'x', m->nx, name, z->x, &at, &found))
+        return set_text_parameter(cli, z, name, equals + 1);
     const int rc = apc_model_word(m, found, equals + 1, &value, &why);
     if (rc == APC_EINVAL && apc_number_parse(equals + 1, &value) < 0)
         return cli_usage(cli, "\"%s\": expected NAME=VALUE with a finite number", text);
@@ -144,7 +145,7 @@ static int set(const struct cli *cli, struct analysis *z, const char *text)
     return EXIT_OK;
 }
 
-static int analyse(const struct cli *cli, struct analysis *z, bool here)
+static int linearize_at_point(const struct cli *cli, struct analysis *z, bool here)
 {
     const struct apc_model *m = z->model;
     struct linear sys = {m->nx, m->nu, m->ny, z->a, z->manipulated, z->c, z->feedthrough};
@@ -181,7 +182,7 @@ static int analyse(const struct cli *cli, struct analysis *z, bool here)
 
 /* ---- Showing it ---------------------------------------------------------------------------- */
 
-static void show(const struct cli *cli, const struct analysis *z, bool here)
+static void show_linearization(const struct cli *cli, const struct analysis *z, bool here)
 {
     const struct apc_model *m = z->model;
     struct linearize_view v = {
@@ -240,14 +241,14 @@ int command_linearize(int argc, char **argv)
         apc_plugin_close(handle);
     if (rc < 0)
         return cli_error(&cli, rc, "%s", why.text);
-    if (allocate(&z) < 0)
+    if (allocate_linearization(&z) < 0)
         rc = cli_error(&cli, APC_ENOMEM, "out of memory");
     for (int i = 1; i < cli.n_args && rc == EXIT_OK; i++)
-        rc = set(&cli, &z, cli.args[i]);
+        rc = set_named_value(&cli, &z, cli.args[i]);
     if (rc == EXIT_OK)
-        rc = analyse(&cli, &z, own.here);
+        rc = linearize_at_point(&cli, &z, own.here);
     if (rc == EXIT_OK)
-        show(&cli, &z, own.here);
+        show_linearization(&cli, &z, own.here);
     free(z.memory);
     free(z.pole);
     free(z.zero);

@@ -140,7 +140,7 @@ static void find_dead_times(struct analysis *z)
 
 /* ---- All of it -------------------------------------------------------------------------------------- */
 
-static int allocate(struct analysis *z)
+static int allocate_file_analysis(struct analysis *z)
 {
     const size_t nu = z->file.inputs, ny = z->file.outputs,
                  nx = z->nx = z->file.g ? count_states(z) : z->file.nx;
@@ -161,7 +161,7 @@ static int allocate(struct analysis *z)
     return 0;
 }
 
-static int analyse(struct analysis *z)
+static int analyze_model_file(struct analysis *z)
 {
     const size_t nx = z->nx, nu = z->file.inputs, ny = z->file.outputs;
     struct linear sys = {nx, nu, ny, z->A, z->B, z->C, z->D};
@@ -181,7 +181,7 @@ static int analyse(struct analysis *z)
     return 0;
 }
 
-static void show(const struct cli *cli, const struct analysis *z)
+static void show_model_file(const struct cli *cli, const struct analysis *z)
 {
     const struct model_file *f = &z->file;
     const size_t nx = z->nx, nu = f->inputs, ny = f->outputs;
@@ -229,7 +229,7 @@ int linearize_file(const struct cli *cli)
 
     if (rc == 0)
         rc = linear_load(&why);
-    if (rc == 0 && allocate(&z) < 0)
+    if (rc == 0 && allocate_file_analysis(&z) < 0)
         rc = apc_fail(&why, APC_ENOMEM, "out of memory");
     if (rc == 0 && z.file.g)
         realise(&z);
@@ -239,10 +239,10 @@ int linearize_file(const struct cli *cli)
         memcpy(z.C, z.file.C, z.file.outputs * z.nx * sizeof *z.C);
         memcpy(z.D, z.file.D, z.file.outputs * z.file.inputs * sizeof *z.D);
     }
-    if (rc == 0 && (rc = analyse(&z)) < 0)
+    if (rc == 0 && (rc = analyze_model_file(&z)) < 0)
         apc_fail(&why, rc, "%s: the poles could not be computed", cli->args[0]);
     if (rc == 0)
-        show(cli, &z);
+        show_model_file(cli, &z);
     else
         cli_error(cli, rc, "%s", why.text);
     model_file_free(&z.file);

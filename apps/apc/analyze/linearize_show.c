@@ -9,7 +9,7 @@
 #include "apc/common/print.h"
 #include "files/files.h"
 
-static const char *name_of(const struct linearize_names *names, size_t i, char text[24])
+static const char *linearized_name_of(const struct linearize_names *names, size_t i, char text[24])
 {
     bool first = i < names->n;
     if (names->tag)
@@ -36,10 +36,10 @@ static void matrix_text(const struct linearize_matrix *m)
     if (strlen(m->title) > 12)
         printf("\n%-12s", "");
     for (size_t j = 0; j < m->columns; j++)
-        printf(" %12s", name_of(m->column, j, text));
+        printf(" %12s", linearized_name_of(m->column, j, text));
     putchar('\n');
     for (size_t i = 0; i < m->rows; i++) {
-        printf("  %-10s", name_of(m->row, i, text));
+        printf("  %-10s", linearized_name_of(m->row, i, text));
         for (size_t j = 0; j < m->columns; j++)
             printf(" %12.6g", m->value[i * m->columns + j]);
         putchar('\n');
@@ -98,11 +98,11 @@ static void values_text(const char *title, const struct linearize_names *names, 
 {
     char text[24];
     for (size_t i = 0; i < n; i++)
-        printf("  %-13s %-8s %12.6g %s\n", i ? "" : title, name_of(names, i, text), value[i],
+        printf("  %-13s %-8s %12.6g %s\n", i ? "" : title, linearized_name_of(names, i, text), value[i],
                unit_of(names, i));
 }
 
-static void show_text(const struct linearize_view *v)
+static void show_linear_text(const struct linearize_view *v)
 {
     printf("%s at %s", v->name, v->at);
     if (v->period > 0)
@@ -129,7 +129,7 @@ static void show_text(const struct linearize_view *v)
         matrix_text(&v->matrix[i]);
 }
 
-static void json_numbers(const double *value, size_t n)
+static void linear_numbers_json(const double *value, size_t n)
 {
     char text[PRINT_LEN];
     for (size_t i = 0; i < n; i++)
@@ -154,15 +154,15 @@ static void json_names(const char *key, const struct linearize_names *names, siz
     printf(",\n\"%s\":{\"names\":[", key);
     for (size_t i = 0; i < n; i++) {
         fputs(i ? ",\"" : "\"", stdout);
-        cli_json_text(stdout, name_of(names, i, text));
+        cli_json_text(stdout, linearized_name_of(names, i, text));
         putchar('"');
     }
     fputs("],\"values\":[", stdout);
-    json_numbers(value, value ? n : 0);
+    linear_numbers_json(value, value ? n : 0);
     fputs("]}", stdout);
 }
 
-static void show_json(const struct linearize_view *v)
+static void show_linear_json(const struct linearize_view *v)
 {
     char text[PRINT_LEN];
 
@@ -179,7 +179,7 @@ static void show_json(const struct linearize_view *v)
         printf(",\n\"%s\":[", a->name);
         for (size_t i = 0; i < a->rows; i++) {
             fputs(i ? ",[" : "[", stdout);
-            json_numbers(a->value + i * a->columns, a->columns);
+            linear_numbers_json(a->value + i * a->columns, a->columns);
             putchar(']');
         }
         putchar(']');
@@ -189,7 +189,7 @@ static void show_json(const struct linearize_view *v)
     puts("}");
 }
 
-static void show_csv(const struct linearize_view *v)
+static void show_linear_csv(const struct linearize_view *v)
 {
     char row[24], column[24], text[PRINT_LEN], im[PRINT_LEN];
     puts("what,row,column,value,imaginary");
@@ -198,9 +198,9 @@ static void show_csv(const struct linearize_view *v)
         for (size_t i = 0; i < a->rows; i++)
             for (size_t j = 0; j < a->columns; j++) {
                 printf("%s,", a->name);
-                csv_put(stdout, name_of(a->row, i, row));
+                csv_put(stdout, linearized_name_of(a->row, i, row));
                 putchar(',');
-                csv_put(stdout, name_of(a->column, j, column));
+                csv_put(stdout, linearized_name_of(a->column, j, column));
                 printf(",%s,\n", print_exact(a->value[i * a->columns + j], text));
             }
     }
@@ -218,9 +218,9 @@ void linearize_show(const struct cli *cli, struct linearize_view *view)
     if (view->n_zeros > 0)
         qsort(view->zero, (size_t)view->n_zeros, sizeof *view->zero, by_real_part);
     if (cli->format == CLI_JSON)
-        show_json(view);
+        show_linear_json(view);
     else if (cli->format == CLI_CSV)
-        show_csv(view);
+        show_linear_csv(view);
     else
-        show_text(view);
+        show_linear_text(view);
 }

@@ -55,7 +55,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static bool parse_whole(const char *text, double most, double *value)
+static bool parse_whole_option(const char *text, double most, double *value)
 {
     return apc_number_parse(text, value) == 0 && *value >= 1 && *value <= most && *value == floor(*value);
 }
@@ -105,7 +105,7 @@ static void parse_weights(struct weights *w, char *arg, const struct argp_state 
         argp_error(state, "--weights: all are 0: then nothing is better than anything else");
 }
 
-static void parse_end(const struct optimize_options *o, const struct argp_state *state)
+static void check_optimize_options(const struct optimize_options *o, const struct argp_state *state)
 {
     if (o->n == 0)
         argp_error(state,
@@ -117,7 +117,7 @@ static void parse_end(const struct optimize_options *o, const struct argp_state 
         argp_error(state, "--json and --csv -: both want stdout");
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_optimize_options(int key, char *arg, struct argp_state *state)
 {
     struct optimize_options *o = state->input;
     double number = 0;
@@ -136,17 +136,17 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "--peak \"%s\": must be above 1; most good loops have 1.2 to 2", arg);
         break;
     case 'n':
-        if (!parse_whole(arg, 100000, &number))
+        if (!parse_whole_option(arg, 100000, &number))
             argp_error(state, "--runs \"%s\": must be 1 to 100000", arg);
         o->runs = (unsigned)number;
         break;
     case OPT_BUDGET:
-        if (!parse_whole(arg, 1e7, &number))
+        if (!parse_whole_option(arg, 1e7, &number))
             argp_error(state, "--budget \"%s\": must be 1 to 10000000", arg);
         o->budget = (unsigned)number;
         break;
     case 'j':
-        if (!parse_whole(arg, 1024, &number))
+        if (!parse_whole_option(arg, 1024, &number))
             argp_error(state, "--jobs \"%s\": must be 1 to 1024", arg);
         o->jobs = (unsigned)number;
         break;
@@ -180,7 +180,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->force = true;
         break;
     case ARGP_KEY_END:
-        parse_end(o, state);
+        check_optimize_options(o, state);
         break;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -188,7 +188,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_optimize_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE --over PATH=LOW..HIGH ...",

@@ -45,7 +45,7 @@ static double value_at(const struct number *n, double x)
     return fmin(fmax(value, n->low), n->high);
 }
 
-static double place_of(const struct number *n, double value)
+static double place_in_range(const struct number *n, double value)
 {
     return n->logarithmic ? log(value / n->low) / log(n->high / n->low)
                           : (value - n->low) / (n->high - n->low);
@@ -146,7 +146,7 @@ static void add_run(const struct optimization *z, const struct trial *t, double 
 }
 
 /* The last place behind the attempts of a job is for its runs, one after another. */
-static void make(const struct optimization *z, struct attempt *a, struct trial *t)
+static void make_attempt_trial(const struct optimization *z, struct attempt *a, struct trial *t)
 {
     struct experiment e;
     struct apc_error why;
@@ -188,7 +188,7 @@ static void scatter(void *ctx, unsigned job)
     struct attempt *a = optimization_attempt(z, job);
     for (size_t i = 0; i < z->own.n; i++)
         a->value[i] = job == 0 ? z->own.number[i].now : value_at(&z->own.number[i], halton(job, i));
-    make(z, a, trial_of(s, job));
+    make_attempt_trial(z, a, trial_of(s, job));
 }
 
 /* One of NLopt's. */
@@ -207,7 +207,7 @@ static double objective(unsigned n, const double *x, double *gradient, void *ctx
     (void)gradient; /* none is asked for */
     for (unsigned i = 0; i < n; i++)
         a->value[i] = value_at(&z->own.number[i], x[i]);
-    make(z, a, trial_of(s, p->job));
+    make_attempt_trial(z, a, trial_of(s, p->job));
     if (atomic_load(&z->farm->stop))
         nlopt_force_stop(p->opt);
     const struct weights *w = &s->weights[p->job];
@@ -269,7 +269,7 @@ static unsigned best_by(const struct optimization *z, const struct weights *w)
 static void start_at(struct stage *s, unsigned k, unsigned i)
 {
     for (size_t q = 0; q < s->z->own.n; q++)
-        s->start[k][q] = place_of(&s->z->own.number[q], optimization_attempt(s->z, i)->value[q]);
+        s->start[k][q] = place_in_range(&s->z->own.number[q], optimization_attempt(s->z, i)->value[q]);
 }
 
 /* The best tries of all, each somewhere else than those before it. */
@@ -284,7 +284,8 @@ static unsigned find_starts(const struct optimization *z, struct stage *s)
             for (unsigned other = 0; other < found && far; other++) {
                 double apart = 0;
                 for (size_t q = 0; q < z->own.n; q++)
-                    apart = fmax(apart, fabs(place_of(&z->own.number[q], a->value[q]) - s->start[other][q]));
+                    apart = fmax(apart,
+                                 fabs(place_in_range(&z->own.number[q], a->value[q]) - s->start[other][q]));
                 far = apart > 0.1;
             }
             if (far && (best == z->tries || cost_of(z, i) < cost_of(z, best)))
@@ -362,7 +363,7 @@ static int find_reference(struct optimization *z, struct apc_error *why)
     return 0;
 }
 
-static bool stopped(const struct optimization *z)
+static bool is_search_stopped(const struct optimization *z)
 {
     return atomic_load(&z->farm->stop);
 }
@@ -372,7 +373,7 @@ static int search(struct optimization *z, struct stage *s, struct apc_error *why
     const unsigned left = z->tries - SCATTERED - 1;
     int rc;
     s->jobs = SCATTERED + 1;
-    if ((rc = run_stage(s, scatter, why)) < 0 || (rc = find_reference(z, why)) < 0 || stopped(z))
+    if ((rc = run_stage(s, scatter, why)) < 0 || (rc = find_reference(z, why)) < 0 || is_search_stopped(z))
         return rc;
     *s = (struct stage){.z = z,
                         .first = SCATTERED + 1,
@@ -387,7 +388,7 @@ static int search(struct optimization *z, struct stage *s, struct apc_error *why
             s->weights[k].iae * LIGHTEST * ldexp(1, (int)(2 * k)); /* to 20 times as heavy as IAE */
         start_at(s, k, best_by(z, &s->weights[k]));
     }
-    if ((rc = run_stage(s, pursue, why)) < 0 || stopped(z))
+    if ((rc = run_stage(s, pursue, why)) < 0 || is_search_stopped(z))
         return rc;
     s->first += s->jobs * s->each;
     s->jobs = find_starts(z, s);

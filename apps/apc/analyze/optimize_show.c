@@ -91,7 +91,7 @@ static int show_lines(const struct optimization *z, const struct experiment *e, 
     return rc;
 }
 
-static void show_cost(const struct optimization *z, double took)
+static void show_search_cost(const struct optimization *z, double took)
 {
     unsigned tried = 0, unstable = 0;
     for (unsigned i = 0; i < z->tries; i++) {
@@ -115,7 +115,7 @@ static void show_cost(const struct optimization *z, double took)
 
 /* ---- For programs --------------------------------------------------------------------------- */
 
-static int put_csv(const struct optimization *z, struct apc_error *why)
+static int put_attempts_csv(const struct optimization *z, struct apc_error *why)
 {
     const char *path = z->own.csv;
     FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "we");
@@ -173,7 +173,7 @@ static void json_attempt(const struct optimization *z, const struct attempt *a)
     fputs("]}", stdout);
 }
 
-static void put_json(const struct optimization *z)
+static void put_optimum_json(const struct optimization *z)
 {
     putchar('{');
     print_json_text(stdout, "experiment", z->e.name);
@@ -214,7 +214,7 @@ static void put_point(FILE *script, const struct optimization *z, const char *na
     fputs("END\n", script);
 }
 
-static void put_blocks(FILE *script, const struct optimization *z)
+static void put_attempt_blocks(FILE *script, const struct optimization *z)
 {
     fputs("$tried << END\n", script);
     for (unsigned i = 0; i < z->tries; i++) {
@@ -270,12 +270,12 @@ static void put_ranges(FILE *script, const struct optimization *z)
     put_tics(script, "y", from[1], to[1]);
 }
 
-static void put_figure(FILE *script, void *ctx, bool first)
+static void put_attempts_figure(FILE *script, void *ctx, bool first)
 {
     const struct optimization *z = ctx;
     char x[APC_TAG_LEN + 64], y[APC_TAG_LEN + 64];
     if (first)
-        put_blocks(script, z);
+        put_attempt_blocks(script, z);
     snprintf(x, sizeof x,
              z->loops == 1 ? "effort: what the output moves in all" : "effort, 1: with the present numbers");
     snprintf(y, sizeof y, z->loops == 1 ? "IAE of %s" : "IAE, 1: with the present numbers%.0s",
@@ -338,20 +338,20 @@ int optimization_show(const struct optimization *z, double took, struct apc_erro
     int rc = optimization_load(z, best_of(z)->value, &e, why);
     if (rc < 0)
         return rc;
-    show_cost(z, took);
+    show_search_cost(z, took);
     if (show_numbers(z) < 0 || show_loops(z) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = show_lines(z, &e, why);
     if (z->own.json)
-        put_json(z);
+        put_optimum_json(z);
     if (rc == 0 && z->own.csv)
-        rc = put_csv(z, why);
+        rc = put_attempts_csv(z, why);
     if (rc == 0 && z->own.write)
         rc = put_file(z, &e, why);
     if (rc == 0 && z->own.figure &&
-        (rc = gnuplot_figure(z->own.figure, REPORT_WIDTH, HEIGHT, put_figure, (void *)(uintptr_t)z, why)) ==
-            0)
+        (rc = gnuplot_figure(z->own.figure, REPORT_WIDTH, HEIGHT, put_attempts_figure, (void *)(uintptr_t)z,
+                             why)) == 0)
         fprintf(z->talk, "figure:  %s.svg, %s.png\n", z->own.figure, z->own.figure);
     experiment_free(&e);
     return rc;

@@ -29,7 +29,7 @@ static const struct argp_option option_list[] = {
     {"apply", OPT_APPLY, NULL, 0, "Write what is suggested, as one change", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_tune_options(int key, char *arg, struct argp_state *state)
 {
     static const char *const rules[SUGGEST_RULES] = {"simc", "lambda", "relay"};
     struct suggest_options *o = state->input;
@@ -75,7 +75,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_tune_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec tune_spec = {
     .args_doc = "[NAME=VALUE...]",
@@ -181,7 +181,8 @@ static int parse_tunings(const struct cli *cli, struct change *changes)
     return EXIT_OK;
 }
 
-static int find_tuning(const struct cli *cli, const struct cli_tags *tags, const char *name, struct change *c)
+static int find_tuning_variable(const struct cli *cli, const struct cli_tags *tags, const char *name,
+                                struct change *c)
 {
     for (size_t i = 0; i < tags->n && !c->tag; i++)
         if (tags->tag[i].table == APC_TUNING && !strcmp(tags->tag[i].name, name))
@@ -206,7 +207,7 @@ static int tune(const struct cli *cli, struct apc_store *store, const struct cli
 {
     const struct operation o = {.plant = plant, .change = changes, .n = n};
     for (size_t i = 0; i < n; i++) {
-        int rc = find_tuning(cli, &plant->tags, cli->args[i], &changes[i]);
+        int rc = find_tuning_variable(cli, &plant->tags, cli->args[i], &changes[i]);
         if (rc != EXIT_OK)
             return rc;
         for (size_t j = 0; j < i; j++)

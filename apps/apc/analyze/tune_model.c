@@ -5,7 +5,8 @@
 #include "experiment/experiment.h"
 #include "tune.h"
 
-static int take(const struct model_file *f, const char *file, struct suggest_model *m, struct apc_error *why)
+static int take_transfer_functions(const struct model_file *f, const char *file, struct suggest_model *m,
+                                   struct apc_error *why)
 {
     if (!f->g)
         return apc_fail(
@@ -34,7 +35,7 @@ int suggest_read_model(const struct suggest_options *o, struct suggest_model *m,
     int rc = model_file_load(&file, o->model, why);
 
     if (rc == 0)
-        rc = take(&file, o->model, m, why);
+        rc = take_transfer_functions(&file, o->model, m, why);
     model_file_free(&file);
     return rc;
 }

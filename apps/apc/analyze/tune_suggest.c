@@ -81,7 +81,7 @@ static int identify(struct suggesting *z, const struct identify_data *data, stru
     return rc;
 }
 
-static int find_models(struct suggesting *z, struct apc_error *why)
+static int find_loop_models(struct suggesting *z, struct apc_error *why)
 {
     struct identify_wish wish = {.from = -HUGE_VAL};
     int rc;
@@ -132,8 +132,8 @@ static const struct apc_transfer *model_of(const struct suggesting *z, const cha
 
 /* ---- What a tuning does ---------------------------------------------------------------------- */
 
-static int answer(const struct apc_transfer *g, const struct apc_pid_tuning *t, double Ts, struct answer *a,
-                  struct apc_error *why)
+static int check_suggested_loop(const struct apc_transfer *g, const struct apc_pid_tuning *t, double Ts,
+                                struct answer *a, struct apc_error *why)
 {
     const double lasts = HORIZON * (g->tau[0] + g->tau[1] + g->dead_time + t->tau_i + Ts);
     const size_t n = lasts / Ts > STEPS ? STEPS : (size_t)(lasts / Ts);
@@ -168,9 +168,9 @@ static int answer(const struct apc_transfer *g, const struct apc_pid_tuning *t, 
 }
 
 /* @swings: what a relay has shown, or NULL. */
-static int find_tuning(const struct suggesting *z, const struct apc_transfer *g,
-                       const struct oscillation *swings, bool derivative, double Ts, struct apc_pid_tuning *t,
-                       struct apc_error *why)
+static int find_suggested_tuning(const struct suggesting *z, const struct apc_transfer *g,
+                                 const struct oscillation *swings, bool derivative, double Ts,
+                                 struct apc_pid_tuning *t, struct apc_error *why)
 {
     double gain, every;
 
@@ -187,7 +187,7 @@ static int find_tuning(const struct suggesting *z, const struct apc_transfer *g,
 /* ---- Loops ----------------------------------------------------------------------------------- */
 
 /* Where a loop's parameter is among those of its controller; NULL: the law has none of that name. */
-static double *parameter(const struct controller_loop *loop, const char *name, int *id)
+static double *loop_parameter(const struct controller_loop *loop, const char *name, int *id)
 {
     const struct controller *c = loop->of;
 
@@ -201,7 +201,7 @@ static double *parameter(const struct controller_loop *loop, const char *name, i
     return NULL;
 }
 
-static void add(const struct suggesting *z, struct suggestion *s, int id, double value)
+static void add_suggested_value(const struct suggesting *z, struct suggestion *s, int id, double value)
 {
     char text[40];
 
@@ -212,7 +212,8 @@ static void add(const struct suggesting *z, struct suggestion *s, int id, double
     (void)apc_number_parse(text, &s->value[s->n++]);
 }
 
-static void show(const char *loop, const char *which, const struct apc_pid_tuning *t, const struct answer *a)
+static void show_suggestion(const char *loop, const char *which, const struct apc_pid_tuning *t,
+                            const struct answer *a)
 {
     printf("%-8s %-8s %-10.4g %-8.4g %-8.4g ", loop, which, t->Kp, t->tau_i, t->tau_d);
     if (!a)
@@ -230,7 +231,7 @@ static int predict(struct suggesting *z, const char *output, const struct apc_tr
                    struct apc_error *why)
 {
     struct drawing *d = &z->drawing[z->drawings++];
-    int rc = answer(g, found, Ts, &d->then, why);
+    int rc = check_suggested_loop(g, found, Ts, &d->then, why);
 
     d->name = output;
     d->Ts = Ts;
@@ -241,9 +242,9 @@ static int predict(struct suggesting *z, const char *output, const struct apc_tr
                       output);
     if (rc < 0)
         return rc;
-    if (present->Kp != 0.0 && answer(g, present, Ts, &d->now, why) == 0)
-        show(output, "now", present, &d->now);
-    show(output, "then", found, &d->then);
+    if (present->Kp != 0.0 && check_suggested_loop(g, present, Ts, &d->now, why) == 0)
+        show_suggestion(output, "now", present, &d->now);
+    show_suggestion(output, "then", found, &d->then);
     return 0;
 }
 
@@ -280,8 +281,8 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
     const char *output = controllers_output(&z->e, *loop)->name;
     const char *measurement = z->e.y[c->y[loop->u].at].tag.name;
     int Kp_id, tau_i_id, tau_d_id;
-    double *Kp = parameter(loop, "Kp", &Kp_id), *tau_i = parameter(loop, "tau_i", &tau_i_id),
-           *tau_d = parameter(loop, "tau_d", &tau_d_id);
+    double *Kp = loop_parameter(loop, "Kp", &Kp_id), *tau_i = loop_parameter(loop, "tau_i", &tau_i_id),
+           *tau_d = loop_parameter(loop, "tau_d", &tau_d_id);
     const struct apc_transfer *error, *g = model_of(z, output, measurement, &error);
     const struct apc_pid_tuning present = {*Kp, *tau_i, tau_d ? *tau_d : 0.0};
     struct apc_pid_tuning found;
@@ -294,21 +295,21 @@ static int suggest_loop(struct suggesting *z, const struct controller_loop *loop
 
     if (rc < 0 && !by_relay)
         return rc;
-    rc = find_tuning(z, g, by_relay ? &swings : NULL, tau_d && second, Ts, &found, why);
+    rc = find_suggested_tuning(z, g, by_relay ? &swings : NULL, tau_d && second, Ts, &found, why);
     if (rc == 0 && modelled) {
         rc = predict(z, output, g, &present, &found, Ts, why);
     } else if (rc == 0) {
-        show(output, "now", &present, NULL);
-        show(output, "then", &found, NULL);
+        show_suggestion(output, "now", &present, NULL);
+        show_suggestion(output, "then", &found, NULL);
     }
     if (rc < 0)
         return rc;
     if (by_relay)
         z->swinging[z->n_swinging++] = (struct swinging){output, swings};
-    add(z, s, Kp_id, found.Kp);
-    add(z, s, tau_i_id, found.tau_i);
+    add_suggested_value(z, s, Kp_id, found.Kp);
+    add_suggested_value(z, s, tau_i_id, found.tau_i);
     if (tau_d)
-        add(z, s, tau_d_id, found.tau_d);
+        add_suggested_value(z, s, tau_d_id, found.tau_d);
     return 0;
 }
 
@@ -318,7 +319,7 @@ static bool is_pid(const struct controller_loop *loop)
     const struct controller *c = loop->of;
     int id;
 
-    return c->law && parameter(loop, "Kp", &id) && parameter(loop, "tau_i", &id) &&
+    return c->law && loop_parameter(loop, "Kp", &id) && loop_parameter(loop, "tau_i", &id) &&
            c->u[loop->u].table == APC_ACTUATOR && loop->u < c->dim.ny && c->y[loop->u].table == APC_SENSOR &&
            !c->shadow;
 }
@@ -396,7 +397,7 @@ static double until_of(const struct drawing *d)
     return 2.0 * fmax(fmax(now, then), 10.0 * d->Ts);
 }
 
-static void put_figure(FILE *script, void *ctx, bool first)
+static void put_step_figure(FILE *script, void *ctx, bool first)
 {
     const struct suggesting *z = ctx;
     const double height = TOP + FOOT + PANEL * (double)z->drawings;
@@ -426,7 +427,7 @@ static void put_figure(FILE *script, void *ctx, bool first)
     }
 }
 
-static int draw(struct suggesting *z, struct apc_error *why)
+static int draw_suggestions(struct suggesting *z, struct apc_error *why)
 {
     char file[600];
     int rc = z->drawings ? 0
@@ -439,7 +440,7 @@ static int draw(struct suggesting *z, struct apc_error *why)
     }
     return rc < 0 ? rc
                   : gnuplot_figure(z->o->figure, REPORT_WIDTH, TOP + FOOT + PANEL * (double)z->drawings,
-                                   put_figure, z, why);
+                                   put_step_figure, z, why);
 }
 
 int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_error *why)
@@ -453,7 +454,7 @@ int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_er
         return rc;
     z.model = calloc(1, sizeof *z.model);
     z.tags = z.model ? provision_tags(&z.e, &z.n_tags) : NULL;
-    rc = z.tags ? find_models(&z, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    rc = z.tags ? find_loop_models(&z, why) : apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = suggest_loops(&z, s, why);
     if (rc == 0) {
@@ -463,7 +464,7 @@ int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_er
         putchar('\n');
     }
     if (rc == 0 && o->figure)
-        rc = draw(&z, why);
+        rc = draw_suggestions(&z, why);
     for (size_t i = 0; i < z.drawings; i++) {
         free(z.drawing[i].now.y);
         free(z.drawing[i].then.y);

@@ -8,7 +8,7 @@
 #include "common/storeuri.h"
 #include "print.h"
 
-static int take(void *ctx, const struct apc_store_plant *plant)
+static int take_database_plant(void *ctx, const struct apc_store_plant *plant)
 {
     struct several *all = ctx;
     struct apc_store_plant *more = realloc(all->plant, (all->n + 1) * sizeof *more);
@@ -30,7 +30,7 @@ int several_load(struct several *all, const struct cli *cli)
         cli_error(cli, rc, "%s", why.text);
         return rc;
     }
-    rc = apc_store_plants(store, take, all);
+    rc = apc_store_plants(store, take_database_plant, all);
     if (rc < 0)
         cli_store_error(cli, rc, store);
     else if ((size_t)rc > all->n)
@@ -54,7 +54,7 @@ char *several_store(const struct cli *cli, const char *schema)
     return uri;
 }
 
-static void show_json(const struct several *all, apc_ns now)
+static void all_plants_json(const struct several *all, apc_ns now)
 {
     putchar('[');
     for (size_t i = 0; i < all->n; i++) {
@@ -78,7 +78,7 @@ int several_show(const struct cli *cli)
     int rc = several_load(&all, cli);
     const apc_ns now = apc_clock_utc(NULL);
     if (rc == 0 && cli->format == CLI_JSON) {
-        show_json(&all, now);
+        all_plants_json(&all, now);
     } else if (rc == 0) {
         print_table_open(&table, columns, 3);
         for (size_t i = 0; i < all.n; i++) {

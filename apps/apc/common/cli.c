@@ -173,7 +173,7 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
     cli_find_store(cli);
 }
 
-static void APC_PRINTF(2, 0) say(const struct cli *cli, const char *fmt, va_list args)
+static void APC_PRINTF(2, 0) say_prefixed(const struct cli *cli, const char *fmt, va_list args)
 {
     char *text = NULL;
 
@@ -189,7 +189,7 @@ int cli_error(const struct cli *cli, int err, const char *fmt, ...)
 {
     va_list args;
     va_start(args, fmt);
-    say(cli, fmt, args);
+    say_prefixed(cli, fmt, args);
     va_end(args);
     return exit_code_of(err);
 }
@@ -198,7 +198,7 @@ int cli_usage(const struct cli *cli, const char *fmt, ...)
 {
     va_list args;
     va_start(args, fmt);
-    say(cli, fmt, args);
+    say_prefixed(cli, fmt, args);
     va_end(args);
     fprintf(stderr, "Try `%s --help' for more information.\n", cli->command);
     return EXIT_USAGE;
@@ -417,8 +417,8 @@ static const struct apc_tag *find_mode(const struct cli_tags *tags, const char *
 
 /* "y" may be a measurement and what is set for it; no other two things are called the same without saying
  * which. */
-static int find_name(const struct cli *cli, const struct cli_tags *tags, const char *text,
-                     const struct apc_tag **found)
+static int find_settable_name(const struct cli *cli, const struct cli_tags *tags, const char *text,
+                              const struct apc_tag **found)
 {
     *found = find_mode(tags, text);
     if (*found)
@@ -471,7 +471,7 @@ int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *tex
              int *id)
 {
     const struct apc_tag *tag;
-    int rc = find_name(cli, tags, text, &tag);
+    int rc = find_settable_name(cli, tags, text, &tag);
     if (rc < 0)
         return rc;
     if (tag) {
@@ -493,7 +493,7 @@ static int no_room(const struct cli *cli)
 }
 
 /* Of the target modes those of the loops are shown, or of one loop what the paper calls its mode. */
-static bool is_shown(const struct apc_tag *tag, size_t loops)
+static bool is_tag_shown(const struct apc_tag *tag, size_t loops)
 {
     if (tag->table != APC_OPMODE)
         return true;
@@ -512,7 +512,7 @@ int cli_described(const struct cli *cli, const struct cli_tags *tags, const enum
         loops += cli_is_loop(&tags->tag[i]);
     for (; *tables; tables++)
         for (size_t i = 0; i < tags->n; i++)
-            if (tags->tag[i].table == *tables && is_shown(&tags->tag[i], loops))
+            if (tags->tag[i].table == *tables && is_tag_shown(&tags->tag[i], loops))
                 (*out)[n++] = (struct apc_sample){.table = *tables, .id = tags->tag[i].id};
     return n;
 }

@@ -24,7 +24,7 @@ bool reason_is_from(const struct loops *loops, const struct loops_controller *c,
 }
 
 /* What stands behind "NAME: " where @p text is about that loop, by its name or its output's; else NULL. */
-static const char *behind(const struct loops *loops, const struct loops_loop *l, const char *text)
+static const char *text_behind_name(const struct loops *loops, const struct loops_loop *l, const char *text)
 {
     const char *controller = loops->controller[l->controller].name;
     const size_t prefix = strlen(controller) + 1, n = strlen(l->name);
@@ -42,12 +42,12 @@ static const char *about(const struct search *s, const char *text)
 {
     const struct loops_controller *c = &s->loops->controller[s->loop->controller];
     for (size_t i = c->first; i < c->first + c->n; i++)
-        if (behind(s->loops, &s->loops->at[i], text))
-            return &s->loops->at[i] == s->loop ? behind(s->loops, s->loop, text) : NULL;
+        if (text_behind_name(s->loops, &s->loops->at[i], text))
+            return &s->loops->at[i] == s->loop ? text_behind_name(s->loops, s->loop, text) : NULL;
     return text;
 }
 
-static int take_event(void *ctx, const struct apc_event *e)
+static int take_reason_event(void *ctx, const struct apc_event *e)
 {
     struct search *s = ctx;
     const bool tells =
@@ -93,7 +93,7 @@ const char *reason_find(struct apc_store *store, const struct loops *loops, cons
     if (target->seq == 0 || actual->seq == 0 || (target->value == actual->value && !is_backup(actual)))
         return NULL;
     text[0] = '\0';
-    if (apc_store_events(store, &last, take_event, &s) < 0 || !text[0])
+    if (apc_store_events(store, &last, take_reason_event, &s) < 0 || !text[0])
         snprintf(text, REASON_LEN, "%s", plain(actual));
     return text;
 }

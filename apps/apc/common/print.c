@@ -177,7 +177,7 @@ static void lay_out(struct print_table *table, size_t column)
     l->width = l->before + l->after > heading ? l->before + l->after : heading;
 }
 
-static void put_text(FILE *out, enum print_ink ink, bool colour, const char *text)
+static void put_coloured_text(FILE *out, enum print_ink ink, bool colour, const char *text)
 {
     static const char *const codes[] = {
         [PRINT_HEADING] = "1", [PRINT_FAINT] = "2", [PRINT_WARN] = "33", [PRINT_ALARM] = "1;31"};
@@ -200,14 +200,14 @@ static void put_cell(FILE *out, const struct print_cell *cell, const struct prin
         lead = l->before - before_point(cell->text);
     if (width > 0) {
         fprintf(out, "%*s", *owed + lead, "");
-        put_text(out, cell->ink, colour, cell->text);
+        put_coloured_text(out, cell->ink, colour, cell->text);
         *owed = 0;
         width += lead;
     }
     *owed += l->width - width + 2;
 }
 
-static void put_row(FILE *out, const struct print_table *table, size_t row, bool colour)
+static void put_table_row(FILE *out, const struct print_table *table, size_t row, bool colour)
 {
     int owed = 0;
     for (size_t i = 0; i < table->n_columns; i++)
@@ -238,7 +238,7 @@ int print_table_show(struct print_table *table, FILE *out, bool colour, size_t m
     put_headings(out, table, colour);
     fputs(eol, out);
     for (size_t row = 0; row < rows && (most == 0 || row < most); row++) {
-        put_row(out, table, row, colour);
+        put_table_row(out, table, row, colour);
         fputs(eol, out);
     }
     return 0;

@@ -12,8 +12,8 @@ static const struct print_column columns[] = {
     {"active s", PRINT_POINT}, {"at the end", PRINT_LEFT}, {"message", PRINT_LEFT}};
 #define COLUMNS (sizeof columns / sizeof *columns)
 
-static void add(struct print_table *table, const struct alarm_figure *of, const struct alarm *alarm,
-                apc_ns start)
+static void add_alarm_row(struct print_table *table, const struct alarm_figure *of, const struct alarm *alarm,
+                          apc_ns start)
 {
     const char *state = apc_alarm_state_name(of->state);
     print_cell(table, PRINT_PLAIN, "%s", alarm->name);
@@ -46,7 +46,7 @@ int alarms_print(const struct alarm_figures *f, const struct experiment *e, apc_
     print_table_open(&table, columns, COLUMNS);
     for (size_t i = 0; i < f->n; i++)
         if (f->alarm[i].raised > 0)
-            add(&table, &f->alarm[i], &e->alarm[i], start);
+            add_alarm_row(&table, &f->alarm[i], &e->alarm[i], start);
     const int rc = table.n > 0 ? print_table_show(&table, out, false, MOST, "\n") : 0;
     print_table_close(&table);
     return rc;
@@ -54,7 +54,8 @@ int alarms_print(const struct alarm_figures *f, const struct experiment *e, apc_
 
 /* ---- For programs ------------------------------------------------------------------------- */
 
-static void json_alarm(const struct alarm_figure *of, const struct alarm *alarm, apc_ns start, FILE *out)
+static void alarm_figure_json(const struct alarm_figure *of, const struct alarm *alarm, apc_ns start,
+                              FILE *out)
 {
     fputc('{', out);
     print_json_text(out, "alarm", alarm->name);
@@ -88,7 +89,7 @@ void alarms_json(const struct alarm_figures *f, const struct experiment *e, apc_
         if (f->alarm[i].raised == 0)
             continue;
         fputs(first ? "" : ",", out);
-        json_alarm(&f->alarm[i], &e->alarm[i], start, out);
+        alarm_figure_json(&f->alarm[i], &e->alarm[i], start, out);
         first = false;
     }
     fputs("]}", out);

@@ -51,7 +51,7 @@ int figures_print(const struct figures *f, const struct course *c, const struct 
     return rc;
 }
 
-static void put_figures(FILE *out, const double *figure)
+static void put_figure_numbers(FILE *out, const double *figure)
 {
     for (int i = 0; i < METRICS; i++) {
         fputc(',', out);
@@ -97,7 +97,7 @@ void figures_json(const struct figures *f, const struct course *c, const struct 
         print_json_text(out, "loop", f->loop[loop].name);
         fputc(',', out);
         print_json_text(out, "unit", tag->unit);
-        put_figures(out, m->figure);
+        put_figure_numbers(out, m->figure);
         fputs(",\"parts\":[", out);
         for (size_t k = 0; k < f->n_parts; k++) {
             fputs(k ? ",{" : "{", out);
@@ -106,7 +106,7 @@ void figures_json(const struct figures *f, const struct course *c, const struct 
             print_json_number(out, "from_s", m->part[k].from);
             fputc(',', out);
             print_json_number(out, "until_s", m->part[k].to);
-            put_figures(out, m->part[k].figure);
+            put_figure_numbers(out, m->part[k].figure);
             fputc('}', out);
         }
         fputs("]}", out);

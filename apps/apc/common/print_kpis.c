@@ -5,7 +5,7 @@
 
 #include "print.h"
 
-static void put(struct print_table *table, double value)
+static void put_kpi(struct print_table *table, double value)
 {
     if (isnan(value))
         print_cell(table, PRINT_PLAIN, "-");
@@ -13,7 +13,7 @@ static void put(struct print_table *table, double value)
         print_cell(table, PRINT_PLAIN, "%.4g", value);
 }
 
-static int show(struct print_table *table, FILE *out)
+static int show_kpi_table(struct print_table *table, FILE *out)
 {
     int rc = table->n > 0 ? print_table_show(table, out, false, 0, "\n") : 0;
     print_table_close(table);
@@ -31,14 +31,14 @@ static int print_loops(const struct merits *m, FILE *out)
     for (size_t i = 0; i < m->n_loops; i++) {
         const struct merits_loop *l = &m->loop[i];
         print_cell(&table, PRINT_PLAIN, "%s", l->name);
-        put(&table, 100 * l->service);
-        put(&table, 100 * l->low);
-        put(&table, 100 * l->high);
-        put(&table, l->with);
-        put(&table, l->without);
-        put(&table, 100 * l->benefit);
+        put_kpi(&table, 100 * l->service);
+        put_kpi(&table, 100 * l->low);
+        put_kpi(&table, 100 * l->high);
+        put_kpi(&table, l->with);
+        put_kpi(&table, l->without);
+        put_kpi(&table, 100 * l->benefit);
     }
-    return show(&table, out);
+    return show_kpi_table(&table, out);
 }
 
 static int print_predictions(const struct merits *m, FILE *out)
@@ -53,12 +53,12 @@ static int print_predictions(const struct merits *m, FILE *out)
     for (size_t i = 0; i < m->n_predictions; i++) {
         const struct merits_prediction *p = &m->prediction[i];
         print_cell(&table, PRINT_PLAIN, "%s", p->name);
-        put(&table, p->step);
-        put(&table, p->first);
+        put_kpi(&table, p->step);
+        put_kpi(&table, p->first);
         print_cell(&table, PRINT_PLAIN, "%zu", p->length);
-        put(&table, p->last);
+        put_kpi(&table, p->last);
     }
-    return show(&table, out);
+    return show_kpi_table(&table, out);
 }
 
 static int print_limits(const struct merits *m, FILE *out)
@@ -73,12 +73,12 @@ static int print_limits(const struct merits *m, FILE *out)
     for (size_t i = 0; i < m->n_limits; i++) {
         const struct merits_limit *l = &m->limit[i];
         print_cell(&table, PRINT_PLAIN, "%s", l->name);
-        put(&table, 100 * l->low);
-        put(&table, 100 * l->high);
-        put(&table, 100 * l->falls);
-        put(&table, 100 * l->rises);
+        put_kpi(&table, 100 * l->low);
+        put_kpi(&table, 100 * l->high);
+        put_kpi(&table, 100 * l->falls);
+        put_kpi(&table, 100 * l->rises);
     }
-    return show(&table, out);
+    return show_kpi_table(&table, out);
 }
 
 int merits_print(const struct merits *m, FILE *out)
@@ -91,51 +91,51 @@ int merits_print(const struct merits *m, FILE *out)
 
 /* ---- For programs ------------------------------------------------------------------------- */
 
-static void member(FILE *out, const char *key, double value)
+static void number_member_json(FILE *out, const char *key, double value)
 {
     fputc(',', out);
     print_json_number(out, key, value);
 }
 
-static void json_loop(const struct merits_loop *l, FILE *out)
+static void loop_kpis_json(const struct merits_loop *l, FILE *out)
 {
     print_json_text(out, "loop", l->name);
-    member(out, "service", l->service);
-    member(out, "at_low", l->low);
-    member(out, "at_high", l->high);
-    member(out, "sd_in_service", l->with);
-    member(out, "sd_without", l->without);
-    member(out, "benefit", l->benefit);
+    number_member_json(out, "service", l->service);
+    number_member_json(out, "at_low", l->low);
+    number_member_json(out, "at_high", l->high);
+    number_member_json(out, "sd_in_service", l->with);
+    number_member_json(out, "sd_without", l->without);
+    number_member_json(out, "benefit", l->benefit);
 }
 
 static void json_prediction(const struct merits_prediction *p, FILE *out)
 {
     print_json_text(out, "variable", p->name);
-    member(out, "step_s", p->step);
+    number_member_json(out, "step_s", p->step);
     fprintf(out, ",\"steps\":%zu", p->length);
-    member(out, "rms_one_step", p->first);
-    member(out, "rms_all_steps", p->last);
+    number_member_json(out, "rms_one_step", p->first);
+    number_member_json(out, "rms_all_steps", p->last);
 }
 
 static void json_limit(const struct merits_limit *l, FILE *out)
 {
     print_json_text(out, "variable", l->name);
     fprintf(out, ",\"plans\":%llu", (unsigned long long)l->plans);
-    member(out, "low", l->low);
-    member(out, "high", l->high);
-    member(out, "falls", l->falls);
-    member(out, "rises", l->rises);
+    number_member_json(out, "low", l->low);
+    number_member_json(out, "high", l->high);
+    number_member_json(out, "falls", l->falls);
+    number_member_json(out, "rises", l->rises);
 }
 
 void merits_json(const struct merits *m, apc_ns start, FILE *out)
 {
     fputs("\"merits\":{", out);
     print_json_number(out, "from_s", apc_ns_to_s(m->from - start));
-    member(out, "until_s", apc_ns_to_s(m->until - start));
+    number_member_json(out, "until_s", apc_ns_to_s(m->until - start));
     fputs(",\"loops\":[", out);
     for (size_t i = 0; i < m->n_loops; i++) {
         fputs(i ? ",{" : "{", out);
-        json_loop(&m->loop[i], out);
+        loop_kpis_json(&m->loop[i], out);
         fputc('}', out);
     }
     fputs("],\"predictions\":[", out);

@@ -5,7 +5,7 @@
 
 #include "print.h"
 
-static void put(struct print_table *table, double value)
+static void put_predicted(struct print_table *table, double value)
 {
     if (isnan(value))
         print_cell(table, PRINT_PLAIN, "-");
@@ -13,13 +13,13 @@ static void put(struct print_table *table, double value)
         print_cell(table, PRINT_PLAIN, "%.6g", value);
 }
 
-static void put_row(struct print_table *table, const struct outlook_course *c, size_t k)
+static void put_prediction_row(struct print_table *table, const struct outlook_course *c, size_t k)
 {
     print_cell(table, PRINT_PLAIN, "%s", k == 0 ? c->name : "");
-    put(table, outlook_ahead(c, k));
-    put(table, c->expected[k]);
-    put(table, c->came[k]);
-    put(table, c->came[k] - c->expected[k]);
+    put_predicted(table, outlook_ahead(c, k));
+    put_predicted(table, c->expected[k]);
+    put_predicted(table, c->came[k]);
+    put_predicted(table, c->came[k] - c->expected[k]);
 }
 
 int outlook_print(const struct outlook *o, FILE *out)
@@ -34,8 +34,8 @@ int outlook_print(const struct outlook *o, FILE *out)
     for (size_t i = 0; i < o->n; i++) {
         const struct outlook_course *c = &o->course[i];
         for (size_t k = 1; k < c->n; k *= 2)
-            put_row(&table, c, k - 1);
-        put_row(&table, c, c->n - 1);
+            put_prediction_row(&table, c, k - 1);
+        put_prediction_row(&table, c, c->n - 1);
     }
     const int rc = table.n > 0 ? print_table_show(&table, out, false, 0, "\n") : 0;
     print_table_close(&table);

@@ -99,7 +99,7 @@ static const char *const exported[] = {"samples.csv",   COLUMNS_FILE,         "p
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 #define NEW          ".new"
 
-static void path_of(const char *dir, const char *name, const char *suffix, char path[PATH_LEN])
+static void path_in_folder(const char *dir, const char *name, const char *suffix, char path[PATH_LEN])
 {
     snprintf(path, PATH_LEN, "%.500s/%s%s", dir, name, suffix);
 }
@@ -231,7 +231,7 @@ void folder_discard(const char *dir, const struct experiment *e)
 {
     char path[PATH_LEN], name[RECORD_LAW_LEN];
     for (size_t i = 0; kept_file(e, i, name); i++) {
-        path_of(dir, kept_file(e, i, name), NEW, path);
+        path_in_folder(dir, kept_file(e, i, name), NEW, path);
         remove(path);
     }
     remove(dir); /* fails, as it should, when there is more in it */
@@ -239,7 +239,7 @@ void folder_discard(const char *dir, const struct experiment *e)
 
 /* ---- The record ----------------------------------------------------------------------------- */
 
-static void put_text(FILE *out, const char *name, const char *text)
+static void put_record_text(FILE *out, const char *name, const char *text)
 {
     char instead;
     fprintf(out, "%s = \"", name);
@@ -252,7 +252,7 @@ static void put_text(FILE *out, const char *name, const char *text)
     fputs("\"; ", out);
 }
 
-static void put_number(FILE *out, const char *name, double value)
+static void put_record_number(FILE *out, const char *name, double value)
 {
     char text[40];
     apc_number_format(value, text, sizeof text);
@@ -264,16 +264,16 @@ static int put_plugin(FILE *out, const char *dir, const char *file, const struct
 {
     char path[PATH_LEN], hash[RECORD_HASH_LEN];
     fputs("{ ", out);
-    put_text(out, "name", name);
+    put_record_text(out, "name", name);
     fprintf(out, "chosen = %s; ", plugin->chosen ? "true" : "false");
     if (is_file(plugin)) {
-        path_of(dir, file, "", path);
+        path_in_folder(dir, file, "", path);
         int rc = record_hash(path, hash, why);
         if (rc < 0)
             return rc;
-        put_text(out, "file", file);
-        put_text(out, "from", plugin->name);
-        put_text(out, "sha256", hash);
+        put_record_text(out, "file", file);
+        put_record_text(out, "from", plugin->name);
+        put_record_text(out, "sha256", hash);
     }
     fputs("}", out);
     return 0;
@@ -298,21 +298,21 @@ static void put_facts(FILE *out, const struct experiment *e, const struct folder
 {
     char start[APC_TIME_LEN];
     fputs("# What was in force in this run, beside what run.conf says.\n", out);
-    put_text(out, "by", facts->by);
-    put_text(out, "\nversion", apc_version());
+    put_record_text(out, "by", facts->by);
+    put_record_text(out, "\nversion", apc_version());
     if (facts->host) {
-        put_text(out, "\nhost", facts->host);
-        put_text(out, "\nstart", apc_time_format(facts->start, start));
-        put_text(out, "\ntimer", facts->timer);
-        put_text(out, "\nstore", facts->store);
+        put_record_text(out, "\nhost", facts->host);
+        put_record_text(out, "\nstart", apc_time_format(facts->start, start));
+        put_record_text(out, "\ntimer", facts->timer);
+        put_record_text(out, "\nstore", facts->store);
     }
     if (facts->live)
-        put_text(out, "\nlive", facts->live);
+        put_record_text(out, "\nlive", facts->live);
     fputc('\n', out);
-    put_number(out, "duration", e->duration);
+    put_record_number(out, "duration", e->duration);
     fprintf(out, "seed = %" PRId64 "L;\n", (int64_t)e->seed);
     if (e->net[0]) {
-        put_text(out, "net", e->net);
+        put_record_text(out, "net", e->net);
         fputc('\n', out);
     }
 }
@@ -322,14 +322,14 @@ static int write_record(const char *dir, const struct experiment *e, const struc
 {
     char path[PATH_LEN], hash[RECORD_HASH_LEN];
     struct file f;
-    path_of(dir, "run.conf", "", path);
+    path_in_folder(dir, "run.conf", "", path);
     int rc = record_hash(path, hash, why);
     if (rc < 0 || (rc = file_open(&f, dir, RECORD_FILE, why)) < 0)
         return rc;
     put_facts(f.stream, e, facts);
     fputs("experiment = { ", f.stream);
-    put_text(f.stream, "name", e->name);
-    put_text(f.stream, "sha256", hash);
+    put_record_text(f.stream, "name", e->name);
+    put_record_text(f.stream, "sha256", hash);
     fputs("};\n", f.stream);
     rc = put_laws(f.stream, dir, e, why);
     fputs("plant = ", f.stream);
@@ -347,7 +347,7 @@ static int write_end(const char *dir, double ended, struct apc_error *why)
     char path[PATH_LEN], *line = NULL;
     size_t size = 0;
     struct file f;
-    path_of(dir, RECORD_FILE, "", path);
+    path_in_folder(dir, RECORD_FILE, "", path);
     FILE *in = fopen(path, "re");
     if (!in)
         return apc_fail(why, APC_ESYS, "%s: cannot be read: %s", path, strerror(errno));
@@ -356,7 +356,7 @@ static int write_end(const char *dir, double ended, struct apc_error *why)
         while (getline(&line, &size, in) >= 0)
             if (strncmp(line, name, sizeof name - 1) != 0)
                 fputs(line, f.stream);
-        put_number(f.stream, name, ended);
+        put_record_number(f.stream, name, ended);
         rc = file_close(&f, 0, why);
     }
     free(line);
@@ -369,12 +369,12 @@ int folder_keep(const char *dir, const struct experiment *e, const struct folder
 {
     char from[PATH_LEN], to[PATH_LEN], name[RECORD_LAW_LEN];
     for (size_t i = 0; i < COUNT(exported); i++) {
-        path_of(dir, exported[i], "", to);
+        path_in_folder(dir, exported[i], "", to);
         remove(to);
     }
     for (size_t i = 0; kept_file(e, i, name); i++) {
-        path_of(dir, kept_file(e, i, name), NEW, from);
-        path_of(dir, kept_file(e, i, name), "", to);
+        path_in_folder(dir, kept_file(e, i, name), NEW, from);
+        path_in_folder(dir, kept_file(e, i, name), "", to);
         if (access(from, F_OK) != 0)
             remove(to);
         else if (rename(from, to) != 0)
@@ -393,8 +393,8 @@ int folder_spare(const char *path, bool force, struct apc_error *why)
 
 /* ---- Samples ------------------------------------------------------------------------------ */
 
-static int put_samples(const char *dir, const char *name, const struct samples *samples, apc_ns start,
-                       struct apc_error *why)
+static int put_samples_files(const char *dir, const char *name, const struct samples *samples, apc_ns start,
+                             struct apc_error *why)
 {
     struct file f;
     int rc = file_open(&f, dir, name, why);
@@ -417,7 +417,7 @@ static int export_samples(const char *dir, struct apc_store *store, const struct
     struct samples samples = {0};
     int rc = collected(samples_collect(&samples, store, e, range), store, "samples", why);
     if (rc == 0)
-        rc = put_samples(dir, "samples.csv", &samples, start, why);
+        rc = put_samples_files(dir, "samples.csv", &samples, start, why);
     *end = samples.n > 0 ? samples.at[samples.n - 1].time - start : 0;
     *end =
         (*end / APC_NS_PER_US + 1) * APC_NS_PER_US; /* the last one lies before it, also as it is written */
@@ -436,12 +436,12 @@ static int export_beside(const char *dir, const char *name, collect_fn *collect,
     struct samples samples = {0};
     int rc = collected(collect(&samples, store, e, range), store, name, why);
     if (rc == 0 && samples.n > 0)
-        rc = put_samples(dir, name, &samples, start, why);
+        rc = put_samples_files(dir, name, &samples, start, why);
     samples_free(&samples);
     return rc;
 }
 
-static void put_limit(FILE *out, double limit)
+static void put_record_limit(FILE *out, double limit)
 {
     char text[40] = "";
     if (limit > -APC_VALUE_MAX && limit < APC_VALUE_MAX)
@@ -466,8 +466,8 @@ static int export_signals(const char *dir, const struct experiment *e, struct ap
         csv_put_quoted(f.stream, tag[i].unit);
         fputc(',', f.stream);
         csv_put_quoted(f.stream, tag[i].description);
-        put_limit(f.stream, tag[i].low);
-        put_limit(f.stream, tag[i].high);
+        put_record_limit(f.stream, tag[i].low);
+        put_record_limit(f.stream, tag[i].high);
         fputc('\n', f.stream);
     }
     rc = file_close(&f, 0, why);
@@ -587,8 +587,8 @@ void folder_columns(const char *dir)
 {
     char csv[PATH_LEN], columns[PATH_LEN];
 
-    path_of(dir, "samples.csv", "", csv);
-    path_of(dir, COLUMNS_FILE, "", columns);
+    path_in_folder(dir, "samples.csv", "", csv);
+    path_in_folder(dir, COLUMNS_FILE, "", columns);
     apc_record_keep(csv, columns);
 }
 

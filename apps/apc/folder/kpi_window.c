@@ -8,7 +8,7 @@
 #include "record/record.h"
 #include "simulation/simulation.h"
 
-static int take_time(double t, apc_ns otherwise, const char *name, apc_ns *to, struct apc_error *why)
+static int take_window_time(double t, apc_ns otherwise, const char *name, apc_ns *to, struct apc_error *why)
 {
     *to = otherwise;
     return isnan(t) || apc_ns_from_s(t, to) == 0
@@ -31,7 +31,8 @@ static int nothing_recorded(struct apc_error *why)
                     "the window is empty: it ends before it begins, or nothing was recorded");
 }
 
-static int make(struct merits *m, struct merits_source *s, const struct experiment *e, struct apc_error *why)
+static int make_window_kpis(struct merits *m, struct merits_source *s, const struct experiment *e,
+                            struct apc_error *why)
 {
     struct loops loops;
     struct apc_tag *tag = provision_tags(e, &s->n_tags);
@@ -65,11 +66,12 @@ int window_of_run(struct merits *m, const struct experiment *e, const char *dir,
     if (rc == 0)
         rc = open_published(&s.published, dir, why);
     if (rc == 0)
-        rc = take_time(from, 0, "from", &s.from, why);
+        rc = take_window_time(from, 0, "from", &s.from, why);
     if (rc == 0)
-        rc = take_time(until, process.n > 0 ? process.at[process.n - 1].time + 1 : 0, "to", &s.until, why);
+        rc = take_window_time(until, process.n > 0 ? process.at[process.n - 1].time + 1 : 0, "to", &s.until,
+                              why);
     if (rc == 0)
-        rc = s.from < s.until ? make(m, &s, e, why) : nothing_recorded(why);
+        rc = s.from < s.until ? make_window_kpis(m, &s, e, why) : nothing_recorded(why);
     apc_store_close(s.published);
     samples_free(&operation);
     samples_free(&process);
@@ -101,7 +103,7 @@ int window_outlook_of_run(struct outlook *o, const struct experiment *e, const c
     apc_ns t = 0;
     struct apc_tag *tag = provision_tags(e, &n);
     *o = (struct outlook){0};
-    int rc = tag ? take_time(at, 0, "at", &t, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    int rc = tag ? take_window_time(at, 0, "at", &t, why) : apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = samples_read(&process, dir, "samples.csv", why);
     if (rc == 0)

@@ -32,7 +32,7 @@ static int tick_length(const struct controller *c)
 }
 
 /* Of each variable how often it comes. A setpoint comes as often as the controller above puts it out. */
-static struct apc_tag *list(const struct experiment *e, size_t *n)
+static struct apc_tag *list_written_variables(const struct experiment *e, size_t *n)
 {
     struct apc_tag *tags = provision_tags(e, n);
     for (size_t i = 0; tags && i < *n; i++) {
@@ -79,7 +79,7 @@ static void name_files(struct segment *s, const char *uri)
 int segment_plan(struct segment *s, const struct experiment *e, struct apc_error *why)
 {
     size_t n;
-    struct apc_tag *tags = list(e, &n);
+    struct apc_tag *tags = list_written_variables(e, &n);
     if (!tags)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     choose_size(s, e, tags, n);
@@ -94,7 +94,7 @@ int segment_plan(struct segment *s, const struct experiment *e, struct apc_error
 /* ---- Whose it is --------------------------------------------------------------------------- */
 
 /* Returns 1, 0 when there is none, APC_EBUSY, APC_ESYS. */
-static int take(struct segment *s, struct apc_error *why)
+static int take_left_segment(struct segment *s, struct apc_error *why)
 {
     s->lock = open(s->path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
     if (s->lock < 0)
@@ -111,7 +111,7 @@ static int take(struct segment *s, struct apc_error *why)
 int segment_own(struct segment *s, const char *dir, struct apc_error *why)
 {
     char here[PATH_MAX];
-    const int rc = take(s, why);
+    const int rc = take_left_segment(s, why);
     if (rc == 1 && realpath(dir, here) && symlink(here, s->folder) == 0)
         return 0;
     return rc < 0 ? rc : apc_fail(why, APC_ESYS, "%s: cannot be made: %s", s->folder, strerror(errno));
@@ -132,7 +132,7 @@ int segment_adopt(struct segment *s, const char *uri, struct apc_error *why)
         return 0;
     snprintf(s->uri, sizeof s->uri, "%.95s", uri);
     name_files(s, uri);
-    return take(s, why);
+    return take_left_segment(s, why);
 }
 
 static int is_link(const struct dirent *entry)

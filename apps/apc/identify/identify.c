@@ -74,8 +74,8 @@ static void parse_names(struct argp_state *state, char *arg, char **names, size_
     }
 }
 
-static double parse_number(struct argp_state *state, const char *option, const char *arg, double low,
-                           double high)
+static double parse_identify_number(struct argp_state *state, const char *option, const char *arg, double low,
+                                    double high)
 {
     double value;
 
@@ -93,7 +93,7 @@ static int parse_kind(struct argp_state *state, const char *arg)
     return KINDS;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_identify_options(int key, char *arg, struct argp_state *state)
 {
     struct identify_options *own = state->input;
     struct identify_wish *wish = &own->wish;
@@ -113,7 +113,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         parse_names(state, arg, wish->output, &wish->outputs);
         break;
     case OPT_PERIOD:
-        wish->period = parse_number(state, "period", arg, 1e-6, 1e6);
+        wish->period = parse_identify_number(state, "period", arg, 1e-6, 1e6);
         break;
     case OPT_FROM:
         own->from = arg;
@@ -122,7 +122,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         own->to = arg;
         break;
     case OPT_SHARE:
-        own->share = parse_number(state, "share", arg, 0.1, 0.9);
+        own->share = parse_identify_number(state, "share", arg, 0.1, 0.9);
         break;
     case OPT_VALIDATE:
         own->validate = arg;
@@ -131,7 +131,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         own->kind = parse_kind(state, arg);
         break;
     case OPT_ORDER:
-        own->order = (unsigned)parse_number(state, "order", arg, 1, 50);
+        own->order = (unsigned)parse_identify_number(state, "order", arg, 1, 50);
         break;
     case 'o':
         own->output = arg;
@@ -141,7 +141,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case OPT_SUGGEST:
         own->suggest = true;
-        own->tau_c = arg ? parse_number(state, "suggest", arg, 1e-9, 1e9) : 0.0;
+        own->tau_c = arg ? parse_identify_number(state, "suggest", arg, 1e-9, 1e9) : 0.0;
         break;
     case OPT_FIND:
         parse_names(state, arg, own->find, &own->finds);
@@ -171,7 +171,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_identify_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "RUN|STORE|FILE.csv[@FROM..TO]...",
@@ -247,7 +247,7 @@ static void part(const struct apc_record *r, const double *y0, double *run)
     }
 }
 
-static int judge(struct identification *z, struct identify_model *m)
+static int judge_model(struct identification *z, struct identify_model *m)
 {
     struct apc_record on = judged_on(z)->record;
     const size_t from = z->own.validate ? on.n / 10 : z->fitted;
@@ -270,7 +270,7 @@ static int judge(struct identification *z, struct identify_model *m)
     return rc;
 }
 
-static void drop(struct identify_model *m)
+static void drop_model(struct identify_model *m)
 {
     if (!m->identified) {
         apc_linear_destroy(m->linear);
@@ -283,7 +283,7 @@ static void drop(struct identify_model *m)
 }
 
 /* The first that is as good as the best; KINDS: there is none. */
-static int choose(const struct identification *z)
+static int choose_model(const struct identification *z)
 {
     double best = -HUGE_VAL;
 
@@ -295,7 +295,7 @@ static int choose(const struct identification *z)
     return KINDS;
 }
 
-static int find_models(struct identification *z)
+static int find_candidate_models(struct identification *z)
 {
     const size_t n = z->data.record.n;
     struct apc_record first;
@@ -314,14 +314,14 @@ static int find_models(struct identification *z)
             continue;
         rc = fit(m, k, &first, z->own.order);
         if (rc == 0)
-            rc = judge(z, m);
+            rc = judge_model(z, m);
         if (rc < 0)
-            drop(m);
+            drop_model(m);
     }
     free(memory);
     if (rc == APC_ENOMEM)
         return cli_error(&z->cli, rc, "out of memory");
-    z->chosen = choose(z);
+    z->chosen = choose_model(z);
     if (z->chosen < KINDS)
         return EXIT_OK; /* else none could be found: why the first could not */
     for (int k = 0; k < KINDS; k++)
@@ -333,7 +333,7 @@ static int find_models(struct identification *z)
 /* ---- Writing ------------------------------------------------------------------------------------------ */
 
 /* Whole or not at all. */
-static int write_file(const struct identification *z)
+static int write_identified_file(const struct identification *z)
 {
     const struct identify_model *m = &z->model[z->chosen];
     char part[600], comment[900], around[300] = "";
@@ -369,7 +369,7 @@ static int write_file(const struct identification *z)
     return EXIT_OK;
 }
 
-static int draw(const struct identification *z)
+static int draw_identified(const struct identification *z)
 {
     struct apc_error why;
     int rc = identify_figure(z->own.figure, &z->model[z->chosen], judged_on(z), &why);
@@ -413,17 +413,17 @@ int command_identify(int argc, char **argv)
         goto out;
     }
     if (rc == EXIT_OK)
-        rc = find_models(z);
+        rc = find_candidate_models(z);
     if (rc == EXIT_OK && z->own.output)
-        rc = write_file(z);
+        rc = write_identified_file(z);
     if (rc == EXIT_OK && z->own.figure)
-        rc = draw(z);
+        rc = draw_identified(z);
     if (rc == EXIT_OK)
         identify_show(z);
 out:
     rc = cli_done(&z->cli, rc);
     for (int k = 0; k < KINDS; k++)
-        drop(&z->model[k]);
+        drop_model(&z->model[k]);
     identify_data_free(&z->data);
     identify_data_free(&z->other);
     free(z);

@@ -107,7 +107,7 @@ static int take_date(struct reading *r, struct table *t, const char *text, apc_n
     return 0;
 }
 
-static int take_time(struct reading *r, struct table *t, double *seconds)
+static int take_csv_time(struct reading *r, struct table *t, double *seconds)
 {
     apc_ns date;
 
@@ -135,7 +135,7 @@ static int take_time(struct reading *r, struct table *t, double *seconds)
 static int read_row(struct reading *r, struct table *t)
 {
     double seconds = 0.0;
-    int rc = take_time(r, t, &seconds);
+    int rc = take_csv_time(r, t, &seconds);
 
     for (size_t i = 0; i < csv_columns(t->csv) && rc == 0; i++) {
         struct series *const s = t->of[i];
@@ -174,7 +174,7 @@ static int read_csv(struct reading *r)
 
 /* ---- Run folders ----------------------------------------------------------------------------------- */
 
-static int read_known(struct reading *r, struct known *known, size_t *n)
+static int read_known_columns(struct reading *r, struct known *known, size_t *n)
 {
     struct csv *csv;
     char path[600];
@@ -228,7 +228,7 @@ static int read_run(struct reading *r)
     struct series *of[COLUMNS_MOST] = {NULL};
     struct sorting sorting = {r, known, of, 0};
     char path[600];
-    int rc = known ? read_known(r, known, &sorting.n) : apc_fail(r->why, APC_ENOMEM, "out of memory");
+    int rc = known ? read_known_columns(r, known, &sorting.n) : apc_fail(r->why, APC_ENOMEM, "out of memory");
 
     if (rc == 0)
         rc = series_choose(r, known, sorting.n, of);

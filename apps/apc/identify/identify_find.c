@@ -106,7 +106,7 @@ static int take_signals(struct finding *f, struct apc_error *why)
 /* ---- Finding ------------------------------------------------------------------------------------------- */
 
 /* % of each output in what was not fitted to, around its mean there. */
-static void judge(struct finding *f)
+static void judge_found_parameters(struct finding *f)
 {
     const struct apc_record *all = &f->z->data.record;
 
@@ -136,7 +136,7 @@ static void judge(struct finding *f)
     }
 }
 
-static int find(struct finding *f, struct apc_error *why)
+static int find_parameters(struct finding *f, struct apc_error *why)
 {
     const struct apc_record *r = &f->z->data.record;
     struct apc_plant_options options = f->e.plant.options;
@@ -170,7 +170,7 @@ static int find(struct finding *f, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     rc = apc_identify_parameters(r, &sought, f->value, f->error, NULL, f->model.run, why);
     if (rc == 0)
-        judge(f);
+        judge_found_parameters(f);
     return rc;
 }
 
@@ -184,7 +184,7 @@ static const struct apc_param *param_of(const struct finding *f, size_t i)
     return f->which[i] < m->np ? &m->param[f->which[i]] : &dead_time;
 }
 
-static int show_text(const struct finding *f)
+static int show_found_text(const struct finding *f)
 {
     static const struct print_column columns[] = {{"parameter", PRINT_LEFT},
                                                   {"was", PRINT_POINT},
@@ -219,7 +219,7 @@ static int show_text(const struct finding *f)
     return rc;
 }
 
-static void show_json(const struct finding *f)
+static void show_found_json(const struct finding *f)
 {
     const struct identify_data *d = &f->z->data;
 
@@ -248,7 +248,7 @@ static void show_json(const struct finding *f)
     puts("]}");
 }
 
-static void show_csv(const struct finding *f)
+static void show_found_csv(const struct finding *f)
 {
     puts("parameter,was,value,standard_error");
     for (size_t i = 0; i < f->z->own.finds; i++) {
@@ -269,16 +269,16 @@ int identify_find(struct identification *z)
     if (!f)
         return cli_error(&z->cli, APC_ENOMEM, "out of memory");
     f->z = z;
-    rc = find(f, &why);
+    rc = find_parameters(f, &why);
     if (rc == 0 && z->own.figure)
         rc = identify_figure(z->own.figure, &f->model, &z->data, &why);
     if (rc == 0) {
         if (z->cli.format == CLI_JSON)
-            show_json(f);
+            show_found_json(f);
         else if (z->cli.format == CLI_CSV)
-            show_csv(f);
+            show_found_csv(f);
         else
-            rc = show_text(f) < 0 ? apc_fail(&why, APC_ENOMEM, "out of memory") : 0;
+            rc = show_found_text(f) < 0 ? apc_fail(&why, APC_ENOMEM, "out of memory") : 0;
     }
     if (rc < 0)
         rc = cli_error(&z->cli, rc, "%s: %s", z->cli.args[0], why.text);

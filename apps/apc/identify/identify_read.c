@@ -67,7 +67,7 @@ static double mean_interval(const struct series *s, double median)
 
 /* The median interval, or a part of it where samples are 2, 3, 2, 3, ... periods apart, to the microsecond;
  * so that it fits the whole series. */
-static int find_period(struct reading *r, const struct series *s, double *Ts, double *begin)
+static int find_sample_period(struct reading *r, const struct series *s, double *Ts, double *begin)
 {
     double *room = calloc(s->n + 1, sizeof *room), median;
     size_t near = 0;
@@ -191,7 +191,7 @@ static int sample(struct reading *r, struct identify_data *d)
     const struct series *first = &r->output[0];
     const double *time = first->t;
     double Ts, periods, *u, *y;
-    int rc = find_period(r, first, &Ts, &d->begin);
+    int rc = find_sample_period(r, first, &Ts, &d->begin);
 
     if (rc < 0 || !time)
         return rc;

@@ -28,8 +28,8 @@ static void cut_window(char *file, const char **from, const char **to)
 }
 
 /* In seconds of a file or in time of a store. */
-static int take_window(const struct cli *cli, const char *file, const char *from, const char *to,
-                       struct identify_wish *wish)
+static int take_record_window(const struct cli *cli, const char *file, const char *from, const char *to,
+                              struct identify_wish *wish)
 {
     wish->from = -HUGE_VAL;
     wish->to = 0.0;
@@ -66,8 +66,8 @@ static int compare_signals(const char *a, const char *b, size_t n, const char na
     return 0;
 }
 
-static int compare(const char *a, const struct identify_data *one, const char *b,
-                   const struct identify_data *other, struct apc_error *why)
+static int compare_records(const char *a, const struct identify_data *one, const char *b,
+                           const struct identify_data *other, struct apc_error *why)
 {
     const struct apc_record *r = &one->record, *q = &other->record;
     int rc;
@@ -92,13 +92,13 @@ static int read_record(struct identification *z, size_t i, struct identify_data 
     const char *first = z->cli.args[0], *file = z->cli.args[i];
     struct identify_wish wish = z->own.wish;
     double apart;
-    int rc = take_window(&z->cli, file, z->window[i].from, z->window[i].to, &wish);
+    int rc = take_record_window(&z->cli, file, z->window[i].from, z->window[i].to, &wish);
 
     if (rc != EXIT_OK)
         return rc;
     rc = identify_read(&data[i], file, &wish, why);
     if (rc == 0 && i > 0)
-        rc = compare(first, &data[0], file, &data[i], why);
+        rc = compare_records(first, &data[0], file, &data[i], why);
     apart = rc == 0 ? fabs(data[i].record.Ts / data[0].record.Ts - 1.0) : 0.0;
     if (apart > ONE_PERIOD)
         rc = apc_fail(
@@ -115,7 +115,7 @@ static int read_record(struct identification *z, size_t i, struct identify_data 
 }
 
 /* One behind the other. */
-static int join(struct identify_data *to, struct identify_data *data, size_t n)
+static int join_records(struct identify_data *to, struct identify_data *data, size_t n)
 {
     const size_t inputs = data[0].record.nu + data[0].record.nd, ny = data[0].record.ny;
     size_t samples = 0;
@@ -166,7 +166,7 @@ static int read_joined(struct identification *z)
     if (rc == EXIT_OK && n == 1) {
         z->data = data[0];
         data[0].memory = NULL;
-    } else if (rc == EXIT_OK && join(&z->data, data, n) < 0) {
+    } else if (rc == EXIT_OK && join_records(&z->data, data, n) < 0) {
         rc = cli_error(&z->cli, APC_ENOMEM, "out of memory");
     }
     for (size_t i = 0; i < n; i++)
@@ -190,11 +190,11 @@ int identify_read_all(struct identification *z)
     rc = read_joined(z);
     if (rc != EXIT_OK || !z->own.validate)
         return rc;
-    take_window(&z->cli, "", NULL, NULL, &wish);
+    take_record_window(&z->cli, "", NULL, NULL, &wish);
     wish.period = z->data.record.Ts;
     rc = identify_read(&z->other, z->own.validate, &wish, &why);
     if (rc == 0)
-        rc = compare(z->cli.args[0], &z->data, z->own.validate, &z->other, &why);
+        rc = compare_records(z->cli.args[0], &z->data, z->own.validate, &z->other, &why);
     return rc < 0 ? cli_error(&z->cli, rc, "%s", why.text) : EXIT_OK;
 }
 

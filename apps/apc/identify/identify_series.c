@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool grow(double **at, size_t room)
+static bool grow_series(double **at, size_t room)
 {
     double *more = reallocarray(*at, room, sizeof **at);
 
@@ -28,7 +28,7 @@ int series_add(struct reading *r, struct series *s, double t, double value)
     if (s->n == s->room) {
         const size_t room = s->room ? 2 * s->room : 1024;
 
-        if (!grow(&s->t, room) || !grow(&s->value, room))
+        if (!grow_series(&s->t, room) || !grow_series(&s->value, room))
             return apc_fail(r->why, APC_ENOMEM, "out of memory");
         s->room = room;
     }
@@ -43,8 +43,8 @@ static int rank(enum apc_table table)
     return table == APC_ACTUATOR ? 3 : table == APC_SETPOINT ? 2 : table == APC_SENSOR ? 1 : 0;
 }
 
-static int choose(struct reading *r, struct series *s, const struct known *known, size_t n, bool input,
-                  struct series **of)
+static int choose_signals(struct reading *r, struct series *s, const struct known *known, size_t n,
+                          bool input, struct series **of)
 {
     size_t found = n;
 
@@ -95,9 +95,9 @@ int series_choose(struct reading *r, const struct known *known, size_t n, struct
     if (rc == 0 && r->outputs == 0)
         rc = take_all(r, false, known, n);
     for (size_t i = 0; i < r->inputs && rc == 0; i++)
-        rc = choose(r, &r->input[i], known, n, true, of);
+        rc = choose_signals(r, &r->input[i], known, n, true, of);
     for (size_t i = 0; i < r->outputs && rc == 0; i++)
-        rc = choose(r, &r->output[i], known, n, false, of);
+        rc = choose_signals(r, &r->output[i], known, n, false, of);
     for (size_t i = 0; i < n && rc == 0; i++)
         if (of[i] == &r->output[0])
             r->period = known[i].period;

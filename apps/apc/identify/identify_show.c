@@ -248,8 +248,8 @@ static int show_pairs(const struct identification *z)
 }
 
 /* Of pair @p p: PI, and PID where there is a second lag. False: there is none. */
-static bool suggest(const struct identification *z, size_t p, bool derivative, struct apc_pid_tuning *t,
-                    struct apc_margins *m, struct apc_error *why)
+static bool suggest_pid_for_pair(const struct identification *z, size_t p, bool derivative,
+                                 struct apc_pid_tuning *t, struct apc_margins *m, struct apc_error *why)
 {
     const struct apc_transfer *g = &z->model[TRANSFER].g[p];
     const double period = z->data.record.Ts;
@@ -286,7 +286,7 @@ static int show_tunings(const struct identification *z)
     print_table_open(&t, columns, sizeof columns / sizeof *columns);
     for (size_t p = 0; p < inputs * z->data.record.ny; p++) {
         for (int derivative = 0; derivative < 2 && p % inputs < z->data.record.nu; derivative++) {
-            if (!suggest(z, p, derivative, &tuning, &m, &why))
+            if (!suggest_pid_for_pair(z, p, derivative, &tuning, &m, &why))
                 continue;
             print_cell(&t, PRINT_PLAIN, "%s", z->data.input[p % inputs]);
             print_cell(&t, PRINT_PLAIN, "%s", z->data.output[p / inputs]);
@@ -305,12 +305,12 @@ static int show_tunings(const struct identification *z)
     int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
     print_table_close(&t);
     for (size_t p = 0; p < inputs * z->data.record.ny; p++)
-        if (p % inputs < z->data.record.nu && !suggest(z, p, false, &tuning, &m, &why))
+        if (p % inputs < z->data.record.nu && !suggest_pid_for_pair(z, p, false, &tuning, &m, &why))
             printf("%s to %s: %s\n", z->data.input[p % inputs], z->data.output[p / inputs], why.text);
     return rc;
 }
 
-static void show_text(const struct identification *z)
+static void show_models_text(const struct identification *z)
 {
     const struct identify_model *m = &z->model[z->chosen];
     bool hangs = false;
@@ -331,7 +331,7 @@ static void show_text(const struct identification *z)
                          : "");
 }
 
-static void json_numbers(const char *key, const double *value, size_t n)
+static void numbers_member_json(const char *key, const double *value, size_t n)
 {
     printf("\"%s\":[", key);
     for (size_t i = 0; i < n; i++) {
@@ -346,7 +346,7 @@ static void json_transfer(const char *key, const struct apc_transfer *g)
     printf("\"%s\":{", key);
     print_json_number(stdout, "gain", g->gain);
     putchar(',');
-    json_numbers("tau", g->tau, 2);
+    numbers_member_json("tau", g->tau, 2);
     putchar(',');
     print_json_number(stdout, "dead_time", g->dead_time);
     putchar(',');
@@ -362,7 +362,7 @@ static void json_tunings(const struct identification *z, size_t p)
 
     fputs(",\"simc\":[", stdout);
     for (int derivative = 0, n = 0; derivative < 2; derivative++) {
-        if (!suggest(z, p, derivative, &t, &m, &why))
+        if (!suggest_pid_for_pair(z, p, derivative, &t, &m, &why))
             continue;
         fputs(n++ ? ",{" : "{", stdout);
         print_json_number(stdout, "Kp", t.Kp);
@@ -428,7 +428,7 @@ static void json_model(const struct identification *z, const struct identify_mod
     fputs(m->g ? "]}" : "}", stdout);
 }
 
-static void show_json(const struct identification *z)
+static void show_models_json(const struct identification *z)
 {
     bool more = false;
 
@@ -453,7 +453,7 @@ static void show_json(const struct identification *z)
     puts("]}");
 }
 
-static void show_csv(const struct identification *z)
+static void show_models_csv(const struct identification *z)
 {
     puts("model,output,fit,ahead,white,independent");
     for (int k = 0; k < KINDS; k++) {
@@ -477,9 +477,9 @@ static void show_csv(const struct identification *z)
 void identify_show(const struct identification *z)
 {
     if (z->cli.format == CLI_JSON)
-        show_json(z);
+        show_models_json(z);
     else if (z->cli.format == CLI_CSV)
-        show_csv(z);
+        show_models_csv(z);
     else
-        show_text(z);
+        show_models_text(z);
 }

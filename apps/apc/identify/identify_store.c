@@ -18,7 +18,7 @@ struct collecting {
     int rc;
 };
 
-static int collect(void *ctx, const struct apc_sample *row)
+static int collect_stored_row(void *ctx, const struct apc_sample *row)
 {
     struct collecting *c = ctx;
     struct series *s = c->to;
@@ -48,15 +48,15 @@ static int read_series(struct reading *r, struct apc_store *store, const struct 
     int rc = 0;
 
     if (input && wish->since > 0) /* what is in force when the window begins */
-        rc = apc_store_history(store, known->table, known->id, &before, collect, c);
+        rc = apc_store_history(store, known->table, known->id, &before, collect_stored_row, c);
     if (rc >= 0 && c->rc == 0)
-        rc = apc_store_history(store, known->table, known->id, &range, collect, c);
+        rc = apc_store_history(store, known->table, known->id, &range, collect_stored_row, c);
     if (c->rc < 0)
         return c->rc;
     return rc < 0 ? apc_fail(r->why, rc, "%s: %s", r->file, apc_store_error(store)) : 0;
 }
 
-static int read_known(struct reading *r, struct apc_store *store, struct known **known, size_t *n)
+static int read_known_variables(struct reading *r, struct apc_store *store, struct known **known, size_t *n)
 {
     struct apc_tag *tag = NULL;
     int there = apc_store_get_tags(store, NULL, 0);
@@ -96,7 +96,7 @@ int identify_read_store(struct reading *r)
     int rc = store_open(&store, r->file, &options, r->why);
 
     if (rc == 0)
-        rc = read_known(r, store, &known, &n);
+        rc = read_known_variables(r, store, &known, &n);
     if (rc == 0 && !(of = calloc(n + 1, sizeof(struct series *))))
         rc = apc_fail(r->why, APC_ENOMEM, "out of memory");
     if (rc == 0)

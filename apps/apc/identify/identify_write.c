@@ -12,7 +12,7 @@
 /* ---- The model file -------------------------------------------------------------------------------- */
 
 /* libconfig takes a number without a point for an integer. */
-static void put_number(FILE *out, double value)
+static void put_libconfig_float(FILE *out, double value)
 {
     char text[PRINT_LEN];
 
@@ -25,12 +25,12 @@ static void put_array(FILE *out, const double *value, size_t n)
     fputc('[', out);
     for (size_t i = 0; i < n; i++) {
         fputs(i ? ", " : "", out);
-        put_number(out, value[i]);
+        put_libconfig_float(out, value[i]);
     }
     fputc(']', out);
 }
 
-static void put_names(FILE *out, const char *key, const char (*name)[APC_TAG_LEN], size_t n)
+static void put_names_list(FILE *out, const char *key, const char (*name)[APC_TAG_LEN], size_t n)
 {
     fprintf(out, "%s = [", key);
     for (size_t i = 0; i < n; i++)
@@ -60,17 +60,17 @@ static void put_transfer(FILE *out, const struct identify_model *m, const struct
             continue;
         fprintf(out, "%s\n  { from = \"%s\"; to = \"%s\"; gain = ", n++ ? "," : "", d->input[i % inputs],
                 d->output[i / inputs]);
-        put_number(out, g->gain);
+        put_libconfig_float(out, g->gain);
         if (g->tau[0] > 0.0) {
             fputs("; tau = ", out);
             put_array(out, g->tau, g->tau[1] > 0.0 ? 2 : 1);
         }
         if (g->zero != 0.0) {
             fputs("; zero = ", out);
-            put_number(out, g->zero);
+            put_libconfig_float(out, g->zero);
         }
         fputs("; dead_time = ", out);
-        put_number(out, g->dead_time);
+        put_libconfig_float(out, g->dead_time);
         fprintf(out, "%s; }", g->integrating ? "; integrating = true" : "");
     }
     fputs(" );\n", out);
@@ -85,7 +85,7 @@ static void put_filter(FILE *out, const struct apc_identified *m)
     fputs("  error = [", out);
     for (size_t i = 0; i < ny; i++) {
         fputs(i ? ", " : "", out);
-        put_number(out, sqrt(m->covariance[i * (ny + 1)]));
+        put_libconfig_float(out, sqrt(m->covariance[i * (ny + 1)]));
     }
     fputs("];\n", out);
 }
@@ -102,15 +102,15 @@ void identify_write(FILE *out, const struct identify_model *model, const struct 
         if (identify_untold(model, p, untold, sizeof untold))
             fprintf(out, "# %s to %s: the record does not tell %s\n", data->input[p % inputs],
                     data->output[p / inputs], untold);
-    put_names(out, "inputs", data->input, inputs);
+    put_names_list(out, "inputs", data->input, inputs);
     fputc(' ', out);
-    put_names(out, "outputs", data->output, m->ny);
+    put_names_list(out, "outputs", data->output, m->ny);
     fputc('\n', out);
     if (model->g) {
         put_transfer(out, model, data);
     } else {
         fputs("state_space = {\n  period = ", out);
-        put_number(out, m->Ts);
+        put_libconfig_float(out, m->Ts);
         fputs(";\n", out);
         put_matrix(out, "A", m->A, m->nx, m->nx);
         put_matrix(out, "B", m->B, m->nx, inputs);
@@ -142,7 +142,7 @@ struct figure {
     const struct identify_data *data;
 };
 
-static void put_blocks(FILE *script, const struct figure *f)
+static void put_fit_blocks(FILE *script, const struct figure *f)
 {
     const struct apc_record *r = &f->data->record;
 
@@ -202,18 +202,18 @@ static void put_panels(FILE *script, const struct figure *f, double height)
     }
 }
 
-static double height_of(const struct apc_record *r)
+static double fit_figure_height(const struct apc_record *r)
 {
     return TOP + FOOT + PANEL * (double)(r->ny + r->nu + r->nd);
 }
 
-static void put_figure(FILE *script, void *ctx, bool first)
+static void put_fit_figure(FILE *script, void *ctx, bool first)
 {
     const struct figure *f = ctx;
 
     if (first)
-        put_blocks(script, f);
-    put_panels(script, f, height_of(&f->data->record));
+        put_fit_blocks(script, f);
+    put_panels(script, f, fit_figure_height(&f->data->record));
 }
 
 int identify_figure(const char *name, const struct identify_model *model, const struct identify_data *data,
@@ -221,5 +221,5 @@ int identify_figure(const char *name, const struct identify_model *model, const 
 {
     struct figure f = {model, data};
 
-    return gnuplot_figure(name, REPORT_WIDTH, height_of(&data->record), put_figure, &f, why);
+    return gnuplot_figure(name, REPORT_WIDTH, fit_figure_height(&data->record), put_fit_figure, &f, why);
 }

@@ -36,7 +36,7 @@ static int size_of(size_t n)
 }
 
 /* The eigenvalues of a[n * n], which is destroyed. */
-static int eigenvalues(double *a, size_t n, double complex *value)
+static int lapack_eigenvalues(double *a, size_t n, double complex *value)
 {
     double *re = calloc(n, sizeof *re), *im = calloc(n, sizeof *im);
     int rc = re && im ? 0 : APC_ENOMEM;
@@ -56,7 +56,7 @@ int linear_poles(const struct linear *sys, double complex *pole)
     if (!a)
         return APC_ENOMEM;
     memcpy(a, sys->a, sys->nx * sys->nx * sizeof *a);
-    int rc = eigenvalues(a, sys->nx, pole);
+    int rc = lapack_eigenvalues(a, sys->nx, pole);
     free(a);
     return rc;
 }
@@ -195,7 +195,7 @@ static int motion_of(struct subspace *z, double complex *zero)
                 z->motion[p * z->k + q] += z->v[i * z->k + p] * into[i * z->k + q];
         }
     if (rc == 0 && z->k > 0)
-        rc = eigenvalues(z->motion, z->k, zero);
+        rc = lapack_eigenvalues(z->motion, z->k, zero);
     free(f);
     free(left);
     free(into);

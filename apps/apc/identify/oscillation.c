@@ -12,12 +12,12 @@ struct chain {
     size_t n, at[LOOKED]; /* how many, and the samples of the last ones, the latest first */
 };
 
-static bool same(double a, double b)
+static bool is_same_level(double a, double b)
 {
     return fabs(a - b) <= 1e-9 * fmax(fabs(a), fabs(b));
 }
 
-static void add(struct chain *c, bool goes_on, size_t k)
+static void add_crossing(struct chain *c, bool goes_on, size_t k)
 {
     for (size_t i = LOOKED - 1; i > 0; i--)
         c->at[i] = c->at[i - 1];
@@ -34,9 +34,9 @@ static struct chain find_chain(const struct apc_record *r, const double *u, size
     for (size_t k = 1; k < r->n; k++) {
         const double was = u[(k - 1) * stride], is = u[k * stride];
 
-        if (same(was, is))
+        if (is_same_level(was, is))
             continue;
-        add(&now, same(is, before), k);
+        add_crossing(&now, is_same_level(is, before), k);
         before = was;
         best = now.n >= best.n ? now : best;
     }

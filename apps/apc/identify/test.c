@@ -54,8 +54,8 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static double parse_number(const struct argp_state *state, const char *option, const char *arg, double low,
-                           double high)
+static double parse_test_number(const struct argp_state *state, const char *option, const char *arg,
+                                double low, double high)
 {
     double value;
 
@@ -80,7 +80,7 @@ static void parse_amplitude(const struct argp_state *state, struct test_options 
 
     if (o->amplitudes == TEST_SIGNALS)
         argp_error(state, "--amplitude: more than %d", TEST_SIGNALS);
-    o->amplitude[o->amplitudes].value = parse_number(state, "amplitude", number, DBL_MIN, 1e300);
+    o->amplitude[o->amplitudes].value = parse_test_number(state, "amplitude", number, DBL_MIN, 1e300);
     o->amplitude[o->amplitudes++].name = equals ? arg : arg + strlen(arg);
     if (equals)
         *equals = '\0';
@@ -121,7 +121,7 @@ static void parse_signal(const struct argp_state *state, struct test_options *o,
     o->kind = (enum test_kind)kind;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_test_options(int key, char *arg, struct argp_state *state)
 {
     struct test_options *o = state->input;
 
@@ -139,10 +139,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         parse_guard(state, o, arg);
         break;
     case OPT_SETTLING:
-        o->settling = parse_number(state, "settling", arg, 1e-6, 1e9);
+        o->settling = parse_test_number(state, "settling", arg, 1e-6, 1e9);
         break;
     case 'd':
-        o->duration = parse_number(state, "duration", arg, 1e-6, 366 * 86400.0);
+        o->duration = parse_test_number(state, "duration", arg, 1e-6, 366 * 86400.0);
         break;
     case OPT_BAND:
         if (!parse_range(arg, &o->from, &o->to) || !(o->from > 0.0))
@@ -155,7 +155,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->out = arg;
         break;
     case 's':
-        o->seed = (uint64_t)parse_number(state, "seed", arg, 0, 0x1p53);
+        o->seed = (uint64_t)parse_test_number(state, "seed", arg, 0, 0x1p53);
         o->seeded = true;
         break;
     case OPT_NET:
@@ -180,7 +180,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_test_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE\n--live [FILE]",
@@ -198,15 +198,15 @@ static const struct cli_spec spec = {
 
 static volatile sig_atomic_t stop;
 
-static void on_signal(int number)
+static void on_test_signal(int number)
 {
     (void)number;
     stop = 1;
 }
 
-static void catch_signals(void)
+static void catch_test_signals(void)
 {
-    struct sigaction action = {.sa_handler = on_signal};
+    struct sigaction action = {.sa_handler = on_test_signal};
 
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
@@ -242,7 +242,7 @@ static int find_file(struct test *z, struct apc_error *why)
     return 0;
 }
 
-static int load(struct test *z, struct apc_error *why)
+static int load_test(struct test *z, struct apc_error *why)
 {
     const struct experiment_overrides overrides = {.set = z->own.set.at, .n_set = z->own.set.n};
     int rc = experiment_load(&z->e, z->file, EXPERIMENT_MODEL | EXPERIMENT_LAW, &overrides, why);
@@ -304,7 +304,7 @@ static const struct controller *slowest(const struct test *z)
     return found;
 }
 
-static int make_folder(struct test *z, struct apc_error *why)
+static int make_test_folder(struct test *z, struct apc_error *why)
 {
     char name[APC_TAG_LEN + 8];
     int rc = 0;
@@ -334,7 +334,7 @@ static int export_live(struct test *z, struct apc_error *why)
     return rc < 0 ? rc : folder_export(z->dir, z->store, &z->e, z->begin, 0, z->begin, z->bench.now, why);
 }
 
-static int leave(struct test *z, struct apc_error *why)
+static int leave_test_record(struct test *z, struct apc_error *why)
 {
     int rc = z->own.live ? export_live(z, why)
                          : simulation_export(&z->simulation, z->dir, "apc test", z->begin, why);
@@ -374,7 +374,7 @@ static void tell_next(const struct test *z)
     putchar('\n');
 }
 
-static int tell(struct test *z, struct apc_error *why)
+static int report_test_start(struct test *z, struct apc_error *why)
 {
     static const int code[] = {0, 0, APC_ERANGE, APC_EPERM, APC_ECONN};
     const bool recorded = z->begin > 0 && z->kept > 2;
@@ -382,7 +382,7 @@ static int tell(struct test *z, struct apc_error *why)
 
     test_gain_print(z);
     print_relay(z);
-    if (recorded && (rc = leave(z, why)) == 0)
+    if (recorded && (rc = leave_test_record(z, why)) == 0)
         tell_next(z);
     if (!recorded)
         folder_discard(z->dir, &z->e);
@@ -398,7 +398,7 @@ static int test(struct test *z, struct apc_error *why)
     int rc = find_file(z, why);
 
     if (rc == 0)
-        rc = load(z, why);
+        rc = load_test(z, why);
     if (rc == 0 && z->own.live)
         rc = open_live(z, why);
     if (rc < 0)
@@ -413,14 +413,14 @@ static int test(struct test *z, struct apc_error *why)
     if (rc == 0 && z->own.live)
         rc = claim_loops(z, why);
     if (rc == 0)
-        rc = make_folder(z, why);
+        rc = make_test_folder(z, why);
     if (rc < 0)
         return rc;
-    catch_signals();
+    catch_test_signals();
     rc = test_run(z, why);
     if (rc < 0)
         folder_discard(z->dir, &z->e);
-    return rc < 0 ? rc : tell(z, why);
+    return rc < 0 ? rc : report_test_start(z, why);
 }
 
 int command_test(int argc, char **argv)

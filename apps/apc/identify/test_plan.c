@@ -254,7 +254,7 @@ int test_plan(struct test *z, struct apc_error *why)
 /* ---- How far --------------------------------------------------------------------------------- */
 
 /* By which factor what is expected of measurement @p i would have to change. */
-static double fits(const struct test *z, size_t i, double *noise_factor)
+static double fitting_factor(const struct test *z, size_t i, double *noise_factor)
 {
     const struct test_guard *g = &z->guard[i];
     double expected = 0.0;
@@ -289,7 +289,7 @@ int test_plan_amplitudes(struct test *z, struct apc_error *why)
             return APC_EINVAL;
     }
     for (size_t i = 0; i < z->e.dim.ny; i++)
-        factor = fmin(factor, fits(z, i, &noise));
+        factor = fmin(factor, fitting_factor(z, i, &noise));
     factor = fmin(factor, fmin(fmax(noise, 1.0), GREATER));
     for (size_t k = 0; k < z->moves; k++) {
         struct test_move *m = &z->move[k];

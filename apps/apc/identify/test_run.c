@@ -22,7 +22,7 @@ static struct apc_sample *row_of(const struct test *z, size_t move, enum test_ro
     return &z->row[z->e.dim.ny + z->e.dim.nu + TEST_ROWS * move + which];
 }
 
-static bool same(double a, double b)
+static bool is_same_number(double a, double b)
 {
     return fabs(a - b) <= ALIKE * (1.0 + fabs(b));
 }
@@ -37,7 +37,7 @@ static int end_early(struct test *z, enum test_end end, const struct apc_error *
     return 1;
 }
 
-static void name_rows(struct test *z)
+static void name_test_rows(struct test *z)
 {
     for (size_t i = 0; i < z->e.dim.ny; i++)
         z->row[i] = (struct apc_sample){.table = APC_SENSOR, .id = (int)i + 1};
@@ -54,7 +54,7 @@ static void name_rows(struct test *z)
 }
 
 /* To the next sample. Returns 0, or 1: the test is over. */
-static int look(struct test *z)
+static int wait_for_sample(struct test *z)
 {
     struct apc_error why;
 
@@ -63,7 +63,7 @@ static int look(struct test *z)
     return *z->bench.stop ? end_early(z, TEST_STOPPED, NULL) : 0;
 }
 
-static void keep(struct test *z)
+static void keep_sample_row(struct test *z)
 {
     const size_t nu = z->e.dim.nu, ny = z->e.dim.ny;
 
@@ -89,7 +89,7 @@ static struct action writing(enum apc_table table, int id, double value)
     return (struct action){.kind = ACTION_WRITE, .to = {.table = table, .id = id, .value = value}, .n = 1};
 }
 
-static int put(struct test *z, const struct action *action)
+static int put_test_action(struct test *z, const struct action *action)
 {
     struct apc_error why;
     return test_bench_do(&z->bench, action, &why) < 0 ? end_early(z, TEST_LOST, &why) : 0;
@@ -98,7 +98,7 @@ static int put(struct test *z, const struct action *action)
 static int move_to(struct test *z, struct test_move *m, double value)
 {
     const struct action action = writing(m->tag.table, m->tag.id, value);
-    int rc = same(value, m->written) ? 0 : put(z, &action);
+    int rc = is_same_number(value, m->written) ? 0 : put_test_action(z, &action);
 
     m->written = rc == 0 ? value : m->written;
     return rc;
@@ -120,7 +120,7 @@ static int hold_setpoints(struct test *z)
         if (owner.seq > 0 && loops_is_local(&owner))
             continue;
         z->held[z->n_held++] = loops->scheduled[i];
-        if (put(z, &local) != 0)
+        if (put_test_action(z, &local) != 0)
             return 1;
     }
     return 0;
@@ -200,18 +200,18 @@ static void find_bases(struct test *z, const double *sum, size_t n)
     }
 }
 
-static int rest(struct test *z, struct apc_error *why)
+static int wait_at_rest(struct test *z, struct apc_error *why)
 {
     double sum[TEST_SIGNALS] = {0.0};
     const size_t from = z->own.live ? 0 : z->rest / 2;
     int rc = 0;
 
-    if (look(z) != 0 || hold_setpoints(z) != 0)
+    if (wait_for_sample(z) != 0 || hold_setpoints(z) != 0)
         return 0;
     for (size_t k = 0; k < z->rest; k++) {
-        if (look(z) != 0)
+        if (wait_for_sample(z) != 0)
             return 0;
-        keep(z);
+        keep_sample_row(z);
         for (size_t i = 0; i < z->moves && k >= from; i++)
             sum[i] += row_of(z, i, TEST_OUTPUT)->value;
     }
@@ -229,13 +229,13 @@ static bool all_in_mode(const struct test *z)
 {
     for (size_t k = 0; k < z->moves; k++) {
         const double wanted = z->move[k].tag.table == APC_MANUAL ? APC_MODE_MAN : APC_MODE_AUTO;
-        if (!same(row_of(z, k, TEST_ACTUAL)->value, wanted))
+        if (!is_same_number(row_of(z, k, TEST_ACTUAL)->value, wanted))
             return false;
     }
     return true;
 }
 
-static void take(struct test *z)
+static void take_over_loop(struct test *z)
 {
     struct apc_error why;
 
@@ -244,11 +244,11 @@ static void take(struct test *z)
         const double wanted = m->tag.table == APC_MANUAL ? APC_MODE_MAN : APC_MODE_AUTO;
         const struct action mode = writing(APC_OPMODE, m->loop->id, wanted);
         m->taken = true;
-        if (!same(m->mode, wanted) && put(z, &mode) != 0)
+        if (!is_same_number(m->mode, wanted) && put_test_action(z, &mode) != 0)
             return;
     }
     for (int i = 0; i < PATIENCE && !(i > 0 && all_in_mode(z)); i++)
-        if (look(z) != 0)
+        if (wait_for_sample(z) != 0)
             return;
     if (!all_in_mode(z)) {
         apc_fail(&why, APC_EPERM, "a loop does not come to the mode of the test: see apc status");
@@ -262,7 +262,7 @@ static void take(struct test *z)
 
 /* ---- The signal ------------------------------------------------------------------------------ */
 
-static int watch(struct test *z)
+static int watch_test_limits(struct test *z)
 {
     const size_t ny = z->e.dim.ny;
     struct apc_error why;
@@ -287,8 +287,8 @@ static int watch(struct test *z)
     for (size_t k = 0; k < z->moves; k++) {
         struct test_move *m = &z->move[k];
         const double wanted = m->tag.table == APC_MANUAL ? APC_MODE_MAN : APC_MODE_AUTO;
-        if (same(row_of(z, k, TEST_WRITTEN)->value, m->written) &&
-            same(row_of(z, k, TEST_TARGET)->value, wanted))
+        if (is_same_number(row_of(z, k, TEST_WRITTEN)->value, m->written) &&
+            is_same_number(row_of(z, k, TEST_TARGET)->value, wanted))
             continue;
         m->taken = false; /* it is somebody else's */
         apc_fail(&why, APC_EPERM, "somebody else has moved %s, or changed its mode", m->name);
@@ -320,7 +320,7 @@ static bool tells(const struct test *z)
     return z->own.live || isatty(STDERR_FILENO);
 }
 
-static void show(struct test *z, double share, bool last)
+static void show_test_progress(struct test *z, double share, bool last)
 {
     static const char full[] = "########################", empty[] = "........................";
     const bool terminal = isatty(STDERR_FILENO);
@@ -353,7 +353,7 @@ static int put_levels(struct test *z, double k)
     return 0;
 }
 
-static void carry_out(struct test *z)
+static void carry_out_test(struct test *z)
 {
     const double whole = (double)(z->lead + z->n);
     size_t looks = 1;
@@ -361,21 +361,21 @@ static void carry_out(struct test *z)
     z->begin = z->bench.now;
     z->kept = 0;
     for (double k = 0.0; k < whole;) {
-        if (look(z) != 0)
+        if (wait_for_sample(z) != 0)
             return;
         k = round(apc_ns_to_s(z->bench.now - z->begin) / z->Ts) - 1.0;
-        keep(z);
-        if (watch(z) != 0 || k >= whole || put_levels(z, k - (double)z->lead) != 0 ||
+        keep_sample_row(z);
+        if (watch_test_limits(z) != 0 || k >= whole || put_levels(z, k - (double)z->lead) != 0 ||
             (z->own.kind == TEST_RELAY && apc_relay_settled(&z->relay)))
             break;
         if (tells(z) && k * LOOKS > (double)looks * whole) {
             looks++;
             test_gain_find(z);
         }
-        show(z, k / whole, false);
+        show_test_progress(z, k / whole, false);
     }
     test_gain_find(z);
-    show(z, (double)z->kept / (whole + 1.0), true);
+    show_test_progress(z, (double)z->kept / (whole + 1.0), true);
 }
 
 /* ---- Giving back ----------------------------------------------------------------------------- */
@@ -413,13 +413,13 @@ static int give_back_moves(struct test *z)
     for (size_t k = 0; k < z->moves && rc == 0; k++) {
         const struct test_move *m = &z->move[k];
         const struct action to = writing(APC_OPMODE, m->loop->id, m->mode);
-        if (m->taken && !same(m->mode, m->tag.table == APC_MANUAL ? APC_MODE_MAN : APC_MODE_AUTO))
+        if (m->taken && !is_same_number(m->mode, m->tag.table == APC_MANUAL ? APC_MODE_MAN : APC_MODE_AUTO))
             rc = put_surely(z, &to);
     }
     return rc;
 }
 
-static void give_back(struct test *z)
+static void give_back_loop(struct test *z)
 {
     int rc;
 
@@ -453,17 +453,17 @@ int test_run(struct test *z, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < ny * nu; i++)
         z->found[i] = (double)NAN;
-    name_rows(z);
-    rc = rest(z, why);
+    name_test_rows(z);
+    rc = wait_at_rest(z, why);
     if (rc == 0 && z->end == TEST_WHOLE)
         rc = test_plan_levels(z, why);
     if (rc == 0 && z->end == TEST_WHOLE) {
         test_plan_print(z);
         fflush(stdout);
-        take(z);
+        take_over_loop(z);
     }
     if (rc == 0 && z->end == TEST_WHOLE)
-        carry_out(z);
-    give_back(z);
+        carry_out_test(z);
+    give_back_loop(z);
     return rc;
 }

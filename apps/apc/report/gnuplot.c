@@ -139,7 +139,7 @@ struct figure {
     void *ctx;
 };
 
-static int put_figure(FILE *script, void *ctx)
+static int put_gnuplot_script(FILE *script, void *ctx)
 {
     const struct figure *f = ctx;
 
@@ -173,5 +173,5 @@ int gnuplot_figure(const char *name, double width, double height,
         snprintf(dir, sizeof dir, "%.*s", slash == name ? 1 : (int)(slash - name), name);
     if (!*f.name || strlen(f.name) > 280 || (size_t)(f.name - name) >= sizeof dir)
         return apc_fail(why, APC_EINVAL, "%s: that is no name for a figure", name);
-    return gnuplot_draw(dir, put_figure, &f, f.name, why);
+    return gnuplot_draw(dir, put_gnuplot_script, &f, f.name, why);
 }

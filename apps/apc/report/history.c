@@ -23,7 +23,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_history_options(int key, char *arg, struct argp_state *state)
 {
     struct history_options *o = state->input;
     double number;
@@ -49,7 +49,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp own = {option_list, parse_history_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
@@ -73,7 +73,7 @@ struct rows {
 };
 
 /* Who wrote a row; "": nobody said, or no name can be had. Who writes once often writes again. */
-static const char *author_of(struct rows *r, uint32_t author)
+static const char *author_of_row(struct rows *r, uint32_t author)
 {
     if (author == 0)
         return "";
@@ -84,7 +84,7 @@ static const char *author_of(struct rows *r, uint32_t author)
     return author == r->author ? r->name : "";
 }
 
-static void begin(const struct rows *r, const char *csv, const char *heading)
+static void begin_rows(const struct rows *r, const char *csv, const char *heading)
 {
     if (r->format == CLI_CSV)
         puts(csv);
@@ -100,7 +100,7 @@ static void next(struct rows *r)
 }
 
 /* After a failure in the middle too: what stands there is JSON. */
-static void end(const struct rows *r)
+static void end_rows(const struct rows *r)
 {
     if (r->format == CLI_JSON)
         puts(r->n == 0 ? "[]" : "\n]");
@@ -116,7 +116,7 @@ static int put_sample(void *ctx, const struct apc_sample *s)
         print_sample_csv(stdout, s);
         return ferror(stdout);
     }
-    const char *author = author_of(r, s->author);
+    const char *author = author_of_row(r, s->author);
     if (r->format == CLI_JSON) {
         putchar('{');
         print_sample_members(stdout, s, NULL, 0);
@@ -137,7 +137,7 @@ static int put_sample(void *ctx, const struct apc_sample *s)
     return ferror(stdout);
 }
 
-static void put_field(const char *text, int width)
+static void put_csv_text(const char *text, int width)
 {
     print_clean(stdout, text);
     printf("%*s", (int)strlen(text) < width ? width - (int)strlen(text) + 2 : 2, "");
@@ -155,8 +155,8 @@ static int put_event(void *ctx, const struct apc_event *e)
         print_event_csv(stdout, e);
     else {
         printf("%s  %-8s  ", apc_time_format(e->time, time), print_severity(e->severity));
-        put_field(e->source, 14);
-        put_field(e->kind, 8);
+        put_csv_text(e->source, 14);
+        put_csv_text(e->kind, 8);
         print_clean(stdout, e->text);
         putchar('\n');
     }
@@ -169,7 +169,7 @@ static int show_variable(const struct cli *cli, struct apc_store *store, const s
     if (cli->format == CLI_TEXT && cli->n_args > 1)
         printf("%s%s\n", rows->n > 0 ? "\n" : "", name);
     if (cli->format == CLI_TEXT)
-        begin(rows, "", "TIME                                VALUE  STATUS");
+        begin_rows(rows, "", "TIME                                VALUE  STATUS");
     int rc = apc_store_history(store, variable->table, variable->id, range, put_sample, rows);
     if (rc < 0)
         return cli_store_error(cli, rc, store);
@@ -193,18 +193,19 @@ static int show_variables(const struct cli *cli, struct apc_store *store, const 
     for (int i = 0; i < n && rc == EXIT_OK; i++)
         rc = show_variable(cli, store, &variables[i], cli->args[i], range, rows);
     if (n > 0)
-        end(rows);
+        end_rows(rows);
     free(variables);
     cli_tags_free(&tags);
     return rc;
 }
 
-static int show_events(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
-                       struct rows *rows)
+static int show_event_history(const struct cli *cli, struct apc_store *store, const struct apc_range *range,
+                              struct rows *rows)
 {
-    begin(rows, PRINT_EVENT_HEADER, "TIME                         SEVERITY  SOURCE          KIND      TEXT");
+    begin_rows(rows, PRINT_EVENT_HEADER,
+               "TIME                         SEVERITY  SOURCE          KIND      TEXT");
     int rc = apc_store_events(store, range, put_event, rows);
-    end(rows);
+    end_rows(rows);
     return rc < 0 ? cli_store_error(cli, rc, store) : EXIT_OK;
 }
 
@@ -228,7 +229,7 @@ int command_history(int argc, char **argv)
     struct rows rows = {.format = cli.format, .colour = cli_colour(), .cli = &cli};
     int rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK && options.events)
-        rc = show_events(&cli, store, &range, &rows);
+        rc = show_event_history(&cli, store, &range, &rows);
     else if (rc == EXIT_OK)
         rc = show_variables(&cli, store, &range, &rows);
     if (rc == EXIT_OK && apc_store_error(store)[0])

@@ -28,7 +28,7 @@ struct report_options {
 
 enum { OPT_FROM = 0x400, OPT_TO, OPT_AT };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_report_options(int key, char *arg, struct argp_state *state)
 {
     struct report_options *o = state->input;
     switch (key) {
@@ -63,7 +63,7 @@ static const struct argp_option option_list[] = {
      "figure",
      0},
     {0}};
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_report_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[DIR]",
@@ -170,7 +170,7 @@ static int report_window(const struct cli *cli, const struct report_options *o, 
 }
 
 /* Of a store's history. */
-static int report_store(const struct cli *cli, const struct report_options *o)
+static int report_of_store(const struct cli *cli, const struct report_options *o)
 {
     struct merits merits = {0};
     struct apc_store *store = NULL;
@@ -250,7 +250,7 @@ static int report_outlook_of_store(const struct cli *cli, const struct report_op
     return exit_code_of(rc);
 }
 
-static int put_figures(const char *dir, const struct experiment *e, bool json, struct apc_error *why)
+static int put_run_figures(const char *dir, const struct experiment *e, bool json, struct apc_error *why)
 {
     struct figures figures = {0};
     struct merits merits = {0};
@@ -296,8 +296,8 @@ int command_report(int argc, char **argv)
     if (options.at && (options.from || options.to))
         return cli_usage(&cli, "--at is of one time: without --from and --to");
     if (cli.n_args == 0)
-        return cli_done(&cli,
-                        options.at ? report_outlook_of_store(&cli, &options) : report_store(&cli, &options));
+        return cli_done(&cli, options.at ? report_outlook_of_store(&cli, &options)
+                                         : report_of_store(&cli, &options));
     const bool json = options.json;
     int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
     snprintf(path, sizeof path, "%.580s/samples.csv", cli.args[0]);
@@ -314,7 +314,7 @@ int command_report(int argc, char **argv)
     struct apc_error unread;
     const int drawn = rc == 0 && !json ? report_leave(&cli, cli.args[0], &e, e.title, NULL, &unread) : 0;
     if (rc == 0)
-        rc = put_figures(cli.args[0], &e, json, &why);
+        rc = put_run_figures(cli.args[0], &e, json, &why);
     experiment_free(&e);
     if (rc < 0)
         return cli_error(&cli, rc, "%s", why.text);

@@ -20,7 +20,7 @@ static int write_figure(FILE *script, void *ctx)
 }
 
 /* A horizon before and one after what was expected: at the length of a run nobody could see it. */
-static void look_around(struct report_data *data, const struct outlook *expected)
+static void show_prediction_horizon(struct report_data *data, const struct outlook *expected)
 {
     double begin = HUGE_VAL, end = 0;
     for (size_t i = 0; i < expected->n; i++) {
@@ -40,7 +40,7 @@ int report_leave(const struct cli *cli, const char *dir, const struct experiment
     const int read = report_read(&f.data, dir, why);
 
     if (read == 0 && expected)
-        look_around(&f.data, expected);
+        show_prediction_horizon(&f.data, expected);
     const int drawn = read == 0 ? gnuplot_draw(dir, write_figure, &f, "report", why) : read;
     report_free(&f.data);
     if (read == 0 && drawn < 0)

@@ -29,7 +29,7 @@ static void widen(struct curve_of *c, const struct report_series *series, bool b
     }
 }
 
-static const struct report_series *series_of(const struct report_group *group, size_t i)
+static const struct report_series *series_of_group(const struct report_group *group, size_t i)
 {
     return i < group->n && group->series[i].n > 0 ? &group->series[i] : NULL;
 }
@@ -45,13 +45,13 @@ static void add_setpoints(struct report_panels *p, struct curve_of *c, const str
             own = &loop[k];
     if (!own)
         return;
-    c->wanted = series_of(&p->data->z, own->z);
+    c->wanted = series_of_group(&p->data->z, own->z);
     c->setpoint = &p->e->z[own->z];
     shown[own->z] = true;
     for (size_t k = 0; k < loops; k++)
         if (loop[k].y == y && loop[k].u.table == APC_SETPOINT && loop[k].u.at == own->z &&
             !shown[loop[k].z]) {
-            c->wanted_above = series_of(&p->data->z, loop[k].z);
+            c->wanted_above = series_of_group(&p->data->z, loop[k].z);
             c->above = &p->e->z[loop[k].z];
             shown[loop[k].z] = true;
             return;
@@ -72,7 +72,8 @@ static const struct outlook_course *expected_of(const struct report_panels *p, c
 }
 
 /* Predictive laws call them y_min and y_max. */
-static void narrow(struct curve_of *c, const struct experiment *e, const struct controller *of, size_t k)
+static void narrow_by_law_limits(struct curve_of *c, const struct experiment *e, const struct controller *of,
+                                 size_t k)
 {
     const struct apc_law_parameter at = apc_law_parameter_at(of->law, &of->dim, k);
     const char *name = of->law->tuning[at.number].name;
@@ -97,11 +98,11 @@ static void keep_limits(const struct report_panels *p, struct curve_of *c)
     for (size_t i = 0; i < p->e->n_controllers; i++) {
         const struct controller *of = &p->e->controllers[i];
         for (size_t k = 0; !of->shadow && of->law && k < apc_law_parameters(of->law, &of->dim); k++)
-            narrow(c, p->e, of, k);
+            narrow_by_law_limits(c, p->e, of, k);
     }
 }
 
-static void keep(struct report_panels *p, struct curve_of c)
+static void keep_curve(struct report_panels *p, struct curve_of c)
 {
     keep_limits(p, &c);
     c.low = HUGE_VAL;
@@ -139,14 +140,14 @@ static void keep_shadows(struct report_panels *p)
             next->tag.description[0] = '\0';
             next->tag.table = APC_ACTUATOR;
             next->tag.id = 0; /* no output's */
-            keep(p, (struct curve_of){.signal = next,
-                                      .series =
-                                          series_of(&p->data->published, (size_t)c->first_output + k - 1)});
+            keep_curve(p, (struct curve_of){.signal = next,
+                                            .series = series_of_group(&p->data->published,
+                                                                      (size_t)c->first_output + k - 1)});
         }
     }
 }
 
-static int collect(struct report_panels *p)
+static int collect_curves(struct report_panels *p)
 {
     const struct experiment *e = p->e;
     const size_t ny = e->dim.ny + e->n_signals;
@@ -162,23 +163,24 @@ static int collect(struct report_panels *p)
         return APC_ENOMEM;
     }
     for (size_t i = 0; i < ny; i++) {
-        struct curve_of c = {.signal = &e->y[i], .series = series_of(&p->data->y, i)};
+        struct curve_of c = {.signal = &e->y[i], .series = series_of_group(&p->data->y, i)};
         add_setpoints(p, &c, loop, (size_t)loops, shown);
-        keep(p, c);
+        keep_curve(p, c);
     }
     for (size_t i = 0; i < e->dim.nz; i++)
         if (!shown[i])
-            keep(p, (struct curve_of){
-                        .signal = &e->z[i], .wanted = series_of(&p->data->z, i), .setpoint = &e->z[i]});
+            keep_curve(p, (struct curve_of){.signal = &e->z[i],
+                                            .wanted = series_of_group(&p->data->z, i),
+                                            .setpoint = &e->z[i]});
     for (size_t i = 0; i < e->dim.nu; i++)
-        keep(p, (struct curve_of){.signal = &e->u[i], .series = series_of(&p->data->u, i)});
+        keep_curve(p, (struct curve_of){.signal = &e->u[i], .series = series_of_group(&p->data->u, i)});
     keep_shadows(p);
     free(loop);
     free(shown);
     return 0;
 }
 
-static double span(const struct curve_of *c)
+static double curve_span(const struct curve_of *c)
 {
     return c->high > c->low ? c->high - c->low : 0;
 }
@@ -186,31 +188,31 @@ static double span(const struct curve_of *c)
 /* ---- Panels ------------------------------------------------------------------------------- */
 
 /* Would the panel still show how each of its curves moves? */
-static bool fits(const struct report_panels *p, const struct panel *panel, const struct curve_of *c)
+static bool fits_in_panel(const struct report_panels *p, const struct panel *panel, const struct curve_of *c)
 {
     const struct curve_of *first = &p->curve[panel->first];
-    double low = c->low, high = c->high, least = span(c);
+    double low = c->low, high = c->high, least = curve_span(c);
     if (panel->n >= p->few || panel->outputs != is_output(c) || c->above || first->above ||
         strcmp(first->signal->tag.unit, c->signal->tag.unit) != 0)
         return false;
     for (size_t i = 0; i < panel->n; i++) {
         low = fmin(low, first[i].low);
         high = fmax(high, first[i].high);
-        least = fmin(least, span(&first[i]));
+        least = fmin(least, curve_span(&first[i]));
     }
     return !(high > low) || p->few > 4 || SMALL * least >= high - low;
 }
 
 /* Each curve to the first panel that it fits into, of those with at most @few curves; the curves are put in
  * the order of the panels. False when that takes more than @most panels. */
-static bool arrange(struct report_panels *p, size_t few, size_t most)
+static bool arrange_panels(struct report_panels *p, size_t few, size_t most)
 {
     p->n = p->n_drawn = 0;
     p->few = few;
     for (size_t i = 0; i < p->n_curves; i++) {
         const struct curve_of c = p->curve[i];
         size_t k = 0;
-        while (k < p->n && !fits(p, &p->panel[k], &c))
+        while (k < p->n && !fits_in_panel(p, &p->panel[k], &c))
             k++;
         if (k == most)
             return false;
@@ -300,10 +302,10 @@ static bool arrange_bundles(struct report_panels *p)
 
 int report_arrange(struct report_panels *p)
 {
-    if (collect(p) < 0)
+    if (collect_curves(p) < 0)
         return APC_ENOMEM;
     /* few curves in a panel, unless that makes too many panels */
-    (void)(arrange(p, 4, 16) || arrange_bundles(p) || arrange(p, CURVES_NAMED, 24) ||
-           arrange(p, (size_t)2 * CURVES_NAMED, PANELS_MAX));
+    (void)(arrange_panels(p, 4, 16) || arrange_bundles(p) || arrange_panels(p, CURVES_NAMED, 24) ||
+           arrange_panels(p, (size_t)2 * CURVES_NAMED, PANELS_MAX));
     return 0;
 }

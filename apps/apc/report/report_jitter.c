@@ -239,8 +239,8 @@ static int merge(struct report_jitter *to, const struct report_jitter *one)
     return 0;
 }
 
-static int add(struct report_histograms *h, const struct report_data *data, const char *heading,
-               const char *task)
+static int add_histogram(struct report_histograms *h, const struct report_data *data, const char *heading,
+                         const char *task)
 {
     struct panel *panel = &h->panel[h->n++];
     *panel = (struct panel){0};
@@ -250,34 +250,35 @@ static int add(struct report_histograms *h, const struct report_data *data, cons
 
 /* The controllers stand between simulator and client as in the paper's figure; those of a cascade in a row
  * below, to be compared; of very many it is how they do together that can be read. */
-static int arrange(struct report_histograms *h, const struct report_data *data, const struct experiment *e)
+static int arrange_histograms(struct report_histograms *h, const struct report_data *data,
+                              const struct experiment *e)
 {
     const size_t n = e->n_controllers;
     const bool apart = n > 1 && n <= APART;
     char heading[APC_TAG_LEN + 16];
-    int rc = add(h, data, "Simulator", "plant");
+    int rc = add_histogram(h, data, "Simulator", "plant");
     if (n == 1 && rc == 0)
-        rc = add(h, data, "Control module", e->controllers->name);
+        rc = add_histogram(h, data, "Control module", e->controllers->name);
     if (n > APART && rc == 0) {
         snprintf(heading, sizeof heading, "%zu controllers", n);
-        rc = add(h, data, heading, NULL);
+        rc = add_histogram(h, data, heading, NULL);
         for (size_t i = 0; i < n && rc == 0; i++)
             rc = merge(&h->panel[1].jitter, report_jitter_of(data, e->controllers[i].name));
         h->panel[1].several = true;
     }
     if (rc == 0)
-        rc = add(h, data, "Client module", "client");
+        rc = add_histogram(h, data, "Client module", "client");
     h->panel[1].wraps = apart;
     for (size_t i = 0; i < n && apart && rc == 0; i++) {
         snprintf(heading, sizeof heading, "Controller %s", e->controllers[i].name);
-        rc = add(h, data, heading, e->controllers[i].name);
+        rc = add_histogram(h, data, heading, e->controllers[i].name);
     }
     h->rows = apart ? 2 : 1;
     return rc;
 }
 
 /* Were all ticks exactly in time? Then there is nothing to show. */
-static bool nothing(const struct report_histograms *h)
+static bool are_all_in_time(const struct report_histograms *h)
 {
     bool ticked = false, exact = true;
     for (int i = 0; i < h->n; i++) {
@@ -294,8 +295,8 @@ int report_histograms_create(struct report_histograms **histograms, const struct
 {
     struct report_histograms *h = calloc(1, sizeof *h);
     *histograms = h;
-    if (h && arrange(h, data, e) == 0) {
-        h->n = nothing(h) ? 0 : h->n;
+    if (h && arrange_histograms(h, data, e) == 0) {
+        h->n = are_all_in_time(h) ? 0 : h->n;
         return 0;
     }
     report_histograms_destroy(h);

@@ -46,7 +46,7 @@ static bool near(const struct panel *panel, double limit)
 }
 
 /* Values of many digits are drawn in thousands, millionths, ...: the axis says so in its label. */
-static void settle(const struct report_panels *p, struct panel *panel)
+static void settle_panel_unit(const struct report_panels *p, struct panel *panel)
 {
     static const double steps[] = {1, 2, 2.5, 5, 10};
     double low = HUGE_VAL, high = -HUGE_VAL;
@@ -119,7 +119,7 @@ int report_panels_create(struct report_panels **panels, const struct report_data
         return APC_ENOMEM;
     }
     for (size_t i = 0; i < p->n; i++)
-        settle(p, &p->panel[i]);
+        settle_panel_unit(p, &p->panel[i]);
     settle_time(p);
     return 0;
 }
@@ -293,7 +293,7 @@ static void pretty(const char *unit, char *text, size_t size)
     text[used] = '\0';
 }
 
-static void put_frame(FILE *script, const struct frame *f, double top, double height)
+static void put_panel_frame(FILE *script, const struct frame *f, double top, double height)
 {
     fprintf(script, "%sset tmargin at screen %.5f\nset bmargin at screen %.5f\n", report_panel_style,
             report_screen(top + f->top, height), report_screen(top + f->top + f->height, height));
@@ -369,7 +369,8 @@ static void put_doubtful_entry(FILE *script, const struct legend *l)
 }
 
 /* One curve is called by its description, several by their names as well; very many are not named at all. */
-static void put_names(FILE *script, const struct panel *panel, const struct curve_of *c, struct legend *l)
+static void put_curve_names(FILE *script, const struct panel *panel, const struct curve_of *c,
+                            struct legend *l)
 {
     size_t letters = 0;
     for (size_t i = 0; i < panel->n; i++)
@@ -435,7 +436,7 @@ static void put_legend(FILE *script, const struct report_panels *p, const struct
     if (panel->bundle)
         put_bundle_names(script, panel, c, &l);
     else
-        put_names(script, panel, c, &l);
+        put_curve_names(script, panel, c, &l);
     if (c->above)
         put_cascade_entries(script, p, c, &l);
     if (wanted)
@@ -450,7 +451,7 @@ static void put_legend(FILE *script, const struct report_panels *p, const struct
         put_doubtful_entry(script, &l);
 }
 
-static void put_limit(FILE *script, const struct panel *panel, const struct curve_of *c, double limit)
+static void put_limit_line(FILE *script, const struct panel *panel, const struct curve_of *c, double limit)
 {
     if (shows(panel, c, limit))
         fprintf(script, "%.9g with lines lw 1 dt (2,3) lc rgb 0x777777, ", limit / panel->scale);
@@ -484,13 +485,13 @@ static void put_curve(FILE *script, const struct panel *panel, const struct curv
         fprintf(script, "$d%zu with points pt 6 ps 0.5 lc rgb mark, ", number);
 }
 
-static void put_curves(FILE *script, const struct report_panels *p, const struct panel *panel)
+static void put_panel_curves(FILE *script, const struct report_panels *p, const struct panel *panel)
 {
     const struct curve_of *c = &p->curve[panel->first];
     fputs("plot ", script);
     for (size_t i = 0; i < panel->n; i++) {
-        put_limit(script, panel, &c[i], c[i].least);
-        put_limit(script, panel, &c[i], c[i].most);
+        put_limit_line(script, panel, &c[i], c[i].least);
+        put_limit_line(script, panel, &c[i], c[i].most);
     }
     for (size_t i = 0; i < panel->n; i++)
         if (!panel->bundle || i != panel->worst)
@@ -500,7 +501,7 @@ static void put_curves(FILE *script, const struct report_panels *p, const struct
     fputs("NaN\n", script);
 }
 
-static bool is_shown(const struct report_panels *p, double t)
+static bool is_time_shown(const struct report_panels *p, double t)
 {
     return t >= p->begin && t <= p->data->end;
 }
@@ -518,7 +519,7 @@ static double acted_at(const struct report_panels *p, size_t i)
 /* Is it an action that leaves its mark: who is killed or started? Others show in setpoints and modes. */
 static bool is_marked(const struct report_panels *p, size_t i)
 {
-    return p->e->action[i].kind != ACTION_WRITE && is_shown(p, acted_at(p, i));
+    return p->e->action[i].kind != ACTION_WRITE && is_time_shown(p, acted_at(p, i));
 }
 
 static void put_dotted(FILE *script, const struct report_panels *p, double t)
@@ -534,7 +535,7 @@ static void put_times(FILE *script, const struct report_panels *p)
 {
     const struct report_data *data = p->data;
     for (size_t i = 0; p->e->plant.model && i < p->e->plant.n_disturbances; i++)
-        if (is_shown(p, disturbed_at(p, i)))
+        if (is_time_shown(p, disturbed_at(p, i)))
             put_dotted(script, p, disturbed_at(p, i));
     for (size_t i = 0; i < p->e->n_actions; i++)
         if (is_marked(p, i))
@@ -549,12 +550,12 @@ static void put_times(FILE *script, const struct report_panels *p)
                 data->event[i].alarm ? 0xE08A7A : 0xEBCB8B);
 }
 
-static void put_panel(FILE *script, const struct report_panels *p, size_t k, double top, double height)
+static void put_report_panel(FILE *script, const struct report_panels *p, size_t k, double top, double height)
 {
     const struct panel *panel = &p->panel[k];
     const struct frame frame = frame_of(p, k);
     bool any = false;
-    put_frame(script, &frame, top, height);
+    put_panel_frame(script, &frame, top, height);
     fprintf(script, "set xrange [%.9g:%.9g]\nset yrange [%.9g:%.9g]\nset ytics %.9g\n", p->begin / p->unit,
             p->end / p->unit, panel->low, panel->high, panel->tick);
     put_label(script, p, panel);
@@ -568,7 +569,7 @@ static void put_panel(FILE *script, const struct report_panels *p, size_t k, dou
     for (size_t i = 0; i < panel->n; i++)
         any |= p->curve[panel->first + i].series || p->curve[panel->first + i].wanted;
     if (any)
-        put_curves(script, p, panel);
+        put_panel_curves(script, p, panel);
     else
         report_blank(script);
 }
@@ -619,7 +620,7 @@ static struct planned *collect_planned(const struct report_panels *p, size_t *n)
         to->t = disturbed_at(p, i);
         snprintf(to->text, sizeof to->text, "%.40s = %.6g%s%.30s", of->name, d->value, *unit ? " " : "",
                  unit);
-        *n += is_shown(p, to->t);
+        *n += is_time_shown(p, to->t);
     }
     for (size_t i = 0; all && i < e->n_actions; i++) {
         if (!is_marked(p, i))
@@ -641,7 +642,7 @@ static void put_strip(FILE *script, const struct report_panels *p, double top, d
     size_t planned;
     struct planned *all = collect_planned(p, &planned);
     double free_from = -1;
-    put_frame(script, &frame, top, height);
+    put_panel_frame(script, &frame, top, height);
     fprintf(script, "unset border\nunset tics\nset xrange [%.9g:%.9g]\nset yrange [0:1]\n",
             p->begin / p->unit, p->end / p->unit);
     for (size_t i = 0, k = 0; i < planned || k < data->n_events;) {
@@ -667,13 +668,13 @@ void report_panels_draw(FILE *script, const struct report_panels *p, double top,
     const struct frame lanes = {strip_height(p), report_lanes_height(p->lanes) - LANES_GAP, LEFT,
                                 strip_end(p)};
     if (report_lanes_height(p->lanes) > 0) {
-        put_frame(script, &lanes, top, height);
+        put_panel_frame(script, &lanes, top, height);
         fprintf(script, "set xrange [%.9g:%.9g]\n", p->begin / p->unit, p->end / p->unit);
         report_lanes_draw(script, p->lanes, p->unit, p->end - p->begin,
                           (lanes.right - lanes.left) * REPORT_WIDTH);
     }
     for (size_t k = 0; k < p->n; k++)
-        put_panel(script, p, k, top + panels_top(p), height);
+        put_report_panel(script, p, k, top + panels_top(p), height);
     if (p->n_drawn < p->n_curves)
         fprintf(script,
                 "%sset label 1 '%zu of %zu variables are drawn; samples.csv has all' at screen 0.105, screen "

@@ -16,7 +16,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_timing_options(int key, char *arg, struct argp_state *state)
 {
     const char **since = state->input;
     if (key != OPT_SINCE)
@@ -25,7 +25,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp own = {option_list, parse_timing_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[TASK...]",
@@ -75,7 +75,7 @@ static void show_row(struct print_table *table, const struct timing_series *s)
         print_cell(table, PRINT_PLAIN, "%s", print_duration(durations[i], text));
 }
 
-static int show(const struct cli *cli, const struct timing *timing)
+static int show_timing_table(const struct cli *cli, const struct timing *timing)
 {
     static const struct print_column columns[] = {
         {"QUANTITY", PRINT_LEFT}, {"TASK", PRINT_LEFT}, {"TICKS", PRINT_RIGHT}, {"MISSED", PRINT_RIGHT},
@@ -96,7 +96,7 @@ static int show(const struct cli *cli, const struct timing *timing)
     return rc;
 }
 
-static void show_csv(const struct cli *cli, const struct timing *timing)
+static void show_timing_csv(const struct cli *cli, const struct timing *timing)
 {
     puts(TIMING_HEADER);
     for (size_t i = 0; i < timing->n; i++)
@@ -120,7 +120,7 @@ static void json_series(const struct timing_series *s)
     fputs("]}", stdout);
 }
 
-static void show_json(const struct cli *cli, const struct timing *timing)
+static void show_timing_json(const struct cli *cli, const struct timing *timing)
 {
     const char *separator = "[\n";
     for (size_t i = 0; i < timing->n; i++) {
@@ -139,10 +139,10 @@ static int give_out(const struct cli *cli, const struct timing *timing)
     if (rc != EXIT_OK)
         return rc;
     if (cli->format == CLI_JSON)
-        show_json(cli, timing);
+        show_timing_json(cli, timing);
     else if (cli->format == CLI_CSV)
-        show_csv(cli, timing);
-    else if (show(cli, timing) < 0)
+        show_timing_csv(cli, timing);
+    else if (show_timing_table(cli, timing) < 0)
         return cli_error(cli, APC_ENOMEM, "out of memory");
     return EXIT_OK;
 }

@@ -30,7 +30,7 @@ struct evidence {
     int64_t first, last;
 };
 
-static int add(struct evidence *v, const struct fact *fact)
+static int add_fact(struct evidence *v, const struct fact *fact)
 {
     if (v->n == v->room) {
         const size_t room = v->room ? 2 * v->room : 64;
@@ -45,26 +45,26 @@ static int add(struct evidence *v, const struct fact *fact)
 }
 
 /* A row that says no more than the one before it is none. */
-static int turn(struct evidence *v, apc_ns time, bool is)
+static int add_turn(struct evidence *v, apc_ns time, bool is)
 {
     if (is == v->next.is)
         return 0;
     v->next.time = time;
     v->next.is = is;
-    return add(v, &v->next);
+    return add_fact(v, &v->next);
 }
 
 static int take_mode(void *ctx, const struct apc_sample *row)
 {
-    return turn(ctx, row->time, (int)row->value == APC_MODE_OOS);
+    return add_turn(ctx, row->time, (int)row->value == APC_MODE_OOS);
 }
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int take_evidence_event(void *ctx, const struct apc_event *event)
 {
     struct evidence *v = ctx;
     bool commanded;
     return control_hears(v->control, event, &commanded)
-               ? add(v, &(struct fact){event->time, FACT_COMMAND, 0, commanded, event->number})
+               ? add_fact(v, &(struct fact){event->time, FACT_COMMAND, 0, commanded, event->number})
                : 0;
 }
 
@@ -97,7 +97,7 @@ static int by_time(const void *a, const void *b)
                               : (p->number > q->number) - (p->number < q->number);
 }
 
-static void tell(struct evidence *v)
+static void tell_output_status(struct evidence *v)
 {
     if (v->n > 1)
         qsort(v->facts, v->n, sizeof *v->facts, by_time);
@@ -116,7 +116,7 @@ static void tell(struct evidence *v)
 }
 
 /* What is said in the file, then what was there before, then what was written. */
-static int read_modes(struct evidence *v, struct apc_store *store, const struct apc_range *range)
+static int read_mode_facts(struct evidence *v, struct apc_store *store, const struct apc_range *range)
 {
     const struct apc_range before = {.until = range->since, .last = 1};
     int rc = 0;
@@ -137,13 +137,13 @@ static int read_modes(struct evidence *v, struct apc_store *store, const struct 
     return rc;
 }
 
-static int take_row(void *ctx, const struct apc_sample *row)
+static int take_evidence_row(void *ctx, const struct apc_sample *row)
 {
     struct evidence *v = ctx;
     v->first = v->rows++ ? v->first : row->seq;
     v->last = row->seq;
     return v->next.kind == FACT_FAULT
-               ? turn(v, row->time, (row->status ^ APC_UNCERTAIN_SUBSTITUTE) >> 16 == 0)
+               ? add_turn(v, row->time, (row->status ^ APC_UNCERTAIN_SUBSTITUTE) >> 16 == 0)
                : 0;
 }
 
@@ -179,7 +179,7 @@ static int read_rows(struct evidence *v, struct apc_store *store, const struct a
 {
     v->rows = 0;
     v->next = (struct fact){.kind = table == APC_SENSOR ? FACT_NONE : FACT_FAULT, .at = i};
-    int rc = apc_store_history(store, table, (int)i + 1, range, take_row, v);
+    int rc = apc_store_history(store, table, (int)i + 1, range, take_evidence_row, v);
     return rc >= 0 && table == APC_SENSOR ? count_measurement(v, store, i) : rc;
 }
 
@@ -236,15 +236,15 @@ int evidence_take(struct apc_store *store, const struct experiment *e, const str
                          .out = calloc(loops, sizeof *v.out),
                          .fault = calloc(e->dim.nu, sizeof *v.fault),
                          .outputs = calloc(loops, sizeof *v.outputs)};
-    int rc = v.out && v.fault && v.outputs ? read_modes(&v, store, range) : APC_ENOMEM;
+    int rc = v.out && v.fault && v.outputs ? read_mode_facts(&v, store, range) : APC_ENOMEM;
 
     if (rc >= 0)
         rc = read_all_rows(&v, store, range);
     if (rc >= 0)
-        rc = apc_store_events(store, range, take_event, &v);
+        rc = apc_store_events(store, range, take_evidence_event, &v);
     rc = rc >= 0 && v.failed ? v.failed : rc;
     if (rc >= 0)
-        tell(&v);
+        tell_output_status(&v);
     free(v.facts);
     free(v.out);
     free(v.fault);

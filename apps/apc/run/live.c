@@ -60,7 +60,7 @@ struct view {
 /* Of each loop. */
 enum { SP, PV, OP, MODE, ROWS };
 
-static void name_rows(struct apc_sample *row, const struct loops_loop *loop)
+static void name_live_rows(struct apc_sample *row, const struct loops_loop *loop)
 {
     row[SP] = (struct apc_sample){.table = APC_SETPOINT, .id = loop->setpoint};
     row[PV] = (struct apc_sample){.table = APC_SENSOR, .id = loop->measurement};
@@ -68,8 +68,8 @@ static void name_rows(struct apc_sample *row, const struct loops_loop *loop)
     row[MODE] = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, loop->id)};
 }
 
-static int begin(struct view *l, const char *store, const struct experiment *e, apc_ns start, apc_ns zero,
-                 double duration)
+static int begin_view(struct view *l, const char *store, const struct experiment *e, apc_ns start,
+                      apc_ns zero, double duration)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc run", .spool = ""};
     struct apc_error why;
@@ -87,7 +87,7 @@ static int begin(struct view *l, const char *store, const struct experiment *e, 
     if (!l->samples || !l->sights || !l->tags || !l->tick || !l->ticked)
         return APC_ENOMEM;
     for (size_t i = 0; i < l->loops.n; i++)
-        name_rows(l->samples + ROWS * i, &l->loops.at[i]);
+        name_live_rows(l->samples + ROWS * i, &l->loops.at[i]);
     for (size_t i = 0; i < l->loops.n_controllers; i++)
         l->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->loops.controller[i].number};
     control_begin(&l->control, l->e->plant.external, apc_watchdog_make(l->e->client.rhythm.period, 0).link,
@@ -117,8 +117,8 @@ struct line {
 };
 
 /* What does not fit is cut. */
-static void add(struct line *line, const char *fmt, ...) APC_PRINTF(2, 3);
-static void add(struct line *line, const char *fmt, ...)
+static void add_to_line(struct line *line, const char *fmt, ...) APC_PRINTF(2, 3);
+static void add_to_line(struct line *line, const char *fmt, ...)
 {
     va_list args;
     va_start(args, fmt);
@@ -129,7 +129,7 @@ static void add(struct line *line, const char *fmt, ...)
         line->used = WIDTH - 1;
 }
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int take_live_event(void *ctx, const struct apc_event *event)
 {
     struct view *l = ctx;
     bool commanded;
@@ -139,7 +139,7 @@ static int take_event(void *ctx, const struct apc_event *event)
     return 0;
 }
 
-static int look(struct view *l, apc_ns now, apc_ns mono)
+static int look_at_loops(struct view *l, apc_ns now, apc_ns mono)
 {
     struct apc_rows rows = {.size = sizeof rows,
                             .sample = l->samples,
@@ -155,7 +155,7 @@ static int look(struct view *l, apc_ns now, apc_ns mono)
             l->ticked[i] = (struct sight){l->tick[i].seq, mono};
     if (rc >= 0)
         rc = apc_store_events(l->store, &(struct apc_range){.since = l->start - RECENT, .after = l->heard},
-                              take_event, l);
+                              take_live_event, l);
     if (rc >= 0 && mono - l->asked > TIMING_EVERY) {
         const struct apc_range range = {.since = l->asked ? now - 2 * TIMING_EVERY : l->start};
         apc_store_timing(l->store, &range, take_worst, l);
@@ -181,17 +181,17 @@ static void add_value(const struct view *l, struct line *line, const char *name,
     double size = s->value < 0 ? -s->value : s->value;
 
     if (s->seq == 0 || s->time < l->start - APC_NS_PER_S)
-        add(line, "  %.12s %7s", name, "-");
+        add_to_line(line, "  %.12s %7s", name, "-");
     else if (severity == APC_SEVERITY_BAD)
-        add(line, "  %.12s %7s", name, "bad");
+        add_to_line(line, "  %.12s %7s", name, "bad");
     else
-        add(line, size < 1e4 ? "  %.12s %7.3f%s" : "  %.12s %7.2e%s", name, s->value,
-            severity == APC_SEVERITY_GOOD ? "" : "?");
+        add_to_line(line, size < 1e4 ? "  %.12s %7.3f%s" : "  %.12s %7.2e%s", name, s->value,
+                    severity == APC_SEVERITY_GOOD ? "" : "?");
     if (age > 0)
-        add(line, " (%.0f s old)", apc_ns_to_s(age));
+        add_to_line(line, " (%.0f s old)", apc_ns_to_s(age));
 }
 
-static const char *name_of(const struct view *l, const struct apc_sample *s)
+static const char *name_of_sample(const struct view *l, const struct apc_sample *s)
 {
     for (size_t i = 0; i < l->n_tags; i++)
         if (l->tags[i].table == s->table && l->tags[i].id == s->id)
@@ -200,7 +200,7 @@ static const char *name_of(const struct view *l, const struct apc_sample *s)
 }
 
 /* "no controller": it no longer ticks. One that ticks goes on in a mode that an earlier run may have written. */
-static const char *mode_of(const struct view *l, size_t loop)
+static const char *mode_of_loop(const struct view *l, size_t loop)
 {
     const struct apc_sample *mode = &l->samples[ROWS * loop + MODE];
     const size_t controller = l->loops.at[loop].controller;
@@ -216,8 +216,8 @@ static void add_one(const struct view *l, struct line *line)
     const apc_ns period[] = {[SP] = 0, [PV] = l->e->client.rhythm.period, [OP] = l->loops.controller->period};
     for (size_t k = SP; k <= OP; k++)
         if (l->samples[k].id > 0)
-            add_value(l, line, name_of(l, &l->samples[k]), k, period[k]);
-    add(line, "  %-4s", mode_of(l, 0));
+            add_value(l, line, name_of_sample(l, &l->samples[k]), k, period[k]);
+    add_to_line(line, "  %-4s", mode_of_loop(l, 0));
 }
 
 /* As many as fit in a line: mode, measurement and setpoint of each. */
@@ -225,12 +225,12 @@ static void add_few(const struct view *l, struct line *line)
 {
     for (size_t i = 0; i < l->loops.n; i++) {
         const struct apc_sample *row = &l->samples[ROWS * i];
-        add(line, "  %.12s %s", l->loops.at[i].name, mode_of(l, i));
+        add_to_line(line, "  %.12s %s", l->loops.at[i].name, mode_of_loop(l, i));
         if (row[PV].seq > 0)
-            add(line, apc_status_severity(row[PV].status) == APC_SEVERITY_GOOD ? " %.4g" : " %.4g?",
-                row[PV].value + 0.0);
+            add_to_line(line, apc_status_severity(row[PV].status) == APC_SEVERITY_GOOD ? " %.4g" : " %.4g?",
+                        row[PV].value + 0.0);
         if (row[SP].seq > 0)
-            add(line, "/%.4g", row[SP].value + 0.0);
+            add_to_line(line, "/%.4g", row[SP].value + 0.0);
     }
 }
 
@@ -239,20 +239,20 @@ static void add_many(const struct view *l, struct line *line)
 {
     static const char *const modes[] = {"Cas", "Auto", "Man", "OOS", "IMan", "LO", "no controller", "-"};
     bool first = true;
-    add(line, "  %zu loops:", l->loops.n);
+    add_to_line(line, "  %zu loops:", l->loops.n);
     for (size_t k = 0; k < sizeof modes / sizeof *modes; k++) {
         const char *name = NULL;
         size_t n = 0;
         for (size_t i = 0; i < l->loops.n; i++)
-            if (!strcmp(mode_of(l, i), modes[k])) {
+            if (!strcmp(mode_of_loop(l, i), modes[k])) {
                 name = name ? name : l->loops.at[i].name;
                 n++;
             }
         if (n == 0)
             continue;
-        add(line, "%s %zu %s", first ? "" : ",", n, modes[k]);
+        add_to_line(line, "%s %zu %s", first ? "" : ",", n, modes[k]);
         if (k > 2 && n <= 2)
-            add(line, " (%.12s%s)", name, n > 1 ? ", ..." : "");
+            add_to_line(line, " (%.12s%s)", name, n > 1 ? ", ..." : "");
         first = false;
     }
 }
@@ -266,7 +266,7 @@ static void add_values(const struct view *l, struct line *line)
     else
         add_many(l, line);
     if (!l->control.commanded)
-        add(line, l->e->plant.external ? "  no command" : "  plant at its safe value");
+        add_to_line(line, l->e->plant.external ? "  no command" : "  plant at its safe value");
 }
 
 static void add_bar(const struct view *l, struct line *line, double t)
@@ -281,25 +281,25 @@ static void add_bar(const struct view *l, struct line *line, double t)
     if (bar < BAR / 4)
         return;
     int filled = (int)(done * bar + 0.5);
-    add(line, "  [%.*s%.*s] %3.0f %%", filled, full, bar - filled, empty, 100 * done);
+    add_to_line(line, "  [%.*s%.*s] %3.0f %%", filled, full, bar - filled, empty, 100 * done);
 }
 
-static void show(struct view *l, bool last)
+static void show_live_line(struct view *l, bool last)
 {
     struct line line = {.used = 0};
     apc_ns now = apc_clock_utc(NULL), mono = apc_clock_mono(NULL);
     double t = apc_ns_to_s(now - l->start);
-    int rc = look(l, now, mono);
+    int rc = look_at_loops(l, now, mono);
 
     if (t < 0 || (!l->terminal && !last && mono - l->printed < PLAIN_EVERY))
         return;
-    add(&line, "%7.1f s", t);
+    add_to_line(&line, "%7.1f s", t);
     if (rc < 0)
-        add(&line, "  no data: %.100s", apc_store_error(l->store));
+        add_to_line(&line, "  no data: %.100s", apc_store_error(l->store));
     else
         add_values(l, &line);
     if (l->worst > 0)
-        add(&line, "  late %.2f ms", (double)l->worst * 1e-6);
+        add_to_line(&line, "  late %.2f ms", (double)l->worst * 1e-6);
     add_bar(l, &line, t);
     if (l->terminal)
         printf("\r%-*.*s", (int)columns() - 1, (int)columns() - 1, line.text);
@@ -309,7 +309,7 @@ static void show(struct view *l, bool last)
     l->printed = mono;
 }
 
-static void say(struct view *l, int severity, const char *text)
+static void say_above_line(struct view *l, int severity, const char *text)
 {
     struct apc_event event = {.time = apc_clock_utc(NULL),
                               .severity = (enum apc_event_severity)severity,
@@ -324,7 +324,7 @@ static void say(struct view *l, int severity, const char *text)
 }
 
 /* ms until the next action is due, or the next look; one that is overdue has just been tried. */
-static int idle(const struct view *l)
+static int time_until_look(const struct view *l)
 {
     const apc_ns look = LOOK * APC_NS_PER_MS;
     apc_ns left = look;
@@ -334,7 +334,7 @@ static int idle(const struct view *l)
 }
 
 /* The experiment's actions that are due. While the store is away they wait: an operator would. */
-static void operate(struct view *l)
+static void operate_due_actions(struct view *l)
 {
     for (; l->done < l->e->n_actions; l->done++) {
         const struct action *action = &l->e->action[l->done];
@@ -350,29 +350,29 @@ static void operate(struct view *l)
             continue;
         snprintf(text, sizeof text, "the action of %g s was not possible: %.150s", apc_ns_to_s(action->at),
                  apc_store_error(l->store));
-        say(l, APC_EVENT_WARNING, text);
+        say_above_line(l, APC_EVENT_WARNING, text);
     }
 }
 
 /* Until the other end of the pipe is closed, also by the death of who holds it. */
-static void follow(struct view *l, FILE *messages)
+static void follow_messages(struct view *l, FILE *messages)
 {
     struct pollfd p = {.fd = fileno(messages), .events = POLLIN};
     char text[TEXT];
 
     for (;;) {
-        operate(l);
-        if (poll(&p, 1, idle(l)) <= 0) {
-            show(l, false);
+        operate_due_actions(l);
+        if (poll(&p, 1, time_until_look(l)) <= 0) {
+            show_live_line(l, false);
             continue;
         }
         if (!fgets(text, sizeof text, messages))
             return;
         text[strcspn(text, "\n")] = '\0';
         if (text[0] == '0')
-            show(l, true);
+            show_live_line(l, true);
         else
-            say(l, text[0] - '0', text + 1);
+            say_above_line(l, text[0] - '0', text + 1);
     }
 }
 
@@ -396,9 +396,9 @@ int live_start(struct live **out, const char *store, const struct experiment *e,
         if (!messages)
             _exit(1);
         setvbuf(messages, NULL, _IONBF, 0); /* what is read is what poll() looks at */
-        int rc = begin(&view, store, e, start, zero, duration);
+        int rc = begin_view(&view, store, e, start, zero, duration);
         if (rc >= 0)
-            follow(&view, messages);
+            follow_messages(&view, messages);
         apc_store_close(rc >= 0 ? view.store : NULL);
         if (rc >= 0 && view.terminal && view.printed)
             putchar('\n');

@@ -80,7 +80,7 @@ static void name_missing(struct run *r, const struct missing *missing)
 }
 
 /* Why the run is not what it was to be, if it is not: in r->failure. */
-static int judge(struct run *r, apc_ns since, apc_ns until, struct control *control)
+static int judge_run(struct run *r, apc_ns since, apc_ns until, struct control *control)
 {
     const struct apc_range range = {.since = since - RUN_LEAD, .until = until};
     struct missing missing = {0};
@@ -129,7 +129,7 @@ static int write_report(const struct run *r, struct apc_error *why)
     return report_leave(&r->cli, r->dir, &r->e, title, NULL, why);
 }
 
-static int leave_report(struct run *r)
+static int leave_run_report(struct run *r)
 {
     struct apc_error why = {""};
     struct control control = {0};
@@ -145,7 +145,7 @@ static int leave_report(struct run *r)
         return rc;
     int drained = patiently(r, drain, since, until, &why);
     rc = drained == APC_EPROTO ? 0 : drained; /* what is damaged is no reason not to give the rest */
-    if (rc >= 0 && (rc = judge(r, since, until, &control)) < 0)
+    if (rc >= 0 && (rc = judge_run(r, since, until, &control)) < 0)
         apc_fail(&why, rc, "%s", apc_store_error(r->store));
     if (rc >= 0)
         record_failure(r, until);
@@ -187,13 +187,13 @@ int run_finish(struct run *r)
     fflush(stdout);
     pid_t pid = fork();
     if (pid == 0) {
-        int rc = leave_report(r);
+        int rc = leave_run_report(r);
         apc_store_close(r->store);
         fflush(stdout);
         _exit(-rc);
     }
     if (pid < 0)
-        return leave_report(r);
+        return leave_run_report(r);
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
         ;
     if (WIFEXITED(status))

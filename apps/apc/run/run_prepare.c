@@ -80,7 +80,7 @@ static int prepare_history(struct run *r)
 }
 
 /* Nobody is running the plant in this store. */
-static int describe(struct run *r)
+static int describe_run(struct run *r)
 {
     int rc = check_store(r, r->store, r->cli.store);
     if (rc == 0 && r->history)
@@ -106,7 +106,7 @@ int run_prepare_store(struct run *r)
     if (rc >= 0)
         rc = claim_all(r, guard);
     if (rc >= 0)
-        rc = describe(r);
+        rc = describe_run(r);
     if (rc >= 0 && r->segment.uri[0] && (rc = segment_own(&r->segment, r->dir, &why)) < 0)
         cli_error(&r->cli, rc, "%s", why.text);
     apc_store_close(guard);

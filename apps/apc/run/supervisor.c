@@ -90,7 +90,7 @@ static void name_log(const struct supervisor *s, struct child *child)
         *c = *c == ' ' ? '-' : *c;
 }
 
-static int spawn(const struct supervisor *s, struct child *child, struct apc_error *why)
+static int spawn_child(const struct supervisor *s, struct child *child, struct apc_error *why)
 {
     char path[600], start[APC_TIME_LEN];
     char after[24];
@@ -207,7 +207,7 @@ static bool receive(int fd, char *text, size_t size, pid_t *from)
 
 /* While this process could not look, messages beyond what the socket holds were lost, and whose is not known:
  * so that time is held against nobody. */
-static void hear(struct supervisor *s)
+static void hear_children(struct supervisor *s)
 {
     const apc_ns now = apc_clock_mono(NULL), away = now - s->heard;
     char text[256];
@@ -249,7 +249,7 @@ int supervisor_start(struct supervisor *s, struct apc_error *why)
         rc = open_notify(s, why);
     for (size_t i = 0; i < s->n && rc == 0; i++) {
         s->child[i].last_tick = -1;
-        rc = spawn(s, &s->child[i], why);
+        rc = spawn_child(s, &s->child[i], why);
     }
     if (rc < 0)
         supervisor_stop(s, NULL);
@@ -337,14 +337,14 @@ void supervisor_wait(struct supervisor *s, apc_ns timeout)
         const struct timespec t = {left / APC_NS_PER_S, left % APC_NS_PER_S};
         if (ppoll(&p, 1, &t, NULL) != 1)
             return;
-        hear(s);
+        hear_children(s);
     }
 }
 
 int supervisor_check(struct supervisor *s, struct apc_error *why)
 {
     int status, revived = 0, rc = 0;
-    hear(s);
+    hear_children(s);
     for (size_t i = 0; i < s->n && rc == 0; i++) {
         struct child *child = &s->child[i];
         if (child->pid > 0 && waitpid(child->pid, &status, WNOHANG) == child->pid)
@@ -362,7 +362,7 @@ int supervisor_check(struct supervisor *s, struct apc_error *why)
                 how_it_ended(child, why);
             }
             child->raised = false;
-            rc = spawn(s, child, why);
+            rc = spawn_child(s, child, why);
         }
     }
     return rc < 0 ? rc : revived;
@@ -390,7 +390,7 @@ static bool ended(struct supervisor *s, struct child *child)
     for (int waited = 0; waitpid(child->pid, &child->status, WNOHANG) == 0; waited += 10) {
         if (waited >= PATIENCE)
             return false;
-        hear(s);
+        hear_children(s);
         poll(NULL, 0, 10);
     }
     child->pid = 0;

@@ -8,7 +8,7 @@ struct all {
     unsigned runs; /* of each */
 };
 
-static void work(void *ctx, unsigned job)
+static void work_on_trial(void *ctx, unsigned job)
 {
     const struct all *all = ctx;
     const struct campaign *c = &all->campaign[job / all->runs];
@@ -41,7 +41,7 @@ int campaigns_run(struct campaign *c, size_t n, struct apc_error *why)
     struct all all = {c, c->options->runs};
     c->farm->jobs = c->farm->all = (unsigned)n * all.runs;
     c->farm->what = "runs";
-    return farm_run(c->farm, c->options->jobs, work, &all, why);
+    return farm_run(c->farm, c->options->jobs, work_on_trial, &all, why);
 }
 
 void campaigns_end(struct campaign *c, size_t n)
@@ -51,7 +51,7 @@ void campaigns_end(struct campaign *c, size_t n)
         free(c[i].former);
 }
 
-static void keep_first(int *rc, struct apc_error *why, int next, const struct apc_error *its)
+static void keep_first_failure(int *rc, struct apc_error *why, int next, const struct apc_error *its)
 {
     if (*rc < 0 || next >= 0)
         return;
@@ -79,10 +79,10 @@ int campaign_run(const struct experiment *e, const struct campaign_options *opti
             e->title, done, e->duration, took, done * e->duration / took);
     /* All of it, also when something failed: the runs that were made are worth something. */
     struct apc_error next = {""};
-    keep_first(&rc, why, summary_print(&c, &next), &next);
+    keep_first_failure(&rc, why, summary_print(&c, &next), &next);
     if (options->csv)
-        keep_first(&rc, why, summary_csv(&c, &next), &next);
-    keep_first(&rc, why, summary_failures(&c, &next), &next);
+        keep_first_failure(&rc, why, summary_csv(&c, &next), &next);
+    keep_first_failure(&rc, why, summary_failures(&c, &next), &next);
 out:
     campaigns_end(&c, 1);
     free(loop);

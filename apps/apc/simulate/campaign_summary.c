@@ -41,12 +41,12 @@ struct statistic summary_of(const struct campaign *c, size_t loop, enum metric m
     return statistic_of(column->value, column->seed, column->n);
 }
 
-static const char *loop_name(const struct campaign *c, size_t loop)
+static const char *campaign_loop_name(const struct campaign *c, size_t loop)
 {
     return c->loop[loop].name;
 }
 
-static void put_number(struct print_table *table, int digits, double value)
+static void put_summary_number(struct print_table *table, int digits, double value)
 {
     if (isnan(value))
         print_cell(table, PRINT_PLAIN, "-");
@@ -54,15 +54,15 @@ static void put_number(struct print_table *table, int digits, double value)
         print_cell(table, PRINT_PLAIN, "%.*g", digits, value);
 }
 
-static void put_row(struct print_table *table, const struct statistic *s)
+static void put_summary_row(struct print_table *table, const struct statistic *s)
 {
-    put_number(table, 5, s->mean);
-    put_number(table, 3, s->half);
-    put_number(table, 3, s->sd);
-    put_number(table, 5, s->median);
-    put_number(table, 5, s->p95);
-    put_number(table, 5, s->p99);
-    put_number(table, 5, s->worst);
+    put_summary_number(table, 5, s->mean);
+    put_summary_number(table, 3, s->half);
+    put_summary_number(table, 3, s->sd);
+    put_summary_number(table, 5, s->median);
+    put_summary_number(table, 5, s->p95);
+    put_summary_number(table, 5, s->p99);
+    put_summary_number(table, 5, s->worst);
     if (s->n > 0)
         print_cell(table, PRINT_PLAIN, "%llu", (unsigned long long)s->worst_seed);
     else
@@ -71,9 +71,9 @@ static void put_row(struct print_table *table, const struct statistic *s)
 
 static void put_difference(struct print_table *table, const struct statistic *s)
 {
-    put_number(table, 5, s->mean);
-    put_number(table, 5, s->mean - s->half);
-    put_number(table, 5, s->mean + s->half);
+    put_summary_number(table, 5, s->mean);
+    put_summary_number(table, 5, s->mean - s->half);
+    put_summary_number(table, 5, s->mean + s->half);
     print_cell(table, PRINT_PLAIN, "%s",
                isnan(s->half)          ? ""
                : s->mean - s->half > 0 ? "more"
@@ -89,25 +89,26 @@ static int print_table(const struct campaign *c, const struct print_column *colu
     for (size_t loop = 0; loop < c->loops; loop++)
         for (int metric = 0; metric < METRICS; metric++) {
             const struct statistic s = summary_of(c, loop, (enum metric)metric, former, column);
-            print_cell(&table, PRINT_PLAIN, "%s", loop_name(c, loop));
+            print_cell(&table, PRINT_PLAIN, "%s", campaign_loop_name(c, loop));
             print_cell(&table, PRINT_PLAIN, "%s", metric_name((enum metric)metric));
             print_cell(&table, PRINT_PLAIN, "%zu", s.n);
             if (former)
                 put_difference(&table, &s);
             else
-                put_row(&table, &s);
+                put_summary_row(&table, &s);
         }
     int rc = print_table_show(&table, c->options->talk, false, 0, "\n");
     print_table_close(&table);
     return rc;
 }
 
-static void put_json(const struct campaign *c, const char *name, const double *former, struct column *column)
+static void put_column_json(const struct campaign *c, const char *name, const double *former,
+                            struct column *column)
 {
     printf(",\"%s\":[", name);
     for (size_t loop = 0; loop < c->loops; loop++) {
         printf("%s{", loop ? "," : "");
-        print_json_text(stdout, "loop", loop_name(c, loop));
+        print_json_text(stdout, "loop", campaign_loop_name(c, loop));
         for (int metric = 0; metric < METRICS; metric++) {
             const struct statistic s = summary_of(c, loop, (enum metric)metric, former, column);
             const struct {
@@ -139,15 +140,15 @@ static unsigned runs_made(const struct campaign *c)
     return made;
 }
 
-static void print_json(const struct campaign *c, struct column *column)
+static void print_summary_json(const struct campaign *c, struct column *column)
 {
     putchar('{');
     print_json_text(stdout, "experiment", c->e->name);
     printf(",\"runs\":%u,\"seed\":%llu,", runs_made(c), (unsigned long long)c->options->seed);
     print_json_number(stdout, "duration_s", c->e->duration);
-    put_json(c, "loops", NULL, column);
+    put_column_json(c, "loops", NULL, column);
     if (c->former)
-        put_json(c, "differences", c->former, column);
+        put_column_json(c, "differences", c->former, column);
     puts("}");
 }
 
@@ -171,12 +172,12 @@ static void print_endless(const struct campaign *c)
             }
             if (n > 0)
                 fprintf(c->options->talk, "%s: %u of %u runs %s: they count as infinite\n",
-                        loop_name(c, loop), n, all, of[i].what);
+                        campaign_loop_name(c, loop), n, all, of[i].what);
         }
 }
 
 /* What a single run tells of its controller. */
-static void print_controller(const struct campaign *c)
+static void print_first_controller(const struct campaign *c)
 {
     unsigned held = 0, failed = 0;
     for (unsigned run = 0; run < c->options->runs; run++) {
@@ -224,7 +225,7 @@ int summary_print(const struct campaign *c, struct apc_error *why)
     struct column column = {calloc(runs, sizeof(double)), calloc(runs, sizeof(uint64_t)), 0};
     int rc = column.value && column.seed ? 0 : APC_ENOMEM;
     if (rc == 0 && c->options->json) {
-        print_json(c, &column);
+        print_summary_json(c, &column);
     } else if (rc == 0) {
         rc = print_table(c, all, sizeof all / sizeof *all, NULL, &column);
         if (rc == 0 && c->former) {
@@ -232,7 +233,7 @@ int summary_print(const struct campaign *c, struct apc_error *why)
             rc = print_table(c, paired, sizeof paired / sizeof *paired, c->former, &column);
         }
         print_endless(c);
-        print_controller(c);
+        print_first_controller(c);
         print_equal(c);
     }
     free(column.value);
@@ -298,7 +299,7 @@ int summary_csv(const struct campaign *c, struct apc_error *why)
 }
 
 /* A row of it into c->former, if it is of one of our seeds. */
-static int take_row(struct campaign *c, struct csv *csv, struct apc_error *why)
+static int take_former_row(struct campaign *c, struct csv *csv, struct apc_error *why)
 {
     char *end;
     double loop;
@@ -346,7 +347,7 @@ int summary_read(struct campaign *c, struct apc_error *why)
     if (rc == 0 && csv_expect(csv, header, why) < 0)
         rc = csv_refuse(csv, why, "expected the file of another campaign (--runs N --csv FILE)");
     while (rc == 0 && (rc = csv_next(csv, why)) > 0)
-        rc = take_row(c, csv, why);
+        rc = take_former_row(c, csv, why);
     csv_close(csv);
     free(header);
     return rc;

@@ -54,7 +54,7 @@ static double next_to(const struct trace *trace, double t)
     return trace->value[low];
 }
 
-static double span(const struct trace *trace)
+static double trace_span(const struct trace *trace)
 {
     double low = HUGE_VAL, high = -HUGE_VAL;
     for (size_t i = 0; i < trace->n; i++) {
@@ -82,7 +82,7 @@ static double step_of(const struct samples *s, int id)
 static void print_variable(const struct compare *c, const struct trace *sim, const struct trace *rec,
                            const struct apc_tag *tag, struct print_table *table)
 {
-    double scale = tag->table == APC_SENSOR ? step_of(c->simulated, tag->id) : span(sim);
+    double scale = tag->table == APC_SENSOR ? step_of(c->simulated, tag->id) : trace_span(sim);
     double worst = 0, at = 0, sum = 0;
     size_t n = 0, simulated = 0;
     for (size_t i = 0; i < sim->n; i++)
@@ -121,8 +121,8 @@ struct comparison {
     double end; /* s */
 };
 
-static int take_variable(struct comparison *z, const struct samples *recorded, const struct apc_tag *tag,
-                         const struct apc_tag *setpoint)
+static int take_compared_variable(struct comparison *z, const struct samples *recorded,
+                                  const struct apc_tag *tag, const struct apc_tag *setpoint)
 {
     const struct samples *simulated = z->c->simulated, *unchanged = z->c->unchanged;
     struct variable *v = &z->of[z->n++];
@@ -137,7 +137,7 @@ static int take_variable(struct comparison *z, const struct samples *recorded, c
     return rc;
 }
 
-static bool shown(const struct variable *v)
+static bool is_difference_shown(const struct variable *v)
 {
     return v->simulated.n > 0 && v->recorded.n > 0;
 }
@@ -153,11 +153,11 @@ static size_t panels_of(const struct comparison *z)
 {
     size_t n = 0;
     for (size_t i = 0; i < z->n && n < PANELS; i++)
-        n += shown(&z->of[i]);
+        n += is_difference_shown(&z->of[i]);
     return n;
 }
 
-static double height_of(const struct comparison *z)
+static double comparison_height(const struct comparison *z)
 {
     return TOP + PANEL * (double)panels_of(z) + FOOT;
 }
@@ -173,10 +173,10 @@ static void put_trace(FILE *script, const char *name, size_t i, const struct tra
     fputs("END\n", script);
 }
 
-static void put_panel(FILE *script, const struct comparison *z, size_t i, size_t row)
+static void put_difference_panel(FILE *script, const struct comparison *z, size_t i, size_t row)
 {
     const struct variable *v = &z->of[i];
-    const double height = height_of(z), top = TOP + PANEL * (double)row;
+    const double height = comparison_height(z), top = TOP + PANEL * (double)row;
     const char *how = v->tag->table == APC_SENSOR ? "lines" : "steps";
     fprintf(script,
             "%sset lmargin at screen 0.09\nset rmargin at screen 0.97\nset tmargin at screen %.5f\n"
@@ -210,13 +210,13 @@ static void put_panel(FILE *script, const struct comparison *z, size_t i, size_t
                              : "simulated");
 }
 
-static void put_figure(FILE *script, void *ctx, bool first)
+static void put_comparison_figure(FILE *script, void *ctx, bool first)
 {
     const struct comparison *z = ctx;
     size_t row = 0;
     for (size_t i = 0; i < z->n && row < PANELS; i++) {
         const struct variable *v = &z->of[i];
-        if (!shown(v))
+        if (!is_difference_shown(v))
             continue;
         if (first) {
             put_trace(script, "was", i, &v->recorded, z->end);
@@ -224,14 +224,14 @@ static void put_figure(FILE *script, void *ctx, bool first)
             put_trace(script, "else", i, &v->unchanged, z->end);
             put_trace(script, "is", i, &v->simulated, z->end);
         }
-        put_panel(script, z, i, row++);
+        put_difference_panel(script, z, i, row++);
     }
 }
 
 /* ---- All of it ------------------------------------------------------------------------------ */
 
 /* Has the run the same signals? Another name is only said: a copy of an experiment is called otherwise. */
-static int check_experiment(const struct experiment *e, const char *dir, FILE *out, struct apc_error *why)
+static int check_same_signals(const struct experiment *e, const char *dir, FILE *out, struct apc_error *why)
 {
     struct experiment other;
     char differs[PROVISION_TEXT];
@@ -260,7 +260,7 @@ static int print_comparison(const struct comparison *z, bool unchanged, FILE *ou
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < z->n; i++)
-        if (shown(&z->of[i]))
+        if (is_difference_shown(&z->of[i]))
             print_variable(z->c, unchanged ? &z->of[i].unchanged : &z->of[i].simulated, &z->of[i].recorded,
                            z->of[i].tag, &table);
     const int rc = print_table_show(&table, out, false, 0, "\n");
@@ -291,17 +291,18 @@ int compare_run(const struct compare *c, const struct experiment *e, FILE *out, 
                   : apc_fail(why, APC_ENOMEM, "out of memory");
 
     if (rc == 0)
-        rc = check_experiment(e, c->dir, out, why);
+        rc = check_same_signals(e, c->dir, out, why);
     for (size_t i = 0; rc == 0 && i < e->dim.ny; i++)
-        rc = take_variable(&z, &recorded, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
+        rc = take_compared_variable(&z, &recorded, &e->y[i].tag, i < e->dim.nz ? &e->z[i].tag : NULL);
     for (size_t i = 0; rc == 0 && i < e->dim.nu; i++)
-        rc = take_variable(&z, &recorded, &e->u[i].tag, NULL);
+        rc = take_compared_variable(&z, &recorded, &e->u[i].tag, NULL);
     if (rc == 0)
         rc = print_all(&z, out);
     if (rc == APC_ENOMEM)
         apc_fail(why, rc, "out of memory");
     if (rc == 0 && c->figure && panels_of(&z) > 0 &&
-        (rc = gnuplot_figure(c->figure, REPORT_WIDTH, height_of(&z), put_figure, &z, why)) == 0)
+        (rc = gnuplot_figure(c->figure, REPORT_WIDTH, comparison_height(&z), put_comparison_figure, &z,
+                             why)) == 0)
         fprintf(out, "figure:  %s.svg, %s.png\n", c->figure, c->figure);
     for (size_t i = 0; i < z.n; i++) {
         release(&z.of[i].simulated);

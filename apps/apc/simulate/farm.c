@@ -88,7 +88,7 @@ static void take_signal(struct farm *farm, const struct workers *w, apc_ns *stop
 }
 
 /* Was it one of them? A plant may have processes, too. */
-static bool forget(struct workers *w, pid_t pid)
+static bool forget_worker(struct workers *w, pid_t pid)
 {
     bool was = false;
 
@@ -101,7 +101,8 @@ static bool forget(struct workers *w, pid_t pid)
 }
 
 /* Wait for the workers; the signals are blocked. Returns 0, or APC_ESYS when one of them died. */
-static int follow(struct farm *farm, struct workers *w, const sigset_t *signals, struct apc_error *why)
+static int follow_workers(struct farm *farm, struct workers *w, const sigset_t *signals,
+                          struct apc_error *why)
 {
     const struct timespec look = {0, 100 * APC_NS_PER_MS};
     unsigned left = w->n;
@@ -115,7 +116,7 @@ static int follow(struct farm *farm, struct workers *w, const sigset_t *signals,
         for (pid_t pid; left > 0 && (pid = waitpid(-1, &status, WNOHANG)) != 0;) {
             if (pid < 0 && errno != EINTR)
                 return apc_fail(why, APC_ESYS, "a process was lost: %s", strerror(errno));
-            const bool was = forget(w, pid);
+            const bool was = forget_worker(w, pid);
             left -= was;
             if (was && stopped == 0 && (!WIFEXITED(status) || WEXITSTATUS(status) != 0))
                 rc = apc_fail(why, APC_ESYS, "a process of the campaign died%s: runs are missing",
@@ -143,7 +144,7 @@ int farm_run(struct farm *farm, unsigned processes, void (*work)(void *ctx, unsi
     sigemptyset(&signals);
     sigaddset(&signals, SIGINT);
     sigaddset(&signals, SIGTERM);
-    sigaddset(&signals, SIGCHLD); /* only to wake follow() up */
+    sigaddset(&signals, SIGCHLD); /* only to wake follow_workers() up */
     sigprocmask(SIG_BLOCK, &signals, &before);
     fflush(NULL);
     while (w.n < n && rc == 0) {
@@ -162,7 +163,7 @@ int farm_run(struct farm *farm, unsigned processes, void (*work)(void *ctx, unsi
         }
     }
     struct apc_error died = {""};
-    int followed = follow(farm, &w, &signals, &died);
+    int followed = follow_workers(farm, &w, &signals, &died);
     if (rc == 0 && followed < 0)
         *why = died;
     free(w.pid);

@@ -35,7 +35,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_replay_options(int key, char *arg, struct argp_state *state)
 {
     struct replay_options *o = state->input;
     switch (key) {
@@ -67,7 +67,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_replay_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "RUN",
@@ -88,13 +88,13 @@ struct replay_command {
     FILE *csv, *talk;
 };
 
-static int fail(const struct replay_command *c, int err, const struct apc_error *why)
+static int fail_replay(const struct replay_command *c, int err, const struct apc_error *why)
 {
     cli_error(&c->cli, err, "%s", why->text);
     return err;
 }
 
-static void put_output(void *ctx, double t, const char *loop, double recorded, double replayed)
+static void put_replayed_output(void *ctx, double t, const char *loop, double recorded, double replayed)
 {
     const struct replay_command *c = ctx;
     char a[40], b[40];
@@ -174,31 +174,32 @@ static int replay(struct replay_command *c)
     const char *csv = c->options.csv;
     int rc = replay_load(&c->replay, c->cli.args[0], &c->options.overrides, &why);
     if (rc < 0)
-        return fail(c, rc, &why);
+        return fail_replay(c, rc, &why);
     if (ticks_of(c) == 0) {
         cli_error(&c->cli, APC_ENOTFOUND, "%s/" TICKS_FILE " holds no ticks", c->cli.args[0]);
         return APC_ENOTFOUND;
     }
     if (c->options.virtually) {
         if ((rc = replay_virtual(&c->replay)) < 0)
-            return fail(c, rc, &c->replay.why);
+            return fail_replay(c, rc, &c->replay.why);
         return print_exactness(c) ? 0 : APC_ESTATE;
     }
     if (csv && (rc = folder_spare(csv, c->options.force, &why)) < 0)
-        return fail(c, rc, &why);
+        return fail_replay(c, rc, &why);
     if (csv && !(c->csv = !strcmp(csv, "-") ? stdout : fopen(csv, "we"))) {
         cli_error(&c->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
         return APC_ESYS;
     }
     if (c->csv)
         fputs("time,loop,recorded,replayed\n", c->csv);
-    rc = replay_run(&c->replay, &(struct replay_watch){.output = put_output, .notice = put_notice, .ctx = c});
+    rc = replay_run(&c->replay,
+                    &(struct replay_watch){.output = put_replayed_output, .notice = put_notice, .ctx = c});
     if (c->csv && c->csv != stdout && fclose(c->csv) != 0) {
         cli_error(&c->cli, APC_ESYS, "%s: cannot be written: %s", csv, strerror(errno));
         return APC_ESYS;
     }
     if (rc < 0)
-        return fail(c, rc, &c->replay.why);
+        return fail_replay(c, rc, &c->replay.why);
     if ((rc = print_differences(c)) < 0) {
         cli_error(&c->cli, rc, "out of memory");
         return rc;

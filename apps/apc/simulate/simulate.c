@@ -104,7 +104,7 @@ static const struct argp_option option_list[] = {
 };
 
 /* Decimal digits only: strtoull() takes a sign, and takes it as a negative number's complement. */
-static bool parse_whole(const char *text, uint64_t low, uint64_t high, uint64_t *value)
+static bool parse_whole_unsigned(const char *text, uint64_t low, uint64_t high, uint64_t *value)
 {
     char *end;
     if (*text < '0' || *text > '9')
@@ -114,14 +114,14 @@ static bool parse_whole(const char *text, uint64_t low, uint64_t high, uint64_t 
     return errno == 0 && *end == '\0' && *value >= low && *value <= high;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_simulate_options(int key, char *arg, struct argp_state *state)
 {
     struct simulate_options *o = state->input;
     struct apc_error why;
     uint64_t number = 1;
     switch (key) {
     case 's':
-        if (!parse_whole(arg, 0, UINT64_MAX, &o->seed))
+        if (!parse_whole_unsigned(arg, 0, UINT64_MAX, &o->seed))
             argp_error(state, "--seed \"%s\": must be a whole number, 0 to 18446744073709551615", arg);
         o->seeded = true;
         break;
@@ -130,12 +130,12 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "--duration \"%s\": must be seconds, above 0 up to 31622400", arg);
         break;
     case 'n':
-        if (!parse_whole(arg, 1, 1000000, &number))
+        if (!parse_whole_unsigned(arg, 1, 1000000, &number))
             argp_error(state, "--runs \"%s\": must be 1 to 1000000", arg);
         o->runs = (unsigned)number;
         break;
     case 'j':
-        if (!parse_whole(arg, 1, 1024, &number))
+        if (!parse_whole_unsigned(arg, 1, 1024, &number))
             argp_error(state, "--jobs \"%s\": must be 1 to 1024", arg);
         o->jobs = (unsigned)number;
         break;
@@ -224,7 +224,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_simulate_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
@@ -246,7 +246,7 @@ struct simulate {
     FILE *talk;    /* where the summary goes: stdout, unless the samples go there */
 };
 
-static int refuse(const struct simulate *r, int rc, const struct apc_error *why)
+static int refuse_simulation(const struct simulate *r, int rc, const struct apc_error *why)
 {
     cli_error(&r->cli, rc, "%s", why->text);
     return rc;
@@ -268,7 +268,7 @@ static int check_outputs(const struct simulate *r)
         umask(077); /* the record of a plant is its owner's */
         rc = folder_create(r->options.report, &r->e, r->options.force, &why);
     }
-    return rc < 0 ? refuse(r, rc, &why) : 0;
+    return rc < 0 ? refuse_simulation(r, rc, &why) : 0;
 }
 
 /* ---- The samples -------------------------------------------------------------------------- */
@@ -301,7 +301,7 @@ static void print_hash(struct simulate *r, EVP_MD_CTX *digest)
 }
 
 /* Also of a run that ended early. */
-static int put_samples(struct simulate *r)
+static int put_simulated_samples(struct simulate *r)
 {
     const char *path = r->options.csv;
     const bool to_stdout = path && !strcmp(path, "-");
@@ -348,7 +348,7 @@ static void print_parameters(const struct simulate *r)
     free(p);
 }
 
-static void print_controller(const struct simulate *r, const struct simulated *c)
+static void print_simulated_controller(const struct simulate *r, const struct simulated *c)
 {
     const uint64_t failures = simulated_failures(c);
     if (c->held > 0)
@@ -378,7 +378,7 @@ static void print_tasks(const struct simulate *r)
                 (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
                 (unsigned long long)link.timeouts, (unsigned long long)link.exchanges);
     for (size_t i = 0; i < r->e.n_controllers; i++)
-        print_controller(r, &r->s.controller[i]);
+        print_simulated_controller(r, &r->s.controller[i]);
 }
 
 struct listing {
@@ -417,8 +417,8 @@ static void print_json_parameters(const struct simulate *r)
     free(p);
 }
 
-static void print_json(const struct simulate *r, const struct figures *figures,
-                       const struct alarm_figures *alarms)
+static void print_simulation_json(const struct simulate *r, const struct figures *figures,
+                                  const struct alarm_figures *alarms)
 {
     struct apc_inproc_stats link = {.size = sizeof link};
     struct apc_timing timing = {.size = sizeof timing};
@@ -447,15 +447,15 @@ static void print_json(const struct simulate *r, const struct figures *figures,
     puts("}");
 }
 
-static int leave_report(const struct simulate *r)
+static int leave_simulation_report(const struct simulate *r)
 {
     struct apc_error why;
     int rc = simulation_export(&r->s, r->options.report, "apc simulate", 0, &why);
     if (rc < 0)
-        return refuse(r, rc, &why);
+        return refuse_simulation(r, rc, &why);
     rc = report_leave(&r->cli, r->options.report, &r->e, r->e.title, NULL, &why);
     if (rc < 0)
-        return refuse(r, rc, &why);
+        return refuse_simulation(r, rc, &why);
     if (rc > 0)
         fprintf(r->talk, "report:  %s/report.png, report.svg\n", r->options.report);
     return 0;
@@ -489,7 +489,7 @@ static void tell_operation(const struct simulate *r)
             n);
 }
 
-static int make_alarms(const struct simulate *r, struct alarm_figures *alarms)
+static int make_alarm_figures(const struct simulate *r, struct alarm_figures *alarms)
 {
     struct alarm_journal journal;
     apc_ns ended = 0;
@@ -502,15 +502,15 @@ static int make_alarms(const struct simulate *r, struct alarm_figures *alarms)
     return rc;
 }
 
-static int put_figures(const struct simulate *r)
+static int put_simulation_figures(const struct simulate *r)
 {
     struct figures figures;
     struct alarm_figures alarms;
     int rc = figures_make(&figures, &r->s.course, &r->e);
-    const int made = make_alarms(r, &alarms);
+    const int made = make_alarm_figures(r, &alarms);
     rc = rc < 0 ? rc : made;
     if (rc == 0 && r->options.json)
-        print_json(r, &figures, &alarms);
+        print_simulation_json(r, &figures, &alarms);
     else if (rc == 0)
         rc = figures_print(&figures, &r->s.course, &r->e, ROWS, r->talk);
     if (rc == 0 && !r->options.json && r->e.n_alarms > 0)
@@ -522,7 +522,7 @@ static int put_figures(const struct simulate *r)
     return rc;
 }
 
-static int compare(struct simulate *r)
+static int compare_with_run(struct simulate *r)
 {
     const struct whatif *from = &r->options.from;
     struct apc_error why;
@@ -532,10 +532,10 @@ static int compare(struct simulate *r)
                               .dir = r->options.compare ? r->options.compare : from->dir,
                               .figure = r->options.figure};
     int rc = compare_run(&c, &r->e, r->talk, &why);
-    return rc < 0 ? refuse(r, rc, &why) : 0;
+    return rc < 0 ? refuse_simulation(r, rc, &why) : 0;
 }
 
-static void keep_first(int *rc, int next)
+static void keep_first_code(int *rc, int next)
 {
     if (*rc == 0)
         *rc = next;
@@ -543,7 +543,7 @@ static void keep_first(int *rc, int next)
 
 static struct simulation *running;
 
-static void on_signal(int number)
+static void on_simulate_signal(int number)
 {
     (void)number;
     simulation_interrupt(running);
@@ -551,9 +551,9 @@ static void on_signal(int number)
 
 /* The first one ends the run and keeps what there is, the second ends the process, also when a law does not
  * return. */
-static void catch_signals(void)
+static void catch_simulate_signals(void)
 {
-    struct sigaction action = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
+    struct sigaction action = {.sa_handler = on_simulate_signal, .sa_flags = (int)SA_RESETHAND};
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
@@ -566,14 +566,14 @@ static int simulate_once(struct simulate *r)
     int rc = 0;
     const bool from = r->options.from.dir[0];
     if (from && (rc = whatif_load(&r->options.from, &r->e, &why)) < 0)
-        return refuse(r, rc, &why);
+        return refuse_simulation(r, rc, &why);
     r->options.seed = from ? r->options.from.was.seed : r->options.seed;
     running = &r->s;
-    catch_signals();
+    catch_simulate_signals();
     rc = from ? whatif_begin(&r->options.from, &r->s, &r->e, &why)
               : simulation_create(&r->s, &r->e, r->options.seed, &why);
     if (rc < 0)
-        return refuse(r, rc, &why);
+        return refuse_simulation(r, rc, &why);
     int ended = simulation_run(&r->s, r->e.duration);
     print_speed(r, apc_clock_mono(NULL) - began);
     if (r->s.interrupted)
@@ -587,14 +587,14 @@ static int simulate_once(struct simulate *r)
         return rc;
     }
     /* Each of them, also when one before it failed: the run may have been long. */
-    rc = put_samples(r);
-    keep_first(&rc, put_figures(r));
+    rc = put_simulated_samples(r);
+    keep_first_code(&rc, put_simulation_figures(r));
     if (from && ended == 0 && rc == 0 && (rc = whatif_judge(&r->options.from, r->talk, &why)) < 0)
-        refuse(r, rc, &why);
+        refuse_simulation(r, rc, &why);
     if (r->options.compare || from)
-        keep_first(&rc, compare(r));
+        keep_first_code(&rc, compare_with_run(r));
     if (r->options.report)
-        keep_first(&rc, leave_report(r));
+        keep_first_code(&rc, leave_simulation_report(r));
     if (ended < 0)
         cli_error(&r->cli, ended, "%s", r->s.why.text);
     return ended < 0 ? ended : rc;
@@ -636,7 +636,7 @@ static int sweep(struct simulate *r, const struct campaign_options *campaign)
     int rc =
         e ? experiment_value(&r->e, o->sweep.path, &now, &why) : apc_fail(&why, APC_ENOMEM, "out of memory");
     if (rc < 0)
-        refuse(r, rc, &why);
+        refuse_simulation(r, rc, &why);
     o->set.at[o->set.n++] = (struct experiment_setting){o->sweep.path, o->value};
     o->overrides.set = o->set.at;
     o->overrides.n_set = o->set.n;
@@ -644,12 +644,12 @@ static int sweep(struct simulate *r, const struct campaign_options *campaign)
         sweep_value(&o->sweep, i, o->value);
         rc = experiment_load(&e[i], r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &o->overrides, &why);
         if (rc < 0)
-            refuse(r, rc, &why);
+            refuse_simulation(r, rc, &why);
         else
             rc = override(r, &e[i]);
     }
     if (rc == 0 && (rc = sweep_run(&o->sweep, e, now, campaign, o->figure, &why)) < 0)
-        refuse(r, rc, &why);
+        refuse_simulation(r, rc, &why);
     for (unsigned i = 0; e && i < o->sweep.n; i++)
         experiment_free(&e[i]);
     free(e);
@@ -664,7 +664,7 @@ static int simulate(struct simulate *r)
     int rc = experiment_load(&r->e, r->cli.args[0], EXPERIMENT_MODEL | EXPERIMENT_LAW, &r->options.overrides,
                              &why);
     if (rc < 0)
-        return refuse(r, rc, &why);
+        return refuse_simulation(r, rc, &why);
     warn(&r->cli, &r->e);
     if ((rc = override(r, &r->e)) < 0)
         return rc;
@@ -689,7 +689,7 @@ static int simulate(struct simulate *r)
     if (r->options.sweep.n)
         return sweep(r, &campaign);
     rc = campaign_run(&r->e, &campaign, &why);
-    return rc < 0 ? refuse(r, rc, &why) : rc;
+    return rc < 0 ? refuse_simulation(r, rc, &why) : rc;
 }
 
 int command_simulate(int argc, char **argv)

@@ -13,7 +13,7 @@ static int by_value(const void *a, const void *b)
 }
 
 /* Nearest rank. */
-static double percentile(const double *sorted, size_t n, unsigned percent)
+static double percentile_of_sorted(const double *sorted, size_t n, unsigned percent)
 {
     return n > 0 ? sorted[(n * percent + 99) / 100 - 1] : none;
 }
@@ -52,8 +52,8 @@ struct statistic statistic_of(double *values, const uint64_t *seed, size_t n)
         s.half = student(n - 1) * s.sd / sqrt((double)n);
     }
     qsort(values, n, sizeof *values, by_value);
-    s.median = percentile(values, n, 50);
-    s.p95 = percentile(values, n, 95);
-    s.p99 = percentile(values, n, 99);
+    s.median = percentile_of_sorted(values, n, 50);
+    s.p95 = percentile_of_sorted(values, n, 95);
+    s.p99 = percentile_of_sorted(values, n, 99);
     return s;
 }

@@ -85,7 +85,7 @@ static const struct point *point_of(const struct swept *z, unsigned i, size_t lo
     return &z->point[i * z->campaign->loops + loop];
 }
 
-static int gather(struct swept *z)
+static int gather_sweep(struct swept *z)
 {
     const struct campaign *c = z->campaign;
     const unsigned runs = c->options->runs;
@@ -107,7 +107,7 @@ static int gather(struct swept *z)
     return good ? 0 : APC_ENOMEM;
 }
 
-static void put_number(struct print_table *t, int digits, double value)
+static void put_sweep_number(struct print_table *t, int digits, double value)
 {
     if (isnan(value))
         print_cell(t, PRINT_PLAIN, "-");
@@ -143,9 +143,9 @@ static int put_table(const struct swept *z)
             put_count(&t, several ? p->made : 0);
             put_count(&t, p->diverged);
             for (size_t k = 0; k < SHOWN; k++) {
-                put_number(&t, 5, p->of[shown[k]].mean);
+                put_sweep_number(&t, 5, p->of[shown[k]].mean);
                 if (several)
-                    put_number(&t, 3, p->of[shown[k]].half);
+                    put_sweep_number(&t, 3, p->of[shown[k]].half);
                 else
                     print_cell(&t, PRINT_PLAIN, "%s", "");
             }
@@ -155,7 +155,7 @@ static int put_table(const struct swept *z)
     return rc;
 }
 
-static int put_csv(const struct swept *z, struct apc_error *why)
+static int put_sweep_csv(const struct swept *z, struct apc_error *why)
 {
     const struct campaign *c = z->campaign;
     const char *path = c->options->csv;
@@ -187,7 +187,7 @@ static int put_csv(const struct swept *z, struct apc_error *why)
     return failed ? apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)) : 0;
 }
 
-static void put_json(const struct swept *z)
+static void put_sweep_json(const struct swept *z)
 {
     const struct campaign *c = z->campaign;
     putchar('{');
@@ -227,12 +227,12 @@ static size_t rows_of(const struct swept *z)
     return z->campaign->loops < ROWS ? z->campaign->loops : ROWS;
 }
 
-static double height_of(const struct swept *z)
+static double sweep_height(const struct swept *z)
 {
     return TOP + 22.0 + ROW * (double)rows_of(z);
 }
 
-static void put_blocks(FILE *script, const struct swept *z)
+static void put_sweep_blocks(FILE *script, const struct swept *z)
 {
     for (size_t loop = 0; loop < rows_of(z); loop++) {
         fprintf(script, "$loop%zu << END\n", loop);
@@ -268,10 +268,10 @@ static void put_marks(FILE *script, const struct swept *z, size_t loop, enum met
                     value_of(z->sweep, i));
 }
 
-static void put_panel(FILE *script, const struct swept *z, size_t loop, size_t k)
+static void put_sweep_panel(FILE *script, const struct swept *z, size_t loop, size_t k)
 {
     static const char *const name[] = {"IAE", "overshoot %", "effort"};
-    const double height = height_of(z), top = TOP + ROW * (double)loop;
+    const double height = sweep_height(z), top = TOP + ROW * (double)loop;
     char title[APC_TAG_LEN + 32];
     snprintf(title, sizeof title, "%s: %s", z->campaign->loop[loop].name, name[k]);
     fprintf(script, "%sset lmargin at screen %.4f\nset rmargin at screen %.4f\n", report_panel_style,
@@ -305,19 +305,19 @@ static void put_panel(FILE *script, const struct swept *z, size_t loop, size_t k
             loop, 3 * k + 2);
 }
 
-static void put_figure(FILE *script, void *ctx, bool first)
+static void put_sweep_figure(FILE *script, void *ctx, bool first)
 {
     const struct swept *z = ctx;
     if (first)
-        put_blocks(script, z);
+        put_sweep_blocks(script, z);
     for (size_t loop = 0; loop < rows_of(z); loop++)
         for (size_t k = 0; k < SHOWN; k++)
-            put_panel(script, z, loop, k);
+            put_sweep_panel(script, z, loop, k);
 }
 
 /* ---- All of it ----------------------------------------------------------------------------- */
 
-static void keep_first(int *rc, int next)
+static void keep_first_error(int *rc, int next)
 {
     if (*rc >= 0)
         *rc = next;
@@ -342,18 +342,19 @@ static int failures(const struct swept *z, unsigned i, struct apc_error *why)
     return 0;
 }
 
-static int show(const struct swept *z, const char *figure, struct apc_error *why)
+static int show_sweep(const struct swept *z, const char *figure, struct apc_error *why)
 {
     const struct campaign_options *o = z->campaign->options;
     int rc = 0;
     if (o->json)
-        put_json(z);
+        put_sweep_json(z);
     else if (put_table(z) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     if (o->csv)
-        keep_first(&rc, put_csv(z, why));
+        keep_first_error(&rc, put_sweep_csv(z, why));
     if (figure && rc == 0 &&
-        (rc = gnuplot_figure(figure, REPORT_WIDTH, height_of(z), put_figure, (void *)(uintptr_t)z, why)) == 0)
+        (rc = gnuplot_figure(figure, REPORT_WIDTH, sweep_height(z), put_sweep_figure, (void *)(uintptr_t)z,
+                             why)) == 0)
         fprintf(o->talk, "figure:  %s.svg, %s.png%s\n", figure, figure,
                 rows_of(z) < z->campaign->loops ? ": of the first loops" : "");
     return rc;
@@ -375,8 +376,8 @@ int sweep_run(const struct sweep *sweep, const struct experiment *e, double now,
     int rc = campaigns_make(c, sweep->n, e, loop, options, why);
     if (rc == 0) {
         rc = campaigns_run(c, sweep->n, why);
-        const int said =
-            gather(&z) < 0 ? apc_fail(&next, APC_ENOMEM, "out of memory") : show(&z, figure, &next);
+        const int said = gather_sweep(&z) < 0 ? apc_fail(&next, APC_ENOMEM, "out of memory")
+                                              : show_sweep(&z, figure, &next);
         if (rc == 0 && (rc = said) < 0)
             *why = next;
         for (unsigned i = 0; i < sweep->n && rc == 0; i++)

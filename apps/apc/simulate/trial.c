@@ -35,7 +35,7 @@ static double beyond(const struct experiment *e, const struct course *c)
     return c->end > 0 ? time / c->end : 0;
 }
 
-static void make(struct trial *t, const struct experiment *e, uint64_t seed)
+static void make_trial(struct trial *t, const struct experiment *e, uint64_t seed)
 {
     struct simulation s;
     struct figures figures = {0};
@@ -72,7 +72,7 @@ static void make_apart(struct trial *t, const struct experiment *e, uint64_t see
     if (pid == 0) {
         prctl(PR_SET_PDEATHSIG, SIGKILL);
         if (getppid() == parent)
-            make(t, e, seed);
+            make_trial(t, e, seed);
         _exit(0);
     }
     while (pid > 0 && waitpid(pid, &status, 0) < 0 && errno == EINTR)
@@ -104,5 +104,5 @@ void trial_make(struct trial *t, const struct experiment *e, uint64_t seed)
     if (any_plugin(e))
         make_apart(t, e, seed);
     else
-        make(t, e, seed);
+        make_trial(t, e, seed);
 }

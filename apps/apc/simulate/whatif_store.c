@@ -22,7 +22,7 @@ struct beginning {
     apc_ns zero;
 };
 
-static int take_tick(void *ctx, const struct apc_vector *tick)
+static int take_whatif_tick(void *ctx, const struct apc_vector *tick)
 {
     struct beginning *b = ctx;
     if (tick->n <= INDEX)
@@ -48,7 +48,7 @@ static int find_start(struct apc_store *store, const struct experiment *e, apc_n
     const struct controller *c = &e->controllers[0];
     struct beginning b = {.c = c, .zero = INT64_MAX};
     apc_ns first = INT64_MAX, round = e->scheduler.rhythm.period * (apc_ns)e->scheduler.steps;
-    int rc = apc_store_vectors(store, APC_TICK, c->number, &ticks, take_tick, &b);
+    int rc = apc_store_vectors(store, APC_TICK, c->number, &ticks, take_whatif_tick, &b);
     if (rc >= 0 && b.zero == INT64_MAX)
         return apc_fail(why, APC_ENOTFOUND, "controller %s has no tick on record before that time", c->name);
     b.zero -= (b.zero % GRAIN + GRAIN) % GRAIN;
@@ -62,8 +62,8 @@ static int find_start(struct apc_store *store, const struct experiment *e, apc_n
     return 0;
 }
 
-static int make_folder(struct whatif *w, struct apc_store *store, const struct experiment *e,
-                       struct apc_error *why)
+static int make_whatif_folder(struct whatif *w, struct apc_store *store, const struct experiment *e,
+                              struct apc_error *why)
 {
     struct folder_facts facts = {.by = "apc simulate --from", .timer = "", .store = w->store, .host = ""};
     const char *tmp = getenv("TMPDIR");
@@ -99,14 +99,14 @@ int whatif_store_take(struct whatif *w, const char *file, struct apc_error *why)
     w->dir[0] = '\0';
     if (rc == 0)
         rc = store_open(&store, w->store, &options, why);
-    if (rc == 0 && (rc = make_folder(w, store, &e, &reason)) < 0)
+    if (rc == 0 && (rc = make_whatif_folder(w, store, &e, &reason)) < 0)
         apc_fail(why, rc, "%s: %s", w->spec, reason.text);
     apc_store_close(store);
     experiment_free(&e);
     return rc;
 }
 
-static int drop(const char *path, const struct stat *what, int kind, struct FTW *at)
+static int drop_folder_entry(const char *path, const struct stat *what, int kind, struct FTW *at)
 {
     (void)what;
     (void)kind;
@@ -117,5 +117,5 @@ static int drop(const char *path, const struct stat *what, int kind, struct FTW 
 void whatif_store_drop(struct whatif *w)
 {
     if (w->store[0] && w->dir[0])
-        (void)nftw(w->dir, drop, 16, FTW_DEPTH | FTW_PHYS);
+        (void)nftw(w->dir, drop_folder_entry, 16, FTW_DEPTH | FTW_PHYS);
 }
