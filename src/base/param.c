@@ -16,8 +16,9 @@ int apc_params_check(const struct apc_param *param, size_t n, const char *owner,
         if (!param[i].name)
             return apc_fail(why, APC_EINVAL, "%s: parameter %zu has no name", owner, i + 1);
         if (!apc_param_accepts(&param[i], param[i].initial))
-            return apc_fail(why, APC_EINVAL, "%s: parameter %s starts at %g, outside its own range %g to %g",
-                            owner, param[i].name, param[i].initial, param[i].low, param[i].high);
+            return apc_fail(why, APC_EINVAL,
+                            "%s: parameter %s starts at %.15g, outside its own range %.15g to %.15g", owner,
+                            param[i].name, param[i].initial, param[i].low, param[i].high);
     }
     return 0;
 }

@@ -507,9 +507,9 @@ static int check_parameter(const struct apc_instances *s, size_t i, double value
     if (apc_param_accepts(param, value))
         return 0;
     if (p.scope == APC_OF_LAW)
-        return apc_fail(why, APC_ERANGE, "%s: %g is not within %g to %g", param->name, value, param->low,
-                        param->high);
-    return apc_fail(why, APC_ERANGE, "%s of %s %zu: %g is not within %g to %g", param->name,
+        return apc_fail(why, APC_ERANGE, "%s: %.15g is not within %.15g to %.15g", param->name, value,
+                        param->low, param->high);
+    return apc_fail(why, APC_ERANGE, "%s of %s %zu: %.15g is not within %.15g to %.15g", param->name,
                     p.scope == APC_OF_OUTPUT ? "output" : "measurement", p.of + 1, value, param->low,
                     param->high);
 }

@@ -40,8 +40,9 @@ int apc_law_check_order(const struct apc_law *law, const struct apc_law_setup *s
         const double *p = tuning + i * law->n_tuning;
 
         if (p[lower] > p[upper])
-            return apc_fail(why, APC_ERANGE, "output %zu: %s = %g is above %s = %g", setup->output + i + 1,
-                            law->tuning[lower].name, p[lower], law->tuning[upper].name, p[upper]);
+            return apc_fail(why, APC_ERANGE, "output %zu: %s = %.15g is above %s = %.15g",
+                            setup->output + i + 1, law->tuning[lower].name, p[lower], law->tuning[upper].name,
+                            p[upper]);
     }
     return 0;
 }

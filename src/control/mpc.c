@@ -474,14 +474,14 @@ static int mpc_check_tuning(const struct apc_law_setup *setup, const double *wan
         const double *at = wanted + j * N_OF_U;
 
         if (at[U_MIN] > at[U_MAX])
-            return apc_fail(why, APC_ERANGE, "output %zu: u_min = %g is above u_max = %g", j + 1, at[U_MIN],
-                            at[U_MAX]);
+            return apc_fail(why, APC_ERANGE, "output %zu: u_min = %.15g is above u_max = %.15g", j + 1,
+                            at[U_MIN], at[U_MAX]);
     }
     for (size_t i = 0; i < setup->dim.ny; i++) {
         const double *at = wanted + setup->dim.nu * N_OF_U + i * N_OF_Y;
 
         if (at[Y_MIN] > at[Y_MAX])
-            return apc_fail(why, APC_ERANGE, "measurement %zu: y_min = %g is above y_max = %g", i + 1,
+            return apc_fail(why, APC_ERANGE, "measurement %zu: y_min = %.15g is above y_max = %.15g", i + 1,
                             at[Y_MIN], at[Y_MAX]);
     }
     return 0;

@@ -45,8 +45,8 @@ static int split_check_tuning(const struct apc_law_setup *setup, const double *p
 {
     if (p[FROM] < p[TO])
         return 0;
-    return apc_fail(why, APC_ERANGE, "output %zu: from = %g is not below to = %g", setup->output + 1, p[FROM],
-                    p[TO]);
+    return apc_fail(why, APC_ERANGE, "output %zu: from = %.15g is not below to = %.15g", setup->output + 1,
+                    p[FROM], p[TO]);
 }
 
 const struct apc_law apc_law_split = {

@@ -66,8 +66,8 @@ int action_check(const struct apc_tag *tag, double value, struct apc_error *why)
 {
     if (fabs(value) < APC_VALUE_MAX && value >= tag->low && value <= tag->high)
         return 0;
-    return apc_fail(why, APC_ERANGE, "%s = %g lies outside its limits %g to %g", tag->name, value, tag->low,
-                    tag->high);
+    return apc_fail(why, APC_ERANGE, "%s = %.15g lies outside its limits %.15g to %.15g", tag->name, value,
+                    tag->low, tag->high);
 }
 
 static struct controller_loop find_loop(const struct experiment *e, const char *name, struct nearest *nearest)

@@ -64,9 +64,10 @@ int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct
             p[i] = apc_distribution_draw(spread, &random);
         while (!(p[i] >= param->low && p[i] <= param->high) && ++draws < DRAWS);
         if (draws == DRAWS)
-            return apc_fail(why, APC_ERANGE,
-                            "none of %d draws of the plant's parameter %s lay within its limits, %g to %g",
-                            DRAWS, param->name, param->low, param->high);
+            return apc_fail(
+                why, APC_ERANGE,
+                "none of %d draws of the plant's parameter %s lay within its limits, %.15g to %.15g", DRAWS,
+                param->name, param->low, param->high);
     }
     return 0;
 }

@@ -45,7 +45,7 @@ static void read_rhythm(struct settings *s, const config_setting_t *group, const
     settings_number(s, group, "phase", OPTIONAL, 0, PHASE_MAX_S, &phase_s);
     const config_setting_t *phase = config_setting_get_member(group, "phase");
     if (!s->failed && phase && phase_s >= apc_ns_to_s(rhythm->period))
-        settings_fail(s, phase, "\"phase\" is %g: must be below the period, which is %g", phase_s,
+        settings_fail(s, phase, "\"phase\" is %.15g: must be below the period, which is %.15g", phase_s,
                       apc_ns_to_s(rhythm->period));
     if (!s->failed)
         apc_ns_from_s(phase_s, &rhythm->phase);
@@ -89,8 +89,8 @@ static bool read_spread(struct settings *s, const config_setting_t *member, cons
         settings_fail(s, member, "\"%s\": %s", param->name, why.text);
     *value = s->failed ? *value : apc_distribution_mean(spread);
     if (!(*value >= param->low && *value <= param->high))
-        settings_fail(s, member, "\"%s\" has a mean of %g: must be from %g to %g", param->name, *value,
-                      param->low, param->high);
+        settings_fail(s, member, "\"%s\" has a mean of %.15g: must be from %.15g to %.15g", param->name,
+                      *value, param->low, param->high);
     return true;
 }
 
@@ -301,10 +301,11 @@ static void check_lab(struct settings *s, const config_setting_t *group, const s
                       "at a serial port is a temperature control lab: two heaters and two sensors at most");
     for (size_t i = 0; i < e->dim.nu && !s->failed; i++)
         if (!(e->u[i].tag.low >= 0 && e->u[i].tag.high <= 100))
-            settings_fail(s, link,
-                          "output \"%s\" may be %g to %g: a heater of a temperature control lab takes 0 to "
-                          "100 %%; give it \"low\" and \"high\" within",
-                          e->u[i].tag.name, e->u[i].tag.low, e->u[i].tag.high);
+            settings_fail(
+                s, link,
+                "output \"%s\" may be %.15g to %.15g: a heater of a temperature control lab takes 0 to "
+                "100 %%; give it \"low\" and \"high\" within",
+                e->u[i].tag.name, e->u[i].tag.low, e->u[i].tag.high);
 }
 
 static void read_plant(struct settings *s, const config_setting_t *root, struct experiment *e,
@@ -590,8 +591,8 @@ static void read_scheduler(struct settings *s, const config_setting_t *root, str
         for (size_t i = 0; i < n && !s->failed; i++) {
             const struct apc_tag *tag = &e->z[e->scheduler.z[i].at].tag;
             if (values[i] < tag->low || values[i] > tag->high)
-                settings_fail(s, step, "setpoint %s = %g lies outside its limits %g to %g", tag->name,
-                              values[i], tag->low, tag->high);
+                settings_fail(s, step, "setpoint %s = %.15g lies outside its limits %.15g to %.15g",
+                              tag->name, values[i], tag->low, tag->high);
         }
     }
 }
@@ -613,7 +614,7 @@ static void check_rhythms(struct settings *s, const config_setting_t *root, cons
         if (is_commanding_plant(c) && client > 3 * c->rhythm.period + 100 * APC_NS_PER_MS)
             settings_fail(
                 s, config_setting_get_member(config_setting_get_member(root, "client"), "period"),
-                "\"period\" of client is %g s, of %s %g s: at most 3 of the controller's + 0.1 s, or "
+                "\"period\" of client is %.15g s, of %s %.15g s: at most 3 of the controller's + 0.1 s, or "
                 "the plant would go to its safe value between any two commands",
                 apc_ns_to_s(client), c->name, apc_ns_to_s(c->rhythm.period));
     }

@@ -159,9 +159,10 @@ static void check_deadband(struct settings *s, const config_setting_t *group, co
     const double back = is_level(a->kind) && !up ? a->limit + a->deadband : a->limit - a->deadband;
     const double low = is_level(a->kind) ? tag->low : 0, high = is_level(a->kind) ? tag->high : APC_VALUE_MAX;
     if (!s->failed && is_level_alarm(a->kind) && (back < low || back > high))
-        settings_fail(s, config_setting_get_member(group, "deadband"),
-                      "\"deadband\" is %g: the alarm would return to normal at %g, outside %g to %g only",
-                      a->deadband, back, low, high);
+        settings_fail(
+            s, config_setting_get_member(group, "deadband"),
+            "\"deadband\" is %.15g: the alarm would return to normal at %.15g, outside %.15g to %.15g only",
+            a->deadband, back, low, high);
 }
 
 static void read_alarm_signal(struct settings *s, const config_setting_t *group, const struct owner *o,
@@ -268,9 +269,9 @@ static void check_kinds(struct settings *s, const struct owner *o, size_t first)
                 settings_fail(s, o->group[i], "%s has two alarms of this kind", o->name);
             else if (is_level(low->kind) && is_level(high->kind) && a->kind != b->kind &&
                      low->limit >= high->limit)
-                settings_fail(s, o->group[i], "the limit of \"%s\", %g, must be above that of \"%s\", %g",
-                              apc_alarm_kind_name(high->kind), high->limit, apc_alarm_kind_name(low->kind),
-                              low->limit);
+                settings_fail(
+                    s, o->group[i], "the limit of \"%s\", %.15g, must be above that of \"%s\", %.15g",
+                    apc_alarm_kind_name(high->kind), high->limit, apc_alarm_kind_name(low->kind), low->limit);
         }
 }
 

@@ -236,7 +236,7 @@ static void read_limits(struct settings *s, const config_setting_t *group, struc
         struct apc_param *param = &c->param[j];
         settings_numbers(s, member, 2, limit);
         if (!s->failed && !(limit[0] >= param->low && limit[0] <= limit[1] && limit[1] <= param->high))
-            settings_fail(s, member, "limits of %s must rise and lie within the law's own, %g to %g",
+            settings_fail(s, member, "limits of %s must rise and lie within the law's own, %.15g to %.15g",
                           param->name, param->low, param->high);
         param->low = limit[0];
         param->high = limit[1];
@@ -253,8 +253,8 @@ static void check_law_tuning(struct settings *s, const config_setting_t *at, con
         const struct apc_param *param = &c->param[p.number];
         double value = c->tuning[i];
         if (value < param->low || value > param->high)
-            settings_fail(s, at, "%s of output %zu is %g, outside its \"limits\", %g to %g", param->name,
-                          p.of + 1, value, param->low, param->high);
+            settings_fail(s, at, "%s of output %zu is %.15g, outside its \"limits\", %.15g to %.15g",
+                          param->name, p.of + 1, value, param->low, param->high);
     }
 }
 
@@ -285,7 +285,7 @@ static void check_seldom(struct settings *s, const config_setting_t *group, cons
         if (y->period > c->rhythm.period)
             settings_fail(
                 s, group,
-                "%s comes every %g s, and law mpc ticks every %g s: its filter must have a gain for "
+                "%s comes every %.15g s, and law mpc ticks every %.15g s: its filter must have a gain for "
                 "when it is there and for when it is not: steady = 0 in \"settings\"",
                 y->tag.name, apc_ns_to_s(y->period), apc_ns_to_s(c->rhythm.period));
     }

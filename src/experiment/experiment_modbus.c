@@ -204,9 +204,10 @@ static void check_range(struct settings *s, const config_setting_t *entry, const
     const struct apc_tag *u = &e->u[i].tag;
     if (!s->failed &&
         (!apc_modbus_fits(&e->client.points[i], u->low) || !apc_modbus_fits(&e->client.points[i], u->high)))
-        settings_fail(s, entry,
-                      "output \"%s\" may be %g to %g: its %s cannot; give it \"low\" and \"high\" that fit",
-                      u->name, u->low, u->high, types[e->client.points[i].type]);
+        settings_fail(
+            s, entry,
+            "output \"%s\" may be %.15g to %.15g: its %s cannot; give it \"low\" and \"high\" that fit",
+            u->name, u->low, u->high, types[e->client.points[i].type]);
 }
 
 /* A register that the two sides watch each other by. */

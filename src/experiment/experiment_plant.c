@@ -149,7 +149,8 @@ static void compare_ranges(struct settings *s, const config_setting_t *group, co
             settings_fail(s, group, "%s has no limits, and %s: give output %s \"low\" and \"high\" within",
                           tag->name, why.text, tag->name);
         else
-            settings_fail(s, group, "%s may be %g to %g, and %s: give output %s \"low\" and \"high\" within",
+            settings_fail(s, group,
+                          "%s may be %.15g to %.15g, and %s: give output %s \"low\" and \"high\" within",
                           tag->name, tag->low, tag->high, why.text, tag->name);
     }
 }
@@ -313,10 +314,11 @@ int experiment_check_steps(const struct experiment *e, struct apc_error *why)
     if (apc_model_linearize(m, e->plant.p, e->plant.x0, NULL, a, b, c, d, NULL) == 0) {
         double pole = spectral_radius(a, scratch, nx);
         if (pole * period / steps > RK4_LIMIT)
-            rc = apc_fail(why, APC_ERANGE,
-                          "steps of %g s of rk4 are too long for a pole of %.3g/s: what should decay grows; "
-                          "plant.steps = %.0f would do, or another integrator",
-                          period / steps, pole, ceil(pole * period - 1e-6));
+            rc = apc_fail(
+                why, APC_ERANGE,
+                "steps of %.15g s of rk4 are too long for a pole of %.3g/s: what should decay grows; "
+                "plant.steps = %.0f would do, or another integrator",
+                period / steps, pole, ceil(pole * period - 1e-6));
     }
     free(a);
     return rc;

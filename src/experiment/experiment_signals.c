@@ -33,8 +33,8 @@ static void read_range(struct settings *s, const config_setting_t *group, const 
     if (!(value[0] < value[1]) && !(within && value[0] == value[1]))
         settings_fail(s, member, "\"%s\" must %s: [low, high]", name, within ? "not fall" : "rise");
     else if (within && (value[0] < tag->low || value[1] > tag->high))
-        settings_fail(s, member, "\"%s\" is %g to %g: must lie within the limits, %g to %g", name, value[0],
-                      value[1], tag->low, tag->high);
+        settings_fail(s, member, "\"%s\" is %.15g to %.15g: must lie within the limits, %.15g to %.15g", name,
+                      value[0], value[1], tag->low, tag->high);
     memcpy(range, value, sizeof value);
 }
 

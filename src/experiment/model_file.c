@@ -74,8 +74,8 @@ static void sample_space(const struct model *m, const config_setting_t *group, c
 
     if (p->period && p->period != c->rhythm.period) {
         settings_fail(m->s, config_setting_get_member(group, "period"),
-                      "\"period\" is %g s, that of %s %g s: they must be the same", apc_ns_to_s(p->period),
-                      m->whose, Ts);
+                      "\"period\" is %.15g s, that of %s %.15g s: they must be the same",
+                      apc_ns_to_s(p->period), m->whose, Ts);
         return;
     }
     rc = p->period ? apc_linear_from_sampled(&c->sampled, &from, Ts, &why)

@@ -177,7 +177,7 @@ static void read_pair(const struct model *m, const config_setting_t *group, stru
         settings_numbers(s, tau, (size_t)n, g->tau);
     for (int k = 0; k < n && !s->failed; k++)
         if (!(g->tau[k] > 0.0))
-            settings_fail(s, tau, "\"tau\" has %g: a time constant is above 0", g->tau[k]);
+            settings_fail(s, tau, "\"tau\" has %.15g: a time constant is above 0", g->tau[k]);
 }
 
 void model_read_transfer(const struct model *m, const config_setting_t *list, struct apc_transfer *g)
@@ -200,7 +200,7 @@ static void read_dead_times(const struct model *m, const config_setting_t *group
     read_signal_numbers(m, group, "dead_time", &m->input, p->dead_time);
     for (size_t j = 0; j < m->input.n; j++) {
         if (p->dead_time[j] < 0.0)
-            settings_fail(m->s, at, "\"dead_time\" of %s is %g: must be 0 or above", m->input.name[j],
+            settings_fail(m->s, at, "\"dead_time\" of %s is %.15g: must be 0 or above", m->input.name[j],
                           p->dead_time[j]);
         p->dead_time[j] += m->delay;
     }
@@ -223,7 +223,7 @@ static void read_filter(const struct model *m, const config_setting_t *group, st
     read_signal_numbers(m, group, "error", &m->output, p->error);
     for (size_t i = 0; i < m->output.n && !m->s->failed; i++)
         if (!(p->error[i] > 0.0))
-            settings_fail(m->s, error, "\"error\" of %s is %g: a standard deviation is above 0",
+            settings_fail(m->s, error, "\"error\" of %s is %.15g: a standard deviation is above 0",
                           m->output.name[i], p->error[i]);
 }
 

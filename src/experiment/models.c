@@ -41,7 +41,8 @@ static int take_histogram_row(struct histogram *h, const struct form *form, stru
         if (csv_number(csv, form->low + i, &number[i], why) < 0)
             return APC_EPROTO;
     if (number[1] < number[0] || number[2] < 0)
-        return csv_refuse(csv, why, "a bin from %g to %g that counts %g", number[0], number[1], number[2]);
+        return csv_refuse(csv, why, "a bin from %.15g to %.15g that counts %.15g", number[0], number[1],
+                          number[2]);
     if (h->n == h->room) {
         size_t room = h->room ? 2 * h->room : 64;
         struct apc_share *shares = reallocarray(h->shares, room, sizeof *shares);

@@ -54,8 +54,8 @@ int apc_limits_copy(double *low, double *high, const double *from_low, const dou
         low[i] = from_low ? from_low[i] : -HUGE_VAL;
         high[i] = from_high ? from_high[i] : HUGE_VAL;
         if (!(low[i] <= high[i]))
-            return apc_fail(why, APC_EINVAL, "limits %zu: low %g must not be above high %g", i + 1, low[i],
-                            high[i]);
+            return apc_fail(why, APC_EINVAL, "limits %zu: low %.15g must not be above high %.15g", i + 1,
+                            low[i], high[i]);
     }
     return 0;
 }
@@ -66,8 +66,9 @@ int apc_fallback_copy(double *to, const double *from, const double *low, const d
     for (size_t i = 0; i < n; i++) {
         to[i] = from ? from[i] : 0.0;
         if (!apc_value_ok(to[i]) || to[i] < low[i] || to[i] > high[i])
-            return apc_fail(why, APC_EINVAL, "%s value %zu is %g; it must lie within the limits, %g to %g",
-                            what, i + 1, to[i], low[i], high[i]);
+            return apc_fail(why, APC_EINVAL,
+                            "%s value %zu is %.15g; it must lie within the limits, %.15g to %.15g", what,
+                            i + 1, to[i], low[i], high[i]);
     }
     return 0;
 }

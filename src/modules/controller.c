@@ -143,7 +143,8 @@ static int take_initial_tuning(struct apc_controller_law *law, const struct apc_
         const struct apc_param *narrow = &law->param[i], *own = &law->definition->tuning[i];
 
         if (!(narrow->low >= own->low && narrow->low <= narrow->high && narrow->high <= own->high))
-            return apc_fail(why, APC_EINVAL, "controller: limits of %s: %g to %g do not lie within %g to %g",
+            return apc_fail(why, APC_EINVAL,
+                            "controller: limits of %s: %.15g to %.15g do not lie within %.15g to %.15g",
                             own->name, narrow->low, narrow->high, own->low, own->high);
     }
     for (size_t i = 0; i < law->size.tuning; i++) {
@@ -153,8 +154,8 @@ static int take_initial_tuning(struct apc_controller_law *law, const struct apc_
         law->tuning[i] = start ? start[i] : narrow->initial;
         if (!apc_param_accepts(narrow, law->tuning[i]))
             return apc_fail(why, APC_EINVAL,
-                            "controller: %s of output %zu begins with %g, not within %g to %g", narrow->name,
-                            p.of + 1, law->tuning[i], narrow->low, narrow->high);
+                            "controller: %s of output %zu begins with %.15g, not within %.15g to %.15g",
+                            narrow->name, p.of + 1, law->tuning[i], narrow->low, narrow->high);
     }
     memcpy(law->offered, law->tuning, law->size.tuning * sizeof(*law->offered));
     law->offer_ok = true;
@@ -176,7 +177,7 @@ static int take_initial_setpoints(struct apc_controller *c, const struct apc_con
                             "366 days",
                             k + 1);
         if (!(z->low <= z->high))
-            return apc_fail(why, APC_EINVAL, "limits of setpoint %zu: low %g must not be above high %g",
+            return apc_fail(why, APC_EINVAL, "limits of setpoint %zu: low %.15g must not be above high %.15g",
                             k + 1, z->low, z->high);
     }
     return 0;
@@ -191,11 +192,12 @@ static int take_loop_options(struct apc_controller *c, size_t i, const struct ap
                  : (struct apc_controller_loop){
                        .id = (int)i + 1, .mode = (int)i + 1, .low = -HUGE_VAL, .high = HUGE_VAL};
     if (!(l->low <= l->high))
-        return apc_fail(why, APC_EINVAL, "limits of output %zu: low %g must not be above high %g", i + 1,
-                        l->low, l->high);
+        return apc_fail(why, APC_EINVAL, "limits of output %zu: low %.15g must not be above high %.15g",
+                        i + 1, l->low, l->high);
     if (!apc_value_ok(l->fault) || l->fault < l->low || l->fault > l->high)
-        return apc_fail(why, APC_EINVAL, "fault value %zu is %g; it must lie within the limits, %g to %g",
-                        i + 1, l->fault, l->low, l->high);
+        return apc_fail(why, APC_EINVAL,
+                        "fault value %zu is %.15g; it must lie within the limits, %.15g to %.15g", i + 1,
+                        l->fault, l->low, l->high);
     if (!(l->rate >= 0.0) || (l->hold && !apc_period_ok(l->hold)))
         return apc_fail(why, APC_EINVAL,
                         "controller: output %zu: neither its rate, %g, nor its hold may be below 0, nor the "

@@ -71,7 +71,8 @@ static void refuse_wanted(struct apc_controller *c, struct apc_notice *notice, c
 {
     char text[256]; /* a notice takes what fits */
 
-    snprintf(text, sizeof(text), "%s %s refused: %g is not within %g to %g", what, who, value, low, high);
+    snprintf(text, sizeof(text), "%s %s refused: %.15g is not within %.15g to %.15g", what, who, value, low,
+             high);
     apc_controller_note_refused(c, notice, text);
 }
 

@@ -280,7 +280,7 @@ static bool acceptable(struct apc_plantserver *s, struct apc_notice *notice)
     else if (!s->refusing)
         s->refusing = apc_note(
             notice, APC_NOTICE_REJECTED,
-            "command refused: value %zu is %g and %s; it must be within %g to %g and not Bad", i + 1,
+            "command refused: value %zu is %.15g and %s; it must be within %.15g to %.15g and not Bad", i + 1,
             s->samples[i].value, apc_status_format(s->samples[i].status, status), s->low[i], s->high[i]);
     return i == s->nu;
 }

@@ -233,7 +233,7 @@ static bool is_wrong(const struct requests *r, struct look *l)
         return tell(l, "refused: %s %d is not described, so its limits are not known",
                     apc_table_name(q->table), q->variable);
     if (l->tag && (q->value < l->tag->low || q->value > l->tag->high))
-        return tell(l, "refused: %s = %g lies outside its limits %g to %g", l->tag->name, q->value,
+        return tell(l, "refused: %s = %.15g lies outside its limits %.15g to %.15g", l->tag->name, q->value,
                     l->tag->low, l->tag->high);
     return q->table == APC_OPMODE && q->variable < LOOPS_IDS && is_wrong_mode(r, l);
 }

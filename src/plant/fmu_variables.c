@@ -140,8 +140,8 @@ int apc_model_takes(const struct apc_model *model, const struct apc_param *varia
         return apc_fail(why, APC_EINVAL, "\"%s\" is %g: must be one of %s", variable->name, value,
                         labels_of(f, &sort, labels, sizeof(labels)));
     if (!(value >= variable->low && value <= variable->high && apc_value_ok(value)))
-        return apc_fail(why, APC_EINVAL, "\"%s\" is %g: must be from %g to %g", variable->name, value,
-                        variable->low, variable->high);
+        return apc_fail(why, APC_EINVAL, "\"%s\" is %.15g: must be from %.15g to %.15g", variable->name,
+                        value, variable->low, variable->high);
     if (sort.kind != REAL && !(rint(value) >= value && rint(value) <= value && fabs(value) <= WHOLE_MAX))
         return apc_fail(why, APC_EINVAL, "\"%s\" is %.17g: must be %s", variable->name, value,
                         sort.kind == TRUTH ? "true or false, or 1 or 0"

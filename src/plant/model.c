@@ -95,8 +95,8 @@ int apc_model_take(const struct apc_model *model, double *value, const double *g
         if (!table && !apc_value_ok(value[i]))
             return apc_fail(why, APC_EINVAL, "%s: %s %zu is not a finite number", model->name, what, i + 1);
         if (table && !apc_param_accepts(&table[i], value[i]))
-            return apc_fail(why, APC_EINVAL, "%s: %s %s is %g; it must lie in %g to %g", model->name, what,
-                            table[i].name, value[i], table[i].low, table[i].high);
+            return apc_fail(why, APC_EINVAL, "%s: %s %s is %.15g; it must lie in %.15g to %.15g", model->name,
+                            what, table[i].name, value[i], table[i].low, table[i].high);
     }
     return 0;
 }

@@ -147,7 +147,7 @@ for version in 2 3; do
   tank $version kinds kinds=all
   with kinds 'tau = 5.0;'
   cannot '"trick" is 2.5: must be a whole number' --set plant.parameters.trick=2.5
-  cannot '"trick" is 5e.09: must be from 0 to 20' --set plant.parameters.trick=5e9
+  cannot '"trick" is 5000000000: must be from 0 to 20' --set plant.parameters.trick=5e9
   cannot '"trick" is [0-9.]*: must be a whole number' --set 'plant.parameters.trick=uniform(0, 10)'
   cannot '"mode" is 3: must be one of 1 Off, 2 Normal, 4 Fast' --set plant.parameters.mode=3
   cannot '"mode" is "Faster": must be one of 1 Off, 2 Normal, 4 Fast' --set plant.parameters.mode=Faster

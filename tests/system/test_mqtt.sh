@@ -249,7 +249,7 @@ all_done() { [ "$(grep 'works/fast/outcome/anna/r {"id":"of ' "$work/heard.log" 
 until_true 60 all_done
 command_as anna r "{\"id\":\"much\",\"value\":1e6,\"time\":$(now)}"
 # Promise(incoming/other-ways): The table of the other ways in holds: commands by MQTT, CSV, plants of one's own.
-outcome anna r '"id":"much".*refused: r = 1e+06 lies outside'
+outcome anna r '"id":"much".*refused: r = 1000000 lies outside'
 command_as anna r '{"value":1}'
 # Promise(incoming/other-ways)
 outcome anna r 'refused: .*time.* is missing'

@@ -46,7 +46,7 @@ expect 0 'right half plane' "$apc" linearize quadruple-tank g1=0.43 g2=0.34
 expect 0 'these states' "$apc" linearize servo --here angle=3 speed=1
 expect 0 '"A":\[\[0,1\],\[0,-1\]\]' "$apc" linearize servo --json
 expect 1 'servo has no "angel"' "$apc" linearize servo angel=1
-expect 1 'servo: "K" is 1e\+09: must be from' "$apc" linearize servo K=1e9
+expect 1 'servo: "K" is 1000000000: must be from' "$apc" linearize servo K=1e9
 expect 1 'no steady state.*integrating' "$apc" linearize servo u=1
 expect 2 'expected NAME=VALUE' "$apc" linearize servo u
 expect 2 'expected NAME=VALUE' "$apc" linearize servo u=nan

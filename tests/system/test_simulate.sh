@@ -183,7 +183,7 @@ grep -q '"path":"controller.Kp","now":0.2' "$work/sweep.json" || fail "no JSON o
 grep -q 'y: overshoot %' "$work/swept.svg" && [ -s "$work/swept.png" ] || fail "no figure of a sweep"
 expect 0 '^60 .* 1 +inf' "$apc" simulate "$work/rk4.conf" --duration 10000 --sweep plant.period=27..60:2 # it diverges: no error
 expect 1 'controller.law is text, "pi": only a number' "$apc" simulate "$conf" --sweep controller.law=1..2:2
-expect 1 'controller.Kp = 1000000000000: "Kp" is 1e\+12: must be from' "$apc" simulate "$conf" --sweep controller.Kp=0..1e12:2
+expect 1 'controller.Kp = 1000000000000: "Kp" is 1000000000000: must be from' "$apc" simulate "$conf" --sweep controller.Kp=0..1e12:2
 for wrong in controller.Kp=a..2:3 controller.Kp=1..2 controller.Kp=1..2:1 controller.Kp=1..1:3 =1..2:3 controller.Kp=1..2:3.5; do
   expect 2 "--sweep \"$wrong\"" "$apc" simulate "$conf" --sweep "$wrong"
 done

@@ -670,14 +670,14 @@ static void a_set_is_checked_whole_instance_by_instance(void **state)
     assert_string_equal(why.text, "instance 2 does not like it");
     r.tuning[3] = 2e6;
     assert_int_equal(apc_instances_check(r.s, r.tuning, &why), APC_ERANGE);
-    assert_string_equal(why.text, "gain of output 2: 2e+06 is not within -1e+06 to 1e+06");
+    assert_string_equal(why.text, "gain of output 2: 2000000 is not within -1000000 to 1000000");
     r.tuning[12] = -2e6;
     r.tuning[3] = 3.0;
     assert_int_equal(apc_instances_check(r.s, r.tuning, &why), APC_ERANGE);
-    assert_string_equal(why.text, "zone of measurement 4: -2e+06 is not within -1e+06 to 1e+06");
+    assert_string_equal(why.text, "zone of measurement 4: -2000000 is not within -1000000 to 1000000");
     r.tuning[0] = (double)NAN;
     assert_int_equal(apc_instances_check(r.s, r.tuning, &why), APC_ERANGE);
-    assert_string_equal(why.text, "horizon: nan is not within -1e+06 to 1e+06");
+    assert_string_equal(why.text, "horizon: nan is not within -1000000 to 1000000");
 }
 
 /* ---- Answers --------------------------------------------------------------------------------- */

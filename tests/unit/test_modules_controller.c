@@ -531,7 +531,7 @@ static void with_no_good_tuning_in_the_store_it_has_the_experiments(void **state
     assert_near(measured_tick(&r, 0.0)->value, 0.25, 1e-9);
     set(&r, U_MAX, 1e9);
     set(&r, U_MIN, -1e9);
-    assert_refused(&r, KP, 0.6, "Kp of output 1 refused: 0.6 is not within -1e+06 to 0.5");
+    assert_refused(&r, KP, 0.6, "Kp of output 1 refused: 0.6 is not within -1000000 to 0.5");
     assert_near(measured_tick(&r, -1.0)->value, 0.5, 1e-6);
     set(&r, KP, 0.5);
     measured_tick(&r, -1.0);
