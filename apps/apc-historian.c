@@ -39,8 +39,8 @@ struct report {
     int rc;        /* of the last step */
     char why[400]; /* that failed */
     apc_ns whole;  /* monotonic: when the history had all for the last time */
-    double left;   /* as of apc_forward_left() */
-    struct apc_forward_stats stats;
+    double left;   /* as of apc_replication_left() */
+    struct apc_replication_stats stats;
 };
 
 struct shell {
@@ -49,7 +49,7 @@ struct shell {
     double within, every; /* s */
     bool pack;
     struct apc_store *live, *record;
-    struct apc_forward *forward;
+    struct apc_replication *forward;
     struct gap_teller gaps;
     bool reached;   /* the history, once */
     uint64_t older; /* when that was said: stats.older */
@@ -125,11 +125,11 @@ static const struct program program = {
 /* Where there are no tables yet they are made; a file that has gone is not: it may come back. */
 static int move(struct shell *s, apc_ns timeout)
 {
-    int rc = apc_forward_step(s->forward, timeout);
+    int rc = apc_replication_step(s->forward, timeout);
     if ((rc == APC_ESCHEMA || (rc == APC_ECONN && !s->reached)) && apc_store_init(s->record) >= 0)
-        rc = apc_forward_step(s->forward, timeout);
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(s->forward, &stats);
+        rc = apc_replication_step(s->forward, timeout);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(s->forward, &stats);
     s->reached = s->reached && stats.older == s->older;
     if (rc >= 0 && !s->reached && apc_store_connected(s->record)) { /* only its owner may say what it is */
         const int said = apc_store_keep_history(s->record);
@@ -139,14 +139,14 @@ static int move(struct shell *s, apc_ns timeout)
     return rc;
 }
 
-static void note(struct shell *s, int rc, const struct apc_forward_stats *stats, double left)
+static void note(struct shell *s, int rc, const struct apc_replication_stats *stats, double left)
 {
     pthread_mutex_lock(&s->mover.mutex);
     s->report.rc = rc;
     s->report.left = left;
     s->report.stats = *stats;
     if (rc < 0)
-        snprintf(s->report.why, sizeof s->report.why, "%s", apc_forward_error(s->forward));
+        snprintf(s->report.why, sizeof s->report.why, "%s", apc_replication_error(s->forward));
     if (rc >= 0 && stats->behind == 0)
         s->report.whole = apc_clock_mono(NULL);
     pthread_mutex_unlock(&s->mover.mutex);
@@ -161,15 +161,15 @@ static double left_of(struct shell *s, int rc, uint64_t behind)
     if (now - s->looked < LOOK)
         return s->report.left;
     s->looked = now;
-    return apc_forward_left(s->forward);
+    return apc_replication_left(s->forward);
 }
 
 static apc_ns replicate_step(void *ctx, bool last)
 {
     struct shell *s = ctx;
     const int rc = move(s, last ? LAST : BATCHES);
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(s->forward, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(s->forward, &stats);
     note(s, rc, &stats, left_of(s, rc, stats.behind));
     return WORKER_IDLE;
 }
@@ -246,7 +246,7 @@ static void tell_older(struct shell *s, const struct report *r)
     s->told.older = r->stats.older;
 }
 
-static void tell_other(struct shell *s, const struct apc_forward_stats *stats)
+static void tell_other(struct shell *s, const struct apc_replication_stats *stats)
 {
     if (stats->other.rows > s->told.other)
         daemon_event(&s->d, APC_EVENT_ALARM, "history",
@@ -257,7 +257,7 @@ static void tell_other(struct shell *s, const struct apc_forward_stats *stats)
     s->told.other = stats->other.rows;
 }
 
-static void tell_refused(struct shell *s, const struct apc_forward_stats *stats)
+static void tell_refused(struct shell *s, const struct apc_replication_stats *stats)
 {
     if (stats->refused > s->told.refused_records)
         daemon_event(&s->d, APC_EVENT_WARNING, "history",
@@ -311,7 +311,8 @@ static int refuse_history(struct shell *s, const char *uri, int rc)
 {
     char name[400];
     store_name(uri, name, sizeof name);
-    return daemon_error(&s->d, rc, "the history %s cannot be taken: %s", name, apc_forward_error(s->forward));
+    return daemon_error(&s->d, rc, "the history %s cannot be taken: %s", name,
+                        apc_replication_error(s->forward));
 }
 
 /* What is away may come; what is another's, or newer, stays so. */
@@ -320,13 +321,13 @@ static int replicate_first(struct shell *s, const char *uri)
     const apc_ns give_up = apc_clock_mono(NULL) + WAIT;
     int rc = move(s, BATCHES);
     while (rc == APC_EBUSY && apc_clock_mono(NULL) < give_up)
-        if (warden_wait(s->d.warden, 100 * APC_NS_PER_MS) > 0)
+        if (process_watchdog_wait(s->d.process_watchdog, 100 * APC_NS_PER_MS) > 0)
             return 1;
         else
             rc = move(s, BATCHES);
     s->report.whole = apc_clock_mono(NULL);
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(s->forward, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(s->forward, &stats);
     note(s, rc, &stats, 1);
     return rc >= 0 || (stats.away && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL))
                ? 0
@@ -363,11 +364,11 @@ static int open_historian(struct shell *s)
         return daemon_error(&s->d, rc, "--store: %s", apc_store_error(s->live));
     if (rc == 0 && (rc = store_open(&s->record, uri, &options, &why)) < 0)
         return daemon_error(&s->d, rc, "--history: %s", why.text);
-    if (rc == 0 && (rc = apc_forward_create(&s->forward, s->live, s->record, &why)) < 0)
+    if (rc == 0 && (rc = apc_replication_create(&s->forward, s->live, s->record, &why)) < 0)
         return daemon_error(&s->d, rc, "%s", why.text);
     if (rc == 0) {
         s->gaps = (struct gap_teller){.live = s->live, .source = s->d.name, .log = s->d.log};
-        apc_forward_tell(s->forward, gap_tell, &s->gaps);
+        apc_replication_tell(s->forward, gap_tell, &s->gaps);
         rc = replicate_first(s, uri);
     }
     return rc == 0 && s->within > 0 ? open_asked(s, uri) : rc;
@@ -412,7 +413,7 @@ int main(int argc, char **argv)
         requests_destroy(s.asked.requests);
         apc_store_close(s.asked.history);
         apc_store_close(s.asked.live);
-        apc_forward_destroy(s.forward);
+        apc_replication_destroy(s.forward);
         apc_store_close(s.record);
         apc_store_close(s.live);
     }

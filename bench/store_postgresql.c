@@ -5,7 +5,7 @@
  *     ingest    batches of 1000 samples, 100 variables with 10 each: apc_store_append(), and by hand one
  *               INSERT from arrays and one binary COPY into the same tables; for comparison a COPY into a
  *               plain table with the key alone, which has no newest values, no partitions and wakes nobody
- *     historian from shm: into the same tables by apc_forward_step(), beside the COPY
+ *     historian from shm: into the same tables by apc_replication_step(), beside the COPY
  *     newest    of 100 variables, in a short and in a long history over 53 weekly partitions:
  *               apc_store_read(), and by hand the search of the history that would do without tables of
  *               newest values
@@ -187,7 +187,7 @@ static void ingest(struct bench *b, PGconn *conn)
 struct historian {
     struct ingest *live;
     struct apc_store *history;
-    struct apc_forward *forward;
+    struct apc_replication *forward;
 };
 
 static void forward_once(void *ctx)
@@ -195,9 +195,9 @@ static void forward_once(void *ctx)
     struct historian *h = ctx;
 
     append_once(h->live);
-    const int n = apc_forward_step(h->forward, 60 * APC_NS_PER_S);
+    const int n = apc_replication_step(h->forward, 60 * APC_NS_PER_S);
     if (n != BATCH)
-        die("%d of %d samples were moved: %s", n, BATCH, apc_forward_error(h->forward));
+        die("%d of %d samples were moved: %s", n, BATCH, apc_replication_error(h->forward));
 }
 
 /* What apc-historian does with a batch that the live store got, beside a COPY of it. */
@@ -215,7 +215,7 @@ static void historian(struct bench *b, PGconn *conn)
     h.live->time = copy->time;
     h.history = tick_open_store("bench_forward");
     if (apc_store_open(&h.live->store, uri, NULL, &why) < 0 || apc_store_init(h.live->store) < 0 ||
-        apc_forward_create(&h.forward, h.live->store, h.history, &why) < 0)
+        apc_replication_create(&h.forward, h.live->store, h.history, &why) < 0)
         die("%s: %s", uri, why.text);
     struct bench_row rows[] = {
         {.name = "by hand: binary COPY", .once = copy_once, .ctx = copy},
@@ -228,7 +228,7 @@ static void historian(struct bench *b, PGconn *conn)
     b->reference[0] = "COPY";
     b->reference[1] = NULL;
     bench_run(b, "historian, 1000 samples", BATCH, rows, 2);
-    apc_forward_destroy(h.forward);
+    apc_replication_destroy(h.forward);
     apc_store_close(h.history);
     ingest_close(h.live);
     ingest_close(copy);

@@ -320,7 +320,7 @@ enum apc_loop_state {
 };
 
 /** What is the case at a tick. */
-struct apc_loop_facts {
+struct apc_loop_inputs {
     enum apc_mode target; /**< the wanted mode: Man, Auto or Cas; any other is OOS */
     bool acting;          /**< this controller acts on the output, and has claimed it */
     bool setpoint;        /**< the output is the setpoint of another loop, below; else it is an actuator */
@@ -370,7 +370,7 @@ struct apc_loop_move {
  * be usable; when it turns out not to be, ask again from the same @p state with law false, and do what that
  * move says, but for computing once more. [tick]
  */
-APC_API struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_loop_facts *facts);
+APC_API struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_loop_inputs *inputs);
 
 /* ---- Controller --------------------------------------------------------------------------- */
 

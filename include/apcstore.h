@@ -55,7 +55,7 @@ struct apc_store;
  *   `#NAME` at its end chooses the schema NAME, one a plant, default `apc`. A standby is refused, because a
  *   store is for writing, unless target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise.
  * - `shm:NAME+HISTORY`, as well of mem:, where HISTORY is the URI of the store into which an
- *   apc_forward moves what the first one gets: what is newest, and all writes, are the live store's, the past
+ *   apc_replication moves what the first one gets: what is newest, and all writes, are the live store's, the past
  *   is the history's as far as it goes and then the live store's, each row once. Rows of variables are told
  *   apart by seq; events and timing, whose numbers differ in the two, by all that they say. While the history
  *   is away, or where it is another experiment's, there is as much past as the live store has, and
@@ -421,10 +421,10 @@ APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *ra
  * restart goes on from there; of events and timing, which have no seq, it looks up which TO has, after a
  * start and after an append whose outcome is not known. What is missing in TO below its newest is not seen.
  */
-struct apc_forward;
+struct apc_replication;
 
 /** Of what was moved, and is to be moved. */
-struct apc_forward_stats {
+struct apc_replication_stats {
     size_t size;                               /**< in: of this struct */
     uint64_t samples, vectors, events, timing; /**< stored, since it was made */
     uint64_t behind; /**< samples and vectors that TO has not got yet: at most, as of the last look at FROM */
@@ -452,26 +452,26 @@ struct apc_forward_stats {
 };
 
 /** What FROM had no longer when its turn came, since that was told last. */
-struct apc_forward_gap {
+struct apc_replication_gap {
     size_t size;             /**< of this struct */
     uint64_t variables;      /**< of so many rows are missing; 0: of none */
     apc_ns since, until;     /**< ... all of which lie between these source times */
     uint64_t events, timing; /**< so many of these are missing, at most */
 };
 /** Put it down, where it stays: it may call FROM. Returns 0; or an error of FROM's, and is called again. */
-typedef int (*apc_forward_gap_fn)(void *ctx, const struct apc_forward_gap *gap);
+typedef int (*apc_replication_gap_fn)(void *ctx, const struct apc_replication_gap *gap);
 
 /**
  * From @p from into @p to, both open; they stay the caller's and are nobody else's meanwhile. Nothing is read
  * yet. [setup] Returns 0, APC_EINVAL or APC_ENOMEM.
  */
-APC_API int apc_forward_create(struct apc_forward **forward, struct apc_store *from, struct apc_store *to,
-                               struct apc_error *why);
-APC_API void apc_forward_destroy(struct apc_forward *forward); /**< NULL is legal. [setup] */
-/** Who is told of gaps, by apc_forward_step(): of rows before TO gets the ones that follow, and what was put
+APC_API int apc_replication_create(struct apc_replication **forward, struct apc_store *from,
+                                   struct apc_store *to, struct apc_error *why);
+APC_API void apc_replication_destroy(struct apc_replication *forward); /**< NULL is legal. [setup] */
+/** Who is told of gaps, by apc_replication_step(): of rows before TO gets the ones that follow, and what was put
  * down as an event in FROM goes to TO before them. So no gap is without a word, whenever a process ends.
  * [setup] */
-APC_API void apc_forward_tell(struct apc_forward *forward, apc_forward_gap_fn fn, void *ctx);
+APC_API void apc_replication_tell(struct apc_replication *forward, apc_replication_gap_fn fn, void *ctx);
 /**
  * Move what FROM has, in batches, until TO has it all or @p timeout has passed; a store that hangs is waited
  * for up to its own timeout. What it writes in TO it claims, so that there is one who does. Of samples and
@@ -483,17 +483,17 @@ APC_API void apc_forward_tell(struct apc_forward *forward, apc_forward_gap_fn fn
  *   not got them from there, or from one whose clock was wrong.
  * - that of a store. [setup]
  */
-APC_API int apc_forward_step(struct apc_forward *forward, apc_ns timeout);
+APC_API int apc_replication_step(struct apc_replication *forward, apc_ns timeout);
 /**
  * How much of FROM's room is left before it overwrites what TO has not got, of the variable where it is
  * least: 1 none of that is used, 0 the next row is lost. 1 as well while FROM overwrites nothing, as far as
  * two calls can tell. It reads all that FROM holds. [setup]
  */
-APC_API double apc_forward_left(struct apc_forward *forward);
+APC_API double apc_replication_left(struct apc_replication *forward);
 /** One line about the last failure; lives until the next call. [any] */
-APC_API const char *apc_forward_error(const struct apc_forward *forward);
-APC_API void apc_forward_stats(const struct apc_forward *forward,
-                               struct apc_forward_stats *stats); /**< [any] */
+APC_API const char *apc_replication_error(const struct apc_replication *forward);
+APC_API void apc_replication_stats(const struct apc_replication *forward,
+                                   struct apc_replication_stats *stats); /**< [any] */
 
 /**
  * A new live store goes on from its history, before anything else is written in it: of each variable that it

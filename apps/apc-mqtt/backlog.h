@@ -24,7 +24,7 @@ void backlog_destroy(struct backlog *b);
 /* Take what is new into the queue, for up to @timeout. As apc_forward_step(). */
 int backlog_take(struct backlog *b, apc_ns timeout);
 const char *backlog_error(const struct backlog *b);
-void backlog_stats(const struct backlog *b, struct apc_forward_stats *stats);
+void backlog_stats(const struct backlog *b, struct apc_replication_stats *stats);
 /* Publish a portion, and wait for its acknowledgement up to @timeout. Returns 1: there is more; 0; an error
  * of the queue or its file, which backlog_sent_error() says. */
 int backlog_send(struct backlog *b, apc_ns timeout);

@@ -32,7 +32,7 @@
 struct report {
     int taken, sent; /* of the last step */
     char why[300], sent_why[300];
-    struct apc_forward_stats stats;
+    struct apc_replication_stats stats;
 };
 
 struct shell {
@@ -110,7 +110,7 @@ static void tell_broker_state(struct shell *s, struct state_watch *state, bool u
                      up ? "it is so" : "it is not", *why && !up ? ": " : "", up ? "" : why);
 }
 
-static void tell_gaps(struct shell *s, const struct apc_forward_stats *stats)
+static void tell_gaps(struct shell *s, const struct apc_replication_stats *stats)
 {
     char since[APC_TIME_LEN], until[APC_TIME_LEN];
     if (stats->gap.times != s->told.gaps)

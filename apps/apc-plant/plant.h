@@ -37,7 +37,7 @@ struct shell {
         struct apc_modbus_point *points; /* where the file has no map */
     } registers;
     struct {
-        struct apc_board *board;
+        struct apc_tclab *board;
         char path[URI_LEN];   /* the name of the port; "": none */
         int port, kept, wake; /* our end; the other one, kept open; to end the thread */
         pthread_t thread;

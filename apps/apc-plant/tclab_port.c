@@ -26,7 +26,7 @@ static size_t answer_lines(struct shell *s, char *bytes, size_t have)
     char reply[LINE], *end;
     while ((end = memchr(bytes, '\n', have))) {
         const size_t n = (size_t)(end + 1 - bytes);
-        const int length = apc_board_answer(s->board.board, bytes, n, reply, sizeof reply);
+        const int length = apc_tclab_answer(s->board.board, bytes, n, reply, sizeof reply);
         if (length > 0 && write(s->board.port, reply, (size_t)length) < 0 && errno != EAGAIN)
             apc_log_write(s->d->log, APC_LOG_WARN, "%s: %s", s->board.path, strerrordesc_np(errno));
         have -= n;
@@ -95,14 +95,14 @@ static int make_port(struct shell *s, const char *path, struct apc_error *why)
 
 int board_open(struct shell *s, const char *path, struct apc_error *why)
 {
-    const struct apc_board_options options = {.size = sizeof options,
+    const struct apc_tclab_options options = {.size = sizeof options,
                                               .nu = s->d->experiment.dim.nu,
                                               .ny = s->d->experiment.dim.ny,
                                               .command = gateway_command,
                                               .measure = gateway_measure,
                                               .ctx = s};
     sigset_t all, old;
-    int rc = apc_board_create(&s->board.board, &options, why);
+    int rc = apc_tclab_create(&s->board.board, &options, why);
 
     if (rc == 0)
         rc = gateway_open(s, why);
@@ -135,5 +135,5 @@ void board_close(struct shell *s)
     }
     for (const int *fd = (const int[]){s->board.port, s->board.kept, s->board.wake, 0}; *fd > 0; fd++)
         close(*fd);
-    apc_board_destroy(s->board.board);
+    apc_tclab_destroy(s->board.board);
 }

@@ -258,7 +258,7 @@ int daemon_open(struct daemon *d, const struct program *program, void *own, int 
     bound_stacks();
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a full disk */
-    if ((rc = warden_create(&d->warden)) < 0)
+    if ((rc = process_watchdog_create(&d->process_watchdog)) < 0)
         return daemon_error(d, rc, "no thread that waits for signals: %s", apc_err_text(rc));
     const enum apc_log_level level = read_level(d);
     if ((rc = load_daemon(d)) < 0)
@@ -280,7 +280,7 @@ int daemon_close(struct daemon *d, int rc)
     apc_executive_destroy(d->executive);
     apc_log_destroy(d->log);
     experiment_free(&d->experiment);
-    warden_destroy(d->warden);
+    process_watchdog_destroy(d->process_watchdog);
     return exit_code_of(rc);
 }
 
@@ -312,7 +312,7 @@ int daemon_store(struct daemon *d, struct apc_store **store, struct apc_sample *
         return rc;
     while ((rc = apc_store_claim_set(*store, variables, n)) < 0 && may_change(rc, &slow) &&
            apc_clock_mono(NULL) < give_up)
-        if (warden_wait(d->warden, 100 * APC_NS_PER_MS) > 0)
+        if (process_watchdog_wait(d->process_watchdog, 100 * APC_NS_PER_MS) > 0)
             return 1;
     if (rc < 0)
         return daemon_error(d, rc, "%s", apc_store_error(*store));
@@ -464,11 +464,11 @@ static int wait_looking(struct daemon *d)
 {
     int signal = 0;
     for (int i = 0; i < LOOKS && d->look && signal <= 0; i++) {
-        signal = warden_wait(d->warden, HOUSEKEEPING / LOOKS);
+        signal = process_watchdog_wait(d->process_watchdog, HOUSEKEEPING / LOOKS);
         if (signal <= 0)
             d->look(d->look_ctx);
     }
-    return d->look ? signal : warden_wait(d->warden, HOUSEKEEPING);
+    return d->look ? signal : process_watchdog_wait(d->process_watchdog, HOUSEKEEPING);
 }
 
 /* The main thread's part of a run: until a signal comes or the task ends by itself. */
@@ -523,7 +523,7 @@ static int run_tick(void *ctx, const struct apc_tick *tick)
     atomic_store(&d->inside, true);
     int rc = d->tick(d->tick_ctx, tick);
     atomic_store(&d->inside, false);
-    warden_ticked(d->warden, tick->index);
+    process_watchdog_ticked(d->process_watchdog, tick->index);
     return rc;
 }
 
@@ -588,11 +588,11 @@ int daemon_run(struct daemon *d, struct rhythm rhythm, apc_task_fn tick, void *c
     }
     daemon_event(d, APC_EVENT_INFO, "start", "running every %g s", apc_ns_to_s(rhythm.period));
     say_locked(d);
-    warden_tell(d->warden, "READY=1");
-    warden_watch(d->warden, task);
+    process_watchdog_tell(d->process_watchdog, "READY=1");
+    process_watchdog_watch(d->process_watchdog, task);
     rc = housekeep(d, task, rhythm);
-    warden_tell(d->warden, "STOPPING=1");
-    warden_ending(d->warden, exit_code_of(rc));
+    process_watchdog_tell(d->process_watchdog, "STOPPING=1");
+    process_watchdog_ending(d->process_watchdog, exit_code_of(rc));
     leave_hung_tick(d, task, rhythm.period, exit_code_of(rc));
     apc_task_stop(task);
     report_spin(d, task);

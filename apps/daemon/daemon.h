@@ -42,7 +42,7 @@ struct daemon_options {
 };
 
 struct recorder;
-struct warden;
+struct process_watchdog;
 
 /* What was last said of a spool. */
 struct spool_watch {
@@ -62,7 +62,7 @@ struct daemon {
     struct apc_log *log;
     struct apc_executive *executive;
     struct recorder *recorder;
-    struct warden *warden;
+    struct process_watchdog *process_watchdog;
     apc_ns start; /* UTC of t = 0, as given by --start; 0: not given */
     bool has_store;
     apc_ns store_timeout;    /* of the task's store; see daemon_timeout() */

@@ -10,7 +10,7 @@ static struct apc_event event_of(const struct gap_teller *t, enum apc_event_seve
     return event;
 }
 
-int gap_tell(void *ctx, const struct apc_forward_gap *gap)
+int gap_tell(void *ctx, const struct apc_replication_gap *gap)
 {
     const struct gap_teller *t = ctx;
     struct apc_event event[3];

@@ -16,6 +16,6 @@ struct gap_teller {
 };
 
 /* For apc_forward_tell(): ctx is a struct gap_teller. */
-int gap_tell(void *ctx, const struct apc_forward_gap *gap);
+int gap_tell(void *ctx, const struct apc_replication_gap *gap);
 
 #endif

@@ -20,7 +20,7 @@
 
 #define LOOK (200 * APC_NS_PER_MS) /* between two words to the watchdog */
 
-struct warden {
+struct process_watchdog {
     pthread_t thread;
     pthread_mutex_t mutex; /* of `task` and its watch */
     const struct apc_task *task;
@@ -49,7 +49,7 @@ static bool before(sem_t *sem, apc_ns timeout)
 }
 
 /* As sd_notify(), which would wait for a supervisor that does not listen. */
-void warden_tell(const struct warden *w, const char *text)
+void process_watchdog_tell(const struct process_watchdog *w, const char *text)
 {
     const char *path = getenv("NOTIFY_SOCKET");
     struct sockaddr_un to = {.sun_family = AF_UNIX};
@@ -64,7 +64,7 @@ void warden_tell(const struct warden *w, const char *text)
                  (socklen_t)(offsetof(struct sockaddr_un, sun_path) + n));
 }
 
-static void feed(struct warden *w)
+static void feed(struct process_watchdog *w)
 {
     char text[64] = "WATCHDOG=1";
     pthread_mutex_lock(&w->mutex);
@@ -75,14 +75,14 @@ static void feed(struct warden *w)
         snprintf(text, sizeof text, "WATCHDOG=1\nAPC_LAST_TICK=%llu",
                  (unsigned long long)atomic_load(&w->last));
     if (alive)
-        warden_tell(w, text);
+        process_watchdog_tell(w, text);
 }
 
 static void *run_watchdog(void *arg)
 {
     static const char text[] = "something would not end within 2 s of being told to: given up\n";
     const struct timespec look = {0, LOOK};
-    struct warden *w = arg;
+    struct process_watchdog *w = arg;
     sigset_t signals;
     int signal;
 
@@ -99,9 +99,9 @@ static void *run_watchdog(void *arg)
     _exit(atomic_load(&w->code));
 }
 
-int warden_create(struct warden **out)
+int process_watchdog_create(struct process_watchdog **out)
 {
-    struct warden *w = calloc(1, sizeof *w);
+    struct process_watchdog *w = calloc(1, sizeof *w);
     sigset_t signals;
 
     *out = NULL;
@@ -124,7 +124,7 @@ int warden_create(struct warden **out)
     return 0;
 }
 
-void warden_destroy(struct warden *w)
+void process_watchdog_destroy(struct process_watchdog *w)
 {
     if (!w)
         return;
@@ -140,27 +140,27 @@ void warden_destroy(struct warden *w)
     free(w);
 }
 
-int warden_wait(struct warden *w, apc_ns timeout)
+int process_watchdog_wait(struct process_watchdog *w, apc_ns timeout)
 {
     return before(&w->came, timeout) ? atomic_load(&w->signal) : 0;
 }
 
-void warden_watch(struct warden *w, const struct apc_task *task)
+void process_watchdog_watch(struct process_watchdog *w, const struct apc_task *task)
 {
     pthread_mutex_lock(&w->mutex);
     w->task = task;
     pthread_mutex_unlock(&w->mutex);
 }
 
-void warden_ticked(struct warden *w, uint64_t index)
+void process_watchdog_ticked(struct process_watchdog *w, uint64_t index)
 {
     atomic_store(&w->last, index);
     atomic_fetch_add(&w->ticks, 1);
 }
 
-void warden_ending(struct warden *w, int code)
+void process_watchdog_ending(struct process_watchdog *w, int code)
 {
-    warden_watch(w, NULL);
+    process_watchdog_watch(w, NULL);
     atomic_store(&w->code, code);
     /* NOLINTNEXTLINE(bugprone-bad-signal-to-kill-thread,cert-pos44-c): the same */
     pthread_kill(w->thread, SIGTERM);

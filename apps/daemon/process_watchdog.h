@@ -11,21 +11,21 @@
 
 #define WARDEN_PATIENCE (1800 * APC_NS_PER_MS) /* for the process to end, once it was told to */
 
-struct warden;
+struct process_watchdog;
 
 /* Take over SIGTERM and SIGINT: before any other thread is made, so that all of them leave these to it.
  * Returns 0, APC_ENOMEM or APC_ESYS. */
-int warden_create(struct warden **warden);
+int process_watchdog_create(struct process_watchdog **process_watchdog);
 /* Wait for a signal. Returns it, also when it came before; 0 after @p timeout. One thread. */
-int warden_wait(struct warden *warden, apc_ns timeout);
-/* From now on tell the watchdog that @p task ticks, as long as it does. It lives until warden_ending(). */
-void warden_watch(struct warden *warden, const struct apc_task *task);
+int process_watchdog_wait(struct process_watchdog *process_watchdog, apc_ns timeout);
+/* From now on tell the watchdog that @p task ticks, as long as it does. It lives until process_watchdog_ending(). */
+void process_watchdog_watch(struct process_watchdog *process_watchdog, const struct apc_task *task);
 /* A tick has returned. [tick] */
-void warden_ticked(struct warden *warden, uint64_t index);
+void process_watchdog_ticked(struct process_watchdog *process_watchdog, uint64_t index);
 /* A word to who started this process, in the form of sd_notify(); never waits. */
-void warden_tell(const struct warden *warden, const char *text);
+void process_watchdog_tell(const struct process_watchdog *process_watchdog, const char *text);
 /* The process is about to end; should it not, it does so with @p code after WARDEN_PATIENCE. */
-void warden_ending(struct warden *warden, int code);
-void warden_destroy(struct warden *warden); /* NULL is legal */
+void process_watchdog_ending(struct process_watchdog *process_watchdog, int code);
+void process_watchdog_destroy(struct process_watchdog *process_watchdog); /* NULL is legal */
 
 #endif

@@ -13,7 +13,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-static void keep_said(struct apc_companion *c, const char *text, size_t n)
+static void keep_said(struct apc_subprocess *c, const char *text, size_t n)
 {
     if (n > APC_COMPANION_SAID) {
         c->lost += n - APC_COMPANION_SAID;
@@ -32,7 +32,7 @@ static void keep_said(struct apc_companion *c, const char *text, size_t n)
 }
 
 /* A pipe holds 64 KiB: more than that many reads is not there. */
-void apc_companion_listen(struct apc_companion *c)
+void apc_subprocess_listen(struct apc_subprocess *c)
 {
     char block[4096];
     ssize_t n = 1;
@@ -44,7 +44,7 @@ void apc_companion_listen(struct apc_companion *c)
     }
 }
 
-void apc_companion_said(struct apc_companion *c, char *text, size_t size)
+void apc_subprocess_said(struct apc_subprocess *c, char *text, size_t size)
 {
     const size_t room = size - 24;
     size_t n = c->n_said, used = 0;
@@ -89,7 +89,7 @@ static ssize_t receive_message(int fd, void *to, size_t size)
     return n < 0 && errno == ECONNRESET ? recv(fd, to, size, MSG_DONTWAIT) : n;
 }
 
-ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size, apc_ns until)
+ssize_t apc_subprocess_take(const struct apc_subprocess *c, void *to, size_t size, apc_ns until)
 {
     if (!wait_readable(c->socket, until))
         return -1;
@@ -97,14 +97,14 @@ ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size,
     return n < 0 && errno != EAGAIN && errno != EINTR ? 0 : n;
 }
 
-bool apc_companion_give(const struct apc_companion *c, const void *from, size_t n)
+bool apc_subprocess_give(const struct apc_subprocess *c, const void *from, size_t n)
 {
     return send(c->socket, from, n, MSG_NOSIGNAL | MSG_DONTWAIT) == (ssize_t)n;
 }
 
 /* ---- The process ------------------------------------------------------------------------------- */
 
-void apc_companion_bury(struct apc_companion *c, bool hung)
+void apc_subprocess_bury(struct apc_subprocess *c, bool hung)
 {
     int status = 0;
 
@@ -127,7 +127,7 @@ void apc_companion_bury(struct apc_companion *c, bool hung)
             snprintf(c->end, sizeof(c->end), "its process was ended by signal %d", WTERMSIG(status));
         else
             snprintf(c->end, sizeof(c->end), "its process ended, exit code %d", WEXITSTATUS(status));
-        apc_companion_listen(c);
+        apc_subprocess_listen(c);
     }
     close(c->socket);
     close(c->output);
@@ -201,7 +201,7 @@ static void inherit_scheduling(pid_t pid)
     (void)sched_setscheduler(pid, policy, &param);
 }
 
-int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra, struct apc_error *why)
+int apc_subprocess_begin(struct apc_subprocess *c, char *const argv[], char *extra, struct apc_error *why)
 {
     int pair[2], output[2], rc;
 
@@ -229,7 +229,7 @@ int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra
     return 0;
 }
 
-void apc_companion_disown(struct apc_companion *c)
+void apc_subprocess_disown(struct apc_subprocess *c)
 {
     if (c->socket < 0 || c->owner == getpid())
         return;
@@ -238,7 +238,7 @@ void apc_companion_disown(struct apc_companion *c)
     c->socket = c->output = -1;
 }
 
-int apc_companion_open(struct apc_companion *c, const char *file, bool (*revive)(struct apc_companion *))
+int apc_subprocess_open(struct apc_subprocess *c, const char *file, bool (*revive)(struct apc_subprocess *))
 {
     c->file = file;
     c->revive = revive;
@@ -248,7 +248,7 @@ int apc_companion_open(struct apc_companion *c, const char *file, bool (*revive)
 
 #define PARTING_S 60
 
-void apc_companion_release(struct apc_companion *c)
+void apc_subprocess_release(struct apc_subprocess *c)
 {
     const struct timespec a_while = {.tv_nsec = 2000000};
     const apc_ns until = apc_clock_mono(NULL) + PARTING_S * APC_NS_PER_S;
@@ -266,13 +266,13 @@ void apc_companion_release(struct apc_companion *c)
         close(c->output);
         c->socket = c->output = -1;
     }
-    apc_companion_close(c);
+    apc_subprocess_close(c);
 }
 
-void apc_companion_close(struct apc_companion *c)
+void apc_subprocess_close(struct apc_subprocess *c)
 {
-    apc_companion_settle(c);
-    apc_companion_bury(c, true);
+    apc_subprocess_settle(c);
+    apc_subprocess_bury(c, true);
     (void)pthread_mutex_destroy(&c->lock);
 }
 
@@ -281,7 +281,7 @@ void apc_companion_close(struct apc_companion *c)
 /* With nothing of @p c in other hands: calls go by as long as `starting` says so. */
 static void *start_again(void *ctx)
 {
-    struct apc_companion *const c = ctx;
+    struct apc_subprocess *const c = ctx;
 
     (void)c->revive(c);
     pthread_mutex_lock(&c->lock);
@@ -290,7 +290,7 @@ static void *start_again(void *ctx)
     return NULL;
 }
 
-void apc_companion_start(struct apc_companion *c)
+void apc_subprocess_start(struct apc_subprocess *c)
 {
     const struct sched_param normal = {.sched_priority = 0};
     pthread_attr_t attributes;
@@ -310,7 +310,7 @@ void apc_companion_start(struct apc_companion *c)
     (void)pthread_attr_destroy(&attributes);
 }
 
-void apc_companion_settle(struct apc_companion *c)
+void apc_subprocess_settle(struct apc_subprocess *c)
 {
     pthread_mutex_lock(&c->lock);
     const bool started = c->started == getpid();

@@ -18,10 +18,10 @@
 #define APC_COMPANION_MESSAGE (1 << 17) /* bytes of a message, which a socket takes at once */
 #define APC_COMPANION_SAID    1024      /* of what it printed, the last so many bytes are kept */
 
-struct apc_companion {
+struct apc_subprocess {
     const char *file; /* what it is there for, in sentences for people */
     /* Start it and tell it all that it has to know. [setup], and by a thread of its own */
-    bool (*revive)(struct apc_companion *companion);
+    bool (*revive)(struct apc_subprocess *companion);
 
     pthread_mutex_t lock; /* of all below */
     int socket, output;   /* -1: there is no process */
@@ -37,35 +37,35 @@ struct apc_companion {
 };
 
 /* There is no process yet. Returns 0 or APC_ESYS. */
-int apc_companion_open(struct apc_companion *c, const char *file, bool (*revive)(struct apc_companion *));
+int apc_subprocess_open(struct apc_subprocess *c, const char *file, bool (*revive)(struct apc_subprocess *));
 /* End the process, and what starts it. */
-void apc_companion_close(struct apc_companion *c);
+void apc_subprocess_close(struct apc_subprocess *c);
 /* The same for what tidies up and ends when its socket is closed: it is given the time. */
-void apc_companion_release(struct apc_companion *c);
+void apc_subprocess_release(struct apc_subprocess *c);
 
 /* The caller holds the lock, or is alone with @p c. */
 
 /* Start @p argv, found as the shell does, with @p extra ("NAME=VALUE"; NULL: nothing) in its environment, and
  * as nice as this process; of its SCHED_FIFO or SCHED_RR one priority less. It has not said anything yet.
  * Returns 0, or APC_ESYS and in @p why only what the system says. [setup] */
-int apc_companion_begin(struct apc_companion *c, char *const argv[], char *extra, struct apc_error *why);
+int apc_subprocess_begin(struct apc_subprocess *c, char *const argv[], char *extra, struct apc_error *why);
 /* End it, and say in `end` how it ended; it hung: it is killed. */
-void apc_companion_bury(struct apc_companion *c, bool hung);
+void apc_subprocess_bury(struct apc_subprocess *c, bool hung);
 /* After a fork: what is the parent's is not asked. [tick] */
-void apc_companion_disown(struct apc_companion *c);
+void apc_subprocess_disown(struct apc_subprocess *c);
 /* A message, whole. [tick] */
-bool apc_companion_give(const struct apc_companion *c, const void *from, size_t n);
+bool apc_subprocess_give(const struct apc_subprocess *c, const void *from, size_t n);
 /* Returns the bytes, 0 when it has ended, -1: nothing by @p until (mono). [tick] */
-ssize_t apc_companion_take(const struct apc_companion *c, void *to, size_t size, apc_ns until);
+ssize_t apc_subprocess_take(const struct apc_subprocess *c, void *to, size_t size, apc_ns until);
 /* Take what it has printed out of the pipe. [tick] */
-void apc_companion_listen(struct apc_companion *c);
+void apc_subprocess_listen(struct apc_subprocess *c);
 /* The end of that, on one line, into @p text; then it is forgotten. [tick] */
-void apc_companion_said(struct apc_companion *c, char *text, size_t size);
+void apc_subprocess_said(struct apc_subprocess *c, char *text, size_t size);
 /* Have it revived by a thread of an ordinary priority: until `starting` is false, it is not to be touched.
  * [tick] */
-void apc_companion_start(struct apc_companion *c);
+void apc_subprocess_start(struct apc_subprocess *c);
 
 /* This takes the lock: nobody starts it any more. [setup] */
-void apc_companion_settle(struct apc_companion *c);
+void apc_subprocess_settle(struct apc_subprocess *c);
 
 #endif

@@ -89,7 +89,7 @@ struct lqg {
     struct sizes s;
     struct layout at;
     struct apc_linear *model; /* of a sampled plant, with the disturbances; else NULL, and so is rest */
-    struct apc_rest *rest;
+    struct apc_initial_state *rest;
     double *whole;  /* [n] as rest has it, with x0 */
     double *before; /* [n] room for the estimates of the tick before */
     double *dy;     /* [ny] y - y0 of this call */
@@ -194,7 +194,7 @@ static int take_sampled(struct design *d, struct lqg *q, struct apc_error *why)
     if (rc == 0)
         rc = apc_linear_disturb(&q->model, from, unknown, s->nu, why);
     if (rc == 0)
-        rc = apc_rest_create(&q->rest, q->model, why);
+        rc = apc_initial_state_create(&q->rest, q->model, why);
     free(unknown);
     return rc;
 }
@@ -538,7 +538,7 @@ static void lqg_destroy(void *self)
 {
     struct lqg *q = self;
 
-    apc_rest_destroy(q->rest);
+    apc_initial_state_destroy(q->rest);
     apc_linear_destroy(q->model);
     free(q);
 }
@@ -620,7 +620,7 @@ static double *last_lqg_output(const struct apc_law_call *c, const struct lqg *q
 static void restart(const struct apc_law_call *c, const struct lqg *q, const double *u)
 {
     if (q->rest) {
-        apc_rest_find(q->rest, c->y, u, q->whole);
+        apc_initial_state_find(q->rest, c->y, u, q->whole);
         for (size_t i = 0; i < q->s.n; i++)
             c->x[i] = q->whole[i] - q->model->x0[i];
         return;

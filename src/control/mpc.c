@@ -430,7 +430,7 @@ static void mpc_settle(struct apc_law_call *c, const double *u)
     memset(c->x, 0, p->states * sizeof(*c->x));
     memcpy(p->input, u, p->dim.nu * sizeof(*u));
     preview_disturbances(p, c);
-    apc_rest_find(p->rest, c->y, p->input, p->x);
+    apc_initial_state_find(p->rest, c->y, p->input, p->x);
     apc_estimator_reset(p->estimator, c->x, p->x);
     for (size_t k = 0; k < p->late_most * p->dim.nu; k++)
         apc_mpc_past_of(p, c->x)[k] = u[k % p->dim.nu];

@@ -44,7 +44,7 @@ struct apc_law_mpc {
     size_t nx;                            /* of disturbed */
     bool nonlinear;
     struct apc_estimator *estimator;
-    struct apc_rest *rest;
+    struct apc_initial_state *rest;
     /* Of nmpc. An output acts `whole` periods and `bit` s late: in the first part of a period it is the one
      * before, so a period has parts, and a filter for each, of which the last one is `estimator`. The first
      * `late` s, which are the same for all outputs, are gone through before the horizon, which begins then.
@@ -54,7 +54,7 @@ struct apc_law_mpc {
     double *bit, *begins;      /* [nu]; [parts] s */
     size_t nc;                 /* states of `model` */
     struct apc_nested *nested; /* loops below; NULL: none */
-    struct apc_shoot *shoot;
+    struct apc_shooting *shoot;
     size_t *measured; /* [nd] which of the model's disturbances each d is */
     double late;
     size_t newton;                      /* most steps of Gauss and Newton in a tick */
@@ -120,7 +120,7 @@ static inline double *apc_mpc_nodes_of(const struct apc_law_mpc *p, double *x)
 }
 
 /* [nc + nu] of nmpc: the steady state of the present setpoints. */
-static inline double *apc_mpc_rest_of(const struct apc_law_mpc *p, double *x)
+static inline double *apc_mpc_steady_state_of(const struct apc_law_mpc *p, double *x)
 {
     return apc_mpc_nodes_of(p, x) + p->N * p->model->nx_plant;
 }
@@ -128,7 +128,7 @@ static inline double *apc_mpc_rest_of(const struct apc_law_mpc *p, double *x)
 /* [late_most * nu] of nmpc: outputs of two periods ago and before. */
 static inline double *apc_mpc_past_of(const struct apc_law_mpc *p, double *x)
 {
-    return apc_mpc_rest_of(p, x) + p->nc + p->dim.nu;
+    return apc_mpc_steady_state_of(p, x) + p->nc + p->dim.nu;
 }
 
 /* ---- Between the files ------------------------------------------------------------------------------ */

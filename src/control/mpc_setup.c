@@ -612,7 +612,7 @@ static int make_mpc_law(struct apc_law_mpc *p, const struct apc_law_setup *setup
     if (rc == 0)
         rc = p->nonlinear ? apc_nmpc_take_model(p, setup, why) : take_mpc_model(p, setup, why);
     if (rc == 0)
-        rc = apc_rest_create(&p->rest, p->disturbed, why);
+        rc = apc_initial_state_create(&p->rest, p->disturbed, why);
     if (rc == 0)
         rc = make_problem(p, setup, terminal, why);
     if (rc == 0 && !p->nonlinear)
@@ -665,14 +665,14 @@ void apc_mpc_unmake(void *self)
     struct apc_law_mpc *p = self;
 
     apc_mpc_destroy(p->mpc);
-    apc_shoot_destroy(p->shoot);
+    apc_shooting_destroy(p->shoot);
     apc_nested_destroy(p->nested);
     for (size_t k = 0; k + 1 < p->parts; k++)
         apc_estimator_destroy(p->part[k]);
     free(p->part);
     free(p->whole);
     free(p->bit);
-    apc_rest_destroy(p->rest);
+    apc_initial_state_destroy(p->rest);
     apc_estimator_destroy(p->estimator);
     if (p->model != p->disturbed)
         apc_linear_destroy(p->model);

@@ -53,11 +53,12 @@ static void shift_trajectory(struct apc_law_mpc *p)
 
 static int linearise_here(struct apc_law_mpc *p, const double *d)
 {
-    const int rc = apc_shoot_linearise(p->shoot, p->start, d, p->shifted, p->past, p->nodes, p->G, p->free_y);
+    const int rc =
+        apc_shooting_linearise(p->shoot, p->start, d, p->shifted, p->past, p->nodes, p->G, p->free_y);
 
     if (rc < 0)
         return rc;
-    apc_shoot_end(p->shoot, p->nodes, p->past, p->Gx, p->free_x);
+    apc_shooting_end(p->shoot, p->nodes, p->past, p->Gx, p->free_x);
     return apc_mpc_follow(p->mpc, p->G, p->free_y, p->Gx, p->free_x);
 }
 
@@ -107,15 +108,16 @@ static int begin_nmpc(struct apc_law_mpc *p, const double *d)
     int rc = 0;
 
     memcpy(p->start, p->x, nx * sizeof(*p->start));
-    apc_shoot_measure(p->shoot, p->input + nu);
+    apc_shooting_measure(p->shoot, p->input + nu);
     if (p->late > 0.0) {
         apc_nmpc_take_past(p);
-        rc = apc_shoot_advance(p->shoot, p->start, p->input, d, p->late);
+        rc = apc_shooting_advance(p->shoot, p->start, p->input, d, p->late);
     }
     shift_trajectory(p);
-    if (!(*apc_mpc_age_of(p, p->x) > 0.0) || !apc_shoot_holds(p->shoot, apc_mpc_rest_of(p, p->x))) {
-        memcpy(apc_mpc_rest_of(p, p->x), p->start, nx * sizeof(*p->start));
-        memcpy(apc_mpc_rest_of(p, p->x) + p->nc, p->u_last, nu * sizeof(*p->u_last));
+    if (!(*apc_mpc_age_of(p, p->x) > 0.0) ||
+        !apc_shooting_holds(p->shoot, apc_mpc_steady_state_of(p, p->x))) {
+        memcpy(apc_mpc_steady_state_of(p, p->x), p->start, nx * sizeof(*p->start));
+        memcpy(apc_mpc_steady_state_of(p, p->x) + p->nc, p->u_last, nu * sizeof(*p->u_last));
     }
     return rc;
 }
@@ -130,7 +132,8 @@ void apc_nmpc_solve(struct apc_law_mpc *p, const struct apc_mpc_call *call)
 
     p->result = (struct apc_mpc_result){.rc = begin_nmpc(p, d)};
     if (p->result.rc == 0)
-        apc_mpc_aim(p->mpc, call, apc_mpc_rest_of(p, p->x), apc_mpc_rest_of(p, p->x) + p->nc, &p->result);
+        apc_mpc_targets(p->mpc, call, apc_mpc_steady_state_of(p, p->x),
+                        apc_mpc_steady_state_of(p, p->x) + p->nc, &p->result);
     for (size_t k = 0; k < steps && !done && p->result.rc == 0; k++) {
         const struct apc_mpc_result before = p->result;
 
@@ -142,7 +145,7 @@ void apc_nmpc_solve(struct apc_law_mpc *p, const struct apc_mpc_call *call)
         p->result.iterations += before.iterations;
         if (p->result.rc == 0) {
             done = k + 1 >= least && stands_still(p);
-            apc_shoot_move(p->shoot, p->plan, p->nodes);
+            apc_shooting_move(p->shoot, p->plan, p->nodes);
             memcpy(p->shifted, p->plan, p->dim.nu * p->blocks * sizeof(*p->plan));
         }
     }

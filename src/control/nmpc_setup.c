@@ -196,27 +196,27 @@ static int make_shoot(struct apc_law_mpc *p, const struct apc_law_setup *setup,
                       const struct apc_linear_unknown *unknown, unsigned steps, const double *delay,
                       struct apc_error *why)
 {
-    const struct apc_shoot_options options = {.model = setup->plant->model,
-                                              .p = setup->plant->p,
-                                              .nested = p->nested,
-                                              .Ts = p->Ts,
-                                              .steps = steps,
-                                              .horizon = p->N,
-                                              .blocks = p->blocks,
-                                              .block = p->block,
-                                              .unknown = unknown,
-                                              .n_unknown = p->n_unknown,
-                                              .u0 = setup->plant->u0,
-                                              .delay = delay};
+    const struct apc_shooting_options options = {.model = setup->plant->model,
+                                                 .p = setup->plant->p,
+                                                 .nested = p->nested,
+                                                 .Ts = p->Ts,
+                                                 .steps = steps,
+                                                 .horizon = p->N,
+                                                 .blocks = p->blocks,
+                                                 .block = p->block,
+                                                 .unknown = unknown,
+                                                 .n_unknown = p->n_unknown,
+                                                 .u0 = setup->plant->u0,
+                                                 .delay = delay};
 
-    return apc_shoot_create(&p->shoot, &options, why);
+    return apc_shooting_create(&p->shoot, &options, why);
 }
 
 int apc_nmpc_linearise(void *self, const double *x, const double *u, struct apc_linear *to, double *drift)
 {
     const struct apc_law_mpc *p = self;
 
-    return apc_shoot_sample(p->shoot, x, u, p->x + p->model->nx_plant, to, drift);
+    return apc_shooting_sample(p->shoot, x, u, p->x + p->model->nx_plant, to, drift);
 }
 
 /* ---- Steps ------------------------------------------------------------------------------------------ */

@@ -15,8 +15,8 @@
 #define CHANNELS 2
 #define NAME     "TCLab Firmware 1.4.3 libapc"
 
-struct apc_board {
-    struct apc_board_options o;
+struct apc_tclab {
+    struct apc_tclab_options o;
     double u[CHANNELS];
     struct apc_value y[CHANNELS];
     bool commanded;
@@ -32,7 +32,7 @@ static int channel_of(const char *line, char letter, const char **rest)
     return is ? line[1] - '1' : -1;
 }
 
-static void heat(struct apc_board *b, size_t i, double percent)
+static void heat(struct apc_tclab *b, size_t i, double percent)
 {
     double u[CHANNELS];
 
@@ -44,7 +44,7 @@ static void heat(struct apc_board *b, size_t i, double percent)
     }
 }
 
-static double celsius(struct apc_board *b, size_t i)
+static double celsius(struct apc_tclab *b, size_t i)
 {
     if (i >= b->o.ny)
         return 0.0;
@@ -61,7 +61,7 @@ static int format_tclab_number(char *reply, size_t size, double value)
                     labs(hundredths) % 100);
 }
 
-static int answer_tclab_line(struct apc_board *b, const char *line, char *reply, size_t size)
+static int answer_tclab_line(struct apc_tclab *b, const char *line, char *reply, size_t size)
 {
     const char *rest;
     double value = 0.0;
@@ -90,7 +90,7 @@ static int answer_tclab_line(struct apc_board *b, const char *line, char *reply,
     return snprintf(reply, size, "%s\r\n", !strcmp(line, "VER") ? NAME : "?");
 }
 
-int apc_board_answer(struct apc_board *board, const char *line, size_t length, char *reply, size_t size)
+int apc_tclab_answer(struct apc_tclab *board, const char *line, size_t length, char *reply, size_t size)
 {
     char text[64] = "";
 
@@ -106,9 +106,9 @@ int apc_board_answer(struct apc_board *board, const char *line, size_t length, c
     return n > 0 && (size_t)n < size ? n : APC_ERANGE;
 }
 
-int apc_board_create(struct apc_board **board, const struct apc_board_options *options, struct apc_error *why)
+int apc_tclab_create(struct apc_tclab **board, const struct apc_tclab_options *options, struct apc_error *why)
 {
-    struct apc_board_options o = {0};
+    struct apc_tclab_options o = {0};
     int rc;
 
     if (!board)
@@ -129,7 +129,7 @@ int apc_board_create(struct apc_board **board, const struct apc_board_options *o
     return 0;
 }
 
-void apc_board_destroy(struct apc_board *board)
+void apc_tclab_destroy(struct apc_tclab *board)
 {
     free(board);
 }

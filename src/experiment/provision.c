@@ -119,7 +119,7 @@ static void add_published(void *ctx, size_t output, const struct apc_published *
 {
     struct publishing *p = ctx;
     struct tags *t = p->tags;
-    const bool course = published->length > 0;
+    const bool trajectory = published->length > 0;
     char name[APC_TAG_LEN];
     if (!t->of->law->whole)
         name_of_loop(t->e, (struct controller_loop){t->of, output}, published->name, name);
@@ -127,9 +127,10 @@ static void add_published(void *ctx, size_t output, const struct apc_published *
         snprintf(name, sizeof name, "%.63s", published->name);
     else
         join_names(t->of->name, published->name, name);
-    struct apc_tag *tag = add_tag(
-        t, plain_tag(course ? APC_PREDICTION : APC_ESTIMATE, course ? p->prediction++ : p->estimate++, name,
-                     published->description ? published->description : "", -APC_VALUE_MAX, APC_VALUE_MAX));
+    struct apc_tag *tag = add_tag(t, plain_tag(trajectory ? APC_PREDICTION : APC_ESTIMATE,
+                                               trajectory ? p->prediction++ : p->estimate++, name,
+                                               published->description ? published->description : "",
+                                               -APC_VALUE_MAX, APC_VALUE_MAX));
     snprintf(tag->unit, sizeof tag->unit, "%s", published->unit ? published->unit : "");
     tag->period = apc_ns_to_s(t->of->rhythm.period);
     tag->step = published->step;

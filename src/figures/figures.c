@@ -101,7 +101,7 @@ static int by_change_time(const void *left, const void *right)
     return (a->which > b->which) - (a->which < b->which);
 }
 
-static double begin_of_trajectory(const struct course *c)
+static double begin_of_trajectory(const struct trajectory *c)
 {
     double begin = c->end;
     for (size_t i = 0; i < c->dim.ny; i++)
@@ -110,7 +110,7 @@ static double begin_of_trajectory(const struct course *c)
     return begin;
 }
 
-static void add_event(struct figures *f, const struct course *c, struct event event)
+static void add_event(struct figures *f, const struct trajectory *c, struct event event)
 {
     if (event.t < c->end && event.from != event.to)
         f->event[f->n_events++] = event;
@@ -122,7 +122,7 @@ static bool is_moved(const struct experiment *e, size_t setpoint)
     return controllers_above(e, (struct wire){APC_SETPOINT, setpoint}).of;
 }
 
-static int collect_events(struct figures *f, const struct course *c, const struct experiment *e)
+static int collect_events(struct figures *f, const struct trajectory *c, const struct experiment *e)
 {
     size_t room = 1 + (e->plant.model ? e->plant.n_disturbances : 0);
     double begin = begin_of_trajectory(c);
@@ -282,7 +282,7 @@ static double setpoint_step_of(const struct figures *f, const struct part *part,
 }
 
 /* NULL: of a calculated signal there is none. */
-static const struct curve *output_of(const struct course *c, const struct loop *loop)
+static const struct curve *output_of(const struct trajectory *c, const struct loop *loop)
 {
     return loop->u.table == APC_SENSOR     ? NULL
            : loop->u.table == APC_SETPOINT ? &c->setpoint[loop->u.at]
@@ -300,7 +300,7 @@ static double effort(const struct curve *input, const struct part *part)
     return input->n > 0 ? sum : none;
 }
 
-static double without(const struct course *c, const struct part *part)
+static double without(const struct trajectory *c, const struct part *part)
 {
     const struct curve *w = &c->without;
     double sum = 0;
@@ -319,7 +319,7 @@ static void diverge(double *figure)
         figure[i] = isnan(figure[i]) ? none : HUGE_VAL;
 }
 
-static void measure_part(const struct figures *f, const struct course *c, const struct loop *loop,
+static void measure_part(const struct figures *f, const struct trajectory *c, const struct loop *loop,
                          const struct scale *scale, struct part *part)
 {
     const struct curve *output = &c->output[loop->y];
@@ -351,7 +351,7 @@ static void measure_part(const struct figures *f, const struct course *c, const 
 
 /* ---- One loop ----------------------------------------------------------------------------- */
 
-static struct scale scale_of(const struct course *c, const struct experiment *e, const struct loop *loop,
+static struct scale scale_of(const struct trajectory *c, const struct experiment *e, const struct loop *loop,
                              double begin)
 {
     const struct curve *r = &c->setpoint[loop->z];
@@ -394,7 +394,7 @@ static void sum_up_parts(struct metrics *m, size_t n_parts)
     m->figure[METRIC_WITHOUT] = time > 0 ? lost / time : none;
 }
 
-int figures_make(struct figures *f, const struct course *c, const struct experiment *e)
+int figures_make(struct figures *f, const struct trajectory *c, const struct experiment *e)
 {
     *f = (struct figures){0};
     f->loop = calloc(controllers_loops(e) + 1, sizeof *f->loop);

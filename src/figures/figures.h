@@ -65,7 +65,7 @@ struct figures {
 int metrics_loops(const struct experiment *e, struct loop *loop);
 
 /* Returns 0 or APC_ENOMEM; figures_free() in either case. */
-int figures_make(struct figures *f, const struct course *c, const struct experiment *e);
+int figures_make(struct figures *f, const struct trajectory *c, const struct experiment *e);
 void figures_free(struct figures *f);
 
 /* Of the setpoint or disturbance whose event it is: the name. */
@@ -83,7 +83,7 @@ void figures_name_part(const struct figures *f, const struct part *part, const s
  */
 
 /* Shares are of the window, 0 to 1. NAN: there is no such figure. */
-struct merits_loop {
+struct kpis_loop {
     char name[APC_TAG_LEN];
     int id;         /* of its target, in table opmode */
     double service; /* in Auto or Cas with its law's own answer: neither held, nor at its fault value, nor the
@@ -94,7 +94,7 @@ struct merits_loop {
 };
 
 /* Of what one law publishes over a horizon about one of its measurements. */
-struct merits_prediction {
+struct kpis_prediction {
     int id; /* in table prediction */
     char name[APC_TAG_LEN];
     int measurement; /* its id */
@@ -107,7 +107,7 @@ struct merits_prediction {
 };
 
 /* What held a law's plans back, by variable: share of its plans. */
-struct merits_limit {
+struct kpis_limit {
     int id; /* in table estimate */
     char name[APC_TAG_LEN];
     enum apc_table table; /* the variable: of sensor, actuator or setpoint */
@@ -116,13 +116,13 @@ struct merits_limit {
     double low, high, falls, rises;
 };
 
-struct merits {
+struct kpis {
     apc_ns from, until;
-    struct merits_loop *loop;
+    struct kpis_loop *loop;
     size_t n_loops;
-    struct merits_prediction *prediction;
+    struct kpis_prediction *prediction;
     size_t n_predictions;
-    struct merits_limit *limit;
+    struct kpis_limit *limit;
     size_t n_limits;
 };
 
@@ -130,9 +130,9 @@ struct merits {
  * Of the window from <= t < until. @p process (setpoints, measurements, outputs) and @p operation (actual
  * modes at least) are by time; rows from before the window count as far as they still hold in it. @p tag
  * describes all variables. @p published: the store with what the laws published, whose times are @p offset
- * later; NULL: none. Returns 0, APC_ENOMEM or the store's error; merits_free() in either case.
+ * later; NULL: none. Returns 0, APC_ENOMEM or the store's error; kpis_free() in either case.
  */
-struct merits_source {
+struct kpis_source {
     const struct apc_tag *tag;
     size_t n_tags;
     const struct loops *loops;
@@ -140,11 +140,11 @@ struct merits_source {
     struct apc_store *published;
     apc_ns offset, from, until;
 };
-int merits_make(struct merits *m, const struct merits_source *source);
+int kpis_make(struct kpis *m, const struct kpis_source *source);
 /* Of a store's history, t in UTC, as far as there is a record. Returns 0, APC_ENOTFOUND (no loops are
  * described, or nothing was recorded), APC_ERANGE (it takes more than @p most rows), APC_ENOMEM or the
- * store's error; merits_free() in either case. */
-int merits_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most);
-void merits_free(struct merits *m);
+ * store's error; kpis_free() in either case. */
+int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most);
+void kpis_free(struct kpis *m);
 
 #endif

@@ -102,14 +102,14 @@ static void pass_loop_rows(struct watch *w, const struct samples *process, const
     count_until(w, w->until);
 }
 
-static struct merits_loop kpis_of_loop(const struct watch *w)
+static struct kpis_loop kpis_of_loop(const struct watch *w)
 {
     const double whole = apc_ns_to_s(w->until - w->from);
-    struct merits_loop m = {.service = whole > 0 && w->told ? w->service / whole : none,
-                            .low = whole > 0 ? w->at[0] / whole : none,
-                            .high = whole > 0 ? w->at[1] / whole : none,
-                            .with = standard_deviation(&w->with),
-                            .without = standard_deviation(&w->without)};
+    struct kpis_loop m = {.service = whole > 0 && w->told ? w->service / whole : none,
+                          .low = whole > 0 ? w->at[0] / whole : none,
+                          .high = whole > 0 ? w->at[1] / whole : none,
+                          .with = standard_deviation(&w->with),
+                          .without = standard_deviation(&w->without)};
     memcpy(m.name, w->loop->name, sizeof m.name);
     m.id = w->loop->id;
     if (w->loop->above >= 0) /* whose setpoint goes along with the measurement in Man */
@@ -118,7 +118,7 @@ static struct merits_loop kpis_of_loop(const struct watch *w)
     return m;
 }
 
-static int judge_loops(struct merits *m, const struct merits_source *s)
+static int judge_loops(struct kpis *m, const struct kpis_source *s)
 {
     const struct loops *loops = s->loops;
     m->loop = calloc(loops->n + 1, sizeof *m->loop);
@@ -145,9 +145,9 @@ struct measured {
 };
 
 struct comparison {
-    struct merits_prediction *of;
+    struct kpis_prediction *of;
     const struct measured *measured;
-    const struct merits_source *source;
+    const struct kpis_source *source;
     double first, last; /* sums of squares */
 };
 
@@ -190,7 +190,7 @@ static int compare_tick(void *ctx, const struct apc_vector *row)
     return 0;
 }
 
-static int compare_all(struct merits_prediction *p, const struct merits_source *s)
+static int compare_all(struct kpis_prediction *p, const struct kpis_source *s)
 {
     /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     struct measured m = {.at = calloc(s->process->n + 1, sizeof *m.at), .patience = p->patience};
@@ -210,7 +210,7 @@ static int compare_all(struct merits_prediction *p, const struct merits_source *
 
 static int count_plan(void *ctx, const struct apc_sample *s)
 {
-    struct merits_limit *l = ctx;
+    struct kpis_limit *l = ctx;
     const unsigned bits = s->value >= 0 && s->value < 16 ? (unsigned)s->value : 0;
     l->plans++;
     l->low += bits & 1u;
@@ -220,7 +220,7 @@ static int count_plan(void *ctx, const struct apc_sample *s)
     return 0;
 }
 
-static int count_plans(struct merits_limit *l, const struct merits_source *s)
+static int count_plans(struct kpis_limit *l, const struct kpis_source *s)
 {
     const struct apc_range range = {.since = s->from + s->offset, .until = s->until + s->offset};
     const int rc = apc_store_history(s->published, APC_ESTIMATE, l->id, &range, count_plan, l);
@@ -232,36 +232,36 @@ static int count_plans(struct merits_limit *l, const struct merits_source *s)
     return rc < 0 ? rc : 0;
 }
 
-static void take_prediction(struct merits *m, const struct apc_tag *tag, const struct apc_tag *of)
+static void take_prediction(struct kpis *m, const struct apc_tag *tag, const struct apc_tag *of)
 {
-    struct merits_prediction *p = &m->prediction[m->n_predictions++];
+    struct kpis_prediction *p = &m->prediction[m->n_predictions++];
     apc_ns period = 0;
     (void)apc_ns_from_s(of->period, &period);
-    *p = (struct merits_prediction){.id = tag->id,
-                                    .measurement = of->id,
-                                    .patience = row_patience(period),
-                                    .step = tag->step,
-                                    .length = (size_t)tag->length};
+    *p = (struct kpis_prediction){.id = tag->id,
+                                  .measurement = of->id,
+                                  .patience = row_patience(period),
+                                  .step = tag->step,
+                                  .length = (size_t)tag->length};
     memcpy(p->name, of->name, sizeof p->name);
 }
 
-static void take_limit(struct merits *m, const struct apc_tag *tag, const struct apc_tag *of)
+static void take_limit(struct kpis *m, const struct apc_tag *tag, const struct apc_tag *of)
 {
-    struct merits_limit *l = &m->limit[m->n_limits++];
-    *l = (struct merits_limit){.id = tag->id, .table = of->table, .variable = of->id};
+    struct kpis_limit *l = &m->limit[m->n_limits++];
+    *l = (struct kpis_limit){.id = tag->id, .table = of->table, .variable = of->id};
     memcpy(l->name, of->name, sizeof l->name);
 }
 
-static const struct apc_tag *limited_variable(const struct apc_tag *published, const struct merits_source *s)
+static const struct apc_tag *limited_variable(const struct apc_tag *published, const struct kpis_source *s)
 {
     static const enum apc_table tables[] = {APC_SENSOR, APC_ACTUATOR, APC_SETPOINT};
     const struct apc_tag *of = NULL;
     for (size_t i = 0; i < sizeof tables / sizeof *tables && !of; i++)
-        of = outlook_variable(published, ".limit", tables[i], s->tag, s->n_tags);
+        of = prediction_variable(published, ".limit", tables[i], s->tag, s->n_tags);
     return of;
 }
 
-static int judge_published(struct merits *m, const struct merits_source *s)
+static int judge_published(struct kpis *m, const struct kpis_source *s)
 {
     int rc = 0;
     m->prediction = calloc(s->n_tags + 1, sizeof *m->prediction);
@@ -271,7 +271,7 @@ static int judge_published(struct merits *m, const struct merits_source *s)
     for (size_t i = 0; i < s->n_tags && rc == 0; i++) {
         const struct apc_tag *tag = &s->tag[i], *of = NULL;
         if (tag->table == APC_PREDICTION && tag->step > 0 &&
-            (of = outlook_variable(tag, ".prediction", APC_SENSOR, s->tag, s->n_tags))) {
+            (of = prediction_variable(tag, ".prediction", APC_SENSOR, s->tag, s->n_tags))) {
             take_prediction(m, tag, of);
             rc = compare_all(&m->prediction[m->n_predictions - 1], s);
         } else if (tag->table == APC_ESTIMATE && (of = limited_variable(tag, s))) {
@@ -284,9 +284,9 @@ static int judge_published(struct merits *m, const struct merits_source *s)
 
 /* ---- All of it ---------------------------------------------------------------------------- */
 
-int merits_make(struct merits *m, const struct merits_source *source)
+int kpis_make(struct kpis *m, const struct kpis_source *source)
 {
-    *m = (struct merits){.from = source->from, .until = source->until};
+    *m = (struct kpis){.from = source->from, .until = source->until};
     const int rc = judge_loops(m, source);
     return rc == 0 && source->published ? judge_published(m, source) : rc;
 }
@@ -307,7 +307,7 @@ static int gather_loop_row(void *ctx, const struct apc_sample *row)
 }
 
 /* Of one variable those in the window, and the newest before it. */
-static int gather_variable(struct gathering *g, const struct merits_source *s, enum apc_table table, int id)
+static int gather_variable(struct gathering *g, const struct kpis_source *s, enum apc_table table, int id)
 {
     const struct apc_range before = {.until = s->from, .last = 1},
                            range = {.since = s->from, .until = s->until};
@@ -317,7 +317,7 @@ static int gather_variable(struct gathering *g, const struct merits_source *s, e
     return g->rc < 0 ? g->rc : rc < 0 ? rc : 0;
 }
 
-static int gather_all(const struct merits_source *s, struct samples *process, struct samples *operation,
+static int gather_all(const struct kpis_source *s, struct samples *process, struct samples *operation,
                       size_t most)
 {
     struct gathering g = {.to = process, .most = most};
@@ -336,7 +336,7 @@ static int gather_all(const struct merits_source *s, struct samples *process, st
 }
 
 /* What there is no record of is no time out of service. */
-static int make_of_store(struct merits *m, struct merits_source s, size_t most)
+static int make_of_store(struct kpis *m, struct kpis_source s, size_t most)
 {
     struct samples process = {0}, operation = {0};
     int rc = gather_all(&s, &process, &operation, most);
@@ -347,20 +347,20 @@ static int make_of_store(struct merits *m, struct merits_source s, size_t most)
     if (process.n > 0 && process.at[process.n - 1].time < s.until)
         s.until = process.at[process.n - 1].time + 1;
     if (rc == 0)
-        rc = process.n > 0 && s.from < s.until ? merits_make(m, &s) : APC_ENOTFOUND;
+        rc = process.n > 0 && s.from < s.until ? kpis_make(m, &s) : APC_ENOTFOUND;
     samples_free(&operation);
     samples_free(&process);
     return rc;
 }
 
-int merits_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most)
+int kpis_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, size_t most)
 {
     struct loops loops = {0};
-    struct merits_source s = {.loops = &loops, .published = store, .from = from, .until = until};
+    struct kpis_source s = {.loops = &loops, .published = store, .from = from, .until = until};
     int n = apc_store_get_tags(store, NULL, 0);
     struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
     int rc = n < 0 ? n : tag ? apc_store_get_tags(store, tag, (size_t)n) : APC_ENOMEM;
-    *m = (struct merits){.from = from, .until = until};
+    *m = (struct kpis){.from = from, .until = until};
     s.tag = tag;
     s.n_tags = (size_t)(rc < 0 ? 0 : rc < n ? rc : n);
     if (rc >= 0)
@@ -372,10 +372,10 @@ int merits_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_
     return rc;
 }
 
-void merits_free(struct merits *m)
+void kpis_free(struct kpis *m)
 {
     free(m->loop);
     free(m->prediction);
     free(m->limit);
-    *m = (struct merits){0};
+    *m = (struct kpis){0};
 }

@@ -578,7 +578,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     if (c->resumed_at)
         apc_controller_settle(c, now);
     apc_controller_take_inputs(c, now, have, notice);
-    apc_controller_keep_calm(c);
+    apc_controller_keep_fast_path(c);
     for (size_t i = 0; i < c->dim.nu; i++) {
         if (c->calm[i])
             c->last[i] = c->u[i];
@@ -588,7 +588,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     apc_controller_retune(c);
     apc_controller_run(c, now, have, notice);
     apc_controller_put(c, now);
-    apc_controller_calm_down(c);
+    apc_controller_leave_fast_path(c);
     if (notice)
         put_tick_notice(c, notice);
     return (int)(c->out.n_samples + c->out.n_vectors);

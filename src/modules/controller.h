@@ -16,7 +16,7 @@
 /** A loop, besides what apc_loop remembers. */
 struct apc_controller_state {
     struct apc_loop loop;
-    struct apc_loop_facts facts;
+    struct apc_loop_inputs inputs;
     enum apc_loop_state from; /* move follows from it and facts; 0: it does not */
     struct apc_loop_move move;
     enum apc_mode target, actual;
@@ -312,9 +312,9 @@ static inline bool apc_controller_is_selected(const struct apc_controller *contr
 /** At the next tick no loop is calm, and every setpoint open. [any] */
 void apc_controller_stir(struct apc_controller *controller);
 /** Find who of those that were calm stays so, with all rows taken. [tick] */
-void apc_controller_keep_calm(struct apc_controller *controller);
+void apc_controller_keep_fast_path(struct apc_controller *controller);
 /** Find, at the end of a tick, who is calm from now on. [tick] */
-void apc_controller_calm_down(struct apc_controller *controller);
+void apc_controller_leave_fast_path(struct apc_controller *controller);
 
 /* ---- law.c */
 

@@ -37,7 +37,7 @@ static bool has_all_inputs(const struct apc_controller *c, size_t i)
     return has;
 }
 
-void apc_controller_keep_calm(struct apc_controller *c)
+void apc_controller_keep_fast_path(struct apc_controller *c)
 {
     const size_t manual = apc_controller_wanted(c, APC_MANUAL);
     const struct apc_sample *const row = &c->in.sample[c->dim.ny + c->dim.nd + manual];
@@ -76,7 +76,7 @@ static bool is_calm(const struct apc_controller *c, size_t i)
            apc_controller_is_quiet(c, apc_controller_wanted(c, APC_MANUAL) + i);
 }
 
-void apc_controller_calm_down(struct apc_controller *c)
+void apc_controller_leave_fast_path(struct apc_controller *c)
 {
     const bool plain = may_use_fast_path(c);
 

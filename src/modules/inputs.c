@@ -484,7 +484,7 @@ static bool has_input(struct apc_controller *c, const struct apc_controller_law 
     return has && any;
 }
 
-static bool are_same_facts(const struct apc_loop_facts *a, const struct apc_loop_facts *b)
+static bool are_same_facts(const struct apc_loop_inputs *a, const struct apc_loop_inputs *b)
 {
     return a->target == b->target && a->acting == b->acting && a->setpoint == b->setpoint &&
            a->taken == b->taken && a->invited == b->invited && a->input == b->input && a->law == b->law &&
@@ -510,7 +510,7 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         apc_controller_find_in_force(c, i, c->below[i].value);
     if (have && c->choice && !below && (!c->acting || l->loop.state == APC_LOOP_SHADOW))
         take_output(c, i);
-    const struct apc_loop_facts facts = {
+    const struct apc_loop_inputs inputs = {
         .target = l->target,
         .acting = c->acting,
         .setpoint = below,
@@ -522,13 +522,13 @@ void apc_controller_gather(struct apc_controller *c, size_t i, bool have, struct
         .backup = backup && (ready || apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold)),
         .bare = backup && !ready,
         .remote = cascade && c->above[l->setpoint].remote};
-    if (l->loop.state != l->from || !are_same_facts(&facts, &l->facts)) {
+    if (l->loop.state != l->from || !are_same_facts(&inputs, &l->inputs)) {
         l->from = l->loop.state;
-        l->facts = facts;
-        l->move = apc_loop_next(l->loop.state, &facts);
+        l->inputs = inputs;
+        l->move = apc_loop_next(l->loop.state, &inputs);
     }
     c->last[i] = l->there ? c->u[i] : (double)NAN;
-    if (l->facts.expired && input)
+    if (l->inputs.expired && input)
         snprintf(l->trouble, sizeof(l->trouble), "law %.20s gave no good answer %u times in a row",
                  c->law.definition->name, c->shed_after);
 }
@@ -552,7 +552,7 @@ static void find_rests(struct apc_controller *c)
         const struct apc_law_ports *p;
         const bool whole = c->law.definition->whole;
 
-        if (c->calm[i] || c->state[i].facts.input)
+        if (c->calm[i] || c->state[i].inputs.input)
             continue;
         p = apc_instances_ports(c->law.instances, i);
         for (size_t j = 0; j < (whole ? c->dim.nz : p->nz); j++) {

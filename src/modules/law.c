@@ -437,10 +437,10 @@ static void refuse_answer(struct apc_controller *c, size_t i, enum apc_law_resul
 {
     struct apc_controller_state *l = &c->state[i];
 
-    if (!l->facts.input)
+    if (!l->inputs.input)
         return;
-    l->facts.law = false;
-    l->move = apc_loop_next(l->loop.state, &l->facts);
+    l->inputs.law = false;
+    l->move = apc_loop_next(l->loop.state, &l->inputs);
     l->move.law &= ~(unsigned)APC_ASK_COMPUTE;
     snprintf(l->trouble, sizeof(l->trouble), "law %.20s%s %.95s", c->law.definition->name, why[0] ? ":" : "",
              why[0]                     ? why
@@ -455,9 +455,9 @@ static void refuse_backup(struct apc_controller *c, size_t i, struct apc_now now
 
     if (!(l->move.backup & APC_ASK_COMPUTE))
         return;
-    l->facts.bare = true;
-    l->facts.backup = apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold);
-    l->move = apc_loop_next(l->loop.state, &l->facts);
+    l->inputs.bare = true;
+    l->inputs.backup = apc_loop_bridges(&l->loop, now.mono, c->loop[i].hold);
+    l->move = apc_loop_next(l->loop.state, &l->inputs);
     snprintf(l->trouble, sizeof(l->trouble), "backup law %.20s gave no output", c->backup.definition->name);
 }
 
@@ -527,7 +527,7 @@ static void tell_of_loop(struct apc_controller *c, size_t i, apc_ns now, struct 
     if (state == APC_LOOP_FAULT && before != APC_LOOP_FAULT)
         apc_controller_note(c, i, notice, APC_NOTICE_FAULT, "%s: %s", l->move.reason, l->trouble);
     else if ((state == APC_LOOP_HOLD || state == APC_LOOP_BACKUP) && state != before)
-        apc_controller_note(c, i, notice, l->facts.law ? APC_NOTICE_HOLD : APC_NOTICE_REJECTED, "%s: %s",
+        apc_controller_note(c, i, notice, l->inputs.law ? APC_NOTICE_HOLD : APC_NOTICE_REJECTED, "%s: %s",
                             l->move.reason, l->trouble);
     else if (is_out_of_service(before) && l->move.output == APC_PUT_LAW)
         apc_controller_note(c, i, notice, APC_NOTICE_RECOVERED,
@@ -659,7 +659,7 @@ static void finish_loop(struct apc_controller *c, size_t i, struct apc_now now, 
     if (l->move.output == APC_PUT_FAULT) /* also where an answer was refused */
         put_fault(c, i);
     tell_of_loop(c, i, now.mono, notice);
-    apc_loop_settle(&l->loop, &l->facts, l->move.state, now.mono,
+    apc_loop_settle(&l->loop, &l->inputs, l->move.state, now.mono,
                     apc_controller_is_below(c, i) ? c->actual[l->setpoint].seq + 1 : 0);
 }
 

@@ -64,7 +64,7 @@ static const struct {
     [APC_LOOP_SHADOW] = {APC_MODE_OOS, APC_PUT_NONE, FOLLOWS, 0, APC_GOOD},
 };
 
-static unsigned bits(const struct apc_loop_facts *f)
+static unsigned bits(const struct apc_loop_inputs *f)
 {
     bool wanted = f->target == APC_MODE_MAN || f->target == APC_MODE_AUTO || f->target == APC_MODE_CAS;
 
@@ -76,15 +76,15 @@ static unsigned bits(const struct apc_loop_facts *f)
 
 /* A loop that asks to be initialised is answered only by one that could act on it then: else it would go to
  * Cas, be shed at once, and ask again, for ever. */
-static bool answers_initialisation(const struct apc_loop_facts *f)
+static bool answers_initialisation(const struct apc_loop_inputs *f)
 {
     return f->invited && (f->target == APC_MODE_MAN || f->backup || (f->input && f->law && !f->expired));
 }
 
-struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_loop_facts *facts)
+struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_loop_inputs *inputs)
 {
     const struct rule *rule = rules;
-    unsigned is = bits(facts);
+    unsigned is = bits(inputs);
     struct apc_loop_move move;
 
     while ((rule->from && rule->from != state) || (is & rule->has) != rule->has || (is & rule->lacks))
@@ -96,19 +96,19 @@ struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_l
                                   .backup = states[rule->to].backup,
                                   .status = states[rule->to].status,
                                   .reason = rule->reason};
-    if (move.law && !facts->input)
+    if (move.law && !inputs->input)
         move.law = APC_ASK_PREDICT;
     if (move.output == APC_PUT_LAW && state != APC_LOOP_AUTO && state != APC_LOOP_CAS)
         move.law |= APC_ASK_TRACK_FIRST;
     if (move.output == APC_PUT_BACKUP && state != APC_LOOP_BACKUP)
         move.backup |= APC_ASK_TRACK_FIRST;
-    if (move.output == APC_PUT_BACKUP && facts->bare) {
+    if (move.output == APC_PUT_BACKUP && inputs->bare) {
         move.output = APC_PUT_LAST;
         move.backup = 0;
         move.status = APC_UNCERTAIN_LAST_USABLE;
     }
-    if ((move.output == APC_PUT_BELOW && !answers_initialisation(facts)) ||
-        (move.output == APC_PUT_FAULT && facts->setpoint))
+    if ((move.output == APC_PUT_BELOW && !answers_initialisation(inputs)) ||
+        (move.output == APC_PUT_FAULT && inputs->setpoint))
         move.output = APC_PUT_NONE;
     return move;
 }
@@ -135,16 +135,16 @@ void apc_loop_answered(struct apc_loop *l, bool good, unsigned shed_after)
         l->poor = shed && l->poor + 1 - shed_after < shed_after ? l->poor + 1 : 0;
 }
 
-void apc_loop_settle(struct apc_loop *l, const struct apc_loop_facts *facts, enum apc_loop_state state,
+void apc_loop_settle(struct apc_loop *l, const struct apc_loop_inputs *inputs, enum apc_loop_state state,
                      apc_ns now, int64_t next)
 {
-    bool cascade = facts->target == APC_MODE_CAS && state != APC_LOOP_SHADOW;
+    bool cascade = inputs->target == APC_MODE_CAS && state != APC_LOOP_SHADOW;
 
     if (state == APC_LOOP_BACKUP) {
-        if (facts->bare && !l->holding)
+        if (inputs->bare && !l->holding)
             l->held = now;
-        l->holding = facts->bare;
-    } else if (facts->input || state == APC_LOOP_INIT || state == APC_LOOP_MAN || state == APC_LOOP_OOS ||
+        l->holding = inputs->bare;
+    } else if (inputs->input || state == APC_LOOP_INIT || state == APC_LOOP_MAN || state == APC_LOOP_OOS ||
                state == APC_LOOP_SHADOW) {
         l->holding = false;
     } else if (state == APC_LOOP_HOLD && !l->holding) {
@@ -153,7 +153,7 @@ void apc_loop_settle(struct apc_loop *l, const struct apc_loop_facts *facts, enu
     }
     if (state == APC_LOOP_MAN || state == APC_LOOP_OOS)
         l->poor = 0;
-    l->linked = state == APC_LOOP_CAS || (state == APC_LOOP_HOLD && l->linked && facts->remote);
+    l->linked = state == APC_LOOP_CAS || (state == APC_LOOP_HOLD && l->linked && inputs->remote);
     if (!cascade || l->linked)
         l->asked = 0;
     else if (!l->asked)

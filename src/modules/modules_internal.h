@@ -76,11 +76,11 @@ bool apc_loop_bridges(const struct apc_loop *loop, apc_ns now, apc_ns hold);
 /** Count an answer of the law, wherever it is asked; @p good: good or suboptimal. [tick] */
 void apc_loop_answered(struct apc_loop *loop, bool good, unsigned shed_after);
 /**
- * Close a tick that @p facts brought into @p state. @p next is the seq that the next `actual` row of the
+ * Close a tick that @p inputs brought into @p state. @p next is the seq that the next `actual` row of the
  * loop's setpoint will have. Where it says no more than the one before it need not be written: the answer to
  * that makes it say more. [tick]
  */
-void apc_loop_settle(struct apc_loop *loop, const struct apc_loop_facts *facts, enum apc_loop_state state,
+void apc_loop_settle(struct apc_loop *loop, const struct apc_loop_inputs *inputs, enum apc_loop_state state,
                      apc_ns now, int64_t next);
 
 /** What an upper loop sees of the one whose setpoint it writes, all in one snapshot. */

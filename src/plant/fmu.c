@@ -35,14 +35,14 @@ static bool ends_in(const char *name, const char *ending)
 }
 
 /* A plant in Python: its interpreter, as laws have it. */
-static int begin_python(struct apc_companion *c, const char *what, const char *with, struct apc_error *why)
+static int begin_python(struct apc_subprocess *c, const char *what, const char *with, struct apc_error *why)
 {
     const char *const named = getenv("APC_PYTHON"), *const python = named && *named ? named : "python3";
     char *const argv[] = {(char *)(uintptr_t)python, (char[]){"-m"},          (char[]){"libapc.plant"},
                           (char *)(uintptr_t)what,   (char *)(uintptr_t)with, NULL};
     char seed[] = "PYTHONHASHSEED=0"; /* sets of texts have one order: a run is the same each time */
     struct apc_error cause;
-    const int rc = apc_companion_begin(c, argv, seed, &cause);
+    const int rc = apc_subprocess_begin(c, argv, seed, &cause);
 
     return rc < 0 ? apc_fail(why, rc, "%s: its interpreter, which APC_PYTHON names (else python3): %s",
                              c->file, cause.text)
@@ -50,7 +50,7 @@ static int begin_python(struct apc_companion *c, const char *what, const char *w
 }
 
 /* `apc-fmu` from beside the program that asks, else as the shell finds it. */
-int apc_fmu_begin(struct apc_companion *c, const char *what, const char *with, struct apc_error *why)
+int apc_fmu_begin(struct apc_subprocess *c, const char *what, const char *with, struct apc_error *why)
 {
     char program[4096] = "";
 
@@ -65,7 +65,7 @@ int apc_fmu_begin(struct apc_companion *c, const char *what, const char *with, s
     if (!slash || access(program, X_OK) < 0)
         memcpy(program, "apc-fmu", sizeof("apc-fmu"));
     char *const argv[] = {program, (char *)(uintptr_t)what, (char *)(uintptr_t)with, NULL};
-    const int rc = apc_companion_begin(c, argv, NULL, &cause);
+    const int rc = apc_subprocess_begin(c, argv, NULL, &cause);
     return rc < 0
                ? apc_fail(why, rc,
                           "%s: apc-fmu, which runs FMUs, %s; it is installed beside the other programs where "
@@ -74,12 +74,12 @@ int apc_fmu_begin(struct apc_companion *c, const char *what, const char *with, s
                : 0;
 }
 
-int apc_fmu_fail_silent(struct apc_companion *c, ssize_t n, struct apc_error *why)
+int apc_fmu_fail_silent(struct apc_subprocess *c, ssize_t n, struct apc_error *why)
 {
     char said[400];
 
-    apc_companion_bury(c, n < 0);
-    apc_companion_said(c, said, sizeof(said));
+    apc_subprocess_bury(c, n < 0);
+    apc_subprocess_said(c, said, sizeof(said));
     return apc_fail(
         why, APC_ESOLVER, "%s: %s%s%s%s", c->file, c->end, said[0] ? ": " : "", said,
         strstr(said, "No module named 'libapc'")
@@ -202,7 +202,7 @@ static int hear(struct fmu *f, struct apc_error *why)
     int rc = message ? 0 : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
 
     while (rc == 0) {
-        const ssize_t n = apc_companion_take(&f->keeper, message, APC_COMPANION_MESSAGE - 1, until);
+        const ssize_t n = apc_subprocess_take(&f->keeper, message, APC_COMPANION_MESSAGE - 1, until);
         char **const more = n > 0 ? realloc(f->text, (f->n_text + 1) * sizeof(*more)) : NULL;
         if (n < 0) /* not killed: it has a folder to remove */
             rc = apc_fail(why, APC_EINVAL, "%s: was not read and described within %g s", f->file,
@@ -228,7 +228,7 @@ static void close_fmu(struct apc_plugin *plugin)
     struct fmu *const f = (struct fmu *)plugin;
 
     /* It ends by itself, when it has tidied up. */
-    apc_companion_release(&f->keeper);
+    apc_subprocess_release(&f->keeper);
     for (size_t i = 0; i < f->n_text; i++)
         free(f->text[i]);
     for (size_t i = 0; f->given && i < f->n[TEXT]; i++)
@@ -260,7 +260,7 @@ int apc_fmu_open(const char *file, const struct apc_model **model, void **handle
     struct fmu *const f = calloc(1, sizeof(*f));
     int rc;
 
-    if (!f || !(f->file = strdup(file)) || apc_companion_open(&f->keeper, f->file, NULL) < 0) {
+    if (!f || !(f->file = strdup(file)) || apc_subprocess_open(&f->keeper, f->file, NULL) < 0) {
         if (f)
             free(f->file);
         free(f);

@@ -20,7 +20,7 @@ struct sort {
 struct fmu {
     struct apc_plugin plugin;
     struct apc_model model, shown; /* the latter by its own states */
-    struct apc_companion keeper;
+    struct apc_subprocess keeper;
     char *file, *folder;
     char **text; /* [n_text] what it said, that the tables point into */
     size_t n_text;
@@ -40,9 +40,9 @@ struct fmu {
 /** How long a process may take, where nobody has less patience. */
 apc_ns apc_fmu_timeout(void);
 /** Start a process, told @p what and @p with. Returns 0 or a negative error. [setup] */
-int apc_fmu_begin(struct apc_companion *process, const char *what, const char *with, struct apc_error *why);
+int apc_fmu_begin(struct apc_subprocess *process, const char *what, const char *with, struct apc_error *why);
 /** Nothing came of it (@p n < 0), or its end (0): bury it and say so. Returns APC_ESOLVER. */
-int apc_fmu_fail_silent(struct apc_companion *process, ssize_t n, struct apc_error *why);
+int apc_fmu_fail_silent(struct apc_subprocess *process, ssize_t n, struct apc_error *why);
 
 /* ---- fmu_variables.c */
 

@@ -15,7 +15,7 @@
 
 struct runner {
     const struct fmu *fmu;
-    struct apc_companion own;
+    struct apc_subprocess own;
     const double *p;
     apc_ns patience, timeout; /* patience 0: this is virtual time */
     uint32_t asked;
@@ -39,17 +39,17 @@ static int take_fmu_answer(struct runner *r, ssize_t n, size_t nx, double *value
 
     if (n > 6 && memcmp(r->answer, "error\t", 6) == 0) {
         ((char *)r->answer)[n] = '\0';
-        apc_companion_bury(&r->own, false);
+        apc_subprocess_bury(&r->own, false);
         return apc_fail(why, APC_EINVAL, "%s: %s", r->fmu->file, (const char *)r->answer + 6);
     }
     if (n != (ssize_t)((HEADER + n_values) * sizeof(double))) {
-        apc_companion_bury(&r->own, true);
+        apc_subprocess_bury(&r->own, true);
         return apc_fail(why, APC_ESOLVER, "%s: its process sent %zd bytes that are no answer, and was killed",
                         r->fmu->file, n);
     }
     memcpy(&header, r->answer, sizeof(header));
-    apc_companion_listen(&r->own);
-    apc_companion_said(&r->own, said, sizeof(said));
+    apc_subprocess_listen(&r->own);
+    apc_subprocess_said(&r->own, said, sizeof(said));
     if (header.failed)
         return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, said[0] ? said : "failed, without a word");
     for (size_t i = 0; i < n_values; i++)
@@ -72,23 +72,23 @@ static int set_out(struct runner *r, struct apc_error *why)
     r->anew = true;
     r->begin->number = ++r->asked;
     /* It may have ended already: why is to be read. */
-    (void)apc_companion_give(&r->own, r->begin, r->begin_length);
+    (void)apc_subprocess_give(&r->own, r->begin, r->begin_length);
     const ssize_t n =
-        apc_companion_take(&r->own, r->answer, (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT,
-                           apc_clock_mono(NULL) + r->timeout);
+        apc_subprocess_take(&r->own, r->answer, (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT,
+                            apc_clock_mono(NULL) + r->timeout);
     if (n <= 0)
         return apc_fmu_fail_silent(&r->own, n, why);
     return take_fmu_answer(r, n, 0, r->y, why);
 }
 
-static bool revive(struct apc_companion *own)
+static bool revive(struct apc_subprocess *own)
 {
     struct runner *const r = (struct runner *)(void *)((char *)own - offsetof(struct runner, own));
     struct apc_error why;
     const bool well = set_out(r, &why) == 0;
 
     if (!well)
-        apc_companion_bury(own, true);
+        apc_subprocess_bury(own, true);
     return well;
 }
 
@@ -157,7 +157,7 @@ static void fmu_plant_destroy(void *self)
 
     if (!r)
         return;
-    apc_companion_close(&r->own);
+    apc_subprocess_close(&r->own);
     free(r->begin);
     free(r->request);
     free(r->answer);
@@ -180,7 +180,7 @@ static int employ(struct runner **runner, const struct fmu *f, enum fmu_request 
             return rc;
     }
     r = calloc(1, sizeof(*r));
-    if (!r || apc_companion_open(&r->own, f->file, revive) < 0) {
+    if (!r || apc_subprocess_open(&r->own, f->file, revive) < 0) {
         free(r);
         return apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
     }
@@ -233,10 +233,10 @@ static int be_ready(struct runner *r, struct apc_error *why)
     const apc_ns now = apc_clock_mono(NULL);
 
     if (!r->own.starting)
-        apc_companion_disown(&r->own);
+        apc_subprocess_disown(&r->own);
     if (!r->own.starting && r->own.socket < 0 && r->patience && now - r->own.since > APC_NS_PER_S) {
         r->own.since = now;
-        apc_companion_start(&r->own);
+        apc_subprocess_start(&r->own);
     }
     if (r->own.starting)
         return apc_fail(why, APC_ESOLVER, "%s: is being started again, from its start", r->fmu->file);
@@ -244,8 +244,8 @@ static int be_ready(struct runner *r, struct apc_error *why)
         return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, r->own.end);
     while (r->waiting) {
         struct fmu_header header = {0};
-        const ssize_t n = apc_companion_take(&r->own, r->answer,
-                                             (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT, 0);
+        const ssize_t n = apc_subprocess_take(&r->own, r->answer,
+                                              (HEADER + r->fmu->model.ny) * sizeof(double) + APC_FMU_TEXT, 0);
         if (n == 0 || (n < 0 && now - r->own.since > 3 * r->patience + APC_NS_PER_S))
             return apc_fmu_fail_silent(&r->own, n, why);
         if (n < 0)
@@ -274,10 +274,11 @@ static int request_fmu_step(struct runner *r, double t, double dt, const double 
     r->request[HEADER + 1] = dt;
     memcpy(r->request + HEADER + 2, u, (m->nu + m->nd) * sizeof(*u));
     r->own.since = apc_clock_mono(NULL);
-    if (!apc_companion_give(&r->own, r->request, (HEADER + 2 + m->nu + m->nd) * sizeof(double)))
+    if (!apc_subprocess_give(&r->own, r->request, (HEADER + 2 + m->nu + m->nd) * sizeof(double)))
         return apc_fmu_fail_silent(&r->own, 0, why);
-    const ssize_t n = apc_companion_take(&r->own, r->answer, (HEADER + m->ny) * sizeof(double) + APC_FMU_TEXT,
-                                         r->own.since + (r->patience ? r->patience : r->timeout));
+    const ssize_t n =
+        apc_subprocess_take(&r->own, r->answer, (HEADER + m->ny) * sizeof(double) + APC_FMU_TEXT,
+                            r->own.since + (r->patience ? r->patience : r->timeout));
     if (n < 0 && r->patience) {
         r->waiting = true;
         return apc_fail(why, APC_ESOLVER, "%s: has not answered within %g s", r->fmu->file,
@@ -374,11 +375,11 @@ int apc_fmu_look_at(struct apc_fmu_look *look, const double *x, const double *u,
     memcpy(r->request, &header, sizeof(header));
     memcpy(r->request + HEADER, x, m->nx * sizeof(*x));
     memcpy(r->request + HEADER + m->nx, u, n_in * sizeof(*u));
-    if (!apc_companion_give(&r->own, r->request, (HEADER + m->nx + n_in) * sizeof(double)))
+    if (!apc_subprocess_give(&r->own, r->request, (HEADER + m->nx + n_in) * sizeof(double)))
         return apc_fmu_fail_silent(&r->own, 0, why);
     const ssize_t n =
-        apc_companion_take(&r->own, r->answer, (HEADER + m->nx + m->ny) * sizeof(double) + APC_FMU_TEXT,
-                           apc_clock_mono(NULL) + r->timeout);
+        apc_subprocess_take(&r->own, r->answer, (HEADER + m->nx + m->ny) * sizeof(double) + APC_FMU_TEXT,
+                            apc_clock_mono(NULL) + r->timeout);
     rc = n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : take_fmu_answer(r, n, m->nx, r->y, why);
     if (rc < 0)
         return APC_ESOLVER;

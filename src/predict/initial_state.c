@@ -15,7 +15,7 @@
 
 #define HOLDS 1e5
 
-struct apc_rest {
+struct apc_initial_state {
     const struct apc_linear *model;
     size_t n, rows; /* states that something moves: all but the disturbances; equations */
     double *Q, *R;  /* [rows * rows], [rows * nx] */
@@ -24,7 +24,7 @@ struct apc_rest {
     double *memory;
 };
 
-static int solve_steady_state(struct apc_rest *r, struct apc_error *why)
+static int solve_steady_state(struct apc_initial_state *r, struct apc_error *why)
 {
     const struct apc_linear *m = r->model;
 
@@ -44,10 +44,11 @@ static int solve_steady_state(struct apc_rest *r, struct apc_error *why)
     return 0;
 }
 
-int apc_rest_create(struct apc_rest **rest, const struct apc_linear *model, struct apc_error *why)
+int apc_initial_state_create(struct apc_initial_state **rest, const struct apc_linear *model,
+                             struct apc_error *why)
 {
     const size_t n = model->nx_plant + model->nx_held, rows = n + model->ny;
-    struct apc_rest *r = calloc(1, sizeof(*r));
+    struct apc_initial_state *r = calloc(1, sizeof(*r));
     double *at = calloc(rows * rows + rows * model->nx + 3 * rows, sizeof(*at));
     int rc;
 
@@ -57,7 +58,7 @@ int apc_rest_create(struct apc_rest **rest, const struct apc_linear *model, stru
         free(at);
         return apc_fail(why, APC_ENOMEM, "no memory");
     }
-    *r = (struct apc_rest){.model = model, .n = n, .rows = rows, .memory = at};
+    *r = (struct apc_initial_state){.model = model, .n = n, .rows = rows, .memory = at};
     r->Q = apc_carve(&at, rows * rows);
     r->R = apc_carve(&at, rows * model->nx);
     r->scale = apc_carve(&at, rows);
@@ -65,13 +66,13 @@ int apc_rest_create(struct apc_rest **rest, const struct apc_linear *model, stru
     r->turned = apc_carve(&at, rows);
     rc = solve_steady_state(r, why);
     if (rc < 0)
-        apc_rest_destroy(r);
+        apc_initial_state_destroy(r);
     else
         *rest = r;
     return rc;
 }
 
-void apc_rest_destroy(struct apc_rest *rest)
+void apc_initial_state_destroy(struct apc_initial_state *rest)
 {
     if (!rest)
         return;
@@ -79,7 +80,7 @@ void apc_rest_destroy(struct apc_rest *rest)
     free(rest);
 }
 
-void apc_rest_find(struct apc_rest *r, const double *y, const double *u, double *x)
+void apc_initial_state_find(struct apc_initial_state *r, const double *y, const double *u, double *x)
 {
     const struct apc_linear *m = r->model;
     const size_t nx = m->nx, inputs = m->nu + m->nd;

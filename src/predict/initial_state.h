@@ -5,13 +5,14 @@
 
 #include "apclinear.h"
 
-struct apc_rest;
+struct apc_initial_state;
 
 /* The model must tell its unknown disturbances apart, as apc_linear_disturb() sees to. */
-int apc_rest_create(struct apc_rest **rest, const struct apc_linear *model, struct apc_error *why);
-void apc_rest_destroy(struct apc_rest *rest); /* NULL is legal */
+int apc_initial_state_create(struct apc_initial_state **rest, const struct apc_linear *model,
+                             struct apc_error *why);
+void apc_initial_state_destroy(struct apc_initial_state *rest); /* NULL is legal */
 /* x [nx], unknown disturbances included, that stays where it is with u [nu + nd] and shows y [ny]; where
  * there are more measurements than disturbances, as nearly as can be. [tick] */
-void apc_rest_find(struct apc_rest *rest, const double *y, const double *u, double *x);
+void apc_initial_state_find(struct apc_initial_state *rest, const double *y, const double *u, double *x);
 
 #endif

@@ -91,8 +91,8 @@ void apc_mpc_solve(struct apc_mpc *mpc, const struct apc_mpc_call *call, double 
  * working set, or time is up: samples after the first are aimed at their setpoints; while not even the first
  * has its steady state, result's rc is APC_ETIMEDOUT, and x and u are where to go on. [tick]
  */
-void apc_mpc_aim(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *x, double *u,
-                 struct apc_mpc_result *result);
+void apc_mpc_targets(struct apc_mpc *mpc, const struct apc_mpc_call *call, double *x, double *u,
+                     struct apc_mpc_result *result);
 /*
  * Then, for each solution: y = free_y + G (u - u0), free_y [N * ny], G [N * ny * n] with n = nu * blocks, of
  * samples 1..N and the plan's moves; u0 is the model's; so the state at N, free_x [nc], Gx [nc * n] with nc

@@ -94,7 +94,7 @@ int mpc_make_easy(struct apc_mpc *p, struct apc_error *why);
 /** Is each output somebody else's? */
 bool mpc_is_bound(const struct apc_mpc *p, const struct apc_mpc_call *call);
 /** As where nothing else is known, or can be changed. */
-void mpc_aim_at_setpoints(struct apc_mpc *p, const struct apc_mpc_call *call);
+void mpc_set_references(struct apc_mpc *p, const struct apc_mpc_call *call);
 /** The steady states of all samples. Returns 0, or as apc_target_find() or apc_target_search(). */
 int mpc_find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigned *solves);
 

@@ -362,7 +362,7 @@ void apc_mpc_solve(struct apc_mpc *p, const struct apc_mpc_call *call, double *p
     else if (!p->linearise)
         coast(p, call);
     if (!p->linearise && mpc_is_bound(p, call))
-        mpc_aim_at_setpoints(p, call);
+        mpc_set_references(p, call);
     else if (!p->linearise)
         result->rc = mpc_find_targets(p, call, &result->solves);
     if (result->rc < 0)

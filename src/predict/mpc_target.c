@@ -49,7 +49,7 @@ bool mpc_is_bound(const struct apc_mpc *p, const struct apc_mpc_call *call)
 }
 
 /* Y of sample i at its setpoint, where no steady state says more. Returns as set_reference(). */
-static bool aim_at_setpoint(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
+static bool reference_at_setpoint(struct apc_mpc *p, const struct apc_mpc_call *call, size_t i)
 {
     const bool inside = set_reference(p, call, i);
 
@@ -60,12 +60,12 @@ static bool aim_at_setpoint(struct apc_mpc *p, const struct apc_mpc_call *call, 
 }
 
 /* Nothing else is known of them, or can be changed. */
-void mpc_aim_at_setpoints(struct apc_mpc *p, const struct apc_mpc_call *call)
+void mpc_set_references(struct apc_mpc *p, const struct apc_mpc_call *call)
 {
     p->aims = false;
     p->reachable = true;
     for (size_t i = 1; i <= p->N; i++) {
-        p->reachable = aim_at_setpoint(p, call, i) && p->reachable;
+        p->reachable = reference_at_setpoint(p, call, i) && p->reachable;
         memcpy(p->target_u + (i - 1) * p->nu, call->u_wish, p->nu * sizeof(*call->u_wish));
     }
 }
@@ -105,7 +105,7 @@ static void leave_rest(struct apc_mpc *p, const struct apc_mpc_call *call, size_
 {
     p->aims = false;
     for (; i <= p->N; i++) {
-        (void)aim_at_setpoint(p, call, i);
+        (void)reference_at_setpoint(p, call, i);
         memcpy(p->target_u + (i - 1) * p->nu, p->target_u + (i - 2) * p->nu, p->nu * sizeof(*p->target_u));
     }
 }
@@ -148,8 +148,8 @@ int mpc_find_targets(struct apc_mpc *p, const struct apc_mpc_call *call, unsigne
     return 0;
 }
 
-void apc_mpc_aim(struct apc_mpc *p, const struct apc_mpc_call *call, double *x, double *u,
-                 struct apc_mpc_result *result)
+void apc_mpc_targets(struct apc_mpc *p, const struct apc_mpc_call *call, double *x, double *u,
+                     struct apc_mpc_result *result)
 {
     unsigned solves = 0;
     int rc;
@@ -167,5 +167,5 @@ void apc_mpc_aim(struct apc_mpc *p, const struct apc_mpc_call *call, double *x, 
         result->iterations += p->steps - p->steps_left;
     }
     if (rc < 0)
-        mpc_aim_at_setpoints(p, call);
+        mpc_set_references(p, call);
 }

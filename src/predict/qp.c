@@ -45,7 +45,7 @@ static void fix_multiplier(struct apc_qp *qp, size_t i, double lambda)
     qp_row_add(qp, i, lambda - qp->fixed[i], qp->q);
     qp->fixed[i] = lambda;
     qp->shifted = true;
-    qp_work_right_hand_sides(qp, 0);
+    qp_working_set_right_hand_sides(qp, 0);
 }
 
 /* ---- A point ---------------------------------------------------------------------------------- */
@@ -79,7 +79,7 @@ QP_LANES static void primal_point(struct apc_qp *qp)
 
     for (size_t i = 0; i < n; i++)
         qp->w[i] = -qp->q[i];
-    qp_work_subtract_rows(qp, qp->lambda, qp->w);
+    qp_working_set_subtract_rows(qp, qp->lambda, qp->w);
     for (size_t p = 0; p < qp->waiting; p++)
         qp_row_add(qp, qp->pending[p].row, -qp->pending[p].lambda, qp->w);
     for (size_t i = 0; i < n; i++)
@@ -136,7 +136,7 @@ static void drop_constraint(struct apc_qp *qp, size_t at)
     size_t i = qp->work[at];
     double lambda = qp->lambda[at], direction;
 
-    qp_work_remove(qp, at);
+    qp_working_set_remove(qp, at);
     if (pass_multiplier_bound(qp, i, lambda, &direction))
         queue_entering(qp, i, lambda, direction);
 }
@@ -230,7 +230,7 @@ static bool partial_step(struct apc_qp *qp)
 
     memset(move, 0, qp->k * sizeof(*move));
     if (qp->size[last->row] > 0.0) /* a row of zeros depends on nothing */
-        qp_work_dual_direction(qp, move);
+        qp_working_set_dual_direction(qp, move);
     for (size_t j = 0; j < qp->k; j++)
         move[j] *= -last->direction;
     if (would_cycle(qp, last, move)) {
@@ -315,7 +315,7 @@ static void warm_start_row(struct apc_qp *qp, size_t i)
     }
     qp->state[i] = (signed char)(qp_soft(qp, i) && sign * lambda >= qp->linear[i] ? 2 * sign : sign);
     qp_interval(qp, i, &low, &high);
-    if (!qp_work_append(qp, i, lambda < low ? low : lambda > high ? high : lambda))
+    if (!qp_working_set_append(qp, i, lambda < low ? low : lambda > high ? high : lambda))
         qp->state[i] = 0;
 }
 
@@ -344,15 +344,15 @@ static void warm_start(struct apc_qp *qp)
         if (isfinite(qp->state[i] > 0 ? qp->high[i] : qp->low[i]) && qp->lambda[j] >= qp->least[j] &&
             qp->lambda[j] <= qp->most_of[j])
             continue;
-        qp_work_remove(qp, j);
+        qp_working_set_remove(qp, j);
         qp->state[i] = 0;
     }
-    qp_work_right_hand_sides(qp, 0);
+    qp_working_set_right_hand_sides(qp, 0);
     for (size_t i = 0; anew && i < qp->rows; i++)
         if (qp->state[i])
             warm_start_row(qp, i);
     if (anew && qp->k > 0)
-        qp_work_right_hand_sides(qp, 0); /* F may have come after */
+        qp_working_set_right_hand_sides(qp, 0); /* F may have come after */
 }
 
 /** To the end of the way: 0 when no row is violated. */
@@ -368,7 +368,7 @@ static enum apc_qp_status dual_active_set(struct apc_qp *qp)
         while (qp->waiting > 0) {
             const struct apc_qp_pending *last = &qp->pending[qp->waiting - 1];
 
-            if (qp->size[last->row] > 0.0 && qp_work_append(qp, last->row, last->lambda))
+            if (qp->size[last->row] > 0.0 && qp_working_set_append(qp, last->row, last->lambda))
                 qp->waiting--;
             else if (qp->changes >= qp->most)
                 return APC_QP_LIMIT;
@@ -377,7 +377,7 @@ static enum apc_qp_status dual_active_set(struct apc_qp *qp)
         }
         if (qp->changes > 0 && (qp->changes >= qp->most || (qp->enough && qp->enough(qp->ctx))))
             return APC_QP_LIMIT;
-        qp_work_target(qp);
+        qp_working_set_target(qp);
         for (size_t j = 0; j < qp->k; j++)
             move[j] = qp->target[j] - qp->lambda[j];
         length = ratio_test(qp, move, 1.0, careful, &at, &end);
@@ -398,10 +398,10 @@ static enum apc_qp_status dual_active_set(struct apc_qp *qp)
         }
         if (qp->settled && !qp->shifted)
             return APC_QP_OPTIMAL;
-        qp_work_settle(qp);
+        qp_working_set_settle(qp);
         if (qp->shifted) {
             transformed_gradient(qp);
-            qp_work_right_hand_sides(qp, 0);
+            qp_working_set_right_hand_sides(qp, 0);
         }
     }
 }
@@ -486,10 +486,10 @@ QP_LANES static void refine_iteratively(struct apc_qp *qp)
         qp_add(n - i, -qp->g[i], qp->J + i * n + i, qp->e + i);
     for (size_t j = 0; j < qp->k; j++)
         y[j] = qp_row_dot(qp, qp->work[j], qp->e) - primal_residual(qp, j);
-    qp_work_solve(qp, qp->k, y);
+    qp_working_set_solve(qp, qp->k, y);
     for (size_t j = 0; j < qp->k; j++)
         qp->lambda[j] += y[j];
-    qp_work_subtract_rows(qp, y, qp->e);
+    qp_working_set_subtract_rows(qp, y, qp->e);
     for (size_t i = 0; i < n; i++)
         qp->x[i] += qp_dot(n - i, qp->J + i * n + i, qp->e + i);
     evaluate_rows(qp);

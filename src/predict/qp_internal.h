@@ -252,19 +252,19 @@ size_t qp_entering(const struct apc_qp *qp, bool careful, double *sign);
 /** Where the multiplier of row i may be, in the state that it is in. */
 void qp_interval(const struct apc_qp *qp, size_t i, double *low, double *high);
 /** Append row i with multiplier @p lambda. False when it depends on W: the row of L is made, W is as it was. */
-bool qp_work_append(struct apc_qp *qp, size_t i, double lambda);
-void qp_work_remove(struct apc_qp *qp, size_t at);
+bool qp_working_set_append(struct apc_qp *qp, size_t i, double lambda);
+void qp_working_set_remove(struct apc_qp *qp, size_t at);
 /** Right-hand sides of rows from @p at on, which is also how far z holds. */
-void qp_work_right_hand_sides(struct apc_qp *qp, size_t at);
+void qp_working_set_right_hand_sides(struct apc_qp *qp, size_t at);
 /** target = W's own optimum. */
-void qp_work_target(struct apc_qp *qp);
+void qp_working_set_target(struct apc_qp *qp);
 /** lambda of M_W M_W' lambda = L's row k d: how W moves against a row that depends on it. */
-void qp_work_dual_direction(const struct apc_qp *qp, double *move);
+void qp_working_set_dual_direction(const struct apc_qp *qp, double *move);
 /** v -= M_W' lambda */
-void qp_work_subtract_rows(const struct apc_qp *qp, const double *lambda, double *v);
+void qp_working_set_subtract_rows(const struct apc_qp *qp, const double *lambda, double *v);
 /** Put W in the order of its rows and factorise it anew: from then on nothing tells how it came about. */
-void qp_work_settle(struct apc_qp *qp);
+void qp_working_set_settle(struct apc_qp *qp);
 /** Solve (M_W M_W' + 1/s) y = y for the first @p k rows of W. */
-void qp_work_solve(const struct apc_qp *qp, size_t k, double *y);
+void qp_working_set_solve(const struct apc_qp *qp, size_t k, double *y);
 
 #endif

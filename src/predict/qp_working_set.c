@@ -60,7 +60,7 @@ QP_LANES static void back(const struct apc_qp *qp, size_t k, double *y)
     }
 }
 
-QP_LANES void qp_work_solve(const struct apc_qp *qp, size_t k, double *y)
+QP_LANES void qp_working_set_solve(const struct apc_qp *qp, size_t k, double *y)
 {
     forward_substitute(qp->L, y, y, 0, k);
     for (size_t j = 0; j < k; j++)
@@ -68,7 +68,7 @@ QP_LANES void qp_work_solve(const struct apc_qp *qp, size_t k, double *y)
     back(qp, k, y);
 }
 
-QP_LANES void qp_work_right_hand_sides(struct apc_qp *qp, size_t at)
+QP_LANES void qp_working_set_right_hand_sides(struct apc_qp *qp, size_t at)
 {
     for (size_t j = at; j < qp->k; j++) {
         size_t i = qp->work[j];
@@ -117,7 +117,7 @@ QP_LANES static double left_beside(struct apc_qp *qp, size_t i, size_t k)
         return left; /* the second time leaves no more */
     for (size_t j = 0; j < k; j++)
         y[j] = qp_row_dot(qp, qp->work[j], rest) - y[j] * qp->give[j];
-    qp_work_solve(qp, k, y);
+    qp_working_set_solve(qp, k, y);
     subtract_rows(qp, k, y, rest);
     return qp_dot(qp->n, rest, rest) + give;
 }
@@ -169,7 +169,7 @@ static inline void gram(struct apc_qp *qp, size_t k, size_t from, size_t to)
     }
 }
 
-QP_LANES bool qp_work_append(struct apc_qp *qp, size_t i, double lambda)
+QP_LANES bool qp_working_set_append(struct apc_qp *qp, size_t i, double lambda)
 {
     const size_t k = qp->k;
     const bool known = qp->tried == i;
@@ -193,7 +193,7 @@ QP_LANES bool qp_work_append(struct apc_qp *qp, size_t i, double lambda)
     qp->lambda[k] = lambda;
     qp->k = k + 1;
     qp->settled = false;
-    qp_work_right_hand_sides(qp, k);
+    qp_working_set_right_hand_sides(qp, k);
     return true;
 }
 
@@ -267,7 +267,7 @@ QP_LANES static void rank_one_update(struct apc_qp *qp, size_t at, double alpha)
         alpha = update_factor_row(qp, r, at, qp->carry[r], alpha);
 }
 
-QP_LANES void qp_work_remove(struct apc_qp *qp, size_t at)
+QP_LANES void qp_working_set_remove(struct apc_qp *qp, size_t at)
 {
     size_t k = qp->k, behind = k - at - 1;
     double alpha = 1.0 / qp->inverse[at];
@@ -289,7 +289,7 @@ QP_LANES void qp_work_remove(struct apc_qp *qp, size_t at)
     rank_one_update(qp, at, alpha);
 }
 
-QP_LANES void qp_work_target(struct apc_qp *qp)
+QP_LANES void qp_working_set_target(struct apc_qp *qp)
 {
     forward_substitute(qp->L, qp->rhs, qp->z, qp->solved, qp->k);
     qp->solved = qp->k;
@@ -298,13 +298,13 @@ QP_LANES void qp_work_target(struct apc_qp *qp)
     back(qp, qp->k, qp->target);
 }
 
-void qp_work_dual_direction(const struct apc_qp *qp, double *move)
+void qp_working_set_dual_direction(const struct apc_qp *qp, double *move)
 {
     memcpy(move, qp->L + qp_packed(qp->k), qp->k * sizeof(*move));
     back(qp, qp->k, move);
 }
 
-QP_LANES void qp_work_subtract_rows(const struct apc_qp *qp, const double *lambda, double *v)
+QP_LANES void qp_working_set_subtract_rows(const struct apc_qp *qp, const double *lambda, double *v)
 {
     size_t j = 0;
 
@@ -360,7 +360,7 @@ static void reorder(struct apc_qp *qp, size_t from, size_t k, const unsigned *wa
            (qp_packed(k) - qp_packed(from)) * sizeof(*qp->G));
 }
 
-QP_LANES void qp_work_settle(struct apc_qp *qp)
+QP_LANES void qp_working_set_settle(struct apc_qp *qp)
 {
     size_t k = 0, same = 0;
     unsigned *was = qp->order + qp->rows;

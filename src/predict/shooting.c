@@ -20,7 +20,7 @@
 #include "plant/plant_internal.h"
 #include "predict/predict_internal.h"
 
-struct apc_shoot {
+struct apc_shooting {
     const struct apc_model *model;
     struct apc_nested *nested;
     size_t nx, nu, ny, N, blocks, n, n_unknown;
@@ -43,7 +43,7 @@ struct apc_shoot {
     double *plan, *away;          /* [n] of the last linearisation; from u0 */
 };
 
-static int allocate_shooting(struct apc_shoot *s, const struct apc_shoot_options *o)
+static int allocate_shooting(struct apc_shooting *s, const struct apc_shooting_options *o)
 {
     const size_t nx = s->nx, nu = s->nu, ny = s->ny, n = s->n, all = nu + o->model->nd;
     double *at = calloc(o->model->np + 2 * all + 6 * nu + 2 + 4 * nx + 2 * (nx + ny) + nx * nx + 2 * nx * nu +
@@ -83,7 +83,7 @@ static int allocate_shooting(struct apc_shoot *s, const struct apc_shoot_options
 }
 
 /* Delays, and the parts of an interval that they make. */
-static void delay(struct apc_shoot *s, const double *by)
+static void delay(struct apc_shooting *s, const double *by)
 {
     s->begins[s->parts++] = 0.0;
     for (size_t j = 0; j < s->nu; j++) {
@@ -100,30 +100,31 @@ static void delay(struct apc_shoot *s, const double *by)
     s->begins[s->parts] = s->Ts;
 }
 
-int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o, struct apc_error *why)
+int apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *o,
+                        struct apc_error *why)
 {
     const struct apc_model *m = o->model;
-    struct apc_shoot *s = calloc(1, sizeof(*s));
+    struct apc_shooting *s = calloc(1, sizeof(*s));
     int rc;
 
     *shoot = NULL;
     if (!s)
         return apc_fail(why, APC_ENOMEM, "shooting: no memory");
-    *s = (struct apc_shoot){.model = m,
-                            .nested = o->nested,
-                            .nx = o->nested ? apc_nested_states(o->nested) : m->nx,
-                            .nu = m->nu,
-                            .ny = m->ny,
-                            .N = o->horizon,
-                            .blocks = o->blocks,
-                            .n = m->nu * o->blocks,
-                            .n_unknown = o->n_unknown,
-                            .Ts = o->Ts,
-                            .steps = o->steps};
+    *s = (struct apc_shooting){.model = m,
+                               .nested = o->nested,
+                               .nx = o->nested ? apc_nested_states(o->nested) : m->nx,
+                               .nu = m->nu,
+                               .ny = m->ny,
+                               .N = o->horizon,
+                               .blocks = o->blocks,
+                               .n = m->nu * o->blocks,
+                               .n_unknown = o->n_unknown,
+                               .Ts = o->Ts,
+                               .steps = o->steps};
     rc = allocate_shooting(s, o) < 0 ? apc_fail(why, APC_ENOMEM, "shooting: no memory")
                                      : apc_model_take(m, s->p, o->p, m->param, m->np, "parameter", why);
     if (rc < 0) {
-        apc_shoot_destroy(s);
+        apc_shooting_destroy(s);
         return rc;
     }
     apc_param_initials(m->input, m->nu, s->nominal);
@@ -141,7 +142,7 @@ int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o
     return 0;
 }
 
-void apc_shoot_destroy(struct apc_shoot *shoot)
+void apc_shooting_destroy(struct apc_shooting *shoot)
 {
     if (!shoot)
         return;
@@ -153,7 +154,7 @@ void apc_shoot_destroy(struct apc_shoot *shoot)
 
 /* ---- The model ---------------------------------------------------------------------------------- */
 
-static void disturb(struct apc_shoot *s, const double *u, const double *d)
+static void disturb(struct apc_shooting *s, const double *u, const double *d)
 {
     memcpy(s->input, s->nominal, (s->nu + s->model->nd) * sizeof(*s->input));
     memcpy(s->input, u, s->nu * sizeof(*u));
@@ -164,7 +165,7 @@ static void disturb(struct apc_shoot *s, const double *u, const double *d)
 }
 
 /* x on by t in so many steps, with s->input. */
-static int integrate_interval(struct apc_shoot *s, double *x, double t)
+static int integrate_interval(struct apc_shooting *s, double *x, double t)
 {
     static const double reach[] = {0.0, 0.5, 0.5, 1.0}, weight[] = {1.0, 2.0, 2.0, 1.0};
     const double h = t / s->steps;
@@ -186,7 +187,7 @@ static int integrate_interval(struct apc_shoot *s, double *x, double t)
     return apc_values_ok(x, s->nx) ? 0 : APC_ESOLVER;
 }
 
-bool apc_shoot_holds(const struct apc_shoot *s, const double *x)
+bool apc_shooting_holds(const struct apc_shooting *s, const double *x)
 {
     const struct apc_param *range = s->model->state;
     size_t i = 0;
@@ -196,12 +197,12 @@ bool apc_shoot_holds(const struct apc_shoot *s, const double *x)
     return !range || i == s->model->nx;
 }
 
-void apc_shoot_measure(struct apc_shoot *s, const double *own)
+void apc_shooting_measure(struct apc_shooting *s, const double *own)
 {
     memcpy(s->nominal + s->nu, own, s->model->nd * sizeof(*own));
 }
 
-int apc_shoot_advance(struct apc_shoot *s, double *x, const double *u, const double *d, double t)
+int apc_shooting_advance(struct apc_shooting *s, double *x, const double *u, const double *d, double t)
 {
     int rc;
 
@@ -222,7 +223,7 @@ static double small(double value)
 }
 
 /* The end of an interval from x, with number k moved by so much: of x, then of newer, then of older inputs. */
-static int interval_end(struct apc_shoot *s, const double *x, const double *d, size_t k, double by,
+static int interval_end(struct apc_shooting *s, const double *x, const double *d, size_t k, double by,
                         double *to)
 {
     int rc = 0;
@@ -245,13 +246,13 @@ static int interval_end(struct apc_shoot *s, const double *x, const double *d, s
 }
 
 /* Nothing is moved. */
-static int end_as_is(struct apc_shoot *s, const double *x, const double *d)
+static int end_as_is(struct apc_shooting *s, const double *x, const double *d)
 {
     return interval_end(s, x, d, s->nx + 2 * s->nu, 0.0, s->x);
 }
 
 /* A and B of the interval from x. */
-static int linearize_interval(struct apc_shoot *s, const double *x, const double *d)
+static int linearize_interval(struct apc_shooting *s, const double *x, const double *d)
 {
     const size_t nx = s->nx, nu = s->nu;
 
@@ -271,7 +272,8 @@ static int linearize_interval(struct apc_shoot *s, const double *x, const double
 }
 
 /* y at x, with unknown disturbances. */
-static void predict_outputs(struct apc_shoot *s, const double *x, const double *u, const double *d, double *y)
+static void predict_outputs(struct apc_shooting *s, const double *x, const double *u, const double *d,
+                            double *y)
 {
     disturb(s, u, d);
     if (s->nested)
@@ -285,7 +287,7 @@ static void predict_outputs(struct apc_shoot *s, const double *x, const double *
 }
 
 /* C and D at x, where all newer inputs act. */
-static void linearize_outputs(struct apc_shoot *s, const double *x, const double *d)
+static void linearize_outputs(struct apc_shooting *s, const double *x, const double *d)
 {
     double *up = s->up + s->nx, *down = s->down + s->nx;
 
@@ -309,14 +311,14 @@ static void linearize_outputs(struct apc_shoot *s, const double *x, const double
 /* ---- The horizon -------------------------------------------------------------------------------- */
 
 /* Input j of interval i, so many later: of the plan, or of those that went out before it. */
-static double input_of(const struct apc_shoot *s, const double *plan, const double *past, size_t i, size_t j,
-                       size_t later)
+static double input_of(const struct apc_shooting *s, const double *plan, const double *past, size_t i,
+                       size_t j, size_t later)
 {
     return i >= later ? plan[s->block_of[i - later] * s->nu + j] : past[(later - i - 1) * s->nu + j];
 }
 
 /* The newer and older inputs of interval i. */
-static void take_inputs(struct apc_shoot *s, const double *plan, const double *past, size_t i)
+static void take_inputs(struct apc_shooting *s, const double *plan, const double *past, size_t i)
 {
     for (size_t j = 0; j < s->nu; j++) {
         s->newer[j] = input_of(s, plan, past, i, j, s->whole[j]);
@@ -325,14 +327,14 @@ static void take_inputs(struct apc_shoot *s, const double *plan, const double *p
 }
 
 /* What input j of interval i, so many later, does to row [n] of a sum of moves. */
-static void add_move(const struct apc_shoot *s, size_t i, size_t j, size_t later, double by, double *row)
+static void add_move(const struct apc_shooting *s, size_t i, size_t j, size_t later, double by, double *row)
 {
     if (i >= later)
         row[s->block_of[i - later] * s->nu + j] += by;
 }
 
 /* e and S of the end of interval i. */
-static void carry_on(struct apc_shoot *s, size_t i, const double *node)
+static void carry_on(struct apc_shooting *s, size_t i, const double *node)
 {
     const size_t nx = s->nx, nu = s->nu, n = s->n;
     double *e = s->e + i * nx, *S = s->S + i * nx * n;
@@ -355,8 +357,8 @@ static void carry_on(struct apc_shoot *s, size_t i, const double *node)
     }
 }
 
-int apc_shoot_linearise(struct apc_shoot *s, const double *x, const double *d, const double *plan,
-                        const double *past, const double *nodes, double *G, double *free_y)
+int apc_shooting_linearise(struct apc_shooting *s, const double *x, const double *d, const double *plan,
+                           const double *past, const double *nodes, double *G, double *free_y)
 {
     const size_t nx = s->nx, ny = s->ny, nu = s->nu, n = s->n;
 
@@ -388,7 +390,7 @@ int apc_shoot_linearise(struct apc_shoot *s, const double *x, const double *d, c
     return apc_values_ok(G, s->N * ny * n) && apc_values_ok(free_y, s->N * ny) ? 0 : APC_ESOLVER;
 }
 
-void apc_shoot_move(const struct apc_shoot *s, const double *plan, double *nodes)
+void apc_shooting_move(const struct apc_shooting *s, const double *plan, double *nodes)
 {
     for (size_t i = 0; i < s->N * s->nx; i++) {
         nodes[i] += s->e[i];
@@ -398,13 +400,13 @@ void apc_shoot_move(const struct apc_shoot *s, const double *plan, double *nodes
 }
 
 /* How many former inputs j stand in the state of the linear model, as apclinear.h has them. */
-static size_t held_inputs(const struct apc_shoot *s, size_t j)
+static size_t held_inputs(const struct apc_shooting *s, size_t j)
 {
     return s->whole[j] + (s->bit[j] > 0.0);
 }
 
-void apc_shoot_end(const struct apc_shoot *s, const double *nodes, const double *past, double *Gx,
-                   double *free_x)
+void apc_shooting_end(const struct apc_shooting *s, const double *nodes, const double *past, double *Gx,
+                      double *free_x)
 {
     const size_t nx = s->nx, n = s->n, last = s->N - 1;
 
@@ -426,8 +428,8 @@ static double *input_gain_place(struct apc_linear *m, size_t first, size_t i, si
     return ago ? m->A + i * m->nx + first + ago - 1 : m->B + i * (m->nu + m->nd) + j;
 }
 
-int apc_shoot_sample(struct apc_shoot *s, const double *x, const double *u, const double *d,
-                     struct apc_linear *to, double *drift)
+int apc_shooting_sample(struct apc_shooting *s, const double *x, const double *u, const double *d,
+                        struct apc_linear *to, double *drift)
 {
     const size_t nx = s->nx, nu = s->nu, inputs = nu + to->nd;
 

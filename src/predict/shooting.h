@@ -14,10 +14,10 @@
 #include "apcplant.h"
 #include "predict/nested.h"
 
-struct apc_shoot;
+struct apc_shooting;
 
 /* All is copied but the model. */
-struct apc_shoot_options {
+struct apc_shooting_options {
     const struct apc_model *model;
     const double *p;           /* [np]; NULL: the model's own */
     struct apc_nested *nested; /* its loops, borrowed, whose states are behind its own; NULL: none */
@@ -31,16 +31,16 @@ struct apc_shoot_options {
     const double *delay; /* [nu] s by which an input acts later, from 0; NULL: zeros */
 };
 
-int apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
-                     struct apc_error *why);
-void apc_shoot_destroy(struct apc_shoot *shoot); /* NULL is legal */
+int apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
+                        struct apc_error *why);
+void apc_shooting_destroy(struct apc_shooting *shoot); /* NULL is legal */
 /* Is x in the ranges where the model holds? [tick] */
-bool apc_shoot_holds(const struct apc_shoot *shoot, const double *x);
+bool apc_shooting_holds(const struct apc_shooting *shoot, const double *x);
 /* The model's own disturbances [nd] from now on, before unknown ones add to them. [tick] */
-void apc_shoot_measure(struct apc_shoot *shoot, const double *own);
+void apc_shooting_measure(struct apc_shooting *shoot, const double *own);
 /* x [nx] on by t, with u [nu] and unknown disturbances d [n_unknown]. Returns 0, or APC_ESOLVER: the model is
  * not defined there, x is as it was. [tick] */
-int apc_shoot_advance(struct apc_shoot *shoot, double *x, const double *u, const double *d, double t);
+int apc_shooting_advance(struct apc_shooting *shoot, double *x, const double *u, const double *d, double t);
 /*
  * About nodes [horizon * nx], the states at the ends of the intervals, the first of which begins at x [nx],
  * and about moves plan [blocks * nu]: y of the ends is free_y + G (u - u0), free_y [horizon * ny], G [horizon
@@ -48,18 +48,18 @@ int apc_shoot_advance(struct apc_shoot *shoot, double *x, const double *u, const
  * there is no delay. What acts on y at once is that at the end of the interval. Returns 0, or APC_ESOLVER:
  * the model is not defined at some node. [tick]
  */
-int apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                        const double *past, const double *nodes, double *G, double *free_y);
+int apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d, const double *plan,
+                           const double *past, const double *nodes, double *G, double *free_y);
 /* The nodes to where the last linearisation has them with other moves. [tick] */
-void apc_shoot_move(const struct apc_shoot *shoot, const double *plan, double *nodes);
+void apc_shooting_move(const struct apc_shooting *shoot, const double *plan, double *nodes);
 /* x at the end of the horizon, of the last linearisation, and then former inputs that are still to act, as
  * apclinear.h has them: free_x [nc] + Gx [nc * n] (u - u0). [tick] */
-void apc_shoot_end(const struct apc_shoot *shoot, const double *nodes, const double *past, double *Gx,
-                   double *free_x);
+void apc_shooting_end(const struct apc_shooting *shoot, const double *nodes, const double *past, double *Gx,
+                      double *free_x);
 /* Linear at x, u: an interval into A and B of @p to, which has the former inputs in its state; y into its C
  * and D; its point x0, u0, y0; drift [nc] = what x gains. What is measured of disturbances is in these, and
- * so has columns of zeros. Returns as apc_shoot_advance(). [tick] */
-int apc_shoot_sample(struct apc_shoot *shoot, const double *x, const double *u, const double *d,
-                     struct apc_linear *to, double *drift);
+ * so has columns of zeros. Returns as apc_shooting_advance(). [tick] */
+int apc_shooting_sample(struct apc_shooting *shoot, const double *x, const double *u, const double *d,
+                        struct apc_linear *to, double *drift);
 
 #endif

@@ -9,8 +9,8 @@ static const double none = (double)NAN;
 
 /* ---- Which variable is expected ----------------------------------------------------------- */
 
-const struct apc_tag *outlook_variable(const struct apc_tag *published, const char *end, enum apc_table table,
-                                       const struct apc_tag *tag, size_t n)
+const struct apc_tag *prediction_variable(const struct apc_tag *published, const char *end,
+                                          enum apc_table table, const struct apc_tag *tag, size_t n)
 {
     const size_t own = strlen(published->controller), tail = strlen(end);
     const char *name = published->name;
@@ -29,18 +29,18 @@ const struct apc_tag *outlook_variable(const struct apc_tag *published, const ch
 static const struct apc_tag *expected_variable(const struct apc_tag *published, const struct apc_tag *tag,
                                                size_t n, bool *planned)
 {
-    const struct apc_tag *variable = outlook_variable(published, ".prediction", APC_SENSOR, tag, n);
+    const struct apc_tag *variable = prediction_variable(published, ".prediction", APC_SENSOR, tag, n);
     *planned = !variable;
     if (!variable)
-        variable = outlook_variable(published, ".plan", APC_ACTUATOR, tag, n);
-    return variable ? variable : outlook_variable(published, ".plan", APC_SETPOINT, tag, n);
+        variable = prediction_variable(published, ".plan", APC_ACTUATOR, tag, n);
+    return variable ? variable : prediction_variable(published, ".plan", APC_SETPOINT, tag, n);
 }
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
 struct reading {
-    struct outlook *o;
-    struct outlook_course next;
+    struct prediction *o;
+    struct prediction_trajectory next;
     apc_ns at, offset;
     int failed;
 };
@@ -48,7 +48,7 @@ struct reading {
 static int take_prediction_row(void *ctx, const struct apc_vector *row)
 {
     struct reading *r = ctx;
-    struct outlook_course *c = &r->next;
+    struct prediction_trajectory *c = &r->next;
     c->made = row->time - r->offset;
     if (row->n == 0 || c->made + c->first + c->step * (apc_ns)row->n <= r->at)
         return 0;
@@ -60,17 +60,17 @@ static int take_prediction_row(void *ctx, const struct apc_vector *row)
     memcpy(c->expected, row->value, c->n * sizeof *c->expected);
     for (size_t k = 0; k < c->n; k++)
         c->came[k] = none;
-    r->o->course[r->o->n++] = *c;
+    r->o->trajectory[r->o->n++] = *c;
     return 0;
 }
 
-static int load_course(struct reading *r, struct apc_store *store, const struct apc_tag *published,
-                       const struct apc_tag *variable, bool planned)
+static int load_trajectory(struct reading *r, struct apc_store *store, const struct apc_tag *published,
+                           const struct apc_tag *variable, bool planned)
 {
     const struct apc_range newest = {.until = r->at + r->offset + 1, .last = 1};
     apc_ns period = 0;
-    r->next =
-        (struct outlook_course){.table = variable->table, .id = variable->id, .prediction = published->id};
+    r->next = (struct prediction_trajectory){
+        .table = variable->table, .id = variable->id, .prediction = published->id};
     memcpy(r->next.name, variable->name, sizeof r->next.name);
     memcpy(r->next.unit, variable->unit, sizeof r->next.unit);
     (void)apc_ns_from_s(published->step, &r->next.step);
@@ -81,13 +81,13 @@ static int load_course(struct reading *r, struct apc_store *store, const struct 
     return r->failed ? r->failed : rc < 0 ? rc : 0;
 }
 
-int outlook_load(struct outlook *o, struct apc_store *published, const struct apc_tag *tag, size_t n,
-                 apc_ns at, apc_ns offset)
+int prediction_load(struct prediction *o, struct apc_store *published, const struct apc_tag *tag, size_t n,
+                    apc_ns at, apc_ns offset)
 {
     struct reading r = {.o = o, .at = at, .offset = offset};
     int rc = 0;
-    *o = (struct outlook){.course = calloc(n + 1, sizeof *o->course)};
-    if (!o->course)
+    *o = (struct prediction){.trajectory = calloc(n + 1, sizeof *o->trajectory)};
+    if (!o->trajectory)
         return APC_ENOMEM;
     for (size_t i = 0; i < n && rc == 0; i++) {
         bool planned = false;
@@ -95,29 +95,30 @@ int outlook_load(struct outlook *o, struct apc_store *published, const struct ap
                                              ? expected_variable(&tag[i], tag, n, &planned)
                                              : NULL;
         if (variable)
-            rc = load_course(&r, published, &tag[i], variable, planned);
+            rc = load_trajectory(&r, published, &tag[i], variable, planned);
     }
     return rc;
 }
 
-void outlook_free(struct outlook *o)
+void prediction_free(struct prediction *o)
 {
     for (size_t i = 0; i < o->n; i++)
-        free(o->course[i].expected);
-    free(o->course);
-    *o = (struct outlook){0};
+        free(o->trajectory[i].expected);
+    free(o->trajectory);
+    *o = (struct prediction){0};
 }
 
 /* ---- What came ---------------------------------------------------------------------------- */
 
 /* A move is looked at in the middle of its step: its row is written when the law has computed. */
-static apc_ns looked_at(const struct outlook_course *c, size_t k)
+static apc_ns looked_at(const struct prediction_trajectory *c, size_t k)
 {
     return c->made + c->first + c->step * (apc_ns)k + (c->first == 0 ? c->step / 2 : 0);
 }
 
 /* @p row stands from its time to @p until. */
-static void fill_with_row(struct outlook_course *c, const struct apc_sample *row, apc_ns from, apc_ns until)
+static void fill_with_row(struct prediction_trajectory *c, const struct apc_sample *row, apc_ns from,
+                          apc_ns until)
 {
     const bool bad = row->table == APC_SENSOR && apc_status_severity(row->status) == APC_SEVERITY_BAD;
     for (size_t k = 0; k < c->n; k++) {
@@ -127,7 +128,8 @@ static void fill_with_row(struct outlook_course *c, const struct apc_sample *row
     }
 }
 
-static void take_course(struct outlook_course *c, const struct apc_sample *rows, size_t n, apc_ns end)
+static void take_trajectory(struct prediction_trajectory *c, const struct apc_sample *rows, size_t n,
+                            apc_ns end)
 {
     const struct apc_sample *before = NULL;
     for (size_t i = 0; i < n; i++) {
@@ -141,13 +143,13 @@ static void take_course(struct outlook_course *c, const struct apc_sample *rows,
         fill_with_row(c, before, before->time, end);
 }
 
-void outlook_take(struct outlook *o, const struct apc_sample *rows, size_t n)
+void prediction_take(struct prediction *o, const struct apc_sample *rows, size_t n)
 {
     for (size_t i = 0; i < o->n; i++)
-        take_course(&o->course[i], rows, n, n > 0 ? rows[n - 1].time + 1 : 0);
+        take_trajectory(&o->trajectory[i], rows, n, n > 0 ? rows[n - 1].time + 1 : 0);
 }
 
-static int take_outcome_history(struct outlook_course *c, struct apc_store *store, apc_ns now)
+static int take_outcome_history(struct prediction_trajectory *c, struct apc_store *store, apc_ns now)
 {
     struct samples rows = {0};
     const apc_ns end = looked_at(c, c->n - 1) + 1;
@@ -156,15 +158,15 @@ static int take_outcome_history(struct outlook_course *c, struct apc_store *stor
     if (rc == 0)
         rc = samples_collect_one(&rows, store, c->table, c->id, &range);
     if (rc == 0)
-        take_course(c, rows.at, rows.n, end < now ? end : now);
+        take_trajectory(c, rows.at, rows.n, end < now ? end : now);
     samples_free(&rows);
     return rc;
 }
 
-int outlook_take_store(struct outlook *o, struct apc_store *store, apc_ns now)
+int prediction_take_store(struct prediction *o, struct apc_store *store, apc_ns now)
 {
     int rc = 0;
     for (size_t i = 0; i < o->n && rc == 0; i++)
-        rc = take_outcome_history(&o->course[i], store, now);
+        rc = take_outcome_history(&o->trajectory[i], store, now);
     return rc;
 }

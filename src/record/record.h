@@ -98,7 +98,7 @@ struct curve {
     size_t n, room;
 };
 
-struct course {
+struct trajectory {
     struct apc_dim dim;
     struct curve *output;   /* [ny] at each tick of the plant; between them they are straight lines */
     struct curve *setpoint; /* [nz] its changes */
@@ -111,36 +111,36 @@ struct course {
     bool failed;   /* out of memory: it is not whole */
 };
 
-int course_create(struct course *c, const struct apc_dim *dim); /* 0 or APC_ENOMEM */
-void course_free(struct course *c);
+int trajectory_create(struct trajectory *c, const struct apc_dim *dim); /* 0 or APC_ENOMEM */
+void trajectory_free(struct trajectory *c);
 
 /* A new value, if it is one: not that of the last point. Times do not go back. */
-void course_change(struct course *c, struct curve *curve, double t, double value);
+void trajectory_change(struct trajectory *c, struct curve *curve, double t, double value);
 /* A point, new or not. */
-void course_add(struct course *c, struct curve *curve, double t, double value);
+void trajectory_add(struct trajectory *c, struct curve *curve, double t, double value);
 
 /*
  * The course as the samples of a run in real time tell it, their times counted from @p start. There was no
  * control while an output was not the law's, or while outputs or measurements stayed away for longer than the
- * plant waits for them. Returns 0 or APC_ENOMEM; course_free() in either case.
+ * plant waits for them. Returns 0 or APC_ENOMEM; trajectory_free() in either case.
  */
-int course_of_samples(struct course *c, const struct samples *samples, const struct experiment *e,
-                      apc_ns start);
+int trajectory_of_samples(struct trajectory *c, const struct samples *samples, const struct experiment *e,
+                          apc_ns start);
 
 /* The file plant.csv of a run folder: what simulation knows of the plant and nobody measured. Reading returns
- * APC_ENOTFOUND when there is none; course_free() in either case. */
-int course_write(const struct course *c, const char *dir, struct apc_error *why);
-int course_read(struct course *c, const char *dir, const struct apc_dim *dim, struct apc_error *why);
+ * APC_ENOTFOUND when there is none; trajectory_free() in either case. */
+int trajectory_write(const struct trajectory *c, const char *dir, struct apc_error *why);
+int trajectory_read(struct trajectory *c, const char *dir, const struct apc_dim *dim, struct apc_error *why);
 
 /* Of the run in folder @p dir: the plant's own if it has them, or else that of its samples. */
-int course_load(struct course *c, const char *dir, const struct experiment *e, struct apc_error *why);
+int trajectory_load(struct trajectory *c, const char *dir, const struct experiment *e, struct apc_error *why);
 
 /* ---- Outlook -------------------------------------------------------------------------------- */
 
 /* What predictive laws expected at an instant, over their horizons, beside what came of it. */
 
 /* Of one measurement what was predicted, or of one output what was planned. */
-struct outlook_course {
+struct prediction_trajectory {
     char name[APC_TAG_LEN], unit[APC_TAG_LEN]; /* of the variable */
     enum apc_table table;                      /* the variable: of sensor, actuator or setpoint */
     int id;
@@ -152,32 +152,32 @@ struct outlook_course {
     double *expected, *came; /* [n]; came is NAN where nothing is on record, or it is Bad */
 };
 
-struct outlook {
-    struct outlook_course *course;
+struct prediction {
+    struct prediction_trajectory *trajectory;
     size_t n;
 };
 
 /* The variable of @p table that a name beside it is of: "y1.prediction" or, of several controllers,
  * "upper.y1.prediction" is of y1, with @p end ".prediction". NULL: of none that is there. */
-const struct apc_tag *outlook_variable(const struct apc_tag *published, const char *end, enum apc_table table,
-                                       const struct apc_tag *tag, size_t n);
+const struct apc_tag *prediction_variable(const struct apc_tag *published, const char *end,
+                                          enum apc_table table, const struct apc_tag *tag, size_t n);
 
 /*
  * What stood at @p at: of each variable whose tag says that a law expects it, the newest row until then,
  * unless its horizon was over. The store's times are @p offset later. Nothing of what came is known yet.
- * Returns 0, APC_ENOMEM or the store's error; outlook_free() in either case.
+ * Returns 0, APC_ENOMEM or the store's error; prediction_free() in either case.
  */
-int outlook_load(struct outlook *o, struct apc_store *published, const struct apc_tag *tag, size_t n,
-                 apc_ns at, apc_ns offset);
+int prediction_load(struct prediction *o, struct apc_store *published, const struct apc_tag *tag, size_t n,
+                    apc_ns at, apc_ns offset);
 /* What came, from rows by time. */
-void outlook_take(struct outlook *o, const struct apc_sample *rows, size_t n);
+void prediction_take(struct prediction *o, const struct apc_sample *rows, size_t n);
 /* The same from a store's history until @p now, whose times are those of @p o. Returns 0, APC_ENOMEM or the
  * store's error. */
-int outlook_take_store(struct outlook *o, struct apc_store *store, apc_ns now);
-void outlook_free(struct outlook *o);
+int prediction_take_store(struct prediction *o, struct apc_store *store, apc_ns now);
+void prediction_free(struct prediction *o);
 
 /* Of value @p k: how long after it was made. */
-static inline double outlook_ahead(const struct outlook_course *c, size_t k)
+static inline double prediction_ahead(const struct prediction_trajectory *c, size_t k)
 {
     return apc_ns_to_s(c->first + c->step * (apc_ns)k);
 }
@@ -230,7 +230,7 @@ struct report_data {
     struct report_event *event; /* [n_events] by time; none where there is no events.csv */
     size_t n_events, events_room;
     double begin, end; /* s: 0 and the time of the last sample of all, or what is left of these */
-    const struct outlook *expected; /* to be laid over it; NULL: nothing */
+    const struct prediction *expected; /* to be laid over it; NULL: nothing */
 };
 
 /* Fill *data, which report_free() takes back also after a failure. Returns as report_write() does. */

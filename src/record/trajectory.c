@@ -11,9 +11,9 @@
 #define FILE_NAME "plant.csv"
 #define HEADER    "time,what,id,value"
 
-int course_create(struct course *c, const struct apc_dim *dim)
+int trajectory_create(struct trajectory *c, const struct apc_dim *dim)
 {
-    *c = (struct course){.dim = *dim, .gap = HUGE_VAL};
+    *c = (struct trajectory){.dim = *dim, .gap = HUGE_VAL};
     c->output = calloc(dim->ny + dim->nz + dim->nu, sizeof *c->output);
     c->setpoint = c->output + dim->ny;
     c->input = c->setpoint + dim->nz;
@@ -21,7 +21,7 @@ int course_create(struct course *c, const struct apc_dim *dim)
     return c->output ? 0 : APC_ENOMEM;
 }
 
-void course_free(struct course *c)
+void trajectory_free(struct trajectory *c)
 {
     for (size_t i = 0; c->output && i < c->dim.ny + c->dim.nz + c->dim.nu; i++)
         free(c->output[i].at);
@@ -30,7 +30,7 @@ void course_free(struct course *c)
     memset(c, 0, sizeof *c);
 }
 
-void course_add(struct course *c, struct curve *curve, double t, double value)
+void trajectory_add(struct trajectory *c, struct curve *curve, double t, double value)
 {
     if (curve->n == curve->room) {
         size_t room = curve->room ? 2 * curve->room : 256;
@@ -45,10 +45,10 @@ void course_add(struct course *c, struct curve *curve, double t, double value)
     curve->at[curve->n++] = (struct curve_point){t, value};
 }
 
-void course_change(struct course *c, struct curve *curve, double t, double value)
+void trajectory_change(struct trajectory *c, struct curve *curve, double t, double value)
 {
     if (curve->n == 0 || curve->at[curve->n - 1].value != value)
-        course_add(c, curve, t, value);
+        trajectory_add(c, curve, t, value);
 }
 
 /* ---- From samples ------------------------------------------------------------------------- */
@@ -67,16 +67,16 @@ struct life {
 };
 
 /* Before what happens at @t is looked at: was there control all the time until then? */
-static void watch_control(struct course *c, const struct life *life, double t)
+static void watch_control(struct trajectory *c, const struct life *life, double t)
 {
     double lost = life[0].until;
     for (size_t i = 1; i <= c->dim.nu; i++)
         lost = fmin(lost, life[i].until);
     if (lost < t)
-        course_change(c, &c->without, lost, 1);
+        trajectory_change(c, &c->without, lost, 1);
 }
 
-static bool is_without(const struct course *c, const struct life *life, double t)
+static bool is_without(const struct trajectory *c, const struct life *life, double t)
 {
     bool lost = false;
     for (size_t i = 0; i <= c->dim.nu; i++)
@@ -99,17 +99,17 @@ static struct life *lives(const struct experiment *e)
     return life;
 }
 
-int course_of_samples(struct course *c, const struct samples *samples, const struct experiment *e,
-                      apc_ns start)
+int trajectory_of_samples(struct trajectory *c, const struct samples *samples, const struct experiment *e,
+                          apc_ns start)
 {
     struct life *life = lives(e);
-    if (course_create(c, &e->dim) < 0 || !life) {
+    if (trajectory_create(c, &e->dim) < 0 || !life) {
         free(life);
         return APC_ENOMEM;
     }
     c->measured = true;
     c->gap = life[0].limit;
-    course_change(c, &c->without, 0, 1);
+    trajectory_change(c, &c->without, 0, 1);
     for (size_t i = 0; i < samples->n; i++) {
         const struct apc_sample *s = &samples->at[i];
         const enum apc_severity severity = apc_status_severity(s->status);
@@ -119,18 +119,18 @@ int course_of_samples(struct course *c, const struct samples *samples, const str
             t = c->end;
         c->end = t;
         if (s->table == APC_SETPOINT && k < c->dim.nz) {
-            course_change(c, &c->setpoint[k], t, s->value);
+            trajectory_change(c, &c->setpoint[k], t, s->value);
             continue;
         }
         watch_control(c, life, t);
         if (s->table == APC_SENSOR && k < c->dim.ny && severity != APC_SEVERITY_BAD) {
-            course_add(c, &c->output[k], t, s->value);
+            trajectory_add(c, &c->output[k], t, s->value);
             life[0] = (struct life){t + life[0].limit, life[0].limit, false};
         } else if (s->table == APC_ACTUATOR && k < c->dim.nu) {
             struct life *of = &life[1 + k];
-            course_change(c, &c->input[k], t, s->value);
+            trajectory_change(c, &c->input[k], t, s->value);
             *of = (struct life){t + of->limit, of->limit, severity != APC_SEVERITY_GOOD};
-            course_change(c, &c->without, t, is_without(c, life, t));
+            trajectory_change(c, &c->without, t, is_without(c, life, t));
         }
     }
     watch_control(c, life, c->end);
@@ -150,7 +150,7 @@ static void write_curves(FILE *out, const char *what, const struct curve *curve,
         }
 }
 
-int course_write(const struct course *c, const char *dir, struct apc_error *why)
+int trajectory_write(const struct trajectory *c, const char *dir, struct apc_error *why)
 {
     char path[600];
     snprintf(path, sizeof path, "%.580s/" FILE_NAME, dir);
@@ -169,7 +169,7 @@ int course_write(const struct course *c, const char *dir, struct apc_error *why)
 }
 
 /* The curve that a line is about; NULL: there is none such. */
-static struct curve *find_curve(struct course *c, const char *what, double id)
+static struct curve *find_curve(struct trajectory *c, const char *what, double id)
 {
     const struct {
         const char *name;
@@ -185,7 +185,7 @@ static struct curve *find_curve(struct course *c, const char *what, double id)
     return NULL;
 }
 
-static int take_trajectory_row(struct course *c, struct csv *csv, struct apc_error *why)
+static int take_trajectory_row(struct trajectory *c, struct csv *csv, struct apc_error *why)
 {
     double t = 0.0, id = 0.0, value = 0.0;
     int rc = csv_number(csv, 0, &t, why);
@@ -206,15 +206,15 @@ static int take_trajectory_row(struct course *c, struct csv *csv, struct apc_err
         return csv_refuse(csv, why, "this experiment has no %.40s %g", csv_text(csv, 1), id);
     if (curve->n > 0 && t < curve->at[curve->n - 1].t)
         return csv_refuse(csv, why, "%.40s %g goes back in time", csv_text(csv, 1), id);
-    course_add(c, curve, t, value);
+    trajectory_add(c, curve, t, value);
     return 0;
 }
 
-int course_read(struct course *c, const char *dir, const struct apc_dim *dim, struct apc_error *why)
+int trajectory_read(struct trajectory *c, const char *dir, const struct apc_dim *dim, struct apc_error *why)
 {
     struct csv *csv = NULL;
     char path[600];
-    int rc = course_create(c, dim);
+    int rc = trajectory_create(c, dim);
 
     if (rc < 0)
         return apc_fail(why, rc, "out of memory");
@@ -233,15 +233,15 @@ int course_read(struct course *c, const char *dir, const struct apc_dim *dim, st
     return rc;
 }
 
-int course_load(struct course *c, const char *dir, const struct experiment *e, struct apc_error *why)
+int trajectory_load(struct trajectory *c, const char *dir, const struct experiment *e, struct apc_error *why)
 {
     struct samples samples;
-    int rc = course_read(c, dir, &e->dim, why);
+    int rc = trajectory_read(c, dir, &e->dim, why);
     if (rc != APC_ENOTFOUND)
         return rc;
-    course_free(c);
+    trajectory_free(c);
     rc = samples_read(&samples, dir, "samples.csv", why);
-    if (rc == 0 && course_of_samples(c, &samples, e, 0) < 0)
+    if (rc == 0 && trajectory_of_samples(c, &samples, e, 0) < 0)
         rc = apc_fail(why, APC_ENOMEM, "out of memory");
     samples_free(&samples);
     return rc;

@@ -63,7 +63,7 @@ static int open_live_and_history(struct apc_store **store, const char *uri, size
     if (!err && (err = open_plain(&history, uri + live_length + 1, config, why)) != 0) {
         apc_store_close(live);
     }
-    return err ? err : apc_seam_wrap(store, live, history, why);
+    return err ? err : apc_federated_wrap(store, live, history, why);
 }
 
 size_t apc_store_live(const char *uri)

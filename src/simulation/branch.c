@@ -342,23 +342,23 @@ static void on_branch(void *ctx)
 {
     struct branch *b = ctx;
     struct simulation *s = b->s;
-    const struct past *past = s->past;
+    const struct playback *playback = s->playback;
     apc_ns now = 0;
     (void)apc_ns_from_s(s->ended, &now);
-    s->past = NULL;
+    s->playback = NULL;
     s->e = b->is;
-    if (past && (b->rc = past_end(past, s->store)) < 0)
+    if (playback && (b->rc = playback_end(playback, s->store)) < 0)
         apc_fail(b->why, b->rc, "what the run left cannot be gone on from: %s", apc_err_text(b->rc));
     if (b->rc == 0 && simulation_schedule_actions(s, now) < 0)
         b->rc = apc_fail(b->why, APC_ENOMEM, "out of memory");
     if (b->rc == 0)
         b->rc = change_plant(s, b->was, b->why);
     if (b->rc == 0)
-        b->rc = change_scheduler(s, b->was, past, b->why);
+        b->rc = change_scheduler(s, b->was, playback, b->why);
     if (b->rc == 0)
         b->rc = change_rows(s, b->was, b->why);
     if (b->rc == 0)
-        b->rc = change_controllers(s, &b->texts, past, b->why);
+        b->rc = change_controllers(s, &b->texts, playback, b->why);
 }
 
 int simulation_branch(struct simulation *s, const struct experiment *e, struct apc_error *why)

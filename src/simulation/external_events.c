@@ -49,8 +49,8 @@ static void write_as_operator(struct simulation *s, const struct action *action,
     simulation_stop_at_store(
         s, action_do(s->store, &s->loops, s->tags, s->n_tags, action, apc_clock_utc(s->clock), who));
     if (action->to.table == APC_SETPOINT)
-        course_change(&s->course, &s->course.setpoint[action->to.id - 1], simulation_time(s),
-                      action->to.value);
+        trajectory_change(&s->trajectory, &s->trajectory.setpoint[action->to.id - 1], simulation_time(s),
+                          action->to.value);
     if (s->schedules) /* it sees at once whose its setpoints are */
         simulation_look(s);
 }
@@ -113,7 +113,7 @@ int simulation_schedule_actions(struct simulation *s, apc_ns from)
     s->action_steps = calloc(e->n_actions + 1, sizeof *s->action_steps);
     if (!s->tags || !s->action_steps || controllers_describe(e, &s->loops) < 0)
         return APC_ENOMEM;
-    for (size_t i = 0; i < e->n_actions && !s->past; i++) { /* they are among its rows */
+    for (size_t i = 0; i < e->n_actions && !s->playback; i++) { /* they are among its rows */
         s->action_steps[i] = (struct action_step){s, &e->action[i]};
         if (e->action[i].at >= from && apc_virtual_at(s->executive, s->zero + e->action[i].at, RANK_OPERATOR,
                                                       on_action, &s->action_steps[i]) < 0)
@@ -127,13 +127,14 @@ int simulation_schedule_actions(struct simulation *s, apc_ns from)
 void simulation_repeat(void *ctx)
 {
     struct simulation *s = ctx;
-    const struct samples *rows = &s->past->rows;
+    const struct samples *rows = &s->playback->rows;
     const apc_ns now = apc_clock_utc(s->clock);
     for (; s->repeated < rows->n && rows->at[s->repeated].time <= now; s->repeated++) {
         const struct apc_sample *row = &rows->at[s->repeated];
         simulation_stop_at_store(s, apc_store_append(s->store, row, 1));
         if (row->table == APC_SETPOINT)
-            course_change(&s->course, &s->course.setpoint[row->id - 1], simulation_time(s), row->value);
+            trajectory_change(&s->trajectory, &s->trajectory.setpoint[row->id - 1], simulation_time(s),
+                              row->value);
     }
     if (s->repeated < rows->n &&
         apc_virtual_at(s->executive, s->zero + rows->at[s->repeated].time - SIMULATION_BEGIN, RANK_OPERATOR,

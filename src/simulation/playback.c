@@ -12,7 +12,7 @@
 /* ---- What is played ------------------------------------------------------------------------- */
 
 /* Setpoints under the numbers that tick rows name. */
-static int take_recorded_setpoints(struct past *p, const struct experiment *e)
+static int take_recorded_setpoints(struct playback *p, const struct experiment *e)
 {
     const struct apc_range until = {.until = p->end};
     int rc = 0;
@@ -24,7 +24,7 @@ static int take_recorded_setpoints(struct past *p, const struct experiment *e)
 }
 
 /* The plant's own measurements are made anew. */
-static int take_outputs(struct past *p, const struct experiment *e, const struct samples *process)
+static int take_outputs(struct playback *p, const struct experiment *e, const struct samples *process)
 {
     int rc = 0;
     for (size_t i = 0; i < process->n && rc == 0; i++) {
@@ -38,11 +38,12 @@ static int take_outputs(struct past *p, const struct experiment *e, const struct
     return rc;
 }
 
-int past_load(struct past *p, const char *dir, const struct experiment *e, apc_ns end, struct apc_error *why)
+int playback_load(struct playback *p, const char *dir, const struct experiment *e, apc_ns end,
+                  struct apc_error *why)
 {
     char path[600];
     struct samples process = {0};
-    *p = (struct past){.start = e->start, .end = e->start + end};
+    *p = (struct playback){.start = e->start, .end = e->start + end};
     snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
     if (access(path, R_OK) < 0)
         return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s", path, strerror(errno));
@@ -58,7 +59,7 @@ int past_load(struct past *p, const char *dir, const struct experiment *e, apc_n
     return rc;
 }
 
-void past_free(struct past *p)
+void playback_free(struct playback *p)
 {
     apc_store_close(p->ticks);
     samples_free(&p->rows);
@@ -92,7 +93,7 @@ static int move_vector(void *ctx, const struct apc_vector *vector)
     return m->failed = rc < 0 ? rc : 0;
 }
 
-int past_end(const struct past *p, struct apc_store *to)
+int playback_end(const struct playback *p, struct apc_store *to)
 {
     const struct apc_range newest = {.until = p->end, .last = 1};
     struct move m = {.to = to, .by = SIMULATION_BEGIN - p->start};

@@ -307,7 +307,7 @@ int apc_simulation_figures(const struct apc_simulation *s, struct apc_figure *fi
     struct figures f;
     if (figures && capacity > 0 && figures->size != sizeof *figures)
         return APC_EINVAL;
-    int rc = figures_make(&f, &s->s.course, &s->of->e);
+    int rc = figures_make(&f, &s->s.trajectory, &s->of->e);
     if (rc == 0)
         rc = (int)fill_all(&f, &s->of->e, figures, figures ? capacity : 0);
     figures_free(&f);

@@ -104,8 +104,8 @@ static bool schedule(struct simulation *s)
         simulation_stop_at_store(s, rc = apc_store_append_rows(s->store, out));
     for (size_t i = 0; i < out->n_samples && rc >= 0; i++)
         if (out->sample[i].seq > 0)
-            course_change(&s->course, &s->course.setpoint[out->sample[i].id - 1], simulation_time(s),
-                          out->sample[i].value);
+            trajectory_change(&s->trajectory, &s->trajectory.setpoint[out->sample[i].id - 1],
+                              simulation_time(s), out->sample[i].value);
     return apc_scheduler_update(s->scheduler, rc >= 0) || s->rc < 0;
 }
 
@@ -119,7 +119,7 @@ void simulation_look(struct simulation *s)
 static void scheduler_finish(void *ctx)
 {
     const struct simulation *s = ctx;
-    if (!s->past && !schedule(ctx))
+    if (!s->playback && !schedule(ctx))
         simulation_look(ctx);
 }
 
@@ -173,16 +173,16 @@ static bool any_holds(const struct simulation *s)
 
 static void record_plant(struct simulation *s)
 {
-    struct course *c = &s->course;
+    struct trajectory *c = &s->trajectory;
     const double t = apc_ns_to_s(s->plant_now.mono - s->zero);
     double *input = s->now;
     const double *output = apc_plantserver_output(s->server);
     bool safe = apc_plantserver_input(s->server, input);
     for (size_t i = 0; i < c->dim.ny; i++)
-        course_add(c, &c->output[i], t, output[i]);
+        trajectory_add(c, &c->output[i], t, output[i]);
     for (size_t i = 0; i < c->dim.nu; i++)
-        course_change(c, &c->input[i], t, input[i]);
-    course_change(c, &c->without, t, safe || any_holds(s));
+        trajectory_change(c, &c->input[i], t, input[i]);
+    trajectory_change(c, &c->without, t, safe || any_holds(s));
     if (c->failed)
         simulation_stop(s, APC_ENOMEM, "at t = %g s: out of memory", t);
 }
@@ -195,11 +195,11 @@ static void plant_finish(void *ctx)
     int rc = apc_plantserver_tick(s->server, s->plant_now, &notice);
 
     tell_notice(s, "apc-plant", &notice);
-    s->course.diverged = rc < 0 || diverged(s);
+    s->trajectory.diverged = rc < 0 || diverged(s);
     if (rc < 0) {
         simulation_stop(s, APC_ESOLVER, "the plant cannot be solved at t = %g s: %s", simulation_time(s),
                         apc_plant_error(s->plant));
-    } else if (s->course.diverged) {
+    } else if (s->trajectory.diverged) {
         describe_state(s, state, sizeof state);
         simulation_stop(s, APC_ESOLVER, "the plant diverged at t = %g s, %s: beyond %g", simulation_time(s),
                         state, DIVERGED);
@@ -336,7 +336,8 @@ static void controller_finish(void *ctx)
     for (size_t i = 0; i < out->n_samples && rc >= 0; i++) {
         const struct apc_sample *row = &out->sample[i];
         if (row->table == APC_SETPOINT && row->seq > 0) /* else somebody was faster */
-            course_change(&s->course, &s->course.setpoint[row->id - 1], simulation_time(s), row->value);
+            trajectory_change(&s->trajectory, &s->trajectory.setpoint[row->id - 1], simulation_time(s),
+                              row->value);
     }
     apc_controller_update(c->core, rc >= 0);
     take_turns(c);
@@ -400,7 +401,7 @@ static int alarms_tick(void *ctx, const struct apc_tick *tick)
     struct simulation *s = ctx;
     struct apc_notice notice;
     (void)tick;
-    if (s->past)
+    if (s->playback)
         return 0;
     simulation_stop_at_store(s, apc_store_read_rows(s->store, apc_alarms_in(s->alarms)));
     apc_alarms_compute(s->alarms, now_of(s), &notice);
@@ -413,7 +414,7 @@ static void alarms_finish(void *ctx)
     struct simulation *s = ctx;
     const struct apc_rows *out = apc_alarms_out(s->alarms);
     struct apc_event event;
-    if (s->past)
+    if (s->playback)
         return;
     simulation_stop_at_store(s, apc_store_append_rows(s->store, out));
     for (size_t i = 0; i < out->n_samples; i++)
@@ -499,7 +500,7 @@ static int make_controllers(struct simulation *s, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < s->e->n_controllers && rc == 0; i++) {
         s->controller[i] = (struct simulated){.s = s, .of = &s->e->controllers[i]};
-        rc = s->past ? 0 : simulation_start(&s->controller[i], why);
+        rc = s->playback ? 0 : simulation_start(&s->controller[i], why);
     }
     return rc;
 }
@@ -541,7 +542,7 @@ static int make_room(struct simulation *s)
     s->outside = calloc(dim->ny, sizeof *s->outside);
     s->now = calloc(dim->nu, sizeof *s->now);
     if (!s->memory || !s->outside || !s->command || !s->answer || !s->now ||
-        course_create(&s->course, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
+        trajectory_create(&s->trajectory, dim) < 0 || apc_histogram_create(&s->round_trip) < 0)
         return APC_ENOMEM;
     s->u = s->memory;
     s->y = s->u + dim->nu;
@@ -558,12 +559,12 @@ static int make_store(struct simulation *s, struct apc_error *why)
     int rc =
         first ? apc_store_open(&s->store, s->uri, NULL, why) : apc_fail(why, APC_ENOMEM, "out of memory");
 
-    if (rc == 0 &&
-        ((rc = apc_store_init(s->store)) < 0 || (!s->past && (rc = apc_store_put(s->store, first, n)) < 0)))
+    if (rc == 0 && ((rc = apc_store_init(s->store)) < 0 ||
+                    (!s->playback && (rc = apc_store_put(s->store, first, n)) < 0)))
         apc_fail(why, rc, "%s", apc_store_error(s->store));
-    for (size_t i = 0; i < n && rc >= 0 && !s->past; i++)
+    for (size_t i = 0; i < n && rc >= 0 && !s->playback; i++)
         if (first[i].table == APC_SETPOINT)
-            course_change(&s->course, &s->course.setpoint[first[i].id - 1], 0, first[i].value);
+            trajectory_change(&s->trajectory, &s->trajectory.setpoint[first[i].id - 1], 0, first[i].value);
     free(first);
     return rc < 0 ? rc : 0;
 }
@@ -574,12 +575,12 @@ int simulation_create(struct simulation *s, const struct experiment *e, uint64_t
 }
 
 int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
-                            const struct past *past, struct apc_error *why)
+                            const struct playback *playback, struct apc_error *why)
 {
     const struct apc_executive_options options = {.size = sizeof options, .begin = SIMULATION_BEGIN};
     int rc;
 
-    *s = (struct simulation){.e = e, .seed = seed, .past = past};
+    *s = (struct simulation){.e = e, .seed = seed, .playback = playback};
     snprintf(s->uri, sizeof s->uri, "mem:apc-simulate-%p", (void *)s);
     if ((rc = apc_executive_create(&s->executive, "virtual", &options, why)) < 0)
         return rc;
@@ -597,7 +598,7 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
     if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0 ||
         (rc = make_alarms(s, why)) < 0)
         return rc;
-    if (past)
+    if (playback)
         simulation_repeat(s);
     return make_tasks(s, seed, why);
 }
@@ -612,7 +613,7 @@ int simulation_run(struct simulation *s, double until)
     if (until <= s->ended)
         return 0;
     s->handled += apc_virtual_run(s->executive, s->zero + length - 1);
-    s->ended = s->course.end = s->rc < 0 || s->interrupted ? simulation_time(s) : until;
+    s->ended = s->trajectory.end = s->rc < 0 || s->interrupted ? simulation_time(s) : until;
     return s->rc;
 }
 
@@ -632,7 +633,7 @@ void simulation_destroy(struct simulation *s)
     apc_plantserver_destroy(s->server);
     apc_plant_destroy(s->plant);
     apc_store_close(s->store);
-    course_free(&s->course);
+    trajectory_free(&s->trajectory);
     apc_histogram_destroy(s->round_trip);
     free(s->task);
     free(s->controller);

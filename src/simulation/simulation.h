@@ -53,7 +53,8 @@ struct simulation {
     uint64_t step;                   /* it is at, once it has begun, */
     apc_ns step_began;               /* mono, then */
     bool schedules;                  /* it has */
-    const struct past *past;   /* what a run in real time did until it goes on; NULL: all is simulated */
+    const struct playback
+        *playback;             /* what a run in real time did until it goes on; NULL: all is simulated */
     size_t repeated;           /* rows of it */
     struct apc_alarms *alarms; /* NULL: there are none */
     struct apc_store *store;   /* mem:, a name of its own */
@@ -72,8 +73,9 @@ struct simulation {
     bool link_down;
     bool *outside; /* [ny] measurements that are beyond their ranges */
 
-    struct course course; /* of the plant, by the monotonic clock: a step of the wall clock is none of time */
-    double *now;          /* [nu] what the plant is given */
+    struct trajectory
+        trajectory; /* of the plant, by the monotonic clock: a step of the wall clock is none of time */
+    double *now;    /* [nu] what the plant is given */
     struct apc_histogram *round_trip; /* of the exchanges that had a reply */
     _Atomic uint64_t in_vain;         /* those that had none */
     apc_ns sent_at;
@@ -94,11 +96,11 @@ uint64_t simulated_failures(const struct simulated *c);
 
 /* Returns 0 or a negative error; simulation_destroy() in either case. */
 int simulation_create(struct simulation *s, const struct experiment *e, uint64_t seed, struct apc_error *why);
-/* Until simulation_branch(), which must come at the end of @p past, what it holds takes the place of all that
+/* Until simulation_branch(), which must come at the end of @p playback, what it holds takes the place of all that
  * controllers, scheduler, alarms and people do. */
-struct past;
+struct playback;
 int simulation_create_after(struct simulation *s, const struct experiment *e, uint64_t seed,
-                            const struct past *past, struct apc_error *why);
+                            const struct playback *playback, struct apc_error *why);
 /*
  * Go on until @until, in s: what happens at that very instant is not part of it. Returns 0, or why it ended
  * before, for good (also in s->rc, s->why): what has happened until then is kept. So it is when
@@ -131,19 +133,20 @@ void simulation_destroy(struct simulation *s);
  * and what its controllers go on from, as its folder has it.
  */
 
-struct past {
+struct playback {
     struct samples rows;     /* outputs, setpoints and calculated signals, by time, in that of a simulation */
     struct apc_store *ticks; /* all else, in that of the run */
     apc_ns start, end;       /* UTC of its t = 0, and of its last instant */
 };
 
-/* Of the run in folder @p dir until @p end, since its start. Returns 0 or a negative error; past_free() in
+/* Of the run in folder @p dir until @p end, since its start. Returns 0 or a negative error; playback_free() in
  * either case. */
-int past_load(struct past *p, const char *dir, const struct experiment *e, apc_ns end, struct apc_error *why);
+int playback_load(struct playback *p, const char *dir, const struct experiment *e, apc_ns end,
+                  struct apc_error *why);
 /* Into the store of a simulation: of each variable that is not among the rows the newest. Returns 0 or the
  * error of one of the two. */
-int past_end(const struct past *p, struct apc_store *to);
-void past_free(struct past *p);
+int playback_end(const struct playback *p, struct apc_store *to);
+void playback_free(struct playback *p);
 
 /* ---- Replay --------------------------------------------------------------------------------- */
 

@@ -16,14 +16,16 @@
 #include "predict/mpc.h"
 #include "predict/shooting.h"
 
-int __real_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
+int __real_apc_shoot_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
                             struct apc_error *why);
-int __wrap_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *options,
+int __wrap_apc_shoot_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
                             struct apc_error *why);
-int __real_apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                               const double *past, const double *nodes, double *G, double *free_y);
-int __wrap_apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                               const double *past, const double *nodes, double *G, double *free_y);
+int __real_apc_shoot_linearise(struct apc_shooting *shoot, const double *x, const double *d,
+                               const double *plan, const double *past, const double *nodes, double *G,
+                               double *free_y);
+int __wrap_apc_shoot_linearise(struct apc_shooting *shoot, const double *x, const double *d,
+                               const double *plan, const double *past, const double *nodes, double *G,
+                               double *free_y);
 int __real_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 int __wrap_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 int __real_apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, struct apc_error *why);
@@ -46,7 +48,7 @@ static void row(const char *name, const double *v, size_t n)
     printf("]");
 }
 
-int __wrap_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_options *o,
+int __wrap_apc_shoot_create(struct apc_shooting **shoot, const struct apc_shooting_options *o,
                             struct apc_error *why)
 {
     const struct apc_model *m = o->model;
@@ -74,8 +76,9 @@ int __wrap_apc_shoot_create(struct apc_shoot **shoot, const struct apc_shoot_opt
     return __real_apc_shoot_create(shoot, o, why);
 }
 
-int __wrap_apc_shoot_linearise(struct apc_shoot *shoot, const double *x, const double *d, const double *plan,
-                               const double *past, const double *nodes, double *G, double *free_y)
+int __wrap_apc_shoot_linearise(struct apc_shooting *shoot, const double *x, const double *d,
+                               const double *plan, const double *past, const double *nodes, double *G,
+                               double *free_y)
 {
     printf("{\"about\":0");
     row("x", x, nx);

@@ -151,12 +151,12 @@ static void begin(struct cascade *w, struct cascade_side *s, enum who who, doubl
     s->before = s->now;
     if (s->measured)
         s->now.y = y;
-    s->facts = (struct apc_loop_facts){.target = s->seen.target[who],
-                                       .acting = true,
-                                       .setpoint = who == UPPER,
-                                       .taken = true,
-                                       .input = s->measured,
-                                       .backup = s->has_backup && s->measured};
+    s->facts = (struct apc_loop_inputs){.target = s->seen.target[who],
+                                        .acting = true,
+                                        .setpoint = who == UPPER,
+                                        .taken = true,
+                                        .input = s->measured,
+                                        .backup = s->has_backup && s->measured};
     s->facts.expired = apc_loop_expired(&s->now.loop, s->measured, w->now, s->hold, SHED_AFTER);
     s->write_setpoint = s->write_actual = false;
     s->pending = true;

@@ -77,7 +77,7 @@ struct cascade_side {
 
     /* The tick under way: what was read, and what will be written. */
     struct cascade_store seen;
-    struct apc_loop_facts facts;
+    struct apc_loop_inputs facts;
     struct apc_loop_move move;
     struct row row, setpoint;
     bool write_row, write_setpoint, write_actual;

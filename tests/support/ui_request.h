@@ -62,18 +62,18 @@ static bool ui_made(const char *uri)
            writes_create(&ui->writes, tell_nobody, NULL) >= 0 &&
            sessions_init(&ui->sessions, 100 * S, 1000 * S) >= 0 && audit_init(&ui->audit) >= 0 &&
            pthread_mutex_init(&ui->users_mutex, NULL) == 0 && desks_init(ui->desk) >= 0 &&
-           listing_init(&ui->listing) >= 0 && meter_init(&ui->reads) >= 0 && meter_init(&ui->stores) >= 0 &&
-           meter_init(&ui->lag) >= 0 && apc_store_open(&store, uri, NULL, NULL) >= 0 &&
-           apc_store_init(store) >= 0;
+           listing_init(&ui->listing) >= 0 && duration_stats_init(&ui->reads) >= 0 &&
+           duration_stats_init(&ui->stores) >= 0 && duration_stats_init(&ui->lag) >= 0 &&
+           apc_store_open(&store, uri, NULL, NULL) >= 0 && apc_store_init(store) >= 0;
 }
 
 static void ui_gone(void)
 {
     ask_nothing();
     apc_store_close(store);
-    meter_free(&ui->reads);
-    meter_free(&ui->stores);
-    meter_free(&ui->lag);
+    duration_stats_free(&ui->reads);
+    duration_stats_free(&ui->stores);
+    duration_stats_free(&ui->lag);
     audit_free(&ui->audit);
     desks_free(ui->desk);
     listing_free(&ui->listing);

@@ -535,7 +535,7 @@ static void assert_ran_as_alone(const struct experiment *of, unsigned runs)
         calls = 0;
         assert_int_equal(simulation_create(&s, of, 7 + i, &why), 0);
         assert_int_equal(simulation_run(&s, of->duration), 0);
-        assert_int_equal(figures_make(&f, &s.course, of), 0);
+        assert_int_equal(figures_make(&f, &s.trajectory, of), 0);
         for (size_t k = 0; k < METRICS; k++) {
             double wanted = f.of[0].figure[k], is = again.former[i * METRICS + k];
             assert_true(isnan(wanted) ? isnan(is) : isinf(wanted) ? isinf(is) : fabs(wanted - is) <= 0);

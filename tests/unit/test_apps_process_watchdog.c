@@ -96,7 +96,7 @@ static unsigned long long fed(int fd, unsigned long long tick)
 }
 
 struct ticker {
-    struct warden *warden;
+    struct process_watchdog *process_watchdog;
     atomic_bool hangs;
 };
 
@@ -105,7 +105,7 @@ static int tick(void *ctx, const struct apc_tick *t)
     struct ticker *k = ctx;
     while (atomic_load(&k->hangs))
         poll(NULL, 0, 1);
-    warden_ticked(k->warden, t->index);
+    process_watchdog_ticked(k->process_watchdog, t->index);
     return 0;
 }
 
@@ -120,14 +120,14 @@ static void the_watchdog_hears_of_it_as_long_as_the_task_ticks(void **state)
     struct ticker k = {0};
     struct apc_executive *executive;
     struct apc_task *task;
-    assert_int_equal(warden_create(&k.warden), 0);
-    warden_tell(k.warden, "READY=1");
+    assert_int_equal(process_watchdog_create(&k.process_watchdog), 0);
+    process_watchdog_tell(k.process_watchdog, "READY=1");
     assert_string_equal(word(fd, PATIENCE), "READY=1"); /* and nothing before it: nothing ticks yet */
     assert_int_equal(apc_executive_create(&executive, "deadline", NULL, NULL), 0);
     const struct apc_task_options options = {
         .size = sizeof options, .name = "test", .period = 10 * APC_NS_PER_MS};
     assert_int_equal(apc_task_create(executive, &options, tick, &k, &task, NULL), 0);
-    warden_watch(k.warden, task);
+    process_watchdog_watch(k.process_watchdog, task);
     assert_string_equal(word(fd, PATIENCE), "WATCHDOG=1"); /* of a last tick nobody knows before the first */
     assert_int_equal(apc_task_start(task, NULL), 0);
     const unsigned long long first = fed(fd, 0);
@@ -141,11 +141,11 @@ static void the_watchdog_hears_of_it_as_long_as_the_task_ticks(void **state)
     atomic_store(&k.hangs, false);
     (void)fed(fd, first);
 
-    warden_watch(k.warden, NULL);
+    process_watchdog_watch(k.process_watchdog, NULL);
     apc_task_stop(task);
     apc_task_destroy(task);
     apc_executive_destroy(executive);
-    warden_destroy(k.warden);
+    process_watchdog_destroy(k.process_watchdog);
     unsupervise(fd);
 }
 
@@ -170,22 +170,22 @@ static void a_socket_s_name_may_have_107_letters_and_has_two_at_least(void **sta
 {
     static const char *const none[] = {"", "@", "/"};
     char path[200];
-    struct warden *w;
+    struct process_watchdog *w;
     (void)state;
-    assert_int_equal(warden_create(&w), 0);
+    assert_int_equal(process_watchdog_create(&w), 0);
     for (size_t n = 106; n <= 108; n++) {
         const int fd = listen_at(n, path);
-        warden_tell(w, "READY=1");
+        process_watchdog_tell(w, "READY=1");
         assert_string_equal(word(fd, 0), n <= 107 ? "READY=1" : "");
         close(fd);
     }
     for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
         assert_int_equal(setenv("NOTIFY_SOCKET", none[i], 1), 0);
-        warden_tell(w, "READY=1"); /* to nobody */
+        process_watchdog_tell(w, "READY=1"); /* to nobody */
     }
     unsetenv("NOTIFY_SOCKET");
-    warden_tell(w, "READY=1");
-    warden_destroy(w);
+    process_watchdog_tell(w, "READY=1");
+    process_watchdog_destroy(w);
 }
 
 /* Promise(run/ready-once-watchdog) */
@@ -198,8 +198,8 @@ static void a_process_that_is_told_to_end_and_does_not_is_ended(void **state)
     pid_t pid = fork();
     assert_true(pid >= 0);
     if (pid == 0) {
-        struct warden *w;
-        if (warden_create(&w) < 0 || write(ready[1], "", 1) != 1)
+        struct process_watchdog *w;
+        if (process_watchdog_create(&w) < 0 || write(ready[1], "", 1) != 1)
             _exit(99);
         alarm(60); /* should nobody end it: another way than the one that is looked for */
         for (;;)
@@ -222,10 +222,10 @@ static void a_process_that_hangs_after_its_end_is_ended_with_the_code_of_it(void
     pid_t pid = fork();
     assert_true(pid >= 0);
     if (pid == 0) {
-        struct warden *w;
-        if (warden_create(&w) < 0)
+        struct process_watchdog *w;
+        if (process_watchdog_create(&w) < 0)
             _exit(99);
-        warden_ending(w, 5);
+        process_watchdog_ending(w, 5);
         alarm(60);
         for (;;)
             pause();
@@ -242,26 +242,26 @@ static void one_that_is_destroyed_leaves_nothing_open(void **state)
     int first = dup(STDIN_FILENO);
     close(first);
     for (int i = 0; i < 3; i++) {
-        struct warden *w;
-        assert_int_equal(warden_create(&w), 0);
-        warden_destroy(w);
+        struct process_watchdog *w;
+        assert_int_equal(process_watchdog_create(&w), 0);
+        process_watchdog_destroy(w);
     }
     int last = dup(STDIN_FILENO);
     assert_int_equal(last, first);
     close(last);
-    warden_destroy(NULL);
+    process_watchdog_destroy(NULL);
 }
 
 static void without_a_thread_there_is_none_and_nothing_is_left_open(void **state)
 {
-    struct warden *w = (struct warden *)&refused;
+    struct process_watchdog *w = (struct process_watchdog *)&refused;
     const int first = dup(STDIN_FILENO);
     (void)state;
     if (!REFUSING)
         skip();
     close(first);
     refused = true;
-    assert_int_equal(warden_create(&w), APC_ESYS);
+    assert_int_equal(process_watchdog_create(&w), APC_ESYS);
     refused = false;
     assert_null(w);
     const int last = dup(STDIN_FILENO);
@@ -272,12 +272,12 @@ static void without_a_thread_there_is_none_and_nothing_is_left_open(void **state
 static void a_signal_is_told_to_who_waits_also_when_it_came_before(void **state)
 {
     (void)state;
-    struct warden *w;
-    assert_int_equal(warden_create(&w), 0);
-    assert_int_equal(warden_wait(w, 1), 0);
+    struct process_watchdog *w;
+    assert_int_equal(process_watchdog_create(&w), 0);
+    assert_int_equal(process_watchdog_wait(w, 1), 0);
     assert_int_equal(kill(getpid(), SIGINT), 0);
-    assert_int_equal(warden_wait(w, PATIENCE * APC_NS_PER_MS), SIGINT);
-    warden_destroy(w);
+    assert_int_equal(process_watchdog_wait(w, PATIENCE * APC_NS_PER_MS), SIGINT);
+    process_watchdog_destroy(w);
 }
 
 int main(void)

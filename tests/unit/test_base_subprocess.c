@@ -12,27 +12,27 @@
 static void its_last_word_is_heard_though_it_ended_with_a_message_unread(void **state)
 {
     static const char asked[] = "begin", word[] = "error\twhy";
-    struct apc_companion c = {.output = -1};
+    struct apc_subprocess c = {.output = -1};
     char heard[64] = "";
     int pair[2];
 
     (void)state;
     assert_int_equal(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair), 0);
     c.socket = pair[0];
-    assert_true(apc_companion_give(&c, asked, sizeof(asked)));
+    assert_true(apc_subprocess_give(&c, asked, sizeof(asked)));
     assert_int_equal(send(pair[1], word, sizeof(word), MSG_NOSIGNAL), sizeof(word));
     close(pair[1]);
-    assert_int_equal(apc_companion_take(&c, heard, sizeof(heard), 0), sizeof(word));
+    assert_int_equal(apc_subprocess_take(&c, heard, sizeof(heard), 0), sizeof(word));
     assert_string_equal(heard, word);
-    assert_int_equal(apc_companion_take(&c, heard, sizeof(heard), 0), 0);
+    assert_int_equal(apc_subprocess_take(&c, heard, sizeof(heard), 0), 0);
     close(pair[0]);
 }
 
-static bool begin(struct apc_companion *c)
+static bool begin(struct apc_subprocess *c)
 {
     char *const argv[] = {(char[]){"sleep"}, (char[]){"60"}, NULL};
 
-    return apc_companion_begin(c, argv, NULL, NULL) == 0;
+    return apc_subprocess_begin(c, argv, NULL, NULL) == 0;
 }
 
 /* By the thread that asks it and by the one that starts it anew, as the process was started: nice -n 3 chrt
@@ -43,25 +43,25 @@ static bool begin(struct apc_companion *c)
  */
 static void it_is_scheduled_as_who_has_it(void **state)
 {
-    struct apc_companion c = {0};
+    struct apc_subprocess c = {0};
 
     (void)state;
     assert_int_equal(setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + 3), 0);
     assert_int_equal(sched_setscheduler(0, SCHED_BATCH, &(struct sched_param){0}), 0);
-    assert_int_equal(apc_companion_open(&c, "sleep", begin), 0);
+    assert_int_equal(apc_subprocess_open(&c, "sleep", begin), 0);
     for (int again = 0; again < 2; again++) {
         if (again) {
-            apc_companion_start(&c);
-            apc_companion_settle(&c);
+            apc_subprocess_start(&c);
+            apc_subprocess_settle(&c);
         } else {
             assert_true(begin(&c));
         }
         assert_true(c.socket >= 0);
         assert_int_equal(sched_getscheduler(c.pid), SCHED_BATCH);
         assert_int_equal(getpriority(PRIO_PROCESS, (id_t)c.pid), getpriority(PRIO_PROCESS, 0));
-        apc_companion_bury(&c, true);
+        apc_subprocess_bury(&c, true);
     }
-    apc_companion_close(&c);
+    apc_subprocess_close(&c);
 }
 
 int main(void)

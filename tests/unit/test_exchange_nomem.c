@@ -70,12 +70,12 @@ static int unit(void)
 
 static int board(void)
 {
-    const struct apc_board_options options = {
+    const struct apc_tclab_options options = {
         .size = sizeof options, .nu = N, .ny = N, .command = command, .measure = measure};
-    struct apc_board *made = (struct apc_board *)&why;
-    const int rc = apc_board_create(&made, &options, &why);
+    struct apc_tclab *made = (struct apc_tclab *)&why;
+    const int rc = apc_tclab_create(&made, &options, &why);
     assert_int_equal(rc == 0, made != NULL);
-    apc_board_destroy(made);
+    apc_tclab_destroy(made);
     return rc;
 }
 

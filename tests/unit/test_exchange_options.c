@@ -144,11 +144,11 @@ static void a_unit_knows_what_it_is_told(void **state)
     assert_int_equal(apc_modbus_unit_create(NULL, &good, &why), APC_EINVAL);
 }
 
-static void assert_board(const struct apc_board_options *options, const char *reason)
+static void assert_board(const struct apc_tclab_options *options, const char *reason)
 {
-    struct apc_board *board = (struct apc_board *)&why;
+    struct apc_tclab *board = (struct apc_tclab *)&why;
 
-    assert_int_equal(apc_board_create(&board, options, &why), APC_EINVAL);
+    assert_int_equal(apc_tclab_create(&board, options, &why), APC_EINVAL);
     assert_null(board);
     assert_has(why.text, reason);
 }
@@ -156,9 +156,9 @@ static void assert_board(const struct apc_board_options *options, const char *re
 static void a_board_has_one_or_two_of_each(void **state)
 {
     size_t ny = 1;
-    const struct apc_board_options good = {
+    const struct apc_tclab_options good = {
         .size = sizeof good, .nu = 1, .ny = 1, .command = command, .measure = measure, .ctx = &ny};
-    struct apc_board_options o = good;
+    struct apc_tclab_options o = good;
     (void)state;
 
     o.size = 1;
@@ -177,17 +177,17 @@ static void a_board_has_one_or_two_of_each(void **state)
     o = good;
     o.measure = NULL;
     assert_board(&o, "command and measure are required");
-    assert_int_equal(apc_board_create(NULL, &good, &why), APC_EINVAL);
+    assert_int_equal(apc_tclab_create(NULL, &good, &why), APC_EINVAL);
 
-    struct apc_board *board;
+    struct apc_tclab *board;
     char reply[32];
-    assert_int_equal(apc_board_create(&board, &good, &why), 0);
-    assert_int_equal(apc_board_answer(board, "T1\n", 3, reply, sizeof reply), 7);
+    assert_int_equal(apc_tclab_create(&board, &good, &why), 0);
+    assert_int_equal(apc_tclab_answer(board, "T1\n", 3, reply, sizeof reply), 7);
     assert_memory_equal(reply, "23.46\r\n", 7);
-    assert_int_equal(apc_board_answer(board, "T2\n", 3, reply, sizeof reply), 6); /* it has none */
+    assert_int_equal(apc_tclab_answer(board, "T2\n", 3, reply, sizeof reply), 6); /* it has none */
     assert_memory_equal(reply, "0.00\r\n", 6);
-    assert_int_equal(apc_board_answer(board, "T1\n", 3, reply, 7), APC_ERANGE);
-    apc_board_destroy(board);
+    assert_int_equal(apc_tclab_answer(board, "T1\n", 3, reply, 7), APC_ERANGE);
+    apc_tclab_destroy(board);
 }
 
 int main(void)

@@ -49,14 +49,14 @@ static unsigned measure(void *ctx, struct apc_value *y)
     return 0;
 }
 
-static struct apc_board *make_board(struct plant *p)
+static struct apc_tclab *make_board(struct plant *p)
 {
-    const struct apc_board_options o = {
+    const struct apc_tclab_options o = {
         .size = sizeof o, .nu = 2, .ny = 2, .command = command, .measure = measure, .ctx = p};
-    struct apc_board *board;
+    struct apc_tclab *board;
     struct apc_error why;
     *p = (struct plant){.y = {23.456, -4.321}};
-    assert_int_equal(apc_board_create(&board, &o, &why), 0);
+    assert_int_equal(apc_tclab_create(&board, &o, &why), 0);
     return board;
 }
 
@@ -79,23 +79,23 @@ static void each_line_is_answered_as_the_board_does(void **state)
     char reply[100], expected[100];
     struct plant p;
     (void)state;
-    struct apc_board *board = make_board(&p);
+    struct apc_tclab *board = make_board(&p);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        const int n = apc_board_answer(board, cases[i].line, strlen(cases[i].line), reply, sizeof reply);
+        const int n = apc_tclab_answer(board, cases[i].line, strlen(cases[i].line), reply, sizeof reply);
         snprintf(expected, sizeof expected, "%s\r\n", cases[i].reply);
         assert_int_equal(n, strlen(expected));
         if (memcmp(reply, expected, (size_t)n) != 0)
             fail_msg("%s: %.*s, not %s", cases[i].line, n, reply, expected);
     }
-    assert_int_equal(apc_board_answer(board, "\r\n", 2, reply, sizeof reply), 0);
-    assert_int_equal(apc_board_answer(board, "VER\n", 4, reply, 10), APC_ERANGE);
+    assert_int_equal(apc_tclab_answer(board, "\r\n", 2, reply, sizeof reply), 0);
+    assert_int_equal(apc_tclab_answer(board, "VER\n", 4, reply, 10), APC_ERANGE);
     p.status[0] = APC_BAD_SENSOR_FAILURE;
-    assert_int_equal(apc_board_answer(board, "T1", 2, reply, sizeof reply), 8);
+    assert_int_equal(apc_tclab_answer(board, "T1", 2, reply, sizeof reply), 8);
     assert_memory_equal(reply, "-50.00", 6);
     p.refuses = true;
-    assert_int_equal(apc_board_answer(board, "Q1 7", 4, reply, sizeof reply), 6);
+    assert_int_equal(apc_tclab_answer(board, "Q1 7", 4, reply, sizeof reply), 6);
     assert_memory_equal(reply, "0.00", 4);
-    apc_board_destroy(board);
+    apc_tclab_destroy(board);
 }
 
 /* The board turns its heaters off when it hears nothing for long: whoever only asks keeps them on. */
@@ -104,15 +104,15 @@ static void each_line_is_a_sign_of_life(void **state)
     char reply[100];
     struct plant p;
     (void)state;
-    struct apc_board *board = make_board(&p);
-    apc_board_answer(board, "T1", 2, reply, sizeof reply);
+    struct apc_tclab *board = make_board(&p);
+    apc_tclab_answer(board, "T1", 2, reply, sizeof reply);
     assert_int_equal(p.commands, 0);
-    apc_board_answer(board, "Q1 7", 4, reply, sizeof reply);
+    apc_tclab_answer(board, "Q1 7", 4, reply, sizeof reply);
     const unsigned n = p.commands;
-    apc_board_answer(board, "T1", 2, reply, sizeof reply);
+    apc_tclab_answer(board, "T1", 2, reply, sizeof reply);
     assert_int_equal(p.commands, n + 1);
     assert_near(p.u[0], 7.0, 0.0);
-    apc_board_destroy(board);
+    apc_tclab_destroy(board);
 }
 
 /* Promise(links/temperature-control-lab) */
@@ -123,7 +123,7 @@ static void no_line_does_harm(void **state)
     struct plant p;
     (void)state;
     apc_random_init(&random, 1, "lines");
-    struct apc_board *board = make_board(&p);
+    struct apc_tclab *board = make_board(&p);
     for (int i = 0; i < 100000; i++) {
         static const char letters[] = "TQRPXLED12 0.5-e9\r\n";
         const size_t n = (size_t)(apc_random_uniform(&random) * (i % 100 ? 12 : 300));
@@ -132,43 +132,43 @@ static void no_line_does_harm(void **state)
             line[k] = apc_random_uniform(&random) < 0.9
                           ? letters[(size_t)(apc_random_uniform(&random) * (sizeof letters - 1))]
                           : (char)(apc_random_uniform(&random) * 256);
-        const int length = apc_board_answer(board, line, n, reply, sizeof reply);
+        const int length = apc_tclab_answer(board, line, n, reply, sizeof reply);
         assert_true(length >= 0 && length < (int)sizeof reply);
         assert_true(length == 0 || reply[length - 1] == '\n');
         free(line);
     }
     assert_true(p.commands > 1000);
     assert_true(p.u[0] >= 0 && p.u[0] <= 100 && p.u[1] >= 0 && p.u[1] <= 100);
-    apc_board_destroy(board);
+    apc_tclab_destroy(board);
 }
 
 static void what_is_no_lab_is_refused(void **state)
 {
-    struct apc_board_options o = {.size = sizeof o, .nu = 3, .ny = 2, .command = command, .measure = measure};
+    struct apc_tclab_options o = {.size = sizeof o, .nu = 3, .ny = 2, .command = command, .measure = measure};
     const struct apc_exchange_options three = {.size = sizeof three, .nu = 2, .ny = 3};
     const double hot[] = {101};
     const struct apc_exchange_options unsafe = {.size = sizeof unsafe, .nu = 1, .ny = 1, .safe = hot};
-    struct apc_board *board;
+    struct apc_tclab *board;
     struct apc_exchange *x;
     struct apc_error why;
     (void)state;
-    assert_int_equal(apc_board_create(&board, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_tclab_create(&board, &o, &why), APC_EINVAL);
     o.nu = 2;
     o.measure = NULL;
-    assert_int_equal(apc_board_create(&board, &o, &why), APC_EINVAL);
-    assert_int_equal(apc_board_create(NULL, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_tclab_create(&board, &o, &why), APC_EINVAL);
+    assert_int_equal(apc_tclab_create(NULL, &o, &why), APC_EINVAL);
     assert_int_equal(apc_exchange_open(&x, "serial:/dev/null", &three, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "two heaters and two sensors"));
     assert_int_equal(apc_exchange_open(&x, "serial:/dev/null", &unsafe, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "safe value 1 is 101"));
-    apc_board_destroy(NULL);
+    apc_tclab_destroy(NULL);
 }
 
 /* ---- A board at a port ----------------------------------------------------------------------- */
 
 struct lab {
     struct plant plant;
-    struct apc_board *board;
+    struct apc_tclab *board;
     char path[64];
     int port, kept, wake[2];
     pthread_t thread;
@@ -183,7 +183,7 @@ static void hear(struct lab *lab, const char *line, size_t n)
 {
     char reply[200];
     pthread_mutex_lock(&lab->mutex);
-    int length = apc_board_answer(lab->board, line, n, reply, sizeof reply);
+    int length = apc_tclab_answer(lab->board, line, n, reply, sizeof reply);
     if (lab->instead) {
         length = snprintf(reply, sizeof reply, "%s\r\n", lab->instead);
         lab->instead = NULL;
@@ -263,7 +263,7 @@ static int tear_down(void **state)
     struct lab *lab = *state;
     stop(lab);
     apc_exchange_close(lab->x);
-    apc_board_destroy(lab->board);
+    apc_tclab_destroy(lab->board);
     close(lab->wake[0]);
     close(lab->wake[1]);
     pthread_mutex_destroy(&lab->mutex);

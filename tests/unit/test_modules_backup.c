@@ -421,12 +421,12 @@ static void whatever_happens_no_output_moves_by_more_than_the_acting_law(void **
                 const struct apc_controller_state *l = &r.core->state[id - 1];
 
                 must_hold(&r, &before[id - 1], id, entered);
-                if (l->facts.input && l->there && l->move.law & APC_ASK_UPDATE)
+                if (l->inputs.input && l->there && l->move.law & APC_ASK_UPDATE)
                     must_track(&r, &r.core->law, id, l->move.output == APC_PUT_LAW);
                 if (l->move.backup & APC_ASK_UPDATE)
                     must_track(&r, &r.core->backup, id, true);
                 if (l->loop.state == APC_LOOP_BACKUP)
-                    assert_true(l->facts.expired || before[id - 1].state == APC_LOOP_BACKUP);
+                    assert_true(l->inputs.expired || before[id - 1].state == APC_LOOP_BACKUP);
                 faulted += l->loop.state == APC_LOOP_FAULT && before[id - 1].state == APC_LOOP_BACKUP;
                 before[id - 1] = (struct before){l->loop.state, l->move.output, r.core->u[id - 1],
                                                  error_now(&r, id), l->there};

@@ -9,41 +9,41 @@ static const enum apc_mode targets[] = {APC_MODE_MAN,  APC_MODE_AUTO, APC_MODE_C
                                         APC_MODE_IMAN, APC_MODE_LO,   (enum apc_mode)77};
 #define N_TARGETS (sizeof(targets) / sizeof(*targets))
 
-static struct apc_loop_facts facts_of(enum apc_mode target, unsigned bits)
+static struct apc_loop_inputs inputs_of(enum apc_mode target, unsigned bits)
 {
-    return (struct apc_loop_facts){.target = target,
-                                   .acting = bits & 1,
-                                   .setpoint = bits & 2,
-                                   .taken = bits & 4,
-                                   .invited = bits & 8,
-                                   .input = bits & 16,
-                                   .law = bits & 32,
-                                   .expired = bits & 64,
-                                   .backup = bits & 128,
-                                   .remote = bits & 256,
-                                   .bare = bits & 512};
+    return (struct apc_loop_inputs){.target = target,
+                                    .acting = bits & 1,
+                                    .setpoint = bits & 2,
+                                    .taken = bits & 4,
+                                    .invited = bits & 8,
+                                    .input = bits & 16,
+                                    .law = bits & 32,
+                                    .expired = bits & 64,
+                                    .backup = bits & 128,
+                                    .remote = bits & 256,
+                                    .bare = bits & 512};
 }
 
 /* Call @p check with every state, some that are none, and all facts. */
-static void each(void (*check)(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void each(void (*check)(enum apc_loop_state from, const struct apc_loop_inputs *f,
                                const struct apc_loop_move *move))
 {
     for (int from = -1; from <= APC_LOOP_END; from++)
         for (size_t target = 0; target < N_TARGETS; target++)
             for (unsigned bits = 0; bits < 1024; bits++) {
-                struct apc_loop_facts f = facts_of(targets[target], bits);
+                struct apc_loop_inputs f = inputs_of(targets[target], bits);
                 struct apc_loop_move move = apc_loop_next((enum apc_loop_state)from, &f);
                 check((enum apc_loop_state)from, &f, &move);
             }
 }
 
-static bool wanted(const struct apc_loop_facts *f)
+static bool wanted(const struct apc_loop_inputs *f)
 {
     return f->target == APC_MODE_MAN || f->target == APC_MODE_AUTO || f->target == APC_MODE_CAS;
 }
 
 /* Would the target be carried out, were there only measurements and answers? */
-static bool steered(const struct apc_loop_facts *f)
+static bool steered(const struct apc_loop_inputs *f)
 {
     return f->acting && f->taken && (f->target == APC_MODE_AUTO || f->target == APC_MODE_CAS);
 }
@@ -56,7 +56,7 @@ static bool same(const struct apc_loop_move *a, const struct apc_loop_move *b)
 
 /* ---- Total, settled ----------------------------------------------------------------------- */
 
-static void check_settled(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_settled(enum apc_loop_state from, const struct apc_loop_inputs *f,
                           const struct apc_loop_move *move)
 {
     struct apc_loop_move again = apc_loop_next(move->state, f), third = apc_loop_next(again.state, f);
@@ -81,10 +81,10 @@ static void test_every_pair_has_a_move_that_settles_in_one_step(void **state)
     each(check_settled);
 }
 
-static void check_two_passes(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_two_passes(enum apc_loop_state from, const struct apc_loop_inputs *f,
                              const struct apc_loop_move *move)
 {
-    struct apc_loop_facts without = *f;
+    struct apc_loop_inputs without = *f;
     struct apc_loop_move other;
 
     without.law = false;
@@ -103,7 +103,7 @@ static void test_whether_the_law_is_asked_does_not_hang_on_its_answer(void **sta
 
 /* ---- What goes out ------------------------------------------------------------------------ */
 
-static void check_source(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_source(enum apc_loop_state from, const struct apc_loop_inputs *f,
                          const struct apc_loop_move *move)
 {
     (void)from;
@@ -145,7 +145,7 @@ static void test_nothing_goes_out_without_a_source(void **state)
 }
 
 /* It is never the law's or the operator's word that counts while the loop below listens to others. */
-static void check_answer(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_answer(enum apc_loop_state from, const struct apc_loop_inputs *f,
                          const struct apc_loop_move *move)
 {
     bool able = f->target == APC_MODE_MAN || f->backup || (f->input && f->law && !f->expired);
@@ -165,7 +165,7 @@ static void test_a_loop_below_is_answered_only_by_one_that_could_act(void **stat
     each(check_answer);
 }
 
-static void check_status(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_status(enum apc_loop_state from, const struct apc_loop_inputs *f,
                          const struct apc_loop_move *move)
 {
     (void)from;
@@ -196,7 +196,7 @@ static void test_a_row_says_whether_it_is_what_was_wanted(void **state)
 
 /* ---- Modes -------------------------------------------------------------------------------- */
 
-static void check_mode(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_mode(enum apc_loop_state from, const struct apc_loop_inputs *f,
                        const struct apc_loop_move *move)
 {
     enum apc_mode target = wanted(f) ? f->target : APC_MODE_OOS;
@@ -228,7 +228,7 @@ static void test_the_actual_mode_is_the_wanted_one_or_there_is_a_reason(void **s
     each(check_mode);
 }
 
-static void check_sticky(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_sticky(enum apc_loop_state from, const struct apc_loop_inputs *f,
                          const struct apc_loop_move *move)
 {
     bool answer = f->input && f->law;
@@ -256,7 +256,7 @@ static void test_what_held_too_long_comes_back_only_with_input_and_answer(void *
 
 /* ---- What the law does -------------------------------------------------------------------- */
 
-static void check_law(enum apc_loop_state from, const struct apc_loop_facts *f,
+static void check_law(enum apc_loop_state from, const struct apc_loop_inputs *f,
                       const struct apc_loop_move *move)
 {
     bool acts = move->output == APC_PUT_LAW, acted = from == APC_LOOP_AUTO || from == APC_LOOP_CAS;

@@ -563,7 +563,7 @@ static void test_what_begins_a_hold_and_what_ends_it(void **state)
             to != APC_LOOP_OOS && to != APC_LOOP_MAN && to != APC_LOOP_INIT && to != APC_LOOP_SHADOW;
 
         for (int bits = 0; bits < 4 && to != APC_LOOP_BACKUP; bits++) {
-            const struct apc_loop_facts f = {.target = APC_MODE_AUTO, .input = bits & 1};
+            const struct apc_loop_inputs f = {.target = APC_MODE_AUTO, .input = bits & 1};
             struct apc_loop l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
 
             apc_loop_settle(&l, &f, (enum apc_loop_state)to, 9, 0);
@@ -583,7 +583,7 @@ static void test_in_backup_a_hold_is_of_the_backup_law(void **state)
 {
     (void)state;
     for (int bits = 0; bits < 8; bits++) {
-        const struct apc_loop_facts f = {.target = APC_MODE_AUTO, .input = bits & 1, .bare = bits & 4};
+        const struct apc_loop_inputs f = {.target = APC_MODE_AUTO, .input = bits & 1, .bare = bits & 4};
         struct apc_loop l = {.state = APC_LOOP_HOLD, .holding = bits & 2, .held = 5};
 
         assert_false(apc_loop_bridges(&l, 6, 5)); /* it does not act yet */
@@ -602,7 +602,7 @@ static void test_who_asks_from_above_and_who_is_linked(void **state)
     (void)state;
     for (int to = APC_LOOP_OOS; to < APC_LOOP_END; to++)
         for (int bits = 0; bits < 16; bits++) {
-            const struct apc_loop_facts f = {
+            const struct apc_loop_inputs f = {
                 .target = bits & 1 || to == APC_LOOP_CAS ? APC_MODE_CAS : APC_MODE_AUTO, .remote = bits & 2};
             struct apc_loop l = {.linked = bits & 4, .asked = bits & 8 ? 7 : 0};
             const bool linked = to == APC_LOOP_CAS || (to == APC_LOOP_HOLD && f.remote && bits & 4),

@@ -14,7 +14,7 @@ enum { NX_MOST = 4, NU_MOST = 2 };
 
 struct scene {
     const struct apc_model *model;
-    struct apc_shoot *shoot;
+    struct apc_shooting *shoot;
     struct apc_linear *linear;
     struct apc_target *target;
     struct apc_target_call call;
@@ -28,13 +28,13 @@ static const unsigned first_both[NU_MOST] = {1, 1};
 
 static int linearise(void *ctx, const double *x, const double *u, struct apc_linear *to, double *drift)
 {
-    return apc_shoot_sample(ctx, x, u, nobody, to, drift);
+    return apc_shooting_sample(ctx, x, u, nobody, to, drift);
 }
 
 static void begin(struct scene *s, const struct apc_model *model, double Ts, const double *x, const double *u)
 {
     const unsigned block[] = {1};
-    const struct apc_shoot_options options = {
+    const struct apc_shooting_options options = {
         .model = model, .Ts = Ts, .steps = 10, .horizon = 1, .blocks = 1, .block = block, .u0 = u};
     struct apc_error why;
 
@@ -55,7 +55,7 @@ static void begin(struct scene *s, const struct apc_model *model, double Ts, con
                                        .q = ones,
                                        .rank = first_both,
                                        .ranks = 1};
-    assert_int_equal(apc_shoot_create(&s->shoot, &options, &why), 0);
+    assert_int_equal(apc_shooting_create(&s->shoot, &options, &why), 0);
     assert_int_equal(apc_linear_allocate(&s->linear, model->nx, model->nu, 0, model->ny, &why), 0);
     s->linear->nx_plant = model->nx;
     assert_int_equal(linearise(s->shoot, s->x, s->u, s->linear, (double[NX_MOST]){0}), 0);
@@ -68,7 +68,7 @@ static void end(struct scene *s)
 {
     apc_target_destroy(s->target);
     apc_linear_destroy(s->linear);
-    apc_shoot_destroy(s->shoot);
+    apc_shooting_destroy(s->shoot);
 }
 
 static int search(struct scene *s)

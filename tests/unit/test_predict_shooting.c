@@ -14,7 +14,7 @@ static const unsigned blocks[BLOCKS] = {1, 3, 4};
 static const size_t block_of[N] = {0, 1, 1, 1, 2, 2, 2, 2, 2, 2, 2, 2};
 
 struct scene {
-    struct apc_shoot *shoot;
+    struct apc_shooting *shoot;
     const struct apc_model *model;
     double u0[NU_MOST], G[N * NY_MOST * MOVES], free_y[N * NY_MOST];
 };
@@ -22,20 +22,20 @@ struct scene {
 static void make(struct scene *s, const struct apc_model *model, double Ts, const double *u0,
                  const struct apc_linear_unknown *unknown, size_t n_unknown)
 {
-    const struct apc_shoot_options options = {.model = model,
-                                              .Ts = Ts,
-                                              .steps = 10,
-                                              .horizon = N,
-                                              .blocks = BLOCKS,
-                                              .block = blocks,
-                                              .unknown = unknown,
-                                              .n_unknown = n_unknown,
-                                              .u0 = u0};
+    const struct apc_shooting_options options = {.model = model,
+                                                 .Ts = Ts,
+                                                 .steps = 10,
+                                                 .horizon = N,
+                                                 .blocks = BLOCKS,
+                                                 .block = blocks,
+                                                 .unknown = unknown,
+                                                 .n_unknown = n_unknown,
+                                                 .u0 = u0};
     struct apc_error why;
 
     s->model = model;
     memcpy(s->u0, u0, model->nu * sizeof *u0);
-    if (apc_shoot_create(&s->shoot, &options, &why) < 0)
+    if (apc_shooting_create(&s->shoot, &options, &why) < 0)
         fail_msg("%s", why.text);
 }
 
@@ -50,7 +50,7 @@ static void simulate(struct scene *s, const double *x0, const double *d, const d
     apc_param_initials(m->disturbance, m->nd, u + m->nu);
     for (size_t i = 0; i < N; i++) {
         memcpy(u, plan + block_of[i] * m->nu, m->nu * sizeof *u);
-        assert_int_equal(apc_shoot_advance(s->shoot, x, u, d, Ts), 0);
+        assert_int_equal(apc_shooting_advance(s->shoot, x, u, d, Ts), 0);
         memcpy(nodes + i * m->nx, x, m->nx * sizeof *x);
         m->g(0.0, x, u, NULL, y + i * m->ny);
     }
@@ -89,14 +89,14 @@ static void near_its_trajectory_the_prediction_is_right_to_second_order(void **s
 
     make(&s, &apc_model_van_de_vusse, 20.0, u0, NULL, 0);
     simulate(&s, x0, NULL, plan, 20.0, nodes, y);
-    assert_int_equal(apc_shoot_linearise(s.shoot, x0, NULL, plan, NULL, nodes, s.G, s.free_y), 0);
+    assert_int_equal(apc_shooting_linearise(s.shoot, x0, NULL, plan, NULL, nodes, s.G, s.free_y), 0);
     for (size_t row = 0; row < N * 2; row++)
         assert_near(predicted(&s, row, plan), y[row], 1e-9);
     far = error(&s, x0, plan, 0.1);
     near = error(&s, x0, plan, 0.05);
     assert_true(far > 1e-6);
     assert_true(near < 0.35 * far && near > 0.15 * far); /* a quarter */
-    apc_shoot_destroy(s.shoot);
+    apc_shooting_destroy(s.shoot);
 }
 
 static void of_a_linear_model_it_is_exact_wherever_the_nodes_were(void **state)
@@ -110,14 +110,14 @@ static void of_a_linear_model_it_is_exact_wherever_the_nodes_were(void **state)
     make(&s, &apc_model_first_order, 0.7, &u0, &at_input, 1);
     for (size_t i = 0; i < N; i++)
         wild[i] = i % 2 ? 40.0 : -15.0;
-    assert_int_equal(apc_shoot_linearise(s.shoot, &x0, &d, plan, NULL, wild, s.G, s.free_y), 0);
+    assert_int_equal(apc_shooting_linearise(s.shoot, &x0, &d, plan, NULL, wild, s.G, s.free_y), 0);
     simulate(&s, &x0, &d, other, 0.7, nodes, y);
     for (size_t i = 0; i < N; i++)
         assert_near(predicted(&s, i, other), y[i], 1e-8);
-    apc_shoot_move(s.shoot, other, wild);
+    apc_shooting_move(s.shoot, other, wild);
     for (size_t i = 0; i < N; i++)
         assert_near(wild[i], nodes[i], 1e-8);
-    apc_shoot_destroy(s.shoot);
+    apc_shooting_destroy(s.shoot);
 }
 
 static int nowhere(double t, const double *x, const double *u, const double *p, double *dx)
@@ -143,15 +143,16 @@ static void where_the_model_ends_it_says_so(void **state)
     (void)state;
 
     make(&s, &half, 1.0, &u0, NULL, 0);
-    assert_int_equal(apc_shoot_advance(s.shoot, &x, &u0, NULL, 1.0), APC_ESOLVER);
+    assert_int_equal(apc_shooting_advance(s.shoot, &x, &u0, NULL, 1.0), APC_ESOLVER);
     assert_true(x == -1.0);
     for (size_t i = 0; i < N; i++)
         nodes[i] = i == 5 ? -0.5 : 0.5;
-    assert_int_equal(apc_shoot_linearise(s.shoot, &x0, NULL, plan, NULL, nodes, s.G, s.free_y), APC_ESOLVER);
+    assert_int_equal(apc_shooting_linearise(s.shoot, &x0, NULL, plan, NULL, nodes, s.G, s.free_y),
+                     APC_ESOLVER);
     nodes[5] = 0.5;
-    assert_int_equal(apc_shoot_linearise(s.shoot, &x0, NULL, plan, NULL, nodes, s.G, s.free_y), 0);
-    apc_shoot_destroy(s.shoot);
-    apc_shoot_destroy(NULL);
+    assert_int_equal(apc_shooting_linearise(s.shoot, &x0, NULL, plan, NULL, nodes, s.G, s.free_y), 0);
+    apc_shooting_destroy(s.shoot);
+    apc_shooting_destroy(NULL);
 }
 
 static int decay(double t, const double *x, const double *u, const double *p, double *dx)
@@ -196,7 +197,7 @@ static void what_is_measured_of_several_states_is_predicted(void **state)
         nodes[2 * i + 1] = x[1];
         y[i] = x[0] * x[1];
     }
-    assert_int_equal(apc_shoot_linearise(s.shoot, x0, NULL, plan, NULL, nodes, s.G, s.free_y), 0);
+    assert_int_equal(apc_shooting_linearise(s.shoot, x0, NULL, plan, NULL, nodes, s.G, s.free_y), 0);
     for (size_t i = 0; i < N; i++) {
         const double moved[] = {plan[0] + 2.0, plan[1],
                                 plan[2]}; /* y is linear in it: x[1] hangs on d only */
@@ -206,7 +207,7 @@ static void what_is_measured_of_several_states_is_predicted(void **state)
         e = 2.0 * (exp(-Ts * (double)i) - exp(-Ts * (double)(i + 1)));
         assert_near(predicted(&s, i, moved) - predicted(&s, i, plan), e * nodes[2 * i + 1], 1e-6);
     }
-    apc_shoot_destroy(s.shoot);
+    apc_shooting_destroy(s.shoot);
 }
 
 static int two_lags(double t, const double *x, const double *u, const double *p, double *dx)
@@ -281,27 +282,27 @@ static void inputs_that_act_late_are_predicted(void **state)
 
     for (int direct = 0; direct < 2; direct++) { /* what acts on y at once acts late, too */
         struct apc_model model = lags;
-        struct apc_shoot_options options = {.model = &model,
-                                            .Ts = Ts,
-                                            .steps = 20,
-                                            .horizon = N,
-                                            .blocks = BLOCKS,
-                                            .block = blocks,
-                                            .u0 = u0,
-                                            .delay = delay};
+        struct apc_shooting_options options = {.model = &model,
+                                               .Ts = Ts,
+                                               .steps = 20,
+                                               .horizon = N,
+                                               .blocks = BLOCKS,
+                                               .block = blocks,
+                                               .u0 = u0,
+                                               .delay = delay};
         struct apc_error why;
         struct scene s = {.model = &model, .u0 = {u0[0], u0[1]}};
 
         model.g = direct ? see_input : see_both;
-        assert_int_equal(apc_shoot_create(&s.shoot, &options, &why), 0);
+        assert_int_equal(apc_shooting_create(&s.shoot, &options, &why), 0);
         for (size_t i = 0; i < 2 * N; i++)
             wild[i] = i % 3 ? 4.0 : -3.0;
-        assert_int_equal(apc_shoot_linearise(s.shoot, x0, NULL, plan, past, wild, s.G, s.free_y), 0);
+        assert_int_equal(apc_shooting_linearise(s.shoot, x0, NULL, plan, past, wild, s.G, s.free_y), 0);
         play(&model, x0, delay, other, past, Ts, nodes, y);
         for (size_t i = 0; i < 2 * N; i++)
             assert_near(predicted(&s, i, other), y[i], 1e-6);
         /* and the state at the end: of the plant, and what is still to act, the youngest first */
-        apc_shoot_end(s.shoot, wild, past, Gx, free_x);
+        apc_shooting_end(s.shoot, wild, past, Gx, free_x);
         const double held[] = {other[4], other[4], other[4], other[5]};
         for (size_t i = 0; i < 2 + 4; i++) {
             double x = free_x[i];
@@ -310,7 +311,7 @@ static void inputs_that_act_late_are_predicted(void **state)
                 x += Gx[i * MOVES + k] * (other[k] - u0[k % 2]);
             assert_near(x, i < 2 ? nodes[2 * (N - 1) + i] : held[i - 2], 1e-6);
         }
-        apc_shoot_destroy(s.shoot);
+        apc_shooting_destroy(s.shoot);
     }
 }
 
@@ -332,16 +333,16 @@ static void a_sample_of_a_model_that_acts_late_is_the_linear_one(void **state)
                                                .u0 = u0,
                                                .y0 = x0,
                                                .dead_time = delay};
-    const struct apc_shoot_options options = {.model = &lags,
-                                              .Ts = Ts,
-                                              .steps = 20,
-                                              .horizon = N,
-                                              .blocks = BLOCKS,
-                                              .block = blocks,
-                                              .u0 = u0,
-                                              .delay = delay};
+    const struct apc_shooting_options options = {.model = &lags,
+                                                 .Ts = Ts,
+                                                 .steps = 20,
+                                                 .horizon = N,
+                                                 .blocks = BLOCKS,
+                                                 .block = blocks,
+                                                 .u0 = u0,
+                                                 .delay = delay};
     struct apc_linear *linear, *sampled;
-    struct apc_shoot *shoot;
+    struct apc_shooting *shoot;
     struct apc_error why;
     double drift[6];
     (void)state;
@@ -349,10 +350,10 @@ static void a_sample_of_a_model_that_acts_late_is_the_linear_one(void **state)
     assert_int_equal(apc_linear_from_continuous(&linear, &from, Ts, &why), 0);
     assert_int_equal(apc_linear_from_continuous(&sampled, &from, Ts, &why), 0);
     assert_int_equal(linear->nx, 6);
-    assert_int_equal(apc_shoot_create(&shoot, &options, &why), 0);
+    assert_int_equal(apc_shooting_create(&shoot, &options, &why), 0);
     for (size_t i = 0; i < 2 * 6; i++)
         sampled->A[i] = 99.0; /* the plant's rows are to be filled in */
-    assert_int_equal(apc_shoot_sample(shoot, x0, u0, NULL, sampled, drift), 0);
+    assert_int_equal(apc_shooting_sample(shoot, x0, u0, NULL, sampled, drift), 0);
     for (size_t i = 0; i < 6; i++) {
         assert_near(drift[i], 0.0, 1e-9);
         assert_near(sampled->x0[i], linear->x0[i], 1e-9);
@@ -365,7 +366,7 @@ static void a_sample_of_a_model_that_acts_late_is_the_linear_one(void **state)
         assert_near(sampled->C[i], linear->C[i], 1e-9);
     apc_linear_destroy(linear);
     apc_linear_destroy(sampled);
-    apc_shoot_destroy(shoot);
+    apc_shooting_destroy(shoot);
 }
 
 int main(void)

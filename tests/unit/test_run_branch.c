@@ -19,7 +19,7 @@ static const char first_order[] = APC_SOURCE_DIR "/experiments/first-order.conf"
 static struct apc_error why;
 static struct experiment was;
 static struct samples whole; /* of the simulation that nobody changed */
-static struct past past;
+static struct playback playback;
 
 static void load(struct experiment *e, const char *file, const struct experiment_setting *set)
 {
@@ -48,7 +48,7 @@ static void keep(const struct simulation *s)
     if (ticks_keep(scratch_folder(), s->store, &was, &all, &why) < 0)
         fail_msg("%s", why.text);
     was.start = SIMULATION_BEGIN;
-    if (past_load(&past, scratch_folder(), &was, (apc_ns)(AT * APC_NS_PER_S), &why) < 0)
+    if (playback_load(&playback, scratch_folder(), &was, (apc_ns)(AT * APC_NS_PER_S), &why) < 0)
         fail_msg("%s", why.text);
 }
 
@@ -67,13 +67,13 @@ static void begin(const char *file, double duration)
 
 static void end(void)
 {
-    past_free(&past);
+    playback_free(&playback);
     samples_free(&whole);
     experiment_free(&was);
 }
 
 /* The time of the first row that differs, in s; HUGE_VAL: none does. */
-static double parts(const struct experiment *is, const struct past *from, double at, struct samples *all)
+static double parts(const struct experiment *is, const struct playback *from, double at, struct samples *all)
 {
     struct experiment until = was; /* what was to happen later is the other one's */
     struct simulation s;
@@ -117,13 +117,13 @@ static void a_future_that_nobody_changed_is_the_same(void **state)
             fail_msg("from %g s on it is another one", at[i]);
         samples_free(&all);
     }
-    if (parts(&was, &past, AT, &all) < HUGE_VAL)
+    if (parts(&was, &playback, AT, &all) < HUGE_VAL)
         fail_msg("played from its rows it is another one");
     samples_free(&all);
     end();
     begin(layers, 300.0); /* whose setpoints a loop above moves, and whose signals are calculated */
     for (int rows = 0; rows < 2; rows++) {
-        if (parts(&was, rows ? &past : NULL, AT, &all) < HUGE_VAL)
+        if (parts(&was, rows ? &playback : NULL, AT, &all) < HUGE_VAL)
             fail_msg("two layers: another future, %d", rows);
         samples_free(&all);
     }
@@ -161,7 +161,7 @@ static void what_was_asked_for_holds_from_then_on(void **state)
             struct samples all;
             load(&is, first_order, cases[i].set);
             is.duration = was.duration;
-            const double at = parts(&is, rows ? &past : NULL, AT, &all);
+            const double at = parts(&is, rows ? &playback : NULL, AT, &all);
             if (!(at >= cases[i].low && at <= cases[i].high))
                 fail_msg("%s = %s parts at %g s (%s)", cases[i].set[0].path, cases[i].set[0].value, at,
                          rows ? "from rows" : "simulated");
@@ -213,13 +213,13 @@ static void what_does_not_change_in_a_run_is_refused_by_its_name(void **state)
 
 static void what_a_folder_has_not_cannot_be_gone_on_from(void **state)
 {
-    struct past none;
+    struct playback none;
     struct experiment e;
     (void)state;
     load(&e, first_order, NULL);
-    assert_int_equal(past_load(&none, "/no/such/folder", &e, APC_NS_PER_S, &why), APC_ENOTFOUND);
+    assert_int_equal(playback_load(&none, "/no/such/folder", &e, APC_NS_PER_S, &why), APC_ENOTFOUND);
     assert_has(why.text, "/no/such/folder/" TICKS_FILE ": No such file");
-    past_free(&none);
+    playback_free(&none);
     experiment_free(&e);
 }
 

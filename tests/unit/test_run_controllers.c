@@ -352,7 +352,7 @@ static void without_measurements_there_was_no_control(void **state)
     struct samples samples = {.at = at};
     struct experiment e;
     struct apc_error why;
-    struct course c = {0};
+    struct trajectory c = {0};
     (void)state;
     if (parse(&e, 0, NULL, &why) < 0)
         fail_msg("%s", why.text);
@@ -369,13 +369,13 @@ static void without_measurements_there_was_no_control(void **state)
                                                       .time = ms * APC_NS_PER_MS,
                                                       .seq = ms / 100 + 1};
     }
-    assert_int_equal(course_of_samples(&c, &samples, &e, 0), 0);
+    assert_int_equal(trajectory_of_samples(&c, &samples, &e, 0), 0);
     assert_int_equal(c.without.n, 4); /* the first two are of the beginning */
     assert_near(c.without.at[2].t, 0.3 + 0.4, 1e-9);
     assert_near(c.without.at[2].value, 1.0, 0.0);
     assert_near(c.without.at[3].t, 1.5, 1e-9);
     assert_near(c.without.at[3].value, 0.0, 0.0);
-    course_free(&c);
+    trajectory_free(&c);
     experiment_free(&e);
 }
 

@@ -12,7 +12,7 @@
 static struct signal signals[3][2];
 static struct experiment e;
 static struct controller controller;
-static struct course course;
+static struct trajectory trajectory;
 static struct figures figures;
 
 static int begin(void **state)
@@ -33,32 +33,32 @@ static int begin(void **state)
     for (int i = 0; i < 2; i++)
         signals[1][i].tag = (struct apc_tag){.low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
     figures = (struct figures){0};
-    return course_create(&course, &dim);
+    return trajectory_create(&trajectory, &dim);
 }
 
 static int end(void **state)
 {
     (void)state;
     figures_free(&figures);
-    course_free(&course);
+    trajectory_free(&trajectory);
     return 0;
 }
 
 static void setpoint(double t, double value)
 {
-    course_change(&course, &course.setpoint[0], t, value);
+    trajectory_change(&trajectory, &trajectory.setpoint[0], t, value);
 }
 
 static void output(double t, double value)
 {
-    course_add(&course, &course.output[0], t, value);
+    trajectory_add(&trajectory, &trajectory.output[0], t, value);
 }
 
 static void make(double until)
 {
-    course.end = until;
+    trajectory.end = until;
     figures_free(&figures);
-    assert_int_equal(figures_make(&figures, &course, &e), 0);
+    assert_int_equal(figures_make(&figures, &trajectory, &e), 0);
 }
 
 static double of(size_t part, enum metric metric)
@@ -87,13 +87,13 @@ static void figures_are_those_by_hand(void **state)
     output(9, 10.5);
     output(10, 10);
     output(12, 6);
-    course_change(&course, &course.input[0], 0, 1);
-    course_change(&course, &course.input[0], 1, 3);
-    course_change(&course, &course.input[0], 4, 2.5);
-    course_change(&course, &course.input[0], 11, 4);
-    course_change(&course, &course.without, 0, 1);
-    course_change(&course, &course.without, 0.5, 0);
-    course_change(&course, &course.without, 15, 1);
+    trajectory_change(&trajectory, &trajectory.input[0], 0, 1);
+    trajectory_change(&trajectory, &trajectory.input[0], 1, 3);
+    trajectory_change(&trajectory, &trajectory.input[0], 4, 2.5);
+    trajectory_change(&trajectory, &trajectory.input[0], 11, 4);
+    trajectory_change(&trajectory, &trajectory.without, 0, 1);
+    trajectory_change(&trajectory, &trajectory.without, 0.5, 0);
+    trajectory_change(&trajectory, &trajectory.without, 15, 1);
     make(20);
     assert_int_equal(figures.n_parts, 3);
 
@@ -144,10 +144,10 @@ static void a_run_of_less_than_a_second_has_all_its_figures(void **state)
     setpoint(0, 1);
     output(0, 0);
     output(0.25, 1);
-    course_change(&course, &course.input[0], 0, 1);
-    course_change(&course, &course.input[0], 0.125, 3);
-    course_change(&course, &course.without, 0, 1);
-    course_change(&course, &course.without, 0.125, 0);
+    trajectory_change(&trajectory, &trajectory.input[0], 0, 1);
+    trajectory_change(&trajectory, &trajectory.input[0], 0.125, 3);
+    trajectory_change(&trajectory, &trajectory.without, 0, 1);
+    trajectory_change(&trajectory, &trajectory.without, 0.125, 0);
     make(0.5);
     assert_near(whole(METRIC_IAE), 0.125, 1e-12);
     assert_near(whole(METRIC_SETTLING), 0.25, 0);
@@ -289,15 +289,15 @@ static void a_setpoint_that_a_controller_moves_begins_no_part_and_is_followed(vo
     snprintf(both[1].name, sizeof both[1].name, "upper");
     snprintf(signals[1][0].tag.name, sizeof signals[1][0].tag.name, "r");
     snprintf(signals[2][0].tag.name, sizeof signals[2][0].tag.name, "u");
-    course_free(&course);
+    trajectory_free(&trajectory);
     e.dim = dim;
     e.controllers = both;
     e.n_controllers = 2;
-    assert_int_equal(course_create(&course, &dim), 0);
+    assert_int_equal(trajectory_create(&trajectory, &dim), 0);
     setpoint(0, 5);
     setpoint(1.5, 6); /* while the output stays where it is */
     setpoint(3, 5);
-    course_change(&course, &course.setpoint[1], 0, 5);
+    trajectory_change(&trajectory, &trajectory.setpoint[1], 0, 5);
     for (int t = 0; t <= 4; t++)
         output(t, 5);
     make(4);
@@ -315,18 +315,18 @@ static void another_loop_s_step_is_none_of_this_one(void **state)
 {
     const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
     (void)state;
-    course_free(&course);
+    trajectory_free(&trajectory);
     e.dim = controller.dim = dim;
-    assert_int_equal(course_create(&course, &dim), 0);
+    assert_int_equal(trajectory_create(&trajectory, &dim), 0);
     for (size_t i = 0; i < 2; i++) {
-        course_change(&course, &course.setpoint[i], 0, 5);
-        course_add(&course, &course.output[i], 0, 5);
+        trajectory_change(&trajectory, &trajectory.setpoint[i], 0, 5);
+        trajectory_add(&trajectory, &trajectory.output[i], 0, 5);
     }
-    course_change(&course, &course.setpoint[1], 2, 6);
-    course_add(&course, &course.output[0], 2, 5);
-    course_add(&course, &course.output[0], 3, 5.25);
-    course_add(&course, &course.output[1], 3, 6);
-    course_change(&course, &course.input[0], 0, 1);
+    trajectory_change(&trajectory, &trajectory.setpoint[1], 2, 6);
+    trajectory_add(&trajectory, &trajectory.output[0], 2, 5);
+    trajectory_add(&trajectory, &trajectory.output[0], 3, 5.25);
+    trajectory_add(&trajectory, &trajectory.output[1], 3, 6);
+    trajectory_change(&trajectory, &trajectory.input[0], 0, 1);
     make(4);
     assert_int_equal(figures.n_loops, 2);
     assert_false(figures.of[0].part[1].step);
@@ -341,13 +341,13 @@ static void a_run_begins_with_the_first_measurement_of_any_output(void **state)
     const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
     (void)state;
     for (size_t early = 0; early < 2; early++) {
-        course_free(&course);
+        trajectory_free(&trajectory);
         e.dim = controller.dim = dim;
-        assert_int_equal(course_create(&course, &dim), 0);
+        assert_int_equal(trajectory_create(&trajectory, &dim), 0);
         for (size_t i = 0; i < 2; i++) {
-            course_change(&course, &course.setpoint[i], 0, 5);
+            trajectory_change(&trajectory, &trajectory.setpoint[i], 0, 5);
             for (int t = i == early ? 1 : 2; t <= 4; t++)
-                course_add(&course, &course.output[i], t, 5 - (double)i);
+                trajectory_add(&trajectory, &trajectory.output[i], t, 5 - (double)i);
         }
         make(4);
         assert_int_equal(figures.n_parts, 1);
@@ -406,21 +406,21 @@ static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturb
     };
     const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
     (void)state;
-    course_free(&course);
+    trajectory_free(&trajectory);
     e.dim = dim;
     e.plant.model = &model;
     e.plant.disturbance = changes;
     e.plant.n_disturbances = sizeof changes / sizeof *changes;
-    assert_int_equal(course_create(&course, &dim), 0);
+    assert_int_equal(trajectory_create(&trajectory, &dim), 0);
     for (size_t i = 0; i < 2; i++) {
-        course_change(&course, &course.setpoint[i], 0, 5);
-        course_add(&course, &course.output[i], 1, 5);
+        trajectory_change(&trajectory, &trajectory.setpoint[i], 0, 5);
+        trajectory_add(&trajectory, &trajectory.output[i], 1, 5);
     }
-    course_change(&course, &course.setpoint[0], 4, 8);
-    course_change(&course, &course.setpoint[0], 6, 5);
-    course_change(&course, &course.setpoint[1], 2, 6);
-    course_change(&course, &course.setpoint[1], 4, 5);
-    course_change(&course, &course.setpoint[1], 6, 7);
+    trajectory_change(&trajectory, &trajectory.setpoint[0], 4, 8);
+    trajectory_change(&trajectory, &trajectory.setpoint[0], 6, 5);
+    trajectory_change(&trajectory, &trajectory.setpoint[1], 2, 6);
+    trajectory_change(&trajectory, &trajectory.setpoint[1], 4, 5);
+    trajectory_change(&trajectory, &trajectory.setpoint[1], 6, 7);
     make(8);
     assert_int_equal(figures.n_events, sizeof expected / sizeof *expected);
     for (size_t i = 0; i < figures.n_events; i++) {
@@ -468,23 +468,23 @@ static void what_is_not_known_has_no_figures_and_what_diverged_infinite_ones(voi
     output(1, 1);
     make(5);
     assert_near(whole(METRIC_IAE), 0.5, 1e-12);
-    course.gap = 3.9; /* of a run in real time: nothing for so long means that nobody knows */
+    trajectory.gap = 3.9; /* of a run in real time: nothing for so long means that nobody knows */
     make(5);
     assert_true(isnan(whole(METRIC_IAE)) && isnan(whole(METRIC_SETTLING)) && isnan(whole(METRIC_OVERSHOOT)));
-    course.gap = 4;
+    trajectory.gap = 4;
     make(5);
     assert_near(whole(METRIC_IAE), 0.5, 1e-12);
     setpoint(4, 2);
     output(4.5, 2);
     output(9, 2);
-    course.gap = 3.6;
+    trajectory.gap = 3.6;
     make(9);
     assert_true(isnan(whole(METRIC_IAE)) && isnan(of(1, METRIC_IAE)) && !isnan(of(0, METRIC_IAE)));
-    course.gap = 3.4; /* also the hole that ends in the next part */
+    trajectory.gap = 3.4; /* also the hole that ends in the next part */
     make(9);
     assert_true(isnan(of(0, METRIC_IAE)));
-    course.gap = HUGE_VAL;
-    course.diverged = true;
+    trajectory.gap = HUGE_VAL;
+    trajectory.diverged = true;
     make(9);
     assert_true(isinf(of(1, METRIC_IAE)) && isinf(of(1, METRIC_ISE)) && isinf(of(1, METRIC_ITAE)));
     assert_true(isinf(of(1, METRIC_SETTLING)) && isinf(of(1, METRIC_OVERSHOOT)) && isnan(of(1, METRIC_PEAK)));
@@ -509,7 +509,7 @@ static void samples_tell_when_there_was_no_control(void **state)
 {
     static const double expected[][2] = {{0, 1}, {1, 0}, {4, 1}, {5, 0}, {8.1, 1}, {12, 0}, {15.1, 1}};
     (void)state;
-    course_free(&course);
+    trajectory_free(&trajectory);
     sample(APC_SETPOINT, 0, 5, APC_GOOD);
     sample(APC_SENSOR, 0, 1, APC_GOOD);
     sample(APC_ACTUATOR, 1, 1, APC_GOOD);
@@ -524,16 +524,16 @@ static void samples_tell_when_there_was_no_control(void **state)
     sample(APC_ACTUATOR, 12, 2, APC_GOOD);
     sample(APC_SENSOR, 13, 4, APC_GOOD);
     sample(APC_SENSOR, 16.5, 4, APC_GOOD);
-    assert_int_equal(course_of_samples(&course, &samples, &e, 7 * APC_NS_PER_S), 0);
-    assert_true(course.measured);
-    assert_near(course.gap, 3.1, 1e-12);
-    assert_near(course.end, 16.5, 1e-12);
-    assert_int_equal(course.output[0].n, 6); /* not the Bad one */
-    assert_int_equal(course.input[0].n, 2);
-    assert_int_equal(course.without.n, 7);
+    assert_int_equal(trajectory_of_samples(&trajectory, &samples, &e, 7 * APC_NS_PER_S), 0);
+    assert_true(trajectory.measured);
+    assert_near(trajectory.gap, 3.1, 1e-12);
+    assert_near(trajectory.end, 16.5, 1e-12);
+    assert_int_equal(trajectory.output[0].n, 6); /* not the Bad one */
+    assert_int_equal(trajectory.input[0].n, 2);
+    assert_int_equal(trajectory.without.n, 7);
     for (size_t i = 0; i < 7; i++) {
-        assert_near(course.without.at[i].t, expected[i][0], 1e-9);
-        assert_near(course.without.at[i].value, expected[i][1], 0);
+        assert_near(trajectory.without.at[i].t, expected[i][0], 1e-9);
+        assert_near(trajectory.without.at[i].value, expected[i][1], 0);
     }
     samples_free(&samples);
 }
@@ -543,7 +543,7 @@ static void measurements_and_outputs_may_stay_away_for_three_of_their_own_period
 {
     static const double expected[][2] = {{0, 1}, {1, 0}, {6.5, 1}, {7, 0}, {16.1, 1}};
     (void)state;
-    course_free(&course);
+    trajectory_free(&trajectory);
     e.client.rhythm.period = 2 * APC_NS_PER_S;
     sample(APC_ACTUATOR, 0, 1, APC_GOOD); /* of a measurement that nobody knows */
     sample(APC_SENSOR, 0.4, 1, APC_GOOD);
@@ -560,12 +560,12 @@ static void measurements_and_outputs_may_stay_away_for_three_of_their_own_period
     sample(APC_SETPOINT, 17, 5, APC_GOOD);
     sample(APC_ACTUATOR, 18, 1, APC_BAD);
     samples.n--; /* it is there and not one of them */
-    assert_int_equal(course_of_samples(&course, &samples, &e, 7 * APC_NS_PER_S), 0);
-    assert_near(course.end, 17, 0);
-    assert_int_equal(course.without.n, 5);
+    assert_int_equal(trajectory_of_samples(&trajectory, &samples, &e, 7 * APC_NS_PER_S), 0);
+    assert_near(trajectory.end, 17, 0);
+    assert_int_equal(trajectory.without.n, 5);
     for (size_t i = 0; i < 5; i++) {
-        assert_near(course.without.at[i].t, expected[i][0], 1e-9);
-        assert_near(course.without.at[i].value, expected[i][1], 0);
+        assert_near(trajectory.without.at[i].t, expected[i][0], 1e-9);
+        assert_near(trajectory.without.at[i].value, expected[i][1], 0);
     }
     samples_free(&samples);
 }
@@ -573,34 +573,34 @@ static void measurements_and_outputs_may_stay_away_for_three_of_their_own_period
 static void silence_lasts_until_the_end(void **state)
 {
     (void)state;
-    course_free(&course);
+    trajectory_free(&trajectory);
     sample(APC_SENSOR, 0, 1, APC_GOOD);
     sample(APC_ACTUATOR, 0, 1, APC_GOOD);
     sample(APC_SETPOINT, 9, 5, APC_GOOD);
-    assert_int_equal(course_of_samples(&course, &samples, &e, 7 * APC_NS_PER_S), 0);
-    assert_near(course.end, 9, 0);
-    assert_int_equal(course.without.n, 3);
-    assert_near(course.without.at[2].t, 3.1, 1e-12);
-    assert_near(course.without.at[2].value, 1, 0);
+    assert_int_equal(trajectory_of_samples(&trajectory, &samples, &e, 7 * APC_NS_PER_S), 0);
+    assert_near(trajectory.end, 9, 0);
+    assert_int_equal(trajectory.without.n, 3);
+    assert_near(trajectory.without.at[2].t, 3.1, 1e-12);
+    assert_near(trajectory.without.at[2].value, 1, 0);
     samples_free(&samples);
 }
 
 static void a_course_is_read_as_it_was_written(void **state)
 {
     struct apc_error why;
-    struct course again;
+    struct trajectory again;
     (void)state;
-    assert_int_equal(course_read(&again, scratch_folder(), &e.dim, &why), APC_ENOTFOUND);
-    course_free(&again);
+    assert_int_equal(trajectory_read(&again, scratch_folder(), &e.dim, &why), APC_ENOTFOUND);
+    trajectory_free(&again);
     setpoint(0, 1.0 / 3);
     output(0, 0.1);
     output(0.001, 1e-300);
-    course_change(&course, &course.input[0], 0, -7);
-    course_change(&course, &course.without, 0, 1);
-    course.end = 12.5;
-    course.diverged = true;
-    assert_int_equal(course_write(&course, scratch_folder(), &why), 0);
-    assert_int_equal(course_read(&again, scratch_folder(), &e.dim, &why), 0);
+    trajectory_change(&trajectory, &trajectory.input[0], 0, -7);
+    trajectory_change(&trajectory, &trajectory.without, 0, 1);
+    trajectory.end = 12.5;
+    trajectory.diverged = true;
+    assert_int_equal(trajectory_write(&trajectory, scratch_folder(), &why), 0);
+    assert_int_equal(trajectory_read(&again, scratch_folder(), &e.dim, &why), 0);
     assert_int_equal(again.output[0].n, 2);
     assert_near(again.output[0].at[1].value, 1e-300, 0);
     assert_near(again.output[0].at[1].t, 0.001, 0);
@@ -609,7 +609,7 @@ static void a_course_is_read_as_it_was_written(void **state)
     assert_near(again.without.at[0].value, 1, 0);
     assert_near(again.end, 12.5, 0);
     assert_true(again.diverged && !again.measured && isinf(again.gap));
-    course_free(&again);
+    trajectory_free(&again);
 }
 
 /* ---- Statistics --------------------------------------------------------------------------- */

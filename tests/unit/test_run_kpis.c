@@ -27,14 +27,14 @@ static size_t n_tags;
 static struct loops loops;
 static struct samples process, operation;
 static struct apc_store *published;
-static struct merits m;
+static struct kpis m;
 
 static int begin(void **state)
 {
     struct apc_error why;
     (void)state;
     process = operation = (struct samples){0};
-    m = (struct merits){0};
+    m = (struct kpis){0};
     if (experiment_parse(&e, &(struct experiment_source){.file = "merits", .text = text},
                          EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why) < 0)
         fail_msg("%s", why.text);
@@ -49,7 +49,7 @@ static int begin(void **state)
 static int end(void **state)
 {
     (void)state;
-    merits_free(&m);
+    kpis_free(&m);
     samples_free(&process);
     samples_free(&operation);
     loops_free(&loops);
@@ -78,17 +78,17 @@ static void output(double t, apc_status status)
 
 static void make(double from, double until)
 {
-    const struct merits_source source = {.tag = tags,
-                                         .n_tags = n_tags,
-                                         .loops = &loops,
-                                         .process = &process,
-                                         .operation = &operation,
-                                         .published = published,
-                                         .offset = 1000 * S,
-                                         .from = (apc_ns)(from * 1e9),
-                                         .until = (apc_ns)(until * 1e9)};
-    merits_free(&m);
-    assert_int_equal(merits_make(&m, &source), 0);
+    const struct kpis_source source = {.tag = tags,
+                                       .n_tags = n_tags,
+                                       .loops = &loops,
+                                       .process = &process,
+                                       .operation = &operation,
+                                       .published = published,
+                                       .offset = 1000 * S,
+                                       .from = (apc_ns)(from * 1e9),
+                                       .until = (apc_ns)(until * 1e9)};
+    kpis_free(&m);
+    assert_int_equal(kpis_make(&m, &source), 0);
     assert_int_equal(m.n_loops, 1);
 }
 
@@ -176,7 +176,7 @@ static void predictions_are_held_against_what_was_measured_then(void **state)
         publish(t, t + 2 + (t % 4 ? 0.3 : 0.4), t + 8 - 2.5, t < 10 ? 1 : t < 20 ? 6 : 0);
     make(0, 40);
     assert_int_equal(m.n_predictions, 1);
-    const struct merits_prediction *p = &m.prediction[0];
+    const struct kpis_prediction *p = &m.prediction[0];
     assert_string_equal(p->name, "y");
     assert_int_equal(p->length, 4);
     assert_near(p->step, 2.0, 0.0);
@@ -200,12 +200,12 @@ static void a_store_is_judged_of_the_time_it_knows(void **state)
 {
     struct apc_sample y = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = 1000 * S, .value = 1.0};
     (void)state;
-    assert_int_equal(merits_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no loops */
-    merits_free(&m);
+    assert_int_equal(kpis_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no loops */
+    kpis_free(&m);
     assert_true(provision(published, &e, PROVISION_KEEP) >= 0);
-    assert_int_equal(merits_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no rows */
+    assert_int_equal(kpis_of_store(&m, published, 1000 * S, 1010 * S, 100), APC_ENOTFOUND); /* no rows */
     assert_int_equal(m.n_loops, 0);
-    merits_free(&m);
+    kpis_free(&m);
     assert_int_equal(apc_store_append(published, &y, 1), 1);
     y = (struct apc_sample){.table = APC_SENSOR, .id = 1, .seq = 2, .time = 1004 * S, .value = 2.0};
     assert_int_equal(apc_store_append(published, &y, 1), 1);
@@ -224,13 +224,13 @@ static void a_store_is_judged_of_the_time_it_knows(void **state)
         {990 * S, 1010 * S, 1, APC_ERANGE, 0, 0},
     };
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-        const int rc = merits_of_store(&m, published, of[i].from, of[i].until, of[i].most);
+        const int rc = kpis_of_store(&m, published, of[i].from, of[i].until, of[i].most);
         if (rc != of[i].rc)
             fail_msg("case %zu: %s", i, apc_err_name(rc));
         assert_int_equal(m.n_loops, rc == 0);
         if (rc == 0 && (m.from != of[i].begins || m.until != of[i].ends))
             fail_msg("case %zu: %g to %g s", i, apc_ns_to_s(m.from), apc_ns_to_s(m.until));
-        merits_free(&m);
+        kpis_free(&m);
     }
 }
 

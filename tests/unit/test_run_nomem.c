@@ -127,11 +127,11 @@ static int follow(void)
 {
     const struct apc_range range = {.since = 1};
     struct samples all = {0};
-    struct course course = {0};
+    struct trajectory trajectory = {0};
     int rc = samples_collect(&all, s.store, &e, &range);
     if (rc == 0)
-        rc = course_of_samples(&course, &all, &e, all.n ? all.at[0].time : 0);
-    course_free(&course);
+        rc = trajectory_of_samples(&trajectory, &all, &e, all.n ? all.at[0].time : 0);
+    trajectory_free(&trajectory);
     samples_free(&all);
     return rc;
 }
@@ -139,26 +139,26 @@ static int follow(void)
 static int judge(void)
 {
     struct figures f = {0};
-    int rc = figures_make(&f, &s.course, &e);
+    int rc = figures_make(&f, &s.trajectory, &e);
     figures_free(&f);
     return rc;
 }
 
-static int value_merits(void)
+static int value_kpis(void)
 {
-    struct merits m = {0};
-    int rc = merits_of_store(&m, s.store, 1, apc_clock_utc(s.clock), 100000);
-    merits_free(&m);
+    struct kpis m = {0};
+    int rc = kpis_of_store(&m, s.store, 1, apc_clock_utc(s.clock), 100000);
+    kpis_free(&m);
     return rc;
 }
 
 static int look_ahead(void)
 {
-    struct outlook o = {0};
-    int rc = outlook_load(&o, s.store, tags, n_tags, INT64_MAX, 0);
+    struct prediction o = {0};
+    int rc = prediction_load(&o, s.store, tags, n_tags, INT64_MAX, 0);
     if (rc == 0)
-        rc = outlook_take_store(&o, s.store, INT64_MAX);
-    outlook_free(&o);
+        rc = prediction_take_store(&o, s.store, INT64_MAX);
+    prediction_free(&o);
     return rc;
 }
 
@@ -224,16 +224,16 @@ static int read_files(void)
     static const struct apc_dim dim = {.ny = 1, .nz = 1, .nu = 1};
     char spec[400];
     struct samples all = {0};
-    struct course course = {0};
+    struct trajectory trajectory = {0};
     struct models m = {0};
     snprintf(spec, sizeof spec, "delay=recorded(%s)", scratch_path("h.csv"));
     int rc = samples_read(&all, scratch_folder(), "samples.csv", &why);
     if (rc == 0)
-        rc = course_read(&course, scratch_folder(), &dim, &why);
+        rc = trajectory_read(&trajectory, scratch_folder(), &dim, &why);
     if (rc == 0)
         rc = models_network(&m, spec, &why);
     models_free(&m);
-    course_free(&course);
+    trajectory_free(&trajectory);
     samples_free(&all);
     return rc;
 }
@@ -259,15 +259,15 @@ static int repeat_run(void)
 
 static int go_back(void)
 {
-    struct past past;
+    struct playback playback;
     struct apc_store *store = NULL;
-    int rc = past_load(&past, scratch_folder(), &e, 20 * APC_NS_PER_S, &why);
+    int rc = playback_load(&playback, scratch_folder(), &e, 20 * APC_NS_PER_S, &why);
     if (rc == 0 && (rc = apc_store_open(&store, "mem:", NULL, &why)) == 0)
         rc = apc_store_init(store);
     if (rc >= 0)
-        rc = past_end(&past, store);
+        rc = playback_end(&playback, store);
     apc_store_close(store);
-    past_free(&past);
+    playback_free(&playback);
     return rc;
 }
 
@@ -302,7 +302,7 @@ static void what_is_made_of_a_run_is_whole_or_not_there(void **state)
         const char *what;
         int (*step)(void);
     } steps[] = {{"tags", make_tags},      {"provision", provide}, {"samples", collect},
-                 {"course", follow},       {"figures", judge},     {"merits", value_merits},
+                 {"course", follow},       {"figures", judge},     {"merits", value_kpis},
                  {"outlook", look_ahead},  {"ticks", read_ticks},  {"loops", read_loops},
                  {"alarms", read_journal}, {"text", rewrite},      {"linear", linearise}};
     (void)state;

@@ -36,13 +36,13 @@ static const struct apc_tag tags[] = {
 #define TAGS (sizeof tags / sizeof *tags)
 
 static struct apc_store *store;
-static struct outlook outlook;
+static struct prediction prediction;
 
 static int begin(void **state)
 {
     struct apc_error why;
     (void)state;
-    outlook = (struct outlook){0};
+    prediction = (struct prediction){0};
     assert_int_equal(apc_store_open(&store, "mem:", NULL, &why), 0);
     assert_true(apc_store_init(store) >= 0);
     return 0;
@@ -51,7 +51,7 @@ static int begin(void **state)
 static int end(void **state)
 {
     (void)state;
-    outlook_free(&outlook);
+    prediction_free(&prediction);
     apc_store_close(store);
     return 0;
 }
@@ -75,8 +75,8 @@ static void put(enum apc_table table, int id, int64_t seq, apc_ns at, double val
 
 static void load(apc_ns at)
 {
-    outlook_free(&outlook);
-    assert_int_equal(outlook_load(&outlook, store, tags, TAGS, at, 0), 0);
+    prediction_free(&prediction);
+    assert_int_equal(prediction_load(&prediction, store, tags, TAGS, at, 0), 0);
 }
 
 /*
@@ -91,10 +91,10 @@ static void it_is_the_newest_plan_until_then_whose_horizon_is_not_over(void **st
         publish(id, 2, 110 * S, 100.0 * id);
     }
     load(100 * S - 1);
-    assert_int_equal(outlook.n, 0);
+    assert_int_equal(prediction.n, 0);
     load(105 * S);
-    assert_int_equal(outlook.n, 2); /* neither of what is no variable, nor of what is no course in time */
-    const struct outlook_course *y = &outlook.course[0], *r = &outlook.course[1];
+    assert_int_equal(prediction.n, 2); /* neither of what is no variable, nor of what is no course in time */
+    const struct prediction_trajectory *y = &prediction.trajectory[0], *r = &prediction.trajectory[1];
     assert_string_equal(y->name, "y1");
     assert_string_equal(y->unit, "cm");
     assert_int_equal(y->table, APC_SENSOR);
@@ -102,15 +102,16 @@ static void it_is_the_newest_plan_until_then_whose_horizon_is_not_over(void **st
     assert_int_equal(r->id, 3);
     assert_true(y->made == 100 * S && y->n == 4);
     assert_near(y->expected[3], 13.0, 0.0);
-    assert_near(outlook_ahead(y, 0), 2.0, 0.0); /* predicted from the next sample on, planned from now on */
-    assert_near(outlook_ahead(r, 0), 0.0, 0.0);
+    assert_near(prediction_ahead(y, 0), 2.0,
+                0.0); /* predicted from the next sample on, planned from now on */
+    assert_near(prediction_ahead(r, 0), 0.0, 0.0);
     assert_true(isnan(y->came[0]));
     load(110 * S);
-    assert_near(outlook.course[0].expected[0], 100.0, 0.0);
+    assert_near(prediction.trajectory[0].expected[0], 100.0, 0.0);
     load(119 * S);
-    assert_int_equal(outlook.n, 1); /* what is predicted reaches a step further than what is planned */
+    assert_int_equal(prediction.n, 1); /* what is predicted reaches a step further than what is planned */
     load(120 * S);
-    assert_int_equal(outlook.n, 0);
+    assert_int_equal(prediction.n, 0);
 }
 
 /* Promise(laws/predictive-law-expected) */
@@ -129,8 +130,8 @@ static void what_came_is_what_was_measured_then_and_what_went_out(void **state)
     put(APC_SETPOINT, 3, 3, 102 * S + S / 10, 3.0, APC_GOOD);
     put(APC_SETPOINT, 3, 4, 106 * S + S / 10, 4.0, APC_GOOD);
     load(101 * S);
-    assert_int_equal(outlook_take_store(&outlook, store, 106 * S + S / 2), 0);
-    const double *y = outlook.course[0].came, *r = outlook.course[1].came;
+    assert_int_equal(prediction_take_store(&prediction, store, 106 * S + S / 2), 0);
+    const double *y = prediction.trajectory[0].came, *r = prediction.trajectory[1].came;
     assert_near(y[0], 6.0, 0.0);
     assert_true(isnan(y[1]));
     assert_near(y[2], 8.0, 0.0);
@@ -153,14 +154,14 @@ static void rows_that_are_at_hand_say_the_same(void **state)
     (void)state;
     publish(1, 1, 100 * S, 0);
     publish(2, 1, 100 * S, 0);
-    assert_int_equal(outlook_load(&outlook, store, tags, TAGS, 1 * S, 100 * S), 0);
-    assert_int_equal(outlook.n, 2);
-    assert_true(outlook.course[0].made == 0);
-    outlook_take(&outlook, rows, sizeof rows / sizeof *rows);
-    assert_near(outlook.course[0].came[0], 6.0, 0.0);
-    assert_near(outlook.course[0].came[1], 7.0, 0.0);
-    assert_true(isnan(outlook.course[0].came[3]));    /* 4 s old: older than three periods and 0.1 s */
-    assert_near(outlook.course[1].came[3], 2.0, 0.0); /* until the record ends */
+    assert_int_equal(prediction_load(&prediction, store, tags, TAGS, 1 * S, 100 * S), 0);
+    assert_int_equal(prediction.n, 2);
+    assert_true(prediction.trajectory[0].made == 0);
+    prediction_take(&prediction, rows, sizeof rows / sizeof *rows);
+    assert_near(prediction.trajectory[0].came[0], 6.0, 0.0);
+    assert_near(prediction.trajectory[0].came[1], 7.0, 0.0);
+    assert_true(isnan(prediction.trajectory[0].came[3]));    /* 4 s old: older than three periods and 0.1 s */
+    assert_near(prediction.trajectory[1].came[3], 2.0, 0.0); /* until the record ends */
 }
 
 int main(void)

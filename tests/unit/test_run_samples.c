@@ -308,47 +308,47 @@ static void a_line_that_is_of_no_course_is_refused_with_its_number(void **state)
         {COURSE "0,output,1,1\n", "plant.csv: is not whole"},
         {COURSE "-1,end,1,0\n", "plant.csv: is not whole"},
     };
-    struct course course;
+    struct trajectory trajectory;
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         scratch_write("plant.csv", of[i].text);
-        if (course_read(&course, scratch_folder(), &dim, &why) != APC_EPROTO)
+        if (trajectory_read(&trajectory, scratch_folder(), &dim, &why) != APC_EPROTO)
             fail_msg("taken: %s", of[i].text);
         assert_has(why.text, of[i].reason);
-        course_free(&course);
+        trajectory_free(&trajectory);
     }
     scratch_write("plant.csv", COURSE "0,output,2,1\r\n0,output,2,2\n0,output,1,3\n0,without,1,1\n0,end,1,0");
-    assert_int_equal(course_read(&course, scratch_folder(), &dim, &why), 0);
-    assert_int_equal(course.output[1].n, 2);
-    assert_int_equal(course.output[0].n, 1);
-    assert_near(course.output[1].at[1].value, 2, 0);
-    assert_near(course.end, 0, 0);
-    assert_false(course.diverged);
-    course_free(&course);
+    assert_int_equal(trajectory_read(&trajectory, scratch_folder(), &dim, &why), 0);
+    assert_int_equal(trajectory.output[1].n, 2);
+    assert_int_equal(trajectory.output[0].n, 1);
+    assert_near(trajectory.output[1].at[1].value, 2, 0);
+    assert_near(trajectory.end, 0, 0);
+    assert_false(trajectory.diverged);
+    trajectory_free(&trajectory);
     scratch_write("file", "");
-    assert_int_equal(course_read(&course, scratch_path("file"), &dim, &why), APC_ESYS);
-    course_free(&course);
+    assert_int_equal(trajectory_read(&trajectory, scratch_path("file"), &dim, &why), APC_ESYS);
+    trajectory_free(&trajectory);
 }
 
 static void a_course_of_any_length_is_written_line_by_line(void **state)
 {
     char line[100];
-    struct course course;
+    struct trajectory trajectory;
     (void)state;
-    assert_int_equal(course_create(&course, &dim), 0);
-    assert_true(isinf(course.gap));
+    assert_int_equal(trajectory_create(&trajectory, &dim), 0);
+    assert_true(isinf(trajectory.gap));
     for (int i = 0; i < 1000; i++) {
-        course_add(&course, &course.output[1], i, 2);
-        course_change(&course, &course.input[0], i, i / 500);
+        trajectory_add(&trajectory, &trajectory.output[1], i, 2);
+        trajectory_change(&trajectory, &trajectory.input[0], i, i / 500);
     }
-    course_change(&course, &course.setpoint[0], 0, 0);
-    course.end = 1000;
-    assert_int_equal(course.output[1].n, 1000);
-    assert_int_equal(course.input[0].n, 2);
-    assert_near(course.input[0].at[1].t, 500, 0);
-    assert_int_equal(course_write(&course, scratch_folder(), &why), 0);
-    course_free(&course);
-    assert_null(course.output);
+    trajectory_change(&trajectory, &trajectory.setpoint[0], 0, 0);
+    trajectory.end = 1000;
+    assert_int_equal(trajectory.output[1].n, 1000);
+    assert_int_equal(trajectory.input[0].n, 2);
+    assert_near(trajectory.input[0].at[1].t, 500, 0);
+    assert_int_equal(trajectory_write(&trajectory, scratch_folder(), &why), 0);
+    trajectory_free(&trajectory);
+    assert_null(trajectory.output);
     FILE *in = fopen(scratch_path("plant.csv"), "r");
     assert_non_null(in);
     assert_string_equal(fgets(line, sizeof line, in), COURSE);
@@ -359,10 +359,10 @@ static void a_course_of_any_length_is_written_line_by_line(void **state)
     fclose(in);
     assert_int_equal(lines, 1 + 1000 + 2 + 1 + 1);
     assert_string_equal(line, "1000.000000000,end,1,0\n");
-    assert_int_equal(course_create(&course, &dim), 0);
-    assert_int_equal(course_write(&course, "/nowhere", &why), APC_ESYS);
+    assert_int_equal(trajectory_create(&trajectory, &dim), 0);
+    assert_int_equal(trajectory_write(&trajectory, "/nowhere", &why), APC_ESYS);
     assert_has(why.text, "/nowhere/plant.csv: cannot be written: No such file");
-    course_free(&course);
+    trajectory_free(&trajectory);
 }
 
 static void a_folder_without_a_course_has_that_of_its_samples(void **state)
@@ -370,7 +370,7 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
     struct wire u[] = {{APC_ACTUATOR, 0}, {APC_ACTUATOR, 1}, {APC_ACTUATOR, 2}};
     struct controller controller = {.rhythm.period = APC_NS_PER_S, .dim.nu = dim.nu, .u = u};
     struct experiment e = {.dim = dim, .controllers = &controller, .n_controllers = 1};
-    struct course course;
+    struct trajectory trajectory;
     (void)state;
     e.plant.rhythm.period = APC_NS_PER_S;
     e.client.rhythm.period = SECOND(2);
@@ -381,36 +381,36 @@ static void a_folder_without_a_course_has_that_of_its_samples(void **state)
                          "0,actuator,2,Good,9\n0,sensor,0,Good,9\n1,actuator,1,Good,3\n"
                          "2,sensor,2,UncertainLastUsableValue,2\n2,setpoint,1,Good,5\n3,sensor,2,Bad,4\n"
                          "2.5,actuator,1,Bad,4\n");
-    if (course_load(&course, scratch_folder(), &e, &why) < 0)
+    if (trajectory_load(&trajectory, scratch_folder(), &e, &why) < 0)
         fail_msg("%s", why.text);
-    assert_true(course.measured);
-    assert_near(course.gap, 6.1, 1e-12); /* of the slower one */
-    assert_near(course.end, 3, 0);       /* a clock that was set back takes nothing away */
-    assert_int_equal(course.output[0].n, 0);
-    assert_int_equal(course.output[1].n, 2);
-    assert_near(course.output[1].at[1].value, 2, 0);
-    assert_int_equal(course.setpoint[0].n, 1);
-    assert_int_equal(course.input[0].n, 2);
-    assert_near(course.input[0].at[1].t, 3, 0);
-    assert_int_equal(course.without.n, 3);
-    assert_near(course.without.at[1].t, 1, 0);
-    assert_near(course.without.at[2].t, 3, 0);
-    assert_near(course.without.at[2].value, 1, 0);
-    course_free(&course);
+    assert_true(trajectory.measured);
+    assert_near(trajectory.gap, 6.1, 1e-12); /* of the slower one */
+    assert_near(trajectory.end, 3, 0);       /* a clock that was set back takes nothing away */
+    assert_int_equal(trajectory.output[0].n, 0);
+    assert_int_equal(trajectory.output[1].n, 2);
+    assert_near(trajectory.output[1].at[1].value, 2, 0);
+    assert_int_equal(trajectory.setpoint[0].n, 1);
+    assert_int_equal(trajectory.input[0].n, 2);
+    assert_near(trajectory.input[0].at[1].t, 3, 0);
+    assert_int_equal(trajectory.without.n, 3);
+    assert_near(trajectory.without.at[1].t, 1, 0);
+    assert_near(trajectory.without.at[2].t, 3, 0);
+    assert_near(trajectory.without.at[2].value, 1, 0);
+    trajectory_free(&trajectory);
     scratch_write("plant.csv", COURSE "4,end,1,1\n"); /* what the plant itself says goes before */
-    assert_int_equal(course_load(&course, scratch_folder(), &e, &why), 0);
-    assert_false(course.measured);
-    assert_true(course.diverged);
-    assert_near(course.end, 4, 0);
-    course_free(&course);
+    assert_int_equal(trajectory_load(&trajectory, scratch_folder(), &e, &why), 0);
+    assert_false(trajectory.measured);
+    assert_true(trajectory.diverged);
+    assert_near(trajectory.end, 4, 0);
+    trajectory_free(&trajectory);
     scratch_write("plant.csv", "");
-    assert_int_equal(course_load(&course, scratch_folder(), &e, &why), APC_EPROTO);
-    course_free(&course);
+    assert_int_equal(trajectory_load(&trajectory, scratch_folder(), &e, &why), APC_EPROTO);
+    trajectory_free(&trajectory);
     remove(scratch_path("plant.csv"));
     remove(scratch_path("samples.csv"));
-    assert_int_equal(course_load(&course, scratch_folder(), &e, &why), APC_ENOTFOUND);
+    assert_int_equal(trajectory_load(&trajectory, scratch_folder(), &e, &why), APC_ENOTFOUND);
     assert_has(why.text, "samples.csv: No such file");
-    course_free(&course);
+    trajectory_free(&trajectory);
 }
 
 /* As of a run that ended before its plant had answered. */

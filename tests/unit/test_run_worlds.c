@@ -211,7 +211,7 @@ static void figures_are_the_plant_s_in_any_world(void **state)
         for (size_t k = 0; k < plant.n; k++)
             plant.t[k] = (double)k * plant.every;
         w.every = apc_ns_to_s(e.scheduler.rhythm.period);
-        assert_int_equal(figures_make(&f, &s.course, &e), 0);
+        assert_int_equal(figures_make(&f, &s.trajectory, &e), 0);
         looked_at += check_world(&w, &f, seed);
         figures_free(&f);
         simulation_destroy(&s);

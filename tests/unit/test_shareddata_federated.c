@@ -16,7 +16,7 @@
 /* A live store of either kind, its history, both as one, and a store that has everything. */
 struct world {
     struct apc_store *live, *history, *both, *all;
-    struct apc_forward *forward;
+    struct apc_replication *forward;
     char uri[128];
     int64_t seq;
     int records;
@@ -58,7 +58,7 @@ static void world_begin(struct world *w, const char *scheme, const char *history
     ok(w->all, apc_store_init(w->all));
     w->history = open_uri(history);
     describe(w->live, "plant");
-    if (apc_forward_create(&w->forward, w->live, w->history, &why) != 0) {
+    if (apc_replication_create(&w->forward, w->live, w->history, &why) != 0) {
         fail_msg("%s", why.text);
     }
 }
@@ -66,7 +66,7 @@ static void world_begin(struct world *w, const char *scheme, const char *history
 static void world_end(struct world *w)
 {
     char path[160];
-    apc_forward_destroy(w->forward);
+    apc_replication_destroy(w->forward);
     apc_store_close(w->both);
     apc_store_close(w->history);
     apc_store_close(w->live);
@@ -77,9 +77,9 @@ static void world_end(struct world *w)
 
 static void move(struct world *w)
 {
-    const int moved = apc_forward_step(w->forward, FOREVER);
+    const int moved = apc_replication_step(w->forward, FOREVER);
     if (moved < 0) {
-        fail_msg("%s", apc_forward_error(w->forward));
+        fail_msg("%s", apc_replication_error(w->forward));
     }
 }
 
@@ -512,11 +512,11 @@ static int do_timing(struct apc_store *s, const struct apc_range *range, apc_tim
 }
 
 /* The history has rows 300 to 399, the live store 500 to 599: a world whose history may fail. */
-static struct apc_seam *two_parts(struct world *w)
+static struct apc_federated *two_parts(struct world *w)
 {
     static struct apc_store_ops faulty;
     world_begin(w, "shm:", store_uri);
-    struct apc_seam *s = (struct apc_seam *)w->both;
+    struct apc_federated *s = (struct apc_federated *)w->both;
     describe(w->history, "plant");
     append_rows(w->history, 300, 399);
     append_rows(w->live, 500, 599);
@@ -544,7 +544,7 @@ static void test_whichever_call_of_the_history_fails_it_is_left_out_whole(void *
     static const struct apc_range ranges[] = {{0}, {.last = 150}, {.last = 600}, {.after = 350}};
     struct world w;
     (void)state;
-    struct apc_seam *s = two_parts(&w);
+    struct apc_federated *s = two_parts(&w);
     for (int i = 0; i < 4 * 6; i++) {
         const int what = i / 4;
         const struct apc_range *range = &ranges[i % 4];
@@ -593,7 +593,7 @@ static void test_what_fails_is_told_and_what_is_not_needed_is_not_asked(void **s
     struct world w;
     struct answer a = {0};
     (void)state;
-    struct apc_seam *s = two_parts(&w);
+    struct apc_federated *s = two_parts(&w);
     const int before = calls;
     assert_int_equal(ask(w.both, 0, &(struct apc_range){.last = 1}).last.seq, 599);
     assert_int_equal(calls, before); /* the newest row is the live store's */
@@ -626,7 +626,7 @@ static void test_records_are_one_where_they_say_the_same(void **state)
         struct world w;
         struct answer a = {0};
         world_begin(&w, "shm:", i == 0 ? store_uri : "mem:");
-        struct apc_seam *s = (struct apc_seam *)w.both;
+        struct apc_federated *s = (struct apc_federated *)w.both;
         ok(s->history, apc_store_init(s->history));
         describe(s->history, "plant");
         for (int k = 0; k < 2; k++) {

@@ -10,7 +10,7 @@
 /* ---- Two stores of which one fails ------------------------------------------------------------ */
 
 static struct apc_store *both, *live, *old;
-static struct apc_seam *seam;
+static struct apc_federated *seam;
 
 /* Of each of the two: its own functions, how often they were called, and which call fails. */
 struct side {
@@ -142,7 +142,7 @@ static int set_up(void **state)
     (void)state;
     if (apc_store_open(&both, "mem:+mem:", NULL, &why) < 0)
         fail_msg("%s", why.text);
-    seam = (struct apc_seam *)both;
+    seam = (struct apc_federated *)both;
     live = seam->live;
     old = seam->history;
     must(live, apc_store_init(live));

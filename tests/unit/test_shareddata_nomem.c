@@ -339,13 +339,13 @@ static const struct step whole[] = {
 /* Records have no key: what was moved before it failed is not moved again. */
 enum { RECORDS = 150 };
 static struct apc_store *to;
-static struct apc_forward *forwarder;
+static struct apc_replication *forwarder;
 
 static int begin_forward(void)
 {
     int rc = to ? 0 : apc_store_open(&to, "mem:", NULL, NULL);
     rc = rc < 0 ? rc : apc_store_init(to);
-    return rc < 0 ? rc : apc_forward_create(&forwarder, store, to, NULL);
+    return rc < 0 ? rc : apc_replication_create(&forwarder, store, to, NULL);
 }
 
 static int describe_from(const char *unit)
@@ -439,7 +439,7 @@ static int append_more(void)
 
 static int step_forward(void)
 {
-    const int moved = apc_forward_step(forwarder, 20 * APC_NS_PER_S);
+    const int moved = apc_replication_step(forwarder, 20 * APC_NS_PER_S);
     return moved < 0 ? moved : 0;
 }
 
@@ -450,7 +450,7 @@ static int timing_moved(void)
 
 static int end_forward(void)
 {
-    apc_forward_destroy(forwarder);
+    apc_replication_destroy(forwarder);
     apc_store_close(to);
     to = NULL;
     return close_it();

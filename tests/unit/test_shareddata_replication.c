@@ -46,21 +46,21 @@ static void live_drop(struct apc_store *live)
     unlink(path);
 }
 
-static struct apc_forward *begin(struct apc_store *from, struct apc_store *to)
+static struct apc_replication *begin(struct apc_store *from, struct apc_store *to)
 {
     struct apc_error why = {""};
-    struct apc_forward *f = NULL;
-    if (apc_forward_create(&f, from, to, &why) != 0) {
+    struct apc_replication *f = NULL;
+    if (apc_replication_create(&f, from, to, &why) != 0) {
         fail_msg("%s", why.text);
     }
     return f;
 }
 
-static int step(struct apc_forward *f)
+static int step(struct apc_replication *f)
 {
-    const int moved = apc_forward_step(f, FOREVER);
+    const int moved = apc_replication_step(f, FOREVER);
     if (moved < 0) {
-        fail_msg("%s: %s", apc_err_name(moved), apc_forward_error(f));
+        fail_msg("%s: %s", apc_err_name(moved), apc_replication_error(f));
     }
     return moved;
 }
@@ -68,10 +68,10 @@ static int step(struct apc_forward *f)
 /* By a forward of its own, as after a restart. */
 static int forward(struct apc_store *from, struct apc_store *to)
 {
-    struct apc_forward *f = begin(from, to);
+    struct apc_replication *f = begin(from, to);
     const int moved = step(f);
     assert_int_equal(step(f), 0);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     return moved;
 }
 
@@ -223,7 +223,7 @@ static void test_all_that_a_store_holds_and_gets_arrives_once(void **state)
     append_event(live, 1, "start");
     append_event(live, 2, "operator");
     append_timing(live, 1);
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     assert_int_equal(step(f), 3 * 40 + 2 + 1);
     assert_int_equal(step(f), 0);
     append(live, 41, 50);
@@ -237,11 +237,11 @@ static void test_all_that_a_store_holds_and_gets_arrives_once(void **state)
     assert_events(*state, 3);
     assert_timing(*state, 2);
     assert_int_equal(newest(*state, APC_ACTUATOR, 1).origin, 50);
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(f, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(f, &stats);
     assert_true(stats.samples == 100 && stats.vectors == 50 && stats.events == 3 && stats.timing == 2 &&
                 stats.behind == 0 && stats.gap.times == 0 && !stats.away);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -256,7 +256,7 @@ static void test_descriptions_and_authors_go_along(void **state)
     struct apc_sample s = {.table = APC_SETPOINT, .id = 1, .value = 3};
     s.author = (uint32_t)apc_store_author(live, "ada");
     ok(live, apc_store_put(live, &s, 1));
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     assert_int_equal(step(f), 1);
     s = newest(*state, APC_SETPOINT, 1);
     ok(*state, apc_store_author_name(*state, s.author, name));
@@ -273,7 +273,7 @@ static void test_descriptions_and_authors_go_along(void **state)
     assert_true(apc_store_get_tags(*state, tag, 4) == 4 && tag[0].high > 8 && tag[0].high < 10);
     assert_int_equal(apc_store_catalogue(*state, NULL, 0, &revision), sizeof catalogue - 1);
     assert_int_equal(revision, 1);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -346,7 +346,7 @@ static void test_a_history_that_comes_back_older_gets_again_what_it_lost(void **
     set_setpoint(live, "anna");
     forward(live, backup);
     apc_store_close(backup);
-    struct apc_forward *f = begin(live, history);
+    struct apc_replication *f = begin(live, history);
     step(f);
     append(live, 11, 20);
     append_event(live, 2, "start");
@@ -369,13 +369,13 @@ static void test_a_history_that_comes_back_older_gets_again_what_it_lost(void **
     assert_author(history, author[1], "anna");
     assert_author(history, author[2], "bert");
     assert_author(history, author[3], "bert");
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(f, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(f, &stats);
     assert_true(stats.older == 1 && stats.gap.times == 0 && stats.lost.events == 0 &&
                 stats.lost.timing == 0 && stats.behind == 0);
     append(live, 22, 22);
     assert_int_equal(step(f), 3);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     apc_store_close(history);
     live_drop(live);
 }
@@ -405,11 +405,11 @@ static void test_events_that_are_alike_are_all_moved(void **state)
     struct apc_store *live = live_make(4);
     struct apc_event e[3] = {event(1, "link"), event(1, "link"), event(1, "link")};
     ok(live, apc_store_append_events(live, e, 2));
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     assert_int_equal(step(f), 2);
     ok(live, apc_store_append_events(live, e, 3));
     assert_int_equal(step(f), 3);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -429,11 +429,11 @@ static void publish(struct apc_store *store, int64_t tick)
 static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(void **state)
 {
     struct apc_store *live = live_make(1);
-    struct apc_forward_stats stats = {.size = sizeof stats};
+    struct apc_replication_stats stats = {.size = sizeof stats};
     for (int64_t tick = 1; tick <= 3; tick++) {
         publish(live, tick);
     }
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     assert_int_equal(step(f), 6);
     publish(live, 9);
     assert_int_equal(step(f), 2);
@@ -441,16 +441,16 @@ static void test_ticks_without_an_answer_are_no_gap_and_what_was_overwritten_is(
     publish(live, 15);
     assert_int_equal(step(f), 4);
     assert_int_equal(step(f), 0);
-    apc_forward_stats(f, &stats);
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.gap.times, 0);
     for (int64_t tick = 20; tick <= 60000; tick += 2) { /* more than it holds */
         publish(live, tick);
     }
     assert_true(step(f) > 0);
-    apc_forward_stats(f, &stats);
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.gap.times, 2);
     assert_int_equal(stats.gap.since, 15 * 1000 * APC_NS_PER_US);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -462,15 +462,15 @@ static void test_what_was_overwritten_before_its_turn_is_told(void **state)
 {
     struct apc_store *live = live_make(1);
     append(live, 1, 20);
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     assert_int_equal(step(f), 60);
     append(live, 21, 20000); /* more than it holds */
     struct seen held = {0};
     ok(live, apc_store_history(live, APC_SENSOR, 1, NULL, see_sample, &held));
     assert_true(held.first > 21);
     assert_true(step(f) > 0);
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(f, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.gap.times, 3);
     assert_true(stats.gap.rows >= (uint64_t)(held.first - 21));
     assert_true(stats.gap.since == 20 * 1000 * APC_NS_PER_US && stats.gap.until > stats.gap.since);
@@ -479,9 +479,9 @@ static void test_what_was_overwritten_before_its_turn_is_told(void **state)
     assert_true(s.ordered && s.last == 20000 && s.n == held.n + 20);
     append(live, 20001, 20010);
     assert_int_equal(step(f), 30);
-    apc_forward_stats(f, &stats);
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.gap.times, 3);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -489,11 +489,11 @@ static void test_what_was_overwritten_before_its_turn_is_told(void **state)
 struct telling {
     struct apc_store *live, *history;
     int refuse, calls; /* the first ones fail */
-    struct apc_forward_gap gap[8];
+    struct apc_replication_gap gap[8];
     int64_t newest; /* that the history had at the last call */
 };
 
-static int put_down(void *ctx, const struct apc_forward_gap *gap)
+static int put_down(void *ctx, const struct apc_replication_gap *gap)
 {
     struct telling *t = ctx;
     struct apc_sample s = {.table = APC_SENSOR, .id = 1};
@@ -520,11 +520,11 @@ static void test_a_gap_is_on_record_before_what_follows_it(void **state)
     struct apc_store *live = live_make(1);
     struct telling t = {.live = live, .history = *state, .refuse = 1};
     append(live, 1, 20);
-    struct apc_forward *f = begin(live, *state);
-    apc_forward_tell(f, put_down, &t);
+    struct apc_replication *f = begin(live, *state);
+    apc_replication_tell(f, put_down, &t);
     assert_int_equal(step(f), 60);
     append(live, 21, 20000); /* more than it holds */
-    assert_int_equal(apc_forward_step(f, FOREVER), APC_ECONN);
+    assert_int_equal(apc_replication_step(f, FOREVER), APC_ECONN);
     assert_true(t.calls == 1 && t.newest == 20);
     assert_whole(*state, APC_SENSOR, 1, 20); /* nothing goes on before it is told */
     assert_whole(*state, APC_TICK, 1, 20);
@@ -541,7 +541,7 @@ static void test_a_gap_is_on_record_before_what_follows_it(void **state)
     append(live, 20011, 40000);
     assert_true(step(f) > 0);
     assert_true(t.calls == 3 && t.gap[2].since == 20010 * APC_NS_PER_MS); /* of that gap alone */
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -623,24 +623,24 @@ static void test_of_a_history_that_is_older_than_the_live_store_each_gap_is_told
         tick_all(live, 1, 10);
         forward(live, backup);
         apc_store_close(backup);
-        struct apc_forward *f = begin(live, history);
-        apc_forward_tell(f, put_down, &t);
+        struct apc_replication *f = begin(live, history);
+        apc_replication_tell(f, put_down, &t);
         step(f);
         tick_all(live, 11, 20);
         step(f);
         if (restarted) {
-            apc_forward_destroy(f);
+            apc_replication_destroy(f);
         }
         assert_int_equal(t.calls, 0);
         assert_int_equal(rename(scratch_path("backup"), scratch_path("history")), 0);
         tick_all(live, 21, LAST_TICK);
         if (restarted) {
             f = begin(live, history);
-            apc_forward_tell(f, put_down, &t);
+            apc_replication_tell(f, put_down, &t);
         }
         step(f);
         assert_each_gap_is_told(&t, history);
-        apc_forward_destroy(f);
+        apc_replication_destroy(f);
         apc_store_close(history);
         live_drop(live);
     }
@@ -674,11 +674,11 @@ static int flood(struct apc_store *live, int from, int to, int *timing_rows)
     return events;
 }
 
-static void assert_lost(struct apc_forward *f, int events, int timing_rows)
+static void assert_lost(struct apc_replication *f, int events, int timing_rows)
 {
-    struct apc_forward_stats stats = {.size = sizeof stats};
+    struct apc_replication_stats stats = {.size = sizeof stats};
     assert_true(step(f) >= 0);
-    apc_forward_stats(f, &stats);
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.lost.events, events);
     assert_int_equal(stats.lost.timing, timing_rows);
 }
@@ -689,30 +689,30 @@ static void test_events_and_timing_that_were_overwritten_before_their_turn_are_c
     int timing_rows, events;
     append_event(live, 1, "start");
     append_timing(live, 1);
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     assert_lost(f, 0, 0);
     events = flood(live, 2, 101, &timing_rows);
     assert_true(events < 100 && timing_rows < 100);
     assert_lost(f, 100 - events, 100 - timing_rows);
     append_event(live, 102, "start");
     assert_lost(f, 100 - events, 100 - timing_rows);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     f = begin(live, *state); /* all that is there is known */
     assert_lost(f, 0, 0);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
 
     events = flood(live, 103, 302, &timing_rows); /* while nobody moves anything */
     f = begin(live, *state); /* which of the others are there cannot be known: at most so many are not */
     assert_lost(f, 302 - events, 301 - timing_rows);
     assert_lost(f, 302 - events, 301 - timing_rows);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
 
     ok(fresh, apc_store_init(fresh)); /* a history that begins here has no gap */
     f = begin(live, fresh);
     assert_lost(f, 0, 0);
     append_event(live, 303, "start");
     assert_lost(f, 0, 0);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     apc_store_close(fresh);
     live_drop(live);
 }
@@ -722,21 +722,21 @@ static void test_how_much_room_is_left_is_told_before_it_is_used_up(void **state
 {
     struct apc_store *live = live_make(1);
     append(live, 1, 10000);
-    struct apc_forward *f = begin(live, *state);
-    assert_near(apc_forward_left(f), 1, 0); /* it cannot know yet that anything is overwritten */
+    struct apc_replication *f = begin(live, *state);
+    assert_near(apc_replication_left(f), 1, 0); /* it cannot know yet that anything is overwritten */
     step(f);
     append(live, 10001, 10010);
-    const double most = apc_forward_left(f);
+    const double most = apc_replication_left(f);
     assert_true(most > 0.9 && most < 1);
     append(live, 10011, 10100);
-    const double less = apc_forward_left(f);
+    const double less = apc_replication_left(f);
     assert_true(less > 0 && less < most);
     append(live, 10101, 20000);
-    assert_near(apc_forward_left(f), 0, 0);
+    assert_near(apc_replication_left(f), 0, 0);
     step(f);
     append(live, 20001, 20001);
-    assert_true(apc_forward_left(f) > most);
-    apc_forward_destroy(f);
+    assert_true(apc_replication_left(f) > most);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -750,29 +750,29 @@ static void test_the_room_that_is_left_is_that_of_the_variable_with_the_least(vo
         for (; s[0].seq <= 20000; s[0].seq++) {
             ok(live, apc_store_append(live, s, 1));
         }
-        struct apc_forward *f = begin(live, *state);
-        assert_near(apc_forward_left(f), 1, 0);
+        struct apc_replication *f = begin(live, *state);
+        assert_near(apc_replication_left(f), 1, 0);
         for (; s[0].seq <= 20100; s[0].seq++) {
             ok(live, apc_store_append(live, s, 1));
         }
-        const double left = apc_forward_left(f);
+        const double left = apc_replication_left(f);
         assert_true(left >= 0 && left < 1);
-        apc_forward_destroy(f);
+        apc_replication_destroy(f);
         live_drop(live);
     }
 }
 
 static void assert_refused(struct apc_store *live, struct apc_store *to, int err, const char *text)
 {
-    struct apc_forward *f = begin(live, to);
-    assert_int_equal(apc_forward_step(f, FOREVER), err);
-    if (!strstr(apc_forward_error(f), text)) {
-        fail_msg("\"%s\" does not say \"%s\"", apc_forward_error(f), text);
+    struct apc_replication *f = begin(live, to);
+    assert_int_equal(apc_replication_step(f, FOREVER), err);
+    if (!strstr(apc_replication_error(f), text)) {
+        fail_msg("\"%s\" does not say \"%s\"", apc_replication_error(f), text);
     }
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(f, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(f, &stats);
     assert_true(stats.away && stats.samples + stats.vectors + stats.events + stats.timing == 0);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
 }
 
 /* Promise(stores/store-holds-gets) */
@@ -817,10 +817,10 @@ static void test_another_runs_rows_under_the_same_numbers_are_no_record_of_this_
     live_drop(live);
 }
 
-static void assert_other(struct apc_forward *f, int64_t seq)
+static void assert_other(struct apc_replication *f, int64_t seq)
 {
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(f, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.other.rows, 1);
     assert_true(stats.other.table == APC_SETPOINT && stats.other.id == 1 && stats.other.seq == seq);
 }
@@ -831,7 +831,7 @@ static void test_what_somebody_else_wrote_to_the_record_is_told_and_never_passed
     struct apc_store *live = live_make(4);
     struct apc_sample ours = sample(APC_SETPOINT, 1, 1, 5), others = sample(APC_SETPOINT, 1, 2, 7);
     ok(live, apc_store_append(live, &ours, 1));
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     step(f);
     ours.seq = 2;
     ok(live, apc_store_append(live, &ours, 1));
@@ -840,14 +840,14 @@ static void test_what_somebody_else_wrote_to_the_record_is_told_and_never_passed
     assert_other(f, 2);
     step(f);
     assert_other(f, 2); /* once */
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     f = begin(live, *state); /* and by one that comes later */
     step(f);
     assert_other(f, 2);
     ours.seq = 3; /* the record goes on */
     ok(live, apc_store_append(live, &ours, 1));
     assert_int_equal(step(f), 1);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 
@@ -855,13 +855,13 @@ static void test_two_do_not_write_one_record(void **state)
 {
     struct apc_store *live = live_make(4), *other = stores_open();
     append(live, 1, 5);
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     step(f);
     struct apc_store *again = open_uri(live_uri, "again");
     assert_refused(again, other, APC_EBUSY, "test");
     append(live, 6, 7);
     assert_int_equal(step(f), 6);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     apc_store_close(again);
     apc_store_close(other);
     live_drop(live);
@@ -873,16 +873,18 @@ static void test_two_do_not_write_one_record(void **state)
 _Noreturn static void historian(_Atomic int64_t *done)
 {
     struct apc_store *from = NULL, *to = NULL;
-    struct apc_forward *f = NULL;
+    struct apc_replication *f = NULL;
     struct apc_error why;
     const struct apc_store_options options = {.size = sizeof options, .name = "historian"};
     if (apc_store_open(&from, live_uri, &options, &why) != 0 ||
-        apc_store_open(&to, store_uri, &options, &why) != 0 || apc_forward_create(&f, from, to, &why) != 0) {
+        apc_store_open(&to, store_uri, &options, &why) != 0 ||
+        apc_replication_create(&f, from, to, &why) != 0) {
         _exit(1);
     }
     for (;;) {
         const int64_t there = newest(from, APC_SENSOR, 1).seq;
-        if (apc_forward_step(f, FOREVER) >= 0) { /* a dead predecessor's claim goes when the server notices */
+        if (apc_replication_step(f, FOREVER) >=
+            0) { /* a dead predecessor's claim goes when the server notices */
             *done = there;
         }
     }
@@ -916,13 +918,13 @@ static void test_kills_lose_and_double_nothing(void **state)
         kill(pid, SIGKILL);
         waitpid(pid, NULL, 0);
     }
-    struct apc_forward *f = begin(live, *state);
+    struct apc_replication *f = begin(live, *state);
     int rc = APC_EBUSY;
     while (rc == APC_EBUSY) { /* of the last one that was killed */
-        rc = apc_forward_step(f, FOREVER);
+        rc = apc_replication_step(f, FOREVER);
     }
     assert_true(rc >= 0);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     const int64_t last = 1 + (int64_t)KILLS * ROWS;
     assert_whole(*state, APC_SENSOR, 1, last);
     assert_whole(*state, APC_ACTUATOR, 1, last);
@@ -1095,15 +1097,15 @@ static void test_where_the_history_is_away_numbers_begin_above_it(void **state)
     apc_store_close(away);
     const int64_t last = assert_numbers_begin_anew(live);
     append(live, last + 1, last + 3);
-    struct apc_forward *f = begin(live, *state);
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    assert_int_equal(apc_forward_step(f, 0), 13);
-    apc_forward_stats(f, &stats);
+    struct apc_replication *f = begin(live, *state);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    assert_int_equal(apc_replication_step(f, 0), 13);
+    apc_replication_stats(f, &stats);
     assert_true(stats.gap.times == 3 && stats.gap.rows == 0 && stats.behind == 0);
     append(live, last + 4, last + 4);
-    assert_true(apc_forward_left(f) >= 1);
+    assert_true(apc_replication_left(f) >= 1);
     assert_int_equal(step(f), 3);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     assert_no_hole(*state, last);
     live_drop(live);
 }
@@ -1192,19 +1194,19 @@ static void test_events_and_timing_are_numbered_as_they_came(void **state)
 static void test_what_is_no_pair_of_stores_is_refused(void **state)
 {
     struct apc_store *live = live_make(1);
-    struct apc_forward *f = (struct apc_forward *)live;
+    struct apc_replication *f = (struct apc_replication *)live;
     struct apc_error why;
-    assert_int_equal(apc_forward_create(NULL, live, *state, &why), APC_EINVAL);
-    assert_int_equal(apc_forward_create(&f, NULL, *state, &why), APC_EINVAL);
+    assert_int_equal(apc_replication_create(NULL, live, *state, &why), APC_EINVAL);
+    assert_int_equal(apc_replication_create(&f, NULL, *state, &why), APC_EINVAL);
     assert_null(f);
-    assert_int_equal(apc_forward_create(&f, live, NULL, &why), APC_EINVAL);
-    assert_int_equal(apc_forward_create(&f, live, live, &why), APC_EINVAL);
+    assert_int_equal(apc_replication_create(&f, live, NULL, &why), APC_EINVAL);
+    assert_int_equal(apc_replication_create(&f, live, live, &why), APC_EINVAL);
     assert_has(why.text, "which other one");
-    apc_forward_destroy(NULL);
-    assert_int_equal(apc_forward_step(NULL, FOREVER), APC_EINVAL);
+    apc_replication_destroy(NULL);
+    assert_int_equal(apc_replication_step(NULL, FOREVER), APC_EINVAL);
     f = begin(live, *state);
-    assert_int_equal(apc_forward_step(f, -1), APC_EINVAL);
-    apc_forward_destroy(f);
+    assert_int_equal(apc_replication_step(f, -1), APC_EINVAL);
+    apc_replication_destroy(f);
     live_drop(live);
 }
 

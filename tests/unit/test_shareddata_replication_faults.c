@@ -334,41 +334,41 @@ static void assert_whole(int64_t last, const char *unit)
 
 /* ---- One call after the other fails ---------------------------------------------------------- */
 
-static struct apc_forward *begin(void)
+static struct apc_replication *begin(void)
 {
-    struct apc_forward *f = NULL;
-    assert_int_equal(apc_forward_create(&f, from, to, NULL), 0);
+    struct apc_replication *f = NULL;
+    assert_int_equal(apc_replication_create(&f, from, to, NULL), 0);
     return f;
 }
 
 /* It failed as it says, or no such call was made. */
-static bool step_fails(struct apc_forward *f, int number)
+static bool step_fails(struct apc_replication *f, int number)
 {
-    struct apc_forward_stats stats = {.size = sizeof stats};
+    struct apc_replication_stats stats = {.size = sizeof stats};
     char expected[60];
     calls = 0;
     failed = NULL;
     fails_at = number;
-    const int rc = apc_forward_step(f, FOREVER);
+    const int rc = apc_replication_step(f, FOREVER);
     fails_at = 0;
     if (!failed) {
         assert_true(rc >= 0);
-        assert_string_equal(apc_forward_error(f), "");
+        assert_string_equal(apc_replication_error(f), "");
         return false;
     }
     snprintf(expected, sizeof expected, "%s: call %d is lost", failed == to ? "writing" : "reading", number);
     if (rc != APC_ECONN)
-        fail_msg("call %d: %s: %s", number, apc_err_name(rc), apc_forward_error(f));
-    assert_string_equal(apc_forward_error(f), expected);
-    apc_forward_stats(f, &stats);
+        fail_msg("call %d: %s: %s", number, apc_err_name(rc), apc_replication_error(f));
+    assert_string_equal(apc_replication_error(f), expected);
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.away, failed == to);
     return true;
 }
 
-static int64_t stored(const struct apc_forward *f)
+static int64_t stored(const struct apc_replication *f)
 {
-    struct apc_forward_stats stats = {.size = sizeof stats};
-    apc_forward_stats(f, &stats);
+    struct apc_replication_stats stats = {.size = sizeof stats};
+    apc_replication_stats(f, &stats);
     assert_true(stats.gap.times == 0 && stats.lost.events == 0 && stats.lost.timing == 0 &&
                 stats.behind == 0);
     return (int64_t)(stats.samples + stats.vectors + stats.events + stats.timing);
@@ -385,24 +385,24 @@ static void test_whichever_call_fails_the_next_step_makes_up_for_it(void **state
             done = kind & 1;
             described("m");
             appended(1, 3);
-            struct apc_forward *f = begin();
+            struct apc_replication *f = begin();
             if (kind & 2) {
-                assert_int_equal(apc_forward_step(f, FOREVER), 3 * 5);
+                assert_int_equal(apc_replication_step(f, FOREVER), 3 * 5);
                 described("V");
                 appended(4, 5);
             }
             more = step_fails(f, number);
             const int64_t last = kind & 2 ? 5 : 3;
-            assert_true(apc_forward_step(f, FOREVER) >= 0);
+            assert_true(apc_replication_step(f, FOREVER) >= 0);
             assert_whole(last, kind & 2 ? "V" : "m");
             const int64_t before = stored(f);
             assert_true(done ? before <= 5 * last : before == 5 * last);
             appended(last + 1, last + 2);
             described("A");
-            assert_int_equal(apc_forward_step(f, FOREVER), 2 * 5);
+            assert_int_equal(apc_replication_step(f, FOREVER), 2 * 5);
             assert_whole(last + 2, "A");
-            assert_int_equal(apc_forward_step(f, FOREVER), 0);
-            apc_forward_destroy(f);
+            assert_int_equal(apc_replication_step(f, FOREVER), 0);
+            apc_replication_destroy(f);
             tear_down(state);
         }
         assert_true(number < 200);
@@ -418,21 +418,21 @@ static void test_whichever_call_fails_first_the_whole_gap_is_told_once(void **st
     tear_down(state);
     for (int number = 1; more; number++) {
         for (int answered = 0; answered < 2; answered++) {
-            struct apc_forward_stats stats = {.size = sizeof stats};
+            struct apc_replication_stats stats = {.size = sizeof stats};
             set_up(state);
             done = answered;
             described("m");
             appended(1, 2);
-            struct apc_forward *f = begin();
-            assert_int_equal(apc_forward_step(f, FOREVER), 2 * 5);
-            apc_forward_destroy(f);
+            struct apc_replication *f = begin();
+            assert_int_equal(apc_replication_step(f, FOREVER), 2 * 5);
+            apc_replication_destroy(f);
             appended(3, 9);
             overwritten = 3;
             overwritten_until = 5;
             f = begin();
             more = step_fails(f, number);
-            assert_true(apc_forward_step(f, FOREVER) >= 0);
-            apc_forward_stats(f, &stats);
+            assert_true(apc_replication_step(f, FOREVER) >= 0);
+            apc_replication_stats(f, &stats);
             if (stats.gap.times != 3 || stats.gap.rows != 9 || stats.lost.events != 3 ||
                 stats.lost.timing != 3)
                 fail_msg("call %d: %d times, %d rows, %d events, %d timing rows", number,
@@ -440,7 +440,7 @@ static void test_whichever_call_fails_first_the_whole_gap_is_told_once(void **st
                          (int)stats.lost.timing);
             assert_int_equal(stats.gap.since, 2 * 1000);
             assert_int_equal(stats.gap.until, 6 * 1000);
-            apc_forward_destroy(f);
+            apc_replication_destroy(f);
             tear_down(state);
         }
         assert_true(number < 200);
@@ -459,13 +459,13 @@ static void test_two_failures_one_after_the_other_are_as_one(void **state)
             done = (first + second) % 2;
             described("m");
             appended(1, 2);
-            struct apc_forward *f = begin();
+            struct apc_replication *f = begin();
             any = step_fails(f, first) || any;
             more = step_fails(f, second);
-            assert_true(apc_forward_step(f, FOREVER) >= 0);
+            assert_true(apc_replication_step(f, FOREVER) >= 0);
             assert_whole(2, "m");
             assert_true(stored(f) <= 10);
-            apc_forward_destroy(f);
+            apc_replication_destroy(f);
             tear_down(state);
         }
     }
@@ -500,17 +500,17 @@ static void test_a_batch_is_full_and_the_next_one_goes_on(void **state)
             fill(APC_SENSOR, 2, 3);
             fill(APC_TICK, 1, ticks);
             fill(APC_TICK, 2, 3);
-            struct apc_forward *f = begin();
+            struct apc_replication *f = begin();
             largest = 0;
-            assert_int_equal(apc_forward_step(f, FOREVER), samples + ticks + 6);
+            assert_int_equal(apc_replication_step(f, FOREVER), samples + ticks + 6);
             assert_true(largest == 16384 || (batches == 1 && around[i] < 0));
             struct seen seen[4] = {{0}};
             assert_int_equal(apc_store_history(to, APC_SENSOR, 1, NULL, see_sample, &seen[0]), samples);
             assert_int_equal(apc_store_vectors(to, APC_TICK, 1, NULL, see_vector, &seen[1]), ticks);
             assert_int_equal(apc_store_history(to, APC_SENSOR, 2, NULL, see_sample, &seen[2]), 3);
             assert_int_equal(apc_store_vectors(to, APC_TICK, 2, NULL, see_vector, &seen[3]), 3);
-            assert_int_equal(apc_forward_step(f, FOREVER), 0);
-            apc_forward_destroy(f);
+            assert_int_equal(apc_replication_step(f, FOREVER), 0);
+            apc_replication_destroy(f);
             tear_down(state);
             set_up(state);
         }
@@ -541,12 +541,12 @@ static void test_vectors_of_many_elements_share_a_batch_as_far_as_they_fit(void 
         assert_int_equal(apc_store_append_rows(from, &rows), 1);
         all += length[i];
     }
-    struct apc_forward *f = begin();
+    struct apc_replication *f = begin();
     appends = 0;
-    assert_int_equal(apc_forward_step(f, FOREVER), ROWS);
+    assert_int_equal(apc_replication_step(f, FOREVER), ROWS);
     assert_int_equal(apc_store_vectors(to, APC_TICK, 1, NULL, count_elements, &got), ROWS);
     assert_int_equal(got, all);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
 }
 
 static void test_without_time_each_step_brings_something_and_all_have_their_turn(void **state)
@@ -555,10 +555,10 @@ static void test_without_time_each_step_brings_something_and_all_have_their_turn
     (void)state;
     for (int id = 1; id <= VARIABLES; id++)
         fill(APC_SENSOR, id, ROWS);
-    struct apc_forward *f = begin();
+    struct apc_replication *f = begin();
     int moved = 0, steps = 0;
     for (; moved < VARIABLES * ROWS; steps++) {
-        const int now = apc_forward_step(f, 0);
+        const int now = apc_replication_step(f, 0);
         assert_true(now > 0 && now <= 2 * 16384);
         moved += now;
     }
@@ -568,8 +568,8 @@ static void test_without_time_each_step_brings_something_and_all_have_their_turn
         struct seen seen = {0};
         assert_int_equal(apc_store_history(to, APC_SENSOR, id, NULL, see_sample, &seen), ROWS);
     }
-    assert_int_equal(apc_forward_step(f, 0), 0);
-    apc_forward_destroy(f);
+    assert_int_equal(apc_replication_step(f, 0), 0);
+    apc_replication_destroy(f);
 }
 
 static void test_a_step_with_nothing_new_leaves_the_other_store_alone(void **state)
@@ -577,28 +577,28 @@ static void test_a_step_with_nothing_new_leaves_the_other_store_alone(void **sta
     (void)state;
     described("m");
     appended(1, 3);
-    struct apc_forward *f = begin();
-    assert_int_equal(apc_forward_step(f, FOREVER), 3 * 5);
+    struct apc_replication *f = begin();
+    assert_int_equal(apc_replication_step(f, FOREVER), 3 * 5);
     for (int i = 0; i < 3; i++) {
         calls_to = 0;
-        assert_int_equal(apc_forward_step(f, FOREVER), 0);
+        assert_int_equal(apc_replication_step(f, FOREVER), 0);
         assert_int_equal(calls_to, 0);
     }
     described("m"); /* the same again is no news */
-    assert_int_equal(apc_forward_step(f, FOREVER), 0);
+    assert_int_equal(apc_replication_step(f, FOREVER), 0);
     assert_int_equal(calls_to, 0);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
 }
 
 static void test_who_an_author_is_is_asked_once(void **state)
 {
     (void)state;
     appended(1, 9); /* of three */
-    struct apc_forward *f = begin();
+    struct apc_replication *f = begin();
     asked = 0;
-    assert_int_equal(apc_forward_step(f, FOREVER), 9 * 5);
+    assert_int_equal(apc_replication_step(f, FOREVER), 9 * 5);
     assert_int_equal(asked, 3 * 2);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
 }
 
 static int count_event(void *ctx, const struct apc_event *e)
@@ -618,51 +618,51 @@ static int count_timing(void *ctx, const struct apc_timing_row *row)
 /* Promise(database/role-writes-time) */
 static void test_what_is_refused_for_good_keeps_no_other_back_and_is_counted(void **state)
 {
-    struct apc_forward_stats stats = {.size = sizeof stats};
+    struct apc_replication_stats stats = {.size = sizeof stats};
     int n = 0;
     (void)state;
     appended(1, 5);
-    struct apc_forward *f = begin();
+    struct apc_replication *f = begin();
     refused = 3 * 1000;
-    assert_int_equal(apc_forward_step(f, FOREVER), 5 * 5 - 2);
-    apc_forward_stats(f, &stats);
+    assert_int_equal(apc_replication_step(f, FOREVER), 5 * 5 - 2);
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.refused, 2);
     appended(6, 7);
-    assert_int_equal(apc_forward_step(f, FOREVER), 2 * 5);
+    assert_int_equal(apc_replication_step(f, FOREVER), 2 * 5);
     assert_int_equal(real->events(to, &(struct apc_range){0}, count_event, &n), 6);
     assert_int_equal(real->timing(to, &(struct apc_range){0}, count_timing, &n), 6);
-    apc_forward_stats(f, &stats);
+    apc_replication_stats(f, &stats);
     assert_int_equal(stats.refused, 2);
     assert_true(stats.lost.events == 0 && stats.lost.timing == 0);
     refused = 0;
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
 }
 
 static void test_all_the_room_is_left_where_nothing_is_overwritten(void **state)
 {
     (void)state;
     appended(1, 3);
-    struct apc_forward *f = begin();
+    struct apc_replication *f = begin();
     for (int i = 0; i < 3; i++) {
-        assert_near(apc_forward_left(f), 1, 0);
-        assert_true(apc_forward_step(f, FOREVER) >= 0);
+        assert_near(apc_replication_left(f), 1, 0);
+        assert_true(apc_replication_step(f, FOREVER) >= 0);
         appended(4 + 10 * i, 13 + 10 * i);
     }
     calls = 0;
     fails_at = 1;
-    assert_near(apc_forward_left(f), 1, 0); /* it is not known */
-    apc_forward_destroy(f);
+    assert_near(apc_replication_left(f), 1, 0); /* it is not known */
+    apc_replication_destroy(f);
 }
 
 static void test_of_no_forward_there_is_nothing_to_tell(void **state)
 {
-    struct apc_forward_stats stats = {.size = sizeof stats, .samples = 7};
+    struct apc_replication_stats stats = {.size = sizeof stats, .samples = 7};
     (void)state;
-    assert_string_equal(apc_forward_error(NULL), "nothing is forwarded");
-    assert_near(apc_forward_left(NULL), 1, 0);
-    apc_forward_stats(NULL, &stats);
+    assert_string_equal(apc_replication_error(NULL), "nothing is forwarded");
+    assert_near(apc_replication_left(NULL), 1, 0);
+    apc_replication_stats(NULL, &stats);
     assert_int_equal(stats.samples, 0);
-    apc_forward_destroy(NULL);
+    apc_replication_destroy(NULL);
 }
 
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)

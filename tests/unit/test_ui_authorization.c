@@ -95,7 +95,7 @@ static const struct route *route(const char *method, const char *path)
 static int gate(const struct route *of, const char *method)
 {
     request = (struct request){.route = of, .from = &from};
-    bool passed = gate_pass(ui, &request, method);
+    bool passed = authorize_request(ui, &request, method);
     assert_int_equal(passed, request.fault.http == 0);
     assert_true(passed || request.fault.message[0]);
     return request.fault.http;

@@ -19,7 +19,7 @@ struct visitor {
     int far; /* the client's end */
 };
 
-static struct rooms rooms;
+static struct connection_limits connection_limits;
 static struct visitor visitors[MEMBERS + STRANGERS + 16];
 static size_t n;
 
@@ -27,7 +27,7 @@ static int set_up(void **state)
 {
     (void)state;
     n = 0;
-    return rooms_init(&rooms);
+    return connection_limits_init(&connection_limits);
 }
 
 static int tear_down(void **state)
@@ -35,11 +35,11 @@ static int tear_down(void **state)
     (void)state;
     for (size_t i = 0; i < n; i++) {
         int fd = visitors[i].c->fd;
-        rooms_leave(&rooms, visitors[i].c);
+        connection_limits_leave(&connection_limits, visitors[i].c);
         close(fd);
         close(visitors[i].far);
     }
-    rooms_free(&rooms);
+    connection_limits_free(&connection_limits);
     return 0;
 }
 
@@ -48,7 +48,7 @@ static struct visitor *come(const char *address, apc_ns now)
     int fds[2];
     struct visitor *v = &visitors[n];
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, fds), 0);
-    v->c = rooms_enter(&rooms, fds[0], address, now);
+    v->c = connection_limits_enter(&connection_limits, fds[0], address, now);
     v->far = fds[1];
     assert_non_null(v->c);
     n++;
@@ -92,7 +92,7 @@ static void strangers_of_many_addresses_cost_the_oldest_stranger_only(void **sta
     char address[32];
     (void)state;
     struct visitor *member = come("10.1.0.0", S), *oldest = come("10.2.0.0", 2 * S);
-    rooms_member(&rooms, member->c, "token");
+    connection_limits_member(&connection_limits, member->c, "token");
     for (int i = 1; i < STRANGERS; i++) {
         snprintf(address, sizeof address, "10.2.0.%d", i);
         come(address, 3 * S);
@@ -108,12 +108,12 @@ static void who_is_being_answered_is_not_sent_away(void **state)
 {
     (void)state;
     struct visitor *asking = come("10.0.0.1", S);
-    rooms_asked(&rooms, asking->c);
-    rooms_busy(&rooms, asking->c);
+    connection_limits_asked(&connection_limits, asking->c);
+    connection_limits_busy(&connection_limits, asking->c);
     visit(STRANGERS_ADDRESS, "10.0.0.1", 2 * S);
     assert_true(is_open(asking));
     assert_false(is_open(&visitors[1]));
-    rooms_answered(&rooms, asking->c, S);
+    connection_limits_answered(&connection_limits, asking->c, S);
     come("10.0.0.1", 3 * S);
     assert_false(is_open(asking));
 }
@@ -122,7 +122,7 @@ static void where_all_are_being_answered_the_newcomer_goes(void **state)
 {
     (void)state;
     for (int i = 0; i < STRANGERS_ADDRESS; i++)
-        rooms_busy(&rooms, come("10.0.0.1", S)->c);
+        connection_limits_busy(&connection_limits, come("10.0.0.1", S)->c);
     struct visitor *one_more = come("10.0.0.1", 2 * S);
     assert_false(is_open(one_more));
     for (int i = 0; i < STRANGERS_ADDRESS; i++)
@@ -134,15 +134,15 @@ static void a_session_has_a_share_of_the_room(void **state)
 {
     (void)state;
     struct visitor *other = come("10.0.0.1", S);
-    rooms_member(&rooms, other->c, "otto");
+    connection_limits_member(&connection_limits, other->c, "otto");
     for (int i = 0; i < MEMBERS_SESSION; i++)
-        rooms_member(&rooms, come("10.0.0.1", 2 * S + i)->c, "anna");
+        connection_limits_member(&connection_limits, come("10.0.0.1", 2 * S + i)->c, "anna");
     assert_true(is_open(&visitors[1]));
-    rooms_member(&rooms, come("10.0.0.1", 3 * S)->c, "anna");
+    connection_limits_member(&connection_limits, come("10.0.0.1", 3 * S)->c, "anna");
     assert_false(is_open(&visitors[1]));
     assert_true(is_open(other));
     for (int i = 0; i < 2 * MEMBERS_SESSION; i++) /* the local one is all that this user runs */
-        rooms_member(&rooms, come("127.0.0.1", 4 * S)->c, "");
+        connection_limits_member(&connection_limits, come("127.0.0.1", 4 * S)->c, "");
     for (int i = 0; i < 2 * MEMBERS_SESSION; i++)
         assert_true(is_open(&visitors[n - 1 - (size_t)i]));
 }
@@ -153,7 +153,7 @@ static void there_are_no_more_members_than_places(void **state)
     (void)state;
     for (int i = 0; i <= MEMBERS; i++) {
         snprintf(token, sizeof token, "token%d", i);
-        rooms_member(&rooms, come("10.0.0.1", S + i)->c, token);
+        connection_limits_member(&connection_limits, come("10.0.0.1", S + i)->c, token);
         assert_true(is_open(&visitors[0]) == (i < MEMBERS));
     }
     assert_true(is_open(&visitors[1]));
@@ -165,25 +165,26 @@ static void strangers_have_to_ask_soon(void **state)
     (void)state;
     struct visitor *silent = come("10.0.0.1", 100 * S), *begun = come("10.0.0.2", 100 * S),
                    *member = come("10.0.0.3", 100 * S), *waiting = come("10.0.0.4", 100 * S);
-    rooms_asked(&rooms, begun->c);
-    rooms_member(&rooms, member->c, "token");
-    rooms_asked(&rooms, waiting->c);
-    rooms_busy(&rooms, waiting->c);
-    rooms_look(&rooms, 100 * S + HEADER_DEADLINE);
+    connection_limits_asked(&connection_limits, begun->c);
+    connection_limits_member(&connection_limits, member->c, "token");
+    connection_limits_asked(&connection_limits, waiting->c);
+    connection_limits_busy(&connection_limits, waiting->c);
+    connection_limits_look(&connection_limits, 100 * S + HEADER_DEADLINE);
     assert_true(is_open(silent));
-    rooms_look(&rooms, 100 * S + HEADER_DEADLINE + 1);
+    connection_limits_look(&connection_limits, 100 * S + HEADER_DEADLINE + 1);
     assert_false(is_open(silent));
-    rooms_look(&rooms, 100 * S + REQUEST_DEADLINE);
+    connection_limits_look(&connection_limits, 100 * S + REQUEST_DEADLINE);
     assert_true(is_open(begun));
     assert_true(is_open(member));
-    rooms_look(&rooms, 100 * S + REQUEST_DEADLINE + 1);
+    connection_limits_look(&connection_limits, 100 * S + REQUEST_DEADLINE + 1);
     assert_false(is_open(begun));
     assert_false(is_open(member));
     assert_true(is_open(waiting)); /* for its answer no deadline is the client's to keep */
-    rooms_answered(&rooms, waiting->c, 200 * S);
-    rooms_look(&rooms, 200 * S + HEADER_DEADLINE);
+    connection_limits_answered(&connection_limits, waiting->c, 200 * S);
+    connection_limits_look(&connection_limits, 200 * S + HEADER_DEADLINE);
     assert_true(is_open(waiting));
-    rooms_look(&rooms, 200 * S + HEADER_DEADLINE + 1); /* and again it is a stranger that has not asked */
+    connection_limits_look(&connection_limits,
+                           200 * S + HEADER_DEADLINE + 1); /* and again it is a stranger that has not asked */
     assert_false(is_open(waiting));
 }
 
@@ -194,13 +195,13 @@ static void who_leaves_is_forgotten_wherever_he_stood(void **state)
     for (size_t i = 0; i < sizeof orders / sizeof *orders; i++) {
         struct connection *c[3];
         for (int k = 0; k < 3; k++)
-            c[k] = rooms_enter(&rooms, -1, "10.0.0.1", S);
-        rooms_leave(&rooms, c[orders[i][0]]);
-        rooms_leave(&rooms, c[orders[i][1]]);
-        assert_ptr_equal(rooms.newest, c[orders[i][2]]);
-        assert_null(rooms.newest->next);
-        rooms_leave(&rooms, c[orders[i][2]]);
-        assert_null(rooms.newest);
+            c[k] = connection_limits_enter(&connection_limits, -1, "10.0.0.1", S);
+        connection_limits_leave(&connection_limits, c[orders[i][0]]);
+        connection_limits_leave(&connection_limits, c[orders[i][1]]);
+        assert_ptr_equal(connection_limits.newest, c[orders[i][2]]);
+        assert_null(connection_limits.newest->next);
+        connection_limits_leave(&connection_limits, c[orders[i][2]]);
+        assert_null(connection_limits.newest);
     }
 }
 

@@ -367,7 +367,7 @@ static void what_the_server_does_itself_is_in_the_metrics(void **state)
     has(ask_text(get_metrics), "apc_db_up 1\n");
     assert_int_equal(times_in(ask_text(get_metrics), "apc_db_write_seconds{"), 0);
     for (int i = 1; i <= 100; i++)
-        meter_record(&ui->stores, i * APC_NS_PER_MS);
+        duration_stats_record(&ui->stores, i * APC_NS_PER_MS);
     ui->requests[2] = 12;
     ui->requests[5] = 1;
     ui->model.connected = false;
@@ -438,14 +438,14 @@ static void a_meter_forgets_what_is_old_and_keeps_its_sum(void **state)
 {
     struct apc_summary summary;
     (void)state;
-    meter_record(&ui->reads, 5 * APC_NS_PER_MS);
+    duration_stats_record(&ui->reads, 5 * APC_NS_PER_MS);
     ui->reads.since -= 61 * S;
-    meter_record(&ui->reads, APC_NS_PER_MS);
-    meter_summary(&ui->reads, &summary);
+    duration_stats_record(&ui->reads, APC_NS_PER_MS);
+    duration_stats_summary(&ui->reads, &summary);
     assert_int_equal(summary.count, 2); /* the last turn is still known */
     ui->reads.since -= 61 * S;
-    meter_record(&ui->reads, APC_NS_PER_MS);
-    meter_summary(&ui->reads, &summary);
+    duration_stats_record(&ui->reads, APC_NS_PER_MS);
+    duration_stats_summary(&ui->reads, &summary);
     assert_int_equal(summary.count, 2);
     assert_true(summary.max < 2 * APC_NS_PER_MS);
     assert_int_equal(ui->reads.count, 3);

@@ -99,15 +99,15 @@ static bool is_away(const struct behind *b)
 
 static void what_the_history_lacks_is_counted_as_it_comes_and_goes(void **state)
 {
-    struct apc_forward *f;
+    struct apc_replication *f;
     char file[320];
     (void)state;
     for (int64_t seq = 1; seq <= 3; seq++)
         append(seq);
     struct behind b = wait_for(has_nothing);
     assert_int_equal(b.oldest, 60 * APC_NS_PER_S);
-    assert_int_equal(apc_forward_create(&f, live, history, NULL), 0);
-    assert_int_equal(apc_forward_step(f, PATIENCE), 3);
+    assert_int_equal(apc_replication_create(&f, live, history, NULL), 0);
+    assert_int_equal(apc_replication_step(f, PATIENCE), 3);
     b = wait_for(has_all);
     assert_int_equal(b.late, 0);
     append(4);
@@ -115,7 +115,7 @@ static void what_the_history_lacks_is_counted_as_it_comes_and_goes(void **state)
     b = wait_for(lacks_two);
     assert_int_equal(b.late, 2 * 60 * APC_NS_PER_S);
     assert_int_equal(b.oldest, 60 * APC_NS_PER_S);
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     apc_store_close(history); /* and its file goes */
     snprintf(file, sizeof file, "sqlite:%s/other.db", scratch_folder());
     history = made(file);

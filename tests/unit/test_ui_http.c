@@ -49,9 +49,10 @@ static int make_parts(void)
         stream_create(&ui->stream) < 0 || writes_create(&ui->writes, no_telling, NULL) < 0 ||
         sessions_init(&ui->sessions, 100 * S, 1000 * S) < 0 || backoff_init(&ui->backoff) < 0 ||
         audit_init(&ui->audit) < 0 || pthread_mutex_init(&ui->users_mutex, NULL) ||
-        meter_init(&ui->reads) < 0 || meter_init(&ui->stores) < 0 || meter_init(&ui->lag) < 0 ||
-        apc_store_open(&store, ui->options.store, NULL, NULL) < 0 || apc_store_init(store) < 0 ||
-        apc_store_put_tags(store, tags, 2) < 0 || model_load(&ui->model, store) < 0)
+        duration_stats_init(&ui->reads) < 0 || duration_stats_init(&ui->stores) < 0 ||
+        duration_stats_init(&ui->lag) < 0 || apc_store_open(&store, ui->options.store, NULL, NULL) < 0 ||
+        apc_store_init(store) < 0 || apc_store_put_tags(store, tags, 2) < 0 ||
+        model_load(&ui->model, store) < 0)
         return -1;
     ui->began = apc_clock_mono(NULL);
     ui->round[0] = ui->round[1] = ui->began;
@@ -120,9 +121,9 @@ static int tear_down(void **state)
     ui->stopping = true;
     server_stop(ui);
     apc_store_close(store);
-    meter_free(&ui->reads);
-    meter_free(&ui->stores);
-    meter_free(&ui->lag);
+    duration_stats_free(&ui->reads);
+    duration_stats_free(&ui->stores);
+    duration_stats_free(&ui->lag);
     audit_free(&ui->audit);
     sessions_free(&ui->sessions);
     users_free(&ui->users);

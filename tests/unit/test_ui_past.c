@@ -561,7 +561,7 @@ static void what_was_expected_stands_beside_what_came(void **state)
     static const char *const at[10] = {"at", "1001"}, *const before[10] = {"at", "999"},
                              *const soon[10] = {"at", "soon"};
     memcpy(query, at, sizeof at);
-    json_t *json = ask(get_outlook);
+    json_t *json = ask(get_prediction);
     const json_t *list = json_object_get(json, "outlook"), *y = json_array_get(list, 0);
     assert_int_equal(json_array_size(list), 1);
     assert_string_equal(json_string_value(json_object_get(y, "ref")), "sensor.1");
@@ -572,11 +572,11 @@ static void what_was_expected_stands_beside_what_came(void **state)
     assert_true(json_is_null(json_array_get(json_object_get(y, "came"), 2))); /* nothing newer was measured */
     json_decref(json);
     memcpy(query, before, sizeof before);
-    json = ask(get_outlook);
+    json = ask(get_prediction);
     assert_int_equal(json_array_size(json_object_get(json, "outlook")), 0);
     json_decref(json);
     memcpy(query, soon, sizeof soon);
-    json_decref(ask(get_outlook));
+    json_decref(ask(get_prediction));
     assert_int_equal(request.fault.http, 400);
 }
 
@@ -626,11 +626,11 @@ static void what_the_controllers_were_worth_is_told(void **state)
     static const char *const day[10] = {"since", "1000", "until", "87400"},
                              *const before[10] = {"since", "10", "until", "20"},
                              *const backwards[10] = {"since", "20", "until", "10"};
-    struct merits m;
+    struct kpis m;
     (void)state;
     record_service();
     memcpy(query, day, sizeof day);
-    json_t *json = ask(get_merits);
+    json_t *json = ask(get_kpis);
     assert_near(json_number_value(json_object_get(json, "since")), 1000, 0);
     assert_near(json_number_value(json_object_get(json, "until")), 1009, 1e-3); /* of what is on record */
     assert_int_equal(json_array_size(json_object_get(json, "loops")), 3);
@@ -648,24 +648,24 @@ static void what_the_controllers_were_worth_is_told(void **state)
     assert_near(json_number_value(json_object_get(plans, "high")), 0.5, 0);
     json_decref(json);
     memcpy(query, before, sizeof before);
-    json = ask(get_merits);
+    json = ask(get_kpis);
     assert_int_equal(request.fault.http, 0);
     assert_int_equal(json_array_size(json_object_get(json, "loops")), 0);
     json_decref(json);
     memcpy(query, backwards, sizeof backwards);
-    json_decref(ask(get_merits));
+    json_decref(ask(get_kpis));
     assert_int_equal(request.fault.http, 422);
-    assert_int_equal(merits_of_store(&m, store, 1000 * S, 1010 * S, 20), APC_ERANGE);
-    merits_free(&m);
-    assert_int_equal(merits_of_store(&m, store, 1000 * S, 1010 * S, 21), 0); /* the setpoint before as well */
-    merits_free(&m);
+    assert_int_equal(kpis_of_store(&m, store, 1000 * S, 1010 * S, 20), APC_ERANGE);
+    kpis_free(&m);
+    assert_int_equal(kpis_of_store(&m, store, 1000 * S, 1010 * S, 21), 0); /* the setpoint before as well */
+    kpis_free(&m);
 }
 
 static void what_cannot_be_read_is_no_empty_answer(void **state)
 {
     static const char *const series[10] = {"task", "controller", "quantity", "run"};
     void (*const ask_past[])(struct ui *, struct request *, struct apc_store *) = {
-        get_events, get_timing, get_timing_series, get_history, get_outlook, get_merits};
+        get_events, get_timing, get_timing_series, get_history, get_prediction, get_kpis};
     struct apc_store *there = store;
     (void)state;
     assert_int_equal(apc_store_open(&store, "sqlite:/no/such/folder/store.db", NULL, NULL), 0);

@@ -171,8 +171,8 @@ static const char *next_name(const char *names, char name[APC_TAG_LEN + 1])
     return *end ? end + 1 : NULL;
 }
 
-static int several_json(struct ui *ui, struct apc_store *store, const char *names, const struct window *w,
-                        struct text *t, struct text *data)
+static int all_plants_json(struct ui *ui, struct apc_store *store, const char *names, const struct window *w,
+                           struct text *t, struct text *data)
 {
     int rc = 0;
     while (names && rc == 0) {
@@ -250,7 +250,7 @@ static int history_members(struct ui *ui, struct apc_store *store, const char *n
     range_json(t, w->since, w->until);
     if (names) {
         text_add(t, ",\"series\":[");
-        rc = several_json(ui, store, names, w, t, data);
+        rc = all_plants_json(ui, store, names, w, t, data);
         text_put(t, "]", 1);
     } else {
         rc = history_json(store, table, id, w, t, data);

@@ -14,7 +14,7 @@ static void figure(const char *name, double value, struct text *t)
     json_number_add(t, value);
 }
 
-static void loop_json(const struct merits_loop *l, struct text *t)
+static void loop_json(const struct kpis_loop *l, struct text *t)
 {
     text_add(t, "{\"id\":%d,\"name\":", l->id);
     json_string_add(t, l->name);
@@ -34,7 +34,7 @@ static void variable_json(enum apc_table table, int id, const char *name, struct
     json_string_add(t, name);
 }
 
-static void prediction_json(const struct merits_prediction *p, struct text *t)
+static void prediction_json(const struct kpis_prediction *p, struct text *t)
 {
     variable_json(APC_SENSOR, p->measurement, p->name, t);
     figure("step", p->step, t);
@@ -44,7 +44,7 @@ static void prediction_json(const struct merits_prediction *p, struct text *t)
     text_add(t, "},");
 }
 
-static void plans_json(const struct merits_limit *l, struct text *t)
+static void plans_json(const struct kpis_limit *l, struct text *t)
 {
     variable_json(l->table, l->variable, l->name, t);
     text_add(t, ",\"plans\":%" PRIu64, l->plans);
@@ -55,7 +55,7 @@ static void plans_json(const struct merits_limit *l, struct text *t)
     text_add(t, "},");
 }
 
-static void merits_json(const struct merits *m, struct text *t)
+static void kpis_json(const struct kpis *m, struct text *t)
 {
     text_put(t, "{", 1);
     range_json(t, m->from, m->until);
@@ -74,18 +74,18 @@ static void merits_json(const struct merits *m, struct text *t)
     text_add(t, "]}");
 }
 
-void get_merits(struct ui *ui, struct request *r, struct apc_store *store)
+void get_kpis(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    struct merits m = {0};
+    struct kpis m = {0};
     apc_ns since, until;
     (void)ui;
     if (!query_range(r, DAY, 0, &since, &until))
         return;
-    const int rc = merits_of_store(&m, store, since, until, MOST);
+    const int rc = kpis_of_store(&m, store, since, until, MOST);
     if (rc == APC_ERANGE)
         fault_set(&r->fault, 422, "parameter", "since", "more than %d rows: ask for less time at once", MOST);
     else if (rc < 0 && rc != APC_ENOTFOUND)
         fault_store(r, rc, store);
-    merits_json(&m, &r->reply);
-    merits_free(&m);
+    kpis_json(&m, &r->reply);
+    kpis_free(&m);
 }

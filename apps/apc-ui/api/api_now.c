@@ -173,10 +173,10 @@ static void signals_json(const struct model *m, apc_ns now, struct text *t)
     text_chop(t, ',');
 }
 
-static void meter_json(struct meter *m, const char *name, struct text *t)
+static void duration_stats_json(struct duration_stats *m, const char *name, struct text *t)
 {
     struct apc_summary summary;
-    meter_summary(m, &summary);
+    duration_stats_summary(m, &summary);
     text_add(t, ",\"%s\":", name);
     figures_json(&summary, t);
 }
@@ -217,11 +217,11 @@ void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store)
     text_add(t, ",\"connects\":%" PRIu64 ",\"spool\":", m->connects);
     spool_json(ui, t);
     pthread_mutex_unlock(&m->mutex);
-    meter_json(&ui->reads, "read", t);
-    meter_json(&ui->stores, "write", t);
+    duration_stats_json(&ui->reads, "read", t);
+    duration_stats_json(&ui->stores, "write", t);
     text_add(t, "},\"stream\":{\"clients\":%zu,\"messages\":%" PRIu64 ",\"dropped\":%" PRIu64, stream.readers,
              stream.messages, stream.dropped);
-    meter_json(&ui->lag, "lag", t);
+    duration_stats_json(&ui->lag, "lag", t);
     text_add(t, "}}");
 }
 
@@ -418,10 +418,11 @@ static void alarm_metrics(const struct model *m, apc_ns now, struct text *t)
         text_add(t, "apc_alarm_transitions_total %.17g\n", m->alarm_numbers[APC_ALARMS_JOURNAL]);
 }
 
-static void meter_metrics(struct meter *m, struct text *t, const char *name, const char *help)
+static void duration_stats_metrics(struct duration_stats *m, struct text *t, const char *name,
+                                   const char *help)
 {
     struct apc_summary s;
-    meter_summary(m, &s);
+    duration_stats_summary(m, &s);
     pthread_mutex_lock(&m->mutex);
     uint64_t n = m->count;
     double sum = m->sum;
@@ -456,10 +457,11 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     text_add(t, "apc_spool_depth %" PRIu64 "\n", m->spool.samples + m->spool.events);
     history_metrics(&m->behind, t);
     pthread_mutex_unlock(&m->mutex);
-    meter_metrics(&ui->stores, t, "apc_db_write_seconds", "This server's writes.");
-    meter_metrics(&ui->reads, t, "apc_db_read_seconds", "This server's reads of all newest samples.");
-    meter_metrics(&ui->lag, t, "apc_ui_lag_seconds",
-                  "From a sample's source time to its message on the stream.");
+    duration_stats_metrics(&ui->stores, t, "apc_db_write_seconds", "This server's writes.");
+    duration_stats_metrics(&ui->reads, t, "apc_db_read_seconds",
+                           "This server's reads of all newest samples.");
+    duration_stats_metrics(&ui->lag, t, "apc_ui_lag_seconds",
+                           "From a sample's source time to its message on the stream.");
     metric(t, "apc_ui_clients", "gauge", "Open streams.");
     text_add(t, "apc_ui_clients %zu\n", stream.readers);
     metric(t, "apc_ui_requests_total", "counter", "Requests answered.");

@@ -16,7 +16,7 @@ static void values_json(const char *name, const double *v, size_t n, struct text
     text_put(t, "]", 1);
 }
 
-static void course_json(const struct outlook_course *c, struct text *t)
+static void trajectory_json(const struct prediction_trajectory *c, struct text *t)
 {
     char ref[REF_LEN];
     text_add(t, "{\"ref\":\"%s\",\"name\":", ref_format(c->table, c->id, ref));
@@ -33,22 +33,22 @@ static void course_json(const struct outlook_course *c, struct text *t)
 }
 
 /* The tags are read anew: those that the model keeps are the ones that people see. */
-static int load(struct outlook *o, struct apc_store *store, apc_ns at, apc_ns now)
+static int load(struct prediction *o, struct apc_store *store, apc_ns at, apc_ns now)
 {
     int n = apc_store_get_tags(store, NULL, 0);
     struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
     int rc = n < 0 ? n : tag ? apc_store_get_tags(store, tag, (size_t)n) : APC_ENOMEM;
     if (rc >= 0)
-        rc = outlook_load(o, store, tag, (size_t)(rc < n ? rc : n), at, 0);
+        rc = prediction_load(o, store, tag, (size_t)(rc < n ? rc : n), at, 0);
     if (rc == 0)
-        rc = outlook_take_store(o, store, now);
+        rc = prediction_take_store(o, store, now);
     free(tag);
     return rc;
 }
 
-void get_outlook(struct ui *ui, struct request *r, struct apc_store *store)
+void get_prediction(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    struct outlook o = {0};
+    struct prediction o = {0};
     struct text *t = &r->reply;
     const apc_ns now = apc_clock_utc(NULL);
     apc_ns at = now;
@@ -64,8 +64,8 @@ void get_outlook(struct ui *ui, struct request *r, struct apc_store *store)
     json_time_add(t, at);
     text_add(t, ",\"outlook\":[");
     for (size_t i = 0; i < o.n; i++)
-        course_json(&o.course[i], t);
+        trajectory_json(&o.trajectory[i], t);
     text_chop(t, ',');
     text_add(t, "]}");
-    outlook_free(&o);
+    prediction_free(&o);
 }

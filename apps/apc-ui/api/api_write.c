@@ -409,7 +409,7 @@ static int put(struct ui *ui, struct order *o, struct apc_store *store, uint32_t
     }
     if (rc >= 0) {
         take_along(o, &with);
-        meter_record(&ui->stores, apc_clock_mono(NULL) - began);
+        duration_stats_record(&ui->stores, apc_clock_mono(NULL) - began);
     }
     free(with.at);
     loops_free(&loops);

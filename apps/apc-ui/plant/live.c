@@ -136,7 +136,7 @@ static void publish(struct live *l, const struct text *values, apc_ns newest)
         stream_publish(l->ui->stream, "values", t.at, t.n, true);
     text_free(&t);
     if (newest > 0)
-        meter_record(&l->ui->lag, now - newest);
+        duration_stats_record(&l->ui->lag, now - newest);
 }
 
 struct now {
@@ -231,7 +231,7 @@ static int look(struct live *l)
     int rc = apc_store_read_rows(l->store, &rows);
     if (rc < 0)
         return rc;
-    meter_record(&l->ui->reads, apc_clock_mono(NULL) - began);
+    duration_stats_record(&l->ui->reads, apc_clock_mono(NULL) - began);
     apc_ns newest = take(l, &values);
     if (values.n > 0)
         publish(l, &values, newest);

@@ -9,7 +9,7 @@
 
 #define METER_TURN (60 * APC_NS_PER_S)
 
-int meter_init(struct meter *m)
+int duration_stats_init(struct duration_stats *m)
 {
     m->since = apc_clock_mono(NULL);
     if (pthread_mutex_init(&m->mutex, NULL))
@@ -18,14 +18,14 @@ int meter_init(struct meter *m)
     return rc < 0 ? rc : apc_histogram_create(&m->now);
 }
 
-void meter_free(struct meter *m)
+void duration_stats_free(struct duration_stats *m)
 {
     apc_histogram_destroy(m->past);
     apc_histogram_destroy(m->now);
     pthread_mutex_destroy(&m->mutex);
 }
 
-void meter_record(struct meter *m, apc_ns value)
+void duration_stats_record(struct duration_stats *m, apc_ns value)
 {
     apc_ns now = apc_clock_mono(NULL);
     pthread_mutex_lock(&m->mutex);
@@ -42,7 +42,7 @@ void meter_record(struct meter *m, apc_ns value)
     pthread_mutex_unlock(&m->mutex);
 }
 
-void meter_summary(struct meter *m, struct apc_summary *summary)
+void duration_stats_summary(struct duration_stats *m, struct apc_summary *summary)
 {
     struct apc_histogram *both;
     *summary = (struct apc_summary){0};

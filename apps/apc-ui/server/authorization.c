@@ -153,7 +153,7 @@ static bool check_post(struct request *r)
     return true;
 }
 
-bool gate_pass(struct ui *ui, struct request *r, const char *method)
+bool authorize_request(struct ui *ui, struct request *r, const char *method)
 {
     const struct route *route = r->route;
     bool post = !strcmp(method, "POST");

@@ -6,15 +6,15 @@
 #include <string.h>
 #include <sys/socket.h>
 
-int rooms_init(struct rooms *rooms)
+int connection_limits_init(struct connection_limits *connection_limits)
 {
-    rooms->newest = NULL;
-    return apc_mutex_init(&rooms->mutex);
+    connection_limits->newest = NULL;
+    return apc_mutex_init(&connection_limits->mutex);
 }
 
-void rooms_free(struct rooms *rooms)
+void connection_limits_free(struct connection_limits *connection_limits)
 {
-    pthread_mutex_destroy(&rooms->mutex);
+    pthread_mutex_destroy(&connection_limits->mutex);
 }
 
 static bool same_owner(const struct connection *a, const struct connection *b)
@@ -30,11 +30,11 @@ static void dismiss(struct connection *c)
 }
 
 /* Among c's room, or among its share of it, the one that goes when there are more than `most`. */
-static void keep(struct rooms *rooms, struct connection *c, bool share, size_t most)
+static void keep(struct connection_limits *connection_limits, struct connection *c, bool share, size_t most)
 {
     struct connection *idle = c;
     size_t n = 0;
-    for (struct connection *i = rooms->newest; i; i = i->next) {
+    for (struct connection *i = connection_limits->newest; i; i = i->next) {
         if (i->dismissed || i->member != c->member || (share && !same_owner(i, c)))
             continue;
         n++;
@@ -45,14 +45,15 @@ static void keep(struct rooms *rooms, struct connection *c, bool share, size_t m
         dismiss(idle);
 }
 
-static void make_place(struct rooms *rooms, struct connection *c)
+static void make_place(struct connection_limits *connection_limits, struct connection *c)
 {
     if (!c->member || c->owner[0]) /* the local session is everything that this user runs */
-        keep(rooms, c, true, c->member ? MEMBERS_SESSION : STRANGERS_ADDRESS);
-    keep(rooms, c, false, c->member ? MEMBERS : STRANGERS);
+        keep(connection_limits, c, true, c->member ? MEMBERS_SESSION : STRANGERS_ADDRESS);
+    keep(connection_limits, c, false, c->member ? MEMBERS : STRANGERS);
 }
 
-struct connection *rooms_enter(struct rooms *rooms, int fd, const char *address, apc_ns now)
+struct connection *connection_limits_enter(struct connection_limits *connection_limits, int fd,
+                                           const char *address, apc_ns now)
 {
     struct connection *c = calloc(1, sizeof *c);
     if (!c)
@@ -60,66 +61,67 @@ struct connection *rooms_enter(struct rooms *rooms, int fd, const char *address,
     c->fd = fd;
     c->since = now;
     snprintf(c->address, sizeof c->address, "%s", address);
-    pthread_mutex_lock(&rooms->mutex);
-    c->at = &rooms->newest;
-    c->next = rooms->newest;
+    pthread_mutex_lock(&connection_limits->mutex);
+    c->at = &connection_limits->newest;
+    c->next = connection_limits->newest;
     if (c->next)
         c->next->at = &c->next;
-    rooms->newest = c;
-    make_place(rooms, c);
-    pthread_mutex_unlock(&rooms->mutex);
+    connection_limits->newest = c;
+    make_place(connection_limits, c);
+    pthread_mutex_unlock(&connection_limits->mutex);
     return c;
 }
 
-void rooms_leave(struct rooms *rooms, struct connection *c)
+void connection_limits_leave(struct connection_limits *connection_limits, struct connection *c)
 {
-    pthread_mutex_lock(&rooms->mutex);
+    pthread_mutex_lock(&connection_limits->mutex);
     *c->at = c->next;
     if (c->next)
         c->next->at = c->at;
-    pthread_mutex_unlock(&rooms->mutex);
+    pthread_mutex_unlock(&connection_limits->mutex);
     free(c);
 }
 
-void rooms_asked(struct rooms *rooms, struct connection *c)
+void connection_limits_asked(struct connection_limits *connection_limits, struct connection *c)
 {
-    pthread_mutex_lock(&rooms->mutex);
+    pthread_mutex_lock(&connection_limits->mutex);
     c->asked = true;
-    pthread_mutex_unlock(&rooms->mutex);
+    pthread_mutex_unlock(&connection_limits->mutex);
 }
 
-void rooms_busy(struct rooms *rooms, struct connection *c)
+void connection_limits_busy(struct connection_limits *connection_limits, struct connection *c)
 {
-    pthread_mutex_lock(&rooms->mutex);
+    pthread_mutex_lock(&connection_limits->mutex);
     c->busy = true;
-    pthread_mutex_unlock(&rooms->mutex);
+    pthread_mutex_unlock(&connection_limits->mutex);
 }
 
-void rooms_answered(struct rooms *rooms, struct connection *c, apc_ns now)
+void connection_limits_answered(struct connection_limits *connection_limits, struct connection *c, apc_ns now)
 {
-    pthread_mutex_lock(&rooms->mutex);
+    pthread_mutex_lock(&connection_limits->mutex);
     c->since = now;
     c->asked = c->busy = false;
-    pthread_mutex_unlock(&rooms->mutex);
+    pthread_mutex_unlock(&connection_limits->mutex);
 }
 
-void rooms_member(struct rooms *rooms, struct connection *c, const char *token)
+void connection_limits_member(struct connection_limits *connection_limits, struct connection *c,
+                              const char *token)
 {
-    pthread_mutex_lock(&rooms->mutex);
+    pthread_mutex_lock(&connection_limits->mutex);
     if (!c->member || strcmp(c->owner, token) != 0) {
         c->member = true;
         snprintf(c->owner, sizeof c->owner, "%s", token);
-        make_place(rooms, c);
+        make_place(connection_limits, c);
     }
-    pthread_mutex_unlock(&rooms->mutex);
+    pthread_mutex_unlock(&connection_limits->mutex);
 }
 
-void rooms_look(struct rooms *rooms, apc_ns now)
+void connection_limits_look(struct connection_limits *connection_limits, apc_ns now)
 {
-    pthread_mutex_lock(&rooms->mutex);
-    for (struct connection *c = rooms->newest; c; c = c->next)
+    pthread_mutex_lock(&connection_limits->mutex);
+    for (struct connection *c = connection_limits->newest; c; c = c->next)
         if (!c->busy && !c->dismissed &&
             now - c->since > (c->member || c->asked ? REQUEST_DEADLINE : HEADER_DEADLINE))
             dismiss(c);
-    pthread_mutex_unlock(&rooms->mutex);
+    pthread_mutex_unlock(&connection_limits->mutex);
 }

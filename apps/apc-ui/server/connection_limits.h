@@ -32,24 +32,27 @@ struct connection {
     char address[64], owner[TOKEN_LEN]; /* numeric; token of the session, "": the local one */
 };
 
-struct rooms {
+struct connection_limits {
     pthread_mutex_t mutex;
     struct connection *newest;
 };
 
-int rooms_init(struct rooms *rooms);
-void rooms_free(struct rooms *rooms);
+int connection_limits_init(struct connection_limits *connection_limits);
+void connection_limits_free(struct connection_limits *connection_limits);
 /* A stranger. NULL: out of memory. */
-struct connection *rooms_enter(struct rooms *rooms, int fd, const char *address, apc_ns now);
-void rooms_leave(struct rooms *rooms, struct connection *c);
+struct connection *connection_limits_enter(struct connection_limits *connection_limits, int fd,
+                                           const char *address, apc_ns now);
+void connection_limits_leave(struct connection_limits *connection_limits, struct connection *c);
 /* The headers of a request are there; the request is whole; its answer is out. */
-void rooms_asked(struct rooms *rooms, struct connection *c);
-void rooms_busy(struct rooms *rooms, struct connection *c);
-void rooms_answered(struct rooms *rooms, struct connection *c, apc_ns now);
+void connection_limits_asked(struct connection_limits *connection_limits, struct connection *c);
+void connection_limits_busy(struct connection_limits *connection_limits, struct connection *c);
+void connection_limits_answered(struct connection_limits *connection_limits, struct connection *c,
+                                apc_ns now);
 /* It has asked in the name of this session. */
-void rooms_member(struct rooms *rooms, struct connection *c, const char *token);
+void connection_limits_member(struct connection_limits *connection_limits, struct connection *c,
+                              const char *token);
 /* Shut down those who did not send their request in time, however they dribble. */
-void rooms_look(struct rooms *rooms, apc_ns now);
+void connection_limits_look(struct connection_limits *connection_limits, apc_ns now);
 
 /* Does a process of this user hold the other end of this connection on loopback? The kernel says. */
 bool peer_is_own(int fd);

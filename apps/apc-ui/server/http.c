@@ -52,7 +52,7 @@ struct server {
     struct ui *ui;
     struct MHD_Daemon *daemon;
     char *cert, *key;
-    struct rooms rooms;
+    struct connection_limits connection_limits;
 
     struct pool writers, readers;
 };
@@ -138,7 +138,7 @@ static enum MHD_Result queue(struct exchange *x, int status, struct MHD_Response
 {
     if (!response)
         return MHD_NO;
-    rooms_busy(&x->ui->server->rooms, x->r.from);
+    connection_limits_busy(&x->ui->server->connection_limits, x->r.from);
     x->answered = true;
     x->ui->requests[status / 100 < 6 ? status / 100 : 0]++;
     enum MHD_Result ok = MHD_queue_response(x->r.connection, (unsigned)status, response);
@@ -432,7 +432,7 @@ static void pool_free(struct pool *p)
 
 static enum MHD_Result give_to(struct pool *p, struct exchange *x)
 {
-    rooms_busy(&x->ui->server->rooms, x->r.from);
+    connection_limits_busy(&x->ui->server->connection_limits, x->r.from);
     pthread_mutex_lock(&p->mutex);
     bool room = p->queued < QUEUE && !p->ending;
     if (room) {
@@ -538,14 +538,14 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
 {
     struct request *r = &x->r;
     x->begun = true;
-    rooms_asked(&x->ui->server->rooms, x->r.from);
+    connection_limits_asked(&x->ui->server->connection_limits, x->r.from);
     r->route = find_route(x->ui->files, method, path, r->name);
-    if (!framed(r) || !gate_pass(x->ui, r, method)) {
+    if (!framed(r) || !authorize_request(x->ui, r, method)) {
         fault_set(&r->fault, 403, "role", NULL, "the request is refused"); /* unless it says why */
         return answer(x);
     }
     if (r->route->role != ROLE_NONE)
-        rooms_member(&x->ui->server->rooms, x->r.from, r->session.token);
+        connection_limits_member(&x->ui->server->connection_limits, x->r.from, r->session.token);
     if (x->nul) /* text would end there: what was asked for is not what would be answered */
         fault_set(&r->fault, 400, "parameter", NULL, "the address has a zero byte in it");
     else if (r->route->query)
@@ -642,7 +642,7 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **ct
         return;
     stream_close(x->reader);
     if (x->r.from)
-        rooms_answered(&ui->server->rooms, x->r.from, apc_clock_mono(NULL));
+        connection_limits_answered(&ui->server->connection_limits, x->r.from, apc_clock_mono(NULL));
     free(x->r.body);
     text_free(&x->r.reply);
     text_free(&x->r.extra);
@@ -658,7 +658,7 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **c
     if (code == MHD_CONNECTION_NOTIFY_CLOSED && !c)
         return;
     if (code == MHD_CONNECTION_NOTIFY_CLOSED) { /* its socket is still open, so its number is still its own */
-        rooms_leave(&s->rooms, c);
+        connection_limits_leave(&s->connection_limits, c);
         return;
     }
     /* copied: from libmicrohttpd 1.0 on what the next question has for an answer takes its place */
@@ -670,7 +670,7 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **c
         client->client_addr->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6) : sizeof(struct sockaddr_in);
     getnameinfo(client->client_addr, size, address, sizeof address, NULL, 0, NI_NUMERICHOST);
     /* if it is NULL it cannot be refused here: its first request is */
-    *ctx = rooms_enter(&s->rooms, fd, address, apc_clock_mono(NULL));
+    *ctx = connection_limits_enter(&s->connection_limits, fd, address, apc_clock_mono(NULL));
 }
 
 /* ---- Start and stop ----------------------------------------------------------------------- */
@@ -740,7 +740,7 @@ int server_start(struct ui *ui, struct apc_error *why)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     s->ui = ui;
     ui->tls = ui->options.tls_cert != NULL;
-    if (rooms_init(&s->rooms) < 0)
+    if (connection_limits_init(&s->connection_limits) < 0)
         return apc_fail(why, APC_ESYS, "no mutex");
     int rc = 0;
     if (ui->tls && ((rc = read_pem(ui->options.tls_cert, &s->cert, why)) < 0 ||
@@ -759,7 +759,7 @@ int server_start(struct ui *ui, struct apc_error *why)
 void server_look(struct ui *ui)
 {
     stream_drop(ui->stream, session_over, NULL, "session", "the session has ended: please log in");
-    rooms_look(&ui->server->rooms, apc_clock_mono(NULL));
+    connection_limits_look(&ui->server->connection_limits, apc_clock_mono(NULL));
 }
 
 void server_stop(struct ui *ui)
@@ -781,7 +781,7 @@ void server_stop(struct ui *ui)
         MHD_stop_daemon(s->daemon); /* no connection sleeps now: it would not have that */
     pool_free(&s->writers);
     pool_free(&s->readers);
-    rooms_free(&s->rooms);
+    connection_limits_free(&s->connection_limits);
     free(s->cert);
     free(s->key);
     free(s);

@@ -106,7 +106,7 @@ void server_stop(struct ui *ui);
 int listen_on(struct ui *ui, struct apc_error *why);
 
 /* authorization.c: may this request go on? False: the fault is set. Body not looked at. */
-bool gate_pass(struct ui *ui, struct request *r, const char *method);
+bool authorize_request(struct ui *ui, struct request *r, const char *method);
 bool host_allowed(const char *host, const char *const *names);
 /* Is it this server's? TLS may also end in front of it: then it does not know of it. */
 bool origin_matches(const char *origin, const char *host, bool tls, const char *site);
@@ -141,14 +141,14 @@ void get_history(struct ui *ui, struct request *r, struct apc_store *store);
 void get_events(struct ui *ui, struct request *r, struct apc_store *store);
 void get_timing(struct ui *ui, struct request *r, struct apc_store *store);
 void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store);
-void get_outlook(struct ui *ui, struct request *r, struct apc_store *store);
+void get_prediction(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
 void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store);
 /* The file of the addresses of plants. Returns 0, where there is none too, or an error in why. */
 int plants_check(const char *path, struct apc_error *why);
 void get_plants(struct ui *ui, struct request *r, struct apc_store *store);
-void get_merits(struct ui *ui, struct request *r, struct apc_store *store);
+void get_kpis(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_service(struct ui *ui, struct request *r, struct apc_store *store);

@@ -40,17 +40,17 @@ struct ui_options {
 };
 
 /* Figures of a histogram of the last minutes. */
-struct meter {
+struct duration_stats {
     pthread_mutex_t mutex;
     struct apc_histogram *past, *now; /* `now` becomes `past` when it is old enough */
     apc_ns since;
     uint64_t count; /* since the start */
     double sum;     /* s */
 };
-int meter_init(struct meter *m);
-void meter_free(struct meter *m);
-void meter_record(struct meter *m, apc_ns value);
-void meter_summary(struct meter *m, struct apc_summary *summary);
+int duration_stats_init(struct duration_stats *m);
+void duration_stats_free(struct duration_stats *m);
+void duration_stats_record(struct duration_stats *m, apc_ns value);
+void duration_stats_summary(struct duration_stats *m, struct apc_summary *summary);
 
 /* What a task said last about one quantity, or about all of them since the daemon began. */
 struct task_figures {
@@ -185,7 +185,7 @@ struct ui {
     struct writes *writes;
     struct sessions sessions;
     struct backoff backoff;
-    struct meter reads, stores, lag; /* reading, writing; source time to message */
+    struct duration_stats reads, stores, lag; /* reading, writing; source time to message */
     pthread_mutex_t users_mutex;
     char users_path[4096];
     struct users users, tokens;

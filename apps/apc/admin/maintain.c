@@ -84,14 +84,14 @@ static int maintain(const struct cli *cli, const char *plant, const struct apc_r
 /* What fails in one plant is said, and the others have their turn. */
 static int maintain_all(const struct cli *cli, const struct apc_retention *keep)
 {
-    struct several all;
+    struct all_plants all;
     size_t n = 0;
-    int failed = several_load(&all, cli);
+    int failed = all_plants_load(&all, cli);
     for (size_t i = 0; i < all.n; i++) {
         if (!all.plant[i].owned)
             continue;
         struct cli one = *cli;
-        char *uri = several_store(cli, all.plant[i].schema);
+        char *uri = all_plants_store(cli, all.plant[i].schema);
         one.store = uri;
         int rc = uri ? maintain(&one, all.plant[i].schema, keep) : APC_ENOMEM;
         failed = failed ? failed : rc;
@@ -100,7 +100,7 @@ static int maintain_all(const struct cli *cli, const struct apc_retention *keep)
     }
     if (!failed && n == 0)
         cli_error(cli, failed = APC_ENOTFOUND, "the database has no plant whose tables are yours");
-    several_free(&all);
+    all_plants_free(&all);
     return failed;
 }
 

@@ -10,7 +10,7 @@
 
 static int take_database_plant(void *ctx, const struct apc_store_plant *plant)
 {
-    struct several *all = ctx;
+    struct all_plants *all = ctx;
     struct apc_store_plant *more = realloc(all->plant, (all->n + 1) * sizeof *more);
     if (!more)
         return 1;
@@ -19,12 +19,12 @@ static int take_database_plant(void *ctx, const struct apc_store_plant *plant)
     return 0;
 }
 
-int several_load(struct several *all, const struct cli *cli)
+int all_plants_load(struct all_plants *all, const struct cli *cli)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = cli->timeout};
     struct apc_store *store = NULL;
     struct apc_error why;
-    *all = (struct several){.n = 0};
+    *all = (struct all_plants){.n = 0};
     int rc = store_open(&store, cli->store, &options, &why);
     if (rc < 0) {
         cli_error(cli, rc, "%s", why.text);
@@ -39,12 +39,12 @@ int several_load(struct several *all, const struct cli *cli)
     return rc < 0 ? rc : 0;
 }
 
-void several_free(struct several *all)
+void all_plants_free(struct all_plants *all)
 {
     free(all->plant);
 }
 
-char *several_store(const struct cli *cli, const char *schema)
+char *all_plants_store(const struct cli *cli, const char *schema)
 {
     const char *hash = strrchr(cli->store, '#');
     const size_t n = hash ? (size_t)(hash - cli->store) : strlen(cli->store), size = n + strlen(schema) + 2;
@@ -54,7 +54,7 @@ char *several_store(const struct cli *cli, const char *schema)
     return uri;
 }
 
-static void all_plants_json(const struct several *all, apc_ns now)
+static void all_plants_json(const struct all_plants *all, apc_ns now)
 {
     putchar('[');
     for (size_t i = 0; i < all->n; i++) {
@@ -68,14 +68,14 @@ static void all_plants_json(const struct several *all, apc_ns now)
     puts("]");
 }
 
-int several_show(const struct cli *cli)
+int all_plants_show(const struct cli *cli)
 {
     static const struct print_column columns[] = {
         {"PLANT", PRINT_LEFT}, {"NEWEST MEASUREMENT", PRINT_RIGHT}, {"TABLES", PRINT_LEFT}};
-    struct several all;
+    struct all_plants all;
     struct print_table table;
     char text[PRINT_LEN];
-    int rc = several_load(&all, cli);
+    int rc = all_plants_load(&all, cli);
     const apc_ns now = apc_clock_utc(NULL);
     if (rc == 0 && cli->format == CLI_JSON) {
         all_plants_json(&all, now);
@@ -90,6 +90,6 @@ int several_show(const struct cli *cli)
         rc = print_table_show(&table, stdout, cli_colour(), 0, "\n");
         print_table_close(&table);
     }
-    several_free(&all);
+    all_plants_free(&all);
     return cli_done(cli, exit_code_of(rc));
 }

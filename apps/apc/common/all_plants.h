@@ -5,16 +5,16 @@
 
 #include "cli.h"
 
-struct several {
+struct all_plants {
     struct apc_store_plant *plant;
     size_t n;
 };
 /* Those that this user may look at in the database of --store. Returns 0, or an error already said. */
-int several_load(struct several *all, const struct cli *cli);
-void several_free(struct several *all);
+int all_plants_load(struct all_plants *all, const struct cli *cli);
+void all_plants_free(struct all_plants *all);
 /* The store of one of them: that of --store with another schema. NULL: out of memory. For free(). */
-char *several_store(const struct cli *cli, const char *schema);
+char *all_plants_store(const struct cli *cli, const char *schema);
 /* apc status --all. Returns an exit code. */
-int several_show(const struct cli *cli);
+int all_plants_show(const struct cli *cli);
 
 #endif

@@ -84,9 +84,9 @@ static const char *plain(const struct apc_sample *actual)
     }
 }
 
-const char *reason_find(struct apc_store *store, const struct loops *loops, const struct loops_loop *loop,
-                        const struct apc_sample *target, const struct apc_sample *actual,
-                        char text[REASON_LEN])
+const char *mode_reason_find(struct apc_store *store, const struct loops *loops,
+                             const struct loops_loop *loop, const struct apc_sample *target,
+                             const struct apc_sample *actual, char text[REASON_LEN])
 {
     const struct apc_range last = {.last = EVENTS};
     struct search s = {.loops = loops, .loop = loop, .since = actual->time - SLACK, .text = text};

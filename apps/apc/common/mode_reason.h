@@ -12,9 +12,9 @@
  * In @p text, from the events about that loop since it went to its actual mode or, where none tells, from
  * the modes alone. Returns @p text; NULL: all is as wanted, or one of them is not there.
  */
-const char *reason_find(struct apc_store *store, const struct loops *loops, const struct loops_loop *loop,
-                        const struct apc_sample *target, const struct apc_sample *actual,
-                        char text[REASON_LEN]);
+const char *mode_reason_find(struct apc_store *store, const struct loops *loops,
+                             const struct loops_loop *loop, const struct apc_sample *target,
+                             const struct apc_sample *actual, char text[REASON_LEN]);
 
 /* Is an event of that source said by that controller? By "apc-controller", or with its name where there are
  * several. */

@@ -16,8 +16,8 @@ static void print_row(struct print_table *table, const double *figure)
             print_cell(table, PRINT_PLAIN, "%.6g", figure[i]);
 }
 
-int figures_print(const struct figures *f, const struct course *c, const struct experiment *e, size_t most,
-                  FILE *out)
+int figures_print(const struct figures *f, const struct trajectory *c, const struct experiment *e,
+                  size_t most, FILE *out)
 {
     struct print_column columns[3 + METRICS] = {
         {"loop", PRINT_LEFT}, {"from", PRINT_LEFT}, {"at s", PRINT_POINT}};
@@ -85,7 +85,7 @@ static void put_events(FILE *out, const struct figures *f, const struct part *pa
     fputc(']', out);
 }
 
-void figures_json(const struct figures *f, const struct course *c, const struct experiment *e, FILE *out)
+void figures_json(const struct figures *f, const struct trajectory *c, const struct experiment *e, FILE *out)
 {
     fprintf(out, "\"of\":\"%s\",", c->measured ? "measurements" : "plant");
     print_json_number(out, "ended_s", c->end);

@@ -8,9 +8,9 @@
 #include "figures/figures.h"
 
 /* A table of them for people, of whole runs and of their parts; at most @most rows (0: all). */
-int figures_print(const struct figures *f, const struct course *c, const struct experiment *e, size_t most,
-                  FILE *out);
+int figures_print(const struct figures *f, const struct trajectory *c, const struct experiment *e,
+                  size_t most, FILE *out);
 /* The members "of" and "loops" of a JSON object. */
-void figures_json(const struct figures *f, const struct course *c, const struct experiment *e, FILE *out);
+void figures_json(const struct figures *f, const struct trajectory *c, const struct experiment *e, FILE *out);
 
 #endif

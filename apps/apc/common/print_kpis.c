@@ -20,7 +20,7 @@ static int show_kpi_table(struct print_table *table, FILE *out)
     return rc;
 }
 
-static int print_loops(const struct merits *m, FILE *out)
+static int print_loops(const struct kpis *m, FILE *out)
 {
     static const struct print_column columns[] = {
         {"loop", PRINT_LEFT},         {"in service %", PRINT_POINT},  {"at low %", PRINT_POINT},
@@ -29,7 +29,7 @@ static int print_loops(const struct merits *m, FILE *out)
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < m->n_loops; i++) {
-        const struct merits_loop *l = &m->loop[i];
+        const struct kpis_loop *l = &m->loop[i];
         print_cell(&table, PRINT_PLAIN, "%s", l->name);
         put_kpi(&table, 100 * l->service);
         put_kpi(&table, 100 * l->low);
@@ -41,7 +41,7 @@ static int print_loops(const struct merits *m, FILE *out)
     return show_kpi_table(&table, out);
 }
 
-static int print_predictions(const struct merits *m, FILE *out)
+static int print_predictions(const struct kpis *m, FILE *out)
 {
     static const struct print_column columns[] = {{"predicted", PRINT_LEFT},
                                                   {"a step s", PRINT_POINT},
@@ -51,7 +51,7 @@ static int print_predictions(const struct merits *m, FILE *out)
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < m->n_predictions; i++) {
-        const struct merits_prediction *p = &m->prediction[i];
+        const struct kpis_prediction *p = &m->prediction[i];
         print_cell(&table, PRINT_PLAIN, "%s", p->name);
         put_kpi(&table, p->step);
         put_kpi(&table, p->first);
@@ -61,7 +61,7 @@ static int print_predictions(const struct merits *m, FILE *out)
     return show_kpi_table(&table, out);
 }
 
-static int print_limits(const struct merits *m, FILE *out)
+static int print_limits(const struct kpis *m, FILE *out)
 {
     static const struct print_column columns[] = {{"plans held back by", PRINT_LEFT},
                                                   {"low %", PRINT_POINT},
@@ -71,7 +71,7 @@ static int print_limits(const struct merits *m, FILE *out)
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < m->n_limits; i++) {
-        const struct merits_limit *l = &m->limit[i];
+        const struct kpis_limit *l = &m->limit[i];
         print_cell(&table, PRINT_PLAIN, "%s", l->name);
         put_kpi(&table, 100 * l->low);
         put_kpi(&table, 100 * l->high);
@@ -81,7 +81,7 @@ static int print_limits(const struct merits *m, FILE *out)
     return show_kpi_table(&table, out);
 }
 
-int merits_print(const struct merits *m, FILE *out)
+int kpis_print(const struct kpis *m, FILE *out)
 {
     int rc = print_loops(m, out);
     if (rc == 0)
@@ -97,7 +97,7 @@ static void number_member_json(FILE *out, const char *key, double value)
     print_json_number(out, key, value);
 }
 
-static void loop_kpis_json(const struct merits_loop *l, FILE *out)
+static void loop_kpis_json(const struct kpis_loop *l, FILE *out)
 {
     print_json_text(out, "loop", l->name);
     number_member_json(out, "service", l->service);
@@ -108,7 +108,7 @@ static void loop_kpis_json(const struct merits_loop *l, FILE *out)
     number_member_json(out, "benefit", l->benefit);
 }
 
-static void json_prediction(const struct merits_prediction *p, FILE *out)
+static void json_prediction(const struct kpis_prediction *p, FILE *out)
 {
     print_json_text(out, "variable", p->name);
     number_member_json(out, "step_s", p->step);
@@ -117,7 +117,7 @@ static void json_prediction(const struct merits_prediction *p, FILE *out)
     number_member_json(out, "rms_all_steps", p->last);
 }
 
-static void json_limit(const struct merits_limit *l, FILE *out)
+static void json_limit(const struct kpis_limit *l, FILE *out)
 {
     print_json_text(out, "variable", l->name);
     fprintf(out, ",\"plans\":%llu", (unsigned long long)l->plans);
@@ -127,7 +127,7 @@ static void json_limit(const struct merits_limit *l, FILE *out)
     number_member_json(out, "rises", l->rises);
 }
 
-void merits_json(const struct merits *m, apc_ns start, FILE *out)
+void kpis_json(const struct kpis *m, apc_ns start, FILE *out)
 {
     fputs("\"merits\":{", out);
     print_json_number(out, "from_s", apc_ns_to_s(m->from - start));

@@ -7,8 +7,8 @@
 #include "figures/figures.h"
 
 /* Tables for people. Returns 0 or APC_ENOMEM. */
-int merits_print(const struct merits *m, FILE *out);
+int kpis_print(const struct kpis *m, FILE *out);
 /* Member "merits" for programs; times in s since @p start. */
-void merits_json(const struct merits *m, apc_ns start, FILE *out);
+void kpis_json(const struct kpis *m, apc_ns start, FILE *out);
 
 #endif

@@ -13,16 +13,16 @@ static void put_predicted(struct print_table *table, double value)
         print_cell(table, PRINT_PLAIN, "%.6g", value);
 }
 
-static void put_prediction_row(struct print_table *table, const struct outlook_course *c, size_t k)
+static void put_prediction_row(struct print_table *table, const struct prediction_trajectory *c, size_t k)
 {
     print_cell(table, PRINT_PLAIN, "%s", k == 0 ? c->name : "");
-    put_predicted(table, outlook_ahead(c, k));
+    put_predicted(table, prediction_ahead(c, k));
     put_predicted(table, c->expected[k]);
     put_predicted(table, c->came[k]);
     put_predicted(table, c->came[k] - c->expected[k]);
 }
 
-int outlook_print(const struct outlook *o, FILE *out)
+int prediction_print(const struct prediction *o, FILE *out)
 {
     static const struct print_column columns[] = {{"expected", PRINT_LEFT},
                                                   {"ahead s", PRINT_POINT},
@@ -32,7 +32,7 @@ int outlook_print(const struct outlook *o, FILE *out)
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < o->n; i++) {
-        const struct outlook_course *c = &o->course[i];
+        const struct prediction_trajectory *c = &o->trajectory[i];
         for (size_t k = 1; k < c->n; k *= 2)
             put_prediction_row(&table, c, k - 1);
         put_prediction_row(&table, c, c->n - 1);
@@ -50,11 +50,11 @@ static void values(FILE *out, const char *name, const double *v, size_t n)
     fputc(']', out);
 }
 
-void outlook_json(const struct outlook *o, FILE *out)
+void prediction_json(const struct prediction *o, FILE *out)
 {
     fputs("\"expectations\":[", out);
     for (size_t i = 0; i < o->n; i++) {
-        const struct outlook_course *c = &o->course[i];
+        const struct prediction_trajectory *c = &o->trajectory[i];
         fputs(i ? ",{" : "{", out);
         print_json_text(out, "variable", c->name);
         fputc(',', out);

@@ -7,8 +7,8 @@
 #include <stdio.h>
 
 /* A table of what was expected and what came, at steps that double. Returns 0 or APC_ENOMEM. */
-int outlook_print(const struct outlook *o, FILE *out);
+int prediction_print(const struct prediction *o, FILE *out);
 /* "expectations":[...], all of them. */
-void outlook_json(const struct outlook *o, FILE *out);
+void prediction_json(const struct prediction *o, FILE *out);
 
 #endif

@@ -31,7 +31,7 @@ static int nothing_recorded(struct apc_error *why)
                     "the window is empty: it ends before it begins, or nothing was recorded");
 }
 
-static int make_window_kpis(struct merits *m, struct merits_source *s, const struct experiment *e,
+static int make_window_kpis(struct kpis *m, struct kpis_source *s, const struct experiment *e,
                             struct apc_error *why)
 {
     struct loops loops;
@@ -40,7 +40,7 @@ static int make_window_kpis(struct merits *m, struct merits_source *s, const str
     s->tag = tag;
     s->loops = &loops;
     if (rc == 0)
-        rc = tag ? merits_make(m, s) : APC_ENOMEM;
+        rc = tag ? kpis_make(m, s) : APC_ENOMEM;
     if (rc < 0)
         apc_fail(why, rc, "%s",
                  rc == APC_ENOMEM || !s->published ? apc_err_text(rc) : apc_store_error(s->published));
@@ -51,13 +51,13 @@ static int make_window_kpis(struct merits *m, struct merits_source *s, const str
     return rc;
 }
 
-int window_of_run(struct merits *m, const struct experiment *e, const char *dir, double from, double until,
+int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, double from, double until,
                   struct apc_error *why)
 {
     struct samples process, operation = {0};
-    struct merits_source s = {
+    struct kpis_source s = {
         .process = &process, .operation = &operation, .offset = e->start ? e->start : SIMULATION_BEGIN};
-    *m = (struct merits){0};
+    *m = (struct kpis){0};
     int rc = samples_read(&process, dir, "samples.csv", why);
     if (rc == 0)
         rc = samples_read(&operation, dir, "operation.csv", why);
@@ -78,59 +78,59 @@ int window_of_run(struct merits *m, const struct experiment *e, const char *dir,
     return rc;
 }
 
-int window_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until,
-                    struct apc_error *why)
+int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until, struct apc_error *why)
 {
-    const int rc = merits_of_store(m, store, from, until, SIZE_MAX);
+    const int rc = kpis_of_store(m, store, from, until, SIZE_MAX);
     if (rc == APC_ENOTFOUND)
         return nothing_recorded(why);
     return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store)) : 0;
 }
 
-static int nothing_expected(const struct outlook *o, struct apc_error *why)
+static int nothing_expected(const struct prediction *o, struct apc_error *why)
 {
     return o->n > 0 ? 0
                     : apc_fail(why, APC_ENOTFOUND,
                                "no predictive law had a plan at that time: nothing was expected");
 }
 
-int window_outlook_of_run(struct outlook *o, const struct experiment *e, const char *dir, double at,
-                          struct apc_error *why)
+int window_prediction_of_run(struct prediction *o, const struct experiment *e, const char *dir, double at,
+                             struct apc_error *why)
 {
     struct samples process = {0};
     struct apc_store *published = NULL;
     size_t n = 0;
     apc_ns t = 0;
     struct apc_tag *tag = provision_tags(e, &n);
-    *o = (struct outlook){0};
+    *o = (struct prediction){0};
     int rc = tag ? take_window_time(at, 0, "at", &t, why) : apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)
         rc = samples_read(&process, dir, "samples.csv", why);
     if (rc == 0)
         rc = open_published(&published, dir, why);
     if (rc == 0 && published &&
-        (rc = outlook_load(o, published, tag, n, t, e->start ? e->start : SIMULATION_BEGIN)) < 0)
+        (rc = prediction_load(o, published, tag, n, t, e->start ? e->start : SIMULATION_BEGIN)) < 0)
         apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(published));
     if (rc == 0)
         rc = nothing_expected(o, why);
     if (rc == 0)
-        outlook_take(o, process.at, process.n);
+        prediction_take(o, process.at, process.n);
     apc_store_close(published);
     samples_free(&process);
     free(tag);
     return rc;
 }
 
-int window_outlook_of_store(struct outlook *o, struct apc_store *store, apc_ns at, struct apc_error *why)
+int window_prediction_of_store(struct prediction *o, struct apc_store *store, apc_ns at,
+                               struct apc_error *why)
 {
     int n = apc_store_get_tags(store, NULL, 0);
     struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
-    *o = (struct outlook){0};
+    *o = (struct prediction){0};
     int rc = n < 0 ? n : !tag ? APC_ENOMEM : apc_store_get_tags(store, tag, (size_t)n);
     if (rc >= 0)
-        rc = outlook_load(o, store, tag, (size_t)(rc < n ? rc : n), at, 0);
+        rc = prediction_load(o, store, tag, (size_t)(rc < n ? rc : n), at, 0);
     if (rc == 0)
-        rc = outlook_take_store(o, store, apc_clock_utc(NULL));
+        rc = prediction_take_store(o, store, apc_clock_utc(NULL));
     if (rc < 0)
         apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(store));
     free(tag);

@@ -8,15 +8,16 @@
 
 /* Of the run in @p dir, t in s since its start; NAN: from its start, to its end. Returns 0 or a negative
  * error; merits_free() in either case. */
-int window_of_run(struct merits *m, const struct experiment *e, const char *dir, double from, double until,
+int window_of_run(struct kpis *m, const struct experiment *e, const char *dir, double from, double until,
                   struct apc_error *why);
 /* Of a store, t in UTC, as far as there is a record. */
-int window_of_store(struct merits *m, struct apc_store *store, apc_ns from, apc_ns until,
+int window_of_store(struct kpis *m, struct apc_store *store, apc_ns from, apc_ns until,
                     struct apc_error *why);
 /* What was expected at @p at of the run in @p dir, s since its start, and what came of it: outlook_free() in
  * either case. */
-int window_outlook_of_run(struct outlook *o, const struct experiment *e, const char *dir, double at,
-                          struct apc_error *why);
-int window_outlook_of_store(struct outlook *o, struct apc_store *store, apc_ns at, struct apc_error *why);
+int window_prediction_of_run(struct prediction *o, const struct experiment *e, const char *dir, double at,
+                             struct apc_error *why);
+int window_prediction_of_store(struct prediction *o, struct apc_store *store, apc_ns at,
+                               struct apc_error *why);
 
 #endif

@@ -11,33 +11,33 @@
 
 #define STEP (5 * APC_NS_PER_S)
 
-int keep_finish(const char *live, const char *history, apc_ns timeout, struct apc_error *why)
+int recovery_finish(const char *live, const char *history, apc_ns timeout, struct apc_error *why)
 {
     const struct apc_store_options options = {.size = sizeof options, .name = "apc", .timeout = timeout};
     struct apc_store *from = NULL, *to = NULL;
-    struct apc_forward *f = NULL;
+    struct apc_replication *f = NULL;
     int rc = store_open(&from, live, &options, why);
     if (rc == 0)
         rc = store_open(&to, history, &options, why);
     if (rc == 0)
-        rc = apc_forward_create(&f, from, to, why);
+        rc = apc_replication_create(&f, from, to, why);
     if (rc == 0) {
         struct gap_teller gaps = {.live = from, .source = "apc"};
-        apc_forward_tell(f, gap_tell, &gaps);
-        while ((rc = apc_forward_step(f, STEP)) > 0)
+        apc_replication_tell(f, gap_tell, &gaps);
+        while ((rc = apc_replication_step(f, STEP)) > 0)
             ;
         if (rc == 0 && (rc = apc_store_keep_history(to)) == APC_EPERM) /* its owner says so */
             rc = 0;
         if (rc < 0)
-            apc_fail(why, rc, "the history: %s", apc_forward_error(f));
+            apc_fail(why, rc, "the history: %s", apc_replication_error(f));
     }
-    apc_forward_destroy(f);
+    apc_replication_destroy(f);
     apc_store_close(from);
     apc_store_close(to);
     return rc;
 }
 
-int keep_left(const char *dir, const char *store, apc_ns timeout, struct apc_error *why)
+int recovery_of_killed_run(const char *dir, const char *store, apc_ns timeout, struct apc_error *why)
 {
     struct runstore r;
     struct segment segment;
@@ -50,7 +50,7 @@ int keep_left(const char *dir, const char *store, apc_ns timeout, struct apc_err
     rc = history ? spools_drain(dir, r.live, timeout, why)
                  : apc_fail(why, APC_EINVAL, "%s does not say where its record goes: give --store URI", dir);
     if (rc == 0 || rc == APC_EPROTO) {
-        const int kept = keep_finish(r.live, history, timeout, why);
+        const int kept = recovery_finish(r.live, history, timeout, why);
         rc = kept < 0 ? kept : rc;
         if (kept == 0)
             segment_remove(&segment);

@@ -150,7 +150,7 @@ static void show_json(const struct cli_plant *plant, struct apc_store *store, co
         print_json_text(stdout, "actual", word_of(&mode[c->n + i]));
         putchar(',');
         print_json_text(stdout, "reason",
-                        reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
+                        mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
         putchar('}');
     }
     puts("]}");
@@ -186,7 +186,8 @@ static int show_table(const struct cli_plant *plant, struct apc_store *store, co
     print_table_open(&table, columns, 6);
     for (size_t i = 0; i < c->n; i++) {
         const char *target = word_of(&mode[i]), *actual = word_of(&mode[c->n + i]);
-        const char *reason = reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why);
+        const char *reason =
+            mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why);
         print_cell(&table, PRINT_PLAIN, "%s", c->loop[i]->name);
         print_cell(&table, PRINT_PLAIN, "%s", plant->loops.controller[c->loop[i]->controller].name);
         print_cell(&table, PRINT_PLAIN, "%s", target ? target : "none");
@@ -211,7 +212,7 @@ static int show(const struct cli *cli, struct apc_store *store, const struct cli
     if (cli->format == CLI_JSON)
         show_json(plant, store, c, mode);
     else if (cli->format == CLI_TEXT && c->n == 1)
-        show_one(mode, reason_find(store, &plant->loops, c->loop[0], &mode[0], &mode[1], why));
+        show_one(mode, mode_reason_find(store, &plant->loops, c->loop[0], &mode[0], &mode[1], why));
     else if (cli->format == CLI_TEXT && show_table(plant, store, c, mode) < 0)
         rc = cli_error(cli, APC_ENOMEM, "out of memory");
     else if (cli->format == CLI_CSV) {
@@ -247,7 +248,7 @@ static int already(const struct cli *cli, struct apc_store *store, const struct 
         const struct apc_sample *actual = &mode[c->n + i];
         if (!word_of(actual) || actual->value == mode[i].value)
             continue;
-        const char *reason = reason_find(store, &plant->loops, c->loop[i], &mode[i], actual, why);
+        const char *reason = mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], actual, why);
         return cli_error(cli, APC_EPERM, "the target is %s already, but %s is in %s: %s", word,
                          c->loop[i]->name, word_of(actual), reason ? reason : "see apc status");
     }

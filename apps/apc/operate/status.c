@@ -459,7 +459,7 @@ int command_status(int argc, char **argv)
     if (cli.format == CLI_CSV)
         return cli_usage(&cli, "a status is no table: there is --json");
     if (wish.all)
-        return several_show(&cli);
+        return all_plants_show(&cli);
     store_name(cli.store, status.store, sizeof status.store);
     status.now = apc_clock_utc(NULL);
     if (dir && *dir && spools_look(&status.spools, dir, &why) < 0)

@@ -107,7 +107,7 @@ static int recover(const struct cli *cli, const struct experiment *e, FILE *talk
     const char *uri = cli->store;
     struct apc_store *store;
 
-    int rc = keep_left(cli->args[0], cli->store, cli->timeout, why);
+    int rc = recovery_of_killed_run(cli->args[0], cli->store, cli->timeout, why);
     if (rc < 0 && rc != APC_EPROTO && rc != APC_EBUSY)
         return rc;
     snprintf(path, sizeof path, "%.580s/store.db", cli->args[0]);
@@ -137,16 +137,16 @@ static int take_seconds(const struct cli *cli, const char *name, const char *tex
     return cli_usage(cli, "--%s \"%s\": must be s since the start of the run, 0 or more", name, text);
 }
 
-static int put_merits(const struct merits *m, const struct experiment *e, apc_ns start, bool json)
+static int put_kpis(const struct kpis *m, const struct experiment *e, apc_ns start, bool json)
 {
     if (!json)
-        return merits_print(m, stdout);
+        return kpis_print(m, stdout);
     putchar('{');
     if (e) {
         print_json_text(stdout, "experiment", e->name);
         putchar(',');
     }
-    merits_json(m, start, stdout);
+    kpis_json(m, start, stdout);
     puts("}");
     return 0;
 }
@@ -154,7 +154,7 @@ static int put_merits(const struct merits *m, const struct experiment *e, apc_ns
 /* Of a part of a run. */
 static int report_window(const struct cli *cli, const struct report_options *o, const struct experiment *e)
 {
-    struct merits merits = {0};
+    struct kpis kpis = {0};
     struct apc_error why;
     double from, to;
     int status = take_seconds(cli, "from", o->from, &from);
@@ -162,17 +162,17 @@ static int report_window(const struct cli *cli, const struct report_options *o, 
         status = take_seconds(cli, "to", o->to, &to);
     if (status != EXIT_OK)
         return status;
-    int rc = window_of_run(&merits, e, cli->args[0], from, to, &why);
-    if (rc == 0 && (rc = put_merits(&merits, e, 0, o->json)) < 0)
+    int rc = window_of_run(&kpis, e, cli->args[0], from, to, &why);
+    if (rc == 0 && (rc = put_kpis(&kpis, e, 0, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
-    merits_free(&merits);
+    kpis_free(&kpis);
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }
 
 /* Of a store's history. */
 static int report_of_store(const struct cli *cli, const struct report_options *o)
 {
-    struct merits merits = {0};
+    struct kpis kpis = {0};
     struct apc_store *store = NULL;
     struct apc_error why;
     apc_ns to = apc_clock_utc(NULL), from;
@@ -184,54 +184,55 @@ static int report_of_store(const struct cli *cli, const struct report_options *o
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
-    rc = window_of_store(&merits, store, from, to, &why);
-    if (rc == 0 && (rc = put_merits(&merits, NULL, 0, o->json)) < 0)
+    rc = window_of_store(&kpis, store, from, to, &why);
+    if (rc == 0 && (rc = put_kpis(&kpis, NULL, 0, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
     if (rc < 0)
         cli_error(cli, rc, "%s", why.text);
-    merits_free(&merits);
+    kpis_free(&kpis);
     apc_store_close(store);
     return exit_code_of(rc);
 }
 
 /* Of a run, laid over the figure; of a store, a table. */
-static int put_outlook(const struct outlook *o, const struct experiment *e, bool json)
+static int put_prediction(const struct prediction *o, const struct experiment *e, bool json)
 {
     if (!json)
-        return outlook_print(o, stdout);
+        return prediction_print(o, stdout);
     putchar('{');
     if (e) {
         print_json_text(stdout, "experiment", e->name);
         putchar(',');
     }
-    outlook_json(o, stdout);
+    prediction_json(o, stdout);
     puts("}");
     return 0;
 }
 
-static int report_outlook_of_run(const struct cli *cli, const struct report_options *o,
-                                 const struct experiment *e)
+static int report_prediction_of_run(const struct cli *cli, const struct report_options *o,
+                                    const struct experiment *e)
 {
-    struct outlook outlook = {0};
+    struct prediction prediction = {0};
     struct apc_error why;
     double at;
     const int status = take_seconds(cli, "at", o->at, &at);
     if (status != EXIT_OK)
         return status;
-    int rc = window_outlook_of_run(&outlook, e, cli->args[0], at, &why);
-    const int drawn = rc == 0 && !o->json ? report_leave(cli, cli->args[0], e, e->title, &outlook, &why) : 0;
-    if (rc == 0 && (rc = put_outlook(&outlook, e, o->json)) < 0)
+    int rc = window_prediction_of_run(&prediction, e, cli->args[0], at, &why);
+    const int drawn =
+        rc == 0 && !o->json ? report_leave(cli, cli->args[0], e, e->title, &prediction, &why) : 0;
+    if (rc == 0 && (rc = put_prediction(&prediction, e, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
     rc = drawn < 0 && rc == 0 ? drawn : rc;
     if (rc == 0 && drawn > 0)
         printf("report: %s/report.png, report.svg\n", cli->args[0]);
-    outlook_free(&outlook);
+    prediction_free(&prediction);
     return rc < 0 ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;
 }
 
-static int report_outlook_of_store(const struct cli *cli, const struct report_options *o)
+static int report_prediction_of_store(const struct cli *cli, const struct report_options *o)
 {
-    struct outlook outlook = {0};
+    struct prediction prediction = {0};
     struct apc_store *store = NULL;
     struct apc_error why;
     apc_ns at = 0;
@@ -240,12 +241,12 @@ static int report_outlook_of_store(const struct cli *cli, const struct report_op
     int rc = cli_open(cli, &store);
     if (rc < 0)
         return exit_code_of(rc);
-    rc = window_outlook_of_store(&outlook, store, at, &why);
-    if (rc == 0 && (rc = put_outlook(&outlook, NULL, o->json)) < 0)
+    rc = window_prediction_of_store(&prediction, store, at, &why);
+    if (rc == 0 && (rc = put_prediction(&prediction, NULL, o->json)) < 0)
         apc_fail(&why, rc, "out of memory");
     if (rc < 0)
         cli_error(cli, rc, "%s", why.text);
-    outlook_free(&outlook);
+    prediction_free(&prediction);
     apc_store_close(store);
     return exit_code_of(rc);
 }
@@ -253,31 +254,31 @@ static int report_outlook_of_store(const struct cli *cli, const struct report_op
 static int put_run_figures(const char *dir, const struct experiment *e, bool json, struct apc_error *why)
 {
     struct figures figures = {0};
-    struct merits merits = {0};
-    struct course course;
-    int rc = course_load(&course, dir, e, why);
-    if (rc == 0 && (rc = figures_make(&figures, &course, e)) < 0)
+    struct kpis kpis = {0};
+    struct trajectory trajectory;
+    int rc = trajectory_load(&trajectory, dir, e, why);
+    if (rc == 0 && (rc = figures_make(&figures, &trajectory, e)) < 0)
         apc_fail(why, rc, "out of memory");
     if (rc == 0)
-        rc = window_of_run(&merits, e, dir, (double)NAN, (double)NAN, why);
+        rc = window_of_run(&kpis, e, dir, (double)NAN, (double)NAN, why);
     if (rc == 0 && json) {
         putchar('{');
         print_json_text(stdout, "experiment", e->name);
         putchar(',');
         print_json_text(stdout, "title", e->title);
         putchar(',');
-        figures_json(&figures, &course, e, stdout);
+        figures_json(&figures, &trajectory, e, stdout);
         putchar(',');
-        merits_json(&merits, 0, stdout);
+        kpis_json(&kpis, 0, stdout);
         puts("}");
     } else if (rc == 0) {
-        rc = figures_print(&figures, &course, e, ROWS, stdout);
+        rc = figures_print(&figures, &trajectory, e, ROWS, stdout);
         if (rc == 0)
-            rc = merits_print(&merits, stdout);
+            rc = kpis_print(&kpis, stdout);
     }
-    merits_free(&merits);
+    kpis_free(&kpis);
     figures_free(&figures);
-    course_free(&course);
+    trajectory_free(&trajectory);
     return rc;
 }
 
@@ -296,7 +297,7 @@ int command_report(int argc, char **argv)
     if (options.at && (options.from || options.to))
         return cli_usage(&cli, "--at is of one time: without --from and --to");
     if (cli.n_args == 0)
-        return cli_done(&cli, options.at ? report_outlook_of_store(&cli, &options)
+        return cli_done(&cli, options.at ? report_prediction_of_store(&cli, &options)
                                          : report_of_store(&cli, &options));
     const bool json = options.json;
     int rc = experiment_load(&e, cli.args[0], EXPERIMENT_LAW | EXPERIMENT_MODEL, NULL, &why);
@@ -305,7 +306,7 @@ int command_report(int argc, char **argv)
         rc = recover(&cli, &e, json ? stderr : stdout, &why);
     if (rc == 0 && (options.from || options.to || options.at)) {
         const int status =
-            options.at ? report_outlook_of_run(&cli, &options, &e) : report_window(&cli, &options, &e);
+            options.at ? report_prediction_of_run(&cli, &options, &e) : report_window(&cli, &options, &e);
         experiment_free(&e);
         return cli_done(&cli, status);
     }

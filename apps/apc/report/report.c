@@ -20,12 +20,12 @@ static int write_figure(FILE *script, void *ctx)
 }
 
 /* A horizon before and one after what was expected: at the length of a run nobody could see it. */
-static void show_prediction_horizon(struct report_data *data, const struct outlook *expected)
+static void show_prediction_horizon(struct report_data *data, const struct prediction *expected)
 {
     double begin = HUGE_VAL, end = 0;
     for (size_t i = 0; i < expected->n; i++) {
-        const struct outlook_course *c = &expected->course[i];
-        const double made = apc_ns_to_s(c->made), horizon = outlook_ahead(c, c->n - 1);
+        const struct prediction_trajectory *c = &expected->trajectory[i];
+        const double made = apc_ns_to_s(c->made), horizon = prediction_ahead(c, c->n - 1);
         begin = fmin(begin, fmax(0, made - horizon));
         end = fmax(end, made + 2 * horizon);
     }
@@ -34,7 +34,7 @@ static void show_prediction_horizon(struct report_data *data, const struct outlo
 }
 
 int report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
-                 const struct outlook *expected, struct apc_error *why)
+                 const struct prediction *expected, struct apc_error *why)
 {
     struct figure f = {.e = e, .title = title};
     const int read = report_read(&f.data, dir, why);

@@ -18,6 +18,6 @@
  * failure of the command; or a negative error, and @p why: its files cannot be read, so the record is none.
  */
 int report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
-                 const struct outlook *expected, struct apc_error *why);
+                 const struct prediction *expected, struct apc_error *why);
 
 #endif

@@ -59,11 +59,12 @@ static void add_setpoints(struct report_panels *p, struct curve_of *c, const str
 }
 
 /* A law expects a signal, or moves its setpoint. */
-static const struct outlook_course *expected_of(const struct report_panels *p, const struct curve_of *c)
+static const struct prediction_trajectory *expected_of(const struct report_panels *p,
+                                                       const struct curve_of *c)
 {
-    const struct outlook *o = p->data->expected;
+    const struct prediction *o = p->data->expected;
     for (size_t i = 0; o && i < o->n; i++) {
-        const struct outlook_course *at = &o->course[i];
+        const struct prediction_trajectory *at = &o->trajectory[i];
         if ((at->table == c->signal->tag.table && at->id == c->signal->tag.id) ||
             (c->setpoint && at->table == APC_SETPOINT && at->id == c->setpoint->tag.id))
             return at;

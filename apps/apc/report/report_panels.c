@@ -234,14 +234,14 @@ static void put_doubtful(FILE *script, const struct report_panels *p, const stru
 }
 
 /* The last move holds for its step, too. */
-static void put_expected(FILE *script, const struct report_panels *p, const struct outlook_course *c,
+static void put_expected(FILE *script, const struct report_panels *p, const struct prediction_trajectory *c,
                          double scale)
 {
     for (size_t k = 0; c && k < c->n; k++)
-        fprintf(script, "%.9g %.9g\n", (apc_ns_to_s(c->made) + outlook_ahead(c, k)) / p->unit,
+        fprintf(script, "%.9g %.9g\n", (apc_ns_to_s(c->made) + prediction_ahead(c, k)) / p->unit,
                 c->expected[k] / scale);
     if (c && c->first == 0)
-        fprintf(script, "%.9g %.9g\n", (apc_ns_to_s(c->made) + outlook_ahead(c, c->n)) / p->unit,
+        fprintf(script, "%.9g %.9g\n", (apc_ns_to_s(c->made) + prediction_ahead(c, c->n)) / p->unit,
                 c->expected[c->n - 1] / scale);
 }
 
@@ -425,7 +425,7 @@ static void put_legend(FILE *script, const struct report_panels *p, const struct
     const struct curve_of *c = &p->curve[panel->first];
     struct legend l = {left * REPORT_WIDTH, y};
     bool limit = false, wanted = false, limited = false, doubtful = false;
-    const struct outlook_course *expected = NULL;
+    const struct prediction_trajectory *expected = NULL;
     for (size_t i = 0; i < panel->n; i++) {
         expected = c[i].expected ? c[i].expected : expected;
         wanted |= c[i].wanted && !c->above;
@@ -542,8 +542,8 @@ static void put_times(FILE *script, const struct report_panels *p)
             put_dotted(script, p, acted_at(p, i));
     for (size_t i = 0; data->expected && i < data->expected->n; i++)
         fprintf(script, "set arrow from %.9g, graph 0 to %.9g, graph 1 nohead back lw 1 lc rgb mark\n",
-                apc_ns_to_s(data->expected->course[i].made) / p->unit,
-                apc_ns_to_s(data->expected->course[i].made) / p->unit);
+                apc_ns_to_s(data->expected->trajectory[i].made) / p->unit,
+                apc_ns_to_s(data->expected->trajectory[i].made) / p->unit);
     for (size_t i = 0; i < data->n_events && data->n_events <= LINES_MAX; i++)
         fprintf(script, "set arrow from %.9g, graph 0 to %.9g, graph 1 nohead back lw 0.6 lc rgb 0x%06X\n",
                 data->event[i].t / p->unit, data->event[i].t / p->unit,

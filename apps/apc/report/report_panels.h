@@ -18,7 +18,7 @@ struct curve_of {
     double least, most;         /* its limits, or those within which its law keeps it */
     const struct signal *above; /* the setpoint of the controller that moves the setpoint; NULL: none */
     const struct report_series *wanted_above;
-    const struct outlook_course *expected; /* of the signal, or of the setpoint; NULL: none */
+    const struct prediction_trajectory *expected; /* of the signal, or of the setpoint; NULL: none */
 };
 
 struct panel {

@@ -23,7 +23,7 @@ int command_drain(int argc, char **argv)
     struct cli cli;
     cli_parse(&cli, &spec, NULL, argc, argv);
     const char *store = cli.store ? cli.store : "postgresql:";
-    int rc = keep_left(cli.args[0], store, cli.timeout, &why);
+    int rc = recovery_of_killed_run(cli.args[0], store, cli.timeout, &why);
     if (rc == 0)
         rc = spools_drain(cli.args[0], store, cli.timeout, &why);
     return rc < 0 ? cli_error(&cli, rc, "%s", why.text) : EXIT_OK;

@@ -25,7 +25,7 @@ static int drain(const struct run *r, apc_ns since, apc_ns until, struct apc_err
     (void)until;
     int rc = spools_drain(r->dir, r->cli.store, r->cli.timeout, why);
     if (r->history && (rc == 0 || rc == APC_EPROTO)) {
-        const int kept = keep_finish(r->cli.store, r->history, r->cli.timeout, why);
+        const int kept = recovery_finish(r->cli.store, r->history, r->cli.timeout, why);
         rc = kept < 0 ? kept : rc;
     }
     return rc;

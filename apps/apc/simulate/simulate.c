@@ -441,7 +441,7 @@ static void print_simulation_json(const struct simulate *r, const struct figures
            (unsigned long long)link.exchanges, (unsigned long long)link.timeouts,
            (unsigned long long)simulation_held(&r->s), (unsigned long long)simulation_failures(&r->s));
     print_json_parameters(r);
-    figures_json(figures, &r->s.course, &r->e, stdout);
+    figures_json(figures, &r->s.trajectory, &r->e, stdout);
     if (r->e.n_alarms > 0)
         alarms_json(alarms, &r->e, SIMULATION_BEGIN, stdout);
     puts("}");
@@ -506,13 +506,13 @@ static int put_simulation_figures(const struct simulate *r)
 {
     struct figures figures;
     struct alarm_figures alarms;
-    int rc = figures_make(&figures, &r->s.course, &r->e);
+    int rc = figures_make(&figures, &r->s.trajectory, &r->e);
     const int made = make_alarm_figures(r, &alarms);
     rc = rc < 0 ? rc : made;
     if (rc == 0 && r->options.json)
         print_simulation_json(r, &figures, &alarms);
     else if (rc == 0)
-        rc = figures_print(&figures, &r->s.course, &r->e, ROWS, r->talk);
+        rc = figures_print(&figures, &r->s.trajectory, &r->e, ROWS, r->talk);
     if (rc == 0 && !r->options.json && r->e.n_alarms > 0)
         rc = alarms_print(&alarms, &r->e, SIMULATION_BEGIN, r->talk);
     alarm_figures_free(&alarms);

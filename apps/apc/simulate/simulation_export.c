@@ -36,5 +36,5 @@ int simulation_export(const struct simulation *s, const char *dir, const char *b
     if ((rc = fill_timing(s)) < 0)
         return apc_fail(why, rc, "%s: timing: %s", dir, apc_err_text(rc));
     rc = folder_export(dir, s->store, s->e, SIMULATION_BEGIN, s->ended, since, 0, why);
-    return rc < 0 ? rc : course_write(&s->course, dir, why);
+    return rc < 0 ? rc : trajectory_write(&s->trajectory, dir, why);
 }

@@ -23,7 +23,7 @@ bool trial_counts(const struct trial *t)
     return t->made && (t->rc == 0 || t->diverged);
 }
 
-static double beyond(const struct experiment *e, const struct course *c)
+static double beyond(const struct experiment *e, const struct trajectory *c)
 {
     double time = 0;
     for (size_t i = 0; i < e->dim.ny; i++) {
@@ -47,10 +47,10 @@ static void make_trial(struct trial *t, const struct experiment *e, uint64_t see
         why = s.why;
         t->held = simulation_held(&s);
         t->failures = simulation_failures(&s);
-        t->diverged = s.course.diverged;
+        t->diverged = s.trajectory.diverged;
         t->ended = s.ended;
-        t->beyond = beyond(e, &s.course);
-        if (figures_make(&figures, &s.course, e) < 0)
+        t->beyond = beyond(e, &s.trajectory);
+        if (figures_make(&figures, &s.trajectory, e) < 0)
             t->rc = APC_ENOMEM;
         for (size_t loop = 0; loop < figures.n_loops; loop++)
             memcpy(t->figure + loop * METRICS, figures.of[loop].figure, METRICS * sizeof(double));

@@ -61,7 +61,7 @@ int whatif_load(struct whatif *w, const struct experiment *e, struct apc_error *
         return apc_fail(why, APC_EINVAL, "%s names no model of its plant: there is nothing to simulate",
                         w->dir);
     if (w->was.start)
-        return past_load(&w->past, w->dir, &w->was, end_of(w), why);
+        return playback_load(&w->playback, w->dir, &w->was, end_of(w), why);
     while (w->was.n_actions > 0 && w->was.action[w->was.n_actions - 1].at >= end_of(w))
         w->was.n_actions--;
     return 0;
@@ -79,7 +79,7 @@ static int go_on(const struct whatif *w, struct simulation *s, const struct expe
 int whatif_begin(const struct whatif *w, struct simulation *s, const struct experiment *e,
                  struct apc_error *why)
 {
-    const int rc = simulation_create_after(s, &w->was, w->was.seed, w->was.start ? &w->past : NULL, why);
+    const int rc = simulation_create_after(s, &w->was, w->was.seed, w->was.start ? &w->playback : NULL, why);
     return rc < 0 ? rc : go_on(w, s, e, why);
 }
 
@@ -91,9 +91,9 @@ static int tell_lateness(const struct whatif *w, const struct controller *c, FIL
     unsigned long long n = 0, missed = 0;
     apc_ns late = 0;
     int64_t before = -1;
-    const int rc = ticks_load(&ticks, w->past.ticks, APC_TICK, c->number, w->past.end);
+    const int rc = ticks_load(&ticks, w->playback.ticks, APC_TICK, c->number, w->playback.end);
     for (size_t i = 0; i < ticks.n && rc == 0; i++, n++) {
-        const apc_ns since = ticks.at[i].time - w->past.start - c->rhythm.phase;
+        const apc_ns since = ticks.at[i].time - w->playback.start - c->rhythm.phase;
         const int64_t place = since / c->rhythm.period;
         late = since % c->rhythm.period > late ? since % c->rhythm.period : late;
         missed += before >= 0 && place > before ? (unsigned long long)(place - before - 1) : 0;
@@ -114,7 +114,7 @@ int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why)
         return 0;
     for (size_t i = 0; i < w->was.n_controllers && rc == 0; i++)
         if ((rc = tell_lateness(w, &w->was.controllers[i], out)) < 0)
-            apc_fail(why, rc, "%s", apc_store_error(w->past.ticks));
+            apc_fail(why, rc, "%s", apc_store_error(w->playback.ticks));
     if (rc == 0)
         rc = whatif_begin(w, &s, &w->was, why);
     if (rc == 0 && (rc = simulation_run(&s, w->was.duration)) < 0)
@@ -128,7 +128,7 @@ int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why)
 void whatif_free(struct whatif *w)
 {
     samples_free(&w->unchanged);
-    past_free(&w->past);
+    playback_free(&w->playback);
     experiment_free(&w->was);
     whatif_store_drop(w);
 }

@@ -14,7 +14,7 @@ struct whatif {
     apc_ns utc;       /* of a store: when it goes on */
     double at;        /* s since its start, when it goes on */
     struct experiment was;    /* what ran */
-    struct past past;         /* of a run in real time */
+    struct playback playback; /* of a run in real time */
     struct samples unchanged; /* of one: its future as it would have been in virtual time */
 };
 

@@ -31,7 +31,7 @@ static void tell_process_said(struct process *p, const struct apc_law_call *c)
 
     if (!c->say || p->own.n_said == 0 || since < 1.0)
         return;
-    apc_companion_said(&p->own, c->say, APC_LAW_SAY);
+    apc_subprocess_said(&p->own, c->say, APC_LAW_SAY);
     tail = strstr(c->say, ") ... ");
     tail = tail ? tail : c->say;
     if (strcmp(tail, p->told) == 0 && since < 60.0) {
@@ -47,7 +47,7 @@ static void tell_process_said(struct process *p, const struct apc_law_call *c)
 /* End it, and say how it ended. */
 static void bury_process(struct process *p, bool hung)
 {
-    apc_companion_bury(&p->own, hung);
+    apc_subprocess_bury(&p->own, hung);
     p->waiting = false;
 }
 
@@ -58,7 +58,7 @@ int apc_process_begin(struct process *p, struct apc_error *why)
                           (char *)(uintptr_t)p->own.file, NULL};
     char seed[] = "PYTHONHASHSEED=0"; /* sets of texts have one order: a replay is exact */
     struct apc_error cause;
-    const int rc = apc_companion_begin(&p->own, argv, seed, &cause);
+    const int rc = apc_subprocess_begin(&p->own, argv, seed, &cause);
 
     p->waiting = false;
     return rc < 0 ? apc_fail(why, rc, "%s: its interpreter, which APC_PYTHON names (else python3): %s",
@@ -72,7 +72,7 @@ static int refuse_process(struct process *p, const char *what, struct apc_error 
     char said[360];
 
     bury_process(p, p->own.socket >= 0 && strstr(what, "within"));
-    apc_companion_said(&p->own, said, sizeof(said));
+    apc_subprocess_said(&p->own, said, sizeof(said));
     return apc_fail(
         why, APC_EINVAL, "%s: %s%s%s%s", p->own.file, what, said[0] ? ": " : "", said,
         strstr(said, "No module named 'libapc'")
@@ -83,14 +83,14 @@ static int refuse_process(struct process *p, const char *what, struct apc_error 
 int apc_process_hear(struct process *p, char *text, struct apc_error *why)
 {
     const ssize_t n =
-        apc_companion_take(&p->own, text, APC_COMPANION_MESSAGE, apc_clock_mono(NULL) + p->timeout);
+        apc_subprocess_take(&p->own, text, APC_COMPANION_MESSAGE, apc_clock_mono(NULL) + p->timeout);
 
     if (n < 0)
         return refuse_process(p, "said nothing within its time", why);
     if (n == 0)
         return refuse_process(p, "is no law", why);
     text[n] = '\0';
-    apc_companion_listen(&p->own);
+    apc_subprocess_listen(&p->own);
     if (strncmp(text, "error\t", 6) == 0)
         return apc_fail(why, APC_EINVAL, "%s: %.400s", p->own.file, text + 6);
     return 0;
@@ -101,12 +101,12 @@ int apc_process_introduce(struct process *p, const struct instance *i, char *tex
     const struct header header = {.kind = CREATE, .instance = i->number};
 
     memcpy(i->setup, &header, sizeof(header));
-    if (!apc_companion_give(&p->own, i->setup, i->setup_length))
+    if (!apc_subprocess_give(&p->own, i->setup, i->setup_length))
         return refuse_process(p, "does not take its settings", why);
     return apc_process_hear(p, text, why);
 }
 
-bool apc_process_revive(struct apc_companion *own)
+bool apc_process_revive(struct apc_subprocess *own)
 {
     struct process *const p = (struct process *)(void *)((char *)own - offsetof(struct process, own));
     struct apc_error why;
@@ -176,7 +176,7 @@ static int catch_up_process(struct process *p, const struct instance *i, const s
 {
     while (p->waiting) {
         struct header header;
-        const ssize_t n = apc_companion_take(&p->own, i->answer, i->n_answer, 0);
+        const ssize_t n = apc_subprocess_take(&p->own, i->answer, i->n_answer, 0);
 
         if (n == 0) {
             bury_process(p, false);
@@ -196,7 +196,7 @@ static int catch_up_process(struct process *p, const struct instance *i, const s
 
 bool apc_process_is_there(struct process *p, bool live)
 {
-    apc_companion_disown(&p->own);
+    apc_subprocess_disown(&p->own);
     if (p->own.socket >= 0)
         return true;
     if (p->given_up)
@@ -207,7 +207,7 @@ bool apc_process_is_there(struct process *p, bool live)
                  "; it is not asked again");
     } else if (live && apc_clock_mono(NULL) - p->own.since > APC_NS_PER_S) {
         p->own.since = apc_clock_mono(NULL);
-        apc_companion_start(&p->own);
+        apc_subprocess_start(&p->own);
     }
     return !live && p->own.socket >= 0;
 }
@@ -233,10 +233,10 @@ static int exchange_with_process(struct process *p, const struct instance *i, en
     memcpy(i->request, &header, sizeof(header));
     fill_request(i, c);
     p->own.since = apc_clock_mono(NULL);
-    if (!apc_companion_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double))) {
+    if (!apc_subprocess_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double))) {
         bury_process(p, false); /* killed between two ticks: in virtual time nobody was late yet */
         if (live || !apc_process_is_there(p, live) ||
-            !apc_companion_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double)))
+            !apc_subprocess_give(&p->own, i->request, sizeof(header) + i->n_request * sizeof(double)))
             return fail_call(c, APC_LAW_FAILED, p->own.end);
     }
     /* What comes after u has gone out gets the other half of the period. */
@@ -244,7 +244,7 @@ static int exchange_with_process(struct process *p, const struct instance *i, en
                          : kind == COMPUTE ? c->deadline
                                            : p->own.since + (apc_ns)(1e9 * c->budget);
     do {
-        const ssize_t n = apc_companion_take(&p->own, i->answer, i->n_answer, until);
+        const ssize_t n = apc_subprocess_take(&p->own, i->answer, i->n_answer, until);
 
         if (n < 0 && live) {
             p->waiting = true;
@@ -282,7 +282,7 @@ int apc_process_ask(const struct apc_law_call *c, enum kind kind)
     pthread_mutex_lock(&p->own.lock);
     rc = exchange_with_process(p, i, kind, c, &length);
     if (!p->own.starting) {
-        apc_companion_listen(&p->own);
+        apc_subprocess_listen(&p->own);
         tell_process_said(p, c);
     }
     if (rc == 0) {

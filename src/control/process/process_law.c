@@ -228,7 +228,7 @@ static int process_create(const struct apc_law_setup *setup, struct apc_law_need
         i->tuning = apc_law_parameters(&p->law, &setup->dim);
         rc = write_setup(i, setup, why);
     }
-    apc_companion_settle(&p->own);
+    apc_subprocess_settle(&p->own);
     pthread_mutex_lock(&p->own.lock);
     if (rc == 0) {
         i->number = ++p->instance;
@@ -256,7 +256,7 @@ static void process_destroy(void *self)
     struct process *const p = i->of;
     const struct header header = {.kind = DESTROY, .instance = i->number};
 
-    apc_companion_settle(&p->own);
+    apc_subprocess_settle(&p->own);
     pthread_mutex_lock(&p->own.lock);
     for (struct instance **at = &p->instances; *at; at = &(*at)->next) {
         if (*at == i) {
@@ -265,7 +265,7 @@ static void process_destroy(void *self)
         }
     }
     if (p->own.socket >= 0 && p->own.owner == getpid())
-        (void)apc_companion_give(&p->own, &header, sizeof(header));
+        (void)apc_subprocess_give(&p->own, &header, sizeof(header));
     pthread_mutex_unlock(&p->own.lock);
     free(i->what);
     free(i->texts);
@@ -335,7 +335,7 @@ static void close_process(struct apc_plugin *plugin)
 {
     struct process *const p = (struct process *)plugin;
 
-    apc_companion_close(&p->own);
+    apc_subprocess_close(&p->own);
     free((char *)(uintptr_t)p->own.file);
     free(p->texts);
     free(p->param);
@@ -391,7 +391,7 @@ int apc_law_process_open(const char *file, const struct apc_law **law, void **ha
     p->told_at = -1.0;
     p->timeout = read_timeout();
     char *const name = strdup(file);
-    rc = apc_companion_open(&p->own, name, apc_process_revive) == 0 && name
+    rc = apc_subprocess_open(&p->own, name, apc_process_revive) == 0 && name
              ? apc_process_begin(p, why)
              : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
     if (rc == 0)

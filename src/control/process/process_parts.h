@@ -37,9 +37,9 @@ struct process {
     uint32_t mark;
     apc_ns timeout;
 
-    struct apc_companion own; /* of its lock is all below, too */
-    uint32_t asked;           /* number of the newest request */
-    bool waiting;             /* which has not been answered */
+    struct apc_subprocess own; /* of its lock is all below, too */
+    uint32_t asked;            /* number of the newest request */
+    bool waiting;              /* which has not been answered */
     unsigned falls;
     bool given_up;
     struct instance *instances;
@@ -53,7 +53,7 @@ struct process {
 /* Start it; it has not said anything yet. */
 int apc_process_begin(struct process *p, struct apc_error *why);
 /* Anew, with all instances that it had. */
-bool apc_process_revive(struct apc_companion *own);
+bool apc_process_revive(struct apc_subprocess *own);
 /* Is there a process to be asked? */
 bool apc_process_is_there(struct process *p, bool live);
 /* The text with which it answers in set-up, into @p text [APC_COMPANION_MESSAGE + 1]; "error TEXT" is why. */

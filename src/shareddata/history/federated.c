@@ -20,15 +20,15 @@
 
 #define TRIES 10 /* to find where the newest N begin, while a historian moves rows */
 
-static struct apc_seam *federated_of(struct apc_store *store)
+static struct apc_federated *federated_of(struct apc_store *store)
 {
-    return (struct apc_seam *)store;
+    return (struct apc_federated *)store;
 }
 
 /* ---- Asking the history ---------------------------------------------------------------------- */
 
 /* It answered so to what began then. Without it there is less to give, and no failure. */
-int apc_seam_answered(struct apc_seam *s, int rc, apc_ns began, const char *text)
+int apc_federated_answered(struct apc_federated *s, int rc, apc_ns began, const char *text)
 {
     if (rc >= 0) {
         s->away = 0;
@@ -43,7 +43,7 @@ int apc_seam_answered(struct apc_seam *s, int rc, apc_ns began, const char *text
     return rc;
 }
 
-static int check_same_experiment(struct apc_seam *s)
+static int check_same_experiment(struct apc_federated *s)
 {
     struct apc_tag *live = NULL, *history = NULL;
     size_t n_live = 0, n_history = 0;
@@ -61,11 +61,11 @@ static int check_same_experiment(struct apc_seam *s)
     free(live);
     free(history);
     s->checked = rc == 0;
-    return apc_seam_answered(s, rc, began, why.text);
+    return apc_federated_answered(s, rc, began, why.text);
 }
 
 /* May the history be asked? */
-bool apc_seam_has_history(struct apc_seam *s)
+bool apc_federated_has_history(struct apc_federated *s)
 {
     if (apc_clock_mono(NULL) < s->quiet_until) {
         s->base.why = s->reason;
@@ -91,13 +91,13 @@ static int newest_seq(struct apc_store *store, enum apc_table table, int id, int
 
 /* Up to which seq the history has the variable. It cannot have more than the live store, which began with
  * what it had. */
-static int history_reach(struct apc_seam *s, enum apc_table table, int id, int64_t *seq)
+static int history_reach(struct apc_federated *s, enum apc_table table, int id, int64_t *seq)
 {
     int64_t live = 0;
     const apc_ns began = apc_clock_mono(NULL);
     int rc = newest_seq(s->history, table, id, seq);
     if (rc < 0) {
-        return apc_seam_answered(s, rc, began, s->history->why.text);
+        return apc_federated_answered(s, rc, began, s->history->why.text);
     }
     rc = newest_seq(s->live, table, id, &live);
     if (rc < 0) {
@@ -107,7 +107,7 @@ static int history_reach(struct apc_seam *s, enum apc_table table, int id, int64
         char text[160];
         snprintf(text, sizeof text, "it has %s %d up to seq %lld, newer than %lld here: it is another run's",
                  apc_table_name(table), id, (long long)*seq, (long long)live);
-        return apc_seam_answered(s, APC_ECONFLICT, began, text);
+        return apc_federated_answered(s, APC_ECONFLICT, began, text);
     }
     return rc;
 }
@@ -171,7 +171,7 @@ static int stream(struct apc_store *store, enum apc_table table, int id, const s
 }
 
 /* What the live store has reaches as far back as is asked for: 1, or 0, or an error. */
-static int is_live(struct apc_seam *s, enum apc_table table, int id, const struct apc_range *range)
+static int is_live(struct apc_federated *s, enum apc_table table, int id, const struct apc_range *range)
 {
     struct stream oldest = {.one = true}, rows = {0};
     int rc = stream(s->live, table, id, NULL, &oldest);
@@ -187,7 +187,7 @@ static int is_live(struct apc_seam *s, enum apc_table table, int id, const struc
 }
 
 /* Where the newest `last` begin, so that both stores can be asked for what lies behind one seq. */
-static int find_first(struct apc_seam *s, enum apc_table table, int id, struct apc_range *range)
+static int find_first(struct apc_federated *s, enum apc_table table, int id, struct apc_range *range)
 {
     int64_t end = 0, moved = 0;
     int rc = history_reach(s, table, id, &moved);
@@ -205,7 +205,7 @@ static int find_first(struct apc_seam *s, enum apc_table table, int id, struct a
         head.last = range->last - (new.n < range->last ? new.n : range->last - 1);
         const apc_ns began = apc_clock_mono(NULL);
         rc = stream(s->history, table, id, &head, &old);
-        rc = rc < 0 ? apc_seam_answered(s, rc, began, s->history->why.text)
+        rc = rc < 0 ? apc_federated_answered(s, rc, began, s->history->why.text)
                     : history_reach(s, table, id, &moved);
     }
     range->after = rc == 0 && old.n > 0 ? old.first - 1 : range->after;
@@ -213,8 +213,8 @@ static int find_first(struct apc_seam *s, enum apc_table table, int id, struct a
 }
 
 /* The caller's rows of the variable, in the order of their seqs. */
-static int federated_rows(struct apc_seam *s, enum apc_table table, int id, const struct apc_range *asked,
-                          struct stream *x)
+static int federated_rows(struct apc_federated *s, enum apc_table table, int id,
+                          const struct apc_range *asked, struct stream *x)
 {
     struct apc_range range = *asked;
     int64_t end = 0;
@@ -223,14 +223,15 @@ static int federated_rows(struct apc_seam *s, enum apc_table table, int id, cons
     int rc = reached;
     if (rc < 0) {
         s->base.why = s->live->why;
-    } else if (rc == 0 && apc_seam_has_history(s)) {
+    } else if (rc == 0 && apc_federated_has_history(s)) {
         rc = range.last > 0 ? find_first(s, table, id, &range) : history_reach(s, table, id, &end);
         if (rc == 0) {
             const apc_ns began = apc_clock_mono(NULL);
             range.last = 0;
             x->most = asked->last;
             x->mark = APC_SEAM_AUTHOR;
-            rc = apc_seam_answered(s, stream(s->history, table, id, &range, x), began, s->history->why.text);
+            rc = apc_federated_answered(s, stream(s->history, table, id, &range, x), began,
+                                        s->history->why.text);
         }
     }
     if (reached >= 0 && !x->ended && (x->most == 0 || x->n < x->most)) {
@@ -260,8 +261,8 @@ static int federated_vectors(struct apc_store *store, enum apc_table table, int 
     return federated_rows(federated_of(store), table, id, range, &x);
 }
 
-static int live_bins(struct apc_seam *s, enum apc_table table, int id, apc_ns since, apc_ns until, size_t n,
-                     apc_history_bin_fn fn, void *ctx)
+static int live_bins(struct apc_federated *s, enum apc_table table, int id, apc_ns since, apc_ns until,
+                     size_t n, apc_history_bin_fn fn, void *ctx)
 {
     s->base.streaming = true;
     const int count = apc_store_history_bins(s->live, table, id, since, until, n, fn, ctx);
@@ -274,7 +275,7 @@ static int live_bins(struct apc_seam *s, enum apc_table table, int id, apc_ns si
 static int federated_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since,
                                   apc_ns until, size_t n, apc_history_bin_fn fn, void *ctx)
 {
-    struct apc_seam *s = federated_of(store);
+    struct apc_federated *s = federated_of(store);
     struct apc_bins bins;
     struct apc_range range = {.since = since, .until = until};
     int64_t end = 0;
@@ -283,14 +284,14 @@ static int federated_history_bins(struct apc_store *store, enum apc_table table,
         store->why = s->live->why;
         return reached;
     }
-    if (reached > 0 || !apc_seam_has_history(s) || history_reach(s, table, id, &end) < 0) {
+    if (reached > 0 || !apc_federated_has_history(s) || history_reach(s, table, id, &end) < 0) {
         return live_bins(s, table, id, since, until, n, fn, ctx);
     }
     int rc = apc_bins_make(store, &bins, since, until, n);
     const apc_ns began = apc_clock_mono(NULL);
     if (rc == 0) {
         rc = apc_store_history_bins(s->history, table, id, since, until, n, apc_bins_take, &bins);
-        rc = apc_seam_answered(s, rc, began, s->history->why.text);
+        rc = apc_federated_answered(s, rc, began, s->history->why.text);
     }
     if (rc < 0) {
         free(bins.bin);
@@ -309,12 +310,12 @@ static int federated_history_bins(struct apc_store *store, enum apc_table table,
 /* Those of both: a run that began without its history has not got all in the live store. */
 static int federated_variables(struct apc_store *store, struct apc_sample *into, size_t capacity)
 {
-    struct apc_seam *s = federated_of(store);
+    struct apc_federated *s = federated_of(store);
     int n_live = apc_store_variables(s->live, NULL, 0), n_history = 0, n = 0;
     const apc_ns began = apc_clock_mono(NULL);
-    if (n_live >= 0 && apc_seam_has_history(s)) {
+    if (n_live >= 0 && apc_federated_has_history(s)) {
         n_history = apc_store_variables(s->history, NULL, 0);
-        n_history = apc_seam_answered(s, n_history, began, s->history->why.text) < 0 ? 0 : n_history;
+        n_history = apc_federated_answered(s, n_history, began, s->history->why.text) < 0 ? 0 : n_history;
     }
     const size_t room = (size_t)(n_live > 0 ? n_live : 0) + (size_t)n_history;
     struct apc_sample *all = (struct apc_sample *)calloc(room ? room : 1, sizeof *all);
@@ -378,7 +379,7 @@ static void compare_newest(int64_t first, const struct apc_sample *live, const s
 }
 
 /* The live store first: what it gets meanwhile is not what the history should have. */
-static int measure_lag(struct apc_seam *s, struct apc_behind *behind)
+static int measure_lag(struct apc_federated *s, struct apc_behind *behind)
 {
     const int most = apc_store_variables(s->live, NULL, 0);
     const size_t n = most > 0 ? (size_t)most : 0;
@@ -393,7 +394,7 @@ static int measure_lag(struct apc_seam *s, struct apc_behind *behind)
     const apc_ns began = apc_clock_mono(NULL);
     if (rc == 0 && n > 0) {
         rc = read_newest_of_all(s->history, at, n, at + 2 * n, vector);
-        rc = apc_seam_answered(s, rc, began, s->history->why.text);
+        rc = apc_federated_answered(s, rc, began, s->history->why.text);
     }
     if (rc == 0) {
         compare_newest(apc_store_first(s->live), at + n, at + 2 * n, n, behind);
@@ -405,13 +406,13 @@ static int measure_lag(struct apc_seam *s, struct apc_behind *behind)
 
 static uint64_t federated_number_of_claim(const struct apc_store *store)
 {
-    return apc_store_claimed(((const struct apc_seam *)store)->live);
+    return apc_store_claimed(((const struct apc_federated *)store)->live);
 }
 
 static int behind_of(struct apc_store *store, struct apc_behind *behind)
 {
-    struct apc_seam *s = federated_of(store);
-    const int rc = apc_seam_has_history(s) ? measure_lag(s, behind) : s->failed;
+    struct apc_federated *s = federated_of(store);
+    const int rc = apc_federated_has_history(s) ? measure_lag(s, behind) : s->failed;
     return rc < 0 ? rc : 1;
 }
 
@@ -432,18 +433,18 @@ static int federated_connect(struct apc_store *store)
 
 static bool federated_connected(const struct apc_store *store)
 {
-    return apc_store_connected(((const struct apc_seam *)store)->live);
+    return apc_store_connected(((const struct apc_federated *)store)->live);
 }
 
 static void federated_stats(const struct apc_store *store, struct apc_store_stats *all)
 {
     all->size = sizeof *all;
-    apc_store_stats(((const struct apc_seam *)store)->live, all);
+    apc_store_stats(((const struct apc_federated *)store)->live, all);
 }
 
 static int federated_version(const struct apc_store *store)
 {
-    return apc_store_tables_version(((const struct apc_seam *)store)->live);
+    return apc_store_tables_version(((const struct apc_federated *)store)->live);
 }
 
 static int federated_read_newest(struct apc_store *store, struct apc_sample *samples, size_t n)
@@ -499,7 +500,7 @@ static int federated_author(struct apc_store *store, const char *name)
 
 static int federated_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN])
 {
-    struct apc_seam *s = federated_of(store);
+    struct apc_federated *s = federated_of(store);
     if (number & APC_SEAM_AUTHOR) {
         const int rc = apc_store_author_name(s->history, number & ~APC_SEAM_AUTHOR, name);
         store->why = s->history->why;
@@ -549,7 +550,7 @@ static int federated_maintain(struct apc_store *store, const struct apc_retentio
 
 static void federated_close(struct apc_store *store)
 {
-    struct apc_seam *s = federated_of(store);
+    struct apc_federated *s = federated_of(store);
     apc_store_close(s->live);
     apc_store_close(s->history);
     free(s);
@@ -573,9 +574,9 @@ static const struct apc_store_ops seam_store = {
     .history_bins = federated_history_bins,
     .get_tags = federated_get_tags,
     .append_events = federated_append_events,
-    .events = apc_seam_events,
+    .events = apc_federated_events,
     .append_timing = federated_append_timing,
-    .timing = apc_seam_timing,
+    .timing = apc_federated_timing,
     .read_rows = federated_read_rows,
     .append_rows = federated_append_rows,
     .vectors = federated_vectors,
@@ -591,10 +592,10 @@ static const struct apc_store_ops seam_store = {
     .maintain = federated_maintain,
 };
 
-int apc_seam_wrap(struct apc_store **store, struct apc_store *live, struct apc_store *history_of_it,
-                  struct apc_error *why)
+int apc_federated_wrap(struct apc_store **store, struct apc_store *live, struct apc_store *history_of_it,
+                       struct apc_error *why)
 {
-    struct apc_seam *s = (struct apc_seam *)calloc(1, sizeof *s);
+    struct apc_federated *s = (struct apc_federated *)calloc(1, sizeof *s);
     if (!s) {
         apc_store_close(live);
         apc_store_close(history_of_it);

@@ -9,7 +9,7 @@
 #define APC_SEAM_AUTHOR (UINT32_C(1) << 31)
 
 /** Both become its own, also on failure. */
-int apc_seam_wrap(struct apc_store **store, struct apc_store *live, struct apc_store *history,
-                  struct apc_error *why);
+int apc_federated_wrap(struct apc_store **store, struct apc_store *live, struct apc_store *history,
+                       struct apc_error *why);
 
 #endif

@@ -6,7 +6,7 @@
 #include "base/base_internal.h"
 #include "shareddata/history/federated.h"
 
-struct apc_seam {
+struct apc_federated {
     struct apc_store base;
     struct apc_store *live, *history;
     bool checked;       /* the history is of this experiment */
@@ -17,11 +17,11 @@ struct apc_seam {
 };
 
 /* May the history be asked? */
-bool apc_seam_has_history(struct apc_seam *s);
+bool apc_federated_has_history(struct apc_federated *s);
 /* It answered so to what began then. Without it there is less to give, and no failure. */
-int apc_seam_answered(struct apc_seam *s, int rc, apc_ns began, const char *text);
+int apc_federated_answered(struct apc_federated *s, int rc, apc_ns began, const char *text);
 
-int apc_seam_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
-int apc_seam_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
+int apc_federated_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx);
+int apc_federated_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
 
 #endif

@@ -146,7 +146,7 @@ static size_t count_new(const struct records *x)
 }
 
 /* The history's, of the newest as many as the live store has no newer ones of. */
-static int give_old(struct apc_seam *s, struct records *x, const struct apc_range *asked)
+static int give_old(struct apc_federated *s, struct records *x, const struct apc_range *asked)
 {
     struct apc_range range = *asked;
     const apc_ns began = apc_clock_mono(NULL);
@@ -161,11 +161,11 @@ static int give_old(struct apc_seam *s, struct records *x, const struct apc_rang
     if (rc >= 0 && (asked->last == 0 || range.last > 0)) {
         rc = go(x, s->history, &range, GIVE_OLD);
     }
-    return apc_seam_answered(s, rc, began, s->history->why.text);
+    return apc_federated_answered(s, rc, began, s->history->why.text);
 }
 
 /* What lies behind a number is the live store's: it is one of its own. */
-static int records(struct apc_seam *s, struct records *x, const struct apc_range *asked)
+static int records(struct apc_federated *s, struct records *x, const struct apc_range *asked)
 {
     struct apc_range range = *asked;
     range.last = 0;
@@ -176,7 +176,7 @@ static int records(struct apc_seam *s, struct records *x, const struct apc_range
     } else if (rc < 0) {
         s->base.why = s->live->why;
     }
-    if (rc >= 0 && range.after == 0 && apc_seam_has_history(s)) {
+    if (rc >= 0 && range.after == 0 && apc_federated_has_history(s)) {
         give_old(s, x, asked);
     }
     if (rc >= 0 && !x->ended) {
@@ -190,14 +190,14 @@ static int records(struct apc_seam *s, struct records *x, const struct apc_range
     return rc < 0 ? rc : (int)x->count;
 }
 
-int apc_seam_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
+int apc_federated_events(struct apc_store *store, const struct apc_range *range, apc_event_fn fn, void *ctx)
 {
     struct records x = {.event = fn, .ctx = ctx};
-    return records((struct apc_seam *)store, &x, range);
+    return records((struct apc_federated *)store, &x, range);
 }
 
-int apc_seam_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
+int apc_federated_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx)
 {
     struct records x = {.timing = fn, .ctx = ctx};
-    return records((struct apc_seam *)store, &x, range);
+    return records((struct apc_federated *)store, &x, range);
 }

@@ -26,14 +26,14 @@
 
 /* ---- Failures ------------------------------------------------------------------------------ */
 
-int apc_forward_fail_from(struct apc_forward *f, int err)
+int apc_replication_fail_from(struct apc_replication *f, int err)
 {
     f->stats.away = false;
     return apc_fail(&f->why, err, "reading: %s", apc_store_error(f->from));
 }
 
 /* How far each variable is in TO is to be asked again. */
-static void lose_places(struct apc_forward *f)
+static void lose_places(struct apc_replication *f)
 {
     for (size_t i = 0; i < f->n; i++) {
         f->variable[i].placed = false;
@@ -41,7 +41,7 @@ static void lose_places(struct apc_forward *f)
 }
 
 /* What became of an append is not known, nor what else happened in TO. */
-int apc_forward_fail_to(struct apc_forward *f, int err)
+int apc_replication_fail_to(struct apc_replication *f, int err)
 {
     f->stats.away = true;
     f->described = false;
@@ -49,14 +49,14 @@ int apc_forward_fail_to(struct apc_forward *f, int err)
     return apc_fail(&f->why, err, "writing: %s", apc_store_error(f->to));
 }
 
-int apc_forward_no_memory(struct apc_forward *f)
+int apc_replication_no_memory(struct apc_replication *f)
 {
     f->stats.away = false;
     return apc_fail(&f->why, APC_ENOMEM, "out of memory");
 }
 
 /* After something was moved: a step without time would get nowhere. */
-static bool late(const struct apc_forward *f)
+static bool late(const struct apc_replication *f)
 {
     return f->moved > 0 && apc_clock_mono(NULL) >= f->deadline;
 }
@@ -64,23 +64,23 @@ static bool late(const struct apc_forward *f)
 /* ---- Descriptions -------------------------------------------------------------------------- */
 
 /* FROM's descriptions, and TO's own of variables that FROM does not describe, unless TO has them. */
-static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_to)
+static int send_tags(struct apc_replication *f, const struct apc_tag *to, size_t n_to)
 {
     int64_t revision = 0;
     const int length = apc_store_catalogue(f->from, NULL, 0, &revision);
     const int there = length < 0 ? 0 : apc_store_catalogue(f->to, NULL, 0, NULL);
     if (length < 0 || there < 0) {
-        return length < 0 ? apc_forward_fail_from(f, length) : apc_forward_fail_to(f, there);
+        return length < 0 ? apc_replication_fail_from(f, length) : apc_replication_fail_to(f, there);
     }
     struct apc_tag *all = (struct apc_tag *)calloc(f->n_tags + n_to + 1, sizeof *all);
     char *text = (char *)calloc((size_t)length + 1, 1), *old = (char *)calloc((size_t)there + 1, 1);
     size_t n = f->n_tags, same = 0;
-    int rc = all && text && old ? 0 : apc_forward_no_memory(f);
+    int rc = all && text && old ? 0 : apc_replication_no_memory(f);
     if (rc == 0 && (rc = apc_store_catalogue(f->from, text, (size_t)length + 1, &revision)) < 0) {
-        rc = apc_forward_fail_from(f, rc);
+        rc = apc_replication_fail_from(f, rc);
     }
     if (rc >= 0 && (rc = apc_store_catalogue(f->to, old, (size_t)there + 1, NULL)) < 0) {
-        rc = apc_forward_fail_to(f, rc);
+        rc = apc_replication_fail_to(f, rc);
     }
     for (size_t i = 0; rc >= 0 && i < f->n_tags; i++) {
         const struct apc_tag *b = apc_tag_of(to, n_to, &f->tag[i]);
@@ -94,7 +94,7 @@ static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_t
     }
     if (rc >= 0 && (same < f->n_tags || (revision > 0 && strcmp(text, old) != 0)) &&
         (rc = apc_store_describe(f->to, all, n, revision > 0 ? text : NULL)) < 0) {
-        rc = apc_forward_fail_to(f, rc);
+        rc = apc_replication_fail_to(f, rc);
     }
     f->revision = revision;
     f->described = rc >= 0;
@@ -105,7 +105,7 @@ static int send_tags(struct apc_forward *f, const struct apc_tag *to, size_t n_t
 }
 
 /* When they have changed, or TO may not have them. */
-static int copy_descriptions(struct apc_forward *f)
+static int copy_descriptions(struct apc_replication *f)
 {
     struct apc_tag *now = NULL, *to = NULL;
     size_t n = 0, n_to = 0;
@@ -116,7 +116,7 @@ static int copy_descriptions(struct apc_forward *f)
     }
     if (rc < 0) {
         free(now);
-        return rc == APC_ENOMEM ? apc_forward_no_memory(f) : apc_forward_fail_from(f, rc);
+        return rc == APC_ENOMEM ? apc_replication_no_memory(f) : apc_replication_fail_from(f, rc);
     }
     bool changed = n != f->n_tags || revision != f->revision;
     for (size_t i = 0; !changed && i < n; i++) {
@@ -132,7 +132,7 @@ static int copy_descriptions(struct apc_forward *f)
     }
     rc = apc_tags_load(f->to, &to, &n_to);
     if (rc < 0) {
-        rc = rc == APC_ENOMEM ? apc_forward_no_memory(f) : apc_forward_fail_to(f, rc);
+        rc = rc == APC_ENOMEM ? apc_replication_no_memory(f) : apc_replication_fail_to(f, rc);
     }
     if (rc == 0) { /* two experiments in one store would be one series of each variable */
         rc = apc_tags_compare(f->tag, f->n_tags, to, n_to, &f->why);
@@ -147,22 +147,22 @@ static int copy_descriptions(struct apc_forward *f)
 
 /* ---- Where it is --------------------------------------------------------------------------- */
 
-static int grow_replicated(struct apc_forward *f, size_t n)
+static int grow_replicated(struct apc_replication *f, size_t n)
 {
-    struct apc_forward_variable *variable =
-        (struct apc_forward_variable *)realloc(f->variable, n * sizeof *variable);
+    struct apc_replication_variable *variable =
+        (struct apc_replication_variable *)realloc(f->variable, n * sizeof *variable);
     if (!variable) {
-        return apc_forward_no_memory(f);
+        return apc_replication_no_memory(f);
     }
     f->variable = variable;
     struct apc_sample *ask = (struct apc_sample *)realloc(f->ask, n * sizeof *ask);
     if (!ask) {
-        return apc_forward_no_memory(f);
+        return apc_replication_no_memory(f);
     }
     f->ask = ask;
     struct apc_vector *vector = (struct apc_vector *)realloc(f->ask_vector, n * sizeof *vector);
     if (!vector) {
-        return apc_forward_no_memory(f);
+        return apc_replication_no_memory(f);
     }
     f->ask_vector = vector;
     return 0;
@@ -170,8 +170,8 @@ static int grow_replicated(struct apc_forward *f, size_t n)
 
 static int by_kind(const void *a, const void *b)
 {
-    const struct apc_sample *x = &((const struct apc_forward_variable *)a)->at,
-                            *y = &((const struct apc_forward_variable *)b)->at;
+    const struct apc_sample *x = &((const struct apc_replication_variable *)a)->at,
+                            *y = &((const struct apc_replication_variable *)b)->at;
     const bool v = apc_table_vectors(x->table), w = apc_table_vectors(y->table);
     return v != w                 ? w - v
            : x->table != y->table ? (x->table > y->table) - (x->table < y->table)
@@ -179,20 +179,20 @@ static int by_kind(const void *a, const void *b)
 }
 
 /* Variables that have come since the last time. Nothing reads table state, of version 1, any more. */
-static int list_new_variables(struct apc_forward *f)
+static int list_new_variables(struct apc_replication *f)
 {
     const int room = apc_store_variables(f->from, NULL, 0);
     if (room < 0 || (size_t)room == f->n) {
-        return room < 0 ? apc_forward_fail_from(f, room) : 0;
+        return room < 0 ? apc_replication_fail_from(f, room) : 0;
     }
     const size_t known = f->n;
     const int rc = grow_replicated(f, known + (size_t)room);
     const int n = rc < 0 ? 0 : apc_store_variables(f->from, f->ask, (size_t)room);
     if (rc < 0 || n < 0) {
-        return rc < 0 ? rc : apc_forward_fail_from(f, n);
+        return rc < 0 ? rc : apc_replication_fail_from(f, n);
     }
     for (int i = 0; i < n && i < room; i++) { /* those that come meanwhile have their turn */
-        const struct apc_forward_variable new = {.at = {.table = f->ask[i].table, .id = f->ask[i].id}};
+        const struct apc_replication_variable new = {.at = {.table = f->ask[i].table, .id = f->ask[i].id}};
         if (new.at.table != APC_STATE && !(known && bsearch(&new, f->variable, known, sizeof new, by_kind))) {
             f->variable[f->n++] = new;
         }
@@ -206,7 +206,7 @@ static int list_new_variables(struct apc_forward *f)
 }
 
 /* The newest of all, as of one moment, into ask_vector and ask. */
-static int read_newest_of_both(struct apc_forward *f, struct apc_store *store)
+static int read_newest_of_both(struct apc_replication *f, struct apc_store *store)
 {
     const size_t n_samples = f->n - f->n_vectors;
     for (size_t i = 0; i < f->n_vectors; i++) {
@@ -224,18 +224,18 @@ static int read_newest_of_both(struct apc_forward *f, struct apc_store *store)
     return apc_store_read_rows(store, &rows);
 }
 
-static int64_t seq_read(const struct apc_forward *f, size_t i)
+static int64_t seq_read(const struct apc_replication *f, size_t i)
 {
     return i < f->n_vectors ? f->ask_vector[i].seq : f->ask[i - f->n_vectors].seq;
 }
 
-static apc_ns time_read(const struct apc_forward *f, size_t i)
+static apc_ns time_read(const struct apc_replication *f, size_t i)
 {
     return i < f->n_vectors ? f->ask_vector[i].time : f->ask[i - f->n_vectors].time;
 }
 
 /* Has it what it took last? */
-static int look_at_to(struct apc_forward *f)
+static int look_at_to(struct apc_replication *f)
 {
     const bool vector = apc_table_vectors(f->last.table);
     struct apc_sample s = {.table = f->last.table, .id = f->last.id};
@@ -247,7 +247,7 @@ static int look_at_to(struct apc_forward *f)
     }
     const int rc = apc_store_read_rows(f->to, &rows);
     if (rc < 0) {
-        return apc_forward_fail_to(f, rc);
+        return apc_replication_fail_to(f, rc);
     }
     if ((vector ? v.seq : s.seq) < f->last.seq) {
         f->described = false;
@@ -257,10 +257,10 @@ static int look_at_to(struct apc_forward *f)
 }
 
 /* All that is known of TO was of before. */
-static void begin_anew(struct apc_forward *f)
+static void begin_anew(struct apc_replication *f)
 {
     f->stats.older++;
-    f->events = f->timing = (struct apc_forward_cursor){.doubtful = true};
+    f->events = f->timing = (struct apc_replication_cursor){.doubtful = true};
     f->last.seq = 0;
     f->n_authors = 0;
     for (size_t i = 0; i < f->n; i++) {
@@ -269,11 +269,11 @@ static void begin_anew(struct apc_forward *f)
 }
 
 /* How much TO has not got; or that it cannot have got what it has from here. */
-static int compare_stores(struct apc_forward *f)
+static int compare_stores(struct apc_replication *f)
 {
     f->stats.behind = 0;
     for (size_t i = 0; i < f->n; i++) {
-        const struct apc_forward_variable *v = &f->variable[i];
+        const struct apc_replication_variable *v = &f->variable[i];
         if (v->placed && v->stored > v->newest) {
             f->stats.away = true;
             return apc_fail(&f->why, APC_ECONFLICT,
@@ -288,7 +288,7 @@ static int compare_stores(struct apc_forward *f)
 }
 
 /* Become the one who writes those in TO that are new, then see what it has. */
-static int find_places(struct apc_forward *f)
+static int find_places(struct apc_replication *f)
 {
     size_t n = 0;
     for (size_t i = 0; i < f->n; i++) {
@@ -304,13 +304,13 @@ static int find_places(struct apc_forward *f)
         rc = read_newest_of_both(f, f->to);
     }
     if (rc < 0) {
-        return apc_forward_fail_to(f, rc);
+        return apc_replication_fail_to(f, rc);
     }
     bool older = false;
     f->kept = false;
     f->kept_until = 0;
     for (size_t i = 0; i < f->n; i++) {
-        struct apc_forward_variable *v = &f->variable[i];
+        struct apc_replication_variable *v = &f->variable[i];
         older = older || seq_read(f, i) < v->stored;
         v->gone = seq_read(f, i) == 0 && (v->gone || v->stored > 0);
         f->kept = f->kept || seq_read(f, i) > f->first;
@@ -324,18 +324,18 @@ static int find_places(struct apc_forward *f)
         begin_anew(f);
     }
     rc = compare_stores(f);
-    rc = rc == 0 ? apc_forward_compare_places(f) : rc;
+    rc = rc == 0 ? apc_replication_compare_places(f) : rc;
     if (rc < 0) {
         lose_places(f);
     }
     return rc;
 }
 
-static int look_at_from(struct apc_forward *f)
+static int look_at_from(struct apc_replication *f)
 {
     int rc = list_new_variables(f);
     if (rc == 0 && f->n > 0 && (rc = read_newest_of_both(f, f->from)) < 0) {
-        return apc_forward_fail_from(f, rc);
+        return apc_replication_fail_from(f, rc);
     }
     f->first = apc_store_first(f->from);
     for (size_t i = 0; rc == 0 && i < f->n; i++) {
@@ -348,7 +348,7 @@ static int look_at_from(struct apc_forward *f)
 /* ---- Samples and vectors ------------------------------------------------------------------- */
 
 /* A number of an author is a name's in its own store only. 0: FROM does not know it. */
-static int find_author_in_target(struct apc_forward *f, uint32_t number)
+static int find_author_in_target(struct apc_replication *f, uint32_t number)
 {
     char name[APC_AUTHOR_LEN];
     for (size_t i = 0; i < f->n_authors; i++) {
@@ -356,25 +356,25 @@ static int find_author_in_target(struct apc_forward *f, uint32_t number)
             return (int)f->author[i].to;
         }
     }
-    struct apc_forward_author *grown =
-        (struct apc_forward_author *)realloc(f->author, (f->n_authors + 1) * sizeof *grown);
+    struct apc_replication_author *grown =
+        (struct apc_replication_author *)realloc(f->author, (f->n_authors + 1) * sizeof *grown);
     if (!grown) {
-        return apc_forward_no_memory(f);
+        return apc_replication_no_memory(f);
     }
     f->author = grown;
     int rc = apc_store_author_name(f->from, number, name);
     if (rc < 0 && rc != APC_ENOTFOUND) {
-        return apc_forward_fail_from(f, rc);
+        return apc_replication_fail_from(f, rc);
     }
     rc = rc < 0 ? 0 : apc_store_author(f->to, name);
     if (rc < 0) {
-        return apc_forward_fail_to(f, rc);
+        return apc_replication_fail_to(f, rc);
     }
-    f->author[f->n_authors++] = (struct apc_forward_author){number, (uint32_t)rc};
+    f->author[f->n_authors++] = (struct apc_replication_author){number, (uint32_t)rc};
     return rc;
 }
 
-void apc_forward_count(struct apc_forward *f, uint64_t *of, int stored)
+void apc_replication_count(struct apc_replication *f, uint64_t *of, int stored)
 {
     *of += (uint64_t)stored;
     f->moved += stored;
@@ -382,14 +382,14 @@ void apc_forward_count(struct apc_forward *f, uint64_t *of, int stored)
 
 /* What is missing is on record before what follows it: else a process that ends in between would leave a gap
  * without a word. */
-static int tell_before(struct apc_forward *f)
+static int tell_before(struct apc_replication *f)
 {
     const bool any = f->tell && f->gap.variables > 0;
-    const int rc = any ? apc_forward_tell_gap(f) : 0;
-    return any && rc == 0 ? apc_forward_events(f) : rc;
+    const int rc = any ? apc_replication_tell_gap(f) : 0;
+    return any && rc == 0 ? apc_replication_events(f) : rc;
 }
 
-static int flush_row_batch(struct apc_forward *f)
+static int flush_row_batch(struct apc_replication *f)
 {
     int rc = tell_before(f);
     if (rc < 0) {
@@ -405,16 +405,16 @@ static int flush_row_batch(struct apc_forward *f)
     }
     const int vectors = apc_store_append_rows(f->to, &rows);
     if (vectors < 0) {
-        return apc_forward_fail_to(f, vectors);
+        return apc_replication_fail_to(f, vectors);
     }
-    apc_forward_count(f, &f->stats.vectors, vectors);
+    apc_replication_count(f, &f->stats.vectors, vectors);
     const int samples = apc_store_append(f->to, f->sample, f->samples);
     if (samples < 0) {
-        return apc_forward_fail_to(f, samples);
+        return apc_replication_fail_to(f, samples);
     }
-    apc_forward_count(f, &f->stats.samples, samples);
-    const int compared = apc_forward_compare_batch(f, (size_t)samples < f->samples ? f->samples : 0,
-                                                   (size_t)vectors < f->vectors ? f->vectors : 0);
+    apc_replication_count(f, &f->stats.samples, samples);
+    const int compared = apc_replication_compare_batch(f, (size_t)samples < f->samples ? f->samples : 0,
+                                                       (size_t)vectors < f->vectors ? f->vectors : 0);
     if (compared < 0) {
         return compared;
     }
@@ -433,14 +433,14 @@ static int flush_row_batch(struct apc_forward *f)
 
 /* A law publishes nothing at a tick at which it has no answer: these rows bear the numbers of ticks, and some
  * are left out. Whether any was overwritten says the row before, as long as it is there to be read. */
-static bool leaves_out(const struct apc_forward_variable *v)
+static bool leaves_out(const struct apc_replication_variable *v)
 {
     return v->at.table == APC_ESTIMATE || v->at.table == APC_PREDICTION;
 }
 
 /* Are rows missing between the last one that TO has, or has been told of, and the first of a step? Of what
  * was before a record began none is. */
-static bool is_gap(const struct apc_forward *f, const struct apc_forward_variable *v, int64_t seq,
+static bool is_gap(const struct apc_replication *f, const struct apc_replication_variable *v, int64_t seq,
                    int64_t told)
 {
     if (v->read || seq <= told + 1) {
@@ -454,10 +454,10 @@ static bool is_gap(const struct apc_forward *f, const struct apc_forward_variabl
 
 /* The first row of a variable in a step: is it the one that follows? After a step that failed it may come
  * again. */
-static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
+static void see_gap(struct apc_replication *f, int64_t seq, apc_ns time)
 {
-    struct apc_forward_variable *v = f->reading;
-    struct apc_forward_gap *gap = &f->gap;
+    struct apc_replication_variable *v = f->reading;
+    struct apc_replication_gap *gap = &f->gap;
     const int64_t told = v->at.seq > v->missing ? v->at.seq : v->missing;
     const apc_ns since = v->at.seq > 0 ? v->at.time : f->kept_until;
     if (!is_gap(f, v, seq, told)) {
@@ -476,9 +476,9 @@ static void see_gap(struct apc_forward *f, int64_t seq, apc_ns time)
 enum taken { TAKEN, KNOWN, LATER };
 
 /* The row joins the batch, unless it is the one before, or came after the step began. */
-static enum taken take_row_into_batch(struct apc_forward *f, int64_t seq, apc_ns time)
+static enum taken take_row_into_batch(struct apc_replication *f, int64_t seq, apc_ns time)
 {
-    struct apc_forward_variable *v = f->reading;
+    struct apc_replication_variable *v = f->reading;
     if (seq > v->newest) {
         return LATER;
     }
@@ -495,7 +495,7 @@ static enum taken take_row_into_batch(struct apc_forward *f, int64_t seq, apc_ns
 
 static int replicate_sample(void *ctx, const struct apc_sample *s)
 {
-    struct apc_forward *f = (struct apc_forward *)ctx;
+    struct apc_replication *f = (struct apc_replication *)ctx;
     const enum taken taken = f->samples == SAMPLES ? LATER : take_row_into_batch(f, s->seq, s->time);
     if (taken == TAKEN) {
         f->sample[f->samples++] = *s;
@@ -505,7 +505,7 @@ static int replicate_sample(void *ctx, const struct apc_sample *s)
 
 static int replicate_vector(void *ctx, const struct apc_vector *v)
 {
-    struct apc_forward *f = (struct apc_forward *)ctx;
+    struct apc_replication *f = (struct apc_replication *)ctx;
     const bool room = f->vectors < VECTORS && f->elements + v->n <= ELEMENTS;
     const enum taken taken = room ? take_row_into_batch(f, v->seq, v->time) : LATER;
     if (taken != TAKEN) {
@@ -521,13 +521,13 @@ static int replicate_vector(void *ctx, const struct apc_vector *v)
     return 0;
 }
 
-static bool is_full(const struct apc_forward *f)
+static bool is_full(const struct apc_replication *f)
 {
     return f->samples == SAMPLES || f->vectors == VECTORS || f->elements + APC_ELEMENTS_MAX > ELEMENTS;
 }
 
 /* All that there was of it, as far as there is time. */
-static int move_variable(struct apc_forward *f, struct apc_forward_variable *v)
+static int move_variable(struct apc_replication *f, struct apc_replication_variable *v)
 {
     int rc = 0;
     f->reading = v;
@@ -539,7 +539,7 @@ static int move_variable(struct apc_forward *f, struct apc_forward_variable *v)
                 ? apc_store_vectors(f->from, v->at.table, v->at.id, &range, replicate_vector, f)
                 : apc_store_history(f->from, v->at.table, v->at.id, &range, replicate_sample, f);
         if (given < 0) {
-            return apc_forward_fail_from(f, given);
+            return apc_replication_fail_from(f, given);
         }
         if (!is_full(f)) {
             break;
@@ -549,7 +549,7 @@ static int move_variable(struct apc_forward *f, struct apc_forward_variable *v)
     return rc;
 }
 
-static int move_rows(struct apc_forward *f)
+static int move_rows(struct apc_replication *f)
 {
     int rc = 0;
     f->samples = f->vectors = f->elements = 0; /* of a step that failed */
@@ -567,8 +567,8 @@ static int move_rows(struct apc_forward *f)
 
 /* ---- The whole ----------------------------------------------------------------------------- */
 
-int apc_forward_create(struct apc_forward **forward, struct apc_store *from, struct apc_store *to,
-                       struct apc_error *why)
+int apc_replication_create(struct apc_replication **forward, struct apc_store *from, struct apc_store *to,
+                           struct apc_error *why)
 {
     if (!forward) {
         return apc_fail(why, APC_EINVAL, "nowhere to put it");
@@ -577,7 +577,7 @@ int apc_forward_create(struct apc_forward **forward, struct apc_store *from, str
     if (!from || !to || from == to) {
         return apc_fail(why, APC_EINVAL, "from which store into which other one?");
     }
-    struct apc_forward *f = (struct apc_forward *)calloc(1, sizeof *f);
+    struct apc_replication *f = (struct apc_replication *)calloc(1, sizeof *f);
     if (f) {
         f->from = from;
         f->to = to;
@@ -587,14 +587,14 @@ int apc_forward_create(struct apc_forward **forward, struct apc_store *from, str
         f->element = (double *)calloc(ELEMENTS, sizeof *f->element);
     }
     if (!f || !f->sample || !f->vector || !f->element) {
-        apc_forward_destroy(f);
+        apc_replication_destroy(f);
         return apc_fail(why, APC_ENOMEM, "out of memory");
     }
     *forward = f;
     return 0;
 }
 
-void apc_forward_destroy(struct apc_forward *f)
+void apc_replication_destroy(struct apc_replication *f)
 {
     if (!f) {
         return;
@@ -613,28 +613,28 @@ void apc_forward_destroy(struct apc_forward *f)
     free(f);
 }
 
-void apc_forward_tell(struct apc_forward *f, apc_forward_gap_fn fn, void *ctx)
+void apc_replication_tell(struct apc_replication *f, apc_replication_gap_fn fn, void *ctx)
 {
     f->tell = fn;
     f->told = ctx;
 }
 
-int apc_forward_tell_gap(struct apc_forward *f)
+int apc_replication_tell_gap(struct apc_replication *f)
 {
-    struct apc_forward_gap gap = f->gap;
+    struct apc_replication_gap gap = f->gap;
     if (!f->tell || (gap.variables == 0 && gap.events == 0 && gap.timing == 0)) {
         return 0;
     }
     gap.size = sizeof gap;
     const int rc = f->tell(f->told, &gap);
     if (rc < 0) {
-        return apc_forward_fail_from(f, rc);
+        return apc_replication_fail_from(f, rc);
     }
-    f->gap = (struct apc_forward_gap){0};
+    f->gap = (struct apc_replication_gap){0};
     return 0;
 }
 
-int apc_forward_step(struct apc_forward *f, apc_ns timeout)
+int apc_replication_step(struct apc_replication *f, apc_ns timeout)
 {
     if (!f || timeout < 0) {
         return APC_EINVAL;
@@ -662,10 +662,10 @@ int apc_forward_step(struct apc_forward *f, apc_ns timeout)
         rc = move_rows(f);
     }
     if (rc == 0) {
-        rc = apc_forward_records(f);
+        rc = apc_replication_records(f);
     }
     if (rc == 0) {
-        rc = apc_forward_tell_gap(f);
+        rc = apc_replication_tell_gap(f);
     }
     if (rc == 0) {
         rc = compare_stores(f);
@@ -695,12 +695,12 @@ static int hold_vector(void *ctx, const struct apc_vector *v)
     return 0;
 }
 
-double apc_forward_left(struct apc_forward *f)
+double apc_replication_left(struct apc_replication *f)
 {
     double left = 1;
     const int looked = f ? look_at_from(f) : APC_EINVAL;
     for (size_t i = 0; looked == 0 && i < f->n; i++) {
-        struct apc_forward_variable *v = &f->variable[i];
+        struct apc_replication_variable *v = &f->variable[i];
         struct held held = {0};
         const int rc = i < f->n_vectors
                            ? apc_store_vectors(f->from, v->at.table, v->at.id, NULL, hold_vector, &held)
@@ -715,13 +715,13 @@ double apc_forward_left(struct apc_forward *f)
     return left;
 }
 
-const char *apc_forward_error(const struct apc_forward *f)
+const char *apc_replication_error(const struct apc_replication *f)
 {
     return f ? f->why.text : "nothing is forwarded";
 }
 
-void apc_forward_stats(const struct apc_forward *f, struct apc_forward_stats *stats)
+void apc_replication_stats(const struct apc_replication *f, struct apc_replication_stats *stats)
 {
-    const struct apc_forward_stats none = {.size = 0};
+    const struct apc_replication_stats none = {.size = 0};
     apc_result_copy(stats, f ? &f->stats : &none, sizeof none);
 }

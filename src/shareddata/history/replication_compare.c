@@ -52,7 +52,7 @@ static int compare_vector(void *ctx, const struct apc_vector *there)
     return c->vector >= c->vector_end || there->seq >= c->vector_end[-1].seq;
 }
 
-static void note_difference(struct apc_forward *f, const struct comparing *c)
+static void note_difference(struct apc_replication *f, const struct comparing *c)
 {
     if (c->others > 0) {
         f->stats.other.rows += c->others;
@@ -62,7 +62,7 @@ static void note_difference(struct apc_forward *f, const struct comparing *c)
     }
 }
 
-int apc_forward_compare_batch(struct apc_forward *f, size_t samples, size_t vectors)
+int apc_replication_compare_batch(struct apc_replication *f, size_t samples, size_t vectors)
 {
     int rc = 0;
     for (size_t i = 0, end; rc >= 0 && i < samples; i = end) {
@@ -85,11 +85,11 @@ int apc_forward_compare_batch(struct apc_forward *f, size_t samples, size_t vect
         rc = apc_store_vectors(f->to, v->table, v->id, &range, compare_vector, &c);
         note_difference(f, &c);
     }
-    return rc < 0 ? apc_forward_fail_to(f, rc) : 0;
+    return rc < 0 ? apc_replication_fail_to(f, rc) : 0;
 }
 
 /* TO's newest of variable i with what FROM still has under its number. */
-static int compare_place(struct apc_forward *f, size_t i, int64_t seq, struct comparing *c)
+static int compare_place(struct apc_replication *f, size_t i, int64_t seq, struct comparing *c)
 {
     const struct apc_sample *at = &f->variable[i].at;
     const struct apc_range range = {.after = seq - 1};
@@ -102,13 +102,13 @@ static int compare_place(struct apc_forward *f, size_t i, int64_t seq, struct co
         *c = (struct comparing){.sample = there, .end = there + 1};
         rc = apc_store_history(f->from, at->table, at->id, &range, compare_sample, c);
     }
-    return rc < 0 ? apc_forward_fail_from(f, rc) : 0;
+    return rc < 0 ? apc_replication_fail_from(f, rc) : 0;
 }
 
-int apc_forward_compare_places(struct apc_forward *f)
+int apc_replication_compare_places(struct apc_replication *f)
 {
     for (size_t i = 0; i < f->n; i++) {
-        struct apc_forward_variable *v = &f->variable[i];
+        struct apc_replication_variable *v = &f->variable[i];
         const int64_t seq = i < f->n_vectors ? f->ask_vector[i].seq : f->ask[i - f->n_vectors].seq;
         struct comparing c;
         if (seq == 0 || seq > v->newest || seq == v->compared) {

@@ -24,7 +24,7 @@ static bool are_same_timing(const struct apc_timing_row *a, const struct apc_tim
 
 static int mark_known_event(void *ctx, const struct apc_event *e)
 {
-    struct apc_forward *f = (struct apc_forward *)ctx;
+    struct apc_replication *f = (struct apc_replication *)ctx;
     size_t i = 0;
     while (i < f->records && (f->there[i] || !are_same_events(&f->event[i], e))) {
         i++;
@@ -35,7 +35,7 @@ static int mark_known_event(void *ctx, const struct apc_event *e)
 
 static int mark_known_timing(void *ctx, const struct apc_timing_row *row)
 {
-    struct apc_forward *f = (struct apc_forward *)ctx;
+    struct apc_replication *f = (struct apc_replication *)ctx;
     size_t i = 0;
     while (i < f->records && (f->there[i] || !are_same_timing(&f->timing_row[i], row))) {
         i++;
@@ -56,7 +56,7 @@ static void see_number(int64_t *highest, int64_t number)
 }
 
 /* Once some were sent, those that are there may be these. */
-static void see_found(struct apc_forward_cursor *c, int64_t number)
+static void see_found(struct apc_replication_cursor *c, int64_t number)
 {
     if (!c->sent) {
         see_number(&c->found, number);
@@ -64,18 +64,18 @@ static void see_found(struct apc_forward_cursor *c, int64_t number)
 }
 
 /* The batch has been appended, or could not be. */
-static int end_batch(struct apc_forward *f, uint64_t *of, int stored)
+static int end_batch(struct apc_replication *f, uint64_t *of, int stored)
 {
     f->records = 0;
     if (stored < 0) {
-        return f->failed = apc_forward_fail_to(f, stored);
+        return f->failed = apc_replication_fail_to(f, stored);
     }
-    apc_forward_count(f, of, stored);
+    apc_replication_count(f, of, stored);
     return 0;
 }
 
 /* Where TO refuses one for what it says, the others go without it. */
-static int append_event_batch(struct apc_forward *f, size_t n)
+static int append_event_batch(struct apc_replication *f, size_t n)
 {
     int rc = apc_store_append_events(f->to, f->event, n), stored = 0;
     const bool singly = rc == APC_ERANGE;
@@ -90,7 +90,7 @@ static int append_event_batch(struct apc_forward *f, size_t n)
     return singly ? stored : rc;
 }
 
-static int append_timing_batch(struct apc_forward *f, const struct apc_timing_row *rows, size_t n)
+static int append_timing_batch(struct apc_replication *f, const struct apc_timing_row *rows, size_t n)
 {
     int rc = apc_store_append_timing(f->to, rows, n), stored = 0;
     const bool singly = rc == APC_ERANGE;
@@ -105,7 +105,7 @@ static int append_timing_batch(struct apc_forward *f, const struct apc_timing_ro
     return singly ? stored : rc;
 }
 
-static int flush_event_batch(struct apc_forward *f)
+static int flush_event_batch(struct apc_replication *f)
 {
     apc_ns first = INT64_MAX, last = INT64_MIN;
     size_t new = 0;
@@ -130,7 +130,7 @@ static int flush_event_batch(struct apc_forward *f)
     return end_batch(f, &f->stats.events, rc < 0 ? rc : append_event_batch(f, new));
 }
 
-static int flush_timing_batch(struct apc_forward *f)
+static int flush_timing_batch(struct apc_replication *f)
 {
     struct apc_timing_row rows[APC_FORWARD_TIMING];
     size_t new = 0;
@@ -155,7 +155,7 @@ static int flush_timing_batch(struct apc_forward *f)
 /* Two that are alike stay in one batch: else the second would find the first one's copy. */
 static int replicate_event(void *ctx, const struct apc_event *e)
 {
-    struct apc_forward *f = (struct apc_forward *)ctx;
+    struct apc_replication *f = (struct apc_replication *)ctx;
     if ((f->records == APC_FORWARD_EVENTS ||
          (f->records > APC_FORWARD_EVENTS / 2 && e->time != f->event[f->records - 1].time)) &&
         flush_event_batch(f) < 0) {
@@ -168,7 +168,7 @@ static int replicate_event(void *ctx, const struct apc_event *e)
 
 static int replicate_timing(void *ctx, const struct apc_timing_row *row)
 {
-    struct apc_forward *f = (struct apc_forward *)ctx;
+    struct apc_replication *f = (struct apc_replication *)ctx;
     const size_t n = row->n_bins;
     if ((f->records == APC_FORWARD_TIMING ||
          (f->records > APC_FORWARD_TIMING / 2 && row->time != f->timing_row[f->records - 1].time)) &&
@@ -177,7 +177,7 @@ static int replicate_timing(void *ctx, const struct apc_timing_row *row)
     }
     int64_t *bins = (int64_t *)realloc(f->bins[f->records], (3 * n + 1) * sizeof *bins);
     if (!bins) {
-        f->failed = apc_forward_no_memory(f);
+        f->failed = apc_replication_no_memory(f);
         return 1;
     }
     if (n > 0) {
@@ -204,19 +204,19 @@ struct count {
 
 /* What differs between events and timing rows. */
 struct kind {
-    struct apc_forward_cursor *cursor;
+    struct apc_replication_cursor *cursor;
     uint64_t *lost, *untold;
-    int (*give)(struct apc_forward *f, const struct apc_range *range);
-    int (*flush)(struct apc_forward *f);
+    int (*give)(struct apc_replication *f, const struct apc_range *range);
+    int (*flush)(struct apc_replication *f);
     int (*count)(struct apc_store *store, const struct apc_range *range, struct count *c);
 };
 
-static int give_events(struct apc_forward *f, const struct apc_range *range)
+static int give_events(struct apc_replication *f, const struct apc_range *range)
 {
     return apc_store_events(f->from, range, replicate_event, f);
 }
 
-static int replicate_timing_range(struct apc_forward *f, const struct apc_range *range)
+static int replicate_timing_range(struct apc_replication *f, const struct apc_range *range)
 {
     return apc_store_timing(f->from, range, replicate_timing, f);
 }
@@ -246,23 +246,23 @@ static int count_timing(struct apc_store *store, const struct apc_range *range, 
 }
 
 /* So many were overwritten. */
-static int count_lost_records(struct apc_forward *f, const struct kind *k, uint64_t n)
+static int count_lost_records(struct apc_replication *f, const struct kind *k, uint64_t n)
 {
     *k->lost += n;
     *k->untold += n;
-    return n > 0 ? apc_forward_tell_gap(f) : 0;
+    return n > 0 ? apc_replication_tell_gap(f) : 0;
 }
 
 /* After a start: how many FROM has above the last one that TO had, where it had any at all; of what was
  * before a history began it has no gap. */
-static int begin_to_count(struct apc_forward *f, const struct kind *k)
+static int begin_to_count(struct apc_replication *f, const struct kind *k)
 {
     const int64_t found = k->cursor->found;
     const struct apc_range above = {.after = found};
     struct count held = {.until = f->number};
     const int rc = k->cursor->had ? k->count(f->from, &above, &held) : 0;
     if (rc < 0) {
-        return apc_forward_fail_from(f, rc);
+        return apc_replication_fail_from(f, rc);
     }
     const uint64_t lost = k->cursor->had ? (uint64_t)(f->number - found - held.n) : 0;
     k->cursor->begun = true;
@@ -270,15 +270,15 @@ static int begin_to_count(struct apc_forward *f, const struct kind *k)
 }
 
 /* All that have come since the last time. */
-static int move_records(struct apc_forward *f, const struct kind *k)
+static int move_records(struct apc_replication *f, const struct kind *k)
 {
-    struct apc_forward_cursor *c = k->cursor;
+    struct apc_replication_cursor *c = k->cursor;
     const struct apc_range range = {.after = c->number}, newest = {.last = 1};
     const bool numbers = f->from->ops->numbers;
     struct count had = {.until = INT64_MAX};
     const int asked = numbers && !c->asked ? k->count(f->to, &newest, &had) : 0;
     if (asked < 0) {
-        return apc_forward_fail_to(f, asked);
+        return apc_replication_fail_to(f, asked);
     }
     c->had = c->asked ? c->had : had.n > 0;
     c->asked = true;
@@ -287,7 +287,7 @@ static int move_records(struct apc_forward *f, const struct kind *k)
     f->failed = 0;
     const int given = k->give(f, &range);
     if (f->failed == 0 && given < 0) {
-        f->failed = apc_forward_fail_from(f, given);
+        f->failed = apc_replication_fail_from(f, given);
     }
     if (f->failed == 0 && numbers && c->begun) { /* before TO has what follows them */
         const uint64_t missed = (uint64_t)(f->number - c->number - given);
@@ -306,18 +306,18 @@ static int move_records(struct apc_forward *f, const struct kind *k)
     return f->failed;
 }
 
-int apc_forward_events(struct apc_forward *f)
+int apc_replication_events(struct apc_replication *f)
 {
     const struct kind events = {&f->events,  &f->stats.lost.events, &f->gap.events,
                                 give_events, flush_event_batch,     count_events};
     return move_records(f, &events);
 }
 
-int apc_forward_records(struct apc_forward *f)
+int apc_replication_records(struct apc_replication *f)
 {
     const struct kind timing = {&f->timing,         &f->stats.lost.timing,
                                 &f->gap.timing,     replicate_timing_range,
                                 flush_timing_batch, count_timing};
-    const int rc = apc_forward_events(f);
+    const int rc = apc_replication_events(f);
     return rc == 0 ? move_records(f, &timing) : rc;
 }
