@@ -74,7 +74,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_ui_options(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
     switch (key) {
@@ -143,12 +143,12 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static void print_version(FILE *stream, struct argp_state *state)
+static void print_ui_version(FILE *stream, struct argp_state *state)
 {
     fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
 }
 
-static const char *or_environment(const char *flag, const char *name, const char *fallback)
+static const char *ui_or_environment(const char *flag, const char *name, const char *fallback)
 {
     const char *value = flag ? flag : getenv(name);
     return value ? value : fallback;
@@ -162,7 +162,7 @@ _Noreturn static void usage_error(const char *option, const char *value, const c
 
 /* ---- Setting up --------------------------------------------------------------------------- */
 
-static int fail(const struct apc_error *why, int rc)
+static int fail_ui(const struct apc_error *why, int rc)
 {
     fprintf(stderr, "apc-ui: %s\n", why->text);
     return rc;
@@ -323,7 +323,7 @@ static void say_where(const struct ui *ui)
                   files_count(ui->files), ui->open ? "no login: who started it is engineer" : "with login");
 }
 
-static void serve(struct ui *ui, sigset_t *signals)
+static void serve_pages(struct ui *ui, sigset_t *signals)
 {
     const struct timespec second = {1, 0};
     while (sigtimedwait(signals, NULL, &second) < 0) {
@@ -334,7 +334,7 @@ static void serve(struct ui *ui, sigset_t *signals)
     }
 }
 
-static int run(struct ui *ui, sigset_t *signals, struct apc_error *why)
+static int run_ui(struct ui *ui, sigset_t *signals, struct apc_error *why)
 {
     pthread_t live, records, behind;
     int rc = server_start(ui, why);
@@ -346,7 +346,7 @@ static int run(struct ui *ui, sigset_t *signals, struct apc_error *why)
     if (have_behind) {
         say_where(ui);
         sd_notify(0, "READY=1");
-        serve(ui, signals);
+        serve_pages(ui, signals);
         sd_notify(0, "STOPPING=1");
         apc_log_write(ui->log, APC_LOG_INFO, "stopping");
     } else {
@@ -365,27 +365,27 @@ static int run(struct ui *ui, sigset_t *signals, struct apc_error *why)
 
 int main(int argc, char **argv)
 {
-    static const struct argp argp = {option_list, parse, NULL, "Serve the operator's page of a plant.",
-                                     NULL,        NULL,  NULL};
+    static const struct argp argp = {
+        option_list, parse_ui_options, NULL, "Serve the operator's page of a plant.", NULL, NULL, NULL};
     struct options o = {.ui.idle = 1800};
     struct apc_error why;
     sigset_t signals;
     struct ui *ui = calloc(1, sizeof *ui);
 
     streams_keep();
-    argp_program_version_hook = print_version;
+    argp_program_version_hook = print_ui_version;
     argp_err_exit_status = EXIT_USAGE;
     argp_parse(&argp, argc, argv, 0, NULL, &o);
-    const char *level = or_environment(o.log_level, "APC_LOG_LEVEL", "info");
+    const char *level = ui_or_environment(o.log_level, "APC_LOG_LEVEL", "info");
     if (!apc_log_level_parse(level))
         usage_error("--log-level", level, "error, warn, info or debug");
     if (!ui)
         return EXIT_ERROR;
     ui->options = o.ui;
-    ui->options.store = or_environment(o.ui.store, "APC_STORE", "postgresql:");
-    ui->options.spool = or_environment(o.ui.spool, "APC_SPOOL", NULL);
+    ui->options.store = ui_or_environment(o.ui.store, "APC_STORE", "postgresql:");
+    ui->options.spool = ui_or_environment(o.ui.spool, "APC_SPOOL", NULL);
     ui->options.listen = o.ui.listen ? o.ui.listen : DEFAULT_PLACE;
-    const char *config = or_environment(o.config, "APC_CONFIG", NULL);
+    const char *config = ui_or_environment(o.config, "APC_CONFIG", NULL);
     if (o.start && apc_time_parse(o.start, &ui->model.plant.start) < 0)
         usage_error("--start", o.start, "a time such as 2026-01-31T12:00:00Z");
     block_signals(&signals);
@@ -399,9 +399,9 @@ int main(int argc, char **argv)
         apc_store_close(probe);
     }
     if (rc == 0)
-        rc = run(ui, &signals, &why);
+        rc = run_ui(ui, &signals, &why);
     if (rc < 0)
-        fail(&why, rc);
+        fail_ui(&why, rc);
     server_stop(ui);
     free_parts(ui);
     apc_log_destroy(ui->log);

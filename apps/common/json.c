@@ -16,7 +16,7 @@ void text_free(struct text *t)
     *t = (struct text){0};
 }
 
-static bool reserve(struct text *t, size_t n)
+static bool reserve_text(struct text *t, size_t n)
 {
     if (t->failed)
         return false;
@@ -36,7 +36,7 @@ static bool reserve(struct text *t, size_t n)
 
 void text_put(struct text *t, const char *data, size_t n)
 {
-    if (n == 0 || !reserve(t, n))
+    if (n == 0 || !reserve_text(t, n))
         return;
     memcpy(t->at + t->n, data, n);
     t->n += n;
@@ -48,7 +48,7 @@ void text_add(struct text *t, const char *fmt, ...)
     va_start(args, fmt);
     va_copy(again, args);
     int n = vsnprintf(NULL, 0, fmt, args);
-    if (n >= 0 && reserve(t, (size_t)n + 1)) {
+    if (n >= 0 && reserve_text(t, (size_t)n + 1)) {
         vsnprintf(t->at + t->n, (size_t)n + 1, fmt, again);
         t->n += (size_t)n;
     }
@@ -185,7 +185,7 @@ json_t *body_parse(const char *body, size_t n, const char *const *members, struc
     return NULL;
 }
 
-static const json_t *member(const json_t *object, const char *name, struct fault *f)
+static const json_t *find_member(const json_t *object, const char *name, struct fault *f)
 {
     const json_t *value = json_object_get(object, name);
     if (!value)
@@ -195,7 +195,7 @@ static const json_t *member(const json_t *object, const char *name, struct fault
 
 bool member_number(const json_t *object, const char *name, double *value, struct fault *f)
 {
-    const json_t *found = member(object, name, f);
+    const json_t *found = find_member(object, name, f);
     if (!found)
         return false;
     if (!json_is_number(found) || !isfinite(json_number_value(found)))
@@ -220,7 +220,7 @@ static bool whole_value(const json_t *found, int64_t *value)
 bool member_whole(const json_t *object, const char *name, int64_t low, int64_t high, int64_t *value,
                   struct fault *f)
 {
-    const json_t *found = member(object, name, f);
+    const json_t *found = find_member(object, name, f);
     int64_t whole = 0;
     if (!found)
         return false;
@@ -233,7 +233,7 @@ bool member_whole(const json_t *object, const char *name, int64_t low, int64_t h
 
 bool member_text(const json_t *object, const char *name, const char **text, struct fault *f)
 {
-    const json_t *found = member(object, name, f);
+    const json_t *found = find_member(object, name, f);
     if (!found)
         return false;
     if (!json_is_string(found))

@@ -139,8 +139,8 @@ static void mark(struct apc_controller *c)
     c->mark[1] = hash;
 }
 
-static struct apc_sample *name_rows(struct apc_sample *at, enum apc_table table, const int *id, size_t n,
-                                    int first)
+static struct apc_sample *name_loop_rows(struct apc_sample *at, enum apc_table table, const int *id, size_t n,
+                                         int first)
 {
     for (size_t i = 0; i < n; i++)
         *at++ =
@@ -152,32 +152,32 @@ static struct apc_sample *name_rows(struct apc_sample *at, enum apc_table table,
 static void name_told(struct apc_controller *c, struct apc_sample *at)
 {
     for (size_t k = 0; k < c->dim.nz; k++)
-        at = name_rows(at, APC_ACTUAL, NULL, 1, apc_variable_number(APC_SETPOINT, c->setpoint[k].id));
+        at = name_loop_rows(at, APC_ACTUAL, NULL, 1, apc_variable_number(APC_SETPOINT, c->setpoint[k].id));
     for (size_t k = 0; k < c->n_inputs; k++)
-        at = name_rows(at, APC_ACTUAL, NULL, 1,
-                       apc_variable_number(APC_SENSOR, c->in.sample[c->input[k].y].id));
+        at = name_loop_rows(at, APC_ACTUAL, NULL, 1,
+                            apc_variable_number(APC_SENSOR, c->in.sample[c->input[k].y].id));
 }
 
 static int name_inputs(struct apc_controller *c, const struct apc_controller_options *o)
 {
     struct apc_sample *at = c->in.sample;
 
-    at = name_rows(at, APC_SENSOR, o->y, c->dim.ny, 1);
-    at = name_rows(at, APC_SENSOR, o->d, c->dim.nd, 1);
+    at = name_loop_rows(at, APC_SENSOR, o->y, c->dim.ny, 1);
+    at = name_loop_rows(at, APC_SENSOR, o->d, c->dim.nd, 1);
     for (size_t k = 0; k < c->dim.nz; k++)
-        at = name_rows(at, APC_SETPOINT, NULL, 1, c->setpoint[k].id);
+        at = name_loop_rows(at, APC_SETPOINT, NULL, 1, c->setpoint[k].id);
     for (size_t i = 0; i < c->dim.nu; i++)
-        at = name_rows(at, APC_OPMODE, NULL, 1, c->loop[i].mode);
+        at = name_loop_rows(at, APC_OPMODE, NULL, 1, c->loop[i].mode);
     for (size_t i = 0; i < c->dim.nu; i++)
-        at = name_rows(at, APC_MANUAL, NULL, 1, c->loop[i].manual);
-    at = name_rows(at, APC_TUNING, NULL, c->size.tuning, o->tuning ? o->tuning : 1);
+        at = name_loop_rows(at, APC_MANUAL, NULL, 1, c->loop[i].manual);
+    at = name_loop_rows(at, APC_TUNING, NULL, c->size.tuning, o->tuning ? o->tuning : 1);
     for (size_t i = 0; i < c->dim.nu; i++)
-        at = c->loop[i].setpoint ? name_rows(at, APC_SETPOINT, NULL, 1, c->loop[i].setpoint)
-             : c->loop[i].signal ? name_rows(at, APC_SENSOR, NULL, 1, c->loop[i].signal)
-                                 : name_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
+        at = c->loop[i].setpoint ? name_loop_rows(at, APC_SETPOINT, NULL, 1, c->loop[i].setpoint)
+             : c->loop[i].signal ? name_loop_rows(at, APC_SENSOR, NULL, 1, c->loop[i].signal)
+                                 : name_loop_rows(at, APC_ACTUATOR, NULL, 1, c->loop[i].id);
     if (o->acting) {
         c->choice = c->in.sample + c->in.n_samples - 1 - c->dim.nz - c->n_inputs;
-        name_told(c, name_rows(c->choice, APC_OPMODE, NULL, 1, o->acting));
+        name_told(c, name_loop_rows(c->choice, APC_OPMODE, NULL, 1, o->acting));
     }
     return apc_controller_name_cascade(c, at);
 }
@@ -302,7 +302,7 @@ int apc_controller_lay_out(struct apc_controller *c, const struct apc_controller
     for (size_t k = 0; k < p.numbers; k++)
         c->former.sample[c->n_actual + k] =
             (struct apc_sample){.table = APC_ESTIMATE, .id = c->estimate + (int)k, .status = APC_BAD_NO_DATA};
-    (void)name_rows(c->former.sample + c->n_actual + p.numbers, APC_ESTIMATE, NULL, n_told, c->output);
+    (void)name_loop_rows(c->former.sample + c->n_actual + p.numbers, APC_ESTIMATE, NULL, n_told, c->output);
     return 0;
 }
 
@@ -341,7 +341,7 @@ static void put_setpoint(struct apc_controller *c, const struct apc_sample *now,
                                                             .origin = origin};
 }
 
-static void put_output(struct apc_controller *c, size_t i, apc_ns utc)
+static void put_output_row(struct apc_controller *c, size_t i, apc_ns utc)
 {
     const struct apc_sample *now = apc_controller_output(c, i);
     struct apc_controller_state *l = &c->state[i];
@@ -421,7 +421,7 @@ static void put_seqs(double *at, const int64_t *seq, size_t n)
         at[i] = (double)seq[i];
 }
 
-static void put_values(double *at, const double *value, size_t n)
+static void copy_values(double *at, const double *value, size_t n)
 {
     memcpy(at, value, n * sizeof(*at));
 }
@@ -435,7 +435,7 @@ static void put_tuning(struct apc_controller *c, apc_ns utc)
         return;
     for (size_t k = first; k < c->n_wanted; k++)
         put_actual(c, k, utc);
-    put_values(c->row + c->offset[APC_TICK_TUNING], c->tuning, c->size.tuning);
+    copy_values(c->row + c->offset[APC_TICK_TUNING], c->tuning, c->size.tuning);
     put_seqs(c->row + c->offset[APC_TICK_TUNING_SEQ], c->looked + first, c->size.tuning);
     c->untold = c->out.n_samples > n;
 }
@@ -446,7 +446,7 @@ static size_t one_of(const struct apc_controller_group *g)
 }
 
 /* Of the one that acts: 0: there is no other, -1: none does. */
-static double number_of(const struct apc_controller_group *g)
+static double number_of_controller_acting(const struct apc_controller_group *g)
 {
     return !g->choice ? 0.0 : g->now < g->n ? (double)g->number[g->now] : -1.0;
 }
@@ -458,7 +458,7 @@ static void put_wanted(struct apc_controller *c, double *row)
 
     if (!c->looking)
         return;
-    put_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
+    copy_values(row + at[APC_TICK_Z], c->z, c->dim.nz);
     put_seqs(row + at[APC_TICK_Z_SEQ], c->z_seq, c->dim.nz);
     put_seqs(row + at[APC_TICK_WANTED], c->looked, apc_controller_wanted(c, APC_TUNING));
     c->looking = false;
@@ -468,7 +468,7 @@ static void put_disturbances(struct apc_controller *c, double *row)
 {
     const size_t *at = c->offset;
 
-    put_values(row + at[APC_TICK_D], c->d, c->dim.nd);
+    copy_values(row + at[APC_TICK_D], c->d, c->dim.nd);
     put_seqs(row + at[APC_TICK_D_SEQ], c->d_seq, c->dim.nd);
     for (size_t k = 0; k < c->dim.nd; k++) {
         const apc_status status = c->in.sample[c->dim.ny + k].status;
@@ -505,9 +505,9 @@ static void put_seen(struct apc_controller *c, double *row)
 static void put_peers(const struct apc_controller *c, double *row)
 {
     for (size_t k = 0; k < c->dim.nz; k++)
-        *row++ = number_of(&c->above[k].who);
+        *row++ = number_of_controller_acting(&c->above[k].who);
     for (size_t i = 0; i < c->dim.nu; i++)
-        *row++ = number_of(&c->below[i].who);
+        *row++ = number_of_controller_acting(&c->below[i].who);
     for (size_t k = 0; k < c->dim.nz; k++)
         *row++ = c->choice ? (double)c->choice[1 + k].seq : 0.0;
 }
@@ -530,7 +530,7 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
     double *row = c->row;
     const size_t *at = c->offset;
 
-    put_values(row + at[APC_TICK_MARK], c->mark, 2);
+    copy_values(row + at[APC_TICK_MARK], c->mark, 2);
     row[at[APC_TICK_INDEX]] = (double)c->index;
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_state *l = &c->state[i];
@@ -556,13 +556,13 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
         row[at[APC_TICK_UPDATING] + k] = c->instance[k].updating;
         row[at[APC_TICK_RESULT] + k] = c->instance[k].result;
     }
-    put_values(row + at[APC_TICK_U], c->u, c->dim.nu);
+    copy_values(row + at[APC_TICK_U], c->u, c->dim.nu);
     for (size_t k = 0; k < c->dim.ny; k++) {
         row[at[APC_TICK_Y_STATUS] + k] = c->y_status[k];
         row[at[APC_TICK_Y_NEW] + k] = c->y_new[k];
     }
-    put_values(row + at[APC_TICK_Y_AGE], c->y_age, c->dim.ny);
-    put_values(row + at[APC_TICK_Y], c->y, c->dim.ny);
+    copy_values(row + at[APC_TICK_Y_AGE], c->y_age, c->dim.ny);
+    copy_values(row + at[APC_TICK_Y], c->y, c->dim.ny);
     put_seqs(row + at[APC_TICK_Y_SEQ], c->y_seq, c->dim.ny);
     put_disturbances(c, row);
     put_wanted(c, row);
@@ -574,7 +574,7 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
         row[at[APC_TICK_PLAN] + k] = (double)c->plan_seq[k];
         row[at[APC_TICK_PLANNED] + k] = c->planned[k];
     }
-    put_values(row + at[APC_TICK_X], c->x, c->size.states);
+    copy_values(row + at[APC_TICK_X], c->x, c->size.states);
     c->out_row->seq = c->seq;
     c->out_row->time = now.utc;
     c->out.n_vectors = is_storable(c, row);
@@ -631,7 +631,7 @@ void apc_controller_put(struct apc_controller *c, struct apc_now now)
     c->out.n_samples = 0;
     c->seq++;
     for (size_t i = 0; i < c->dim.nu; i++)
-        put_output(c, i, now.utc);
+        put_output_row(c, i, now.utc);
     for (size_t k = 0; c->cascaded && k < c->dim.nz; k++) {
         if (c->above[k].put)
             put_setpoint(c, &c->in.sample[c->dim.ny + c->dim.nd + k], now.utc, c->z[k], APC_GOOD, 0);

@@ -13,7 +13,7 @@ static bool is_loop(const struct apc_tag *tag)
 /* ---- Controllers --------------------------------------------------------------------------- */
 
 /* They have numbers in the order of their loops. */
-static size_t controller_of(struct loops *l, const struct apc_tag *tag)
+static size_t controller_of_tag(struct loops *l, const struct apc_tag *tag)
 {
     struct loops_controller *last = l->n_controllers ? &l->controller[l->n_controllers - 1] : NULL;
     if (!last || strcmp(last->name, tag->controller) != 0) {
@@ -75,7 +75,7 @@ bool loops_is_local(const struct apc_sample *owner)
 /* ---- Outputs ------------------------------------------------------------------------------- */
 
 /* Is it CONTROLLER.NAME? */
-static bool ends_in(const char *loop, const char *name)
+static bool is_loop_name(const char *loop, const char *name)
 {
     const size_t n = strlen(loop), of = strlen(name);
     return of > 0 && of < n && loop[n - of - 1] == '.' && !strcmp(loop + n - of, name);
@@ -86,8 +86,8 @@ static void find_output(struct loops_loop *l, const struct apc_tag *tag, size_t 
     size_t longest = 0;
     for (size_t i = 0; i < n; i++) {
         const bool named = !strcmp(tag[i].name, l->name);
-        if ((tag[i].table == APC_SETPOINT || tag[i].table == APC_ACTUATOR) && ends_in(l->name, tag[i].name) &&
-            strlen(tag[i].name) > longest) {
+        if ((tag[i].table == APC_SETPOINT || tag[i].table == APC_ACTUATOR) &&
+            is_loop_name(l->name, tag[i].name) && strlen(tag[i].name) > longest) {
             longest = strlen(tag[i].name);
             l->table = tag[i].table;
             l->output = tag[i].id;
@@ -113,7 +113,7 @@ static int find_of(const struct loops *l, const char *loop, enum apc_table table
     return 0;
 }
 
-static void find_own(struct loops *l, const struct apc_tag *tag, size_t n)
+static void find_own_loops(struct loops *l, const struct apc_tag *tag, size_t n)
 {
     for (struct loops_loop *loop = l->at; loop < l->at + l->n; loop++) {
         loop->manual = find_of(l, loop->name, APC_MANUAL, "manual", tag, n);
@@ -124,7 +124,7 @@ static void find_own(struct loops *l, const struct apc_tag *tag, size_t n)
 
 /* ---- Who acts ------------------------------------------------------------------------------ */
 
-static bool acts(const struct loops *l, const struct loops_loop *loop)
+static bool is_loop_acting(const struct loops *l, const struct loops_loop *loop)
 {
     return l->controller[loop->controller].acts;
 }
@@ -134,7 +134,8 @@ static void find_above(struct loops *l)
     for (size_t i = 0; i < l->n; i++) {
         l->at[i].above = -1;
         for (size_t k = 0; k < l->n && l->at[i].setpoint; k++)
-            if (l->at[k].table == APC_SETPOINT && l->at[k].output == l->at[i].setpoint && acts(l, &l->at[k]))
+            if (l->at[k].table == APC_SETPOINT && l->at[k].output == l->at[i].setpoint &&
+                is_loop_acting(l, &l->at[k]))
                 l->at[i].above = (int)k;
     }
 }
@@ -220,7 +221,7 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
             continue;
         struct loops_loop *loop = &l->at[l->n];
         loop->id = tag[i].id;
-        loop->controller = controller_of(l, &tag[i]);
+        loop->controller = controller_of_tag(l, &tag[i]);
         snprintf(loop->name, sizeof loop->name, "%s", tag[i].name);
         find_output(loop, tag, n);
         l->n++;
@@ -229,7 +230,7 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
     find_scheduled(l, tag, n);
     int rc = l->n > 0 ? read_pairs(l, store) : 0;
     find_choices(l, tag, n);
-    find_own(l, tag, n);
+    find_own_loops(l, tag, n);
     find_above(l);
     return rc < 0 ? rc : read_choices(l, store);
 }
@@ -245,7 +246,7 @@ void loops_free(struct loops *l)
 /* ---- Looking for one ----------------------------------------------------------------------- */
 
 /* "trial.u", or "first.u" of the one that is called "u". */
-static bool is_called(const struct loops *l, const struct loops_loop *loop, const char *name)
+static bool is_loop_called(const struct loops *l, const struct loops_loop *loop, const char *name)
 {
     const char *controller = l->controller[loop->controller].name;
     const size_t n = strlen(controller);
@@ -257,9 +258,9 @@ const struct loops_loop *loops_find(const struct loops *l, const char *name)
 {
     for (size_t i = 0; i < l->n; i++) {
         const struct loops_loop *loop = &l->at[i];
-        if (!is_called(l, loop, name))
+        if (!is_loop_called(l, loop, name))
             continue;
-        return acts(l, loop) || loop->table == APC_SETPOINT || strchr(name, '.')
+        return is_loop_acting(l, loop) || loop->table == APC_SETPOINT || strchr(name, '.')
                    ? loop
                    : loops_of(l, loop->table, loop->output);
     }
@@ -286,7 +287,7 @@ const struct loops_controller *loops_taker(const struct loops *l, const struct a
     return c;
 }
 
-static bool has(const struct loops_loop *l, enum apc_table table, int id)
+static bool loop_has_variable(const struct loops_loop *l, enum apc_table table, int id)
 {
     return (table == APC_OPMODE && l->id == id) || (table == APC_MANUAL && l->manual == id) ||
            (l->table == table && l->output == id) || (table == APC_SETPOINT && l->setpoint == id);
@@ -299,8 +300,8 @@ const struct loops_loop *loops_of(const struct loops *l, enum apc_table table, i
     for (size_t i = 0; i < l->n; i++) {
         const struct loops_loop *loop = &l->at[i];
         /* a setpoint is first of all that of the loop below */
-        const int rank = 2 * (table != APC_SETPOINT || loop->setpoint == id) + acts(l, loop);
-        if (!has(loop, table, id) || rank <= best)
+        const int rank = 2 * (table != APC_SETPOINT || loop->setpoint == id) + is_loop_acting(l, loop);
+        if (!loop_has_variable(loop, table, id) || rank <= best)
             continue;
         found = loop;
         best = rank;

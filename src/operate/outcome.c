@@ -77,7 +77,7 @@ static bool names(const char *text, const char *name)
     return false;
 }
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int take_outcome_event(void *ctx, const struct apc_event *event)
 {
     struct refusal *r = ctx;
     const bool named = names(event->text, r->name);
@@ -93,5 +93,5 @@ bool outcome_refusal(struct apc_store *store, const char *name, apc_ns since, ch
 {
     const struct apc_range last = {.last = EVENTS};
     struct refusal r = {.name = name, .since = since, .text = text, .size = size};
-    return apc_store_events(store, &last, take_event, &r) >= 0 && r.found;
+    return apc_store_events(store, &last, take_outcome_event, &r) >= 0 && r.found;
 }

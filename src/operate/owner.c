@@ -31,7 +31,7 @@ struct order {
     size_t n_rows;
 };
 
-static const struct apc_sample *written(const struct order *o, enum apc_table table, int id)
+static const struct apc_sample *written_sample(const struct order *o, enum apc_table table, int id)
 {
     for (size_t i = 0; i < o->n; i++)
         if (o->samples[i].table == table && o->samples[i].id == id)
@@ -41,15 +41,15 @@ static const struct apc_sample *written(const struct order *o, enum apc_table ta
 
 static void affect(struct order *o, struct owned of)
 {
-    const struct apc_sample *own = written(o, APC_OPMODE, of.owner);
+    const struct apc_sample *own = written_sample(o, APC_OPMODE, of.owner);
     const struct affected a = {.of = of,
-                               .owner = own || !of.cascade ? own : written(o, APC_OPMODE, 0),
-                               .setpoint = written(o, APC_SETPOINT, of.setpoint)};
+                               .owner = own || !of.cascade ? own : written_sample(o, APC_OPMODE, 0),
+                               .setpoint = written_sample(o, APC_SETPOINT, of.setpoint)};
     if (a.owner || a.setpoint)
         o->affected[o->n_affected++] = a;
 }
 
-static int prepare(struct order *o, const struct loops *loops, struct apc_sample *samples, size_t n)
+static int prepare_order(struct order *o, const struct loops *loops, struct apc_sample *samples, size_t n)
 {
     const size_t owned = loops->n + loops->n_scheduled;
     *o = (struct order){.samples = samples, .n = n, .affected = calloc(owned + 1, sizeof *o->affected)};
@@ -66,7 +66,7 @@ static int prepare(struct order *o, const struct loops *loops, struct apc_sample
     return 0;
 }
 
-static int look(struct order *o, struct apc_store *store)
+static int read_owners(struct order *o, struct apc_store *store)
 {
     struct apc_sample *at = o->now;
     for (size_t i = 0; i < o->n; i++)
@@ -85,7 +85,7 @@ static int look(struct order *o, struct apc_store *store)
 }
 
 /* Does anybody else's row stand where the caller knew another? */
-static bool is_stale(const struct order *o)
+static bool is_order_stale(const struct order *o)
 {
     for (size_t i = 0; i < o->n; i++)
         if (o->samples[i].seq != APC_SEQ_ANY && o->samples[i].seq != o->now[i].seq)
@@ -106,7 +106,7 @@ static bool is_cas(double target)
     return target >= (double)APC_MODE_CAS && target <= (double)APC_MODE_CAS;
 }
 
-static bool is_remote(const struct apc_sample *owner, const struct owned *of)
+static bool is_owner_remote(const struct apc_sample *owner, const struct owned *of)
 {
     return of->cascade ? owner->seq > 0 && is_cas(owner->value) : !loops_is_local(owner);
 }
@@ -123,7 +123,7 @@ static bool is_acting(const struct affected *a)
     return !by || !by->choice || (a->now[3].seq > 0 ? a->now[3].value == by->number : by->acts);
 }
 
-static void add(struct order *o, const struct apc_sample *newest, double value)
+static void add_to_order(struct order *o, const struct apc_sample *newest, double value)
 {
     struct apc_sample *row = &o->rows[o->n_rows++];
     *row = *o->samples;
@@ -138,23 +138,23 @@ static void add_affected(struct order *o)
     for (size_t i = 0; i < o->n_affected; i++) {
         const struct affected *a = &o->affected[i];
         const struct apc_sample *owner = a->now, *setpoint = owner + 1, *actual = owner + 2;
-        const bool remote = is_remote(owner, &a->of);
+        const bool remote = is_owner_remote(owner, &a->of);
         if (!a->owner && remote)
-            add(o, owner, a->of.cascade ? APC_MODE_AUTO : 0);
+            add_to_order(o, owner, a->of.cascade ? APC_MODE_AUTO : 0);
         if (a->owner && is_acting(a) && !a->setpoint && setpoint->seq > 0 &&
             remote != becomes_remote(a->owner, &a->of))
-            add(o, setpoint,
-                setpoint->origin > 0 && actual->seq > 0 ? actual->value /* the loop above wrote it */
-                                                        : setpoint->value);
+            add_to_order(o, setpoint,
+                         setpoint->origin > 0 && actual->seq > 0 ? actual->value /* the loop above wrote it */
+                                                                 : setpoint->value);
     }
 }
 
 static int try(struct order *o, struct apc_store *store)
 {
-    int rc = look(o, store);
+    int rc = read_owners(o, store);
     if (rc < 0)
         return rc;
-    if (is_stale(o)) {
+    if (is_order_stale(o)) {
         memcpy(o->samples, o->now, o->n * sizeof *o->samples);
         return APC_ECONFLICT;
     }
@@ -167,7 +167,7 @@ static int try(struct order *o, struct apc_store *store)
     return rc == APC_ECONFLICT ? 1 : rc; /* again */
 }
 
-static int finish(struct order *o, int rc, struct owner_rows *with)
+static int finish_order(struct order *o, int rc, struct owner_rows *with)
 {
     if (rc == 1)
         memcpy(o->samples, o->now, o->n * sizeof *o->samples);
@@ -186,14 +186,14 @@ int owner_put(struct apc_store *store, const struct loops *loops, struct apc_sam
               struct owner_rows *with)
 {
     struct order o;
-    int rc = prepare(&o, loops, samples, n);
+    int rc = prepare_order(&o, loops, samples, n);
     *with = (struct owner_rows){0};
     if (rc == 0 && o.n_affected == 0 && knows_nothing(&o)) {
         rc = apc_store_put(store, samples, n);
     } else if (rc == 0) {
         for (int i = 0; i < TRIES && (i == 0 || rc == 1); i++)
             rc = try(&o, store);
-        rc = finish(&o, rc, with);
+        rc = finish_order(&o, rc, with);
     }
     free(o.affected);
     free(o.now);

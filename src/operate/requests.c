@@ -39,17 +39,17 @@ struct look {
     char said[192];
 };
 
-static int give(void *ctx, apc_request_fn fn, void *fn_ctx)
+static int give_stored_requests(void *ctx, apc_request_fn fn, void *fn_ctx)
 {
     return apc_store_requests(ctx, fn, fn_ctx);
 }
 
-static int answer(void *ctx, int64_t id, int64_t seq, const char *outcome)
+static int answer_stored_request(void *ctx, int64_t id, int64_t seq, const char *outcome)
 {
     return apc_store_answer(ctx, id, seq, outcome);
 }
 
-static const char *error(void *ctx)
+static const char *stored_requests_error(void *ctx)
 {
     return apc_store_error(ctx);
 }
@@ -57,8 +57,11 @@ static const char *error(void *ctx)
 int requests_create(struct requests **requests, struct apc_store *live, struct apc_store *history,
                     apc_ns most, struct apc_error *why)
 {
-    const struct requests_source from = {
-        .ctx = history, .give = give, .answer = answer, .error = error, .marks = REQUESTS_OF_HISTORY};
+    const struct requests_source from = {.ctx = history,
+                                         .give = give_stored_requests,
+                                         .answer = answer_stored_request,
+                                         .error = stored_requests_error,
+                                         .marks = REQUESTS_OF_HISTORY};
     return requests_create_of(requests, live, &from, most, why);
 }
 
@@ -90,7 +93,7 @@ const char *requests_error(const struct requests *r)
 
 /* ---- What there is ------------------------------------------------------------------------- */
 
-static int take(void *ctx, const struct apc_request *request)
+static int take_request(void *ctx, const struct apc_request *request)
 {
     struct requests *r = ctx;
     r->at[r->n++] = *request;
@@ -152,7 +155,7 @@ static const struct apc_tag *find_tag(const struct requests *r, enum apc_table t
     return NULL;
 }
 
-static int look_at(struct requests *r, const struct apc_request *request, struct look *l)
+static int look_at_request(struct requests *r, const struct apc_request *request, struct look *l)
 {
     const enum apc_table table = request->table;
     const int id = request->variable;
@@ -173,13 +176,13 @@ static int look_at(struct requests *r, const struct apc_request *request, struct
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
 
-static int say(struct requests *r, const struct look *l, int64_t seq, const char *outcome)
+static int say_outcome(struct requests *r, const struct look *l, int64_t seq, const char *outcome)
 {
     const int rc = r->from.answer(r->from.ctx, l->request->id, seq, outcome);
     return rc < 0 ? apc_fail(&r->why, rc, "%s", r->from.error(r->from.ctx)) : 0;
 }
 
-static bool APC_PRINTF(2, 3) tell(struct look *l, const char *fmt, ...)
+static bool APC_PRINTF(2, 3) note_outcome(struct look *l, const char *fmt, ...)
 {
     va_list args;
     va_start(args, fmt);
@@ -196,14 +199,16 @@ static bool is_past(struct look *l, apc_ns most, apc_ns most_ahead)
     const apc_ns ours = apc_ns_since(apc_clock_utc(NULL), q->time), age = ours > q->age ? ours : q->age;
     const apc_ns ahead = ours < q->age ? -ours : -q->age;
     if (age > most)
-        return tell(l, "refused: too late, it was asked for %.1f s ago by %s clock, and %.0f s are allowed",
-                    apc_ns_to_s(age), ours > q->age ? "the loop's" : "the database's", apc_ns_to_s(most));
+        return note_outcome(
+            l, "refused: too late, it was asked for %.1f s ago by %s clock, and %.0f s are allowed",
+            apc_ns_to_s(age), ours > q->age ? "the loop's" : "the database's", apc_ns_to_s(most));
     if (q->left <= 0)
-        return tell(l, "refused: too late, it was to be done until %.1f s ago", apc_ns_to_s(-q->left));
+        return note_outcome(l, "refused: too late, it was to be done until %.1f s ago",
+                            apc_ns_to_s(-q->left));
     if (ahead > most_ahead)
-        return tell(l, "refused: it comes from %.1f s ahead: a clock is wrong", apc_ns_to_s(ahead));
+        return note_outcome(l, "refused: it comes from %.1f s ahead: a clock is wrong", apc_ns_to_s(ahead));
     if (l->mark->seq > 0 && l->mark->time >= q->time)
-        return tell(l, "refused: later ones have been done, and whether this one was is not known");
+        return note_outcome(l, "refused: later ones have been done, and whether this one was is not known");
     return false;
 }
 
@@ -213,9 +218,9 @@ static bool is_wrong_mode(const struct requests *r, struct look *l)
     const struct loops_loop *loop = loops_of(&r->loops, APC_OPMODE, q->variable);
     const int mode = q->value >= 0 && q->value <= (double)APC_MODE_CAS ? (int)q->value : -1;
     if (mode < 0 || q->value > mode)
-        return tell(l, "refused: %g is no mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", q->value);
+        return note_outcome(l, "refused: %g is no mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", q->value);
     if (q->variable > 0 && mode == APC_MODE_CAS && loop && loop->above < 0)
-        return tell(l, "refused: %s cannot be in Cas: no controller moves its setpoint", loop->name);
+        return note_outcome(l, "refused: %s cannot be in Cas: no controller moves its setpoint", loop->name);
     return false;
 }
 
@@ -228,17 +233,17 @@ static bool is_wrong(const struct requests *r, struct look *l)
 {
     const struct apc_request *q = l->request;
     if (q->table == APC_OPMODE && q->variable >= REQUESTS_OF_HISTORY)
-        return tell(l, "refused: %s %d is not for people", apc_table_name(q->table), q->variable);
+        return note_outcome(l, "refused: %s %d is not for people", apc_table_name(q->table), q->variable);
     if (!l->tag && !is_switch(q))
-        return tell(l, "refused: %s %d is not described, so its limits are not known",
-                    apc_table_name(q->table), q->variable);
+        return note_outcome(l, "refused: %s %d is not described, so its limits are not known",
+                            apc_table_name(q->table), q->variable);
     if (l->tag && (q->value < l->tag->low || q->value > l->tag->high))
-        return tell(l, "refused: %s = %.15g lies outside its limits %.15g to %.15g", l->tag->name, q->value,
-                    l->tag->low, l->tag->high);
+        return note_outcome(l, "refused: %s = %.15g lies outside its limits %.15g to %.15g", l->tag->name,
+                            q->value, l->tag->low, l->tag->high);
     return q->table == APC_OPMODE && q->variable < LOOPS_IDS && is_wrong_mode(r, l);
 }
 
-static struct outcome_seen seen_of(const struct look *l, const struct apc_sample *write)
+static struct outcome_seen seen_of_request(const struct look *l, const struct apc_sample *write)
 {
     return (struct outcome_seen){.write = write,
                                  .actual = &l->actual,
@@ -252,22 +257,22 @@ static bool is_for_nobody(struct look *l)
 {
     const struct apc_sample next = {
         .table = l->newest.table, .id = l->newest.id, .seq = apc_seq_last(&l->newest) + 1};
-    const struct outcome_seen seen = seen_of(l, &next);
+    const struct outcome_seen seen = seen_of_request(l, &next);
     if (is_switch(l->request))
         return false;
     if (!l->by)
-        return tell(l, "refused: nobody applies it: %s belongs to no controller", l->tag->name);
+        return note_outcome(l, "refused: nobody applies it: %s belongs to no controller", l->tag->name);
     if (l->tick.seq == 0)
-        return tell(l, "refused: nobody applies it: %s has never ticked", l->by->name);
+        return note_outcome(l, "refused: nobody applies it: %s has never ticked", l->by->name);
     if (outcome_of(&seen) == OUTCOME_NOBODY && outcome_age(&seen) > 3 * l->by->period + PATIENCE)
-        return tell(l, "refused: nobody applies it: %s's last tick was %.1f s ago", l->by->name,
-                    apc_ns_to_s(outcome_age(&seen)));
+        return note_outcome(l, "refused: nobody applies it: %s's last tick was %.1f s ago", l->by->name,
+                            apc_ns_to_s(outcome_age(&seen)));
     return false;
 }
 
 /* ---- Doing it -------------------------------------------------------------------------------- */
 
-static void describe(const struct look *l, char *text, size_t size)
+static void describe_request(const struct look *l, char *text, size_t size)
 {
     const struct apc_request *q = l->request;
     char before[32] = "none";
@@ -277,14 +282,14 @@ static void describe(const struct look *l, char *text, size_t size)
              before, q->value, (long long)q->id, q->role, q->reason[0] ? ": " : "", q->reason);
 }
 
-static int record(struct requests *r, const struct look *l, const struct owner_rows *with)
+static int record_request(struct requests *r, const struct look *l, const struct owner_rows *with)
 {
     struct apc_event event[2] = {
         {.time = apc_clock_utc(NULL), .severity = APC_EVENT_INFO, .kind = "operator"}};
     size_t n = 1;
     snprintf(event[0].source, sizeof event[0].source, "%.31s", l->request->author);
     event[1] = event[0];
-    describe(l, event[0].text, sizeof event[0].text);
+    describe_request(l, event[0].text, sizeof event[0].text);
     for (size_t i = 0; i < with->n; i++) {
         if (n == 1 && with->at[i].table == APC_OPMODE) {
             const int id = loops_owned(&r->loops, &with->at[i]);
@@ -299,7 +304,7 @@ static int record(struct requests *r, const struct look *l, const struct owner_r
 }
 
 /* 1: somebody was faster, so it is looked at again. */
-static int write_row(struct requests *r, struct look *l, struct owner_rows *with)
+static int write_request_row(struct requests *r, struct look *l, struct owner_rows *with)
 {
     const struct apc_request *q = l->request;
     const int author = apc_store_author(r->live, q->author);
@@ -330,11 +335,11 @@ static int write_row(struct requests *r, struct look *l, struct owner_rows *with
 static int do_it(struct requests *r, struct look *l)
 {
     struct owner_rows with = {0};
-    int rc = write_row(r, l, &with);
+    int rc = write_request_row(r, l, &with);
     if (rc == 0)
-        rc = record(r, l, &with);
+        rc = record_request(r, l, &with);
     if (rc == 0)
-        rc = say(r, l, apc_seq_last(&l->newest) + 1, NULL);
+        rc = say_outcome(r, l, apc_seq_last(&l->newest) + 1, NULL);
     free(with.at);
     return rc < 0 ? rc : 1;
 }
@@ -347,7 +352,7 @@ struct own {
     bool there;
 };
 
-static int is_own(void *ctx, const struct apc_event *e)
+static int is_own_event(void *ctx, const struct apc_event *e)
 {
     struct own *own = ctx;
     own->there |= e->time >= own->request->time && strstr(e->text, own->text) != NULL;
@@ -360,10 +365,10 @@ static int make_up(struct requests *r, struct look *l)
     const struct apc_range last = {.last = EVENTS};
     struct own own = {.request = l->request};
     snprintf(own.text, sizeof own.text, "(request %lld of ", (long long)l->request->id);
-    int rc = apc_store_events(r->live, &last, is_own, &own);
+    int rc = apc_store_events(r->live, &last, is_own_event, &own);
     if (rc >= 0 && !own.there) {
         l->newest.seq = 0; /* what it was before is not known any more */
-        return record(r, l, &(struct owner_rows){0});
+        return record_request(r, l, &(struct owner_rows){0});
     }
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
@@ -373,50 +378,50 @@ static bool is_told_why(struct requests *r, struct look *l, apc_ns since)
     char why[160];
     const bool found = outcome_refusal(r->live, l->tag->name, since, why, sizeof why);
     if (found)
-        tell(l, "refused: %s", why);
+        note_outcome(l, "refused: %s", why);
     else if (l->request->table == APC_MANUAL)
-        tell(l, "refused: its loop is not in Man");
+        note_outcome(l, "refused: its loop is not in Man");
     else
-        tell(l, "refused: %g stays in force", l->actual.value);
+        note_outcome(l, "refused: %g stays in force", l->actual.value);
     return found || apc_clock_utc(NULL) - l->actual.time > EVENT_LATE;
 }
 
 /* Is there something to say, in l->said? */
-static bool is_settled(struct requests *r, struct look *l)
+static bool is_request_settled(struct requests *r, struct look *l)
 {
     const struct apc_sample write = {.table = l->request->table,
                                      .id = l->request->variable,
                                      .seq = l->mark->origin,
                                      .value = l->request->value};
-    const struct outcome_seen seen = seen_of(l, &write);
+    const struct outcome_seen seen = seen_of_request(l, &write);
     if (is_switch(l->request))
-        return tell(l, "written");
+        return note_outcome(l, "written");
     if (!l->by)
-        return tell(l, "written, but it belongs to no controller");
+        return note_outcome(l, "written, but it belongs to no controller");
     switch (outcome_of(&seen)) {
     case OUTCOME_APPLIED:
-        return tell(l, "applied");
+        return note_outcome(l, "applied");
     case OUTCOME_SUPERSEDED:
-        return tell(l, "superseded: it is %g now", l->actual.value);
+        return note_outcome(l, "superseded: it is %g now", l->actual.value);
     case OUTCOME_REFUSED:
         return is_told_why(r, l, l->request->time);
     default:
-        tell(l, "written, but %s does not confirm it", l->by->name);
+        note_outcome(l, "written, but %s does not confirm it", l->by->name);
         return l->request->age > r->most + 3 * l->by->period + PATIENCE;
     }
 }
 
-static int settle(struct requests *r, struct look *l)
+static int settle_request(struct requests *r, struct look *l)
 {
     int rc = l->request->seq < 0 ? make_up(r, l) : 0;
     if (rc < 0)
         return rc;
-    if (is_settled(r, l)) {
-        rc = say(r, l, l->mark->origin, l->said);
+    if (is_request_settled(r, l)) {
+        rc = say_outcome(r, l, l->mark->origin, l->said);
         return rc < 0 ? rc : 0;
     }
     if (l->request->seq < 0)
-        rc = say(r, l, l->mark->origin, NULL);
+        rc = say_outcome(r, l, l->mark->origin, NULL);
     return rc < 0 ? rc : 1;
 }
 
@@ -424,13 +429,13 @@ static int settle(struct requests *r, struct look *l)
 static int handle(struct requests *r, const struct apc_request *request)
 {
     struct look l;
-    int rc = look_at(r, request, &l);
+    int rc = look_at_request(r, request, &l);
     if (rc < 0)
         return rc;
     if (is_mark_of(l.mark, request))
-        return settle(r, &l);
+        return settle_request(r, &l);
     if (is_past(&l, r->most, r->from.ahead ? r->from.ahead : r->most) || is_wrong(r, &l) || is_for_nobody(&l))
-        return say(r, &l, 0, l.said);
+        return say_outcome(r, &l, 0, l.said);
     return do_it(r, &l);
 }
 
@@ -439,7 +444,7 @@ int requests_step(struct requests *r)
     int left = 0;
     r->n = 0;
     r->why.text[0] = '\0';
-    int rc = r->from.give(r->from.ctx, take, r);
+    int rc = r->from.give(r->from.ctx, take_request, r);
     if (rc < 0)
         return apc_fail(&r->why, rc, "%s", r->from.error(r->from.ctx));
     if (r->n > 0 && (rc = load_plant(r)) < 0)

@@ -10,7 +10,7 @@ void standby_follow(struct standby *s)
 }
 
 /* A look that came late itself says nothing: what kept it may have kept the other one as well. */
-static bool is_late(const struct standby *s, apc_ns mono)
+static bool is_look_late(const struct standby *s, apc_ns mono)
 {
     return !s->looked || mono - s->time > s->period + s->period / 2;
 }
@@ -40,7 +40,7 @@ static int take_place(struct standby *s, struct apc_store *store)
 int standby_look(struct standby *s, struct apc_store *store, struct apc_rows *former, apc_ns mono)
 {
     int rc = apc_store_read_rows(store, former);
-    const bool late = is_late(s, mono), moved = rc >= 0 && former->vector[0].seq != s->seq;
+    const bool late = is_look_late(s, mono), moved = rc >= 0 && former->vector[0].seq != s->seq;
     s->looked = true;
     s->time = mono;
     if (rc < 0 || late || moved) {

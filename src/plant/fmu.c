@@ -27,7 +27,7 @@ apc_ns apc_fmu_timeout(void)
                : TIMEOUT_S * APC_NS_PER_S;
 }
 
-static bool ends_in(const char *name, const char *ending)
+static bool has_ending(const char *name, const char *ending)
 {
     const size_t n = strlen(name), m = strlen(ending);
 
@@ -54,7 +54,7 @@ int apc_fmu_begin(struct apc_subprocess *c, const char *what, const char *with, 
 {
     char program[4096] = "";
 
-    if (ends_in(c->file, ".py"))
+    if (has_ending(c->file, ".py"))
         return begin_python(c, what, with, why);
     const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 16);
     char *const slash = n > 0 ? strrchr(program, '/') : NULL;
@@ -123,7 +123,7 @@ static char *field(char **line)
     return at;
 }
 
-static bool take_variable(struct fmu *f, enum table k, char *line)
+static bool take_fmu_variable(struct fmu *f, enum table k, char *line)
 {
     static const char *const kinds[] = {[WHOLE] = "whole", [TRUTH] = "truth", [LABEL] = "label"};
     struct apc_param *const more = realloc(f->table[k], (f->n[k] + 1) * sizeof(*more));
@@ -181,8 +181,9 @@ static int take_line(struct fmu *f, char *line, struct apc_error *why)
     while (k < N_TABLES && strcmp(kinds[k], kind) != 0)
         k++;
     if (k < N_TABLES)
-        return take_variable(f, (enum table)k, line) ? 0
-                                                     : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+        return take_fmu_variable(f, (enum table)k, line)
+                   ? 0
+                   : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
     if (strcmp(kind, "label") == 0)
         return take_label(f, line) ? 0 : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
     if (strcmp(kind, "model") == 0) {
@@ -195,7 +196,7 @@ static int take_line(struct fmu *f, char *line, struct apc_error *why)
     return strcmp(kind, "folder") == 0;
 }
 
-static int hear(struct fmu *f, struct apc_error *why)
+static int hear_fmu(struct fmu *f, struct apc_error *why)
 {
     const apc_ns until = apc_clock_mono(NULL) + apc_fmu_timeout();
     char *const message = malloc(APC_COMPANION_MESSAGE);
@@ -252,7 +253,7 @@ static void close_fmu(struct apc_plugin *plugin)
 
 bool apc_fmu_is_one(const char *name)
 {
-    return ends_in(name, ".fmu") || ends_in(name, ".py");
+    return has_ending(name, ".fmu") || has_ending(name, ".py");
 }
 
 int apc_fmu_open(const char *file, const struct apc_model **model, void **handle, struct apc_error *why)
@@ -269,7 +270,7 @@ int apc_fmu_open(const char *file, const struct apc_model **model, void **handle
     f->plugin.close = close_fmu;
     rc = apc_fmu_begin(&f->keeper, "keep", file, why);
     if (rc == 0)
-        rc = hear(f, why);
+        rc = hear_fmu(f, why);
     if (rc == 0) {
         f->input = calloc(f->n[INPUT] + 1, sizeof(*f->input));
         f->output = calloc(f->n[OUTPUT] + 1, sizeof(*f->output));

@@ -105,21 +105,21 @@ static uint32_t tables_of(bool vectors)
 }
 
 /* It is asked for every row, so it is made to be quick. */
-static inline bool is_of(uint32_t tables, enum apc_table table, int id)
+static inline bool is_in_tables(uint32_t tables, enum apc_table table, int id)
 {
     return (unsigned)table < 32 && (tables >> table & 1) && id >= 0;
 }
 
 static int check_kind(struct apc_store *store, enum apc_table table, int id, bool vectors)
 {
-    return is_of(tables_of(vectors), table, id) ? 0 : wrong_kind(store, table, id, vectors);
+    return is_in_tables(tables_of(vectors), table, id) ? 0 : wrong_kind(store, table, id, vectors);
 }
 
-static int check_names(struct apc_store *store, const struct apc_sample *samples, size_t n)
+static int check_variable_names(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     const uint32_t tables = tables_of(false);
     for (size_t i = 0; i < n; i++) {
-        if (!is_of(tables, samples[i].table, samples[i].id)) {
+        if (!is_in_tables(tables, samples[i].table, samples[i].id)) {
             return wrong_kind(store, samples[i].table, samples[i].id, false);
         }
     }
@@ -152,7 +152,7 @@ static int check_samples(struct apc_store *store, const struct apc_sample *sampl
     const uint32_t tables = tables_of(false);
     for (size_t i = 0; i < n; i++) {
         const struct apc_sample *s = &samples[i];
-        if (!is_of(tables, s->table, s->id) || !(fabs(s->value) < APC_VALUE_MAX) || s->seq <= 0 ||
+        if (!is_in_tables(tables, s->table, s->id) || !(fabs(s->value) < APC_VALUE_MAX) || s->seq <= 0 ||
             s->origin < 0) {
             return wrong_sample(store, s);
         }
@@ -186,7 +186,7 @@ int apc_store_read(struct apc_store *store, struct apc_sample *samples, size_t n
 {
     int err = apc_store_enter(store, samples, n);
     if (!err) {
-        err = check_names(store, samples, n);
+        err = check_variable_names(store, samples, n);
     }
     return err || n == 0 ? err : store->ops->read(store, samples, n);
 }
@@ -307,7 +307,7 @@ static int check_put(struct apc_store *store, const struct apc_sample *samples, 
     return err;
 }
 
-static bool is_named(const struct apc_sample *samples, size_t n, int loop)
+static bool is_among_samples(const struct apc_sample *samples, size_t n, int loop)
 {
     for (size_t i = 0; i < n; i++) {
         if (samples[i].table == APC_OPMODE && samples[i].id == loop) {
@@ -336,7 +336,7 @@ static int find_loops(struct apc_store *store, const struct apc_sample *samples,
                             : apc_fail(&store->why, APC_ENOMEM, "out of memory for %d tags", most);
     for (int k = 0; k < there && k < most; k++) {
         if (tag[k].table == APC_OPMODE && tag[k].id > 0 && tag[k].id < 65536 && tag[k].controller[0] &&
-            !is_named(samples, n, tag[k].id)) {
+            !is_among_samples(samples, n, tag[k].id)) {
             loop[store->n_loops++] = (struct apc_sample){.table = APC_OPMODE, .id = tag[k].id};
         }
     }
@@ -408,7 +408,7 @@ int apc_store_read_rows(struct apc_store *store, struct apc_rows *rows)
 {
     int err = enter_rows(store, rows);
     if (!err) {
-        err = check_names(store, rows->sample, rows->n_samples);
+        err = check_variable_names(store, rows->sample, rows->n_samples);
     }
     for (size_t i = 0; !err && i < rows->n_vectors; i++) {
         const struct apc_vector *v = &rows->vector[i];

@@ -48,7 +48,7 @@ static int read_experiment(struct reading **out, const struct experiment_source 
     return rc;
 }
 
-static void leave(struct reading *r)
+static void leave_reading(struct reading *r)
 {
     if (!r || atomic_fetch_sub(&r->users, 1) > 1)
         return;
@@ -88,7 +88,7 @@ void apc_experiment_destroy(struct apc_experiment *e)
 {
     if (!e)
         return;
-    leave(e->now);
+    leave_reading(e->now);
     record_free(&e->record);
     free(e);
 }
@@ -110,7 +110,7 @@ int apc_experiment_set(struct apc_experiment *e, const char *path, const char *v
     free(text);
     if (rc < 0)
         return rc;
-    leave(e->now);
+    leave_reading(e->now);
     e->now = changed;
     e->record = record;
     return 0;
@@ -167,7 +167,7 @@ void apc_simulation_destroy(struct apc_simulation *s)
     if (!s)
         return;
     simulation_destroy(&s->s);
-    leave(s->of);
+    leave_reading(s->of);
     free(s);
 }
 
@@ -265,7 +265,7 @@ const char *apc_simulation_error(const struct apc_simulation *s)
 
 /* ---- Figures ------------------------------------------------------------------------------- */
 
-static void fill(struct apc_figure *to, size_t size, const char *loop, const double *from)
+static void fill_figure(struct apc_figure *to, size_t size, const char *loop, const double *from)
 {
     struct apc_figure f = {.size = size,
                            .iae = from[METRIC_IAE],
@@ -290,7 +290,7 @@ static size_t fill_all(const struct figures *f, const struct experiment *e, stru
         for (size_t k = 0; k <= f->n_parts; k++, n++) {
             if (n >= capacity)
                 continue;
-            fill(&to[n], sizeof *to, f->loop[i].name, k ? m->part[k - 1].figure : m->figure);
+            fill_figure(&to[n], sizeof *to, f->loop[i].name, k ? m->part[k - 1].figure : m->figure);
             to[n].from = f->n_parts ? m->part[k ? k - 1 : 0].from : 0;
             to[n].until = f->n_parts ? m->part[k ? k - 1 : f->n_parts - 1].to : 0;
             if (k)

@@ -13,7 +13,7 @@
 
 #define DIVERGED 1e100 /* no state of a plant is as large as that */
 
-static struct apc_now now_of(const struct simulation *s)
+static struct apc_now simulated_now(const struct simulation *s)
 {
     return (struct apc_now){.mono = apc_clock_mono(s->clock), .utc = apc_clock_utc(s->clock)};
 }
@@ -49,7 +49,7 @@ void simulation_stop_at_store(struct simulation *s, int rc)
         simulation_stop(s, rc, "at t = %g s: %s", simulation_time(s), apc_store_error(s->store));
 }
 
-static void record(struct simulation *s, const char *source, struct apc_event *event)
+static void record_simulated_event(struct simulation *s, const char *source, struct apc_event *event)
 {
     event->time += apc_clock_utc(s->clock);
     snprintf(event->source, sizeof event->source, "%s", source);
@@ -65,7 +65,7 @@ void simulation_tell(struct simulation *s, const char *source, enum apc_event_se
     vsnprintf(event.text, sizeof event.text, fmt, args);
     va_end(args);
     snprintf(event.kind, sizeof event.kind, "%s", kind);
-    record(s, source, &event);
+    record_simulated_event(s, source, &event);
 }
 
 static void tell_notice(struct simulation *s, const char *source, const struct apc_notice *notice)
@@ -77,7 +77,7 @@ static void tell_notice(struct simulation *s, const char *source, const struct a
     notice_event(notice, &event);
     if (notice->kind == APC_NOTICE_TRIP) /* between two ticks */
         event.time = apc_plantserver_watchdog(s->server)->tripped - apc_clock_mono(s->clock);
-    record(s, source, &event);
+    record_simulated_event(s, source, &event);
 }
 
 /* ---- Scheduler ---------------------------------------------------------------------------- */
@@ -97,7 +97,7 @@ static bool schedule(struct simulation *s)
 {
     struct apc_rows *out = apc_scheduler_out(s->scheduler);
     struct apc_notice notice;
-    const struct apc_now now = now_of(s);
+    const struct apc_now now = simulated_now(s);
     int rc = apc_scheduler_compute(s->scheduler, now, s->step, now.mono - s->step_began, &notice);
     tell_notice(s, "apc-scheduler", &notice);
     if (rc > 0)
@@ -152,7 +152,7 @@ void simulation_interrupt(struct simulation *s)
     s->interrupt = 1;
 }
 
-static int plant_tick(void *ctx, const struct apc_tick *tick)
+static int tick_plant(void *ctx, const struct apc_tick *tick)
 {
     struct simulation *s = ctx;
     if (s->interrupt) {
@@ -208,11 +208,13 @@ static void plant_finish(void *ctx)
     }
 }
 
-static int serve(void *ctx, uint64_t connection, const char *request, size_t length, char *reply, size_t size)
+static int serve_simulated_plant(void *ctx, uint64_t connection, const char *request, size_t length,
+                                 char *reply, size_t size)
 {
     struct simulation *s = ctx;
     struct apc_notice notice;
-    int rc = apc_plantserver_request(s->server, now_of(s), connection, request, length, reply, size, &notice);
+    int rc = apc_plantserver_request(s->server, simulated_now(s), connection, request, length, reply, size,
+                                     &notice);
     tell_notice(s, "apc-plant", &notice);
     return rc;
 }
@@ -236,7 +238,7 @@ static void report_link(struct simulation *s, bool down, const char *why)
     s->link_down = down;
 }
 
-static void report_range(struct simulation *s, const struct apc_sample *y)
+static void report_simulated_range(struct simulation *s, const struct apc_sample *y)
 {
     bool *said = &s->outside[y->id - 1];
     struct apc_event event = {0};
@@ -244,7 +246,7 @@ static void report_range(struct simulation *s, const struct apc_sample *y)
         return;
     *said = !*said;
     notice_range(&s->e->y[y->id - 1].tag, *said, y->value, &event);
-    record(s, "apc-client", &event);
+    record_simulated_event(s, "apc-client", &event);
 }
 
 static void on_exchanged(void *ctx)
@@ -259,7 +261,7 @@ static void on_exchanged(void *ctx)
     apc_histogram_record(s->round_trip, apc_clock_mono(s->clock) - s->sent_at);
     size_t n = apc_client_measurements(s->client, s->answer, s->y);
     for (size_t i = 0; i < n; i++)
-        report_range(s, &s->y[i]);
+        report_simulated_range(s, &s->y[i]);
     simulation_stop_at_store(s, apc_store_append(s->store, s->y, n));
 }
 
@@ -295,7 +297,7 @@ static int controller_tick(void *ctx, const struct apc_tick *tick)
     if (!c->core)
         return 0;
     simulation_stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
-    apc_controller_compute(c->core, now_of(c->s), tick->index, true, &notice);
+    apc_controller_compute(c->core, simulated_now(c->s), tick->index, true, &notice);
     do
         tell_of(c, &notice);
     while (apc_controller_noticed(c->core, &notice));
@@ -314,7 +316,7 @@ static bool is_held(const struct apc_rows *out)
 }
 
 /* The other one may still have the outputs. */
-static void take_turns(struct simulated *c)
+static void take_simulated_turns(struct simulated *c)
 {
     const int rc = cores_take_turns(c->of, c->core, c->store, &c->claimed);
     if (rc < 0 && rc != APC_EBUSY)
@@ -340,7 +342,7 @@ static void controller_finish(void *ctx)
                               row->value);
     }
     apc_controller_update(c->core, rc >= 0);
-    take_turns(c);
+    take_simulated_turns(c);
 }
 
 uint64_t simulated_failures(const struct simulated *c)
@@ -373,7 +375,7 @@ int simulation_start(struct simulated *c, struct apc_error *why)
         rc = apc_store_open(&c->store, c->s->uri, NULL, why);
     if (rc == 0 && c->of->acting) {
         simulation_stop_at_store(c->s, apc_store_read_rows(c->s->store, apc_controller_in(c->core)));
-        take_turns(c);
+        take_simulated_turns(c);
     }
     return rc;
 }
@@ -404,7 +406,7 @@ static int alarms_tick(void *ctx, const struct apc_tick *tick)
     if (s->playback)
         return 0;
     simulation_stop_at_store(s, apc_store_read_rows(s->store, apc_alarms_in(s->alarms)));
-    apc_alarms_compute(s->alarms, now_of(s), &notice);
+    apc_alarms_compute(s->alarms, simulated_now(s), &notice);
     tell_notice(s, "apc-alarms", &notice);
     return 0;
 }
@@ -419,11 +421,11 @@ static void alarms_finish(void *ctx)
     simulation_stop_at_store(s, apc_store_append_rows(s->store, out));
     for (size_t i = 0; i < out->n_samples; i++)
         if (alarm_event(s->e, &out->sample[i], &event))
-            record(s, "apc-alarms", &event);
+            record_simulated_event(s, "apc-alarms", &event);
     apc_alarms_stored(s->alarms);
 }
 
-static int make_alarms(struct simulation *s, struct apc_error *why)
+static int make_simulated_alarms(struct simulation *s, struct apc_error *why)
 {
     const int rc = s->e->n_alarms > 0 ? cores_alarms(s->e, &s->alarms, why) : 0;
     if (s->alarms)
@@ -469,7 +471,7 @@ static int make_tasks(struct simulation *s, uint64_t seed, struct apc_error *why
     const struct experiment *e = s->e;
     const struct task_plan plan[] = {
         {"scheduler", &e->scheduler.rhythm, RANK_SCHEDULER, scheduler_tick, scheduler_finish, s},
-        {"plant", &e->plant.rhythm, RANK_PLANT, plant_tick, plant_finish, s},
+        {"plant", &e->plant.rhythm, RANK_PLANT, tick_plant, plant_finish, s},
         {"client", &e->client.rhythm, RANK_CLIENT, client_tick, client_finish, s}};
     const size_t first = e->scheduler.steps > 0 ? 0 : 1, n = sizeof plan / sizeof *plan;
     int rc = 0;
@@ -513,7 +515,7 @@ static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *
                                         .request_rank = RANK_LINK,
                                         .reply_rank = RANK_LINK,
                                         .network = network->options,
-                                        .serve = serve,
+                                        .serve = serve_simulated_plant,
                                         .serve_ctx = s,
                                         .done = on_exchanged,
                                         .done_ctx = s};
@@ -533,7 +535,7 @@ static int make_exchange(struct simulation *s, uint64_t seed, struct apc_error *
     return rc;
 }
 
-static int make_room(struct simulation *s)
+static int make_simulated_room(struct simulation *s)
 {
     const struct apc_dim *dim = &s->e->dim;
     s->memory = calloc(dim->nu + dim->ny, sizeof *s->memory);
@@ -593,10 +595,11 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
         (e->scheduler.steps > 0 && (rc = cores_scheduler(e, &s->scheduler, why)) < 0) ||
         (rc = make_exchange(s, seed, why)) < 0)
         return rc;
-    if (make_room(s) < 0 || simulation_schedule_clock(s) < 0 || simulation_schedule_actions(s, 0) < 0)
+    if (make_simulated_room(s) < 0 || simulation_schedule_clock(s) < 0 ||
+        simulation_schedule_actions(s, 0) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     if ((rc = make_store(s, why)) < 0 || (rc = make_controllers(s, why)) < 0 ||
-        (rc = make_alarms(s, why)) < 0)
+        (rc = make_simulated_alarms(s, why)) < 0)
         return rc;
     if (playback)
         simulation_repeat(s);

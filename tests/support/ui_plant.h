@@ -119,7 +119,7 @@ static inline int tear_down(void **state)
 
 static inline struct apc_sample *now_of(enum apc_table table, int id)
 {
-    int at = plant_find(&ui->model.plant, table, id);
+    int at = find_plant_tag(&ui->model.plant, table, id);
     assert_true(at >= 0);
     return &ui->model.now[at];
 }

@@ -347,7 +347,7 @@ static int listening(const char *where, struct apc_error *why)
 {
     ui->options.listen = where;
     ui->port = 0;
-    int fd = listen_on(ui, why);
+    int fd = listen_on_addresses(ui, why);
     if (fd < 0)
         return fd;
     close(fd);
@@ -394,7 +394,7 @@ static void a_port_that_is_taken_is_said(void **state)
     struct apc_error why;
     (void)state;
     ui->options.listen = "127.0.0.1:0";
-    int fd = listen_on(ui, &why);
+    int fd = listen_on_addresses(ui, &why);
     assert_true(fd >= 0);
     snprintf(where, sizeof where, "127.0.0.1:%d", ui->port);
     assert_int_equal(listening(where, &why), APC_ESYS);
@@ -409,7 +409,7 @@ static void what_it_listens_on_is_its_own_and_never_waits(void **state)
     socklen_t size = sizeof on;
     (void)state;
     ui->options.listen = "127.0.0.1:0";
-    int fd = listen_on(ui, &why);
+    int fd = listen_on_addresses(ui, &why);
     assert_true(fd >= 0);
     assert_true(fcntl(fd, F_GETFL) & O_NONBLOCK);
     assert_true(fcntl(fd, F_GETFD) & FD_CLOEXEC);
@@ -478,7 +478,7 @@ static int handed_over(const char *address, bool is_open)
         getsockname(3, (struct sockaddr *)&in, &size);
         ui->open = is_open;
         ui->options.listen = "127.0.0.1:1"; /* which is not looked at, but for what it would say */
-        int rc = listen_on(ui, &why);
+        int rc = listen_on_addresses(ui, &why);
         _exit(rc == 3 && ui->port == ntohs(in.sin_port) && (fcntl(3, F_GETFL) & O_NONBLOCK) ? 0
               : rc == APC_EPERM && fcntl(3, F_GETFD) < 0                                    ? 1
                                                                                             : 2);

@@ -131,11 +131,11 @@ static void limits_are_inclusive_and_their_refusal_names_them(void **state)
     assert_near(in_force(APC_SETPOINT, 1, &seq), -100, 0);
     assert_int_equal(seq, 2);
     /* an output has the limits of its actuator */
-    ui->model.plant.tag[plant_find(&ui->model.plant, APC_MANUAL, 1)].high = 1e6;
+    ui->model.plant.tag[find_plant_tag(&ui->model.plant, APC_MANUAL, 1)].high = 1e6;
     assert_int_equal(refused(post_output, "{\"id\":1,\"value\":10.5,\"seq\":0}"), 422);
     assert_int_equal(refused(post_output, "{\"id\":1,\"value\":10,\"seq\":0}"), 0);
     /* and where there is none, what no store takes */
-    ui->model.plant.tag[plant_find(&ui->model.plant, APC_SETPOINT, 2)].high = APC_VALUE_MAX;
+    ui->model.plant.tag[find_plant_tag(&ui->model.plant, APC_SETPOINT, 2)].high = APC_VALUE_MAX;
     assert_int_equal(refused(post_setpoint, "{\"id\":2,\"value\":1e300,\"seq\":0}"), 422);
 }
 

@@ -453,13 +453,13 @@ static void two_modes_make_two_loops(void **state)
     assert_true(describe(&other, turned, n)); /* in whatever order */
     assert_int_equal(other.n, 13);
     for (size_t i = 0; i < p.n; i++) {
-        assert_int_equal(plant_find(&p, p.tag[i].table, p.tag[i].id), (int)i);
-        assert_int_equal(plant_find(&other, p.tag[i].table, p.tag[i].id), (int)i);
+        assert_int_equal(find_plant_tag(&p, p.tag[i].table, p.tag[i].id), (int)i);
+        assert_int_equal(find_plant_tag(&other, p.tag[i].table, p.tag[i].id), (int)i);
     }
     plant_free(&other);
-    assert_int_equal(plant_find(&p, APC_SENSOR, 0), -1);
-    assert_int_equal(plant_find(&p, APC_SENSOR, 4), -1);
-    assert_int_equal(plant_find(&p, APC_TICK, 1), -1);
+    assert_int_equal(find_plant_tag(&p, APC_SENSOR, 0), -1);
+    assert_int_equal(find_plant_tag(&p, APC_SENSOR, 4), -1);
+    assert_int_equal(find_plant_tag(&p, APC_TICK, 1), -1);
     assert_int_equal(p.n, 13);
     assert_int_equal(plant_period(&p, APC_SENSOR, 1), APC_NS_PER_S / 2);
     assert_int_equal(plant_period(&p, APC_SENSOR, 2), 0);

@@ -30,7 +30,7 @@ void desks_free(struct desk desk[DESKS])
 }
 
 /* The alarms that the store describes, as they stand; none where it describes none. False: fault set. In
- * either case give_back(). */
+ * either case give_desk_back(). */
 static bool take_desk(struct desk *desk, struct request *r, struct apc_store *store)
 {
     struct apc_error why;
@@ -45,7 +45,7 @@ static bool take_desk(struct desk *desk, struct request *r, struct apc_store *st
     return rc == 0;
 }
 
-static void give_back(struct desk *desk)
+static void give_desk_back(struct desk *desk)
 {
     pthread_mutex_unlock(&desk->mutex);
 }
@@ -185,7 +185,7 @@ void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
         text_chop(t, ',');
         text_add(t, "]}");
     }
-    give_back(desk);
+    give_desk_back(desk);
 }
 
 /* ---- Journal ------------------------------------------------------------------------------ */
@@ -242,7 +242,7 @@ void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store
         text_add(t, "]}");
     }
     alarm_journal_free(&journal);
-    give_back(desk);
+    give_desk_back(desk);
 }
 
 /* ---- Figures ------------------------------------------------------------------------------- */
@@ -317,7 +317,7 @@ void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store
     }
     alarm_figures_free(&figures);
     alarm_journal_free(&journal);
-    give_back(desk);
+    give_desk_back(desk);
 }
 
 /* ---- What is wanted ------------------------------------------------------------------------ */
@@ -352,7 +352,7 @@ static bool read_out(struct request *r, const json_t *body, struct order *o)
     return true;
 }
 
-static bool read_order(struct request *r, struct order *o)
+static bool read_alarm_order(struct request *r, struct order *o)
 {
     static const char *const ack[] = {"seq", "reason", "key", NULL};
     static const char *const shelve[] = {"until", "once", "seq", "reason", "key", NULL};
@@ -382,8 +382,8 @@ static bool stale(struct request *r, const struct alarm_now *now, const struct a
 
 /* May it be, as the alarm stands? Who acknowledges what has gone again since he looked means the same one:
  * whether it is, its evaluation says. */
-static bool check_now(struct request *r, const struct alarm_board *board, const struct alarm_now *now,
-                      struct order *o, struct apc_store *store)
+static bool check_alarm_now(struct request *r, const struct alarm_board *board, const struct alarm_now *now,
+                            struct order *o, struct apc_store *store)
 {
     const struct alarm *alarm = alarm_board_alarm(board, now);
     const bool shelves = o->which == APC_ALARM_SHELF && (o->value < 0 || o->value > 0);
@@ -403,8 +403,8 @@ static bool check_now(struct request *r, const struct alarm_board *board, const 
     return true;
 }
 
-static void record(struct ui *ui, const struct request *r, const struct order *o, struct apc_store *store,
-                   const char *outcome)
+static void record_alarm_write(struct ui *ui, const struct request *r, const struct order *o,
+                               struct apc_store *store, const char *outcome)
 {
     struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
     snprintf(event.source, sizeof event.source, "%s", o->write.user);
@@ -415,7 +415,8 @@ static void record(struct ui *ui, const struct request *r, const struct order *o
     audit(ui, store, &event);
 }
 
-static void end(struct ui *ui, struct request *r, struct order *o, enum write_state state, int stored)
+static void end_alarm_write(struct ui *ui, struct request *r, struct order *o, enum write_state state,
+                            int stored)
 {
     struct text t = {0};
     const struct write ended = {.state = state, .stored = stored, .n = 1, .change = &o->change};
@@ -432,15 +433,15 @@ static void end(struct ui *ui, struct request *r, struct order *o, enum write_st
     text_free(&t);
 }
 
-static void carry_out(struct ui *ui, struct request *r, const struct alarm_board *board,
-                      const struct alarm_now *now, struct order *o, struct apc_store *store)
+static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm_board *board,
+                            const struct alarm_now *now, struct order *o, struct apc_store *store)
 {
     struct apc_sample *after = &o->change.after;
     int rc = o->write.user[0] ? apc_store_author(store, o->write.user) : 0;
     if (rc < 0)
         fault_store(r, rc, store);
-    if (rc < 0 || fault_history(r, store) || !check_now(r, board, now, o, store)) {
-        end(ui, r, o, WRITE_FAILED, 0);
+    if (rc < 0 || fault_history(r, store) || !check_alarm_now(r, board, now, o, store)) {
+        end_alarm_write(ui, r, o, WRITE_FAILED, 0);
         return;
     }
     after->author = (uint32_t)rc;
@@ -454,19 +455,19 @@ static void carry_out(struct ui *ui, struct request *r, const struct alarm_board
     else if (rc < 0)
         fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", apc_store_error(store));
     after->seq += unknown; /* what it would have been given */
-    end(ui, r, o,
-        rc >= 0   ? WRITE_ACCEPTED
-        : unknown ? WRITE_UNKNOWN
-                  : WRITE_FAILED,
-        rc >= 0   ? 1
-        : unknown ? -1
-                  : 0);
+    end_alarm_write(ui, r, o,
+                    rc >= 0   ? WRITE_ACCEPTED
+                    : unknown ? WRITE_UNKNOWN
+                              : WRITE_FAILED,
+                    rc >= 0   ? 1
+                    : unknown ? -1
+                              : 0);
     if (rc >= 0 || unknown)
-        record(ui, r, o, unknown ? NULL : store, unknown ? ", outcome unknown" : "");
+        record_alarm_write(ui, r, o, unknown ? NULL : store, unknown ? ", outcome unknown" : "");
 }
 
-static void begin(struct ui *ui, struct request *r, const struct alarm_board *board, struct order *o,
-                  struct apc_store *store)
+static void begin_alarm_write(struct ui *ui, struct request *r, const struct alarm_board *board,
+                              struct order *o, struct apc_store *store)
 {
     const struct alarm_now *now = board->e.n_alarms > 0 ? alarm_board_find(board, r->name) : NULL;
     const apc_ns mono = apc_clock_mono(NULL);
@@ -484,10 +485,11 @@ static void begin(struct ui *ui, struct request *r, const struct alarm_board *bo
     o->change.after.value = o->which == APC_ALARM_ACK ? (double)o->seq : o->value;
     snprintf(o->change.name, sizeof o->change.name, "%s", r->name);
     if (request_begin(ui, r, &o->write, store))
-        carry_out(ui, r, board, now, o, store);
+        carry_out_alarm(ui, r, board, now, o, store);
 }
 
-static void want(struct ui *ui, struct request *r, struct apc_store *store, enum apc_alarm_switch which)
+static void want_alarm_switch(struct ui *ui, struct request *r, struct apc_store *store,
+                              enum apc_alarm_switch which)
 {
     struct desk *desk = &ui->desk[DESK_WRITES];
     struct order o = {.which = which,
@@ -498,24 +500,24 @@ static void want(struct ui *ui, struct request *r, struct apc_store *store, enum
                                 .n = 1}};
     o.write.change = &o.change;
     memcpy(o.write.user, r->session.user, sizeof o.write.user);
-    if (!read_order(r, &o))
+    if (!read_alarm_order(r, &o))
         return;
     if (take_desk(desk, r, store))
-        begin(ui, r, &desk->board, &o, store);
-    give_back(desk);
+        begin_alarm_write(ui, r, &desk->board, &o, store);
+    give_desk_back(desk);
 }
 
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    want(ui, r, store, APC_ALARM_ACK);
+    want_alarm_switch(ui, r, store, APC_ALARM_ACK);
 }
 
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    want(ui, r, store, APC_ALARM_SHELF);
+    want_alarm_switch(ui, r, store, APC_ALARM_SHELF);
 }
 
 void post_alarm_service(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    want(ui, r, store, APC_ALARM_SERVICE);
+    want_alarm_switch(ui, r, store, APC_ALARM_SERVICE);
 }

@@ -35,7 +35,7 @@ static int take_bin(void *ctx, const struct apc_history_bin *bin)
     return 0;
 }
 
-static int take_sample(void *ctx, const struct apc_sample *s)
+static int take_history_sample(void *ctx, const struct apc_sample *s)
 {
     const union cell row[] = {
         {.whole = s->seq}, {.time = s->time}, {.number = s->value}, {.status = s->status}};
@@ -50,7 +50,8 @@ static int take_before(void *ctx, const struct apc_sample *s)
 }
 
 /* A loop's target mode has the name of its output, or of nothing else. */
-static size_t find_name(const struct plant *p, const char *name, bool modes, enum apc_table *table, int *id)
+static size_t find_history_name(const struct plant *p, const char *name, bool modes, enum apc_table *table,
+                                int *id)
 {
     size_t found = 0;
     for (size_t i = 0; i < p->n; i++)
@@ -69,9 +70,9 @@ static size_t find_variable(struct ui *ui, const char *name, enum apc_table *tab
     size_t found;
     pthread_mutex_lock(&ui->model.mutex);
     if (ref_parse(name, table, id))
-        found = plant_find(p, *table, *id) >= 0;
-    else if ((found = find_name(p, name, false, table, id)) == 0)
-        found = find_name(p, name, true, table, id);
+        found = find_plant_tag(p, *table, *id) >= 0;
+    else if ((found = find_history_name(p, name, false, table, id)) == 0)
+        found = find_history_name(p, name, true, table, id);
     pthread_mutex_unlock(&ui->model.mutex);
     return found;
 }
@@ -113,7 +114,7 @@ static int rows(struct apc_store *store, enum apc_table table, int id, const str
     const struct apc_range range = {.since = w->since, .until = w->until, .last = (size_t)w->last};
     int rc = w->bins > 0
                  ? apc_store_history_bins(store, table, id, w->since, w->until, (size_t)w->bins, take_bin, c)
-                 : apc_store_history(store, table, id, &range, take_sample, c);
+                 : apc_store_history(store, table, id, &range, take_history_sample, c);
     return rc < 0 ? rc : 0;
 }
 

@@ -14,7 +14,7 @@ static void figure(const char *name, double value, struct text *t)
     json_number_add(t, value);
 }
 
-static void loop_json(const struct kpis_loop *l, struct text *t)
+static void kpis_loop_json(const struct kpis_loop *l, struct text *t)
 {
     text_add(t, "{\"id\":%d,\"name\":", l->id);
     json_string_add(t, l->name);
@@ -27,16 +27,16 @@ static void loop_json(const struct kpis_loop *l, struct text *t)
     text_add(t, "},");
 }
 
-static void variable_json(enum apc_table table, int id, const char *name, struct text *t)
+static void kpis_variable_json(enum apc_table table, int id, const char *name, struct text *t)
 {
     char ref[REF_LEN];
     text_add(t, "{\"ref\":\"%s\",\"name\":", ref_format(table, id, ref));
     json_string_add(t, name);
 }
 
-static void prediction_json(const struct kpis_prediction *p, struct text *t)
+static void put_predictions_body(const struct kpis_prediction *p, struct text *t)
 {
-    variable_json(APC_SENSOR, p->measurement, p->name, t);
+    kpis_variable_json(APC_SENSOR, p->measurement, p->name, t);
     figure("step", p->step, t);
     text_add(t, ",\"steps\":%zu", p->length);
     figure("rms_one_step", p->first, t);
@@ -46,7 +46,7 @@ static void prediction_json(const struct kpis_prediction *p, struct text *t)
 
 static void plans_json(const struct kpis_limit *l, struct text *t)
 {
-    variable_json(l->table, l->variable, l->name, t);
+    kpis_variable_json(l->table, l->variable, l->name, t);
     text_add(t, ",\"plans\":%" PRIu64, l->plans);
     figure("low", l->low, t);
     figure("high", l->high, t);
@@ -55,17 +55,17 @@ static void plans_json(const struct kpis_limit *l, struct text *t)
     text_add(t, "},");
 }
 
-static void kpis_json(const struct kpis *m, struct text *t)
+static void put_kpis_body(const struct kpis *m, struct text *t)
 {
     text_put(t, "{", 1);
     range_json(t, m->from, m->until);
     text_add(t, ",\"loops\":[");
     for (size_t i = 0; i < m->n_loops; i++)
-        loop_json(&m->loop[i], t);
+        kpis_loop_json(&m->loop[i], t);
     text_chop(t, ',');
     text_add(t, "],\"predictions\":[");
     for (size_t i = 0; i < m->n_predictions; i++)
-        prediction_json(&m->prediction[i], t);
+        put_predictions_body(&m->prediction[i], t);
     text_chop(t, ',');
     text_add(t, "],\"plans\":[");
     for (size_t i = 0; i < m->n_limits; i++)
@@ -86,6 +86,6 @@ void get_kpis(struct ui *ui, struct request *r, struct apc_store *store)
         fault_set(&r->fault, 422, "parameter", "since", "more than %d rows: ask for less time at once", MOST);
     else if (rc < 0 && rc != APC_ENOTFOUND)
         fault_store(r, rc, store);
-    kpis_json(&m, &r->reply);
+    put_kpis_body(&m, &r->reply);
     kpis_free(&m);
 }

@@ -178,7 +178,7 @@ static void duration_stats_json(struct duration_stats *m, const char *name, stru
     struct apc_summary summary;
     duration_stats_summary(m, &summary);
     text_add(t, ",\"%s\":", name);
-    figures_json(&summary, t);
+    summary_json(&summary, t);
 }
 
 static void spool_json(const struct ui *ui, struct text *t)

@@ -57,7 +57,7 @@ static bool contains(const char *text, const char *word)
     return strcasestr(text, word) != NULL;
 }
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int take_past_event(void *ctx, const struct apc_event *event)
 {
     struct event_filter *f = ctx;
     if (event->severity < (enum apc_event_severity)f->severity ||
@@ -75,7 +75,7 @@ static int filter_events(struct event_filter *f, struct apc_store *store, struct
     bool all = f->severity == 1 && !f->kind && !f->source && !f->text;
     for (range.last = all || wanted > EVENTS_LOOK ? wanted : EVENTS_LOOK;; range.last *= 8) {
         f->matched = 0;
-        int rc = apc_store_events(store, &range, take_event, f);
+        int rc = apc_store_events(store, &range, take_past_event, f);
         if (rc < 0)
             return rc;
         if ((size_t)rc < range.last || f->matched >= wanted)
@@ -194,7 +194,7 @@ static apc_ns larger(apc_ns a, apc_ns b)
     return a > b ? a : b;
 }
 
-static int take_window(void *ctx, const struct apc_timing_row *row)
+static int take_timing_window(void *ctx, const struct apc_timing_row *row)
 {
     struct against_time *a = ctx;
     if (strcmp(row->task, a->task) != 0 || strcmp(row->quantity, a->quantity) != 0 || row->count == 0)
@@ -263,7 +263,7 @@ void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store
     a.n = (size_t)points;
     a.step = (range.until - range.since) / points + 1;
     a.at = calloc(a.n, sizeof *a.at);
-    int rc = a.at ? apc_store_timing(store, &range, take_window, &a) : APC_ENOMEM;
+    int rc = a.at ? apc_store_timing(store, &range, take_timing_window, &a) : APC_ENOMEM;
     if (rc < 0)
         fault_store(r, rc, store);
     else

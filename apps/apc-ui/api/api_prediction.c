@@ -33,7 +33,7 @@ static void trajectory_json(const struct prediction_trajectory *c, struct text *
 }
 
 /* The tags are read anew: those that the model keeps are the ones that people see. */
-static int load(struct prediction *o, struct apc_store *store, apc_ns at, apc_ns now)
+static int load_prediction(struct prediction *o, struct apc_store *store, apc_ns at, apc_ns now)
 {
     int n = apc_store_get_tags(store, NULL, 0);
     struct apc_tag *tag = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *tag);
@@ -55,7 +55,7 @@ void get_prediction(struct ui *ui, struct request *r, struct apc_store *store)
     (void)ui;
     if (!query_time(r, "at", now, &at))
         return;
-    const int rc = load(&o, store, at, now);
+    const int rc = load_prediction(&o, store, at, now);
     if (rc < 0)
         fault_store(r, rc, store);
     text_add(t, "{\"t\":");

@@ -30,8 +30,8 @@ void get_session(struct ui *ui, struct request *r, struct apc_store *store)
     session_json(ui, &r->session, &r->reply);
 }
 
-static void tell(struct ui *ui, struct apc_store *store, enum apc_event_severity severity, const char *source,
-                 const char *text, const char *address)
+static void tell_login(struct ui *ui, struct apc_store *store, enum apc_event_severity severity,
+                       const char *source, const char *text, const char *address)
 {
     struct apc_event event = {.time = apc_clock_utc(NULL), .severity = severity, .kind = "access"};
     snprintf(event.source, sizeof event.source, "%s", source);
@@ -107,7 +107,7 @@ struct credentials {
     char user[USER_NAME_LEN], password[PASSWORD_MAX + 1];
 };
 
-static bool take(struct request *r, const char *user, const char *password, struct credentials *c)
+static bool take_credentials(struct request *r, const char *user, const char *password, struct credentials *c)
 {
     if (!user || !password)
         return fault_set(&r->fault, 400, "json", user ? "password" : "user", "name and password are needed");
@@ -121,7 +121,8 @@ static bool read_form(struct request *r, struct credentials *c)
 {
     char *copy = strdup(r->body ? r->body : "");
     char *again = strdup(r->body ? r->body : "");
-    bool ok = copy && again && take(r, form_field(copy, "user"), form_field(again, "password"), c);
+    bool ok =
+        copy && again && take_credentials(r, form_field(copy, "user"), form_field(again, "password"), c);
     free(copy);
     free(again);
     return ok;
@@ -133,7 +134,7 @@ static bool read_json(struct request *r, struct credentials *c)
     const char *user = NULL, *password = NULL;
     json_t *body = body_parse(r->body, r->n, members, &r->fault);
     bool ok = body && member_text(body, "user", &user, &r->fault) &&
-              member_text(body, "password", &password, &r->fault) && take(r, user, password, c);
+              member_text(body, "password", &password, &r->fault) && take_credentials(r, user, password, c);
     json_decref(body);
     return ok;
 }
@@ -225,7 +226,7 @@ static bool log_in(struct ui *ui, struct request *r, struct apc_store *store, co
     if (!verify(ui, c, &user)) {
         for (size_t i = 0; i < counts.n; i++)
             backoff_failed(&ui->backoff, counts.of[i].key, counts.of[i].allowed, now);
-        tell(ui, store, APC_EVENT_WARNING, c->user, "login failed", r->from->address);
+        tell_login(ui, store, APC_EVENT_WARNING, c->user, "login failed", r->from->address);
         return fault_set(&r->fault, 401, "credentials", NULL, "name or password is wrong");
     }
     for (size_t i = 0; i < counts.n; i++)
@@ -234,7 +235,7 @@ static bool log_in(struct ui *ui, struct request *r, struct apc_store *store, co
         return fault_set(&r->fault, 503, "busy", NULL, "no session can be made");
     set_cookie(ui, r->cookie, "session", r->session.token, "");
     set_cookie(ui, r->device, "device", device, "; Max-Age=31536000");
-    tell(ui, store, APC_EVENT_INFO, c->user, "logged in", r->from->address);
+    tell_login(ui, store, APC_EVENT_INFO, c->user, "logged in", r->from->address);
     return true;
 }
 
@@ -271,7 +272,7 @@ void post_logout(struct ui *ui, struct request *r, struct apc_store *store)
     session_close(&ui->sessions, r->session.token);
     if (!ui->open) {
         set_cookie(ui, r->cookie, "session", "", "; Max-Age=0");
-        tell(ui, store, APC_EVENT_INFO, r->session.user, "logged out", r->from->address);
+        tell_login(ui, store, APC_EVENT_INFO, r->session.user, "logged out", r->from->address);
     }
     text_add(&r->reply, "{}");
 }

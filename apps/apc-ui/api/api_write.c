@@ -65,7 +65,7 @@ static void look_beside(const struct plant *p, struct order *o, const struct loo
     struct beside *b = &o->beside;
     if (table == APC_SETPOINT && loops_scheduled(&p->loops, id)) {
         b->now = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(id)};
-        snprintf(b->name, sizeof b->name, "%.57s.owner", p->tag[plant_find(p, table, id)].name);
+        snprintf(b->name, sizeof b->name, "%.57s.owner", p->tag[find_plant_tag(p, table, id)].name);
         return;
     }
     const struct apc_sample row = {.table = table, .id = id};
@@ -74,20 +74,20 @@ static void look_beside(const struct plant *p, struct order *o, const struct loo
         return;
     b->now = owned ? (struct apc_sample){.table = APC_SETPOINT, .id = owned}
                    : (struct apc_sample){.table = APC_OPMODE, .id = loop->id};
-    const int at = plant_find(p, b->now.table, b->now.id);
+    const int at = find_plant_tag(p, b->now.table, b->now.id);
     snprintf(b->name, sizeof b->name, "%s", at < 0 ? "" : p->tag[at].name);
 }
 
 /* The description of what is to be written, of table 0 where there is none. What the operator puts out is
  * called and limited as the output. */
-static struct apc_tag described(struct ui *ui, struct order *o, enum apc_table table, int id)
+static struct apc_tag described_variable(struct ui *ui, struct order *o, enum apc_table table, int id)
 {
     const struct plant *p = &ui->model.plant;
     struct apc_tag tag = {0};
     pthread_mutex_lock(&ui->model.mutex);
     const struct loops_loop *loop = loops_of(&p->loops, table, id);
-    const int own = plant_find(p, table, id),
-              output = loop && table == APC_MANUAL ? plant_find(p, loop->table, loop->output) : -1;
+    const int own = find_plant_tag(p, table, id),
+              output = loop && table == APC_MANUAL ? find_plant_tag(p, loop->table, loop->output) : -1;
     if (own >= 0)
         tag = p->tag[output < 0 ? own : output];
     if (own >= 0)
@@ -104,7 +104,7 @@ static bool order_change(struct ui *ui, struct request *r, struct order *o, enum
 
     if (o->write.n == WRITE_CHANGES)
         return fault_set(&r->fault, 400, "json", "values", "more than %d values at once", WRITE_CHANGES);
-    const struct apc_tag tag = described(ui, o, table, (int)id);
+    const struct apc_tag tag = described_variable(ui, o, table, (int)id);
     if (!tag.table)
         return fault_set(&r->fault, 404, "variable", "id", "there is no variable %s.%" PRId64,
                          apc_table_name(table), id);
@@ -180,7 +180,7 @@ static bool read_value(struct ui *ui, struct request *r, const json_t *object, s
            order_change(ui, r, o, table, id, value, seq);
 }
 
-static bool check_mode(struct ui *ui, struct request *r, int64_t id, int mode)
+static bool check_order_mode(struct ui *ui, struct request *r, int64_t id, int mode)
 {
     char name[APC_TAG_LEN] = "";
     bool may = false;
@@ -197,7 +197,7 @@ static bool check_mode(struct ui *ui, struct request *r, int64_t id, int mode)
                             "%s cannot be in Cas: no loop moves its setpoint", name);
 }
 
-static bool read_mode(struct ui *ui, struct request *r, const json_t *body, struct order *o)
+static bool read_order_mode(struct ui *ui, struct request *r, const json_t *body, struct order *o)
 {
     const char *name;
     int64_t id, seq;
@@ -207,7 +207,7 @@ static bool read_mode(struct ui *ui, struct request *r, const json_t *body, stru
         return false;
     for (int mode = APC_MODE_MAN; mode <= APC_MODE_CAS; mode++)
         if (!strcmp(name, apc_mode_name(mode)))
-            return check_mode(ui, r, id, mode) && order_change(ui, r, o, APC_OPMODE, id, mode, seq);
+            return check_order_mode(ui, r, id, mode) && order_change(ui, r, o, APC_OPMODE, id, mode, seq);
     return fault_set(&r->fault, 422, "value", "mode", "\"mode\" must be Man, Auto, Cas or OOS");
 }
 
@@ -255,7 +255,7 @@ static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, st
     return true;
 }
 
-static bool read_order(struct ui *ui, struct request *r, struct order *o)
+static bool read_write_order(struct ui *ui, struct request *r, struct order *o)
 {
     static const char *const value_members[] = {"id", "value", "seq", "reason", "key", NULL};
     static const char *const mode_members[] = {"id", "mode", "seq", "reason", "key", NULL};
@@ -270,7 +270,7 @@ static bool read_order(struct ui *ui, struct request *r, struct order *o)
                               &r->fault);
     bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason);
     if (ok && kind == WRITE_MODE)
-        ok = read_mode(ui, r, body, o);
+        ok = read_order_mode(ui, r, body, o);
     else if (ok && kind == WRITE_OWNER)
         ok = read_owner(ui, r, body, o);
     else if (ok && kind == WRITE_TUNING)
@@ -326,13 +326,13 @@ static void stale_fault(struct request *r, const struct order *o)
 }
 
 /* A setpoint that is the loop's above. */
-static bool is_remote(const struct order *o)
+static bool is_remote_setpoint(const struct order *o)
 {
     return o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 && in_mode(&o->beside.now, APC_MODE_CAS);
 }
 
 /* May it be written as things stand? */
-static bool check_now(struct request *r, const struct order *o)
+static bool check_write_now(struct request *r, const struct order *o)
 {
     if (o->write.kind == WRITE_OUTPUT && !in_mode(&o->beside.now, APC_MODE_MAN))
         return fault_set(
@@ -340,7 +340,7 @@ static bool check_now(struct request *r, const struct order *o)
             "%s is not the operator's: the target mode is not Man, whatever the actual one is; change to "
             "Man first",
             o->change[0].name);
-    for (size_t i = 0; i < o->write.n && !is_remote(o); i++)
+    for (size_t i = 0; i < o->write.n && !is_remote_setpoint(o); i++)
         if (o->change[i].before.seq != o->change[i].after.seq) {
             stale_fault(r, o);
             return false;
@@ -382,7 +382,7 @@ static void take_along(struct order *o, const struct owner_rows *with)
 }
 
 /* Returns the store's answer; the changes then have their seqs, or what is newest instead. */
-static int put(struct ui *ui, struct order *o, struct apc_store *store, uint32_t author)
+static int put_order(struct ui *ui, struct order *o, struct apc_store *store, uint32_t author)
 {
     struct apc_sample samples[WRITE_CHANGES];
     struct owner_rows with = {0};
@@ -394,7 +394,7 @@ static int put(struct ui *ui, struct order *o, struct apc_store *store, uint32_t
         o->change[i].after.author = author;
         samples[i] = o->change[i].after;
     }
-    if (is_remote(o))
+    if (is_remote_setpoint(o))
         samples[0].seq = APC_SEQ_ANY;
     int rc = copy_loops(ui, &loops);
     if (rc == 0)
@@ -402,7 +402,7 @@ static int put(struct ui *ui, struct order *o, struct apc_store *store, uint32_t
     for (size_t i = 0; i < o->write.n; i++) {
         if (rc == APC_ECONFLICT)
             o->change[i].before = samples[i];
-        else if (rc >= 0 || is_remote(o))
+        else if (rc >= 0 || is_remote_setpoint(o))
             o->change[i].after.seq = samples[i].seq;
         else
             o->change[i].after.seq++; /* what it would have been given */
@@ -416,8 +416,8 @@ static int put(struct ui *ui, struct order *o, struct apc_store *store, uint32_t
     return rc;
 }
 
-static void record(struct ui *ui, const struct request *r, const struct order *o, struct apc_store *store,
-                   const char *outcome)
+static void record_write(struct ui *ui, const struct request *r, const struct order *o,
+                         struct apc_store *store, const char *outcome)
 {
     char before[TEXT_LEN], after[TEXT_LEN];
     for (size_t i = 0; i < o->write.n; i++) {
@@ -433,8 +433,8 @@ static void record(struct ui *ui, const struct request *r, const struct order *o
     }
 }
 
-static void end(struct ui *ui, struct request *r, struct order *o, enum write_state state, int stored,
-                const char *reason)
+static void end_write(struct ui *ui, struct request *r, struct order *o, enum write_state state, int stored,
+                      const char *reason)
 {
     struct text t = {0};
     const struct write ended = {.state = state, .stored = stored, .n = o->write.n, .change = o->change};
@@ -450,7 +450,7 @@ static void end(struct ui *ui, struct request *r, struct order *o, enum write_st
     text_free(&t);
 }
 
-static void carry_out(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
+static void carry_out_write(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
     int author = 0;
     int rc = apc_store_connect(store);
@@ -462,12 +462,12 @@ static void carry_out(struct ui *ui, struct request *r, struct order *o, struct 
     if (rc < 0)
         fault_store(r, rc, store);
     else if (!refused)
-        (void)check_now(r, o);
+        (void)check_write_now(r, o);
     if (r->fault.http) { /* nothing was sent */
-        end(ui, r, o, WRITE_FAILED, 0, r->fault.message);
+        end_write(ui, r, o, WRITE_FAILED, 0, r->fault.message);
         return;
     }
-    rc = put(ui, o, store, (uint32_t)author);
+    rc = put_order(ui, o, store, (uint32_t)author);
     if (rc == APC_ECONFLICT)
         stale_fault(r, o);
     else if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
@@ -476,14 +476,14 @@ static void carry_out(struct ui *ui, struct request *r, struct order *o, struct 
     else if (rc < 0)
         fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", apc_store_error(store));
     if (r->fault.http == 504)
-        record(ui, r, o, NULL, ", outcome unknown");
+        record_write(ui, r, o, NULL, ", outcome unknown");
     if (r->fault.http)
-        end(ui, r, o, r->fault.http == 504 ? WRITE_UNKNOWN : WRITE_FAILED, r->fault.http == 504 ? -1 : 0,
-            r->fault.message);
+        end_write(ui, r, o, r->fault.http == 504 ? WRITE_UNKNOWN : WRITE_FAILED,
+                  r->fault.http == 504 ? -1 : 0, r->fault.message);
     if (rc < 0)
         return;
-    end(ui, r, o, WRITE_ACCEPTED, 1, "");
-    record(ui, r, o, store, "");
+    end_write(ui, r, o, WRITE_ACCEPTED, 1, "");
+    record_write(ui, r, o, store, "");
 }
 
 static void write_order(struct ui *ui, struct request *r, struct apc_store *store, enum write_kind kind)
@@ -498,12 +498,12 @@ static void write_order(struct ui *ui, struct request *r, struct apc_store *stor
     o->write.time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US; /* as the store keeps it */
     memcpy(o->write.user, r->session.user, sizeof o->write.user);
     apc_ns now = apc_clock_mono(NULL), again;
-    if (read_order(ui, r, o) && !session_may_write(&ui->sessions, r->session.token, now, &again)) {
+    if (read_write_order(ui, r, o) && !session_may_write(&ui->sessions, r->session.token, now, &again)) {
         r->retry_after = again - now;
         fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
     }
     if (!r->fault.http && request_begin(ui, r, &o->write, store))
-        carry_out(ui, r, o, store);
+        carry_out_write(ui, r, o, store);
     free(o);
 }
 

@@ -4,7 +4,7 @@
 
 #include "apc-ui/server/ui.h"
 
-static void forget(struct alarm_watch *w)
+static void forget_alarm_watch(struct alarm_watch *w)
 {
     for (size_t i = 0; w->told && i < w->board.e.n_alarms; i++)
         text_free(&w->told[i].json);
@@ -15,12 +15,12 @@ static void forget(struct alarm_watch *w)
 
 void alarm_watch_free(struct alarm_watch *w)
 {
-    forget(w);
+    forget_alarm_watch(w);
     alarm_board_close(&w->board);
 }
 
 /* The model's from here on. */
-static void give(struct model *m, struct text *place, const struct text *t)
+static void give_to_model(struct model *m, struct text *place, const struct text *t)
 {
     pthread_mutex_lock(&m->mutex);
     struct text old = *place;
@@ -34,7 +34,7 @@ int alarm_watch_describe(struct alarm_watch *w, struct ui *ui, struct apc_store 
 {
     struct text are = {0}, stand = {0};
     struct apc_error why;
-    forget(w);
+    forget_alarm_watch(w);
     int rc = alarm_board_open(&w->board, store, &why);
     if (rc < 0 && !apc_store_connected(store))
         return rc;
@@ -45,13 +45,13 @@ int alarm_watch_describe(struct alarm_watch *w, struct ui *ui, struct apc_store 
             return APC_ENOMEM;
         alarms_described_json(&w->board.e, &are);
     }
-    give(&ui->model, &ui->model.alarms_are, &are);
-    give(&ui->model, &ui->model.alarms_stand, &stand);
+    give_to_model(&ui->model, &ui->model.alarms_are, &are);
+    give_to_model(&ui->model, &ui->model.alarms_stand, &stand);
     return 0;
 }
 
 /* What stands otherwise than it was told: into the text. */
-static void compare(struct alarm_watch *w, struct apc_store *store, struct text *news)
+static void compare_alarms(struct alarm_watch *w, struct apc_store *store, struct text *news)
 {
     for (size_t i = 0; i < w->board.e.n_alarms; i++) {
         const struct alarm_now *now = &w->board.at[i];
@@ -68,7 +68,7 @@ static void compare(struct alarm_watch *w, struct apc_store *store, struct text 
     text_chop(news, ',');
 }
 
-static void tell(struct alarm_watch *w, struct ui *ui, const struct text *news)
+static void tell_alarm_news(struct alarm_watch *w, struct ui *ui, const struct text *news)
 {
     struct text all = {0}, t = {0};
     for (size_t i = 0; i < w->board.e.n_alarms; i++)
@@ -77,7 +77,7 @@ static void tell(struct alarm_watch *w, struct ui *ui, const struct text *news)
             text_put(&all, ",", 1);
         }
     text_chop(&all, ',');
-    give(&ui->model, &ui->model.alarms_stand, &all);
+    give_to_model(&ui->model, &ui->model.alarms_stand, &all);
     text_add(&t, "{\"t\":");
     json_time_add(&t, apc_clock_utc(NULL));
     text_add(&t, ",\"alarms\":[");
@@ -103,9 +103,9 @@ int alarm_watch_look(struct alarm_watch *w, struct ui *ui, struct apc_store *sto
         return rc;
     w->looked = tick->seq;
     w->transitions = transitions;
-    compare(w, store, &news);
+    compare_alarms(w, store, &news);
     if (news.n > 0)
-        tell(w, ui, &news);
+        tell_alarm_news(w, ui, &news);
     text_free(&news);
     return 0;
 }

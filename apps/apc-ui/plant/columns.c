@@ -27,7 +27,7 @@ static void put_binary(struct text *t, enum cell_type type, union cell cell)
     text_put(t, (const char *)&bits, sizeof bits);
 }
 
-static void put_text(struct text *t, enum cell_type type, union cell cell, bool json)
+static void put_cell_text(struct text *t, enum cell_type type, union cell cell, bool json)
 {
     char name[APC_STATUS_NAME_LEN];
     if (type == CELL_TIME)
@@ -41,7 +41,7 @@ static void put_text(struct text *t, enum cell_type type, union cell cell, bool 
 }
 
 /* A field of RFC 4180. */
-static void put_field(struct text *t, const char *field)
+static void put_csv_field(struct text *t, const char *field)
 {
     const bool quoted = strpbrk(field, ",\"") != NULL;
     char instead;
@@ -54,12 +54,12 @@ static void put_field(struct text *t, const char *field)
     text_put(t, "\"", quoted);
 }
 
-static void put_line(struct columns *c, const union cell *row)
+static void put_columns_line(struct columns *c, const union cell *row)
 {
-    put_field(c->data, c->of);
+    put_csv_field(c->data, c->of);
     for (size_t i = 0; c->column[i].name; i++) {
         text_put(c->data, ",", 1);
-        put_text(c->data, c->column[i].type, row[i], false);
+        put_cell_text(c->data, c->column[i].type, row[i], false);
     }
     text_put(c->data, "\n", 1);
 }
@@ -67,7 +67,7 @@ static void put_line(struct columns *c, const union cell *row)
 void columns_row(struct columns *c, const union cell *row)
 {
     if (c->form == FORM_CSV) {
-        put_line(c, row);
+        put_columns_line(c, row);
         return;
     }
     for (size_t i = 0; c->column[i].name; i++) {
@@ -75,7 +75,7 @@ void columns_row(struct columns *c, const union cell *row)
             put_binary(&c->cells[i], c->column[i].type, row[i]);
             continue;
         }
-        put_text(&c->cells[i], c->column[i].type, row[i], true);
+        put_cell_text(&c->cells[i], c->column[i].type, row[i], true);
         text_put(&c->cells[i], ",", 1);
     }
 }

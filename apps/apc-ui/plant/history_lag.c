@@ -11,7 +11,7 @@
 #define LOOK    (2 * APC_NS_PER_S)
 #define TIMEOUT (2 * APC_NS_PER_S)
 
-static int take_time(void *ctx, const struct apc_sample *sample)
+static int take_oldest_time(void *ctx, const struct apc_sample *sample)
 {
     *(apc_ns *)ctx = sample->time;
     return 1;
@@ -28,7 +28,7 @@ static apc_ns oldest(struct ui *ui, struct apc_store *live)
         id = m->plant.tag[i].table == APC_SENSOR ? m->plant.tag[i].id : 0;
     pthread_mutex_unlock(&m->mutex);
     const struct apc_range all = {.since = 0};
-    return id > 0 && apc_store_history(live, APC_SENSOR, id, &all, take_time, &time) > 0 ? time : 0;
+    return id > 0 && apc_store_history(live, APC_SENSOR, id, &all, take_oldest_time, &time) > 0 ? time : 0;
 }
 
 void model_behind(struct model *m, const struct behind *now)
@@ -67,7 +67,7 @@ void behind_json(const struct model *m, struct text *t)
     text_add(t, "}");
 }
 
-static void look(struct ui *ui, struct apc_store *both, struct apc_store *live)
+static void measure_history_lag(struct ui *ui, struct apc_store *both, struct apc_store *live)
 {
     struct apc_behind behind = {.size = sizeof behind};
     struct behind now = {.state = apc_store_behind(both, &behind)};
@@ -89,7 +89,7 @@ void *behind_thread(void *arg)
         ui_open_store(ui, "apc-ui history", TIMEOUT, &both, &why) == 0 &&
         ui_open_store(ui, "apc-ui history", 0, &live, &why) == 0)
         while (!ui->stopping) {
-            look(ui, both, live);
+            measure_history_lag(ui, both, live);
             for (apc_ns left = LOOK; left > 0 && !ui->stopping; left -= LOOK / 8)
                 ui_pause(ui, LOOK / 8);
         }

@@ -49,7 +49,7 @@ int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_st
     return apc_store_open(store, uri, &options, why);
 }
 
-static void let_go(struct live *l)
+static void let_go_live(struct live *l)
 {
     free(l->seen);
     free(l->controller);
@@ -64,7 +64,7 @@ static void find_controllers(struct live *l, const struct plant *p)
 }
 
 /* The same as in the model, which is locked. False: no memory. */
-static bool copy(struct live *to, const struct model *m)
+static bool copy_live(struct live *to, const struct model *m)
 {
     const struct plant *p = &m->plant;
     *to = (struct live){.ui = to->ui,
@@ -89,7 +89,7 @@ static bool copy(struct live *to, const struct model *m)
     find_controllers(to, p);
     for (size_t i = 0; i < p->loops.n_controllers; i++) {
         to->of[i] = p->loops.controller[i];
-        to->of[i].period = plant_tick(p, i);
+        to->of[i].period = plant_tick_time(p, i);
     }
     return true;
 }
@@ -104,15 +104,15 @@ static int follow_model(struct live *l)
     pthread_mutex_lock(&m->mutex);
     const bool changed = m->plant.revision != l->revision;
     if (changed)
-        ok = copy(&next, m);
+        ok = copy_live(&next, m);
     pthread_mutex_unlock(&m->mutex);
     const int rc = !ok ? APC_ENOMEM : changed ? alarm_watch_describe(l->watch, l->ui, l->store) : 0;
     if (rc < 0) {
-        let_go(&next);
+        let_go_live(&next);
         return rc;
     }
     if (changed) {
-        let_go(l);
+        let_go_live(l);
         *l = next;
         text_add(&t, "{\"revision\":%u}", l->revision);
         if (!t.failed)
@@ -122,7 +122,7 @@ static int follow_model(struct live *l)
     return 0;
 }
 
-static void publish(struct live *l, const struct text *values, apc_ns newest)
+static void publish_values(struct live *l, const struct text *values, apc_ns newest)
 {
     struct text t = {0};
     apc_ns now = apc_clock_utc(NULL);
@@ -152,7 +152,7 @@ static apc_ns moved(struct now now, apc_ns time, bool first)
 
 /* What was read goes into the model; what of it is new and shown, into text. Returns the newest source time
  * among that, 0: nothing is new. */
-static apc_ns take(struct live *l, struct text *values)
+static apc_ns take_live_values(struct live *l, struct text *values)
 {
     struct model *m = &l->ui->model;
     const struct now now = {apc_clock_mono(NULL), apc_clock_utc(NULL)};
@@ -195,7 +195,7 @@ static apc_ns take(struct live *l, struct text *values)
 }
 
 /* The controllers' ticks as old as they are by the clock that does not step. */
-static void settle(struct live *l)
+static void settle_ticks(struct live *l)
 {
     struct model *m = &l->ui->model;
     const struct now now = {apc_clock_mono(NULL), apc_clock_utc(NULL)};
@@ -215,7 +215,7 @@ static void settle(struct live *l)
         (void)outcome_refusal(l->store, refusal.name, refusal.since, refusal.text, sizeof refusal.text);
 }
 
-static int look(struct live *l)
+static int look_for_changes(struct live *l)
 {
     struct text values = {0};
     struct apc_vector *alarms = &l->tick[l->controllers];
@@ -232,15 +232,15 @@ static int look(struct live *l)
     if (rc < 0)
         return rc;
     duration_stats_record(&l->ui->reads, apc_clock_mono(NULL) - began);
-    apc_ns newest = take(l, &values);
+    apc_ns newest = take_live_values(l, &values);
     if (values.n > 0)
-        publish(l, &values, newest);
+        publish_values(l, &values, newest);
     text_free(&values);
     return alarm_watch_look(l->watch, l->ui, l->store, alarms);
 }
 
 /* One round: returns 0, or why the store could not be asked. */
-static int step(struct live *l)
+static int live_step(struct live *l)
 {
     int rc = 0;
     if (!apc_store_connected(l->store)) {
@@ -255,9 +255,9 @@ static int step(struct live *l)
         return rc;
     rc = apc_store_wait(l->store, l->seen, l->n, l->watch->told ? WAIT_ALARMS : WAIT);
     if (rc >= 0) /* nothing waits for ticks, and out of service they are all there is */
-        rc = look(l);
+        rc = look_for_changes(l);
     if (rc >= 0)
-        settle(l);
+        settle_ticks(l);
     return rc;
 }
 
@@ -273,7 +273,7 @@ void *live_thread(void *arg)
     while (!l.ui->stopping) {
         apc_ns began = apc_clock_mono(NULL);
         l.ui->round[0] = began;
-        int rc = step(&l);
+        int rc = live_step(&l);
         model_store(l.ui, rc >= 0, rc < 0 ? apc_store_error(l.store) : "");
         apc_ns rest = (rc < 0 ? RETRY : PACE) - (apc_clock_mono(NULL) - began);
         if (rest > 0)
@@ -281,6 +281,6 @@ void *live_thread(void *arg)
     }
     alarm_watch_free(&watch);
     apc_store_close(l.store);
-    let_go(&l);
+    let_go_live(&l);
     return NULL;
 }

@@ -129,8 +129,8 @@ static bool describe_alarms(struct model *m, const struct apc_tag *tags, size_t 
 
 /* New descriptions, and which loops they make: what was read is unknown again. Returns true when they
  * changed. */
-static bool describe(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops,
-                     int64_t catalogue)
+static bool describe_model(struct model *m, const struct apc_tag *tags, size_t n, struct loops *loops,
+                           int64_t catalogue)
 {
     pthread_mutex_lock(&m->mutex);
     const bool changed = plant_describe(&m->plant, tags, n, loops), other = describe_alarms(m, tags, n);
@@ -162,7 +162,7 @@ int model_load(struct model *m, struct apc_store *store)
     if (rc >= 0)
         rc = apc_store_catalogue(store, NULL, 0, &catalogue);
     if (rc >= 0)
-        describe(m, tags, kept, &loops, catalogue);
+        describe_model(m, tags, kept, &loops, catalogue);
     loops_free(&loops);
     free(tags);
     return rc < 0 ? rc : 0;
@@ -196,7 +196,7 @@ bool model_alarms_live(const struct model *m, apc_ns now)
 
 int model_ticks(const struct model *m, size_t controller, apc_ns now)
 {
-    const apc_ns period = plant_tick(&m->plant, controller);
+    const apc_ns period = plant_tick_time(&m->plant, controller);
     return period == 0 ? -1 : !too_old(tick_age(m, controller, now), period);
 }
 
@@ -274,16 +274,16 @@ static bool is_silent(const struct task *task, apc_ns now)
 }
 
 /* The newest mode of this variable, by name; NULL: there is none. */
-static const char *mode_of(const struct model *m, enum apc_table table, int id)
+static const char *newest_mode_name(const struct model *m, enum apc_table table, int id)
 {
-    int at = plant_find(&m->plant, table, id);
+    int at = find_plant_tag(&m->plant, table, id);
     return at < 0 || m->now[at].seq == 0 || m->now[at].value < 0 ? NULL
                                                                  : apc_mode_name((int)m->now[at].value);
 }
 
 static const char *actual_mode(const struct model *m, const struct loops_loop *loop)
 {
-    return mode_of(m, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id));
+    return newest_mode_name(m, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id));
 }
 
 /* What nobody writes now is no news where it is an output whose loop is out of service, or whose controller
@@ -344,7 +344,7 @@ size_t model_silent(const struct model *m, apc_ns now, struct text *t)
 /* The law does not act in the mode that is wanted: its backup law does. */
 static bool by_backup(const struct model *m, const struct loops_loop *loop)
 {
-    const int at = plant_find(&m->plant, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id));
+    const int at = find_plant_tag(&m->plant, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id));
     return at >= 0 && m->now[at].status == APC_GOOD_LOCAL_OVERRIDE;
 }
 
@@ -353,7 +353,7 @@ static bool by_backup(const struct model *m, const struct loops_loop *loop)
 static const char *reason(const struct model *m, size_t i, apc_ns now)
 {
     const struct loops_loop *loop = &m->plant.loops.at[i];
-    const char *target = mode_of(m, APC_OPMODE, loop->id), *actual = actual_mode(m, loop);
+    const char *target = newest_mode_name(m, APC_OPMODE, loop->id), *actual = actual_mode(m, loop);
     const bool same = target && actual && !strcmp(target, actual);
     if (!target || !actual || (same && !by_backup(m, loop)) || model_ticks(m, loop->controller, now) == 0)
         return NULL;

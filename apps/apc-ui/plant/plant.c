@@ -30,7 +30,7 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id)
 /* ---- Taking over -------------------------------------------------------------------------- */
 
 /* The mode of all loops is nobody's; whose a setpoint is, is the scheduler's matter. */
-static bool shown(const struct apc_tag *tag)
+static bool is_variable_shown(const struct apc_tag *tag)
 {
     return tag->table == APC_OPMODE ? tag->controller[0] != '\0' || loops_is_owner_id(tag->id)
                                     : (tag->table < APC_STATE && tag->table != APC_DIM) ||
@@ -92,7 +92,7 @@ bool plant_describe(struct plant *p, const struct apc_tag *tags, size_t n, struc
     next.loops = *loops;
     *loops = (struct loops){0};
     for (size_t i = 0; i < n && next.tag; i++)
-        if (shown(&tags[i]))
+        if (is_variable_shown(&tags[i]))
             next.tag[next.n++] = tags[i];
     if (next.tag)
         qsort(next.tag, next.n, sizeof *next.tag, by_table);
@@ -136,7 +136,7 @@ void plant_free(struct plant *p)
 
 /* ---- Questions ---------------------------------------------------------------------------- */
 
-int plant_find(const struct plant *p, enum apc_table table, int id)
+int find_plant_tag(const struct plant *p, enum apc_table table, int id)
 {
     size_t low = 0, high = p->n;
     while (low < high) {
@@ -154,7 +154,7 @@ int plant_find(const struct plant *p, enum apc_table table, int id)
 
 int plant_controller(const struct plant *p, enum apc_table table, int id)
 {
-    const int at = plant_find(p, table, id);
+    const int at = find_plant_tag(p, table, id);
     const struct loops_controller *c = at < 0 ? NULL : loops_taker(&p->loops, &p->tag[at]);
     return c ? (int)(c - p->loops.controller) : -1;
 }
@@ -172,13 +172,13 @@ static apc_ns rhythm(const struct plant *p, const char *task)
     return 0;
 }
 
-apc_ns plant_tick(const struct plant *p, size_t controller)
+apc_ns plant_tick_time(const struct plant *p, size_t controller)
 {
     const apc_ns said = rhythm(p, p->loops.controller[controller].name);
     return said > 0 ? said : p->loops.controller[controller].period;
 }
 
-static apc_ns described(double period)
+static apc_ns described_period(double period)
 {
     apc_ns ns;
     return apc_period_from_s(period, &ns, NULL) < 0 ? 0 : ns;
@@ -186,14 +186,14 @@ static apc_ns described(double period)
 
 apc_ns plant_period(const struct plant *p, enum apc_table table, int id)
 {
-    const int controller = plant_controller(p, table, id), at = plant_find(p, table, id);
+    const int controller = plant_controller(p, table, id), at = find_plant_tag(p, table, id);
     const apc_ns client = rhythm(p, "client"), plant = rhythm(p, "plant"),
                  said = client > plant ? client : plant;
     if (at < 0 || (table != APC_SENSOR && table != APC_ACTUATOR && table != APC_ESTIMATE))
         return 0;
     if (controller >= 0)
-        return plant_tick(p, (size_t)controller);
-    const apc_ns own = described(p->tag[at].period); /* a measurement may come seldom */
+        return plant_tick_time(p, (size_t)controller);
+    const apc_ns own = described_period(p->tag[at].period); /* a measurement may come seldom */
     return table == APC_SENSOR && said > own ? said : own;
 }
 
@@ -214,7 +214,7 @@ static void period_json(apc_ns period, struct text *t)
         text_add(t, "null");
 }
 
-static void variable_json(const struct plant *p, const struct apc_tag *tag, struct text *t)
+static void plant_variable_json(const struct plant *p, const struct apc_tag *tag, struct text *t)
 {
     char ref[REF_LEN];
     text_add(t, "{\"ref\":\"%s\",\"table\":\"%s\",\"id\":%d,\"name\":", ref_format(tag->table, tag->id, ref),
@@ -248,12 +248,12 @@ static void controller_json(const struct plant *p, size_t i, struct text *t)
 {
     text_add(t, "{\"number\":%d,\"name\":", p->loops.controller[i].number);
     json_string_add(t, p->loops.controller[i].name);
-    period_json(plant_tick(p, i), t);
+    period_json(plant_tick_time(p, i), t);
     text_add(t, "},");
 }
 
 /* What stands behind NAME and a dot; NULL: it does not begin so. */
-static const char *behind(const char *text, const char *name)
+static const char *name_tail(const char *text, const char *name)
 {
     const size_t n = strlen(name);
     return n > 0 && !strncmp(text, name, n) && text[n] == '.' ? text + n + 1 : NULL;
@@ -261,7 +261,7 @@ static const char *behind(const char *text, const char *name)
 
 static const char *without_controller(const struct plant *p, const struct loops_loop *loop, const char *name)
 {
-    const char *rest = behind(name, p->loops.controller[loop->controller].name);
+    const char *rest = name_tail(name, p->loops.controller[loop->controller].name);
     return rest ? rest : name;
 }
 
@@ -276,7 +276,7 @@ static void partner_json(struct text *t, const char *member, enum apc_table tabl
 
 static const char *measurement_of(const struct plant *p, const struct loops_loop *loop)
 {
-    const int at = plant_find(p, APC_SENSOR, loop->measurement);
+    const int at = find_plant_tag(p, APC_SENSOR, loop->measurement);
     return at < 0 ? "" : p->tag[at].name;
 }
 
@@ -294,8 +294,8 @@ static struct whose whose_is(const struct plant *p, const struct apc_tag *tag)
         const struct loops_loop *loop = &p->loops.at[i];
         if (&p->loops.controller[loop->controller] != w.controller)
             continue;
-        w.of_loop = w.of_loop || behind(tag->name, loop->name);
-        if (behind(without_controller(p, loop, tag->name), measurement_of(p, loop)))
+        w.of_loop = w.of_loop || name_tail(tag->name, loop->name);
+        if (name_tail(without_controller(p, loop, tag->name), measurement_of(p, loop)))
             *(w.measurement && w.measurement != loop->measurement ? &w.other : &w.measurement) =
                 loop->measurement;
     }
@@ -304,12 +304,12 @@ static struct whose whose_is(const struct plant *p, const struct apc_tag *tag)
 
 /* What a parameter is called in a loop, "Kp" of "u1.Kp"; NULL: it is not the loop's. What is of the law or of
  * a measurement that no loop has, is that of each loop of the controller. */
-static const char *parameter(const struct plant *p, const struct loops_loop *loop, const struct apc_tag *tag,
-                             const struct whose *w)
+static const char *parameter_name(const struct plant *p, const struct loops_loop *loop,
+                                  const struct apc_tag *tag, const struct whose *w)
 {
     if (w->controller != &p->loops.controller[loop->controller])
         return NULL;
-    const char *own = behind(tag->name, loop->name);
+    const char *own = name_tail(tag->name, loop->name);
     const bool of_others = w->of_loop || w->other || (w->measurement && w->measurement != loop->measurement);
     return own ? own : of_others ? NULL : without_controller(p, loop, tag->name);
 }
@@ -321,7 +321,7 @@ static void tunings_json(const struct plant *p, const struct loops_loop *loop, c
     char ref[REF_LEN];
     text_add(t, ",\"tuning\":[");
     for (size_t i = 0; i < p->n; i++) {
-        const char *name = parameter(p, loop, &p->tag[i], &whose[i]);
+        const char *name = parameter_name(p, loop, &p->tag[i], &whose[i]);
         if (!name)
             continue;
         text_add(t, "\"%s\",", ref_format(APC_TUNING, p->tag[i].id, ref));
@@ -337,7 +337,7 @@ static void tunings_json(const struct plant *p, const struct loops_loop *loop, c
 }
 
 /* A loop is called as what it controls; a second one of the same measurement, as its modes. */
-static const char *loop_name(const struct plant *p, const struct loops_loop *loop)
+static const char *plant_loop_name(const struct plant *p, const struct loops_loop *loop)
 {
     const char *name = measurement_of(p, loop);
     for (const struct loops_loop *one = p->loops.at; one < loop; one++)
@@ -360,11 +360,11 @@ static void mode_json(const struct loops_loop *loop, struct text *t)
     text_add(t, "]}");
 }
 
-static void loop_json(const struct plant *p, const struct loops_loop *loop, const struct whose *whose,
-                      struct text *t)
+static void plant_loop_json(const struct plant *p, const struct loops_loop *loop, const struct whose *whose,
+                            struct text *t)
 {
     text_add(t, "{\"id\":%d,\"name\":", loop->id);
-    json_string_add(t, loop_name(p, loop));
+    json_string_add(t, plant_loop_name(p, loop));
     text_add(t, ",\"called\":");
     json_string_add(t, loop->name);
     text_add(t, ",\"controller\":");
@@ -398,7 +398,7 @@ void plant_json(const struct plant *p, struct text *t)
         text_add(t, "null");
     text_add(t, ",\"variables\":[");
     for (size_t i = 0; i < p->n; i++)
-        variable_json(p, &p->tag[i], t);
+        plant_variable_json(p, &p->tag[i], t);
     text_chop(t, ',');
     text_add(t, "],\"controllers\":[");
     for (size_t i = 0; i < p->loops.n_controllers; i++)
@@ -410,7 +410,7 @@ void plant_json(const struct plant *p, struct text *t)
     for (size_t i = 0; i < p->n && whose; i++)
         whose[i] = whose_is(p, &p->tag[i]);
     for (size_t i = 0; i < p->loops.n && whose; i++)
-        loop_json(p, &p->loops.at[i], whose, t);
+        plant_loop_json(p, &p->loops.at[i], whose, t);
     free(whose);
     text_chop(t, ',');
     text_add(t, "],\"modes\":[");

@@ -39,7 +39,7 @@ void plant_forget(struct plant *p);
 void plant_free(struct plant *p);
 
 /* Index into tag, or -1. */
-int plant_find(const struct plant *p, enum apc_table table, int id);
+int find_plant_tag(const struct plant *p, enum apc_table table, int id);
 /* Index of the controller that takes what people write there, or that writes it; -1: none. */
 int plant_controller(const struct plant *p, enum apc_table table, int id);
 /* "sensor.1" and so on; false: not understood. Whether there is such a variable is another question. */
@@ -47,7 +47,7 @@ bool ref_parse(const char *ref, enum apc_table *table, int *id);
 char *ref_format(enum apc_table table, int id, char ref[REF_LEN]);
 
 /* How often it ticks; 0: not known. */
-apc_ns plant_tick(const struct plant *p, size_t controller);
+apc_ns plant_tick_time(const struct plant *p, size_t controller);
 /* How often it is written; 0: when somebody wants to, or not known. */
 apc_ns plant_period(const struct plant *p, enum apc_table table, int id);
 /* May the loop be asked for this mode? */

@@ -51,7 +51,7 @@ void event_json(const struct apc_event *event, struct text *t)
     text_add(t, "}");
 }
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int take_recent_event(void *ctx, const struct apc_event *event)
 {
     struct records *r = ctx;
     if (r->n < r->room)
@@ -59,7 +59,7 @@ static int take_event(void *ctx, const struct apc_event *event)
     return 0;
 }
 
-static bool same_event(const struct apc_event *a, const struct apc_event *b)
+static bool is_same_recent_event(const struct apc_event *a, const struct apc_event *b)
 {
     return a->time == b->time && a->severity == b->severity && !strcmp(a->source, b->source) &&
            !strcmp(a->kind, b->kind) && !strcmp(a->text, b->text);
@@ -112,7 +112,7 @@ static int read_events(struct records *r, size_t last)
         r->room = last;
     }
     r->n = 0;
-    int rc = apc_store_events(r->store, &range, take_event, r);
+    int rc = apc_store_events(r->store, &range, take_recent_event, r);
     return rc < 0 ? rc : 0;
 }
 
@@ -120,7 +120,7 @@ static int read_events(struct records *r, size_t last)
 static size_t first_new(const struct records *r)
 {
     size_t from = r->n;
-    while (from > 0 && !(r->know_last && same_event(&r->event[from - 1], &r->last)))
+    while (from > 0 && !(r->know_last && is_same_recent_event(&r->event[from - 1], &r->last)))
         from--;
     return from;
 }
@@ -152,7 +152,7 @@ static int look_events(struct records *r)
 
 /* ---- Timing ------------------------------------------------------------------------------- */
 
-void figures_json(const struct apc_summary *s, struct text *t)
+void summary_json(const struct apc_summary *s, struct text *t)
 {
     text_add(t, "{\"count\":%" PRIu64 ",\"mean\":%.9g,\"p50\":", s->count, s->mean / 1e9);
     json_seconds_add(t, s->p50);
@@ -166,7 +166,7 @@ void figures_json(const struct apc_summary *s, struct text *t)
 void window_json(const struct task_figures *f, struct text *t)
 {
     if (f && f->count > 0)
-        figures_json(
+        summary_json(
             &(struct apc_summary){
                 .count = f->count, .mean = f->mean, .p50 = f->p50, .p99 = f->p99, .max = f->max},
             t);
@@ -214,7 +214,7 @@ static int quantity_of(const char *name)
 }
 
 /* A row is new when it is later than what its task said last about this quantity. */
-static int take_timing(void *ctx, const struct apc_timing_row *row)
+static int take_newest_timing(void *ctx, const struct apc_timing_row *row)
 {
     struct records *r = ctx;
     struct model *m = &r->ui->model;
@@ -272,7 +272,7 @@ static int look_timing(struct records *r)
 {
     const struct apc_range range = {.since = apc_clock_utc(NULL) - (r->started ? BACK : FIRST_BACK)};
     memset(r->reported, 0, sizeof r->reported);
-    int rc = apc_store_timing(r->store, &range, take_timing, r);
+    int rc = apc_store_timing(r->store, &range, take_newest_timing, r);
     tell_tasks(r);
     return rc < 0 ? rc : 0;
 }
@@ -307,7 +307,7 @@ static void look_spools(struct ui *ui)
 
 /* ---- Descriptions and users --------------------------------------------------------------- */
 
-static bool described(struct ui *ui)
+static bool is_described(struct ui *ui)
 {
     pthread_mutex_lock(&ui->model.mutex);
     bool any = ui->model.plant.n > 0;
@@ -362,14 +362,14 @@ static void look_users(struct records *r)
 
 /* ------------------------------------------------------------------------------------------- */
 
-static int look(struct records *r, unsigned looks)
+static int look_for_records(struct records *r, unsigned looks)
 {
     int rc = audit_flush(r->ui, r->store);
     if (rc >= 0)
         rc = look_events(r);
     if (rc >= 0)
         rc = look_timing(r);
-    if (rc >= 0 && (looks % TAGS_EACH == 0 || !described(r->ui)))
+    if (rc >= 0 && (looks % TAGS_EACH == 0 || !is_described(r->ui)))
         rc = model_load(&r->ui->model, r->store);
     if (rc >= 0)
         r->started = true;
@@ -385,7 +385,7 @@ void *records_thread(void *arg)
         return NULL;
     for (unsigned looks = 1; !r.ui->stopping; looks++) {
         r.ui->round[1] = apc_clock_mono(NULL);
-        int rc = look(&r, looks);
+        int rc = look_for_records(&r, looks);
         if (rc < 0 && rc != APC_ECONN && rc != APC_ETIMEDOUT && !said)
             apc_log_write(r.ui->log, APC_LOG_WARN, "events and timing cannot be read: %s",
                           apc_store_error(r.store));

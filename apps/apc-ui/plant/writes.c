@@ -107,7 +107,7 @@ size_t writes_json(struct writes *w, const char *key, struct text *t)
 
 /* ---- Begin and end ------------------------------------------------------------------------ */
 
-static struct write *find(struct writes *w, const char *key)
+static struct write *find_write(struct writes *w, const char *key)
 {
     for (size_t i = 0; i < WRITES; i++)
         if (w->at[i].n > 0 && !strcmp(w->at[i].key, key))
@@ -115,7 +115,7 @@ static struct write *find(struct writes *w, const char *key)
     return NULL;
 }
 
-static int begin(struct writes *w, const struct write *write)
+static int begin_write(struct writes *w, const struct write *write)
 {
     struct write_change *change = calloc(write->n + 1, sizeof *change);
     struct write *place = &w->at[w->next % WRITES];
@@ -147,9 +147,9 @@ int writes_begin(struct writes *w, const struct write *write, struct text *t)
 {
     int rc;
     pthread_mutex_lock(&w->mutex);
-    const struct write *known = find(w, write->key);
+    const struct write *known = find_write(w, write->key);
     if (!known) {
-        rc = begin(w, write);
+        rc = begin_write(w, write);
     } else if (known->state == WRITE_BEGUN) {
         rc = APC_EBUSY;
     } else if (!same_write(known, write)) {
@@ -162,8 +162,8 @@ int writes_begin(struct writes *w, const struct write *write, struct text *t)
     return rc;
 }
 
-static void turn(struct writes *w, struct write *write, enum write_state state, int stored,
-                 const char *reason)
+static void turn_write(struct writes *w, struct write *write, enum write_state state, int stored,
+                       const char *reason)
 {
     write->state = state;
     write->stored = stored;
@@ -175,12 +175,12 @@ void writes_end(struct writes *w, const char *key, const struct write *ended, co
                 struct text *t)
 {
     pthread_mutex_lock(&w->mutex);
-    struct write *write = find(w, key);
+    struct write *write = find_write(w, key);
     if (write) {
-        write->n = ended->n <= write->n ? ended->n : write->n + 1; /* begin() left room for one */
+        write->n = ended->n <= write->n ? ended->n : write->n + 1; /* begin_write() left room for one */
         memcpy(write->change, ended->change, write->n * sizeof *write->change);
         write->ended = now;
-        turn(w, write, ended->state, ended->stored, reason);
+        turn_write(w, write, ended->state, ended->stored, reason);
         write_json(write, t);
     }
     pthread_mutex_unlock(&w->mutex);
@@ -213,9 +213,9 @@ static void settle_stored(struct writes *w, struct write *write, const struct se
     if ((!given || s->seq == ours->seq) && is_ours(s, ours)) {
         ours->seq = s->seq;
         write->ended = now;
-        turn(w, write, WRITE_ACCEPTED, 1, "");
+        turn_write(w, write, WRITE_ACCEPTED, 1, "");
     } else if (given && s->seq == ours->seq) {
-        turn(w, write, WRITE_FAILED, 0, "it was not written: somebody else wrote first");
+        turn_write(w, write, WRITE_FAILED, 0, "it was not written: somebody else wrote first");
     }
 }
 
@@ -226,16 +226,16 @@ static const struct apc_sample *actual_of(const struct seen *seen, const struct 
     return actual ? actual : &none;
 }
 
-static int controller_of(const struct seen *seen, const struct apc_sample *s)
+static int controller_of_write(const struct seen *seen, const struct apc_sample *s)
 {
     const struct apc_sample *own = newest(seen, s->table, s->id);
     return own ? seen->by[own - seen->samples] : -1;
 }
 
-static enum outcome judge(const struct seen *seen, const struct apc_sample *s)
+static enum outcome judge_write(const struct seen *seen, const struct apc_sample *s)
 {
     static const struct apc_vector never = {0};
-    const int by = controller_of(seen, s);
+    const int by = controller_of_write(seen, s);
     if (!newest(seen, s->table, s->id)) /* it was written after they were read */
         return OUTCOME_WAITING;
     const struct outcome_seen one = {.write = s,
@@ -274,7 +274,7 @@ static enum outcome worst(const struct seen *seen, const struct write *write, co
     if (write->kind == WRITE_OWNER)
         return judge_owner(seen, write);
     for (size_t i = 0; i < write->wanted; i++) {
-        const enum outcome one = judge(seen, &write->change[i].after);
+        const enum outcome one = judge_write(seen, &write->change[i].after);
         if (rank[one] <= rank[found])
             continue;
         found = one;
@@ -292,7 +292,7 @@ static apc_ns patience(const struct seen *seen, int by)
 static void not_confirmed(struct writes *w, struct write *write, const struct seen *seen,
                           const struct apc_sample *s, enum outcome outcome)
 {
-    const int by = controller_of(seen, s);
+    const int by = controller_of_write(seen, s);
     const struct apc_sample *actual = actual_of(seen, s);
     const char *mode = s->table == APC_OPMODE && actual->origin == s->seq && actual->seq > 0
                            ? apc_mode_name((int)actual->value)
@@ -311,7 +311,7 @@ static void not_confirmed(struct writes *w, struct write *write, const struct se
     else
         snprintf(reason, sizeof reason, "it is stored, but %s%.63s has not confirmed it", what,
                  seen->controller[by].name);
-    turn(w, write, WRITE_UNKNOWN, 1, reason);
+    turn_write(w, write, WRITE_UNKNOWN, 1, reason);
 }
 
 /* Returns whether its event is wanted, once a round. */
@@ -327,7 +327,7 @@ static bool refused(struct writes *w, struct write *write, const struct write_ch
         return true;
     }
     if (found || now - write->ended > EVENT_LATE)
-        turn(w, write, WRITE_FAILED, 1, found ? r->text : "its controller refused it");
+        turn_write(w, write, WRITE_FAILED, 1, found ? r->text : "its controller refused it");
     return false;
 }
 
@@ -338,10 +338,10 @@ static bool settle_used(struct writes *w, struct write *write, const struct seen
     const enum outcome outcome = worst(seen, write, &c);
     switch (outcome) {
     case OUTCOME_APPLIED:
-        turn(w, write, WRITE_APPLIED, 1, "");
+        turn_write(w, write, WRITE_APPLIED, 1, "");
         break;
     case OUTCOME_SUPERSEDED:
-        turn(w, write, WRITE_SUPERSEDED, 1, "a newer value came after it");
+        turn_write(w, write, WRITE_SUPERSEDED, 1, "a newer value came after it");
         break;
     case OUTCOME_REFUSED:
         return refused(w, write, c, now, r);
@@ -349,7 +349,7 @@ static bool settle_used(struct writes *w, struct write *write, const struct seen
     case OUTCOME_WAITING:
         if (write->state == WRITE_ACCEPTED &&
             (outcome == OUTCOME_NOBODY ||
-             now - write->ended > patience(seen, controller_of(seen, &c->after))))
+             now - write->ended > patience(seen, controller_of_write(seen, &c->after))))
             not_confirmed(w, write, seen, &c->after, outcome);
         break;
     }

@@ -111,7 +111,7 @@ static bool find_machine(struct ui *ui, struct request *r, const char *authoriza
 }
 
 /* Without users the page is the user's who runs the server. */
-static bool is_own(struct request *r)
+static bool is_own_request(struct request *r)
 {
     if (r->from->peer == 0)
         r->from->peer = peer_is_own(r->from->fd) ? 1 : -1;
@@ -125,7 +125,7 @@ static bool find_session(struct ui *ui, struct request *r)
     if (authorization)
         return find_machine(ui, r, authorization);
     if (ui->open) {
-        if (!is_own(r))
+        if (!is_own_request(r))
             return false;
         r->session = ui->sessions.local;
         return true;

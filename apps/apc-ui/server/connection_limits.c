@@ -30,7 +30,8 @@ static void dismiss(struct connection *c)
 }
 
 /* Among c's room, or among its share of it, the one that goes when there are more than `most`. */
-static void keep(struct connection_limits *connection_limits, struct connection *c, bool share, size_t most)
+static void keep_connections(struct connection_limits *connection_limits, struct connection *c, bool share,
+                             size_t most)
 {
     struct connection *idle = c;
     size_t n = 0;
@@ -45,11 +46,11 @@ static void keep(struct connection_limits *connection_limits, struct connection 
         dismiss(idle);
 }
 
-static void make_place(struct connection_limits *connection_limits, struct connection *c)
+static void make_connection_place(struct connection_limits *connection_limits, struct connection *c)
 {
     if (!c->member || c->owner[0]) /* the local session is everything that this user runs */
-        keep(connection_limits, c, true, c->member ? MEMBERS_SESSION : STRANGERS_ADDRESS);
-    keep(connection_limits, c, false, c->member ? MEMBERS : STRANGERS);
+        keep_connections(connection_limits, c, true, c->member ? MEMBERS_SESSION : STRANGERS_ADDRESS);
+    keep_connections(connection_limits, c, false, c->member ? MEMBERS : STRANGERS);
 }
 
 struct connection *connection_limits_enter(struct connection_limits *connection_limits, int fd,
@@ -67,7 +68,7 @@ struct connection *connection_limits_enter(struct connection_limits *connection_
     if (c->next)
         c->next->at = &c->next;
     connection_limits->newest = c;
-    make_place(connection_limits, c);
+    make_connection_place(connection_limits, c);
     pthread_mutex_unlock(&connection_limits->mutex);
     return c;
 }
@@ -111,7 +112,7 @@ void connection_limits_member(struct connection_limits *connection_limits, struc
     if (!c->member || strcmp(c->owner, token) != 0) {
         c->member = true;
         snprintf(c->owner, sizeof c->owner, "%s", token);
-        make_place(connection_limits, c);
+        make_connection_place(connection_limits, c);
     }
     pthread_mutex_unlock(&connection_limits->mutex);
 }

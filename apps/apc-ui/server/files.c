@@ -24,7 +24,7 @@ struct files {
     size_t n;
 };
 
-static const char *type_of(const char *path)
+static const char *media_type_of(const char *path)
 {
     static const char *const types[][2] = {{".html", "text/html; charset=utf-8"},
                                            {".js", "text/javascript; charset=utf-8"},
@@ -135,7 +135,7 @@ static int load_file(struct files *files, const char *name, const char *path, si
     }
     files->n++;
     *file = (struct file){.path = strdup(path),
-                          .type = type_of(path),
+                          .type = media_type_of(path),
                           .etag = etag(data, n),
                           .immutable = has_hash(path),
                           .data = data,

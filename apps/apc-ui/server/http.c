@@ -182,7 +182,7 @@ static void record_refusal(struct exchange *x)
         audit_refusal(x->ui, r->session.user, r->from->address, r->route->path, r->fault.message);
 }
 
-static enum MHD_Result answer(struct exchange *x)
+static enum MHD_Result answer_http(struct exchange *x)
 {
     struct request *r = &x->r;
     char seconds[24];
@@ -248,7 +248,7 @@ static enum MHD_Result answer_file(struct exchange *x, const char *path)
                       "&& scripts/build); the API works");
         else
             fault_set(&x->r.fault, 404, "path", NULL, "there is nothing here");
-        return answer(x);
+        return answer_http(x);
     }
     bool same = known && strstr(known, file->etag), zipped = file->zipped && request_takes_zip(&x->r);
     const char *data = zipped ? file->zipped : file->data;
@@ -321,7 +321,7 @@ static enum MHD_Result answer_stream(struct exchange *x)
         fault_set(&x->r.fault, 503, "busy", NULL, "too many pages are watching%s: try again later",
                   rc == APC_EFULL ? " in this session" : "");
         x->r.retry_after = 10 * APC_NS_PER_S;
-        return answer(x);
+        return answer_http(x);
     }
     greet(x, resumed);
     struct MHD_Response *response = MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, (size_t)(32 * 1024),
@@ -363,7 +363,7 @@ static void connect_store(struct ui *ui, struct apc_store *store)
     }
 }
 
-static void *work(void *arg)
+static void *work_on_requests(void *arg)
 {
     struct pool *p = arg;
     struct apc_store *store = NULL;
@@ -403,7 +403,7 @@ static int pool_start(struct pool *p, struct ui *ui, size_t threads, apc_ns pati
     p->last = &p->first;
     if (pthread_mutex_init(&p->mutex, NULL) || pthread_cond_init(&p->filled, NULL))
         return APC_ESYS;
-    while (p->threads < threads && pthread_create(&p->thread[p->threads], NULL, work, p) == 0)
+    while (p->threads < threads && pthread_create(&p->thread[p->threads], NULL, work_on_requests, p) == 0)
         p->threads++;
     return p->threads > 0 ? 0 : APC_ESYS;
 }
@@ -451,7 +451,7 @@ static enum MHD_Result give_to(struct pool *p, struct exchange *x)
         return MHD_YES;
     fault_set(&x->r.fault, 503, "busy", NULL, "too many requests at once: try again");
     x->r.retry_after = APC_NS_PER_S;
-    return answer(x);
+    return answer_http(x);
 }
 
 /* ---- libmicrohttpd's calls ---------------------------------------------------------------- */
@@ -534,7 +534,7 @@ static bool framed(struct request *r)
 }
 
 /* Headers are there: refuse now, or go on to the body. */
-static enum MHD_Result begin(struct exchange *x, const char *method, const char *path)
+static enum MHD_Result begin_http(struct exchange *x, const char *method, const char *path)
 {
     struct request *r = &x->r;
     x->begun = true;
@@ -542,7 +542,7 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
     r->route = find_route(x->ui->files, method, path, r->name);
     if (!framed(r) || !authorize_request(x->ui, r, method)) {
         fault_set(&r->fault, 403, "role", NULL, "the request is refused"); /* unless it says why */
-        return answer(x);
+        return answer_http(x);
     }
     if (r->route->role != ROLE_NONE)
         connection_limits_member(&x->ui->server->connection_limits, x->r.from, r->session.token);
@@ -550,7 +550,7 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
         fault_set(&r->fault, 400, "parameter", NULL, "the address has a zero byte in it");
     else if (r->route->query)
         MHD_get_connection_values(r->connection, MHD_GET_ARGUMENT_KIND, known_parameter, r);
-    return r->fault.http ? answer(x) : MHD_YES;
+    return r->fault.http ? answer_http(x) : MHD_YES;
 }
 
 static enum MHD_Result take_body(struct exchange *x, const char *data, size_t *n)
@@ -571,17 +571,17 @@ static enum MHD_Result take_body(struct exchange *x, const char *data, size_t *n
     return MHD_YES;
 }
 
-static enum MHD_Result finish(struct exchange *x, const char *path)
+static enum MHD_Result finish_http(struct exchange *x, const char *path)
 {
     struct request *r = &x->r;
     if (r->too_large) {
         fault_set(&r->fault, 413, "size", NULL, "the request is larger than %d bytes", BODY_MAX);
-        return answer(x);
+        return answer_http(x);
     }
     switch (r->route->where) {
     case DIRECT:
         r->route->handle(x->ui, r, NULL);
-        return answer(x);
+        return answer_http(x);
     case WRITER:
         return give_to(&x->ui->server->writers, x);
     case PAST:
@@ -594,9 +594,9 @@ static enum MHD_Result finish(struct exchange *x, const char *path)
     }
 }
 
-static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, const char *path,
-                                  const char *method, const char *version, const char *data, size_t *n,
-                                  void **ctx)
+static enum MHD_Result on_http_request(void *cls, struct MHD_Connection *connection, const char *path,
+                                       const char *method, const char *version, const char *data, size_t *n,
+                                       void **ctx)
 {
     struct ui *ui = cls;
     struct exchange *x = *ctx;
@@ -611,13 +611,13 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
         x->r.from = info->socket_context;
         if (!x->r.from)
             return MHD_NO;
-        return begin(x, method, path);
+        return begin_http(x, method, path);
     }
     if (x->answered)
         return MHD_YES;
     if (x->queued)
-        return answer(x);
-    return *n > 0 ? take_body(x, data, n) : finish(x, path);
+        return answer_http(x);
+    return *n > 0 ? take_body(x, data, n) : finish_http(x, path);
 }
 
 /* The first call of a request; what it returns is *ctx of the others. */
@@ -715,7 +715,7 @@ static int start_daemon(struct server *s, int fd, struct apc_error *why)
         flags |= MHD_USE_TLS;
     else
         tls[0].option = MHD_OPTION_END;
-    s->daemon = MHD_start_daemon(flags, 0, NULL, NULL, on_request, s->ui,                  //
+    s->daemon = MHD_start_daemon(flags, 0, NULL, NULL, on_http_request, s->ui,             //
                                  MHD_OPTION_EXTERNAL_LOGGER, log_library, (void *)ui->log, //
                                  MHD_OPTION_LISTEN_SOCKET, fd,                             //
                                  MHD_OPTION_URI_LOG_CALLBACK, on_uri, s->ui,               //
@@ -746,7 +746,7 @@ int server_start(struct ui *ui, struct apc_error *why)
     if (ui->tls && ((rc = read_pem(ui->options.tls_cert, &s->cert, why)) < 0 ||
                     (rc = read_pem(ui->options.tls_key, &s->key, why)) < 0))
         return rc;
-    int fd = listen_on(ui, why);
+    int fd = listen_on_addresses(ui, why);
     if (fd < 0)
         return fd;
     if (pool_start(&s->writers, ui, WRITERS, 0) < 0 || pool_start(&s->readers, ui, READERS, PATIENCE) < 0) {

@@ -103,7 +103,7 @@ void server_stop(struct ui *ui);
 
 /* listen.c: a socket that listens where the options say; ui->port is set. Returns it, or an error in why: a
  * place that others can reach is refused without users, and without TLS unless it was asked for. */
-int listen_on(struct ui *ui, struct apc_error *why);
+int listen_on_addresses(struct ui *ui, struct apc_error *why);
 
 /* authorization.c: may this request go on? False: the fault is set. Body not looked at. */
 bool authorize_request(struct ui *ui, struct request *r, const char *method);

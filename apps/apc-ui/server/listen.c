@@ -64,10 +64,10 @@ static void check_peers(const struct ui *ui, int listener, const struct sockaddr
         close(far);
 }
 
-/* listen_on() reads the port of either as that of the first. */
+/* listen_on_addresses() reads the port of either as that of the first. */
 _Static_assert(offsetof(struct sockaddr_in6, sin6_port) == offsetof(struct sockaddr_in, sin_port), "port");
 
-int listen_on(struct ui *ui, struct apc_error *why)
+int listen_on_addresses(struct ui *ui, struct apc_error *why)
 {
     const struct addrinfo hints = {.ai_socktype = SOCK_STREAM,
                                    .ai_flags = AI_NUMERICHOST | AI_NUMERICSERV | AI_PASSIVE};

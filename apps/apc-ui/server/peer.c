@@ -32,7 +32,7 @@ static void put_address(const struct sockaddr_storage *address, __be16 *port, __
 }
 
 /* The other end's socket is the one that has our addresses the other way round. */
-static bool ask(int diag, const struct question *question, uid_t *uid)
+static bool ask_kernel(int diag, const struct question *question, uid_t *uid)
 {
     struct {
         struct nlmsghdr head;
@@ -68,7 +68,7 @@ bool peer_is_own(int fd)
     put_address(&own, &question.of.id.idiag_dport, question.of.id.idiag_dst);
     int diag = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_SOCK_DIAG);
     bool known = diag >= 0 && setsockopt(diag, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience) == 0 &&
-                 ask(diag, &question, &uid);
+                 ask_kernel(diag, &question, &uid);
     if (diag >= 0)
         close(diag);
     return known && uid == geteuid();

@@ -96,7 +96,7 @@ int session_machine(struct sessions *s, const struct user *token, apc_ns now, st
 }
 
 /* Under the mutex. All are compared, so that the time does not tell which. */
-static struct session *find(struct sessions *s, const char *token)
+static struct session *session_of_token(struct sessions *s, const char *token)
 {
     struct session *found = NULL;
     for (size_t i = 0; i < SESSIONS; i++)
@@ -108,7 +108,7 @@ static struct session *find(struct sessions *s, const char *token)
 bool session_find(struct sessions *s, const char *token, apc_ns now, struct session *found)
 {
     pthread_mutex_lock(&s->mutex);
-    struct session *session = find(s, token);
+    struct session *session = session_of_token(s, token);
     if (session && !alive(s, session, now)) {
         *session = (struct session){0};
         session = NULL;
@@ -124,7 +124,7 @@ bool session_find(struct sessions *s, const char *token, apc_ns now, struct sess
 void session_close(struct sessions *s, const char *token)
 {
     pthread_mutex_lock(&s->mutex);
-    struct session *session = find(s, token);
+    struct session *session = session_of_token(s, token);
     if (session)
         *session = (struct session){0};
     pthread_mutex_unlock(&s->mutex);
@@ -157,7 +157,7 @@ bool session_may_write(struct sessions *s, const char *token, apc_ns now, apc_ns
     const apc_ns each = APC_NS_PER_S / WRITE_RATE;
     const unsigned burst = 2 * WRITE_RATE;
     pthread_mutex_lock(&s->mutex);
-    struct session *session = *token ? find(s, token) : &s->local;
+    struct session *session = *token ? session_of_token(s, token) : &s->local;
     bool may = session && rate_take(&session->writes_due, each, burst, now);
     *again = session ? session->writes_due + each - each * burst : now;
     pthread_mutex_unlock(&s->mutex);

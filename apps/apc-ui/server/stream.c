@@ -60,7 +60,7 @@ int stream_create(struct stream **stream)
     return 0;
 }
 
-static void let_go(struct message *m)
+static void let_go_message(struct message *m)
 {
     if (m && --m->holders == 0)
         free(m);
@@ -71,7 +71,7 @@ void stream_destroy(struct stream *stream)
     if (!stream)
         return;
     while (stream->first < stream->next)
-        let_go(stream->ring[stream->first++ % STREAM_RING]);
+        let_go_message(stream->ring[stream->first++ % STREAM_RING]);
     pthread_mutex_destroy(&stream->mutex);
     free(stream);
 }
@@ -140,7 +140,7 @@ void stream_publish(struct stream *stream, const char *event, const char *data, 
         while (stream->next > stream->first &&
                (stream->next - stream->first >= STREAM_RING ||
                 stream->bytes - start_of(stream->ring[stream->first % STREAM_RING]) > STREAM_BYTES))
-            let_go(stream->ring[stream->first++ % STREAM_RING]);
+            let_go_message(stream->ring[stream->first++ % STREAM_RING]);
         stream->ring[stream->next++ % STREAM_RING] = m;
         if (with_id)
             stream->last_id = stream->next;
@@ -250,7 +250,7 @@ void stream_close(struct stream_reader *r)
         at = &(*at)->next_reader;
     *at = r->next_reader;
     s->stats.readers--;
-    let_go(r->current);
+    let_go_message(r->current);
     pthread_mutex_unlock(&s->mutex);
     text_free(&r->own);
     free(r->session);
@@ -258,7 +258,7 @@ void stream_close(struct stream_reader *r)
 }
 
 /* The rest of a text, as much as fits; *offset goes back to 0 when all of it was taken. */
-static size_t take(const char *from, size_t n, size_t *offset, char *to, size_t size)
+static size_t take_text_part(const char *from, size_t n, size_t *offset, char *to, size_t size)
 {
     size_t part = n - *offset < size ? n - *offset : size;
     memcpy(to, from + *offset, part);
@@ -272,7 +272,7 @@ static size_t read_piece(struct stream_reader *r, char *to, size_t size)
     struct stream *s = r->stream;
     size_t n;
     if (!r->current && r->own.n > 0) {
-        n = take(r->own.at, r->own.n, &r->offset, to, size);
+        n = take_text_part(r->own.at, r->own.n, &r->offset, to, size);
         if (r->offset == 0)
             text_free(&r->own);
         return n;
@@ -283,9 +283,9 @@ static size_t read_piece(struct stream_reader *r, char *to, size_t size)
     }
     if (!r->current)
         return 0;
-    n = take(r->current->text, r->current->n, &r->offset, to, size);
+    n = take_text_part(r->current->text, r->current->n, &r->offset, to, size);
     if (r->offset == 0) {
-        let_go(r->current);
+        let_go_message(r->current);
         r->current = NULL;
     }
     return n;

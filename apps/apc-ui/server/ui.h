@@ -262,7 +262,7 @@ void ui_pause(struct ui *ui, apc_ns pause);
 /* ---- records.c ---- */
 void event_json(const struct apc_event *event, struct text *t);
 void task_json(const struct task *task, apc_ns now, struct text *t);
-void figures_json(const struct apc_summary *summary, struct text *t);
+void summary_json(const struct apc_summary *summary, struct text *t);
 void window_json(const struct task_figures *window, struct text *t); /* NULL, or nothing in it: null */
 
 #endif

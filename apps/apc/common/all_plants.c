@@ -54,7 +54,7 @@ char *all_plants_store(const struct cli *cli, const char *schema)
     return uri;
 }
 
-static void all_plants_json(const struct all_plants *all, apc_ns now)
+static void all_plants_members(const struct all_plants *all, apc_ns now)
 {
     putchar('[');
     for (size_t i = 0; i < all->n; i++) {
@@ -78,7 +78,7 @@ int all_plants_show(const struct cli *cli)
     int rc = all_plants_load(&all, cli);
     const apc_ns now = apc_clock_utc(NULL);
     if (rc == 0 && cli->format == CLI_JSON) {
-        all_plants_json(&all, now);
+        all_plants_members(&all, now);
     } else if (rc == 0) {
         print_table_open(&table, columns, 3);
         for (size_t i = 0; i < all.n; i++) {

@@ -88,7 +88,7 @@ static const struct cli_spec spec = {
     .extra = &own,
 };
 
-static int look(struct session *s)
+static int read_alarm_board(struct session *s)
 {
     const int rc = alarm_board_read(&s->board, s->store);
     s->now = apc_clock_utc(NULL);
@@ -96,7 +96,7 @@ static int look(struct session *s)
 }
 
 /* Whoever stands behind the number; "" where nobody does. */
-static const char *author_of(struct session *s, uint32_t number, char name[APC_AUTHOR_LEN])
+static const char *author_of_transition(struct session *s, uint32_t number, char name[APC_AUTHOR_LEN])
 {
     name[0] = '\0';
     if (number > 0 && apc_store_author_name(s->store, number, name) < 0)
@@ -125,7 +125,7 @@ static int by_urgency(const void *x, const void *y)
     return a->row->origin > b->row->origin ? -1 : a->row->origin < b->row->origin;
 }
 
-static void list_text(struct session *s, const struct alarm_now **at, size_t n)
+static void list_alarms_text(struct session *s, const struct alarm_now **at, size_t n)
 {
     static const struct print_column columns[] = {
         {"ALARM", PRINT_LEFT}, {"PRIORITY", PRINT_RIGHT}, {"STATE", PRINT_LEFT},  {"AGE", PRINT_RIGHT},
@@ -146,7 +146,7 @@ static void list_text(struct session *s, const struct alarm_now **at, size_t n)
         print_cell(&table, ink, "%s", apc_alarm_state_name(state));
         print_cell(&table, PRINT_PLAIN, "%s",
                    at[i]->row->seq > 0 ? print_age(s->now - at[i]->row->time, text) : "");
-        print_cell(&table, PRINT_PLAIN, "%s", author_of(s, at[i]->row->author, name));
+        print_cell(&table, PRINT_PLAIN, "%s", author_of_transition(s, at[i]->row->author, name));
         print_cell(&table, PRINT_PLAIN, "%s", until ? print_second(until, text) : "");
         print_cell(&table, PRINT_PLAIN, "%s", alarm->message);
     }
@@ -161,7 +161,7 @@ static void json_time(const char *key, apc_ns time)
     print_json_text(stdout, key, time ? apc_time_format(time, text) : NULL);
 }
 
-static void json_alarm(struct session *s, const struct alarm_now *now)
+static void alarm_json(struct session *s, const struct alarm_now *now)
 {
     const struct alarm *alarm = alarm_board_alarm(&s->board, now);
     const enum apc_alarm_state state = alarm_board_state(now);
@@ -177,7 +177,7 @@ static void json_alarm(struct session *s, const struct alarm_now *now)
     putchar(',');
     json_time("time", now->row->seq > 0 ? now->row->time : 0);
     putchar(',');
-    print_json_text(stdout, "author", *author_of(s, now->row->author, name) ? name : NULL);
+    print_json_text(stdout, "author", *author_of_transition(s, now->row->author, name) ? name : NULL);
     putchar(',');
     json_time("shelved_until", alarm_board_shelved(now));
     putchar(',');
@@ -198,7 +198,7 @@ static void list_json(struct session *s, const struct alarm_now **at, size_t n)
     fputs(",\"alarms\":[", stdout);
     for (size_t i = 0; i < n; i++) {
         fputs(i ? "," : "", stdout);
-        json_alarm(s, at[i]);
+        alarm_json(s, at[i]);
     }
     puts("]}");
 }
@@ -218,7 +218,7 @@ static void say_life(const struct session *s)
                n[APC_ALARMS_OUT_OF_SERVICE], s->board.e.n_alarms);
 }
 
-static int list(struct session *s)
+static int list_alarms(struct session *s)
 {
     /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     const struct alarm_now **at = calloc(s->board.e.n_alarms + 1, sizeof *at);
@@ -234,7 +234,7 @@ static int list(struct session *s)
         list_json(s, at, n);
     } else {
         say_life(s);
-        list_text(s, at, n);
+        list_alarms_text(s, at, n);
     }
     free(at);
     return EXIT_OK;
@@ -255,7 +255,7 @@ static void journal_json(struct session *s, const struct alarm_transition *t)
     putchar(',');
     print_json_text(stdout, "before", apc_alarm_state_name(t->before));
     putchar(',');
-    print_json_text(stdout, "author", *author_of(s, t->author, name) ? name : NULL);
+    print_json_text(stdout, "author", *author_of_transition(s, t->author, name) ? name : NULL);
     puts("}");
 }
 
@@ -268,7 +268,7 @@ static void journal_text(struct session *s, struct print_table *table, const str
     print_cell(table, PRINT_PLAIN, "%d", alarm->is.priority);
     print_cell(table, alarm_is_raised(t) ? PRINT_WARN : PRINT_PLAIN, "%s", alarm->name);
     print_cell(table, PRINT_PLAIN, "%s", apc_alarm_state_name(t->state));
-    print_cell(table, PRINT_PLAIN, "%s", author_of(s, t->author, name));
+    print_cell(table, PRINT_PLAIN, "%s", author_of_transition(s, t->author, name));
     print_cell(table, PRINT_PLAIN, "%s", alarm->message);
 }
 
@@ -334,15 +334,15 @@ struct wanted {
     struct apc_sample wish;
 };
 
-static void describe(const struct session *s, const struct wanted *w, char *text, size_t size)
+static void describe_wanted(const struct session *s, const struct wanted *w, char *text, size_t size)
 {
     alarm_board_words(alarm_board_alarm(&s->board, w->now)->name, &w->wish, s->options.reason, text, size);
 }
 
-static int record(struct session *s, const struct wanted *w)
+static int record_wanted(struct session *s, const struct wanted *w)
 {
     struct apc_event event = {.time = s->now, .severity = APC_EVENT_INFO, .kind = "operator"};
-    describe(s, w, event.text, sizeof event.text);
+    describe_wanted(s, w, event.text, sizeof event.text);
     operate_who(event.source, sizeof event.source);
     const int rc = apc_store_append_events(s->store, &event, 1);
     return rc < 0 ? cli_error(&s->cli, rc, "it was done, but not recorded as an event: %s",
@@ -356,10 +356,10 @@ static int lost(struct session *s, const struct wanted *w)
     char name[APC_AUTHOR_LEN];
     return cli_error(&s->cli, APC_ECONFLICT, "%s: %s was faster: look again",
                      alarm_board_alarm(&s->board, w->now)->name,
-                     *author_of(s, w->wish.author, name) ? name : "somebody else");
+                     *author_of_transition(s, w->wish.author, name) ? name : "somebody else");
 }
 
-static int await(struct session *s, struct wanted *w)
+static int await_wanted(struct session *s, struct wanted *w)
 {
     const apc_ns end = apc_clock_mono(NULL) + 3 * s->board.e.alarms.rhythm.period + GRACE;
     const char *name = alarm_board_alarm(&s->board, w->now)->name;
@@ -368,11 +368,11 @@ static int await(struct session *s, struct wanted *w)
     while ((outcome = alarm_board_outcome(&s->board, w->now, &w->wish, s->now)) == OUTCOME_WAITING &&
            apc_clock_mono(NULL) < end) {
         nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
-        const int rc = look(s);
+        const int rc = read_alarm_board(s);
         if (rc != EXIT_OK)
             return rc;
     }
-    describe(s, w, text, sizeof text);
+    describe_wanted(s, w, text, sizeof text);
     switch (outcome) {
     case OUTCOME_APPLIED:
         print_clean(stdout, text);
@@ -394,7 +394,8 @@ static int await(struct session *s, struct wanted *w)
     return cli_error(&s->cli, APC_ETIMEDOUT, "%s: written, but apc-alarms has not come to it", name);
 }
 
-static int put(struct session *s, const struct alarm_now *now, enum apc_alarm_switch which, double value)
+static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum apc_alarm_switch which,
+                            double value)
 {
     struct wanted w = {.now = now};
     struct apc_error why;
@@ -417,10 +418,10 @@ static int put(struct session *s, const struct alarm_now *now, enum apc_alarm_sw
                          apc_store_error(s->store));
     if (rc < 0)
         return cli_store_error(&s->cli, rc, s->store);
-    rc = record(s, &w);
+    rc = record_wanted(s, &w);
     if (rc == EXIT_OK && !s->cli.no_wait)
-        return await(s, &w);
-    describe(s, &w, text, sizeof text);
+        return await_wanted(s, &w);
+    describe_wanted(s, &w, text, sizeof text);
     print_clean(stdout, text);
     putchar('\n');
     return rc;
@@ -434,16 +435,16 @@ static int each(struct session *s, enum apc_alarm_switch which, double value)
             rc = cli_error(&s->cli, APC_ENOTFOUND,
                            "there is no alarm \"%s\": apc alarm list --all names them", s->cli.args[i]);
     for (int i = 1; i < s->cli.n_args && rc != EXIT_ERROR && rc != EXIT_CONNECTION; i++) {
-        const int done = put(s, alarm_board_find(&s->board, s->cli.args[i]), which, value);
+        const int done = put_alarm_switch(s, alarm_board_find(&s->board, s->cli.args[i]), which, value);
         rc = done > rc ? done : rc;
     }
     for (size_t i = 0; s->options.all && i < s->board.e.n_alarms && rc == EXIT_OK; i++)
         if (apc_alarm_is_unacked(alarm_board_state(&s->board.at[i])))
-            rc = put(s, &s->board.at[i], which, value);
+            rc = put_alarm_switch(s, &s->board.at[i], which, value);
     return rc;
 }
 
-static int want(struct session *s, enum apc_alarm_switch which, double value)
+static int want_of_alarm(struct session *s, enum apc_alarm_switch which, double value)
 {
     const bool all = s->options.all && which == APC_ALARM_ACK;
     if (s->cli.n_args < 2 && !all)
@@ -469,27 +470,27 @@ static int shelve(struct session *s)
     if (cli_duration(&s->cli, "for", s->options.for_, &duration) != EXIT_OK)
         return EXIT_USAGE;
     const double until = floor(apc_ns_to_s(s->now + duration));
-    return want(s, APC_ALARM_SHELF, s->options.once ? -until : until);
+    return want_of_alarm(s, APC_ALARM_SHELF, s->options.once ? -until : until);
 }
 
-static int act(struct session *s)
+static int act_on_alarms(struct session *s)
 {
     const char *what = s->cli.args[0];
     const bool alone = !strcmp(what, "list") || !strcmp(what, "journal");
     if (alone && s->cli.n_args > 1)
         return cli_usage(&s->cli, "%s takes no names", what);
     if (!strcmp(what, "list"))
-        return list(s);
+        return list_alarms(s);
     if (!strcmp(what, "journal"))
         return journal(s);
     if (!strcmp(what, "ack"))
-        return want(s, APC_ALARM_ACK, 0);
+        return want_of_alarm(s, APC_ALARM_ACK, 0);
     if (!strcmp(what, "shelve"))
         return shelve(s);
     if (!strcmp(what, "unshelve"))
-        return want(s, APC_ALARM_SHELF, 0);
+        return want_of_alarm(s, APC_ALARM_SHELF, 0);
     if (!strcmp(what, "out") || !strcmp(what, "in"))
-        return want(s, APC_ALARM_SERVICE, *what == 'o');
+        return want_of_alarm(s, APC_ALARM_SERVICE, *what == 'o');
     return cli_usage(&s->cli, "\"%s\": must be list, ack, shelve, unshelve, out, in or journal", what);
 }
 
@@ -502,9 +503,9 @@ int command_alarm(int argc, char **argv)
     if (rc == EXIT_OK && (rc = alarm_board_open(&s.board, s.store, &why)) < 0)
         rc = cli_error(&s.cli, rc, "%s", why.text);
     if (rc == EXIT_OK)
-        rc = look(&s);
+        rc = read_alarm_board(&s);
     if (rc == EXIT_OK)
-        rc = act(&s);
+        rc = act_on_alarms(&s);
     alarm_board_close(&s.board);
     apc_store_close(s.store);
     return cli_done(&s.cli, rc);

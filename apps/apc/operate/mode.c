@@ -70,7 +70,7 @@ static int unknown(const struct cli *cli, const struct loops *loops, const char 
 }
 
 /* By the name of a loop or of a controller; NULL: all. */
-static int choose(const struct cli *cli, const struct loops *loops, const char *name, struct chosen *c)
+static int choose_loops(const struct cli *cli, const struct loops *loops, const char *name, struct chosen *c)
 {
     const struct loops_controller *controller = name ? loops_controller(loops, name) : NULL;
     const struct loops_loop *loop = name ? loops_find(loops, name) : NULL;
@@ -95,8 +95,8 @@ static int choose(const struct cli *cli, const struct loops *loops, const char *
 }
 
 /* Targets, then actual modes. NULL: without memory, or an error of the store that was said. */
-static struct apc_sample *read_modes(const struct cli *cli, struct apc_store *store, const struct chosen *c,
-                                     int *rc)
+static struct apc_sample *read_loop_modes(const struct cli *cli, struct apc_store *store,
+                                          const struct chosen *c, int *rc)
 {
     struct apc_sample *mode = calloc(2 * c->n + 1, sizeof *mode);
     for (size_t i = 0; mode && i < c->n; i++) {
@@ -115,7 +115,7 @@ static struct apc_sample *read_modes(const struct cli *cli, struct apc_store *st
 
 /* ---- Showing ------------------------------------------------------------------------------ */
 
-static const char *word_of(const struct apc_sample *mode)
+static const char *mode_word(const struct apc_sample *mode)
 {
     return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
 }
@@ -123,15 +123,15 @@ static const char *word_of(const struct apc_sample *mode)
 /* The one that all have; NULL: they differ, or have none. */
 static const char *common(const struct apc_sample *mode, size_t n)
 {
-    const char *word = word_of(&mode[0]);
+    const char *word = mode_word(&mode[0]);
     for (size_t i = 1; i < n && word; i++)
-        if (!word_of(&mode[i]) || strcmp(word, word_of(&mode[i])) != 0)
+        if (!mode_word(&mode[i]) || strcmp(word, mode_word(&mode[i])) != 0)
             word = NULL;
     return word;
 }
 
-static void show_json(const struct cli_plant *plant, struct apc_store *store, const struct chosen *c,
-                      const struct apc_sample *mode)
+static void show_modes_json(const struct cli_plant *plant, struct apc_store *store, const struct chosen *c,
+                            const struct apc_sample *mode)
 {
     char why[REASON_LEN];
     putchar('{');
@@ -145,9 +145,9 @@ static void show_json(const struct cli_plant *plant, struct apc_store *store, co
         putchar(',');
         print_json_text(stdout, "controller", plant->loops.controller[c->loop[i]->controller].name);
         putchar(',');
-        print_json_text(stdout, "target", word_of(&mode[i]));
+        print_json_text(stdout, "target", mode_word(&mode[i]));
         putchar(',');
-        print_json_text(stdout, "actual", word_of(&mode[c->n + i]));
+        print_json_text(stdout, "actual", mode_word(&mode[c->n + i]));
         putchar(',');
         print_json_text(stdout, "reason",
                         mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
@@ -161,7 +161,7 @@ static void show_one(const struct apc_sample mode[2], const char *reason)
     static const char *const names[] = {"target", "actual"};
     char age[PRINT_LEN];
     for (int i = 0; i < 2; i++) {
-        const char *word = word_of(&mode[i]);
+        const char *word = mode_word(&mode[i]);
         if (!word) {
             printf("%s  none\n", names[i]);
             continue;
@@ -185,7 +185,7 @@ static int show_table(const struct cli_plant *plant, struct apc_store *store, co
     char text[PRINT_LEN], why[REASON_LEN];
     print_table_open(&table, columns, 6);
     for (size_t i = 0; i < c->n; i++) {
-        const char *target = word_of(&mode[i]), *actual = word_of(&mode[c->n + i]);
+        const char *target = mode_word(&mode[i]), *actual = mode_word(&mode[c->n + i]);
         const char *reason =
             mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why);
         print_cell(&table, PRINT_PLAIN, "%s", c->loop[i]->name);
@@ -201,16 +201,16 @@ static int show_table(const struct cli_plant *plant, struct apc_store *store, co
     return rc;
 }
 
-static int show(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
-                const struct chosen *c)
+static int show_modes(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                      const struct chosen *c)
 {
     char why[REASON_LEN];
     int rc;
-    struct apc_sample *mode = read_modes(cli, store, c, &rc);
+    struct apc_sample *mode = read_loop_modes(cli, store, c, &rc);
     if (!mode)
         return rc;
     if (cli->format == CLI_JSON)
-        show_json(plant, store, c, mode);
+        show_modes_json(plant, store, c, mode);
     else if (cli->format == CLI_TEXT && c->n == 1)
         show_one(mode, mode_reason_find(store, &plant->loops, c->loop[0], &mode[0], &mode[1], why));
     else if (cli->format == CLI_TEXT && show_table(plant, store, c, mode) < 0)
@@ -227,7 +227,7 @@ static int show(const struct cli *cli, struct apc_store *store, const struct cli
 
 /* ---- Changing ----------------------------------------------------------------------------- */
 
-static int check(const struct cli *cli, const struct chosen *c, enum apc_mode mode)
+static int check_wanted_mode(const struct cli *cli, const struct chosen *c, enum apc_mode mode)
 {
     for (size_t i = 0; i < c->n && mode == APC_MODE_CAS; i++)
         if (c->loop[i]->above < 0)
@@ -242,25 +242,25 @@ static int check(const struct cli *cli, const struct chosen *c, enum apc_mode mo
 static int already(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
                    const struct chosen *c, const struct apc_sample *mode)
 {
-    const char *word = word_of(&mode[0]);
+    const char *word = mode_word(&mode[0]);
     char why[REASON_LEN];
     for (size_t i = 0; i < c->n && !cli->no_wait; i++) {
         const struct apc_sample *actual = &mode[c->n + i];
-        if (!word_of(actual) || actual->value == mode[i].value)
+        if (!mode_word(actual) || actual->value == mode[i].value)
             continue;
         const char *reason = mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], actual, why);
         return cli_error(cli, APC_EPERM, "the target is %s already, but %s is in %s: %s", word,
-                         c->loop[i]->name, word_of(actual), reason ? reason : "see apc status");
+                         c->loop[i]->name, mode_word(actual), reason ? reason : "see apc status");
     }
     printf("%s%s: %s already\n", c->group[0] ? c->group : c->loop[0]->name, c->group[0] ? "" : " mode", word);
     return EXIT_OK;
 }
 
-static int change(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
-                  const struct chosen *c, enum apc_mode wanted)
+static int change_modes(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                        const struct chosen *c, enum apc_mode wanted)
 {
-    int rc = check(cli, c, wanted);
-    struct apc_sample *mode = rc == EXIT_OK ? read_modes(cli, store, c, &rc) : NULL;
+    int rc = check_wanted_mode(cli, c, wanted);
+    struct apc_sample *mode = rc == EXIT_OK ? read_loop_modes(cli, store, c, &rc) : NULL;
     struct change *changes = mode ? calloc(c->n + 1, sizeof *changes) : NULL;
     bool same = true;
 
@@ -303,10 +303,10 @@ int command_mode(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_plant_load(&cli, store, &plant));
     if (rc == EXIT_OK)
-        rc = choose(&cli, &plant.loops, name, &chosen);
+        rc = choose_loops(&cli, &plant.loops, name, &chosen);
     if (rc == EXIT_OK)
-        rc = wanted < 0 ? show(&cli, store, &plant, &chosen)
-                        : change(&cli, store, &plant, &chosen, (enum apc_mode)wanted);
+        rc = wanted < 0 ? show_modes(&cli, store, &plant, &chosen)
+                        : change_modes(&cli, store, &plant, &chosen, (enum apc_mode)wanted);
     free(chosen.loop);
     cli_plant_free(&plant);
     apc_store_close(store);
@@ -378,7 +378,7 @@ int command_remote(int argc, char **argv)
     for (int i = 0; room && i < cli.n_args && rc == EXIT_OK; i++)
         rc = choose_setpoint(&cli, &plant, cli.args[i], &given);
     if (room && rc == EXIT_OK && given.loops.n > 0)
-        rc = change(&cli, store, &plant, &given.loops, APC_MODE_CAS);
+        rc = change_modes(&cli, store, &plant, &given.loops, APC_MODE_CAS);
     if (room && rc == EXIT_OK && given.n > 0)
         rc = operate_remote(&cli, store, &plant, given.setpoint, given.n);
     free(given.loops.loop);

@@ -145,8 +145,8 @@ static const char *taken_local(const struct operation *o, const struct apc_sampl
     return text;
 }
 
-static int record(struct apc_store *store, const struct operation *o, const struct owner_rows *with,
-                  apc_ns now)
+static int record_operation(struct apc_store *store, const struct operation *o, const struct owner_rows *with,
+                            apc_ns now)
 {
     struct apc_event *events = calloc(o->n + with->n + 1, sizeof *events);
     size_t n = 0;
@@ -180,7 +180,7 @@ static int write_and_record(const struct cli *cli, struct apc_store *store, cons
                          apc_store_error(store));
     if (rc < 0)
         return cli_store_error(cli, rc, store);
-    rc = record(store, o, with, now);
+    rc = record_operation(store, o, with, now);
     if (rc < 0)
         return cli_error(cli, rc, "the change was made, but not recorded as an event: %s",
                          apc_store_error(store));

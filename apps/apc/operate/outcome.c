@@ -23,7 +23,7 @@ static void pause_for(apc_ns duration)
 /* ---- Whose it is -------------------------------------------------------------------------- */
 
 /* NULL: no controller takes it. */
-static const struct loops_controller *controller_of(const struct operation *o, const struct change *c)
+static const struct loops_controller *controller_of_change(const struct operation *o, const struct change *c)
 {
     return loops_taker(&o->plant->loops, cli_tag(&o->plant->tags, c->after.table, c->after.id));
 }
@@ -34,7 +34,8 @@ static const struct apc_vector *tick_of(const struct waiting *w, const struct lo
 }
 
 /* "the controller", where there are several "controller base" */
-static const char *name_of(const struct waiting *w, const struct loops_controller *c, char text[PRINT_LEN])
+static const char *name_of_controller(const struct waiting *w, const struct loops_controller *c,
+                                      char text[PRINT_LEN])
 {
     snprintf(text, PRINT_LEN,
              w->operation->plant->loops.n_controllers > 1 ? "controller %s" : "the controller", c->name);
@@ -47,7 +48,7 @@ struct ticks {
     apc_ns last, period; /* the shortest of late; 0: not known */
 };
 
-static int take_tick(void *ctx, const struct apc_vector *v)
+static int take_outcome_tick(void *ctx, const struct apc_vector *v)
 {
     struct ticks *t = ctx;
     const apc_ns apart = v->time - t->last;
@@ -57,12 +58,13 @@ static int take_tick(void *ctx, const struct apc_vector *v)
     return 0;
 }
 
-static int find_period(struct apc_store *store, const struct loops_controller *c, apc_ns *period)
+static int find_controller_period(struct apc_store *store, const struct loops_controller *c, apc_ns *period)
 {
     const struct apc_range last = {.last = LOOK};
     struct ticks ticks = {0};
     *period = c->period;
-    int rc = c->period > 0 ? 0 : apc_store_vectors(store, APC_TICK, c->number, &last, take_tick, &ticks);
+    int rc =
+        c->period > 0 ? 0 : apc_store_vectors(store, APC_TICK, c->number, &last, take_outcome_tick, &ticks);
     *period = c->period > 0 ? c->period : ticks.period;
     return rc;
 }
@@ -110,12 +112,14 @@ static int nobody(const struct waiting *w, const struct cli *cli, const struct l
         return cli_error(cli, APC_EPERM,
                          "nobody applies it: %s has %sticked in this store. Nothing was written; "
                          "--no-wait does in any case",
-                         w->operation->plant->loops.n_controllers > 1 ? name_of(w, c, name) : "no controller",
+                         w->operation->plant->loops.n_controllers > 1 ? name_of_controller(w, c, name)
+                                                                      : "no controller",
                          w->operation->plant->loops.n_controllers > 1 ? "never " : "");
     return cli_error(cli, APC_EPERM,
                      "nobody applies it: %s's last tick was %s ago. Nothing was written; --no-wait "
                      "does in any case",
-                     name_of(w, c, name), print_age(apc_ns_since(apc_clock_utc(NULL), tick->time), age));
+                     name_of_controller(w, c, name),
+                     print_age(apc_ns_since(apc_clock_utc(NULL), tick->time), age));
 }
 
 /* An age by the clocks of two hosts is no proof that nothing ticks: then a tick is waited for. */
@@ -123,7 +127,7 @@ static int look_for_ticks(struct waiting *w, const struct cli *cli, struct apc_s
                           const struct loops_controller *c)
 {
     apc_ns *period = &w->period[c - w->operation->plant->loops.controller];
-    int rc = find_period(store, c, period);
+    int rc = find_controller_period(store, c, period);
     const apc_ns patience = 3 * *period + GRACE, until = apc_clock_mono(NULL) + patience;
     const int64_t seen = tick_of(w, c)->seq;
 
@@ -141,7 +145,7 @@ static int look_for_ticks(struct waiting *w, const struct cli *cli, struct apc_s
 
 /* ---- Before ------------------------------------------------------------------------------- */
 
-static int prepare(struct waiting *w, const struct cli *cli)
+static int prepare_waiting(struct waiting *w, const struct cli *cli)
 {
     const struct operation *o = w->operation;
     const size_t n = o->plant->loops.n_controllers;
@@ -156,7 +160,7 @@ static int prepare(struct waiting *w, const struct cli *cli)
         const struct apc_sample *after = &o->change[i].after;
         w->actual[i] =
             (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(after->table, after->id)};
-        if (!controller_of(o, &o->change[i]))
+        if (!controller_of_change(o, &o->change[i]))
             return cli_error(cli, APC_EPERM,
                              "nobody applies it: %s belongs to no controller. Nothing was written; "
                              "--no-wait does in any case",
@@ -170,14 +174,14 @@ int outcome_prepare(struct waiting *w, const struct cli *cli, struct apc_store *
 {
     const struct loops_controller *looked = NULL;
     *w = (struct waiting){.operation = o};
-    int rc = prepare(w, cli);
+    int rc = prepare_waiting(w, cli);
     if (rc != EXIT_OK)
         return rc;
     int read = read_ticks(w, store);
     if (read < 0)
         return cli_store_error(cli, read, store);
     for (size_t i = 0; i < o->n && rc == EXIT_OK; i++) {
-        const struct loops_controller *c = controller_of(o, &o->change[i]);
+        const struct loops_controller *c = controller_of_change(o, &o->change[i]);
         const struct loops_loop *loop =
             loops_of(&o->plant->loops, o->change[i].after.table, o->change[i].after.id);
         if (c != looked)
@@ -198,9 +202,9 @@ void outcome_free(struct waiting *w)
 
 /* ---- What became of it ---------------------------------------------------------------------- */
 
-static struct outcome_seen seen_of(const struct waiting *w, size_t i)
+static struct outcome_seen outcome_of_change(const struct waiting *w, size_t i)
 {
-    const struct loops_controller *c = controller_of(w->operation, &w->operation->change[i]);
+    const struct loops_controller *c = controller_of_change(w->operation, &w->operation->change[i]);
     const struct apc_vector *tick = tick_of(w, c);
     return (struct outcome_seen){.write = &w->operation->change[i].after,
                                  .actual = &w->actual[i],
@@ -210,12 +214,12 @@ static struct outcome_seen seen_of(const struct waiting *w, size_t i)
 }
 
 /* Returns whether all are settled. What waits, or has nobody, may still come. */
-static bool settle(const struct waiting *w)
+static bool settle_changes(const struct waiting *w)
 {
     bool settled = true;
     for (size_t i = 0; i < w->operation->n; i++) {
         struct change *c = &w->operation->change[i];
-        const struct outcome_seen seen = seen_of(w, i);
+        const struct outcome_seen seen = outcome_of_change(w, i);
         if (c->outcome != OUTCOME_APPLIED) /* it was in force: what came later is another's */
             c->outcome = outcome_of(&seen);
         settled &= c->outcome != OUTCOME_WAITING && c->outcome != OUTCOME_NOBODY;
@@ -251,13 +255,13 @@ static void say_refused(const struct waiting *w, struct apc_store *store, size_t
 static void say_waiting(const struct waiting *w, size_t i, char *why, size_t size)
 {
     const struct change *c = &w->operation->change[i];
-    const struct outcome_seen seen = seen_of(w, i);
+    const struct outcome_seen seen = outcome_of_change(w, i);
     const struct loops_loop *loop = loops_of(&w->operation->plant->loops, c->after.table, c->after.id);
     const struct apc_sample *actual = &w->actual[i];
     const bool looked = actual->seq > 0 && actual->origin == c->after.seq;
     char age[PRINT_LEN], name[PRINT_LEN];
 
-    name_of(w, controller_of(w->operation, c), name);
+    name_of_controller(w, controller_of_change(w->operation, c), name);
     if (c->outcome == OUTCOME_NOBODY)
         snprintf(why, size, "written, but nobody applies it: %s's last tick was %s ago", name,
                  print_age(outcome_age(&seen), age));
@@ -271,8 +275,8 @@ static void say_waiting(const struct waiting *w, size_t i, char *why, size_t siz
 }
 
 /* What there is to say of change @p i, under this name. */
-static int tell(const struct waiting *w, const struct cli *cli, struct apc_store *store, size_t i,
-                const char *name)
+static int tell_change(const struct waiting *w, const struct cli *cli, struct apc_store *store, size_t i,
+                       const char *name)
 {
     const struct change *c = &w->operation->change[i];
     char text[192], why[256] = "", value[PRINT_LEN];
@@ -294,7 +298,7 @@ static int tell(const struct waiting *w, const struct cli *cli, struct apc_store
     }
 }
 
-static int tell_all(const struct waiting *w, const struct cli *cli, struct apc_store *store)
+static int tell_all_changes(const struct waiting *w, const struct cli *cli, struct apc_store *store)
 {
     const struct operation *o = w->operation;
     bool one = o->group && operate_is_one(o);
@@ -302,9 +306,9 @@ static int tell_all(const struct waiting *w, const struct cli *cli, struct apc_s
     for (size_t i = 1; i < o->n; i++)
         one &= o->change[i].outcome == o->change[0].outcome;
     if (one)
-        return tell(w, cli, store, 0, o->group);
+        return tell_change(w, cli, store, 0, o->group);
     for (size_t i = 0; i < o->n; i++) {
-        int told = tell(w, cli, store, i, NULL);
+        int told = tell_change(w, cli, store, i, NULL);
         rc = told > rc ? told : rc;
     }
     return rc;
@@ -316,8 +320,8 @@ int outcome_await(struct waiting *w, const struct cli *cli, struct apc_store *st
     for (;;) {
         int rc = read_ticks(w, store);
         const apc_ns left = until - apc_clock_mono(NULL);
-        if (rc >= 0 && (settle(w) || left <= 0))
-            return tell_all(w, cli, store);
+        if (rc >= 0 && (settle_changes(w) || left <= 0))
+            return tell_all_changes(w, cli, store);
         if (rc >= 0)
             rc = apc_store_wait(store, w->actual, w->operation->n, left < APC_NS_PER_S ? left : APC_NS_PER_S);
         if (rc < 0)

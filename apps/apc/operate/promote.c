@@ -63,7 +63,7 @@ static int find_switch(struct promotion *p, const struct cli_tags *tags)
     return EXIT_OK;
 }
 
-static int look(struct promotion *p)
+static int look_at_promotion(struct promotion *p)
 {
     struct apc_rows rows = {
         .size = sizeof rows, .sample = p->row, .n_samples = 3, .vector = &p->tick, .n_vectors = 1};
@@ -72,7 +72,7 @@ static int look(struct promotion *p)
 }
 
 /* Out of service, if that is what is wanted, nobody can see who acts. */
-static bool acts(const struct promotion *p)
+static bool is_promoted_acting(const struct promotion *p)
 {
     const bool wanted = p->row[TARGET].seq > 0 && p->row[TARGET].value != (double)APC_MODE_OOS;
     return !wanted || (p->row[ACTUAL].seq > 0 && p->row[ACTUAL].value != (double)APC_MODE_OOS);
@@ -91,7 +91,7 @@ static int await_tick(struct promotion *p, apc_ns patience)
                              "case",
                              p->to->name);
         nanosleep(&(struct timespec){.tv_nsec = 20 * APC_NS_PER_MS}, NULL);
-        rc = look(p);
+        rc = look_at_promotion(p);
     }
     return rc;
 }
@@ -100,8 +100,8 @@ static int await_turn(struct promotion *p, apc_ns patience)
 {
     const apc_ns until = apc_clock_mono(NULL) + patience;
     const int64_t mine = p->row[CHOICE].seq;
-    int rc = look(p);
-    while (rc == EXIT_OK && p->row[CHOICE].seq == mine && !acts(p)) {
+    int rc = look_at_promotion(p);
+    while (rc == EXIT_OK && p->row[CHOICE].seq == mine && !is_promoted_acting(p)) {
         if (apc_clock_mono(NULL) > until)
             return cli_error(
                 p->cli, APC_ETIMEDOUT,
@@ -109,7 +109,7 @@ static int await_turn(struct promotion *p, apc_ns patience)
                 "apc status",
                 p->to->name);
         nanosleep(&(struct timespec){.tv_nsec = 20 * APC_NS_PER_MS}, NULL);
-        rc = look(p);
+        rc = look_at_promotion(p);
     }
     if (rc == EXIT_OK && p->row[CHOICE].seq != mine)
         return cli_error(p->cli, APC_ECONFLICT, "somebody else has promoted meanwhile: see apc status");
@@ -148,10 +148,10 @@ static int promote(struct promotion *p)
     return EXIT_OK;
 }
 
-static int change(struct promotion *p)
+static int change_acting(struct promotion *p)
 {
     const apc_ns patience = 5 * p->to->period + GRACE;
-    if (p->row[CHOICE].seq > 0 && p->row[CHOICE].value == (double)p->to->number && acts(p)) {
+    if (p->row[CHOICE].seq > 0 && p->row[CHOICE].value == (double)p->to->number && is_promoted_acting(p)) {
         printf("%s acts already\n", p->to->name);
         return EXIT_OK;
     }
@@ -179,9 +179,9 @@ int command_promote(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = find_switch(&p, &plant.tags);
     if (rc == EXIT_OK)
-        rc = look(&p);
+        rc = look_at_promotion(&p);
     if (rc == EXIT_OK)
-        rc = change(&p);
+        rc = change_acting(&p);
     cli_plant_free(&plant);
     apc_store_close(store);
     return cli_done(&cli, rc);

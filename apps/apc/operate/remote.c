@@ -19,7 +19,7 @@ struct remote {
     int64_t *given;                      /* [n] seq of the setpoint when it was given back */
 };
 
-static int look(struct remote *r)
+static int look_at_setpoints(struct remote *r)
 {
     struct apc_sample *rows = calloc(2 * r->n, sizeof *rows);
     if (!rows)
@@ -35,12 +35,12 @@ static int look(struct remote *r)
     return rc < 0 ? cli_store_error(r->cli, rc, r->store) : EXIT_OK;
 }
 
-static const char *name_of(const struct remote *r, size_t i)
+static const char *name_of_setpoint(const struct remote *r, size_t i)
 {
     return cli_tag(&r->plant->tags, APC_SETPOINT, r->setpoint[i].id)->name;
 }
 
-static int record(const struct remote *r, apc_ns now)
+static int record_remote(const struct remote *r, apc_ns now)
 {
     struct apc_event *events = calloc(r->n, sizeof *events);
     if (!events)
@@ -48,7 +48,7 @@ static int record(const struct remote *r, apc_ns now)
     for (size_t i = 0; i < r->n; i++) {
         events[i] = (struct apc_event){.time = now, .severity = APC_EVENT_INFO, .kind = "operator"};
         operate_who(events[i].source, sizeof events->source);
-        snprintf(events[i].text, sizeof events->text, "%s: Local -> Remote", name_of(r, i));
+        snprintf(events[i].text, sizeof events->text, "%s: Local -> Remote", name_of_setpoint(r, i));
     }
     int rc = apc_store_append_events(r->store, events, r->n);
     free(events);
@@ -56,7 +56,7 @@ static int record(const struct remote *r, apc_ns now)
 }
 
 /* The switches, and with them the setpoints as they stand. */
-static int give(struct remote *r)
+static int give_to_scheduler(struct remote *r)
 {
     struct apc_sample *rows = calloc(r->n, sizeof *rows);
     struct owner_rows with = {0};
@@ -87,80 +87,80 @@ static int give(struct remote *r)
     if (rc < 0)
         return rc == APC_ENOMEM ? cli_error(r->cli, rc, "out of memory")
                                 : cli_store_error(r->cli, rc, r->store);
-    rc = record(r, now);
+    rc = record_remote(r, now);
     return rc < 0 ? cli_error(r->cli, rc, "the change was made, but not recorded as an event: %s",
                               apc_store_error(r->store))
                   : EXIT_OK;
 }
 
 /* The scheduler has written, or somebody took it again. */
-static bool is_settled(const struct remote *r, size_t i)
+static bool is_setpoint_settled(const struct remote *r, size_t i)
 {
     return r->setpoint[i].seq > r->given[i] || loops_is_local(&r->owner[i]);
 }
 
-static int await(struct remote *r)
+static int await_scheduler(struct remote *r)
 {
     const apc_ns until = apc_clock_mono(NULL) + PATIENCE;
     for (;;) {
         size_t settled = 0;
-        int rc = look(r);
+        int rc = look_at_setpoints(r);
         for (size_t i = 0; i < r->n && rc == EXIT_OK; i++)
-            settled += is_settled(r, i);
+            settled += is_setpoint_settled(r, i);
         if (rc != EXIT_OK || settled == r->n || apc_clock_mono(NULL) > until)
             return rc;
         nanosleep(&(struct timespec){.tv_nsec = 20 * APC_NS_PER_MS}, NULL);
     }
 }
 
-static int tell(const struct remote *r, size_t i)
+static int tell_setpoint(const struct remote *r, size_t i)
 {
     char value[PRINT_LEN];
     if (loops_is_local(&r->owner[i]))
         return cli_error(r->cli, APC_EPERM, "%s: Local -> Remote: superseded: it is Local again",
-                         name_of(r, i));
-    if (!is_settled(r, i))
+                         name_of_setpoint(r, i));
+    if (!is_setpoint_settled(r, i))
         return cli_error(r->cli, APC_ETIMEDOUT,
                          "%s: Local -> Remote: written, but no scheduler moves it: see apc status",
-                         name_of(r, i));
-    print_clean(stdout, name_of(r, i));
+                         name_of_setpoint(r, i));
+    print_clean(stdout, name_of_setpoint(r, i));
     printf(": Local -> Remote (applied): it is %s now\n", print_value(&r->setpoint[i], value));
     return EXIT_OK;
 }
 
-static int tell_all(const struct remote *r)
+static int tell_all_setpoints(const struct remote *r)
 {
     int rc = EXIT_OK;
     for (size_t i = 0; i < r->n; i++) {
-        const int told = r->cli->no_wait ? EXIT_OK : tell(r, i);
+        const int told = r->cli->no_wait ? EXIT_OK : tell_setpoint(r, i);
         rc = told > rc ? told : rc;
         if (r->cli->no_wait) {
-            print_clean(stdout, name_of(r, i));
+            print_clean(stdout, name_of_setpoint(r, i));
             puts(": Local -> Remote");
         }
     }
     return rc;
 }
 
-static int change(struct remote *r)
+static int change_to_remote(struct remote *r)
 {
     size_t remote = 0;
-    int rc = look(r);
+    int rc = look_at_setpoints(r);
     for (size_t i = 0; i < r->n && rc == EXIT_OK; i++)
         remote += !loops_is_local(&r->owner[i]);
     if (rc == EXIT_OK && remote == r->n) {
         for (size_t i = 0; i < r->n; i++) {
-            print_clean(stdout, name_of(r, i));
+            print_clean(stdout, name_of_setpoint(r, i));
             puts(": Remote already");
         }
         return EXIT_OK;
     }
     if (rc == EXIT_OK)
-        rc = give(r);
+        rc = give_to_scheduler(r);
     if (rc == EXIT_OK && !r->cli->no_wait)
-        rc = await(r);
+        rc = await_scheduler(r);
     if (rc == EXIT_OK)
-        rc = tell_all(r);
+        rc = tell_all_setpoints(r);
     return rc;
 }
 
@@ -181,7 +181,7 @@ int operate_remote(const struct cli *cli, struct apc_store *store, const struct 
         r.setpoint[i] = (struct apc_sample){.table = APC_SETPOINT, .id = setpoint[i]};
     }
     if (room && rc == EXIT_OK)
-        rc = change(&r);
+        rc = change_to_remote(&r);
     free(r.given);
     free(r.setpoint);
     free(r.owner);

@@ -33,7 +33,7 @@ struct wish {
     bool all;
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_status_options(int key, char *arg, struct argp_state *state)
 {
     struct wish *wish = state->input;
     switch (key) {
@@ -48,7 +48,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     }
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_status_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "",
@@ -86,7 +86,7 @@ struct status {
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
-static int take_event(void *ctx, const struct apc_event *event)
+static int take_status_event(void *ctx, const struct apc_event *event)
 {
     struct status *s = ctx;
     s->events[s->n_events++] = *event;
@@ -103,7 +103,7 @@ static void load_history(struct status *s, struct apc_store *store)
 }
 
 /* Says its own errors. */
-static int load(const struct cli *cli, struct apc_store *store, struct status *s)
+static int load_status(const struct cli *cli, struct apc_store *store, struct status *s)
 {
     static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR, (enum apc_table)0};
     const struct apc_range last = {.last = EVENTS};
@@ -122,7 +122,7 @@ static int load(const struct cli *cli, struct apc_store *store, struct status *s
     if (rc >= 0)
         rc = status_writes_load(&s->writes, store, &s->plant.tags);
     if (rc >= 0)
-        rc = apc_store_events(store, &last, take_event, s);
+        rc = apc_store_events(store, &last, take_status_event, s);
     s->version = apc_store_tables_version(store);
     if (rc < 0)
         cli_store_error(cli, rc, store);
@@ -137,12 +137,12 @@ static bool by_loop(const struct status *s)
     return s->plant.loops.n > 1;
 }
 
-static bool is_stale(const struct status *s, const struct apc_sample *sample)
+static bool is_stale_sample(const struct status *s, const struct apc_sample *sample)
 {
     return status_is_stale(&s->plant.tags, sample, s->now);
 }
 
-static const char *mode_of(const struct apc_sample *mode)
+static const char *mode_of_sample(const struct apc_sample *mode)
 {
     return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
 }
@@ -150,9 +150,9 @@ static const char *mode_of(const struct apc_sample *mode)
 /* The mode that all loops have; NULL: they differ. */
 static const char *common_mode(const struct status *s, int which)
 {
-    const char *mode = s->plant.loops.n > 0 ? mode_of(&s->loops.row[which]) : NULL;
+    const char *mode = s->plant.loops.n > 0 ? mode_of_sample(&s->loops.row[which]) : NULL;
     for (size_t i = 1; i < s->plant.loops.n && mode; i++) {
-        const char *other = mode_of(&s->loops.row[LOOP_ROWS * i + (size_t)which]);
+        const char *other = mode_of_sample(&s->loops.row[LOOP_ROWS * i + (size_t)which]);
         if (!other || strcmp(mode, other) != 0)
             mode = NULL;
     }
@@ -175,7 +175,7 @@ static int show_values(const struct status *s, bool colour)
             continue;
         shown++;
         print_sample_cells(&table, &s->plant.tags, &s->samples[i], s->now,
-                           is_stale(s, &s->samples[i]) ? "STALE" : "");
+                           is_stale_sample(s, &s->samples[i]) ? "STALE" : "");
     }
     if (shown > 0)
         putchar('\n');
@@ -220,7 +220,7 @@ static int show_timing(const struct status *s, bool colour)
     return rc;
 }
 
-static int show_events(const struct status *s, bool colour)
+static int show_recent_events(const struct status *s, bool colour)
 {
     static const struct print_column columns[] = {
         {"TIME", PRINT_LEFT}, {"EVENT", PRINT_LEFT}, {"SOURCE", PRINT_LEFT}, {"TEXT", PRINT_LEFT}};
@@ -273,7 +273,8 @@ static int show_spools(const struct status *s, bool colour)
 
 static void show_mode(const struct status *s)
 {
-    const char *target = mode_of(&s->loops.row[LOOP_TARGET]), *actual = mode_of(&s->loops.row[LOOP_ACTUAL]);
+    const char *target = mode_of_sample(&s->loops.row[LOOP_TARGET]),
+               *actual = mode_of_sample(&s->loops.row[LOOP_ACTUAL]);
     printf("mode   target %s, actual %s%s", target ? target : "none", actual ? actual : "none",
            s->loops.reason[0][0] ? ": " : "");
     print_clean(stdout, s->loops.reason[0]);
@@ -303,7 +304,7 @@ static void show_history(const struct status *s)
                print_duration(s->behind.time, text));
 }
 
-static int show(const struct status *s)
+static int show_status(const struct status *s)
 {
     bool colour = cli_colour();
     int rc = 0;
@@ -323,7 +324,7 @@ static int show(const struct status *s)
     if (rc == 0)
         rc = show_timing(s, colour);
     if (rc == 0)
-        rc = show_events(s, colour);
+        rc = show_recent_events(s, colour);
     return rc == 0 ? show_spools(s, colour) : rc;
 }
 
@@ -351,7 +352,7 @@ static void json_values(const struct status *s)
         fputs(i == 0 ? "\n{" : ",\n{", stdout);
         print_sample_members(stdout, &s->samples[i], &s->plant.tags, s->now);
         json_tag(cli_tag(&s->plant.tags, s->samples[i].table, s->samples[i].id));
-        printf(",\"stale\":%s}", is_stale(s, &s->samples[i]) ? "true" : "false");
+        printf(",\"stale\":%s}", is_stale_sample(s, &s->samples[i]) ? "true" : "false");
     }
 }
 
@@ -416,7 +417,7 @@ static void json_spools(const struct status *s)
 }
 
 /* @why: it could not be read. */
-static void show_json(const struct status *s, const char *why)
+static void show_status_json(const struct status *s, const char *why)
 {
     putchar('{');
     json_store(s->store, s->version, why);
@@ -471,12 +472,12 @@ int command_status(int argc, char **argv)
     }
     int rc = cli_open(&cli, &store);
     if (rc == 0)
-        rc = load(&cli, store, &status);
+        rc = load_status(&cli, store, &status);
     if (cli.format == CLI_JSON)
-        show_json(&status, rc < 0 ? apc_store_error(store) : NULL);
+        show_status_json(&status, rc < 0 ? apc_store_error(store) : NULL);
     else if (rc < 0)
         show_spools(&status, cli_colour());
-    else if ((rc = show(&status)) < 0)
+    else if ((rc = show_status(&status)) < 0)
         cli_error(&cli, rc, "out of memory");
     free(status.samples);
     status_loops_free(&status.loops);

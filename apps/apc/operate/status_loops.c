@@ -11,7 +11,7 @@
 
 /* ---- Reading ------------------------------------------------------------------------------ */
 
-static void name_rows(struct apc_sample *row, const struct loops *loops, const struct loops_loop *l)
+static void name_status_rows(struct apc_sample *row, const struct loops *loops, const struct loops_loop *l)
 {
     const bool scheduled = loops_scheduled(loops, l->setpoint);
     row[LOOP_TARGET] = (struct apc_sample){.table = APC_OPMODE, .id = l->id};
@@ -55,7 +55,7 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
     if (!s->row || !s->tick || !s->reason || !s->plan)
         return APC_ENOMEM;
     for (size_t i = 0; i < l->n; i++)
-        name_rows(s->row + LOOP_ROWS * i, l, &l->at[i]);
+        name_status_rows(s->row + LOOP_ROWS * i, l, &l->at[i]);
     for (size_t i = 0; i < l->n_controllers; i++)
         s->tick[i] = (struct apc_vector){.table = APC_TICK, .id = l->controller[i].number};
     int rc = read_all(s, store);
@@ -99,7 +99,7 @@ bool status_loops_have(const struct status_loops *s, const struct apc_sample *v)
     return false;
 }
 
-static const char *word_of(const struct apc_sample *mode)
+static const char *actual_mode_word(const struct apc_sample *mode)
 {
     return mode->seq > 0 && mode->value >= 0 ? apc_mode_name((int)mode->value) : NULL;
 }
@@ -171,7 +171,7 @@ static void put_loop(struct print_table *table, const struct status_loops *s, si
     const struct loops_loop *l = &s->plant->loops.at[i];
     const struct apc_sample *row = s->row + LOOP_ROWS * i,
                             *aged = row[LOOP_PV].seq ? &row[LOOP_PV] : &row[LOOP_OP];
-    const char *target = word_of(&row[LOOP_TARGET]), *actual = word_of(&row[LOOP_ACTUAL]);
+    const char *target = actual_mode_word(&row[LOOP_TARGET]), *actual = actual_mode_word(&row[LOOP_ACTUAL]);
     const struct apc_tag *tag = cli_tag(&s->plant->tags, l->table, l->output);
     const char *limit = limit_of(&row[LOOP_OP]), *owner = status_loops_owner(s, i);
     char text[PRINT_LEN];
@@ -214,7 +214,7 @@ int status_loops_show(const struct status_loops *s, bool colour)
             if (!s->reason[k][0])
                 continue;
             printf("%s is in %s: ", s->plant->loops.at[k].name,
-                   word_of(&s->row[LOOP_ROWS * k + LOOP_ACTUAL]));
+                   actual_mode_word(&s->row[LOOP_ROWS * k + LOOP_ACTUAL]));
             print_clean(stdout, s->reason[k]);
             putchar('\n');
         }
@@ -246,7 +246,7 @@ static void json_value(const struct status_loops *s, const char *key, const stru
     printf(",\"stale\":%s}", status_is_stale(&s->plant->tags, v, s->now) ? "true" : "false");
 }
 
-static void json_loop(const struct status_loops *s, size_t i)
+static void status_loop_json(const struct status_loops *s, size_t i)
 {
     const struct loops_loop *l = &s->plant->loops.at[i];
     const struct apc_sample *row = s->row + LOOP_ROWS * i;
@@ -255,9 +255,9 @@ static void json_loop(const struct status_loops *s, size_t i)
     putchar(',');
     print_json_text(stdout, "controller", s->plant->loops.controller[l->controller].name);
     putchar(',');
-    print_json_text(stdout, "target", word_of(&row[LOOP_TARGET]));
+    print_json_text(stdout, "target", actual_mode_word(&row[LOOP_TARGET]));
     putchar(',');
-    print_json_text(stdout, "actual", word_of(&row[LOOP_ACTUAL]));
+    print_json_text(stdout, "actual", actual_mode_word(&row[LOOP_ACTUAL]));
     putchar(',');
     print_json_text(stdout, "reason", s->reason[i][0] ? s->reason[i] : NULL);
     putchar(',');
@@ -303,7 +303,7 @@ void status_loops_json(const struct status_loops *s)
     fputs("],\n\"loops\":[", stdout);
     for (size_t i = 0; i < s->plant->loops.n; i++) {
         fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        json_loop(s, i);
+        status_loop_json(s, i);
         putchar('}');
     }
     putchar(']');

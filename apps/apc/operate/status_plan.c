@@ -39,7 +39,7 @@ static size_t name_before(const char *name, const char *end)
     return dot && !strcmp(dot, end) ? (size_t)(dot - name) : 0;
 }
 
-static void take(struct status_plan *p, const struct apc_tag *tag)
+static void take_plan_tag(struct status_plan *p, const struct apc_tag *tag)
 {
     const struct apc_sample row = {.table = APC_ESTIMATE, .id = tag->id};
     const char *name = own_name(p, tag);
@@ -59,7 +59,7 @@ int status_plan_load(struct status_plan *p, struct apc_store *store, const struc
         return APC_ENOMEM;
     for (size_t i = 0; i < tags->n; i++)
         if (tags->tag[i].table == APC_ESTIMATE && !strcmp(tags->tag[i].controller, controller))
-            take(p, &tags->tag[i]);
+            take_plan_tag(p, &tags->tag[i]);
     for (size_t i = 0; i < PLAN_ROWS; i++)
         if (!p->row[i].table) {
             p->n = 0;

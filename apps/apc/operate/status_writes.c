@@ -21,7 +21,7 @@ static int latest_first(const void *a, const void *b)
 }
 
 /* Who writes once often writes again: a name is asked for where it is not that of the row before. */
-static int name_authors(struct status_writes *w, struct apc_store *store)
+static int name_write_authors(struct status_writes *w, struct apc_store *store)
 {
     int rc = 0;
     for (size_t i = 0; i < w->n && rc >= 0; i++) {
@@ -52,7 +52,7 @@ int status_writes_load(struct status_writes *w, struct apc_store *store, const s
         if (w->row[i].author > 0)
             w->row[w->n++] = w->row[i];
     qsort(w->row, w->n, sizeof *w->row, latest_first);
-    return name_authors(w, store);
+    return name_write_authors(w, store);
 }
 
 void status_writes_free(struct status_writes *w)

@@ -158,8 +158,8 @@ static int admit(const struct cli *cli, const struct cli_plant *plant, struct ch
 }
 
 /* Where a measurement has the same name, what may be set is meant; a loop's name is its output's. */
-static int find(const struct cli *cli, const struct cli_plant *plant, const char *name,
-                struct apc_sample *found)
+static int find_named_value(const struct cli *cli, const struct cli_plant *plant, const char *name,
+                            struct apc_sample *found)
 {
     const struct loops_loop *loop = loops_find(&plant->loops, name);
     for (size_t i = 0; i < plant->tags.n; i++) {
@@ -183,7 +183,7 @@ static int admit_all(const struct cli *cli, const struct operation *o)
     for (size_t i = 0; i < o->n; i++) {
         struct change *c = &o->change[i];
         snprintf(c->name, sizeof c->name, "%s", cli->args[2 * i]);
-        int rc = find(cli, o->plant, cli->args[2 * i], &c->after);
+        int rc = find_named_value(cli, o->plant, cli->args[2 * i], &c->after);
         if (rc < 0)
             return exit_code_of(rc);
         if ((rc = admit(cli, o->plant, c)) != EXIT_OK || (rc = operate_check(cli, c)) != EXIT_OK)
@@ -196,8 +196,9 @@ static int admit_all(const struct cli *cli, const struct operation *o)
 }
 
 /* As the loop's target @p mode is, may it be set? */
-static int check_mode(const struct cli *cli, const struct cli_plant *plant, const struct change *c,
-                      const struct loops_loop *loop, const struct apc_sample *mode)
+static int check_mode_takes_value(const struct cli *cli, const struct cli_plant *plant,
+                                  const struct change *c, const struct loops_loop *loop,
+                                  const struct apc_sample *mode)
 {
     const struct apc_tag *y = cli_tag(&plant->tags, APC_SENSOR, loop->measurement);
     const bool man = mode->seq > 0 && mode->value == (double)APC_MODE_MAN;
@@ -226,12 +227,12 @@ static int check_modes(const struct cli *cli, struct apc_store *store, const str
         int err = loop ? apc_store_read(store, &mode, 1) : 0;
         if (err < 0)
             return cli_store_error(cli, err, store);
-        rc = loop ? check_mode(cli, o->plant, &o->change[i], loop, &mode) : EXIT_OK;
+        rc = loop ? check_mode_takes_value(cli, o->plant, &o->change[i], loop, &mode) : EXIT_OK;
     }
     return rc;
 }
 
-static int set(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
+static int set_values(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
 {
     struct cli_plant plant;
     const struct operation o = {.plant = &plant, .change = changes, .n = n};
@@ -263,7 +264,7 @@ int command_set(int argc, char **argv)
         return cli_error(&cli, APC_ENOMEM, "out of memory");
     int rc = parse_values(&cli, changes, n);
     if (rc == EXIT_OK && (rc = exit_code_of(cli_open(&cli, &store))) == EXIT_OK)
-        rc = set(&cli, store, changes, n);
+        rc = set_values(&cli, store, changes, n);
     apc_store_close(store);
     free(changes);
     return cli_done(&cli, rc);

@@ -28,7 +28,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_watch_options(int key, char *arg, struct argp_state *state)
 {
     struct watch_options *o = state->input;
     switch (key) {
@@ -47,7 +47,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp own = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp own = {option_list, parse_watch_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
@@ -75,7 +75,7 @@ struct watch {
 
 /* ---- Lines -------------------------------------------------------------------------------- */
 
-static void put_line(const struct watch *w, const struct apc_sample *s, int width)
+static void put_watch_line(const struct watch *w, const struct apc_sample *s, int width)
 {
     char time[APC_TIME_LEN], name[PRINT_LEN], value[PRINT_LEN], status[APC_STATUS_NAME_LEN];
     if (w->cli->format == CLI_JSON) {
@@ -99,7 +99,7 @@ static void put_lines(struct watch *w)
     }
     for (size_t i = 0; i < w->n; i++)
         if (w->samples[i].seq > w->seen[i]) {
-            put_line(w, &w->samples[i], width);
+            put_watch_line(w, &w->samples[i], width);
             w->seen[i] = w->samples[i].seq;
         }
     fflush(stdout);
@@ -117,7 +117,7 @@ static size_t screen_rows(void)
 
 /* Lines are cut at the edge of the screen (?7l) and those that do not fit below are left out: otherwise
  * the way back up to the first line would not be known. */
-static int draw(struct watch *w)
+static int draw_watch(struct watch *w)
 {
     static const char eol[] = "\033[K\n";
     char now[PRINT_LEN], *picture = NULL;
@@ -179,7 +179,7 @@ static void find_again(struct watch *w)
 }
 
 /* Returns 0 or an error: the store's at the very first look, later only one that waiting does not mend. */
-static int look(struct watch *w, bool first)
+static int look_for_samples(struct watch *w, bool first)
 {
     memcpy(w->looked, w->samples, w->n * sizeof *w->looked);
     int rc = apc_store_read(w->store, w->looked, w->n);
@@ -194,7 +194,7 @@ static int look(struct watch *w, bool first)
         memcpy(w->samples, w->looked, w->n * sizeof *w->samples);
     }
     if (w->terminal)
-        return draw(w);
+        return draw_watch(w);
     if (rc >= 0)
         put_lines(w);
     return ferror(stdout) ? APC_ESYS : 0;
@@ -213,7 +213,7 @@ static bool wait_for(const sigset_t *signals, apc_ns until)
     return got < 0;
 }
 
-static int follow(struct watch *w, const struct watch_options *options)
+static int follow_samples(struct watch *w, const struct watch_options *options)
 {
     apc_ns start = apc_clock_mono(NULL), interval, next;
     sigset_t signals;
@@ -225,7 +225,7 @@ static int follow(struct watch *w, const struct watch_options *options)
     sigprocmask(SIG_BLOCK, &signals, NULL);
     apc_ns_from_s(options->interval, &interval);
     for (int64_t looks = 1;; looks++) {
-        rc = look(w, looks == 1);
+        rc = look_for_samples(w, looks == 1);
         if (rc < 0 || (options->count > 0 && looks >= (int64_t)options->count))
             break;
         next = apc_grid_time(start, interval, apc_grid_next(start, interval, apc_clock_mono(NULL) + 1));
@@ -237,7 +237,7 @@ static int follow(struct watch *w, const struct watch_options *options)
     return rc;
 }
 
-static int begin(struct watch *w)
+static int begin_watch(struct watch *w)
 {
     static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR,
                                            APC_OPMODE, APC_ACTUAL,   (enum apc_table)0};
@@ -268,9 +268,9 @@ int command_watch(int argc, char **argv)
     print_table_open(&watch.table, print_sample_columns, 6);
     int rc = cli_open(&cli, &watch.store);
     if (rc == 0)
-        rc = begin(&watch);
+        rc = begin_watch(&watch);
     if (rc == 0)
-        rc = follow(&watch, &options);
+        rc = follow_samples(&watch, &options);
     print_table_close(&watch.table);
     free(watch.why);
     free(watch.seen);

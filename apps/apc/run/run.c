@@ -45,7 +45,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t parse_run_options(int key, char *arg, struct argp_state *state)
 {
     struct run_options *o = state->input;
     switch (key) {
@@ -94,7 +94,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static const struct argp extra = {option_list, parse, NULL, NULL, NULL, NULL, NULL};
+static const struct argp extra = {option_list, parse_run_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
@@ -145,7 +145,7 @@ static void unblock(const sigset_t *set)
 /* ---- The daemons -------------------------------------------------------------------------- */
 
 /* A socket that listens on a port of this host; 0: any. Sets *port. Negative: it is taken. */
-static int listen_on(int *port)
+static int listen_on_port(int *port)
 {
     struct sockaddr_in address = {
         .sin_family = AF_INET, .sin_port = htons((uint16_t)*port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
@@ -163,7 +163,7 @@ static int listen_on(int *port)
     return fd;
 }
 
-static struct child *add(struct run *r, const struct child *child)
+static struct child *add_child(struct run *r, const struct child *child)
 {
     struct child *at = &r->daemons.child[r->daemons.n++];
     *at = *child;
@@ -187,20 +187,20 @@ static void add_page(struct run *r)
     int port = PAGE_PORT;
     if (r->options.no_ui)
         return;
-    r->listener = listen_on(&port);
+    r->listener = listen_on_port(&port);
     if (r->listener < 0) {
         port = 0;
-        r->listener = listen_on(&port);
+        r->listener = listen_on_port(&port);
     }
     if (r->listener < 0)
         return;
     snprintf(r->page, sizeof r->page, "127.0.0.1:%d", port);
     const bool drawn = find_graphic(r);
-    add(r, &(struct child){.name = "apc-ui",
-                           .extra = {"--listen", r->page, drawn ? "--graphic" : NULL, r->graphic},
-                           .aside = true,
-                           .listener = r->listener,
-                           .period = PAGE_PERIOD});
+    add_child(r, &(struct child){.name = "apc-ui",
+                                 .extra = {"--listen", r->page, drawn ? "--graphic" : NULL, r->graphic},
+                                 .aside = true,
+                                 .listener = r->listener,
+                                 .period = PAGE_PERIOD});
 }
 
 /* Its path means: from where the file was, which the daemon does not know. */
@@ -215,7 +215,7 @@ static void add_identity(const char *identity, struct child *child)
 /* @place: which of the two it is, where one stands by for the other. */
 static void add_controller(struct run *r, const struct controller *c, const char *place)
 {
-    struct child *child = add(r, &(struct child){.name = "apc-controller", .period = c->rhythm.period});
+    struct child *child = add_child(r, &(struct child){.name = "apc-controller", .period = c->rhythm.period});
     const char **own = child->extra;
     controllers_program(&r->e, c, child->title);
     if (r->e.n_controllers > 1) {
@@ -235,12 +235,12 @@ static void add_daemons(struct run *r)
 {
     const struct experiment *e = &r->e;
     if (r->history)
-        add(r, &(struct child){.name = "apc-historian", .aside = true, .period = HISTORIAN_PERIOD});
+        add_child(r, &(struct child){.name = "apc-historian", .aside = true, .period = HISTORIAN_PERIOD});
     if (!e->plant.external)
         add_identity(e->plant.identity,
-                     add(r, &(struct child){.name = "apc-plant", .period = e->plant.rhythm.period}));
+                     add_child(r, &(struct child){.name = "apc-plant", .period = e->plant.rhythm.period}));
     add_identity(e->client.identity,
-                 add(r, &(struct child){.name = "apc-client", .period = e->client.rhythm.period}));
+                 add_child(r, &(struct child){.name = "apc-client", .period = e->client.rhythm.period}));
     r->controllers = r->daemons.n;
     for (size_t i = 0; i < e->n_controllers; i++)
         add_controller(r, &e->controllers[i], "a");
@@ -248,9 +248,9 @@ static void add_daemons(struct run *r)
         if (e->controllers[i].standby)
             add_controller(r, &e->controllers[i], "b");
     if (e->scheduler.steps > 0)
-        add(r, &(struct child){.name = "apc-scheduler", .period = e->scheduler.rhythm.period});
+        add_child(r, &(struct child){.name = "apc-scheduler", .period = e->scheduler.rhythm.period});
     if (e->n_alarms > 0)
-        add(r, &(struct child){.name = "apc-alarms", .aside = true, .period = e->alarms.rhythm.period});
+        add_child(r, &(struct child){.name = "apc-alarms", .aside = true, .period = e->alarms.rhythm.period});
     add_page(r);
 }
 
@@ -284,7 +284,7 @@ static int start_daemons(struct run *r)
 /* ---- While it runs ------------------------------------------------------------------------ */
 
 /* Controllers that the file has killed and started, as far as it is due. */
-static void act(struct run *r)
+static void act_on_controllers(struct run *r)
 {
     for (; r->done < r->e.n_actions && apc_clock_mono(NULL) >= r->begin + r->e.action[r->done].at;
          r->done++) {
@@ -302,7 +302,7 @@ static void act(struct run *r)
 }
 
 /* Until the next look at the daemons, or the next action if that is sooner. */
-static apc_ns idle(const struct run *r)
+static apc_ns time_until_action(const struct run *r)
 {
     apc_ns left = SUPERVISOR_LOOK;
     if (r->done < r->e.n_actions && r->begin + r->e.action[r->done].at - apc_clock_mono(NULL) < left)
@@ -311,14 +311,14 @@ static apc_ns idle(const struct run *r)
 }
 
 /* Until the end, a signal, or a daemon that will not run. True: to the end. */
-static bool follow(struct run *r, const sigset_t *signals)
+static bool follow_run(struct run *r, const sigset_t *signals)
 {
     const struct child *page = r->page[0] ? &r->daemons.child[r->daemons.n - 1] : NULL;
     const struct child *historian = r->history ? r->daemons.child : NULL;
     struct apc_error why;
     for (;;) {
         static const struct timespec now = {0, 0};
-        supervisor_wait(&r->daemons, idle(r));
+        supervisor_wait(&r->daemons, time_until_action(r));
         int signal = sigtimedwait(signals, NULL, &now);
         if (signal > 0) {
             live_say(r->live, APC_EVENT_INFO, "stopping (%s)", signal == SIGINT ? "Ctrl-C" : "signal");
@@ -326,7 +326,7 @@ static bool follow(struct run *r, const sigset_t *signals)
         }
         if (r->finish && apc_clock_mono(NULL) >= r->finish)
             return true;
-        act(r);
+        act_on_controllers(r);
         int rc = supervisor_check(&r->daemons, &why);
         if (rc < 0) {
             r->failure = why;
@@ -362,7 +362,7 @@ static void say_export(const char *uri)
     fputs("'\n", stderr);
 }
 
-static int run(struct run *r)
+static int run_experiment(struct run *r)
 {
     sigset_t signals;
     struct apc_error why;
@@ -415,7 +415,7 @@ static int run(struct run *r)
     rc = live_start(&r->live, r->cli.store, &r->e, r->start, r->begin, r->e.duration);
     if (rc < 0)
         apc_fail(&r->failure, rc, "the live line could not be started: %s", apc_err_text(rc));
-    bool whole = rc == 0 && follow(r, &signals);
+    bool whole = rc == 0 && follow_run(r, &signals);
     r->stopped = apc_clock_mono(NULL);
     live_end(r->live, whole);
     if (supervisor_stop(&r->daemons, &why) < 0 && !r->failure.text[0])
@@ -429,7 +429,7 @@ int command_run(int argc, char **argv)
     struct run r = {.options = {.duration = -1}};
     umask(077); /* the record of a plant is its owner's */
     cli_parse(&r.cli, &spec, &r.options, argc, argv);
-    int rc = run(&r);
+    int rc = run_experiment(&r);
     apc_store_close(r.store);
     free(r.daemons.child);
     free(r.both);

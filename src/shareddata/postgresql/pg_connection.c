@@ -136,7 +136,8 @@ struct progress {
     bool ended;   /* with the Sync's answer */
 };
 
-static int take(struct apc_pg *pg, PGresult *result, struct progress *at, apc_pg_result_fn fn, void *ctx)
+static int take_result(struct apc_pg *pg, PGresult *result, struct progress *at, apc_pg_result_fn fn,
+                       void *ctx)
 {
     switch (PQresultStatus(result)) {
     case PGRES_PIPELINE_SYNC:
@@ -171,7 +172,7 @@ static int take_next(struct apc_pg *pg, struct progress *at, apc_pg_result_fn fn
         return 0;
     }
     at->between = false;
-    err = take(pg, result, at, fn, ctx);
+    err = take_result(pg, result, at, fn, ctx);
     PQclear(result);
     return err;
 }
