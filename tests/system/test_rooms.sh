@@ -37,3 +37,17 @@ strangers() { # FOLDER...: what is included of other rooms that is not their fac
 found=$(strangers "$APC_SOURCE_DIR/src" "$APC_SOURCE_DIR/apps" | grep -vE '^src/simulation/(replay|branch)\.c:.*"modules/controller\.h"|^apps/apc/folder/folder\.c:.*"record/samples_columns\.h"' || true)
 [ -z "$found" ] || fail "included past a room's face: $found"
 [ -n "$(strangers "$APC_SOURCE_DIR/src/simulation")" ] || fail "a replay does not look into a controller: this test sees nothing"
+
+# A function's name stands for one thing: no two files define the same.
+# Promise(run/room-knows-table)
+python3 "$APC_SOURCE_DIR/tests/system/names.py" "$APC_SOURCE_DIR" >"$work/names"
+[ "$(wc -l <"$work/names")" = 1 ] || fail "names of two functions: $(sed '$d' "$work/names")"
+[ "$(cat "$work/names")" -gt 5000 ] || fail "only $(cat "$work/names") functions: this test sees nothing"
+mkdir -p "$work/src/one" "$work/apps/two"
+for file in src/one/here.c apps/two/there.c apps/two/there_none.c; do
+  printf 'static int unlike_%s(void)\n{\n    return 0;\n}\n\nbool APC_PRINTF(1, 2)\n    alike(const char *fmt,\n          ...)\n{\n    return fmt;\n}\n' \
+    "$(basename "$file" .c)" >"$work/$file"
+done
+python3 "$APC_SOURCE_DIR/tests/system/names.py" "$work" >"$work/names"
+printf '%s\n' 'alike is defined in 3 files: apps/two/there.c apps/two/there_none.c src/one/here.c' 4 | cmp - "$work/names" ||
+  fail "names of two functions are not found: $(cat "$work/names")"
