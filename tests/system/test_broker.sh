@@ -118,6 +118,8 @@ mosquitto_runs
 # Promise(links/containers-broker)
 as anna mosquitto_sub -W 60 -C 1 -t apc/fast/mode/u -F '%r %p' >"$work/kept.log" || fail "the broker has forgotten what was retained"
 grep -q '^1 {.*"mode":"Auto"' "$work/kept.log" || fail "the broker kept something else: $(cat "$work/kept.log")"
+before=$(wc -l <"$work/anna.log")
 mqtt
-until_true 60 heard anna 'value/y' # anna's own connection came back, too
+online_again() { grep -q '^0 apc/fast/status {"state":"online"' < <(tail -n "+$((before + 1))" "$work/anna.log"); }
+until_true 60 online_again # anna's own connection came back, too
 sql "DROP OWNED BY $role"
