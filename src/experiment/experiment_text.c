@@ -34,19 +34,6 @@ static int lose_place(struct place *place, const config_setting_t *among, const 
 
 /* ---- Writing ------------------------------------------------------------------------------- */
 
-static void put_quoted(FILE *out, const char *text)
-{
-    fputc('"', out);
-    for (const unsigned char *c = (const unsigned char *)text; *c; c++)
-        if (*c == '"' || *c == '\\')
-            fprintf(out, "\\%c", *c);
-        else if (*c < ' ')
-            fprintf(out, "\\x%02x", *c);
-        else
-            fputc(*c, out);
-    fputc('"', out);
-}
-
 static void put_float(FILE *out, double value)
 {
     char number[SETTINGS_NUMBER];
@@ -70,7 +57,7 @@ static void put_scalar(FILE *out, const config_setting_t *at)
         fputs(config_setting_get_bool(at) ? "true" : "false", out);
         break;
     default:
-        put_quoted(out, config_setting_get_string(at));
+        settings_put_text(out, config_setting_get_string(at));
     }
 }
 
@@ -80,7 +67,7 @@ static void put_setting_text(FILE *out, const config_setting_t *at, const struct
 static void put_named(FILE *out, const char *name)
 {
     fputs("{ name = ", out);
-    put_quoted(out, name);
+    settings_put_text(out, name);
     fputs("; value = ", out);
 }
 
@@ -436,7 +423,7 @@ static char *value_as_text(const char *value, const config_setting_t *was)
     else if (!of_text && apc_number_parse(value, &number) == 0) /* beyond 32 bits */
         put_float(out, number);
     else
-        put_quoted(out, value);
+        settings_put_text(out, value);
     config_destroy(&trial);
 out:
     free(line);

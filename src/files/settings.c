@@ -487,3 +487,16 @@ void settings_format(double value, char text[SETTINGS_NUMBER])
     }
     *to = '\0';
 }
+
+void settings_put_text(FILE *out, const char *text)
+{
+    fputc('"', out);
+    for (const unsigned char *c = (const unsigned char *)text; *c; c++)
+        if (*c == '"' || *c == '\\')
+            fprintf(out, "\\%c", *c);
+        else if (*c < ' ')
+            fprintf(out, "\\x%02x", *c);
+        else
+            fputc(*c, out);
+    fputc('"', out);
+}

@@ -8,6 +8,7 @@
 #define APC_SETTINGS_H
 
 #include <libconfig.h>
+#include <stdio.h>
 
 #include <apcbase.h>
 
@@ -74,5 +75,8 @@ void settings_numbers(struct settings *s, const config_setting_t *array, size_t 
 #define SETTINGS_NUMBER 48
 /* The shortest text that is read as the same number, in any locale. */
 void settings_format(double value, char text[SETTINGS_NUMBER]);
+
+/* Text as it stands in a file, in double quotes, whatever is in it. */
+void settings_put_text(FILE *out, const char *text);
 
 #endif

@@ -186,6 +186,14 @@ for law in lqg mpc; do
     fail "$law with the filter that was identified is no better"
 done
 
+# ---- Names with quotes and backslashes stand in the model's file as such
+awk 'BEGIN { print "time,\"a\"\"b\",c\\d"; srand(3); for (k = 0; k < 400; k++) { if (k % 20 == 0) u = rand() < 0.5 ? -1 : 1; print k "," u "," y; y += (2 * u - y) / 8 } }' >quoted.csv
+for model in transfer arx; do
+  "$apc" identify quoted.csv --inputs 'a"b' --outputs 'c\d' --model $model --force -o quoted.model >/dev/null
+  "$apc" linearize quoted.model >quoted.txt || fail "a model of $model with such names is not read: $(cat quoted.model)"
+  grep -qF 'a"b ' quoted.txt && grep -qF 'c\d ' quoted.txt || fail "the names are others: $(cat quoted.txt)"
+done
+
 # ---- Parameters of the plant itself: the truth inside the interval, from a start that is far off, of CSV as well
 # Promise(identification/parameters-model-not)
 

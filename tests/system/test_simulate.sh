@@ -72,6 +72,14 @@ loops() { python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["loop
 cmp <(loops "$work/simulated.json") <(loops "$work/reported.json") || fail "the folder's figures are not the simulation's"
 grep -q '"of":"plant"' "$work/reported.json" || fail "of what the figures are is not said"
 grep -q "sha256\":\"$(sed -n 's/^sha256:  //p' "$work/simulated.txt")\"" "$work/simulated.json" || fail "no SHA-256 in the JSON"
+cat >"$work/quoted.conf" <<'END'
+name = "quoted"; duration = 10.0; measurements = ( { name = "y"; } ); setpoints = ( { name = "r"; } ); outputs = ( { name = "u"; low = -10.0; high = 10.0; } );
+plant = { model = "first-order"; period = 0.1; }; client = { period = 0.5; };
+controllers = ( { name = "a\"b\\c"; law = "pi"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; period = 1.0; } );
+scheduler = { period = 50.0; sequence = ( [1.0] ); };
+END
+"$apc" simulate "$work/quoted.conf" --json 2>/dev/null | python3 -c 'import json, sys; sys.exit(json.load(sys.stdin)["missed_ticks"]["a\"b\\c"])' ||
+  fail "a controller's name with a quote makes no JSON"
 rm "$work/run/plant.csv"
 expect 0 'of what was measured' "$apc" report "$work/run"
 

@@ -289,9 +289,16 @@ void print_sample_csv(FILE *out, const struct apc_sample *s)
             apc_status_format(s->status, status), value);
 }
 
+void print_json_key(FILE *out, const char *key)
+{
+    fputc('"', out);
+    cli_json_text(out, key);
+    fputs("\":", out);
+}
+
 void print_json_text(FILE *out, const char *key, const char *text)
 {
-    fprintf(out, "\"%s\":", key);
+    print_json_key(out, key);
     if (!text) {
         fputs("null", out);
         return;
@@ -306,13 +313,14 @@ void print_json_number(FILE *out, const char *key, double value)
     char text[PRINT_LEN] = "null";
     if (isfinite(value))
         apc_number_format(value, text, sizeof text);
-    fprintf(out, "\"%s\":%s", key, text);
+    print_json_key(out, key);
+    fputs(text, out);
 }
 
 void print_json_limit(FILE *out, const char *key, double limit)
 {
     if (fabs(limit) >= APC_VALUE_MAX)
-        fprintf(out, "\"%s\":null", key);
+        print_json_number(out, key, (double)NAN);
     else
         print_json_number(out, key, limit);
 }

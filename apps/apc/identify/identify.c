@@ -62,11 +62,10 @@ static const struct argp_option option_list[] = {
 
 /* ---- Options ----------------------------------------------------------------------------------------- */
 
-/* Names go into the file of the model as they are. */
 static void parse_names(struct argp_state *state, char *arg, char **names, size_t *n)
 {
     for (char *name; (name = strsep(&arg, ","));) {
-        if (!*name || strlen(name) >= APC_TAG_LEN || strpbrk(name, "\"\\\n"))
+        if (!*name || strlen(name) >= APC_TAG_LEN || strchr(name, '\n'))
             argp_error(state, "\"%s\" is no name", name);
         if (*n == IDENTIFY_SIGNALS)
             argp_error(state, "more than %d names", IDENTIFY_SIGNALS);

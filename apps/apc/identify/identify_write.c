@@ -8,6 +8,7 @@
 #include "apc/common/print.h"
 #include "apc/report/gnuplot.h"
 #include "apc/report/report_script.h"
+#include "files/settings.h"
 
 /* ---- The model file -------------------------------------------------------------------------------- */
 
@@ -33,8 +34,10 @@ static void put_array(FILE *out, const double *value, size_t n)
 static void put_names_list(FILE *out, const char *key, const char (*name)[APC_TAG_LEN], size_t n)
 {
     fprintf(out, "%s = [", key);
-    for (size_t i = 0; i < n; i++)
-        fprintf(out, "%s\"%s\"", i ? ", " : "", name[i]);
+    for (size_t i = 0; i < n; i++) {
+        fputs(i ? ", " : "", out);
+        settings_put_text(out, name[i]);
+    }
     fputs("];", out);
 }
 
@@ -58,8 +61,11 @@ static void put_transfer(FILE *out, const struct identify_model *m, const struct
 
         if (g->gain == 0.0)
             continue;
-        fprintf(out, "%s\n  { from = \"%s\"; to = \"%s\"; gain = ", n++ ? "," : "", d->input[i % inputs],
-                d->output[i / inputs]);
+        fprintf(out, "%s\n  { from = ", n++ ? "," : "");
+        settings_put_text(out, d->input[i % inputs]);
+        fputs("; to = ", out);
+        settings_put_text(out, d->output[i / inputs]);
+        fputs("; gain = ", out);
         put_libconfig_float(out, g->gain);
         if (g->tau[0] > 0.0) {
             fputs("; tau = ", out);

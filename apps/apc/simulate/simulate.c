@@ -430,7 +430,9 @@ static void print_simulation_json(const struct simulate *r, const struct figures
            r->hash);
     for (size_t i = 0; i < r->s.n_tasks; i++) {
         apc_task_timing(r->s.task[i].task, &timing);
-        printf("%s\"%s\":%llu", i ? "," : "", r->s.task[i].name, (unsigned long long)timing.missed);
+        fputs(i ? "," : "", stdout);
+        print_json_key(stdout, r->s.task[i].name);
+        printf("%llu", (unsigned long long)timing.missed);
     }
     apc_inproc_stats(r->s.exchange, &link);
     printf("},\"network\":{\"frames\":%llu,\"lost\":%llu,\"duplicated\":%llu,\"reordered\":%llu,"
