@@ -634,9 +634,14 @@ static void restart(const struct apc_law_call *c, const struct lqg *q, const dou
 static void lqg_reset(struct apc_law_call *c)
 {
     const struct lqg *q = c->self;
+    unsigned limited = 0;
 
     restart(c, q, q->k + q->at.u0);
-    memcpy(last_lqg_output(c, q), q->k + q->at.u0, q->s.nu * sizeof(*c->x));
+    for (size_t i = 0; i < q->s.nu; i++) {
+        const double *p = c->tuning + i * N_TUNING;
+
+        last_lqg_output(c, q)[i] = apc_law_cut(q->k[q->at.u0 + i], p[U_MIN], p[U_MAX], &limited);
+    }
 }
 
 static int lqg_compute(struct apc_law_call *c)

@@ -38,6 +38,8 @@ static double bias_share(const struct pid_loop *l)
 
 void apc_pid_reset(const struct pid_loop *l)
 {
+    unsigned limited = 0;
+
     /* As if it had been at rest at y until now: a start at the setpoint gives u_bar, whatever b is, and what
      * is fed forward is a change from here. */
     l->x[I] = (l->p[PID_TAU_I] > 0.0 ? l->p[PID_KP] * (1.0 - l->p[PID_B]) * l->y : 0.0) - l->feed_forward;
@@ -45,7 +47,7 @@ void apc_pid_reset(const struct pid_loop *l)
     l->x[SLOPE_R] = 0.0;
     l->x[LAST_Y] = l->y;
     l->x[LAST_R] = l->r;
-    l->x[LAST_U] = l->p[PID_U_BAR];
+    l->x[LAST_U] = apc_law_cut(l->p[PID_U_BAR], l->p[PID_U_MIN], l->p[PID_U_MAX], &limited);
 }
 
 double apc_pid_wanted(const struct pid_loop *l)

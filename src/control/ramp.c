@@ -38,7 +38,9 @@ static bool ramp_accepts(const struct apc_dim *dim)
 
 static void ramp_reset(struct apc_law_call *c)
 {
-    c->x[0] = c->z[0];
+    unsigned limited = 0;
+
+    c->x[0] = apc_law_cut(c->z[0], c->tuning[Z_MIN], c->tuning[Z_MAX], &limited);
 }
 
 static int ramp_compute(struct apc_law_call *c)

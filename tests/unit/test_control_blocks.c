@@ -273,6 +273,10 @@ static void a_setpoint_moves_at_its_rate_and_within_its_limits(void **state)
     r.tuning[0] = 0.0;
     assert_near(tick(&r), 0.0, 0.0);
     assert_int_equal(apc_instances_ports(r.law, 0)->ny, 0);
+    r.tuning[0] = 2.0; /* from a setpoint beyond its limits on it begins within them */
+    r.z[0] = 20.0;
+    laws_reset(r.law, &r.c);
+    assert_near(tick(&r), 13.5, 0.0);
 }
 
 /* ---- Lead and lag -------------------------------------------------------------------------------- */

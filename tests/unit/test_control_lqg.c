@@ -611,6 +611,10 @@ static void the_output_moves_no_faster_than_du_max(void **state)
     r.tuning[TAU_B] = 0.0;
     laws_compute(r.law, &r.c);
     assert_near(r.u[0], -4.0, 1e-12);
+    r.tuning[U_MAX] = mass_u0 - 1.0; /* from an operating point beyond its limits on it begins within them */
+    laws_reset(r.law, &r.c);
+    laws_compute(r.law, &r.c);
+    assert_near(r.u[0], mass_u0 - 1.0, 1e-12);
 }
 
 /* From rest, along a setpoint that steps at tick 40: the sum of what the weights weigh. */

@@ -354,6 +354,30 @@ static void at_its_setpoint_it_begins_with_u_bar_whatever_the_weight(void **stat
     }
 }
 
+/* A rate counts from there, so that nothing goes out beyond the limits on the way. */
+/* Promise(laws/pid) */
+static void with_u_bar_beyond_its_limits_it_begins_at_the_limit(void **state)
+{
+    struct rig r;
+
+    (void)state;
+    for (int low = 0; low < 2; low++) {
+        make(&r, 0.1);
+        r.tuning[KP] = 7.0;
+        r.tuning[TAU_I] = 1.0;
+        r.tuning[U_BAR] = low ? -60.0 : 60.0;
+        r.tuning[U_MIN] = -50.0;
+        r.tuning[U_MAX] = 50.0;
+        r.tuning[DU_MAX] = 20.0;
+        r.y[0] = r.z[0] = 100.0;
+        laws_reset(r.law, &r.c);
+        for (int k = 0; k < 3; k++)
+            assert_near(tick(&r), low ? -50.0 : 50.0, 1e-12);
+        r.z[0] = low ? 200.0 : 0.0;
+        assert_near(tick(&r), low ? -48.0 : 48.0, 1e-12);
+    }
+}
+
 /* Nothing would take away then what the integral began with. */
 static void without_integral_it_begins_with_its_proportional_part(void **state)
 {
@@ -841,6 +865,7 @@ int main(void)
         cmocka_unit_test_teardown(the_derivative_of_the_measurement_is_filtered, laws_end),
         cmocka_unit_test_teardown(a_first_measurement_far_from_zero_gives_no_derivative, laws_end),
         cmocka_unit_test_teardown(at_its_setpoint_it_begins_with_u_bar_whatever_the_weight, laws_end),
+        cmocka_unit_test_teardown(with_u_bar_beyond_its_limits_it_begins_at_the_limit, laws_end),
         cmocka_unit_test_teardown(without_integral_it_begins_with_its_proportional_part, laws_end),
         cmocka_unit_test_teardown(conditional_integration_stands_still_in_saturation, laws_end),
         cmocka_unit_test_teardown(conditional_integration_knows_the_smallest_errors, laws_end),
