@@ -7,8 +7,8 @@
 #include "columns.h"
 #include "record/record.h"
 
-struct apc_board {
-    struct alarm_board alarms;
+struct apc_alarm_summary {
+    struct alarm_summary alarms;
 };
 
 static int failed(struct apc_store *store, int rc, struct apc_error *why)
@@ -16,39 +16,40 @@ static int failed(struct apc_store *store, int rc, struct apc_error *why)
     return apc_fail(why, rc, "%s", apc_store_error(store));
 }
 
-struct apc_board *apc_board_new(void)
+struct apc_alarm_summary *apc_alarm_summary_new(void)
 {
-    return calloc(1, sizeof(struct apc_board));
+    return calloc(1, sizeof(struct apc_alarm_summary));
 }
 
-void apc_board_free(struct apc_board *board)
+void apc_alarm_summary_free(struct apc_alarm_summary *board)
 {
     if (board)
-        alarm_board_close(&board->alarms);
+        alarm_summary_close(&board->alarms);
     free(board);
 }
 
-int apc_board_read(struct apc_board *board, struct apc_store *store, struct apc_error *why)
+int apc_alarm_summary_read(struct apc_alarm_summary *board, struct apc_store *store, struct apc_error *why)
 {
-    int rc = alarm_board_open(&board->alarms, store, why);
+    int rc = alarm_summary_open(&board->alarms, store, why);
 
     if (rc == APC_ENOTFOUND)
         return 0;
-    if (rc == 0 && (rc = alarm_board_read(&board->alarms, store)) < 0)
+    if (rc == 0 && (rc = alarm_summary_read(&board->alarms, store)) < 0)
         rc = failed(store, rc, why);
     return rc < 0 ? rc : (int)board->alarms.e.n_alarms;
 }
 
-bool apc_board_lives(const struct apc_board *board)
+bool apc_alarm_summary_lives(const struct apc_alarm_summary *board)
 {
-    return alarm_board_lives(&board->alarms, apc_clock_utc(NULL));
+    return alarm_summary_lives(&board->alarms, apc_clock_utc(NULL));
 }
 
-void apc_board_at(const struct apc_board *board, struct apc_store *store, int i, struct apc_standing *to)
+void apc_alarm_summary_at(const struct apc_alarm_summary *board, struct apc_store *store, int i,
+                          struct apc_standing *to)
 {
     const struct alarm_now *const now = &board->alarms.at[i];
-    const struct alarm *const alarm = alarm_board_alarm(&board->alarms, now);
-    const enum apc_alarm_state state = alarm_board_state(now);
+    const struct alarm *const alarm = alarm_summary_alarm(&board->alarms, now);
+    const enum apc_alarm_state state = alarm_summary_state(now);
 
     *to = (struct apc_standing){.name = alarm->name,
                                 .area = alarm->area,
@@ -63,7 +64,7 @@ void apc_board_at(const struct apc_board *board, struct apc_store *store, int i,
                                 .standing = apc_alarm_is_standing(state),
                                 .seq = now->row->seq,
                                 .time = now->row->seq > 0 ? now->row->time : 0,
-                                .shelved = alarm_board_shelved(now),
+                                .shelved = alarm_summary_shelved(now),
                                 .shelve_max = board->alarms.e.alarms.shelve_max};
     if (now->row->author > 0 && apc_store_author_name(store, now->row->author, to->author) < 0)
         to->author[0] = '\0';
@@ -78,7 +79,7 @@ static int record(const struct apc_demand *d, const struct apc_sample *wish, str
     int rc;
 
     snprintf(event.source, sizeof event.source, "%.31s", author);
-    alarm_board_words(d->name, wish, comment, event.text, sizeof event.text);
+    alarm_summary_words(d->name, wish, comment, event.text, sizeof event.text);
     rc = apc_store_append_events(store, &event, 1);
     return rc < 0 ? failed(store, rc, why) : 0;
 }
@@ -96,10 +97,11 @@ static int swap(struct apc_sample *wish, struct apc_store *store, struct apc_err
     return apc_fail(why, rc, "%s was faster: look again", name);
 }
 
-int apc_board_want(const struct apc_board *board, struct apc_store *store, struct apc_demand *d,
-                   const char *author, const char *comment, struct apc_error *why)
+int apc_alarm_summary_want(const struct apc_alarm_summary *board, struct apc_store *store,
+                           struct apc_demand *d, const char *author, const char *comment,
+                           struct apc_error *why)
 {
-    const struct alarm_now *const now = alarm_board_find(&board->alarms, d->name);
+    const struct alarm_now *const now = alarm_summary_find(&board->alarms, d->name);
     struct apc_sample wish;
     int rc;
 
@@ -107,8 +109,8 @@ int apc_board_want(const struct apc_board *board, struct apc_store *store, struc
     d->period = board->alarms.e.alarms.rhythm.period;
     if (!now)
         return apc_fail(why, APC_ENOTFOUND, "there is no alarm \"%s\"", d->name);
-    if (!alarm_board_want(&board->alarms, now, store, (enum apc_alarm_switch)d->which, d->value, d->time,
-                          &wish, why))
+    if (!alarm_summary_want(&board->alarms, now, store, (enum apc_alarm_switch)d->which, d->value, d->time,
+                            &wish, why))
         return APC_EPERM;
     if (d->which == APC_ALARM_ACK && d->value > 0)
         wish.value = d->value;
@@ -123,22 +125,22 @@ int apc_board_want(const struct apc_board *board, struct apc_store *store, struc
     return record(d, &wish, store, author, comment, why);
 }
 
-int apc_board_fate(struct apc_board *board, struct apc_store *store, struct apc_demand *d,
-                   struct apc_error *why)
+int apc_alarm_summary_fate(struct apc_alarm_summary *board, struct apc_store *store, struct apc_demand *d,
+                           struct apc_error *why)
 {
     const struct alarm_now *now;
     const struct apc_sample wish = {
         .table = APC_OPMODE, .id = d->id, .seq = d->seq, .time = d->time, .value = d->value};
-    const int rc = apc_board_read(board, store, why);
+    const int rc = apc_alarm_summary_read(board, store, why);
     enum outcome fate;
 
     if (rc < 0)
         return rc;
-    if (!(now = alarm_board_find(&board->alarms, d->name)))
+    if (!(now = alarm_summary_find(&board->alarms, d->name)))
         return OUTCOME_SUPERSEDED;
-    fate = alarm_board_outcome(&board->alarms, now, &wish, apc_clock_utc(NULL));
+    fate = alarm_summary_outcome(&board->alarms, now, &wish, apc_clock_utc(NULL));
     d->text[0] = '\0';
     if (fate == OUTCOME_REFUSED)
-        (void)alarm_board_refusal(&board->alarms, now, &wish, store, d->text, sizeof d->text);
+        (void)alarm_summary_refusal(&board->alarms, now, &wish, store, d->text, sizeof d->text);
     return (int)fate;
 }

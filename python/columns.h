@@ -82,7 +82,7 @@ int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *a
 int apc_wish_look(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
 
 /* The alarms of a store. One thread at a time. */
-struct apc_board;
+struct apc_alarm_summary;
 struct apc_standing {
     const char *name, *area, *message, *consequence, *response; /* until the board is read again */
     const char *state;                                          /* of ISA-18.2; static */
@@ -100,19 +100,21 @@ struct apc_demand {
     int64_t seq, time, period;
     char text[256]; /* why it was refused */
 };
-struct apc_board *apc_board_new(void); /* NULL: out of memory */
-void apc_board_free(struct apc_board *board);
+struct apc_alarm_summary *apc_alarm_summary_new(void); /* NULL: out of memory */
+void apc_alarm_summary_free(struct apc_alarm_summary *board);
 /* Read how they stand. Returns how many there are, or an error of the store. */
-int apc_board_read(struct apc_board *board, struct apc_store *store, struct apc_error *why);
-bool apc_board_lives(const struct apc_board *board); /* does somebody evaluate them? */
-void apc_board_at(const struct apc_board *board, struct apc_store *store, int i, struct apc_standing *to);
+int apc_alarm_summary_read(struct apc_alarm_summary *board, struct apc_store *store, struct apc_error *why);
+bool apc_alarm_summary_lives(const struct apc_alarm_summary *board); /* does somebody evaluate them? */
+void apc_alarm_summary_at(const struct apc_alarm_summary *board, struct apc_store *store, int i,
+                          struct apc_standing *to);
 /* Write what is wanted, as of the last read, with its event. Returns 0, APC_ENOTFOUND, APC_EPERM: it makes no
  * sense for the alarm as it stands, APC_ECONFLICT: somebody was faster, or an error of the store. */
-int apc_board_want(const struct apc_board *board, struct apc_store *store, struct apc_demand *demand,
-                   const char *author, const char *comment, struct apc_error *why);
+int apc_alarm_summary_want(const struct apc_alarm_summary *board, struct apc_store *store,
+                           struct apc_demand *demand, const char *author, const char *comment,
+                           struct apc_error *why);
 /* Read, and what became of it: an enum apc_fate, or an error of the store. */
-int apc_board_fate(struct apc_board *board, struct apc_store *store, struct apc_demand *demand,
-                   struct apc_error *why);
+int apc_alarm_summary_fate(struct apc_alarm_summary *board, struct apc_store *store,
+                           struct apc_demand *demand, struct apc_error *why);
 
 /* Sleep until that time of CLOCK_MONOTONIC, in ns. Returns 1, or 0: a signal came before. */
 int apc_sleep_until(int64_t time);

@@ -119,8 +119,8 @@ static int allocate_controller(struct apc_controller *c)
     c->rests = c->ok + ny + nd;
     c->planned = c->rests + nz;
     c->open = c->planned + nz;
-    c->calm = c->open + nz;
-    c->refused = c->calm + nu;
+    c->fast_path = c->open + nz;
+    c->refused = c->fast_path + nu;
     c->law.limited = c->bits;
     c->backup.limited = c->bits + nu;
     c->blocked = c->bits + 2 * nu;
@@ -461,7 +461,7 @@ static void forget_notes(struct apc_controller *c)
     c->heard = 0;
     c->note.kind = APC_NOTICE_NONE;
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (!c->calm[i])
+        if (!c->fast_path[i])
             c->state[i].note.kind = APC_NOTICE_NONE;
     }
 }
@@ -580,7 +580,7 @@ int apc_controller_compute(struct apc_controller *c, struct apc_now now, uint64_
     apc_controller_take_inputs(c, now, have, notice);
     apc_controller_keep_fast_path(c);
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (c->calm[i])
+        if (c->fast_path[i])
             c->last[i] = c->u[i];
         else
             apc_controller_gather(c, i, have, now);

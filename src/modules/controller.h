@@ -179,7 +179,7 @@ struct apc_controller {
     bool *flags;                    /* all those below */
     bool *y_new, *ok, *refused, *rests,
         *planned;                         /* [ny]; [ny + nd] y, d are usable; [n_wanted]; [nz]; [nz] */
-    bool *calm;                           /* [nu] as fast_path.c says */
+    bool *fast_path;                      /* [nu] as fast_path.c says */
     bool *open;                           /* [nz] something may have to be taken, or told, of the setpoint */
     apc_status *y_status;                 /* [ny] */
     unsigned *bits;                       /* all of enum apc_limited: the laws', and */
@@ -309,11 +309,11 @@ static inline bool apc_controller_is_selected(const struct apc_controller *contr
 
 /* ---- fast_path.c */
 
-/** At the next tick no loop is calm, and every setpoint open. [any] */
+/** At the next tick no loop is on the fast path, and every setpoint open. [any] */
 void apc_controller_stir(struct apc_controller *controller);
-/** Find who of those that were calm stays so, with all rows taken. [tick] */
+/** Find which loops stay on the fast path, with all rows taken. [tick] */
 void apc_controller_keep_fast_path(struct apc_controller *controller);
-/** Find, at the end of a tick, who is calm from now on. [tick] */
+/** Find, at the end of a tick, which loops are on it from now on. [tick] */
 void apc_controller_leave_fast_path(struct apc_controller *controller);
 
 /* ---- law.c */

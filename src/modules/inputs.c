@@ -85,7 +85,7 @@ static void take_target(struct apc_controller *c, size_t i, struct apc_notice *n
     struct apc_controller_state *l = &c->state[i];
     bool is_none = false;
 
-    c->calm[i] = false;
+    c->fast_path[i] = false;
 
     if (s->seq == 0 || is_bad_sample(s))
         l->target = APC_MODE_OOS;
@@ -552,7 +552,7 @@ static void find_rests(struct apc_controller *c)
         const struct apc_law_ports *p;
         const bool whole = c->law.definition->whole;
 
-        if (c->calm[i] || c->state[i].inputs.input)
+        if (c->fast_path[i] || c->state[i].inputs.input)
             continue;
         p = apc_instances_ports(c->law.instances, i);
         for (size_t j = 0; j < (whole ? c->dim.nz : p->nz); j++) {
@@ -580,7 +580,7 @@ void apc_controller_confirm(struct apc_controller *c)
     for (size_t i = 0; i < c->dim.nu; i++) {
         const struct apc_controller_state *l = &c->state[i];
 
-        if (c->calm[i])
+        if (c->fast_path[i])
             continue;
         confirm_output(c, mode + i, (double)l->actual,
                        c->refused[mode + i]               ? APC_BAD

@@ -152,7 +152,7 @@ static void update_all(struct apc_controller *c, struct apc_controller_law *law,
     for (size_t k = 0; k < law->size.instances; k++) {
         if (!law->instance[k].updating)
             continue;
-        if (!is_backup_law(c, law) && c->calm[k])
+        if (!is_backup_law(c, law) && c->fast_path[k])
             update_of(c, law, k, k, 1);
         else if (selected || !awaits(c, law, k))
             update_law_instance(c, law, k);
@@ -493,7 +493,7 @@ static inline bool ask_of(struct apc_controller *c, struct apc_controller_law *l
     of->answered = result <= APC_LAW_LATE;
     of->good = result == APC_LAW_GOOD ? of->good + 1 : 0;
     for (size_t i = first; i < first + nu && !is_backup_law(c, law); i++) {
-        if (c->calm[i] && result == APC_LAW_GOOD) /* none was poor, and none is */
+        if (c->fast_path[i] && result == APC_LAW_GOOD) /* none was poor, and none is */
             continue;
         if (c->state[i].move.law & APC_ASK_COMPUTE)
             apc_loop_answered(&c->state[i].loop, result <= APC_LAW_SUBOPTIMAL, c->shed_after);
@@ -634,9 +634,9 @@ static void run_law_instance(struct apc_controller *c, struct apc_controller_law
     }
 }
 
-/* Ask the law of calm loop @p i, which is its instance as well, and put out what it says. Returns whether
- * that is all there is to it: else the answer is to be dealt with as any other. */
-static bool run_calmly(struct apc_controller *c, size_t i, struct apc_now now)
+/* Ask the law of loop @p i, on the fast path, which is its instance as well, and put out what it says.
+ * Returns whether that is all there is to it: else the answer is to be dealt with as any other. */
+static bool run_fast_path(struct apc_controller *c, size_t i, struct apc_now now)
 {
     struct apc_controller_instance *of = &c->law.instance[i];
 
@@ -682,15 +682,15 @@ static void follow_outputs(struct apc_controller *c, struct apc_controller_law *
         (all & APC_ASK_UPDATE) && of->begun && known && (!(all & APC_ASK_TRACK) || law->definition->track);
 }
 
-/* All that is told of loops and answers, but for those that are calm. */
+/* All that is told of loops and answers, but for those on the fast path. */
 static void tell_all_loops(struct apc_controller *c, struct apc_notice *notice)
 {
     for (size_t k = 0; k < c->law.size.instances; k++) {
-        if (!c->calm[k])
+        if (!c->fast_path[k])
             tell_answer(c, k, notice);
     }
     for (size_t k = 0; k < c->law.size.instances; k++) {
-        if (!c->calm[k])
+        if (!c->fast_path[k])
             tell_law_said(c, &c->law, k, notice);
     }
     for (size_t k = 0; k < c->backup.size.instances; k++)
@@ -700,26 +700,26 @@ static void tell_all_loops(struct apc_controller *c, struct apc_notice *notice)
 void apc_controller_run(struct apc_controller *c, struct apc_now now, bool have, struct apc_notice *notice)
 {
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (!c->calm[i])
+        if (!c->fast_path[i])
             place_outputs(c, i, now.utc, have, notice);
     }
     for (size_t k = 0; k < c->law.size.instances; k++) {
-        if (c->calm[k])
-            c->calm[k] = run_calmly(c, k, now);
+        if (c->fast_path[k])
+            c->fast_path[k] = run_fast_path(c, k, now);
         else
             run_law_instance(c, &c->law, k, now);
     }
     for (size_t k = 0; k < c->backup.size.instances; k++)
         run_law_instance(c, &c->backup, k, now);
-    if (!memchr(c->calm, 0, c->dim.nu))
+    if (!memchr(c->fast_path, 0, c->dim.nu))
         return;
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (!c->calm[i])
+        if (!c->fast_path[i])
             finish_loop(c, i, now, notice);
     }
     tell_all_loops(c, notice);
     for (size_t k = 0; k < c->law.size.instances; k++) {
-        if (!c->calm[k])
+        if (!c->fast_path[k])
             follow_outputs(c, &c->law, k);
     }
     for (size_t k = 0; k < c->backup.size.instances; k++)

@@ -345,9 +345,9 @@ static void put_output_row(struct apc_controller *c, size_t i, apc_ns utc)
 {
     const struct apc_sample *now = apc_controller_output(c, i);
     struct apc_controller_state *l = &c->state[i];
-    const apc_status status = c->calm[i] ? apc_controller_limited(c->law.limited[i]) : status_of(c, i);
+    const apc_status status = c->fast_path[i] ? apc_controller_limited(c->law.limited[i]) : status_of(c, i);
 
-    if (!c->calm[i]) {
+    if (!c->fast_path[i]) {
         l->put = l->there && l->move.output != APC_PUT_NONE;
         if (!l->put)
             return;
@@ -404,13 +404,13 @@ static void put_setpoints_told(struct apc_controller *c, apc_ns utc)
     }
 }
 
-/* Of calm loops all is told. */
+/* Of loops on the fast path all is told. */
 static void put_loops_told(struct apc_controller *c, enum apc_table table, apc_ns utc)
 {
     const size_t first = apc_controller_wanted(c, table);
 
     for (size_t i = 0; i < c->dim.nu; i++) {
-        if (!c->calm[i])
+        if (!c->fast_path[i])
             put_actual(c, first + i, utc);
     }
 }
@@ -536,7 +536,7 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
         const struct apc_controller_state *l = &c->state[i];
 
         row[at[APC_TICK_LAST] + i] = isnan(c->last[i]) ? c->u[i] : c->last[i];
-        if (c->calm[i])
+        if (c->fast_path[i])
             continue;
         row[at[APC_TICK_STATE] + i] = l->loop.state;
         row[at[APC_TICK_HELD] + i] = l->loop.holding ? apc_ns_to_s(now.mono - l->loop.held) : -1.0;
@@ -549,7 +549,7 @@ static void put_tick(struct apc_controller *c, struct apc_now now)
         row[at[APC_TICK_MANUAL] + i] = l->wanted;
     }
     for (size_t k = 0; k < c->size.instances; k++) {
-        if (k < c->dim.nu && c->calm[k])
+        if (k < c->dim.nu && c->fast_path[k])
             continue;
         row[at[APC_TICK_BEGUN] + k] = c->instance[k].begun;
         row[at[APC_TICK_GAP] + k] = c->instance[k].gap;

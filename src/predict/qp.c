@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * apc_qp: a dual active set. The multipliers always stay where the dual problem allows them (its feasible set
- * knows neither f nor limits, which is why any former solution is a place to begin). W's own optimum is gone
- * to until a multiplier reaches an end of its interval and its row leaves or turns soft; once there, the row
- * that is violated most, measured in w, comes in. The dual objective rises with each step, so no working set
- * comes twice; where steps have no length, the lowest row is taken instead, which cannot go round for ever
- * either.
+ * apc_qp: a dual active-set method, after Goldfarb and Idnani (1983). The multipliers always stay where the
+ * dual problem allows them (its feasible set knows neither f nor limits, which is why any former solution is
+ * a place to begin). A step leads to W's own optimum. The ratio test cuts it short where a multiplier reaches
+ * an end of its interval: this row is the blocking constraint, which is dropped, or turns soft. After a full
+ * step the row that is violated most, measured in w, is the entering constraint. The dual objective rises
+ * with each step, so no working set comes twice; where steps have no length, the lowest row is taken instead,
+ * which cannot go round for ever either.
  *
- * A row that depends on W cannot come in as long as W is what it is: moving along the dependency changes no
- * x, costs nothing and gains its violation, until a row of W leaves, or nothing ever does, and then the rows
- * contradict.
+ * A row that depends on W cannot be added as long as W is what it is. A partial step, along the dependency,
+ * changes no x, costs nothing and gains its violation, until a row of W is dropped. Where none ever is, the
+ * rows contradict, and the direction is the certificate of infeasibility.
  */
 #include "base/base_internal.h"
 #include "predict/qp_internal.h"
@@ -97,7 +98,7 @@ static double primal_residual(const struct apc_qp *qp, size_t at)
     return (sign > 0.0 ? qp->high[i] : qp->low[i]) + excess - qp->value[i];
 }
 
-/* ---- Ways ------------------------------------------------------------------------------------- */
+/* ---- Steps: ratio test, drop, partial step ---------------------------------------------------- */
 
 static void queue_entering(struct apc_qp *qp, size_t i, double lambda, double direction)
 {
@@ -130,7 +131,7 @@ static bool pass_multiplier_bound(struct apc_qp *qp, size_t i, double lambda, do
     return false;
 }
 
-/** The row at @p at leaves W, its multiplier being at an end of its interval. */
+/** Drop the row at @p at from W, its multiplier being at an end of its interval. */
 static void drop_constraint(struct apc_qp *qp, size_t at)
 {
     size_t i = qp->work[at];
@@ -151,7 +152,8 @@ static inline bool none_blocks(const struct apc_qp *qp, const double *move, doub
     return !qp_any(&held);
 }
 
-/** How far W may go along @p move; *@p at is the row that says so, its lambda's end *@p end. */
+/** The ratio test: how far the multipliers may go along @p move, at the longest @p most. *@p at is the place of the
+ * blocking constraint, whose multiplier comes to its end *@p end; k: none blocks, the step is a full one. */
 QP_LANES static double ratio_test(const struct apc_qp *qp, const double *move, double most, bool careful,
                                   size_t *at, double *end)
 {
@@ -186,7 +188,7 @@ QP_LANES static double ratio_test(const struct apc_qp *qp, const double *move, d
     return best;
 }
 
-/** Which rows contradict: the one that waits, and those of W that hold it. */
+/** The certificate of infeasibility: the row that waits, and those of W that hold it, contradict each other. */
 static void infeasibility_certificate(struct apc_qp *qp, const struct apc_qp_pending *last,
                                       const double *move)
 {
@@ -221,7 +223,8 @@ static bool would_cycle(struct apc_qp *qp, const struct apc_qp_pending *last, co
     return gain <= 0.5 * qp_allowance(qp, limit);
 }
 
-/** One step of the row that waits last, which depends on W. Returns false when nothing ends it: infeasible. */
+/** A partial step, of multipliers alone, for the row that waits last and depends on W: until a row of W is dropped, or
+ * its own multiplier is at an end. Returns false when nothing blocks: infeasible. */
 static bool partial_step(struct apc_qp *qp)
 {
     struct apc_qp_pending *last = &qp->pending[qp->waiting - 1];
@@ -355,7 +358,7 @@ static void warm_start(struct apc_qp *qp)
         qp_working_set_right_hand_sides(qp, 0); /* F may have come after */
 }
 
-/** To the end of the way: 0 when no row is violated. */
+/** The dual active-set method, after Goldfarb and Idnani: until no row is violated. */
 static enum apc_qp_status dual_active_set(struct apc_qp *qp)
 {
     unsigned still = 0; /* steps without length */

@@ -243,7 +243,7 @@ static inline double qp_allowance(const struct apc_qp *qp, double limit)
 
 /** How far row i is beyond a limit; 0 within its allowance. *@p sign says which limit. */
 double qp_violation_of(const struct apc_qp *qp, size_t i, double *sign);
-/** The row that is to come in: rows when there is none. *@p sign says on which side; @p careful takes the
+/** The entering constraint: rows when there is none. *@p sign says on which side; @p careful takes the
  * first one, else it is that which is violated most. */
 size_t qp_entering(const struct apc_qp *qp, bool careful, double *sign);
 

@@ -29,7 +29,7 @@ static int parse_alarm_catalogue(struct experiment *e, struct apc_store *store, 
     return rc;
 }
 
-static int make_alarm_board(struct alarm_board *b, struct apc_error *why)
+static int make_alarm_summary(struct alarm_summary *b, struct apc_error *why)
 {
     const size_t n = b->e.n_alarms;
     b->at = calloc(n + 1, sizeof *b->at);
@@ -59,23 +59,23 @@ static int make_alarm_board(struct alarm_board *b, struct apc_error *why)
     return 0;
 }
 
-int alarm_board_open(struct alarm_board *b, struct apc_store *store, struct apc_error *why)
+int alarm_summary_open(struct alarm_summary *b, struct apc_store *store, struct apc_error *why)
 {
     int64_t revision;
     int rc = apc_store_catalogue(store, NULL, 0, &revision);
     if (rc < 0)
         return apc_fail(why, rc, "%s", apc_store_error(store));
     if (revision == 0 || revision != b->revision) {
-        alarm_board_close(b);
+        alarm_summary_close(b);
         if ((rc = parse_alarm_catalogue(&b->e, store, &revision, why)) < 0 ||
-            (rc = make_alarm_board(b, why)) < 0)
+            (rc = make_alarm_summary(b, why)) < 0)
             return rc;
         b->revision = revision;
     }
     return b->e.n_alarms > 0 ? 0 : apc_fail(why, APC_ENOTFOUND, "no alarms are described in this store");
 }
 
-void alarm_board_close(struct alarm_board *b)
+void alarm_summary_close(struct alarm_summary *b)
 {
     free(b->memory);
     free(b->at);
@@ -83,7 +83,7 @@ void alarm_board_close(struct alarm_board *b)
     memset(b, 0, sizeof *b);
 }
 
-int alarm_board_read(struct alarm_board *b, struct apc_store *store)
+int alarm_summary_read(struct alarm_summary *b, struct apc_store *store)
 {
     const int rc = apc_store_read_rows(store, &b->rows);
     return rc < 0 ? rc : 0;
@@ -91,7 +91,7 @@ int alarm_board_read(struct alarm_board *b, struct apc_store *store)
 
 /* ---- How they stand ------------------------------------------------------------------------ */
 
-const struct alarm_now *alarm_board_find(const struct alarm_board *b, const char *name)
+const struct alarm_now *alarm_summary_find(const struct alarm_summary *b, const char *name)
 {
     for (size_t i = 0; i < b->e.n_alarms; i++)
         if (!strcmp(b->e.alarm[i].name, name))
@@ -99,30 +99,30 @@ const struct alarm_now *alarm_board_find(const struct alarm_board *b, const char
     return NULL;
 }
 
-const struct alarm *alarm_board_alarm(const struct alarm_board *b, const struct alarm_now *now)
+const struct alarm *alarm_summary_alarm(const struct alarm_summary *b, const struct alarm_now *now)
 {
     return &b->e.alarm[now - b->at];
 }
 
-enum apc_alarm_state alarm_board_state(const struct alarm_now *now)
+enum apc_alarm_state alarm_summary_state(const struct alarm_now *now)
 {
     const enum apc_alarm_state state = (enum apc_alarm_state)(int)now->row->value;
     return now->row->seq > 0 && apc_alarm_state_name(state) ? state : APC_ALARM_NORMAL;
 }
 
-apc_ns alarm_board_shelved(const struct alarm_now *now)
+apc_ns alarm_summary_shelved(const struct alarm_now *now)
 {
     const struct apc_sample *actual = now->actual[ALARM_WISH(APC_ALARM_SHELF)];
     apc_ns until = 0;
     return actual->seq > 0 && apc_ns_from_s(fabs(actual->value), &until) == 0 ? until : 0;
 }
 
-static struct outcome_seen seen_of_alarm(const struct alarm_board *b, apc_ns utc)
+static struct outcome_seen seen_of_alarm(const struct alarm_summary *b, apc_ns utc)
 {
     return (struct outcome_seen){.tick = &b->tick, .period = b->e.alarms.rhythm.period, .now = utc};
 }
 
-bool alarm_board_lives(const struct alarm_board *b, apc_ns utc)
+bool alarm_summary_lives(const struct alarm_summary *b, apc_ns utc)
 {
     const struct outcome_seen seen = seen_of_alarm(b, utc);
     return b->tick.seq > 0 && outcome_age(&seen) <= 3 * seen.period + 100 * APC_NS_PER_MS;
@@ -131,20 +131,20 @@ bool alarm_board_lives(const struct alarm_board *b, apc_ns utc)
 /* ---- What is wanted ------------------------------------------------------------------------ */
 
 /* As it stands that makes no sense. */
-static bool refuse_alarm_wish(const struct alarm_board *b, const struct alarm_now *now, const char *reason,
+static bool refuse_alarm_wish(const struct alarm_summary *b, const struct alarm_now *now, const char *reason,
                               struct apc_error *why)
 {
-    apc_fail(why, APC_EPERM, "%s: %s: it is %s", alarm_board_alarm(b, now)->name, reason,
-             apc_alarm_state_name(alarm_board_state(now)));
+    apc_fail(why, APC_EPERM, "%s: %s: it is %s", alarm_summary_alarm(b, now)->name, reason,
+             apc_alarm_state_name(alarm_summary_state(now)));
     return false;
 }
 
-static bool may_ack(const struct alarm_board *b, const struct alarm_now *now, struct apc_store *store,
+static bool may_ack(const struct alarm_summary *b, const struct alarm_now *now, struct apc_store *store,
                     struct apc_error *why)
 {
     const struct apc_sample *ack = now->wish[ALARM_WISH(APC_ALARM_ACK)],
                             *actual = now->actual[ALARM_WISH(APC_ALARM_ACK)];
-    const enum apc_alarm_state state = alarm_board_state(now);
+    const enum apc_alarm_state state = alarm_summary_state(now);
     char name[APC_AUTHOR_LEN];
     if (!apc_alarm_is_unacked(state) && !apc_alarm_is_latched(state))
         return refuse_alarm_wish(b, now, "there is nothing to acknowledge", why);
@@ -152,19 +152,19 @@ static bool may_ack(const struct alarm_board *b, const struct alarm_now *now, st
         return true;
     /* its evaluation has not come to that, so its state is the one before */
     const bool known = store && ack->author > 0 && apc_store_author_name(store, ack->author, name) == 0;
-    apc_fail(why, APC_EPERM, "%s: %s has just acknowledged it", alarm_board_alarm(b, now)->name,
+    apc_fail(why, APC_EPERM, "%s: %s has just acknowledged it", alarm_summary_alarm(b, now)->name,
              known ? name : "somebody");
     return false;
 }
 
-bool alarm_board_may_shelve(const struct alarm_board *b, const struct alarm_now *now, double value,
-                            apc_ns utc, struct apc_error *why)
+bool alarm_summary_may_shelve(const struct alarm_summary *b, const struct alarm_now *now, double value,
+                              apc_ns utc, struct apc_error *why)
 {
     static const struct {
         double s;
         const char *name;
     } units[] = {{3600, "h"}, {60, "min"}, {1, "s"}};
-    const char *name = alarm_board_alarm(b, now)->name;
+    const char *name = alarm_summary_alarm(b, now)->name;
     const double left = fabs(value) - apc_ns_to_s(utc), most = apc_ns_to_s(b->e.alarms.shelve_max);
     size_t k = 0;
     while (most < units[k].s && units[k].s > 1)
@@ -177,9 +177,9 @@ bool alarm_board_may_shelve(const struct alarm_board *b, const struct alarm_now 
     return left > 0 && left <= most + 1;
 }
 
-bool alarm_board_want(const struct alarm_board *b, const struct alarm_now *now, struct apc_store *store,
-                      enum apc_alarm_switch which, double value, apc_ns utc, struct apc_sample *wish,
-                      struct apc_error *why)
+bool alarm_summary_want(const struct alarm_summary *b, const struct alarm_now *now, struct apc_store *store,
+                        enum apc_alarm_switch which, double value, apc_ns utc, struct apc_sample *wish,
+                        struct apc_error *why)
 {
     const bool on = value < 0 || value > 0;
     *wish = *now->wish[ALARM_WISH(which)];
@@ -189,14 +189,14 @@ bool alarm_board_want(const struct alarm_board *b, const struct alarm_now *now, 
     if (which == APC_ALARM_ACK)
         return may_ack(b, now, store, why);
     if (which == APC_ALARM_SHELF && on)
-        return alarm_board_may_shelve(b, now, value, utc, why);
-    if (which == APC_ALARM_SHELF && alarm_board_shelved(now) == 0)
+        return alarm_summary_may_shelve(b, now, value, utc, why);
+    if (which == APC_ALARM_SHELF && alarm_summary_shelved(now) == 0)
         return refuse_alarm_wish(b, now, "it is not shelved", why);
     return true;
 }
 
-enum outcome alarm_board_outcome(const struct alarm_board *b, const struct alarm_now *now,
-                                 const struct apc_sample *wish, apc_ns utc)
+enum outcome alarm_summary_outcome(const struct alarm_summary *b, const struct alarm_now *now,
+                                   const struct apc_sample *wish, apc_ns utc)
 {
     struct outcome_seen seen = seen_of_alarm(b, utc);
     const int which = (wish->id / 65536) - APC_ALARM_ACK;
@@ -205,8 +205,8 @@ enum outcome alarm_board_outcome(const struct alarm_board *b, const struct alarm
     return outcome_of(&seen);
 }
 
-void alarm_board_words(const char *name, const struct apc_sample *wish, const char *reason, char *text,
-                       size_t size)
+void alarm_summary_words(const char *name, const struct apc_sample *wish, const char *reason, char *text,
+                         size_t size)
 {
     static const char *const done[][2] = {{"acknowledged", "acknowledged"},
                                           {"not shelved any more", "shelved until"},
@@ -241,12 +241,12 @@ static int take_board_event(void *ctx, const struct apc_event *event)
     return 1;
 }
 
-bool alarm_board_refusal(const struct alarm_board *b, const struct alarm_now *now,
-                         const struct apc_sample *wish, struct apc_store *store, char *text, size_t size)
+bool alarm_summary_refusal(const struct alarm_summary *b, const struct alarm_now *now,
+                           const struct apc_sample *wish, struct apc_store *store, char *text, size_t size)
 {
     const struct apc_sample *actual = now->actual[ALARM_WISH(wish->id / 65536)];
     const struct apc_range since = {.since = actual->time};
-    struct refusal r = {.name = alarm_board_alarm(b, now)->name, .text = text, .size = size};
+    struct refusal r = {.name = alarm_summary_alarm(b, now)->name, .text = text, .size = size};
     text[0] = '\0';
     return actual->origin == wish->seq && apc_store_events(store, &since, take_board_event, &r) >= 0 &&
            text[0];

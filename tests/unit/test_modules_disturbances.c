@@ -189,11 +189,11 @@ static void a_loop_rests_without_its_disturbances_and_its_neighbour_goes_on(void
     make(&r, &looks, 1);
     for (int k = 0; k < 5; k++)
         tick(&r, 0.5, 7);
-    assert_true(r.core->calm[0] && r.core->calm[1]);
+    assert_true(r.core->fast_path[0] && r.core->fast_path[1]);
     tick(&r, 0.6, (double)NAN);
     assert_int_equal(state_of(&r, 0), APC_LOOP_AUTO);
     assert_int_equal(state_of(&r, 1), APC_LOOP_HOLD);
-    assert_true(r.core->calm[0] && !r.core->calm[1]);
+    assert_true(r.core->fast_path[0] && !r.core->fast_path[1]);
     assert_has(r.notice.text, "disturbance 12 is Bad");
     assert_near(field(&r, APC_TICK_D)[1], 7, 0);
     assert_near(field(&r, APC_TICK_D_SEQ)[1], 5, 0);

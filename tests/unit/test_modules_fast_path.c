@@ -345,8 +345,8 @@ static void restart(struct world *w)
 static void count(struct world *w, const bool was[LOOPS])
 {
     for (size_t i = 0; i < LOOPS; i++) {
-        w->calm += w->core[0]->calm[i];
-        w->roused += was[i] && !w->core[0]->calm[i];
+        w->calm += w->core[0]->fast_path[i];
+        w->roused += was[i] && !w->core[0]->fast_path[i];
     }
 }
 
@@ -364,7 +364,7 @@ static void tick(struct world *w)
         apc_controller_claimed(w->core[0], claimed);
         apc_controller_claimed(w->core[1], claimed);
     }
-    memcpy(was, w->core[0]->calm, sizeof(was));
+    memcpy(was, w->core[0]->fast_path, sizeof(was));
     for (size_t j = 0; j < 2; j++) {
         give(w, w->core[j]);
         rows[j] = apc_controller_compute(w->core[j], w->now, w->tick, have, heard ? &notice[j] : NULL);

@@ -24,7 +24,7 @@ int desks_init(struct desk desk[DESKS])
 void desks_free(struct desk desk[DESKS])
 {
     for (size_t i = 0; i < DESKS; i++) {
-        alarm_board_close(&desk[i].board);
+        alarm_summary_close(&desk[i].board);
         pthread_mutex_destroy(&desk[i].mutex);
     }
 }
@@ -35,12 +35,12 @@ static bool take_desk(struct desk *desk, struct request *r, struct apc_store *st
 {
     struct apc_error why;
     pthread_mutex_lock(&desk->mutex);
-    int rc = alarm_board_open(&desk->board, store, &why);
+    int rc = alarm_summary_open(&desk->board, store, &why);
     if (rc == APC_ENOTFOUND)
         return true;
     if (rc < 0)
         return fault_set(&r->fault, 503, "store", NULL, "%.150s", why.text);
-    if ((rc = alarm_board_read(&desk->board, store)) < 0)
+    if ((rc = alarm_summary_read(&desk->board, store)) < 0)
         fault_store(r, rc, store);
     return rc == 0;
 }
@@ -102,7 +102,7 @@ static int keep_raised(void *ctx, const struct apc_sample *row)
 static apc_ns raised_at(const struct alarm_now *now, struct apc_store *store)
 {
     const struct apc_range range = {.last = TRANSITIONS_BACK};
-    const enum apc_alarm_state state = alarm_board_state(now);
+    const enum apc_alarm_state state = alarm_summary_state(now);
     apc_ns raised = 0;
     if (state == APC_ALARM_UNACKED)
         return now->row->time;
@@ -114,7 +114,7 @@ static apc_ns raised_at(const struct alarm_now *now, struct apc_store *store)
 /* Members of how it stands. */
 static void stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
 {
-    const enum apc_alarm_state state = alarm_board_state(now);
+    const enum apc_alarm_state state = alarm_summary_state(now);
     text_add(t,
              "\"id\":%d,\"seq\":%" PRId64 ",\"journal\":%" PRId64
              ",\"state\":\"%s\",\"active\":%s,\"unacknowledged\":%s,\"standing\":%s",
@@ -124,7 +124,7 @@ static void stands_json(const struct alarm_now *now, struct apc_store *store, st
     time_json("time", now->row->seq > 0 ? now->row->time : 0, t);
     time_json("raised", raised_at(now, store), t);
     author_json(store, now->row->author, t);
-    time_json("shelved_until", alarm_board_shelved(now), t);
+    time_json("shelved_until", alarm_summary_shelved(now), t);
 }
 
 static bool has_limit(enum apc_alarm_kind kind)
@@ -165,13 +165,13 @@ void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, str
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct desk *desk = &ui->desk[DESK_PAST];
-    const struct alarm_board *board = &desk->board;
+    const struct alarm_summary *board = &desk->board;
     struct text *t = &r->reply;
     if (take_desk(desk, r, store)) {
         const apc_ns utc = apc_clock_utc(NULL);
         text_add(t, "{\"t\":");
         json_time_add(t, utc);
-        text_add(t, ",\"evaluated\":%s", truth(alarm_board_lives(board, utc)));
+        text_add(t, ",\"evaluated\":%s", truth(alarm_summary_lives(board, utc)));
         time_json("time", board->tick.seq > 0 ? board->tick.time : 0, t);
         text_add(t, ",\"alarms\":[");
         for (size_t i = 0; i < board->e.n_alarms; i++) {
@@ -377,26 +377,26 @@ static bool stale(struct request *r, const struct alarm_now *now, const struct a
     json_sample_add(&r->extra, now->row);
     text_add(&r->extra, "}");
     return fault_set(&r->fault, 409, "stale", NULL, "%s was changed meanwhile: it is %s now", alarm->name,
-                     apc_alarm_state_name(alarm_board_state(now)));
+                     apc_alarm_state_name(alarm_summary_state(now)));
 }
 
 /* May it be, as the alarm stands? Who acknowledges what has gone again since he looked means the same one:
  * whether it is, its evaluation says. */
-static bool check_alarm_now(struct request *r, const struct alarm_board *board, const struct alarm_now *now,
+static bool check_alarm_now(struct request *r, const struct alarm_summary *board, const struct alarm_now *now,
                             struct order *o, struct apc_store *store)
 {
-    const struct alarm *alarm = alarm_board_alarm(board, now);
+    const struct alarm *alarm = alarm_summary_alarm(board, now);
     const bool shelves = o->which == APC_ALARM_SHELF && (o->value < 0 || o->value > 0);
     struct apc_sample wish;
     struct apc_error why;
-    if (!alarm_board_lives(board, o->write.time))
+    if (!alarm_summary_lives(board, o->write.time))
         return fault_set(&r->fault, 409, "alarm", NULL,
                          "alarms are not evaluated: nobody would take it, and nothing was written");
     if (o->seq > now->row->seq || (o->which != APC_ALARM_ACK && o->seq < now->row->seq))
         return stale(r, now, alarm);
-    if (shelves && !alarm_board_may_shelve(board, now, o->value, o->write.time, &why))
+    if (shelves && !alarm_summary_may_shelve(board, now, o->value, o->write.time, &why))
         return fault_set(&r->fault, 422, "limits", "until", "%s", why.text);
-    if (!alarm_board_want(board, now, store, o->which, o->value, o->write.time, &wish, &why))
+    if (!alarm_summary_want(board, now, store, o->which, o->value, o->write.time, &wish, &why))
         return fault_set(&r->fault, 409, "alarm", NULL, "%s", why.text);
     wish.value = o->change.after.value;
     o->change.after = wish;
@@ -408,7 +408,7 @@ static void record_alarm_write(struct ui *ui, const struct request *r, const str
 {
     struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
     snprintf(event.source, sizeof event.source, "%s", o->write.user);
-    alarm_board_words(r->name, &o->change.after, NULL, event.text, sizeof event.text);
+    alarm_summary_words(r->name, &o->change.after, NULL, event.text, sizeof event.text);
     const size_t n = strlen(event.text);
     snprintf(event.text + n, sizeof event.text - n, "%s (from %s)", outcome, r->from->address);
     event_because(&event, o->reason);
@@ -433,7 +433,7 @@ static void end_alarm_write(struct ui *ui, struct request *r, struct order *o, e
     text_free(&t);
 }
 
-static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm_board *board,
+static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm_summary *board,
                             const struct alarm_now *now, struct order *o, struct apc_store *store)
 {
     struct apc_sample *after = &o->change.after;
@@ -466,10 +466,10 @@ static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm
         record_alarm_write(ui, r, o, unknown ? NULL : store, unknown ? ", outcome unknown" : "");
 }
 
-static void begin_alarm_write(struct ui *ui, struct request *r, const struct alarm_board *board,
+static void begin_alarm_write(struct ui *ui, struct request *r, const struct alarm_summary *board,
                               struct order *o, struct apc_store *store)
 {
-    const struct alarm_now *now = board->e.n_alarms > 0 ? alarm_board_find(board, r->name) : NULL;
+    const struct alarm_now *now = board->e.n_alarms > 0 ? alarm_summary_find(board, r->name) : NULL;
     const apc_ns mono = apc_clock_mono(NULL);
     apc_ns again;
     if (!now) {

@@ -16,7 +16,7 @@ static void forget_alarm_watch(struct alarm_watch *w)
 void alarm_watch_free(struct alarm_watch *w)
 {
     forget_alarm_watch(w);
-    alarm_board_close(&w->board);
+    alarm_summary_close(&w->board);
 }
 
 /* The model's from here on. */
@@ -35,7 +35,7 @@ int alarm_watch_describe(struct alarm_watch *w, struct ui *ui, struct apc_store 
     struct text are = {0}, stand = {0};
     struct apc_error why;
     forget_alarm_watch(w);
-    int rc = alarm_board_open(&w->board, store, &why);
+    int rc = alarm_summary_open(&w->board, store, &why);
     if (rc < 0 && !apc_store_connected(store))
         return rc;
     if (rc < 0 && rc != APC_ENOTFOUND)
@@ -56,10 +56,10 @@ static void compare_alarms(struct alarm_watch *w, struct apc_store *store, struc
     for (size_t i = 0; i < w->board.e.n_alarms; i++) {
         const struct alarm_now *now = &w->board.at[i];
         struct alarm_told *told = &w->told[i];
-        if (now->row->seq == told->seq && alarm_board_shelved(now) == told->shelved)
+        if (now->row->seq == told->seq && alarm_summary_shelved(now) == told->shelved)
             continue;
         told->seq = now->row->seq;
-        told->shelved = alarm_board_shelved(now);
+        told->shelved = alarm_summary_shelved(now);
         text_free(&told->json);
         alarm_stands_json(now, store, &told->json);
         text_put(news, told->json.at, told->json.n);
@@ -98,7 +98,7 @@ int alarm_watch_look(struct alarm_watch *w, struct ui *ui, struct apc_store *sto
     struct text news = {0};
     if (!w->told || tick->seq == w->looked || !(moved || shelved))
         return 0;
-    const int rc = alarm_board_read(&w->board, store);
+    const int rc = alarm_summary_read(&w->board, store);
     if (rc < 0)
         return rc;
     w->looked = tick->seq;

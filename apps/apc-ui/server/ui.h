@@ -159,7 +159,7 @@ int audit_flush(struct ui *ui, struct apc_store *store);
 enum { DESK_PAST = 0, DESK_WRITES, DESKS };
 struct desk {
     pthread_mutex_t mutex; /* held while the store is asked */
-    struct alarm_board board;
+    struct alarm_summary board;
 };
 int desks_init(struct desk desk[DESKS]);
 void desks_free(struct desk desk[DESKS]);
@@ -228,7 +228,7 @@ void store_state_json(const struct model *m, struct text *t); /* locked */
 
 /* ---- alarms.c ---- */
 struct alarm_watch {
-    struct alarm_board board;
+    struct alarm_summary board;
     struct alarm_told { /* of one alarm, what was told of it */
         struct text json;
         int64_t seq;

@@ -27,7 +27,7 @@ struct session {
     struct cli cli;
     struct alarm_options options;
     struct apc_store *store;
-    struct alarm_board board;
+    struct alarm_summary board;
     apc_ns now; /* UTC of the last read */
 };
 
@@ -88,9 +88,9 @@ static const struct cli_spec spec = {
     .extra = &own,
 };
 
-static int read_alarm_board(struct session *s)
+static int read_alarm_summary(struct session *s)
 {
-    const int rc = alarm_board_read(&s->board, s->store);
+    const int rc = alarm_summary_read(&s->board, s->store);
     s->now = apc_clock_utc(NULL);
     return rc < 0 ? cli_store_error(&s->cli, rc, s->store) : EXIT_OK;
 }
@@ -108,7 +108,7 @@ static const char *author_of_transition(struct session *s, uint32_t number, char
 
 static bool is_listed(const struct session *s, const struct alarm_now *now)
 {
-    const enum apc_alarm_state state = alarm_board_state(now);
+    const enum apc_alarm_state state = alarm_summary_state(now);
     return s->options.all || apc_alarm_is_standing(state) ||
            (apc_alarm_is_masked(state) && state != APC_ALARM_SUPPRESSED);
 }
@@ -117,7 +117,7 @@ static bool is_listed(const struct session *s, const struct alarm_now *now)
 static int by_urgency(const void *x, const void *y)
 {
     const struct alarm_now *a = *(const struct alarm_now *const *)x, *b = *(const struct alarm_now *const *)y;
-    const enum apc_alarm_state s = alarm_board_state(a), t = alarm_board_state(b);
+    const enum apc_alarm_state s = alarm_summary_state(a), t = alarm_summary_state(b);
     if (apc_alarm_is_standing(s) != apc_alarm_is_standing(t))
         return apc_alarm_is_standing(s) ? -1 : 1;
     if (apc_alarm_is_unacked(s) != apc_alarm_is_unacked(t))
@@ -134,13 +134,13 @@ static void list_alarms_text(struct session *s, const struct alarm_now **at, siz
     char text[PRINT_LEN], name[APC_AUTHOR_LEN];
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < n; i++) {
-        const struct alarm *alarm = alarm_board_alarm(&s->board, at[i]);
-        const enum apc_alarm_state state = alarm_board_state(at[i]);
+        const struct alarm *alarm = alarm_summary_alarm(&s->board, at[i]);
+        const enum apc_alarm_state state = alarm_summary_state(at[i]);
         const enum print_ink ink = !apc_alarm_is_standing(state) ? PRINT_FAINT
                                    : alarm->is.priority <= 2     ? PRINT_ALARM
                                                                  : PRINT_WARN;
         const apc_ns until =
-            state >= APC_ALARM_SHELVED && state < APC_ALARM_SUPPRESSED ? alarm_board_shelved(at[i]) : 0;
+            state >= APC_ALARM_SHELVED && state < APC_ALARM_SUPPRESSED ? alarm_summary_shelved(at[i]) : 0;
         print_cell(&table, ink, "%s", alarm->name);
         print_cell(&table, ink, "%d", alarm->is.priority);
         print_cell(&table, ink, "%s", apc_alarm_state_name(state));
@@ -163,8 +163,8 @@ static void json_time(const char *key, apc_ns time)
 
 static void alarm_json(struct session *s, const struct alarm_now *now)
 {
-    const struct alarm *alarm = alarm_board_alarm(&s->board, now);
-    const enum apc_alarm_state state = alarm_board_state(now);
+    const struct alarm *alarm = alarm_summary_alarm(&s->board, now);
+    const enum apc_alarm_state state = alarm_summary_state(now);
     char name[APC_AUTHOR_LEN];
     putchar('{');
     print_json_text(stdout, "alarm", alarm->name);
@@ -179,7 +179,7 @@ static void alarm_json(struct session *s, const struct alarm_now *now)
     putchar(',');
     print_json_text(stdout, "author", *author_of_transition(s, now->row->author, name) ? name : NULL);
     putchar(',');
-    json_time("shelved_until", alarm_board_shelved(now));
+    json_time("shelved_until", alarm_summary_shelved(now));
     putchar(',');
     print_json_text(stdout, "area", alarm->area);
     putchar(',');
@@ -193,7 +193,7 @@ static void alarm_json(struct session *s, const struct alarm_now *now)
 
 static void list_json(struct session *s, const struct alarm_now **at, size_t n)
 {
-    printf("{\"evaluated\":%s,", alarm_board_lives(&s->board, s->now) ? "true" : "false");
+    printf("{\"evaluated\":%s,", alarm_summary_lives(&s->board, s->now) ? "true" : "false");
     json_time("time", s->board.tick.seq > 0 ? s->board.tick.time : 0);
     fputs(",\"alarms\":[", stdout);
     for (size_t i = 0; i < n; i++) {
@@ -209,7 +209,7 @@ static void say_life(const struct session *s)
     const double *n = s->board.numbers;
     if (s->board.tick.seq == 0)
         puts("alarms have never been evaluated in this store: apc-alarms does not run");
-    else if (!alarm_board_lives(&s->board, s->now))
+    else if (!alarm_summary_lives(&s->board, s->now))
         printf("alarms are not evaluated: apc-alarms' last tick was %s ago\n",
                print_age(s->now - s->board.tick.time, age));
     else
@@ -336,7 +336,8 @@ struct wanted {
 
 static void describe_wanted(const struct session *s, const struct wanted *w, char *text, size_t size)
 {
-    alarm_board_words(alarm_board_alarm(&s->board, w->now)->name, &w->wish, s->options.reason, text, size);
+    alarm_summary_words(alarm_summary_alarm(&s->board, w->now)->name, &w->wish, s->options.reason, text,
+                        size);
 }
 
 static int record_wanted(struct session *s, const struct wanted *w)
@@ -355,20 +356,20 @@ static int lost(struct session *s, const struct wanted *w)
 {
     char name[APC_AUTHOR_LEN];
     return cli_error(&s->cli, APC_ECONFLICT, "%s: %s was faster: look again",
-                     alarm_board_alarm(&s->board, w->now)->name,
+                     alarm_summary_alarm(&s->board, w->now)->name,
                      *author_of_transition(s, w->wish.author, name) ? name : "somebody else");
 }
 
 static int await_wanted(struct session *s, struct wanted *w)
 {
     const apc_ns end = apc_clock_mono(NULL) + 3 * s->board.e.alarms.rhythm.period + GRACE;
-    const char *name = alarm_board_alarm(&s->board, w->now)->name;
+    const char *name = alarm_summary_alarm(&s->board, w->now)->name;
     char text[192];
     enum outcome outcome;
-    while ((outcome = alarm_board_outcome(&s->board, w->now, &w->wish, s->now)) == OUTCOME_WAITING &&
+    while ((outcome = alarm_summary_outcome(&s->board, w->now, &w->wish, s->now)) == OUTCOME_WAITING &&
            apc_clock_mono(NULL) < end) {
         nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
-        const int rc = read_alarm_board(s);
+        const int rc = read_alarm_summary(s);
         if (rc != EXIT_OK)
             return rc;
     }
@@ -381,7 +382,7 @@ static int await_wanted(struct session *s, struct wanted *w)
     case OUTCOME_SUPERSEDED:
         return cli_error(&s->cli, APC_EPERM, "%s: superseded by what somebody else wanted", name);
     case OUTCOME_REFUSED:
-        while (!alarm_board_refusal(&s->board, w->now, &w->wish, s->store, text, sizeof text) &&
+        while (!alarm_summary_refusal(&s->board, w->now, &w->wish, s->store, text, sizeof text) &&
                apc_clock_mono(NULL) < end)
             nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
         if (!text[0])
@@ -400,7 +401,7 @@ static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum
     struct wanted w = {.now = now};
     struct apc_error why;
     char who[APC_AUTHOR_LEN], text[192];
-    if (!alarm_board_want(&s->board, now, s->store, which, value, s->now, &w.wish, &why))
+    if (!alarm_summary_want(&s->board, now, s->store, which, value, s->now, &w.wish, &why))
         return cli_error(&s->cli, APC_EPERM, "%s", why.text);
     int rc = cli_live(&s->cli, s->store);
     if (rc != EXIT_OK)
@@ -431,15 +432,15 @@ static int each(struct session *s, enum apc_alarm_switch which, double value)
 {
     int rc = EXIT_OK;
     for (int i = 1; i < s->cli.n_args && rc == EXIT_OK; i++)
-        if (!alarm_board_find(&s->board, s->cli.args[i]))
+        if (!alarm_summary_find(&s->board, s->cli.args[i]))
             rc = cli_error(&s->cli, APC_ENOTFOUND,
                            "there is no alarm \"%s\": apc alarm list --all names them", s->cli.args[i]);
     for (int i = 1; i < s->cli.n_args && rc != EXIT_ERROR && rc != EXIT_CONNECTION; i++) {
-        const int done = put_alarm_switch(s, alarm_board_find(&s->board, s->cli.args[i]), which, value);
+        const int done = put_alarm_switch(s, alarm_summary_find(&s->board, s->cli.args[i]), which, value);
         rc = done > rc ? done : rc;
     }
     for (size_t i = 0; s->options.all && i < s->board.e.n_alarms && rc == EXIT_OK; i++)
-        if (apc_alarm_is_unacked(alarm_board_state(&s->board.at[i])))
+        if (apc_alarm_is_unacked(alarm_summary_state(&s->board.at[i])))
             rc = put_alarm_switch(s, &s->board.at[i], which, value);
     return rc;
 }
@@ -453,7 +454,7 @@ static int want_of_alarm(struct session *s, enum apc_alarm_switch which, double 
         return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
                          strlen(s->options.reason), REASON_MAX);
     s->options.all = all;
-    if (!s->cli.no_wait && !alarm_board_lives(&s->board, s->now)) {
+    if (!s->cli.no_wait && !alarm_summary_lives(&s->board, s->now)) {
         say_life(s);
         return cli_error(&s->cli, APC_EPERM,
                          "nobody would take it. Nothing was written; --no-wait writes it "
@@ -500,13 +501,13 @@ int command_alarm(int argc, char **argv)
     struct apc_error why;
     cli_parse(&s.cli, &spec, &s.options, argc, argv);
     int rc = exit_code_of(cli_open(&s.cli, &s.store));
-    if (rc == EXIT_OK && (rc = alarm_board_open(&s.board, s.store, &why)) < 0)
+    if (rc == EXIT_OK && (rc = alarm_summary_open(&s.board, s.store, &why)) < 0)
         rc = cli_error(&s.cli, rc, "%s", why.text);
     if (rc == EXIT_OK)
-        rc = read_alarm_board(&s);
+        rc = read_alarm_summary(&s);
     if (rc == EXIT_OK)
         rc = act_on_alarms(&s);
-    alarm_board_close(&s.board);
+    alarm_summary_close(&s.board);
     apc_store_close(s.store);
     return cli_done(&s.cli, rc);
 }

@@ -34,19 +34,19 @@ class Board:
     """What an open store keeps for its alarms; one thread at a time."""
 
     def __init__(self) -> None:
-        made = lib.apc_board_new()
+        made = lib.apc_alarm_summary_new()
         if made == ffi.NULL:
             raise error(lib.APC_ENOMEM, "out of memory")
-        self._board = ffi.gc(made, lib.apc_board_free)
+        self._board = ffi.gc(made, lib.apc_alarm_summary_free)
 
     def read(self, s: Any) -> list[Alarm]:
         reason = why()
-        n = check(lib.apc_board_read(self._board, s, reason), reason)
+        n = check(lib.apc_alarm_summary_read(self._board, s, reason), reason)
         return [self._at(s, i) for i in range(n)]
 
     def _at(self, s: Any, i: int) -> Alarm:
         to = ffi.new("struct apc_standing *")
-        lib.apc_board_at(self._board, s, i, to)
+        lib.apc_alarm_summary_at(self._board, s, i, to)
         return Alarm(text(to.name), text(to.state), to.priority, to.active, to.unacknowledged, to.standing, to.time, to.seq,
                      text(to.author), to.shelved, to.shelve_max / 1e9, text(to.area), text(to.message), text(to.consequence), text(to.response))
 
@@ -58,9 +58,9 @@ class Board:
             raise error(lib.APC_ENOTFOUND, f"there is no alarm \"{name}\"")
         demand.name, demand.which, demand.value = called, which, value
         there = [alarm.name for alarm in self.read(s)]
-        if wait and name in there and not lib.apc_board_lives(self._board):
+        if wait and name in there and not lib.apc_alarm_summary_lives(self._board):
             raise error(lib.APC_EPERM, f"{name}: nobody evaluates the alarms: apc-alarms does not run. Nothing was written")
-        check(lib.apc_board_want(self._board, s, demand, utf8("author", author), utf8("comment", comment), reason), reason)
+        check(lib.apc_alarm_summary_want(self._board, s, demand, utf8("author", author), utf8("comment", comment), reason), reason)
         if wait:
             self._settle(s, demand)
         return self.read(s)[there.index(name)]
@@ -68,7 +68,7 @@ class Board:
     def _settle(self, s: Any, demand: Any) -> None:
         reason, until, name = why(), monotonic() + 3e-9 * demand.period + 2, text(demand.name)
         while True:
-            fate = check(lib.apc_board_fate(self._board, s, demand, reason), reason)
+            fate = check(lib.apc_alarm_summary_fate(self._board, s, demand, reason), reason)
             if fate == lib.APC_FATE_APPLIED:
                 return
             if fate == lib.APC_FATE_SUPERSEDED:
