@@ -49,7 +49,7 @@ struct shell {
     double within, every; /* s */
     bool pack;
     struct apc_store *live, *record;
-    struct apc_replication *forward;
+    struct apc_replication *replication;
     struct gap_teller gaps;
     bool reached;   /* the history, once */
     uint64_t older; /* when that was said: stats.older */
@@ -125,11 +125,11 @@ static const struct program program = {
 /* Where there are no tables yet they are made; a file that has gone is not: it may come back. */
 static int move(struct shell *s, apc_ns timeout)
 {
-    int rc = apc_replication_step(s->forward, timeout);
+    int rc = apc_replication_step(s->replication, timeout);
     if ((rc == APC_ESCHEMA || (rc == APC_ECONN && !s->reached)) && apc_store_init(s->record) >= 0)
-        rc = apc_replication_step(s->forward, timeout);
+        rc = apc_replication_step(s->replication, timeout);
     struct apc_replication_stats stats = {.size = sizeof stats};
-    apc_replication_stats(s->forward, &stats);
+    apc_replication_stats(s->replication, &stats);
     s->reached = s->reached && stats.older == s->older;
     if (rc >= 0 && !s->reached && apc_store_connected(s->record)) { /* only its owner may say what it is */
         const int said = apc_store_keep_history(s->record);
@@ -146,7 +146,7 @@ static void note(struct shell *s, int rc, const struct apc_replication_stats *st
     s->report.left = left;
     s->report.stats = *stats;
     if (rc < 0)
-        snprintf(s->report.why, sizeof s->report.why, "%s", apc_replication_error(s->forward));
+        snprintf(s->report.why, sizeof s->report.why, "%s", apc_replication_error(s->replication));
     if (rc >= 0 && stats->behind == 0)
         s->report.whole = apc_clock_mono(NULL);
     pthread_mutex_unlock(&s->mover.mutex);
@@ -161,7 +161,7 @@ static double left_of(struct shell *s, int rc, uint64_t behind)
     if (now - s->looked < LOOK)
         return s->report.left;
     s->looked = now;
-    return apc_replication_left(s->forward);
+    return apc_replication_left(s->replication);
 }
 
 static apc_ns replicate_step(void *ctx, bool last)
@@ -169,7 +169,7 @@ static apc_ns replicate_step(void *ctx, bool last)
     struct shell *s = ctx;
     const int rc = move(s, last ? LAST : BATCHES);
     struct apc_replication_stats stats = {.size = sizeof stats};
-    apc_replication_stats(s->forward, &stats);
+    apc_replication_stats(s->replication, &stats);
     note(s, rc, &stats, left_of(s, rc, stats.behind));
     return WORKER_IDLE;
 }
@@ -312,7 +312,7 @@ static int refuse_history(struct shell *s, const char *uri, int rc)
     char name[400];
     store_name(uri, name, sizeof name);
     return daemon_error(&s->d, rc, "the history %s cannot be taken: %s", name,
-                        apc_replication_error(s->forward));
+                        apc_replication_error(s->replication));
 }
 
 /* What is away may come; what is another's, or newer, stays so. */
@@ -327,7 +327,7 @@ static int replicate_first(struct shell *s, const char *uri)
             rc = move(s, BATCHES);
     s->report.whole = apc_clock_mono(NULL);
     struct apc_replication_stats stats = {.size = sizeof stats};
-    apc_replication_stats(s->forward, &stats);
+    apc_replication_stats(s->replication, &stats);
     note(s, rc, &stats, 1);
     return rc >= 0 || (stats.away && (rc == APC_ECONN || rc == APC_ETIMEDOUT || rc == APC_EFULL))
                ? 0
@@ -364,11 +364,11 @@ static int open_historian(struct shell *s)
         return daemon_error(&s->d, rc, "--store: %s", apc_store_error(s->live));
     if (rc == 0 && (rc = store_open(&s->record, uri, &options, &why)) < 0)
         return daemon_error(&s->d, rc, "--history: %s", why.text);
-    if (rc == 0 && (rc = apc_replication_create(&s->forward, s->live, s->record, &why)) < 0)
+    if (rc == 0 && (rc = apc_replication_create(&s->replication, s->live, s->record, &why)) < 0)
         return daemon_error(&s->d, rc, "%s", why.text);
     if (rc == 0) {
         s->gaps = (struct gap_teller){.live = s->live, .source = s->d.name, .log = s->d.log};
-        apc_replication_tell(s->forward, gap_tell, &s->gaps);
+        apc_replication_tell(s->replication, gap_tell, &s->gaps);
         rc = replicate_first(s, uri);
     }
     return rc == 0 && s->within > 0 ? open_asked(s, uri) : rc;
@@ -413,7 +413,7 @@ int main(int argc, char **argv)
         requests_destroy(s.asked.requests);
         apc_store_close(s.asked.history);
         apc_store_close(s.asked.live);
-        apc_replication_destroy(s.forward);
+        apc_replication_destroy(s.replication);
         apc_store_close(s.record);
         apc_store_close(s.live);
     }

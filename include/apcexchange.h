@@ -152,12 +152,12 @@ struct apc_tclab_options {
 struct apc_tclab;
 
 /** The firmware of a Temperature Control Lab, but for its text. [setup] Returns 0, APC_EINVAL, APC_ENOMEM. */
-APC_API int apc_tclab_create(struct apc_tclab **board, const struct apc_tclab_options *options,
+APC_API int apc_tclab_create(struct apc_tclab **tclab, const struct apc_tclab_options *options,
                              struct apc_error *why);
-APC_API void apc_tclab_destroy(struct apc_tclab *board); /**< NULL is legal. [setup] */
+APC_API void apc_tclab_destroy(struct apc_tclab *tclab); /**< NULL is legal. [setup] */
 /** Answer a line: VER, T1, R1, Q1 PERCENT, P1, LED PERCENT, X, and the same of 2. Each is a sign of life of
  * who commands. Returns the reply's length; 0: an empty line has none; APC_ERANGE: @p size. [tick] */
-APC_API int apc_tclab_answer(struct apc_tclab *board, const char *line, size_t length, char *reply,
+APC_API int apc_tclab_answer(struct apc_tclab *tclab, const char *line, size_t length, char *reply,
                              size_t size);
 
 struct apc_exchange_options {

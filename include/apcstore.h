@@ -465,13 +465,13 @@ typedef int (*apc_replication_gap_fn)(void *ctx, const struct apc_replication_ga
  * From @p from into @p to, both open; they stay the caller's and are nobody else's meanwhile. Nothing is read
  * yet. [setup] Returns 0, APC_EINVAL or APC_ENOMEM.
  */
-APC_API int apc_replication_create(struct apc_replication **forward, struct apc_store *from,
+APC_API int apc_replication_create(struct apc_replication **replication, struct apc_store *from,
                                    struct apc_store *to, struct apc_error *why);
-APC_API void apc_replication_destroy(struct apc_replication *forward); /**< NULL is legal. [setup] */
+APC_API void apc_replication_destroy(struct apc_replication *replication); /**< NULL is legal. [setup] */
 /** Who is told of gaps, by apc_replication_step(): of rows before TO gets the ones that follow, and what was put
  * down as an event in FROM goes to TO before them. So no gap is without a word, whenever a process ends.
  * [setup] */
-APC_API void apc_replication_tell(struct apc_replication *forward, apc_replication_gap_fn fn, void *ctx);
+APC_API void apc_replication_tell(struct apc_replication *replication, apc_replication_gap_fn fn, void *ctx);
 /**
  * Move what FROM has, in batches, until TO has it all or @p timeout has passed; a store that hangs is waited
  * for up to its own timeout. What it writes in TO it claims, so that there is one who does. Of samples and
@@ -483,16 +483,16 @@ APC_API void apc_replication_tell(struct apc_replication *forward, apc_replicati
  *   not got them from there, or from one whose clock was wrong.
  * - that of a store. [setup]
  */
-APC_API int apc_replication_step(struct apc_replication *forward, apc_ns timeout);
+APC_API int apc_replication_step(struct apc_replication *replication, apc_ns timeout);
 /**
  * How much of FROM's room is left before it overwrites what TO has not got, of the variable where it is
  * least: 1 none of that is used, 0 the next row is lost. 1 as well while FROM overwrites nothing, as far as
  * two calls can tell. It reads all that FROM holds. [setup]
  */
-APC_API double apc_replication_left(struct apc_replication *forward);
+APC_API double apc_replication_left(struct apc_replication *replication);
 /** One line about the last failure; lives until the next call. [any] */
-APC_API const char *apc_replication_error(const struct apc_replication *forward);
-APC_API void apc_replication_stats(const struct apc_replication *forward,
+APC_API const char *apc_replication_error(const struct apc_replication *replication);
+APC_API void apc_replication_stats(const struct apc_replication *replication,
                                    struct apc_replication_stats *stats); /**< [any] */
 
 /**

@@ -21,7 +21,7 @@ int backlog_create(struct backlog **backlog, struct apc_store *live, struct apc_
                    const char *file, struct broker *broker, struct apc_error *why);
 void backlog_destroy(struct backlog *b);
 
-/* Take what is new into the queue, for up to @timeout. As apc_forward_step(). */
+/* Take what is new into the queue, for up to @timeout. As apc_replication_step(). */
 int backlog_take(struct backlog *b, apc_ns timeout);
 const char *backlog_error(const struct backlog *b);
 void backlog_stats(const struct backlog *b, struct apc_replication_stats *stats);

@@ -15,7 +15,7 @@ struct gap_teller {
     struct apc_log *log; /* where they are written as well; NULL: nowhere */
 };
 
-/* For apc_forward_tell(): ctx is a struct gap_teller. */
+/* For apc_replication_tell(): ctx is a struct gap_teller. */
 int gap_tell(void *ctx, const struct apc_replication_gap *gap);
 
 #endif

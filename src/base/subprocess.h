@@ -5,7 +5,7 @@
  *
  * It holds the other end of a pair of sockets (SOCK_SEQPACKET: a message is whole or is not there) as its
  * descriptor 3. What it prints goes into a pipe that never makes it wait: what does not fit is gone. Who
- * keeps a companion asks it with its lock held, but where `starting` says that it is in other hands.
+ * keeps a subprocess asks it with its lock held, but where `starting` says that it is in other hands.
  */
 #ifndef APC_BASE_COMPANION_H
 #define APC_BASE_COMPANION_H

@@ -90,7 +90,7 @@ static int answer_tclab_line(struct apc_tclab *b, const char *line, char *reply,
     return snprintf(reply, size, "%s\r\n", !strcmp(line, "VER") ? NAME : "?");
 }
 
-int apc_tclab_answer(struct apc_tclab *board, const char *line, size_t length, char *reply, size_t size)
+int apc_tclab_answer(struct apc_tclab *tclab, const char *line, size_t length, char *reply, size_t size)
 {
     char text[64] = "";
 
@@ -100,20 +100,20 @@ int apc_tclab_answer(struct apc_tclab *board, const char *line, size_t length, c
         return 0;
     if (length < sizeof(text) && !memchr(line, '\0', length))
         memcpy(text, line, length); /* none of its lines is as long */
-    if (board->commanded)
-        (void)board->o.command(board->o.ctx, board->u, true);
-    const int n = answer_tclab_line(board, text, reply, size);
+    if (tclab->commanded)
+        (void)tclab->o.command(tclab->o.ctx, tclab->u, true);
+    const int n = answer_tclab_line(tclab, text, reply, size);
     return n > 0 && (size_t)n < size ? n : APC_ERANGE;
 }
 
-int apc_tclab_create(struct apc_tclab **board, const struct apc_tclab_options *options, struct apc_error *why)
+int apc_tclab_create(struct apc_tclab **tclab, const struct apc_tclab_options *options, struct apc_error *why)
 {
     struct apc_tclab_options o = {0};
     int rc;
 
-    if (!board)
+    if (!tclab)
         return apc_fail(why, APC_EINVAL, "apc_board_create: board must not be NULL");
-    *board = NULL;
+    *tclab = NULL;
     rc = apc_options_copy(&o, sizeof(o), options, "apc_board_options", why);
     if (rc < 0)
         return rc;
@@ -122,14 +122,14 @@ int apc_tclab_create(struct apc_tclab **board, const struct apc_tclab_options *o
                         "a temperature control lab has one or two heaters and sensors, not %zu and "
                         "%zu; command and measure are required",
                         o.nu, o.ny);
-    *board = calloc(1, sizeof(**board));
-    if (!*board)
+    *tclab = calloc(1, sizeof(**tclab));
+    if (!*tclab)
         return apc_fail(why, APC_ENOMEM, "no memory");
-    (*board)->o = o;
+    (*tclab)->o = o;
     return 0;
 }
 
-void apc_tclab_destroy(struct apc_tclab *board)
+void apc_tclab_destroy(struct apc_tclab *tclab)
 {
-    free(board);
+    free(tclab);
 }

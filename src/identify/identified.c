@@ -386,7 +386,7 @@ static double white_of(const double *e, size_t n)
 
 /* Errors e [n] of an output, and u [inputs * n], each input in one piece; behind each run there are LAGS of
  * NAN. */
-struct line_up {
+struct aligned_output {
     size_t n, inputs;
     const double *direct; /* [inputs] what each does at once */
     double *e, *u;
@@ -395,7 +395,7 @@ struct line_up {
 /* How much of the errors, whitened, the inputs of the last samples explain, filtered as the errors are; the
  * same sample's only where the model has it act at once: else a controller makes it of that very error. The
  * smallest probability, times the number of inputs, as the inputs are so many chances. */
-static int independent_of(const struct line_up *of, double *least)
+static int independent_of(const struct aligned_output *of, double *least)
 {
     const size_t n = of->n, rows = n - LAGS;
     double a[8], *Q = calloc((size_t)(LAGS + 2) * n + 2 * n + (size_t)(LAGS + 2) * (LAGS + 2), sizeof(*Q)),
@@ -442,7 +442,7 @@ static int independent_of(const struct line_up *of, double *least)
 
 /* Of each run the share from @p from on. */
 static void align_output(const struct apc_record *r, const double *ahead, size_t i, size_t from,
-                         struct line_up *to)
+                         struct aligned_output *to)
 {
     size_t at = 0;
 
@@ -462,7 +462,7 @@ static int score_record(const struct apc_linear *m, const struct apc_record *r, 
                         const struct score *score, const double *ahead, bool filtered,
                         struct apc_validation *of)
 {
-    struct line_up all = {.inputs = r->nu + r->nd};
+    struct aligned_output all = {.inputs = r->nu + r->nd};
     int rc = 0;
 
     for (size_t g = 0; g < apc_record_runs(r); g++) {

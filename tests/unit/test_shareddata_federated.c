@@ -16,7 +16,7 @@
 /* A live store of either kind, its history, both as one, and a store that has everything. */
 struct world {
     struct apc_store *live, *history, *both, *all;
-    struct apc_replication *forward;
+    struct apc_replication *replication;
     char uri[128];
     int64_t seq;
     int records;
@@ -58,7 +58,7 @@ static void world_begin(struct world *w, const char *scheme, const char *history
     ok(w->all, apc_store_init(w->all));
     w->history = open_uri(history);
     describe(w->live, "plant");
-    if (apc_replication_create(&w->forward, w->live, w->history, &why) != 0) {
+    if (apc_replication_create(&w->replication, w->live, w->history, &why) != 0) {
         fail_msg("%s", why.text);
     }
 }
@@ -66,7 +66,7 @@ static void world_begin(struct world *w, const char *scheme, const char *history
 static void world_end(struct world *w)
 {
     char path[160];
-    apc_replication_destroy(w->forward);
+    apc_replication_destroy(w->replication);
     apc_store_close(w->both);
     apc_store_close(w->history);
     apc_store_close(w->live);
@@ -77,9 +77,9 @@ static void world_end(struct world *w)
 
 static void move(struct world *w)
 {
-    const int moved = apc_replication_step(w->forward, FOREVER);
+    const int moved = apc_replication_step(w->replication, FOREVER);
     if (moved < 0) {
-        fail_msg("%s", apc_replication_error(w->forward));
+        fail_msg("%s", apc_replication_error(w->replication));
     }
 }
 

@@ -66,7 +66,7 @@ static int step(struct apc_replication *f)
 }
 
 /* By a forward of its own, as after a restart. */
-static int forward(struct apc_store *from, struct apc_store *to)
+static int replication(struct apc_store *from, struct apc_store *to)
 {
     struct apc_replication *f = begin(from, to);
     const int moved = step(f);
@@ -284,12 +284,12 @@ static void test_a_restart_goes_on_where_it_was(void **state)
     append_event(live, 1, "start");
     append_event(live, 2, "start");
     append_timing(live, 1);
-    assert_int_equal(forward(live, *state), 33);
-    assert_int_equal(forward(live, *state), 0);
+    assert_int_equal(replication(live, *state), 33);
+    assert_int_equal(replication(live, *state), 0);
     append(live, 11, 12);
     append_event(live, 3, "start");
     append_timing(live, 2);
-    assert_int_equal(forward(live, *state), 8);
+    assert_int_equal(replication(live, *state), 8);
     assert_whole(*state, APC_TICK, 1, 12);
     assert_whole(*state, APC_SENSOR, 1, 12);
     assert_events(*state, 3);
@@ -344,7 +344,7 @@ static void test_a_history_that_comes_back_older_gets_again_what_it_lost(void **
     append_event(live, 1, "start");
     append_timing(live, 1);
     set_setpoint(live, "anna");
-    forward(live, backup);
+    replication(live, backup);
     apc_store_close(backup);
     struct apc_replication *f = begin(live, history);
     step(f);
@@ -393,7 +393,7 @@ static void test_what_is_there_already_is_not_stored_again(void **state)
     append_event(*state, 1, "start");
     append_event(*state, 2, "start");
     append_timing(*state, 1);
-    assert_int_equal(forward(live, *state), 3 * 6 + 3 + 4);
+    assert_int_equal(replication(live, *state), 3 * 6 + 3 + 4);
     assert_whole(*state, APC_ACTUATOR, 1, 10);
     assert_events(*state, 5);
     assert_timing(*state, 5);
@@ -621,7 +621,7 @@ static void test_of_a_history_that_is_older_than_the_live_store_each_gap_is_told
         struct apc_store *live = live_make(1), *history = file_make("history"), *backup = file_make("backup");
         struct telling t = {.live = live, .history = history};
         tick_all(live, 1, 10);
-        forward(live, backup);
+        replication(live, backup);
         apc_store_close(backup);
         struct apc_replication *f = begin(live, history);
         apc_replication_tell(f, put_down, &t);
@@ -787,7 +787,7 @@ static void test_another_experiments_record_is_left_alone(void **state)
     assert_refused(live, *state, APC_EPERM, "another experiment");
     assert_whole(*state, APC_SENSOR, 1, 0);
     describe(*state, "plant", "m"); /* the same one may go on, whoever described it */
-    assert_true(forward(live, *state) > 0);
+    assert_true(replication(live, *state) > 0);
     live_drop(live);
 }
 
@@ -1013,7 +1013,7 @@ static void test_a_new_live_store_goes_on_from_its_history(void **state)
     struct apc_sample wanted = {.table = APC_TUNING, .id = 1, .time = 7 * APC_NS_PER_S, .value = 0.25};
     wanted.author = (uint32_t)apc_store_author(live, "anna");
     ok(live, apc_store_put(live, &wanted, 1));
-    forward(live, *state);
+    replication(live, *state);
     live_drop(live);
     live = live_make(4);
     assert_int_equal(apc_store_take_over(live, *state, &why), 4);
@@ -1025,7 +1025,7 @@ static void test_a_new_live_store_goes_on_from_its_history(void **state)
     assert_int_equal(apc_store_author_name(live, there.author, author), 0);
     assert_string_equal(author, "anna");
     append(live, 6, 8);
-    assert_int_equal(forward(live, *state), 9 + 1);
+    assert_int_equal(replication(live, *state), 9 + 1);
     assert_whole(*state, APC_SENSOR, 1, 8);
     assert_whole(*state, APC_TICK, 1, 8);
     assert_gap_is_told(*state, "1970-01-01T00:00:00.005000Z");
@@ -1088,7 +1088,7 @@ static void test_where_the_history_is_away_numbers_begin_above_it(void **state)
     struct apc_error why;
     struct apc_store *live = live_make(4);
     append(live, 1, 5);
-    forward(live, *state);
+    replication(live, *state);
     live_drop(live);
     live = live_make(4);
     struct apc_store *away = open_uri("sqlite:/nonexistent/folder/history.db", "away");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Inside the files seam*.c: a live store and its history behind one handle. */
+/* Inside the files federated*.c: a live store and its history behind one handle. */
 #ifndef APC_SHAREDDATA_SEAM_INTERNAL_H
 #define APC_SHAREDDATA_SEAM_INTERNAL_H
 

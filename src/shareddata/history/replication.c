@@ -567,13 +567,13 @@ static int move_rows(struct apc_replication *f)
 
 /* ---- The whole ----------------------------------------------------------------------------- */
 
-int apc_replication_create(struct apc_replication **forward, struct apc_store *from, struct apc_store *to,
+int apc_replication_create(struct apc_replication **replication, struct apc_store *from, struct apc_store *to,
                            struct apc_error *why)
 {
-    if (!forward) {
+    if (!replication) {
         return apc_fail(why, APC_EINVAL, "nowhere to put it");
     }
-    *forward = NULL;
+    *replication = NULL;
     if (!from || !to || from == to) {
         return apc_fail(why, APC_EINVAL, "from which store into which other one?");
     }
@@ -590,7 +590,7 @@ int apc_replication_create(struct apc_replication **forward, struct apc_store *f
         apc_replication_destroy(f);
         return apc_fail(why, APC_ENOMEM, "out of memory");
     }
-    *forward = f;
+    *replication = f;
     return 0;
 }
 

@@ -80,7 +80,7 @@ int apc_replication_fail_from(struct apc_replication *f, int err);
 int apc_replication_fail_to(struct apc_replication *f, int err);
 int apc_replication_no_memory(struct apc_replication *f);
 void apc_replication_count(struct apc_replication *f, uint64_t *of, int stored);
-/* After read_newest() of TO: is it FROM's, as far as FROM still has it? 0 or an error. */
+/* After read_newest_of_both() of TO: is it FROM's, as far as FROM still has it? 0 or an error. */
 int apc_replication_compare_places(struct apc_replication *f);
 /* Of what was just appended some was there already: was it the same? 0 or an error. */
 int apc_replication_compare_batch(struct apc_replication *f, size_t samples, size_t vectors);

@@ -73,7 +73,7 @@ static struct apc_sample chunk_sample(const struct apc_pack *chunk, size_t i, en
 /* ---- Samples ------------------------------------------------------------------------------- */
 
 /* In rising seq as they come, or the newest ones in falling seq, which are held until all are there. */
-struct seam {
+struct chunk_merge {
     struct apc_pg_stream s; /* the first member: the stream's row function has it */
     const struct apc_range *range;
     struct apc_pack chunk;
@@ -104,7 +104,7 @@ static int pg_give_sample(struct apc_pg_stream *s, const PGresult *result, int r
     return s->fn.sample(s->ctx, &sample) != 0;
 }
 
-static int hold_chunk_sample(struct seam *m, const struct apc_sample *sample)
+static int hold_chunk_sample(struct chunk_merge *m, const struct apc_sample *sample)
 {
     if (m->n == m->room) {
         const size_t room = m->room ? 2 * m->room : 256;
@@ -119,7 +119,7 @@ static int hold_chunk_sample(struct seam *m, const struct apc_sample *sample)
     return m->n == m->range->last;
 }
 
-static int merge_chunk_sample(struct seam *m, const struct apc_sample *sample)
+static int merge_chunk_sample(struct chunk_merge *m, const struct apc_sample *sample)
 {
     if (m->range->last > 0) {
         return hold_chunk_sample(m, sample);
@@ -136,7 +136,7 @@ static bool is_in_history_range(const struct apc_range *range, const struct apc_
 }
 
 /* The samples of the chunk at hand whose turn is before that of a seq. */
-static int turn_chunk(struct seam *m, int64_t seq)
+static int turn_chunk(struct chunk_merge *m, int64_t seq)
 {
     const bool falling = m->range->last > 0;
     int err = 0;
@@ -152,14 +152,14 @@ static int turn_chunk(struct seam *m, int64_t seq)
     return err;
 }
 
-static int turn_all(struct seam *m)
+static int turn_all(struct chunk_merge *m)
 {
     return turn_chunk(m, m->range->last > 0 ? 0 : INT64_MAX);
 }
 
 static int seam_row(struct apc_pg_stream *s, const PGresult *result, int row)
 {
-    struct seam *m = (struct seam *)s;
+    struct chunk_merge *m = (struct chunk_merge *)s;
     const int64_t seq = apc_pg_cell(result, row, 0);
     if (PQgetisnull(result, row, 6)) {
         const struct apc_sample sample = row_sample(s, result, row);
@@ -178,7 +178,7 @@ static int seam_row(struct apc_pg_stream *s, const PGresult *result, int row)
 }
 
 /* What is left when the stream has ended. */
-static int seam_end(struct seam *m)
+static int end_of_merge(struct chunk_merge *m)
 {
     struct apc_store *store = &m->s.pg->base;
     store->streaming = true;
@@ -194,7 +194,7 @@ static int seam_end(struct seam *m)
 static int seam_history(struct apc_pg_stream *s, const struct apc_pg_text *text,
                         const struct apc_range *range, const struct apc_pg_params *p)
 {
-    struct seam *m = (struct seam *)malloc(sizeof *m);
+    struct chunk_merge *m = (struct chunk_merge *)malloc(sizeof *m);
     if (!m) {
         return apc_fail(&s->pg->base.why, APC_ENOMEM, "out of memory for a chunk of samples");
     }
@@ -206,8 +206,8 @@ static int seam_history(struct apc_pg_stream *s, const struct apc_pg_text *text,
     m->count = 0;
     m->ended = false;
     m->newest = NULL;
-    int count = apc_pg_stream(&m->s, range->last > 0 ? text->seam_last : text->seam, p);
-    count = count < 0 ? count : seam_end(m);
+    int count = apc_pg_stream(&m->s, range->last > 0 ? text->merged_last : text->merged, p);
+    count = count < 0 ? count : end_of_merge(m);
     free(m->newest);
     free(m);
     return count;
@@ -228,8 +228,8 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
     char number[4];
     add_id(&p, number, id);
     const struct apc_pg_text *text = apc_pg_text_of(s.pg, table);
-    int chunks = !text ? APC_ESCHEMA : text->seam ? apc_pg_begin(s.pg) : 0;
-    chunks = chunks == 0 && text->seam ? apc_pg_has_chunks(s.pg) : chunks;
+    int chunks = !text ? APC_ESCHEMA : text->merged ? apc_pg_begin(s.pg) : 0;
+    chunks = chunks == 0 && text->merged ? apc_pg_has_chunks(s.pg) : chunks;
     if (chunks < 0) {
         return chunks;
     }
@@ -364,7 +364,7 @@ static int pg_fill_bins(struct binned *b, const struct apc_pg_text *text, int ch
     apc_pg_param(&p, bounds[0], 8);
     apc_pg_param(&p, bounds[1], 8);
     apc_pg_param(&p, edges->data, edges->length);
-    return apc_pg_stream(&b->s, chunks ? text->seam_bins : text->bins, &p);
+    return apc_pg_stream(&b->s, chunks ? text->merged_bins : text->bins, &p);
 }
 
 int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, apc_ns since, apc_ns until,
@@ -375,7 +375,7 @@ int apc_pg_history_bins(struct apc_store *store, enum apc_table table, int id, a
         .s = {.pg = pg, .row = pg_bin_row, .columns = 11, .large = true, .table = table, .id = id}};
     const struct apc_pg_text *text = apc_pg_text_of(pg, table);
     int chunks = text ? apc_pg_begin(pg) : APC_ESCHEMA;
-    chunks = chunks == 0 && text->seam ? apc_pg_has_chunks(pg) : chunks;
+    chunks = chunks == 0 && text->merged ? apc_pg_has_chunks(pg) : chunks;
     int err = chunks < 0 ? chunks : apc_bins_make(store, &b.bins, since, until, n);
     if (!err && chunks > 0) {
         b.chunk = (struct apc_pack *)malloc(sizeof *b.chunk);

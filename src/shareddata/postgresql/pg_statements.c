@@ -98,7 +98,7 @@
 #define ROWS(table)                                                                                          \
     " FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "            \
     "AND seq > $4::int8 "
-#define SEAM(table, key)                                                                                     \
+#define MERGED(table, key)                                                                                   \
     DECLARE "SELECT seq, time, status, value" MORE                                                           \
             ", NULL AS data" ROWS(table) "UNION ALL SELECT " key                                             \
                                          ", NULL, NULL, NULL, NULL, NULL, data" CHUNKS(table) "ORDER BY 1"
@@ -141,8 +141,8 @@
 
 #define NUMBERS(table) ROWS_OF(table, "")
 #define PACKED(table)                                                                                        \
-    .seam = SEAM(table, "first"), .seam_last = SEAM(table, "last") " DESC",                                  \
-    .seam_bins = BINS(table) ADD_CHUNKS(table)
+    .merged = MERGED(table, "first"), .merged_last = MERGED(table, "last") " DESC",                          \
+    .merged_bins = BINS(table) ADD_CHUNKS(table)
 #define SHARED_OF(table, as_is) ROWS_OF(table, as_is), .place_name = "place_" table, .place = PLACE(table)
 #define SHARED(table)           SHARED_OF(table, "")
 

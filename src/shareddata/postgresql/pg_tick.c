@@ -130,7 +130,7 @@ static void choose_chunks(struct apc_pg *pg, const struct apc_rows *rows)
     for (size_t at = 0; at < rows->n_samples; at = b.begin + b.n) {
         b = batch_at(pg, rows, at);
         struct apc_pg_place *place = &pg->places[at];
-        if (apc_table_shared(b.table) || !apc_pg_texts[b.table].seam) {
+        if (apc_table_shared(b.table) || !apc_pg_texts[b.table].merged) {
             continue;
         }
         sort_places(rows, place, b.n);

@@ -65,8 +65,8 @@ struct apc_pg_text {
     const char *place_name, *place;     /* prepared; the same of what nobody holds. Of what people write */
     const char *history, *history_last; /* declares cursor "rows" */
     const char *bins;                   /* likewise */
-    const char *seam, *seam_last, *seam_bins; /* the same with chunks; NULL: nothing of it is ever packed */
-    const char *paper_read, *paper_put;       /* the same on schema apc, for any PGconn */
+    const char *merged, *merged_last, *merged_bins; /* the same with chunks; NULL: it is never packed */
+    const char *paper_read, *paper_put;             /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
 /** The texts of a table, or NULL with the error APC_ESCHEMA: the schema has no such table any more. */
