@@ -4,7 +4,8 @@
  * each other, each a sequence of its own, so that which processor does it cannot be seen in the results:
  * first with effort weighted in several ways, which spreads the tries along the front of IAE against effort,
  * then with the weights that were asked for from the best tries of all. A search that comes to rest before
- * its share of the budget is used begins again elsewhere.
+ * its share of the budget is used begins again elsewhere. What is left of the budget follows the best try of
+ * all to its end, by Sbplx and by Powell's quadratic models (BOBYQA).
  */
 #include "optimize.h"
 
@@ -15,14 +16,18 @@
 
 #include "analyze/linear.h"
 
-#define SEARCHES  6    /* beside each other, of the first part; the second has as many */
-#define SCATTERED 24   /* tries all over the bounds before them */
-#define SHARE     0.5  /* of the budget is for the first part */
-#define LIGHTEST  0.02 /* weight of effort there, of that of IAE; each other is four times that before it */
-#define STEP      0.15 /* of a search at first, of the bounds */
-#define REST      1e-3 /* of the bounds: a search that moves by less has come to rest */
-#define STEEP     100  /* cost on the way of a peak twice as high as it may be */
-#define UNSTABLE  1e6  /* cost of a try whose plant diverges; the sooner the worse, by up to as much */
+#define SEARCHES    6    /* beside each other, of the first part; the second has as many */
+#define FOLLOWERS   2    /* of the last part */
+#define SCATTERED   24   /* tries all over the bounds before them */
+#define SHARE       0.3  /* of the budget is for the first part */
+#define FOLLOW      0.4  /* of it is for the last one */
+#define LIGHTEST    0.02 /* weight of effort there, of that of IAE; each other is four times that before it */
+#define STEP        0.15 /* of a search at first, of the bounds */
+#define POLISH_STEP 0.1  /* of one that follows */
+#define REST        1e-3 /* of the bounds: a search that moves by less has come to rest */
+#define POLISH_REST 1e-4 /* likewise of one that follows */
+#define STEEP       100  /* cost on the way of a peak twice as high as it may be */
+#define UNSTABLE    1e6  /* cost of a try whose plant diverges; the sooner the worse, by up to as much */
 
 /* ---- Numbers -------------------------------------------------------------------------------- */
 
@@ -214,31 +219,48 @@ static double objective(unsigned n, const double *x, double *gradient, void *ctx
     return a->stable ? price(a, w) + STEEP * excess(a, w) : UNSTABLE * (2 - a->lasted);
 }
 
+/* Until it moves by less than @p rest, or its share is used. False: it cannot go on. */
+static bool run_local_search(struct pursuit *p, nlopt_algorithm how, double step, double rest, double *x)
+{
+    const struct stage *s = p->stage;
+    const unsigned before = p->used;
+    double cost;
+    p->opt = nlopt_create(how, (unsigned)s->z->own.n);
+    if (!p->opt)
+        return false;
+    nlopt_set_lower_bounds1(p->opt, 0);
+    nlopt_set_upper_bounds1(p->opt, 1);
+    nlopt_set_initial_step1(p->opt, step);
+    nlopt_set_xtol_abs1(p->opt, rest);
+    nlopt_set_maxeval(p->opt, (int)(s->each - p->used));
+    nlopt_set_min_objective(p->opt, objective, p);
+    nlopt_optimize(p->opt, x, &cost);
+    nlopt_destroy(p->opt);
+    return p->used > before && p->used < s->each && !atomic_load(&s->z->farm->stop);
+}
+
 static void pursue(void *ctx, unsigned job)
 {
     const struct stage *s = ctx;
-    const unsigned n = (unsigned)s->z->own.n;
     struct pursuit p = {.stage = s, .job = job};
-    double x[OPTIMIZE_NUMBERS], cost;
+    double x[OPTIMIZE_NUMBERS];
     memcpy(x, s->start[job], sizeof x);
-    for (unsigned again = 0; p.used < s->each && !atomic_load(&s->z->farm->stop); again++) {
-        const unsigned before = p.used;
-        p.opt = nlopt_create(NLOPT_LN_SBPLX, n);
-        if (!p.opt)
-            return;
-        nlopt_set_lower_bounds1(p.opt, 0);
-        nlopt_set_upper_bounds1(p.opt, 1);
-        nlopt_set_initial_step1(p.opt, STEP);
-        nlopt_set_xtol_abs1(p.opt, REST);
-        nlopt_set_maxeval(p.opt, (int)(s->each - p.used));
-        nlopt_set_min_objective(p.opt, objective, &p);
-        nlopt_optimize(p.opt, x, &cost);
-        nlopt_destroy(p.opt);
-        for (unsigned i = 0; i < n; i++)
+    for (unsigned again = 0; run_local_search(&p, NLOPT_LN_SBPLX, STEP, REST, x); again++)
+        for (size_t i = 0; i < s->z->own.n; i++)
             x[i] = halton(SCATTERED + 1 + job + SEARCHES * again, i);
-        if (p.used == before)
-            return;
-    }
+}
+
+/* Again from where it has come to, ever shorter at first, until it does not move any more: then from there
+ * as far as at first. BOBYQA is for two numbers or more. */
+static void polish(void *ctx, unsigned job)
+{
+    const struct stage *s = ctx;
+    const nlopt_algorithm how = job == 0 || s->z->own.n < 2 ? NLOPT_LN_SBPLX : NLOPT_LN_BOBYQA;
+    struct pursuit p = {.stage = s, .job = job};
+    double x[OPTIMIZE_NUMBERS], step = POLISH_STEP;
+    memcpy(x, s->start[job], sizeof x);
+    while (run_local_search(&p, how, step, POLISH_REST, x))
+        step = step > 10 * POLISH_REST ? step / 4 : POLISH_STEP;
 }
 
 static int run_stage(struct stage *s, void (*work)(void *ctx, unsigned job), struct apc_error *why)
@@ -392,10 +414,17 @@ static int search(struct optimization *z, struct stage *s, struct apc_error *why
         return rc;
     s->first += s->jobs * s->each;
     s->jobs = find_starts(z, s);
+    s->each = (unsigned)(z->tries - s->first - FOLLOW * left) / s->jobs;
+    for (unsigned k = 0; k < SEARCHES; k++)
+        s->weights[k] = z->own.weights;
+    if ((rc = run_stage(s, pursue, why)) < 0 || is_search_stopped(z))
+        return rc;
+    s->first += s->jobs * s->each;
+    s->jobs = FOLLOWERS;
     s->each = (z->tries - s->first) / s->jobs;
     for (unsigned k = 0; k < s->jobs; k++)
-        s->weights[k] = z->own.weights;
-    return run_stage(s, pursue, why);
+        start_at(s, k, best_by(z, &z->own.weights));
+    return run_stage(s, polish, why);
 }
 
 int optimization_search(struct optimization *z, struct apc_error *why)
