@@ -310,6 +310,7 @@ static void a_device_that_is_busy_is_asked_again_in_time(void **state)
     const struct apc_modbus_point p = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 30);
     struct bench *b = start(1, 1, (struct apc_modbus_options){.u = &p, .y = &p});
     struct apc_value u = {.value = 7}, y;
+    int rc;
     (void)state;
     b->peer.busy = 3;
     assert_int_equal(exchange(b, &u, &y), 0);
@@ -322,10 +323,16 @@ static void a_device_that_is_busy_is_asked_again_in_time(void **state)
         b->peer.behaviour = MODBUS_EXCEPTION;
         b->peer.exception = exception;
         pthread_mutex_unlock(&b->peer.mutex);
-        assert_int_equal(apc_exchange_begin(b->x, NULL, apc_clock_mono(NULL) + 50 * APC_NS_PER_MS), 0);
-        assert_int_equal(apc_exchange_finish(b->x, &y), 0);
+        do { /* a machine that is busy itself may have no answer in time */
+            rc = apc_exchange_begin(b->x, NULL, apc_clock_mono(NULL) + 50 * APC_NS_PER_MS);
+            rc = rc == 0 ? apc_exchange_finish(b->x, &y) : rc;
+        } while (rc == APC_ETIMEDOUT);
+        assert_int_equal(rc, 0);
         assert_int_equal(y.status, APC_BAD_NO_DATA);
-        assert_int_equal(apc_exchange_begin(b->x, &u, apc_clock_mono(NULL) + 50 * APC_NS_PER_MS), APC_EPERM);
+        do {
+            rc = apc_exchange_begin(b->x, &u, apc_clock_mono(NULL) + 50 * APC_NS_PER_MS);
+        } while (rc == APC_ETIMEDOUT);
+        assert_int_equal(rc, APC_EPERM);
     }
     end(b);
 }
