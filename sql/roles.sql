@@ -20,8 +20,8 @@ BEGIN
     IF to_regclass('migration') IS NULL THEN
         RAISE 'no plant''s schema in the search_path: run apc init, then SET search_path TO apc';
     END IF;
-    IF to_regclass('catalogue') IS NULL OR to_regclass('state') IS NOT NULL OR to_regproc('trend_bins') IS NULL THEN
-        RAISE 'the plant''s schema is of an older version: run apc init first';
+    IF NOT EXISTS (SELECT FROM migration AS m WHERE m.name = '0001-baseline') THEN
+        RAISE 'the plant''s schema is of before the baseline: run apc init first';
     END IF;
     FOREACH name IN ARRAY ARRAY['apc_plant', 'apc_client', 'apc_controller', 'apc_scheduler', 'apc_alarms',
                                 'apc_historian', 'apc_operator', 'apc_engineer', 'apc_observer'] LOOP
@@ -124,7 +124,6 @@ ALTER TABLE opmode ENABLE ROW LEVEL SECURITY;
 DROP POLICY IF EXISTS all_read ON opmode;
 DROP POLICY IF EXISTS operator_target ON opmode;
 DROP POLICY IF EXISTS engineer_target ON opmode;
-DROP POLICY IF EXISTS controller_actual ON opmode; -- of version 1
 CREATE POLICY all_read ON opmode FOR SELECT USING (true); -- who is granted SELECT
 CREATE POLICY operator_target ON opmode FOR INSERT TO apc_operator
     WITH CHECK (id = 0 OR id BETWEEN 65536 AND 5 * 65536 - 1 OR id IN (SELECT loops()));

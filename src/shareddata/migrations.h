@@ -12,6 +12,9 @@ struct apc_migration {
     const char *sql; /* the schema is the first of the search_path */
 };
 
+/* What was made before the first release, and lacks something: that commit's `apc init` is the one way. */
+#define APC_FORMER_COMMIT "1f068024"
+
 extern const struct apc_migration apc_migrations[];
 extern const int apc_migration_count;
 

@@ -17,7 +17,7 @@
  * A block holds 128 numbers, the last one what is left: 8 bytes base, 1 byte width, then of each number width
  * bits, which are added to the base. With width 64 the base is 0, and the bits are the number.
  *
- * sql/0007-repair-packed.sql reads the same in SQL.
+ * sql/0001-baseline.sql reads the same in SQL.
  */
 #ifndef APC_PACK_H
 #define APC_PACK_H

@@ -197,20 +197,18 @@ test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   equal "$(sql "SELECT count(*) FROM maintained.event WHERE source = 't'")" 0 "events with --keep-events"
 }
 
-test_init_brings_tables_of_version_1_along_and_says_what_to_run_again() {
-  sql "CREATE SCHEMA old; SET search_path TO old, pg_temp; $(<"$(dirname "$0")/../../sql/0001-tables.sql")
-       INSERT INTO migration (version, name) VALUES (1, '0001-tables')" >/dev/null
+test_init_takes_tables_of_before_the_baseline_or_says_the_way() {
+  run 0 init --store 'postgresql:#old'
+  sql "SET search_path TO old, pg_temp; UPDATE migration SET version = 4, name = '0004-loops'" >/dev/null
   run 1 get --store 'postgresql:#old'
-  err_has "is version 1"
+  err_has "run apc init"
+  run 1 init --store 'postgresql:#old'
+  err_has "lacks 0012-repair-times: run apc init of commit "
+  sql "INSERT INTO old.repair (name) VALUES ('0012-repair-times')" >/dev/null
   run 0 init --store 'postgresql:#old'
-  out_has "brought from version 1 to .*run sql/roles.sql again"
-  run 0 init --store 'postgresql:#old'
-  out_has "up to date"
-  sql "DROP SCHEMA old CASCADE; CREATE SCHEMA old; SET search_path TO old, pg_temp; $(<"$(dirname "$0")/../../sql/0001-tables.sql")
-       INSERT INTO migration (version, name) VALUES (1, '0001-tables')" >/dev/null 2>&1
-  run 0 init --store "sqlite:$work/from.db"
-  run 0 copy "sqlite:$work/from.db" 'postgresql:#old'
-  out_has "brought from version 1 to "
+  out_has "up to date .version 1"
+  run 0 status --store 'postgresql:#old'
+  out_has "the tables are those of 0001-baseline"
   sql "DROP SCHEMA old CASCADE" >/dev/null 2>&1
 }
 

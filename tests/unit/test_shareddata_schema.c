@@ -412,95 +412,6 @@ static void test_a_newer_schema_that_says_it_is_compatible_is_worked_with(void *
     apc_store_close(store);
 }
 
-/* A plant as version 1 made it. */
-static void make_version_1(bool repaired)
-{
-    char sql[200];
-    snprintf(sql, sizeof sql,
-             "DROP SCHEMA plant%d CASCADE; CREATE SCHEMA plant%d; SET search_path TO plant%d, pg_temp", plant,
-             plant, plant);
-    cluster_query(cluster, sql);
-    cluster_query_file(cluster, APC_SQL_DIR "/0001-tables.sql");
-    cluster_query(cluster, "INSERT INTO migration (version, name) VALUES (1, '0001-tables')");
-    if (repaired) {
-        cluster_query_file(cluster, APC_SQL_DIR "/0002-repair-rights.sql");
-        cluster_query(cluster, "INSERT INTO repair (name) VALUES ('0002-repair-rights')");
-    }
-    cluster_query(cluster, "RESET search_path");
-}
-
-/* Promise(database/apc-init-once) */
-static void test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs(void **state)
-{
-    (void)state;
-    for (int repaired = 0; repaired < 2; repaired++) {
-        make_version_1(repaired);
-        struct apc_store *store = open_direct(LONG);
-        struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
-        assert_int_equal(apc_store_append(store, &s, 1), APC_ESCHEMA);
-        assert_says(store, "is version 1, this library needs 4: run apc init");
-        assert_int_equal(apc_store_init(store), 1);
-        assert_string_equal(ask("SELECT string_agg(name, ' ' ORDER BY name) FROM repair"),
-                            "0002-repair-rights 0005-repair-owner 0006-repair-claims 0007-repair-packed "
-                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend "
-                            "0012-repair-times");
-        assert_string_equal(ask("SELECT count(*) FROM event WHERE text LIKE '%0002-repair-rights%'"),
-                            repaired ? "0" : "1");
-        assert_int_equal(apc_store_init(store), 4);
-        assert_string_equal(ask("SELECT string_agg(name, ' ' ORDER BY name) FROM repair"),
-                            "0002-repair-rights 0005-repair-owner 0006-repair-claims 0007-repair-packed "
-                            "0008-repair-plants 0009-repair-once 0010-repair-open 0011-repair-trend "
-                            "0012-repair-times");
-        assert_int_equal(apc_store_append(store, &s, 1), 1);
-        apc_store_close(store);
-    }
-}
-
-/* As apc init of a library of version 3 brought it along. */
-static void make_version_3(void)
-{
-    char sql[100];
-    snprintf(sql, sizeof sql, "SET search_path TO plant%d, pg_temp", plant);
-    cluster_query(cluster, sql);
-    cluster_query_file(cluster, APC_SQL_DIR "/0003-rows.sql");
-    cluster_query(cluster, "RESET search_path");
-}
-
-/* What a program of version 1 says to its tables, word by word. */
-static const char *const version_1[] = {
-    "PREPARE read_actuator AS SELECT v.i, n.* FROM unnest($1::int4[]) WITH ORDINALITY AS v (id, i) CROSS "
-    "JOIN "
-    "LATERAL (SELECT seq, time, status, value, sensor_seq, setpoint_seq FROM actuator_newest WHERE id = v.id "
-    "LIMIT "
-    "1) AS n",
-    "PREPARE append_sensor AS INSERT INTO sensor (id, seq, time, status, value) SELECT * FROM "
-    "unnest($1::int4[], "
-    "$2::int8[], $3::timestamptz[], $4::int8[], $5::float8[])",
-    "PREPARE append_actuator AS INSERT INTO actuator (id, seq, time, status, value, sensor_seq, "
-    "setpoint_seq) "
-    "SELECT * FROM unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[], $6::int8[], "
-    "$7::int8[])",
-    "PREPARE append_opmode AS INSERT INTO opmode (id, seq, time, status, value) SELECT * FROM "
-    "unnest($1::int4[], "
-    "$2::int8[], $3::timestamptz[], $4::int8[], $5::float8[])",
-    "PREPARE repeat_sensor AS INSERT INTO sensor (id, seq, time, status, value) SELECT id, seq, time, "
-    "status, value "
-    "FROM unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]) WITH ORDINALITY AS v "
-    "(id, "
-    "seq, time, status, value, i) WHERE i IN (SELECT absent('sensor', $1::int4[], $2::int8[]))",
-    "PREPARE put_setpoint AS INSERT INTO setpoint (id, seq, time, status, value) SELECT v.id, "
-    "coalesce((SELECT seq "
-    "FROM setpoint_newest WHERE id = v.id), 0) + 1, v.time, v.status, v.value FROM unnest($1::int4[], "
-    "$2::timestamptz[], $3::int8[], $4::float8[]) AS v (id, time, status, value) ORDER BY v.id RETURNING id, "
-    "seq",
-    "PREPARE swap_opmode AS INSERT INTO opmode (id, seq, time, status, value) SELECT id, seq + 1, time, "
-    "status, "
-    "value FROM unnest($1::int4[], $2::int8[], $3::timestamptz[], $4::int8[], $5::float8[]) AS v (id, seq, "
-    "time, "
-    "status, value) WHERE v.seq = coalesce((SELECT seq FROM opmode_newest WHERE id = v.id), 0) ORDER BY v.id "
-    "RETURNING id, seq",
-};
-
 static const char *say(PGconn *conn, const char *sql)
 {
     static char answer[300];
@@ -524,268 +435,96 @@ static PGconn *connect_to_plant(void)
     return conn;
 }
 
-static PGconn *connect_version_1(void)
+/* What a database of before the baseline says of its files; the tables are the same. */
+static const char former[] =
+    "DELETE FROM migration; INSERT INTO migration (version, name, compatible_from) VALUES "
+    "(1, '0001-tables', NULL), (3, '0003-rows', 1), (4, '0004-loops', 4); INSERT INTO repair (name) VALUES "
+    "('0002-repair-rights'), ('0005-repair-owner'), ('0006-repair-claims'), ('0007-repair-packed'), "
+    "('0008-repair-plants'), ('0009-repair-once'), ('0010-repair-open'), ('0011-repair-trend'), "
+    "('0012-repair-times')";
+
+#define FILES                                                                                                \
+    "SELECT string_agg(name, ' ' ORDER BY name) FROM (SELECT name FROM migration UNION ALL "                 \
+    "SELECT name FROM repair) AS f"
+
+/* Each row of each table. */
+static void sum_up(char sum[64])
 {
-    PGconn *conn = connect_to_plant();
-    say(conn, "SET plan_cache_mode TO force_generic_plan");
-    assert_string_equal(say(conn, "SELECT coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version) FROM "
-                                  "migration m ORDER BY version DESC LIMIT 1"),
-                        "1");
-    for (size_t i = 0; i < sizeof version_1 / sizeof version_1[0]; i++) {
-        assert_string_equal(say(conn, version_1[i]), "");
-    }
-    return conn;
-}
-
-/* The k-th tick of each program, and what an operator and `apc init` do. */
-static void run_version_1(PGconn *conn, int k)
-{
-    char sql[400], expected[20];
-    snprintf(expected, sizeof expected, "%d", k);
-    snprintf(sql, sizeof sql, "EXECUTE append_sensor('{1,2}', '{%d,%d}', '{now,now}', '{0,0}', '{%d,2}')", k,
-             k, k);
-    assert_string_equal(say(conn, sql), "2");
-    snprintf(sql, sizeof sql, "EXECUTE repeat_sensor('{1,2}', '{%d,%d}', '{now,now}', '{0,0}', '{%d,2}')", k,
-             k, k);
-    assert_string_equal(say(conn, sql), "0");
-    snprintf(sql, sizeof sql,
-             "BEGIN; EXECUTE append_actuator('{1}', '{%d}', '{now}', '{0}', '{5}', '{%d}', "
-             "'{NULL}'); EXECUTE append_opmode('{1}', '{%d}', '{now}', '{0}', '{1}'); COMMIT",
-             k, k, 3 * k);
-    assert_string_equal(say(conn, sql), "");
-    assert_string_equal(say(conn, "EXECUTE read_actuator('{1,7}')"), "");
-    assert_string_equal(say(conn, "EXECUTE put_setpoint('{1}', '{now}', '{0}', '{7}')"), expected);
-    snprintf(sql, sizeof sql, "EXECUTE swap_opmode('{0}', '{%d}', '{now}', '{0}', '{0}')", k - 1);
-    assert_string_equal(say(conn, sql), expected);
-    assert_string_equal(
-        say(conn, "BEGIN; DELETE FROM tag; INSERT INTO tag (table_name, id, name, unit, description, "
-                  "low, high) VALUES ('sensor', 1, 'y', '', '', 0, 1), ('opmode', 0, 'mode', '', '', "
-                  "0, 1), ('opmode', 1, 'mode.actual', '', '', 0, 2); COMMIT"),
-        "");
-    assert_string_equal(
-        say(conn, "INSERT INTO event (time, severity, source, kind, text) VALUES (now(), 1, 'x', 'y', "
-                  "'z')"),
-        "1");
-    assert_string_equal(say(conn, "CALL maintain(now(), NULL, NULL, NULL, NULL)"), "0");
-}
-
-/* Promise(database/apc-init-once) */
-static void test_programs_of_version_1_go_on_over_the_upgrade_and_after_it(void **state)
-{
-    (void)state;
-    make_version_1(true);
-    PGconn *conn = connect_version_1();
-    assert_string_equal(say(conn, "SELECT last FROM claim('sensor', 2)"), "{0,0}");
-    run_version_1(conn, 1);
-    make_version_3();
-    run_version_1(conn, 2);
-
-    PGconn *second = connect_version_1(); /* as after a reconnect */
-    assert_true(strstr(say(second, "SELECT holder FROM claim('sensor', 2)"), "server process") != NULL);
-    PQfinish(conn);
-    assert_true(cluster_await(cluster,
-                              "SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND database = "
-                              "(SELECT oid FROM pg_database WHERE datname = current_database())",
-                              "0"));
-    assert_string_equal(say(second, "SELECT last FROM claim('sensor', 2)"), "{2,2}");
-    char sql[100];
-    snprintf(sql, sizeof sql, "LISTEN apc_%s", say(second, "SELECT 'sensor'::regclass::oid"));
-    say(second, sql);
-    run_version_1(second, 3);
-    say(second, "SELECT 1");
-    PGnotify *told = PQnotifies(second);
-    assert_non_null(told); /* a wait of theirs ends by it */
-    PQfreemem(told);
-    PQfinish(second);
-
-    /* What they wrote is what it was, and this library reads it. */
-    assert_string_equal(
-        ask("SELECT string_agg(seq || ':' || value, ' ' ORDER BY seq) FROM sensor WHERE id = 1"),
-        "1:1 2:2 3:3");
-    assert_string_equal(
-        ask("SELECT string_agg(sensor_seq || coalesce(origin, 0)::text, ' ' ORDER BY seq) FROM actuator"),
-        "10 20 30");
-    assert_string_equal(ask("SELECT string_agg(id || ':' || seq, ' ' ORDER BY id) FROM opmode_newest"),
-                        "0:3 1:9");
-}
-
-/* The rights that a scheduler of version 1 had; sql/roles.sql was not run again yet. */
-/* Promise(database/apc-init-once) */
-static void test_a_role_of_version_1_goes_on_with_the_rights_it_had(void **state)
-{
-    (void)state;
-    make_version_1(true);
-    char role[64], sql[900];
-    snprintf(role, sizeof role, "v%d_%s", plant, cluster_database(cluster));
     snprintf(
-        sql, sizeof sql,
-        "CREATE ROLE %s; GRANT USAGE ON SCHEMA plant%d TO %s; SET search_path TO plant%d; GRANT SELECT ON "
-        "migration, tag, dim, dim_newest, setpoint, setpoint_newest TO %s; GRANT INSERT ON setpoint TO %s; "
-        "GRANT "
-        "EXECUTE ON FUNCTION claim(text, int), absent(text, int[], bigint[]) TO %s; RESET search_path",
-        role, plant, role, plant, role, role, role);
-    cluster_query(cluster, sql);
-    make_version_3();
-    PGconn *conn = connect_version_1();
-    snprintf(sql, sizeof sql, "SET SESSION AUTHORIZATION %s", role);
-    say(conn, sql);
-    assert_string_equal(say(conn, "SELECT last FROM claim('setpoint', 1)"), "{0}");
-    assert_string_equal(say(conn, "EXECUTE put_setpoint('{1}', '{now}', '{0}', '{7}')"), "1");
-    assert_string_equal(say(conn, "EXECUTE put_setpoint('{1}', '{now}', '{0}', '{7}')"), "2");
-    assert_string_equal(say(conn, "SELECT count(*) FROM absent('setpoint', '{1,1}', '{2,3}')"), "1");
-    PQfinish(conn);
-    snprintf(sql, sizeof sql, "DROP OWNED BY %s; DROP ROLE %s", role, role);
-    cluster_query(cluster, sql);
-}
-
-/* ---- From one controller to loops ----------------------------------------------------------------- */
-
-#define PROCESS "sensor", "actuator", "setpoint", "tuning", "manual", "dim"
-
-/* What a run of version 1 with two outputs leaves: ticks, modes that changed, a state, and a seq that
- * poisons. */
-static void fill_version_1(void)
-{
-    PGconn *conn = connect_version_1();
-    for (int k = 1; k <= 5; k++) {
-        run_version_1(conn, k);
-    }
-    assert_string_equal(
-        say(conn, "INSERT INTO dim VALUES (1, 1, now(), 0, 2), (2, 1, now(), 0, 2), (3, 1, now(), 0, 2)"),
-        "3");
-    assert_string_equal(say(conn, "INSERT INTO state SELECT 0, k, now() - k * interval '1 day', 0, k FROM "
-                                  "generate_series(1, 9) AS k"),
-                        "9");
-    assert_string_equal(
-        say(conn, "INSERT INTO tuning VALUES (1, 1, '2020-01-01', 0, 0.2), (1, 2, now(), 0, 0.3)"), "2");
-    assert_string_equal(say(conn, "INSERT INTO opmode VALUES (0, 6, '2026-01-31', 5, 1)"), "1");
-    assert_string_equal(
-        say(conn, "INSERT INTO tag (table_name, id, name) VALUES ('actuator', 1, 'u1'), ('actuator', 2, "
-                  "'u2'), ('state', 0, 'experiment')"),
-        "3");
-    PQfinish(conn);
-}
-
-/* Each row of each table of process values, in columns that version 1 knows. */
-static void sum_up(char sums[6][64])
-{
-    static const char *const tables[] = {PROCESS};
-    for (size_t i = 0; i < 6; i++) {
-        char sql[300];
-        snprintf(
-            sql, sizeof sql,
-            "SELECT md5(string_agg(ROW(id, seq, time, status, value%s)::text, ' ' ORDER BY id, seq)) FROM %s",
-            strcmp(tables[i], "actuator") == 0 ? ", sensor_seq, setpoint_seq" : "", tables[i]);
-        snprintf(sums[i], 64, "%s", ask(sql));
-        assert_int_equal(strlen(sums[i]), tables[i][0] == 'm' ? 0 : 32); /* nobody wrote manual */
-    }
+        sum, 64, "%s",
+        ask("SELECT md5(string_agg(query_to_xml(format('SELECT * FROM %I AS t ORDER BY t::text', relname), "
+            "true, false, '')::text, '' ORDER BY relname)) FROM pg_class WHERE relkind = 'r' AND "
+            "relnamespace = current_schema()::regnamespace AND relname NOT IN ('migration', 'repair', "
+            "'event')"));
+    assert_int_equal(strlen(sum), 32);
 }
 
 /*
- * Promise(database/version-4-moves): Version 4 moves modes to loops, touches no row of a process value,
- *   names who is still connected, and goes on.
+ * Promise(database/before-baseline): A database of before the baseline is taken as it is when it has all
+ *   repairs, and else refused and left alone.
  */
-static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **state)
+static void test_a_database_of_before_the_baseline_is_taken_as_it_is(void **state)
 {
     (void)state;
-    for (int from = 1; from <= 3; from += 2) {
-        make_version_1(true);
-        fill_version_1();
-        if (from == 3) {
-            make_version_3();
-        }
-        char before[6][64] = {{0}}, after[6][64] = {{0}};
+    char before[64], after[64];
+    struct apc_store *store = open_direct(LONG);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1), r = {.table = APC_SETPOINT, .id = 1, .value = 7};
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+    ok(store, apc_store_put(store, &r, 1));
+    apc_store_close(store);
+    ask(former);
+    sum_up(before);
+
+    store = open_direct(LONG);
+    assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
+    assert_says(store, "run apc init");
+    assert_int_equal(apc_store_init(store), apc_store_version());
+    sum_up(after);
+    assert_string_equal(after, before);
+    assert_string_equal(ask(FILES), "0001-baseline");
+    assert_string_equal(ask("SELECT version || ' ' || count(*) OVER () FROM migration"), "1 1");
+    assert_string_equal(ask("SELECT source || ': ' || text FROM event"),
+                        "apc init: the tables are those of 0001-baseline");
+    s = sample(APC_SENSOR, 1, 2, 2);
+    assert_int_equal(append_again(store, &s, 1), 1);
+    assert_int_equal(newest(store, APC_SETPOINT, 1).seq, 1);
+    assert_int_equal(apc_store_init(store), apc_store_version());
+    assert_string_equal(ask("SELECT count(*) FROM event"), "1");
+    apc_store_close(store);
+}
+
+/* Promise(database/before-baseline) */
+static void test_a_database_that_lacks_a_repair_is_refused_and_left_alone(void **state)
+{
+    (void)state;
+    static const char *const without[] = {
+        "DELETE FROM repair WHERE name = '0012-repair-times'",
+        "DELETE FROM repair; DELETE FROM migration WHERE version > 1",
+        "DROP TABLE repair; ALTER TABLE migration DROP COLUMN compatible_from; CREATE VIEW repair AS SELECT "
+        "name FROM migration",
+    };
+    char before[64], after[64], files[300];
+    struct apc_store *store = open_direct(LONG);
+    struct apc_sample s = sample(APC_SENSOR, 1, 1, 1);
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+    apc_store_close(store);
+    ask(former);
+    for (size_t i = 0; i < sizeof without / sizeof without[0]; i++) {
+        ask(without[i]);
+        snprintf(files, sizeof files, "%s", ask(FILES));
         sum_up(before);
-        struct apc_store *store = open_direct(LONG);
-        assert_int_equal(apc_store_connect(store), APC_ESCHEMA); /* until it is brought along */
-        assert_says(store, "run apc init");
-        assert_int_equal(apc_store_init(store), from);
+        store = open_direct(LONG);
+        assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
+        assert_int_equal(apc_store_init(store), APC_ESCHEMA);
+        assert_says(store, "lacks 0012-repair-times: run apc init of commit");
+        assert_string_equal(ask(FILES), files);
         sum_up(after);
-        assert_memory_equal(before, after, sizeof before);
-        assert_string_equal(
-            ask("SELECT version || ' ' || compatible_from FROM migration ORDER BY version DESC LIMIT 1"),
-            "4 4");
-
-        /* Each loop has the target that was everybody's, above all seqs of its id; their actual mode is a
-         * history. */
-        assert_string_equal(
-            ask("SELECT string_agg(id || ':' || seq || ':' || value || ':' || status || ':' || time::date,"
-                " ' ' ORDER BY id, seq) FROM opmode WHERE id > 0"),
-            "1:16:1:5:2026-01-31 2:1:1:5:2026-01-31");
-        assert_string_equal(ask("SELECT count(*) FROM opmode WHERE id = 0"), "6");
-        assert_string_equal(
-            ask("SELECT string_agg(t.name || ' ' || t.controller || ' ' || (SELECT count(*) || ' ' || "
-                "max(seq) FROM actual AS a WHERE a.id = t.number), ', ' ORDER BY t.id) FROM tag AS t "
-                "WHERE table_name = 'opmode' AND id > 0"),
-            "u1 controller 5 5, u2 controller 5 5");
-
-        /* It goes on: a tick, the mode of all, a loop's own. */
-        double x[2] = {1, 2};
-        struct apc_sample u = sample(APC_ACTUATOR, 1, 6, 1),
-                          mode = {.table = APC_OPMODE, .id = 0, .value = 0};
-        struct apc_vector tick = {.table = APC_TICK, .id = 1, .seq = 1, .n = 2, .room = 2, .value = x};
-        const struct apc_rows rows = {
-            .size = sizeof rows, .sample = &u, .n_samples = 1, .vector = &tick, .n_vectors = 1};
-        u.origin = 1;
-        assert_int_equal(apc_store_append_rows(store, &rows), 2);
-        assert_int_equal(newest(store, APC_ACTUATOR, 1).origin, 1);
-        ok(store, apc_store_put(store, &mode, 1));
-        mode.id = 2;
-        mode.value = 3;
-        ok(store, apc_store_put(store, &mode, 1));
-        assert_int_equal(newest(store, APC_OPMODE, 1).seq, 17);
-        assert_near(newest(store, APC_OPMODE, 1).value, 0, 0);
-        assert_near(newest(store, APC_OPMODE, 2).value, 3, 0);
-
-        /* What a controller resumed from is kept, read by nobody, until it is older than what is kept. */
-        struct apc_sample s = {.table = APC_STATE, .id = 0};
-        assert_int_equal(apc_store_read(store, &s, 1), APC_ESCHEMA);
-        assert_says(store, "no table state since version 4");
-        assert_true(apc_store_connected(store));
-        assert_string_equal(ask("SELECT count(*) FROM state_v1"), "9");
-        struct apc_retention keep = {.size = sizeof keep, .samples = WEEK};
-        ok(store, apc_store_maintain(store, &keep));
-        assert_string_equal(ask("SELECT count(*) FROM state_v1"), "9");
-        keep.samples = 3600 * APC_NS_PER_S;
-        ok(store, apc_store_maintain(store, &keep));
-        assert_string_equal(ask("SELECT coalesce(to_regclass('state_v1')::text, 'gone')"), "gone");
-        ok(store, apc_store_maintain(store, &keep));
+        assert_string_equal(after, before);
         apc_store_close(store);
     }
 }
 
-/* Promise(database/version-4-moves) */
-static void test_programs_that_are_still_there_are_named_and_nothing_is_changed(void **state)
-{
-    (void)state;
-    make_version_1(true);
-    fill_version_1();
-    struct apc_store *admin = open_direct(LONG);
-    PGconn *conn = connect_version_1();
-    say(conn, "SET application_name TO 'apc-controller'");
-    assert_true(apc_store_init(admin) < 0);
-    assert_says(admin, "connected are apc-controller (server process");
-    say(conn, "SET application_name TO 'something else'");
-    say(conn, "SELECT * FROM claim('actuator', 1)");
-    assert_true(apc_store_init(admin) < 0);
-    assert_says(admin, "table actuator is being written by something else (server process");
-    assert_string_equal(ask("SELECT max(version) FROM migration"), "1");
-    assert_string_equal(ask("SELECT count(*) FROM opmode WHERE id = 1"), "5");
-    assert_string_equal(say(conn, "EXECUTE append_sensor('{1}', '{6}', '{now}', '{0}', '{6}')"), "1");
-    PQfinish(conn);
-    int had = -1;
-    for (int i = 0; i < 1000 && had < 0; i++) { /* until the server has ended that session */
-        had = apc_store_init(admin);
-    }
-    assert_int_equal(had, 1);
-    conn = connect_to_plant(); /* and a program of version 1 does not come back */
-    assert_string_equal(say(conn, "SELECT compatible_from FROM migration ORDER BY version DESC LIMIT 1"),
-                        "4");
-    PQfinish(conn);
-    apc_store_close(admin);
-}
-
-/* Promise(database/version-4-moves) */
+/* Promise(database/only-people-notify): Only what people write notifies. */
 static void test_only_what_people_write_notifies(void **state)
 {
     (void)state;
@@ -951,7 +690,7 @@ static void *init_one(void *arg)
 
 /*
  * Promise(database/apc-init-once): `apc init` once or many times at once, owner's also by a superuser;
- *   programs of version 1 go on over an upgrade; newer versions.
+ *   newer versions.
  */
 static void test_many_inits_at_once_make_one_schema(void **state)
 {
@@ -1022,11 +761,8 @@ int main(void)
         T(test_a_missing_schema_says_what_to_run),
         T(test_a_newer_schema_is_left_alone),
         T(test_a_newer_schema_that_says_it_is_compatible_is_worked_with),
-        T(test_a_plant_of_version_1_is_brought_to_this_one_with_its_repairs),
-        T(test_programs_of_version_1_go_on_over_the_upgrade_and_after_it),
-        T(test_a_role_of_version_1_goes_on_with_the_rights_it_had),
-        T(test_what_was_of_one_controller_becomes_that_of_its_loops),
-        T(test_programs_that_are_still_there_are_named_and_nothing_is_changed),
+        T(test_a_database_of_before_the_baseline_is_taken_as_it_is),
+        T(test_a_database_that_lacks_a_repair_is_refused_and_left_alone),
         T(test_only_what_people_write_notifies),
         T(test_a_set_is_claimed_wholly_or_not_at_all_and_ends_with_its_session),
         T(test_init_by_a_superuser_makes_the_owners_tables),

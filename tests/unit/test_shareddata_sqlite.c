@@ -21,7 +21,6 @@
 
 #include "apcstore.h"
 #include "check.h"
-#include "nomem.h"
 #include "scratch.h"
 #include "shareddata/sqlite/sqlite.h"
 
@@ -387,6 +386,10 @@ static int64_t raw_number(const char *file, const char *sql)
     return n;
 }
 
+/*
+ * Promise(database/before-release-file): A SQLite file of before the first release is refused with the way
+ *   out, and left alone.
+ */
 static void test_another_version_is_refused(void **state)
 {
     struct apc_store *store = open_store(SECOND);
@@ -398,86 +401,17 @@ static void test_another_version_is_refused(void **state)
     raw(path, "PRAGMA user_version = 0");
     assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "apc init");
     char sql[60];
+    for (int former = 1; former < version; former++) { /* from before the first release */
+        snprintf(sql, sizeof sql, "PRAGMA user_version = %d", former);
+        raw(path, sql);
+        assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "run apc init of commit");
+        assert_said(store, apc_store_init(store), APC_ESCHEMA, "run apc init of commit");
+        assert_int_equal(raw_number(path, "PRAGMA user_version"), former);
+    }
     snprintf(sql, sizeof sql, "PRAGMA user_version = %d", (int)version);
     raw(path, sql);
     assert_int_equal(newest_seq(store, 1), 1);
     apc_store_close(store);
-}
-
-/* As the library of version 1 left it: 70 samples of sensor 1, of which 64 are a block, one of actuator 1 and
- * of setpoint 1. */
-static const char file_of_version_1[] =
-    "CREATE TABLE sample (pos INTEGER PRIMARY KEY, variable INTEGER NOT NULL, seq INTEGER NOT NULL,"
-    " previous INTEGER NOT NULL, time INTEGER NOT NULL, status INTEGER NOT NULL, value NOT NULL,"
-    " sensor_seq INTEGER, setpoint_seq INTEGER);"
-    "CREATE TABLE variable (variable INTEGER PRIMARY KEY, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"
-    " count INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL);"
-    "CREATE TABLE block (variable INTEGER NOT NULL, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"
-    " count INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL, PRIMARY KEY (variable, seq))"
-    " WITHOUT ROWID;"
-    "CREATE TABLE tag (table_number INTEGER NOT NULL, id INTEGER NOT NULL, name TEXT NOT NULL,"
-    " unit TEXT NOT NULL, description TEXT NOT NULL, low REAL NOT NULL, high REAL NOT NULL,"
-    " PRIMARY KEY (table_number, id), UNIQUE (table_number, name)) WITHOUT ROWID;"
-    "CREATE TABLE event (id INTEGER PRIMARY KEY AUTOINCREMENT, time INTEGER NOT NULL, severity INTEGER NOT "
-    "NULL, source TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);"
-    "CREATE TABLE timing (id INTEGER PRIMARY KEY AUTOINCREMENT, time INTEGER NOT NULL, task TEXT NOT NULL,"
-    " quantity TEXT NOT NULL, period INTEGER NOT NULL, missed INTEGER NOT NULL, count INTEGER NOT NULL,"
-    " mean REAL NOT NULL, sd REAL NOT NULL, p50 INTEGER NOT NULL, p99 INTEGER NOT NULL, max INTEGER NOT NULL,"
-    " bins BLOB NOT NULL);"
-    "CREATE VIEW actuator AS SELECT * FROM sample WHERE variable & 15 = 2;"
-    "CREATE VIEW setpoint AS SELECT * FROM sample WHERE variable & 15 = 3;"
-    "CREATE VIEW opmode AS SELECT * FROM sample WHERE variable & 15 = 5;"
-    "CREATE VIEW tuning AS SELECT * FROM sample WHERE variable & 15 = 6;"
-    "CREATE VIEW manual AS SELECT * FROM sample WHERE variable & 15 = 7;"
-    "CREATE VIEW state AS SELECT * FROM sample WHERE variable & 15 = 8;"
-    "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 70)"
-    " INSERT INTO sample SELECT i, 17, i, i - 1, i, 0, i * 0.5, NULL, NULL FROM n;"
-    "INSERT INTO sample VALUES (71, 18, 1, 0, 1000, 0, 0.25, 70, 1), (72, 19, 1, 0, 2000, 0, 5.0, NULL, "
-    "NULL);"
-    "INSERT INTO block VALUES (17, 64, 64, 64, 1, 64);"
-    "INSERT INTO variable VALUES (17, 70, 70, 6, 65, 70), (18, 1, 71, 1, 1000, 1000),"
-    " (19, 1, 72, 1, 2000, 2000);"
-    "INSERT INTO tag VALUES (1, 1, 'y', 'K', '', 0.0, 10.0), (3, 1, 'r', 'K', '', 0.0, 10.0);"
-    "INSERT INTO event VALUES (1, 5, 1, 'x', 'start', 't');"
-    "PRAGMA application_id = 1634755377; PRAGMA user_version = 1";
-
-static int sum_up(void *ctx, const struct apc_sample *s)
-{
-    *(double *)ctx += s->value;
-    return 0;
-}
-
-/*
- * Promise(stores): A SQLite file of version 1 comes along with its history.
- * Promise(database/file-older-version): A file of an older version comes along with its history, wholly or
- *   not at all; who still uses it is named.
- */
-static void test_a_file_of_version_1_comes_along_with_its_history(void **state)
-{
-    struct apc_store *store = *state;
-    raw(path, file_of_version_1);
-    assert_said(store, newest_seq(store, 1), APC_ESCHEMA, "apc init");
-    assert_int_equal(apc_store_init(store), 1);
-    double sum = 0, value[2] = {1, 2};
-    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, sum_up, &sum), 70);
-    assert_true(sum >= 70 * 71 / 4 && sum <= 70 * 71 / 4 + 1);
-    struct apc_sample u = {.table = APC_ACTUATOR, .id = 1};
-    assert_int_equal(apc_store_read(store, &u, 1), 0);
-    assert_true(u.seq == 1 && u.origin == 0 && u.author == 0);
-    assert_int_equal(append_one(store, 1, 71), 1); /* and it goes on */
-    struct apc_sample late = sample(APC_SENSOR, 1, 30, 0);
-    assert_int_equal(apc_store_append(store, &late, 1), 0); /* in the old block */
-    struct apc_vector v = {.table = APC_TICK, .id = 1, .seq = 1, .n = 2, .value = value};
-    struct apc_sample r = {.table = APC_SETPOINT, .id = 1, .seq = 1, .value = 6, .author = 3};
-    const struct apc_rows rows = {
-        .size = sizeof rows, .sample = &r, .n_samples = 1, .vector = &v, .n_vectors = 1};
-    assert_int_equal(apc_store_append_rows(store, &rows), 2);
-    assert_int_equal(r.seq, 2);
-    assert_int_equal(raw_number(path, "SELECT author FROM setpoint WHERE id = 1 AND seq = 2"), 3);
-    assert_int_equal(raw_number(path, "SELECT n FROM tick WHERE id = 1"), 2);
-    assert_int_equal(raw_number(path, "SELECT number FROM tag WHERE name = 'r'"), 19);
-    assert_int_equal(apc_store_init(store), apc_store_version());
-    assert_int_equal(raw_number(path, "SELECT count(*) FROM sample"), 75);
 }
 
 /*
@@ -524,134 +458,6 @@ static int count_sample(void *ctx, const struct apc_sample *s)
     return 0;
 }
 
-/* Two outputs under one controller: 3 targets, 100 actual modes, of which 64 are a block, and what it resumed
- * from. */
-static const char controller_of_version_1[] =
-    "INSERT INTO tag VALUES (2, 1, 'v1', 'V', '', 0.0, 10.0), (2, 2, 'v2', 'V', '', 0.0, 10.0),"
-    " (5, 0, 'mode', '', '', 0, 1), (5, 1, 'mode.actual', '', '', 0, 2);"
-    "INSERT INTO sample VALUES (101, 52, 1, 0, 1, 0, 2.0, NULL, NULL), (102, 8, 1, 0, 1, 0, 7.0, NULL, NULL);"
-    "INSERT INTO variable VALUES (52, 1, 101, 1, 1, 1), (8, 1, 102, 1, 1, 1), (5, 3, 113, 3, 1, 3),"
-    " (21, 100, 300, 36, 65, 100);"
-    "INSERT INTO sample VALUES (111, 5, 1, 0, 1, 0, 1, NULL, NULL), (112, 5, 2, 111, 2, 0, 0, NULL, NULL),"
-    " (113, 5, 3, 112, 3, 5, 1, NULL, NULL);"
-    "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 100)"
-    " INSERT INTO sample SELECT 200 + i, 21, i, CASE i WHEN 65 THEN 0 WHEN 1 THEN 0 ELSE 199 + i END, i, 0,"
-    " i % 3, NULL, NULL FROM n;"
-    "INSERT INTO block VALUES (21, 64, 264, 64, 1, 64);";
-
-static void make_controller_of_version_1(void)
-{
-    raw(path, file_of_version_1);
-    raw(path, controller_of_version_1);
-}
-
-static struct apc_sample newest_of(struct apc_store *store, enum apc_table table, int id)
-{
-    struct apc_sample s = {.table = table, .id = id};
-    assert_int_equal(apc_store_read(store, &s, 1), 0);
-    return s;
-}
-
-static int follow(void *ctx, const struct apc_sample *s)
-{
-    int64_t *seq = ctx;
-    assert_int_equal(s->seq, ++*seq);
-    assert_near(s->value, (double)(*seq % 3), 0);
-    assert_int_equal(s->time, *seq * 1000);
-    return 0;
-}
-
-/* 1 or 4: what version 1 wrote, or all of what became of it. */
-static void assert_whole(struct apc_store *store, int64_t version)
-{
-    int64_t seq = 0;
-    assert_int_equal(
-        raw_number(path, "SELECT count(*) FROM pragma_integrity_check WHERE integrity_check = 'ok'"), 1);
-    assert_int_equal(raw_number(path, "SELECT count(*) FROM sample WHERE variable IN (17, 18, 19, 52, 8, 5)"),
-                     77);
-    assert_int_equal(raw_number(path, "SELECT count(*) FROM sample WHERE variable = 21"),
-                     version == 1 ? 100 : 1);
-    if (version == 1) {
-        assert_int_equal(raw_number(path, "SELECT count(*) FROM sample"), 177);
-        return;
-    }
-    for (int loop = 1; loop <= 2; loop++) {
-        int targets = 0;
-        seq = 0;
-        assert_int_equal(
-            apc_store_history(store, APC_ACTUAL, apc_variable_number(APC_OPMODE, loop), NULL, follow, &seq),
-            100);
-        assert_int_equal(apc_store_history(store, APC_OPMODE, loop, NULL, count_sample, &targets), 1);
-        const struct apc_sample s = newest_of(store, APC_OPMODE, loop);
-        assert_near(s.value, 1, 0);
-        assert_int_equal(s.seq, loop == 1 ? 101 : 1); /* above all seqs of its id */
-        assert_true(s.origin == 3 && s.status == 5 && s.time == 3000);
-    }
-}
-
-/* Promise(database/file-older-version) */
-static void test_what_was_of_one_controller_becomes_that_of_its_loops(void **state)
-{
-    struct apc_store *store = *state;
-    struct apc_tag tag[16];
-    int count = 0;
-    make_controller_of_version_1();
-    assert_int_equal(apc_store_init(store), 1);
-    assert_whole(store, 4);
-    const int n = apc_store_get_tags(store, tag, 16);
-    assert_int_equal(n, 9);
-    for (int i = 0; i < n; i++) {
-        const bool loop = (tag[i].table == APC_OPMODE && tag[i].id > 0) || tag[i].table == APC_ACTUAL;
-        assert_string_equal(tag[i].controller, loop ? "controller" : "");
-    }
-    assert_string_equal(tag[5].name, "v1");
-    assert_string_equal(tag[6].name, "v2");
-    assert_true(tag[7].table == APC_ACTUAL && tag[7].id == apc_variable_number(APC_OPMODE, 1));
-    assert_string_equal(tag[7].name, "v1.mode.actual");
-    assert_int_equal(apc_store_history(store, APC_STATE, 0, NULL, count_sample, &count), 1);
-    /* It goes on: the mode of all is each loop's. */
-    struct apc_sample man = {.table = APC_OPMODE, .value = APC_MODE_MAN};
-    assert_int_equal(apc_store_put(store, &man, 1), 0);
-    assert_int_equal(newest_of(store, APC_OPMODE, 1).seq, 102);
-    assert_near(newest_of(store, APC_OPMODE, 2).value, APC_MODE_MAN, 0);
-}
-
-/* Where the former numbers leave too little room, those of the target begin anew. */
-static void test_a_target_goes_on_from_the_former_numbers_while_there_is_room(void **state)
-{
-    static const int64_t spare = 1048576;
-    char sql[500];
-    for (int64_t left = spare; left <= spare + 1; left++) {
-        struct apc_store *store = left == spare ? *state : NULL;
-        if (!store) {
-            apc_store_close(*state);
-            set_up_nothing(state);
-            store = *state;
-        }
-        make_controller_of_version_1();
-        snprintf(sql, sizeof sql,
-                 "INSERT INTO sample VALUES (301, 21, %" PRId64 ", 300, 101, 0, 1, NULL, NULL);"
-                 "UPDATE variable SET seq = %" PRId64
-                 ", pos = 301, count = 37, last = 101 WHERE variable = 21",
-                 APC_SEQ_MAX - left, APC_SEQ_MAX - left);
-        raw(path, sql);
-        assert_int_equal(apc_store_init(store), 1);
-        assert_int_equal(newest_of(store, APC_OPMODE, 1).seq, left == spare ? 1 : APC_SEQ_MAX - spare);
-        assert_int_equal(newest_of(store, APC_OPMODE, 2).seq, 1);
-    }
-}
-
-/* More loops than a number of a variable can say: nobody's target is made up. */
-static void test_a_file_with_more_loops_than_there_are_gets_no_targets(void **state)
-{
-    struct apc_store *store = *state;
-    make_controller_of_version_1();
-    raw(path, "UPDATE sample SET value = 65536.0 WHERE variable = 52");
-    assert_int_equal(apc_store_init(store), 1);
-    assert_int_equal(raw_number(path, "SELECT count(*) FROM variable WHERE variable & 15 = 5"), 1);
-    assert_int_equal(newest_of(store, APC_OPMODE, 0).seq, 3);
-}
-
 static int drop_the_third(void *ctx, const struct apc_vector *v)
 {
     int64_t *sum = ctx;
@@ -685,179 +491,6 @@ static void test_a_file_in_a_folder_that_is_not_there_says_so(void **state)
     store = open_store(20 * SECOND);
     assert_said(store, apc_store_init(store), APC_ECONN, "cannot be made: its folder: No such file");
     apc_store_close(store);
-}
-
-/* In a process of its own, until @p done is closed. */
-static pid_t hold(void (*take)(void), int *done)
-{
-    int ready[2], stop[2];
-    char c = 0;
-    assert_int_equal(pipe(ready), 0);
-    assert_int_equal(pipe(stop), 0);
-    const pid_t child = fork();
-    if (child == 0) {
-        close(stop[1]);
-        take();
-        _exit(write(ready[1], "r", 1) == 1 && read(stop[0], &c, 1) == 0 ? 0 : 1);
-    }
-    assert_true(child > 0);
-    close(ready[1]);
-    close(stop[0]);
-    assert_int_equal(read(ready[0], &c, 1), 1);
-    close(ready[0]);
-    *done = stop[1];
-    return child;
-}
-
-static void let_go(pid_t child, int done)
-{
-    int status = -1;
-    close(done);
-    assert_int_equal(waitpid(child, &status, 0), child);
-    assert_int_equal(status, 0);
-}
-
-/* As the library of version 1 claims table actuator. */
-static void claim_as_version_1(void)
-{
-    char claims[sizeof path + 10];
-    snprintf(claims, sizeof claims, "%s-claims", path);
-    struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = 2 * 128, .l_len = 1};
-    const int fd = open(claims, O_RDWR | O_CREAT, 0600);
-    if (fd < 0 || fcntl(fd, F_OFD_SETLK, &lock) != 0 ||
-        pwrite(fd, "apc-controller (process 77)", 28, (off_t)2 * 128) != 28) {
-        _exit(2);
-    }
-}
-
-static void read_as_version_1(void)
-{
-    sqlite3 *db = NULL;
-    if (sqlite3_open(path, &db) != SQLITE_OK ||
-        sqlite3_exec(db, "SELECT count(*) FROM sample", NULL, NULL, NULL) != SQLITE_OK) {
-        _exit(2);
-    }
-}
-
-/* Promise(database/file-older-version) */
-static void test_who_still_uses_an_old_file_is_named_and_nothing_is_changed(void **state)
-{
-    char name[40];
-    int done = -1;
-    make_controller_of_version_1();
-    pid_t child = hold(claim_as_version_1, &done);
-    assert_said(*state, apc_store_init(*state), APC_EBUSY,
-                "in use by apc-controller (process 77): stop it first");
-    let_go(child, done);
-    child = hold(read_as_version_1, &done);
-    snprintf(name, sizeof name, "(process %ld): stop it first", (long)child);
-    assert_said(*state, apc_store_init(*state), APC_EBUSY, name);
-    assert_whole(*state, raw_number(path, "PRAGMA user_version"));
-    assert_int_equal(raw_number(path, "PRAGMA user_version"), 1);
-    let_go(child, done);
-    assert_int_equal(apc_store_init(*state), 1);
-    assert_whole(*state, 4);
-}
-
-static void open_another_file(void)
-{
-    char other[sizeof path + 10];
-    snprintf(other, sizeof other, "%s-other", path);
-    if (open(other, O_RDWR | O_CREAT, 0600) < 0) {
-        _exit(2);
-    }
-}
-
-static void test_who_has_the_file_beside_it_open_is_in_nobodys_way(void **state)
-{
-    int done;
-    make_controller_of_version_1();
-    pid_t child = hold(open_another_file, &done);
-    assert_int_equal(apc_store_init(*state), 1);
-    let_go(child, done);
-    assert_whole(*state, 4);
-}
-
-/* A process that brings it along and may write so far into a file: then it is killed, or told. */
-static int bring_along(rlim_t limit, bool kill)
-{
-    int status = -1;
-    const pid_t child = fork();
-    if (child == 0) {
-        const struct rlimit few = {.rlim_cur = limit, .rlim_max = limit};
-        signal(SIGXFSZ, kill ? SIG_DFL : SIG_IGN);
-        setrlimit(RLIMIT_CORE, &(struct rlimit){0, 0});
-        struct apc_store *store = open_store(20 * SECOND);
-        _exit(setrlimit(RLIMIT_FSIZE, &few) == 0 ? -apc_store_init(store) & 127 : 99);
-    }
-    assert_true(child > 0);
-    assert_int_equal(waitpid(child, &status, 0), child);
-    return status;
-}
-
-/* Promise(database/file-older-version) */
-static void test_a_file_that_comes_along_does_so_wholly_or_not_at_all(void **state)
-{
-    for (int kill = 0; kill <= 1; kill++) {
-        int64_t version = 1;
-        int refused = 0;
-        for (rlim_t limit = 2048; version == 1; limit += 12288) {
-            unlink(path);
-            make_controller_of_version_1();
-            const int status = bring_along(limit, kill);
-            struct apc_store *store = open_store(20 * SECOND);
-            version = raw_number(path, "PRAGMA user_version");
-            assert_true(version == 1 || version == 4);
-            if (version == 1) {
-                refused++;
-                assert_true(kill ? WIFSIGNALED(status) && WTERMSIG(status) == SIGXFSZ
-                                 : WIFEXITED(status) && (WEXITSTATUS(status) == -APC_EFULL ||
-                                                         WEXITSTATUS(status) == -APC_ECONN));
-            }
-            assert_whole(store, version);
-            assert_int_equal(apc_store_init(store), version == 1 ? 1 : apc_store_version());
-            assert_whole(store, 4);
-            apc_store_close(store);
-        }
-        assert_true(refused > 2);
-    }
-    (void)state;
-}
-
-/* Make an old file, and bring it along while that allocation of SQLite's fails. */
-static int come_along_without(int allocation)
-{
-    unlink(path);
-    make_controller_of_version_1();
-    struct apc_store *store = open_store(20 * SECOND);
-    until_failure = allocation;
-    failed = false;
-    counting = true;
-    const int rc = apc_store_init(store);
-    counting = false;
-    if (rc != 1 && (!failed || rc != APC_ENOMEM)) {
-        fail_msg("allocation %d: %s: %s", allocation, apc_err_name(rc), apc_store_error(store));
-    }
-    assert_whole(store, rc < 0 ? 1 : 4);
-    apc_store_close(store);
-    return rc;
-}
-
-static void test_without_memory_a_file_stays_as_it_was_and_that_is_said(void **state)
-{
-    enum { STEPS = 24 };
-    int refused = 0;
-    (void)state;
-    if (!NOMEM) {
-        skip();
-    }
-    foreign = true;
-    assert_int_equal(come_along_without(INT_MAX), 1);
-    const int n = INT_MAX - until_failure;
-    for (int k = 0; k < STEPS; k++) {
-        refused += come_along_without(1 + (int)((int64_t)n * k / STEPS)) < 0;
-    }
-    assert_true(refused > STEPS / 2);
 }
 
 /* Promise(stores/sqlite-0600-writer) */
@@ -1475,16 +1108,8 @@ int main(void)
         N(test_a_file_that_is_not_there_is_not_made_by_using_it),
         N(test_a_file_that_is_not_ours_is_refused_and_left_alone),
         T(test_another_version_is_refused),
-        N(test_a_target_goes_on_from_the_former_numbers_while_there_is_room),
-        N(test_who_has_the_file_beside_it_open_is_in_nobodys_way),
-        N(test_a_file_with_more_loops_than_there_are_gets_no_targets),
         T(test_a_vector_that_goes_meanwhile_is_left_out),
         N(test_a_file_in_a_folder_that_is_not_there_says_so),
-        N(test_what_was_of_one_controller_becomes_that_of_its_loops),
-        N(test_who_still_uses_an_old_file_is_named_and_nothing_is_changed),
-        N(test_a_file_that_comes_along_does_so_wholly_or_not_at_all),
-        N(test_without_memory_a_file_stays_as_it_was_and_that_is_said),
-        N(test_a_file_of_version_1_comes_along_with_its_history),
         T(test_a_write_ahead_log_goes_or_is_refused),
         T(test_a_journal_of_another_file_is_told_and_a_files_own_is_rolled_back),
         T(test_a_backup_is_restored_at_once_and_what_was_there_is_kept),

@@ -2,7 +2,7 @@
 /*
  * The PostgreSQL store: an append of chunks. Where many rows of a variable come at once, they cost the server
  * a third of what they do as rows when they are one chunk, whose row, place in the key and newest value they
- * share (sql/0010-repair-open.sql). Packing makes large chunks of them when their week is over.
+ * share (sql/0001-baseline.sql). Packing makes large chunks of them when their week is over.
  */
 #include <stdlib.h>
 #include <string.h>

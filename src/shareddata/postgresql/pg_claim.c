@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The PostgreSQL store: claims. The server ends them with the session (sql/0003-rows.sql), so the store keeps
+ * The PostgreSQL store: claims. The server ends them with the session (sql/0001-baseline.sql), so the store keeps
  * in mind what it claimed and claims it anew in each session, before anything else.
  */
 #include <stdlib.h>

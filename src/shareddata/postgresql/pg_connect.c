@@ -230,10 +230,12 @@ static const char session_sql[] =
     " ELSE ('x' || left(pg_walfile_name(pg_current_wal_lsn()), 8))::bit(32)::int8 END,"
     " pg_backend_pid()::int8, (SELECT backend_start FROM pg_stat_activity WHERE pid = pg_backend_pid()),"
     " (SELECT has_schema_privilege(oid, 'USAGE')::text FROM pg_namespace WHERE nspname = $1)";
-/* Before its first repair a schema did not say from which version on programs can work with it. */
-static const char version_sql[] = "SELECT version::int8, coalesce((to_jsonb(m) ->> 'compatible_from')::int8, "
-                                  "version), pg_backend_pid()::int8"
-                                  " FROM migration m ORDER BY version DESC LIMIT 1";
+/* Versions count from the baseline. A schema that was made before it (pg_init.c) has none, and the first of
+ * those had no column compatible_from. */
+static const char version_sql[] =
+    "SELECT version::int8, coalesce((to_jsonb(m) ->> 'compatible_from')::int8, version), "
+    "pg_backend_pid()::int8 FROM migration m "
+    "WHERE EXISTS (SELECT FROM migration WHERE name = '0001-baseline') ORDER BY version DESC LIMIT 1";
 
 /* The statements of the set-up: the version, then what is prepared, then the claims. */
 enum { SETUP_VERSION, SETUP_PREPARE };

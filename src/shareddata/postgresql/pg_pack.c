@@ -3,7 +3,7 @@
  * Packing old weeks. A week of a table is read in the order of its seqs, made chunks of, and dropped, in one
  * transaction: whoever looks, and whatever ends it, finds the rows or the chunks. Nobody waits for it but at
  * its end, for as long as the partition takes to go. What is written to the week meanwhile makes it fail, and
- * the week stays as it was (sql/0007-repair-packed.sql). Seqs that follow each other in too small a number
+ * the week stays as it was (sql/0001-baseline.sql). Seqs that follow each other in too small a number
  * stay rows. Small chunks that a historian wrote (pg_chunks.c) are read in the place of rows, and become
  * chunks whatever their number.
  */

@@ -174,7 +174,6 @@ const struct apc_pg_text *apc_pg_text_of(struct apc_pg *pg, enum apc_table table
     if (apc_pg_texts[table].read) {
         return &apc_pg_texts[table];
     }
-    apc_fail(&pg->base.why, APC_ESCHEMA, "there is no table %s since version 4 of the tables",
-             apc_table_name(table));
+    apc_fail(&pg->base.why, APC_ESCHEMA, "there is no table %s", apc_table_name(table));
     return NULL;
 }

@@ -3,8 +3,7 @@
  * The SQLite store, shared by its files: sqlite.c (connecting, transactions, errors, the ticks' operations),
  * sqlite_blocks.c (where samples are and how they are found), sqlite_history.c (history, bins, housekeeping),
  * sqlite_pack.c (packing old samples), sqlite_vectors.c (vectors), sqlite_records.c (tags, events, timing),
- * sqlite_claim.c (claims, waiting for a change), sqlite_schema.c (the tables) and sqlite_upgrade.c (what
- * version 4 makes of the rows of version 1).
+ * sqlite_claim.c (claims, waiting for a change) and sqlite_schema.c (the tables).
  */
 #ifndef APC_SQLITE_H
 #define APC_SQLITE_H
@@ -196,7 +195,7 @@ int apc_sqlite_release(struct apc_store *store, const struct apc_sample *variabl
 int apc_sqlite_renew_claims(struct apc_sqlite *sq);
 int apc_sqlite_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
 #define APC_SQLITE_HOLDER 128 /* bytes for a claimant's name */
-/** A claimant who lives, of whatever version, in text. Returns 1, 0: there is none, or an error. */
+/** A claimant who lives, in text. Returns 1, 0: there is none, or an error. */
 int apc_sqlite_holder(struct apc_sqlite *sq, char text[APC_SQLITE_HOLDER]);
 
 /* ---- sqlite_journal.c, sqlite_restore.c ------------------------------------------------------ */
@@ -204,14 +203,6 @@ int apc_sqlite_holder(struct apc_sqlite *sq, char text[APC_SQLITE_HOLDER]);
 /** A file that has just been opened: 0, or APC_ESTORE: what is called its journal is another file's. */
 int apc_sqlite_check_journal(struct apc_sqlite *sq);
 int apc_sqlite_restore(struct apc_store *store, const char *from, char *kept, size_t size);
-
-/* ---- sqlite_upgrade.c ------------------------------------------------------------------------ */
-
-/** Does no other process use the file? 0, or APC_EBUSY and who does. */
-int apc_sqlite_alone(struct apc_sqlite *sq);
-/** In a transaction that has made the tables of version 4: what of version 1 was of one controller becomes
- * that of its loops. */
-int apc_sqlite_make_loops(struct apc_sqlite *sq);
 
 /* ---- sqlite_history.c ------------------------------------------------------------------------ */
 

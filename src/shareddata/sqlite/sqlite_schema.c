@@ -9,26 +9,34 @@
 #include "shareddata/sqlite/sqlite.h"
 
 #define VECTOR "length(value) / 8 AS n, value"
-#define VIEW(name, query_number, columns)                                                                    \
+#define VIEW(name, number, columns)                                                                          \
     "CREATE VIEW " name " AS SELECT variable >> 4 AS id, seq,"                                               \
     " strftime('%Y-%m-%dT%H:%M:%S', time / 1000000 - (time % 1000000 < 0), 'unixepoch') ||"                  \
     " printf('.%06dZ', (time % 1000000 + 1000000) % 1000000) AS time, status, " columns                      \
-    " FROM sample WHERE variable & 15 = " query_number ";"
+    " FROM sample WHERE variable & 15 = " number ";"
 
-static const char version_1[] =
+static const char tables[] =
     /* variable: id * 16 + number of the table (enum apc_table, never to be renumbered). time: us of Unix
-     * time. value has no type: a column of REAL loses the sign of -0.0. */
+     * time. value has no type: a column of REAL loses the sign of -0.0. A vector is a row whose value is a
+     * blob: its elements, each 8 bytes, little end first. */
     "CREATE TABLE sample (pos INTEGER PRIMARY KEY, variable INTEGER NOT NULL, seq INTEGER NOT NULL,"
     " previous INTEGER NOT NULL, time INTEGER NOT NULL, status INTEGER NOT NULL, value NOT NULL,"
-    " sensor_seq INTEGER, setpoint_seq INTEGER);"
+    " sensor_seq INTEGER, setpoint_seq INTEGER, origin INTEGER, author INTEGER);"
     "CREATE TABLE variable (variable INTEGER PRIMARY KEY, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"
     " count INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL);"
     "CREATE TABLE block (variable INTEGER NOT NULL, seq INTEGER NOT NULL, pos INTEGER NOT NULL,"
     " count INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL, PRIMARY KEY (variable, seq))"
     " WITHOUT ROWID;"
-    "CREATE TABLE tag (table_number INTEGER NOT NULL, id INTEGER NOT NULL, name TEXT NOT NULL CHECK (name <> "
-    "''),"
-    " unit TEXT NOT NULL, description TEXT NOT NULL, low REAL NOT NULL, high REAL NOT NULL,"
+    "CREATE TABLE claim (variable INTEGER PRIMARY KEY, record INTEGER NOT NULL);"
+    "CREATE TABLE author (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);"
+    "CREATE TABLE catalogue (revision INTEGER PRIMARY KEY CHECK (revision > 0), time INTEGER NOT NULL,"
+    " kind TEXT NOT NULL CHECK (kind IN ('live', 'history')), text TEXT NOT NULL);"
+    "CREATE TABLE tag (table_number INTEGER NOT NULL, id INTEGER NOT NULL,"
+    " name TEXT NOT NULL CHECK (name <> ''), unit TEXT NOT NULL, description TEXT NOT NULL,"
+    " low REAL NOT NULL, high REAL NOT NULL, number INTEGER NOT NULL DEFAULT 0,"
+    " controller TEXT NOT NULL DEFAULT '', area TEXT NOT NULL DEFAULT '',"
+    " length INTEGER NOT NULL DEFAULT 0, step REAL NOT NULL DEFAULT 0, period REAL NOT NULL DEFAULT 0,"
+    " display_low REAL NOT NULL DEFAULT 0, display_high REAL NOT NULL DEFAULT 0,"
     " PRIMARY KEY (table_number, id), UNIQUE (table_number, name)) WITHOUT ROWID;"
     "CREATE TABLE event (id INTEGER PRIMARY KEY AUTOINCREMENT, time INTEGER NOT NULL, severity INTEGER NOT "
     "NULL,"
@@ -38,50 +46,18 @@ static const char version_1[] =
     " quantity TEXT NOT NULL CHECK (quantity IN ('lateness', 'jitter', 'run')), period INTEGER NOT NULL,"
     " missed INTEGER NOT NULL, count INTEGER NOT NULL, mean REAL NOT NULL, sd REAL NOT NULL,"
     " p50 INTEGER NOT NULL, p99 INTEGER NOT NULL, max INTEGER NOT NULL,"
-    " bins BLOB NOT NULL);"                      /* low, high, count of all, each 8 bytes, little end first */
-    "CREATE INDEX timing_time ON timing (time);" /* */
-    VIEW("sensor", "1", "value") VIEW("actuator", "2", "value, sensor_seq, setpoint_seq")
-        VIEW("setpoint", "3", "value") VIEW("dim", "4", "value") VIEW("opmode", "5", "value")
-            VIEW("tuning", "6", "value") VIEW("manual", "7", "value") VIEW("state", "8", "value");
+    " bins BLOB NOT NULL);" /* low, high, count of all, each 8 bytes, little end first */
+    "CREATE INDEX timing_time ON timing (time);";
 
-/* A vector is a row of table sample whose value is a blob: its elements, each 8 bytes, little end first. */
-static const char version_3[] =
-    "ALTER TABLE sample ADD COLUMN origin INTEGER;"
-    "ALTER TABLE sample ADD COLUMN author INTEGER;"
-    "CREATE TABLE claim (variable INTEGER PRIMARY KEY, record INTEGER NOT NULL);"
-    "CREATE TABLE author (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);"
-    "CREATE TABLE catalogue (id INTEGER PRIMARY KEY CHECK (id = 1), revision INTEGER NOT NULL,"
-    " text TEXT NOT NULL);"
-    "INSERT INTO catalogue VALUES (1, 0, '');"
-    "ALTER TABLE tag ADD COLUMN number INTEGER NOT NULL DEFAULT 0;"
-    "ALTER TABLE tag ADD COLUMN controller TEXT NOT NULL DEFAULT '';"
-    "ALTER TABLE tag ADD COLUMN area TEXT NOT NULL DEFAULT '';"
-    "ALTER TABLE tag ADD COLUMN length INTEGER NOT NULL DEFAULT 0;"
-    "ALTER TABLE tag ADD COLUMN step REAL NOT NULL DEFAULT 0;"
-    "ALTER TABLE tag ADD COLUMN period REAL NOT NULL DEFAULT 0;"
-    "ALTER TABLE tag ADD COLUMN display_low REAL NOT NULL DEFAULT 0;"
-    "ALTER TABLE tag ADD COLUMN display_high REAL NOT NULL DEFAULT 0;"
-    "UPDATE tag SET number = (SELECT count(*) FROM tag t"
-    " WHERE (t.table_number, t.id) <= (tag.table_number, tag.id));"
-    "DROP VIEW actuator; DROP VIEW setpoint; DROP VIEW opmode; DROP VIEW tuning; DROP VIEW manual;" /* */
-    VIEW("actuator", "2", "value, origin, sensor_seq, setpoint_seq")
-        VIEW("setpoint", "3", "value, origin, author") VIEW("opmode", "5", "value, author")
-            VIEW("tuning", "6", "value, author") VIEW("manual", "7", "value, author")
-                VIEW("actual", "9", "value, origin") VIEW("estimate", "10", "value")
-                    VIEW("alarm", "11", "value") VIEW("tick", "12", VECTOR) VIEW("plan", "13", VECTOR)
-                        VIEW("prediction", "14", VECTOR);
+static const char views[] =
+    VIEW("sensor", "1", "value") VIEW("actuator", "2", "value, origin, sensor_seq, setpoint_seq")
+        VIEW("setpoint", "3", "value, origin, author") VIEW("dim", "4", "value")
+            VIEW("opmode", "5", "value, author") VIEW("tuning", "6", "value, author")
+                VIEW("manual", "7", "value, author") VIEW("actual", "9", "value, origin")
+                    VIEW("estimate", "10", "value") VIEW("alarm", "11", "value") VIEW("tick", "12", VECTOR)
+                        VIEW("plan", "13", VECTOR) VIEW("prediction", "14", VECTOR);
 
-/* Besides what sqlite_upgrade.c does. What controllers of version 1 resumed from is read by nobody. */
-static const char version_4[] =
-    "DROP TABLE catalogue;"
-    "CREATE TABLE catalogue (revision INTEGER PRIMARY KEY CHECK (revision > 0), time INTEGER NOT NULL,"
-    " kind TEXT NOT NULL CHECK (kind IN ('live', 'history')), text TEXT NOT NULL);"
-    "DROP VIEW state;" /* */
-    VIEW("state_v1", "8", "value");
-
-/* What brings a file from the version before; NULL: nothing changed. The numbers are those of sql/. */
-static const char *const versions[] = {version_1, NULL, version_3, version_4};
-#define VERSION ((int)(sizeof versions / sizeof versions[0]))
+#define VERSION 4 /* 1 to 3 were before the first release */
 
 static int query_number(struct apc_sqlite *sq, const char *sql, int64_t *out)
 {
@@ -115,6 +91,12 @@ static int version_of(struct apc_sqlite *sq, int64_t *version)
                         "%s has tables of version %d, this library knows %d: upgrade libapc", sq->given,
                         (int)*version, VERSION);
     }
+    if (!err && application == APC_SQLITE_APPLICATION && *version > 0 && *version < VERSION) {
+        return apc_fail(&sq->base.why, APC_ESCHEMA,
+                        "%s has tables of version %d, from before the first release: run apc init of "
+                        "commit " APC_FORMER_COMMIT " on it (sql/README.md)",
+                        sq->given, (int)*version);
+    }
     if (application == 0) {
         *version = 0;
     }
@@ -132,37 +114,25 @@ int apc_sqlite_check(struct apc_sqlite *sq)
     int64_t version = 0;
     int err = version_of(sq, &version);
     if (!err && version != VERSION) {
-        return apc_fail(&sq->base.why, APC_ESCHEMA, "%s has %s version %d: run `apc init`", sq->given,
-                        version == 0 ? "no tables; needed are those of" : "tables of an older version than",
+        return apc_fail(&sq->base.why, APC_ESCHEMA,
+                        "%s has no tables; needed are those of version %d: run `apc init`", sq->given,
                         VERSION);
     }
     return err;
 }
 
-static int migrate_file(struct apc_sqlite *sq, int64_t *had)
+static int make_file(struct apc_sqlite *sq, int64_t *had)
 {
     char pragmas[100];
     int err = version_of(sq, had);
-    const bool old = *had > 0 && *had < VERSION;
-    if (!err && old) {
-        err = apc_sqlite_alone(sq);
+    if (err || *had == VERSION) {
+        return err;
     }
-    for (size_t v = (size_t)*had; !err && v < (size_t)VERSION; v++) {
-        err = versions[v] ? apc_sqlite_run(sq, versions[v]) : 0;
-    }
-    if (!err && old) {
-        err = apc_sqlite_prepare_all(sq);
-    }
-    if (!err && old) {
-        err = apc_sqlite_make_loops(sq);
-    }
-    if (!err && old) { /* a program that has come meanwhile knows the old tables */
-        err = apc_sqlite_alone(sq);
-    }
-    if (!err && *had != VERSION) {
-        sqlite3_snprintf(sizeof pragmas, pragmas, "PRAGMA application_id = %d; PRAGMA user_version = %d",
-                         APC_SQLITE_APPLICATION, VERSION);
-        err = apc_sqlite_run(sq, pragmas);
+    sqlite3_snprintf(sizeof pragmas, pragmas, "PRAGMA application_id = %d; PRAGMA user_version = %d",
+                     APC_SQLITE_APPLICATION, VERSION);
+    const char *const steps[] = {tables, views, pragmas};
+    for (size_t i = 0; !err && i < sizeof steps / sizeof steps[0]; i++) {
+        err = apc_sqlite_run(sq, steps[i]);
     }
     return err;
 }
@@ -177,8 +147,8 @@ int apc_sqlite_init(struct apc_store *store)
         err = apc_sqlite_begin(sq, APC_SQLITE_WRITE);
     }
     if (!err) {
-        err = apc_sqlite_end(sq, migrate_file(sq, &had));
+        err = apc_sqlite_end(sq, make_file(sq, &had));
     }
     apc_sqlite_drop(sq);
-    return err ? err : had == VERSION ? apc_store_version() : (int)had;
+    return err ? err : had == VERSION ? apc_store_version() : 0;
 }
