@@ -9,7 +9,7 @@
 
 #include <systemd/sd-daemon.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "common/exitcode.h"
 #include "common/streams.h"
 #include "experiment/experiment.h"
@@ -337,7 +337,7 @@ static void serve_pages(struct ui *ui, sigset_t *signals)
 static int run_ui(struct ui *ui, sigset_t *signals, struct apc_error *why)
 {
     pthread_t live, records, behind;
-    int rc = server_start(ui, why);
+    int rc = server_start(ui, &ui_site, why);
     if (rc < 0)
         return rc;
     bool have_live = pthread_create(&live, NULL, live_thread, ui) == 0;

@@ -107,6 +107,11 @@ void json_limit_add(struct text *t, double limit)
     json_number_add(t, fabs(limit) < APC_VALUE_MAX ? limit : (double)NAN);
 }
 
+const char *json_truth(bool is)
+{
+    return is ? "true" : "false";
+}
+
 void json_time_add(struct text *t, apc_ns utc)
 {
     apc_ns us = utc / APC_NS_PER_US, part = us % 1000000;

@@ -24,6 +24,7 @@ void text_chop(struct text *t, char last);
 void json_string_add(struct text *t, const char *string); /* NULL: null */
 void json_number_add(struct text *t, double value);       /* the shortest that reads back the same */
 void json_limit_add(struct text *t, double limit);        /* null where there is none */
+const char *json_truth(bool is);                          /* true, false */
 void json_time_add(struct text *t, apc_ns utc);           /* Unix seconds with microseconds */
 void json_seconds_add(struct text *t, apc_ns duration);
 void json_sample_add(struct text *t, const struct apc_sample *sample); /* [seq, time, value, status] */

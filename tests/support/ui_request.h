@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "check.h"
 
 #define S APC_NS_PER_S

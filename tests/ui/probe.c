@@ -8,7 +8,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "api.h"
 #include "schema.h"
 

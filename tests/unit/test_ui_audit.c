@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "apc-ui/server/ui.h"
+#include "apc-ui/ui.h"
 #include "check.h"
 
 #define MOST 600

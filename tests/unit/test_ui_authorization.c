@@ -12,7 +12,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "check.h"
 
 static struct ui *ui;

@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "apc-ui/server/ui.h"
+#include "apc-ui/ui.h"
 #include "check.h"
 #include "scratch.h"
 

@@ -9,7 +9,7 @@
 
 #include <zlib.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 
 #include "../ui/api.h"
 
@@ -107,7 +107,7 @@ static int set_up(void **state)
     memset(script, 'a', sizeof script - 1);
     write_file("index.html", "<p>the page");
     write_file("app-1A2B3C4D.js", script);
-    if (files_load(&ui->files, folder, &why) < 0 || server_start(ui, &why) < 0)
+    if (files_load(&ui->files, folder, &why) < 0 || server_start(ui, &ui_site, &why) < 0)
         return -1;
     nobody = (struct client){.port = ui->port};
     anna = member("anna");
@@ -748,7 +748,7 @@ static const char *not_started(const char *cert, const char *key)
     server_stop(ui);
     ui->options.tls_cert = cert;
     ui->options.tls_key = key;
-    assert_true(server_start(ui, &why) < 0);
+    assert_true(server_start(ui, &ui_site, &why) < 0);
     server_stop(ui);
     ui->options.tls_cert = ui->options.tls_key = NULL;
     return why.text;

@@ -10,7 +10,7 @@
 
 #include <zlib.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "check.h"
 
 static char *shown(struct text *t)

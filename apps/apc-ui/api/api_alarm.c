@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "record/record.h"
 
 #define JOURNAL_MAX  1000
@@ -50,117 +50,7 @@ static void give_desk_back(struct desk *desk)
     pthread_mutex_unlock(&desk->mutex);
 }
 
-/* ---- As JSON ------------------------------------------------------------------------------- */
-
-static void author_json(struct apc_store *store, uint32_t author, struct text *t)
-{
-    char name[APC_AUTHOR_LEN] = "";
-    if (author > 0 && apc_store_author_name(store, author, name) < 0)
-        name[0] = '\0';
-    text_add(t, ",\"author\":");
-    json_string_add(t, name[0] ? name : NULL);
-}
-
-static void time_json(const char *name, apc_ns time, struct text *t)
-{
-    text_add(t, ",\"%s\":", name);
-    if (time > 0)
-        json_time_add(t, time);
-    else
-        text_add(t, "null");
-}
-
-static const char *truth(bool is)
-{
-    return is ? "true" : "false";
-}
-
-/* Members of what an alarm is, whatever becomes of it. */
-static void described_json(const struct alarm *alarm, struct text *t)
-{
-    const char *const texts[][2] = {{"area", alarm->area},
-                                    {"message", alarm->message},
-                                    {"consequence", alarm->consequence},
-                                    {"response", alarm->response}};
-    text_add(t, ",\"kind\":\"%s\",\"priority\":%d", apc_alarm_kind_name(alarm->is.kind), alarm->is.priority);
-    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
-        text_add(t, ",\"%s\":", texts[i][0]);
-        json_string_add(t, texts[i][1]);
-    }
-}
-
-#define TRANSITIONS_BACK 64 /* of one alarm, that are looked through for when it was raised */
-
-static int keep_raised(void *ctx, const struct apc_sample *row)
-{
-    if ((int)row->value == APC_ALARM_UNACKED)
-        *(apc_ns *)ctx = row->time;
-    return 0;
-}
-
-/* When it was raised last, as long as it is not Normal; 0: it was not, or nobody knows. */
-static apc_ns raised_at(const struct alarm_now *now, struct apc_store *store)
-{
-    const struct apc_range range = {.last = TRANSITIONS_BACK};
-    const enum apc_alarm_state state = alarm_summary_state(now);
-    apc_ns raised = 0;
-    if (state == APC_ALARM_UNACKED)
-        return now->row->time;
-    if (state != APC_ALARM_NORMAL)
-        (void)apc_store_history(store, APC_ALARM, now->row->id, &range, keep_raised, &raised);
-    return raised;
-}
-
-/* Members of how it stands. */
-static void stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
-{
-    const enum apc_alarm_state state = alarm_summary_state(now);
-    text_add(t,
-             "\"id\":%d,\"seq\":%" PRId64 ",\"journal\":%" PRId64
-             ",\"state\":\"%s\",\"active\":%s,\"unacknowledged\":%s,\"standing\":%s",
-             now->row->id, now->row->seq, now->row->origin, apc_alarm_state_name(state),
-             truth(apc_alarm_is_active(state)), truth(apc_alarm_is_unacked(state)),
-             truth(apc_alarm_is_standing(state)));
-    time_json("time", now->row->seq > 0 ? now->row->time : 0, t);
-    time_json("raised", raised_at(now, store), t);
-    author_json(store, now->row->author, t);
-    time_json("shelved_until", alarm_summary_shelved(now), t);
-}
-
-static bool has_limit(enum apc_alarm_kind kind)
-{
-    return (kind >= APC_ALARM_LOW_LOW && kind <= APC_ALARM_DEVIATION) || kind == APC_ALARM_RATE ||
-           kind == APC_ALARM_OVERRUN;
-}
-
-void alarms_described_json(const struct experiment *e, struct text *t)
-{
-    char ref[REF_LEN];
-    text_add(t, "{\"shelve_max\":");
-    json_seconds_add(t, e->alarms.shelve_max);
-    text_add(t, ",\"all\":[");
-    for (size_t i = 0; i < e->n_alarms; i++) {
-        const struct alarm *alarm = &e->alarm[i];
-        text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
-        json_string_add(t, alarm->name);
-        text_add(t, ",\"ref\":\"%s\",\"limit\":", ref_format(alarm->is.table, alarm->is.id, ref));
-        if (has_limit(alarm->is.kind))
-            json_number_add(t, alarm->is.limit);
-        else
-            text_add(t, "null");
-        described_json(alarm, t);
-        text_add(t, "},");
-    }
-    text_chop(t, ',');
-    text_add(t, "]}");
-}
-
-void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
-{
-    text_add(t, "{");
-    stands_json(now, store, t);
-    text_add(t, "}");
-}
+/* ---- As they stand ------------------------------------------------------------------------- */
 
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
 {
@@ -171,15 +61,15 @@ void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
         const apc_ns utc = apc_clock_utc(NULL);
         text_add(t, "{\"t\":");
         json_time_add(t, utc);
-        text_add(t, ",\"evaluated\":%s", truth(alarm_summary_lives(board, utc)));
-        time_json("time", board->tick.seq > 0 ? board->tick.time : 0, t);
+        text_add(t, ",\"evaluated\":%s", json_truth(alarm_summary_lives(board, utc)));
+        alarm_time_member("time", board->tick.seq > 0 ? board->tick.time : 0, t);
         text_add(t, ",\"alarms\":[");
         for (size_t i = 0; i < board->e.n_alarms; i++) {
             text_add(t, "{\"alarm\":");
             json_string_add(t, board->e.alarm[i].name);
             text_add(t, ",");
-            stands_json(&board->at[i], store, t);
-            described_json(&board->e.alarm[i], t);
+            alarm_stands_members(&board->at[i], store, t);
+            alarm_described_members(&board->e.alarm[i], t);
             text_add(t, "},");
         }
         text_chop(t, ',');
@@ -195,14 +85,15 @@ static void transition_json(const struct experiment *e, const struct alarm_trans
 {
     const struct alarm *alarm = &e->alarm[tr->alarm - 1];
     text_add(t, "{\"number\":%" PRId64, tr->number);
-    time_json("time", tr->time, t);
+    alarm_time_member("time", tr->time, t);
     text_add(t, ",\"alarm\":");
     json_string_add(t, alarm->name);
-    text_add(t, ",\"priority\":%d,\"raised\":%s,\"state\":", alarm->is.priority, truth(alarm_is_raised(tr)));
+    text_add(t, ",\"priority\":%d,\"raised\":%s,\"state\":", alarm->is.priority,
+             json_truth(alarm_is_raised(tr)));
     json_string_add(t, apc_alarm_state_name(tr->state));
     text_add(t, ",\"before\":");
     json_string_add(t, apc_alarm_state_name(tr->before));
-    author_json(store, tr->author, t);
+    alarm_author_member(store, tr->author, t);
     text_add(t, "}");
 }
 
@@ -256,9 +147,9 @@ static void each_json(const struct alarm_figures *f, const struct experiment *e,
             continue;
         text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
         json_string_add(t, e->alarm[i].name);
-        text_add(t, ",\"raised\":%zu,\"chatters\":%s,\"active\":", one->raised, truth(one->chatters));
+        text_add(t, ",\"raised\":%zu,\"chatters\":%s,\"active\":", one->raised, json_truth(one->chatters));
         json_seconds_add(t, one->active);
-        time_json("since", one->since, t);
+        alarm_time_member("since", one->since, t);
         text_add(t, "},");
     }
     text_chop(t, ',');

@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "apc-ui/api/api.h"
 #include "apc-ui/plant/columns.h"
-#include "apc-ui/server/http.h"
 
 #define BINS_MAX    4000
 #define SAMPLES_MAX 20000

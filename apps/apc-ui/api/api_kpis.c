@@ -2,7 +2,7 @@
 /* What the controllers were worth over a window of history. */
 #include <inttypes.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "figures/figures.h"
 
 #define DAY  (86400 * APC_NS_PER_S)

@@ -3,7 +3,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "base/text.h"
 
 /* Locked. */

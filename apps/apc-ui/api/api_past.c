@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "apc-ui/api/api.h"
 #include "apc-ui/plant/columns.h"
-#include "apc-ui/server/http.h"
 #include "common/timing.h"
 
 #define EVENTS_MAX 5000

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 
 #define DEFAULT_SCHEMA "apc"
 #define KEPT           APC_NS_PER_S /* to list them takes connections of its own: however many ask, one a second */

@@ -2,7 +2,7 @@
 /* What predictive laws expected at a time, and what came of it. */
 #include <stdlib.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "record/record.h"
 
 static void values_json(const char *name, const double *v, size_t n, struct text *t)

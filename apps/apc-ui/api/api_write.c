@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc-ui/server/http.h"
+#include "apc-ui/api/api.h"
 #include "operate/operate.h"
 
 #define TEXT_LEN 40

@@ -2,7 +2,7 @@
 /* The alarms as the live thread follows them: into the model, and what is new to the stream. */
 #include <stdlib.h>
 
-#include "apc-ui/server/ui.h"
+#include "apc-ui/ui.h"
 
 static void forget_alarm_watch(struct alarm_watch *w)
 {

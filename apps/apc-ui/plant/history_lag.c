@@ -6,7 +6,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "apc-ui/server/ui.h"
+#include "apc-ui/ui.h"
 
 #define LOOK    (2 * APC_NS_PER_S)
 #define TIMEOUT (2 * APC_NS_PER_S)

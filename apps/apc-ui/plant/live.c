@@ -5,17 +5,14 @@
  */
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-#include "apc-ui/server/ui.h"
-#include "common/storeuri.h"
+#include "apc-ui/ui.h"
 #include "operate/operate.h"
 
-#define PACE         (25 * APC_NS_PER_MS)
-#define WAIT         (500 * APC_NS_PER_MS) /* also how long it takes to notice that it is time to stop */
-#define WAIT_ALARMS  (125 * APC_NS_PER_MS) /* of what they did a tick tells */
-#define RETRY        (100 * APC_NS_PER_MS)
-#define BACKOFF_MOST (APC_NS_PER_S / 4) /* somebody sits there and waits */
+#define PACE        (25 * APC_NS_PER_MS)
+#define WAIT        (500 * APC_NS_PER_MS) /* also how long it takes to notice that it is time to stop */
+#define WAIT_ALARMS (125 * APC_NS_PER_MS) /* of what they did a tick tells */
+#define RETRY       (100 * APC_NS_PER_MS)
 
 struct live {
     struct ui *ui;
@@ -31,23 +28,6 @@ struct live {
     double alarm_numbers[APC_ALARMS_TICK];
     struct alarm_watch *watch;
 };
-
-void ui_pause(struct ui *ui, apc_ns pause)
-{
-    const struct timespec t = {pause / APC_NS_PER_S, pause % APC_NS_PER_S};
-    if (!ui->stopping)
-        nanosleep(&t, NULL);
-}
-
-int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
-                  struct apc_error *why)
-{
-    const struct apc_store_options options = {
-        .size = sizeof options, .name = name, .timeout = timeout, .backoff_max = BACKOFF_MOST};
-    char room[256]; /* who has time reads the past, too; the others what is newest */
-    const char *uri = timeout > 0 ? ui->options.store : store_live(ui->options.store, room);
-    return apc_store_open(store, uri, &options, why);
-}
 
 static void let_go_live(struct live *l)
 {

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc-ui/server/ui.h"
+#include "apc-ui/ui.h"
 
 /* ---- Meters ------------------------------------------------------------------------------- */
 
@@ -409,6 +409,14 @@ void store_state_json(const struct model *m, struct text *t)
     text_add(t, ",\"error\":");
     json_string_add(t, m->connected ? NULL : m->error);
     text_add(t, "}");
+}
+
+bool model_connected(struct ui *ui)
+{
+    pthread_mutex_lock(&ui->model.mutex);
+    const bool connected = ui->model.connected;
+    pthread_mutex_unlock(&ui->model.mutex);
+    return connected;
 }
 
 void model_state_json(struct ui *ui, struct text *t)

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "apc-ui/server/ui.h"
+#include "apc-ui/ui.h"
 #include "base/base_internal.h"
 #include "daemon/recorder.h"
 
@@ -33,7 +33,6 @@ struct records {
     bool know_last;
     bool reported[TASKS]; /* tasks with news in this look */
     bool started;
-    bool damaged[2]; /* the files of users and tokens, and it was said */
 };
 
 /* ---- Events ------------------------------------------------------------------------------- */
@@ -305,7 +304,7 @@ static void look_spools(struct ui *ui)
     pthread_mutex_unlock(&ui->model.mutex);
 }
 
-/* ---- Descriptions and users --------------------------------------------------------------- */
+/* ---- Descriptions ------------------------------------------------------------------------- */
 
 static bool is_described(struct ui *ui)
 {
@@ -313,51 +312,6 @@ static bool is_described(struct ui *ui)
     bool any = ui->model.plant.n > 0;
     pthread_mutex_unlock(&ui->model.mutex);
     return any;
-}
-
-static void tell_access(struct ui *ui, enum apc_event_severity severity, const char *what, const char *text)
-{
-    struct apc_event event = {
-        .time = apc_clock_utc(NULL), .severity = severity, .kind = "access", .source = "apc-ui"};
-    snprintf(event.text, sizeof event.text, "%.150s %s", what, text);
-    apc_log_write(ui->log, APC_LOG_WARN, "%s", event.text);
-    audit(ui, NULL, &event);
-}
-
-/* What a file said is in force while it cannot be read; once it is gone, it names nobody. */
-static void reload(struct ui *ui, struct users *users, const char *path, bool *damaged)
-{
-    struct users now;
-    struct apc_error why;
-    int rc = users_load(&now, path, &why);
-    bool bad = rc < 0 && rc != APC_ENOTFOUND;
-    if (bad && !*damaged)
-        tell_access(ui, APC_EVENT_ALARM, why.text, "(what it said before stays in force)");
-    *damaged = bad;
-    if (bad || memcmp(&now.changed, &users->changed, sizeof now.changed) == 0) {
-        users_free(&now);
-        return;
-    }
-    pthread_mutex_lock(&ui->users_mutex);
-    struct users old = *users;
-    *users = now;
-    pthread_mutex_unlock(&ui->users_mutex);
-    users_free(&old);
-    tell_access(ui, APC_EVENT_WARNING, path, rc < 0 ? "is gone: nobody in it may log in" : "has changed");
-}
-
-static void look_users(struct records *r)
-{
-    struct ui *ui = r->ui;
-    char path[4096];
-    if (!ui->users_path[0])
-        return;
-    reload(ui, &ui->users, ui->users_path, &r->damaged[0]);
-    reload(ui, &ui->tokens, tokens_path(ui->users_path, path), &r->damaged[1]);
-    if (ui->users.n > 0)
-        ui->open = false;
-    sessions_revoke(&ui->sessions, &ui->users, &ui->tokens,
-                    apc_clock_utc(NULL)); /* nobody else writes them */
 }
 
 /* ------------------------------------------------------------------------------------------- */
@@ -380,7 +334,7 @@ void *records_thread(void *arg)
 {
     struct records r = {.ui = arg};
     struct apc_error why;
-    bool said = false;
+    bool said = false, users_damaged[2] = {false};
     if (ui_open_store(r.ui, "apc-ui records", 0, &r.store, &why) < 0)
         return NULL;
     for (unsigned looks = 1; !r.ui->stopping; looks++) {
@@ -391,7 +345,7 @@ void *records_thread(void *arg)
                           apc_store_error(r.store));
         said = rc < 0;
         look_spools(r.ui);
-        look_users(&r);
+        ui_look_users(r.ui, users_damaged);
         for (apc_ns left = LOOK; left > 0 && !r.ui->stopping; left -= LOOK / 4)
             ui_pause(r.ui, LOOK / 4);
     }

@@ -3,7 +3,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "ui.h"
+#include "apc-ui/ui.h"
 
 #define REFUSED_AT_ONCE 5
 #define REFUSED_EACH    (10 * APC_NS_PER_S)

@@ -50,6 +50,7 @@ struct pool {
 
 struct server {
     struct ui *ui;
+    const struct site *site;
     struct MHD_Daemon *daemon;
     char *cert, *key;
     struct connection_limits connection_limits;
@@ -302,7 +303,7 @@ static void greet(struct exchange *x, bool resumed)
     text_free(&t);
     if (resumed)
         return;
-    model_state_json(x->ui, &t);
+    x->ui->server->site->greet(x->ui, &t);
     stream_greet(x->reader, "state", t.at, t.n);
     text_free(&t);
 }
@@ -354,10 +355,7 @@ static void connect_store(struct ui *ui, struct apc_store *store)
 {
     const apc_ns give_up = apc_clock_mono(NULL) + APC_NS_PER_S;
     while (store && !apc_store_connected(store) && apc_store_connect(store) == APC_ECONN) {
-        pthread_mutex_lock(&ui->model.mutex);
-        bool back = ui->model.connected;
-        pthread_mutex_unlock(&ui->model.mutex);
-        if (!back || apc_clock_mono(NULL) > give_up)
+        if (!ui->server->site->connected(ui) || apc_clock_mono(NULL) > give_up)
             break;
         ui_pause(ui, 25 * APC_NS_PER_MS);
     }
@@ -472,17 +470,18 @@ static bool path_fits(const char *pattern, const char *path, char name[APC_TAG_L
     return true;
 }
 
-static const struct route *find_route(const struct files *files, const char *method, const char *path,
+static const struct route *find_route(const struct ui *ui, const char *method, const char *path,
                                       char name[APC_TAG_LEN])
 {
+    const struct site *site = ui->server->site;
     const struct route *found = NULL;
-    for (size_t i = 0; i < n_routes; i++)
-        if (path_fits(routes[i].path, path, name) && (!found || !strcmp(method, routes[i].method)))
-            found = &routes[i];
+    for (size_t i = 0; i < site->n; i++)
+        if (path_fits(site->route[i].path, path, name) && (!found || !strcmp(method, site->route[i].method)))
+            found = &site->route[i];
     bool reading = !strcmp(method, "GET") || !strcmp(method, "HEAD");
     /* a file of the page is there for every method, and is 405 for all but these */
-    if (!found && strncmp(path, "/api/", 5) != 0 && (reading || files_find(files, path)))
-        found = &routes[n_routes - 1];
+    if (!found && strncmp(path, "/api/", 5) != 0 && (reading || files_find(ui->files, path)))
+        found = &site->route[site->n - 1];
     return found;
 }
 
@@ -539,7 +538,7 @@ static enum MHD_Result begin_http(struct exchange *x, const char *method, const 
     struct request *r = &x->r;
     x->begun = true;
     connection_limits_asked(&x->ui->server->connection_limits, x->r.from);
-    r->route = find_route(x->ui->files, method, path, r->name);
+    r->route = find_route(x->ui, method, path, r->name);
     if (!framed(r) || !authorize_request(x->ui, r, method)) {
         fault_set(&r->fault, 403, "role", NULL, "the request is refused"); /* unless it says why */
         return answer_http(x);
@@ -733,12 +732,13 @@ static int start_daemon(struct server *s, int fd, struct apc_error *why)
                     ui->tls ? ": certificate and key must be PEM and belong together" : "");
 }
 
-int server_start(struct ui *ui, struct apc_error *why)
+int server_start(struct ui *ui, const struct site *site, struct apc_error *why)
 {
     struct server *s = ui->server = calloc(1, sizeof *s);
     if (!s)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     s->ui = ui;
+    s->site = site;
     ui->tls = ui->options.tls_cert != NULL;
     if (connection_limits_init(&s->connection_limits) < 0)
         return apc_fail(why, APC_ESYS, "no mutex");

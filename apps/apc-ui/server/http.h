@@ -9,8 +9,8 @@
 
 #include <microhttpd.h>
 
+#include "apc-ui/ui.h"
 #include "connection_limits.h"
-#include "ui.h"
 
 #define BODY_MAX    65536 /* bytes */
 #define COOKIE_NAME 40
@@ -39,8 +39,14 @@ struct route {
     const char *query; /* names of parameters, with a space between */
     const char *doc;
 };
-extern const struct route routes[];
-extern const size_t n_routes;
+
+/* What is served. The server itself knows nothing of a plant. */
+struct site {
+    const struct route *route; /* [n]; the last one is the page, whatever its path */
+    size_t n;
+    void (*greet)(struct ui *ui, struct text *t); /* what a new reader of the stream is told first */
+    bool (*connected)(struct ui *ui);             /* the store, as far as somebody who looks at it knows */
+};
 
 struct request {
     const struct route *route;
@@ -96,7 +102,7 @@ void fault_store(struct request *r, int rc, const struct apc_store *store);
 bool fault_history(struct request *r, struct apc_store *store);
 
 /* Returns 0 or an error in why; ui->server and ui->port are set. */
-int server_start(struct ui *ui, struct apc_error *why);
+int server_start(struct ui *ui, const struct site *site, struct apc_error *why);
 /* Close what has not sent its request in time; each second. */
 void server_look(struct ui *ui);
 void server_stop(struct ui *ui);
@@ -129,40 +135,10 @@ const struct file *files_find(const struct files *files, const char *path);
 /* The drawing of the plant, at most 1 MiB. APC_ENOTFOUND: there is none there. */
 int graphic_load(struct text *graphic, const char *path, struct apc_error *why);
 
-/* Handlers of the table. */
+/* ---- login.c ---- */
 void get_session(struct ui *ui, struct request *r, struct apc_store *store);
 void post_login(struct ui *ui, struct request *r, struct apc_store *store);
 void post_logout(struct ui *ui, struct request *r, struct apc_store *store);
-void get_plant(struct ui *ui, struct request *r, struct apc_store *store);
-void get_graphic(struct ui *ui, struct request *r, struct apc_store *store);
-void get_state(struct ui *ui, struct request *r, struct apc_store *store);
-void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store);
-void get_history(struct ui *ui, struct request *r, struct apc_store *store);
-void get_events(struct ui *ui, struct request *r, struct apc_store *store);
-void get_timing(struct ui *ui, struct request *r, struct apc_store *store);
-void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store);
-void get_prediction(struct ui *ui, struct request *r, struct apc_store *store);
-void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
-void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
-void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store);
-/* The file of the addresses of plants. Returns 0, where there is none too, or an error in why. */
-int plants_check(const char *path, struct apc_error *why);
-void get_plants(struct ui *ui, struct request *r, struct apc_store *store);
-void get_kpis(struct ui *ui, struct request *r, struct apc_store *store);
-void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
-void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);
-void post_alarm_service(struct ui *ui, struct request *r, struct apc_store *store);
-void get_writes(struct ui *ui, struct request *r, struct apc_store *store);
-void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store);
-void post_output(struct ui *ui, struct request *r, struct apc_store *store);
-void post_mode(struct ui *ui, struct request *r, struct apc_store *store);
-void post_owner(struct ui *ui, struct request *r, struct apc_store *store);
-void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
-void get_metrics(struct ui *ui, struct request *r, struct apc_store *store);
-void get_livez(struct ui *ui, struct request *r, struct apc_store *store);
-void get_readyz(struct ui *ui, struct request *r, struct apc_store *store);
-/* Which thread has not begun a round for far too long, or NULL. */
-const char *stuck_thread(const struct ui *ui);
 /* The login form as the answer to a browser without a session. */
 void login_page(struct request *r, const char *message);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* All that the server answers to; docs/openapi.json says the same, and a test compares. */
-#include "http.h"
+#include "apc-ui/api/api.h"
 
 const struct route routes[] = {
     {"GET", "/api/session", ROLE_OBSERVER, DIRECT, get_session, "", "who is logged in"},
@@ -44,3 +44,7 @@ const struct route routes[] = {
     {"GET", "/{file}", ROLE_OBSERVER, PAGE, NULL, NULL, "the page"}, /* any path that is none of these */
 };
 const size_t n_routes = sizeof routes / sizeof *routes;
+const struct site ui_site = {.route = routes,
+                             .n = sizeof routes / sizeof *routes,
+                             .greet = model_state_json,
+                             .connected = model_connected};

@@ -22,9 +22,9 @@
 
 #include "apc-ui/plant/plant.h"
 #include "apc-ui/plant/writes.h"
+#include "apc-ui/server/session.h"
+#include "apc-ui/server/stream.h"
 #include "record/record.h"
-#include "session.h"
-#include "stream.h"
 
 struct files;
 struct server;
@@ -130,7 +130,7 @@ struct model {
     struct behind looked, behind; /* of the last look; what is told */
 };
 
-/* ---- audit.c ---- */
+/* ---- server/audit.c ---- */
 #define REFUSED 32
 
 struct audit {
@@ -154,7 +154,7 @@ void audit_refusal(struct ui *ui, const char *user, const char *address, const c
 /* What waits. Returns 0 or the store's error. */
 int audit_flush(struct ui *ui, struct apc_store *store);
 
-/* ---- api_alarm.c ---- */
+/* ---- api/api_alarm.c ---- */
 /* The alarms as the handlers know them: who writes waits for nobody who reads long. */
 enum { DESK_PAST = 0, DESK_WRITES, DESKS };
 struct desk {
@@ -163,10 +163,8 @@ struct desk {
 };
 int desks_init(struct desk desk[DESKS]);
 void desks_free(struct desk desk[DESKS]);
-void alarms_described_json(const struct experiment *e, struct text *t);
-void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t);
 
-/* ---- api_plants.c ---- */
+/* ---- api/api_plants.c ---- */
 /* The plants of the database, as they were told last. */
 struct listing {
     pthread_mutex_t mutex; /* held while the store is asked */
@@ -206,7 +204,17 @@ struct ui {
     struct listing listing;
 };
 
-/* ---- model.c ---- */
+/* ---- server/ui.c ---- */
+int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
+                  struct apc_error *why); /* timeout 0: the library's default */
+/* Wait a little, unless it is time to stop. */
+void ui_pause(struct ui *ui, apc_ns pause);
+
+/* ---- server/users.c ---- */
+/* Take the files of users and tokens as they are now; damaged: of each, that it is, and it was said. */
+void ui_look_users(struct ui *ui, bool damaged[2]);
+
+/* ---- plant/model.c ---- */
 int model_init(struct model *m);
 void model_free(struct model *m);
 /* Read them from the store. Returns 0 or its error. */
@@ -225,8 +233,9 @@ size_t model_silent(const struct model *m, apc_ns now, struct text *t);
 void control_json(const struct model *m, apc_ns now, struct text *t); /* locked */
 void model_store(struct ui *ui, bool connected, const char *error);
 void store_state_json(const struct model *m, struct text *t); /* locked */
+bool model_connected(struct ui *ui);
 
-/* ---- alarms.c ---- */
+/* ---- plant/alarms.c ---- */
 struct alarm_watch {
     struct alarm_summary board;
     struct alarm_told { /* of one alarm, what was told of it */
@@ -245,21 +254,26 @@ int alarm_watch_look(struct alarm_watch *watch, struct ui *ui, struct apc_store 
                      const struct apc_vector *tick);
 void alarm_watch_free(struct alarm_watch *watch);
 
-/* ---- history_lag.c ---- */
+/* ---- plant/alarms_json.c ---- */
+void alarms_described_json(const struct experiment *e, struct text *t);
+void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t);
+/* Members of the two: what an alarm is, whatever becomes of it, and how it stands. */
+void alarm_described_members(const struct alarm *alarm, struct text *t);
+void alarm_stands_members(const struct alarm_now *now, struct apc_store *store, struct text *t);
+void alarm_author_member(struct apc_store *store, uint32_t author, struct text *t);
+void alarm_time_member(const char *name, apc_ns time, struct text *t); /* 0: null */
+
+/* ---- plant/history_lag.c ---- */
 /* A look at it. What is seldom written is for a moment as late as it is seldom: two looks must agree on it. */
 void model_behind(struct model *m, const struct behind *now);
 void behind_json(const struct model *m, struct text *t); /* locked */
 
-/* ---- threads: until ui->stopping; arg is the ui ---- */
+/* ---- threads, in plant: until ui->stopping; arg is the ui ---- */
 void *live_thread(void *arg);
 void *records_thread(void *arg);
 void *behind_thread(void *arg);
-int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
-                  struct apc_error *why); /* timeout 0: the library's default */
-/* Wait a little, unless it is time to stop. */
-void ui_pause(struct ui *ui, apc_ns pause);
 
-/* ---- records.c ---- */
+/* ---- plant/records.c ---- */
 void event_json(const struct apc_event *event, struct text *t);
 void task_json(const struct task *task, apc_ns now, struct text *t);
 void summary_json(const struct apc_summary *summary, struct text *t);

@@ -4,7 +4,7 @@
 #include <string.h>
 #include <strings.h>
 
-#include "apc-ui/server/http.h"
+#include "http.h"
 
 static void session_json(const struct ui *ui, const struct session *s, struct text *t)
 {

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What the page asks for, a function for each route. */
+#ifndef APC_UI_API_H
+#define APC_UI_API_H
+
+#include "apc-ui/server/http.h"
+
+/* route.c: all that there is */
+extern const struct route routes[];
+extern const size_t n_routes;
+extern const struct site ui_site;
+
+void get_plant(struct ui *ui, struct request *r, struct apc_store *store);
+void get_graphic(struct ui *ui, struct request *r, struct apc_store *store);
+void get_state(struct ui *ui, struct request *r, struct apc_store *store);
+void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store);
+void get_history(struct ui *ui, struct request *r, struct apc_store *store);
+void get_events(struct ui *ui, struct request *r, struct apc_store *store);
+void get_timing(struct ui *ui, struct request *r, struct apc_store *store);
+void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store);
+void get_prediction(struct ui *ui, struct request *r, struct apc_store *store);
+void get_alarms(struct ui *ui, struct request *r, struct apc_store *store);
+void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store);
+void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store);
+/* The file of the addresses of plants. Returns 0, where there is none too, or an error in why. */
+int plants_check(const char *path, struct apc_error *why);
+void get_plants(struct ui *ui, struct request *r, struct apc_store *store);
+void get_kpis(struct ui *ui, struct request *r, struct apc_store *store);
+void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
+void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);
+void post_alarm_service(struct ui *ui, struct request *r, struct apc_store *store);
+void get_writes(struct ui *ui, struct request *r, struct apc_store *store);
+void post_setpoint(struct ui *ui, struct request *r, struct apc_store *store);
+void post_output(struct ui *ui, struct request *r, struct apc_store *store);
+void post_mode(struct ui *ui, struct request *r, struct apc_store *store);
+void post_owner(struct ui *ui, struct request *r, struct apc_store *store);
+void post_tuning(struct ui *ui, struct request *r, struct apc_store *store);
+void get_metrics(struct ui *ui, struct request *r, struct apc_store *store);
+void get_livez(struct ui *ui, struct request *r, struct apc_store *store);
+void get_readyz(struct ui *ui, struct request *r, struct apc_store *store);
+/* Which thread has not begun a round for far too long, or NULL. */
+const char *stuck_thread(const struct ui *ui);
+
+#endif

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What every thread of the daemon needs: a store of its own, and pauses that end with the daemon. */
+#include "apc-ui/ui.h"
+
+#include <time.h>
+
+#include "common/storeuri.h"
+
+#define BACKOFF_MOST (APC_NS_PER_S / 4) /* somebody sits there and waits */
+
+void ui_pause(struct ui *ui, apc_ns pause)
+{
+    const struct timespec t = {pause / APC_NS_PER_S, pause % APC_NS_PER_S};
+    if (!ui->stopping)
+        nanosleep(&t, NULL);
+}
+
+int ui_open_store(struct ui *ui, const char *name, apc_ns timeout, struct apc_store **store,
+                  struct apc_error *why)
+{
+    const struct apc_store_options options = {
+        .size = sizeof options, .name = name, .timeout = timeout, .backoff_max = BACKOFF_MOST};
+    char room[256]; /* who has time reads the past, too; the others what is newest */
+    const char *uri = timeout > 0 ? ui->options.store : store_live(ui->options.store, room);
+    return apc_store_open(store, uri, &options, why);
+}
