@@ -18,54 +18,32 @@ struct options {
     const char *folder;
     const char *hosts[HOSTS_MAX];
     size_t n_hosts;
-    long days; /* 0: not given */
+    uint64_t days; /* 0: not given */
     bool replace;
 };
 
-enum { OPT_DIR = 0x400, OPT_HOST, OPT_DAYS, OPT_REPLACE };
-
-static const struct argp_option option_list[] = {
-    {"dir", OPT_DIR, "DIR", 0, "Folder of the authority and of what it makes [APC_CERTS]; default certs", 0},
-    {"host", OPT_HOST, "HOST", 0,
-     "Of a plant: a name or an address at which clients find it, as in tls:HOST:PORT; as often as it has "
-     "some",
-     0},
-    {"days", OPT_DAYS, "N", 0, "How long it is good: default 825, of an authority 3650", 0},
-    {"replace", OPT_REPLACE, NULL, 0, "Make one anew that is there, for instance because it expires", 0},
-    {0},
-};
-
-static error_t parse_cert_options(int key, char *arg, struct argp_state *state)
+static void take_host(void *options, char *arg, const struct argp_state *state)
 {
-    struct options *o = state->input;
-    char *end = arg;
-
-    switch (key) {
-    case OPT_DIR:
-        if (!*arg)
-            argp_error(state, "--dir \"\": must name a folder");
-        o->folder = arg;
-        break;
-    case OPT_HOST:
-        if (o->n_hosts == HOSTS_MAX)
-            argp_error(state, "--host may be given %d times at most", HOSTS_MAX);
-        o->hosts[o->n_hosts++] = arg;
-        break;
-    case OPT_DAYS:
-        o->days = strtol(arg, &end, 10);
-        if (end == arg || *end || o->days < 1 || o->days > DAYS_MAX)
-            argp_error(state, "--days \"%s\": must be a whole number, 1 to %d", arg, DAYS_MAX);
-        break;
-    case OPT_REPLACE:
-        o->replace = true;
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
+    struct options *o = options;
+    if (o->n_hosts == HOSTS_MAX)
+        argp_error(state, "--host may be given %d times at most", HOSTS_MAX);
+    o->hosts[o->n_hosts++] = arg;
 }
 
-static const struct argp extra = {option_list, parse_cert_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct options, member)
+static const struct option_spec own_options[] = {
+    {"dir", 0, "DIR", "Folder of the authority and of what it makes [APC_CERTS]; default certs", OPTION_TEXT,
+     AT(folder), .must = "name a folder"},
+    {"host", 0, "HOST",
+     "Of a plant: a name or an address at which clients find it, as in tls:HOST:PORT; as often as it has "
+     "some",
+     OPTION_OWN, .take = take_host},
+    {"days", 0, "N", "How long it is good: default 825, of an authority 3650", OPTION_WHOLE, AT(days),
+     .low = 1, .high = DAYS_MAX, .must = "be a whole number, 1 to 36500"},
+    {"replace", 0, NULL, "Make one anew that is there, for instance because it expires", OPTION_FLAG,
+     AT(replace)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "authority [NAME] | plant NAME --host HOST | client NAME | list",
@@ -84,13 +62,13 @@ static const struct cli_spec spec = {
     .takes = 0,
     .min_args = 1,
     .max_args = 2,
-    .extra = &extra,
+    .options = own_options,
 };
 
 static int make_certificate(const struct cli *cli, const struct options *o, enum authority_role role,
                             const char *name)
 {
-    const long days = o->days ? o->days : role == ROLE_AUTHORITY ? AUTHORITY_DAYS : DAYS;
+    const long days = o->days ? (long)o->days : role == ROLE_AUTHORITY ? AUTHORITY_DAYS : DAYS;
     const time_t now = time(NULL);
     const struct authority_request request = {.name = name,
                                               .role = role,

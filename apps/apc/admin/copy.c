@@ -19,22 +19,13 @@
 #define BAR      24
 #define SHOW     (APC_NS_PER_S / 10) /* between two pictures of the progress bar */
 
-static const struct argp_option option_list[] = {{"since", 0x500, "TIME", 0,
-                                                  "Only what is not older, RFC 3339 or before now as -30s, "
-                                                  "-10m, -2h, -1d; the newest row of each variable "
-                                                  "in any case",
-                                                  0},
-                                                 {0}};
-
-static error_t parse_copy_options(int key, char *arg, struct argp_state *state)
-{
-    if (key != 0x500)
-        return ARGP_ERR_UNKNOWN;
-    *(const char **)state->input = arg;
-    return 0;
-}
-
-static const struct argp own = {option_list, parse_copy_options, NULL, NULL, NULL, NULL, NULL};
+static const struct option_spec own_options[] = {
+    {"since", 0, "TIME",
+     "Only what is not older, RFC 3339 or before now as -30s, -10m, -2h, -1d; the newest row of each "
+     "variable in any case",
+     OPTION_TEXT, .to = 0},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "FROM TO",
@@ -45,7 +36,7 @@ static const struct cli_spec spec = {
         "meanwhile.",
     .min_args = 2,
     .max_args = 2,
-    .extra = &own,
+    .options = own_options,
 };
 
 struct counts {

@@ -4,22 +4,11 @@
 #include "common/storeuri.h"
 #include "experiment/experiment.h"
 
-#include <string.h>
-
-static const struct argp_option option_list[] = {
-    {"force", 'f', NULL, 0, "Describe FILE also in a store that belongs to another experiment", 0}, {0}};
-
-static error_t parse_init_options(int key, char *arg, struct argp_state *state)
-{
-    bool *force = state->input;
-    (void)arg;
-    if (key != 'f')
-        return ARGP_ERR_UNKNOWN;
-    *force = true;
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_init_options, NULL, NULL, NULL, NULL, NULL};
+static const struct option_spec own_options[] = {
+    {"force", 'f', NULL, "Describe FILE also in a store that belongs to another experiment", OPTION_FLAG,
+     .to = 0},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "[FILE]",
@@ -34,7 +23,7 @@ static const struct cli_spec spec = {
         "setpoints and the controllers' states.",
     .takes = CLI_STORE | CLI_MAKES_STORE,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
 };
 
 static int init_store(const struct cli *cli, struct apc_store *store)

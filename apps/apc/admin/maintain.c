@@ -6,52 +6,29 @@
 
 #define DAY (86400 * APC_NS_PER_S)
 
-enum { OPT_KEEP = 0x400, OPT_EVENTS, OPT_TICKS, OPT_PACK, OPT_ALL };
-
-static const struct argp_option option_list[] = {
-    {"keep", OPT_KEEP, "DURATION", 0,
-     "Drop samples and timing older than that, as 90d or 36h; default: keep them for ever", 0},
-    {"keep-events", OPT_EVENTS, "DURATION", 0, "Drop events older than that; default: keep them for ever", 0},
-    {"keep-ticks", OPT_TICKS, "DURATION", 0,
-     "Drop ticks and predictions older than that; default: 1d, or what --keep says if that is shorter", 0},
-    {"pack", OPT_PACK, "DURATION", 0,
-     "Pack samples that are older than that, as 14d, of PostgreSQL whole weeks: a quarter to a tenth of the "
-     "room, the same history; default: none",
-     0},
-    {"all", OPT_ALL, NULL, 0, "All plants in the database whose tables are yours, one after the other", 0},
-    {0},
-};
-
 struct wish {
     const char *keep, *events, *ticks, *pack;
     bool all;
 };
 
-static error_t parse_maintain_options(int key, char *arg, struct argp_state *state)
-{
-    struct wish *wish = state->input;
-    switch (key) {
-    case OPT_KEEP:
-        wish->keep = arg;
-        return 0;
-    case OPT_EVENTS:
-        wish->events = arg;
-        return 0;
-    case OPT_TICKS:
-        wish->ticks = arg;
-        return 0;
-    case OPT_PACK:
-        wish->pack = arg;
-        return 0;
-    case OPT_ALL:
-        wish->all = true;
-        return 0;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-}
-
-static const struct argp own = {option_list, parse_maintain_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct wish, member)
+static const struct option_spec own_options[] = {
+    {"keep", 0, "DURATION",
+     "Drop samples and timing older than that, as 90d or 36h; default: keep them for ever", OPTION_TEXT,
+     AT(keep)},
+    {"keep-events", 0, "DURATION", "Drop events older than that; default: keep them for ever", OPTION_TEXT,
+     AT(events)},
+    {"keep-ticks", 0, "DURATION",
+     "Drop ticks and predictions older than that; default: 1d, or what --keep says if that is shorter",
+     OPTION_TEXT, AT(ticks)},
+    {"pack", 0, "DURATION",
+     "Pack samples that are older than that, as 14d, of PostgreSQL whole weeks: a quarter to a tenth of the "
+     "room, the same history; default: none",
+     OPTION_TEXT, AT(pack)},
+    {"all", 0, NULL, "All plants in the database whose tables are yours, one after the other", OPTION_FLAG,
+     AT(all)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .doc = "Make room ahead for what will be stored, and drop what is older than is to be kept. For the "
@@ -61,7 +38,7 @@ static const struct cli_spec spec = {
            "tables are partitioned, ticks and predictions by the day; the newest sample of each variable "
            "always stays.",
     .takes = CLI_STORE,
-    .extra = &own,
+    .options = own_options,
 };
 
 /* Of one plant, whose name is NULL where there is one only. Returns 0, or an error already said. */

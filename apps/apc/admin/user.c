@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc user: who may use the operator's page. */
-#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <termios.h>
@@ -11,50 +10,24 @@
 
 struct options {
     const char *file, *role;
-    apc_ns days; /* 0: no end */
+    uint64_t days; /* 0: no end */
 };
 
 #define DAY       (86400 * APC_NS_PER_S)
 #define DAYS_MOST 3650
 
-enum { OPT_USERS = 0x400, OPT_ROLE, OPT_DAYS };
+static const char *const roles[] = {"observer", "operator", "engineer", NULL};
 
-static const struct argp_option option_list[] = {
-    {"users", OPT_USERS, "FILE", 0, "The file [APC_USERS]; default ~/.config/apc/users", 0},
-    {"role", OPT_ROLE, "ROLE", 0, "observer (default for a new name), operator or engineer", 0},
-    {"days", OPT_DAYS, "N", 0, "The token ends so many days from now, 1 to 3650; default: never", 0},
+#define AT(member) .to = offsetof(struct options, member)
+static const struct option_spec own_options[] = {
+    {"users", 0, "FILE", "The file [APC_USERS]; default ~/.config/apc/users", OPTION_TEXT, AT(file),
+     .must = "name a file"},
+    {"role", 0, "ROLE", "observer (default for a new name), operator or engineer", OPTION_TEXT, AT(role),
+     .choices = roles, .must = "be observer, operator or engineer"},
+    {"days", 0, "N", "The token ends so many days from now, 1 to 3650; default: never", OPTION_WHOLE,
+     AT(days), .low = 1, .high = DAYS_MOST, .must = "be a whole number from 1 to 3650"},
     {0},
 };
-
-static apc_ns parse_days(const char *text, struct argp_state *state)
-{
-    char *end;
-    errno = 0;
-    long days = strtol(text, &end, 10);
-    if (end == text || *end || errno || days < 1 || days > DAYS_MOST)
-        argp_error(state, "--days \"%s\": must be a whole number from 1 to %d", text, DAYS_MOST);
-    return (apc_ns)days * DAY;
-}
-
-static error_t parse_user_options(int key, char *arg, struct argp_state *state)
-{
-    struct options *o = state->input;
-    if (key == OPT_USERS && !*arg)
-        argp_error(state, "--users \"\": must name a file");
-    else if (key == OPT_USERS)
-        o->file = arg;
-    else if (key == OPT_ROLE && role_parse(arg) == ROLE_NONE)
-        argp_error(state, "--role \"%s\": must be observer, operator or engineer", arg);
-    else if (key == OPT_ROLE)
-        o->role = arg;
-    else if (key == OPT_DAYS)
-        o->days = parse_days(arg, state);
-    else
-        return ARGP_ERR_UNKNOWN;
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_user_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "list | add NAME | remove NAME | token NAME | revoke NAME",
@@ -71,7 +44,7 @@ static const struct cli_spec spec = {
     .takes = 0,
     .min_args = 1,
     .max_args = 2,
-    .extra = &extra,
+    .options = own_options,
 };
 
 /* One line without its end; false: there is none, or it is too long. */
@@ -142,7 +115,7 @@ static int new_token(const struct cli *cli, const struct options *o, const char 
 {
     char secret[SECRET_LEN];
     struct apc_error why;
-    const apc_ns until = o->days > 0 ? apc_clock_utc(NULL) + o->days : 0;
+    const apc_ns until = o->days > 0 ? apc_clock_utc(NULL) + (apc_ns)o->days * DAY : 0;
     int rc = tokens_add(path, name, o->role ? role_parse(o->role) : ROLE_NONE, until, secret, &why);
     if (rc < 0)
         return cli_error(cli, rc, "%s", why.text);

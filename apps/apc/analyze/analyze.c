@@ -6,22 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { OPT_SET = 0x800, OPT_AT, OPT_FIGURE, OPT_TIMING };
-
-static const struct argp_option option_list[] = {
-    {"set", OPT_SET, "PATH=VALUE", 0, "A setting other than the file's, any number of times", 0},
-    {"at", OPT_AT, "NAME=VALUE", 0,
-     "An output or a disturbance of the operating point; default: that of the controllers' operating_point, "
-     "else the output's initial value, else the model's own",
-     0},
-    {"timing", OPT_TIMING, "RUN", 0,
-     "How late controllers began and how long they took in this run, instead of what the file says", 0},
-    {"figure", OPT_FIGURE, "NAME", 0, "Draw Bode's and Nyquist's curves as NAME.svg and NAME.png", 0},
-    {0},
-};
-
-static void parse_at(struct analyze_options *o, char *arg, const struct argp_state *state)
+static void take_at(void *options, char *arg, const struct argp_state *state)
 {
+    struct analyze_options *o = options;
     char *equals = strrchr(arg, '=');
     struct linear_at *at = &o->at[o->n_at];
 
@@ -36,29 +23,21 @@ static void parse_at(struct analyze_options *o, char *arg, const struct argp_sta
     o->n_at++;
 }
 
-static error_t parse_analyze_options(int key, char *arg, struct argp_state *state)
-{
-    struct analyze_options *o = state->input;
-    switch (key) {
-    case OPT_SET:
-        setting_add(&o->set, state, arg);
-        break;
-    case OPT_AT:
-        parse_at(o, arg, state);
-        break;
-    case OPT_TIMING:
-        o->timing = arg;
-        break;
-    case OPT_FIGURE:
-        o->figure = arg;
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_analyze_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct analyze_options, member)
+static const struct option_spec own_options[] = {
+    {"set", 0, "PATH=VALUE", "A setting other than the file's, any number of times", OPTION_OWN, AT(set),
+     .take = setting_add},
+    {"at", 0, "NAME=VALUE",
+     "An output or a disturbance of the operating point; default: that of the controllers' operating_point, "
+     "else the output's initial value, else the model's own",
+     OPTION_OWN, .take = take_at},
+    {"timing", 0, "RUN",
+     "How late controllers began and how long they took in this run, instead of what the file says",
+     OPTION_TEXT, AT(timing)},
+    {"figure", 0, "NAME", "Draw Bode's and Nyquist's curves as NAME.svg and NAME.png", OPTION_TEXT,
+     AT(figure)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
@@ -71,7 +50,7 @@ static const struct cli_spec spec = {
     .takes = CLI_FORMAT,
     .min_args = 1,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
 };
 
 #define POINTS   800 /* of a curve, four decades */

@@ -12,21 +12,12 @@ struct own {
     bool here;
 };
 
-static const struct argp_option option_list[] = {
-    {"here", 'H', NULL, 0, "Linearise at the states as they are given, whether or not they are at rest", 0},
-    {0}};
-
-static error_t parse_linearize_options(int key, char *arg, struct argp_state *state)
-{
-    struct own *own = state->input;
-    (void)arg;
-    if (key != 'H')
-        return ARGP_ERR_UNKNOWN;
-    own->here = true;
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_linearize_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct own, member)
+static const struct option_spec own_options[] = {
+    {"here", 'H', NULL, "Linearise at the states as they are given, whether or not they are at rest",
+     OPTION_FLAG, AT(here)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "PLANT [NAME=VALUE...]\nMODELFILE",
@@ -42,7 +33,7 @@ static const struct cli_spec spec = {
     .takes = CLI_FORMAT,
     .min_args = 1,
     .max_args = -1,
-    .extra = &extra,
+    .options = own_options,
 };
 
 struct analysis {

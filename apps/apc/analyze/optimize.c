@@ -2,7 +2,6 @@
 /* apc optimize: numbers of an experiment with which it is controlled better. */
 #include "optimize.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,55 +12,9 @@
 #define BUDGET 2000
 #define LEAST  60 /* tries: fewer are no search */
 
-enum {
-    OPT_OVER = 0x700,
-    OPT_SET,
-    OPT_WEIGHTS,
-    OPT_PEAK,
-    OPT_BUDGET,
-    OPT_NET,
-    OPT_CSV,
-    OPT_JSON,
-    OPT_FIGURE,
-    OPT_WRITE,
-    OPT_FORCE
-};
-
-static const struct argp_option option_list[] = {
-    {"over", OPT_OVER, "PATH=LOW..HIGH", 0,
-     "A number that is searched, within these bounds, as controllers.base.v1.Kp=0.1..10; up to 16 of them",
-     0},
-    {"set", OPT_SET, "PATH=VALUE", 0, "A setting other than the file's, any number of times", 0},
-    {"weights", OPT_WEIGHTS, "NAME=W,...", 0,
-     "Of the cost: iae, effort (each relative to that of the present numbers), overshoot (of 100 %), limits "
-     "(of all the time beyond "
-     "them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
-     0},
-    {"peak", OPT_PEAK, "M", 0,
-     "No loop's sensitivity, as apc analyze has it, is to have a higher peak; 1.2 to 2 of most good loops",
-     0},
-    {"runs", 'n', "N", 0, "Seeds of each try, from --seed on, the same for all; default: 1", 0},
-    {"budget", OPT_BUDGET, "N", 0, "Simulated runs in all; default: 2000", 0},
-    {"seed", 's', "N", 0, "Of the first run of each try, instead of the file's", 0},
-    {"duration", 'd', "SECONDS", 0, "How long to simulate instead of the file's duration", 0},
-    {"net", OPT_NET, "SPEC", 0, "The network, over what the file says, as in apc simulate", 0},
-    {"jobs", 'j', "N", 0, "Processes; default: one a CPU. What is found does not depend on it", 0},
-    {"csv", OPT_CSV, "FILE", 0, "Write the front of IAE against effort there; - is stdout", 0},
-    {"json", OPT_JSON, NULL, 0, "What was found as JSON on stdout, and what else is said on stderr", 0},
-    {"figure", OPT_FIGURE, "NAME", 0, "Draw the front as NAME.svg and NAME.png", 0},
-    {"write", OPT_WRITE, "FILE", 0,
-     "Write an experiment file with the numbers that were found, without the comments of the former", 0},
-    {"force", OPT_FORCE, NULL, 0, "Write over files that are there", 0},
-    {0},
-};
-
-static bool parse_whole_option(const char *text, double most, double *value)
+static void take_over(void *options, char *arg, const struct argp_state *state)
 {
-    return apc_number_parse(text, value) == 0 && *value >= 1 && *value <= most && *value == floor(*value);
-}
-
-static void parse_over(struct optimize_options *o, char *arg, const struct argp_state *state)
-{
+    struct optimize_options *o = options;
     char *equals = setting_equals(arg), *dots = equals ? strstr(equals, "..") : NULL;
     struct number *n = &o->number[o->n];
     if (!dots || equals == arg || (size_t)(equals - arg) >= sizeof n->path) {
@@ -83,8 +36,9 @@ static void parse_over(struct optimize_options *o, char *arg, const struct argp_
     o->n++;
 }
 
-static void parse_weights(struct weights *w, char *arg, const struct argp_state *state)
+static void take_weights(void *weights, char *arg, const struct argp_state *state)
 {
+    struct weights *w = weights;
     const struct {
         const char *name;
         double *weight;
@@ -105,8 +59,9 @@ static void parse_weights(struct weights *w, char *arg, const struct argp_state 
         argp_error(state, "--weights: all are 0: then nothing is better than anything else");
 }
 
-static void check_optimize_options(const struct optimize_options *o, const struct argp_state *state)
+static void check_optimize_options(void *options, const struct argp_state *state)
 {
+    const struct optimize_options *o = options;
     if (o->n == 0)
         argp_error(state,
                    "--over is missing: which number is to be searched, as --over controller.Kp=0.1..10");
@@ -117,78 +72,42 @@ static void check_optimize_options(const struct optimize_options *o, const struc
         argp_error(state, "--json and --csv -: both want stdout");
 }
 
-static error_t parse_optimize_options(int key, char *arg, struct argp_state *state)
-{
-    struct optimize_options *o = state->input;
-    double number = 0;
-    switch (key) {
-    case OPT_OVER:
-        parse_over(o, arg, state);
-        break;
-    case OPT_SET:
-        setting_add(&o->set, state, arg);
-        break;
-    case OPT_WEIGHTS:
-        parse_weights(&o->weights, arg, state);
-        break;
-    case OPT_PEAK:
-        if (apc_number_parse(arg, &o->weights.peak) < 0 || !(o->weights.peak > 1))
-            argp_error(state, "--peak \"%s\": must be above 1; most good loops have 1.2 to 2", arg);
-        break;
-    case 'n':
-        if (!parse_whole_option(arg, 100000, &number))
-            argp_error(state, "--runs \"%s\": must be 1 to 100000", arg);
-        o->runs = (unsigned)number;
-        break;
-    case OPT_BUDGET:
-        if (!parse_whole_option(arg, 1e7, &number))
-            argp_error(state, "--budget \"%s\": must be 1 to 10000000", arg);
-        o->budget = (unsigned)number;
-        break;
-    case 'j':
-        if (!parse_whole_option(arg, 1024, &number))
-            argp_error(state, "--jobs \"%s\": must be 1 to 1024", arg);
-        o->jobs = (unsigned)number;
-        break;
-    case 's':
-        if (apc_number_parse(arg, &number) < 0 ||
-            !(number >= 0 && number <= 0x1p53 && number == floor(number)))
-            argp_error(state, "--seed \"%s\": must be a whole number, 0 to 9007199254740992", arg);
-        o->seed = (uint64_t)number;
-        o->seeded = true;
-        break;
-    case 'd':
-        if (apc_number_parse(arg, &o->duration) < 0 || !(o->duration > 0) || o->duration > 366 * 86400.0)
-            argp_error(state, "--duration \"%s\": must be seconds, above 0 up to 31622400", arg);
-        break;
-    case OPT_NET:
-        o->net = arg;
-        break;
-    case OPT_CSV:
-        o->csv = arg;
-        break;
-    case OPT_JSON:
-        o->json = true;
-        break;
-    case OPT_FIGURE:
-        o->figure = arg;
-        break;
-    case OPT_WRITE:
-        o->write = arg;
-        break;
-    case OPT_FORCE:
-        o->force = true;
-        break;
-    case ARGP_KEY_END:
-        check_optimize_options(o, state);
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_optimize_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct optimize_options, member)
+static const struct option_spec own_options[] = {
+    {"over", 0, "PATH=LOW..HIGH",
+     "A number that is searched, within these bounds, as controllers.base.v1.Kp=0.1..10; up to 16 of them",
+     OPTION_OWN, .take = take_over},
+    {"set", 0, "PATH=VALUE", "A setting other than the file's, any number of times", OPTION_OWN, AT(set),
+     .take = setting_add},
+    {"weights", 0, "NAME=W,...",
+     "Of the cost: iae, effort (each relative to that of the present numbers), overshoot (of 100 %), limits "
+     "(of all the time beyond them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
+     OPTION_OWN, AT(weights), .take = take_weights},
+    {"peak", 0, "M",
+     "No loop's sensitivity, as apc analyze has it, is to have a higher peak; 1.2 to 2 of most good loops",
+     OPTION_NUMBER, AT(weights.peak), .low = 1, .must = "be above 1; most good loops have 1.2 to 2"},
+    {"runs", 'n', "N", "Seeds of each try, from --seed on, the same for all; default: 1", OPTION_COUNT,
+     AT(runs), .low = 1, .high = 100000, .must = "be 1 to 100000"},
+    {"budget", 0, "N", "Simulated runs in all; default: 2000", OPTION_COUNT, AT(budget), .low = 1,
+     .high = 10000000, .must = "be 1 to 10000000"},
+    {"seed", 's', "N", "Of the first run of each try, instead of the file's", OPTION_WHOLE, AT(seed),
+     .given = 1 + offsetof(struct optimize_options, seeded), .low = 0, .high = 0x1p53,
+     .must = "be a whole number, 0 to 9007199254740992"},
+    {"duration", 'd', "SECONDS", "How long to simulate instead of the file's duration", OPTION_NUMBER,
+     AT(duration), .above = true, .high = YEAR, .must = "be seconds, above 0 up to 31622400"},
+    {"net", 0, "SPEC", "The network, over what the file says, as in apc simulate", OPTION_TEXT, AT(net)},
+    {"jobs", 'j', "N", "Processes; default: one a CPU. What is found does not depend on it", OPTION_COUNT,
+     AT(jobs), .low = 1, .high = 1024, .must = "be 1 to 1024"},
+    {"csv", 0, "FILE", "Write the front of IAE against effort there; - is stdout", OPTION_TEXT, AT(csv)},
+    {"json", 0, NULL, "What was found as JSON on stdout, and what else is said on stderr", OPTION_FLAG,
+     AT(json)},
+    {"figure", 0, "NAME", "Draw the front as NAME.svg and NAME.png", OPTION_TEXT, AT(figure)},
+    {"write", 0, "FILE",
+     "Write an experiment file with the numbers that were found, without the comments of the former",
+     OPTION_TEXT, AT(write)},
+    {"force", 0, NULL, "Write over files that are there", OPTION_FLAG, AT(force)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE --over PATH=LOW..HIGH ...",
@@ -199,7 +118,8 @@ static const struct cli_spec spec = {
            "IAE against effort. Nothing is changed but what --write names. The same command finds the same.",
     .min_args = 1,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
+    .check = check_optimize_options,
 };
 
 /* Does the experiment take it, all else being as it is? */

@@ -7,75 +7,38 @@
 #include "apc/operate/operate.h"
 #include "tune.h"
 
-enum { OPT_SUGGEST = 0x700, OPT_MODEL, OPT_FIGURE, OPT_FORCE, OPT_RULE, OPT_TAU_C, OPT_APPLY };
-
-static const struct argp_option option_list[] = {
-    {"suggest", OPT_SUGGEST, "RUN", 0,
-     "Of run folder RUN, best one of apc test: tunings of its PI and PID loops, with what they do beside the "
-     "present ones",
-     0},
-    {"model", OPT_MODEL, "FILE", 0,
-     "Take the plant from this model file of transfer functions; RUN may then be an experiment file", 0},
-    {"figure", OPT_FIGURE, "NAME", 0,
-     "Draw NAME.svg and NAME.png: a step of each loop's setpoint, now and then", 0},
-    {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
-    {"rule", OPT_RULE, "RULE", 0,
-     "simc (the default), lambda or relay: by the loop's limit, of the oscillation in RUN where that is a "
-     "test "
-     "by a relay, else of the model",
-     0},
-    {"tau-c", OPT_TAU_C, "S", 0,
-     "How fast the loops are to be; default: as their dead time. Longer is calmer", 0},
-    {"apply", OPT_APPLY, NULL, 0, "Write what is suggested, as one change", 0},
-    {0}};
-
-static error_t parse_tune_options(int key, char *arg, struct argp_state *state)
+static void check_tune_options(void *input, const struct argp_state *state)
 {
-    static const char *const rules[SUGGEST_RULES] = {"simc", "lambda", "relay"};
-    struct suggest_options *o = state->input;
-    int rule = 0;
-
-    switch (key) {
-    case OPT_SUGGEST:
-        o->run = arg;
-        break;
-    case OPT_MODEL:
-        o->model = arg;
-        break;
-    case OPT_FIGURE:
-        o->figure = arg;
-        break;
-    case OPT_FORCE:
-        o->force = true;
-        break;
-    case OPT_RULE:
-        while (rule < SUGGEST_RULES && strcmp(arg, rules[rule]) != 0)
-            rule++;
-        if (rule == SUGGEST_RULES)
-            argp_error(state, "--rule \"%s\": must be simc, lambda or relay", arg);
-        o->rule = (enum suggest_rule)rule;
-        break;
-    case OPT_TAU_C:
-        if (apc_number_parse(arg, &o->tau_c) < 0 || !(o->tau_c > 0.0))
-            argp_error(state, "--tau-c \"%s\": must be s, above 0", arg);
-        break;
-    case OPT_APPLY:
-        o->apply = true;
-        break;
-    case ARGP_KEY_END:
-        if (!o->run && (o->apply || o->rule || o->tau_c > 0.0 || o->model || o->figure || o->force))
-            argp_error(state,
-                       "--model, --figure, --force, --rule, --tau-c and --apply go with --suggest RUN");
-        if (o->rule == SUGGEST_RELAY && o->tau_c > 0.0)
-            argp_error(state, "--tau-c is that of simc and lambda");
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
+    const struct suggest_options *o = input;
+    if (!o->run && (o->apply || o->rule || o->tau_c > 0.0 || o->model || o->figure || o->force))
+        argp_error(state, "--model, --figure, --force, --rule, --tau-c and --apply go with --suggest RUN");
+    if (o->rule == SUGGEST_RELAY && o->tau_c > 0.0)
+        argp_error(state, "--tau-c is that of simc and lambda");
 }
 
-static const struct argp extra = {option_list, parse_tune_options, NULL, NULL, NULL, NULL, NULL};
+static const char *const rules[SUGGEST_RULES + 1] = {"simc", "lambda", "relay", NULL};
+
+#define AT(member) .to = offsetof(struct suggest_options, member)
+static const struct option_spec own_options[] = {
+    {"suggest", 0, "RUN",
+     "Of run folder RUN, best one of apc test: tunings of its PI and PID loops, with what they do beside the "
+     "present ones",
+     OPTION_TEXT, AT(run)},
+    {"model", 0, "FILE",
+     "Take the plant from this model file of transfer functions; RUN may then be an experiment file",
+     OPTION_TEXT, AT(model)},
+    {"figure", 0, "NAME", "Draw NAME.svg and NAME.png: a step of each loop's setpoint, now and then",
+     OPTION_TEXT, AT(figure)},
+    {"force", 0, NULL, "Write over what is in these files", OPTION_FLAG, AT(force)},
+    {"rule", 0, "RULE",
+     "simc (the default), lambda or relay: by the loop's limit, of the oscillation in RUN where that is a "
+     "test by a relay, else of the model",
+     OPTION_CHOICE, AT(rule), .choices = rules, .must = "be simc, lambda or relay"},
+    {"tau-c", 0, "S", "How fast the loops are to be; default: as their dead time. Longer is calmer",
+     OPTION_NUMBER, AT(tau_c), .must = "be s, above 0"},
+    {"apply", 0, NULL, "Write what is suggested, as one change", OPTION_FLAG, AT(apply)},
+    {0},
+};
 
 static const struct cli_spec tune_spec = {
     .args_doc = "[NAME=VALUE...]",
@@ -85,7 +48,8 @@ static const struct cli_spec tune_spec = {
         "show what would be better.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .max_args = -1,
-    .extra = &extra,
+    .options = own_options,
+    .check = check_tune_options,
 };
 
 static char *limit_text(double limit, char text[PRINT_LEN])

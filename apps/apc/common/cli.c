@@ -70,14 +70,15 @@ static const struct argp write_argp = {write_options, parse_write, NULL, NULL, N
 struct parsing {
     struct cli *cli;
     const struct cli_spec *spec;
+    struct option_input own;
 };
 
 /* Inputs of the children, in the order in which cli_parse() lists them. */
-static void give_inputs(const struct parsing *p, struct argp_state *state)
+static void give_inputs(struct parsing *p, struct argp_state *state)
 {
     int child = 0;
-    if (p->spec->extra)
-        state->child_inputs[child++] = p->cli->own;
+    if (p->spec->options)
+        state->child_inputs[child++] = &p->own;
     if (p->spec->takes & CLI_STORE)
         state->child_inputs[child++] = p->cli;
     if (p->spec->takes & CLI_FORMAT)
@@ -144,16 +145,20 @@ void cli_find_store(struct cli *cli)
 void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc, char **argv)
 {
     static char name[64];
-    struct parsing parsing = {cli, spec};
+    struct parsing parsing = {cli, spec, {spec->options, spec->check, own}};
+    struct argp_option list[OPTIONS_MAX + 1];
+    const struct argp own_argp = {list, option_parse, NULL, NULL, NULL, NULL, NULL};
     struct argp_child children[5] = {{0}};
     int child = 0;
 
-    *cli = (struct cli){.own = own, .takes = spec->takes, .timeout = 10 * APC_NS_PER_S};
+    *cli = (struct cli){.takes = spec->takes, .timeout = 10 * APC_NS_PER_S};
     snprintf(name, sizeof name, "apc %s", argv[0]);
     argv[0] = name;
     cli->command = name;
-    if (spec->extra)
-        children[child++] = (struct argp_child){spec->extra, 0, NULL, 0};
+    if (spec->options) {
+        option_list(spec->options, list);
+        children[child++] = (struct argp_child){&own_argp, 0, NULL, 0};
+    }
     if (spec->takes & CLI_STORE)
         children[child++] = (struct argp_child){&store_argp, 0, NULL, 0};
     if (spec->takes & CLI_FORMAT)

@@ -14,6 +14,7 @@
 
 #include "common/exitcode.h"
 #include "operate/operate.h"
+#include "option.h"
 
 enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 
@@ -37,14 +38,14 @@ struct cli {
     int n_args;
     unsigned takes;
     apc_ns timeout; /* of the store's operations; cli_parse() sets 10 s */
-    void *own;      /* input of the command's own options */
 };
 
 struct cli_spec {
     const char *args_doc, *doc;
     unsigned takes;
-    int min_args, max_args;   /* of positional arguments; max -1: any number */
-    const struct argp *extra; /* own options, their input is `own`; may be NULL */
+    int min_args, max_args;            /* of positional arguments; max -1: any number */
+    const struct option_spec *options; /* own ones, which go into `own`; may be NULL */
+    void (*check)(void *own, const struct argp_state *state); /* all of them, at the end; may be NULL */
 };
 
 /* Exits on --help and on usage errors (with EXIT_USAGE). argv[0] is the command's name. */

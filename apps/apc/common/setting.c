@@ -17,8 +17,9 @@ char *setting_equals(const char *text)
     return quoted ? strchr(text, '=') : NULL; /* it was no name in quotes */
 }
 
-void setting_add(struct setting_list *list, const struct argp_state *state, char *arg)
+void setting_add(void *setting_list, char *arg, const struct argp_state *state)
 {
+    struct setting_list *list = setting_list;
     char *equals = setting_equals(arg);
     if (!equals || equals == arg) {
         argp_error(state, "--set \"%s\": expected PATH=VALUE, as controller.Kp=0.5", arg);

@@ -9,60 +9,13 @@
 
 #include "apc/folder/folder.h"
 
-static const char *const kinds[KINDS] = {"transfer", "arx", "subspace", "fir"};
+static const char *const kinds[KINDS + 1] = {"transfer", "arx", "subspace", "fir", NULL};
 
 #define AS_GOOD 1.0 /* % of fit by which a simpler model may be worse than the best */
 
-enum {
-    OPT_INPUTS = 0x700,
-    OPT_DISTURBANCES,
-    OPT_OUTPUTS,
-    OPT_PERIOD,
-    OPT_FROM,
-    OPT_TO,
-    OPT_VALIDATE,
-    OPT_SHARE,
-    OPT_MODEL,
-    OPT_ORDER,
-    OPT_FIGURE,
-    OPT_FORCE,
-    OPT_SUGGEST,
-    OPT_FIND,
-    OPT_PLANT
-};
-
-static const struct argp_option option_list[] = {
-    {"inputs", OPT_INPUTS, "NAMES", 0,
-     "What went in, as v1,v2; of a run folder: all outputs of its controllers", 0},
-    {"disturbances", OPT_DISTURBANCES, "NAMES", 0, "What went in as well, and was measured, not moved", 0},
-    {"outputs", OPT_OUTPUTS, "NAMES", 0, "What is to be predicted; of a run folder: all measurements", 0},
-    {"period", OPT_PERIOD, "S", 0, "Time from sample to sample; default: that of the first output", 0},
-    {"from", OPT_FROM, "TIME", 0,
-     "Use the record from that time on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
-     0},
-    {"to", OPT_TO, "TIME", 0, "Use the record up to that time", 0},
-    {"share", OPT_SHARE, "X", 0, "Fit to the first X of each record, 0.67 of it, and validate on the rest",
-     0},
-    {"validate", OPT_VALIDATE, "FILE", 0, "Fit to all of the records, and validate on another one", 0},
-    {"model", OPT_MODEL, "KIND", 0,
-     "transfer, arx, subspace or fir; default: each, and the simplest of the best", 0},
-    {"order", OPT_ORDER, "N", 0, "Lags of transfer functions, 1 or 2; states of subspace; default: found", 0},
-    {"output", 'o', "FILE", 0, "Write the model there, for a controller's \"model\"", 0},
-    {"figure", OPT_FIGURE, "NAME", 0, "Draw NAME.svg and NAME.png: measured, and what the model says", 0},
-    {"suggest", OPT_SUGGEST, "TAU_C", OPTION_ARG_OPTIONAL,
-     "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time", 0},
-    {"find", OPT_FIND, "NAMES", 0,
-     "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
-     0},
-    {"plant", OPT_PLANT, "FILE", 0,
-     "Of --find: the experiment file that has the plant, where the record is no run folder", 0},
-    {"force", OPT_FORCE, NULL, 0, "Write over what is in these files", 0},
-    {0},
-};
-
 /* ---- Options ----------------------------------------------------------------------------------------- */
 
-static void parse_names(struct argp_state *state, char *arg, char **names, size_t *n)
+static void parse_names(const struct argp_state *state, char *arg, char **names, size_t *n)
 {
     for (char *name; (name = strsep(&arg, ","));) {
         if (!*name || strlen(name) >= APC_TAG_LEN || strchr(name, '\n'))
@@ -73,104 +26,96 @@ static void parse_names(struct argp_state *state, char *arg, char **names, size_
     }
 }
 
-static double parse_identify_number(struct argp_state *state, const char *option, const char *arg, double low,
-                                    double high)
+static void take_inputs(void *options, char *arg, const struct argp_state *state)
 {
-    double value;
-
-    if (apc_number_parse(arg, &value) < 0 || !(value >= low && value <= high))
-        argp_error(state, "--%s \"%s\": must be a number from %g to %g", option, arg, low, high);
-    return value;
+    struct identify_wish *wish = &((struct identify_options *)options)->wish;
+    if (wish->disturbances)
+        argp_error(state, "--inputs go before --disturbances");
+    parse_names(state, arg, wish->input, &wish->inputs);
 }
 
-static int parse_kind(struct argp_state *state, const char *arg)
+static void take_disturbances(void *options, char *arg, const struct argp_state *state)
 {
-    for (int k = 0; k < KINDS; k++)
-        if (!strcmp(arg, kinds[k]))
-            return k;
-    argp_error(state, "--model \"%s\": must be transfer, arx, subspace or fir", arg);
-    return KINDS;
+    struct identify_wish *wish = &((struct identify_options *)options)->wish;
+    const size_t before = wish->inputs;
+    parse_names(state, arg, wish->input, &wish->inputs);
+    wish->disturbances += wish->inputs - before;
 }
 
-static error_t parse_identify_options(int key, char *arg, struct argp_state *state)
+static void take_outputs(void *options, char *arg, const struct argp_state *state)
 {
-    struct identify_options *own = state->input;
-    struct identify_wish *wish = &own->wish;
-    switch (key) {
-    case OPT_INPUTS:
-        if (wish->disturbances)
-            argp_error(state, "--inputs go before --disturbances");
-        parse_names(state, arg, wish->input, &wish->inputs);
-        break;
-    case OPT_DISTURBANCES: {
-        const size_t before = wish->inputs;
-        parse_names(state, arg, wish->input, &wish->inputs);
-        wish->disturbances += wish->inputs - before;
-        break;
-    }
-    case OPT_OUTPUTS:
-        parse_names(state, arg, wish->output, &wish->outputs);
-        break;
-    case OPT_PERIOD:
-        wish->period = parse_identify_number(state, "period", arg, 1e-6, 1e6);
-        break;
-    case OPT_FROM:
-        own->from = arg;
-        break;
-    case OPT_TO:
-        own->to = arg;
-        break;
-    case OPT_SHARE:
-        own->share = parse_identify_number(state, "share", arg, 0.1, 0.9);
-        break;
-    case OPT_VALIDATE:
-        own->validate = arg;
-        break;
-    case OPT_MODEL:
-        own->kind = parse_kind(state, arg);
-        break;
-    case OPT_ORDER:
-        own->order = (unsigned)parse_identify_number(state, "order", arg, 1, 50);
-        break;
-    case 'o':
-        own->output = arg;
-        break;
-    case OPT_FIGURE:
-        own->figure = arg;
-        break;
-    case OPT_SUGGEST:
-        own->suggest = true;
-        own->tau_c = arg ? parse_identify_number(state, "suggest", arg, 1e-9, 1e9) : 0.0;
-        break;
-    case OPT_FIND:
-        parse_names(state, arg, own->find, &own->finds);
-        break;
-    case OPT_PLANT:
-        own->plant = arg;
-        break;
-    case OPT_FORCE:
-        own->force = true;
-        break;
-    case ARGP_KEY_END:
-        if (own->order && own->kind != TRANSFER && own->kind != SUBSPACE)
-            argp_error(state, "--order is that of --model transfer or --model subspace");
-        if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
-            argp_error(state, "--suggest is for transfer functions");
-        if (own->plant && !own->finds)
-            argp_error(state, "--plant is that of --find");
-        if (own->finds && (own->kind != KINDS || own->suggest || own->output || own->validate))
-            argp_error(state,
-                       "--find finds parameters: no --model, --suggest, --output or --validate with it");
-        if (wish->disturbances && wish->disturbances == wish->inputs)
-            argp_error(state, "--disturbances need --inputs beside them");
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
+    struct identify_wish *wish = &((struct identify_options *)options)->wish;
+    parse_names(state, arg, wish->output, &wish->outputs);
 }
 
-static const struct argp extra = {option_list, parse_identify_options, NULL, NULL, NULL, NULL, NULL};
+static void take_find(void *options, char *arg, const struct argp_state *state)
+{
+    struct identify_options *own = options;
+    parse_names(state, arg, own->find, &own->finds);
+}
+
+static void take_suggest(void *options, char *arg, const struct argp_state *state)
+{
+    struct identify_options *own = options;
+    own->suggest = true;
+    own->tau_c = 0.0;
+    if (arg && (apc_number_parse(arg, &own->tau_c) < 0 || !(own->tau_c >= 1e-9 && own->tau_c <= 1e9)))
+        argp_error(state, "--suggest \"%s\": must be a number from 1e-09 to 1e+09", arg);
+}
+
+static void check_identify_options(void *input, const struct argp_state *state)
+{
+    const struct identify_options *own = input;
+    const struct identify_wish *wish = &own->wish;
+    if (own->order && own->kind != TRANSFER && own->kind != SUBSPACE)
+        argp_error(state, "--order is that of --model transfer or --model subspace");
+    if (own->suggest && own->kind != KINDS && own->kind != TRANSFER)
+        argp_error(state, "--suggest is for transfer functions");
+    if (own->plant && !own->finds)
+        argp_error(state, "--plant is that of --find");
+    if (own->finds && (own->kind != KINDS || own->suggest || own->output || own->validate))
+        argp_error(state, "--find finds parameters: no --model, --suggest, --output or --validate with it");
+    if (wish->disturbances && wish->disturbances == wish->inputs)
+        argp_error(state, "--disturbances need --inputs beside them");
+}
+
+#define AT(member) .to = offsetof(struct identify_options, member)
+static const struct option_spec own_options[] = {
+    {"inputs", 0, "NAMES", "What went in, as v1,v2; of a run folder: all outputs of its controllers",
+     OPTION_OWN, .take = take_inputs},
+    {"disturbances", 0, "NAMES", "What went in as well, and was measured, not moved", OPTION_OWN,
+     .take = take_disturbances},
+    {"outputs", 0, "NAMES", "What is to be predicted; of a run folder: all measurements", OPTION_OWN,
+     .take = take_outputs},
+    {"period", 0, "S", "Time from sample to sample; default: that of the first output", OPTION_NUMBER,
+     AT(wish.period), .low = 1e-6, .high = 1e6},
+    {"from", 0, "TIME",
+     "Use the record from that time on: in s; of a store RFC 3339, or before now, as -30s, -10m, -2h, -1d",
+     OPTION_TEXT, AT(from)},
+    {"to", 0, "TIME", "Use the record up to that time", OPTION_TEXT, AT(to)},
+    {"share", 0, "X", "Fit to the first X of each record, 0.67 of it, and validate on the rest",
+     OPTION_NUMBER, AT(share), .low = 0.1, .high = 0.9},
+    {"validate", 0, "FILE", "Fit to all of the records, and validate on another one", OPTION_TEXT,
+     AT(validate)},
+    {"model", 0, "KIND", "transfer, arx, subspace or fir; default: each, and the simplest of the best",
+     OPTION_CHOICE, AT(kind), .choices = kinds, .must = "be transfer, arx, subspace or fir"},
+    {"order", 0, "N", "Lags of transfer functions, 1 or 2; states of subspace; default: found", OPTION_COUNT,
+     AT(order), .low = 1, .high = 50, .must = "be a whole number from 1 to 50"},
+    {"output", 'o', "FILE", "Write the model there, for a controller's \"model\"", OPTION_TEXT, AT(output)},
+    {"figure", 0, "NAME", "Draw NAME.svg and NAME.png: measured, and what the model says", OPTION_TEXT,
+     AT(figure)},
+    {"suggest", 0, "TAU_C",
+     "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time",
+     OPTION_OWN, .take = take_suggest, .optional = true},
+    {"find", 0, "NAMES",
+     "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
+     OPTION_OWN, .take = take_find},
+    {"plant", 0, "FILE",
+     "Of --find: the experiment file that has the plant, where the record is no run folder", OPTION_TEXT,
+     AT(plant)},
+    {"force", 0, NULL, "Write over what is in these files", OPTION_FLAG, AT(force)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "RUN|STORE|FILE.csv[@FROM..TO]...",
@@ -188,7 +133,8 @@ static const struct cli_spec spec = {
     .takes = CLI_FORMAT,
     .min_args = 1,
     .max_args = -1,
-    .extra = &extra,
+    .options = own_options,
+    .check = check_identify_options,
 };
 
 static const struct identify_data *judged_on(const struct identification *z)

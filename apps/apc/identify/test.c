@@ -16,56 +16,11 @@
 #include "common/storeuri.h"
 #include "oscillation.h"
 
-static const char *const kinds[TEST_KINDS] = {"prbs", "steps", "multisine", "relay"};
+static const char *const kinds[TEST_KINDS + 1] = {"prbs", "steps", "multisine", "relay", NULL};
 
-enum {
-    OPT_MOVE = 0x700,
-    OPT_SIGNAL,
-    OPT_AMPLITUDE,
-    OPT_BAND,
-    OPT_SETTLING,
-    OPT_GUARD,
-    OPT_LIVE,
-    OPT_SET,
-    OPT_NET,
-    OPT_FORCE
-};
-
-static const struct argp_option option_list[] = {
-    {"signal", OPT_SIGNAL, "KIND", 0, "prbs (the default), steps, multisine or relay", 0},
-    {"move", OPT_MOVE, "NAMES", 0,
-     "Outputs, which go to Man meanwhile, or setpoints of loops in Auto, as v1,v2; default: all outputs", 0},
-    {"amplitude", OPT_AMPLITUDE, "[NAME=]X", 0,
-     "How far to each side, in its unit; default: a tenth of its range, or what the noise asks for and the "
-     "guards allow",
-     0},
-    {"guard", OPT_GUARD, "NAME=LOW..HIGH", 0,
-     "A measurement beyond these ends the test; default: its limits in the file", 0},
-    {"settling", OPT_SETTLING, "S", 0,
-     "In which the plant comes to rest; default: of the file's model, else 60 periods of the controller", 0},
-    {"duration", 'd', "S", 0, "Of the signal; default: 10 settling times", 0},
-    {"band", OPT_BAND, "LOW..HIGH", 0, "Of prbs and multisine, in Hz", 0},
-    {"live", OPT_LIVE, NULL, 0, "On the plant that runs in the store, which must be that of FILE", 0},
-    {"out", 'o', "DIR", 0, "Run folder; default runs/NAME-test-TIME", 0},
-    {"seed", 's', "N", 0, "Of a simulated plant, instead of the file's", 0},
-    {"net", OPT_NET, "SPEC", 0, "Its network, over what the file says, as in apc simulate", 0},
-    {"set", OPT_SET, "PATH=VALUE", 0, "A setting other than the file's, any number of times", 0},
-    {"force", OPT_FORCE, NULL, 0, "Write over what is in that folder", 0},
-    {0},
-};
-
-static double parse_test_number(const struct argp_state *state, const char *option, const char *arg,
-                                double low, double high)
+static void take_moves(void *options, char *arg, const struct argp_state *state)
 {
-    double value;
-
-    if (apc_number_parse(arg, &value) < 0 || !(value >= low && value <= high))
-        argp_error(state, "--%s \"%s\": must be a number from %g to %g", option, arg, low, high);
-    return value;
-}
-
-static void parse_moves(struct argp_state *state, struct test_options *o, char *arg)
-{
+    struct test_options *o = options;
     for (char *name; (name = strsep(&arg, ","));) {
         if (o->moves == TEST_SIGNALS)
             argp_error(state, "--move: more than %d signals", TEST_SIGNALS);
@@ -73,14 +28,17 @@ static void parse_moves(struct argp_state *state, struct test_options *o, char *
     }
 }
 
-static void parse_amplitude(const struct argp_state *state, struct test_options *o, char *arg)
+static void take_amplitude(void *options, char *arg, const struct argp_state *state)
 {
+    struct test_options *o = options;
     char *equals = strchr(arg, '=');
     const char *number = equals ? equals + 1 : arg;
 
     if (o->amplitudes == TEST_SIGNALS)
         argp_error(state, "--amplitude: more than %d", TEST_SIGNALS);
-    o->amplitude[o->amplitudes].value = parse_test_number(state, "amplitude", number, DBL_MIN, 1e300);
+    if (apc_number_parse(number, &o->amplitude[o->amplitudes].value) < 0 ||
+        !(o->amplitude[o->amplitudes].value >= DBL_MIN && o->amplitude[o->amplitudes].value <= 1e300))
+        argp_error(state, "--amplitude \"%s\": must be a number from %g to 1e+300", number, DBL_MIN);
     o->amplitude[o->amplitudes++].name = equals ? arg : arg + strlen(arg);
     if (equals)
         *equals = '\0';
@@ -97,8 +55,9 @@ static bool parse_range(char *text, double *low, double *high)
     return apc_number_parse(text, low) == 0 && apc_number_parse(dots + 2, high) == 0 && *low < *high;
 }
 
-static void parse_guard(const struct argp_state *state, struct test_options *o, char *arg)
+static void take_guard(void *options, char *arg, const struct argp_state *state)
 {
+    struct test_options *o = options;
     char *equals = strchr(arg, '=');
 
     if (o->guards == TEST_SIGNALS)
@@ -110,77 +69,55 @@ static void parse_guard(const struct argp_state *state, struct test_options *o, 
     o->guard[o->guards++].name = arg;
 }
 
-static void parse_signal(const struct argp_state *state, struct test_options *o, const char *arg)
+static void take_band(void *options, char *arg, const struct argp_state *state)
 {
-    int kind = 0;
-
-    while (kind < TEST_KINDS && strcmp(arg, kinds[kind]) != 0)
-        kind++;
-    if (kind == TEST_KINDS)
-        argp_error(state, "--signal \"%s\": must be prbs, steps, multisine or relay", arg);
-    o->kind = (enum test_kind)kind;
+    struct test_options *o = options;
+    if (!parse_range(arg, &o->from, &o->to) || !(o->from > 0.0))
+        argp_error(state, "--band: expected LOW..HIGH in Hz, as 0.001..0.1");
 }
 
-static error_t parse_test_options(int key, char *arg, struct argp_state *state)
+static void check_test_options(void *input, const struct argp_state *state)
 {
-    struct test_options *o = state->input;
-
-    switch (key) {
-    case OPT_SIGNAL:
-        parse_signal(state, o, arg);
-        break;
-    case OPT_MOVE:
-        parse_moves(state, o, arg);
-        break;
-    case OPT_AMPLITUDE:
-        parse_amplitude(state, o, arg);
-        break;
-    case OPT_GUARD:
-        parse_guard(state, o, arg);
-        break;
-    case OPT_SETTLING:
-        o->settling = parse_test_number(state, "settling", arg, 1e-6, 1e9);
-        break;
-    case 'd':
-        o->duration = parse_test_number(state, "duration", arg, 1e-6, 366 * 86400.0);
-        break;
-    case OPT_BAND:
-        if (!parse_range(arg, &o->from, &o->to) || !(o->from > 0.0))
-            argp_error(state, "--band: expected LOW..HIGH in Hz, as 0.001..0.1");
-        break;
-    case OPT_LIVE:
-        o->live = true;
-        break;
-    case 'o':
-        o->out = arg;
-        break;
-    case 's':
-        o->seed = (uint64_t)parse_test_number(state, "seed", arg, 0, 0x1p53);
-        o->seeded = true;
-        break;
-    case OPT_NET:
-        o->net = arg;
-        break;
-    case OPT_SET:
-        setting_add(&o->set, state, arg);
-        break;
-    case OPT_FORCE:
-        o->force = true;
-        break;
-    case ARGP_KEY_END:
-        if (o->from > 0.0 && o->kind != TEST_PRBS && o->kind != TEST_MULTISINE)
-            argp_error(state, "--band is that of prbs and multisine; steps follow --settling, and a relay "
-                              "finds its own");
-        if (o->live && (o->seeded || o->net || o->set.n))
-            argp_error(state, "--live: --seed, --net and --set are of a simulated plant");
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
+    const struct test_options *o = input;
+    if (o->from > 0.0 && o->kind != TEST_PRBS && o->kind != TEST_MULTISINE)
+        argp_error(state, "--band is that of prbs and multisine; steps follow --settling, and a relay "
+                          "finds its own");
+    if (o->live && (o->seeded || o->net || o->set.n))
+        argp_error(state, "--live: --seed, --net and --set are of a simulated plant");
 }
 
-static const struct argp extra = {option_list, parse_test_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct test_options, member)
+static const struct option_spec own_options[] = {
+    {"signal", 0, "KIND", "prbs (the default), steps, multisine or relay", OPTION_CHOICE, AT(kind),
+     .choices = kinds, .must = "be prbs, steps, multisine or relay"},
+    {"move", 0, "NAMES",
+     "Outputs, which go to Man meanwhile, or setpoints of loops in Auto, as v1,v2; default: all outputs",
+     OPTION_OWN, .take = take_moves},
+    {"amplitude", 0, "[NAME=]X",
+     "How far to each side, in its unit; default: a tenth of its range, or what the noise asks for and the "
+     "guards allow",
+     OPTION_OWN, .take = take_amplitude},
+    {"guard", 0, "NAME=LOW..HIGH",
+     "A measurement beyond these ends the test; default: its limits in the file", OPTION_OWN,
+     .take = take_guard},
+    {"settling", 0, "S",
+     "In which the plant comes to rest; default: of the file's model, else 60 periods of the controller",
+     OPTION_NUMBER, AT(settling), .low = 1e-6, .high = 1e9},
+    {"duration", 'd', "S", "Of the signal; default: 10 settling times", OPTION_NUMBER, AT(duration),
+     .low = 1e-6, .high = YEAR},
+    {"band", 0, "LOW..HIGH", "Of prbs and multisine, in Hz", OPTION_OWN, .take = take_band},
+    {"live", 0, NULL, "On the plant that runs in the store, which must be that of FILE", OPTION_FLAG,
+     AT(live)},
+    {"out", 'o', "DIR", "Run folder; default runs/NAME-test-TIME", OPTION_TEXT, AT(out)},
+    {"seed", 's', "N", "Of a simulated plant, instead of the file's", OPTION_WHOLE, AT(seed),
+     .given = 1 + offsetof(struct test_options, seeded), .high = 0x1p53,
+     .must = "be a whole number, 0 to 9007199254740992"},
+    {"net", 0, "SPEC", "Its network, over what the file says, as in apc simulate", OPTION_TEXT, AT(net)},
+    {"set", 0, "PATH=VALUE", "A setting other than the file's, any number of times", OPTION_OWN, AT(set),
+     .take = setting_add},
+    {"force", 0, NULL, "Write over what is in that folder", OPTION_FLAG, AT(force)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE\n--live [FILE]",
@@ -193,7 +130,8 @@ static const struct cli_spec spec = {
            "is.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
+    .check = check_test_options,
 };
 
 static volatile sig_atomic_t stop;

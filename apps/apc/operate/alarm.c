@@ -31,51 +31,18 @@ struct session {
     apc_ns now; /* UTC of the last read */
 };
 
-enum { OPT_ONCE = 0x700, OPT_SINCE, OPT_LAST, OPT_FIGURES };
-
-static const struct argp_option option_list[] = {
-    {"all", 'a', NULL, 0, "list: also what is normal; ack: all that is unacknowledged", 0},
-    {"for", 'f', "DURATION", 0, "shelve: how long, as 30m or 2h; required", 0},
-    {"once", OPT_ONCE, NULL, 0, "shelve: only until it has returned to normal", 0},
-    {"reason", 'r', "TEXT", 0, "Why, for the record; at most 80 bytes", 0},
-    {"since", OPT_SINCE, "TIME", 0, "journal: from then on, RFC 3339 or before now as -8h", 0},
-    {"last", OPT_LAST, "N", 0, "journal: the newest N transitions", 0},
-    {"figures", OPT_FIGURES, NULL, 0,
-     "journal: how many alarms there were, as ISA-18.2 and EEMUA 191 judge it", 0},
+#define AT(member) .to = offsetof(struct alarm_options, member)
+static const struct option_spec own_options[] = {
+    {"all", 'a', NULL, "list: also what is normal; ack: all that is unacknowledged", OPTION_FLAG, AT(all)},
+    {"for", 'f', "DURATION", "shelve: how long, as 30m or 2h; required", OPTION_TEXT, AT(for_)},
+    {"once", 0, NULL, "shelve: only until it has returned to normal", OPTION_FLAG, AT(once)},
+    {"reason", 'r', "TEXT", "Why, for the record; at most 80 bytes", OPTION_TEXT, AT(reason)},
+    {"since", 0, "TIME", "journal: from then on, RFC 3339 or before now as -8h", OPTION_TEXT, AT(since)},
+    {"last", 0, "N", "journal: the newest N transitions", OPTION_TEXT, AT(last)},
+    {"figures", 0, NULL, "journal: how many alarms there were, as ISA-18.2 and EEMUA 191 judge it",
+     OPTION_FLAG, AT(figures)},
     {0},
 };
-
-static error_t parse_option(int key, char *arg, struct argp_state *state)
-{
-    struct alarm_options *o = state->input;
-    switch (key) {
-    case 'a':
-        o->all = true;
-        return 0;
-    case 'f':
-        o->for_ = arg;
-        return 0;
-    case 'r':
-        o->reason = arg;
-        return 0;
-    case OPT_ONCE:
-        o->once = true;
-        return 0;
-    case OPT_SINCE:
-        o->since = arg;
-        return 0;
-    case OPT_LAST:
-        o->last = arg;
-        return 0;
-    case OPT_FIGURES:
-        o->figures = true;
-        return 0;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-}
-
-static const struct argp own = {.options = option_list, .parser = parse_option};
 
 static const struct cli_spec spec = {
     .args_doc = "list\nack NAME...\nshelve NAME...\nunshelve NAME...\nout NAME...\nin NAME...\njournal",
@@ -85,7 +52,7 @@ static const struct cli_spec spec = {
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .min_args = 1,
     .max_args = -1,
-    .extra = &own,
+    .options = own_options,
 };
 
 static int read_alarm_summary(struct session *s)

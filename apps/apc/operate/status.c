@@ -15,40 +15,22 @@
 #define EVENTS 5
 #define WINDOW (60 * APC_NS_PER_S)
 
-enum { OPT_SPOOL = 0x400, OPT_ALL };
-
-static const struct argp_option option_list[] = {
-    {"spool", OPT_SPOOL, "DIR", 0,
-     "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown also while the store is away",
-     0},
-    {"all", OPT_ALL, NULL, 0,
-     "Of all plants in the database that you may look at: a line each, with the age of the newest "
-     "measurement",
-     0},
-    {0},
-};
-
 struct wish {
     const char *spools;
     bool all;
 };
 
-static error_t parse_status_options(int key, char *arg, struct argp_state *state)
-{
-    struct wish *wish = state->input;
-    switch (key) {
-    case OPT_SPOOL:
-        wish->spools = arg;
-        return 0;
-    case OPT_ALL:
-        wish->all = true;
-        return 0;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-}
-
-static const struct argp extra = {option_list, parse_status_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct wish, member)
+static const struct option_spec own_options[] = {
+    {"spool", 0, "DIR",
+     "Folder of the daemons' spools, e.g. that of the run [APC_SPOOL]; shown also while the store is away",
+     OPTION_TEXT, AT(spools)},
+    {"all", 0, NULL,
+     "Of all plants in the database that you may look at: a line each, with the age of the newest "
+     "measurement",
+     OPTION_FLAG, AT(all)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "",
@@ -62,7 +44,7 @@ static const struct cli_spec spec = {
         "it took, and which limits hold it back. A measurement or output that was not "
         "written for 10 s, or for three of its periods if that is longer, is STALE.",
     .takes = CLI_STORE | CLI_FORMAT,
-    .extra = &extra,
+    .options = own_options,
 };
 
 /* All of it, read before any of it is shown. */

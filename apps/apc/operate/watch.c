@@ -17,37 +17,17 @@
 
 struct watch_options {
     double interval; /* s */
-    double count;    /* 0: for ever */
+    uint64_t count;  /* 0: for ever */
 };
 
-enum { OPT_COUNT = 0x400 };
-
-static const struct argp_option option_list[] = {
-    {"interval", 'i', "SECONDS", 0, "Between two looks; default 1, at least 0.01", 0},
-    {"count", OPT_COUNT, "N", 0, "End after N looks; default: at Ctrl-C", 0},
+#define AT(member) .to = offsetof(struct watch_options, member)
+static const struct option_spec own_options[] = {
+    {"interval", 'i', "SECONDS", "Between two looks; default 1, at least 0.01", OPTION_NUMBER, AT(interval),
+     .low = 0.01, .high = 86400, .must = "be seconds, from 0.01 to 86400"},
+    {"count", 0, "N", "End after N looks; default: at Ctrl-C", OPTION_WHOLE, AT(count), .low = 1,
+     .high = 1e15, .must = "be a whole number from 1"},
     {0},
 };
-
-static error_t parse_watch_options(int key, char *arg, struct argp_state *state)
-{
-    struct watch_options *o = state->input;
-    switch (key) {
-    case 'i':
-        if (apc_number_parse(arg, &o->interval) < 0 || o->interval < 0.01 || o->interval > 86400)
-            argp_error(state, "--interval \"%s\": must be seconds, from 0.01 to 86400", arg);
-        break;
-    case OPT_COUNT:
-        if (apc_number_parse(arg, &o->count) < 0 || o->count < 1 || o->count > 1e15 ||
-            (double)(int64_t)o->count != o->count)
-            argp_error(state, "--count \"%s\": must be a whole number from 1", arg);
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp own = {option_list, parse_watch_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
@@ -56,7 +36,7 @@ static const struct cli_spec spec = {
            "(with --json one object, with --csv one row). What comes and goes between two looks is not seen.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
-    .extra = &own,
+    .options = own_options,
 };
 
 struct watch {
@@ -226,7 +206,7 @@ static int follow_samples(struct watch *w, const struct watch_options *options)
     apc_ns_from_s(options->interval, &interval);
     for (int64_t looks = 1;; looks++) {
         rc = look_for_samples(w, looks == 1);
-        if (rc < 0 || (options->count > 0 && looks >= (int64_t)options->count))
+        if (rc < 0 || (options->count > 0 && (uint64_t)looks >= options->count))
             break;
         next = apc_grid_time(start, interval, apc_grid_next(start, interval, apc_clock_mono(NULL) + 1));
         if (!wait_for(&signals, next))

@@ -13,43 +13,16 @@ struct history_options {
     size_t last; /* 0: not given */
 };
 
-enum { OPT_SINCE = 0x400, OPT_UNTIL, OPT_EVENTS };
-
-static const struct argp_option option_list[] = {
-    {"since", OPT_SINCE, "TIME", 0, "Only from TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d", 0},
-    {"until", OPT_UNTIL, "TIME", 0, "Only before TIME", 0},
-    {"last", 'n', "N", 0, "Only the newest N; default 20, or all when a time is given", 0},
-    {"events", OPT_EVENTS, NULL, 0, "Events instead of a variable's values", 0},
+#define AT(member) .to = offsetof(struct history_options, member)
+static const struct option_spec own_options[] = {
+    {"since", 0, "TIME", "Only from TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d", OPTION_TEXT,
+     AT(since)},
+    {"until", 0, "TIME", "Only before TIME", OPTION_TEXT, AT(until)},
+    {"last", 'n', "N", "Only the newest N; default 20, or all when a time is given", OPTION_WHOLE, AT(last),
+     .low = 1, .high = 1e15, .must = "be a whole number from 1"},
+    {"events", 0, NULL, "Events instead of a variable's values", OPTION_FLAG, AT(events)},
     {0},
 };
-
-static error_t parse_history_options(int key, char *arg, struct argp_state *state)
-{
-    struct history_options *o = state->input;
-    double number;
-    switch (key) {
-    case OPT_SINCE:
-        o->since = arg;
-        break;
-    case OPT_UNTIL:
-        o->until = arg;
-        break;
-    case OPT_EVENTS:
-        o->events = true;
-        break;
-    case 'n':
-        if (apc_number_parse(arg, &number) < 0 || number < 1 || number > 1e15 ||
-            (double)(size_t)number != number)
-            argp_error(state, "--last \"%s\": must be a whole number from 1", arg);
-        o->last = (size_t)number;
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp own = {option_list, parse_history_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[VARIABLE...]",
@@ -57,7 +30,7 @@ static const struct cli_spec spec = {
            "people did; or events. Times are UTC.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
-    .extra = &own,
+    .options = own_options,
 };
 
 /* ---- Rows --------------------------------------------------------------------------------- */

@@ -26,44 +26,20 @@ struct report_options {
     const char *from, *to, *at;
 };
 
-enum { OPT_FROM = 0x400, OPT_TO, OPT_AT };
-
-static error_t parse_report_options(int key, char *arg, struct argp_state *state)
-{
-    struct report_options *o = state->input;
-    switch (key) {
-    case 'J':
-        o->json = true;
-        break;
-    case OPT_FROM:
-        o->from = arg;
-        break;
-    case OPT_TO:
-        o->to = arg;
-        break;
-    case OPT_AT:
-        o->at = arg;
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp_option option_list[] = {
-    {"json", 'J', NULL, 0, "The figures as JSON on stdout, and draw nothing", 0},
-    {"from", OPT_FROM, "TIME", 0,
+#define AT(member) .to = offsetof(struct report_options, member)
+static const struct option_spec own_options[] = {
+    {"json", 'J', NULL, "The figures as JSON on stdout, and draw nothing", OPTION_FLAG, AT(json)},
+    {"from", 0, "TIME",
      "The figures of merit of the time from TIME on, and draw nothing: s since the start of the run; of a "
-     "store "
-     "RFC 3339, or before now, as -10m, -2h, -1d; default: a day before --to",
-     0},
-    {"to", OPT_TO, "TIME", 0, "The same until TIME", 0},
-    {"at", OPT_AT, "TIME", 0,
+     "store RFC 3339, or before now, as -10m, -2h, -1d; default: a day before --to",
+     OPTION_TEXT, AT(from)},
+    {"to", 0, "TIME", "The same until TIME", OPTION_TEXT, AT(to)},
+    {"at", 0, "TIME",
      "What predictive laws expected at TIME, and what came: a table instead of the figures, and in the "
      "figure",
-     0},
-    {0}};
-static const struct argp extra = {option_list, parse_report_options, NULL, NULL, NULL, NULL, NULL};
+     OPTION_TEXT, AT(at)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "[DIR]",
@@ -78,7 +54,7 @@ static const struct cli_spec spec = {
            "where there is none, that of --store or APC_STORE.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
 };
 
 /* What the daemons could not store belongs to it as well, as at the end of a run. */

@@ -8,24 +8,12 @@
 
 #define LIVE (60 * APC_NS_PER_S)
 
-enum { OPT_SINCE = 0x400 };
-
-static const struct argp_option option_list[] = {
-    {"since", OPT_SINCE, "TIME", 0,
-     "From TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d; default -1m: the loop as it runs", 0},
+static const struct option_spec own_options[] = {
+    {"since", 0, "TIME",
+     "From TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d; default -1m: the loop as it runs",
+     OPTION_TEXT, .to = 0},
     {0},
 };
-
-static error_t parse_timing_options(int key, char *arg, struct argp_state *state)
-{
-    const char **since = state->input;
-    if (key != OPT_SINCE)
-        return ARGP_ERR_UNKNOWN;
-    *since = arg;
-    return 0;
-}
-
-static const struct argp own = {option_list, parse_timing_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "[TASK...]",
@@ -37,7 +25,7 @@ static const struct cli_spec spec = {
         "failed. --json has the histograms too.",
     .takes = CLI_STORE | CLI_FORMAT,
     .max_args = -1,
-    .extra = &own,
+    .options = own_options,
 };
 
 static bool wanted(const struct cli *cli, const char *task)

@@ -17,84 +17,40 @@
 #define PAGE_PORT        8080
 #define PAGE_PERIOD      (5 * APC_NS_PER_S) /* it has no task: it says once a second that it lives */
 
-enum { OPT_LAW = 0x400, OPT_PLANT, OPT_SPIN, OPT_HOLD_LATENCY, OPT_NO_UI, OPT_FORCE, OPT_HISTORY };
-
-static const struct argp_option option_list[] = {
-    {"duration", 'd', "SECONDS", 0, "How long to run instead of the file's duration; 0: until Ctrl-C", 0},
-    {"out", 'o', "DIR", 0, "Run folder; default runs/NAME-TIME", 0},
-    {"force", OPT_FORCE, NULL, 0, "Write over what is in the run folder", 0},
-    {"history", OPT_HISTORY, "URI", 0,
-     "Keep the record there instead of in the run folder: postgresql://host/db#schema, sqlite:FILE. It may "
-     "be "
-     "away meanwhile, and come later",
-     0},
-    {"timer", 't', "NAME", 0, "Executive of all daemons: deadline (default) or posix", 0},
-    {"spin", OPT_SPIN, NULL, 0, "The daemons spin for the last microseconds before a tick (deadline only)",
-     0},
-    {"hold-latency", OPT_HOLD_LATENCY, NULL, 0,
-     "The daemons hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
-    {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
-     "several "
-     "controllers: "
-     "CONTROLLER=NAME",
-     0},
-    {"plant", OPT_PLANT, "NAME", 0,
-     "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
-    {"no-ui", OPT_NO_UI, NULL, 0, "Do not serve the operator's page", 0},
-    {0},
-};
-
-static error_t parse_run_options(int key, char *arg, struct argp_state *state)
+static void check_run_options(void *input, const struct argp_state *state)
 {
-    struct run_options *o = state->input;
-    switch (key) {
-    case 'd':
-        if (apc_number_parse(arg, &o->duration) < 0 || o->duration < 0 || o->duration > 366 * 86400.0)
-            argp_error(state, "--duration \"%s\": must be seconds, from 0 to 31622400", arg);
-        break;
-    case 'o':
-        o->out = arg;
-        break;
-    case 't':
-        if (strcmp(arg, "deadline") != 0 && strcmp(arg, "posix") != 0)
-            argp_error(state, "--timer \"%s\": must be deadline or posix", arg);
-        o->timer = arg;
-        break;
-    case OPT_SPIN:
-        o->spin = true;
-        break;
-    case OPT_HOLD_LATENCY:
-        o->hold_latency = true;
-        break;
-    case OPT_LAW:
-        if (o->overrides.law)
-            argp_error(state, "--law: only one law at a time");
-        o->overrides.law = arg;
-        break;
-    case OPT_PLANT:
-        o->overrides.model = arg;
-        break;
-    case OPT_FORCE:
-        o->force = true;
-        break;
-    case OPT_NO_UI:
-        o->no_ui = true;
-        break;
-    case OPT_HISTORY:
-        o->history = arg;
-        break;
-    case ARGP_KEY_END:
-        if (o->spin && o->timer && !strcmp(o->timer, "posix"))
-            argp_error(state, "--spin: the executive posix cannot spin");
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
+    const struct run_options *o = input;
+    if (o->spin && o->timer && !strcmp(o->timer, "posix"))
+        argp_error(state, "--spin: the executive posix cannot spin");
 }
 
-static const struct argp extra = {option_list, parse_run_options, NULL, NULL, NULL, NULL, NULL};
+static const char *const timers[] = {"deadline", "posix", NULL};
+
+#define AT(member) .to = offsetof(struct run_options, member)
+static const struct option_spec own_options[] = {
+    {"duration", 'd', "SECONDS", "How long to run instead of the file's duration; 0: until Ctrl-C",
+     OPTION_NUMBER, AT(duration), .high = YEAR, .must = "be seconds, from 0 to 31622400"},
+    {"out", 'o', "DIR", "Run folder; default runs/NAME-TIME", OPTION_TEXT, AT(out)},
+    {"force", 0, NULL, "Write over what is in the run folder", OPTION_FLAG, AT(force)},
+    {"history", 0, "URI",
+     "Keep the record there instead of in the run folder: postgresql://host/db#schema, sqlite:FILE. It may "
+     "be away meanwhile, and come later",
+     OPTION_TEXT, AT(history)},
+    {"timer", 't', "NAME", "Executive of all daemons: deadline (default) or posix", OPTION_TEXT, AT(timer),
+     .choices = timers, .must = "be deadline or posix"},
+    {"spin", 0, NULL, "The daemons spin for the last microseconds before a tick (deadline only)", OPTION_FLAG,
+     AT(spin)},
+    {"hold-latency", 0, NULL, "The daemons hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", OPTION_FLAG,
+     AT(hold_latency)},
+    {"law", 0, "NAME",
+     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
+     "several controllers: CONTROLLER=NAME",
+     OPTION_TEXT, AT(overrides.law), .once = "only one law at a time"},
+    {"plant", 0, "NAME", "Model instead of the file's: built in, or ./file.so; its own parameters apply",
+     OPTION_TEXT, AT(overrides.model)},
+    {"no-ui", 0, NULL, "Do not serve the operator's page", OPTION_FLAG, AT(no_ui)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
@@ -119,7 +75,8 @@ static const struct cli_spec spec = {
     .takes = CLI_STORE | CLI_OWN_STORE | CLI_MAKES_STORE,
     .min_args = 1,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
+    .check = check_run_options,
 };
 
 /* ---- Signals ------------------------------------------------------------------------------ */

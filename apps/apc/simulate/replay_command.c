@@ -3,6 +3,7 @@
 #include "simulation/simulation.h"
 
 #include <errno.h>
+#include <float.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,55 +20,27 @@ struct replay_options {
     struct experiment_overrides overrides;
 };
 
-enum { OPT_LAW = 0x600, OPT_CSV, OPT_TOLERANCE, OPT_FORCE, OPT_VIRTUAL };
-
-static const struct argp_option option_list[] = {
-    {"law", OPT_LAW, "NAME", 0,
-     "Control law instead of the run's: built in, ./file.so or ./file.py; its own tuning applies. Of several "
-     "controllers: "
-     "CONTROLLER=NAME",
-     0},
-    {"tolerance", OPT_TOLERANCE, "U", 0, "End with code 1 when an output differs by more", 0},
-    {"csv", OPT_CSV, "FILE", 0, "Write time,loop,recorded,replayed there; - is stdout", 0},
-    {"virtual", OPT_VIRTUAL, NULL, 0, "Simulate the run anew instead, and name the first tick that differs",
-     0},
-    {"force", OPT_FORCE, NULL, 0, "Write over what is in that file", 0},
-    {0},
-};
-
-static error_t parse_replay_options(int key, char *arg, struct argp_state *state)
+static void check_replay_options(void *input, const struct argp_state *state)
 {
-    struct replay_options *o = state->input;
-    switch (key) {
-    case OPT_LAW:
-        if (o->overrides.law)
-            argp_error(state, "--law: only one law at a time");
-        o->overrides.law = arg;
-        break;
-    case OPT_TOLERANCE:
-        if (apc_number_parse(arg, &o->tolerance) < 0 || o->tolerance < 0)
-            argp_error(state, "--tolerance \"%s\": must be a number, 0 or above", arg);
-        break;
-    case OPT_CSV:
-        o->csv = arg;
-        break;
-    case OPT_FORCE:
-        o->force = true;
-        break;
-    case OPT_VIRTUAL:
-        o->virtually = true;
-        break;
-    case ARGP_KEY_END:
-        if (o->virtually && (o->csv || o->overrides.law || o->tolerance >= 0))
-            argp_error(state, "--virtual: goes with no other option");
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
+    const struct replay_options *o = input;
+    if (o->virtually && (o->csv || o->overrides.law || o->tolerance >= 0))
+        argp_error(state, "--virtual: goes with no other option");
 }
 
-static const struct argp extra = {option_list, parse_replay_options, NULL, NULL, NULL, NULL, NULL};
+#define AT(member) .to = offsetof(struct replay_options, member)
+static const struct option_spec own_options[] = {
+    {"law", 0, "NAME",
+     "Control law instead of the run's: built in, ./file.so or ./file.py; its own tuning applies. Of several "
+     "controllers: CONTROLLER=NAME",
+     OPTION_TEXT, AT(overrides.law), .once = "only one law at a time"},
+    {"tolerance", 0, "U", "End with code 1 when an output differs by more", OPTION_NUMBER, AT(tolerance),
+     .high = DBL_MAX, .must = "be a number, 0 or above"},
+    {"csv", 0, "FILE", "Write time,loop,recorded,replayed there; - is stdout", OPTION_TEXT, AT(csv)},
+    {"virtual", 0, NULL, "Simulate the run anew instead, and name the first tick that differs", OPTION_FLAG,
+     AT(virtually)},
+    {"force", 0, NULL, "Write over what is in that file", OPTION_FLAG, AT(force)},
+    {0},
+};
 
 static const struct cli_spec spec = {
     .args_doc = "RUN",
@@ -78,7 +51,8 @@ static const struct cli_spec spec = {
         "to come out again, bit for bit; the first tick that does not is named, and why.",
     .min_args = 1,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
+    .check = check_replay_options,
 };
 
 struct replay_command {

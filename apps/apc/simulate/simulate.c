@@ -40,191 +40,106 @@ struct simulate_options {
     char value[40];     /* that it is at */
 };
 
-enum {
-    OPT_CSV = 0x500,
-    OPT_LAW,
-    OPT_PLANT,
-    OPT_NET,
-    OPT_COMPARE,
-    OPT_FORCE,
-    OPT_AGAINST,
-    OPT_JSON,
-    OPT_SET,
-    OPT_SWEEP,
-    OPT_FIGURE,
-    OPT_FROM,
-    OPT_MODEL
-};
+static void take_from(void *from, char *arg, const struct argp_state *state)
+{
+    struct apc_error why;
+    if (whatif_parse(from, arg, &why) < 0)
+        argp_error(state, "--from %s", why.text);
+}
 
-static const struct argp_option option_list[] = {
-    {"seed", 's', "N", 0, "Of everything random, 0 to 2^64 - 1, instead of the file's", 0},
-    {"duration", 'd', "SECONDS", 0, "How long to simulate instead of the file's duration", 0},
-    {"csv", OPT_CSV, "FILE", 0, "Write the samples (of --runs: the figures of each run) there; - is stdout",
-     0},
-    {"report", 'o', "DIR", 0, "Leave a run folder there, with its figure", 0},
-    {"force", OPT_FORCE, NULL, 0, "Write over what is in that folder or file", 0},
-    {"net", OPT_NET, "SPEC", 0,
-     "The network, over what the file says: delay=normal(0.004,0.001),jitter=...,loss=0.01,duplication=...,"
-     "reordering=...,bandwidth=1e6,outage=10-12; times in seconds, bandwidth in bit/s",
-     0},
-    {"compare", OPT_COMPARE, "RUN", 0, "Lay the samples of run folder RUN over those of the simulation", 0},
-    {"from", OPT_FROM, "RUN@TIME", 0,
+static void take_sweep(void *sweep, char *arg, const struct argp_state *state)
+{
+    struct apc_error why;
+    if (((const struct sweep *)sweep)->n)
+        argp_error(state, "--sweep: only one number at a time");
+    if (sweep_parse(arg, sweep, &why) < 0)
+        argp_error(state, "--sweep %s", why.text);
+}
+
+static void check_simulate_options(void *input, const struct argp_state *state)
+{
+    const struct simulate_options *o = input;
+    if (o->jobs && !o->runs && !o->sweep.n)
+        argp_error(state, "--jobs: only a campaign has several; give --runs N as well");
+    if (o->sweep.n && (o->report || o->compare || o->against))
+        argp_error(state, "--sweep: has no single run or campaign to %s", o->report ? "report" : "compare");
+    if (o->from.dir[0] &&
+        (o->runs || o->sweep.n || o->compare || o->seeded || o->net || o->overrides.model || o->report))
+        argp_error(state,
+                   "--from: the run's seed, network and plant hold, and it is one future that is laid "
+                   "over the run: not with %s",
+                   o->runs      ? "--runs"
+                   : o->sweep.n ? "--sweep"
+                   : o->compare ? "--compare"
+                   : o->seeded  ? "--seed"
+                   : o->net     ? "--net"
+                   : o->report  ? "--report, as no file says what a folder would hold: --csv FILE"
+                                : "--plant");
+    if (o->figure && !o->sweep.n && !o->compare && !o->from.dir[0])
+        argp_error(state, "--figure: is of a sweep, or of --compare or --from; the figure of a run is in the "
+                          "folder of --report");
+    if (o->against && !o->runs)
+        argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
+    if (o->json && o->csv && !strcmp(o->csv, "-"))
+        argp_error(state, "--json and --csv -: both want stdout");
+    if (o->runs && (o->report || o->compare))
+        argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
+}
+
+#define AT(member) .to = offsetof(struct simulate_options, member)
+static const struct option_spec own_options[] = {
+    {"seed", 's', "N", "Of everything random, 0 to 2^64 - 1, instead of the file's", OPTION_WHOLE, AT(seed),
+     .given = 1 + offsetof(struct simulate_options, seeded), .high = 0x1p64,
+     .must = "be a whole number, 0 to 18446744073709551615"},
+    {"duration", 'd', "SECONDS", "How long to simulate instead of the file's duration", OPTION_NUMBER,
+     AT(duration), .above = true, .high = YEAR, .must = "be seconds, above 0 up to 31622400"},
+    {"csv", 0, "FILE", "Write the samples (of --runs: the figures of each run) there; - is stdout",
+     OPTION_TEXT, AT(csv)},
+    {"report", 'o', "DIR", "Leave a run folder there, with its figure", OPTION_TEXT, AT(report)},
+    {"force", 0, NULL, "Write over what is in that folder or file", OPTION_FLAG, AT(force)},
+    {"net", 0, "SPEC",
+     "The network, over what the file says: "
+     "delay=normal(0.004,0.001),jitter=...,loss=0.01,duplication=...,reordering=...,bandwidth=1e6,outage=10-"
+     "12; times in seconds, bandwidth in bit/s",
+     OPTION_TEXT, AT(net)},
+    {"compare", 0, "RUN", "Lay the samples of run folder RUN over those of the simulation", OPTION_TEXT,
+     AT(compare)},
+    {"from", 0, "RUN@TIME",
      "Go on from what was at TIME (s) in run folder RUN, or in a store, STORE@TIME (RFC 3339, or before now "
-     "as -10m): "
-     "until then the run, from then on FILE, with another law, "
-     "tuning, setpoint, disturbance or fault; laid over what was recorded",
-     0},
-    {"set", OPT_SET, "PATH=VALUE", 0,
+     "as -10m): until then the run, from then on FILE, with another law, tuning, setpoint, disturbance or "
+     "fault; laid over what was recorded",
+     OPTION_OWN, AT(from), .take = take_from},
+    {"set", 0, "PATH=VALUE",
      "A setting other than the file's, as controllers.base.v1.Kp=2 or plant.parameters.K=normal(10,1); any "
      "number of times",
-     0},
-    {"sweep", OPT_SWEEP, "PATH=FROM..TO:N", 0,
-     "N values of a number, evenly: a table of IAE, overshoot and effort", 0},
-    {"figure", OPT_FIGURE, "NAME", 0,
-     "Of a sweep, or of what --compare or --from compares: draw it as NAME.svg and NAME.png", 0},
-    {"runs", 'n', "N", 0, "A campaign over N seeds from --seed on, with a summary", 0},
-    {"against", OPT_AGAINST, "FILE", 0,
-     "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv", 0},
-    {"json", OPT_JSON, NULL, 0, "The figures as JSON on stdout, and what else is said on stderr", 0},
-    {"jobs", 'j', "N", 0, "Processes of a campaign; default: one a CPU", 0},
-    {"law", OPT_LAW, "NAME", 0,
+     OPTION_OWN, AT(set), .take = setting_add},
+    {"sweep", 0, "PATH=FROM..TO:N", "N values of a number, evenly: a table of IAE, overshoot and effort",
+     OPTION_OWN, AT(sweep), .take = take_sweep},
+    {"figure", 0, "NAME",
+     "Of a sweep, or of what --compare or --from compares: draw it as NAME.svg and NAME.png", OPTION_TEXT,
+     AT(figure)},
+    {"runs", 'n', "N", "A campaign over N seeds from --seed on, with a summary", OPTION_COUNT, AT(runs),
+     .low = 1, .high = 1000000, .must = "be 1 to 1000000"},
+    {"against", 0, "FILE",
+     "Compare a campaign with another one, run by run of the same seed: FILE is that one's --csv",
+     OPTION_TEXT, AT(against)},
+    {"json", 0, NULL, "The figures as JSON on stdout, and what else is said on stderr", OPTION_FLAG,
+     AT(json)},
+    {"jobs", 'j', "N", "Processes of a campaign; default: one a CPU", OPTION_COUNT, AT(jobs), .low = 1,
+     .high = 1024, .must = "be 1 to 1024"},
+    {"law", 0, "NAME",
      "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
-     "several "
-     "controllers: "
-     "CONTROLLER=NAME",
-     0},
-    {"model", OPT_MODEL, "MODELFILE", 0,
+     "several controllers: CONTROLLER=NAME",
+     OPTION_TEXT, AT(overrides.law), .once = "only one law at a time"},
+    {"model", 0, "MODELFILE",
      "Model file that the controller computes with, instead of the file's model or operating point; the "
-     "plant "
-     "stays what it is. Of several controllers: CONTROLLER=MODELFILE",
-     0},
-    {"plant", OPT_PLANT, "NAME", 0,
-     "Model instead of the file's: built in, or ./file.so; its own parameters apply", 0},
+     "plant stays what it is. Of several controllers: CONTROLLER=MODELFILE",
+     OPTION_TEXT, AT(overrides.model_file),
+     .once = "of one controller only; of others --set controllers.NAME.model=FILE"},
+    {"plant", 0, "NAME", "Model instead of the file's: built in, or ./file.so; its own parameters apply",
+     OPTION_TEXT, AT(overrides.model)},
     {0},
 };
-
-/* Decimal digits only: strtoull() takes a sign, and takes it as a negative number's complement. */
-static bool parse_whole_unsigned(const char *text, uint64_t low, uint64_t high, uint64_t *value)
-{
-    char *end;
-    if (*text < '0' || *text > '9')
-        return false;
-    errno = 0;
-    *value = strtoull(text, &end, 10);
-    return errno == 0 && *end == '\0' && *value >= low && *value <= high;
-}
-
-static error_t parse_simulate_options(int key, char *arg, struct argp_state *state)
-{
-    struct simulate_options *o = state->input;
-    struct apc_error why;
-    uint64_t number = 1;
-    switch (key) {
-    case 's':
-        if (!parse_whole_unsigned(arg, 0, UINT64_MAX, &o->seed))
-            argp_error(state, "--seed \"%s\": must be a whole number, 0 to 18446744073709551615", arg);
-        o->seeded = true;
-        break;
-    case 'd':
-        if (apc_number_parse(arg, &o->duration) < 0 || !(o->duration > 0) || o->duration > 366 * 86400.0)
-            argp_error(state, "--duration \"%s\": must be seconds, above 0 up to 31622400", arg);
-        break;
-    case 'n':
-        if (!parse_whole_unsigned(arg, 1, 1000000, &number))
-            argp_error(state, "--runs \"%s\": must be 1 to 1000000", arg);
-        o->runs = (unsigned)number;
-        break;
-    case 'j':
-        if (!parse_whole_unsigned(arg, 1, 1024, &number))
-            argp_error(state, "--jobs \"%s\": must be 1 to 1024", arg);
-        o->jobs = (unsigned)number;
-        break;
-    case OPT_CSV:
-        o->csv = arg;
-        break;
-    case 'o':
-        o->report = arg;
-        break;
-    case OPT_FORCE:
-        o->force = true;
-        break;
-    case OPT_NET:
-        o->net = arg;
-        break;
-    case OPT_COMPARE:
-        o->compare = arg;
-        break;
-    case OPT_FROM:
-        if (whatif_parse(&o->from, arg, &why) < 0)
-            argp_error(state, "--from %s", why.text);
-        break;
-    case OPT_AGAINST:
-        o->against = arg;
-        break;
-    case OPT_JSON:
-        o->json = true;
-        break;
-    case OPT_FIGURE:
-        o->figure = arg;
-        break;
-    case OPT_SET:
-        setting_add(&o->set, state, arg);
-        break;
-    case OPT_SWEEP:
-        if (o->sweep.n)
-            argp_error(state, "--sweep: only one number at a time");
-        if (sweep_parse(arg, &o->sweep, &why) < 0)
-            argp_error(state, "--sweep %s", why.text);
-        break;
-    case OPT_LAW:
-        if (o->overrides.law)
-            argp_error(state, "--law: only one law at a time");
-        o->overrides.law = arg;
-        break;
-    case OPT_PLANT:
-        o->overrides.model = arg;
-        break;
-    case OPT_MODEL:
-        if (o->overrides.model_file)
-            argp_error(state, "--model: of one controller only; of others --set controllers.NAME.model=FILE");
-        o->overrides.model_file = arg;
-        break;
-    case ARGP_KEY_END:
-        if (o->jobs && !o->runs && !o->sweep.n)
-            argp_error(state, "--jobs: only a campaign has several; give --runs N as well");
-        if (o->sweep.n && (o->report || o->compare || o->against))
-            argp_error(state, "--sweep: has no single run or campaign to %s",
-                       o->report ? "report" : "compare");
-        if (o->from.dir[0] &&
-            (o->runs || o->sweep.n || o->compare || o->seeded || o->net || o->overrides.model || o->report))
-            argp_error(state,
-                       "--from: the run's seed, network and plant hold, and it is one future that is laid "
-                       "over the run: not with %s",
-                       o->runs      ? "--runs"
-                       : o->sweep.n ? "--sweep"
-                       : o->compare ? "--compare"
-                       : o->seeded  ? "--seed"
-                       : o->net     ? "--net"
-                       : o->report  ? "--report, as no file says what a folder would hold: --csv FILE"
-                                    : "--plant");
-        if (o->figure && !o->sweep.n && !o->compare && !o->from.dir[0])
-            argp_error(state,
-                       "--figure: is of a sweep, or of --compare or --from; the figure of a run is in the "
-                       "folder of --report");
-        if (o->against && !o->runs)
-            argp_error(state, "--against: compares a campaign with another one; give --runs N as well");
-        if (o->json && o->csv && !strcmp(o->csv, "-"))
-            argp_error(state, "--json and --csv -: both want stdout");
-        if (o->runs && (o->report || o->compare))
-            argp_error(state, "--runs: a campaign has no single run to %s", o->report ? "report" : "compare");
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_simulate_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
@@ -233,7 +148,8 @@ static const struct cli_spec spec = {
            "run`, over a network as bad as you like. The same seed gives the same samples bit for bit.",
     .min_args = 1,
     .max_args = 1,
-    .extra = &extra,
+    .options = own_options,
+    .check = check_simulate_options,
 };
 
 struct simulate {

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "option.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <apcbase.h>
+
+#define WITHOUT_LETTER 0x400 /* the keys of options without one; cli.c's own are below */
+
+static int option_key(const struct option_spec *option, int i)
+{
+    return option[i].letter ? option[i].letter : WITHOUT_LETTER + i;
+}
+
+void option_list(const struct option_spec *option, struct argp_option list[OPTIONS_MAX + 1])
+{
+    int n = 0;
+    for (; option[n].name; n++) {
+        assert(n < OPTIONS_MAX);
+        list[n] = (struct argp_option){.name = option[n].name,
+                                       .key = option_key(option, n),
+                                       .arg = option[n].arg,
+                                       .flags = option[n].optional ? OPTION_ARG_OPTIONAL : 0,
+                                       .doc = option[n].help};
+    }
+    list[n] = (struct argp_option){0};
+}
+
+static void refuse_option(const struct option_spec *o, const char *arg, const struct argp_state *state)
+{
+    if (o->must)
+        argp_error(state, "--%s \"%s\": must %s", o->name, arg, o->must);
+    else
+        argp_error(state, "--%s \"%s\": must be a number from %g to %g", o->name, arg, o->low, o->high);
+}
+
+static bool option_is_within(const struct option_spec *o, double value)
+{
+    return (o->above || (o->low >= o->high) ? value > o->low : value >= o->low) &&
+           (o->low >= o->high || value <= o->high);
+}
+
+/* All digits are exact, up to the largest; else what a number is, if it is whole: 1e6. */
+static bool option_whole(const char *text, uint64_t *whole)
+{
+    double value;
+    if (*text && text[strspn(text, "0123456789")] == '\0') {
+        errno = 0;
+        *whole = strtoull(text, NULL, 10);
+        return errno == 0;
+    }
+    if (apc_number_parse(text, &value) < 0 || !(value >= 0 && value <= 0x1p53 && rint(value) == value))
+        return false;
+    *whole = (uint64_t)value;
+    return true;
+}
+
+static bool take_whole_option(const struct option_spec *o, const char *arg, uint64_t *whole)
+{
+    return option_whole(arg, whole) && option_is_within(o, (double)*whole) &&
+           (o->kind == OPTION_WHOLE || *whole <= UINT32_MAX);
+}
+
+static bool take_number_option(const struct option_spec *o, const char *arg, double *to)
+{
+    return apc_number_parse(arg, to) == 0 && option_is_within(o, *to);
+}
+
+/* Which it is; -1: none. */
+static int option_choice(const struct option_spec *o, const char *arg)
+{
+    for (int i = 0; o->choices[i]; i++)
+        if (strcmp(o->choices[i], arg) == 0)
+            return i;
+    return -1;
+}
+
+static bool take_text_option(const struct option_spec *o, const char *arg)
+{
+    return o->choices ? option_choice(o, arg) >= 0 : !o->must || *arg;
+}
+
+static void take_option(const struct option_spec *o, void *own, char *arg, const struct argp_state *state)
+{
+    void *const to = (char *)own + o->to;
+    uint64_t whole = 0;
+    bool good = true;
+    switch (o->kind) {
+    case OPTION_FLAG:
+        *(bool *)to = true;
+        break;
+    case OPTION_TEXT:
+        if (o->once && *(const char **)to)
+            argp_error(state, "--%s: %s", o->name, o->once);
+        good = take_text_option(o, arg);
+        *(const char **)to = arg;
+        break;
+    case OPTION_NUMBER:
+        good = take_number_option(o, arg, (double *)to);
+        break;
+    case OPTION_COUNT:
+        good = take_whole_option(o, arg, &whole);
+        *(unsigned *)to = (unsigned)whole;
+        break;
+    case OPTION_WHOLE:
+        good = take_whole_option(o, arg, &whole);
+        *(uint64_t *)to = whole;
+        break;
+    case OPTION_CHOICE:
+        good = option_choice(o, arg) >= 0;
+        *(unsigned *)to = (unsigned)option_choice(o, arg);
+        break;
+    case OPTION_OWN:
+        o->take(to, arg, state);
+        break;
+    }
+    if (!good)
+        refuse_option(o, arg, state);
+    if (o->given)
+        *((bool *)own + o->given - 1) = true;
+}
+
+error_t option_parse(int key, char *arg, struct argp_state *state)
+{
+    const struct option_input *in = state->input;
+    if (key == ARGP_KEY_END && in->check)
+        in->check(in->own, state);
+    for (int i = 0; in->option[i].name; i++)
+        if (option_key(in->option, i) == key) {
+            take_option(&in->option[i], in->own, arg, state);
+            return 0;
+        }
+    return key == ARGP_KEY_END ? 0 : ARGP_ERR_UNKNOWN;
+}
