@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/text.h"
+#include "files/files.h"
 
 /* ---- Text --------------------------------------------------------------------------------- */
 
@@ -88,18 +89,9 @@ void json_string_add(struct text *t, const char *string)
 
 void json_number_add(struct text *t, double value)
 {
-    char text[40];
-    if (!isfinite(value)) {
-        text_put(t, "null", 4);
-        return;
-    }
-    int n = 0;
-    for (int digits = 15; digits <= 17; digits++) {
-        n = snprintf(text, sizeof text, "%.*g", digits, value + 0.0);
-        if (strtod(text, NULL) == value)
-            break;
-    }
-    text_put(t, text, (size_t)n);
+    char text[DECIMAL_LEN];
+    const char *number = isfinite(value) ? decimal_shortest(value + 0.0, 15, text) : "null";
+    text_put(t, number, strlen(number));
 }
 
 void json_limit_add(struct text *t, double limit)

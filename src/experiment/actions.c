@@ -186,8 +186,8 @@ int action_find_owner(const struct experiment *e, const char *name, bool remote,
 static void describe_written(const struct apc_sample *s, char *text, size_t size)
 {
     const bool owner = loops_is_owner(s), mode = s->table == APC_OPMODE && s->id < LOOPS_IDS;
-    char number[SETTINGS_NUMBER];
-    settings_format(s->value, number);
+    char number[DECIMAL_LEN];
+    decimal_shortest(s->value, 15, number);
     snprintf(text, size, "%s",
              owner                                  ? loops_owner_name(loops_is_local(s))
              : s->seq == 0                          ? "none"
@@ -224,7 +224,7 @@ int action_do(struct apc_store *store, const struct loops *loops, const struct a
     struct apc_sample before = action->to, *rows = calloc(action->n, sizeof *rows);
     struct owner_rows with = {NULL, 0};
     const int author = apc_store_author(store, source);
-    char was[SETTINGS_NUMBER], is[SETTINGS_NUMBER];
+    char was[DECIMAL_LEN], is[DECIMAL_LEN];
 
     for (size_t i = 0; rows && i < action->n; i++) {
         rows[i] = action->to;

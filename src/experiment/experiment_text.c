@@ -36,8 +36,8 @@ static int lose_place(struct place *place, const config_setting_t *among, const 
 
 static void put_float(FILE *out, double value)
 {
-    char number[SETTINGS_NUMBER];
-    settings_format(value, number);
+    char number[DECIMAL_LEN];
+    decimal_shortest(value, 15, number);
     fprintf(out, "%s%s", number, strpbrk(number, ".en") ? "" : ".0");
 }
 

@@ -3,6 +3,8 @@
 
 #include <apcstore.h>
 #include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { LINE = 256, DIGITS = 19, DECIMALS = 27 };
@@ -131,4 +133,19 @@ bool decimal_take(const char *from, const char **end, double *value)
     *value = scale_decimal(digits, (unsigned)decimals);
     *value = negative ? -*value : *value;
     return true;
+}
+
+char *decimal_shortest(double value, int digits, char text[DECIMAL_LEN])
+{
+    char local[DECIMAL_LEN], *to = text;
+    do
+        snprintf(local, sizeof local, "%.*g", digits, value);
+    while (++digits <= 17 && strtod(local, NULL) != value);
+    for (const char *c = local; *c; c++) {
+        const bool plain = strchr("0123456789+-einfa", *c); /* all but the decimal point of the locale */
+        if (plain || (to > text && to[-1] != '.'))
+            *to++ = plain ? *c : '.';
+    }
+    *to = '\0';
+    return text;
 }

@@ -65,6 +65,10 @@ int csv_expect(const struct csv *csv, const char *names, struct apc_error *why);
  * none. Behind it 8 bytes must be there to be read. Returns whether there is one. */
 bool decimal_take(const char *from, const char **end, double *value);
 
+#define DECIMAL_LEN 48
+/* The shortest text of @p digits or more that is read as the same number, in any locale. Returns @p text. */
+char *decimal_shortest(double value, int digits, char text[DECIMAL_LEN]);
+
 /* ---- Block ---------------------------------------------------------------------------------- */
 
 /* The block that @p array points at, of malloc(), gets room for @p n elements of @p size bytes; a large one

@@ -473,21 +473,6 @@ void settings_numbers(struct settings *s, const config_setting_t *array, size_t 
             settings_fail(s, array, "element %zu must be a finite number", i + 1);
 }
 
-void settings_format(double value, char text[SETTINGS_NUMBER])
-{
-    char local[SETTINGS_NUMBER], *to = text;
-    int digits = 15;
-    do
-        snprintf(local, sizeof local, "%.*g", digits, value);
-    while (++digits <= 17 && strtod(local, NULL) != value);
-    for (const char *c = local; *c; c++) {
-        const bool plain = strchr("0123456789+-einfa", *c); /* all but the decimal point of the locale */
-        if (plain || (to > text && to[-1] != '.'))
-            *to++ = plain ? *c : '.';
-    }
-    *to = '\0';
-}
-
 void settings_put_text(FILE *out, const char *text)
 {
     fputc('"', out);

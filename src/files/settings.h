@@ -72,10 +72,6 @@ void settings_name(struct settings *s, const config_setting_t *in, char *value, 
 /* An array or list of exactly n numbers. */
 void settings_numbers(struct settings *s, const config_setting_t *array, size_t n, double *values);
 
-#define SETTINGS_NUMBER 48
-/* The shortest text that is read as the same number, in any locale. */
-void settings_format(double value, char text[SETTINGS_NUMBER]);
-
 /* Text as it stands in a file, in double quotes, whatever is in it. */
 void settings_put_text(FILE *out, const char *text);
 

@@ -12,24 +12,18 @@
 #include <string.h>
 
 #include "apc-ui/api/api.h"
+#include "files/files.h"
 #include "operate/operate.h"
 
-#define TEXT_LEN 40
-
 /* As in a command line: the shortest that reads back the same; modes by name. */
-static char *value_text(const struct apc_sample *s, char text[TEXT_LEN])
+static char *value_text(const struct apc_sample *s, char text[DECIMAL_LEN])
 {
     const char *mode = loops_is_owner(s)                         ? loops_owner_name(loops_is_local(s))
                        : s->table == APC_OPMODE && s->value >= 0 ? apc_mode_name((int)s->value)
                                                                  : NULL;
-    int digits = 6;
-    if (mode || s->seq == 0) {
-        snprintf(text, TEXT_LEN, "%s", s->seq == 0 && !loops_is_owner(s) ? "none" : mode);
-        return text;
-    }
-    do
-        snprintf(text, TEXT_LEN, "%.*g", digits, s->value);
-    while (++digits <= 17 && strtod(text, NULL) != s->value);
+    if (!mode && s->seq != 0)
+        return decimal_shortest(s->value, 6, text);
+    snprintf(text, DECIMAL_LEN, "%s", s->seq == 0 && !loops_is_owner(s) ? "none" : mode);
     return text;
 }
 
@@ -306,7 +300,7 @@ static bool in_mode(const struct apc_sample *mode, enum apc_mode wanted)
 
 static void stale_fault(struct request *r, const struct order *o)
 {
-    char ref[REF_LEN], text[TEXT_LEN];
+    char ref[REF_LEN], text[DECIMAL_LEN];
     const struct write_change *first = NULL;
     text_add(&r->extra, ",\"current\":{");
     for (size_t i = 0; i < o->write.n; i++) {
@@ -419,7 +413,7 @@ static int put_order(struct ui *ui, struct order *o, struct apc_store *store, ui
 static void record_write(struct ui *ui, const struct request *r, const struct order *o,
                          struct apc_store *store, const char *outcome)
 {
-    char before[TEXT_LEN], after[TEXT_LEN];
+    char before[DECIMAL_LEN], after[DECIMAL_LEN];
     for (size_t i = 0; i < o->write.n; i++) {
         const struct write_change *c = &o->change[i];
         const bool opened = o->write.kind == WRITE_SETPOINT && i > 0;

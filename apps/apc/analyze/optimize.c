@@ -12,7 +12,7 @@
 #define BUDGET 2000
 #define LEAST  60 /* tries: fewer are no search */
 
-static void take_over(void *options, char *arg, const struct argp_state *state)
+static void take_over_option(void *options, char *arg, const struct argp_state *state)
 {
     struct optimize_options *o = options;
     char *equals = setting_equals(arg), *dots = equals ? strstr(equals, "..") : NULL;
@@ -36,7 +36,7 @@ static void take_over(void *options, char *arg, const struct argp_state *state)
     o->n++;
 }
 
-static void take_weights(void *weights, char *arg, const struct argp_state *state)
+static void take_weights_option(void *weights, char *arg, const struct argp_state *state)
 {
     struct weights *w = weights;
     const struct {
@@ -76,13 +76,13 @@ static void check_optimize_options(void *options, const struct argp_state *state
 static const struct option_spec own_options[] = {
     {"over", 0, "PATH=LOW..HIGH",
      "A number that is searched, within these bounds, as controllers.base.v1.Kp=0.1..10; up to 16 of them",
-     OPTION_OWN, .take = take_over},
+     OPTION_OWN, .take = take_over_option},
     {"set", 0, "PATH=VALUE", "A setting other than the file's, any number of times", OPTION_OWN, AT(set),
      .take = setting_add},
     {"weights", 0, "NAME=W,...",
      "Of the cost: iae, effort (each relative to that of the present numbers), overshoot (of 100 %), limits "
      "(of all the time beyond them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
-     OPTION_OWN, AT(weights), .take = take_weights},
+     OPTION_OWN, AT(weights), .take = take_weights_option},
     {"peak", 0, "M",
      "No loop's sensitivity, as apc analyze has it, is to have a higher peak; 1.2 to 2 of most good loops",
      OPTION_NUMBER, AT(weights.peak), .low = 1, .must = "be above 1; most good loops have 1.2 to 2"},

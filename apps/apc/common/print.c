@@ -33,11 +33,7 @@ char *print_value(const struct apc_sample *sample, char text[PRINT_LEN])
 
 char *print_exact(double value, char text[PRINT_LEN])
 {
-    int digits = 6;
-    do
-        snprintf(text, PRINT_LEN, "%.*g", digits, value);
-    while (++digits <= 17 && strtod(text, NULL) != value);
-    return text;
+    return decimal_shortest(value, 6, text);
 }
 
 char *print_duration(apc_ns duration, char text[PRINT_LEN])

@@ -26,7 +26,7 @@ static void parse_names(const struct argp_state *state, char *arg, char **names,
     }
 }
 
-static void take_inputs(void *options, char *arg, const struct argp_state *state)
+static void take_inputs_option(void *options, char *arg, const struct argp_state *state)
 {
     struct identify_wish *wish = &((struct identify_options *)options)->wish;
     if (wish->disturbances)
@@ -34,7 +34,7 @@ static void take_inputs(void *options, char *arg, const struct argp_state *state
     parse_names(state, arg, wish->input, &wish->inputs);
 }
 
-static void take_disturbances(void *options, char *arg, const struct argp_state *state)
+static void take_disturbances_option(void *options, char *arg, const struct argp_state *state)
 {
     struct identify_wish *wish = &((struct identify_options *)options)->wish;
     const size_t before = wish->inputs;
@@ -42,19 +42,19 @@ static void take_disturbances(void *options, char *arg, const struct argp_state 
     wish->disturbances += wish->inputs - before;
 }
 
-static void take_outputs(void *options, char *arg, const struct argp_state *state)
+static void take_outputs_option(void *options, char *arg, const struct argp_state *state)
 {
     struct identify_wish *wish = &((struct identify_options *)options)->wish;
     parse_names(state, arg, wish->output, &wish->outputs);
 }
 
-static void take_find(void *options, char *arg, const struct argp_state *state)
+static void take_find_option(void *options, char *arg, const struct argp_state *state)
 {
     struct identify_options *own = options;
     parse_names(state, arg, own->find, &own->finds);
 }
 
-static void take_suggest(void *options, char *arg, const struct argp_state *state)
+static void take_suggest_option(void *options, char *arg, const struct argp_state *state)
 {
     struct identify_options *own = options;
     own->suggest = true;
@@ -82,11 +82,11 @@ static void check_identify_options(void *input, const struct argp_state *state)
 #define AT(member) .to = offsetof(struct identify_options, member)
 static const struct option_spec own_options[] = {
     {"inputs", 0, "NAMES", "What went in, as v1,v2; of a run folder: all outputs of its controllers",
-     OPTION_OWN, .take = take_inputs},
+     OPTION_OWN, .take = take_inputs_option},
     {"disturbances", 0, "NAMES", "What went in as well, and was measured, not moved", OPTION_OWN,
-     .take = take_disturbances},
+     .take = take_disturbances_option},
     {"outputs", 0, "NAMES", "What is to be predicted; of a run folder: all measurements", OPTION_OWN,
-     .take = take_outputs},
+     .take = take_outputs_option},
     {"period", 0, "S", "Time from sample to sample; default: that of the first output", OPTION_NUMBER,
      AT(wish.period), .low = 1e-6, .high = 1e6},
     {"from", 0, "TIME",
@@ -106,10 +106,10 @@ static const struct option_spec own_options[] = {
      AT(figure)},
     {"suggest", 0, "TAU_C",
      "Tunings by SIMC for a PID loop of each pair, that answers in TAU_C s; default: in its dead time",
-     OPTION_OWN, .take = take_suggest, .optional = true},
+     OPTION_OWN, .take = take_suggest_option, .optional = true},
     {"find", 0, "NAMES",
      "No model, but parameters of the one that the run's plant has, as K,tau,dead_time, with 95 % intervals",
-     OPTION_OWN, .take = take_find},
+     OPTION_OWN, .take = take_find_option},
     {"plant", 0, "FILE",
      "Of --find: the experiment file that has the plant, where the record is no run folder", OPTION_TEXT,
      AT(plant)},
