@@ -2,10 +2,10 @@
 #ifndef APC_ANALYZE_INTERNAL_H
 #define APC_ANALYZE_INTERNAL_H
 
-#include <complex.h>
 #include <string.h>
 
 #include "apcanalysis.h"
+#include "base/complex.h"
 
 struct apc_loop {
     struct apc_loop_setup setup; /* its arrays are the loop's own */
@@ -89,15 +89,6 @@ void machine_step(struct machine *m, const struct step *step, struct ride *ride)
 int machine_ride(struct machine *m, struct ride *ride);
 
 /* ---- Numbers ---------------------------------------------------------------------------------- */
-
-static inline double complex complex_of(double re, double im)
-{
-    const double part[2] = {re, im};
-    double complex z;
-
-    memcpy(&z, part, sizeof(z));
-    return z;
-}
 
 /* Eigenvalues of A [n * n], which is destroyed. Returns 0 or APC_ESOLVER. */
 int eigenvalues(size_t n, double complex *A, double complex *value);

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Where the response of a loop, its ticks of a period taken together, is critical: 1 in size, or real. */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -15,7 +17,7 @@ struct roots {
 
 static int by_crossing_size(const void *a, const void *b)
 {
-    const double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
+    const double x = apc_cabs(*(const double complex *)a), y = apc_cabs(*(const double complex *)b);
 
     return x > y ? -1 : x < y;
 }
@@ -37,7 +39,7 @@ static int size_at(void *ctx, double w, double *value)
 {
     struct roots *r = ctx;
     const int rc = roots_at(r, w);
-    const double size = rc == 0 ? cabs(r->root[r->place]) : r->lowest ? HUGE_VAL : 0.0;
+    const double size = rc == 0 ? apc_cabs(r->root[r->place]) : r->lowest ? HUGE_VAL : 0.0;
 
     *value = r->lowest ? 1.0 / size : size;
     return rc == APC_ESOLVER ? 0 : rc;
@@ -62,7 +64,7 @@ static void roots_free(struct roots *r)
 
 static int keep_crossing(struct crossings *c, double w, size_t place, double complex root)
 {
-    const double phase = carg(-root);
+    const double phase = apc_carg(-root);
 
     if (c->n == c->room) {
         const size_t room = c->room ? 2 * c->room : 32;
@@ -104,7 +106,7 @@ static int cross_between(struct roots *r, size_t i, double low, double high, boo
         middle = (low + high) / 2.0;
         rc = roots_at(r, middle);
         if (rc == 0)
-            *((cabs(r->root[i]) >= 1.0) == above ? &low : &high) = middle;
+            *((apc_cabs(r->root[i]) >= 1.0) == above ? &low : &high) = middle;
     }
     if (rc == APC_ESOLVER)
         return 0; /* a pole: no crossing but a jump */
@@ -190,7 +192,7 @@ static int find_crossings(struct roots *r, const struct mesh *mesh, struct cross
         rc = roots_at(r, mesh->w[k]);
         for (size_t i = 0; i < m; i++) {
             root[k * m + i] = rc == 0 ? r->root[i] : 0.0;
-            size[k * m + i] = rc == 0 ? cabs(r->root[i]) : (double)NAN;
+            size[k * m + i] = rc == 0 ? apc_cabs(r->root[i]) : (double)NAN;
         }
         rc = rc == APC_ESOLVER ? 0 : rc;
     }
@@ -247,9 +249,9 @@ int response_follow(const struct apc_loop *loop, size_t of, const double *later,
         rc = roots_at(&r, w);
         if (rc < 0)
             break;
-        here = log(cabs(r.root[crossing->place]));
+        here = apc_log(apc_cabs(r.root[crossing->place]));
         if (fabs(here) < 1e-13 || fabs(step) < 1e-14 * w) {
-            const double phase = carg(-r.root[crossing->place]);
+            const double phase = apc_carg(-r.root[crossing->place]);
 
             *crossing = (struct crossing){w, phase > 0.0 ? phase : phase + 2.0 * M_PI, crossing->place};
             break;

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Complex linear algebra of small matrices: eigenvalues by Francis' QR iteration with single shifts on a
  * Hessenberg matrix (Golub and van Loan, Matrix Computations, 4th ed., chapter 7), equations by Gauss. */
+#include <apcmath.h>
+
 #include <math.h>
 
 #include "analyze/analyze_internal.h"
@@ -10,7 +12,7 @@
 /* Plain products: what is not finite is found by its size. */
 static inline double complex times(double complex a, double complex b)
 {
-    return complex_of(creal(a) * creal(b) - cimag(a) * cimag(b), creal(a) * cimag(b) + cimag(a) * creal(b));
+    return apc_complex(creal(a) * creal(b) - cimag(a) * cimag(b), creal(a) * cimag(b) + cimag(a) * creal(b));
 }
 
 static inline double one_norm(double complex a)
@@ -70,7 +72,7 @@ static void to_hessenberg(size_t n, double complex *A)
         for (size_t j = 0; j < n && pivot != k; j++)
             swap_complex(&A[j * n + pivot], &A[j * n + k]);
         for (size_t i = k + 1; i < n; i++) {
-            const double complex share = A[i * n + k - 1] / A[k * n + k - 1];
+            const double complex share = apc_cdivide(A[i * n + k - 1], A[k * n + k - 1]);
 
             if (!(one_norm(share) > 0.0))
                 continue;
@@ -87,10 +89,10 @@ static double complex wilkinson(size_t n, const double complex *H, size_t hi)
 {
     const double complex a = H[(hi - 1) * n + hi - 1], b = H[(hi - 1) * n + hi], c = H[hi * n + hi - 1],
                          d = H[hi * n + hi], half = (a - d) / 2.0,
-                         root = csqrt(times(half, half) + times(b, c));
+                         root = apc_csqrt(times(half, half) + times(b, c));
     const double complex one = d + half + root, other = d + half - root;
 
-    return cabs(one - d) < cabs(other - d) ? one : other;
+    return apc_cabs(one - d) < apc_cabs(other - d) ? one : other;
 }
 
 /* H - shift = Q R, then R Q + shift, between rows lo and hi. */
@@ -105,7 +107,7 @@ static void qr_sweep(size_t n, double complex *H, size_t lo, size_t hi, double c
 
         if (k < hi) {
             const double complex a = H[k * n + k], b = H[(k + 1) * n + k];
-            const double r = hypot(cabs(a), cabs(b));
+            const double r = apc_hypot(apc_cabs(a), apc_cabs(b));
 
             if (r > 0.0) {
                 c = a / r;
@@ -186,7 +188,7 @@ int complex_solve(size_t n, size_t m, double complex *A, double complex *B)
         for (size_t j = 0; j < m && pivot != k; j++)
             swap_complex(&B[pivot * m + j], &B[k * m + j]);
         for (size_t i = k + 1; i < n; i++) {
-            const double complex share = A[i * n + k] / A[k * n + k];
+            const double complex share = apc_cdivide(A[i * n + k], A[k * n + k]);
 
             if (!(one_norm(share) > 0.0))
                 continue;
@@ -202,7 +204,7 @@ int complex_solve(size_t n, size_t m, double complex *A, double complex *B)
 
             for (size_t i = k + 1; i < n; i++)
                 sum -= times(A[k * n + i], B[i * m + j]);
-            B[k * m + j] = sum / A[k * n + k];
+            B[k * m + j] = apc_cdivide(sum, A[k * n + k]);
         }
     }
     return 0;

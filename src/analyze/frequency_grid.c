@@ -5,6 +5,8 @@
  * it: so from each of these frequencies go out at distances that double, from half of that until the grid is
  * finer.
  */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -45,7 +47,7 @@ static int add_frequency(struct mesh *mesh, double w, double top)
 /* About @p w, with a band so wide. */
 static int add_frequency_band(struct mesh *mesh, double w, double width, double top)
 {
-    const double grid = w * log(10.0) / PER_DECADE;
+    const double grid = w * apc_log(10.0) / PER_DECADE;
     double by = fmax(width, NARROWEST * w) / 2.0;
     int rc = add_frequency(mesh, w, top);
 
@@ -61,13 +63,13 @@ static int add_frequency_band(struct mesh *mesh, double w, double width, double 
 int mesh_create(struct mesh *mesh, double period, double top, const double complex *root, size_t n)
 {
     const double turn = 2.0 * M_PI / period;
-    double bottom = top * pow(10.0, -DECADES);
+    double bottom = top * apc_pow(10.0, -DECADES);
     size_t kept = 0;
     int rc = 0;
 
     *mesh = (struct mesh){0};
     for (size_t i = 0; i < n && rc == 0; i++) {
-        const double width = fabs(log(cabs(root[i]))), angle = fabs(carg(root[i]));
+        const double width = fabs(apc_log(apc_cabs(root[i]))), angle = fabs(apc_carg(root[i]));
 
         if (width > SLOWEST * 1e-4 && isfinite(width))
             bottom = fmin(bottom, 0.1 * width / period);
@@ -81,7 +83,7 @@ int mesh_create(struct mesh *mesh, double period, double top, const double compl
         }
     }
     for (int k = 0; rc == 0; k++) {
-        const double w = top * pow(10.0, -(double)k / PER_DECADE);
+        const double w = top * apc_pow(10.0, -(double)k / PER_DECADE);
 
         if (k > 0 && w < bottom)
             break;

@@ -6,6 +6,8 @@
  * 1| sqrt(M J) < 1 at all frequencies no pattern of pulses feeds itself, J being, for delays up to N + g
  * periods, N^2 + 2 N g + g (Kao and Lincoln, 2004).
  */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -60,7 +62,7 @@ static double pulse_gain(const struct pulses *p, double angle)
     double sum = 0.0;
 
     for (size_t i = 0; i < p->n * p->n; i++) /* transposed: read (z - map)^-1 */
-        A[i] = (i % (p->n + 1) == 0 ? complex_of(cos(angle), sin(angle)) : 0.0) -
+        A[i] = (i % (p->n + 1) == 0 ? apc_complex(apc_cos(angle), apc_sin(angle)) : 0.0) -
                p->map[i % p->n * p->n + i / p->n];
     for (size_t i = 0; i < p->n; i++)
         X[i] = p->read[i];
@@ -73,7 +75,7 @@ static double pulse_gain(const struct pulses *p, double angle)
             t += X[i] * p->Z[i * p->M + k];
         sum += creal(t) * creal(t) + cimag(t) * cimag(t);
     }
-    return 2.0 * fabs(sin(angle / 2.0)) * sqrt(sum);
+    return 2.0 * fabs(apc_sin(angle / 2.0)) * sqrt(sum);
 }
 
 static int pulses_ready(struct pulses *p, const struct apc_loop *loop)

@@ -6,6 +6,8 @@
  */
 #include "linear.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -28,7 +30,13 @@ static double gamma_below(double shape, double x)
         return 0.0;
     for (int n = 1; n < 10000 && term > 1e-17 * sum; n++)
         sum += term *= x / (shape + n);
-    return fmin(1.0, sum * exp(shape * log(x) - x - lgamma(shape)));
+    return fmin(1.0, sum * apc_exp(shape * apc_log(x) - x - apc_lgamma(shape)));
+}
+
+/* Of the standard normal distribution: by P(1/2, z^2 / 2), which is how probable |Z| < |z| is. */
+static double normal_below(double z)
+{
+    return fabs(z) < 38.0 ? 0.5 + copysign(0.5 * gamma_below(0.5, 0.5 * z * z), z) : z > 0.0;
 }
 
 static double recorded_below(const struct apc_distribution *d, double x)
@@ -51,9 +59,9 @@ double distribution_below(const struct apc_distribution *d, double x)
     case APC_UNIFORM:
         return x <= d->a ? 0.0 : x >= d->b ? 1.0 : (x - d->a) / (d->b - d->a);
     case APC_NORMAL:
-        return d->b > 0.0 ? 0.5 * erfc((d->a - x) / (d->b * M_SQRT2)) : x >= d->a;
+        return normal_below(d->b > 0.0 ? (x - d->a) / d->b : x >= d->a ? HUGE_VAL : -HUGE_VAL);
     case APC_EXPONENTIAL:
-        return x > 0.0 ? -expm1(-x / d->a) : 0.0;
+        return x > 0.0 ? -apc_expm1(-x / d->a) : 0.0;
     case APC_GAMMA:
         return gamma_below(d->a, x / d->b);
     case APC_RECORDED:

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "linear.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -120,7 +122,7 @@ static int make_plant(struct linear_loop *l, const struct experiment *e, struct 
     for (size_t i = 0; i < nx; i++)
         noise[i] = e->plant.noise ? e->plant.noise[i] : 0.0;
     for (size_t i = 0; i < ny; i++)
-        sensor[i] = hypot(e->sensor[i].noise, e->sensor[i].quantum / sqrt(12.0));
+        sensor[i] = apc_hypot(e->sensor[i].noise, e->sensor[i].quantum / sqrt(12.0));
     *p = (struct apc_loop_plant){.nx = nx,
                                  .nu = m->nu,
                                  .ny = ny,

@@ -4,6 +4,8 @@
  * (its size: gain; its angle: phase) or act later: that holds for any pattern of ticks, where a frequency
  * response does not.
  */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,13 +34,13 @@ static int radius(struct machine *m, const double complex *factor, double *large
         rc = machine_ride(m, &ride);
     for (size_t i = 0; i < n && rc == 0; i++) {
         for (size_t j = 0; j < n; j++)
-            A[i * n + j] = complex_of(Z[i * 2 * n + j], Z[i * 2 * n + n + j]);
+            A[i * n + j] = apc_complex(Z[i * 2 * n + j], Z[i * 2 * n + n + j]);
     }
     if (rc == 0)
         rc = eigenvalues(n, A, value ? value : own);
     *largest = 0.0;
     for (size_t i = 0; i < n && rc == 0; i++)
-        *largest = fmax(*largest, cabs((value ? value : own)[i]));
+        *largest = fmax(*largest, apc_cabs((value ? value : own)[i]));
     free(Z);
     free(A);
     return rc;
@@ -46,7 +48,7 @@ static int radius(struct machine *m, const double complex *factor, double *large
 
 static int by_margin_size(const void *a, const void *b)
 {
-    const double x = cabs(*(const double complex *)a), y = cabs(*(const double complex *)b);
+    const double x = apc_cabs(*(const double complex *)a), y = apc_cabs(*(const double complex *)b);
 
     return x > y ? -1 : x < y;
 }
@@ -117,7 +119,7 @@ static bool is_stable_at(struct trial *t, double value)
     for (size_t o = 0; o < t->loop->n_out; o++) {
         t->factor[o] = !concerned(t, o)     ? 1.0
                        : t->by == BY_FACTOR ? value
-                       : t->by == BY_ANGLE  ? complex_of(cos(value), -sin(value))
+                       : t->by == BY_ANGLE  ? apc_complex(apc_cos(value), -apc_sin(value))
                                             : 1.0;
         t->delay[o] = t->by == BY_DELAY && concerned(t, o) ? value : 0.0;
     }
@@ -200,9 +202,9 @@ static void gain_margins(struct trial *t, struct crossings *found, struct apc_lo
     struct tries tries;
     size_t n = 0, kept = 0;
 
-    for (int k = 1; k < STEPS && pow(RATIO, k) < MOST; k++) {
-        steps[n++] = pow(RATIO, k);
-        steps[n++] = pow(RATIO, -k);
+    for (int k = 1; k < STEPS && apc_pow(RATIO, k) < MOST; k++) {
+        steps[n++] = apc_pow(RATIO, k);
+        steps[n++] = apc_pow(RATIO, -k);
     }
     for (size_t k = 0; k < found->n_gain; k++) {
         if (found->gain[k] > 1.0 / MOST && found->gain[k] < MOST)
@@ -338,8 +340,8 @@ static double delay_margin(struct trial *t, const struct crossings *found)
     for (size_t k = 0; k < n_critical; k++)
         first = fmin(first, critical[k]);
     first = fmax(first, period / 64.0) / 4.0;
-    while (n + 1 < STEPS && first * pow(1.1, (double)n) < most) {
-        steps[n] = first * pow(1.1, (double)n);
+    while (n + 1 < STEPS && first * apc_pow(1.1, (double)n) < most) {
+        steps[n] = first * apc_pow(1.1, (double)n);
         n++;
     }
     steps[n++] = most;

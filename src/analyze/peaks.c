@@ -19,7 +19,7 @@ static double largest_gain(size_t m, const double complex *M)
     double complex x[64], y[64];
 
     if (m == 1)
-        return cabs(M[0]);
+        return apc_cabs(M[0]);
     for (size_t i = 0; i < m; i++)
         x[i] = 1.0 + 0.1 * (double)i;
     for (int k = 0; k < 100; k++) {

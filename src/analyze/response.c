@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The loop cut open: what comes back at each frequency. */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,14 +26,14 @@ static void cut_driven(void *ctx, const struct step *step, const double *slot, d
 {
     struct open *o = ctx;
     const size_t k = o->place[step->number], m = o->m;
-    const double angle = o->w * apc_ns_to_s(step->tick), c = cos(angle), s = sin(angle);
+    const double angle = o->w * apc_ns_to_s(step->tick), c = apc_cos(angle), s = apc_sin(angle);
 
     if (k == m) {
         memcpy(acting, slot, 2 * m * sizeof(*acting));
         return;
     }
     for (size_t j = 0; j < m && o->listens; j++)
-        o->L[k * m + j] -= complex_of(slot[j], slot[m + j]) * complex_of(c, -s) / (double)o->ticks[k];
+        o->L[k * m + j] -= apc_complex(slot[j], slot[m + j]) * apc_complex(c, -s) / (double)o->ticks[k];
     memset(acting, 0, 2 * m * sizeof(*acting));
     acting[k] = c;
     acting[m + k] = s;
@@ -48,7 +50,7 @@ static void cut_lifted(void *ctx, const struct step *step, const double *slot, d
         return;
     }
     for (size_t j = 0; j < m && o->listens; j++)
-        o->L[k * m + j] -= complex_of(slot[j], slot[m + j]);
+        o->L[k * m + j] -= apc_complex(slot[j], slot[m + j]);
     memset(acting, 0, 2 * m * sizeof(*acting));
     acting[k] = 1.0;
 }
@@ -147,10 +149,10 @@ int loop_frequency_response(struct open *o, double w)
     memset(o->L, 0, m * m * sizeof(*o->L));
     rc = drive_open_loop(o, false);
     for (size_t i = 0; i < n * n; i++)
-        o->A[i] = (i % (n + 1) == 0 ? complex_of(cos(angle), sin(angle)) : 0.0) - o->map[i];
+        o->A[i] = (i % (n + 1) == 0 ? apc_complex(apc_cos(angle), apc_sin(angle)) : 0.0) - o->map[i];
     for (size_t i = 0; i < n; i++) {
         for (size_t j = 0; j < m; j++)
-            o->X[i * m + j] = complex_of(o->Z[i * 2 * m + j], o->Z[i * 2 * m + m + j]);
+            o->X[i * m + j] = apc_complex(o->Z[i * 2 * m + j], o->Z[i * 2 * m + m + j]);
     }
     if (rc == 0 && complex_solve(n, m, o->A, o->X))
         rc = APC_ESOLVER; /* a pole of the open loop lies there */

@@ -7,6 +7,8 @@
  */
 #include "apcbase.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <string.h>
 
@@ -64,13 +66,13 @@ double apc_random_normal(struct apc_random *random)
         y = 2.0 * apc_random_uniform(random) - 1.0;
         square = x * x + y * y;
     } while (square >= 1.0 || square == 0.0);
-    return x * sqrt(-2.0 * log(square) / square);
+    return x * sqrt(-2.0 * apc_log(square) / square);
 }
 
 /* G. Marsaglia, W. W. Tsang, "A simple method for generating gamma variables", 2000; scale 1. */
 static double gamma_of(double shape, struct apc_random *random)
 {
-    const double boost = shape < 1.0 ? pow(1.0 - apc_random_uniform(random), 1.0 / shape) : 1.0;
+    const double boost = shape < 1.0 ? apc_pow(1.0 - apc_random_uniform(random), 1.0 / shape) : 1.0;
     const double d = (shape < 1.0 ? shape + 1.0 : shape) - 1.0 / 3.0, c = 1.0 / sqrt(9.0 * d);
 
     for (;;) {
@@ -79,7 +81,7 @@ static double gamma_of(double shape, struct apc_random *random)
         if (v <= 0.0)
             continue;
         v = v * v * v;
-        if (log(1.0 - apc_random_uniform(random)) < 0.5 * x * x + d - d * v + d * log(v))
+        if (apc_log(1.0 - apc_random_uniform(random)) < 0.5 * x * x + d - d * v + d * apc_log(v))
             return boost * d * v;
     }
 }
@@ -111,7 +113,7 @@ double apc_distribution_draw(const struct apc_distribution *distribution, struct
     case APC_NORMAL:
         return a + b * apc_random_normal(random);
     case APC_EXPONENTIAL:
-        return -a * log(1.0 - apc_random_uniform(random));
+        return -a * apc_log(1.0 - apc_random_uniform(random));
     case APC_GAMMA:
         return b * gamma_of(a, random);
     case APC_RECORDED:

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What nonlinear predictive control has in the place of a linear model: the plant's equations, an extended
  * Kalman filter for each part of a period, shooting. */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -231,7 +233,7 @@ static double growth(size_t n, double *M, double *work)
 
         if (norm == 0.0 || !isfinite(norm))
             return norm == 0.0 ? -HUGE_VAL : HUGE_VAL;
-        sum += share * log(norm);
+        sum += share * apc_log(norm);
         for (size_t i = 0; i < n * n; i++)
             M[i] /= norm;
         apc_matrix_multiply(n, n, n, M, M, work);

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "experiment_parts.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -279,10 +281,10 @@ static double spectral_radius(double *a, double *b, size_t n)
     for (int k = 0; k <= SQUARINGS; k++) {
         double norm = 0;
         for (size_t i = 0; i < n * n; i++)
-            norm = hypot(norm, a[i]);
+            norm = apc_hypot(norm, a[i]);
         if (!(norm > 0))
             return 0;
-        log_radius += share * log(norm);
+        log_radius += share * apc_log(norm);
         share /= 2;
         for (size_t i = 0; i < n * n; i++)
             a[i] /= norm;
@@ -294,7 +296,7 @@ static double spectral_radius(double *a, double *b, size_t n)
             }
         memcpy(a, b, n * n * sizeof *a);
     }
-    return exp(log_radius);
+    return apc_exp(log_radius);
 }
 
 int experiment_check_steps(const struct experiment *e, struct apc_error *why)

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "apcexcite.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -69,7 +71,7 @@ static double add_up(const struct multisine *m, const double *phase)
     for (size_t k = 0; k < m->n; k++)
         m->u[k] = 0.0;
     for (size_t j = 0; j < m->lines; j++) {
-        const double c = cos(phase[j]), s = sin(phase[j]);
+        const double c = apc_cos(phase[j]), s = apc_sin(phase[j]);
         for (size_t k = 0; k < m->n; k++)
             m->u[k] += c * m->cosine[line_phase_at(m, j, k)] - s * m->sine[line_phase_at(m, j, k)];
     }
@@ -89,7 +91,7 @@ static void clip(const struct multisine *m, double level)
             re += m->u[k] * m->cosine[line_phase_at(m, j, k)];
             im -= m->u[k] * m->sine[line_phase_at(m, j, k)];
         }
-        m->phase[j] = atan2(im, re);
+        m->phase[j] = apc_atan2(im, re);
     }
 }
 
@@ -126,8 +128,8 @@ int apc_excite_multisine(size_t first, size_t last, size_t every, double *u, siz
     m.phase = m.sine + n;
     m.best = m.phase + m.lines;
     for (size_t k = 0; k < n; k++) {
-        m.cosine[k] = cos(2.0 * M_PI * (double)k / (double)n);
-        m.sine[k] = sin(2.0 * M_PI * (double)k / (double)n);
+        m.cosine[k] = apc_cos(2.0 * M_PI * (double)k / (double)n);
+        m.sine[k] = apc_sin(2.0 * M_PI * (double)k / (double)n);
     }
     largest = search_crest_factor(&m);
     for (size_t k = 0; k < n; k++)

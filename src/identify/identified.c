@@ -2,6 +2,8 @@
 /* What was identified, and how well it goes with a record. */
 #include "identify/identify_internal.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -88,14 +90,14 @@ double apc_spectral_radius(size_t n, const double *A, double *work)
 
         if (!(norm > 0.0))
             return 0.0;
-        log_radius += root * log(norm);
+        log_radius += root * apc_log(norm);
         root /= 2.0;
         for (size_t k = 0; k < n * n; k++)
             power[k] /= norm;
         apc_matrix_multiply(n, n, n, power, power, square);
         memcpy(power, square, n * n * sizeof(*A));
     }
-    return exp(log_radius);
+    return apc_exp(log_radius);
 }
 
 /* ---- Running -------------------------------------------------------------------------------------- */
@@ -379,7 +381,7 @@ static double white_of(const double *e, size_t n)
 
         for (size_t k = lag; k < n; k++)
             product += isfinite(e[k] * e[k - lag]) ? e[k] * e[k - lag] : 0.0;
-        sum += pow(product / all, 2) / (there - (double)lag);
+        sum += apc_pow(product / all, 2) / (there - (double)lag);
     }
     return all > 0.0 ? apc_chi2_above(there * (there + 2.0) * sum, LAGS) : (double)NAN;
 }

@@ -5,6 +5,8 @@
  * unknown is had from two runs beside the present one; y itself by the plant's own integrator. Errors count
  * as they scatter, output by output, whitened by an autoregression.
  */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -382,8 +384,8 @@ static int begin_fit(struct fit *f, struct apc_error *why)
         for (size_t k = first * f->r.ny; k < (first + n) * f->r.ny; k++) {
             const double d = f->deviation[k % f->r.ny];
 
-            given += isfinite(f->r.y[k]) ? pow((f->r.y[k] - f->y[k]) / d, 2) : 0.0;
-            found += isfinite(f->r.y[k]) ? pow((f->r.y[k] - f->plus[k]) / d, 2) : 0.0;
+            given += isfinite(f->r.y[k]) ? apc_pow((f->r.y[k] - f->y[k]) / d, 2) : 0.0;
+            found += isfinite(f->r.y[k]) ? apc_pow((f->r.y[k] - f->plus[k]) / d, 2) : 0.0;
         }
         if (rc < 0 || (!lost && !(found < given)))
             memcpy(f->x0 + g * nx, x + g * nx, nx * sizeof(*x));
@@ -545,7 +547,7 @@ static void measure_deviations(struct fit *f)
                 mean += isfinite(y) ? y : 0.0;
             }
             for (size_t k = begin; k < begin + n; k++)
-                sum += isfinite(f->r.y[k * ny + i]) ? pow(f->r.y[k * ny + i] - mean / of, 2) : 0.0;
+                sum += isfinite(f->r.y[k * ny + i]) ? apc_pow(f->r.y[k * ny + i] - mean / of, 2) : 0.0;
             there += of;
         }
         f->deviation[i] = sqrt(sum / fmax(there, 1.0));

@@ -2,6 +2,8 @@
 /* The way to the parameters that fit best: downhill, from several beginnings, and with what was before. */
 #include "identify/parameters.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -129,7 +131,7 @@ static int search_around(struct fit *f, double *left, struct apc_error *why)
 static double score_of_fit(const struct fit *f, const double *errors)
 {
     const size_t n = f->r.n;
-    double score = (double)f->m * log((double)fit_counted(f));
+    double score = (double)f->m * apc_log((double)fit_counted(f));
 
     for (size_t i = 0; i < f->r.ny; i++) {
         const double *e = errors + i * n;
@@ -137,7 +139,7 @@ static double score_of_fit(const struct fit *f, const double *errors)
 
         for (size_t k = 0; k < n; k++)
             there += e[k] != 0.0;
-        score += there * log(fmax(apc_matrix_dot(e, e, n) / fmax(there, 1.0), WHITE));
+        score += there * apc_log(fmax(apc_matrix_dot(e, e, n) / fmax(there, 1.0), WHITE));
     }
     return score;
 }

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "identify/search.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -124,7 +126,7 @@ void search_fill_rest(const struct search *s, double tau, size_t run, double *co
 
     memset(column, 0, s->n * sizeof(*column));
     for (size_t k = 0; k < n && (double)k * s->record->Ts / tau < NOTHING; k++)
-        column[begin + k] = exp(-(double)k * s->record->Ts / tau);
+        column[begin + k] = apc_exp(-(double)k * s->record->Ts / tau);
 }
 
 /* What a step of the input as each run begins does, in columns of each; begun in the last one, of which there
@@ -227,7 +229,7 @@ static double score_of_search(const struct search *s, double left, size_t parame
 {
     const double least = WHITE * apc_matrix_dot(s->y, s->y, s->n), n = (double)s->n;
 
-    return n * log(fmax(left, least) / (double)s->rows) + (double)(parameters + s->n_noise) * log(n);
+    return n * apc_log(fmax(left, least) / (double)s->rows) + (double)(parameters + s->n_noise) * apc_log(n);
 }
 
 int search_evaluate(struct search *s, struct shape *shape)
@@ -266,7 +268,7 @@ void search_move(const struct search *s, struct arm *arm, size_t q, double step)
     const double Ts = s->record->Ts;
 
     if (q < arm->lag.order)
-        arm->lag.tau[q] = fmin(fmax(arm->lag.tau[q] * exp(step), search_shortest(s)), search_longest(s));
+        arm->lag.tau[q] = fmin(fmax(arm->lag.tau[q] * apc_exp(step), search_shortest(s)), search_longest(s));
     else
         arm->lag.dead_time = fmin(fmax(arm->lag.dead_time + step * Ts, 0.0), s->dead_time_max);
 }

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "identify/search.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <string.h>
 
@@ -69,7 +71,7 @@ static int search_lag_and_delay(struct search *s, struct shape *shape, size_t j,
     for (size_t l = 0; l < (left ? LAGS : 1) && rc == 0; l++) {
         struct arm arm = shape->arm[j];
 
-        arm.lag.tau[0] = Ts / 3.0 * pow(longest, (double)l / (LAGS - 1));
+        arm.lag.tau[0] = Ts / 3.0 * apc_pow(longest, (double)l / (LAGS - 1));
         arm.lag.dead_time = 0.0;
         rc = search_respond(s, &arm.lag, j, s->plus, NULL);
         for (size_t i = 0; i < left; i++) {

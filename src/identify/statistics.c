@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "identify/identify_internal.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,7 +16,7 @@ double apc_chi2_above(double x, double k)
 
     if (!(z > 0.0))
         return 1.0;
-    front = exp(a * log(z) - z - lgamma(a));
+    front = apc_exp(a * apc_log(z) - z - apc_lgamma(a));
     if (z < a + 1.0) {
         sum = term = 1.0 / a;
         for (int i = 1; term > 1e-16 * sum; i++)
@@ -78,7 +80,7 @@ int apc_autoregression(const double *e, size_t n, size_t most, double *a)
 
             for (size_t i = p; i <= most; i++)
                 left += R[i * (most + 1) + most] * R[i * (most + 1) + most];
-            score = (double)rows * log(fmax(left, 1e-300)) + (double)p * log((double)rows);
+            score = (double)rows * apc_log(fmax(left, 1e-300)) + (double)p * apc_log((double)rows);
             if (score < best) {
                 best = score;
                 order = (int)p;

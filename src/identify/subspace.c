@@ -9,6 +9,8 @@
  */
 #include "identify/identify_internal.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,7 +65,7 @@ static void scale_to_deviation(const struct subspace *p, const double *x, size_t
             }
             *m = there > 0.0 ? *m / there : 0.0;
             for (size_t k = begin; k < end; k++)
-                size[i] += isfinite(x[k * width + i]) ? pow(x[k * width + i] - *m, 2) : 0.0;
+                size[i] += isfinite(x[k * width + i]) ? apc_pow(x[k * width + i] - *m, 2) : 0.0;
             all += there;
             if (!p->offsets)
                 *m = 0.0;

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* First and second order with dead time, output by output, and what is told of them. */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -238,7 +240,7 @@ static void measure_inputs(const struct apc_record *r, double *size)
             for (size_t k = 0; k < one.n; k++)
                 mean += one.u[k * inputs + j] / (double)one.n;
             for (size_t k = 0; k < one.n; k++)
-                size[j] += pow(one.u[k * inputs + j] - mean, 2) / (double)r->n;
+                size[j] += apc_pow(one.u[k * inputs + j] - mean, 2) / (double)r->n;
         }
     }
     for (size_t j = 0; j < inputs; j++)

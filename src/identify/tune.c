@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "apctune.h"
 
+#include <apcmath.h>
 #include <complex.h>
+
 #include <math.h>
 
 #include "base/base_internal.h"
@@ -98,10 +100,10 @@ static void loop_at(const struct apc_transfer *g, const struct apc_pid_tuning *t
     const double real = 1.0 - (t->tau_i > 0.0 ? t->tau_d * t->tau_i * w * w : 0.0),
                  imaginary = w * (t->tau_i > 0.0 ? t->tau_i : t->tau_d);
 
-    *magnitude = fabs(g->gain * t->Kp) * hypot(real, imaginary) * hypot(1.0, g->zero * w) /
-                 (hypot(1.0, g->tau[0] * w) * hypot(1.0, g->tau[1] * w));
-    *phase = atan2(imaginary, real) + atan(g->zero * w) - atan(g->tau[0] * w) - atan(g->tau[1] * w) -
-             w * (g->dead_time + period / 2.0);
+    *magnitude = fabs(g->gain * t->Kp) * apc_hypot(real, imaginary) * apc_hypot(1.0, g->zero * w) /
+                 (apc_hypot(1.0, g->tau[0] * w) * apc_hypot(1.0, g->tau[1] * w));
+    *phase = apc_atan2(imaginary, real) + apc_atan(g->zero * w) - apc_atan(g->tau[0] * w) -
+             apc_atan(g->tau[1] * w) - w * (g->dead_time + period / 2.0);
     if (t->tau_i > 0.0) {
         *magnitude /= t->tau_i * w;
         *phase -= M_PI_2;
@@ -164,14 +166,14 @@ static void meet(struct sweep *s, double w0, double m0, double p0, double w1, do
 
     if (turns0 != turns1) { /* -180 degrees, or a turn away from it */
         const double at = 2.0 * M_PI * fmax(turns0, turns1) - M_PI, share = (p0 - at) / (p0 - p1),
-                     m = exp(log(m0) + share * (log(m1) - log(m0)));
+                     m = apc_exp(apc_log(m0) + share * (apc_log(m1) - apc_log(m0)));
 
         if (m < 1.0)
             s->margins->gain = fmin(s->margins->gain, 1.0 / m);
     }
     if ((m0 >= 1.0) != (m1 >= 1.0)) {
-        const double share = log(m0) / (log(m0) - log(m1)), p = p0 + share * (p1 - p0),
-                     w = w0 * pow(w1 / w0, share),
+        const double share = apc_log(m0) / (apc_log(m0) - apc_log(m1)), p = p0 + share * (p1 - p0),
+                     w = w0 * apc_pow(w1 / w0, share),
                      phase = p + M_PI - 2.0 * M_PI * floor((p + M_PI) / (2.0 * M_PI));
 
         s->margins->phase = fmin(s->margins->phase, fmin(phase, 2.0 * M_PI - phase) * 180.0 / M_PI);
@@ -181,13 +183,14 @@ static void meet(struct sweep *s, double w0, double m0, double p0, double w1, do
 
 static void follow_phase(struct sweep *s, double magnitude, double phase)
 {
-    const double re = 1.0 + magnitude * cos(phase), im = magnitude * sin(phase), angle = atan2(im, re);
+    const double re = 1.0 + magnitude * apc_cos(phase), im = magnitude * apc_sin(phase),
+                 angle = apc_atan2(im, re);
     double step = angle - s->last;
 
     step -= 2.0 * M_PI * round(step / (2.0 * M_PI));
     s->turned += step;
     s->last = angle;
-    s->margins->sensitivity = fmax(s->margins->sensitivity, 1.0 / hypot(re, im));
+    s->margins->sensitivity = fmax(s->margins->sensitivity, 1.0 / apc_hypot(re, im));
 }
 
 /*
@@ -216,12 +219,12 @@ int apc_tune_margins(const struct apc_transfer *g, const struct apc_pid_tuning *
         shortest = times[i] > 0.0 ? fmin(shortest, times[i]) : shortest;
     lowest = 1e-4 / all;
     for (int i = 0; i <= POINTS; i++) {
-        const double w = lowest * pow(100.0 / shortest / lowest, (double)i / POINTS);
+        const double w = lowest * apc_pow(100.0 / shortest / lowest, (double)i / POINTS);
         double m, p;
 
         loop_at(g, tuning, period, w, &m, &p);
         if (i == 0) {
-            s.last = atan2(m * sin(p), 1.0 + m * cos(p));
+            s.last = apc_atan2(m * apc_sin(p), 1.0 + m * apc_cos(p));
             s.turned = -integrators * M_PI_2;
         } else {
             meet(&s, w0, m0, p0, w, m, p);

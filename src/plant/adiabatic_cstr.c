@@ -39,7 +39,7 @@ static int adiabatic_cstr_f(double t, const double *x, const double *u, const do
     (void)t;
     if (!(kelvin > 0.0))
         return 1;
-    r = exp(p[LN_K0] - p[E] / kelvin) * x[0] * x[1];
+    r = apc_exp(p[LN_K0] - p[E] / kelvin) * x[0] * x[1];
     dx[0] = dilution * (u[1] - x[0]) - r;
     dx[1] = dilution * (u[2] - x[1]) - 2.0 * r;
     dx[2] = dilution * (u[3] - x[2]) + p[BETA] * r;

@@ -62,7 +62,7 @@ static bool find_matrix(struct solver *s, const double *p)
     }
     for (int k = 0; k < 24; k++) { /* small and large, both signs, other times */
         for (size_t j = 0; j + 1 < s->n; j++)
-            z[j] = pow(10.0, k % 6 - 2) * sin(1.7 * k + 2.3 * (double)j + 1.0);
+            z[j] = apc_pow(10.0, k % 6 - 2) * apc_sin(1.7 * k + 2.3 * (double)j + 1.0);
         if (!agrees(s, p, 1234.5 * (k % 3), z, dx))
             return false;
     }

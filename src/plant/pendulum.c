@@ -33,7 +33,7 @@ static const struct apc_param output[] = {
 static int pendulum_f(double t, const double *x, const double *u, const double *p, double *dx)
 {
     const double mass = p[0] + p[1], ml = p[1] * p[3], inertia = p[4] + ml * p[3];
-    const double sine = sin(x[2]), cosine = cos(x[2]), coupling = ml * cosine;
+    const double sine = apc_sin(x[2]), cosine = apc_cos(x[2]), coupling = ml * cosine;
     const double force = u[0] + u[1] - p[2] * x[1] - ml * x[3] * x[3] * sine, torque = ml * p[5] * sine;
     const double determinant = mass * inertia - coupling * coupling; /* above 0: M is */
 

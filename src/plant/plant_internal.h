@@ -2,6 +2,7 @@
 #ifndef APC_PLANT_INTERNAL_H
 #define APC_PLANT_INTERNAL_H
 
+#include "apcmath.h"
 #include "apcplant.h"
 
 #include <math.h>

@@ -60,9 +60,9 @@ static int van_de_vusse_f(double t, const double *x, const double *u, const doub
     (void)t;
     if (!(kelvin > 0.0))
         return 1;
-    r1 = p[K0] * exp(-p[E1] / kelvin) * x[0];
-    r2 = p[K0] * exp(-p[E1] / kelvin) * x[1];
-    r3 = p[K03] * exp(-p[E3] / kelvin) * x[0] * x[0];
+    r1 = p[K0] * apc_exp(-p[E1] / kelvin) * x[0];
+    r2 = p[K0] * apc_exp(-p[E1] / kelvin) * x[1];
+    r3 = p[K03] * apc_exp(-p[E3] / kelvin) * x[0] * x[0];
     wall = p[KW] * p[AR] * (x[3] - x[2]);
     dx[0] = per_s * (feed * (u[2] - x[0]) - r1 - r3);
     dx[1] = per_s * (-feed * x[1] + r1 - r2);

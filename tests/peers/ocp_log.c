@@ -16,14 +16,14 @@
 #include "predict/mpc.h"
 #include "predict/shooting.h"
 
-int __real_apc_shoot_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
+int __real_apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
                             struct apc_error *why);
-int __wrap_apc_shoot_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
+int __wrap_apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
                             struct apc_error *why);
-int __real_apc_shoot_linearise(struct apc_shooting *shoot, const double *x, const double *d,
+int __real_apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d,
                                const double *plan, const double *past, const double *nodes, double *G,
                                double *free_y);
-int __wrap_apc_shoot_linearise(struct apc_shooting *shoot, const double *x, const double *d,
+int __wrap_apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d,
                                const double *plan, const double *past, const double *nodes, double *G,
                                double *free_y);
 int __real_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
@@ -48,7 +48,7 @@ static void row(const char *name, const double *v, size_t n)
     printf("]");
 }
 
-int __wrap_apc_shoot_create(struct apc_shooting **shoot, const struct apc_shooting_options *o,
+int __wrap_apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *o,
                             struct apc_error *why)
 {
     const struct apc_model *m = o->model;
@@ -73,10 +73,10 @@ int __wrap_apc_shoot_create(struct apc_shooting **shoot, const struct apc_shooti
     for (size_t k = 0; k < m->np; k++)
         printf("%s%.17g", k ? "," : "", o->p ? o->p[k] : m->param[k].initial);
     printf("]}\n");
-    return __real_apc_shoot_create(shoot, o, why);
+    return __real_apc_shooting_create(shoot, o, why);
 }
 
-int __wrap_apc_shoot_linearise(struct apc_shooting *shoot, const double *x, const double *d,
+int __wrap_apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d,
                                const double *plan, const double *past, const double *nodes, double *G,
                                double *free_y)
 {
@@ -84,7 +84,7 @@ int __wrap_apc_shoot_linearise(struct apc_shooting *shoot, const double *x, cons
     row("x", x, nx);
     row("d", d, n_unknown);
     printf("}\n");
-    return __real_apc_shoot_linearise(shoot, x, d, plan, past, nodes, G, free_y);
+    return __real_apc_shooting_linearise(shoot, x, d, plan, past, nodes, G, free_y);
 }
 
 int __wrap_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *o, struct apc_error *why)

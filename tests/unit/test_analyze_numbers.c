@@ -18,7 +18,7 @@ static double drawn(void)
 static void draw(size_t n, double complex *A)
 {
     for (size_t i = 0; i < n; i++)
-        A[i] = complex_of(drawn(), drawn());
+        A[i] = apc_complex(drawn(), drawn());
 }
 
 /* Each of those that should be there is there, once. */

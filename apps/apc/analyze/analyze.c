@@ -2,6 +2,8 @@
 /* apc analyze: how much of a change the loops of an experiment bear, as they tick. */
 #include "analyze.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -68,14 +70,14 @@ static int ascending(const void *a, const void *b)
 static size_t add_band(const struct loop_analysis *z, size_t pole, double top, double *w)
 {
     const double period = apc_ns_to_s(z->l.setup.period),
-                 at = atan2(z->pole_im[pole], z->pole_re[pole]) / period;
-    const double width = -log(hypot(z->pole_re[pole], z->pole_im[pole])) / period;
+                 at = apc_atan2(z->pole_im[pole], z->pole_re[pole]) / period;
+    const double width = -apc_log(apc_hypot(z->pole_re[pole], z->pole_im[pole])) / period;
     double by = width / 2.0;
     size_t n = 0;
     if (!(width > 0.0 && width < RESONANT * at && at < top))
         return 0;
     w[n++] = at;
-    while (by < at * 4.0 * log(10.0) / POINTS && n + 2 <= BAND) {
+    while (by < at * 4.0 * apc_log(10.0) / POINTS && n + 2 <= BAND) {
         w[n++] = at - by;
         w[n++] = fmin(at + by, top);
         by *= 2.0;
@@ -94,7 +96,7 @@ static int respond(struct loop_analysis *z, size_t o, double top)
     l->re = l->w + room;
     l->im = l->re + room;
     for (int k = 0; k < POINTS; k++)
-        l->w[l->points++] = top * pow(10.0, 4.0 * (k - POINTS + 1) / POINTS);
+        l->w[l->points++] = top * apc_pow(10.0, 4.0 * (k - POINTS + 1) / POINTS);
     for (size_t k = 0; k < z->states; k++)
         l->points += add_band(z, k, top, l->w + l->points);
     qsort(l->w, l->points, sizeof *l->w, ascending);

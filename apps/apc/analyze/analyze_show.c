@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "analyze.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <string.h>
 
@@ -142,8 +144,8 @@ static void show_poles(const struct loop_analysis *z)
     int shown = 0;
     printf("\npoles over %.5g s, the slowest first; %zu states\n", T, z->states);
     for (size_t i = 0; i < z->states && shown < POLES; i++) {
-        const double re = z->pole_re[i], im = z->pole_im[i], size = hypot(re, im);
-        const double decay = log(size) / T, turn = atan2(im, re) / T;
+        const double re = z->pole_re[i], im = z->pole_im[i], size = apc_hypot(re, im);
+        const double decay = apc_log(size) / T, turn = apc_atan2(im, re) / T;
         if (size < 1e-9 || im < -1e-9 * size)
             continue;
         shown++;
@@ -156,7 +158,7 @@ static void show_poles(const struct loop_analysis *z)
         else
             fputs("  grows", stdout);
         if (im > 1e-9 * size)
-            printf(", %.4g rad/s, damping %.3g", hypot(decay, turn), -decay / hypot(decay, turn));
+            printf(", %.4g rad/s, damping %.3g", apc_hypot(decay, turn), -decay / apc_hypot(decay, turn));
         putchar('\n');
     }
 }
@@ -290,14 +292,14 @@ static void put_bode_blocks(FILE *script, const struct loop_analysis *z)
         double phase = (double)NAN;
         fprintf(script, "$loop%zu << END\n", o);
         for (size_t k = 0; k < l->points; k++) {
-            double angle = atan2(l->im[k], l->re[k]) * 180.0 / M_PI;
+            double angle = apc_atan2(l->im[k], l->re[k]) * 180.0 / M_PI;
             if (!isfinite(angle))
                 continue;
             if (isnan(phase))
                 phase = angle > 0.0 ? angle - 360.0 : angle;
             phase += remainder(angle - phase, 360.0);
-            fprintf(script, "%.7g %.7g %.7g %.7g %.7g\n", l->w[k], hypot(l->re[k], l->im[k]), phase, l->re[k],
-                    l->im[k]);
+            fprintf(script, "%.7g %.7g %.7g %.7g %.7g\n", l->w[k], apc_hypot(l->re[k], l->im[k]), phase,
+                    l->re[k], l->im[k]);
         }
         fputs("END\n", script);
     }

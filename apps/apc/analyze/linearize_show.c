@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "apc/common/print.h"
+#include "base/complex.h"
 #include "files/files.h"
 
 static const char *linearized_name_of(const struct linearize_names *names, size_t i, char text[24])
@@ -57,9 +58,9 @@ static int by_real_part(const void *a, const void *b)
 /* What a root does in time. Of a sampled model it is z, and s = log(z) / period. */
 static void root_text(double complex root, double period)
 {
-    const double complex at = period > 0 ? clog(root) / period : root;
-    const double re = creal(at), size = cabs(at);
-    const bool integrates = period > 0 ? cabs(root - 1.0) < 1e-9 : size == 0;
+    const double complex at = period > 0 ? apc_clog(root) / period : root;
+    const double re = creal(at), size = apc_cabs(at);
+    const bool integrates = period > 0 ? apc_cabs(root - 1.0) < 1e-9 : size == 0;
 
     if (integrates)
         puts("  integrator");

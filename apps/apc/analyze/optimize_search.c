@@ -9,6 +9,8 @@
  */
 #include "optimize.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <nlopt.h>
 #include <stdlib.h>
@@ -45,14 +47,14 @@ static double value_at(const struct number *n, double x)
     const double share = fmin(fmax(x, 0), 1);
     if (share <= 0 || share >= 1)
         return share <= 0 ? n->low : n->high;
-    const double value =
-        rounded(n->logarithmic ? n->low * pow(n->high / n->low, share) : n->low + (n->high - n->low) * share);
+    const double value = rounded(n->logarithmic ? n->low * apc_pow(n->high / n->low, share)
+                                                : n->low + (n->high - n->low) * share);
     return fmin(fmax(value, n->low), n->high);
 }
 
 static double place_in_range(const struct number *n, double value)
 {
-    return n->logarithmic ? log(value / n->low) / log(n->high / n->low)
+    return n->logarithmic ? apc_log(value / n->low) / apc_log(n->high / n->low)
                           : (value - n->low) / (n->high - n->low);
 }
 

@@ -2,7 +2,9 @@
 /* What was found: for people, for programs, as a figure, as a file. */
 #include "optimize.h"
 
+#include <apcmath.h>
 #include <errno.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -238,9 +240,9 @@ static void put_tics(FILE *script, const char *axis, double low, double high)
     const bool few = high / low < 12;
     const char *comma = "";
     fprintf(script, "set %stics (", axis);
-    for (int k = (int)floor(log10(low)); k <= (int)floor(log10(high)); k++)
+    for (int k = (int)floor(apc_log10(low)); k <= (int)floor(apc_log10(high)); k++)
         for (int digit = 1; digit < 10; digit++) {
-            const double power = pow(10, k);
+            const double power = apc_pow(10, k);
             if (digit * power >= low && digit * power <= high &&
                 (few || digit == 1 || digit == 2 || digit == 5)) {
                 fprintf(script, "%s'%.4g' %.7g", comma, digit * power, digit * power);

@@ -2,6 +2,8 @@
 /* apc identify --find: parameters of the plant of an experiment file, from its record. */
 #include "identify.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -128,8 +130,8 @@ static void judge_found_parameters(struct finding *f)
             for (size_t k = share; k < r.n; k++) {
                 const double y = r.y[k * r.ny + i];
 
-                left += isfinite(y) ? pow(y - run[k * r.ny + i], 2) : 0.0;
-                there += isfinite(y) ? pow(y - mean / n, 2) : 0.0;
+                left += isfinite(y) ? apc_pow(y - run[k * r.ny + i], 2) : 0.0;
+                there += isfinite(y) ? apc_pow(y - mean / n, 2) : 0.0;
             }
         }
         f->model.validation[i].fit = there > 0.0 ? 100.0 * (1.0 - sqrt(left / there)) : (double)NAN;

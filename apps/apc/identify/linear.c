@@ -3,9 +3,12 @@
 
 #include <dlfcn.h>
 #include <lapacke.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "base/complex.h"
 
 #define RANK_TOLERANCE 1e-8 /* against the largest singular value; the Jacobians are good to 1e-9 */
 
@@ -208,14 +211,14 @@ static void normalise(struct subspace *z)
     for (size_t j = 0; j < z->m; j++) {
         double sum = 0;
         for (size_t i = 0; i < z->n + z->r; i++)
-            sum += pow(i < z->n ? z->b[i * z->m + j] : z->d[(i - z->n) * z->m + j], 2);
+            sum += apc_pow(i < z->n ? z->b[i * z->m + j] : z->d[(i - z->n) * z->m + j], 2);
         for (size_t i = 0; i < z->n + z->r && sum > 0; i++)
             *(i < z->n ? &z->b[i * z->m + j] : &z->d[(i - z->n) * z->m + j]) /= sqrt(sum);
     }
     for (size_t i = 0; i < z->r; i++) {
         double sum = 0;
         for (size_t j = 0; j < z->n + z->m; j++)
-            sum += pow(j < z->n ? z->c[i * z->n + j] : z->d[i * z->m + j - z->n], 2);
+            sum += apc_pow(j < z->n ? z->c[i * z->n + j] : z->d[i * z->m + j - z->n], 2);
         for (size_t j = 0; j < z->n + z->m && sum > 0; j++)
             *(j < z->n ? &z->c[i * z->n + j] : &z->d[i * z->m + j - z->n]) /= sqrt(sum);
     }
@@ -298,9 +301,9 @@ int linear_gain(const struct linear *sys, double *gain)
     int *pivot = calloc(n, sizeof *pivot);
     int rc = pole && a && x && pivot ? linear_poles(sys, pole) : APC_ENOMEM;
     for (size_t i = 0; i < n && rc == 0; i++)
-        fastest = fmax(fastest, cabs(pole[i]));
+        fastest = fmax(fastest, apc_cabs(pole[i]));
     for (size_t i = 0; i < n && rc == 0; i++)
-        if (cabs(pole[i]) <= 1e-9 * fastest)
+        if (apc_cabs(pole[i]) <= 1e-9 * fastest)
             rc = APC_ESTATE;
     if (rc == 0) {
         memcpy(a, sys->a, n * n * sizeof *a);

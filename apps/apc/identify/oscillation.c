@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "oscillation.h"
 
-#include <complex.h>
 #include <math.h>
+
+#include "base/complex.h"
 
 #define ALIKE  0.15 /* two periods, of their length; a sample of a short one is as much */
 #define LOOKED 5    /* switches, the last ones; 4 make a period of each direction */
@@ -55,7 +56,7 @@ static double complex harmonic(const double *x, size_t stride, size_t from, size
 
     for (size_t k = from; k < to; k++)
         sum += x[k * stride] *
-               cexp(-2.0 * M_PI * (double)(whole * (k - from)) / (double)(to - from) * (double complex)I);
+               apc_cexp(-2.0 * M_PI * (double)(whole * (k - from)) / (double)(to - from) * (double complex)I);
     return sum;
 }
 
@@ -69,10 +70,10 @@ bool oscillation_find(const struct apc_record *record, size_t j, size_t i, struc
         return false;
     found->whole = c.n > 4 && alike(c.at[0] - c.at[2], c.at[2] - c.at[4]) ? 2 : 1;
     const size_t to = c.at[0], from = c.at[2 * found->whole];
-    const double complex answer =
-        harmonic(y, record->ny, from, to, found->whole) / harmonic(u, inputs, from, to, found->whole);
+    const double complex answer = apc_cdivide(harmonic(y, record->ny, from, to, found->whole),
+                                              harmonic(u, inputs, from, to, found->whole));
 
-    found->gain = copysign(1.0 / cabs(answer), -creal(answer));
+    found->gain = copysign(1.0 / apc_cabs(answer), -creal(answer));
     found->every = (double)(to - from) / (double)found->whole * record->Ts;
     return isfinite(found->gain) && found->gain != 0.0;
 }

@@ -5,11 +5,11 @@
  */
 #include "test.h"
 
-#include <complex.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/complex.h"
 #include "linear.h"
 
 #define PERIODS   60   /* of the controller, a settling time of which nothing is known */
@@ -166,7 +166,7 @@ static int ask_model(struct test *z, struct apc_error *why)
     if (linear_poles(&sys, l.pole) < 0)
         goto out;
     for (size_t i = 0; i < m->nx; i++)
-        fastest = fmax(fastest, cabs(l.pole[i]));
+        fastest = fmax(fastest, apc_cabs(l.pole[i]));
     for (size_t i = 0; i < m->nx; i++) {
         unstable |= creal(l.pole[i]) > 1e-9 * fastest;
         if (creal(l.pole[i]) < -1e-9 * fastest)

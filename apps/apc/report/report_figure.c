@@ -4,6 +4,8 @@
  * data stands in the script once, as named blocks, and is drawn twice, as SVG and as PNG of the same
  * layout, which is given in fractions of the page so that the time axes stand exactly above each other.
  */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -68,7 +70,7 @@ void report_quoted(FILE *script, const char *text)
 double report_round_up(double value)
 {
     static const double digits[] = {1, 2, 3, 4, 5, 6, 8};
-    double decade = pow(10.0, floor(log10(value) + 1e-9));
+    double decade = apc_pow(10.0, floor(apc_log10(value) + 1e-9));
 
     for (size_t i = 0; i < sizeof digits / sizeof *digits; i++)
         if (digits[i] * decade >= value * (1 - 1e-9))

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* How regularly the tasks ticked: a histogram of the time increments of each; of many controllers one of all. */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -152,8 +154,8 @@ static void put_increment_axis(FILE *script, const struct panel *panel, const st
 {
     const double period = panel->jitter.period;
     double end = (bars->reach + 0.5) * bars->width / NS_PER_MS, tick = bars->tick / NS_PER_MS;
-    int decimals = (int)fmax(0, -floor(log10(tick) + 1e-9));
-    bool differences = panel->several || floor(log10(period / NS_PER_MS)) + decimals > 5;
+    int decimals = (int)fmax(0, -floor(apc_log10(tick) + 1e-9));
+    bool differences = panel->several || floor(apc_log10(period / NS_PER_MS)) + decimals > 5;
     double unit = differences && tick < 1 ? 1e3 : 1; /* of the labels, in 1/ms */
 
     fprintf(script, "set xrange [%.9g:%.9g]\nset xtics (", -end, end);

@@ -3,6 +3,8 @@
  * The process variables over time. Above them, what happened: disturbances, warnings, alarms, and the modes
  * that were not the same all the time.
  */
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -58,8 +60,8 @@ static void settle_panel_unit(const struct report_panels *p, struct panel *panel
         low = high = 0;
     double most = fmax(fabs(low), fabs(high));
     panel->power =
-        most >= 1e4 || (most > 0 && most < 1e-2) ? 3 * (int)floor(fmax(log10(most), -300) / 3 + 1e-9) : 0;
-    panel->scale = pow(10, panel->power);
+        most >= 1e4 || (most > 0 && most < 1e-2) ? 3 * (int)floor(fmax(apc_log10(most), -300) / 3 + 1e-9) : 0;
+    panel->scale = apc_pow(10, panel->power);
     panel->low = low;
     panel->high = high;
     for (size_t i = panel->first; i < panel->first + panel->n && high > low; i++) {
@@ -75,7 +77,7 @@ static void settle_panel_unit(const struct report_panels *p, struct panel *panel
     panel->low = (low - room) / panel->scale;
     panel->high = (high + room) / panel->scale;
     double range = panel->high - panel->low, most_ticks = panel->bundle ? 3 : 6,
-           decade = pow(10, floor(log10(range / most_ticks)));
+           decade = apc_pow(10, floor(apc_log10(range / most_ticks)));
     size_t k = 0;
     while (k + 1 < sizeof steps / sizeof *steps && range / (steps[k] * decade) > most_ticks)
         k++;
@@ -96,7 +98,7 @@ static void settle_time(struct report_panels *p)
     p->unit = units[k].unit;
     p->unit_name = units[k].name;
     end /= p->unit;
-    digit = pow(10, floor(log10(end)) - 1); /* the axis ends on the second digit of the last time */
+    digit = apc_pow(10, floor(apc_log10(end)) - 1); /* the axis ends on the second digit of the last time */
     if (p->begin > 0)
         p->end = p->data->end;
     else

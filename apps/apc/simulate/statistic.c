@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "statistic.h"
 
+#include <apcmath.h>
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -26,8 +28,9 @@ static double student(size_t df)
     const double z = 1.959964, n = (double)df;
     if (df <= sizeof table / sizeof *table)
         return table[df - 1];
-    return z + (pow(z, 3) + z) / (4 * n) + (5 * pow(z, 5) + 16 * pow(z, 3) + 3 * z) / (96 * n * n) +
-           (3 * pow(z, 7) + 19 * pow(z, 5) + 17 * pow(z, 3) - 15 * z) / (384 * n * n * n);
+    return z + (apc_pow(z, 3) + z) / (4 * n) +
+           (5 * apc_pow(z, 5) + 16 * apc_pow(z, 3) + 3 * z) / (96 * n * n) +
+           (3 * apc_pow(z, 7) + 19 * apc_pow(z, 5) + 17 * apc_pow(z, 3) - 15 * z) / (384 * n * n * n);
 }
 
 struct statistic statistic_of(double *values, const uint64_t *seed, size_t n)
