@@ -335,6 +335,21 @@ struct apc_behind {
  * reason why the history cannot be asked. [setup] */
 APC_API int apc_store_behind(struct apc_store *store, struct apc_behind *behind);
 
+/** The room of a store whose size is fixed when it is made. */
+struct apc_store_room {
+    size_t size;                       /**< in: of this struct */
+    uint64_t variables, variables_max; /**< that have rows; that it can hold */
+    uint64_t cells, cells_max;         /**< of 64 bytes, for rows: taken, and never given back; in all */
+    uint64_t refused;                  /**< rows that found no room, since it was made */
+    apc_ns refused_at;                 /**< when the last of them came, UTC; 0: there was none */
+    bool full;            /**< a variable's row found no room, and none of that variable was written since */
+    enum apc_table table; /**< while it is full: which variable's */
+    int id;
+};
+/** How full it is, as of now. Rows of variables that have some go on then, the oldest give way. Returns 1; 0:
+ * this kind of store has no fixed room; or an error. [setup] */
+APC_API int apc_store_room(struct apc_store *store, struct apc_store_room *room);
+
 /* ---- Descriptions, events, timing --------------------------------------------------------- */
 
 #define APC_TAG_LEN 64

@@ -24,6 +24,7 @@
 #include "apc-ui/plant/writes.h"
 #include "apc-ui/server/session.h"
 #include "apc-ui/server/stream.h"
+#include "common/room.h"
 #include "record/record.h"
 
 struct files;
@@ -120,6 +121,8 @@ struct model {
     apc_ns since; /* UTC */
     char error[300];
     uint64_t connects;
+    struct apc_store_room
+        room; /* of the live store; cells_max 0: it has no fixed one, or nobody has looked */
     struct task task[TASKS];
     size_t tasks;
     struct task exchange; /* apc-client's with the plant: only RUN */
@@ -232,6 +235,9 @@ bool model_alarms_live(const struct model *m, apc_ns now); /* somebody evaluates
 size_t model_silent(const struct model *m, apc_ns now, struct text *t);
 void control_json(const struct model *m, apc_ns now, struct text *t); /* locked */
 void model_store(struct ui *ui, bool connected, const char *error);
+void model_room(struct ui *ui, const struct apc_store_room *room);
+/* It is full: what is said of that; @named: with the variable's name. Returns whether it is. Locked. */
+bool model_full(const struct model *m, bool named, char text[ROOM_LEN]);
 void store_state_json(const struct model *m, struct text *t); /* locked */
 bool model_connected(struct ui *ui);
 

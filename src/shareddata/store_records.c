@@ -180,6 +180,17 @@ int apc_store_behind(struct apc_store *store, struct apc_behind *behind)
     return err;
 }
 
+int apc_store_room(struct apc_store *store, struct apc_store_room *room)
+{
+    struct apc_store_room all = {.size = 0};
+    int err = apc_store_enter(store, room, 1);
+    if (!err && store->ops->room) {
+        err = store->ops->room(store, &all);
+    }
+    apc_result_copy(room, &all, sizeof all);
+    return err;
+}
+
 int apc_store_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
     int err = apc_store_enter(store, events, n);

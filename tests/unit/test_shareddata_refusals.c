@@ -97,6 +97,7 @@ static void test_how_many_at_once_and_from_where(void **state)
     refused(apc_store_author_name(&store, 1, NULL), "1 expected, but the array is NULL");
     refused(apc_store_ask(&store, NULL), "1 expected, but the array is NULL");
     refused(apc_store_behind(&store, NULL), "1 expected, but the array is NULL");
+    refused(apc_store_room(&store, NULL), "1 expected, but the array is NULL");
     refused(apc_store_read_rows(&store, NULL), "1 expected, but the array is NULL");
     refused(apc_store_append_rows(&store, NULL), "1 expected, but the array is NULL");
     nothing_to_do(apc_store_read(&store, NULL, 0));
@@ -649,6 +650,9 @@ static void test_requests_are_of_what_people_write(void **state)
     struct apc_behind behind = {.size = sizeof behind, .rows = 8};
     nothing_to_do(apc_store_behind(&store, &behind));
     assert_int_equal(behind.rows, 0);
+    struct apc_store_room room = {.size = sizeof room, .refused = 8};
+    nothing_to_do(apc_store_room(&store, &room));
+    assert_int_equal(room.refused, 0);
     refused(apc_store_plants(&store, any_plant, NULL),
             "this store is of one plant: only a database has several");
     refused(apc_store_plants(&store, NULL, NULL), "no function to give the plants to");

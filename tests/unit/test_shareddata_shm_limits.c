@@ -219,6 +219,123 @@ static void test_rings_that_grow_leave_room_for_first_rows(void **state)
     assert_int_equal(apc_store_append(store, &newest, 1), 1); /* and theirs go on, the oldest give way */
 }
 
+struct newest {
+    int64_t number;
+    int in_order;
+};
+
+static int see_event(void *ctx, const struct apc_event *e)
+{
+    struct newest *n = ctx;
+    n->in_order += e->number == n->number + 1 || n->in_order == 0;
+    n->number = e->number;
+    return 0;
+}
+
+static int see_timing(void *ctx, const struct apc_timing_row *row)
+{
+    ((struct newest *)ctx)->number = row->number;
+    return 0;
+}
+
+static struct apc_store_room room_of(struct apc_store *store)
+{
+    struct apc_store_room room = {.size = sizeof room};
+    assert_int_equal(apc_store_room(store, &room), 1);
+    return room;
+}
+
+/* With vectors, each shorter than the one that found no room any more, until no sample finds room. */
+static void fill(struct apc_store *store, double *value)
+{
+    struct apc_vector v = {.table = APC_PREDICTION, .id = 1, .seq = 1, .time = 1, .value = value};
+    for (v.n = 2000; v.n > 0; v.n /= 10) {
+        const struct apc_rows rows = {.size = sizeof rows, .vector = &v, .n_vectors = 1};
+        while (apc_store_append_rows(store, &rows) == 1) {
+            v.id++;
+        }
+    }
+    assert_in_range(room_of(store).cells_max - room_of(store).cells, 0, 3);
+}
+
+/*
+ * The first row of a variable finds no room. Everybody is told of it, as long as it has none, and how often.
+ * Promise(stores/memory-full): That shared memory is full is told as long as it is, by `apc status`,
+ *   `/readyz`, state, stream, metrics and page; after a flood of alarms people's writes have room, the newest
+ *   states are kept, and what is lost is told.
+ */
+static void test_a_row_without_room_is_known_to_all_until_it_is_written(void **state)
+{
+    struct apc_store *store = *state, *other = open_store(APC_NS_PER_S);
+    struct apc_shm *shm = apc_shm_of(store);
+    struct apc_sample row = {.table = APC_SENSOR, .id = 1, .seq = 1, .time = 1};
+    double wide[2000] = {0};
+    struct apc_vector plan = {.table = APC_PLAN, .id = 3, .seq = 1, .time = 1, .n = 1, .value = wide};
+    struct apc_rows rows = {.size = sizeof rows, .vector = &plan, .n_vectors = 1};
+    assert_int_equal(apc_store_append(store, &row, 1), 1);
+    assert_int_equal(apc_store_append_rows(store, &rows), 1);
+    struct apc_store_room room = room_of(other);
+    assert_false(room.full);
+    assert_int_equal(room.refused, 0);
+    assert_int_equal(room.variables, 2);
+    assert_int_equal(room.variables_max, shm->variables);
+    assert_int_equal(room.cells, 8);
+    assert_int_equal(room.cells_max, shm->cells);
+
+    fill(store, wide);
+    const uint64_t before = room_of(other).refused;
+    row.id = 2;
+    struct apc_sample both[] = {{.table = APC_SENSOR, .id = 1, .seq = 2, .time = 2}, row};
+    assert_refused(store, apc_store_append(store, both, 2), APC_ESTORE,
+                   "is full: it has no room for sensor ");
+    assert_int_equal(apc_store_append(store, both, 1), 1); /* what has rows goes on, and it is full still */
+    room = room_of(other);
+    assert_true(room.full);
+    assert_int_equal(room.refused, before + 1);
+    assert_int_equal(room.table, APC_SENSOR);
+    assert_int_equal(room.id, 2);
+    assert_true(room.refused_at > 0);
+
+    /* A vector that has grown: a shorter one finds its place again. */
+    plan.seq = 2;
+    plan.n = 2000;
+    assert_refused(store, apc_store_append_rows(store, &rows), APC_ESTORE, "has no room for ");
+    room = room_of(other);
+    assert_int_equal(room.refused, before + 2);
+    assert_int_equal(room.table, APC_PLAN);
+    assert_int_equal(room.id, 3);
+    plan.n = 1;
+    assert_int_equal(apc_store_append_rows(store, &rows), 1);
+    room = room_of(other);
+    assert_false(room.full);
+    assert_int_equal(room.table, 0);
+    assert_int_equal(room.refused, before + 2);
+    apc_store_close(other);
+}
+
+/* As many events in one call as somebody had kept back: they go through a ring that is smaller.
+ * Promise(stores/memory-full) */
+static void test_more_records_at_once_than_there_is_room_for_push_out_the_oldest(void **state)
+{
+    struct apc_store *store = *state;
+    struct apc_event event[200] = {{0}};
+    struct apc_timing_row row[200] = {{0}};
+    for (int i = 0; i < 200; i++) {
+        event[i] = (struct apc_event){.time = i + 1, .severity = APC_EVENT_ALARM, .kind = "alarm"};
+        row[i] = (struct apc_timing_row){.time = i + 1, .period = 1, .task = "t", .quantity = "run"};
+    }
+    for (int round = 0; round < 3; round++) {
+        struct newest newest = {0};
+        assert_int_equal(apc_store_append_events(store, event, 200), 200);
+        assert_int_equal(apc_store_append_timing(store, row, 200), 200);
+        assert_int_equal(apc_store_events(store, NULL, see_event, &newest), 12);
+        assert_int_equal(newest.number, 200 * (round + 1));
+        assert_int_equal(newest.in_order, 12);
+        assert_int_equal(apc_store_timing(store, NULL, see_timing, &newest), 12);
+        assert_int_equal(newest.number, 200 * (round + 1));
+    }
+}
+
 /* Another process that has the writers' lock, until it is killed. */
 static pid_t hold_the_lock(struct apc_store *store)
 {
@@ -316,6 +433,8 @@ int main(void)
         T(test_authors_are_known_to_the_last_one_and_no_more_are_taken),
         T(test_as_many_writers_may_claim_as_it_says),
         T(test_rings_that_grow_leave_room_for_first_rows),
+        T(test_a_row_without_room_is_known_to_all_until_it_is_written),
+        T(test_more_records_at_once_than_there_is_room_for_push_out_the_oldest),
         T(test_who_brings_the_same_new_author_gets_the_same_number),
         T(test_who_waits_too_long_for_another_writer_is_told_and_goes_on_after_it),
     };

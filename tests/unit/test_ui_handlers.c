@@ -226,6 +226,44 @@ static json_t *history_of_state(json_t **whole)
     return json_object_get(*whole, "history");
 }
 
+/* Promise(stores/memory-full) */
+static void shared_memory_that_is_full_is_told_as_long_as_it_is(void **state)
+{
+    struct apc_store_room room = {.cells_max = 100, .cells = 100, .table = APC_SENSOR, .id = 2};
+    json_t *whole = ask(get_state);
+    (void)state;
+    period(S, S);
+    all_came(0);
+    assert_true(json_is_null(json_object_get(json_object_get(whole, "store"), "full")));
+    json_decref(whole);
+    assert_null(strstr(ask_text(get_metrics), "apc_store_")); /* it is no memory */
+    model_room(ui, &(struct apc_store_room){.cells_max = 100, .cells = 9});
+    assert_string_equal(ask_text(get_readyz), "ok\n");
+    assert_non_null(strstr(ask_text(get_metrics), "\napc_store_full 0\n"));
+    room.full = true;
+    room.refused = 7;
+    model_room(ui, &room);
+    assert_non_null(strstr(ask_text(get_readyz), "the store is full: it has no room for sensor 2 (y2): "));
+    assert_int_equal(request.status, 503);
+    request.session = (struct session){0}; /* names are not for strangers */
+    assert_string_equal(ask_text(get_readyz), "the store is full\n");
+    assert_int_equal(request.status, 503);
+    request.session = ui->sessions.local;
+    whole = ask(get_state);
+    assert_non_null(strstr(json_string_value(json_object_get(json_object_get(whole, "store"), "full")),
+                           "no room for sensor 2 (y2)"));
+    json_decref(whole);
+    assert_non_null(strstr(ask_text(get_metrics), "\napc_store_full 1\n"));
+    assert_non_null(strstr(ask_text(get_metrics), "\napc_store_refused_rows_total 7\n"));
+    came(APC_ACTUATOR, 2, 1, 12 * S); /* neither hides the other */
+    assert_non_null(strstr(ask_text(get_readyz), "u2: no sample for 12."));
+    assert_non_null(strstr(ask_text(get_readyz), "the store is full"));
+    came(APC_ACTUATOR, 2, 1, 0);
+    model_room(ui, &(struct apc_store_room){.cells_max = 100, .cells = 100, .refused = 7});
+    assert_string_equal(ask_text(get_readyz), "ok\n");
+    assert_non_null(strstr(ask_text(get_metrics), "\napc_store_full 0\n"));
+}
+
 /*
  * Promise(page/how-far-history): How far the history is behind the live store, or that it is away: state,
  *   stream, metrics, and quietly on the page.
@@ -571,6 +609,7 @@ int main(void)
         T(ready_is_what_ticks),
         T(a_thread_that_goes_round_no_more_is_not_alive),
         T(a_link_is_there_before_it_ever_changed),
+        T(shared_memory_that_is_full_is_told_as_long_as_it_is),
         T(how_far_the_history_is_behind_is_said_where_there_is_one),
         T(process_values_are_in_the_metrics),
         T(what_tasks_report_is_in_the_metrics),

@@ -219,6 +219,12 @@ function Bars(): JSX.Element {
             <span>The plant is given no command{standing.safe_since != null && ` since ${when(standing.safe_since)}`}: nothing drives it.</span>
           </p>
         )}
+        {link.state === "connected" && database?.connected && database.full != null && (
+          <p class="trouble full-bar">
+            <Shape priority={1} label="store full" />
+            <span class="sentence">{database.full[0]!.toUpperCase() + database.full.slice(1)}. What is refused is not in force.</span>
+          </p>
+        )}
         {link.state === "connected" && database && !database.connected && (
           <p class="trouble database-bar">
             <Shape priority={1} label="database away" />

@@ -195,7 +195,7 @@ test("what cannot be read is left out, what is said of the database is believed"
   env.source.send("store", {connected: false, since: 5, error: "gone"});
   assert.equal(model.store.value?.error, "gone");
   assert.equal(model.refill.value, before);
-  env.source.send("store", {connected: true, since: 6, error: null});
+  env.source.send("store", {connected: true, since: 6, error: null, full: null});
   assert.equal(model.refill.value, before + 1, "what was measured meanwhile is not asked for");
 });
 

@@ -193,7 +193,7 @@ export class Server {
     return {
       t: this.now,
       id: "a.1",
-      store: {connected: true, since: START - 500, error: null},
+      store: {connected: true, since: START - 500, error: null, full: null},
       values: all,
       ages: Object.fromEntries(Object.keys(all).map(ref => [ref, ages[ref] ?? (all[ref]?.[0] ? 0 : null)])),
       alarms: this.alarms,

@@ -202,6 +202,12 @@ test("the header says who, what, whether there is a connection, and the server's
   env.source.send("store", {connected: false, since: START, error: "it was stopped"});
   await settle();
   assert.match(said("header"), /\[priority 1: database away\] DB AWAY/);
+  env.source.send("store", {connected: true, since: START, error: null, full: "the store is full: it has no room for sensor 2 (y2): make a larger one"});
+  await settle();
+  assert.equal(said(".full-bar"), "[priority 1: store full] The store is full: it has no room for sensor 2 (y2): make a larger one. What is refused is not in force.");
+  env.source.send("store", {connected: false, since: START, error: "it was stopped", full: null});
+  await settle();
+  assert.equal(document.querySelectorAll(".full-bar").length, 0);
   assert.match(said(".database-bar"), /^\[priority 1: database away\] The database is away since 2033-05-18 03:33:20 UTC\. Values are last known, writing is disabled\. it was stopped$/);
   env.source.break();
   await settle();
@@ -624,7 +630,7 @@ test("diagnostics: tasks, links, database, stream, signals", async () => {
       tasks: [{task: "controller", period: 2, time: START, age: 1, count: 5, missed: 0, missed_total: 4, lateness: figures, jitter: figures, run: null}, {task: "dead", period: 1, time: START, age: 60, count: 5, missed: 0, missed_total: 0, lateness: null, jitter: null, run: null}],
       links: [{name: "plant", up: true, since: START, text: "connected", changes: 1, round_trip: figures, failed: 0}, {name: "gone", up: false, since: null, text: "", changes: 2, round_trip: null, failed: null}],
       signals: [{ref: "sensor.1", age: 0.5, period: 1, stale: false, status: "Good"}, {ref: "actuator.1", age: 9, period: 2, stale: true, status: "UncertainSubstituteValue"}, {ref: "manual.1", age: null, period: null, stale: false, status: "BadNoData"}, ...more],
-      store: {connected: true, since: START, error: null, connects: 1, spool: {depth: 7, age: 3}, read: figures, write: {...figures, count: 0}},
+      store: {connected: true, since: START, error: null, full: null, connects: 1, spool: {depth: 7, age: 3}, read: figures, write: {...figures, count: 0}},
       stream: {clients: 2, messages: 10, dropped: 1, lag: figures},
     }),
   );

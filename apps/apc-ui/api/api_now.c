@@ -373,6 +373,16 @@ static void standing_metrics(const struct model *m, apc_ns now, struct text *t)
     }
 }
 
+static void room_metrics(const struct apc_store_room *room, struct text *t)
+{
+    if (room->cells_max == 0)
+        return;
+    metric(t, "apc_store_full", "gauge", "1: a variable finds no room in shared memory.");
+    text_add(t, "apc_store_full %d\n", room->full);
+    metric(t, "apc_store_refused_rows_total", "counter", "Rows that found no room in shared memory.");
+    text_add(t, "apc_store_refused_rows_total %" PRIu64 "\n", room->refused);
+}
+
 /* Where there is one store there is nothing of a history. */
 static void history_metrics(const struct behind *b, struct text *t)
 {
@@ -455,6 +465,7 @@ void get_metrics(struct ui *ui, struct request *r, struct apc_store *store)
     text_add(t, "apc_db_up %d\n", m->connected);
     metric(t, "apc_spool_depth", "gauge", "Samples and events that wait for the database.");
     text_add(t, "apc_spool_depth %" PRIu64 "\n", m->spool.samples + m->spool.events);
+    room_metrics(&m->room, t);
     history_metrics(&m->behind, t);
     pthread_mutex_unlock(&m->mutex);
     duration_stats_metrics(&ui->stores, t, "apc_db_write_seconds", "This server's writes.");
@@ -504,7 +515,9 @@ void get_readyz(struct ui *ui, struct request *r, struct apc_store *store)
     pthread_mutex_lock(&m->mutex);
     if (m->connected)
         wrong = model_silent(m, apc_clock_mono(NULL), &r->reply);
-    bool ready = m->connected && wrong == 0;
+    char full[ROOM_LEN] = "";
+    const bool is_full = m->connected && model_full(m, r->session.user[0], full);
+    bool ready = m->connected && wrong == 0 && !is_full;
     pthread_mutex_unlock(&m->mutex);
     if (wrong > 0 && !r->session.user[0]) { /* names are not for strangers */
         text_free(&r->reply);
@@ -512,8 +525,10 @@ void get_readyz(struct ui *ui, struct request *r, struct apc_store *store)
     }
     r->type = "text/plain; charset=utf-8";
     r->status = ready ? 200 : 503;
+    if (is_full)
+        text_add(&r->reply, "%s\n", r->session.user[0] ? full : "the store is full");
     if (ready)
         text_add(&r->reply, "ok\n");
-    else if (wrong == 0)
+    else if (wrong == 0 && !is_full)
         text_add(&r->reply, "the database is away\n");
 }

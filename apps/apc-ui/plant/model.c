@@ -402,12 +402,26 @@ void control_json(const struct model *m, apc_ns now, struct text *t)
     text_add(t, ",\"alarms\":%s}", m->alarms.id == 0 ? "null" : model_alarms_live(m, now) ? "true" : "false");
 }
 
+bool model_full(const struct model *m, bool named, char text[ROOM_LEN])
+{
+    const char *name = NULL;
+    for (size_t i = 0; i < m->plant.n && named; i++)
+        if (m->plant.tag[i].table == m->room.table && m->plant.tag[i].id == m->room.id)
+            name = m->plant.tag[i].name;
+    if (m->room.full)
+        room_text(&m->room, name, text);
+    return m->room.full;
+}
+
 void store_state_json(const struct model *m, struct text *t)
 {
+    char full[ROOM_LEN];
     text_add(t, "{\"connected\":%s,\"since\":", m->connected ? "true" : "false");
     json_time_add(t, m->since);
     text_add(t, ",\"error\":");
     json_string_add(t, m->connected ? NULL : m->error);
+    text_add(t, ",\"full\":");
+    json_string_add(t, model_full(m, true, full) ? full : NULL);
     text_add(t, "}");
 }
 
@@ -458,6 +472,26 @@ void model_state_json(struct ui *ui, struct text *t)
     pthread_mutex_unlock(&m->mutex);
 }
 
+static void tell_store(struct ui *ui, struct text *t)
+{
+    if (t->n > 0 && !t->failed)
+        stream_publish(ui->stream, "store", t->at, t->n, true);
+    text_free(t);
+}
+
+void model_room(struct ui *ui, const struct apc_store_room *room)
+{
+    struct model *m = &ui->model;
+    struct text t = {0};
+    pthread_mutex_lock(&m->mutex);
+    const bool changed = m->room.full != room->full || m->room.table != room->table || m->room.id != room->id;
+    m->room = *room;
+    if (changed)
+        store_state_json(m, &t);
+    pthread_mutex_unlock(&m->mutex);
+    tell_store(ui, &t);
+}
+
 void model_store(struct ui *ui, bool connected, const char *error)
 {
     struct model *m = &ui->model;
@@ -477,7 +511,5 @@ void model_store(struct ui *ui, bool connected, const char *error)
         return;
     apc_log_write(ui->log, connected ? APC_LOG_INFO : APC_LOG_WARN,
                   connected ? "store connected%s" : "store lost, trying again: %s", connected ? "" : error);
-    if (!t.failed)
-        stream_publish(ui->stream, "store", t.at, t.n, true);
-    text_free(&t);
+    tell_store(ui, &t);
 }

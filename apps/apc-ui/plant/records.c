@@ -276,6 +276,17 @@ static int look_timing(struct records *r)
     return rc < 0 ? rc : 0;
 }
 
+/* ---- Room ---------------------------------------------------------------------------------- */
+
+static int look_room(struct records *r)
+{
+    struct apc_store_room room = {.size = sizeof room};
+    const int rc = apc_store_room(r->store, &room);
+    if (rc >= 0)
+        model_room(r->ui, &room);
+    return rc < 0 ? rc : 0;
+}
+
 /* ---- Spools ------------------------------------------------------------------------------- */
 
 /* What daemons of this host keep back, all together. */
@@ -323,6 +334,8 @@ static int look_for_records(struct records *r, unsigned looks)
         rc = look_events(r);
     if (rc >= 0)
         rc = look_timing(r);
+    if (rc >= 0)
+        rc = look_room(r);
     if (rc >= 0 && (looks % TAGS_EACH == 0 || !is_described(r->ui)))
         rc = model_load(&r->ui->model, r->store);
     if (rc >= 0)

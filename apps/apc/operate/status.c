@@ -7,6 +7,7 @@
 #include "apc/common/all_plants.h"
 #include "apc/common/print.h"
 #include "apc/folder/spools.h"
+#include "common/room.h"
 #include "common/storeuri.h"
 #include "common/timing.h"
 #include "status_loops.h"
@@ -62,6 +63,8 @@ struct status {
     int has_history; /* as of apc_store_behind() */
     struct apc_behind behind;
     char away[512]; /* why the history cannot be asked */
+    int has_room;   /* as of apc_store_room() */
+    struct apc_store_room room;
     struct spools spools;
     apc_ns now;
 };
@@ -105,6 +108,9 @@ static int load_status(const struct cli *cli, struct apc_store *store, struct st
         rc = status_writes_load(&s->writes, store, &s->plant.tags);
     if (rc >= 0)
         rc = apc_store_events(store, &last, take_status_event, s);
+    s->room.size = sizeof s->room;
+    if (rc >= 0)
+        rc = s->has_room = apc_store_room(store, &s->room);
     s->version = apc_store_tables_version(store);
     if (rc < 0)
         cli_store_error(cli, rc, store);
@@ -286,6 +292,22 @@ static void show_history(const struct status *s)
                print_duration(s->behind.time, text));
 }
 
+/* What was refused and has its row by now is still a sign that the store is small. */
+static void show_room(const struct status *s)
+{
+    char text[ROOM_LEN], when[PRINT_LEN];
+    if (s->room.full) {
+        const struct apc_tag *tag = cli_tag(&s->plant.tags, s->room.table, s->room.id);
+        room_text(&s->room, tag ? tag->name : NULL, text);
+        fputs("       ", stdout);
+        print_clean(stdout, text);
+        putchar('\n');
+    }
+    if (s->room.refused > 0)
+        printf("       %llu rows found no room, the last at %s\n", (unsigned long long)s->room.refused,
+               print_second(s->room.refused_at, when));
+}
+
 static int show_status(const struct status *s)
 {
     bool colour = cli_colour();
@@ -295,6 +317,7 @@ static int show_status(const struct status *s)
     print_clean(stdout, s->store);
     printf("\n       connected, schema version %d\n", s->version);
     show_history(s);
+    show_room(s);
     if (by_loop(s))
         rc = status_loops_show(&s->loops, colour);
     else if (s->plant.loops.n == 1)
@@ -380,6 +403,17 @@ static void json_history(const struct status *s)
     putchar('}');
 }
 
+static void json_room(const struct status *s)
+{
+    const struct apc_store_room *r = &s->room;
+    if (s->has_room <= 0)
+        return;
+    printf(",\n\"room\":{\"variables\":%llu,\"variables_max\":%llu,\"cells\":%llu,\"cells_max\":%llu,",
+           (unsigned long long)r->variables, (unsigned long long)r->variables_max,
+           (unsigned long long)r->cells, (unsigned long long)r->cells_max);
+    printf("\"refused\":%llu,\"full\":%s}", (unsigned long long)r->refused, r->full ? "true" : "false");
+}
+
 static void json_spools(const struct status *s)
 {
     fputs(",\n\"spools\":[", stdout);
@@ -409,6 +443,7 @@ static void show_status_json(const struct status *s, const char *why)
         return;
     }
     json_history(s);
+    json_room(s);
     fputs(",\n\"mode\":{", stdout);
     print_json_text(stdout, "target", common_mode(s, LOOP_TARGET));
     putchar(',');

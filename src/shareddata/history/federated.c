@@ -546,6 +546,12 @@ static int federated_maintain(struct apc_store *store, const struct apc_retentio
     LIVE(store, apc_store_maintain(live, &sized));
 }
 
+static int federated_room(struct apc_store *store, struct apc_store_room *room)
+{
+    room->size = sizeof *room;
+    LIVE(store, apc_store_room(live, room));
+}
+
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 static void federated_close(struct apc_store *store)
@@ -588,6 +594,7 @@ static const struct apc_store_ops seam_store = {
     .catalogue = federated_catalogue,
     .claimed = federated_number_of_claim,
     .behind = behind_of,
+    .room = federated_room,
     .init = federated_init,
     .maintain = federated_maintain,
 };

@@ -318,4 +318,5 @@ const struct apc_store_ops apc_shm_store = {
     .count_from = count_from,
     .init = apc_shm_init,
     .maintain = apc_shm_maintain,
+    .room = apc_shm_room,
 };

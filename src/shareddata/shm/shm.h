@@ -80,13 +80,14 @@ struct apc_shm_ends {
     uint64_t head, kept;
 };
 
-/** What people did ("operator"), who came ("access") and what comes and goes ("link", "measurement", but for
- * alarms) has rings of its own: no chatter pushes out what matters. */
+/** What people did ("operator"), who came ("access"), what comes and goes ("link", "measurement", but for
+ * alarms) and alarms ("alarm") have rings of their own: no chatter and no flood pushes out what matters. */
 enum apc_shm_log_name {
     APC_SHM_EVENTS,
     APC_SHM_ACTIONS,
     APC_SHM_ACCESS,
     APC_SHM_CHATTER,
+    APC_SHM_ALARMS,
     APC_SHM_TIMING,
     APC_SHM_LOGS
 };
@@ -114,6 +115,8 @@ struct apc_shm_header {
     _Alignas(64) apc_word generation; /* of the last commit */
     apc_word first;                   /* seqs of new variables begin above it */
     _Atomic uint32_t tick;            /* a futex: changes with every commit */
+    apc_word refused, refused_at;     /* rows that found no room; when the last one came, UTC */
+    apc_word lacking;                 /* the variable of that one, until a row of it is written; or 0 */
     _Alignas(64) pthread_mutex_t writer;
     _Atomic uint32_t waiting; /* the tick that someone may sleep on, or 0 */
     _Alignas(64) struct apc_shm_meta meta;
@@ -308,6 +311,16 @@ struct apc_shm_slot *apc_shm_find_or_add(struct apc_shm_write *w, uint64_t key, 
 int64_t apc_shm_newest_seq(const struct apc_shm_write *w, enum apc_table table, int id);
 /** The same; where it has no row, that above which its seqs begin. */
 int64_t apc_shm_last_seq(const struct apc_shm_write *w, enum apc_table table, int id);
+/** A variable's row finds no room: that is known to everybody, until a row of it is written. Returns
+ * APC_ESTORE. */
+int apc_shm_no_room(struct apc_shm_write *w, uint64_t key);
+/** A row of it was written. */
+static inline void apc_shm_has_room(struct apc_shm_write *w, uint64_t key)
+{
+    if (apc_word_get(&w->shm->header->lacking) == key) {
+        apc_word_put(&w->shm->header->lacking, 0);
+    }
+}
 /** Write one sample. Returns 1, 0 when its seq was taken, APC_ESTORE when there is no room. */
 int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, uint32_t *hint);
 /** After a sample: where it is the mode of all, that of each loop. Returns 0 or an error. */
@@ -394,6 +407,7 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
 int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *rows, size_t n);
 int apc_shm_timing(struct apc_store *store, const struct apc_range *range, apc_timing_fn fn, void *ctx);
 int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep);
+int apc_shm_room(struct apc_store *store, struct apc_store_room *room);
 
 /* ---- shm_catalogue.c --------------------------------------------------------------------------- */
 

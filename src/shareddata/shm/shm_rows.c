@@ -174,18 +174,16 @@ static bool sane_ends(const struct apc_shm_log *log, const struct apc_shm_ends *
 }
 
 /* Of all rings, as of one moment. */
-static int load_ends(struct apc_shm *shm, struct apc_shm_ends ends[APC_SHM_LOGS])
+static int load_counters(struct apc_shm *shm, struct apc_shm_counters *c)
 {
     const struct apc_shm_meta *meta = &shm->header->meta;
-    struct apc_shm_counters c = {0};
     const uint64_t g = apc_shm_generation(shm);
     for (int tries = 0; tries < APC_SHM_TRIES; tries++) {
         uint64_t was;
         const int current = apc_shm_current(meta->mark, apc_shm_generation(shm), &was);
         if (current >= 0) {
-            apc_words_get(&c, meta->counters[current], APC_SHM_COUNTERS);
+            apc_words_get(c, meta->counters[current], APC_SHM_COUNTERS);
             if (apc_shm_unchanged(&meta->mark[current], was)) {
-                memcpy(ends, c.log, sizeof c.log);
                 return 0;
             }
         }
@@ -242,8 +240,9 @@ static const void *selected(const struct selection *s, size_t i)
 static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, enum apc_shm_log_name last,
                           const struct apc_range *range, struct selection *s)
 {
-    struct apc_shm_ends ends[APC_SHM_LOGS];
-    int err = load_ends(shm, ends);
+    struct apc_shm_counters counters;
+    const struct apc_shm_ends *const ends = counters.log;
+    int err = load_counters(shm, &counters);
     size_t most = 1, at = 0;
     *s = (struct selection){.words = shm->log[name].words - 1};
     for (enum apc_shm_log_name log = name; !err && log <= last; log++) {
@@ -278,16 +277,6 @@ static int select_records(struct apc_shm *shm, enum apc_shm_log_name name, enum 
     return 0;
 }
 
-/* Would @p n more records fit? */
-static int check_room(struct apc_shm *shm, enum apc_shm_log_name name, size_t n, const char *what)
-{
-    const size_t most = (size_t)apc_shm_shown(shm->log[name].capacity);
-    return n <= most ? 0
-                     : apc_fail(&shm->base.why, APC_ESTORE,
-                                "shm:%s holds %zu %s at most, not %zu: make a larger one", shm->name, most,
-                                what, n);
-}
-
 static bool is_of_kind(const struct apc_event *event, const char *kind)
 {
     return strncmp(event->kind, kind, sizeof event->kind) == 0;
@@ -298,24 +287,16 @@ static enum apc_shm_log_name ring_of(const struct apc_event *event)
     const bool chatter = is_of_kind(event, "link") || is_of_kind(event, "measurement");
     return is_of_kind(event, "operator")                   ? APC_SHM_ACTIONS
            : is_of_kind(event, "access")                   ? APC_SHM_ACCESS
+           : is_of_kind(event, "alarm")                    ? APC_SHM_ALARMS
            : chatter && event->severity != APC_EVENT_ALARM ? APC_SHM_CHATTER
                                                            : APC_SHM_EVENTS;
 }
 
 int apc_shm_append_events(struct apc_store *store, const struct apc_event *events, size_t n)
 {
-    static const char *const what[] = {"events", "events of operators", "events of access",
-                                       "events of links"};
     struct apc_shm *shm = apc_shm_of(store);
     struct apc_shm_write w;
-    size_t count[APC_SHM_TIMING] = {0};
     int err = apc_shm_ready(shm);
-    for (size_t i = 0; i < n; i++) {
-        count[ring_of(&events[i])]++;
-    }
-    for (enum apc_shm_log_name ring = APC_SHM_EVENTS; !err && ring < APC_SHM_TIMING; ring++) {
-        err = check_room(shm, ring, count[ring], what[ring]);
-    }
     if (!err) {
         err = apc_shm_begin(shm, &w);
     }
@@ -336,7 +317,7 @@ int apc_shm_events(struct apc_store *store, const struct apc_range *range, apc_e
     struct selection s;
     int err = apc_shm_ready(shm), count = 0;
     if (!err) {
-        err = select_records(shm, APC_SHM_EVENTS, APC_SHM_CHATTER, range, &s);
+        err = select_records(shm, APC_SHM_EVENTS, APC_SHM_ALARMS, range, &s);
     }
     if (err) {
         return err;
@@ -376,9 +357,6 @@ int apc_shm_append_timing(struct apc_store *store, const struct apc_timing_row *
     struct apc_shm *shm = apc_shm_of(store);
     struct apc_shm_write w;
     int err = apc_shm_ready(shm);
-    if (!err) {
-        err = check_room(shm, APC_SHM_TIMING, n, "timing rows");
-    }
     if (!err) {
         err = apc_shm_begin(shm, &w);
     }
@@ -546,4 +524,30 @@ int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
         }
     }
     return err < 0 ? err : dropped;
+}
+
+int apc_shm_room(struct apc_store *store, struct apc_store_room *room)
+{
+    struct apc_shm *shm = apc_shm_of(store);
+    struct apc_shm_counters counters;
+    int err = apc_shm_ready(shm);
+    if (!err) {
+        err = load_counters(shm, &counters);
+    }
+    if (err) {
+        return err;
+    }
+    const uint64_t lacking = apc_word_get(&shm->header->lacking);
+    *room = (struct apc_store_room){
+        .variables = counters.variables,
+        .variables_max = shm->variables,
+        .cells = counters.cells,
+        .cells_max = shm->cells,
+        .refused = apc_word_get(&shm->header->refused),
+        .refused_at = (apc_ns)apc_word_get(&shm->header->refused_at),
+        .full = lacking != 0,
+        .table = (enum apc_table)(lacking >> 32),
+        .id = (int)(uint32_t)lacking,
+    };
+    return 1;
 }

@@ -22,7 +22,7 @@
 #include "shareddata/shm/shm.h"
 
 #define DIRECTORY      "/dev/shm" /* where shm_open() keeps them as well */
-#define LAYOUT         11
+#define LAYOUT         12
 #define CHECK_INTERVAL (100 * APC_NS_PER_MS)
 
 static const char magic[16] = "libapc shm\r\n\x1a\n";
@@ -54,10 +54,11 @@ void apc_shm_lay_out(struct apc_shm *shm, uint64_t mib, char *base)
     while (shm->index_size < 2 * shm->variables) {
         shm->index_size *= 2;
     }
-    shm->log[APC_SHM_EVENTS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 48};
+    shm->log[APC_SHM_EVENTS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 32};
     shm->log[APC_SHM_ACTIONS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 32};
     shm->log[APC_SHM_ACCESS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 8};
     shm->log[APC_SHM_CHATTER] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 16};
+    shm->log[APC_SHM_ALARMS] = (struct apc_shm_log){.words = EVENT_WORDS, .capacity = (size_t)mib * 16};
     shm->log[APC_SHM_TIMING] = (struct apc_shm_log){.words = TIMING_WORDS, .capacity = (size_t)mib * 16};
     take_segment_bytes(&at, sizeof(struct apc_shm_header));
     const size_t index = take_segment_bytes(&at, shm->index_size * sizeof *shm->index);

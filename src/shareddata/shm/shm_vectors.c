@@ -131,7 +131,7 @@ static void grow_vector_ring(struct apc_shm_write *w, struct ring *r)
 }
 
 /* The row behind the head, to be filled: nobody takes it for one until end_row(). */
-static apc_word *begin_vector_row(struct apc_shm_write *w, struct ring *r)
+static apc_word *begin_vector_row(struct apc_shm_write *w, struct ring *r, uint64_t key)
 {
     const uint64_t capacity = apc_shm_capacity(r->extents);
     if (r->head >= apc_shm_shown(capacity) && r->head <= capacity && r->extents < EXTENTS) {
@@ -141,9 +141,10 @@ static apc_word *begin_vector_row(struct apc_shm_write *w, struct ring *r)
     if (row) {
         apc_word_put(&row[0], 0);
         atomic_thread_fence(memory_order_release);
+    } else if (r->extents > 0) {
+        apc_fail(&w->shm->base.why, APC_ESTORE, "shm:%s is corrupt", w->shm->name);
     } else {
-        apc_fail(&w->shm->base.why, APC_ESTORE,
-                 r->extents ? "shm:%s is corrupt" : "shm:%s is full: make a larger one", w->shm->name);
+        apc_shm_no_room(w, key);
     }
     return row;
 }
@@ -156,13 +157,13 @@ static void end_row(struct ring *r, apc_word *row)
 }
 
 /* A ring of wider rows, into which the rows move. */
-static int widen_vector_ring(struct apc_shm_write *w, struct ring *r, uint64_t shift)
+static int widen_vector_ring(struct apc_shm_write *w, struct ring *r, uint64_t key, uint64_t shift)
 {
     const struct ring former = *r;
     *r = (struct ring){.seq = former.seq, .back = former.back, .shift = shift};
     for (uint64_t o = former.head - former.kept; o < former.head; o++) {
         const apc_word *from = row_at(w->shm, &former, o);
-        apc_word *to = from ? begin_vector_row(w, r) : NULL;
+        apc_word *to = from ? begin_vector_row(w, r, key) : NULL;
         if (!to) {
             return APC_ESTORE;
         }
@@ -172,9 +173,7 @@ static int widen_vector_ring(struct apc_shm_write *w, struct ring *r, uint64_t s
         }
         end_row(r, to);
     }
-    return former.kept == 0 || r->back < r->kept
-               ? 0
-               : apc_fail(&w->shm->base.why, APC_ESTORE, "shm:%s is full: make a larger one", w->shm->name);
+    return former.kept == 0 || r->back < r->kept ? 0 : apc_shm_no_room(w, key);
 }
 
 /* Is the seq, which is not above the newest, there; or is it older than what the ring can hold? */
@@ -196,8 +195,9 @@ static bool vector_ring_holds(const struct apc_shm *shm, const struct ring *r, u
 static int write_vector_row(struct apc_shm_write *w, struct ring *r, const struct apc_vector *v)
 {
     const uint64_t shift = (uint64_t)__builtin_ctzll(apc_shm_width(v->n));
-    int err = shift > r->shift ? widen_vector_ring(w, r, shift) : 0;
-    apc_word *row = err ? NULL : begin_vector_row(w, r);
+    const uint64_t key = apc_shm_key(v->table, v->id);
+    int err = shift > r->shift ? widen_vector_ring(w, r, key, shift) : 0;
+    apc_word *row = err ? NULL : begin_vector_row(w, r, key);
     if (!row) {
         return APC_ESTORE;
     }
@@ -239,6 +239,7 @@ static int write_vector(struct apc_shm_write *w, const struct apc_vector *v, uin
     if (!err) {
         pack_ring(&r, words);
         apc_words_put(&slot->version[apc_shm_version(w, slot->mark, &from)].mark, words, 8);
+        apc_shm_has_room(w, apc_shm_key(v->table, v->id));
     }
     return err ? err : 1;
 }

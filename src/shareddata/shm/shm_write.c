@@ -244,14 +244,24 @@ struct apc_shm_slot *apc_shm_look_up(const struct apc_shm *shm, uint64_t key, ui
     return &shm->slot[number - 1];
 }
 
+int apc_shm_no_room(struct apc_shm_write *w, uint64_t key)
+{
+    struct apc_shm_header *h = w->shm->header;
+    apc_word_put(&h->refused, apc_word_get(&h->refused) + 1);
+    apc_word_put(&h->refused_at, (uint64_t)apc_clock_utc(NULL));
+    apc_word_put(&h->lacking, key);
+    return apc_fail(&w->shm->base.why, APC_ESTORE,
+                    "shm:%s is full: it has no room for %s %d: make a larger one", w->shm->name,
+                    apc_table_name((enum apc_table)(key >> 32)), (int)(uint32_t)key);
+}
+
 static struct apc_shm_slot *add_slot(struct apc_shm_write *w, uint64_t key)
 {
     struct apc_shm *shm = w->shm;
     _Atomic uint32_t *at = shm_index_place(shm, key);
     struct apc_shm_counters *counters = apc_shm_count(w);
     if (!at || counters->variables >= shm->variables) {
-        apc_fail(&shm->base.why, APC_ESTORE, "shm:%s is full: it holds %zu variables: make a larger one",
-                 shm->name, shm->variables);
+        apc_shm_no_room(w, key);
         return NULL;
     }
     const size_t number = (size_t)counters->variables++;
@@ -362,8 +372,8 @@ static int put_sample_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, s
     }
     struct apc_shm_cell *cell = apc_shm_cell(w->shm, slot, v->extents, v->head);
     if (!cell) {
-        return apc_fail(&w->shm->base.why, APC_ESTORE,
-                        v->extents ? "shm:%s is corrupt" : "shm:%s is full: make a larger one", w->shm->name);
+        return v->extents ? apc_fail(&w->shm->base.why, APC_ESTORE, "shm:%s is corrupt", w->shm->name)
+                          : apc_shm_no_room(w, apc_word_get(&slot->key));
     }
     apc_word_put(&cell->mark, 0);
     atomic_thread_fence(memory_order_release);
@@ -404,6 +414,7 @@ int apc_shm_write_sample(struct apc_shm_write *w, const struct apc_sample *s, ui
     }
     apc_word_put(&to->mark, v.head);
     apc_word_put(&to->ring, v.kept << 8 | v.extents);
+    apc_shm_has_room(w, apc_word_get(&slot->key));
     return 1;
 }
 

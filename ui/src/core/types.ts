@@ -128,6 +128,7 @@ export interface StoreState {
   connected: boolean;
   since: number;
   error: string | null;
+  full: string | null; // what found no room in it
 }
 
 export interface Control {
