@@ -16,115 +16,61 @@ _Static_assert((int)APC_FATE_WAITING == (int)OUTCOME_WAITING &&
                    (int)APC_FATE_NOBODY == (int)OUTCOME_NOBODY,
                "they are the same");
 
-struct plant {
-    struct apc_tag *tag;
-    size_t n;
-    struct loops loops;
-};
-
 static int failed(struct apc_store *store, int rc, struct apc_error *why)
 {
     return rc == APC_ENOMEM ? apc_fail(why, rc, "out of memory")
                             : apc_fail(why, rc, "%s", apc_store_error(store));
 }
 
-static void unload(struct plant *p)
+static int load(struct known_plant *plant, struct apc_store *store, struct apc_error *why)
 {
-    free(p->tag);
-    loops_free(&p->loops);
-}
-
-static int load(struct plant *p, struct apc_store *store, struct apc_error *why)
-{
-    *p = (struct plant){0};
-    const int n = apc_store_get_tags(store, NULL, 0);
-
-    p->tag = n >= 0 ? calloc((size_t)n + 1, sizeof *p->tag) : NULL;
-    const int got = n < 0 ? n : p->tag ? apc_store_get_tags(store, p->tag, (size_t)n) : APC_ENOMEM;
-
-    p->n = got < 0 ? 0 : (size_t)(got < n ? got : n);
-    const int rc = got < 0 ? got : loops_load(&p->loops, store, p->tag, p->n);
-
+    const int rc = known_load(plant, store);
     return rc < 0 ? failed(store, rc, why) : 0;
 }
 
 /* ---- What is meant ----------------------------------------------------------------------------- */
 
-static const struct apc_tag *tag_of(const struct plant *p, enum apc_table table, int id)
+static int find(struct apc_wish *w, struct apc_store *store, const struct plant_view *p, const char *name,
+                bool mode, double value, struct apc_error *why)
 {
-    for (size_t i = 0; i < p->n; i++)
-        if (p->tag[i].table == table && p->tag[i].id == id)
-            return &p->tag[i];
-    return NULL;
-}
+    struct change_target to;
+    struct change_fault fault;
+    int rc = change_find(p, name, mode ? CHANGE_MODE : CHANGE_SETPOINT | CHANGE_TUNING | CHANGE_OUTPUT, &to,
+                         &fault);
+    struct apc_sample target = {.table = APC_OPMODE, .id = to.loop ? to.loop->id : 0};
 
-/* By its name, or as "setpoint.1". */
-static const struct apc_tag *tag_called(const struct plant *p, enum apc_table table, const char *name)
-{
-    char place[APC_TAG_LEN];
+    if (rc == 0)
+        rc = change_check(&to, value, &fault);
+    if (rc == 0 && change_asks_mode(&to) && (rc = apc_store_read(store, &target, 1)) < 0)
+        return failed(store, rc, why);
+    if (rc >= 0)
+        rc = change_now(p, &to, &target, &fault);
+    if (rc < 0)
+        return apc_fail(why, rc, "%s", fault.text);
+    const struct loops_controller *const by = loops_taker(p->loops, plant_tag(p, to.table, to.id));
 
-    for (size_t i = 0; i < p->n; i++) {
-        snprintf(place, sizeof place, "%s.%d", apc_table_name(p->tag[i].table), p->tag[i].id);
-        if (p->tag[i].table == table && (!strcmp(p->tag[i].name, name) || !strcmp(place, name)))
-            return &p->tag[i];
-    }
-    return NULL;
-}
-
-static const struct apc_tag *meant(const struct plant *p, const char *name, bool mode)
-{
-    const struct loops_loop *const loop = loops_find(&p->loops, name);
-    const struct apc_tag *found = mode && loop ? tag_of(p, APC_OPMODE, loop->id) : NULL;
-
-    if (!mode)
-        found = tag_called(p, APC_SETPOINT, name);
-    if (!found && !mode)
-        found = tag_called(p, APC_TUNING, name);
-    if (!found && !mode)
-        found = tag_called(p, APC_MANUAL, name);
-    return found || mode || !loop || !loop->manual ? found : tag_of(p, APC_MANUAL, loop->manual);
-}
-
-static int admit(const struct apc_tag *tag, const char *name, double value, struct apc_error *why)
-{
-    if (fabs(value) < APC_VALUE_MAX && value >= tag->low && value <= tag->high)
-        return 0;
-    return apc_fail(why, APC_ERANGE, "%s = %g lies outside its limits %g to %g", name, value, tag->low,
-                    tag->high);
-}
-
-static int find(struct apc_wish *w, const struct plant *p, const char *name, bool mode, double value,
-                struct apc_error *why)
-{
-    const struct apc_tag *const tag = meant(p, name, mode);
-    const struct loops_controller *const by = tag ? loops_taker(&p->loops, tag) : NULL;
-
-    if (!tag)
-        return apc_fail(why, APC_ENOTFOUND,
-                        mode ? "there is no loop \"%s\"" : "there is no setpoint, parameter or output \"%s\"",
-                        name);
     if (!by)
-        return apc_fail(why, APC_EPERM, "nobody applies it: %s belongs to no controller", name);
-    *w = (struct apc_wish){.table = (int32_t)tag->table,
-                           .id = tag->id,
+        return apc_fail(why, APC_EPERM, "nobody applies it: %s belongs to no controller", to.name);
+    *w = (struct apc_wish){.table = (int32_t)to.table,
+                           .id = to.id,
                            .value = value,
                            .before = (double)NAN,
                            .number = by->number,
                            .period = by->period > 0 ? by->period : APC_NS_PER_S};
-    snprintf(w->name, sizeof w->name, "%s", mode ? tag->name : name);
+    snprintf(w->name, sizeof w->name, "%s", to.name);
     snprintf(w->controller, sizeof w->controller, "%s", by->name);
-    return admit(tag, name, value, why);
+    return 0;
 }
 
 int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *name, bool mode, double value,
                   struct apc_error *why)
 {
-    struct plant plant;
+    struct known_plant plant;
     int rc = load(&plant, store, why);
 
     if (rc == 0)
-        rc = find(wish, &plant, name, mode, value, why);
-    unload(&plant);
+        rc = find(wish, store, &plant.view, name, mode, value, why);
+    known_free(&plant);
     return rc;
 }
 
@@ -197,7 +143,7 @@ static void text_of(const struct apc_wish *w, double value, char text[32])
 }
 
 static int record(const struct apc_wish *w, struct apc_store *store, const char *author,
-                  const struct plant *p, const struct owner_rows *with)
+                  const struct known_plant *p, const struct owner_rows *with)
 {
     struct apc_event event[2] = {{.time = w->time, .severity = APC_EVENT_INFO, .kind = "operator"}};
     char before[32], after[32];
@@ -211,7 +157,8 @@ static int record(const struct apc_wish *w, struct apc_store *store, const char 
              w->table == APC_OPMODE ? " mode" : "", before, after);
     for (size_t i = 0; i < with->n && n < 2; i++)
         if (with->at[i].table == APC_OPMODE) {
-            const struct apc_tag *const tag = tag_of(p, APC_SETPOINT, loops_owned(&p->loops, &with->at[i]));
+            const struct apc_tag *const tag =
+                plant_tag(&p->view, APC_SETPOINT, loops_owned(&p->loops, &with->at[i]));
 
             snprintf(event[n++].text, sizeof event[1].text, "%s taken Local, %s",
                      tag ? tag->name : "setpoint",
@@ -220,7 +167,7 @@ static int record(const struct apc_wish *w, struct apc_store *store, const char 
     return apc_store_append_events(store, event, n);
 }
 
-static int put(struct apc_wish *w, struct apc_store *store, const char *author, const struct plant *p)
+static int put(struct apc_wish *w, struct apc_store *store, const char *author, const struct known_plant *p)
 {
     struct owner_rows with = {0};
     const int number = apc_store_author(store, author);
@@ -242,7 +189,7 @@ static int put(struct apc_wish *w, struct apc_store *store, const char *author, 
 
 int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *author, struct apc_error *why)
 {
-    struct plant plant;
+    struct known_plant plant;
     struct seen seen;
     int rc = load(&plant, store, why);
 
@@ -254,7 +201,7 @@ int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *a
         if (rc < 0)
             failed(store, rc, why);
     }
-    unload(&plant);
+    known_free(&plant);
     return rc < 0 ? rc : 0;
 }
 

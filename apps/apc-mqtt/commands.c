@@ -132,9 +132,10 @@ static bool is_allowed(struct commands *c, const char *user, const char *signal)
     const struct user *const him = users_find(&users, user);
     const enum role role = him && !user_ended(him, apc_clock_utc(NULL)) ? him->role : ROLE_NONE;
     users_free(&users);
+    struct change_fault needed;
+    (void)change_role(user, role_name(role), role_name(ROLE_OPERATOR), &needed);
     if (role < ROLE_OPERATOR)
-        refuse_command(c, user, signal, NULL,
-                       role ? "who may only observe commands nothing" : "there is no such user");
+        refuse_command(c, user, signal, NULL, "%s", role ? needed.text : "there is no such user");
     return role >= ROLE_OPERATOR;
 }
 
@@ -143,14 +144,9 @@ static bool is_allowed(struct commands *c, const char *user, const char *signal)
 static bool read_command_mode(const json_t *body, double *value, struct fault *f)
 {
     const char *name;
-    if (!member_text(body, "mode", &name, f))
-        return false;
-    for (int mode = APC_MODE_MAN; mode <= APC_MODE_CAS; mode++)
-        if (strcmp(name, apc_mode_name(mode)) == 0) {
-            *value = mode;
-            return true;
-        }
-    return fault_set(f, 422, "value", "mode", "\"mode\" must be Man, Auto, Cas or OOS");
+    struct change_fault why;
+    return member_text(body, "mode", &name, f) &&
+           (change_mode(name, value, &why) == 0 || fault_set(f, 422, why.code, "mode", "%s", why.text));
 }
 
 static bool read_text(const json_t *body, const char *name, char *to, size_t size, struct fault *f)
@@ -164,6 +160,15 @@ static bool read_text(const json_t *body, const char *name, char *to, size_t siz
     return true;
 }
 
+static bool read_reason(const json_t *body, char *to, size_t size, struct fault *f)
+{
+    struct change_fault why;
+    const json_t *text = json_object_get(body, "reason");
+    if (json_is_string(text) && change_reason(json_string_value(text), &why) < 0)
+        return fault_set(f, 422, why.code, "reason", "%s", why.text);
+    return read_text(body, "reason", to, size, f);
+}
+
 static bool read_body(const void *payload, size_t n, bool is_mode, struct command *to, struct fault *f)
 {
     static const char *const members[] = {"value", "time", "id", "reason", NULL}, *const mode_members[] = {
@@ -174,7 +179,7 @@ static bool read_body(const void *payload, size_t n, bool is_mode, struct comman
     json_t *const body = body_parse(payload, n, is_mode ? mode_members : members, f);
     bool well =
         body && read_text(body, "id", to->own, sizeof to->own, f) &&
-        read_text(body, "reason", q->reason, sizeof q->reason, f) && member_number(body, "time", &time, f) &&
+        read_reason(body, q->reason, sizeof q->reason, f) && member_number(body, "time", &time, f) &&
         (is_mode ? read_command_mode(body, &q->value, f) : member_number(body, "value", &q->value, f));
     if (well && !(time > 0 && time < 9e9))
         well = fault_set(f, 422, "value", "time", "\"time\" must be Unix seconds");
@@ -244,47 +249,21 @@ void commands_take(void *commands, const char *user, const char *signal, const v
 
 /* ---- Bringing it to the live store -------------------------------------------------------------------- */
 
-/* Which variable it means; table 0: none. */
-static void find_commanded_variable(const struct loops *loops, const struct apc_tag *tag, size_t n,
-                                    struct command *command)
+/* Which variable it means. */
+static int find_commanded_variable(const struct plant_view *plant, struct command *command,
+                                   struct change_fault *why)
 {
     char name[APC_TAG_LEN];
     const size_t length = strlen(command->signal);
-    snprintf(name, sizeof name, "%s", command->signal);
-    if (length > 5 && strcmp(name + length - 5, ".mode") == 0) {
-        name[length - 5] = '\0';
-        const struct loops_loop *const loop = loops_find(loops, name);
-        if (loop)
-            command->request.table = APC_OPMODE;
-        command->request.variable = loop ? loop->id : 0;
-        return;
+    const bool is_mode = length > 5 && strcmp(command->signal + length - 5, ".mode") == 0;
+    struct change_target to;
+    snprintf(name, sizeof name, "%.*s", (int)(is_mode ? length - 5 : length), command->signal);
+    const int rc =
+        change_find(plant, name, is_mode ? CHANGE_MODE : CHANGE_SETPOINT | CHANGE_OUTPUT, &to, why);
+    if (rc == 0) {
+        command->request.table = to.table;
+        command->request.variable = to.id;
     }
-    for (size_t i = 0; i < n; i++) {
-        if (strcmp(tag[i].name, name) != 0 || (tag[i].table != APC_SETPOINT && tag[i].table != APC_ACTUATOR))
-            continue;
-        const struct loops_loop *const loop =
-            tag[i].table == APC_ACTUATOR ? loops_of(loops, tag[i].table, tag[i].id) : NULL;
-        if (tag[i].table == APC_ACTUATOR && (!loop || loop->manual == 0))
-            continue;
-        command->request.table = loop ? APC_MANUAL : APC_SETPOINT;
-        command->request.variable = loop ? loop->manual : tag[i].id;
-        return;
-    }
-}
-
-static int find_all(struct commands *c, struct command *at, size_t n)
-{
-    const int there = apc_store_get_tags(c->live, NULL, 0);
-    struct apc_tag *const tag = there > 0 ? calloc((size_t)there, sizeof *tag) : NULL;
-    struct loops loops = {0};
-    int rc = there <= 0 ? there : !tag ? APC_ENOMEM : apc_store_get_tags(c->live, tag, (size_t)there);
-    const size_t n_tags = rc > 0 ? (size_t)(rc < there ? rc : there) : 0;
-    if (rc >= 0)
-        rc = loops_load(&loops, c->live, tag, n_tags);
-    for (size_t i = 0; i < n && rc >= 0; i++)
-        find_commanded_variable(&loops, tag, n_tags, &at[i]);
-    loops_free(&loops);
-    free(tag);
     return rc;
 }
 
@@ -310,12 +289,13 @@ static int give_commands(void *ctx, apc_request_fn fn, void *fn_ctx)
     const size_t n = c->n;
     memcpy(at, c->at, n * sizeof *at);
     pthread_mutex_unlock(&c->worker.mutex);
-    const int rc = n > 0 ? find_all(c, at, n) : 0;
+    struct known_plant plant = {0};
+    const int rc = n > 0 ? known_load(&plant, c->live) : 0;
     for (size_t i = 0; i < n && rc >= 0; i++) {
         struct apc_request *const q = &at[i].request;
-        if (!q->table) {
-            refuse_command(c, q->author, at[i].signal, &at[i],
-                           "there is no setpoint, output or loop of that name");
+        struct change_fault why;
+        if (find_commanded_variable(&plant.view, &at[i], &why) < 0) {
+            refuse_command(c, q->author, at[i].signal, &at[i], "%s", why.text);
             drop_command(c, q->id);
             continue;
         }
@@ -328,6 +308,7 @@ static int give_commands(void *ctx, apc_request_fn fn, void *fn_ctx)
         if (fn(fn_ctx, q))
             break;
     }
+    known_free(&plant);
     return rc < 0 ? rc : given;
 }
 

@@ -195,8 +195,12 @@ bool member_number(const json_t *object, const char *name, double *value, struct
     const json_t *found = find_member(object, name, f);
     if (!found)
         return false;
-    if (!json_is_number(found) || !isfinite(json_number_value(found)))
-        return fault_set(f, 422, "value", name, "\"%s\" must be a finite number", name);
+    if (!json_is_number(found) || !isfinite(json_number_value(found))) {
+        char *is = json_dumps(found, JSON_ENCODE_ANY);
+        fault_set(f, 422, "value", name, "\"%s\": %.60s is not a finite number", name, is ? is : "this");
+        free(is);
+        return false;
+    }
     *value = json_number_value(found);
     return true;
 }

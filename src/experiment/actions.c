@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What an operator does, whoever does it: the list of an experiment file, or a caller of the library. */
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -64,10 +63,9 @@ int action_find(const struct experiment *e, const struct apc_tag *tags, size_t n
 
 int action_check(const struct apc_tag *tag, double value, struct apc_error *why)
 {
-    if (fabs(value) < APC_VALUE_MAX && value >= tag->low && value <= tag->high)
-        return 0;
-    return apc_fail(why, APC_ERANGE, "%s = %.15g lies outside its limits %.15g to %.15g", tag->name, value,
-                    tag->low, tag->high);
+    struct change_fault fault;
+    const int rc = change_limits(tag->name, tag->low, tag->high, value, &fault);
+    return rc < 0 ? apc_fail(why, rc, "%s", fault.text) : 0;
 }
 
 static struct controller_loop find_loop(const struct experiment *e, const char *name, struct nearest *nearest)
@@ -98,11 +96,11 @@ static const struct controller *find_action_controller(const struct experiment *
 static int check_action_mode(const struct experiment *e, struct controller_loop loop, enum apc_mode mode,
                              struct apc_error *why)
 {
+    struct change_fault fault;
     char name[APC_TAG_LEN];
-    if (mode != APC_MODE_CAS || controllers_is_below(e, loop))
-        return 0;
     controllers_loop_name(e, loop, name);
-    return apc_fail(why, APC_EINVAL, "%s cannot be in mode Cas: no controller moves its setpoint", name);
+    const int rc = change_cascade(name, controllers_is_below(e, loop), (double)mode, &fault);
+    return rc < 0 ? apc_fail(why, APC_EINVAL, "%s", fault.text) : 0;
 }
 
 int action_find_mode(const struct experiment *e, const char *name, enum apc_mode mode, struct action *action,

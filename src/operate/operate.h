@@ -81,6 +81,82 @@ const char *loops_owner_name(bool local); /* "Local", "Remote" */
 /* The setpoint whose owner a row of table opmode says: a switch, or the target of its loop. 0: none. */
 int loops_owned(const struct loops *loops, const struct apc_sample *row);
 
+/* ---- Changes -------------------------------------------------------------------------------- */
+
+/*
+ * What somebody wants to write, whoever brings it: the command line, the page, a history, a broker, Python.
+ * Here is found what is meant, and said what is wrong with it: each front end translates the code, and passes
+ * the sentence on.
+ */
+
+#define CHANGE_TEXT   48 /* a value in words: DECIMAL_LEN */
+#define CHANGE_REASON 80 /* bytes: an event has little more room */
+
+struct change_fault {
+    int err;          /* enum apc_err: an exit code, an exception */
+    const char *code; /* "variable": there is none; "value"; "limits"; "mode": not as its loop is; "stale":
+                         somebody was faster; "role"; static */
+    char text[180];   /* which? what was expected? */
+};
+
+enum change_kind { CHANGE_SETPOINT = 1, CHANGE_OUTPUT = 2, CHANGE_TUNING = 4, CHANGE_MODE = 8 };
+
+/* The plant as whoever asks has it. */
+struct plant_view {
+    const struct apc_tag *tag;
+    size_t n;
+    const struct loops *loops;
+};
+const struct apc_tag *plant_tag(const struct plant_view *plant, enum apc_table table,
+                                int id); /* NULL: none */
+
+/* The same as the store describes it. Returns 0, APC_ENOMEM or the store's error; known_free() in either
+ * case. */
+struct known_plant {
+    struct apc_tag *tag;
+    struct loops loops;
+    struct plant_view view;
+};
+int known_load(struct known_plant *plant, struct apc_store *store);
+void known_free(struct known_plant *plant);
+
+struct change_target {
+    char name[APC_TAG_LEN]; /* of what an operator puts out: that of the output */
+    enum apc_table table;   /* where it is written */
+    int id;
+    double low, high;
+    const struct loops_loop *loop; /* loops_of() it */
+};
+
+/* By its name, or as "setpoint.1"; an output as well by its loop's; with CHANGE_MODE, which goes with no
+ * other, a loop. All return 0, or an error with @p why. */
+int change_find(const struct plant_view *plant, const char *name, unsigned kinds, struct change_target *to,
+                struct change_fault *why);
+int change_at(const struct plant_view *plant, enum apc_table table, int id, struct change_target *to,
+              struct change_fault *why);
+
+int change_number(const char *text, double *value, struct change_fault *why);
+int change_mode(const char *text, double *mode, struct change_fault *why); /* "Man", whatever its letters */
+int change_reason(const char *reason, struct change_fault *why);
+/* May it be that? Within its limits; a mode that the loop can be in. */
+int change_check(const struct change_target *to, double value, struct change_fault *why);
+/* The two of these, for those that have no store. @p below: a controller moves its setpoint. */
+int change_limits(const char *name, double low, double high, double value, struct change_fault *why);
+int change_cascade(const char *loop, bool below, double mode, struct change_fault *why);
+/* May it be written while the target @p mode of its loop is this? Of others than these the mode is of no
+ * account. */
+bool change_asks_mode(const struct change_target *to);
+int change_now(const struct plant_view *plant, const struct change_target *to, const struct apc_sample *mode,
+               struct change_fault *why);
+
+/* What else may be in the way, in words. */
+int change_stale(const char *name, const struct apc_sample *now, struct change_fault *why);
+int change_role(const char *user, const char *role, const char *wanted, struct change_fault *why);
+
+/* The shortest that reads back the same, from six digits on; modes and owners by name; "none". Both return
+ * text. */
+char *change_text(const struct apc_sample *sample, char text[CHANGE_TEXT]);
+
 /* ---- Owner ---------------------------------------------------------------------------------- */
 
 /*

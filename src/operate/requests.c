@@ -22,9 +22,7 @@ struct requests {
     struct apc_error why;
     struct apc_request at[MOST];
     size_t n;
-    struct apc_tag *tag; /* of the live store, while there are requests */
-    size_t n_tags;
-    struct loops loops;
+    struct known_plant plant; /* of the live store, while there are requests */
     struct apc_sample mark[REQUESTS_MARKS];
 };
 
@@ -33,8 +31,9 @@ struct look {
     const struct apc_request *request;
     const struct apc_tag *tag; /* of its variable; NULL: it has none */
     const struct loops_controller *by;
-    struct apc_sample newest, actual;
-    struct apc_sample *mark; /* its own, or where its own goes */
+    struct change_target to;
+    struct apc_sample newest, actual, mode; /* mode: the target of its loop */
+    struct apc_sample *mark;                /* its own, or where its own goes */
     struct apc_vector tick;
     char said[192];
 };
@@ -81,8 +80,7 @@ void requests_destroy(struct requests *r)
 {
     if (!r)
         return;
-    free(r->tag);
-    loops_free(&r->loops);
+    known_free(&r->plant);
     free(r);
 }
 
@@ -133,45 +131,34 @@ static struct apc_sample *mark_of(struct requests *r, const struct apc_request *
 
 static int load_plant(struct requests *r)
 {
-    const int n = apc_store_get_tags(r->live, NULL, 0);
-    free(r->tag);
-    loops_free(&r->loops);
-    r->n_tags = 0;
-    r->loops = (struct loops){0};
-    r->tag = n > 0 ? calloc((size_t)n, sizeof *r->tag) : NULL;
-    if (n < 0 || (n > 0 && !r->tag))
-        return n < 0 ? n : APC_ENOMEM;
-    const int there = n > 0 ? apc_store_get_tags(r->live, r->tag, (size_t)n) : 0;
-    r->n_tags = (size_t)(there < n ? there : n);
-    const int rc = there < 0 ? there : loops_load(&r->loops, r->live, r->tag, r->n_tags);
+    known_free(&r->plant);
+    const int rc = known_load(&r->plant, r->live);
     return rc < 0 ? rc : load_marks(r);
-}
-
-static const struct apc_tag *find_tag(const struct requests *r, enum apc_table table, int id)
-{
-    for (size_t i = 0; i < r->n_tags; i++)
-        if (r->tag[i].table == table && r->tag[i].id == id)
-            return &r->tag[i];
-    return NULL;
 }
 
 static int look_at_request(struct requests *r, const struct apc_request *request, struct look *l)
 {
     const enum apc_table table = request->table;
     const int id = request->variable;
-    *l = (struct look){.request = request, .tag = find_tag(r, table, id)};
-    l->by = l->tag ? loops_taker(&r->loops, l->tag) : NULL;
-    struct apc_sample sample[2] = {
+    *l = (struct look){.request = request, .tag = plant_tag(&r->plant.view, table, id)};
+    l->by = l->tag ? loops_taker(&r->plant.loops, l->tag) : NULL;
+    const struct loops_loop *loop = loops_of(&r->plant.loops, table, id);
+    struct apc_sample sample[3] = {
         {.table = table, .id = id},
         {.table = APC_ACTUAL, .id = apc_variable_number(table, id)},
+        {.table = APC_OPMODE, .id = loop ? loop->id : 0},
     };
     struct apc_vector tick = {.table = APC_TICK, .id = l->by ? l->by->number : 0};
-    struct apc_rows rows = {
-        .size = sizeof rows, .sample = sample, .n_samples = 2, .vector = &tick, .n_vectors = l->by ? 1 : 0};
+    struct apc_rows rows = {.size = sizeof rows,
+                            .sample = sample,
+                            .n_samples = table == APC_OPMODE ? 2 : 3,
+                            .vector = &tick,
+                            .n_vectors = l->by ? 1 : 0};
     const int rc = apc_store_read_rows(r->live, &rows);
     l->newest = sample[0];
     l->mark = mark_of(r, request);
     l->actual = sample[1];
+    l->mode = sample[2];
     l->tick = tick;
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
@@ -212,18 +199,6 @@ static bool is_past(struct look *l, apc_ns most, apc_ns most_ahead)
     return false;
 }
 
-static bool is_wrong_mode(const struct requests *r, struct look *l)
-{
-    const struct apc_request *q = l->request;
-    const struct loops_loop *loop = loops_of(&r->loops, APC_OPMODE, q->variable);
-    const int mode = q->value >= 0 && q->value <= (double)APC_MODE_CAS ? (int)q->value : -1;
-    if (mode < 0 || q->value > mode)
-        return note_outcome(l, "refused: %g is no mode: 0 Man, 1 Auto, 2 out of service, 3 Cas", q->value);
-    if (q->variable > 0 && mode == APC_MODE_CAS && loop && loop->above < 0)
-        return note_outcome(l, "refused: %s cannot be in Cas: no controller moves its setpoint", loop->name);
-    return false;
-}
-
 static bool is_switch(const struct apc_request *q)
 {
     return q->table == APC_OPMODE && (q->variable == 0 || q->variable >= LOOPS_IDS);
@@ -232,15 +207,23 @@ static bool is_switch(const struct apc_request *q)
 static bool is_wrong(const struct requests *r, struct look *l)
 {
     const struct apc_request *q = l->request;
+    struct change_fault why;
     if (q->table == APC_OPMODE && q->variable >= REQUESTS_OF_HISTORY)
         return note_outcome(l, "refused: %s %d is not for people", apc_table_name(q->table), q->variable);
-    if (!l->tag && !is_switch(q))
-        return note_outcome(l, "refused: %s %d is not described, so its limits are not known",
-                            apc_table_name(q->table), q->variable);
-    if (l->tag && (q->value < l->tag->low || q->value > l->tag->high))
-        return note_outcome(l, "refused: %s = %.15g lies outside its limits %.15g to %.15g", l->tag->name,
-                            q->value, l->tag->low, l->tag->high);
-    return q->table == APC_OPMODE && q->variable < LOOPS_IDS && is_wrong_mode(r, l);
+    int rc = change_at(&r->plant.view, q->table, q->variable, &l->to, &why);
+    if (rc < 0 &&
+        is_switch(q)) { /* what is of all, and what says whose something is, may have no description */
+        l->to = (struct change_target){
+            .table = q->table, .id = q->variable, .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
+        rc = 0;
+    }
+    if (rc == 0)
+        rc = change_reason(q->reason, &why);
+    if (rc == 0)
+        rc = change_check(&l->to, q->value, &why);
+    if (rc == 0)
+        rc = change_now(&r->plant.view, &l->to, &l->mode, &why);
+    return rc < 0 && note_outcome(l, "refused: %s", why.text);
 }
 
 static struct outcome_seen seen_of_request(const struct look *l, const struct apc_sample *write)
@@ -292,8 +275,8 @@ static int record_request(struct requests *r, const struct look *l, const struct
     describe_request(l, event[0].text, sizeof event[0].text);
     for (size_t i = 0; i < with->n; i++) {
         if (n == 1 && with->at[i].table == APC_OPMODE) {
-            const int id = loops_owned(&r->loops, &with->at[i]);
-            const struct apc_tag *tag = find_tag(r, APC_SETPOINT, id);
+            const int id = loops_owned(&r->plant.loops, &with->at[i]);
+            const struct apc_tag *tag = plant_tag(&r->plant.view, APC_SETPOINT, id);
             snprintf(event[n++].text, sizeof event[1].text, "%s taken Local, %s",
                      tag ? tag->name : "setpoint",
                      loops_is_owner(&with->at[i]) ? "the scheduler stands aside" : "cascade open");
@@ -324,7 +307,7 @@ static int write_request_row(struct requests *r, struct look *l, struct owner_ro
     rows[1].value = (double)q->id;
     rows[1].origin = apc_seq_last(&l->newest) + 1;
     rows[1].author = (uint32_t)author;
-    int rc = owner_put(r->live, &r->loops, rows, 2, with);
+    int rc = owner_put(r->live, &r->plant.loops, rows, 2, with);
     if (rc == APC_ECONFLICT)
         return 1;
     if (rc >= 0)

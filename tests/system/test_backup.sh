@@ -51,7 +51,7 @@ until_true 20 said 2 "$backup"
 expect 0 'r: 5 -> 8 \(applied\)' "$apc" set r 8
 until_true 30 settled 8
 expect 0 'backup.Kp: 0.2 -> 0.3 \(applied\)' "$apc" tune backup.Kp=0.3
-expect 4 'backup.Kp = 5e.09 lies outside its limits' "$apc" tune backup.Kp=5e9
+expect 4 'backup.Kp = 5000000000 lies outside its limits' "$apc" tune backup.Kp=5e9
 
 # killed in it, it goes on in it
 kill -9 "$pid"

@@ -119,9 +119,9 @@ test_usage_errors_exit_2() {
   run 2 watch --interval 0
   run 2 watch --count 1.5
   run 2 mode u sideways
-  err_has "must be man, auto, cas or oos"
+  err_has "must be Man, Auto, Cas or OOS"
   run 2 mode lo
-  err_has "nobody can ask for LO"
+  err_has 'nobody can ask for mode "lo"'
   run 2 mode u man now
   run 2 remote
   run 2 tune Kp
@@ -300,11 +300,11 @@ test_set_refuses_what_must_not_be() {
   refused 4 "apc tune" set Kp 1
   refused 4 "apc init" set dim.y 2
   refused 4 "programs only" set mode.actual 2
-  refused 1 'no variable "tick.1"' set tick.1 2
-  refused 1 'no variable "q"' set q 1
-  refused 1 'no variable "setpoint.7"' set setpoint.7 1
-  refused 4 'u is controlled in mode Auto; "apc mode man" first' set u 1
-  refused 4 'u is controlled in mode Auto; "apc mode man" first' set actuator.1 1
+  refused 1 'there is no "tick.1" to be set; there are: u, r' set tick.1 2
+  refused 1 'there is no "q" to be set; there are: u, r' set q 1
+  refused 1 'setpoint.7 is not described, so its limits are not known' set setpoint.7 1
+  refused 4 'u is controlled in mode Auto: set the target mode of u to Man first' set u 1
+  refused 4 'u is controlled in mode Auto: set the target mode of u to Man first' set actuator.1 1
 }
 
 test_several_pairs_are_all_or_nothing() {
@@ -340,8 +340,8 @@ test_mode_is_shown_and_changed() {
   out_is "mode: Auto -> Man"
   equal "$(newest opmode 0) $(newest opmode 1)" "0 0" "the target mode of the only loop is that of all"
   run 0 mode controller auto --no-wait
-  refused 1 'no loop, controller or mode "q"; there are: u, controller' mode q man
-  refused 1 'no loop, controller or mode "sideways"' mode sideways
+  refused 1 'there is no loop or controller "q"; there are: u' mode q man
+  refused 1 'there is no loop or controller "sideways"; there are: u, and no such mode' mode sideways
   refused 4 "u cannot be in Cas: no controller moves its setpoint" mode u cas
   run 5 remote r
   err_has "r: Local -> Remote: written, but no scheduler moves it"
@@ -361,10 +361,10 @@ test_tune_is_shown_and_changed() {
   refused 4 "tau_i = -1 lies outside its limits" tune Kp=1 tau_i=-1
   refused 2 '"x" is not a finite number' tune Kp=x
   refused 2 "Kp is given twice" tune Kp=1 Kp=2
-  refused 1 'no parameter of the control law "r"' tune r=1
-  refused 1 'no parameter of the control law "tau"' tune tau=1
-  refused 1 'no parameter of the control law "Kq": did you mean "Kp"? There are: Kp, ' tune Kq=1
-  refused 1 'no parameter of the control law "sensor.1"' tune sensor.1=1
+  refused 1 'there is no parameter of a control law "r"' tune r=1
+  refused 1 'there is no parameter of a control law "tau"' tune tau=1
+  refused 1 'there is no parameter of a control law "Kq": did you mean "Kp"?' tune Kq=1
+  refused 1 'there is no parameter of a control law "sensor.1"' tune sensor.1=1
   run 0 tune --json
   out_is_json
   run 0 tune --csv

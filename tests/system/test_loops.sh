@@ -44,8 +44,8 @@ expect 0 '"controller":"upper","number":2,"loops":1,"period_ns":500000000,"last_
 expect 0 '^upper\.r\.Kp +0\.3 ' "$apc" tune
 expect 0 '^upper\.r\.Kp: 0.3 -> 0.25 \(applied\)$' "$apc" tune upper.r.Kp=0.25
 expect 4 'upper\.r cannot be in Cas: no controller moves its setpoint' "$apc" mode upper cas
-expect 1 'no loop, controller or mode "bse": did you mean "base"\?' "$apc" mode bse man
-expect 4 'u is controlled in mode Cas; "apc mode u man" first' "$apc" set u 1
+expect 1 'there is no loop or controller "bse": did you mean "base"\?' "$apc" mode bse man
+expect 4 'u is controlled in mode Cas: set the target mode of u to Man first' "$apc" set u 1
 
 # A setpoint is taken and given back.
 expect 0 '^r taken Local, cascade open$' "$apc" set r 4

@@ -697,7 +697,7 @@ static void what_was_refused_is_recorded_as_well(void **state)
     expect_error(&otto, "POST", "/api/mode", NULL, "{\"id\":1,\"mode\":\"Man\",\"seq\":1}", 403, "role");
     await_refusal(&otto, "otto", "/api/mode from 127.0.0.1: otto is an observer");
     expect_error(&local, "POST", "/api/setpoint", NULL, "{\"id\":1,\"value\":1e6,\"seq\":1}", 422, "limits");
-    await_refusal(&otto, "local", "r = 1e+06 lies above its limit 100");
+    await_refusal(&otto, "local", "r = 1000000 lies outside its limits -100 to 100");
     forger.csrf[0] = '\0';
     expect_error(&forger, "POST", "/api/setpoint", NULL, "{}", 403, "csrf");
     await_refusal(&otto, "local", "lacks this session's token");

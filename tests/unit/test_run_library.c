@@ -566,7 +566,7 @@ static void what_an_operator_may_not_do_is_refused(void **state)
     assert_int_equal(apc_simulation_write(s, "y", 1), APC_ENOTFOUND);
     assert_non_null(strstr(apc_simulation_error(s), "\"y\""));
     assert_int_equal(apc_simulation_write(s, "r", 100.5), APC_ERANGE);
-    assert_int_equal(apc_simulation_write(s, "r", (double)NAN), APC_ERANGE);
+    assert_int_equal(apc_simulation_write(s, "r", (double)NAN), APC_EINVAL);
     assert_int_equal(apc_simulation_write(s, "u", -11), APC_ERANGE);
     assert_int_equal(apc_simulation_mode(s, "controller", APC_MODE_LO), APC_EINVAL);
     assert_int_equal(apc_simulation_mode(s, "controller", (enum apc_mode)99), APC_EINVAL);

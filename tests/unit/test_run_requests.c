@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What people ask for from afar: what is refused, with which words, and what becomes of what is written. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -262,10 +263,11 @@ static void what_makes_no_sense_is_refused_with_its_reason(void **state)
     } cases[] = {
         {APC_SETPOINT, SET_R, 50.5, "refused: r = 50.5 lies outside its limits -50 to 50"},
         {APC_SETPOINT, SET_R, -50.5, "refused: r = -50.5 lies outside its limits -50 to 50"},
-        {APC_SETPOINT, 9, 1, "refused: setpoint 9 is not described, so its limits are not known"},
-        {APC_TUNING, 99, 1, "refused: tuning 99 is not described"},
+        {APC_SETPOINT, 9, 1, "refused: setpoint.9 is not described, so its limits are not known"},
+        {APC_TUNING, 99, 1, "refused: tuning.99 is not described"},
         {APC_OPMODE, LOOP_U, 1.5, "refused: 1.5 is no mode: 0 Man, 1 Auto, 2 out of service, 3 Cas"},
         {APC_OPMODE, LOOP_U, 4, "refused: u = 4 lies outside its limits 0 to 3"},
+        {APC_SETPOINT, SET_R, (double)NAN, "refused: \"nan\" is not a finite number"},
         {APC_OPMODE, 0, 4, "refused: mode = 4 lies outside its limits 0 to 3"},
         {APC_OPMODE, 0, 0.5, "refused: 0.5 is no mode"},
         {APC_OPMODE, LOOP_R, APC_MODE_CAS,
@@ -366,6 +368,16 @@ static void a_refusal_is_told_with_its_words_or_after_a_while_without(void **sta
 static void an_output_is_for_loops_in_man(void **state)
 {
     (void)state;
+    append((struct apc_sample){
+        .table = APC_OPMODE, .id = LOOP_U, .time = apc_clock_utc(NULL), .value = APC_MODE_AUTO});
+    ask(APC_MANUAL, LOOP_U, 3);
+    assert_refused("refused: u is controlled in mode Auto: set the target mode of u to Man first");
+    append((struct apc_sample){
+        .table = APC_OPMODE, .id = LOOP_U, .time = apc_clock_utc(NULL), .value = APC_MODE_MAN});
+    ask(APC_SETPOINT, SET_R, 3);
+    assert_refused("refused: r follows y while u is in Man");
+    ask(APC_MANUAL, LOOP_U, 21);
+    assert_refused("refused: u = 21 lies outside its limits -20 to 20");
     ask(APC_MANUAL, LOOP_U, 3);
     const int64_t seq = assert_written();
     append((struct apc_sample){.table = APC_ACTUAL,
@@ -374,7 +386,7 @@ static void an_output_is_for_loops_in_man(void **state)
                                .origin = seq,
                                .status = APC_BAD});
     assert_settled("refused: its loop is not in Man");
-    assert_string_equal(events(), "u.manual: none -> 3 (request 1 of apc_operator: because)\n");
+    assert_string_equal(events(), "u.manual: none -> 3 (request 4 of apc_operator: because)\n");
 }
 
 static void what_is_not_confirmed_for_long_is_settled_so(void **state)

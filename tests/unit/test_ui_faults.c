@@ -345,17 +345,17 @@ static void a_tuning_is_a_list_of_values_each_once(void **state)
     static const struct {
         const char *body, *message;
         int http;
-    } cases[] = {
-        {"{}", "\"values\" must be an array that is not empty", 400},
-        {"{\"values\":[]}", "\"values\" must be an array that is not empty", 400},
-        {"{\"values\":[1]}", "\"values\" must hold objects", 400},
-        {"{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":1},{\"id\":1,\"value\":0.4,\"seq\":1}]}",
-         "Kp is given twice", 422},
-        {"{\"values\":[{\"id\":99,\"value\":0.3,\"seq\":1}]}", "there is no variable tuning.99", 404},
-        {"{\"values\":[{\"id\":4294967297,\"value\":0.3,\"seq\":1}]}",
-         "\"id\" must be a whole number from 0 to 2147483647", 400},
-        {"{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":1,\"mode\":1}]}", "mode", 400},
-        {"{\"values\":[{\"id\":1,\"value\":0.3}]}", "seq", 400}};
+    } cases[] = {{"{}", "\"values\" must be an array that is not empty", 400},
+                 {"{\"values\":[]}", "\"values\" must be an array that is not empty", 400},
+                 {"{\"values\":[1]}", "\"values\" must hold objects", 400},
+                 {"{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":1},{\"id\":1,\"value\":0.4,\"seq\":1}]}",
+                  "Kp is given twice", 422},
+                 {"{\"values\":[{\"id\":99,\"value\":0.3,\"seq\":1}]}",
+                  "tuning.99 is not described, so its limits are not known", 404},
+                 {"{\"values\":[{\"id\":4294967297,\"value\":0.3,\"seq\":1}]}",
+                  "\"id\" must be a whole number from 0 to 2147483647", 400},
+                 {"{\"values\":[{\"id\":1,\"value\":0.3,\"seq\":1,\"mode\":1}]}", "mode", 400},
+                 {"{\"values\":[{\"id\":1,\"value\":0.3}]}", "seq", 400}};
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         assert_int_equal(ask(post_tuning, cases[i].body), cases[i].http);

@@ -249,8 +249,8 @@ static void what_is_wrong_with_a_body_is_said(void **state)
     static const struct {
         int http;
         const char *part;
-    } expected[] = {{422, "must be a finite number"},
-                    {422, "must be a finite number"},
+    } expected[] = {{422, "\"t\": \"x\" is not a finite number"},
+                    {422, "is not a finite number"},
                     {400, "is missing"},
                     {400, "is missing"},
                     {400, "is missing"},

@@ -7,24 +7,19 @@
  * operator saw says nothing then, and his value takes the target Auto along (operate/operate.h).
  */
 #include <inttypes.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "apc-ui/api/api.h"
-#include "files/files.h"
 #include "operate/operate.h"
 
-/* As in a command line: the shortest that reads back the same; modes by name. */
-static char *value_text(const struct apc_sample *s, char text[DECIMAL_LEN])
+/* Which status each code of change_fault has. */
+static bool fault_change(struct request *r, const struct change_fault *why, const char *field)
 {
-    const char *mode = loops_is_owner(s)                         ? loops_owner_name(loops_is_local(s))
-                       : s->table == APC_OPMODE && s->value >= 0 ? apc_mode_name((int)s->value)
-                                                                 : NULL;
-    if (!mode && s->seq != 0)
-        return decimal_shortest(s->value, 6, text);
-    snprintf(text, DECIMAL_LEN, "%s", s->seq == 0 && !loops_is_owner(s) ? "none" : mode);
-    return text;
+    const int http = !strcmp(why->code, "variable")                              ? 404
+                     : !strcmp(why->code, "mode") || !strcmp(why->code, "stale") ? 409
+                                                                                 : 422;
+    return fault_set(&r->fault, http, why->code, field, "%s", why->text);
 }
 
 /* ---- Reading the request ------------------------------------------------------------------ */
@@ -42,16 +37,6 @@ struct order {
     struct beside beside;
     char reason[REASON_LEN];
 };
-
-static bool check_limits(struct request *r, const struct apc_tag *tag, double value)
-{
-    if (value >= tag->low && value <= tag->high && fabs(value) < APC_VALUE_MAX)
-        return true;
-    bool above = value > tag->high, limited = fabs(above ? tag->high : tag->low) < APC_VALUE_MAX;
-    return fault_set(&r->fault, 422, "limits", "value", "%s = %.6g lies %s its limit %.6g", tag->name, value,
-                     above ? "above" : "below",
-                     limited ? (above ? tag->high : tag->low) : copysign(APC_VALUE_MAX, value));
-}
 
 static void look_beside(const struct plant *p, struct order *o, const struct loops_loop *loop,
                         enum apc_table table, int id)
@@ -72,22 +57,23 @@ static void look_beside(const struct plant *p, struct order *o, const struct loo
     snprintf(b->name, sizeof b->name, "%s", at < 0 ? "" : p->tag[at].name);
 }
 
-/* The description of what is to be written, of table 0 where there is none. What the operator puts out is
- * called and limited as the output. */
-static struct apc_tag described_variable(struct ui *ui, struct order *o, enum apc_table table, int id)
+/* What is to be written, what is beside it, and whether it may be that. Loops are looked at under the lock.
+ */
+static bool find_order_target(struct ui *ui, struct request *r, struct order *o, enum apc_table table, int id,
+                              double value, char name[APC_TAG_LEN])
 {
     const struct plant *p = &ui->model.plant;
-    struct apc_tag tag = {0};
+    struct change_target to;
+    struct change_fault why;
     pthread_mutex_lock(&ui->model.mutex);
-    const struct loops_loop *loop = loops_of(&p->loops, table, id);
-    const int own = find_plant_tag(p, table, id),
-              output = loop && table == APC_MANUAL ? find_plant_tag(p, loop->table, loop->output) : -1;
-    if (own >= 0)
-        tag = p->tag[output < 0 ? own : output];
-    if (own >= 0)
-        look_beside(p, o, loop, table, id);
+    const struct plant_view view = {p->tag, p->n, &p->loops};
+    const bool found = change_at(&view, table, id, &to, &why) == 0;
+    const bool may = found && change_check(&to, value, &why) == 0;
+    if (found)
+        look_beside(p, o, to.loop, table, id);
     pthread_mutex_unlock(&ui->model.mutex);
-    return tag;
+    memcpy(name, to.name, sizeof to.name);
+    return may || fault_change(r, &why, found ? "value" : "id");
 }
 
 /* Change a variable to a value: is there one, and may it be that? */
@@ -95,20 +81,17 @@ static bool order_change(struct ui *ui, struct request *r, struct order *o, enum
                          double value, int64_t seq)
 {
     struct write_change *c = &o->change[o->write.n];
+    char name[APC_TAG_LEN];
 
     if (o->write.n == WRITE_CHANGES)
         return fault_set(&r->fault, 400, "json", "values", "more than %d values at once", WRITE_CHANGES);
-    const struct apc_tag tag = described_variable(ui, o, table, (int)id);
-    if (!tag.table)
-        return fault_set(&r->fault, 404, "variable", "id", "there is no variable %s.%" PRId64,
-                         apc_table_name(table), id);
-    if (!check_limits(r, &tag, value))
+    if (!find_order_target(ui, r, o, table, (int)id, value, name))
         return false;
     for (size_t i = 0; i < o->write.n; i++)
         if (o->change[i].after.id == (int)id)
-            return fault_set(&r->fault, 422, "value", "id", "%s is given twice", tag.name);
+            return fault_set(&r->fault, 422, "value", "id", "%s is given twice", name);
     *c = (struct write_change){.after = {.table = table, .id = (int)id, .value = value, .seq = seq}};
-    snprintf(c->name, sizeof c->name, "%s", tag.name);
+    memcpy(c->name, name, sizeof c->name);
     o->write.n++;
     return true;
 }
@@ -134,11 +117,11 @@ bool request_key(struct request *r, const json_t *body, char key[KEY_LEN])
 bool request_reason(struct request *r, const json_t *body, char reason[REASON_LEN])
 {
     const char *text = "";
+    struct change_fault why;
     if (json_object_get(body, "reason") && !member_text(body, "reason", &text, &r->fault))
         return false;
-    if (strlen(text) >= REASON_LEN)
-        return fault_set(&r->fault, 422, "value", "reason", "\"reason\" must have at most %d bytes",
-                         REASON_LEN - 1);
+    if (change_reason(text, &why) < 0)
+        return fault_change(r, &why, "reason");
     snprintf(reason, REASON_LEN, "%s", text);
     return true;
 }
@@ -174,35 +157,19 @@ static bool read_value(struct ui *ui, struct request *r, const json_t *object, s
            order_change(ui, r, o, table, id, value, seq);
 }
 
-static bool check_order_mode(struct ui *ui, struct request *r, int64_t id, int mode)
-{
-    char name[APC_TAG_LEN] = "";
-    bool may = false;
-    pthread_mutex_lock(&ui->model.mutex);
-    const struct loops_loop *loop = loops_of(&ui->model.plant.loops, APC_OPMODE, (int)id);
-    if (loop) {
-        memcpy(name, loop->name, sizeof name);
-        may = loop_may(loop, (enum apc_mode)mode);
-    }
-    pthread_mutex_unlock(&ui->model.mutex);
-    if (!loop)
-        return fault_set(&r->fault, 404, "variable", "id", "there is no loop %" PRId64, id);
-    return may || fault_set(&r->fault, 422, "value", "mode",
-                            "%s cannot be in Cas: no loop moves its setpoint", name);
-}
-
 static bool read_order_mode(struct ui *ui, struct request *r, const json_t *body, struct order *o)
 {
+    struct change_fault why;
     const char *name;
     int64_t id, seq;
+    double mode;
     if (!member_whole(body, "id", 1, INT32_MAX, &id, &r->fault) ||
         !member_text(body, "mode", &name, &r->fault) ||
         !member_whole(body, "seq", 0, APC_SEQ_MAX, &seq, &r->fault))
         return false;
-    for (int mode = APC_MODE_MAN; mode <= APC_MODE_CAS; mode++)
-        if (!strcmp(name, apc_mode_name(mode)))
-            return check_order_mode(ui, r, id, mode) && order_change(ui, r, o, APC_OPMODE, id, mode, seq);
-    return fault_set(&r->fault, 422, "value", "mode", "\"mode\" must be Man, Auto, Cas or OOS");
+    if (change_mode(name, &mode, &why) < 0)
+        return fault_change(r, &why, "mode");
+    return order_change(ui, r, o, APC_OPMODE, id, mode, seq);
 }
 
 /* Of a setpoint that the scheduler moves. */
@@ -300,7 +267,8 @@ static bool in_mode(const struct apc_sample *mode, enum apc_mode wanted)
 
 static void stale_fault(struct request *r, const struct order *o)
 {
-    char ref[REF_LEN], text[DECIMAL_LEN];
+    char ref[REF_LEN];
+    struct change_fault why;
     const struct write_change *first = NULL;
     text_add(&r->extra, ",\"current\":{");
     for (size_t i = 0; i < o->write.n; i++) {
@@ -315,8 +283,8 @@ static void stale_fault(struct request *r, const struct order *o)
     text_add(&r->extra, "}");
     if (!first)
         first = &o->change[0];
-    fault_set(&r->fault, 409, "stale", NULL, "%s was changed meanwhile: it is %s now", first->name,
-              value_text(&first->before, text));
+    (void)change_stale(first->name, &first->before, &why);
+    fault_change(r, &why, NULL);
 }
 
 /* A setpoint that is the loop's above. */
@@ -325,15 +293,28 @@ static bool is_remote_setpoint(const struct order *o)
     return o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 && in_mode(&o->beside.now, APC_MODE_CAS);
 }
 
-/* May it be written as things stand? */
-static bool check_write_now(struct request *r, const struct order *o)
+/* As its loop stands: of what has just been described anew nothing is known. */
+static bool check_order_mode(struct ui *ui, struct request *r, const struct order *o)
 {
-    if (o->write.kind == WRITE_OUTPUT && !in_mode(&o->beside.now, APC_MODE_MAN))
-        return fault_set(
-            &r->fault, 409, "mode", NULL,
-            "%s is not the operator's: the target mode is not Man, whatever the actual one is; change to "
-            "Man first",
-            o->change[0].name);
+    const struct apc_sample *first = &o->change[0].after, *mode = &o->beside.now;
+    const struct plant *p = &ui->model.plant;
+    struct change_target to;
+    struct change_fault why;
+    if (mode->table != APC_OPMODE || mode->id >= LOOPS_IDS)
+        return true;
+    pthread_mutex_lock(&ui->model.mutex);
+    const struct plant_view view = {p->tag, p->n, &p->loops};
+    const bool may =
+        change_at(&view, first->table, first->id, &to, &why) == 0 && change_now(&view, &to, mode, &why) == 0;
+    pthread_mutex_unlock(&ui->model.mutex);
+    return may || fault_change(r, &why, NULL);
+}
+
+/* May it be written as things stand? */
+static bool check_now(struct ui *ui, struct request *r, const struct order *o)
+{
+    if (!check_order_mode(ui, r, o))
+        return false;
     for (size_t i = 0; i < o->write.n && !is_remote_setpoint(o); i++)
         if (o->change[i].before.seq != o->change[i].after.seq) {
             stale_fault(r, o);
@@ -413,14 +394,14 @@ static int put_order(struct ui *ui, struct order *o, struct apc_store *store, ui
 static void record_write(struct ui *ui, const struct request *r, const struct order *o,
                          struct apc_store *store, const char *outcome)
 {
-    char before[DECIMAL_LEN], after[DECIMAL_LEN];
+    char before[CHANGE_TEXT], after[CHANGE_TEXT];
     for (size_t i = 0; i < o->write.n; i++) {
         const struct write_change *c = &o->change[i];
         const bool opened = o->write.kind == WRITE_SETPOINT && i > 0;
         struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
         snprintf(event.source, sizeof event.source, "%s", o->write.user);
         snprintf(event.text, sizeof event.text, "%s: %s -> %s%s%s (from %s)", c->name,
-                 value_text(&c->before, before), value_text(&c->after, after),
+                 change_text(&c->before, before), change_text(&c->after, after),
                  opened ? ", the setpoint is Local now" : "", outcome, r->from->address);
         event_because(&event, o->reason);
         audit(ui, store, &event);
@@ -456,7 +437,7 @@ static void carry_out_write(struct ui *ui, struct request *r, struct order *o, s
     if (rc < 0)
         fault_store(r, rc, store);
     else if (!refused)
-        (void)check_write_now(r, o);
+        (void)check_now(ui, r, o);
     if (r->fault.http) { /* nothing was sent */
         end_write(ui, r, o, WRITE_FAILED, 0, r->fault.message);
         return;

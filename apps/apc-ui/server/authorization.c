@@ -156,6 +156,7 @@ static bool check_post(struct request *r)
 bool authorize_request(struct ui *ui, struct request *r, const char *method)
 {
     const struct route *route = r->route;
+    struct change_fault why;
     bool post = !strcmp(method, "POST");
     if (!host_allowed(request_header(r, "Host"), ui->options.names))
         return fault_set(&r->fault, 403, "host", NULL,
@@ -172,8 +173,9 @@ bool authorize_request(struct ui *ui, struct request *r, const char *method)
         return fault_set(&r->fault, 404, "path", NULL, "there is nothing here");
     if (strcmp(method, route->method) != 0 && !(!strcmp(method, "HEAD") && !strcmp(route->method, "GET")))
         return fault_set(&r->fault, 405, "method", NULL, "%s takes %s only", route->path, route->method);
-    if (r->session.role < route->role)
-        return fault_set(&r->fault, 403, "role", NULL, "%s is an %s: this takes an %s", r->session.user,
-                         role_name(r->session.role), role_name(route->role));
+    if (r->session.role < route->role) {
+        (void)change_role(r->session.user, role_name(r->session.role), role_name(route->role), &why);
+        return fault_set(&r->fault, 403, why.code, NULL, "%s", why.text);
+    }
     return !post || check_post(r);
 }

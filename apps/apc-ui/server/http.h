@@ -89,7 +89,7 @@ bool query_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc
 void range_json(struct text *t, apc_ns since, apc_ns until); /* three members: now, and these */
 /* The key of a write: the body's, or a new one; false: fault set. */
 bool request_key(struct request *r, const json_t *body, char key[KEY_LEN]);
-#define REASON_LEN 81 /* an event has little more room */
+#define REASON_LEN (CHANGE_REASON + 1)
 /* Why somebody wants it, "" where he does not say. */
 bool request_reason(struct request *r, const json_t *body, char reason[REASON_LEN]);
 /* Is it to be carried out? False: a fault is set, or the reply is what became of it when it was asked for

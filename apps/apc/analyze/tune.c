@@ -134,36 +134,16 @@ static int show_tuning(const struct cli *cli, struct apc_store *store, const str
 /* NAME=VALUE, cut in place: the name becomes the argument. */
 static int parse_tunings(const struct cli *cli, struct change *changes)
 {
+    struct change_fault why;
     for (int i = 0; i < cli->n_args; i++) {
         char *equals = strchr(cli->args[i], '=');
         if (!equals || equals == cli->args[i])
             return cli_usage(cli, "\"%s\" is not NAME=VALUE", cli->args[i]);
         *equals = '\0';
-        if (apc_number_parse(equals + 1, &changes[i].after.value) < 0)
-            return cli_usage(cli, "%s: \"%s\" is not a finite number", cli->args[i], equals + 1);
+        if (change_number(equals + 1, &changes[i].after.value, &why) < 0)
+            return cli_usage(cli, "%s: %s", cli->args[i], why.text);
     }
     return EXIT_OK;
-}
-
-static int find_tuning_variable(const struct cli *cli, const struct cli_tags *tags, const char *name,
-                                struct change *c)
-{
-    for (size_t i = 0; i < tags->n && !c->tag; i++)
-        if (tags->tag[i].table == APC_TUNING && !strcmp(tags->tag[i].name, name))
-            c->tag = &tags->tag[i];
-    for (size_t i = 0; i < tags->n && !c->tag; i++) {
-        char address[32];
-        snprintf(address, sizeof address, "tuning.%d", tags->tag[i].id);
-        if (tags->tag[i].table == APC_TUNING && !strcmp(address, name))
-            c->tag = &tags->tag[i];
-    }
-    if (!c->tag)
-        return exit_code_of(cli_unknown(cli, tags, name, APC_TUNING));
-    snprintf(c->name, sizeof c->name, "%s", c->tag->name);
-    c->after.table = APC_TUNING;
-    c->after.id = c->tag->id;
-    c->before = c->after;
-    return operate_check(cli, c);
 }
 
 static int tune(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
@@ -171,7 +151,7 @@ static int tune(const struct cli *cli, struct apc_store *store, const struct cli
 {
     const struct operation o = {.plant = plant, .change = changes, .n = n};
     for (size_t i = 0; i < n; i++) {
-        int rc = find_tuning_variable(cli, &plant->tags, cli->args[i], &changes[i]);
+        int rc = operate_find(cli, plant, cli->args[i], CHANGE_TUNING, &changes[i]);
         if (rc != EXIT_OK)
             return rc;
         for (size_t j = 0; j < i; j++)

@@ -472,6 +472,19 @@ int cli_unknown(const struct cli *cli, const struct cli_tags *tags, const char *
     return APC_ENOTFOUND;
 }
 
+bool cli_look(const struct cli_tags *tags, const char *text, enum apc_table *table, int *id)
+{
+    const struct apc_tag *tag = find_mode(tags, text);
+    for (size_t i = 0; i < tags->n && !tag; i++)
+        if (!strcmp(tags->tag[i].name, text) && !cli_is_loop(&tags->tag[i]) && !is_inside(&tags->tag[i]))
+            tag = &tags->tag[i];
+    if (!tag)
+        return parse_address(text, table, id) && !apc_table_vectors(*table) && cli_tag(tags, *table, *id);
+    *table = tag->table;
+    *id = tag->id;
+    return true;
+}
+
 int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table *table,
              int *id)
 {

@@ -113,6 +113,8 @@ bool cli_is_loop(const struct apc_tag *tag);
  */
 int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table *table,
              int *id);
+/* The same without a word: is there one? */
+bool cli_look(const struct cli_tags *tags, const char *text, enum apc_table *table, int *id);
 /* Says that there is no such variable (of @p table, or 0), and which there are. Returns APC_ENOTFOUND. */
 int cli_unknown(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table table);
 /*

@@ -6,7 +6,6 @@
 
 #include "apc/common/mode_reason.h"
 #include "apc/common/print.h"
-#include "files/files.h"
 #include "operate.h"
 
 static const struct cli_spec mode_spec = {
@@ -42,44 +41,24 @@ struct chosen {
     char group[APC_TAG_LEN + 8]; /* "mode", "base mode"; "": one, by its name */
 };
 
-/* The mode of that name, whatever its letters; -1: none. */
-static int mode_of_word(const char *word)
-{
-    for (int mode = 0; mode <= APC_MODE_LO; mode++)
-        if (!strcasecmp(word, apc_mode_name(mode)))
-            return mode;
-    return -1;
-}
-
-static int unknown(const struct cli *cli, const struct loops *loops, const char *name)
-{
-    struct nearest nearest = {.wanted = name};
-    char names[200] = "";
-    for (size_t i = 0; i < loops->n + loops->n_controllers; i++) {
-        const char *one = i < loops->n ? loops->at[i].name : loops->controller[i - loops->n].name;
-        const size_t used = strlen(names);
-        nearest_look(&nearest, one);
-        if (used + strlen(one) + 8 < sizeof names)
-            snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", one);
-        else if (used + 6 < sizeof names && strcmp(names + used - 3, "...") != 0)
-            snprintf(names + used, sizeof names - used, ", ...");
-    }
-    return cli_error(cli, APC_ENOTFOUND, "no loop, controller or mode \"%s\"%s%s%s; there are: %s", name,
-                     nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
-                     nearest.name ? "\"?" : "", *names ? names : "none described yet (apc init FILE)");
-}
-
 /* By the name of a loop or of a controller; NULL: all. */
-static int choose_loops(const struct cli *cli, const struct loops *loops, const char *name, struct chosen *c)
+static int choose_loops(const struct cli *cli, const struct cli_plant *plant, const char *name,
+                        struct chosen *c)
 {
+    const struct plant_view view = operate_view(plant);
+    const struct loops *loops = &plant->loops;
+    struct change_target none;
+    struct change_fault why;
     const struct loops_controller *controller = name ? loops_controller(loops, name) : NULL;
     const struct loops_loop *loop = name ? loops_find(loops, name) : NULL;
     /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
     *c = (struct chosen){.loop = calloc(loops->n + 1, sizeof *c->loop)};
     if (!c->loop)
         return cli_error(cli, APC_ENOMEM, "out of memory");
-    if (name && !loop && !controller)
-        return unknown(cli, loops, name);
+    if (name && !loop && !controller) {
+        (void)change_find(&view, name, CHANGE_MODE, &none, &why);
+        return cli_error(cli, why.err, "%s%s", why.text, cli->n_args == 1 ? ", and no such mode" : "");
+    }
     if (loops->n == 0)
         return cli_error(cli, APC_ENOTFOUND,
                          "no loops are described yet: `apc init FILE` describes those of an experiment");
@@ -229,12 +208,10 @@ static int show_modes(const struct cli *cli, struct apc_store *store, const stru
 
 static int check_wanted_mode(const struct cli *cli, const struct chosen *c, enum apc_mode mode)
 {
-    for (size_t i = 0; i < c->n && mode == APC_MODE_CAS; i++)
-        if (c->loop[i]->above < 0)
-            return cli_error(
-                cli, APC_EPERM,
-                "%s cannot be in Cas: no controller moves its setpoint. It can be in man, auto or oos",
-                c->loop[i]->name);
+    struct change_fault why;
+    for (size_t i = 0; i < c->n; i++)
+        if (change_cascade(c->loop[i]->name, c->loop[i]->above >= 0, (double)mode, &why) < 0)
+            return operate_fault(cli, &why);
     return EXIT_OK;
 }
 
@@ -281,8 +258,19 @@ static int change_modes(const struct cli *cli, struct apc_store *store, const st
     return rc;
 }
 
+/* One that nobody can ask for counts as well. */
+static bool is_mode(const char *word)
+{
+    int mode = APC_MODE_MAN;
+    while (mode <= APC_MODE_LO && strcasecmp(word, apc_mode_name(mode)) != 0)
+        mode++;
+    return mode <= APC_MODE_LO;
+}
+
 int command_mode(int argc, char **argv)
 {
+    struct change_fault why;
+    double wanted = 0;
     struct cli_plant plant = {0};
     struct apc_store *store = NULL;
     struct chosen chosen = {0};
@@ -290,23 +278,20 @@ int command_mode(int argc, char **argv)
 
     cli_parse(&cli, &mode_spec, NULL, argc, argv);
     const char *last = cli.n_args > 0 ? cli.args[cli.n_args - 1] : NULL;
-    const int wanted = last ? mode_of_word(last) : -1;
-    const char *name = cli.n_args == 2 || (last && wanted < 0) ? cli.args[0] : NULL;
-    if (cli.n_args == 2 && wanted < 0)
-        return cli_usage(&cli, "mode \"%s\": must be man, auto, cas or oos", last);
-    if (wanted > APC_MODE_CAS)
-        return cli_usage(&cli, "nobody can ask for %s: it must be man, auto, cas or oos",
-                         apc_mode_name(wanted));
-    if (wanted >= 0 && cli.format != CLI_TEXT)
+    const bool changes = last && change_mode(last, &wanted, &why) == 0;
+    const char *name = cli.n_args == 2 || (last && !changes) ? cli.args[0] : NULL;
+    if (last && !changes && (cli.n_args == 2 || is_mode(last)))
+        return cli_usage(&cli, "%s", why.text);
+    if (changes && cli.format != CLI_TEXT)
         return cli_usage(&cli, "--json and --csv show the mode; they do not go with a change");
     int rc = exit_code_of(cli_open(&cli, &store));
     if (rc == EXIT_OK)
         rc = exit_code_of(cli_plant_load(&cli, store, &plant));
     if (rc == EXIT_OK)
-        rc = choose_loops(&cli, &plant.loops, name, &chosen);
+        rc = choose_loops(&cli, &plant, name, &chosen);
     if (rc == EXIT_OK)
-        rc = wanted < 0 ? show_modes(&cli, store, &plant, &chosen)
-                        : change_modes(&cli, store, &plant, &chosen, (enum apc_mode)wanted);
+        rc = changes ? change_modes(&cli, store, &plant, &chosen, (enum apc_mode)wanted)
+                     : show_modes(&cli, store, &plant, &chosen);
     free(chosen.loop);
     cli_plant_free(&plant);
     apc_store_close(store);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "operate.h"
 
-#include <math.h>
 #include <pwd.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,23 +11,30 @@
 #include "operate/operate.h"
 #include "outcome.h"
 
-int operate_check(const struct cli *cli, const struct change *c)
+struct plant_view operate_view(const struct cli_plant *plant)
 {
-    char value[PRINT_LEN], low[PRINT_LEN], high[PRINT_LEN];
-    const struct apc_tag *tag = c->tag;
-    double v = c->after.value;
+    return (struct plant_view){plant->tags.tag, plant->tags.n, &plant->loops};
+}
 
-    if (fabs(v) < APC_VALUE_MAX && v >= tag->low && v <= tag->high)
-        return EXIT_OK;
-    print_exact(v, value);
-    print_exact(tag->low, low);
-    print_exact(tag->high, high);
-    if (tag->low > -APC_VALUE_MAX && tag->high < APC_VALUE_MAX)
-        return cli_error(cli, APC_ERANGE, "%s = %s lies outside its limits %s to %s", c->name, value, low,
-                         high);
-    if (v > 0)
-        return cli_error(cli, APC_ERANGE, "%s = %s lies above its limit %s", c->name, value, high);
-    return cli_error(cli, APC_ERANGE, "%s = %s lies below its limit %s", c->name, value, low);
+int operate_fault(const struct cli *cli, const struct change_fault *why)
+{
+    return cli_error(cli, why->err, "%s", why->text);
+}
+
+int operate_find(const struct cli *cli, const struct cli_plant *plant, const char *name, unsigned kinds,
+                 struct change *c)
+{
+    const struct plant_view view = operate_view(plant);
+    struct change_fault why;
+    if (change_find(&view, name, kinds, &c->to, &why) < 0 || change_check(&c->to, c->after.value, &why) < 0)
+        return operate_fault(cli, &why);
+    snprintf(c->name, sizeof c->name, "%s", c->to.name);
+    c->after.table = c->to.table;
+    c->after.id = c->to.id;
+    c->before = c->to.table == APC_MANUAL
+                    ? (struct apc_sample){.table = c->to.loop->table, .id = c->to.loop->output}
+                    : (struct apc_sample){.table = c->to.table, .id = c->to.id};
+    return EXIT_OK;
 }
 
 int operate_read(struct apc_store *store, struct change *changes, size_t n)
@@ -55,23 +61,13 @@ void operate_who(char *name, size_t size)
         snprintf(name, size, "uid %u", (unsigned)getuid());
 }
 
-/* Modes by their names; none where there was no value yet. */
-static char *in_words(const struct apc_sample *s, bool there, char text[PRINT_LEN])
-{
-    if (!there)
-        snprintf(text, PRINT_LEN, "none");
-    else if (s->table == APC_OPMODE)
-        print_value(s, text);
-    else
-        print_exact(s->value, text);
-    return text;
-}
-
 void operate_describe(const struct change *c, const char *name, char *text, size_t size)
 {
-    char before[PRINT_LEN], after[PRINT_LEN];
-    snprintf(text, size, "%s: %.40s -> %.40s", name ? name : c->name,
-             in_words(&c->before, c->before.seq > 0, before), in_words(&c->after, true, after));
+    char before[CHANGE_TEXT], after[CHANGE_TEXT];
+    struct apc_sample to = c->after;
+    to.seq = 1;
+    snprintf(text, size, "%s: %s -> %s", name ? name : c->name, change_text(&c->before, before),
+             change_text(&to, after));
 }
 
 bool operate_is_one(const struct operation *o)

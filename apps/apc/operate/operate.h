@@ -12,10 +12,10 @@
 
 struct change {
     char name[APC_TAG_LEN + 8]; /* as the operator knows it */
-    const struct apc_tag *tag;  /* limits */
-    struct apc_sample before;   /* what is in force: operate_read() */
-    struct apc_sample after;    /* table, id and value are to be filled in */
-    enum outcome outcome;       /* 0: not known */
+    struct change_target to;
+    struct apc_sample before; /* what is in force: operate_read() */
+    struct apc_sample after;  /* table, id and value are to be filled in */
+    enum outcome outcome;     /* 0: not known */
 };
 
 /* Changes of one command. */
@@ -27,8 +27,14 @@ struct operation {
         *group; /* they are target modes, of all loops of this: "mode", "base mode"; NULL: they are not */
 };
 
-/* Is the new value within the limits? Returns EXIT_OK or EXIT_REJECTED, said. */
-int operate_check(const struct cli *cli, const struct change *change);
+/* The plant, as changes of it are found and checked. */
+struct plant_view operate_view(const struct cli_plant *plant);
+/* What is wrong with one. Returns the exit code. */
+int operate_fault(const struct cli *cli, const struct change_fault *why);
+/* NAME and the text of a value: may it be that? Fills in all but `before`. @p kinds as of change_find().
+ * Returns EXIT_OK, or an exit code after saying why not. */
+int operate_find(const struct cli *cli, const struct cli_plant *plant, const char *name, unsigned kinds,
+                 struct change *change);
 /* Fill in the newest sample of what every `before` names by table and id. Returns 0 or the store's error. */
 int operate_read(struct apc_store *store, struct change *changes, size_t n);
 /* "r: 10 -> 12"; @p name NULL: its own */

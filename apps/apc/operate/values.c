@@ -99,94 +99,52 @@ static const struct cli_spec set_spec = {
 
 static int parse_values(const struct cli *cli, struct change *changes, size_t n)
 {
+    struct change_fault why;
     for (size_t i = 0; i < n; i++)
-        if (apc_number_parse(cli->args[2 * i + 1], &changes[i].after.value) < 0)
-            return cli_usage(cli, "%s: \"%s\" is not a finite number", cli->args[2 * i],
-                             cli->args[2 * i + 1]);
+        if (change_number(cli->args[2 * i + 1], &changes[i].after.value, &why) < 0)
+            return cli_usage(cli, "%s: %s", cli->args[2 * i], why.text);
     return EXIT_OK;
 }
 
-/* What an operator writes of a loop's output, shown as what goes out. */
-static int admit_output(const struct cli *cli, const struct cli_plant *plant, const struct loops_loop *loop,
-                        struct change *c)
+/* Why nobody sets what there is of that name; NULL: there is none. */
+static const char *why_not(const struct cli_tags *tags, const char *name)
 {
-    if (!loop || !loop->manual || !loop->table)
-        return cli_error(cli, APC_EPERM, "%s: it is the output of no loop: nobody would put it out", c->name);
-    c->after.table = APC_MANUAL;
-    c->after.id = loop->manual;
-    c->before = (struct apc_sample){.table = loop->table, .id = loop->output};
-    c->tag = cli_tag(&plant->tags, APC_MANUAL, loop->manual);
-    snprintf(c->name, sizeof c->name, "%s", loop->name);
-    return EXIT_OK;
-}
-
-/* Is the variable one that may be set? To an output the operator writes through table manual. */
-static int admit(const struct cli *cli, const struct cli_plant *plant, struct change *c)
-{
-    const char *why = "it is written by programs only";
-    switch (c->after.table) {
-    case APC_ACTUATOR:
-    case APC_MANUAL:
-        return admit_output(cli, plant, loops_of(&plant->loops, c->after.table, c->after.id), c);
-    case APC_SETPOINT:
-        c->before = (struct apc_sample){.table = APC_SETPOINT, .id = c->after.id};
-        c->tag = cli_tag(&plant->tags, APC_SETPOINT, c->after.id);
-        if (!c->tag)
-            return cli_error(cli, APC_ENOTFOUND,
-                             "%s is not described, so its limits are not known; `apc init FILE` describes "
-                             "the variables of an experiment",
-                             c->name);
-        snprintf(c->name, sizeof c->name, "%s", c->tag->name);
-        return EXIT_OK;
+    enum apc_table table;
+    int id;
+    if (!cli_look(tags, name, &table, &id))
+        return NULL;
+    switch (table) {
     case APC_SENSOR:
-        why = "measurements are written by the client only";
-        break;
+        return "measurements are written by the client only";
+    case APC_ACTUATOR:
+        return "it is the output of no loop: nobody would put it out";
     case APC_OPMODE:
-        why = loops_is_owner(&c->after) ? "whose a setpoint is is changed with \"apc set\" and \"apc remote\""
-                                        : "a mode is changed with \"apc mode man\", or \"apc mode LOOP man\"";
-        break;
+        return loops_is_owner_id(id) ? "whose a setpoint is is changed with \"apc set\" and \"apc remote\""
+                                     : "a mode is changed with \"apc mode man\", or \"apc mode LOOP man\"";
     case APC_TUNING:
-        why = "tuning is changed with \"apc tune NAME=VALUE\"";
-        break;
+        return "tuning is changed with \"apc tune NAME=VALUE\"";
     case APC_DIM:
-        why = "dimensions are written by \"apc init\" only";
-        break;
+        return "dimensions are written by \"apc init\" only";
+    case APC_SETPOINT:
+    case APC_MANUAL:
+        return NULL;
     default:
-        break;
+        return "it is written by programs only";
     }
-    return cli_error(cli, APC_EPERM, "%s: %s", c->name, why);
-}
-
-/* Where a measurement has the same name, what may be set is meant; a loop's name is its output's. */
-static int find_named_value(const struct cli *cli, const struct cli_plant *plant, const char *name,
-                            struct apc_sample *found)
-{
-    const struct loops_loop *loop = loops_find(&plant->loops, name);
-    for (size_t i = 0; i < plant->tags.n; i++) {
-        const struct apc_tag *tag = &plant->tags.tag[i];
-        if ((tag->table == APC_SETPOINT || tag->table == APC_ACTUATOR) && !strcmp(tag->name, name)) {
-            found->table = tag->table;
-            found->id = tag->id;
-            return 0;
-        }
-    }
-    if (loop && loop->manual) {
-        found->table = APC_MANUAL;
-        found->id = loop->manual;
-        return 0;
-    }
-    return cli_find(cli, &plant->tags, name, &found->table, &found->id);
 }
 
 static int admit_all(const struct cli *cli, const struct operation *o)
 {
+    const struct plant_view view = operate_view(o->plant);
+    const unsigned kinds = CHANGE_SETPOINT | CHANGE_OUTPUT;
     for (size_t i = 0; i < o->n; i++) {
         struct change *c = &o->change[i];
-        snprintf(c->name, sizeof c->name, "%s", cli->args[2 * i]);
-        int rc = find_named_value(cli, o->plant, cli->args[2 * i], &c->after);
-        if (rc < 0)
-            return exit_code_of(rc);
-        if ((rc = admit(cli, o->plant, c)) != EXIT_OK || (rc = operate_check(cli, c)) != EXIT_OK)
+        const char *name = cli->args[2 * i], *never = why_not(&o->plant->tags, name);
+        struct change_fault why;
+        if (never && change_find(&view, name, kinds, &c->to, &why) < 0)
+            return cli_error(cli, APC_EPERM, "%s: %s", name, never);
+        const int rc = operate_find(cli, o->plant, name, kinds, c);
+        if (rc != EXIT_OK)
             return rc;
         for (size_t j = 0; j < i; j++)
             if (o->change[j].after.table == c->after.table && o->change[j].after.id == c->after.id)
@@ -195,41 +153,20 @@ static int admit_all(const struct cli *cli, const struct operation *o)
     return EXIT_OK;
 }
 
-/* As the loop's target @p mode is, may it be set? */
-static int check_mode_takes_value(const struct cli *cli, const struct cli_plant *plant,
-                                  const struct change *c, const struct loops_loop *loop,
-                                  const struct apc_sample *mode)
-{
-    const struct apc_tag *y = cli_tag(&plant->tags, APC_SENSOR, loop->measurement);
-    const bool man = mode->seq > 0 && mode->value == (double)APC_MODE_MAN;
-    char text[PRINT_LEN], how[APC_TAG_LEN + 16] = "man";
-    if (plant->loops.n > 1)
-        snprintf(how, sizeof how, "%s man", loop->name);
-    if (c->after.table == APC_MANUAL && !man && mode->seq == 0)
-        return cli_error(cli, APC_EPERM, "%s cannot be set while no mode is; \"apc mode %s\" first", c->name,
-                         how);
-    if (c->after.table == APC_MANUAL && !man)
-        return cli_error(cli, APC_EPERM, "%s is controlled in mode %s; \"apc mode %s\" first", c->name,
-                         print_value(mode, text), how);
-    if (c->after.table == APC_SETPOINT && man && loop->above >= 0)
-        return cli_error(cli, APC_EPERM, "%s follows %s while %s is in Man", c->name,
-                         y ? y->name : "its measurement", loop->name);
-    return EXIT_OK;
-}
-
 static int check_modes(const struct cli *cli, struct apc_store *store, const struct operation *o)
 {
-    int rc = EXIT_OK;
-    for (size_t i = 0; i < o->n && rc == EXIT_OK; i++) {
-        const struct apc_sample *after = &o->change[i].after;
-        const struct loops_loop *loop = loops_of(&o->plant->loops, after->table, after->id);
-        struct apc_sample mode = {.table = APC_OPMODE, .id = loop ? loop->id : 0};
-        int err = loop ? apc_store_read(store, &mode, 1) : 0;
+    const struct plant_view view = operate_view(o->plant);
+    struct change_fault why;
+    for (size_t i = 0; i < o->n; i++) {
+        const struct change_target *to = &o->change[i].to;
+        struct apc_sample mode = {.table = APC_OPMODE, .id = to->loop ? to->loop->id : 0};
+        const int err = change_asks_mode(to) ? apc_store_read(store, &mode, 1) : 0;
         if (err < 0)
             return cli_store_error(cli, err, store);
-        rc = loop ? check_mode_takes_value(cli, o->plant, &o->change[i], loop, &mode) : EXIT_OK;
+        if (change_now(&view, to, &mode, &why) < 0)
+            return operate_fault(cli, &why);
     }
-    return rc;
+    return EXIT_OK;
 }
 
 static int set_values(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)

@@ -218,11 +218,11 @@ class Store:
         would apply it; then nothing was written. `ConflictError`: somebody wrote after it. `TimedOut`: it was written,
         but nobody has confirmed it. Without `wait` it is only written. `author` is who stands in the record; default:
         the user."""
-        return self._wish(name, float(value), False, author, wait)
+        return self._wish(name, _number(value), False, author, wait)
 
     def mode(self, loop: str, mode: Union[Mode, str], author: Optional[str] = None, wait: bool = True) -> Mode:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
-        return Mode(int(self._wish(loop, float(Mode.of(mode)), True, author, wait).value))
+        return Mode(int(self._wish(loop, float(Mode.wanted(mode)), True, author, wait).value))
 
     def alarms(self) -> list[Alarm]:
         """All that the store describes, as they stand."""
@@ -313,6 +313,13 @@ class Store:
     def __exit__(self, kind: Optional[type[BaseException]], raised: Optional[BaseException],
                  trace: Optional[TracebackType]) -> None:
         self.close()
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise error(lib.APC_EINVAL, f'"{value}" is not a finite number') from None
 
 
 def _user() -> str:

@@ -11,6 +11,9 @@ from .errors import error
 from .native import ffi, lib, text
 
 
+_NO_MODE = 'nobody can ask for mode "{}": it must be Man, Auto, Cas or OOS'
+
+
 class Mode(enum.IntEnum):
     """Of a loop, in Foundation Fieldbus words. Nobody can ask for IMan (initialising) and LO (at its fault value)."""
 
@@ -27,7 +30,15 @@ class Mode(enum.IntEnum):
         for own in cls:
             if mode == own or (isinstance(mode, str) and mode.lower() == own.name.lower()):
                 return own
-        raise error(lib.APC_EINVAL, f"there is no mode {mode!r}: Man, Auto, OOS or Cas")
+        raise error(lib.APC_EINVAL, _NO_MODE.format(mode))
+
+    @classmethod
+    def wanted(cls, mode: Union["Mode", str, int]) -> "Mode":
+        """The same of what can be asked for."""
+        own = cls.of(mode)
+        if own > cls.Cas:
+            raise error(lib.APC_EINVAL, _NO_MODE.format(mode))
+        return own
 
     def __str__(self) -> str:
         return self.name
