@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What each front end says of a bad write: bad_writes.txt.
+
+    bad_writes.py TABLE cli APC STORE | http PORT ENGINEER OBSERVER | mqtt PORT HEARD | request | python RUN
+
+ENGINEER and OBSERVER are tokens; HEARD is the log of a mosquitto_sub of all outcomes. Prints how many were asked.
+"""
+import json
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from typing import NamedTuple
+
+MODES = ("Man", "Auto", "OOS", "Cas")
+
+
+class Row(NamedTuple):
+    who: str
+    what: str
+    name: str
+    id: str
+    value: str
+    reason: str
+    exit: str
+    http: str
+    exception: str
+    sentence: str
+
+    def number(self):
+        """The value, as JSON has it."""
+        try:
+            return float(self.value)
+        except ValueError:
+            return self.value
+
+    def because(self):
+        return {"reason": 81 * "x"} if self.reason == "long" else {}
+
+
+def say(row, front, said, expected=""):
+    if row.sentence not in said or expected not in said:
+        sys.exit(f"{front}: {row.what} {row.name} {row.value}: {said!r} instead of {expected!r} {row.sentence!r}")
+
+
+def cli(row, apc, store):
+    if row.exit == "-":
+        return False
+    what = ["tune", f"{row.name}={row.value}"] if row.what == "tune" else ["mode" if row.what == "mode" else "set", row.name, row.value]
+    done = subprocess.run([apc, *what, "--store", store], capture_output=True, text=True)
+    say(row, "apc", f"{done.stderr} exit code {done.returncode}", f"exit code {row.exit}")
+    return True
+
+
+def http(row, port, engineer, observer):
+    if row.http == "-":
+        return False
+    body = {"id": int(row.id), "seq": 123456 if row.who == "late" else 0}
+    body |= {"mode": row.value} if row.what == "mode" else {"value": row.number()}
+    body = {"values": [body]} if row.what == "tune" else body
+    path = {"set": "setpoint", "tune": "tuning"}.get(row.what, row.what)
+    token = observer if row.who == "otto" else engineer
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/api/{path}", json.dumps(body | row.because()).encode(),
+                                     {"Content-Type": "application/json", "Authorization": f"Bearer {token}"})
+    try:
+        with urllib.request.urlopen(request) as answer:
+            said = answer.read().decode()
+    except urllib.error.HTTPError as e:
+        error = json.load(e)["error"]
+        said = f"{e.code} {error['code']}: {error['message']}"
+    say(row, "page", said, row.http)
+    return True
+
+
+def mqtt(row, port, heard):
+    if row.what == "tune" or row.who == "late" or row.value == "nan":
+        return False
+    mode = row.what == "mode"
+    signal = row.name + (".mode" if mode else "")
+    body = {"time": time.time(), **({"mode": row.value} if mode else {"value": row.number()}), **row.because()}
+    before = len(open(heard).readlines())
+    subprocess.run(["mosquitto_pub", "-p", port, "-q", "1", "-t", f"works/fast/command/{row.who}/{signal}", "-m", json.dumps(body)], check=True)
+    while len(lines := open(heard).readlines()) == before or not lines[-1].endswith("\n"):
+        time.sleep(0.05)
+    say(row, "broker", json.loads(lines[-1].split(" ", 1)[1])["outcome"], "refused: ")
+    return True
+
+
+def sql(query):
+    return subprocess.run(["psql", "-XAtqc", query], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def request(row):
+    value = str(MODES.index(row.value)) if row.value in MODES else row.value
+    if row.id == "-" or row.who != "anna" or row.value == "nan" or not isinstance(row._replace(value=value).number(), float):
+        return False
+    table = {"set": "setpoint", "output": "manual", "mode": "opmode", "tune": "tuning"}[row.what]
+    reason = row.because().get("reason", "")
+    id = sql("INSERT INTO apc.request (table_name, variable, value, time, until, reason) VALUES "
+             f"('{table}', {row.id}, '{value}', now(), now() + interval '60 s', '{reason}') RETURNING id")
+    while not (said := sql(f"SELECT outcome FROM apc.request WHERE id = {id}")):
+        time.sleep(0.05)
+    say(row, "request", said, "refused: ")
+    return True
+
+
+def python(row, run):
+    import libapc
+
+    if row.exception == "-":
+        return False
+    with libapc.open_run(run).store() as s:
+        try:
+            s.mode(row.name, row.value) if row.what == "mode" else s.write(row.name, row.value)
+            said = "nothing"
+        except libapc.Error as e:
+            said = f"{type(e).__name__}: {e}"
+    say(row, "Python", said, row.exception)
+    return True
+
+
+rows = [Row(*line.rstrip("\n").split("|")) for line in open(sys.argv[1]) if not line.startswith("#")]
+ask = {"cli": cli, "http": http, "mqtt": mqtt, "request": request, "python": python}[sys.argv[2]]
+print(sum(ask(row, *sys.argv[3:]) for row in rows))
