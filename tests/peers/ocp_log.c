@@ -17,15 +17,15 @@
 #include "predict/shooting.h"
 
 int __real_apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
-                            struct apc_error *why);
+                               struct apc_error *why);
 int __wrap_apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *options,
-                            struct apc_error *why);
+                               struct apc_error *why);
 int __real_apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d,
-                               const double *plan, const double *past, const double *nodes, double *G,
-                               double *free_y);
+                                  const double *plan, const double *past, const double *nodes, double *G,
+                                  double *free_y);
 int __wrap_apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d,
-                               const double *plan, const double *past, const double *nodes, double *G,
-                               double *free_y);
+                                  const double *plan, const double *past, const double *nodes, double *G,
+                                  double *free_y);
 int __real_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 int __wrap_apc_mpc_create(struct apc_mpc **mpc, const struct apc_mpc_options *options, struct apc_error *why);
 int __real_apc_mpc_tune(struct apc_mpc *mpc, const struct apc_mpc_weights *weights, struct apc_error *why);
@@ -49,7 +49,7 @@ static void row(const char *name, const double *v, size_t n)
 }
 
 int __wrap_apc_shooting_create(struct apc_shooting **shoot, const struct apc_shooting_options *o,
-                            struct apc_error *why)
+                               struct apc_error *why)
 {
     const struct apc_model *m = o->model;
 
@@ -77,8 +77,8 @@ int __wrap_apc_shooting_create(struct apc_shooting **shoot, const struct apc_sho
 }
 
 int __wrap_apc_shooting_linearise(struct apc_shooting *shoot, const double *x, const double *d,
-                               const double *plan, const double *past, const double *nodes, double *G,
-                               double *free_y)
+                                  const double *plan, const double *past, const double *nodes, double *G,
+                                  double *free_y)
 {
     printf("{\"about\":0");
     row("x", x, nx);
