@@ -232,9 +232,9 @@ def test_nobody_applies_it():
             store.write("r", 1000)
         with pytest.raises(ValueError):
             store.write("r", float("nan"))
-        with pytest.raises(LookupError, match='no setpoint, parameter or output "y"'):
+        with pytest.raises(LookupError, match='there is no "y" to be set'):
             store.write("y", 1)
-        with pytest.raises(LookupError, match='no loop "v"'):
+        with pytest.raises(LookupError, match='there is no loop or controller "v"'):
             store.mode("v", "Man")
         with pytest.raises(TypeError):
             store.write("r", [1, 2])

@@ -222,7 +222,7 @@ class Store:
 
     def mode(self, loop: str, mode: Union[Mode, str], author: Optional[str] = None, wait: bool = True) -> Mode:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
-        return Mode(int(self._wish(loop, float(Mode.wanted(mode)), True, author, wait).value))
+        return Mode(int(self._wish(loop, float(Mode._wanted(mode)), True, author, wait).value))
 
     def alarms(self) -> list[Alarm]:
         """All that the store describes, as they stand."""
@@ -318,7 +318,7 @@ class Store:
 def _number(value: Any) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except ValueError:
         raise error(lib.APC_EINVAL, f'"{value}" is not a finite number') from None
 
 

@@ -33,7 +33,7 @@ class Mode(enum.IntEnum):
         raise error(lib.APC_EINVAL, _NO_MODE.format(mode))
 
     @classmethod
-    def wanted(cls, mode: Union["Mode", str, int]) -> "Mode":
+    def _wanted(cls, mode: Union["Mode", str, int]) -> "Mode":
         """The same of what can be asked for."""
         own = cls.of(mode)
         if own > cls.Cas:
