@@ -3,7 +3,6 @@
 
 #include <assert.h>
 #include <errno.h>
-#include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -45,19 +44,11 @@ static bool option_is_within(const struct option_spec *o, double value)
            (o->low >= o->high || value <= o->high);
 }
 
-/* All digits are exact, up to the largest; else what a number is, if it is whole: 1e6. */
 static bool option_whole(const char *text, uint64_t *whole)
 {
-    double value;
-    if (*text && text[strspn(text, "0123456789")] == '\0') {
-        errno = 0;
-        *whole = strtoull(text, NULL, 10);
-        return errno == 0;
-    }
-    if (apc_number_parse(text, &value) < 0 || !(value >= 0 && value <= 0x1p53 && rint(value) == value))
-        return false;
-    *whole = (uint64_t)value;
-    return true;
+    errno = 0;
+    *whole = strtoull(text, NULL, 10);
+    return *text && text[strspn(text, "0123456789")] == '\0' && errno == 0;
 }
 
 static bool take_whole_option(const struct option_spec *o, const char *arg, uint64_t *whole)
