@@ -504,7 +504,6 @@ int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
 {
     struct apc_shm *shm = apc_shm_of(store);
     const apc_ns now = apc_clock_utc(NULL);
-    const apc_ns age[APC_SHM_LOGS] = {keep->events, keep->events, keep->events, keep->events, keep->timing};
     int err = apc_shm_ready(shm), dropped = 0;
     for (size_t i = 0; err >= 0 && i < shm->variables; i++) {
         struct apc_shm_slot *slot = &shm->slot[i];
@@ -518,8 +517,9 @@ int apc_shm_maintain(struct apc_store *store, const struct apc_retention *keep)
         }
     }
     for (enum apc_shm_log_name name = APC_SHM_EVENTS; err >= 0 && name < APC_SHM_LOGS; name++) {
-        if (age[name] > 0) {
-            err = drop_records(shm, name, now - age[name]);
+        const apc_ns kept = name == APC_SHM_TIMING ? keep->timing : keep->events;
+        if (kept > 0) {
+            err = drop_records(shm, name, now - kept);
             dropped += err > 0 ? err : 0;
         }
     }
