@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Registers, coils and bits in the servers of others: pymodbus, modbus-serial (Node) and libmodbus. Each plant is the memory of such a
+# Registers, coils and bits in the servers of others: pymodbus, modbus-serial (Node), libmodbus, simonvetter/modbus (Go) and
+# tokio-modbus (Rust). Each plant is the memory of such a
 # server, so what is read is what was written, and integral control brings it to its setpoint.
 # shellcheck source=lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -65,4 +66,19 @@ if gcc -O1 -o "$work/memory" "$APC_SOURCE_DIR/tests/peers/modbus_memory.c" $(pkg
   all
 else
   echo "libmodbus was left out: there is no libmodbus-dev here (scripts/setup --bench)" >&2
+fi
+# Go and Rust where their compilers are, by lock files; what they build is kept beside the other peers.
+own=$APC_SOURCE_DIR/tests/peers/modbus
+if command -v go >/dev/null && (cd "$own/go" && go build -o "$peers/modbus-go" .) 2>"$work/go.log"; then
+  serve simonvetter "$peers/modbus-go"
+  all
+else
+  echo "simonvetter/modbus was left out: there is no Go here, or no registry of its modules: $(tail -n 1 "$work/go.log" 2>/dev/null)" >&2
+fi
+if command -v cargo >/dev/null &&
+  cargo build --quiet --release --locked --manifest-path "$own/rust/Cargo.toml" --target-dir "$peers/modbus-rust" 2>"$work/cargo.log"; then
+  serve tokio-modbus "$peers/modbus-rust/release/server"
+  all
+else
+  echo "tokio-modbus was left out: there is no Rust here, or no registry of its crates: $(tail -n 1 "$work/cargo.log" 2>/dev/null)" >&2
 fi
