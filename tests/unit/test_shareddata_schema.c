@@ -500,8 +500,8 @@ static void test_a_database_that_lacks_a_repair_is_refused_and_left_alone(void *
     static const char *const without[] = {
         "DELETE FROM repair WHERE name = '0012-repair-times'",
         "DELETE FROM repair; DELETE FROM migration WHERE version > 1",
-        "DROP TABLE repair; ALTER TABLE migration DROP COLUMN compatible_from; CREATE VIEW repair AS SELECT "
-        "name FROM migration",
+        ("DROP TABLE repair; ALTER TABLE migration DROP COLUMN compatible_from; CREATE VIEW repair AS SELECT "
+         "name FROM migration"),
     };
     char before[64], after[64], files[300];
     struct apc_store *store = open_direct(LONG);
