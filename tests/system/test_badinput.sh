@@ -148,7 +148,7 @@ expect 2 'inf' "$apc" set r inf
 expect 2 '1,5' "$apc" set r 1,5
 expect 4 'Auto' "$apc" set u 1
 expect 4 'limits' "$apc" tune tau_i=-1
-expect 1 'no parameter of the control law "Kq": did you mean "Kp"' "$apc" tune Kq=1
+expect 1 'there is no parameter of a control law "Kq": did you mean "Kp"' "$apc" tune Kq=1
 [ "$(sql 'SELECT count(*) FROM apc.setpoint')" = 0 ] || fail "a refused setpoint was written"
 
 # the network
