@@ -505,8 +505,10 @@ double apc_lgamma(double x)
     double product = 1.0;
     if (!(x > 0.0) || isinf(x))
         return x > 0.0 ? x : (double)NAN;
-    for (; x < 12.0; x += 1.0)
+    while (x < 12.0) {
         product *= x;
+        x += 1.0;
+    }
     const double i = 1.0 / x, z = i * i;
     const double rest =
         1.0 / 12 +
