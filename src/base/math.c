@@ -297,12 +297,12 @@ double apc_pow(double x, double y)
 static int quarter_turns_far(double x, struct sum *r)
 {
     const uint64_t bits = double_bits(x), mantissa = (bits & UINT64_C(0xfffffffffffff)) | UINT64_C(1) << 52;
-    const int exponent = (int)(bits >> 52 & 2047) - 1075; /* |x| = mantissa 2^exponent, exponent >= -27 */
-    /* x 2 / pi modulo 4: bits of 2 / pi before number exponent - 2 make whole turns. They are read as of a
+    const uint64_t exponent = bits >> 52 & 2047; /* |x| = mantissa 2^(exponent - 1075), exponent >= 1048 */
+    /* x 2 / pi modulo 4: bits of 2 / pi before number exponent - 1077 make whole turns. They are read as of a
      * number with 32 zeros in front, from word `first` on. */
-    const int from = exponent + 30, first = from / 32, shift = from % 32; /* of the zeros and the bits */
+    const unsigned from = (unsigned)(exponent - 1045) & 1023, first = from / 32, shift = from % 32;
     uint32_t window[6];
-    for (int k = 0; k < 6; k++) {
+    for (unsigned k = 0; k < 6; k++) {
         const uint64_t two =
             (uint64_t)(first + k > 0 ? two_pi_bits[first + k - 1] : 0) << 32 | two_pi_bits[first + k];
         window[k] = (uint32_t)(two >> (32 - shift));
