@@ -25,8 +25,6 @@ static int APC_PRINTF(4, 5)
 
 /* ---- In words ------------------------------------------------------------------------------ */
 
-_Static_assert((int)CHANGE_TEXT == (int)DECIMAL_LEN, "they are the same");
-
 char *change_text(const struct apc_sample *s, char text[CHANGE_TEXT])
 {
     const bool is_mode = s->table == APC_OPMODE && s->id < LOOPS_IDS && s->value >= 0;

@@ -6,6 +6,8 @@
 #include <apcmodules.h>
 #include <apcstore.h>
 
+#include "files/files.h"
+
 /* ---- Loops ---------------------------------------------------------------------------------- */
 
 /*
@@ -89,8 +91,8 @@ int loops_owned(const struct loops *loops, const struct apc_sample *row);
  * the sentence on.
  */
 
-#define CHANGE_TEXT   48 /* a value in words: DECIMAL_LEN */
-#define CHANGE_REASON 80 /* bytes: an event has little more room */
+#define CHANGE_TEXT   DECIMAL_LEN /* a value in words */
+#define CHANGE_REASON 80          /* bytes: an event has little more room */
 
 struct change_fault {
     int err;          /* enum apc_err: an exit code, an exception */

@@ -202,6 +202,8 @@ const struct apc_param *apc_model_texts(const struct apc_model *model, size_t *n
 int apc_model_set_text(const struct apc_model *model, const char *name, const char *text,
                        struct apc_error *why)
 {
+    if (!model)
+        return apc_fail(why, APC_EINVAL, "no model whose text is to be set");
     struct fmu *const f = apc_fmu_of(model);
 
     for (size_t i = 0; f && i < f->n[FIXED]; i++)

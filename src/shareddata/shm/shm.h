@@ -332,7 +332,7 @@ void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, c
 /** Cells of the first @p extents: 0, 4, 16, 64, ... */
 static inline uint64_t apc_shm_capacity(uint64_t extents)
 {
-    return extents > 0 ? UINT64_C(1) << 2 * extents : 0;
+    return extents > 0 ? UINT64_C(1) << (2 * extents & 63) : 0;
 }
 
 /** A ring of @p extents of rows of @p width cells, of samples or of @p vectors, while @p used cells are: may
