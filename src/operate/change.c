@@ -226,8 +226,9 @@ int change_reason(const char *reason, struct change_fault *why)
 
 static int fail_outside(const char *name, double low, double high, double value, struct change_fault *why)
 {
-    const bool both = low > -APC_VALUE_MAX && high<APC_VALUE_MAX, above = value> 0;
-    if (both)
+    const bool has_low = low > -APC_VALUE_MAX, has_high = high < APC_VALUE_MAX;
+    const bool above = value > high || value >= APC_VALUE_MAX;
+    if (has_low && has_high)
         return change_fail(why, APC_ERANGE, "limits", "%.60s = %.15g lies outside its limits %.15g to %.15g",
                            name, value, low, high);
     return change_fail(why, APC_ERANGE, "limits", "%.60s = %.15g lies %s its limit %.15g", name, value,

@@ -528,6 +528,26 @@ static void a_source_that_fails_is_said_and_asked_again(void **state)
     assert_string_equal(requests_error(requests), "");
 }
 
+/* The limit that is named is the one beyond which it lies, whatever its sign. */
+static void a_value_beyond_its_only_limit_is_told_which(void **state)
+{
+    static const struct {
+        double low, high, value;
+        const char *text;
+    } of[] = {{5.0, APC_VALUE_MAX, 3.0, "q = 3 lies below its limit 5"},
+              {-APC_VALUE_MAX, -5.0, -3.0, "q = -3 lies above its limit -5"},
+              {-APC_VALUE_MAX, 5.0, 6.0, "q = 6 lies above its limit 5"},
+              {-5.0, APC_VALUE_MAX, -6.0, "q = -6 lies below its limit -5"},
+              {-APC_VALUE_MAX, APC_VALUE_MAX, 1e300, "q = 1e+300 lies above its limit 1e+300"},
+              {-5.0, -4.0, 3.0, "q = 3 lies outside its limits -5 to -4"}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct change_fault fault;
+        assert_int_equal(change_limits("q", of[i].low, of[i].high, of[i].value, &fault), APC_ERANGE);
+        assert_string_equal(fault.text, of[i].text);
+    }
+}
+
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -540,6 +560,7 @@ int main(void)
         T(what_has_never_ticked_applies_nothing),
         T(a_refusal_is_told_with_its_words_or_after_a_while_without),
         T(an_output_is_for_loops_in_man),
+        cmocka_unit_test(a_value_beyond_its_only_limit_is_told_which),
         T(what_is_not_confirmed_for_long_is_settled_so),
         T(what_opens_a_cascade_or_is_the_schedulers_is_said),
         T(who_was_ended_before_he_answered_answers_and_does_it_no_more),
