@@ -68,7 +68,9 @@ plant = { model = "first-order"; period = 0.5; dead_time = 1.0; parameters = { K
 client = { period = 0.5; }; controller = { law = "pi"; period = 0.5; tuning = ( { Kp = 300000.0; tau_i = 5.0; } ); };
 scheduler = { period = 100.0; sequence = ( [0.0], [1.0] ); };
 END
-"$apc" optimize "$work/tank.conf" --over controller.Kp=0.01..1e6 --budget 200 >"$work/tank.txt"
+"$apc" optimize "$work/tank.conf" --over controller.Kp=0.01..1e6 --budget 2e2 >"$work/tank.txt"
+# a count may be written as any number, if it is whole
+expect 2 '--budget "1.5": must be 1 to 10000000' "$apc" optimize "$work/tank.conf" --over controller.Kp=0.01..1e6 --budget 1.5
 found=$(awk '$1 == "controller.Kp" { print $5 }' "$work/tank.txt")
 awk -v Kp="$found" 'BEGIN { exit !(Kp > 0.2 && Kp < 4) }' || fail "Kp $found for a plant that is stable below 4: $(cat "$work/tank.txt")"
 

@@ -44,6 +44,7 @@ static bool option_is_within(const struct option_spec *o, double value)
            (o->low >= o->high || value <= o->high);
 }
 
+/* Exact in all digits, as seeds are; nothing but digits. */
 static bool option_whole(const char *text, uint64_t *whole)
 {
     errno = 0;
@@ -51,10 +52,20 @@ static bool option_whole(const char *text, uint64_t *whole)
     return *text && text[strspn(text, "0123456789")] == '\0' && errno == 0;
 }
 
+/* A count may be written as any number: 1e4. */
+static bool option_count(const char *text, uint64_t *whole)
+{
+    double value;
+    if (apc_number_parse(text, &value) < 0 || !(value >= 0 && value <= UINT32_MAX))
+        return false;
+    *whole = (uint64_t)value;
+    return (double)*whole >= value;
+}
+
 static bool take_whole_option(const struct option_spec *o, const char *arg, uint64_t *whole)
 {
-    return option_whole(arg, whole) && option_is_within(o, (double)*whole) &&
-           (o->kind == OPTION_WHOLE || *whole <= UINT32_MAX);
+    return (o->kind == OPTION_COUNT ? option_count(arg, whole) : option_whole(arg, whole)) &&
+           option_is_within(o, (double)*whole);
 }
 
 static bool take_number_option(const struct option_spec *o, const char *arg, double *to)
