@@ -21,7 +21,7 @@ RUN cmake -S /src -B /build -G Ninja -DAPC_TESTS=OFF \
 
 FROM ${DEBIAN_IMAGE} AS base
 RUN apt-get update \
- && apt-get install -y --no-install-recommends libpq5 libsqlite3-0 libsundials-cvode6 libconfig9 libsystemd0 liblapacke libnlopt0 libssl3 \
+ && apt-get install -y --no-install-recommends libpq5 libsqlite3-0 libconfig9 libsystemd0 liblapacke libnlopt0 libssl3 \
         libmicrohttpd12 libjansson4 libargon2-1 zlib1g libzip4 libexpat1 libmosquitto1 \
  && rm -rf /var/lib/apt/lists/*
 COPY --from=build /out/ /
