@@ -97,7 +97,8 @@ for (const statusCode of [StatusCodes.BadSensorFailure, StatusCodes.UncertainLas
     value: { statusCode, value: { dataType: DataType.Double, value: 12 } } })).name, "BadWriteNotSupported");
 assert.equal(await value("setpoint.r"), 15);
 assert.equal(await write("actuator.u", DataType.Double, 1), "BadInvalidState");
-await until("why it was refused is an event", () => events.some((e) => /^u = 1: .*refused/.test(e.Message?.text)));
+await until("why it was refused is an event", () => events.some((e) => /^u = 1: .*Man/.test(e.Message?.text)));
+assert.equal(await write("setpoint.nobody", DataType.Double, 1), "BadNodeIdUnknown");
 assert.equal(await write("sensor.y", DataType.Double, 1), "BadUserAccessDenied");
 assert.equal(await write("tuning.Kp", DataType.Double, 0.25), user ? "BadUserAccessDenied" : "Good");
 assert.equal(await write("opmode.u", DataType.String, "Man"), "Good");

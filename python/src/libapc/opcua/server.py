@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Callable, NamedTuple, Optional
 
 from ..alarms import Alarm
-from ..errors import ConflictError, Error, LimitError, NotFoundError, RefusedError, TimedOut
+from ..errors import ConflictError, Error, InvalidError, LimitError, NotFoundError, RefusedError, TimedOut
 from ..native import lib, shown, text
 from ..store import Store, Tag
 from ..values import Mode, Value
@@ -154,7 +154,14 @@ class Server:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return self._ua.StatusCode(self._ua.StatusCodes.BadTypeMismatch), None
         rank = ENGINEER if table == "tuning" else OPERATOR
-        return await self._do(f"{name} = {value:g}", user, rank, lambda s, who: s.write(name, float(value), who).value)
+
+        def write(store: Store, who: str) -> float:
+            try:
+                return store.write(name, float(value), who).value
+            except InvalidError as e:  # NaN, infinite: of the right type all the same
+                raise LimitError(str(e)) from e
+
+        return await self._do(f"{name} = {value:g}", user, rank, write)
 
     async def mode(self, user: Any, loop: str, mode: Any) -> tuple[Any, Any]:
         if not isinstance(mode, str):
@@ -185,6 +192,8 @@ class Server:
     async def _write_one(self, user: Any, item: Any) -> Any:
         target = self._space.target(item.NodeId)
         codes, variant = self._ua.StatusCodes, item.Value.Value
+        if item.NodeId not in self._server.iserver.aspace:
+            return self._ua.StatusCode(codes.BadNodeIdUnknown)
         if item.AttributeId != self._ua.AttributeIds.Value or target is None:
             return self._ua.StatusCode(codes.BadUserAccessDenied)
         if variant is None or item.IndexRange:
