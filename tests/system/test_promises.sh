@@ -121,6 +121,17 @@ else
   echo "skipped: how the documents are spelled, there is no aspell with English (scripts/setup --dev)"
 fi
 
+# ---- plain words
+
+sentence() { printf 'word %.0s' $(seq "$1"); echo '`apc`.'; }
+{ sentence 17; sentence 35 | fold -s -w 80; printf '\n| %s |\n' "$(sentence 60)"; echo 'Whoever writes.'; sentence 30; } >"$work/bad.md"
+# Promise(docs): scripts/prose finds a sentence that is too long, a line that is too wide and a word to avoid.
+! scripts/prose --check "$work/bad.md" >"$work/prose" 2>"$work/wrong" || fail "long sentences are taken"
+[ "$(sed "s|.*$work/||" "$work/wrong")" = "bad.md:2: a sentence of 36 words: word word word word word word word word ...
+bad.md: 21.8 words a sentence, at most 18
+bad.md:8: 156 characters, at most 100
+bad.md:7: \"whoever\": write who, or the role: an operator, a client" ] || fail "found: $(cat "$work/wrong" "$work/prose")"
+
 # ---- what is shown is what is printed
 # Promise(docs): What README and docs/simulate.md show of `apc simulate` is what it prints.
 
