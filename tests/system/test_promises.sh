@@ -139,8 +139,8 @@ figures() { sed -n '/^loop  from/,/^[^ly ]/p' "$1" | grep '^[ly ]'; }
 "$apc" simulate experiments/first-order.conf >"$work/pi.txt"
 "$apc" simulate experiments/first-order.conf --law "$APC_BUILD_DIR/examples/mylaw.so" >"$work/mylaw.txt"
 diff <(figures docs/simulate.md) <(figures "$work/pi.txt") || fail "docs/simulate.md shows other figures"
-diff <(figures README.md) <(figures "$work/mylaw.txt") || fail "README shows other figures"
-[ "$(figures README.md | wc -l)" = 6 ] || fail "README shows no figures"
+diff <(figures README.md) <(figures "$work/mylaw.txt" | head -n 2) || fail "README shows other figures"
+[ "$(figures README.md | wc -l)" = 2 ] || fail "README shows no figures"
 
 "$apc" simulate experiments/first-order.conf --sweep controller.Kp=0.1..0.5:5 >"$work/sweep.txt"
 diff <(sed -n '/^controller.Kp  loop/,/^```/p' docs/simulate.md | grep -v '```') "$work/sweep.txt" || fail "docs/simulate.md shows another sweep"

@@ -271,8 +271,12 @@ cmp "$work/static1.csv" "$work/static3.csv" || fail "the figures depend on the p
 # the law that README shows is the example
 # Promise(run/law-of-readme): The law that README shows is the example; it controls well, is bumpless, and compiles
 #   as C++; so does the Smith predictor.
-diff <(sed -n '/^#include <apccontrol\.h>/,/^```/p' "$APC_SOURCE_DIR/README.md" | sed '$d') \
-  <(sed '1,2d' "$APC_SOURCE_DIR/examples/law/mylaw.c") >"$work/differs" || fail "README shows another law: $(cat "$work/differs")"
+diff <(sed -n '/^```c$/,/^```$/p' "$APC_SOURCE_DIR/README.md" | sed '1d; $d') \
+  <(sed -n '/^\/\* At each tick/,/^APC_LAW_EXPORT/p' "$APC_SOURCE_DIR/examples/law/mylaw.c" | head -n -2) >"$work/differs" ||
+  fail "README shows another law: $(cat "$work/differs")"
+# Types(README.md): ```python
+in_python() { sed -n '/^class MyLaw/,/^```/p' "$APC_SOURCE_DIR/$1" | grep .; }
+diff <(in_python README.md) <(in_python docs/python.md) >"$work/differs" || fail "README shows another law in Python: $(cat "$work/differs")"
 expect 0 'sha256' "$apc" simulate "$conf" --law "$APC_BUILD_DIR/examples/mylaw.so" --plant "$APC_BUILD_DIR/examples/myplant.so"
 
 # ---- What fails: a law without a number, a plant that goes away
