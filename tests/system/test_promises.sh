@@ -129,8 +129,8 @@ sentence() { printf 'word %.0s' $(seq "$1"); echo '`apc`.'; }
 ! scripts/prose --check "$work/bad.md" >"$work/prose" 2>"$work/wrong" || fail "long sentences are taken"
 [ "$(sed "s|.*$work/||" "$work/wrong")" = "bad.md:2: a sentence of 36 words: word word word word word word word word ...
 bad.md: 21.8 words a sentence, at most 18
-bad.md:8: 156 characters, at most 100
-bad.md:7: \"whoever\": write who, or the role: an operator, a client" ] || fail "found: $(cat "$work/wrong" "$work/prose")"
+bad.md:7: \"whoever\": write who, or the role: an operator, a client
+bad.md:8: 156 characters, at most 100" ] || fail "found: $(cat "$work/wrong" "$work/prose")"
 
 # ---- what is shown is what is printed
 # Promise(docs): What README and docs/simulate.md show of `apc simulate` is what it prints.
