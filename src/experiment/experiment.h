@@ -508,6 +508,19 @@ struct record_stores {
 /* Those of the run folder @p dir. Returns 0, or a negative error: it is none, or its record is damaged. */
 int record_stores(struct record_stores *stores, const char *dir, struct apc_error *why);
 
+/*
+ * What made a run, of which each may give other bits: CVODE is another solver in another version, and is not always a
+ * part of libapc.
+ */
+struct record_build {
+    char libapc[16], cvode[32], machine[32]; /* "": not recorded */
+};
+
+/* This one. */
+void record_build_here(struct record_build *build);
+/* That of the run folder @p dir. Returns 0, or a negative error: it is none, or its record is damaged. */
+int record_build(struct record_build *build, const char *dir, struct apc_error *why);
+
 /* SHA-256 of a file. Returns 0, or a negative error with the reason in why. */
 int record_hash(const char *path, char hash[RECORD_HASH_LEN], struct apc_error *why);
 

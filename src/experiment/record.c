@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/utsname.h>
 #include <unistd.h>
 
 #include <openssl/evp.h>
@@ -141,6 +142,17 @@ int record_read(struct record *r, const char *file, struct apc_error *why)
     return s.failed;
 }
 
+/* The record of the run folder @p dir; config_destroy() in either case. */
+static int load_record(struct settings *s, config_t *config, char path[600], const char *dir)
+{
+    snprintf(path, 600, "%.580s/" RECORD_FILE, dir);
+    if (access(path, F_OK) == 0)
+        return s->failed = settings_load(config, path, s->why);
+    config_init(config);
+    return s->failed =
+               apc_fail(s->why, APC_ENOTFOUND, "%s: there is none, so %s is no run folder", path, dir);
+}
+
 int record_stores(struct record_stores *stores, const char *dir, struct apc_error *why)
 {
     char path[600];
@@ -148,14 +160,35 @@ int record_stores(struct record_stores *stores, const char *dir, struct apc_erro
     config_t config;
 
     *stores = (struct record_stores){0};
-    snprintf(path, sizeof path, "%.580s/" RECORD_FILE, dir);
-    if (access(path, F_OK) != 0)
-        return apc_fail(why, APC_ENOTFOUND, "%s: there is none, so %s is no run folder", path, dir);
-    s.failed = settings_load(&config, path, why);
-    if (!s.failed) {
+    if (load_record(&s, &config, path, dir) == 0) {
         const config_setting_t *root = config_root_setting(&config);
         settings_text(&s, root, "live", OPTIONAL, stores->live, sizeof stores->live);
         settings_text(&s, root, "store", OPTIONAL, stores->history, sizeof stores->history);
+    }
+    config_destroy(&config);
+    return s.failed;
+}
+
+void record_build_here(struct record_build *build)
+{
+    struct utsname machine;
+    snprintf(build->libapc, sizeof build->libapc, "%s", apc_version());
+    snprintf(build->cvode, sizeof build->cvode, "%s", APC_CVODE_VERSION);
+    snprintf(build->machine, sizeof build->machine, "%.31s", uname(&machine) == 0 ? machine.machine : "");
+}
+
+int record_build(struct record_build *build, const char *dir, struct apc_error *why)
+{
+    char path[600];
+    struct settings s = {.file = path, .why = why};
+    config_t config;
+
+    *build = (struct record_build){0};
+    if (load_record(&s, &config, path, dir) == 0) {
+        const config_setting_t *root = config_root_setting(&config);
+        settings_text(&s, root, "version", OPTIONAL, build->libapc, sizeof build->libapc);
+        settings_text(&s, root, "cvode", OPTIONAL, build->cvode, sizeof build->cvode);
+        settings_text(&s, root, "machine", OPTIONAL, build->machine, sizeof build->machine);
     }
     config_destroy(&config);
     return s.failed;

@@ -390,6 +390,8 @@ static void tell_difference(const struct replay *r, const struct replay_controll
     } else if (gap > 1) {
         snprintf(reason, sizeof reason, "%.0f ticks before it are not on record", gap - 1);
         because = reason;
+    } else if (r->other_build[0]) {
+        because = r->other_build;
     }
     describe_difference(r, rc, at, row, text, "%s was %.17g, is %.17g: %s", name, row[element],
                         c->row[element], because);
@@ -520,10 +522,11 @@ static void compare_virtual(struct replay *r, struct replay_controller *rc, cons
             describe_difference(r, rc, at, row, rc->first,
                                 "its law, its settings or its model are not those that ran");
         else if (first_difference(c, row, other, left_out, &name, &element))
-            describe_difference(r, rc, at, row, rc->first,
-                                "%s was %.17g, in virtual time it is %.17g: %s, and the tick %.1f ms late",
-                                name, row[element], other[element], cause_of(c, row, other),
-                                1e3 * late_s(r, rc, at, row[index]));
+            describe_difference(
+                r, rc, at, row, rc->first,
+                "%s was %.17g, in virtual time it is %.17g: %s, and the tick %.1f ms late%s%s", name,
+                row[element], other[element], cause_of(c, row, other), 1e3 * late_s(r, rc, at, row[index]),
+                r->other_build[0] ? "; " : "", r->other_build);
         else
             rc->same++;
     }
@@ -595,6 +598,27 @@ static int load_replay_record(struct replay *r, const char *dir, struct apc_erro
     return rc;
 }
 
+static void add_difference(struct replay *r, const char *what, const char *was, const char *here)
+{
+    const size_t n = strlen(r->other_build);
+    if (was[0] && strcmp(was, here) != 0)
+        snprintf(r->other_build + n, sizeof r->other_build - n, "%sanother %s (%s, here %s)",
+                 n ? ", " : "the run was made by ", what, was, here);
+}
+
+/* What made the record, where it says so. */
+static void compare_builds(struct replay *r, const char *dir)
+{
+    struct record_build was, here;
+    struct apc_error none;
+    if (record_build(&was, dir, &none) < 0)
+        return;
+    record_build_here(&here);
+    add_difference(r, "CVODE", was.cvode, here.cvode);
+    add_difference(r, "libapc", was.libapc, here.libapc);
+    add_difference(r, "processor", was.machine, here.machine);
+}
+
 int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
                 struct apc_error *why)
 {
@@ -602,6 +626,7 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
     int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
     if (rc < 0)
         return rc;
+    compare_builds(r, dir);
     r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
     r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
     r->difference = calloc(controllers_loops(&r->e), sizeof *r->difference);

@@ -192,6 +192,7 @@ struct replay {
     struct apc_sample lost; /* the last plan that is not on record */
     apc_ns start;           /* t = 0 in the record */
     bool other_law;
+    char other_build[150]; /* what made the run, where it was not this one; "": it was, or nobody knows */
     struct replay_watch watch;
     struct apc_error why;
 };

@@ -185,6 +185,14 @@ static void the_first_tick_that_differs_is_named_with_its_cause(void **state)
     assert_has(base->first, "from the same inputs");
     assert_int_equal(base->same, base->ticks.n - 2); /* and the one that would have gone on from it */
     assert_int_equal(replay.controller[1].same, replay.controller[1].ticks.n);
+    /* the same, and the record names another build */
+    load();
+    base = replay.controller;
+    base->ticks.value[base->ticks.at[100].first + x] += 1e-9;
+    snprintf(replay.other_build, sizeof replay.other_build, "the run was made by another CVODE");
+    run();
+    assert_has(base->first, ": the run was made by another CVODE");
+    assert_null(strstr(base->first, "damaged"));
     /* what a store without room has overwritten: the rest is compared all the same */
     load();
     base = replay.controller;

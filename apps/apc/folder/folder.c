@@ -297,9 +297,13 @@ static int put_laws(FILE *out, const char *dir, const struct experiment *e, stru
 static void put_facts(FILE *out, const struct experiment *e, const struct folder_facts *facts)
 {
     char start[APC_TIME_LEN];
+    struct record_build build;
+    record_build_here(&build);
     fputs("# What was in force in this run, beside what run.conf says.\n", out);
     put_record_text(out, "by", facts->by);
-    put_record_text(out, "\nversion", apc_version());
+    put_record_text(out, "\nversion", build.libapc);
+    put_record_text(out, "\ncvode", build.cvode);
+    put_record_text(out, "\nmachine", build.machine);
     if (facts->host) {
         put_record_text(out, "\nhost", facts->host);
         put_record_text(out, "\nstart", apc_time_format(facts->start, start));
