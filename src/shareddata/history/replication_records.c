@@ -90,12 +90,12 @@ static int append_event_batch(struct apc_replication *f, size_t n)
     return singly ? stored : rc;
 }
 
-static int append_timing_batch(struct apc_replication *f, const struct apc_timing_row *rows, size_t n)
+static int append_timing_batch(struct apc_replication *f, size_t n)
 {
-    int rc = apc_store_append_timing(f->to, rows, n), stored = 0;
+    int rc = apc_store_append_timing(f->to, f->timing_row, n), stored = 0;
     const bool singly = rc == APC_ERANGE;
     for (size_t i = 0; singly && i < n; i++) {
-        rc = apc_store_append_timing(f->to, &rows[i], 1);
+        rc = apc_store_append_timing(f->to, &f->timing_row[i], 1);
         if (rc < 0 && rc != APC_ERANGE) {
             return rc;
         }
@@ -132,7 +132,6 @@ static int flush_event_batch(struct apc_replication *f)
 
 static int flush_timing_batch(struct apc_replication *f)
 {
-    struct apc_timing_row rows[APC_FORWARD_TIMING];
     size_t new = 0;
     int rc = 0;
     memset(f->there, 0, sizeof f->there);
@@ -145,11 +144,11 @@ static int flush_timing_batch(struct apc_replication *f)
         if (f->there[i]) {
             see_found(&f->timing, f->timing_row[i].number);
         } else {
-            rows[new ++] = f->timing_row[i];
+            f->timing_row[new ++] = f->timing_row[i];
         }
     }
     f->timing.sent = f->timing.sent || new > 0;
-    return end_batch(f, &f->stats.timing, rc < 0 ? rc : append_timing_batch(f, rows, new));
+    return end_batch(f, &f->stats.timing, rc < 0 ? rc : append_timing_batch(f, new));
 }
 
 /* Two that are alike stay in one batch: else the second would find the first one's copy. */
