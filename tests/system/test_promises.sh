@@ -124,11 +124,12 @@ fi
 # ---- plain words
 
 sentence() { printf 'word %.0s' $(seq "$1"); echo '`apc`.'; }
-{ sentence 17; sentence 35 | fold -s -w 80; printf '\n| %s |\n' "$(sentence 60)"; echo 'Whoever writes.'; sentence 30; } >"$work/bad.md"
-# Promise(docs): scripts/prose finds a sentence that is too long, a line that is too wide and a word to avoid.
+{ sentence 17; sentence 35 | fold -s -w 80; printf '\n| %s |\n' "$(sentence 60)"; echo 'Of whoever writes.'; sentence 30; } >"$work/bad.md"
+# Promise(docs): scripts/prose finds a sentence that is too long or has no subject first, a line that is too wide and a word to avoid.
 ! scripts/prose --check "$work/bad.md" >"$work/prose" 2>"$work/wrong" || fail "long sentences are taken"
 [ "$(sed "s|.*$work/||" "$work/wrong")" = "bad.md:2: a sentence of 36 words: word word word word word word word word ...
-bad.md: 21.8 words a sentence, at most 18
+bad.md:7: a sentence begins with \"Of\": put its subject first
+bad.md: 22.0 words a sentence, at most 18
 bad.md:7: \"whoever\": write who, or the role: an operator, a client
 bad.md:8: 156 characters, at most 100" ] || fail "found: $(cat "$work/wrong" "$work/prose")"
 
