@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "settings.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <math.h>
 #include <stddef.h>
@@ -221,9 +222,16 @@ static int check_word(const char *file, int line, const char *word, size_t n, st
                     (int)n, word, (int)n, word, (int)n, word);
 }
 
+/* The zeros before the digits of a number, which say nothing: libconfig 1.7 takes 010 for 8. */
+static size_t leading_zeros(const char *number)
+{
+    const size_t zeros = strspn(number, "0");
+    return zeros > 0 && !isdigit((unsigned char)number[zeros]) ? zeros - 1 : zeros;
+}
+
 /*
  * Take the comments out, but for their lines: libconfig needs minutes for one of some megabytes. A word is
- * looked at as it goes by.
+ * looked at as it goes by, and a number is decimal whichever libconfig reads it.
  */
 static int strip(const char *file, char *text, struct apc_error *why)
 {
@@ -244,6 +252,10 @@ static int strip(const char *file, char *text, struct apc_error *why)
             end = *c == '"' ? end_of_text(c) : c + (n > 0 ? n : 1);
         if (comment)
             *to++ = ' ';
+        if (n > 0 && (*c == '-' || *c == '+'))
+            *to++ = *c++;
+        if (n > 0)
+            c += leading_zeros(c);
         for (; c < end; c++) {
             line += *c == '\n';
             if (!comment || *c == '\n')
