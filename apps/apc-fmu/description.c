@@ -200,6 +200,17 @@ static void begin_variable(struct reader *r, const char **a)
     snprintf(r->causality, sizeof r->causality, "%s", causality ? causality : "local");
 }
 
+/* Without one it is a NAN: the model itself is asked. What is not finite by its own word stays as it is. */
+static void read_start(struct variable *v, const char *text)
+{
+    char *rest = NULL;
+
+    v->start = number_of_attribute(text, (double)NAN);
+    const double written = text ? strtod(text, &rest) : 0.0;
+    if (isnan(v->start) && rest > text && *rest == '\0' && !isfinite(written))
+        v->text = keep_string("number that is not finite");
+}
+
 static void type_variable(struct reader *r, const char *element, const char **a)
 {
     struct variable *const v = &r->variable;
@@ -223,7 +234,7 @@ static void type_variable(struct reader *r, const char *element, const char **a)
     if (v->type == TYPE_STRING || v->type == TYPE_NONE)
         v->text = keep_string(v->type == TYPE_NONE ? element : attribute(a, "start"));
     else
-        v->start = number_of_attribute(attribute(a, "start"), fmin(fmax(0.0, v->low), v->high));
+        read_start(v, attribute(a, "start"));
     const char *const of = attribute(a, "derivative");
     r->has_of = of && v->type == TYPE_FLOAT64;
     r->of = r->has_of ? strtoul(of, NULL, 10) : 0;
@@ -284,7 +295,7 @@ static void end_variable(struct reader *r)
     note_quantity(r);
     while (k < KIND_STATE && strcmp(kinds[k], r->causality) != 0)
         k++;
-    if (k == KIND_PARAMETER && (v->type == TYPE_STRING || v->type == TYPE_NONE))
+    if (k == KIND_PARAMETER && v->text)
         k = v->type == TYPE_STRING ? KIND_TEXT : KIND_FIXED;
     if (k == KIND_STATE || (k < KIND_STATE && (v->type == TYPE_STRING || v->type == TYPE_NONE)) ||
         !v->name[0]) {

@@ -134,7 +134,7 @@ static void describe_fmu(const struct description *d)
             else
                 line(kinds[k],
                      (const char *const[]){v->name, v->unit, described_with_names(v, text, sizeof text),
-                                           start, low, high,
+                                           isnan(v->start) ? "" : start, low, high,
                                            v->n_labels                                          ? "label"
                                            : v->type == TYPE_BOOLEAN                            ? "truth"
                                            : v->type == TYPE_FLOAT64 || v->type == TYPE_FLOAT32 ? "real"
@@ -394,6 +394,14 @@ static bool point(struct run *r, const double *in, size_t n, double *out)
     return outputs(r, out + nx);
 }
 
+/* What a variable is by itself: its kind and place. */
+static bool own(const struct run *r, const double *in, size_t n, double *out)
+{
+    if (n != 2 || !(in[0] >= 0.0 && in[0] < KIND_TEXT))
+        refuse_fmu("asked for a value of its own with %zu numbers", n);
+    return r->fmi->get(variable(r, (enum kind)in[0], in[1]), out);
+}
+
 #define EARLY 1e-6 /* of a step: where a sum of times comes as near as that to its end, it is taken */
 
 /*
@@ -470,8 +478,11 @@ static int run_fmu(const char *folder)
         const bool begins = header.request == FMU_BEGIN || header.request == FMU_LOOK;
         header.failed = !(begins ? begin_fmu(r, folder, header.request == FMU_LOOK, values, n_values, y)
                           : header.request == FMU_POINT ? point(r, values, n_values, y)
+                          : header.request == FMU_OWN   ? own(r, values, n_values, y)
                                                         : step_fmu(r, values, n_values, y));
-        const size_t n_out = r->ny + (header.request == FMU_POINT ? r->d.n[KIND_STATE] : 0);
+        const size_t n_out = header.request == FMU_OWN     ? 1
+                             : header.request == FMU_POINT ? r->ny + r->d.n[KIND_STATE]
+                                                           : r->ny;
         fflush(NULL);
         memcpy(out, &header, sizeof header);
         tell_host((const char *)out, sizeof header + n_out * sizeof(double));

@@ -128,7 +128,7 @@ static bool take_fmu_variable(struct fmu *f, enum table k, char *line)
     static const char *const kinds[] = {[WHOLE] = "whole", [TRUTH] = "truth", [LABEL] = "label"};
     struct apc_param *const more = realloc(f->table[k], (f->n[k] + 1) * sizeof(*more));
     struct sort *const sorts = more ? realloc(f->sort[k], (f->n[k] + 1) * sizeof(*sorts)) : NULL;
-    struct apc_param one = {.unit = "", .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
+    struct apc_param one = {.unit = "", .initial = (double)NAN, .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
     struct sort sort = {.first = f->n_labels};
 
     if (more)
@@ -142,6 +142,7 @@ static bool take_fmu_variable(struct fmu *f, enum table k, char *line)
     one.description = field(&line);
     if (k == TEXT || k == FIXED) { /* what it is, instead of numbers */
         one.unit = field(&line);
+        one.initial = 0.0;
     } else {
         (void)apc_number_parse(field(&line), &one.initial);
         (void)apc_number_parse(field(&line), &one.low);
@@ -280,6 +281,10 @@ int apc_fmu_open(const char *file, const struct apc_model **model, void **handle
         if (!f->input || !f->output || !f->input_place || !f->output_place || !f->given)
             rc = apc_fail(why, APC_ENOMEM, "%s: no memory", file);
     }
+    if (rc == 0)
+        rc = apc_fmu_ask_start(f, INPUT, why);
+    if (rc == 0)
+        rc = apc_fmu_ask_start(f, PARAMETER, why);
     if (rc == 0) {
         f->model = (struct apc_model){.abi = APC_MODEL_ABI,
                                       .name = f->model.name,

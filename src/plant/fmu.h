@@ -5,8 +5,8 @@
  * `apc-fmu keep FILE` looks at the archive, unpacks it into a folder, describes it, and keeps the folder
  * until its other end of the socket is closed. It sends lines of fields with tabs between them, each a
  * message: error TEXT, or: model NAME DESCRIPTION; then of each variable input|output|parameter|state
- * NAME UNIT DESCRIPTION START LOW HIGH KIND, KIND being real (as without one), whole, truth or label; behind
- * one of the last, each: label NAME VALUE. Parameters that are no numbers: text NAME DESCRIPTION START, and,
+ * NAME UNIT DESCRIPTION START LOW HIGH KIND, START being empty where it says none, KIND being real (as without
+ * one), whole, truth or label; behind one of the last, each: label NAME VALUE. Parameters that are no numbers: text NAME DESCRIPTION START, and,
  * of those that stay as they are: fixed NAME DESCRIPTION TYPE. At last: folder PATH. States are those that
  * can be set, and whose derivatives can be read.
  *
@@ -19,6 +19,7 @@
  *                                                                                             -> y [ny]
  *   LOOK   as BEGIN, and stays in its initialisation, to be asked for points
  *   POINT  x [nx], u [nu]: its states, all that were described, and inputs               -> x' [nx], y [ny]
+ *   OWN    after LOOK: 0 input, 2 parameter or 3 state, and the place of one       -> what it is by itself [1]
  *   STEP   t, dt, u [nu]: from t on, where it was left or later, u holds until t + dt           -> y [ny]
  */
 #ifndef APC_PLANT_FMU_H
@@ -28,7 +29,7 @@
 
 #define APC_FMU_TEXT 512 /* of an answer, at most */
 
-enum fmu_request { FMU_BEGIN = 1, FMU_STEP, FMU_LOOK, FMU_POINT };
+enum fmu_request { FMU_BEGIN = 1, FMU_STEP, FMU_LOOK, FMU_POINT, FMU_OWN };
 
 struct fmu_header {
     uint32_t request, number, failed, reserved;

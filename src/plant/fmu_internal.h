@@ -44,6 +44,12 @@ int apc_fmu_begin(struct apc_subprocess *process, const char *what, const char *
 /** Nothing came of it (@p n < 0), or its end (0): bury it and say so. Returns APC_ESOLVER. */
 int apc_fmu_fail_silent(struct apc_subprocess *process, ssize_t n, struct apc_error *why);
 
+/* ---- fmu_plant.c */
+
+/** Of each variable of table @p k whose description has no start value, ask an instance for its own.
+ * Returns 0 or a negative error. [setup] */
+int apc_fmu_ask_start(struct fmu *f, enum table k, struct apc_error *why);
+
 /* ---- fmu_variables.c */
 
 /** The FMU of a model, or of what apc_model_equations() has made of one; NULL: it is none. */

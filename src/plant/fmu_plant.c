@@ -10,6 +10,7 @@
  */
 #include "plant/fmu_internal.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -30,10 +31,9 @@ struct runner {
 
 #define HEADER (sizeof(struct fmu_header) / sizeof(double)) /* in numbers */
 
-/* Read one answer, of @p n bytes: derivatives [nx], if these were asked for, and outputs. */
-static int take_fmu_answer(struct runner *r, ssize_t n, size_t nx, double *value, struct apc_error *why)
+/* Is the answer, of @p n bytes, one of that many numbers? They are behind its header. */
+static int read_fmu_answer(struct runner *r, ssize_t n, size_t n_values, struct apc_error *why)
 {
-    const size_t n_values = nx + r->fmu->model.ny;
     struct fmu_header header;
     char said[400];
 
@@ -52,6 +52,17 @@ static int take_fmu_answer(struct runner *r, ssize_t n, size_t nx, double *value
     apc_subprocess_said(&r->own, said, sizeof(said));
     if (header.failed)
         return apc_fail(why, APC_ESOLVER, "%s: %s", r->fmu->file, said[0] ? said : "failed, without a word");
+    return 0;
+}
+
+/* Derivatives [nx], if these were asked for, and outputs: all of them or none. */
+static int take_fmu_answer(struct runner *r, ssize_t n, size_t nx, double *value, struct apc_error *why)
+{
+    const size_t n_values = nx + r->fmu->model.ny;
+    const int rc = read_fmu_answer(r, n, n_values, why);
+
+    if (rc < 0)
+        return rc;
     for (size_t i = 0; i < n_values; i++)
         if (!apc_value_ok(r->answer[HEADER + i]))
             return apc_fail(why, APC_ESOLVER, "%s: its %s %s is not a finite number", r->fmu->file,
@@ -304,6 +315,59 @@ const struct apc_integrator apc_integrator_fmu = {.name = "fmu",
                                                   .step = fmu_plant_step,
                                                   .destroy = fmu_plant_destroy};
 
+/* ---- What it starts with, where its description does not say ------------------------------------- */
+
+static int ask_start(struct runner *r, enum table k, size_t place, struct apc_error *why)
+{
+    const struct fmu_header header = {.request = FMU_OWN, .number = ++r->asked};
+    int rc;
+
+    memcpy(r->request, &header, sizeof(header));
+    r->request[HEADER] = (double)k;
+    r->request[HEADER + 1] = (double)place;
+    if (!apc_subprocess_give(&r->own, r->request, (HEADER + 2) * sizeof(double)))
+        return apc_fmu_fail_silent(&r->own, 0, why);
+    const ssize_t n = apc_subprocess_take(&r->own, r->answer, (HEADER + 1) * sizeof(double) + APC_FMU_TEXT,
+                                          apc_clock_mono(NULL) + r->timeout);
+    rc = n <= 0 ? apc_fmu_fail_silent(&r->own, n, why) : read_fmu_answer(r, n, 1, why);
+    if (rc == 0 && !apc_value_ok(r->answer[HEADER]))
+        rc = apc_fail(why, APC_EINVAL, "%s: its %s is not a finite number", r->fmu->file,
+                      r->fmu->table[k][place].name);
+    if (rc == 0)
+        r->fmu->table[k][place].initial = r->answer[HEADER];
+    return rc;
+}
+
+int apc_fmu_ask_start(struct fmu *f, enum table k, struct apc_error *why)
+{
+    const struct apc_plant_options options = {.size = sizeof(options)};
+    struct apc_error cause = {.text = ""};
+    struct runner *r = NULL;
+    const char *name = NULL;
+    double *const p = calloc(f->model.np + 1, sizeof(*p));
+    int rc = 0;
+
+    if (!p)
+        return apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
+    apc_param_initials(f->model.param, f->model.np, p);
+    for (size_t i = 0; i < f->n[k] && rc == 0; i++) {
+        if (!isnan(f->table[k][i].initial))
+            continue;
+        name = f->table[k][i].name;
+        if (!r)
+            rc = employ(&r, f, FMU_LOOK, p, &options, &cause);
+        if (rc == 0)
+            rc = ask_start(r, k, i, &cause);
+    }
+    fmu_plant_destroy(r);
+    free(p);
+    return rc < 0 ? apc_fail(why, rc,
+                             "its modelDescription.xml says no start value of %s, and the model could not be "
+                             "asked: %s: export it with start values",
+                             name, cause.text)
+                  : 0;
+}
+
 /* ---- Its equations, where it shows them ---------------------------------------------------------- */
 
 /* Asked of its process alone: apc_fmu_look_at(). */
@@ -336,6 +400,9 @@ int apc_model_equations(const struct apc_model *model, const struct apc_model **
             "are no equations to make linear; a step test of it and a model of that do as well: apc test, "
             "apc identify",
             f->file);
+    const int rc = apc_fmu_ask_start(f, STATE, why);
+    if (rc < 0)
+        return rc;
     f->shown = f->model;
     f->shown.nx = f->n[STATE];
     f->shown.state = f->table[STATE];

@@ -2,6 +2,7 @@
 """Pack tank.c's library as an FMU: make.py VERSION LIBRARY OUT [KEY=VALUE...], of which some spoil it:
    names=structured (as tools of Modelica write them), states=slope|stuck_slope|stuck (what it says of them),
    kinds=all (parameters of each kind), input=TYPE (of u, of its own limits where it is typed),
+   starts=none (of parameters, inputs and states), starts=inf (of K),
    token=TEXT, fmi=1.0, kind=ModelExchange, tool=true, fixed=STEP, platform=win64, entry=NAME, link=NAME, bytes=N (an entry of 1 MiB that says it is so long), xml=FILE."""
 
 import sys
@@ -16,6 +17,10 @@ about = [  # name, reference, causality, unit, start, more
     ("u", 0, "input", "V", 0.0, ""), ("d", 1, "input", "", 0.0, ""), ("y", 2, "output", how.get("unit", ""), None, ""),
     ("K", 3, "parameter", "", 10.0, ""), ("tau", 4, "parameter", "s", 10.0, ' min="0.1" max="1000"'),
     ("trick", 5, "parameter", None, 0, ' min="0" max="20"')]
+if how.get("starts") == "none":
+    about = [(*one[:4], None, one[5]) for one in about]
+elif how.get("starts") == "inf":
+    about[3] = (*about[3][:4], "INF", "")
 if how.get("names") == "structured":
     names = {"u": "valve[1].u", "d": "'a=b'.d", "y": "tank.'level, h'", "K": "tank.K", "tau": "tank.x[1,2]", "trick": "'it\\'s = &quot;'"}
     about = [(names[one[0]], *one[1:]) for one in about]

@@ -95,6 +95,31 @@ for version in 2 3; do
   expect 1 'did not answer and was killed' env APC_FMU_TIMEOUT=10 "$apc" linearize "$work/shows.fmu" trick=8
 done
 
+# ---- without start values: what the model has by itself is shown, and what is set is set, 0 as well
+# Promise(links/fmu-no-start): A parameter without a start value is shown as the instance has it, and whatever it is set
+#   to is set.
+for version in 2 3; do
+  tank $version bare starts=none states=slope
+  with bare
+  "$apc" simulate "$work/bare.conf" --force --csv "$work/bare.csv" >/dev/null
+  cmp "$work/two.csv" "$work/bare.csv" || fail "FMI $version: without start values not the trajectory of the others"
+  expect 0 'K +10 +K of the tank' "$apc" plants "$work/bare.fmu"
+  expect 0 '^tank,parameter,tau,"s",10,' "$apc" plants "$work/bare.fmu" --csv
+  sed 's|K = 10.0; |K = 0.0; |' "$work/two.conf" >"$work/nothing.conf"
+  sed 's|K = 10.0; |K = 0.0; |' "$work/bare.conf" >"$work/nothing2.conf"
+  "$apc" simulate "$work/nothing.conf" --force --csv "$work/nothing.csv" >/dev/null
+  "$apc" simulate "$work/nothing2.conf" --force --csv "$work/nothing2.csv" >/dev/null
+  cmp "$work/nothing.csv" "$work/nothing2.csv" || fail "FMI $version: a 0 is not set where there is no start value"
+  "$apc" linearize "$work/bare.fmu" u=0.5 tau=7 --json >"$work/bare.json"
+  alike "$work/built-in.json" "$work/bare.json" ||
+    fail "FMI $version: without start values not the linear model of the tank"
+  tank $version bare starts=none kinds=all
+  expect 0 'mode +2 ' "$apc" plants "$work/bare.fmu"
+  tank $version inf starts=inf
+  # one that says it is infinite stays so
+  expect 1 'K" is of the type number that is not finite, and stays as it is' "$apc" simulate <(sed "s|two.fmu|$work/inf.fmu|" "$work/two.conf")
+done
+
 # its steps are of one length: y is new at whole seconds only, where the client asks every 0.5 s and the plant moves every 0.2 s
 tank 2 fixed fixed=1
 # -- and so for hours: a sum of 0.2 is 1e-9 s late after 2630 s, and what compares such sums has lost a step by then
