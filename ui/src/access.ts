@@ -3,6 +3,7 @@
 import {useCell} from "./usecell";
 import {connection, session, store} from "./core/model";
 import type {Role} from "./core/types";
+import {tr} from "./core/texts";
 
 /** Is this for a wall: large, and for nobody to operate from? */
 export const wall = new URLSearchParams(location.search).has("wall");
@@ -13,9 +14,9 @@ export function useWriteBar(takes: Role = "operator"): string | null {
   const who = useCell(session);
   const link = useCell(connection);
   const database = useCell(store);
-  if (wall) return "a wall display only shows";
-  if (link.state !== "connected") return "not connected to the server";
-  if (!database?.connected) return "the database is away";
-  if (!who || LADDER.indexOf(who.role) < LADDER.indexOf(takes)) return `${who?.user ?? "you"} may ${who?.role === "operator" ? "not tune" : "only look"}: this takes an ${takes}`;
+  if (wall) return tr("access.wall");
+  if (link.state !== "connected") return tr("access.disconnected");
+  if (!database?.connected) return tr("access.database");
+  if (!who || LADDER.indexOf(who.role) < LADDER.indexOf(takes)) return tr(who?.role === "operator" ? "access.tune" : "access.role", {user: who?.user ?? tr("access.you"), role: tr(`role.${takes}`)});
   return null;
 }

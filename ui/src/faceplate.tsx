@@ -8,6 +8,7 @@ import {Faceplate} from "./pages/loop";
 import type {Loop} from "./core/types";
 import {path, place} from "./router";
 import {useCell} from "./usecell";
+import {tr} from "./core/texts";
 
 const opened = new Cell<number | null>(null);
 
@@ -36,7 +37,7 @@ export function OpenFaceplate(): JSX.Element | null {
   if (!loop || !p) return null;
   const close = (): void => void (opened.value = null);
   return (
-    <Dialog label={`Faceplate of ${loop.name}`} close={close} wide>
+    <Dialog label={tr("faceplate.of", {loop: loop.name})} close={close} wide>
       <Faceplate key={`${loop.id}:${p.generation}`} loop={loop} plant={p} close={close} />
     </Dialog>
   );

@@ -5,75 +5,67 @@ import {useCell} from "./usecell";
 import {Dialog} from "./dialog";
 import {plant} from "./core/model";
 import {Note, Shape} from "./parts/shape";
+import {pages} from "./router";
 import {setShortcuts, shortcuts} from "./theme";
+import {tr} from "./core/texts";
+import {rich} from "./rich";
 
-const keys: [string, string][] = [
-  ["Alt+1 … Alt+9", "Overview, Loop, Trend, Alarms, Events, Timing, Diagnostics, Prediction, Graphic"],
-  ["/", "overview of many loops: search, by name, unit, description or area"],
-  ["↑ ↓", "overview of many loops: from row to row, once a row has the focus"],
-  ["Enter", "apply what is typed"],
-  ["Esc", "revert what is typed; close this"],
-  ["Space", "trend: pause, or back to live"],
-  ["← →", "trend: earlier, later"],
-  ["+ −", "trend: closer, farther"],
-  ["Home", "trend: back to live"],
-  ["c", "trend: second cursor where the first one is, or none"],
-  ["?", "this help"],
+const keys = (): [string, string][] => [
+  ["Alt+1 … Alt+9", pages.slice(0, 9).map(one => tr(`page.${one}`)).join(", ")],
+  ["/", tr("help.key.search")],
+  ["↑ ↓", tr("help.key.rows")],
+  [tr("help.key.enterName"), tr("help.key.enter")],
+  ["Esc", tr("help.key.esc")],
+  [tr("help.key.spaceName"), tr("help.key.space")],
+  ["← →", tr("help.key.move")],
+  ["+ −", tr("help.key.zoom")],
+  [tr("help.key.homeName"), tr("help.key.home")],
+  ["c", tr("help.key.cursor")],
+  ["?", tr("help.key.help")],
 ];
 
 export function Help({close}: {close: () => void}): JSX.Element {
   const on = useCell(shortcuts);
   return (
-    <Dialog label="Help" close={close}>
+    <Dialog label={tr("shell.help")} close={close}>
       <form method="dialog" class="help">
-        <h2>Keys</h2>
+        <h2>{tr("help.keys")}</h2>
         <dl class="pairs">
-          {keys.map(([key, what]) => [<dt key={key}><kbd>{key}</kbd></dt>, <dd>{what}</dd>])}
+          {keys().map(([key, what]) => [<dt key={key}><kbd>{key}</kbd></dt>, <dd>{what}</dd>])}
         </dl>
         <label class="check">
-          <input type="checkbox" checked={on} onChange={event => setShortcuts(event.currentTarget.checked)} /> keys without Alt act
+          <input type="checkbox" checked={on} onChange={event => setShortcuts(event.currentTarget.checked)} /> {tr("help.withoutAlt")}
         </label>
         <p>
-          In a trend: drag selects a time, Ctrl+wheel, or two fingers, zooms, Shift+wheel moves. Both pause it. A press sets a second cursor, from
-          which differences are told. Shapes with a digit at the top are alarms, small triangles other events. <b>Choose signals</b> makes one of any
-          signals; its address shows the same again, to whoever has it. Values and names of loops, signals and alarms can be dragged
-          into a trend, or onto its tab.
+          {rich("help.trend")}
         </p>
-        <h2>What you see</h2>
+        <h2>{tr("help.see")}</h2>
         <ul>
-          <li>{([1, 2, 3, 4] as const).map(one => <Shape key={one} priority={one} />)} alarms, and what is one by itself: link, database, a controller that is gone</li>
-          <li><Note grave label="wrong" /> Bad, outside its limits, refused, missed</li>
-          <li><Note label="not sure" /> stale (older than three periods and 1 s: greyed, crossed, with its age), uncertain, or a write nobody confirmed</li>
+          <li>{([1, 2, 3, 4] as const).map(one => <Shape key={one} priority={one} />)} {tr("help.see.alarms")}</li>
+          <li><Note grave label={tr("help.wrong")} /> {tr("help.see.wrong")}</li>
+          <li><Note label={tr("help.unsure")} /> {tr("help.see.unsure")}</li>
         </ul>
         <p>
-          The mark in a bar is the setpoint. Scales are chosen once, from the limits or the last ten minutes; only a setpoint
-          beyond the end moves them.
+          {tr("help.scales")}
         </p>
-        <h2>Alarms</h2>
+        <h2>{tr("page.alarms")}</h2>
         <p>
-          Shape, digit and colour are the priority, 1 the gravest; hollow: somebody has acknowledged it. <b>Acknowledge</b> says that
-          you know of what you see: has it come again meanwhile, you are asked again. <b>Shelve</b> keeps it from you for a time, for
-          a reason. What is suppressed by design only follows from something else. The sound calls for what is new until it is
-          silenced or acknowledged.
+          {rich("help.alarms")}
         </p>
-        <h2>Modes</h2>
+        <h2>{tr("help.modes")}</h2>
         <p>
-          <b>Auto</b>: the law moves the output. <b>Cas</b>: and a loop above the setpoint. <b>Man</b>: a person does. <b>OOS</b>: out of
-          service. <b>IMan</b>: it waits, as what it moves does not follow it. <b>LO</b>: the output is at its fault
-          value; why stands beside it.
+          {rich("help.modesText")}
         </p>
-        <h2>A write</h2>
+        <h2>{tr("help.write")}</h2>
         <p>
-          <b>pending</b>: on its way. <b>accepted</b>: in the database. <b>applied</b>: the controller uses it. <b>failed</b>: nothing
-          happened, with the reason. <b>unknown</b>: not confirmed in time; it may have happened, look before you write again.
+          {rich("help.writeText")}
         </p>
-        <h2>Elsewhere</h2>
+        <h2>{tr("help.elsewhere")}</h2>
         <p>
-          <a href={`/?wall${location.hash}`}>For a wall</a>: this page large, to look at only; who is logged in there had better be an
-          observer, who is not logged out for want of a key.
+          {rich("help.wallText", {link: <a href={`/?wall${location.hash}`}>{tr("help.wall")}</a>})}
         </p>
-        <p class="say">libapc {plant.value?.version}. Times are those of {zone}.</p>
-        <button type="submit" class="primary">Close</button>
+        <p class="say">{tr("help.version", {version: plant.value?.version ?? "", zone})}</p>
+        <button type="submit" class="primary">{tr("common.close")}</button>
       </form>
     </Dialog>
   );

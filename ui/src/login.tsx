@@ -5,6 +5,7 @@ import {useState} from "preact/hooks";
 import {login} from "./core/api";
 import {Dialog} from "./dialog";
 import {begin} from "./core/model";
+import {tr} from "./core/texts";
 
 export function Login(): JSX.Element {
   const [error, setError] = useState<string | null>(null);
@@ -23,13 +24,13 @@ export function Login(): JSX.Element {
     }
   };
   return (
-    <Dialog label="Log in">
+    <Dialog label={tr("login.label")}>
       <form class="login" onSubmit={event => void submit(event)}>
-        <h2>Your session has ended</h2>
-        <label>Name <input name="user" type="text" autocomplete="username" required autofocus /></label>
-        <label>Password <input name="password" type="password" autocomplete="current-password" required /></label>
+        <h2>{tr("login.title")}</h2>
+        <label>{tr("common.name")} <input name="user" type="text" autocomplete="username" required autofocus /></label>
+        <label>{tr("login.password")} <input name="password" type="password" autocomplete="current-password" required /></label>
         {error && <p class="complaint" role="alert">{error}</p>}
-        <button type="submit" class="primary" disabled={busy}>Log in</button>
+        <button type="submit" class="primary" disabled={busy}>{tr("login.label")}</button>
       </form>
     </Dialog>
   );

@@ -10,9 +10,11 @@ import {takes} from "./drag";
 import {Help} from "./help";
 import {leaves} from "./idle";
 import {isTyping} from "./keyboard";
+import {language, setLanguage} from "./language";
 import {Login} from "./login";
 import {env} from "./core/env";
 import {notRunning} from "./core/modes";
+import {type Language, LANGUAGES, tr} from "./core/texts";
 import {isPens, joined} from "./core/pens";
 import {behind, connection, control, heardAt, logOut, needsLogin, plant, second, session, serverNow, store} from "./core/model";
 import {AlarmsPage} from "./pages/alarms";
@@ -30,8 +32,6 @@ import {Shape} from "./parts/shape";
 import {go, pages, path, place} from "./router";
 import {localZone, setTheme, setZone, shortcuts, theme, type Theme, timeZone} from "./theme";
 
-const titles = {overview: "Overview", loop: "Loop", trend: "Trend", alarms: "Alarms", events: "Events", timing: "Timing", diagnostics: "Diagnostics", prediction: "Prediction", graphic: "Graphic", plants: "Plants"};
-
 /** The trend of chosen signals that was shown last: what is dropped on its tab comes into that one. */
 let gathered: string | null = null;
 const remember = (): void => {
@@ -42,7 +42,12 @@ remember(); // of the link that the page was opened by
 place.subscribe(remember);
 const gather = (names: string[]): void => go("trend", joined(gathered, names, serverNow()));
 
+/** Whatever somebody reads is made anew in another language. */
 export function Shell(): JSX.Element {
+  return <Whole key={useCell(language)} />;
+}
+
+function Whole(): JSX.Element {
   const {page, about, nonsense} = useCell(place);
   const [help, setHelp] = useState(false);
   const out = useCell(needsLogin);
@@ -84,19 +89,19 @@ export function Shell(): JSX.Element {
 
   return (
     <div class={`shell ${link.state}${wall ? " wall" : ""}`}>
-      <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>Skip to the page</a>
+      <a class="skip" href="#main" onClick={event => { event.preventDefault(); main.current?.focus(); }}>{tr("shell.skip")}</a>
       <Header onHelp={() => setHelp(true)} />
-      {!wall && <nav aria-label="Pages" ref={menu}>
+      {!wall && <nav aria-label={tr("shell.pages")} ref={menu}>
         {pages.map((one, i) => (page === one || (one === "graphic" ? p?.graphic : one !== "plants")) && (
           <a key={one} href={`./${location.search}${path(one)}`} aria-current={one === page ? "page" : undefined} title={i < 9 ? `Alt+${i + 1}` : undefined} {...(one === "trend" ? takes(gather) : {})}>
-            {i < 9 && <kbd aria-hidden="true">{i + 1}</kbd>} {titles[one]}
+            {i < 9 && <kbd aria-hidden="true">{i + 1}</kbd>} {tr(`page.${one}`)}
           </a>
         ))}
       </nav>}
       <AlarmLine />
       <Bars />
-      <main id="main" ref={main} tabIndex={-1} aria-label={titles[page]}>
-        {nonsense && <p class="complaint" role="status">There is no page “{nonsense}”: this is the overview.</p>}
+      <main id="main" ref={main} tabIndex={-1} aria-label={tr(`page.${page}`)}>
+        {nonsense && <p class="complaint" role="status">{tr("shell.noPage", {page: nonsense})}</p>}
         {page === "overview" && <OverviewPage />}
         {page === "loop" && <LoopPage about={about} />}
         {page === "trend" && <TrendPage about={about} />}
@@ -125,28 +130,32 @@ function Header({onHelp}: {onHelp: () => void}): JSX.Element {
   return (
     <header>
       <b class="brand">libapc</b>
-      <a class="plant" href={`./${location.search}${path("plants")}`} title="all plants">{p?.name ?? "…"}</a>
+      <a class="plant" href={`./${location.search}${path("plants")}`} title={tr("shell.allPlants")}>{p?.name ?? "…"}</a>
       <LinkState />
       <span class="database" data-connected={database?.connected ?? ""}>
-        {database && !database.connected && <Shape priority={1} label="database away" />} DB {!database ? "…" : !database.connected ? "AWAY" : connected ? "ok" : "not known"}
+        {!database ? "DB …" : !database.connected ? <><Shape priority={1} label={tr("shell.databaseOffline")} /> {tr("shell.databaseOffline")}</> : tr(connected ? "shell.databaseOk" : "shell.databaseUnknown")}
       </span>
       <Clock />
       <span class="spring" />
       <span class="who">
-        {who ? (who.protected ? `${who.user}, ${who.role}` : "no login: this page is for the user who started it") : "…"}
+        {who ? (who.protected ? `${who.user}, ${tr(`role.${who.role}`)}` : tr("shell.noLogin")) : "…"}
       </span>
-      {who?.protected && !wall && <button type="button" onClick={logout}>Log out</button>}
-      {wall && <span class="say">wall display: to look at only</span>}
+      {who?.protected && !wall && <button type="button" onClick={logout}>{tr("shell.logOut")}</button>}
+      {wall && <span class="say">{tr("shell.wall")}</span>}
       <label class="theme">
-        <span class="hidden">Colours</span>
+        <span class="hidden">{tr("shell.colours")}</span>
         <select value={mode} onChange={event => setTheme(event.currentTarget.value as Theme)}>
-          <option value="auto">auto</option>
-          <option value="light">light</option>
-          <option value="dark">dark</option>
+          {(["auto", "light", "dark"] as const).map(one => <option key={one} value={one}>{tr(`shell.theme.${one}`)}</option>)}
+        </select>
+      </label>
+      <label class="language">
+        <span class="hidden">{tr("shell.language")}</span>
+        <select value={language.value} onChange={event => setLanguage(event.currentTarget.value as Language)}>
+          {(Object.keys(LANGUAGES) as Language[]).map(one => <option key={one} value={one} lang={one}>{LANGUAGES[one]}</option>)}
         </select>
       </label>
       <Zone />
-      <button type="button" onClick={onHelp} aria-label="Help" title="?">?</button>
+      <button type="button" onClick={onHelp} aria-label={tr("shell.help")} title="?">?</button>
     </header>
   );
 }
@@ -159,7 +168,7 @@ function Zone(): JSX.Element | null {
   if (here === "UTC") return null;
   return (
     <label class="zone">
-      <span class="hidden">Time zone</span>
+      <span class="hidden">{tr("shell.zone")}</span>
       <select value={chosen} onChange={event => setZone(event.currentTarget.value)}>
         <option value="UTC">UTC</option>
         <option value={here}>{here}</option>
@@ -177,14 +186,14 @@ function LinkState(): JSX.Element {
     <span class="link-state" data-state={link.state}>
       {link.state === "connected" ? (
         <>
-          <span aria-hidden="true">●</span> CONNECTED <span class="digits">{age.toFixed(1)} s</span>
+          <span aria-hidden="true">●</span> {tr("shell.connected")} <span class="digits">{age.toFixed(1)} s</span>
         </>
       ) : link.state === "disconnected" ? (
         <>
-          <Shape priority={1} label="disconnected" /> DISCONNECTED, next attempt {pause > 0 ? `in ${pause} s` : "now"}
+          <Shape priority={1} label={tr("shell.disconnected")} /> {pause > 0 ? tr("shell.disconnectedIn", {seconds: pause}) : tr("shell.disconnectedNow")}
         </>
       ) : (
-        "connecting …"
+        tr("shell.connecting")
       )}
     </span>
   );
@@ -209,39 +218,39 @@ function Bars(): JSX.Element {
       <div role="alert">
         {link.state === "disconnected" && (
           <p class="trouble disconnected-bar">
-            <Shape priority={1} label="disconnected" />
-            <span>Disconnected since {when(link.since)}. Values are last known, writing is disabled.</span>
+            <Shape priority={1} label={tr("shell.disconnected")} />
+            <span>{tr("shell.disconnectedSince", {time: when(link.since)})}</span>
           </p>
         )}
         {standing?.safe && (
           <p class="trouble safe-bar">
-            <Shape priority={1} label="plant without a command" />
-            <span>The plant is given no command{standing.safe_since != null && ` since ${when(standing.safe_since)}`}: nothing drives it.</span>
+            <Shape priority={1} label={tr("shell.noCommand")} />
+            <span>{standing.safe_since != null ? tr("shell.safeSince", {time: when(standing.safe_since)}) : tr("shell.safe")}</span>
           </p>
         )}
         {link.state === "connected" && database?.connected && database.full != null && (
           <p class="trouble full-bar">
-            <Shape priority={1} label="store full" />
-            <span class="sentence">{database.full[0]!.toUpperCase() + database.full.slice(1)}. What is refused is not in force.</span>
+            <Shape priority={1} label={tr("shell.storeFull")} />
+            <span class="sentence">{tr("shell.refused", {what: database.full[0]!.toUpperCase() + database.full.slice(1)})}</span>
           </p>
         )}
         {link.state === "connected" && database && !database.connected && (
           <p class="trouble database-bar">
-            <Shape priority={1} label="database away" />
+            <Shape priority={1} label={tr("shell.databaseOffline")} />
             <span>
-              The database is away since {when(database.since)}. Values are last known, writing is disabled. {database.error}
+              {tr("shell.databaseSince", {time: when(database.since)})} {database.error}
             </span>
           </p>
         )}
       </div>
       {link.state === "connected" && database?.connected && p && stopped.length > 0 && (
         <p class="trouble silent-bar" role="status">
-          <Shape priority={2} label="not running" />
-          <span class="sentence">{notRunning(stopped, p)}: modes and outputs of {stopped.length > 1 ? "their" : "its"} loops are last known.</span>
+          <Shape priority={2} label={tr("shell.notRunning")} />
+          <span class="sentence">{tr(stopped.length > 1 ? "shell.lastKnownMany" : "shell.lastKnownOne", {what: notRunning(stopped, p)})}</span>
         </p>
       )}
       {link.state === "connected" && database?.connected && <HistoryBar />}
-      {left != null && <p class="say idle-bar" role="status">Nobody has touched this page for long: it logs out in {left} s. Any key keeps it.</p>}
+      {left != null && <p class="say idle-bar" role="status">{tr("shell.idle", {seconds: left})}</p>}
     </>
   );
 }
@@ -256,12 +265,12 @@ function HistoryBar(): JSX.Element | null {
   const nothing = lag.error == null && lag.late == null;
   const late = nothing ? serverNow() - (lag.oldest ?? serverNow()) : lag.late ?? 0;
   if (lag.error == null && late <= LATE) return null;
-  const reach = lag.oldest == null ? "what is in memory" : `the last ${duration(serverNow() - lag.oldest)}, of memory`;
+  const reach = lag.oldest == null ? tr("shell.inMemory") : tr("shell.lastOfMemory", {time: duration(serverNow() - lag.oldest)});
   return (
     <p class="say history-bar" role="status" title={lag.error ?? undefined}>
-      {lag.error != null ? `History away: trends show ${reach}.`
-        : nothing ? `The history has nothing yet, ${lag.behind} rows wait for it.`
-        : `The history is ${duration(lag.late)} behind, ${lag.behind} rows.`}
+      {lag.error != null ? tr("shell.historyAway", {reach})
+        : nothing ? tr("shell.historyEmpty", {rows: lag.behind ?? 0})
+        : tr("shell.historyBehind", {time: duration(lag.late), rows: lag.behind ?? 0})}
     </p>
   );
 }

@@ -104,7 +104,7 @@ test("two fingers hold two times of a trend", () => {
   assert.equal(pinch(w, [925, 975], [0.5, 0.5], 2000).span, 31 * 86400);
 });
 
-// Promise(page): What a part of the plant says again and again is one line among the newest events, with how often.
+// Promise(page): What a part of the plant says again and again is one line among the latest events, with how often.
 test("what is said again and again is told once, what people did each by itself", () => {
   const event = (time: number, kind: string, text: string, source = "apc-historian"): PlantEvent => ({time, severity: 2, source, kind, text});
   const told = folded([
@@ -416,7 +416,7 @@ test("published signals are those of their controller; what holds a plan back ha
   assert.deepEqual(predictors(plant), []);
   const two = {...predicted, controllers: [...predicted.controllers, {number: 2, name: "upper", period: 20}], variables: predicted.variables.map(one => (one.table === "estimate" ? {...one, name: `upper.${one.name}`} : one))};
   assert.deepEqual(predictors(two).map(one => [one.controller.name, one.measured.length, one.moved.length, one.states[0]?.name]), [["upper", 2, 0, "upper.h1.estimate"]]);
-  assert.deepEqual([0, 1, 2, 9, 12].map(heldBack), ["nothing", "its low limit", "its high limit", "its low limit, rising as fast as it may", "falling as fast as it may, rising as fast as it may"]);
+  assert.deepEqual([0, 1, 2, 9, 12].map(heldBack), ["none", "low limit", "high limit", "low limit, high rate limit", "low rate limit, high rate limit"]);
   const course = {ref: "sensor.1", name: "y1", made: 100, first: 1, step: 0.5, expected: [1, null, 3], came: []};
   const controller = {number: 1, name: "base", period: 2};
   assert.deepEqual([106, 106.1].map(now => isOfNow(course, controller, now)), [true, false]);
@@ -450,15 +450,15 @@ test("why the actual mode is what it is is said, and when it is only last known"
   };
   assert.deepEqual(told(1, 1), ["Auto", "Auto", false, null]);
   assert.deepEqual(told(1, 5, {reasons: {1: "output at its fault value"}}), ["Auto", "LO", false, "output at its fault value"]);
-  assert.deepEqual(told(1, 5, {reasons: {2: "of another loop"}})[3], "Auto is asked for and not taken yet");
+  assert.deepEqual(told(1, 5, {reasons: {2: "of another loop"}})[3], "target mode Auto is not reached yet");
   assert.deepEqual(told(1, 1, {running: {base: false, upper: true}}), ["Auto", "Auto", true, "controller base is not running"]);
   assert.deepEqual(told(1, 1, {running: {base: true, upper: false}}).slice(2), [false, null]);
   assert.deepEqual(judge(1, 4, {running: {upper: false}}, above).why, "controller upper is not running");
   assert.deepEqual(judge(1, 1, {running: {base: false}}, below, plant).why, "the controller is not running");
   assert.deepEqual(told(1, 1, {running: {base: null}})[2], false);
   assert.deepEqual(told(3, 1)[0], "Cas");
-  assert.deepEqual(told(0, 1)[3], "Man is asked for and not taken yet");
-  assert.deepEqual(told(null, 1)[3], "no mode is asked for and not taken yet");
+  assert.deepEqual(told(0, 1)[3], "target mode Man is not reached yet");
+  assert.deepEqual(told(null, 1)[3], "target mode none is not reached yet");
   assert.deepEqual(told(1, null), ["Auto", null, false, null]);
   assert.deepEqual(told(7, 1)[0], "mode 7");
   assert.deepEqual(modesOf(below, cascade, of(1), of(1), null).lastKnown, false);
@@ -467,9 +467,9 @@ test("why the actual mode is what it is is said, and when it is only last known"
 test("an output is moved by hand when Man is asked for and taken", () => {
   const hands = (target: number | null, actual: number | null) => judge(target, actual).handsOff;
   assert.equal(hands(0, 0), null);
-  assert.equal(hands(1, 0), "Auto is asked for: change to Man first");
-  assert.equal(hands(null, 0), "no mode is asked for: change to Man first");
-  for (const [target, actual] of [[0, 1], [1, 1], [0, 2], [0, null]] as const) assert.equal(hands(target, actual), "by hand in mode Man only");
+  assert.equal(hands(1, 0), "target mode is Auto: change to Man first");
+  assert.equal(hands(null, 0), "target mode is none: change to Man first");
+  for (const [target, actual] of [[0, 1], [1, 1], [0, 2], [0, null]] as const) assert.equal(hands(target, actual), "Output entry in mode Man only");
 });
 
 test("a setpoint is the loop's above while Cas is asked for, whatever the loop is in", () => {
@@ -674,8 +674,8 @@ test("an alarm is of the loop whose signal or mode it watches, or of none", () =
 
 test("what acknowledging does, states in words, and what a search finds", () => {
   const act = (state: string): string | null => acknowledgement(standing(stands(1, 1, state)).find(one => one.id === 1)!);
-  assert.deepEqual(["Unacknowledged Active", "RTN Unacknowledged", "Latched Unacknowledged", "Latched Acknowledged", "Acknowledged Active", "Shelved, Active", "Normal"].map(act), ["Acknowledge", "Acknowledge", "Acknowledge", "Reset", null, null, null]);
-  assert.deepEqual(["Unacknowledged Active", "One-shot Shelved, Active", "Out of Service"].map(stateWords), ["active, not acknowledged", "shelved once, active", "out of service"]);
+  assert.deepEqual(["Unacknowledged Active", "RTN Unacknowledged", "Latched Unacknowledged", "Latched Acknowledged", "Acknowledged Active", "Shelved, Active", "Normal"].map(act), ["acknowledge", "acknowledge", "acknowledge", "reset", null, null, null]);
+  assert.deepEqual(["Unacknowledged Active", "One-shot Shelved, Active", "Out of Service"].map(stateWords), ["active, not acknowledged", "shelved one-shot, active", "out of service"]);
   assert.deepEqual([found("HIGH tanks", defined[0]!), found("high low", defined[0]!), found("", defined[0]!)], [true, false, true]);
 });
 

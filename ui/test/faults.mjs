@@ -124,7 +124,7 @@ test("a sensor fails: the mode says why it is LO, and the output is not offered 
   return withPage("loop", async page => {
     await page.getByText("output at its fault value: y is Bad").first().waitFor();
     assert.equal(await page.locator('input[name="output.1"]').isDisabled(), true);
-    await page.getByText("Auto is asked for: change to Man first").waitFor();
+    await page.getByText("target mode is Auto: change to Man first").waitFor();
     assert.match(await page.locator('main .value.bad[data-ref="sensor.1"]').first().textContent(), /sensor failure/);
   });
 });
@@ -342,7 +342,7 @@ test("one sample among a hundred is drawn from end to end, of the first pen and 
       if (at === "trend/1") await page.getByRole("button", {name: "24 h"}).click();
       await page.locator('section.trend[data-span="86400"]').waitFor();
       await until("the curve is whole", async () => (await rows(page, panel, colour)).filter(one => one.length > 0).length > 500 && !(await page.getByText("loading …").isVisible()));
-      const fit = page.getByRole("button", {name: "Fit y"});
+      const fit = page.getByRole("button", {name: "Autoscale"});
       await fit.click();
       const high = async () => (await rows(page, panel, colour)).map((one, x) => ({x, height: one.length})).filter(one => one.height > 60);
       const [peak, ...others] = await until("the peak is drawn", async () => { const all = await high(); return all.length > 0 && all; });

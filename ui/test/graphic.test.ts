@@ -51,7 +51,7 @@ test("of a switch the first that can be shown is, of a link what is in it", () =
   assert.match(all(read.root), /"text-anchor":"middle"},"parts":\["Feed tank"\]/);
   assert.match(all(read.root), /M 10 10 L 20 20.*"tag":"tspan".*valve/);
   assert.doesNotMatch(all(read.root), /example\.org|href|foreignObject|switch/);
-  assert.deepEqual(read.left, ["where a link leads (2 times)"]);
+  assert.deepEqual(read.left, ["the target of a link (2 times)"]);
   const languages = taken([el("switch", {}, [el("text", {systemLanguage: "de"}, ["Behälter"]), el("text", {}, ["tank"])]), el("switch", {}, [el("foreignObject", {}, [])])]);
   assert.match(all(languages.root), /"tank"/);
   assert.doesNotMatch(all(languages.root), /Beh/);
@@ -94,7 +94,7 @@ test("whatever runs, loads or is another document is left out, and said", () => 
   ];
   const read = taken(hostile);
   assert.deepEqual((read.root.parts as Part[]).map(part => [part.tag, part.attributes, (part.parts[0] as Part).parts]), [["g", {}, ["press"]]]); // of the link its text
-  assert.deepEqual(read.left, ["<style>: @import", "<script> (2 times)", "<foreignObject>", "<image>", "where a link leads", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
+  assert.deepEqual(read.left, ["<style>: @import", "<script> (2 times)", "<foreignObject>", "<image>", "the target of a link", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
 });
 
 test("an element that is taken keeps nothing that acts or leads elsewhere", () => {
@@ -140,8 +140,8 @@ test("what is no drawing says so", () => {
   assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: [el("svg", {viewBox: "0 0 1 1"}, [], HTML)]}), "the file is no SVG");
   assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: [el("parsererror", {}, ["error on line 1"], HTML)]}), "the file is no SVG");
   assert.equal(drawing(file([el("parsererror", {}, ["error"], HTML)])), "the file is no SVG");
-  assert.equal(drawing(file([], {})), "the drawing says neither viewBox nor width and height");
-  assert.equal(drawing(file([], {width: "-3", height: "1"})), "the drawing says neither viewBox nor width and height");
+  assert.equal(drawing(file([], {})), "the drawing has neither viewBox nor width and height");
+  assert.equal(drawing(file([], {width: "-3", height: "1"})), "the drawing has neither viewBox nor width and height");
   assert.equal((drawing(file([], {width: "30px", height: "20", onload: "alert(1)"})) as Drawing).root.attributes.viewBox, "0 0 30 20");
 });
 

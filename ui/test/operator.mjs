@@ -88,14 +88,14 @@ test("an entry does not fight the readback, and a change by somebody else is not
     await post("/api/setpoint", {id: 1, value: 14, seq});
     await until("the other's setpoint is shown", async () => (await shown(page, "setpoint.1")) === 14);
     assert.equal(await setpoint(page).inputValue(), "11");
-    assert.match(await page.locator("main").textContent(), /changed meanwhile to 14/);
+    assert.match(await page.locator("main").textContent(), /changed by another user to 14/);
     await setpoint(page).press("Enter");
     const form = page.locator("form.entry").first();
     assert.equal(await form.getByRole("button", {name: "Apply"}).isDisabled(), true, "what could only fail can be asked for");
     assert.equal(await phase(page, "setpoint.1"), "none");
     assert.equal((await api("/api/state")).values["setpoint.1"][2], 14);
     assert.equal(await setpoint(page).inputValue(), "11");
-    await form.getByRole("button", {name: "Write 11 over it"}).click();
+    await form.getByRole("button", {name: "Overwrite with 11"}).click();
     await applied(page, "setpoint.1");
     assert.equal(await shown(page, "setpoint.1"), 11);
     await setpoint(page).fill("1000");
@@ -108,7 +108,7 @@ test("an entry does not fight the readback, and a change by somebody else is not
 test("a setpoint that was taken is given back to the scheduler", () =>
   withPage("loop", {}, async page => {
     const owner = page.locator(".operate .owner");
-    const give = page.getByRole("button", {name: "Give back to the scheduler"});
+    const give = page.getByRole("button", {name: "Return to Remote"});
     await until("it is Local", async () => (await owner.textContent()).trim() === "Local");
     await give.click();
     await applied(page, "owner.1");
@@ -149,7 +149,7 @@ test("the trend is paused, zoomed, moved, and exported", () =>
     const csv = (await exported(page, "CSV")).toString();
     const lines = csv.trimEnd().split("\r\n");
     // a bin that holds more than one sample of y says between what it moved
-    assert.match(lines[0], /^time,(y|"y, mean of ([\d.]+) s","y, least of \2 s","y, most of \2 s"),r,u$/);
+    assert.match(lines[0], /^time,(y|"y, mean of ([\d.]+) s","y, min of \2 s","y, max of \2 s"),r,u$/);
     assert.ok(lines.length > 20);
     assert.match(lines[1], /^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z,[-\d.]+(,[-\d.]*,[-\d.]*)?,[-\d.]*,[-\d.]*$/);
     const png = await exported(page, "PNG");
@@ -165,7 +165,7 @@ test("the trend is paused, zoomed, moved, and exported", () =>
 // Promise(page/trend-signals-link)
 test("signals are chosen by what they are called, and the link shows the same again", () =>
   withPage("trend", {}, async page => {
-    await page.getByRole("link", {name: "Choose signals"}).click();
+    await page.getByRole("link", {name: "Select signals"}).click();
     const rows = page.locator(".pens tbody tr");
     await until("the loop's own are there", async () => (await rows.count()) === 3);
     await page.getByRole("button", {name: "Remove r", exact: true}).click();
@@ -214,7 +214,7 @@ test("a value is dragged into the trend, a loop onto its tab", () =>
     await page.goto(`${page.url().split("#")[0]}#trend/1`);
     await page.locator(".plots .u-over").first().waitFor();
     const value = page.locator('.readout .value[data-ref="sensor.1"]');
-    await until("a trend of a loop becomes one of chosen signals", async () => {
+    await until("a trend of a loop becomes one of selected signals", async () => {
       if ((await rows.count()) !== 3) await value.dragTo(page.locator(".plots"), {timeout: 5000}).catch(() => {});
       return (await rows.count()) === 3;
     });
@@ -331,39 +331,39 @@ test("an alarm comes with its rank and what to do, is acknowledged with a commen
     const line = page.locator(".alarm-line");
     const rows = page.locator(".alarm-list tbody tr:not(.detail)");
     const write = async value => post("/api/setpoint", {id: 1, value, seq: (await api("/api/state")).values["setpoint.1"][0]});
-    await until("no alarm stands", async () => /No alarm stands/.test(await line.textContent()));
+    await until("no alarm stands", async () => /No active alarms/.test(await line.textContent()));
     await write(30);
     await until("the alarm is on the overview", async () => /1 not acknowledged/.test(await line.textContent()));
     await line.locator(".first a", {hasText: "y.high"}).click();
-    await until("it stands in the list, opened", async () => (await rows.count()) === 1 && /what to do.*lower r/.test(await page.locator(".detail").textContent()));
+    await until("it stands in the list, opened", async () => (await rows.count()) === 1 && /response.*lower r/.test(await page.locator(".detail").textContent()));
     assert.match(await rows.first().textContent(), /y.high.*the tank is full.*active, not acknowledged/);
     await page.getByLabel("reason or comment").fill("valve 3 stuck");
-    await page.getByRole("button", {name: "Acknowledge with it"}).click();
+    await page.getByRole("button", {name: "Acknowledge with comment"}).click();
     await until("it is acknowledged", async () => /active, acknowledged/.test(await rows.first().textContent()));
     assert.equal(await line.getByRole("button", {name: /^Acknowledge/}).count(), 0);
     assert.equal(await page.getByRole("button", {name: "Shelve", exact: true}).isDisabled(), true, "shelved without a reason");
     await page.getByLabel("reason or comment").fill("r is tested");
     await page.getByRole("button", {name: "Shelve", exact: true}).click();
     await until("it is shelved, until a time", async () => /shelved, active.*until \d\d:\d\d/.test(await rows.first().textContent()));
-    await until("it does not stand any more", async () => /No alarm stands.*1 shelved/.test(await line.textContent()));
-    await page.getByRole("button", {name: /^Masked/}).click();
+    await until("it does not stand any more", async () => /No active alarms.*1 shelved/.test(await line.textContent()));
+    await page.getByRole("button", {name: /^Shelved/}).click();
     assert.equal(await rows.count(), 1);
-    await page.getByRole("button", {name: "Shelve no more"}).click();
+    await page.getByRole("button", {name: "Unshelve"}).click();
     await until("it calls again", async () => /1 not acknowledged/.test(await line.textContent()));
     await line.getByRole("button", {name: /^Acknowledge/}).click();
     await until("it is acknowledged by the line", async () => !/not acknowledged/.test(await line.textContent()));
     await write(12);
-    await until("it is gone", async () => /No alarm stands/.test(await line.textContent()));
+    await until("it is gone", async () => /No active alarms/.test(await line.textContent()));
     await page.getByRole("button", {name: "Journal"}).click();
-    const told = async () => (await page.locator(".journal tbody tr td[data-label='What happened']").allTextContents()).reverse();
-    const wanted = [/^raised$/, /^acknowledged: valve 3 stuck$/, /^active, acknowledged$/, /^shelved until .*: r is tested$/, /^shelved, active$/, /^not shelved any more$/, /^raised$/, /^acknowledged$/, /^active, acknowledged$/, /^normal$/];
+    const told = async () => (await page.locator(".journal tbody tr td[data-label='Transition']").allTextContents()).reverse();
+    const wanted = [/^activated$/, /^acknowledged: valve 3 stuck$/, /^active, acknowledged$/, /^shelved until .*: r is tested$/, /^shelved, active$/, /^not shelved any more$/, /^activated$/, /^acknowledged$/, /^active, acknowledged$/, /^normal$/];
     await until("the journal tells the story", async () => {
       const story = await told();
       if (story.length === wanted.length && wanted.every((one, i) => one.test(story[i]))) return true;
       throw new Error(story.join(" | "));
     });
-    await page.getByRole("button", {name: "Figures"}).click();
-    await until("two were raised", async () => /raised\s*2/.test(await page.locator(".alarms .panel").first().textContent()));
+    await page.getByRole("button", {name: "Performance"}).click();
+    await until("two were raised", async () => /activated\s*2/.test(await page.locator(".alarms .panel").first().textContent()));
   }));
 
 // Promise(alarms/acknowledge-once-told)
@@ -403,7 +403,7 @@ test("of two who acknowledge at once one does, the other is told or sees it done
     }
     page.complaints = page.complaints.filter(one => !/status of 4(00|22)/.test(one)); // the browser tells of what the server refuses
     await write(12);
-    await until("it is gone", async () => /No alarm stands/.test(await page.locator(".alarm-line").textContent()));
+    await until("it is gone", async () => /No active alarms/.test(await page.locator(".alarm-line").textContent()));
   }));
 
 // Promise(page/logs-form-comes): Who logs in by the form comes to what the link named; only the form may run a

@@ -227,11 +227,11 @@ test("what stands is what the server said last, each second", async () => {
   env.source.send("state", server.state());
   assert.deepEqual([model.control.value?.safe, modes().lastKnown], [false, false]);
   server.sample("actual.21", 0);
-  assert.equal(modes().handsOff, "Auto is asked for: change to Man first");
-  assert.equal(modes(2).handsOff, "by hand in mode Man only", "the other loop's mode was changed");
+  assert.equal(modes().handsOff, "target mode is Auto: change to Man first");
+  assert.equal(modes(2).handsOff, "Output entry in mode Man only", "the other loop's mode was changed");
   server.control = {...server.control, reasons: {2: "output held"}};
   server.beat();
-  assert.deepEqual([modes().why, modes(2).why], ["Auto is asked for and not taken yet", "output held"]);
+  assert.deepEqual([modes().why, modes(2).why], ["target mode Auto is not reached yet", "output held"]);
 });
 
 test("limits are those of the measurement, else of its setpoint", () => {
@@ -605,7 +605,7 @@ test("rows and heads of a trend are what is exported", async () => {
   };
   let before = heads(30);
   await asked(86400);
-  assert.deepEqual(before, ["y1 [m], mean of 108 s", "y1 [m], least of 108 s", "y1 [m], most of 108 s", "r1 [m]", "u1 [V], last of 108 s", "u1 [V], least of 108 s", "u1 [V], most of 108 s"]);
+  assert.deepEqual(before, ["y1 [m], mean of 108 s", "y1 [m], min of 108 s", "y1 [m], max of 108 s", "r1 [m]", "u1 [V], last of 108 s", "u1 [V], min of 108 s", "u1 [V], max of 108 s"]);
   await asked(30);
   assert.deepEqual(curves.variables.map(variable => variable.ref), ["sensor.1", "setpoint.1", "actuator.1"]);
   // A measurement is not held; what was put out is, up to what the server has said, as long as it speaks.
@@ -637,7 +637,7 @@ test("a table of a trend has bins where its window has some, not where others ha
   curves.fill(now - 90, now, 800, false, () => {});
   await env.settle();
   const heads = (from: number, to: number): string[] => curves.columns(from, to).map(one => one.head.replace(/ of .*/, ""));
-  assert.deepEqual([heads(now - 90, now), heads(now - 40, now)], [["T [K], mean", "T [K], least", "T [K], most"], ["T [K]"]]);
+  assert.deepEqual([heads(now - 90, now), heads(now - 40, now)], [["T [K], mean", "T [K], min", "T [K], max"], ["T [K]"]]);
   curves.stop();
   env.routes.set("/api/history", route);
 });

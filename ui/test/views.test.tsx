@@ -197,18 +197,18 @@ test("a bar begins at zero and marks its setpoint", async () => {
 });
 
 test("the header says who, what, whether there is a connection, and the server's time", async () => {
-  assert.match(said("header"), /^libapc tanks CONNECTED 0\.\d s DB ok \d\d:\d\d:\d\d UTC anna, engineer Log out Colours auto light dark \?$/);
+  assert.match(said("header"), /^libapc tanks CONNECTED 0\.\d s DB ok \d\d:\d\d:\d\d UTC anna, engineer Log out Colours auto light dark Language English Deutsch \?$/);
   assert.equal(document.title, "tanks – libapc");
   env.source.send("store", {connected: false, since: START, error: "it was stopped"});
   await settle();
-  assert.match(said("header"), /\[priority 1: database away\] DB AWAY/);
+  assert.match(said("header"), /\[priority 1: Database offline\] Database offline/);
   env.source.send("store", {connected: true, since: START, error: null, full: "the store is full: it has no room for sensor 2 (y2): make a larger one"});
   await settle();
   assert.equal(said(".full-bar"), "[priority 1: store full] The store is full: it has no room for sensor 2 (y2): make a larger one. What is refused is not in force.");
   env.source.send("store", {connected: false, since: START, error: "it was stopped", full: null});
   await settle();
   assert.equal(document.querySelectorAll(".full-bar").length, 0);
-  assert.match(said(".database-bar"), /^\[priority 1: database away\] The database is away since 2033-05-18 03:33:20 UTC\. Values are last known, writing is disabled\. it was stopped$/);
+  assert.match(said(".database-bar"), /^\[priority 1: Database offline\] The database is offline since 2033-05-18 03:33:20 UTC\. Values are last known, writing is disabled\. it was stopped$/);
   env.source.break();
   await settle();
   assert.match(said("header"), /\[priority 1: disconnected\] DISCONNECTED, next attempt in 1 s /);
@@ -234,7 +234,7 @@ test("a history that is away, or late, is said quietly; one that keeps up is not
   await beat({behind: 120, late: null, oldest: server.now - 20, error: null});
   assert.equal(said(".history-bar"), "The history has nothing yet, 120 rows wait for it.");
   await beat({behind: null, late: null, oldest: server.now - 1230, error: "no server"});
-  assert.equal(said(".history-bar"), "History away: trends show the last 20 min, of memory.");
+  assert.equal(said(".history-bar"), "History offline: trends show the last 20 min, of memory.");
   assert.equal(one(".history-bar").getAttribute("role"), "status");
   assert.equal(one(".history-bar").getAttribute("title"), "no server");
   assert.equal(document.querySelectorAll('[role="alert"] .trouble').length, 0, "an alarm of it");
@@ -348,8 +348,8 @@ test("colours are chosen and remembered", async () => {
 test("the faceplate tells the loop", async () => {
   await show("loop/2");
   assert.equal(said("h1"), "y2");
-  assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5 m DEV PV less SP 0\.000 m OUT u2 .* 2\.000 V /);
-  assert.match(said(".last-action"), /none among the newest 50 of the plant/);
+  assert.match(said(".faceplate"), /^Values PV y2 .* 5\.000 m SP r2 .* 5 m DEV PV − SP 0\.000 m OUT u2 .* 2\.000 V /);
+  assert.match(said(".last-action"), /none among the latest 50 of the plant/);
   assert.equal(said(".operate h2"), "Mode | Setpoint | Output");
   await click(button("Next loop"));
   await show(location.hash.slice(1));
@@ -366,7 +366,7 @@ test("the faceplate tells the loop", async () => {
   await show(location.hash.slice(1));
   assert.equal(said("h1"), "y1");
   await show("loop/99");
-  assert.match(said("main"), /^Loop tanks has no loop “99”: those that it has\.$/);
+  assert.match(said("main"), /^Loop tanks has no loop “99”: loops of this plant\.$/);
 });
 
 const entry = 'form.entry:has(input[name="setpoint.1"])';
@@ -453,11 +453,11 @@ test("what somebody else has changed is written over only by the button that say
   server.sample("setpoint.1", 9);
   await settle();
   assert.equal(one<HTMLInputElement>(field).value, "7");
-  assert.match(said(entry), /changed meanwhile to 9 m: Esc takes that Write 7 over it/);
+  assert.match(said(entry), /changed by another user to 9 m: Esc keeps it Overwrite with 7/);
   assert.equal(button("Apply", entry).disabled, true);
   await submit(entry);
   assert.equal(env.asked.length, 0);
-  await click(button("Write 7 over it", entry));
+  await click(button("Overwrite with 7", entry));
   const asked = env.take("/api/setpoint");
   assert.equal(asked.body?.seq, model.live("setpoint.1").value.seq);
   asked.answer({error: {code: "stale", message: "changed again"}}, 409);
@@ -477,10 +477,10 @@ test("the output is offered in Man only, and a reason is given", async () => {
   await show("loop/1");
   const output = 'form.entry:has(input[name="output.1"])';
   assert.equal(one<HTMLInputElement>('input[name="output.1"]').disabled, true);
-  assert.match(said(output), /by hand in mode Man only/);
+  assert.match(said(output), /Output entry in mode Man only/);
   server.sample("actual.21", 0);
   await settle();
-  assert.match(said(output), /Auto is asked for: change to Man first/);
+  assert.match(said(output), /target mode is Auto: change to Man first/);
   server.sample("opmode.1", 0);
   await settle();
   assert.equal(one<HTMLInputElement>('input[name="output.1"]').disabled, false);
@@ -523,11 +523,11 @@ test("tuning goes together, old and new are shown", async () => {
   await type(tuning, "2.5");
   server.sample("tuning.2", 3);
   await settle();
-  assert.match(said(".tuning"), /changed meanwhile to 3/);
+  assert.match(said(".tuning"), /changed by another user to 3/);
   assert.equal(button("Apply", ".tuning").disabled, true);
   await submit("form.tuning");
   assert.equal(env.asked.length, 0);
-  await click(button("Write over what was changed"));
+  await click(button("Overwrite the other changes"));
   const asked = env.take("/api/tuning");
   assert.deepEqual(asked.body?.values, [{id: 2, value: 2.5, seq: model.live("tuning.2").value.seq}]);
   assert.match(said('[data-slot="tuning.2"]'), /Kp 3 → 2\.5: pending/);
@@ -540,9 +540,9 @@ test("tuning goes together, old and new are shown", async () => {
 test("a faceplate tells how far a loop is off, what is at its limit, and leads to what is expected of it", async () => {
   await show("loop/1");
   await state({"sensor.1": [20, server.now, 1.5, "Good"], "setpoint.1": [21, server.now, 2, "Good"], "actuator.1": [22, server.now, 10, "Good"]});
-  assert.match(said(".faceplate"), /SP r1 .* 2 m DEV PV less SP −0\.50 m OUT u1 .* 10\.000 V at its high limit/);
+  assert.match(said(".faceplate"), /SP r1 .* 2 m DEV PV − SP −0\.50 m OUT u1 .* 10\.000 V at output high limit/);
   await state({"sensor.1": [23, server.now, 1.5, "BadNoCommunication"], "actuator.1": [24, server.now, 9, "Good"]});
-  assert.match(said(".faceplate"), /DEV PV less SP – /);
+  assert.match(said(".faceplate"), /DEV PV − SP – /);
   assert.doesNotMatch(said(".faceplate"), /limit/);
   assert.equal(document.querySelectorAll('a[href="#prediction/base"]').length, 0);
   server.plant = predicted;
@@ -560,19 +560,19 @@ test("an observer and somebody without a database may look, and are told why", a
   const who = model.session.value!;
   model.session.value = {...who, role: "observer"};
   await settle();
-  assert.match(said(entry), /anna may only look: this takes an operator/);
+  assert.match(said(entry), /View only for anna: operator role required/);
   assert.equal(button("Man").disabled, true);
   model.session.value = {...who, role: "operator"};
   await settle();
   assert.doesNotMatch(said(entry), /this takes/);
   assert.equal(button("Man").disabled, false);
-  assert.match(said(".tuning-panel"), /anna may not tune: this takes an engineer/);
+  assert.match(said(".tuning-panel"), /No tuning by anna: engineer role required/);
   model.session.value = who;
   await settle();
   assert.doesNotMatch(said(".tuning-panel"), /this takes/);
   env.source.send("store", {connected: false, since: 1, error: "x"});
   await settle();
-  assert.match(said(entry), /the database is away/);
+  assert.match(said(entry), /the database is offline/);
   env.source.break();
   await settle();
   assert.match(said(entry), /not connected to the server/);
@@ -608,13 +608,13 @@ test("events: newest first, with a mark; those that come are filtered as the ser
   assert.deepEqual(rows().map(row => row.split(",").at(-1)), ["new", "alarmed", "warned"], "older than an hour");
   env.source.send("event", {events: Array.from({length: 700}, (_, i) => event(server.now + i / 1000, 1, `burst ${i}`))});
   await settle();
-  assert.match(said("tr.gap"), /\[missing\] events are missing here: more came at once than this page keeps Ask for them/);
+  assert.match(said("tr.gap"), /\[missing\] events are missing here: more came at once than this page keeps Load them/);
   assert.equal([...document.querySelectorAll("main tbody tr")].findIndex(row => row.className === "gap"), 500);
-  await click(button("Ask for them"));
+  await click(button("Load them"));
   await env.pass(0.2);
   await settle();
   assert.equal(document.querySelectorAll("tr.gap").length, 0);
-  await click(button("Older ones"));
+  await click(button("Load older"));
   await env.pass(0.2);
   await settle();
   assert.equal(queries.at(-1)?.last, "1000");
@@ -638,10 +638,10 @@ test("diagnostics: tasks, links, database, stream, signals", async () => {
   const region = (name: string): string => said(`[role="region"][aria-label="${name}"] tbody tr`);
   assert.equal(region("Tasks"), "controller 2 s – – 2.00 ms 3.00 ms [missed ticks] 4 1.0 s ago | dead 1 s – – – – 0 [silent] 60 s ago");
   assert.equal(region("Links"), "plantconnected up 2033-05-18 03:33:20 1.00 ms 2.00 ms 1 0 | gone [priority 1: down] down – not reported – 2 –");
-  assert.equal(region("Database"), "read 3 1.00 ms 2.00 ms 3.00 ms | write 0 – – – | connection ok, since 2033-05-18 03:33:20 UTC, connected 1 time | spool 7 waiting, oldest 3.0 s");
+  assert.equal(region("Database"), "read 3 1.00 ms 2.00 ms 3.00 ms | write 0 – – – | connection ok, since 2033-05-18 03:33:20 UTC, connected once | spool 7 waiting, oldest 3.0 s");
   assert.match(region("Stream"), /^sample to message 3 1\.00 ms 2\.00 ms 3\.00 ms \| message to this page \d+ .* \| clients 2 now, 10 messages sent, 1 dropped$/);
-  assert.equal(said('[role="table"][aria-label="Signals"] [data-row]'), "sensor.1 y1 500 ms 3.0 s Good | actuator.1 u1 [stale] 9.0 s 6.0 s [uncertain] substitute value | manual.1 u1.manual – stands no sample yet");
-  assert.match(said(".toolbar"), /as of 03:33:20 UTC, the server has run for 10 min/);
+  assert.equal(said('[role="table"][aria-label="Signals"] [data-row]'), "sensor.1 y1 500 ms 3.0 s good | actuator.1 u1 [stale] 9.0 s 6.0 s [uncertain] substitute value | manual.1 u1.manual – on change no sample yet");
+  assert.match(said(".toolbar"), /as of 03:33:20 UTC, uptime 10 min/);
   for (let i = 0; i < 2000; i++) more.push({ref: `sensor.${100 + i}`, age: 1, period: 1, stale: false, status: "Good"});
   await show("overview");
   await show("diagnostics");
@@ -672,14 +672,14 @@ test("timing: a histogram and its figures for each task", async () => {
   await settle();
   assert.equal(queries.length, asked, "a day is asked for anew at each report");
   await click(button("View as table"));
-  assert.match(said("table"), /filled bins from to count .* newest 60 until n missed p50 p99 max 03:33:20 3 0 1\.0 µs 2\.0 µs 3\.0 µs/);
+  assert.match(said("table"), /filled bins from to count .* latest 60 until n missed p50 p99 max 03:33:20 3 0 1\.0 µs 2\.0 µs 3\.0 µs/);
 });
 
 test("a trend: live, paused, moved, and what it says of itself", async () => {
   await show("trend/1");
   const trend = (): string[] => ["data-live", "data-span"].map(name => one("section.trend").getAttribute(name) ?? "");
   assert.deepEqual(trend(), ["true", "600"]);
-  assert.equal(said(".readout"), "newest y1 9.98 r1 0.125 u1 1.500");
+  assert.equal(said(".readout"), "current y1 9.98 r1 0.125 u1 1.500");
   await press(" ");
   assert.deepEqual(trend(), ["false", "600"]);
   server.sample("sensor.1", 5);
@@ -717,9 +717,9 @@ test("a trend: live, paused, moved, and what it says of itself", async () => {
   assert.deepEqual(trend(), ["false", "14400"]);
   await choose(".toolbar select", "sensor.3");
   await show(location.hash.slice(1));
-  assert.equal(said(".readout"), "newest T 300.000");
+  assert.equal(said(".readout"), "current T 300.000");
   await click(button("View as table"));
-  assert.match(said("table.data"), /T, the newest \d+ points of the window \(UTC\) time T \[K\]/);
+  assert.match(said("table.data"), /T, the latest \d+ points of the window \(UTC\) time T \[K\]/);
 });
 
 test("the login is shown when the session has ended", async () => {
@@ -890,7 +890,7 @@ test("events are filtered by kind, source and text, and saved as they are shown"
   assert.equal(said(".events [role=status]"), "2 shown");
   assert.deepEqual(await saved(() => click(button("CSV"))), ["tanks-events.csv",
     "time,severity,source,kind,text\r\n2033-05-18T03:33:20.000000Z,1,anna,operator,'=a\r\n2033-05-18T03:33:21.000000Z,2,anna,operator,\"b, c\"\r\n"]);
-  assert.equal([...document.querySelectorAll("main button")].some(each => each.textContent === "Older ones"), false, "there are no older ones");
+  assert.equal([...document.querySelectorAll("main button")].some(each => each.textContent === "Load older"), false, "there are no older ones");
   answer = [];
   await choose("main label:nth-of-type(2) select", "link");
   await type("main label:nth-of-type(3) input", " anna ");
@@ -1015,15 +1015,15 @@ test("a trend from one time to another, fitted, turned by the wheel, and saved",
     await settle();
   }
   assert.match(said(".readout"), /part of the curve is off the axis/);
-  await click(button("Fit y"));
+  await click(button("Autoscale"));
   assert.doesNotMatch(said(".readout"), /part of the curve is off the axis/);
-  await click(button("Reset y"));
+  await click(button("Default scale"));
   assert.match(said(".readout"), /part of the curve is off the axis/);
   assert.deepEqual(await saved(() => click(button("CSV"))), ["tanks-y1.csv",
     "time,y1 [m],r1 [m],u1 [V]\r\n2033-05-18T03:33:21.000000Z,1.5,,\r\n2033-05-18T03:33:22.000000Z,300,,\r\n"]);
   await click(button("View as table"));
   assert.equal(said("table.data tbody tr"), "2033-05-18 03:33:21.0 1.50 – – | 2033-05-18 03:33:22.0 300.00 – –");
-  assert.match(said("table.data"), /the newest 2 points/);
+  assert.match(said("table.data"), /the latest 2 points/);
   await click(button("View as table"));
   const wheel = async (more: object): Promise<boolean> => {
     const turned = Object.assign(new window.WheelEvent("wheel", {cancelable: true}), {ctrlKey: false, shiftKey: false, deltaX: 0, deltaY: 0}, more);
@@ -1063,13 +1063,13 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   });
   await show("trend/2");
   const hash = (): string => location.hash;
-  const link = [...document.querySelectorAll<HTMLAnchorElement>("a.button")].find(each => each.textContent === "Choose signals")!;
+  const link = [...document.querySelectorAll<HTMLAnchorElement>("a.button")].find(each => each.textContent === "Select signals")!;
   assert.equal(link.getAttribute("href"), "#trend/pens=y2,r2,u2;span=600");
   asked.length = 0;
   await show("trend/pens=y2,T;span=1200");
   for (let i = 0; i < 100 && said(".readout").endsWith("loading …"); i++) await settle();
   assert.deepEqual([one("section.trend").getAttribute("data-live"), one("section.trend").getAttribute("data-span")], ["true", "1200"]);
-  assert.equal(said(".readout"), "newest y2 5.000 T 300.000");
+  assert.equal(said(".readout"), "current y2 5.000 T 300.000");
   assert.deepEqual([...new Set(asked)].sort(), ["sensor.2", "sensor.3"]);
   assert.deepEqual(said(".pens tbody th"), "y2 | T");
   assert.equal(said(".pens tbody tr:nth-child(2) td.number").split(" | ").slice(1).join(" "), "290.000 290.000 310.000", "each value counts as long as it stood");
@@ -1077,7 +1077,7 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   assert.equal(document.querySelectorAll(".plots .uplot").length, 2, "a panel for each unit");
   // More of them, by what they are
   await type(".pen-search input", "nonsense");
-  assert.equal(said(".pen-search .say"), "nothing is called “nonsense”");
+  assert.equal(said(".pen-search .say"), "no signal matches “nonsense”");
   await type(".pen-search input", "LEVEL");
   assert.equal(said(".matches"), "y1 [m] level");
   await submit(".pen-search");
@@ -1106,7 +1106,7 @@ test("a trend of any signals: its link, a search for more, how they were, and wh
   // What a link gets wrong
   await show("trend/pens=y2,nobody,y2;span=-1;colour=red;to=never");
   assert.equal(said(".complaint"), "“span=-1” is no span between 1 s and 31 d: these are 10 min. | “colour=red” of the link means nothing here. | “to=never” is no time before now: this is live. | tanks has no signal nobody.");
-  assert.equal(said(".readout").split(" ").slice(0, 2).join(" "), "newest y2");
+  assert.equal(said(".readout").split(" ").slice(0, 2).join(" "), "current y2");
   await show("trend/pens=");
   assert.equal(said(".trend h1"), "Trend");
   await type(".pen-search input", "u1");
@@ -1140,18 +1140,18 @@ test("what predictive control expects, what holds it back, and how its solver do
   await settle();
   assert.equal(said(".prediction .toolbar .say"), "base: 3 steps of 2.0 s");
   const rows = [...document.querySelectorAll(".prediction .panel tbody tr")].map(row => [...row.children].map(cell => (cell.textContent ?? "").replace(/\s+/g, " ").trim()));
-  assert.deepEqual(rows[0], ["y1", "9.98m", "0.125", "12.500", "12.00", "no limits", "nothing"]);
+  assert.deepEqual(rows[0], ["y1", "9.98m", "0.125", "12.500", "12.00", "no limits", "none"]);
   assert.equal(rows[2]![0], "u1");
-  assert.deepEqual(rows[2]!.slice(2), ["3.500", "3.000", "−10 to 10", "its high limit, falling as fast as it may", "AutoTake out of service: u1", "98 %"]);
-  await click(button("Take out of service: u1"));
+  assert.deepEqual(rows[2]!.slice(2), ["3.500", "3.000", "−10 to 10", "high limit, low rate limit", "AutoOut of service: u1", "98 %"]);
+  await click(button("Out of service: u1"));
   assert.deepEqual([env.asked.at(-1)?.body?.id, env.asked.at(-1)?.body?.mode], [1, "Man"]);
   env.take("/api/mode").answer({error: {code: "role", message: "not you"}}, 403);
   await settle();
   assert.match(said(".service .write-status"), /mode Auto → Man: failed – not you/);
   await click(button("Dismiss"));
   assert.match(said(".prediction"), /u1\.disturbance 0\.250 .*h1\.estimate 2\.000/);
-  assert.match(said(".prediction .pairs"), /result \[not the best plan\] sub-optimal: .* objective 1\.500 0 at rest time it took 4\.00 ms changes of the working set 7/);
-  assert.match(one(".plots").getAttribute("aria-label")!, /^y1, y2, u1, u2: the last 30 s, and what is expected for the next 6\.0 s/);
+  assert.match(said(".prediction .pairs"), /result \[not the optimal plan\] sub-optimal: .* objective 1\.500 0 at steady state solve time 4\.00 ms iterations 7/);
+  assert.match(one(".plots").getAttribute("aria-label")!, /^y1, y2, u1, u2: the last 30 s, and the prediction for the next 6\.0 s/);
   assert.equal(one<HTMLAnchorElement>(".prediction .toolbar a").getAttribute("href"), "#trend/pens=y1,y2,u1,u2,u1.disturbance;span=600");
   await click(button("View as table"));
   assert.equal(said(".prediction .scroll thead"), "Signal 2 s 4 s 6 s");
@@ -1167,22 +1167,22 @@ test("what predictive control expects, what holds it back, and how its solver do
   await settle();
   assert.equal(said(".prediction .complaint"), "the database is away");
   const old = [...document.querySelectorAll(".prediction .panel .value.stale")].map(each => each.textContent?.replace(/\s+/g, " ") ?? "");
-  for (const words of [/its high limit, falling as fast as it may/, /sub-optimal: /, /4\.00 ms/, /^\??7/]) assert.ok(old.some(text => words.test(text)), `${words} stands as if it were of now: ${old.join("; ")}`);
+  for (const words of [/high limit, low rate limit/, /sub-optimal: /, /4\.00 ms/, /^\??7/]) assert.ok(old.some(text => words.test(text)), `${words} stands as if it were of now: ${old.join("; ")}`);
   // Beside a trend as well, where that is wanted; the link says it.
   made = server.now;
   env.routes.set("/api/outlook", each => each.answer({t: made, at: made, outlook: [course("sensor.1", "y1", [10, 11, 12])]}));
   await show("trend/pens=y1;span=60;ahead=1");
   await env.pass(0.8);
   await settle();
-  assert.match(said(".trend"), /Right of the line, dashed, what was expected now\./);
-  assert.equal(button("Expected").getAttribute("aria-pressed"), "true");
+  assert.match(said(".trend"), /Right of the line, dashed: the prediction made now\./);
+  assert.equal(button("Prediction").getAttribute("aria-pressed"), "true");
   await click(button("View as table"));
-  assert.match(said("table.data").split("What is expected")[1] ?? "", /^, by the time from the plan on signal 2 s 4 s 6 s y1 10\.000 11\.000 12\.000/);
+  assert.match(said("table.data").split("Prediction")[1] ?? "", /^, by the time from the plan on signal 2 s 4 s 6 s y1 10\.000 11\.000 12\.000/);
   await click(button("View as table"));
   await show("trend/pens=u2;span=60;ahead=1");
   await env.pass(0.4);
   await settle();
-  await click(button("Expected"));
+  await click(button("Prediction"));
   await env.pass(0.4);
   await settle();
   assert.equal(location.hash, "#trend/pens=u2;span=60");
@@ -1284,7 +1284,7 @@ test("in Man below another loop a setpoint goes along with its measurement, and 
   await show(`loop/${lower.id}`);
   const field = () => one<HTMLInputElement>(`input[name="${lower.setpoint}"]`);
   assert.equal(field().disabled, true);
-  assert.match(said(".operate"), /in Man it goes along with the measurement: change to Auto first/);
+  assert.match(said(".operate"), /SP tracks PV in Man: change to Auto first/);
   await state({...inMode(0), [lower.setpoint as string]: [95, t, 7.5, "Good"]});
   assert.doesNotMatch(said(".operate"), /changed meanwhile/);
   await state(inMode(1));
@@ -1301,14 +1301,14 @@ test("who is in shadow is named, and what it would put out stands beside what go
   const would: Record<string, Sample> = {"estimate.1": [5, t, 1.5, "Good"], "estimate.2": [5, t, 1.75, "Good"]};
   await state({...would, "opmode.3": [1, t - 9, 1, "Good"], "actual.53": [1, t - 9, 2, "Uncertain"], "manual.3": [0, null, null, "BadNoData"]});
   assert.equal(said(".loops .group"), "base every 2 s | trial every 2 s in shadow: it moves nothing");
-  assert.deepEqual([...document.querySelectorAll('.loops td[data-label="OUT"]')].map(one => one.textContent), ["1.500V", "2.000V", "1.750Vwould be"]);
+  assert.deepEqual([...document.querySelectorAll('.loops td[data-label="OUT"]')].map(one => one.textContent), ["1.500V", "2.000V", "1.750Vshadow output"]);
   assert.equal(said(".toolbar .say"), "all values fresh and good");
   const trend = async (loop: number): Promise<string> => {
     await show(`trend/${loop}`);
     for (let i = 0; i < 100 && said(".readout").endsWith("loading …"); i++) await settle();
     return said(".readout");
   };
-  assert.equal(await trend(1), "newest y1 9.98 r1 0.125 u1 1.500 trial.u1.output 1.750");
+  assert.equal(await trend(1), "current y1 9.98 r1 0.125 u1 1.500 trial.u1.output 1.750");
   assert.equal(await trend(3), await trend(1));
   assert.deepEqual([...document.querySelectorAll(".readout .key path")].map(key => key.getAttribute("stroke-dasharray")), ["", "6 3", "", "6 3"]);
   server.sample("estimate.2", 1.25);
@@ -1316,16 +1316,16 @@ test("who is in shadow is named, and what it would put out stands beside what go
   assert.match(said(".readout"), /trial.u1.output 1.250/);
   await click(button("View as table"));
   assert.match(said("table.data thead"), /^time y1 \[m\] r1 \[m\] u1 \[V\] trial.u1.output \[V\]$/);
-  assert.equal(await trend(2), "newest y2 5.000 r2 5 u2 2.000");
+  assert.equal(await trend(2), "current y2 5.000 r2 5 u2 2.000");
   await show("loop/1");
-  assert.match(said(".faceplate"), /OUT u1 .* 1.500 V WOULD trial.u1.output .* 1.250 V/);
+  assert.match(said(".faceplate"), /OUT u1 .* 1.500 V SHADOW trial.u1.output .* 1.250 V/);
   await show("loop/3");
   assert.match(said(".toolbar"), /^trial.u1 level In shadow: trial moves nothing/);
   server.control = {...server.control, shadow: ["base"]};
   server.beat();
   await settle();
   assert.doesNotMatch(said(".toolbar"), /shadow/);
-  assert.equal(await trend(1), "newest y1 9.98 r1 0.125 u1 1.500 u1.output 1.500");
+  assert.equal(await trend(1), "current y1 9.98 r1 0.125 u1 1.500 u1.output 1.500");
   server.plant = tanks;
   env.source.send("plant", {revision: 4});
   await settle();
@@ -1338,14 +1338,14 @@ test("a setpoint that the loop above moves is Remote, and a value of one's own t
   await show("loop/1");
   assert.deepEqual([...document.querySelectorAll(".segments button")].map(each => each.textContent), ["Man", "Auto", "Cas"]);
   assert.equal(said(".mode-switch .pairs"), "target Cas actual Cas");
-  assert.match(said(".operate h2"), /Setpoint Remote: upper\.r1 moves it/);
+  assert.match(said(".operate h2"), /Setpoint Remote: moved by upper\.r1/);
   assert.equal(said('main .line .value[data-ref="setpoint.1"]'), "0.12 m", "a loop's number is told with all its digits");
   const form = 'form.entry:has(input[name="setpoint.1"])';
-  assert.match(said(form), /100 to 100 ?; a value of yours takes it from upper\.r1/);
+  assert.match(said(form), /100 to 100 ?; upper\.r1 moves it, entering a value sets SP Local/);
   await type('input[name="setpoint.1"]', "6");
   server.sample("setpoint.1", 0.2); // which is no reason to ask again
   await settle();
-  assert.match(said(form), /→ 6 m, Local from then on, target Auto: Enter applies/);
+  assert.match(said(form), /→ 6 m, SP becomes Local, target Auto: Enter applies/);
   await submit(form);
   assert.deepEqual([env.take("/api/setpoint").body?.value], [6]);
   server.sample("opmode.1", 1);
@@ -1367,10 +1367,10 @@ test("a setpoint of the scheduler is Remote, and is given back to it where it wa
   await settle();
   env.source.send("state", server.state({[owner]: [0, null, null, "BadNoData"]})); // nobody took it ever
   await show("loop/1");
-  assert.match(said(".operate h2"), /Setpoint Remote: the scheduler moves it/);
+  assert.match(said(".operate h2"), /Setpoint Remote: moved by the scheduler/);
   assert.equal(document.querySelector(".give-back button"), null);
   await type('input[name="setpoint.1"]', "6");
-  assert.match(said('form.entry:has(input[name="setpoint.1"])'), /→ 6 m, Local from then on: Enter applies/);
+  assert.match(said('form.entry:has(input[name="setpoint.1"])'), /→ 6 m, SP becomes Local: Enter applies/);
   env.source.send("values", {t, values: {[owner]: [4, t, 0, "Good"]}}, "a.999");
   await settle();
   assert.match(said(".operate h2"), /Setpoint Local/);
@@ -1380,7 +1380,7 @@ test("a setpoint of the scheduler is Remote, and is given back to it where it wa
   assert.match(said('[data-slot="owner.1"]'), /r1 Local → Remote/);
   env.source.send("values", {t, values: {[owner]: [5, t, 1, "Good"]}}, "a.1000");
   await settle();
-  assert.match(said(".operate h2"), /Setpoint Remote: the scheduler moves it/);
+  assert.match(said(".operate h2"), /Setpoint Remote: moved by the scheduler/);
   assert.equal(document.querySelector(".give-back button"), null);
 });
 
@@ -1398,7 +1398,7 @@ async function withAlarms(...now: ReturnType<typeof stands>[]): Promise<void> {
 test("the line of alarms stands on every page, with the most urgent, which is acknowledged there", async () => {
   assert.equal(document.querySelectorAll(".alarm-line").length, 0); // this plant has none
   await withAlarms();
-  assert.match(said(".alarm-line"), /^No alarm stands/);
+  assert.match(said(".alarm-line"), /^No active alarms/);
   env.source.send("alarms", {t: server.now, alarms: [stands(2, 1, "Unacknowledged Active"), stands(1, 1, "Unacknowledged Active"), stands(3, 1, "Suppressed by Design")]});
   await settle();
   assert.match(said(".alarm-line"), /^\[priority 2: alarms\] 1 \[priority 3: alarms\] 12 active2 not acknowledged1 suppressed \[priority 2: most urgent\] y1\.high message of y1\.high 03:32:21 Acknowledge y1\.high/);
@@ -1428,7 +1428,7 @@ test("the line of alarms stands on every page, with the most urgent, which is ac
   server.control = {...server.control, alarms: false};
   server.beat();
   await settle();
-  assert.match(said(".alarm-line"), /Alarms are not evaluated: this is how they stood last/);
+  assert.match(said(".alarm-line"), /Alarms are not evaluated: states are last known/);
 });
 
 test("the list of alarms stands still while somebody points at it, and a press is for the alarm that was there when it began", async () => {
@@ -1447,7 +1447,7 @@ test("the list of alarms stands still while somebody points at it, and a press i
   env.source.send("alarms", {t: server.now, alarms: [stands(2, 2, "Normal")]});
   await settle();
   assert.deepEqual(names(), ["y2.low", "y1.high"], "what has gone has left a gap");
-  assert.match(said(".alarms [role=search] .say"), /2 shown: as they stood when you pointed at them/);
+  assert.match(said(".alarms [role=search] .say"), /2 shown: the order is held while you point at them/);
   await happens("pointerleave", list);
   assert.deepEqual(names(), ["y1.high"]);
 
@@ -1470,11 +1470,11 @@ test("the list of alarms stands still while somebody points at it, and a press i
 test("the list of alarms: the most urgent first, what each means, and shelving for a reason", async () => {
   await withAlarms(stands(1, 3, "Unacknowledged Active"), stands(2, 1, "Acknowledged Active", {author: "anna", raised: START - 60}), stands(3, 4, "Shelved", {shelved_until: server.now + 600}));
   await show("alarms");
-  assert.equal(said(".alarms .segments"), "To be seen to 2 Masked 1 All 4 Journal Figures");
+  assert.equal(said(".alarms .segments"), "Active 2 Shelved / Suppressed 1 All 4 Journal Performance");
   assert.equal(said(".alarm-list tbody tr:first-child"), "[priority 2: high] y1.high tanks message of y1.high 9.98 m active, not acknowledged 2033-05-18 03:32:23 Acknowledge y1.high More of y1.high");
   assert.match(said(".alarm-list tbody tr:last-child"), /^\[priority 3: low\] y2\.low tanks message of y2\.low 5\.000 m active, acknowledged ?anna 2033-05-18 03:32:20 ?so since 2033-05-18 03:32:21 More of y2\.low$/);
   await click(button("More of y1.high", ".alarm-list"));
-  assert.match(said(".detail"), /consequence it flows over what to do open the valve condition high, limit 12 m, level look Loop y1TrendJournal/);
+  assert.match(said(".detail"), /consequence it flows over response open the valve condition high, limit 12 m, level go to Loop y1TrendJournal/);
   assert.equal(button("Shelve", ".detail").disabled, true, "it can be shelved without a reason");
   await type('.detail input[type="text"]', "valve 3 stuck");
   await choose(".detail select", "7200");
@@ -1495,7 +1495,7 @@ test("the list of alarms: the most urgent first, what each means, and shelving f
   await show("alarms/masked");
   assert.match(said(".alarm-list tbody"), /u1\.mode.* shelved ?until \d\d:\d\d:\d\d/);
   await click(button("More of u1.mode", ".alarm-list"));
-  assert.match(said(".detail"), /Shelve no more Out of serviceShelved until .* UTC, 1?\d+ (s|min) more/);
+  assert.match(said(".detail"), /Unshelve Out of serviceShelved until .* UTC, 1?\d+ (s|min) more/);
   await show("alarms/u1.mode");
   assert.equal(document.querySelectorAll(".alarm-list tbody tr:not(.detail)").length, 3); // beside those that stand
   assert.equal(document.querySelectorAll(".detail").length, 2); // and what was open
@@ -1542,11 +1542,11 @@ test("the journal tells the story, and figures stand beside what they should be"
   assert.deepEqual(said(".journal tbody tr").split(" | "), [
     "2 2033-05-18 03:32:30.0 [priority 2: high] y1.high active, acknowledged anna",
     "2033-05-18 03:32:29.0 [priority 2: high] y1.high acknowledged: I see it anna",
-    "1 2033-05-18 03:32:20.0 [priority 2: high] y1.high raised message of y1.high",
+    "1 2033-05-18 03:32:20.0 [priority 2: high] y1.high activated message of y1.high",
   ]);
   const [name, text] = await saved(() => click(button("CSV")));
   assert.equal(name, "tanks-journal.csv");
-  assert.match(text, /^number,time,priority,alarm,what,state,by\r\n1,2033-05-18T03:32:20\.000000Z,2,y1\.high,raised,Unacknowledged Active,\r\n/);
+  assert.match(text, /^number,time,priority,alarm,what,state,by\r\n1,2033-05-18T03:32:20\.000000Z,2,y1\.high,activated,Unacknowledged Active,\r\n/);
   env.routes.set("/api/events", events);
   env.routes.set("/api/alarms/figures", asked => asked.answer({
     t: server.now, since: server.now - 86400, until: server.now, hours: 24, raised: 400, by_priority: [100, 200, 100, 0], per_hour: 16.67, most_in_ten_minutes: 40, floods: 3, windows: 144, chattering: 1, standing: 2, stale: 6, unacknowledged: 1, to_acknowledge: 41.5,
@@ -1556,15 +1556,15 @@ test("the journal tells the story, and figures stand beside what they should be"
   await env.pass(0.5);
   await settle();
   const figures = said(".alarms .panel:first-child tbody tr").split(" | ");
-  assert.equal(figures[1], "an hour, on average [not as it should be] 16.7 at most 6; 12 can be managed");
-  assert.equal(figures[3], "of the time in a flood (more than 10 in ten minutes) [not as it should be] 2.1 % less than 1 %");
-  assert.equal(figures[8], "time until acknowledged, mean 42 s");
-  assert.deepEqual(said(".alarms .span tbody tr").split(" | "), ["y1.high 300 75.0 % 60 min [chatters] yes", "y2.low 100 25.0 % 60 s no"]);
+  assert.equal(figures[1], "average per hour [off target] 16.7 at most 6; 12 can be managed");
+  assert.equal(figures[3], "time in flood (more than 10 per 10 min) [off target] 2.1 % less than 1 %");
+  assert.equal(figures[8], "mean time to acknowledge 42 s");
+  assert.deepEqual(said(".alarms .span tbody tr").split(" | "), ["y1.high 300 75.0 % 60 min [Chattering] yes", "y2.low 100 25.0 % 60 s no"]);
   server.plant = tanks;
   server.alarms = [];
   env.source.send("plant", {revision: 10});
   await settle();
-  assert.match(said("main"), /No alarms are described for this plant/);
+  assert.match(said("main"), /No alarms are configured for this plant/);
 });
 
 test("a sample is written into the rows; they are rendered anew when they look other than before", async () => {
@@ -1723,7 +1723,7 @@ test("a drawing shows its signals, and says what it lacks", async () => {
   await show("graphic");
   await env.pass(1);
   await settle();
-  assert.match(said("main"), /Of tanks: the file is no SVG/);
+  assert.match(said("main"), /tanks: the file is no SVG/);
   server.plant = tanks;
   env.source.send("plant", {revision: 15});
   await settle();
@@ -1769,9 +1769,9 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   await click(button("Clear"));
   assert.equal(document.querySelectorAll(".differences").length, 0);
   await click(button("View as table"));
-  assert.match(said("table.data"), /What happened in the window \(UTC\) time what [-\d]+ [:.\d]+ anna: r1: 1 → 2/);
+  assert.match(said("table.data"), /Events in the window \(UTC\) time event [-\d]+ [:.\d]+ anna: r1: 1 → 2/);
   await click(button("Events"));
-  assert.doesNotMatch(said("table.data"), /What happened/);
+  assert.doesNotMatch(said("table.data"), /Message/);
   await click(button("Events"));
   await click(button("View as table"));
   // The same an hour before
@@ -1780,7 +1780,7 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   await env.pass(0.5);
   await settle();
   assert.ok(asked.length > 0 && asked.every(([since]) => Math.abs(since - (server.now - 4200)) < 20), JSON.stringify([asked, server.now]));
-  assert.match(said(".trend > .say"), /^Beside it, dotted, what was (1 h|60 min) before\./);
+  assert.match(said(".trend > .say"), /^Dotted: (1 h|60 min) before\./);
   assert.match(location.hash, /;span=600;compare=3600$/);
   await click(button("View as table"));
   assert.match(said("table.data thead"), /^time y2 \[m\] T[^,]* y2 \[m\], (1 h|60 min) before T.* before/);
@@ -1797,19 +1797,19 @@ test("a trend: a second cursor, events along it, an earlier window beside it, gr
   // Groups
   const groups = (): string => said(".pen-groups");
   const kept = (): HTMLSelectElement => one<HTMLSelectElement>(".pen-groups select");
-  assert.match(groups(), /^group none kept keep these as Keep$/);
+  assert.match(groups(), /^group none saved save as Save$/);
   assert.equal(kept().disabled, true);
   await type('.pen-groups input', "levels");
   await submit(".pen-groups");
-  assert.match(groups(), /^group – levels Forget levels keep these as Keep$/);
+  assert.match(groups(), /^group – levels Delete levels save as Save$/);
   assert.equal(kept().disabled, false);
   await show("trend/pens=y1");
   assert.doesNotMatch(groups(), /Forget/);
   await choose(".pen-groups select", "levels");
   assert.equal(location.hash, "#trend/pens=y2,T;span=600");
   await show(location.hash.slice(1));
-  await click(button("Forget levels"));
-  assert.match(groups(), /none kept/);
+  await click(button("Delete levels"));
+  assert.match(groups(), /none saved/);
   env.routes.set("/api/history", route);
   env.routes.set("/api/events", happened);
   await show("overview");
@@ -1875,8 +1875,8 @@ test("how far back is what its words say, and that is asked for", async () => {
     assert.equal(one(".trend").dataset.span, String(meant(each.textContent ?? "")));
   }
   const beside = [...document.querySelectorAll<HTMLOptionElement>(".toolbar label:nth-of-type(2) option")].map(each => [each.textContent ?? "", Number(each.value)] as const);
-  assert.deepEqual(beside[0], ["nothing", 0]);
-  assert.deepEqual(beside[1], ["the window before", 86400]); // 24 h were chosen last
+  assert.deepEqual(beside[0], ["none", 0]);
+  assert.deepEqual(beside[1], ["previous period", 86400]); // 24 h were chosen last
   for (const [name, value] of beside.slice(2)) assert.equal(value, meant(name));
   assert.equal(beside.length, 4);
   for (const [each, route] of routes) route && env.routes.set(each, route);
@@ -1930,7 +1930,7 @@ test("who may write and does nothing for long is told, and logged out", async ()
   await env.pass(30);
   assert.equal(document.querySelector(".idle-bar"), null);
   await env.pass(40);
-  assert.match(said(".idle-bar"), /it logs out in (4\d|5\d|60) s\. Any key keeps it/);
+  assert.match(said(".idle-bar"), /this page logs out in (4\d|5\d|60) s\. Any key keeps it/);
   await press("Shift");
   await env.pass(2);
   assert.equal(document.querySelector(".idle-bar"), null);
@@ -1968,4 +1968,18 @@ test("the plants of the database: what has fallen silent first, each with the wa
   assert.match(toolbar(), /\? last known: disconnected$/);
   assert.ok(app.querySelector(".stale-page tbody tr"));
   await model.begin();
+});
+
+// Promise(page): The language is chosen in the header, kept in this browser, and <html lang> says it.
+test("the page speaks the language that somebody chose, and the next visit too", async () => {
+  assert.deepEqual([document.documentElement.lang, said("nav a:first-child")], ["en", "Overview"]);
+  await choose("header .language select", "de");
+  assert.deepEqual([document.documentElement.lang, said("nav a:first-child"), env.recall("apc-language")], ["de", "Übersicht", "de"]);
+  assert.match(said("header"), /VERBUNDEN .* Ingenieur Abmelden/);
+  go("loop", 1);
+  await settle();
+  assert.match(said(".faceplate"), /^Werte Istwert y1 .* Abweichung Istwert − Sollwert/);
+  assert.equal(said(".segments button[aria-pressed=true]"), "Automatik");
+  await choose("header .language select", "en");
+  assert.deepEqual([document.documentElement.lang, said(".segments button[aria-pressed=true]")], ["en", "Auto"]);
 });

@@ -6,6 +6,7 @@ import {env} from "./env";
 import {span} from "./format";
 import {serverNow} from "./model";
 import {send} from "./writing";
+import {tr} from "./texts";
 
 const AT_ONCE = 12; // then as fast as the server takes them
 const PAUSE = 0.12; // s
@@ -14,8 +15,7 @@ const path = (one: Alarm, what: string): string => `alarms/${encodeURIComponent(
 const because = (reason: string): {reason?: string} => (reason === "" ? {} : {reason});
 
 export function acknowledge(one: Alarm, reason = ""): Promise<void> {
-  const what = acknowledgement(one) === "Reset" ? "reset" : "acknowledge";
-  return send(`ack.${one.id}`, "ack", {seq: one.now.seq, ...because(reason)}, `${what} ${one.alarm}`, path(one, "ack"));
+    return send(`ack.${one.id}`, "ack", {seq: one.now.seq, ...because(reason)}, tr(`alarmact.${acknowledgement(one) ?? "acknowledge"}`, {alarm: one.alarm}), path(one, "ack"));
 }
 
 /** One after another, each as it was seen when it was asked for. */
@@ -29,11 +29,11 @@ export async function acknowledgeAll(all: Alarm[]): Promise<void> {
 /** `seconds` 0: no more. */
 export function shelve(one: Alarm, seconds: number, once: boolean, reason: string): Promise<void> {
   const until = seconds > 0 ? Math.floor(serverNow() + seconds) : 0;
-  const what = seconds > 0 ? `shelve ${one.alarm} for ${span(seconds)}${once ? ", once" : ""}` : `shelve ${one.alarm} no more`;
+  const what = seconds > 0 ? tr(once ? "alarmact.shelveOnce" : "alarmact.shelve", {alarm: one.alarm, time: span(seconds)}) : tr("alarmact.unshelve", {alarm: one.alarm});
   return send(`shelve.${one.id}`, "shelve", {until, once, seq: one.now.seq, ...because(reason)}, what, path(one, "shelve"));
 }
 
 /** For as long as it takes. */
 export function service(one: Alarm, out: boolean, reason: string): Promise<void> {
-  return send(`service.${one.id}`, "service", {out, seq: one.now.seq, ...because(reason)}, `${one.alarm} ${out ? "out of" : "in"} service`, path(one, "service"));
+  return send(`service.${one.id}`, "service", {out, seq: one.now.seq, ...because(reason)}, tr(out ? "alarmact.out" : "alarmact.in", {alarm: one.alarm}), path(one, "service"));
 }

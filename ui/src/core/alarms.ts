@@ -2,6 +2,7 @@
 // Alarms: what each is and how it stands, in the order in which they want somebody. Pure.
 import type {Limits} from "./quality";
 import type {AlarmIs, AlarmNow, Loop, PlantEvent, Ref, Transition} from "./types";
+import {known, tr} from "./texts";
 
 export interface Alarm extends AlarmIs {
   now: AlarmNow;
@@ -89,8 +90,8 @@ const maskOf = (state: string): "shelved" | "suppressed" | "out" => (state.start
 
 /** In words, each apart. */
 export function countsText({active, unacknowledged, latched, shelved, suppressed, out}: Counts): string {
-  const more: [number, string][] = [[latched, "to be reset"], [shelved, "shelved"], [suppressed, "suppressed by design"], [out, "out of service"]];
-  return [`${active} active`, `${unacknowledged} not acknowledged`, ...more.flatMap(([n, what]) => (n > 0 ? [`${n} ${what}`] : []))].join(", ");
+  const more = [[latched, "alarmline.latched"], [shelved, "alarmline.shelved"], [suppressed, "alarmline.suppressedByDesign"], [out, "alarmline.out"]] as const;
+  return [tr("alarmline.active", {n: active}), tr("alarmline.unacknowledged", {n: unacknowledged}), ...more.flatMap(([n, key]) => (n > 0 ? [tr(key, {n})] : []))].join(", ");
 }
 
 /** The gravest that is new to somebody: what sounds; null: nothing. */
@@ -100,24 +101,15 @@ export function raised(before: Alarm[], after: Alarm[]): Alarm["priority"] | nul
   return news.reduce<Alarm["priority"] | null>((worst, {priority}) => (worst == null || priority < worst ? priority : worst), null);
 }
 
-const STATES: Record<string, string> = {
-  "Unacknowledged Active": "active, not acknowledged",
-  "Acknowledged Active": "active, acknowledged",
-  "RTN Unacknowledged": "gone, not acknowledged",
-  "Latched Unacknowledged": "gone, latched, not acknowledged",
-  "Latched Acknowledged": "gone, latched: to be reset",
-  "One-shot Shelved": "Shelved once",
-  "One-shot Shelved, Active": "Shelved once, Active",
-};
-
 /** For people. */
 export function stateWords(state: string): string {
-  return (STATES[state] ?? state).toLowerCase();
+  const words = known("alarmstate", state);
+  return words === state ? state.toLowerCase() : words;
 }
 
 /** What acknowledging does to it as it stands; null: there is nothing to. */
-export function acknowledgement({now}: Alarm): "Acknowledge" | "Reset" | null {
-  return isLatched(now) ? "Reset" : now.standing && now.unacknowledged ? "Acknowledge" : null;
+export function acknowledgement({now}: Alarm): "acknowledge" | "reset" | null {
+  return isLatched(now) ? "reset" : now.standing && now.unacknowledged ? "acknowledge" : null;
 }
 
 const isLatched = (now: AlarmNow): boolean => now.state === "Latched Acknowledged";

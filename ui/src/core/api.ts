@@ -2,6 +2,7 @@
 // Requests to the daemon, with its errors as they are.
 import {env} from "./env";
 import type {Session} from "./types";
+import {known, tr} from "./texts";
 
 export class ApiError extends Error {
   constructor(
@@ -33,7 +34,7 @@ async function request<T>(path: string, init: RequestInit, timeout: number, plai
     response = await env.fetch(path, {...init, signal: stop.signal, cache: "no-store"});
     text = await response.text();
   } catch {
-    throw new NoAnswer(stop.signal.aborted ? "the server did not answer in time" : "the server cannot be reached");
+    throw new NoAnswer(tr(stop.signal.aborted ? "net.late" : "net.unreachable"));
   } finally {
     called();
   }
@@ -47,11 +48,13 @@ async function request<T>(path: string, init: RequestInit, timeout: number, plai
   if (response.ok) return body as T;
   const error = (body as {error?: {code?: string; message?: string}} | null)?.error;
   if (response.status === 401 && error?.code === "login") onLogin();
-  throw new ApiError(
-    response.status,
-    error?.code ?? "http",
-    error?.message ?? `the server answered ${response.status}`,
-  );
+  throw new ApiError(response.status, error?.code ?? "http", worded(error?.code ?? "", error?.message ?? tr("net.http", {status: response.status})));
+}
+
+/** What the server says is English; of the common errors the page has words. */
+function worded(code: string, message: string): string {
+  const words = known("error", code);
+  return words === code ? message : words.replace("{message}", message);
 }
 
 type Query = Record<string, string | number | null | undefined>;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Numbers and times as the page writes them: UTC, or what the clocks on the wall say where somebody has chosen that.
+import {tr} from "./texts";
 
 export const missing = "–";
 
@@ -74,26 +75,26 @@ export type Reading = {value: number; why: null} | {value: null; why: string};
 /** A number as people type it: point or comma, true minus. What may mean two numbers is none. */
 export function read(text: string): Reading {
   const clean = text.trim().replace("\u2212", "-").replace(/(e)\u2212/i, "$1-");
-  if (!/^[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?$/i.test(clean)) return {value: null, why: "not a number"};
+  if (!/^[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?$/i.test(clean)) return {value: null, why: tr("value.notANumber")};
   if (/^[-+]?[1-9]\d{0,2},\d{3}(e|$)/i.test(clean))
-    return {value: null, why: `${text.trim()} may be ${clean.replace(",", ".")} or ${clean.replace(",", "")}: write the one that is meant`};
+    return {value: null, why: tr("value.ambiguous", {text: text.trim(), one: clean.replace(",", "."), other: clean.replace(",", "")})};
   const value = Number(clean.replace(",", "."));
-  return isFinite(value) ? {value, why: null} : {value: null, why: "too large"};
+  return isFinite(value) ? {value, why: null} : {value: null, why: tr("value.tooLarge")};
 }
 
 /** Of limits, "none" where there is none. */
 export function limitsText(low: number | null, high: number | null): string {
-  if (low == null && high == null) return "no limits";
-  if (low == null) return `at most ${exact(high)}`;
-  if (high == null) return `at least ${exact(low)}`;
-  return `${exact(low)} to ${exact(high)}`;
+  if (low == null && high == null) return tr("value.noLimits");
+  if (low == null) return tr("value.atMost", {high: exact(high)});
+  if (high == null) return tr("value.atLeast", {low: exact(low)});
+  return tr("value.range", {low: exact(low), high: exact(high)});
 }
 
 /** Why a text cannot be written; null: it can. */
 export function complaint(text: string, low: number | null, high: number | null): string | null {
   const {value, why} = read(text);
   if (why != null) return why;
-  return (low != null && value < low) || (high != null && value > high) ? `outside ${limitsText(low, high)}` : null;
+  return (low != null && value < low) || (high != null && value > high) ? tr("value.outside", {limits: limitsText(low, high)}) : null;
 }
 
 export function duration(seconds: number | null | undefined): string {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A drawing of the plant. Anybody may have made the SVG: of it only what is known to be no more than a picture is taken, and
 // what it says of signals. Pure.
+import {tr} from "./texts";
 
 /** As of a DOM: what is read of it. */
 export interface Given {
@@ -88,7 +89,7 @@ class Reader {
   }
 
   get left(): string[] {
-    return [...this.leftOut].map(([what, n]) => (n > 1 ? `${what} (${n} times)` : what));
+    return [...this.leftOut].map(([what, n]) => (n > 1 ? tr("drawing.times", {what, n}) : what));
   }
 
   /** What style sheets say, before any element is read: editors give shapes a class, and their paint there. */
@@ -121,7 +122,7 @@ class Reader {
     const local = LOCAL.exec(reference as string);
     if (local && PLAIN.test(other as string)) return `url(#${own(local[1] as string)})${other ? ` ${other}` : ""}`;
     if (PLAIN.test(value)) return value;
-    this.drop(/url|src|image/i.test(value) ? "a reference to elsewhere" : `${name}="${value.slice(0, 20)}"`);
+    this.drop(/url|src|image/i.test(value) ? tr("drawing.elsewhere") : `${name}="${value.slice(0, 20)}"`);
     return null;
   }
 
@@ -137,7 +138,7 @@ class Reader {
       else if (PAINT.has(name)) put(name, this.paint(name, value));
       else if (name === "id") put("id", /^[-\w.]+$/.test(value) ? own(value) : null);
       else if (/^(?:[\w-]+:)?href$/.test(name) && of.localName !== "a") put("href", this.link(value));
-      else if (/^on/i.test(name)) this.drop("an event handler");
+      else if (/^on/i.test(name)) this.drop(tr("drawing.handler"));
       else if (SEEN.has(name) && !AS_EVER.test(value)) this.drop(name);
     }
     for (const [key, value] of this.declared(of.localName ?? "", said)) put(key, this.paint(key, value));
@@ -161,13 +162,13 @@ class Reader {
 
   private link(value: string): string | null {
     const id = /^#([-\w.]+)$/.exec(value.trim())?.[1];
-    if (id == null) this.drop("a reference to elsewhere");
+    if (id == null) this.drop(tr("drawing.elsewhere"));
     return id == null ? null : `#${own(id)}`;
   }
 
   /** Null: it is left out. */
   read(of: Given, tag: string, depth: number, live: boolean): Part | null {
-    if (++this.parts > MOST_PARTS || depth > MOST_DEPTH) throw new Error(depth > MOST_DEPTH ? `its parts lie more than ${MOST_DEPTH} deep in one another` : `it has more than ${MOST_PARTS} parts`);
+    if (++this.parts > MOST_PARTS || depth > MOST_DEPTH) throw new Error(depth > MOST_DEPTH ? tr("drawing.deep", {most: MOST_DEPTH}) : tr("drawing.many", {most: MOST_PARTS}));
     const attributes = this.attributes(of);
     const moving = live && !["defs", "symbol", "clipPath", "marker"].includes(tag);
     const part: Part = {tag, attributes, parts: [], bound: moving ? this.bound(of, tag) : null};
@@ -180,7 +181,7 @@ class Reader {
       if (child.nodeType !== 1) continue;
       const name = child.localName ?? "";
       if (child.namespaceURI === SVG && (TAGS.has(name) || GROUPS.has(name))) {
-        if (name === "a") this.drop("where a link leads");
+        if (name === "a") this.drop(tr("drawing.link"));
         const inner = this.read(child, GROUPS.has(name) ? (tag === "text" || tag === "tspan" ? "tspan" : "g") : name, depth + 1, moving);
         if (inner) part.parts.push(inner);
       } else if (!QUIET.has(name) && (child.namespaceURI === SVG || child.namespaceURI === HTML)) this.drop(`<${name.slice(0, 20)}>`);
@@ -216,7 +217,7 @@ class Reader {
           return false;
         }
         within(target, () => ++this.parts > MOST_PARTS);
-        if (this.parts > MOST_PARTS) throw new Error(`it has more than ${MOST_PARTS} parts`);
+        if (this.parts > MOST_PARTS) throw new Error(tr("drawing.many", {most: MOST_PARTS}));
       }
       this.settle(one);
       return true;
@@ -241,7 +242,7 @@ const size = (text: string | undefined): number => (text && /^\d+(\.\d+)?(px)?$/
 /** Of a document that the browser has parsed; a text says why it is no drawing. */
 export function drawing(of: Given): Drawing | string {
   const root = Array.from(of.childNodes).find(one => one.nodeType === 1);
-  if (!root || root.localName !== "svg" || root.namespaceURI !== SVG || holdsError(root)) return "the file is no SVG";
+  if (!root || root.localName !== "svg" || root.namespaceURI !== SVG || holdsError(root)) return tr("drawing.noSvg");
   const reader = new Reader();
   try {
     reader.sheet(root);
@@ -249,12 +250,12 @@ export function drawing(of: Given): Drawing | string {
     reader.settle(read);
     const {width, height, viewBox, ...rest} = read.attributes;
     const box = viewBox ?? (size(width) > 0 && size(height) > 0 ? `0 0 ${size(width)} ${size(height)}` : null);
-    if (!box) return "the drawing says neither viewBox nor width and height";
+    if (!box) return tr("drawing.noSize");
     read.attributes = {...rest, viewBox: box};
     read.bound = null;
     return {root: read, names: reader.names, left: reader.left};
   } catch (why) {
-    return `the drawing is not shown: ${(why as Error).message}`;
+    return tr("drawing.notShown", {why: (why as Error).message});
   }
 }
 

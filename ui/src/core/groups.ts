@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Groups of signals that are kept by name, by plant. Pure.
+import {tr} from "./texts";
 
 export interface Group {
   name: string;
@@ -39,8 +40,8 @@ export function keeping(kept: string | null, plant: string, groups: Group[]): st
 /** Under that name from now on, in place of one that had it; a text says why not. */
 export function added(groups: Group[], name: string, pens: string[]): Group[] | string {
   const called = name.trim();
-  if (called === "" || called.length > LONGEST) return `a name has 1 to ${LONGEST} letters`;
+  if (called === "" || called.length > LONGEST) return tr("parts.groupName", {most: LONGEST});
   const others = groups.filter(one => one.name !== called);
-  if (others.length >= MOST_GROUPS) return `${MOST_GROUPS} groups are the most`;
+  if (others.length >= MOST_GROUPS) return tr("parts.groupsMost", {most: MOST_GROUPS});
   return [...others, {name: called, pens}].sort((a, b) => a.name.localeCompare(b.name));
 }

@@ -4,6 +4,7 @@ import {ApiError, get} from "./api";
 import {limit} from "./quality";
 import {fromHistory, join, type Series} from "./series";
 import type {History, Ref, Variable} from "./types";
+import {tr} from "./texts";
 
 const RAW = 3000; // as many samples are drawn as they are
 const MOST = RAW + 1000; // a period is what is expected, not what there is
@@ -78,7 +79,7 @@ async function send(wishes: Wish[], window: Asked): Promise<void> {
       for (const one of still) {
         const mine = found.get(one.ref);
         if (mine && !mine.error) one.resolve({...rest, ...mine} as History);
-        else one.reject(new ApiError(404, mine?.error?.code ?? "variable", mine?.error?.message ?? `the server says nothing of ${one.ref}`));
+        else one.reject(new ApiError(404, mine?.error?.code ?? "variable", mine?.error?.message ?? tr("net.nothing", {signal: one.ref})));
       }
     }
   } catch (reason) {

@@ -65,7 +65,7 @@ export function live(ref: Ref): Cell<Live> {
 
 export function modesOfLoop(loop: Pick<Loop, "id">): Cell<Modes> {
   let cell = modes.get(loop.id);
-  if (!cell) modes.set(loop.id, (cell = new Cell(noModes)));
+  if (!cell) modes.set(loop.id, (cell = new Cell(noModes())));
   return cell;
 }
 

@@ -2,6 +2,7 @@
 // What a loop does, and why: the modes as they were written, and what the server makes of them each second.
 import type {Live} from "./quality";
 import type {Control, Loop, Plant} from "./types";
+import {known, tr} from "./texts";
 
 export interface Modes {
   target: string | null;
@@ -24,33 +25,34 @@ export interface Mover {
   cascade: boolean;
 }
 
-const BY_HAND = "by hand in mode Man only";
-export const noModes: Modes = {target: null, actual: null, lastKnown: false, why: null, handsOff: BY_HAND, tracks: null, remote: null};
+export const noModes = (): Modes => ({target: null, actual: null, lastKnown: false, why: null, handsOff: tr("mode.byHand"), tracks: null, remote: null});
+
+const called = (mode: string | null): string => (mode == null ? tr("mode.none") : known("mode", mode));
 
 export function notRunning(names: string[], p: Pick<Plant, "controllers">): string {
-  if (p.controllers.length < 2) return "the controller is not running";
-  return names.length > 1 ? `controllers ${names.join(", ")} are not running` : `controller ${names[0] ?? ""} is not running`;
+  if (p.controllers.length < 2) return tr("mode.stopped");
+  return names.length > 1 ? tr("mode.stoppedMany", {names: names.join(", ")}) : tr("mode.stoppedOne", {name: names[0] ?? ""});
 }
 
 function moverOf(loop: Loop, p: Plant, wanted: string | null, owner: Live | null): Mover | null {
   const above = wanted === "Cas" ? p.loops.find(one => one.id === loop.above) : null;
   if (above) return {name: above.called, cascade: true};
-  return owner && (owner.value == null || owner.value >= 1) ? {name: "the scheduler", cascade: false} : null;
+  return owner && (owner.value == null || owner.value >= 1) ? {name: tr("mode.scheduler"), cascade: false} : null;
 }
 
 /** `owner`: of a setpoint that the scheduler moves. */
 export function modesOf(loop: Loop, p: Plant, target: Live, actual: Live, control: Control | null, owner: Live | null = null): Modes {
-  const name = ({value}: Live): string | null => (value == null ? null : (p.modes[value] ?? `mode ${value}`));
+  const name = ({value}: Live): string | null => (value == null ? null : (p.modes[value] ?? tr("mode.number", {number: value})));
   const [wanted, is] = [name(target), name(actual)];
-  const notYet = wanted !== is && is != null ? `${wanted ?? "no mode"} is asked for and not taken yet` : null;
+  const notYet = wanted !== is && is != null ? tr("mode.notYet", {mode: called(wanted)}) : null;
   const stopped = control?.running[loop.controller] === false;
   return {
     target: wanted,
     actual: is,
     lastKnown: stopped,
     why: stopped ? notRunning([loop.controller], p) : (control?.reasons[loop.id] ?? notYet),
-    handsOff: is === "Man" && wanted === "Man" ? null : is == null || wanted === is || wanted === "Man" ? BY_HAND : `${wanted ?? "no mode"} is asked for: change to Man first`,
-    tracks: loop.above != null && is === "Man" ? "in Man it goes along with the measurement: change to Auto first" : null,
+    handsOff: is === "Man" && wanted === "Man" ? null : is == null || wanted === is || wanted === "Man" ? tr("mode.byHand") : tr("mode.changeFirst", {mode: called(wanted)}),
+    tracks: loop.above != null && is === "Man" ? tr("mode.tracks") : null,
     remote: moverOf(loop, p, wanted, owner),
   };
 }

@@ -3,6 +3,7 @@
 import {duration} from "./format";
 import type {Series} from "./series";
 import type {Controller, Course, Loop, Plant, Ref, Variable} from "./types";
+import {known, tr} from "./texts";
 
 export interface Handled {
   variable: Variable; // the measurement, or the output
@@ -54,15 +55,16 @@ export function predictors(p: Plant): Predictor[] {
   });
 }
 
-const HELD = [[1, "its low limit"], [2, "its high limit"], [4, "falling as fast as it may"], [8, "rising as fast as it may"]] as const;
+const HELD = [[1, "plan.lowLimit"], [2, "plan.highLimit"], [4, "plan.falling"], [8, "plan.rising"]] as const;
 
 /** What holds a plan back, anywhere in the horizon. */
 export function heldBack(limit: number): string {
-  const words = HELD.flatMap(([bit, word]) => (limit & bit ? [word] : []));
-  return words.length > 0 ? words.join(", ") : "nothing";
+  const words = HELD.flatMap(([bit, key]) => (limit & bit ? [tr(key)] : []));
+  return words.length > 0 ? words.join(", ") : tr("plan.none");
 }
 
-export const RESULTS = ["good", "sub-optimal: the best that could be had within the limits", "late: no plan in time, the one before goes on"];
+/** What a solver says of its plan. */
+export const resultWords = (result: number): string => known("plan.result", String(result));
 
 const PERIODS = 3;
 
@@ -102,5 +104,5 @@ export function courseRows(courses: Course[], most: number): {head: number[]; ro
 }
 
 export function horizonWords(course: Course): string {
-  return `${course.expected.length} steps of ${duration(course.step)}`;
+  return tr("plan.horizon", {n: course.expected.length, time: duration(course.step)});
 }

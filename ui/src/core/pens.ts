@@ -4,6 +4,7 @@ import {duration, exact} from "./format";
 import {placeOf} from "./place";
 import type {Plant, Ref, Variable} from "./types";
 import {LEAST, MOST, type Window} from "./view";
+import {tr} from "./texts";
 
 export const MOST_PENS = 12;
 const BEGIN = "pens=";
@@ -28,16 +29,16 @@ export function chosen(about: string, now: number): Chosen {
     const [name, text] = part.split("=");
     const value = text ? Number(text) : NaN;
     if (name === "span" && value >= LEAST && value <= MOST) window.span = value;
-    else if (name === "span") faults.push(`“${part}” is no span between ${exact(LEAST)} s and ${duration(MOST)}: these are ${duration(window.span)}.`);
+    else if (name === "span") faults.push(tr("link.span", {part, least: exact(LEAST), most: duration(MOST), shown: duration(window.span)}));
     else if (name === "to" && value > MOST && value <= now) Object.assign(window, {live: false, to: value});
     else if (name === "compare" && value >= LEAST && value <= 366 * 86400) window.compare = value;
     else if (name === "ahead" && text === "1") window.ahead = true;
-    else if (name === "compare") faults.push(`“${part}” is no time before: nothing is laid over.`);
-    else if (name === "to") faults.push(`“${part}” is no time before now: this is live.`);
-    else faults.push(`“${part}” of the link means nothing here.`);
+    else if (name === "compare") faults.push(tr("link.compare", {part}));
+    else if (name === "to") faults.push(tr("link.to", {part}));
+    else faults.push(tr("link.nothing", {part}));
   }
   const all = [...new Set(names.split(",").map(one => one.trim()).filter(one => one !== ""))];
-  if (all.length > MOST_PENS) faults.push(`A trend has at most ${MOST_PENS} signals: these are the first of ${all.length}.`);
+  if (all.length > MOST_PENS) faults.push(tr("link.tooMany", {most: MOST_PENS, n: all.length}));
   return {names: all.slice(0, MOST_PENS), window, faults};
 }
 
@@ -71,7 +72,7 @@ export function found(names: string[], p: Plant): {signals: Variable[]; faults: 
   for (const name of names) {
     const one = signal(name, p.variables);
     if (one && !signals.includes(one)) signals.push(one);
-    else if (!one) faults.push(p.variables.some(other => other.name === name) ? `Several signals are called ${name}: say which, as TABLE.ID.` : `${p.name} has no signal ${name}.`);
+    else if (!one) faults.push(p.variables.some(other => other.name === name) ? tr("link.several", {name}) : tr("link.none", {plant: p.name, name}));
   }
   return {signals, faults};
 }

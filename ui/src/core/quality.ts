@@ -2,6 +2,7 @@
 // What a value is worth now: the only place that knows what a status means and when a sample is stale.
 // Ages are counted on this computer's monotonic clock.
 import type {Sample, Variable} from "./types";
+import {known, tr} from "./texts";
 
 export interface Live {
   seq: number;
@@ -28,28 +29,12 @@ export function usable(value: number | null, status: string): value is number {
   return value != null && worth(status) !== "bad";
 }
 
-const WORDS: Record<string, string> = {
-  GoodLocalOverride: "set locally",
-  GoodLimitedLow: "at its low limit",
-  GoodLimitedHigh: "at its high limit",
-  GoodLimitedConstant: "constant",
-  UncertainLastUsableValue: "held: last usable value",
-  UncertainSubstituteValue: "substitute value",
-  UncertainInitialValue: "initial value",
-  UncertainSensorNotAccurate: "sensor not accurate",
-  BadNoCommunication: "no communication",
-  BadWaitingForInitialData: "waiting for the first value",
-  BadOutOfRange: "out of range",
-  BadNotConnected: "not connected",
-  BadDeviceFailure: "device failure",
-  BadSensorFailure: "sensor failure",
-  BadOutOfService: "out of service",
-  BadNoData: "no sample yet",
-};
+export const worthKeys = {good: "status.Good", uncertain: "status.Uncertain", bad: "status.Bad"} as const;
 
 /** For people. */
 export function words(status: string): string {
-  return WORDS[status] ?? (status.startsWith("0x") ? `${worth(status)} (${status})` : status.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase());
+  const word = known("status", status);
+  return word !== status ? word : (status.startsWith("0x") ? `${tr(worthKeys[worth(status)])} (${status})` : status.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase());
 }
 
 /** Seconds after which a sample is stale; Infinity where it stands until changed. */

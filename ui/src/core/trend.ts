@@ -11,6 +11,7 @@ import {byUnit} from "./pens";
 import {extent, niceScale, type Scale} from "./scale";
 import {empty, held, type Series, type Stood, stoodAt, trim, visible} from "./series";
 import type {Loop, Plant, Ref, Variable} from "./types";
+import {tr} from "./texts";
 
 export interface Pen {
   ref: Ref;
@@ -200,10 +201,10 @@ export class Curves {
     return this.of.flatMap(({variable: one, series: {t, low, high}, drawnFor: {span, pixels}}) => {
       const binned = low.some((least, i) => least !== high[i] && (t[i] as number) >= from && (t[i] as number) <= to); // more samples than its period says
       const width = binWidth(one, span, pixels) || (binned ? span / pixels : 0);
-      const column = (head: string, of: keyof Stood): Column => ({ref: one.ref, head: describe(one) + head, at: (series, t) => stoodAt(series, t)?.[of] ?? null});
-      if (width === 0) return [column("", "mid")];
-      const bin = `of ${exact(Number(width.toPrecision(3)))} s`;
-      return [column(`, ${one.table === "sensor" ? "mean" : "last"} ${bin}`, "mid"), column(`, least ${bin}`, "low"), column(`, most ${bin}`, "high")];
+      const column = (head: string, of: keyof Stood): Column => ({ref: one.ref, head, at: (series, t) => stoodAt(series, t)?.[of] ?? null});
+      if (width === 0) return [column(describe(one), "mid")];
+      const called = (key: "trend.binMean" | "trend.binLast" | "trend.binMin" | "trend.binMax"): string => tr(key, {signal: describe(one), width: exact(Number(width.toPrecision(3)))});
+      return [column(called(one.table === "sensor" ? "trend.binMean" : "trend.binLast"), "mid"), column(called("trend.binMin"), "low"), column(called("trend.binMax"), "high")];
     });
   }
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The window of a trend. Live: its right end is now. Whatever else moves it pauses it. Pure.
 import {stamp} from "./format";
+import {tr} from "./texts";
 
 export interface Window {
   live: boolean;
@@ -12,10 +13,10 @@ export interface Window {
 
 /** With what a window is compared; null: with the one that ends where it begins. */
 export const EARLIER = [
-  {name: "the window before", by: null},
-  {name: "an hour before", by: 3600},
-  {name: "a day before", by: 86400},
-  {name: "a week before", by: 604800},
+  {name: "view.period", by: null},
+  {name: "view.hour", by: 3600},
+  {name: "view.day", by: 86400},
+  {name: "view.week", by: 604800},
 ] as const;
 
 const TOGETHER = 5; // s within which the parts of one run start
@@ -90,8 +91,8 @@ export function beside(w: Window, other: Window): Window {
 
 /** Why a window cannot be shown as it was asked for; null: it can. */
 export function refuse(from: number, to: number, now: number): string | null {
-  if (!isFinite(from) || !isFinite(to)) return "no time";
-  if (to <= from) return "the end is not after the beginning";
-  if (to > now) return `the end is in the future: now is ${stamp(now)}`;
-  return to - from > MOST ? `more than ${MOST / 86400} days at once` : null;
+  if (!isFinite(from) || !isFinite(to)) return tr("view.noTime");
+  if (to <= from) return tr("view.order");
+  if (to > now) return tr("view.future", {now: stamp(now)});
+  return to - from > MOST ? tr("view.tooLong", {days: MOST / 86400}) : null;
 }

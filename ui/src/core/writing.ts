@@ -6,6 +6,7 @@ import {env} from "./env";
 import {type Happening, next, type WriteView} from "./lifecycle";
 import {connection, instance, serverNow, writes} from "./model";
 import type {Write, WriteKind} from "./types";
+import {tr} from "./texts";
 
 const TIMEOUT = 1; // s until the answer counts as lost
 const AGAIN = 2; // s between two questions for a write that the server does not know
@@ -47,7 +48,7 @@ export async function send(name: string, kind: WriteKind, body: object, to: stri
   } catch (error) {
     if (!mine()) return;
     if (error instanceof NoAnswer || (error instanceof ApiError && error.code === "unknown"))
-      step(cell, {what: "no answer", reason: `${error.message}: whether it was written is not known`});
+      step(cell, {what: "no answer", reason: tr("write.notKnown", {why: error.message})});
     else if (error instanceof ApiError) step(cell, {what: "refused", reason: error.message});
     else throw error;
     sentTo.set(key, server);
@@ -69,7 +70,7 @@ async function ask(cell: Cell<WriteView | null>, before = false): Promise<void> 
     sentTo.delete(view.key);
   } catch (error) {
     if (!(error instanceof ApiError) || (error.code !== "write" && error.code !== "busy") || sentTo.get(view.key) !== instance || cell.value?.key !== view.key) return;
-    if (error.code === "write" && before) step(cell, {what: "refused", reason: "it has not come to the server: nothing was written"});
+    if (error.code === "write" && before) step(cell, {what: "refused", reason: tr("write.notCome")});
     else env.later(() => void ask(cell, error.code === "write"), AGAIN);
   }
 }

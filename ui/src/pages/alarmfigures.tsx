@@ -11,10 +11,11 @@ import {Tag} from "../parts/tag";
 import {path} from "../router";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
+import {tr} from "../core/texts";
 
-const TIMES = [{name: "last 8 h", seconds: 28800}, {name: "last 24 h", seconds: 86400}, {name: "last 7 days", seconds: 7 * 86400}, {name: "last 30 days", seconds: 30 * 86400}] as const;
+const TIMES = [{name: "common.last8h", seconds: 28800}, {name: "common.last24h", seconds: 86400}, {name: "common.last7d", seconds: 7 * 86400}, {name: "common.last30d", seconds: 30 * 86400}] as const;
 const MOST_FREQUENT = 10;
-const AIM = ["about 5 %", "about 15 %", "about 80 %", "what can wait"];
+const AIM = [5, 15, 80]; // %
 
 export function AlarmFiguresView(): JSX.Element {
   const [seconds, setSeconds] = useState(86400);
@@ -26,9 +27,9 @@ export function AlarmFiguresView(): JSX.Element {
     <>
       <div class="toolbar">
         <label>
-          of the{" "}
+          {tr("performance.of")}{" "}
           <select value={seconds} onChange={event => setSeconds(Number(event.currentTarget.value))}>
-            {TIMES.map(one => <option key={one.seconds} value={one.seconds}>{one.name}</option>)}
+            {TIMES.map(one => <option key={one.seconds} value={one.seconds}>{tr(one.name)}</option>)}
           </select>
         </label>
       </div>
@@ -37,36 +38,36 @@ export function AlarmFiguresView(): JSX.Element {
         <div class="grid equal">
           <div class="panel">
             <table class="data">
-              <caption>How many in {duration(figures.hours * 3600)}{figures.hours * 3600 < seconds * 0.99 && <small>the record is no longer</small>}</caption>
+              <caption>{tr("performance.caption", {time: duration(figures.hours * 3600)})}{figures.hours * 3600 < seconds * 0.99 && <small>{tr("performance.short")}</small>}</caption>
               <thead>
-                <tr><th scope="col">Figure</th><th scope="col" class="number">Is</th><th scope="col">Should be</th></tr>
+                <tr><th scope="col">{tr("performance.metric")}</th><th scope="col" class="number">{tr("performance.actual")}</th><th scope="col">{tr("performance.target")}</th></tr>
               </thead>
               <tbody>
-                <Figure name="raised" is={String(figures.raised)} />
-                <Figure name="an hour, on average" is={number(figures.per_hour, 1)} should="at most 6; 12 can be managed" beside={figures.per_hour > 12} />
-                <Figure name="most in ten minutes" is={String(figures.most_in_ten_minutes)} should="at most 10" beside={figures.most_in_ten_minutes > 10} />
-                <Figure name="of the time in a flood (more than 10 in ten minutes)" is={part(figures.floods, figures.windows)} should="less than 1 %" beside={figures.floods > 0.01 * figures.windows} />
-                <Figure name="chattering (3 times in a minute)" is={String(figures.chattering)} should="none" beside={figures.chattering > 0} />
-                <Figure name="standing" is={String(figures.standing)} />
-                <Figure name="standing for over 24 h" is={String(figures.stale)} should="less than 5" beside={figures.stale >= 5} />
-                <Figure name="not acknowledged" is={String(figures.unacknowledged)} />
-                <Figure name="time until acknowledged, mean" is={duration(figures.to_acknowledge)} />
+                <Figure name={tr("performance.activated")} is={String(figures.raised)} />
+                <Figure name={tr("performance.perHour")} is={number(figures.per_hour, 1)} should={tr("performance.perHourTarget")} beside={figures.per_hour > 12} />
+                <Figure name={tr("performance.peak")} is={String(figures.most_in_ten_minutes)} should={tr("performance.peakTarget")} beside={figures.most_in_ten_minutes > 10} />
+                <Figure name={tr("performance.flood")} is={part(figures.floods, figures.windows)} should={tr("performance.floodTarget")} beside={figures.floods > 0.01 * figures.windows} />
+                <Figure name={tr("performance.chattering")} is={String(figures.chattering)} should={tr("performance.none")} beside={figures.chattering > 0} />
+                <Figure name={tr("performance.active")} is={String(figures.standing)} />
+                <Figure name={tr("performance.stale")} is={String(figures.stale)} should={tr("performance.staleTarget")} beside={figures.stale >= 5} />
+                <Figure name={tr("performance.unacknowledged")} is={String(figures.unacknowledged)} />
+                <Figure name={tr("performance.toAcknowledge")} is={duration(figures.to_acknowledge)} />
               </tbody>
             </table>
           </div>
           <div class="panel">
             <table class="data">
-              <caption>By priority</caption>
+              <caption>{tr("performance.byPriority")}</caption>
               <thead>
-                <tr><th scope="col">Priority</th><th scope="col" class="number">Raised</th><th scope="col" class="number">Part</th><th scope="col">Aim</th></tr>
+                <tr><th scope="col">{tr("common.priority")}</th><th scope="col" class="number">{tr("alarms.activatedShort")}</th><th scope="col" class="number">{tr("performance.share")}</th><th scope="col">{tr("performance.target")}</th></tr>
               </thead>
               <tbody>
                 {figures.by_priority.map((n, i) => (
                   <tr key={i}>
-                    <th scope="row"><Shape priority={(i + 1) as Priority} label="alarms" /></th>
+                    <th scope="row"><Shape priority={(i + 1) as Priority} label={tr("common.alarms")} /></th>
                     <td class="number">{n}</td>
                     <td class="number">{part(n, figures.raised)}</td>
-                    <td>{AIM[i]}</td>
+                    <td>{AIM[i] == null ? tr("performance.canWait") : tr("performance.about", {n: AIM[i]})}</td>
                   </tr>
                 ))}
               </tbody>
@@ -74,9 +75,9 @@ export function AlarmFiguresView(): JSX.Element {
           </div>
           <div class="panel span">
             <table class="data">
-              <caption>The most frequent</caption>
+              <caption>{tr("performance.frequent")}</caption>
               <thead>
-                <tr><th scope="col">Alarm</th><th scope="col" class="number">Raised</th><th scope="col" class="number">Part</th><th scope="col" class="number">Active for</th><th scope="col">Chatters</th></tr>
+                <tr><th scope="col">{tr("common.alarm")}</th><th scope="col" class="number">{tr("alarms.activatedShort")}</th><th scope="col" class="number">{tr("performance.share")}</th><th scope="col" class="number">{tr("performance.activeFor")}</th><th scope="col">{tr("performance.chatters")}</th></tr>
               </thead>
               <tbody>
                 {figures.alarms.slice().sort((a, b) => b.raised - a.raised || b.active - a.active).slice(0, MOST_FREQUENT).map(one => (
@@ -85,12 +86,12 @@ export function AlarmFiguresView(): JSX.Element {
                     <td class="number">{one.raised}</td>
                     <td class="number">{part(one.raised, figures.raised)}</td>
                     <td class="number">{duration(one.active)}</td>
-                    <td>{one.chatters ? <><Note label="chatters" /> yes</> : "no"}</td>
+                    <td>{one.chatters ? <><Note label={tr("performance.chatters")} /> {tr("common.yes")}</> : tr("common.no")}</td>
                   </tr>
                 ))}
               </tbody>
             </table>
-            {figures.alarms.length === 0 && <p class="say">none was raised</p>}
+            {figures.alarms.length === 0 && <p class="say">{tr("performance.noneActivated")}</p>}
           </div>
         </div>
       )}
@@ -102,7 +103,7 @@ function Figure({name, is, should, beside = false}: {name: string; is: string; s
   return (
     <tr>
       <th scope="row">{name}</th>
-      <td class="number">{beside && <Note grave label="not as it should be" />} {is}</td>
+      <td class="number">{beside && <Note grave label={tr("performance.beside")} />} {is}</td>
       <td class="say">{should}</td>
     </tr>
   );

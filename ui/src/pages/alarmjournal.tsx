@@ -12,8 +12,9 @@ import {downloadText} from "../download";
 import {Shape} from "../parts/shape";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
+import {inEnglish, known, tr} from "../core/texts";
 
-const TIMES = [{name: "last hour", seconds: 3600}, {name: "last 8 h", seconds: 28800}, {name: "last 24 h", seconds: 86400}, {name: "last 7 days", seconds: 7 * 86400}] as const;
+const TIMES = [{name: "common.last1h", seconds: 3600}, {name: "common.last8h", seconds: 28800}, {name: "common.last24h", seconds: 86400}, {name: "common.last7d", seconds: 7 * 86400}] as const;
 const EVENTS = 1000;
 const MOST = 300; // rows at once
 
@@ -22,7 +23,7 @@ export function AlarmJournal(): JSX.Element {
   const [text, setText] = useState("");
   const [whole, setWhole] = useState(false);
   const [most, setMost] = useState(MOST);
-  const known = useRef<{key: string; journal: Journal} | null>(null);
+  const before = useRef<{key: string; journal: Journal} | null>(null);
   const streamed = useCell(events);
   const all = useCell(alarms);
   const filled = useCell(refill);
@@ -31,13 +32,13 @@ export function AlarmJournal(): JSX.Element {
   const {answer, error} = useAnswer(async () => {
     const since = -seconds;
     const of = (query: object): Promise<{events: PlantEvent[]}> => get("/api/events", {...query, since, last: EVENTS});
-    const same = known.current?.key === `${seconds} ${filled}` ? known.current.journal : null;
+    const same = before.current?.key === `${seconds} ${filled}` ? before.current.journal : null;
     const [journal, did, warned] = await Promise.all([
       journalOf(seconds, same),
       of({kind: "operator"}),
       whole ? of({severity: 2}) : {events: []},
     ]);
-    known.current = {key: `${seconds} ${filled}`, journal};
+    before.current = {key: `${seconds} ${filled}`, journal};
     const {transitions, cut} = journal;
     const others = warned.events.filter(one => one.kind !== "operator");
     return {entries: story(transitions, [...did.events, ...others], alarms.value, whole).reverse(), cut};
@@ -47,7 +48,7 @@ export function AlarmJournal(): JSX.Element {
   const about = new Map(all.map(one => [one.alarm, one]));
   const said = (one: PlantEvent): string => (about.has(alarmSaid(one)) ? alarmSaid(one) : "");
   const name = (one: Entry): string => one.transition?.alarm ?? said(one.said as PlantEvent);
-  const words = (one: Entry): string => (one.said ? one.said.text.slice(name(one) === "" ? 0 : name(one).length + 2).replace(/ \(from [^)]*\)/, "") : one.transition.raised ? "raised" : stateWords(one.transition.state));
+  const words = (one: Entry): string => (one.said ? one.said.text.slice(name(one) === "" ? 0 : name(one).length + 2).replace(/ \(from [^)]*\)/, "") : one.transition.raised ? tr("journal.activated") : stateWords(one.transition.state));
   const who = (one: Entry): string => (one.said ? one.said.source : (one.transition.author ?? ""));
   const shown = entries.filter(one => {
     const of = about.get(name(one));
@@ -56,35 +57,35 @@ export function AlarmJournal(): JSX.Element {
   const exportCsv = (): void =>
     downloadText(
       `${p?.name ?? "apc"}-journal.csv`,
-      csv([["number", "time", "priority", "alarm", "what", "state", "by"], ...shown.slice().reverse().map(one => [one.transition?.number ?? null, iso(one.time), about.get(name(one))?.priority ?? null, name(one), words(one), one.transition?.state ?? null, who(one)])]),
+      inEnglish(() => csv([["number", "time", "priority", "alarm", "what", "state", "by"], ...shown.slice().reverse().map(one => [one.transition?.number ?? null, iso(one.time), about.get(name(one))?.priority ?? null, name(one), words(one), one.transition?.state ?? null, who(one)])])),
     );
   return (
     <>
       <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
-        <label>contains <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
+        <label>{tr("common.contains")} <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
         <label>
-          in the{" "}
+          {tr("common.inThe")}{" "}
           <select value={seconds} onChange={event => setSeconds(Number(event.currentTarget.value))}>
-            {TIMES.map(one => <option key={one.seconds} value={one.seconds}>{one.name}</option>)}
+            {TIMES.map(one => <option key={one.seconds} value={one.seconds}>{tr(one.name)}</option>)}
           </select>
         </label>
-        <label class="check"><input type="checkbox" checked={whole} onChange={event => setWhole(event.currentTarget.checked)} /> with what else happened</label>
-        <span class="say" role="status">{shown.length} found{cut && ", in the newest 20 000 transitions of the window: a shorter one has all"}</span>
+        <label class="check"><input type="checkbox" checked={whole} onChange={event => setWhole(event.currentTarget.checked)} /> {tr("journal.whole")}</label>
+        <span class="say" role="status">{tr(cut ? "journal.cut" : "journal.found", {n: shown.length})}</span>
         <span class="spring" />
         <button type="button" onClick={exportCsv}>CSV</button>
       </form>
       {error && <p class="complaint">{error}</p>}
-      <div class="panel scroll" tabIndex={0} role="region" aria-label="Journal, newest first">
+      <div class="panel scroll" tabIndex={0} role="region" aria-label={tr("journal.aria")}>
         <table class="data cards journal">
           <thead>
             <tr>
-              <th scope="col" class="number">Number</th>
-              <th scope="col">Time ({zone})</th>
-              <th scope="col">Priority</th>
-              <th scope="col">Alarm</th>
-              <th scope="col">What happened</th>
-              <th scope="col">By</th>
-              <th scope="col" class="wide">What it says</th>
+              <th scope="col" class="number">{tr("journal.number")}</th>
+              <th scope="col">{tr("common.timeIn", {zone})}</th>
+              <th scope="col">{tr("common.priority")}</th>
+              <th scope="col">{tr("common.alarm")}</th>
+              <th scope="col">{tr("journal.what")}</th>
+              <th scope="col">{tr("journal.by")}</th>
+              <th scope="col" class="wide">{tr("common.message")}</th>
             </tr>
           </thead>
           <tbody>
@@ -93,20 +94,20 @@ export function AlarmJournal(): JSX.Element {
               const raised = one.transition?.raised === true;
               return (
                 <tr key={one.transition?.number ?? `${one.time}-${i}`} class={raised ? "raised" : ""}>
-                  <td class="number" data-label="Number">{one.transition?.number ?? ""}</td>
-                  <td class="digits" data-label="Time">{stamp(one.time, 1)}</td>
-                  <td data-label="Priority">{of && <Shape priority={of.priority} label={of.kind} hollow={!raised} />}</td>
+                  <td class="number" data-label={tr("journal.number")}>{one.transition?.number ?? ""}</td>
+                  <td class="digits" data-label={tr("common.time")}>{stamp(one.time, 1)}</td>
+                  <td data-label={tr("common.priority")}>{of && <Shape priority={of.priority} label={known("alarmkind", of.kind)} hollow={!raised} />}</td>
                   <th scope="row">{name(one)}</th>
-                  <td data-label="What happened">{words(one)}</td>
-                  <td data-label="By">{who(one)}</td>
-                  <td class="wide" data-label="What it says">{raised ? of?.message : ""}</td>
+                  <td data-label={tr("journal.what")}>{words(one)}</td>
+                  <td data-label={tr("journal.by")}>{who(one)}</td>
+                  <td class="wide" data-label={tr("common.message")}>{raised ? of?.message : ""}</td>
                 </tr>
               );
             })}
           </tbody>
         </table>
-        {shown.length > most && <button type="button" onClick={() => setMost(most + 5 * MOST)}>{shown.length - most} older</button>}
-        {shown.length === 0 && !error && <p class="say">no transitions</p>}
+        {shown.length > most && <button type="button" onClick={() => setMost(most + 5 * MOST)}>{tr("journal.older", {n: shown.length - most})}</button>}
+        {shown.length === 0 && !error && <p class="say">{tr("journal.none")}</p>}
       </div>
     </>
   );

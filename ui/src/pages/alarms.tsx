@@ -21,46 +21,47 @@ import {Value} from "../parts/value";
 import {go, path} from "../router";
 import {AlarmFiguresView} from "./alarmfigures";
 import {AlarmJournal} from "./alarmjournal";
+import {known, tr} from "../core/texts";
 
-const lists = {standing: "To be seen to", masked: "Masked", all: "All"} as const;
-const views = {...lists, journal: "Journal", figures: "Figures"} as const;
-type View = keyof typeof views;
+type ListView = "standing" | "masked" | "all";
+const VIEWS = ["standing", "masked", "all", "journal", "figures"] as const;
+type View = (typeof VIEWS)[number];
 const MOST = 100; // rows at once
 
 export function AlarmsPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
   const all = useCell(alarms);
   const evaluated = useCell(control)?.alarms;
-  if (!p) return <Nothing title="Alarms">Loading the plant …</Nothing>;
-  if (!p.alarms) return <Nothing title="Alarms">No alarms are described for this plant: see “alarms” of the experiment file.</Nothing>;
+  if (!p) return <Nothing title={tr("page.alarms")}>{tr("common.loadingPlant")}</Nothing>;
+  if (!p.alarms) return <Nothing title={tr("page.alarms")}>{tr("alarms.notDescribed")}</Nothing>;
   const named = all.find(one => one.alarm === about);
-  const asked = (Object.keys(views) as View[]).find(one => one === about);
+  const asked = VIEWS.find(one => one === about);
   const view: View = asked ?? "standing";
   const counts = counted(all);
   const sizes: Partial<Record<View, number>> = {standing: counts.standing, masked: counts.masked, all: all.length};
   return (
     <section class="alarms">
       <div class="toolbar">
-        <h1>Alarms</h1>
-        <div class="segments" role="group" aria-label="What is shown">
-          {(Object.keys(views) as View[]).map(one => (
+        <h1>{tr("page.alarms")}</h1>
+        <div class="segments" role="group" aria-label={tr("alarms.whatIsShown")}>
+          {VIEWS.map(one => (
             <button type="button" key={one} aria-pressed={one === view} onClick={() => go("alarms", one === "standing" ? null : one)}>
-              {views[one]}{sizes[one] != null && <span class="count"> {sizes[one]}</span>}
+              {tr(`alarms.view.${one}`)}{sizes[one] != null && <span class="count"> {sizes[one]}</span>}
             </button>
           ))}
         </div>
         <span class="say" role="status">{countsText(counts)}</span>
-        {about != null && !named && !asked && <span class="complaint">{p.name} has no alarm “{about}”: these are those that stand.</span>}
-        {evaluated === false && <span class="complaint">not evaluated: this is how they stood last</span>}
+        {about != null && !named && !asked && <span class="complaint">{tr("alarms.noSuch", {plant: p.name, alarm: about})}</span>}
+        {evaluated === false && <span class="complaint">{tr("alarms.lastKnown")}</span>}
       </div>
       {view === "journal" ? <AlarmJournal /> : view === "figures" ? <AlarmFiguresView /> : <List key={p.generation} view={view} all={all} shelveMax={p.alarms.shelve_max} open={named?.id ?? null} />}
     </section>
   );
 }
 
-const shows: Record<keyof typeof lists, (one: Alarm) => boolean> = {standing: one => one.now.standing, masked: isMasked, all: () => true};
+const shows: Record<ListView, (one: Alarm) => boolean> = {standing: one => one.now.standing, masked: isMasked, all: () => true};
 
-function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; all: Alarm[]; shelveMax: number; open: number | null}): JSX.Element {
+function List({view, all, shelveMax, open: named}: {view: ListView; all: Alarm[]; shelveMax: number; open: number | null}): JSX.Element {
   const [text, setText] = useState("");
   const [opened, setOpened] = useState<ReadonlySet<number>>(new Set());
   const last = useRef<number | null>(null);
@@ -97,15 +98,15 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
   return (
     <>
       <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
-        <label>contains <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
-        <span class="say" role="status">{rows.length} shown{order && rows.some((one, i) => one !== wanted[i]) && ": as they stood when you pointed at them, newer ones at the end"}</span>
+        <label>{tr("common.contains")} <input type="search" size={14} value={text} onInput={event => setText(event.currentTarget.value)} /></label>
+        <span class="say" role="status">{tr(order && rows.some((one, i) => one !== wanted[i]) ? "alarms.held" : "alarms.shown", {n: rows.length})}</span>
         <span class="spring" />
         <button type="button" disabled={waiting.length === 0 || barred != null} title={barred ?? undefined} {...everything.on}>
-          Acknowledge all shown{waiting.length > 0 && ` (${waiting.length})`}
+          {waiting.length > 0 ? tr("alarms.acknowledgeAllN", {n: waiting.length}) : tr("alarms.acknowledgeAll")}
         </button>
         <button type="button" onClick={exportCsv}>CSV</button>
       </form>
-      <div class="panel scroll" tabIndex={0} role="region" aria-label={`Alarms: ${views[view]}`}>
+      <div class="panel scroll" tabIndex={0} role="region" aria-label={tr("alarms.list", {view: tr(`alarms.view.${view}`)})}>
         <table
           class="data cards alarm-list"
           onPointerEnter={hold}
@@ -117,13 +118,13 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
         >
           <thead>
             <tr>
-              <th scope="col">Priority</th>
-              <th scope="col">Alarm</th>
-              <th scope="col" class="wide">What it says</th>
-              <th scope="col" class="number">Value</th>
-              <th scope="col">State</th>
-              <th scope="col">Raised ({zone})</th>
-              <th scope="col"><span class="hidden">Act</span></th>
+              <th scope="col">{tr("common.priority")}</th>
+              <th scope="col">{tr("common.alarm")}</th>
+              <th scope="col" class="wide">{tr("common.message")}</th>
+              <th scope="col" class="number">{tr("common.value")}</th>
+              <th scope="col">{tr("common.state")}</th>
+              <th scope="col">{tr("alarms.activated", {zone})}</th>
+              <th scope="col"><span class="hidden">{tr("alarms.act")}</span></th>
             </tr>
           </thead>
           <tbody>
@@ -133,8 +134,8 @@ function List({view, all, shelveMax, open: named}: {view: keyof typeof lists; al
             ])}
           </tbody>
         </table>
-        {rows.length === 0 && <p class="say">{text !== "" ? "nothing matches" : view === "standing" ? "No alarm stands." : "none"}</p>}
-        {rows.length > most && <button type="button" onClick={() => setMost(most * 5)}>{rows.length - most} more</button>}
+        {rows.length === 0 && <p class="say">{text !== "" ? tr("common.nothingMatches") : view === "standing" ? tr("alarms.noneActive") : tr("common.none")}</p>}
+        {rows.length > most && <button type="button" onClick={() => setMost(most * 5)}>{tr("alarms.more", {n: rows.length - most})}</button>}
       </div>
     </>
   );
@@ -151,29 +152,29 @@ function Row({of, open, toggle}: {of: Alarm; open: boolean; toggle: () => void})
   const press = usePress(of, one => void acknowledge(one));
   return (
     <tr class={isUnacknowledged(of) ? "unacknowledged" : ""}>
-      <td data-label="Priority"><Shape priority={of.priority} label={of.kind} hollow={!isUnacknowledged(of)} /></td>
+      <td data-label={tr("common.priority")}><Shape priority={of.priority} label={known("alarmkind", of.kind)} hollow={!isUnacknowledged(of)} /></td>
       <th scope="row">
         <span><Tag name={of.alarm} />{of.area && <small>{of.area}</small>}</span>
       </th>
-      <td class="wide" data-label="What it says">{of.message || of.kind}</td>
-      <td class="number" data-label="Value">{signal && signal.table !== "opmode" && <Value of={of.ref} unit />}</td>
-      <td data-label="State">
+      <td class="wide" data-label={tr("common.message")}>{of.message || known("alarmkind", of.kind)}</td>
+      <td class="number" data-label={tr("common.value")}>{signal && signal.table !== "opmode" && <Value of={of.ref} unit />}</td>
+      <td data-label={tr("common.state")}>
         {stateWords(now.state)}
-        {now.shelved_until != null && <small>until {clock(now.shelved_until)}</small>}
+        {now.shelved_until != null && <small>{tr("alarms.until", {time: clock(now.shelved_until)})}</small>}
         {now.author && <small>{now.author}</small>}
       </td>
-      <td class="digits" data-label="Raised">
+      <td class="digits" data-label={tr("alarms.activatedShort")}>
         {now.raised == null ? "–" : stamp(now.raised)}
-        {now.time != null && now.time !== now.raised && <small>so since {stamp(now.time)}</small>}
+        {now.time != null && now.time !== now.raised && <small>{tr("alarms.soSince", {time: stamp(now.time)})}</small>}
       </td>
       <td class="acts">
         <div class="entry-line">
           {act && (
             <button type="button" class="primary" disabled={barred != null || busy} title={barred ?? undefined} {...press.on}>
-              {busy ? "on its way …" : act}<span class="hidden"> {of.alarm}</span>
+              {busy ? tr("alarmline.onItsWay") : tr(`alarmline.${act}`)}<span class="hidden"> {of.alarm}</span>
             </button>
           )}
-          <button type="button" aria-expanded={open} onClick={toggle}>{open ? "Less" : "More"}<span class="hidden"> of {of.alarm}</span></button>
+          <button type="button" aria-expanded={open} onClick={toggle}>{tr(open ? "alarms.shut" : "alarms.open")}<span class="hidden"> {tr("alarms.about", {alarm: of.alarm})}</span></button>
         </div>
         {view && view.phase !== "applied" && !busy && <WriteStatus of={`ack.${of.id}`} retry={() => void acknowledge(of)} />}
       </td>
@@ -212,45 +213,45 @@ function Detail({of, shelveMax}: {of: Alarm; shelveMax: number}): JSX.Element {
     <tr class="detail">
       <td colSpan={7}>
         <dl class="pairs">
-          <dt>consequence</dt>
-          <dd>{of.consequence || "not said"}</dd>
-          <dt>what to do</dt>
-          <dd><b>{of.response || "not said"}</b></dd>
-          <dt>condition</dt>
+          <dt>{tr("alarms.consequence")}</dt>
+          <dd>{of.consequence || tr("alarms.notSaid")}</dd>
+          <dt>{tr("alarms.response")}</dt>
+          <dd><b>{of.response || tr("alarms.notSaid")}</b></dd>
+          <dt>{tr("alarms.condition")}</dt>
           <dd>
-            {of.kind}{of.limit != null && `, limit ${exact(of.limit)} ${signal?.unit ?? ""}`}{signal?.description && `, ${signal.description}`}
+            {known("alarmkind", of.kind)}{of.limit != null && `, ${tr("alarms.limit", {limit: `${exact(of.limit)} ${signal?.unit ?? ""}`})}`}{signal?.description && `, ${signal.description}`}
           </dd>
-          <dt>look</dt>
+          <dt>{tr("alarms.goTo")}</dt>
           <dd class="links">
-            {loop && <a href={path("loop", loop.id)}>Loop {loop.name}</a>}
-            {(loop ?? signal) && <a href={path("trend", loop?.measurement ? loop.id : of.ref)}>Trend</a>}
-            <a href={path("alarms", "journal")}>Journal</a>
+            {loop && <a href={path("loop", loop.id)}>{tr("alarms.loop", {loop: loop.name})}</a>}
+            {(loop ?? signal) && <a href={path("trend", loop?.measurement ? loop.id : of.ref)}>{tr("page.trend")}</a>}
+            <a href={path("alarms", "journal")}>{tr("alarms.view.journal")}</a>
           </dd>
         </dl>
         <form class="shelving" onSubmit={event => event.preventDefault()}>
           <div class="entry-line">
-            <label>reason or comment <input type="text" size={28} aria-invalid={long} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
+            <label>{tr("alarms.comment")} <input type="text" size={28} aria-invalid={long} value={reason} onInput={event => setReason(event.currentTarget.value)} /></label>
             {act && (
               <button type="button" disabled={wait} onClick={() => void acknowledge(of, reason.trim()).then(said("ack"))}>
-                {act} with it
+                {tr(act === "reset" ? "alarms.resetWith" : "alarms.acknowledgeWith")}
               </button>
             )}
           </div>
           <div class="entry-line">
             <label>
-              for{" "}
+              {tr("alarms.for")}{" "}
               <select value={seconds} onChange={event => setSeconds(Number(event.currentTarget.value))}>
                 {times.map(one => <option key={one} value={one}>{span(one)}</option>)}
               </select>
             </label>
-            <label class="check"><input type="checkbox" checked={once} onChange={event => setOnce(event.currentTarget.checked)} /> or until it has gone once</label>
-            <button type="button" disabled={wait || reason.trim() === ""} onClick={() => doShelve(seconds)}>Shelve</button>
-            {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>Shelve no more</button>}
-            {engineer && <button type="button" disabled={wait || (!out && reason.trim() === "")} onClick={() => void service(of, !out, reason.trim()).then(said("service"))}>{out ? "In service" : "Out of service"}</button>}
+            <label class="check"><input type="checkbox" checked={once} onChange={event => setOnce(event.currentTarget.checked)} /> {tr("alarms.oneShot")}</label>
+            <button type="button" disabled={wait || reason.trim() === ""} onClick={() => doShelve(seconds)}>{tr("alarms.shelve")}</button>
+            {shelved && <button type="button" disabled={wait} onClick={() => doShelve(0)}>{tr("alarms.unshelve")}</button>}
+            {engineer && <button type="button" disabled={wait || (!out && reason.trim() === "")} onClick={() => void service(of, !out, reason.trim()).then(said("service"))}>{tr(out ? "common.service.in" : "common.service.out")}</button>}
           </div>
         </form>
         <p class="say">
-          {barred ?? (long ? "the reason is too long: 80 bytes" : shelved ? `Shelved until ${when(of.now.shelved_until as number)}, ${duration((of.now.shelved_until as number) - serverNow())} more.` : `Shelving takes a reason, and ends by itself: after at most ${span(shelveMax)}.`)}
+          {barred ?? (long ? tr("alarms.tooLong") : shelved ? tr("alarms.shelvedUntil", {time: when(of.now.shelved_until as number), rest: duration((of.now.shelved_until as number) - serverNow())}) : tr("alarms.shelving", {time: span(shelveMax)}))}
         </p>
         {serving && <WriteStatus of={`service.${of.id}`} retry={() => void service(of, !out, reason.trim())} />}
         {shelving && <WriteStatus of={`shelve.${of.id}`} retry={() => void shelve(of, seconds, once, reason.trim())} />}

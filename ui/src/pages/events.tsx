@@ -11,15 +11,14 @@ import {events, plant, refill, serverNow} from "../core/model";
 import {EventShape} from "../parts/eventshape";
 import {Note} from "../parts/shape";
 import type {PlantEvent} from "../core/types";
+import {inEnglish, known, tr} from "../core/texts";
 
 const KINDS = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm"];
 const SINCE = [
-  {name: "last hour", seconds: 3600},
-  {name: "last 24 h", seconds: 86400},
-  {name: "last 7 days", seconds: 7 * 86400},
+  {name: "common.last1h", seconds: 3600},
+  {name: "common.last24h", seconds: 86400},
+  {name: "common.last7d", seconds: 7 * 86400},
 ] as const;
-const MISSING = "events are missing here: more came at once than this page keeps";
-const severities = {1: "information", 2: "warning", 3: "alarm"} as const;
 
 export function EventsPage(): JSX.Element {
   const [filter, setFilter] = useState<Filter>({severity: 1, kind: "", source: "", text: "", seconds: 86400});
@@ -60,49 +59,49 @@ export function EventsPage(): JSX.Element {
       `${p?.name ?? "apc"}-events.csv`,
       csv([
         ["time", "severity", "source", "kind", "text"],
-        ...list.flatMap((one, i) => [...(i === gap ? [["", null, "", "", MISSING]] : []), [iso(one.time), one.severity, one.source, one.kind, one.text]]),
+        ...list.flatMap((one, i) => [...(i === gap ? [["", null, "", "", inEnglish(() => tr("events.missing"))]] : []), [iso(one.time), one.severity, one.source, one.kind, one.text]]),
       ]),
     );
 
   return (
     <section class="events">
       <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
-        <h1>Events</h1>
+        <h1>{tr("page.events")}</h1>
         <label>
-          at least{" "}
+          {tr("events.atLeast")}{" "}
           <select value={filter.severity} onChange={event => set({severity: Number(event.currentTarget.value)})}>
-            {([1, 2, 3] as const).map(one => <option key={one} value={one}>{severities[one]}</option>)}
+            {([1, 2, 3] as const).map(one => <option key={one} value={one}>{tr(`events.severity.${one}`)}</option>)}
           </select>
         </label>
         <label>
-          kind{" "}
+          {tr("events.kindLabel")}{" "}
           <select value={filter.kind} onChange={event => set({kind: event.currentTarget.value})}>
-            <option value="">all</option>
-            {KINDS.map(one => <option key={one} value={one}>{one}</option>)}
+            <option value="">{tr("common.all")}</option>
+            {KINDS.map(one => <option key={one} value={one}>{known("events.kind", one)}</option>)}
           </select>
         </label>
-        <label>source <input type="text" size={8} value={filter.source} onInput={event => set({source: event.currentTarget.value.trim()})} /></label>
-        <label>contains <input type="text" size={10} value={filter.text} onInput={event => set({text: event.currentTarget.value})} /></label>
+        <label>{tr("events.sourceLabel")} <input type="text" size={8} value={filter.source} onInput={event => set({source: event.currentTarget.value.trim()})} /></label>
+        <label>{tr("common.contains")} <input type="text" size={10} value={filter.text} onInput={event => set({text: event.currentTarget.value})} /></label>
         <label>
-          in the{" "}
+          {tr("common.inThe")}{" "}
           <select value={filter.seconds} onChange={event => set({seconds: Number(event.currentTarget.value)})}>
-            {SINCE.map(one => <option key={one.seconds} value={one.seconds}>{one.name}</option>)}
+            {SINCE.map(one => <option key={one.seconds} value={one.seconds}>{tr(one.name)}</option>)}
           </select>
         </label>
         <span class="spring" />
-        <span class="say" role="status">{list.length} shown</span>
+        <span class="say" role="status">{tr("events.shown", {n: list.length})}</span>
         <button type="button" onClick={exportCsv}>CSV</button>
       </form>
       {error && <p class="complaint">{error}</p>}
-      <div class="panel scroll" tabIndex={0} role="region" aria-label="Events, newest first">
+      <div class="panel scroll" tabIndex={0} role="region" aria-label={tr("events.aria")}>
         <table class="data cards">
           <thead>
             <tr>
-              <th scope="col">Time ({zone})</th>
-              <th scope="col">Severity</th>
-              <th scope="col">Kind</th>
-              <th scope="col">Source</th>
-              <th scope="col" class="wide">What happened</th>
+              <th scope="col">{tr("common.timeIn", {zone})}</th>
+              <th scope="col">{tr("common.severity")}</th>
+              <th scope="col">{tr("common.kind")}</th>
+              <th scope="col">{tr("common.source")}</th>
+              <th scope="col" class="wide">{tr("common.message")}</th>
             </tr>
           </thead>
           <tbody>
@@ -110,25 +109,25 @@ export function EventsPage(): JSX.Element {
               i === gap && (
                 <tr key="gap" class="gap">
                   <td colSpan={5}>
-                    <Note label="missing" /> {MISSING} <button type="button" onClick={() => setAgain(again + 1)}>Ask for them</button>
+                    <Note label={tr("events.gap")} /> {tr("events.missing")} <button type="button" onClick={() => setAgain(again + 1)}>{tr("events.ask")}</button>
                   </td>
                 </tr>
               ),
               <tr key={`${one.time}-${one.source}-${one.kind}-${i}`} class={`severity-${one.severity}`}>
-                <td class="digits" data-label="Time">{stamp(one.time, 3)}</td>
-                <td data-label="Severity">
-                  <EventShape of={one} /> {severities[one.severity]}
+                <td class="digits" data-label={tr("common.time")}>{stamp(one.time, 3)}</td>
+                <td data-label={tr("common.severity")}>
+                  <EventShape of={one} /> {tr(`events.severity.${one.severity}`)}
                 </td>
-                <td data-label="Kind">{one.kind}</td>
-                <td data-label="Source">{one.source}</td>
-                <td class="wide" data-label="What happened">{one.text}</td>
+                <td data-label={tr("common.kind")}>{known("events.kind", one.kind)}</td>
+                <td data-label={tr("common.source")}>{one.source}</td>
+                <td class="wide" data-label={tr("common.message")}>{one.text}</td>
               </tr>,
             ]).reverse()}
           </tbody>
         </table>
-        {list.length === 0 && !error && <p class="say">nothing matches</p>}
+        {list.length === 0 && !error && <p class="say">{tr("common.nothingMatches")}</p>}
       </div>
-      {past.more && most < 5000 && <button type="button" onClick={() => setMost(Math.min(5000, most * 5))}>Older ones</button>}
+      {past.more && most < 5000 && <button type="button" onClick={() => setMost(Math.min(5000, most * 5))}>{tr("events.older")}</button>}
     </section>
   );
 }

@@ -21,15 +21,16 @@ import {told, Value} from "../parts/value";
 import {path} from "../router";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
+import {known, tr} from "../core/texts";
 
 export function GraphicPage(): JSX.Element {
   const p = useCell(plant);
   const {answer, error} = useAnswer(() => (p?.graphic ? getText("/api/graphic") : Promise.resolve("")), [p?.generation, p?.graphic]);
   const read = useMemo(() => (answer ? drawing(new DOMParser().parseFromString(answer, "image/svg+xml")) : null), [answer]);
-  if (p && !p.graphic) return <Nothing title="Graphic">There is no drawing of {p.name}: an SVG beside the experiment file, with its name, is shown here.</Nothing>;
-  if (error) return <Nothing title="Graphic">The drawing cannot be had: {error}.</Nothing>;
-  if (!p || !read) return <Nothing title="Graphic">Loading the drawing …</Nothing>;
-  if (typeof read === "string") return <Nothing title="Graphic">Of {p.name}: {read}.</Nothing>;
+  if (p && !p.graphic) return <Nothing title={tr("page.graphic")}>{tr("graphic.none", {plant: p.name})}</Nothing>;
+  if (error) return <Nothing title={tr("page.graphic")}>{tr("graphic.failed", {why: error})}</Nothing>;
+  if (!p || !read) return <Nothing title={tr("page.graphic")}>{tr("graphic.loading")}</Nothing>;
+  if (typeof read === "string") return <Nothing title={tr("page.graphic")}>{tr("graphic.of", {plant: p.name, why: read})}</Nothing>;
   return <Shown key={p.generation} of={read} plant={p} />;
 }
 
@@ -44,13 +45,13 @@ function Shown({of, plant: p}: {of: Drawing; plant: Plant}): JSX.Element {
       <div class="toolbar">
         <h1>{p.title || p.name}</h1>
         <span class="spring" />
-        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>
       </div>
-      {unknown.length > 0 && <p class="complaint">The drawing names {unknown.map(one => `“${one}”`).join(", ")}: {p.name} has no such {unknown.length > 1 ? "signals" : "signal"}, or several.</p>}
-      {of.left.length > 0 && <p class="say left-out">Left out of the drawing, as it is more than a picture: {of.left.join(", ")}.</p>}
+      {unknown.length > 0 && <p class="complaint">{tr(unknown.length > 1 ? "graphic.unknown" : "graphic.unknownOne", {names: unknown.map(name => tr("graphic.quoted", {name})).join(", "), plant: p.name})}</p>}
+      {of.left.length > 0 && <p class="say left-out">{tr("graphic.left", {what: of.left.join(", ")})}</p>}
       {table ? <Signals of={[...new Set(known)]} /> : (
         <div class="panel picture">
-          <svg {...of.root.attributes} role="group" aria-label={`Drawing of ${p.name}`}>{inside(of.root, scene)}</svg>
+          <svg {...of.root.attributes} role="group" aria-label={tr("graphic.aria", {plant: p.name})}>{inside(of.root, scene)}</svg>
         </div>
       )}
     </section>
@@ -99,7 +100,7 @@ function Level({of, bound, signal: one, mark}: {of: Part; bound: Bound; signal: 
   const frameBox = boxOf(of.attributes);
   const {fill, ...frame} = of.attributes;
   const box = at && filled(boxOf(of.attributes), at.at, bound.right);
-  const label = `${one.name} ${told(one.ref, now.value)} ${one.unit}${scale ? `, scale ${exact(scale.low)} to ${exact(scale.high)}` : ""}${unknown ? `, ${now.value == null ? "no sample yet" : words(now.status)}` : now.stale ? ", stale" : ""}`;
+  const label = `${one.name} ${told(one.ref, now.value)} ${one.unit}${scale ? `, ${tr("value.bar.scale", {low: exact(scale.low), high: exact(scale.high)})}` : ""}${unknown ? `, ${now.value == null ? tr("parts.noSample") : words(now.status)}` : now.stale ? `, ${tr("common.stale")}` : ""}`;
   return (
     <g class={`level${unknown ? " unknown" : ""}${now.stale ? " stale" : ""}`} role="img" aria-label={label} data-level={at ? at.at.toFixed(4) : "none"} transform={of.attributes.transform}>
       {box && h("rect", {...box, rx: frame.rx, fill: fill && fill !== "none" ? fill : "var(--live)", class: "filling"} as never)}
@@ -140,12 +141,12 @@ function useWords(one: Variable): {text: string; label: string; kind: string; al
   const alarm = useAlarm(one.ref);
   const p = useCell(plant);
   const mode = one.table === "opmode" || one.table === "actual" ? (p?.modes[now.value ?? -1] ?? null) : null;
-  const value = now.value == null ? missing : mode ?? `${told(one.ref, now.value)}${one.unit ? ` ${one.unit}` : ""}`;
+  const value = now.value == null ? missing : (mode && known("mode", mode)) ?? `${told(one.ref, now.value)}${one.unit ? ` ${one.unit}` : ""}`;
   const what = now.value == null ? "none" : worth(now.status) === "bad" ? "bad" : now.stale ? "stale" : worth(now.status);
-  const why = what === "bad" || what === "uncertain" ? words(now.status) : what === "stale" ? `${duration(now.age)} old` : what === "none" && one.period != null ? "no sample yet" : "";
+  const why = what === "bad" || what === "uncertain" ? words(now.status) : what === "stale" ? tr("parts.old", {time: duration(now.age)}) : what === "none" && one.period != null ? tr("parts.noSample") : "";
   const about = one.description ? `${one.description}, ${one.name}` : one.name;
   const glyph = alarm ? `${GLYPHS[alarm.priority]}${alarm.priority} ` : "";
-  return {text: why ? `${value}, ${why}` : value, label: `${about}: ${glyph}${value}${why ? `, ${why}` : ""}${alarm ? `, alarm ${alarm.alarm}, priority ${alarm.priority}` : ""}`, kind: what, alarm};
+  return {text: why ? `${value}, ${why}` : value, label: `${about}: ${glyph}${value}${why ? `, ${why}` : ""}${alarm ? `, ${tr("graphic.alarm", {alarm: alarm.alarm, priority: alarm.priority})}` : ""}`, kind: what, alarm};
 }
 
 function Said({of, signal: one, plant: p}: {of: Part; signal: Variable; plant: Plant}): JSX.Element {
@@ -188,22 +189,22 @@ function State({of, signal: one, scene: {plant: p, mark}, children}: {of: Part; 
 
 function Signals({of}: {of: Variable[]}): JSX.Element {
   return (
-    <div class="panel scroll" tabIndex={0} role="region" aria-label="Signals of the drawing">
+    <div class="panel scroll" tabIndex={0} role="region" aria-label={tr("graphic.signals")}>
       <table class="data cards">
-        <caption>Signals of the drawing</caption>
+        <caption>{tr("graphic.signals")}</caption>
         <thead>
           <tr>
-            <th scope="col">Signal</th>
-            <th scope="col" class="wide">What it is</th>
-            <th scope="col" class="number">Value</th>
+            <th scope="col">{tr("common.signal")}</th>
+            <th scope="col" class="wide">{tr("common.description")}</th>
+            <th scope="col" class="number">{tr("common.value")}</th>
           </tr>
         </thead>
         <tbody>
           {of.map(one => (
             <tr key={one.ref}>
               <th scope="row">{one.name} <AlarmMark of={[one.ref]} /></th>
-              <td class="wide" data-label="What it is">{one.description}</td>
-              <td class="number" data-label="Value"><Value of={one.ref} unit /></td>
+              <td class="wide" data-label={tr("common.description")}>{one.description}</td>
+              <td class="number" data-label={tr("common.value")}><Value of={one.ref} unit /></td>
             </tr>
           ))}
         </tbody>

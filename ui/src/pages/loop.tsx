@@ -24,12 +24,14 @@ import {Tuning} from "../parts/tuning";
 import {Value} from "../parts/value";
 import {go, path} from "../router";
 import type {Loop, Plant, PlantEvent, Ref} from "../core/types";
+import {known, tr} from "../core/texts";
+import {rich} from "../rich";
 
 export function LoopPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
-  if (!p) return <Nothing title="Loop">Loading the plant …</Nothing>;
+  if (!p) return <Nothing title={tr("page.loop")}>{tr("common.loadingPlant")}</Nothing>;
   const loop = about == null ? p.loops[0] : p.loops.find(one => String(one.id) === about);
-  if (!loop) return <Nothing title="Loop">{about == null ? "This plant has no loop." : <>{p.name} has no loop “{about}”: <a href={path("overview")}>those that it has</a>.</>}</Nothing>;
+  if (!loop) return <Nothing title={tr("page.loop")}>{about == null ? tr("loop.none") : rich("loop.noSuch", {plant: p.name, loop: about, link: <a href={path("overview")}>{tr("loop.those")}</a>})}</Nothing>;
   return <Faceplate key={`${loop.id}:${p.generation}`} loop={loop} plant={p} />;
 }
 
@@ -38,7 +40,7 @@ function Choice({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const [all, setAll] = useState(false);
   const open = (): void => setAll(true);
   return (
-    <select class="loop-choice" aria-label="Loop" value={loop.id} onFocus={open} onPointerEnter={open} onChange={event => go("loop", event.currentTarget.value)}>
+    <select class="loop-choice" aria-label={tr("page.loop")} value={loop.id} onFocus={open} onPointerEnter={open} onChange={event => go("loop", event.currentTarget.value)}>
       {!all ? <option value={loop.id}>{loop.name}</option> : p.controllers.map(({name}) => {
         const own = p.loops.filter(one => one.controller === name).map(one => <option key={one.id} value={one.id}>{one.name}</option>);
         return p.controllers.length > 1 ? <optgroup key={name} label={name}>{own}</optgroup> : own;
@@ -62,50 +64,50 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
       <div class="toolbar">
         <h1><Tag name={loop.name} /></h1>
         <span class="say">{variable(loop.measurement)?.description}</span>
-        {inShadow(loop) && <span class="say"><b>In shadow</b>: {loop.controller} moves nothing</span>}
+        {inShadow(loop) && <span class="say">{rich("loop.inShadow", {controller: loop.controller})}</span>}
         <span class="spring" />
         {!close && p.loops.length > 1 && (
           <>
-            <button type="button" onClick={() => step(-1)} aria-label="Previous loop">◀</button>
+            <button type="button" onClick={() => step(-1)} aria-label={tr("loop.previous")}>◀</button>
             <Choice loop={loop} plant={p} />
-            <button type="button" onClick={() => step(1)} aria-label="Next loop">▶</button>
+            <button type="button" onClick={() => step(1)} aria-label={tr("loop.next")}>▶</button>
           </>
         )}
-        {predictors(p).some(one => one.controller.name === loop.controller) && <a class="button" href={path("prediction", loop.controller)}>Prediction</a>}
-        <a class="button" href={path("trend", loop.id)}>Trend</a>
-        {close && <a class="button" href={path("loop", loop.id)}>Whole page</a>}
-        {close && <button type="button" onClick={close}>Close</button>}
+        {predictors(p).some(one => one.controller.name === loop.controller) && <a class="button" href={path("prediction", loop.controller)}>{tr("page.prediction")}</a>}
+        <a class="button" href={path("trend", loop.id)}>{tr("page.trend")}</a>
+        {close && <a class="button" href={path("loop", loop.id)}>{tr("loop.fullPage")}</a>}
+        {close && <button type="button" onClick={close}>{tr("common.close")}</button>}
       </div>
       <div class="grid equal">
         <div class="panel faceplate">
-          <h2>Values</h2>
+          <h2>{tr("loop.values")}</h2>
           {loop.measurement && (
             <div class="line">
-              <span class="line-label">PV<small><Tag name={variable(loop.measurement)?.name} /></small></span>
-              <Bar label="PV" value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />
+              <span class="line-label">{tr("overview.pv")}<small><Tag name={variable(loop.measurement)?.name} /></small></span>
+              <Bar label={tr("overview.pv")} value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />
               <Value of={loop.measurement} unit />
             </div>
           )}
           {loop.setpoint && (
             <div class="line">
-              <span class="line-label">SP<small><Tag name={setpoint?.name} /></small></span>
-              <Bar label="SP" value={loop.setpoint} scale={scale} ends />
+              <span class="line-label">{tr("overview.sp")}<small><Tag name={setpoint?.name} /></small></span>
+              <Bar label={tr("overview.sp")} value={loop.setpoint} scale={scale} ends />
               <Value of={loop.setpoint} unit />
             </div>
           )}
           {loop.measurement && loop.setpoint && <Deviation of={loop.measurement} from={loop.setpoint} />}
           {loop.output && (
             <div class="line">
-              <span class="line-label">OUT<small><Tag name={output?.name} /></small></span>
-              <Bar label="OUT" value={loop.output} scale={out} ends />
+              <span class="line-label">{tr("overview.out")}<small><Tag name={output?.name} /></small></span>
+              <Bar label={tr("overview.out")} value={loop.output} scale={out} ends />
               <Value of={loop.output} unit />
               <AtLimit of={loop.output} />
             </div>
           )}
           {wouldBe(loop, p).map(ref => (
             <div class="line" key={ref}>
-              <span class="line-label">WOULD<small><Tag name={variable(ref)?.name} /></small></span>
-              <Bar label="would be" value={ref} scale={out} ends />
+              <span class="line-label">{tr("loop.shadow")}<small><Tag name={variable(ref)?.name} /></small></span>
+              <Bar label={tr("loop.shadowOutput")} value={ref} scale={out} ends />
               <Value of={ref} unit />
             </div>
           ))}
@@ -118,21 +120,21 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           <LastAction loop={loop} plant={p} />
         </div>
         <div class="panel operate">
-          <h2>Mode</h2>
+          <h2>{tr("overview.mode")}</h2>
           <ModeSwitch loop={loop} />
-          <h2>Setpoint{(loop.above ?? loop.owner) != null && <small class="owner"> {remote ? `Remote: ${remote.name} moves it` : "Local"}</small>}</h2>
+          <h2>{tr("loop.setpoint")}{(loop.above ?? loop.owner) != null && <small class="owner"> {remote ? tr("loop.remote", {mover: remote.name}) : tr("loop.local")}</small>}</h2>
           {loop.setpoint ? (
-            <Entry of={loop.setpoint} kind="setpoint" label={`SP ${setpoint?.name ?? ""}`} low={setpoint?.low} high={setpoint?.high} blocked={tracks} remote={remote} />
+            <Entry of={loop.setpoint} kind="setpoint" label={tr("loop.spOf", {name: setpoint?.name ?? ""})} low={setpoint?.low} high={setpoint?.high} blocked={tracks} remote={remote} />
           ) : (
-            <p class="say">this loop has none</p>
+            <p class="say">{tr("loop.noSetpoint")}</p>
           )}
           {loop.owner && <GiveBack owner={loop.owner} setpoint={loop.setpoint} local={!remote} />}
-          <h2>Output</h2>
+          <h2>{tr("loop.output")}</h2>
           {loop.manual && (
             <Entry
               of={loop.manual}
               kind="output"
-              label={`OUT ${output?.name ?? ""}`}
+              label={tr("loop.outOf", {name: output?.name ?? ""})}
               shown={loop.output ?? loop.manual}
               low={output?.low}
               high={output?.high}
@@ -142,8 +144,8 @@ export function Faceplate({loop, plant: p, close}: {loop: Loop; plant: Plant; cl
           <Reason />
         </div>
         <div class="panel tuning-panel span">
-          <h2>Tuning</h2>
-          {loop.tuning.length > 0 ? <Tuning loop={loop} /> : <p class="say">this law has nothing to tune</p>}
+          <h2>{tr("loop.tuning")}</h2>
+          {loop.tuning.length > 0 ? <Tuning loop={loop} /> : <p class="say">{tr("loop.nothingToTune")}</p>}
         </div>
       </div>
     </section>
@@ -156,7 +158,7 @@ function Deviation({of, from}: {of: Ref; from: Ref}): JSX.Element {
   const known = usable(y.value, y.status) && usable(r.value, r.status);
   return (
     <div class="line">
-      <span class="line-label">DEV<small>PV less SP</small></span>
+      <span class="line-label">{tr("loop.deviation")}<small>{tr("loop.deviationIs")}</small></span>
       <span />
       <span class={`value${y.stale ? " stale" : ""}`}>
         <span class="digits">{known ? number((y.value as number) - (r.value as number), decimalsOf(limitsOf(of))) : missing}</span><span class="unit">{variable(of)?.unit}</span>
@@ -170,7 +172,7 @@ function AtLimit({of}: {of: Ref}): JSX.Element | null {
   const {value} = useCell(live(of));
   const one = variable(of);
   const where = value == null || !one ? null : one.high != null && value >= one.high ? "high" : one.low != null && value <= one.low ? "low" : null;
-  return where && <span class="say at-limit">at its {where} limit</span>;
+  return where && <span class="say at-limit">{tr(where === "high" ? "loop.atHigh" : "loop.atLow")}</span>;
 }
 
 /** What is alarmed of in this loop, and what of it stands. */
@@ -180,12 +182,12 @@ function LoopAlarms({loop}: {loop: Loop}): JSX.Element | null {
   const said = mine.filter(one => one.now.standing || isMasked(one));
   return (
     <div class="loop-alarms">
-      <b>Alarms</b> {said.length === 0 && <span class="say">none of {mine.length} stands</span>}
+      <b>{tr("page.alarms")}</b> {said.length === 0 && <span class="say">{tr("loop.noneActive", {n: mine.length})}</span>}
       <ul>
         {said.map(one => (
           <li key={one.id}>
             <a href={path("alarms", one.alarm)}>
-              <Shape priority={one.priority} label={one.kind} hollow={!isUnacknowledged(one)} /> {one.alarm}
+              <Shape priority={one.priority} label={known("alarmkind", one.kind)} hollow={!isUnacknowledged(one)} /> {one.alarm}
             </a>{" "}
             {one.message} <span class="say">{stateWords(one.now.state)}</span>
           </li>
@@ -213,19 +215,19 @@ function LastAction({loop, plant: p}: {loop: Loop; plant: Plant}): JSX.Element {
   const mine = all.filter(write => write.stored !== false && write.changes.some(change => refs.has(change.ref)));
   const write = mine[mine.length - 1];
   const event = [...past, ...streamed.list].filter(one => one.kind === "operator" && names.has(one.text.split(":")[0] ?? "")).pop();
-  let text = `none among the newest ${ASKED} of the plant`;
+  let text = tr("loop.noAction", {n: ASKED});
   if (write && (!event || write.time >= event.time - 1)) {
     const changes = write.changes.map(change => {
       const modes = change.ref === loop.mode.target;
-      const words = modes ? p.modes : change.name.endsWith(".owner") ? ["Local", "Remote"] : [];
+      const words = modes ? p.modes.map(one => known("mode", one)) : change.name.endsWith(".owner") ? [tr("loop.local"), tr("loop.remoteWord")] : [];
       const say = (value: number | null): string => (value != null && words[value]) || exact(value);
       return `${change.name} ${say(change.from)} → ${say(change.to)}`;
     });
-    text = `${when(write.time)}, ${write.user}: ${changes.join(", ")} (${write.state})`;
+    text = `${when(write.time)}, ${write.user}: ${changes.join(", ")} (${tr(`write.${write.state}`)})`;
   } else if (event) text = `${when(event.time)}, ${event.source}: ${event.text.replace("->", "→")}`;
   return (
     <p class="last-action">
-      <b>Last action</b> {write?.state === "failed" && <Note grave label="failed" />} {text}
+      <b>{tr("loop.lastAction")}</b> {write?.state === "failed" && <Note grave label={tr("common.failed")} />} {text}
     </p>
   );
 }

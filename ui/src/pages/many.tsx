@@ -21,6 +21,7 @@ import {path} from "../router";
 import {shortcuts} from "../theme";
 import {useCell} from "../usecell";
 import {isNarrow, useWidth} from "../usewidth";
+import {known, tr} from "../core/texts";
 
 const outputOf = ({loop}: Item): Ref | null => (loop ? (inShadow(loop) ? loop.would : null) ?? loop.output : null);
 
@@ -39,14 +40,14 @@ function isAbnormal({loop, measurement}: Item): boolean {
 
 const now = (): Now => ({mode: loop => modesOfLoop(loop).value, abnormal: isAbnormal, marks: marks.value});
 
-type Column = "Name" | "Mode" | "PV against SP" | "PV" | "SP" | "OUT";
+type Column = "common.name" | "overview.mode" | "overview.pvsp" | "overview.pv" | "overview.sp" | "overview.out"; // its head
 const columns: {name: Column; class: string}[] = [
-  {name: "Name", class: ""},
-  {name: "Mode", class: ""},
-  {name: "PV against SP", class: "bar-cell"},
-  {name: "PV", class: "number"},
-  {name: "SP", class: "number"},
-  {name: "OUT", class: "number"},
+  {name: "common.name", class: ""},
+  {name: "overview.mode", class: ""},
+  {name: "overview.pvsp", class: "bar-cell"},
+  {name: "overview.pv", class: "number"},
+  {name: "overview.sp", class: "number"},
+  {name: "overview.out", class: "number"},
 ];
 
 /** What a column has of an item now; of PV against SP how far they are apart. */
@@ -54,12 +55,12 @@ function inColumn(item: Item, column: Column): string | number | null {
   const value = (ref: Ref | null): number | null => (ref ? live(ref).value.value : null);
   const [pv, sp] = [value(item.measurement), value(item.loop?.setpoint ?? null)];
   switch (column) {
-    case "Name": return item.name;
-    case "Mode": return item.loop ? modesOfLoop(item.loop).value.actual : null;
-    case "PV against SP": return pv == null || sp == null ? null : Math.abs(pv - sp);
-    case "PV": return pv;
-    case "SP": return sp;
-    case "OUT": return value(outputOf(item));
+    case "common.name": return item.name;
+    case "overview.mode": return item.loop ? modesOfLoop(item.loop).value.actual : null;
+    case "overview.pvsp": return pv == null || sp == null ? null : Math.abs(pv - sp);
+    case "overview.pv": return pv;
+    case "overview.sp": return sp;
+    case "overview.out": return value(outputOf(item));
   }
 }
 
@@ -111,53 +112,53 @@ export function Many({plant: p, table}: {plant: Plant & {generation: number}; ta
       <div class="many-rows">
         <form class="toolbar" role="search" onSubmit={event => event.preventDefault()}>
           <label>
-            search{" "}
+            {tr("many.search")}{" "}
             <Search field={field} change={text => set({text})} />
           </label>
           <label>
-            mode{" "}
+            {tr("many.mode")}{" "}
             <select value={filter.mode} onChange={event => set({mode: event.currentTarget.value})}>
-              <option value="">any</option>
-              <option value="!">not as asked</option>
-              {modes.map(one => <option key={one} value={one}>{one}</option>)}
+              <option value="">{tr("many.any")}</option>
+              <option value="!">{tr("many.differs")}</option>
+              {modes.map(one => <option key={one} value={one}>{known("mode", one)}</option>)}
             </select>
           </label>
           <label>
-            show{" "}
+            {tr("many.show")}{" "}
             <select value={filter.only} onChange={event => set({only: event.currentTarget.value as ListFilter["only"]})}>
-              <option value="all">all</option>
-              <option value="alarms">with an alarm</option>
-              <option value="abnormal">abnormal</option>
+              <option value="all">{tr("common.all")}</option>
+              <option value="alarms">{tr("many.withAlarm")}</option>
+              <option value="abnormal">{tr("many.abnormal")}</option>
             </select>
           </label>
-          <label class="check"><input type="checkbox" checked={first} onChange={({currentTarget: {checked}}) => env.frame(() => setFirst(checked))} /> abnormal first</label>
+          <label class="check"><input type="checkbox" checked={first} onChange={({currentTarget: {checked}}) => env.frame(() => setFirst(checked))} /> {tr("many.abnormalFirst")}</label>
           {narrow && (
             <label>
-              by{" "}
+              {tr("many.by")}{" "}
               <select value={sorted?.column ?? ""} onChange={event => (event.currentTarget.value === "" ? setSorted(null) : sort(event.currentTarget.value as Column))}>
-                <option value="">as in the plant</option>
-                {columns.map(one => <option key={one.name} value={one.name}>{one.name}</option>)}
+                <option value="">{tr("many.asInPlant")}</option>
+                {columns.map(one => <option key={one.name} value={one.name}>{tr(one.name)}</option>)}
               </select>
             </label>
           )}
-          <span class="say" role="status">{rows.length} of {items.length}</span>
+          <span class="say" role="status">{tr("many.of", {n: rows.length, all: items.length})}</span>
         </form>
         {table ? (
           <Table
-            caption="Loops and measurements"
-            head={["Name", "Area", "Mode", "PV", "SP", "OUT"]}
-            rows={rows.map(item => [item.name, item.area, item.loop ? (modesOfLoop(item.loop).value.actual ?? "") : "", ...[item.measurement, item.loop?.setpoint ?? null, outputOf(item)].map(ref => (ref ? `${told(ref, live(ref).value.value)} ${variable(ref)?.unit ?? ""}` : ""))])}
+            caption={tr("many.caption")}
+            head={(["common.name", "common.area", "overview.mode", "overview.pv", "overview.sp", "overview.out"] as const).map(one => tr(one))}
+            rows={rows.map(item => [item.name, item.area, item.loop ? known("mode", modesOfLoop(item.loop).value.actual ?? "") : "", ...[item.measurement, item.loop?.setpoint ?? null, outputOf(item)].map(ref => (ref ? `${told(ref, live(ref).value.value)} ${variable(ref)?.unit ?? ""}` : ""))])}
           />
         ) : (
           <Rows
             key={p.generation}
-            label="Loops and measurements"
+            label={tr("many.caption")}
             head={
               <>
                 {columns.map(one => (
                   <span role="columnheader" key={one.name} class={one.class} aria-sort={sorted?.column !== one.name ? "none" : sorted.down ? "descending" : "ascending"}>
-                    <button type="button" title="sort, by what is there now" onClick={() => sort(one.name)}>
-                      {one.name} {sorted?.column === one.name && <span aria-hidden="true">{sorted.down ? "▼" : "▲"}</span>}
+                    <button type="button" title={tr("many.sort")} onClick={() => sort(one.name)}>
+                      {tr(one.name)} {sorted?.column === one.name && <span aria-hidden="true">{sorted.down ? "▼" : "▲"}</span>}
                     </button>
                   </span>
                 ))}
@@ -169,7 +170,7 @@ export function Many({plant: p, table}: {plant: Plant & {generation: number}; ta
             row={item => <Cells item={item} />}
           />
         )}
-        {rows.length === 0 && <p class="say">nothing matches</p>}
+        {rows.length === 0 && <p class="say">{tr("common.nothingMatches")}</p>}
       </div>
     </div>
   );
@@ -233,21 +234,21 @@ function Tree({areas, items, chosen, choose, narrow}: TreeProps): JSX.Element {
   if (narrow)
     return (
       <label class="area-choice">
-        area{" "}
+        {tr("many.area")}{" "}
         <select value={chosen} onChange={event => choose(event.currentTarget.value)}>
-          {areas.map(one => <option key={one.path} value={one.path}>{"\u2003".repeat(one.depth)}{one.name} ({one.count})</option>)}
+          {areas.map(one => <option key={one.path} value={one.path}>{"\u2003".repeat(one.depth)}{one.path === "" ? tr("common.all") : one.name} ({one.count})</option>)}
         </select>
       </label>
     );
   const worst = (area: string): JSX.Element | false => {
     const found = gravest.get(area);
-    return found != null && <Shape priority={found.priority} label={`alarm ${found.alarm}`} hollow={!found.now.unacknowledged} />;
+    return found != null && <Shape priority={found.priority} label={tr("common.alarmOf", {alarm: found.alarm})} hollow={!found.now.unacknowledged} />;
   };
   return (
-    <nav class="panel areas" aria-label="Areas">
+    <nav class="panel areas" aria-label={tr("many.areas")}>
       {areas.map(one => (
         <button type="button" key={one.path} aria-pressed={one.path === chosen} class={`depth-${Math.min(4, one.depth)}`} onClick={() => choose(one.path)}>
-          <span class="area-name">{one.name}</span> {worst(one.path)} <span class="count">{one.count}</span>
+          <span class="area-name">{one.path === "" ? tr("common.all") : one.name}</span> {worst(one.path)} <span class="count">{one.count}</span>
         </button>
       ))}
     </nav>

@@ -20,6 +20,7 @@ import {Tag} from "../parts/tag";
 import {ActualMode, Value} from "../parts/value";
 import {path} from "../router";
 import type {Controller, Loop, Plant, Ref, Variable} from "../core/types";
+import {tr} from "../core/texts";
 
 const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.Element {
   const scale = useCell(loopScale(loop));
@@ -33,14 +34,14 @@ const Row = memo(function Row({loop, table}: {loop: Loop; table: boolean}): JSX.
         <AlarmMark of={refsOf(loop)} />
         <small>{name}</small>
       </th>
-      <td data-label="Mode"><ActualMode loop={loop} /></td>
-      <td class="wide" data-label="PV against SP">
+      <td data-label={tr("overview.mode")}><ActualMode loop={loop} /></td>
+      <td class="wide" data-label={tr("overview.pvsp")}>
         {loop.measurement && <Bar label={`${loop.name} PV`} value={loop.measurement} setpoint={loop.setpoint} scale={scale} ends />}
       </td>
-      <td class="number" data-label="PV">{loop.measurement && <Value of={loop.measurement} unit />}</td>
-      <td class="number" data-label="SP">{loop.setpoint && <Value of={loop.setpoint} unit />}</td>
-      <td class="number" data-label="OUT">{(would ?? loop.output) && <Value of={(would ?? loop.output) as Ref} unit />}{would && <small>would be</small>}</td>
-      <td class="wide" data-label="Last 10 min">
+      <td class="number" data-label={tr("overview.pv")}>{loop.measurement && <Value of={loop.measurement} unit />}</td>
+      <td class="number" data-label={tr("overview.sp")}>{loop.setpoint && <Value of={loop.setpoint} unit />}</td>
+      <td class="number" data-label={tr("overview.out")}>{(would ?? loop.output) && <Value of={(would ?? loop.output) as Ref} unit />}{would && <small>{tr("overview.shadow")}</small>}</td>
+      <td class="wide" data-label={tr("overview.recent")}>
         {loop.measurement &&
           (table ? <Summary of={loop.measurement} /> : <a class="spark-link" href={path("trend", loop.id)}><Spark of={loop.measurement} setpoint={loop.setpoint} scale={scale} label={loop.name} /></a>)}
       </td>
@@ -55,8 +56,8 @@ function Group({of}: {of: Controller}): JSX.Element {
   return (
     <tr class="group">
       <th scope="rowgroup" colSpan={7}>
-        {of.name} {stopped ? <><Shape priority={2} label="not running" /> not running</> : of.period != null && <small>every {period(of.period)}</small>}{" "}
-        {standing?.shadow.includes(of.name) && <small>in shadow: it moves nothing</small>}
+        {of.name} {stopped ? <><Shape priority={2} label={tr("shell.notRunning")} /> {tr("shell.notRunning")}</> : of.period != null && <small>{tr("overview.every", {period: period(of.period)})}</small>}{" "}
+        {standing?.shadow.includes(of.name) && <small>{tr("overview.inShadow")}</small>}
       </th>
     </tr>
   );
@@ -72,9 +73,9 @@ const Measurement = memo(function Measurement({of, table}: {of: Ref; table: bool
         <AlarmMark of={[of]} />
         <small>{one?.description}</small>
       </th>
-      <td class="wide" data-label="Value on its scale"><Bar label={one?.name ?? of} value={of} scale={scale} ends /></td>
-      <td class="number" data-label="Value"><Value of={of} unit /></td>
-      <td class="wide" data-label="Last 10 min">
+      <td class="wide" data-label={tr("overview.onScale")}><Bar label={one?.name ?? of} value={of} scale={scale} ends /></td>
+      <td class="number" data-label={tr("common.value")}><Value of={of} unit /></td>
+      <td class="wide" data-label={tr("overview.recent")}>
         {table ? (
           <Summary of={of} />
         ) : (
@@ -95,17 +96,17 @@ const FEW = 30; // rows
 export function OverviewPage(): JSX.Element {
   const p = useCell(plant);
   const [table, setTable] = useState(false);
-  if (!p) return <Nothing title="Overview">Loading the plant …</Nothing>;
+  if (!p) return <Nothing title={tr("page.overview")}>{tr("common.loadingPlant")}</Nothing>;
   const used = new Set(p.loops.map(loop => loop.measurement));
   const others = p.variables.filter(one => one.table === "sensor" && !used.has(one.ref));
   const rows = p.loops.length + others.length;
   return (
     <section class={`overview${rows <= 4 ? " few" : rows > 16 ? " many" : ""}`}>
       <div class="toolbar">
-        <h1>{p.title || p.name || "Overview"}</h1>
+        <h1>{p.title || p.name || tr("page.overview")}</h1>
         <Abnormal plant={p} />
         <span class="spring" />
-        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>
       </div>
       {rows > FEW ? <Many plant={p} table={table} /> : <Tables plant={p} others={others} table={table} />}
       <Latest />
@@ -119,16 +120,16 @@ function Tables({plant: p, others, table}: {plant: Plant & {generation: number};
     <>
       <div class="panel">
         <table class="data cards loops">
-          <caption class="hidden">Loops</caption>
+          <caption class="hidden">{tr("overview.loops")}</caption>
           <thead>
             <tr>
-              <th scope="col">Loop</th>
-              <th scope="col">Mode</th>
-              <th scope="col" class="wide">PV against SP</th>
-              <th scope="col" class="number">PV</th>
-              <th scope="col" class="number">SP</th>
-              <th scope="col" class="number">OUT</th>
-              <th scope="col" class="wide">Last 10 min</th>
+              <th scope="col">{tr("overview.loop")}</th>
+              <th scope="col">{tr("overview.mode")}</th>
+              <th scope="col" class="wide">{tr("overview.pvsp")}</th>
+              <th scope="col" class="number">{tr("overview.pv")}</th>
+              <th scope="col" class="number">{tr("overview.sp")}</th>
+              <th scope="col" class="number">{tr("overview.out")}</th>
+              <th scope="col" class="wide">{tr("overview.recent")}</th>
             </tr>
           </thead>
           {p.controllers.map(one => (
@@ -142,13 +143,13 @@ function Tables({plant: p, others, table}: {plant: Plant & {generation: number};
       {others.length > 0 && (
         <div class="panel">
           <table class="data cards measurements">
-            <caption>Measurements beyond the loops</caption>
+            <caption>{tr("overview.others")}</caption>
             <thead>
               <tr>
-                <th scope="col">Measurement</th>
-                <th scope="col" class="wide">On its scale</th>
-                <th scope="col" class="number">Value</th>
-                <th scope="col" class="wide">Last 10 min</th>
+                <th scope="col">{tr("overview.measurement")}</th>
+                <th scope="col" class="wide">{tr("overview.onScale")}</th>
+                <th scope="col" class="number">{tr("common.value")}</th>
+                <th scope="col" class="wide">{tr("overview.recent")}</th>
               </tr>
             </thead>
             <tbody>{others.map(one => <Measurement key={`${one.ref}:${p.generation}`} of={one.ref} table={table} />)}</tbody>
@@ -163,15 +164,15 @@ function Tables({plant: p, others, table}: {plant: Plant & {generation: number};
 function Abnormal({plant: p}: {plant: Plant}): JSX.Element {
   useCell(second);
   const database = useCell(store);
-  if (!database) return <span class="say">waiting for the values …</span>;
+  if (!database) return <span class="say">{tr("overview.waiting")}</span>;
   const counts = abnormal(p.variables.filter(one => one.table !== "estimate").map(one => ({period: one.period, limits: limitsOf(one.ref), live: live(one.ref).value})));
   const said: [number, boolean, string][] = [
-    [counts.bad, true, "bad"],
-    [counts.outside, true, "outside limits"],
-    [counts.uncertain, false, "uncertain"],
-    [counts.stale, false, "stale"],
-    [counts.never, false, "without a sample"],
+    [counts.bad, true, tr("overview.bad")],
+    [counts.outside, true, tr("overview.outside")],
+    [counts.uncertain, false, tr("overview.uncertain")],
+    [counts.stale, false, tr("overview.stale")],
+    [counts.never, false, tr("overview.never")],
   ];
-  if (said.every(([n]) => n === 0)) return <span class="say">all values fresh and good</span>;
+  if (said.every(([n]) => n === 0)) return <span class="say">{tr("overview.allGood")}</span>;
   return <span class="abnormal">{said.map(([n, grave, what]) => n > 0 && <span key={what}><Note grave={grave} label={what} /> {n} {what}</span>)}</span>;
 }

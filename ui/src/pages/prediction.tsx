@@ -7,7 +7,7 @@ import {Curve} from "../core/curve";
 import {duration, exact, limitsText, missing, number, when} from "../core/format";
 import {holds} from "../core/history";
 import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
-import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, RESULTS, isOfNow} from "../core/outlook";
+import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/outlook";
 import {nameOf, pensAbout} from "../core/pens";
 import {RECENT} from "../core/loopdata";
 import {extent, type Scale} from "../core/scale";
@@ -27,6 +27,8 @@ import {repaint} from "../theme";
 import {type DrawnPen, TrendChart, type TrendData} from "../trendchart";
 import {useAnswer} from "../useanswer";
 import {useCell} from "../usecell";
+import {tr} from "../core/texts";
+import {rich} from "../rich";
 
 const WORTH = 300; // s between two questions for the share of the time in service
 const AGAIN = 2; // s between two questions for the plan
@@ -34,11 +36,11 @@ const STEPS = 12; // columns of the table of a plan
 
 export function PredictionPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
-  if (!p) return <Nothing title="Prediction">Loading the plant …</Nothing>;
+  if (!p) return <Nothing title={tr("page.prediction")}>{tr("common.loadingPlant")}</Nothing>;
   const all = predictors(p);
-  if (all.length === 0) return <Nothing title="Prediction">No controller of this plant predicts or estimates: laws mpc, nmpc and lqg do.</Nothing>;
+  if (all.length === 0) return <Nothing title={tr("page.prediction")}>{tr("prediction.none")}</Nothing>;
   const one = about == null ? all[0] : all.find(each => each.controller.name === about);
-  if (!one) return <Nothing title="Prediction">“{about}” is no controller that predicts or estimates: <a href={path("prediction")}>those that do</a>.</Nothing>;
+  if (!one) return <Nothing title={tr("page.prediction")}>{rich("prediction.noSuch", {name: about, link: <a href={path("prediction")}>{tr("prediction.those")}</a>})}</Nothing>;
   return <Prediction key={`${one.controller.name}:${p.generation}`} of={one} all={all} plant={p} />;
 }
 
@@ -57,45 +59,45 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   return (
     <section class="prediction">
       <div class="toolbar">
-        <h1>Prediction</h1>
+        <h1>{tr("page.prediction")}</h1>
         {all.length > 1 && (
           <label>
-            of{" "}
+            {tr("common.of")}{" "}
             <select value={controller.name} onChange={event => go("prediction", event.currentTarget.value)}>
               {all.map(one => <option key={one.controller.name} value={one.controller.name}>{one.controller.name}</option>)}
             </select>
           </label>
         )}
         <span class="say" role="status">
-          {answer == null ? "loading …" : courses[0] ? `${controller.name}: ${horizonWords(courses[0])}` : newest > 0 ? `${controller.name}: no plan since ${when(newest)}` : `${controller.name} has no plan`}
+          {answer == null ? tr("common.loading") : courses[0] ? tr("prediction.plan", {controller: controller.name, horizon: horizonWords(courses[0])}) : newest > 0 ? tr("prediction.noPlanSince", {controller: controller.name, time: when(newest)}) : tr("prediction.noPlan", {controller: controller.name})}
         </span>
         <span class="spring" />
-        <a class="button" href={path("trend", pensAbout(signals.slice(0, 12).map(one => nameOf(one, p.variables)), {live: true, span: 600, to: 0}))}>Trend of these</a>
-        {measured.length + moved.length > 0 && <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>}
+        <a class="button" href={path("trend", pensAbout(signals.slice(0, 12).map(one => nameOf(one, p.variables)), {live: true, span: 600, to: 0}))}>{tr("prediction.trend")}</a>
+        {measured.length + moved.length > 0 && <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>}
       </div>
       {error && <p class="complaint">{error}</p>}
       {measured.length + moved.length > 0 && <Chart of={of} courses={courses} hidden={table} />}
       {table && (
         <Table
-          caption={`What is expected, by the time from the plan on (made ${newest > 0 ? when(newest, 1) : missing})`}
-          head={["Signal", ...rows.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]}
+          caption={tr("prediction.caption", {time: newest > 0 ? when(newest, 1) : missing})}
+          head={[tr("common.signal"), ...rows.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]}
           rows={rows.rows.map(row => [row.name, ...row.values.map(value => number(value))])}
         />
       )}
       <div class="grid equal">
-        {measured.length > 0 && <HandledTable caption="Measurements" of={measured} courses={courses} setpoints />}
-        {moved.length > 0 && <HandledTable caption="Outputs" of={moved} courses={courses} merits={worth?.loops ?? []} />}
+        {measured.length > 0 && <HandledTable caption={tr("prediction.cv")} of={measured} courses={courses} setpoints />}
+        {moved.length > 0 && <HandledTable caption={tr("prediction.mv")} of={moved} courses={courses} merits={worth?.loops ?? []} />}
         {(disturbances.length > 0 || states.length > 0) && (
           <div class="panel">
             <table class="data cards">
-              <caption>Estimates</caption>
-              <thead><tr><th scope="col">Name</th><th scope="col" class="number">Is</th><th scope="col" class="wide">What it is</th></tr></thead>
+              <caption>{tr("prediction.estimates")}</caption>
+              <thead><tr><th scope="col">{tr("common.name")}</th><th scope="col" class="number">{tr("prediction.current")}</th><th scope="col" class="wide">{tr("common.description")}</th></tr></thead>
               <tbody>
                 {[...disturbances, ...states].map(one => (
                   <tr key={one.ref}>
                     <th scope="row"><Tag name={one.name} /></th>
-                    <td class="number" data-label="Is"><Value of={one.ref} unit /></td>
-                    <td class="wide" data-label="What it is">{one.description}</td>
+                    <td class="number" data-label={tr("prediction.current")}><Value of={one.ref} unit /></td>
+                    <td class="wide" data-label={tr("common.description")}>{one.description}</td>
                   </tr>
                 ))}
               </tbody>
@@ -116,15 +118,15 @@ function HandledTable({caption, of, courses, setpoints = false, merits}: {captio
         <caption>{caption}</caption>
         <thead>
           <tr>
-            <th scope="col">Name</th>
-            <th scope="col" class="number">Is</th>
-            {setpoints && <th scope="col" class="number">Setpoint</th>}
-            <th scope="col" class="number">Aimed at</th>
-            <th scope="col" class="number">At the end</th>
-            <th scope="col">Limits</th>
-            <th scope="col">Held back by</th>
-            {merits && <th scope="col">Service</th>}
-            {merits && <th scope="col" class="number">Of the last day</th>}
+            <th scope="col">{tr("common.name")}</th>
+            <th scope="col" class="number">{tr("prediction.current")}</th>
+            {setpoints && <th scope="col" class="number">{tr("prediction.setpoint")}</th>}
+            <th scope="col" class="number">{tr("prediction.target")}</th>
+            <th scope="col" class="number">{tr("prediction.end")}</th>
+            <th scope="col">{tr("prediction.limits")}</th>
+            <th scope="col">{tr("prediction.constraint")}</th>
+            {merits && <th scope="col">{tr("prediction.service")}</th>}
+            {merits && <th scope="col" class="number">{tr("prediction.lastDay")}</th>}
           </tr>
         </thead>
         <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} course={courses.find(course => course.ref === one.variable.ref) ?? null} setpoints={setpoints} merits={merits} />)}</tbody>
@@ -139,14 +141,14 @@ function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course,
   return (
     <tr>
       <th scope="row">{loop ? <LoopLink loop={loop}><Tag name={one.name} /></LoopLink> : <Tag name={one.name} />}</th>
-      <td class="number" data-label="Is"><Value of={one.ref} unit /></td>
-      {setpoints && <td class="number" data-label="Setpoint">{setpoint ? <Value of={setpoint} /> : missing}</td>}
-      <td class="number" data-label="Aimed at">{target ? <Value of={target} /> : missing}</td>
-      <td class="number" data-label="At the end">{told(one.ref, end)}</td>
-      <td data-label="Limits">{limitsText(one.low, one.high)}</td>
-      <td data-label="Held back by">{limit ? <Value of={limit} say={heldBack} /> : missing}</td>
-      {merits && <td data-label="Service">{loop ? <ServiceSwitch loop={loop} /> : missing}</td>}
-      {merits && <td class="number" data-label="Of the last day">{share == null ? missing : `${(share * 100).toFixed(share > 0.995 && share < 1 ? 1 : 0)} %`}</td>}
+      <td class="number" data-label={tr("prediction.current")}><Value of={one.ref} unit /></td>
+      {setpoints && <td class="number" data-label={tr("prediction.setpoint")}>{setpoint ? <Value of={setpoint} /> : missing}</td>}
+      <td class="number" data-label={tr("prediction.target")}>{target ? <Value of={target} /> : missing}</td>
+      <td class="number" data-label={tr("prediction.end")}>{told(one.ref, end)}</td>
+      <td data-label={tr("prediction.limits")}>{limitsText(one.low, one.high)}</td>
+      <td data-label={tr("prediction.constraint")}>{limit ? <Value of={limit} say={heldBack} /> : missing}</td>
+      {merits && <td data-label={tr("prediction.service")}>{loop ? <ServiceSwitch loop={loop} /> : missing}</td>}
+      {merits && <td class="number" data-label={tr("prediction.lastDay")}>{share == null ? missing : `${(share * 100).toFixed(share > 0.995 && share < 1 ? 1 : 0)} %`}</td>}
     </tr>
   );
 }
@@ -155,15 +157,15 @@ function Solver({of: {solver}}: {of: Predictor}): JSX.Element {
   const result = useCell(live(solver.result as Ref)).value;
   return (
     <div class="panel">
-      <h2>Solver</h2>
+      <h2>{tr("prediction.solver")}</h2>
       <dl class="pairs">
-        <dt>result</dt>
-        <dd>{result != null && result > 0 && <Note label="not the best plan" />} <Value of={solver.result as Ref} say={value => RESULTS[value] ?? exact(value)} /></dd>
-        <dt>objective</dt>
-        <dd>{solver.objective ? <Value of={solver.objective} /> : missing} <span class="say">0 at rest</span></dd>
-        <dt>time it took</dt>
+        <dt>{tr("prediction.result")}</dt>
+        <dd>{result != null && result > 0 && <Note label={tr("prediction.notBest")} />} <Value of={solver.result as Ref} say={resultWords} /></dd>
+        <dt>{tr("prediction.objective")}</dt>
+        <dd>{solver.objective ? <Value of={solver.objective} /> : missing} <span class="say">{tr("prediction.atRest")}</span></dd>
+        <dt>{tr("prediction.solveTime")}</dt>
         <dd>{solver.time ? <Value of={solver.time} say={duration} /> : missing}</dd>
-        <dt>changes of the working set</dt>
+        <dt>{tr("prediction.iterations")}</dt>
         <dd>{solver.iterations ? <Value of={solver.iterations} say={exact} /> : missing}</dd>
       </dl>
     </div>
@@ -203,7 +205,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
   const pens = useMemo(() => panels.map((panel, k): DrawnPen[] => [
     ...panel.map((one, i) => ({label: one.variable.name, colour: colour(k, i), dash: [], step: holds(one.variable), curve: () => drawn(one.variable.ref)})),
     ...panel.flatMap(({setpoint}, i) => (setpoint ? [{label: variable(setpoint)?.name ?? "", colour: colour(k, i), dash: [2, 3], step: true, curve: () => drawn(setpoint)}] : [])),
-    ...panel.map((one, i) => ({label: `${one.variable.name} expected`, colour: colour(k, i), dash: [8, 4], step: holds(one.variable), curve: () => coming(one.variable.ref)})),
+    ...panel.map((one, i) => ({label: tr("prediction.expected", {signal: one.variable.name}), colour: colour(k, i), dash: [8, 4], step: holds(one.variable), curve: () => coming(one.variable.ref)})),
   ]), []);
   const data = (): TrendData => {
     const now = serverNow();
@@ -249,7 +251,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
     <>
       <div class="readout" hidden={hidden}>
         {panels.flatMap((panel, k) => panel.map((one, i) => <span class="item" key={one.variable.ref}><Stroke pen={(pens[k] as DrawnPen[])[i] as DrawnPen} /> {one.variable.name} <Value of={one.variable.ref} /></span>))}
-        <span class="say"><Stroke pen={{colour: "--label", dash: [2, 3]}} /> setpoint <Stroke pen={{colour: "--label", dash: [8, 4]}} /> expected, planned</span>
+        <span class="say"><Stroke pen={{colour: "--label", dash: [2, 3]}} /> {tr("common.setpoint")} <Stroke pen={{colour: "--label", dash: [8, 4]}} /> {tr("prediction.key")}</span>
       </div>
       <div
         ref={host}
@@ -257,7 +259,7 @@ function Chart({of, courses, hidden}: {of: Predictor; courses: Course[]; hidden:
         data-points={curves.get((refs[0] as Ref[])[0] as Ref)?.series.t.length ?? 0}
         hidden={hidden}
         role="img"
-        aria-label={`${[...of.measured, ...of.moved].map(one => one.variable.name).join(", ")}: the last ${duration(past)}, and what is expected for the next ${duration(ahead.current)}. View as table gives the numbers.`}
+        aria-label={tr("prediction.aria", {signals: [...of.measured, ...of.moved].map(one => one.variable.name).join(", "), past: duration(past), ahead: duration(ahead.current)})}
       />
     </>
   );

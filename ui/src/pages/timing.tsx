@@ -14,6 +14,7 @@ import {plot} from "../plot";
 import {niceScale, type Scale} from "../core/scale";
 import {repaint} from "../theme";
 import type {Quantity, Timing, TimingSeries} from "../core/types";
+import {tr} from "../core/texts";
 
 const SPANS = [
   {name: "1 min", seconds: 60},
@@ -21,11 +22,7 @@ const SPANS = [
   {name: "1 h", seconds: 3600},
   {name: "24 h", seconds: 86400},
 ] as const;
-const QUANTITIES: {name: Quantity; say: string}[] = [
-  {name: "jitter", say: "t(k+1) − t(k) − Ts, signed"},
-  {name: "lateness", say: "start after the planned tick"},
-  {name: "run", say: "time the task took"},
-];
+const QUANTITIES: Quantity[] = ["jitter", "lateness", "run"];
 const BARS = 61;
 
 export function TimingPage(): JSX.Element {
@@ -55,23 +52,23 @@ export function TimingPage(): JSX.Element {
   return (
     <section class="timing">
       <div class="toolbar">
-        <h1>Timing</h1>
-        <div class="segments" role="group" aria-label="Quantity">
+        <h1>{tr("page.timing")}</h1>
+        <div class="segments" role="group" aria-label={tr("timing.quantity")}>
           {QUANTITIES.map(one => (
-            <button type="button" key={one.name} aria-pressed={quantity === one.name} onClick={() => setQuantity(one.name)}>{one.name}</button>
+            <button type="button" key={one} aria-pressed={quantity === one} onClick={() => setQuantity(one)}>{tr(`timing.${one}`)}</button>
           ))}
         </div>
-        <span class="say">{QUANTITIES.find(one => one.name === quantity)?.say}</span>
+        <span class="say">{tr(`timing.${quantity}.say`)}</span>
         <span class="spring" />
-        <div class="segments" role="group" aria-label="Time span">
+        <div class="segments" role="group" aria-label={tr("common.timeSpan")}>
           {SPANS.map(one => (
             <button type="button" key={one.seconds} aria-pressed={seconds === one.seconds} onClick={() => setSeconds(one.seconds)}>{one.name}</button>
           ))}
         </div>
-        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+        <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>
       </div>
       {error && <p class="complaint">{error}</p>}
-      {timing.length === 0 && !error && <p class="say">no task has reported in this time (each reports every 5 s)</p>}
+      {timing.length === 0 && !error && <p class="say">{tr("timing.none")}</p>}
       <div class="grid tasks">
         {timing.map(one => (
           <div class="panel" key={`${one.task}-${one.quantity}`}>
@@ -80,7 +77,7 @@ export function TimingPage(): JSX.Element {
             </h2>
             <Figures of={one} />
             {table ? (
-              <Table caption={`${one.task}: filled bins`} head={["from", "to", "count"]} rows={one.bins.map(([a, b, n]) => [duration(a), duration(b), n])} />
+              <Table caption={tr("timing.bins", {task: one.task})} head={[tr("timing.from"), tr("timing.to"), tr("timing.count")]} rows={one.bins.map(([a, b, n]) => [duration(a), duration(b), n])} />
             ) : (
               <HistogramChart of={one} />
             )}
@@ -102,8 +99,8 @@ function useAtMost<T>(value: T, seconds: number): T {
 function Figures({of}: {of: Timing}): JSX.Element {
   const items: [string, string][] = [
     ["n", String(of.count)],
-    ["mean", duration(of.mean)],
-    ["sd", duration(of.sd)],
+    [tr("timing.mean"), duration(of.mean)],
+    [tr("timing.sd"), duration(of.sd)],
     ["p50", duration(of.p50)],
     ["p99", duration(of.p99)],
     ["p99.9", duration(of.p999)],
@@ -118,9 +115,9 @@ function Figures({of}: {of: Timing}): JSX.Element {
         </div>
       ))}
       <div>
-        <dt>missed</dt>
+        <dt>{tr("timing.missed")}</dt>
         <dd>
-          {of.missed > 0 && <Note grave label="missed ticks" />} {of.missed}
+          {of.missed > 0 && <Note grave label={tr("timing.missedTicks")} />} {of.missed}
         </dd>
       </div>
     </dl>
@@ -148,7 +145,7 @@ function HistogramChart({of}: {of: Timing}): JSX.Element {
       class="histogram"
       viewBox={`0 0 ${W} ${H}`}
       role="img"
-      aria-label={`${of.task} ${of.quantity}: ${of.count} ticks, median ${duration(of.p50)}, 99 % below ${duration(of.p99)}, largest ${duration(of.max)}; beyond the chart ${h.below} below and ${h.above} above`}
+      aria-label={tr("timing.histogram", {task: of.task, quantity: tr(`timing.${of.quantity}`), n: of.count, median: duration(of.p50), p99: duration(of.p99), max: duration(of.max), below: h.below, above: h.above})}
     >
       {decades.map(count => (
         <g key={count}>
@@ -163,9 +160,9 @@ function HistogramChart({of}: {of: Timing}): JSX.Element {
           {duration(Math.abs(t) < (high - low) * 1e-9 ? 0 : t)}
         </text>
       ))}
-      {h.below > 0 && <text class="tick start beyond" x={LEFT} y={TOP - 5}>◀ {h.below} below</text>}
-      {h.above > 0 && <text class="tick end beyond" x={W - RIGHT} y={TOP - 5}>{h.above} above ▶</text>}
-      <text class="tick end" x={LEFT - 6} y={TOP - 5}>count</text>
+      {h.below > 0 && <text class="tick start beyond" x={LEFT} y={TOP - 5}>◀ {tr("timing.below", {n: h.below})}</text>}
+      {h.above > 0 && <text class="tick end beyond" x={W - RIGHT} y={TOP - 5}>{tr("timing.above", {n: h.above})} ▶</text>}
+      <text class="tick end" x={LEFT - 6} y={TOP - 5}>{tr("timing.count")}</text>
     </svg>
   );
 }
@@ -226,22 +223,22 @@ function Against(o: {task: string; quantity: Quantity; seconds: number; table: b
   if (o.table)
     return series ? (
       <Table
-        caption={`${o.task}: ${o.quantity} against time (${zone}), newest 60`}
-        head={["until", "n", "missed", "p50", "p99", "max"]}
+        caption={tr("timing.series", {task: o.task, quantity: tr(`timing.${o.quantity}`), zone})}
+        head={[tr("timing.until"), "n", tr("timing.missed"), "p50", "p99", "max"]}
         rows={series.time.slice(-60).map((t, k, all) => {
           const i = series.time.length - all.length + k;
           return [clock(t), series.count[i] ?? 0, series.missed[i] ?? 0, duration(series.p50[i]), duration(series.p99[i]), duration(series.max[i])];
         })}
       />
     ) : (
-      <p class="say">loading …</p>
+      <p class="say">{tr("common.loading")}</p>
     );
   return (
     <>
       <p class="legend">
-        against time: <i class="key thin" /> max <i class="key line" /> p99 <i class="key dotted" /> p50
+        {tr("timing.against")} <i class="key thin" /> max <i class="key line" /> p99 <i class="key dotted" /> p50
       </p>
-      <div ref={host} class="plots small" role="img" aria-label={`${o.task} ${o.quantity} against time: p50, p99 and max of each interval. View as table gives the numbers.`} />
+      <div ref={host} class="plots small" role="img" aria-label={tr("timing.seriesAria", {task: o.task, quantity: tr(`timing.${o.quantity}`)})} />
     </>
   );
 }

@@ -31,15 +31,17 @@ import {aheadOf, beside, bounds, EARLIER, goLive, pan, pause, pinch, refuse, run
 import type {Course, Plant, PlantEvent, Ref, Variable} from "../core/types";
 import {useAnswer} from "../useanswer";
 import {isNarrow, useWidth} from "../usewidth";
+import {inEnglish, tr} from "../core/texts";
+import {rich} from "../rich";
 
 export function TrendPage({about}: {about: string | null}): JSX.Element {
   const p = useCell(plant);
   useCell(control); // who is in shadow
-  if (!p) return <Nothing title="Trend">Loading the plant …</Nothing>;
+  if (!p) return <Nothing title={tr("page.trend")}>{tr("common.loadingPlant")}</Nothing>;
   const all = subjects(p);
   if (isPens(about)) return <PensTrend about={about as string} plant={p} all={all} />;
   const subject = about == null ? all[0] : (all.find(one => one.about === about) ?? all.find(one => refsIn(one).includes(about)));
-  if (!subject) return <Nothing title="Trend">{about == null ? "There is no measurement to show." : <>{p.name} has no loop or signal “{about}”: <a href={path("trend", "pens=")}>choose signals</a>.</>}</Nothing>;
+  if (!subject) return <Nothing title={tr("page.trend")}>{about == null ? tr("trend.noMeasurement") : rich("trend.noSuch", {plant: p.name, name: about, link: <a href={path("trend", "pens=")}>{tr("trend.selectLink")}</a>})}</Nothing>;
   return <Trend key={[p.generation, ...refsIn(subject), subject.about].join(":")} subject={subject} all={all} plant={p} />;
 }
 
@@ -74,7 +76,7 @@ function PensTrend({about, plant: p, all}: {about: string; plant: Plant & {gener
         <Trend key={[p.generation, given, ...called(signals)].join(":")} subject={subjectOf(signals)} all={all} plant={p} pens={pens} />
       ) : (
         <section class="trend" {...takes(names => go("trend", joined(given, names, serverNow())))}>
-          <h1>Trend</h1>
+          <h1>{tr("page.trend")}</h1>
           <PenSearch plant={p} there={[]} add={one => pens.choose([one], link.window)} />
         </section>
       )}
@@ -117,7 +119,7 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const {answer: planned} = useAnswer(() => (win.ahead ? get<{outlook: Course[]}>("/api/outlook", {at: win.live ? null : win.to}) : Promise.resolve({outlook: []})), [win.ahead, plan]);
   const expected = win.ahead ? expectedOf(planned?.outlook ?? [], predicting, win.live ? serverNow() : null) : noPlans;
   const {answer: starts} = useAnswer(() => (p.start == null ? Promise.resolve({events: []}) : get<{events: PlantEvent[]}>("/api/events", {kind: "start", since: p.start - RUNS_BACK, last: 500})), [p.start]);
-  const runs = p.start == null ? [] : runsBefore(p.start, (starts?.events ?? []).map(one => one.time)).map(t => ({by: (p.start as number) - t, name: `the run of ${stamp(t)}`}));
+  const runs = p.start == null ? [] : runsBefore(p.start, (starts?.events ?? []).map(one => one.time)).map(t => ({by: (p.start as number) - t, name: tr("trend.run", {time: stamp(t)})}));
   const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;
   const {answer: past} = useAnswer(() => get<{events: PlantEvent[]}>("/api/events", {since: bounds(win, serverNow())[0], until: win.live ? null : win.to, last: 500}), [asked, filled]);
   const streamed = useCell(events);
@@ -179,8 +181,9 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
         label: titles(variables),
         pens: [...ones.map(pen => ({...pen, curve: () => curves.drawn(pen.ref)})), ...before, ...coming].map((pen, i) => {
           const one = variables[i % ones.length] ?? null;
-          const late = i < ones.length ? "" : i < ones.length + before.length ? `, ${duration(compare)} before` : ", expected";
-          return {...pen, label: describe(one) + late, step: one != null && holds(one)};
+          const signal = describe(one);
+          const label = i < ones.length ? signal : i < ones.length + before.length ? tr("trend.labelBefore", {signal, time: duration(compare)}) : tr("trend.labelPredicted", {signal});
+          return {...pen, label, step: one != null && holds(one)};
         }),
       };
     });
@@ -322,12 +325,15 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
     return curves.rows(...bounds(win, serverNow()), most).map(t => [t, ...of(now, t), ...of(before, t)]);
   };
   const shownMarks = table ? marks(...bounds(win, serverNow())) : [];
-  const heads = columns.map(one => one.head);
-  const head = ["time", ...heads, ...(earlier ? heads.map(one => `${one}, ${duration(compare)} before`) : [])];
+  const heads = (): string[] => {
+    const own = curves.columns(...bounds(win, serverNow())).map(one => one.head);
+    return [tr("trend.time"), ...own, ...(earlier ? own.map(signal => tr("trend.labelBefore", {signal, time: duration(compare)})) : [])];
+  };
+  const head = heads();
   const coming = courseRows([...expected.values()].filter(course => refs.includes(course.ref)), STEPS);
   const asPens = (): string => pensAbout((pens?.signals ?? refsIn(subject).flatMap(ref => variable(ref) ?? [])).map(one => nameOf(one, p.variables)), win);
   const name = `${plant.value?.name ?? "trend"}-${subject.name}`;
-  const exportCsv = (): void => downloadText(`${name}.csv`, csv([head, ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
+  const exportCsv = (): void => downloadText(`${name}.csv`, csv([inEnglish(heads), ...rows(Infinity).map(([t, ...others]) => [iso(t), ...others])]));
   const exportPng = async (): Promise<void> => {
     const [from, to] = bounds(win, serverNow());
     const blob = await chart.current?.picture([[plant.value?.title || plant.value?.name, pens ? "" : subject.name].filter(Boolean).join(": "), fromUntil(from, to)]);
@@ -337,21 +343,21 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const more = (
     <>
       <label>
-        beside{" "}
+        {tr("trend.compare")}{" "}
         <select value={compare} onChange={event => setWin(w => ({...w, compare: Number(event.currentTarget.value) || undefined}))}>
-          <option value={0}>nothing</option>
+          <option value={0}>{tr("trend.compareNone")}</option>
           {earlierOf(win.span, compare, runs).map(one => <option key={one.by} value={one.by}>{one.name}</option>)}
         </select>
       </label>
-      {predicting.length > 0 && <button type="button" aria-pressed={win.ahead === true} onClick={() => setWin(w => ({...w, ahead: !w.ahead || undefined}))}>Expected</button>}
-      <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>Events</button>
-      <button type="button" onClick={fit}>Fit y</button>
-      {own && !pens && <button type="button" onClick={() => setOwn(null)}>Reset y</button>}
+      {predicting.length > 0 && <button type="button" aria-pressed={win.ahead === true} onClick={() => setWin(w => ({...w, ahead: !w.ahead || undefined}))}>{tr("trend.prediction")}</button>}
+      <button type="button" aria-pressed={marked} onClick={() => setMarked(!marked)}>{tr("trend.events")}</button>
+      <button type="button" onClick={fit}>{tr("trend.autoscale")}</button>
+      {own && !pens && <button type="button" onClick={() => setOwn(null)}>{tr("trend.defaultScale")}</button>}
       <span class="spring" />
-      {!pens && <a class="button" href={path("trend", asPens())}>Choose signals</a>}
+      {!pens && <a class="button" href={path("trend", asPens())}>{tr("trend.select")}</a>}
       <button type="button" onClick={exportCsv}>CSV</button>
       <button type="button" onClick={() => void exportPng()}>PNG</button>
-      <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>View as table</button>
+      <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>
     </>
   );
   const pensTools = (
@@ -364,59 +370,59 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   return (
     <section class="trend" data-live={win.live} data-span={win.span} data-points={counted ? curves.series(counted).t.length : 0} {...takes(names => go("trend", joined(asPens(), names, serverNow())))}>
       <div class="toolbar">
-        <h1>Trend</h1>
+        <h1>{tr("page.trend")}</h1>
         <label>
-          of{" "}
+          {tr("common.of")}{" "}
           <select value={subject.about} onChange={event => go("trend", event.currentTarget.value)}>
-            {pens && <option value={subject.about}>chosen signals</option>}
+            {pens && <option value={subject.about}>{tr("trend.selected")}</option>}
             {all.map(one => (
               <option key={one.about} value={one.about}>{one.name}</option>
             ))}
           </select>
         </label>
         {win.live ? (
-          <button type="button" class="live-button" onClick={toggle}>Pause</button>
+          <button type="button" class="live-button" onClick={toggle}>{tr("trend.pause")}</button>
         ) : (
-          <button type="button" class="live-button primary" onClick={back}>Back to live <span class="fresh">{fresh} new</span></button>
+          <button type="button" class="live-button primary" onClick={back}>{tr("trend.live")} <span class="fresh">{tr("trend.fresh", {n: fresh})}</span></button>
         )}
-        <div class="segments" role="group" aria-label="Time span">
+        <div class="segments" role="group" aria-label={tr("common.timeSpan")}>
           {SPANS.map(one => (
             <button type="button" key={one.span} aria-pressed={win.span === one.span} onClick={() => setWin(w => ({...w, span: one.span}))}>
               {one.name}
             </button>
           ))}
         </div>
-        <div class="segments" role="group" aria-label="Move">
-          <button type="button" aria-label="Earlier" onClick={() => setWin(w => pan(w, -0.5, serverNow()))}>◀</button>
-          <button type="button" aria-label="Later" onClick={() => setWin(w => pan(w, 0.5, serverNow()))}>▶</button>
-          <button type="button" aria-label="Zoom in" onClick={() => setWin(w => zoom(w, 0.5, serverNow()))}>+</button>
-          <button type="button" aria-label="Zoom out" onClick={() => setWin(w => zoom(w, 2, serverNow()))}>−</button>
+        <div class="segments" role="group" aria-label={tr("trend.move")}>
+          <button type="button" aria-label={tr("trend.earlier")} onClick={() => setWin(w => pan(w, -0.5, serverNow()))}>◀</button>
+          <button type="button" aria-label={tr("trend.later")} onClick={() => setWin(w => pan(w, 0.5, serverNow()))}>▶</button>
+          <button type="button" aria-label={tr("trend.zoomIn")} onClick={() => setWin(w => zoom(w, 0.5, serverNow()))}>+</button>
+          <button type="button" aria-label={tr("trend.zoomOut")} onClick={() => setWin(w => zoom(w, 2, serverNow()))}>−</button>
         </div>
         {!narrow && more}
       </div>
       {!narrow && pensTools}
       <Readout subject={subject} curves={curves} cursor={cursor} beyond={beyond.current} reference={reference} clear={() => setReference(null)} marks={() => marks(...bounds(win, serverNow()))} reach={(win.span * 6) / (chart.current?.pixels ?? 800)} expected={expected} edge={() => (win.ahead ? bounds(win, serverNow())[1] : Infinity)} />
-      {earlier && <p class="say">Beside it, dotted, what was {duration(compare)} before.{earlier.error && <span class="complaint"> history: {earlier.error}</span>}</p>}
-      {win.ahead && <p class="say">{expected.size > 0 ? `Right of the line, dashed, what was expected ${win.live ? "now" : `at ${when(win.to)}`}.` : "Nothing is expected of these signals: there is no plan."}</p>}
-      {curves.error && <p class="complaint">history: {curves.error}</p>}
+      {earlier && <p class="say">{tr("trend.dotted", {time: duration(compare)})}{earlier.error && <span class="complaint"> {tr("trend.history", {why: earlier.error})}</span>}</p>}
+      {win.ahead && <p class="say">{expected.size > 0 ? win.live ? tr("trend.rightNow") : tr("trend.rightAt", {time: when(win.to)}) : tr("trend.noPlan")}</p>}
+      {curves.error && <p class="complaint">{tr("trend.history", {why: curves.error})}</p>}
       <div
         ref={host}
         class="plots"
         hidden={table}
         role="img"
-        aria-label={`${subject.panels.map(panel => panel.pens.map(pen => variable(pen.ref)?.name).join(" with ")).join("; below ")}, over ${duration(win.span)}. View as table gives the numbers.`}
+        aria-label={tr("trend.aria", {signals: subject.panels.map(panel => panel.pens.map(pen => variable(pen.ref)?.name).join(` ${tr("trend.with")} `)).join(`; ${tr("trend.below")} `), time: duration(win.span)})}
       />
       {narrow && <div class="toolbar">{more}</div>}
       {narrow && pensTools}
       {table && (
         <Table
-          caption={`${subject.name}, the newest ${Math.min(200, rows(200).length)} points of the window (${zone})`}
+          caption={tr("trend.caption", {name: pens ? tr("trend.nameSignals") : subject.name, n: Math.min(200, rows(200).length), zone})}
           head={head}
           rows={rows(200).map(([t, ...others]) => [stamp(t, 1), ...others.map((value, i) => told((columns[i % columns.length] as Column).ref, value))])}
         />
       )}
-      {table && coming.rows.length > 0 && <Table caption="What is expected, by the time from the plan on" head={["signal", ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => number(value))])} />}
-      {table && shownMarks.length > 0 && <Table caption={`What happened in the window (${zone})`} head={["time", "what"]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
+      {table && coming.rows.length > 0 && <Table caption={tr("trend.predictionCaption")} head={[tr("trend.signal"), ...coming.head.map(ahead => `${exact(Number(ahead.toPrecision(4)))} s`)]} rows={coming.rows.map(row => [row.name, ...row.values.map(value => number(value))])} />}
+      {table && shownMarks.length > 0 && <Table caption={tr("trend.eventsCaption", {zone})} head={[tr("trend.time"), tr("trend.event")]} rows={shownMarks.map(one => [stamp(one.t, 1), one.text])} />}
       {pens && <PenTable subject={subject} curves={curves} win={win} remove={ref => pens.choose(pens.signals.filter(one => one.ref !== ref), win)} />}
     </section>
   );
@@ -432,8 +438,8 @@ const noPlans: ReadonlyMap<Ref, Course> = new Map();
 
 /** What a window may be compared with; what a link says as well. */
 function earlierOf(span: number, compare: number, runs: {name: string; by: number}[]): {name: string; by: number}[] {
-  const all = [...EARLIER.map(({name, by}) => ({name, by: by ?? span})), ...runs].filter((one, i, list) => list.findIndex(other => other.by === one.by) === i);
-  return compare > 0 && !all.some(one => one.by === compare) ? [...all, {name: `${duration(compare)} before`, by: compare}] : all;
+  const all = [...EARLIER.map(({name, by}) => ({name: tr(name), by: by ?? span})), ...runs].filter((one, i, list) => list.findIndex(other => other.by === one.by) === i);
+  return compare > 0 && !all.some(one => one.by === compare) ? [...all, {name: tr("trend.before", {time: duration(compare)}), by: compare}] : all;
 }
 
 /** The signals of this trend, and how they were in its window. */
@@ -441,18 +447,18 @@ function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Cur
   useCell(second);
   const [from, to] = bounds(win, serverNow());
   return (
-    <div class="panel scroll pens" tabIndex={0} role="region" aria-label="Signals of this trend">
+    <div class="panel scroll pens" tabIndex={0} role="region" aria-label={tr("trend.signals")}>
       <table class="data cards">
         <thead>
           <tr>
-            <th scope="col">Signal</th>
-            <th scope="col">Unit</th>
-            <th scope="col" class="wide">What it is</th>
-            <th scope="col" class="number">Newest</th>
-            <th scope="col" class="number">Least</th>
-            <th scope="col" class="number">Mean</th>
-            <th scope="col" class="number">Most</th>
-            <th scope="col"><span class="hidden">Remove</span></th>
+            <th scope="col">{tr("common.signal")}</th>
+            <th scope="col">{tr("common.unit")}</th>
+            <th scope="col" class="wide">{tr("common.description")}</th>
+            <th scope="col" class="number">{tr("trend.current")}</th>
+            <th scope="col" class="number">{tr("trend.min")}</th>
+            <th scope="col" class="number">{tr("trend.mean")}</th>
+            <th scope="col" class="number">{tr("trend.max")}</th>
+            <th scope="col"><span class="hidden">{tr("trend.remove")}</span></th>
           </tr>
         </thead>
         <tbody>
@@ -462,13 +468,13 @@ function PenTable({subject, curves, win, remove}: {subject: Subject; curves: Cur
             return (
               <tr key={pen.ref}>
                 <th scope="row"><Stroke pen={pen} /> <Tag name={one?.name} /></th>
-                <td data-label="Unit">{one?.unit}</td>
-                <td class="wide" data-label="What it is">{one?.description}</td>
-                <td class="number" data-label="Newest"><Value of={pen.ref} /></td>
-                <td class="number" data-label="Least">{told(pen.ref, min)}</td>
-                <td class="number" data-label="Mean">{number(mean)}</td>
-                <td class="number" data-label="Most">{told(pen.ref, max)}</td>
-                <td class="acts"><button type="button" aria-label={`Remove ${one?.name}`} onClick={() => remove(pen.ref)}>✕</button></td>
+                <td data-label={tr("common.unit")}>{one?.unit}</td>
+                <td class="wide" data-label={tr("common.description")}>{one?.description}</td>
+                <td class="number" data-label={tr("trend.current")}><Value of={pen.ref} /></td>
+                <td class="number" data-label={tr("trend.min")}>{told(pen.ref, min)}</td>
+                <td class="number" data-label={tr("trend.mean")}>{number(mean)}</td>
+                <td class="number" data-label={tr("trend.max")}>{told(pen.ref, max)}</td>
+                <td class="acts"><button type="button" aria-label={tr("trend.removeOf", {signal: one?.name ?? pen.ref})} onClick={() => remove(pen.ref)}>✕</button></td>
               </tr>
             );
           })}
@@ -509,27 +515,27 @@ function Readout({subject, curves, cursor, beyond, reference, clear, marks, reac
   useCell(live(lead as Ref));
   return (
     <div class="readout">
-      <span class="at">{t == null ? "newest" : `${when(t, 1)}${coming ? ", expected" : ""}`}</span>
+      <span class="at">{t == null ? tr("trend.now") : coming ? tr("trend.predicted", {time: when(t, 1)}) : when(t, 1)}</span>
       {subject.panels.flatMap(panel => panel.pens).map(pen => {
         const then = t == null ? null : at(pen.ref, t);
         const bin = t == null || coming ? null : curves.around(pen.ref, t);
         return (
           <span key={pen.ref} class="item">
             <Stroke pen={pen} /> {variable(pen.ref)?.name} {t == null ? <Value of={pen.ref} /> : <b title={then == null ? undefined : exact(then)}>{then == null ? missing : told(pen.ref, then)}</b>}
-            {bin && bin.low < bin.high && <span class="say between"> {told(pen.ref, bin.low)} to {told(pen.ref, bin.high)}</span>}
+            {bin && bin.low < bin.high && <span class="say between"> {tr("value.range", {low: told(pen.ref, bin.low), high: told(pen.ref, bin.high)})}</span>}
           </span>
         );
       })}
       {reference != null && (
         <span class="differences">
-          since {clock(reference, 1)}: <b>{t == null ? "" : `${t >= reference ? "+" : "\u2212"}${duration(Math.abs(t - reference))}`}</b>{" "}
+          {tr("trend.since", {time: clock(reference, 1)})} <b>{t == null ? "" : `${t >= reference ? "+" : "\u2212"}${duration(Math.abs(t - reference))}`}</b>{" "}
           {subject.panels.flatMap(panel => panel.pens).map(pen => <span key={pen.ref} class="item">Δ{variable(pen.ref)?.name} <b>{difference(pen.ref)}</b> </span>)}
-          <button type="button" onClick={clear}>Clear</button>
+          <button type="button" onClick={clear}>{tr("trend.clear")}</button>
         </span>
       )}
       {hit.slice(0, 2).map(one => <span key={`${one.t}${one.text}`} class="happened">{clock(one.t)} {one.text}</span>)}
-      {beyond && <span class="complaint">▲ part of the curve is off the axis: “Fit y” shows it</span>}
-      {curves.loading && <span class="say">loading …</span>}
+      {beyond && <span class="complaint">▲ {tr("trend.offAxis")}</span>}
+      {curves.loading && <span class="say">{tr("common.loading")}</span>}
     </div>
   );
 }
@@ -544,9 +550,9 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
   const one = (end: "from" | "to"): number => meant[end].find(t => zoneAt(t) === zones[end]) ?? meant[end].at(end === "from" ? 0 : -1) ?? NaN;
   const [a, b] = [one("from"), one("to")];
   const skipped = (["from", "to"] as const).find(end => meant[end].length === 0 && !isNaN(Date.parse(`${texts[end]}Z`)));
-  const refused = skipped ? `there is no ${texts[skipped].replace("T", " ")}: clocks were put forward` : refuse(a, b, serverNow());
+  const refused = skipped ? tr("trend.skipped", {time: texts[skipped].replace("T", " ")}) : refuse(a, b, serverNow());
   const which = (end: "from" | "to"): JSX.Element | false => meant[end].length > 1 && (
-    <select aria-label={`which ${end}`} value={zoneAt(one(end))} onChange={event => setZones({...zones, [end]: event.currentTarget.value})}>
+    <select aria-label={tr(end === "from" ? "trend.whichFrom" : "trend.whichTo")} value={zoneAt(one(end))} onChange={event => setZones({...zones, [end]: event.currentTarget.value})}>
       {meant[end].map(t => <option key={t} value={zoneAt(t)}>{zoneAt(t)}</option>)}
     </select>
   );
@@ -560,7 +566,7 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
         setZones({from: zoneAt(from), to: zoneAt(to)});
       }}
     >
-      <summary>From – to</summary>
+      <summary>{tr("trend.range")}</summary>
       {open && (
         <form
           class="toolbar"
@@ -569,10 +575,10 @@ function FromTo({win, apply}: {win: Window; apply: (w: Window) => void}): JSX.El
             if (!refused) apply(beside(win, select(a, b)));
           }}
         >
-          <label>from <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /> {which("from")}</label>
-          <label>to <input type="datetime-local" step="1" value={texts.to} onInput={event => setTexts({...texts, to: event.currentTarget.value})} /> {which("to")}</label>
+          <label>{tr("trend.from")} <input type="datetime-local" step="1" value={texts.from} onInput={event => setTexts({...texts, from: event.currentTarget.value})} /> {which("from")}</label>
+          <label>{tr("trend.to")} <input type="datetime-local" step="1" value={texts.to} onInput={event => setTexts({...texts, to: event.currentTarget.value})} /> {which("to")}</label>
           <span class="unit">{zone}</span>
-          <button type="submit" class="primary" disabled={refused != null}>Show</button>
+          <button type="submit" class="primary" disabled={refused != null}>{tr("trend.show")}</button>
           {refused && <span class="complaint">{refused}</span>}
         </form>
       )}

@@ -16,6 +16,7 @@ import {path} from "../router";
 import {calling, setSound, silence, sound} from "../sound";
 import {type Priority, Shape} from "./shape";
 import {Tag} from "./tag";
+import {tr} from "../core/texts";
 
 const priorities: Priority[] = [1, 2, 3, 4];
 
@@ -32,28 +33,28 @@ export function AlarmLine(): JSX.Element | null {
   const press = usePress(first, one => void (one && acknowledge(one)));
   if (!p?.alarms || evaluated == null) return null;
   return (
-    <section class={`alarm-line${first ? ` calls p${first.priority}` : ""}`} aria-label="Alarms">
+    <section class={`alarm-line${first ? ` calls p${first.priority}` : ""}`} aria-label={tr("page.alarms")}>
       <a class="counts" href={path("alarms")}>
         {priorities.map(priority => {
           const n = counts.byPriority[priority - 1] as number;
-          return n > 0 && <span key={priority}><Shape priority={priority} label="alarms" hollow={counts.waiting[priority - 1] === 0} /> {n}</span>;
+          return n > 0 && <span key={priority}><Shape priority={priority} label={tr("common.alarms")} hollow={counts.waiting[priority - 1] === 0} /> {n}</span>;
         })}
-        {counts.standing === 0 && <span class="say">No alarm stands</span>}
-        {counts.standing > 0 && <span>{counts.active} active</span>}
-        {counts.unacknowledged > 0 && <b>{counts.unacknowledged} not acknowledged</b>}
-        {counts.masked > 0 && <span class="say masked">{[counts.shelved > 0 && `${counts.shelved} shelved`, counts.suppressed > 0 && `${counts.suppressed} suppressed`, counts.out > 0 && `${counts.out} out of service`].filter(Boolean).join(", ")}</span>}
+        {counts.standing === 0 && <span class="say">{tr("alarmline.none")}</span>}
+        {counts.standing > 0 && <span>{tr("alarmline.active", {n: counts.active})}</span>}
+        {counts.unacknowledged > 0 && <b>{tr("alarmline.unacknowledged", {n: counts.unacknowledged})}</b>}
+        {counts.masked > 0 && <span class="say masked">{[counts.shelved > 0 && tr("alarmline.shelved", {n: counts.shelved}), counts.suppressed > 0 && tr("alarmline.suppressed", {n: counts.suppressed}), counts.out > 0 && tr("alarmline.out", {n: counts.out})].filter(Boolean).join(", ")}</span>}
       </a>
-      {evaluated === false && <span class="complaint"><Shape priority={2} label="not evaluated" /> Alarms are not evaluated: this is how they stood last</span>}
+      {evaluated === false && <span class="complaint"><Shape priority={2} label={tr("alarmline.notEvaluated")} /> {tr("alarmline.stopped")}</span>}
       <span class="first" role="status">
         {first && (
           <a href={path("alarms", first.alarm)}>
-            <Shape priority={first.priority} label="most urgent" /> <b><Tag name={first.alarm} /></b> <span class="message">{first.message}</span> <span class="say">{clock(first.now.raised ?? first.now.time)}{!first.now.active && ", gone"}</span>
+            <Shape priority={first.priority} label={tr("alarmline.mostUrgent")} /> <b><Tag name={first.alarm} /></b> <span class="message">{first.message}</span> <span class="say">{first.now.active ? clock(first.now.raised ?? first.now.time) : tr("alarmline.returned", {time: clock(first.now.raised ?? first.now.time)})}</span>
           </a>
         )}
       </span>
       {first && (
         <button type="button" disabled={barred != null || ((busy || !steady) && !press.under())} title={barred ?? undefined} {...press.on}>
-          {busy ? "on its way …" : (acknowledgement(first) ?? "Acknowledge")}<span class="hidden"> {first.alarm}</span>
+          {busy ? tr("alarmline.onItsWay") : tr(`alarmline.${acknowledgement(first) ?? "acknowledge"}`)}<span class="hidden"> {first.alarm}</span>
         </button>
       )}
       <SoundSwitch />
@@ -73,11 +74,11 @@ function useSteady(id: number | null): boolean {
 function SoundSwitch(): JSX.Element {
   const now = useCell(sound);
   const calls = useCell(calling);
-  if (now === "blocked") return <button type="button" onClick={() => setSound(true)}>Sound is off: click</button>;
-  if (now === "on" && calls != null) return <button type="button" onClick={silence}>Silence</button>;
+  if (now === "blocked") return <button type="button" onClick={() => setSound(true)}>{tr("alarmline.enableSound")}</button>;
+  if (now === "on" && calls != null) return <button type="button" onClick={silence}>{tr("alarmline.silence")}</button>;
   return (
     <label class="check">
-      <input type="checkbox" checked={now === "on"} onChange={event => setSound(event.currentTarget.checked)} /> sound
+      <input type="checkbox" checked={now === "on"} onChange={event => setSound(event.currentTarget.checked)} /> {tr("alarmline.sound")}
     </label>
   );
 }

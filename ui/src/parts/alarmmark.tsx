@@ -8,13 +8,14 @@ import {marks} from "../core/model";
 import type {Ref} from "../core/types";
 import {path} from "../router";
 import {Shape} from "./shape";
+import {tr} from "../core/texts";
 
 export function AlarmMark({of}: {of: (Ref | null)[]}): JSX.Element | null {
   const worst = worstOf({refs: of}, useCell(marks));
   if (!worst) return null;
   return (
     <a class="alarm-mark" href={path("alarms", worst.alarm)} title={`${worst.alarm}: ${worst.message}`}>
-      <Shape priority={worst.priority} label={`alarm ${worst.alarm}`} hollow={!isUnacknowledged(worst)} />
+      <Shape priority={worst.priority} label={tr("common.alarmOf", {alarm: worst.alarm})} hollow={!isUnacknowledged(worst)} />
     </a>
   );
 }

@@ -9,6 +9,7 @@ import {beyond, type Limits, type Live, words, worth} from "../core/quality";
 import {place, type Scale} from "../core/scale";
 import type {Ref} from "../core/types";
 import {told} from "./value";
+import {tr} from "../core/texts";
 
 const percent = (x: number): string => `${(x * 100).toFixed(2)}%`;
 
@@ -40,11 +41,11 @@ export function Bar({label, value, setpoint, scale, ends}: Props): JSX.Element {
     const where = beyond(now.value, low, high);
     const text =
       `${label} ${told(value, now.value)} ${unit}` +
-      (target == null ? "" : `, setpoint ${exact(target)}`) +
-      (band ? `, normal ${limitsText(band.low, band.high)}` : "") +
-      (where ? `, ${where} its limit ${exact(where === "below" ? low : high)}` : "") +
-      `, scale ${exact(scale.low)} to ${exact(scale.high)}` +
-      (worth(now.status) === "bad" ? `, ${words(now.status)}` : now.stale ? ", stale" : "");
+      (target == null ? "" : `, ${tr("value.bar.setpoint", {value: exact(target)})}`) +
+      (band ? `, ${tr("value.bar.normal", {range: limitsText(band.low, band.high)})}` : "") +
+      (where ? `, ${tr(`value.bar.${where}`, {limit: exact(where === "below" ? low : high)})}` : "") +
+      `, ${tr("value.bar.scale", {low: exact(scale.low), high: exact(scale.high)})}` +
+      (worth(now.status) === "bad" ? `, ${words(now.status)}` : now.stale ? `, ${tr("common.stale")}` : "");
     bar.current.setAttribute("aria-label", text);
     if (!fill.current || now.value == null) return;
     const {at} = place(scale, now.value);

@@ -12,6 +12,7 @@ import type {Ref} from "../core/types";
 import {forget, send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
 import {told} from "./value";
+import {tr} from "../core/texts";
 
 interface Props {
   of: Ref; // what is written
@@ -96,10 +97,10 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
         />
         <span class="unit">{one?.unit}</span>
         <button type="submit" class="primary" disabled={!ready || overtaken}>
-          Apply
+          {tr("entry.apply")}
         </button>
         <button type="button" disabled={!draft || view?.phase === "pending"} onClick={revert}>
-          Revert
+          {tr("entry.revert")}
         </button>
       </div>
       <div id={`${id}-say`} class="say">
@@ -109,15 +110,15 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           <span class="complaint">{complaint}</span>
         ) : overtaken && view?.phase !== "pending" ? (
           <>
-            <span class="complaint">changed meanwhile to {exact(now.value)}{unit}: Esc takes that</span>{" "}
-            <button type="button" onClick={over}>Write {exact(value)} over it</button>
+            <span class="complaint">{tr("entry.overtaken", {value: `${exact(now.value)}${unit}`})}</span>{" "}
+            <button type="button" onClick={over}>{tr("entry.overwrite", {value: exact(value)})}</button>
           </>
         ) : draft && view?.phase !== "pending" ? (
           <span>
-            {said(draft.value)} → {exact(value)}{unit}{remote && `, Local from then on${remote.cascade ? ", target Auto" : ""}`}: Enter applies, Esc reverts
+            {tr(!remote ? "entry.change" : remote.cascade ? "entry.changeAuto" : "entry.changeLocal", {change: `${said(draft.value)} → ${exact(value)}${unit}`})}
           </span>
         ) : (
-          <span>{limitsText(low, high)}{remote && `; a value of yours takes it from ${remote.name}`}</span>
+          <span>{remote ? tr("entry.remote", {limits: limitsText(low, high), mover: remote.name}) : limitsText(low, high)}</span>
         )}
       </div>
       <WriteStatus of={name} retry={over} />

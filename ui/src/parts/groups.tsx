@@ -8,6 +8,7 @@ import type {Plant, Variable} from "../core/types";
 import type {Window} from "../core/view";
 import {go} from "../router";
 import {remember, stored} from "../theme";
+import {tr} from "../core/texts";
 
 const KEPT = "apc-groups";
 
@@ -37,7 +38,7 @@ export function PenGroups({plant: p, signals, window: win}: {plant: Plant; signa
       }}
     >
       <label>
-        group{" "}
+        {tr("parts.group")}{" "}
         <select
           value={chosen?.name ?? ""}
           disabled={groups.length === 0}
@@ -46,13 +47,13 @@ export function PenGroups({plant: p, signals, window: win}: {plant: Plant; signa
             if (group) go("trend", pensAbout(group.pens, win));
           }}
         >
-          <option value="">{groups.length === 0 ? "none kept" : "–"}</option>
+          <option value="">{groups.length === 0 ? tr("parts.noneSaved") : "–"}</option>
           {groups.map(one => <option key={one.name} value={one.name}>{one.name}</option>)}
         </select>
       </label>
-      {chosen && <button type="button" onClick={() => keep(groups.filter(one => one !== chosen))}>Forget {chosen.name}</button>}
-      <label>keep these as <input type="text" size={14} value={name} onInput={event => setName(event.currentTarget.value)} /></label>
-      <button type="submit" disabled={name.trim() === ""}>Keep</button>
+      {chosen && <button type="button" onClick={() => keep(groups.filter(one => one !== chosen))}>{tr("parts.deleteGroup", {name: chosen.name})}</button>}
+      <label>{tr("parts.saveAs")} <input type="text" size={14} value={name} onInput={event => setName(event.currentTarget.value)} /></label>
+      <button type="submit" disabled={name.trim() === ""}>{tr("parts.save")}</button>
       <span class="say" role="status">{why && <span class="complaint">{why}</span>}</span>
     </form>
   );

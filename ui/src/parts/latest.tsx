@@ -10,6 +10,7 @@ import {events, refill} from "../core/model";
 import {path} from "../router";
 import type {PlantEvent} from "../core/types";
 import {EventShape} from "./eventshape";
+import {tr} from "../core/texts";
 
 const MOST = 8;
 const ASKED = 100; // of which some are said again and again
@@ -28,16 +29,16 @@ export function Latest(): JSX.Element {
   return (
     <div class="panel latest">
       <h2>
-        Newest events <a href={path("events")}>all</a>
+        {tr("parts.latest")} <a href={path("events")}>{tr("common.all")}</a>
       </h2>
       <table class="data">
-        <caption class="hidden">Newest events</caption>
+        <caption class="hidden">{tr("parts.latest")}</caption>
         <thead class="hidden">
           <tr>
-            <th scope="col">Time ({zone})</th>
-            <th scope="col">Severity</th>
-            <th scope="col">Source</th>
-            <th scope="col">What happened</th>
+            <th scope="col">{tr("common.timeIn", {zone})}</th>
+            <th scope="col">{tr("common.severity")}</th>
+            <th scope="col">{tr("common.source")}</th>
+            <th scope="col">{tr("common.message")}</th>
           </tr>
         </thead>
         <tbody>
@@ -46,12 +47,12 @@ export function Latest(): JSX.Element {
               <td class="digits">{clock(one.time)}</td>
               <td><EventShape of={one} /></td>
               <td>{one.source}</td>
-              <td class="wide">{one.text}{times > 1 && <span class="say"> {times} times since {clock(since)}</span>}</td>
+              <td class="wide">{one.text}{times > 1 && <span class="say"> {tr("parts.timesSince", {times, time: clock(since)})}</span>}</td>
             </tr>
           ))}
         </tbody>
       </table>
-      {list.length === 0 && <p class="say">none yet</p>}
+      {list.length === 0 && <p class="say">{tr("parts.noneYet")}</p>}
     </div>
   );
 }

@@ -8,6 +8,7 @@ import type {Loop} from "../core/types";
 import {send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
 import {ActualMode, Mode} from "./value";
+import {known, tr} from "../core/texts";
 
 /** What is asked for of a loop, and how to ask for something else. */
 function useMode(loop: Loop) {
@@ -17,9 +18,9 @@ function useMode(loop: Loop) {
   const view = useCell(slot(name));
   const ask = (wish: string): void => {
     if (barred || view?.phase === "pending") return;
-    void send(name, "mode", {id: loop.id, mode: wish, seq: live(loop.mode.target).value.seq}, `mode ${now ?? "?"} → ${wish}`);
+    void send(name, "mode", {id: loop.id, mode: wish, seq: live(loop.mode.target).value.seq}, tr("mode.change", {from: known("mode", now ?? "?"), to: known("mode", wish)}));
   };
-  return {now, why, barred, name, view, ask, wanted: view?.to.split("→ ")[1] ?? ""};
+  return {now, why, barred, name, view, ask, wanted: loop.mode.targets.find(one => view?.to.endsWith(`→ ${known("mode", one)}`)) ?? ""};
 }
 
 /** Whether its controller moves an output, and a button for the other of the two. */
@@ -30,7 +31,7 @@ export function ServiceSwitch({loop}: {loop: Loop}): JSX.Element {
     <div class="service">
       <ActualMode loop={loop} />
       <button type="button" disabled={barred != null || view?.phase === "pending"} title={barred ?? undefined} onClick={() => ask(wish)}>
-        {wish === "Man" ? "Take out" : "Put in"}<span class="hidden"> {wish === "Man" ? "of" : "to"} service: {loop.called}</span>
+        {tr(wish === "Man" ? "mode.outOfService" : "mode.inService")}<span class="hidden">: {loop.called}</span>
       </button>
       {view && <WriteStatus of={name} retry={() => ask(wanted)} />}
     </div>
@@ -44,7 +45,7 @@ export function ModeSwitch({loop}: {loop: Loop}): JSX.Element {
   const targets = mode.targets.filter(wish => wish !== "OOS");
   return (
     <div class="mode-switch">
-      <div class="segments" role="group" aria-label={`Mode of ${loop.called}`}>
+      <div class="segments" role="group" aria-label={tr("mode.of", {loop: loop.called})}>
         {targets.map(wish => (
           <button
             type="button"
@@ -54,14 +55,14 @@ export function ModeSwitch({loop}: {loop: Loop}): JSX.Element {
             disabled={barred != null}
             onClick={() => wish !== now && ask(wish)}
           >
-            {wish}
+            {known("mode", wish)}
           </button>
         ))}
       </div>
       <dl class="pairs">
-        <dt>target</dt>
+        <dt>{tr("mode.target")}</dt>
         <dd><Mode of={mode.target} name={now} /></dd>
-        <dt>actual</dt>
+        <dt>{tr("mode.actual")}</dt>
         <dd><ActualMode loop={loop} /></dd>
       </dl>
       <div class="say">{why}</div>

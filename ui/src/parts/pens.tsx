@@ -5,6 +5,7 @@ import {useState} from "preact/hooks";
 import {matching, MOST_PENS} from "../core/pens";
 import type {Pen} from "../core/trend";
 import type {Plant, Variable} from "../core/types";
+import {tr} from "../core/texts";
 
 /** The line of a pen, as in the chart: by dashes as well as by colour. */
 export function Stroke({pen}: {pen: Pick<Pen, "colour" | "dash">}): JSX.Element {
@@ -34,10 +35,10 @@ export function PenSearch({plant, there, add}: {plant: Plant; there: Variable[];
       }}
     >
       <label>
-        add a signal <input type="search" size={18} value={text} disabled={full} placeholder="name, unit, description" onInput={event => setText(event.currentTarget.value)} />
+        {tr("parts.addSignal")} <input type="search" size={18} value={text} disabled={full} placeholder={tr("parts.searchIn")} onInput={event => setText(event.currentTarget.value)} />
       </label>{" "}
       <span class="say" role="status">
-        {full ? `${MOST_PENS} signals are the most` : text.trim() === "" ? "" : matches.length === 0 ? (matching(text, plant, []).length > 0 ? "is there already" : `nothing is called “${text.trim()}”`) : "Enter adds the first"}
+        {full ? tr("parts.signalsMost", {most: MOST_PENS}) : text.trim() === "" ? "" : matches.length === 0 ? (matching(text, plant, []).length > 0 ? tr("parts.thereAlready") : tr("parts.noSignalCalled", {text: text.trim()})) : tr("parts.enterAdds")}
       </span>
       {matches.length > 0 && (
         <ul class="matches">

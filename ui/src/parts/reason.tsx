@@ -5,6 +5,7 @@ import {useEffect, useId} from "preact/hooks";
 import {useWriteBar} from "../access";
 import {reason, tooLong} from "../core/writing";
 import {useCell} from "../usecell";
+import {tr} from "../core/texts";
 
 export function Reason(): JSX.Element | null {
   const text = useCell(reason);
@@ -14,9 +15,9 @@ export function Reason(): JSX.Element | null {
   if (barred) return null;
   return (
     <div class="reason">
-      <label for={id}>Reason for the next change, if you like</label>
+      <label for={id}>{tr("parts.reason")}</label>
       <input id={id} name="reason" type="text" autocomplete="off" value={text} aria-invalid={tooLong(text)} onInput={event => (reason.value = event.currentTarget.value)} />
-      {tooLong(text) && <span class="complaint">too long: 80 bytes</span>}
+      {tooLong(text) && <span class="complaint">{tr("parts.tooLong")}</span>}
     </div>
   );
 }

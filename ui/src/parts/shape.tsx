@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Priorities: shape, digit and colour, each enough by itself.
 import type {JSX} from "preact";
+import {tr} from "../core/texts";
 
 export type Priority = 1 | 2 | 3 | 4;
 
@@ -15,9 +16,9 @@ export const digitAt: Record<Priority, number> = {1: 14, 2: 14.2, 3: 16.4, 4: 11
 export const digitOn: Record<Priority, string> = {1: "#fff", 2: "#1f1f1f", 3: "#1f1f1f", 4: "#fff"};
 
 /** Of an alarm, or of what is one by itself: the link, the store, a controller that is gone. Hollow: somebody knows of it. */
-export function Shape({priority, label = "alarm", hollow = false}: {priority: Priority; label?: string; hollow?: boolean}): JSX.Element {
+export function Shape({priority, label = tr("parts.alarm"), hollow = false}: {priority: Priority; label?: string; hollow?: boolean}): JSX.Element {
   return (
-    <svg class={`shape p${priority}${hollow ? " hollow" : ""}`} viewBox="0 0 20 20" role="img" aria-label={`priority ${priority}: ${label}`}>
+    <svg class={`shape p${priority}${hollow ? " hollow" : ""}`} viewBox="0 0 20 20" role="img" aria-label={tr("common.shapeLabel", {priority, label})}>
       <path d={shapes[priority]} />
       <text x="10" y={digitAt[priority]}>
         {priority}

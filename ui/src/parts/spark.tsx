@@ -10,6 +10,7 @@ import {held, indexAt, type Series} from "../core/series";
 import {colour, onPrint, repaint} from "../theme";
 import type {Ref} from "../core/types";
 import {told} from "./value";
+import {tr} from "../core/texts";
 
 interface Props {
   of: Ref;
@@ -74,7 +75,7 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
       const curves: [Series, string, boolean][] = [[series.value, "--live", false]];
       if (target) curves.unshift([live(of).value.stale ? target.value : held(target.value, clock.newest ?? 0), "--label", true]);
       draw(element, curves, scale);
-      element.setAttribute("aria-label", `${label}, last 10 minutes: ${summary(of)}`);
+      element.setAttribute("aria-label", tr("parts.recentRange", {label, range: summary(of)}));
     };
     const stop = second.subscribe(() => second.value % 4 === turn && show());
     const first = series.subscribe(() => {
@@ -90,12 +91,12 @@ export function Spark({of, setpoint, scale, label}: Props): JSX.Element {
       first();
     };
   }, [of, setpoint, scale, paint]);
-  return <canvas ref={canvas} class="spark" role="img" aria-label={`${label}, last 10 minutes`} />;
+  return <canvas ref={canvas} class="spark" role="img" aria-label={tr("parts.recent", {label})} />;
 }
 
 export function summary(of: Ref): string {
   const series = recent(of).value;
   const from = series.t[0] == null ? 0 : Math.max(0, indexAt(series, serverNow() - RECENT));
   const [low, high] = extent([...series.low.slice(from), ...series.high.slice(from)]);
-  return isFinite(low) ? `${told(of, low)} to ${told(of, high)}` : "no data";
+  return isFinite(low) ? tr("value.range", {low: told(of, low), high: told(of, high)}) : tr("parts.noData");
 }

@@ -6,15 +6,7 @@ import {clock} from "../core/format";
 import {isFinal} from "../core/lifecycle";
 import {forget, slot} from "../core/writing";
 import {Note} from "./shape";
-
-const words = {
-  pending: "pending",
-  accepted: "accepted, waiting for the controller",
-  applied: "applied",
-  superseded: "superseded",
-  failed: "failed",
-  unknown: "unknown",
-} as const;
+import {tr} from "../core/texts";
 
 interface Props {
   of: string;
@@ -27,21 +19,21 @@ export function WriteStatus({of, retry}: Props): JSX.Element {
     <div class="write-status" role="status" data-slot={of} data-phase={view?.phase ?? "none"}>
       {view && (
         <>
-          {view.phase === "failed" && <Note grave label="failed" />}
-          {view.phase === "unknown" && <Note label="unknown" />}
+          {view.phase === "failed" && <Note grave label={tr("write.failed")} />}
+          {view.phase === "unknown" && <Note label={tr("write.unknown")} />}
           <span class={`phase ${view.phase}`}>
-            {view.to}: {words[view.phase]}
+            {view.to}: {tr(`write.${view.phase}`)}
             {view.phase === "applied" && ` ${clock(view.at)}`}
             {view.reason && view.phase !== "applied" && ` – ${view.reason}`}
           </span>
           {view.phase === "failed" && (
             <button type="button" onClick={retry}>
-              Retry
+              {tr("parts.retry")}
             </button>
           )}
           {(isFinal(view.phase) || view.phase === "unknown") && view.phase !== "applied" && (
             <button type="button" onClick={() => forget(of)}>
-              Dismiss
+              {tr("parts.dismiss")}
             </button>
           )}
         </>

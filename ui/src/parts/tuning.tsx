@@ -10,6 +10,7 @@ import type {Loop, Ref} from "../core/types";
 import {forget, send, slot} from "../core/writing";
 import {WriteStatus} from "./status";
 import {Tag} from "./tag";
+import {tr} from "../core/texts";
 
 type Drafts = Record<Ref, {text: string; seq: number}>;
 
@@ -57,7 +58,7 @@ function Field({of, label, draft, disabled, edit}: FieldProps): JSX.Element {
         {complaint ? (
           <span class="complaint">{complaint}</span>
         ) : draft && draft.seq !== now.seq ? (
-          <span class="complaint">changed meanwhile to {exact(now.value)}</span>
+          <span class="complaint">{tr("tuning.overtaken", {value: exact(now.value)})}</span>
         ) : draft && changed ? (
           <b>
             {exact(now.value)} → {exact(value)}
@@ -120,10 +121,10 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
       <table>
         <thead>
           <tr>
-            <th scope="col">parameter</th>
-            <th scope="col" class="number">now</th>
-            <th scope="col">new</th>
-            <th scope="col">change</th>
+            <th scope="col">{tr("tuning.parameter")}</th>
+            <th scope="col" class="number">{tr("tuning.now")}</th>
+            <th scope="col">{tr("tuning.new")}</th>
+            <th scope="col">{tr("tuning.change")}</th>
           </tr>
         </thead>
         <tbody>
@@ -144,12 +145,12 @@ export function Tuning({loop}: {loop: Loop}): JSX.Element {
       </table>
       <div class="entry-line">
         <button type="submit" class="primary" disabled={!ready || overtaken}>
-          Apply {changes.length > 1 ? `all ${changes.length} together` : ""}
+          {changes.length > 1 ? tr("tuning.applyAll", {n: changes.length}) : tr("entry.apply")}
         </button>
         <button type="button" disabled={Object.keys(drafts).length === 0 || pending} onClick={revert}>
-          Revert
+          {tr("entry.revert")}
         </button>
-        {overtaken && <button type="button" disabled={!ready} onClick={() => apply(true)}>Write over what was changed</button>}
+        {overtaken && <button type="button" disabled={!ready} onClick={() => apply(true)}>{tr("tuning.overwrite")}</button>}
         <span class="say">{barred}</span>
       </div>
       <WriteStatus of={name} retry={() => apply(true)} />

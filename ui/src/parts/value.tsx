@@ -8,6 +8,7 @@ import {isRemote, limitsOf, live, modesOfLoop, variable} from "../core/model";
 import {beyond, type Live, words, worth} from "../core/quality";
 import type {Loop, Ref} from "../core/types";
 import {Note} from "./shape";
+import {known, tr} from "../core/texts";
 
 /** In the decimals of its limits, and what somebody has written with all digits as long as they are few: wherever a value
  *  stands there is room for this, and exact() is in its title. */
@@ -38,8 +39,8 @@ export function Value({of, unit = false, say}: {of: Ref; unit?: boolean; say?: (
   const tell = (): void => outer.current?.setAttribute("title", whole(of, live(of).value));
   if (now.seq === 0 || now.value == null)
     return (
-      <span key="none" class="value none" data-ref={of} draggable title="no sample yet">
-        {one?.period != null && <Note label="no sample yet" />}
+      <span key="none" class="value none" data-ref={of} draggable title={tr("parts.noSample")}>
+        {one?.period != null && <Note label={tr("parts.noSample")} />}
         {missing}
       </span>
     );
@@ -48,19 +49,19 @@ export function Value({of, unit = false, say}: {of: Ref; unit?: boolean; say?: (
   return (
     <span key="value" ref={outer} onPointerEnter={tell} class={`value${now.stale ? " stale" : ""}${what === "good" ? "" : ` ${what}`}${where ? " outside" : ""}`} data-ref={of} draggable>
       {what === "bad" && <Note grave label={words(now.status)} />}
-      {where && what !== "bad" && <Note grave label={`${where} its limits`} />}
-      {(now.stale || what === "uncertain") && what !== "bad" && !where && <Note label={now.stale ? "stale" : words(now.status)} />}
+      {where && what !== "bad" && <Note grave label={tr(`value.${where}`)} />}
+      {(now.stale || what === "uncertain") && what !== "bad" && !where && <Note label={now.stale ? tr("common.stale") : words(now.status)} />}
       <span key="digits" ref={digits} class="digits" />
       {unit && one?.unit && <span class="unit">{one.unit}</span>}
-      {now.stale && <span class="age">{duration(now.age)} old</span>}
+      {now.stale && <span class="age">{tr("parts.old", {time: duration(now.age)})}</span>}
       {what !== "good" && <span class="age">{words(now.status)}</span>}
-      {where && <span class="age">{where} {exact(where === "below" ? low : high)}</span>}
+      {where && <span class="age">{tr(`value.${where}Limit`, {limit: exact(where === "below" ? low : high)})}</span>}
     </span>
   );
 }
 
 export function Mode({name, of, lastKnown = false}: {name: string | null; of: Ref; lastKnown?: boolean}): JSX.Element {
-  return <span class={`mode mode-${name?.toLowerCase() ?? "none"}${lastKnown ? " last-known" : ""}`} data-ref={of}>{name ?? missing}</span>;
+  return <span class={`mode mode-${name?.toLowerCase() ?? "none"}${lastKnown ? " last-known" : ""}`} data-ref={of}>{name ? known("mode", name) : missing}</span>;
 }
 
 /** What the loop does; greyed where that is only what it did. */
