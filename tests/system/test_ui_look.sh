@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The operator's page in a browser, where it is only looked at: a hundred variables (ui/test/hundred.mjs), clocks that are set and a
-# sensor that fails (faults.mjs), what the keyboard reaches (reach.mjs), against a server of the test's own.
+# sensor that fails (faults.mjs), what the keyboard reaches (reach.mjs), every screen in German (languages.mjs), against a server of the
+# test's own.
 # shellcheck source=browser.sh
 . "$(dirname "$0")/browser.sh"
 # shellcheck source=lib.sh
@@ -15,4 +16,5 @@ in_browser hundred || status=$?
 kill "$feed"
 in_browser faults || status=$?
 in_browser reach || status=$?
+in_browser languages || status=$?
 exit $status

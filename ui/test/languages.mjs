@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Every screen in German, wide and narrow, in quiet and in trouble: nothing is left in English, cut off or sticking out, and axe
+// finds nothing. The screens in English are those of all other tests.
+import assert from "node:assert/strict";
+import {readdirSync, readFileSync} from "node:fs";
+import {createRequire} from "node:module";
+import {after, before, test} from "node:test";
+import {gzipSync} from "node:zlib";
+import {drawing, Fake} from "./fake.mjs";
+import {launch, open, screens, until} from "./lib.mjs";
+
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+const texts = language => {
+  const source = readFileSync(new URL(`../src/texts.${language}.ts`, import.meta.url), "utf8");
+  return new Map([...source.matchAll(/^ {2}"([^"]+)": ("(?:[^"\\]|\\.)*"),$/gm)].map(([, key, text]) => [key, JSON.parse(text)]));
+};
+const [english, german] = [texts("en"), texts("de")];
+const words = /[A-Za-z]{2,}/;
+/** The pieces between the places of a text, where they say enough to be told from a name: two words or a long one. */
+const pieces = text => text.split(/\{\w+\}|\*\*/).map(one => one.trim()).filter(one => /[a-z]{3,}\W+[A-Za-z]{2,}|^[A-Za-z]{7,}$/.test(one));
+const known = new Set([...german.values()].flatMap(text => [text, ...pieces(text)]));
+/** Whole texts, and long pieces of sentences, that are English alone. */
+const whole = new Set([...english.values()].filter(text => words.test(text) && !text.includes("{") && ![...known].some(one => one.toLowerCase() === text.toLowerCase())));
+const parts = [...english].flatMap(([key, text]) => (key.startsWith("error.") ? [] : pieces(text))).filter(one => one.split(/\s+/).length > 1 && ![...known].some(other => other.includes(one)));
+
+const PATIENCE = {timeout: 900000};
+let browser;
+before(async () => (browser = await launch()));
+after(() => browser.close());
+
+/** Every text of the page, also those that are only read aloud or shown to who points at something. */
+const said = page => page.evaluate(() => {
+  const all = [];
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node = walk.nextNode(); node; node = walk.nextNode()) if (!node.parentElement.closest("script, style, noscript")) all.push(node.data);
+  for (const one of document.querySelectorAll("*")) for (const name of ["aria-label", "title", "placeholder", "data-label"]) if (one.hasAttribute(name)) all.push(one.getAttribute(name));
+  return all.map(text => text.trim()).filter(text => text !== "");
+});
+
+/** What is wider than its place: the page, and each thing that would be cut; what scrolls has a bar. */
+const cut = page => page.evaluate(() => {
+  const wrong = document.documentElement.scrollWidth <= innerWidth ? [] : ["the page"];
+  for (const one of document.querySelectorAll("body *")) {
+    if (one.closest("svg, .plots, .hidden") || !one.checkVisibility({visibilityProperty: true}) || one.clientWidth <= 1) continue; // for those who listen
+    const style = getComputedStyle(one);
+    const scrolls = ["auto", "scroll"].includes(style.overflowX) || one.matches("nav, select, input");
+    if (!scrolls && style.display !== "inline" && one.scrollWidth > one.clientWidth + 1) wrong.push(`${one.outerHTML.slice(0, 160)}: ${one.scrollWidth} > ${one.clientWidth}`);
+  }
+  return wrong;
+});
+
+const violations = async page => {
+  if (!(await page.evaluate(() => "axe" in window))) await page.evaluate(axe);
+  const found = await page.evaluate(() => window.axe.run(document, {runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"], resultTypes: ["violations"]}));
+  return found.violations.map(({id, nodes}) => `${id}, ${nodes.length} times: ${nodes[0].html} ${nodes[0].failureSummary}`);
+};
+
+for (const width of [1280, 400])
+  // Promise(page/page-german): Every screen is in German as well: no text is cut off, sticks out, or is left in English.
+  test(`every screen in German, ${width} pixels`, PATIENCE, async t => {
+    const fake = await new Fake().start();
+    t.after(() => fake.stop());
+    Object.assign(fake, {predicts: true, graphic: drawing});
+    const stands = (id, state, rest) => ({id, seq: id, journal: id, state, active: true, unacknowledged: false, standing: true, time: fake.now - 60, raised: fake.now - 60, author: null, shelved_until: null, ...rest});
+    fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true}), stands(2, "RTN Unacknowledged", {unacknowledged: true, active: false}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
+    const page = await open(browser, "overview", {url: fake.url, locale: "de-AT", viewport: {width, height: 800}});
+    assert.equal(await page.evaluate(() => document.documentElement.lang), "de");
+    const wrong = [];
+    const look = async where => {
+      const english = (await said(page)).filter(text => whole.has(text) || parts.some(part => text.includes(part)));
+      for (const [what, found] of [["English", english], ["cut off", await cut(page)], ["axe", await violations(page)]]) wrong.push(...found.map(one => `${where}: ${what}: ${one}`));
+    };
+    const walk = async (what, all) => {
+      for (const screen of all) {
+        await page.evaluate(where => (location.hash = where), screen);
+        await until(`${screen} is shown`, async () => (await page.locator("main h1").count()) > 0 && (await page.locator("nav a[aria-current]").getAttribute("href")).includes(screen.split("/")[0]));
+        await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg, .say, .complaint) >> visible=true").first().isVisible());
+        await look(`${what}, ${screen}`);
+        const table = page.getByRole("button", {name: "Als Tabelle"});
+        if ((await table.count()) === 0) continue;
+        await table.click();
+        await look(`${what}, ${screen} as table`);
+      }
+    };
+    await walk("quiet", [...screens, "alarms/y.high", "alarms/u.mode"]);
+    await page.getByRole("button", {name: "Hilfe"}).click();
+    await page.getByRole("dialog").waitFor();
+    await look("help");
+    await page.keyboard.press("Escape");
+
+    await page.evaluate(() => (location.hash = "loop"));
+    await page.locator('input[name="setpoint.1"]').fill("1");
+    await page.keyboard.press("Enter");
+    await page.locator(".phase.failed").waitFor();
+    await page.locator('input[name="setpoint.1"]').fill("1,234");
+    await page.locator('[aria-invalid="true"]').waitFor();
+    await look("an entry that means two numbers");
+    Object.assign(fake, {failed: fake.now - 60, stopped: true});
+    await page.locator(".safe-bar").waitFor();
+    await page.locator(".silent-bar").waitFor();
+    await page.locator(".value.bad").first().waitFor();
+    await walk("a sensor failed, the controller stopped", ["overview", "loop", "graphic", "alarms"]);
+    fake.away = true;
+    fake.say("store", {connected: false, since: fake.now, error: "server closed the connection unexpectedly"});
+    await page.locator(".database-bar").waitFor();
+    await walk("the database offline", ["overview", "diagnostics"]);
+    fake.leave();
+    await page.locator(".disconnected-bar").waitFor();
+    await walk("disconnected", ["overview", "loop"]);
+
+    // The choice of somebody stands above the browser's.
+    Object.assign(fake, {gone: false, away: false, stopped: false, failed: Infinity});
+    await page.locator(".language select").selectOption("en");
+    await page.getByRole("link", {name: "Overview"}).waitFor();
+    assert.equal(await page.evaluate(() => document.documentElement.lang), "en");
+    await page.reload();
+    await page.getByRole("link", {name: "Overview"}).waitFor();
+    // The write that was refused is no fault of the page.
+    assert.deepEqual([...wrong, ...page.complaints.filter(text => !text.includes("422"))], []);
+    await page.context().close();
+  });
+
+// Promise(page): The page is at most 160 kB, zipped, with all of its languages.
+test("the page is small, whatever it speaks", () => {
+  const folder = process.env.APC_UI_PAGE;
+  const zipped = readdirSync(folder).filter(name => /\.(js|css|html|svg)$/.test(name)).map(name => gzipSync(readFileSync(`${folder}/${name}`)).length);
+  const bytes = zipped.reduce((sum, one) => sum + one, 0);
+  assert.ok(bytes <= 160000, `${bytes} bytes`);
+});
