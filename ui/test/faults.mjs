@@ -589,9 +589,9 @@ test("while values come, an earlier window is laid beside and taken away, and th
     const colours = async () => (await rows(page, 0, "--pen-1")).flat().length;
     const picture = () => page.evaluate(() => document.querySelector(".plots canvas").toDataURL());
     const alone = await colours();
-    for (const beside of ["an hour before", "nothing", "an hour before"]) {
-      await page.getByLabel("beside").selectOption({label: beside});
-      await until(`${beside} is drawn beside it`, async () => (beside === "nothing" ? (await colours()) < alone * 1.04 : (await colours()) > alone * 1.05));
+    for (const beside of ["an hour before", "none", "an hour before"]) {
+      await page.getByLabel("compare with").selectOption({label: beside});
+      await until(`${beside} is drawn beside it`, async () => (beside === "none" ? (await colours()) < alone * 1.04 : (await colours()) > alone * 1.05));
       const before = await picture();
       await until("the curve has gone on", async () => (await picture()) !== before);
     }
@@ -624,7 +624,7 @@ test("a press sets a second cursor, from which differences are told; an earlier 
     const colours = async () => (await rows(page, 0, "--pen-1")).flat().length;
     await until("the curve is drawn", async () => (await colours()) > 50);
     const alone = await colours();
-    await page.getByLabel("beside").selectOption({label: "an hour before"});
+    await page.getByLabel("compare with").selectOption({label: "an hour before"});
     await until("an earlier window is drawn beside", async () => (await colours()) > alone * 1.05);
     await until("the link says so", () => page.url().includes("compare=3600"));
   }));

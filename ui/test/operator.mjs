@@ -112,7 +112,7 @@ test("a setpoint that was taken is given back to the scheduler", () =>
     await until("it is Local", async () => (await owner.textContent()).trim() === "Local");
     await give.click();
     await applied(page, "owner.1");
-    assert.match(await owner.textContent(), /Remote: the scheduler moves it/);
+    assert.match(await owner.textContent(), /Remote: moved by the scheduler/);
     assert.equal(await give.count(), 0);
     await near(page, "setpoint.1", 10, 0); // the step that is due
     const {events} = await api("/api/events?kind=operator");
@@ -177,7 +177,7 @@ test("signals are chosen by what they are called, and the link shows the same ag
     await until("all have curves", async () => (await points(page)) > 1 && !/loading/.test(await page.locator(".readout").textContent()));
     await page.getByRole("button", {name: "Pause"}).click();
     await until("the link says when", () => /#trend\/pens=y,u,[^;]+;span=3600;to=\d/.test(page.url()));
-    const least = () => rows.locator('td[data-label="Least"]').allTextContents();
+    const least = () => rows.locator('td[data-label="Min"]').allTextContents();
     const seen = await least();
     assert.ok(seen.every(text => /\d/.test(text)), seen.join());
     const url = page.url();
@@ -467,7 +467,7 @@ test("the database is lost: the page says so, nothing can be written, and the ga
     const from = Date.now() / 1000;
     database("stop");
     await page.locator(".database-bar").waitFor();
-    assert.match(await page.locator(".database").textContent(), /AWAY/);
+    assert.match(await page.locator(".database").textContent(), /offline/);
     assert.equal(await setpoint(page).isDisabled(), true);
     for (const name of ["Man", "Auto"]) assert.equal(await page.getByRole("button", {name, exact: true}).isDisabled(), true);
     await page.locator('main .value.stale[data-ref="sensor.1"]').first().waitFor();

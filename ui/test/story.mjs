@@ -80,7 +80,7 @@ test("a pump fails: the alarm comes with its rank and help, is acknowledged, pre
   // The journal has it, in order.
   await page.keyboard.press("Alt+4");
   await page.getByRole("button", {name: "Journal"}).click();
-  await page.getByLabel("with what else happened").check();
+  await page.getByLabel("with other events").check();
   const wanted = [
     ["h2.low", /^activated$/],
     ["h2.low", /^acknowledged$/],
