@@ -16,15 +16,15 @@
 #include "base/base_internal.h"
 
 static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
-    {"move", "1", "weight of moves, each over the output's deviation", 0.1, 1e-6, 1e6},
-    {"wish", "1", "weight of the distance from reference, over the output's deviation", 0.0, 0.0, 1e6},
-    {"reference", "u", "where the output is to be, as far as setpoints leave it free", 0.0, -APC_VALUE_MAX,
-     APC_VALUE_MAX},
+    {"move", "1", "move suppression: weight of moves, over the output's scaling", 0.1, 1e-6, 1e6},
+    {"wish", "1", "input reference weight, over the output's scaling", 0.0, 0.0, 1e6},
+    {"reference", "u", "input reference: where the output is to be, as far as setpoints leave it free", 0.0,
+     -APC_VALUE_MAX, APC_VALUE_MAX},
     {"cost", "1/u", "of a steady output, per unit; the program looks for the cheapest", 0.0, -1e12, 1e12},
     {"u_min", "u", "least output", -NO_LIMIT, -NO_LIMIT, NO_LIMIT},
     {"u_max", "u", "greatest output", NO_LIMIT, -NO_LIMIT, NO_LIMIT},
     {"du_max", "u/s", "fastest change of the output; 0: any", 0.0, 0.0, NO_LIMIT},
-    {"weight", "1", "of the distance from the setpoint, over the measurement's deviation", 1.0, 0.0, 1e6},
+    {"weight", "1", "of the distance from the setpoint, over the measurement's scaling", 1.0, 0.0, 1e6},
     {"zone", "y", "half the width of a range around the setpoint within which nothing needs to be done", 0.0,
      0.0, APC_VALUE_MAX},
     {"y_min", "y", "least measurement, as long as there is a way", -NO_LIMIT, -NO_LIMIT, NO_LIMIT},

@@ -83,17 +83,17 @@ int apc_mpc_declare(struct apc_law_mpc *p, const struct apc_law_setup *setup, st
     for (size_t j = 0; j < nu; j++)
         declare_published(p, k++, view_of_signal(setup->u, j), 'u', j, "plan", "moves from now on", p->N);
     for (size_t i = 0; i < ny; i++)
-        declare_published(p, k++, view_of_signal(setup->y, i), 'y', i, "target", "steady state aimed at", 0);
+        declare_published(p, k++, view_of_signal(setup->y, i), 'y', i, "target", "steady-state target", 0);
     for (size_t j = 0; j < nu; j++)
-        declare_published(p, k++, view_of_signal(setup->u, j), 'u', j, "target", "steady state aimed at", 0);
+        declare_published(p, k++, view_of_signal(setup->u, j), 'u', j, "target", "steady-state target", 0);
     for (size_t i = 0; i < n_unknown; i++)
         declare_disturbance(p, k++, setup, i);
     for (size_t i = 0; i < ny; i++)
         declare_published(p, k++, view_of_signal(setup->y, i), 'y', i, "limit",
-                          "what holds the plan back: 1 its low limit, 2 high", 0);
+                          "active constraints of the plan: 1 its low limit, 2 high", 0);
     for (size_t j = 0; j < nu; j++)
         declare_published(p, k++, view_of_signal(setup->u, j), 'u', j, "limit",
-                          "what holds the plan back: 1 low, 2 high, 4 falls, 8 rises as fast as it may", 0);
+                          "active constraints of the plan: 1 low, 2 high, 4 low rate limit, 8 high", 0);
     for (size_t i = 2 * (ny + nu) + n_unknown; i < k; i++)
         snprintf(p->name[i].unit, sizeof(p->name[i].unit), "1");
     p->published[k++] = (struct apc_published){

@@ -22,16 +22,17 @@
 static const double none = (double)NAN;
 
 static const struct {
-    const char *name, *key;
-} names[METRICS] = {[METRIC_IAE] = {"IAE", "iae"},
-                    [METRIC_ISE] = {"ISE", "ise"},
-                    [METRIC_ITAE] = {"ITAE", "itae"},
-                    [METRIC_OVERSHOOT] = {"overshoot %", "overshoot_percent"},
-                    [METRIC_SETTLING] = {"settling s", "settling_s"},
-                    [METRIC_PEAK] = {"peak", "peak"},
-                    [METRIC_RETURN] = {"return s", "return_s"},
-                    [METRIC_EFFORT] = {"effort", "effort"},
-                    [METRIC_WITHOUT] = {"without %", "without_control_percent"}};
+    const char *name, *key, *former;
+} names[METRICS] = {
+    [METRIC_IAE] = {"IAE", "iae"},
+    [METRIC_ISE] = {"ISE", "ise"},
+    [METRIC_ITAE] = {"ITAE", "itae"},
+    [METRIC_OVERSHOOT] = {"overshoot %", "overshoot_percent"},
+    [METRIC_SETTLING] = {"settling s", "settling_s"},
+    [METRIC_PEAK] = {"peak", "peak"},
+    [METRIC_RECOVERY] = {"recovery s", "recovery_s", "return_s"},
+    [METRIC_EFFORT] = {"control effort", "effort"},
+    [METRIC_UNCONTROLLED] = {"uncontrolled %", "uncontrolled_percent", "without_control_percent"}};
 
 const char *metric_name(enum metric metric)
 {
@@ -41,6 +42,11 @@ const char *metric_name(enum metric metric)
 const char *metric_key(enum metric metric)
 {
     return names[metric].key;
+}
+
+const char *metric_former_key(enum metric metric)
+{
+    return names[metric].former;
 }
 
 /* ---- Loops -------------------------------------------------------------------------------- */
@@ -315,7 +321,7 @@ static double without(const struct trajectory *c, const struct part *part)
 /* After the end of a plant that diverged everything would have been endless. */
 static void diverge(double *figure)
 {
-    for (int i = METRIC_IAE; i <= METRIC_RETURN; i++)
+    for (int i = METRIC_IAE; i <= METRIC_RECOVERY; i++)
         figure[i] = isnan(figure[i]) ? none : HUGE_VAL;
 }
 
@@ -328,7 +334,7 @@ static void measure_part(const struct figures *f, const struct trajectory *c, co
 
     for (int i = 0; i < METRICS; i++)
         p.figure[i] = none;
-    p.figure[METRIC_WITHOUT] = without(c, part);
+    p.figure[METRIC_UNCONTROLLED] = without(c, part);
     p.figure[METRIC_EFFORT] = effort(output_of(c, loop), part);
     if (isnan(p.r) || !whole(output, part, c->gap))
         return;
@@ -343,7 +349,7 @@ static void measure_part(const struct figures *f, const struct trajectory *c, co
         p.figure[METRIC_SETTLING] = p.near_since;
         p.figure[METRIC_PEAK] = none;
     } else {
-        p.figure[METRIC_RETURN] = isnan(p.band) ? none : p.near_since;
+        p.figure[METRIC_RECOVERY] = isnan(p.band) ? none : p.near_since;
     }
     if (c->diverged && part->to >= c->end)
         diverge(p.figure);
@@ -382,16 +388,16 @@ static void sum_up_parts(struct metrics *m, size_t n_parts)
         hole |= isnan(of[METRIC_IAE]);
         for (int i = METRIC_IAE; i <= METRIC_ITAE; i++)
             m->figure[i] += of[i];
-        for (int i = METRIC_OVERSHOOT; i <= METRIC_RETURN; i++)
+        for (int i = METRIC_OVERSHOOT; i <= METRIC_RECOVERY; i++)
             m->figure[i] = fmax(m->figure[i], of[i]); /* the other one where one of them is NAN */
         m->figure[METRIC_EFFORT] += of[METRIC_EFFORT];
         time += m->part[k].to - m->part[k].from;
-        lost += of[METRIC_WITHOUT] * (m->part[k].to - m->part[k].from);
+        lost += of[METRIC_UNCONTROLLED] * (m->part[k].to - m->part[k].from);
     }
-    for (int i = METRIC_IAE; i <= METRIC_RETURN && hole; i++)
+    for (int i = METRIC_IAE; i <= METRIC_RECOVERY && hole; i++)
         m->figure[i] = none;
     m->figure[METRIC_EFFORT] = n_parts > 0 ? m->figure[METRIC_EFFORT] : none;
-    m->figure[METRIC_WITHOUT] = time > 0 ? lost / time : none;
+    m->figure[METRIC_UNCONTROLLED] = time > 0 ? lost / time : none;
 }
 
 int figures_make(struct figures *f, const struct trajectory *c, const struct experiment *e)
@@ -448,7 +454,7 @@ void figures_name_part(const struct figures *f, const struct part *part, const s
             return;
         }
         if (event->kind == EVENT_START)
-            used += (size_t)snprintf(text + used, size - used, "start");
+            used += (size_t)snprintf(text + used, size - used, "start-up");
         else if (isnan(event->from))
             used += (size_t)snprintf(text + used, size - used, "%s%s %.6g", and, figures_variable(event, e),
                                      event->to);

@@ -8,20 +8,22 @@
 
 /* NAN: there is no such figure. HUGE_VAL: it never came to an end, or the plant diverged. */
 enum metric {
-    METRIC_IAE,       /* integral of |r - z| */
-    METRIC_ISE,       /* of (r - z)^2 */
-    METRIC_ITAE,      /* of t |r - z|, t since the event */
-    METRIC_OVERSHOOT, /* of a step: beyond the new setpoint, in % of the step */
-    METRIC_SETTLING,  /* of a step: s until z stays within 5 % of it */
-    METRIC_PEAK,      /* of what is no step of this loop: the largest |r - z| */
-    METRIC_RETURN,    /* of the same: s until z stays near r again */
-    METRIC_EFFORT,    /* sum of all changes of what the plant was given */
-    METRIC_WITHOUT,   /* % of the time without control */
+    METRIC_IAE,          /* integral of |r - z| */
+    METRIC_ISE,          /* of (r - z)^2 */
+    METRIC_ITAE,         /* of t |r - z|, t since the event */
+    METRIC_OVERSHOOT,    /* of a step: beyond the new setpoint, in % of the step */
+    METRIC_SETTLING,     /* of a step: s until z stays within 5 % of it */
+    METRIC_PEAK,         /* of what is no step of this loop: the largest |r - z| */
+    METRIC_RECOVERY,     /* of the same: s until z stays near r again */
+    METRIC_EFFORT,       /* total variation: sum of all changes of what the plant was given */
+    METRIC_UNCONTROLLED, /* % of the time without control */
     METRICS
 };
 
 const char *metric_name(enum metric metric); /* for people: "settling s" */
 const char *metric_key(enum metric metric);  /* for programs: "settling_s" */
+/* What the key was before; NULL: the same. Deprecated: JSON gives both for one more version. */
+const char *metric_former_key(enum metric metric);
 
 /* One of the loops: its measurement, setpoint and output by their places. */
 struct loop {
@@ -74,10 +76,10 @@ const char *figures_variable(const struct event *event, const struct experiment 
 void figures_name_part(const struct figures *f, const struct part *part, const struct experiment *e,
                        char *text, size_t size);
 
-/* ---- Merits --------------------------------------------------------------------------------- */
+/* ---- KPIs ----------------------------------------------------------------------------------- */
 
 /*
- * Figures of merit: not how well a loop followed an event (figures.h), but what its controller was worth over
+ * KPIs: not how well a loop followed an event (figures.h), but what its controller was worth over
  * days: how long it was in service, how long at its limits, how much quieter the measurement was with it than
  * without, and how well its predictions came true.
  */

@@ -274,9 +274,9 @@ static void fill_figure(struct apc_figure *to, size_t size, const char *loop, co
                            .overshoot = from[METRIC_OVERSHOOT],
                            .settling = from[METRIC_SETTLING],
                            .peak = from[METRIC_PEAK],
-                           .recovery = from[METRIC_RETURN],
+                           .recovery = from[METRIC_RECOVERY],
                            .effort = from[METRIC_EFFORT],
-                           .without = from[METRIC_WITHOUT]};
+                           .without = from[METRIC_UNCONTROLLED]};
     snprintf(f.loop, sizeof f.loop, "%s", loop);
     *to = f;
 }

@@ -16,7 +16,7 @@ near() { # WHAT IS EXPECTED TOLERANCE
 #   what it prints.
 
 "$apc" analyze "$conf/pendulum.conf" --json >"$work/pendulum.json"
-near "least gain of the pendulum" "$(number "$work/pendulum.json" F gain_least)" 0.59 0.005
+near "least gain of the pendulum" "$(number "$work/pendulum.json" F gain_margin_low)" 0.59 0.005
 near "greatest gain of the pendulum" "$(number "$work/pendulum.json" F gain)" 1.59 0.005
 near "delay of the pendulum" "$(number "$work/pendulum.json" F delay)" 0.0131 0.00005
 # of the reactor as it was before it was tuned, which bears less
@@ -41,7 +41,7 @@ head -n 1 "$work/servo.csv" | grep -qx 'loop,rad_per_s,real,imaginary' || fail "
 [ "$(wc -l <"$work/servo.csv")" -gt 500 ] || fail "hardly a curve"
 # what hardly damps stands in the curve as in the table
 nearly=("$conf/first-order.conf" --set controller.Kp=1.97)
-peak=$("$apc" analyze "${nearly[@]}" --json | sed -n 's/^{"loop":"u".*"sensitivity":\([^,]*\).*/\1/p')
+peak=$("$apc" analyze "${nearly[@]}" --json | sed -n 's/^{"loop":"u".*"ms":\([^,]*\).*/\1/p')
 "$apc" analyze "${nearly[@]}" --csv | awk -F, -v peak="$peak" '
   NR > 1 { s = 1 / sqrt((1 + $3) ^ 2 + $4 ^ 2); if (s > most) most = s } END { exit !(most > 0.8 * peak && most < 1.001 * peak) }' ||
   fail "the curve has no peak of $peak"

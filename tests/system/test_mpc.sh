@@ -7,10 +7,10 @@ sed -e "s/^  period = 0.2;  .*/&\n  listen = \"tcp:127.0.0.1:$port\";/" -e "s/^ 
 status_has() { "$apc" status | grep -Eq -- "$1"; }
 
 background run "$apc" run "$work/mpc.conf" --duration 0 --no-ui --out "$work/run"
-until_true 60 status_has '^plan   good, [^;]* ago; [0-9]+ changes? in [0-9.]+ .?s; objective [-0-9.e+]+$'
+until_true 60 status_has '^plan   good, [^;]* ago; [0-9]+ iterations? in [0-9.]+ .?s; objective [-0-9.e+]+$'
 # Promise(laws/plan-predictive-control)
 "$apc" set r1 9.5 >/dev/null # far away: the pump is to give all it can
-until_true 60 status_has '^plan   [^;]*; [^;]*; objective [-0-9.e+]+; held back by [uv]1 high'
+until_true 60 status_has '^plan   [^;]*; [^;]*; objective [-0-9.e+]+; active constraints [uv]1 high'
 expect 0 '"plan":\{"result":"[a-z-]+","age":[0-9.]+,"iterations":[0-9]+,"solve_time":[0-9.e-]+,"objective":[-0-9.e]+,"limits":\[\{"variable":"[uv]1","limit":"high"\}' \
   "$apc" status --json
 at_high() { [ "$(sql 'SELECT count(*) FROM apc.actuator WHERE id = 1 AND value > 9.99')" -ge 4 ]; }
@@ -31,7 +31,7 @@ wait "$pid" || fail "the run did not end well"
 expect 0 '^v1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report "$work/run"
 expect 0 '^y1 +0\.5 +[0-9.e-]+ +30 ' "$apc" report "$work/run"
 expect 0 '^v1 +[0-9.]+ +0 +[0-9.]+ ' "$apc" report "$work/run" --from 1 --to 1.5
-expect 0 '"merits":\{"from_s":1(\.0*)?,"until_s":1\.5' "$apc" report "$work/run" --from 1 --to 1.5 --json
+expect 0 '"kpis":\{"from_s":1(\.0*)?,"until_s":1\.5' "$apc" report "$work/run" --from 1 --to 1.5 --json
 expect 0 '^v1 +[0-9.]+ +[0-9.]+ +[1-9][0-9.]* ' "$apc" report
 expect 0 '"predictions":\[\{"variable":"y1","step_s":0\.5,"steps":30,"rms_one_step":[0-9.e-]+' "$apc" report --json --from -1h
 expect 2 'must be s since the start of the run' "$apc" report "$work/run" --from yesterday
@@ -52,7 +52,7 @@ assert of["y1"]["first_s"] == 0.5 and of["v1"]["first_s"] == 0 and of["v1"]["cam
 expect 0 '^v1 +0 ' "$apc" report --at "-$(sql 'SELECT 1 + ceil(extract(epoch FROM now() - max(time))) FROM apc.prediction')s"
 expect 1 'nothing was expected' "$apc" report "$work/run" --at 100000
 expect 2 'without --from and --to' "$apc" report "$work/run" --at 1 --from 1
-"$apc" report "$work/run" --json | python3 -c 'import json, sys; m = json.load(sys.stdin)["merits"]; assert len(m["loops"]) == 2 and len(m["plans"]) == 4' ||
+"$apc" report "$work/run" --json | python3 -c 'import json, sys; m = json.load(sys.stdin)["kpis"]; assert len(m["loops"]) == 2 and len(m["plans"]) == 4' ||
   fail "report --json is no JSON, or not whole"
 # Every one of its figures, from the files alone: with a pump in Man, limits met, and a sensor that fails.
 # Promise(laws/time-service-limits)
@@ -60,5 +60,5 @@ sed 's/name = "h1";/& faults = ( { kind = "dropout"; at = 700.0; duration = 60.0
 grep -q dropout "$work/four.conf" || fail "the experiment has no h1"
 "$apc" simulate "$work/four.conf" -o "$work/four" >"$work/four.log"
 "$apc" report "$work/four" --json >"$work/four.json"
-python3 "$(dirname "$0")/merits.py" "$work/four" <"$work/four.json" >"$work/four.n" || fail "a figure of merit is not what the files say: $(cat "$work/four.n")"
-[ "$(cat "$work/four.n")" -ge 36 ] || fail "only $(cat "$work/four.n") figures of merit were compared"
+python3 "$(dirname "$0")/kpis.py" "$work/four" <"$work/four.json" >"$work/four.n" || fail "a KPI is not what the files say: $(cat "$work/four.n")"
+[ "$(cat "$work/four.n")" -ge 36 ] || fail "only $(cat "$work/four.n") KPIs were compared"

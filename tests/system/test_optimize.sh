@@ -54,9 +54,9 @@ awk -v calm="$(effort iae=1,effort=1)" -v brisk="$(effort iae=1,effort=0)" 'BEGI
 
 # no loop is more nervous than --peak says, as apc analyze finds of the file that is written
 "$apc" optimize "$conf" "${over[@]}" --duration 150 --budget 200 --peak 1.3 --write "$work/calm.conf" >"$work/calm.txt"
-peak() { "$apc" analyze "$1" --json | sed -n 's/^{"loop":"u".*"sensitivity":\([^,]*\).*/\1/p'; }
+peak() { "$apc" analyze "$1" --json | sed -n 's/^{"loop":"u".*"ms":\([^,]*\).*/\1/p'; }
 # Promise(analysis/apc-optimize-finds)
-awk -v calm="$(peak "$work/calm.conf")" -v brisk="$(peak "$work/found1.conf")" -v said="$(sed -n 's/^peak .* -> \(.*\), 1.3 at most/\1/p' "$work/calm.txt")" \
+awk -v calm="$(peak "$work/calm.conf")" -v brisk="$(peak "$work/found1.conf")" -v said="$(sed -n 's/^Ms .* -> \(.*\), 1.3 at most/\1/p' "$work/calm.txt")" \
   'BEGIN { exit !(calm <= 1.3 && brisk > 1.4 && said - calm < 1e-3 && calm - said < 1e-3) }' || fail "--peak counts for nothing: $(cat "$work/calm.txt")"
 
 # ---- An unstable beginning, and nothing stable at all

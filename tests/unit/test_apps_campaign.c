@@ -156,7 +156,7 @@ static void a_row_has_the_statistics_of_the_runs_that_have_the_figure(void **sta
     assert_string_equal(row(text, "level peak"), "level peak 1 5 - - 5 5 5 5 12");
     assert_string_equal(row(text, "heat peak"), "heat peak 0 - - - - - - - -");
     assert_string_equal(row(text, "heat IAE"), "heat IAE 4 2.5 4.77 3 1 7 7 7 13");
-    assert_string_equal(row(text, "heat effort"), "heat effort 4 1 0 0 1 1 1 1 10");
+    assert_string_equal(row(text, "heat control effort"), "heat control effort 4 1 0 0 1 1 1 1 10");
     assert_lacks(text, "infinite");
     assert_lacks(text, "controller");
     assert_lacks(text, "beside");
@@ -181,13 +181,13 @@ static void what_diverged_counts_as_infinite_and_is_told(void **state)
     for (unsigned run = 2; run < 5; run++)
         *figure(run, 1, METRIC_SETTLING) = HUGE_VAL;
     *figure(5, 1, METRIC_SETTLING) = (double)NAN;
-    *figure(0, 1, METRIC_RETURN) = HUGE_VAL;
+    *figure(0, 1, METRIC_RECOVERY) = HUGE_VAL;
     campaign_trial(&campaign, 4)->rc = APC_ESOLVER; /* nobody knows its figures */
     const char *text = table();
     assert_string_equal(row(text, "level IAE"), "level IAE 5 inf - - 1 inf inf inf 11");
     assert_has(text, "level: 1 of 5 runs ended early: they count as infinite\n");
     assert_has(text, "heat: 2 of 4 runs did not settle: they count as infinite\n");
-    assert_has(text, "heat: 1 of 5 runs did not return: they count as infinite\n");
+    assert_has(text, "heat: 1 of 5 runs did not recover: they count as infinite\n");
     assert_lacks(text, "level: 0");
     assert_lacks(text, "heat: 0");
 }
@@ -280,8 +280,8 @@ static void a_file_of_runs_is_read_as_it_was_written(void **state)
     FILE *in = fopen(path, "r");
     assert_non_null(in);
     assert_non_null(fgets(line, sizeof line, in));
-    assert_string_equal(line, "seed,loop,iae,ise,itae,overshoot_percent,settling_s,peak,return_s,effort,"
-                              "without_control_percent\n");
+    assert_string_equal(line, "seed,loop,iae,ise,itae,overshoot_percent,settling_s,peak,recovery_s,effort,"
+                              "uncontrolled_percent\n");
     assert_non_null(fgets(line, sizeof line, in));
     assert_string_equal(line, "10,1,0.33333333333333331,1,1,1,inf,,1,1,1\n");
     int lines = 2;
@@ -342,7 +342,8 @@ static void two_campaigns_are_compared_seed_by_seed(void **state)
     /* 5.5 +- 3.1824 sqrt(1/3) / 2 */
     assert_string_equal(row(text, "level IAE"), "level IAE 4 5.5 4.5813 6.4187 more");
     assert_string_equal(row(text, "level ITAE"), "level ITAE 4 0 -3.6747 3.6747 none to be seen");
-    assert_string_equal(row(text, "level effort"), "level effort 4 -11.5 -13.554 -9.4458 less");
+    assert_string_equal(row(text, "level control effort"),
+                        "level control effort 4 -11.5 -13.554 -9.4458 less");
     assert_string_equal(row(text, "level overshoot"), "level overshoot % 4 1234.6 1234.6 1234.6 more");
     assert_string_equal(row(text, "level peak"), "level peak 3 0 0 0 none to be seen");
     assert_string_equal(row(text, "heat IAE"), "heat IAE 4 0 0 0 none to be seen");
@@ -387,8 +388,10 @@ static void a_file_that_is_none_of_a_campaign_is_refused_with_its_line(void **st
         FILE *out = fopen(path, "w");
         assert_non_null(out);
         fprintf(out, "seed,loop");
-        for (int metric = 0; metric < METRICS; metric++)
-            fprintf(out, ",%s", metric_key((enum metric)metric));
+        for (int metric = 0; metric < METRICS; metric++) {
+            const char *former = metric_former_key((enum metric)metric);
+            fprintf(out, ",%s", former && i % 2 ? former : metric_key((enum metric)metric));
+        }
         fprintf(out, "\n10,1,1,1,1,1,1,1,1,1,1\n%s\n", line);
         fclose(out);
         int rc = summary_read(&campaign, &why);

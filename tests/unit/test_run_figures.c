@@ -102,9 +102,9 @@ static void figures_are_those_by_hand(void **state)
     assert_near(of(0, METRIC_IAE), 0, 0);
     assert_true(isnan(of(0, METRIC_OVERSHOOT)) && isnan(of(0, METRIC_SETTLING)));
     assert_near(of(0, METRIC_PEAK), 0, 0);
-    assert_near(of(0, METRIC_RETURN), 0, 0);
+    assert_near(of(0, METRIC_RECOVERY), 0, 0);
     assert_near(of(0, METRIC_EFFORT), 2, 0); /* at 1 s: what is done then answers what was before */
-    assert_near(of(0, METRIC_WITHOUT), 50, 1e-12);
+    assert_near(of(0, METRIC_UNCONTROLLED), 50, 1e-12);
 
     /* |r - z|: a triangle of 10 over 5/3 s, one of 2 over 1/3 s, one of 2 over 1 s, one of 0.5 over 5 s and 1
      * s */
@@ -117,9 +117,9 @@ static void figures_are_those_by_hand(void **state)
                 1e-9);
     assert_near(of(1, METRIC_OVERSHOOT), 20, 1e-9);
     assert_near(of(1, METRIC_SETTLING), 3, 1e-9); /* from the tick at 4 s on: 10.5 is still within 5 % */
-    assert_true(isnan(of(1, METRIC_PEAK)) && isnan(of(1, METRIC_RETURN)));
+    assert_true(isnan(of(1, METRIC_PEAK)) && isnan(of(1, METRIC_RECOVERY)));
     assert_near(of(1, METRIC_EFFORT), 0.5, 0);
-    assert_near(of(1, METRIC_WITHOUT), 0, 0);
+    assert_near(of(1, METRIC_UNCONTROLLED), 0, 0);
 
     /* 4 to 0 over 2 s; after its last tick the output stays */
     assert_near(of(2, METRIC_IAE), 4, 1e-9);
@@ -127,7 +127,7 @@ static void figures_are_those_by_hand(void **state)
     assert_near(of(2, METRIC_OVERSHOOT), 0, 0);
     assert_near(of(2, METRIC_SETTLING), 2, 1e-9);
     assert_near(of(2, METRIC_EFFORT), 1.5, 0);
-    assert_near(of(2, METRIC_WITHOUT), 50, 1e-9);
+    assert_near(of(2, METRIC_UNCONTROLLED), 50, 1e-9);
 
     assert_near(whole(METRIC_IAE), of(1, METRIC_IAE) + 4, 1e-9);
     assert_near(whole(METRIC_ISE), of(0, METRIC_ISE) + of(1, METRIC_ISE) + of(2, METRIC_ISE), 1e-9);
@@ -135,7 +135,7 @@ static void figures_are_those_by_hand(void **state)
     assert_near(whole(METRIC_SETTLING), 3, 1e-9);
     assert_near(whole(METRIC_PEAK), 0, 0);
     assert_near(whole(METRIC_EFFORT), 4, 0);
-    assert_near(whole(METRIC_WITHOUT), 100 * 5.5 / 20, 1e-9);
+    assert_near(whole(METRIC_UNCONTROLLED), 100 * 5.5 / 20, 1e-9);
 }
 
 static void a_run_of_less_than_a_second_has_all_its_figures(void **state)
@@ -152,7 +152,7 @@ static void a_run_of_less_than_a_second_has_all_its_figures(void **state)
     assert_near(whole(METRIC_IAE), 0.125, 1e-12);
     assert_near(whole(METRIC_SETTLING), 0.25, 0);
     assert_near(whole(METRIC_EFFORT), 2, 0);
-    assert_near(whole(METRIC_WITHOUT), 25, 1e-12);
+    assert_near(whole(METRIC_UNCONTROLLED), 25, 1e-12);
 }
 
 static void settling_ends_with_the_first_tick_from_which_on_it_is_near(void **state)
@@ -208,7 +208,7 @@ static void an_offset_at_the_start_is_no_step_beside_larger_ones(void **state)
     assert_int_equal(figures.n_parts, 3);
     assert_false(figures.of[0].part[2].step);
     assert_near(of(2, METRIC_PEAK), 0.3, 1e-9);
-    assert_near(of(2, METRIC_RETURN), 0, 0); /* 5 % of 10 are near */
+    assert_near(of(2, METRIC_RECOVERY), 0, 0); /* 5 % of 10 are near */
 }
 
 /* A setpoint that never moves, an output that is 1e-6 away and noisy: no step, so no overshoot of 9050 %. */
@@ -223,19 +223,19 @@ static void where_the_setpoint_does_not_move_there_is_no_overshoot(void **state)
     assert_false(figures.of[0].part[0].step);
     assert_true(isnan(whole(METRIC_OVERSHOOT)) && isnan(whole(METRIC_SETTLING)));
     assert_near(whole(METRIC_PEAK), 0.0115, 1e-12);
-    assert_true(isnan(whole(METRIC_RETURN))); /* nothing says what is near */
+    assert_true(isnan(whole(METRIC_RECOVERY))); /* nothing says what is near */
     signals[1][0].tag.low = 0;
     signals[1][0].tag.high = 1; /* 1 % of its range */
     make(5);
-    assert_true(isinf(whole(METRIC_RETURN)));
+    assert_true(isinf(whole(METRIC_RECOVERY)));
     signals[1][0].tag.high = 2;
     make(5);
-    assert_near(whole(METRIC_RETURN), 0, 0);
+    assert_near(whole(METRIC_RECOVERY), 0, 0);
     setpoint(3, 7.1315); /* 5 % of a step, once there is one */
     output(3, 6.0);
     output(3.5, 7.13);
     make(5);
-    assert_true(isinf(of(0, METRIC_RETURN)));
+    assert_true(isinf(of(0, METRIC_RECOVERY)));
     assert_near(of(1, METRIC_SETTLING), 0.5, 1e-12);
 }
 
@@ -265,10 +265,10 @@ static void a_disturbance_has_figures_of_its_own(void **state)
     assert_near(figures.of[0].part[1].from, 10.5, 0);
     assert_near(figures.of[0].part[1].to, 30.5, 0);
     assert_near(of(1, METRIC_PEAK), 2, 0);
-    assert_near(of(1, METRIC_RETURN), 2, 0);
+    assert_near(of(1, METRIC_RECOVERY), 2, 0);
     assert_true(isnan(of(1, METRIC_OVERSHOOT)) && isnan(of(1, METRIC_SETTLING)));
     assert_near(whole(METRIC_PEAK), 2, 0);
-    assert_near(whole(METRIC_RETURN), 2, 0);
+    assert_near(whole(METRIC_RECOVERY), 2, 0);
     assert_near(figures.event[1].from, 1, 0);
     assert_near(figures.event[2].from, 3, 0);
 }
@@ -431,7 +431,7 @@ static void events_come_by_time_and_at_one_time_the_setpoints_before_the_disturb
         assert_true(i == 0 || (fabs(is->from - want->from) <= 0 && fabs(is->to - want->to) <= 0));
     }
     /* and are named so */
-    static const char *const names_of[] = {"start; feed 0 -> 9", "T 5 -> 6", "load 0 -> 7",
+    static const char *const names_of[] = {"start-up; feed 0 -> 9", "T 5 -> 6", "load 0 -> 7",
                                            "h 5 -> 8; T 6 -> 5; load 7 -> 1; and 2 more",
                                            "h 8 -> 5; T 5 -> 7; load 3 -> 2; feed 2 -> 1"};
     char text[100], cut[60];

@@ -40,10 +40,16 @@ static void put_analysis_number(struct print_table *t, double value)
 
 static int show_margins(const struct loop_analysis *z)
 {
-    static const struct print_column columns[] = {
-        {"loop", PRINT_LEFT},       {"gain x at least", PRINT_POINT}, {"at most", PRINT_POINT},
-        {"phase deg", PRINT_POINT}, {"delay s", PRINT_POINT},         {"jitter s", PRINT_POINT},
-        {"peak", PRINT_POINT},      {"at rad/s", PRINT_POINT},        {"crossover rad/s", PRINT_POINT}};
+    static const struct print_column columns[] = {{"loop", PRINT_LEFT},
+                                                  {"gain margin low", PRINT_POINT},
+                                                  {"high", PRINT_POINT},
+                                                  {"phase margin deg", PRINT_POINT},
+                                                  {"delay margin s", PRINT_POINT},
+                                                  {"jitter margin s", PRINT_POINT},
+                                                  {"Ms", PRINT_POINT},
+                                                  {"at rad/s", PRINT_POINT},
+                                                  {"MT", PRINT_POINT},
+                                                  {"crossover rad/s", PRINT_POINT}};
     struct print_table t;
     print_table_open(&t, columns, sizeof columns / sizeof *columns);
     for (size_t o = z->n == 1 ? 1 : 0; o <= z->n; o++) {
@@ -57,6 +63,7 @@ static int show_margins(const struct loop_analysis *z)
         put_analysis_number(&t, m->jitter);
         put_analysis_number(&t, m->sensitivity);
         put_analysis_number(&t, m->at);
+        put_analysis_number(&t, m->complementary);
         put_analysis_number(&t, m->crossover);
     }
     const int rc = print_table_show(&t, stdout, cli_colour(), 0, "\n");
@@ -198,11 +205,24 @@ static void analysis_loop_json(const struct analysis_of_loop *l)
     const struct {
         const char *key;
         double value;
-    } of[] = {{"gain_least", m->gain_least}, {"gain", m->gain},
-              {"phase", m->phase},           {"delay", m->delay},
-              {"jitter", m->jitter},         {"sensitivity", m->sensitivity},
-              {"sensitivity_at", m->at},     {"complementary", m->complementary},
-              {"crossover", m->crossover}};
+    } of[] = {{"gain_margin_low", m->gain_least},
+              {"gain_margin_high", m->gain},
+              {"phase_margin", m->phase},
+              {"delay_margin", m->delay},
+              {"jitter_margin", m->jitter},
+              {"ms", m->sensitivity},
+              {"ms_frequency", m->at},
+              {"mt", m->complementary},
+              {"crossover", m->crossover},
+              /* the names before: for one more version */
+              {"gain_least", m->gain_least},
+              {"gain", m->gain},
+              {"phase", m->phase},
+              {"delay", m->delay},
+              {"jitter", m->jitter},
+              {"sensitivity", m->sensitivity},
+              {"sensitivity_at", m->at},
+              {"complementary", m->complementary}};
     putchar('{');
     print_json_text(stdout, "loop", l->name);
     for (size_t i = 0; i < sizeof of / sizeof *of && m->stable; i++) {

@@ -54,7 +54,7 @@ static int show_numbers(const struct optimization *z)
 static int show_loops(const struct optimization *z)
 {
     static const struct print_column columns[] = {{"loop", PRINT_LEFT},   {"IAE now", PRINT_POINT},
-                                                  {"found", PRINT_POINT}, {"effort now", PRINT_POINT},
+                                                  {"found", PRINT_POINT}, {"control effort now", PRINT_POINT},
                                                   {"found", PRINT_POINT}, {"overshoot % now", PRINT_POINT},
                                                   {"found", PRINT_POINT}};
     struct print_table t;
@@ -109,7 +109,7 @@ static void show_search_cost(const struct optimization *z, double took)
     fprintf(z->talk, "\ncost %.5g -> %.5g\n", optimization_cost(present_of(z), &z->own.weights),
             optimization_cost(best_of(z), &z->own.weights));
     if (z->own.weights.peak > 0)
-        fprintf(z->talk, "peak %.4g -> %.4g, %.4g at most\n", present_of(z)->peak, best_of(z)->peak,
+        fprintf(z->talk, "Ms %.4g -> %.4g, %.4g at most\n", present_of(z)->peak, best_of(z)->peak,
                 z->own.weights.peak);
     if (z->best == 0)
         fputs("nothing better was found than what is there\n", z->talk);

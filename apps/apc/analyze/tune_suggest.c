@@ -217,9 +217,9 @@ static void show_suggestion(const char *loop, const char *which, const struct ap
 {
     printf("%-8s %-8s %-10.4g %-8.4g %-8.4g ", loop, which, t->Kp, t->tau_i, t->tau_d);
     if (!a)
-        puts("-       -          -        -     -        -            -");
+        puts("-            -                 -               -     -        -            -");
     else if (a->margins.stable)
-        printf("%-7.3g %-10.3g %-8.3g %-5.3g %-8.4g %-12.3g %.4g\n", a->margins.gain, a->margins.phase,
+        printf("%-12.3g %-17.3g %-15.3g %-5.3g %-8.4g %-12.3g %.4g\n", a->margins.gain, a->margins.phase,
                a->margins.delay, a->margins.sensitivity, a->iae, a->overshoot, a->settling);
     else
         puts("unstable");
@@ -350,7 +350,8 @@ static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_
         const struct controller_loop loop = controllers_loop(&z->e, i);
         relays = relays || is_wanted(z, &loop, true);
     }
-    puts("loop     tuning   Kp         tau_i s  tau_d s  gain x  phase deg  delay s  peak  IAE      "
+    puts("loop     tuning   Kp         tau_i s  tau_d s  gain margin  phase margin deg  delay margin s  Ms   "
+         " IAE      "
          "overshoot %  "
          "settling s");
     for (size_t i = 0; i < loops && rc == 0; i++) {

@@ -11,7 +11,7 @@ static void print_row(struct print_table *table, const double *figure)
         if (isnan(figure[i]))
             print_cell(table, PRINT_PLAIN, "-");
         else if (isinf(figure[i]))
-            print_cell(table, PRINT_PLAIN, i == METRIC_SETTLING || i == METRIC_RETURN ? "never" : "inf");
+            print_cell(table, PRINT_PLAIN, i == METRIC_SETTLING || i == METRIC_RECOVERY ? "never" : "inf");
         else
             print_cell(table, PRINT_PLAIN, "%.6g", figure[i]);
 }
@@ -56,11 +56,19 @@ static void put_figure_numbers(FILE *out, const double *figure)
     for (int i = 0; i < METRICS; i++) {
         fputc(',', out);
         print_json_number(out, metric_key((enum metric)i), figure[i]);
+        const char *former = metric_former_key((enum metric)i);
+        if (former) {
+            fputc(',', out);
+            print_json_number(out, former, figure[i]);
+        }
     }
     if (!isnan(figure[METRIC_SETTLING]))
         fprintf(out, ",\"settled\":%s", isinf(figure[METRIC_SETTLING]) ? "false" : "true");
-    if (!isnan(figure[METRIC_RETURN]))
-        fprintf(out, ",\"returned\":%s", isinf(figure[METRIC_RETURN]) ? "false" : "true");
+    if (!isnan(figure[METRIC_RECOVERY])) {
+        const char *recovered = isinf(figure[METRIC_RECOVERY]) ? "false" : "true";
+        fprintf(out, ",\"recovered\":%s,\"returned\":%s", recovered,
+                recovered); /* the latter is deprecated */
+    }
 }
 
 static void put_events(FILE *out, const struct figures *f, const struct part *part,

@@ -22,10 +22,13 @@ static int show_kpi_table(struct print_table *table, FILE *out)
 
 static int print_loops(const struct kpis *m, FILE *out)
 {
-    static const struct print_column columns[] = {
-        {"loop", PRINT_LEFT},         {"in service %", PRINT_POINT},  {"at low %", PRINT_POINT},
-        {"at high %", PRINT_POINT},   {"sd in service", PRINT_POINT}, {"sd without", PRINT_POINT},
-        {"quieter by %", PRINT_POINT}};
+    static const struct print_column columns[] = {{"loop", PRINT_LEFT},
+                                                  {"service factor %", PRINT_POINT},
+                                                  {"at low limit %", PRINT_POINT},
+                                                  {"at high limit %", PRINT_POINT},
+                                                  {"SD in service", PRINT_POINT},
+                                                  {"SD out of service", PRINT_POINT},
+                                                  {"SD reduction %", PRINT_POINT}};
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < m->n_loops; i++) {
@@ -63,11 +66,11 @@ static int print_predictions(const struct kpis *m, FILE *out)
 
 static int print_limits(const struct kpis *m, FILE *out)
 {
-    static const struct print_column columns[] = {{"plans held back by", PRINT_LEFT},
-                                                  {"low %", PRINT_POINT},
-                                                  {"high %", PRINT_POINT},
-                                                  {"falls %", PRINT_POINT},
-                                                  {"rises %", PRINT_POINT}};
+    static const struct print_column columns[] = {{"active constraints", PRINT_LEFT},
+                                                  {"at low limit %", PRINT_POINT},
+                                                  {"at high limit %", PRINT_POINT},
+                                                  {"at low rate limit %", PRINT_POINT},
+                                                  {"at high rate limit %", PRINT_POINT}};
     struct print_table table;
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < m->n_limits; i++) {
@@ -127,9 +130,9 @@ static void json_limit(const struct kpis_limit *l, FILE *out)
     number_member_json(out, "rises", l->rises);
 }
 
-void kpis_json(const struct kpis *m, apc_ns start, FILE *out)
+static void kpis_member_json(const char *name, const struct kpis *m, apc_ns start, FILE *out)
 {
-    fputs("\"merits\":{", out);
+    fprintf(out, "\"%s\":{", name);
     print_json_number(out, "from_s", apc_ns_to_s(m->from - start));
     number_member_json(out, "until_s", apc_ns_to_s(m->until - start));
     fputs(",\"loops\":[", out);
@@ -151,4 +154,11 @@ void kpis_json(const struct kpis *m, apc_ns start, FILE *out)
         fputc('}', out);
     }
     fputs("]}", out);
+}
+
+void kpis_json(const struct kpis *m, apc_ns start, FILE *out)
+{
+    kpis_member_json("kpis", m, start, out);
+    fputc(',', out);
+    kpis_member_json("merits", m, start, out); /* the name before: for one more version */
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#ifndef APC_PRINT_MERITS_H
-#define APC_PRINT_MERITS_H
+#ifndef APC_PRINT_KPIS_H
+#define APC_PRINT_KPIS_H
 
 #include <stdio.h>
 
@@ -8,7 +8,7 @@
 
 /* Tables for people. Returns 0 or APC_ENOMEM. */
 int kpis_print(const struct kpis *m, FILE *out);
-/* Member "merits" for programs; times in s since @p start. */
+/* Members "kpis" and "merits", its deprecated name, for programs; times in s since @p start. */
 void kpis_json(const struct kpis *m, apc_ns start, FILE *out);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The figures of merit of a window of a run folder, or of a store's history. */
+/* The KPIs of a window of a run folder, or of a store's history. */
 #ifndef APC_WINDOW_H
 #define APC_WINDOW_H
 

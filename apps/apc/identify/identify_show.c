@@ -270,11 +270,16 @@ static void put_margin(struct print_table *t, bool stable, double margin)
 
 static int show_tunings(const struct identification *z)
 {
-    static const struct print_column columns[] = {{"from", PRINT_LEFT},     {"to", PRINT_LEFT},
-                                                  {"loop", PRINT_LEFT},     {"Kp", PRINT_POINT},
-                                                  {"tau_i s", PRINT_POINT}, {"tau_d s", PRINT_POINT},
-                                                  {"gain x", PRINT_POINT},  {"phase deg", PRINT_POINT},
-                                                  {"delay s", PRINT_POINT}, {"peak", PRINT_POINT}};
+    static const struct print_column columns[] = {{"from", PRINT_LEFT},
+                                                  {"to", PRINT_LEFT},
+                                                  {"loop", PRINT_LEFT},
+                                                  {"Kp", PRINT_POINT},
+                                                  {"tau_i s", PRINT_POINT},
+                                                  {"tau_d s", PRINT_POINT},
+                                                  {"gain margin", PRINT_POINT},
+                                                  {"phase margin deg", PRINT_POINT},
+                                                  {"delay margin s", PRINT_POINT},
+                                                  {"Ms", PRINT_POINT}};
     const size_t inputs = z->data.record.nu + z->data.record.nd;
     struct apc_pid_tuning tuning;
     struct apc_margins m = {.size = sizeof m};

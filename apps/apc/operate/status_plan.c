@@ -15,8 +15,8 @@ enum {
 }; /* limits and estimates stand behind them */
 
 static const char *const names[PLAN_ROWS] = {"result", "iterations", "solve_time", "objective"};
-static const char *const results[] = {"good", "sub-optimal", "late: the former one goes on"};
-static const char *const limits[] = {"low", "high", "falls as fast as it may", "rises as fast as it may"};
+static const char *const results[] = {"good", "sub-optimal", "late: the former plan goes on"};
+static const char *const limits[] = {"low", "high", "low rate limit", "high rate limit"};
 #define LIMITS (sizeof limits / sizeof *limits)
 static const struct {
     const char *end, *text, *json;
@@ -111,7 +111,7 @@ static void show_limits(const struct status_plan *p)
     for (size_t i = PLAN_ROWS; i < p->n; i++)
         for (size_t k = 0; k < LIMITS; k++)
             if (bits_of(p, &p->row[i]) >> k & 1u) {
-                fputs(any ? ", " : "; held back by ", stdout);
+                fputs(any ? ", " : "; active constraints ", stdout);
                 print_clean(stdout, variable_of(p, &p->row[i], ".limit", name));
                 printf(" %s", limits[k]);
                 any = true;
@@ -169,7 +169,7 @@ void status_plan_show(const struct status_plan *p, apc_ns now)
     printf("plan   %s", result_of(p));
     printf(", %s ago", print_age(now - p->row[PLAN_RESULT].time, text));
     (void)apc_ns_from_s(p->row[PLAN_TIME].value, &took);
-    printf("; %g change%s in %s", p->row[PLAN_ITERATIONS].value,
+    printf("; %g iteration%s in %s", p->row[PLAN_ITERATIONS].value,
            p->row[PLAN_ITERATIONS].value == 1.0 ? "" : "s", print_duration(took, text));
     printf("; objective %.5g", p->row[PLAN_OBJECTIVE].value);
     show_limits(p);

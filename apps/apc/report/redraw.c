@@ -30,7 +30,7 @@ struct report_options {
 static const struct option_spec own_options[] = {
     {"json", 'J', NULL, "The figures as JSON on stdout, and draw nothing", OPTION_FLAG, AT(json)},
     {"from", 0, "TIME",
-     "The figures of merit of the time from TIME on, and draw nothing: s since the start of the run; of a "
+     "The KPIs of the time from TIME on, and draw nothing: s since the start of the run; of a "
      "store RFC 3339, or before now, as -10m, -2h, -1d; default: a day before --to",
      OPTION_TEXT, AT(from)},
     {"to", 0, "TIME", "The same until TIME", OPTION_TEXT, AT(to)},

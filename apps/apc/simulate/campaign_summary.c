@@ -117,15 +117,18 @@ static void put_column_json(const struct campaign *c, const char *name, const do
             } of[] = {{"mean", s.mean}, {"low95", s.mean - s.half}, {"high95", s.mean + s.half},
                       {"sd", s.sd},     {"median", s.median},       {"p95", s.p95},
                       {"p99", s.p99},   {"worst", s.worst}};
-            printf(",\"%s\":{\"runs\":%zu,\"infinite\":%zu", metric_key((enum metric)metric), s.n,
-                   s.infinite);
-            for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-                putchar(',');
-                print_json_number(stdout, of[i].key, of[i].value);
+            const char *const keys[] = {metric_key((enum metric)metric),
+                                        metric_former_key((enum metric)metric)};
+            for (size_t k = 0; k < 2 && keys[k]; k++) {
+                printf(",\"%s\":{\"runs\":%zu,\"infinite\":%zu", keys[k], s.n, s.infinite);
+                for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+                    putchar(',');
+                    print_json_number(stdout, of[i].key, of[i].value);
+                }
+                if (s.n > 0)
+                    printf(",\"worst_seed\":%llu", (unsigned long long)s.worst_seed);
+                putchar('}');
             }
-            if (s.n > 0)
-                printf(",\"worst_seed\":%llu", (unsigned long long)s.worst_seed);
-            putchar('}');
         }
         putchar('}');
     }
@@ -159,8 +162,9 @@ static void print_endless(const struct campaign *c)
     static const struct {
         enum metric metric;
         const char *what;
-    } of[] = {
-        {METRIC_IAE, "ended early"}, {METRIC_SETTLING, "did not settle"}, {METRIC_RETURN, "did not return"}};
+    } of[] = {{METRIC_IAE, "ended early"},
+              {METRIC_SETTLING, "did not settle"},
+              {METRIC_RECOVERY, "did not recover"}};
     for (size_t loop = 0; loop < c->loops; loop++)
         for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
             unsigned n = 0, all = 0;
@@ -266,11 +270,14 @@ int summary_failures(const struct campaign *c, struct apc_error *why)
 
 /* ---- The file of the runs ----------------------------------------------------------------- */
 
-static void put_header(FILE *out)
+/* @p former: with the names of files of the version before. */
+static void put_header(FILE *out, bool former)
 {
     fputs("seed,loop", out);
-    for (int i = 0; i < METRICS; i++)
-        fprintf(out, ",%s", metric_key((enum metric)i));
+    for (int i = 0; i < METRICS; i++) {
+        const char *key = metric_former_key((enum metric)i);
+        fprintf(out, ",%s", former && key ? key : metric_key((enum metric)i));
+    }
 }
 
 int summary_csv(const struct campaign *c, struct apc_error *why)
@@ -279,7 +286,7 @@ int summary_csv(const struct campaign *c, struct apc_error *why)
     FILE *out = !strcmp(path, "-") ? stdout : fopen(path, "we");
     if (!out)
         return apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno));
-    put_header(out);
+    put_header(out, false);
     fputc('\n', out);
     for (unsigned run = 0; run < c->options->runs; run++)
         for (size_t loop = 0; loop < c->loops && trial_counts(campaign_trial(c, run)); loop++) {
@@ -324,31 +331,38 @@ static int take_former_row(struct campaign *c, struct csv *csv, struct apc_error
     return rc;
 }
 
+/* Has it the columns of such a file? Returns 0, APC_EPROTO or APC_ENOMEM. @p former: as the version before
+ * wrote them. */
+static int expect_header(const struct csv *csv, bool former, struct apc_error *why)
+{
+    char *header = NULL;
+    size_t length = 0;
+    FILE *expected = open_memstream(&header, &length);
+
+    if (expected) {
+        put_header(expected, former);
+        fclose(expected);
+    }
+    const int rc = header ? csv_expect(csv, header, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    free(header);
+    return rc;
+}
+
 int summary_read(struct campaign *c, struct apc_error *why)
 {
     const size_t n = c->options->runs * c->loops * METRICS;
-    char *header = NULL;
-    size_t length = 0;
     struct csv *csv = NULL;
-    FILE *expected = open_memstream(&header, &length);
-    int rc = 0;
 
     c->former = calloc(n + 1, sizeof *c->former);
-    for (size_t i = 0; c->former && i < n; i++)
+    if (!c->former)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < n; i++)
         c->former[i] = none;
-    if (expected) {
-        put_header(expected);
-        fclose(expected);
-    }
-    if (!c->former || !header)
-        rc = apc_fail(why, APC_ENOMEM, "out of memory");
-    if (rc == 0)
-        rc = csv_open(&csv, c->options->against, why);
-    if (rc == 0 && csv_expect(csv, header, why) < 0)
+    int rc = csv_open(&csv, c->options->against, why);
+    if (rc == 0 && expect_header(csv, false, why) < 0 && expect_header(csv, true, why) < 0)
         rc = csv_refuse(csv, why, "expected the file of another campaign (--runs N --csv FILE)");
     while (rc == 0 && (rc = csv_next(csv, why)) > 0)
         rc = take_former_row(c, csv, why);
     csv_close(csv);
-    free(header);
     return rc;
 }

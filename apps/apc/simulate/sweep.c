@@ -128,11 +128,11 @@ static int put_table(const struct swept *z)
 {
     const struct campaign *c = z->campaign;
     const bool several = c->options->runs > 1;
-    const struct print_column columns[] = {{z->sweep->path, PRINT_POINT}, {"loop", PRINT_LEFT},
-                                           {"runs", PRINT_RIGHT},         {"diverged", PRINT_RIGHT},
-                                           {"IAE", PRINT_POINT},          {"+- 95 %", PRINT_POINT},
-                                           {"overshoot %", PRINT_POINT},  {"+- 95 %", PRINT_POINT},
-                                           {"effort", PRINT_POINT},       {"+- 95 %", PRINT_POINT}};
+    const struct print_column columns[] = {
+        {z->sweep->path, PRINT_POINT}, {"loop", PRINT_LEFT},     {"runs", PRINT_RIGHT},
+        {"diverged", PRINT_RIGHT},     {"IAE", PRINT_POINT},     {"+- 95 %", PRINT_POINT},
+        {"overshoot %", PRINT_POINT},  {"+- 95 %", PRINT_POINT}, {"control effort", PRINT_POINT},
+        {"+- 95 %", PRINT_POINT}};
     struct print_table t;
     print_table_open(&t, columns, sizeof columns / sizeof *columns);
     for (unsigned i = 0; i < z->sweep->n; i++)
@@ -270,7 +270,7 @@ static void put_marks(FILE *script, const struct swept *z, size_t loop, enum met
 
 static void put_sweep_panel(FILE *script, const struct swept *z, size_t loop, size_t k)
 {
-    static const char *const name[] = {"IAE", "overshoot %", "effort"};
+    static const char *const name[] = {"IAE", "overshoot %", "control effort"};
     const double height = sweep_height(z), top = TOP + ROW * (double)loop;
     char title[APC_TAG_LEN + 32];
     snprintf(title, sizeof title, "%s: %s", z->campaign->loop[loop].name, name[k]);

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What `apc report RUN --json` says of controllers, anew from the folder's files alone: the share of the time in service and at
 limits, deviations with and without service, errors of predictions one step and all steps ahead, what held plans back.
-merits.py RUN, with the report on stdin; prints how many figures were compared."""
+kpis.py RUN, with the report on stdin; prints how many figures were compared."""
 import csv
 import json
 import math
@@ -11,8 +11,8 @@ import struct
 import sys
 
 MODES = {"Man": 0, "Auto": 1}
-run, merits = sys.argv[1], json.load(sys.stdin)["merits"]
-start, end = merits["from_s"], merits["until_s"]
+run, kpis = sys.argv[1], json.load(sys.stdin)["kpis"]
+start, end = kpis["from_s"], kpis["until_s"]
 
 
 def rows(name):
@@ -37,7 +37,7 @@ def near(what, told, by_hand):
 
 
 compared = 0
-for i, loop in enumerate(merits["loops"], 1):
+for i, loop in enumerate(kpis["loops"], 1):
     modes = [(t, value) for t, table, of, status, value in operation if table == "actual" and of == 16 * i + 5]
     outputs = [(t, status) for t, table, of, status, value in samples if table == "actuator" and of == i]
     setpoints = [(t, value) for t, table, of, status, value in samples if table == "setpoint" and of == i]
@@ -70,7 +70,7 @@ for i, loop in enumerate(merits["loops"], 1):
 store = sqlite3.connect(f"file:{run}/ticks.db?mode=ro", uri=True)
 epoch = store.execute("SELECT min(time) FROM sample").fetchone()[0]
 numbers = {name: key for key, name in signals.items()}
-for told in merits["predictions"]:
+for told in kpis["predictions"]:
     table, of = numbers[told["variable"] + ".prediction"]
     measured = [(t, status, value) for t, table, i, status, value in samples if (table, i) == numbers[told["variable"]]]
     first, last = [], []
@@ -84,7 +84,7 @@ for told in merits["predictions"]:
     near(f"{told['variable']} one step ahead", told["rms_one_step"], math.sqrt(statistics.fmean(e * e for e in first)))
     near(f"{told['variable']} all steps ahead", told["rms_all_steps"], math.sqrt(statistics.fmean(e * e for e in last)))
 
-for told in merits["plans"]:
+for told in kpis["plans"]:
     of = numbers[told["variable"] + ".limit"][1]
     bits = [int(value) for _, table, i, _, value in published if table == "estimate" and i == of]
     near(f"{told['variable']} plans", told["plans"], len(bits))
