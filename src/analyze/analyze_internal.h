@@ -97,22 +97,23 @@ int complex_solve(size_t n, size_t m, double complex *A, double complex *B);
 
 /* ---- Frequencies ------------------------------------------------------------------------------ */
 
-struct mesh {
+struct frequency_grid {
     double *w; /* [n] rad/s, ascending */
     size_t n, room;
 };
 /* Up to @p top rad/s, of a map of @p period s, with what its @p n poles and zeros @p root ask for. Returns 0
  * or APC_ENOMEM; it is to be freed in either case. */
-int mesh_create(struct mesh *mesh, double period, double top, const double complex *root, size_t n);
-void mesh_free(struct mesh *mesh);
+int frequency_grid_create(struct frequency_grid *grid, double period, double top, const double complex *root,
+                          size_t n);
+void frequency_grid_free(struct frequency_grid *grid);
 /* Returns 0 or an error, which ends the search. */
-typedef int mesh_function(void *ctx, double w, double *value);
+typedef int frequency_function(void *ctx, double w, double *value);
 /* Where f is higher than *@p top between two frequencies: that, and *@p at. */
-int mesh_climb(mesh_function *f, void *ctx, double low, double high, double *top, double *at);
-/* The highest of f, which is @p value [mesh->n] on the mesh: between neighbours of each point that stands
+int frequency_climb(frequency_function *f, void *ctx, double low, double high, double *top, double *at);
+/* The highest of f, which is @p value [grid->n] on the grid: between neighbours of each point that stands
  * out. */
-int mesh_top(const struct mesh *mesh, const double *value, mesh_function *f, void *ctx, double *top,
-             double *at);
+int frequency_grid_top(const struct frequency_grid *grid, const double *value, frequency_function *f,
+                       void *ctx, double *top, double *at);
 
 /* ---- The loop cut open ------------------------------------------------------------------------ */
 

@@ -138,14 +138,14 @@ static int touch_between(struct roots *r, size_t i, const double *w, const doubl
     r->place = i;
     r->lowest = size[1] >= 1.0;
     top = r->lowest ? 1.0 / size[1] : size[1];
-    rc = mesh_climb(size_at, r, w[0], w[2], &top, &at);
+    rc = frequency_climb(size_at, r, w[0], w[2], &top, &at);
     if (rc < 0 || top < 1.0 || at == w[1])
         return rc;
     rc = cross_between(r, i, w[0], at, r->lowest, to);
     return rc < 0 ? rc : cross_between(r, i, at, w[2], !r->lowest, to);
 }
 
-static int touches(struct roots *r, const struct mesh *mesh, const double *size, size_t k,
+static int touches(struct roots *r, const struct frequency_grid *grid, const double *size, size_t k,
                    struct crossings *to)
 {
     const size_t m = r->open.m;
@@ -155,13 +155,13 @@ static int touches(struct roots *r, const struct mesh *mesh, const double *size,
         const double of[] = {size[(k - 2) * m + i], size[(k - 1) * m + i], size[k * m + i]};
 
         if (stands_out(of))
-            rc = touch_between(r, i, mesh->w + k - 2, of, to);
+            rc = touch_between(r, i, grid->w + k - 2, of, to);
     }
     return rc;
 }
 
 /* Between the frequencies before @p k and @p k. */
-static int crossings_at(struct roots *r, const struct mesh *mesh, const double *size,
+static int crossings_at(struct roots *r, const struct frequency_grid *grid, const double *size,
                         const double complex *root, size_t k, struct crossings *to)
 {
     const size_t m = r->open.m;
@@ -174,33 +174,33 @@ static int crossings_at(struct roots *r, const struct mesh *mesh, const double *
         if (isnan(before) || isnan(now))
             continue;
         if ((before >= 1.0) != (now >= 1.0))
-            rc = cross_between(r, i, mesh->w[k - 1], mesh->w[k], before >= 1.0, to);
+            rc = cross_between(r, i, grid->w[k - 1], grid->w[k], before >= 1.0, to);
         if (rc == 0 && (cimag(was) > 0.0) != (cimag(is) > 0.0) && (creal(was) < 0.0 || creal(is) < 0.0))
-            rc = turn_between(r, i, mesh->w[k - 1], mesh->w[k], was, to);
+            rc = turn_between(r, i, grid->w[k - 1], grid->w[k], was, to);
     }
-    return rc < 0 || k < 2 ? rc : touches(r, mesh, size, k, to);
+    return rc < 0 || k < 2 ? rc : touches(r, grid, size, k, to);
 }
 
-static int find_crossings(struct roots *r, const struct mesh *mesh, struct crossings *to)
+static int find_crossings(struct roots *r, const struct frequency_grid *grid, struct crossings *to)
 {
     const size_t m = r->open.m;
-    double complex *root = calloc(mesh->n * m + 1, sizeof(*root));
-    double *size = calloc(mesh->n * m + 1, sizeof(*size));
+    double complex *root = calloc(grid->n * m + 1, sizeof(*root));
+    double *size = calloc(grid->n * m + 1, sizeof(*size));
     int rc = root && size ? 0 : APC_ENOMEM;
 
-    for (size_t k = 0; k < mesh->n && rc == 0; k++) {
-        rc = roots_at(r, mesh->w[k]);
+    for (size_t k = 0; k < grid->n && rc == 0; k++) {
+        rc = roots_at(r, grid->w[k]);
         for (size_t i = 0; i < m; i++) {
             root[k * m + i] = rc == 0 ? r->root[i] : 0.0;
             size[k * m + i] = rc == 0 ? apc_cabs(r->root[i]) : (double)NAN;
         }
         rc = rc == APC_ESOLVER ? 0 : rc;
     }
-    for (size_t k = 1; k < mesh->n && rc == 0; k++)
-        rc = crossings_at(r, mesh, size, root, k, to);
-    for (size_t i = 0; i < m && mesh->n > 0 && rc == 0; i++) /* all are real at the end, to rounding */
-        rc = keep_gain(to, root[(mesh->n - 1) * m + i]);
-    for (size_t i = 0; i < m && mesh->n > 0 && rc == 0; i++) /* and at 0 */
+    for (size_t k = 1; k < grid->n && rc == 0; k++)
+        rc = crossings_at(r, grid, size, root, k, to);
+    for (size_t i = 0; i < m && grid->n > 0 && rc == 0; i++) /* all are real at the end, to rounding */
+        rc = keep_gain(to, root[(grid->n - 1) * m + i]);
+    for (size_t i = 0; i < m && grid->n > 0 && rc == 0; i++) /* and at 0 */
         rc = keep_gain(to, root[i]);
     free(size);
     free(root);
@@ -212,7 +212,7 @@ int response_crossings(const struct apc_loop *loop, size_t of, const double comp
 {
     const double period = apc_ns_to_s(loop->setup.period);
     double *now = calloc(loop->n_out, sizeof(*now));
-    struct mesh mesh = {0};
+    struct frequency_grid grid = {0};
     struct roots r = {0};
     int rc = now ? 0 : APC_ENOMEM;
 
@@ -220,10 +220,10 @@ int response_crossings(const struct apc_loop *loop, size_t of, const double comp
     if (rc == 0)
         rc = roots_create(&r, loop, of, now);
     if (rc == 0)
-        rc = mesh_create(&mesh, period, M_PI / period, root, n);
+        rc = frequency_grid_create(&grid, period, M_PI / period, root, n);
     if (rc == 0)
-        rc = find_crossings(&r, &mesh, to);
-    mesh_free(&mesh);
+        rc = find_crossings(&r, &grid, to);
+    frequency_grid_free(&grid);
     roots_free(&r);
     free(now);
     return rc;

@@ -27,47 +27,48 @@ static int by_frequency(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-static int add_frequency(struct mesh *mesh, double w, double top)
+static int add_frequency(struct frequency_grid *grid, double w, double top)
 {
     if (!(w > 0.0 && w <= top))
         return 0;
-    if (mesh->n == mesh->room) {
-        const size_t room = mesh->room ? 2 * mesh->room : 512;
-        double *more = realloc(mesh->w, room * sizeof(*more));
+    if (grid->n == grid->room) {
+        const size_t room = grid->room ? 2 * grid->room : 512;
+        double *more = realloc(grid->w, room * sizeof(*more));
 
         if (!more)
             return APC_ENOMEM;
-        mesh->w = more;
-        mesh->room = room;
+        grid->w = more;
+        grid->room = room;
     }
-    mesh->w[mesh->n++] = w;
+    grid->w[grid->n++] = w;
     return 0;
 }
 
 /* About @p w, with a band so wide. */
-static int add_frequency_band(struct mesh *mesh, double w, double width, double top)
+static int add_frequency_band(struct frequency_grid *grid, double w, double width, double top)
 {
-    const double grid = w * apc_log(10.0) / PER_DECADE;
+    const double spacing = w * apc_log(10.0) / PER_DECADE;
     double by = fmax(width, NARROWEST * w) / 2.0;
-    int rc = add_frequency(mesh, w, top);
+    int rc = add_frequency(grid, w, top);
 
-    while (by < grid && rc == 0) {
-        rc = add_frequency(mesh, w - by, top);
+    while (by < spacing && rc == 0) {
+        rc = add_frequency(grid, w - by, top);
         if (rc == 0)
-            rc = add_frequency(mesh, w + by, top);
+            rc = add_frequency(grid, w + by, top);
         by *= 2.0;
     }
     return rc;
 }
 
-int mesh_create(struct mesh *mesh, double period, double top, const double complex *root, size_t n)
+int frequency_grid_create(struct frequency_grid *grid, double period, double top, const double complex *root,
+                          size_t n)
 {
     const double turn = 2.0 * M_PI / period;
     double bottom = top * apc_pow(10.0, -DECADES);
     size_t kept = 0;
     int rc = 0;
 
-    *mesh = (struct mesh){0};
+    *grid = (struct frequency_grid){0};
     for (size_t i = 0; i < n && rc == 0; i++) {
         const double width = fabs(apc_log(apc_cabs(root[i]))), angle = fabs(apc_carg(root[i]));
 
@@ -77,9 +78,9 @@ int mesh_create(struct mesh *mesh, double period, double top, const double compl
             continue;
         for (size_t k = 0; (double)k * turn <= top && rc == 0;
              k++) { /* where there are more ticks, aliases */
-            rc = add_frequency_band(mesh, (double)k * turn + angle / period, width / period, top);
+            rc = add_frequency_band(grid, (double)k * turn + angle / period, width / period, top);
             if (rc == 0)
-                rc = add_frequency_band(mesh, (double)(k + 1) * turn - angle / period, width / period, top);
+                rc = add_frequency_band(grid, (double)(k + 1) * turn - angle / period, width / period, top);
         }
     }
     for (int k = 0; rc == 0; k++) {
@@ -87,25 +88,25 @@ int mesh_create(struct mesh *mesh, double period, double top, const double compl
 
         if (k > 0 && w < bottom)
             break;
-        rc = add_frequency(mesh, w, top);
+        rc = add_frequency(grid, w, top);
     }
     if (rc < 0)
         return rc;
-    qsort(mesh->w, mesh->n, sizeof(*mesh->w), by_frequency);
-    for (size_t i = 0; i < mesh->n; i++) {
-        if (kept == 0 || mesh->w[i] > mesh->w[kept - 1] * (1.0 + 1e-12))
-            mesh->w[kept++] = mesh->w[i];
+    qsort(grid->w, grid->n, sizeof(*grid->w), by_frequency);
+    for (size_t i = 0; i < grid->n; i++) {
+        if (kept == 0 || grid->w[i] > grid->w[kept - 1] * (1.0 + 1e-12))
+            grid->w[kept++] = grid->w[i];
     }
-    mesh->n = kept;
+    grid->n = kept;
     return 0;
 }
 
-void mesh_free(struct mesh *mesh)
+void frequency_grid_free(struct frequency_grid *grid)
 {
-    free(mesh->w);
+    free(grid->w);
 }
 
-int mesh_climb(mesh_function *f, void *ctx, double low, double high, double *top, double *at)
+int frequency_climb(frequency_function *f, void *ctx, double low, double high, double *top, double *at)
 {
     double a = low + 0.381966 * (high - low), b = low + 0.618034 * (high - low), fa, fb = 0.0;
     int rc = f(ctx, a, &fa);
@@ -136,23 +137,23 @@ int mesh_climb(mesh_function *f, void *ctx, double low, double high, double *top
     return rc;
 }
 
-int mesh_top(const struct mesh *mesh, const double *value, mesh_function *f, void *ctx, double *top,
-             double *at)
+int frequency_grid_top(const struct frequency_grid *grid, const double *value, frequency_function *f,
+                       void *ctx, double *top, double *at)
 {
     double highest = 0.0;
     int rc = 0;
 
-    for (size_t k = 0; k < mesh->n; k++) {
+    for (size_t k = 0; k < grid->n; k++) {
         if (value[k] > highest) {
             highest = *top = value[k];
-            *at = mesh->w[k];
+            *at = grid->w[k];
         }
     }
-    for (size_t k = 0; k < mesh->n && rc == 0; k++) {
-        const size_t before = k > 0 ? k - 1 : k, after = k + 1 < mesh->n ? k + 1 : k;
+    for (size_t k = 0; k < grid->n && rc == 0; k++) {
+        const size_t before = k > 0 ? k - 1 : k, after = k + 1 < grid->n ? k + 1 : k;
 
         if (value[k] >= value[before] && value[k] >= value[after] && value[k] > WORTH * highest)
-            rc = mesh_climb(f, ctx, mesh->w[before], mesh->w[after], top, at);
+            rc = frequency_climb(f, ctx, grid->w[before], grid->w[after], top, at);
     }
     return rc;
 }

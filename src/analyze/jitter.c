@@ -120,17 +120,17 @@ static int worst_gain(struct pulses *p, const double complex *root, size_t n, do
 {
     const double period = apc_ns_to_s(p->machine.loop->setup.period);
     double *gain = NULL, at;
-    struct mesh mesh;
-    int rc = mesh_create(&mesh, period, M_PI / period, root, n);
+    struct frequency_grid grid;
+    int rc = frequency_grid_create(&grid, period, M_PI / period, root, n);
 
-    if (rc == 0 && !(gain = calloc(mesh.n, sizeof(*gain))))
+    if (rc == 0 && !(gain = calloc(grid.n, sizeof(*gain))))
         rc = APC_ENOMEM;
-    for (size_t k = 0; k < mesh.n && rc == 0; k++)
-        rc = pulse_gain_at(p, mesh.w[k], &gain[k]);
+    for (size_t k = 0; k < grid.n && rc == 0; k++)
+        rc = pulse_gain_at(p, grid.w[k], &gain[k]);
     if (rc == 0)
-        rc = mesh_top(&mesh, gain, pulse_gain_at, p, worst, &at);
+        rc = frequency_grid_top(&grid, gain, pulse_gain_at, p, worst, &at);
     free(gain);
-    mesh_free(&mesh);
+    frequency_grid_free(&grid);
     return rc;
 }
 

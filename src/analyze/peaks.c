@@ -136,51 +136,51 @@ static int crossover_between(struct peaks *p, double low, double high, double *c
     return rc;
 }
 
-/* The highest frequency at which |L| is 1: from the top of the mesh down, also between two of its
+/* The highest frequency at which |L| is 1: from the top of the grid down, also between two of its
  * frequencies. */
-static int find_crossover(struct peaks *p, const struct mesh *mesh, double *crossover)
+static int find_crossover(struct peaks *p, const struct frequency_grid *grid, double *crossover)
 {
     double gain[3] = {0.0}, top, at; /* of frequency k and of those above it */
     int rc = 0;
 
     *crossover = (double)NAN;
-    for (size_t k = mesh->n; k-- > 0 && rc == 0;) {
+    for (size_t k = grid->n; k-- > 0 && rc == 0;) {
         gain[2] = gain[1];
         gain[1] = gain[0];
-        rc = gain_at(p, mesh->w[k], &gain[0]);
-        if (rc < 0 || k + 1 >= mesh->n)
+        rc = gain_at(p, grid->w[k], &gain[0]);
+        if (rc < 0 || k + 1 >= grid->n)
             continue;
-        if (k + 2 < mesh->n && stands_out(gain)) {
+        if (k + 2 < grid->n && stands_out(gain)) {
             p->lowest = gain[1] >= 1.0;
             top = p->lowest ? 1.0 / gain[1] : gain[1];
-            at = mesh->w[k + 1];
-            rc = mesh_climb(gain_at, p, mesh->w[k], mesh->w[k + 2], &top, &at);
+            at = grid->w[k + 1];
+            rc = frequency_climb(gain_at, p, grid->w[k], grid->w[k + 2], &top, &at);
             p->lowest = false;
-            if (rc == 0 && top >= 1.0 && at != mesh->w[k + 1])
-                return crossover_between(p, at, mesh->w[k + 2], crossover);
+            if (rc == 0 && top >= 1.0 && at != grid->w[k + 1])
+                return crossover_between(p, at, grid->w[k + 2], crossover);
         }
         if (rc == 0 && (gain[0] >= 1.0) != (gain[1] >= 1.0))
-            return crossover_between(p, mesh->w[k], mesh->w[k + 1], crossover);
+            return crossover_between(p, grid->w[k], grid->w[k + 1], crossover);
     }
     return rc;
 }
 
-static int find_peaks(struct peaks *p, const struct mesh *mesh, struct apc_loop_margins *to)
+static int find_peaks(struct peaks *p, const struct frequency_grid *grid, struct apc_loop_margins *to)
 {
-    double *s = calloc(2 * mesh->n + 1, sizeof(*s)), *t = s + mesh->n, at;
+    double *s = calloc(2 * grid->n + 1, sizeof(*s)), *t = s + grid->n, at;
     int rc = s ? 0 : APC_ENOMEM;
 
-    for (size_t k = 0; k < mesh->n && rc == 0; k++) {
-        rc = peaks_at(p, mesh->w[k], &s[k], &t[k]);
+    for (size_t k = 0; k < grid->n && rc == 0; k++) {
+        rc = peaks_at(p, grid->w[k], &s[k], &t[k]);
         if (rc == APC_ESOLVER) { /* just on a pole of the open loop */
             s[k] = t[k] = 0.0;
             rc = 0;
         }
     }
     if (rc == 0)
-        rc = mesh_top(mesh, s, sensitivity_at, p, &to->sensitivity, &to->at);
+        rc = frequency_grid_top(grid, s, sensitivity_at, p, &to->sensitivity, &to->at);
     if (rc == 0)
-        rc = mesh_top(mesh, t, complementary_at, p, &to->complementary, &at);
+        rc = frequency_grid_top(grid, t, complementary_at, p, &to->complementary, &at);
     free(s);
     return rc;
 }
@@ -190,18 +190,18 @@ static int survey(struct peaks *p, const double complex *closed, const double co
                   struct apc_loop_margins *to)
 {
     const double period = apc_ns_to_s(p->open.loop->setup.period), top = nyquist(&p->open);
-    struct mesh mesh;
-    int rc = mesh_create(&mesh, period, top, closed, n);
+    struct frequency_grid grid;
+    int rc = frequency_grid_create(&grid, period, top, closed, n);
 
     if (rc == 0)
-        rc = find_peaks(p, &mesh, to);
-    mesh_free(&mesh);
+        rc = find_peaks(p, &grid, to);
+    frequency_grid_free(&grid);
     if (rc < 0)
         return rc;
-    rc = mesh_create(&mesh, period, top, cut, n);
+    rc = frequency_grid_create(&grid, period, top, cut, n);
     if (rc == 0)
-        rc = find_crossover(p, &mesh, &to->crossover);
-    mesh_free(&mesh);
+        rc = find_crossover(p, &grid, &to->crossover);
+    frequency_grid_free(&grid);
     return rc;
 }
 
