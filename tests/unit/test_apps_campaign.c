@@ -23,7 +23,7 @@ static struct experiment e;
 static const struct loop loop[2] = {{"level", 0, 0, {APC_ACTUATOR, 0}}, {"heat", 1, 1, {APC_ACTUATOR, 1}}};
 static struct campaign_options options;
 static struct campaign campaign;
-static struct farm farm;
+static struct worker_pool pool;
 static struct apc_error why;
 static char *said;
 static size_t said_length;
@@ -46,10 +46,10 @@ static int begin(void **state)
                             .controllers = &controller,
                             .n_controllers = 1};
     options = (struct campaign_options){.seed = FIRST, .runs = RUNS, .against = "before.csv"};
-    campaign = (struct campaign){.e = &e, .options = &options, .loop = loop, .loops = 2, .farm = &farm};
+    campaign = (struct campaign){.e = &e, .options = &options, .loop = loop, .loops = 2, .pool = &pool};
     campaign.stride = trial_size(2);
     campaign.trials = calloc(RUNS, campaign.stride);
-    atomic_store(&farm.stop, false);
+    atomic_store(&pool.stop, false);
     options.talk = open_memstream(&said, &said_length);
     for (unsigned run = 0; run < RUNS; run++) {
         campaign_trial(&campaign, run)->made = true;
@@ -443,7 +443,7 @@ static void runs_that_are_missing_are_an_error_unless_someone_stopped_them(void 
     assert_int_equal(summary_failures(&campaign, &why), APC_ESYS);
     assert_has(why.text, "runs are missing");
     assert_has(talk(), "2 of 6 runs were not made\n");
-    atomic_store(&farm.stop, true);
+    atomic_store(&pool.stop, true);
     assert_int_equal(summary_failures(&campaign, &why), 0);
     assert_has(talk(), "2 of 6 runs were not made\n");
 }

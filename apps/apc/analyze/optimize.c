@@ -226,7 +226,7 @@ int command_optimize(int argc, char **argv)
     int rc = optimize(&z, &why);
     if (rc < 0)
         cli_error(&z.cli, rc, "%s", why.text);
-    farm_destroy(z.farm, z.size);
+    worker_pool_destroy(z.pool, z.size);
     free(z.reference);
     free(z.front);
     free(z.loop);

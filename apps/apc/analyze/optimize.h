@@ -49,10 +49,10 @@ struct optimization {
     struct experiment e;
     struct loop *loop;
     size_t loops, stride; /* bytes from one attempt to the next */
-    struct farm *farm;
+    struct worker_pool *pool;
     void *attempts; /* [tries]; the first is of the present numbers */
     unsigned tries;
-    size_t size;       /* bytes of the memory behind the farm */
+    size_t size;       /* bytes of the memory behind the pool */
     double *reference; /* [2 * loops] IAE and effort that count as 1 */
     unsigned best;     /* place of the least cost */
     unsigned *front;   /* [n_front] places, from the least effort to the least IAE */

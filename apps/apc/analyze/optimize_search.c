@@ -163,7 +163,7 @@ static void make_attempt_trial(const struct optimization *z, struct attempt *a, 
         memset(t, 0, sizeof *t);
         trial_make(t, &e, z->own.seed + run);
         add_run(z, t, e.duration, a);
-        atomic_fetch_add(&z->farm->done, 1);
+        atomic_fetch_add(&z->pool->done, 1);
     }
     if (a->stable && z->own.weights.peak > 0)
         a->stable = optimization_peak(&e, &a->peak, &why) == 0 && isfinite(a->peak);
@@ -215,7 +215,7 @@ static double objective(unsigned n, const double *x, double *gradient, void *ctx
     for (unsigned i = 0; i < n; i++)
         a->value[i] = value_at(&z->own.number[i], x[i]);
     make_attempt_trial(z, a, trial_of(s, p->job));
-    if (atomic_load(&z->farm->stop))
+    if (atomic_load(&z->pool->stop))
         nlopt_force_stop(p->opt);
     const struct weights *w = &s->weights[p->job];
     return a->stable ? price(a, w) + STEEP * excess(a, w) : UNSTABLE * (2 - a->lasted);
@@ -238,7 +238,7 @@ static bool run_local_search(struct pursuit *p, nlopt_algorithm how, double step
     nlopt_set_min_objective(p->opt, objective, p);
     nlopt_optimize(p->opt, x, &cost);
     nlopt_destroy(p->opt);
-    return p->used > before && p->used < s->each && !atomic_load(&s->z->farm->stop);
+    return p->used > before && p->used < s->each && !atomic_load(&s->z->pool->stop);
 }
 
 static void pursue(void *ctx, unsigned job)
@@ -267,10 +267,10 @@ static void polish(void *ctx, unsigned job)
 
 static int run_stage(struct stage *s, void (*work)(void *ctx, unsigned job), struct apc_error *why)
 {
-    struct farm *farm = s->z->farm;
-    atomic_store(&farm->next, 0);
-    farm->jobs = s->jobs;
-    return farm_run(farm, s->z->own.jobs, work, s, why);
+    struct worker_pool *pool = s->z->pool;
+    atomic_store(&pool->next, 0);
+    pool->jobs = s->jobs;
+    return worker_pool_run(pool, s->z->own.jobs, work, s, why);
 }
 
 /* ---- What was found ------------------------------------------------------------------------- */
@@ -370,7 +370,7 @@ static int find_reference(struct optimization *z, struct apc_error *why)
     unsigned i = 0;
     for (unsigned k = 1; k <= SCATTERED && !optimization_attempt(z, 0)->stable; k++)
         i = iae_of(z, k) < iae_of(z, i) ? k : i;
-    if (!optimization_attempt(z, i)->stable && atomic_load(&z->farm->stop))
+    if (!optimization_attempt(z, i)->stable && atomic_load(&z->pool->stop))
         return apc_fail(why, APC_ETIMEDOUT, "ended by a signal before anything was found");
     if (!optimization_attempt(z, i)->stable)
         return apc_fail(why, APC_ERANGE,
@@ -389,7 +389,7 @@ static int find_reference(struct optimization *z, struct apc_error *why)
 
 static bool is_search_stopped(const struct optimization *z)
 {
-    return atomic_load(&z->farm->stop);
+    return atomic_load(&z->pool->stop);
 }
 
 static int search(struct optimization *z, struct stage *s, struct apc_error *why)
@@ -436,21 +436,21 @@ int optimization_search(struct optimization *z, struct apc_error *why)
         return apc_fail(why, loops, "no memory");
     z->loops = (size_t)loops;
     z->stride = sizeof(struct attempt) + 3 * z->loops * sizeof(double);
-    z->stride = (z->stride + FARM_LINE - 1) / FARM_LINE * FARM_LINE;
+    z->stride = (z->stride + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     z->tries = z->own.budget / z->own.runs;
     const size_t trial = trial_size(z->loops), trials = (SCATTERED + 1) * trial;
     z->size = z->tries * z->stride + trials;
-    z->farm = farm_create(z->size, &z->attempts);
+    z->pool = worker_pool_create(z->size, &z->attempts);
     z->reference = calloc(2 * z->loops + 1, sizeof *z->reference);
     struct stage stage = {.z = z, .trial = trial};
-    int rc = z->farm && z->reference ? 0 : apc_fail(why, APC_ENOMEM, "no memory for %u tries", z->tries);
+    int rc = z->pool && z->reference ? 0 : apc_fail(why, APC_ENOMEM, "no memory for %u tries", z->tries);
     if (rc < 0)
         return rc;
     for (size_t i = 0; i < 2 * z->loops; i++)
         z->reference[i] = 1;
     stage.trials = (char *)z->attempts + z->tries * z->stride;
-    z->farm->all = z->tries * z->own.runs;
-    z->farm->what = "runs";
+    z->pool->all = z->tries * z->own.runs;
+    z->pool->what = "runs";
     if ((rc = search(z, &stage, why)) < 0)
         return rc;
     return find_front(z) < 0 ? apc_fail(why, APC_ENOMEM, "out of memory") : 0;

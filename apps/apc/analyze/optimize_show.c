@@ -101,10 +101,10 @@ static void show_search_cost(const struct optimization *z, double took)
         unstable += optimization_attempt(z, i)->made && !optimization_attempt(z, i)->stable;
     }
     fprintf(z->talk, "%s: %s\n%u tries, %u runs of %.10g s in %.3g s", z->e.name, z->e.title, tried,
-            atomic_load(&z->farm->done), z->e.duration, took);
+            atomic_load(&z->pool->done), z->e.duration, took);
     if (unstable > 0)
         fprintf(z->talk, "; %u were unstable", unstable);
-    if (atomic_load(&z->farm->stop))
+    if (atomic_load(&z->pool->stop))
         fputs("; ended by a signal: this is what there is", z->talk);
     fprintf(z->talk, "\ncost %.5g -> %.5g\n", optimization_cost(present_of(z), &z->own.weights),
             optimization_cost(best_of(z), &z->own.weights));

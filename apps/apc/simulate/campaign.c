@@ -14,7 +14,7 @@ static void work_on_trial(void *ctx, unsigned job)
     const struct campaign *c = &all->campaign[job / all->runs];
     const unsigned run = job % all->runs;
     trial_make(campaign_trial(c, run), c->e, c->options->seed + run);
-    atomic_fetch_add(&c->farm->done, 1);
+    atomic_fetch_add(&c->pool->done, 1);
 }
 
 int campaigns_make(struct campaign *c, size_t n, const struct experiment *e, struct loop *loop,
@@ -23,7 +23,7 @@ int campaigns_make(struct campaign *c, size_t n, const struct experiment *e, str
     const int paired = metrics_loops(e, loop);
     const size_t loops = paired < 0 ? 0 : (size_t)paired, stride = trial_size(loops);
     void *trials = NULL;
-    struct farm *farm = paired < 0 ? NULL : farm_create(n * options->runs * stride, &trials);
+    struct worker_pool *pool = paired < 0 ? NULL : worker_pool_create(n * options->runs * stride, &trials);
 
     for (size_t i = 0; i < n; i++)
         c[i] = (struct campaign){.e = &e[i],
@@ -31,22 +31,22 @@ int campaigns_make(struct campaign *c, size_t n, const struct experiment *e, str
                                  .loop = loop,
                                  .loops = loops,
                                  .stride = stride,
-                                 .farm = farm,
+                                 .pool = pool,
                                  .trials = (char *)trials + i * options->runs * stride};
-    return farm ? 0 : apc_fail(why, APC_ENOMEM, "no memory for %zu runs", n * options->runs);
+    return pool ? 0 : apc_fail(why, APC_ENOMEM, "no memory for %zu runs", n * options->runs);
 }
 
 int campaigns_run(struct campaign *c, size_t n, struct apc_error *why)
 {
     struct all all = {c, c->options->runs};
-    c->farm->jobs = c->farm->all = (unsigned)n * all.runs;
-    c->farm->what = "runs";
-    return farm_run(c->farm, c->options->jobs, work_on_trial, &all, why);
+    c->pool->jobs = c->pool->all = (unsigned)n * all.runs;
+    c->pool->what = "runs";
+    return worker_pool_run(c->pool, c->options->jobs, work_on_trial, &all, why);
 }
 
 void campaigns_end(struct campaign *c, size_t n)
 {
-    farm_destroy(c->farm, n * c->options->runs * c->stride);
+    worker_pool_destroy(c->pool, n * c->options->runs * c->stride);
     for (size_t i = 0; i < n; i++)
         free(c[i].former);
 }
@@ -74,7 +74,7 @@ int campaign_run(const struct experiment *e, const struct campaign_options *opti
     apc_ns began = apc_clock_mono(NULL);
     rc = campaigns_run(&c, 1, why);
     double took = apc_ns_to_s(apc_clock_mono(NULL) - began);
-    unsigned done = atomic_load(&c.farm->done);
+    unsigned done = atomic_load(&c.pool->done);
     fprintf(options->talk, "%s: %s\n%u runs of %.10g s in %.3g s: %.3g times as fast as real time\n", e->name,
             e->title, done, e->duration, took, done * e->duration / took);
     /* All of it, also when something failed: the runs that were made are worth something. */

@@ -5,8 +5,8 @@
 
 #include <stdio.h>
 
-#include "farm.h"
 #include "trial.h"
+#include "worker_pool.h"
 
 struct campaign_options {
     uint64_t seed; /* of the first run; the next has the next */
@@ -23,7 +23,7 @@ struct campaign {
     const struct campaign_options *options;
     const struct loop *loop;
     size_t loops, stride; /* bytes: from one trial to the next */
-    struct farm *farm;
+    struct worker_pool *pool;
     void *trials;
     double *former; /* [runs * loops * METRICS] of the campaign to compare with; NULL: none */
 };

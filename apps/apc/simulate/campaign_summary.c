@@ -263,7 +263,7 @@ int summary_failures(const struct campaign *c, struct apc_error *why)
         fprintf(c->options->talk, "%u of %u runs were not made\n", missing, c->options->runs);
     if (failed > 0)
         return apc_fail(why, first, "%u of %u runs ended early", failed, c->options->runs);
-    return missing > 0 && !atomic_load(&c->farm->stop)
+    return missing > 0 && !atomic_load(&c->pool->stop)
                ? apc_fail(why, APC_ESYS, "a process of the campaign ended: runs are missing")
                : 0;
 }

@@ -334,7 +334,7 @@ static int failures(const struct swept *z, unsigned i, struct apc_error *why)
         if (t->made && t->rc < 0 && !t->diverged)
             return apc_fail(why, t->rc, "%s = %s, seed %llu: %s", z->sweep->path, value,
                             (unsigned long long)(c->options->seed + run), t->why);
-        if (!t->made && atomic_load(&c->farm->stop))
+        if (!t->made && atomic_load(&c->pool->stop))
             fprintf(c->options->talk, "%s = %s: not all runs were made\n", z->sweep->path, value);
         if (!t->made)
             return 0;

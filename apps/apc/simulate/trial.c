@@ -9,13 +9,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "farm.h"
 #include "simulation/simulation.h"
+#include "worker_pool.h"
 
 size_t trial_size(size_t loops)
 {
     const size_t size = sizeof(struct trial) + loops * METRICS * sizeof(double);
-    return (size + FARM_LINE - 1) / FARM_LINE * FARM_LINE;
+    return (size + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
 }
 
 bool trial_counts(const struct trial *t)
