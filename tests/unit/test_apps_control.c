@@ -2,7 +2,7 @@
 /* Whether a plant was controlled, from the events it left. */
 #include <stdio.h>
 
-#include "apc/run/evidence.h"
+#include "apc/run/control_history.h"
 #include "check.h"
 
 enum { NO, YES };
@@ -221,7 +221,7 @@ static apc_ns begin_of(double first, double second, double above)
         }
     }
     const struct experiment e = {.controllers = c, .n_controllers = N};
-    assert_int_equal(evidence_begin(store, &e, start, &begin), 0);
+    assert_int_equal(control_history_begin(store, &e, start, &begin), 0);
     apc_store_close(store);
     return begin - start - 3 * APC_NS_PER_S / 5 - 100 * APC_NS_PER_MS; /* for which the plant waits */
 }
@@ -447,10 +447,10 @@ static void the_verdict_is_that_of_one_who_stands_beside_the_plant(void **state)
 
         prepare_minute(&m, seed);
         live_through(&m);
-        assert_int_equal(evidence_begin(m.store, &m.e, m.zero, &begin), 0);
+        assert_int_equal(control_history_begin(m.store, &m.e, m.zero, &begin), 0);
         control_begin(&c, true, m.watchdog.link, begin);
         const struct apc_range range = {.since = m.zero, .until = m.zero + RAN};
-        assert_int_equal(evidence_take(m.store, &m.e, &range, &c, &missing), 0);
+        assert_int_equal(control_history_read(m.store, &m.e, &range, &c, &missing), 0);
         control_end(&c, m.zero + RAN);
 
         const struct seen seen = from_the_plant(&m, begin - m.zero);
@@ -484,7 +484,7 @@ static void rows_that_are_not_in_the_record_are_counted_by_their_numbers(void **
     prepare_minute(&m, 1);
     const struct apc_range range = {.since = m.zero, .until = m.zero + RAN};
     control_begin(&c, true, m.watchdog.link, m.zero);
-    assert_int_equal(evidence_take(m.store, &m.e, &range, &c, &missing), 0);
+    assert_int_equal(control_history_read(m.store, &m.e, &range, &c, &missing), 0);
     assert_string_equal(missing.empty, "y");
     assert_null(missing.name);
     for (int64_t seq = 7; seq < 40; seq++) { /* and a clock that was away for a while */
@@ -494,7 +494,7 @@ static void rows_that_are_not_in_the_record_are_counted_by_their_numbers(void **
             {.table = APC_SENSOR, .id = 1, .seq = seq, .time = time}};
         assert_int_equal(apc_store_append(m.store, rows, seq % 8 ? 2 : 1), seq % 8 ? 2 : 1);
     }
-    assert_int_equal(evidence_take(m.store, &m.e, &range, &c, &missing), 0);
+    assert_int_equal(control_history_read(m.store, &m.e, &range, &c, &missing), 0);
     assert_null(missing.empty);
     assert_string_equal(missing.name, "y");
     assert_int_equal(missing.rows, 4);

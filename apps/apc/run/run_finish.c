@@ -11,7 +11,7 @@
 #include "apc/folder/run_recovery.h"
 #include "apc/folder/spools.h"
 #include "apc/report/report.h"
-#include "evidence.h"
+#include "control_history.h"
 #include "run.h"
 
 #define EXPORT_TRIES 60 /* a second each */
@@ -86,10 +86,10 @@ static int judge_run(struct run *r, apc_ns since, apc_ns until, struct control *
     struct missing missing = {0};
     char why[400];
     apc_ns begin;
-    int rc = evidence_begin(r->store, &r->e, r->start, &begin);
+    int rc = control_history_begin(r->store, &r->e, r->start, &begin);
     control_begin(control, r->e.plant.external, apc_watchdog_make(r->e.client.rhythm.period, 0).link, begin);
     if (rc == 0)
-        rc = evidence_take(r->store, &r->e, &range, control, &missing);
+        rc = control_history_read(r->store, &r->e, &range, control, &missing);
     if (rc < 0 || r->failure.text[0])
         return rc;
     control_end(control, until);

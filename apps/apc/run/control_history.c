@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "evidence.h"
+#include "control_history.h"
 
 #include <stdlib.h>
 
@@ -15,7 +15,7 @@ struct fact {
     int64_t number; /* of an event */
 };
 
-struct evidence {
+struct control_history {
     const struct experiment *e;
     struct control *control;
     struct fact *facts;
@@ -30,7 +30,7 @@ struct evidence {
     int64_t first, last;
 };
 
-static int add_fact(struct evidence *v, const struct fact *fact)
+static int add_fact(struct control_history *v, const struct fact *fact)
 {
     if (v->n == v->room) {
         const size_t room = v->room ? 2 * v->room : 64;
@@ -45,7 +45,7 @@ static int add_fact(struct evidence *v, const struct fact *fact)
 }
 
 /* A row that says no more than the one before it is none. */
-static int add_turn(struct evidence *v, apc_ns time, bool is)
+static int add_turn(struct control_history *v, apc_ns time, bool is)
 {
     if (is == v->next.is)
         return 0;
@@ -59,9 +59,9 @@ static int take_mode(void *ctx, const struct apc_sample *row)
     return add_turn(ctx, row->time, (int)row->value == APC_MODE_OOS);
 }
 
-static int take_evidence_event(void *ctx, const struct apc_event *event)
+static int take_history_event(void *ctx, const struct apc_event *event)
 {
-    struct evidence *v = ctx;
+    struct control_history *v = ctx;
     bool commanded;
     return control_hears(v->control, event, &commanded)
                ? add_fact(v, &(struct fact){event->time, FACT_COMMAND, 0, commanded, event->number})
@@ -69,7 +69,7 @@ static int take_evidence_event(void *ctx, const struct apc_event *event)
 }
 
 /* An output has as many loops as controllers that may act on it. */
-static bool any_output_out(const struct evidence *v)
+static bool any_output_out(const struct control_history *v)
 {
     const size_t loops = controllers_loops(v->e);
     for (size_t i = 0; i < loops; i++) {
@@ -82,7 +82,7 @@ static bool any_output_out(const struct evidence *v)
     return false;
 }
 
-static const char *at_fault(const struct evidence *v)
+static const char *at_fault(const struct control_history *v)
 {
     size_t i = 0;
     while (i < v->e->dim.nu && !v->fault[i])
@@ -97,7 +97,7 @@ static int by_time(const void *a, const void *b)
                               : (p->number > q->number) - (p->number < q->number);
 }
 
-static void tell_output_status(struct evidence *v)
+static void tell_output_status(struct control_history *v)
 {
     if (v->n > 1)
         qsort(v->facts, v->n, sizeof *v->facts, by_time);
@@ -116,7 +116,7 @@ static void tell_output_status(struct evidence *v)
 }
 
 /* What is said in the file, then what was there before, then what was written. */
-static int read_mode_facts(struct evidence *v, struct apc_store *store, const struct apc_range *range)
+static int read_mode_facts(struct control_history *v, struct apc_store *store, const struct apc_range *range)
 {
     const struct apc_range before = {.until = range->since, .last = 1};
     int rc = 0;
@@ -137,9 +137,9 @@ static int read_mode_facts(struct evidence *v, struct apc_store *store, const st
     return rc;
 }
 
-static int take_evidence_row(void *ctx, const struct apc_sample *row)
+static int take_history_row(void *ctx, const struct apc_sample *row)
 {
-    struct evidence *v = ctx;
+    struct control_history *v = ctx;
     v->first = v->rows++ ? v->first : row->seq;
     v->last = row->seq;
     return v->next.kind == FACT_FAULT
@@ -149,14 +149,14 @@ static int take_evidence_row(void *ctx, const struct apc_sample *row)
 
 static int count_row(void *ctx, const struct apc_sample *row)
 {
-    struct evidence *v = ctx;
+    struct control_history *v = ctx;
     v->rows += row->seq <= v->last;
     return row->seq >= v->last;
 }
 
 /* A measurement is counted without a gap, from the first of the run to its last, whatever a clock that was
  * stepped says of those between. An output that could not be stored never was one. */
-static int count_measurement(struct evidence *v, struct apc_store *store, size_t i)
+static int count_measurement(struct control_history *v, struct apc_store *store, size_t i)
 {
     struct missing *m = v->missing;
     const char *name = v->e->y[i].tag.name;
@@ -174,16 +174,16 @@ static int count_measurement(struct evidence *v, struct apc_store *store, size_t
     return rc;
 }
 
-static int read_rows(struct evidence *v, struct apc_store *store, const struct apc_range *range,
+static int read_rows(struct control_history *v, struct apc_store *store, const struct apc_range *range,
                      enum apc_table table, size_t i)
 {
     v->rows = 0;
     v->next = (struct fact){.kind = table == APC_SENSOR ? FACT_NONE : FACT_FAULT, .at = i};
-    int rc = apc_store_history(store, table, (int)i + 1, range, take_evidence_row, v);
+    int rc = apc_store_history(store, table, (int)i + 1, range, take_history_row, v);
     return rc >= 0 && table == APC_SENSOR ? count_measurement(v, store, i) : rc;
 }
 
-static int read_all_rows(struct evidence *v, struct apc_store *store, const struct apc_range *range)
+static int read_all_rows(struct control_history *v, struct apc_store *store, const struct apc_range *range)
 {
     int rc = 0;
     *v->missing = (struct missing){0};
@@ -208,7 +208,7 @@ static bool commands_plant(const struct controller *c)
     return k < c->dim.nu;
 }
 
-int evidence_begin(struct apc_store *store, const struct experiment *e, apc_ns start, apc_ns *begin)
+int control_history_begin(struct apc_store *store, const struct experiment *e, apc_ns start, apc_ns *begin)
 {
     const struct apc_range range = {.since = start};
     int rc = 0;
@@ -226,22 +226,22 @@ int evidence_begin(struct apc_store *store, const struct experiment *e, apc_ns s
     return rc < 0 ? rc : 0;
 }
 
-int evidence_take(struct apc_store *store, const struct experiment *e, const struct apc_range *range,
-                  struct control *control, struct missing *missing)
+int control_history_read(struct apc_store *store, const struct experiment *e, const struct apc_range *range,
+                         struct control *control, struct missing *missing)
 {
     const size_t loops = controllers_loops(e);
-    struct evidence v = {.e = e,
-                         .control = control,
-                         .missing = missing,
-                         .out = calloc(loops, sizeof *v.out),
-                         .fault = calloc(e->dim.nu, sizeof *v.fault),
-                         .outputs = calloc(loops, sizeof *v.outputs)};
+    struct control_history v = {.e = e,
+                                .control = control,
+                                .missing = missing,
+                                .out = calloc(loops, sizeof *v.out),
+                                .fault = calloc(e->dim.nu, sizeof *v.fault),
+                                .outputs = calloc(loops, sizeof *v.outputs)};
     int rc = v.out && v.fault && v.outputs ? read_mode_facts(&v, store, range) : APC_ENOMEM;
 
     if (rc >= 0)
         rc = read_all_rows(&v, store, range);
     if (rc >= 0)
-        rc = apc_store_events(store, range, take_evidence_event, &v);
+        rc = apc_store_events(store, range, take_history_event, &v);
     rc = rc >= 0 && v.failed ? v.failed : rc;
     if (rc >= 0)
         tell_output_status(&v);
