@@ -516,8 +516,8 @@ static int open_client(struct shell *s, const struct own_options *own)
     struct apc_error why;
     int64_t *last = calloc(e->dim.ny, sizeof *last);
 
-    s->watchdog = apc_watchdog_make(e->client.rhythm.period, cores_command_period(e));
-    s->patience = cores_patience(e);
+    s->watchdog = apc_watchdog_make(e->client.rhythm.period, module_command_period(e));
+    s->patience = module_patience(e);
     s->budget = s->patience / 2;
     s->d->store_pause = e->controllers->rhythm.period;
     int rc = last ? allocate_client(s) : APC_ENOMEM;
@@ -529,7 +529,7 @@ static int open_client(struct shell *s, const struct own_options *own)
     }
     if (rc == 0)
         rc = start_store(s, last);
-    if (rc == 0 && (rc = cores_client(e, last, s->d->start, &s->core, &why)) < 0)
+    if (rc == 0 && (rc = module_client(e, last, s->d->start, &s->core, &why)) < 0)
         daemon_error(s->d, rc, "%s", why.text);
     free(last);
     return rc;

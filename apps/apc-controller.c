@@ -138,7 +138,7 @@ static int append_tick(struct shell *s, int n)
 /* Whoever is to act takes the outputs as soon as the other one has given them back. */
 static int take_turn_of_outputs(struct shell *s)
 {
-    int rc = cores_take_turns(s->of, s->core, s->store, &s->claimed);
+    int rc = module_take_turns(s->of, s->core, s->store, &s->claimed);
     if (rc == APC_EBUSY && !s->told)
         daemon_event(&s->d, APC_EVENT_INFO, "start", "waits for the outputs: %s", apc_store_error(s->store));
     s->told = rc == APC_EBUSY;
@@ -181,7 +181,7 @@ static int follow_acting(struct shell *s)
     apc_controller_destroy(s->core);
     s->core = NULL;
     s->claimed = false;
-    const int rc = cores_controller(&s->d.experiment, s->of, true, &s->core, &why);
+    const int rc = module_controller(&s->d.experiment, s->of, true, &s->core, &why);
     if (rc < 0)
         return daemon_error(&s->d, rc, "%s", why.text);
     standby_follow(&s->standby);
@@ -290,7 +290,7 @@ static int begin_acting(struct shell *s)
 static int open_controller(struct shell *s)
 {
     struct apc_error why;
-    int rc = cores_controller(&s->d.experiment, s->of, true, &s->core, &why);
+    int rc = module_controller(&s->d.experiment, s->of, true, &s->core, &why);
     if (rc < 0)
         return daemon_error(&s->d, rc, "%s", why.text);
     s->d.store_timeout = daemon_timeout(s->of->rhythm.period);

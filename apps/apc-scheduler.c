@@ -133,7 +133,7 @@ static int open_scheduler(struct shell *s)
     struct apc_error why;
     if (e->scheduler.steps == 0)
         return daemon_error(s->d, APC_EINVAL, "%s has no scheduler: nothing is to be written", e->file);
-    int rc = cores_scheduler(e, &s->core, &why);
+    int rc = module_scheduler(e, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);
     /* Without a start a sequence that repeats lies on the grid of 1970; one that does not, begins now. */

@@ -240,7 +240,7 @@ static void link_open(struct exchange *e, const struct frames *frames)
         die("%s", why.text);
 }
 
-static void cores_open(struct exchange *e)
+static void module_open(struct exchange *e)
 {
     struct apc_notice notice;
     struct apc_error why;
@@ -332,7 +332,7 @@ static void run_frames(struct bench *b, const char *title, const struct frames *
         rows[1].goal = "<= 1.15";
     run_on(1);
     link_open(&link, frames);
-    cores_open(&exchange);
+    module_open(&exchange);
     run_on(0);
     bench_run(b, title, N, rows, sizeof rows / sizeof rows[0]);
     exchange_close(&link);

@@ -128,7 +128,7 @@ static int claim(struct shell *s)
         return daemon_error(s->d, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < e->n_alarms; i++)
         all[i] = (struct apc_sample){.table = APC_ALARM, .id = (int)i + 1};
-    all[e->n_alarms] = (struct apc_sample){.table = APC_TICK, .id = cores_alarms_number(e)};
+    all[e->n_alarms] = (struct apc_sample){.table = APC_TICK, .id = module_alarms_number(e)};
     const int rc = daemon_store(s->d, &s->store, all, e->n_alarms + 1);
     free(all);
     return rc;
@@ -140,7 +140,7 @@ static int open_alarms(struct shell *s)
     struct apc_error why;
     if (e->n_alarms == 0)
         return daemon_error(s->d, APC_EINVAL, "%s has no alarms: nothing is to be evaluated", e->file);
-    int rc = cores_alarms(e, &s->core, &why);
+    int rc = module_alarms(e, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);
     s->d->store_timeout = daemon_timeout(e->alarms.rhythm.period);

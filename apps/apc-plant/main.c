@@ -204,7 +204,7 @@ static int open_plant_server(struct shell *s, const struct own_options *own)
     const char *at = own->listen ? own->listen : e->plant.listen;
     struct apc_error why;
     s->d->experiment.plant.options.patience = apc_ns_to_s(e->plant.rhythm.period) / 2;
-    int rc = cores_plant(e, &s->plant, &s->core, &why);
+    int rc = module_plant(e, &s->plant, &s->core, &why);
     if (rc < 0)
         return daemon_error(s->d, rc, "%s", why.text);
     rc = credentials_open(&s->credentials, s->d, at, own->identity ? own->identity : e->plant.identity);

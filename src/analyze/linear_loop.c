@@ -183,7 +183,7 @@ static int make_linear_law(struct linear_loop *l, const struct experiment *e, si
 {
     const struct controller *c = &e->controllers[l->chosen[k]];
     const struct apc_dim *dim = &c->dim;
-    struct apc_law_setup setup = cores_law_setup(c);
+    struct apc_law_setup setup = module_law_setup(c);
     double *at = calloc(dim->ny + dim->nz + dim->nd + dim->nu + 1, sizeof *at);
 
     if (!at)

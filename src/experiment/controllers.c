@@ -491,7 +491,7 @@ static void count_published_output(void *ctx, size_t output, const struct apc_pu
 
 static void number_published(struct settings *s, struct controller *c, struct count *n)
 {
-    const struct apc_law_setup setup = cores_law_setup(c);
+    const struct apc_law_setup setup = module_law_setup(c);
     c->first_estimate = n->numbers + 1;
     c->first_prediction = n->courses + 1;
     c->n_published = apc_law_published(c->law, &setup, count_published_output, n, s->why);
@@ -501,7 +501,7 @@ static void number_published(struct settings *s, struct controller *c, struct co
 
 static void pair_outputs(struct settings *s, struct controller *c)
 {
-    const struct apc_law_setup setup = cores_law_setup(c);
+    const struct apc_law_setup setup = module_law_setup(c);
     c->pair = controllers_array(s, c->dim.nu, sizeof *c->pair);
     if (c->pair) /* what it says of its outputs was looked at when it was tried */
         (void)apc_law_pairing(c->law, &setup, c->pair, NULL);

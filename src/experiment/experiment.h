@@ -363,50 +363,50 @@ bool controllers_is_below(const struct experiment *e, struct controller_loop loo
  * APC_ERANGE with a text in why: what should decay grows without bound then. */
 int experiment_check_steps(const struct experiment *e, struct apc_error *why);
 
-/* ---- Its cores, for daemons and simulation alike -------------------------------------------- */
+/* ---- Options of its modules, for daemons and simulation alike -------------------------------------------- */
 
 /* How many tuning parameters it has, those of its backup law included: they stand behind its own. */
 size_t controllers_parameters(const struct controller *c);
 
 /* What its law is made from. */
-struct apc_law_setup cores_law_setup(const struct controller *c);
+struct apc_law_setup module_law_setup(const struct controller *c);
 
 /* What is in the store before anybody writes: modes, tuning, setpoints that have an initial value. [n], to be
  * freed; NULL: out of memory. */
-struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *n);
+struct apc_sample *module_first(const struct experiment *e, apc_ns time, size_t *n);
 
 /* How long it may be between two commands: the period of the slowest controller that gives any. */
-apc_ns cores_command_period(const struct experiment *e);
+apc_ns module_command_period(const struct experiment *e);
 
 /* A measurement or calculated signal that did not change for so long is stale: by its own rhythm. */
-apc_ns cores_horizon(const struct experiment *e, struct wire wire);
+apc_ns module_horizon(const struct experiment *e, struct wire wire);
 
 /* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
-void cores_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);
+void module_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);
 
 /* The plant and the core that serves it, as the file describes them; both or, with an error in why, none. The
  * experiment must outlive them. */
-int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
-                struct apc_error *why);
+int module_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
+                 struct apc_error *why);
 /* These return 0 or a negative error with its text in why. */
-int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
-                     struct apc_controller **controller, struct apc_error *why);
-int cores_scheduler(const struct experiment *e, struct apc_scheduler **scheduler, struct apc_error *why);
-int cores_alarms(const struct experiment *e, struct apc_alarms **alarms, struct apc_error *why);
+int module_controller(const struct experiment *e, const struct controller *c, bool real_time,
+                      struct apc_controller **controller, struct apc_error *why);
+int module_scheduler(const struct experiment *e, struct apc_scheduler **scheduler, struct apc_error *why);
+int module_alarms(const struct experiment *e, struct apc_alarms **alarms, struct apc_error *why);
 /* Id of their tick row: behind those of the controllers. */
-int cores_alarms_number(const struct experiment *e);
+int module_alarms_number(const struct experiment *e);
 /*
  * Before the first tick of a controller, and after each: where the outputs have a switch, claim them if it
  * names this controller, and give them back if it does not; *@p claimed is whether it has them. Returns 0, or
  * the store's error; with APC_EBUSY the other one has not come to it yet.
  */
-int cores_take_turns(const struct controller *c, struct apc_controller *core, struct apc_store *store,
-                     bool *claimed);
-int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
-                 struct apc_error *why);
+int module_take_turns(const struct controller *c, struct apc_controller *core, struct apc_store *store,
+                      bool *claimed);
+int module_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
+                  struct apc_error *why);
 
 /* How long the client waits for a reply. */
-apc_ns cores_patience(const struct experiment *e);
+apc_ns module_patience(const struct experiment *e);
 
 /* Severity, kind and text of what a core noticed; its kind must not be APC_NOTICE_NONE. */
 void notice_event(const struct apc_notice *notice, struct apc_event *event);

@@ -173,7 +173,7 @@ static void read_alarm_signal(struct settings *s, const config_setting_t *group,
     a->low = o->tag.low;
     a->high = o->tag.high;
     if (a->table == APC_SENSOR)
-        a->horizon = cores_horizon(o->e, o->wire);
+        a->horizon = module_horizon(o->e, o->wire);
     if (a->kind == APC_ALARM_AT_LIMIT && a->low <= -APC_VALUE_MAX && a->high >= APC_VALUE_MAX)
         settings_fail(s, group, "%s has no limits that it could be at", o->tag.name);
     if (a->kind != APC_ALARM_MODE)

@@ -263,7 +263,7 @@ static void check_law_tuning(struct settings *s, const config_setting_t *at, con
 static void try_law(struct settings *s, const config_setting_t *group, const config_setting_t *tuning,
                     const struct controller *c)
 {
-    const struct apc_law_setup setup = cores_law_setup(c);
+    const struct apc_law_setup setup = module_law_setup(c);
     struct apc_error why;
     int rc = apc_law_try(c->law, &setup, c->tuning, &why);
 

@@ -260,7 +260,7 @@ void experiment_read_dynamics(struct settings *s, const config_setting_t *group,
         read_disturbances(s, disturbances, e);
     if (s->failed)
         return;
-    if (cores_plant(e, &trial, &core, &why) < 0) /* what only the library knows, said with the line */
+    if (module_plant(e, &trial, &core, &why) < 0) /* what only the library knows, said with the line */
         settings_fail(s, group, "%s", why.text);
     apc_plantserver_destroy(core);
     apc_plant_destroy(trial);

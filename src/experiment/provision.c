@@ -173,7 +173,7 @@ static int add_controllers(struct tags *t)
         for (size_t k = 0; k < c->dim.nu; k++)
             add_loop(t, (struct controller_loop){c, k});
         struct publishing publishing = {t, c->first_estimate, c->first_prediction};
-        const struct apc_law_setup setup = cores_law_setup(c);
+        const struct apc_law_setup setup = module_law_setup(c);
         if (c->n_published > 0)
             rc = apc_law_published(c->law, &setup, add_published, &publishing, NULL);
         if (c->acting)
@@ -213,7 +213,7 @@ static void add_alarms(struct tags *t)
     }
     if (t->e->n_alarms == 0)
         return;
-    struct apc_tag *tick = add_tag(t, plain_tag(APC_TICK, cores_alarms_number(t->e), "alarms",
+    struct apc_tag *tick = add_tag(t, plain_tag(APC_TICK, module_alarms_number(t->e), "alarms",
                                                 "how many alarms are in which state", 0, 0));
     tick->period = apc_ns_to_s(t->e->alarms.rhythm.period);
     tick->length = APC_ALARMS_TICK;

@@ -48,7 +48,7 @@ static int make_alarm_summary(struct alarm_summary *b, struct apc_error *why)
             *sample++ = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(APC_OPMODE, id)};
         }
     }
-    b->tick = (struct apc_vector){.table = APC_TICK, .id = cores_alarms_number(&b->e)};
+    b->tick = (struct apc_vector){.table = APC_TICK, .id = module_alarms_number(&b->e)};
     b->tick.room = APC_ALARMS_TICK;
     b->tick.value = b->numbers;
     b->rows = (struct apc_rows){.size = sizeof b->rows,

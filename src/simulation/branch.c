@@ -214,7 +214,7 @@ static int change_scheduler(struct simulation *s, const struct experiment *was, 
     if (s->e->scheduler.steps == 0 || (same && !recorded))
         return 0;
     apc_scheduler_destroy(s->scheduler);
-    int rc = cores_scheduler(s->e, &s->scheduler, why);
+    int rc = module_scheduler(s->e, &s->scheduler, why);
     if (rc == 0 && (rc = apc_store_read_rows(s->store, apc_scheduler_in(s->scheduler))) < 0)
         return apc_fail(why, rc, "%s", apc_store_error(s->store));
     if (rc == 0 && same && s->schedules)
@@ -261,8 +261,8 @@ static bool is_other(const struct simulation *s, const struct experiment *was,
 static int change_rows(struct simulation *s, const struct experiment *was, struct apc_error *why)
 {
     size_t n[2];
-    struct apc_sample *first[2] = {cores_first(was, SIMULATION_BEGIN, &n[0]),
-                                   cores_first(s->e, SIMULATION_BEGIN, &n[1])};
+    struct apc_sample *first[2] = {module_first(was, SIMULATION_BEGIN, &n[0]),
+                                   module_first(s->e, SIMULATION_BEGIN, &n[1])};
     int rc = first[0] && first[1] ? 0 : apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < n[1] && rc == 0; i++) {
         const struct action action = {.kind = ACTION_WRITE, .to = first[1][i], .n = 1};
@@ -281,7 +281,7 @@ static int look_at_controller(const struct simulated *c, const struct controller
 {
     struct difference d = {.skip = is_stored};
     struct apc_controller *core;
-    int rc = cores_controller(c->s->e, of, false, &core, why);
+    int rc = module_controller(c->s->e, of, false, &core, why);
     if (rc < 0)
         return rc;
     *other = !c->core || (a && b && settings_differ(&d, a, b)) ||

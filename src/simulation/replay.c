@@ -330,7 +330,7 @@ static int start_replayed_controller(struct replay *r, struct replay_controller 
 {
     struct apc_error why;
     apc_controller_destroy(rc->core);
-    int err = cores_controller(&r->e, rc->of, false, &rc->core, &why);
+    int err = module_controller(&r->e, rc->of, false, &rc->core, &why);
     if (err < 0)
         return apc_fail(&r->why, err, "%s", why.text);
     struct apc_rows *rows = apc_controller_former(rc->core);

@@ -269,7 +269,7 @@ static void client_finish(void *ctx)
 {
     struct simulation *s = ctx;
     apc_ns now = apc_clock_mono(s->clock);
-    int rc = apc_exchange_begin(s->exchange, s->command, now + cores_patience(s->e));
+    int rc = apc_exchange_begin(s->exchange, s->command, now + module_patience(s->e));
     if (rc == 0)
         s->sent_at = now;
     s->in_vain += rc == APC_EBUSY;
@@ -318,7 +318,7 @@ static bool is_held(const struct apc_rows *out)
 /* The other one may still have the outputs. */
 static void take_simulated_turns(struct simulated *c)
 {
-    const int rc = cores_take_turns(c->of, c->core, c->store, &c->claimed);
+    const int rc = module_take_turns(c->of, c->core, c->store, &c->claimed);
     if (rc < 0 && rc != APC_EBUSY)
         simulation_stop(c->s, rc, "at t = %g s: %s", simulation_time(c->s), apc_store_error(c->store));
 }
@@ -366,7 +366,7 @@ int simulation_start(struct simulated *c, struct apc_error *why)
 {
     if (c->core)
         return 0;
-    int rc = cores_controller(c->s->e, c->of, false, &c->core, why);
+    int rc = module_controller(c->s->e, c->of, false, &c->core, why);
     if (rc == 0 && (rc = apc_store_read_rows(c->s->store, apc_controller_former(c->core))) < 0)
         apc_fail(why, rc, "%s", apc_store_error(c->s->store));
     if (rc == 0)
@@ -427,7 +427,7 @@ static void alarms_finish(void *ctx)
 
 static int make_simulated_alarms(struct simulation *s, struct apc_error *why)
 {
-    const int rc = s->e->n_alarms > 0 ? cores_alarms(s->e, &s->alarms, why) : 0;
+    const int rc = s->e->n_alarms > 0 ? module_alarms(s->e, &s->alarms, why) : 0;
     if (s->alarms)
         apc_alarms_resume(s->alarms);
     return rc;
@@ -557,7 +557,7 @@ static int make_simulated_room(struct simulation *s)
 static int make_store(struct simulation *s, struct apc_error *why)
 {
     size_t n;
-    struct apc_sample *first = cores_first(s->e, SIMULATION_BEGIN, &n);
+    struct apc_sample *first = module_first(s->e, SIMULATION_BEGIN, &n);
     int rc =
         first ? apc_store_open(&s->store, s->uri, NULL, why) : apc_fail(why, APC_ENOMEM, "out of memory");
 
@@ -590,9 +590,9 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
     s->zero = apc_clock_mono(s->clock);
     struct experiment seeded = *e;
     seeded.seed = seed;
-    if ((rc = cores_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
-        (rc = cores_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
-        (e->scheduler.steps > 0 && (rc = cores_scheduler(e, &s->scheduler, why)) < 0) ||
+    if ((rc = module_plant(&seeded, &s->plant, &s->server, why)) < 0 ||
+        (rc = module_client(e, NULL, SIMULATION_BEGIN, &s->client, why)) < 0 ||
+        (e->scheduler.steps > 0 && (rc = module_scheduler(e, &s->scheduler, why)) < 0) ||
         (rc = make_exchange(s, seed, why)) < 0)
         return rc;
     if (make_simulated_room(s) < 0 || simulation_schedule_clock(s) < 0 ||

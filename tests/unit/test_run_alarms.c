@@ -134,7 +134,7 @@ static void evaluate(const struct experiment *e, struct apc_store *store)
 {
     struct apc_alarms *alarms = NULL;
     struct apc_error why;
-    if (cores_alarms(e, &alarms, &why) < 0)
+    if (module_alarms(e, &alarms, &why) < 0)
         fail_msg("%s", why.text);
     assert_true(apc_store_read_rows(store, apc_alarms_former(alarms)) >= 0);
     apc_alarms_resume(alarms);

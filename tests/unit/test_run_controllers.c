@@ -406,7 +406,7 @@ static void each_controller_has_a_law_of_its_own(void **state)
     assert_near(upper->param[0].high, 9.0, 0);
     assert_int_equal(upper->n_setting, 1);
     assert_int_equal(base->n_setting, 0);
-    assert_int_equal(cores_command_period(&e), APC_NS_PER_S / 2); /* upper commands nobody */
+    assert_int_equal(module_command_period(&e), APC_NS_PER_S / 2); /* upper commands nobody */
     experiment_free(&e);
 }
 

@@ -67,7 +67,7 @@ static const struct controller *named(const char *name)
 static struct apc_controller *core_of(const char *name)
 {
     struct apc_controller *core;
-    if (cores_controller(&e, named(name), false, &core, &why) < 0)
+    if (module_controller(&e, named(name), false, &core, &why) < 0)
         fail_msg("%s: %s", name, why.text);
     return core;
 }
@@ -193,10 +193,10 @@ static void a_measurement_may_stay_away_as_long_as_it_takes_to_come(void **state
     struct apc_controller *core = core_of("smooth");
     assert_int_equal(core->horizon[0], 3 * 400 * MS + 100 * MS);
     apc_controller_destroy(core);
-    assert_int_equal(cores_command_period(&e), 800 * MS); /* the slowest of those that command the plant */
-    assert_int_equal(cores_patience(&e), 200 * MS);
+    assert_int_equal(module_command_period(&e), 800 * MS); /* the slowest of those that command the plant */
+    assert_int_equal(module_patience(&e), 200 * MS);
     e.client.rhythm.period = 5 * S;
-    assert_int_equal(cores_patience(&e), S);
+    assert_int_equal(module_patience(&e), S);
 }
 
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)

@@ -111,7 +111,7 @@ static void what_is_not_given_has_its_default(void **state)
     assert_string_equal(e.title, "least");
     assert_same(e.duration, 0);
     assert_int_equal(e.seed, 1);
-    cores_outputs(&e, &low, &high, &safe, &fault);
+    module_outputs(&e, &low, &high, &safe, &fault);
     assert_same(low, -APC_VALUE_MAX);
     assert_same(high, APC_VALUE_MAX);
     assert_same(safe, 0);
@@ -146,7 +146,7 @@ static void an_output_is_safe_at_0_or_at_the_limit_next_to_it(void **state)
     double low[2], high[2], safe[2], fault[2];
     (void)state;
     assert_int_equal(load(&e, 0, NULL, &why), 0);
-    cores_outputs(&e, low, high, safe, fault);
+    module_outputs(&e, low, high, safe, fault);
     assert_same(low[0], 1);
     assert_same(high[0], 9);
     assert_same(safe[0], 1);
@@ -301,7 +301,7 @@ static void an_external_plant_is_named_by_its_client_alone(void **state)
     assert_null(e.plant.model);
     assert_int_equal(e.plant.rhythm.period, e.client.rhythm.period);
     assert_int_equal(e.plant.rhythm.phase, 0);
-    assert_int_equal(cores_plant(&e, &plant, &server, &why), APC_EINVAL);
+    assert_int_equal(module_plant(&e, &plant, &server, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "the plant is external"));
     experiment_free(&e);
     if (load(&e, 5, "plant = { external = true; period = 3.0; model = \"quadruple-tank\"; };", &why) < 0)
@@ -649,13 +649,13 @@ static void a_plant_and_its_server_are_made_both_or_none(void **state)
                           "\"d3\"; at = 1.0; value = 0.1; } ); };",
                           &why),
                      0);
-    assert_int_equal(cores_plant(&e, &plant, &server, &why), 0);
+    assert_int_equal(module_plant(&e, &plant, &server, &why), 0);
     assert_non_null(plant);
     assert_non_null(server);
     apc_plantserver_destroy(server);
     apc_plant_destroy(plant);
     e.plant.disturbance[0].k = 99;
-    assert_true(cores_plant(&e, &plant, &server, &why) < 0);
+    assert_true(module_plant(&e, &plant, &server, &why) < 0);
     assert_null(plant);
     assert_null(server);
     experiment_free(&e);

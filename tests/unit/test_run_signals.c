@@ -320,9 +320,9 @@ static void what_is_wanted_of_a_signal_reaches_its_tag_and_its_law(void **state)
     assert_string_equal(tags[1].area, "unit1");
     assert_true(tags[1].display_low == tags[1].display_high);
     free(tags);
-    assert_true(cores_horizon(&e, (struct wire){APC_SENSOR, 0}) == 180 * APC_NS_PER_S + 100 * APC_NS_PER_MS);
+    assert_true(module_horizon(&e, (struct wire){APC_SENSOR, 0}) == 180 * APC_NS_PER_S + 100 * APC_NS_PER_MS);
 
-    const struct apc_law_setup setup = cores_law_setup(&e.controllers[0]);
+    const struct apc_law_setup setup = module_law_setup(&e.controllers[0]);
     assert_string_equal(setup.y[0].name, "y");
     assert_near(setup.y[0].low, 0, 0);
     assert_near(setup.y[0].soft_low, 1, 0);

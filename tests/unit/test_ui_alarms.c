@@ -45,7 +45,7 @@ static int set_up(void **state)
     if (!ui_made("mem:ui-alarms"))
         return -1;
     if (experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0 ||
-        provision(store, &e, PROVISION_KEEP) < 0 || cores_alarms(&e, &alarms, &why) < 0)
+        provision(store, &e, PROVISION_KEEP) < 0 || module_alarms(&e, &alarms, &why) < 0)
         fail_msg("%s", why.text);
     if (model_load(&ui->model, store) < 0)
         return -1;

@@ -250,7 +250,7 @@ static void put_expected(FILE *script, const struct report_panels *p, const stru
 static double gap_of(const struct report_panels *p, const struct curve_of *c)
 {
     const struct wire wire = {APC_SENSOR, (size_t)c->signal->tag.id - 1};
-    return c->signal->tag.table == APC_SENSOR ? apc_ns_to_s(cores_horizon(p->e, wire)) : 0;
+    return c->signal->tag.table == APC_SENSOR ? apc_ns_to_s(module_horizon(p->e, wire)) : 0;
 }
 
 void report_panels_blocks(FILE *script, const struct report_panels *p)

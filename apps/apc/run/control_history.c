@@ -222,7 +222,7 @@ int control_history_begin(struct apc_store *store, const struct experiment *e, a
     }
     if (*begin > start + GRACE)
         *begin = start + GRACE;
-    *begin += 3 * cores_command_period(e) + 100 * APC_NS_PER_MS;
+    *begin += 3 * module_command_period(e) + 100 * APC_NS_PER_MS;
     return rc < 0 ? rc : 0;
 }
 

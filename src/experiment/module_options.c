@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-struct apc_law_setup cores_law_setup(const struct controller *c)
+struct apc_law_setup module_law_setup(const struct controller *c)
 {
     const struct apc_dim *d = &c->dim;
     const struct apc_signal_view *v = c->view;
@@ -21,7 +21,7 @@ struct apc_law_setup cores_law_setup(const struct controller *c)
                                   .plant = c->linear || c->sampled ? &c->plant : NULL};
 }
 
-void cores_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault)
+void module_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault)
 {
     for (size_t i = 0; i < e->dim.nu; i++) {
         low[i] = e->u[i].tag.low;
@@ -31,7 +31,7 @@ void cores_outputs(const struct experiment *e, double *low, double *high, double
     }
 }
 
-apc_ns cores_command_period(const struct experiment *e)
+apc_ns module_command_period(const struct experiment *e)
 {
     apc_ns period = 0;
     for (size_t i = 0; i < e->n_controllers; i++) {
@@ -72,8 +72,8 @@ int experiment_draw(const struct experiment *e, uint64_t seed, double *p, struct
     return 0;
 }
 
-int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
-                struct apc_error *why)
+int module_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
+                 struct apc_error *why)
 {
     struct apc_plant_options how = e->plant.options;
     double *limits, *initial, *p;
@@ -90,7 +90,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
     limits = calloc(5 * e->dim.nu + e->plant.model->np, sizeof *limits);
     if (!limits)
         return apc_fail(why, APC_ENOMEM, "out of memory");
-    cores_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
+    module_outputs(e, limits, limits + e->dim.nu, limits + 2 * e->dim.nu, limits + 3 * e->dim.nu);
     initial = limits + 4 * e->dim.nu;
     p = initial + e->dim.nu;
     for (size_t i = 0; i < e->dim.nu; i++) {
@@ -104,7 +104,7 @@ int cores_plant(const struct experiment *e, struct apc_plant **plant, struct apc
         .high = limits + e->dim.nu,
         .safe = limits + 2 * e->dim.nu,
         .link_period = e->client.rhythm.period,
-        .command_period = cores_command_period(e),
+        .command_period = module_command_period(e),
         .seed = e->seed,
         .noise = e->plant.noise,
         .disturbance = e->plant.disturbance,
@@ -252,7 +252,7 @@ static apc_ns row_timeout(apc_ns period)
     return 3 * period + 100 * APC_NS_PER_MS;
 }
 
-apc_ns cores_horizon(const struct experiment *e, struct wire wire)
+apc_ns module_horizon(const struct experiment *e, struct wire wire)
 {
     const apc_ns client = e->client.rhythm.period, plant = e->plant.rhythm.period;
     apc_ns by = 0; /* the longest of those that calculate it */
@@ -283,12 +283,12 @@ static int make_wiring(const struct experiment *e, const struct controller *c, s
         return APC_ENOMEM;
     for (size_t i = 0; i < c->dim.ny; i++) {
         w->y[i] = (int)c->y[i].at + 1;
-        w->y_horizon[i] = cores_horizon(e, c->y[i]);
+        w->y_horizon[i] = module_horizon(e, c->y[i]);
         w->told[i] = controllers_above(e, c->y[i]).of && selects_with(controllers_selector(e, c->y[i]), c);
     }
     for (size_t i = 0; i < c->dim.nd; i++) {
         w->d[i] = (int)c->d[i].at + 1;
-        w->d_horizon[i] = cores_horizon(e, c->d[i]);
+        w->d_horizon[i] = module_horizon(e, c->d[i]);
     }
     for (size_t i = 0; i < c->dim.nz; i++)
         wire_setpoint(w, e, c->z[i], &w->z[i]);
@@ -297,11 +297,11 @@ static int make_wiring(const struct experiment *e, const struct controller *c, s
     return 0;
 }
 
-int cores_controller(const struct experiment *e, const struct controller *c, bool real_time,
-                     struct apc_controller **controller, struct apc_error *why)
+int module_controller(const struct experiment *e, const struct controller *c, bool real_time,
+                      struct apc_controller **controller, struct apc_error *why)
 {
-    const struct apc_law_setup setup = cores_law_setup(c),
-                               second = c->backup ? cores_law_setup(c->backup) : setup;
+    const struct apc_law_setup setup = module_law_setup(c),
+                               second = c->backup ? module_law_setup(c->backup) : setup;
     const struct apc_controller_backup backup = {.law = c->backup ? c->backup->law : NULL,
                                                  .n_setting = second.n_setting,
                                                  .setting = second.setting,
@@ -347,7 +347,7 @@ int cores_controller(const struct experiment *e, const struct controller *c, boo
     return rc;
 }
 
-int cores_scheduler(const struct experiment *e, struct apc_scheduler **scheduler, struct apc_error *why)
+int module_scheduler(const struct experiment *e, struct apc_scheduler **scheduler, struct apc_error *why)
 {
     struct apc_scheduler_setpoint *z = calloc(e->scheduler.n + 1, sizeof *z);
     *scheduler = NULL;
@@ -370,12 +370,12 @@ int cores_scheduler(const struct experiment *e, struct apc_scheduler **scheduler
     return rc;
 }
 
-int cores_alarms_number(const struct experiment *e)
+int module_alarms_number(const struct experiment *e)
 {
     return (int)e->n_controllers + 1;
 }
 
-int cores_alarms(const struct experiment *e, struct apc_alarms **alarms, struct apc_error *why)
+int module_alarms(const struct experiment *e, struct apc_alarms **alarms, struct apc_error *why)
 {
     struct apc_alarm *alarm = calloc(e->n_alarms + 1, sizeof *alarm);
     *alarms = NULL;
@@ -386,15 +386,15 @@ int cores_alarms(const struct experiment *e, struct apc_alarms **alarms, struct 
     const struct apc_alarms_options options = {.size = sizeof options,
                                                .n = e->n_alarms,
                                                .alarm = alarm,
-                                               .number = cores_alarms_number(e),
+                                               .number = module_alarms_number(e),
                                                .shelve_max = e->alarms.shelve_max};
     const int rc = apc_alarms_create(alarms, &options, why);
     free(alarm);
     return rc;
 }
 
-int cores_take_turns(const struct controller *c, struct apc_controller *core, struct apc_store *store,
-                     bool *claimed)
+int module_take_turns(const struct controller *c, struct apc_controller *core, struct apc_store *store,
+                      bool *claimed)
 {
     const bool named = apc_controller_named(core);
     if (!c->acting || named == *claimed)
@@ -421,7 +421,7 @@ static enum apc_mode first_mode(const struct experiment *e, struct controller_lo
     return loop.of->mode != APC_MODE_CAS || controllers_is_below(e, loop) ? loop.of->mode : APC_MODE_AUTO;
 }
 
-struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *n)
+struct apc_sample *module_first(const struct experiment *e, apc_ns time, size_t *n)
 {
     const struct controller *last = &e->controllers[e->n_controllers - 1];
     const size_t loops = controllers_loops(e),
@@ -447,8 +447,8 @@ struct apc_sample *cores_first(const struct experiment *e, apc_ns time, size_t *
     return first;
 }
 
-int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
-                 struct apc_error *why)
+int module_client(const struct experiment *e, const int64_t *last, apc_ns since, struct apc_client **client,
+                  struct apc_error *why)
 {
     const size_t ny = e->dim.ny;
     const apc_ns fast =
@@ -465,7 +465,7 @@ int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, 
     const struct apc_client_options options = {.size = sizeof options,
                                                .ny = e->dim.ny,
                                                .nu = e->dim.nu,
-                                               .command_period = cores_command_period(e),
+                                               .command_period = module_command_period(e),
                                                .last = last,
                                                .since = since,
                                                .low = low,
@@ -480,7 +480,7 @@ int cores_client(const struct experiment *e, const int64_t *last, apc_ns since, 
     return rc;
 }
 
-apc_ns cores_patience(const struct experiment *e)
+apc_ns module_patience(const struct experiment *e)
 {
     apc_ns half = e->client.rhythm.period / 2;
     return half < APC_NS_PER_S ? half : APC_NS_PER_S;
