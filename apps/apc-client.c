@@ -113,7 +113,7 @@ struct shell {
 static void report_client_state(struct shell *s, struct state_watch *state, bool up, const char *kind,
                                 const char *what, const char *why)
 {
-    enum change change = state_watch_look(state, up, apc_clock_mono(NULL));
+    enum state_change change = state_watch_look(state, up, apc_clock_mono(NULL));
     if (change == CHANGE_ONE)
         daemon_event(s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, kind, "%s %s%s%s", what,
                      up ? "connected" : "lost, trying again", *why ? ": " : "", why);
@@ -168,7 +168,7 @@ static bool outputs_stand(struct shell *s)
             snprintf(why, sizeof why, "%.100s stood at %.6g, which is not what it was given",
                      e->u[i].tag.name, value);
     }
-    enum change change = state_watch_look(&s->output_state, !why[0], apc_clock_mono(NULL));
+    enum state_change change = state_watch_look(&s->output_state, !why[0], apc_clock_mono(NULL));
     if (change == CHANGE_ONE)
         daemon_event(s->d, why[0] ? APC_EVENT_WARNING : APC_EVENT_INFO, "readback", "%s",
                      why[0] ? why : "the plant has the outputs that it was given again");
@@ -185,7 +185,7 @@ static void report_sensor_range(struct shell *s, const struct apc_sample *y)
     const size_t i = (size_t)y->id - 1;
     struct state_watch *state = &s->range_state[i];
     const bool within = !apc_client_outside(s->core, i);
-    const enum change change = state_watch_look(state, within, apc_clock_mono(NULL));
+    const enum state_change change = state_watch_look(state, within, apc_clock_mono(NULL));
     struct apc_event event = {0};
     if (change == CHANGE_NONE)
         return;
@@ -208,7 +208,7 @@ static void date(struct shell *s, size_t n)
         s->y[k].time = apc_dating_look(&s->dating[s->y[k].id - 1], s->y[k].time, now, s->d->start);
     while (i < ny && s->dating[i].looks < APC_DATING_SURE)
         i++;
-    const enum change change = state_watch_look(&s->clock_state, i == ny, apc_clock_mono(NULL));
+    const enum state_change change = state_watch_look(&s->clock_state, i == ny, apc_clock_mono(NULL));
     if (change != CHANGE_NONE && i < ny)
         daemon_event(s->d, APC_EVENT_WARNING, "clock",
                      "the plant's clock is wrong: of %.60s the source time is %+.0f s off; measurements are "

@@ -100,7 +100,7 @@ static apc_ns publish_step(void *ctx, bool last)
 static void tell_broker_state(struct shell *s, struct state_watch *state, bool up, const char *what,
                               const char *why)
 {
-    const enum change change = state_watch_look(state, up, apc_clock_mono(NULL));
+    const enum state_change change = state_watch_look(state, up, apc_clock_mono(NULL));
     if (change == CHANGE_ONE)
         daemon_event(&s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, "mqtt", "%s %s%s%.130s", what,
                      up ? "again" : "no more, trying again", *why && !up ? ": " : "", up ? "" : why);

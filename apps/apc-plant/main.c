@@ -95,7 +95,7 @@ static void tell_plant_notice(struct shell *s, const struct apc_notice *notice, 
 {
     const bool of_solving = notice->kind == APC_NOTICE_FAILED || notice->kind == APC_NOTICE_RECOVERED;
     const bool solved = of_solving ? notice->kind == APC_NOTICE_RECOVERED : s->solved.up;
-    const enum change change = state_watch_look(&s->solved, solved, apc_clock_mono(NULL));
+    const enum state_change change = state_watch_look(&s->solved, solved, apc_clock_mono(NULL));
 
     if (!of_solving || change == CHANGE_ONE)
         daemon_notice_at(s->d, notice, notice->kind == APC_NOTICE_TRIP ? tripped : apc_clock_mono(NULL));

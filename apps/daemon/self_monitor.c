@@ -36,7 +36,7 @@ bool tick_watch_look(struct tick_watch *w, uint64_t ticks, uint64_t overruns)
     return overruns <= w->overruns;
 }
 
-enum change state_watch_look(struct state_watch *w, bool up, apc_ns now)
+enum state_change state_watch_look(struct state_watch *w, bool up, apc_ns now)
 {
     w->held += up != w->up;
     w->up = up;

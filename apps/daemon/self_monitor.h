@@ -44,10 +44,10 @@ struct state_watch {
     unsigned count; /* of CHANGE_MANY */
     apc_ns full;    /* when STATE_CHANGES may be told at once again */
 };
-enum change { CHANGE_NONE = 0, CHANGE_ONE, CHANGE_MANY };
+enum state_change { CHANGE_NONE = 0, CHANGE_ONE, CHANGE_MANY };
 /* CHANGE_ONE: it is now what it was not. CHANGE_MANY: it changed `count` times since it was last told of; now
  * it is `up`. */
-enum change state_watch_look(struct state_watch *w, bool up, apc_ns now);
+enum state_change state_watch_look(struct state_watch *w, bool up, apc_ns now);
 
 /* A history that gets what a live store gets. Zeroed: it has all. */
 #define LAG_LIMIT (30 * APC_NS_PER_S) /* later than that it is slow */

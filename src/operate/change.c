@@ -11,8 +11,7 @@
 #include "base/base_internal.h"
 #include "files/files.h"
 
-static int APC_PRINTF(4, 5)
-    change_fail(struct change_fault *why, int err, const char *code, const char *fmt, ...)
+int change_fail(struct change_fault *why, int err, const char *code, const char *fmt, ...)
 {
     va_list args;
     why->err = err;
@@ -35,6 +34,24 @@ char *change_text(const struct apc_sample *s, char text[CHANGE_TEXT])
     if (!word)
         return decimal_shortest(s->value, 6, text);
     snprintf(text, CHANGE_TEXT, "%s", word);
+    return text;
+}
+
+char *change_age(apc_ns age, char text[CHANGE_TEXT])
+{
+    double s = apc_ns_to_s(age);
+    if (s < -0.5)
+        snprintf(text, CHANGE_TEXT, "%.1f s ahead", -s);
+    else if (s < 9.95)
+        snprintf(text, CHANGE_TEXT, "%.1f s", s > 0 ? s : 0);
+    else if (s < 99.5)
+        snprintf(text, CHANGE_TEXT, "%.0f s", s);
+    else if (s < 99.5 * 60)
+        snprintf(text, CHANGE_TEXT, "%.0f min", s / 60);
+    else if (s < 47.5 * 3600)
+        snprintf(text, CHANGE_TEXT, "%.0f h", s / 3600);
+    else
+        snprintf(text, CHANGE_TEXT, "%.0f d", s / 86400);
     return text;
 }
 

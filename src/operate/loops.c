@@ -317,3 +317,12 @@ int loops_owned(const struct loops *l, const struct apc_sample *row)
             return l->scheduled[i];
     return loop && loop->id == row->id ? loop->setpoint : 0;
 }
+
+bool loops_is_from(const struct loops *loops, const struct loops_controller *c, const char *source)
+{
+    char own[sizeof((struct apc_event *)0)->source]; /* as it is cut there */
+    snprintf(own, sizeof own, loops->n_controllers > 1 ? "apc-controller %.*s" : "apc-controller",
+             (int)sizeof own, c->name);
+    const size_t n = strlen(own); /* behind it the name of one that stands by */
+    return !strncmp(source, own, n) && (source[n] == '\0' || source[n] == ' ');
+}

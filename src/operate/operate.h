@@ -75,6 +75,9 @@ const struct loops_loop *loops_of(const struct loops *loops, enum apc_table tabl
 
 /* Does the scheduler move this setpoint? */
 bool loops_scheduled(const struct loops *loops, int setpoint);
+/* Is an event of that source said by that controller? By "apc-controller", or with its name where there are
+ * several. */
+bool loops_is_from(const struct loops *loops, const struct loops_controller *controller, const char *source);
 /* Is it such a switch, and what does its newest row say? */
 bool loops_is_owner_id(int id); /* of table opmode */
 bool loops_is_owner(const struct apc_sample *row);
@@ -97,9 +100,11 @@ int loops_owned(const struct loops *loops, const struct apc_sample *row);
 struct change_fault {
     int err;          /* enum apc_err: an exit code, an exception */
     const char *code; /* "variable": there is none; "value"; "limits"; "mode": not as its loop is; "stale":
-                         somebody was faster; "role"; static */
-    char text[180];   /* which? what was expected? */
+                         somebody was faster; "role"; of an operation, as it says there; static */
+    char text[240];   /* which? what was expected? */
 };
+/* Fill it in. Returns @p err. */
+int change_fail(struct change_fault *why, int err, const char *code, const char *fmt, ...) APC_PRINTF(4, 5);
 
 enum change_kind { CHANGE_SETPOINT = 1, CHANGE_OUTPUT = 2, CHANGE_TUNING = 4, CHANGE_MODE = 8 };
 
@@ -158,6 +163,8 @@ int change_role(const char *user, const char *role, const char *wanted, struct c
 /* The shortest that reads back the same, from six digits on; modes and owners by name; "none". Both return
  * text. */
 char *change_text(const struct apc_sample *sample, char text[CHANGE_TEXT]);
+/* "3.2 s", "40 s", "5 min"; "2.0 s ahead" of what is to come. Returns text. */
+char *change_age(apc_ns age, char text[CHANGE_TEXT]);
 
 /* ---- Owner ---------------------------------------------------------------------------------- */
 
@@ -222,6 +229,93 @@ apc_ns outcome_age(const struct outcome_seen *seen);
  * [setup]
  */
 bool outcome_refusal(struct apc_store *store, const char *name, apc_ns since, char *text, size_t size);
+
+/* ---- Operation ------------------------------------------------------------------------------- */
+
+/*
+ * A write on its way, in steps of which none waits: whoever brings it waits between them as he can.
+ *
+ *     operation_ready()    would anybody apply it?
+ *     operation_begin()    write it, with its events
+ *     operation_poll()     what has become of it? operation_look() and change_judge()
+ *     operation_finish()   that, in words
+ *
+ * Who has what was seen from somewhere else, as a page that follows the whole plant, fills it in and asks
+ * change_judge(), change_finish().
+ */
+
+struct change {
+    struct change_target to;
+    const struct loops_controller *by; /* who takes it; NULL: nobody */
+    struct apc_sample before;          /* what was in force: operation_read() */
+    struct apc_sample after; /* value; seq: the newest that its author knows, or APC_SEQ_ANY, then its own */
+    int64_t along;           /* of a switch of the scheduler: seq of the setpoint that was written with it */
+    int64_t ticked;          /* seq of the tick that operation_ready() saw first */
+
+    struct apc_sample newest; /* as seen last: the variable */
+    struct apc_sample actual; /* what is in force; of a switch the setpoint */
+    struct apc_sample mode;   /* the target of its loop, where change_asks_mode() */
+    struct apc_vector tick;
+    apc_ns period; /* of its controller; 0: not known */
+    enum outcome outcome;
+    char refusal[160]; /* with which words; "": not known */
+};
+
+struct operation {
+    const struct plant_view *plant;
+    struct change *change; /* [n] in one transaction */
+    size_t n;
+    const char *group;  /* they are target modes, of all loops of this: "mode"; NULL: they are not */
+    const char *author; /* "": nobody who is known */
+    const char *note;   /* behind each event: " (from 10.0.0.1): too warm"; NULL: nothing */
+    const struct apc_sample *mark; /* a row that is written with them; NULL: none */
+    int (*record)(void *ctx, struct apc_store *store, const struct apc_event *event,
+                  size_t n); /* NULL: appended */
+    void *ctx;
+
+    apc_ns time;            /* of the rows and events, UTC; 0: operation_begin() fills it in */
+    struct owner_rows with; /* what was written besides: operation_end() */
+    apc_ns asked, begun;    /* monotonic: first operation_ready(), operation_begin() */
+    apc_ns refused;         /* the same: when it was first seen to be refused; 0: it was not */
+};
+
+/* Fill one in: what was found is to become @p value, whatever is newest. */
+void change_make(const struct plant_view *plant, const struct change_target *to, double value,
+                 struct change *change);
+/* "r: 10 -> 12", "u mode: Auto -> Man"; @p group NULL: by its own name. Returns text. */
+char *change_words(const struct change *change, const char *group, char *text, size_t size);
+/* How long what a controller that ticks does in time may take. */
+apc_ns change_patience(const struct change *change);
+/* By what was seen, of that moment, UTC. */
+enum outcome change_judge(const struct change *change, apc_ns utc);
+/* Its outcome in words: "applied"; "superseded: it is 13 now"; "refused: too much"; "written, but ...". Returns
+ * @p said->err: 0; APC_ECONFLICT "superseded"; APC_EPERM "refused"; APC_ETIMEDOUT "nobody", "unconfirmed". */
+int change_finish(const struct change *change, apc_ns utc, struct change_fault *said);
+/* Its controller has never ticked, or not lately: "nobody applies it: ..." Returns APC_EPERM. */
+int change_nobody(const struct change *change, apc_ns utc, struct change_fault *why);
+
+/* Are all of them the same change? Then they are told of as one. */
+bool operation_is_one(const struct operation *o);
+/* Fill in what is in force before. Returns 0 or the store's error, as operation_look() does. */
+int operation_read(struct operation *o, struct apc_store *store);
+int operation_look(struct operation *o, struct apc_store *store);
+/* Does each controller tick that it is for? An age by the clocks of two hosts is no proof that it does not: then
+ * a tick is waited for. Returns 1, 0: not known yet, or an error: APC_EPERM with "nobody", or the store's. */
+int operation_ready(struct operation *o, struct apc_store *store, struct change_fault *why);
+/* Returns 0, or an error: APC_ECONFLICT, "stale", then newest is; "unknown": it may have been written; "store";
+ * "record": it was written, but its event was not. */
+int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why);
+/* Its events alone, with @p also said in each. Returns 0, APC_ENOMEM or the store's error. */
+int operation_record(const struct operation *o, struct apc_store *store, const char *also);
+/* Returns 1: all is settled, or has taken too long; 0: not yet; or the store's error. */
+int operation_poll(struct operation *o, struct apc_store *store);
+/* For who can wait: until something happens, for as long at most. Returns 0 or the store's error. */
+int operation_wait(const struct operation *o, struct apc_store *store, apc_ns most);
+/* Of the one at place @p i, as change_finish(). */
+int operation_finish(const struct operation *o, size_t i, struct change_fault *said);
+void operation_end(struct operation *o);
+/* The row made a setpoint the operator's: "r taken Local, cascade open". Returns text; NULL: it did not. */
+char *operation_taken(const struct operation *o, const struct apc_sample *row, char *text, size_t size);
 
 /* ---- Requests ------------------------------------------------------------------------------- */
 

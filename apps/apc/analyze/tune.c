@@ -149,17 +149,17 @@ static int parse_tunings(const struct cli *cli, struct change *changes)
 static int tune(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
                 struct change *changes, size_t n)
 {
-    const struct operation o = {.plant = plant, .change = changes, .n = n};
+    const struct plant_view view = operate_view(plant);
+    struct operation o = {.plant = &view, .change = changes, .n = n};
     for (size_t i = 0; i < n; i++) {
-        int rc = operate_find(cli, plant, cli->args[i], CHANGE_TUNING, &changes[i]);
+        int rc = operate_find(cli, &view, cli->args[i], CHANGE_TUNING, changes[i].after.value, &changes[i]);
         if (rc != EXIT_OK)
             return rc;
         for (size_t j = 0; j < i; j++)
-            if (changes[j].after.id == changes[i].after.id)
-                return cli_usage(cli, "%s is given twice", changes[i].name);
+            if (changes[j].to.id == changes[i].to.id)
+                return cli_usage(cli, "%s is given twice", changes[i].to.name);
     }
-    int err = operate_read(store, changes, n);
-    return err < 0 ? cli_store_error(cli, err, store) : operate(cli, store, &o);
+    return operate(cli, store, &o);
 }
 
 static int change_tuning(struct cli *cli, const struct suggestion *suggested)

@@ -14,15 +14,6 @@ struct search {
     char *text;
 };
 
-bool reason_is_from(const struct loops *loops, const struct loops_controller *c, const char *source)
-{
-    char own[sizeof((struct apc_event *)0)->source]; /* as it is cut there */
-    snprintf(own, sizeof own, loops->n_controllers > 1 ? "apc-controller %.*s" : "apc-controller",
-             (int)sizeof own, c->name);
-    const size_t n = strlen(own); /* behind it the name of one that stands by */
-    return !strncmp(source, own, n) && (source[n] == '\0' || source[n] == ' ');
-}
-
 /* What stands behind "NAME: " where @p text is about that loop, by its name or its output's; else NULL. */
 static const char *text_behind_name(const struct loops *loops, const struct loops_loop *l, const char *text)
 {
@@ -52,7 +43,7 @@ static int take_reason_event(void *ctx, const struct apc_event *e)
     struct search *s = ctx;
     const bool tells =
         (!strcmp(e->kind, "mode") || !strcmp(e->kind, "measurement") || !strcmp(e->kind, "rejected")) &&
-        reason_is_from(s->loops, &s->loops->controller[s->loop->controller], e->source);
+        loops_is_from(s->loops, &s->loops->controller[s->loop->controller], e->source);
     const char *text = tells && e->time >= s->since ? about(s, e->text) : NULL;
     if (text && !strncmp(text, "mode ", 5))
         text = strchr(text, ':') ? strchr(text, ':') + 2 : NULL; /* the mode stands beside it */

@@ -16,8 +16,4 @@ const char *mode_reason_find(struct apc_store *store, const struct loops *loops,
                              const struct loops_loop *loop, const struct apc_sample *target,
                              const struct apc_sample *actual, char text[REASON_LEN]);
 
-/* Is an event of that source said by that controller? By "apc-controller", or with its name where there are
- * several. */
-bool reason_is_from(const struct loops *loops, const struct loops_controller *controller, const char *source);
-
 #endif

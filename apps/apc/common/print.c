@@ -52,20 +52,7 @@ char *print_duration(apc_ns duration, char text[PRINT_LEN])
 
 char *print_age(apc_ns age, char text[PRINT_LEN])
 {
-    double s = apc_ns_to_s(age);
-    if (s < -0.5)
-        snprintf(text, PRINT_LEN, "%.1f s ahead", -s);
-    else if (s < 9.95)
-        snprintf(text, PRINT_LEN, "%.1f s", s > 0 ? s : 0);
-    else if (s < 99.5)
-        snprintf(text, PRINT_LEN, "%.0f s", s);
-    else if (s < 99.5 * 60)
-        snprintf(text, PRINT_LEN, "%.0f min", s / 60);
-    else if (s < 47.5 * 3600)
-        snprintf(text, PRINT_LEN, "%.0f h", s / 3600);
-    else
-        snprintf(text, PRINT_LEN, "%.0f d", s / 86400);
-    return text;
+    return change_age(age, text);
 }
 
 char *print_second(apc_ns utc, char text[PRINT_LEN])

@@ -206,15 +206,6 @@ static int show_modes(const struct cli *cli, struct apc_store *store, const stru
 
 /* ---- Changing ----------------------------------------------------------------------------- */
 
-static int check_wanted_mode(const struct cli *cli, const struct chosen *c, enum apc_mode mode)
-{
-    struct change_fault why;
-    for (size_t i = 0; i < c->n; i++)
-        if (change_cascade(c->loop[i]->name, c->loop[i]->above >= 0, (double)mode, &why) < 0)
-            return operate_fault(cli, &why);
-    return EXIT_OK;
-}
-
 /* All have that target already: that they are not in it is no success. */
 static int already(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
                    const struct chosen *c, const struct apc_sample *mode)
@@ -233,25 +224,34 @@ static int already(const struct cli *cli, struct apc_store *store, const struct 
     return EXIT_OK;
 }
 
+static int make_modes(const struct cli *cli, const struct plant_view *view, const struct chosen *c,
+                      enum apc_mode wanted, struct change *changes)
+{
+    struct change_target to;
+    struct change_fault why;
+    for (size_t i = 0; i < c->n; i++) {
+        if (change_at(view, APC_OPMODE, c->loop[i]->id, &to, &why) < 0 ||
+            change_cascade(c->loop[i]->name, c->loop[i]->above >= 0, (double)wanted, &why) < 0)
+            return operate_fault(cli, &why);
+        change_make(view, &to, (double)wanted, &changes[i]);
+    }
+    return EXIT_OK;
+}
+
 static int change_modes(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
                         const struct chosen *c, enum apc_mode wanted)
 {
-    int rc = check_wanted_mode(cli, c, wanted);
+    const struct plant_view view = operate_view(plant);
+    struct change *changes = calloc(c->n + 1, sizeof *changes);
+    struct operation o = {
+        .plant = &view, .change = changes, .n = c->n, .group = c->group[0] ? c->group : NULL};
+    int rc =
+        changes ? make_modes(cli, &view, c, wanted, changes) : cli_error(cli, APC_ENOMEM, "out of memory");
     struct apc_sample *mode = rc == EXIT_OK ? read_loop_modes(cli, store, c, &rc) : NULL;
-    struct change *changes = mode ? calloc(c->n + 1, sizeof *changes) : NULL;
     bool same = true;
-
-    if (rc == EXIT_OK && !changes)
-        rc = cli_error(cli, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; changes && i < c->n && rc == EXIT_OK; i++) {
-        changes[i] = (struct change){
-            .before = mode[i], .after = {.table = APC_OPMODE, .id = c->loop[i]->id, .value = (double)wanted}};
-        snprintf(changes[i].name, sizeof changes[i].name, "%.63s mode", c->loop[i]->name);
+    for (size_t i = 0; mode && i < c->n; i++)
         same &= mode[i].seq > 0 && mode[i].value == (double)wanted;
-    }
-    const struct operation o = {
-        .plant = plant, .change = changes, .n = c->n, .group = c->group[0] ? c->group : NULL};
-    if (rc == EXIT_OK)
+    if (mode)
         rc = same ? already(cli, store, plant, c, mode) : operate(cli, store, &o);
     free(changes);
     free(mode);
@@ -343,6 +343,42 @@ static int choose_setpoint(const struct cli *cli, const struct cli_plant *plant,
     return EXIT_OK;
 }
 
+/* The switches, and with them the setpoints as they stand. */
+static void make_remote(struct operation *o, const int *setpoint)
+{
+    struct change_target to = {.table = APC_OPMODE, .high = 1};
+    for (size_t i = 0; i < o->n; i++) {
+        to.id = LOOPS_OWNER(setpoint[i]);
+        snprintf(to.name, sizeof to.name, "%s", plant_tag(o->plant, APC_SETPOINT, setpoint[i])->name);
+        change_make(o->plant, &to, 1, &o->change[i]);
+    }
+}
+
+/* Give setpoints back to the scheduler. */
+static int change_to_remote(const struct cli *cli, struct apc_store *store, const struct cli_plant *plant,
+                            const struct given *g)
+{
+    const struct plant_view view = operate_view(plant);
+    struct operation o = {.plant = &view, .change = calloc(g->n, sizeof *o.change), .n = g->n};
+    bool local = false;
+    int rc = o.change ? cli_live(cli, store) : cli_error(cli, APC_ENOMEM, "out of memory");
+    if (rc == EXIT_OK) {
+        make_remote(&o, g->setpoint);
+        const int read = operation_read(&o, store);
+        rc = read < 0 ? cli_store_error(cli, read, store) : EXIT_OK;
+    }
+    for (size_t i = 0; i < o.n && rc == EXIT_OK; i++)
+        local |= loops_is_local(&o.change[i].before);
+    for (size_t i = 0; i < o.n && rc == EXIT_OK && !local; i++) {
+        print_clean(stdout, o.change[i].to.name);
+        puts(": Remote already");
+    }
+    if (rc == EXIT_OK && local)
+        rc = operate(cli, store, &o);
+    free(o.change);
+    return rc;
+}
+
 int command_remote(int argc, char **argv)
 {
     struct cli_plant plant = {0};
@@ -365,7 +401,7 @@ int command_remote(int argc, char **argv)
     if (room && rc == EXIT_OK && given.loops.n > 0)
         rc = change_modes(&cli, store, &plant, &given.loops, APC_MODE_CAS);
     if (room && rc == EXIT_OK && given.n > 0)
-        rc = operate_remote(&cli, store, &plant, given.setpoint, given.n);
+        rc = change_to_remote(&cli, store, &plant, &given);
     free(given.loops.loop);
     free(given.setpoint);
     cli_plant_free(&plant);

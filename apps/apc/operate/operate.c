@@ -8,8 +8,14 @@
 #include <unistd.h>
 
 #include "apc/common/print.h"
-#include "operate/operate.h"
-#include "outcome.h"
+
+#define PAUSE (50 * APC_NS_PER_MS) /* between two looks */
+
+static void pause_for(apc_ns duration)
+{
+    const struct timespec time = {duration / APC_NS_PER_S, duration % APC_NS_PER_S};
+    nanosleep(&time, NULL);
+}
 
 struct plant_view operate_view(const struct cli_plant *plant)
 {
@@ -21,34 +27,15 @@ int operate_fault(const struct cli *cli, const struct change_fault *why)
     return cli_error(cli, why->err, "%s", why->text);
 }
 
-int operate_find(const struct cli *cli, const struct cli_plant *plant, const char *name, unsigned kinds,
-                 struct change *c)
+int operate_find(const struct cli *cli, const struct plant_view *plant, const char *name, unsigned kinds,
+                 double value, struct change *c)
 {
-    const struct plant_view view = operate_view(plant);
+    struct change_target to;
     struct change_fault why;
-    if (change_find(&view, name, kinds, &c->to, &why) < 0 || change_check(&c->to, c->after.value, &why) < 0)
+    if (change_find(plant, name, kinds, &to, &why) < 0 || change_check(&to, value, &why) < 0)
         return operate_fault(cli, &why);
-    snprintf(c->name, sizeof c->name, "%s", c->to.name);
-    c->after.table = c->to.table;
-    c->after.id = c->to.id;
-    c->before = c->to.table == APC_MANUAL
-                    ? (struct apc_sample){.table = c->to.loop->table, .id = c->to.loop->output}
-                    : (struct apc_sample){.table = c->to.table, .id = c->to.id};
+    change_make(plant, &to, value, c);
     return EXIT_OK;
-}
-
-int operate_read(struct apc_store *store, struct change *changes, size_t n)
-{
-    struct apc_sample *samples = calloc(n + 1, sizeof *samples);
-    if (!samples)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < n; i++)
-        samples[i] = changes[i].before;
-    int rc = apc_store_read(store, samples, n);
-    for (size_t i = 0; i < n && rc >= 0; i++)
-        changes[i].before = samples[i];
-    free(samples);
-    return rc;
 }
 
 void operate_who(char *name, size_t size)
@@ -61,139 +48,6 @@ void operate_who(char *name, size_t size)
         snprintf(name, size, "uid %u", (unsigned)getuid());
 }
 
-void operate_describe(const struct change *c, const char *name, char *text, size_t size)
-{
-    char before[CHANGE_TEXT], after[CHANGE_TEXT];
-    struct apc_sample to = c->after;
-    to.seq = 1;
-    snprintf(text, size, "%s: %s -> %s", name ? name : c->name, change_text(&c->before, before),
-             change_text(&to, after));
-}
-
-bool operate_is_one(const struct operation *o)
-{
-    for (size_t i = 1; i < o->n; i++)
-        if (o->change[i].before.value != o->change[0].before.value ||
-            (o->change[i].before.seq > 0) != (o->change[0].before.seq > 0))
-            return false;
-    return true;
-}
-
-/* ---- Writing ------------------------------------------------------------------------------ */
-
-/* All modes of the plant are written as one, as the paper knows it. */
-static bool is_all(const struct operation *o)
-{
-    return o->group && o->n == o->plant->loops.n;
-}
-
-/* Which rows the mode of all has become: the newest, unless somebody else was faster with another mode. */
-static int find_rows(struct apc_store *store, const struct operation *o)
-{
-    struct apc_sample *rows = calloc(o->n + 1, sizeof *rows);
-    if (!rows)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < o->n; i++)
-        rows[i] = (struct apc_sample){.table = APC_OPMODE, .id = o->change[i].after.id};
-    int rc = apc_store_read(store, rows, o->n);
-    for (size_t i = 0; i < o->n && rc >= 0; i++) {
-        const double wanted = o->change[i].after.value;
-        o->change[i].after.seq = rows[i].seq - (rows[i].value < wanted || rows[i].value > wanted);
-    }
-    free(rows);
-    return rc;
-}
-
-static int write_changes(struct apc_store *store, const struct operation *o, apc_ns now,
-                         struct owner_rows *with)
-{
-    const size_t n = is_all(o) ? 1 : o->n;
-    struct apc_sample *samples = calloc(n + 1, sizeof *samples);
-    if (!samples)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < o->n; i++) {
-        o->change[i].after.time = now;
-        o->change[i].after.status = APC_GOOD;
-        o->change[i].after.seq = APC_SEQ_ANY;
-        samples[is_all(o) ? 0 : i] = o->change[i].after;
-    }
-    if (is_all(o))
-        samples[0].id = 0;
-    char name[APC_AUTHOR_LEN];
-    operate_who(name, sizeof name);
-    int rc = apc_store_author(store, name);
-    for (size_t i = 0; i < n && rc >= 0; i++)
-        samples[i].author = (uint32_t)rc;
-    if (rc >= 0)
-        rc = owner_put(store, &o->plant->loops, samples, n, with);
-    for (size_t i = 0; i < n && rc >= 0; i++)
-        o->change[i].after.seq = samples[i].seq;
-    free(samples);
-    return rc >= 0 && is_all(o) ? find_rows(store, o) : rc;
-}
-
-static const char *taken_local(const struct operation *o, const struct apc_sample *owner, char *text,
-                               size_t size)
-{
-    const struct apc_tag *tag = cli_tag(&o->plant->tags, APC_SETPOINT, loops_owned(&o->plant->loops, owner));
-    snprintf(text, size, "%s taken Local, %s", tag ? tag->name : "setpoint",
-             loops_is_owner(owner) ? "the scheduler stands aside" : "cascade open");
-    return text;
-}
-
-static int record_operation(struct apc_store *store, const struct operation *o, const struct owner_rows *with,
-                            apc_ns now)
-{
-    struct apc_event *events = calloc(o->n + with->n + 1, sizeof *events);
-    size_t n = 0;
-    if (!events)
-        return APC_ENOMEM;
-    for (size_t i = 0; i < (o->group && operate_is_one(o) ? 1 : o->n); i++)
-        operate_describe(&o->change[i], o->group && operate_is_one(o) ? o->group : NULL, events[n++].text,
-                         sizeof events->text);
-    for (size_t i = 0; i < with->n; i++)
-        if (with->at[i].table == APC_OPMODE)
-            taken_local(o, &with->at[i], events[n++].text, sizeof events->text);
-    for (size_t i = 0; i < n; i++) {
-        events[i].time = now;
-        events[i].severity = APC_EVENT_INFO;
-        snprintf(events[i].kind, sizeof events->kind, "operator");
-        operate_who(events[i].source, sizeof events->source);
-    }
-    int rc = apc_store_append_events(store, events, n);
-    free(events);
-    return rc;
-}
-
-static int write_and_record(const struct cli *cli, struct apc_store *store, const struct operation *o,
-                            struct owner_rows *with)
-{
-    apc_ns now = apc_clock_utc(NULL);
-    int rc = write_changes(store, o, now, with);
-
-    if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
-        return cli_error(cli, rc, "the store did not answer, so whether it was written is not known: %s",
-                         apc_store_error(store));
-    if (rc < 0)
-        return cli_store_error(cli, rc, store);
-    rc = record_operation(store, o, with, now);
-    if (rc < 0)
-        return cli_error(cli, rc, "the change was made, but not recorded as an event: %s",
-                         apc_store_error(store));
-    return EXIT_OK;
-}
-
-static void show_written(const struct operation *o)
-{
-    const bool one = o->group && operate_is_one(o);
-    char text[192];
-    for (size_t i = 0; i < (one ? 1 : o->n); i++) {
-        operate_describe(&o->change[i], one ? o->group : NULL, text, sizeof text);
-        print_clean(stdout, text);
-        putchar('\n');
-    }
-}
-
 /* ---- Of a history alone ---------------------------------------------------------------------- */
 
 #define PATIENCE (12 * APC_NS_PER_S) /* a request is good for ten */
@@ -201,22 +55,20 @@ static void show_written(const struct operation *o)
 static int await_answer(const struct cli *cli, struct apc_store *store, const struct change *c,
                         const struct apc_request *request)
 {
-    static const struct timespec pause = {0, APC_NS_PER_S / 10};
     const apc_ns end = apc_clock_mono(NULL) + PATIENCE;
     char outcome[192], text[192];
     int rc;
     while ((rc = apc_store_asked(store, request->id, outcome, sizeof outcome)) == 0 &&
            apc_clock_mono(NULL) < end)
-        nanosleep(&pause, NULL);
+        pause_for(2 * PAUSE);
     if (rc < 0)
         return cli_store_error(cli, rc, store);
     if (rc == 0)
         return cli_error(cli, APC_ETIMEDOUT, "%s: nobody has answered request %lld: does apc-historian run?",
-                         c->name, (long long)request->id);
+                         c->to.name, (long long)request->id);
     if (strcmp(outcome, "applied") != 0)
-        return cli_error(cli, APC_EPERM, "%s: %s", c->name, outcome);
-    operate_describe(c, NULL, text, sizeof text);
-    print_clean(stdout, text);
+        return cli_error(cli, APC_EPERM, "%s: %s", c->to.name, outcome);
+    print_clean(stdout, change_words(c, NULL, text, sizeof text));
     puts(" (applied)");
     return EXIT_OK;
 }
@@ -229,40 +81,123 @@ static int ask_history(const struct cli *cli, struct apc_store *store, const str
         const struct change *c = &o->change[i];
         struct apc_request request = {
             .table = c->after.table, .variable = c->after.id, .value = c->after.value};
-        operate_who(request.author, sizeof request.author);
+        snprintf(request.author, sizeof request.author, "%.31s", o->author);
         const int asked = apc_store_ask(store, &request);
         if (asked < 0)
             return cli_store_error(cli, asked, store);
         if (cli->no_wait)
-            printf("%s: request %lld\n", c->name, (long long)request.id);
+            printf("%s: request %lld\n", c->to.name, (long long)request.id);
         else
             rc = await_answer(cli, store, c, &request);
     }
     return rc;
 }
 
-int operate(const struct cli *cli, struct apc_store *store, const struct operation *o)
-{
-    struct waiting waiting = {0};
-    struct owner_rows with = {0};
-    char text[APC_TAG_LEN + 32];
-    const int history = apc_store_is_history(store);
-    if (history != 0)
-        return history < 0 ? cli_store_error(cli, history, store) : ask_history(cli, store, o);
-    int rc = cli->no_wait ? EXIT_OK : outcome_prepare(&waiting, cli, store, o);
+/* ---- At the loop ----------------------------------------------------------------------------- */
 
-    if (rc == EXIT_OK)
-        rc = write_and_record(cli, store, o, &with);
-    if (rc == EXIT_OK && cli->no_wait)
+static void show_change(const struct operation *o, size_t i, const char *group, const char *also)
+{
+    char text[192];
+    print_clean(stdout, change_words(&o->change[i], group, text, sizeof text));
+    puts(also);
+}
+
+static const char *group_of(const struct operation *o)
+{
+    return o->group && operation_is_one(o) ? o->group : NULL;
+}
+
+static int await_ready(const struct cli *cli, struct apc_store *store, struct operation *o)
+{
+    struct change_fault why;
+    int rc;
+    while ((rc = operation_ready(o, store, &why)) == 0)
+        pause_for(PAUSE);
+    if (rc > 0)
+        return EXIT_OK;
+    return strcmp(why.code, "nobody") == 0 ? cli_error(cli, rc, "%s; --no-wait does in any case", why.text)
+                                           : cli_store_error(cli, rc, store);
+}
+
+/* What there is to say of change @p i, under this name. */
+static int tell_change(const struct cli *cli, const struct operation *o, size_t i, const char *group)
+{
+    struct change_fault said;
+    const struct change *c = &o->change[i];
+    char text[192], value[PRINT_LEN];
+    const int rc = operation_finish(o, i, &said);
+    snprintf(text, sizeof text, loops_is_owner(&c->after) ? " (applied): it is %s now" : " (applied)",
+             print_value(&c->actual, value));
+    if (rc == 0)
+        show_change(o, i, group, text);
+    return rc == 0 ? EXIT_OK
+                   : cli_error(cli, rc, "%s: %s%s", change_words(c, group, text, sizeof text), said.text,
+                               rc == APC_ETIMEDOUT ? ": see apc status" : "");
+}
+
+static int tell_all_changes(const struct cli *cli, const struct operation *o)
+{
+    const char *group = group_of(o);
+    int rc = EXIT_OK;
+    for (size_t i = 1; i < o->n; i++)
+        if (o->change[i].outcome != o->change[0].outcome)
+            group = NULL;
+    for (size_t i = 0; i < (group ? 1 : o->n); i++) {
+        const int told = tell_change(cli, o, i, group);
+        rc = told > rc ? told : rc;
+    }
+    return rc;
+}
+
+static int await_outcome(const struct cli *cli, struct apc_store *store, struct operation *o)
+{
+    int rc;
+    while ((rc = operation_poll(o, store)) == 0 && (rc = operation_wait(o, store, APC_NS_PER_S)) == 0)
+        ;
+    return rc < 0
+               ? cli_error(cli, rc, "written, but what became of it is not known: %s", apc_store_error(store))
+               : tell_all_changes(cli, o);
+}
+
+static void show_written(const struct operation *o)
+{
+    const char *group = group_of(o);
+    for (size_t i = 0; i < (group ? 1 : o->n); i++)
+        show_change(o, i, group, "");
+}
+
+static int carry_out(const struct cli *cli, struct apc_store *store, struct operation *o)
+{
+    struct change_fault why;
+    char text[APC_TAG_LEN + 32];
+    int rc = cli->no_wait ? EXIT_OK : await_ready(cli, store, o);
+    if (rc != EXIT_OK)
+        return rc;
+    if (operation_begin(o, store, &why) < 0)
+        return strcmp(why.code, "store") == 0 ? cli_store_error(cli, why.err, store)
+                                              : operate_fault(cli, &why);
+    if (cli->no_wait)
         show_written(o);
-    else if (rc == EXIT_OK)
-        rc = outcome_await(&waiting, cli, store);
-    for (size_t i = 0; i < with.n; i++)
-        if (with.at[i].table == APC_OPMODE) {
-            print_clean(stdout, taken_local(o, &with.at[i], text, sizeof text));
+    else
+        rc = await_outcome(cli, store, o);
+    for (size_t i = 0; i < o->with.n; i++)
+        if (operation_taken(o, &o->with.at[i], text, sizeof text)) {
+            print_clean(stdout, text);
             putchar('\n');
         }
-    free(with.at);
-    outcome_free(&waiting);
+    return rc;
+}
+
+int operate(const struct cli *cli, struct apc_store *store, struct operation *o)
+{
+    char who[APC_AUTHOR_LEN];
+    const int history = apc_store_is_history(store);
+    const int read = history < 0 ? history : operation_read(o, store);
+    if (read < 0)
+        return cli_store_error(cli, read, store);
+    operate_who(who, sizeof who);
+    o->author = who;
+    const int rc = history ? ask_history(cli, store, o) : carry_out(cli, store, o);
+    operation_end(o);
     return rc;
 }

@@ -97,15 +97,6 @@ static const struct cli_spec set_spec = {
     .max_args = -1,
 };
 
-static int parse_values(const struct cli *cli, struct change *changes, size_t n)
-{
-    struct change_fault why;
-    for (size_t i = 0; i < n; i++)
-        if (change_number(cli->args[2 * i + 1], &changes[i].after.value, &why) < 0)
-            return cli_usage(cli, "%s: %s", cli->args[2 * i], why.text);
-    return EXIT_OK;
-}
-
 /* Why nobody sets what there is of that name; NULL: there is none. */
 static const char *why_not(const struct cli_tags *tags, const char *name)
 {
@@ -133,52 +124,46 @@ static const char *why_not(const struct cli_tags *tags, const char *name)
     }
 }
 
-static int admit_all(const struct cli *cli, const struct operation *o)
+static int admit_all(const struct cli *cli, const struct cli_tags *tags, struct operation *o)
 {
-    const struct plant_view view = operate_view(o->plant);
     const unsigned kinds = CHANGE_SETPOINT | CHANGE_OUTPUT;
     for (size_t i = 0; i < o->n; i++) {
         struct change *c = &o->change[i];
-        const char *name = cli->args[2 * i], *never = why_not(&o->plant->tags, name);
+        const char *name = cli->args[2 * i], *never = why_not(tags, name);
+        struct change_target to;
         struct change_fault why;
-        if (never && change_find(&view, name, kinds, &c->to, &why) < 0)
+        if (never && change_find(o->plant, name, kinds, &to, &why) < 0)
             return cli_error(cli, APC_EPERM, "%s: %s", name, never);
-        const int rc = operate_find(cli, o->plant, name, kinds, c);
+        const int rc = operate_find(cli, o->plant, name, kinds, c->after.value, c);
         if (rc != EXIT_OK)
             return rc;
         for (size_t j = 0; j < i; j++)
-            if (o->change[j].after.table == c->after.table && o->change[j].after.id == c->after.id)
-                return cli_usage(cli, "%s is given twice", c->name);
+            if (o->change[j].to.table == c->to.table && o->change[j].to.id == c->to.id)
+                return cli_usage(cli, "%s is given twice", c->to.name);
     }
     return EXIT_OK;
 }
 
-static int check_modes(const struct cli *cli, struct apc_store *store, const struct operation *o)
+static int check_modes(const struct cli *cli, struct apc_store *store, struct operation *o)
 {
-    const struct plant_view view = operate_view(o->plant);
     struct change_fault why;
-    for (size_t i = 0; i < o->n; i++) {
-        const struct change_target *to = &o->change[i].to;
-        struct apc_sample mode = {.table = APC_OPMODE, .id = to->loop ? to->loop->id : 0};
-        const int err = change_asks_mode(to) ? apc_store_read(store, &mode, 1) : 0;
-        if (err < 0)
-            return cli_store_error(cli, err, store);
-        if (change_now(&view, to, &mode, &why) < 0)
+    const int err = operation_look(o, store);
+    if (err < 0)
+        return cli_store_error(cli, err, store);
+    for (size_t i = 0; i < o->n; i++)
+        if (change_now(o->plant, &o->change[i].to, &o->change[i].mode, &why) < 0)
             return operate_fault(cli, &why);
-    }
     return EXIT_OK;
 }
 
 static int set_values(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
 {
     struct cli_plant plant;
-    const struct operation o = {.plant = &plant, .change = changes, .n = n};
     int rc = exit_code_of(cli_plant_load(cli, store, &plant));
+    const struct plant_view view = operate_view(&plant);
+    struct operation o = {.plant = &view, .change = changes, .n = n};
     if (rc == EXIT_OK)
-        rc = admit_all(cli, &o);
-    int err = rc == EXIT_OK ? operate_read(store, changes, n) : 0;
-    if (err < 0)
-        rc = cli_store_error(cli, err, store);
+        rc = admit_all(cli, &plant.tags, &o);
     if (rc == EXIT_OK)
         rc = check_modes(cli, store, &o);
     if (rc == EXIT_OK)
@@ -199,7 +184,11 @@ int command_set(int argc, char **argv)
     struct change *changes = calloc(n, sizeof *changes);
     if (!changes)
         return cli_error(&cli, APC_ENOMEM, "out of memory");
-    int rc = parse_values(&cli, changes, n);
+    struct change_fault why;
+    int rc = EXIT_OK;
+    for (size_t i = 0; i < n && rc == EXIT_OK; i++)
+        if (change_number(cli.args[2 * i + 1], &changes[i].after.value, &why) < 0)
+            rc = cli_usage(&cli, "%s: %s", cli.args[2 * i], why.text);
     if (rc == EXIT_OK && (rc = exit_code_of(cli_open(&cli, &store))) == EXIT_OK)
         rc = set_values(&cli, store, changes, n);
     apc_store_close(store);

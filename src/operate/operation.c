@@ -1,0 +1,534 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "operate.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base_internal.h"
+
+#define GRACE       (2 * APC_NS_PER_S) /* beyond three ticks */
+#define PERIOD      (2 * APC_NS_PER_S) /* of one that does not say, and cannot be seen */
+#define SCHEDULER   APC_NS_PER_S       /* it looks four times as often */
+#define LOOK        16                 /* ticks that a period is seen from that nobody says */
+#define EVENT_DELAY (APC_NS_PER_S / 2) /* by which an event may come after its tick */
+#define PAUSE       (50 * APC_NS_PER_MS)
+
+/* ---- A change ------------------------------------------------------------------------------ */
+
+/* Whose a setpoint is that the scheduler moves. */
+static bool is_owner_switch(const struct change *c)
+{
+    return c->to.table == APC_OPMODE && loops_is_owner_id(c->to.id);
+}
+
+void change_make(const struct plant_view *plant, const struct change_target *to, double value,
+                 struct change *c)
+{
+    const struct apc_tag *tag = plant_tag(plant, to->table, to->id);
+    *c = (struct change){.to = *to,
+                         .by = tag ? loops_taker(plant->loops, tag) : NULL,
+                         .before = {.table = to->table, .id = to->id},
+                         .after = {.table = to->table, .id = to->id, .seq = APC_SEQ_ANY, .value = value}};
+    c->period = c->by ? c->by->period : is_owner_switch(c) ? SCHEDULER : 0;
+    if (to->table == APC_MANUAL && to->loop)
+        c->before = (struct apc_sample){.table = to->loop->table, .id = to->loop->output};
+}
+
+char *change_words(const struct change *c, const char *group, char *text, size_t size)
+{
+    char before[CHANGE_TEXT], after[CHANGE_TEXT];
+    struct apc_sample to = c->after;
+    to.seq = 1;
+    snprintf(text, size, "%.70s%s: %s -> %s", group ? group : c->to.name,
+             !group && c->to.table == APC_OPMODE && c->to.loop ? " mode" : "",
+             change_text(&c->before, before), change_text(&to, after));
+    return text;
+}
+
+apc_ns change_patience(const struct change *c)
+{
+    return 3 * (c->period > 0 ? c->period : PERIOD) + GRACE;
+}
+
+static struct outcome_seen seen_of_change(const struct change *c, apc_ns utc)
+{
+    return (struct outcome_seen){
+        .write = &c->after, .actual = &c->actual, .tick = &c->tick, .period = c->period, .now = utc};
+}
+
+/* Local it is with the row itself. Given back, it is the scheduler's once that has written the step that is
+ * due over the setpoint, which went along. */
+static enum outcome judge_switch(const struct change *c)
+{
+    if (c->newest.seq != c->after.seq)
+        return c->newest.seq < c->after.seq ? OUTCOME_WAITING : OUTCOME_SUPERSEDED;
+    return loops_is_local(&c->after) || c->actual.seq > c->along ? OUTCOME_APPLIED : OUTCOME_WAITING;
+}
+
+enum outcome change_judge(const struct change *c, apc_ns utc)
+{
+    const struct outcome_seen seen = seen_of_change(c, utc);
+    return is_owner_switch(c) ? judge_switch(c) : outcome_of(&seen);
+}
+
+/* ---- In words ------------------------------------------------------------------------------ */
+
+/* "the controller"; one that has a name of its own: "controller base" */
+static char *name_of_taker(const struct loops_controller *by, char text[APC_TAG_LEN + 16])
+{
+    const bool named = strcmp(by->name, "controller") != 0;
+    snprintf(text, APC_TAG_LEN + 16, named ? "controller %s" : "the controller", by->name);
+    return text;
+}
+
+/* What is in force; a mode by its name. */
+static char *text_of_force(const struct change *c, char text[CHANGE_TEXT])
+{
+    struct apc_sample force = is_owner_switch(c) ? c->newest : c->actual;
+    force.table = c->to.table;
+    force.id = c->to.id;
+    return change_text(&force, text);
+}
+
+static bool is_out_of_man(const struct change *c)
+{
+    return c->to.table == APC_MANUAL && c->mode.seq > 0 && c->mode.value != (double)APC_MODE_MAN;
+}
+
+static int finish_refused(const struct change *c, struct change_fault *said)
+{
+    char value[CHANGE_TEXT];
+    if (is_out_of_man(c))
+        return change_fail(said, APC_EPERM, "refused", "refused: %s is in %s", c->to.name,
+                           change_text(&c->mode, value));
+    if (c->refusal[0])
+        return change_fail(said, APC_EPERM, "refused", "refused: %s", c->refusal);
+    return c->to.table == APC_MANUAL
+               ? change_fail(said, APC_EPERM, "refused", "refused: its loop is not in Man")
+               : change_fail(said, APC_EPERM, "refused", "refused: %s stays in force",
+                             text_of_force(c, value));
+}
+
+static int finish_open(const struct change *c, apc_ns utc, struct change_fault *said)
+{
+    const struct outcome_seen seen = seen_of_change(c, utc);
+    const bool looked = c->actual.seq > 0 && c->actual.origin == c->after.seq;
+    char text[CHANGE_TEXT], name[APC_TAG_LEN + 16];
+
+    if (is_owner_switch(c))
+        return change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but no scheduler moves it");
+    if (!c->by)
+        return change_fail(said, APC_ETIMEDOUT, "nobody", "written, but it belongs to no controller");
+    name_of_taker(c->by, name);
+    if (c->outcome == OUTCOME_NOBODY)
+        return change_fail(said, APC_ETIMEDOUT, "nobody",
+                           "written, but nobody applies it: %s's last tick was %s ago", name,
+                           change_age(outcome_age(&seen), text));
+    if (looked && c->to.table == APC_OPMODE)
+        return change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but %s is in %s", c->to.name,
+                           text_of_force(c, text));
+    return looked
+               ? change_fail(said, APC_ETIMEDOUT, "unconfirmed",
+                             "written, but not applied yet: the loop has no input")
+               : change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but %s does not confirm it", name);
+}
+
+int change_finish(const struct change *c, apc_ns utc, struct change_fault *said)
+{
+    char value[CHANGE_TEXT];
+    switch (c->outcome) {
+    case OUTCOME_APPLIED:
+        return change_fail(said, 0, "applied", "applied");
+    case OUTCOME_SUPERSEDED:
+        return change_fail(said, APC_ECONFLICT, "superseded", "superseded: it is %s now",
+                           text_of_force(c, value));
+    case OUTCOME_REFUSED:
+        return finish_refused(c, said);
+    default:
+        return finish_open(c, utc, said);
+    }
+}
+
+int change_nobody(const struct change *c, apc_ns utc, struct change_fault *why)
+{
+    const struct outcome_seen seen = seen_of_change(c, utc);
+    char age[CHANGE_TEXT], name[APC_TAG_LEN + 16];
+    if (!c->by)
+        return change_fail(why, APC_EPERM, "nobody",
+                           "nobody applies it: %s belongs to no controller. Nothing was written", c->to.name);
+    name_of_taker(c->by, name);
+    return c->tick.seq == 0 ? change_fail(why, APC_EPERM, "nobody",
+                                          "nobody applies it: %s has never ticked. Nothing was written", name)
+                            : change_fail(why, APC_EPERM, "nobody",
+                                          "nobody applies it: %s's last tick was %s ago. Nothing was written",
+                                          name, change_age(outcome_age(&seen), age));
+}
+
+/* ---- What is seen -------------------------------------------------------------------------- */
+
+static int fail_of_store(const struct apc_store *store, int rc, struct change_fault *why)
+{
+    return change_fail(why, rc, "store", "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(store));
+}
+
+int operation_read(struct operation *o, struct apc_store *store)
+{
+    struct apc_sample *rows = calloc(o->n + 1, sizeof *rows);
+    int rc = rows ? 0 : APC_ENOMEM;
+    for (size_t i = 0; i < o->n && rows; i++)
+        rows[i] = o->change[i].before;
+    if (rows)
+        rc = apc_store_read(store, rows, o->n);
+    for (size_t i = 0; i < o->n && rc >= 0; i++)
+        o->change[i].before = rows[i];
+    free(rows);
+    return rc < 0 ? rc : 0;
+}
+
+struct ticks {
+    apc_ns last, period; /* the shortest of late; 0: not known */
+};
+
+static int take_operation_tick(void *ctx, const struct apc_vector *v)
+{
+    struct ticks *t = ctx;
+    const apc_ns apart = v->time - t->last;
+    if (t->last && apart > 0 && (t->period == 0 || apart < t->period))
+        t->period = apart;
+    t->last = v->time;
+    return 0;
+}
+
+/* Of a controller that does not say. */
+static int see_period(struct change *c, struct apc_store *store)
+{
+    const struct apc_range last = {.last = LOOK};
+    struct ticks ticks = {0};
+    if (!c->by || c->period > 0)
+        return 0;
+    const int rc = apc_store_vectors(store, APC_TICK, c->by->number, &last, take_operation_tick, &ticks);
+    c->period = ticks.period;
+    return rc < 0 ? rc : 0;
+}
+
+#define SEEN 3 /* rows of a change */
+
+static void ask_rows(const struct loops *loops, const struct change *c, struct apc_sample row[SEEN])
+{
+    const enum apc_table table = c->to.table;
+    const int id = c->to.id;
+    row[0] = (struct apc_sample){.table = table, .id = id};
+    row[1] = is_owner_switch(c)
+                 ? (struct apc_sample){.table = APC_SETPOINT, .id = loops_owned(loops, row)}
+                 : (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(table, id)};
+    row[2] = (struct apc_sample){.table = APC_OPMODE, .id = change_asks_mode(&c->to) ? c->to.loop->id : 0};
+}
+
+static int look_at_rows(struct operation *o, struct apc_store *store, struct apc_sample *row,
+                        struct apc_vector *tick)
+{
+    const struct loops *loops = o->plant->loops;
+    struct apc_rows rows = {.size = sizeof rows, .sample = row, .vector = tick};
+    for (size_t i = 0; i < o->n; i++) {
+        ask_rows(loops, &o->change[i], row + rows.n_samples);
+        rows.n_samples += change_asks_mode(&o->change[i].to) ? SEEN : SEEN - 1;
+    }
+    for (; rows.n_vectors < loops->n_controllers; rows.n_vectors++)
+        tick[rows.n_vectors] =
+            (struct apc_vector){.table = APC_TICK, .id = loops->controller[rows.n_vectors].number};
+    const int rc = apc_store_read_rows(store, &rows);
+    for (size_t i = 0; i < o->n && rc >= 0; i++) {
+        struct change *c = &o->change[i];
+        c->newest = *row++;
+        c->actual = *row++;
+        if (change_asks_mode(&c->to))
+            c->mode = *row++;
+        if (c->by)
+            c->tick = tick[c->by - loops->controller];
+    }
+    return rc < 0 ? rc : 0;
+}
+
+int operation_look(struct operation *o, struct apc_store *store)
+{
+    struct apc_sample *row = calloc(SEEN * o->n + 1, sizeof *row);
+    struct apc_vector *tick = calloc(o->plant->loops->n_controllers + 1, sizeof *tick);
+    int rc = row && tick ? look_at_rows(o, store, row, tick) : APC_ENOMEM;
+    for (size_t i = 0; i < o->n && rc == 0; i++)
+        rc = see_period(&o->change[i], store);
+    free(tick);
+    free(row);
+    return rc;
+}
+
+/* ---- Before -------------------------------------------------------------------------------- */
+
+struct stop {
+    const struct loops *loops;
+    const struct loops_controller *controller;
+    bool stopped;
+};
+
+static int take_stop(void *ctx, const struct apc_event *event)
+{
+    struct stop *s = ctx;
+    s->stopped |= !strcmp(event->kind, "stop") && loops_is_from(s->loops, s->controller, event->source);
+    return 0;
+}
+
+/* Does it tick, as far as its last tick and its events say? */
+static bool ticks_now(const struct operation *o, const struct change *c, struct apc_store *store)
+{
+    const struct apc_range since = {.since = c->tick.time};
+    struct stop stop = {.loops = o->plant->loops, .controller = c->by};
+    const apc_ns age = apc_ns_since(apc_clock_utc(NULL), c->tick.time);
+    return c->tick.seq > 0 && age >= 0 && age <= change_patience(c) &&
+           apc_store_events(store, &since, take_stop, &stop) >= 0 && !stop.stopped;
+}
+
+/* 1, 0: it may still tick, or an error. */
+static int is_change_ready(const struct operation *o, struct change *c, struct apc_store *store, bool first,
+                           struct change_fault *why)
+{
+    if (is_owner_switch(c))
+        return 1;
+    if (!c->by)
+        return change_nobody(c, apc_clock_utc(NULL), why);
+    if (first)
+        c->ticked = c->tick.seq;
+    if (c->tick.seq != c->ticked || ticks_now(o, c, store))
+        return 1;
+    return apc_clock_mono(NULL) - o->asked < change_patience(c) ? 0
+                                                                : change_nobody(c, apc_clock_utc(NULL), why);
+}
+
+int operation_ready(struct operation *o, struct apc_store *store, struct change_fault *why)
+{
+    const bool first = o->asked == 0;
+    int rc = operation_look(o, store), ready = 1;
+    if (rc < 0)
+        return fail_of_store(store, rc, why);
+    if (first)
+        o->asked = apc_clock_mono(NULL);
+    for (size_t i = 0; i < o->n && rc >= 0; i++) {
+        rc = is_change_ready(o, &o->change[i], store, first, why);
+        ready &= rc;
+    }
+    return rc < 0 ? rc : ready;
+}
+
+/* ---- Writing ------------------------------------------------------------------------------- */
+
+bool operation_is_one(const struct operation *o)
+{
+    for (size_t i = 1; i < o->n; i++)
+        if (o->change[i].before.value != o->change[0].before.value ||
+            (o->change[i].before.seq > 0) != (o->change[0].before.seq > 0))
+            return false;
+    return true;
+}
+
+/* All modes of the plant are written as one, as the paper knows it. */
+static bool is_all(const struct operation *o)
+{
+    return o->group && o->n == o->plant->loops->n;
+}
+
+/* Which rows the mode of all has become: the newest, unless somebody else was faster with another mode. */
+static int find_rows(struct operation *o, struct apc_store *store)
+{
+    const int rc = operation_look(o, store);
+    for (size_t i = 0; i < o->n && rc >= 0; i++) {
+        struct change *c = &o->change[i];
+        c->after.seq = c->newest.seq - (c->newest.value != c->after.value);
+    }
+    return rc;
+}
+
+/* What the rows have become, or what stands in their way. */
+static void take_rows(struct operation *o, const struct apc_sample *rows, int rc)
+{
+    for (size_t i = 0; i < o->n && !is_all(o); i++) {
+        struct change *c = &o->change[i];
+        if (rc == APC_ECONFLICT)
+            c->newest = rows[i];
+        else if (rc >= 0 || rows[i].seq == APC_SEQ_ANY)
+            c->after.seq = rows[i].seq;
+        else
+            c->after.seq++; /* what it would have been given */
+        for (size_t k = 0; k < o->with.n && is_owner_switch(c); k++)
+            if (o->with.at[k].table == APC_SETPOINT &&
+                o->with.at[k].id == loops_owned(o->plant->loops, &c->after))
+                c->along = o->with.at[k].seq;
+    }
+}
+
+static int put_operation(struct operation *o, struct apc_store *store)
+{
+    struct apc_sample *rows = calloc(o->n + 1, sizeof *rows);
+    size_t n = is_all(o) ? 1 : o->n;
+    int rc = rows && o->author[0] ? apc_store_author(store, o->author) : 0;
+    for (size_t i = 0; i < o->n && rows && rc >= 0; i++) {
+        struct apc_sample *after = &o->change[i].after;
+        after->time = o->time;
+        after->status = APC_GOOD;
+        after->author = (uint32_t)rc;
+        rows[is_all(o) ? 0 : i] = *after;
+    }
+    if (rows && is_all(o))
+        rows[0].id = 0;
+    if (rows && o->mark) {
+        rows[n] = *o->mark;
+        rows[n++].author = (uint32_t)(rc > 0 ? rc : 0);
+    }
+    rc = !rows ? APC_ENOMEM : rc < 0 ? rc : owner_put(store, o->plant->loops, rows, n, &o->with);
+    if (rows)
+        take_rows(o, rows, rc);
+    free(rows);
+    return rc >= 0 && is_all(o) ? find_rows(o, store) : rc;
+}
+
+char *operation_taken(const struct operation *o, const struct apc_sample *row, char *text, size_t size)
+{
+    const struct apc_tag *tag = plant_tag(o->plant, APC_SETPOINT, loops_owned(o->plant->loops, row));
+    if (row->table != APC_OPMODE)
+        return NULL;
+    snprintf(text, size, "%s taken Local, %s", tag ? tag->name : "setpoint",
+             loops_is_owner(row) ? "the scheduler stands aside" : "cascade open");
+    return text;
+}
+
+static size_t words_of_events(const struct operation *o, struct apc_event *event, const char *also)
+{
+    const bool one = o->group && operation_is_one(o);
+    const char *note = o->note ? o->note : "";
+    char text[192];
+    size_t n = 0;
+    for (size_t i = 0; i < (one ? 1 : o->n); i++)
+        snprintf(event[n++].text, sizeof event->text, "%s%s%s",
+                 change_words(&o->change[i], one ? o->group : NULL, text, sizeof text), also, note);
+    for (size_t i = 0; i < o->with.n; i++)
+        if (operation_taken(o, &o->with.at[i], text, sizeof text))
+            snprintf(event[n++].text, sizeof event->text, "%.160s", text);
+    for (size_t i = 0; i < n; i++) {
+        event[i].time = o->time;
+        event[i].severity = APC_EVENT_INFO;
+        snprintf(event[i].kind, sizeof event->kind, "operator");
+        snprintf(event[i].source, sizeof event->source, "%.31s", o->author);
+    }
+    return n;
+}
+
+int operation_record(const struct operation *o, struct apc_store *store, const char *also)
+{
+    struct apc_event *event = calloc(o->n + o->with.n + 1, sizeof *event);
+    if (!event)
+        return APC_ENOMEM;
+    const size_t n = words_of_events(o, event, also);
+    const int rc = o->record ? o->record(o->ctx, store, event, n) : apc_store_append_events(store, event, n);
+    free(event);
+    return rc < 0 ? rc : 0;
+}
+
+static int fail_stale(const struct operation *o, struct change_fault *why)
+{
+    size_t i = 0;
+    while (i + 1 < o->n &&
+           (o->change[i].after.seq == APC_SEQ_ANY || o->change[i].after.seq == o->change[i].newest.seq))
+        i++;
+    return change_stale(o->change[i].to.name, &o->change[i].newest, why);
+}
+
+int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why)
+{
+    o->time = o->time > 0 ? o->time : apc_clock_utc(NULL);
+    int rc = put_operation(o, store);
+    o->begun = apc_clock_mono(NULL);
+    if (rc == APC_ECONFLICT)
+        return fail_stale(o, why);
+    if (rc == APC_ECONN || rc == APC_ETIMEDOUT) {
+        if (o->record) /* who keeps them until the store is back */
+            (void)operation_record(o, NULL, ", outcome unknown");
+        return change_fail(why, rc, "unknown",
+                           "the store did not answer, so whether it was written is not known: %s",
+                           apc_store_error(store));
+    }
+    if (rc < 0)
+        return fail_of_store(store, rc, why);
+    rc = operation_record(o, store, "");
+    return rc < 0 ? change_fail(why, rc, "record", "the change was made, but not recorded as an event: %s",
+                                apc_store_error(store))
+                  : 0;
+}
+
+void operation_end(struct operation *o)
+{
+    free(o->with.at);
+    o->with = (struct owner_rows){0};
+}
+
+/* ---- After --------------------------------------------------------------------------------- */
+
+/* Of a loop that another one moves both come together. */
+static apc_ns patience_of_operation(const struct operation *o)
+{
+    const struct loops *loops = o->plant->loops;
+    apc_ns longest = 0, together = 0;
+    for (size_t i = 0; i < o->n; i++) {
+        const struct change *c = &o->change[i];
+        const apc_ns own = change_patience(c);
+        longest = own > longest ? own : longest;
+        if (c->to.loop && c->to.loop->above >= 0 && c->to.table == APC_OPMODE)
+            together += 4 * loops->controller[loops->at[c->to.loop->above].controller].period;
+    }
+    return longest + together;
+}
+
+/* It was refused, and the words may still come. */
+static bool wants_words(struct operation *o, struct change *c, struct apc_store *store)
+{
+    if (c->outcome != OUTCOME_REFUSED || c->refusal[0] || is_out_of_man(c) ||
+        outcome_refusal(store, c->to.name, o->time, c->refusal, sizeof c->refusal))
+        return false;
+    o->refused = o->refused > 0 ? o->refused : apc_clock_mono(NULL);
+    return apc_clock_mono(NULL) - o->refused < EVENT_DELAY;
+}
+
+int operation_poll(struct operation *o, struct apc_store *store)
+{
+    const int rc = operation_look(o, store);
+    const bool late = apc_clock_mono(NULL) - o->begun >= patience_of_operation(o);
+    bool settled = true;
+    for (size_t i = 0; i < o->n && rc == 0; i++) {
+        struct change *c = &o->change[i];
+        if (c->outcome != OUTCOME_APPLIED) /* it was in force: what came later is another's */
+            c->outcome = change_judge(c, apc_clock_utc(NULL));
+        settled &= (late || (c->outcome != OUTCOME_WAITING && c->outcome != OUTCOME_NOBODY)) &&
+                   !wants_words(o, c, store);
+    }
+    return rc < 0 ? rc : settled;
+}
+
+int operation_wait(const struct operation *o, struct apc_store *store, apc_ns most)
+{
+    struct apc_sample *seen = calloc(o->n + 1, sizeof *seen);
+    const apc_ns left = o->begun + patience_of_operation(o) - apc_clock_mono(NULL);
+    apc_ns pause = o->refused > 0 ? PAUSE : most;
+    int rc = seen ? 0 : APC_ENOMEM;
+    for (size_t i = 0; i < o->n && seen; i++) {
+        seen[i] = o->change[i].actual;
+        pause = is_owner_switch(&o->change[i]) ? PAUSE : pause; /* another one may take it back */
+    }
+    if (seen && left > 0)
+        rc = apc_store_wait(store, seen, o->n, pause < left ? pause : left);
+    else if (seen)
+        rc = apc_store_wait(store, seen, o->n, PAUSE); /* for words */
+    free(seen);
+    return rc < 0 ? rc : 0;
+}
+
+int operation_finish(const struct operation *o, size_t i, struct change_fault *said)
+{
+    return change_finish(&o->change[i], apc_clock_utc(NULL), said);
+}
