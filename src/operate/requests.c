@@ -8,11 +8,8 @@
 
 #include "base/base_internal.h"
 
-#define MOST   64  /* at once */
-#define EVENTS 200 /* so many are looked through for one's own */
-#define PATIENCE                                                                                             \
-    (2 * APC_NS_PER_S)                /* beyond three periods, for what a controller that ticks does in time \
-                                       */
+#define MOST       64                 /* at once */
+#define EVENTS     200                /* so many are looked through for one's own */
 #define EVENT_LATE (APC_NS_PER_S / 2) /* after the row that it tells of */
 
 struct requests {
@@ -29,13 +26,13 @@ struct requests {
 /* What is known of one request. */
 struct look {
     const struct apc_request *request;
-    const struct apc_tag *tag; /* of its variable; NULL: it has none */
-    const struct loops_controller *by;
-    struct change_target to;
-    struct apc_sample newest, actual, mode; /* mode: the target of its loop */
-    struct apc_sample *mark;                /* its own, or where its own goes */
-    struct apc_vector tick;
-    char said[192];
+    bool known; /* what it means; else why not */
+    struct change_fault why;
+    struct change change;
+    struct operation operation;
+    char note[128];
+    struct apc_sample *mark; /* its own, or where its own goes */
+    char said[256];
 };
 
 static int give_stored_requests(void *ctx, apc_request_fn fn, void *fn_ctx)
@@ -136,30 +133,31 @@ static int load_plant(struct requests *r)
     return rc < 0 ? rc : load_marks(r);
 }
 
-static int look_at_request(struct requests *r, const struct apc_request *request, struct look *l)
+/* What is of all, and what says whose something is, may have no description, and nobody confirms it. */
+static bool is_switch(const struct apc_request *q)
 {
-    const enum apc_table table = request->table;
-    const int id = request->variable;
-    *l = (struct look){.request = request, .tag = plant_tag(&r->plant.view, table, id)};
-    l->by = l->tag ? loops_taker(&r->plant.loops, l->tag) : NULL;
-    const struct loops_loop *loop = loops_of(&r->plant.loops, table, id);
-    struct apc_sample sample[3] = {
-        {.table = table, .id = id},
-        {.table = APC_ACTUAL, .id = apc_variable_number(table, id)},
-        {.table = APC_OPMODE, .id = loop ? loop->id : 0},
-    };
-    struct apc_vector tick = {.table = APC_TICK, .id = l->by ? l->by->number : 0};
-    struct apc_rows rows = {.size = sizeof rows,
-                            .sample = sample,
-                            .n_samples = table == APC_OPMODE ? 2 : 3,
-                            .vector = &tick,
-                            .n_vectors = l->by ? 1 : 0};
-    const int rc = apc_store_read_rows(r->live, &rows);
-    l->newest = sample[0];
-    l->mark = mark_of(r, request);
-    l->actual = sample[1];
-    l->mode = sample[2];
-    l->tick = tick;
+    return q->table == APC_OPMODE && (q->variable == 0 || q->variable >= LOOPS_IDS);
+}
+
+static int look_at_request(struct requests *r, const struct apc_request *q, struct look *l)
+{
+    struct change_target to;
+    *l = (struct look){.request = q, .mark = mark_of(r, q)};
+    l->known = change_at(&r->plant.view, q->table, q->variable, &to, &l->why) == 0;
+    if (!l->known && is_switch(q)) {
+        to = (struct change_target){.name = "mode",
+                                    .table = q->table,
+                                    .id = q->variable,
+                                    .low = -APC_VALUE_MAX,
+                                    .high = APC_VALUE_MAX};
+        l->known = true;
+    }
+    change_make(&r->plant.view, &to, q->value, &l->change);
+    snprintf(l->note, sizeof l->note, " (request %lld of %.30s%s%.40s)", (long long)q->id, q->role,
+             q->reason[0] ? ": " : "", q->reason);
+    l->operation = (struct operation){
+        .plant = &r->plant.view, .change = &l->change, .n = 1, .author = q->author, .note = l->note};
+    const int rc = operation_look(&l->operation, r->live);
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
 
@@ -199,131 +197,58 @@ static bool is_past(struct look *l, apc_ns most, apc_ns most_ahead)
     return false;
 }
 
-static bool is_switch(const struct apc_request *q)
-{
-    return q->table == APC_OPMODE && (q->variable == 0 || q->variable >= LOOPS_IDS);
-}
-
 static bool is_wrong(const struct requests *r, struct look *l)
 {
     const struct apc_request *q = l->request;
-    struct change_fault why;
+    int rc = l->known ? 0 : l->why.err;
     if (q->table == APC_OPMODE && q->variable >= REQUESTS_OF_HISTORY)
         return note_outcome(l, "refused: %s %d is not for people", apc_table_name(q->table), q->variable);
-    int rc = change_at(&r->plant.view, q->table, q->variable, &l->to, &why);
-    if (rc < 0 &&
-        is_switch(q)) { /* what is of all, and what says whose something is, may have no description */
-        l->to = (struct change_target){
-            .table = q->table, .id = q->variable, .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX};
-        rc = 0;
-    }
     if (rc == 0)
-        rc = change_reason(q->reason, &why);
+        rc = change_reason(q->reason, &l->why);
     if (rc == 0)
-        rc = change_check(&l->to, q->value, &why);
+        rc = change_check(&l->change.to, q->value, &l->why);
     if (rc == 0)
-        rc = change_now(&r->plant.view, &l->to, &l->mode, &why);
-    return rc < 0 && note_outcome(l, "refused: %s", why.text);
-}
-
-static struct outcome_seen seen_of_request(const struct look *l, const struct apc_sample *write)
-{
-    return (struct outcome_seen){.write = write,
-                                 .actual = &l->actual,
-                                 .tick = &l->tick,
-                                 .period = l->by ? l->by->period : 0,
-                                 .now = apc_clock_utc(NULL)};
+        rc = change_now(&r->plant.view, &l->change.to, &l->change.mode, &l->why);
+    return rc < 0 && note_outcome(l, "refused: %s", l->why.text);
 }
 
 /* What is written for nobody comes into force later. */
 static bool is_for_nobody(struct look *l)
 {
-    const struct apc_sample next = {
-        .table = l->newest.table, .id = l->newest.id, .seq = apc_seq_last(&l->newest) + 1};
-    const struct outcome_seen seen = seen_of_request(l, &next);
-    if (is_switch(l->request))
+    const struct change *c = &l->change;
+    const apc_ns now = apc_clock_utc(NULL);
+    if (is_switch(l->request) || (c->by && c->tick.seq > 0 && now - c->tick.time <= change_patience(c)))
         return false;
-    if (!l->by)
-        return note_outcome(l, "refused: nobody applies it: %s belongs to no controller", l->tag->name);
-    if (l->tick.seq == 0)
-        return note_outcome(l, "refused: nobody applies it: %s has never ticked", l->by->name);
-    if (outcome_of(&seen) == OUTCOME_NOBODY && outcome_age(&seen) > 3 * l->by->period + PATIENCE)
-        return note_outcome(l, "refused: nobody applies it: %s's last tick was %.1f s ago", l->by->name,
-                            apc_ns_to_s(outcome_age(&seen)));
-    return false;
+    (void)change_nobody(c, now, &l->why);
+    return note_outcome(l, "refused: %s", l->why.text);
 }
 
 /* ---- Doing it -------------------------------------------------------------------------------- */
 
-static void describe_request(const struct look *l, char *text, size_t size)
-{
-    const struct apc_request *q = l->request;
-    char before[32] = "none";
-    if (l->newest.seq > 0)
-        snprintf(before, sizeof before, "%.12g", l->newest.value);
-    snprintf(text, size, "%.40s: %s -> %.12g (request %lld of %.30s%s%.40s)", l->tag ? l->tag->name : "mode",
-             before, q->value, (long long)q->id, q->role, q->reason[0] ? ": " : "", q->reason);
-}
-
-static int record_request(struct requests *r, const struct look *l, const struct owner_rows *with)
-{
-    struct apc_event event[2] = {
-        {.time = apc_clock_utc(NULL), .severity = APC_EVENT_INFO, .kind = "operator"}};
-    size_t n = 1;
-    snprintf(event[0].source, sizeof event[0].source, "%.31s", l->request->author);
-    event[1] = event[0];
-    describe_request(l, event[0].text, sizeof event[0].text);
-    for (size_t i = 0; i < with->n; i++) {
-        if (n == 1 && with->at[i].table == APC_OPMODE) {
-            const int id = loops_owned(&r->plant.loops, &with->at[i]);
-            const struct apc_tag *tag = plant_tag(&r->plant.view, APC_SETPOINT, id);
-            snprintf(event[n++].text, sizeof event[1].text, "%s taken Local, %s",
-                     tag ? tag->name : "setpoint",
-                     loops_is_owner(&with->at[i]) ? "the scheduler stands aside" : "cascade open");
-        }
-    }
-    const int rc = apc_store_append_events(r->live, event, n);
-    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
-}
-
-/* 1: somebody was faster, so it is looked at again. */
-static int write_request_row(struct requests *r, struct look *l, struct owner_rows *with)
-{
-    const struct apc_request *q = l->request;
-    const int author = apc_store_author(r->live, q->author);
-    if (author < 0)
-        return apc_fail(&r->why, author, "%s", apc_store_error(r->live));
-    struct apc_sample rows[2] = {
-        {.table = q->table,
-         .id = q->variable,
-         .seq = l->newest.seq,
-         .time = apc_clock_utc(NULL),
-         .value = q->value,
-         .author = (uint32_t)author},
-        *l->mark,
-    };
-    rows[1].time = q->time;
-    rows[1].status = APC_GOOD;
-    rows[1].value = (double)q->id;
-    rows[1].origin = apc_seq_last(&l->newest) + 1;
-    rows[1].author = (uint32_t)author;
-    int rc = owner_put(r->live, &r->plant.loops, rows, 2, with);
-    if (rc == APC_ECONFLICT)
-        return 1;
-    if (rc >= 0)
-        rc = load_marks(r);
-    return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
-}
-
+/* 1: it is still to be answered, or somebody was faster, so it is looked at again. */
 static int do_it(struct requests *r, struct look *l)
 {
-    struct owner_rows with = {0};
-    int rc = write_request_row(r, l, &with);
-    if (rc == 0)
-        rc = record_request(r, l, &with);
-    if (rc == 0)
-        rc = say_outcome(r, l, apc_seq_last(&l->newest) + 1, NULL);
-    free(with.at);
+    const struct apc_request *q = l->request;
+    struct apc_sample mark = *l->mark;
+    mark.time = q->time;
+    mark.status = APC_GOOD;
+    mark.value = (double)q->id;
+    mark.origin = apc_seq_last(&l->change.newest) + 1;
+    l->operation.mark = &mark;
+    l->change.after.seq = l->change.newest.seq;
+    int rc = operation_read(&l->operation, r->live);
+    if (rc < 0)
+        return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
+    rc = operation_begin(&l->operation, r->live, &l->why);
+    operation_end(&l->operation);
+    if (rc == APC_ECONFLICT)
+        return 1;
+    if (rc < 0)
+        return apc_fail(&r->why, rc, "%s", l->why.text);
+    rc = load_marks(r);
+    if (rc < 0)
+        return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
+    rc = say_outcome(r, l, mark.origin, NULL);
     return rc < 0 ? rc : 1;
 }
 
@@ -349,49 +274,31 @@ static int make_up(struct requests *r, struct look *l)
     struct own own = {.request = l->request};
     snprintf(own.text, sizeof own.text, "(request %lld of ", (long long)l->request->id);
     int rc = apc_store_events(r->live, &last, is_own_event, &own);
-    if (rc >= 0 && !own.there) {
-        l->newest.seq = 0; /* what it was before is not known any more */
-        return record_request(r, l, &(struct owner_rows){0});
+    if (rc >= 0 && !own.there) { /* what it was before is not known any more */
+        l->operation.time = apc_clock_utc(NULL);
+        rc = operation_record(&l->operation, r->live, "");
     }
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
 
-static bool is_told_why(struct requests *r, struct look *l, apc_ns since)
-{
-    char why[160];
-    const bool found = outcome_refusal(r->live, l->tag->name, since, why, sizeof why);
-    if (found)
-        note_outcome(l, "refused: %s", why);
-    else if (l->request->table == APC_MANUAL)
-        note_outcome(l, "refused: its loop is not in Man");
-    else
-        note_outcome(l, "refused: %g stays in force", l->actual.value);
-    return found || apc_clock_utc(NULL) - l->actual.time > EVENT_LATE;
-}
-
-/* Is there something to say, in l->said? */
+/* Is there something to say, in l->said? The words of a refusal, and what has not come yet, are waited for. */
 static bool is_request_settled(struct requests *r, struct look *l)
 {
-    const struct apc_sample write = {.table = l->request->table,
-                                     .id = l->request->variable,
-                                     .seq = l->mark->origin,
-                                     .value = l->request->value};
-    const struct outcome_seen seen = seen_of_request(l, &write);
+    struct change *c = &l->change;
+    const apc_ns now = apc_clock_utc(NULL);
+    bool settled = true;
     if (is_switch(l->request))
         return note_outcome(l, "written");
-    if (!l->by)
-        return note_outcome(l, "written, but it belongs to no controller");
-    switch (outcome_of(&seen)) {
-    case OUTCOME_APPLIED:
-        return note_outcome(l, "applied");
-    case OUTCOME_SUPERSEDED:
-        return note_outcome(l, "superseded: it is %g now", l->actual.value);
-    case OUTCOME_REFUSED:
-        return is_told_why(r, l, l->request->time);
-    default:
-        note_outcome(l, "written, but %s does not confirm it", l->by->name);
-        return l->request->age > r->most + 3 * l->by->period + PATIENCE;
-    }
+    c->after.seq = l->mark->origin;
+    c->outcome = c->by ? change_judge(c, now) : OUTCOME_NOBODY;
+    if (c->outcome == OUTCOME_REFUSED)
+        settled = outcome_refusal(r->live, c->to.name, l->request->time, c->refusal, sizeof c->refusal) ||
+                  now - c->actual.time > EVENT_LATE;
+    else if (c->by && c->outcome != OUTCOME_APPLIED && c->outcome != OUTCOME_SUPERSEDED)
+        settled = l->request->age > r->most + change_patience(c);
+    (void)change_finish(c, now, &l->why);
+    note_outcome(l, "%s", l->why.text);
+    return settled;
 }
 
 static int settle_request(struct requests *r, struct look *l)

@@ -288,7 +288,8 @@ static void what_nobody_would_apply_is_not_written(void **state)
     (void)state;
     ticked(BASE, 40 * S);
     ask(APC_SETPOINT, SET_R, 2);
-    assert_refused("refused: nobody applies it: base's last tick was 40.0 s ago");
+    assert_refused(
+        "refused: nobody applies it: controller base's last tick was 40 s ago. Nothing was written");
     ticked(BASE, 3 * S); /* three periods, and a little more */
     assert_written();
 }
@@ -312,7 +313,7 @@ static void what_has_never_ticked_applies_nothing(void **state)
                                         MOST, &why),
                      0);
     ask(APC_SETPOINT, SET_W, 2);
-    assert_refused("refused: nobody applies it: upper has never ticked");
+    assert_refused("refused: nobody applies it: controller upper has never ticked. Nothing was written");
     ask(APC_OPMODE, 0, APC_MODE_MAN); /* whoever comes will */
     assert_written();
     assert_settled("written");
@@ -386,7 +387,7 @@ static void an_output_is_for_loops_in_man(void **state)
                                .origin = seq,
                                .status = APC_BAD});
     assert_settled("refused: its loop is not in Man");
-    assert_string_equal(events(), "u.manual: none -> 3 (request 4 of apc_operator: because)\n");
+    assert_string_equal(events(), "u: none -> 3 (request 4 of apc_operator: because)\n");
 }
 
 static void what_is_not_confirmed_for_long_is_settled_so(void **state)
@@ -397,7 +398,7 @@ static void what_is_not_confirmed_for_long_is_settled_so(void **state)
     asked.age = MOST + 3 * S; /* as long as anybody may ask, three periods and 2 s */
     assert_open();
     asked.age = MOST + 4 * S;
-    assert_settled("written, but base does not confirm it");
+    assert_settled("written, but controller base does not confirm it");
     ask(APC_OPMODE, 0, APC_MODE_AUTO); /* of all: each loop has its own row */
     assert_written();
     assert_settled("written");
