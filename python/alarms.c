@@ -11,6 +11,13 @@ struct apc_alarm_summary {
     struct alarm_summary alarms;
 };
 
+_Static_assert((int)APC_FATE_WAITING == (int)OUTCOME_WAITING &&
+                   (int)APC_FATE_APPLIED == (int)OUTCOME_APPLIED &&
+                   (int)APC_FATE_SUPERSEDED == (int)OUTCOME_SUPERSEDED &&
+                   (int)APC_FATE_REFUSED == (int)OUTCOME_REFUSED &&
+                   (int)APC_FATE_NOBODY == (int)OUTCOME_NOBODY,
+               "they are the same");
+
 static int failed(struct apc_store *store, int rc, struct apc_error *why)
 {
     return apc_fail(why, rc, "%s", apc_store_error(store));

@@ -48,38 +48,23 @@ struct apc_arrow_column {
 int apc_arrow_export(void *list, const struct apc_arrow_column *column, size_t n_columns, int64_t n,
                      void *owner);
 
-/* A value that an operator writes, on its way. */
-struct apc_wish {
-    char name[64];        /* of the variable, or of the loop whose mode it is */
-    int32_t table, id;    /* where it is written */
-    double value, before; /* before: what it was; NaN: nothing */
-    int64_t seq, time;    /* of its row, once it is written */
-    char controller[64];  /* who takes it */
-    int32_t number;       /* of its tick */
-    int64_t period, tick; /* ns of that controller; time of its newest tick, UTC, 0: it has never ticked */
-    int64_t tick_seq;
-    double force;   /* what is in force */
-    char text[256]; /* why it was refused */
-};
-enum apc_fate {
-    APC_FATE_WAITING = 1,
-    APC_FATE_APPLIED,
-    APC_FATE_SUPERSEDED,
-    APC_FATE_REFUSED,
-    APC_FATE_NOBODY
-};
+/* A value that an operator writes, on its way, as operate/operate.h has it. One thread at a time. */
+struct apc_wish;
+struct apc_wish *apc_wish_new(void); /* NULL: out of memory */
+void apc_wish_free(struct apc_wish *wish);
 /* Find the setpoint, the tuning parameter or the output @p name, or with @p mode the loop, and who takes it.
  * Returns 0, APC_ENOTFOUND, APC_ERANGE: outside its limits, APC_EPERM: nobody takes it, or an error of the
  * store. */
 int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *name, bool mode, double value,
                   struct apc_error *why);
-/* Does its controller tick, as far as its newest tick and its events say? 1, 0, or an error of the store. */
-int apc_wish_ticks(struct apc_wish *wish, struct apc_store *store, struct apc_error *why);
+/* Does its controller tick? 1, 0: it may still, APC_EPERM: it does not, or an error of the store. */
+int apc_wish_ready(struct apc_wish *wish, struct apc_store *store, struct apc_error *why);
 /* Write it, and what hangs on it, with the event. Returns 0 or an error of the store. */
 int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *author, struct apc_error *why);
-/* What became of it: an enum apc_fate, after at most @p timeout if it is still to come; or an error of the
- * store. */
-int apc_wish_look(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
+/* 1: it is in force; 0: not yet, after at most @p timeout; or what else became of it, in words. */
+int apc_wish_poll(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
+double apc_wish_force(const struct apc_wish *wish); /* what is in force */
+int64_t apc_wish_time(const struct apc_wish *wish); /* of its row */
 
 /* The alarms of a store. One thread at a time. */
 struct apc_alarm_summary;
@@ -91,6 +76,14 @@ struct apc_standing {
     bool active, unacknowledged, standing;
     int64_t seq, time, shelved; /* of its newest row; when shelving ends, UTC, 0: it is not shelved */
     int64_t shelve_max;         /* ns for which it may be shelved at most */
+};
+/* What became of something that an operator wants. */
+enum apc_fate {
+    APC_FATE_WAITING = 1,
+    APC_FATE_APPLIED,
+    APC_FATE_SUPERSEDED,
+    APC_FATE_REFUSED,
+    APC_FATE_NOBODY
 };
 /* What an operator wants of an alarm, on its way. */
 struct apc_demand {

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from time import monotonic, sleep, time, time_ns
+from time import sleep, time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Iterable, NamedTuple, Optional, Union
 
@@ -259,50 +259,19 @@ class Store:
                         f"LIVE+HISTORY, or use {command}, which asks its historian")
 
     def _wish(self, name: str, value: float, mode: bool, author: Optional[str], wait: bool) -> Value:
-        wish, reason = ffi.new("struct apc_wish *"), why()
+        wish, reason = ffi.gc(lib.apc_wish_new(), lib.apc_wish_free), why()
         who = utf8("author", author or _user())
+        if wish == ffi.NULL:
+            raise error(lib.APC_ENOMEM, "out of memory")
         with self._owned as s:
             self._live(s, "apc set")
             check(lib.apc_wish_find(wish, s, utf8("name", name), mode, value, reason), reason)
-            if wait:
-                self._ticks(s, wish)
-            check(lib.apc_wish_write(wish, s, who, reason), reason)
-            if wait:
-                self._settle(s, wish)
-        return Value(wish.force if wait else value, Status(lib.APC_GOOD), wish.time)
-
-    def _ticks(self, s: Any, wish: Any) -> None:
-        """An age by the clocks of two hosts is no proof that nothing ticks: then a tick is waited for."""
-        reason, until, first = why(), monotonic() + 3e-9 * wish.period + 2, None
-        while not check(lib.apc_wish_ticks(wish, s, reason), reason):
-            first = wish.tick_seq if first is None else first
-            if wish.tick_seq != first:
-                return
-            if monotonic() > until:
-                last = f"'s last tick was {(time_ns() - wish.tick) / 1e9:.3g} s ago" if wish.tick else " has never ticked"
-                raise error(lib.APC_EPERM, f"nobody applies it: {text(wish.controller)}{last}. Nothing was written")
-            sleep(0.05)
-
-    def _settle(self, s: Any, wish: Any) -> None:
-        reason, until = why(), monotonic() + 3e-9 * wish.period + 2
-        is_mode = wish.table == _table("opmode")
-        wanted, of = (str(Mode(int(wish.value))), " mode") if is_mode else (f"{wish.value:g}", "")
-        what = f"{text(wish.name)}{of} = {wanted}"
-        while True:
-            fate = check(lib.apc_wish_look(wish, s, 10**8, reason), reason)
-            if fate == lib.APC_FATE_APPLIED:
-                return
-            if fate == lib.APC_FATE_SUPERSEDED:
-                raise error(lib.APC_ECONFLICT, f"{what}: superseded by a later write")
-            if fate == lib.APC_FATE_REFUSED:
-                said = text(wish.text) or ("its loop is not in Man" if wish.table == _table("manual") else "")
-                if said or monotonic() > until:
-                    raise error(lib.APC_EPERM, f"{what}: refused: {said or f'{wish.force:g} stays in force'}")
-                until = min(until, monotonic() + 0.5)  # its event may come after its row
+            while wait and not check(lib.apc_wish_ready(wish, s, reason), reason):
                 sleep(0.05)
-            elif monotonic() > until:
-                raise error(lib.APC_ETIMEDOUT, f"{what}: written, but {text(wish.controller)} does not confirm it: see "
-                            "apc status")
+            check(lib.apc_wish_write(wish, s, who, reason), reason)
+            while wait and not check(lib.apc_wish_poll(wish, s, 10**8, reason), reason):
+                pass
+        return Value(lib.apc_wish_force(wish) if wait else value, Status(lib.APC_GOOD), lib.apc_wish_time(wish))
 
     def close(self) -> None:
         self._owned.close()
