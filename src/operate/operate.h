@@ -252,9 +252,9 @@ struct change {
     int64_t along;           /* of a switch of the scheduler: seq of the setpoint that was written with it */
     int64_t ticked;          /* seq of the tick that operation_ready() saw first */
 
-    struct apc_sample newest; /* as seen last: the variable */
+    struct apc_sample newest; /* as seen last, their tables and ids from the first: the variable */
     struct apc_sample actual; /* what is in force; of a switch the setpoint */
-    struct apc_sample mode;   /* the target of its loop, where change_asks_mode() */
+    struct apc_sample mode;   /* the target of its loop, where change_asks_mode(); else without a table */
     struct apc_vector tick;
     apc_ns period; /* of its controller; 0: not known */
     enum outcome outcome;

@@ -31,6 +31,12 @@ void change_make(const struct plant_view *plant, const struct change_target *to,
                          .before = {.table = to->table, .id = to->id},
                          .after = {.table = to->table, .id = to->id, .seq = APC_SEQ_ANY, .value = value}};
     c->period = c->by ? c->by->period : is_owner_switch(c) ? SCHEDULER : 0;
+    c->newest = c->before;
+    c->actual = (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(to->table, to->id)};
+    if (is_owner_switch(c))
+        c->actual = (struct apc_sample){.table = APC_SETPOINT, .id = loops_owned(plant->loops, &c->after)};
+    if (change_asks_mode(to))
+        c->mode = (struct apc_sample){.table = APC_OPMODE, .id = to->loop->id};
     if (to->table == APC_MANUAL && to->loop)
         c->before = (struct apc_sample){.table = to->loop->table, .id = to->loop->output};
 }
@@ -63,7 +69,8 @@ static enum outcome judge_switch(const struct change *c)
 {
     if (c->newest.seq != c->after.seq)
         return c->newest.seq < c->after.seq ? OUTCOME_WAITING : OUTCOME_SUPERSEDED;
-    return loops_is_local(&c->after) || c->actual.seq > c->along ? OUTCOME_APPLIED : OUTCOME_WAITING;
+    return loops_is_local(&c->after) || c->along == 0 || c->actual.seq > c->along ? OUTCOME_APPLIED
+                                                                                  : OUTCOME_WAITING;
 }
 
 enum outcome change_judge(const struct change *c, apc_ns utc)
@@ -74,11 +81,14 @@ enum outcome change_judge(const struct change *c, apc_ns utc)
 
 /* ---- In words ------------------------------------------------------------------------------ */
 
-/* "the controller"; one that has a name of its own: "controller base" */
+/* "the controller"; one that has a name of its own: "controller base"; what has no number is none:
+ * "apc-alarms" */
 static char *name_of_taker(const struct loops_controller *by, char text[APC_TAG_LEN + 16])
 {
-    const bool named = strcmp(by->name, "controller") != 0;
-    snprintf(text, APC_TAG_LEN + 16, named ? "controller %s" : "the controller", by->name);
+    if (!strcmp(by->name, "controller"))
+        snprintf(text, APC_TAG_LEN + 16, "the controller");
+    else
+        snprintf(text, APC_TAG_LEN + 16, "%s%s", by->number > 0 ? "controller " : "", by->name);
     return text;
 }
 
@@ -110,28 +120,39 @@ static int finish_refused(const struct change *c, struct change_fault *said)
                              text_of_force(c, value));
 }
 
-static int finish_open(const struct change *c, apc_ns utc, struct change_fault *said)
+/* "controller base has never ticked", "the controller's last tick was 5 min ago" */
+static char *absence_of_taker(const struct change *c, apc_ns utc, char text[2 * APC_TAG_LEN])
 {
     const struct outcome_seen seen = seen_of_change(c, utc);
+    char age[CHANGE_TEXT], name[APC_TAG_LEN + 16];
+    name_of_taker(c->by, name);
+    if (c->tick.seq == 0)
+        snprintf(text, 2 * APC_TAG_LEN, "%s has never ticked", name);
+    else
+        snprintf(text, 2 * APC_TAG_LEN, "%s's last tick was %.20s ago", name,
+                 change_age(outcome_age(&seen), age));
+    return text;
+}
+
+static int finish_open(const struct change *c, apc_ns utc, struct change_fault *said)
+{
     const bool looked = c->actual.seq > 0 && c->actual.origin == c->after.seq;
-    char text[CHANGE_TEXT], name[APC_TAG_LEN + 16];
+    char text[2 * APC_TAG_LEN];
 
     if (is_owner_switch(c))
         return change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but no scheduler moves it");
     if (!c->by)
         return change_fail(said, APC_ETIMEDOUT, "nobody", "written, but it belongs to no controller");
-    name_of_taker(c->by, name);
     if (c->outcome == OUTCOME_NOBODY)
-        return change_fail(said, APC_ETIMEDOUT, "nobody",
-                           "written, but nobody applies it: %s's last tick was %s ago", name,
-                           change_age(outcome_age(&seen), text));
+        return change_fail(said, APC_ETIMEDOUT, "nobody", "written, but nobody applies it: %s",
+                           absence_of_taker(c, utc, text));
     if (looked && c->to.table == APC_OPMODE)
         return change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but %s is in %s", c->to.name,
                            text_of_force(c, text));
-    return looked
-               ? change_fail(said, APC_ETIMEDOUT, "unconfirmed",
-                             "written, but not applied yet: the loop has no input")
-               : change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but %s does not confirm it", name);
+    return looked ? change_fail(said, APC_ETIMEDOUT, "unconfirmed",
+                                "written, but not applied yet: the loop has no input")
+                  : change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but %s does not confirm it",
+                                name_of_taker(c->by, text));
 }
 
 int change_finish(const struct change *c, apc_ns utc, struct change_fault *said)
@@ -152,17 +173,12 @@ int change_finish(const struct change *c, apc_ns utc, struct change_fault *said)
 
 int change_nobody(const struct change *c, apc_ns utc, struct change_fault *why)
 {
-    const struct outcome_seen seen = seen_of_change(c, utc);
-    char age[CHANGE_TEXT], name[APC_TAG_LEN + 16];
-    if (!c->by)
-        return change_fail(why, APC_EPERM, "nobody",
-                           "nobody applies it: %s belongs to no controller. Nothing was written", c->to.name);
-    name_of_taker(c->by, name);
-    return c->tick.seq == 0 ? change_fail(why, APC_EPERM, "nobody",
-                                          "nobody applies it: %s has never ticked. Nothing was written", name)
-                            : change_fail(why, APC_EPERM, "nobody",
-                                          "nobody applies it: %s's last tick was %s ago. Nothing was written",
-                                          name, change_age(outcome_age(&seen), age));
+    char text[2 * APC_TAG_LEN];
+    return c->by ? change_fail(why, APC_EPERM, "nobody", "nobody applies it: %s. Nothing was written",
+                               absence_of_taker(c, utc, text))
+                 : change_fail(why, APC_EPERM, "nobody",
+                               "nobody applies it: %s belongs to no controller. Nothing was written",
+                               c->to.name);
 }
 
 /* ---- What is seen -------------------------------------------------------------------------- */
@@ -214,25 +230,17 @@ static int see_period(struct change *c, struct apc_store *store)
 
 #define SEEN 3 /* rows of a change */
 
-static void ask_rows(const struct loops *loops, const struct change *c, struct apc_sample row[SEEN])
-{
-    const enum apc_table table = c->to.table;
-    const int id = c->to.id;
-    row[0] = (struct apc_sample){.table = table, .id = id};
-    row[1] = is_owner_switch(c)
-                 ? (struct apc_sample){.table = APC_SETPOINT, .id = loops_owned(loops, row)}
-                 : (struct apc_sample){.table = APC_ACTUAL, .id = apc_variable_number(table, id)};
-    row[2] = (struct apc_sample){.table = APC_OPMODE, .id = change_asks_mode(&c->to) ? c->to.loop->id : 0};
-}
-
 static int look_at_rows(struct operation *o, struct apc_store *store, struct apc_sample *row,
                         struct apc_vector *tick)
 {
     const struct loops *loops = o->plant->loops;
     struct apc_rows rows = {.size = sizeof rows, .sample = row, .vector = tick};
     for (size_t i = 0; i < o->n; i++) {
-        ask_rows(loops, &o->change[i], row + rows.n_samples);
-        rows.n_samples += change_asks_mode(&o->change[i].to) ? SEEN : SEEN - 1;
+        const struct change *c = &o->change[i];
+        row[rows.n_samples++] = c->newest;
+        row[rows.n_samples++] = c->actual;
+        if (c->mode.table)
+            row[rows.n_samples++] = c->mode;
     }
     for (; rows.n_vectors < loops->n_controllers; rows.n_vectors++)
         tick[rows.n_vectors] =
@@ -242,7 +250,7 @@ static int look_at_rows(struct operation *o, struct apc_store *store, struct apc
         struct change *c = &o->change[i];
         c->newest = *row++;
         c->actual = *row++;
-        if (change_asks_mode(&c->to))
+        if (c->mode.table)
             c->mode = *row++;
         if (c->by)
             c->tick = tick[c->by - loops->controller];
@@ -364,27 +372,27 @@ static void take_rows(struct operation *o, const struct apc_sample *rows, int rc
     }
 }
 
-static int put_operation(struct operation *o, struct apc_store *store)
+static int put_operation(struct operation *o, struct apc_store *store, uint32_t author)
 {
     struct apc_sample *rows = calloc(o->n + 1, sizeof *rows);
     size_t n = is_all(o) ? 1 : o->n;
-    int rc = rows && o->author[0] ? apc_store_author(store, o->author) : 0;
-    for (size_t i = 0; i < o->n && rows && rc >= 0; i++) {
+    if (!rows)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < o->n; i++) {
         struct apc_sample *after = &o->change[i].after;
         after->time = o->time;
         after->status = APC_GOOD;
-        after->author = (uint32_t)rc;
+        after->author = author;
         rows[is_all(o) ? 0 : i] = *after;
     }
-    if (rows && is_all(o))
+    if (is_all(o))
         rows[0].id = 0;
-    if (rows && o->mark) {
+    if (o->mark) {
         rows[n] = *o->mark;
-        rows[n++].author = (uint32_t)(rc > 0 ? rc : 0);
+        rows[n++].author = author;
     }
-    rc = !rows ? APC_ENOMEM : rc < 0 ? rc : owner_put(store, o->plant->loops, rows, n, &o->with);
-    if (rows)
-        take_rows(o, rows, rc);
+    const int rc = owner_put(store, o->plant->loops, rows, n, &o->with);
+    take_rows(o, rows, rc);
     free(rows);
     return rc >= 0 && is_all(o) ? find_rows(o, store) : rc;
 }
@@ -410,7 +418,7 @@ static size_t words_of_events(const struct operation *o, struct apc_event *event
                  change_words(&o->change[i], one ? o->group : NULL, text, sizeof text), also, note);
     for (size_t i = 0; i < o->with.n; i++)
         if (operation_taken(o, &o->with.at[i], text, sizeof text))
-            snprintf(event[n++].text, sizeof event->text, "%.160s", text);
+            snprintf(event[n++].text, sizeof event->text, "%s%s", text, note);
     for (size_t i = 0; i < n; i++) {
         event[i].time = o->time;
         event[i].severity = APC_EVENT_INFO;
@@ -442,8 +450,11 @@ static int fail_stale(const struct operation *o, struct change_fault *why)
 
 int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why)
 {
+    int rc = o->author[0] ? apc_store_author(store, o->author) : 0;
+    if (rc < 0)
+        return fail_of_store(store, rc, why);
     o->time = o->time > 0 ? o->time : apc_clock_utc(NULL);
-    int rc = put_operation(o, store);
+    rc = put_operation(o, store, (uint32_t)rc);
     o->begun = apc_clock_mono(NULL);
     if (rc == APC_ECONFLICT)
         return fail_stale(o, why);

@@ -416,11 +416,13 @@ static void what_opens_a_cascade_or_is_the_schedulers_is_said(void **state)
     ask(APC_SETPOINT, SET_W, 7);
     assert_written();
     assert_near(newest(APC_OPMODE, LOOPS_OWNER(SET_W)).value, 0, 0);
-    char expected[300];
+    char expected[400];
     snprintf(expected, sizeof expected,
-             "r: 1 -> 2 (request %lld of apc_operator)\nr taken Local, cascade open\n"
-             "w: 5 -> 7 (request %lld of apc_operator: because)\nw taken Local, the scheduler stands aside\n",
-             (long long)asked.id - 1, (long long)asked.id);
+             "r: 1 -> 2 (request %lld of apc_operator)\nr taken Local, cascade open (request %lld of "
+             "apc_operator)\n"
+             "w: 5 -> 7 (request %lld of apc_operator: because)\nw taken Local, the scheduler stands aside "
+             "(request %lld of apc_operator: because)\n",
+             (long long)asked.id - 1, (long long)asked.id - 1, (long long)asked.id, (long long)asked.id);
     assert_string_equal(events(), expected);
 }
 

@@ -88,7 +88,7 @@ static void a_reason_is_on_record_with_every_kind_of_write(void **state)
         {post_setpoint, "{\"id\":1,\"value\":6,\"seq\":1,\"reason\":\"pump 2 is tested\"}",
          "r1: 5 -> 6 (from 10.0.0.7): pump 2 is tested"},
         {post_mode, "{\"id\":2,\"mode\":\"Man\",\"seq\":1,\"reason\":\"as well\"}",
-         "u2: Auto -> Man (from 10.0.0.7): as well"},
+         "u2 mode: Auto -> Man (from 10.0.0.7): as well"},
         {post_output, "{\"id\":2,\"value\":1,\"seq\":0,\"reason\":\"by hand\"}",
          "u2: none -> 1 (from 10.0.0.7): by hand"},
         {post_setpoint, "{\"id\":1,\"value\":7,\"seq\":2,\"reason\":\"\"}", "r1: 6 -> 7 (from 10.0.0.7)"}};
@@ -114,7 +114,7 @@ static void what_had_no_value_and_what_is_a_mode_are_recorded_in_words(void **st
     assert_string_equal(newest_text(), "r2: none -> -3 (from 10.0.0.7)");
     put(APC_OPMODE, 2, APC_MODE_AUTO);
     json_decref(post(post_mode, "{\"id\":2,\"mode\":\"Man\",\"seq\":1}"));
-    assert_string_equal(newest_text(), "u2: Auto -> Man (from 10.0.0.7)");
+    assert_string_equal(newest_text(), "u2 mode: Auto -> Man (from 10.0.0.7)");
 }
 
 static void limits_are_inclusive_and_their_refusal_names_them(void **state)
@@ -205,7 +205,7 @@ static void a_setpoint_that_the_loop_above_moves_is_taken_local_and_that_is_said
     json_decref(write);
     assert_near(in_force(APC_SETPOINT, 1, &seq), 7, 0);
     assert_near(in_force(APC_OPMODE, 1, &seq), APC_MODE_AUTO, 0);
-    assert_string_equal(newest_text(), "u1: Cas -> Auto, the setpoint is Local now (from 10.0.0.7)");
+    assert_string_equal(newest_text(), "r1 taken Local, cascade open (from 10.0.0.7)");
     assert_int_equal(refused(post_setpoint, "{\"id\":1,\"value\":8,\"seq\":2}"),
                      409); /* it is his: he has to look */
     put(APC_OPMODE, 1, APC_MODE_MAN);

@@ -308,7 +308,7 @@ static void the_seq_of_a_write_is_told_when_it_has_one(void **state)
 
 static void a_write_that_is_under_way_is_not_begun_again(void **state)
 {
-    struct write_change change = {.after = {.table = APC_SETPOINT, .id = 1}};
+    struct change change = {.after = {.table = APC_SETPOINT, .id = 1}};
     const struct write same = {.key = "same-key", .n = 1, .change = &change};
     struct text t = {0};
     (void)state;

@@ -215,7 +215,7 @@ void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store
 
 struct order {
     struct write write;
-    struct write_change change;
+    struct change change;
     enum apc_alarm_switch which;
     double value; /* of APC_ALARM_SHELF and APC_ALARM_SERVICE */
     int64_t seq;  /* of the alarm's row that was seen */
@@ -357,6 +357,9 @@ static void carry_out_alarm(struct ui *ui, struct request *r, const struct alarm
         record_alarm_write(ui, r, o, unknown ? NULL : store, unknown ? ", outcome unknown" : "");
 }
 
+/* Who evaluates alarms is no controller. */
+static const struct plant_view nobodys = {.loops = &(const struct loops){0}};
+
 static void begin_alarm_write(struct ui *ui, struct request *r, const struct alarm_summary *board,
                               struct order *o, struct apc_store *store)
 {
@@ -372,9 +375,12 @@ static void begin_alarm_write(struct ui *ui, struct request *r, const struct ala
         fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
         return;
     }
-    o->change.before = o->change.after = *now->wish[ALARM_WISH(o->which)];
+    const struct apc_sample *wish = now->wish[ALARM_WISH(o->which)];
+    struct change_target to = {.table = wish->table, .id = wish->id};
+    snprintf(to.name, sizeof to.name, "%s", r->name);
+    change_make(&nobodys, &to, 0, &o->change);
+    o->change.before = o->change.after = *wish;
     o->change.after.value = o->which == APC_ALARM_ACK ? (double)o->seq : o->value;
-    snprintf(o->change.name, sizeof o->change.name, "%s", r->name);
     if (request_begin(ui, r, &o->write, store))
         carry_out_alarm(ui, r, board, now, o, store);
 }

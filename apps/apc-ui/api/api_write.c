@@ -18,6 +18,7 @@ static bool fault_change(struct request *r, const struct change_fault *why, cons
 {
     const int http = !strcmp(why->code, "variable")                              ? 404
                      : !strcmp(why->code, "mode") || !strcmp(why->code, "stale") ? 409
+                     : !strcmp(why->code, "unknown")                             ? 504
                                                                                  : 422;
     return fault_set(&r->fault, http, why->code, field, "%s", why->text);
 }
@@ -33,65 +34,52 @@ struct beside {
 
 struct order {
     struct write write;
-    struct write_change change[WRITE_CHANGES + 1]; /* one may be taken along */
+    struct change change[WRITE_CHANGES + 1]; /* one may be taken along */
     struct beside beside;
     char reason[REASON_LEN];
+    struct known_plant plant; /* as the model had it */
+    struct operation operation;
 };
 
-static void look_beside(const struct plant *p, struct order *o, const struct loops_loop *loop,
-                        enum apc_table table, int id)
+static void look_beside(struct order *o, const struct loops_loop *loop, enum apc_table table, int id)
 {
+    const struct loops *loops = &o->plant.loops;
     struct beside *b = &o->beside;
-    if (table == APC_SETPOINT && loops_scheduled(&p->loops, id)) {
+    if (table == APC_SETPOINT && loops_scheduled(loops, id)) {
         b->now = (struct apc_sample){.table = APC_OPMODE, .id = LOOPS_OWNER(id)};
-        snprintf(b->name, sizeof b->name, "%.57s.owner", p->tag[find_plant_tag(p, table, id)].name);
+        snprintf(b->name, sizeof b->name, "%.57s.owner", plant_tag(&o->plant.view, table, id)->name);
         return;
     }
     const struct apc_sample row = {.table = table, .id = id};
-    const int owned = table == APC_OPMODE && (!loop || loop->above >= 0) ? loops_owned(&p->loops, &row) : 0;
+    const int owned = table == APC_OPMODE && (!loop || loop->above >= 0) ? loops_owned(loops, &row) : 0;
     if (!owned && !(loop && (table == APC_MANUAL || (table == APC_SETPOINT && loop->above >= 0))))
         return;
     b->now = owned ? (struct apc_sample){.table = APC_SETPOINT, .id = owned}
                    : (struct apc_sample){.table = APC_OPMODE, .id = loop->id};
-    const int at = find_plant_tag(p, b->now.table, b->now.id);
-    snprintf(b->name, sizeof b->name, "%s", at < 0 ? "" : p->tag[at].name);
-}
-
-/* What is to be written, what is beside it, and whether it may be that. Loops are looked at under the lock.
- */
-static bool find_order_target(struct ui *ui, struct request *r, struct order *o, enum apc_table table, int id,
-                              double value, char name[APC_TAG_LEN])
-{
-    const struct plant *p = &ui->model.plant;
-    struct change_target to;
-    struct change_fault why;
-    pthread_mutex_lock(&ui->model.mutex);
-    const struct plant_view view = {p->tag, p->n, &p->loops};
-    const bool found = change_at(&view, table, id, &to, &why) == 0;
-    const bool may = found && change_check(&to, value, &why) == 0;
-    if (found)
-        look_beside(p, o, to.loop, table, id);
-    pthread_mutex_unlock(&ui->model.mutex);
-    memcpy(name, to.name, sizeof to.name);
-    return may || fault_change(r, &why, found ? "value" : "id");
+    const struct apc_tag *tag = plant_tag(&o->plant.view, b->now.table, b->now.id);
+    snprintf(b->name, sizeof b->name, "%s", tag ? tag->name : "");
 }
 
 /* Change a variable to a value: is there one, and may it be that? */
-static bool order_change(struct ui *ui, struct request *r, struct order *o, enum apc_table table, int64_t id,
-                         double value, int64_t seq)
+static bool order_change(struct request *r, struct order *o, enum apc_table table, int64_t id, double value,
+                         int64_t seq)
 {
-    struct write_change *c = &o->change[o->write.n];
-    char name[APC_TAG_LEN];
+    struct change *c = &o->change[o->write.n];
+    struct change_target to;
+    struct change_fault why;
 
     if (o->write.n == WRITE_CHANGES)
         return fault_set(&r->fault, 400, "json", "values", "more than %d values at once", WRITE_CHANGES);
-    if (!find_order_target(ui, r, o, table, (int)id, value, name))
-        return false;
+    if (change_at(&o->plant.view, table, (int)id, &to, &why) < 0)
+        return fault_change(r, &why, "id");
+    if (change_check(&to, value, &why) < 0)
+        return fault_change(r, &why, "value");
     for (size_t i = 0; i < o->write.n; i++)
         if (o->change[i].after.id == (int)id)
-            return fault_set(&r->fault, 422, "value", "id", "%s is given twice", name);
-    *c = (struct write_change){.after = {.table = table, .id = (int)id, .value = value, .seq = seq}};
-    memcpy(c->name, name, sizeof c->name);
+            return fault_set(&r->fault, 422, "value", "id", "%s is given twice", to.name);
+    look_beside(o, to.loop, table, (int)id);
+    change_make(&o->plant.view, &to, value, c);
+    c->after.seq = seq;
     o->write.n++;
     return true;
 }
@@ -146,18 +134,17 @@ void event_because(struct apc_event *event, const char *reason)
         snprintf(event->text + n, room, ": %.*s", (int)room - 3, reason);
 }
 
-static bool read_value(struct ui *ui, struct request *r, const json_t *object, struct order *o,
-                       enum apc_table table)
+static bool read_value(struct request *r, const json_t *object, struct order *o, enum apc_table table)
 {
     int64_t id, seq;
     double value;
     return member_whole(object, "id", 0, INT32_MAX, &id, &r->fault) &&
            member_number(object, "value", &value, &r->fault) &&
            member_whole(object, "seq", 0, APC_SEQ_MAX, &seq, &r->fault) &&
-           order_change(ui, r, o, table, id, value, seq);
+           order_change(r, o, table, id, value, seq);
 }
 
-static bool read_order_mode(struct ui *ui, struct request *r, const json_t *body, struct order *o)
+static bool read_order_mode(struct request *r, const json_t *body, struct order *o)
 {
     struct change_fault why;
     const char *name;
@@ -169,15 +156,14 @@ static bool read_order_mode(struct ui *ui, struct request *r, const json_t *body
         return false;
     if (change_mode(name, &mode, &why) < 0)
         return fault_change(r, &why, "mode");
-    return order_change(ui, r, o, APC_OPMODE, id, mode, seq);
+    return order_change(r, o, APC_OPMODE, id, mode, seq);
 }
 
 /* Of a setpoint that the scheduler moves. */
-static bool read_owner(struct ui *ui, struct request *r, const json_t *body, struct order *o)
+static bool read_owner(struct request *r, const json_t *body, struct order *o)
 {
     const char *owner;
     int64_t id, seq;
-    bool cascade = false, scheduled = false;
     if (!member_whole(body, "id", 1, INT32_MAX, &id, &r->fault) ||
         !member_text(body, "owner", &owner, &r->fault) ||
         !member_whole(body, "seq", 0, APC_SEQ_MAX, &seq, &r->fault))
@@ -185,21 +171,17 @@ static bool read_owner(struct ui *ui, struct request *r, const json_t *body, str
     const bool remote = strcmp(owner, loops_owner_name(false)) == 0;
     if (!remote && strcmp(owner, loops_owner_name(true)) != 0)
         return fault_set(&r->fault, 422, "value", "owner", "\"owner\" must be Local or Remote");
-    pthread_mutex_lock(&ui->model.mutex);
-    const struct loops *loops = &ui->model.plant.loops;
-    const struct loops_loop *loop = loops_of(loops, APC_SETPOINT, (int)id);
-    scheduled = loops_scheduled(loops, (int)id);
-    cascade = loop && loop->above >= 0;
-    pthread_mutex_unlock(&ui->model.mutex);
-    if (scheduled)
-        return order_change(ui, r, o, APC_OPMODE, LOOPS_OWNER((int)id), remote, seq);
-    return cascade ? fault_set(&r->fault, 422, "value", "id",
-                               "a loop moves setpoint.%" PRId64 ": it is that one's in mode Cas", id)
-                   : fault_set(&r->fault, 404, "variable", "id",
-                               "there is no setpoint.%" PRId64 " that a scheduler moves", id);
+    const struct loops_loop *loop = loops_of(&o->plant.loops, APC_SETPOINT, (int)id);
+    if (loops_scheduled(&o->plant.loops, (int)id))
+        return order_change(r, o, APC_OPMODE, LOOPS_OWNER((int)id), remote, seq);
+    return loop && loop->above >= 0
+               ? fault_set(&r->fault, 422, "value", "id",
+                           "a loop moves setpoint.%" PRId64 ": it is that one's in mode Cas", id)
+               : fault_set(&r->fault, 404, "variable", "id",
+                           "there is no setpoint.%" PRId64 " that a scheduler moves", id);
 }
 
-static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, struct order *o)
+static bool read_tuning(struct request *r, const json_t *body, struct order *o)
 {
     static const char *const members[] = {"id", "value", "seq", NULL};
     const json_t *values = json_object_get(body, "values");
@@ -210,13 +192,13 @@ static bool read_tuning(struct ui *ui, struct request *r, const json_t *body, st
         const json_t *object = json_array_get(values, i);
         if (!json_is_object(object))
             return fault_set(&r->fault, 400, "json", "values", "\"values\" must hold objects");
-        if (!members_known(object, members, &r->fault) || !read_value(ui, r, object, o, APC_TUNING))
+        if (!members_known(object, members, &r->fault) || !read_value(r, object, o, APC_TUNING))
             return false;
     }
     return true;
 }
 
-static bool read_write_order(struct ui *ui, struct request *r, struct order *o)
+static bool read_write_order(struct request *r, struct order *o)
 {
     static const char *const value_members[] = {"id", "value", "seq", "reason", "key", NULL};
     static const char *const mode_members[] = {"id", "mode", "seq", "reason", "key", NULL};
@@ -231,31 +213,34 @@ static bool read_write_order(struct ui *ui, struct request *r, struct order *o)
                               &r->fault);
     bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason);
     if (ok && kind == WRITE_MODE)
-        ok = read_order_mode(ui, r, body, o);
+        ok = read_order_mode(r, body, o);
     else if (ok && kind == WRITE_OWNER)
-        ok = read_owner(ui, r, body, o);
+        ok = read_owner(r, body, o);
     else if (ok && kind == WRITE_TUNING)
-        ok = read_tuning(ui, r, body, o);
+        ok = read_tuning(r, body, o);
     else if (ok)
-        ok = read_value(ui, r, body, o, kind == WRITE_SETPOINT ? APC_SETPOINT : APC_MANUAL);
+        ok = read_value(r, body, o, kind == WRITE_SETPOINT ? APC_SETPOINT : APC_MANUAL);
     json_decref(body);
     return ok;
 }
 
 /* ---- Writing ------------------------------------------------------------------------------ */
 
-/* What is in force, all of one instant: fills in `before`, and what is beside. Returns 0 or the store's
- * error. */
+/* What is newest and in force, all of one instant, and what is beside. Returns 0 or the store's error. */
 static int read_before(struct order *o, struct apc_store *store)
 {
-    struct apc_sample now[WRITE_CHANGES + 1];
+    const bool output = o->write.kind == WRITE_OUTPUT; /* one: what goes out */
+    struct apc_sample now[WRITE_CHANGES + 2];
     size_t n = o->write.n;
     for (size_t i = 0; i < n; i++)
-        now[i] = (struct apc_sample){.table = o->change[i].after.table, .id = o->change[i].after.id};
+        now[i] = o->change[i].newest;
     now[n] = o->beside.now;
-    int rc = apc_store_read(store, now, n + (o->beside.now.id > 0));
+    now[n + 1] = o->change[0].before;
+    int rc = apc_store_read(store, now, output ? n + 2 : n + (o->beside.now.id > 0));
     for (size_t i = 0; i < n && rc >= 0; i++)
-        o->change[i].before = now[i];
+        o->change[i].before = o->change[i].newest = now[i];
+    if (output && rc >= 0)
+        o->change[0].before = now[n + 1];
     o->beside.now = now[n];
     return rc < 0 ? rc : 0;
 }
@@ -269,21 +254,21 @@ static void stale_fault(struct request *r, const struct order *o)
 {
     char ref[REF_LEN];
     struct change_fault why;
-    const struct write_change *first = NULL;
+    const struct change *first = NULL;
     text_add(&r->extra, ",\"current\":{");
     for (size_t i = 0; i < o->write.n; i++) {
-        const struct write_change *c = &o->change[i];
-        if (!first && c->before.seq != c->after.seq)
+        const struct change *c = &o->change[i];
+        if (!first && c->newest.seq != c->after.seq)
             first = c;
         text_add(&r->extra, "\"%s\":", ref_format(c->after.table, c->after.id, ref));
-        json_sample_add(&r->extra, &c->before);
+        json_sample_add(&r->extra, &c->newest);
         text_add(&r->extra, ",");
     }
     text_chop(&r->extra, ',');
     text_add(&r->extra, "}");
     if (!first)
         first = &o->change[0];
-    (void)change_stale(first->name, &first->before, &why);
+    (void)change_stale(first->to.name, &first->newest, &why);
     fault_change(r, &why, NULL);
 }
 
@@ -293,53 +278,40 @@ static bool is_remote_setpoint(const struct order *o)
     return o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 && in_mode(&o->beside.now, APC_MODE_CAS);
 }
 
-/* As its loop stands: of what has just been described anew nothing is known. */
-static bool check_order_mode(struct ui *ui, struct request *r, const struct order *o)
-{
-    const struct apc_sample *first = &o->change[0].after, *mode = &o->beside.now;
-    const struct plant *p = &ui->model.plant;
-    struct change_target to;
-    struct change_fault why;
-    if (mode->table != APC_OPMODE || mode->id >= LOOPS_IDS)
-        return true;
-    pthread_mutex_lock(&ui->model.mutex);
-    const struct plant_view view = {p->tag, p->n, &p->loops};
-    const bool may =
-        change_at(&view, first->table, first->id, &to, &why) == 0 && change_now(&view, &to, mode, &why) == 0;
-    pthread_mutex_unlock(&ui->model.mutex);
-    return may || fault_change(r, &why, NULL);
-}
-
 /* May it be written as things stand? */
-static bool check_now(struct ui *ui, struct request *r, const struct order *o)
+static bool check_now(struct request *r, const struct order *o)
 {
-    if (!check_order_mode(ui, r, o))
-        return false;
+    struct change_fault why;
+    if (change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
+        return fault_change(r, &why, NULL);
     for (size_t i = 0; i < o->write.n && !is_remote_setpoint(o); i++)
-        if (o->change[i].before.seq != o->change[i].after.seq) {
+        if (o->change[i].newest.seq != o->change[i].after.seq) {
             stale_fault(r, o);
             return false;
         }
     return true;
 }
 
-/* The loops as they are described now; loops_free(). */
-static int copy_loops(struct ui *ui, struct loops *to)
+static void *copied(const void *from, size_t n, size_t size)
 {
-    const struct loops *from = &ui->model.plant.loops;
+    void *to = calloc(n + 1, size);
+    return to ? memcpy(to, from, n * size) : NULL;
+}
+
+/* The plant as it is described now; known_free(). */
+static int copy_model_plant(struct ui *ui, struct known_plant *to)
+{
+    const struct plant *from = &ui->model.plant;
+    struct loops *loops = &to->loops;
     pthread_mutex_lock(&ui->model.mutex);
-    *to = *from;
-    to->at = calloc(from->n + 1, sizeof *to->at);
-    to->controller = calloc(from->n_controllers + 1, sizeof *to->controller);
-    to->scheduled = calloc(from->n_scheduled + 1, sizeof *to->scheduled);
-    const bool room = to->at && to->controller && to->scheduled;
-    if (room) {
-        memcpy(to->scheduled, from->scheduled, from->n_scheduled * sizeof *to->scheduled);
-        memcpy(to->at, from->at, from->n * sizeof *to->at);
-        memcpy(to->controller, from->controller, from->n_controllers * sizeof *to->controller);
-    }
+    *loops = from->loops;
+    to->tag = copied(from->tag, from->n, sizeof *to->tag);
+    loops->at = copied(from->loops.at, loops->n, sizeof *loops->at);
+    loops->controller = copied(from->loops.controller, loops->n_controllers, sizeof *loops->controller);
+    loops->scheduled = copied(from->loops.scheduled, loops->n_scheduled, sizeof *loops->scheduled);
+    to->view = (struct plant_view){to->tag, from->n, loops};
     pthread_mutex_unlock(&ui->model.mutex);
-    return room ? 0 : APC_ENOMEM;
+    return to->tag && loops->at && loops->controller && loops->scheduled ? 0 : APC_ENOMEM;
 }
 
 /* What the other loop's or the own target cost: of a single change there is one more that is told of. Loops
@@ -351,61 +323,42 @@ static void take_along(struct order *o, const struct owner_rows *with)
         i++;
     if (i == with->n)
         return;
-    struct write_change *c = &o->change[o->write.n++];
-    *c = (struct write_change){.before = o->beside.now, .after = with->at[i]};
-    memcpy(c->name, o->beside.name, sizeof c->name);
+    struct change *c = &o->change[o->write.n++];
+    *c = (struct change){.before = o->beside.now, .after = with->at[i]};
+    memcpy(c->to.name, o->beside.name, sizeof c->to.name);
 }
 
-/* Returns the store's answer; the changes then have their seqs, or what is newest instead. */
-static int put_order(struct ui *ui, struct order *o, struct apc_store *store, uint32_t author)
+static int audit_events(void *ctx, struct apc_store *store, const struct apc_event *event, size_t n)
 {
-    struct apc_sample samples[WRITE_CHANGES];
-    struct owner_rows with = {0};
-    struct loops loops;
-    apc_ns began = apc_clock_mono(NULL);
-    for (size_t i = 0; i < o->write.n; i++) {
-        o->change[i].after.time = o->write.time;
-        o->change[i].after.status = APC_GOOD;
-        o->change[i].after.author = author;
-        samples[i] = o->change[i].after;
-    }
+    for (size_t i = 0; i < n; i++)
+        audit(ctx, store, &event[i]);
+    return 0;
+}
+
+/* Returns the error; the changes then have their seqs, or what is newest instead. */
+static int put_order(struct ui *ui, const struct request *r, struct order *o, struct apc_store *store,
+                     struct change_fault *why)
+{
+    char note[REASON_LEN + 64];
+    const apc_ns began = apc_clock_mono(NULL);
+    snprintf(note, sizeof note, " (from %.50s)%s%s", r->from->address, o->reason[0] ? ": " : "", o->reason);
     if (is_remote_setpoint(o))
-        samples[0].seq = APC_SEQ_ANY;
-    int rc = copy_loops(ui, &loops);
-    if (rc == 0)
-        rc = owner_put(store, &loops, samples, o->write.n, &with);
-    for (size_t i = 0; i < o->write.n; i++) {
-        if (rc == APC_ECONFLICT)
-            o->change[i].before = samples[i];
-        else if (rc >= 0 || is_remote_setpoint(o))
-            o->change[i].after.seq = samples[i].seq;
-        else
-            o->change[i].after.seq++; /* what it would have been given */
+        o->change[0].after.seq = APC_SEQ_ANY;
+    o->operation = (struct operation){.plant = &o->plant.view,
+                                      .change = o->change,
+                                      .n = o->write.n,
+                                      .author = o->write.user,
+                                      .note = note,
+                                      .record = audit_events,
+                                      .ctx = ui,
+                                      .time = o->write.time};
+    const int rc = operation_begin(&o->operation, store, why);
+    if (rc == 0) {
+        take_along(o, &o->operation.with);
+        duration_stats_record(&ui->stores, o->operation.begun - began);
     }
-    if (rc >= 0) {
-        take_along(o, &with);
-        duration_stats_record(&ui->stores, apc_clock_mono(NULL) - began);
-    }
-    free(with.at);
-    loops_free(&loops);
+    operation_end(&o->operation);
     return rc;
-}
-
-static void record_write(struct ui *ui, const struct request *r, const struct order *o,
-                         struct apc_store *store, const char *outcome)
-{
-    char before[CHANGE_TEXT], after[CHANGE_TEXT];
-    for (size_t i = 0; i < o->write.n; i++) {
-        const struct write_change *c = &o->change[i];
-        const bool opened = o->write.kind == WRITE_SETPOINT && i > 0;
-        struct apc_event event = {.time = o->write.time, .severity = APC_EVENT_INFO, .kind = "operator"};
-        snprintf(event.source, sizeof event.source, "%s", o->write.user);
-        snprintf(event.text, sizeof event.text, "%s: %s -> %s%s%s (from %s)", c->name,
-                 change_text(&c->before, before), change_text(&c->after, after),
-                 opened ? ", the setpoint is Local now" : "", outcome, r->from->address);
-        event_because(&event, o->reason);
-        audit(ui, store, &event);
-    }
 }
 
 static void end_write(struct ui *ui, struct request *r, struct order *o, enum write_state state, int stored,
@@ -427,45 +380,43 @@ static void end_write(struct ui *ui, struct request *r, struct order *o, enum wr
 
 static void carry_out_write(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
-    int author = 0;
+    struct change_fault why;
     int rc = apc_store_connect(store);
     const bool refused = rc >= 0 && fault_history(r, store);
-    if (rc >= 0 && !refused && o->write.user[0])
-        rc = author = apc_store_author(store, o->write.user);
     if (rc >= 0 && !refused)
         rc = read_before(o, store);
     if (rc < 0)
         fault_store(r, rc, store);
     else if (!refused)
-        (void)check_now(ui, r, o);
+        (void)check_now(r, o);
     if (r->fault.http) { /* nothing was sent */
         end_write(ui, r, o, WRITE_FAILED, 0, r->fault.message);
         return;
     }
-    rc = put_order(ui, o, store, (uint32_t)author);
+    rc = put_order(ui, r, o, store, &why);
     if (rc == APC_ECONFLICT)
         stale_fault(r, o);
-    else if (rc == APC_ECONN || rc == APC_ETIMEDOUT)
-        fault_set(&r->fault, 504, "unknown", NULL,
-                  "the database did not answer: whether it was written is not known");
+    else if (rc == APC_ENOMEM || (rc < 0 && o->operation.begun == 0))
+        fault_store(r, rc, store);
+    else if (rc < 0 && strcmp(why.code, "store") == 0)
+        fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", why.text);
     else if (rc < 0)
-        fault_set(&r->fault, 503, "store", NULL, "the database refused it: %.150s", apc_store_error(store));
-    if (r->fault.http == 504)
-        record_write(ui, r, o, NULL, ", outcome unknown");
-    if (r->fault.http)
+        fault_change(r, &why, NULL);
+    if (rc == 0)
+        end_write(ui, r, o, WRITE_ACCEPTED, 1, "");
+    else
         end_write(ui, r, o, r->fault.http == 504 ? WRITE_UNKNOWN : WRITE_FAILED,
                   r->fault.http == 504 ? -1 : 0, r->fault.message);
-    if (rc < 0)
-        return;
-    end_write(ui, r, o, WRITE_ACCEPTED, 1, "");
-    record_write(ui, r, o, store, "");
 }
 
 static void write_order(struct ui *ui, struct request *r, struct apc_store *store, enum write_kind kind)
 {
     struct order *o = calloc(1, sizeof *o);
-    if (!o) {
+    if (!o || copy_model_plant(ui, &o->plant) < 0) {
         fault_store(r, APC_ENOMEM, store);
+        if (o)
+            known_free(&o->plant);
+        free(o);
         return;
     }
     o->write.kind = kind;
@@ -473,12 +424,13 @@ static void write_order(struct ui *ui, struct request *r, struct apc_store *stor
     o->write.time = apc_clock_utc(NULL) / APC_NS_PER_US * APC_NS_PER_US; /* as the store keeps it */
     memcpy(o->write.user, r->session.user, sizeof o->write.user);
     apc_ns now = apc_clock_mono(NULL), again;
-    if (read_write_order(ui, r, o) && !session_may_write(&ui->sessions, r->session.token, now, &again)) {
+    if (read_write_order(r, o) && !session_may_write(&ui->sessions, r->session.token, now, &again)) {
         r->retry_after = again - now;
         fault_set(&r->fault, 429, "rate", NULL, "too many writes: wait a little");
     }
     if (!r->fault.http && request_begin(ui, r, &o->write, store))
         carry_out_write(ui, r, o, store);
+    known_free(&o->plant);
     free(o);
 }
 

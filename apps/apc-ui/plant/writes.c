@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "operate/operate.h"
-
 #define EVENT_LATE (2 * APC_NS_PER_S) /* after the row that it tells of */
 
 struct writes {
@@ -45,11 +43,11 @@ bool key_ok(const char *key)
 
 /* ---- JSON --------------------------------------------------------------------------------- */
 
-static void change_json(const struct write *write, const struct write_change *c, struct text *t)
+static void change_json(const struct write *write, const struct change *c, struct text *t)
 {
     char ref[REF_LEN];
     text_add(t, "{\"ref\":\"%s\",\"name\":", ref_format(c->after.table, c->after.id, ref));
-    json_string_add(t, c->name);
+    json_string_add(t, c->to.name);
     text_add(t, ",\"from\":");
     if (c->before.seq > 0)
         json_number_add(t, c->before.value);
@@ -115,13 +113,23 @@ static struct write *find_write(struct writes *w, const char *key)
     return NULL;
 }
 
+/* They outlive the plant that they were found in. */
+static void keep_changes(struct change *to, const struct change *from, size_t n)
+{
+    memcpy(to, from, n * sizeof *to);
+    for (size_t i = 0; i < n; i++) {
+        to[i].to.loop = NULL;
+        to[i].by = NULL;
+    }
+}
+
 static int begin_write(struct writes *w, const struct write *write)
 {
-    struct write_change *change = calloc(write->n + 1, sizeof *change);
+    struct change *change = calloc(write->n + 1, sizeof *change);
     struct write *place = &w->at[w->next % WRITES];
     if (!change)
         return APC_ENOMEM;
-    memcpy(change, write->change, write->n * sizeof *change);
+    keep_changes(change, write->change, write->n);
     free(place->change);
     *place = *write;
     place->change = change;
@@ -178,7 +186,7 @@ void writes_end(struct writes *w, const char *key, const struct write *ended, co
     struct write *write = find_write(w, key);
     if (write) {
         write->n = ended->n <= write->n ? ended->n : write->n + 1; /* begin_write() left room for one */
-        memcpy(write->change, ended->change, write->n * sizeof *write->change);
+        keep_changes(write->change, ended->change, write->n);
         write->ended = now;
         turn_write(w, write, ended->state, ended->stored, reason);
         write_json(write, t);
@@ -219,138 +227,88 @@ static void settle_stored(struct writes *w, struct write *write, const struct se
     }
 }
 
-static const struct apc_sample *actual_of(const struct seen *seen, const struct apc_sample *s)
+/* What is seen of it goes into it. False: it was written after they were read. */
+static bool see_change(const struct seen *seen, struct change *c)
 {
-    static const struct apc_sample none = {0};
-    const struct apc_sample *actual = newest(seen, APC_ACTUAL, apc_variable_number(s->table, s->id));
-    return actual ? actual : &none;
-}
-
-static int controller_of_write(const struct seen *seen, const struct apc_sample *s)
-{
-    const struct apc_sample *own = newest(seen, s->table, s->id);
-    return own ? seen->by[own - seen->samples] : -1;
-}
-
-static enum outcome judge_write(const struct seen *seen, const struct apc_sample *s)
-{
-    static const struct apc_vector never = {0};
-    const int by = controller_of_write(seen, s);
-    if (!newest(seen, s->table, s->id)) /* it was written after they were read */
-        return OUTCOME_WAITING;
-    const struct outcome_seen one = {.write = s,
-                                     .actual = actual_of(seen, s),
-                                     .tick = by < 0 ? &never : &seen->tick[by],
-                                     .period = by < 0 ? 0 : seen->controller[by].period,
-                                     .now = seen->utc};
-    return outcome_of(&one);
-}
-
-/* Local it is with the row itself. Given back, it is the scheduler's once that has written the step that is
- * due over the setpoint, which went along. */
-static enum outcome judge_owner(const struct seen *seen, const struct write *write)
-{
-    const struct apc_sample *ours = &write->change[0].after, *now = newest(seen, ours->table, ours->id),
-                            *along = write->n > 1 ? &write->change[1].after : NULL,
-                            *setpoint = along ? newest(seen, along->table, along->id) : NULL;
-    if (!now || now->seq < ours->seq)
-        return OUTCOME_WAITING;
-    if (now->seq > ours->seq)
-        return OUTCOME_SUPERSEDED;
-    return loops_is_local(ours) || !setpoint || setpoint->seq > along->seq ? OUTCOME_APPLIED
-                                                                           : OUTCOME_WAITING;
+    const struct apc_sample *own = newest(seen, c->newest.table, c->newest.id);
+    struct apc_sample *const rows[] = {&c->newest, &c->actual, &c->mode};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        const struct apc_sample *row = newest(seen, rows[i]->table, rows[i]->id);
+        *rows[i] = row ? *row : (struct apc_sample){.table = rows[i]->table, .id = rows[i]->id};
+    }
+    const int by = own ? seen->by[own - seen->samples] : -1;
+    c->by = by < 0 ? NULL : &seen->controller[by];
+    c->tick = by < 0 ? (struct apc_vector){0} : seen->tick[by];
+    c->period = by < 0 ? c->period : c->by->period;
+    return own != NULL;
 }
 
 /* Of what was asked for, in one transaction, the part that is furthest from being in force. */
-static enum outcome worst(const struct seen *seen, const struct write *write, const struct write_change **of)
+static struct change *worst(const struct seen *seen, struct write *write)
 {
     static const int rank[] = {[OUTCOME_APPLIED] = 1,
                                [OUTCOME_SUPERSEDED] = 2,
                                [OUTCOME_WAITING] = 3,
                                [OUTCOME_NOBODY] = 4,
                                [OUTCOME_REFUSED] = 5};
-    enum outcome found = OUTCOME_APPLIED;
-    *of = write->change;
-    if (write->kind == WRITE_OWNER)
-        return judge_owner(seen, write);
+    struct change *of = write->change;
     for (size_t i = 0; i < write->wanted; i++) {
-        const enum outcome one = judge_write(seen, &write->change[i].after);
-        if (rank[one] <= rank[found])
-            continue;
-        found = one;
-        *of = &write->change[i];
+        struct change *c = &write->change[i];
+        c->outcome = see_change(seen, c) ? change_judge(c, seen->utc) : OUTCOME_WAITING;
+        if (rank[c->outcome] > rank[of->outcome])
+            of = c;
     }
-    return found;
+    return of;
 }
 
-static apc_ns patience(const struct seen *seen, int by)
+/* The state says some of the words. */
+static void tell_finish(struct writes *w, struct write *write, enum write_state state, const struct change *c,
+                        const struct seen *seen)
 {
-    const apc_ns period = by < 0 ? 0 : seen->controller[by].period;
-    return 3 * (period > 0 ? period : 2 * APC_NS_PER_S) + 2 * APC_NS_PER_S;
-}
-
-static void not_confirmed(struct writes *w, struct write *write, const struct seen *seen,
-                          const struct apc_sample *s, enum outcome outcome)
-{
-    const int by = controller_of_write(seen, s);
-    const struct apc_sample *actual = actual_of(seen, s);
-    const char *mode = s->table == APC_OPMODE && actual->origin == s->seq && actual->seq > 0
-                           ? apc_mode_name((int)actual->value)
-                           : NULL;
-    const char *what = write->kind < WRITE_ACK ? "controller " : "";
-    char reason[160];
-    if (loops_is_owner(s))
-        snprintf(reason, sizeof reason, "it is stored, but no scheduler moves the setpoint");
-    else if (by < 0)
-        snprintf(reason, sizeof reason, "it is stored, but no controller takes it");
-    else if (outcome == OUTCOME_NOBODY)
-        snprintf(reason, sizeof reason, "it is stored, but %s%.63s does not tick: nobody applies it", what,
-                 seen->controller[by].name);
-    else if (mode)
-        snprintf(reason, sizeof reason, "it is asked for, but the loop is in %s", mode);
-    else
-        snprintf(reason, sizeof reason, "it is stored, but %s%.63s has not confirmed it", what,
-                 seen->controller[by].name);
-    turn_write(w, write, WRITE_UNKNOWN, 1, reason);
+    struct change_fault said;
+    (void)change_finish(c, seen->utc, &said);
+    const size_t n = strlen(said.code);
+    const bool twice = !strncmp(said.text, said.code, n) && said.text[n] == ':';
+    turn_write(w, write, state, 1, state == WRITE_APPLIED ? "" : said.text + (twice ? n + 2 : 0));
 }
 
 /* Returns whether its event is wanted, once a round. */
-static bool refused(struct writes *w, struct write *write, const struct write_change *c, apc_ns now,
-                    struct refusal *r)
+static bool refused(struct writes *w, struct write *write, struct change *c, const struct seen *seen,
+                    apc_ns now, struct refusal *r)
 {
     const bool found = !strcmp(r->key, write->key) && r->text[0];
     if (!found && write->asked != now) {
         write->asked = now;
         *r = (struct refusal){.since = write->time};
         memcpy(r->key, write->key, sizeof r->key);
-        memcpy(r->name, c->name, sizeof r->name);
+        memcpy(r->name, c->to.name, sizeof r->name);
         return true;
     }
+    if (found)
+        memcpy(c->refusal, r->text, sizeof c->refusal);
     if (found || now - write->ended > EVENT_LATE)
-        turn_write(w, write, WRITE_FAILED, 1, found ? r->text : "its controller refused it");
+        tell_finish(w, write, WRITE_FAILED, c, seen);
     return false;
 }
 
 static bool settle_used(struct writes *w, struct write *write, const struct seen *seen, apc_ns now,
                         struct refusal *r)
 {
-    const struct write_change *c;
-    const enum outcome outcome = worst(seen, write, &c);
-    switch (outcome) {
+    struct change *c = worst(seen, write);
+    switch (c->outcome) {
     case OUTCOME_APPLIED:
-        turn_write(w, write, WRITE_APPLIED, 1, "");
+        tell_finish(w, write, WRITE_APPLIED, c, seen);
         break;
     case OUTCOME_SUPERSEDED:
-        turn_write(w, write, WRITE_SUPERSEDED, 1, "a newer value came after it");
+        tell_finish(w, write, WRITE_SUPERSEDED, c, seen);
         break;
     case OUTCOME_REFUSED:
-        return refused(w, write, c, now, r);
+        return refused(w, write, c, seen, now, r);
     case OUTCOME_NOBODY:
     case OUTCOME_WAITING:
         if (write->state == WRITE_ACCEPTED &&
-            (outcome == OUTCOME_NOBODY ||
-             now - write->ended > patience(seen, controller_of_write(seen, &c->after))))
-            not_confirmed(w, write, seen, &c->after, outcome);
+            (c->outcome == OUTCOME_NOBODY || now - write->ended > change_patience(c)))
+            tell_finish(w, write, WRITE_UNKNOWN, c, seen);
         break;
     }
     return false;

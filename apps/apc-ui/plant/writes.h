@@ -16,6 +16,7 @@
 #include <apcstore.h>
 
 #include "common/json.h"
+#include "operate/operate.h"
 #include "plant.h"
 #include "users/users.h"
 
@@ -43,23 +44,18 @@ enum write_state {
     WRITE_UNKNOWN
 };
 
-struct write_change {
-    char name[APC_TAG_LEN];
-    struct apc_sample before, after; /* after.seq: what it was or would have been given */
-};
-
 struct write {
     char key[KEY_LEN];
     enum write_kind kind;
     char user[USER_NAME_LEN];
     enum write_state state;
     int stored; /* 1, 0; -1: not known */
-    char reason[160];
+    char reason[240];
     apc_ns time;      /* UTC */
     apc_ns ended;     /* monotonic: when the attempt was over, and the controller's time began */
     apc_ns asked;     /* monotonic: when its refusal was last asked for */
     size_t n, wanted; /* changes; those that were asked for: what others were taken along is not waited for */
-    struct write_change *change; /* [n] */
+    struct change *change; /* [n] after.seq: what it was or would have been given */
 };
 
 /* The newest rows as of one instant. */
