@@ -41,8 +41,8 @@ const said = page => page.evaluate(() => {
 const cut = page => page.evaluate(() => {
   const wrong = document.documentElement.scrollWidth <= innerWidth ? [] : ["the page"];
   for (const one of document.querySelectorAll("body *")) {
-    if (one.closest("svg, .plots, .hidden") || !one.checkVisibility({visibilityProperty: true}) || one.clientWidth <= 1) continue; // for those who listen
     const style = getComputedStyle(one);
+    if (one.closest("svg, .plots, .hidden") || !one.checkVisibility({visibilityProperty: true}) || style.position === "absolute" && one.clientWidth <= 1) continue; // for those who listen
     const scrolls = ["auto", "scroll"].includes(style.overflowX) || one.matches("nav, select, input");
     if (!scrolls && style.display !== "inline" && one.scrollWidth > one.clientWidth + 1) wrong.push(`${one.outerHTML.slice(0, 160)}: ${one.scrollWidth} > ${one.clientWidth}`);
   }
