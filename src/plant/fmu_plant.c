@@ -333,8 +333,9 @@ static int ask_start(struct runner *r, enum table k, size_t place, struct apc_er
     if (rc == 0 && !apc_value_ok(r->answer[HEADER]))
         rc = apc_fail(why, APC_EINVAL, "%s: its %s is not a finite number", r->fmu->file,
                       r->fmu->table[k][place].name);
-    if (rc == 0)
-        r->fmu->table[k][place].initial = r->answer[HEADER];
+    struct apc_param *const v = &r->fmu->table[k][place];
+    if (rc == 0) /* an input is set before anything is asked of it, to what it takes */
+        v->initial = k == INPUT ? fmin(fmax(r->answer[HEADER], v->low), v->high) : r->answer[HEADER];
     return rc;
 }
 
