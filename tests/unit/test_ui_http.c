@@ -429,6 +429,49 @@ static void a_wrong_method_is_told_the_right_one(void **state)
         expect_error(&anna, nowhere[i][0], nowhere[i][1], NULL, NULL, 404, "path");
 }
 
+/* Whose proxy passes targets on as it got them, or whose client has the whole address in them: RFC 9112,
+ * 3.2.2. Reported of Python's http.server, of XRootD and of others. The host is the target's then. */
+static void a_target_may_be_written_in_each_form(void **state)
+{
+    static const struct {
+        const char *method, *target, *more;
+        int status;
+    } cases[] = {{"GET", "http://127.0.0.1/api/state", NULL, 200},
+                 {"GET", "HTTP://127.0.0.1/api/state", NULL, 200},
+                 {"GET", "https://127.0.0.1/api/events?last=1", NULL, 200},
+                 {"GET", "http://127.0.0.1", NULL, 200},
+                 {"GET", "http://127.0.0.1?", NULL, 200},
+                 {"HEAD", "http://[::1]/api/state", NULL, 200},
+                 {"GET", "http://127.0.0.1/api/nothing", NULL, 404},
+                 {"GET", "http://127.0.0.1/api/events?nonsense=1", NULL, 400},
+                 {"GET", "http://evil.example/api/state", NULL, 403},
+                 {"GET", "http://evil.example%2F/api/state", NULL, 403},
+                 {"GET", "http://evil.example?/api/state", NULL, 403},
+                 {"GET", "http:///api/state", NULL, 403},
+                 {"POST", "http://127.0.0.1/api/setpoint", "Origin: http://evil.example\r\n" JSON, 403},
+                 {"GET", "/api/%73t%61te", NULL, 200},
+                 {"GET", "/%61pp-1A2B3C4D.js", NULL, 200},
+                 {"GET", "/api/state?", NULL, 200},
+                 {"GET", "/?", NULL, 200},
+                 {"OPTIONS", "*", NULL, 404}};
+    static const char *const read[] = {"/api/state", "/api/events", "/events", "/api/session",
+                                       "/metrics",   "/livez",      "/readyz"};
+    struct http_reply reply;
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        ask(&reply, &anna, cases[i].method, cases[i].target, cases[i].more, NULL);
+        if (reply.status != cases[i].status)
+            fail_msg("%s %s: %d", cases[i].method, cases[i].target, reply.status);
+        http_free(&reply);
+    }
+    for (size_t i = 0; i < sizeof read / sizeof *read; i++) { /* HEAD is taken where GET is */
+        ask(&reply, &anna, "HEAD", read[i], NULL, NULL);
+        if (reply.status != 200 || reply.n != 0)
+            fail_msg("HEAD %s: %d, %zu bytes", read[i], reply.status, reply.n);
+        http_free(&reply);
+    }
+}
+
 static void a_parameter_is_known_and_given_once_with_a_value(void **state)
 {
     static const char *const bad[][2] = {{"/api/events?nonsense=1", "\\\"nonsense\\\" is not known here"},
@@ -796,6 +839,7 @@ int main(void)
         T(a_form_is_read_as_browsers_send_it),
         T(who_guesses_is_told_how_long_to_wait),
         T(a_wrong_method_is_told_the_right_one),
+        T(a_target_may_be_written_in_each_form),
         T(a_parameter_is_known_and_given_once_with_a_value),
         T(a_body_is_put_together_up_to_its_limit),
         T(two_hosts_or_two_ends_are_the_last_of_their_connection),

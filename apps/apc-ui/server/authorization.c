@@ -70,10 +70,16 @@ void cookie_name(const struct ui *ui, const char *what, char name[COOKIE_NAME])
     snprintf(name, COOKIE_NAME, "%sapc-%s-%d", ui->tls ? "__Host-" : "", what, ui->port);
 }
 
+/* What the request is for: a target in absolute form says so itself, and its Host says nothing then. */
+static const char *request_host(const struct request *r)
+{
+    return r->authority[0] ? r->authority : request_header(r, "Host");
+}
+
 static bool same_origin(const struct ui *ui, const struct request *r)
 {
     const char *origin = request_header(r, "Origin"), *site = request_header(r, "Sec-Fetch-Site");
-    if (origin && !origin_matches(origin, request_header(r, "Host"), ui->tls, site))
+    if (origin && !origin_matches(origin, request_host(r), ui->tls, site))
         return false;
     return !site || !strcmp(site, "same-origin") || !strcmp(site, "none");
 }
@@ -158,7 +164,7 @@ bool authorize_request(struct ui *ui, struct request *r, const char *method)
     const struct route *route = r->route;
     struct change_fault why;
     bool post = !strcmp(method, "POST");
-    if (!host_allowed(request_header(r, "Host"), ui->options.names))
+    if (!host_allowed(request_host(r), ui->options.names))
         return fault_set(&r->fault, 403, "host", NULL,
                          "this server is not known by that name: use its address, or start it with --name");
     if (post && !same_origin(ui, r))

@@ -599,6 +599,7 @@ static enum MHD_Result on_http_request(void *cls, struct MHD_Connection *connect
 {
     struct ui *ui = cls;
     struct exchange *x = *ctx;
+    path = target_path(path);
     (void)version;
     if (!x)
         return MHD_NO;
@@ -625,8 +626,10 @@ static void *on_uri(void *cls, const char *uri, struct MHD_Connection *connectio
     struct exchange *x = calloc(1, sizeof *x);
     (void)cls;
     (void)connection;
-    if (x)
+    if (x) {
         x->nul = strstr(uri, "%00") != NULL;
+        target_authority(uri, x->r.authority, sizeof x->r.authority);
+    }
     return x;
 }
 

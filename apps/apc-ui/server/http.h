@@ -56,6 +56,7 @@ struct request {
     char *body;
     size_t n;
     bool too_large;
+    char authority[264];    /* of a target in absolute form, instead of Host; else "" */
     char name[APC_TAG_LEN]; /* what stands in the path for {name} */
 
     /* The answer. */
@@ -73,6 +74,9 @@ struct request {
     bool close; /* the connection, after the answer */
 };
 
+/* A target in absolute form, "http://HOST/PATH", is taken as well: its host, "" of any other; and its path. */
+void target_authority(const char *target, char *host, size_t n);
+const char *target_path(const char *target);
 /* A parameter, or NULL. */
 const char *request_query(const struct request *r, const char *name);
 const char *request_header(const struct request *r, const char *name);
