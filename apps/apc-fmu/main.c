@@ -395,7 +395,7 @@ static bool point(struct run *r, const double *in, size_t n, double *out)
 }
 
 /* What a variable is by itself: its kind and place. */
-static bool own(const struct run *r, const double *in, size_t n, double *out)
+static bool tell_start(const struct run *r, const double *in, size_t n, double *out)
 {
     if (n != 2 || !(in[0] >= 0.0 && in[0] < KIND_TEXT))
         refuse_fmu("asked for a value of its own with %zu numbers", n);
@@ -478,7 +478,7 @@ static int run_fmu(const char *folder)
         const bool begins = header.request == FMU_BEGIN || header.request == FMU_LOOK;
         header.failed = !(begins ? begin_fmu(r, folder, header.request == FMU_LOOK, values, n_values, y)
                           : header.request == FMU_POINT ? point(r, values, n_values, y)
-                          : header.request == FMU_OWN   ? own(r, values, n_values, y)
+                          : header.request == FMU_OWN   ? tell_start(r, values, n_values, y)
                                                         : step_fmu(r, values, n_values, y));
         const size_t n_out = header.request == FMU_OWN     ? 1
                              : header.request == FMU_POINT ? r->ny + r->d.n[KIND_STATE]
