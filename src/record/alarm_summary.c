@@ -230,7 +230,7 @@ struct refusal {
     size_t size;
 };
 
-static int take_board_event(void *ctx, const struct apc_event *event)
+static int take_alarm_outcome(void *ctx, const struct apc_event *event)
 {
     const struct refusal *r = ctx;
     const size_t n = strlen(r->name);
@@ -248,6 +248,6 @@ bool alarm_summary_refusal(const struct alarm_summary *b, const struct alarm_now
     const struct apc_range since = {.since = actual->time};
     struct refusal r = {.name = alarm_summary_alarm(b, now)->name, .text = text, .size = size};
     text[0] = '\0';
-    return actual->origin == wish->seq && apc_store_events(store, &since, take_board_event, &r) >= 0 &&
+    return actual->origin == wish->seq && apc_store_events(store, &since, take_alarm_outcome, &r) >= 0 &&
            text[0];
 }

@@ -311,7 +311,7 @@ int alarm_figures_make(struct alarm_figures *figures, const struct alarm_journal
                        const struct experiment *e, apc_ns since, apc_ns until);
 void alarm_figures_free(struct alarm_figures *figures);
 
-/* ---- Alarm board ---------------------------------------------------------------------------- */
+/* ---- Alarm summary -------------------------------------------------------------------------- */
 
 /* The alarms of a store as they stand, and what people want of them: for whoever shows or acknowledges them. */
 
@@ -331,26 +331,26 @@ struct alarm_summary {
     struct apc_rows rows;
 };
 
-/* From the catalogue of a store; of a board that is open, only where the catalogue is another than before.
+/* From the catalogue of a store; of a summary that is open, only where the catalogue is another than before.
  * Zeroed before the first time. Returns 0, APC_ENOTFOUND (it describes no alarms), or another error with a
  * text in @why; alarm_summary_close() in either case. */
-int alarm_summary_open(struct alarm_summary *board, struct apc_store *store, struct apc_error *why);
-void alarm_summary_close(struct alarm_summary *board);
+int alarm_summary_open(struct alarm_summary *summary, struct apc_store *store, struct apc_error *why);
+void alarm_summary_close(struct alarm_summary *summary);
 /* What is newest. Returns 0 or the store's error. */
-int alarm_summary_read(struct alarm_summary *board, struct apc_store *store);
+int alarm_summary_read(struct alarm_summary *summary, struct apc_store *store);
 
 /* NULL: there is none of that name. */
-const struct alarm_now *alarm_summary_find(const struct alarm_summary *board, const char *name);
-const struct alarm *alarm_summary_alarm(const struct alarm_summary *board, const struct alarm_now *now);
+const struct alarm_now *alarm_summary_find(const struct alarm_summary *summary, const char *name);
+const struct alarm *alarm_summary_alarm(const struct alarm_summary *summary, const struct alarm_now *now);
 enum apc_alarm_state alarm_summary_state(const struct alarm_now *now);
 /* When shelving that is in force ends, UTC; 0: it is not shelved. */
 apc_ns alarm_summary_shelved(const struct alarm_now *now);
 
 /* Is somebody evaluating them, at @utc? */
-bool alarm_summary_lives(const struct alarm_summary *board, apc_ns utc);
+bool alarm_summary_lives(const struct alarm_summary *summary, apc_ns utc);
 
 /* May shelving end then, @value as it is written? False, with a reason in @why: that is past, or too far. */
-bool alarm_summary_may_shelve(const struct alarm_summary *board, const struct alarm_now *now, double value,
+bool alarm_summary_may_shelve(const struct alarm_summary *summary, const struct alarm_now *now, double value,
                               apc_ns utc, struct apc_error *why);
 /*
  * What is wanted of an alarm, as a row to be written; @value of APC_ALARM_SHELF and APC_ALARM_SERVICE as they
@@ -358,18 +358,18 @@ bool alarm_summary_may_shelve(const struct alarm_summary *board, const struct al
  * no sense for the alarm as it stands: nothing to acknowledge, somebody has already, too long. @store knows
  * who that somebody is; NULL: nobody does.
  */
-bool alarm_summary_want(const struct alarm_summary *board, const struct alarm_now *now,
+bool alarm_summary_want(const struct alarm_summary *summary, const struct alarm_now *now,
                         struct apc_store *store, enum apc_alarm_switch which, double value, apc_ns utc,
                         struct apc_sample *wish, struct apc_error *why);
 /* The same in words, as the record has it; @reason may be NULL. */
 void alarm_summary_words(const char *name, const struct apc_sample *wish, const char *reason, char *text,
                          size_t size);
 /* What became of it, as of the last read. */
-enum outcome alarm_summary_outcome(const struct alarm_summary *board, const struct alarm_now *now,
+enum outcome alarm_summary_outcome(const struct alarm_summary *summary, const struct alarm_now *now,
                                    const struct apc_sample *wish, apc_ns utc);
 /* With which words it was refused: of the events since the tick that did the first one of this alarm. False:
  * it is not there; it may come a little later. */
-bool alarm_summary_refusal(const struct alarm_summary *board, const struct alarm_now *now,
+bool alarm_summary_refusal(const struct alarm_summary *summary, const struct alarm_now *now,
                            const struct apc_sample *wish, struct apc_store *store, char *text, size_t size);
 
 #endif

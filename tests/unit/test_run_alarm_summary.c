@@ -13,17 +13,17 @@ static struct alarm high = {.name = "y.high"};
 static struct apc_sample row, wish[3], actual[3];
 static const struct alarm_now now = {
     .row = &row, .wish = {&wish[0], &wish[1], &wish[2]}, .actual = {&actual[0], &actual[1], &actual[2]}};
-static struct alarm_summary board;
+static struct alarm_summary summary;
 
 static int begin(void **state)
 {
     (void)state;
-    board = (struct alarm_summary){.at = (struct alarm_now *)(uintptr_t)&now};
-    board.e.alarm = &high;
-    board.e.n_alarms = 1;
-    board.e.alarms.shelve_max = 8 * 3600 * S;
-    board.e.alarms.rhythm.period = 10 * S;
-    board.tick = (struct apc_vector){.table = APC_TICK, .seq = 5, .time = NOW};
+    summary = (struct alarm_summary){.at = (struct alarm_now *)(uintptr_t)&now};
+    summary.e.alarm = &high;
+    summary.e.n_alarms = 1;
+    summary.e.alarms.shelve_max = 8 * 3600 * S;
+    summary.e.alarms.rhythm.period = 10 * S;
+    summary.tick = (struct apc_vector){.table = APC_TICK, .seq = 5, .time = NOW};
     row = (struct apc_sample){
         .table = APC_ALARM, .id = 1, .seq = 4, .time = NOW - S, .value = APC_ALARM_UNACKED};
     for (int i = 0; i < 3; i++) {
@@ -38,7 +38,7 @@ static void assert_want(enum apc_alarm_switch which, double value, const char *r
 {
     struct apc_sample to = {.value = -77.0};
     struct apc_error why = {""};
-    const bool may = alarm_summary_want(&board, &now, NULL, which, value, NOW, &to, &why);
+    const bool may = alarm_summary_want(&summary, &now, NULL, which, value, NOW, &to, &why);
     assert_string_equal(why.text, reason ? reason : "");
     assert_int_equal(may, !reason);
     assert_int_equal(to.table, APC_OPMODE);
@@ -106,11 +106,11 @@ static void shelving_ends_in_time(void **state)
     assert_want(APC_ALARM_SHELF, at + most + 1, NULL); /* it took a second to be sent */
     assert_want(APC_ALARM_SHELF, at + most + 2, far);
     assert_want(APC_ALARM_SHELF, -at - most - 2, far);
-    board.e.alarms.shelve_max = 90 * 60 * S;
+    summary.e.alarms.shelve_max = 90 * 60 * S;
     assert_want(APC_ALARM_SHELF, at + most, "y.high may be shelved for up to 1.5 h");
-    board.e.alarms.shelve_max = 30 * 60 * S;
+    summary.e.alarms.shelve_max = 30 * 60 * S;
     assert_want(APC_ALARM_SHELF, at + most, "y.high may be shelved for up to 30 min");
-    board.e.alarms.shelve_max = 45 * S;
+    summary.e.alarms.shelve_max = 45 * S;
     assert_want(APC_ALARM_SHELF, at + most, "y.high may be shelved for up to 45 s");
     assert_want(APC_ALARM_SHELF, 0, none);
     actual[1].value = -at - 60;
@@ -127,12 +127,12 @@ static void shelving_ends_in_time(void **state)
 static void alarms_are_evaluated_as_long_as_ticks_come(void **state)
 {
     (void)state;
-    assert_true(alarm_summary_lives(&board, NOW));
-    assert_true(alarm_summary_lives(&board, NOW + 30 * S + S / 10));
-    assert_false(alarm_summary_lives(&board, NOW + 30 * S + S / 10 + 1));
-    assert_true(alarm_summary_lives(&board, NOW - 3600 * S)); /* of a clock that is ahead */
-    board.tick.seq = 0;
-    assert_false(alarm_summary_lives(&board, NOW));
+    assert_true(alarm_summary_lives(&summary, NOW));
+    assert_true(alarm_summary_lives(&summary, NOW + 30 * S + S / 10));
+    assert_false(alarm_summary_lives(&summary, NOW + 30 * S + S / 10 + 1));
+    assert_true(alarm_summary_lives(&summary, NOW - 3600 * S)); /* of a clock that is ahead */
+    summary.tick.seq = 0;
+    assert_false(alarm_summary_lives(&summary, NOW));
 }
 
 static void what_became_of_a_wish_is_that_of_its_own_switch(void **state)
@@ -142,17 +142,17 @@ static void what_became_of_a_wish_is_that_of_its_own_switch(void **state)
         for (int k = 0; k < 3; k++)
             actual[k].origin = k == i ? 7 : 6;
         for (int k = 0; k < 3; k++)
-            assert_int_equal(alarm_summary_outcome(&board, &now, &wish[k], NOW),
+            assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[k], NOW),
                              k == i ? OUTCOME_APPLIED : OUTCOME_WAITING);
     }
     actual[2].status = APC_BAD;
-    assert_int_equal(alarm_summary_outcome(&board, &now, &wish[2], NOW), OUTCOME_REFUSED);
+    assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[2], NOW), OUTCOME_REFUSED);
     actual[2].origin = 8;
-    assert_int_equal(alarm_summary_outcome(&board, &now, &wish[2], NOW), OUTCOME_SUPERSEDED);
-    assert_int_equal(alarm_summary_outcome(&board, &now, &wish[0], NOW + 31 * S), OUTCOME_NOBODY);
-    assert_ptr_equal(alarm_summary_find(&board, "y.high"), &now);
-    assert_null(alarm_summary_find(&board, "y.low"));
-    assert_ptr_equal(alarm_summary_alarm(&board, &now), &high);
+    assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[2], NOW), OUTCOME_SUPERSEDED);
+    assert_int_equal(alarm_summary_outcome(&summary, &now, &wish[0], NOW + 31 * S), OUTCOME_NOBODY);
+    assert_ptr_equal(alarm_summary_find(&summary, "y.high"), &now);
+    assert_null(alarm_summary_find(&summary, "y.low"));
+    assert_ptr_equal(alarm_summary_alarm(&summary, &now), &high);
 }
 
 #define T(name) cmocka_unit_test_setup(name, begin)
@@ -213,14 +213,14 @@ static void a_refusal_is_ones_own(void **state)
     assert_int_equal(apc_store_init(store), 0);
     actual[ALARM_WISH(APC_ALARM_ACK)].origin = 8;
     actual[ALARM_WISH(APC_ALARM_ACK)].time = NOW;
-    assert_false(alarm_summary_refusal(&board, &now, &to, store, text, sizeof text));
+    assert_false(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     assert_true(apc_store_append_events(store, events, 3) >= 0);
-    assert_false(alarm_summary_refusal(&board, &now, &to, store, text, sizeof text));
+    assert_false(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     assert_true(apc_store_append_events(store, events + 3, 2) >= 0);
-    assert_true(alarm_summary_refusal(&board, &now, &to, store, text, sizeof text));
+    assert_true(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     assert_string_equal(text, "y.high: not acknowledged: one's own");
     actual[ALARM_WISH(APC_ALARM_ACK)].origin = 9; /* it was another that was looked at */
-    assert_false(alarm_summary_refusal(&board, &now, &to, store, text, sizeof text));
+    assert_false(alarm_summary_refusal(&summary, &now, &to, store, text, sizeof text));
     apc_store_close(store);
 }
 

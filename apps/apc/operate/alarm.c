@@ -27,7 +27,7 @@ struct session {
     struct cli cli;
     struct alarm_options options;
     struct apc_store *store;
-    struct alarm_summary board;
+    struct alarm_summary summary;
     apc_ns now; /* UTC of the last read */
 };
 
@@ -57,7 +57,7 @@ static const struct cli_spec spec = {
 
 static int read_alarm_summary(struct session *s)
 {
-    const int rc = alarm_summary_read(&s->board, s->store);
+    const int rc = alarm_summary_read(&s->summary, s->store);
     s->now = apc_clock_utc(NULL);
     return rc < 0 ? cli_store_error(&s->cli, rc, s->store) : EXIT_OK;
 }
@@ -101,7 +101,7 @@ static void list_alarms_text(struct session *s, const struct alarm_now **at, siz
     char text[PRINT_LEN], name[APC_AUTHOR_LEN];
     print_table_open(&table, columns, sizeof columns / sizeof *columns);
     for (size_t i = 0; i < n; i++) {
-        const struct alarm *alarm = alarm_summary_alarm(&s->board, at[i]);
+        const struct alarm *alarm = alarm_summary_alarm(&s->summary, at[i]);
         const enum apc_alarm_state state = alarm_summary_state(at[i]);
         const enum print_ink ink = !apc_alarm_is_standing(state) ? PRINT_FAINT
                                    : alarm->is.priority <= 2     ? PRINT_ALARM
@@ -130,7 +130,7 @@ static void json_time(const char *key, apc_ns time)
 
 static void alarm_json(struct session *s, const struct alarm_now *now)
 {
-    const struct alarm *alarm = alarm_summary_alarm(&s->board, now);
+    const struct alarm *alarm = alarm_summary_alarm(&s->summary, now);
     const enum apc_alarm_state state = alarm_summary_state(now);
     char name[APC_AUTHOR_LEN];
     putchar('{');
@@ -160,8 +160,8 @@ static void alarm_json(struct session *s, const struct alarm_now *now)
 
 static void list_json(struct session *s, const struct alarm_now **at, size_t n)
 {
-    printf("{\"evaluated\":%s,", alarm_summary_lives(&s->board, s->now) ? "true" : "false");
-    json_time("time", s->board.tick.seq > 0 ? s->board.tick.time : 0);
+    printf("{\"evaluated\":%s,", alarm_summary_lives(&s->summary, s->now) ? "true" : "false");
+    json_time("time", s->summary.tick.seq > 0 ? s->summary.tick.time : 0);
     fputs(",\"alarms\":[", stdout);
     for (size_t i = 0; i < n; i++) {
         fputs(i ? "," : "", stdout);
@@ -173,28 +173,28 @@ static void list_json(struct session *s, const struct alarm_now **at, size_t n)
 static void say_life(const struct session *s)
 {
     char age[PRINT_LEN];
-    const double *n = s->board.numbers;
-    if (s->board.tick.seq == 0)
+    const double *n = s->summary.numbers;
+    if (s->summary.tick.seq == 0)
         puts("alarms have never been evaluated in this store: apc-alarms does not run");
-    else if (!alarm_summary_lives(&s->board, s->now))
+    else if (!alarm_summary_lives(&s->summary, s->now))
         printf("alarms are not evaluated: apc-alarms' last tick was %s ago\n",
-               print_age(s->now - s->board.tick.time, age));
+               print_age(s->now - s->summary.tick.time, age));
     else
         printf("%g unacknowledged, %g active; %g shelved, %g suppressed, %g out of service; of %zu\n",
                n[APC_ALARMS_UNACKED], n[APC_ALARMS_ACTIVE], n[APC_ALARMS_SHELVED], n[APC_ALARMS_SUPPRESSED],
-               n[APC_ALARMS_OUT_OF_SERVICE], s->board.e.n_alarms);
+               n[APC_ALARMS_OUT_OF_SERVICE], s->summary.e.n_alarms);
 }
 
 static int list_alarms(struct session *s)
 {
     /* NOLINTNEXTLINE(bugprone-sizeof-expression): an array of pointers */
-    const struct alarm_now **at = calloc(s->board.e.n_alarms + 1, sizeof *at);
+    const struct alarm_now **at = calloc(s->summary.e.n_alarms + 1, sizeof *at);
     size_t n = 0;
     if (!at)
         return cli_error(&s->cli, APC_ENOMEM, "out of memory");
-    for (size_t i = 0; i < s->board.e.n_alarms; i++)
-        if (is_listed(s, &s->board.at[i]))
-            at[n++] = &s->board.at[i];
+    for (size_t i = 0; i < s->summary.e.n_alarms; i++)
+        if (is_listed(s, &s->summary.at[i]))
+            at[n++] = &s->summary.at[i];
     /* NOLINTNEXTLINE(bugprone-sizeof-expression): and again */
     qsort(at, n, sizeof *at, by_urgency);
     if (s->cli.format == CLI_JSON) {
@@ -215,8 +215,8 @@ static void journal_json(struct session *s, const struct alarm_transition *t)
     printf("{\"number\":%lld,", (long long)t->number);
     json_time("time", t->time);
     putchar(',');
-    print_json_text(stdout, "alarm", s->board.e.alarm[t->alarm - 1].name);
-    printf(",\"priority\":%d,\"raised\":%s,", s->board.e.alarm[t->alarm - 1].is.priority,
+    print_json_text(stdout, "alarm", s->summary.e.alarm[t->alarm - 1].name);
+    printf(",\"priority\":%d,\"raised\":%s,", s->summary.e.alarm[t->alarm - 1].is.priority,
            alarm_is_raised(t) ? "true" : "false");
     print_json_text(stdout, "state", apc_alarm_state_name(t->state));
     putchar(',');
@@ -228,7 +228,7 @@ static void journal_json(struct session *s, const struct alarm_transition *t)
 
 static void journal_text(struct session *s, struct print_table *table, const struct alarm_transition *t)
 {
-    const struct alarm *alarm = &s->board.e.alarm[t->alarm - 1];
+    const struct alarm *alarm = &s->summary.e.alarm[t->alarm - 1];
     char text[APC_TIME_LEN], name[APC_AUTHOR_LEN];
     print_cell(table, PRINT_FAINT, "%lld", (long long)t->number);
     print_cell(table, PRINT_PLAIN, "%s", apc_time_format(t->time, text));
@@ -260,11 +260,11 @@ static int show_figures(struct session *s, const struct alarm_journal *j, apc_ns
 {
     struct alarm_figures figures;
     const apc_ns from = since ? since : j->n > 0 ? j->at[0].time : s->now;
-    int rc = alarm_figures_make(&figures, j, &s->board.e, from, s->now);
+    int rc = alarm_figures_make(&figures, j, &s->summary.e, from, s->now);
     if (rc == 0 && s->cli.format == CLI_JSON)
-        alarms_json(&figures, &s->board.e, from, stdout);
+        alarms_json(&figures, &s->summary.e, from, stdout);
     else if (rc == 0)
-        rc = alarms_print(&figures, &s->board.e, from, stdout);
+        rc = alarms_print(&figures, &s->summary.e, from, stdout);
     alarm_figures_free(&figures);
     return rc < 0 ? cli_error(&s->cli, rc, "out of memory") : EXIT_OK;
 }
@@ -284,7 +284,7 @@ static int journal(struct session *s)
             return cli_usage(&s->cli, "--last: \"%s\" must be a whole number above 0", s->options.last);
         range.last = (size_t)last;
     }
-    int rc = alarm_journal_load(&j, s->store, s->board.e.n_alarms, &range);
+    int rc = alarm_journal_load(&j, s->store, s->summary.e.n_alarms, &range);
     if (rc < 0)
         rc = rc == APC_ENOMEM ? cli_error(&s->cli, rc, "out of memory")
                               : cli_store_error(&s->cli, rc, s->store);
@@ -303,7 +303,7 @@ struct wanted {
 
 static void describe_wanted(const struct session *s, const struct wanted *w, char *text, size_t size)
 {
-    alarm_summary_words(alarm_summary_alarm(&s->board, w->now)->name, &w->wish, s->options.reason, text,
+    alarm_summary_words(alarm_summary_alarm(&s->summary, w->now)->name, &w->wish, s->options.reason, text,
                         size);
 }
 
@@ -323,17 +323,17 @@ static int lost(struct session *s, const struct wanted *w)
 {
     char name[APC_AUTHOR_LEN];
     return cli_error(&s->cli, APC_ECONFLICT, "%s: %s was faster: look again",
-                     alarm_summary_alarm(&s->board, w->now)->name,
+                     alarm_summary_alarm(&s->summary, w->now)->name,
                      *author_of_transition(s, w->wish.author, name) ? name : "somebody else");
 }
 
 static int await_wanted(struct session *s, struct wanted *w)
 {
-    const apc_ns end = apc_clock_mono(NULL) + 3 * s->board.e.alarms.rhythm.period + GRACE;
-    const char *name = alarm_summary_alarm(&s->board, w->now)->name;
+    const apc_ns end = apc_clock_mono(NULL) + 3 * s->summary.e.alarms.rhythm.period + GRACE;
+    const char *name = alarm_summary_alarm(&s->summary, w->now)->name;
     char text[192];
     enum outcome outcome;
-    while ((outcome = alarm_summary_outcome(&s->board, w->now, &w->wish, s->now)) == OUTCOME_WAITING &&
+    while ((outcome = alarm_summary_outcome(&s->summary, w->now, &w->wish, s->now)) == OUTCOME_WAITING &&
            apc_clock_mono(NULL) < end) {
         nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
         const int rc = read_alarm_summary(s);
@@ -349,7 +349,7 @@ static int await_wanted(struct session *s, struct wanted *w)
     case OUTCOME_SUPERSEDED:
         return cli_error(&s->cli, APC_EPERM, "%s: superseded by what somebody else wanted", name);
     case OUTCOME_REFUSED:
-        while (!alarm_summary_refusal(&s->board, w->now, &w->wish, s->store, text, sizeof text) &&
+        while (!alarm_summary_refusal(&s->summary, w->now, &w->wish, s->store, text, sizeof text) &&
                apc_clock_mono(NULL) < end)
             nanosleep(&(struct timespec){.tv_nsec = PAUSE}, NULL);
         if (!text[0])
@@ -368,7 +368,7 @@ static int put_alarm_switch(struct session *s, const struct alarm_now *now, enum
     struct wanted w = {.now = now};
     struct apc_error why;
     char who[APC_AUTHOR_LEN], text[192];
-    if (!alarm_summary_want(&s->board, now, s->store, which, value, s->now, &w.wish, &why))
+    if (!alarm_summary_want(&s->summary, now, s->store, which, value, s->now, &w.wish, &why))
         return cli_error(&s->cli, APC_EPERM, "%s", why.text);
     int rc = cli_live(&s->cli, s->store);
     if (rc != EXIT_OK)
@@ -399,16 +399,16 @@ static int each(struct session *s, enum apc_alarm_switch which, double value)
 {
     int rc = EXIT_OK;
     for (int i = 1; i < s->cli.n_args && rc == EXIT_OK; i++)
-        if (!alarm_summary_find(&s->board, s->cli.args[i]))
+        if (!alarm_summary_find(&s->summary, s->cli.args[i]))
             rc = cli_error(&s->cli, APC_ENOTFOUND,
                            "there is no alarm \"%s\": apc alarm list --all names them", s->cli.args[i]);
     for (int i = 1; i < s->cli.n_args && rc != EXIT_ERROR && rc != EXIT_CONNECTION; i++) {
-        const int done = put_alarm_switch(s, alarm_summary_find(&s->board, s->cli.args[i]), which, value);
+        const int done = put_alarm_switch(s, alarm_summary_find(&s->summary, s->cli.args[i]), which, value);
         rc = done > rc ? done : rc;
     }
-    for (size_t i = 0; s->options.all && i < s->board.e.n_alarms && rc == EXIT_OK; i++)
-        if (apc_alarm_is_unacked(alarm_summary_state(&s->board.at[i])))
-            rc = put_alarm_switch(s, &s->board.at[i], which, value);
+    for (size_t i = 0; s->options.all && i < s->summary.e.n_alarms && rc == EXIT_OK; i++)
+        if (apc_alarm_is_unacked(alarm_summary_state(&s->summary.at[i])))
+            rc = put_alarm_switch(s, &s->summary.at[i], which, value);
     return rc;
 }
 
@@ -421,7 +421,7 @@ static int want_of_alarm(struct session *s, enum apc_alarm_switch which, double 
         return cli_usage(&s->cli, "--reason: %zu bytes, and at most %d go into the record",
                          strlen(s->options.reason), REASON_MAX);
     s->options.all = all;
-    if (!s->cli.no_wait && !alarm_summary_lives(&s->board, s->now)) {
+    if (!s->cli.no_wait && !alarm_summary_lives(&s->summary, s->now)) {
         say_life(s);
         return cli_error(&s->cli, APC_EPERM,
                          "nobody would take it. Nothing was written; --no-wait writes it "
@@ -468,13 +468,13 @@ int command_alarm(int argc, char **argv)
     struct apc_error why;
     cli_parse(&s.cli, &spec, &s.options, argc, argv);
     int rc = exit_code_of(cli_open(&s.cli, &s.store));
-    if (rc == EXIT_OK && (rc = alarm_summary_open(&s.board, s.store, &why)) < 0)
+    if (rc == EXIT_OK && (rc = alarm_summary_open(&s.summary, s.store, &why)) < 0)
         rc = cli_error(&s.cli, rc, "%s", why.text);
     if (rc == EXIT_OK)
         rc = read_alarm_summary(&s);
     if (rc == EXIT_OK)
         rc = act_on_alarms(&s);
-    alarm_summary_close(&s.board);
+    alarm_summary_close(&s.summary);
     apc_store_close(s.store);
     return cli_done(&s.cli, rc);
 }
