@@ -33,7 +33,7 @@ struct series {
 
 struct backlog {
     struct apc_store *live, *queue;
-    struct apc_replication *forward;
+    struct apc_replication *replication;
     struct broker *broker;
     char file[4096];
     apc_ns since; /* UTC: events before it are not published */
@@ -364,17 +364,17 @@ const char *backlog_sent_error(const struct backlog *b)
 
 int backlog_take(struct backlog *b, apc_ns timeout)
 {
-    return apc_replication_step(b->forward, timeout);
+    return apc_replication_step(b->replication, timeout);
 }
 
 const char *backlog_error(const struct backlog *b)
 {
-    return apc_replication_error(b->forward);
+    return apc_replication_error(b->replication);
 }
 
 void backlog_stats(const struct backlog *b, struct apc_replication_stats *stats)
 {
-    apc_replication_stats(b->forward, stats);
+    apc_replication_stats(b->replication, stats);
 }
 
 /* A queue that is new begins with what is newest, not with all that ever was. */
@@ -386,7 +386,7 @@ static int begin_backlog(struct backlog *b, struct apc_error *why)
     if (rc < 0)
         return apc_fail(why, rc, "--queue: %s", apc_store_error(b->queue));
     rc = rc > 0 ? 0 : apc_store_take_over(b->queue, b->live, why);
-    return rc < 0 ? rc : apc_replication_create(&b->forward, b->live, b->queue, why);
+    return rc < 0 ? rc : apc_replication_create(&b->replication, b->live, b->queue, why);
 }
 
 int backlog_create(struct backlog **backlog, struct apc_store *live, struct apc_store *queue,
@@ -411,7 +411,7 @@ void backlog_destroy(struct backlog *b)
 {
     if (!b)
         return;
-    apc_replication_destroy(b->forward);
+    apc_replication_destroy(b->replication);
     pthread_mutex_destroy(&b->mutex);
     free(b->place);
     free(b->at);

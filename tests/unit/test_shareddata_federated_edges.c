@@ -10,7 +10,7 @@
 /* ---- Two stores of which one fails ------------------------------------------------------------ */
 
 static struct apc_store *both, *live, *old;
-static struct apc_federated *seam;
+static struct apc_federated *federated;
 
 /* Of each of the two: its own functions, how often they were called, and which call fails. */
 struct side {
@@ -142,9 +142,9 @@ static int set_up(void **state)
     (void)state;
     if (apc_store_open(&both, "mem:+mem:", NULL, &why) < 0)
         fail_msg("%s", why.text);
-    seam = (struct apc_federated *)both;
-    live = seam->live;
-    old = seam->history;
+    federated = (struct apc_federated *)both;
+    live = federated->live;
+    old = federated->history;
     must(live, apc_store_init(live));
     must(old, apc_store_init(old));
     watch(&sides[0], live);
@@ -166,8 +166,8 @@ static void begin_counting(int live_fails_at, int old_fails_at)
     sides[0].calls = sides[1].calls = 0;
     sides[0].fails_at = live_fails_at;
     sides[1].fails_at = old_fails_at;
-    seam->checked = false;
-    seam->quiet_until = 0;
+    federated->checked = false;
+    federated->quiet_until = 0;
 }
 
 /* ---- Rows ------------------------------------------------------------------------------------- */
@@ -389,13 +389,13 @@ static void a_history_that_fails_again_and_again_is_counted_until_it_answers(voi
     for (unsigned times = 1; times <= 3; times++) {
         begin_counting(0, 1);
         assert_int_equal(ask(SAMPLES, &(struct apc_range){0}, &g), 10);
-        assert_int_equal(seam->away, times);
-        assert_int_equal(seam->failed, APC_ETIMEDOUT);
-        assert_true(seam->quiet_until > apc_clock_mono(NULL) - 60 * APC_NS_PER_S);
+        assert_int_equal(federated->away, times);
+        assert_int_equal(federated->failed, APC_ETIMEDOUT);
+        assert_true(federated->quiet_until > apc_clock_mono(NULL) - 60 * APC_NS_PER_S);
     }
     begin_counting(0, 0);
     assert_int_equal(ask(SAMPLES, &(struct apc_range){0}, &g), 14);
-    assert_int_equal(seam->away, 0);
+    assert_int_equal(federated->away, 0);
 }
 
 static void a_history_may_have_as_much_as_the_live_store_and_no_more(void **state)
@@ -476,7 +476,7 @@ static void what_the_history_has_not_got_is_counted_and_the_longest_told(void **
             assert_has(apc_store_error(both), side == 0 ? "live call " : "old call ");
         }
     sides[0].fails_at = sides[1].fails_at = 0;
-    seam->quiet_until = apc_clock_mono(NULL) + 3600 * APC_NS_PER_S;
+    federated->quiet_until = apc_clock_mono(NULL) + 3600 * APC_NS_PER_S;
     assert_int_equal(apc_store_behind(both, &behind), APC_ETIMEDOUT); /* as it was the last time */
     assert_has(apc_store_error(both), "the history is left out: ");
 }

@@ -562,7 +562,7 @@ static void federated_close(struct apc_store *store)
     free(s);
 }
 
-static const struct apc_store_ops seam_store = {
+static const struct apc_store_ops federated_store = {
     .scheme = "",
     .spreads = true,
     .close = federated_close,
@@ -608,7 +608,7 @@ int apc_federated_wrap(struct apc_store **store, struct apc_store *live, struct 
         apc_store_close(history_of_it);
         return apc_fail(why, APC_ENOMEM, "out of memory");
     }
-    s->base.ops = &seam_store;
+    s->base.ops = &federated_store;
     s->base.config = live->config;
     s->live = live;
     s->history = history_of_it;

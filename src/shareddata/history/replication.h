@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Inside the files forward*.c: what a forward knows between two of its steps. */
-#ifndef APC_SHAREDDATA_FORWARD_H
-#define APC_SHAREDDATA_FORWARD_H
+/* Inside the files replication*.c: what a replication knows between two of its steps. */
+#ifndef APC_SHAREDDATA_REPLICATION_H
+#define APC_SHAREDDATA_REPLICATION_H
 
 #include "base/base_internal.h"
 #include "shareddata/shareddata_internal.h"

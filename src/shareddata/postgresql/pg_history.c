@@ -157,7 +157,7 @@ static int turn_all(struct chunk_merge *m)
     return turn_chunk(m, m->range->last > 0 ? 0 : INT64_MAX);
 }
 
-static int seam_row(struct apc_pg_stream *s, const PGresult *result, int row)
+static int merge_row(struct apc_pg_stream *s, const PGresult *result, int row)
 {
     struct chunk_merge *m = (struct chunk_merge *)s;
     const int64_t seq = apc_pg_cell(result, row, 0);
@@ -191,15 +191,15 @@ static int end_of_merge(struct chunk_merge *m)
     return err < 0 ? err : m->count;
 }
 
-static int seam_history(struct apc_pg_stream *s, const struct apc_pg_text *text,
-                        const struct apc_range *range, const struct apc_pg_params *p)
+static int merged_history(struct apc_pg_stream *s, const struct apc_pg_text *text,
+                          const struct apc_range *range, const struct apc_pg_params *p)
 {
     struct chunk_merge *m = (struct chunk_merge *)malloc(sizeof *m);
     if (!m) {
         return apc_fail(&s->pg->base.why, APC_ENOMEM, "out of memory for a chunk of samples");
     }
     m->s = *s;
-    m->s.row = seam_row;
+    m->s.row = merge_row;
     m->s.columns = 7;
     m->range = range;
     m->left = m->n = m->room = 0;
@@ -236,7 +236,7 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
     if (chunks > 0) {
         const struct apc_range all = {.since = range->since, .until = range->until, .after = range->after};
         apc_pg_add_range(&p, &b, &all);
-        return seam_history(&s, text, range, &p);
+        return merged_history(&s, text, range, &p);
     }
     apc_pg_add_range(&p, &b, range);
     return apc_pg_stream(&s, range->last > 0 ? text->history_last : text->history, &p);
