@@ -15,13 +15,13 @@
 
 static void keep_said(struct apc_subprocess *c, const char *text, size_t n)
 {
-    if (n > APC_COMPANION_SAID) {
-        c->lost += n - APC_COMPANION_SAID;
-        text += n - APC_COMPANION_SAID;
-        n = APC_COMPANION_SAID;
+    if (n > APC_SUBPROCESS_SAID) {
+        c->lost += n - APC_SUBPROCESS_SAID;
+        text += n - APC_SUBPROCESS_SAID;
+        n = APC_SUBPROCESS_SAID;
     }
-    if (c->n_said + n > APC_COMPANION_SAID) {
-        const size_t over = c->n_said + n - APC_COMPANION_SAID;
+    if (c->n_said + n > APC_SUBPROCESS_SAID) {
+        const size_t over = c->n_said + n - APC_SUBPROCESS_SAID;
 
         memmove(c->said, c->said + over, c->n_said - over);
         c->n_said -= over;

@@ -15,13 +15,13 @@
 #include <pthread.h>
 #include <sys/types.h>
 
-#define APC_COMPANION_MESSAGE (1 << 17) /* bytes of a message, which a socket takes at once */
-#define APC_COMPANION_SAID    1024      /* of what it printed, the last so many bytes are kept */
+#define APC_SUBPROCESS_MESSAGE (1 << 17) /* bytes of a message, which a socket takes at once */
+#define APC_SUBPROCESS_SAID    1024      /* of what it printed, the last so many bytes are kept */
 
 struct apc_subprocess {
     const char *file; /* what it is there for, in sentences for people */
     /* Start it and tell it all that it has to know. [setup], and by a thread of its own */
-    bool (*revive)(struct apc_subprocess *companion);
+    bool (*revive)(struct apc_subprocess *subprocess);
 
     pthread_mutex_t lock; /* of all below */
     int socket, output;   /* -1: there is no process */
@@ -31,7 +31,7 @@ struct apc_subprocess {
     pid_t started; /* of the process whose thread `starter` is; 0: there is none */
     pthread_t starter;
     char end[64]; /* how it ended */
-    char said[APC_COMPANION_SAID];
+    char said[APC_SUBPROCESS_SAID];
     size_t n_said;
     uint64_t lost; /* bytes that were printed before those */
 };

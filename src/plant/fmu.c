@@ -200,11 +200,11 @@ static int take_line(struct fmu *f, char *line, struct apc_error *why)
 static int hear_fmu(struct fmu *f, struct apc_error *why)
 {
     const apc_ns until = apc_clock_mono(NULL) + apc_fmu_timeout();
-    char *const message = malloc(APC_COMPANION_MESSAGE);
+    char *const message = malloc(APC_SUBPROCESS_MESSAGE);
     int rc = message ? 0 : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
 
     while (rc == 0) {
-        const ssize_t n = apc_subprocess_take(&f->keeper, message, APC_COMPANION_MESSAGE - 1, until);
+        const ssize_t n = apc_subprocess_take(&f->keeper, message, APC_SUBPROCESS_MESSAGE - 1, until);
         char **const more = n > 0 ? realloc(f->text, (f->n_text + 1) * sizeof(*more)) : NULL;
         if (n < 0) /* not killed: it has a folder to remove */
             rc = apc_fail(why, APC_EINVAL, "%s: was not read and described within %g s", f->file,

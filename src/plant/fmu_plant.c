@@ -207,7 +207,7 @@ static int employ(struct runner **runner, const struct fmu *f, enum fmu_request 
              : apc_fail(why, APC_ENOMEM, "%s: no memory", f->file);
     if (rc == 0)
         r->begin->request = with;
-    if (rc == 0 && r->begin_length > APC_COMPANION_MESSAGE)
+    if (rc == 0 && r->begin_length > APC_SUBPROCESS_MESSAGE)
         rc = apc_fail(why, APC_EINVAL, "%s: its inputs, outputs and parameters that were set are too many",
                       f->file);
     if (rc == 0)

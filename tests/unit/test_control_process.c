@@ -594,7 +594,7 @@ static void what_is_no_law_is_refused_with_the_reason(void **state)
 /* It is one, but wants more than a message holds, or says less than there is to say. */
 static void what_an_instance_needs_fits_into_a_message(void **state)
 {
-    static char long_text[APC_COMPANION_MESSAGE];
+    static char long_text[APC_SUBPROCESS_MESSAGE];
     static const struct {
         const char *there, *text;
     } of[] = {

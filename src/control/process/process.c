@@ -83,7 +83,7 @@ static int refuse_process(struct process *p, const char *what, struct apc_error 
 int apc_process_hear(struct process *p, char *text, struct apc_error *why)
 {
     const ssize_t n =
-        apc_subprocess_take(&p->own, text, APC_COMPANION_MESSAGE, apc_clock_mono(NULL) + p->timeout);
+        apc_subprocess_take(&p->own, text, APC_SUBPROCESS_MESSAGE, apc_clock_mono(NULL) + p->timeout);
 
     if (n < 0)
         return refuse_process(p, "said nothing within its time", why);
@@ -110,7 +110,7 @@ bool apc_process_revive(struct apc_subprocess *own)
 {
     struct process *const p = (struct process *)(void *)((char *)own - offsetof(struct process, own));
     struct apc_error why;
-    char *const text = malloc(APC_COMPANION_MESSAGE + 1);
+    char *const text = malloc(APC_SUBPROCESS_MESSAGE + 1);
     bool well = text && apc_process_begin(p, &why) == 0 && apc_process_hear(p, text, &why) == 0;
 
     for (struct instance *i = p->instances; i && well; i = i->next)

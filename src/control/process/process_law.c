@@ -130,9 +130,9 @@ static int write_setup(struct instance *i, const struct apc_law_setup *setup, st
     fputc('}', out);
     if (fclose(out) != 0)
         return apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
-    if (i->setup_length > APC_COMPANION_MESSAGE)
+    if (i->setup_length > APC_SUBPROCESS_MESSAGE)
         return apc_fail(why, APC_EINVAL, "law %s: its settings take %zu bytes; %d at most", i->of->law.name,
-                        i->setup_length, APC_COMPANION_MESSAGE);
+                        i->setup_length, APC_SUBPROCESS_MESSAGE);
     return 0;
 }
 
@@ -200,12 +200,12 @@ static int make_answer_room(struct instance *i, struct apc_error *why)
 
     i->n_request = 4 + 6 * d->ny + i->n_ahead * (d->nz + d->nd) + 7 * d->nu + i->tuning + i->states;
     i->n_answer = sizeof(struct header) + answer * sizeof(double) + APC_LAW_WHY;
-    if (i->states > APC_COMPANION_MESSAGE || i->n_ahead > APC_COMPANION_MESSAGE ||
-        i->n_answer > APC_COMPANION_MESSAGE ||
-        i->n_request * sizeof(double) + sizeof(struct header) > APC_COMPANION_MESSAGE)
+    if (i->states > APC_SUBPROCESS_MESSAGE || i->n_ahead > APC_SUBPROCESS_MESSAGE ||
+        i->n_answer > APC_SUBPROCESS_MESSAGE ||
+        i->n_request * sizeof(double) + sizeof(struct header) > APC_SUBPROCESS_MESSAGE)
         return apc_fail(why, APC_EINVAL,
                         "law %s wants %zu states and %zu ticks ahead: a call holds %zu numbers at most",
-                        i->of->law.name, i->states, i->n_ahead, APC_COMPANION_MESSAGE / sizeof(double));
+                        i->of->law.name, i->states, i->n_ahead, APC_SUBPROCESS_MESSAGE / sizeof(double));
     i->request = calloc(1, sizeof(struct header) + i->n_request * sizeof(double));
     i->answer = calloc(1, i->n_answer);
     return i->request && i->answer ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", i->of->law.name);
@@ -217,7 +217,7 @@ static int process_create(const struct apc_law_setup *setup, struct apc_law_need
     struct process *const p =
         (struct process *)(void *)((char *)(uintptr_t)setup->law - offsetof(struct process, law));
     struct instance *const i = calloc(1, sizeof(*i));
-    char *const text = malloc(APC_COMPANION_MESSAGE + 1);
+    char *const text = malloc(APC_SUBPROCESS_MESSAGE + 1);
     int rc = i && text ? 0 : apc_fail(why, APC_ENOMEM, "law %s: no memory", p->law.name);
 
     *self = i;
@@ -379,7 +379,7 @@ bool apc_law_is_process(const char *name)
 int apc_law_process_open(const char *file, const struct apc_law **law, void **handle, struct apc_error *why)
 {
     struct process *const p = calloc(1, sizeof(*p));
-    char *const text = malloc(APC_COMPANION_MESSAGE + 1);
+    char *const text = malloc(APC_SUBPROCESS_MESSAGE + 1);
     int rc = p && text ? mark_file(file, &p->mark, why) : apc_fail(why, APC_ENOMEM, "%s: no memory", file);
 
     if (rc < 0) {

@@ -56,7 +56,7 @@ int apc_process_begin(struct process *p, struct apc_error *why);
 bool apc_process_revive(struct apc_subprocess *own);
 /* Is there a process to be asked? */
 bool apc_process_is_there(struct process *p, bool live);
-/* The text with which it answers in set-up, into @p text [APC_COMPANION_MESSAGE + 1]; "error TEXT" is why. */
+/* The text with which it answers in set-up, into @p text [APC_SUBPROCESS_MESSAGE + 1]; "error TEXT" is why. */
 int apc_process_hear(struct process *p, char *text, struct apc_error *why);
 /* Tell it of an instance; its answer as above. */
 int apc_process_introduce(struct process *p, const struct instance *i, char *text, struct apc_error *why);
