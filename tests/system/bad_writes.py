@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What each front end says of a bad write: bad_writes.txt.
+"""What each front end says of a bad write, and what becomes of a good one: bad_writes.txt, write_outcomes.txt.
 
     bad_writes.py TABLE cli APC STORE | http PORT ENGINEER OBSERVER | mqtt PORT HEARD | request | python RUN
 
-ENGINEER and OBSERVER are tokens; HEARD is the log of a mosquitto_sub of all outcomes. Prints how many were asked.
+ENGINEER and OBSERVER are tokens; HEARD is the log of a mosquitto_sub of all outcomes. Prints how many were
+asked.
 """
 import json
 import subprocess
@@ -35,6 +36,19 @@ class Row(NamedTuple):
         except ValueError:
             return self.value
 
+    def outcome(self):
+        """Is it a good write? Then its controller does from now on what the row says."""
+        if self.who in ("anna", "otto", "late"):
+            return False
+        sql("UPDATE public.habit SET is_now = 'takes'")
+        before = sql("SELECT max(seq) FROM apc.tick")
+        while sql(f"SELECT max(seq) > {before} AND (SELECT coalesce(max(seq), 0) FROM apc.setpoint WHERE id = 1) = (SELECT seq FROM public.seen) FROM apc.tick") != "t":
+            time.sleep(0.05)
+        sql(f"UPDATE public.habit SET is_now = '{self.who}'")
+        while self.who == "gone" and sql("SELECT max(time) < now() - interval '4 s' FROM apc.tick") != "t":
+            time.sleep(0.05)
+        return True
+
     def because(self):
         return {"reason": 81 * "x"} if self.reason == "long" else {}
 
@@ -47,16 +61,20 @@ def say(row, front, said, expected=""):
 def cli(row, apc, store):
     if row.exit == "-":
         return False
+    row.outcome()
     what = ["tune", f"{row.name}={row.value}"] if row.what == "tune" else ["mode" if row.what == "mode" else "set", row.name, row.value]
     done = subprocess.run([apc, *what, "--store", store], capture_output=True, text=True)
-    say(row, "apc", f"{done.stderr} exit code {done.returncode}", f"exit code {row.exit}")
+    say(row, "apc", f"{done.stdout}{done.stderr} exit code {done.returncode}", f"exit code {row.exit}")
     return True
 
 
 def http(row, port, engineer, observer):
     if row.http == "-":
         return False
+    awaited = row.outcome()
     body = {"id": int(row.id), "seq": 123456 if row.who == "late" else 0}
+    if awaited:
+        body["seq"] = int(sql("SELECT coalesce(max(seq), 0) FROM apc.setpoint WHERE id = 1"))
     body |= {"mode": row.value} if row.what == "mode" else {"value": row.number()}
     body = {"values": [body]} if row.what == "tune" else body
     path = {"set": "setpoint", "tune": "tuning"}.get(row.what, row.what)
@@ -66,6 +84,12 @@ def http(row, port, engineer, observer):
     try:
         with urllib.request.urlopen(request) as answer:
             said = answer.read().decode()
+        while awaited and '"state":"accepted"' in said:
+            time.sleep(0.05)
+            key = json.loads(said).get("key") or json.loads(said)["writes"][0]["key"]
+            with urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/api/writes?key={key}",
+                                                               headers={"Authorization": f"Bearer {token}"})) as answer:
+                said = answer.read().decode()
     except urllib.error.HTTPError as e:
         error = json.load(e)["error"]
         said = f"{e.code} {error['code']}: {error['message']}"
@@ -76,14 +100,15 @@ def http(row, port, engineer, observer):
 def mqtt(row, port, heard):
     if row.what == "tune" or row.who == "late" or row.value == "nan":
         return False
+    awaited = row.outcome()
     mode = row.what == "mode"
     signal = row.name + (".mode" if mode else "")
     body = {"time": time.time(), **({"mode": row.value} if mode else {"value": row.number()}), **row.because()}
     before = len(open(heard).readlines())
-    subprocess.run(["mosquitto_pub", "-p", port, "-q", "1", "-t", f"works/fast/command/{row.who}/{signal}", "-m", json.dumps(body)], check=True)
+    subprocess.run(["mosquitto_pub", "-p", port, "-q", "1", "-t", f"works/fast/command/{'anna' if awaited else row.who}/{signal}", "-m", json.dumps(body)], check=True)
     while len(lines := open(heard).readlines()) == before or not lines[-1].endswith("\n"):
         time.sleep(0.05)
-    say(row, "broker", json.loads(lines[-1].split(" ", 1)[1])["outcome"], "refused: ")
+    say(row, "broker", json.loads(lines[-1].split(" ", 1)[1])["outcome"], "" if awaited else "refused: ")
     return True
 
 
