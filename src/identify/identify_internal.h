@@ -67,6 +67,15 @@ bool apc_record_near(const struct apc_record *r, size_t run, const double *x, si
 int apc_record_check_point(const struct apc_record *r, const double *u0, const double *y0,
                            struct apc_error *why);
 
+/*
+ * What an input was before a run is sought as levels: one of each of the last samples before it, the oldest
+ * of all that is older. LEVELS are the most.
+ */
+#define LEVELS 16
+/* The number of levels to try after @p levels, or 0: no more are worth it where the dead time is @p periods
+ * long. */
+size_t apc_record_more_levels(size_t levels, double periods);
+
 /* ---- identified.c --------------------------------------------------------------------------------- */
 
 /* With room for K, covariance, delay, and a linear model of zeros. Returns 0, APC_EINVAL, APC_ENOMEM. */

@@ -7,7 +7,6 @@
 #include "plant/plant_internal.h"
 
 #define NOISE_MOST 8
-#define LEVELS     16 /* of what each input was before a run, at most */
 
 struct unknown {
     enum kind { STATE, BEFORE, PARAMETER, DEAD_TIME } kind;

@@ -211,13 +211,12 @@ static int settle_fit(struct fit *f, const double *start, int rc, double *left, 
     if (!best)
         return APC_ENOMEM;
     keep_unknowns(f, best);
-    for (size_t levels = 1; levels <= LEVELS && rc != APC_ENOMEM; levels *= 2) {
+    for (size_t levels = 1; levels > 0 && rc != APC_ENOMEM;
+         levels = apc_record_more_levels(levels, best[n - 2] / f->r.Ts)) {
         const double dead_time = best[n - 2];
         bool doubtful = rc < 0 || (dead_time < f->r.Ts && start[n - 2] > 0.0);
         double promised;
 
-        if (levels > 1 && !((double)levels < 2.0 * ceil(dead_time / f->r.Ts - 1e-9)))
-            break;
         restore_unknowns(f, best, levels);
         int again = look_ahead_of_step(f, &promised);
 

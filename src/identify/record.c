@@ -173,6 +173,13 @@ bool apc_record_near(const struct apc_record *r, size_t run, const double *x, si
                : at >= low - beside && at <= high + beside;
 }
 
+size_t apc_record_more_levels(size_t levels, double periods)
+{
+    const size_t more = levels ? 2 * levels : 1;
+
+    return more > LEVELS || (more > 1 && !((double)more < 2.0 * ceil(periods - 1e-9))) ? 0 : more;
+}
+
 static int fail_point(const struct apc_record *r, size_t run, const char *what, size_t i, const double *x,
                       size_t stride, double at, struct apc_error *why)
 {

@@ -11,6 +11,7 @@
 
 #define ARM_UNKNOWNS 3     /* log tau, log tau, dead time */
 #define WHITE        1e-16 /* of y's variance: what rounding leaves */
+#define STEPS_MOST   64    /* of all inputs before all runs; one of each is always there */
 #define NOTHING      746.0 /* exp(-746) is 0 */
 
 /* ---- Columns ------------------------------------------------------------------------------------- */
@@ -32,7 +33,7 @@ static size_t answers_of(const struct arm *arm)
     return 1 + (size_t)arm->zero;
 }
 
-/* The first column of what the input's step does, as a run begins. */
+/* The first column of what the input's steps do, as a run begins. */
 static size_t step_column(const struct search *s, const struct arm *arm, bool rest)
 {
     return answers_of(arm) + (rest ? 0 : arm->lag.order * s->runs);
@@ -40,7 +41,7 @@ static size_t step_column(const struct search *s, const struct arm *arm, bool re
 
 size_t search_arm(const struct search *s, const struct arm *arm, bool rest)
 {
-    return arm->none ? 0 : step_column(s, arm, rest) + (arm->moved ? answers_of(arm) * s->runs : 0);
+    return arm->none ? 0 : step_column(s, arm, rest) + arm->levels * answers_of(arm) * s->runs;
 }
 
 double search_moved(const struct search *s, const struct shape *shape, size_t run)
@@ -51,8 +52,8 @@ double search_moved(const struct search *s, const struct shape *shape, size_t ru
     for (size_t j = 0; j < s->inputs; j++) {
         const struct arm *arm = &shape->arm[j];
 
-        if (arm->moved && !arm->none)
-            sum += s->value[at + step_column(s, arm, shape->rest) + answers_of(arm) * run];
+        for (size_t i = 0; i < arm->levels && !arm->none; i++)
+            sum += s->value[at + step_column(s, arm, shape->rest) + answers_of(arm) * (i * s->runs + run)];
         at += search_arm(s, arm, shape->rest);
     }
     return sum;
@@ -129,24 +130,22 @@ void search_fill_rest(const struct search *s, double tau, size_t run, double *co
         column[begin + k] = apc_exp(-(double)k * s->record->Ts / tau);
 }
 
-/* What a step of the input as each run begins does, in columns of each; begun in the last one, of which there
- * is room for the longest. */
+/* What a step of the input does, as each run begins in columns of each, then of those that stepped a sample
+ * earlier. */
 static int fill_steps(const struct search *s, const struct arm *arm, double *column)
 {
-    const size_t answers = answers_of(arm);
+    const size_t answers = answers_of(arm), n = apc_record_longest(s->record) + arm->levels;
     const double one = 1.0;
-    double *last = column + answers * (s->runs - 1) * s->n;
-    const int rc = apc_lag_response(&arm->lag, s->record->Ts, 0.0, &one, 0, apc_record_longest(s->record),
-                                    last, arm->zero ? last + s->n : NULL);
+    const int rc =
+        apc_lag_response(&arm->lag, s->record->Ts, 0.0, &one, 0, n, s->step, arm->zero ? s->step + n : NULL);
 
-    for (size_t i = 0; i < answers * s->runs && rc == 0; i++) {
-        const double *answer = last + i % answers * s->n;
+    memset(column, 0, arm->levels * s->runs * answers * s->n * sizeof(*column));
+    for (size_t i = 0; i < arm->levels * s->runs * answers && rc == 0; i++) {
+        const double *answer = s->step + i % answers * n + i / answers / s->runs;
         double *to = column + i * s->n;
-        size_t n, begin = part_of(s, i / answers, &n);
+        size_t samples, begin = part_of(s, i / answers % s->runs, &samples);
 
-        memmove(to + begin, answer, n * sizeof(*to));
-        memset(to, 0, begin * sizeof(*to));
-        memset(to + begin + n, 0, (s->n - begin - n) * sizeof(*to));
+        memcpy(to + begin, answer, samples * sizeof(*to));
         search_finish(s, to);
     }
     return rc;
@@ -166,7 +165,7 @@ static int fill_lags(const struct search *s, const struct arm *arm, size_t j, bo
         search_fill_rest(s, arm->lag.tau[i / s->runs], i % s->runs, column + (answers + i) * s->n);
         search_finish(s, column + (answers + i) * s->n);
     }
-    if (rc == 0 && arm->moved)
+    if (rc == 0 && arm->levels)
         rc = fill_steps(s, arm, column + step_column(s, arm, rest) * s->n);
     return rc;
 }
@@ -350,6 +349,20 @@ static int try_aside(struct search *s, size_t columns)
     return search_evaluate(&aside, &s->trial);
 }
 
+int search_look_ahead(struct search *s, struct shape *shape, double *score)
+{
+    const size_t first = search_linear(s, shape), m = search_unknowns(s, shape);
+    int rc = search_evaluate(s, shape);
+
+    if (rc == 0)
+        rc = search_differentiate(s, shape);
+    if (rc == 0) {
+        search_project(s, first, first + m);
+        *score = score_of_search(s, apc_matrix_dot(s->e, s->e, s->n), first + m);
+    }
+    return rc;
+}
+
 int search_refine(struct search *s, struct shape *shape)
 {
     const size_t first = search_linear(s, shape), m = search_unknowns(s, shape);
@@ -394,15 +407,17 @@ int search_open(struct search *s)
     double *at;
 
     s->runs = apc_record_runs(s->record);
-    s->arm_columns = 2 + 4 * s->runs;
+    s->levels_most = STEPS_MOST / (s->runs * s->inputs);
+    s->levels_most = s->levels_most < 1 ? 1 : s->levels_most > LEVELS ? LEVELS : s->levels_most;
+    s->arm_columns = 2 + 2 * s->runs + 2 * s->runs * s->levels_most;
     linear = s->inputs * s->arm_columns + 2 * s->runs;
 
     s->width = linear + m;
     at = calloc((s->width + linear + 2 * s->arm_columns + 3) * n + 2 * s->width * s->width + 4 * s->width +
-                    (2 * m + 2) * (m + 2) + s->width + m * m + 1,
+                    (2 * m + 2) * (m + 2) + s->width + m * m + 2 * (n + s->levels_most) + 1,
                 sizeof(*at));
     s->counts = calloc(n + 1, sizeof(*s->counts));
-    s->best.arm = calloc(5 * s->inputs + 1, sizeof(*s->best.arm));
+    s->best.arm = calloc(6 * s->inputs + 1, sizeof(*s->best.arm));
     s->memory = at;
     if (!at || !s->counts || !s->best.arm)
         return APC_ENOMEM;
@@ -418,6 +433,7 @@ int search_open(struct search *s)
     s->value = apc_carve(&at, 2 * s->width);
     s->small = apc_carve(&at, (2 * m + 2) * (m + 2) + s->width);
     s->small_R = apc_carve(&at, m * m);
+    s->step = apc_carve(&at, 2 * (n + s->levels_most));
     return 0;
 }
 

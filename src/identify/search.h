@@ -15,8 +15,10 @@
 struct arm {
     struct apc_lag lag;
     bool zero;
-    bool moved; /* the input was another one before the record: a step of each run's own as it begins */
-    bool none;  /* nothing, as far as the record shows: it has no columns and no unknowns */
+    bool none; /* nothing, as far as the record shows: it has no columns and no unknowns */
+    /* Of the input before each run, 0: it was as at first: a step of each run's own at its first sample, one a
+     * sample before, ... */
+    size_t levels;
 };
 
 struct shape {
@@ -29,8 +31,9 @@ struct shape {
 struct search {
     const struct apc_record *record;
     size_t n, inputs, output, runs, width;
+    size_t levels_most;
     size_t arm_columns; /* of an arm at most: response, its rate, what is left of each run's beginning in each
-                           lag, and the same two of a step as each begins */
+                           lag, and the same two of each step to a level */
     double dead_time_max;
     unsigned order; /* 0: to be found */
     double noise[NOISE_MOST];
@@ -42,6 +45,7 @@ struct search {
     double *value;           /* [width] of the linear ones */
     double *plus, *minus;    /* [n * arm_columns] */
     double *small, *small_R; /* of a step */
+    double *step;            /* [2 * (n + levels_most)] what the input's step does, and its rate */
     void *memory;
     struct shape best, trial, grown;
 };
@@ -54,8 +58,7 @@ size_t search_base(const struct search *s, const struct shape *shape);
 size_t search_arm(const struct search *s, const struct arm *arm, bool rest);
 size_t search_linear(const struct search *s, const struct shape *shape); /* all of them */
 size_t search_unknowns(const struct search *s, const struct shape *shape);
-/* After search_evaluate(): how much of each run's first inputs, times their gains, came with its first
- * sample. */
+/* After search_evaluate(): how much of each run's first inputs, times their gains, came with its levels. */
 double search_moved(const struct search *s, const struct shape *shape, size_t run);
 void search_fill_base(const struct search *s, const struct shape *shape);
 int search_fill_arm(const struct search *s, const struct arm *arm, size_t j, bool rest, double *column);
@@ -75,6 +78,8 @@ int search_evaluate(struct search *s, struct shape *shape);
 int search_differentiate(struct search *s, const struct shape *shape);
 /* Take from e what columns from..to-1 explain: along. */
 void search_project(struct search *s, size_t from, size_t to);
+/* The score that a step to all sides from where the shape is would lead to, were all linear. */
+int search_look_ahead(struct search *s, struct shape *shape, double *score);
 /* Gauss and Newton's iteration from where the shape is. */
 int search_refine(struct search *s, struct shape *shape);
 void search_copy(const struct search *s, struct shape *to, const struct shape *from);
