@@ -621,7 +621,7 @@ static void figures_come_by_loop_and_event(void **state)
     assert_int_equal(apc_simulation_figures(s, f, 8), 3);
     assert_string_equal(f[0].loop, "y");
     assert_near(f[0].until, 200.5, 0);
-    assert_string_equal(f[1].event, "start");
+    assert_string_equal(f[1].event, "start-up");
     assert_string_equal(f[2].event, "r 10 -> 20");
     assert_near(f[2].from, 150, 1e-9);
     assert_true(isnan(f[2].peak) && f[2].settling > 0);
