@@ -154,6 +154,7 @@ test_a_store_without_tables_says_what_to_do() {
 
 # Promise(stores/ticks-predictions-kept)
 # Promise(database/sql-hand-double)
+# Types(sql/README.md): apc maintain
 test_maintain_keeps_what_it_is_told_to_and_the_newest_in_any_case() {
   local store=postgresql:#maintained
   for bad in 0d -5d 5 d 5y nand 1e300d ""; do

@@ -189,6 +189,7 @@ until_true 60 in_one
 # Promise(stores/several-samples-signal)
 kill -TERM "$to_database"
 wait "$to_database" || fail "a historian ended with $?"
+# Types(sql/README.md): apc-historian --every
 background database "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history postgresql: --every 1 --pack
 to_database=$pid
 in_chunks() { [ "$(sql "SELECT count(*) > 0 FROM apc.${1}_packed")" = t ]; }

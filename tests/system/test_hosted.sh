@@ -16,6 +16,7 @@ grants() {
   PGOPTIONS='-c search_path=apc -c client_min_messages=warning' psql -Xqv ON_ERROR_STOP=1 \
     -f "$APC_SOURCE_DIR/sql/roles.sql" -f "$APC_SOURCE_DIR/sql/database.sql"
 }
+# Types(sql/README.md): psql -d DATABASE -c 'SET search_path TO apc' -f, psql -d DATABASE -c 'CREATE USER
 until_true 20 grants # a role may be made twice at once
 for program in "${programs[@]}"; do
   sql "CREATE USER $(user "$program") IN ROLE apc_$program"

@@ -9,6 +9,7 @@ roles_of() { echo "l$1_$$"; } # the prefix of plant 1's or 2's roles
 kinds=(plant client controller scheduler alarms historian operator engineer)
 sql "CREATE ROLE $owner LOGIN; CREATE ROLE $other LOGIN; GRANT CREATE ON DATABASE $PGDATABASE TO $owner, $other"
 
+# Types(sql/README.md): for i in line1, apc status --all, psql -d plants
 plants=${APC_PLANTS:-12}
 began=$SECONDS
 for ((i = 1; i <= plants; i++)); do

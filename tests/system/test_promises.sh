@@ -218,6 +218,7 @@ sed -n '/^## By hand/,/^## Growth/s/^\(    \)\?SELECT/SELECT/p' sql/README.md |
   sed "s/SINCE/now() - interval '1 day'/; s/UNTIL/now()/; s/\$__timeFrom()/'2020-01-01T00:00:00Z'/; s/\$__timeTo()/'2120-01-01T00:00:00Z'/" >"$work/by-hand.sql"
 [ "$(grep -c '^SELECT' "$work/by-hand.sql")" = 10 ] || fail "sql/README.md shows other statements"
 psql -XAtq -v ON_ERROR_STOP=1 -f "$work/by-hand.sql" >/dev/null || fail "a statement of sql/README.md does not work"
+# Types(sql/README.md): psql -d DATABASE -c 'SET search_path TO apc' -c
 call=$(sed -n 's/^ *-c "\(CALL maintain.*\)"$/\1/p' sql/README.md)
 sql "INSERT INTO apc.estimate VALUES (9, 1, '2001-01-01', 0, 1), (9, 2, now(), 0, 2)"
 psql -XAtq -v ON_ERROR_STOP=1 -c 'SET search_path TO apc' -c "$call" >/dev/null || fail "maintenance by hand does not work"
