@@ -33,7 +33,7 @@ test("y follows a setpoint that is changed through the page", () =>
     await near(page, "sensor.1", 12, 0.1);
     const {events} = await api("/api/events?kind=operator");
     assert.match(events.at(-2).text, /^r: .*-> 12/);
-    assert.match(events.at(-1).text, /^r.owner: Remote -> Local, the setpoint is Local now/); // it was the scheduler's
+    assert.match(events.at(-1).text, /^r taken Local, the scheduler stands aside/); // it was the scheduler's
     assert.match(await page.locator(".last-action").textContent(), /local: r .* → 12, r.owner Remote → Local/);
   }));
 
@@ -116,7 +116,7 @@ test("a setpoint that was taken is given back to the scheduler", () =>
     assert.equal(await give.count(), 0);
     await near(page, "setpoint.1", 10, 0); // the step that is due
     const {events} = await api("/api/events?kind=operator");
-    assert.match(events.at(-2).text, /^r.owner: Local -> Remote/);
+    assert.match(events.at(-1).text, /^r.owner: Local -> Remote/);
     await setpoint(page).fill("11"); // and it is taken again
     await setpoint(page).press("Enter");
     await applied(page, "setpoint.1");
