@@ -107,13 +107,22 @@ static int by_change_time(const void *left, const void *right)
     return (a->which > b->which) - (a->which < b->which);
 }
 
+static double first_of_curves(const struct curve *curve, size_t n, double end)
+{
+    double first = end;
+    for (size_t i = 0; i < n; i++)
+        if (curve[i].n > 0)
+            first = fmin(first, curve[i].at[0].t);
+    return first;
+}
+
+/* In real time the plant may be measured a moment before the first setpoint is written: nobody controlled it
+ * until then. */
 static double begin_of_trajectory(const struct trajectory *c)
 {
-    double begin = c->end;
-    for (size_t i = 0; i < c->dim.ny; i++)
-        if (c->output[i].n > 0)
-            begin = fmin(begin, c->output[i].at[0].t);
-    return begin;
+    const double begin = first_of_curves(c->output, c->dim.ny, c->end),
+                 set = first_of_curves(c->setpoint, c->dim.nz, c->end);
+    return isfinite(c->gap) && set < c->end && set - begin <= c->gap ? fmax(begin, set) : begin;
 }
 
 static void add_event(struct figures *f, const struct trajectory *c, struct event event)

@@ -336,6 +336,29 @@ static void another_loop_s_step_is_none_of_this_one(void **state)
     assert_near(figures.of[0].figure[METRIC_EFFORT], 0, 0);
 }
 
+/* In real time the plant is measured a moment before the first setpoint is written: that moment is no part of the
+ * run, and hides none of its figures. */
+/* Promise(simulation/figures-plant-true) */
+static void a_run_in_real_time_begins_once_there_is_a_setpoint(void **state)
+{
+    (void)state;
+    output(0, 0);
+    setpoint(6e-5, 10);
+    output(1, 10);
+    output(2, 10);
+    trajectory.gap = 3;
+    make(3);
+    assert_int_equal(figures.n_parts, 1);
+    assert_near(figures.of[0].part[0].from, 6e-5, 0);
+    assert_near(whole(METRIC_IAE), 5, 1e-3);
+    assert_near(whole(METRIC_SETTLING), 1, 1e-3);
+
+    trajectory.gap = 5e-5; /* for longer than may be missing: that is said */
+    make(3);
+    assert_int_equal(figures.n_parts, 2);
+    assert_true(isnan(whole(METRIC_IAE)));
+}
+
 static void a_run_begins_with_the_first_measurement_of_any_output(void **state)
 {
     const struct apc_dim dim = {.ny = 2, .nz = 2, .nu = 2};
@@ -690,6 +713,7 @@ int main(void)
         T(where_the_setpoint_does_not_move_there_is_no_overshoot),
         T(a_disturbance_has_figures_of_its_own),
         T(a_setpoint_that_a_controller_moves_begins_no_part_and_is_followed),
+        T(a_run_in_real_time_begins_once_there_is_a_setpoint),
         T(a_run_begins_with_the_first_measurement_of_any_output),
         T(two_outputs_for_one_thing_are_one_loop_and_a_calculated_one_is_none),
         T(another_loop_s_step_is_none_of_this_one),
