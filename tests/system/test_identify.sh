@@ -272,6 +272,8 @@ expect 2 'must be in s' "$apc" identify tank.csv@now..later "${known[@]}"
 document=$APC_SOURCE_DIR/docs/tuning.md
 sed -n '/^name = "heater"/,/^```/p' "$document" | sed '$d' >heater.conf
 "$apc" simulate heater.conf --report heater >/dev/null
+expect 1 'no column "u"; it has a row for each sample' "$apc" identify heater/samples.csv --inputs u --outputs y
+expect 1 'heater has no store, as the folder of a simulation' "$apc" history y --store heater
 "$apc" identify heater -o heater.model --figure heater/heater >heater.txt
 diff <(sed -n '/^heater: /,/^```/p' "$document" | sed '$d') heater.txt || fail "docs/tuning.md shows something else"
 near "the gain in the document" "$(number <(sed -n '/^transfer = (/,/^```/p' "$document") u gain)" "$(number heater.model u gain)" 1e-6

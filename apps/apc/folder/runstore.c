@@ -41,6 +41,25 @@ int runstore_find(struct runstore *r, const char *dir, struct apc_error *why)
     return 0;
 }
 
+/* Why a folder names no store that can be opened. */
+static int fail_no_store(const char *dir, struct apc_error *why)
+{
+    struct record_stores recorded;
+    const int rc = record_stores(&recorded, dir, why);
+    if (rc < 0)
+        return rc;
+    if (recorded.history[0])
+        return apc_fail(why, APC_ENOTFOUND, "the store of %s's run wants a password: give --store URI", dir);
+    if (recorded.live[0])
+        return apc_fail(why, APC_ENOTFOUND,
+                        "the run of %s had no history, and its memory (%s) is gone: its values are in "
+                        "samples.csv there, if it ended well",
+                        dir, recorded.live);
+    return apc_fail(
+        why, APC_ENOTFOUND,
+        "%s has no store, as the folder of a simulation has none: its values are in samples.csv there", dir);
+}
+
 int runstore_uri(const char *dir, char uri[RUNSTORE_LEN], struct apc_error *why)
 {
     struct runstore r;
@@ -48,11 +67,7 @@ int runstore_uri(const char *dir, char uri[RUNSTORE_LEN], struct apc_error *why)
     if (rc < 0)
         return rc;
     snprintf(uri, RUNSTORE_LEN, "%s%s%.1000s", r.live, r.live[0] && r.history[0] ? "+" : "", r.history);
-    return uri[0] ? 0
-                  : apc_fail(why, APC_ENOTFOUND,
-                             "%s does not say where the record of its run is, or that wants a password: give "
-                             "--store URI",
-                             dir);
+    return uri[0] ? 0 : fail_no_store(dir, why);
 }
 
 int runstore_folder(const char *uri, char dir[RUNSTORE_LEN])

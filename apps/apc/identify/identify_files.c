@@ -60,6 +60,18 @@ static int take_column(struct reading *r, struct table *t, size_t i)
     return 0;
 }
 
+/* As samples.csv, and apc history --csv. */
+static bool is_long(const struct csv *csv)
+{
+    static const char *const names[] = {"time", "table", "id"};
+    const size_t n = sizeof names / sizeof *names;
+    size_t i = 0;
+
+    while (i < n && i < csv_columns(csv) && !strcmp(csv_name(csv, i), names[i]))
+        i++;
+    return i == n;
+}
+
 static int name_columns(struct reading *r, struct table *t)
 {
     const size_t n = csv_columns(t->csv);
@@ -77,8 +89,10 @@ static int name_columns(struct reading *r, struct table *t)
         while (i < n && t->of[i] != s)
             i++;
         if (i == n)
-            rc = apc_fail(r->why, APC_ENOTFOUND, "%s:%zu: there is no column \"%s\"", r->file,
-                          csv_line(t->csv), s->name);
+            rc = apc_fail(r->why, APC_ENOTFOUND, "%s:%zu: there is no column \"%s\"%s", r->file,
+                          csv_line(t->csv), s->name,
+                          is_long(t->csv) ? "; it has a row for each sample: give the run's folder or store"
+                                          : "");
     }
     if (rc == 0 && t->time == NO_TIME && r->wish->period <= 0.0)
         rc = csv_refuse(
