@@ -24,14 +24,14 @@ static const double none = (double)NAN;
 static const struct {
     const char *name, *key, *former;
 } names[METRICS] = {
-    [METRIC_IAE] = {"IAE", "iae"},
-    [METRIC_ISE] = {"ISE", "ise"},
-    [METRIC_ITAE] = {"ITAE", "itae"},
-    [METRIC_OVERSHOOT] = {"overshoot %", "overshoot_percent"},
-    [METRIC_SETTLING] = {"settling s", "settling_s"},
-    [METRIC_PEAK] = {"peak", "peak"},
+    [METRIC_IAE] = {"IAE", "iae", NULL},
+    [METRIC_ISE] = {"ISE", "ise", NULL},
+    [METRIC_ITAE] = {"ITAE", "itae", NULL},
+    [METRIC_OVERSHOOT] = {"overshoot %", "overshoot_percent", NULL},
+    [METRIC_SETTLING] = {"settling s", "settling_s", NULL},
+    [METRIC_PEAK] = {"peak", "peak", NULL},
     [METRIC_RECOVERY] = {"recovery s", "recovery_s", "return_s"},
-    [METRIC_EFFORT] = {"control effort", "effort"},
+    [METRIC_EFFORT] = {"control effort", "effort", NULL},
     [METRIC_UNCONTROLLED] = {"uncontrolled %", "uncontrolled_percent", "without_control_percent"}};
 
 const char *metric_name(enum metric metric)
