@@ -227,15 +227,19 @@ static void settle_stored(struct writes *w, struct write *write, const struct se
     }
 }
 
+static struct apc_sample newest_like(const struct seen *seen, const struct apc_sample *like)
+{
+    const struct apc_sample *row = newest(seen, like->table, like->id);
+    return row ? *row : (struct apc_sample){.table = like->table, .id = like->id};
+}
+
 /* What is seen of it goes into it. False: it was written after they were read. */
 static bool see_change(const struct seen *seen, struct change *c)
 {
     const struct apc_sample *own = newest(seen, c->newest.table, c->newest.id);
-    struct apc_sample *const rows[] = {&c->newest, &c->actual, &c->mode};
-    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
-        const struct apc_sample *row = newest(seen, rows[i]->table, rows[i]->id);
-        *rows[i] = row ? *row : (struct apc_sample){.table = rows[i]->table, .id = rows[i]->id};
-    }
+    c->newest = newest_like(seen, &c->newest);
+    c->actual = newest_like(seen, &c->actual);
+    c->mode = newest_like(seen, &c->mode);
     const int by = own ? seen->by[own - seen->samples] : -1;
     c->by = by < 0 ? NULL : &seen->controller[by];
     c->tick = by < 0 ? (struct apc_vector){0} : seen->tick[by];
