@@ -14,6 +14,8 @@
 #define EVENT_DELAY (APC_NS_PER_S / 2) /* by which an event may come after its tick */
 #define PAUSE       (50 * APC_NS_PER_MS)
 
+enum { ABSENCE_LEN = 2 * APC_TAG_LEN }; /* of a controller's name, and since when it is gone */
+
 /* ---- A change ------------------------------------------------------------------------------ */
 
 /* Whose a setpoint is that the scheduler moves. */
@@ -121,15 +123,15 @@ static int finish_refused(const struct change *c, struct change_fault *said)
 }
 
 /* "controller base has never ticked", "the controller's last tick was 5 min ago" */
-static char *absence_of_taker(const struct change *c, apc_ns utc, char text[2 * APC_TAG_LEN])
+static char *absence_of_taker(const struct change *c, apc_ns utc, char text[ABSENCE_LEN])
 {
     const struct outcome_seen seen = seen_of_change(c, utc);
     char age[CHANGE_TEXT], name[APC_TAG_LEN + 16];
     name_of_taker(c->by, name);
     if (c->tick.seq == 0)
-        snprintf(text, 2 * APC_TAG_LEN, "%s has never ticked", name);
+        snprintf(text, ABSENCE_LEN, "%s has never ticked", name);
     else
-        snprintf(text, 2 * APC_TAG_LEN, "%s's last tick was %.20s ago", name,
+        snprintf(text, ABSENCE_LEN, "%s's last tick was %.20s ago", name,
                  change_age(outcome_age(&seen), age));
     return text;
 }
@@ -137,7 +139,7 @@ static char *absence_of_taker(const struct change *c, apc_ns utc, char text[2 * 
 static int finish_open(const struct change *c, apc_ns utc, struct change_fault *said)
 {
     const bool looked = c->actual.seq > 0 && c->actual.origin == c->after.seq;
-    char text[2 * APC_TAG_LEN];
+    char text[ABSENCE_LEN];
 
     if (is_owner_switch(c))
         return change_fail(said, APC_ETIMEDOUT, "unconfirmed", "written, but no scheduler moves it");
@@ -173,7 +175,7 @@ int change_finish(const struct change *c, apc_ns utc, struct change_fault *said)
 
 int change_nobody(const struct change *c, apc_ns utc, struct change_fault *why)
 {
-    char text[2 * APC_TAG_LEN];
+    char text[ABSENCE_LEN];
     return c->by ? change_fail(why, APC_EPERM, "nobody", "nobody applies it: %s. Nothing was written",
                                absence_of_taker(c, utc, text))
                  : change_fail(why, APC_EPERM, "nobody",

@@ -241,9 +241,13 @@ static bool see_change(const struct seen *seen, struct change *c)
     c->actual = newest_like(seen, &c->actual);
     c->mode = newest_like(seen, &c->mode);
     const int by = own ? seen->by[own - seen->samples] : -1;
-    c->by = by < 0 ? NULL : &seen->controller[by];
-    c->tick = by < 0 ? (struct apc_vector){0} : seen->tick[by];
-    c->period = by < 0 ? c->period : c->by->period;
+    c->by = NULL;
+    c->tick = (struct apc_vector){0};
+    if (by >= 0) {
+        c->by = &seen->controller[by];
+        c->tick = seen->tick[by];
+        c->period = c->by->period;
+    }
     return own != NULL;
 }
 
