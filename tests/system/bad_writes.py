@@ -17,6 +17,21 @@ from typing import NamedTuple
 MODES = ("Man", "Auto", "OOS", "Cas")
 
 
+def until(what, true):
+    """What becomes true, within a minute that a busy machine may take for it."""
+    end = time.monotonic() + 60
+    while not (said := true()):
+        if time.monotonic() > end:
+            sys.exit(f"it did not come true within 60 s: {what}")
+        time.sleep(0.05)
+    return said
+
+
+def fetched(request):
+    with urllib.request.urlopen(request, timeout=60) as answer:
+        return answer.read().decode()
+
+
 class Row(NamedTuple):
     who: str
     what: str
@@ -42,11 +57,11 @@ class Row(NamedTuple):
             return False
         sql("UPDATE public.habit SET is_now = 'takes'")
         before = sql("SELECT max(seq) FROM apc.tick")
-        while sql(f"SELECT max(seq) > {before} AND (SELECT coalesce(max(seq), 0) FROM apc.setpoint WHERE id = 1) = (SELECT seq FROM public.seen) FROM apc.tick") != "t":
-            time.sleep(0.05)
+        until("the controller has taken the newest setpoint", lambda: sql(
+            f"SELECT max(seq) > {before} AND (SELECT coalesce(max(seq), 0) FROM apc.setpoint WHERE id = 1) = (SELECT seq FROM public.seen) FROM apc.tick") == "t")
         sql(f"UPDATE public.habit SET is_now = '{self.who}'")
-        while self.who == "gone" and sql("SELECT max(time) < now() - interval '4 s' FROM apc.tick") != "t":
-            time.sleep(0.05)
+        if self.who == "gone":
+            until("the controller ticks no more", lambda: sql("SELECT max(time) < now() - interval '4 s' FROM apc.tick") == "t")
         return True
 
     def because(self):
@@ -82,14 +97,11 @@ def http(row, port, engineer, observer):
     request = urllib.request.Request(f"http://127.0.0.1:{port}/api/{path}", json.dumps(body | row.because()).encode(),
                                      {"Content-Type": "application/json", "Authorization": f"Bearer {token}"})
     try:
-        with urllib.request.urlopen(request) as answer:
-            said = answer.read().decode()
-        while awaited and '"state":"accepted"' in said:
-            time.sleep(0.05)
+        said = fetched(request)
+        if awaited and '"state":"accepted"' in said:
             key = json.loads(said).get("key") or json.loads(said)["writes"][0]["key"]
-            with urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/api/writes?key={key}",
-                                                               headers={"Authorization": f"Bearer {token}"})) as answer:
-                said = answer.read().decode()
+            again = urllib.request.Request(f"http://127.0.0.1:{port}/api/writes?key={key}", headers={"Authorization": f"Bearer {token}"})
+            said = until("the page knows what became of a write", lambda: '"state":"accepted"' not in (now := fetched(again)) and now)
     except urllib.error.HTTPError as e:
         error = json.load(e)["error"]
         said = f"{e.code} {error['code']}: {error['message']}"
@@ -106,8 +118,7 @@ def mqtt(row, port, heard):
     body = {"time": time.time(), **({"mode": row.value} if mode else {"value": row.number()}), **row.because()}
     before = len(open(heard).readlines())
     subprocess.run(["mosquitto_pub", "-p", port, "-q", "1", "-t", f"works/fast/command/{'anna' if awaited else row.who}/{signal}", "-m", json.dumps(body)], check=True)
-    while len(lines := open(heard).readlines()) == before or not lines[-1].endswith("\n"):
-        time.sleep(0.05)
+    lines = until("the broker has an outcome", lambda: len(now := open(heard).readlines()) > before and now[-1].endswith("\n") and now)
     say(row, "broker", json.loads(lines[-1].split(" ", 1)[1])["outcome"], "" if awaited else "refused: ")
     return True
 
@@ -124,8 +135,7 @@ def request(row):
     reason = row.because().get("reason", "")
     id = sql("INSERT INTO apc.request (table_name, variable, value, time, until, reason) VALUES "
              f"('{table}', {row.id}, '{value}', now(), now() + interval '60 s', '{reason}') RETURNING id")
-    while not (said := sql(f"SELECT outcome FROM apc.request WHERE id = {id}")):
-        time.sleep(0.05)
+    said = until("a request has an outcome", lambda: sql(f"SELECT outcome FROM apc.request WHERE id = {id}"))
     say(row, "request", said, "refused: ")
     return True
 
