@@ -26,7 +26,14 @@
 
 #define QUEUED         (10 * APC_NS_PER_S) /* of measurements, for a store that takes its time */
 #define STORE_PRIORITY 79                  /* the task's is 80 */
-#define REASONS        3                   /* that are said of one loss of the plant */
+#define REASONS        3                   /* that are said of one loss */
+
+/* Of the plant, or of a part of it. */
+struct loss {
+    struct state_watch state;                         /* up: it is connected */
+    char reason[sizeof((struct apc_event *)0)->text]; /* for which it is lost, as it was said last */
+    unsigned reasons;                                 /* said so far; 0: it is connected */
+};
 
 struct own_options {
     const char *link, *identity;
@@ -77,13 +84,12 @@ struct shell {
     bool know_u;
     struct apc_value *command, *measured; /* [nu], [ny] of this tick */
     struct apc_sample *y;                 /* [ny] */
-    struct state_watch link_state, output_state;
-    struct state_watch *range_state;                  /* [ny] up: within */
-    struct apc_dating *dating;                        /* [ny] */
-    struct state_watch clock_state;                   /* up: the plant's clock is right */
-    struct apc_watchdog watchdog;                     /* of the plant, as far as it can be seen from here */
-    char reason[sizeof((struct apc_event *)0)->text]; /* for which the plant is lost, as it was said last */
-    unsigned reasons;                                 /* said so far; 0: it is connected */
+    struct loss plant_loss, part_loss;
+    struct state_watch output_state;
+    struct state_watch *range_state; /* [ny] up: within */
+    struct apc_dating *dating;       /* [ny] */
+    struct state_watch clock_state;  /* up: the plant's clock is right */
+    struct apc_watchdog watchdog;    /* of the plant, as far as it can be seen from here */
     struct apc_histogram *round_trip;
     _Atomic uint64_t failed; /* exchanges */
 
@@ -143,14 +149,18 @@ static void report_command(struct shell *s, bool given)
         daemon_event(s->d, APC_EVENT_INFO, "command", "the plant is given its commands");
 }
 
-/* Why it is lost may come out later than that it is: a handshake outlasts a tick. */
-static void report_reason(struct shell *s, const char *why)
+/* @why it is lost; "": it is not. That may come out later than that it is: a handshake outlasts a tick. */
+static void report_loss(struct shell *s, struct loss *l, const char *what, const char *why)
 {
-    if (s->reasons == REASONS || !strncmp(why, s->reason, sizeof s->reason - 1))
-        return;
-    if (s->reasons++ > 0)
-        daemon_event(s->d, APC_EVENT_WARNING, "link", "plant still lost: %s", why);
-    snprintf(s->reason, sizeof s->reason, "%s", why);
+    report_client_state(s, &l->state, !*why, "link", what, why);
+    if (!*why) {
+        l->reasons = 0;
+        l->reason[0] = '\0';
+    } else if (l->reasons < REASONS && strncmp(why, l->reason, sizeof l->reason - 1) != 0) {
+        if (l->reasons++ > 0)
+            daemon_event(s->d, APC_EVENT_WARNING, "link", "%s still lost: %s", what, why);
+        snprintf(l->reason, sizeof l->reason, "%s", why);
+    }
 }
 
 /* Has the plant other outputs than it was given? */
@@ -238,14 +248,14 @@ static size_t exchange(struct shell *s, const struct apc_tick *tick, const struc
     report_command(s, all && rc == 0 && stand && apc_exchange_taken(s->plant));
     if (rc < 0) {
         atomic_fetch_add(&s->failed, 1);
-        report_client_state(s, &s->link_state, false, "link", "plant", apc_exchange_error(s->plant));
-        report_reason(s, apc_exchange_error(s->plant));
+        report_loss(s, &s->plant_loss, "plant", apc_exchange_error(s->plant));
+        s->part_loss.state.up = true; /* if it is still lost when the plant is back, that is said then */
+        s->part_loss.reasons = 0;
         return 0;
     }
     apc_histogram_record(s->round_trip, apc_clock_mono(NULL) - begun);
-    report_client_state(s, &s->link_state, true, "link", "plant", "");
-    s->reasons = 0;
-    s->reason[0] = '\0';
+    report_loss(s, &s->plant_loss, "plant", "");
+    report_loss(s, &s->part_loss, "part of the plant", apc_exchange_error(s->plant));
     const size_t n = apc_client_measurements(s->core, s->measured, s->y);
     date(s, n);
     for (size_t i = 0; i < n; i++)
@@ -589,7 +599,8 @@ int main(int argc, char **argv)
     struct own_options own = {0};
     struct shell s = {.d = &d,
                       .store_state = {.up = true},
-                      .link_state = {.up = true},
+                      .plant_loss.state.up = true,
+                      .part_loss.state.up = true,
                       .output_state = {.up = true},
                       .clock_state = {.up = true}};
     int rc = apc_mutex_init(&s.mutex);

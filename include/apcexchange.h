@@ -194,7 +194,8 @@ APC_API int apc_exchange_begin(struct apc_exchange *exchange, const struct apc_v
  * Its end: y [ny] with the plant's own status and source time. Waits until the deadline, in virtual time not
  * at all. Returns 0; or a negative error, then each of y is BadNoCommunication: APC_ETIMEDOUT, APC_ECONN (the
  * plant closed the connection), APC_EPROTO (what came is no answer to what was asked). APC_EBUSY: in virtual
- * time it has not ended yet; APC_EINVAL: none was begun. [tick]
+ * time it has not ended yet; APC_EINVAL: none was begun. If a part of the plant fails (a unit of `modbus:`,
+ * not all) it returns 0: y of that part is BadNoCommunication, and apc_exchange_error() names it. [tick]
  */
 APC_API int apc_exchange_finish(struct apc_exchange *exchange, struct apc_value *y);
 /**
@@ -218,12 +219,12 @@ APC_API void apc_exchange_claim(struct apc_exchange *exchange, uint64_t number);
  */
 APC_API apc_status apc_exchange_read_back(const struct apc_exchange *exchange, size_t i, double *value);
 /**
- * false: the plant answered the last exchange and has not taken its command: a value is beyond what it can
- * take, or too old for it. A plant behind frames says so by a reply that bears no number, where it numbers
- * the others. [tick]
+ * false: the plant answered the last exchange and has not taken its command, or not all of it: a value is
+ * beyond what it can take, or too old for it, or a part of the plant failed that has outputs. A plant behind
+ * frames says so by a reply that bears no number, where it numbers the others. [tick]
  */
 APC_API bool apc_exchange_taken(const struct apc_exchange *exchange);
-/** Text of the last failure; "" when the last exchange had none. Lives until the next call. [tick] */
+/** Text of the last failure, also of a part; "" when the last exchange had none. Lives until the next call. [tick] */
 APC_API const char *apc_exchange_error(const struct apc_exchange *exchange);
 
 /** Counts of `inproc:`: of requests and replies together, and of exchanges that timed out. */

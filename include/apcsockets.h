@@ -139,6 +139,10 @@ struct apc_link_options {
     apc_ns backoff_max;            /**< longest pause; default 5 s. Pauses double and are jittered */
     uint64_t seed;                 /**< of the jitter; default: from the clock */
     struct apc_identity *identity; /**< of tls:, which requires it */
+    /** Where replies say which request they answer: is this one of a request that is waited for no more? Then
+     * it is dropped, and a request without a reply in time costs no connection. NULL: one does. */
+    bool (*late)(void *ctx, const char *reply, size_t length);
+    void *late_ctx;
 };
 
 struct apc_link;

@@ -76,7 +76,7 @@ int apc_exchange_begin(struct apc_exchange *x, const struct apc_value *u, apc_ns
 
     if (x->begun)
         return apc_fail(&x->error, APC_EBUSY, "the exchange before has not ended");
-    x->refused = false;
+    x->refused = x->partly = false;
     rc = x->ops->begin(x, u, deadline);
     x->begun = rc == 0;
     return rc;
@@ -92,7 +92,7 @@ int apc_exchange_finish(struct apc_exchange *x, struct apc_value *y)
     if (rc == APC_EBUSY)
         return rc;
     x->begun = false;
-    if (rc == 0)
+    if (rc == 0 && !x->partly)
         x->error.text[0] = '\0';
     for (size_t i = 0; rc < 0 && i < x->ny; i++)
         y[i] = (struct apc_value){.status = APC_BAD_NO_COMMUNICATION};

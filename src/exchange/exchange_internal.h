@@ -29,6 +29,7 @@ struct apc_exchange {
     size_t nu, ny;
     bool begun;
     bool refused;    /* the command of the last one */
+    bool partly;     /* the last one went well but for a part of the plant, of which `error` tells */
     bool *commanded; /* [nu], and room for as many; exchange.c's, after open */
     struct apc_error error;
 };

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The scheme modbus: registers and coils of a Modbus TCP server. begin writes, finish reads, a request after
- * the other, each with its reply, over one link; whatever is not the reply to the very request closes the
- * connection, so that a late one is never taken for the next one's.
+ * The scheme modbus: registers and coils of a Modbus TCP server. begin writes, finish reads, and writes and
+ * reads those units that are asked last.
  *
  * Points are sorted by area and address once; those next to each other go in one request, as many as a frame
  * holds: of u those that are to be written, of y all. A server takes one request whole or not at all, and so
@@ -19,118 +18,33 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #define ILLEGAL_FUNCTION 1
-#define ACKNOWLEDGE      5 /* taken, but not done yet */
-#define BUSY             6
-#define PAUSE            (5 * APC_NS_PER_MS) /* before a device that is busy is asked again; doubled each time */
-#define PAUSE_MAX        (100 * APC_NS_PER_MS)
 
 struct modbus {
     struct apc_exchange x;
-    struct apc_link *link;
+    struct apc_modbus_line line;
     unsigned block; /* registers, or bits, in one request at most */
     bool write_single;
-    unsigned char single[256]; /* by unit: SINGLE_REGISTERS, SINGLE_COILS */
-    bool sent;                 /* the last request has left */
-    uint16_t transaction;
     struct apc_modbus_item *u, *y; /* sorted; the watchdog and the sign of life have numbers nu and ny */
     size_t n_u, n_y;
     double *values;           /* [2 nu + 1] to be written: u, the watchdog, each output's own */
     uint16_t *counts;         /* [nu + 1] of the outputs' watchdogs; last: of the watchdog */
     struct apc_value *read;   /* [ny + 1] */
+    unsigned char *where;     /* [nu] the unit of each output */
     bool looks;               /* outputs are read back */
     struct apc_value *found;  /* [2 nu + 1] in the order of values */
     struct apc_value *stands; /* [nu] as they were found; Good: as they were written, or by nobody */
     bool *wrote;              /* [nu] by the last exchange; then its bytes are those that were written */
-    apc_ns deadline;
+    bool commands;            /* this exchange writes */
     apc_ns life_limit, lived_at;
     double life;
     bool lived;
-    unsigned char frame[APC_MODBUS_FRAME];
 };
 
 enum { SINGLE_REGISTERS = 1, SINGLE_COILS };
 
-/* ---- One request and its reply -------------------------------------------------------------- */
-
-/* @what of the reply is @is, and should be @asked. */
-static int no_answer(struct modbus *m, const char *what, unsigned is, unsigned asked)
-{
-    apc_link_reset(m->link);
-    return apc_fail(&m->x.error, APC_EPROTO,
-                    "its reply does not answer the request: its %s is %u, and should be %u", what, is, asked);
-}
-
-static int ask_once(struct modbus *m, unsigned unit, size_t n, size_t expected, const unsigned char **reply)
-{
-    const char *text = NULL;
-
-    apc_modbus_put(m->frame, ++m->transaction);
-    apc_modbus_put(m->frame + 2, 0);
-    apc_modbus_put(m->frame + 4, (unsigned)n + 1);
-    m->frame[6] = (unsigned char)unit;
-    int length = apc_link_send(m->link, (const char *)m->frame, APC_MODBUS_HEADER + n, m->deadline);
-    if (length == 0) {
-        m->sent = true;
-        length = apc_link_receive(m->link, &text, m->deadline);
-    }
-    if (length < 0 || !text)
-        return apc_fail(&m->x.error, length < 0 ? length : APC_EPROTO, "%s", apc_link_error(m->link));
-    *reply = (const unsigned char *)text + APC_MODBUS_HEADER;
-    const unsigned char *const header = (const unsigned char *)text;
-    if (memcmp(header, m->frame, 2) != 0)
-        return no_answer(m, "transaction", apc_modbus_get(header), m->transaction);
-    if (header[6] != m->frame[6])
-        return no_answer(m, "unit", header[6], m->frame[6]);
-    if ((*reply)[0] == (m->frame[APC_MODBUS_HEADER] | 0x80) && length == APC_MODBUS_HEADER + 2 &&
-        (*reply)[1] > 0)
-        return (*reply)[1];
-    if ((*reply)[0] != m->frame[APC_MODBUS_HEADER])
-        return no_answer(m, "function", (*reply)[0], m->frame[APC_MODBUS_HEADER]);
-    if ((size_t)length != APC_MODBUS_HEADER + expected)
-        return no_answer(m, "length", (unsigned)length, (unsigned)(APC_MODBUS_HEADER + expected));
-    return 0;
-}
-
-static void sleep_for(apc_ns time)
-{
-    (void)nanosleep(&(struct timespec){time / APC_NS_PER_S, time % APC_NS_PER_S}, NULL);
-}
-
-/*
- * The request of @n bytes that stands behind the header, to @unit. Returns 0 with the reply's bytes behind
- * its header, as many as @expected, in @reply; the number of an exception, 1 to 255; or a negative error.
- *
- * A server may close the connection after each answer, which is known only when the next request is on its
- * way: that one goes out once more, over a connection of its own. A device that is busy is asked again for
- * half of the time that is left, so that there is some for the others. Both change nothing when they are
- * repeated: the same is read, or the same value written.
- */
-static int request_modbus(struct modbus *m, unsigned unit, size_t n, size_t expected,
-                          const unsigned char **reply)
-{
-    const apc_ns now = apc_clock_mono(NULL), until = now + (m->deadline - now) / 2;
-    apc_ns pause = PAUSE;
-    bool again = false;
-
-    m->sent = false;
-    for (;;) {
-        const bool stood = apc_link_connected(m->link);
-        const uint64_t connects = apc_link_connects(m->link);
-        const int rc = ask_once(m, unit, n, expected, reply);
-
-        if (rc == APC_ECONN && stood && !again && apc_link_connects(m->link) == connects) {
-            again = true;
-            continue;
-        }
-        if ((rc != BUSY && rc != ACKNOWLEDGE) || apc_clock_mono(NULL) + pause >= until)
-            return rc;
-        sleep_for(pause);
-        pause = 2 * pause < PAUSE_MAX ? 2 * pause : PAUSE_MAX;
-    }
-}
+/* ---- Exceptions ------------------------------------------------------------------------------- */
 
 static const char *exception_text(int number)
 {
@@ -165,6 +79,33 @@ static apc_status exception_status(int number)
         return APC_BAD_NO_COMMUNICATION;
     default:
         return APC_BAD_NO_DATA;
+    }
+}
+
+/* ---- Units ------------------------------------------------------------------------------------ */
+
+static struct apc_modbus_station *station_of(struct modbus *m, const struct apc_modbus_item *item)
+{
+    return &m->line.stations[item->point.unit];
+}
+
+/* A watchdog counts what was written: it waits for outputs in units that do not answer. Its own unit takes
+ * or leaves both. */
+static void hold_back_watchdogs(struct modbus *m)
+{
+    const size_t nu = m->x.nu;
+    bool all = true;
+
+    for (size_t i = 0; i < APC_MODBUS_UNITS && all; i++)
+        all = !m->line.stations[i].outputs || !apc_modbus_out_of_reach(&m->line.stations[i]);
+    for (size_t i = 0; i < m->n_u; i++) {
+        struct apc_modbus_item *u = &m->u[i];
+        const unsigned outputs = u->of > nu ? m->where[u->of - nu - 1] : u->point.unit;
+
+        if (u->of == nu)
+            u->go = u->go && all;
+        else if (outputs != u->point.unit)
+            u->go = u->go && !apc_modbus_out_of_reach(&m->line.stations[outputs]);
     }
 }
 
@@ -206,29 +147,29 @@ static size_t together(const struct modbus *m, const struct apc_modbus_item *fir
 
 /*
  * A request to write @n items, of @bytes behind the header; the reply is the first @echo of them. Returns as
- * request_modbus() does.
+ * apc_modbus_request() does.
  */
 static int request_write(struct modbus *m, const struct apc_modbus_item *first, size_t n, size_t bytes,
                          size_t echo)
 {
     const unsigned char *reply;
-    const int rc = request_modbus(m, first->point.unit, bytes, echo, &reply);
+    const int rc = apc_modbus_request(&m->line, first->point.unit, bytes, echo, &reply);
 
-    for (size_t i = 0; i < n && rc <= 0 && m->sent; i++)
+    for (size_t i = 0; i < n && rc <= 0 && m->line.sent; i++)
         if (first[i].of < m->x.nu)
             m->x.commanded[first[i].of] = true;
-    const unsigned char *const asked = m->frame + APC_MODBUS_HEADER;
+    const unsigned char *const asked = m->line.frame + APC_MODBUS_HEADER;
     const size_t at = rc == 0 && memcmp(reply, asked, 3) == 0 ? 3 : 1;
     return rc == 0 && memcmp(reply, asked, echo) != 0
-               ? no_answer(m, at == 1 ? "address" : "value, or number of them,", apc_modbus_get(reply + at),
-                           apc_modbus_get(asked + at))
+               ? apc_modbus_no_answer(&m->line, at == 1 ? "address" : "value, or number of them,",
+                                      apc_modbus_get(reply + at), apc_modbus_get(asked + at))
                : rc;
 }
 
 /* Bits of a register, and no other bit of it: the device itself puts them in. */
 static int write_flags(struct modbus *m, const struct apc_modbus_item *first, size_t n)
 {
-    unsigned char *pdu = m->frame + APC_MODBUS_HEADER, mask[2];
+    unsigned char *pdu = m->line.frame + APC_MODBUS_HEADER, mask[2];
 
     pdu[0] = APC_MODBUS_MASK_HOLDING;
     apc_modbus_put(pdu + 1, first->point.address);
@@ -247,7 +188,7 @@ static int write_flags(struct modbus *m, const struct apc_modbus_item *first, si
 /* Each by itself. */
 static int write_single(struct modbus *m, const struct apc_modbus_item *first, size_t n)
 {
-    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
+    unsigned char *pdu = m->line.frame + APC_MODBUS_HEADER;
     const bool bits = first->point.area == APC_MODBUS_COIL;
     int rc = 0;
 
@@ -264,7 +205,7 @@ static int write_single(struct modbus *m, const struct apc_modbus_item *first, s
 
 static int write_multiple(struct modbus *m, const struct apc_modbus_item *first, size_t n, unsigned width)
 {
-    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
+    unsigned char *pdu = m->line.frame + APC_MODBUS_HEADER;
     const bool bits = first->point.area == APC_MODBUS_COIL;
     const unsigned bytes = bits ? (width + 7) / 8 : 2 * width;
 
@@ -298,7 +239,7 @@ static int write_together(struct modbus *m, const struct apc_modbus_item *first,
 {
     const bool bits = first->point.area == APC_MODBUS_COIL, flags = first->point.type == APC_MODBUS_FLAG;
     const unsigned char kind = bits ? SINGLE_COILS : SINGLE_REGISTERS;
-    unsigned char *known = &m->single[first->point.unit & 0xFF];
+    unsigned char *known = &station_of(m, first)->single;
     const bool can = are_single(first, n), first_way = m->write_single || (can && (*known & kind));
     int rc = flags       ? write_flags(m, first, n)
              : first_way ? write_single(m, first, n)
@@ -324,21 +265,26 @@ static int write_together(struct modbus *m, const struct apc_modbus_item *first,
     return rc;
 }
 
-/* All that go, in the order of their addresses. */
-static int write_all_items(struct modbus *m)
+/* All that go, in the order of their addresses, to units that are asked last, or to the others. */
+static void write_all_items(struct modbus *m, bool last)
 {
-    int rc = 0;
-
-    for (size_t i = 0, n = 1; i < m->n_u && rc == 0; i += n) {
+    for (size_t i = 0, n; i < m->n_u; i += n) {
+        struct apc_modbus_station *unit = station_of(m, &m->u[i]);
         unsigned width;
 
         n = 1;
-        if (!m->u[i].go)
+        if (!m->u[i].go || unit->last != last || unit->failed)
             continue;
         n = together(m, &m->u[i], m->n_u - i, true, &width);
-        rc = write_together(m, &m->u[i], n, width);
+        const int rc = write_together(m, &m->u[i], n, width);
+        if (rc < 0) {
+            apc_modbus_line_fail(&m->line, unit, rc);
+            hold_back_watchdogs(m);
+        }
+        for (size_t k = i; k < i + n; k++)
+            if (m->u[k].of < m->x.nu)
+                m->wrote[m->u[k].of] = rc == 0;
     }
-    return rc;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -369,18 +315,18 @@ static int read_together(struct modbus *m, const struct apc_modbus_item *first, 
                                               [APC_MODBUS_DISCRETE] = APC_MODBUS_READ_DISCRETE,
                                               [APC_MODBUS_INPUT] = APC_MODBUS_READ_INPUT,
                                               [APC_MODBUS_HOLDING] = APC_MODBUS_READ_HOLDING};
-    unsigned char *pdu = m->frame + APC_MODBUS_HEADER;
+    unsigned char *pdu = m->line.frame + APC_MODBUS_HEADER;
     const unsigned bytes = apc_modbus_is_bit(first->point.area) ? (width + 7) / 8 : 2 * width;
     const unsigned char *reply;
 
     pdu[0] = functions[first->point.area];
     apc_modbus_put(pdu + 1, first->point.address);
     apc_modbus_put(pdu + 3, width);
-    int rc = request_modbus(m, first->point.unit, 5, 2 + bytes, &reply);
+    int rc = apc_modbus_request(&m->line, first->point.unit, 5, 2 + bytes, &reply);
     if (rc < 0)
         return rc;
     if (rc == 0 && reply[1] != bytes)
-        return no_answer(m, "count of bytes", reply[1], bytes);
+        return apc_modbus_no_answer(&m->line, "count of bytes", reply[1], bytes);
     const apc_ns now = apc_clock_utc(NULL);
     for (size_t i = 0; i < n; i++) {
         if (rc > 0)
@@ -403,32 +349,32 @@ static bool differs_from_written(const struct apc_modbus_item *u, const struct a
            memcmp(bytes, u->data, (size_t)2 * apc_modbus_registers(u->point.type)) != 0;
 }
 
-static int look_back(struct modbus *m)
+static void look_back(struct modbus *m)
 {
     const size_t nu = m->x.nu;
 
     for (size_t i = 0, n; i < m->n_u; i += n) {
+        struct apc_modbus_station *unit = station_of(m, &m->u[i]);
         unsigned width;
 
         n = 1;
-        if (m->u[i].of >= nu || !m->wrote[m->u[i].of])
+        if (m->u[i].of >= nu || !m->wrote[m->u[i].of] || apc_modbus_out_of_reach(unit))
             continue;
         n = together(m, &m->u[i], m->n_u - i, false, &width);
         const int rc = read_together(m, &m->u[i], n, width, m->found);
         if (rc < 0)
-            return rc;
+            apc_modbus_line_fail(&m->line, unit, rc);
     }
     for (size_t i = 0; i < m->n_u; i++) {
         const size_t of = m->u[i].of;
 
-        if (of >= nu || !m->wrote[of])
+        if (of >= nu || !m->wrote[of] || apc_modbus_out_of_reach(station_of(m, &m->u[i])))
             continue;
         m->stands[of] = m->found[of];
         if (apc_status_severity(m->found[of].status) == APC_SEVERITY_GOOD &&
             differs_from_written(&m->u[i], &m->found[of]))
             m->stands[of].status = APC_UNCERTAIN_SUBSTITUTE;
     }
-    return 0;
 }
 
 static apc_status modbus_read_back(const struct apc_exchange *x, size_t i, double *value)
@@ -462,45 +408,47 @@ static void choose_commanded_value(struct modbus *m, const struct apc_value *u)
     bool all = true;
 
     for (size_t i = 0; i < nu; i++) {
-        const bool goes = apc_exchange_writes(&u[i]);
-
         m->values[i] = u[i].value;
-        m->counts[i] = (uint16_t)(m->counts[i] + goes);
-        m->values[nu + 1 + i] = m->counts[i];
-        all = all && goes;
+        all = all && apc_exchange_writes(&u[i]);
     }
-    m->counts[nu] = (uint16_t)(m->counts[nu] + all);
-    m->values[nu] = m->counts[nu];
     for (size_t i = 0; i < m->n_u; i++) {
         const size_t of = m->u[i].of;
 
         m->u[i].go = of == nu ? all : apc_exchange_writes(&u[of > nu ? of - nu - 1 : of]);
+    }
+    hold_back_watchdogs(m);
+    for (size_t i = 0; i < m->n_u; i++) {
+        const size_t of = m->u[i].of;
+
+        if (of >= nu && m->u[i].go)
+            m->values[of] = ++m->counts[of == nu ? nu : of - nu - 1];
     }
 }
 
 static int modbus_begin(struct apc_exchange *x, const struct apc_value *u, apc_ns deadline)
 {
     struct modbus *m = (struct modbus *)x;
-    int rc;
 
-    m->deadline = deadline;
+    m->line.deadline = deadline;
+    m->commands = u != NULL;
+    apc_modbus_line_begin(&m->line, false);
     if (!u)
         return 0;
+    if (m->looks)
+        look_back(m);
     choose_commanded_value(m, u);
-    rc = m->looks ? look_back(m) : 0;
-    if (rc == 0)
-        rc = encode_all(m);
-    if (rc == 0)
-        rc = write_all_items(m);
-    for (size_t i = 0; i < m->n_u; i++) {
-        const size_t of = m->u[i].of;
-
-        if (of < x->nu)
-            m->wrote[of] = rc == 0 && m->u[i].go;
-        if (of < x->nu && rc == 0 && !m->u[i].go)
-            m->stands[of] = (struct apc_value){0};
-    }
-    return rc;
+    const int rc = encode_all(m);
+    memset(m->wrote, 0, x->nu * sizeof(*m->wrote));
+    if (rc < 0)
+        return rc;
+    write_all_items(m, false);
+    for (size_t i = 0; i < m->n_u; i++)
+        if (m->u[i].of < x->nu && !m->u[i].go)
+            m->stands[m->u[i].of] = (struct apc_value){0};
+    for (size_t i = 0; i < APC_MODBUS_UNITS; i++)
+        if ((m->line.stations[i].writes || m->line.stations[i].reads) && !m->line.stations[i].failed)
+            return 0;
+    return apc_modbus_line_settle(&m->line, &x->partly);
 }
 
 static int modbus_safe(struct apc_exchange *x, const bool *which, apc_ns deadline)
@@ -508,14 +456,20 @@ static int modbus_safe(struct apc_exchange *x, const bool *which, apc_ns deadlin
     struct modbus *m = (struct modbus *)x;
     int rc;
 
-    m->deadline = deadline;
+    m->line.deadline = deadline;
+    apc_modbus_line_begin(&m->line, true);
     for (size_t i = 0; i < m->n_u; i++) {
         m->u[i].go = m->u[i].of < x->nu && which[m->u[i].of];
         if (m->u[i].go)
             m->values[m->u[i].of] = m->u[i].point.safe;
     }
     rc = encode_all(m);
-    return rc < 0 ? rc : write_all_items(m);
+    if (rc < 0)
+        return rc;
+    write_all_items(m, false);
+    write_all_items(m, true);
+    (void)apc_modbus_line_settle(&m->line, &x->partly);
+    return m->line.rc;
 }
 
 /* ---- Measurements ---------------------------------------------------------------------------- */
@@ -535,18 +489,47 @@ static bool is_dead(struct modbus *m)
     return m->life_limit > 0 && now - m->lived_at > m->life_limit;
 }
 
+/* From units that are asked last, or from the others. */
+static void read_all_items(struct modbus *m, bool last)
+{
+    for (size_t i = 0, n; i < m->n_y; i += n) {
+        struct apc_modbus_station *unit = station_of(m, &m->y[i]);
+        unsigned width;
+
+        n = together(m, &m->y[i], m->n_y - i, false, &width);
+        if (unit->last != last || unit->failed)
+            continue;
+        const int rc = read_together(m, &m->y[i], n, width, m->read);
+        if (rc < 0)
+            apc_modbus_line_fail(&m->line, unit, rc);
+        else if (i + n == m->n_y || station_of(m, &m->y[i + n]) != unit) /* its last request */
+            apc_modbus_line_done(&m->line);
+    }
+}
+
 static int modbus_finish(struct apc_exchange *x, struct apc_value *y)
 {
     struct modbus *m = (struct modbus *)x;
 
-    for (size_t i = 0, n; i < m->n_y; i += n) {
-        unsigned width;
-
-        n = together(m, &m->y[i], m->n_y - i, false, &width);
-        int rc = read_together(m, &m->y[i], n, width, m->read);
-        if (rc < 0)
-            return rc;
-    }
+    m->line.left = 0;
+    for (size_t i = 0; i < APC_MODBUS_UNITS; i++)
+        m->line.left +=
+            !m->line.stations[i].failed &&
+            (m->line.stations[i].reads || (m->line.stations[i].last && m->line.stations[i].writes));
+    m->line.left += m->line.left == 0;
+    read_all_items(m, false);
+    if (m->commands)
+        write_all_items(m, true);
+    read_all_items(m, true);
+    const int rc = apc_modbus_line_settle(&m->line, &x->partly);
+    if (rc < 0)
+        return rc;
+    const apc_ns now = apc_clock_utc(NULL);
+    for (size_t i = 0; i < m->n_y; i++)
+        if (station_of(m, &m->y[i])->failed)
+            m->read[m->y[i].of] = (struct apc_value){.status = APC_BAD_NO_COMMUNICATION, .time = now};
+    for (size_t i = 0; i < APC_MODBUS_UNITS; i++)
+        x->refused = x->refused || (m->commands && m->line.stations[i].outputs && m->line.stations[i].failed);
     const bool dead = is_dead(m);
     memcpy(y, m->read, x->ny * sizeof(*y));
     for (size_t i = 0; i < x->ny && dead; i++)
@@ -560,7 +543,7 @@ static void modbus_close(struct apc_exchange *x)
 {
     struct modbus *m = (struct modbus *)x;
 
-    apc_link_destroy(m->link);
+    apc_modbus_line_close(&m->line);
     free(m->u);
     free(m->y);
     free(m->values);
@@ -569,6 +552,7 @@ static void modbus_close(struct apc_exchange *x)
     free(m->found);
     free(m->stands);
     free(m->wrote);
+    free(m->where);
     free(m);
 }
 
@@ -612,16 +596,29 @@ static int take_modbus_options(struct modbus *m, const struct apc_exchange_optio
         rc = apc_modbus_take_y(&m->y, &m->n_y, &o, options->ny, why);
     if (rc == 0)
         rc = check_widths(m, m->u, m->n_u, true, why);
-    return rc < 0 ? rc : check_widths(m, m->y, m->n_y, false, why);
+    if (rc == 0)
+        rc = check_widths(m, m->y, m->n_y, false, why);
+    if (rc < 0)
+        return rc;
+    for (size_t i = 0; i < m->n_u; i++) {
+        struct apc_modbus_station *unit = station_of(m, &m->u[i]);
+
+        unit->writes = true;
+        if (m->u[i].of >= options->nu)
+            continue;
+        unit->outputs = true;
+        m->where[m->u[i].of] = (unsigned char)m->u[i].point.unit;
+    }
+    for (size_t i = 0; i < m->n_y; i++)
+        station_of(m, &m->y[i])->reads = true;
+    return 0;
 }
 
 static int modbus_open(struct apc_exchange **x, const char *uri, const struct apc_exchange_options *options,
                        struct apc_error *why)
 {
-    const struct apc_link_options link = {
-        .size = sizeof(link), .frame_max = APC_MODBUS_FRAME, .whole = apc_modbus_whole};
-    char to[512];
     struct modbus *m = calloc(1, sizeof(*m));
+    char to[512];
     int rc;
 
     if (!m)
@@ -632,12 +629,13 @@ static int modbus_open(struct apc_exchange **x, const char *uri, const struct ap
     m->found = calloc(APC_MODBUS_WRITTEN(options->nu), sizeof(*m->found));
     m->stands = calloc(options->nu, sizeof(*m->stands));
     m->wrote = calloc(options->nu, sizeof(*m->wrote));
-    rc = m->values && m->counts && m->read && m->found && m->stands && m->wrote
+    m->where = calloc(options->nu, sizeof(*m->where));
+    rc = m->values && m->counts && m->read && m->found && m->stands && m->wrote && m->where
              ? take_modbus_options(m, options, why)
              : apc_fail(why, APC_ENOMEM, "modbus: no memory");
     if (rc == 0) {
         (void)snprintf(to, sizeof(to), "tcp:%s", uri + strlen("modbus:"));
-        rc = apc_link_create(&m->link, to, &link, why);
+        rc = apc_modbus_line_open(&m->line, to, &m->x.error, why);
     }
     if (rc < 0) {
         modbus_close(&m->x);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What modbus.c and modbus_point.c share. Never installed. */
+/* What the files of Modbus share. Never installed. */
 #ifndef APC_MODBUS_H
 #define APC_MODBUS_H
 
@@ -59,6 +59,62 @@ int apc_modbus_take_u(struct apc_modbus_item **items, size_t *count, const struc
                       size_t nu, struct apc_error *why);
 int apc_modbus_take_y(struct apc_modbus_item **items, size_t *count, const struct apc_modbus_options *map,
                       size_t ny, struct apc_error *why);
+
+/* ---- modbus_line.c: the units behind one address, as a client asks them ------------------------- */
+
+#define APC_MODBUS_UNITS 256
+
+struct apc_modbus_station {
+    bool writes, reads;   /**< has outputs or watchdogs; has measurements or the sign of life */
+    bool outputs;         /**< has one of u */
+    bool last;            /**< it failed: it is asked behind the others */
+    bool asked, failed;   /**< in this exchange; failed and not asked: it pauses */
+    bool refuses;         /**< it failed and was not silent */
+    unsigned char single; /**< modbus.c's: what it is to be written one at a time */
+    unsigned late;        /**< requests on this connection to which a reply may still come */
+    apc_ns pause, ask_at; /**< of a silent one */
+};
+
+/** Zeroed at first. Who asks sets writes, reads and outputs of each unit once. */
+struct apc_modbus_line {
+    struct apc_link *link;
+    struct apc_error *error; /**< borrowed: text of what fails */
+    apc_ns deadline;         /**< of the exchange */
+    struct apc_modbus_station stations[APC_MODBUS_UNITS], *first;
+    unsigned left;        /**< units that have something to ask in this exchange: they share its time */
+    int rc;               /**< how the first of them failed in it, or 0 */
+    struct apc_error why; /**< its text; kept while a unit is silent */
+    bool sent;            /**< the last request has left */
+    uint16_t transaction;
+    uint64_t connects; /**< of the link, since which `late` is counted */
+    unsigned char frame[APC_MODBUS_FRAME];
+};
+
+/** [setup] As apc_link_create(). */
+int apc_modbus_line_open(struct apc_modbus_line *line, const char *to, struct apc_error *error,
+                         struct apc_error *why);
+void apc_modbus_line_close(struct apc_modbus_line *line);
+/** An exchange begins, within the line's deadline. @p all: also with units that pause. [tick] */
+void apc_modbus_line_begin(struct apc_modbus_line *line, bool all);
+/**
+ * The request of @p n bytes that stands behind the frame's header, to @p unit. Returns 0 with the reply's
+ * bytes behind its header, as many as @p expected, in @p reply; the number of an exception, 1 to 255; or a
+ * negative error. [tick]
+ */
+int apc_modbus_request(struct apc_modbus_line *line, unsigned unit, size_t n, size_t expected,
+                       const unsigned char **reply);
+/** @p what of the reply is @p is, and should be @p asked. Returns APC_EPROTO. [tick] */
+int apc_modbus_no_answer(struct apc_modbus_line *line, const char *what, unsigned is, unsigned asked);
+/** What the line's error says is of this unit: no more of it in this exchange. [tick] */
+void apc_modbus_line_fail(struct apc_modbus_line *line, struct apc_modbus_station *station, int rc);
+/** One of those that share the time has answered all. [tick] */
+void apc_modbus_line_done(struct apc_modbus_line *line);
+/** Are its outputs not written now, or perhaps not? [tick] */
+bool apc_modbus_out_of_reach(const struct apc_modbus_station *station);
+/** The exchange ends. Returns 0 if a unit answered all that it was asked, @p partly and the line's error if
+ * others did not; else how the first one failed. [tick] */
+int apc_modbus_line_settle(struct apc_modbus_line *line, bool *partly);
+
 /** Signs of life and outputs, in numbers: what is written. */
 #define APC_MODBUS_WRITTEN(nu) (2 * (nu) + 1)
 

@@ -6,6 +6,8 @@
  * and free to connect; not connected and pausing until `retry_at`. A failed connect and a refusal lead to
  * the third, every other failure to the second. So there is never a connection on which an old
  * reply could still come: that is what keeps a late answer from being taken for the next one's.
+ * Only where `late` tells late replies from others does the connection outlast a request without a reply;
+ * what comes for that one is dropped.
  *
  * The pause doubles from backoff_min to backoff_max and is multiplied by a random
  * factor in [0.5, 1], so that a hundred clients of a plant that restarts do not come back in step. A
@@ -31,6 +33,7 @@ struct apc_link {
     char *uri, *reply;
     struct apc_link_options options; /* no zeros left */
     bool connected, asked;           /* what was sent last has no reply yet */
+    size_t have;                     /* bytes of a reply that has not come whole */
     unsigned refused;                /* connections in a row that the peer closed without a reply */
     bool answered;                   /* a reply came on this connection */
     uint64_t connects;
@@ -175,25 +178,41 @@ static int reply_length(const struct apc_link *l, size_t have, size_t n)
     return newline ? (int)(newline + 1 - l->reply) : 0;
 }
 
+/* One whole reply that is not late. */
 static int receive_reply(struct apc_link *l, apc_ns deadline, struct apc_error *why)
 {
-    size_t have = 0;
-
-    while (have < l->options.frame_max) {
-        int length,
-            n = l->transport->receive(l->self, l->reply + have, l->options.frame_max - have, deadline, why);
+    while (l->have < l->options.frame_max) {
+        int length, n = l->transport->receive(l->self, l->reply + l->have, l->options.frame_max - l->have,
+                                              deadline, why);
         if (n < 0)
             return n;
-        have += (size_t)n;
-        length = reply_length(l, have, (size_t)n);
-        if (length == (int)have)
-            return length;
+        l->have += (size_t)n;
+        while ((length = reply_length(l, l->have, (size_t)n)) > 0 && (size_t)length <= l->have &&
+               l->options.late && l->options.late(l->options.late_ctx, l->reply, (size_t)length)) {
+            l->have -= (size_t)length;
+            memmove(l->reply, l->reply + length, l->have);
+            n = (int)l->have; /* the late one ended with what is new */
+        }
         if (length < 0)
             return apc_fail(why, APC_EPROTO, "what the peer sent is no reply");
-        if (length > 0 && (size_t)length < have)
+        if (length > 0 && (size_t)length < l->have)
             return apc_fail(why, APC_EPROTO, "the peer sent more than one reply");
+        if (length > 0 && (size_t)length == l->have) {
+            l->have = 0;
+            return length;
+        }
     }
     return apc_fail(why, APC_EPROTO, "the reply is longer than %zu bytes", l->options.frame_max);
+}
+
+/* May the next request go out on this connection? Not if a reply may still come, nor if the peer went away or
+ * spoke unasked. */
+static bool is_free(struct apc_link *l)
+{
+    struct apc_error why;
+
+    return !l->asked &&
+           (l->transport->quiet(l->self) || (l->options.late && receive_reply(l, 0, &why) == APC_ETIMEDOUT));
 }
 
 int apc_link_send(struct apc_link *l, const char *request, size_t length, apc_ns deadline)
@@ -203,8 +222,8 @@ int apc_link_send(struct apc_link *l, const char *request, size_t length, apc_ns
 
     if (!l || !request || length == 0)
         return APC_EINVAL;
-    if (l->connected && (l->asked || !l->transport->quiet(l->self)))
-        apc_link_reset(l); /* a reply may still come, or the peer went away, or spoke unasked */
+    if (l->connected && !is_free(l))
+        apc_link_reset(l);
     if (!l->connected) {
         result = connect_link(l, deadline);
         if (result < 0)
@@ -231,6 +250,10 @@ int apc_link_receive(struct apc_link *l, const char **reply, apc_ns deadline)
     if (!l->asked)
         return apc_fail(&l->error, APC_EINVAL, "link \"%s\": nothing was asked", l->uri);
     result = receive_reply(l, deadline, &why);
+    if (result == APC_ETIMEDOUT && l->options.late) {
+        l->asked = false;
+        return apc_fail(&l->error, result, "link \"%s\": %s", l->uri, why.text);
+    }
     if (result < 0)
         return fail_exchange(l, result, &why);
     l->asked = false;
@@ -260,6 +283,7 @@ void apc_link_reset(struct apc_link *l)
         return;
     l->transport->close(l->self);
     l->connected = l->asked = false;
+    l->have = 0;
 }
 
 bool apc_link_connected(const struct apc_link *l)

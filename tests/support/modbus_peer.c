@@ -97,7 +97,7 @@ static size_t answer(struct modbus_peer *p, const unsigned char *request, unsign
         memcpy(reply, p->script, p->script_length);
         memcpy(reply, request, p->script_length < 2 ? p->script_length : 2);
     }
-    return b == MODBUS_CLOSES ? 0 : 7 + n;
+    return 7 + n;
 }
 
 static bool receive(int fd, unsigned char *to, size_t n)
@@ -105,24 +105,46 @@ static bool receive(int fd, unsigned char *to, size_t n)
     return recv(fd, to, n, MSG_WAITALL) == (ssize_t)n;
 }
 
+/* What goes out: the reply of @n bytes with one that was held before it, or nothing yet. */
+static size_t hold_slow(struct modbus_peer *p, const unsigned char *request, unsigned char *reply, size_t n)
+{
+    if (p->silent && request[6] == p->silent)
+        return 0;
+    if (p->slow && request[6] == p->slow) {
+        memcpy(p->held, reply, n);
+        p->held_length = n;
+        return 0;
+    }
+    memmove(reply + p->held_length, reply, n);
+    memcpy(reply, p->held, p->held_length);
+    n += p->held_length;
+    p->held_length = 0;
+    return n;
+}
+
 static void serve(struct modbus_peer *p, int fd)
 {
-    unsigned char request[300], reply[300];
+    unsigned char request[300], reply[600];
 
     while (receive(fd, request, 7) && u16(request + 4) <= 254 &&
            receive(fd, request + 7, u16(request + 4) - (size_t)1)) {
         pthread_mutex_lock(&p->mutex);
         const bool late = p->behaviour == MODBUS_LATE, once = p->behaviour == MODBUS_ONCE,
                    pieces = p->behaviour == MODBUS_PIECES;
-        const size_t n = answer(p, request, reply);
+        const bool closes = p->behaviour == MODBUS_CLOSES || (p->lost && request[6] == p->lost);
+        const size_t answered = answer(p, request, reply), n = hold_slow(p, request, reply, answered);
         pthread_mutex_unlock(&p->mutex);
+        if (closes)
+            return;
+        if (n == 0)
+            continue;
         const size_t piece = pieces ? 1 : n;
         while (late && sem_wait(&p->released) < 0)
             ;
         for (size_t i = 0; i + piece < n; i += piece)
             if (send(fd, reply + i, piece, MSG_NOSIGNAL) < 0)
                 return;
-        if (n == 0 || send(fd, reply + n - piece, piece, MSG_NOSIGNAL) < 0 || once)
+        if (send(fd, reply + n - piece, piece, MSG_NOSIGNAL) < 0 || once)
             return;
     }
 }
@@ -137,6 +159,8 @@ static void *play(void *arg)
         pthread_mutex_lock(&p->mutex);
         const bool ends = p->ends;
         p->connection = fd;
+        p->accepted += fd >= 0;
+        p->held_length = 0;
         pthread_mutex_unlock(&p->mutex);
         if (!ends && fd >= 0)
             serve(p, fd);
@@ -179,6 +203,15 @@ void modbus_peer_stop(struct modbus_peer *p)
     close(p->listener);
     sem_destroy(&p->released);
     pthread_mutex_destroy(&p->mutex);
+}
+
+void modbus_peer_release(struct modbus_peer *p, size_t n)
+{
+    pthread_mutex_lock(&p->mutex);
+    assert_int_equal(send(p->connection, p->held, n, MSG_NOSIGNAL), n);
+    p->held_length -= n;
+    memmove(p->held, p->held + n, p->held_length);
+    pthread_mutex_unlock(&p->mutex);
 }
 
 void modbus_peer_behave(struct modbus_peer *p, enum modbus_behaviour behaviour)

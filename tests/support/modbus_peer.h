@@ -35,18 +35,25 @@ struct modbus_peer {
     unsigned of[256];              /* by unit */
     unsigned busy;                 /* so many are answered by exception 6 before one is served */
     unsigned absent;               /* unit that a gateway does not reach: exception 11; 0: none */
+    unsigned silent;               /* unit that takes a request and never answers */
+    unsigned slow;                 /* unit whose reply comes with that to the next request */
+    unsigned lost;                 /* unit for whose requests the connection is closed */
+    unsigned accepted;             /* connections */
     uint32_t unknown;              /* functions that it does not know, as bits */
     unsigned most;                 /* registers that it gives in one reply; 0: as many as there is room for */
     uint16_t holding[65536], input[65536];
     bool coil[65536], discrete[65536];
     unsigned char script[300];
-    size_t script_length;
+    size_t script_length, held_length;
+    unsigned char held[300]; /* the reply of the slow one */
     int connection;
     bool ends;
 };
 
 void modbus_peer_start(struct modbus_peer *p);
 void modbus_peer_stop(struct modbus_peer *p);
+/* So many bytes of the reply that it holds go out now. */
+void modbus_peer_release(struct modbus_peer *p, size_t n);
 void modbus_peer_behave(struct modbus_peer *p, enum modbus_behaviour behaviour);
 
 #endif

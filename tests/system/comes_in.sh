@@ -14,6 +14,7 @@ habits() { # WHAT: what the puppet calls what a row begins with
     'Bad') echo Bad ;;
     'Uncertain') echo Uncertain ;;
     'an error instead of an answer') echo refused ;;
+    'no answer') echo silent ;;
     'a value at rest'*) echo rest ;;
     'a source time at rest'*) echo repeated ;;
     'a source time an hour ahead') echo ahead ;;

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A plant of one measurement that gives whatever the moment asks for: puppet.py LINK HABIT_FILE, LINK tcp:PORT,
-modbus:PORT, opcua:PORT (with the package asyncua; ns=2;s=y, ns=2;s=u) or serial:PATH, a pseudo-terminal of that name.
+modbus:PORT, gateway:PORT (Modbus: only unit 2 has the habit), opcua:PORT (with the package asyncua; ns=2;s=y, ns=2;s=u) or serial:PATH, a pseudo-terminal of that name.
 
 The habit is read with each request. "well" is a value that moves a little around 10, of now.
 """
@@ -53,6 +53,8 @@ def frames(c):
     for line in c.makefile("r"):
         number = int(line.split(" ")[2])
         now = habit()
+        if now == "silent":
+            continue
         with lock:
             t, status, value = measured(now)
         n = 2 if now == "more" else 1
@@ -77,13 +79,15 @@ def serve(port, handle):
             threading.Thread(target=one, daemon=True).start()
 
 
-def registers(c):
-    """Input 0 and 1: y, float32. Holding 0 and 1: u."""
+def registers(c, units=range(256)):
+    """Input 0 and 1: y, float32. Holding 0 and 1: u. Other than these @p units are well."""
     stream = c.makefile("rb")
     while header := stream.read(7):
         number, _, length, unit = struct.unpack(">HHHB", header)
         request = stream.read(length - 1)
-        now = habit()
+        now = habit() if unit in units else "well"
+        if now == "silent":
+            continue
         with lock:
             value = -9999.0 if now == "code" else measured(now)[2]
         if now == "refused":
@@ -105,6 +109,8 @@ def lines(path):
     for line in os.fdopen(os.dup(ours), "rb", buffering=0):
         word, *rest = line.decode().split() or [""]
         now = habit()
+        if now == "silent":
+            continue
         answer = {"VER": "TCLab", "T1": "?" if now == "refused" else str(measured(now)[2])}.get(word, rest[0] if rest else "0")
         os.write(ours, ((answer + "\r\n") * (2 if now == "twice" else 1)).encode())
 
@@ -125,7 +131,8 @@ async def nodes(port):
 
     def read(node, attribute):
         nonlocal last
-        now = habit()
+        while (now := habit()) == "silent":
+            time.sleep(0.01)
         t, status, value = measured(now)
         if last is None or now != "rest":
             when = datetime.datetime.fromtimestamp(t, datetime.timezone.utc).replace(tzinfo=None)
@@ -147,4 +154,4 @@ elif kind == "opcua":
 
     asyncio.run(nodes(int(where)))
 else:
-    serve(int(where), frames if kind == "tcp" else registers)
+    serve(int(where), {"tcp": frames, "modbus": registers, "gateway": lambda c: registers(c, [2])}[kind])

@@ -479,6 +479,195 @@ static void a_device_that_its_gateway_does_not_reach_leaves_the_others(void **st
     end(b);
 }
 
+/* ---- One of several units does not answer ----------------------------------------------------- */
+
+/* Outputs 0, 1 and 2, and measurements of the same registers, in units 1, 7 and 9. */
+enum { UNITS = 3 };
+static const unsigned UNIT[UNITS] = {1, 7, 9};
+
+static struct bench *start_units(struct apc_modbus_options o)
+{
+    static struct apc_modbus_point points[UNITS];
+    for (unsigned i = 0; i < UNITS; i++) {
+        points[i] = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 10 * i);
+        points[i].unit = UNIT[i];
+        points[i].safe = 99;
+    }
+    o.u = o.y = points;
+    return start(UNITS, UNITS, o);
+}
+
+/* Whoever is silent takes its share of that. */
+static int exchange_soon(struct bench *b, const struct apc_value *u, struct apc_value *y)
+{
+    meet(b);
+    int rc = apc_exchange_begin(b->x, u, apc_clock_mono(NULL) + 2 * APC_NS_PER_S);
+    if (rc == 0)
+        rc = apc_exchange_finish(b->x, y);
+    meet(b);
+    return rc;
+}
+
+static void command_all(struct apc_value *u, int value)
+{
+    for (size_t i = 0; i < UNITS; i++)
+        u[i] = (struct apc_value){.value = value};
+}
+
+/* All but unit 7 have what they were given. */
+static void only_the_second_is_missing(struct bench *b, const struct apc_value *u, const struct apc_value *y)
+{
+    for (size_t i = 0; i < UNITS; i += 2) {
+        assert_int_equal(y[i].status, APC_GOOD);
+        assert_near(y[i].value, u[i].value, 0);
+        assert_int_equal(b->peer.holding[10 * i], (int)u[i].value);
+    }
+    assert_int_equal(y[1].status, APC_BAD_NO_COMMUNICATION);
+    assert_near(y[1].value, 0, 0);
+    assert_true(y[1].time > 0);
+    assert_false(apc_exchange_taken(b->x));
+    assert_non_null(strstr(apc_exchange_error(b->x), "unit 7: "));
+}
+
+/* Until it is asked no more in each exchange. Returns what was written last. */
+static int until_it_pauses(struct bench *b)
+{
+    struct apc_value u[UNITS], y[UNITS];
+    int value = 0;
+    unsigned before;
+    do {
+        command_all(u, ++value);
+        before = b->peer.of[7];
+        assert_int_equal(exchange_soon(b, u, y), 0);
+        only_the_second_is_missing(b, u, y);
+    } while (b->peer.of[7] > before);
+    return value;
+}
+
+/* Until all that unit 7 has is there again. */
+static void until_it_is_back(struct bench *b)
+{
+    const apc_ns until = apc_clock_mono(NULL) + PATIENCE;
+    struct apc_value u[UNITS], y[UNITS];
+    command_all(u, 1000);
+    do
+        assert_int_equal(exchange(b, u, y), 0);
+    while (y[1].status != APC_GOOD && apc_clock_mono(NULL) < until);
+    assert_int_equal(y[1].status, APC_GOOD);
+    assert_near(y[1].value, 1000, 0);
+    assert_true(apc_exchange_taken(b->x));
+    assert_string_equal(apc_exchange_error(b->x), "");
+}
+
+/*
+ * Promise(links/modbus-unit-silent): A Modbus unit that does not answer costs only its own values: the others
+ *   are read and written in the same exchange, and it is asked seldom.
+ */
+static void a_silent_unit_costs_its_own_values_only(void **state)
+{
+    struct bench *b = start_units((struct apc_modbus_options){0});
+    (void)state;
+    b->peer.silent = 7;
+    (void)until_it_pauses(b);
+    assert_int_equal(b->peer.accepted, 1);
+    b->peer.silent = 0;
+    until_it_is_back(b);
+    end(b);
+}
+
+/* Promise(links/modbus-unit-silent) */
+static void a_late_reply_is_dropped_by_its_number(void **state)
+{
+    struct bench *b = start_units((struct apc_modbus_options){0});
+    (void)state;
+    b->peer.slow = 7;
+    b->peer.holding[10] = 4711; /* in its late replies */
+    (void)until_it_pauses(b);
+    for (int whole = 0; whole < 2; whole++) {
+        struct apc_value u[UNITS], y[UNITS];
+        command_all(u, 2000 + whole);
+        while (b->peer.held_length == 0) { /* until it is asked again, behind the others */
+            assert_int_equal(exchange_soon(b, u, y), 0);
+            only_the_second_is_missing(b, u, y);
+        }
+        modbus_peer_release(&b->peer, whole ? b->peer.held_length : 5);
+        assert_int_equal(exchange_soon(b, u, y), 0);
+        only_the_second_is_missing(b, u, y);
+    }
+    assert_int_equal(b->peer.accepted, 1);
+    b->peer.slow = 0;
+    until_it_is_back(b);
+    end(b);
+}
+
+/* A gateway may close the connection for one, or say that it does not reach it; the one may be the first. */
+/* Promise(links/modbus-unit-silent) */
+static void a_unit_for_which_its_gateway_hangs_up_costs_no_other(void **state)
+{
+    (void)state;
+    for (int says = 0; says < 2; says++) {
+        struct apc_value u[UNITS], y[UNITS];
+        struct bench *b = start_units((struct apc_modbus_options){0});
+        command_all(u, 3);
+        b->peer.lost = says ? 0 : 1;
+        b->peer.absent = says ? 1 : 0;
+        while (exchange(b, u, y) < 0) /* nobody knows yet who is to blame */
+            assert_int_equal(says, 0);
+        assert_int_equal(y[0].status, APC_BAD_NO_COMMUNICATION);
+        for (size_t i = 1; i < UNITS; i++) {
+            assert_int_equal(y[i].status, APC_GOOD);
+            assert_near(y[i].value, 3, 0);
+        }
+        assert_false(apc_exchange_taken(b->x));
+        assert_non_null(strstr(apc_exchange_error(b->x), "unit 1: "));
+        end(b);
+    }
+}
+
+/* Promise(links/modbus-unit-silent) */
+static void a_watchdog_waits_for_outputs_of_a_silent_unit(void **state)
+{
+    struct apc_modbus_point all = point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 100),
+                            own[UNITS] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 101),
+                                          point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 102)};
+    struct apc_value u[UNITS], y[UNITS];
+    (void)state;
+    all.unit = own[0].unit = own[1].unit = 9;
+    struct bench *b = start_units((struct apc_modbus_options){.watchdog = &all, .watchdogs = own});
+    command_all(u, 1);
+    assert_int_equal(exchange(b, u, y), 0);
+    assert_int_equal(b->peer.holding[100], 1);
+    b->peer.silent = 7;
+    const int exchanges = until_it_pauses(b);
+    assert_int_equal(b->peer.holding[100], 1);
+    assert_int_equal(b->peer.holding[101], 1 + exchanges);
+    assert_int_equal(b->peer.holding[102], 1);
+    b->peer.silent = 0;
+    until_it_is_back(b);
+    assert_int_equal(exchange(b, u, y), 0);
+    assert_true(b->peer.holding[100] > 1);
+    assert_true(b->peer.holding[102] > 1);
+    end(b);
+}
+
+/* Promise(links/modbus-unit-silent) */
+static void a_silent_unit_keeps_no_other_from_its_safe_values(void **state)
+{
+    struct apc_value u[UNITS], y[UNITS];
+    struct bench *b = start_units((struct apc_modbus_options){0});
+    (void)state;
+    command_all(u, 5);
+    assert_int_equal(exchange(b, u, y), 0);
+    meet(b);
+    b->peer.silent = 7;
+    assert_int_equal(apc_exchange_safe(b->x, NULL, apc_clock_mono(NULL) + APC_NS_PER_S), APC_ETIMEDOUT);
+    meet(b);
+    assert_non_null(strstr(apc_exchange_error(b->x), "unit 7: "));
+    for (size_t i = 0; i < UNITS; i += 2)
+        assert_int_equal(b->peer.holding[10 * i], 99);
+    end(b);
+}
+
 /* TCP has bytes and no pieces: a reply may come in any. */
 static void a_reply_may_come_in_pieces(void **state)
 {
@@ -952,6 +1141,11 @@ int main(void)
         cmocka_unit_test(a_request_has_no_more_registers_than_a_block),
         cmocka_unit_test(a_map_may_name_several_units),
         cmocka_unit_test(a_device_that_its_gateway_does_not_reach_leaves_the_others),
+        cmocka_unit_test(a_silent_unit_costs_its_own_values_only),
+        cmocka_unit_test(a_late_reply_is_dropped_by_its_number),
+        cmocka_unit_test(a_unit_for_which_its_gateway_hangs_up_costs_no_other),
+        cmocka_unit_test(a_watchdog_waits_for_outputs_of_a_silent_unit),
+        cmocka_unit_test(a_silent_unit_keeps_no_other_from_its_safe_values),
         cmocka_unit_test(a_reply_may_come_in_pieces),
         cmocka_unit_test(a_bit_of_a_register_is_read_and_written_by_itself),
         cmocka_unit_test(a_code_for_no_value_is_none),
