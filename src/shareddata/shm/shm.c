@@ -240,7 +240,7 @@ static int shm_wait_newer(struct apc_store *store, const struct apc_sample *seen
             return err;
         }
         struct apc_shm_header *h = shm->header;
-        const uint32_t tick = atomic_load_explicit(&h->tick, memory_order_seq_cst);
+        const uint32_t tick = atomic_load_explicit(&h->tick, memory_order_acquire);
         if (shm_any_newer(shm, seen, n)) {
             return 1;
         }
@@ -250,7 +250,8 @@ static int shm_wait_newer(struct apc_store *store, const struct apc_sample *seen
         }
         left = left < SLICE ? left : SLICE;
         const struct timespec slice = {.tv_nsec = (long)left};
-        atomic_store_explicit(&h->waiting, tick, memory_order_seq_cst);
+        atomic_store_explicit(&h->waiting, tick, memory_order_relaxed);
+        atomic_thread_fence(memory_order_seq_cst); /* and only then the futex looks at the tick */
         syscall(SYS_futex, &h->tick, FUTEX_WAIT, tick, &slice, NULL, 0);
     }
 }

@@ -38,6 +38,8 @@
  * after APC_SHM_TRIES it takes each sample by itself, whole and newest, but maybe not of one moment.
  *
  * Shared words are atomic and relaxed where a mark guards them, so that there is no data race in C's sense.
+ * The index, and marks of cells and records, are relaxed as well: a reader of generation g looks for nothing
+ * that was not there before g, which it has acquired. A mark tells it only what was overwritten since.
  */
 #ifndef APC_SHM_H
 #define APC_SHM_H
@@ -228,11 +230,12 @@ static inline void apc_words_put(apc_word *to, const void *from, size_t n)
 }
 
 /** Which of two versions is the current one of generation @p g: 0 or 1, -1: none, -2: both are newer. *@p was
- * is its mark: who holds no lock sees after reading whether it still is, apc_shm_unchanged(). */
+ * is its mark: who holds no lock sees after reading whether it still is, apc_shm_unchanged(). Who sees the first
+ * go has to see how the second fared. */
 static inline int apc_shm_current(const apc_word mark[2], uint64_t g, uint64_t *was)
 {
     uint64_t a = atomic_load_explicit(&mark[0], memory_order_acquire);
-    uint64_t b = atomic_load_explicit(&mark[1], memory_order_acquire);
+    uint64_t b = atomic_load_explicit(&mark[1], memory_order_relaxed);
     if (a > g) {
         a = 0;
         if (b > g) {

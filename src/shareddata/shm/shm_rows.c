@@ -20,7 +20,7 @@ static int no_memory_for_rows(struct apc_shm *shm, uint64_t rows)
 /* A row of a ring; false when it has been overwritten. */
 static bool load_cell(const struct apc_shm_cell *cell, uint64_t ordinal, uint64_t words[8])
 {
-    if (!cell || atomic_load_explicit(&cell->mark, memory_order_acquire) != ordinal + 1) {
+    if (!cell || apc_word_get(&cell->mark) != ordinal + 1) {
         return false;
     }
     apc_words_get(words, &cell->mark, 8);
@@ -195,7 +195,7 @@ static int load_counters(struct apc_shm *shm, struct apc_shm_counters *c)
 static bool load_log_record(const struct apc_shm_log *log, uint64_t ordinal, void *out, size_t words)
 {
     const apc_word *at = log->record + (size_t)(ordinal % log->capacity) * log->words;
-    if (atomic_load_explicit(at, memory_order_acquire) != ordinal + 1) {
+    if (apc_word_get(at) != ordinal + 1) {
         return false;
     }
     apc_words_get(out, at + 1, words);

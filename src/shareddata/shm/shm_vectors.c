@@ -83,7 +83,7 @@ uint64_t apc_shm_width(size_t elements)
 /* The row's words up to its first @p room elements; false when it has been overwritten. */
 static bool load_vector_row(const apc_word *row, uint64_t ordinal, uint64_t shift, struct apc_vector *out)
 {
-    if (!row || atomic_load_explicit(row, memory_order_acquire) != ordinal + 1) {
+    if (!row || apc_word_get(row) != ordinal + 1) {
         return false;
     }
     const uint64_t status = apc_word_get(&row[3]), n = status >> 32;
@@ -151,7 +151,7 @@ static apc_word *begin_vector_row(struct apc_shm_write *w, struct ring *r, uint6
 
 static void end_row(struct ring *r, apc_word *row)
 {
-    atomic_store_explicit(&row[0], ++r->head, memory_order_release);
+    apc_word_put(&row[0], ++r->head);
     const uint64_t shown = apc_shm_shown(apc_shm_capacity(r->extents));
     r->kept = r->kept < shown ? r->kept + 1 : shown;
 }

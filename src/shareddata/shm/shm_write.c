@@ -223,7 +223,7 @@ static _Atomic uint32_t *shm_index_place(const struct apc_shm *shm, uint64_t key
     const size_t mask = shm->index_size - 1;
     size_t i = (size_t)(key * UINT64_C(0x9E3779B97F4A7C15) >> 32) & mask;
     for (size_t tries = 0; tries <= mask; tries++, i = (i + 1) & mask) {
-        uint32_t number = atomic_load_explicit(&shm->index[i], memory_order_acquire);
+        uint32_t number = atomic_load_explicit(&shm->index[i], memory_order_relaxed);
         if (number == 0 || (number <= shm->variables && apc_word_get(&shm->slot[number - 1].key) == key)) {
             return &shm->index[i];
         }
@@ -270,7 +270,7 @@ static struct apc_shm_slot *add_slot(struct apc_shm_write *w, uint64_t key)
     apc_word_put(&slot->mark[1], 0);
     atomic_store_explicit(&slot->owner, 0, memory_order_relaxed);
     apc_word_put(&slot->key, key);
-    atomic_store_explicit(at, (uint32_t)(number + 1), memory_order_release);
+    atomic_store_explicit(at, (uint32_t)(number + 1), memory_order_relaxed);
     return slot;
 }
 
@@ -378,7 +378,7 @@ static int put_sample_cell(struct apc_shm_write *w, struct apc_shm_slot *slot, s
     apc_word_put(&cell->mark, 0);
     atomic_thread_fence(memory_order_release);
     put_words(cell, s);
-    atomic_store_explicit(&cell->mark, ++v->head, memory_order_release);
+    apc_word_put(&cell->mark, ++v->head);
     __builtin_prefetch(cell + 1, 1); /* the next one's: it has long gone from the caches */
     const uint64_t shown = apc_shm_shown(apc_shm_capacity(v->extents));
     v->kept = v->kept < shown ? v->kept + 1 : shown;
@@ -435,7 +435,7 @@ void apc_shm_write_record(struct apc_shm_write *w, enum apc_shm_log_name name, c
     atomic_thread_fence(memory_order_release);
     apc_word_put(&at[1], arrival);
     apc_words_put(&at[2], record, words);
-    atomic_store_explicit(&at[0], ++ends->head, memory_order_release);
+    apc_word_put(&at[0], ++ends->head);
     const uint64_t shown = apc_shm_shown(log->capacity);
     ends->kept = ends->kept < shown ? ends->kept + 1 : shown;
 }
