@@ -257,6 +257,9 @@ APC_API bool apc_plantserver_input(const struct apc_plantserver *server, double 
 /** What the plant itself put out at the last tick at which it could be solved, before sensors made of it what
  * they show: [ny], the server's own. [tick] */
 APC_API const double *apc_plantserver_output(const struct apc_plantserver *server);
+/** The oldest time, UTC, of the measurements as they stand, which no reply from now on goes behind while the
+ * clock does not step back; 0: not all have been taken yet. [tick] */
+APC_API apc_ns apc_plantserver_oldest(const struct apc_plantserver *server);
 
 /* ---- Client ------------------------------------------------------------------------------- */
 

@@ -544,6 +544,15 @@ const double *apc_plantserver_output(const struct apc_plantserver *server)
     return server->output;
 }
 
+apc_ns apc_plantserver_oldest(const struct apc_plantserver *server)
+{
+    apc_ns oldest = server->time[0];
+
+    for (size_t i = 1; i < server->ny; i++)
+        oldest = server->time[i] < oldest ? server->time[i] : oldest;
+    return oldest;
+}
+
 const struct apc_watchdog *apc_plantserver_watchdog(const struct apc_plantserver *server)
 {
     return &server->watchdog;

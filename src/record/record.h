@@ -46,8 +46,11 @@ int samples_collect_operation(struct samples *samples, struct apc_store *store, 
 /* The numbers that laws published: in the range only, by time. */
 int samples_collect_published(struct samples *samples, struct apc_store *store, const struct experiment *e,
                               const struct apc_range *range);
+/* After those that @s has, in their order. Returns 0 or APC_ENOMEM. */
+int samples_append(struct samples *s, const struct samples *more);
 /* With the header; times in seconds since @start. */
 void samples_write(const struct samples *s, apc_ns start, FILE *out);
+void samples_write_rows(const struct samples *s, apc_ns start, FILE *out); /* without it */
 
 /* ---- Ticks ---------------------------------------------------------------------------------- */
 

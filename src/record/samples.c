@@ -23,6 +23,14 @@ int samples_add(struct samples *s, const struct apc_sample *sample)
     return 0;
 }
 
+int samples_append(struct samples *s, const struct samples *more)
+{
+    int rc = 0;
+    for (size_t i = 0; i < more->n && rc == 0; i++)
+        rc = samples_add(s, &more->at[i]);
+    return rc;
+}
+
 void samples_free(struct samples *s)
 {
     free(s->at);
@@ -146,6 +154,11 @@ int samples_collect_published(struct samples *samples, struct apc_store *store, 
 void samples_write(const struct samples *s, apc_ns start, FILE *out)
 {
     fputs(HEADER "\n", out);
+    samples_write_rows(s, start, out);
+}
+
+void samples_write_rows(const struct samples *s, apc_ns start, FILE *out)
+{
     for (size_t i = 0; i < s->n; i++) {
         const struct apc_sample *at = &s->at[i];
         char status[APC_STATUS_NAME_LEN], value[40];

@@ -92,6 +92,7 @@ struct apc_store_ops {
     int (*count_from)(struct apc_store *store, int64_t first); /* NULL: it cannot be told to */
     int (*init)(struct apc_store *store);
     int (*maintain)(struct apc_store *store, const struct apc_retention *keep);
+    int64_t (*forget)(struct apc_store *store, apc_ns before); /* NULL: it keeps all that is not old */
     int (*room)(struct apc_store *store, struct apc_store_room *room);  /* NULL: it has no fixed one */
     int (*plants)(struct apc_store *store, apc_plant_fn fn, void *ctx); /* NULL: it is of one plant */
     int (*restore)(struct apc_store *store, const char *from, char *kept, size_t size);

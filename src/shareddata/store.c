@@ -583,6 +583,15 @@ int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep
     return err ? err : store->ops->maintain(store, &k);
 }
 
+int64_t apc_store_forget(struct apc_store *store, apc_ns before)
+{
+    int err = apc_store_enter(store, NULL, 0);
+    if (!err && !store->ops->forget) {
+        err = apc_fail(&store->why, APC_EINVAL, "only mem: forgets rows before they are old");
+    }
+    return err ? err : store->ops->forget(store, before);
+}
+
 int apc_store_restore(struct apc_store *store, const char *from, char *kept, size_t size)
 {
     int err = apc_store_enter(store, NULL, 0);

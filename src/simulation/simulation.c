@@ -194,6 +194,7 @@ static void plant_finish(void *ctx)
     char state[300];
     int rc = apc_plantserver_tick(s->server, s->plant_now, &notice);
 
+    s->answered = s->plant_now.utc < s->answered ? s->plant_now.utc : s->answered;
     tell_notice(s, "apc-plant", &notice);
     s->trajectory.diverged = rc < 0 || diverged(s);
     if (rc < 0) {
@@ -270,8 +271,10 @@ static void client_finish(void *ctx)
     struct simulation *s = ctx;
     apc_ns now = apc_clock_mono(s->clock);
     int rc = apc_exchange_begin(s->exchange, s->command, now + module_patience(s->e));
-    if (rc == 0)
+    if (rc == 0) {
         s->sent_at = now;
+        s->answered = apc_plantserver_oldest(s->server);
+    }
     s->in_vain += rc == APC_EBUSY;
     if (rc == APC_EBUSY) /* its execution time has eaten the patience of the one before */
         report_link(s, true, apc_exchange_error(s->exchange));

@@ -64,6 +64,7 @@ struct simulation {
     struct apc_sample *u, *y, *memory;
     struct apc_value *command, *answer; /* of the exchange that is under way */
     struct apc_now plant_now;
+    apc_ns answered; /* UTC: the exchange that began last brings nothing older */
     struct clock_step *clock_steps;
     struct action_step *action_steps;
     const struct action *call; /* what simulation_operate() does */
@@ -108,6 +109,13 @@ int simulation_create_after(struct simulation *s, const struct experiment *e, ui
  */
 int simulation_run(struct simulation *s, double until);
 void simulation_interrupt(struct simulation *s);
+/*
+ * The same, and what is final of its samples goes to @take (NULL: nobody wants them) as it goes on, piece by
+ * piece in the order of samples.csv, and out of its store; also the rest, whatever ended it. The store keeps
+ * the newest of each variable, what people and alarms did, and events. @take returns 0 or a negative error.
+ */
+typedef int simulation_take_fn(void *ctx, const struct samples *rows);
+int simulation_stream(struct simulation *s, double until, simulation_take_fn *take, void *ctx);
 /*
  * From now on the experiment is @p e, of which those actions happen that are to come; the one before must
  * have had none to come. Both have to outlive the simulation. Controllers that are others go on as daemons do

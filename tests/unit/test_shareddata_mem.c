@@ -254,6 +254,48 @@ static void test_ticks_allocate_nothing_but_the_doubling_of_what_is_full(void **
     apc_store_close(store);
 }
 
+static int count_older(void *ctx, const struct apc_sample *row)
+{
+    int *n = ctx;
+    *n += row->time < 5000;
+    return 0;
+}
+
+static void test_what_is_forgotten_has_gone_but_the_newest_and_does_not_come_back(void **state)
+{
+    struct apc_store *store = open_store("mem:");
+    struct apc_sample s = {.table = APC_ACTUATOR, .id = 1, .seq = 1, .time = 1000};
+    struct apc_sample alarm = {.table = APC_ALARM, .id = 1, .seq = 1, .time = 1000};
+    double value[2] = {0};
+    struct apc_vector tick = {.table = APC_TICK, .id = 1, .n = 2, .value = value};
+    const struct apc_rows rows = {.size = sizeof rows, .vector = &tick, .n_vectors = 1};
+    int older = 0;
+    (void)state;
+    assert_int_equal(apc_store_init(store), 0);
+    assert_int_equal(apc_store_append(store, &s, 1), 1); /* the only one */
+    for (int i = 1; i <= 9; i++) {
+        s = sample(1, i);
+        s.time = tick.time = alarm.time = i * 1000;
+        tick.seq = alarm.seq = i;
+        assert_int_equal(apc_store_append(store, &s, 1), 1);
+        assert_int_equal(apc_store_append(store, &alarm, 1), 1);
+        assert_int_equal(apc_store_append_rows(store, &rows), 1);
+    }
+    assert_int_equal(apc_store_forget(store, 5000), 8);
+    assert_int_equal(apc_store_forget(store, 5000), 0);
+    assert_int_equal(apc_store_history(store, APC_SENSOR, 1, NULL, count_older, &older), 5);
+    assert_int_equal(apc_store_history(store, APC_ACTUATOR, 1, NULL, count_older, &older), 1);
+    assert_int_equal(apc_store_history(store, APC_ALARM, 1, NULL, count_older, &older), 9);
+    assert_int_equal(older, 5);
+    s = sample(1, 10);
+    s.time = 4999;
+    assert_int_equal(apc_store_append(store, &s, 1), APC_ESTATE);
+    assert_non_null(strstr(apc_store_error(store), "sensor 1"));
+    s.time = 5000;
+    assert_int_equal(apc_store_append(store, &s, 1), 1);
+    apc_store_close(store);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -263,6 +305,7 @@ int main(void)
         cmocka_unit_test(test_a_store_of_no_kind_is_named_without_what_may_be_secret),
         cmocka_unit_test(test_a_name_too_long_is_refused),
         cmocka_unit_test(test_no_byte_of_a_tag_is_anything_but_of_a_character),
+        cmocka_unit_test(test_what_is_forgotten_has_gone_but_the_newest_and_does_not_come_back),
         cmocka_unit_test(test_any_allocation_may_fail_and_nothing_is_half_done),
         cmocka_unit_test(test_ticks_allocate_nothing_but_the_doubling_of_what_is_full),
     };

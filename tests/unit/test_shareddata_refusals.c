@@ -601,6 +601,7 @@ static void test_what_is_kept_is_kept_for_a_while(void **state)
         *(i == 0 ? &keep.samples : i == 1 ? &keep.events : i == 2 ? &keep.timing : &keep.ticks) = -1;
         refused(apc_store_maintain(&store, &keep), "a time to keep must not be negative");
     }
+    refused(apc_store_forget(&store, 1), "only mem: forgets rows before they are old");
     const struct apc_retention keep = {.size = 3};
     refused(apc_store_maintain(&store, &keep), "apc_retention: size is 3: set it to sizeof the struct");
 }

@@ -189,12 +189,15 @@ static int check_outputs(const struct simulate *r)
 
 /* ---- The samples -------------------------------------------------------------------------- */
 
-/* What is written goes into the hash and, where they were asked for, on to a file: a long run's text is never
- * in memory as a whole. */
+/* What is written goes into the hash and, where they were asked for, on to a file, as the run goes on: its
+ * samples are never in memory as a whole, but where they are compared with others. */
 struct sink {
+    struct simulate *of;
     EVP_MD_CTX *digest;
-    FILE *out;  /* NULL: nobody asked */
-    int failed; /* the errno of writing there */
+    FILE *in;
+    FILE *out;   /* NULL: nobody asked */
+    int failed;  /* the errno of writing there */
+    apc_ns took; /* to write, not to simulate */
 };
 
 static ssize_t pour(void *ctx, const char *text, size_t size)
@@ -203,6 +206,34 @@ static ssize_t pour(void *ctx, const char *text, size_t size)
     if (sink->out && !sink->failed && fwrite(text, 1, size, sink->out) != size)
         sink->failed = errno;
     return EVP_DigestUpdate(sink->digest, text, size) == 1 ? (ssize_t)size : 0;
+}
+
+static int open_sink(struct simulate *r, struct sink *sink)
+{
+    const char *path = r->options.csv;
+    *sink = (struct sink){.of = r, .digest = EVP_MD_CTX_new()};
+    sink->in = sink->digest && EVP_DigestInit_ex(sink->digest, EVP_sha256(), NULL) == 1
+                   ? fopencookie(sink, "w", (cookie_io_functions_t){.write = pour})
+                   : NULL;
+    if (!sink->in) {
+        EVP_MD_CTX_free(sink->digest);
+        return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
+    }
+    sink->out = path && !strcmp(path, "-") ? stdout : path ? fopen(path, "we") : NULL;
+    sink->failed = path && !sink->out ? errno : 0;
+    samples_write(&(struct samples){0}, SIMULATION_BEGIN, sink->in); /* the header */
+    return 0;
+}
+
+static int put_simulated_samples(void *ctx, const struct samples *rows)
+{
+    struct sink *sink = ctx;
+    const struct simulate_options *o = &sink->of->options;
+    const apc_ns began = apc_clock_mono(NULL);
+    samples_write_rows(rows, SIMULATION_BEGIN, sink->in);
+    const int rc = o->compare || o->from.dir[0] ? samples_append(&sink->of->samples, rows) : 0;
+    sink->took += apc_clock_mono(NULL) - began;
+    return rc;
 }
 
 static void print_hash(struct simulate *r, EVP_MD_CTX *digest)
@@ -216,30 +247,17 @@ static void print_hash(struct simulate *r, EVP_MD_CTX *digest)
     fprintf(r->talk, "sha256:  %s\n", r->hash);
 }
 
-/* Also of a run that ended early. */
-static int put_simulated_samples(struct simulate *r)
+static int close_sink(struct simulate *r, struct sink *sink)
 {
     const char *path = r->options.csv;
-    const bool to_stdout = path && !strcmp(path, "-");
-    struct sink sink = {.digest = EVP_MD_CTX_new()};
-    FILE *in = sink.digest && EVP_DigestInit_ex(sink.digest, EVP_sha256(), NULL) == 1
-                   ? fopencookie(&sink, "w", (cookie_io_functions_t){.write = pour})
-                   : NULL;
-    if (!in) {
-        EVP_MD_CTX_free(sink.digest);
-        return cli_error(&r->cli, APC_ENOMEM, "out of memory"), APC_ENOMEM;
-    }
-    sink.out = to_stdout ? stdout : path ? fopen(path, "we") : NULL;
-    sink.failed = path && !sink.out ? errno : 0;
-    samples_write(&r->samples, SIMULATION_BEGIN, in);
-    if (fclose(in) == 0)
-        print_hash(r, sink.digest);
-    EVP_MD_CTX_free(sink.digest);
-    if (sink.out && (to_stdout ? fflush(stdout) : fclose(sink.out)) != 0 && !sink.failed)
-        sink.failed = errno;
-    if (sink.failed)
-        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(sink.failed));
-    return sink.failed ? APC_ESYS : 0;
+    if (fclose(sink->in) == 0)
+        print_hash(r, sink->digest);
+    EVP_MD_CTX_free(sink->digest);
+    if (sink->out && (sink->out == stdout ? fflush(stdout) : fclose(sink->out)) != 0 && !sink->failed)
+        sink->failed = errno;
+    if (sink->failed)
+        cli_error(&r->cli, APC_ESYS, "%s: cannot be written: %s", path, strerror(sink->failed));
+    return sink->failed ? APC_ESYS : 0;
 }
 
 /* ---- One run ------------------------------------------------------------------------------ */
@@ -477,6 +495,20 @@ static void catch_simulate_signals(void)
     sigaction(SIGTERM, &action, NULL);
 }
 
+/* The run folder is made of the store, which keeps all. */
+static int run_for_report(struct simulate *r, struct sink *sink)
+{
+    struct samples all = {0};
+    const int ended = simulation_run(&r->s, r->e.duration);
+    int rc = samples_collect(&all, r->s.store, &r->e, NULL);
+    if (rc < 0)
+        apc_fail(&r->s.why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(r->s.store));
+    else
+        rc = put_simulated_samples(sink, &all);
+    samples_free(&all);
+    return ended < 0 ? ended : rc;
+}
+
 static int simulate_once(struct simulate *r)
 {
     struct apc_error why;
@@ -492,20 +524,21 @@ static int simulate_once(struct simulate *r)
               : simulation_create(&r->s, &r->e, r->options.seed, &why);
     if (rc < 0)
         return refuse_simulation(r, rc, &why);
-    int ended = simulation_run(&r->s, r->e.duration);
-    print_speed(r, apc_clock_mono(NULL) - began);
+    struct sink sink;
+    if ((rc = open_sink(r, &sink)) < 0)
+        return rc;
+    const int ended = r->options.report
+                          ? run_for_report(r, &sink)
+                          : simulation_stream(&r->s, r->e.duration, put_simulated_samples, &sink);
+    print_speed(r, apc_clock_mono(NULL) - began - sink.took);
     if (r->s.interrupted)
         fprintf(r->talk, "ended by a signal at t = %.10g s: this is what there is\n", r->s.ended);
     tell_operation(r);
     print_parameters(r);
     print_tasks(r);
     print_events(r);
-    if ((rc = samples_collect(&r->samples, r->s.store, &r->e, NULL)) < 0) {
-        cli_store_error(&r->cli, rc, r->s.store);
-        return rc;
-    }
     /* Each of them, also when one before it failed: the run may have been long. */
-    rc = put_simulated_samples(r);
+    rc = close_sink(r, &sink);
     keep_first_code(&rc, put_simulation_figures(r));
     if (from && ended == 0 && rc == 0 && (rc = whatif_judge(&r->options.from, r->talk, &why)) < 0)
         refuse_simulation(r, rc, &why);

@@ -43,7 +43,7 @@ static void make_trial(struct trial *t, const struct experiment *e, uint64_t see
 
     t->rc = simulation_create(&s, e, seed, &why);
     if (t->rc == 0) {
-        t->rc = simulation_run(&s, e->duration);
+        t->rc = simulation_stream(&s, e->duration, NULL, NULL);
         why = s.why;
         t->held = simulation_held(&s);
         t->failures = simulation_failures(&s);

@@ -106,6 +106,11 @@ static int tell_lateness(const struct whatif *w, const struct controller *c, FIL
     return rc;
 }
 
+static int keep_unchanged(void *unchanged, const struct samples *rows)
+{
+    return samples_append(unchanged, rows);
+}
+
 int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why)
 {
     struct simulation s = {0};
@@ -117,10 +122,8 @@ int whatif_judge(struct whatif *w, FILE *out, struct apc_error *why)
             apc_fail(why, rc, "%s", apc_store_error(w->playback.ticks));
     if (rc == 0)
         rc = whatif_begin(w, &s, &w->was, why);
-    if (rc == 0 && (rc = simulation_run(&s, w->was.duration)) < 0)
+    if (rc == 0 && (rc = simulation_stream(&s, w->was.duration, keep_unchanged, &w->unchanged)) < 0)
         *why = s.why;
-    if (rc == 0 && (rc = samples_collect(&w->unchanged, s.store, &w->was, NULL)) < 0)
-        apc_fail(why, rc, "%s", rc == APC_ENOMEM ? apc_err_text(rc) : apc_store_error(s.store));
     simulation_destroy(&s);
     return rc;
 }

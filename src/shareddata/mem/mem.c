@@ -58,6 +58,9 @@ static struct memory *create_memory(void)
 {
     struct memory *m = (struct memory *)calloc(1, sizeof *m);
     pthread_condattr_t attr;
+    if (m) {
+        m->forgotten = INT64_MIN;
+    }
     if (!m || pthread_condattr_init(&attr) != 0) {
         free(m);
         return NULL;
@@ -313,13 +316,21 @@ static int mem_read_newest(struct apc_store *store, struct apc_sample *samples, 
     return 0;
 }
 
+static bool is_forgotten(const struct memory *m, const struct apc_sample *s)
+{
+    return s->time < m->forgotten && apc_table_packed(s->table) && apc_time_stored(s->time) < m->forgotten;
+}
+
 int apc_mem_reserve(struct apc_store *store, const struct apc_sample *samples, size_t n)
 {
     const uint64_t reservation = ++apc_mem_of(store)->memory->reservations;
     struct variable *v = NULL;
     int err = 0;
     for (size_t i = 0; !err && i < n; i++) {
-        err = apc_mem_find_or_add(store, samples[i].table, samples[i].id, &v);
+        err = is_forgotten(apc_mem_of(store)->memory, &samples[i])
+                  ? apc_fail(&store->why, APC_ESTATE, "%s %d: a row older than those that were forgotten",
+                             apc_table_name(samples[i].table), samples[i].id)
+                  : apc_mem_find_or_add(store, samples[i].table, samples[i].id, &v);
         if (!err) {
             apc_mem_want(v, reservation, 0);
             err = apc_mem_grow(store, (void **)&v->row, &v->capacity, v->n, v->want, sizeof *v->row);
@@ -654,6 +665,25 @@ static int mem_maintain(struct apc_store *store, const struct apc_retention *kee
     return dropped;
 }
 
+static int64_t mem_forget(struct apc_store *store, apc_ns before)
+{
+    struct memory *m = apc_mem_of(store)->memory;
+    int64_t gone = 0;
+    int err = apc_mem_begin(store);
+    if (err) {
+        return err;
+    }
+    m->forgotten = before > m->forgotten ? before : m->forgotten;
+    for (size_t i = 0; i < m->n; i++) {
+        struct variable *v = &m->variable[i];
+        gone += v->vector                    ? apc_mem_drop_vectors(v, before)
+                : apc_table_packed(v->table) ? mem_drop_samples(v, before)
+                                             : 0;
+    }
+    apc_mem_end(store);
+    return gone;
+}
+
 const struct apc_store_ops apc_mem_store = {
     .scheme = "mem:",
     .open = mem_open,
@@ -684,4 +714,5 @@ const struct apc_store_ops apc_mem_store = {
     .timing = apc_mem_timing,
     .init = mem_init,
     .maintain = mem_maintain,
+    .forget = mem_forget,
 };

@@ -47,6 +47,7 @@ struct memory {
     size_t n, capacity;
     uint32_t *index; /* a hash table of 2 * capacity: 1 + the number of a variable, or 0 */
     uint64_t reservations;
+    apc_ns forgotten; /* older rows of tables that grow have gone, and none comes any more */
     struct apc_tag *tag;
     size_t n_tags;
     char *catalogue; /* NULL: there is none */
