@@ -285,16 +285,20 @@ static bool acceptable(struct apc_plantserver *s, struct apc_notice *notice)
     return i == s->nu;
 }
 
-static void take_command(struct apc_plantserver *s, apc_ns mono)
+static apc_ns newest_stamp(const struct apc_plantserver *s)
 {
     apc_ns stamp = s->samples[0].time;
 
-    for (size_t i = 0; i < s->nu; i++) {
+    for (size_t i = 1; i < s->nu; i++)
+        stamp = s->samples[i].time > stamp ? s->samples[i].time : stamp;
+    return stamp;
+}
+
+static void take_command(struct apc_plantserver *s, apc_ns mono)
+{
+    for (size_t i = 0; i < s->nu; i++)
         s->command[i] = s->samples[i].value;
-        if (s->samples[i].time > stamp)
-            stamp = s->samples[i].time;
-    }
-    apc_watchdog_take(&s->watchdog, mono, stamp);
+    apc_watchdog_take(&s->watchdog, mono, newest_stamp(s));
 }
 
 /* Two clients who both want to command take the plant from each other again and again, each by a new
@@ -350,6 +354,15 @@ static bool is_late_frame(const struct apc_plantserver *s, uint64_t id)
     return id <= s->command_id || (claim_of(id) && claim_of(id) == claim_of(s->command_id));
 }
 
+/* Has that client commanded since, on a connection that came earlier? A relay may hold one back with what is
+ * on it. Ids of a claim begin anew, and a clock may step back, but not both at once. */
+static bool is_overtaken(const struct apc_plantserver *s, uint64_t connection, uint64_t id)
+{
+    return connection > s->connection && claim_of(id) && claim_of(id) == claim_of(s->command_id) &&
+           (s->command_id - id) % APC_FRAME_PER_CLAIM < APC_FRAME_PER_CLAIM / 2 &&
+           newest_stamp(s) < s->watchdog.stamp;
+}
+
 static void keep_claim(struct apc_plantserver *s, apc_ns mono, uint64_t claim, apc_ns ahead,
                        struct apc_notice *notice)
 {
@@ -382,7 +395,7 @@ static bool take_client_command(struct apc_plantserver *s, struct apc_now now, u
             tell_of_rival_clients(s, now.mono, notice);
         return false;
     }
-    if (fence_former_claim(s, claim, ahead, notice))
+    if (fence_former_claim(s, claim, ahead, notice) || is_overtaken(s, connection, id))
         return false;
     if (!acceptable(s, notice))
         return true;

@@ -546,6 +546,46 @@ static void a_client_of_an_older_claim_moves_nothing(void **state)
     assert_input(r, 1.6, false);
 }
 
+static int command_stamped(struct rig *r, apc_ns mono, uint64_t connection, uint64_t id, apc_ns stamp,
+                           double u)
+{
+    r->later = id - 9;
+    return send(r, mono, connection, APC_FRAME_COMMAND, stamp, u);
+}
+
+/* A controller has taken over, and a relay holds back what the client sent before, with its connection. */
+/* Promise(modes/client-slept-took) */
+static void a_command_of_the_former_controller_that_was_held_back_moves_nothing(void **state)
+{
+    struct rig *r = *state;
+
+    assert_true(command_stamped(r, 1 * MS, 1, CLAIM(10), STAMP(100), 1.0) > 0);
+    assert_true(command_stamped(r, 2 * MS, 2, CLAIM(10) + 3, STAMP(300), 1.2) > 0); /* of the successor */
+    assert_int_equal(command_stamped(r, 3 * MS, 3, CLAIM(10) + 1, STAMP(200), -0.9), APC_EPERM);
+    assert_int_equal(r->notice.kind, APC_NOTICE_NONE); /* nobody has to do anything */
+    assert_int_equal(apc_plantserver_commander(r->server), 2);
+    assert_true(command_stamped(r, 4 * MS, 2, CLAIM(10) + 4, STAMP(300), 1.2) > 0); /* it still commands */
+    tick(r, 5 * MS);
+    assert_input(r, 1.2, false);
+}
+
+/* A client that connects anew is not held back: by what it repeats, by a clock that steps back, by what it
+ * asked for in vain, where its ids begin anew.
+ */
+static void a_client_that_connects_anew_commands(void **state)
+{
+    struct rig *r = *state;
+
+    assert_true(command_stamped(r, 1 * MS, 1, CLAIM(10) + 1020, STAMP(900), 1.0) > 0);
+    assert_true(command_stamped(r, 2 * MS, 2, CLAIM(10) + 1021, STAMP(900), 1.0) > 0); /* the same again */
+    assert_true(command_stamped(r, 3 * MS, 3, CLAIM(10) + 1022, STAMP(200), 1.1) > 0); /* a step back */
+    assert_true(command_stamped(r, 4 * MS, 4, CLAIM(10) + 3, STAMP(100), 1.2) > 0);    /* and again */
+    assert_true(command_stamped(r, 5 * MS, 5, CLAIM(10) + 900, STAMP(950), 1.3) > 0);  /* after a while */
+    assert_int_equal(command_stamped(r, 6 * MS, 6, CLAIM(10) + 890, STAMP(949), -0.9), APC_EPERM);
+    tick(r, 7 * MS);
+    assert_input(r, 1.3, false);
+}
+
 /* Of a time to come: it takes the plant from nobody whose claim counts, and alone it commands without a
  * number. */
 /* Promise(modes/command-whatever-number) */
@@ -904,6 +944,8 @@ int main(void)
         T(two_rivals_are_told_of_once_a_minute),
         T(a_client_of_an_older_claim_moves_nothing),
         T(a_command_that_is_refused_takes_the_plant_from_nobody),
+        T(a_command_of_the_former_controller_that_was_held_back_moves_nothing),
+        T(a_client_that_connects_anew_commands),
         T(a_claim_is_forgotten_once_its_client_is_silent),
         T(a_claim_ahead_of_the_clock_shuts_nobody_out),
         T(no_vector_is_longer_than_a_frame_holds),
