@@ -158,7 +158,7 @@ static void test_before_init_there_is_nothing_and_nothing_is_made(void **state)
 
 /*
  * Promise(stores/shared-memory-user): Shared memory: its user's alone, sizes of a MiB, rings, full,
- *   damaged, removed, cut short, another version.
+ *   damaged, removed, cut short, another version, another processor.
  */
 static void test_a_segment_is_its_users_alone(void **state)
 {
@@ -234,23 +234,36 @@ static void test_what_is_no_store_of_ours_is_refused_and_left_as_it_is(void **st
 }
 
 /* Promise(stores/shared-memory-user) */
-static void test_a_segment_of_another_version_is_refused(void **state)
+static void test_a_segment_of_another_version_or_machine_is_refused(void **state)
 {
     (void)state;
-    struct apc_shm_constants c;
+    const char *words[] = {"is of another version of libapc (layout ",
+                           "is of a processor with the other byte order: ",
+                           "is of programs for sparc processors, and this one is for ",
+                           "is of programs with another C library (a header of "};
+    struct apc_shm_constants own;
     int fd = open(path, O_RDWR);
-    assert_int_equal(pread(fd, &c, sizeof c, 0), sizeof c);
-    c.layout++;
-    c.checksum = UINT64_C(0xcbf29ce484222325);
-    for (size_t i = 0; i < offsetof(struct apc_shm_constants, checksum); i++) {
-        c.checksum = (c.checksum ^ ((unsigned char *)&c)[i]) * UINT64_C(0x100000001b3);
+    assert_int_equal(pread(fd, &own, sizeof own, 0), sizeof own);
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        struct apc_shm_constants c = own;
+        c.layout += i == 0;
+        c.layout = i == 1 ? __builtin_bswap32(c.layout) : c.layout;
+        if (i == 2) {
+            memcpy(c.machine, "sparc", sizeof "sparc");
+        }
+        c.header_size += i == 3;
+        c.checksum = UINT64_C(0xcbf29ce484222325);
+        for (size_t k = 0; k < offsetof(struct apc_shm_constants, checksum); k++) {
+            c.checksum = (c.checksum ^ ((unsigned char *)&c)[k]) * UINT64_C(0x100000001b3);
+        }
+        assert_int_equal(pwrite(fd, &c, sizeof c, 0), sizeof c);
+        struct apc_store *store = open_store();
+        assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
+        assert_non_null(strstr(apc_store_error(store), words[i]));
+        assert_int_equal(apc_store_init(store), APC_ESCHEMA);
+        apc_store_close(store);
     }
-    assert_int_equal(pwrite(fd, &c, sizeof c, 0), sizeof c);
     close(fd);
-    struct apc_store *store = open_store();
-    assert_int_equal(apc_store_connect(store), APC_ESCHEMA);
-    assert_int_equal(apc_store_init(store), APC_ESCHEMA);
-    apc_store_close(store);
 }
 
 /* Promise(stores/shared-memory-user) */
@@ -885,7 +898,7 @@ int main(void)
         T(test_what_is_no_store_of_ours_is_refused_and_left_as_it_is),
         T(test_a_damaged_segment_is_said_to_be_one),
         T(test_a_damaged_lock_is_said_to_be_one),
-        T(test_a_segment_of_another_version_is_refused),
+        T(test_a_segment_of_another_version_or_machine_is_refused),
         T(test_a_segment_larger_than_dev_shm_is_refused_and_leaves_nothing),
         T(test_a_full_segment_refuses_new_variables_and_keeps_the_rest),
         T(test_it_holds_what_it_says_that_it_holds),

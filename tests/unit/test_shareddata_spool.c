@@ -1161,6 +1161,39 @@ static void test_a_spool_of_the_former_version_is_taken_over_whole(void **state)
                    "version 3, this library knows up to 2: drain it with the libapc");
 }
 
+/* So a spool that another processor left is drained here. */
+static void test_its_bytes_are_those_of_no_processor(void **state)
+{
+    (void)state;
+    /* clang-format off */
+    static const unsigned char record[72] = {
+        0x1e, 0x0e, 0x7c, 0x5a, 0x1d, 0xde, 0xc0, 0x93,
+        0x01, 0x01, 0x00, 0x00, 0x32, 0x99, 0x1e, 0xb5,
+        0x73, 0x65, 0x6e, 0x73, 0x6f, 0x72, 0x00, 0x00,
+        0x04, 0x03, 0x02, 0x01, 0x00, 0x00, 0x00, 0x40,
+        0x08, 0x07, 0x06, 0x05, 0x04, 0x03, 0x02, 0x01,
+        0x00, 0x00, 0x2a, 0x36, 0xfe, 0x9c, 0x97, 0x17,
+        0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x04, 0xc0,
+        0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+        0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    };
+    /* clang-format on */
+    unsigned char bytes[72];
+    struct apc_sample s = {.table = APC_SENSOR,
+                           .id = 0x01020304,
+                           .status = APC_UNCERTAIN,
+                           .seq = 0x0102030405060708,
+                           .time = T0,
+                           .value = -2.5};
+    struct apc_store *store = open_spooled(nowhere);
+    ok(store, apc_store_append(store, &s, 1));
+    apc_store_close(store);
+    int fd = open(spool, O_RDONLY);
+    assert_int_equal(pread(fd, bytes, sizeof bytes, APC_SPOOL_HEADER), sizeof bytes);
+    close(fd);
+    assert_memory_equal(bytes, record, sizeof bytes);
+}
+
 /* It was whole when it was opened. What lies before the damage is drained as if nothing were. */
 static void test_damage_while_it_is_open_is_found_when_it_drains(void **state)
 {
@@ -1282,6 +1315,7 @@ int main(void)
         OFFLINE(test_a_torn_tail_is_cut_off),
         OFFLINE(test_a_damaged_record_is_set_aside_and_the_others_go_on),
         OFFLINE(test_a_spool_of_the_former_version_is_taken_over_whole),
+        OFFLINE(test_its_bytes_are_those_of_no_processor),
         OFFLINE(test_damage_while_it_is_open_is_found_when_it_drains),
         OFFLINE(test_no_garbage_does_harm),
         OFFLINE(test_a_damaged_header_sets_the_file_aside),

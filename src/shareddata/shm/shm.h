@@ -73,6 +73,7 @@ typedef _Atomic uint64_t apc_word;
 struct apc_shm_constants {
     char magic[16];
     uint32_t layout, header_size; /* of this library's structs */
+    char machine[16];             /* whose words and lock they are */
     uint64_t mib;                 /* everything's size follows from it */
     uint64_t checksum;            /* of what stands before it */
 };

@@ -22,10 +22,19 @@
 #include "shareddata/shm/shm.h"
 
 #define DIRECTORY      "/dev/shm" /* where shm_open() keeps them as well */
-#define LAYOUT         12
+#define LAYOUT         13
 #define CHECK_INTERVAL (100 * APC_NS_PER_MS)
 
 static const char magic[16] = "libapc shm\r\n\x1a\n";
+
+/* An emulator runs programs of another processor beside this one's: glibc's mutex has another size there. */
+#if defined(__x86_64__)
+static const char machine[16] = "x86-64";
+#elif defined(__aarch64__) && !defined(__AARCH64EB__)
+static const char machine[16] = "arm64";
+#else
+static const char machine[16] = "others";
+#endif
 
 #define EVENT_WORDS  (sizeof(struct apc_event) / 8 + 2)
 #define TIMING_WORDS (sizeof(struct apc_shm_timing) / 8 + 2)
@@ -198,6 +207,43 @@ static int refuse_segment(struct apc_shm *shm, const char *why)
                     shm->name, shm->path, why);
 }
 
+static int refuse_maker(struct apc_shm *shm, const char *maker, const char *copy)
+{
+    return apc_fail(
+        &shm->base.why, APC_ESCHEMA,
+        "shm:%s: %s is of %s: stop what uses it, keep it with %s `apc copy` if it is worth it, and "
+        "remove it",
+        shm->name, shm->path, maker, copy);
+}
+
+/* Was it made by programs like this one? */
+static int check_maker(struct apc_shm *shm, const struct apc_shm_constants *c)
+{
+    char maker[100];
+    if (c->layout != LAYOUT && __builtin_bswap32(c->layout) <= UINT16_MAX) {
+        return refuse_maker(shm, "a processor with the other byte order", "that one's");
+    }
+    if (c->layout != LAYOUT) { /* where that has its checksum, that version alone knows */
+        snprintf(maker, sizeof maker, "another version of libapc (layout %u, not %d)", (unsigned)c->layout,
+                 LAYOUT);
+        return refuse_maker(shm, maker, "that version's");
+    }
+    if (c->checksum != checksum(c)) {
+        return refuse_segment(shm, "is corrupt: its header's checksum is wrong");
+    }
+    if (memcmp(c->machine, machine, sizeof machine) != 0) {
+        snprintf(maker, sizeof maker, "programs for %.15s processors, and this one is for %s", c->machine,
+                 machine);
+        return refuse_maker(shm, maker, "their");
+    }
+    if (c->header_size != sizeof(struct apc_shm_header)) {
+        snprintf(maker, sizeof maker, "programs with another C library (a header of %u bytes, not %zu)",
+                 (unsigned)c->header_size, sizeof(struct apc_shm_header));
+        return refuse_maker(shm, maker, "their");
+    }
+    return 0;
+}
+
 /* Is it a store of ours, and this user's? Its constants are read without mapping it. */
 static int check_segment(struct apc_shm *shm, const struct stat *st)
 {
@@ -213,16 +259,9 @@ static int check_segment(struct apc_shm *shm, const struct stat *st)
     if (pread(shm->fd, &c, sizeof c, 0) != (ssize_t)sizeof c || memcmp(c.magic, magic, sizeof magic) != 0) {
         return refuse_segment(shm, "is no store of libapc");
     }
-    /* Where another layout has its checksum, that version alone knows. */
-    if (c.layout == LAYOUT && c.checksum != checksum(&c)) {
-        return refuse_segment(shm, "is corrupt: its header's checksum is wrong");
-    }
-    if (c.layout != LAYOUT || c.header_size != sizeof(struct apc_shm_header)) {
-        return apc_fail(
-            &shm->base.why, APC_ESCHEMA,
-            "shm:%s: %s is of another version of libapc (layout %u, not %d): stop what uses it, keep "
-            "it with that version's `apc copy` if it is worth it, and remove it",
-            shm->name, shm->path, (unsigned)c.layout, LAYOUT);
+    const int err = check_maker(shm, &c);
+    if (err) {
+        return err;
     }
     if (c.mib < 1 || c.mib > APC_SHM_MIB_MAX || (uint64_t)st->st_size != c.mib << 20) {
         return refuse_segment(shm, "is corrupt: it has not the size that its header says");
@@ -325,6 +364,7 @@ static int fill_segment(struct apc_shm *shm)
     apc_word_put(&h->tags_mark[0], 1);
     h->constants = (struct apc_shm_constants){.layout = LAYOUT, .header_size = sizeof *h, .mib = shm->mib};
     memcpy(h->constants.magic, magic, sizeof magic);
+    memcpy(h->constants.machine, machine, sizeof machine);
     h->constants.checksum = checksum(&h->constants);
     return 0;
 }

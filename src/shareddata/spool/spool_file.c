@@ -34,7 +34,7 @@ static const char magic[8] = {'a', 'p', 'c', 's', 'p', 'o', 'o', 'l'};
 
 /* ---- Bytes ---------------------------------------------------------------------------------- */
 
-static void put_big_endian(unsigned char *at, uint64_t value, size_t bytes)
+static void put_bits(unsigned char *at, uint64_t value, size_t bytes)
 {
     for (size_t i = 0; i < bytes; i++) {
         at[i] = (unsigned char)(value >> 8 * i);
@@ -136,11 +136,11 @@ static void put_spool_sample(unsigned char *at, const struct apc_sample *s)
     for (size_t i = 0; i < 8 && name[i]; i++) {
         at[i] = (unsigned char)name[i];
     }
-    put_big_endian(at + 8, (uint64_t)s->id, 4);
-    put_big_endian(at + 12, s->status, 4);
-    put_big_endian(at + 16, (uint64_t)s->seq, 8);
-    put_big_endian(at + 24, (uint64_t)s->time, 8);
-    put_big_endian(at + 32, value, 8);
+    put_bits(at + 8, (uint64_t)s->id, 4);
+    put_bits(at + 12, s->status, 4);
+    put_bits(at + 16, (uint64_t)s->seq, 8);
+    put_bits(at + 24, (uint64_t)s->time, 8);
+    put_bits(at + 32, value, 8);
     memset(at + 40, 0, 16); /* seqs that an output of version 1 was computed from */
 }
 
@@ -162,8 +162,8 @@ void apc_spool_get_sample(const struct apc_spool_file *file, size_t i, struct ap
 static void put_spool_event(unsigned char *at, const struct apc_event *event)
 {
     const struct apc_event e = apc_event_row(event);
-    put_big_endian(at, (uint64_t)event->time, 8);
-    put_big_endian(at + 8, (uint64_t)e.severity, 8);
+    put_bits(at, (uint64_t)event->time, 8);
+    put_bits(at + 8, (uint64_t)e.severity, 8);
     memcpy(at + 16, e.source, sizeof e.source);
     memcpy(at + 48, e.kind, sizeof e.kind);
     memcpy(at + 80, e.text, sizeof e.text);
@@ -257,8 +257,8 @@ static apc_ns first_time(const struct apc_spool_file *file, const struct apc_spo
 static bool write_head(const struct apc_spool_file *file, uint64_t head)
 {
     unsigned char bytes[16] = {0};
-    put_big_endian(bytes, head, 8);
-    put_big_endian(bytes + 8, crc_of(file, bytes, 8), 4);
+    put_bits(bytes, head, 8);
+    put_bits(bytes + 8, crc_of(file, bytes, 8), 4);
     return write_at(file->fd, bytes, sizeof bytes, AT_HEAD) && fdatasync(file->fd) == 0;
 }
 
@@ -279,10 +279,10 @@ int apc_spool_write_header(struct apc_spool_file *file, struct apc_error *why)
     unsigned char *h = file->buffer;
     memset(h, 0, APC_SPOOL_HEADER);
     memcpy(h, magic, sizeof magic);
-    put_big_endian(h + AT_VERSION, VERSION, 4);
+    put_bits(h + AT_VERSION, VERSION, 4);
     memcpy(h + AT_WRITER, file->writer, strlen(file->writer));
     memcpy(h + AT_STORE, file->store, strlen(file->store));
-    put_big_endian(h + AT_CRC, crc_of(file, h + AT_WRITER, AT_TEXT_END - AT_WRITER), 4);
+    put_bits(h + AT_CRC, crc_of(file, h + AT_WRITER, AT_TEXT_END - AT_WRITER), 4);
     if (!write_at(file->fd, h, APC_SPOOL_HEADER, 0)) {
         return sick(file, "cannot be written", why);
     }
@@ -389,7 +389,7 @@ static int open_locked(struct apc_spool_file *file, uint64_t *size, struct apc_e
 static int raise_version(struct apc_spool_file *file, struct apc_error *why)
 {
     unsigned char version[4];
-    put_big_endian(version, VERSION, sizeof version);
+    put_bits(version, VERSION, sizeof version);
     return write_at(file->fd, version, sizeof version, AT_VERSION) ? 0 : sick(file, "cannot be written", why);
 }
 
@@ -583,12 +583,11 @@ int apc_spool_put(struct apc_spool_file *file, enum apc_spool_kind kind, const v
                              (const struct apc_sample *)items + i);
         }
     }
-    put_big_endian(file->buffer, MAGIC, 4);
-    put_big_endian(file->buffer + 4, crc_of(file, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD),
-                   4);
-    put_big_endian(file->buffer + 8, kind, 1);
-    put_big_endian(file->buffer + 9, n, 3);
-    put_big_endian(file->buffer + 12, crc_of(file, file->buffer, 12), 4);
+    put_bits(file->buffer, MAGIC, 4);
+    put_bits(file->buffer + 4, crc_of(file, file->buffer + APC_SPOOL_RECORD, size - APC_SPOOL_RECORD), 4);
+    put_bits(file->buffer + 8, kind, 1);
+    put_bits(file->buffer + 9, n, 3);
+    put_bits(file->buffer + 12, crc_of(file, file->buffer, 12), 4);
     if (!write_at(file->fd, file->buffer, size, file->end) || fdatasync(file->fd) != 0) {
         int err = sick(file, "cannot be written: what comes now is lost", why);
         (void)!ftruncate(file->fd, (off_t)file->end);
