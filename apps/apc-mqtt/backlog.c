@@ -18,11 +18,13 @@
 #define LOOK  (2 * APC_NS_PER_S)   /* between two looks at what the variables are */
 #define TIDY  (60 * APC_NS_PER_S)  /* between two rounds of dropping what was acknowledged */
 #define STAYS (600 * APC_NS_PER_S) /* of that */
+#define RETRY (10 * APC_NS_PER_S)  /* before what was refused is tried again */
 
 /* How far a variable has come; table 0: the events. */
 struct place {
     int table, id;
-    int64_t sent;
+    int64_t sent, settled; /* now; before the portion that is under way */
+    bool tried, refused;   /* in this portion; in the one before */
 };
 
 struct series {
@@ -46,6 +48,8 @@ struct backlog {
     uint64_t session; /* of the broker, which has had the first `known` of the series */
     size_t known;
     bool under_way, more; /* a portion that is not acknowledged; there was more than fits in one */
+    size_t refused;       /* places whose rows are */
+    apc_ns retry_at;      /* mono; of these */
     struct apc_error why, sent_why;
 };
 
@@ -224,13 +228,21 @@ struct sending {
     const struct series *series;
 };
 
-static bool publish_text(struct backlog *b, const char *topic, struct text *t, bool retained)
+static bool publish_text(struct backlog *b, size_t place, const char *topic, struct text *t, bool retained)
 {
-    const bool well = !t->failed && broker_publish(b->broker, topic, t->at, t->n, retained, true);
+    const bool well =
+        !t->failed && broker_publish(b->broker, BROKER_ROWS, topic, t->at, t->n, retained, place);
     text_free(t);
     b->more |= !well;
     b->under_way |= well;
+    b->place[place].tried |= well;
     return well;
+}
+
+/* Not that one now: the broker has refused it a moment ago. */
+static bool waits_after_refusal(const struct backlog *b, const struct place *p)
+{
+    return p->refused && apc_clock_mono(NULL) < b->retry_at;
 }
 
 static int send_sample(void *ctx, const struct apc_sample *s)
@@ -248,29 +260,40 @@ static int send_sample(void *ctx, const struct apc_sample *s)
     if (word)
         text_member(&t, s->table == APC_ALARM ? "state" : "mode", word);
     text_add(&t, ",\"seq\":%" PRId64 "}", s->seq);
-    if (!publish_text(to->b, to->series->topic, &t, true))
+    if (!publish_text(to->b, to->series->place, to->series->topic, &t, true))
         return 1;
-    to->b->place[to->series->place].sent = s->seq;
-    return 0;
+    struct place *const p = &to->b->place[to->series->place];
+    p->sent = s->seq;
+    return p->refused; /* then one, to see */
 }
 
 /* A broker that was reached anew may have lost what it retained, and what stands still would not come again:
- * of each series, what it had before once more. What it had not is sent in its order. */
+ * of each series, what it had before once more. What it had not is sent in its order. So also of a series
+ * that it refuses. */
 static int remind(struct backlog *b)
 {
     const uint64_t session = broker_sessions(b->broker);
 
-    if (session != b->session)
+    if (session != b->session) {
         b->known = 0;
+        b->retry_at = 0;
+    }
     b->session = session;
-    for (; b->known < b->n && !b->more; b->known++) {
-        struct sending to = {.b = b, .series = &b->at[b->known]};
+    for (size_t i = b->refused > 0 ? 0 : b->known; i < b->n; i++) {
+        struct sending to = {.b = b, .series = &b->at[i]};
+        const struct place *const p = &b->place[to.series->place];
         struct apc_sample newest = {.table = to.series->tag.table, .id = to.series->tag.id};
+
+        if ((i < b->known && !p->refused) || waits_after_refusal(b, p))
+            continue;
         const int rc = apc_store_read(b->queue, &newest, 1);
         if (rc < 0)
             return rc;
-        if (newest.seq > 0 && newest.seq == b->place[to.series->place].sent && send_sample(&to, &newest))
+        if (newest.seq > 0 && newest.seq == p->sent)
+            (void)send_sample(&to, &newest);
+        if (b->more)
             break;
+        b->known = i < b->known ? b->known : i + 1;
     }
     return 0;
 }
@@ -289,31 +312,61 @@ static int send_event(void *ctx, const struct apc_event *e)
     text_member(&t, "kind", e->kind);
     text_member(&t, "text", e->text);
     text_add(&t, "}");
-    if (e->time < b->since)
-        text_free(&t);
-    else if (!publish_text(b, "event", &t, false))
-        return 1;
     struct place *const p = backlog_place_of(b, 0, 0);
-    if (p)
-        p->sent = e->number;
-    return 0;
+    if (!p || e->time < b->since)
+        text_free(&t);
+    else if (!publish_text(b, (size_t)(p - b->place), "event", &t, false))
+        return 1;
+    if (!p)
+        return 1;
+    p->sent = e->number;
+    return p->refused && p->tried;
 }
 
 static int send_portion(struct backlog *b)
 {
+    for (size_t i = 0; i < b->n_places; i++)
+        b->place[i].settled = b->place[i].sent;
     b->more = false;
     int rc = remind(b);
     for (size_t i = 0; i < b->n && rc >= 0 && !b->more; i++) {
         struct sending to = {.b = b, .series = &b->at[i]};
         const struct apc_range range = {.after = b->place[b->at[i].place].sent};
+        if (waits_after_refusal(b, &b->place[b->at[i].place]))
+            continue;
         rc = apc_store_history(b->queue, b->at[i].tag.table, b->at[i].tag.id, &range, send_sample, &to);
     }
     if (rc >= 0 && !b->more) {
         const struct place *const p = backlog_place_of(b, 0, 0);
         const struct apc_range range = {.after = p ? p->sent : 0};
-        rc = p ? apc_store_events(b->queue, &range, send_event, b) : APC_ENOMEM;
+        rc = !p                          ? APC_ENOMEM
+             : waits_after_refusal(b, p) ? 0
+                                         : apc_store_events(b->queue, &range, send_event, b);
     }
     return rc < 0 ? apc_fail(&b->sent_why, rc, "%s", apc_store_error(b->queue)) : 0;
+}
+
+/* What was refused goes back to where it was. */
+static void take_refusals(struct backlog *b)
+{
+    b->refused = 0;
+    for (size_t i = 0; i < b->n_places; i++) {
+        struct place *const p = &b->place[i];
+
+        if (p->tried)
+            p->refused = broker_refused(b->broker, i);
+        if (p->tried && p->refused) {
+            p->sent = p->settled;
+            b->retry_at = apc_clock_mono(NULL) + RETRY;
+        }
+        p->tried = false;
+        b->refused += p->refused;
+    }
+}
+
+bool backlog_refused(const struct backlog *b)
+{
+    return b->refused > 0;
 }
 
 /* Only when all was acknowledged: then nothing is dropped that was not. */
@@ -343,12 +396,13 @@ int backlog_send(struct backlog *b, apc_ns timeout)
             rc = send_portion(b);
     }
     if (rc < 0 || !b->under_way) {
-        if (rc == 0 && !b->more)
+        if (rc == 0 && !b->more && b->refused == 0)
             tidy(b);
         return rc < 0 ? rc : 0;
     }
     if (!broker_settled(b->broker, timeout))
         return 0;
+    take_refusals(b);
     if ((rc = save(b)) < 0)
         return rc;
     b->under_way = false;

@@ -4,6 +4,9 @@
  * apc_forward, and published from there, of each variable in its order, until it was acknowledged. How far
  * that has come stands in a file beside the queue; who was killed before it was written publishes some rows
  * again, under the same seq. What was acknowledged and is some minutes old is dropped from the queue.
+ *
+ * What the broker refuses stays in the queue, with all that follows it of this variable, and is tried again,
+ * a row at a time; the other variables go on.
  */
 #ifndef APC_MQTT_BACKLOG_H
 #define APC_MQTT_BACKLOG_H
@@ -29,6 +32,9 @@ void backlog_stats(const struct backlog *b, struct apc_replication_stats *stats)
  * of the queue or its file, which backlog_sent_error() says. */
 int backlog_send(struct backlog *b, apc_ns timeout);
 const char *backlog_sent_error(const struct backlog *b);
+
+/* Does the broker refuse some of the variables? */
+bool backlog_refused(const struct backlog *b);
 
 /* The variables that are published, as the members of an object behind others. */
 void backlog_describe(struct backlog *b, struct text *t);

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <mosquitto.h>
+#include <mqtt_protocol.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,6 +15,15 @@
 #define PAUSE_MAX (10 * APC_NS_PER_S)
 #define LAST      APC_NS_PER_S
 #define QUALITY   1
+#define REFUSES   0x80 /* from here on a reason of MQTT, also instead of a quality, is a refusal */
+#define REASON    200
+
+struct flight {
+    int message;
+    enum broker_subject subject;
+    size_t of;
+    char topic[BROKER_TOPIC];
+};
 
 struct broker {
     struct mosquitto *m;
@@ -22,13 +32,22 @@ struct broker {
     int port;
     bool tls, begun;
     pthread_t thread;
-    pthread_mutex_t mutex; /* of all below */
+    int version;            /* of MQTT, of this connection; it and the next three are the thread's */
+    bool answered, unknown; /* it has answered our CONNECT; it does not know the version */
+    unsigned closed;        /* connections in a row that it closed instead */
+    pthread_mutex_t mutex;  /* of all below */
     pthread_cond_t changed;
-    bool up, end, gone, refuses, leaves;
-    int asked; /* number of the subscription to what is commanded */
+    bool up, end, gone, leaves, says;
+    int asked[BROKER_SUBJECTS]; /* number of a subscription */
     uint64_t sessions;
-    char why[200];
-    int under_way[BROKER_BATCH];
+    char why[REASON];
+    struct {
+        bool stands;
+        char why[2 * BROKER_TOPIC + REASON + 8];
+    } refusal[BROKER_SUBJECTS];
+    bool *refused; /* [room] by series of rows */
+    size_t room;
+    struct flight flight[BROKER_BATCH + BROKER_BATCH / 5];
     size_t n;
 };
 
@@ -45,73 +64,130 @@ static void turn_connection(struct broker *b, bool up)
 {
     pthread_mutex_lock(&b->mutex);
     b->sessions += up;
+    b->says = b->version == MQTT_PROTOCOL_V5;
     b->up = up;
     pthread_cond_broadcast(&b->changed);
     pthread_mutex_unlock(&b->mutex);
 }
 
-static int status(struct broker *b, const char *text)
-{
-    char topic[BROKER_TOPIC + 16];
-    snprintf(topic, sizeof topic, "%s/status", b->prefix);
-    return mosquitto_publish(b->m, NULL, topic, (int)strlen(text), text, QUALITY, true);
-}
-
 static void be_born(struct broker *b)
 {
     char *const birth = b->calls.birth(b->calls.birth_ctx);
-    (void)status(b, birth ? birth : "{\"state\":\"online\"}");
+    const char *const text = birth ? birth : "{\"state\":\"online\"}";
+    (void)broker_publish(b, BROKER_STATUS, "status", text, strlen(text), true, 0);
     free(birth);
 }
 
-static void on_connect(struct mosquitto *m, void *ctx, int rc)
+/* A reason of MQTT 5 in words, and what the broker adds to it. */
+static void put_reason(char *text, size_t n, int reason, const mosquitto_property *properties)
+{
+    char *more = NULL;
+    (void)mosquitto_property_read_string(properties, MQTT_PROP_REASON_STRING, &more, false);
+    (void)snprintf(text, n, "%s%s%s", mosquitto_reason_string(reason), more ? ": " : "", more ? more : "");
+    free(more);
+}
+
+/* Under the mutex. @reason NULL: it is done. */
+static void note_refusal(struct broker *b, enum broker_subject subject, const char *topic, const char *reason)
+{
+    b->refusal[subject].stands = reason != NULL;
+    if (reason)
+        (void)snprintf(b->refusal[subject].why, sizeof b->refusal[subject].why, "%s: %s/%s", reason,
+                       b->prefix, topic);
+}
+
+static void subscribe_broker(struct broker *b, enum broker_subject subject, const char *topic)
+{
+    char whole[2 * BROKER_TOPIC];
+    (void)snprintf(whole, sizeof whole, "%s/%s", b->prefix, topic);
+    pthread_mutex_lock(&b->mutex); /* until its number is known */
+    (void)mosquitto_subscribe(b->m, &b->asked[subject], whole, QUALITY);
+    pthread_mutex_unlock(&b->mutex);
+}
+
+static void on_connect(struct mosquitto *m, void *ctx, int rc, int flags,
+                       const mosquitto_property *properties)
 {
     struct broker *b = ctx;
-    char topic[BROKER_TOPIC + 16];
+    char why[REASON];
+    (void)m;
+    (void)flags;
+    b->answered = true;
+    b->unknown = b->version == MQTT_PROTOCOL_V5 &&
+                 (rc == CONNACK_REFUSED_PROTOCOL_VERSION || rc == MQTT_RC_UNSUPPORTED_PROTOCOL_VERSION);
     if (rc != 0) {
-        say_connection(b, mosquitto_connack_string(rc));
+        put_reason(why, sizeof why, rc, properties);
+        if (!b->unknown)
+            say_connection(b, b->version == MQTT_PROTOCOL_V5 ? why : mosquitto_connack_string(rc));
         return;
     }
-    be_born(b);
-    snprintf(topic, sizeof topic, "%s/status", b->prefix);
-    (void)mosquitto_subscribe(m, NULL, topic, QUALITY);
-    snprintf(topic, sizeof topic, "%s/command/+/+", b->prefix);
-    pthread_mutex_lock(&b->mutex); /* until its number is known */
-    if (b->calls.command)
-        (void)mosquitto_subscribe(m, &b->asked, topic, QUALITY);
+    pthread_mutex_lock(&b->mutex);
+    for (size_t i = 0; i < BROKER_SUBJECTS; i++)
+        b->refusal[i].stands = false;
     pthread_mutex_unlock(&b->mutex);
+    be_born(b);
+    subscribe_broker(b, BROKER_OWN_STATUS, "status");
+    if (b->calls.command)
+        subscribe_broker(b, BROKER_COMMANDS, "command/+/+");
     turn_connection(b, true);
 }
 
-#define SUBSCRIPTION_FAILED 0x80 /* what is granted instead of a quality */
-
-static void on_subscribe(struct mosquitto *m, void *ctx, int message, int n, const int *granted)
+static void on_subscribe(struct mosquitto *m, void *ctx, int message, int n, const int *granted,
+                         const mosquitto_property *properties)
 {
     struct broker *b = ctx;
+    char why[REASON];
+    const bool refused = n > 0 && granted[0] >= REFUSES;
     (void)m;
+    if (refused)
+        put_reason(why, sizeof why, granted[0], properties);
     pthread_mutex_lock(&b->mutex);
-    if (b->calls.command && message == b->asked)
-        b->refuses = n > 0 && granted[0] >= SUBSCRIPTION_FAILED;
+    if (message == b->asked[BROKER_OWN_STATUS])
+        note_refusal(b, BROKER_OWN_STATUS, "status", refused ? why : NULL);
+    else if (b->calls.command && message == b->asked[BROKER_COMMANDS])
+        note_refusal(b, BROKER_COMMANDS, "command/+/+", refused ? why : NULL);
     pthread_mutex_unlock(&b->mutex);
 }
 
-static void on_disconnect(struct mosquitto *m, void *ctx, int rc)
-{
-    (void)m;
-    (void)rc;
-    turn_connection(ctx, false);
-}
-
-static void on_publish(struct mosquitto *m, void *ctx, int message)
+static void on_disconnect(struct mosquitto *m, void *ctx, int rc, const mosquitto_property *properties)
 {
     struct broker *b = ctx;
+    char why[REASON];
     (void)m;
+    if (rc >= REFUSES && b->answered && !b->unknown) {
+        put_reason(why, sizeof why, rc, properties);
+        say_connection(b, why);
+    }
+    turn_connection(b, false);
+}
+
+/* Under the mutex. @reason NULL: it was taken. */
+static void settle_message(struct broker *b, enum broker_subject subject, size_t of, const char *topic,
+                           const char *reason)
+{
+    if (subject == BROKER_ROWS && reason)
+        b->refused[of] = true;
+    if (subject != BROKER_ROWS || reason) /* one row that is taken says nothing of other topics */
+        note_refusal(b, subject, topic, reason);
+}
+
+static void on_publish(struct mosquitto *m, void *ctx, int message, int reason,
+                       const mosquitto_property *properties)
+{
+    struct broker *b = ctx;
+    char why[REASON];
+    (void)m;
+    if (reason >= REFUSES)
+        put_reason(why, sizeof why, reason, properties);
     pthread_mutex_lock(&b->mutex);
-    for (size_t i = 0; i < b->n; i++)
-        if (b->under_way[i] == message) {
-            b->under_way[i] = b->under_way[--b->n];
-            break;
-        }
+    for (size_t i = 0; i < b->n; i++) {
+        struct flight *const f = &b->flight[i];
+        if (f->message != message)
+            continue;
+        settle_message(b, f->subject, f->of, f->topic, reason >= REFUSES ? why : NULL);
+        *f = b->flight[--b->n];
+        break;
+    }
     if (b->n == 0)
         pthread_cond_broadcast(&b->changed);
     pthread_mutex_unlock(&b->mutex);
@@ -186,15 +262,32 @@ static bool ends(struct broker *b)
     return end;
 }
 
+/*
+ * Is the next connection to be one of 3.1.1, at once? Each begins with MQTT 5 anew, since a broker may be
+ * another by now. One that does not know it says so, or closes the connection, which may have other reasons
+ * and counts from the second time on.
+ */
+static bool fall_back(struct broker *b, bool connected)
+{
+    b->closed = connected && !b->answered ? b->closed + 1 : 0;
+    const bool back = b->version == MQTT_PROTOCOL_V5 && (b->unknown || b->closed > 1);
+    b->version = back ? MQTT_PROTOCOL_V311 : MQTT_PROTOCOL_V5;
+    return back;
+}
+
 static void *run_broker(void *ctx)
 {
     struct broker *b = ctx;
     apc_ns pause = APC_NS_PER_S;
-    bool again = false;
+    bool again = false, back = false;
+    b->version = MQTT_PROTOCOL_V5;
     do {
         say_connection(b, "");
+        b->answered = b->unknown = false;
+        (void)mosquitto_int_option(b->m, MOSQ_OPT_PROTOCOL_VERSION, b->version);
         int rc = again ? mosquitto_reconnect(b->m) : mosquitto_connect(b->m, b->host, b->port, KEEPALIVE);
         const int e = errno;
+        const bool connected = rc == MOSQ_ERR_SUCCESS;
         again = true;
         while (rc == MOSQ_ERR_SUCCESS && !ends(b)) {
             rc = mosquitto_loop(b->m, 200, 1);
@@ -202,13 +295,15 @@ static void *run_broker(void *ctx)
                 pause = APC_NS_PER_S / 2;
         }
         turn_connection(b, false);
+        back = fall_back(b, connected);
         pthread_mutex_lock(&b->mutex);
-        if (!b->why[0])
+        if (!b->why[0] && !back)
             snprintf(b->why, sizeof b->why, "%s",
                      rc == MOSQ_ERR_ERRNO ? strerror(e) : mosquitto_strerror(rc));
         pthread_mutex_unlock(&b->mutex);
-        pause = pause < PAUSE_MAX / 2 ? 2 * pause : PAUSE_MAX;
-    } while (pause_broker(b, pause));
+        if (!back)
+            pause = pause < PAUSE_MAX / 2 ? 2 * pause : PAUSE_MAX;
+    } while (pause_broker(b, back ? 0 : pause));
     pthread_mutex_lock(&b->mutex);
     b->gone = true;
     pthread_cond_broadcast(&b->changed);
@@ -236,29 +331,77 @@ uint64_t broker_sessions(struct broker *b)
     return sessions;
 }
 
-bool broker_refuses_commands(struct broker *b)
+bool broker_refuses(struct broker *b, enum broker_subject subject, char *why, size_t n)
 {
     pthread_mutex_lock(&b->mutex);
-    const bool refuses = b->refuses;
+    const bool refuses = b->refusal[subject].stands;
+    if (n > 0)
+        (void)snprintf(why, n, "%s", b->refusal[subject].why);
     pthread_mutex_unlock(&b->mutex);
     return refuses;
 }
 
-bool broker_publish(struct broker *b, const char *topic, const char *payload, size_t n, bool retained,
-                    bool counted)
+bool broker_says_refusals(struct broker *b)
+{
+    pthread_mutex_lock(&b->mutex);
+    const bool says = b->says;
+    pthread_mutex_unlock(&b->mutex);
+    return says;
+}
+
+bool broker_refused(struct broker *b, size_t of)
+{
+    pthread_mutex_lock(&b->mutex);
+    const bool refused = of < b->room && b->refused[of];
+    if (refused)
+        b->refused[of] = false;
+    pthread_mutex_unlock(&b->mutex);
+    return refused;
+}
+
+/* Under the mutex: a place to note that a row of series @of was refused. */
+static bool has_room(struct broker *b, size_t of)
+{
+    if (!b->up || b->n >= BROKER_BATCH)
+        return false;
+    if (of < b->room)
+        return true;
+    const size_t room = 2 * of + 64;
+    bool *const more = realloc(b->refused, room * sizeof *more);
+    if (!more)
+        return false;
+    memset(more + b->room, 0, (room - b->room) * sizeof *more);
+    b->refused = more;
+    b->room = room;
+    return true;
+}
+
+/* What libmosquitto itself refuses, since this broker has said that it takes no such message. */
+static bool is_refusal(int rc)
+{
+    return rc == MOSQ_ERR_OVERSIZE_PACKET || rc == MOSQ_ERR_QOS_NOT_SUPPORTED ||
+           rc == MOSQ_ERR_RETAIN_NOT_SUPPORTED;
+}
+
+bool broker_publish(struct broker *b, enum broker_subject subject, const char *topic, const char *payload,
+                    size_t n, bool retained, size_t of)
 {
     char whole[2 * BROKER_TOPIC];
-    int message;
+    int message, rc = MOSQ_ERR_NO_CONN;
     snprintf(whole, sizeof whole, "%s/%s", b->prefix, topic);
     pthread_mutex_lock(
         &b->mutex); /* also against its acknowledgement, which may be here before we are back */
-    const bool room = !counted || (b->up && b->n < BROKER_BATCH);
-    const bool well = room && mosquitto_publish(b->m, &message, whole, (int)n, payload, QUALITY, retained) ==
-                                  MOSQ_ERR_SUCCESS;
-    if (well && counted)
-        b->under_way[b->n++] = message;
+    if (subject != BROKER_ROWS || has_room(b, of))
+        rc = mosquitto_publish(b->m, &message, whole, (int)n, payload, QUALITY, retained);
+    if (is_refusal(rc))
+        settle_message(b, subject, of, topic, mosquitto_strerror(rc));
+    if (rc == MOSQ_ERR_SUCCESS && b->n < sizeof b->flight / sizeof b->flight[0]) {
+        struct flight *const f = &b->flight[b->n++];
+        *f = (struct flight){.message = message, .subject = subject, .of = of};
+        (void)snprintf(f->topic, sizeof f->topic, "%s", topic);
+    }
     pthread_mutex_unlock(&b->mutex);
-    return well;
+    return rc == MOSQ_ERR_SUCCESS || is_refusal(rc);
 }
 
 bool broker_settled(struct broker *b, apc_ns timeout)
@@ -267,7 +410,7 @@ bool broker_settled(struct broker *b, apc_ns timeout)
     const struct timespec at = {.tv_sec = (time_t)(until / APC_NS_PER_S),
                                 .tv_nsec = (long)(until % APC_NS_PER_S)};
     pthread_mutex_lock(&b->mutex);
-    while (b->n > 0 && pthread_cond_timedwait(&b->changed, &b->mutex, &at) != ETIMEDOUT)
+    while (b->n > 0 && b->up && pthread_cond_timedwait(&b->changed, &b->mutex, &at) != ETIMEDOUT)
         ;
     const bool settled = b->n == 0;
     pthread_mutex_unlock(&b->mutex);
@@ -348,10 +491,10 @@ static int prepare_mosquitto(struct broker *b, const struct mqtt_options *o, str
         return apc_fail(why, APC_EINVAL, "--topic \"%s\": is no topic", b->prefix);
     mosquitto_threaded_set(b->m, true);
     mosquitto_max_inflight_messages_set(b->m, BROKER_BATCH);
-    mosquitto_connect_callback_set(b->m, on_connect);
-    mosquitto_disconnect_callback_set(b->m, on_disconnect);
-    mosquitto_publish_callback_set(b->m, on_publish);
-    mosquitto_subscribe_callback_set(b->m, on_subscribe);
+    mosquitto_connect_v5_callback_set(b->m, on_connect);
+    mosquitto_disconnect_v5_callback_set(b->m, on_disconnect);
+    mosquitto_publish_v5_callback_set(b->m, on_publish);
+    mosquitto_subscribe_v5_callback_set(b->m, on_subscribe);
     mosquitto_message_callback_set(b->m, on_message);
     mosquitto_log_callback_set(b->m, on_log);
     return 0;
@@ -419,7 +562,8 @@ bool broker_close(struct broker *b)
     pthread_mutex_lock(&b->mutex);
     b->leaves = true;
     pthread_mutex_unlock(&b->mutex);
-    if (b->begun && broker_publish(b, "status", farewell, sizeof farewell - 1, true, true))
+    if (b->begun && broker_is_up(b, NULL, 0) &&
+        broker_publish(b, BROKER_STATUS, "status", farewell, sizeof farewell - 1, true, 0))
         (void)broker_settled(b, LAST);
     if (b->begun && !connect_broker(b))
         return false;
@@ -431,6 +575,7 @@ bool broker_close(struct broker *b)
     mosquitto_lib_cleanup();
     pthread_cond_destroy(&b->changed);
     pthread_mutex_destroy(&b->mutex);
+    free(b->refused);
     free(b);
     return true;
 }

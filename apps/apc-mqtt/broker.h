@@ -4,6 +4,9 @@
  * retained message at PREFIX/status says that we are there, and the broker says it when we are not.
  *
  * libmosquitto repeats by itself, with the next connection, what was not acknowledged on the last one.
+ *
+ * The connection speaks MQTT 5, in which a broker says what it refuses. A broker that does not know it is
+ * spoken to by MQTT 3.1.1: what that one refuses to publish it acknowledges all the same.
  */
 #ifndef APC_MQTT_BROKER_H
 #define APC_MQTT_BROKER_H
@@ -14,10 +17,20 @@
 
 #include "options.h"
 
-#define BROKER_BATCH 500 /* messages under way, of those that are waited for */
+#define BROKER_BATCH 500 /* rows under way */
 #define BROKER_TOPIC 256
 
 struct broker;
+
+/* What a broker may refuse. */
+enum broker_subject {
+    BROKER_ROWS,       /* publishing them */
+    BROKER_STATUS,     /* publishing that we are there */
+    BROKER_OUTCOMES,   /* publishing what became of commands */
+    BROKER_OWN_STATUS, /* giving us what is published at PREFIX/status */
+    BROKER_COMMANDS,   /* giving us what is commanded */
+    BROKER_SUBJECTS
+};
 
 struct broker_calls {
     void *birth_ctx, *command_ctx;
@@ -41,12 +54,17 @@ bool broker_close(struct broker *b);
 bool broker_is_up(struct broker *b, char *why, size_t n);
 /* How often it was reached: after each time it may have forgotten what it retained. */
 uint64_t broker_sessions(struct broker *b);
-/* Has it refused to give us what is commanded? Asked for with each connection. */
-bool broker_refuses_commands(struct broker *b);
-/* At PREFIX/@topic. `counted`: broker_settled() waits for it. Returns whether it is under way. */
-bool broker_publish(struct broker *b, const char *topic, const char *payload, size_t n, bool retained,
-                    bool counted);
-/* Has all that was counted been acknowledged? Waits for it up to @timeout. */
+/* Does it refuse that, as far as we know on this connection? @why [n] gets what it refused last, and its
+ * reason. */
+bool broker_refuses(struct broker *b, enum broker_subject subject, char *why, size_t n);
+/* Is the connection one of MQTT 5? */
+bool broker_says_refusals(struct broker *b);
+/* At PREFIX/@topic. @of: the row's series, of rows. Returns whether it is under way. */
+bool broker_publish(struct broker *b, enum broker_subject subject, const char *topic, const char *payload,
+                    size_t n, bool retained, size_t of);
+/* Has all been acknowledged or refused? Waits for it up to @timeout, while the broker is there. */
 bool broker_settled(struct broker *b, apc_ns timeout);
+/* Has it refused a row of series @of since this was asked last? */
+bool broker_refused(struct broker *b, size_t of);
 
 #endif

@@ -68,7 +68,7 @@ static void answer_command(struct commands *c, const char *user, const char *sig
         text_add(&t, ",\"seq\":%" PRId64, seq);
     text_add(&t, "}");
     if (!t.failed && c->broker)
-        (void)broker_publish(c->broker, topic, t.at, t.n, false, false);
+        (void)broker_publish(c->broker, BROKER_OUTCOMES, topic, t.at, t.n, false, 0);
     text_free(&t);
 }
 

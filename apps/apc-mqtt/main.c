@@ -31,6 +31,7 @@
 
 struct report {
     int taken, sent; /* of the last step */
+    bool refused;    /* some variables are, by the broker */
     char why[300], sent_why[300];
     struct apc_replication_stats stats;
 };
@@ -47,7 +48,7 @@ struct shell {
     struct worker worker;
     struct report report; /* under the worker's mutex */
     struct {
-        struct state_watch broker, queue, sent, commands;
+        struct state_watch broker, queue, sent, version, taken[BROKER_SUBJECTS];
         uint64_t gaps, events;
     } told; /* the task's own */
 };
@@ -88,6 +89,7 @@ static apc_ns publish_step(void *ctx, bool last)
         ;
     if (r.sent < 0)
         snprintf(r.sent_why, sizeof r.sent_why, "%s", backlog_sent_error(s->backlog));
+    r.refused = backlog_refused(s->backlog);
     backlog_stats(s->backlog, &r.stats);
     pthread_mutex_lock(&s->worker.mutex);
     s->report = r;
@@ -108,6 +110,26 @@ static void tell_broker_state(struct shell *s, struct state_watch *state, bool u
         daemon_event(&s->d, up ? APC_EVENT_INFO : APC_EVENT_WARNING, "mqtt",
                      "%s or not: it changed %u times meanwhile; now %s%s%.100s", what, state->count,
                      up ? "it is so" : "it is not", *why && !up ? ": " : "", up ? "" : why);
+}
+
+/* Each in its own words; by MQTT 3.1.1 nobody knows of those that publish. */
+static void tell_refusals(struct shell *s, bool rows)
+{
+    static const char *const words[BROKER_SUBJECTS][2] = {
+        [BROKER_ROWS] = {"the broker takes what is published", "it refuses"},
+        [BROKER_STATUS] = {"the broker takes the status", "it refuses"},
+        [BROKER_OUTCOMES] = {"the broker takes outcomes", "it refuses"},
+        [BROKER_OWN_STATUS] = {"the status comes back", "the broker refuses the subscription"},
+        [BROKER_COMMANDS] = {"commands come in", "the broker refuses the subscription"}};
+    for (size_t i = 0; i < BROKER_SUBJECTS; i++) {
+        char why[130], text[200];
+        bool refuses = broker_refuses(s->broker, (enum broker_subject)i, why, sizeof why);
+        refuses = i == BROKER_ROWS ? rows : refuses;
+        snprintf(text, sizeof text, "%s, %s; let it allow that (its access list)", words[i][1], why);
+        tell_broker_state(s, &s->told.taken[i], !refuses, words[i][0], text);
+    }
+    tell_broker_state(s, &s->told.version, broker_says_refusals(s->broker), "the broker says what it refuses",
+                      "it speaks MQTT 3.1.1 and not 5, which acknowledges also what its access list forbids");
 }
 
 static void tell_gaps(struct shell *s, const struct apc_replication_stats *stats)
@@ -139,15 +161,8 @@ static int on_mqtt_tick(void *ctx, const struct apc_tick *tick)
     const bool up = broker_is_up(s->broker, why, sizeof why);
     if (up || why[0])
         tell_broker_state(s, &s->told.broker, up, "the broker is there", why);
-    if (up && s->commands) {
-        char refusal[BROKER_TOPIC + 100];
-        snprintf(
-            refusal, sizeof refusal,
-            "the broker refuses the subscription to %.100s/command/+/+: let it allow that (its access list)",
-            s->prefix);
-        tell_broker_state(s, &s->told.commands, !broker_refuses_commands(s->broker), "commands come in",
-                          refusal);
-    }
+    if (up)
+        tell_refusals(s, r.refused);
     tell_broker_state(s, &s->told.queue, r.taken >= 0, "the queue takes what is new", r.why);
     tell_broker_state(s, &s->told.sent, r.sent >= 0, "what was acknowledged is noted", r.sent_why);
     tell_gaps(s, &r.stats);
@@ -263,7 +278,9 @@ int main(int argc, char **argv)
     const struct rhythm rhythm = {.period = CYCLE, .overrun = APC_OVERRUN_SKIP};
     struct apc_error why;
     int rc = worker_init(&s.worker, publish_step, &s, &why);
-    s.told.queue.up = s.told.sent.up = s.told.broker.up = s.told.commands.up = true;
+    s.told.queue.up = s.told.sent.up = s.told.broker.up = s.told.version.up = true;
+    for (size_t i = 0; i < BROKER_SUBJECTS; i++)
+        s.told.taken[i].up = true;
     if (rc == 0)
         rc = daemon_open(&s.d, &program, &s.options, argc, argv);
     if (rc == 0)

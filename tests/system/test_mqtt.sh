@@ -285,10 +285,43 @@ expect 4 'queue .* cannot be used: .*already written by apc-mqtt' "$APC_BIN/apc-
 kill -INT "$out"
 wait "$out" || fail "apc-mqtt does not end well"
 
+# ---- a broker whose access list forbids some of it: that is said, no row of it counts as delivered, and the others go on
+guarded=$(free_port)
+printf 'topic write works/acl/%s\n' status value/u 'mode/#' 'alarm/#' >"$work/access"
+printf 'topic read #\n' >>"$work/access"
+printf '%s\n' "listener $guarded 127.0.0.1" 'allow_anonymous true' "acl_file $work/access" 'user root' >"$work/guarded.conf"
+background guarded mosquitto -c "$work/guarded.conf"
+guards=$pid
+guards_there() { (exec 3<>"/dev/tcp/127.0.0.1/$guarded"); }
+until_true 20 guards_there
+background seen mosquitto_sub -h 127.0.0.1 -p "$guarded" -i seen-$$ -c -q 1 -t 'works/#' -F '%r %t %p'
+has_seen() { grep -q "$1" "$work/seen.log"; }
+background acl "$APC_BIN/apc-mqtt" --config "$work/fast.conf" --store "$live" --topic works/acl --broker "mqtt://127.0.0.1:$guarded" --queue "sqlite:$work/acl.db"
+acl=$pid
+# Promise(links/broker-refuses): What a broker refuses, by MQTT 5, is said and does not count as delivered: it comes once
+#   the broker takes it. A broker that knows 3.1.1 alone is spoken to by that.
+until_true 60 said acl 'the broker takes what is published no more, trying again: it refuses, Not authorized: works/acl/'
+until_true 60 has_seen 'works/acl/value/u '
+! has_seen 'works/acl/\(value/y\|event\) ' || fail "the broker's access list forbids nothing"
+first=$(seqs "sqlite:$work/acl.db" y | sed -n 1p)
+last=$(seqs "sqlite:$work/acl.db" y | tail -n 1)
+echo 'topic readwrite works/#' >>"$work/access"
+kill -HUP "$guards"
+seen() { sed -n 's|^. works/acl/value/y .*"seq":\([0-9]*\).*|\1|p' "$work/seen.log" | sort -nu; }
+seen_up_to() { [ "$(seen | grep -c "^$1$")" = 1 ]; }
+# Promise(links/broker-refuses)
+until_true 60 seen_up_to "$last"
+[ "$(seen | awk -v a="$first" -v b="$last" '$1 >= a && $1 <= b' | wc -l)" = $((last - first + 1)) ] || fail "rows that the broker refused are missing"
+until_true 60 said acl 'the broker takes what is published again'
+[ "$(times acl 'the broker takes what is published no more')" = 1 ] || fail "a refusal is said again and again"
+kill -INT "$acl"
+wait "$acl" || fail "apc-mqtt does not end well"
+
 # ---- a broker that does not let commands be heard: it is said, and what is published goes on
 # Promise(links/broker-named-signals)
 cat >"$work/refuses.py" <<'PY'
-# No broker: it acknowledges all, and refuses subscriptions.
+# No broker: it acknowledges all, and refuses subscriptions. It knows MQTT 3.1.1 alone; of another version it says so, or closes. Or it
+# ends each connection with a reason of MQTT 5.
 import socket
 import sys
 
@@ -307,6 +340,9 @@ while True:
                     break
             body = come.read(length)
             kind = head[0] >> 4
+            if kind == CONNECT and body[6] != 4:
+                peer.sendall({"says": b"\x20\x02\0\x01", "closes": b"", "ends": b"\x20\x03\0\0\0\xe0\x02\x8e\0"}[sys.argv[2]])
+                break
             if kind == CONNECT:
                 peer.sendall(b"\x20\x02\0\0")
             elif kind == PUBLISH:
@@ -318,16 +354,26 @@ while True:
             elif kind == PING:
                 peer.sendall(b"\xd0\0")
 PY
-deaf=$(free_port)
-background refuses python3 "$work/refuses.py" "$deaf"
-until_true 20 said refuses listens
-background deaf "$APC_BIN/apc-mqtt" --config "$work/fast.conf" --store "$live" --topic works/fast --broker "mqtt://127.0.0.1:$deaf" \
-  --queue "sqlite:$work/deaf.db" --users "$work/users" --allow r
-deaf=$pid
-until_true 60 said deaf 'commands come in no more, trying again: the broker refuses the subscription to works/fast/command/+/+'
-until_true 60 said refuses 'published works/fast/value/y' 5
-kill -INT "$deaf"
-wait "$deaf" || fail "apc-mqtt does not end well"
+for way in ends says closes; do
+  deaf=$(free_port)
+  background refuses-$way python3 "$work/refuses.py" "$deaf" $way
+  until_true 20 said refuses-$way listens
+  background deaf-$way "$APC_BIN/apc-mqtt" --config "$work/fast.conf" --store "$live" --topic works/fast --broker "mqtt://127.0.0.1:$deaf" \
+    --queue "sqlite:$work/deaf.db" --users "$work/users" --allow r
+  if [ $way = ends ]; then
+    # Promise(links/broker-refuses)
+    until_true 60 said deaf-$way 'the broker is there no more, trying again: Session taken over'
+    kill -INT "$pid"
+    wait "$pid" || fail "apc-mqtt does not end well"
+    continue
+  fi
+  until_true 60 said deaf-$way 'commands come in no more, trying again: the broker refuses the subscription, .*: works/fast/command/+/+'
+  until_true 60 said refuses-$way 'published works/fast/value/y' 5
+  # Promise(links/broker-refuses)
+  until_true 60 said deaf-$way 'the broker says what it refuses no more, trying again: it speaks MQTT 3.1.1'
+  kill -INT "$pid"
+  wait "$pid" || fail "apc-mqtt does not end well"
+done
 
 # ---- certificates that are wrong
 # Promise(links/live-store-gets)
