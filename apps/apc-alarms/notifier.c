@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
-#include <sys/pidfd.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -119,7 +119,7 @@ static int spawn_command(const struct alarm_notice *is, int input, pid_t *pid)
 /* Until it has ended, its time is up, or the daemon stops. Returns whether it has ended. */
 static bool await_command(const struct notifier *n, pid_t pid)
 {
-    const int process = pidfd_open(pid, 0);
+    const int process = (int)syscall(SYS_pidfd_open, pid, 0); /* glibc has it from 2.36 on */
     struct pollfd of[] = {{.fd = process, .events = POLLIN}, {.fd = n->stop, .events = POLLIN}};
     const apc_ns end = apc_clock_mono(NULL) + n->is->timeout;
     int ready = process < 0 ? -1 : 0;
