@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
-# tests/packages.sh [PACKAGES [PREVIOUS]]: in a fresh Debian 12 that is booted with systemd, install the packages of the
+# tests/packages.sh [PACKAGES [PREVIOUS]]: in a fresh Debian, that which the packages are of, booted with systemd, install those of the
 # folder PREVIOUS, control the paper's experiment on PostgreSQL, open the page, follow the tutorial, upgrade to those of PACKAGES (default
 # packages/), remove, purge. Without PREVIOUS an older version is made of PACKAGES themselves. Takes root, mmdebstrap,
 # systemd-container, and Debian's packages from its mirror. By hand, before a release: too long for each change.
@@ -16,8 +16,11 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 root=$work/root
 
-echo "a fresh Debian 12 ..."
-mmdebstrap --quiet --variant=minbase --include=systemd-sysv,dbus,postgresql,curl,procps,lsb-base,gcc,libc6-dev bookworm "$root"
+version=$(dpkg-deb -f "$(ls "$packages"/libapc-dev_*.deb)" Version)
+suite=bookworm
+[[ $version != *+deb13 ]] || suite=trixie
+echo "a fresh Debian, $suite ..."
+mmdebstrap --quiet --variant=minbase --include=systemd-sysv,dbus,postgresql,curl,procps,gcc,libc6-dev "$suite" "$root"
 mkdir -p "$root/check/previous" "$root/check/new"
 cp "$packages"/*.deb "$root/check/new"
 rm -f "$root"/check/new/*-dbgsym_*
@@ -25,7 +28,6 @@ if [ $# -ge 2 ]; then
   cp "$2"/*.deb "$root/check/previous"
   rm -f "$root"/check/previous/*-dbgsym_*
 else
-  version=$(dpkg-deb -f "$(ls "$packages"/libapc-dev_*.deb)" Version)
   for package in "$root"/check/new/*.deb; do
     rm -rf "$work/package"
     dpkg-deb -R "$package" "$work/package"
