@@ -184,6 +184,7 @@ cat >"$work/other.c" <<'C'
 const char *apc_version(void);
 const char *apc_version(void) { return "0.0.1"; }
 C
-cc -shared -fPIC -Wl,-soname,libapc.so.0.1 -o "$work/libapc.so.0.1" "$work/other.c"
+soname=$(readelf -d "$APC_BUILD_DIR/lib/libapc.so" | sed -n 's/.*SONAME.*\[\(.*\)\]/\1/p')
+cc -shared -fPIC -Wl,-soname,"$soname" -o "$work/$soname" "$work/other.c"
 # Promise(python): Another libapc in the wheel's place is told, not run.
 expect 1 'libapc cannot be loaded: .*LD_LIBRARY_PATH' env LD_LIBRARY_PATH="$work" "$user/bin/python" -c 'import libapc as apc; apc.version()'

@@ -7,10 +7,20 @@
 cd "$APC_SOURCE_DIR"
 command -v dpkg-query >/dev/null || { echo "skipped: this is no Debian"; exit 77; }
 
+# ---- the version
+version=$(sed -n 's/^project(apc VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)
+for named in "CITATION.cff $(sed -n 's/^version: //p' CITATION.cff)" "python/pyproject.toml $(sed -n 's/^version = "\(.*\)"/\1/p' python/pyproject.toml)" \
+  "ui/package.json $(sed -n 's/^  "version": "\(.*\)",/\1/p' ui/package.json)" "ui/package-lock.json $(sed -n '3s/^  "version": "\(.*\)",/\1/p' ui/package-lock.json)" \
+  "debian/changelog $(sed -n '1s/^apc (\(.*\)) .*/\1/p' debian/changelog)" "debian/control $(sed -n 's/^Package: libapc\([0-9.]*\)$/\1/p' debian/control).${version##*.}" \
+  "README.md $(sed -n 's/.*it is young: version \([0-9.]*\).*/\1/p' README.md).${version##*.}" \
+  "CHANGELOG.md $(sed -n 's/^## \([0-9.]*\)$/\1/p' CHANGELOG.md | head -n 1)"; do
+  # Promise(docs): What names the version of libapc names that of CMakeLists.txt.
+  [ "${named#* }" = "$version" ] || fail "${named% *} is of version ${named#* }, and CMakeLists.txt of $version"
+done
+
 # ---- the sources
 git rev-parse --git-dir >/dev/null 2>&1 || { echo "skipped: there is no history to release from"; exit 77; }
 scripts/release --sources "$work/release" >"$work/release.log"
-version=$(sed -n 's/^project(apc VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)
 (cd "$work/release" && sha256sum --quiet -c SHA256SUMS)
 tar -tzf "$work/release/libapc-$version.tar.gz" >"$work/names"
 grep -qx "libapc-$version/include/apcstore.h" "$work/names" || fail "the sources are not whole"
@@ -42,7 +52,7 @@ assert bill["bomFormat"] == "CycloneDX" and bill["serialNumber"].startswith("urn
 assert {f["name"] for f in bill["metadata"]["component"]["components"]} >= {"apc", "apc-ui"}
 by_name = {c["name"]: c for c in bill["components"]}
 assert urllib.parse.quote(sys.argv[3], safe="") in by_name["libpq5"]["purl"], by_name["libpq5"]
-for name in ("libc6", "libsqlite3-0", "libmicrohttpd12", "libnlopt0"):
+for name in ("libc6", "libsqlite3-0", "libmicrohttpd12", "libnlopt0", "libsundials-dev"):
     assert by_name[name]["version"], name
 bundled = set(open(sys.argv[2], encoding="utf-8").read().split())
 assert bundled == {c["name"] for c in bill["components"] if c["purl"].startswith("pkg:npm/")}, bundled
