@@ -29,6 +29,7 @@ static const struct {
     {"watch", command_watch, "follow values as they change", NULL},
     {"alarm", command_alarm, "the alarms: list, acknowledge, shelve, and all that they did", NULL},
     {"history", command_history, "past values of a variable, or events", "Look back"},
+    {"why", command_why, "which inputs moved an output of a run, and by how much", NULL},
     {"timing", command_timing, "how well the tasks keep time: lateness, jitter, run time, missed ticks",
      NULL},
     {"report", command_report, "draw the report of a run again", NULL},

@@ -44,7 +44,7 @@ static void resume_loop(struct apc_controller *c, size_t i, const double *row)
     c->last[i] = row[at[APC_TICK_LAST] + i];
     c->blocked[i] =
         (unsigned)fmin(fmax(row[at[APC_TICK_BLOCKED] + i], 0.0), APC_LIMITED_LOW | APC_LIMITED_HIGH);
-    l->wanted = fmin(fmax(row[at[APC_TICK_MANUAL] + i], c->low[i]), c->high[i]);
+    l->wanted = row[at[APC_TICK_MANUAL] + i];
     l->loop.state =
         state > 0.0 && state < (double)APC_LOOP_END ? (enum apc_loop_state)(int)state : APC_LOOP_OOS;
     l->target = target >= (double)APC_MODE_MAN && target <= (double)APC_MODE_CAS ? (enum apc_mode)(int)target

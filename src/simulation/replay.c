@@ -9,7 +9,7 @@
  * row is another than that of one that lived on. From a row that differs all the same the replay goes on, so
  * that each tick is judged by itself.
  */
-#include "simulation.h"
+#include "replay_internal.h"
 
 #include <errno.h>
 #include <math.h>
@@ -19,7 +19,6 @@
 #include <unistd.h>
 
 #include "base/base_internal.h"
-#include "modules/controller.h"
 
 /* ---- Rows that are named -------------------------------------------------------------------- */
 
@@ -47,24 +46,24 @@ static size_t samples_before(const struct replay *r, const struct apc_sample *wa
     return low;
 }
 
+const struct apc_sample *replay_sample(const struct replay *r, enum apc_table table, int id, int64_t seq)
+{
+    const struct apc_sample wanted = {.table = table, .id = id, .seq = seq};
+    const size_t at = samples_before(r, &wanted);
+    return at < r->samples.n && by_controller_name(&r->samples.at[at], &wanted) == 0 ? &r->samples.at[at]
+                                                                                     : NULL;
+}
+
 /* Fill in the row of @p seq of its variable; 0: there was none. False: it is not on record. */
 static bool give_recorded_sample(const struct replay *r, struct apc_sample *in, double seq)
 {
-    struct apc_sample wanted = {.table = in->table, .id = in->id, .seq = (int64_t)seq};
-    if (seq <= 0) {
-        *in = wanted;
-        in->seq = 0;
-        in->status = APC_BAD_NO_DATA;
-        return true;
-    }
-    const size_t at = samples_before(r, &wanted);
-    if (at == r->samples.n || by_controller_name(&r->samples.at[at], &wanted) != 0) {
-        *in = wanted;
-        in->status = APC_BAD_NO_DATA;
-        return false;
-    }
-    *in = r->samples.at[at];
-    return true;
+    const struct apc_sample *there = seq > 0 ? replay_sample(r, in->table, in->id, (int64_t)seq) : NULL;
+    *in = there ? *there
+                : (struct apc_sample){.table = in->table,
+                                      .id = in->id,
+                                      .seq = seq > 0 ? (int64_t)seq : 0,
+                                      .status = APC_BAD_NO_DATA};
+    return there || seq <= 0;
 }
 
 /* The newest row of its variable that is not younger than @p time. */
@@ -324,9 +323,8 @@ static void compare_outputs(struct replay *r, const struct replay_controller *rc
 
 /* ---- The ticks ------------------------------------------------------------------------------ */
 
-/* A controller anew, as a daemon that is started after the row of @p former; NULL: at the beginning. */
-static int start_replayed_controller(struct replay *r, struct replay_controller *rc,
-                                     const struct tick_row *former, apc_ns time)
+int replay_start_controller(struct replay *r, struct replay_controller *rc, const struct tick_row *former,
+                            apc_ns time)
 {
     struct apc_error why;
     apc_controller_destroy(rc->core);
@@ -347,29 +345,40 @@ static int start_replayed_controller(struct replay *r, struct replay_controller 
     return 0;
 }
 
-static const struct apc_sample *replay_controller_tick(struct replay *r, struct replay_controller *rc,
-                                                       const struct tick_row *at, const double *row,
-                                                       struct apc_notice *notice)
+const struct apc_sample *replay_give_tick(struct replay *r, struct replay_controller *rc,
+                                          const struct tick_row *at, const double *row)
 {
     struct apc_controller *c = rc->core;
-    const struct apc_now now = recorded_now(rc, row, at->time);
-    give_measurements(c, row, now);
+    rc->ticking = recorded_now(rc, row, at->time);
+    give_measurements(c, row, rc->ticking);
     const struct apc_sample *missing = give_tick_rows(r, rc, row), *lost = give_plans(r, rc, row);
     give_choice(c, row);
     c->budget = was_late(c, row) ? 0.0 : apc_ns_to_s(rc->of->budget);
     find_gone(c, row);
-    apc_controller_compute(c, now, (uint64_t)row[c->offset[APC_TICK_INDEX]], true, notice);
     return missing ? missing : lost;
 }
 
-static bool is_made(const struct apc_controller *c, const double *row)
+void replay_compute_tick(struct replay_controller *rc, const double *row, struct apc_notice *notice)
+{
+    apc_controller_compute(rc->core, rc->ticking, (uint64_t)row[rc->core->offset[APC_TICK_INDEX]], true,
+                           notice);
+}
+
+void replay_end_tick(struct replay_controller *rc, const struct tick_row *at, const double *row)
+{
+    apc_controller_update(rc->core, 1);
+    rc->now = recorded_now(rc, row, at->time);
+    rc->row = row;
+}
+
+bool replay_is_made(const struct apc_controller *c, const double *row)
 {
     const char *name;
     size_t element;
     return !first_difference(c, row, c->row, NULL, &name, &element);
 }
 
-static void tell_difference(const struct replay *r, const struct replay_controller *rc,
+void replay_tell_difference(const struct replay *r, const struct replay_controller *rc,
                             const struct tick_row *at, const double *row, const struct apc_sample *missing,
                             char text[REPLAY_TEXT])
 {
@@ -413,19 +422,21 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
     const double *row = rc->ticks.value + at->first;
     char text[REPLAY_TEXT] = "";
     struct apc_notice notice;
-    const struct apc_sample *missing = replay_controller_tick(r, rc, at, row, &notice);
-    bool same = is_made(rc->core, row);
+    const struct apc_sample *missing = replay_give_tick(r, rc, at, row);
+    replay_compute_tick(rc, row, &notice);
+    bool same = replay_is_made(rc->core, row);
     int err = 0;
 
     if (!same && !r->other_law && begins_later(rc, row, missing))
         rc->begins = at->time;
     else if (!same)
-        tell_difference(r, rc, at, row, missing, text);
+        replay_tell_difference(r, rc, at, row, missing, text);
     if (!same && !r->other_law && former) {
-        if ((err = start_replayed_controller(r, rc, former, former->time)) < 0)
+        if ((err = replay_start_controller(r, rc, former, former->time)) < 0)
             return err;
-        (void)replay_controller_tick(r, rc, at, row, &notice);
-        same = is_made(rc->core, row);
+        (void)replay_give_tick(r, rc, at, row);
+        replay_compute_tick(rc, row, &notice);
+        same = replay_is_made(rc->core, row);
         rc->restarts += same;
     }
     if (!same && !rc->first[0])
@@ -436,10 +447,8 @@ static int replay_tick(struct replay *r, struct replay_controller *rc, size_t k)
         if (r->watch.notice && notice.kind != APC_NOTICE_NONE && notice.kind != APC_NOTICE_MODE)
             r->watch.notice(r->watch.ctx, apc_ns_to_s(at->time - r->start), notice.text);
     while (apc_controller_noticed(rc->core, &notice));
-    apc_controller_update(rc->core, 1);
-    rc->now = recorded_now(rc, row, at->time);
-    rc->row = row;
-    return same || r->other_law ? 0 : start_replayed_controller(r, rc, at, at->time);
+    replay_end_tick(rc, at, row);
+    return same || r->other_law ? 0 : replay_start_controller(r, rc, at, at->time);
 }
 
 int replay_run(struct replay *r, const struct replay_watch *watch)
@@ -448,7 +457,7 @@ int replay_run(struct replay *r, const struct replay_watch *watch)
     r->watch = *watch;
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++) {
         struct replay_controller *c = &r->controller[i];
-        rc = start_replayed_controller(r, c, NULL, r->start - 1);
+        rc = replay_start_controller(r, c, NULL, r->start - 1);
         for (size_t k = 0; k < c->ticks.n && rc == 0; k++) {
             if (!r->other_law && c->ticks.at[k].n != c->core->out_row->n)
                 return apc_fail(&r->why, APC_EPROTO,
@@ -545,7 +554,7 @@ int replay_virtual(struct replay *r)
         why = s.why;
     for (size_t i = 0; i < e.n_controllers && rc == 0; i++) {
         struct ticks made;
-        rc = start_replayed_controller(r, &r->controller[i], NULL, r->start - 1);
+        rc = replay_start_controller(r, &r->controller[i], NULL, r->start - 1);
         if (rc == 0 && (rc = ticks_load(&made, s.store, APC_TICK, e.controllers[i].number, 0)) == 0)
             compare_virtual(r, &r->controller[i], &made);
         ticks_free(&made);
@@ -631,7 +640,9 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
     r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
     r->difference = calloc(controllers_loops(&r->e), sizeof *r->difference);
     r->plan = calloc(r->e.dim.nz + 1, sizeof *r->plan);
-    if (!r->controller || !r->difference || !r->plan || controllers_describe(&r->e, &r->loops) < 0)
+    r->tags = provision_tags(&r->e, &r->n_tags);
+    if (!r->controller || !r->difference || !r->plan || !r->tags ||
+        controllers_describe(&r->e, &r->loops) < 0)
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < r->e.n_controllers; i++)
         r->controller[i].of = &r->e.controllers[i];
@@ -646,6 +657,7 @@ void replay_free(struct replay *r)
     }
     for (size_t k = 0; r->plan && k < r->e.dim.nz; k++)
         ticks_free(&r->plan[k]);
+    free(r->tags);
     free(r->plan);
     free(r->controller);
     free(r->difference);

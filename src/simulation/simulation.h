@@ -178,6 +178,7 @@ struct replay_controller {
     apc_ns begins; /* of the first tick, where what it went on from is not on record any more; 0: all are */
     char first[REPLAY_TEXT]; /* which tick is the first that differs, and why; "": none does */
     struct apc_now now;      /* of the tick before */
+    struct apc_now ticking;  /* of this one */
     const double *row;       /* of the tick before, recorded; NULL: there is none */
 };
 
@@ -195,6 +196,8 @@ struct replay {
     struct loops loops;
 
     /* its own */
+    struct apc_tag *tags; /* [n_tags] of the experiment's variables */
+    size_t n_tags;
     struct samples samples; /* what the tick rows name, by table, id, seq */
     struct ticks *plan;     /* [e.dim.nz] and of plans */
     struct apc_sample lost; /* the last plan that is not on record */
@@ -217,5 +220,65 @@ int replay_run(struct replay *r, const struct replay_watch *watch);
  */
 int replay_virtual(struct replay *r);
 void replay_free(struct replay *r);
+
+/* ---- Why ------------------------------------------------------------------------------------ */
+
+/*
+ * Why an output of a recorded run moved. Of each input of its controller that changed, the ticks of the move are
+ * computed again with that input as it was before them: the difference is what the input contributed. Nothing is
+ * said of ticks that do not come out of the record bit for bit.
+ */
+
+enum why_kind {
+    WHY_SETPOINT = 1, /* with what it is to become, to a law that looks ahead */
+    WHY_MEASUREMENT,
+    WHY_DISTURBANCE,
+    WHY_TUNING,
+    WHY_MODE,   /* the target of a loop of the same controller */
+    WHY_MANUAL, /* an operator's output */
+    WHY_BELOW,  /* what takes the output: how it can follow */
+    WHY_ABOVE,  /* mode of the loop that moves a setpoint */
+    WHY_ACTING, /* which of several controllers acts */
+    WHY_LAW     /* it was late, or failed */
+};
+
+struct why_cause {
+    enum why_kind kind;
+    size_t element;            /* of its kind, in its controller */
+    const struct apc_tag *tag; /* of the variable; NULL: it has none */
+    double before, now;        /* NAN: of what is no number */
+    apc_status status_before, status;
+    const struct apc_sample *row; /* that came; NULL: it is not a row, or not on record */
+    double effect;                /* on the output: less with it as it was before */
+};
+
+struct why {
+    const struct replay_controller *by;
+    const char *loop; /* its name */
+    const struct apc_tag *output;
+    size_t element;
+    const struct tick_row *before, *tick;
+    double u_before, u;
+    enum apc_loop_state state_before, state;
+    char reason[144];        /* why the loop is not as wanted; "": it is */
+    unsigned blocked;        /* enum apc_limited: how what takes it cannot follow */
+    unsigned limited;        /* the same: how a limit of the law, or of its rate, held it back */
+    double low, high;        /* its limits */
+    struct why_cause *cause; /* [n] the greatest effect first */
+    size_t n;
+    double earlier;  /* what it moves without any of them: integral action, ramps, filters */
+    double together; /* what they do only together */
+    size_t lead;     /* so many ticks were computed before those of the move */
+};
+
+/* Why did @p loop move within the ticks after @p from until @p until, UTC, the last of which is not younger? Both
+ * of one controller's ticks; @p from not before its last tick: that tick alone. After replay_load(), as often as
+ * wanted. Returns 0, APC_ENOTFOUND (no such loop, or no tick there), APC_ESTATE (a tick does not come out of the
+ * record again), or another error, with a text in @why; why_free() in either case. */
+int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc_ns until,
+             struct apc_error *why);
+/* The loop above that wrote the row of a setpoint, at its time; NULL: somebody else did. */
+const char *why_above(const struct replay *r, const struct why_cause *cause);
+void why_free(struct why *w);
 
 #endif

@@ -40,7 +40,8 @@ cp -r "$APC/experiments" .
 # Promise(docs/readme)
 # Types(docs/alarms.md): apc simulate
 # Types(docs/analysis.md): apc analyze
-for page in docs/simulate.md docs/analysis.md docs/alarms.md; do
+# Types(docs/why.md): apc why
+for page in docs/simulate.md docs/analysis.md docs/alarms.md docs/why.md; do
   copy=$work/${page##*/}
   sed -E 's/^([0-9.]+ s) in [^;]*;/\1 in ...;/; /^## Replay/,/^## /d' "$APC_SOURCE_DIR/$page" >"$copy"
   python3 "$shown" "$copy" '--runs 1000=--runs 1000 --duration 20' >"$copy.log" ||

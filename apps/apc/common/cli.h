@@ -133,6 +133,7 @@ int command_init(int argc, char **argv);
 int command_run(int argc, char **argv);
 int command_simulate(int argc, char **argv);
 int command_replay(int argc, char **argv);
+int command_why(int argc, char **argv);
 int command_laws(int argc, char **argv);
 int command_status(int argc, char **argv);
 int command_get(int argc, char **argv);

@@ -1,0 +1,397 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* apc why: what moved an output of a recorded run. */
+#include "simulation/simulation.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "apc/common/cli.h"
+#include "apc/common/print.h"
+#include "files/files.h"
+
+#define DEPTH 4 /* loops above one another that are followed */
+
+struct why_options {
+    double over; /* s; 0: the tick alone */
+};
+
+#define AT(member) .to = offsetof(struct why_options, member)
+static const struct option_spec own_options[] = {
+    {"over", 0, "SECONDS", "Explain the move over so long a time until then, instead of one tick",
+     OPTION_NUMBER, AT(over), .high = DBL_MAX, .must = "be seconds, 0 or above"},
+    {0},
+};
+
+static const struct cli_spec spec = {
+    .args_doc = "RUN OUTPUT[@TIME]",
+    .doc =
+        "Why output OUTPUT of run folder RUN moved at TIME: seconds since the start of the run, or RFC 3339; "
+        "without it the last tick. Each input that changed is held as it was before, and the tick computed "
+        "again: the difference is its effect. Only ticks that come out of the record bit for bit are "
+        "explained. A setpoint that a loop above moved is followed upwards.",
+    .takes = CLI_FORMAT,
+    .min_args = 2,
+    .max_args = 2,
+    .options = own_options,
+};
+
+struct why_command {
+    struct cli cli;
+    struct why_options options;
+    struct replay replay;
+    char loop[APC_TAG_LEN];
+    apc_ns at;
+};
+
+static int fail_why(const struct why_command *c, int err, const char *text)
+{
+    cli_error(&c->cli, err, "%s", text);
+    return err;
+}
+
+/* ---- Words ----------------------------------------------------------------------------------- */
+
+static const char *kind_name(enum why_kind kind)
+{
+    static const char *const name[] = {[WHY_SETPOINT] = "setpoint",
+                                       [WHY_MEASUREMENT] = "measurement",
+                                       [WHY_DISTURBANCE] = "disturbance",
+                                       [WHY_TUNING] = "tuning",
+                                       [WHY_MODE] = "mode",
+                                       [WHY_MANUAL] = "manual output",
+                                       [WHY_BELOW] = "loop below",
+                                       [WHY_ABOVE] = "loop above",
+                                       [WHY_ACTING] = "promoted",
+                                       [WHY_LAW] = "law"};
+    return name[kind];
+}
+
+static const char *state_name(enum apc_loop_state state)
+{
+    static const char *const name[APC_LOOP_END] = {
+        [APC_LOOP_OOS] = "OOS",       [APC_LOOP_MAN] = "Man",           [APC_LOOP_AUTO] = "Auto",
+        [APC_LOOP_CAS] = "Cas",       [APC_LOOP_INIT] = "IMan",         [APC_LOOP_HOLD] = "held",
+        [APC_LOOP_BACKUP] = "backup", [APC_LOOP_FAULT] = "fault value", [APC_LOOP_SHADOW] = "shadow"};
+    return state > 0 && state < APC_LOOP_END ? name[state] : "none";
+}
+
+static const char *cause_name(const struct why *w, const struct why_cause *cause)
+{
+    return cause->tag ? cause->tag->name : w->by->of->name;
+}
+
+/* A value with its status where that is not Good; "" where it is no number. */
+static char *value_text(const struct why_cause *cause, double value, apc_status status, char text[PRINT_LEN])
+{
+    char of[APC_STATUS_NAME_LEN];
+    struct apc_sample sample = {
+        .table = cause->kind == WHY_MODE ? APC_OPMODE : APC_SENSOR, .seq = 1, .value = value};
+    if (isnan(value))
+        return strcpy(text, "");
+    print_value(&sample, text);
+    if (apc_status_severity(status) != APC_SEVERITY_GOOD) {
+        const size_t n = strlen(text);
+        snprintf(text + n, PRINT_LEN - n, " %s", apc_status_format(status, of));
+    }
+    return text;
+}
+
+/* Who wrote the row, and why, as the operators' events of the run say; "": none does. */
+struct author {
+    char source[APC_TAG_LEN], text[200];
+};
+
+static int find_author(const struct why_command *c, const struct why_cause *cause, struct author *author)
+{
+    char path[600];
+    struct csv *csv;
+    struct apc_error none;
+    int rc = 0;
+    *author = (struct author){{0}, {0}};
+    if (!cause->row || !cause->tag)
+        return 0;
+    snprintf(path, sizeof path, "%.580s/events.csv", c->cli.args[0]);
+    if (csv_open(&csv, path, &none) < 0)
+        return 0;
+    const double at = apc_ns_to_s(cause->row->time - c->replay.start);
+    const size_t name = strlen(cause->tag->name);
+    while (csv_expect(csv, "time,severity,source,kind,text", &none) == 0 && (rc = csv_next(csv, &none)) > 0) {
+        double t;
+        const char *text = csv_text(csv, 4);
+        if (strcmp(csv_text(csv, 3), "operator") != 0 || csv_number(csv, 0, &t, &none) < 0 ||
+            fabs(t - at) > 1e-6 || strncmp(text, cause->tag->name, name) != 0 ||
+            (text[name] != ':' && text[name] != ' ' && text[name] != '.'))
+            continue;
+        snprintf(author->source, sizeof author->source, "%s", csv_text(csv, 2));
+        snprintf(author->text, sizeof author->text, "%s", text);
+    }
+    csv_close(csv);
+    return rc;
+}
+
+/* ---- For people ------------------------------------------------------------------------------ */
+
+static void print_effect(struct print_table *table, const struct why *w, double effect)
+{
+    const double move = w->u - w->u_before;
+    print_cell(table, PRINT_PLAIN, "%+.4g", effect);
+    if (move < 0 || move > 0)
+        print_cell(table, PRINT_PLAIN, "%.0f", 100 * effect / move + 0.0);
+    else
+        print_cell(table, PRINT_PLAIN, "%s", "");
+}
+
+static int print_causes(const struct why *w)
+{
+    static const struct print_column columns[] = {{"input", PRINT_LEFT},   {"", PRINT_LEFT},
+                                                  {"before", PRINT_RIGHT}, {"now", PRINT_RIGHT},
+                                                  {"effect", PRINT_POINT}, {"%", PRINT_RIGHT}};
+    const double rounding = 1e-12 * (fabs(w->u) + fabs(w->u_before));
+    struct print_table table;
+    char text[PRINT_LEN];
+    print_table_open(&table, columns, sizeof columns / sizeof *columns);
+    for (size_t i = 0; i < w->n; i++) {
+        const struct why_cause *cause = &w->cause[i];
+        if (cause->effect == 0)
+            continue;
+        print_cell(&table, PRINT_PLAIN, "%s", cause_name(w, cause));
+        print_cell(&table, PRINT_PLAIN, "%s", kind_name(cause->kind));
+        print_cell(&table, PRINT_PLAIN, "%s", value_text(cause, cause->before, cause->status_before, text));
+        print_cell(&table, PRINT_PLAIN, "%s", value_text(cause, cause->now, cause->status, text));
+        print_effect(&table, w, cause->effect);
+    }
+    const struct {
+        const char *what, *of;
+        double effect;
+    } rest[] = {{"(none of them)", "the loop goes on", w->earlier},
+                {"(together)", "not one alone", w->together}};
+    for (size_t i = 0; i < sizeof rest / sizeof *rest; i++) {
+        if (fabs(rest[i].effect) <= rounding)
+            continue;
+        print_cell(&table, PRINT_PLAIN, "%s", rest[i].what);
+        print_cell(&table, PRINT_FAINT, "%s", rest[i].of);
+        print_cell(&table, PRINT_PLAIN, "%s", "");
+        print_cell(&table, PRINT_PLAIN, "%s", "");
+        print_effect(&table, w, rest[i].effect);
+    }
+    const int rc = table.n > 0 ? print_table_show(&table, stdout, cli_colour(), 0, "\n") : 0;
+    print_table_close(&table);
+    return rc;
+}
+
+/* Inputs that changed and moved nothing stand at the end. */
+static void print_idle(const struct why *w)
+{
+    const char *before = "no effect: ";
+    for (size_t i = 0; i < w->n; i++) {
+        if (w->cause[i].effect != 0)
+            continue;
+        fputs(before, stdout);
+        print_clean(stdout, cause_name(w, &w->cause[i]));
+        printf(" (%s)", kind_name(w->cause[i].kind));
+        before = ", ";
+    }
+    if (*before == ',')
+        putchar('\n');
+}
+
+static const char *direction(unsigned limited)
+{
+    return limited == (APC_LIMITED_LOW | APC_LIMITED_HIGH) ? "both ways"
+           : limited & APC_LIMITED_HIGH                    ? "upwards"
+                                                           : "downwards";
+}
+
+static void print_limit(const struct why *w)
+{
+    if (w->u >= w->high)
+        printf("  at its high limit, %.6g\n", w->high);
+    else if (w->u <= w->low)
+        printf("  at its low limit, %.6g\n", w->low);
+    else if (w->limited)
+        printf("  a limit of the law or of the rate holds it back %s\n", direction(w->limited));
+    if (w->blocked)
+        printf("  the loop below cannot follow %s\n", direction(w->blocked));
+}
+
+static int print_why(const struct why_command *c, const struct why *w)
+{
+    char before[PRINT_LEN], now[PRINT_LEN];
+    const double t = apc_ns_to_s(w->tick->time - c->replay.start);
+    const char *unit = w->output ? w->output->unit : "";
+    print_clean(stdout, w->loop);
+    printf(": %s -> %s%s%s, tick at %.3f s of %s", print_exact(w->u_before, before), print_exact(w->u, now),
+           *unit ? " " : "", unit, t, w->by->of->name);
+    if (w->state_before != w->state)
+        printf(", %s -> %s", state_name(w->state_before), state_name(w->state));
+    else
+        printf(", %s", state_name(w->state));
+    fputs(w->reason[0] ? ": " : "", stdout);
+    print_clean(stdout, w->reason);
+    putchar('\n');
+    print_limit(w);
+    int rc = print_causes(w);
+    print_idle(w);
+    for (size_t i = 0; i < w->n && rc >= 0; i++) {
+        struct author author;
+        rc = find_author(c, &w->cause[i], &author);
+        if (author.source[0]) {
+            printf("%.3f s  ", apc_ns_to_s(w->cause[i].row->time - c->replay.start));
+            print_clean(stdout, author.source);
+            fputs(": ", stdout);
+            print_clean(stdout, author.text);
+            putchar('\n');
+        }
+    }
+    return rc < 0 ? rc : 0;
+}
+
+/* ---- For programs ---------------------------------------------------------------------------- */
+
+static int put_cause(const struct why_command *c, const struct why *w, const struct why_cause *cause)
+{
+    char status[APC_STATUS_NAME_LEN];
+    struct author author;
+    print_json_text(stdout, "input", cause_name(w, cause));
+    fputs(", ", stdout);
+    print_json_text(stdout, "kind", kind_name(cause->kind));
+    fputs(", ", stdout);
+    print_json_number(stdout, "before", cause->before);
+    fputs(", ", stdout);
+    print_json_number(stdout, "now", cause->now);
+    fputs(", ", stdout);
+    print_json_text(stdout, "status_before", apc_status_format(cause->status_before, status));
+    fputs(", ", stdout);
+    print_json_text(stdout, "status", apc_status_format(cause->status, status));
+    fputs(", ", stdout);
+    print_json_number(stdout, "written",
+                      cause->row ? apc_ns_to_s(cause->row->time - c->replay.start) : (double)NAN);
+    fputs(", ", stdout);
+    const int rc = find_author(c, cause, &author);
+    print_json_text(stdout, "author", author.source[0] ? author.source : NULL);
+    fputs(", ", stdout);
+    print_json_text(stdout, "event", author.text[0] ? author.text : NULL);
+    fputs(", ", stdout);
+    print_json_number(stdout, "effect", cause->effect);
+    return rc < 0 ? rc : 0;
+}
+
+static int put_why(const struct why_command *c, const struct why *w)
+{
+    int rc = 0;
+    print_json_text(stdout, "output", w->loop);
+    fputs(", ", stdout);
+    print_json_text(stdout, "controller", w->by->of->name);
+    fputs(", ", stdout);
+    print_json_text(stdout, "unit", w->output ? w->output->unit : NULL);
+    fputs(", ", stdout);
+    print_json_number(stdout, "from", apc_ns_to_s(w->before->time - c->replay.start));
+    fputs(", ", stdout);
+    print_json_number(stdout, "time", apc_ns_to_s(w->tick->time - c->replay.start));
+    fputs(", ", stdout);
+    print_json_number(stdout, "before", w->u_before);
+    fputs(", ", stdout);
+    print_json_number(stdout, "now", w->u);
+    fputs(", ", stdout);
+    print_json_text(stdout, "state_before", state_name(w->state_before));
+    fputs(", ", stdout);
+    print_json_text(stdout, "state", state_name(w->state));
+    fputs(", ", stdout);
+    print_json_text(stdout, "reason", w->reason[0] ? w->reason : NULL);
+    fputs(", ", stdout);
+    print_json_limit(stdout, "low", w->low);
+    fputs(", ", stdout);
+    print_json_limit(stdout, "high", w->high);
+    fputs(", ", stdout);
+    print_json_number(stdout, "earlier", w->earlier);
+    fputs(", ", stdout);
+    print_json_number(stdout, "together", w->together);
+    fputs(", ", stdout);
+    print_json_key(stdout, "inputs");
+    putchar('[');
+    for (size_t i = 0; i < w->n && rc == 0; i++) {
+        fputs(i ? ", {" : "{", stdout);
+        rc = put_cause(c, w, &w->cause[i]);
+        putchar('}');
+    }
+    putchar(']');
+    return rc;
+}
+
+/* ---- The command ----------------------------------------------------------------------------- */
+
+static int explain(struct why_command *c, const char *loop, apc_ns at, unsigned depth)
+{
+    const bool json = c->cli.format == CLI_JSON;
+    struct apc_error why;
+    struct why w;
+    apc_ns over = 0;
+    const struct why_cause *moved = NULL;
+    int rc = apc_ns_from_s(c->options.over, &over);
+    rc = why_find(&w, &c->replay, loop, over > 0 ? at - over : at, at, &why);
+    if (rc < 0)
+        fail_why(c, rc, why.text);
+    else
+        rc = json ? put_why(c, &w) : print_why(c, &w);
+    for (size_t i = 0; i < w.n && rc == 0 && !moved; i++)
+        if (w.cause[i].effect != 0 && why_above(&c->replay, &w.cause[i]))
+            moved = &w.cause[i];
+    if (moved && depth < DEPTH) {
+        if (json)
+            fputs(", \"above\": {", stdout);
+        else
+            putchar('\n');
+        rc = explain(c, why_above(&c->replay, moved), moved->row->time, depth + 1);
+        if (json)
+            putchar('}');
+    }
+    why_free(&w);
+    return rc;
+}
+
+/* OUTPUT[@TIME]; the run is loaded. */
+static int parse_output(struct why_command *c)
+{
+    const char *text = c->cli.args[1], *at = strrchr(text, '@');
+    const size_t length = at ? (size_t)(at - text) : strlen(text);
+    double t;
+    c->at = INT64_MAX;
+    if (length == 0 || length >= sizeof c->loop)
+        return cli_usage(&c->cli, "\"%s\": expected OUTPUT or OUTPUT@TIME", text);
+    memcpy(c->loop, text, length);
+    if (!at)
+        return 0;
+    if (apc_number_parse(at + 1, &t) == 0 && apc_ns_from_s(t, &c->at) == 0) {
+        c->at += c->replay.start;
+        return 0;
+    }
+    return cli_when(at + 1, &c->at)
+               ? 0
+               : cli_usage(&c->cli,
+                           "\"%s\": \"%s\" must be seconds since the start of the run, or a "
+                           "time, as 2026-01-31T12:00:00Z",
+                           text, at + 1);
+}
+
+int command_why(int argc, char **argv)
+{
+    struct why_command c = {.loop = ""};
+    struct apc_error why;
+    cli_parse(&c.cli, &spec, &c.options, argc, argv);
+    int rc = replay_load(&c.replay, c.cli.args[0], NULL, &why);
+    if (rc < 0) {
+        fail_why(&c, rc, why.text);
+    } else if ((rc = parse_output(&c)) == 0) {
+        if (c.cli.format == CLI_JSON)
+            putchar('{');
+        rc = explain(&c, c.loop, c.at, 0);
+        if (c.cli.format == CLI_JSON)
+            puts("}");
+    } else {
+        replay_free(&c.replay);
+        return rc;
+    }
+    replay_free(&c.replay);
+    return cli_done(&c.cli, exit_code_of(rc));
+}

@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* One tick of a recorded run again: shared by replay.c, which compares it, and why.c, which alters it. */
+#ifndef APC_REPLAY_INTERNAL_H
+#define APC_REPLAY_INTERNAL_H
+
+#include "modules/controller.h"
+#include "simulation.h"
+
+/* A controller anew, as a daemon that is started after the row of @p former; NULL: at the beginning. Returns 0
+ * or an error with a text in r->why. */
+int replay_start_controller(struct replay *r, struct replay_controller *rc, const struct tick_row *former,
+                            apc_ns time);
+/* Give it the inputs that the tick of @p row names. Returns what of these is not on record; NULL: all are. */
+const struct apc_sample *replay_give_tick(struct replay *r, struct replay_controller *rc,
+                                          const struct tick_row *at, const double *row);
+/* Then compute that tick. */
+void replay_compute_tick(struct replay_controller *rc, const double *row, struct apc_notice *notice);
+/* Its outputs went out, and the next tick is computed after it. */
+void replay_end_tick(struct replay_controller *rc, const struct tick_row *at, const double *row);
+/* Did all of the row come out? */
+bool replay_is_made(const struct apc_controller *c, const double *row);
+/* If not: what did not, and why. */
+void replay_tell_difference(const struct replay *r, const struct replay_controller *rc,
+                            const struct tick_row *at, const double *row, const struct apc_sample *missing,
+                            char text[REPLAY_TEXT]);
+/* The row of @p seq of a variable; NULL: it is not on record. */
+const struct apc_sample *replay_sample(const struct replay *r, enum apc_table table, int id, int64_t seq);
+
+#endif

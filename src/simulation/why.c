@@ -1,0 +1,488 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/*
+ * The inputs of a tick stand in its row, as values or as seqs of rows on record. An input "as it was before" is
+ * those elements of the row before the move, put into each row of the move. All else, the law's memory too, goes
+ * its own way from there.
+ */
+#include "replay_internal.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "files/files.h"
+
+/* The ticks of a move: those after `from` until `until`; the first that is computed for it; one as altered. */
+struct move {
+    struct replay *r;
+    struct replay_controller *rc;
+    size_t began, from, until;
+    double *row;
+    double *u; /* [nu] that it put out at the tick before, as altered */
+};
+
+static const double *row_of(const struct move *m, size_t k)
+{
+    return m->rc->ticks.value + m->rc->ticks.at[k].first;
+}
+
+/* ---- Inputs as they were before -------------------------------------------------------------- */
+
+#define NONE APC_TICK_FIELDS
+
+/* The fields that are held; those that say its value, its status and the seq of its row; and how far apart its
+ * elements stand in those that are held, 0: all of them are its. Of a measurement its age, and that it is new,
+ * stay: another value came at the same time. */
+static const struct input {
+    enum apc_tick_field held[2], value, status, seq;
+    size_t stride;
+} inputs[] = {
+    [WHY_SETPOINT] = {{APC_TICK_WANTED, APC_TICK_PLAN}, APC_TICK_Z, NONE, APC_TICK_WANTED, 1},
+    [WHY_MEASUREMENT] = {{APC_TICK_Y, APC_TICK_Y_STATUS}, APC_TICK_Y, APC_TICK_Y_STATUS, APC_TICK_Y_SEQ, 1},
+    [WHY_DISTURBANCE] = {{APC_TICK_D, APC_TICK_D_STATUS}, APC_TICK_D, APC_TICK_D_STATUS, APC_TICK_D_SEQ, 1},
+    [WHY_TUNING] = {{APC_TICK_TUNING_SEQ, NONE}, APC_TICK_TUNING, NONE, APC_TICK_TUNING_SEQ, 1},
+    [WHY_MODE] = {{APC_TICK_WANTED, NONE}, APC_TICK_TARGET, NONE, APC_TICK_WANTED, 1},
+    [WHY_MANUAL] = {{APC_TICK_WANTED, NONE}, APC_TICK_MANUAL, NONE, APC_TICK_WANTED, 1},
+    [WHY_BELOW] = {{APC_TICK_BELOW, NONE}, NONE, NONE, NONE, 4},
+    [WHY_ABOVE] = {{APC_TICK_ABOVE, NONE}, NONE, NONE, NONE, 1},
+    [WHY_ACTING] = {{APC_TICK_PEER, APC_TICK_STATE}, NONE, NONE, NONE, 0},
+    [WHY_LAW] = {{APC_TICK_RESULT, NONE}, NONE, NONE, NONE, 0},
+};
+
+/* Where its elements begin: in the field of what is wanted there are setpoints, target modes, manual outputs; of
+ * what is below the mode of the loop. */
+static size_t first_of(const struct apc_controller *c, enum why_kind kind, enum apc_tick_field field)
+{
+    const size_t modes = kind == WHY_MODE ? c->dim.nz : 0,
+                 manual = kind == WHY_MANUAL ? c->dim.nz + c->dim.nu : 0;
+    return c->offset[field] + (field == APC_TICK_WANTED ? modes + manual : field == APC_TICK_BELOW ? 2 : 0);
+}
+
+/* Its elements of a field that is held: how many, and from where on in a row. */
+static size_t held_elements(const struct apc_controller *c, const struct why_cause *cause, size_t which,
+                            size_t *first)
+{
+    const struct input *in = &inputs[cause->kind];
+    const enum apc_tick_field field = in->held[which];
+    if (field == NONE || c->offset[field] == c->offset[field + 1])
+        return 0;
+    *first = first_of(c, cause->kind, field) + in->stride * cause->element;
+    return in->stride ? 1 : c->offset[field + 1] - c->offset[field];
+}
+
+static bool is_shadow(const struct apc_controller *c, const double *row)
+{
+    return row[c->offset[APC_TICK_STATE]] == (double)APC_LOOP_SHADOW;
+}
+
+/* What is in force below output @p i, as it was at the tick of @p row; NULL: nothing is. */
+static const struct apc_sample *in_force(const struct move *m, size_t i, const double *row)
+{
+    const struct apc_controller *c = m->rc->core;
+    const struct apc_sample *actual = c->below[i].actual;
+    return actual ? replay_sample(m->r, actual->table, actual->id,
+                                  (int64_t)row[c->offset[APC_TICK_BELOW] + 4 * i + 1])
+                  : NULL;
+}
+
+/* Does the loop follow what is in force below, which does not take its output? */
+static bool follows_below(const struct apc_controller *c, size_t i, const double *row)
+{
+    return row[c->offset[APC_TICK_STATE] + i] == (double)APC_LOOP_INIT;
+}
+
+static const struct apc_sample *newest_output(const struct move *m, size_t i, const double *row)
+{
+    const struct apc_controller *c = m->rc->core;
+    const struct apc_sample *output = apc_controller_output(c, i);
+    return replay_sample(m->r, output->table, output->id, (int64_t)row[c->offset[APC_TICK_BELOW] + 4 * i]);
+}
+
+/* That its own output has come into force is no news: somebody else's has, or what takes it says otherwise. */
+static bool differs_below(const struct move *m, size_t i, size_t k, const double *former)
+{
+    const struct apc_controller *c = m->rc->core;
+    const size_t mode = c->offset[APC_TICK_BELOW] + 4 * i + 2;
+    const double *row = row_of(m, k), own = row_of(m, k - 1)[c->offset[APC_TICK_U] + i];
+    const struct apc_sample *was = in_force(m, i, former), *is = in_force(m, i, row),
+                            *newest = newest_output(m, i, row);
+    return row[mode] < former[mode] || row[mode] > former[mode] || !was != !is ||
+           (newest && newest->value != own) ||
+           (is && (is->status != was->status || (follows_below(c, i, row) && is->value != was->value)));
+}
+
+static void hold_below(const struct move *m, size_t i, const double *former)
+{
+    const struct apc_controller *c = m->rc->core;
+    struct apc_sample *actual = c->below[i].actual,
+                      *newest = &c->in.sample[c->dim.ny + c->dim.nd + c->n_wanted + i];
+    const struct apc_sample *was = in_force(m, i, former);
+    newest->value = m->u[i];
+    actual->value = was && follows_below(c, i, former) ? was->value : m->u[i];
+    actual->status = was ? was->status : APC_BAD_NO_DATA;
+}
+
+static bool has_no_answer(double result)
+{
+    return (int)result == APC_LAW_LATE || (int)result == APC_LAW_FAILED;
+}
+
+/* At tick @p k, from the row before the move. */
+static bool differs(const struct move *m, const struct why_cause *cause, size_t k)
+{
+    const struct apc_controller *c = m->rc->core;
+    const double *row = row_of(m, k), *former = row_of(m, m->from);
+    size_t at, n;
+    if (cause->kind == WHY_ACTING)
+        return is_shadow(c, row) != is_shadow(c, former);
+    if (cause->kind == WHY_BELOW && !c->below[cause->element].actual)
+        return false;
+    if (cause->kind == WHY_BELOW)
+        return differs_below(m, cause->element, k, former);
+    for (size_t f = 0; f < 2; f++)
+        for (n = held_elements(c, cause, f, &at); n > 0; n--, at++)
+            if (cause->kind == WHY_LAW ? has_no_answer(row[at]) != has_no_answer(former[at])
+                                       : memcmp(&row[at], &former[at], sizeof *row) != 0)
+                return true;
+    return false;
+}
+
+static void hold(const struct move *m, const struct why_cause *cause, const double *former, double *row)
+{
+    size_t at = 0;
+    for (size_t f = 0; f < 2; f++) {
+        const size_t n = held_elements(m->rc->core, cause, f, &at);
+        memcpy(row + at, former + at, n * sizeof *row);
+    }
+}
+
+/* ---- The move again -------------------------------------------------------------------------- */
+
+static void replace_echo(struct apc_sample *sample, double recorded, double altered)
+{
+    if (sample && sample->seq > 0 && sample->value == recorded)
+        sample->value = altered;
+}
+
+/* Where the controller reads back what went out of it, that is now what the altered one put out. */
+static void echo_outputs(const struct move *m, const double *before)
+{
+    struct apc_controller *c = m->rc->core;
+    for (size_t i = 0; i < c->dim.nu; i++) {
+        const double recorded = before[c->offset[APC_TICK_U] + i];
+        replace_echo(&c->in.sample[c->dim.ny + c->dim.nd + c->n_wanted + i], recorded, m->u[i]);
+        replace_echo(c->below[i].actual, recorded, m->u[i]);
+    }
+}
+
+/* Compute it with @p n of the causes as they were before; without any, all of each row has to come out, or the
+ * answer is APC_ESTATE. The controller is then at its last tick. */
+static int compute_move(struct move *m, const struct why_cause *cause, size_t n)
+{
+    struct replay_controller *rc = m->rc;
+    const struct tick_row *former = m->began > 0 ? &rc->ticks.at[m->began - 1] : NULL;
+    struct apc_notice notice;
+    int err = replay_start_controller(m->r, rc, former, former ? former->time : m->r->start - 1);
+    if (err < 0)
+        return err;
+    rc->row = former ? row_of(m, m->began - 1) : NULL;
+    if (former)
+        memcpy(m->u, rc->row + rc->core->offset[APC_TICK_U], rc->core->dim.nu * sizeof *m->u);
+    rc->now = (struct apc_now){.mono = APC_NS_PER_S, .utc = former ? former->time : 0};
+    for (size_t k = m->began; k <= m->until; k++) {
+        const struct tick_row *at = &rc->ticks.at[k];
+        const double *recorded = row_of(m, k);
+        memcpy(m->row, recorded, at->n * sizeof *m->row);
+        for (size_t i = 0; i < n && k > m->from; i++)
+            hold(m, &cause[i], row_of(m, m->from), m->row);
+        const struct apc_sample *missing = replay_give_tick(m->r, rc, at, m->row);
+        if (n > 0 && k > m->from + 1)
+            echo_outputs(m, row_of(m, k - 1));
+        for (size_t i = 0; i < n && k > m->from; i++)
+            if (cause[i].kind == WHY_BELOW)
+                hold_below(m, cause[i].element, row_of(m, m->from));
+        replay_compute_tick(rc, m->row, &notice);
+        memcpy(m->u, rc->core->u, rc->core->dim.nu * sizeof *m->u);
+        if (n == 0 && k > m->from && !replay_is_made(rc->core, recorded)) {
+            char text[REPLAY_TEXT] = "";
+            replay_tell_difference(m->r, rc, at, recorded, missing, text);
+            return apc_fail(&m->r->why, APC_ESTATE, "%s", text);
+        }
+        if (k < m->until)
+            replay_end_tick(rc, at, recorded);
+    }
+    return 0;
+}
+
+/* A row has all that its controller goes on from; but what a store, or a law, keeps beside it may have been
+ * there before. So it is begun earlier until the move comes out. */
+static int find_beginning(struct move *m)
+{
+    int rc;
+    for (size_t lead = 0;; lead = 2 * lead + 1) {
+        m->began = m->from + 1 > lead ? m->from + 1 - lead : 0;
+        rc = compute_move(m, NULL, 0);
+        if (rc != APC_ESTATE || m->began == 0)
+            return rc;
+    }
+}
+
+/* ---- Causes ---------------------------------------------------------------------------------- */
+
+static const struct apc_tag *tag_of(const struct replay *r, const struct apc_sample *variable)
+{
+    for (size_t i = 0; i < r->n_tags; i++)
+        if (r->tags[i].table == variable->table && r->tags[i].id == variable->id)
+            return &r->tags[i];
+    return NULL;
+}
+
+/* Of the samples that its controller reads; NULL: it is none. */
+static const struct apc_sample *variable_of(const struct apc_controller *c, const struct why_cause *cause)
+{
+    const size_t wanted = c->dim.ny + c->dim.nd;
+    switch (cause->kind) {
+    case WHY_MEASUREMENT:
+        return &c->in.sample[cause->element];
+    case WHY_DISTURBANCE:
+        return &c->in.sample[c->dim.ny + cause->element];
+    case WHY_SETPOINT:
+    case WHY_ABOVE:
+        return &c->in.sample[wanted + cause->element];
+    case WHY_MODE:
+        return &c->in.sample[wanted + c->dim.nz + cause->element];
+    case WHY_MANUAL:
+        return &c->in.sample[wanted + c->dim.nz + c->dim.nu + cause->element];
+    case WHY_TUNING:
+        return &c->in.sample[wanted + c->dim.nz + 2 * c->dim.nu + cause->element];
+    case WHY_BELOW:
+        return &c->in.sample[wanted + c->n_wanted + cause->element];
+    case WHY_ACTING:
+    case WHY_LAW:
+        break;
+    }
+    return NULL;
+}
+
+static double element_of(const struct apc_controller *c, const struct why_cause *cause,
+                         enum apc_tick_field field, const double *row)
+{
+    return field == NONE ? (double)NAN : row[first_of(c, cause->kind, field) + cause->element];
+}
+
+static void describe_cause(const struct move *m, struct why_cause *cause)
+{
+    const struct apc_controller *c = m->rc->core;
+    const double *row = row_of(m, m->until), *former = row_of(m, m->from);
+    const struct input *in = &inputs[cause->kind];
+    const struct apc_sample *variable = variable_of(c, cause);
+    cause->tag = variable ? tag_of(m->r, variable) : NULL;
+    cause->before = element_of(c, cause, in->value, former);
+    cause->now = element_of(c, cause, in->value, row);
+    if (in->status != NONE) {
+        cause->status_before = (apc_status)element_of(c, cause, in->status, former);
+        cause->status = (apc_status)element_of(c, cause, in->status, row);
+    }
+    if (cause->kind == WHY_BELOW) {
+        const struct apc_sample *was = in_force(m, cause->element, former),
+                                *is = in_force(m, cause->element, row);
+        cause->status_before = was ? was->status : APC_BAD_NO_DATA;
+        cause->status = is ? is->status : APC_BAD_NO_DATA;
+        cause->before = was ? was->value : (double)NAN;
+        cause->now = is ? is->value : (double)NAN;
+        cause->row = is;
+    }
+    if (variable && in->seq != NONE)
+        cause->row =
+            replay_sample(m->r, variable->table, variable->id, (int64_t)element_of(c, cause, in->seq, row));
+}
+
+/* Those that differ at a tick of the move from what they were before it. */
+static int find_causes(const struct move *m, struct why *w)
+{
+    const struct apc_controller *c = m->rc->core;
+    const struct {
+        enum why_kind kind;
+        size_t n;
+    } of[] = {{WHY_SETPOINT, c->dim.nz},       {WHY_MEASUREMENT, c->dim.ny},
+              {WHY_DISTURBANCE, c->dim.nd},    {WHY_TUNING, c->size.tuning},
+              {WHY_MODE, c->dim.nu},           {WHY_MANUAL, c->dim.nu},
+              {WHY_BELOW, c->dim.nu},          {WHY_ABOVE, c->dim.nz},
+              {WHY_ACTING, c->choice ? 1 : 0}, {WHY_LAW, 1}};
+    size_t room = 0;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        room += of[i].n;
+    w->cause = calloc(room, sizeof *w->cause);
+    if (!w->cause)
+        return APC_ENOMEM;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+        for (size_t e = 0; e < of[i].n; e++) {
+            const struct why_cause cause = {.kind = of[i].kind, .element = e};
+            bool changed = false;
+            for (size_t k = m->from + 1; k <= m->until && !changed; k++)
+                changed = differs(m, &cause, k);
+            if (!changed)
+                continue;
+            w->cause[w->n] = cause;
+            describe_cause(m, &w->cause[w->n++]);
+        }
+    return 0;
+}
+
+static int by_effect(const void *left, const void *right)
+{
+    const struct why_cause *a = left, *b = right;
+    const double x = fabs(a->effect), y = fabs(b->effect);
+    if (x > y || x < y)
+        return x > y ? -1 : 1;
+    if (a->kind != b->kind)
+        return a->kind < b->kind ? -1 : 1;
+    return a->element < b->element ? -1 : a->element > b->element;
+}
+
+static int try_causes(struct move *m, struct why *w)
+{
+    double sum = 0;
+    int rc = w->n > 0 ? compute_move(m, w->cause, w->n) : 0;
+    if (rc < 0)
+        return rc;
+    w->earlier = m->rc->core->u[w->element] - w->u_before;
+    for (size_t i = 0; i < w->n; i++) {
+        if ((rc = compute_move(m, &w->cause[i], 1)) < 0)
+            return rc;
+        w->cause[i].effect = w->u - m->rc->core->u[w->element];
+        sum += w->cause[i].effect;
+    }
+    w->together = w->u - w->u_before - w->earlier - sum;
+    qsort(w->cause, w->n, sizeof *w->cause, by_effect);
+    return 0;
+}
+
+/* ---- A loop's move --------------------------------------------------------------------------- */
+
+static int find_loop(struct why *w, struct replay *r, const char *name, struct replay_controller **rc,
+                     struct apc_error *why)
+{
+    struct nearest nearest = {.wanted = name};
+    for (size_t i = 0; i < r->loops.n; i++) {
+        const struct loops_loop *loop = &r->loops.at[i];
+        nearest_look(&nearest, loop->name);
+        if (strcmp(loop->name, name) != 0)
+            continue;
+        *rc = &r->controller[loop->controller];
+        w->by = *rc;
+        w->loop = loop->name;
+        w->element = i + 1 - (size_t)(*rc)->of->first_loop;
+        w->output = tag_of(r, &(struct apc_sample){.table = loop->table, .id = loop->output});
+        return 0;
+    }
+    return apc_fail(why, APC_ENOTFOUND, "the run has no loop \"%s\"%s%s%s", name,
+                    nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
+                    nearest.name ? "\"?" : "");
+}
+
+/* The last tick that is not younger; n: there is none. */
+static size_t last_tick(const struct ticks *ticks, apc_ns time)
+{
+    size_t n = ticks->n;
+    while (n > 0 && ticks->at[n - 1].time > time)
+        n--;
+    return n > 0 ? n - 1 : ticks->n;
+}
+
+static int find_ticks(struct move *m, struct why *w, apc_ns from, apc_ns until, struct apc_error *why)
+{
+    const struct ticks *ticks = &m->rc->ticks;
+    m->until = last_tick(ticks, until);
+    if (m->until == ticks->n)
+        return apc_fail(why, APC_ENOTFOUND, "%s has no tick until then on record", w->loop);
+    if (m->until == 0)
+        return apc_fail(why, APC_ENOTFOUND,
+                        "%s: no tick before it is on record: there is nothing to compare with", w->loop);
+    m->from = last_tick(ticks, from);
+    m->from = m->from < m->until ? m->from : from < ticks->at[0].time ? 0 : m->until - 1;
+    w->before = &ticks->at[m->from];
+    w->tick = &ticks->at[m->until];
+    return 0;
+}
+
+/* What the rows say of the loop. */
+static int read_loop(const struct move *m, struct why *w, struct apc_error *why)
+{
+    const struct apc_controller *c = m->rc->core;
+    const double *row = row_of(m, m->until), *former = row_of(m, m->from);
+    const size_t *at = c->offset, i = w->element;
+    for (size_t k = m->from; k <= m->until; k++)
+        if (m->rc->ticks.at[k].n != c->out_row->n)
+            return apc_fail(why, APC_EPROTO, "%s: its law, its settings or its model are not those that ran",
+                            m->rc->of->name);
+    w->u_before = former[at[APC_TICK_U] + i];
+    w->u = row[at[APC_TICK_U] + i];
+    w->state_before = (enum apc_loop_state)former[at[APC_TICK_STATE] + i];
+    w->state = (enum apc_loop_state)row[at[APC_TICK_STATE] + i];
+    w->blocked = (unsigned)row[at[APC_TICK_BLOCKED] + i];
+    w->low = c->low[i];
+    w->high = c->high[i];
+    return row[at[APC_TICK_THERE] + i] > 0 && former[at[APC_TICK_THERE] + i] > 0
+               ? 0
+               : apc_fail(why, APC_ENOTFOUND, "%s: nothing went out yet", w->loop);
+}
+
+int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc_ns until,
+             struct apc_error *why)
+{
+    struct move m = {.r = r};
+    *w = (struct why){0};
+    int rc = find_loop(w, r, loop, &m.rc, why);
+    if (rc == 0)
+        rc = find_ticks(&m, w, from, until, why);
+    if (rc < 0)
+        return rc;
+    if ((rc = replay_start_controller(r, m.rc, NULL, r->start - 1)) < 0) {
+        *why = r->why;
+        return rc;
+    }
+    if ((rc = read_loop(&m, w, why)) < 0)
+        return rc;
+    m.row = calloc(m.rc->core->out_row->n + m.rc->core->dim.nu, sizeof *m.row);
+    m.u = m.row ? m.row + m.rc->core->out_row->n : NULL;
+    rc = m.row ? find_beginning(&m) : APC_ENOMEM;
+    w->lead = m.from + 1 - m.began;
+    if (rc == 0) {
+        const struct apc_controller_state *now = &m.rc->core->state[w->element];
+        w->limited = m.rc->core->law.limited[w->element];
+        snprintf(w->reason, sizeof w->reason, "%s",
+                 now->trouble[0] && now->move.reason ? now->trouble
+                 : now->move.reason                  ? now->move.reason
+                                                     : "");
+        rc = find_causes(&m, w);
+    }
+    if (rc == 0)
+        rc = try_causes(&m, w);
+    free(m.row);
+    if (rc < 0)
+        apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : r->why.text);
+    return rc;
+}
+
+const char *why_above(const struct replay *r, const struct why_cause *cause)
+{
+    if (cause->kind != WHY_SETPOINT || !cause->row || cause->row->origin <= 0)
+        return NULL;
+    for (size_t i = 0; i < r->loops.n; i++) {
+        const struct loops_loop *loop = &r->loops.at[i];
+        const struct ticks *ticks = &r->controller[loop->controller].ticks;
+        const size_t at = last_tick(ticks, cause->row->time);
+        if (loop->table == APC_SETPOINT && loop->output == cause->row->id && at < ticks->n &&
+            ticks->at[at].time == cause->row->time)
+            return loop->name;
+    }
+    return NULL;
+}
+
+void why_free(struct why *w)
+{
+    free(w->cause);
+    *w = (struct why){0};
+}

@@ -1,0 +1,256 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* What moved an output is found among all that changed, and its effect is what a run without it lacks. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "check.h"
+#include "scratch.h"
+
+#include "modules/controller.h"
+#include "simulation/simulation.h"
+
+/* An experiment of each law, with a setpoint of it and what that may be, and the loop that follows. */
+static const struct plant {
+    const char *name, *setpoint, *loop, *measurement;
+    double low, high, spike, begin, end; /* between which nothing else happens */
+} plants[] = {
+    {"first-order", "r", "u", "y", 5, 25, 4, 20, 140},
+    {"quadruple-tank", "r1", "v1", "y1", 5, 7, 1, 20, 190},
+    {"van-de-vusse", "cB_r", "F", "cB", 0.95, 1.05, 0.1, 400, 1700},
+    {"quadruple-tank-mpc", "r1", "v1", "y1", 5, 7, 1, 20, 190},
+    {"adiabatic-cstr-nmpc", "r", "F", "T", 30, 50, 5, 10, 140},
+};
+#define PLANTS (sizeof plants / sizeof *plants)
+
+static struct replay replay;
+static struct why answer;
+static struct apc_error why;
+
+/* ---- Runs ------------------------------------------------------------------------------------ */
+
+static void load_experiment(struct experiment *e, const char *name, const char *more)
+{
+    char path[300];
+    snprintf(path, sizeof path, "%s/experiments/%s.conf", APC_SOURCE_DIR, name);
+    FILE *in = fopen(path, "r"), *out = fopen(scratch_path("run.conf"), "w");
+    assert_non_null(in);
+    assert_non_null(out);
+    for (int c = fgetc(in); c != EOF; c = fgetc(in))
+        fputc(c, out);
+    fputs(more, out);
+    fclose(in);
+    assert_int_equal(fclose(out), 0);
+    if (experiment_load(e, scratch_path("run.conf"), EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why) < 0)
+        fail_msg("%s: %s", name, why.text);
+}
+
+/* Simulate it; the record is what is explained from then on. */
+static void make_run(const char *name, const char *more, double duration)
+{
+    struct experiment e;
+    struct simulation s;
+    load_experiment(&e, name, more);
+    assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
+    assert_int_equal(simulation_run(&s, duration), 0);
+    if (ticks_keep(scratch_folder(), s.store, &e, &(struct apc_range){0}, &why) < 0)
+        fail_msg("%s: %s", name, why.text);
+    simulation_destroy(&s);
+    experiment_free(&e);
+    replay_free(&replay);
+    if (replay_load(&replay, scratch_folder(), NULL, &why) < 0)
+        fail_msg("%s: %s", name, why.text);
+}
+
+static void explain(const char *loop, double from, double until)
+{
+    apc_ns a, b;
+    assert_int_equal(apc_ns_from_s(from, &a), 0);
+    assert_int_equal(apc_ns_from_s(until, &b), 0);
+    why_free(&answer);
+    if (why_find(&answer, &replay, loop, replay.start + a, replay.start + b, &why) < 0)
+        fail_msg("%s at %g s: %s", loop, until, why.text);
+}
+
+/* The tick alone that is the first after @p time. */
+static void explain_after(const char *loop, double time)
+{
+    explain(loop, time, time + apc_ns_to_s(replay.controller->of->rhythm.period));
+}
+
+/* What the loop put out at the same tick of another run. */
+static double output_in(const char *name, const char *more, double duration)
+{
+    struct experiment e;
+    struct simulation s;
+    struct ticks ticks;
+    load_experiment(&e, name, more);
+    assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
+    assert_int_equal(simulation_run(&s, duration), 0);
+    assert_int_equal(ticks_load(&ticks, s.store, APC_TICK, answer.by->of->number, 0), 0);
+    const struct tick_row *at = ticks_find(&ticks, answer.tick->seq);
+    assert_non_null(at);
+    const double u = ticks.value[at->first + answer.by->core->offset[APC_TICK_U] + answer.element];
+    ticks_free(&ticks);
+    simulation_destroy(&s);
+    experiment_free(&e);
+    return u;
+}
+
+static const struct why_cause *cause_named(enum why_kind kind, const char *name)
+{
+    for (size_t i = 0; i < answer.n; i++)
+        if (answer.cause[i].kind == kind && (!name || !strcmp(answer.cause[i].tag->name, name)))
+            return &answer.cause[i];
+    return NULL;
+}
+
+static bool is_first(enum why_kind kind, const char *name)
+{
+    return answer.n > 0 && answer.cause[0].effect != 0 && answer.cause == cause_named(kind, name);
+}
+
+/* The parts are all of the move. */
+static void assert_whole(void)
+{
+    double sum = answer.earlier + answer.together;
+    for (size_t i = 0; i < answer.n; i++)
+        sum += answer.cause[i].effect;
+    const double move = answer.u - answer.u_before;
+    assert_true(fabs(sum - move) <= 1e-9 * (fabs(answer.u) + fabs(answer.u_before)));
+}
+
+static int end(void **state)
+{
+    (void)state;
+    why_free(&answer);
+    replay_free(&replay);
+    memset(&replay, 0, sizeof replay);
+    return 0;
+}
+
+static double between(uint64_t *seed, double low, double high)
+{
+    *seed = *seed * 6364136223846793005u + 1442695040888963407u;
+    return low + (high - low) * (double)(*seed >> 11) * 0x1p-53;
+}
+
+/* ---- Tests ----------------------------------------------------------------------------------- */
+
+/* Promise(why/effect-of): The effect of an input is, bit for bit, what the output lacks in a run without its
+ *   change. */
+static void an_effect_is_what_a_run_without_the_cause_lacks(void **state)
+{
+    uint64_t seed = 1;
+    (void)state;
+    for (size_t p = 0; p < PLANTS; p++)
+        for (int i = 0; i < 4; i++) {
+            const struct plant *of = &plants[p];
+            const double at = between(&seed, of->begin, of->end), to = between(&seed, of->low, of->high);
+            char more[200];
+            snprintf(more, sizeof more, "actions = ( { at = %.3f; set = \"%s\"; value = %.17g; } );", at,
+                     of->setpoint, to);
+            make_run(of->name, more, of->end + 50);
+            explain_after(of->loop, at);
+            const struct why_cause *cause = cause_named(WHY_SETPOINT, of->setpoint);
+            assert_non_null(cause);
+            assert_true(is_first(WHY_SETPOINT, of->setpoint));
+            assert_true(cause->now == to);
+            assert_true(cause->effect == answer.u - output_in(of->name, "", of->end + 50));
+            assert_whole();
+        }
+}
+
+/* Promise(why): Of many changes at random instants the one that moved an output is named first. */
+static void the_change_that_moved_an_output_comes_first(void **state)
+{
+    const char *asked = getenv("APC_TEST_WHY");
+    const long rounds = asked ? strtol(asked, NULL, 10) : 5;
+    uint64_t seed = 7;
+    (void)state;
+    for (size_t p = 0; p < PLANTS; p++) {
+        const struct plant *of = &plants[p];
+        long right = 0, tried = 0;
+        for (long round = 0; round < rounds; round++) {
+            const double at = between(&seed, of->begin, of->end), to = between(&seed, of->low, of->high);
+            const double by_hand = between(&seed, 0.1, 0.9);
+            char more[500];
+            snprintf(more, sizeof more,
+                     "actions = ( { at = %.3f; set = \"%s\"; value = %.17g; }, { at = %.3f; mode = \"%s\"; "
+                     "value = "
+                     "\"Man\"; } );",
+                     at, of->setpoint, to, at + (of->end + 45 - at) * by_hand, of->loop);
+            make_run(of->name, more, of->end + 50);
+            explain_after(of->loop, at);
+            right += is_first(WHY_SETPOINT, of->setpoint);
+            assert_whole();
+            explain_after(of->loop, at + (of->end + 45 - at) * by_hand);
+            right += cause_named(WHY_MODE, of->loop) != NULL;
+            assert_true(answer.u == answer.u_before);
+            assert_whole();
+            tried += 2;
+        }
+        if (100 * right < 99 * tried)
+            fail_msg("%s: %ld of %ld", of->name, right, tried);
+    }
+}
+
+/* Promise(why): Each kind of input is found: what people wrote, a sensor that fails, the loop below. */
+static void each_kind_of_input_is_found(void **state)
+{
+    static const struct {
+        const char *name, *more, *loop;
+        double from, until;
+        enum why_kind kind;
+        const char *input;
+        bool moves;
+    } of[] = {
+        {"first-order", "actions = ( { at = 100.1; set = \"Kp\"; value = 0.9; } );", "u", 101.9, 102.1,
+         WHY_TUNING, "Kp", false}, /* without a bump, so it moves nothing at its tick, */
+        {"first-order", "actions = ( { at = 151.1; set = \"Kp\"; value = 0.9; } );", "u", 150.5, 156.5,
+         WHY_TUNING, "Kp", true}, /* and those behind it */
+        {"first-order",
+         "actions = ( { at = 50.1; mode = \"u\"; value = \"Man\"; }, { at = 60.1; set = \"u\"; value = 3.0; "
+         "} );",
+         "u", 60.05, 62.1, WHY_MANUAL, "manual", true},
+        {"two-layers", "", "upper.r1", 700, 731, WHY_BELOW, "r1", true},
+        {"two-layers", "", "v1", 200, 212, WHY_SETPOINT, "r1", true},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        make_run(of[i].name, of[i].more, of[i].until + 10);
+        explain(of[i].loop, of[i].from, of[i].until);
+        const struct why_cause *cause = cause_named(of[i].kind, of[i].input);
+        if (!cause || (fabs(cause->effect) > 1e-9) != of[i].moves)
+            fail_msg("%s of %s: %s", of[i].input, of[i].name,
+                     cause ? "moves, or not" : "is not among the inputs");
+        assert_whole();
+    }
+}
+
+/* Promise(why): A row that is not on record, or a number in it that is another, is an error and no answer. */
+static void a_damaged_record_is_not_explained(void **state)
+{
+    (void)state;
+    make_run("first-order", "", 120);
+    struct replay_controller *c = replay.controller;
+    const struct tick_row *at = &c->ticks.at[50];
+    explain("u", 0, apc_ns_to_s(at->time - replay.start));
+    c->ticks.value[at->first + answer.by->core->offset[APC_TICK_Y]] += 1e-9;
+    why_free(&answer);
+    assert_int_equal(why_find(&answer, &replay, "u", at->time - 1, at->time, &why), APC_ESTATE);
+    assert_has(why.text, "tick 50 at 100.030 s: ");
+    assert_int_equal(why_find(&answer, &replay, "u", at[1].time, at[2].time, &why), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(an_effect_is_what_a_run_without_the_cause_lacks, end),
+        cmocka_unit_test_teardown(the_change_that_moved_an_output_comes_first, end),
+        cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
+        cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
