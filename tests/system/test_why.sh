@@ -6,7 +6,7 @@ experiments=$APC_SOURCE_DIR/experiments
 cd "$work"
 "$apc" simulate "$experiments/two-layers.conf" --report layers >/dev/null 2>&1
 
-# Promise(why): Command line and JSON name the causes with their effects, who wrote a row, and the loop above.
+# Promise(simulation/why-output-moved)
 "$apc" why layers v1@212 --over 12 --json >chain.json
 "$apc" why layers v1@703 --json >typing.json
 python3 - <<'END' || fail "causes in JSON: $(cat chain.json typing.json)"
@@ -38,7 +38,7 @@ refused 1 'no tick before it is on record' layers v1@0.05
 refused 2 'must be seconds since the start' layers v1@noon
 refused 2 'expected OUTPUT' layers @3
 refused 1 'none: cannot be read' none v1@3
-# Promise(why): A tick that does not come out of its record again is not explained.
+# Promise(simulation/why-output-moved)
 cp -r layers damaged
 sqlite3 damaged/ticks.db "UPDATE sample SET value = 6.4 WHERE variable & 15 = 3 AND value = 6.5"
 refused 1 'another build, or its record is damaged' damaged v1@703

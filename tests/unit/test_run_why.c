@@ -138,8 +138,11 @@ static double between(uint64_t *seed, double low, double high)
 
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
-/* Promise(why/effect-of): The effect of an input is, bit for bit, what the output lacks in a run without its
- *   change. */
+/*
+ * Promise(simulation/why-output-moved): The inputs that moved an output are named with their effects, the one
+ *   that moved it most first: what the output lacks, bit for bit, in a run without the change. A row's author and
+ *   the loop above are told. A tick that does not come out of its record again is not explained.
+ */
 static void an_effect_is_what_a_run_without_the_cause_lacks(void **state)
 {
     uint64_t seed = 1;
@@ -162,7 +165,7 @@ static void an_effect_is_what_a_run_without_the_cause_lacks(void **state)
         }
 }
 
-/* Promise(why): Of many changes at random instants the one that moved an output is named first. */
+/* Promise(simulation/why-output-moved) */
 static void the_change_that_moved_an_output_comes_first(void **state)
 {
     const char *asked = getenv("APC_TEST_WHY");
@@ -196,7 +199,7 @@ static void the_change_that_moved_an_output_comes_first(void **state)
     }
 }
 
-/* Promise(why): Each kind of input is found: what people wrote, a sensor that fails, the loop below. */
+/* Promise(simulation/why-output-moved) */
 static void each_kind_of_input_is_found(void **state)
 {
     static const struct {
@@ -229,7 +232,7 @@ static void each_kind_of_input_is_found(void **state)
     }
 }
 
-/* Promise(why): A row that is not on record, or a number in it that is another, is an error and no answer. */
+/* Promise(simulation/why-output-moved) */
 static void a_damaged_record_is_not_explained(void **state)
 {
     (void)state;
