@@ -22,7 +22,7 @@ struct move {
     double *u; /* [nu] that it put out at the tick before, as altered */
 };
 
-static const double *row_of(const struct move *m, size_t k)
+static const double *tick_of_move(const struct move *m, size_t k)
 {
     return m->rc->ticks.value + m->rc->ticks.at[k].first;
 }
@@ -104,7 +104,7 @@ static bool differs_below(const struct move *m, size_t i, size_t k, const double
 {
     const struct apc_controller *c = m->rc->core;
     const size_t mode = c->offset[APC_TICK_BELOW] + 4 * i + 2;
-    const double *row = row_of(m, k), own = row_of(m, k - 1)[c->offset[APC_TICK_U] + i];
+    const double *row = tick_of_move(m, k), own = tick_of_move(m, k - 1)[c->offset[APC_TICK_U] + i];
     const struct apc_sample *was = in_force(m, i, former), *is = in_force(m, i, row),
                             *newest = newest_output(m, i, row);
     return row[mode] < former[mode] || row[mode] > former[mode] || !was != !is ||
@@ -129,10 +129,10 @@ static bool has_no_answer(double result)
 }
 
 /* At tick @p k, from the row before the move. */
-static bool differs(const struct move *m, const struct why_cause *cause, size_t k)
+static bool cause_differs(const struct move *m, const struct why_cause *cause, size_t k)
 {
     const struct apc_controller *c = m->rc->core;
-    const double *row = row_of(m, k), *former = row_of(m, m->from);
+    const double *row = tick_of_move(m, k), *former = tick_of_move(m, m->from);
     size_t at, n;
     if (cause->kind == WHY_ACTING)
         return is_shadow(c, row) != is_shadow(c, former);
@@ -148,7 +148,7 @@ static bool differs(const struct move *m, const struct why_cause *cause, size_t 
     return false;
 }
 
-static void hold(const struct move *m, const struct why_cause *cause, const double *former, double *row)
+static void hold_input(const struct move *m, const struct why_cause *cause, const double *former, double *row)
 {
     size_t at = 0;
     for (size_t f = 0; f < 2; f++) {
@@ -186,22 +186,22 @@ static int compute_move(struct move *m, const struct why_cause *cause, size_t n)
     int err = replay_start_controller(m->r, rc, former, former ? former->time : m->r->start - 1);
     if (err < 0)
         return err;
-    rc->row = former ? row_of(m, m->began - 1) : NULL;
+    rc->row = former ? tick_of_move(m, m->began - 1) : NULL;
     if (former)
         memcpy(m->u, rc->row + rc->core->offset[APC_TICK_U], rc->core->dim.nu * sizeof *m->u);
     rc->now = (struct apc_now){.mono = APC_NS_PER_S, .utc = former ? former->time : 0};
     for (size_t k = m->began; k <= m->until; k++) {
         const struct tick_row *at = &rc->ticks.at[k];
-        const double *recorded = row_of(m, k);
+        const double *recorded = tick_of_move(m, k);
         memcpy(m->row, recorded, at->n * sizeof *m->row);
         for (size_t i = 0; i < n && k > m->from; i++)
-            hold(m, &cause[i], row_of(m, m->from), m->row);
+            hold_input(m, &cause[i], tick_of_move(m, m->from), m->row);
         const struct apc_sample *missing = replay_give_tick(m->r, rc, at, m->row);
         if (n > 0 && k > m->from + 1)
-            echo_outputs(m, row_of(m, k - 1));
+            echo_outputs(m, tick_of_move(m, k - 1));
         for (size_t i = 0; i < n && k > m->from; i++)
             if (cause[i].kind == WHY_BELOW)
-                hold_below(m, cause[i].element, row_of(m, m->from));
+                hold_below(m, cause[i].element, tick_of_move(m, m->from));
         replay_compute_tick(rc, m->row, &notice);
         memcpy(m->u, rc->core->u, rc->core->dim.nu * sizeof *m->u);
         if (n == 0 && k > m->from && !replay_is_made(rc->core, recorded)) {
@@ -239,7 +239,7 @@ static const struct apc_tag *tag_of(const struct replay *r, const struct apc_sam
 }
 
 /* Of the samples that its controller reads; NULL: it is none. */
-static const struct apc_sample *variable_of(const struct apc_controller *c, const struct why_cause *cause)
+static const struct apc_sample *input_variable(const struct apc_controller *c, const struct why_cause *cause)
 {
     const size_t wanted = c->dim.ny + c->dim.nd;
     switch (cause->kind) {
@@ -265,8 +265,8 @@ static const struct apc_sample *variable_of(const struct apc_controller *c, cons
     return NULL;
 }
 
-static double element_of(const struct apc_controller *c, const struct why_cause *cause,
-                         enum apc_tick_field field, const double *row)
+static double input_element(const struct apc_controller *c, const struct why_cause *cause,
+                            enum apc_tick_field field, const double *row)
 {
     return field == NONE ? (double)NAN : row[first_of(c, cause->kind, field) + cause->element];
 }
@@ -274,15 +274,15 @@ static double element_of(const struct apc_controller *c, const struct why_cause 
 static void describe_cause(const struct move *m, struct why_cause *cause)
 {
     const struct apc_controller *c = m->rc->core;
-    const double *row = row_of(m, m->until), *former = row_of(m, m->from);
+    const double *row = tick_of_move(m, m->until), *former = tick_of_move(m, m->from);
     const struct input *in = &inputs[cause->kind];
-    const struct apc_sample *variable = variable_of(c, cause);
+    const struct apc_sample *variable = input_variable(c, cause);
     cause->tag = variable ? tag_of(m->r, variable) : NULL;
-    cause->before = element_of(c, cause, in->value, former);
-    cause->now = element_of(c, cause, in->value, row);
+    cause->before = input_element(c, cause, in->value, former);
+    cause->now = input_element(c, cause, in->value, row);
     if (in->status != NONE) {
-        cause->status_before = (apc_status)element_of(c, cause, in->status, former);
-        cause->status = (apc_status)element_of(c, cause, in->status, row);
+        cause->status_before = (apc_status)input_element(c, cause, in->status, former);
+        cause->status = (apc_status)input_element(c, cause, in->status, row);
     }
     if (cause->kind == WHY_BELOW) {
         const struct apc_sample *was = in_force(m, cause->element, former),
@@ -294,8 +294,8 @@ static void describe_cause(const struct move *m, struct why_cause *cause)
         cause->row = is;
     }
     if (variable && in->seq != NONE)
-        cause->row =
-            replay_sample(m->r, variable->table, variable->id, (int64_t)element_of(c, cause, in->seq, row));
+        cause->row = replay_sample(m->r, variable->table, variable->id,
+                                   (int64_t)input_element(c, cause, in->seq, row));
 }
 
 /* Those that differ at a tick of the move from what they were before it. */
@@ -321,7 +321,7 @@ static int find_causes(const struct move *m, struct why *w)
             const struct why_cause cause = {.kind = of[i].kind, .element = e};
             bool changed = false;
             for (size_t k = m->from + 1; k <= m->until && !changed; k++)
-                changed = differs(m, &cause, k);
+                changed = cause_differs(m, &cause, k);
             if (!changed)
                 continue;
             w->cause[w->n] = cause;
@@ -361,8 +361,8 @@ static int try_causes(struct move *m, struct why *w)
 
 /* ---- A loop's move --------------------------------------------------------------------------- */
 
-static int find_loop(struct why *w, struct replay *r, const char *name, struct replay_controller **rc,
-                     struct apc_error *why)
+static int find_moved_loop(struct why *w, struct replay *r, const char *name, struct replay_controller **rc,
+                           struct apc_error *why)
 {
     struct nearest nearest = {.wanted = name};
     for (size_t i = 0; i < r->loops.n; i++) {
@@ -411,7 +411,7 @@ static int find_ticks(struct move *m, struct why *w, apc_ns from, apc_ns until, 
 static int read_loop(const struct move *m, struct why *w, struct apc_error *why)
 {
     const struct apc_controller *c = m->rc->core;
-    const double *row = row_of(m, m->until), *former = row_of(m, m->from);
+    const double *row = tick_of_move(m, m->until), *former = tick_of_move(m, m->from);
     const size_t *at = c->offset, i = w->element;
     for (size_t k = m->from; k <= m->until; k++)
         if (m->rc->ticks.at[k].n != c->out_row->n)
@@ -434,7 +434,7 @@ int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc
 {
     struct move m = {.r = r};
     *w = (struct why){0};
-    int rc = find_loop(w, r, loop, &m.rc, why);
+    int rc = find_moved_loop(w, r, loop, &m.rc, why);
     if (rc == 0)
         rc = find_ticks(&m, w, from, until, why);
     if (rc < 0)

@@ -40,6 +40,7 @@ cp -r "$APC/experiments" .
 # Promise(docs/readme)
 # Types(docs/alarms.md): apc simulate
 # Types(docs/analysis.md): apc analyze
+# Types(docs/why.md): apc simulate
 # Types(docs/why.md): apc why
 for page in docs/simulate.md docs/analysis.md docs/alarms.md docs/why.md; do
   copy=$work/${page##*/}

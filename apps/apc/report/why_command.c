@@ -102,7 +102,7 @@ struct author {
     char source[APC_TAG_LEN], text[200];
 };
 
-static int find_author(const struct why_command *c, const struct why_cause *cause, struct author *author)
+static int find_row_author(const struct why_command *c, const struct why_cause *cause, struct author *author)
 {
     char path[600];
     struct csv *csv;
@@ -203,7 +203,7 @@ static const char *direction(unsigned limited)
                                                            : "downwards";
 }
 
-static void print_limit(const struct why *w)
+static void print_move_limit(const struct why *w)
 {
     if (w->u >= w->high)
         printf("  at its high limit, %.6g\n", w->high);
@@ -230,12 +230,12 @@ static int print_why(const struct why_command *c, const struct why *w)
     fputs(w->reason[0] ? ": " : "", stdout);
     print_clean(stdout, w->reason);
     putchar('\n');
-    print_limit(w);
+    print_move_limit(w);
     int rc = print_causes(w);
     print_idle(w);
     for (size_t i = 0; i < w->n && rc >= 0; i++) {
         struct author author;
-        rc = find_author(c, &w->cause[i], &author);
+        rc = find_row_author(c, &w->cause[i], &author);
         if (author.source[0]) {
             printf("%.3f s  ", apc_ns_to_s(w->cause[i].row->time - c->replay.start));
             print_clean(stdout, author.source);
@@ -249,7 +249,7 @@ static int print_why(const struct why_command *c, const struct why *w)
 
 /* ---- For programs ---------------------------------------------------------------------------- */
 
-static int put_cause(const struct why_command *c, const struct why *w, const struct why_cause *cause)
+static int put_why_cause(const struct why_command *c, const struct why *w, const struct why_cause *cause)
 {
     char status[APC_STATUS_NAME_LEN];
     struct author author;
@@ -268,7 +268,7 @@ static int put_cause(const struct why_command *c, const struct why *w, const str
     print_json_number(stdout, "written",
                       cause->row ? apc_ns_to_s(cause->row->time - c->replay.start) : (double)NAN);
     fputs(", ", stdout);
-    const int rc = find_author(c, cause, &author);
+    const int rc = find_row_author(c, cause, &author);
     print_json_text(stdout, "author", author.source[0] ? author.source : NULL);
     fputs(", ", stdout);
     print_json_text(stdout, "event", author.text[0] ? author.text : NULL);
@@ -312,7 +312,7 @@ static int put_why(const struct why_command *c, const struct why *w)
     putchar('[');
     for (size_t i = 0; i < w->n && rc == 0; i++) {
         fputs(i ? ", {" : "{", stdout);
-        rc = put_cause(c, w, &w->cause[i]);
+        rc = put_why_cause(c, w, &w->cause[i]);
         putchar('}');
     }
     putchar(']');
@@ -321,7 +321,7 @@ static int put_why(const struct why_command *c, const struct why *w)
 
 /* ---- The command ----------------------------------------------------------------------------- */
 
-static int explain(struct why_command *c, const char *loop, apc_ns at, unsigned depth)
+static int explain_move(struct why_command *c, const char *loop, apc_ns at, unsigned depth)
 {
     const bool json = c->cli.format == CLI_JSON;
     struct apc_error why;
@@ -342,7 +342,7 @@ static int explain(struct why_command *c, const char *loop, apc_ns at, unsigned 
             fputs(", \"above\": {", stdout);
         else
             putchar('\n');
-        rc = explain(c, why_above(&c->replay, moved), moved->row->time, depth + 1);
+        rc = explain_move(c, why_above(&c->replay, moved), moved->row->time, depth + 1);
         if (json)
             putchar('}');
     }
@@ -385,7 +385,7 @@ int command_why(int argc, char **argv)
     } else if ((rc = parse_output(&c)) == 0) {
         if (c.cli.format == CLI_JSON)
             putchar('{');
-        rc = explain(&c, c.loop, c.at, 0);
+        rc = explain_move(&c, c.loop, c.at, 0);
         if (c.cli.format == CLI_JSON)
             puts("}");
     } else {
