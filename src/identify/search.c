@@ -134,14 +134,14 @@ void search_fill_rest(const struct search *s, double tau, size_t run, double *co
  * earlier. */
 static int fill_steps(const struct search *s, const struct arm *arm, double *column)
 {
-    const size_t answers = answers_of(arm), n = apc_record_longest(s->record) + arm->levels;
+    const size_t answers = answers_of(arm), n = apc_record_longest(s->record) + arm->since + arm->levels;
     const double one = 1.0;
     const int rc =
         apc_lag_response(&arm->lag, s->record->Ts, 0.0, &one, 0, n, s->step, arm->zero ? s->step + n : NULL);
 
     memset(column, 0, arm->levels * s->runs * answers * s->n * sizeof(*column));
     for (size_t i = 0; i < arm->levels * s->runs * answers && rc == 0; i++) {
-        const double *answer = s->step + i % answers * n + i / answers / s->runs;
+        const double *answer = s->step + i % answers * n + arm->since + i / answers / s->runs;
         double *to = column + i * s->n;
         size_t samples, begin = part_of(s, i / answers % s->runs, &samples);
 
@@ -414,7 +414,7 @@ int search_open(struct search *s)
 
     s->width = linear + m;
     at = calloc((s->width + linear + 2 * s->arm_columns + 3) * n + 2 * s->width * s->width + 4 * s->width +
-                    (2 * m + 2) * (m + 2) + s->width + m * m + 2 * (n + s->levels_most) + 1,
+                    (2 * m + 2) * (m + 2) + s->width + m * m + 2 * (n + LEVELS) + 1,
                 sizeof(*at));
     s->counts = calloc(n + 1, sizeof(*s->counts));
     s->best.arm = calloc(6 * s->inputs + 1, sizeof(*s->best.arm));
@@ -433,7 +433,7 @@ int search_open(struct search *s)
     s->value = apc_carve(&at, 2 * s->width);
     s->small = apc_carve(&at, (2 * m + 2) * (m + 2) + s->width);
     s->small_R = apc_carve(&at, m * m);
-    s->step = apc_carve(&at, 2 * (n + s->levels_most));
+    s->step = apc_carve(&at, 2 * (n + LEVELS));
     return 0;
 }
 

@@ -16,9 +16,9 @@ struct arm {
     struct apc_lag lag;
     bool zero;
     bool none; /* nothing, as far as the record shows: it has no columns and no unknowns */
-    /* Of the input before each run, 0: it was as at first: a step of each run's own at its first sample, one a
-     * sample before, ... */
-    size_t levels;
+    /* Of the input before each run, 0: it was as at first: steps of each run's own, one `since` samples before
+     * its first, one a sample before that, ... */
+    size_t levels, since;
 };
 
 struct shape {
@@ -45,7 +45,7 @@ struct search {
     double *value;           /* [width] of the linear ones */
     double *plus, *minus;    /* [n * arm_columns] */
     double *small, *small_R; /* of a step */
-    double *step;            /* [2 * (n + levels_most)] what the input's step does, and its rate */
+    double *step;            /* [2 * (n + LEVELS)] what the input's step does, and its rate */
     void *memory;
     struct shape best, trial, grown;
 };

@@ -156,11 +156,13 @@ static int add_zero(struct search *s, struct shape *shape, size_t j)
     return rc;
 }
 
-static void set_levels(const struct search *s, struct shape *shape, bool rest, size_t levels)
+static void set_levels(const struct search *s, struct shape *shape, bool rest, size_t since, size_t levels)
 {
     shape->rest = rest;
-    for (size_t j = 0; j < s->inputs; j++)
+    for (size_t j = 0; j < s->inputs; j++) {
+        shape->arm[j].since = since;
         shape->arm[j].levels = levels;
+    }
 }
 
 static size_t most_levels(const struct search *s, const struct shape *shape)
@@ -175,22 +177,24 @@ static size_t most_levels(const struct search *s, const struct shape *shape)
 /* A move before the record that was taken for one at its first sample, or for none, made the dead time too
  * short: begin with those that are as much longer as the levels go back, too. Where no better one is promised,
  * none is sought. */
-static int try_more_levels(struct search *s, struct shape *shape, bool rest, size_t levels)
+static int try_levels(struct search *s, struct shape *shape, size_t since, size_t levels)
 {
     const size_t later[] = {0, levels / 2, levels - 1};
     struct shape from = {.arm = s->grown.arm + 3 * s->inputs};
     int rc = 0;
 
-    search_copy(s, &from, shape);
-    for (size_t i = 0; i < 3 && rc == 0; i++) {
+    for (size_t i = 0; i < 6 && rc == 0; i++) {
+        const size_t at = i % 3;
         double promised = HUGE_VAL;
 
-        if (i > 0 && later[i] == later[i - 1])
+        if (at == 0)
+            search_copy(s, &from, shape);
+        else if (later[at] == later[at - 1])
             continue;
         search_copy(s, &s->grown, &from);
-        set_levels(s, &s->grown, rest, levels);
+        set_levels(s, &s->grown, i < 3, since, levels);
         for (size_t j = 0; j < s->inputs; j++)
-            search_move(s, &s->grown.arm[j], s->grown.arm[j].lag.order, (double)later[i]);
+            search_move(s, &s->grown.arm[j], s->grown.arm[j].lag.order, (double)later[at]);
         rc = search_look_ahead(s, &s->grown, &promised);
         if (rc == 0 && promised < shape->score)
             rc = compete(s, shape, false);
@@ -198,18 +202,21 @@ static int try_more_levels(struct search *s, struct shape *shape, bool rest, siz
     return rc;
 }
 
-static double longest_dead_time(const struct search *s, const struct shape *shape)
+/* The longest dead time. */
+static double periods_of_delay(const struct search *s, const struct shape *shape)
 {
     double longest = 0.0;
 
     for (size_t j = 0; j < s->inputs; j++)
         longest = fmax(longest, shape->arm[j].lag.dead_time);
-    return longest;
+    return longest / s->record->Ts;
 }
 
 /* What came before: was the plant at rest, and were the inputs what they were at first? A record may begin
  * with the first move, which acts after the dead time as any other does, or soon after it, and it may begin on
- * the way. Asked before there are more lags, which would be made up for what came before. */
+ * the way. One step, wherever it is, is asked before many: of one that had to take along all levels up to it,
+ * a second lag, which lets the first sample be anything, would be the cheaper account. Asked before there are
+ * more lags, which would be made up for what came before. */
 static int fit_initial_conditions(struct search *s, struct shape *shape)
 {
     size_t most;
@@ -219,18 +226,18 @@ static int fit_initial_conditions(struct search *s, struct shape *shape)
         bool other = shape->rest != (i % 2 == 0);
 
         for (size_t j = 0; j < s->inputs; j++)
-            other |= shape->arm[j].levels != (size_t)(i / 2 == 0);
+            other |= shape->arm[j].since > 0 || shape->arm[j].levels != (size_t)(i / 2 == 0);
         search_copy(s, &s->grown, shape);
-        set_levels(s, &s->grown, i % 2 == 0, i / 2 == 0);
+        set_levels(s, &s->grown, i % 2 == 0, 0, i / 2 == 0);
         rc = other ? compete(s, shape, false) : 0;
     }
+    for (size_t since = 1; since < LEVELS && (double)since <= periods_of_delay(s, shape) + 1.0 && rc == 0;
+         since++)
+        rc = try_levels(s, shape, since, 1);
     for (size_t levels = 2; levels > 0 && levels <= s->levels_most && rc == 0;) {
-        rc = try_more_levels(s, shape, true, levels);
-        if (rc == 0)
-            rc = try_more_levels(s, shape, false, levels);
-        levels =
-            apc_record_more_levels(levels, fmin(longest_dead_time(s, shape) / s->record->Ts + (double)levels,
-                                                s->dead_time_max / s->record->Ts));
+        rc = try_levels(s, shape, 0, levels);
+        levels = apc_record_more_levels(
+            levels, fmin(periods_of_delay(s, shape) + (double)levels, s->dead_time_max / s->record->Ts));
     }
     most = most_levels(s, shape);
     for (size_t j = 0; j < s->inputs && s->inputs > 1 && most > 0 && rc == 0; j++) {

@@ -584,7 +584,7 @@ static void a_record_may_begin_after_a_move(void **state)
     (void)state;
 
     for (int rest = 0; rest < 2; rest++) {
-        for (size_t ago = 0; ago < 5; ago++) {
+        for (size_t ago = 0; ago < 7; ago++) {
             unsigned long inside_it[3] = {0}, plain = 0;
 
             for (unsigned long seed = 0; seed < seeds; seed++) {
@@ -610,6 +610,26 @@ static void a_record_may_begin_after_a_move(void **state)
     }
     assert_true((double)all >= 0.88 * 3.0 * (double)n);
     assert_true((double)dead_times >= 0.85 * (double)n && (double)single >= 0.85 * (double)n);
+}
+
+/* One move further back than the record's first samples is one number, not a level of each sample up to it; a
+ * second lag was the cheaper account of it. */
+/* Promise(identification/first-second-order) */
+static void one_move_before_a_record_is_no_second_lag(void **state)
+{
+    static const struct apc_transfer g = {.gain = 2.5, .tau = {20.0}, .dead_time = 5.4};
+    static const uint64_t seeds[] = {28, 39, 41, 52};
+    (void)state;
+
+    for (size_t i = 0; i < sizeof seeds / sizeof *seeds; i++) {
+        struct record_test *t = from_after_a_move(&g, 4, false, seeds[i]);
+        struct apc_transfer found, error;
+
+        identify(t, &found, &error);
+        assert_true(found.tau[1] == 0.0 && found.zero == 0.0);
+        assert_near(found.dead_time, g.dead_time, 1.96 * error.dead_time);
+        free(t);
+    }
 }
 
 /* Of a lag that is shorter than a sample there is one, and its dead time is told or is not. */
@@ -821,6 +841,7 @@ int main(void)
         cmocka_unit_test(an_output_that_follows_no_input_is_said),
         cmocka_unit_test(a_record_may_begin_with_the_first_move),
         cmocka_unit_test(a_record_may_begin_after_a_move),
+        cmocka_unit_test(one_move_before_a_record_is_no_second_lag),
         cmocka_unit_test(a_lag_shorter_than_a_sample_is_one),
         cmocka_unit_test(a_short_record_gives_a_model_of_what_it_shows_or_none),
         cmocka_unit_test(the_point_is_where_the_plant_has_been),
