@@ -345,6 +345,8 @@ struct apc_store_room {
     bool full;            /**< a variable's row found no room, and none of that variable was written since */
     enum apc_table table; /**< while it is full: which variable's */
     int id;
+    uint64_t tags_max;      /**< descriptions that it can hold */
+    uint64_t catalogue_max; /**< bytes of a catalogue that it can hold, with its terminator */
 };
 /** How full it is, as of now. Rows of variables that have some go on then, the oldest give way. Returns 1; 0:
  * this kind of store has no fixed room; or an error. [setup] */

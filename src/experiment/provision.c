@@ -275,17 +275,35 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     return t.at;
 }
 
-static int describe_experiment(struct apc_store *store, const struct experiment *e)
-{
+/* What a store is told of an experiment. */
+struct description {
+    struct apc_tag *tag;
     size_t n;
-    char *text = NULL;
-    struct apc_tag *tag = provision_tags(e, &n);
-    int rc = tag ? model_files_embed(e, &text, NULL) : APC_ENOMEM;
-    if (tag && rc != APC_ENOMEM) /* a model file has gone since: without it */
-        rc = apc_store_describe(store, tag, n, text ? text : e->text);
-    free(text);
-    free(tag);
-    return rc < 0 ? rc : 0;
+    char *own;        /* to be freed; NULL: it is the file's */
+    const char *text; /* the catalogue */
+};
+
+static int make_description(struct description *d, const struct experiment *e)
+{
+    *d = (struct description){.tag = NULL};
+    d->tag = provision_tags(e, &d->n);
+    const int rc = d->tag ? model_files_embed(e, &d->own, NULL) : APC_ENOMEM;
+    d->text = d->own ? d->own : e->text; /* a model file has gone since: without it */
+    return rc == APC_ENOMEM ? rc : 0;
+}
+
+static void free_description(struct description *d)
+{
+    free(d->own);
+    free(d->tag);
+}
+
+/* 0: it will refuse it, and say why. */
+static int has_room_for(struct apc_store *store, const struct description *d)
+{
+    struct apc_store_room room = {.size = sizeof room};
+    const int rc = apc_store_room(store, &room);
+    return rc <= 0 ? rc + (rc == 0) : d->n <= room.tags_max && strlen(d->text) < room.catalogue_max;
 }
 
 /* ---- Whose store it is -------------------------------------------------------------------- */
@@ -609,7 +627,7 @@ static int renew_alarms(struct apc_store *store, const struct experiment *e, apc
     return rc < 0 ? rc : 0;
 }
 
-int provision(struct apc_store *store, const struct experiment *e, enum provision how)
+static int put_experiment(struct apc_store *store, const struct experiment *e, enum provision how)
 {
     const size_t n = count_tuning(e);
     const apc_ns now = apc_clock_utc(NULL);
@@ -640,5 +658,17 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     if (rc >= 0)
         rc = renew_alarms(store, e, now);
     free(wanted);
-    return rc < 0 ? rc : describe_experiment(store, e);
+    return rc;
+}
+
+int provision(struct apc_store *store, const struct experiment *e, enum provision how)
+{
+    struct description d;
+    int rc = make_description(&d, e);
+    if (rc == 0 && (rc = has_room_for(store, &d)) > 0)
+        rc = put_experiment(store, e, how);
+    if (rc >= 0)
+        rc = apc_store_describe(store, d.tag, d.n, d.text);
+    free_description(&d);
+    return rc < 0 ? rc : 0;
 }

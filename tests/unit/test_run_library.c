@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "check.h"
 
@@ -394,6 +395,41 @@ static void an_operator_does_what_the_file_s_actions_do(void **state)
     apc_experiment_destroy(acting);
 }
 
+/* A segment whose descriptions or catalogue the experiment overflows is left as it was. */
+static void refused_before_a_row(const struct apc_experiment *e, const char *reason)
+{
+    struct apc_store *store;
+    struct apc_error why;
+    char uri[60], path[60];
+    snprintf(uri, sizeof uri, "shm:tiny-%d?size=1", (int)getpid());
+    snprintf(path, sizeof path, "/dev/shm/apc.tiny-%d", (int)getpid());
+    assert_int_equal(apc_store_open(&store, uri, NULL, NULL), 0);
+    assert_int_equal(apc_store_init(store), 0);
+    assert_int_equal(apc_experiment_provision(e, store, true, &why), APC_ESTORE);
+    assert_non_null(strstr(why.text, reason));
+    assert_int_equal(apc_store_variables(store, NULL, 0), 0);
+    assert_int_equal(apc_store_get_tags(store, NULL, 0), 0);
+    apc_store_close(store);
+    assert_int_equal(unlink(path), 0);
+}
+
+static void what_is_too_small_for_an_experiment_gets_none_of_it(void **state)
+{
+    static char remark[18000], whole[sizeof remark + sizeof text];
+    struct apc_experiment *e;
+    struct apc_error why;
+    (void)state;
+    assert_int_equal(apc_experiment_load(&e, APC_SOURCE_DIR "/experiments/hundred-loops.conf", NULL, &why),
+                     0);
+    refused_before_a_row(e, "holds 64 tags at most");
+    apc_experiment_destroy(e);
+    memset(remark, '#', sizeof remark - 2);
+    snprintf(whole, sizeof whole, "%s%s\n", text, remark);
+    assert_int_equal(apc_experiment_load(&e, "here.conf", whole, &why), 0);
+    refused_before_a_row(e, "holds a catalogue of less than");
+    apc_experiment_destroy(e);
+}
+
 /* What an operator writes at the instant of a tick is there before anything else happens. */
 /* Promise(experiment/actions-taken-time) */
 static void an_operator_comes_before_the_tick_of_the_same_instant(void **state)
@@ -659,6 +695,7 @@ int main(void)
         cmocka_unit_test(in_steps_it_is_the_same_as_at_once),
         cmocka_unit_test(a_simulation_keeps_the_experiment_it_began_with),
         cmocka_unit_test(an_operator_does_what_the_file_s_actions_do),
+        cmocka_unit_test(what_is_too_small_for_an_experiment_gets_none_of_it),
         cmocka_unit_test(an_operator_comes_before_the_tick_of_the_same_instant),
         cmocka_unit_test(what_an_operator_sets_is_his_until_he_gives_it_back),
         cmocka_unit_test(what_is_to_come_is_foreseen),

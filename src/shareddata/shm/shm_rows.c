@@ -548,6 +548,8 @@ int apc_shm_room(struct apc_store *store, struct apc_store_room *room)
         .full = lacking != 0,
         .table = (enum apc_table)(lacking >> 32),
         .id = (int)(uint32_t)lacking,
+        .tags_max = shm->tags,
+        .catalogue_max = shm->text_size,
     };
     return 1;
 }
