@@ -273,7 +273,7 @@ static void describe_difference(const struct replay *r, const struct replay_cont
     va_end(args);
 }
 
-static bool same_bits(double a, double b)
+bool replay_same_bits(double a, double b)
 {
     uint64_t bits[2];
     memcpy(&bits[0], &a, sizeof a);
@@ -289,7 +289,7 @@ static bool first_difference(const struct apc_controller *c, const double *recor
     size_t offset, length;
     for (size_t f = 0; apc_controller_tick_field(c, f, name, &offset, &length); f++)
         for (size_t i = 0; i < length && !(leave_out && leave_out[f]); i++)
-            if (!same_bits(recorded[offset + i], made[offset + i])) {
+            if (!replay_same_bits(recorded[offset + i], made[offset + i])) {
                 *element = offset + i;
                 return true;
             }
@@ -412,7 +412,7 @@ static bool begins_later(const struct replay_controller *rc, const double *row,
 {
     const size_t *at = rc->core->offset;
     return !rc->row && !missing && row[at[APC_TICK_INDEX]] > 0 &&
-           same_bits(row[at[APC_TICK_MARK]], rc->core->row[at[APC_TICK_MARK]]);
+           replay_same_bits(row[at[APC_TICK_MARK]], rc->core->row[at[APC_TICK_MARK]]);
 }
 
 /* Tick @p k of the record, of a controller that lived on or, where that gives another row, was started anew. */
@@ -498,7 +498,7 @@ static const char *cause_of(const struct apc_controller *c, const double *record
               {APC_TICK_LAST, "the output before it was another"}};
     for (size_t k = 0; k < sizeof of / sizeof *of; k++)
         for (size_t i = c->offset[of[k].field]; i < c->offset[of[k].field + 1]; i++)
-            if (!same_bits(recorded[i], made[i]))
+            if (!replay_same_bits(recorded[i], made[i]))
                 return of[k].what;
     return "from the same inputs";
 }

@@ -17,6 +17,7 @@ const struct apc_sample *replay_give_tick(struct replay *r, struct replay_contro
 void replay_compute_tick(struct replay_controller *rc, const double *row, struct apc_notice *notice);
 /* Its outputs went out, and the next tick is computed after it. */
 void replay_end_tick(struct replay_controller *rc, const struct tick_row *at, const double *row);
+bool replay_same_bits(double a, double b);
 /* Did all of the row come out? */
 bool replay_is_made(const struct apc_controller *c, const double *row);
 /* If not: what did not, and why. */

@@ -143,7 +143,7 @@ static bool cause_differs(const struct move *m, const struct why_cause *cause, s
     for (size_t f = 0; f < 2; f++)
         for (n = held_elements(c, cause, f, &at); n > 0; n--, at++)
             if (cause->kind == WHY_LAW ? has_no_answer(row[at]) != has_no_answer(former[at])
-                                       : memcmp(&row[at], &former[at], sizeof *row) != 0)
+                                       : !replay_same_bits(row[at], former[at]))
                 return true;
     return false;
 }

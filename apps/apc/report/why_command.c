@@ -2,7 +2,6 @@
 /* apc why: what moved an output of a recorded run. */
 #include "simulation/simulation.h"
 
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -19,7 +18,7 @@ struct why_options {
 #define AT(member) .to = offsetof(struct why_options, member)
 static const struct option_spec own_options[] = {
     {"over", 0, "SECONDS", "Explain the move over so long a time until then, instead of one tick",
-     OPTION_NUMBER, AT(over), .high = DBL_MAX, .must = "be seconds, 0 or above"},
+     OPTION_NUMBER, AT(over), .high = 366 * 86400.0, .must = "be seconds, from 0 to 366 days"},
     {0},
 };
 
@@ -87,8 +86,9 @@ static char *value_text(const struct why_cause *cause, double value, apc_status 
     char of[APC_STATUS_NAME_LEN];
     struct apc_sample sample = {
         .table = cause->kind == WHY_MODE ? APC_OPMODE : APC_SENSOR, .seq = 1, .value = value};
+    text[0] = '\0';
     if (isnan(value))
-        return strcpy(text, "");
+        return text;
     print_value(&sample, text);
     if (apc_status_severity(status) != APC_SEVERITY_GOOD) {
         const size_t n = strlen(text);
@@ -328,8 +328,8 @@ static int explain_move(struct why_command *c, const char *loop, apc_ns at, unsi
     struct why w;
     apc_ns over = 0;
     const struct why_cause *moved = NULL;
-    int rc = apc_ns_from_s(c->options.over, &over);
-    rc = why_find(&w, &c->replay, loop, over > 0 ? at - over : at, at, &why);
+    (void)apc_ns_from_s(c->options.over, &over);
+    int rc = why_find(&w, &c->replay, loop, over > 0 ? at - over : at, at, &why);
     if (rc < 0)
         fail_why(c, rc, why.text);
     else
