@@ -83,7 +83,7 @@ int simulation_stream(struct simulation *s, double until, simulation_take_fn *ta
             rc = let_samples_go(&out, before);
     }
     if (rc == 0)
-        rc = simulation_run(s, until);
+        (void)simulation_run(s, until); /* why it ended early stays with it */
     let_samples_go(&out, 0);
     samples_free(&out.rows);
     return s->rc;
