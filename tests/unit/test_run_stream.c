@@ -5,7 +5,6 @@
 #include "check.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 #include "simulation/simulation.h"
 
@@ -125,7 +124,7 @@ static void the_same_samples_go_out_in_pieces(void **state)
     for (size_t i = 0; i < all.n; i++) {
         const struct apc_sample *a = &t.all.at[i], *b = &all.at[i];
         if (a->time != b->time || a->table != b->table || a->id != b->id || a->seq != b->seq ||
-            a->status != b->status || memcmp(&a->value, &b->value, sizeof a->value) != 0)
+            a->status != b->status || a->value < b->value || a->value > b->value)
             fail_msg("sample %zu is another", i);
     }
     samples_free(&all);
