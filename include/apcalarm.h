@@ -91,7 +91,7 @@ APC_API const char *apc_alarm_kind_name(enum apc_alarm_kind kind);
 /** The kind of that name, or 0. [any] */
 APC_API enum apc_alarm_kind apc_alarm_kind_parse(const char *name);
 
-#define APC_ALARM_PRIORITIES 4 /**< 1 is the gravest */
+#define APC_ALARM_PRIORITIES 4 /**< 1 is the most urgent */
 
 /** When an alarm is suppressed by design. */
 struct apc_alarm_suppression {
@@ -158,9 +158,9 @@ enum apc_alarms_tick {
 
 /**
  * The alarms of a plant, alarm number i the one with id i in table alarm. A row of that table is a
- * transition: its value the state that it leads to; its status the quality of what it was judged by; its
- * author who wanted it; its origin its number in the journal, which counts the transitions of all alarms
- * from 1. An alarm without a row is NORMAL.
+ * transition. Its value is the state that it leads to, its status the quality of the measurement that it was
+ * judged by, its author the person who wanted it. Its origin is its number in the journal, which counts the
+ * transitions of all alarms from 1. An alarm without a row is NORMAL.
  *
  * What people want (enum apc_alarm_switch) has an outcome in table actual, as any other wish.
  *

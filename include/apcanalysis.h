@@ -3,7 +3,7 @@
  * @file apcanalysis.h
  * A closed loop as it really ticks: a linear plant that moves on all the time, controllers that compute now
  * and then from what was measured a while ago, outputs that act a while later. How much of a change it
- * bears, how it answers to each frequency, and how far noise moves it.
+ * tolerates, how it answers to each frequency, and how far noise moves it.
  *
  * All of it follows from one map: what a period of ticks makes of the state of plant, laws and everything
  * under way. Nothing is made up of half periods and Pade approximations.
@@ -64,7 +64,7 @@ struct apc_loop_setup {
     struct apc_loop_plant plant;
     size_t n_controllers;
     const struct apc_loop_controller *controller;
-    apc_ns period; /**< after which all begins anew */
+    apc_ns period; /**< after which all begins again */
     size_t n_ticks;
     const struct apc_loop_tick *tick;
 };
@@ -99,11 +99,11 @@ struct apc_loop_margins {
     double crossover;       /**< rad/s, the highest at which |L| is 1; NAN: nowhere */
 };
 /**
- * Of output @p of, the others being closed, or APC_LOOP_WHOLE: of all outputs at once that the plant takes,
- * the same change in each, and the peaks are those of the largest singular values, outputs measured in
- * @p scale [apc_loop_outputs()] (NULL: 1). Margins are found where an eigenvalue of the map reaches the unit
- * circle, up to factors of 1000; a delay has no such limit. [setup] Returns 0, APC_EINVAL, APC_ESOLVER,
- * APC_ENOMEM.
+ * The margins at output @p of, the others being closed. APC_LOOP_WHOLE: at all outputs at once that the plant
+ * takes, with the same change in each; then the peaks are those of the largest singular values, outputs
+ * measured in @p scale [apc_loop_outputs()] (NULL: 1). Margins are found where an eigenvalue of the map
+ * reaches the unit circle, up to factors of 1000; a delay has no such limit. [setup] Returns 0, APC_EINVAL,
+ * APC_ESOLVER, APC_ENOMEM.
  */
 APC_API int apc_loop_margins(const struct apc_loop *loop, size_t of, const double *scale,
                              struct apc_loop_margins *margins, struct apc_error *why);
@@ -112,17 +112,17 @@ APC_API int apc_loop_peaks(const struct apc_loop *loop, size_t of, const double 
                            struct apc_loop_margins *margins, struct apc_error *why);
 
 /**
- * L at @p n frequencies @p w rad/s, into @p re, @p im [n]: of output @p of, cut open there, the others
- * closed: what comes back, with the sign that makes 1 + L the return difference; NAN on a pole. Of a
- * controller that ticks several times in the period: what comes back at that frequency. [setup] Returns 0,
- * APC_EINVAL, APC_ENOMEM.
+ * L at @p n frequencies @p w rad/s, into @p re, @p im [n]. The loop is cut open at output @p of, the others
+ * are closed; L has the sign that makes 1 + L the return difference. It is NAN on a pole. A controller that
+ * ticks several times in the period: L is what comes back at that frequency. [setup] Returns 0, APC_EINVAL,
+ * APC_ENOMEM.
  */
 APC_API int apc_loop_response(const struct apc_loop *loop, size_t of, size_t n, const double *w, double *re,
                               double *im);
 
 /* ---- Under noise ----------------------------------------------------------------------------- */
 
-/** One of several courses that a period takes, chosen anew each time. */
+/** One of several courses that a period takes, chosen at each period. */
 struct apc_loop_course {
     double probability;
     size_t n_ticks;

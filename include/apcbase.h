@@ -173,9 +173,9 @@ enum apc_table {
     APC_SENSOR = 1, /**< y, written by the client */
     APC_ACTUATOR,   /**< u, written by the controller */
     APC_SETPOINT,   /**< z-bar, written by the scheduler and the operator */
-    APC_DIM,        /**< ids 1..3: number of measurements, setpoints, manipulated variables; then two ids
-                         for each output, the first being 4 and 5: the measurement that it controls, and the
-                         setpoint that it controls it to (0: none), as the law pairs them */
+    APC_DIM,        /**< ids 1..3: number of measurements, setpoints, manipulated variables. Then two ids for
+                       each output, the first being 4 and 5: its measurement, and its setpoint (0: none), as
+                       the law pairs them */
     APC_OPMODE,     /**< id i: target mode of loop i; id 0: of all, as the paper's listings write it; ids from
                          65536 on: other switches */
     APC_TUNING,     /**< parameters of the law, written by the operator */
@@ -305,9 +305,8 @@ APC_API void apc_log_write(struct apc_log *log, enum apc_log_level level, const 
 
 /**
  * A stream of random numbers, xoshiro256++ (Blackman and Vigna 2019). The same seed and name give the same
- * numbers on every machine; streams of different names have nothing to do with each other, so that one more
- * draw from one leaves all others as they are. Name a stream after what it is for: "network.delay",
- * "plant.noise.1".
+ * numbers on every machine. Streams of different names are independent: one more draw from one leaves all
+ * others as they are. Name a stream after what it is for: "network.delay", "plant.noise.1".
  */
 struct apc_random {
     uint64_t state[4];
@@ -353,8 +352,8 @@ APC_API double apc_distribution_mean(const struct apc_distribution *distribution
 /* ---- Threads ------------------------------------------------------------------------------ */
 
 /**
- * A mutex that inherits priority: a real-time task that waits for it lends its own to whoever holds it, so
- * that nothing in between can hold the task up. [setup] Returns 0, APC_EINVAL (NULL) or APC_ESYS.
+ * A mutex that inherits priority: a real-time task that waits for it lends its own to the thread that holds
+ * it, so that nothing in between can delay the task. [setup] Returns 0, APC_EINVAL (NULL) or APC_ESYS.
  */
 APC_API int apc_mutex_init(pthread_mutex_t *mutex);
 

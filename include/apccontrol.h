@@ -8,9 +8,9 @@
  *     static const struct apc_param gain[] = {{"Kp", "1", "gain", 1.0, -100.0, 100.0}};
  *     APC_LAW_EXPORT(.name = "p", .n_tuning = 1, .tuning = gain, .compute = compute);
  *
- * A law runs as instances. One that is not `whole` has an instance for each output, which sees that output,
- * and the measurements, setpoints and disturbances that belong to it, as if there were no others: nothing in
- * it loops over outputs. One that is `whole` has one instance, which sees all.
+ * A law runs as instances. One that is not `whole` has an instance for each output. The instance sees that
+ * output, and the measurements, setpoints and disturbances that belong to it, as if there were no others: it
+ * has no loop over outputs. One that is `whole` has one instance, which sees all.
  */
 #ifndef APCCONTROL_H
 #define APCCONTROL_H
@@ -36,7 +36,7 @@ enum apc_law_result {
     APC_LAW_SUBOPTIMAL, /**< the best that was found in time */
     APC_LAW_LATE,       /**< nothing was found in time: what was planned before for this tick */
     APC_LAW_INFEASIBLE, /**< not usable: the output is held, then at its fault value */
-    APC_LAW_FAILED      /**< not usable, and x begins anew (reset) */
+    APC_LAW_FAILED      /**< not usable, and x starts again (reset) */
 };
 
 /** Who decides on an output. */
@@ -192,7 +192,7 @@ struct apc_law {
                    other */
     bool
         selects; /**< not whole; its output is one of its measurements. One that is Bad does not stop the loop
-                    while another is not; whoever calculates one is told what went out (external reset) */
+                    while another is not; the instance is told what went out (external reset) */
     bool estimates; /**< whole; it goes on without a measurement that is Bad, by y_status, while another is
                        not, and says itself when it no longer can */
     size_t n_tuning;
@@ -294,8 +294,8 @@ typedef void (*apc_published_fn)(void *ctx, size_t output, const struct apc_publ
 APC_API int apc_law_published(const struct apc_law *law, const struct apc_law_setup *setup,
                               apc_published_fn fn, void *ctx, struct apc_error *why);
 
-/** A law around a point: deviations of its state x, and of in = y, z, d and what went out last, in this
- * order: x of the next tick = A x + B in, u = C x + D in. One block: goes back with free(). */
+/** A law around a point, in deviations: x of the next tick = A x + B in, u = C x + D in. in is y, z, d and
+ * what went out last, in this order. One block: goes back with free(). */
 struct apc_law_linear {
     size_t nx, n_in, nu;   /**< n_in = ny + nz + nd + nu */
     double *A, *B, *C, *D; /**< [nx * nx], [nx * n_in], [nu * nx], [nu * n_in] */

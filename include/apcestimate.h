@@ -3,9 +3,9 @@
  * @file apcestimate.h
  * What the state of a plant is, from what went in and what was measured.
  *
- * Each sample: correct with what was measured, use the state, predict with what went out. What an estimator
- * remembers is an array of the caller's, s, so that a law may keep it in its x and a restart goes on bit for
- * bit; the estimator itself is workspace, and belongs to one thread at a time.
+ * Each sample: correct with what was measured, use the state, predict with what went out. The estimator's
+ * memory is an array of the caller's, s: a law may keep it in its x, and a restart continues bit for bit. The
+ * estimator itself is workspace, and belongs to one thread at a time.
  *
  * Measurements are taken one after another, so their noises must be independent; each covariance update has
  * Joseph's form and stays positive (Bucy and Joseph, Filtering for Stochastic Processes, 1968).
@@ -64,7 +64,7 @@ APC_API void apc_estimator_reset(const struct apc_estimator *estimator, double *
  * Take measurements @p y [ny], those whose @p usable [ny] is true (NULL: all); @p u [nu + nd] is what acts
  * where a measurement depends on it. What is not finite is not usable. A slow measurement is usable once,
  * when it is new. The extended one keeps its state in the ranges where its model holds, and begins its
- * covariance anew from p0 where nonsense has left none. Returns how many were taken. [tick]
+ * covariance again from p0 where bad numbers have left none. Returns how many were taken. [tick]
  */
 APC_API int apc_estimator_correct(struct apc_estimator *estimator, double *s, const double *y,
                                   const bool *usable, const double *u);

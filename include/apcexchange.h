@@ -129,7 +129,7 @@ APC_API void apc_modbus_unit_destroy(struct apc_modbus_unit *unit); /**< NULL is
 /**
  * Answer one request: functions 1 to 6, 15, 16 and 22. A measurement beyond what its register holds is the
  * end of that range, as a converter has it; a value of several registers is written wholly or not at all
- * (exception 3). Answers as each unit of the map, and as 0 and 255, which mean whoever has the address.
+ * (exception 3). Answers as each unit of the map, and as 0 and 255, which mean any unit at that address.
  * Returns the reply's length, at most 260, or APC_EPROTO, APC_ERANGE (@p size): close the connection. [tick]
  */
 APC_API int apc_modbus_unit_answer(struct apc_modbus_unit *unit, const char *request, size_t length,
@@ -185,9 +185,9 @@ APC_API void apc_exchange_close(struct apc_exchange *exchange); /**< NULL is leg
 /**
  * Give the plant @p u [nu] and ask for y, within @p deadline (monotonic). A value that is Bad or not finite
  * is not written; a plant behind frames takes whole vectors, so there one such value keeps all from being
- * written. NULL: ask only. Returns 0: the exchange is under way; or a negative error, and it is not:
- * APC_EBUSY (the one before is), APC_ECONN (no connection, or pausing before the next try), APC_ETIMEDOUT,
- * APC_EINVAL (a time beyond what the plant's language can say), APC_ENOMEM (inproc: only). [tick]
+ * written. NULL: ask only. Returns 0 when the exchange is under way, else a negative error. APC_EBUSY: the
+ * one before is under way; APC_ECONN: no connection, or pausing before the next try. Also APC_ETIMEDOUT,
+ * APC_EINVAL (a time that the protocol cannot express), APC_ENOMEM (inproc: only). [tick]
  */
 APC_API int apc_exchange_begin(struct apc_exchange *exchange, const struct apc_value *u, apc_ns deadline);
 /**
@@ -199,29 +199,29 @@ APC_API int apc_exchange_begin(struct apc_exchange *exchange, const struct apc_v
  */
 APC_API int apc_exchange_finish(struct apc_exchange *exchange, struct apc_value *y);
 /**
- * The client leaves: give a plant that does not watch its client the safe values of those outputs that this
- * exchange has commanded, within @p deadline, but for those that are @p spared [nu] (NULL: none): whoever
- * only looked changes nothing. Nothing to do for a plant behind frames, which goes there by itself. Returns 0
+ * The client leaves. A plant that does not watch its client gets the safe values, within @p deadline: of
+ * those outputs that this exchange has commanded and that are not @p spared [nu] (NULL: none). A client that
+ * only read changes nothing. Nothing to do for a plant behind frames, which goes there by itself. Returns 0
  * or a negative error. [setup]
  */
 APC_API int apc_exchange_safe(struct apc_exchange *exchange, const bool *spared, apc_ns deadline);
 /**
  * From now on the commands are those of a claim, apc_store_claimed(): a plant behind frames refuses them once
- * another one of a newer claim commands, so that a client which slept while another one took its place moves
- * nothing (APC_FRAME_CLAIMED). A lower number than before changes nothing; `modbus:` and `serial:` have no
- * place for one. [tick]
+ * a client with a newer claim commands (APC_FRAME_CLAIMED). So a client that slept while another one took
+ * over moves nothing. A lower number than before changes nothing; `modbus:` and `serial:` have no place for
+ * one. [tick]
  */
 APC_API void apc_exchange_claim(struct apc_exchange *exchange, uint64_t number);
 /**
- * What the plant had in the place of output @p i, from 0, as the last exchange began: APC_GOOD, what it had
- * been given before, or not looked at (only `modbus:` does, and only if told to); APC_UNCERTAIN_SUBSTITUTE:
- * @p value, which is another; Bad: that could not be read. [tick]
+ * The plant's own value of output @p i, from 0, as the last exchange began. APC_GOOD: the value that it had
+ * been given, or not read (only `modbus:` does, and only if told to). APC_UNCERTAIN_SUBSTITUTE: another one,
+ * in @p value. Bad: it could not be read. [tick]
  */
 APC_API apc_status apc_exchange_read_back(const struct apc_exchange *exchange, size_t i, double *value);
 /**
  * false: the plant answered the last exchange and has not taken its command, or not all of it: a value is
  * beyond what it can take, or too old for it, or a part of the plant failed that has outputs. A plant behind
- * frames says so by a reply that bears no number, where it numbers the others. [tick]
+ * frames says so by a reply without a number, where it numbers the others. [tick]
  */
 APC_API bool apc_exchange_taken(const struct apc_exchange *exchange);
 /** Text of the last failure, also of a part; "" when the last exchange had none. Lives until the next call. [tick] */

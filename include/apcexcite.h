@@ -27,19 +27,18 @@ APC_API int apc_excite_steps(size_t settling, double *u, size_t n);
 APC_API int apc_excite_prbs(unsigned order, size_t hold, size_t shift, double *u, size_t n);
 
 /**
- * One period of as many cosines of one size as there are from @p first periods in @p n samples to @p last,
- * each @p every th one, with phases that keep the largest |u| as low as can be found: Schroeder's (IEEE
- * Trans. Information Theory 16, 1970), then clipping (Van der Ouderaa, Schoukens, Renneboog, IEEE Trans.
- * Instrumentation and Measurement 37, 1988). @p u [n]: the largest is 1; *@p crest: it, over the root of the
- * mean square; NULL: not wanted. [setup] Returns 0, APC_EINVAL (first 0 or above last, last not below n / 2,
- * every 0) or APC_ENOMEM.
+ * One period of a multisine: cosines of one size, from @p first periods in @p n samples to @p last, each @p
+ * every th one. Their phases keep the largest |u| low: Schroeder's (IEEE Trans. Information Theory 16, 1970),
+ * then clipping (Van der Ouderaa, Schoukens, Renneboog, IEEE Trans. Instrumentation and Measurement 37,
+ * 1988). @p u [n]: the largest is 1; *@p crest: it, over the root of the mean square; NULL: not wanted.
+ * [setup] Returns 0, APC_EINVAL (first 0 or above last, last not below n / 2, every 0) or APC_ENOMEM.
  */
 APC_API int apc_excite_multisine(size_t first, size_t last, size_t every, double *u, size_t n, double *crest);
 
 /**
- * A relay in the place of a controller: it puts out the sign of the error, until that is beyond hysteresis on
- * the other side, so that the loop oscillates where its phase is -180 degrees. Zeroed but for hysteresis it
- * begins. To be read: what was seen of the oscillation.
+ * A relay in the place of a controller. It puts out the sign of the error, until the error is beyond
+ * hysteresis on the other side. So the loop oscillates where its phase is -180 degrees. Zeroed but for
+ * hysteresis it begins. To be read: what was seen of the oscillation.
  */
 struct apc_relay {
     double hysteresis;              /**< >= 0, of the measurement's unit */

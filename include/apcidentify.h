@@ -43,9 +43,9 @@ APC_API size_t apc_record_share(const struct apc_record *record, const struct ap
 APC_API double *apc_record_gather(struct apc_record *record, const double *u0, const double *y0);
 
 /**
- * Can models be had from it? [setup] Returns 0; APC_EINVAL: an input that never moves, inputs that move
- * together, a measurement that never moves or is missing for the most part, inputs that only a controller
- * moved that saw nothing but y, or too few samples, of a run as well; APC_ENOMEM. A difference between runs
+ * Can models be had from it? [setup] Returns 0, APC_ENOMEM, or APC_EINVAL: an input or a measurement never
+ * moves, inputs move together, a measurement is missing for the most part, or there are too few samples, also
+ * of one run. Also where only a controller that saw nothing but y moved the inputs. A difference between runs
  * is no movement.
  */
 APC_API int apc_record_check(const struct apc_record *record, struct apc_error *why);
@@ -82,16 +82,16 @@ struct apc_transfer_fit {
 };
 
 /**
- * The transfer functions from each input to each output that predict y best: a search over dead times and
- * time constants, then Gauss and Newton's iteration on the errors, whitened by an autoregression where they
- * are not white (Soderstrom and Stoica, System Identification, 1989, section 7.2). Structure by Schwarz'
- * criterion: an input that an output can do without has a gain of 0, of which nothing is known.
- * @p g [ny * (nu + nd)] the transfer functions; @p error [the same] their standard errors, in the members of
- * the same name (a tau of 0 is not there and has none); @p u0 [runs * (nu + nd)], @p y0 [runs * ny] an
- * operating point of each run for apc_linear_from_transfer(), near what was on record; @p fit [ny] may be
- * NULL. [setup] Returns 0; APC_EINVAL as of apc_record_check(), or an option out of range; APC_ESOLVER: no
- * model says more of an output than its mean; or the record does not tell a gain, the end of a time constant
- * or of a dead time, or where the plant rests; APC_ENOMEM.
+ * The transfer functions from each input to each output that predict y best. A search over dead times and
+ * time constants comes first, then Gauss and Newton's iteration on the errors, whitened by an autoregression
+ * where they are not white (Soderstrom and Stoica, System Identification, 1989, section 7.2). Structure by
+ * Schwarz' criterion: an input that an output can do without has a gain of 0, of which nothing is known. @p g
+ * [ny * (nu + nd)] are the transfer functions; @p error [the same] are their standard errors, in the members
+ * of the same name (a tau of 0 is not there and has none). @p u0 [runs * (nu + nd)] and @p y0 [runs * ny] are
+ * an operating point of each run for apc_linear_from_transfer(), near the recorded values; @p fit [ny] may be
+ * NULL. [setup] Returns 0, APC_ENOMEM, APC_EINVAL as apc_record_check() or for an option out of range, or
+ * APC_ESOLVER. The latter: no model predicts an output better than its mean; or the record does not determine
+ * a gain, a time constant, a dead time or the steady state.
  */
 APC_API int apc_identify_transfer(const struct apc_record *record,
                                   const struct apc_identify_transfer_options *options, struct apc_transfer *g,
@@ -165,16 +165,16 @@ struct apc_parameters {
     size_t until;         /**< fitted to that many samples, of each run its share; 0: all */
 };
 /**
- * The parameters with which the model's free run goes best with the record: least squares of errors that are
- * whitened by an autoregression, and weighed as each output scatters, over the parameters sought, where
- * each run begins, and, where a dead time has them act, what the inputs were before, as far as that shows, by
- * Gauss and Newton's iteration with Marquardt's damping. The model may be as nonlinear as it likes; searches
- * go downhill from where they begin, and from beside there, until two of them end alike.
- * @p value, @p error [n] what was found, and standard errors; @p x0 [runs * nx], @p run [n * ny] where each
- * run began, and what the model says, also of what it was not fitted to; both may be NULL. [setup] Returns 0;
- * APC_EINVAL: no record, no such parameter, an FMU, a start out of range; APC_ESOLVER: a parameter cannot be
- * found, for it does nothing, or nothing but what others do, which are named, or it goes to its limit, or the
- * record is too poor; APC_ENOMEM.
+ * The parameters with which the model's free run fits the record best. Least squares by Gauss and Newton's
+ * iteration with Marquardt's damping; errors are whitened by an autoregression and weighted by each output's
+ * scatter. The unknowns are the parameters sought, the state at the start of each run and, where there is a
+ * dead time, the inputs before that start. The model may be nonlinear; searches start from the given values
+ * and beside them, until two of them end alike.
+ * @p value, @p error [n]: the result, and standard errors. @p x0 [runs * nx]: where each run began; @p run [n
+ * * ny]: the model's outputs, also for samples that it was not fitted to; both may be NULL. [setup] Returns
+ * 0, APC_ENOMEM, APC_EINVAL (no record, no such parameter, an FMU, a start out of range) or APC_ESOLVER: the
+ * record is too poor, or a parameter cannot be found. Such a parameter has no effect, or only the effect of
+ * others, which are named, or goes to its limit.
  */
 APC_API int apc_identify_parameters(const struct apc_record *record, const struct apc_parameters *sought,
                                     double *value, double *error, double *x0, double *run,

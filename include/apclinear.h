@@ -48,8 +48,8 @@ APC_API int apc_linear_from_continuous(struct apc_linear **model, const struct a
                                        double Ts, struct apc_error *why);
 
 /**
- * A model that is sampled already: x of the next period = A x + B u, y = C x + D u, all but A and B as above;
- * its dead times must be 0 or NULL: they are states of it. [setup] Returns as apc_linear_from_continuous().
+ * A model that is sampled already: x of the next period = A x + B u, y = C x + D u. The rest is as above; its
+ * dead times must be 0 or NULL, for they are states of it. [setup] Returns as apc_linear_from_continuous().
  */
 APC_API int apc_linear_from_sampled(struct apc_linear **model, const struct apc_linear_continuous *from,
                                     double Ts, struct apc_error *why);

@@ -5,8 +5,8 @@
  *
  * The C library picks its own by processor, and those of another version give others: with them the same
  * simulation is another one elsewhere. These consist of additions, multiplications, divisions and square
- * roots alone, which IEEE 754 defines to the bit. Plants and laws of one's own that call them keep the
- * promise that the same seed gives the same run, and that a record can be replayed on another machine.
+ * roots alone, which IEEE 754 defines to the bit. Plants and laws of your own that call them keep the promise
+ * that the same seed gives the same run, and that a record can be replayed on another machine.
  *
  * Arguments and results are as in Annex F of ISO C, also of zeros, infinities and NaN; errno and the
  * floating-point exceptions are not part of it. The error is below 1 unit in the last place unless a function

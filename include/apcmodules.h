@@ -86,7 +86,8 @@ struct apc_dating {
 /**
  * Look at a sample that is new, of source @p time, at @p now; the run began at @p since (0: it is not known),
  * all UTC. Returns the time for the record: the source's, or that of arrival where the clock is wrong or the
- * sample is from before the run: of a value at rest a plant may give the time of its last change. [tick]
+ * sample is from before the run. The latter happens where a plant gives the time of a value's last change.
+ * [tick]
  */
 APC_API apc_ns apc_dating_look(struct apc_dating *dating, apc_ns time, apc_ns now, apc_ns since);
 
@@ -185,7 +186,7 @@ struct apc_sensor_fault {
 struct apc_sensor {
     apc_ns period;  /**< how often it looks, from the plant's first tick on, as a laboratory does: in between
                        its  last value stands, with the time of that; 0: at each tick */
-    double noise;   /**< standard deviation of a normal error, anew at each look */
+    double noise;   /**< standard deviation of a normal error, drawn at each look */
     double quantum; /**< the step between two values that it can show; 0: none */
     const struct apc_sensor_fault *fault; /**< [n_faults]; borrowed */
     size_t n_faults;
@@ -229,21 +230,21 @@ APC_API void apc_plantserver_destroy(struct apc_plantserver *server); /**< NULL 
 APC_API int apc_plantserver_change(struct apc_plantserver *server,
                                    const struct apc_plantserver_options *options, struct apc_error *why);
 /**
- * Advance the plant to @p now, the scheduled time of the tick: over the interval since the previous
- * tick with the input that was sampled then (with the safe value from the watchdog's instant on, if it
- * lies within; disturbances change at their very instants), publish y as the sensors show it, sample the
- * input for the next interval. Returns 0 or APC_ESOLVER, then y is Bad; the notice says so once, and once
- * that it is over. [tick]
+ * Advance the plant to @p now, the scheduled time of the tick, with the input that was sampled at the
+ * previous one. Within the interval the safe value acts from the watchdog's instant on, and disturbances
+ * change at their very instants. Then publish y as the sensors show it, and sample the input for the next
+ * interval. Returns 0 or APC_ESOLVER, then y is Bad; the notice says so once, and once that it is over.
+ * [tick]
  */
 APC_API int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now,
                                  struct apc_notice *notice);
 /**
- * Answer one request of connection @p connection: take the command, reply with the newest y. A command
- * is refused as a whole when its count is wrong; a value that is Bad, not finite or outside the limits
- * never reaches the plant; the notice tells of the first such command since one was accepted. A
- * connection older than the newest that sent a command may only query; the notice tells of one that commands
- * all the same, once a minute while that goes on. Returns the reply's length, or APC_EPROTO, APC_EPERM: close
- * the connection. [tick]
+ * Answer one request of connection @p connection: take the command, reply with the newest y. A command is
+ * refused as a whole when its count is wrong. A value that is Bad, not finite or outside the limits never
+ * reaches the plant; the notice tells of the first such command since one was accepted. A connection older
+ * than the newest that sent a command may only query. The notice tells of one that commands nevertheless,
+ * once a minute while that continues. Returns the reply's length, or APC_EPROTO, APC_EPERM: close the
+ * connection. [tick]
  */
 APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_now now, uint64_t connection,
                                     const char *request, size_t length, char *reply, size_t size,
@@ -271,12 +272,13 @@ struct apc_client_options {
     const int64_t *last;   /**< [ny] newest seq of each sensor; NULL: zeros; copied */
     apc_ns since; /**< UTC at which this run began; a command that the client finds at its start with an
                      earlier source time is a former run's and is not sent, until a new one comes */
-    /** [ny] What each sensor can show; NULL, or infinite: anything. Beyond by 2.5 % of the span below, by
-     * 6.25 % above (3.6 and 21 mA of 4 to 20) a measurement is BadOutOfRange, until it is back within 1.25 %
-     * and 3.125 %; where one end is infinite, beyond the other at all. Copied. */
+    /** [ny] What each sensor can show; NULL, or infinite: anything. A measurement is BadOutOfRange when it is
+     * beyond by 2.5 % of the span below, or by 6.25 % above (3.6 and 21 mA of 4 to 20), until it is back
+     * within 1.25 % and 3.125 %. Where one end is infinite, any excess at the other one counts. Copied. */
     const double *low, *high;
-    /** [ny] for measurements that come seldom, from a plant that may give each reading a time of its own: the
-     * same value with the same status is no new sample before it is this much later; NULL, 0: it is. Copied.
+    /** [ny] for measurements that come seldom, from a plant that may give each reading a time of its own. The
+     * same value with the same status is a new sample only when it is this much later; NULL, 0: always.
+     * Copied.
      */
     const apc_ns *apart;
 };
@@ -287,16 +289,16 @@ APC_API int apc_client_create(struct apc_client **client, const struct apc_clien
                               struct apc_error *why);
 APC_API void apc_client_destroy(struct apc_client *client); /**< NULL is legal. [setup] */
 /**
- * What to give the plant: the newest actuator samples @p u [nu] into @p out [nu], Bad where one is not to be
- * written: it is not there, is Bad itself, is not finite, or is no longer fresh. @p u is NULL when the store
- * could not be read: then all are. Returns how many are to be written. [tick]
+ * The command for the plant: the newest actuator samples @p u [nu] into @p out [nu]. One is Bad there where
+ * it must not be written: it is missing, Bad itself, not finite, or no longer fresh. @p u is NULL when the
+ * store could not be read: then all are Bad. Returns how many are to be written. [tick]
  */
 APC_API size_t apc_client_command(struct apc_client *client, struct apc_now now, const struct apc_sample *u,
                                   struct apc_value *out);
 /**
  * Of what the plant answered, @p y [ny], the sensor samples for the store: those whose source time, value or
- * status is new, with the next seq. What bears the same time and says the same was not looked at since.
- * Returns how many went into @p out [ny]. [tick]
+ * status is new, with the next seq. A reading with the same time, value and status has not been sampled since. Returns
+ * how many went into @p out [ny]. [tick]
  */
 APC_API size_t apc_client_measurements(struct apc_client *client, const struct apc_value *y,
                                        struct apc_sample *out);
@@ -370,8 +372,8 @@ struct apc_loop_move {
 /**
  * The move of a loop that was in @p state (0 or any other number: in none yet). Total, pure, and settled in
  * one step: with the same facts the new state stays. The answer of a law that was not asked yet is assumed to
- * be usable; when it turns out not to be, ask again from the same @p state with law false, and do what that
- * move says, but for computing once more. [tick]
+ * be usable. When it is not, ask again from the same @p state with law false, and do what that move says, but
+ * do not compute once more. [tick]
  */
 APC_API struct apc_loop_move apc_loop_next(enum apc_loop_state state, const struct apc_loop_inputs *inputs);
 
@@ -487,9 +489,9 @@ struct apc_controller_options {
  */
 struct apc_controller;
 
-/** [setup] Returns 0, APC_EINVAL (an option or a setting of the law that makes no sense, or a tick row would
- * have more than APC_ELEMENTS_MAX numbers), APC_ENOMEM, or with what the law's create() failed; then @p why
- * says what it is, and *@p controller is NULL. */
+/** [setup] Returns 0, APC_EINVAL (an option or a setting of the law is wrong, or a tick row would have more
+ * than APC_ELEMENTS_MAX numbers), APC_ENOMEM, or the error of the law's create(). On failure @p why has the
+ * reason, and *@p controller is NULL. */
 APC_API int apc_controller_create(struct apc_controller **controller,
                                   const struct apc_controller_options *options, struct apc_error *why);
 APC_API void apc_controller_destroy(struct apc_controller *controller); /**< NULL is legal. [setup] */
@@ -501,11 +503,11 @@ APC_API void apc_controller_destroy(struct apc_controller *controller); /**< NUL
  */
 APC_API struct apc_rows *apc_controller_in(struct apc_controller *controller);
 /**
- * What the last tick wrote, for apc_store_append_rows(), which sets the seqs of setpoints: outputs first,
- * then setpoints that were put back, what became of what somebody wants (table actual) where that changed,
- * what the law published where it was asked, and the tick row: all that they were made from and the next tick
- * goes on from. All of it in one transaction. While another controller acts neither outputs nor setpoints nor
- * what became of those are among it. [any]
+ * The rows that the last tick wrote, for apc_store_append_rows(), which sets the seqs of setpoints. Outputs
+ * come first, then setpoints that were put back, the outcome of requests (table actual) where it changed, and
+ * what the law published where it was asked. The last one is the tick row: all inputs of this tick, and all
+ * that the next tick needs. All are one transaction. While another controller acts neither outputs nor
+ * setpoints nor what became of those are among it. [any]
  */
 APC_API struct apc_rows *apc_controller_out(struct apc_controller *controller);
 /** What a restart goes on from, for apc_store_read_rows(): its newest tick row, its rows in tables actual and
@@ -515,12 +517,12 @@ APC_API struct apc_rows *apc_controller_former(struct apc_controller *controller
 
 /**
  * Go on from apc_controller_former() as the store filled it; to be called also where nothing is stored,
- * before the first tick. That goes on without a bump, with the law's own state when the same law with the
- * same constants stored it (the same build of a plug-in, the same version of a built-in law), from the last
- * output when another law of the same dimensions did. A row of other dimensions, from before @p since, UTC,
- * and so of another run, one that is Bad or whose numbers make no sense, is not taken; nor is an operator's
- * output that is older than what was resumed from or, where nothing was, than @p since (0: not known; then
- * none that is there already). Returns 1 when it resumed, 0 when it starts anew. [setup]
+ * before the first tick. That is bumpless. It takes the law's own state when the same law with the same
+ * constants stored it: the same build of a plug-in, the same version of a built-in law. From another law of
+ * the same dimensions it takes the last output. A row is not taken when it has other dimensions, is from
+ * before @p since, UTC, and so of another run, is Bad, or has invalid numbers. Nor is an operator's output
+ * that is older than the resumed row or, without one, than @p since (0: not known; then any that is there
+ * already). Returns 1 when it resumed, 0 when it starts afresh. [setup]
  */
 APC_API int apc_controller_resume(struct apc_controller *controller, apc_ns since);
 
@@ -531,21 +533,20 @@ APC_API int apc_controller_resume(struct apc_controller *controller, apc_ns sinc
  */
 APC_API int apc_controller_compute(struct apc_controller *controller, struct apc_now now, uint64_t tick,
                                    bool have, struct apc_notice *notice);
-/** What else came to pass at that tick, one loop's at each call; false: that is all. The first, and gravest,
- * is the
- * @p notice of apc_controller_compute(), where that was asked for one. [tick] */
+/** The other notices of that tick, one loop's at each call; false: that is all. The first, and most severe,
+ * is the @p notice of apc_controller_compute(), where that was asked for one. [tick] */
 APC_API bool apc_controller_noticed(struct apc_controller *controller, struct apc_notice *notice);
 /**
- * What became of apc_controller_out(): 1 they are stored, and the law's state goes on; 0 they are not, for
- * certain; -1 nobody knows, the answer was lost: the next apc_controller_compute() that has rows sees whether
- * they are there, and makes up for it. A row by swap that was left out has seq 0. [tick]
+ * The outcome of apc_controller_out(): 1 the rows are stored, and the law's state goes on; 0 they are
+ * certainly not; -1 unknown, because the answer was lost. In that case the next apc_controller_compute() that
+ * has rows sees whether they are there. A row by swap that was left out has seq 0. [tick]
  */
 APC_API void apc_controller_update(struct apc_controller *controller, int written);
 /**
  * Of a controller with a switch: does that, as it was read for the last tick, name it? The one that is not
  * named writes no output from that tick on, and its shell gives the claims on the outputs back. The one that
- * is named acts from the first tick on for which apc_controller_claimed() says that it holds them: its shell
- * claims them after a tick, so that all rows that another wrote are in what it reads next. [tick]
+ * is named acts from the first tick on for which apc_controller_claimed() says that it holds them. Its shell
+ * claims them after a tick, so that the next read has all rows that another one wrote. [tick]
  */
 APC_API bool apc_controller_named(const struct apc_controller *controller);
 /** Whether the outputs are claimed; at first they are not. [tick] */

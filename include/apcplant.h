@@ -54,9 +54,9 @@ APC_API int apc_model_find(const char *name, const struct apc_model **model, voi
 APC_API int apc_model_choose(const struct apc_model *model, const char *const *input, size_t nu,
                              const char *const *output, size_t ny, struct apc_error *why);
 /**
- * Can @p variable, a parameter, input or disturbance in the tables of @p model, have that value: within its
- * range, and, where an FMU's is no real number, a whole one, 0 or 1, or a number of its enumeration? Returns
- * 0 or APC_EINVAL. [setup]
+ * Can @p variable, a parameter, input or disturbance in the tables of @p model, have that value? It must be
+ * within the range and, for an FMU's integer, boolean or enumeration, a number of that type. Returns 0 or
+ * APC_EINVAL. [setup]
  */
 APC_API int apc_model_takes(const struct apc_model *model, const struct apc_param *variable, double value,
                             struct apc_error *why);

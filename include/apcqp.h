@@ -11,8 +11,8 @@
  *
  * Dual active set (Goldfarb and Idnani 1983) on the factor of the least-distance form with LDL' updates, as
  * in Arnstrom, Bemporad and Axehill (2022): each solve begins from the working set of the former one.
- * At the end x is computed anew from the final working set by one fixed factorisation, so its bits depend on
- * that set alone, whatever the way there and whatever compiled it; the residuals are computed after that.
+ * At the end x is computed again from the final working set by one fixed factorisation. So its bits depend on
+ * that set alone, not on the way there or the compiler; the residuals are computed after that.
  *
  * All memory is made at creation. One qp belongs to one thread at a time.
  */

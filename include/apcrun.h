@@ -34,8 +34,8 @@ APC_API void apc_experiment_destroy(struct apc_experiment *e);
 /**
  * Change or add one setting: "duration", "plant.parameters.tau", "outputs.u1.high", "controller.law",
  * "controller.Kp" or, of several outputs, "controller.u1.Kp", "scheduler.sequence.[0].[1]": groups by member,
- * lists by name or [INDEX] from 0; groups on the way that are not there are made. @p value is written as in a
- * file; text may go without its quotes. The whole is checked as if it stood in a file. Returns 0, or a
+ * lists by name or [INDEX] from 0. Groups that are missing on the way are created. @p value is written as in
+ * a file; text may go without its quotes. The whole is checked as if it stood in a file. Returns 0, or a
  * negative error with the reason in @p why, and nothing is changed: APC_ENOTFOUND, APC_EINVAL, APC_ENOMEM.
  * Simulations that there are keep what they have. [setup]
  */
@@ -94,11 +94,11 @@ APC_API int apc_simulation_write(struct apc_simulation *s, const char *name, dou
  * [setup]
  */
 APC_API int apc_simulation_mode(struct apc_simulation *s, const char *loop_or_controller, enum apc_mode mode);
-/** Do @p what: to controller @p name "kill", as kill -9 does, whatever it is doing, and "start" again; to
- * setpoint @p name "local", take it from the controller or the scheduler that moves it, as it stands, and
- * "remote", give it back; controller @p name "promote", which is in shadow or was: it acts. Returns 0,
- * APC_ENOTFOUND, APC_EINVAL (another @p what, nobody else moves it, or it is in nobody's shadow), or why it
- * cannot be started. [setup] */
+/** Do @p what. Controller @p name: "kill", as kill -9 does at any moment, and "start" again; "promote", so
+ * that a controller acts that is or was in shadow. Setpoint @p name: "local", take it from the controller or
+ * the scheduler that moves it, with its present value, and "remote", give it back. Returns 0, APC_ENOTFOUND,
+ * APC_EINVAL (another @p what, nobody else moves it, or it is in nobody's shadow), or why it cannot be
+ * started. [setup] */
 APC_API int apc_simulation_do(struct apc_simulation *s, const char *what, const char *name);
 /** The newest value of a measurement, setpoint, output or parameter. Returns 0, APC_ENOTFOUND (no such name,
  * or there is no value yet) or another error. [setup] */

@@ -24,10 +24,10 @@ extern "C" {
  * One thread at a time per PGconn. They wait for the server as long as libpq does: a task that must
  * not hang uses a store (apcstore.h).
  *
- * All return 0, or APC_EINVAL (argument, table, stamp or status not understood, value not finite),
- * APC_ECONN, APC_ENOTFOUND (no row yet; outputs untouched), APC_ECONFLICT (a concurrent writer won
- * three times), APC_ERANGE (an Int function found a value that is no int), APC_ESTORE (refused by the
- * server: PQerrorMessage says why), APC_ENOMEM.
+ * All return 0 or an error. APC_EINVAL: argument, table, stamp or status not understood, or a value not
+ * finite; APC_ENOTFOUND: no row yet, outputs untouched; APC_ECONFLICT: a concurrent writer won three times.
+ * APC_ERANGE: an Int function found a value that is no int; APC_ESTORE: refused by the server, PQerrorMessage
+ * says why. Also APC_ECONN, APC_ENOMEM.
  */
 /** Append a row with the seq that follows the newest one's. [setup] */
 APC_API int insertIntoTableFloat(PGconn *conn, const char *table, int id, const char *ts, const char *status,

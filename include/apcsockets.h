@@ -44,9 +44,9 @@ APC_API int packMultiMsg(char *buff, int n, char (*ts)[1024], char (*status)[102
  * Read the frame of any kind that @p buff begins with; what follows its newline is ignored, because it
  * is left over from a longer message when a buffer is not cleared (as in Listing 4). At most APC_PACK_MAX
  * bytes of @p buff are looked at. @p ts (written as RFC 3339) and @p status (the name) may be NULL.
- * The arrays must have room for as many samples as the frame holds: the signature cannot say how many
- * that is, so it is for a peer you trust (at most 30 samples fit); otherwise use apc_frame_decode().
- * Returns the number of samples, or APC_EINVAL, APC_EPROTO; on failure nothing is written. [tick]
+ * The arrays must have room for as many samples as the frame holds, at most 30. The signature cannot say how
+ * many: use it for a peer you trust, otherwise apc_frame_decode(). Returns the number of samples, or
+ * APC_EINVAL, APC_EPROTO; on failure nothing is written. [tick]
  */
 APC_API int unpackMultiMsg(char (*ts)[1024], char (*status)[1024], double *values, const char *buff);
 
@@ -164,9 +164,9 @@ APC_API void apc_link_destroy(struct apc_link *link); /**< NULL is legal. [setup
 /**
  * Send one frame and wait for its reply until @p deadline (monotonic). Connects when not connected.
  * Anything but one whole reply in time closes the connection, so that a late reply is never taken for
- * the next one's; the next exchange connects anew, after a pause when connecting failed.
- * *@p reply points into the link until its next call. Returns the length of the reply, or APC_ECONN
- * (no connection, or pausing before the next try), APC_ETIMEDOUT, APC_EPROTO (longer than frame_max). [tick]
+ * the next one's; the next exchange connects again, after a pause when connecting failed. *@p reply points
+ * into the link until its next call. Returns the length of the reply, or APC_ECONN (no connection, or pausing
+ * before the next try), APC_ETIMEDOUT, APC_EPROTO (longer than frame_max). [tick]
  */
 APC_API int apc_link_exchange(struct apc_link *link, const char *request, size_t length, const char **reply,
                               apc_ns deadline);
@@ -178,7 +178,7 @@ APC_API int apc_link_exchange(struct apc_link *link, const char *request, size_t
 APC_API int apc_link_send(struct apc_link *link, const char *request, size_t length, apc_ns deadline);
 /** The other half. [tick] */
 APC_API int apc_link_receive(struct apc_link *link, const char **reply, apc_ns deadline);
-/** Close the connection, e.g. because the reply made no sense. The next exchange connects anew. [tick] */
+/** Close the connection, e.g. because the reply made no sense. The next exchange connects again. [tick] */
 APC_API void apc_link_reset(struct apc_link *link);
 APC_API bool apc_link_connected(const struct apc_link *link);    /**< As far as it is known. [tick] */
 APC_API uint64_t apc_link_connects(const struct apc_link *link); /**< Connections made so far. [tick] */
@@ -298,7 +298,7 @@ struct apc_network_fate {
     bool lost, twice, overtakes;
 };
 /** The two halves of apc_network_send(), for a frame that may never be sent, such as the reply to a request
- * that may be lost: the fate of the n-th is the n-th drawn, whatever became of the others. [tick] */
+ * that may be lost. The fate of the n-th frame is the n-th drawn, independently of the others. [tick] */
 APC_API struct apc_network_fate apc_network_draw(struct apc_network *network);
 /** The other half: as apc_network_send(), with the fate that was drawn. [tick] */
 APC_API int apc_network_carry(struct apc_network *network, const struct apc_network_fate *fate, apc_ns now,

@@ -29,9 +29,9 @@ struct apc_store_options {
     bool chunks; /**< of a history in PostgreSQL: where apc_store_append() gets four or more samples of a
                     variable whose seqs follow each other, they become one row, which costs the server a
                     third. See apc_store_maintain(), `packed` */
-    bool spool_or_memory; /**< where the disk will not have the spool (full, read-only, no rights, no folder,
-                             no descriptors), when it is opened or while nothing waits in it, it is in memory,
-                             of at most 16 MiB, and stats.spool.instead says why; else APC_ESTORE */
+    bool spool_or_memory; /**< where the spool cannot be on disk (full, read-only, no rights, no folder, no
+                             descriptors), when it is opened or while nothing waits in it. Then it is in
+                             memory, of at most 16 MiB, and stats.spool.instead says why. Else APC_ESTORE */
 };
 
 struct apc_store;
@@ -43,23 +43,23 @@ struct apc_store;
  * A store by URI (which one: docs/stores.md):
  * - `sqlite:FILE`, a file.
  * - `shm:NAME`, POSIX shared memory, for the processes of one user on one host (and in one PID namespace),
- *   until the machine stops or /dev/shm/apc.NAME is removed: the newest value of every variable and of each
- *   a recent history. `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes it larger or smaller
+ *   until the machine stops or /dev/shm/apc.NAME is removed. It has the newest value and a recent history of
+ *   every variable. `shm:NAME?size=MIB`, looked at by apc_store_init() only, makes it larger or smaller
  *   than 32 MiB. What no longer fits takes the place of the oldest; a new variable that does not, too many
  *   tags and a call of too many rows are refused with APC_ESTORE. Durable means: survives any process, not
  *   the machine.
- * - `mem:`, this process' memory, for virtual time and for tests: `mem:` alone is the handle's own,
- *   `mem:NAME` (at most 63 bytes) is shared by all handles of that name, whatever their thread, and gone when
- *   the last of them is closed. Its ticks allocate only when a variable's history doubles.
+ * - `mem:`, this process' memory, for virtual time and for tests: `mem:` alone is the handle's own.
+ *   `mem:NAME` (at most 63 bytes) is shared by all handles of that name, of any thread, and gone when the
+ *   last of them is closed. Its ticks allocate only when a variable's history doubles.
  * - `postgresql:` (the environment's database: PGHOST, PGSERVICE, ...) or `postgresql://...`, any libpq URI;
  *   `#NAME` at its end chooses the schema NAME, one a plant, default `apc`. A standby is refused, because a
  *   store is for writing, unless target_session_attrs in the URI or PGTARGETSESSIONATTRS says otherwise.
- * - `shm:NAME+HISTORY`, as well of mem:, where HISTORY is the URI of the store into which an
- *   apc_replication moves what the first one gets: what is newest, and all writes, are the live store's, the past
- *   is the history's as far as it goes and then the live store's, each row once. Rows of variables are told
- *   apart by seq; events and timing, whose numbers differ in the two, by all that they say. While the history
- *   is away, or where it is another experiment's, there is as much past as the live store has, and
- *   apc_store_error() says so after the operation, which succeeds. A number of an author that came with a row
+ * - `shm:NAME+HISTORY`, as well of mem:, where HISTORY is the URI of the store into which an apc_replication
+ *   moves the rows of the first one. The newest rows, and all writes, are the live store's; older rows are
+ *   the history's as far as it goes, and then the live store's, each row once. Rows of variables are told
+ *   apart by seq; events and timing, whose numbers differ in the two, by their content. While the history is
+ *   away, or where it is another experiment's, there is as much past as the live store has; the operation
+ *   succeeds, and apc_store_error() says so after it. A number of an author that came with a row
  *   is one for this handle only.
  *
  * Nothing is connected yet: every operation connects when it has to, waits no longer than the timeout, and
@@ -112,21 +112,22 @@ struct apc_store_stats {
 APC_API void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats);
 
 /*
- * Store and forward: a store with a spool goes on acknowledging apc_store_append() and
- * apc_store_append_events() while it is away (APC_ECONN, APC_ETIMEDOUT) or its disk is full (APC_EFULL): they
- * are on disk in the spool when the call returns. apc_store_error() then says why the store is away. Once
- * something waits, everything goes through the spool, in order; apc_store_connect(), apc_store_append() and
+ * Store and forward: a store with a spool acknowledges apc_store_append() and apc_store_append_events() also
+ * while it is away (APC_ECONN, APC_ETIMEDOUT) or its disk is full (APC_EFULL). The rows are on disk in the
+ * spool when the call returns. apc_store_error() then says why the store is away. Once something waits,
+ * everything goes through the spool, in order; apc_store_connect(), apc_store_append() and
  * apc_store_append_events() each drain a portion when the store is there, for about a tenth of the timeout.
  * While it is away it is asked only now and then: what made a call wait is left alone for as long, the second
  * time for twice as long, then for four times as long.
  *
  * - apc_store_claim() finds what a former writer left; `last` counts it in. When the store is away it
- *   succeeds if records wait, which say how far the writer had come, and is made up for before they drain;
- *   then another writer's claim is APC_EBUSY, and they go on waiting. With an empty spool it is APC_ECONN, as
+ *   succeeds if records wait, which say how far the writer had come. The claim is then taken before they
+ *   drain; if another writer has it (APC_EBUSY), they continue to wait. With an empty spool it is APC_ECONN,
+ *   as
  *   without one.
- * - apc_store_read() gives, while the store is away, what was last read or appended through this store, with
- *   its own seq and time, and status UncertainLastUsableValue unless it is worse; APC_ECONN if one of the
- *   variables was never seen.
+ * - apc_store_read() gives, while the store is away, the value that was last read or appended through this
+ *   store. It has its own seq and time, and status UncertainLastUsableValue unless it is worse. APC_ECONN if
+ *   one of the variables was never seen.
  * - APC_EBUSY, APC_ESCHEMA and APC_ECONFLICT from an append, met while draining, leave its rows in the spool.
  * - A spool that is full keeps what it has: a new append is then refused with APC_ESTORE, and counted in
  *   `refused`. What was acknowledged is never thrown away.
@@ -154,10 +155,10 @@ struct apc_spool_info {
 APC_API int apc_spool_look(const char *file, struct apc_spool_info *info, struct apc_error *why);
 
 /*
- * Operations return 0 or a count, else: APC_ECONN, APC_ETIMEDOUT, APC_ESCHEMA (run `apc init`), APC_EBUSY
- * (the claim went to another writer), APC_EPERM, APC_EFULL (its disk is: nothing was written), APC_ESTORE
- * (refused: constraint, damage, ...), APC_EINVAL, APC_ESTATE (called from inside the store's own history
- * function). Times are kept to the microsecond.
+ * Operations return 0 or a count, else an error. APC_ESCHEMA: run `apc init`; APC_EBUSY: the claim went to
+ * another writer; APC_EFULL: the disk is full, nothing was written. APC_ESTORE: refused (constraint, damage,
+ * ...); APC_ESTATE: called from inside the store's own history function. Also APC_ECONN, APC_ETIMEDOUT,
+ * APC_EPERM, APC_EINVAL. Times are kept to the microsecond.
  *
  * After APC_ECONN or APC_ETIMEDOUT a write may or may not have taken place. To repeat it is harmless for
  * apc_store_append, apc_store_claim, apc_store_put_tags and apc_store_init. A repeated apc_store_put,
@@ -178,9 +179,9 @@ APC_API int apc_store_read(struct apc_store *store, struct apc_sample *samples, 
  * Append @p n samples, over any tables, atomically and in one round trip (two when a row is
  * there already); on return they are durable.
  * (table, id, seq) names a sample: one that is already there is left alone while the others are stored, so an
- * append whose answer was lost may be repeated. Returns how many this very call stored: less than @p n
- * means that the seq of the rest were taken, by an earlier try (or twice in this one) or, where none went
- * before, by another writer. [tick]
+ * append whose answer was lost may be repeated. Returns how many this very call stored. Less than @p n: the
+ * seq of the rest were taken, by an earlier try (or twice in this one) or, without one, by another writer.
+ * [tick]
  */
 APC_API int apc_store_append(struct apc_store *store, const struct apc_sample *samples, size_t n);
 
@@ -215,9 +216,9 @@ APC_API int apc_store_holder(struct apc_store *store, const struct apc_sample *v
  */
 APC_API int apc_store_seize(struct apc_store *store, struct apc_sample *variables, size_t n, uint64_t holder);
 
-/** The number of the newest claim of this store itself, also one renewed with a connection: larger than that
- * of any claim that was given before it, so that a plant can tell an older writer's command from a newer
- * one's (apc_exchange_claim()). 0: it has claimed nothing, or is of a kind that numbers none. [any] */
+/** The number of the newest claim of this store itself, also one renewed with a connection. It is larger than
+ * that of any claim before it, so that a plant can tell an older writer's command from a newer one's
+ * (apc_exchange_claim()). 0: it has claimed nothing, or is of a kind that numbers none. [any] */
 APC_API uint64_t apc_store_claimed(const struct apc_store *store);
 
 /**
@@ -273,8 +274,9 @@ APC_API int apc_store_author_name(struct apc_store *store, uint32_t number, char
  * Wait until one of @p n variables has a sample newer than its @p seen[i].seq, no longer than @p timeout
  * (0: only look; longer by the store's own timeout at most when it cannot be reached). Of @p seen only table,
  * id and seq are looked at. Returns 1 when there is one (a read then gives it), at once when it is there
- * already; 0 when the time is up; an error as soon as the store is lost: what was written meanwhile is found
- * by the next call. A change between a read and the wait is never missed. n = 0 returns 0 at once. [setup]
+ * already; 0 when the time is up; an error as soon as the store is lost. The next call finds the rows that
+ * were written meanwhile. A change between a read and the wait is never missed. n = 0 returns 0 at once.
+ * [setup]
  */
 APC_API int apc_store_wait(struct apc_store *store, const struct apc_sample *seen, size_t n, apc_ns timeout);
 
@@ -309,13 +311,13 @@ struct apc_history_bin {
     uint64_t count, bad;         /**< samples that are not Bad; samples that are */
     double min, max, mean, last; /**< of those not Bad; last: of the highest seq. 0 when count is 0. The last
                                     place of mean depends on how the store has added them up */
-    apc_status worst;            /**< the highest status code among all: of the gravest severity */
+    apc_status worst;            /**< the highest status code among all: of the worst severity */
     int64_t seq;                 /**< the highest of all */
 };
 /** Called for each bin in rising time; return nonzero to end early. */
 typedef int (*apc_history_bin_fn)(void *ctx, const struct apc_history_bin *bin);
 /**
- * History of one variable in @p n intervals (1..APC_HISTORY_BINS) of equal length, made by the server: bin i
+ * History of one variable in @p n intervals (1..APC_HISTORY_BINS) of equal length, made by the server. Bin i
  * begins at @p since + i * (@p until - @p since) / n, rounded down to the nanosecond, and ends where the next
  * one begins. Bins without samples are left out. Streamed in bounded memory. All of it has to be read before
  * the first bin comes: give the store a timeout for that. Returns the number of bins given. [setup]
@@ -434,9 +436,9 @@ APC_API int apc_store_timing(struct apc_store *store, const struct apc_range *ra
 /**
  * What one store holds, and gets, into another: samples and vectors of all variables, events, timing,
  * descriptions with the catalogue, names of authors. Each row once, those of a variable in the order of their
- * seqs, under the seqs that they have. How far it has come is what is newest in TO, of each variable, so a
- * restart goes on from there; of events and timing, which have no seq, it looks up which TO has, after a
- * start and after an append whose outcome is not known. What is missing in TO below its newest is not seen.
+ * seqs, under the seqs that they have. A restart goes on from the newest row of each variable in TO. Events
+ * and timing have no seq: after a start, and after an append whose outcome is not known, it looks up which of
+ * them TO has. What is missing in TO below its newest is not seen.
  */
 struct apc_replication;
 
@@ -514,11 +516,11 @@ APC_API void apc_replication_stats(const struct apc_replication *replication,
 
 /**
  * A new live store goes on from its history, before anything else is written in it: of each variable that it
- * has not got it takes the newest row, under its own seq. So what people wanted and what controllers go on
- * from is there again, and seqs rise above all that went before; a live store without events gets one that
- * says since when nothing is on record. Where the history does not answer, seqs
- * begin at (seconds since 2020-01-02) x 2^20 instead (`shm:` only), above all that has been given out by
- * then. Returns how many rows it took over; or an error and why: also that of the history. [setup]
+ * has not got it takes the newest row, under its own seq. So the requests of people and the state of
+ * controllers are there again, and seqs rise above all that went before. A live store without events gets one
+ * that says since when nothing is on record. Where the history does not answer, seqs begin at (seconds since
+ * 2020-01-02) x 2^20 instead (`shm:` only), above all that has been given out by then. Returns how many rows
+ * it took over; or an error and why: also that of the history. [setup]
  */
 APC_API int apc_store_take_over(struct apc_store *live, struct apc_store *history, struct apc_error *why);
 
@@ -611,8 +613,9 @@ typedef int (*apc_plant_fn)(void *ctx, const struct apc_store_plant *plant);
 APC_API int apc_store_restore(struct apc_store *store, const char *from, char *kept, size_t size);
 /**
  * The plants in the database of a store of `postgresql:` that its user may look at; the schema of its own URI
- * need not be there. It connects for that anew: claims of this store are taken again by its next operation.
- * Returns the number given; APC_EINVAL for a store of another kind; or as apc_store_connect(). [setup]
+ * need not be there. It opens another connection for that: claims of this store are taken again by its next
+ * operation. Returns the number given; APC_EINVAL for a store of another kind; or as apc_store_connect().
+ * [setup]
  */
 APC_API int apc_store_plants(struct apc_store *store, apc_plant_fn fn, void *ctx);
 /** The version of the tables that this library makes and knows. It works with a newer one as well if that

@@ -24,9 +24,9 @@ extern "C" {
  * CLOCK_MONOTONIC. Returns the timer, or (timer_t)0 with errno set (with glibc, 0 is never a timer of this
  * kind). Delete it with timer_delete().
  *
- * What such a timer does not promise, and a task below does: callbacks of one timer may overlap when
- * one takes longer than the period; one may still run, or even begin, after stop_apctimer() and
- * timer_delete() returned, so @p args must outlive them; missed ticks are not counted. [setup]
+ * Such a timer gives fewer guarantees than a task below. Callbacks of one timer may overlap when one takes
+ * longer than the period. One may still run, or even begin, after stop_apctimer() and timer_delete()
+ * returned, so @p args must outlive them. Missed ticks are not counted. [setup]
  */
 APC_API timer_t create_apctimer(void (*fnc)(union sigval), void *args);
 /**
@@ -52,9 +52,9 @@ APC_API uint64_t apc_grid_next(apc_ns start, apc_ns period, apc_ns now);
 /* ---- Timing statistics -------------------------------------------------------------------- */
 
 /**
- * A log-linear histogram of signed nanoseconds in the manner of HdrHistogram: exact below 256 ns, above
- * that buckets of less than 1 % of their value, up to +-(2^42 - 1) ns (73 min), as which anything beyond
- * is counted. No allocation after create; one writer, any readers, and neither waits for the other.
+ * A log-linear histogram of signed nanoseconds in the manner of HdrHistogram. It is exact below 256 ns; above
+ * that buckets are less than 1 % of their value. Anything beyond +-(2^42 - 1) ns (73 min) counts as that. No
+ * allocation after create; one writer, any readers, and neither waits for the other.
  */
 struct apc_histogram;
 
@@ -132,9 +132,9 @@ typedef int (*apc_task_fn)(void *ctx, const struct apc_tick *tick);
  */
 enum apc_overrun {
     /**
-     * Default: count and skip them. A task that wakes up late runs the newest tick that is due, so one
-     * call stands for the whole gap and is less than a period late; one whose callback ran too long waits
-     * for the next instant of the grid.
+     * Default: count and skip them. A task that wakes up late runs the newest tick that is due: one call
+     * stands for the whole gap and is less than a period late. A task whose callback ran too long waits for
+     * the next instant of the grid.
      */
     APC_OVERRUN_SKIP = 1,
     APC_OVERRUN_BURST, /**< run them one after another until caught up: none is missed */
@@ -152,9 +152,9 @@ struct apc_task_options {
     int priority; /**< SCHED_FIFO 1..99, or SCHED_OTHER where not permitted; 0: 80; -1: SCHED_OTHER */
     int cpu;      /**< 1 + number of the CPU to stay on; 0: any */
     /**
-     * The grid is one of the wall clock, so that tasks on several machines tick together and agree on k:
-     * start is the UTC of tick 0, past or to come (0: 1970), and the task begins with the first tick that is
-     * not past. A later step of the wall clock does not move the grid.
+     * The grid is one of the wall clock, so that tasks on several machines tick together and agree on k.
+     * start is the UTC of tick 0, past or to come (0: 1970); the task begins with the first tick that is not
+     * past. A later step of the wall clock does not move the grid.
      */
     bool aligned;
     /**
@@ -249,11 +249,11 @@ APC_API const struct apc_histogram *apc_task_histogram(const struct apc_task *ta
 
 /**
  * The executive "virtual" waits for nothing: apc_virtual_run() goes from event to event, and between them no
- * time passes. Its tasks are made, started and stopped as any others, with the same grid, the same overrun
- * policies and the same statistics, but run on the thread that calls apc_virtual_run(); apc_task_wait() there
- * takes no timeout but 0. What happens at one instant happens in the order of its rank, then of its being
- * asked for: the same program gives the same events, every time. The functions below answer APC_EINVAL to
- * another executive. One thread at a time uses such an executive and all that runs on it.
+ * time passes. Its tasks are made, started and stopped as any others, with the same grid, overrun policies
+ * and statistics. They run on the thread that calls apc_virtual_run(); apc_task_wait() there takes no timeout
+ * but 0. Events of one instant come in the order of their rank, then of their request: the same program gives
+ * the same events, every time. The functions below answer APC_EINVAL to another executive. One thread at a
+ * time uses such an executive and all that runs on it.
  */
 
 /**

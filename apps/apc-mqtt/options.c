@@ -18,7 +18,7 @@ static const struct argp_option option_list[] = {
      "mqtts://HOST[:8883], over TLS 1.3; mqtt://HOST[:1883], without encryption, to this very host only "
      "[APC_BROKER]",
      0},
-    {"ca", OPT_CA, "FILE", 0, "Who vouches for the broker; default: whom this computer trusts", 0},
+    {"ca", OPT_CA, "FILE", 0, "Authorities that vouch for the broker; default: those of this computer", 0},
     {"identity", OPT_IDENTITY, "FILE", 0,
      "Who we are to a broker that asks for a certificate: it and its key in one file", 0},
     {"login", OPT_LOGIN, "NAME", 0, "Who we are to a broker that asks for a name", 0},

@@ -133,6 +133,20 @@ bad.md: 22.0 words a sentence, at most 18
 bad.md:7: \"whoever\": write who, or the role: an operator, a client
 bad.md:8: 156 characters, at most 100" ] || fail "found: $(cat "$work/wrong" "$work/prose")"
 
+{ printf '/** Whom %s*/\n/*\n *     %s\n */\n' "$(sentence 9)" "$(sentence 60)"; sentence 60; } >"$work/bad.h" # formulas and code are none
+printf '  "a": "%s",\n  "b": "%s",\n' "$(sentence 35)" 'Anew.' | tee "$work/texts.de.ts" >"$work/texts.en.ts"
+printf '.SH DESCRIPTION\n%s\n.SH SEE ALSO\n%s\n' "$(sentence 35)" "$(sentence 60)" >"$work/bad.1"
+# Promise(docs): scripts/prose reads the comments of headers, the texts of the page and man pages as well.
+! scripts/prose --check "$work"/bad.[h1] "$work"/texts.* >"$work/prose" 2>"$work/wrong" || fail "long sentences are taken"
+[ "$(sed "s|.*$work/||" "$work/wrong")" = "bad.1:2: a sentence of 36 words: word word word word word word word word ...
+bad.1: 36.0 words a sentence, at most 18
+bad.h:1: \"whom\": write who, or the role: an operator, a client
+texts.de.ts:1: a sentence of 36 words: word word word word word word word word ...
+texts.de.ts: 18.5 words a sentence, at most 18
+texts.en.ts:1: a sentence of 36 words: word word word word word word word word ...
+texts.en.ts: 18.5 words a sentence, at most 18
+texts.en.ts:2: \"anew\": write again" ] || fail "found: $(cat "$work/wrong" "$work/prose")"
+
 # ---- what is shown is what is printed
 # Promise(docs): What README and docs/simulate.md show of `apc simulate` is what it prints.
 

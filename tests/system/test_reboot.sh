@@ -92,7 +92,7 @@ done
 down
 rm "${segment[1]}"
 was=$(newest actuator) lost=$(rows actuator)
-expect 0 'begins anew, with numbers above' env PGHOST=/nonexistent "$apc" init --store "$both" "$work/fast.conf"
+expect 0 'begins empty, with numbers above' env PGHOST=/nonexistent "$apc" init --store "$both" "$work/fast.conf"
 expect 0 '^Kp +0.2 ' "$apc" tune --store "$live"
 up
 ticking() { [ "$("$apc" history u --store "$live" --last 9 --csv | wc -l)" -gt 3 ]; }

@@ -26,7 +26,7 @@ expect 2 'must be authority' certs me
 certs plant plant --host 127.0.0.1 --host localhost
 certs client client
 certs client stranger --days 20
-expect 4 'there already; --replace makes it anew' certs client client
+expect 4 'there already; --replace renews it' certs client client
 cp "$work/certs/client.pem" "$work/before.pem"
 certs client client --replace --days 40
 ! cmp -s "$work/before.pem" "$work/certs/client.pem" || fail "it was not made anew"

@@ -23,7 +23,7 @@ int main(int argc, char **argv)
     (void)argp_parse(&argp, argc, argv, 0, NULL, &options);
     fputs("apc-mqtt: it was built without libmosquitto, and can do nothing: install libmosquitto-dev and "
           "build it "
-          "anew, without -DAPC_MQTT=OFF\n",
+          "again, without -DAPC_MQTT=OFF\n",
           stderr);
     return EXIT_FAILURE;
 }

@@ -40,25 +40,20 @@ static const struct option_spec own_options[] = {
      OPTION_OWN, .take = take_host},
     {"days", 0, "N", "How long it is good: default 825, of an authority 3650", OPTION_WHOLE, AT(days),
      .low = 1, .high = DAYS_MAX, .must = "be a whole number, 1 to 36500"},
-    {"replace", 0, NULL, "Make one anew that is there, for instance because it expires", OPTION_FLAG,
-     AT(replace)},
+    {"replace", 0, NULL, "Renew an existing one, for instance because it expires", OPTION_FLAG, AT(replace)},
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "authority [NAME] | plant NAME --host HOST | client NAME | list",
-    .doc =
-        "Who is who on a link tls:HOST:PORT. `authority` makes, once, an authority of your own in a folder: "
-        "authority.key, its secret, which stays where it is, and authority.pem. `plant` and `client` make an "
-        "identity, DIR/NAME.pem: a key, its certificate, and that of the authority; the one file that "
-        "apc-plant or apc-client wants (--identity). A plant is known by where it is (--host), a client by "
-        "its "
-        "name: apc-plant takes commands from the names that it is told (--client), and lets nobody else in. "
-        "`list` says who there is, and how long each is good. Files with a key are readable by their owner "
-        "only "
-        "(0600): bring each to its computer by a way that nobody listens to, and keep the authority's key "
-        "off "
-        "both. Daemons take up by themselves what was made anew (--replace).",
+    .doc = "Make the identities of a link tls:HOST:PORT. `authority` makes, once, an authority of your own "
+           "in a folder: authority.pem, and authority.key, its secret, which stays there. `plant` and "
+           "`client` make an identity, DIR/NAME.pem: a key, its certificate, and that of the authority. "
+           "apc-plant and apc-client take this file (--identity). A plant is known by its address (--host), "
+           "a client by its name: apc-plant takes commands from the names of its --client options, and "
+           "rejects all others. `list` shows all identities, and how long each is valid. Files with a key "
+           "are readable by their owner only (0600). Bring each to its computer by a secure way, and keep "
+           "the authority's key off both. Daemons take up a renewed identity (--replace) by themselves.",
     .takes = 0,
     .min_args = 1,
     .max_args = 2,
@@ -87,7 +82,7 @@ static int make_certificate(const struct cli *cli, const struct options *o, enum
                          : role == ROLE_AUTHORITY
                              ? "; what it vouches for would be worth nothing: take another "
                                "folder, or remove it"
-                             : "; --replace makes it anew");
+                             : "; --replace renews it");
     printf("%s/%s.pem made, good for %ld days\n", o->folder, role == ROLE_AUTHORITY ? "authority" : name,
            days);
     return EXIT_OK;

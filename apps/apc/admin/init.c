@@ -80,7 +80,7 @@ static int take_over(const struct cli *cli, const struct experiment *e)
     if (rc > 0)
         printf("%d variables go on from the history\n", rc);
     if (is_away(rc))
-        printf("%s: the live store begins anew, with numbers above its\n", why.text);
+        printf("%s: the live store begins empty, with numbers above its\n", why.text);
     apc_store_close(history);
     apc_store_close(live);
     return rc < 0 && !is_away(rc) && rc != APC_ESCHEMA ? cli_error(cli, rc, "%s", why.text) : EXIT_OK;

@@ -31,16 +31,12 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "list | add NAME | remove NAME | token NAME | revoke NAME",
-    .doc =
-        "Who may use the operator's page. `add` asks for a password on the terminal, or takes the first "
-        "line of "
-        "its input; for a name that is there it sets the password anew, and the role that is given. The "
-        "file holds argon2id "
-        "hashes and is its owner's alone; apc-ui sees a change within a second. `token` prints a new token "
-        "for a "
-        "machine, of the role that is given, for so many --days, and keeps its hash in FILE.tokens: with "
-        "`Authorization: Bearer "
-        "TOKEN`, or Basic with its two halves, it needs no login; `revoke` ends it.",
+    .doc = "Manage the users of the operator's page. `add` asks for a password on the terminal, or takes the "
+           "first line of its input; for an existing user it sets the new password, and the role that is "
+           "given. The file holds argon2id hashes and only its owner can read it; apc-ui sees a change "
+           "within a second. `token` prints a new token for a machine, of the given role and for so many "
+           "--days, and keeps its hash in FILE.tokens. With `Authorization: Bearer TOKEN`, or Basic with its "
+           "two halves, a machine needs no login. `revoke` ends it.",
     .takes = 0,
     .min_args = 1,
     .max_args = 2,

@@ -43,12 +43,11 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
-    .doc =
-        "Show by how much gain, phase and delay of each loop of the experiment FILE may change, and of all "
-        "loops at once, the peaks of their sensitivity, and the closed loop's poles. The loop is linear "
-        "around an operating point, and as virtual time has it: sampled, with the delays of its periods, "
-        "phases and network. Laws pi, pid, cascade, lqg, mpc off its limits, and laws of one's own "
-        "that are linear there.",
+    .doc = "Show the stability margins of each loop of the experiment FILE, and of all loops at once, in "
+           "gain, phase and delay; the peaks of the sensitivity; and the closed loop's poles. The loop is "
+           "linear around an operating point, and as virtual time has it: sampled, with the delays of its "
+           "periods, phases and network. Laws: pi, pid, cascade, lqg, mpc off its limits, and laws of your "
+           "own that are linear there.",
     .takes = CLI_FORMAT,
     .min_args = 1,
     .max_args = 1,

@@ -119,17 +119,13 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "RUN|STORE|FILE.csv[@FROM..TO]...",
-    .doc =
-        "Find models of a plant in its record: run folder RUN, what STORE has, named by its URI, or CSV with "
-        "a "
-        "name above each column, one of them \"time\" in s. Several records, or windows FROM..TO of them, "
-        "are "
-        "fitted together, each around an operating point of its own. The models are transfer functions of "
-        "first or second "
-        "order with dead time, difference "
-        "equations (arx), a state space (subspace) and finite impulse responses (fir). Each is fitted to the "
-        "first part of each record and judged by what it says of the rest: how well it fits running freely, "
-        "and whether its errors are white and have nothing of the inputs in them.",
+    .doc = "Find models of a plant in its record: run folder RUN, the store with the URI STORE, or CSV with "
+           "a name above each column, one of them \"time\" in s. Several records, or windows FROM..TO of "
+           "them, are fitted together, each around an operating point of its own. The models are transfer "
+           "functions of first or second order with dead time, difference equations (arx), a state space "
+           "(subspace) and finite impulse responses (fir). Each is fitted to the first part of each record "
+           "and judged by the rest: how well its free run fits, and whether its errors are white and "
+           "independent of the inputs.",
     .takes = CLI_FORMAT,
     .min_args = 1,
     .max_args = -1,

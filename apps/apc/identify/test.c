@@ -121,13 +121,11 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "FILE\n--live [FILE]",
-    .doc = "Move the plant of experiment FILE so that apc identify can tell what it is: in virtual time, or "
-           "--live. It is let "
-           "come to rest, its outputs go to Man (or its loops stay in Auto and setpoints are moved), the "
-           "signal follows, and all goes back to how it was, also where a guard, a signal or somebody's hand "
-           "ends it. What happened is in a run folder. --live without FILE it is the plant of the run whose "
-           "store it "
-           "is.",
+    .doc = "Move the plant of experiment FILE, in virtual time or --live, so that apc identify can find its "
+           "model. The plant settles first. Then its outputs go to Man (or its loops stay in Auto and "
+           "setpoints move), and the test signal follows. At the end all goes back to how it was, also after "
+           "a guard, a signal or an operator's change. The record is in a run folder. --live without FILE "
+           "takes the plant of the run whose store it is.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .max_args = 1,
     .options = own_options,

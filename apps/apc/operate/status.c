@@ -35,15 +35,13 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "",
-    .doc =
-        "Show the store, the mode, every measurement, setpoint and output with its age, who wrote last what "
-        "operators write, the timing of each task over the last minute, and the last events. Where there are "
-        "several loops: each controller with "
-        "its last tick and its loops: target and actual mode, with the reason where they differ, setpoint SP "
-        "and who moves it, measurement PV, output OP and its limits. Of predictive control: what became of "
-        "the last plan, what "
-        "it took, and which limits hold it back. A measurement or output that was not "
-        "written for 10 s, or for three of its periods if that is longer, is STALE.",
+    .doc = "Show the store, the mode, every measurement, setpoint and output with its age, the author of "
+           "each operator's entry, the timing of each task over the last minute, and the last events. Where "
+           "there are several loops, each controller has its last tick and its loops. A loop shows target "
+           "and actual mode, with the reason where they differ, setpoint SP and its source, measurement PV, "
+           "output OP and its limits. Predictive control also shows the result of the last plan, its solve "
+           "time, and its active constraints. A measurement or output that was not written for 10 s, or for "
+           "three of its periods if that is longer, is STALE.",
     .takes = CLI_STORE | CLI_FORMAT,
     .options = own_options,
 };

@@ -43,15 +43,11 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "[DIR]",
-    .doc = "Draw report.svg and report.png of the run folder DIR again, from its CSV files, and print its "
-           "figures: how well each loop was controlled, from each event to the next; and of all of it what "
-           "the controllers "
-           "were worth: time in service and at limits, standard deviations with and without, and how well "
-           "what was "
-           "predicted came true. Without DIR: the latter of the history of --store. Of "
-           "a run that was killed, and so has left no samples.csv, they are first taken from its store: "
-           "DIR/store.db or, "
-           "where there is none, that of --store or APC_STORE.",
+    .doc = "Draw report.svg and report.png of the run folder DIR again, from its CSV files. Print its "
+           "figures: how well each loop was controlled from each event to the next. Print its KPIs: time in "
+           "service and at limits, standard deviations in and out of service, and how well predictions came "
+           "true. Without DIR: the KPIs of the history of --store. A run that was killed has no samples.csv: "
+           "then samples first come from its store, DIR/store.db, else that of --store or APC_STORE.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .max_args = 1,
     .options = own_options,

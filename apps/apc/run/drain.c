@@ -6,12 +6,10 @@
 
 static const struct cli_spec spec = {
     .args_doc = "DIR",
-    .doc = "Store what is left in the folder DIR: of daemons in spools (*.spool), which they had kept back "
-           "while "
-           "the store was away, the next start of such a daemon does the same; of a run that was killed "
-           "also what was in its memory, which goes to its history and is freed. --store says which history, "
-           "where "
-           "the folder does not.",
+    .doc = "Store the rows that are left in the folder DIR. Daemons keep them in spools (*.spool) while the "
+           "store is away; the next start of such a daemon does the same. The rows in the memory of a run "
+           "that was killed go to its history, and the memory is freed. --store names the history, where the "
+           "folder does not.",
     .takes = CLI_STORE | CLI_OWN_STORE,
     .min_args = 1,
     .max_args = 1,

@@ -54,24 +54,17 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
-    .doc =
-        "Run the experiment FILE, or that of a run folder again, in real time: start its plant, client, "
-        "controllers and scheduler as "
-        "processes, serve the operator's page, show one live line, stop them all at the end or on Ctrl-C, "
-        "and leave a run folder with report.png, report.svg and samples.csv. Tuning and mode are set to the "
-        "file's; tables are made if there are none. Without --store and APC_STORE the shared data are in "
-        "memory "
-        "of this run's own, and apc-historian moves the record on into a file of the run folder, store.db, "
-        "or "
-        "to --history. With --store alone, that store is both. A run that was not controlled ends "
-        "with 1 and says why: the plant got no command or only fault values, or the loop was open for longer "
-        "than "
-        "its controllers' hold or again and again, or a daemon of the loop hung or crashed, or rows are "
-        "missing "
-        "in the record. A run "
-        "folder that is not empty, and a store that another experiment "
-        "has "
-        "filled, are refused.",
+    .doc = "Run the experiment FILE, or that of a run folder again, in real time. Start its plant, client, "
+           "controllers and scheduler as processes, serve the operator's page, and show one live line. Stop "
+           "them all at the end or on Ctrl-C, and leave a run folder with report.png, report.svg and "
+           "samples.csv. Tuning and mode are set to the file's; missing tables are made. Without --store and "
+           "APC_STORE the shared data are in memory of this run's own, and apc-historian moves the record on "
+           "into a file of the run folder, store.db, or to --history. With --store alone, that store is "
+           "both. If the loop was not under control, the exit code is 1, and the reason is printed. Reasons: "
+           "the plant got no command or only fault values, or the loop was open for longer than its "
+           "controllers' hold, or again and again. Also: a daemon of the loop hung or crashed, or rows are "
+           "missing in the record. A run folder that is not empty, and a store that another experiment has filled, are "
+           "refused.",
     .takes = CLI_STORE | CLI_OWN_STORE | CLI_MAKES_STORE,
     .min_args = 1,
     .max_args = 1,

@@ -36,7 +36,7 @@ static const struct option_spec own_options[] = {
     {"tolerance", 0, "U", "End with code 1 when an output differs by more", OPTION_NUMBER, AT(tolerance),
      .high = DBL_MAX, .must = "be a number, 0 or above"},
     {"csv", 0, "FILE", "Write time,loop,recorded,replayed there; - is stdout", OPTION_TEXT, AT(csv)},
-    {"virtual", 0, NULL, "Simulate the run anew instead, and name the first tick that differs", OPTION_FLAG,
+    {"virtual", 0, NULL, "Simulate the run again instead, and name the first tick that differs", OPTION_FLAG,
      AT(virtually)},
     {"force", 0, NULL, "Write over what is in that file", OPTION_FLAG, AT(force)},
     {0},

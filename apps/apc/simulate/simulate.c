@@ -105,9 +105,9 @@ static const struct option_spec own_options[] = {
     {"compare", 0, "RUN", "Lay the samples of run folder RUN over those of the simulation", OPTION_TEXT,
      AT(compare)},
     {"from", 0, "RUN@TIME",
-     "Go on from what was at TIME (s) in run folder RUN, or in a store, STORE@TIME (RFC 3339, or before now "
-     "as -10m): until then the run, from then on FILE, with another law, tuning, setpoint, disturbance or "
-     "fault; laid over what was recorded",
+     "Go on from the state at TIME (s) in run folder RUN, or in a store, STORE@TIME (RFC 3339, or before now "
+     "as -10m). Until then it is the run, from then on FILE, with another law, tuning, setpoint, disturbance "
+     "or fault. The result is laid over the record",
      OPTION_OWN, AT(from), .take = take_from},
     {"set", 0, "PATH=VALUE",
      "A setting other than the file's, as controllers.base.v1.Kp=2 or plant.parameters.K=normal(10,1); any "
@@ -143,9 +143,9 @@ static const struct option_spec own_options[] = {
 
 static const struct cli_spec spec = {
     .args_doc = "FILE",
-    .doc = "Run the experiment FILE, or that of a run folder with what was in force there, in virtual time, "
-           "in one process: the modules, laws and plants of `apc "
-           "run`, over a network as bad as you like. The same seed gives the same samples bit for bit.",
+    .doc = "Run the experiment FILE in virtual time, in one process, with the modules, laws and plants of "
+           "`apc run`. A run folder instead of FILE: its experiment, with the settings that were in force "
+           "there. The network may be as bad as you like. The same seed gives the same samples bit for bit.",
     .min_args = 1,
     .max_args = 1,
     .options = own_options,
