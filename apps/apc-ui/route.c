@@ -17,14 +17,14 @@ const struct route routes[] = {
     {"GET", "/api/timing", ROLE_OBSERVER, PAST, get_timing, "since until task quantity", "histograms"},
     {"GET", "/api/timing/series", ROLE_OBSERVER, PAST, get_timing_series, "task quantity since until points",
      "timing against time"},
-    {"GET", "/api/outlook", ROLE_OBSERVER, PAST, get_prediction, "at",
+    {"GET", "/api/predictions", ROLE_OBSERVER, PAST, get_prediction, "at",
      "what predictive laws expected, and what came"},
     {"GET", "/api/alarms", ROLE_OBSERVER, PAST, get_alarms, "", "the alarms as they stand"},
     {"GET", "/api/alarms/journal", ROLE_OBSERVER, PAST, get_alarm_journal, "since until last",
      "what the alarms did"},
     {"GET", "/api/alarms/figures", ROLE_OBSERVER, PAST, get_alarm_figures, "since until",
      "how many alarms there were"},
-    {"GET", "/api/merits", ROLE_OBSERVER, PAST, get_kpis, "since until", "what the controllers were worth"},
+    {"GET", "/api/kpis", ROLE_OBSERVER, PAST, get_kpis, "since until", "what the controllers were worth"},
     {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},
     {"GET", "/api/writes", ROLE_OBSERVER, DIRECT, get_writes, "key", "what became of writes"},
     {"POST", "/api/setpoint", ROLE_OPERATOR, WRITER, post_setpoint, "", "write a setpoint"},
@@ -43,8 +43,12 @@ const struct route routes[] = {
     {"GET", "/readyz", ROLE_NONE, DIRECT, get_readyz, "", "the database answers, and all ticks"},
     {"GET", "/{file}", ROLE_OBSERVER, PAGE, NULL, NULL, "the page"}, /* any path that is none of these */
 };
+static const struct former_path former[] = {{"/api/merits", "/api/kpis"},
+                                            {"/api/outlook", "/api/predictions"}};
 const size_t n_routes = sizeof routes / sizeof *routes;
 const struct site ui_site = {.route = routes,
                              .n = sizeof routes / sizeof *routes,
+                             .former = former,
+                             .n_former = sizeof former / sizeof *former,
                              .greet = model_state_json,
                              .connected = model_connected};

@@ -42,8 +42,8 @@ static const struct apc_param tuning[N_TUNING] = {
     [DU_MAX] = {"du_max", "1/s", "fastest change of the output; 0: any", 0.0, 0.0, 1e9},
 };
 
-static const char *const settings[] = {"measurement", "y_dev",   "x_dev", "u_dev",   "y_noise",
-                                       "x_noise",     "u_noise", "delay", "preview", NULL};
+static const char *const settings[] = {"measurement", "y_scale", "x_scale", "u_scale",          "y_noise",
+                                       "x_noise",     "u_noise", "delay",   "setpoint_preview", NULL};
 
 #define PREVIEW_MAX 10000.0 /* periods */
 
@@ -204,14 +204,14 @@ static int regulator(struct design *d, struct apc_error *why)
     const struct sizes *s = &d->s;
     double *y = matrix(d, s->ny, 1), *x = matrix(d, s->nx, 1), *u = matrix(d, s->nu, 1);
     double *Q = matrix(d, s->ns, s->ns);
-    int rc = squares(d, "y_dev", s->ny, 1.0, true, y, why);
+    int rc = squares(d, "y_scale", s->ny, 1.0, true, y, why);
 
     if (rc == 0)
-        rc = squares(d, "x_dev", d->named, 0.0, true, x, why);
+        rc = squares(d, "x_scale", d->named, 0.0, true, x, why);
     if (rc == 0)
-        rc = squares(d, "u_dev", s->nu, 1.0, true, u, why);
+        rc = squares(d, "u_scale", s->nu, 1.0, true, u, why);
     if (rc == 0)
-        rc = all_positive("u_dev", u, s->nu, why);
+        rc = all_positive("u_scale", u, s->nu, why);
     if (rc < 0)
         return rc;
     for (size_t i = 0; i < s->nx; i++) {
@@ -466,7 +466,7 @@ static int measure_lqg(struct design *d, struct apc_error *why)
     int rc = apc_setting_amounts(setup, "delay", 1, &d->delay, why);
 
     if (rc == 0)
-        rc = apc_setting_amounts(setup, "preview", 1, &ahead, why);
+        rc = apc_setting_amounts(setup, "setpoint_preview", 1, &ahead, why);
     if (rc < 0)
         return rc;
     ahead = round(ahead / setup->Ts);
@@ -477,7 +477,7 @@ static int measure_lqg(struct design *d, struct apc_error *why)
         return apc_fail(why, APC_EINVAL, "law lqg: \"delay\" is %g s; it must be below the period, %g s",
                         d->delay, setup->Ts);
     if (ahead > PREVIEW_MAX)
-        return apc_fail(why, APC_EINVAL, "law lqg: \"preview\" is %g periods; %g at most", ahead,
+        return apc_fail(why, APC_EINVAL, "law lqg: \"setpoint_preview\" is %g periods; %g at most", ahead,
                         PREVIEW_MAX);
     nx = setup->plant->sampled ? setup->plant->sampled->nx : setup->plant->nx;
     d->named = setup->plant->sampled ? setup->plant->sampled->nx_plant : nx;

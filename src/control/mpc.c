@@ -16,8 +16,8 @@
 #include "base/base_internal.h"
 
 static const struct apc_param tuning[N_OF_U + N_OF_Y] = {
-    {"move", "1", "move suppression: weight of moves, over the output's scaling", 0.1, 1e-6, 1e6},
-    {"wish", "1", "input reference weight, over the output's scaling", 0.0, 0.0, 1e6},
+    {"move_suppression", "1", "move suppression: weight of moves, over the output's scaling", 0.1, 1e-6, 1e6},
+    {"reference_weight", "1", "input reference weight, over the output's scaling", 0.0, 0.0, 1e6},
     {"reference", "u", "input reference: where the output is to be, as far as setpoints leave it free", 0.0,
      -APC_VALUE_MAX, APC_VALUE_MAX},
     {"cost", "1/u", "of a steady output, per unit; the program looks for the cheapest", 0.0, -1e12, 1e12},

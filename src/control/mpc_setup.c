@@ -14,10 +14,10 @@
 #define HOLD        10.0 /* periods, where settings do not say */
 #define LEAST       1e-6 /* of a weight of 1: what keeps modes in hand that no other weight sees */
 
-const char *const apc_mpc_settings[] = {"horizon",  "blocks",    "measurement", "rank",  "terminal",
-                                        "preview",  "steady",    "delay",       "y_dev", "u_dev",
-                                        "x_noise",  "d_noise",   "y_noise",     "hold",  "critical",
-                                        "at_input", "at_output", "iterations",  NULL};
+const char *const apc_mpc_settings[] = {"horizon",          "blocks",    "measurement", "rank",    "terminal",
+                                        "setpoint_preview", "steady",    "delay",       "y_scale", "u_scale",
+                                        "x_noise",          "d_noise",   "y_noise",     "hold",    "critical",
+                                        "at_input",         "at_output", "iterations",  NULL};
 
 int apc_mpc_count(const struct apc_law_setup *setup, const char *name, size_t least, size_t most, size_t *to,
                   struct apc_error *why)
@@ -307,10 +307,10 @@ static int take_deviations(const struct apc_law_setup *setup, const char *name,
 static int take_mpc_signals(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_error *why)
 {
     const size_t ny = p->dim.ny;
-    int rc = take_deviations(setup, "y_dev", setup->y, ny, p->dev_y, why);
+    int rc = take_deviations(setup, "y_scale", setup->y, ny, p->dev_y, why);
 
     if (rc == 0)
-        rc = take_deviations(setup, "u_dev", setup->u, p->dim.nu, p->dev_u, why);
+        rc = take_deviations(setup, "u_scale", setup->u, p->dim.nu, p->dev_u, why);
     for (size_t i = 0; i < ny; i++)
         p->hold[i] = HOLD * p->Ts;
     if (rc == 0)
@@ -414,7 +414,7 @@ static int check_weights(struct apc_law_mpc *p, const struct apc_law_setup *setu
         dev[p->dim.ny + j] = signal_span(setup->u, j);
     if (try_weights(p, dev, dev + p->dim.ny, NULL) == 0)
         rc = apc_fail(why, rc,
-                      "settings \"y_dev\" and \"u_dev\": deviations as large, as small or as far apart as "
+                      "settings \"y_scale\" and \"u_scale\": deviations as large, as small or as far apart as "
                       "these leave weights that nothing can be calculated with; give of each signal one that "
                       "it really has, as a hundredth of its range");
     free(dev);
@@ -581,7 +581,7 @@ static int take_settings(struct apc_law_mpc *p, const struct apc_law_setup *setu
         rc = flag(setup, "terminal", terminal, why);
     if (rc == 0)
         rc = flag(setup, "steady", steady, why);
-    return rc == 0 ? flag(setup, "preview", preview, why) : rc;
+    return rc == 0 ? flag(setup, "setpoint_preview", preview, why) : rc;
 }
 
 static int make_mpc_law(struct apc_law_mpc *p, const struct apc_law_setup *setup, struct apc_law_needs *needs,

@@ -16,9 +16,10 @@
 enum { STEPS_MOST = 1000, SQUARINGS = 16, LATE_MOST = 1000 /* periods */ };
 
 const char *const apc_nmpc_settings[] = {
-    "horizon",   "blocks",     "measurement", "rank",    "terminal", "preview", "steady",   "delay",
-    "y_dev",     "u_dev",      "x_noise",     "d_noise", "y_noise",  "hold",    "critical", "at_input",
-    "at_output", "iterations", "steps",       "newton",  "lower",    NULL};
+    "horizon", "blocks", "measurement", "rank",     "terminal",  "setpoint_preview",
+    "steady",  "delay",  "y_scale",     "u_scale",  "x_noise",   "d_noise",
+    "y_noise", "hold",   "critical",    "at_input", "at_output", "iterations",
+    "steps",   "newton", "lower",       NULL};
 
 /* ---- Loops below ------------------------------------------------------------------------------------ */
 

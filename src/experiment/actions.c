@@ -28,7 +28,8 @@ static bool is_tag_called(const struct apc_tag *tag, const char *name)
 {
     char address[48];
     snprintf(address, sizeof address, "%s.%d", apc_table_name(tag->table), tag->id);
-    return !strcmp(tag->name, name) || !strcmp(address, name);
+    return !strcmp(tag->name, name) || !strcmp(address, name) ||
+           (tag->table == APC_TUNING && former_is(name, tag->name));
 }
 
 /* What an operator writes to move it: the manual output of the loop whose output it is; of all else itself. */

@@ -429,8 +429,11 @@ static void read_law(struct settings *s, const config_setting_t *group, struct c
     if (c->law->accepts && !c->law->accepts(&c->dim))
         settings_fail(s, group, "law %s does not work with %zu measurements, %zu setpoints, %zu outputs",
                       c->law->name, c->dim.ny, c->dim.nz, c->dim.nu);
-    else
+    else {
+        if (!c->plugin.chosen)
+            experiment_rename(s, group, c);
         read_tuning_group(s, group, c, c->plugin.chosen);
+    }
 }
 
 #define CONTROLLER                                                                                           \

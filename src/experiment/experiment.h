@@ -115,6 +115,7 @@ struct controller {
     int first_output; /* with it: of its outputs as it would put them out, among the numbers */
 
     char law_name[256]; /* in the file */
+    const char *former; /* a former name in the file of a setting or parameter of its law; NULL: none */
     struct plugin plugin;
     const struct apc_law *law;
     struct apc_pair *pair;       /* [dim.nu] by its law; NULL: that is not known */

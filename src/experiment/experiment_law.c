@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "files/files.h"
+
 bool experiment_wants_model(const config_setting_t *controller)
 {
     return controller && config_setting_get_member(controller, "operating_point");
@@ -17,6 +19,63 @@ static double *numbers(struct settings *s, size_t n)
     if (!p && !s->failed)
         s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
     return p;
+}
+
+/* ---- Former names ---------------------------------------------------------------------------- */
+
+static bool law_has(const struct apc_law *law, const char *name)
+{
+    const char *const *setting = law->settings;
+    size_t j = 0;
+    while (j < law->n_tuning && strcmp(law->tuning[j].name, name) != 0)
+        j++;
+    while (setting && *setting && strcmp(*setting, name) != 0)
+        setting++;
+    return j < law->n_tuning || (setting && *setting);
+}
+
+bool experiment_is_former(const struct controller *c, const char *name)
+{
+    const char *present = former_name(name);
+    return present && c->law && !law_has(c->law, name) && law_has(c->law, present);
+}
+
+static void rename_members(struct settings *s, const config_setting_t *group, struct controller *c)
+{
+    const int n = group && config_setting_is_group(group) ? config_setting_length(group) : 0;
+    for (int i = 0; i < n && !s->failed; i++) {
+        config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
+        const char *name = config_setting_name(member), *present = former_name(name);
+        if (!experiment_is_former(c, name))
+            continue;
+        if (config_setting_get_member(group, present)) {
+            settings_fail(s, member,
+                          "\"%s\" is the former name of \"%s\", and both are given: leave \"%s\" out", name,
+                          present, name);
+            return;
+        }
+        char *own = strdup(present);
+        if (!own) {
+            s->failed = apc_fail(s->why, APC_ENOMEM, "%s: out of memory", s->file);
+            return;
+        }
+        free(member->name); /* libconfig renames nothing */
+        member->name = own;
+        c->former = former_of(present);
+    }
+}
+
+void experiment_rename(struct settings *s, const config_setting_t *group, struct controller *c)
+{
+    static const char *const groups[] = {"settings", "limits"}, *const lists[] = {"tuning",
+                                                                                  "measurement_tuning"};
+    for (size_t i = 0; i < sizeof groups / sizeof *groups; i++)
+        rename_members(s, config_setting_get_member(group, groups[i]), c);
+    for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
+        const config_setting_t *list = config_setting_get_member(group, lists[i]);
+        for (int k = 0; list && config_setting_is_list(list) && k < config_setting_length(list); k++)
+            rename_members(s, config_setting_get_elem(list, (unsigned)k), c);
+    }
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */

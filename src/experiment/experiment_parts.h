@@ -63,6 +63,11 @@ void experiment_number(struct settings *s, const config_setting_t *list, struct 
 size_t experiment_read_columns(struct settings *s, const config_setting_t *group, const struct experiment *e,
                                struct wire **columns);
 
+/* What stands in a controller's group under a former name of its law gets the present one. */
+void experiment_rename(struct settings *s, const config_setting_t *group, struct controller *c);
+/* Is @p name the former name of a setting or parameter of its law? */
+bool experiment_is_former(const struct controller *c, const char *name);
+
 /* Does the path begin with a setting of a controller, and no parameter of its law? */
 bool experiment_knows_of_controller(const char *name);
 

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "experiment.h"
+#include "files/files.h"
 
 void experiment_forget(struct record *record, const char *path)
 {
@@ -65,6 +66,15 @@ static int check_effect(const struct experiment *e, const char *path, struct apc
                             "%s: is of the file's law, and another one was chosen, which has its own", path);
     }
     return 0;
+}
+
+/* A path may end in a former name where the file has the present one. */
+static void note_former(struct experiment *e, const char *path)
+{
+    const char *dot = strrchr(path, '.'), *name = dot ? dot + 1 : path;
+    for (size_t i = 0; i < e->n_controllers; i++)
+        if (experiment_is_former(&e->controllers[i], name))
+            e->controllers[i].former = former_of(former_name(name));
 }
 
 static void list_overrides(const struct experiment_overrides *o, char *text, size_t size)
@@ -151,9 +161,11 @@ int experiment_parse_changed(struct experiment *e, const struct experiment_sourc
         experiment_free(e);
     if (overrides->model_file && rc == 0 && (rc = check_model_override(e, overrides->model_file, why)) < 0)
         experiment_free(e);
-    for (size_t i = 0; i < overrides->n_set && rc == 0; i++)
+    for (size_t i = 0; i < overrides->n_set && rc == 0; i++) {
+        note_former(e, overrides->set[i].path);
         if ((rc = check_effect(e, overrides->set[i].path, why)) < 0)
             experiment_free(e);
+    }
     free(text);
     return rc;
 }

@@ -169,12 +169,20 @@ static int element_of(const config_setting_t *list, const char *path, const char
     return found;
 }
 
-/* A member by its name, up to the next dot. */
+/* Is the member called so, up to the next dot, now or in a former version? Then what comes after it, else NULL. */
+static const char *after_member(const char *path, const char *name)
+{
+    const char *present = former_name(name), *former = former_of(name), *next = after(path, name);
+    if (!next && present)
+        next = after(path, present);
+    return !next && former ? after(path, former) : next;
+}
+
 static const config_setting_t *member_of(const config_setting_t *group, const char *path, const char **rest)
 {
     for (int i = 0; i < config_setting_length(group); i++) {
         const config_setting_t *member = config_setting_get_elem(group, (unsigned)i);
-        const char *next = after(path, config_setting_name(member));
+        const char *next = after_member(path, config_setting_name(member));
         if (next) {
             *rest = next;
             return member;
@@ -258,7 +266,7 @@ static int find_tuning_place(struct place *place, const config_setting_t *contro
     const config_setting_t *group = config_setting_get_elem(tuning, (unsigned)which);
     if (!group || !config_setting_is_group(group))
         return lose_place(place, NULL, path);
-    place->at = config_setting_get_member(group, path);
+    place->at = member_of(group, path, &rest);
     place->in = place->at ? NULL : group;
     snprintf(place->name, sizeof place->name, "%s", path);
     return 0;
@@ -582,6 +590,11 @@ static int number_there(const config_setting_t *at, const char *path, double *va
     }
 }
 
+static bool is_called(const char *present, const char *name)
+{
+    return !strcmp(present, name) || former_is(name, present);
+}
+
 /* What the law's parameter is where the file does not say. */
 static double number_of_law(const struct experiment *e, const struct place *place)
 {
@@ -594,7 +607,7 @@ static double number_of_law(const struct experiment *e, const struct place *plac
     for (size_t k = 0; k < n; k++) {
         const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);
         if ((p.scope == APC_OF_MEASUREMENT) == place->measured &&
-            !strcmp(c->law->tuning[p.number].name, place->parameter) &&
+            is_called(c->law->tuning[p.number].name, place->parameter) &&
             (p.scope == APC_OF_LAW || p.of == place->output))
             return c->tuning[k];
     }

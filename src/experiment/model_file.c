@@ -109,7 +109,7 @@ static const char *known_setting(const struct controller *c, const char *name)
 static bool wants_filter(const struct controller *c)
 {
     return known_setting(c, "x_noise") && known_setting(c, "y_noise") && !has_setting(c, "x_noise") &&
-           !has_setting(c, "y_noise") && !has_setting(c, "x_dev");
+           !has_setting(c, "y_noise") && !has_setting(c, "x_scale");
 }
 
 /*

@@ -76,6 +76,18 @@ char *decimal_shortest(double value, int digits, char text[DECIMAL_LEN]);
  * which takes longer than what is written. Returns false, with the block as it was: out of memory. */
 bool apc_grow(void *array, size_t n, size_t size);
 
+/* ---- Former names ------------------------------------------------------------------------- */
+
+/* Tuning and settings of laws that were called otherwise in the version before. The former names are taken for
+ * one version more, where a law has the present one and not the former. */
+
+/* The present name of what was called @p name; NULL: nothing was. */
+const char *former_name(const char *name);
+/* The former name of @p present; NULL: it has none. */
+const char *former_of(const char *present);
+/* Is @p name, as `v1.move`, the former name of @p present? */
+bool former_is(const char *name, const char *present);
+
 /* ---- Nearest -------------------------------------------------------------------------------- */
 
 /* Of several names, the one that is most like another; to be begun with the other in `wanted`. */

@@ -104,7 +104,8 @@ static bool tag_is_called(const struct apc_tag *tag, const char *name)
 {
     char place[APC_TAG_LEN];
     snprintf(place, sizeof place, "%s.%d", apc_table_name(tag->table), tag->id);
-    return !strcmp(tag->name, name) || !strcmp(place, name);
+    return !strcmp(tag->name, name) || !strcmp(place, name) ||
+           (tag->table == APC_TUNING && former_is(name, tag->name));
 }
 
 /* TABLE.ID of a table that may be written so. */

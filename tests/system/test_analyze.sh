@@ -20,7 +20,7 @@ near "least gain of the pendulum" "$(number "$work/pendulum.json" F gain_margin_
 near "greatest gain of the pendulum" "$(number "$work/pendulum.json" F gain)" 1.59 0.005
 near "delay of the pendulum" "$(number "$work/pendulum.json" F delay)" 0.0131 0.00005
 # of the reactor as it was before it was tuned, which bears less
-brisk=(--set 'controller.settings.y_dev=[0.02, 1.0]' --set 'controller.settings.u_dev=[3.0, 800.0]' --set 'controller.settings.u_noise=[0.05, 20.0]')
+brisk=(--set 'controller.settings.y_scale=[0.02, 1.0]' --set 'controller.settings.u_scale=[3.0, 800.0]' --set 'controller.settings.u_noise=[0.05, 20.0]')
 "$apc" analyze "$conf/van-de-vusse.conf" "${brisk[@]}" --json --figure "$work/reactor" >"$work/reactor.json"
 near "gain of F" "$(number "$work/reactor.json" F gain)" 1.58 0.005
 near "delay of F" "$(number "$work/reactor.json" F delay)" 25 0.5

@@ -43,7 +43,7 @@ for file in "$experiments"/*.conf; do
   grep -q "gave no usable output\|output held" "$work/$name.log" && fail "$name: its law failed, or was without measurement"
   [[ $name = two-layers* ]] && continue # its setpoints always move: unit/test_run_layers.c
   case $name in # a law that looks ahead leaves a setpoint before that changes: how well it settles is seen without
-    *mpc) "$apc" simulate "$file" --set controller.settings.preview=0 --csv "$work/$name.settled" >"$work/$name-blind.log" ;;
+    *mpc) "$apc" simulate "$file" --set controller.settings.setpoint_preview=0 --csv "$work/$name.settled" >"$work/$name-blind.log" ;;
     *) ln -s "$name.csv" "$work/$name.settled" ;;
   esac
   grep -q "^  *$name  *1 " <<<"$tolerances" || fail "$name: how well does it settle? Add its tolerances here"
@@ -59,7 +59,7 @@ done <<<"$tolerances"
 # before a pump of the four tanks fails
 # Promise(laws): Predictive control is worth what it costs: IAE and effort of its experiments.
 "$apc" simulate "$experiments/four-tank-mpc.conf" --duration 2400 >"$work/four-tank-mpc.log"
-"$apc" simulate "$experiments/four-tank-mpc.conf" --duration 2400 --set controller.settings.preview=0 >"$work/four-tank-mpc-blind.log"
+"$apc" simulate "$experiments/four-tank-mpc.conf" --duration 2400 --set controller.settings.setpoint_preview=0 >"$work/four-tank-mpc-blind.log"
 while read -r name y iae effort; do
   [ -n "$name" ] || continue
   awk -v y="$y" -v iae="$iae" -v effort="$effort" '$2 == "all" { n++ }
@@ -135,8 +135,8 @@ change() { # experiment, sed script, pattern
   cmp -s "$work/bad.conf" "$experiments/$1.conf" && fail "the mistake $2 changes nothing"
   expect 1 "bad\.conf:[0-9]+: .*$3" "$apc" simulate "$work/bad.conf"
 }
-change pendulum 's/y_dev/y_def/' 'unknown setting "y_def".*y_dev'
-change pendulum 's/y_dev = \[0.2, 0.1\]/y_dev = [0.2]/' '"y_dev" must be 2 numbers'
+change pendulum 's/y_scale/y_def/' 'unknown setting "y_def".*y_scale'
+change pendulum 's/y_scale = \[0.2, 0.1\]/y_scale = [0.2]/' '"y_scale" must be 2 numbers'
 change pendulum 's/u_noise = \[0.5\]/u_noise = [0.0]/' '"u_noise"'
 change pendulum 's/u_noise = \[0.5\]/u_noise = "much"/' 'u_noise.*number'
 change pendulum 's/measurement = \[1\]/measurement = [2]/' 'steady state'

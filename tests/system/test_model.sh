@@ -40,12 +40,12 @@ alike() {
   paste -d, "$1" "$2" | awk -F, 'NR > 1 { d = $5 - $10; if ($1 != $6 || d > 1e-6 || d < -1e-6) { print; exit 1 } n++ } END { exit n < 1000 }'
 }
 for law in mpc lqg; do
-  rest= && [ $law = mpc ] && rest='settings = { x_noise = [0.1]; preview = 0; };'
+  rest= && [ $law = mpc ] && rest='settings = { x_noise = [0.1]; setpoint_preview = 0; };'
   for model in transfer continuous; do
     experiment $law "model = \"$model.model\"; $rest" >"$work/$law-$model.conf"
   done
   experiment $law 'model = "sampled.model";' >"$work/$law-sampled.conf"
-  [ $law = mpc ] && experiment $law 'model = "sampled.model"; settings = { x_noise = [0.1, 0.0, 0.0, 0.0]; preview = 0; };' >"$work/mpc-sampled.conf"
+  [ $law = mpc ] && experiment $law 'model = "sampled.model"; settings = { x_noise = [0.1, 0.0, 0.0, 0.0]; setpoint_preview = 0; };' >"$work/mpc-sampled.conf"
   for model in transfer continuous sampled; do
     "$apc" simulate "$work/$law-$model.conf" --csv "$work/$law-$model.csv" >"$work/$law-$model.log"
     awk -F, -v y=1 -f "$(dirname "$0")/settled.awk" "$work/$law-$model.csv" >"$work/far" || fail "$law, $model: $(cat "$work/far")"

@@ -63,12 +63,12 @@ refused() { # experiment, sed script, pattern
 }
 of_mpc() { refused quadruple-tank-mpc "$@"; }
 of_nmpc() { refused adiabatic-cstr-nmpc "$@"; }
-of_mpc 's/tuning = ( { move = 0.1; }/tuning = ( { u_min = 5.0; u_max = 2.0; }/' 'output 1: u_min = 5 is above u_max = 2'
-of_nmpc 's/{ move = 0.5; }/{ u_min = 500.0; u_max = 200.0; }/' 'output 1: u_min = 500 is above u_max = 200'
+of_mpc 's/tuning = ( { move_suppression = 0.1; }/tuning = ( { u_min = 5.0; u_max = 2.0; }/' 'output 1: u_min = 5 is above u_max = 2'
+of_nmpc 's/{ move_suppression = 0.5; }/{ u_min = 500.0; u_max = 200.0; }/' 'output 1: u_min = 500 is above u_max = 200'
 of_mpc 's/^  tuning = .*/&\n  measurement_tuning = ( { }, { y_min = 9.0; y_max = 8.0; } );/' 'measurement 2: y_min = 9 is above y_max = 8'
 of_nmpc 's/{ y_max = 52.1; }/{ y_min = 60.0; y_max = 52.1; }/' 'measurement 1: y_min = 60 is above y_max = 52.1'
-of_mpc 's/tuning = ( { move = 0.1; }/tuning = ( { move = -0.1; }/' 'move.*must be from'
-of_nmpc 's/{ move = 0.5; }/{ move = -0.5; }/' 'move.*must be from'
+of_mpc 's/tuning = ( { move_suppression = 0.1; }/tuning = ( { move_suppression = -0.1; }/' 'move.*must be from'
+of_nmpc 's/{ move_suppression = 0.5; }/{ move_suppression = -0.5; }/' 'move.*must be from'
 of_mpc 's/^  tuning = .*/&\n  measurement_tuning = ( { weight = -1.0; }, { } );/' 'weight.*must be from'
 of_nmpc 's/{ y_max = 52.1; }/{ weight = -1.0; }/' 'weight.*must be from'
 of_mpc 's/delay = \[0.4, 0.4\];/delay = [20.0, 20.0];/' 'within the horizon of 30 periods, 15 s: it must be longer than the dead time'

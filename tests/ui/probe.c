@@ -151,17 +151,17 @@ static void answers_are_what_openapi_says(void **state)
         {"/api/events?severity=4", 400},
         {"/api/timing", 200},
         {"/api/timing/series?task=controller&quantity=jitter", 200},
-        {"/api/outlook", 200},
-        {"/api/outlook?at=-3600", 200},
-        {"/api/outlook?at=soon", 400},
+        {"/api/predictions", 200},
+        {"/api/predictions?at=-3600", 200},
+        {"/api/predictions?at=soon", 400},
         {"/api/alarms", 200},
         {"/api/alarms/journal", 200},
         {"/api/alarms/journal?since=-60&last=0", 400},
         {"/api/alarms/figures", 200},
         {"/api/alarms/figures?since=-60&until=-3600", 422},
-        {"/api/merits", 200},
-        {"/api/merits?since=-3600&until=-60", 200},
-        {"/api/merits?since=-60&until=-3600", 422},
+        {"/api/kpis", 200},
+        {"/api/kpis?since=-3600&until=-60", 200},
+        {"/api/kpis?since=-60&until=-3600", 422},
         {"/api/diagnostics", 200},
         {"/api/writes", 200},
         {"/api/writes?key=no-such-key", 404},
@@ -175,6 +175,27 @@ static void answers_are_what_openapi_says(void **state)
         assert_non_null(json);
         schema_check(openapi, schema_of(route_of("GET", cases[i].path), status), json, cases[i].path);
         json_decref(json);
+    }
+}
+
+/* Promise(laws/former) */
+static void a_former_path_is_answered_with_the_present_one_beside(void **state)
+{
+    static const struct {
+        const char *former, *link, *has;
+    } of[] = {{"/api/merits", "</api/kpis>; rel=\"successor-version\"", "\"loops\":["},
+              {"/api/outlook", "</api/predictions>; rel=\"successor-version\"", "\"outlook\":["},
+              {"/api/kpis", "", "\"loops\":["},
+              {"/api/predictions", "", "\"predictions\":["}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct http_reply reply;
+        char text[100];
+        http_request(&reply, local.port, "GET", of[i].former, NULL, NULL);
+        assert_int_equal(reply.status, 200);
+        assert_string_equal(http_header(&reply, "Link", text, sizeof text), of[i].link);
+        assert_non_null(strstr(reply.body, of[i].has));
+        http_free(&reply);
     }
 }
 
@@ -1044,6 +1065,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(openapi_names_every_route_and_no_other),
         cmocka_unit_test(openapi_says_how_a_request_shows_who_it_is_from),
         cmocka_unit_test(answers_are_what_openapi_says),
+        cmocka_unit_test(a_former_path_is_answered_with_the_present_one_beside),
         cmocka_unit_test(a_stranger_gets_401_on_every_route),
         cmocka_unit_test(only_these_need_no_login),
         cmocka_unit_test(a_browser_without_a_session_gets_the_form),

@@ -143,9 +143,9 @@ static void units_make_no_difference(void **state)
 
     for (size_t i = 0; i < sizeof(scales) / sizeof(*scales); i++) {
         const double C[] = {scales[i], 0}, y0 = mass_y0 * scales[i];
-        const struct apc_setting usual[] = {{.name = "y_dev", .rows = 1, .columns = 1, .value = &one},
+        const struct apc_setting usual[] = {{.name = "y_scale", .rows = 1, .columns = 1, .value = &one},
                                             {.name = "y_noise", .rows = 1, .columns = 1, .value = &one}},
-                                 own[] = {{.name = "y_dev", .rows = 1, .columns = 1, .value = &scales[i]},
+                                 own[] = {{.name = "y_scale", .rows = 1, .columns = 1, .value = &scales[i]},
                                           {.name = "y_noise", .rows = 1, .columns = 1, .value = &scales[i]}};
         struct apc_law_plant plant = mass;
         struct rig r, same;
@@ -217,7 +217,7 @@ static void weights_decide_how_hard_it_acts(void **state)
 
     (void)state;
     for (int i = 0; i < 2; i++) {
-        const struct apc_setting setting = {"u_dev", NULL, 1, 1, &dev[1 - i]};
+        const struct apc_setting setting = {"u_scale", NULL, 1, 1, &dev[1 - i]};
         struct rig r;
 
         make(&r, &mass, 1, &setting, 1);
@@ -304,7 +304,7 @@ static void a_known_delay_is_allowed_for(void **state)
         .nx = 1, .A = &A, .B = &B, .C = &C, .D = zeros, .x0 = zeros, .u0 = zeros, .y0 = zeros};
     const double quick = 1e-3, sure = 1e-3;
     const struct apc_setting setting[] = {
-        {"y_dev", NULL, 1, 1, &quick}, {"y_noise", NULL, 1, 1, &sure}, {"delay", NULL, 1, 1, &delay}};
+        {"y_scale", NULL, 1, 1, &quick}, {"y_noise", NULL, 1, 1, &sure}, {"delay", NULL, 1, 1, &delay}};
     double early_A, early_B, late_A, late_B;
 
     (void)state;
@@ -366,14 +366,10 @@ static const double controlled[NZ] = {3, 1}, y_dev[NY] = {0.5, 2.0, 0.25}, x_dev
                     u_dev[NU] = {4.0, 1.5}, y_noise[NY] = {0.1, 0.4, 0.2}, x_noise[NX] = {0.0, 0.3, 0.6, 0.9},
                     u_noise[NU] = {0.8, 1.3}, a_while[1] = {0.03};
 static const struct apc_setting all[] = {
-    {"measurement", NULL, 1, NZ, controlled},
-    {"y_dev", NULL, 1, NY, y_dev},
-    {"x_dev", NULL, 1, NX, x_dev},
-    {"u_dev", NULL, 1, NU, u_dev},
-    {"y_noise", NULL, 1, NY, y_noise},
-    {"x_noise", NULL, 1, NX, x_noise},
-    {"u_noise", NULL, 1, NU, u_noise},
-    {"delay", NULL, 1, 1, a_while},
+    {"measurement", NULL, 1, NZ, controlled}, {"y_scale", NULL, 1, NY, y_dev},
+    {"x_scale", NULL, 1, NX, x_dev},          {"u_scale", NULL, 1, NU, u_dev},
+    {"y_noise", NULL, 1, NY, y_noise},        {"x_noise", NULL, 1, NX, x_noise},
+    {"u_noise", NULL, 1, NU, u_noise},        {"delay", NULL, 1, 1, a_while},
 };
 
 struct textbook {
@@ -648,7 +644,7 @@ static void a_setpoint_that_is_known_beforehand_costs_less(void **state)
 
     (void)state;
     for (size_t i = 0; i < 4; i++) {
-        const struct apc_setting setting = {"preview", NULL, 1, 1, &ahead[i]};
+        const struct apc_setting setting = {"setpoint_preview", NULL, 1, 1, &ahead[i]};
         const double cost = cost_of(&setting, i > 0, (size_t)lround(ahead[i] / H), 0.0);
 
         assert_true(cost < 0.95 * before);
@@ -661,7 +657,7 @@ static void a_setpoint_that_is_known_beforehand_costs_less(void **state)
 static void the_preview_is_the_best_there_is(void **state)
 {
     const double ahead = 10.0;
-    const struct apc_setting setting = {"preview", NULL, 1, 1, &ahead};
+    const struct apc_setting setting = {"setpoint_preview", NULL, 1, 1, &ahead};
     const double best = cost_of(&setting, 1, 100, 0.0);
 
     (void)state;
@@ -673,7 +669,7 @@ static void the_preview_is_the_best_there_is(void **state)
 static void setpoints_that_stay_are_no_preview(void **state)
 {
     const double ahead = 3.0;
-    const struct apc_setting setting = {"preview", NULL, 1, 1, &ahead};
+    const struct apc_setting setting = {"setpoint_preview", NULL, 1, 1, &ahead};
     struct rig plain, looking;
     double z[31];
 
@@ -813,7 +809,7 @@ static void what_it_cannot_be_made_from_is_refused_with_the_reason(void **state)
 {
     const double nothing = 0.0, late = H, one = 1.0, second = 2.0;
     const struct apc_setting noise = {"u_noise", NULL, 1, 1, &nothing}, delay = {"delay", NULL, 1, 1, &late},
-                             dev = {"u_dev", NULL, 1, 1, &nothing}, wrong = {"x_dev", NULL, 1, 1, &one},
+                             dev = {"u_scale", NULL, 1, 1, &nothing}, wrong = {"x_scale", NULL, 1, 1, &one},
                              elsewhere = {"measurement", NULL, 1, 1, &second};
     const struct apc_dim siso = {1, 1, 1, 0};
     struct apc_law_plant plant = mass;
@@ -827,7 +823,7 @@ static void what_it_cannot_be_made_from_is_refused_with_the_reason(void **state)
     assert_int_equal(configure(&r, &mass, siso, &noise, 1, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "u_noise"));
     assert_int_equal(configure(&r, &mass, siso, &dev, 1, &why), APC_EINVAL);
-    assert_non_null(strstr(why.text, "u_dev"));
+    assert_non_null(strstr(why.text, "u_scale"));
     assert_int_equal(configure(&r, &mass, siso, &delay, 1, &why), APC_EINVAL);
     assert_non_null(strstr(why.text, "delay"));
     assert_int_equal(configure(&r, &mass, siso, &wrong, 1, &why), APC_EINVAL);

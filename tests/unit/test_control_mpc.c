@@ -396,7 +396,7 @@ static void rates_hold_and_announced_steps_are_met_half_way(void **state)
     end(&r);
 
     const double none = 0.0;
-    const struct apc_setting setting = number("preview", &none, 1);
+    const struct apc_setting setting = number("setpoint_preview", &none, 1);
     make(&r, &setting, 1);
     begin(&r);
     assert_int_equal(r.c.n_ahead, 1);
@@ -843,14 +843,14 @@ static void what_makes_no_sense_is_refused_with_a_sentence(void **state)
         {number("terminal", &big, 1), "terminal"},
         {number("iterations", &half, 1), "iterations"},
         {number("horizont", &big, 1), "horizont"},
-        {number("y_dev", nothing, 2), "none may be 0"},
-        {number("y_dev", first, 2), "none may be 0"},
+        {number("y_scale", nothing, 2), "none may be 0"},
+        {number("y_scale", first, 2), "none may be 0"},
         {number("rank", nothing, 2), "setting \"rank\": 0 is no whole number from 1 to 2"},
-        {number("u_dev", &big, 1), "2 numbers"},
-        {number("u_dev", minus, 2), "no number from 0"},
-        {number("u_dev", huge, 2), "deviations as large"},
-        {number("y_dev", tiny, 2), "deviations as large"},
-        {number("y_dev", least, 2), "deviations as large"},
+        {number("u_scale", &big, 1), "2 numbers"},
+        {number("u_scale", minus, 2), "no number from 0"},
+        {number("u_scale", huge, 2), "deviations as large"},
+        {number("y_scale", tiny, 2), "deviations as large"},
+        {number("y_scale", least, 2), "deviations as large"},
         {number("hold", minus, 2), "hold"},
         {number("critical", ranks, 2), "critical"},
     };

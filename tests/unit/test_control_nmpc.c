@@ -76,8 +76,8 @@ static void prepare(struct rig *r)
                                      .y0 = r->y0,
                                      .model = m};
     const struct apc_setting setting[] = {number("horizon", &horizon, 1),
-                                          number("y_dev", deviation, 1),
-                                          number("u_dev", deviation + 1, 1),
+                                          number("y_scale", deviation, 1),
+                                          number("u_scale", deviation + 1, 1),
                                           number("y_noise", of_y, 1),
                                           number("x_noise", of_x, 3),
                                           number("d_noise", of_d, 1),

@@ -264,7 +264,7 @@ static void a_loop_without_integral_leaves_a_bumpless_change_slowly(void **state
 static void a_state_made_with_other_settings_is_not_taken_but_gives_no_bump(void **state)
 {
     const double dev = 0.01;
-    const struct apc_setting setting = {"u_dev", NULL, 1, 1, &dev};
+    const struct apc_setting setting = {"u_scale", NULL, 1, 1, &dev};
     struct rig r, next;
     double last = 0.0, mark, other;
 

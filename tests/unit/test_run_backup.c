@@ -101,7 +101,8 @@ static struct apc_experiment *load(void)
     struct apc_experiment *e;
     if (apc_experiment_load(&e, tanks, NULL, &why) < 0 ||
         apc_experiment_set(e, "controller.settings.iterations", "1", &why) < 0 ||
-        apc_experiment_set(e, "controller.settings.preview", "0", &why) < 0 || /* it is surprised by steps */
+        apc_experiment_set(e, "controller.settings.setpoint_preview", "0", &why) <
+            0 || /* it is surprised by steps */
         apc_experiment_set(e, "controller.shed_after", "2", &why) < 0)
         fail_msg("%s", why.text);
     return e;

@@ -14,12 +14,13 @@
 
 #define S APC_NS_PER_S
 
-static const char text[] = "name = \"merits\"; duration = 100.0;"
-                           "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; } ); outputs "
-                           "= ( { name = \"u\"; } );"
-                           "plant = { model = \"first-order\"; period = 0.5; }; client = { period = 1.0; };"
-                           "controller = { law = \"mpc\"; period = 2.0; operating_point = { u = [0.0]; };"
-                           "  settings = { horizon = 4; blocks = [1, 1]; y_dev = [1.0]; u_dev = [1.0]; }; };";
+static const char text[] =
+    "name = \"merits\"; duration = 100.0;"
+    "measurements = ( { name = \"y\"; } ); setpoints = ( { name = \"r\"; } ); outputs "
+    "= ( { name = \"u\"; } );"
+    "plant = { model = \"first-order\"; period = 0.5; }; client = { period = 1.0; };"
+    "controller = { law = \"mpc\"; period = 2.0; operating_point = { u = [0.0]; };"
+    "  settings = { horizon = 4; blocks = [1, 1]; y_scale = [1.0]; u_scale = [1.0]; }; };";
 
 static struct experiment e;
 static struct apc_tag *tags;

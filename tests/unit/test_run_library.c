@@ -507,7 +507,7 @@ static struct apc_simulation *predicting(const char *file, const char *preview)
     struct apc_experiment *e;
     struct apc_error why;
     if (apc_experiment_load(&e, file, NULL, &why) < 0 ||
-        apc_experiment_set(e, "controller.settings.preview", preview, &why) < 0)
+        apc_experiment_set(e, "controller.settings.setpoint_preview", preview, &why) < 0)
         fail_msg("%s", why.text);
     struct apc_simulation *s = simulate(e);
     apc_experiment_destroy(e);

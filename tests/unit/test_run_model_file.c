@@ -178,7 +178,7 @@ static void a_kalman_gain_is_what_the_law_estimates_with(void **state)
                         C[] = {1.0, 0.5, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0}, error[] = {0.01, 0.02};
     struct experiment e;
     (void)state;
-    if (load(&e, FILTERED("settings = { horizon = 7; y_dev = [1.0, 2.0]; }")) < 0)
+    if (load(&e, FILTERED("settings = { horizon = 7; y_scale = [1.0, 2.0]; }")) < 0)
         fail_msg("%s", why.text);
     const struct controller *c = e.controllers;
     const struct apc_linear *m = c->plant.sampled;
@@ -196,7 +196,7 @@ static void a_kalman_gain_is_what_the_law_estimates_with(void **state)
     assert_setting(c, "y_noise", (const double[]){0.01 * error[0], 0.01 * error[1]}, 2);
     /* what the file sets stays beside it */
     assert_setting(c, "horizon", (const double[]){7.0}, 1);
-    assert_setting(c, "y_dev", (const double[]){1.0, 2.0}, 2);
+    assert_setting(c, "y_scale", (const double[]){1.0, 2.0}, 2);
     experiment_free(&e);
     if (load(&e, FILTERED("settings = { y_noise = [0.1, 0.2]; }")) < 0) /* it says how it is disturbed */
         fail_msg("%s", why.text);

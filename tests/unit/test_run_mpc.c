@@ -143,8 +143,8 @@ static void with_an_input_saturated_the_higher_rank_keeps_its_setpoint(void **st
 /* Promise(laws/input-saturated-higher) */
 static void what_is_out_of_reach_for_a_while_is_told_and_its_end(void **state)
 {
-    struct apc_simulation *s =
-        begin_with("controller.settings.preview", "0", "( [6.1315, 6.3915], [9.5, 2.0], [6.1315, 6.3915] )");
+    struct apc_simulation *s = begin_with("controller.settings.setpoint_preview", "0",
+                                          "( [6.1315, 6.3915], [9.5, 2.0], [6.1315, 6.3915] )");
     (void)state;
     run(s, 600);
     assert_true(told(s, "goes to the nearest") >= 1 && told(s, "goes to the nearest") <= 2);

@@ -47,7 +47,7 @@ static struct apc_simulation *begin_with(const char *name, const char *more, con
     at += strlen(label);
     snprintf(text, sizeof text, "%.*s %s %s %s", (int)(at - file), file, more, at, end);
     if (apc_experiment_load(&e, "nmpc.conf", text, &why) < 0 ||
-        apc_experiment_set(e, "controller.settings.preview", "0", &why) < 0)
+        apc_experiment_set(e, "controller.settings.setpoint_preview", "0", &why) < 0)
         fail_msg("%s", why.text);
     for (; change && change->path; change++)
         if (apc_experiment_set(e, change->path, change->value, &why) < 0)
@@ -130,7 +130,8 @@ static void of_setpoints_out_of_reach_the_first_rank_is_kept_and_it_is_told(void
     for (int first = 0; first < 2; first++) {
         const struct change change[] = {
             {"controller.settings.rank", first ? "[2, 1]" : "[1, 2]"},
-            {"controller.tuning", "( { move = 1.0; }, { move = 1.0; u_max = -500.0; } )"},
+            {"controller.tuning",
+             "( { move_suppression = 1.0; }, { move_suppression = 1.0; u_max = -500.0; } )"},
             {"scheduler.sequence", "( [1.022, 113.1], [0.85, 115.8] )"},
             {NULL, NULL}};
         struct apc_simulation *s = begin(change);
@@ -149,11 +150,12 @@ static void of_setpoints_out_of_reach_the_first_rank_is_kept_and_it_is_told(void
 
 static void a_wish_leaves_no_offset(void **state)
 {
-    const struct change change[] = {
-        {"controller.tuning", "( { move = 1.0; wish = 10.0; reference = 14.0; }, { move = 1.0; wish = 10.0; "
-                              "reference = -4000.0; } )"},
-        {"scheduler.sequence", "( [1.022, 113.1], [1.03, 112.0] )"},
-        {NULL, NULL}};
+    const struct change change[] = {{"controller.tuning",
+                                     "( { move_suppression = 1.0; reference_weight = 10.0; reference = 14.0; "
+                                     "}, { move_suppression = 1.0; reference_weight = 10.0; "
+                                     "reference = -4000.0; } )"},
+                                    {"scheduler.sequence", "( [1.022, 113.1], [1.03, 112.0] )"},
+                                    {NULL, NULL}};
     struct apc_simulation *s = begin(change);
     (void)state;
     run(s, STEP + 1800.0);
@@ -165,11 +167,12 @@ static void a_wish_leaves_no_offset(void **state)
 /* One setpoint, two inputs: of all steady states at that temperature the cheaper one, by either cost. */
 static void of_steady_states_the_cheapest_is_held(void **state)
 {
-    static const char *const cost[] = {
-        "( { move = 1.0; wish = 1.0; reference = 8.0; }, { move = 1.0; wish = 1.0; "
-        "reference = -1113.5; cost = 0.005; } )",
-        "( { move = 1.0; wish = 1.0; reference = 8.0; }, { move = 1.0; wish = 1.0; "
-        "reference = -1113.5; cost = -0.005; } )"};
+    static const char *const cost[] = {"( { move_suppression = 1.0; reference_weight = 1.0; reference = 8.0; "
+                                       "}, { move_suppression = 1.0; reference_weight = 1.0; "
+                                       "reference = -1113.5; cost = 0.005; } )",
+                                       "( { move_suppression = 1.0; reference_weight = 1.0; reference = 8.0; "
+                                       "}, { move_suppression = 1.0; reference_weight = 1.0; "
+                                       "reference = -1113.5; cost = -0.005; } )"};
     double heat[2];
     (void)state;
     for (int way = 0; way < 2; way++) {
@@ -222,7 +225,8 @@ static void limits_that_contradict_are_given_up_by_rank(void **state)
     for (int first = 0; first < 2; first++) {
         const struct change change[] = {
             {"controller.settings.rank", first ? "[2, 1]" : "[1, 2]"},
-            {"controller.tuning", "( { move = 1.0; }, { move = 1.0; u_max = -700.0; } )"},
+            {"controller.tuning",
+             "( { move_suppression = 1.0; }, { move_suppression = 1.0; u_max = -700.0; } )"},
             {"controller.measurement_tuning", "( { y_max = 0.9; }, { y_min = 115.2; } )"},
             {"scheduler.sequence", "( [0.85, 115.5] )"},
             {NULL, NULL}};

@@ -133,7 +133,7 @@ static void what_laws_publish_is_collected_of_each(void **state)
         "period "
         "= 1.0; };"
         "controller = { law = \"mpc\"; period = 2.0; operating_point = { u = [0.0]; };"
-        "  settings = { horizon = 4; blocks = [1, 1]; y_dev = [1.0]; u_dev = [1.0]; }; };";
+        "  settings = { horizon = 4; blocks = [1, 1]; y_scale = [1.0]; u_scale = [1.0]; }; };";
     const struct apc_store_options options = {.size = sizeof options, .name = "test"};
     const struct apc_range range = {.since = SECOND(2)};
     struct apc_store *store = NULL;

@@ -9,6 +9,7 @@
 
 #include "experiment/experiment.h"
 #include "experiment/experiment_parts.h"
+#include "operate/operate.h"
 #include "scratch.h"
 #include "simulation/simulation.h"
 
@@ -88,6 +89,66 @@ static void later_settings_hold_over_former_ones_and_over_the_file(void **state)
     assert_int_equal(experiment_value(&e, "controllers.base.v2.u_max", &value, &why), 0);
     assert_near(value, 8, 0);
     assert_non_null(strstr(e.text, "parameters = { A1 = 30; }")); /* what a run folder keeps */
+    experiment_free(&e);
+}
+
+/* Promise(laws/former) */
+static void a_former_name_of_a_law_s_setting_is_taken_unless_the_present_one_is_there_too(void **state)
+{
+    static const char predictive[] =
+        "{ name = \"base\"; law = \"mpc\"; period = 2.0; "
+        "measurements = [\"y1\", \"y2\"]; setpoints = [\"r1\", \"r2\"]; "
+        "outputs = [\"v1\", \"v2\"]; operating_point = { u = [3.0, 3.0]; }; "
+        "limits = { move = [0.1, 9.0]; }; tuning = ( { move = 0.5; wish = 2.0; }, { } ); "
+        "settings = { y_dev = [1.0, 2.0]; u_dev = [3.0, 4.0]; preview = 0; }; }";
+    static const struct experiment_setting set[] = {{"controllers.[0]", predictive},
+                                                    {"controllers.base.v1.move_suppression", "0.7"},
+                                                    {"controllers.base.v2.move", "0.9"},
+                                                    {"controllers.base.settings.setpoint_preview", "1"},
+                                                    {"controllers.base.settings.y_dev.[1]", "5.0"}},
+                                           both[] = {{"controllers.[0]", predictive},
+                                                     {"controllers.base.tuning",
+                                                      "( { wish = 1.0; reference_weight = 2.0; }, { } )"}},
+                                           unknown = {"controllers.base.v1.move", "0.5"};
+    struct experiment e;
+    double value;
+    (void)state;
+    load(&e, set, 5);
+    const struct controller *c = e.controllers;
+    assert_int_equal(experiment_value(&e, "controllers.base.v1.move", &value, &why), 0);
+    assert_near(value, 0.7, 0);
+    assert_near(c->tuning[0], 0.7, 0);
+    assert_near(c->tuning[1], 2.0, 0);
+    assert_int_equal(experiment_value(&e, "controllers.base.v2.move_suppression", &value, &why), 0);
+    assert_near(value, 0.9, 0);
+    assert_near(c->param[0].low, 0.1, 0);
+    assert_int_equal(c->n_setting, 3);
+    assert_string_equal(c->setting[0].name, "y_scale");
+    assert_near(c->setting[0].value[1], 5.0, 0);
+    assert_string_equal(c->setting[2].name, "setpoint_preview");
+    assert_near(c->setting[2].value[0], 1.0, 0);
+    assert_non_null(c->former); /* to be warned of */
+    size_t n;
+    struct apc_tag *tags = provision_tags(&e, &n);
+    struct loops loops;
+    struct change_target to;
+    struct change_fault fault;
+    assert_int_equal(controllers_describe(&e, &loops), 0);
+    const struct plant_view plant = {tags, n, &loops};
+    assert_int_equal(change_find(&plant, "v2.move", CHANGE_TUNING, &to, &fault), 0);
+    assert_string_equal(to.name, "v2.move_suppression");
+    assert_int_equal(change_find(&plant, "v2.mov", CHANGE_TUNING, &to, &fault), APC_ENOTFOUND);
+    assert_int_equal(action_find(&e, tags, n, "v2.move", true, tags, &why), 0);
+    assert_string_equal(tags->name, "v2.move_suppression");
+    loops_free(&loops);
+    free(tags);
+    experiment_free(&e);
+    assert_int_equal(try_set(&e, both, 2), APC_EINVAL);
+    assert_has(why.text, "\"wish\" is the former name of \"reference_weight\", and both are given");
+    assert_int_equal(try_set(&e, &unknown, 1), APC_EINVAL); /* of lqg it never was */
+    assert_has(why.text, "has no parameter \"move\"");
+    load(&e, NULL, 0);
+    assert_null(e.controllers->former);
     experiment_free(&e);
 }
 
@@ -503,6 +564,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_number_with_zeros_before_it_is_decimal_on_whatever_machine_it_was_written),
         cmocka_unit_test(later_settings_hold_over_former_ones_and_over_the_file),
+        cmocka_unit_test(a_former_name_of_a_law_s_setting_is_taken_unless_the_present_one_is_there_too),
         cmocka_unit_test(the_backup_laws_tuning_is_set_by_the_name_of_its_output),
         cmocka_unit_test(what_is_wrong_is_said_of_what_was_set_or_of_the_file),
         cmocka_unit_test(a_setting_of_a_law_or_model_that_is_not_there_is_refused),

@@ -562,7 +562,7 @@ static void what_was_expected_stands_beside_what_came(void **state)
                              *const soon[10] = {"at", "soon"};
     memcpy(query, at, sizeof at);
     json_t *json = ask(get_prediction);
-    const json_t *list = json_object_get(json, "outlook"), *y = json_array_get(list, 0);
+    const json_t *list = json_object_get(json, "predictions"), *y = json_array_get(list, 0);
     assert_int_equal(json_array_size(list), 1);
     assert_string_equal(json_string_value(json_object_get(y, "ref")), "sensor.1");
     assert_near(json_number_value(json_object_get(y, "made")), 1000, 0);
@@ -573,7 +573,7 @@ static void what_was_expected_stands_beside_what_came(void **state)
     json_decref(json);
     memcpy(query, before, sizeof before);
     json = ask(get_prediction);
-    assert_int_equal(json_array_size(json_object_get(json, "outlook")), 0);
+    assert_int_equal(json_array_size(json_object_get(json, "predictions")), 0);
     json_decref(json);
     memcpy(query, soon, sizeof soon);
     json_decref(ask(get_prediction));

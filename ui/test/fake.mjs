@@ -154,9 +154,9 @@ export class Fake {
     };
   }
 
-  #outlook() {
+  #predictions() {
     const course = (ref, name, of) => ({ref, name, made: this.now - 0.5, first: 1, step: 1, expected: Array.from({length: 30}, (_, k) => of(this.now + k)), came: Array(30).fill(null)});
-    return {t: this.now, at: this.now, outlook: this.predicts ? [course("sensor.1", "y", this.value), course("actuator.1", "u", t => 4 + Math.sin(t / 15))] : []};
+    return {t: this.now, at: this.now, predictions: this.predicts ? [course("sensor.1", "y", this.value), course("actuator.1", "u", t => 4 + Math.sin(t / 15))] : []};
   }
 
   #state() {
@@ -244,10 +244,10 @@ export class Fake {
         return response.end(this.graphic);
       case "/api/plants":
         return json({t: this.now, plants: [{name: "line1", here: true, age: 0.2, page: null}, {name: "line2", here: false, age: 7412, page: "https://line2.example/"}]});
-      case "/api/merits":
+      case "/api/kpis":
         return json({t: this.now, since: this.now - 86400, until: this.now, loops: [{id: 1, name: "y", service: 0.98, at_low: 0, at_high: 0, sd_in_service: null, sd_without: null, benefit: null}], predictions: [], plans: []});
-      case "/api/outlook":
-        return json(this.#outlook());
+      case "/api/predictions":
+        return json(this.#predictions());
       case "/api/writes":
         return json({writes: []});
       case "/api/events":

@@ -62,7 +62,7 @@ void get_prediction(struct ui *ui, struct request *r, struct apc_store *store)
     json_time_add(t, now);
     text_add(t, ",\"at\":");
     json_time_add(t, at);
-    text_add(t, ",\"outlook\":[");
+    text_add(t, ",\"%s\":[", r->former ? "outlook" : "predictions");
     for (size_t i = 0; i < o.n; i++)
         trajectory_json(&o.trajectory[i], t);
     text_chop(t, ',');

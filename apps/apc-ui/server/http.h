@@ -40,10 +40,17 @@ struct route {
     const char *doc;
 };
 
+/* A path of the version before, taken for one version more. */
+struct former_path {
+    const char *former, *present;
+};
+
 /* What is served. The server itself knows nothing of a plant. */
 struct site {
     const struct route *route; /* [n]; the last one is the page, whatever its path */
     size_t n;
+    const struct former_path *former; /* [n_former] */
+    size_t n_former;
     void (*greet)(struct ui *ui, struct text *t); /* what a new reader of the stream is told first */
     bool (*connected)(struct ui *ui);             /* the store, as far as somebody who looks at it knows */
 };
@@ -56,8 +63,9 @@ struct request {
     char *body;
     size_t n;
     bool too_large;
-    char authority[264];    /* of a target in absolute form, instead of Host; else "" */
-    char name[APC_TAG_LEN]; /* what stands in the path for {name} */
+    char authority[264];              /* of a target in absolute form, instead of Host; else "" */
+    char name[APC_TAG_LEN];           /* what stands in the path for {name} */
+    const struct former_path *former; /* by which it was asked for; NULL: by its present path */
 
     /* The answer. */
     int status; /* 0: 200 */

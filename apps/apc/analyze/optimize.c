@@ -83,9 +83,11 @@ static const struct option_spec own_options[] = {
      "Of the cost: iae, effort (each relative to that of the present numbers), overshoot (of 100 %), limits "
      "(of all the time beyond them); default: iae=1,effort=0.05,overshoot=0.2,limits=10",
      OPTION_OWN, AT(weights), .take = take_weights_option},
-    {"peak", 0, "M",
-     "No loop's sensitivity, as apc analyze has it, is to have a higher peak; 1.2 to 2 of most good loops",
-     OPTION_NUMBER, AT(weights.peak), .low = 1, .must = "be above 1; most good loops have 1.2 to 2"},
+    {"ms", 0, "M",
+     "Largest maximum sensitivity Ms that a loop may have, as apc analyze has it; most good loops have 1.2 "
+     "to 2",
+     OPTION_NUMBER, AT(weights.peak), .low = 1, .must = "be above 1; most good loops have 1.2 to 2",
+     .former = "peak"},
     {"runs", 'n', "N", "Seeds of each try, from --seed on, the same for all; default: 1", OPTION_COUNT,
      AT(runs), .low = 1, .high = 100000, .must = "be 1 to 100000"},
     {"budget", 0, "N", "Simulated runs in all; default: 2000", OPTION_COUNT, AT(budget), .low = 1,

@@ -145,8 +145,8 @@ void cli_find_store(struct cli *cli)
 void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc, char **argv)
 {
     static char name[64];
-    struct parsing parsing = {cli, spec, {spec->options, spec->check, own}};
-    struct argp_option list[OPTIONS_MAX + 1];
+    struct parsing parsing = {cli, spec, {.option = spec->options, .check = spec->check, .own = own}};
+    struct argp_option list[2 * OPTIONS_MAX + 1];
     const struct argp own_argp = {list, option_parse, NULL, NULL, NULL, NULL, NULL};
     struct argp_child children[5] = {{0}};
     int child = 0;
@@ -420,6 +420,18 @@ static const struct apc_tag *find_mode(const struct cli_tags *tags, const char *
     return NULL;
 }
 
+static bool is_called(const struct apc_tag *tag, const char *name)
+{
+    return !strcmp(tag->name, name) || (tag->table == APC_TUNING && former_is(name, tag->name));
+}
+
+void cli_former(const struct cli *cli, const char *former, const char *present)
+{
+    cli_error(cli, 0,
+              "warning: \"%s\" is called \"%s\" now; this version is the last that takes the former name",
+              former, present);
+}
+
 /* "y" may be a measurement and what is set for it; no other two things are called the same without saying
  * which. */
 static int find_settable_name(const struct cli *cli, const struct cli_tags *tags, const char *text,
@@ -430,7 +442,7 @@ static int find_settable_name(const struct cli *cli, const struct cli_tags *tags
         return 0;
     for (size_t i = 0; i < tags->n; i++) {
         const struct apc_tag *tag = &tags->tag[i], *first = *found;
-        if (strcmp(tag->name, text) != 0 || cli_is_loop(tag) || is_inside(tag))
+        if (!is_called(tag, text) || cli_is_loop(tag) || is_inside(tag))
             continue;
         if (first &&
             (first->table != APC_SENSOR || (tag->table != APC_SETPOINT && tag->table != APC_ACTUATOR))) {
@@ -476,7 +488,7 @@ bool cli_look(const struct cli_tags *tags, const char *text, enum apc_table *tab
 {
     const struct apc_tag *tag = find_mode(tags, text);
     for (size_t i = 0; i < tags->n && !tag; i++)
-        if (!strcmp(tags->tag[i].name, text) && !cli_is_loop(&tags->tag[i]) && !is_inside(&tags->tag[i]))
+        if (is_called(&tags->tag[i], text) && !cli_is_loop(&tags->tag[i]) && !is_inside(&tags->tag[i]))
             tag = &tags->tag[i];
     if (!tag)
         return parse_address(text, table, id) && !apc_table_vectors(*table) && cli_tag(tags, *table, *id);
@@ -493,6 +505,8 @@ int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *tex
     if (rc < 0)
         return rc;
     if (tag) {
+        if (former_is(text, tag->name))
+            cli_former(cli, text, tag->name);
         *table = tag->table;
         *id = tag->id;
         return 0;

@@ -113,6 +113,8 @@ bool cli_is_loop(const struct apc_tag *tag);
  */
 int cli_find(const struct cli *cli, const struct cli_tags *tags, const char *text, enum apc_table *table,
              int *id);
+/* Warn that @p former was the name of @p present in the version before. */
+void cli_former(const struct cli *cli, const char *former, const char *present);
 /* The same without a word: is there one? */
 bool cli_look(const struct cli_tags *tags, const char *text, enum apc_table *table, int *id);
 /* Says that there is no such variable (of @p table, or 0), and which there are. Returns APC_ENOTFOUND. */

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "experiment/experiment.h"
+#include "files/files.h"
 
 /* Another host may forward to the plant; the ports of one host are one and the same. */
 static void warn_link(const struct cli *cli, const struct experiment *e)
@@ -66,11 +67,21 @@ static void warn_names(const struct cli *cli, const struct experiment *e)
     free(tags);
 }
 
+static void warn_former(const struct cli *cli, const struct controller *c)
+{
+    if (c && c->former)
+        cli_former(cli, c->former, former_name(c->former));
+}
+
 void warn(const struct cli *cli, const struct experiment *e)
 {
     struct apc_error why;
     if (e->plant.model && experiment_check_steps(e, &why) < 0)
         cli_error(cli, 0, "warning: %s", why.text);
+    for (size_t i = 0; i < e->n_controllers; i++) {
+        warn_former(cli, &e->controllers[i]);
+        warn_former(cli, e->controllers[i].backup);
+    }
     warn_link(cli, e);
     warn_rhythm(cli, e);
     warn_cascade(cli, e);

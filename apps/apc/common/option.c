@@ -4,30 +4,37 @@
 #include <assert.h>
 #include <errno.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include <apcbase.h>
 
 #define WITHOUT_LETTER 0x400 /* the keys of options without one; cli.c's own are below */
+#define FORMER         0x800 /* those of former names */
 
 static int option_key(const struct option_spec *option, int i)
 {
     return option[i].letter ? option[i].letter : WITHOUT_LETTER + i;
 }
 
-void option_list(const struct option_spec *option, struct argp_option list[OPTIONS_MAX + 1])
+void option_list(const struct option_spec *option, struct argp_option list[2 * OPTIONS_MAX + 1])
 {
-    int n = 0;
-    for (; option[n].name; n++) {
-        assert(n < OPTIONS_MAX);
-        list[n] = (struct argp_option){.name = option[n].name,
-                                       .key = option_key(option, n),
-                                       .arg = option[n].arg,
-                                       .flags = option[n].optional ? OPTION_ARG_OPTIONAL : 0,
-                                       .doc = option[n].help};
+    for (int i = 0; option[i].name; i++) {
+        const int optional = option[i].optional ? OPTION_ARG_OPTIONAL : 0;
+        assert(i < OPTIONS_MAX);
+        *list++ = (struct argp_option){.name = option[i].name,
+                                       .key = option_key(option, i),
+                                       .arg = option[i].arg,
+                                       .flags = optional,
+                                       .doc = option[i].help};
+        if (option[i].former)
+            *list++ = (struct argp_option){.name = option[i].former,
+                                           .key = FORMER + i,
+                                           .arg = option[i].arg,
+                                           .flags = optional | OPTION_HIDDEN};
     }
-    list[n] = (struct argp_option){0};
+    *list = (struct argp_option){0};
 }
 
 static void refuse_option(const struct option_spec *o, const char *arg, const struct argp_state *state)
@@ -127,13 +134,28 @@ static void take_option(const struct option_spec *o, void *own, char *arg, const
         *((bool *)own + o->given - 1) = true;
 }
 
+/* Both names at once may mean two numbers. */
+static void check_former(struct option_input *in, int i, bool former, const struct argp_state *state)
+{
+    const struct option_spec *o = &in->option[i];
+    *(former ? &in->by_former : &in->given) |= 1ull << i;
+    if (in->given & in->by_former & 1ull << i)
+        argp_error(state, "--%s is the former name of --%s, and both are given: leave --%s out", o->former,
+                   o->name, o->former);
+    else if (former)
+        fprintf(stderr,
+                "%s: warning: --%s is called --%s now; this version is the last that takes the former name\n",
+                state->name, o->former, o->name);
+}
+
 error_t option_parse(int key, char *arg, struct argp_state *state)
 {
-    const struct option_input *in = state->input;
+    struct option_input *in = state->input;
     if (key == ARGP_KEY_END && in->check)
         in->check(in->own, state);
     for (int i = 0; in->option[i].name; i++)
-        if (option_key(in->option, i) == key) {
+        if (option_key(in->option, i) == key || FORMER + i == key) {
+            check_former(in, i, FORMER + i == key, state);
             take_option(&in->option[i], in->own, arg, state);
             return 0;
         }

@@ -32,6 +32,7 @@ struct option_spec {
     const char *must; /* --NAME "ARG": must ...; NULL: of a number its limits. Of a text: not be "" */
     const char *once; /* what is said where it is given again; NULL: the last one holds */
     void (*take)(void *to, char *arg, const struct argp_state *state);
+    const char *former; /* its name in the version before, taken for one version more; NULL: the same */
 };
 
 #define OPTIONS_MAX 32
@@ -41,10 +42,11 @@ struct option_input {
     const struct option_spec *option;                         /* up to one without a name */
     void (*check)(void *own, const struct argp_state *state); /* of all of them, at the end; may be NULL */
     void *own;
+    unsigned long long given, by_former; /* which of them, by the present name and by the former one */
 };
 
 /* As argp takes them. */
-void option_list(const struct option_spec *option, struct argp_option list[OPTIONS_MAX + 1]);
+void option_list(const struct option_spec *option, struct argp_option list[2 * OPTIONS_MAX + 1]);
 /* An argp parser, whose input is a struct option_input. */
 error_t option_parse(int key, char *arg, struct argp_state *state);
 

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "apc/common/print.h"
+#include "files/files.h"
 
 #define PAUSE (50 * APC_NS_PER_MS) /* between two looks */
 
@@ -34,6 +35,8 @@ int operate_find(const struct cli *cli, const struct plant_view *plant, const ch
     struct change_fault why;
     if (change_find(plant, name, kinds, &to, &why) < 0 || change_check(&to, value, &why) < 0)
         return operate_fault(cli, &why);
+    if (former_is(name, to.name))
+        cli_former(cli, name, to.name);
     change_make(plant, &to, value, c);
     return EXIT_OK;
 }

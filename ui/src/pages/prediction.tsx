@@ -13,7 +13,7 @@ import {RECENT} from "../core/loopdata";
 import {extent, type Scale} from "../core/scale";
 import {empty, held, type Series, visible} from "../core/series";
 import {padded, titles} from "../core/trend";
-import type {Course, Merit, Plant, Ref} from "../core/types";
+import type {Course, Kpi, Plant, Ref} from "../core/types";
 import {ServiceSwitch} from "../parts/modeswitch";
 import {Nothing} from "../parts/nothing";
 import {LoopLink} from "../faceplate";
@@ -48,10 +48,10 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   const {controller, measured, moved, disturbances, states} = of;
   const [table, setTable] = useState(false);
   const now = useCell(second);
-  const {answer, error} = useAnswer(() => get<{outlook: Course[]}>("/api/outlook"), [Math.floor(now / AGAIN)]);
-  const {answer: worth} = useAnswer(() => get<{loops: Merit[]}>("/api/merits"), [Math.floor(now / WORTH)]);
+  const {answer, error} = useAnswer(() => get<{predictions: Course[]}>("/api/predictions"), [Math.floor(now / AGAIN)]);
+  const {answer: worth} = useAnswer(() => get<{loops: Kpi[]}>("/api/kpis"), [Math.floor(now / WORTH)]);
   const mine = new Set([...measured, ...moved].map(one => one.variable.ref));
-  const said = (answer?.outlook ?? []).filter(course => mine.has(course.ref));
+  const said = (answer?.predictions ?? []).filter(course => mine.has(course.ref));
   const courses = said.filter(course => isOfNow(course, controller, serverNow()));
   const newest = Math.max(0, ...said.map(course => course.made));
   const rows = courseRows(courses, STEPS);
@@ -86,7 +86,7 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
       )}
       <div class="grid equal">
         {measured.length > 0 && <HandledTable caption={tr("prediction.cv")} of={measured} courses={courses} setpoints />}
-        {moved.length > 0 && <HandledTable caption={tr("prediction.mv")} of={moved} courses={courses} merits={worth?.loops ?? []} />}
+        {moved.length > 0 && <HandledTable caption={tr("prediction.mv")} of={moved} courses={courses} kpis={worth?.loops ?? []} />}
         {(disturbances.length > 0 || states.length > 0) && (
           <div class="panel">
             <table class="data cards">
@@ -110,8 +110,8 @@ function Prediction({of, all, plant: p}: {of: Predictor; all: Predictor[]; plant
   );
 }
 
-/** `merits`: of outputs, which are in service or not; of measurements their setpoints. */
-function HandledTable({caption, of, courses, setpoints = false, merits}: {caption: string; of: Handled[]; courses: Course[]; setpoints?: boolean; merits?: Merit[]}): JSX.Element {
+/** `kpis`: of outputs, which are in service or not; of measurements their setpoints. */
+function HandledTable({caption, of, courses, setpoints = false, kpis}: {caption: string; of: Handled[]; courses: Course[]; setpoints?: boolean; kpis?: Kpi[]}): JSX.Element {
   return (
     <div class="panel span">
       <table class="data cards">
@@ -125,18 +125,18 @@ function HandledTable({caption, of, courses, setpoints = false, merits}: {captio
             <th scope="col" class="number">{tr("prediction.end")}</th>
             <th scope="col">{tr("prediction.limits")}</th>
             <th scope="col">{tr("prediction.constraint")}</th>
-            {merits && <th scope="col">{tr("prediction.service")}</th>}
-            {merits && <th scope="col" class="number">{tr("prediction.lastDay")}</th>}
+            {kpis && <th scope="col">{tr("prediction.service")}</th>}
+            {kpis && <th scope="col" class="number">{tr("prediction.lastDay")}</th>}
           </tr>
         </thead>
-        <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} course={courses.find(course => course.ref === one.variable.ref) ?? null} setpoints={setpoints} merits={merits} />)}</tbody>
+        <tbody>{of.map(one => <HandledRow key={one.variable.ref} of={one} course={courses.find(course => course.ref === one.variable.ref) ?? null} setpoints={setpoints} kpis={kpis} />)}</tbody>
       </table>
     </div>
   );
 }
 
-function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course, setpoints, merits}: {of: Handled; course: Course | null; setpoints: boolean; merits: Merit[] | undefined}): JSX.Element {
-  const share = merits?.find(merit => merit.id === loop?.id)?.service;
+function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course, setpoints, kpis}: {of: Handled; course: Course | null; setpoints: boolean; kpis: Kpi[] | undefined}): JSX.Element {
+  const share = kpis?.find(kpi => kpi.id === loop?.id)?.service;
   const end = course?.expected[course.expected.length - 1] ?? null;
   return (
     <tr>
@@ -147,8 +147,8 @@ function HandledRow({of: {variable: one, setpoint, loop, target, limit}, course,
       <td class="number" data-label={tr("prediction.end")}>{told(one.ref, end)}</td>
       <td data-label={tr("prediction.limits")}>{limitsText(one.low, one.high)}</td>
       <td data-label={tr("prediction.constraint")}>{limit ? <Value of={limit} say={heldBack} /> : missing}</td>
-      {merits && <td data-label={tr("prediction.service")}>{loop ? <ServiceSwitch loop={loop} /> : missing}</td>}
-      {merits && <td class="number" data-label={tr("prediction.lastDay")}>{share == null ? missing : `${(share * 100).toFixed(share > 0.995 && share < 1 ? 1 : 0)} %`}</td>}
+      {kpis && <td data-label={tr("prediction.service")}>{loop ? <ServiceSwitch loop={loop} /> : missing}</td>}
+      {kpis && <td class="number" data-label={tr("prediction.lastDay")}>{share == null ? missing : `${(share * 100).toFixed(share > 0.995 && share < 1 ? 1 : 0)} %`}</td>}
     </tr>
   );
 }

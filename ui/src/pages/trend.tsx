@@ -116,8 +116,8 @@ function Trend({subject, all, plant: p, pens}: {subject: Subject; all: Subject[]
   const predicting = useMemo(() => predictors(p), [p]);
   const now = useCell(win.ahead && win.live ? second : still);
   const plan = win.live ? Math.floor(now / PLAN) : win.to;
-  const {answer: planned} = useAnswer(() => (win.ahead ? get<{outlook: Course[]}>("/api/outlook", {at: win.live ? null : win.to}) : Promise.resolve({outlook: []})), [win.ahead, plan]);
-  const expected = win.ahead ? expectedOf(planned?.outlook ?? [], predicting, win.live ? serverNow() : null) : noPlans;
+  const {answer: planned} = useAnswer(() => (win.ahead ? get<{predictions: Course[]}>("/api/predictions", {at: win.live ? null : win.to}) : Promise.resolve({predictions: []})), [win.ahead, plan]);
+  const expected = win.ahead ? expectedOf(planned?.predictions ?? [], predicting, win.live ? serverNow() : null) : noPlans;
   const {answer: starts} = useAnswer(() => (p.start == null ? Promise.resolve({events: []}) : get<{events: PlantEvent[]}>("/api/events", {kind: "start", since: p.start - RUNS_BACK, last: 500})), [p.start]);
   const runs = p.start == null ? [] : runsBefore(p.start, (starts?.events ?? []).map(one => one.time)).map(t => ({by: (p.start as number) - t, name: tr("trend.run", {time: stamp(t)})}));
   const asked = win.live ? `live ${win.span}` : `${win.to} ${win.span}`;
