@@ -219,7 +219,7 @@ APC_API void apc_exchange_claim(struct apc_exchange *exchange, uint64_t number);
  */
 APC_API apc_status apc_exchange_read_back(const struct apc_exchange *exchange, size_t i, double *value);
 /**
- * false: the plant answered the last exchange and has not taken its command, or not all of it: a value is
+ * false: the plant answered the last exchange and has not taken its command, or not all of it. A value is
  * beyond what it can take, or too old for it, or a part of the plant failed that has outputs. A plant behind
  * frames says so by a reply without a number, where it numbers the others. [tick]
  */
