@@ -60,6 +60,7 @@ export class Fake {
   predicts = false; // the law is predictive
   bare = false; // the plant has no variable, no loop
   graphic = null; // the drawing
+  records = false; // it has events and timing
   names = null; // what all signals, loops and alarms are called
   texts = null; // what all descriptions, units, areas, messages are
   values = {}; // of signals that have another one than usual
@@ -159,6 +160,22 @@ export class Fake {
     return {t: this.now, at: this.now, predictions: this.predicts ? [course("sensor.1", "y", this.value), course("actuator.1", "u", t => 4 + Math.sin(t / 15))] : []};
   }
 
+  /** One of each kind and severity. */
+  #events() {
+    const kinds = ["start", "stop", "mode", "operator", "access", "link", "store", "measurement", "law", "rejected", "watchdog", "overrun", "clock", "alarm"];
+    return kinds.map((kind, i) => ({time: this.now - 7 * (kinds.length - i), severity: 1 + (i % 3), kind, source: "apc-controller", text: `r: ${i} -> ${i + 1}`}));
+  }
+
+  #timing(asked) {
+    const one = (task, quantity) => ({task, quantity, period: 2, count: 3000, missed: 4, mean: 1e-7, sd: 2e-5, min: -4e-5, p50: 1e-7, p99: 5e-5, p999: 6e-5, max: 2e-3, bins: Array.from({length: 30}, (_, k) => [1e-6 * (k - 15), 1e-6 * (k - 14), 10 + k])});
+    return {t: this.now, since: this.now - 600, until: this.now, timing: ["client", "controller", "exchange", "plant", "scheduler"].flatMap(task => ["lateness", "jitter", "run"].map(quantity => one(task, quantity))).filter(one => (asked.get("quantity") ?? one.quantity) === one.quantity)};
+  }
+
+  #series(asked) {
+    const times = Array.from({length: 60}, (_, k) => this.now - 10 * (60 - k)), of = value => times.map((_, k) => value * (1 + 0.3 * Math.sin(k)));
+    return {t: this.now, task: asked.get("task"), quantity: asked.get("quantity"), period: 2, series: {time: times, count: of(30), missed: of(0), mean: of(1e-7), p50: of(1e-6), p99: of(5e-5), max: of(2e-4)}};
+  }
+
   #state() {
     const values = Object.fromEntries(this.#plant().variables.map(({ref}) => [ref, this.#sample(ref, this.now)]));
     return {t: this.now, id: `f.${this.#seq}`, store: this.#store(), values, ages: Object.fromEntries(Object.keys(values).map(ref => [ref, 0])), alarms: this.alarms, control: this.#control(), history: null};
@@ -251,13 +268,15 @@ export class Fake {
       case "/api/writes":
         return json({writes: []});
       case "/api/events":
-        return json({t: this.now, events: [], more: false});
+        return json({t: this.now, events: this.records ? this.#events() : [], more: false});
       case "/api/alarms/journal":
         return json({t: this.now, transitions: this.alarms.map((one, i) => ({number: i + 1, time: one.time, alarm: plant.alarms.all[one.id - 1].alarm, priority: plant.alarms.all[one.id - 1].priority, raised: one.active, state: one.state, before: "Normal", author: one.author}))});
       case "/api/alarms/figures":
         return json({t: this.now, since: this.now - 86400, until: this.now, hours: 24, raised: 400, by_priority: [100, 200, 100, 0], per_hour: 16.7, most_in_ten_minutes: 40, floods: 3, windows: 144, chattering: 1, standing: 2, stale: 6, unacknowledged: 1, to_acknowledge: 41.5, alarms: [{id: 1, alarm: "y.high", raised: 300, chatters: true, active: 3600, since: this.now - 60}]});
       case "/api/timing":
-        return json({error: {code: "away", message: "the database is away"}}, 503);
+        return this.records ? json(this.#timing(url.searchParams)) : json({error: {code: "away", message: "the database is away"}}, 503);
+      case "/api/timing/series":
+        return json(this.#series(url.searchParams));
       case "/api/diagnostics":
         return json(this.#diagnostics());
       case "/api/history":

@@ -60,7 +60,7 @@ for (const width of [1280, 400])
   test(`every screen in German, ${width} pixels`, PATIENCE, async t => {
     const fake = await new Fake().start();
     t.after(() => fake.stop());
-    Object.assign(fake, {predicts: true, graphic: drawing});
+    Object.assign(fake, {predicts: true, graphic: drawing, records: true});
     const stands = (id, state, rest) => ({id, seq: id, journal: id, state, active: true, unacknowledged: false, standing: true, time: fake.now - 60, raised: fake.now - 60, author: null, shelved_until: null, ...rest});
     fake.alarms = [stands(1, "Unacknowledged Active", {unacknowledged: true}), stands(2, "RTN Unacknowledged", {unacknowledged: true, active: false}), stands(3, "Shelved, Active", {standing: false, shelved_until: fake.now + 600})];
     const page = await open(browser, "overview", {url: fake.url, locale: "de-AT", viewport: {width, height: 800}});

@@ -204,7 +204,7 @@ test("the header says who, what, whether there is a connection, and the server's
   assert.match(said("header"), /\[priority 1: Database offline\] Database offline/);
   env.source.send("store", {connected: true, since: START, error: null, full: "the store is full: it has no room for sensor 2 (y2): make a larger one"});
   await settle();
-  assert.equal(said(".full-bar"), "[priority 1: store full] The store is full: it has no room for sensor 2 (y2): make a larger one. What is refused is not in force.");
+  assert.equal(said(".full-bar"), "[priority 1: store full] The store is full: it has no room for sensor 2 (y2): make a larger one. Rows that are refused are not in force.");
   env.source.send("store", {connected: false, since: START, error: "it was stopped", full: null});
   await settle();
   assert.equal(document.querySelectorAll(".full-bar").length, 0);

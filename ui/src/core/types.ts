@@ -190,7 +190,7 @@ export interface History {
 
 /** What a law expects of a variable: value k is for made + first + k step. */
 /** What a controller was worth to a loop. */
-export interface Merit {
+export interface Kpi {
   id: number;
   service: number | null; // share of the time, 0 to 1
 }
