@@ -43,8 +43,9 @@ const struct route routes[] = {
     {"GET", "/readyz", ROLE_NONE, DIRECT, get_readyz, "", "the database answers, and all ticks"},
     {"GET", "/{file}", ROLE_OBSERVER, PAGE, NULL, NULL, "the page"}, /* any path that is none of these */
 };
-static const struct former_path former[] = {{"/api/merits", "/api/kpis"},
-                                            {"/api/outlook", "/api/predictions"}};
+#define SUCCESSOR(path) path, "<" path ">; rel=\"successor-version\""
+static const struct former_path former[] = {{"/api/merits", SUCCESSOR("/api/kpis")},
+                                            {"/api/outlook", SUCCESSOR("/api/predictions")}};
 const size_t n_routes = sizeof routes / sizeof *routes;
 const struct site ui_site = {.route = routes,
                              .n = sizeof routes / sizeof *routes,

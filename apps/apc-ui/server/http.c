@@ -186,7 +186,7 @@ static void record_refusal(struct exchange *x)
 static enum MHD_Result answer_http(struct exchange *x)
 {
     struct request *r = &x->r;
-    char seconds[24], link[100];
+    char seconds[24];
     record_refusal(x);
 
     if (wants_form(r) && x->ui->open) {
@@ -211,10 +211,8 @@ static enum MHD_Result answer_http(struct exchange *x)
     MHD_add_response_header(response, "Cache-Control", "no-store");
     MHD_add_response_header(response, "Content-Type", r->type ? r->type : "application/json");
     MHD_add_response_header(response, "Vary", "Accept-Encoding");
-    if (r->former) {
-        snprintf(link, sizeof link, "<%s>; rel=\"successor-version\"", r->former->present);
-        MHD_add_response_header(response, "Link", link);
-    }
+    if (r->former)
+        MHD_add_response_header(response, "Link", r->former->link);
     if (r->zipped)
         MHD_add_response_header(response, "Content-Encoding", "gzip");
     if (r->cookie[0])
@@ -489,14 +487,6 @@ static const struct route *find_route(const struct ui *ui, const char *method, c
     return found;
 }
 
-static const struct former_path *find_former(const struct site *site, const char *path)
-{
-    for (size_t i = 0; i < site->n_former; i++)
-        if (!strcmp(site->former[i].former, path))
-            return &site->former[i];
-    return NULL;
-}
-
 static enum MHD_Result known_parameter(void *ctx, enum MHD_ValueKind kind, const char *name,
                                        const char *value)
 {
@@ -550,7 +540,9 @@ static enum MHD_Result begin_http(struct exchange *x, const char *method, const 
     struct request *r = &x->r;
     x->begun = true;
     connection_limits_asked(&x->ui->server->connection_limits, x->r.from);
-    r->former = find_former(x->ui->server->site, path);
+    for (size_t i = 0; i < x->ui->server->site->n_former; i++)
+        if (!strcmp(x->ui->server->site->former[i].former, path))
+            r->former = &x->ui->server->site->former[i];
     r->route = find_route(x->ui, method, r->former ? r->former->present : path, r->name);
     if (!framed(r) || !authorize_request(x->ui, r, method)) {
         fault_set(&r->fault, 403, "role", NULL, "the request is refused"); /* unless it says why */

@@ -42,7 +42,7 @@ struct route {
 
 /* A path of the version before, taken for one version more. */
 struct former_path {
-    const char *former, *present;
+    const char *former, *present, *link; /* link: the header that leads from the one to the other */
 };
 
 /* What is served. The server itself knows nothing of a plant. */
