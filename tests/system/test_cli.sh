@@ -383,6 +383,17 @@ test_history_gives_rows_in_their_order() {
     "table,id,status,value sensor,1,Good,12.25 sensor,1,BadSensorFailure,12.375 sensor,1,Good,12.5 " "CSV"
   run 0 history y --since -630m --csv
   equal "$(wc -l <"$work/out")" 11 "rows of ten hours and a header"
+  # Promise(stores/history-times): A time of a command is UTC, to the second, minute or day, or before now with a unit or as seconds; a bare number is none.
+  for since in 630m -37800 10.5h; do
+    run 0 history y --since "$since" --csv
+    equal "$(wc -l <"$work/out")" 11 "rows of ten hours and a header, --since $since"
+  done
+  for since in 2000-01-01T00:00:00Z 2000-01-01T00:00 2000-01-01; do
+    run 0 history y --since "$since" --csv
+    equal "$(wc -l <"$work/out")" 101 "rows of all hours and a header, --since $since"
+  done
+  run 2 history y --since 600
+  err_has "seconds alone as -600"
   run 0 history y --since -5d --until -59.5h --json
   out_is_json
   equal "$(grep -c '"table":"sensor"' "$work/out")" 41 "rows of long ago"

@@ -309,22 +309,36 @@ int cli_duration(const struct cli *cli, const char *option, const char *text, ap
     return cli_usage(cli, "--%s \"%s\": must be a duration above zero, as 30s, 10m, 2h, 90d", option, text);
 }
 
+/* A day, a minute or RFC 3339. */
+static bool parse_date(const char *text, apc_ns *time)
+{
+    char whole[APC_TIME_LEN + 16];
+    const char *rest = strlen(text) == 10 ? "T00:00:00" : strlen(text) == 16 ? ":00" : "";
+    snprintf(whole, sizeof whole, "%s%s", text, rest);
+    return strlen(text) < APC_TIME_LEN + 6 && apc_time_parse(whole, time) == 0;
+}
+
 bool cli_when(const char *text, apc_ns *time)
 {
     const apc_ns now = apc_clock_utc(NULL);
+    const bool minus = text[0] == '-';
     apc_ns before;
-    if (text[0] == '-' && parse_duration(text + 1, &before) && before < now) {
+    double seconds;
+    const bool given =
+        parse_duration(text + minus, &before) || (minus && apc_number_parse(text + 1, &seconds) == 0 &&
+                                                  seconds >= 0 && apc_ns_from_s(seconds, &before) == 0);
+    if (given && before < now)
         *time = now - before;
-        return true;
-    }
-    return apc_time_parse(text, time) == 0;
+    return given ? before < now : parse_date(text, time);
 }
 
 int cli_time(const struct cli *cli, const char *option, const char *text, apc_ns *time)
 {
     if (!text || cli_when(text, time))
         return EXIT_OK;
-    return cli_usage(cli, "--%s \"%s\": must be a time, as 2026-01-31T12:00:00Z, or -30s, -10m, -2h, -1d",
+    return cli_usage(cli,
+                     "--%s \"%s\": must be a time, as 2026-01-31T12:00:00Z, 2026-01-31, or before "
+                     "now, as 30s, 10m, 2h, 1d; seconds alone as -600",
                      option, text);
 }
 

@@ -79,9 +79,9 @@ bool cli_colour(void);
 /* Text between JSON quotes, escaped. */
 void cli_json_text(FILE *out, const char *text);
 
-/* RFC 3339, or before now as -30s, -10m, -2h, -1d. False: it is neither. */
+/* RFC 3339, without its seconds or its time of day as well, or before now as 30s, -10m, 2h, 1d, -600 (s). False: it is neither. */
 bool cli_when(const char *text, apc_ns *time);
-/* The TIME of option --NAME, RFC 3339 or before now as -30s, -10m, -2h, -1d, into *time; NULL leaves it as it
+/* The TIME of option --NAME, as cli_when() takes it, into *time; NULL leaves it as it
  * is. Returns EXIT_OK, or EXIT_USAGE after saying so. */
 int cli_time(const struct cli *cli, const char *name, const char *text, apc_ns *time);
 

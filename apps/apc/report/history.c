@@ -15,9 +15,11 @@ struct history_options {
 
 #define AT(member) .to = offsetof(struct history_options, member)
 static const struct option_spec own_options[] = {
-    {"since", 0, "TIME", "Only from TIME on: RFC 3339, or before now, as -30s, -10m, -2h, -1d", OPTION_TEXT,
-     AT(since)},
-    {"until", 0, "TIME", "Only before TIME", OPTION_TEXT, AT(until)},
+    {"since", 0, "TIME",
+     "Only from TIME on: UTC as 2026-01-31T12:00:00Z, 2026-01-31T12:00 or 2026-01-31, or before now as 30s, "
+     "10m, 2h, 1d; seconds alone as -600",
+     OPTION_TEXT, AT(since)},
+    {"until", 0, "TIME", "Only before TIME, written in the same way", OPTION_TEXT, AT(until)},
     {"last", 'n', "N", "Only the newest N; default 20, or all when a time is given", OPTION_WHOLE, AT(last),
      .low = 1, .high = 1e15, .must = "be a whole number from 1"},
     {"events", 0, NULL, "Events instead of a variable's values", OPTION_FLAG, AT(events)},

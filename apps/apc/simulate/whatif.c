@@ -23,8 +23,8 @@ int whatif_parse(struct whatif *w, const char *spec, struct apc_error *why)
         return cli_when(at + 1, &w->utc)
                    ? 0
                    : apc_fail(why, APC_EINVAL,
-                              "\"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, or "
-                              "-30s, -10m, -2h, -1d",
+                              "\"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, 2026-01-31, or "
+                              "before now, as 30s, 10m, 2h, 1d; seconds alone as -600",
                               spec, at + 1);
     }
     if (apc_number_parse(at + 1, &w->at) < 0 || !(w->at > 0) || w->at > 366 * 86400.0)
