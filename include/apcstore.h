@@ -587,9 +587,9 @@ struct apc_retention {
  */
 APC_API int apc_store_maintain(struct apc_store *store, const struct apc_retention *keep);
 /**
- * Over `mem:`, for a program that takes the rows out as they become final: let go of the rows of sensor,
- * actuator, setpoint, actual and estimate, and of all vectors, that are older than @p before, UTC. The newest
- * of each variable stays. From then on a row of those five tables that is as old is refused: who took the rows
+ * Over `mem:`, for a program that takes the rows out as they become final. It drops the rows of sensor,
+ * actuator, setpoint, actual and estimate, and all vectors, that are older than @p before, UTC. The newest of
+ * each variable stays. From then on a row of those five tables that is as old is refused: who took the rows
  * out would never see it. [setup] Returns how many went, or an error; APC_EINVAL for a store of another kind.
  */
 APC_API int64_t apc_store_forget(struct apc_store *store, apc_ns before);
