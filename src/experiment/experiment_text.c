@@ -590,7 +590,7 @@ static int number_there(const config_setting_t *at, const char *path, double *va
     }
 }
 
-static bool is_called(const char *present, const char *name)
+static bool is_parameter_called(const char *present, const char *name)
 {
     return !strcmp(present, name) || former_is(name, present);
 }
@@ -607,7 +607,7 @@ static double number_of_law(const struct experiment *e, const struct place *plac
     for (size_t k = 0; k < n; k++) {
         const struct apc_law_parameter p = apc_law_parameter_at(c->law, &c->dim, k);
         if ((p.scope == APC_OF_MEASUREMENT) == place->measured &&
-            is_called(c->law->tuning[p.number].name, place->parameter) &&
+            is_parameter_called(c->law->tuning[p.number].name, place->parameter) &&
             (p.scope == APC_OF_LAW || p.of == place->output))
             return c->tuning[k];
     }

@@ -434,7 +434,7 @@ static const struct apc_tag *find_mode(const struct cli_tags *tags, const char *
     return NULL;
 }
 
-static bool is_called(const struct apc_tag *tag, const char *name)
+static bool is_tag_named(const struct apc_tag *tag, const char *name)
 {
     return !strcmp(tag->name, name) || (tag->table == APC_TUNING && former_is(name, tag->name));
 }
@@ -456,7 +456,7 @@ static int find_settable_name(const struct cli *cli, const struct cli_tags *tags
         return 0;
     for (size_t i = 0; i < tags->n; i++) {
         const struct apc_tag *tag = &tags->tag[i], *first = *found;
-        if (!is_called(tag, text) || cli_is_loop(tag) || is_inside(tag))
+        if (!is_tag_named(tag, text) || cli_is_loop(tag) || is_inside(tag))
             continue;
         if (first &&
             (first->table != APC_SENSOR || (tag->table != APC_SETPOINT && tag->table != APC_ACTUATOR))) {
@@ -502,7 +502,7 @@ bool cli_look(const struct cli_tags *tags, const char *text, enum apc_table *tab
 {
     const struct apc_tag *tag = find_mode(tags, text);
     for (size_t i = 0; i < tags->n && !tag; i++)
-        if (is_called(&tags->tag[i], text) && !cli_is_loop(&tags->tag[i]) && !is_inside(&tags->tag[i]))
+        if (is_tag_named(&tags->tag[i], text) && !cli_is_loop(&tags->tag[i]) && !is_inside(&tags->tag[i]))
             tag = &tags->tag[i];
     if (!tag)
         return parse_address(text, table, id) && !apc_table_vectors(*table) && cli_tag(tags, *table, *id);
