@@ -627,7 +627,7 @@ static int renew_alarms(struct apc_store *store, const struct experiment *e, apc
     return rc < 0 ? rc : 0;
 }
 
-static int put_experiment(struct apc_store *store, const struct experiment *e, enum provision how)
+static int put_experiment_rows(struct apc_store *store, const struct experiment *e, enum provision how)
 {
     const size_t n = count_tuning(e);
     const apc_ns now = apc_clock_utc(NULL);
@@ -666,7 +666,7 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     struct description d;
     int rc = make_description(&d, e);
     if (rc == 0 && (rc = has_room_for(store, &d)) > 0)
-        rc = put_experiment(store, e, how);
+        rc = put_experiment_rows(store, e, how);
     if (rc >= 0)
         rc = apc_store_describe(store, d.tag, d.n, d.text);
     free_description(&d);

@@ -275,7 +275,7 @@ static void test_what_is_forgotten_has_gone_but_the_newest_and_does_not_come_bac
     assert_int_equal(apc_store_append(store, &s, 1), 1); /* the only one */
     for (int i = 1; i <= 9; i++) {
         s = sample(1, i);
-        s.time = tick.time = alarm.time = i * 1000;
+        s.time = tick.time = alarm.time = i * APC_NS_PER_US;
         tick.seq = alarm.seq = i;
         assert_int_equal(apc_store_append(store, &s, 1), 1);
         assert_int_equal(apc_store_append(store, &alarm, 1), 1);
