@@ -83,6 +83,7 @@ struct apc_modbus_line {
     struct apc_modbus_station stations[APC_MODBUS_UNITS], *first;
     unsigned left;        /**< units that have something to ask in this exchange: they share its time */
     int rc;               /**< how the first of them failed in it, or 0 */
+    bool reached;         /**< that one's request had left */
     struct apc_error why; /**< its text; kept while a unit is silent */
     bool sent;            /**< the last request has left */
     uint16_t transaction;

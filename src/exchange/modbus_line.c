@@ -7,7 +7,8 @@
  * Each unit has its share of the exchange's time. One that fails costs nobody else's: after that it is asked
  * behind all others, with the time that they leave, and when it is silent then too, after growing pauses,
  * since a gateway may hold up the others for as long as it waits for it. Where no unit answers it is not a
- * unit that fails but the exchange: nobody knows who is to blame, and the one that was asked first makes way.
+ * unit that fails but the exchange. Nobody knows who is to blame then, and the one that was asked first makes
+ * way: it may have taken the others' time, or their connection.
  */
 #include "base/base_internal.h"
 #include "exchange/modbus.h"
@@ -16,12 +17,13 @@
 #include <string.h>
 #include <time.h>
 
-#define ACKNOWLEDGE 5 /* taken, but not done yet */
-#define BUSY        6
-#define PAUSE       (5 * APC_NS_PER_MS) /* before a device that is busy is asked again; doubled each time */
-#define PAUSE_MAX   (100 * APC_NS_PER_MS)
-#define SILENT      (100 * APC_NS_PER_MS) /* before a unit that was silent twice is asked again; doubled */
-#define SILENT_MAX  (30 * APC_NS_PER_S)
+#define ACKNOWLEDGE  5 /* taken, but not done yet */
+#define BUSY         6
+#define PAUSE        (5 * APC_NS_PER_MS) /* before a device that is busy is asked again; doubled each time */
+#define PAUSE_MAX    (100 * APC_NS_PER_MS)
+#define SILENT       (100 * APC_NS_PER_MS) /* before a unit that was silent twice is asked again; doubled */
+#define SILENT_MAX   (30 * APC_NS_PER_S)
+#define TOGETHER_MAX (2 * APC_NS_PER_S) /* where no other answers either */
 
 /* Of a link: is it the reply to a request that is waited for no more? */
 static bool is_late_modbus_reply(void *ctx, const char *reply, size_t length)
@@ -153,6 +155,7 @@ int apc_modbus_request(struct apc_modbus_line *l, unsigned unit, size_t n, size_
 void apc_modbus_line_begin(struct apc_modbus_line *l, bool all)
 {
     const apc_ns now = apc_clock_mono(NULL);
+    struct apc_modbus_station *next = NULL;
 
     l->rc = 0;
     l->left = 0;
@@ -162,6 +165,12 @@ void apc_modbus_line_begin(struct apc_modbus_line *l, bool all)
         station->asked = false;
         station->failed = station->last && now < station->ask_at && !all;
         l->left += (station->writes || station->reads) && !station->failed;
+        if (station->failed && (!next || station->ask_at < next->ask_at))
+            next = station;
+    }
+    if (l->left == 0 && next) { /* somebody is asked in each exchange */
+        next->failed = false;
+        l->left = 1;
     }
 }
 
@@ -170,6 +179,7 @@ void apc_modbus_line_fail(struct apc_modbus_line *l, struct apc_modbus_station *
     if (l->rc == 0) {
         l->rc = rc;
         l->first = station;
+        l->reached = l->sent;
         l->why = *l->error;
     }
     station->failed = true;
@@ -205,30 +215,28 @@ static void tell_failed_units(struct apc_modbus_line *l)
     (void)apc_fail(l->error, APC_ECONN, "unit%s %s: %s", n > 1 ? "s" : "", names, l->why.text);
 }
 
-/* None answered. Whoever was asked first may have taken the others' time, or their connection. */
-static void change_order(struct apc_modbus_line *l)
+/* It is asked behind the others from now on; if it was so already, after a pause, longer each time. */
+static void put_off(struct apc_modbus_station *station, apc_ns most)
 {
-    bool others = false, rest = false;
+    const apc_ns more = station->pause == 0 ? SILENT : 2 * station->pause;
 
-    for (size_t i = 0; i < APC_MODBUS_UNITS; i++) {
-        const struct apc_modbus_station *station = &l->stations[i];
+    if (station->last && station->pause < most)
+        station->pause = more < most ? more : most;
+    station->last = true;
+    station->ask_at = apc_clock_mono(NULL) + station->pause;
+}
 
-        if ((station->writes || station->reads) && station != l->first) {
-            others = true;
-            rest = rest || !station->last;
-        }
-    }
-    for (size_t i = 0; i < APC_MODBUS_UNITS && others && !rest; i++)
-        l->stations[i].last = false;
-    if (others && !l->first->last) {
-        l->first->last = true;
-        l->first->pause = l->first->ask_at = 0;
-    }
+static bool is_alone(const struct apc_modbus_line *l)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < APC_MODBUS_UNITS; i++)
+        n += l->stations[i].writes || l->stations[i].reads;
+    return n == 1;
 }
 
 int apc_modbus_line_settle(struct apc_modbus_line *l, bool *partly)
 {
-    const apc_ns now = apc_clock_mono(NULL);
     bool answered = false;
 
     for (size_t i = 0; i < APC_MODBUS_UNITS; i++)
@@ -236,7 +244,8 @@ int apc_modbus_line_settle(struct apc_modbus_line *l, bool *partly)
     if (!answered && l->rc < 0) {
         if (l->rc == APC_ETIMEDOUT)
             apc_link_reset(l->link);
-        change_order(l);
+        if (l->reached && !is_alone(l))
+            put_off(l->first, TOGETHER_MAX);
         *l->error = l->why;
         return l->rc;
     }
@@ -244,16 +253,12 @@ int apc_modbus_line_settle(struct apc_modbus_line *l, bool *partly)
         struct apc_modbus_station *station = &l->stations[i];
 
         *partly = *partly || station->failed;
-        if (!station->asked)
-            continue;
-        if (!station->failed || !station->last || station->refuses)
-            station->pause = 0;
-        else
-            station->pause = station->pause == 0               ? SILENT
-                             : station->pause > SILENT_MAX / 2 ? SILENT_MAX
-                                                               : 2 * station->pause;
-        station->last = station->failed;
-        station->ask_at = now + station->pause;
+        if (station->asked && station->failed && !station->refuses) {
+            put_off(station, SILENT_MAX);
+        } else if (station->asked) {
+            station->last = station->failed;
+            station->pause = station->ask_at = 0;
+        }
     }
     if (*partly)
         tell_failed_units(l);

@@ -136,6 +136,9 @@ static void serve(struct modbus_peer *p, int fd)
         pthread_mutex_unlock(&p->mutex);
         if (closes)
             return;
+        if (n == 0 && p->blocks)
+            while (receive(fd, request, 1))
+                ;
         if (n == 0)
             continue;
         const size_t piece = pieces ? 1 : n;

@@ -36,6 +36,7 @@ struct modbus_peer {
     unsigned busy;                 /* so many are answered by exception 6 before one is served */
     unsigned absent;               /* unit that a gateway does not reach: exception 11; 0: none */
     unsigned silent;               /* unit that takes a request and never answers */
+    bool blocks;                   /* after which nothing on that connection is answered */
     unsigned slow;                 /* unit whose reply comes with that to the next request */
     unsigned lost;                 /* unit for whose requests the connection is closed */
     unsigned accepted;             /* connections */

@@ -624,6 +624,31 @@ static void a_unit_for_which_its_gateway_hangs_up_costs_no_other(void **state)
     }
 }
 
+/* A gateway that waits for the silent one answers nobody meanwhile. */
+/* Promise(links/modbus-unit-silent) */
+static void a_gateway_that_waits_for_a_silent_unit_is_left_in_peace(void **state)
+{
+    const apc_ns until = apc_clock_mono(NULL) + PATIENCE;
+    struct apc_modbus_point points[] = {point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 0),
+                                        point(APC_MODBUS_HOLDING, APC_MODBUS_U16, 10)};
+    struct apc_value u[] = {{.value = 5}, {.value = 6}}, y[2];
+    int in_a_row = 0;
+    (void)state;
+    points[0].unit = 7;
+    points[1].unit = 9;
+    struct bench *b = start(2, 2, (struct apc_modbus_options){.u = points, .y = points});
+    b->peer.silent = 7;
+    b->peer.blocks = true;
+    while (in_a_row < 5 && apc_clock_mono(NULL) < until) {
+        int rc = apc_exchange_begin(b->x, u, apc_clock_mono(NULL) + 200 * APC_NS_PER_MS);
+        rc = rc == 0 ? apc_exchange_finish(b->x, y) : rc;
+        in_a_row = rc == 0 && y[1].status == APC_GOOD ? in_a_row + 1 : 0;
+    }
+    assert_int_equal(in_a_row, 5);
+    assert_int_equal(y[0].status, APC_BAD_NO_COMMUNICATION);
+    end(b);
+}
+
 /* Promise(links/modbus-unit-silent) */
 static void a_watchdog_waits_for_outputs_of_a_silent_unit(void **state)
 {
@@ -1144,6 +1169,7 @@ int main(void)
         cmocka_unit_test(a_silent_unit_costs_its_own_values_only),
         cmocka_unit_test(a_late_reply_is_dropped_by_its_number),
         cmocka_unit_test(a_unit_for_which_its_gateway_hangs_up_costs_no_other),
+        cmocka_unit_test(a_gateway_that_waits_for_a_silent_unit_is_left_in_peace),
         cmocka_unit_test(a_watchdog_waits_for_outputs_of_a_silent_unit),
         cmocka_unit_test(a_silent_unit_keeps_no_other_from_its_safe_values),
         cmocka_unit_test(a_reply_may_come_in_pieces),
