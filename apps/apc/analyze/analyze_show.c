@@ -8,10 +8,8 @@
 
 #include "apc/common/print.h"
 #include "apc/report/gnuplot.h"
-#include "apc/report/report_script.h"
 #include "files/files.h"
 
-#define HEIGHT 500.0
 #define CURVES 6
 #define POLES  12
 
@@ -305,87 +303,41 @@ static size_t curves_of(const struct loop_analysis *z)
 }
 
 /* w, |L|, phase that goes on where the principal value would jump, real, imaginary. */
-static void put_bode_blocks(FILE *script, const struct loop_analysis *z)
+static void put_bode_curve(FILE *script, const struct analysis_of_loop *l)
 {
-    for (size_t o = 0; o < curves_of(z); o++) {
-        const struct analysis_of_loop *l = &z->loop[o];
-        double phase = (double)NAN;
-        fprintf(script, "$loop%zu << END\n", o);
-        for (size_t k = 0; k < l->points; k++) {
-            double angle = apc_atan2(l->im[k], l->re[k]) * 180.0 / M_PI;
-            if (!isfinite(angle))
-                continue;
-            if (isnan(phase))
-                phase = angle > 0.0 ? angle - 360.0 : angle;
-            phase += remainder(angle - phase, 360.0);
-            fprintf(script, "%.7g %.7g %.7g %.7g %.7g\n", l->w[k], apc_hypot(l->re[k], l->im[k]), phase,
-                    l->re[k], l->im[k]);
-        }
-        fputs("END\n", script);
+    double phase = (double)NAN;
+    for (size_t k = 0; k < l->points; k++) {
+        double angle = apc_atan2(l->im[k], l->re[k]) * 180.0 / M_PI;
+        if (!isfinite(angle))
+            continue;
+        if (isnan(phase))
+            phase = angle > 0.0 ? angle - 360.0 : angle;
+        phase += remainder(angle - phase, 360.0);
+        fprintf(script, "%.7g %.7g %.7g %.7g %.7g\n", l->w[k], apc_hypot(l->re[k], l->im[k]), phase, l->re[k],
+                l->im[k]);
     }
 }
 
-static void put_bode_curves(FILE *script, const struct loop_analysis *z, const char *columns, bool titles)
-{
-    static const unsigned colour[CURVES] = {0x0072B2, 0xD55E00, 0x009E73, 0xCC79A7, 0xE69F00, 0x56B4E9};
-    for (size_t o = 0; o < curves_of(z); o++) {
-        fprintf(script, ", $loop%zu using %s with lines lw 1.6 lc rgb 0x%06X ", o, columns, colour[o]);
-        if (titles) {
-            fputs("title ", script);
-            report_quoted(script, z->loop[o].name);
-            fputs(" noenhanced", script);
-        } else {
-            fputs("notitle", script);
-        }
-    }
-    fputc('\n', script);
-}
-
-static void put_bode_frame(FILE *script, double left, double right, double top, double bottom)
-{
-    fprintf(script,
-            "%sset lmargin at screen %.4f\nset rmargin at screen %.4f\nset tmargin at screen %.4f\n"
-            "set bmargin at screen %.4f\n",
-            report_panel_style, left, right, top, bottom);
-}
-
-static void put_bode_figure(FILE *script, void *ctx, bool first)
+static void put_bode(FILE *script, void *ctx)
 {
     const struct loop_analysis *z = ctx;
     double peak = 0.0;
-    for (size_t o = 0; o < curves_of(z); o++)
+    fprintf(script, "loops = %zu\narray name[%d]\n", curves_of(z), CURVES);
+    for (size_t o = 0; o < curves_of(z); o++) {
         peak = fmax(peak, z->loop[o].margins.sensitivity);
-    if (first)
-        put_bode_blocks(script, z);
-    put_bode_frame(script, 0.085, 0.475, 0.875, 0.53);
-    fputs("set label 1 ", script);
-    report_quoted(script, z->e.title);
-    fputs(" at graph 0, screen 0.945 noenhanced\nset logscale xy\nset format x ''\nset format y '10^{%L}'\n"
-          "set key bottom left samplen 1\nset ylabel 'gain of the open loop'\nset yrange [0.01:]\n"
-          "plot 1 with lines lw 0.8 lc rgb 0x777777 notitle",
-          script);
-    put_bode_curves(script, z, "1:2", true);
-    put_bode_frame(script, 0.085, 0.475, 0.485, 0.12);
-    fputs("set logscale x\nset format x '10^{%L}'\nset ylabel 'phase, degrees'\nset xlabel 'rad/s'\n"
-          "set ytics 90\nset yrange [-540:]\nplot -180 with lines lw 0.8 lc rgb 0x777777 notitle",
-          script);
-    put_bode_curves(script, z, "1:3", false);
-    put_bode_frame(script, 0.555, 0.975, 0.875, 0.12);
-    fprintf(
-        script,
-        "set xrange [-2.5:1.5]\nset yrange [-2.1:2.1]\nset xlabel 'real part'\nset ylabel 'imaginary part' "
-        "offset 1\nset xtics 1\nset ytics 1\nset xzeroaxis lw 0.7 lc rgb 0x777777\n"
-        "set yzeroaxis lw 0.7 lc rgb 0x777777\nset parametric\nset trange [0:2*pi]\n"
-        "set object 1 circle at -1,0 size %.6g fs empty border lc rgb 0x999999 lw 0.9\n"
-        "set label 2 '%s' at graph 0.02, graph 0.97 textcolor rgb 0x666666\n"
-        "plot cos(t),sin(t) with lines lw 0.8 dt 2 lc rgb 0x999999 notitle, "
-        "'+' using (-1):(0) every ::0::0 with points pt 2 ps 0.7 lw 1.6 lc rgb 0x222222 notitle",
-        peak > 0.0 ? 1.0 / peak : 1e-6,
-        z->n > CURVES ? "the first six loops" : "the circle that the curve keeps out of: 1 / peak");
-    put_bode_curves(script, z, "4:5", false);
+        gnuplot_text(script, "name", o, z->loop[o].name);
+        fprintf(script, "$loop%zu << END\n", o + 1);
+        put_bode_curve(script, &z->loop[o]);
+        fputs("END\n", script);
+    }
+    fprintf(script, "radius = %.6g\n", peak > 0.0 ? 1.0 / peak : 1e-6);
+    gnuplot_string(script, "title", z->e.title);
+    gnuplot_string(script, "note",
+                   z->n > CURVES ? "the first six loops"
+                                 : "the circle that the curve keeps out of: 1 / peak");
 }
 
 int analyze_draw(const struct loop_analysis *z, struct apc_error *why)
 {
-    return gnuplot_figure(z->own.figure, REPORT_WIDTH, HEIGHT, put_bode_figure, (void *)(uintptr_t)z, why);
+    return gnuplot_figure(z->own.figure, figure_bode, put_bode, (void *)(uintptr_t)z, why);
 }

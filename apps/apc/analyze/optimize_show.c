@@ -12,10 +12,7 @@
 
 #include "apc/common/print.h"
 #include "apc/report/gnuplot.h"
-#include "apc/report/report_script.h"
 #include "files/files.h"
-
-#define HEIGHT 470.0
 
 static const struct attempt *best_of(const struct optimization *z)
 {
@@ -234,24 +231,6 @@ static void put_attempt_blocks(FILE *script, const struct optimization *z)
     put_point(script, z, "found", best_of(z));
 }
 
-/* 1, 2 and 5 times the powers of ten, or where the range is short every 1 to 9. */
-static void put_tics(FILE *script, const char *axis, double low, double high)
-{
-    const bool few = high / low < 12;
-    const char *comma = "";
-    fprintf(script, "set %stics (", axis);
-    for (int k = (int)floor(apc_log10(low)); k <= (int)floor(apc_log10(high)); k++)
-        for (int digit = 1; digit < 10; digit++) {
-            const double power = apc_pow(10, k);
-            if (digit * power >= low && digit * power <= high &&
-                (few || digit == 1 || digit == 2 || digit == 5)) {
-                fprintf(script, "%s'%.4g' %.7g", comma, digit * power, digit * power);
-                comma = ", ";
-            }
-        }
-    fputs(")\n", script);
-}
-
 /* The front, and as much around it as shows where the present numbers lie; both axes by their logarithm. */
 static void put_ranges(FILE *script, const struct optimization *z)
 {
@@ -265,42 +244,22 @@ static void put_ranges(FILE *script, const struct optimization *z)
         }
     }
     const double x = fmin(high[0], 60 * x_of(z, best_of(z))), y = fmin(high[1], 30 * low[1]);
-    const double from[2] = {low[0] / 1.25, low[1] / 1.15}, to[2] = {1.4 * x, 1.25 * y};
-    fprintf(script, "set logscale xy\nset xrange [%.7g:%.7g]\nset yrange [%.7g:%.7g]\n", from[0], to[0],
-            from[1], to[1]);
-    put_tics(script, "x", from[0], to[0]);
-    put_tics(script, "y", from[1], to[1]);
+    fprintf(script, "x_low = %.7g\nx_high = %.7g\ny_low = %.7g\ny_high = %.7g\n", low[0] / 1.25, 1.4 * x,
+            low[1] / 1.15, 1.25 * y);
 }
 
-static void put_attempts_figure(FILE *script, void *ctx, bool first)
+static void put_attempts_figure(FILE *script, void *ctx)
 {
     const struct optimization *z = ctx;
-    char x[APC_TAG_LEN + 64], y[APC_TAG_LEN + 64];
-    if (first)
-        put_attempt_blocks(script, z);
-    snprintf(x, sizeof x,
-             z->loops == 1 ? "effort: what the output moves in all" : "effort, 1: with the present numbers");
-    snprintf(y, sizeof y, z->loops == 1 ? "IAE of %s" : "IAE, 1: with the present numbers%.0s",
-             z->loop[0].name);
-    fprintf(
-        script,
-        "%sset lmargin at screen 0.105\nset rmargin at screen 0.965\nset tmargin at screen 0.885\n"
-        "set bmargin at screen 0.125\nset key top right samplen 1\nset mxtics default\nset mytics default\n",
-        report_panel_style);
+    char iae[APC_TAG_LEN + 8];
+    put_attempt_blocks(script, z);
     put_ranges(script, z);
-    fputs("set label 1 ", script);
-    report_quoted(script, z->e.title);
-    fputs(" at graph 0, screen 0.945 noenhanced\nset xlabel ", script);
-    report_quoted(script, x);
-    fputs(" noenhanced\nset ylabel ", script);
-    report_quoted(script, y);
-    fputs(" noenhanced\n"
-          "plot $tried with points pt 7 ps 0.28 lc rgb 0xC9CED3 title 'tried', "
-          "$front with steps lw 1.1 lc rgb 0x0072B2 notitle, "
-          "$front with points pt 7 ps 0.42 lc rgb 0x0072B2 title 'nothing tried is better in both', "
-          "$now with points pt 6 ps 1.3 lw 1.8 lc rgb 0x222222 title 'now', "
-          "$found with points pt 7 ps 1.2 lc rgb 0xD55E00 title 'found: least cost'\n",
-          script);
+    snprintf(iae, sizeof iae, "IAE of %s", z->loop[0].name);
+    gnuplot_string(script, "title", z->e.title);
+    gnuplot_string(script, "x",
+                   z->loops == 1 ? "effort: what the output moves in all"
+                                 : "effort, 1: with the present numbers");
+    gnuplot_string(script, "y", z->loops == 1 ? iae : "IAE, 1: with the present numbers");
 }
 
 /* ---- The file ------------------------------------------------------------------------------- */
@@ -352,8 +311,8 @@ int optimization_show(const struct optimization *z, double took, struct apc_erro
     if (rc == 0 && z->own.write)
         rc = put_file(z, &e, why);
     if (rc == 0 && z->own.figure &&
-        (rc = gnuplot_figure(z->own.figure, REPORT_WIDTH, HEIGHT, put_attempts_figure, (void *)(uintptr_t)z,
-                             why)) == 0)
+        (rc = gnuplot_figure(z->own.figure, figure_front, put_attempts_figure, (void *)(uintptr_t)z, why)) ==
+            0)
         fprintf(z->talk, "figure:  %s.svg, %s.png\n", z->own.figure, z->own.figure);
     experiment_free(&e);
     return rc;

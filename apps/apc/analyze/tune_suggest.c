@@ -10,7 +10,6 @@
 #include "apc/folder/folder.h"
 #include "apc/identify/oscillation.h"
 #include "apc/report/gnuplot.h"
-#include "apc/report/report_script.h"
 #include "experiment/experiment.h"
 
 #define HORIZON 20 /* of the slowest that the loop has, a step is looked at for */
@@ -376,14 +375,10 @@ static int suggest_loops(struct suggesting *z, struct suggestion *s, struct apc_
 
 /* ---- The figure ------------------------------------------------------------------------------ */
 
-#define PANEL 200.0 /* height of one, in units of the page */
-#define TOP   34.0
-#define FOOT  20.0
-
 static void put_step(FILE *script, const char *block, size_t loop, const struct answer *a, double Ts,
                      double until)
 {
-    fprintf(script, "$%s%zu << END\n", block, loop);
+    fprintf(script, "$%s%zu << END\n", block, loop + 1);
     for (size_t k = 0; k < a->n && (double)k * Ts <= until; k++)
         fprintf(script, "%.7g %.7g\n", (double)k * Ts, a->y[k]);
     fputs(a->n ? "END\n" : "NaN NaN\nEND\n", script);
@@ -398,33 +393,18 @@ static double until_of(const struct drawing *d)
     return 2.0 * fmax(fmax(now, then), 10.0 * d->Ts);
 }
 
-static void put_step_figure(FILE *script, void *ctx, bool first)
+static void put_step_responses(FILE *script, void *ctx)
 {
     const struct suggesting *z = ctx;
-    const double height = TOP + FOOT + PANEL * (double)z->drawings;
 
+    fprintf(script, "loops = %zu\narray name[loops]\narray until[loops]\n", z->drawings);
     for (size_t i = 0; i < z->drawings; i++) {
         const struct drawing *d = &z->drawing[i];
-        const double top = TOP + PANEL * (double)i;
 
-        if (first) {
-            put_step(script, "now", i, &d->now, d->Ts, until_of(d));
-            put_step(script, "then", i, &d->then, d->Ts, until_of(d));
-        }
-        fprintf(script, "%sset lmargin at screen 0.105\nset rmargin at screen 0.96\n", report_panel_style);
-        fprintf(script, "set tmargin at screen %.4f\nset bmargin at screen %.4f\n",
-                report_screen(top, height), report_screen(top + PANEL - 55.0, height));
-        fprintf(script, "set xrange [0:%.9g]\nset yrange [0:*]\nset label 1 ", until_of(d));
-        report_quoted(script, d->name);
-        fprintf(script, " at graph 0, screen %.4f noenhanced\nset key at graph 1, screen %.4f horizontal\n",
-                report_screen(top - 12.0, height), report_screen(top - 12.0, height));
-        if (i + 1 == z->drawings)
-            fputs("set xlabel 'time after a step of the setpoint (s)' offset 0, 0.4\n", script);
-        fprintf(script,
-                "plot 1 with lines lw 1 lc rgb 0x999999 notitle, "
-                "$now%zu using 1:2 with lines lw 1.4 lc rgb 0xD55E00 title 'now', "
-                "$then%zu using 1:2 with lines lw 1.8 lc rgb 0x0072B2 title 'then'\n",
-                i, i);
+        put_step(script, "now", i, &d->now, d->Ts, until_of(d));
+        put_step(script, "then", i, &d->then, d->Ts, until_of(d));
+        fprintf(script, "until[%zu] = %.9g\n", i + 1, until_of(d));
+        gnuplot_text(script, "name", i, d->name);
     }
 }
 
@@ -439,9 +419,7 @@ static int draw_suggestions(struct suggesting *z, struct apc_error *why)
         snprintf(file, sizeof file, "%.590s.%s", z->o->figure, i ? "png" : "svg");
         rc = folder_spare(file, z->o->force, why);
     }
-    return rc < 0 ? rc
-                  : gnuplot_figure(z->o->figure, REPORT_WIDTH, TOP + FOOT + PANEL * (double)z->drawings,
-                                   put_step_figure, z, why);
+    return rc < 0 ? rc : gnuplot_figure(z->o->figure, figure_steps, put_step_responses, z, why);
 }
 
 int suggest(const struct suggest_options *o, struct suggestion *s, struct apc_error *why)

@@ -7,7 +7,6 @@
 
 #include "apc/common/print.h"
 #include "apc/report/gnuplot.h"
-#include "apc/report/report_script.h"
 #include "files/settings.h"
 
 /* ---- The model file -------------------------------------------------------------------------------- */
@@ -139,87 +138,43 @@ void identify_write(FILE *out, const struct identify_model *model, const struct 
 
 /* ---- The figure ------------------------------------------------------------------------------------ */
 
-#define PANEL 185.0 /* height of one, in units of the page */
-#define TOP   34.0
-#define FOOT  20.0
-
 struct figure {
     const struct identify_model *model;
     const struct identify_data *data;
 };
 
-static void put_fit_blocks(FILE *script, const struct figure *f)
+static void put_number(FILE *script, double value)
 {
-    const struct apc_record *r = &f->data->record;
-
-    for (size_t i = 0; i < r->ny; i++) {
-        fprintf(script, "$y%zu << END\n", i);
-        for (size_t k = 0; k < r->n; k++) {
-            const double y = r->y[k * r->ny + i], run = f->model->run[k * r->ny + i];
-
-            fprintf(script, "%.9g ", f->data->begin + (double)k * r->Ts);
-            fprintf(script, isfinite(y) ? "%.7g " : "NaN ", y);
-            fprintf(script, isfinite(run) ? "%.7g\n" : "NaN\n", run);
-        }
-        fputs("END\n", script);
-    }
-    fputs("$u << END\n", script);
-    for (size_t k = 0; k < r->n; k++) {
-        fprintf(script, "%.9g", f->data->begin + (double)k * r->Ts);
-        for (size_t j = 0; j < r->nu + r->nd; j++)
-            fprintf(script, " %.7g", r->u[k * (r->nu + r->nd) + j]);
-        fputc('\n', script);
-    }
-    fputs("END\n", script);
+    if (isfinite(value))
+        fprintf(script, " %.7g", value);
+    else
+        fputs(" NaN", script);
 }
 
-static void begin_panel(FILE *script, const struct figure *f, size_t at, double height, const char *name)
+static void put_fit(FILE *script, void *ctx)
 {
-    const struct apc_record *r = &f->data->record;
-    const double top = TOP + PANEL * (double)at;
-
-    fprintf(script, "%sset lmargin at screen 0.105\nset rmargin at screen 0.96\n", report_panel_style);
-    fprintf(script, "set tmargin at screen %.4f\nset bmargin at screen %.4f\n", report_screen(top, height),
-            report_screen(top + PANEL - 50.0, height));
-    fprintf(script, "set xrange [%.9g:%.9g]\nset label 1 ", f->data->begin,
-            f->data->begin + (double)r->n * r->Ts);
-    report_quoted(script, name);
-    fprintf(script, " at graph 0, screen %.4f noenhanced\nset key at graph 1, screen %.4f horizontal\n",
-            report_screen(top - 12.0, height), report_screen(top - 12.0, height));
-}
-
-static void put_panels(FILE *script, const struct figure *f, double height)
-{
+    const struct figure *f = ctx;
     const struct apc_record *r = &f->data->record;
     const size_t inputs = r->nu + r->nd;
 
-    for (size_t i = 0; i < r->ny; i++) {
-        begin_panel(script, f, i, height, f->data->output[i]);
-        fprintf(script,
-                "plot $y%zu using 1:2 with lines lw 1 lc rgb 0x999999 title 'measured', "
-                "$y%zu using 1:3 with lines lw 1.6 lc rgb 0x0072B2 title 'model, running freely: %.1f %%'\n",
-                i, i, f->model->validation[i].fit);
+    fprintf(script, "outputs = %zu\ninputs = %zu\nbegin = %.9g\nend = %.9g\n", r->ny, inputs, f->data->begin,
+            f->data->begin + (double)r->n * r->Ts);
+    fputs("array name[outputs + inputs]\narray fit[outputs]\n$record << END\n", script);
+    for (size_t k = 0; k < r->n; k++) {
+        fprintf(script, "%.9g", f->data->begin + (double)k * r->Ts);
+        for (size_t i = 0; i < r->ny; i++) {
+            put_number(script, r->y[k * r->ny + i]);
+            put_number(script, f->model->run[k * r->ny + i]);
+        }
+        for (size_t j = 0; j < inputs; j++)
+            put_number(script, r->u[k * inputs + j]);
+        fputc('\n', script);
     }
-    for (size_t j = 0; j < inputs; j++) {
-        begin_panel(script, f, r->ny + j, height, f->data->input[j]);
-        if (j + 1 == inputs)
-            fputs("set xlabel 'time (s)' offset 0, 0.4\n", script);
-        fprintf(script, "plot $u using 1:%zu with steps lw 1.2 lc rgb 0xD55E00 notitle\n", j + 2);
-    }
-}
-
-static double fit_figure_height(const struct apc_record *r)
-{
-    return TOP + FOOT + PANEL * (double)(r->ny + r->nu + r->nd);
-}
-
-static void put_fit_figure(FILE *script, void *ctx, bool first)
-{
-    const struct figure *f = ctx;
-
-    if (first)
-        put_fit_blocks(script, f);
-    put_panels(script, f, fit_figure_height(&f->data->record));
+    fputs("END\n", script);
+    for (size_t i = 0; i < r->ny + inputs; i++)
+        gnuplot_text(script, "name", i, i < r->ny ? f->data->output[i] : f->data->input[i - r->ny]);
+    for (size_t i = 0; i < r->ny; i++)
+        fprintf(script, "fit[%zu] = %.9g\n", i + 1, f->model->validation[i].fit);
 }
 
 int identify_figure(const char *name, const struct identify_model *model, const struct identify_data *data,
@@ -227,5 +182,5 @@ int identify_figure(const char *name, const struct identify_model *model, const 
 {
     struct figure f = {model, data};
 
-    return gnuplot_figure(name, REPORT_WIDTH, fit_figure_height(&data->record), put_fit_figure, &f, why);
+    return gnuplot_figure(name, figure_fit, put_fit, &f, why);
 }

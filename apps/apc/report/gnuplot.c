@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /*
- * The script goes into an unnamed temporary file that becomes gnuplot's standard input, and what gnuplot
+ * Data and script go into an unnamed temporary file that becomes gnuplot's standard input, and what gnuplot
  * complains of comes back in another: no shell, no pipe that could break or fill. gnuplot runs in the folder
  * of the figure, so no path of the user's ever stands in a script.
  */
@@ -10,25 +10,66 @@
 #include <fcntl.h>
 #include <locale.h>
 #include <spawn.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "report_script.h"
+#include "base/text.h"
+
+/* In a gnuplot string only the single quote, @p quote, is special. */
+static void put_characters(FILE *script, const char *text, char quote)
+{
+    char instead;
+
+    for (size_t n; *text; text += n) {
+        n = text_step(text, &instead);
+        if (quote && *text == quote)
+            fputc(quote, script);
+        fwrite(instead ? &instead : text, 1, instead ? 1 : n, script);
+    }
+}
+
+void gnuplot_characters(FILE *script, const char *text)
+{
+    put_characters(script, text, '\0');
+}
+
+void gnuplot_string(FILE *script, const char *variable, const char *text)
+{
+    fprintf(script, "%s = '", variable);
+    put_characters(script, text, '\'');
+    fputs("'\n", script);
+}
+
+void gnuplot_text(FILE *script, const char *array, size_t i, const char *text)
+{
+    fprintf(script, "%s[%zu] = '", array, i + 1);
+    put_characters(script, text, '\'');
+    fputs("'\n", script);
+}
+
+struct figure {
+    const char *name, *script;
+    void (*put)(FILE *script, void *ctx);
+    void *ctx;
+};
 
 /* Numbers with a point and text in UTF-8, whatever the program's locale is. */
-static int write_script(FILE *script, int (*write)(FILE *script, void *ctx), void *ctx)
+static int write_script(FILE *script, const struct figure *f)
 {
     locale_t neutral = newlocale(LC_ALL_MASK, "C.UTF-8", (locale_t)0), before;
 
     if (!neutral)
         return APC_ESYS;
     before = uselocale(neutral);
-    int rc = write(script, ctx);
+    fputs(figure_common, script);
+    gnuplot_string(script, "file", f->name);
+    f->put(script, f->ctx);
+    for (int png = 0; png < 2; png++)
+        fprintf(script, "png = %d\n%sunset multiplot\nunset output\n", png, f->script);
     uselocale(before);
     freelocale(neutral);
-    if (rc < 0)
-        return rc;
     if (fflush(script) != 0 || ferror(script) || lseek(fileno(script), 0, SEEK_SET) != 0)
         return APC_ESYS;
     return 0;
@@ -111,18 +152,17 @@ static FILE *open_temporary(void)
     return file;
 }
 
-int gnuplot_draw(const char *dir, int (*write)(FILE *script, void *ctx), void *ctx, const char *what,
-                 struct apc_error *why)
+static int draw(const char *dir, const struct figure *f, struct apc_error *why)
 {
     FILE *script = open_temporary(), *complaints = open_temporary();
     int rc = APC_ESYS;
 
     if (!script || !complaints)
         apc_fail(why, rc, "%s: no temporary file for gnuplot: %s", dir, strerror(errno));
-    else if ((rc = write_script(script, write, ctx)) < 0)
+    else if ((rc = write_script(script, f)) < 0)
         apc_fail(why, rc, "%s: the script for gnuplot could not be written: %s", dir, strerror(errno));
     else
-        rc = run_gnuplot(dir, script, complaints, what, why);
+        rc = run_gnuplot(dir, script, complaints, f->name, why);
     if (script)
         fclose(script);
     if (complaints)
@@ -130,48 +170,16 @@ int gnuplot_draw(const char *dir, int (*write)(FILE *script, void *ctx), void *c
     return rc;
 }
 
-/* ---- A figure of its own ------------------------------------------------------------------- */
-
-struct figure {
-    const char *name;
-    int width, height;
-    void (*write)(FILE *script, void *ctx, bool first);
-    void *ctx;
-};
-
-static int put_gnuplot_script(FILE *script, void *ctx)
-{
-    const struct figure *f = ctx;
-
-    fputs("set encoding utf8\n", script);
-    for (int png = 0; png < 2; png++) {
-        char file[300];
-
-        snprintf(file, sizeof file, "%.290s.%s", f->name, png ? "png" : "svg");
-        fprintf(script,
-                png ? "set terminal pngcairo size %d,%d font 'DejaVu Sans,9.2' fontscale 2 linewidth 2\n"
-                    : "set terminal svg size %d,%d dynamic font 'DejaVu Sans,Helvetica,sans-serif,12' "
-                      "background rgb 'white'\n",
-                f->width * (1 + png), f->height * (1 + png));
-        fputs("set output ", script);
-        report_quoted(script, file);
-        fputs("\nset multiplot\n", script);
-        f->write(script, f->ctx, !png);
-        fputs("unset multiplot\nunset output\n", script);
-    }
-    return 0;
-}
-
-int gnuplot_figure(const char *name, double width, double height,
-                   void (*write)(FILE *script, void *ctx, bool first), void *ctx, struct apc_error *why)
+int gnuplot_figure(const char *name, const char *script, void (*put)(FILE *script, void *ctx), void *ctx,
+                   struct apc_error *why)
 {
     const char *slash = strrchr(name, '/');
-    char dir[600] = ".";
-    struct figure f = {slash ? slash + 1 : name, (int)width, (int)height, write, ctx};
+    const struct figure f = {slash ? slash + 1 : name, script, put, ctx};
 
-    if (slash)
-        snprintf(dir, sizeof dir, "%.*s", slash == name ? 1 : (int)(slash - name), name);
-    if (!*f.name || strlen(f.name) > 280 || (size_t)(f.name - name) >= sizeof dir)
+    if (!*f.name || strlen(f.name) > 250)
         return apc_fail(why, APC_EINVAL, "%s: that is no name for a figure", name);
-    return gnuplot_draw(dir, put_gnuplot_script, &f, f.name, why);
+    char *dir = slash ? strndup(name, slash == name ? 1 : (size_t)(slash - name)) : strdup(".");
+    const int rc = dir ? draw(dir, &f, why) : apc_fail(why, APC_ENOMEM, "out of memory");
+    free(dir);
+    return rc;
 }

@@ -2,21 +2,40 @@
 #include "report.h"
 
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 
-#include "gnuplot.h"
-#include "report_figure.h"
+#include "report_panels.h"
 
 struct figure {
-    struct report_data data;
-    const struct experiment *e;
     const char *title;
+    struct report_panels *panels;
+    struct report_histograms *histograms;
 };
 
-static int write_figure(FILE *script, void *ctx)
+static void put_run(FILE *script, void *ctx)
 {
-    struct figure *f = ctx;
+    const struct figure *f = ctx;
+    gnuplot_string(script, "title", f->title);
+    report_histograms_put(script, f->histograms);
+    report_panels_put(script, f->panels);
+}
 
-    return report_figure(script, &f->data, f->e, f->title);
+static int draw_run(const char *dir, const struct report_data *data, const struct experiment *e,
+                    const char *title, struct apc_error *why)
+{
+    struct figure f = {.title = title};
+    char *name = NULL;
+    int rc = report_histograms_create(&f.histograms, data, e);
+    if (rc == 0)
+        rc = report_panels_create(&f.panels, data, e);
+    if (rc == 0 && asprintf(&name, "%s/report", dir) < 0)
+        rc = APC_ENOMEM;
+    rc = rc < 0 ? apc_fail(why, rc, "out of memory") : gnuplot_figure(name, figure_report, put_run, &f, why);
+    report_panels_destroy(f.panels);
+    report_histograms_destroy(f.histograms);
+    free(name);
+    return rc;
 }
 
 /* A horizon before and one after what was expected: at the length of a run nobody could see it. */
@@ -36,13 +55,13 @@ static void show_prediction_horizon(struct report_data *data, const struct predi
 int report_leave(const struct cli *cli, const char *dir, const struct experiment *e, const char *title,
                  const struct prediction *expected, struct apc_error *why)
 {
-    struct figure f = {.e = e, .title = title};
-    const int read = report_read(&f.data, dir, why);
+    struct report_data data;
+    const int read = report_read(&data, dir, why);
 
     if (read == 0 && expected)
-        show_prediction_horizon(&f.data, expected);
-    const int drawn = read == 0 ? gnuplot_draw(dir, write_figure, &f, "report", why) : read;
-    report_free(&f.data);
+        show_prediction_horizon(&data, expected);
+    const int drawn = read == 0 ? draw_run(dir, &data, e, title, why) : read;
+    report_free(&data);
     if (read == 0 && drawn < 0)
         cli_error(cli, drawn, "there is no figure: %s; `apc report %s` draws it once that is mended",
                   why->text, dir);

@@ -7,24 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "operate/operate.h"
-#include "report_script.h"
+#include "report_panels.h"
 
-#define LANE      17.0
 #define LANES_MAX 12 /* more could not be told apart from the panels */
-#define LETTER    6.0
-
-struct lane {
-    const struct loops_loop *loop;
-    const struct report_series *series;
-};
-
-struct report_lanes {
-    const struct experiment *e;
-    struct lane lane[LANES_MAX];
-    size_t n;
-    double begin, end;
-};
 
 struct look {
     const char *text;
@@ -52,40 +37,14 @@ static bool changed(const struct report_series *series)
     return false;
 }
 
-int report_lanes_create(struct report_lanes **lanes, const struct report_data *data,
-                        const struct experiment *e, const struct loops *loops)
-{
-    struct report_lanes *l = calloc(1, sizeof *l);
-    *lanes = l;
-    if (!l)
-        return APC_ENOMEM;
-    l->e = e;
-    l->begin = data->begin;
-    l->end = data->end;
-    for (size_t i = 0; i < loops->n && i < data->mode.n && l->n < LANES_MAX; i++)
-        if (changed(&data->mode.series[loops->at[i].id - 1]))
-            l->lane[l->n++] = (struct lane){&loops->at[i], &data->mode.series[loops->at[i].id - 1]};
-    return 0;
-}
-
-void report_lanes_destroy(struct report_lanes *lanes)
-{
-    free(lanes);
-}
-
-double report_lanes_height(const struct report_lanes *lanes)
-{
-    return lanes->n > 0 ? (double)lanes->n * LANE + LANES_GAP : 0;
-}
-
 /* Until when its controller ran on from @p t: to the next kill of the experiment; *again: when it was
  * started. */
-static double killed_from(const struct report_lanes *l, size_t controller, double t, double *again)
+static double killed_from(const struct experiment *e, size_t controller, double t, double *again)
 {
     double from = HUGE_VAL;
     *again = HUGE_VAL;
-    for (size_t i = 0; i < l->e->n_actions; i++) {
-        const struct action *a = &l->e->action[i];
+    for (size_t i = 0; i < e->n_actions; i++) {
+        const struct action *a = &e->action[i];
         const double at = apc_ns_to_s(a->at);
         if (a->kind == ACTION_WRITE || a->controller != controller || at <= t)
             continue;
@@ -97,46 +56,40 @@ static double killed_from(const struct report_lanes *l, size_t controller, doubl
     return from;
 }
 
-struct canvas {
-    FILE *script;
-    double unit, length, width;
-};
-
-static void put_bar(const struct canvas *c, double from, double to, double y, struct look look)
+static void put_bar(FILE *script, size_t lane, double from, double to, struct look look)
 {
-    const double wide = (to - from) / c->length * c->width;
-    if (!(to > from))
-        return;
-    fprintf(c->script, "set object rect from %.9g, %.9g to %.9g, %.9g back fs solid noborder fc rgb 0x%06X\n",
-            from / c->unit, y + 0.1, to / c->unit, y + 0.9, look.colour);
-    if (wide > LETTER * (double)strlen(look.text) + 4)
-        fprintf(c->script, "set label '{/*0.85 %s}' at %.9g, %.9g center textcolor rgb 0x333333\n", look.text,
-                (from + to) / 2 / c->unit, y + 0.5);
+    if (to > from)
+        fprintf(script, "%zu %#.9g %#.9g %u %s\n", lane, from, to, look.colour, look.text);
 }
 
-static void put_lane(const struct canvas *c, const struct report_lanes *l, const struct lane *lane, double y)
+static void put_lane(FILE *script, const struct report_data *data, const struct experiment *e,
+                     const struct loops_loop *loop, size_t lane)
 {
     static const struct look dead = {"killed", 0xFFFFFF};
-    const struct report_series *s = lane->series;
+    const struct report_series *s = &data->mode.series[loop->id - 1];
     for (size_t k = 0; k < s->n; k++) {
-        const double from = fmax(s->points[k].t, l->begin), to = k + 1 < s->n ? s->points[k + 1].t : l->end;
-        double again, killed = killed_from(l, lane->loop->controller, from, &again);
-        put_bar(c, from, fmin(to, killed), y, look_of(&s->points[k]));
-        put_bar(c, killed, fmin(to, again), y, dead);
-        put_bar(c, again, to, y, look_of(&s->points[k]));
+        const double from = fmax(s->points[k].t, data->begin),
+                     to = k + 1 < s->n ? s->points[k + 1].t : data->end;
+        double again, killed = killed_from(e, loop->controller, from, &again);
+        put_bar(script, lane, from, fmin(to, killed), look_of(&s->points[k]));
+        put_bar(script, lane, killed, fmin(to, again), dead);
+        put_bar(script, lane, again, to, look_of(&s->points[k]));
     }
 }
 
-void report_lanes_draw(FILE *script, const struct report_lanes *l, double unit, double length, double width)
+void report_lanes_put(FILE *script, const struct report_data *data, const struct experiment *e,
+                      const struct loops *loops)
 {
-    const struct canvas c = {script, unit, length, width};
-    fprintf(script, "unset border\nunset tics\nunset key\nset yrange [0:%zu]\n", l->n);
-    for (size_t i = 0; i < l->n; i++) {
-        const double y = (double)(l->n - 1 - i);
-        fputs("set label ", script);
-        report_quoted(script, l->lane[i].loop->name);
-        fprintf(script, " at graph -0.012, first %.9g right noenhanced\n", y + 0.5);
-        put_lane(&c, l, &l->lane[i], y);
-    }
-    fputs("plot NaN notitle\n", script);
+    const struct loops_loop *lane[LANES_MAX];
+    size_t n = 0;
+    for (size_t i = 0; i < loops->n && i < data->mode.n && n < LANES_MAX; i++)
+        if (changed(&data->mode.series[loops->at[i].id - 1]))
+            lane[n++] = &loops->at[i];
+    fprintf(script, "lanes = %zu\narray lane[%d]\n", n, LANES_MAX);
+    for (size_t i = 0; i < n; i++)
+        gnuplot_text(script, "lane", i, lane[i]->name);
+    fputs("$bar << END\n", script);
+    for (size_t i = 0; i < n; i++)
+        put_lane(script, data, e, lane[i], i + 1);
+    fputs("END\n", script);
 }

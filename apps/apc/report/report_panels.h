@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* What report_arrange.c and report_panels.c share: the curves of a figure, and the panels that they are in. */
+/* The figure of a run: what of it is put into the script for gnuplot. */
 #ifndef APC_REPORT_PANELS_H
 #define APC_REPORT_PANELS_H
 
+#include "experiment/experiment.h"
+#include "gnuplot.h"
 #include "operate/operate.h"
-#include "report_script.h"
+#include "record/record.h"
 
 #define PANELS_MAX   40
 #define CURVES_NAMED 8 /* of a panel: more have no names in its legend */
@@ -24,8 +26,6 @@ struct curve_of {
 struct panel {
     size_t first, n; /* of its curves */
     bool outputs;
-    double low, high, scale, tick; /* range and ticks in units of the scale, 10^power */
-    int power;
     const struct loops_controller *bundle; /* whose loops it shows, half a page wide; NULL: no bundle */
     size_t worst, loop;                    /* of a bundle: the curve that stands out, and its loop */
 };
@@ -39,9 +39,6 @@ struct report_panels {
     struct panel panel[PANELS_MAX];
     size_t n, few; /* few: curves that a panel may have */
     struct loops loops;
-    struct report_lanes *lanes;
-    double begin, end, unit; /* s: of the time axis; of its numbers */
-    const char *unit_name;
 };
 
 static inline bool is_output(const struct curve_of *c)
@@ -50,7 +47,23 @@ static inline bool is_output(const struct curve_of *c)
     return c->signal->tag.table == APC_ACTUATOR;
 }
 
+int report_panels_create(struct report_panels **panels, const struct report_data *data,
+                         const struct experiment *e); /* 0 or APC_ENOMEM */
+void report_panels_destroy(struct report_panels *panels);
+void report_panels_put(FILE *script, const struct report_panels *panels);
+
 /* Collect the curves and put them into panels. Returns 0 or APC_ENOMEM. */
 int report_arrange(struct report_panels *p);
+
+/* Modes that were not the same all the time. */
+void report_lanes_put(FILE *script, const struct report_data *data, const struct experiment *e,
+                      const struct loops *loops);
+
+/* Histograms of the time increments; none where all ticks were exactly in time. */
+struct report_histograms;
+int report_histograms_create(struct report_histograms **histograms, const struct report_data *data,
+                             const struct experiment *e); /* 0 or APC_ENOMEM */
+void report_histograms_destroy(struct report_histograms *histograms);
+void report_histograms_put(FILE *script, const struct report_histograms *histograms);
 
 #endif

@@ -7,7 +7,6 @@
 
 #include "apc/common/print.h"
 #include "apc/report/gnuplot.h"
-#include "apc/report/report_script.h"
 #include "experiment/experiment.h"
 #include "simulation/simulation.h"
 
@@ -145,9 +144,6 @@ static bool is_difference_shown(const struct variable *v)
 /* ---- The figure ----------------------------------------------------------------------------- */
 
 #define PANELS 12
-#define PANEL  92.0
-#define TOP    44.0
-#define FOOT   34.0
 
 static size_t panels_of(const struct comparison *z)
 {
@@ -155,11 +151,6 @@ static size_t panels_of(const struct comparison *z)
     for (size_t i = 0; i < z->n && n < PANELS; i++)
         n += is_difference_shown(&z->of[i]);
     return n;
-}
-
-static double comparison_height(const struct comparison *z)
-{
-    return TOP + PANEL * (double)panels_of(z) + FOOT;
 }
 
 /* A value holds until the next one, the last one to the end. */
@@ -173,58 +164,27 @@ static void put_trace(FILE *script, const char *name, size_t i, const struct tra
     fputs("END\n", script);
 }
 
-static void put_difference_panel(FILE *script, const struct comparison *z, size_t i, size_t row)
+static void put_comparison(FILE *script, void *ctx)
 {
-    const struct variable *v = &z->of[i];
-    const double height = comparison_height(z), top = TOP + PANEL * (double)row;
-    const char *how = v->tag->table == APC_SENSOR ? "lines" : "steps";
-    fprintf(script,
-            "%sset lmargin at screen 0.09\nset rmargin at screen 0.97\nset tmargin at screen %.5f\n"
-            "set bmargin at screen %.5f\nset xrange [0:%.9g]\nset offsets graph 0, 0, 0.06, 0.06\n"
-            "set ytics autofreq\nset ylabel ",
-            report_panel_style, report_screen(top, height), report_screen(top + PANEL - 16.0, height),
-            z->end);
-    report_quoted(script, v->tag->name);
-    fputs(" noenhanced\n", script);
-    if (row == 0) {
-        fprintf(script, "set key at graph 1, screen %.5f right top horizontal samplen 2\nset label 1 ",
-                report_screen(8.0, height));
-        report_quoted(script, z->e->title);
-        fprintf(script, " at graph 0, screen %.5f noenhanced\n", report_screen(18.0, height));
-    }
-    if (z->c->from > 0)
-        fprintf(script, "set arrow 1 from %.9g, graph 0 to %.9g, graph 1 nohead lw 1 lc rgb 0x999999\n",
-                z->c->from, z->c->from);
-    fputs(row + 1 == panels_of(z) ? "set xlabel 'time (s)'\n" : "set format x ''\n", script);
-    fprintf(script, "plot $was%zu with %s lw 2.6 lc rgb 0xB8BEC4 title '%s'", i, how,
-            row == 0 ? "as recorded" : "");
-    if (v->setpoint.n > 0)
-        fprintf(script, ", $set%zu with steps dt 2 lw 1 lc rgb 0x222222 title '%s'", i,
-                row == 0 ? "setpoint" : "");
-    if (v->unchanged.n > 0)
-        fprintf(script, ", $else%zu with %s lw 1.3 lc rgb 0xD55E00 title '%s'", i, how,
-                row == 0 ? "simulated, unchanged" : "");
-    fprintf(script, ", $is%zu with %s lw 1.3 lc rgb 0x0072B2 title '%s'\n", i, how,
-            row > 0          ? ""
-            : z->c->from > 0 ? "otherwise"
-                             : "simulated");
-}
-
-static void put_comparison_figure(FILE *script, void *ctx, bool first)
-{
+    static const char *const arrays[] = {"name", "how", "setpoint", "unchanged"};
     const struct comparison *z = ctx;
     size_t row = 0;
+    fprintf(script, "panels = %zu\nfrom = %.9g\nend = %.9g\n", panels_of(z), z->c->from, z->end);
+    gnuplot_string(script, "title", z->e->title);
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        fprintf(script, "array %s[panels]\n", arrays[i]);
     for (size_t i = 0; i < z->n && row < PANELS; i++) {
         const struct variable *v = &z->of[i];
         if (!is_difference_shown(v))
             continue;
-        if (first) {
-            put_trace(script, "was", i, &v->recorded, z->end);
-            put_trace(script, "set", i, &v->setpoint, z->end);
-            put_trace(script, "else", i, &v->unchanged, z->end);
-            put_trace(script, "is", i, &v->simulated, z->end);
-        }
-        put_difference_panel(script, z, i, row++);
+        gnuplot_text(script, "name", row, v->tag->name);
+        gnuplot_text(script, "how", row++, v->tag->table == APC_SENSOR ? "lines" : "steps");
+        fprintf(script, "setpoint[%zu] = %d\nunchanged[%zu] = %d\n", row, v->setpoint.n > 0, row,
+                v->unchanged.n > 0);
+        put_trace(script, "was", row, &v->recorded, z->end);
+        put_trace(script, "set", row, &v->setpoint, z->end);
+        put_trace(script, "else", row, &v->unchanged, z->end);
+        put_trace(script, "is", row, &v->simulated, z->end);
     }
 }
 
@@ -301,8 +261,7 @@ int compare_run(const struct compare *c, const struct experiment *e, FILE *out, 
     if (rc == APC_ENOMEM)
         apc_fail(why, rc, "out of memory");
     if (rc == 0 && c->figure && panels_of(&z) > 0 &&
-        (rc = gnuplot_figure(c->figure, REPORT_WIDTH, comparison_height(&z), put_comparison_figure, &z,
-                             why)) == 0)
+        (rc = gnuplot_figure(c->figure, figure_compare, put_comparison, &z, why)) == 0)
         fprintf(out, "figure:  %s.svg, %s.png\n", c->figure, c->figure);
     for (size_t i = 0; i < z.n; i++) {
         release(&z.of[i].simulated);

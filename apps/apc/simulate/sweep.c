@@ -9,16 +9,10 @@
 #include "apc/common/print.h"
 #include "apc/common/setting.h"
 #include "apc/report/gnuplot.h"
-#include "apc/report/report_script.h"
 #include "campaign_summary.h"
 
-#define MOST   1000 /* values */
-#define ROWS   8    /* loops in a figure */
-#define TOP    40.0
-#define ROW    185.0
-#define LEFT   0.085
-#define WIDE   0.245
-#define BESIDE 0.325 /* from one panel to the next */
+#define MOST 1000 /* values */
+#define ROWS 8    /* loops in a figure */
 
 static const enum metric shown[] = {METRIC_IAE, METRIC_OVERSHOOT, METRIC_EFFORT};
 #define SHOWN (sizeof shown / sizeof *shown)
@@ -227,92 +221,39 @@ static size_t rows_of(const struct swept *z)
     return z->campaign->loops < ROWS ? z->campaign->loops : ROWS;
 }
 
-static double sweep_height(const struct swept *z)
+/* A row each value: of each figure its mean, and within which it is; 1 where the plant diverged or the loop
+ * never came to rest. */
+static void put_points(FILE *script, const struct swept *z, size_t loop)
 {
-    return TOP + 22.0 + ROW * (double)rows_of(z);
-}
-
-static void put_sweep_blocks(FILE *script, const struct swept *z)
-{
-    for (size_t loop = 0; loop < rows_of(z); loop++) {
-        fprintf(script, "$loop%zu << END\n", loop);
-        for (unsigned i = 0; i < z->sweep->n; i++) {
-            const struct point *p = point_of(z, i, loop);
-            fprintf(script, "%.12g", value_of(z->sweep, i));
-            for (size_t k = 0; k < SHOWN; k++) {
-                const struct statistic *s = &p->of[shown[k]];
-                const double half = isfinite(s->half) ? s->half : 0;
-                if (isfinite(s->mean))
-                    fprintf(script, " %.7g %.7g %.7g", s->mean, s->mean - half, s->mean + half);
-                else
-                    fputs(" NaN NaN NaN", script);
-            }
-            fputc('\n', script);
+    for (unsigned i = 0; i < z->sweep->n; i++) {
+        const struct point *p = point_of(z, i, loop);
+        fprintf(script, "%#.12g", value_of(z->sweep, i));
+        for (size_t k = 0; k < SHOWN; k++) {
+            const struct statistic *s = &p->of[shown[k]];
+            const double half = isfinite(s->half) ? s->half : 0;
+            if (isfinite(s->mean))
+                fprintf(script, " %.7g %.7g %.7g 0", s->mean, s->mean - half, s->mean + half);
+            else
+                fprintf(script, " NaN NaN NaN %d", isinf(s->mean) != 0);
         }
-        fputs("END\n", script);
+        fputc('\n', script);
     }
 }
 
-/* Where the value is the file's, and where the plant diverged or the loop never came to rest. */
-static void put_marks(FILE *script, const struct swept *z, size_t loop, enum metric metric)
-{
-    const double low = fmin(z->sweep->from, z->sweep->to), high = fmax(z->sweep->from, z->sweep->to);
-    int tag = 10;
-    if (z->now >= low && z->now <= high)
-        fprintf(script,
-                "set arrow 1 from %.12g, graph 0 to %.12g, graph 1 nohead dt 3 lw 1 lc rgb 0x555555\n",
-                z->now, z->now);
-    for (unsigned i = 0; i < z->sweep->n; i++)
-        if (isinf(point_of(z, i, loop)->of[metric].mean))
-            fprintf(script, "set label %d '×' at %.12g, graph 0.94 center tc rgb 0xD55E00\n", tag++,
-                    value_of(z->sweep, i));
-}
-
-static void put_sweep_panel(FILE *script, const struct swept *z, size_t loop, size_t k)
-{
-    static const char *const name[] = {"IAE", "overshoot %", "control effort"};
-    const double height = sweep_height(z), top = TOP + ROW * (double)loop;
-    char title[APC_TAG_LEN + 32];
-    snprintf(title, sizeof title, "%s: %s", z->campaign->loop[loop].name, name[k]);
-    fprintf(script, "%sset lmargin at screen %.4f\nset rmargin at screen %.4f\n", report_panel_style,
-            LEFT + BESIDE * (double)k, LEFT + BESIDE * (double)k + WIDE);
-    fprintf(script, "set tmargin at screen %.4f\nset bmargin at screen %.4f\n", report_screen(top, height),
-            report_screen(top + ROW - 55.0, height));
-    fprintf(script,
-            "set xrange [%.12g:%.12g]\nset yrange [0:*]\nset format '%%.4g'\nset xtics %.7g\nset label 1 ",
-            fmin(z->sweep->from, z->sweep->to), fmax(z->sweep->from, z->sweep->to),
-            report_round_up(fabs(z->sweep->to - z->sweep->from) / 6));
-    report_quoted(script, title);
-    fprintf(script, " at graph 0, screen %.4f noenhanced\n", report_screen(top - 11.0, height));
-    put_marks(script, z, loop, shown[k]);
-    if (loop + 1 == rows_of(z)) {
-        fputs("set xlabel ", script);
-        report_quoted(script, z->sweep->path);
-        fputs(" noenhanced offset 0, 0.4\n", script);
-    }
-    bool any = false;
-    for (unsigned i = 0; i < z->sweep->n; i++)
-        any |= isfinite(point_of(z, i, loop)->of[shown[k]].mean);
-    if (!any) {
-        fputs("set yrange [0:1]\nunset ytics\nplot NaN notitle\n", script);
-        return;
-    }
-    fputs("plot ", script);
-    if (z->campaign->options->runs > 1)
-        fprintf(script, "$loop%zu using 1:%zu:%zu with filledcurves fc rgb 0xCFE4F2 notitle, ", loop,
-                3 * k + 3, 3 * k + 4);
-    fprintf(script, "$loop%zu using 1:%zu with linespoints lw 1.6 pt 7 ps 0.35 lc rgb 0x0072B2 notitle\n",
-            loop, 3 * k + 2);
-}
-
-static void put_sweep_figure(FILE *script, void *ctx, bool first)
+static void put_sweep(FILE *script, void *ctx)
 {
     const struct swept *z = ctx;
-    if (first)
-        put_sweep_blocks(script, z);
-    for (size_t loop = 0; loop < rows_of(z); loop++)
-        for (size_t k = 0; k < SHOWN; k++)
-            put_sweep_panel(script, z, loop, k);
+    fprintf(script, "loops = %zu\npoints = %u\nseveral = %d\narray name[loops]\n", rows_of(z), z->sweep->n,
+            z->campaign->options->runs > 1);
+    fprintf(script, "low = %.12g\nhigh = %.12g\nnow = %.12g\n", fmin(z->sweep->from, z->sweep->to),
+            fmax(z->sweep->from, z->sweep->to), z->now);
+    gnuplot_string(script, "path", z->sweep->path);
+    for (size_t loop = 0; loop < rows_of(z); loop++) {
+        gnuplot_text(script, "name", loop, z->campaign->loop[loop].name);
+        fprintf(script, "$loop%zu << END\n", loop + 1);
+        put_points(script, z, loop);
+        fputs("END\n", script);
+    }
 }
 
 /* ---- All of it ----------------------------------------------------------------------------- */
@@ -353,8 +294,7 @@ static int show_sweep(const struct swept *z, const char *figure, struct apc_erro
     if (o->csv)
         keep_first_error(&rc, put_sweep_csv(z, why));
     if (figure && rc == 0 &&
-        (rc = gnuplot_figure(figure, REPORT_WIDTH, sweep_height(z), put_sweep_figure, (void *)(uintptr_t)z,
-                             why)) == 0)
+        (rc = gnuplot_figure(figure, figure_sweep, put_sweep, (void *)(uintptr_t)z, why)) == 0)
         fprintf(o->talk, "figure:  %s.svg, %s.png%s\n", figure, figure,
                 rows_of(z) < z->campaign->loops ? ": of the first loops" : "");
     return rc;
