@@ -87,12 +87,12 @@ APC_API int apc_loop_poles(const struct apc_loop *loop, double *re, double *im);
 /** HUGE_VAL: there is no limit that was found; NAN: it cannot be told. */
 struct apc_loop_margins {
     size_t size;
-    bool stable;       /**< as it is; nothing else is said of one that is not */
-    double gain_least; /**< by less than this factor the loop must not be weakened; 0: by any */
-    double gain;       /**< by more than this it must not be strengthened */
-    double phase;      /**< degrees that it may lag more, or lead more, whichever is less */
-    double delay;      /**< s that outputs may act later, all the time; exact, not phase over frequency */
-    double jitter;     /**< s by which they may act later now and then, in whatever pattern: enough, by small
+    bool stable;     /**< as it is; nothing else is said of one that is not */
+    double gain_low; /**< by less than this factor the loop must not be weakened; 0: by any */
+    double gain;     /**< by more than this it must not be strengthened */
+    double phase;    /**< degrees that it may lag more, or lead more, whichever is less */
+    double delay;    /**< s that outputs may act later, all the time; exact, not phase over frequency */
+    double jitter;   /**< s by which they may act later now and then, in whatever pattern: enough, by small
                           gain, not needed (Kao and Lincoln, Automatica 40, 2004) */
     double sensitivity, at; /**< the peak of 1 / (1 + L), and its frequency in rad/s */
     double complementary;   /**< the peak of L / (1 + L) */

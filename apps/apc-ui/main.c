@@ -263,17 +263,17 @@ static int make_parts(struct ui *ui, struct apc_error *why)
     if (rc == 0 && (pthread_mutex_init(&ui->users_mutex, NULL) || audit_init(&ui->audit) < 0 ||
                     desks_init(ui->desk) < 0 || listing_init(&ui->listing) < 0))
         rc = APC_ESYS;
-    struct duration_stats *meters[] = {&ui->reads, &ui->stores, &ui->lag};
+    struct duration_stats *stats[] = {&ui->reads, &ui->stores, &ui->lag};
     for (size_t i = 0; i < 3 && rc == 0; i++)
-        rc = duration_stats_init(meters[i]);
+        rc = duration_stats_init(stats[i]);
     return rc < 0 ? apc_fail(why, rc, "%s", apc_err_text(rc)) : 0;
 }
 
 static void free_parts(struct ui *ui)
 {
-    struct duration_stats *meters[] = {&ui->reads, &ui->stores, &ui->lag};
+    struct duration_stats *stats[] = {&ui->reads, &ui->stores, &ui->lag};
     for (size_t i = 0; i < 3; i++)
-        duration_stats_free(meters[i]);
+        duration_stats_free(stats[i]);
     stream_destroy(ui->stream);
     writes_destroy(ui->writes);
     sessions_free(&ui->sessions);

@@ -214,7 +214,7 @@ static void gain_margins(struct trial *t, struct crossings *found, struct apc_lo
     t->by = BY_FACTOR;
     if (t->rc == 0) {
         to->gain = first_border(t, &tries, 1.0, true, HUGE_VAL);
-        to->gain_least = first_border(t, &tries, 1.0, false, 0.0);
+        to->gain_low = first_border(t, &tries, 1.0, false, 0.0);
     }
     free(tries.at);
 }
@@ -390,7 +390,7 @@ static int measure_margins(struct trial *t, const double *scale, bool peaks_only
     to->stable = t->rc == 0 && t->largest < 1.0 - ON_CIRCLE;
     if (t->rc < 0 || !to->stable)
         goto out;
-    to->gain = to->gain_least = to->phase = to->delay = to->jitter = (double)NAN;
+    to->gain = to->gain_low = to->phase = to->delay = to->jitter = (double)NAN;
     t->rc = response_peaks(t->loop, t->of, scale, root, root + t->nominal->n, t->nominal->n, to);
     if (t->rc < 0 || peaks_only)
         goto out;

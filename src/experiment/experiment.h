@@ -382,10 +382,10 @@ apc_ns module_command_period(const struct experiment *e);
 /* A measurement or calculated signal that did not change for so long is stale: by its own rhythm. */
 apc_ns module_horizon(const struct experiment *e, struct wire wire);
 
-/* One member of the manipulated variables as an array for the cores: out[dim.nu]. */
+/* One member of the manipulated variables as an array for the modules: out[dim.nu]. */
 void module_outputs(const struct experiment *e, double *low, double *high, double *safe, double *fault);
 
-/* The plant and the core that serves it, as the file describes them; both or, with an error in why, none. The
+/* The plant and the module that serves it, as the file describes them; both or, with an error in why, none. The
  * experiment must outlive them. */
 int module_plant(const struct experiment *e, struct apc_plant **plant, struct apc_plantserver **server,
                  struct apc_error *why);

@@ -138,7 +138,7 @@ int trajectory_read(struct trajectory *c, const char *dir, const struct apc_dim 
 /* Of the run in folder @p dir: the plant's own if it has them, or else that of its samples. */
 int trajectory_load(struct trajectory *c, const char *dir, const struct experiment *e, struct apc_error *why);
 
-/* ---- Outlook -------------------------------------------------------------------------------- */
+/* ---- Prediction ----------------------------------------------------------------------------- */
 
 /* What predictive laws expected at an instant, over their horizons, beside what came of it. */
 

@@ -80,7 +80,7 @@ struct apc_tcp {
 int apc_tcp_open(struct apc_tcp *tcp, const char *uri, struct apc_hostport *host, struct apc_error *why);
 void apc_tcp_release(struct apc_tcp *tcp);
 /* Of a transport, whose self is, or begins with, a struct apc_tcp. */
-int apc_tcp_dial(void *self, apc_ns deadline, struct apc_error *why);
+int apc_tcp_link_connect(void *self, apc_ns deadline, struct apc_error *why);
 void apc_tcp_hang_up(void *self);
 bool apc_tcp_quiet(void *self);
 int apc_tcp_send(void *self, const char *data, size_t length, apc_ns deadline, struct apc_error *why);

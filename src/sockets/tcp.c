@@ -168,7 +168,7 @@ static int connect_one(struct apc_tcp *t, const struct apc_endpoint *to, apc_ns 
 }
 
 /* All addresses in turn; one that eats the whole deadline is not the first to be tried next time. */
-int apc_tcp_dial(void *self, apc_ns deadline, struct apc_error *why)
+int apc_tcp_link_connect(void *self, apc_ns deadline, struct apc_error *why)
 {
     struct apc_tcp *t = self;
     struct apc_endpoints to;
@@ -250,7 +250,7 @@ const struct apc_transport apc_transport_tcp = {
     .scheme = "tcp:",
     .create = tcp_create,
     .destroy = tcp_destroy,
-    .connect = apc_tcp_dial,
+    .connect = apc_tcp_link_connect,
     .close = apc_tcp_hang_up,
     .quiet = apc_tcp_quiet,
     .send = apc_tcp_send,

@@ -25,7 +25,7 @@
 
 enum step { IDLE, WANTED, DONE, END };
 
-struct dial {
+struct tls_connection {
     struct apc_tcp tcp; /* first: the functions of tcp.c take it */
     struct apc_hostport host;
     struct apc_identity *identity; /* borrowed */
@@ -39,7 +39,7 @@ struct dial {
     enum step step;
 };
 
-static int tls_handshake(struct dial *d, apc_ns deadline)
+static int tls_handshake(struct tls_connection *d, apc_ns deadline)
 {
     for (;;) {
         int rc = apc_tls_handshake(d->tcp.tls, &d->why);
@@ -53,14 +53,14 @@ static int tls_handshake(struct dial *d, apc_ns deadline)
     }
 }
 
-static int attempt(struct dial *d)
+static int attempt(struct tls_connection *d)
 {
     const apc_ns deadline = apc_clock_mono(NULL) + PATIENCE;
     int rc;
 
     apc_tls_free(d->spent);
     d->spent = NULL;
-    rc = apc_tcp_dial(&d->tcp, deadline, &d->why);
+    rc = apc_tcp_link_connect(&d->tcp, deadline, &d->why);
     if (rc < 0)
         return rc;
     rc = apc_tls_ask(&d->tcp.tls, d->identity, d->tcp.fd, &d->host);
@@ -76,9 +76,9 @@ static int attempt(struct dial *d)
     return rc;
 }
 
-static void *run_tls_dialer(void *arg)
+static void *run_tls_thread(void *arg)
 {
-    struct dial *d = arg;
+    struct tls_connection *d = arg;
 
     pthread_mutex_lock(&d->mutex);
     while (d->step != END) {
@@ -99,21 +99,21 @@ static void *run_tls_dialer(void *arg)
     return NULL;
 }
 
-static int start_tls_dialer(struct dial *d)
+static int start_tls_thread(struct tls_connection *d)
 {
     sigset_t all, old;
     int number;
 
     sigfillset(&all); /* signals are the program's own threads' business */
     pthread_sigmask(SIG_SETMASK, &all, &old);
-    number = pthread_create(&d->thread, NULL, run_tls_dialer, d);
+    number = pthread_create(&d->thread, NULL, run_tls_thread, d);
     pthread_sigmask(SIG_SETMASK, &old, NULL);
     return number;
 }
 
 static int tls_create(void **self, const char *uri, struct apc_identity *identity, struct apc_error *why)
 {
-    struct dial *d;
+    struct tls_connection *d;
     int err, number;
 
     *self = NULL;
@@ -134,7 +134,7 @@ static int tls_create(void **self, const char *uri, struct apc_identity *identit
         goto release;
     }
     pthread_cond_init(&d->changed, NULL);
-    number = start_tls_dialer(d);
+    number = start_tls_thread(d);
     if (number == 0) {
         *self = d;
         return 0;
@@ -151,7 +151,7 @@ free:
 
 static void tls_destroy(void *self)
 {
-    struct dial *d = self;
+    struct tls_connection *d = self;
 
     pthread_mutex_lock(&d->mutex);
     d->step = END;
@@ -169,7 +169,7 @@ static void tls_destroy(void *self)
 static int tls_connect(void *self, apc_ns deadline, struct apc_error *why)
 {
     const struct timespec until = {deadline / APC_NS_PER_S, deadline % APC_NS_PER_S};
-    struct dial *d = self;
+    struct tls_connection *d = self;
     int late = 0, err;
 
     pthread_mutex_lock(&d->mutex);
@@ -194,7 +194,7 @@ static int tls_connect(void *self, apc_ns deadline, struct apc_error *why)
 
 static void tls_close(void *self)
 {
-    struct dial *d = self;
+    struct tls_connection *d = self;
 
     apc_tcp_hang_up(&d->tcp);
     d->spent = d->tcp.tls; /* there is no other: that one went before this was made */

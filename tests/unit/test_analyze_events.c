@@ -553,8 +553,8 @@ static void assert_margins_of_poles(const struct world *w, size_t of, const stru
 
         if (m->gain < HUGE_VAL)
             assert_int_equal(pole_scaled(w, of, m->gain * by) > 1.0, beyond);
-        if (m->gain_least > 0.0)
-            assert_int_equal(pole_scaled(w, of, m->gain_least / by) > 1.0, beyond);
+        if (m->gain_low > 0.0)
+            assert_int_equal(pole_scaled(w, of, m->gain_low / by) > 1.0, beyond);
         if (of != 2 && m->delay < 8.0) /* periods: with each there are more poles */
             assert_int_equal(pole_delayed(w, of, m->delay * by) > 1.0, beyond);
     }

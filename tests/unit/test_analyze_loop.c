@@ -71,7 +71,7 @@ static void an_integrator_has_the_margins_of_theory(void **state)
 
     assert_true(m.stable);
     assert_near(m.gain, 2.0 / 0.5, 1e-5); /* z - 1 + K, unstable at z = -1 */
-    assert_near(m.gain_least, 0.0, 1e-9);
+    assert_near(m.gain_low, 0.0, 1e-9);
     /* |z - 1| = K where the loop's gain is 1 */
     assert_near(m.phase, (M_PI / 2.0 - asin(0.25)) * 180.0 / M_PI, 1e-4);
     /* with a delay of d + g periods: z^(d+1) (z - 1) + K ((1 - g) z + g), on the circle */
@@ -411,7 +411,7 @@ static void drawn_loops_have_the_same_costs_and_margins(void **state)
         if (linear_loop_create(&l, &e, &how, &why) < 0)
             fail_msg("%s", why.text);
         const struct apc_loop_margins m = margins_of(l.loop, 0);
-        const double margin[] = {m.stable, m.gain_least, m.gain,        m.phase,
+        const double margin[] = {m.stable, m.gain_low, m.gain,        m.phase,
                                  m.delay,  m.jitter,     m.sensitivity, m.complementary};
         for (size_t k = 0; k < sizeof margin / sizeof *margin; k++)
             sum += asinh(1e3 * (isfinite(margin[k]) ? margin[k] : 7.0)) * (1.0 + 0.618 * (double)(++n % 7));

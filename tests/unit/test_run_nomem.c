@@ -301,10 +301,10 @@ static void what_is_made_of_a_run_is_whole_or_not_there(void **state)
     static const struct {
         const char *what;
         int (*step)(void);
-    } steps[] = {{"tags", make_tags},      {"provision", provide}, {"samples", collect},
-                 {"course", follow},       {"figures", judge},     {"merits", value_kpis},
-                 {"outlook", look_ahead},  {"ticks", read_ticks},  {"loops", read_loops},
-                 {"alarms", read_journal}, {"text", rewrite},      {"linear", linearise}};
+    } steps[] = {{"tags", make_tags},        {"provision", provide}, {"samples", collect},
+                 {"course", follow},         {"figures", judge},     {"merits", value_kpis},
+                 {"prediction", look_ahead}, {"ticks", read_ticks},  {"loops", read_loops},
+                 {"alarms", read_journal},   {"text", rewrite},      {"linear", linearise}};
     (void)state;
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         char path[300];

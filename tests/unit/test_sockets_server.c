@@ -23,7 +23,7 @@ static apc_ns soon(apc_ns from_now)
 
 /* ---- A plain client -------------------------------------------------------------------------- */
 
-static int dial(int port)
+static int connect_to(int port)
 {
     struct sockaddr_in in = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
@@ -170,7 +170,7 @@ static void wait_entered(struct plant *p)
 static void each_connection_is_served_and_has_its_own_number(void **state)
 {
     struct plant p;
-    int port = start(&p, NULL), one = dial(port), two = dial(port);
+    int port = start(&p, NULL), one = connect_to(port), two = connect_to(port);
     uint64_t first;
     (void)state;
 
@@ -192,7 +192,7 @@ static void each_connection_is_served_and_has_its_own_number(void **state)
 static void bytes_may_trickle(void **state)
 {
     struct plant p;
-    int fd = dial(start(&p, NULL));
+    int fd = connect_to(start(&p, NULL));
     const char *text = "one byte at a time\n";
     (void)state;
 
@@ -207,7 +207,7 @@ static void bytes_may_trickle(void **state)
 static void pipelined_requests_are_answered_in_order(void **state)
 {
     struct plant p;
-    int fd = dial(start(&p, NULL));
+    int fd = connect_to(start(&p, NULL));
     (void)state;
 
     say(fd, "one\ntwo\nthree\nfo");
@@ -223,7 +223,7 @@ static void pipelined_requests_are_answered_in_order(void **state)
 static void a_client_that_ends_after_its_requests_gets_its_answers(void **state)
 {
     struct plant p;
-    int fd = dial(start(&p, NULL));
+    int fd = connect_to(start(&p, NULL));
     (void)state;
 
     say(fd, "one\ntwo\n");
@@ -237,7 +237,7 @@ static void a_client_that_ends_after_its_requests_gets_its_answers(void **state)
 static void a_frame_cut_off_by_the_end_is_rejected(void **state)
 {
     struct plant p;
-    int fd = dial(start(&p, NULL));
+    int fd = connect_to(start(&p, NULL));
     (void)state;
 
     say(fd, "one\ntw");
@@ -253,7 +253,7 @@ static void half_a_frame_times_out_and_idleness_does_not(void **state)
 {
     const struct apc_server_options options = {.size = sizeof options, .frame_timeout = 50 * APC_NS_PER_MS};
     struct plant p;
-    int port = start(&p, &options), idle = dial(port), half = dial(port);
+    int port = start(&p, &options), idle = connect_to(port), half = connect_to(port);
     (void)state;
 
     ask(idle, "hello\n");
@@ -271,7 +271,7 @@ static void a_frame_that_trickles_for_ever_times_out(void **state)
 {
     const struct apc_server_options options = {.size = sizeof options, .frame_timeout = 50 * APC_NS_PER_MS};
     struct plant p;
-    int port = start(&p, &options), slow = dial(port), other = dial(port);
+    int port = start(&p, &options), slow = connect_to(port), other = connect_to(port);
     apc_ns until = soon(PATIENCE);
     (void)state;
 
@@ -290,7 +290,7 @@ static void a_frame_beyond_frame_max_is_rejected(void **state)
 {
     const struct apc_server_options options = {.size = sizeof options, .frame_max = 16};
     struct plant p;
-    int port = start(&p, &options), fd = dial(port);
+    int port = start(&p, &options), fd = connect_to(port);
     (void)state;
 
     ask(fd, "15 and newline.\n");
@@ -304,7 +304,7 @@ static void a_frame_beyond_frame_max_is_rejected(void **state)
 static void an_error_of_the_handler_closes_that_connection_only(void **state)
 {
     struct plant p;
-    int port = start(&p, NULL), good = dial(port), bad = dial(port);
+    int port = start(&p, NULL), good = connect_to(port), bad = connect_to(port);
     (void)state;
 
     ask(good, "hello\n");
@@ -323,7 +323,7 @@ static void a_client_that_never_reads_is_closed_and_holds_nobody_up(void **state
     const struct apc_server_options options = {
         .size = sizeof options, .frame_timeout = 50 * APC_NS_PER_MS, .frame_max = APC_FRAME_MAX};
     struct plant p;
-    int port = start(&p, &options), deaf = dial(port), other = dial(port);
+    int port = start(&p, &options), deaf = connect_to(port), other = connect_to(port);
     apc_ns until = soon(PATIENCE);
     (void)state;
 
@@ -343,7 +343,7 @@ static void a_reply_too_large_for_one_send_arrives_whole(void **state)
 {
     const struct apc_server_options options = {.size = sizeof options, .frame_max = APC_FRAME_MAX};
     struct plant p;
-    int fd = dial(start(&p, &options));
+    int fd = connect_to(start(&p, &options));
     const size_t whole = 8u * APC_FRAME_MAX;
     size_t heard = 0;
     char *text = malloc(APC_FRAME_MAX);
@@ -371,7 +371,7 @@ static void a_reply_too_large_for_one_send_arrives_whole(void **state)
 static void a_request_on_a_reset_connection_is_not_answered(void **state)
 {
     struct plant p;
-    int port = start(&p, NULL), busy = dial(port), gone = dial(port), calls;
+    int port = start(&p, NULL), busy = connect_to(port), gone = connect_to(port), calls;
     (void)state;
 
     ask(gone, "hello\n");
@@ -395,25 +395,25 @@ static void connections_beyond_the_cap_are_closed_at_once_while_all_others_are_i
     const struct apc_server_options options = {
         .size = sizeof options, .connections = 2, .frame_timeout = PATIENCE};
     struct plant p;
-    int port = start(&p, &options), two = dial(port), one, three;
+    int port = start(&p, &options), two = connect_to(port), one, three;
     apc_ns until = soon(PATIENCE);
     char heard[8];
     (void)state;
 
     ask(two, "hello\n");
-    one = dial(port);
+    one = connect_to(port);
     ask(one, "hello\n"); /* the last that was answered; and of the other's next request half is here */
     say(two, "hello\nhel");
     expect(two, "hello\n");
     ask(one, "hello\n");
-    expect_closed(dial(port));
+    expect_closed(connect_to(port));
     ask(one, "hello\n");
     assert_int_equal(stats_of(&p).refused, 1);
     assert_int_equal(stats_of(&p).accepted, 2);
     assert_int_equal(stats_of(&p).open, 2);
     close(two);
     for (three = -1; three < 0 && apc_clock_mono(NULL) < until;) { /* until the server knows of it */
-        three = dial(port);
+        three = connect_to(port);
         if (send(three, "hello\n", 6, MSG_NOSIGNAL) != 6 || hear(three, heard, sizeof heard) != 6) {
             close(three);
             three = -1;
@@ -434,16 +434,16 @@ static void whoever_only_connects_cannot_lock_the_client_out(void **state)
     (void)state;
 
     for (int i = 0; i < 40; i++) {
-        silent[i] = dial(port);
+        silent[i] = connect_to(port);
         if (i == 20) {
-            client = dial(port);
+            client = connect_to(port);
             ask(client, "hello\n");
         }
     }
     while (stats_of(&p).accepted < 41 && apc_clock_mono(NULL) < until)
         continue;
     ask(client, "hello\n"); /* the last that was answered keeps its place */
-    late = dial(port);
+    late = connect_to(port);
     ask(late, "hello\n");
     expect_closed(silent[0]); /* the one that was silent longest went first */
     assert_int_equal(stats_of(&p).accepted, 42);
@@ -462,16 +462,16 @@ static void the_connection_that_was_silent_longest_gives_way(void **state)
 {
     const struct apc_server_options options = {.size = sizeof options, .connections = 3};
     struct plant p;
-    int port = start(&p, &options), fresh, first = dial(port), last = dial(port), next;
+    int port = start(&p, &options), fresh, first = connect_to(port), last = connect_to(port), next;
     apc_ns until = soon(PATIENCE);
     (void)state;
 
     ask(first, "hello\n");
     ask(last, "hello\n");
-    fresh = dial(port); /* it has said nothing yet, but is not silent for as long as the first */
+    fresh = connect_to(port); /* it has said nothing yet, but is not silent for as long as the first */
     while (stats_of(&p).accepted < 3 && apc_clock_mono(NULL) < until)
         continue;
-    next = dial(port);
+    next = connect_to(port);
     ask(next, "hello\n");
     expect_closed(first);
     ask(fresh, "hello\n");
@@ -490,14 +490,14 @@ static void many_connections_come_and_go(void **state)
     (void)state;
 
     for (int i = 0; i < 500; i++) {
-        int fd = dial(port);
+        int fd = connect_to(port);
         if (i % 3 == 0)
             say(fd, "hel");
         if (i % 3 == 1)
             say(fd, "bad\n");
         hang_up_hard(fd);
     }
-    for (int fd = dial(port);; fd = dial(port)) { /* the queue may still be full of the others */
+    for (int fd = connect_to(port);; fd = connect_to(port)) { /* the queue may still be full of the others */
         char heard[8];
         if (send(fd, "hello\n", 6, MSG_NOSIGNAL) == 6 && hear(fd, heard, sizeof heard) == 6) {
             close(fd);
@@ -511,7 +511,7 @@ static void many_connections_come_and_go(void **state)
 static void destroy_ends_connections_and_calls(void **state)
 {
     struct plant p;
-    int port = start(&p, NULL), one = dial(port), two = dial(port), calls;
+    int port = start(&p, NULL), one = connect_to(port), two = connect_to(port), calls;
     (void)state;
 
     ask(one, "hello\n");
@@ -599,7 +599,7 @@ static void rejections_are_logged_once_in_a_while(void **state)
     assert_int_equal(apc_log_create(&options.log, fds[1], "test", APC_LOG_DEBUG), 0);
     port = start(&p, &options);
     for (int i = 0; i < 20; i++) {
-        int fd = dial(port);
+        int fd = connect_to(port);
         say(fd, "bad\n");
         expect_closed(fd);
     }
@@ -618,7 +618,7 @@ static void rejections_are_logged_once_in_a_while(void **state)
 static void the_answer_knows_who_asks_and_is_not_interrupted(void **state)
 {
     struct plant p;
-    int fd = dial(start(&p, NULL));
+    int fd = connect_to(start(&p, NULL));
     struct sockaddr_in in;
     socklen_t length = sizeof in;
     sigset_t mask;
@@ -646,7 +646,7 @@ static void the_answer_knows_who_asks_and_is_not_interrupted(void **state)
 static void the_address_of_a_closed_connection_is_told(void **state)
 {
     struct plant p;
-    int port = start(&p, NULL), fd = dial(port);
+    int port = start(&p, NULL), fd = connect_to(port);
     struct sockaddr_in in;
     socklen_t length = sizeof in;
     char expected[64];
@@ -657,7 +657,7 @@ static void the_address_of_a_closed_connection_is_told(void **state)
     say(fd, "bad\n");
     assert_int_equal(recv(fd, &(char){0}, 1, 0), 0); /* closed there as well */
     close(fd);
-    fd = dial(port);
+    fd = connect_to(port);
     sem_post(&p.leave);
     ask(fd, "who\n");
     sem_wait(&p.entered);
@@ -674,7 +674,7 @@ static void a_reply_that_is_none_or_has_no_room_closes_the_connection(void **sta
     (void)state;
 
     for (unsigned i = 0; i < 2; i++) {
-        int fd = dial(port);
+        int fd = connect_to(port);
         ask(fd, "hello\n");
         say(fd, requests[i]);
         expect_closed(fd);
@@ -696,7 +696,7 @@ static void no_descriptor_is_left_open(void **state)
     assert_int_equal(apc_server_create(&second, "tcp:0.0.0.0:0", &options, answer, NULL, NULL), APC_EPERM);
     assert_int_equal(open_descriptors(), before);
     port = start(&p, NULL);
-    fd = dial(port);
+    fd = connect_to(port);
     ask(fd, "hello\n");
     assert_int_equal(open_descriptors(), before + 4); /* wake, listener, and the two ends */
     snprintf(uri, sizeof uri, "tcp:127.0.0.1:%d", port);
@@ -721,7 +721,7 @@ static void a_socket_that_fails_is_closed_and_one_that_has_to_wait_is_not(void *
     (void)state;
 
     for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) {
-        int fd = dial(port);
+        int fd = connect_to(port);
         ask(fd, "hello\n"); /* so that it is the socket under test */
         order(faults[i].call, faults[i].number, 0, 1);
         say(fd, "again\n");
@@ -739,7 +739,7 @@ static void a_socket_that_fails_is_closed_and_one_that_has_to_wait_is_not(void *
 static void replies_may_go_byte_by_byte(void **state)
 {
     struct plant p;
-    int fd = dial(start(&p, NULL));
+    int fd = connect_to(start(&p, NULL));
     (void)state;
 
     ask(fd, "hello\n");
@@ -770,8 +770,8 @@ static void half_a_frame_has_exactly_the_time_there_is(void **state)
 
     stand(APC_NS_PER_S);
     port = start(&p, &options);
-    half = dial(port);
-    other = dial(port);
+    half = connect_to(port);
+    other = connect_to(port);
     ask(half, "hello\n");
     stand(2 * APC_NS_PER_S); /* from here on: idleness before does not count */
     say(half, "apc1 comm");
@@ -802,11 +802,11 @@ static void a_server_that_cannot_accept_pauses_for_a_tenth_of_a_second(void **st
         int second, tried;
 
         stand(begun);
-        first = dial(port);
+        first = connect_to(port);
         ask(first, "hello\n");
         tried = atomic_load(&kernel[ACCEPT].calls);
         order(ACCEPT, lacking[i], 0, 1);
-        second = dial(port);
+        second = connect_to(port);
         say(second, "second\n");
         while (atomic_load(&kernel[ACCEPT].times) > 0)
             ask(first, "hello\n");
@@ -827,7 +827,7 @@ static void a_server_that_cannot_accept_pauses_for_a_tenth_of_a_second(void **st
     }
     for (size_t i = 0; i < sizeof passing / sizeof *passing; i++) {
         order(ACCEPT, passing[i], 0, 1); /* what concerns one client only is no reason to wait */
-        first = dial(port);
+        first = connect_to(port);
         ask(first, "hello\n");
         close(first);
     }
@@ -856,7 +856,7 @@ static void a_line_in_ten_seconds_says_how_many_were_closed(void **state)
     for (size_t i = 0; i < sizeof closings / sizeof *closings; i++) {
         int fd;
         stand(closings[i].at);
-        fd = dial(port);
+        fd = connect_to(port);
         say(fd, "bad\n");
         expect_closed(fd);
     }
@@ -889,17 +889,17 @@ static void the_longest_idle_goes_and_never_who_is_in_the_middle_of_something(vo
 
     stand(APC_NS_PER_S);
     port = start(&p, &options);
-    half = dial(port);
+    half = connect_to(port);
     ask(half, "hello\n");
     say(half, "hel"); /* the oldest, but not idle */
     stand(2 * APC_NS_PER_S);
-    younger = dial(port); /* in the table before the older one */
+    younger = connect_to(port); /* in the table before the older one */
     ask(younger, "hello\n");
-    idle = dial(port);
+    idle = connect_to(port);
     ask(idle, "hello\n");
     stand(3 * APC_NS_PER_S);
     ask(younger, "hello\n");
-    next = dial(port);
+    next = connect_to(port);
     ask(next, "hello\n");
     expect_closed(idle);
     ask(younger, "hello\n");
@@ -918,7 +918,7 @@ static int starve(void)
     struct sockaddr_in in = {.sin_family = AF_INET};
     struct plant p;
     struct rlimit limit;
-    int spare[64], count = 0, port = start(&p, NULL), first = dial(port), second, tried;
+    int spare[64], count = 0, port = start(&p, NULL), first = connect_to(port), second, tried;
 
     ask(first, "hello\n");
     second = socket(AF_INET, SOCK_STREAM, 0);

@@ -472,7 +472,7 @@ static void diagnostics_say_how_each_part_is(void **state)
     json_decref(all);
 }
 
-static void a_meter_forgets_what_is_old_and_keeps_its_sum(void **state)
+static void statistics_of_durations_forget_what_is_old_and_keep_their_sum(void **state)
 {
     struct apc_summary summary;
     (void)state;
@@ -615,7 +615,7 @@ int main(void)
         T(what_tasks_report_is_in_the_metrics),
         T(what_the_server_does_itself_is_in_the_metrics),
         T(diagnostics_say_how_each_part_is),
-        T(a_meter_forgets_what_is_old_and_keeps_its_sum),
+        T(statistics_of_durations_forget_what_is_old_and_keep_their_sum),
         T(a_loop_is_what_the_law_pairs),
         T(each_loop_has_its_controller_its_modes_and_the_loop_above),
         T(who_goes_along_is_said_and_what_it_would_put_out),

@@ -12,7 +12,7 @@ import {histogram, logHeight, reach} from "../src/core/histogram";
 import {next, type WriteView} from "../src/core/lifecycle";
 import {abnormalFirst, areasOf, byName, filtered, haste, inSight, isIn, type Item, itemsOf, type ListFilter, type Now, ordered, orderOf, towards, worstByArea, worstOf} from "../src/core/list";
 import {modesOf, notRunning} from "../src/core/modes";
-import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/outlook";
+import {courseRows, courseSeries, expectedOf, heldBack, horizon, isOfNow, predictors} from "../src/core/prediction";
 import {pages, path, placeOf} from "../src/core/place";
 import {abnormal, aged, beyond, heard, limit, type Live, nothing, usable, words, worth} from "../src/core/quality";
 import {extent, niceScale, place, multiples, steps} from "../src/core/scale";

@@ -5,9 +5,9 @@
 
 #include "apc-ui/ui.h"
 
-/* ---- Meters ------------------------------------------------------------------------------- */
+/* ---- Durations ---------------------------------------------------------------------------- */
 
-#define METER_TURN (60 * APC_NS_PER_S)
+#define STATS_TURN (60 * APC_NS_PER_S)
 
 int duration_stats_init(struct duration_stats *m)
 {
@@ -29,7 +29,7 @@ void duration_stats_record(struct duration_stats *m, apc_ns value)
 {
     apc_ns now = apc_clock_mono(NULL);
     pthread_mutex_lock(&m->mutex);
-    if (now - m->since > METER_TURN) {
+    if (now - m->since > STATS_TURN) {
         struct apc_histogram *old = m->past;
         m->past = m->now;
         m->now = old;

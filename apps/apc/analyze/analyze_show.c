@@ -54,7 +54,7 @@ static int show_margins(const struct loop_analysis *z)
         const size_t at = z->n == 1 ? 0 : o;
         const struct apc_loop_margins *m = &z->loop[at].margins;
         print_cell(&t, PRINT_PLAIN, "%s", z->loop[at].name);
-        put_analysis_number(&t, m->gain_least);
+        put_analysis_number(&t, m->gain_low);
         put_analysis_number(&t, m->gain);
         put_analysis_number(&t, m->phase);
         put_analysis_number(&t, m->delay);
@@ -203,7 +203,7 @@ static void analysis_loop_json(const struct analysis_of_loop *l)
     const struct {
         const char *key;
         double value;
-    } of[] = {{"gain_margin_low", m->gain_least},
+    } of[] = {{"gain_margin_low", m->gain_low},
               {"gain_margin_high", m->gain},
               {"phase_margin", m->phase},
               {"delay_margin", m->delay},
@@ -213,7 +213,7 @@ static void analysis_loop_json(const struct analysis_of_loop *l)
               {"mt", m->complementary},
               {"crossover", m->crossover},
               /* the names before: for one more version */
-              {"gain_least", m->gain_least},
+              {"gain_least", m->gain_low},
               {"gain", m->gain},
               {"phase", m->phase},
               {"delay", m->delay},

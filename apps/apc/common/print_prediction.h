@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#ifndef APC_PRINT_OUTLOOK_H
-#define APC_PRINT_OUTLOOK_H
+#ifndef APC_PRINT_PREDICTION_H
+#define APC_PRINT_PREDICTION_H
 
 #include "record/record.h"
 

@@ -8,7 +8,7 @@ import {decimalsOf, exact, missing, number, when} from "../core/format";
 import {loopScale, outputScale} from "../core/loopdata";
 import {isMasked, isUnacknowledged, ofLoop, stateWords} from "../core/alarms";
 import {alarms, control, events, inShadow, limitsOf, live, modesOfLoop, plant, variable, writes} from "../core/model";
-import {predictors} from "../core/outlook";
+import {predictors} from "../core/prediction";
 import {usable} from "../core/quality";
 import {wouldBe} from "../core/trend";
 import {Bar} from "../parts/bar";

@@ -7,7 +7,7 @@ import {Curve} from "../core/curve";
 import {duration, exact, limitsText, missing, number, when} from "../core/format";
 import {holds} from "../core/history";
 import {live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
-import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/outlook";
+import {courseRows, courseSeries, type Handled, heldBack, horizonWords, type Predictor, predictors, horizon, resultWords, isOfNow} from "../core/prediction";
 import {nameOf, pensAbout} from "../core/pens";
 import {RECENT} from "../core/loopdata";
 import {extent, type Scale} from "../core/scale";

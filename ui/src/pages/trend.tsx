@@ -19,7 +19,7 @@ import {Table} from "../parts/table";
 import {Tag} from "../parts/tag";
 import {told, Value} from "../parts/value";
 import {alarms, control, events, live, onSample, plant, refill, second, serverNow, variable} from "../core/model";
-import {courseRows, courseSeries, expectedOf, horizon, predictors} from "../core/outlook";
+import {courseRows, courseSeries, expectedOf, horizon, predictors} from "../core/prediction";
 import {chosen, found, isPens, joined, nameOf, pensAbout} from "../core/pens";
 import {go, path, rewrite} from "../router";
 import {extent, type Scale} from "../core/scale";

@@ -15,7 +15,7 @@
 /* Of upper, upper2 and upper3 the second is the slowest; of base and base2 the first; of smooth and smooth2
  * the second; both selectors are as slow. */
 static const char text[] =
-    "name = \"cores\"; duration = 10.0;\n"
+    "name = \"options\"; duration = 10.0;\n"
     "measurements = ( { name = \"y\"; low = -9.0; high = 9.0; }, { name = \"w\"; period = 5.0; } );\n"
     "setpoints = ( { name = \"r\"; low = -5.0; high = 5.0; initial = 1.5; }, { name = \"s\"; initial = 5.0; "
     "}, { name = \"s2\"; }, { name = \"s3\"; } );\n"
