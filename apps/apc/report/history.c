@@ -96,8 +96,7 @@ static int put_sample(void *ctx, const struct apc_sample *s)
         putchar('{');
         print_sample_members(stdout, s, NULL, 0);
         if (*author) {
-            putchar(',');
-            print_json_text(stdout, "author", author);
+            print_json_text(stdout, ",author", author);
         }
         putchar('}');
     } else {
