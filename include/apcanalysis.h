@@ -137,12 +137,6 @@ struct apc_loop_course {
  */
 APC_API int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_course *course, size_t n,
                           double *y, double *u, struct apc_error *why);
-/**
- * The same of ticks that happened once: the period is their whole record, the mean is of what comes after
- * its first @p skip ns. @p loop settles first as it is. [setup] As apc_loop_cost().
- */
-APC_API int apc_loop_cost_recorded(const struct apc_loop *loop, const struct apc_loop_tick *tick, size_t n,
-                                   apc_ns length, double *y, double *u, struct apc_error *why);
 
 #ifdef __cplusplus
 }

@@ -85,7 +85,7 @@ static void blur(struct covariance *c, const struct machine *m, size_t controlle
     }
 }
 
-static void propagate_loop_covariance(struct covariance *c, struct machine *m, double weight, apc_ns from)
+static void propagate_loop_covariance(struct covariance *c, struct machine *m, double weight)
 {
     struct ride ride = {.Z = c->P, .width = c->n};
 
@@ -93,7 +93,7 @@ static void propagate_loop_covariance(struct covariance *c, struct machine *m, d
         const struct step *s = &m->step[i];
 
         if (s->kind == STEP_KICK) {
-            kick(c, s->at >= from ? weight : 0.0);
+            kick(c, weight);
             continue;
         }
         machine_step(m, s, &ride);
@@ -167,7 +167,7 @@ static int stationary_covariance(struct covariance *c, struct machine *m, const 
         free_covariance(c);
         for (size_t j = 0; j < n; j++) {
             memcpy(c->P, before, all * sizeof(*before));
-            propagate_loop_covariance(c, &m[j], probability[j], 0);
+            propagate_loop_covariance(c, &m[j], probability[j]);
             for (size_t i = 0; i < all; i++)
                 next[i] += probability[j] * c->P[i];
         }
@@ -241,41 +241,6 @@ int apc_loop_cost(const struct apc_loop *loop, const struct apc_loop_course *cou
     for (size_t k = 0; m && k < courses; k++)
         machine_free(&m[k]);
     free(m);
-    free(c.P);
-    return explain_cost_failure(rc, why);
-}
-
-int apc_loop_cost_recorded(const struct apc_loop *loop, const struct apc_loop_tick *tick, size_t n,
-                           apc_ns length, double *y, double *u, struct apc_error *why)
-{
-    const struct apc_loop_setup *s = &loop->setup;
-    const struct course course[2] = {{.period = s->period, .n = s->n_ticks, .tick = s->tick, .kicks = true},
-                                     {.period = length, .n = n, .tick = tick, .kicks = true}};
-    const double certain = 1.0;
-    struct machine m[2] = {{0}};
-    struct covariance c = {0};
-    int rc = machine_create(&m[0], loop, &course[0], why);
-
-    if (rc == 0)
-        rc = machine_create(&m[1], loop, &course[1], why);
-    if (rc == 0) {
-        level(m, 2, s->n_controllers);
-        rc = machine_widen(&m[0], m[0].n);
-        rc = rc < 0 ? rc : machine_widen(&m[1], m[1].n);
-    }
-    if (rc == 0)
-        rc = covariance_create(&c, loop, m[0].n);
-    if (rc == 0)
-        rc = stationary_covariance(&c, m, &certain, 1);
-    if (rc == 0) {
-        free_covariance(&c);
-        propagate_loop_covariance(&c, &m[1], 1.0, 0);
-        rc = isfinite(c.P[0]) ? 0 : APC_ESOLVER;
-    }
-    if (rc == 0)
-        report_variances(&c, y, u);
-    machine_free(&m[0]);
-    machine_free(&m[1]);
     free(c.P);
     return explain_cost_failure(rc, why);
 }

@@ -412,7 +412,7 @@ static void drawn_loops_have_the_same_costs_and_margins(void **state)
             fail_msg("%s", why.text);
         const struct apc_loop_margins m = margins_of(l.loop, 0);
         const double margin[] = {m.stable, m.gain_low, m.gain,        m.phase,
-                                 m.delay,  m.jitter,     m.sensitivity, m.complementary};
+                                 m.delay,  m.jitter,   m.sensitivity, m.complementary};
         for (size_t k = 0; k < sizeof margin / sizeof *margin; k++)
             sum += asinh(1e3 * (isfinite(margin[k]) ? margin[k] : 7.0)) * (1.0 + 0.618 * (double)(++n % 7));
         const int rc = m.stable ? linear_cost_create(&c, &e, &l, &how, &why) : 0;

@@ -118,19 +118,12 @@ static int cost(void)
     return apc_loop_cost(loop, half, 2, y, u, &why);
 }
 
-static int cost_recorded(void)
-{
-    double y[2], u[2];
-
-    return apc_loop_cost_recorded(loop, tick, 2, 1000 * MS, y, u, &why);
-}
-
 static void each_allocation_may_fail(void **state)
 {
     static const struct nomem_step steps[] = {
         {"create", create, false},   {"states", count, true},     {"poles", poles, true},
         {"response", respond, true}, {"margins", margins, false}, {"margins of all", margins_of_all, false},
-        {"peaks", peaks, false},     {"cost", cost, false},       {"recorded", cost_recorded, false}};
+        {"peaks", peaks, false},     {"cost", cost, false}};
     (void)state;
     assert_int_equal(apc_loop_create(&loop, &setup, NULL), 0);
     assert_true(apc_loop_states(loop) <= STATES);
