@@ -39,36 +39,21 @@ struct own_options {
     const char *link, *identity;
 };
 
-enum { OPT_IDENTITY = 0x200 };
-
-static const struct argp_option option_list[] = {
-    {"link", 'l', "URI", 0,
-     "The plant, instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:plant:43051", 0},
-    {"identity", OPT_IDENTITY, "FILE", 0,
-     "Of tls: who this client is, made by `apc cert client` [APC_IDENTITY]", 0},
+static const struct option_spec own_options[] = {
+    {"link", 'l', "URI",
+     "The plant, instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:plant:43051", OPTION_TEXT,
+     .to = offsetof(struct own_options, link)},
+    {"identity", 0, "FILE", "Of tls: who this client is, made by `apc cert client` [APC_IDENTITY]",
+     OPTION_TEXT, .to = offsetof(struct own_options, identity)},
     {0},
 };
-
-static error_t parse_client_options(int key, char *arg, struct argp_state *state)
-{
-    struct own_options *o = state->input;
-    if (key == 'l')
-        o->link = arg;
-    else if (key == OPT_IDENTITY)
-        o->identity = arg;
-    else
-        return ARGP_ERR_UNKNOWN;
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_client_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .name = "apc-client",
     .doc = "Move data between the plant and the shared data.",
     .task = "client",
     .spools = "measurements",
-    .extra = &extra,
+    .extra = own_options,
 };
 
 #define LEAVE_TIME APC_NS_PER_S /* for the plant's safe values: no tick waits for them */

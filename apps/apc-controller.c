@@ -14,23 +14,6 @@
 
 #define PLACE_MAX 8 /* characters of its name */
 
-enum { OPT_STANDBY = 0x200 };
-
-static const struct argp_option option_list[] = {
-    {"name", 'n', "NAME", 0, "Which controller of the file to be; needed where it has several", 0},
-    {"law", 'l', "NAME", 0,
-     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
-     "several "
-     "controllers: "
-     "CONTROLLER=NAME",
-     0},
-    {"standby", OPT_STANDBY, "NAME", 0,
-     "One of several that run this controller: one acts, the others follow it, and when it stops ticking one "
-     "of them takes its place within three periods. NAME tells them apart, such as a and b",
-     0},
-    {0},
-};
-
 struct shell {
     struct daemon d;
     const char *name;  /* NULL: not given */
@@ -45,22 +28,21 @@ struct shell {
     bool refused;   /* the place of that one, which was said */
 };
 
-static error_t parse_controller_options(int key, char *arg, struct argp_state *state)
-{
-    struct shell *s = state->input;
-    const char **const law = &s->d.options.overrides.law;
-    if (key == 'l' && *law)
-        argp_error(state, "--law: only one law at a time");
-    if (key == 'n')
-        s->name = arg;
-    else if (key == 'l')
-        *law = arg;
-    else if (key == OPT_STANDBY)
-        s->place = arg;
-    else
-        return ARGP_ERR_UNKNOWN;
-    return 0;
-}
+#define AT(member) .to = offsetof(struct shell, member)
+static const struct option_spec own_options[] = {
+    {"name", 'n', "NAME", "Which controller of the file to be; needed where it has several", OPTION_TEXT,
+     AT(name)},
+    {"law", 'l', "NAME",
+     "Control law instead of the file's: built in, ./file.so or ./file.py; its own tuning applies. Of "
+     "several "
+     "controllers: CONTROLLER=NAME",
+     OPTION_TEXT, AT(d.options.overrides.law), .once = "only one law at a time"},
+    {"standby", 0, "NAME",
+     "One of several that run this controller: one acts, the others follow it, and when it stops ticking one "
+     "of them takes its place within three periods. NAME tells them apart, such as a and b",
+     OPTION_TEXT, AT(place)},
+    {0},
+};
 
 /* ---- Which one ---------------------------------------------------------------------------- */
 
@@ -101,14 +83,12 @@ static void choose_controller(struct daemon *d)
     snprintf(d->name, sizeof d->name, "apc-controller %.30s %.8s", s->of->name, s->place);
 }
 
-static const struct argp extra = {option_list, parse_controller_options, NULL, NULL, NULL, NULL, NULL};
-
 static const struct program program = {
     .name = "apc-controller",
     .doc = "Run a controller's law on the shared data.",
     .task = "controller",
     .parts = EXPERIMENT_LAW,
-    .extra = &extra,
+    .extra = own_options,
     .choose = choose_controller,
 };
 

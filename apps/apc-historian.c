@@ -72,42 +72,26 @@ struct shell {
     apc_ns woken; /* monotonic: the mover, by the task */
 };
 
-enum { OPT_HISTORY = 0x600, OPT_WITHIN, OPT_EVERY, OPT_PACK };
-static const struct argp_option option_list[] = {
-    {"history", OPT_HISTORY, "URI", 0,
+#define AT(member) .to = offsetof(struct shell, member)
+static const struct option_spec own_options[] = {
+    {"history", 0, "URI",
      "Where the record goes: postgresql://host/db#schema, sqlite:FILE [APC_HISTORY, or what follows the '+' "
      "in --store]",
-     0},
-    {"writes-within", OPT_WITHIN, "SECONDS", 0,
+     OPTION_TEXT, AT(history)},
+    {"writes-within", 0, "SECONDS",
      "What people ask for in the history (table request) goes to the loop if it is not older; default 10; 0: "
      "nothing does",
-     0},
-    {"every", OPT_EVERY, "SECONDS", 0,
+     OPTION_NUMBER, AT(within), .high = 3600, .must = "be seconds, from 0 to 3600"},
+    {"every", 0, "SECONDS",
      "Move what has come so often, 0.1 to 9; default 0.1. Several rows of a signal at once cost a database "
      "less, but a host that dies takes with it what has not been moved",
-     0},
-    {"pack", OPT_PACK, NULL, 0,
+     OPTION_NUMBER, AT(every), .low = 0.1, .high = RARELY, .must = "be seconds, from 0.1 to 9"},
+    {"pack", 0, NULL,
      "Write four or more samples of a signal that came at once into one row of PostgreSQL, with --every some "
      "seconds: a third of the cost. SQL finds them by function trend(), not in table sensor",
-     0},
+     OPTION_FLAG, AT(pack)},
     {0},
 };
-
-static error_t parse_historian_options(int key, char *arg, struct argp_state *state)
-{
-    struct shell *s = state->input;
-    if (key == OPT_WITHIN && (apc_number_parse(arg, &s->within) < 0 || s->within < 0 || s->within > 3600))
-        argp_error(state, "--writes-within \"%s\": must be seconds, from 0 to 3600", arg);
-    if (key == OPT_EVERY && (apc_number_parse(arg, &s->every) < 0 || s->every < 0.1 || s->every > RARELY))
-        argp_error(state, "--every \"%s\": must be seconds, from 0.1 to %g", arg, RARELY);
-    if (key == OPT_HISTORY)
-        s->history = arg;
-    if (key == OPT_PACK)
-        s->pack = true;
-    return key >= OPT_HISTORY && key <= OPT_PACK ? 0 : ARGP_ERR_UNKNOWN;
-}
-
-static const struct argp extra = {option_list, parse_historian_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .ordinary = true,
@@ -117,7 +101,7 @@ static const struct program program = {
            "descriptions, in order and once. While the history is away the loop goes on. What people ask for "
            "in the history is brought to the live store, and they are told what became of it.",
     .task = "historian",
-    .extra = &extra,
+    .extra = own_options,
 };
 
 /* ---- The mover ----------------------------------------------------------------------------- */

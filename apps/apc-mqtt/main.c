@@ -58,7 +58,7 @@ static const struct program program = {
     .name = "apc-mqtt",
     .doc = MQTT_DOC,
     .task = "mqtt",
-    .extra = &mqtt_argp,
+    .extra = mqtt_options,
 };
 
 /* ---- The worker ---------------------------------------------------------------------------------- */

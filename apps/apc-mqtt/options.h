@@ -3,8 +3,7 @@
 #ifndef APC_MQTT_OPTIONS_H
 #define APC_MQTT_OPTIONS_H
 
-#include <argp.h>
-#include <stddef.h>
+#include "common/option.h"
 
 #define MQTT_ALLOWED 64
 
@@ -19,6 +18,6 @@ struct mqtt_options {
     size_t n_allow;
 };
 
-extern const struct argp mqtt_argp; /* its input is a struct mqtt_options */
+extern const struct option_spec mqtt_options[]; /* they go into a struct mqtt_options */
 
 #endif

@@ -24,62 +24,51 @@ struct own_options {
     struct daemon_options *common;
 };
 
-enum { OPT_PLAINTEXT = 0x200, OPT_MODBUS, OPT_IDENTITY, OPT_CLIENT };
+static void take_model(void *to, char *arg, const struct argp_state *state)
+{
+    struct daemon_options **common = to;
+    (void)state;
+    (*common)->overrides.model = arg;
+}
 
-static const struct argp_option option_list[] = {
-    {"plant", 'p', "NAME", 0, "Model instead of the file's: built in, or ./file.so; its own parameters apply",
-     0},
-    {"listen", 'l', "URI", 0,
-     "Where to serve instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:0.0.0.0:43051", 0},
-    {"modbus", OPT_MODBUS, "HOST:PORT", 0,
+static void take_modbus(void *to, char *arg, const struct argp_state *state)
+{
+    struct own_options *o = to;
+    if (snprintf(o->modbus, sizeof o->modbus, MODBUS "%s", arg) >= (int)sizeof o->modbus)
+        argp_error(state, "--modbus takes HOST:PORT, not %.40s...", arg);
+    o->listen = o->modbus;
+}
+
+static void take_client(void *to, char *arg, const struct argp_state *state)
+{
+    struct own_options *o = to;
+    if (o->n_clients == CLIENTS_MAX)
+        argp_error(state, "--client may be given %d times at most", CLIENTS_MAX);
+    o->clients[o->n_clients++] = arg;
+}
+
+#define AT(member) .to = offsetof(struct own_options, member)
+static const struct option_spec own_options[] = {
+    {"plant", 'p', "NAME", "Model instead of the file's: built in, or ./file.so; its own parameters apply",
+     OPTION_OWN, AT(common), .take = take_model},
+    {"listen", 'l', "URI",
+     "Where to serve instead of where the file says, e.g. tcp:127.0.0.1:43051, or tls:0.0.0.0:43051",
+     OPTION_TEXT, AT(listen)},
+    {"modbus", 0, "HOST:PORT",
      "Serve Modbus TCP there, in the registers of the file's map; without a map in float32 from holding:0 "
      "and "
      "input:0 on",
-     0},
-    {"identity", OPT_IDENTITY, "FILE", 0,
-     "Of tls: who this plant is, made by `apc cert plant` [APC_IDENTITY]", 0},
-    {"client", OPT_CLIENT, "NAME", 0,
+     OPTION_OWN, .take = take_modbus},
+    {"identity", 0, "FILE", "Of tls: who this plant is, made by `apc cert plant` [APC_IDENTITY]", OPTION_TEXT,
+     AT(identity)},
+    {"client", 0, "NAME",
      "Of tls: a client that may connect and command, by the name of its certificate; as often as there are "
-     "some. "
-     "Nobody else may. Instead of the file's",
-     0},
-    {"allow-plaintext", OPT_PLAINTEXT, NULL, 0, "Serve beyond this host without encryption", 0},
+     "some. Nobody else may. Instead of the file's",
+     OPTION_OWN, .take = take_client},
+    {"allow-plaintext", 0, NULL, "Serve beyond this host without encryption", OPTION_FLAG,
+     AT(allow_plaintext)},
     {0},
 };
-
-static error_t parse_plant_options(int key, char *arg, struct argp_state *state)
-{
-    struct own_options *o = state->input;
-    switch (key) {
-    case 'p':
-        o->common->overrides.model = arg;
-        break;
-    case 'l':
-        o->listen = arg;
-        break;
-    case OPT_MODBUS:
-        if (snprintf(o->modbus, sizeof o->modbus, MODBUS "%s", arg) >= (int)sizeof o->modbus)
-            argp_error(state, "--modbus takes HOST:PORT, not %.40s...", arg);
-        o->listen = o->modbus;
-        break;
-    case OPT_IDENTITY:
-        o->identity = arg;
-        break;
-    case OPT_CLIENT:
-        if (o->n_clients == CLIENTS_MAX)
-            argp_error(state, "--client may be given %d times at most", CLIENTS_MAX);
-        o->clients[o->n_clients++] = arg;
-        break;
-    case OPT_PLAINTEXT:
-        o->allow_plaintext = true;
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static const struct argp extra = {option_list, parse_plant_options, NULL, NULL, NULL, NULL, NULL};
 
 static const struct program program = {
     .name = "apc-plant",
@@ -87,7 +76,7 @@ static const struct program program = {
     .task = "plant",
     .parts = EXPERIMENT_MODEL,
     .store_optional = true,
-    .extra = &extra,
+    .extra = own_options,
 };
 
 /* One that can be solved, and cannot, again and again, is counted instead of told of each time. */

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc-ui: the operator's page and its API. See docs/http-api.md. */
-#include <argp.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,6 +10,7 @@
 
 #include "apc-ui/api/api.h"
 #include "common/exitcode.h"
+#include "common/option.h"
 #include "common/streams.h"
 #include "experiment/experiment.h"
 
@@ -27,125 +27,58 @@ struct options {
     size_t names;
 };
 
-enum {
-    OPT_START = 0x100,
-    OPT_LOG_LEVEL,
-    OPT_USERS,
-    OPT_PAGE,
-    OPT_NAME,
-    OPT_CERT,
-    OPT_KEY,
-    OPT_PLAIN,
-    OPT_SESSION,
-    OPT_IDLE,
-    OPT_SPOOL,
-    OPT_GRAPHIC,
-    OPT_PLANTS
-};
+static void take_server_name(void *to, char *arg, const struct argp_state *state)
+{
+    struct options *o = to;
+    if (o->names + 1 >= sizeof o->ui.names / sizeof *o->ui.names)
+        argp_error(state, "--name: too many");
+    o->ui.names[o->names++] = arg;
+}
 
-static const struct argp_option option_list[] = {
-    {"config", 'c', "FILE", 0, "Experiment file, for its name and periods [APC_CONFIG]", 0},
-    {"store", 's', "URI", 0,
-     "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:", 0},
-    {"listen", 'l', "ADDRESS:PORT", 0, "Where to serve; default " DEFAULT_PLACE "; port 0: any", 0},
-    {"users", OPT_USERS, "FILE", 0,
+#define AT(member) .to = offsetof(struct options, member)
+static const struct option_spec own_options[] = {
+    {"config", 'c', "FILE", "Experiment file, for its name and periods [APC_CONFIG]", OPTION_TEXT,
+     AT(config)},
+    {"store", 's', "URI", "Shared data, e.g. postgresql://host/db#schema [APC_STORE]; default postgresql:",
+     OPTION_TEXT, AT(ui.store)},
+    {"listen", 'l', "ADDRESS:PORT", "Where to serve; default " DEFAULT_PLACE "; port 0: any", OPTION_TEXT,
+     AT(ui.listen)},
+    {"users", 0, "FILE",
      "Who may log in, made by `apc user add` [APC_USERS]; default ~/.config/apc/users. Without this file, "
      "and on loopback only, it is for the user who starts it, who is engineer",
-     0},
-    {"name", OPT_NAME, "HOST", 0,
-     "A name of this server, other than localhost and its addresses; may be repeated", 0},
-    {"tls-cert", OPT_CERT, "FILE", 0, "Serve HTTPS with this certificate (PEM)", 0},
-    {"tls-key", OPT_KEY, "FILE", 0, "Its private key (PEM)", 0},
-    {"allow-plaintext", OPT_PLAIN, NULL, 0, "Serve other hosts without TLS: when something in front does it",
-     0},
-    {"session", OPT_SESSION, "SECONDS", 0, "How long a login lasts without use; default 3600, at most 12 h",
-     0},
-    {"idle", OPT_IDLE, "SECONDS", 0,
-     "After how long without a key or a press the page logs out who may write; default 1800, 0: never", 0},
-    {"page", OPT_PAGE, "DIR", 0, "Folder of the built page; default ../share/apc/ui beside this program", 0},
-    {"graphic", OPT_GRAPHIC, "FILE", 0,
-     "A drawing of the plant, SVG; default the experiment file's name with .svg, where there is one", 0},
-    {"plants", OPT_PLANTS, "FILE", 0,
-     "Where the pages of the database's plants are: lines of a plant's schema and an address", 0},
-    {"spool", OPT_SPOOL, "DIR", 0,
-     "Folder of the daemons' spools, to show how much waits in them [APC_SPOOL]", 0},
-    {"start", OPT_START, "TIME", 0, "Time of t = 0 of the run, RFC 3339", 0},
-    {"log-level", OPT_LOG_LEVEL, "LEVEL", 0, "error, warn, info (default) or debug [APC_LOG_LEVEL]", 0},
+     OPTION_TEXT, AT(ui.users)},
+    {"name", 0, "HOST", "A name of this server, other than localhost and its addresses; may be repeated",
+     OPTION_OWN, .take = take_server_name},
+    {"tls-cert", 0, "FILE", "Serve HTTPS with this certificate (PEM)", OPTION_TEXT, AT(ui.tls_cert)},
+    {"tls-key", 0, "FILE", "Its private key (PEM)", OPTION_TEXT, AT(ui.tls_key)},
+    {"allow-plaintext", 0, NULL, "Serve other hosts without TLS: when something in front does it",
+     OPTION_FLAG, AT(ui.allow_plaintext)},
+    {"session", 0, "SECONDS", "How long a login lasts without use; default 3600, at most 12 h", OPTION_NUMBER,
+     AT(ui.session), .low = 1, .high = 43200, .must = "be seconds, from 1 to 43200"},
+    {"idle", 0, "SECONDS",
+     "After how long without a key or a press the page logs out who may write; default 1800, 0: never",
+     OPTION_NUMBER, AT(ui.idle), .high = 43200, .must = "be seconds, from 0 to 43200"},
+    {"page", 0, "DIR", "Folder of the built page; default ../share/apc/ui beside this program", OPTION_TEXT,
+     AT(ui.page)},
+    {"graphic", 0, "FILE",
+     "A drawing of the plant, SVG; default the experiment file's name with .svg, where there is one",
+     OPTION_TEXT, AT(ui.graphic)},
+    {"plants", 0, "FILE",
+     "Where the pages of the database's plants are: lines of a plant's schema and an address", OPTION_TEXT,
+     AT(ui.plants)},
+    {"spool", 0, "DIR", "Folder of the daemons' spools, to show how much waits in them [APC_SPOOL]",
+     OPTION_TEXT, AT(ui.spool)},
+    {"start", 0, "TIME", "Time of t = 0 of the run, RFC 3339", OPTION_TEXT, AT(start)},
+    {"log-level", 0, "LEVEL", "error, warn, info (default) or debug [APC_LOG_LEVEL]", OPTION_TEXT,
+     AT(log_level)},
     {0},
 };
 
-static error_t parse_ui_options(int key, char *arg, struct argp_state *state)
+static void check_ui_options(void *own, const struct argp_state *state)
 {
-    struct options *o = state->input;
-    switch (key) {
-    case 'c':
-        o->config = arg;
-        break;
-    case 's':
-        o->ui.store = arg;
-        break;
-    case 'l':
-        o->ui.listen = arg;
-        break;
-    case OPT_USERS:
-        o->ui.users = arg;
-        break;
-    case OPT_NAME:
-        if (o->names + 1 >= sizeof o->ui.names / sizeof *o->ui.names)
-            argp_error(state, "--name: too many");
-        o->ui.names[o->names++] = arg;
-        break;
-    case OPT_CERT:
-        o->ui.tls_cert = arg;
-        break;
-    case OPT_KEY:
-        o->ui.tls_key = arg;
-        break;
-    case OPT_PLAIN:
-        o->ui.allow_plaintext = true;
-        break;
-    case OPT_SESSION:
-        if (apc_number_parse(arg, &o->ui.session) < 0 || o->ui.session < 1 || o->ui.session > 43200)
-            argp_error(state, "--session \"%s\": must be seconds, from 1 to 43200", arg);
-        break;
-    case OPT_IDLE:
-        if (apc_number_parse(arg, &o->ui.idle) < 0 || o->ui.idle < 0 || o->ui.idle > 43200)
-            argp_error(state, "--idle \"%s\": must be seconds, from 0 to 43200", arg);
-        break;
-    case OPT_SPOOL:
-        o->ui.spool = arg;
-        break;
-    case OPT_GRAPHIC:
-        o->ui.graphic = arg;
-        break;
-    case OPT_PLANTS:
-        o->ui.plants = arg;
-        break;
-    case OPT_PAGE:
-        o->ui.page = arg;
-        break;
-    case OPT_START:
-        o->start = arg;
-        break;
-    case OPT_LOG_LEVEL:
-        o->log_level = arg;
-        break;
-    case ARGP_KEY_ARG:
-        argp_error(state, "unexpected argument \"%s\"", arg);
-        break;
-    case ARGP_KEY_END:
-        if (!o->ui.tls_cert != !o->ui.tls_key)
-            argp_error(state, "--tls-cert and --tls-key belong together");
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static void print_ui_version(FILE *stream, struct argp_state *state)
-{
-    fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
+    const struct options *o = own;
+    if (!o->ui.tls_cert != !o->ui.tls_key)
+        argp_error(state, "--tls-cert and --tls-key belong together");
 }
 
 static const char *ui_or_environment(const char *flag, const char *name, const char *fallback)
@@ -365,17 +298,14 @@ static int run_ui(struct ui *ui, sigset_t *signals, struct apc_error *why)
 
 int main(int argc, char **argv)
 {
-    static const struct argp argp = {
-        option_list, parse_ui_options, NULL, "Serve the operator's page of a plant.", NULL, NULL, NULL};
     struct options o = {.ui.idle = 1800};
+    struct option_input in[2] = {{.option = own_options, .check = check_ui_options, .own = &o}, {0}};
     struct apc_error why;
     sigset_t signals;
     struct ui *ui = calloc(1, sizeof *ui);
 
     streams_keep();
-    argp_program_version_hook = print_ui_version;
-    argp_err_exit_status = EXIT_USAGE;
-    argp_parse(&argp, argc, argv, 0, NULL, &o);
+    option_program(in, "Serve the operator's page of a plant.", argc, argv);
     const char *level = ui_or_environment(o.log_level, "APC_LOG_LEVEL", "info");
     if (!apc_log_level_parse(level))
         usage_error("--log-level", level, "error, warn, info or debug");

@@ -31,80 +31,31 @@
 
 /* ---- Options ------------------------------------------------------------------------------ */
 
-enum { OPT_START = 0x100, OPT_LOG_LEVEL, OPT_SPIN, OPT_HOLD_LATENCY, OPT_SPOOL, OPT_AFTER };
-
-static const struct argp_option common_options[] = {
-    {"config", 'c', "FILE", 0, "Experiment file [APC_CONFIG]", 0},
-    {"store", 's', "URI", 0, STORE_HELP "; default postgresql:", 0},
-    {"spool", OPT_SPOOL, "DIR", 0,
-     "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: in memory", 0},
-    {"timer", 't', "NAME", 0, "Executive: deadline (default) or posix", 0},
-    {"spin", OPT_SPIN, NULL, 0, "Spin for the last microseconds before a tick (deadline only)", 0},
-    {"hold-latency", OPT_HOLD_LATENCY, NULL, 0, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", 0},
-    {"start", OPT_START, "TIME", 0, "Time of t = 0, RFC 3339; default: the wall clock's grid", 0},
-    {"after", OPT_AFTER, "INDEX", 0,
-     "The last tick that a predecessor ran, -1: none: those since then are counted as missed", 0},
-    {"log-level", OPT_LOG_LEVEL, "LEVEL", 0, "error, warn, info (default) or debug [APC_LOG_LEVEL]", 0},
+#define AT(member) .to = offsetof(struct daemon_options, member)
+static const struct option_spec common_options[] = {
+    {"config", 'c', "FILE", "Experiment file [APC_CONFIG]", OPTION_TEXT, AT(config)},
+    {"store", 's', "URI", STORE_HELP "; default postgresql:", OPTION_TEXT, AT(store)},
+    {"spool", 0, "DIR",
+     "Keep in this folder what the store cannot take while it is away [APC_SPOOL]; default: in memory",
+     OPTION_TEXT, AT(spool)},
+    {"timer", 't', "NAME", "Executive: deadline (default) or posix", OPTION_TEXT, AT(timer)},
+    {"spin", 0, NULL, "Spin for the last microseconds before a tick (deadline only)", OPTION_FLAG, AT(spin)},
+    {"hold-latency", 0, NULL, "Hold /dev/cpu_dma_latency at 0: idle CPUs stay awake", OPTION_FLAG,
+     AT(hold_latency)},
+    {"start", 0, "TIME", "Time of t = 0, RFC 3339; default: the wall clock's grid", OPTION_TEXT, AT(start)},
+    {"after", 0, "INDEX",
+     "The last tick that a predecessor ran, -1: none: those since then are counted as missed", OPTION_TEXT,
+     AT(after)},
+    {"log-level", 0, "LEVEL", "error, warn, info (default) or debug [APC_LOG_LEVEL]", OPTION_TEXT,
+     AT(log_level)},
     {0},
 };
 
-static error_t parse_common(int key, char *arg, struct argp_state *state)
-{
-    struct daemon_options *o = state->input;
-    switch (key) {
-    case 'c':
-        o->config = arg;
-        break;
-    case 's':
-        o->store = arg;
-        break;
-    case OPT_SPOOL:
-        o->spool = arg;
-        break;
-    case 't':
-        o->timer = arg;
-        break;
-    case OPT_SPIN:
-        o->spin = true;
-        break;
-    case OPT_HOLD_LATENCY:
-        o->hold_latency = true;
-        break;
-    case OPT_START:
-        o->start = arg;
-        break;
-    case OPT_AFTER:
-        o->after = arg;
-        break;
-    case OPT_LOG_LEVEL:
-        o->log_level = arg;
-        break;
-    case ARGP_KEY_INIT:
-        if (o->own)
-            state->child_inputs[0] = o->own;
-        break;
-    case ARGP_KEY_ARG:
-        argp_error(state, "unexpected argument \"%s\"", arg);
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static void print_daemon_version(FILE *stream, struct argp_state *state)
-{
-    fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
-}
-
 static void parse_options(struct daemon *d, int argc, char **argv)
 {
-    struct argp_child children[] = {{d->program->extra, 0, NULL, 0}, {0}};
-    const struct argp argp = {
-        common_options, parse_common, NULL, d->program->doc, d->program->extra ? children : NULL, NULL, NULL};
-    argp_program_version_hook = print_daemon_version;
-    argp_err_exit_status = EXIT_USAGE;
-    argp_parse(&argp, argc, argv, 0, NULL, &d->options);
+    struct option_input in[2] = {{.option = common_options, .own = &d->options},
+                                 {.option = d->program->extra, .own = d->options.own}};
+    option_program(in, d->program->doc, argc, argv);
 }
 
 static const char *daemon_or_environment(const char *flag, const char *name)

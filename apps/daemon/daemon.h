@@ -8,7 +8,6 @@
 #ifndef APC_DAEMON_H
 #define APC_DAEMON_H
 
-#include <argp.h>
 #include <stdatomic.h>
 
 #include <apcmodules.h>
@@ -16,6 +15,7 @@
 #include <apcstore.h>
 #include <apctimer.h>
 
+#include "common/option.h"
 #include "experiment/experiment.h"
 
 struct daemon;
@@ -29,7 +29,7 @@ struct program {
                                          its memory is not locked */
     bool store_optional;              /* runs without a store, then keeps no records */
     const char *spools;               /* "measurements": what the task writes is spooled; NULL: it is not */
-    const struct argp *extra;         /* options of its own, or NULL; their input is `own` */
+    const struct option_spec *extra;  /* options of its own, or NULL; they go into `own` */
     void (*choose)(struct daemon *d); /* after the experiment was read: which part of it this is, by d->name
                                          and d->task_name. It exits where there is none. NULL: as above */
 };

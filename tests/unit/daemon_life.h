@@ -90,12 +90,10 @@ static inline int tick_for_two_looks(void *ctx, const struct apc_tick *tick)
 
 static char own_part[20]; /* what its own option says */
 
-static inline error_t parse_own(int key, char *arg, struct argp_state *state)
+static inline void take_part(void *to, char *arg, const struct argp_state *state)
 {
-    if (key != 'p')
-        return ARGP_ERR_UNKNOWN;
-    snprintf(state->input, sizeof own_part, "%s", arg);
-    return 0;
+    (void)state;
+    snprintf(to, sizeof own_part, "%s", arg);
 }
 
 static inline void choose_own(struct daemon *d)
@@ -118,14 +116,14 @@ static inline int open_files(void)
 
 static inline void be_a_daemon(const struct life *life)
 {
-    static const struct argp_option own[] = {{"part", 'p', "NAME", 0, "which", 0}, {0}};
-    static const struct argp extra = {own, parse_own, NULL, NULL, NULL, NULL, NULL};
+    static const struct option_spec own[] = {{"part", 'p', "NAME", "which", OPTION_OWN, .take = take_part},
+                                             {0}};
     const struct program program = {.name = "apc-test",
                                     .doc = "A daemon.",
                                     .task = "test",
                                     .store_optional = life->store_optional,
                                     .spools = life->spools,
-                                    .extra = life->own ? &extra : NULL,
+                                    .extra = life->own ? own : NULL,
                                     .choose = life->own ? choose_own : NULL};
     const char *argv[20] = {"apc-test"};
     const int before = open_files() + (life->bare ? 3 : 0);

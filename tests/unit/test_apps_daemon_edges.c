@@ -318,22 +318,20 @@ static void the_pause_of_a_store_is_kept_within_bounds(void **state)
 /* The allocation that fails; main() of the child has begun then. */
 static int n_failing;
 
-static error_t begin_failing(int key, char *arg, struct argp_state *argp)
+static void begin_failing(void *to, char *arg, const struct argp_state *argp)
 {
-    (void)arg, (void)argp;
-    if (key != ARGP_KEY_END)
-        return ARGP_ERR_UNKNOWN;
+    (void)to, (void)arg, (void)argp;
     until_failure = n_failing;
     counting = true; /* from here on it is the daemon that asks */
-    return 0;
 }
 
 static void without_memory_it_says_so_and_ends(void **state)
 {
-    static const struct argp extra = {NULL, begin_failing, NULL, NULL, NULL, NULL, NULL};
+    static const struct option_spec extra[] = {
+        {"fail", 0, NULL, "from here on", OPTION_OWN, .take = begin_failing}, {0}};
     static const struct program program = {
-        .name = "apc-test", .doc = "A daemon.", .task = "test", .extra = &extra};
-    const char *argv[] = {"apc-test", "--config", config, "--store", "mem:", NULL};
+        .name = "apc-test", .doc = "A daemon.", .task = "test", .extra = extra};
+    const char *argv[] = {"apc-test", "--config", config, "--store", "mem:", "--fail", NULL};
     (void)state;
     if (!NOMEM)
         skip();
@@ -352,7 +350,7 @@ static void without_memory_it_says_so_and_ends(void **state)
             struct daemon d;
             dup2(ends[1], STDERR_FILENO);
             failed = false;
-            const int rc = daemon_open(&d, &program, NULL, 5, (char **)(uintptr_t)argv);
+            const int rc = daemon_open(&d, &program, NULL, 6, (char **)(uintptr_t)argv);
             counting = false;
             shared->failed = failed;
             _exit(daemon_close(&d, rc));

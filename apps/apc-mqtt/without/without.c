@@ -7,20 +7,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static void print_mqtt_version(FILE *stream, struct argp_state *state)
-{
-    fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
-}
-
 int main(int argc, char **argv)
 {
     struct mqtt_options options = {0};
-    struct argp argp = mqtt_argp;
+    struct option_input in[2] = {{.option = mqtt_options, .own = &options}, {0}};
 
-    argp.doc = MQTT_DOC;
-    argp_program_version_hook = print_mqtt_version;
-    argp_err_exit_status = 2;
-    (void)argp_parse(&argp, argc, argv, 0, NULL, &options);
+    option_program(in, MQTT_DOC, argc, argv);
     fputs("apc-mqtt: it was built without libmosquitto, and can do nothing: install libmosquitto-dev and "
           "build it "
           "again, without -DAPC_MQTT=OFF\n",

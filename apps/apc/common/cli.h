@@ -14,7 +14,7 @@
 
 #include "common/exitcode.h"
 #include "operate/operate.h"
-#include "option.h"
+#include "common/option.h"
 
 enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 

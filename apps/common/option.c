@@ -10,6 +10,8 @@
 
 #include <apcbase.h>
 
+#include "common/exitcode.h"
+
 #define WITHOUT_LETTER 0x400 /* the keys of options without one; cli.c's own are below */
 #define FORMER         0x800 /* those of former names */
 
@@ -160,4 +162,39 @@ error_t option_parse(int key, char *arg, struct argp_state *state)
             return 0;
         }
     return key == ARGP_KEY_END ? 0 : ARGP_ERR_UNKNOWN;
+}
+
+/* ---- A program ------------------------------------------------------------------------------ */
+
+static error_t parse_program(int key, char *arg, struct argp_state *state)
+{
+    struct option_input *in = state->input;
+    if (key == ARGP_KEY_INIT) {
+        if (in[1].option)
+            state->child_inputs[0] = &in[1];
+        return 0;
+    }
+    if (key == ARGP_KEY_ARG)
+        argp_error(state, "unexpected argument \"%s\"", arg);
+    return option_parse(key, arg, state);
+}
+
+static void print_program_version(FILE *stream, struct argp_state *state)
+{
+    fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
+}
+
+void option_program(struct option_input in[2], const char *doc, int argc, char **argv)
+{
+    struct argp_option list[2 * OPTIONS_MAX + 1], own_list[2 * OPTIONS_MAX + 1];
+    const struct argp own = {own_list, option_parse, NULL, NULL, NULL, NULL, NULL};
+    const struct argp_child children[] = {{&own, 0, NULL, 0}, {0}};
+    const struct argp argp = {list, parse_program, NULL, doc, in[1].option ? children : NULL, NULL, NULL};
+
+    option_list(in[0].option, list);
+    if (in[1].option)
+        option_list(in[1].option, own_list);
+    argp_program_version_hook = print_program_version;
+    argp_err_exit_status = EXIT_USAGE;
+    argp_parse(&argp, argc, argv, 0, NULL, in);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Options of commands: each is listed once, with what it takes, where that goes, and what is said of it. */
+/* Options of programs and commands: each is listed once, with what it takes, where that goes, and what is said of it. */
 #ifndef APC_OPTION_H
 #define APC_OPTION_H
 
@@ -49,5 +49,8 @@ struct option_input {
 void option_list(const struct option_spec *option, struct argp_option list[2 * OPTIONS_MAX + 1]);
 /* An argp parser, whose input is a struct option_input. */
 error_t option_parse(int key, char *arg, struct argp_state *state);
+/* All options of a program that takes no arguments: common ones, and its own, @in[1].option, or NULL. It exits
+ * where they are wrong, and after --help and --version. */
+void option_program(struct option_input in[2], const char *doc, int argc, char **argv);
 
 #endif
