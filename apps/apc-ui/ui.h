@@ -228,6 +228,9 @@ void model_state_json(struct ui *ui, struct text *t);
 apc_ns model_age(const struct model *m, size_t i, apc_ns now); /* locked; < 0: no sample yet */
 /* It should come again and again, and did not in time, or never did. Locked. */
 bool model_stale(const struct model *m, size_t i, apc_ns now);
+/* How long ago a controller ticked, as it was seen to. < 0: it never did. Locked. */
+apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now);
+
 /* Does the controller tick? 1, 0; -1: how often it should is not known. Locked. */
 int model_ticks(const struct model *m, size_t controller, apc_ns now);
 bool model_alarms_live(const struct model *m, apc_ns now); /* somebody evaluates them. Locked. */

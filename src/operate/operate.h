@@ -241,7 +241,7 @@ bool outcome_refusal(struct apc_store *store, const char *name, apc_ns since, ch
  *     operation_finish()   that, in words
  *
  * Who has what was seen from somewhere else, as a page that follows the whole plant, fills it in and asks
- * change_judge(), change_finish().
+ * change_takes(), change_judge(), change_finish().
  */
 
 struct change {
@@ -293,6 +293,10 @@ enum outcome change_judge(const struct change *change, apc_ns utc);
 int change_finish(const struct change *change, apc_ns utc, struct change_fault *said);
 /* Its controller has never ticked, or not lately: "nobody applies it: ..." Returns APC_EPERM. */
 int change_nobody(const struct change *change, apc_ns utc, struct change_fault *why);
+
+/* As operation_ready(), for who has followed the ticks of its controller: the last came @p age ago; < 0: none has.
+ * Returns 0, or APC_EPERM with "nobody". */
+int change_takes(const struct change *change, apc_ns age, apc_ns utc, struct change_fault *why);
 
 /* Are all of them the same change? Then they are told of as one. */
 bool operation_is_one(const struct operation *o);

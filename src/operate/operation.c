@@ -183,6 +183,13 @@ int change_nobody(const struct change *c, apc_ns utc, struct change_fault *why)
                                c->to.name);
 }
 
+int change_takes(const struct change *c, apc_ns age, apc_ns utc, struct change_fault *why)
+{
+    return is_owner_switch(c) || (c->by && age >= 0 && age <= change_patience(c))
+               ? 0
+               : change_nobody(c, utc, why);
+}
+
 /* ---- What is seen -------------------------------------------------------------------------- */
 
 static int fail_of_store(const struct apc_store *store, int rc, struct change_fault *why)

@@ -42,7 +42,9 @@ static int make_parts(void)
 {
     static const struct apc_tag tags[] = {
         {.table = APC_SENSOR, .id = 1, .name = "y", .low = 0, .high = 1},
-        {.table = APC_SETPOINT, .id = 1, .name = "r", .low = 0, .high = 100}};
+        {.table = APC_SETPOINT, .id = 1, .name = "r", .low = 0, .high = 100, .controller = "base"},
+        {.table = APC_OPMODE, .id = 1, .name = "u", .low = 0, .high = 3, .controller = "base"},
+        {.table = APC_TICK, .id = 1, .name = "base", .controller = "base", .period = 3600}};
     ui->options.store = "mem:serving";
     ui->options.listen = "127.0.0.1:0";
     if (apc_log_create(&ui->log, STDERR_FILENO, "test", APC_LOG_ERROR) < 0 || model_init(&ui->model) < 0 ||
@@ -51,12 +53,14 @@ static int make_parts(void)
         audit_init(&ui->audit) < 0 || pthread_mutex_init(&ui->users_mutex, NULL) ||
         duration_stats_init(&ui->reads) < 0 || duration_stats_init(&ui->stores) < 0 ||
         duration_stats_init(&ui->lag) < 0 || apc_store_open(&store, ui->options.store, NULL, NULL) < 0 ||
-        apc_store_init(store) < 0 || apc_store_put_tags(store, tags, 2) < 0 ||
+        apc_store_init(store) < 0 || apc_store_put_tags(store, tags, sizeof tags / sizeof *tags) < 0 ||
         model_load(&ui->model, store) < 0)
         return -1;
     ui->began = apc_clock_mono(NULL);
     ui->round[0] = ui->round[1] = ui->began;
     ui->model.connected = true;
+    ui->model.tick[0].seq = 1;
+    ui->model.ticked[0] = ui->began;
     return 0;
 }
 
@@ -632,6 +636,26 @@ static void a_stale_write_finds_what_is_newer_in_the_error(void **state)
     json_decref(json);
 }
 
+/* Promise(run): What nobody would apply the page does not write: it says who does not tick. */
+static void what_nobody_would_apply_is_not_written(void **state)
+{
+    struct apc_sample now = {.table = APC_SETPOINT, .id = 1};
+    json_t *json;
+    (void)state;
+    assert_true(apc_store_read(store, &now, 1) >= 0);
+    const int64_t before = now.seq;
+    ui->model.tick[0].seq = 0;
+    assert_int_equal(client_post(&anna, "/api/setpoint", "{\"id\":1,\"value\":5,\"seq\":0}", &json), 409);
+    const json_t *error = json_object_get(json, "error");
+    assert_string_equal(text_of(error, "code"), "nobody");
+    assert_string_equal(text_of(error, "message"),
+                        "nobody applies it: controller base has never ticked. Nothing was written");
+    json_decref(json);
+    ui->model.tick[0].seq = 1;
+    assert_true(apc_store_read(store, &now, 1) >= 0);
+    assert_int_equal(now.seq, before);
+}
+
 static int count_refusals(void *ctx, const struct apc_event *event)
 {
     int *n = ctx;
@@ -863,6 +887,7 @@ int main(void)
         T(two_hosts_or_two_ends_are_the_last_of_their_connection),
         T(a_length_that_is_none_is_the_last_of_its_connection),
         T(a_stale_write_finds_what_is_newer_in_the_error),
+        T(what_nobody_would_apply_is_not_written),
         T(refused_writes_are_recorded_and_refused_questions_are_not),
         T(answers_are_counted_by_their_hundreds),
         T(one_connection_takes_many_requests),

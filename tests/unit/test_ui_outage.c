@@ -26,15 +26,22 @@ static void prepare(const char *uri)
 {
     static const struct apc_tag tags[] = {
         {.table = APC_SENSOR, .id = 1, .name = "y", .low = -APC_VALUE_MAX, .high = APC_VALUE_MAX},
-        {.table = APC_SETPOINT, .id = 1, .name = "r", .low = 0, .high = 100},
+        {.table = APC_SETPOINT, .id = 1, .name = "r", .low = 0, .high = 100, .controller = "base"},
         {.table = APC_ACTUATOR, .id = 1, .name = "u", .low = 0, .high = 10},
-        {.table = APC_OPMODE, .id = 0, .name = "mode", .low = 0, .high = 1}};
+        {.table = APC_OPMODE, .id = 0, .name = "mode", .low = 0, .high = 1},
+        {.table = APC_OPMODE, .id = 1, .name = "u", .low = 0, .high = 3, .controller = "base"},
+        {.table = APC_TICK, .id = 1, .name = "base", .controller = "base", .period = 3600}};
+    double none = 0;
+    struct apc_vector tick = {
+        .table = APC_TICK, .id = 1, .seq = 1, .time = apc_clock_utc(NULL), .n = 1, .room = 1, .value = &none};
+    const struct apc_rows rows = {.size = sizeof rows, .vector = &tick, .n_vectors = 1};
     struct apc_sample z = {.table = APC_SETPOINT, .id = 1, .time = APC_NS_PER_S, .value = 5};
     struct apc_store *store;
     assert_int_equal(apc_store_open(&store, uri, NULL, NULL), 0);
     assert_true(apc_store_init(store) >= 0);
     assert_true(apc_store_put_tags(store, tags, sizeof tags / sizeof *tags) > 0);
     assert_int_equal(apc_store_put(store, &z, 1), 0);
+    assert_true(apc_store_append_rows(store, &rows) >= 0);
     apc_store_close(store);
 }
 

@@ -16,10 +16,13 @@
 /* Which status each code of change_fault has. */
 static bool fault_change(struct request *r, const struct change_fault *why, const char *field)
 {
-    const int http = !strcmp(why->code, "variable")                              ? 404
-                     : !strcmp(why->code, "mode") || !strcmp(why->code, "stale") ? 409
-                     : !strcmp(why->code, "unknown")                             ? 504
-                                                                                 : 422;
+    static const struct {
+        const char *code;
+        int http;
+    } all[] = {{"variable", 404}, {"mode", 409}, {"nobody", 409}, {"stale", 409}, {"unknown", 504}};
+    int http = 422;
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        http = !strcmp(why->code, all[i].code) ? all[i].http : http;
     return fault_set(&r->fault, http, why->code, field, "%s", why->text);
 }
 
@@ -278,8 +281,30 @@ static bool is_remote_setpoint(const struct order *o)
     return o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 && in_mode(&o->beside.now, APC_MODE_CAS);
 }
 
+/* Would anybody apply it? The page has followed the ticks. */
+static bool check_takers(struct ui *ui, struct request *r, struct order *o)
+{
+    struct model *m = &ui->model;
+    struct change_fault why;
+    int rc = 0;
+    pthread_mutex_lock(&m->mutex);
+    for (size_t i = 0; i < o->write.n && rc == 0; i++) {
+        struct change *c = &o->change[i];
+        const size_t by = c->by ? (size_t)(c->by - o->plant.loops.controller) : SIZE_MAX;
+        apc_ns age = -1;
+        if (by < m->plant.loops.n_controllers) {
+            c->tick = m->tick[by];
+            c->period = plant_tick_time(&m->plant, by);
+            age = model_tick_age(m, by, apc_clock_mono(NULL));
+        }
+        rc = change_takes(c, age, apc_clock_utc(NULL), &why);
+    }
+    pthread_mutex_unlock(&m->mutex);
+    return rc == 0 || fault_change(r, &why, NULL);
+}
+
 /* May it be written as things stand? */
-static bool check_now(struct request *r, const struct order *o)
+static bool check_now(struct ui *ui, struct request *r, struct order *o)
 {
     struct change_fault why;
     if (change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
@@ -289,7 +314,7 @@ static bool check_now(struct request *r, const struct order *o)
             stale_fault(r, o);
             return false;
         }
-    return true;
+    return check_takers(ui, r, o);
 }
 
 static void *copied(const void *from, size_t n, size_t size)
@@ -388,7 +413,7 @@ static void carry_out_write(struct ui *ui, struct request *r, struct order *o, s
     if (rc < 0)
         fault_store(r, rc, store);
     else if (!refused)
-        (void)check_now(r, o);
+        (void)check_now(ui, r, o);
     if (r->fault.http) { /* nothing was sent */
         end_write(ui, r, o, WRITE_FAILED, 0, r->fault.message);
         return;

@@ -183,8 +183,7 @@ bool model_stale(const struct model *m, size_t i, apc_ns now)
     return too_old(model_age(m, i, now), plant_period(&m->plant, m->now[i].table, m->now[i].id));
 }
 
-/* < 0: it never did. Locked. */
-static apc_ns tick_age(const struct model *m, size_t controller, apc_ns now)
+apc_ns model_tick_age(const struct model *m, size_t controller, apc_ns now)
 {
     return m->tick[controller].seq > 0 ? now - m->ticked[controller] : -1;
 }
@@ -197,7 +196,7 @@ bool model_alarms_live(const struct model *m, apc_ns now)
 int model_ticks(const struct model *m, size_t controller, apc_ns now)
 {
     const apc_ns period = plant_tick_time(&m->plant, controller);
-    return period == 0 ? -1 : !too_old(tick_age(m, controller, now), period);
+    return period == 0 ? -1 : !too_old(model_tick_age(m, controller, now), period);
 }
 
 /* ---- What stands -------------------------------------------------------------------------- */
@@ -326,7 +325,7 @@ size_t model_silent(const struct model *m, apc_ns now, struct text *t)
         }
     for (size_t i = 0; i < m->plant.loops.n_controllers; i++)
         if (model_ticks(m, i, now) == 0) {
-            silence(t, m->plant.loops.controller[i].name, "tick", tick_age(m, i, now));
+            silence(t, m->plant.loops.controller[i].name, "tick", model_tick_age(m, i, now));
             n++;
         }
     for (size_t i = 0; i < m->tasks; i++)
