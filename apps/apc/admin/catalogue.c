@@ -127,19 +127,25 @@ static void entry_json(const struct entry *e)
 {
     putchar('{');
     print_json_text(stdout, "name", e->name);
-    print_json_text(stdout, ",description", text_of(e->description));
+    putchar(',');
+    print_json_text(stdout, "description", text_of(e->description));
     for (size_t k = 0; k < e->n_kinds; k++) {
         printf(",\n  \"%s\":[", e->kinds[k].names);
         for (size_t i = 0; e->kinds[k].table && i < e->kinds[k].n; i++) {
             const struct apc_param *p = &e->kinds[k].table[i];
             fputs(i ? ",\n    {" : "\n    {", stdout);
             print_json_text(stdout, "name", p->name);
-            print_json_text(stdout, e->kinds[k].texts ? ",initial" : ",unit", text_of(p->unit));
-            print_json_text(stdout, ",description", text_of(p->description));
+            putchar(',');
+            print_json_text(stdout, e->kinds[k].texts ? "initial" : "unit", text_of(p->unit));
+            putchar(',');
+            print_json_text(stdout, "description", text_of(p->description));
             if (!e->kinds[k].named_only) {
-                print_json_limit(stdout, ",initial", p->initial);
-                print_json_limit(stdout, ",low", p->low);
-                print_json_limit(stdout, ",high", p->high);
+                putchar(',');
+                print_json_limit(stdout, "initial", p->initial);
+                putchar(',');
+                print_json_limit(stdout, "low", p->low);
+                putchar(',');
+                print_json_limit(stdout, "high", p->high);
             }
             putchar('}');
         }

@@ -203,28 +203,30 @@ static void analysis_loop_json(const struct analysis_of_loop *l)
     const struct {
         const char *key;
         double value;
-    } of[] = {{",gain_margin_low", m->gain_low},
-              {",gain_margin_high", m->gain},
-              {",phase_margin", m->phase},
-              {",delay_margin", m->delay},
-              {",jitter_margin", m->jitter},
-              {",ms", m->sensitivity},
-              {",ms_frequency", m->at},
-              {",mt", m->complementary},
-              {",crossover", m->crossover},
+    } of[] = {{"gain_margin_low", m->gain_low},
+              {"gain_margin_high", m->gain},
+              {"phase_margin", m->phase},
+              {"delay_margin", m->delay},
+              {"jitter_margin", m->jitter},
+              {"ms", m->sensitivity},
+              {"ms_frequency", m->at},
+              {"mt", m->complementary},
+              {"crossover", m->crossover},
               /* the names before: for one more version */
-              {",gain_least", m->gain_low},
-              {",gain", m->gain},
-              {",phase", m->phase},
-              {",delay", m->delay},
-              {",jitter", m->jitter},
-              {",sensitivity", m->sensitivity},
-              {",sensitivity_at", m->at},
-              {",complementary", m->complementary}};
+              {"gain_least", m->gain_low},
+              {"gain", m->gain},
+              {"phase", m->phase},
+              {"delay", m->delay},
+              {"jitter", m->jitter},
+              {"sensitivity", m->sensitivity},
+              {"sensitivity_at", m->at},
+              {"complementary", m->complementary}};
     putchar('{');
     print_json_text(stdout, "loop", l->name);
-    for (size_t i = 0; i < sizeof of / sizeof *of && m->stable; i++)
+    for (size_t i = 0; i < sizeof of / sizeof *of && m->stable; i++) {
+        putchar(',');
         print_json_number(stdout, of[i].key, of[i].value);
+    }
     putchar('}');
 }
 
@@ -235,8 +237,7 @@ static void json_cost(const struct loop_analysis *z)
         printf("%s\"%s\":{", k ? ",\n" : "\n", cause_key[k]);
         for (size_t i = 0; i < z->e.dim.ny; i++) {
             fputs(i ? "," : "", stdout);
-            print_json_name(stdout, z->e.y[i].tag.name);
-            print_json_value(stdout, z->cost.known[k] ? z->cost.y[k][i] : (double)NAN);
+            print_json_number(stdout, z->e.y[i].tag.name, z->cost.known[k] ? z->cost.y[k][i] : (double)NAN);
         }
         putchar('}');
     }
@@ -252,13 +253,11 @@ static int show_analysis_json(const struct loop_analysis *z)
            print_exact(apc_ns_to_s(z->l.setup.period), re));
     for (size_t i = 0; i < z->e.dim.nu; i++) {
         fputs(i ? "," : "", stdout);
-        print_json_name(stdout, z->e.u[i].tag.name);
-        print_json_value(stdout, z->l.u[i]);
+        print_json_number(stdout, z->e.u[i].tag.name, z->l.u[i]);
     }
     for (size_t i = 0; i < z->e.dim.ny; i++) {
         putchar(',');
-        print_json_name(stdout, z->e.y[i].tag.name);
-        print_json_value(stdout, z->l.y[i]);
+        print_json_number(stdout, z->e.y[i].tag.name, z->l.y[i]);
     }
     fputs("},\n\"loops\":[", stdout);
     for (size_t o = 0; o <= z->n; o++) {

@@ -146,24 +146,27 @@ static int put_attempts_csv(const struct optimization *z, struct apc_error *why)
 
 static void json_attempt(const struct optimization *z, const struct attempt *a)
 {
-    static const char *const key[] = {",iae", ",effort", ",overshoot_percent"};
+    static const char *const key[] = {"iae", "effort", "overshoot_percent"};
     const double relative[] = {a->iae, a->effort};
     putchar('{');
     print_json_number(stdout, "cost", optimization_cost(a, &z->own.weights));
-    for (size_t k = 0; k < 2; k++)
+    for (size_t k = 0; k < 2; k++) {
+        putchar(',');
         print_json_number(stdout, key[k], a->stable ? relative[k] : HUGE_VAL);
+    }
     fputs(",\"numbers\":{", stdout);
     for (size_t i = 0; i < z->own.n; i++) {
         fputs(i ? "," : "", stdout);
-        print_json_name(stdout, z->own.number[i].path);
-        print_json_value(stdout, a->value[i]);
+        print_json_number(stdout, z->own.number[i].path, a->value[i]);
     }
     fputs("},\"loops\":[", stdout);
     for (size_t i = 0; i < z->loops && a->stable; i++) {
         fputs(i ? ",{" : "{", stdout);
         print_json_text(stdout, "loop", z->loop[i].name);
-        for (size_t k = 0; k < 3; k++)
+        for (size_t k = 0; k < 3; k++) {
+            putchar(',');
             print_json_number(stdout, key[k], a->loop[3 * i + k]);
+        }
         putchar('}');
     }
     fputs("]}", stdout);
@@ -173,7 +176,8 @@ static void put_optimum_json(const struct optimization *z)
 {
     putchar('{');
     print_json_text(stdout, "experiment", z->e.name);
-    print_json_text(stdout, ",command", z->command);
+    putchar(',');
+    print_json_text(stdout, "command", z->command);
     printf(",\"seed\":%llu,\"runs\":%u,\"now\":", (unsigned long long)z->own.seed, z->own.runs);
     json_attempt(z, present_of(z));
     fputs(",\n\"found\":", stdout);

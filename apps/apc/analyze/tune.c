@@ -93,9 +93,12 @@ static void tuning_json(const struct cli_tags *tags, const struct apc_sample *sa
         apc_number_format(samples[i].value, value, sizeof value);
         printf(",\"id\":%d,\"value\":%s,", samples[i].id, samples[i].seq ? value : "null");
         print_json_text(stdout, "unit", tag->unit);
-        print_json_limit(stdout, ",low", tag->low);
-        print_json_limit(stdout, ",high", tag->high);
-        print_json_text(stdout, ",description", tag->description);
+        putchar(',');
+        print_json_limit(stdout, "low", tag->low);
+        putchar(',');
+        print_json_limit(stdout, "high", tag->high);
+        putchar(',');
+        print_json_text(stdout, "description", tag->description);
         putchar('}');
     }
     puts("\n]");

@@ -272,26 +272,11 @@ void print_sample_csv(FILE *out, const struct apc_sample *s)
             apc_status_format(s->status, status), value);
 }
 
-void print_json_name(FILE *out, const char *name)
+void print_json_key(FILE *out, const char *key)
 {
     fputc('"', out);
-    cli_json_text(out, name);
+    cli_json_text(out, key);
     fputs("\":", out);
-}
-
-void print_json_value(FILE *out, double value)
-{
-    char text[PRINT_LEN] = "null";
-    if (isfinite(value))
-        apc_number_format(value, text, sizeof text);
-    fputs(text, out);
-}
-
-static void print_json_key(FILE *out, const char *key)
-{
-    if (*key == ',')
-        fputc(*key++, out);
-    print_json_name(out, key);
 }
 
 void print_json_text(FILE *out, const char *key, const char *text)
@@ -308,8 +293,11 @@ void print_json_text(FILE *out, const char *key, const char *text)
 
 void print_json_number(FILE *out, const char *key, double value)
 {
+    char text[PRINT_LEN] = "null";
+    if (isfinite(value))
+        apc_number_format(value, text, sizeof text);
     print_json_key(out, key);
-    print_json_value(out, value);
+    fputs(text, out);
 }
 
 void print_json_limit(FILE *out, const char *key, double limit)
@@ -338,7 +326,8 @@ void print_sample_members(FILE *out, const struct apc_sample *s, const struct cl
     else
         fputs("\"value\":null", out);
     if (tags) {
-        print_json_text(out, ",unit", tag ? tag->unit : "");
+        fputc(',', out);
+        print_json_text(out, "unit", tag ? tag->unit : "");
     }
     if (now && s->seq)
         fprintf(out, ",\"age\":%.3f", apc_ns_to_s(apc_ns_since(now, s->time)));
@@ -388,7 +377,9 @@ void print_event_json(FILE *out, const struct apc_event *e)
     fprintf(out, "{\"time\":\"%s\",\"severity\":\"%s\",", apc_time_format(e->time, time),
             print_severity(e->severity));
     print_json_text(out, "source", e->source);
-    print_json_text(out, ",kind", e->kind);
-    print_json_text(out, ",text", e->text);
+    fputc(',', out);
+    print_json_text(out, "kind", e->kind);
+    fputc(',', out);
+    print_json_text(out, "text", e->text);
     fputc('}', out);
 }

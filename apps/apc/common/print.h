@@ -93,13 +93,10 @@ const char *print_severity(enum apc_event_severity severity);
 enum print_ink print_severity_ink(enum apc_event_severity severity);
 void print_event_csv(FILE *out, const struct apc_event *event);
 void print_event_json(FILE *out, const struct apc_event *event);
-/* "NAME": of somebody's own name; a number or, where it is none, null. */
-void print_json_name(FILE *out, const char *name);
-void print_json_value(FILE *out, double value);
-/* "key": of the program's own, and text or null, a number, or a limit, which may be none: null. A key that
- * begins with a comma stands behind another member. */
+/* "key": and, of what follows, "text" or null; a number or, where it is none, null; so is a limit that is none. */
+void print_json_key(FILE *out, const char *key);
 void print_json_text(FILE *out, const char *key, const char *text);
-void print_json_number(FILE *out, const char *key, double value);
+void print_json_number(FILE *out, const char *key, double value); /* null: it is not finite */
 void print_json_limit(FILE *out, const char *key, double limit);
 
 #endif

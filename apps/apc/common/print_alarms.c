@@ -62,9 +62,12 @@ static void alarm_figure_json(const struct alarm_figure *of, const struct alarm 
     fprintf(out, ",\"priority\":%d,\"raised\":%zu,\"chatters\":%s,", alarm->is.priority, of->raised,
             of->chatters ? "true" : "false");
     print_json_number(out, "first_s", of->raised ? apc_ns_to_s(of->first - start) : (double)NAN);
-    print_json_number(out, ",active_s", apc_ns_to_s(of->active));
-    print_json_text(out, ",state", apc_alarm_state_name(of->state));
-    print_json_text(out, ",message", alarm->message);
+    fputc(',', out);
+    print_json_number(out, "active_s", apc_ns_to_s(of->active));
+    fputc(',', out);
+    print_json_text(out, "state", apc_alarm_state_name(of->state));
+    fputc(',', out);
+    print_json_text(out, "message", alarm->message);
     fputc('}', out);
 }
 

@@ -81,9 +81,12 @@ static void put_events(FILE *out, const struct figures *f, const struct part *pa
         const struct event *event = &f->event[i];
         fprintf(out, "%s{\"kind\":\"%s\"", i > part->first ? "," : "", kinds[event->kind]);
         if (event->kind != EVENT_START) {
-            print_json_text(out, ",variable", figures_variable(event, e));
-            print_json_number(out, ",from", event->from);
-            print_json_number(out, ",to", event->to);
+            fputc(',', out);
+            print_json_text(out, "variable", figures_variable(event, e));
+            fputc(',', out);
+            print_json_number(out, "from", event->from);
+            fputc(',', out);
+            print_json_number(out, "to", event->to);
         }
         fputc('}', out);
     }
@@ -100,14 +103,17 @@ void figures_json(const struct figures *f, const struct trajectory *c, const str
         const struct apc_tag *tag = &e->y[f->loop[loop].y].tag;
         fprintf(out, "%s{", loop ? "," : "");
         print_json_text(out, "loop", f->loop[loop].name);
-        print_json_text(out, ",unit", tag->unit);
+        fputc(',', out);
+        print_json_text(out, "unit", tag->unit);
         put_figure_numbers(out, m->figure);
         fputs(",\"parts\":[", out);
         for (size_t k = 0; k < f->n_parts; k++) {
             fputs(k ? ",{" : "{", out);
             put_events(out, f, &m->part[k], e);
-            print_json_number(out, ",from_s", m->part[k].from);
-            print_json_number(out, ",until_s", m->part[k].to);
+            fputc(',', out);
+            print_json_number(out, "from_s", m->part[k].from);
+            fputc(',', out);
+            print_json_number(out, "until_s", m->part[k].to);
             put_figure_numbers(out, m->part[k].figure);
             fputc('}', out);
         }

@@ -57,10 +57,14 @@ void prediction_json(const struct prediction *o, FILE *out)
         const struct prediction_trajectory *c = &o->trajectory[i];
         fputs(i ? ",{" : "{", out);
         print_json_text(out, "variable", c->name);
-        print_json_text(out, ",table", apc_table_name(c->table));
-        print_json_number(out, ",made_s", apc_ns_to_s(c->made));
-        print_json_number(out, ",first_s", apc_ns_to_s(c->first));
-        print_json_number(out, ",step_s", apc_ns_to_s(c->step));
+        fputc(',', out);
+        print_json_text(out, "table", apc_table_name(c->table));
+        fputc(',', out);
+        print_json_number(out, "made_s", apc_ns_to_s(c->made));
+        fputc(',', out);
+        print_json_number(out, "first_s", apc_ns_to_s(c->first));
+        fputc(',', out);
+        print_json_number(out, "step_s", apc_ns_to_s(c->step));
         values(out, "expected", c->expected, c->n);
         values(out, "came", c->came, c->n);
         fputc('}', out);

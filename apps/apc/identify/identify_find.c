@@ -231,16 +231,20 @@ static void show_found_json(const struct finding *f)
     for (size_t i = 0; i < f->z->own.finds; i++) {
         fputs(i ? ",{" : "{", stdout);
         print_json_text(stdout, "parameter", param_of(f, i)->name);
-        print_json_number(stdout, ",was", f->was[i]);
-        print_json_number(stdout, ",value", f->value[i]);
-        print_json_number(stdout, ",standard_error", f->error[i]);
+        putchar(',');
+        print_json_number(stdout, "was", f->was[i]);
+        putchar(',');
+        print_json_number(stdout, "value", f->value[i]);
+        putchar(',');
+        print_json_number(stdout, "standard_error", f->error[i]);
         putchar('}');
     }
     fputs("],\"outputs\":[", stdout);
     for (size_t i = 0; i < d->record.ny; i++) {
         fputs(i ? ",{" : "{", stdout);
         print_json_text(stdout, "output", d->output[i]);
-        print_json_number(stdout, ",fit", f->model.validation[i].fit);
+        putchar(',');
+        print_json_number(stdout, "fit", f->model.validation[i].fit);
         putchar('}');
     }
     puts("]}");

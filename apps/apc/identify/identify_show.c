@@ -352,8 +352,10 @@ static void json_transfer(const char *key, const struct apc_transfer *g)
     print_json_number(stdout, "gain", g->gain);
     putchar(',');
     numbers_member_json("tau", g->tau, 2);
-    print_json_number(stdout, ",dead_time", g->dead_time);
-    print_json_number(stdout, ",zero", g->zero);
+    putchar(',');
+    print_json_number(stdout, "dead_time", g->dead_time);
+    putchar(',');
+    print_json_number(stdout, "zero", g->zero);
     printf(",\"integrating\":%s}", g->integrating ? "true" : "false");
 }
 
@@ -369,12 +371,18 @@ static void json_tunings(const struct identification *z, size_t p)
             continue;
         fputs(n++ ? ",{" : "{", stdout);
         print_json_number(stdout, "Kp", t.Kp);
-        print_json_number(stdout, ",tau_i", t.tau_i);
-        print_json_number(stdout, ",tau_d", t.tau_d);
-        print_json_number(stdout, ",gain_margin", m.gain);
-        print_json_number(stdout, ",phase_margin", m.phase);
-        print_json_number(stdout, ",delay_margin", m.delay);
-        print_json_number(stdout, ",sensitivity", m.sensitivity);
+        putchar(',');
+        print_json_number(stdout, "tau_i", t.tau_i);
+        putchar(',');
+        print_json_number(stdout, "tau_d", t.tau_d);
+        putchar(',');
+        print_json_number(stdout, "gain_margin", m.gain);
+        putchar(',');
+        print_json_number(stdout, "phase_margin", m.phase);
+        putchar(',');
+        print_json_number(stdout, "delay_margin", m.delay);
+        putchar(',');
+        print_json_number(stdout, "sensitivity", m.sensitivity);
         printf(",\"stable\":%s}", m.stable ? "true" : "false");
     }
     putchar(']');
@@ -387,7 +395,8 @@ static void json_model(const struct identification *z, const struct identify_mod
     putchar('{');
     print_json_text(stdout, "model", m->kind);
     if (!m->linear) {
-        print_json_text(stdout, ",error", m->why.text);
+        putchar(',');
+        print_json_text(stdout, "error", m->why.text);
         putchar('}');
         return;
     }
@@ -397,17 +406,22 @@ static void json_model(const struct identification *z, const struct identify_mod
 
         printf("%s{", i ? "," : "");
         print_json_text(stdout, "output", z->data.output[i]);
-        print_json_number(stdout, ",fit", v->fit);
-        print_json_number(stdout, ",ahead", v->ahead);
-        print_json_number(stdout, ",white", v->white);
-        print_json_number(stdout, ",independent", v->independent);
+        putchar(',');
+        print_json_number(stdout, "fit", v->fit);
+        putchar(',');
+        print_json_number(stdout, "ahead", v->ahead);
+        putchar(',');
+        print_json_number(stdout, "white", v->white);
+        putchar(',');
+        print_json_number(stdout, "independent", v->independent);
         putchar('}');
     }
     putchar(']');
     for (size_t p = 0; m->g && p < inputs * m->linear->ny; p++) {
         fputs(p ? ",{" : ",\n\"pairs\":[{", stdout);
         print_json_text(stdout, "from", z->data.input[p % inputs]);
-        print_json_text(stdout, ",to", z->data.output[p / inputs]);
+        putchar(',');
+        print_json_text(stdout, "to", z->data.output[p / inputs]);
         putchar(',');
         json_transfer("value", &m->g[p]);
         putchar(',');
@@ -431,7 +445,8 @@ static void show_models_json(const struct identification *z)
     }
     printf("],\"samples\":%zu,\"fitted\":%zu,", z->data.record.n, z->fitted);
     print_json_number(stdout, "period", z->data.record.Ts);
-    print_json_text(stdout, ",chosen", z->model[z->chosen].kind);
+    putchar(',');
+    print_json_text(stdout, "chosen", z->model[z->chosen].kind);
     fputs(",\"models\":[", stdout);
     for (int k = 0; k < KINDS; k++) {
         if (!z->model[k].kind)

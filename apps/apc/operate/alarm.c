@@ -141,13 +141,20 @@ static void alarm_json(struct session *s, const struct alarm_now *now)
            apc_alarm_is_active(state) ? "true" : "false", apc_alarm_is_unacked(state) ? "true" : "false",
            apc_alarm_is_standing(state) ? "true" : "false");
     print_json_text(stdout, "state", apc_alarm_state_name(state));
-    json_time(",time", now->row->seq > 0 ? now->row->time : 0);
-    print_json_text(stdout, ",author", *author_of_transition(s, now->row->author, name) ? name : NULL);
-    json_time(",shelved_until", alarm_summary_shelved(now));
-    print_json_text(stdout, ",area", alarm->area);
-    print_json_text(stdout, ",message", alarm->message);
-    print_json_text(stdout, ",consequence", alarm->consequence);
-    print_json_text(stdout, ",response", alarm->response);
+    putchar(',');
+    json_time("time", now->row->seq > 0 ? now->row->time : 0);
+    putchar(',');
+    print_json_text(stdout, "author", *author_of_transition(s, now->row->author, name) ? name : NULL);
+    putchar(',');
+    json_time("shelved_until", alarm_summary_shelved(now));
+    putchar(',');
+    print_json_text(stdout, "area", alarm->area);
+    putchar(',');
+    print_json_text(stdout, "message", alarm->message);
+    putchar(',');
+    print_json_text(stdout, "consequence", alarm->consequence);
+    putchar(',');
+    print_json_text(stdout, "response", alarm->response);
     putchar('}');
 }
 
@@ -207,12 +214,15 @@ static void journal_json(struct session *s, const struct alarm_transition *t)
     char name[APC_AUTHOR_LEN];
     printf("{\"number\":%lld,", (long long)t->number);
     json_time("time", t->time);
-    print_json_text(stdout, ",alarm", s->summary.e.alarm[t->alarm - 1].name);
+    putchar(',');
+    print_json_text(stdout, "alarm", s->summary.e.alarm[t->alarm - 1].name);
     printf(",\"priority\":%d,\"raised\":%s,", s->summary.e.alarm[t->alarm - 1].is.priority,
            alarm_is_raised(t) ? "true" : "false");
     print_json_text(stdout, "state", apc_alarm_state_name(t->state));
-    print_json_text(stdout, ",before", apc_alarm_state_name(t->before));
-    print_json_text(stdout, ",author", *author_of_transition(s, t->author, name) ? name : NULL);
+    putchar(',');
+    print_json_text(stdout, "before", apc_alarm_state_name(t->before));
+    putchar(',');
+    print_json_text(stdout, "author", *author_of_transition(s, t->author, name) ? name : NULL);
     puts("}");
 }
 

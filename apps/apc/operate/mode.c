@@ -115,15 +115,20 @@ static void show_modes_json(const struct cli_plant *plant, struct apc_store *sto
     char why[REASON_LEN];
     putchar('{');
     print_json_text(stdout, "target", common(mode, c->n));
-    print_json_text(stdout, ",actual", common(mode + c->n, c->n));
+    putchar(',');
+    print_json_text(stdout, "actual", common(mode + c->n, c->n));
     fputs(",\"loops\":[", stdout);
     for (size_t i = 0; i < c->n; i++) {
         fputs(i == 0 ? "\n{" : ",\n{", stdout);
         print_json_text(stdout, "loop", c->loop[i]->name);
-        print_json_text(stdout, ",controller", plant->loops.controller[c->loop[i]->controller].name);
-        print_json_text(stdout, ",target", mode_word(&mode[i]));
-        print_json_text(stdout, ",actual", mode_word(&mode[c->n + i]));
-        print_json_text(stdout, ",reason",
+        putchar(',');
+        print_json_text(stdout, "controller", plant->loops.controller[c->loop[i]->controller].name);
+        putchar(',');
+        print_json_text(stdout, "target", mode_word(&mode[i]));
+        putchar(',');
+        print_json_text(stdout, "actual", mode_word(&mode[c->n + i]));
+        putchar(',');
+        print_json_text(stdout, "reason",
                         mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
         putchar('}');
     }

@@ -337,11 +337,16 @@ static int show_status(const struct status *s)
 static void json_tag(const struct apc_tag *tag)
 {
     const bool scale = tag && tag->display_low < tag->display_high;
-    print_json_limit(stdout, ",low", tag ? tag->low : -APC_VALUE_MAX);
-    print_json_limit(stdout, ",high", tag ? tag->high : APC_VALUE_MAX);
-    print_json_text(stdout, ",area", tag && tag->area[0] ? tag->area : NULL);
-    print_json_number(stdout, ",display_low", scale ? tag->display_low : (double)NAN);
-    print_json_number(stdout, ",display_high", scale ? tag->display_high : (double)NAN);
+    putchar(',');
+    print_json_limit(stdout, "low", tag ? tag->low : -APC_VALUE_MAX);
+    putchar(',');
+    print_json_limit(stdout, "high", tag ? tag->high : APC_VALUE_MAX);
+    putchar(',');
+    print_json_text(stdout, "area", tag && tag->area[0] ? tag->area : NULL);
+    putchar(',');
+    print_json_number(stdout, "display_low", scale ? tag->display_low : (double)NAN);
+    putchar(',');
+    print_json_number(stdout, "display_high", scale ? tag->display_high : (double)NAN);
 }
 
 static void json_values(const struct status *s)
@@ -439,7 +444,8 @@ static void show_status_json(const struct status *s, const char *why)
     json_room(s);
     fputs(",\n\"mode\":{", stdout);
     print_json_text(stdout, "target", common_mode(s, LOOP_TARGET));
-    print_json_text(stdout, ",actual", common_mode(s, LOOP_ACTUAL));
+    putchar(',');
+    print_json_text(stdout, "actual", common_mode(s, LOOP_ACTUAL));
     fputs("},\n", stdout);
     status_loops_json(&s->loops);
     fputs(",\n\"variables\":[", stdout);

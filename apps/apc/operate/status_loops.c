@@ -236,7 +236,8 @@ static void json_value(const struct status_loops *s, const char *key, const stru
     putchar('{');
     print_json_text(stdout, "name", tag ? tag->name : "");
     if (v->seq > 0) {
-        print_json_number(stdout, ",value", v->value);
+        putchar(',');
+        print_json_number(stdout, "value", v->value);
         printf(",\"status\":\"%s\",\"age\":%.3f", apc_status_format(v->status, status),
                apc_ns_to_s(apc_ns_since(s->now, v->time)));
     } else {
@@ -251,17 +252,25 @@ static void status_loop_json(const struct status_loops *s, size_t i)
     const struct apc_sample *row = s->row + LOOP_ROWS * i;
     const struct apc_tag *tag = cli_tag(&s->plant->tags, l->table, l->output);
     print_json_text(stdout, "loop", l->name);
-    print_json_text(stdout, ",controller", s->plant->loops.controller[l->controller].name);
-    print_json_text(stdout, ",target", actual_mode_word(&row[LOOP_TARGET]));
-    print_json_text(stdout, ",actual", actual_mode_word(&row[LOOP_ACTUAL]));
-    print_json_text(stdout, ",reason", s->reason[i][0] ? s->reason[i] : NULL);
-    print_json_text(stdout, ",owner", status_loops_owner(s, i));
+    putchar(',');
+    print_json_text(stdout, "controller", s->plant->loops.controller[l->controller].name);
+    putchar(',');
+    print_json_text(stdout, "target", actual_mode_word(&row[LOOP_TARGET]));
+    putchar(',');
+    print_json_text(stdout, "actual", actual_mode_word(&row[LOOP_ACTUAL]));
+    putchar(',');
+    print_json_text(stdout, "reason", s->reason[i][0] ? s->reason[i] : NULL);
+    putchar(',');
+    print_json_text(stdout, "owner", status_loops_owner(s, i));
     json_value(s, "setpoint", &row[LOOP_SP]);
     json_value(s, "measurement", &row[LOOP_PV]);
     json_value(s, "output", &row[LOOP_OP]);
-    print_json_limit(stdout, ",low", tag ? tag->low : -APC_VALUE_MAX);
-    print_json_limit(stdout, ",high", tag ? tag->high : APC_VALUE_MAX);
-    print_json_text(stdout, ",at_limit", limit_of(&row[LOOP_OP]));
+    putchar(',');
+    print_json_limit(stdout, "low", tag ? tag->low : -APC_VALUE_MAX);
+    putchar(',');
+    print_json_limit(stdout, "high", tag ? tag->high : APC_VALUE_MAX);
+    putchar(',');
+    print_json_text(stdout, "at_limit", limit_of(&row[LOOP_OP]));
 }
 
 static void json_controller(const struct status_loops *s, size_t i)

@@ -153,8 +153,7 @@ static void json_estimates(const struct status_plan *p)
                 continue;
             if (any)
                 putchar(',');
-            print_json_name(stdout, name);
-            print_json_value(stdout, p->row[i].value);
+            print_json_number(stdout, name, p->row[i].value);
             any = true;
         }
         putchar('}');
@@ -197,7 +196,8 @@ void status_plan_json(const struct status_plan *p, apc_ns now)
             if (bits_of(p, &p->row[i]) >> k & 1u) {
                 fputs(any ? ",{" : "{", stdout);
                 print_json_text(stdout, "variable", variable_of(p, &p->row[i], ".limit", name));
-                print_json_text(stdout, ",limit", limits[k]);
+                putchar(',');
+                print_json_text(stdout, "limit", limits[k]);
                 putchar('}');
                 any = true;
             }

@@ -89,7 +89,8 @@ void status_writes_json(const struct status_writes *w, apc_ns now)
     for (size_t i = 0; i < w->n; i++) {
         fputs(i == 0 ? "\n{" : ",\n{", stdout);
         print_sample_members(stdout, &w->row[i], w->tags, now);
-        print_json_text(stdout, ",author", *w->author[i] ? w->author[i] : NULL);
+        putchar(',');
+        print_json_text(stdout, "author", *w->author[i] ? w->author[i] : NULL);
         putchar('}');
     }
     putchar(']');

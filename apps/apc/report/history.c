@@ -96,7 +96,8 @@ static int put_sample(void *ctx, const struct apc_sample *s)
         putchar('{');
         print_sample_members(stdout, s, NULL, 0);
         if (*author) {
-            print_json_text(stdout, ",author", author);
+            putchar(',');
+            print_json_text(stdout, "author", author);
         }
         putchar('}');
     } else {

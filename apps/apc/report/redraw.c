@@ -236,7 +236,8 @@ static int put_run_figures(const char *dir, const struct experiment *e, bool jso
     if (rc == 0 && json) {
         putchar('{');
         print_json_text(stdout, "experiment", e->name);
-        print_json_text(stdout, ",title", e->title);
+        putchar(',');
+        print_json_text(stdout, "title", e->title);
         putchar(',');
         figures_json(&figures, &trajectory, e, stdout);
         putchar(',');

@@ -96,7 +96,8 @@ static void json_series(const struct timing_series *s)
 {
     putchar('{');
     print_json_text(stdout, "task", s->task);
-    print_json_text(stdout, ",quantity", s->quantity);
+    putchar(',');
+    print_json_text(stdout, "quantity", s->quantity);
     printf(",\"period_ns\":%" PRId64 ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64
            ",\"mean_ns\":%.1f,\"sd_ns\":%.1f,\"min_ns\":%" PRId64 ",\"p50_ns\":%" PRId64
            ",\"p99_ns\":%" PRId64 ",\"p999_ns\":%" PRId64 ",\"max_ns\":%" PRId64 ",\n \"bins\":[",

@@ -307,7 +307,9 @@ static int put_why(const struct why_command *c, const struct why *w)
     print_json_number(stdout, "earlier", w->earlier);
     fputs(", ", stdout);
     print_json_number(stdout, "together", w->together);
-    fputs(", \"inputs\":[", stdout);
+    fputs(", ", stdout);
+    print_json_key(stdout, "inputs");
+    putchar('[');
     for (size_t i = 0; i < w->n && rc == 0; i++) {
         fputs(i ? ", {" : "{", stdout);
         rc = put_why_cause(c, w, &w->cause[i]);

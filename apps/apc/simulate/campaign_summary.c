@@ -114,15 +114,17 @@ static void put_column_json(const struct campaign *c, const char *name, const do
             const struct {
                 const char *key;
                 double value;
-            } of[] = {{",mean", s.mean}, {",low95", s.mean - s.half}, {",high95", s.mean + s.half},
-                      {",sd", s.sd},     {",median", s.median},       {",p95", s.p95},
-                      {",p99", s.p99},   {",worst", s.worst}};
+            } of[] = {{"mean", s.mean}, {"low95", s.mean - s.half}, {"high95", s.mean + s.half},
+                      {"sd", s.sd},     {"median", s.median},       {"p95", s.p95},
+                      {"p99", s.p99},   {"worst", s.worst}};
             const char *const keys[] = {metric_key((enum metric)metric),
                                         metric_former_key((enum metric)metric)};
             for (size_t k = 0; k < 2 && keys[k]; k++) {
                 printf(",\"%s\":{\"runs\":%zu,\"infinite\":%zu", keys[k], s.n, s.infinite);
-                for (size_t i = 0; i < sizeof of / sizeof *of; i++)
+                for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+                    putchar(',');
                     print_json_number(stdout, of[i].key, of[i].value);
+                }
                 if (s.n > 0)
                     printf(",\"worst_seed\":%llu", (unsigned long long)s.worst_seed);
                 putchar('}');

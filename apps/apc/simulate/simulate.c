@@ -345,8 +345,7 @@ static void print_json_parameters(const struct simulate *r)
     if (p && experiment_draw(&r->e, r->options.seed, p, NULL) == 0)
         for (size_t i = 0; i < m->np; i++) {
             fputs(i ? "," : "", stdout);
-            print_json_name(stdout, m->param[i].name);
-            print_json_value(stdout, p[i]);
+            print_json_number(stdout, m->param[i].name, p[i]);
         }
     fputs("},", stdout);
     free(p);
@@ -359,13 +358,14 @@ static void print_simulation_json(const struct simulate *r, const struct figures
     struct apc_timing timing = {.size = sizeof timing};
     putchar('{');
     print_json_text(stdout, "experiment", r->e.name);
-    print_json_text(stdout, ",title", r->e.title);
+    putchar(',');
+    print_json_text(stdout, "title", r->e.title);
     printf(",\"seed\":%llu,\"sha256\":\"%s\",\"missed_ticks\":{", (unsigned long long)r->options.seed,
            r->hash);
     for (size_t i = 0; i < r->s.n_tasks; i++) {
         apc_task_timing(r->s.task[i].task, &timing);
         fputs(i ? "," : "", stdout);
-        print_json_name(stdout, r->s.task[i].name);
+        print_json_key(stdout, r->s.task[i].name);
         printf("%llu", (unsigned long long)timing.missed);
     }
     apc_inproc_stats(r->s.exchange, &link);

@@ -186,8 +186,10 @@ static void put_sweep_json(const struct swept *z)
     const struct campaign *c = z->campaign;
     putchar('{');
     print_json_text(stdout, "experiment", c->e->name);
-    print_json_text(stdout, ",path", z->sweep->path);
-    print_json_number(stdout, ",now", z->now);
+    putchar(',');
+    print_json_text(stdout, "path", z->sweep->path);
+    putchar(',');
+    print_json_number(stdout, "now", z->now);
     printf(",\"seed\":%llu,\"runs\":%u,\"points\":[", (unsigned long long)c->options->seed, c->options->runs);
     for (unsigned i = 0; i < z->sweep->n; i++) {
         printf("%s\n{", i ? "," : "");
@@ -201,7 +203,8 @@ static void put_sweep_json(const struct swept *z)
             for (int m = 0; m < METRICS; m++) {
                 printf(",\"%s\":{", metric_key((enum metric)m));
                 print_json_number(stdout, "mean", p->of[m].mean);
-                print_json_number(stdout, ",half95", p->of[m].half);
+                putchar(',');
+                print_json_number(stdout, "half95", p->of[m].half);
                 putchar('}');
             }
             putchar('}');
