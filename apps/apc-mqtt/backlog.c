@@ -6,7 +6,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
-#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -184,33 +183,17 @@ static int look_for_news(struct backlog *b)
     return 0;
 }
 
-static void text_member(struct text *t, const char *key, const char *value)
-{
-    text_add(t, ",\"%s\":", key);
-    json_string_add(t, value);
-}
-
 void backlog_describe(struct backlog *b, struct text *t)
 {
-    text_add(t, ",\"signals\":[");
+    json_add(t, "signals:[");
     pthread_mutex_lock(&b->mutex);
     for (size_t i = 0; i < b->n; i++) {
         const struct apc_tag *const tag = &b->at[i].tag;
-        text_add(t, "{\"topic\":");
-        json_string_add(t, b->at[i].topic);
-        text_member(t, "name", tag->name);
-        text_member(t, "kind", apc_table_name(tag->table));
-        text_member(t, "unit", tag->unit);
-        text_member(t, "description", tag->description);
-        text_add(t, ",\"low\":");
-        json_limit_add(t, tag->low);
-        text_add(t, ",\"high\":");
-        json_limit_add(t, tag->high);
-        text_add(t, "},");
+        json_add(t, "{topic:%s, name:%s, kind:%s, unit:%s, description:%s, low:%e, high:%e}", b->at[i].topic,
+                 tag->name, apc_table_name(tag->table), tag->unit, tag->description, tag->low, tag->high);
     }
     pthread_mutex_unlock(&b->mutex);
-    text_chop(t, ',');
-    text_add(t, "]");
+    json_add(t, "]");
 }
 
 /* ---- Publishing ------------------------------------------------------------------------------------ */
@@ -252,14 +235,10 @@ static int send_sample(void *ctx, const struct apc_sample *s)
     const char *const word = word_of_sample(s);
     struct text t = {0};
 
-    text_add(&t, "{\"time\":");
-    json_time_add(&t, s->time);
-    text_add(&t, ",\"value\":");
-    json_number_add(&t, s->value);
-    text_add(&t, ",\"status\":\"%s\"", apc_status_format(s->status, status));
+    json_add(&t, "{time:%.6jd, value:%g, status:%s", s->time, s->value, apc_status_format(s->status, status));
     if (word)
-        text_member(&t, s->table == APC_ALARM ? "state" : "mode", word);
-    text_add(&t, ",\"seq\":%" PRId64 "}", s->seq);
+        json_add(&t, "%s:%s", s->table == APC_ALARM ? "state" : "mode", word);
+    json_add(&t, "seq:%jd}", s->seq);
     if (!publish_text(to->b, to->series->place, to->series->topic, &t, true))
         return 1;
     struct place *const p = &to->b->place[to->series->place];
@@ -305,13 +284,8 @@ static int send_event(void *ctx, const struct apc_event *e)
     struct backlog *const b = ctx;
     struct text t = {0};
 
-    text_add(&t, "{\"time\":");
-    json_time_add(&t, e->time);
-    text_member(&t, "severity", severities[e->severity]);
-    text_member(&t, "source", e->source);
-    text_member(&t, "kind", e->kind);
-    text_member(&t, "text", e->text);
-    text_add(&t, "}");
+    json_add(&t, "{time:%.6jd, severity:%s, source:%s, kind:%s, text:%s}", e->time, severities[e->severity],
+             e->source, e->kind, e->text);
     struct place *const p = backlog_place_of(b, 0, 0);
     if (!p || e->time < b->since)
         text_free(&t);

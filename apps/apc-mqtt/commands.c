@@ -3,10 +3,10 @@
 
 #include <errno.h>
 #include <inttypes.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/body.h"
 #include "common/json.h"
 #include "daemon/worker.h"
 #include "operate/operate.h"
@@ -54,19 +54,13 @@ static void answer_command(struct commands *c, const char *user, const char *sig
     struct text t = {0};
 
     snprintf(topic, sizeof topic, "outcome/%.40s/%.100s", user, signal);
-    text_add(&t, "{\"id\":");
-    json_string_add(&t, command && command->own[0] ? command->own : NULL);
-    if (command) {
-        text_add(&t, ",\"time\":");
-        json_time_add(&t, command->request.time);
-        text_add(&t, ",\"value\":");
-        json_number_add(&t, command->request.value);
-    }
-    text_add(&t, ",\"outcome\":");
-    json_string_add(&t, outcome);
+    json_add(&t, "{id:%-s", command ? command->own : "");
+    if (command)
+        json_add(&t, "time:%.6jd, value:%g", command->request.time, command->request.value);
+    json_add(&t, "outcome:%s", outcome);
     if (seq > 0)
-        text_add(&t, ",\"seq\":%" PRId64, seq);
-    text_add(&t, "}");
+        json_add(&t, "seq:%jd", seq);
+    json_add(&t, "}");
     if (!t.failed && c->broker)
         (void)broker_publish(c->broker, BROKER_OUTCOMES, topic, t.at, t.n, false, 0);
     text_free(&t);

@@ -67,12 +67,10 @@ static char *birth(void *ctx)
 {
     struct shell *s = ctx;
     struct text t = {0};
-    text_add(&t, "{\"state\":\"online\",\"time\":");
-    json_time_add(&t, apc_clock_utc(NULL));
-    text_add(&t, ",\"version\":\"%s\",\"experiment\":", apc_version());
-    json_string_add(&t, s->d.experiment.name);
+    json_add(&t, "{state:%s, time:%.6jd, version:%s, experiment:%s", "online", apc_clock_utc(NULL),
+             apc_version(), s->d.experiment.name);
     backlog_describe(s->backlog, &t);
-    text_add(&t, "}");
+    json_add(&t, "}");
     text_put(&t, "", 1);
     return t.at;
 }

@@ -234,15 +234,14 @@ static void block_signals(sigset_t *set)
 static void beat(struct ui *ui)
 {
     struct text t = {0};
-    text_add(&t, "{\"t\":");
-    json_time_add(&t, apc_clock_utc(NULL));
+    json_add(&t, "{t:%.6jd", apc_clock_utc(NULL));
     pthread_mutex_lock(&ui->model.mutex);
-    text_add(&t, ",\"connected\":%s,\"control\":", ui->model.connected ? "true" : "false");
+    json_add(&t, "connected:%i, control:", ui->model.connected);
     control_json(&ui->model, apc_clock_mono(NULL), &t);
-    text_add(&t, ",\"history\":");
+    json_add(&t, "history:");
     behind_json(&ui->model, &t);
     pthread_mutex_unlock(&ui->model.mutex);
-    text_put(&t, "}", 1);
+    json_add(&t, "}");
     if (!t.failed)
         stream_publish(ui->stream, "beat", t.at, t.n, false);
     text_free(&t);

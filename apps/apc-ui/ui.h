@@ -241,7 +241,7 @@ void model_store(struct ui *ui, bool connected, const char *error);
 void model_room(struct ui *ui, const struct apc_store_room *room);
 /* It is full: what is said of that; @named: with the variable's name. Returns whether it is. Locked. */
 bool model_full(const struct model *m, bool named, char text[ROOM_LEN]);
-void store_state_json(const struct model *m, struct text *t); /* locked */
+void store_state_members(const struct model *m, struct text *t); /* locked */
 bool model_connected(struct ui *ui);
 
 /* ---- plant/alarms.c ---- */
@@ -270,7 +270,6 @@ void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, str
 void alarm_described_members(const struct alarm *alarm, struct text *t);
 void alarm_stands_members(const struct alarm_now *now, struct apc_store *store, struct text *t);
 void alarm_author_member(struct apc_store *store, uint32_t author, struct text *t);
-void alarm_time_member(const char *name, apc_ns time, struct text *t); /* 0: null */
 
 /* ---- plant/history_lag.c ---- */
 /* A look at it. What is seldom written is for a moment as late as it is seldom: two looks must agree on it. */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "json.h"
 
+#include <ctype.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -37,10 +38,16 @@ static bool reserve_text(struct text *t, size_t n)
 
 void text_put(struct text *t, const char *data, size_t n)
 {
-    if (n == 0 || !reserve_text(t, n))
+    if (n == 0)
         return;
-    memcpy(t->at + t->n, data, n);
-    t->n += n;
+    t->last = data[n - 1];
+    if (t->out) {
+        for (size_t i = 0; i < n; i++) /* they are a few, and a lock for each call would take longer */
+            putc_unlocked(data[i], t->out);
+    } else if (reserve_text(t, n)) {
+        memcpy(t->at + t->n, data, n);
+        t->n += n;
+    }
 }
 
 void text_add(struct text *t, const char *fmt, ...)
@@ -49,196 +56,164 @@ void text_add(struct text *t, const char *fmt, ...)
     va_start(args, fmt);
     va_copy(again, args);
     int n = vsnprintf(NULL, 0, fmt, args);
-    if (n >= 0 && reserve_text(t, (size_t)n + 1)) {
+    if (n > 0 && reserve_text(t, (size_t)n + 1)) {
         vsnprintf(t->at + t->n, (size_t)n + 1, fmt, again);
         t->n += (size_t)n;
+        t->last = t->at[t->n - 1];
     }
     va_end(again);
     va_end(args);
 }
 
-void text_chop(struct text *t, char last)
+/* ---- JSON --------------------------------------------------------------------------------- */
+
+/* A comma is due before what comes next, if a value ends here. */
+static void separate(struct text *t)
 {
-    if (t->n > 0 && t->at[t->n - 1] == last)
-        t->n--;
+    if (isalnum((unsigned char)t->last) || t->last == '"' || t->last == '}' || t->last == ']')
+        text_put(t, ",", 1);
 }
 
-/* ---- JSON out ----------------------------------------------------------------------------- */
-
-void json_string_add(struct text *t, const char *string)
+static void put_json_token(struct text *t, const char *token)
 {
-    if (!string) {
-        text_put(t, "null", 4);
-        return;
-    }
-    text_put(t, "\"", 1);
-    char instead;
+    separate(t);
+    text_put(t, token, strlen(token));
+}
+
+static void put_json_string(struct text *t, const char *string)
+{
+    char instead, code[8];
+    put_json_token(t, "\"");
     for (size_t n; *string; string += n) {
         n = text_step(string, &instead);
         if (*string == '"' || *string == '\\')
-            text_add(t, "\\%c", *string);
-        else if (instead && utf8_length(string) > 0)
-            text_add(t, "\\u%04x", (unsigned)text_code(string, n));
-        else if (instead)
-            text_put(t, "\xEF\xBF\xBD", 3);
-        else
+            text_put(t, "\\", 1);
+        if (!instead)
             text_put(t, string, n);
+        else if (utf8_length(string) > 0)
+            text_put(
+                t, code,
+                (size_t)snprintf(code, sizeof code, "\\u%04x", (unsigned)text_code(string, n) & 0xFFFFu));
+        else
+            text_put(t, "\xEF\xBF\xBD", 3);
     }
     text_put(t, "\"", 1);
 }
 
-void json_number_add(struct text *t, double value)
+/* @precision: -1 for the shortest that reads back the same. */
+static void put_json_number(struct text *t, double value, char form, int precision)
 {
-    char text[DECIMAL_LEN];
-    const char *number = isfinite(value) ? decimal_shortest(value + 0.0, 15, text) : "null";
-    text_put(t, number, strlen(number));
+    char number[400];
+    if (!isfinite(value) || (form == 'e' && fabs(value) >= APC_VALUE_MAX))
+        put_json_token(t, "null");
+    else if (precision < 0)
+        put_json_token(t, decimal_shortest(value + 0.0, 15, number));
+    else if (snprintf(number, sizeof number, form == 'f' ? "%.*f" : "%.*g", precision, value) > 0)
+        put_json_token(t, number);
 }
 
-void json_limit_add(struct text *t, double limit)
+static void put_json_time(struct text *t, apc_ns utc)
 {
-    json_number_add(t, fabs(limit) < APC_VALUE_MAX ? limit : (double)NAN);
+    const apc_ns us = utc / APC_NS_PER_US, part = us % 1000000;
+    char number[32];
+    snprintf(number, sizeof number, "%s%" PRId64 ".%06" PRId64, utc < 0 && us / 1000000 == 0 ? "-" : "",
+             us / 1000000, part < 0 ? -part : part);
+    put_json_token(t, number);
 }
 
-const char *json_truth(bool is)
+static void put_json_whole(struct text *t, bool negative, uintmax_t size)
 {
-    return is ? "true" : "false";
+    char number[24];
+    snprintf(number, sizeof number, "%s%ju", negative ? "-" : "", size);
+    put_json_token(t, number);
 }
 
-void json_time_add(struct text *t, apc_ns utc)
+static void put_json_int(struct text *t, intmax_t value, int precision)
 {
-    apc_ns us = utc / APC_NS_PER_US, part = us % 1000000;
-    text_add(t, "%s%" PRId64 ".%06" PRId64, utc < 0 && us / 1000000 == 0 ? "-" : "", us / 1000000,
-             part < 0 ? -part : part);
+    if (value == JSON_NONE)
+        put_json_token(t, "null");
+    else if (precision == 6)
+        put_json_time(t, value);
+    else if (precision > 0)
+        put_json_number(t, apc_ns_to_s(value), 'g', precision);
+    else
+        put_json_whole(t, value < 0, value < 0 ? -(uintmax_t)value : (uintmax_t)value);
 }
 
-void json_seconds_add(struct text *t, apc_ns duration)
+/* One conversion, from behind its %. Returns what is behind it. */
+static const char *put_json_argument(struct text *t, const char *c, va_list *args)
 {
-    text_add(t, "%.9g", apc_ns_to_s(duration));
+    const bool some = *c == '-';
+    int precision = -1;
+    c += some;
+    if (*c == '.' && c[1] == '*') {
+        const int n = va_arg(*args, int);
+        if (n > 0)
+            separate(t);
+        text_put(t, va_arg(*args, const char *), (size_t)n);
+        return c + 3;
+    }
+    if (*c == '.') {
+        precision = c[1] - '0';
+        c += 2;
+    }
+    const char size = *c == 'j' || *c == 'z' ? *c++ : '\0';
+    if (*c == 's') {
+        const char *string = va_arg(*args, const char *);
+        string && (*string || !some) ? put_json_string(t, string) : put_json_token(t, "null");
+    } else if (*c == 'i') {
+        const int is = va_arg(*args, int);
+        put_json_token(t, is < 0 ? "null" : is ? "true" : "false");
+    } else if (*c == 'd') {
+        put_json_int(t, size ? va_arg(*args, intmax_t) : va_arg(*args, int), precision);
+    } else if (*c == 'u') {
+        put_json_whole(t, false,
+                       size == 'z'   ? va_arg(*args, size_t)
+                       : size == 'j' ? va_arg(*args, uintmax_t)
+                                     : va_arg(*args, unsigned));
+    } else {
+        put_json_number(t, va_arg(*args, double), *c, precision);
+    }
+    return c + 1;
+}
+
+void json_add(struct text *t, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    while (*fmt) {
+        size_t n = 0;
+        while (isalnum((unsigned char)fmt[n]) || fmt[n] == '_')
+            n++;
+        const bool key = fmt[n] == ':';
+        if (n > 0) {
+            separate(t);
+            text_put(t, "\"", key);
+            text_put(t, fmt, n);
+            text_put(t, "\"", key);
+            fmt += n;
+        } else if (*fmt == '%') {
+            fmt = put_json_argument(t, fmt + 1, &args);
+        } else {
+            if (*fmt == ',' || *fmt == '{' || *fmt == '[')
+                separate(t);
+            text_put(t, fmt, *fmt != ',' && *fmt != ' ');
+            fmt++;
+        }
+    }
+    va_end(args);
+}
+
+void json_text_add(struct text *t, const struct text *json)
+{
+    json_add(t, json->n > 0 ? "%.*s" : "null", (int)json->n, json->at);
 }
 
 void json_sample_add(struct text *t, const struct apc_sample *sample)
 {
+    const bool is = sample->seq > 0;
     char status[APC_STATUS_NAME_LEN];
-    text_add(t, "[%" PRId64 ",", sample->seq);
-    if (sample->seq > 0) {
-        json_time_add(t, sample->time);
-        text_put(t, ",", 1);
-        json_number_add(t, sample->value);
-    } else {
-        text_put(t, "null,null", 9);
-    }
-    text_add(t, ",\"%s\"]", apc_status_format(sample->seq > 0 ? sample->status : APC_BAD_NO_DATA, status));
-}
-
-/* ---- JSON in ------------------------------------------------------------------------------ */
-
-bool fault_set(struct fault *f, int http, const char *code, const char *field, const char *fmt, ...)
-{
-    va_list args;
-    if (f->http)
-        return false;
-    f->http = http;
-    f->code = code;
-    snprintf(f->field, sizeof f->field, "%s", field ? field : "");
-    va_start(args, fmt);
-    vsnprintf(f->message, sizeof f->message, fmt, args);
-    va_end(args);
-    return false;
-}
-
-bool members_known(const json_t *object, const char *const *members, struct fault *f)
-{
-    const char *name;
-    json_t *value;
-    /* jansson's iteration wants a non-const object and does not change it */
-    json_object_foreach((json_t *)(uintptr_t)object, name, value)
-    {
-        const char *const *known = members;
-        while (*known && strcmp(*known, name) != 0)
-            known++;
-        if (!*known)
-            return fault_set(f, 400, "json", name, "\"%.40s\" is not known here", name);
-    }
-    return true;
-}
-
-json_t *body_parse(const char *body, size_t n, const char *const *members, struct fault *f)
-{
-    json_error_t error;
-    if (n == 0) {
-        fault_set(f, 400, "json", NULL, "the request is empty: it must be a JSON object: {...}");
-        return NULL;
-    }
-    json_t *root = json_loadb(body, n, JSON_REJECT_DUPLICATES, &error);
-    if (!root) {
-        fault_set(f, 400, "json", NULL, "the request is no JSON: line %d: %.120s", error.line, error.text);
-        return NULL;
-    }
-    if (!json_is_object(root))
-        fault_set(f, 400, "json", NULL, "the request must be a JSON object: {...}");
-    else if (members_known(root, members, f))
-        return root;
-    json_decref(root);
-    return NULL;
-}
-
-static const json_t *find_member(const json_t *object, const char *name, struct fault *f)
-{
-    const json_t *value = json_object_get(object, name);
-    if (!value)
-        fault_set(f, 400, "json", name, "\"%s\" is missing", name);
-    return value;
-}
-
-bool member_number(const json_t *object, const char *name, double *value, struct fault *f)
-{
-    const json_t *found = find_member(object, name, f);
-    if (!found)
-        return false;
-    if (!json_is_number(found) || !isfinite(json_number_value(found))) {
-        char *is = json_dumps(found, JSON_ENCODE_ANY);
-        fault_set(f, 422, "value", name, "\"%s\": %.60s is not a finite number", name, is ? is : "this");
-        free(is);
-        return false;
-    }
-    *value = json_number_value(found);
-    return true;
-}
-
-/* 5.0 is the same number as 5; beyond 2^53 a double no longer tells one from the next. */
-static bool whole_value(const json_t *found, int64_t *value)
-{
-    const double number = json_number_value(found);
-    if (json_is_integer(found))
-        *value = json_integer_value(found);
-    else if (json_is_real(found) && fabs(number) <= (double)APC_SEQ_MAX && !(number > floor(number)))
-        *value = (int64_t)number;
-    else
-        return false;
-    return true;
-}
-
-bool member_whole(const json_t *object, const char *name, int64_t low, int64_t high, int64_t *value,
-                  struct fault *f)
-{
-    const json_t *found = find_member(object, name, f);
-    int64_t whole = 0;
-    if (!found)
-        return false;
-    if (!whole_value(found, &whole) || whole < low || whole > high)
-        return fault_set(f, 400, "json", name, "\"%s\" must be a whole number from %" PRId64 " to %" PRId64,
-                         name, low, high);
-    *value = whole;
-    return true;
-}
-
-bool member_text(const json_t *object, const char *name, const char **text, struct fault *f)
-{
-    const json_t *found = find_member(object, name, f);
-    if (!found)
-        return false;
-    if (!json_is_string(found))
-        return fault_set(f, 400, "json", name, "\"%s\" must be text in double quotes", name);
-    *text = json_string_value(found);
-    return true;
+    json_add(t, "[%jd, %.6jd, %g, %s]", sample->seq, is ? sample->time : JSON_NONE,
+             is ? sample->value : (double)NAN,
+             apc_status_format(is ? sample->status : APC_BAD_NO_DATA, status));
 }

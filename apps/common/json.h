@@ -1,52 +1,50 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* JSON out: a growing text. JSON in: a request's body, member by member, with errors for people. */
-#ifndef APC_UI_JSON_H
-#define APC_UI_JSON_H
+/* JSON out: into a growing text, or into a file as it is made. */
+#ifndef APC_APPS_JSON_H
+#define APC_APPS_JSON_H
 
-#include <jansson.h>
+#include <stdio.h>
 
 #include <apcbase.h>
 
-/* Zeroed: empty. Out of memory makes it `failed` and leaves it empty; later calls do nothing. */
+/* Zeroed: empty. Out of memory makes it `failed` and leaves it empty; later calls do nothing. With `out`, all
+ * that is put goes there at once, nothing is allocated, and ferror() tells whether it could be written. */
 struct text {
     char *at; /* not terminated */
     size_t n, room;
     bool failed;
+    char last; /* the last character that was put */
+    FILE *out;
 };
 
 void text_free(struct text *t);
 void text_put(struct text *t, const char *data, size_t n);
-void text_add(struct text *t, const char *fmt, ...) APC_PRINTF(2, 3);
-/* Drop the last character if it is this one: the comma after the last element. */
-void text_chop(struct text *t, char last);
+void text_add(struct text *t, const char *fmt, ...) APC_PRINTF(2, 3); /* without `out` */
 
-/* One JSON value each. What is not UTF-8 becomes U+FFFD; what is no finite number becomes null. */
-void json_string_add(struct text *t, const char *string); /* NULL: null */
-void json_number_add(struct text *t, double value);       /* the shortest that reads back the same */
-void json_limit_add(struct text *t, double limit);        /* null where there is none */
-const char *json_truth(bool is);                          /* true, false */
-void json_time_add(struct text *t, apc_ns utc);           /* Unix seconds with microseconds */
-void json_seconds_add(struct text *t, apc_ns duration);
+#define JSON_NONE INT64_MIN
+/* Of times and durations that are above 0 where there is one. */
+static inline apc_ns json_some(apc_ns ns)
+{
+    return ns > 0 ? ns : JSON_NONE;
+}
+
+/*
+ * JSON as @p fmt draws it: json_add(t, "{name:%s, limits:[%g, %g]}", ...). Names need no quotes. Commas come
+ * by themselves wherever a value follows another one, also one of a call before; blanks are left out. Arguments
+ * are those of printf, so that compilers check them:
+ *
+ *   %s                   text, escaped; what is not UTF-8 becomes U+FFFD; NULL: null. Before a colon: a name
+ *   %-s                  text; "" becomes null, too
+ *   %d %jd %u %zu %ju    a whole number; JSON_NONE: null
+ *   %i                   true or false; below 0: null
+ *   %g                   the shortest number that reads back the same; %.3f, %.9g: so many digits; %e: a limit,
+ *                        null where there is none. What is no finite number becomes null
+ *   %.6jd                a time as seconds since 1970 with six decimals
+ *   %.9jd                a duration, an apc_ns as well, as seconds with nine digits
+ *   %.*s                 so many bytes of JSON
+ */
+void json_add(struct text *t, const char *fmt, ...) APC_PRINTF(2, 3);
+void json_text_add(struct text *t, const struct text *json);           /* what was made before; empty: null */
 void json_sample_add(struct text *t, const struct apc_sample *sample); /* [seq, time, value, status] */
-
-/* What is wrong with a request: for the answer. */
-struct fault {
-    int http;         /* status; 0: nothing is wrong */
-    const char *code; /* static */
-    char field[32];
-    char message[200];
-};
-/* The first fault sticks. Returns false, so that `return fault_set(...)` reads well. */
-bool fault_set(struct fault *f, int http, const char *code, const char *field, const char *fmt, ...)
-    APC_PRINTF(5, 6);
-
-/* The body as an object that has no members but these (the list ends with NULL). NULL: fault set. */
-json_t *body_parse(const char *body, size_t n, const char *const *members, struct fault *f);
-/* Members of an object; false: fault set. Numbers are finite. */
-bool member_number(const json_t *object, const char *name, double *value, struct fault *f);
-bool member_whole(const json_t *object, const char *name, int64_t low, int64_t high, int64_t *value,
-                  struct fault *f);
-bool member_text(const json_t *object, const char *name, const char **text, struct fault *f);
-bool members_known(const json_t *object, const char *const *members, struct fault *f);
 
 #endif

@@ -142,6 +142,8 @@ done
 [ "$(sed -E 's/.*"number":([0-9]+).*/\1/' "$work/journal" | tr '\n' ' ')" = "$(seq -s' ' "$(wc -l <"$work/journal")") " ] ||
   fail "the journal's numbers are not 1, 2, ..."
 expect 0 'floods \(more than 10\): [1-9]' "$apc" alarm journal --figures
+"$apc" alarm journal --figures --json | python3 -c 'import json, sys; assert json.load(sys.stdin)["alarms"]["floods"] > 0' ||
+  fail "the figures are no JSON: $("$apc" alarm journal --figures --json)"
 kill -INT "$run"
 wait "$run" || fail "the run ended with $?"
 # Promise(experiment/command-told-alarm)

@@ -86,10 +86,10 @@ elif command -v jq >/dev/null; then
   json_reader=jq
 fi
 
-# Standard input must be exactly one JSON value.
+# Standard input must be exactly one JSON value, of RFC 8259: NaN is none.
 json() {
   case $json_reader in
-  python3) python3 -c 'import json, sys; json.load(sys.stdin)' ;;
+  python3) python3 -c 'import json, sys; json.load(sys.stdin, parse_constant=int)' ;;
   jq) [[ $(jq -s length) == 1 ]] ;;
   esac
 }
@@ -569,6 +569,22 @@ test_output_that_cannot_be_written_is_an_error() {
   "$apc" get >/dev/full 2>"$work/err" || code=$?
   equal "$code" 1 "$what"
   err_has "cannot write"
+}
+
+# Promise(docs/options-exit-codes)
+test_json_is_json_whatever_names_the_store_has() {
+  local bad=$'E\'"\\\\\\u0001\\n\\u00b5\\u007f\'' command
+  sql "UPDATE apc.tag SET name = left($bad || id || name, 20), unit = $bad, description = $bad"
+  sql "INSERT INTO apc.event (time, severity, source, kind, text) SELECT now(), 1, $bad, $bad, $bad"
+  sql "INSERT INTO apc.timing (time, task, quantity, period, missed, count, mean, sd, p50, p99, max, bin_low,
+                                 bin_high, bin_count)
+         VALUES (now(), $bad, 'run', 1, 0, 1, 7, 0, 7, 7, 7, ARRAY[7], ARRAY[7], ARRAY[1])"
+  for command in status get mode tune timing 'history setpoint.1' 'history --events' 'watch sensor.1 --count 1'; do
+    # shellcheck disable=SC2086
+    run 0 $command --json
+    out_is_json
+    ! grep -q $'[\001\177]' "$work/out" || fail "$what: control characters pass"
+  done
 }
 
 # In the order in which they stand here: each goes on from what the former left in the store.

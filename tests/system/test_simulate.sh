@@ -72,14 +72,40 @@ loops() { python3 -c 'import json, sys; print(json.load(open(sys.argv[1]))["loop
 cmp <(loops "$work/simulated.json") <(loops "$work/reported.json") || fail "the folder's figures are not the simulation's"
 grep -q '"of":"plant"' "$work/reported.json" || fail "of what the figures are is not said"
 grep -q "sha256\":\"$(sed -n 's/^sha256:  //p' "$work/simulated.txt")\"" "$work/simulated.json" || fail "no SHA-256 in the JSON"
+# Whatever names and numbers there are, what --json prints is JSON of RFC 8259, in which NaN is none: with quotes,
+# backslashes and UTF-8 in every name, for a run that diverges, and where nothing was measured.
 cat >"$work/quoted.conf" <<'END'
-name = "quoted"; duration = 10.0; measurements = ( { name = "y"; } ); setpoints = ( { name = "r"; } ); outputs = ( { name = "u"; low = -10.0; high = 10.0; } );
+name = "quoted"; title = "\"\\µ"; duration = 40.0;
+measurements = ( { name = "y\"\\µ"; unit = "\"\\µ"; noise = 0.01; alarms = ( { kind = "high"; limit = 0.5; message = "\"\\µ"; } ); } );
+setpoints = ( { name = "r\"\\µ"; } ); outputs = ( { name = "u\"\\µ"; low = -10.0; high = 10.0; } );
 plant = { model = "first-order"; period = 0.1; }; client = { period = 0.5; };
-controllers = ( { name = "a\"b\\c"; law = "pi"; measurements = ["y"]; setpoints = ["r"]; outputs = ["u"]; period = 1.0; } );
-scheduler = { period = 50.0; sequence = ( [1.0] ); };
+controllers = ( { name = "a\"b\\cµ"; law = "pi"; measurements = ["y\"\\µ"]; setpoints = ["r\"\\µ"]; outputs = ["u\"\\µ"]; period = 1.0; } );
+scheduler = { period = 10.0; sequence = ( [1.0], [0.2] ); };
 END
-"$apc" simulate "$work/quoted.conf" --json 2>/dev/null | python3 -c 'import json, sys; sys.exit(json.load(sys.stdin)["missed_ticks"]["a\"b\\c"])' ||
-  fail "a controller's name with a quote makes no JSON"
+strict() {
+  "$apc" "$@" --json >"$work/out" 2>"$work/err" || true # of an unstable loop it is not 0
+  python3 -c 'import json, sys; json.load(sys.stdin, parse_constant=int)' <"$work/out" 2>/dev/null ||
+    fail "apc $*: no JSON: $(cat "$work/err")"
+}
+quoted=$work/quoted.conf folder=$work/quoted kp='controllers.a"b\cµ.Kp'
+"$apc" simulate "$quoted" --report "$folder" >/dev/null
+"$apc" simulate "$quoted" --runs 2 --csv "$work/quoted.csv" >/dev/null
+strict simulate "$quoted"
+strict simulate "$quoted" --runs 2
+strict simulate "$quoted" --runs 2 --against "$work/quoted.csv"
+strict simulate "$quoted" --set "$kp=0" --net loss=1
+strict simulate "$quoted" --sweep "$kp=0..1000:2"
+strict analyze "$quoted"
+strict analyze "$quoted" --set "$kp=1000"
+strict optimize "$quoted" --over "$kp=0.1..1" --runs 20
+strict linearize first-order
+strict laws
+strict plants
+strict report "$folder"
+strict report "$folder" --from 5 --to 20
+strict identify "$folder"
+"$apc" simulate "$quoted" --json 2>/dev/null | python3 -c 'import json, sys; sys.exit(json.load(sys.stdin)["missed_ticks"]["a\"b\\cµ"])' ||
+  fail "a controller's name with a quote is another one in JSON"
 rm "$work/run/plant.csv"
 expect 0 'of what was measured' "$apc" report "$work/run"
 

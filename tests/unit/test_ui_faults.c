@@ -272,7 +272,7 @@ static void what_the_store_does_not_do_is_said_and_nothing_more_is_known_than_it
             assert_has(newest, request.fault.message);
             text_free(&all);
             /* its outcome goes along where it is not known, and only then it is put on record */
-            assert_int_equal(is_in(&request.extra, ",\"write\":{\"key\":"), unknown);
+            assert_int_equal(is_in(&request.extra, "\"write\":{\"key\":"), unknown);
             assert_int_equal(on_record(), before);
             assert_int_equal(ui->audit.waiting, waiting + unknown);
             if (unknown) {
@@ -290,7 +290,7 @@ static void who_was_slower_is_told_what_is_there(void **state)
     let_fail(SWAP, APC_ECONFLICT);
     assert_int_equal(write_one(&writings[2]), 409);
     assert_string_equal(request.fault.message, "Kp was changed meanwhile: it is 0.2 now");
-    assert_true(is_in(&request.extra, ",\"current\":{\"tuning.1\":"));
+    assert_true(is_in(&request.extra, "\"current\":{\"tuning.1\":"));
     assert_int_equal(write_one(&writings[3]), 409);
     assert_string_equal(request.fault.message, "y.high: somebody else was faster: look again");
 }

@@ -37,13 +37,13 @@ static void strings_are_json_whatever_bytes_they_hold(void **state)
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct text t = {0};
-        json_string_add(&t, cases[i][0]);
+        json_add(&t, "%s", cases[i][0]);
         assert_string_equal(shown(&t), cases[i][1]);
     }
     for (int c = 1; c < 256; c++) { /* and jansson, who is strict, can read it */
         char text[3] = {(char)c, 'x', '\0'};
         struct text t = {0};
-        json_string_add(&t, text);
+        json_add(&t, "%s", text);
         json_t *read = json_loadb(t.at, t.n, JSON_DECODE_ANY, NULL);
         assert_non_null(read);
         json_decref(read);
@@ -58,24 +58,18 @@ static void numbers_read_back_the_same(void **state)
     (void)state;
     for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
         struct text t = {0};
-        json_number_add(&t, values[i]);
+        json_add(&t, "%g", values[i]);
         assert_true(strtod(shown(&t), NULL) == values[i]);
     }
     struct text t = {0};
-    json_number_add(&t, 0.1);
+    json_add(&t, "%g", 0.1);
     assert_string_equal(shown(&t), "0.1");
-    json_number_add(&t, 0.9750045514171948); /* by seventeen digits it is 0.97500455141719477 */
+    json_add(&t, "%g", 0.9750045514171948); /* by seventeen digits it is 0.97500455141719477 */
     assert_string_equal(shown(&t), "0.9750045514171948");
-    json_number_add(&t, (double)NAN);
-    json_number_add(&t, (double)INFINITY);
-    json_limit_add(&t, -APC_VALUE_MAX);
-    assert_string_equal(shown(&t), "nullnullnull");
-    json_time_add(&t, INT64_C(1763730125123456789));
-    text_add(&t, " ");
-    json_time_add(&t, -APC_NS_PER_S / 2);
-    text_add(&t, " ");
-    json_time_add(&t, 0);
-    assert_string_equal(shown(&t), "1763730125.123456 -0.500000 0.000000");
+    json_add(&t, "%g %g %.3f %e", (double)NAN, (double)INFINITY, (double)-INFINITY, -APC_VALUE_MAX);
+    assert_string_equal(shown(&t), "null,null,null,null");
+    json_add(&t, "%.6jd %.6jd %.6jd", INT64_C(1763730125123456789), -APC_NS_PER_S / 2, INT64_C(0));
+    assert_string_equal(shown(&t), "1763730125.123456,-0.500000,0.000000");
 }
 
 static void a_body_is_read_member_by_member(void **state)
@@ -141,7 +135,7 @@ static void what_is_utf8_stays_and_every_other_byte_is_replaced(void **state)
     for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
         snprintf(text, sizeof text, "a%sz", good[i]);
         snprintf(expected, sizeof expected, "\"%s\"", text);
-        json_string_add(&t, text);
+        json_add(&t, "%s", text);
         assert_string_equal(shown(&t), expected);
     }
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
@@ -150,17 +144,17 @@ static void what_is_utf8_stays_and_every_other_byte_is_replaced(void **state)
             n += (size_t)snprintf(expected + n, sizeof expected - n, "\xef\xbf\xbd");
         snprintf(expected + n, sizeof expected - n, "z\"");
         snprintf(text, sizeof text, "a%sz", bad[i]);
-        json_string_add(&t, text);
+        json_add(&t, "%s", text);
         assert_string_equal(shown(&t), expected);
     }
-    json_string_add(&t, "\xe2z\xe2\x82z\xf0\x9f\x98z"); /* what is cut short costs nothing behind it */
+    json_add(&t, "%s", "\xe2z\xe2\x82z\xf0\x9f\x98z"); /* what is cut short costs nothing behind it */
     assert_string_equal(shown(&t),
                         "\"\xef\xbf\xbdz\xef\xbf\xbd\xef\xbf\xbdz\xef\xbf\xbd\xef\xbf\xbd\xef\xbf\xbdz\"");
-    json_string_add(&t, "\x1f ~\x7f");
+    json_add(&t, "%s", "\x1f ~\x7f");
     assert_string_equal(shown(&t), "\"\\u001f ~\\u007f\"");
-    json_string_add(&t, NULL);
-    json_string_add(&t, "");
-    assert_string_equal(shown(&t), "null\"\"");
+    const char *const none = getenv("none of this name");
+    json_add(&t, "%s%s%-s%-s", none, "", "", "x");
+    assert_string_equal(shown(&t), "null,\"\",null,\"x\"");
 }
 
 static void a_text_grows_with_what_is_put_into_it(void **state)
@@ -169,7 +163,6 @@ static void a_text_grows_with_what_is_put_into_it(void **state)
     char expected[8000] = "";
     size_t n = 0;
     (void)state;
-    text_chop(&t, ',');
     text_put(&t, "never", 0);
     assert_int_equal(t.n, 0);
     for (int i = 0; i < 700; i++) {
@@ -179,10 +172,6 @@ static void a_text_grows_with_what_is_put_into_it(void **state)
         assert_true(t.n == n && t.n <= t.room);
     }
     assert_memory_equal(t.at, expected, n);
-    text_chop(&t, 'x');
-    assert_int_equal(t.n, n);
-    text_chop(&t, 'b');
-    assert_int_equal(t.n, n - 1);
     text_free(&t);
     assert_true(!t.at && t.n == 0 && t.room == 0);
     text_add(&t, "%s", "once more");
@@ -201,20 +190,40 @@ static void samples_limits_and_times_are_shown(void **state)
     json_sample_add(&t, &s);
     s.seq = 0;
     json_sample_add(&t, &s);
-    assert_string_equal(shown(&t), "[3,2.000000,0.5,\"UncertainLastUsableValue\"][3,2.000000,0,\"Good\"]"
+    assert_string_equal(shown(&t), "[3,2.000000,0.5,\"UncertainLastUsableValue\"],[3,2.000000,0,\"Good\"],"
                                    "[0,null,null,\"BadNoData\"]");
-    json_limit_add(&t, APC_VALUE_MAX);
-    text_put(&t, " ", 1);
-    json_limit_add(&t, -2.5);
-    text_put(&t, " ", 1);
-    json_limit_add(&t, 0.99 * APC_VALUE_MAX);
-    assert_int_equal(strncmp(shown(&t), "null -2.5 9", 11), 0);
-    json_seconds_add(&t, 1500 * APC_NS_PER_MS);
-    text_put(&t, " ", 1);
-    json_time_add(&t, -3 * APC_NS_PER_S / 2);
-    text_put(&t, " ", 1);
-    json_time_add(&t, 1999999);
-    assert_string_equal(shown(&t), "1.5 -1.500000 0.001999");
+    json_add(&t, "%e %e %e", APC_VALUE_MAX, -2.5, 0.99 * APC_VALUE_MAX);
+    assert_int_equal(strncmp(shown(&t), "null,-2.5,9", 11), 0);
+    json_add(&t, "%.9jd %.9jd %.9jd %.6jd %.6jd", 1500 * APC_NS_PER_MS, INT64_C(0), JSON_NONE,
+             -3 * APC_NS_PER_S / 2, INT64_C(1999999));
+    assert_string_equal(shown(&t), "1.5,0,null,-1.500000,0.001999");
+}
+
+static void what_is_drawn_becomes_json_with_its_commas(void **state)
+{
+    static const struct text empty;
+    struct text part = {0}, t = {0};
+    char *at = NULL;
+    size_t n = 0;
+    (void)state;
+    json_add(&part, "{a:%i, b:[", true);
+    for (int i = -1; i < 2; i++)
+        json_add(&part, "%i", i);
+    json_add(&part, "],\n%s:{", "a \"key\"");
+    json_add(&part, "}, n:[%d, %jd, %jd, %u, %zu, %ju]", -3, INT64_MAX, JSON_NONE, 3u, SIZE_MAX, UINT64_MAX);
+    json_add(&part, "x:%.3f, y:%.2g, z:null}\n", 0.5, 1.0 / 3);
+    t.out = open_memstream(&at, &n); /* the same into a file, and nothing is allocated for it */
+    json_add(&t, "[%.*s", (int)part.n - 1, part.at);
+    json_text_add(&t, &empty);
+    json_add(&t, "[], {}]");
+    fclose(t.out);
+    assert_null(t.at);
+    assert_string_equal(
+        at, "[{\"a\":true,\"b\":[null,false,true],\n\"a \\\"key\\\"\":{},\"n\":[-3,9223372036854775807,"
+            "null,3,18446744073709551615,18446744073709551615],\"x\":0.500,\"y\":0.33,\"z\":null},"
+            "null,[],{}]");
+    free(at);
+    text_free(&part);
 }
 
 static const char *wrong(const char *text, const char *const *members)
@@ -471,7 +480,9 @@ static void two_modes_make_two_loops(void **state)
     assert_int_equal(p.revision, 3);
     assert_int_equal(plant_period(&p, APC_SENSOR, 1), 3 * APC_NS_PER_S);
     assert_int_equal(plant_period(&p, APC_ACTUATOR, 2), APC_NS_PER_S);
-    plant_json(&p, &t);
+    json_add(&t, "{");
+    plant_members(&p, &t);
+    json_add(&t, "}");
     json_t *json = json_loadb(t.at, t.n, 0, NULL);
     assert_non_null(json);
     text_free(&t);
@@ -500,7 +511,9 @@ static void two_modes_make_two_loops(void **state)
     assert_true(describe(&p, changed, n));
     assert_int_equal(p.revision, 4);
     assert_true(describe(&p, tags, 0)); /* nothing is described any more */
-    plant_json(&p, &t);
+    json_add(&t, "{");
+    plant_members(&p, &t);
+    json_add(&t, "}");
     json = json_loadb(t.at, t.n, 0, NULL);
     assert_int_equal(json_array_size(json_object_get(json, "loops")), 0);
     json_decref(json);
@@ -736,6 +749,7 @@ int main(void)
         cmocka_unit_test(a_body_is_read_member_by_member),
         cmocka_unit_test(what_is_utf8_stays_and_every_other_byte_is_replaced),
         cmocka_unit_test(a_text_grows_with_what_is_put_into_it),
+        cmocka_unit_test(what_is_drawn_becomes_json_with_its_commas),
         cmocka_unit_test(samples_limits_and_times_are_shown),
         cmocka_unit_test(what_is_wrong_with_a_body_is_said),
         cmocka_unit_test(a_whole_number_may_be_written_with_a_point),

@@ -167,7 +167,7 @@ static const struct asked {
     {get_writes, {"key", "not a key"}, NULL, 0x71edd16f},
     {post_setpoint, {NULL}, "{\"id\":1,\"value\":7.5,\"seq\":3,\"key\":\"a-key-of-mine-1\"}", 0xa122bc1f},
     {get_writes, {"key", "a-key-of-mine-1"}, NULL, 0x2d19ae4d},
-    {post_setpoint, {NULL}, "{\"id\":1,\"value\":7.5,\"seq\":3,\"key\":\"a-key-of-mine-2\"}", 0x50e8b643},
+    {post_setpoint, {NULL}, "{\"id\":1,\"value\":7.5,\"seq\":3,\"key\":\"a-key-of-mine-2\"}", 0x053bbf7f},
     {post_setpoint, {NULL}, "{\"id\":1,\"value\":101,\"seq\":4}", 0x18f9df1e},
     {post_setpoint, {NULL}, "{\"id\":9,\"value\":1,\"seq\":0}", 0xe14a8f07},
     {post_setpoint, {NULL}, "{\"id\":1,\"value\":\"much\",\"seq\":4}", 0x16833bf1},

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* The alarms as they stand, what they did, and what people want of them. */
-#include <inttypes.h>
-#include <math.h>
 #include <string.h>
 
 #include "apc-ui/api/api.h"
@@ -59,21 +57,15 @@ void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
     struct text *t = &r->reply;
     if (take_desk(desk, r, store)) {
         const apc_ns utc = apc_clock_utc(NULL);
-        text_add(t, "{\"t\":");
-        json_time_add(t, utc);
-        text_add(t, ",\"evaluated\":%s", json_truth(alarm_summary_lives(board, utc)));
-        alarm_time_member("time", board->tick.seq > 0 ? board->tick.time : 0, t);
-        text_add(t, ",\"alarms\":[");
+        json_add(t, "{t:%.6jd, evaluated:%i, time:%.6jd, alarms:[", utc, alarm_summary_lives(board, utc),
+                 json_some(board->tick.seq > 0 ? board->tick.time : 0));
         for (size_t i = 0; i < board->e.n_alarms; i++) {
-            text_add(t, "{\"alarm\":");
-            json_string_add(t, board->e.alarm[i].name);
-            text_add(t, ",");
+            json_add(t, "{alarm:%s", board->e.alarm[i].name);
             alarm_stands_members(&board->at[i], store, t);
             alarm_described_members(&board->e.alarm[i], t);
-            text_add(t, "},");
+            json_add(t, "}");
         }
-        text_chop(t, ',');
-        text_add(t, "]}");
+        json_add(t, "]}");
     }
     give_desk_back(desk);
 }
@@ -84,17 +76,11 @@ static void transition_json(const struct experiment *e, const struct alarm_trans
                             struct apc_store *store, struct text *t)
 {
     const struct alarm *alarm = &e->alarm[tr->alarm - 1];
-    text_add(t, "{\"number\":%" PRId64, tr->number);
-    alarm_time_member("time", tr->time, t);
-    text_add(t, ",\"alarm\":");
-    json_string_add(t, alarm->name);
-    text_add(t, ",\"priority\":%d,\"raised\":%s,\"state\":", alarm->is.priority,
-             json_truth(alarm_is_raised(tr)));
-    json_string_add(t, apc_alarm_state_name(tr->state));
-    text_add(t, ",\"before\":");
-    json_string_add(t, apc_alarm_state_name(tr->before));
+    json_add(t, "{number:%jd, time:%.6jd, alarm:%s, priority:%d, raised:%i, state:%s, before:%s", tr->number,
+             json_some(tr->time), alarm->name, alarm->is.priority, alarm_is_raised(tr),
+             apc_alarm_state_name(tr->state), apc_alarm_state_name(tr->before));
     alarm_author_member(store, tr->author, t);
-    text_add(t, "}");
+    json_add(t, "}");
 }
 
 static bool journal_range(struct request *r, struct apc_range *range)
@@ -122,15 +108,10 @@ void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store
     if (rc < 0)
         fault_store(r, rc, store);
     if (ok && rc == 0) {
-        text_add(t, "{\"t\":");
-        json_time_add(t, apc_clock_utc(NULL));
-        text_add(t, ",\"transitions\":[");
-        for (size_t i = 0; i < journal.n; i++) {
+        json_add(t, "{t:%.6jd, transitions:[", apc_clock_utc(NULL));
+        for (size_t i = 0; i < journal.n; i++)
             transition_json(&desk->board.e, &journal.at[i], store, t);
-            text_add(t, ",");
-        }
-        text_chop(t, ',');
-        text_add(t, "]}");
+        json_add(t, "]}");
     }
     alarm_journal_free(&journal);
     give_desk_back(desk);
@@ -140,35 +121,23 @@ void get_alarm_journal(struct ui *ui, struct request *r, struct apc_store *store
 
 static void each_json(const struct alarm_figures *f, const struct experiment *e, struct text *t)
 {
-    text_add(t, ",\"alarms\":[");
+    json_add(t, "alarms:[");
     for (size_t i = 0; i < f->n; i++) {
         const struct alarm_figure *one = &f->alarm[i];
-        if (one->raised == 0 && one->since == 0)
-            continue;
-        text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
-        json_string_add(t, e->alarm[i].name);
-        text_add(t, ",\"raised\":%zu,\"chatters\":%s,\"active\":", one->raised, json_truth(one->chatters));
-        json_seconds_add(t, one->active);
-        alarm_time_member("since", one->since, t);
-        text_add(t, "},");
+        if (one->raised > 0 || one->since != 0)
+            json_add(t, "{id:%zu, alarm:%s, raised:%zu, chatters:%i, active:%.9jd, since:%.6jd}", i + 1,
+                     e->alarm[i].name, one->raised, one->chatters, one->active, json_some(one->since));
     }
-    text_chop(t, ',');
-    text_add(t, "]");
+    json_add(t, "]");
 }
 
 static void figures_of(const struct alarm_figures *f, const struct experiment *e, struct text *t)
 {
-    text_add(t, ",\"hours\":");
-    json_number_add(t, f->hours);
-    text_add(t, ",\"raised\":%zu,\"by_priority\":[%zu,%zu,%zu,%zu],\"per_hour\":", f->raised,
-             f->by_priority[0], f->by_priority[1], f->by_priority[2], f->by_priority[3]);
-    json_number_add(t, f->per_hour);
-    text_add(
-        t,
-        ",\"most_in_ten_minutes\":%zu,\"floods\":%zu,\"windows\":%zu,\"chattering\":%zu,\"standing\":%zu,"
-        "\"stale\":%zu,\"unacknowledged\":%zu,\"to_acknowledge\":",
-        f->peak, f->floods, f->windows, f->chattering, f->standing, f->stale, f->unacked);
-    json_number_add(t, f->to_acknowledge); /* null: none was */
+    json_add(t, "hours:%g, raised:%zu, by_priority:[%zu, %zu, %zu, %zu], per_hour:%g", f->hours, f->raised,
+             f->by_priority[0], f->by_priority[1], f->by_priority[2], f->by_priority[3], f->per_hour);
+    json_add(t, "most_in_ten_minutes:%zu, floods:%zu, windows:%zu, chattering:%zu, standing:%zu, stale:%zu",
+             f->peak, f->floods, f->windows, f->chattering, f->standing, f->stale);
+    json_add(t, "unacknowledged:%zu, to_acknowledge:%g", f->unacked, f->to_acknowledge); /* null: none was */
     each_json(f, e, t);
 }
 
@@ -201,10 +170,10 @@ void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store
     if (rc < 0)
         fault_store(r, rc, store);
     if (ok && rc == 0) {
-        text_add(&r->reply, "{");
+        json_add(&r->reply, "{");
         range_json(&r->reply, range.since, range.until);
         figures_of(&figures, e, &r->reply);
-        text_add(&r->reply, "}");
+        json_add(&r->reply, "}");
     }
     alarm_figures_free(&figures);
     alarm_journal_free(&journal);
@@ -264,9 +233,9 @@ static bool read_alarm_order(struct request *r, struct order *o)
 static bool stale(struct request *r, const struct alarm_now *now, const struct alarm *alarm)
 {
     char ref[REF_LEN];
-    text_add(&r->extra, ",\"current\":{\"%s\":", ref_format(APC_ALARM, now->row->id, ref));
+    json_add(&r->extra, "current:{%s:", ref_format(APC_ALARM, now->row->id, ref));
     json_sample_add(&r->extra, now->row);
-    text_add(&r->extra, "}");
+    json_add(&r->extra, "}");
     return fault_set(&r->fault, 409, "stale", NULL, "%s was changed meanwhile: it is %s now", alarm->name,
                      apc_alarm_state_name(alarm_summary_state(now)));
 }
@@ -317,10 +286,8 @@ static void end_alarm_write(struct ui *ui, struct request *r, struct order *o, e
         r->reply = t;
         return;
     }
-    if (state == WRITE_UNKNOWN) {
-        text_add(&r->extra, ",\"write\":");
-        text_put(&r->extra, t.at, t.n);
-    }
+    if (state == WRITE_UNKNOWN)
+        json_add(&r->extra, "write:%.*s", (int)t.n, t.at);
     text_free(&t);
 }
 

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Past values, of one variable or of many, as JSON, CSV or binary columns. */
-#include <inttypes.h>
 #include <math.h>
 #include <string.h>
 
@@ -88,11 +87,9 @@ static int before_json(struct apc_store *store, enum apc_table table, int id, ap
     const struct apc_range range = {.until = since, .last = 1};
     struct apc_sample before = {0};
     int rc = stands(table) ? apc_store_history(store, table, id, &range, take_before, &before) : 0;
-    text_add(t, ",\"before\":");
+    json_add(t, before.seq > 0 ? "before:" : "before:null");
     if (before.seq > 0)
         json_sample_add(t, &before);
-    else
-        text_add(t, "null");
     return rc < 0 ? rc : 0;
 }
 
@@ -127,11 +124,11 @@ static int history_json(struct apc_store *store, enum apc_table table, int id, c
     if (rc == 0)
         rc = rows(store, table, id, w, &c);
     if (w->bins > 0)
-        text_add(t, ",\"bins\":{\"n\":%" PRId64 ",", w->bins);
+        json_add(t, "bins:{n:%jd", w->bins);
     else
-        text_add(t, ",\"samples\":{");
+        json_add(t, "samples:{");
     columns_end(&c, t);
-    text_put(t, "}", 1);
+    json_add(t, "}");
     return rc;
 }
 
@@ -143,16 +140,15 @@ static int named_json(struct ui *ui, struct apc_store *store, const char *name, 
     enum apc_table table = 0;
     int id = 0, rc = 0;
     size_t found = find_variable(ui, name, &table, &id);
-    text_add(t, "{\"name\":");
-    json_string_add(t, name);
+    json_add(t, "{name:%s", name);
     if (found == 1) {
-        text_add(t, ",\"ref\":\"%s\"", ref_format(table, id, ref));
+        json_add(t, "ref:%s", ref_format(table, id, ref));
         rc = history_json(store, table, id, w, t, data);
     } else {
-        text_add(t, ",\"error\":{\"code\":\"variable\",\"message\":\"%s\"}",
+        json_add(t, "error:{code:%s, message:%s}", "variable",
                  found ? "several variables have this name: give TABLE.ID" : "there is no such variable");
     }
-    text_add(t, "},");
+    json_add(t, "}");
     return rc;
 }
 
@@ -181,7 +177,6 @@ static int all_plants_json(struct ui *ui, struct apc_store *store, const char *n
         names = next_name(names, name);
         rc = named_json(ui, store, name, w, t, data);
     }
-    text_chop(t, ',');
     return rc;
 }
 
@@ -245,18 +240,18 @@ static int history_members(struct ui *ui, struct apc_store *store, const char *n
 {
     char own[REF_LEN];
     int rc;
-    text_put(t, "{", 1);
+    json_add(t, "{");
     if (!names)
-        text_add(t, "\"ref\":\"%s\",", ref_format(table, id, own));
+        json_add(t, "ref:%s", ref_format(table, id, own));
     range_json(t, w->since, w->until);
     if (names) {
-        text_add(t, ",\"series\":[");
+        json_add(t, "series:[");
         rc = all_plants_json(ui, store, names, w, t, data);
-        text_put(t, "]", 1);
+        json_add(t, "]");
     } else {
         rc = history_json(store, table, id, w, t, data);
     }
-    text_put(t, "}", 1);
+    json_add(t, "}");
     return rc;
 }
 

@@ -10,11 +10,11 @@
 static void tell_plant(struct ui *ui, struct text *t)
 {
     const struct model *m = &ui->model;
-    plant_json(&m->plant, t);
-    text_chop(t, '}');
-    text_add(t, ",\"graphic\":%s,\"alarms\":", ui->graphic.n > 0 ? "true" : "false");
-    text_put(t, m->alarms_are.n > 0 ? m->alarms_are.at : "null", m->alarms_are.n > 0 ? m->alarms_are.n : 4);
-    text_put(t, "}", 1);
+    json_add(t, "{");
+    plant_members(&m->plant, t);
+    json_add(t, "graphic:%i, alarms:", ui->graphic.n > 0);
+    json_text_add(t, &m->alarms_are);
+    json_add(t, "}");
 }
 
 /* Of a thousand signals it is 50 ms of work, which all pages ask for: zipped, it is kept until it is another. */
@@ -67,9 +67,9 @@ void get_writes(struct ui *ui, struct request *r, struct apc_store *store)
     const char *key = request_query(r, "key");
     const bool waits = atomic_load(&ui->writing) > 0; /* before the look: what is done with by then is seen */
     (void)store;
-    text_add(&r->reply, "{\"writes\":[");
+    json_add(&r->reply, "{writes:[");
     size_t n = writes_json(ui->writes, key, &r->reply);
-    text_add(&r->reply, "]}");
+    json_add(&r->reply, "]}");
     if (key && n == 0 && waits)
         fault_set(&r->fault, 503, "busy", "key",
                   "writes are waiting, and this may be one of them: ask again");
@@ -81,23 +81,21 @@ void get_writes(struct ui *ui, struct request *r, struct apc_store *store)
 
 static void tasks_json(const struct model *m, apc_ns now, struct text *t)
 {
-    text_add(t, ",\"tasks\":[");
-    for (size_t i = 0; i < m->tasks; i++) {
+    json_add(t, "tasks:[");
+    for (size_t i = 0; i < m->tasks; i++)
         task_json(&m->task[i], now, t);
-        text_put(t, ",", 1);
-    }
-    text_chop(t, ',');
+    json_add(t, "]");
 }
 
 /* What apc-client measures of its exchanges with the plant. Nobody else measures any. */
 static void exchange_json(const struct task *exchange, struct text *t)
 {
-    text_add(t, ",\"round_trip\":");
+    json_add(t, "round_trip:");
     window_json(exchange ? &exchange->last[RUN] : NULL, t);
     if (exchange && exchange->last[RUN].count > 0)
-        text_add(t, ",\"failed\":%" PRIu64 "},", exchange->missed_total);
+        json_add(t, "failed:%ju", exchange->missed_total);
     else
-        text_add(t, ",\"failed\":null},");
+        json_add(t, "failed:null");
 }
 
 #define CLIENT "apc-client"
@@ -123,75 +121,60 @@ static bool has_client(const struct model *m)
 static void silent_link_json(const struct model *m, apc_ns now, struct text *t)
 {
     const bool up = measures(m, now);
-    text_add(t, "{\"name\":\"" CLIENT "\",\"up\":%s,\"since\":null,\"text\":\"%s\",\"changes\":0",
-             up ? "true" : "false", up ? "measurements arrive" : "no measurements arrive");
+    json_add(t, "{name:%s, up:%i, since:null, text:%s, changes:0", CLIENT, up,
+             up ? "measurements arrive" : "no measurements arrive");
     exchange_json(&m->exchange, t);
+    json_add(t, "}");
 }
 
 static void links_json(const struct model *m, apc_ns now, struct text *t)
 {
     bool client = false;
-    text_add(t, "],\"links\":[");
+    json_add(t, "links:[");
     for (size_t i = 0; i < m->links; i++) {
         const struct link_state *link = &m->link[i];
         const bool is_client = !strcmp(link->name, CLIENT);
         client |= is_client;
-        text_add(t, "{\"name\":");
-        json_string_add(t, link->name);
-        text_add(t, ",\"up\":%s,\"since\":", link->up ? "true" : "false");
-        json_time_add(t, link->since);
-        text_add(t, ",\"text\":");
-        json_string_add(t, link->text);
-        text_add(t, ",\"changes\":%" PRIu64, link->changes);
+        json_add(t, "{name:%s, up:%i, since:%.6jd, text:%s, changes:%ju", link->name, link->up, link->since,
+                 link->text, link->changes);
         exchange_json(is_client ? &m->exchange : NULL, t);
+        json_add(t, "}");
     }
     if (!client && has_client(m))
         silent_link_json(m, now, t);
-    text_chop(t, ',');
+    json_add(t, "]");
 }
 
 static void signals_json(const struct model *m, apc_ns now, struct text *t)
 {
     char ref[REF_LEN], status[APC_STATUS_NAME_LEN];
-    text_add(t, "],\"signals\":[");
+    json_add(t, "signals:[");
     for (size_t i = 0; i < m->plant.n; i++) {
         const struct apc_sample *s = &m->now[i];
         apc_ns age = model_age(m, i, now), period = plant_period(&m->plant, s->table, s->id);
-        text_add(t, "{\"ref\":\"%s\",\"age\":", ref_format(s->table, s->id, ref));
-        if (age >= 0)
-            json_seconds_add(t, age);
-        else
-            text_add(t, "null");
-        text_add(t, ",\"period\":");
-        if (period > 0)
-            json_seconds_add(t, period);
-        else
-            text_add(t, "null");
-        text_add(t, ",\"stale\":%s,\"status\":\"%s\"},", model_stale(m, i, now) ? "true" : "false",
-                 apc_status_format(s->seq > 0 ? s->status : APC_BAD_NO_DATA, status));
+        json_add(t, "{ref:%s, age:%.9jd, period:%.9jd, stale:%i, status:%s}",
+                 ref_format(s->table, s->id, ref), age >= 0 ? age : JSON_NONE, json_some(period),
+                 model_stale(m, i, now), apc_status_format(s->seq > 0 ? s->status : APC_BAD_NO_DATA, status));
     }
-    text_chop(t, ',');
+    json_add(t, "]");
 }
 
 static void duration_stats_json(struct duration_stats *m, const char *name, struct text *t)
 {
     struct apc_summary summary;
     duration_stats_summary(m, &summary);
-    text_add(t, ",\"%s\":", name);
+    json_add(t, "%s:", name);
     summary_json(&summary, t);
 }
 
 static void spool_json(const struct ui *ui, struct text *t)
 {
     const struct apc_spool_stats *s = &ui->model.spool;
-    apc_ns age = s->oldest > 0 ? apc_clock_utc(NULL) - s->oldest : 0;
-    if (!ui->options.spool) {
-        text_add(t, "null");
-        return;
-    }
-    text_add(t, "{\"depth\":%" PRIu64 ",\"age\":", s->samples + s->events);
-    json_seconds_add(t, age);
-    text_add(t, "}");
+    if (ui->options.spool)
+        json_add(t, "{depth:%ju, age:%.9jd}", s->samples + s->events,
+                 s->oldest > 0 ? apc_clock_utc(NULL) - s->oldest : 0);
+    else
+        json_add(t, "null");
 }
 
 void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store)
@@ -203,26 +186,22 @@ void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store)
     (void)store;
 
     stream_stats(ui->stream, &stream);
-    text_add(t, "{\"t\":");
-    json_time_add(t, apc_clock_utc(NULL));
-    text_add(t, ",\"uptime\":");
-    json_seconds_add(t, now - ui->began);
+    json_add(t, "{t:%.6jd, uptime:%.9jd", apc_clock_utc(NULL), now - ui->began);
     pthread_mutex_lock(&m->mutex);
     tasks_json(m, now, t);
     links_json(m, now, t);
     signals_json(m, now, t);
-    text_add(t, "],\"store\":");
-    store_state_json(m, t);
-    text_chop(t, '}');
-    text_add(t, ",\"connects\":%" PRIu64 ",\"spool\":", m->connects);
+    json_add(t, "store:{");
+    store_state_members(m, t);
+    json_add(t, "connects:%ju, spool:", m->connects);
     spool_json(ui, t);
     pthread_mutex_unlock(&m->mutex);
     duration_stats_json(&ui->reads, "read", t);
     duration_stats_json(&ui->stores, "write", t);
-    text_add(t, "},\"stream\":{\"clients\":%zu,\"messages\":%" PRIu64 ",\"dropped\":%" PRIu64, stream.readers,
-             stream.messages, stream.dropped);
+    json_add(t, "}, stream:{clients:%zu, messages:%ju, dropped:%ju", stream.readers, stream.messages,
+             stream.dropped);
     duration_stats_json(&ui->lag, "lag", t);
-    text_add(t, "}}");
+    json_add(t, "}}");
 }
 
 /* ---- Prometheus --------------------------------------------------------------------------- */

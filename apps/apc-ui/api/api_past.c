@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What was: events, timing. */
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -35,12 +34,7 @@ bool query_range(struct request *r, apc_ns back, apc_ns most, apc_ns *since, apc
 
 void range_json(struct text *t, apc_ns since, apc_ns until)
 {
-    text_add(t, "\"t\":");
-    json_time_add(t, apc_clock_utc(NULL));
-    text_add(t, ",\"since\":");
-    json_time_add(t, since);
-    text_add(t, ",\"until\":");
-    json_time_add(t, until);
+    json_add(t, "t:%.6jd, since:%.6jd, until:%.6jd", apc_clock_utc(NULL), since, until);
 }
 
 /* ---- Events ------------------------------------------------------------------------------- */
@@ -106,15 +100,10 @@ void get_events(struct ui *ui, struct request *r, struct apc_store *store)
     if (rc < 0)
         fault_store(r, rc, store);
     uint64_t n = (uint64_t)f.last;
-    text_add(&r->reply, "{\"t\":");
-    json_time_add(&r->reply, apc_clock_utc(NULL));
-    text_add(&r->reply, ",\"events\":[");
-    for (uint64_t i = f.matched > n ? f.matched - n : 0; i < f.matched; i++) {
+    json_add(&r->reply, "{t:%.6jd, events:[", apc_clock_utc(NULL));
+    for (uint64_t i = f.matched > n ? f.matched - n : 0; i < f.matched; i++)
         event_json(&f.ring[i % n], &r->reply);
-        text_put(&r->reply, ",", 1);
-    }
-    text_chop(&r->reply, ',');
-    text_add(&r->reply, "],\"more\":%s}", f.matched > n ? "true" : "false");
+    json_add(&r->reply, "], more:%i}", f.matched > n);
     free(f.ring);
 }
 
@@ -128,31 +117,16 @@ static bool known_quantity(struct request *r, const char *quantity)
     return fault_set(&r->fault, 400, "parameter", "quantity", "\"quantity\" must be lateness, jitter or run");
 }
 
-static void seconds_member(struct text *t, const char *name, apc_ns duration)
-{
-    text_add(t, ",\"%s\":", name);
-    json_seconds_add(t, duration);
-}
-
 static void series_json(const struct timing_series *s, struct text *t)
 {
-    text_add(t, "{\"task\":");
-    json_string_add(t, s->task);
-    text_add(t, ",\"quantity\":\"%s\"", s->quantity);
-    seconds_member(t, "period", s->period);
-    text_add(t, ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64 ",\"mean\":%.9g,\"sd\":%.9g", s->count,
-             s->missed, s->mean / 1e9, s->sd / 1e9);
-    seconds_member(t, "min", timing_min(s));
-    seconds_member(t, "p50", s->p50);
-    seconds_member(t, "p99", s->p99);
-    seconds_member(t, "p999", s->p999);
-    seconds_member(t, "max", s->max);
-    text_add(t, ",\"bins\":[");
+    json_add(t, "{task:%s, quantity:%s, period:%.9jd, count:%ju, missed:%ju, mean:%.9g, sd:%.9g", s->task,
+             s->quantity, s->period, s->count, s->missed, s->mean / 1e9, s->sd / 1e9);
+    json_add(t, "min:%.9jd, p50:%.9jd, p99:%.9jd, p999:%.9jd, max:%.9jd, bins:[", timing_min(s), s->p50,
+             s->p99, s->p999, s->max);
     for (size_t i = 0; i < s->n_bins; i++)
-        text_add(t, "[%.9g,%.9g,%" PRIu64 "],", (double)s->bins[i].low / 1e9, (double)s->bins[i].high / 1e9,
+        json_add(t, "[%.9g, %.9g, %ju]", (double)s->bins[i].low / 1e9, (double)s->bins[i].high / 1e9,
                  s->bins[i].count);
-    text_chop(t, ',');
-    text_add(t, "]},");
+    json_add(t, "]}");
 }
 
 void get_timing(struct ui *ui, struct request *r, struct apc_store *store)
@@ -166,14 +140,13 @@ void get_timing(struct ui *ui, struct request *r, struct apc_store *store)
     int rc = timing_load(&timing, store, &range, quantity);
     if (rc < 0)
         fault_store(r, rc, store);
-    text_add(&r->reply, "{");
+    json_add(&r->reply, "{");
     range_json(&r->reply, range.since, range.until);
-    text_add(&r->reply, ",\"timing\":[");
+    json_add(&r->reply, "timing:[");
     for (size_t i = 0; i < timing.n; i++)
         if (!task || !strcmp(task, timing.series[i].task))
             series_json(&timing.series[i], &r->reply);
-    text_chop(&r->reply, ',');
-    text_add(&r->reply, "]}");
+    json_add(&r->reply, "]}");
     timing_free(&timing);
 }
 
@@ -218,16 +191,8 @@ static void against_time_json(const struct against_time *a, struct text *t)
         {"time", CELL_TIME},  {"count", CELL_WHOLE}, {"missed", CELL_WHOLE}, {"mean", CELL_NUMBER},
         {"p50", CELL_NUMBER}, {"p99", CELL_NUMBER},  {"max", CELL_NUMBER},   {0}};
     struct columns c = {.column = columns};
-    text_add(t, "{\"t\":");
-    json_time_add(t, apc_clock_utc(NULL));
-    text_add(t, ",\"task\":");
-    json_string_add(t, a->task);
-    text_add(t, ",\"quantity\":\"%s\",\"period\":", a->quantity);
-    if (a->period > 0)
-        json_seconds_add(t, a->period);
-    else
-        text_add(t, "null");
-    text_add(t, ",\"series\":{");
+    json_add(t, "{t:%.6jd, task:%s, quantity:%s, period:%.9jd, series:{", apc_clock_utc(NULL), a->task,
+             a->quantity, json_some(a->period));
     for (size_t i = 0; i < a->n; i++) {
         const struct interval *at = &a->at[i];
         if (at->count == 0)
@@ -242,7 +207,7 @@ static void against_time_json(const struct against_time *a, struct text *t)
         columns_row(&c, row);
     }
     columns_end(&c, t);
-    text_add(t, "}}");
+    json_add(t, "}}");
 }
 
 void get_timing_series(struct ui *ui, struct request *r, struct apc_store *store)

@@ -76,16 +76,9 @@ static int listed_json(void *ctx, const struct apc_store_plant *plant)
     for (size_t i = 0; i < list->n && !page; i++)
         if (!strcmp(list->address[i].plant, plant->schema))
             page = list->address[i].page;
-    text_add(list->t, "{\"name\":");
-    json_string_add(list->t, plant->schema);
-    text_add(list->t, ",\"here\":%s,\"age\":", strcmp(plant->schema, list->here) ? "false" : "true");
-    if (plant->newest > 0)
-        json_seconds_add(list->t, list->now - plant->newest);
-    else
-        text_add(list->t, "null");
-    text_add(list->t, ",\"page\":");
-    json_string_add(list->t, page);
-    text_add(list->t, "},");
+    json_add(list->t, "{name:%s, here:%i, age:%.9jd, page:%s}", plant->schema,
+             !strcmp(plant->schema, list->here), plant->newest > 0 ? list->now - plant->newest : JSON_NONE,
+             page);
     return 0;
 }
 
@@ -97,12 +90,9 @@ static int plants_json(struct ui *ui, struct apc_store *store, struct text *t)
     struct apc_error why;
     if (ui->options.plants && addresses_load(&list, ui->options.plants, &why) < 0)
         apc_log_write(ui->log, APC_LOG_WARN, "addresses of plants: %s", why.text);
-    text_add(t, "{\"t\":");
-    json_time_add(t, list.now);
-    text_add(t, ",\"plants\":[");
+    json_add(t, "{t:%.6jd, plants:[", list.now);
     const int rc = apc_store_plants(store, listed_json, &list);
-    text_chop(t, ',');
-    text_add(t, "]}");
+    json_add(t, "]}");
     free(list.address);
     return rc == APC_EINVAL ? 0 : rc; /* any other store is of one plant */
 }

@@ -7,29 +7,20 @@
 
 static void values_json(const char *name, const double *v, size_t n, struct text *t)
 {
-    text_add(t, ",\"%s\":[", name);
-    for (size_t k = 0; k < n; k++) {
-        json_number_add(t, v[k]);
-        text_put(t, ",", 1);
-    }
-    text_chop(t, ',');
-    text_put(t, "]", 1);
+    json_add(t, "%s:[", name);
+    for (size_t k = 0; k < n; k++)
+        json_add(t, "%g", v[k]);
+    json_add(t, "]");
 }
 
 static void trajectory_json(const struct prediction_trajectory *c, struct text *t)
 {
     char ref[REF_LEN];
-    text_add(t, "{\"ref\":\"%s\",\"name\":", ref_format(c->table, c->id, ref));
-    json_string_add(t, c->name);
-    text_add(t, ",\"made\":");
-    json_time_add(t, c->made);
-    text_add(t, ",\"first\":");
-    json_seconds_add(t, c->first);
-    text_add(t, ",\"step\":");
-    json_seconds_add(t, c->step);
+    json_add(t, "{ref:%s, name:%s, made:%.6jd, first:%.9jd, step:%.9jd", ref_format(c->table, c->id, ref),
+             c->name, c->made, c->first, c->step);
     values_json("expected", c->expected, c->n, t);
     values_json("came", c->came, c->n, t);
-    text_add(t, "},");
+    json_add(t, "}");
 }
 
 /* The tags are read anew: those that the model keeps are the ones that people see. */
@@ -58,14 +49,9 @@ void get_prediction(struct ui *ui, struct request *r, struct apc_store *store)
     const int rc = load_prediction(&o, store, at, now);
     if (rc < 0)
         fault_store(r, rc, store);
-    text_add(t, "{\"t\":");
-    json_time_add(t, now);
-    text_add(t, ",\"at\":");
-    json_time_add(t, at);
-    text_add(t, ",\"%s\":[", r->former ? "outlook" : "predictions");
+    json_add(t, "{t:%.6jd, at:%.6jd, %s:[", now, at, r->former ? "outlook" : "predictions");
     for (size_t i = 0; i < o.n; i++)
         trajectory_json(&o.trajectory[i], t);
-    text_chop(t, ',');
-    text_add(t, "]}");
+    json_add(t, "]}");
     prediction_free(&o);
 }

@@ -258,17 +258,15 @@ static void stale_fault(struct request *r, const struct order *o)
     char ref[REF_LEN];
     struct change_fault why;
     const struct change *first = NULL;
-    text_add(&r->extra, ",\"current\":{");
+    json_add(&r->extra, "current:{");
     for (size_t i = 0; i < o->write.n; i++) {
         const struct change *c = &o->change[i];
         if (!first && c->newest.seq != c->after.seq)
             first = c;
-        text_add(&r->extra, "\"%s\":", ref_format(c->after.table, c->after.id, ref));
+        json_add(&r->extra, "%s:", ref_format(c->after.table, c->after.id, ref));
         json_sample_add(&r->extra, &c->newest);
-        text_add(&r->extra, ",");
     }
-    text_chop(&r->extra, ',');
-    text_add(&r->extra, "}");
+    json_add(&r->extra, "}");
     if (!first)
         first = &o->change[0];
     (void)change_stale(first->to.name, &first->newest, &why);
@@ -396,10 +394,8 @@ static void end_write(struct ui *ui, struct request *r, struct order *o, enum wr
         r->reply = t;
         return;
     }
-    if (strcmp(r->fault.code, "unknown") == 0) {
-        text_add(&r->extra, ",\"write\":");
-        text_put(&r->extra, t.at, t.n);
-    }
+    if (strcmp(r->fault.code, "unknown") == 0)
+        json_add(&r->extra, "write:%.*s", (int)t.n, t.at);
     text_free(&t);
 }
 

@@ -62,27 +62,20 @@ static void compare_alarms(struct alarm_watch *w, struct apc_store *store, struc
         told->shelved = alarm_summary_shelved(now);
         text_free(&told->json);
         alarm_stands_json(now, store, &told->json);
-        text_put(news, told->json.at, told->json.n);
-        text_put(news, ",", 1);
+        json_text_add(news, &told->json);
     }
-    text_chop(news, ',');
 }
 
 static void tell_alarm_news(struct alarm_watch *w, struct ui *ui, const struct text *news)
 {
     struct text all = {0}, t = {0};
     for (size_t i = 0; i < w->board.e.n_alarms; i++)
-        if (w->told[i].json.n > 0) {
-            text_put(&all, w->told[i].json.at, w->told[i].json.n);
-            text_put(&all, ",", 1);
-        }
-    text_chop(&all, ',');
+        if (w->told[i].json.n > 0)
+            json_text_add(&all, &w->told[i].json);
     give_to_model(&ui->model, &ui->model.alarms_stand, &all);
-    text_add(&t, "{\"t\":");
-    json_time_add(&t, apc_clock_utc(NULL));
-    text_add(&t, ",\"alarms\":[");
+    json_add(&t, "{t:%.6jd, alarms:[", apc_clock_utc(NULL));
     text_put(&t, news->at, news->n);
-    text_add(&t, "]}");
+    json_add(&t, "]}");
     if (!t.failed && !news->failed)
         stream_publish(ui->stream, "alarms", t.at, t.n, true);
     text_free(&t);

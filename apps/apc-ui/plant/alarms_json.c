@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* What alarms are and how they stand, as JSON. */
-#include <inttypes.h>
+#include <math.h>
 
 #include "apc-ui/ui.h"
 
@@ -9,30 +9,14 @@ void alarm_author_member(struct apc_store *store, uint32_t author, struct text *
     char name[APC_AUTHOR_LEN] = "";
     if (author > 0 && apc_store_author_name(store, author, name) < 0)
         name[0] = '\0';
-    text_add(t, ",\"author\":");
-    json_string_add(t, name[0] ? name : NULL);
-}
-
-void alarm_time_member(const char *name, apc_ns time, struct text *t)
-{
-    text_add(t, ",\"%s\":", name);
-    if (time > 0)
-        json_time_add(t, time);
-    else
-        text_add(t, "null");
+    json_add(t, "author:%-s", name);
 }
 
 void alarm_described_members(const struct alarm *alarm, struct text *t)
 {
-    const char *const texts[][2] = {{"area", alarm->area},
-                                    {"message", alarm->message},
-                                    {"consequence", alarm->consequence},
-                                    {"response", alarm->response}};
-    text_add(t, ",\"kind\":\"%s\",\"priority\":%d", apc_alarm_kind_name(alarm->is.kind), alarm->is.priority);
-    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
-        text_add(t, ",\"%s\":", texts[i][0]);
-        json_string_add(t, texts[i][1]);
-    }
+    json_add(t, "kind:%s, priority:%d, area:%s, message:%s, consequence:%s, response:%s",
+             apc_alarm_kind_name(alarm->is.kind), alarm->is.priority, alarm->area, alarm->message,
+             alarm->consequence, alarm->response);
 }
 
 #define TRANSITIONS_BACK 64 /* of one alarm, that are looked through for when it was raised */
@@ -60,16 +44,13 @@ static apc_ns raised_at(const struct alarm_now *now, struct apc_store *store)
 void alarm_stands_members(const struct alarm_now *now, struct apc_store *store, struct text *t)
 {
     const enum apc_alarm_state state = alarm_summary_state(now);
-    text_add(t,
-             "\"id\":%d,\"seq\":%" PRId64 ",\"journal\":%" PRId64
-             ",\"state\":\"%s\",\"active\":%s,\"unacknowledged\":%s,\"standing\":%s",
+    json_add(t, "id:%d, seq:%jd, journal:%jd, state:%s, active:%i, unacknowledged:%i, standing:%i",
              now->row->id, now->row->seq, now->row->origin, apc_alarm_state_name(state),
-             json_truth(apc_alarm_is_active(state)), json_truth(apc_alarm_is_unacked(state)),
-             json_truth(apc_alarm_is_standing(state)));
-    alarm_time_member("time", now->row->seq > 0 ? now->row->time : 0, t);
-    alarm_time_member("raised", raised_at(now, store), t);
+             apc_alarm_is_active(state), apc_alarm_is_unacked(state), apc_alarm_is_standing(state));
+    json_add(t, "time:%.6jd, raised:%.6jd", json_some(now->row->seq > 0 ? now->row->time : 0),
+             json_some(raised_at(now, store)));
     alarm_author_member(store, now->row->author, t);
-    alarm_time_member("shelved_until", alarm_summary_shelved(now), t);
+    json_add(t, "shelved_until:%.6jd", json_some(alarm_summary_shelved(now)));
 }
 
 static bool has_limit(enum apc_alarm_kind kind)
@@ -81,28 +62,21 @@ static bool has_limit(enum apc_alarm_kind kind)
 void alarms_described_json(const struct experiment *e, struct text *t)
 {
     char ref[REF_LEN];
-    text_add(t, "{\"shelve_max\":");
-    json_seconds_add(t, e->alarms.shelve_max);
-    text_add(t, ",\"all\":[");
+    json_add(t, "{shelve_max:%.9jd, all:[", e->alarms.shelve_max);
     for (size_t i = 0; i < e->n_alarms; i++) {
         const struct alarm *alarm = &e->alarm[i];
-        text_add(t, "{\"id\":%zu,\"alarm\":", i + 1);
-        json_string_add(t, alarm->name);
-        text_add(t, ",\"ref\":\"%s\",\"limit\":", ref_format(alarm->is.table, alarm->is.id, ref));
-        if (has_limit(alarm->is.kind))
-            json_number_add(t, alarm->is.limit);
-        else
-            text_add(t, "null");
+        json_add(t, "{id:%zu, alarm:%s, ref:%s, limit:%g", i + 1, alarm->name,
+                 ref_format(alarm->is.table, alarm->is.id, ref),
+                 has_limit(alarm->is.kind) ? alarm->is.limit : (double)NAN);
         alarm_described_members(alarm, t);
-        text_add(t, "},");
+        json_add(t, "}");
     }
-    text_chop(t, ',');
-    text_add(t, "]}");
+    json_add(t, "]}");
 }
 
 void alarm_stands_json(const struct alarm_now *now, struct apc_store *store, struct text *t)
 {
-    text_add(t, "{");
+    json_add(t, "{");
     alarm_stands_members(now, store, t);
-    text_add(t, "}");
+    json_add(t, "}");
 }

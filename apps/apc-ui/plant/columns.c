@@ -2,7 +2,6 @@
 #include "columns.h"
 
 #include <endian.h>
-#include <inttypes.h>
 #include <math.h>
 #include <string.h>
 
@@ -31,13 +30,15 @@ static void put_cell_text(struct text *t, enum cell_type type, union cell cell, 
 {
     char name[APC_STATUS_NAME_LEN];
     if (type == CELL_TIME)
-        json_time_add(t, cell.time);
+        json_add(t, "%.6jd", cell.time);
     else if (type == CELL_WHOLE)
-        text_add(t, "%" PRId64, cell.whole);
+        json_add(t, "%jd", cell.whole);
+    else if (type == CELL_STATUS && json)
+        json_add(t, "%s", apc_status_format(cell.status, name));
     else if (type == CELL_STATUS)
-        text_add(t, json ? "\"%s\"" : "%s", apc_status_format(cell.status, name));
+        text_add(t, "%s", apc_status_format(cell.status, name));
     else if (json || isfinite(cell.number))
-        json_number_add(t, cell.number);
+        json_add(t, "%g", cell.number);
 }
 
 /* A field of RFC 4180. */
@@ -71,12 +72,10 @@ void columns_row(struct columns *c, const union cell *row)
         return;
     }
     for (size_t i = 0; c->column[i].name; i++) {
-        if (c->form == FORM_BINARY) {
+        if (c->form == FORM_BINARY)
             put_binary(&c->cells[i], c->column[i].type, row[i]);
-            continue;
-        }
-        put_cell_text(&c->cells[i], c->column[i].type, row[i], true);
-        text_put(&c->cells[i], ",", 1);
+        else
+            put_cell_text(&c->cells[i], c->column[i].type, row[i], true);
     }
 }
 
@@ -85,8 +84,7 @@ static void end_binary(struct columns *c, size_t i, struct text *t)
     static const char zeros[8];
     const bool status = c->column[i].type == CELL_STATUS;
     const struct text *cells = &c->cells[i];
-    text_add(t, "{\"type\":\"%s\",\"at\":%zu,\"n\":%zu}", status ? "u32" : "f64", c->data->n,
-             cells->n / (status ? 4 : 8));
+    json_add(t, "{type:%s, at:%zu, n:%zu}", status ? "u32" : "f64", c->data->n, cells->n / (status ? 4 : 8));
     text_put(c->data, cells->at, cells->n);
     text_put(c->data, zeros, (8 - cells->n % 8) % 8);
 }
@@ -94,15 +92,11 @@ static void end_binary(struct columns *c, size_t i, struct text *t)
 void columns_end(struct columns *c, struct text *t)
 {
     for (size_t i = 0; c->form != FORM_CSV && c->column[i].name; i++) {
-        text_add(t, "%s\"%s\":", i ? "," : "", c->column[i].name);
-        if (c->form == FORM_BINARY) {
+        json_add(t, "%s:", c->column[i].name);
+        if (c->form == FORM_BINARY)
             end_binary(c, i, t);
-        } else {
-            text_chop(&c->cells[i], ',');
-            text_put(t, "[", 1);
-            text_put(t, c->cells[i].at, c->cells[i].n);
-            text_put(t, "]", 1);
-        }
+        else
+            json_add(t, "[%.*s]", (int)c->cells[i].n, c->cells[i].at);
         t->failed |= c->cells[i].failed;
         text_free(&c->cells[i]);
     }

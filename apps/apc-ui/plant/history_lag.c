@@ -3,7 +3,6 @@
  * How far the history is behind the live store, where there are two. A history may make whoever asks it wait,
  * so nobody else does this thread's work, and it has none but this.
  */
-#include <inttypes.h>
 #include <string.h>
 
 #include "apc-ui/ui.h"
@@ -43,28 +42,13 @@ void model_behind(struct model *m, const struct behind *now)
 void behind_json(const struct model *m, struct text *t)
 {
     const struct behind *b = &m->behind;
-    if (b->state == 0) {
-        text_add(t, "null");
-        return;
-    }
-    text_add(t, "{\"behind\":");
-    if (b->state > 0) {
-        text_add(t, "%" PRIu64 ",\"late\":", b->rows);
-        if (b->nothing)
-            text_add(t, "null");
-        else
-            json_seconds_add(t, b->late);
-    } else {
-        text_add(t, "null,\"late\":null");
-    }
-    text_add(t, ",\"oldest\":");
-    if (b->oldest > 0)
-        json_time_add(t, b->oldest);
+    if (b->state == 0)
+        json_add(t, "null");
     else
-        text_add(t, "null");
-    text_add(t, ",\"error\":");
-    json_string_add(t, b->state < 0 ? b->why : NULL);
-    text_add(t, "}");
+        json_add(t, "{behind:%jd, late:%.9jd, oldest:%.6jd, error:%-s}",
+                 b->state > 0 ? (int64_t)b->rows : JSON_NONE,
+                 b->state > 0 && !b->nothing ? b->late : JSON_NONE, json_some(b->oldest),
+                 b->state < 0 ? b->why : "");
 }
 
 static void measure_history_lag(struct ui *ui, struct apc_store *both, struct apc_store *live)

@@ -94,7 +94,7 @@ static int follow_model(struct live *l)
     if (changed) {
         let_go_live(l);
         *l = next;
-        text_add(&t, "{\"revision\":%u}", l->revision);
+        json_add(&t, "{revision:%u}", l->revision);
         if (!t.failed)
             stream_publish(l->ui->stream, "plant", t.at, t.n, true);
         text_free(&t);
@@ -106,12 +106,9 @@ static void publish_values(struct live *l, const struct text *values, apc_ns new
 {
     struct text t = {0};
     apc_ns now = apc_clock_utc(NULL);
-    text_add(&t, "{\"t\":");
-    json_time_add(&t, now);
-    text_add(&t, ",\"values\":{");
+    json_add(&t, "{t:%.6jd, values:{", now);
     text_put(&t, values->at, values->n);
-    text_chop(&t, ',');
-    text_add(&t, "}}");
+    json_add(&t, "}}");
     if (!t.failed && !values->failed)
         stream_publish(l->ui->stream, "values", t.at, t.n, true);
     text_free(&t);
@@ -155,9 +152,8 @@ static apc_ns take_live_values(struct live *l, struct text *values)
         if (i >= l->shown)
             continue;
         newest = s->time > newest ? s->time : newest;
-        text_add(values, "\"%s\":", ref_format(s->table, s->id, ref));
+        json_add(values, "%s:", ref_format(s->table, s->id, ref));
         json_sample_add(values, s);
-        text_put(values, ",", 1);
     }
     for (size_t i = 0; i < l->controllers && same; i++)
         if (l->tick[i].seq > m->tick[i].seq) {

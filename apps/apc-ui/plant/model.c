@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -369,36 +368,23 @@ static const char *reason(const struct model *m, size_t i, apc_ns now)
 void control_json(const struct model *m, apc_ns now, struct text *t)
 {
     const struct standing *s = &m->standing;
-    text_add(t, "{\"running\":{");
-    for (size_t i = 0; i < m->plant.loops.n_controllers; i++) {
-        const int ticks = model_ticks(m, i, now);
-        json_string_add(t, m->plant.loops.controller[i].name);
-        text_add(t, ":%s,", ticks < 0 ? "null" : ticks ? "true" : "false");
-    }
-    text_chop(t, ',');
-    text_add(t, "},\"reasons\":{");
+    json_add(t, "{running:{");
+    for (size_t i = 0; i < m->plant.loops.n_controllers; i++)
+        json_add(t, "%s:%i", m->plant.loops.controller[i].name, model_ticks(m, i, now));
+    json_add(t, "}, reasons:{");
     for (size_t i = 0; i < m->plant.loops.n; i++) {
         const char *why = reason(m, i, now);
-        if (!why)
-            continue;
-        text_add(t, "\"%d\":", m->plant.loops.at[i].id);
-        json_string_add(t, why);
-        text_add(t, ",");
+        char id[16];
+        snprintf(id, sizeof id, "%d", m->plant.loops.at[i].id);
+        if (why)
+            json_add(t, "%s:%s", id, why);
     }
-    text_chop(t, ',');
-    text_add(t, "},\"shadow\":[");
+    json_add(t, "}, shadow:[");
     for (size_t i = 0; i < m->plant.loops.n_controllers; i++)
-        if (!m->plant.loops.controller[i].acts) {
-            json_string_add(t, m->plant.loops.controller[i].name);
-            text_add(t, ",");
-        }
-    text_chop(t, ',');
-    text_add(t, "],\"safe\":%s,\"safe_since\":", s->safe < 0 ? "null" : s->safe ? "true" : "false");
-    if (s->safe > 0)
-        json_time_add(t, s->safe_since);
-    else
-        text_add(t, "null");
-    text_add(t, ",\"alarms\":%s}", m->alarms.id == 0 ? "null" : model_alarms_live(m, now) ? "true" : "false");
+        if (!m->plant.loops.controller[i].acts)
+            json_add(t, "%s", m->plant.loops.controller[i].name);
+    json_add(t, "], safe:%i, safe_since:%.6jd, alarms:%i}", s->safe, s->safe > 0 ? s->safe_since : JSON_NONE,
+             m->alarms.id == 0 ? -1 : model_alarms_live(m, now));
 }
 
 bool model_full(const struct model *m, bool named, char text[ROOM_LEN])
@@ -412,16 +398,18 @@ bool model_full(const struct model *m, bool named, char text[ROOM_LEN])
     return m->room.full;
 }
 
-void store_state_json(const struct model *m, struct text *t)
+void store_state_members(const struct model *m, struct text *t)
 {
     char full[ROOM_LEN];
-    text_add(t, "{\"connected\":%s,\"since\":", m->connected ? "true" : "false");
-    json_time_add(t, m->since);
-    text_add(t, ",\"error\":");
-    json_string_add(t, m->connected ? NULL : m->error);
-    text_add(t, ",\"full\":");
-    json_string_add(t, model_full(m, true, full) ? full : NULL);
-    text_add(t, "}");
+    json_add(t, "connected:%i, since:%.6jd, error:%-s, full:%-s", m->connected, m->since,
+             m->connected ? "" : m->error, model_full(m, true, full) ? full : "");
+}
+
+static void store_state_json(const struct model *m, struct text *t)
+{
+    json_add(t, "{");
+    store_state_members(m, t);
+    json_add(t, "}");
 }
 
 bool model_connected(struct ui *ui)
@@ -437,37 +425,27 @@ void model_state_json(struct ui *ui, struct text *t)
     struct model *m = &ui->model;
     char ref[REF_LEN], id[STREAM_ID_LEN];
     stream_id(ui->stream, id); /* first: what comes meanwhile may be told twice, but is not left out */
-    text_add(t, "{\"t\":");
-    json_time_add(t, apc_clock_utc(NULL));
-    text_add(t, ",\"id\":\"%s\",\"store\":", id);
+    json_add(t, "{t:%.6jd, id:%s, store:{", apc_clock_utc(NULL), id);
     pthread_mutex_lock(&m->mutex);
     apc_ns now = apc_clock_mono(NULL);
-    store_state_json(m, t);
-    text_add(t, ",\"values\":{");
+    store_state_members(m, t);
+    json_add(t, "}, values:{");
     for (size_t i = 0; i < m->plant.n; i++) {
-        text_add(t, "\"%s\":", ref_format(m->now[i].table, m->now[i].id, ref));
+        json_add(t, "%s:", ref_format(m->now[i].table, m->now[i].id, ref));
         json_sample_add(t, &m->now[i]);
-        text_put(t, ",", 1);
     }
-    text_chop(t, ',');
-    text_add(t, "},\"ages\":{");
+    json_add(t, "}, ages:{");
     for (size_t i = 0; i < m->plant.n; i++) {
         apc_ns age = model_age(m, i, now);
-        text_add(t, "\"%s\":", ref_format(m->now[i].table, m->now[i].id, ref));
-        if (age >= 0)
-            json_seconds_add(t, age);
-        else
-            text_add(t, "null");
-        text_put(t, ",", 1);
+        json_add(t, "%s:%.9jd", ref_format(m->now[i].table, m->now[i].id, ref), age >= 0 ? age : JSON_NONE);
     }
-    text_chop(t, ',');
-    text_add(t, "},\"alarms\":[");
+    json_add(t, "}, alarms:[");
     text_put(t, m->alarms_stand.at, m->alarms_stand.n);
-    text_add(t, "],\"control\":");
+    json_add(t, "], control:");
     control_json(m, now, t);
-    text_add(t, ",\"history\":");
+    json_add(t, "history:");
     behind_json(m, t);
-    text_add(t, "}");
+    json_add(t, "}");
     pthread_mutex_unlock(&m->mutex);
 }
 

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "plant.h"
 
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -205,51 +204,23 @@ bool loop_may(const struct loops_loop *loop, enum apc_mode mode)
 
 /* ---- For the page ------------------------------------------------------------------------- */
 
-static void period_json(apc_ns period, struct text *t)
-{
-    text_add(t, ",\"period\":");
-    if (period > 0)
-        json_seconds_add(t, period);
-    else
-        text_add(t, "null");
-}
-
 static void plant_variable_json(const struct plant *p, const struct apc_tag *tag, struct text *t)
 {
     char ref[REF_LEN];
-    text_add(t, "{\"ref\":\"%s\",\"table\":\"%s\",\"id\":%d,\"name\":", ref_format(tag->table, tag->id, ref),
-             apc_table_name(tag->table), tag->id);
-    json_string_add(t, tag->name);
-    text_add(t, ",\"unit\":");
-    json_string_add(t, tag->unit);
-    text_add(t, ",\"description\":");
-    json_string_add(t, tag->description);
-    text_add(t, ",\"low\":");
-    json_limit_add(t, tag->low);
-    text_add(t, ",\"high\":");
-    json_limit_add(t, tag->high);
-    text_add(t, ",\"area\":");
-    json_string_add(t, tag->area);
-    text_add(t, ",\"display\":");
-    if (tag->display_low < tag->display_high) {
-        text_add(t, "[");
-        json_number_add(t, tag->display_low);
-        text_add(t, ",");
-        json_number_add(t, tag->display_high);
-        text_add(t, "]");
-    } else {
-        text_add(t, "null");
-    }
-    period_json(plant_period(p, tag->table, tag->id), t);
-    text_add(t, "},");
+    json_add(t, "{ref:%s, table:%s, id:%d, name:%s, unit:%s, description:%s, low:%e, high:%e, area:%s",
+             ref_format(tag->table, tag->id, ref), apc_table_name(tag->table), tag->id, tag->name, tag->unit,
+             tag->description, tag->low, tag->high, tag->area);
+    if (tag->display_low < tag->display_high)
+        json_add(t, "display:[%g, %g]", tag->display_low, tag->display_high);
+    else
+        json_add(t, "display:null");
+    json_add(t, "period:%.9jd}", json_some(plant_period(p, tag->table, tag->id)));
 }
 
 static void controller_json(const struct plant *p, size_t i, struct text *t)
 {
-    text_add(t, "{\"number\":%d,\"name\":", p->loops.controller[i].number);
-    json_string_add(t, p->loops.controller[i].name);
-    period_json(plant_tick_time(p, i), t);
-    text_add(t, "},");
+    json_add(t, "{number:%d, name:%s, period:%.9jd}", p->loops.controller[i].number,
+             p->loops.controller[i].name, json_some(plant_tick_time(p, i)));
 }
 
 /* What stands behind NAME and a dot; NULL: it does not begin so. */
@@ -268,10 +239,7 @@ static const char *without_controller(const struct plant *p, const struct loops_
 static void partner_json(struct text *t, const char *member, enum apc_table table, int id)
 {
     char ref[REF_LEN];
-    if (id > 0)
-        text_add(t, ",\"%s\":\"%s\"", member, ref_format(table, id, ref));
-    else
-        text_add(t, ",\"%s\":null", member);
+    json_add(t, "%s:%-s", member, id > 0 ? ref_format(table, id, ref) : "");
 }
 
 static const char *measurement_of(const struct plant *p, const struct loops_loop *loop)
@@ -319,20 +287,15 @@ static void tunings_json(const struct plant *p, const struct loops_loop *loop, c
 {
     struct text names = {0};
     char ref[REF_LEN];
-    text_add(t, ",\"tuning\":[");
+    json_add(t, "tuning:[");
     for (size_t i = 0; i < p->n; i++) {
         const char *name = parameter_name(p, loop, &p->tag[i], &whose[i]);
         if (!name)
             continue;
-        text_add(t, "\"%s\",", ref_format(APC_TUNING, p->tag[i].id, ref));
-        json_string_add(&names, name);
-        text_add(&names, ",");
+        json_add(t, "%s", ref_format(APC_TUNING, p->tag[i].id, ref));
+        json_add(&names, "%s", name);
     }
-    text_chop(t, ',');
-    text_chop(&names, ',');
-    text_add(t, "],\"parameters\":[");
-    text_put(t, names.at, names.n);
-    text_add(t, "]");
+    json_add(t, "], parameters:[%.*s]", (int)names.n, names.at);
     text_free(&names);
 }
 
@@ -350,25 +313,19 @@ static void mode_json(const struct loops_loop *loop, struct text *t)
 {
     char target[REF_LEN], actual[REF_LEN];
     static const enum apc_mode modes[] = {APC_MODE_OOS, APC_MODE_MAN, APC_MODE_AUTO, APC_MODE_CAS};
-    text_add(t, ",\"mode\":{\"target\":\"%s\",\"actual\":\"%s\",\"targets\":[",
-             ref_format(APC_OPMODE, loop->id, target),
+    json_add(t, "mode:{target:%s, actual:%s, targets:[", ref_format(APC_OPMODE, loop->id, target),
              ref_format(APC_ACTUAL, apc_variable_number(APC_OPMODE, loop->id), actual));
     for (size_t i = 0; i < sizeof modes / sizeof *modes; i++)
         if (loop_may(loop, modes[i]))
-            text_add(t, "\"%s\",", apc_mode_name((int)modes[i]));
-    text_chop(t, ',');
-    text_add(t, "]}");
+            json_add(t, "%s", apc_mode_name((int)modes[i]));
+    json_add(t, "]}");
 }
 
 static void plant_loop_json(const struct plant *p, const struct loops_loop *loop, const struct whose *whose,
                             struct text *t)
 {
-    text_add(t, "{\"id\":%d,\"name\":", loop->id);
-    json_string_add(t, plant_loop_name(p, loop));
-    text_add(t, ",\"called\":");
-    json_string_add(t, loop->name);
-    text_add(t, ",\"controller\":");
-    json_string_add(t, p->loops.controller[loop->controller].name);
+    json_add(t, "{id:%d, name:%s, called:%s, controller:%s", loop->id, plant_loop_name(p, loop), loop->name,
+             p->loops.controller[loop->controller].name);
     partner_json(t, "measurement", APC_SENSOR, loop->measurement);
     partner_json(t, "setpoint", APC_SETPOINT, loop->setpoint);
     partner_json(t, "output", loop->table, loop->output);
@@ -376,35 +333,22 @@ static void plant_loop_json(const struct plant *p, const struct loops_loop *loop
     partner_json(t, "would", APC_ESTIMATE, loop->would);
     partner_json(t, "owner", APC_OPMODE,
                  loops_scheduled(&p->loops, loop->setpoint) ? LOOPS_OWNER(loop->setpoint) : 0);
-    if (loop->above >= 0)
-        text_add(t, ",\"above\":%d", p->loops.at[loop->above].id);
-    else
-        text_add(t, ",\"above\":null");
+    json_add(t, "above:%jd", loop->above >= 0 ? p->loops.at[loop->above].id : JSON_NONE);
     mode_json(loop, t);
     tunings_json(p, loop, whose, t);
-    text_add(t, "},");
+    json_add(t, "}");
 }
 
-void plant_json(const struct plant *p, struct text *t)
+void plant_members(const struct plant *p, struct text *t)
 {
-    text_add(t, "{\"name\":");
-    json_string_add(t, p->name);
-    text_add(t, ",\"title\":");
-    json_string_add(t, p->title);
-    text_add(t, ",\"version\":\"%s\",\"revision\":%u,\"start\":", apc_version(), p->revision);
-    if (p->start)
-        json_time_add(t, p->start);
-    else
-        text_add(t, "null");
-    text_add(t, ",\"variables\":[");
+    json_add(t, "name:%s, title:%s, version:%s, revision:%u, start:%.6jd, variables:[", p->name, p->title,
+             apc_version(), p->revision, p->start ? p->start : JSON_NONE);
     for (size_t i = 0; i < p->n; i++)
         plant_variable_json(p, &p->tag[i], t);
-    text_chop(t, ',');
-    text_add(t, "],\"controllers\":[");
+    json_add(t, "], controllers:[");
     for (size_t i = 0; i < p->loops.n_controllers; i++)
         controller_json(p, i, t);
-    text_chop(t, ',');
-    text_add(t, "],\"loops\":[");
+    json_add(t, "], loops:[");
     struct whose *whose = calloc(p->n + 1, sizeof *whose);
     t->failed = t->failed || !whose;
     for (size_t i = 0; i < p->n && whose; i++)
@@ -412,10 +356,8 @@ void plant_json(const struct plant *p, struct text *t)
     for (size_t i = 0; i < p->loops.n && whose; i++)
         plant_loop_json(p, &p->loops.at[i], whose, t);
     free(whose);
-    text_chop(t, ',');
-    text_add(t, "],\"modes\":[");
+    json_add(t, "], modes:[");
     for (int mode = APC_MODE_MAN; mode <= APC_MODE_LO; mode++)
-        text_add(t, "\"%s\",", apc_mode_name(mode));
-    text_chop(t, ',');
-    text_add(t, "]}");
+        json_add(t, "%s", apc_mode_name(mode));
+    json_add(t, "]");
 }

@@ -54,6 +54,6 @@ apc_ns plant_period(const struct plant *p, enum apc_table table, int id);
 bool loop_may(const struct loops_loop *loop, enum apc_mode mode);
 /* Has the table rows that people write and a controller takes? */
 bool table_wanted(enum apc_table table);
-void plant_json(const struct plant *p, struct text *t);
+void plant_members(const struct plant *p, struct text *t);
 
 #endif

@@ -5,7 +5,6 @@
  * due.
  */
 #include <glob.h>
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -39,15 +38,8 @@ struct records {
 
 void event_json(const struct apc_event *event, struct text *t)
 {
-    text_add(t, "{\"time\":");
-    json_time_add(t, event->time);
-    text_add(t, ",\"severity\":%d,\"source\":", (int)event->severity);
-    json_string_add(t, event->source);
-    text_add(t, ",\"kind\":");
-    json_string_add(t, event->kind);
-    text_add(t, ",\"text\":");
-    json_string_add(t, event->text);
-    text_add(t, "}");
+    json_add(t, "{time:%.6jd, severity:%d, source:%s, kind:%s, text:%s}", event->time, (int)event->severity,
+             event->source, event->kind, event->text);
 }
 
 static int take_recent_event(void *ctx, const struct apc_event *event)
@@ -87,13 +79,10 @@ static void take_link(struct model *m, const struct apc_event *event)
 static void tell_events(struct records *r, size_t from, size_t to)
 {
     struct text t = {0};
-    text_add(&t, "{\"events\":[");
-    for (size_t i = from; i < to; i++) {
+    json_add(&t, "{events:[");
+    for (size_t i = from; i < to; i++)
         event_json(&r->event[i], &t);
-        text_put(&t, ",", 1);
-    }
-    text_chop(&t, ',');
-    text_add(&t, "]}");
+    json_add(&t, "]}");
     if (!t.failed)
         stream_publish(r->ui->stream, "event", t.at, t.n, true);
     text_free(&t);
@@ -153,13 +142,8 @@ static int look_events(struct records *r)
 
 void summary_json(const struct apc_summary *s, struct text *t)
 {
-    text_add(t, "{\"count\":%" PRIu64 ",\"mean\":%.9g,\"p50\":", s->count, s->mean / 1e9);
-    json_seconds_add(t, s->p50);
-    text_add(t, ",\"p99\":");
-    json_seconds_add(t, s->p99);
-    text_add(t, ",\"max\":");
-    json_seconds_add(t, s->max);
-    text_add(t, "}");
+    json_add(t, "{count:%ju, mean:%.9g, p50:%.9jd, p99:%.9jd, max:%.9jd}", s->count, s->mean / 1e9, s->p50,
+             s->p99, s->max);
 }
 
 void window_json(const struct task_figures *f, struct text *t)
@@ -170,26 +154,19 @@ void window_json(const struct task_figures *f, struct text *t)
                 .count = f->count, .mean = f->mean, .p50 = f->p50, .p99 = f->p99, .max = f->max},
             t);
     else
-        text_add(t, "null");
+        json_add(t, "null");
 }
 
 void task_json(const struct task *task, apc_ns now, struct text *t)
 {
-    text_add(t, "{\"task\":");
-    json_string_add(t, task->name);
-    text_add(t, ",\"period\":");
-    json_seconds_add(t, task->period);
-    text_add(t, ",\"time\":");
-    json_time_add(t, task->last[RUN].time);
-    text_add(t, ",\"age\":");
-    json_seconds_add(t, now - task->heard);
-    text_add(t, ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64 ",\"missed_total\":%" PRIu64,
-             task->last[RUN].count, task->missed, task->missed_total);
+    json_add(t, "{task:%s, period:%.9jd, time:%.6jd, age:%.9jd, count:%ju, missed:%ju, missed_total:%ju",
+             task->name, task->period, task->last[RUN].time, now - task->heard, task->last[RUN].count,
+             task->missed, task->missed_total);
     for (int q = 0; q < QUANTITIES; q++) {
-        text_add(t, ",\"%s\":", quantity_names[q]);
+        json_add(t, "%s:", quantity_names[q]);
         window_json(&task->last[q], t);
     }
-    text_add(t, "}");
+    json_add(t, "}");
 }
 
 static struct task *task_of(struct model *m, const char *name)
@@ -248,20 +225,17 @@ static void tell_tasks(struct records *r)
     struct model *m = &r->ui->model;
     struct text t = {0};
     apc_ns now = apc_clock_mono(NULL);
-    text_add(&t, "{\"tasks\":[");
+    json_add(&t, "{tasks:[");
     size_t empty = t.n;
     pthread_mutex_lock(&m->mutex);
     for (size_t i = 0; i < m->tasks; i++)
-        if (r->reported[i]) {
+        if (r->reported[i])
             task_json(&m->task[i], now, &t);
-            text_put(&t, ",", 1);
-        }
     for (size_t i = 0; i < m->tasks; i++) /* they count more than what a file said */
         plant_rhythm(&m->plant, m->task[i].name, m->task[i].period);
     pthread_mutex_unlock(&m->mutex);
     bool news = t.n > empty;
-    text_chop(&t, ',');
-    text_add(&t, "]}");
+    json_add(&t, "]}");
     if (news && !t.failed)
         stream_publish(r->ui->stream, "tasks", t.at, t.n, true);
     text_free(&t);

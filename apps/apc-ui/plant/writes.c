@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "writes.h"
 
-#include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,19 +46,9 @@ bool key_ok(const char *key)
 static void change_json(const struct write *write, const struct change *c, struct text *t)
 {
     char ref[REF_LEN];
-    text_add(t, "{\"ref\":\"%s\",\"name\":", ref_format(c->after.table, c->after.id, ref));
-    json_string_add(t, c->to.name);
-    text_add(t, ",\"from\":");
-    if (c->before.seq > 0)
-        json_number_add(t, c->before.value);
-    else
-        text_add(t, "null");
-    text_add(t, ",\"to\":");
-    json_number_add(t, c->after.value);
-    if (write->stored == 1)
-        text_add(t, ",\"seq\":%" PRId64 "},", c->after.seq);
-    else
-        text_add(t, ",\"seq\":null},");
+    json_add(t, "{ref:%s, name:%s, from:%g, to:%g, seq:%jd}", ref_format(c->after.table, c->after.id, ref),
+             c->to.name, c->before.seq > 0 ? c->before.value : (double)NAN, c->after.value,
+             write->stored == 1 ? c->after.seq : JSON_NONE);
 }
 
 void write_json(const struct write *write, struct text *t)
@@ -70,20 +60,12 @@ void write_json(const struct write *write, struct text *t)
     static const char *const states[] = {
         [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
         [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};
-    text_add(t, "{\"key\":\"%s\",\"kind\":\"%s\",\"user\":", write->key, kinds[write->kind]);
-    json_string_add(t, write->user);
-    text_add(t, ",\"time\":");
-    json_time_add(t, write->time);
-    text_add(t, ",\"state\":\"%s\",\"stored\":%s,\"reason\":", states[write->state],
-             write->stored < 0 ? "null"
-             : write->stored   ? "true"
-                               : "false");
-    json_string_add(t, write->reason[0] ? write->reason : NULL);
-    text_add(t, ",\"changes\":[");
+    json_add(t, "{key:%s, kind:%s, user:%s, time:%.6jd, state:%s, stored:%i, reason:%-s, changes:[",
+             write->key, kinds[write->kind], write->user, write->time, states[write->state], write->stored,
+             write->reason);
     for (size_t i = 0; i < write->n; i++)
         change_json(write, &write->change[i], t);
-    text_chop(t, ',');
-    text_add(t, "]}");
+    json_add(t, "]}");
 }
 
 size_t writes_json(struct writes *w, const char *key, struct text *t)
@@ -95,10 +77,8 @@ size_t writes_json(struct writes *w, const char *key, struct text *t)
         if (key && strcmp(key, write->key) != 0)
             continue;
         write_json(write, t);
-        text_add(t, ",");
         n++;
     }
-    text_chop(t, ',');
     pthread_mutex_unlock(&w->mutex);
     return n;
 }

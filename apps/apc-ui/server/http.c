@@ -152,18 +152,12 @@ static void fault_json(struct request *r)
     text_free(&r->reply);
     r->type = NULL;
     r->status = r->fault.http;
-    text_add(&r->reply, "{\"error\":{\"code\":\"%s\",\"message\":", r->fault.code);
-    json_string_add(&r->reply, r->fault.message);
-    if (r->fault.field[0]) {
-        text_add(&r->reply, ",\"field\":");
-        json_string_add(&r->reply, r->fault.field);
-    }
-    if (!strcmp(r->fault.code, "stale"))
-        text_put(&r->reply, r->extra.at, r->extra.n);
-    text_add(&r->reply, "}");
-    if (strcmp(r->fault.code, "stale") != 0)
-        text_put(&r->reply, r->extra.at, r->extra.n);
-    text_add(&r->reply, "}");
+    const bool within = !strcmp(r->fault.code, "stale");
+    json_add(&r->reply, "{error:{code:%s, message:%s", r->fault.code, r->fault.message);
+    if (r->fault.field[0])
+        json_add(&r->reply, "field:%s", r->fault.field);
+    json_add(&r->reply, within ? "%.*s}" : "}%.*s", (int)r->extra.n, r->extra.at);
+    json_add(&r->reply, "}");
 }
 
 /* A person without a session, who asked for a page: not JSON but the form, where he could log in. */
@@ -298,9 +292,7 @@ static ssize_t read_stream(void *ctx, uint64_t pos, char *to, size_t size)
 static void greet(struct exchange *x, bool resumed)
 {
     struct text t = {0};
-    text_add(&t, "{\"t\":");
-    json_time_add(&t, apc_clock_utc(NULL));
-    text_add(&t, ",\"resumed\":%s,\"beat\":1}", resumed ? "true" : "false");
+    json_add(&t, "{t:%.6jd, resumed:%i, beat:1}", apc_clock_utc(NULL), resumed);
     stream_greet(x->reader, "hello", t.at, t.n);
     text_free(&t);
     if (resumed)

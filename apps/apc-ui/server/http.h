@@ -10,6 +10,7 @@
 #include <microhttpd.h>
 
 #include "apc-ui/ui.h"
+#include "common/body.h"
 #include "connection_limits.h"
 
 #define BODY_MAX    65536 /* bytes */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Logging in and out. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -8,20 +9,12 @@
 
 static void session_json(const struct ui *ui, const struct session *s, struct text *t)
 {
-    text_add(t, "{\"user\":");
-    json_string_add(t, s->user);
-    text_add(t, ",\"role\":\"%s\",\"protected\":%s,\"csrf\":\"%s\",\"expires\":", role_name(s->role),
-             ui->open ? "false" : "true", s->csrf);
-    if (ui->open) {
-        text_add(t, "null,\"idle\":null}");
-        return;
-    }
-    apc_ns now = apc_clock_mono(NULL);
-    json_time_add(t, apc_clock_utc(NULL) + session_end(&ui->sessions, s, now) - now);
-    if (s->role > ROLE_OBSERVER && ui->options.idle > 0)
-        text_add(t, ",\"idle\":%.6g}", ui->options.idle);
-    else
-        text_add(t, ",\"idle\":null}");
+    const apc_ns now = apc_clock_mono(NULL);
+    const bool idles = !ui->open && s->role > ROLE_OBSERVER && ui->options.idle > 0;
+    json_add(t, "{user:%s, role:%s, protected:%i, csrf:%s, expires:%.6jd, idle:%.6g}", s->user,
+             role_name(s->role), !ui->open, s->csrf,
+             ui->open ? JSON_NONE : apc_clock_utc(NULL) + session_end(&ui->sessions, s, now) - now,
+             idles ? ui->options.idle : (double)NAN);
 }
 
 void get_session(struct ui *ui, struct request *r, struct apc_store *store)
@@ -274,5 +267,5 @@ void post_logout(struct ui *ui, struct request *r, struct apc_store *store)
         set_cookie(ui, r->cookie, "session", "", "; Max-Age=0");
         tell_login(ui, store, APC_EVENT_INFO, r->session.user, "logged out", r->from->address);
     }
-    text_add(&r->reply, "{}");
+    json_add(&r->reply, "{}");
 }

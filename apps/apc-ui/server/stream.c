@@ -99,9 +99,7 @@ static void end_reader(struct stream_reader *r, const char *reason, const char *
     struct text data = {0};
     if (r->ending)
         return;
-    text_add(&data, "{\"reason\":\"%s\",\"message\":", reason);
-    json_string_add(&data, why);
-    text_put(&data, "}", 1);
+    json_add(&data, "{reason:%s, message:%s}", reason, why);
     if (!r->own.n)
         r->own.failed = false;
     message_text(&r->own, "bye", data.at, data.n);

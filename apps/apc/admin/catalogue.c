@@ -125,33 +125,21 @@ static char *print_limit(double value, char text[PRINT_LEN])
 
 static void entry_json(const struct entry *e)
 {
-    putchar('{');
-    print_json_text(stdout, "name", e->name);
-    putchar(',');
-    print_json_text(stdout, "description", text_of(e->description));
+    struct text t = {.out = stdout};
+    json_add(&t, "{name:%s, description:%s", e->name, text_of(e->description));
     for (size_t k = 0; k < e->n_kinds; k++) {
-        printf(",\n  \"%s\":[", e->kinds[k].names);
+        json_add(&t, ",\n  %s:[", e->kinds[k].names);
         for (size_t i = 0; e->kinds[k].table && i < e->kinds[k].n; i++) {
             const struct apc_param *p = &e->kinds[k].table[i];
-            fputs(i ? ",\n    {" : "\n    {", stdout);
-            print_json_text(stdout, "name", p->name);
-            putchar(',');
-            print_json_text(stdout, e->kinds[k].texts ? "initial" : "unit", text_of(p->unit));
-            putchar(',');
-            print_json_text(stdout, "description", text_of(p->description));
-            if (!e->kinds[k].named_only) {
-                putchar(',');
-                print_json_limit(stdout, "initial", p->initial);
-                putchar(',');
-                print_json_limit(stdout, "low", p->low);
-                putchar(',');
-                print_json_limit(stdout, "high", p->high);
-            }
-            putchar('}');
+            json_add(&t, ",\n    {name:%s, %s:%s, description:%s", p->name,
+                     e->kinds[k].texts ? "initial" : "unit", text_of(p->unit), text_of(p->description));
+            if (!e->kinds[k].named_only)
+                json_add(&t, "initial:%e, low:%e, high:%e", p->initial, p->low, p->high);
+            json_add(&t, "}");
         }
-        putchar(']');
+        json_add(&t, "]");
     }
-    putchar('}');
+    json_add(&t, "}");
 }
 
 static void entry_csv(const struct entry *e)

@@ -197,7 +197,7 @@ static int show_analysis(const struct loop_analysis *z)
 
 /* ---- For programs --------------------------------------------------------------------------- */
 
-static void analysis_loop_json(const struct analysis_of_loop *l)
+static void analysis_loop_json(const struct analysis_of_loop *l, struct text *t)
 {
     const struct apc_loop_margins *m = &l->margins;
     const struct {
@@ -221,56 +221,45 @@ static void analysis_loop_json(const struct analysis_of_loop *l)
               {"sensitivity", m->sensitivity},
               {"sensitivity_at", m->at},
               {"complementary", m->complementary}};
-    putchar('{');
-    print_json_text(stdout, "loop", l->name);
-    for (size_t i = 0; i < sizeof of / sizeof *of && m->stable; i++) {
-        putchar(',');
-        print_json_number(stdout, of[i].key, of[i].value);
-    }
-    putchar('}');
+    json_add(t, "{loop:%s", l->name);
+    for (size_t i = 0; i < sizeof of / sizeof *of && m->stable; i++)
+        json_add(t, "%s:%g", of[i].key, of[i].value);
+    json_add(t, "}");
 }
 
-static void json_cost(const struct loop_analysis *z)
+static void json_cost(const struct loop_analysis *z, struct text *t)
 {
-    fputs(",\n\"mean_square\":{", stdout);
+    json_add(t, ",\nmean_square:{");
     for (int k = 0; k < COST_CAUSES; k++) {
-        printf("%s\"%s\":{", k ? ",\n" : "\n", cause_key[k]);
-        for (size_t i = 0; i < z->e.dim.ny; i++) {
-            fputs(i ? "," : "", stdout);
-            print_json_number(stdout, z->e.y[i].tag.name, z->cost.known[k] ? z->cost.y[k][i] : (double)NAN);
-        }
-        putchar('}');
+        json_add(t, ",\n%s:{", cause_key[k]);
+        for (size_t i = 0; i < z->e.dim.ny; i++)
+            json_add(t, "%s:%g", z->e.y[i].tag.name, z->cost.known[k] ? z->cost.y[k][i] : (double)NAN);
+        json_add(t, "}");
     }
-    putchar('}');
+    json_add(t, "}");
 }
 
 static int show_analysis_json(const struct loop_analysis *z)
 {
-    char re[PRINT_LEN], im[PRINT_LEN];
-    putchar('{');
-    print_json_text(stdout, "experiment", z->e.name);
-    printf(",\"stable\":%s,\"period\":%s,\"at\":{", stable(z) ? "true" : "false",
-           print_exact(apc_ns_to_s(z->l.setup.period), re));
-    for (size_t i = 0; i < z->e.dim.nu; i++) {
-        fputs(i ? "," : "", stdout);
-        print_json_number(stdout, z->e.u[i].tag.name, z->l.u[i]);
-    }
-    for (size_t i = 0; i < z->e.dim.ny; i++) {
-        putchar(',');
-        print_json_number(stdout, z->e.y[i].tag.name, z->l.y[i]);
-    }
-    fputs("},\n\"loops\":[", stdout);
+    struct text t = {.out = stdout};
+    json_add(&t, "{experiment:%s, stable:%i, period:%g, at:{", z->e.name, stable(z),
+             apc_ns_to_s(z->l.setup.period));
+    for (size_t i = 0; i < z->e.dim.nu; i++)
+        json_add(&t, "%s:%g", z->e.u[i].tag.name, z->l.u[i]);
+    for (size_t i = 0; i < z->e.dim.ny; i++)
+        json_add(&t, "%s:%g", z->e.y[i].tag.name, z->l.y[i]);
+    json_add(&t, "},\nloops:[");
     for (size_t o = 0; o <= z->n; o++) {
-        fputs(o == 0 ? "\n" : o < z->n ? ",\n" : "],\n\"all\":", stdout);
-        analysis_loop_json(&z->loop[o]);
+        json_add(&t, o < z->n ? ",\n" : "],\nall:");
+        analysis_loop_json(&z->loop[o], &t);
     }
-    fputs(",\n\"poles\":[", stdout);
+    json_add(&t, ",\npoles:[");
     for (size_t i = 0; i < z->states; i++)
-        printf("%s[%s,%s]", i ? "," : "", print_exact(z->pole_re[i], re), print_exact(z->pole_im[i], im));
-    putchar(']');
+        json_add(&t, "[%g, %g]", z->pole_re[i], z->pole_im[i]);
+    json_add(&t, "]");
     if (z->noisy)
-        json_cost(z);
-    puts("}");
+        json_cost(z, &t);
+    json_add(&t, "}\n");
     return stable(z) ? EXIT_OK : EXIT_ERROR;
 }
 

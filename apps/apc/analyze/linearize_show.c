@@ -130,64 +130,54 @@ static void show_linear_text(const struct linearize_view *v)
         matrix_text(&v->matrix[i]);
 }
 
-static void linear_numbers_json(const double *value, size_t n)
+static void linear_numbers_json(const double *value, size_t n, struct text *t)
 {
-    char text[PRINT_LEN];
+    json_add(t, "[");
     for (size_t i = 0; i < n; i++)
-        printf("%s%s", i ? "," : "", print_exact(value[i], text));
+        json_add(t, "%g", value[i]);
+    json_add(t, "]");
 }
 
-static void json_roots(const char *key, const double complex *root, int n)
+static void json_roots(const char *key, const double complex *root, int n, struct text *t)
 {
-    char re[PRINT_LEN], im[PRINT_LEN];
-    printf(",\n\"%s\":", key);
-    if (n < 0)
-        fputs("null", stdout);
+    json_add(t, n < 0 ? ",\n%s:null" : ",\n%s:[", key);
     for (int i = 0; i < n; i++)
-        printf("%s[%s,%s]", i ? "," : "[", print_exact(creal(root[i]), re), print_exact(cimag(root[i]), im));
-    if (n >= 0)
-        fputs(n ? "]" : "[]", stdout);
+        json_add(t, "[%g, %g]", creal(root[i]), cimag(root[i]));
+    json_add(t, n < 0 ? "" : "]");
 }
 
-static void json_names(const char *key, const struct linearize_names *names, size_t n, const double *value)
+static void json_names(const char *key, const struct linearize_names *names, size_t n, const double *value,
+                       struct text *t)
 {
     char text[24];
-    printf(",\n\"%s\":{\"names\":[", key);
-    for (size_t i = 0; i < n; i++) {
-        fputs(i ? ",\"" : "\"", stdout);
-        cli_json_text(stdout, linearized_name_of(names, i, text));
-        putchar('"');
-    }
-    fputs("],\"values\":[", stdout);
-    linear_numbers_json(value, value ? n : 0);
-    fputs("]}", stdout);
+    json_add(t, ",\n%s:{names:[", key);
+    for (size_t i = 0; i < n; i++)
+        json_add(t, "%s", linearized_name_of(names, i, text));
+    json_add(t, "], values:");
+    linear_numbers_json(value, value ? n : 0, t);
+    json_add(t, "}");
 }
 
 static void show_linear_json(const struct linearize_view *v)
 {
-    char text[PRINT_LEN];
+    struct text t = {.out = stdout};
 
-    putchar('{');
-    print_json_text(stdout, v->kind, v->name);
-    printf(",\"manipulated\":%zu,\"disturbances\":%zu", v->nu, v->nd);
+    json_add(&t, "{%s:%s, manipulated:%zu, disturbances:%zu", v->kind, v->name, v->nu, v->nd);
     if (v->period > 0)
-        printf(",\"period\":%s", print_exact(v->period, text));
-    json_names("inputs", &v->names_u, v->nu + v->nd, v->u);
-    json_names("states", &v->names_x, v->nx, v->x);
-    json_names("outputs", &v->names_y, v->ny, v->y);
+        json_add(&t, "period:%g", v->period);
+    json_names("inputs", &v->names_u, v->nu + v->nd, v->u, &t);
+    json_names("states", &v->names_x, v->nx, v->x, &t);
+    json_names("outputs", &v->names_y, v->ny, v->y, &t);
     for (size_t k = 0; k < v->n_matrices; k++) {
         const struct linearize_matrix *a = &v->matrix[k];
-        printf(",\n\"%s\":[", a->name);
-        for (size_t i = 0; i < a->rows; i++) {
-            fputs(i ? ",[" : "[", stdout);
-            linear_numbers_json(a->value + i * a->columns, a->columns);
-            putchar(']');
-        }
-        putchar(']');
+        json_add(&t, ",\n%s:[", a->name);
+        for (size_t i = 0; i < a->rows; i++)
+            linear_numbers_json(a->value + i * a->columns, a->columns, &t);
+        json_add(&t, "]");
     }
-    json_roots("poles", v->pole, (int)v->nx);
-    json_roots("zeros", v->zero, v->n_zeros);
-    puts("}");
+    json_roots("poles", v->pole, (int)v->nx, &t);
+    json_roots("zeros", v->zero, v->n_zeros, &t);
+    json_add(&t, "}\n");
 }
 
 static void show_linear_csv(const struct linearize_view *v)

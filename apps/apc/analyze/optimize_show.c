@@ -144,50 +144,33 @@ static int put_attempts_csv(const struct optimization *z, struct apc_error *why)
     return failed ? apc_fail(why, APC_ESYS, "%s: cannot be written: %s", path, strerror(errno)) : 0;
 }
 
-static void json_attempt(const struct optimization *z, const struct attempt *a)
+static void json_attempt(const struct optimization *z, const struct attempt *a, struct text *t)
 {
-    static const char *const key[] = {"iae", "effort", "overshoot_percent"};
-    const double relative[] = {a->iae, a->effort};
-    putchar('{');
-    print_json_number(stdout, "cost", optimization_cost(a, &z->own.weights));
-    for (size_t k = 0; k < 2; k++) {
-        putchar(',');
-        print_json_number(stdout, key[k], a->stable ? relative[k] : HUGE_VAL);
-    }
-    fputs(",\"numbers\":{", stdout);
-    for (size_t i = 0; i < z->own.n; i++) {
-        fputs(i ? "," : "", stdout);
-        print_json_number(stdout, z->own.number[i].path, a->value[i]);
-    }
-    fputs("},\"loops\":[", stdout);
-    for (size_t i = 0; i < z->loops && a->stable; i++) {
-        fputs(i ? ",{" : "{", stdout);
-        print_json_text(stdout, "loop", z->loop[i].name);
-        for (size_t k = 0; k < 3; k++) {
-            putchar(',');
-            print_json_number(stdout, key[k], a->loop[3 * i + k]);
-        }
-        putchar('}');
-    }
-    fputs("]}", stdout);
+    json_add(t, "{cost:%g, iae:%g, effort:%g, numbers:{", optimization_cost(a, &z->own.weights),
+             a->stable ? a->iae : HUGE_VAL, a->stable ? a->effort : HUGE_VAL);
+    for (size_t i = 0; i < z->own.n; i++)
+        json_add(t, "%s:%g", z->own.number[i].path, a->value[i]);
+    json_add(t, "}, loops:[");
+    for (size_t i = 0; i < z->loops && a->stable; i++)
+        json_add(t, "{loop:%s, iae:%g, effort:%g, overshoot_percent:%g}", z->loop[i].name, a->loop[3 * i],
+                 a->loop[3 * i + 1], a->loop[3 * i + 2]);
+    json_add(t, "]}");
 }
 
 static void put_optimum_json(const struct optimization *z)
 {
-    putchar('{');
-    print_json_text(stdout, "experiment", z->e.name);
-    putchar(',');
-    print_json_text(stdout, "command", z->command);
-    printf(",\"seed\":%llu,\"runs\":%u,\"now\":", (unsigned long long)z->own.seed, z->own.runs);
-    json_attempt(z, present_of(z));
-    fputs(",\n\"found\":", stdout);
-    json_attempt(z, best_of(z));
-    fputs(",\n\"front\":[", stdout);
+    struct text t = {.out = stdout};
+    json_add(&t, "{experiment:%s, command:%s, seed:%ju, runs:%u, now:", z->e.name, z->command,
+             (uintmax_t)z->own.seed, z->own.runs);
+    json_attempt(z, present_of(z), &t);
+    json_add(&t, ",\nfound:");
+    json_attempt(z, best_of(z), &t);
+    json_add(&t, ",\nfront:[");
     for (unsigned i = 0; i < z->n_front; i++) {
-        fputs(i ? ",\n" : "\n", stdout);
-        json_attempt(z, optimization_attempt(z, z->front[i]));
+        json_add(&t, ",\n");
+        json_attempt(z, optimization_attempt(z, z->front[i]), &t);
     }
-    puts("]}");
+    json_add(&t, "]}\n");
 }
 
 /* ---- The figure ----------------------------------------------------------------------------- */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc tune: the tuning of the laws, shown or changed. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -85,23 +86,16 @@ static int tuning_text(const struct cli_tags *tags, const struct apc_sample *sam
 
 static void tuning_json(const struct cli_tags *tags, const struct apc_sample *samples, int n)
 {
-    char value[PRINT_LEN];
+    struct text t = {.out = stdout};
+    json_add(&t, "[\n");
     for (int i = 0; i < n; i++) {
         const struct apc_tag *tag = cli_tag(tags, APC_TUNING, samples[i].id);
-        fputs(i == 0 ? "[\n{" : ",\n{", stdout);
-        print_json_text(stdout, "name", tag->name);
-        apc_number_format(samples[i].value, value, sizeof value);
-        printf(",\"id\":%d,\"value\":%s,", samples[i].id, samples[i].seq ? value : "null");
-        print_json_text(stdout, "unit", tag->unit);
-        putchar(',');
-        print_json_limit(stdout, "low", tag->low);
-        putchar(',');
-        print_json_limit(stdout, "high", tag->high);
-        putchar(',');
-        print_json_text(stdout, "description", tag->description);
-        putchar('}');
+        json_add(&t, i == 0 ? "{" : ",\n{");
+        json_add(&t, "name:%s, id:%d, value:%g, unit:%s, low:%e, high:%e, description:%s}", tag->name,
+                 samples[i].id, samples[i].seq ? samples[i].value : (double)NAN, tag->unit, tag->low,
+                 tag->high, tag->description);
     }
-    puts("\n]");
+    json_add(&t, "\n]\n");
 }
 
 static int show_tuning(const struct cli *cli, struct apc_store *store, const struct cli_tags *tags)

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "all_plants.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -56,16 +55,15 @@ char *all_plants_store(const struct cli *cli, const char *schema)
 
 static void all_plants_members(const struct all_plants *all, apc_ns now)
 {
-    putchar('[');
+    struct text t = {.out = stdout};
+    json_add(&t, "[");
     for (size_t i = 0; i < all->n; i++) {
         const struct apc_store_plant *p = &all->plant[i];
-        fputs(i > 0 ? ",\n{" : "{", stdout);
-        print_json_text(stdout, "plant", p->schema);
-        printf(",\"owned\":%s,", p->owned ? "true" : "false");
-        print_json_number(stdout, "age", p->newest ? (double)(now - p->newest) / 1e9 : (double)NAN);
-        putchar('}');
+        json_add(&t, i > 0 ? ",\n{" : "{");
+        json_add(&t, "plant:%s, owned:%i, age:%.9jd}", p->schema, p->owned,
+                 p->newest ? now - p->newest : JSON_NONE);
     }
-    puts("]");
+    json_add(&t, "]\n");
 }
 
 int all_plants_show(const struct cli *cli)

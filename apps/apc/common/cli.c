@@ -269,21 +269,6 @@ bool cli_colour(void)
     return isatty(STDOUT_FILENO) && !(no && *no);
 }
 
-void cli_json_text(FILE *out, const char *text)
-{
-    char instead;
-
-    for (size_t n; *text; text += n) {
-        n = text_step(text, &instead);
-        if (*text == '"' || *text == '\\')
-            fprintf(out, "\\%c", *text);
-        else if (instead)
-            fprintf(out, "\\u%04x", utf8_length(text) ? (unsigned)text_code(text, n) : 0xFFFDu);
-        else
-            fwrite(text, 1, n, out);
-    }
-}
-
 /* 30s, 10m, 2h, 1d */
 static bool parse_duration(const char *text, apc_ns *duration)
 {

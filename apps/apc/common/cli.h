@@ -76,8 +76,6 @@ int cli_done(const struct cli *cli, int rc);
 
 /* True when stdout is a terminal and NO_COLOR is not set. */
 bool cli_colour(void);
-/* Text between JSON quotes, escaped. */
-void cli_json_text(FILE *out, const char *text);
 
 /* RFC 3339, without its seconds or its time of day as well, or before now as 30s, -10m, 2h, 1d, -600 (s). False: it is neither. */
 bool cli_when(const char *text, apc_ns *time);

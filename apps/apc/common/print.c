@@ -272,76 +272,29 @@ void print_sample_csv(FILE *out, const struct apc_sample *s)
             apc_status_format(s->status, status), value);
 }
 
-void print_json_key(FILE *out, const char *key)
-{
-    fputc('"', out);
-    cli_json_text(out, key);
-    fputs("\":", out);
-}
-
-void print_json_text(FILE *out, const char *key, const char *text)
-{
-    print_json_key(out, key);
-    if (!text) {
-        fputs("null", out);
-        return;
-    }
-    fputc('"', out);
-    cli_json_text(out, text);
-    fputc('"', out);
-}
-
-void print_json_number(FILE *out, const char *key, double value)
-{
-    char text[PRINT_LEN] = "null";
-    if (isfinite(value))
-        apc_number_format(value, text, sizeof text);
-    print_json_key(out, key);
-    fputs(text, out);
-}
-
-void print_json_limit(FILE *out, const char *key, double limit)
-{
-    if (fabs(limit) >= APC_VALUE_MAX)
-        print_json_number(out, key, (double)NAN);
-    else
-        print_json_number(out, key, limit);
-}
-
-void print_sample_members(FILE *out, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)
+void print_sample_members(struct text *t, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)
 {
     char time[APC_TIME_LEN], status[APC_STATUS_NAME_LEN], name[PRINT_LEN];
     const struct apc_tag *tag = tags ? cli_tag(tags, s->table, s->id) : NULL;
 
-    if (tags) {
-        print_json_text(out, "name", print_name(tags, s, name));
-        fputc(',', out);
-    }
-    fprintf(out, "\"table\":\"%s\",\"id\":%d,\"seq\":%lld,", apc_table_name(s->table), s->id,
-            (long long)s->seq);
-    print_json_text(out, "time", s->seq ? apc_time_format(s->time, time) : NULL);
-    fprintf(out, ",\"status\":\"%s\",", apc_status_format(s->status, status));
-    if (s->seq)
-        print_json_number(out, "value", s->value);
-    else
-        fputs("\"value\":null", out);
-    if (tags) {
-        fputc(',', out);
-        print_json_text(out, "unit", tag ? tag->unit : "");
-    }
-    if (now && s->seq)
-        fprintf(out, ",\"age\":%.3f", apc_ns_to_s(apc_ns_since(now, s->time)));
-    else if (now)
-        fputs(",\"age\":null", out);
+    if (tags)
+        json_add(t, "name:%s", print_name(tags, s, name));
+    json_add(t, "table:%s, id:%d, seq:%jd, time:%-s, status:%s, value:%g", apc_table_name(s->table), s->id,
+             s->seq, s->seq ? apc_time_format(s->time, time) : "", apc_status_format(s->status, status),
+             s->seq ? s->value : (double)NAN);
+    if (tags)
+        json_add(t, "unit:%s", tag ? tag->unit : "");
+    if (now)
+        json_add(t, "age:%.3f", s->seq ? apc_ns_to_s(apc_ns_since(now, s->time)) : (double)NAN);
     if (s->origin)
-        fprintf(out, ",\"origin\":%lld", (long long)s->origin);
+        json_add(t, "origin:%jd", s->origin);
 }
 
-void print_sample_json(FILE *out, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)
+void print_sample_json(struct text *t, const struct apc_sample *s, const struct cli_tags *tags, apc_ns now)
 {
-    fputc('{', out);
-    print_sample_members(out, s, tags, now);
-    fputc('}', out);
+    json_add(t, "{");
+    print_sample_members(t, s, tags, now);
+    json_add(t, "}");
 }
 
 const char *print_severity(enum apc_event_severity severity)
@@ -371,15 +324,9 @@ void print_event_csv(FILE *out, const struct apc_event *e)
     fputc('\n', out);
 }
 
-void print_event_json(FILE *out, const struct apc_event *e)
+void print_event_json(struct text *t, const struct apc_event *e)
 {
     char time[APC_TIME_LEN];
-    fprintf(out, "{\"time\":\"%s\",\"severity\":\"%s\",", apc_time_format(e->time, time),
-            print_severity(e->severity));
-    print_json_text(out, "source", e->source);
-    fputc(',', out);
-    print_json_text(out, "kind", e->kind);
-    fputc(',', out);
-    print_json_text(out, "text", e->text);
-    fputc('}', out);
+    json_add(t, "{time:%s, severity:%s, source:%s, kind:%s, text:%s}", apc_time_format(e->time, time),
+             print_severity(e->severity), e->source, e->kind, e->text);
 }

@@ -9,6 +9,7 @@
 #include <stdio.h>
 
 #include "cli.h"
+#include "common/json.h"
 
 /* ---- Pieces ------------------------------------------------------------------------------- */
 
@@ -86,17 +87,13 @@ void print_clean(FILE *out, const char *text);
 
 void print_sample_csv(FILE *out, const struct apc_sample *sample);
 /* Its members. @tags: also name and unit; @now: also the age, in seconds. */
-void print_sample_members(FILE *out, const struct apc_sample *sample, const struct cli_tags *tags,
+void print_sample_members(struct text *t, const struct apc_sample *sample, const struct cli_tags *tags,
                           apc_ns now);
-void print_sample_json(FILE *out, const struct apc_sample *sample, const struct cli_tags *tags, apc_ns now);
+void print_sample_json(struct text *t, const struct apc_sample *sample, const struct cli_tags *tags,
+                       apc_ns now);
 const char *print_severity(enum apc_event_severity severity);
 enum print_ink print_severity_ink(enum apc_event_severity severity);
 void print_event_csv(FILE *out, const struct apc_event *event);
-void print_event_json(FILE *out, const struct apc_event *event);
-/* "key": and, of what follows, "text" or null; a number or, where it is none, null; so is a limit that is none. */
-void print_json_key(FILE *out, const char *key);
-void print_json_text(FILE *out, const char *key, const char *text);
-void print_json_number(FILE *out, const char *key, double value); /* null: it is not finite */
-void print_json_limit(FILE *out, const char *key, double limit);
+void print_event_json(struct text *t, const struct apc_event *event);
 
 #endif

@@ -55,42 +55,26 @@ int alarms_print(const struct alarm_figures *f, const struct experiment *e, apc_
 /* ---- For programs ------------------------------------------------------------------------- */
 
 static void alarm_figure_json(const struct alarm_figure *of, const struct alarm *alarm, apc_ns start,
-                              FILE *out)
+                              struct text *t)
 {
-    fputc('{', out);
-    print_json_text(out, "alarm", alarm->name);
-    fprintf(out, ",\"priority\":%d,\"raised\":%zu,\"chatters\":%s,", alarm->is.priority, of->raised,
-            of->chatters ? "true" : "false");
-    print_json_number(out, "first_s", of->raised ? apc_ns_to_s(of->first - start) : (double)NAN);
-    fputc(',', out);
-    print_json_number(out, "active_s", apc_ns_to_s(of->active));
-    fputc(',', out);
-    print_json_text(out, "state", apc_alarm_state_name(of->state));
-    fputc(',', out);
-    print_json_text(out, "message", alarm->message);
-    fputc('}', out);
+    json_add(
+        t, "{alarm:%s, priority:%d, raised:%zu, chatters:%i, first_s:%g, active_s:%g, state:%s, message:%s}",
+        alarm->name, alarm->is.priority, of->raised, of->chatters,
+        of->raised ? apc_ns_to_s(of->first - start) : (double)NAN, apc_ns_to_s(of->active),
+        apc_alarm_state_name(of->state), alarm->message);
 }
 
-void alarms_json(const struct alarm_figures *f, const struct experiment *e, apc_ns start, FILE *out)
+void alarms_member_json(const struct alarm_figures *f, const struct experiment *e, apc_ns start,
+                        struct text *t)
 {
-    fputs(",\"alarms\":{", out);
-    print_json_number(out, "hours", f->hours);
-    fprintf(out, ",\"raised\":%zu,\"by_priority\":[%zu,%zu,%zu,%zu],", f->raised, f->by_priority[0],
-            f->by_priority[1], f->by_priority[2], f->by_priority[3]);
-    print_json_number(out, "per_hour", f->per_hour);
-    fprintf(out,
-            ",\"most_in_ten_minutes\":%zu,\"floods\":%zu,\"windows\":%zu,\"chattering\":%zu,\"standing\":%zu,"
-            "\"stale\":%zu,\"unacknowledged\":%zu,",
-            f->peak, f->floods, f->windows, f->chattering, f->standing, f->stale, f->unacked);
-    print_json_number(out, "to_acknowledge_s", f->to_acknowledge);
-    fputs(",\"each\":[", out);
-    bool first = true;
-    for (size_t i = 0; i < f->n; i++) {
-        if (f->alarm[i].raised == 0)
-            continue;
-        fputs(first ? "" : ",", out);
-        alarm_figure_json(&f->alarm[i], &e->alarm[i], start, out);
-        first = false;
-    }
-    fputs("]}", out);
+    json_add(t, "alarms:{hours:%g, raised:%zu, by_priority:[%zu, %zu, %zu, %zu], per_hour:%g", f->hours,
+             f->raised, f->by_priority[0], f->by_priority[1], f->by_priority[2], f->by_priority[3],
+             f->per_hour);
+    json_add(t, "most_in_ten_minutes:%zu, floods:%zu, windows:%zu, chattering:%zu, standing:%zu, stale:%zu",
+             f->peak, f->floods, f->windows, f->chattering, f->standing, f->stale);
+    json_add(t, "unacknowledged:%zu, to_acknowledge_s:%g, each:[", f->unacked, f->to_acknowledge);
+    for (size_t i = 0; i < f->n; i++)
+        if (f->alarm[i].raised > 0)
+            alarm_figure_json(&f->alarm[i], &e->alarm[i], start, t);
+    json_add(t, "]}");
 }

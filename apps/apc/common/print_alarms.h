@@ -5,11 +5,13 @@
 
 #include <stdio.h>
 
+#include "common/json.h"
 #include "record/record.h"
 
 /* Times are in s since @p start. Returns 0 or APC_ENOMEM. */
 int alarms_print(const struct alarm_figures *figures, const struct experiment *e, apc_ns start, FILE *out);
 /* ,"alarms":{...} */
-void alarms_json(const struct alarm_figures *figures, const struct experiment *e, apc_ns start, FILE *out);
+void alarms_member_json(const struct alarm_figures *figures, const struct experiment *e, apc_ns start,
+                        struct text *t);
 
 #endif

@@ -51,73 +51,55 @@ int figures_print(const struct figures *f, const struct trajectory *c, const str
     return rc;
 }
 
-static void put_figure_numbers(FILE *out, const double *figure)
+static void put_figure_numbers(struct text *t, const double *figure)
 {
     for (int i = 0; i < METRICS; i++) {
-        fputc(',', out);
-        print_json_number(out, metric_key((enum metric)i), figure[i]);
         const char *former = metric_former_key((enum metric)i);
-        if (former) {
-            fputc(',', out);
-            print_json_number(out, former, figure[i]);
-        }
+        json_add(t, "%s:%g", metric_key((enum metric)i), figure[i]);
+        if (former)
+            json_add(t, "%s:%g", former, figure[i]);
     }
+    const bool recovered = !isinf(figure[METRIC_RECOVERY]);
     if (!isnan(figure[METRIC_SETTLING]))
-        fprintf(out, ",\"settled\":%s", isinf(figure[METRIC_SETTLING]) ? "false" : "true");
-    if (!isnan(figure[METRIC_RECOVERY])) {
-        const char *recovered = isinf(figure[METRIC_RECOVERY]) ? "false" : "true";
-        fprintf(out, ",\"recovered\":%s,\"returned\":%s", recovered,
-                recovered); /* the latter is deprecated */
-    }
+        json_add(t, "settled:%i", !isinf(figure[METRIC_SETTLING]));
+    if (!isnan(figure[METRIC_RECOVERY]))
+        json_add(t, "recovered:%i, returned:%i", recovered, recovered); /* the latter is deprecated */
 }
 
-static void put_events(FILE *out, const struct figures *f, const struct part *part,
+static void put_events(struct text *t, const struct figures *f, const struct part *part,
                        const struct experiment *e)
 {
     static const char *const kinds[] = {
         [EVENT_START] = "start", [EVENT_SETPOINT] = "setpoint", [EVENT_DISTURBANCE] = "disturbance"};
-    fputs("\"events\":[", out);
+    json_add(t, "events:[");
     for (size_t i = part->first; i < part->first + part->n; i++) {
         const struct event *event = &f->event[i];
-        fprintf(out, "%s{\"kind\":\"%s\"", i > part->first ? "," : "", kinds[event->kind]);
-        if (event->kind != EVENT_START) {
-            fputc(',', out);
-            print_json_text(out, "variable", figures_variable(event, e));
-            fputc(',', out);
-            print_json_number(out, "from", event->from);
-            fputc(',', out);
-            print_json_number(out, "to", event->to);
-        }
-        fputc('}', out);
+        json_add(t, "{kind:%s", kinds[event->kind]);
+        if (event->kind != EVENT_START)
+            json_add(t, "variable:%s, from:%g, to:%g", figures_variable(event, e), event->from, event->to);
+        json_add(t, "}");
     }
-    fputc(']', out);
+    json_add(t, "]");
 }
 
-void figures_json(const struct figures *f, const struct trajectory *c, const struct experiment *e, FILE *out)
+void figures_members(const struct figures *f, const struct trajectory *c, const struct experiment *e,
+                     struct text *t)
 {
-    fprintf(out, "\"of\":\"%s\",", c->measured ? "measurements" : "plant");
-    print_json_number(out, "ended_s", c->end);
-    fprintf(out, ",\"diverged\":%s,\"loops\":[", c->diverged ? "true" : "false");
+    json_add(t, "of:%s, ended_s:%g, diverged:%i, loops:[", c->measured ? "measurements" : "plant", c->end,
+             c->diverged);
     for (size_t loop = 0; loop < f->n_loops; loop++) {
         const struct metrics *m = &f->of[loop];
-        const struct apc_tag *tag = &e->y[f->loop[loop].y].tag;
-        fprintf(out, "%s{", loop ? "," : "");
-        print_json_text(out, "loop", f->loop[loop].name);
-        fputc(',', out);
-        print_json_text(out, "unit", tag->unit);
-        put_figure_numbers(out, m->figure);
-        fputs(",\"parts\":[", out);
+        json_add(t, "{loop:%s, unit:%s", f->loop[loop].name, e->y[f->loop[loop].y].tag.unit);
+        put_figure_numbers(t, m->figure);
+        json_add(t, "parts:[");
         for (size_t k = 0; k < f->n_parts; k++) {
-            fputs(k ? ",{" : "{", out);
-            put_events(out, f, &m->part[k], e);
-            fputc(',', out);
-            print_json_number(out, "from_s", m->part[k].from);
-            fputc(',', out);
-            print_json_number(out, "until_s", m->part[k].to);
-            put_figure_numbers(out, m->part[k].figure);
-            fputc('}', out);
+            json_add(t, "{");
+            put_events(t, f, &m->part[k], e);
+            json_add(t, "from_s:%g, until_s:%g", m->part[k].from, m->part[k].to);
+            put_figure_numbers(t, m->part[k].figure);
+            json_add(t, "}");
         }
-        fputs("]}", out);
+        json_add(t, "]}");
     }
-    fputc(']', out);
+    json_add(t, "]");
 }

@@ -5,12 +5,14 @@
 
 #include <stdio.h>
 
+#include "common/json.h"
 #include "figures/figures.h"
 
 /* A table of them for people, of whole runs and of their parts; at most @most rows (0: all). */
 int figures_print(const struct figures *f, const struct trajectory *c, const struct experiment *e,
                   size_t most, FILE *out);
 /* The members "of" and "loops" of a JSON object. */
-void figures_json(const struct figures *f, const struct trajectory *c, const struct experiment *e, FILE *out);
+void figures_members(const struct figures *f, const struct trajectory *c, const struct experiment *e,
+                     struct text *t);
 
 #endif

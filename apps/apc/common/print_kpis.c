@@ -94,71 +94,27 @@ int kpis_print(const struct kpis *m, FILE *out)
 
 /* ---- For programs ------------------------------------------------------------------------- */
 
-static void number_member_json(FILE *out, const char *key, double value)
+static void kpis_member_json(const char *name, const struct kpis *m, apc_ns start, struct text *t)
 {
-    fputc(',', out);
-    print_json_number(out, key, value);
+    json_add(t, "%s:{from_s:%g, until_s:%g, loops:[", name, apc_ns_to_s(m->from - start),
+             apc_ns_to_s(m->until - start));
+    for (const struct kpis_loop *l = m->loop; l < m->loop + m->n_loops; l++)
+        json_add(t,
+                 "{loop:%s, service:%g, at_low:%g, at_high:%g, sd_in_service:%g, sd_without:%g, benefit:%g}",
+                 l->name, l->service, l->low, l->high, l->with, l->without, l->benefit);
+    json_add(t, "], predictions:[");
+    for (const struct kpis_prediction *p = m->prediction; p < m->prediction + m->n_predictions; p++)
+        json_add(t, "{variable:%s, step_s:%g, steps:%zu, rms_one_step:%g, rms_all_steps:%g}", p->name,
+                 p->step, p->length, p->first, p->last);
+    json_add(t, "], plans:[");
+    for (const struct kpis_limit *l = m->limit; l < m->limit + m->n_limits; l++)
+        json_add(t, "{variable:%s, plans:%ju, low:%g, high:%g, falls:%g, rises:%g}", l->name, l->plans,
+                 l->low, l->high, l->falls, l->rises);
+    json_add(t, "]}");
 }
 
-static void loop_kpis_json(const struct kpis_loop *l, FILE *out)
+void kpis_members(const struct kpis *m, apc_ns start, struct text *t)
 {
-    print_json_text(out, "loop", l->name);
-    number_member_json(out, "service", l->service);
-    number_member_json(out, "at_low", l->low);
-    number_member_json(out, "at_high", l->high);
-    number_member_json(out, "sd_in_service", l->with);
-    number_member_json(out, "sd_without", l->without);
-    number_member_json(out, "benefit", l->benefit);
-}
-
-static void json_prediction(const struct kpis_prediction *p, FILE *out)
-{
-    print_json_text(out, "variable", p->name);
-    number_member_json(out, "step_s", p->step);
-    fprintf(out, ",\"steps\":%zu", p->length);
-    number_member_json(out, "rms_one_step", p->first);
-    number_member_json(out, "rms_all_steps", p->last);
-}
-
-static void json_limit(const struct kpis_limit *l, FILE *out)
-{
-    print_json_text(out, "variable", l->name);
-    fprintf(out, ",\"plans\":%llu", (unsigned long long)l->plans);
-    number_member_json(out, "low", l->low);
-    number_member_json(out, "high", l->high);
-    number_member_json(out, "falls", l->falls);
-    number_member_json(out, "rises", l->rises);
-}
-
-static void kpis_member_json(const char *name, const struct kpis *m, apc_ns start, FILE *out)
-{
-    fprintf(out, "\"%s\":{", name);
-    print_json_number(out, "from_s", apc_ns_to_s(m->from - start));
-    number_member_json(out, "until_s", apc_ns_to_s(m->until - start));
-    fputs(",\"loops\":[", out);
-    for (size_t i = 0; i < m->n_loops; i++) {
-        fputs(i ? ",{" : "{", out);
-        loop_kpis_json(&m->loop[i], out);
-        fputc('}', out);
-    }
-    fputs("],\"predictions\":[", out);
-    for (size_t i = 0; i < m->n_predictions; i++) {
-        fputs(i ? ",{" : "{", out);
-        json_prediction(&m->prediction[i], out);
-        fputc('}', out);
-    }
-    fputs("],\"plans\":[", out);
-    for (size_t i = 0; i < m->n_limits; i++) {
-        fputs(i ? ",{" : "{", out);
-        json_limit(&m->limit[i], out);
-        fputc('}', out);
-    }
-    fputs("]}", out);
-}
-
-void kpis_json(const struct kpis *m, apc_ns start, FILE *out)
-{
-    kpis_member_json("kpis", m, start, out);
-    fputc(',', out);
-    kpis_member_json("merits", m, start, out); /* the name before: for one more version */
+    kpis_member_json("kpis", m, start, t);
+    kpis_member_json("merits", m, start, t); /* the name before: for one more version */
 }

@@ -4,11 +4,12 @@
 
 #include <stdio.h>
 
+#include "common/json.h"
 #include "figures/figures.h"
 
 /* Tables for people. Returns 0 or APC_ENOMEM. */
 int kpis_print(const struct kpis *m, FILE *out);
 /* Members "kpis" and "merits", its deprecated name, for programs; times in s since @p start. */
-void kpis_json(const struct kpis *m, apc_ns start, FILE *out);
+void kpis_members(const struct kpis *m, apc_ns start, struct text *t);
 
 #endif

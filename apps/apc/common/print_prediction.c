@@ -42,32 +42,24 @@ int prediction_print(const struct prediction *o, FILE *out)
     return rc;
 }
 
-static void values(FILE *out, const char *name, const double *v, size_t n)
+static void values_member(struct text *t, const char *name, const double *v, size_t n)
 {
-    fprintf(out, ",\"%s\":[", name);
+    json_add(t, "%s:[", name);
     for (size_t k = 0; k < n; k++)
-        isnan(v[k]) ? fprintf(out, "%snull", k ? "," : "") : fprintf(out, "%s%.17g", k ? "," : "", v[k]);
-    fputc(']', out);
+        json_add(t, "%g", v[k]);
+    json_add(t, "]");
 }
 
-void prediction_json(const struct prediction *o, FILE *out)
+void prediction_member(const struct prediction *o, struct text *t)
 {
-    fputs("\"expectations\":[", out);
+    json_add(t, "expectations:[");
     for (size_t i = 0; i < o->n; i++) {
         const struct prediction_trajectory *c = &o->trajectory[i];
-        fputs(i ? ",{" : "{", out);
-        print_json_text(out, "variable", c->name);
-        fputc(',', out);
-        print_json_text(out, "table", apc_table_name(c->table));
-        fputc(',', out);
-        print_json_number(out, "made_s", apc_ns_to_s(c->made));
-        fputc(',', out);
-        print_json_number(out, "first_s", apc_ns_to_s(c->first));
-        fputc(',', out);
-        print_json_number(out, "step_s", apc_ns_to_s(c->step));
-        values(out, "expected", c->expected, c->n);
-        values(out, "came", c->came, c->n);
-        fputc('}', out);
+        json_add(t, "{variable:%s, table:%s, made_s:%g, first_s:%g, step_s:%g", c->name,
+                 apc_table_name(c->table), apc_ns_to_s(c->made), apc_ns_to_s(c->first), apc_ns_to_s(c->step));
+        values_member(t, "expected", c->expected, c->n);
+        values_member(t, "came", c->came, c->n);
+        json_add(t, "}");
     }
-    fputc(']', out);
+    json_add(t, "]");
 }

@@ -2,6 +2,7 @@
 #ifndef APC_PRINT_PREDICTION_H
 #define APC_PRINT_PREDICTION_H
 
+#include "common/json.h"
 #include "record/record.h"
 
 #include <stdio.h>
@@ -9,6 +10,6 @@
 /* A table of what was expected and what came, at steps that double. Returns 0 or APC_ENOMEM. */
 int prediction_print(const struct prediction *o, FILE *out);
 /* "expectations":[...], all of them. */
-void prediction_json(const struct prediction *o, FILE *out);
+void prediction_member(const struct prediction *o, struct text *t);
 
 #endif

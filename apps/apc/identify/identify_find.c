@@ -224,30 +224,17 @@ static int show_found_text(const struct finding *f)
 static void show_found_json(const struct finding *f)
 {
     const struct identify_data *d = &f->z->data;
+    struct text t = {.out = stdout};
 
-    printf("{\"samples\":%zu,\"fitted\":%zu,", d->record.n, f->z->fitted);
-    print_json_text(stdout, "plant", f->e.plant.model->name);
-    fputs(",\"parameters\":[", stdout);
-    for (size_t i = 0; i < f->z->own.finds; i++) {
-        fputs(i ? ",{" : "{", stdout);
-        print_json_text(stdout, "parameter", param_of(f, i)->name);
-        putchar(',');
-        print_json_number(stdout, "was", f->was[i]);
-        putchar(',');
-        print_json_number(stdout, "value", f->value[i]);
-        putchar(',');
-        print_json_number(stdout, "standard_error", f->error[i]);
-        putchar('}');
-    }
-    fputs("],\"outputs\":[", stdout);
-    for (size_t i = 0; i < d->record.ny; i++) {
-        fputs(i ? ",{" : "{", stdout);
-        print_json_text(stdout, "output", d->output[i]);
-        putchar(',');
-        print_json_number(stdout, "fit", f->model.validation[i].fit);
-        putchar('}');
-    }
-    puts("]}");
+    json_add(&t, "{samples:%zu, fitted:%zu, plant:%s, parameters:[", d->record.n, f->z->fitted,
+             f->e.plant.model->name);
+    for (size_t i = 0; i < f->z->own.finds; i++)
+        json_add(&t, "{parameter:%s, was:%g, value:%g, standard_error:%g}", param_of(f, i)->name, f->was[i],
+                 f->value[i], f->error[i]);
+    json_add(&t, "], outputs:[");
+    for (size_t i = 0; i < d->record.ny; i++)
+        json_add(&t, "{output:%s, fit:%g}", d->output[i], f->model.validation[i].fit);
+    json_add(&t, "]}\n");
 }
 
 static void show_found_csv(const struct finding *f)

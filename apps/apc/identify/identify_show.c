@@ -336,126 +336,72 @@ static void show_models_text(const struct identification *z)
                          : "");
 }
 
-static void numbers_member_json(const char *key, const double *value, size_t n)
+static void json_transfer(const char *key, const struct apc_transfer *g, struct text *t)
 {
-    printf("\"%s\":[", key);
-    for (size_t i = 0; i < n; i++) {
-        char text[PRINT_LEN];
-        printf("%s%s", i ? "," : "", isfinite(value[i]) ? print_exact(value[i], text) : "null");
-    }
-    putchar(']');
+    json_add(t, "%s:{gain:%g, tau:[%g, %g], dead_time:%g, zero:%g, integrating:%i}", key, g->gain, g->tau[0],
+             g->tau[1], g->dead_time, g->zero, g->integrating);
 }
 
-static void json_transfer(const char *key, const struct apc_transfer *g)
-{
-    printf("\"%s\":{", key);
-    print_json_number(stdout, "gain", g->gain);
-    putchar(',');
-    numbers_member_json("tau", g->tau, 2);
-    putchar(',');
-    print_json_number(stdout, "dead_time", g->dead_time);
-    putchar(',');
-    print_json_number(stdout, "zero", g->zero);
-    printf(",\"integrating\":%s}", g->integrating ? "true" : "false");
-}
-
-static void json_tunings(const struct identification *z, size_t p)
+static void json_tunings(const struct identification *z, size_t p, struct text *out)
 {
     struct apc_pid_tuning t;
     struct apc_margins m = {.size = sizeof m};
     struct apc_error why;
 
-    fputs(",\"simc\":[", stdout);
-    for (int derivative = 0, n = 0; derivative < 2; derivative++) {
-        if (!suggest_pid_for_pair(z, p, derivative, &t, &m, &why))
-            continue;
-        fputs(n++ ? ",{" : "{", stdout);
-        print_json_number(stdout, "Kp", t.Kp);
-        putchar(',');
-        print_json_number(stdout, "tau_i", t.tau_i);
-        putchar(',');
-        print_json_number(stdout, "tau_d", t.tau_d);
-        putchar(',');
-        print_json_number(stdout, "gain_margin", m.gain);
-        putchar(',');
-        print_json_number(stdout, "phase_margin", m.phase);
-        putchar(',');
-        print_json_number(stdout, "delay_margin", m.delay);
-        putchar(',');
-        print_json_number(stdout, "sensitivity", m.sensitivity);
-        printf(",\"stable\":%s}", m.stable ? "true" : "false");
-    }
-    putchar(']');
+    json_add(out, "simc:[");
+    for (int derivative = 0; derivative < 2; derivative++)
+        if (suggest_pid_for_pair(z, p, derivative, &t, &m, &why)) {
+            json_add(out, "{Kp:%g, tau_i:%g, tau_d:%g, gain_margin:%g, phase_margin:%g, delay_margin:%g",
+                     t.Kp, t.tau_i, t.tau_d, m.gain, m.phase, m.delay);
+            json_add(out, "sensitivity:%g, stable:%i}", m.sensitivity, m.stable);
+        }
+    json_add(out, "]");
 }
 
-static void json_model(const struct identification *z, const struct identify_model *m)
+static void json_model(const struct identification *z, const struct identify_model *m, struct text *t)
 {
     const size_t inputs = z->data.record.nu + z->data.record.nd;
 
-    putchar('{');
-    print_json_text(stdout, "model", m->kind);
+    json_add(t, "{model:%s", m->kind);
     if (!m->linear) {
-        putchar(',');
-        print_json_text(stdout, "error", m->why.text);
-        putchar('}');
+        json_add(t, "error:%s}", m->why.text);
         return;
     }
-    printf(",\"states\":%zu,\"outputs\":[", m->linear->nx);
+    json_add(t, "states:%zu, outputs:[", m->linear->nx);
     for (size_t i = 0; i < m->linear->ny; i++) {
         const struct apc_validation *v = &m->validation[i];
 
-        printf("%s{", i ? "," : "");
-        print_json_text(stdout, "output", z->data.output[i]);
-        putchar(',');
-        print_json_number(stdout, "fit", v->fit);
-        putchar(',');
-        print_json_number(stdout, "ahead", v->ahead);
-        putchar(',');
-        print_json_number(stdout, "white", v->white);
-        putchar(',');
-        print_json_number(stdout, "independent", v->independent);
-        putchar('}');
+        json_add(t, "{output:%s, fit:%g, ahead:%g, white:%g, independent:%g}", z->data.output[i], v->fit,
+                 v->ahead, v->white, v->independent);
     }
-    putchar(']');
+    json_add(t, m->g ? "],\npairs:[" : "]");
     for (size_t p = 0; m->g && p < inputs * m->linear->ny; p++) {
-        fputs(p ? ",{" : ",\n\"pairs\":[{", stdout);
-        print_json_text(stdout, "from", z->data.input[p % inputs]);
-        putchar(',');
-        print_json_text(stdout, "to", z->data.output[p / inputs]);
-        putchar(',');
-        json_transfer("value", &m->g[p]);
-        putchar(',');
-        json_transfer("standard_error", &m->error[p]);
+        json_add(t, "{from:%s, to:%s", z->data.input[p % inputs], z->data.output[p / inputs]);
+        json_transfer("value", &m->g[p], t);
+        json_transfer("standard_error", &m->error[p], t);
         if (z->own.suggest && p % inputs < z->data.record.nu)
-            json_tunings(z, p);
-        putchar('}');
+            json_tunings(z, p, t);
+        json_add(t, "}");
     }
-    fputs(m->g ? "]}" : "}", stdout);
+    json_add(t, m->g ? "]}" : "}");
 }
 
 static void show_models_json(const struct identification *z)
 {
-    bool more = false;
+    struct text t = {.out = stdout};
 
-    fputs("{\"records\":[", stdout);
-    for (size_t g = 0; g < apc_record_runs(&z->data.record); g++) {
-        fputs(g ? ",{" : "{", stdout);
-        print_json_text(stdout, "record", z->cli.args[g]);
-        printf(",\"samples\":%zu}", apc_record_run(&z->data.record, g).n);
-    }
-    printf("],\"samples\":%zu,\"fitted\":%zu,", z->data.record.n, z->fitted);
-    print_json_number(stdout, "period", z->data.record.Ts);
-    putchar(',');
-    print_json_text(stdout, "chosen", z->model[z->chosen].kind);
-    fputs(",\"models\":[", stdout);
+    json_add(&t, "{records:[");
+    for (size_t g = 0; g < apc_record_runs(&z->data.record); g++)
+        json_add(&t, "{record:%s, samples:%zu}", z->cli.args[g], apc_record_run(&z->data.record, g).n);
+    json_add(&t, "], samples:%zu, fitted:%zu, period:%g, chosen:%s, models:[", z->data.record.n, z->fitted,
+             z->data.record.Ts, z->model[z->chosen].kind);
     for (int k = 0; k < KINDS; k++) {
         if (!z->model[k].kind)
             continue;
-        fputs(more ? ",\n" : "\n", stdout);
-        json_model(z, &z->model[k]);
-        more = true;
+        json_add(&t, ",\n");
+        json_model(z, &z->model[k], &t);
     }
-    puts("]}");
+    json_add(&t, "]}\n");
 }
 
 static void show_models_csv(const struct identification *z)

@@ -122,52 +122,37 @@ static void list_alarms_text(struct session *s, const struct alarm_now **at, siz
     print_table_close(&table);
 }
 
-static void json_time(const char *key, apc_ns time)
+static const char *time_or_none(apc_ns time, char text[APC_TIME_LEN])
 {
-    char text[APC_TIME_LEN];
-    print_json_text(stdout, key, time ? apc_time_format(time, text) : NULL);
+    return time ? apc_time_format(time, text) : "";
 }
 
-static void alarm_json(struct session *s, const struct alarm_now *now)
+static void alarm_json(struct session *s, const struct alarm_now *now, struct text *t)
 {
     const struct alarm *alarm = alarm_summary_alarm(&s->summary, now);
     const enum apc_alarm_state state = alarm_summary_state(now);
-    char name[APC_AUTHOR_LEN];
-    putchar('{');
-    print_json_text(stdout, "alarm", alarm->name);
-    printf(",\"id\":%d,\"priority\":%d,\"seq\":%lld,\"journal\":%lld,\"active\":%s,\"unacknowledged\":%s,"
-           "\"standing\":%s,",
-           now->row->id, alarm->is.priority, (long long)now->row->seq, (long long)now->row->origin,
-           apc_alarm_is_active(state) ? "true" : "false", apc_alarm_is_unacked(state) ? "true" : "false",
-           apc_alarm_is_standing(state) ? "true" : "false");
-    print_json_text(stdout, "state", apc_alarm_state_name(state));
-    putchar(',');
-    json_time("time", now->row->seq > 0 ? now->row->time : 0);
-    putchar(',');
-    print_json_text(stdout, "author", *author_of_transition(s, now->row->author, name) ? name : NULL);
-    putchar(',');
-    json_time("shelved_until", alarm_summary_shelved(now));
-    putchar(',');
-    print_json_text(stdout, "area", alarm->area);
-    putchar(',');
-    print_json_text(stdout, "message", alarm->message);
-    putchar(',');
-    print_json_text(stdout, "consequence", alarm->consequence);
-    putchar(',');
-    print_json_text(stdout, "response", alarm->response);
-    putchar('}');
+    char name[APC_AUTHOR_LEN], time[APC_TIME_LEN], until[APC_TIME_LEN];
+    json_add(t, "{alarm:%s, id:%d, priority:%d, seq:%jd, journal:%jd", alarm->name, now->row->id,
+             alarm->is.priority, now->row->seq, now->row->origin);
+    json_add(t, "active:%i, unacknowledged:%i, standing:%i, state:%s", apc_alarm_is_active(state),
+             apc_alarm_is_unacked(state), apc_alarm_is_standing(state), apc_alarm_state_name(state));
+    json_add(t, "time:%-s, author:%-s, shelved_until:%-s",
+             time_or_none(now->row->seq > 0 ? now->row->time : 0, time),
+             author_of_transition(s, now->row->author, name),
+             time_or_none(alarm_summary_shelved(now), until));
+    json_add(t, "area:%s, message:%s, consequence:%s, response:%s}", alarm->area, alarm->message,
+             alarm->consequence, alarm->response);
 }
 
 static void list_json(struct session *s, const struct alarm_now **at, size_t n)
 {
-    printf("{\"evaluated\":%s,", alarm_summary_lives(&s->summary, s->now) ? "true" : "false");
-    json_time("time", s->summary.tick.seq > 0 ? s->summary.tick.time : 0);
-    fputs(",\"alarms\":[", stdout);
-    for (size_t i = 0; i < n; i++) {
-        fputs(i ? "," : "", stdout);
-        alarm_json(s, at[i]);
-    }
-    puts("]}");
+    struct text t = {.out = stdout};
+    char time[APC_TIME_LEN];
+    json_add(&t, "{evaluated:%i, time:%-s, alarms:[", alarm_summary_lives(&s->summary, s->now),
+             time_or_none(s->summary.tick.seq > 0 ? s->summary.tick.time : 0, time));
+    for (size_t i = 0; i < n; i++)
+        alarm_json(s, at[i], &t);
+    json_add(&t, "]}\n");
 }
 
 static void say_life(const struct session *s)
@@ -209,21 +194,16 @@ static int list_alarms(struct session *s)
 
 /* ---- Journal ------------------------------------------------------------------------------ */
 
-static void journal_json(struct session *s, const struct alarm_transition *t)
+static void journal_json(struct session *s, const struct alarm_transition *tr)
 {
-    char name[APC_AUTHOR_LEN];
-    printf("{\"number\":%lld,", (long long)t->number);
-    json_time("time", t->time);
-    putchar(',');
-    print_json_text(stdout, "alarm", s->summary.e.alarm[t->alarm - 1].name);
-    printf(",\"priority\":%d,\"raised\":%s,", s->summary.e.alarm[t->alarm - 1].is.priority,
-           alarm_is_raised(t) ? "true" : "false");
-    print_json_text(stdout, "state", apc_alarm_state_name(t->state));
-    putchar(',');
-    print_json_text(stdout, "before", apc_alarm_state_name(t->before));
-    putchar(',');
-    print_json_text(stdout, "author", *author_of_transition(s, t->author, name) ? name : NULL);
-    puts("}");
+    const struct alarm *alarm = &s->summary.e.alarm[tr->alarm - 1];
+    struct text t = {.out = stdout};
+    char name[APC_AUTHOR_LEN], time[APC_TIME_LEN];
+    json_add(&t,
+             "{number:%jd, time:%-s, alarm:%s, priority:%d, raised:%i, state:%s, before:%s, author:%-s}\n",
+             tr->number, time_or_none(tr->time, time), alarm->name, alarm->is.priority, alarm_is_raised(tr),
+             apc_alarm_state_name(tr->state), apc_alarm_state_name(tr->before),
+             author_of_transition(s, tr->author, name));
 }
 
 static void journal_text(struct session *s, struct print_table *table, const struct alarm_transition *t)
@@ -259,11 +239,14 @@ static int show_journal(struct session *s, const struct alarm_journal *j)
 static int show_figures(struct session *s, const struct alarm_journal *j, apc_ns since)
 {
     struct alarm_figures figures;
+    struct text t = {.out = stdout};
     const apc_ns from = since ? since : j->n > 0 ? j->at[0].time : s->now;
     int rc = alarm_figures_make(&figures, j, &s->summary.e, from, s->now);
-    if (rc == 0 && s->cli.format == CLI_JSON)
-        alarms_json(&figures, &s->summary.e, from, stdout);
-    else if (rc == 0)
+    if (rc == 0 && s->cli.format == CLI_JSON) {
+        json_add(&t, "{");
+        alarms_member_json(&figures, &s->summary.e, from, &t);
+        json_add(&t, "}\n");
+    } else if (rc == 0)
         rc = alarms_print(&figures, &s->summary.e, from, stdout);
     alarm_figures_free(&figures);
     return rc < 0 ? cli_error(&s->cli, rc, "out of memory") : EXIT_OK;

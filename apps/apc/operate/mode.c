@@ -112,27 +112,15 @@ static const char *common(const struct apc_sample *mode, size_t n)
 static void show_modes_json(const struct cli_plant *plant, struct apc_store *store, const struct chosen *c,
                             const struct apc_sample *mode)
 {
+    struct text t = {.out = stdout};
     char why[REASON_LEN];
-    putchar('{');
-    print_json_text(stdout, "target", common(mode, c->n));
-    putchar(',');
-    print_json_text(stdout, "actual", common(mode + c->n, c->n));
-    fputs(",\"loops\":[", stdout);
-    for (size_t i = 0; i < c->n; i++) {
-        fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        print_json_text(stdout, "loop", c->loop[i]->name);
-        putchar(',');
-        print_json_text(stdout, "controller", plant->loops.controller[c->loop[i]->controller].name);
-        putchar(',');
-        print_json_text(stdout, "target", mode_word(&mode[i]));
-        putchar(',');
-        print_json_text(stdout, "actual", mode_word(&mode[c->n + i]));
-        putchar(',');
-        print_json_text(stdout, "reason",
-                        mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
-        putchar('}');
-    }
-    puts("]}");
+    json_add(&t, "{target:%s, actual:%s, loops:[", common(mode, c->n), common(mode + c->n, c->n));
+    for (size_t i = 0; i < c->n; i++)
+        json_add(&t, ",\n{loop:%s, controller:%s, target:%s, actual:%s, reason:%s}", c->loop[i]->name,
+                 plant->loops.controller[c->loop[i]->controller].name, mode_word(&mode[i]),
+                 mode_word(&mode[c->n + i]),
+                 mode_reason_find(store, &plant->loops, c->loop[i], &mode[i], &mode[c->n + i], why));
+    json_add(&t, "]}\n");
 }
 
 static void show_one(const struct apc_sample mode[2], const char *reason)

@@ -334,132 +334,92 @@ static int show_status(const struct status *s)
 /* ---- For programs ------------------------------------------------------------------------- */
 
 /* What the experiment file says of a variable. */
-static void json_tag(const struct apc_tag *tag)
+static void json_tag(const struct apc_tag *tag, struct text *t)
 {
     const bool scale = tag && tag->display_low < tag->display_high;
-    putchar(',');
-    print_json_limit(stdout, "low", tag ? tag->low : -APC_VALUE_MAX);
-    putchar(',');
-    print_json_limit(stdout, "high", tag ? tag->high : APC_VALUE_MAX);
-    putchar(',');
-    print_json_text(stdout, "area", tag && tag->area[0] ? tag->area : NULL);
-    putchar(',');
-    print_json_number(stdout, "display_low", scale ? tag->display_low : (double)NAN);
-    putchar(',');
-    print_json_number(stdout, "display_high", scale ? tag->display_high : (double)NAN);
+    json_add(t, "low:%e, high:%e, area:%-s, display_low:%g, display_high:%g", tag ? tag->low : -APC_VALUE_MAX,
+             tag ? tag->high : APC_VALUE_MAX, tag ? tag->area : "", scale ? tag->display_low : (double)NAN,
+             scale ? tag->display_high : (double)NAN);
 }
 
-static void json_values(const struct status *s)
+static void json_values(const struct status *s, struct text *t)
 {
     for (size_t i = 0; i < s->n; i++) {
-        fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        print_sample_members(stdout, &s->samples[i], &s->plant.tags, s->now);
-        json_tag(cli_tag(&s->plant.tags, s->samples[i].table, s->samples[i].id));
-        printf(",\"stale\":%s}", is_stale_sample(s, &s->samples[i]) ? "true" : "false");
+        json_add(t, ",\n{");
+        print_sample_members(t, &s->samples[i], &s->plant.tags, s->now);
+        json_tag(cli_tag(&s->plant.tags, s->samples[i].table, s->samples[i].id), t);
+        json_add(t, "stale:%i}", is_stale_sample(s, &s->samples[i]));
     }
 }
 
-static void json_timing(const struct status *s)
+static void json_timing(const struct status *s, struct text *t)
 {
     for (size_t i = 0; i < s->timing.n; i++) {
-        const struct timing_series *t = &s->timing.series[i];
-        fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        print_json_text(stdout, "task", t->task);
-        printf(",\"period_ns\":%lld,\"ticks\":%llu,\"missed\":%llu,", (long long)t->period,
-               (unsigned long long)t->count, (unsigned long long)t->missed);
-        printf("\"lateness_ns\":{\"p50\":%lld,\"p99\":%lld,\"max\":%lld}}", (long long)t->p50,
-               (long long)t->p99, (long long)t->max);
+        const struct timing_series *of = &s->timing.series[i];
+        json_add(
+            t, ",\n{task:%s, period_ns:%jd, ticks:%ju, missed:%ju, lateness_ns:{p50:%jd, p99:%jd, max:%jd}}",
+            of->task, of->period, of->count, of->missed, of->p50, of->p99, of->max);
     }
 }
 
-static void json_store(const char *uri, int version, const char *why)
+static void json_history(const struct status *s, struct text *t)
 {
-    fputs("\"store\":{", stdout);
-    print_json_text(stdout, "uri", uri);
-    if (why)
-        fputs(",\"connected\":false,\"version\":null,", stdout);
-    else
-        printf(",\"connected\":true,\"version\":%d,", version);
-    print_json_text(stdout, "error", why);
-    putchar('}');
+    const bool is = s->has_history > 0;
+    if (s->has_history != 0)
+        json_add(t, ",\nhistory:{behind:%jd, late_s:%.3f, error:%-s}",
+                 is ? (int64_t)s->behind.rows : JSON_NONE,
+                 is && !s->behind.nothing ? apc_ns_to_s(s->behind.time) : (double)NAN, is ? "" : s->away);
 }
 
-static void json_history(const struct status *s)
-{
-    if (s->has_history == 0)
-        return;
-    fputs(",\n\"history\":{", stdout);
-    if (s->has_history > 0)
-        printf("\"behind\":%llu,", (unsigned long long)s->behind.rows);
-    else
-        fputs("\"behind\":null,", stdout);
-    if (s->has_history > 0 && !s->behind.nothing)
-        printf("\"late_s\":%.3f,", apc_ns_to_s(s->behind.time));
-    else
-        fputs("\"late_s\":null,", stdout);
-    print_json_text(stdout, "error", s->has_history < 0 ? s->away : NULL);
-    putchar('}');
-}
-
-static void json_room(const struct status *s)
+static void json_room(const struct status *s, struct text *t)
 {
     const struct apc_store_room *r = &s->room;
-    if (s->has_room <= 0)
-        return;
-    printf(",\n\"room\":{\"variables\":%llu,\"variables_max\":%llu,\"cells\":%llu,\"cells_max\":%llu,",
-           (unsigned long long)r->variables, (unsigned long long)r->variables_max,
-           (unsigned long long)r->cells, (unsigned long long)r->cells_max);
-    printf("\"refused\":%llu,\"full\":%s}", (unsigned long long)r->refused, r->full ? "true" : "false");
+    if (s->has_room > 0)
+        json_add(t,
+                 ",\nroom:{variables:%ju, variables_max:%ju, cells:%ju, cells_max:%ju, refused:%ju, full:%i}",
+                 r->variables, r->variables_max, r->cells, r->cells_max, r->refused, r->full);
 }
 
-static void json_spools(const struct status *s)
+static void json_spools(const struct status *s, struct text *t)
 {
-    fputs(",\n\"spools\":[", stdout);
+    json_add(t, ",\nspools:[");
     for (size_t i = 0; i < s->spools.n; i++) {
         const struct apc_spool_stats *w = &s->spools.info[i].stats;
-        fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        print_json_text(stdout, "writer", s->spools.info[i].writer);
-        printf(",\"samples\":%llu,\"events\":%llu,\"bytes\":%llu,\"damaged\":%s,\"age_s\":",
-               (unsigned long long)w->samples, (unsigned long long)w->events, (unsigned long long)w->bytes,
-               w->damaged ? "true" : "false");
-        if (w->oldest)
-            printf("%.3f}", apc_ns_to_s(s->now - w->oldest));
-        else
-            fputs("null}", stdout);
+        json_add(t, ",\n{writer:%s, samples:%ju, events:%ju, bytes:%ju, damaged:%i, age_s:%.3f}",
+                 s->spools.info[i].writer, w->samples, w->events, w->bytes, w->damaged != 0,
+                 w->oldest ? apc_ns_to_s(s->now - w->oldest) : (double)NAN);
     }
-    putchar(']');
+    json_add(t, "]");
 }
 
 /* @why: it could not be read. */
 static void show_status_json(const struct status *s, const char *why)
 {
-    putchar('{');
-    json_store(s->store, s->version, why);
-    json_spools(s);
+    struct text t = {.out = stdout};
+    json_add(&t, "{store:{uri:%s, connected:%i, version:%jd, error:%-s}", s->store, !why,
+             why ? JSON_NONE : s->version, why ? why : "");
+    json_spools(s, &t);
     if (why) {
-        puts("}");
+        json_add(&t, "}\n");
         return;
     }
-    json_history(s);
-    json_room(s);
-    fputs(",\n\"mode\":{", stdout);
-    print_json_text(stdout, "target", common_mode(s, LOOP_TARGET));
-    putchar(',');
-    print_json_text(stdout, "actual", common_mode(s, LOOP_ACTUAL));
-    fputs("},\n", stdout);
-    status_loops_json(&s->loops);
-    fputs(",\n\"variables\":[", stdout);
-    json_values(s);
-    fputs("],\n", stdout);
-    status_writes_json(&s->writes, s->now);
-    fputs(",\n\"timing\":[", stdout);
-    json_timing(s);
-    fputs("],\n\"events\":[", stdout);
+    json_history(s, &t);
+    json_room(s, &t);
+    json_add(&t, ",\nmode:{target:%s, actual:%s},\n", common_mode(s, LOOP_TARGET),
+             common_mode(s, LOOP_ACTUAL));
+    status_loops_json(&s->loops, &t);
+    json_add(&t, ",\nvariables:[");
+    json_values(s, &t);
+    json_add(&t, "],\n");
+    status_writes_json(&s->writes, s->now, &t);
+    json_add(&t, ",\ntiming:[");
+    json_timing(s, &t);
+    json_add(&t, "],\nevents:[");
     for (size_t i = 0; i < s->n_events; i++) {
-        fputs(i == 0 ? "\n" : ",\n", stdout);
-        print_event_json(stdout, &s->events[i]);
+        json_add(&t, ",\n");
+        print_event_json(&t, &s->events[i]);
     }
-    puts("]}");
+    json_add(&t, "]}\n");
 }
 
 int command_status(int argc, char **argv)

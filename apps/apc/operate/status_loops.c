@@ -224,87 +224,60 @@ int status_loops_show(const struct status_loops *s, bool colour)
 
 /* ---- For programs ------------------------------------------------------------------------- */
 
-static void json_value(const struct status_loops *s, const char *key, const struct apc_sample *v)
+static void json_value(const struct status_loops *s, const char *key, const struct apc_sample *v,
+                       struct text *t)
 {
     const struct apc_tag *tag = v->table ? cli_tag(&s->plant->tags, v->table, v->id) : NULL;
+    const bool is = v->seq > 0;
     char status[APC_STATUS_NAME_LEN];
-    printf(",\"%s\":", key);
-    if (!v->table) {
-        fputs("null", stdout);
-        return;
-    }
-    putchar('{');
-    print_json_text(stdout, "name", tag ? tag->name : "");
-    if (v->seq > 0) {
-        putchar(',');
-        print_json_number(stdout, "value", v->value);
-        printf(",\"status\":\"%s\",\"age\":%.3f", apc_status_format(v->status, status),
-               apc_ns_to_s(apc_ns_since(s->now, v->time)));
-    } else {
-        fputs(",\"value\":null,\"status\":null,\"age\":null", stdout);
-    }
-    printf(",\"stale\":%s}", status_is_stale(&s->plant->tags, v, s->now) ? "true" : "false");
+    if (!v->table)
+        json_add(t, "%s:null", key);
+    else
+        json_add(t, "%s:{name:%s, value:%g, status:%-s, age:%.3f, stale:%i}", key, tag ? tag->name : "",
+                 is ? v->value : (double)NAN, is ? apc_status_format(v->status, status) : "",
+                 is ? apc_ns_to_s(apc_ns_since(s->now, v->time)) : (double)NAN,
+                 status_is_stale(&s->plant->tags, v, s->now));
 }
 
-static void status_loop_json(const struct status_loops *s, size_t i)
+static void status_loop_json(const struct status_loops *s, size_t i, struct text *t)
 {
     const struct loops_loop *l = &s->plant->loops.at[i];
     const struct apc_sample *row = s->row + LOOP_ROWS * i;
     const struct apc_tag *tag = cli_tag(&s->plant->tags, l->table, l->output);
-    print_json_text(stdout, "loop", l->name);
-    putchar(',');
-    print_json_text(stdout, "controller", s->plant->loops.controller[l->controller].name);
-    putchar(',');
-    print_json_text(stdout, "target", actual_mode_word(&row[LOOP_TARGET]));
-    putchar(',');
-    print_json_text(stdout, "actual", actual_mode_word(&row[LOOP_ACTUAL]));
-    putchar(',');
-    print_json_text(stdout, "reason", s->reason[i][0] ? s->reason[i] : NULL);
-    putchar(',');
-    print_json_text(stdout, "owner", status_loops_owner(s, i));
-    json_value(s, "setpoint", &row[LOOP_SP]);
-    json_value(s, "measurement", &row[LOOP_PV]);
-    json_value(s, "output", &row[LOOP_OP]);
-    putchar(',');
-    print_json_limit(stdout, "low", tag ? tag->low : -APC_VALUE_MAX);
-    putchar(',');
-    print_json_limit(stdout, "high", tag ? tag->high : APC_VALUE_MAX);
-    putchar(',');
-    print_json_text(stdout, "at_limit", limit_of(&row[LOOP_OP]));
+    json_add(t, ",\n{loop:%s, controller:%s, target:%s, actual:%s, reason:%-s, owner:%s", l->name,
+             s->plant->loops.controller[l->controller].name, actual_mode_word(&row[LOOP_TARGET]),
+             actual_mode_word(&row[LOOP_ACTUAL]), s->reason[i], status_loops_owner(s, i));
+    json_value(s, "setpoint", &row[LOOP_SP], t);
+    json_value(s, "measurement", &row[LOOP_PV], t);
+    json_value(s, "output", &row[LOOP_OP], t);
+    json_add(t, "low:%e, high:%e, at_limit:%s}", tag ? tag->low : -APC_VALUE_MAX,
+             tag ? tag->high : APC_VALUE_MAX, limit_of(&row[LOOP_OP]));
 }
 
-static void json_controller(const struct status_loops *s, size_t i)
+static void json_controller(const struct status_loops *s, size_t i, struct text *t)
 {
     const struct loops_controller *c = &s->plant->loops.controller[i];
-    const struct timing_series *t = lateness_of(s, c);
-    print_json_text(stdout, "controller", c->name);
-    printf(",\"number\":%d,\"loops\":%zu,\"period_ns\":%lld,\"last_tick\":", c->number, c->n,
-           (long long)c->period);
+    const struct timing_series *late = lateness_of(s, c);
+    json_add(t, ",\n{controller:%s, number:%d, loops:%zu, period_ns:%jd, last_tick:", c->name, c->number,
+             c->n, c->period);
     if (s->tick[i].seq > 0)
-        printf("{\"seq\":%lld,\"age\":%.3f}", (long long)s->tick[i].seq,
-               apc_ns_to_s(s->now - s->tick[i].time));
+        json_add(t, "{seq:%jd, age:%.3f}", s->tick[i].seq, apc_ns_to_s(s->now - s->tick[i].time));
     else
-        fputs("null", stdout);
-    if (t)
-        printf(",\"ticks\":%llu,\"missed\":%llu,\"lateness_ns\":{\"p50\":%lld,\"p99\":%lld,\"max\":%lld}",
-               (unsigned long long)t->count, (unsigned long long)t->missed, (long long)t->p50,
-               (long long)t->p99, (long long)t->max);
-    status_plan_json(&s->plan[i], s->now);
+        json_add(t, "null");
+    if (late)
+        json_add(t, "ticks:%ju, missed:%ju, lateness_ns:{p50:%jd, p99:%jd, max:%jd}", late->count,
+                 late->missed, late->p50, late->p99, late->max);
+    status_plan_json(&s->plan[i], s->now, t);
+    json_add(t, "}");
 }
 
-void status_loops_json(const struct status_loops *s)
+void status_loops_json(const struct status_loops *s, struct text *t)
 {
-    fputs("\"controllers\":[", stdout);
-    for (size_t i = 0; i < s->plant->loops.n_controllers; i++) {
-        fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        json_controller(s, i);
-        putchar('}');
-    }
-    fputs("],\n\"loops\":[", stdout);
-    for (size_t i = 0; i < s->plant->loops.n; i++) {
-        fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        status_loop_json(s, i);
-        putchar('}');
-    }
-    putchar(']');
+    json_add(t, "controllers:[");
+    for (size_t i = 0; i < s->plant->loops.n_controllers; i++)
+        json_controller(s, i, t);
+    json_add(t, "],\nloops:[");
+    for (size_t i = 0; i < s->plant->loops.n; i++)
+        status_loop_json(s, i, t);
+    json_add(t, "]");
 }

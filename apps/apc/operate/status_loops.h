@@ -5,6 +5,7 @@
 
 #include "apc/common/cli.h"
 #include "apc/common/mode_reason.h"
+#include "common/json.h"
 #include "common/timing.h"
 #include "status_plan.h"
 
@@ -34,6 +35,6 @@ const char *status_loops_owner(const struct status_loops *s, size_t loop);
 /* A table a controller. Returns 0 or APC_ENOMEM. */
 int status_loops_show(const struct status_loops *s, bool colour);
 /* Members "controllers" and "loops", two arrays. */
-void status_loops_json(const struct status_loops *s);
+void status_loops_json(const struct status_loops *s, struct text *t);
 
 #endif

@@ -142,21 +142,15 @@ static void show_estimates(const struct status_plan *p)
         putchar('\n');
 }
 
-static void json_estimates(const struct status_plan *p)
+static void json_estimates(const struct status_plan *p, struct text *t)
 {
     char name[APC_TAG_LEN];
     for (size_t k = 0; k < ESTIMATES; k++) {
-        bool any = false;
-        printf(",\"%s\":{", estimates[k].json);
-        for (size_t i = PLAN_ROWS; i < p->n; i++) {
-            if (p->row[i].seq == 0 || !variable_of(p, &p->row[i], estimates[k].end, name))
-                continue;
-            if (any)
-                putchar(',');
-            print_json_number(stdout, name, p->row[i].value);
-            any = true;
-        }
-        putchar('}');
+        json_add(t, "%s:{", estimates[k].json);
+        for (size_t i = PLAN_ROWS; i < p->n; i++)
+            if (p->row[i].seq > 0 && variable_of(p, &p->row[i], estimates[k].end, name))
+                json_add(t, "%s:%g", name, p->row[i].value);
+        json_add(t, "}");
     }
 }
 
@@ -177,31 +171,20 @@ void status_plan_show(const struct status_plan *p, apc_ns now)
     show_estimates(p);
 }
 
-void status_plan_json(const struct status_plan *p, apc_ns now)
+void status_plan_json(const struct status_plan *p, apc_ns now, struct text *t)
 {
     char name[APC_TAG_LEN];
-    bool any = false;
     if (p->n == 0 || p->row[PLAN_RESULT].seq == 0)
         return;
-    fputs(",\"plan\":{", stdout);
-    print_json_text(stdout, "result", result_of(p));
-    printf(",\"age\":%.3f", apc_ns_to_s(now - p->row[PLAN_RESULT].time));
-    for (size_t i = PLAN_ITERATIONS; i < PLAN_ROWS; i++) {
-        putchar(',');
-        print_json_number(stdout, names[i], p->row[i].value);
-    }
-    fputs(",\"limits\":[", stdout);
+    json_add(t, "plan:{result:%s, age:%.3f", result_of(p), apc_ns_to_s(now - p->row[PLAN_RESULT].time));
+    for (size_t i = PLAN_ITERATIONS; i < PLAN_ROWS; i++)
+        json_add(t, "%s:%g", names[i], p->row[i].value);
+    json_add(t, "limits:[");
     for (size_t i = PLAN_ROWS; i < p->n; i++)
         for (size_t k = 0; k < LIMITS; k++)
-            if (bits_of(p, &p->row[i]) >> k & 1u) {
-                fputs(any ? ",{" : "{", stdout);
-                print_json_text(stdout, "variable", variable_of(p, &p->row[i], ".limit", name));
-                putchar(',');
-                print_json_text(stdout, "limit", limits[k]);
-                putchar('}');
-                any = true;
-            }
-    putchar(']');
-    json_estimates(p);
-    putchar('}');
+            if (bits_of(p, &p->row[i]) >> k & 1u)
+                json_add(t, "{variable:%s, limit:%s}", variable_of(p, &p->row[i], ".limit", name), limits[k]);
+    json_add(t, "]");
+    json_estimates(p, t);
+    json_add(t, "}");
 }

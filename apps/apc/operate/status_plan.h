@@ -4,6 +4,7 @@
 #define APC_STATUS_PLAN_H
 
 #include "apc/common/cli.h"
+#include "common/json.h"
 
 struct status_plan {
     const struct cli_tags *tags;
@@ -20,6 +21,6 @@ void status_plan_free(struct status_plan *p);
 /* A line; nothing where there is no plan. */
 void status_plan_show(const struct status_plan *p, apc_ns now);
 /* `,"plan":{...}`; nothing where there is none. */
-void status_plan_json(const struct status_plan *p, apc_ns now);
+void status_plan_json(const struct status_plan *p, apc_ns now, struct text *t);
 
 #endif

@@ -83,15 +83,13 @@ int status_writes_show(const struct status_writes *w, bool colour)
     return rc;
 }
 
-void status_writes_json(const struct status_writes *w, apc_ns now)
+void status_writes_json(const struct status_writes *w, apc_ns now, struct text *t)
 {
-    fputs("\"writes\":[", stdout);
+    json_add(t, "writes:[");
     for (size_t i = 0; i < w->n; i++) {
-        fputs(i == 0 ? "\n{" : ",\n{", stdout);
-        print_sample_members(stdout, &w->row[i], w->tags, now);
-        putchar(',');
-        print_json_text(stdout, "author", *w->author[i] ? w->author[i] : NULL);
-        putchar('}');
+        json_add(t, ",\n{");
+        print_sample_members(t, &w->row[i], w->tags, now);
+        json_add(t, "author:%-s}", w->author[i]);
     }
-    putchar(']');
+    json_add(t, "]");
 }

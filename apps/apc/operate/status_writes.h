@@ -4,6 +4,7 @@
 #define APC_STATUS_WRITES_H
 
 #include "apc/common/cli.h"
+#include "common/json.h"
 
 struct status_writes {
     const struct cli_tags *tags;
@@ -18,6 +19,6 @@ void status_writes_free(struct status_writes *w);
 /* A table of the last ones; nothing where there is none. Returns 0 or APC_ENOMEM. */
 int status_writes_show(const struct status_writes *w, bool colour);
 /* `"writes":[...]`, all of them. */
-void status_writes_json(const struct status_writes *w, apc_ns now);
+void status_writes_json(const struct status_writes *w, apc_ns now, struct text *t);
 
 #endif

@@ -18,11 +18,13 @@ static const struct cli_spec get_spec = {
 
 static void get_json(const struct cli_tags *tags, const struct apc_sample *samples, int n, apc_ns now)
 {
+    struct text t = {.out = stdout};
+    json_add(&t, "[");
     for (int i = 0; i < n; i++) {
-        fputs(i == 0 ? "[\n" : ",\n", stdout);
-        print_sample_json(stdout, &samples[i], tags, now);
+        json_add(&t, ",\n");
+        print_sample_json(&t, &samples[i], tags, now);
     }
-    fputs("\n]\n", stdout);
+    json_add(&t, "\n]\n");
 }
 
 static void get_csv(const struct apc_sample *samples, int n)

@@ -59,7 +59,7 @@ static void put_watch_line(const struct watch *w, const struct apc_sample *s, in
 {
     char time[APC_TIME_LEN], name[PRINT_LEN], value[PRINT_LEN], status[APC_STATUS_NAME_LEN];
     if (w->cli->format == CLI_JSON) {
-        print_sample_json(stdout, s, &w->tags, 0);
+        print_sample_json(&(struct text){.out = stdout}, s, &w->tags, 0);
         putchar('\n');
     } else if (w->cli->format == CLI_CSV) {
         print_sample_csv(stdout, s);

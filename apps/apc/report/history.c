@@ -93,13 +93,12 @@ static int put_sample(void *ctx, const struct apc_sample *s)
     }
     const char *author = author_of_row(r, s->author);
     if (r->format == CLI_JSON) {
-        putchar('{');
-        print_sample_members(stdout, s, NULL, 0);
-        if (*author) {
-            putchar(',');
-            print_json_text(stdout, "author", author);
-        }
-        putchar('}');
+        struct text t = {.out = stdout};
+        json_add(&t, "{");
+        print_sample_members(&t, s, NULL, 0);
+        if (*author)
+            json_add(&t, "author:%s", author);
+        json_add(&t, "}");
     } else {
         printf("%s  %12s  %s", apc_time_format(s->time, time), print_value(s, value),
                apc_status_format(s->status, status));
@@ -125,7 +124,7 @@ static int put_event(void *ctx, const struct apc_event *e)
 
     next(r);
     if (r->format == CLI_JSON)
-        print_event_json(stdout, e);
+        print_event_json(&(struct text){.out = stdout}, e);
     else if (r->format == CLI_CSV)
         print_event_csv(stdout, e);
     else {

@@ -111,15 +111,14 @@ static int take_seconds(const struct cli *cli, const char *name, const char *tex
 
 static int put_kpis(const struct kpis *m, const struct experiment *e, apc_ns start, bool json)
 {
+    struct text t = {.out = stdout};
     if (!json)
         return kpis_print(m, stdout);
-    putchar('{');
-    if (e) {
-        print_json_text(stdout, "experiment", e->name);
-        putchar(',');
-    }
-    kpis_json(m, start, stdout);
-    puts("}");
+    json_add(&t, "{");
+    if (e)
+        json_add(&t, "experiment:%s", e->name);
+    kpis_members(m, start, &t);
+    json_add(&t, "}\n");
     return 0;
 }
 
@@ -169,15 +168,14 @@ static int report_of_store(const struct cli *cli, const struct report_options *o
 /* Of a run, laid over the figure; of a store, a table. */
 static int put_prediction(const struct prediction *o, const struct experiment *e, bool json)
 {
+    struct text t = {.out = stdout};
     if (!json)
         return prediction_print(o, stdout);
-    putchar('{');
-    if (e) {
-        print_json_text(stdout, "experiment", e->name);
-        putchar(',');
-    }
-    prediction_json(o, stdout);
-    puts("}");
+    json_add(&t, "{");
+    if (e)
+        json_add(&t, "experiment:%s", e->name);
+    prediction_member(o, &t);
+    json_add(&t, "}\n");
     return 0;
 }
 
@@ -234,15 +232,11 @@ static int put_run_figures(const char *dir, const struct experiment *e, bool jso
     if (rc == 0)
         rc = window_of_run(&kpis, e, dir, (double)NAN, (double)NAN, why);
     if (rc == 0 && json) {
-        putchar('{');
-        print_json_text(stdout, "experiment", e->name);
-        putchar(',');
-        print_json_text(stdout, "title", e->title);
-        putchar(',');
-        figures_json(&figures, &trajectory, e, stdout);
-        putchar(',');
-        kpis_json(&kpis, 0, stdout);
-        puts("}");
+        struct text t = {.out = stdout};
+        json_add(&t, "{experiment:%s, title:%s", e->name, e->title);
+        figures_members(&figures, &trajectory, e, &t);
+        kpis_members(&kpis, 0, &t);
+        json_add(&t, "}\n");
     } else if (rc == 0) {
         rc = figures_print(&figures, &trajectory, e, ROWS, stdout);
         if (rc == 0)

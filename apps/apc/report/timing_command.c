@@ -92,33 +92,25 @@ static void show_timing_csv(const struct cli *cli, const struct timing *timing)
             timing_csv(stdout, &timing->series[i]);
 }
 
-static void json_series(const struct timing_series *s)
+static void json_series(const struct timing_series *s, struct text *t)
 {
-    putchar('{');
-    print_json_text(stdout, "task", s->task);
-    putchar(',');
-    print_json_text(stdout, "quantity", s->quantity);
-    printf(",\"period_ns\":%" PRId64 ",\"count\":%" PRIu64 ",\"missed\":%" PRIu64
-           ",\"mean_ns\":%.1f,\"sd_ns\":%.1f,\"min_ns\":%" PRId64 ",\"p50_ns\":%" PRId64
-           ",\"p99_ns\":%" PRId64 ",\"p999_ns\":%" PRId64 ",\"max_ns\":%" PRId64 ",\n \"bins\":[",
-           s->period, s->count, s->missed, s->mean, s->sd, timing_min(s), s->p50, s->p99, s->p999, s->max);
+    json_add(t, ",\n{task:%s, quantity:%s, period_ns:%jd, count:%ju, missed:%ju, mean_ns:%.1f, sd_ns:%.1f",
+             s->task, s->quantity, s->period, s->count, s->missed, s->mean, s->sd);
+    json_add(t, "min_ns:%jd, p50_ns:%jd, p99_ns:%jd, p999_ns:%jd, max_ns:%jd,\n bins:[", timing_min(s),
+             s->p50, s->p99, s->p999, s->max);
     for (size_t i = 0; i < s->n_bins; i++)
-        printf("%s[%" PRId64 ",%" PRId64 ",%" PRIu64 "]", i ? "," : "", s->bins[i].low, s->bins[i].high,
-               s->bins[i].count);
-    fputs("]}", stdout);
+        json_add(t, "[%jd, %jd, %ju]", s->bins[i].low, s->bins[i].high, s->bins[i].count);
+    json_add(t, "]}");
 }
 
 static void show_timing_json(const struct cli *cli, const struct timing *timing)
 {
-    const char *separator = "[\n";
-    for (size_t i = 0; i < timing->n; i++) {
-        if (!wanted(cli, timing->series[i].task))
-            continue;
-        fputs(separator, stdout);
-        json_series(&timing->series[i]);
-        separator = ",\n";
-    }
-    puts(*separator == '[' ? "[]" : "\n]");
+    struct text t = {.out = stdout};
+    json_add(&t, "[");
+    for (size_t i = 0; i < timing->n; i++)
+        if (wanted(cli, timing->series[i].task))
+            json_series(&timing->series[i], &t);
+    json_add(&t, t.last == '[' ? "]\n" : "\n]\n");
 }
 
 static int give_out(const struct cli *cli, const struct timing *timing)

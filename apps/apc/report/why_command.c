@@ -41,6 +41,7 @@ struct why_command {
     struct replay replay;
     char loop[APC_TAG_LEN];
     apc_ns at;
+    struct text json;
 };
 
 static int fail_why(const struct why_command *c, int err, const char *text)
@@ -249,73 +250,34 @@ static int print_why(const struct why_command *c, const struct why *w)
 
 /* ---- For programs ---------------------------------------------------------------------------- */
 
-static int put_why_cause(const struct why_command *c, const struct why *w, const struct why_cause *cause)
+static int put_why_cause(const struct why_command *c, const struct why *w, const struct why_cause *cause,
+                         struct text *t)
 {
-    char status[APC_STATUS_NAME_LEN];
+    char before[APC_STATUS_NAME_LEN], status[APC_STATUS_NAME_LEN];
     struct author author;
-    print_json_text(stdout, "input", cause_name(w, cause));
-    fputs(", ", stdout);
-    print_json_text(stdout, "kind", kind_name(cause->kind));
-    fputs(", ", stdout);
-    print_json_number(stdout, "before", cause->before);
-    fputs(", ", stdout);
-    print_json_number(stdout, "now", cause->now);
-    fputs(", ", stdout);
-    print_json_text(stdout, "status_before", apc_status_format(cause->status_before, status));
-    fputs(", ", stdout);
-    print_json_text(stdout, "status", apc_status_format(cause->status, status));
-    fputs(", ", stdout);
-    print_json_number(stdout, "written",
-                      cause->row ? apc_ns_to_s(cause->row->time - c->replay.start) : (double)NAN);
-    fputs(", ", stdout);
     const int rc = find_row_author(c, cause, &author);
-    print_json_text(stdout, "author", author.source[0] ? author.source : NULL);
-    fputs(", ", stdout);
-    print_json_text(stdout, "event", author.text[0] ? author.text : NULL);
-    fputs(", ", stdout);
-    print_json_number(stdout, "effect", cause->effect);
+    json_add(t, "{input:%s, kind:%s, before:%g, now:%g, status_before:%s, status:%s", cause_name(w, cause),
+             kind_name(cause->kind), cause->before, cause->now,
+             apc_status_format(cause->status_before, before), apc_status_format(cause->status, status));
+    json_add(t, "written:%g, author:%-s, event:%-s, effect:%g}",
+             cause->row ? apc_ns_to_s(cause->row->time - c->replay.start) : (double)NAN, author.source,
+             author.text, cause->effect);
     return rc < 0 ? rc : 0;
 }
 
-static int put_why(const struct why_command *c, const struct why *w)
+static int put_why(const struct why_command *c, const struct why *w, struct text *t)
 {
     int rc = 0;
-    print_json_text(stdout, "output", w->loop);
-    fputs(", ", stdout);
-    print_json_text(stdout, "controller", w->by->of->name);
-    fputs(", ", stdout);
-    print_json_text(stdout, "unit", w->output ? w->output->unit : NULL);
-    fputs(", ", stdout);
-    print_json_number(stdout, "from", apc_ns_to_s(w->before->time - c->replay.start));
-    fputs(", ", stdout);
-    print_json_number(stdout, "time", apc_ns_to_s(w->tick->time - c->replay.start));
-    fputs(", ", stdout);
-    print_json_number(stdout, "before", w->u_before);
-    fputs(", ", stdout);
-    print_json_number(stdout, "now", w->u);
-    fputs(", ", stdout);
-    print_json_text(stdout, "state_before", state_name(w->state_before));
-    fputs(", ", stdout);
-    print_json_text(stdout, "state", state_name(w->state));
-    fputs(", ", stdout);
-    print_json_text(stdout, "reason", w->reason[0] ? w->reason : NULL);
-    fputs(", ", stdout);
-    print_json_limit(stdout, "low", w->low);
-    fputs(", ", stdout);
-    print_json_limit(stdout, "high", w->high);
-    fputs(", ", stdout);
-    print_json_number(stdout, "earlier", w->earlier);
-    fputs(", ", stdout);
-    print_json_number(stdout, "together", w->together);
-    fputs(", ", stdout);
-    print_json_key(stdout, "inputs");
-    putchar('[');
-    for (size_t i = 0; i < w->n && rc == 0; i++) {
-        fputs(i ? ", {" : "{", stdout);
-        rc = put_why_cause(c, w, &w->cause[i]);
-        putchar('}');
-    }
-    putchar(']');
+    json_add(t, "output:%s, controller:%s, unit:%s, from:%g, time:%g, before:%g, now:%g", w->loop,
+             w->by->of->name, w->output ? w->output->unit : NULL,
+             apc_ns_to_s(w->before->time - c->replay.start), apc_ns_to_s(w->tick->time - c->replay.start),
+             w->u_before, w->u);
+    json_add(t, "state_before:%s, state:%s, reason:%-s, low:%e, high:%e, earlier:%g, together:%g, inputs:[",
+             state_name(w->state_before), state_name(w->state), w->reason, w->low, w->high, w->earlier,
+             w->together);
+    for (size_t i = 0; i < w->n && rc == 0; i++)
+        rc = put_why_cause(c, w, &w->cause[i], t);
+    json_add(t, "]");
     return rc;
 }
 
@@ -333,18 +295,18 @@ static int explain_move(struct why_command *c, const char *loop, apc_ns at, unsi
     if (rc < 0)
         fail_why(c, rc, why.text);
     else
-        rc = json ? put_why(c, &w) : print_why(c, &w);
+        rc = json ? put_why(c, &w, &c->json) : print_why(c, &w);
     for (size_t i = 0; i < w.n && rc == 0 && !moved; i++)
         if (w.cause[i].effect != 0 && why_above(&c->replay, &w.cause[i]))
             moved = &w.cause[i];
     if (moved && depth < DEPTH) {
         if (json)
-            fputs(", \"above\": {", stdout);
+            json_add(&c->json, "above:{");
         else
             putchar('\n');
         rc = explain_move(c, why_above(&c->replay, moved), moved->row->time, depth + 1);
         if (json)
-            putchar('}');
+            json_add(&c->json, "}");
     }
     why_free(&w);
     return rc;
@@ -376,7 +338,7 @@ static int parse_output(struct why_command *c)
 
 int command_why(int argc, char **argv)
 {
-    struct why_command c = {.loop = ""};
+    struct why_command c = {.json = {.out = stdout}};
     struct apc_error why;
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
     int rc = replay_load(&c.replay, c.cli.args[0], NULL, &why);
@@ -384,10 +346,10 @@ int command_why(int argc, char **argv)
         fail_why(&c, rc, why.text);
     } else if ((rc = parse_output(&c)) == 0) {
         if (c.cli.format == CLI_JSON)
-            putchar('{');
+            json_add(&c.json, "{");
         rc = explain_move(&c, c.loop, c.at, 0);
         if (c.cli.format == CLI_JSON)
-            puts("}");
+            json_add(&c.json, "}\n");
     } else {
         replay_free(&c.replay);
         return rc;

@@ -103,36 +103,27 @@ static int print_table(const struct campaign *c, const struct print_column *colu
 }
 
 static void put_column_json(const struct campaign *c, const char *name, const double *former,
-                            struct column *column)
+                            struct column *column, struct text *t)
 {
-    printf(",\"%s\":[", name);
+    json_add(t, "%s:[", name);
     for (size_t loop = 0; loop < c->loops; loop++) {
-        printf("%s{", loop ? "," : "");
-        print_json_text(stdout, "loop", campaign_loop_name(c, loop));
+        json_add(t, "{loop:%s", campaign_loop_name(c, loop));
         for (int metric = 0; metric < METRICS; metric++) {
             const struct statistic s = summary_of(c, loop, (enum metric)metric, former, column);
-            const struct {
-                const char *key;
-                double value;
-            } of[] = {{"mean", s.mean}, {"low95", s.mean - s.half}, {"high95", s.mean + s.half},
-                      {"sd", s.sd},     {"median", s.median},       {"p95", s.p95},
-                      {"p99", s.p99},   {"worst", s.worst}};
             const char *const keys[] = {metric_key((enum metric)metric),
                                         metric_former_key((enum metric)metric)};
             for (size_t k = 0; k < 2 && keys[k]; k++) {
-                printf(",\"%s\":{\"runs\":%zu,\"infinite\":%zu", keys[k], s.n, s.infinite);
-                for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
-                    putchar(',');
-                    print_json_number(stdout, of[i].key, of[i].value);
-                }
+                json_add(t, "%s:{runs:%zu, infinite:%zu, mean:%g, low95:%g, high95:%g, sd:%g", keys[k], s.n,
+                         s.infinite, s.mean, s.mean - s.half, s.mean + s.half, s.sd);
+                json_add(t, "median:%g, p95:%g, p99:%g, worst:%g", s.median, s.p95, s.p99, s.worst);
                 if (s.n > 0)
-                    printf(",\"worst_seed\":%llu", (unsigned long long)s.worst_seed);
-                putchar('}');
+                    json_add(t, "worst_seed:%ju", (uintmax_t)s.worst_seed);
+                json_add(t, "}");
             }
         }
-        putchar('}');
+        json_add(t, "}");
     }
-    putchar(']');
+    json_add(t, "]");
 }
 
 static unsigned runs_made(const struct campaign *c)
@@ -145,14 +136,13 @@ static unsigned runs_made(const struct campaign *c)
 
 static void print_summary_json(const struct campaign *c, struct column *column)
 {
-    putchar('{');
-    print_json_text(stdout, "experiment", c->e->name);
-    printf(",\"runs\":%u,\"seed\":%llu,", runs_made(c), (unsigned long long)c->options->seed);
-    print_json_number(stdout, "duration_s", c->e->duration);
-    put_column_json(c, "loops", NULL, column);
+    struct text t = {.out = stdout};
+    json_add(&t, "{experiment:%s, runs:%u, seed:%ju, duration_s:%g", c->e->name, runs_made(c),
+             (uintmax_t)c->options->seed, c->e->duration);
+    put_column_json(c, "loops", NULL, column, &t);
     if (c->former)
-        put_column_json(c, "differences", c->former, column);
-    puts("}");
+        put_column_json(c, "differences", c->former, column, &t);
+    json_add(&t, "}\n");
 }
 
 /* ---- What else is to be said -------------------------------------------------------------- */

@@ -337,17 +337,15 @@ static void print_events(const struct simulate *r)
         fprintf(r->talk, "... and %zu more\n", l.n - EVENTS);
 }
 
-static void print_json_parameters(const struct simulate *r)
+static void print_json_parameters(const struct simulate *r, struct text *t)
 {
     const struct apc_model *m = r->e.plant.model;
     double *p = calloc(m->np + 1, sizeof *p);
-    fputs("\"parameters\":{", stdout);
+    json_add(t, "parameters:{");
     if (p && experiment_draw(&r->e, r->options.seed, p, NULL) == 0)
-        for (size_t i = 0; i < m->np; i++) {
-            fputs(i ? "," : "", stdout);
-            print_json_number(stdout, m->param[i].name, p[i]);
-        }
-    fputs("},", stdout);
+        for (size_t i = 0; i < m->np; i++)
+            json_add(t, "%s:%g", m->param[i].name, p[i]);
+    json_add(t, "}");
     free(p);
 }
 
@@ -356,31 +354,24 @@ static void print_simulation_json(const struct simulate *r, const struct figures
 {
     struct apc_inproc_stats link = {.size = sizeof link};
     struct apc_timing timing = {.size = sizeof timing};
-    putchar('{');
-    print_json_text(stdout, "experiment", r->e.name);
-    putchar(',');
-    print_json_text(stdout, "title", r->e.title);
-    printf(",\"seed\":%llu,\"sha256\":\"%s\",\"missed_ticks\":{", (unsigned long long)r->options.seed,
-           r->hash);
+    struct text t = {.out = stdout};
+    json_add(&t, "{experiment:%s, title:%s, seed:%ju, sha256:%s, missed_ticks:{", r->e.name, r->e.title,
+             (uintmax_t)r->options.seed, r->hash);
     for (size_t i = 0; i < r->s.n_tasks; i++) {
         apc_task_timing(r->s.task[i].task, &timing);
-        fputs(i ? "," : "", stdout);
-        print_json_key(stdout, r->s.task[i].name);
-        printf("%llu", (unsigned long long)timing.missed);
+        json_add(&t, "%s:%ju", r->s.task[i].name, timing.missed);
     }
     apc_inproc_stats(r->s.exchange, &link);
-    printf("},\"network\":{\"frames\":%llu,\"lost\":%llu,\"duplicated\":%llu,\"reordered\":%llu,"
-           "\"exchanges\":%llu,"
-           "\"in_vain\":%llu},\"held_ticks\":%llu,\"law_failures\":%llu,",
-           (unsigned long long)link.frames.sent, (unsigned long long)link.frames.lost,
-           (unsigned long long)link.frames.duplicated, (unsigned long long)link.frames.reordered,
-           (unsigned long long)link.exchanges, (unsigned long long)link.timeouts,
-           (unsigned long long)simulation_held(&r->s), (unsigned long long)simulation_failures(&r->s));
-    print_json_parameters(r);
-    figures_json(figures, &r->s.trajectory, &r->e, stdout);
+    json_add(&t,
+             "}, network:{frames:%ju, lost:%ju, duplicated:%ju, reordered:%ju, exchanges:%ju, in_vain:%ju}",
+             link.frames.sent, link.frames.lost, link.frames.duplicated, link.frames.reordered,
+             link.exchanges, link.timeouts);
+    json_add(&t, "held_ticks:%ju, law_failures:%ju", simulation_held(&r->s), simulation_failures(&r->s));
+    print_json_parameters(r, &t);
+    figures_members(figures, &r->s.trajectory, &r->e, &t);
     if (r->e.n_alarms > 0)
-        alarms_json(alarms, &r->e, SIMULATION_BEGIN, stdout);
-    puts("}");
+        alarms_member_json(alarms, &r->e, SIMULATION_BEGIN, &t);
+    json_add(&t, "}\n");
 }
 
 static int leave_simulation_report(const struct simulate *r)

@@ -184,34 +184,22 @@ static int put_sweep_csv(const struct swept *z, struct apc_error *why)
 static void put_sweep_json(const struct swept *z)
 {
     const struct campaign *c = z->campaign;
-    putchar('{');
-    print_json_text(stdout, "experiment", c->e->name);
-    putchar(',');
-    print_json_text(stdout, "path", z->sweep->path);
-    putchar(',');
-    print_json_number(stdout, "now", z->now);
-    printf(",\"seed\":%llu,\"runs\":%u,\"points\":[", (unsigned long long)c->options->seed, c->options->runs);
+    struct text t = {.out = stdout};
+    json_add(&t, "{experiment:%s, path:%s, now:%g, seed:%ju, runs:%u, points:[", c->e->name, z->sweep->path,
+             z->now, (uintmax_t)c->options->seed, c->options->runs);
     for (unsigned i = 0; i < z->sweep->n; i++) {
-        printf("%s\n{", i ? "," : "");
-        print_json_number(stdout, "value", value_of(z->sweep, i));
-        fputs(",\"loops\":[", stdout);
+        json_add(&t, ",\n{value:%g, loops:[", value_of(z->sweep, i));
         for (size_t loop = 0; loop < c->loops; loop++) {
             const struct point *p = point_of(z, i, loop);
-            printf("%s{", loop ? "," : "");
-            print_json_text(stdout, "loop", c->loop[loop].name);
-            printf(",\"runs\":%u,\"diverged\":%u", p->made, p->diverged);
-            for (int m = 0; m < METRICS; m++) {
-                printf(",\"%s\":{", metric_key((enum metric)m));
-                print_json_number(stdout, "mean", p->of[m].mean);
-                putchar(',');
-                print_json_number(stdout, "half95", p->of[m].half);
-                putchar('}');
-            }
-            putchar('}');
+            json_add(&t, "{loop:%s, runs:%u, diverged:%u", c->loop[loop].name, p->made, p->diverged);
+            for (int m = 0; m < METRICS; m++)
+                json_add(&t, "%s:{mean:%g, half95:%g}", metric_key((enum metric)m), p->of[m].mean,
+                         p->of[m].half);
+            json_add(&t, "}");
         }
-        fputs("]}", stdout);
+        json_add(&t, "]}");
     }
-    puts("]}");
+    json_add(&t, "]}\n");
 }
 
 /* ---- The figure ---------------------------------------------------------------------------- */
