@@ -9,7 +9,6 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <jansson.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
@@ -20,6 +19,8 @@
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+#include "common/json.h"
 
 #define WAITING 64 /* alarms; of a flood nobody wants to be told one by one */
 
@@ -47,16 +48,15 @@ static char *make_message(const struct notifier *n, const struct raised *raised)
 {
     const struct alarm *a = &n->d->experiment.alarm[raised->row.id - 1];
     char time[APC_TIME_LEN];
-    (void)apc_time_format(raised->row.time, time);
-    json_t *message =
-        json_pack("{s:s, s:s, s:i, s:s, s:s, s:I, s:s, s:s, s:s, s:s, s:b}", "experiment",
-                  n->d->experiment.name, "alarm", a->name, "priority", a->is.priority, "state",
-                  apc_alarm_state_name((enum apc_alarm_state)(int)raised->row.value), "time", time, "number",
-                  (json_int_t)raised->row.origin, "area", a->area, "message", a->message, "consequence",
-                  a->consequence, "response", a->response, "again", raised->again);
-    char *text = message ? json_dumps(message, JSON_COMPACT) : NULL;
-    json_decref(message);
-    return text;
+    struct text t = {0};
+    json_add(&t, "{experiment:%s, alarm:%s, priority:%d, state:%s, time:%s, number:%jd",
+             n->d->experiment.name, a->name, a->is.priority,
+             apc_alarm_state_name((enum apc_alarm_state)(int)raised->row.value),
+             apc_time_format(raised->row.time, time), raised->row.origin);
+    json_add(&t, "area:%s, message:%s, consequence:%s, response:%s, again:%i}", a->area, a->message,
+             a->consequence, a->response, raised->again);
+    text_put(&t, "", 1);
+    return t.at;
 }
 
 /* A pipe that has the message and a newline in it and ends behind them. Returns its end to read from, or -1
