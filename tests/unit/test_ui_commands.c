@@ -236,6 +236,7 @@ static void a_setpoint_that_was_taken_is_given_back_to_the_scheduler(void **stat
     qsort(tags, n_tags, sizeof *tags, by_table);
     assert_true(apc_store_put_tags(store, tags, n_tags) >= 0);
     assert_int_equal(model_load(&ui->model, store), 0);
+    ticked(0, 0);
     json_t *plant = ask(get_plant);
     const json_t *loops = json_object_get(plant, "loops");
     assert_true(json_is_null(json_object_get(json_array_get(loops, 0), "owner")));
@@ -798,9 +799,19 @@ static void the_age_of_what_was_there_already_is_that_of_its_stamp(void **state)
     text_free(&all);
 }
 
+static int set_up_ticking(void **state)
+{
+    const int rc = set_up(state);
+    if (rc == 0) {
+        ticked(0, 0);
+        ticked(1, 0);
+    }
+    return rc;
+}
+
 int main(void)
 {
-#define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define T(name) cmocka_unit_test_setup_teardown(name, set_up_ticking, tear_down)
     const struct CMUnitTest tests[] = {
         T(what_daemons_report_is_known_within_a_look),
         T(newest_values_reach_the_stream_and_settle_writes),

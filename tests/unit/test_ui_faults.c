@@ -167,6 +167,8 @@ static int set_up(void **state)
     experiment_free(&e);
     if (model_load(&ui->model, store) < 0)
         return -1;
+    ui->model.tick[0].seq = 1;
+    ui->model.ticked[0] = apc_clock_mono(NULL);
     evaluate(20);
     real = store->ops;
     return 0;

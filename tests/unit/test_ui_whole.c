@@ -225,6 +225,9 @@ static void each_answer_is_the_same_to_the_last_letter(void **state)
             request.body = strdup(q->body);
             request.n = strlen(q->body);
         }
+        ui->model.tick[0].seq =
+            q->body ? 1 : 0; /* who writes finds that it ticks; who looks, that nobody ever did */
+        ui->model.ticked[0] = apc_clock_mono(NULL);
         json_decref(ask(q->how));
         n = (size_t)snprintf(all, sizeof all, "%d %d %s %s %s %s %.*s\n", request.status, f->http, f->code,
                              f->field, f->message, request.type ? request.type : "", (int)request.extra.n,
