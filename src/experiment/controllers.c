@@ -184,11 +184,20 @@ const struct controller *controllers_selector(const struct experiment *e, struct
     return NULL;
 }
 
+/* The first one with output @p k of @p c: one that stands before it, or itself. */
+static const struct controller *first_owner(const struct experiment *e, const struct controller *c, size_t k)
+{
+    for (const struct controller *before = e->controllers; before < c; before++)
+        if (has_wire(before->u, before->dim.nu, c->u[k]))
+            return before;
+    return c;
+}
+
 /* The one that acts on the outputs of @p c where nobody was promoted: itself, or the one whose shadow it is. */
 static const struct controller *first_acting_controller(const struct experiment *e,
                                                         const struct controller *c)
 {
-    return owner_of_wire(e, c->u[0]);
+    return first_owner(e, c, 0);
 }
 
 static const config_setting_t *group_of_controller(const config_setting_t *list, const struct experiment *e,
@@ -202,11 +211,23 @@ static void check_shadowed(struct settings *s, const config_setting_t *at, const
                            const struct controller *c, size_t k)
 {
     const struct controller *first = first_acting_controller(e, c);
-    if (first == c || first->shadow || first->dim.nu != c->dim.nu || owner_of_wire(e, c->u[k]) != first)
+    if (first == c || first->shadow || first->dim.nu != c->dim.nu || first_owner(e, c, k) != first)
         settings_fail(s, at,
                       "%s is to be in shadow: its outputs must be all those of one controller that stands "
                       "before it, and is in nobody's shadow",
                       c->name);
+}
+
+/* Setpoint @p k of a controller, which another one may have only if both act on the same outputs. */
+static void check_taken_setpoint(struct settings *s, const config_setting_t *list, const struct experiment *e,
+                                 const struct controller *c, size_t k)
+{
+    for (const struct controller *before = e->controllers; before < c && !s->failed; before++)
+        if (has_wire(before->z, before->dim.nz, c->z[k]) &&
+            first_acting_controller(e, before) != first_acting_controller(e, c))
+            settings_fail(s, config_setting_get_member(group_of_controller(list, e, c), "setpoints"),
+                          "\"%s\" is a setpoint of two controllers, %s and %s",
+                          signal_of_wire(e, c->z[k])->tag.name, before->name, c->name);
 }
 
 static void check_owners(struct settings *s, const config_setting_t *list, const struct experiment *e)
@@ -214,7 +235,7 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
     for (size_t i = 0; i < e->n_controllers && !s->failed; i++) {
         const struct controller *c = &e->controllers[i];
         for (size_t k = 0; k < c->dim.nu && !s->failed; k++) {
-            const struct controller *first = owner_of_wire(e, c->u[k]);
+            const struct controller *first = first_owner(e, c, k);
             const config_setting_t *at = config_setting_get_elem(
                 config_setting_get_member(group_of_controller(list, e, c), "outputs"), (unsigned)k);
             const char *name = signal_of_wire(e, c->u[k])->tag.name;
@@ -230,11 +251,7 @@ static void check_owners(struct settings *s, const config_setting_t *list, const
                               name);
         }
         for (size_t k = 0; k < c->dim.nz && !s->failed; k++)
-            if (first_acting_controller(e, controllers_taker(e, c->z[k])) != first_acting_controller(e, c))
-                settings_fail(s, config_setting_get_member(group_of_controller(list, e, c), "setpoints"),
-                              "\"%s\" is a setpoint of two controllers, %s and %s",
-                              signal_of_wire(e, c->z[k])->tag.name, controllers_taker(e, c->z[k])->name,
-                              c->name);
+            check_taken_setpoint(s, list, e, c, k);
     }
 }
 

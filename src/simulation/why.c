@@ -76,14 +76,13 @@ static bool is_shadow(const struct apc_controller *c, const double *row)
     return row[c->offset[APC_TICK_STATE]] == (double)APC_LOOP_SHADOW;
 }
 
-/* What is in force below output @p i, as it was at the tick of @p row; NULL: nothing is. */
+/* What is in force below output @p i, which goes to somebody, as it was at the tick of @p row; NULL: nothing is. */
 static const struct apc_sample *in_force(const struct move *m, size_t i, const double *row)
 {
     const struct apc_controller *c = m->rc->core;
     const struct apc_sample *actual = c->below[i].actual;
-    return actual ? replay_sample(m->r, actual->table, actual->id,
-                                  (int64_t)row[c->offset[APC_TICK_BELOW] + 4 * i + 1])
-                  : NULL;
+    return replay_sample(m->r, actual->table, actual->id,
+                         (int64_t)row[c->offset[APC_TICK_BELOW] + 4 * i + 1]);
 }
 
 /* Does the loop follow what is in force below, which does not take its output? */
