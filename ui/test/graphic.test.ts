@@ -5,7 +5,8 @@
 import assert from "node:assert/strict";
 import {readdirSync, readFileSync} from "node:fs";
 import {test} from "node:test";
-import {boxOf, type Drawing, drawing, filled, type Given, type Part} from "../src/core/graphic";
+import {boxOf, type Drawing, drawing, filled, type Given, type NoDrawing, type Part} from "../src/core/graphic";
+import {leftOut, noDrawing} from "../src/core/graphicwords";
 
 const SVG = "http://www.w3.org/2000/svg";
 const HTML = "http://www.w3.org/1999/xhtml";
@@ -26,9 +27,11 @@ function el(name: string, attributes: Record<string, string> = {}, children: Chi
 const file = (children: Child[], attributes: Record<string, string> = {viewBox: "0 0 10 10"}): Given => ({nodeType: 9, nodeValue: null, childNodes: [el("svg", attributes, children)]});
 function taken(children: Child[], attributes?: Record<string, string>): Drawing {
   const read = drawing(file(children, attributes));
-  assert.equal(typeof read, "object", String(read));
-  return read as Drawing;
+  assert.ok("root" in read, JSON.stringify(read));
+  return read;
 }
+const refusal = (of: Given): string => noDrawing(drawing(of) as NoDrawing);
+const left = (read: Drawing): string[] => read.left.map(leftOut);
 const only = (children: Child[]): Part => taken(children).root.parts[0] as Part;
 /** All that would come to the screen, as text. */
 const all = (of: Part): string => JSON.stringify(of);
@@ -51,7 +54,7 @@ test("of a switch the first that can be shown is, of a link what is in it", () =
   assert.match(all(read.root), /"text-anchor":"middle"},"parts":\["Feed tank"\]/);
   assert.match(all(read.root), /M 10 10 L 20 20.*"tag":"tspan".*valve/);
   assert.doesNotMatch(all(read.root), /example\.org|href|foreignObject|switch/);
-  assert.deepEqual(read.left, ["the target of a link (2 times)"]);
+  assert.deepEqual(left(read), ["the target of a link (2 times)"]);
   const languages = taken([el("switch", {}, [el("text", {systemLanguage: "de"}, ["Behälter"]), el("text", {}, ["tank"])]), el("switch", {}, [el("foreignObject", {}, [])])]);
   assert.match(all(languages.root), /"tank"/);
   assert.doesNotMatch(all(languages.root), /Beh/);
@@ -62,7 +65,7 @@ test("a style sheet paints by element, class and id, each before what names more
   const sheet = el("style", {}, ["/* .a{fill:#bad} */ .b{fill:#00b;stroke:#0bb!important}\n.a, path{fill:#00a;} path.c{fill:#0cc} #x{fill:#0dd} @media print{.a{fill:#bad}} @font-face{font-family:x} g > .a{fill:#bad} .d{fill:url(https://evil.example/#a)}"]);
   const read = taken([sheet, el("rect", {class: "b a"}), el("path", {class: "c"}), el("path", {id: "x", class: "c"}), el("path", {id: "x", style: "fill:#0ee"}), el("circle", {fill: "#0ff", class: "none d"})]);
   assert.deepEqual((read.root.parts as Part[]).map(({attributes: {fill, stroke}}) => [fill, stroke]), [["#00a", "#0bb"], ["#0cc", undefined], ["#0dd", undefined], ["#0ee", undefined], ["#0ff", undefined]]);
-  assert.deepEqual(read.left, ["<style>: @media", "<style>: @font-face", "<style>: g > .a", "a reference to elsewhere"]);
+  assert.deepEqual(left(read), ["<style>: @media", "<style>: @font-face", "<style>: g > .a", "a reference to elsewhere"]);
 });
 
 // Promise(page/inkscape-qelectrotech)
@@ -73,7 +76,7 @@ test("what changes the picture and is not taken is said, what is as it is anyway
     el("use", {"ns1:href": "#r"}), el("rect", {id: "r", width: "calc(1px)"}),
   ]);
   assert.deepEqual((read.root.parts[0] as Part).attributes, {transform: "rotate(30) translate(1, 2)", stroke: "url(#drawing-none) #123"});
-  assert.deepEqual(read.left, ["filter", "mix-blend-mode", "textLength", 'd="M0 0 evil()"', 'transform="translate3d(1,2,3)"', 'width="calc(1px)"']);
+  assert.deepEqual(left(read), ["filter", "mix-blend-mode", "textLength", 'd="M0 0 evil()"', 'transform="translate3d(1,2,3)"', 'width="calc(1px)"']);
   assert.equal((read.root.parts as Part[]).filter(one => one.tag === "use").length, 1);
 });
 
@@ -94,7 +97,7 @@ test("whatever runs, loads or is another document is left out, and said", () => 
   ];
   const read = taken(hostile);
   assert.deepEqual((read.root.parts as Part[]).map(part => [part.tag, part.attributes, (part.parts[0] as Part).parts]), [["g", {}, ["press"]]]); // of the link its text
-  assert.deepEqual(read.left, ["<style>: @import", "<script> (2 times)", "<foreignObject>", "<image>", "the target of a link", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
+  assert.deepEqual(left(read), ["<style>: @import", "<script> (2 times)", "<foreignObject>", "<image>", "the target of a link", "<animate>", "<set>", "<handler>", "<filter>", "<img>", "<SCRIPT>"]);
 });
 
 test("an element that is taken keeps nothing that acts or leads elsewhere", () => {
@@ -108,8 +111,8 @@ test("an element that is taken keeps nothing that acts or leads elsewhere", () =
   assert.doesNotMatch(all(read.root), /evil|alert|javascript|data:|onclick|class|base|tabindex|expression/i);
   assert.deepEqual((read.root.parts as Part[]).map(part => part.tag), ["rect", "path", "text"]);
   assert.deepEqual((read.root.parts[2] as Part).parts, ["<b>no markup</b>"]); // as text
-  assert.ok(read.left.includes("an event handler (2 times)"), read.left.join());
-  assert.ok(read.left.some(one => one.startsWith("a reference to elsewhere")), read.left.join());
+  assert.ok(left(read).includes("an event handler (2 times)"), left(read).join());
+  assert.ok(left(read).some(one => one.startsWith("a reference to elsewhere")), left(read).join());
 });
 
 test("references within the drawing are kept, under names of its own", () => {
@@ -119,29 +122,29 @@ test("references within the drawing are kept, under names of its own", () => {
   assert.equal(rect.attributes.fill, "url(#drawing-a)");
   assert.deepEqual(use.attributes, {href: "#drawing-pump", x: "5"});
   assert.equal(read.root.parts.length, 3);
-  assert.deepEqual(read.left, ["<use>"]);
+  assert.deepEqual(left(read), ["<use>"]);
 });
 
 test("a few lines cannot become billions of parts", () => {
   const bomb: Given[] = [el("g", {id: "a0"}, [el("rect")])];
   for (let i = 1; i < 30; i++) bomb.push(el("g", {id: `a${i}`}, [el("use", {href: `#a${i - 1}`}), el("use", {href: `#a${i - 1}`})]));
   assert.ok(taken(bomb).root.parts.length <= 30); // what uses is not used
-  assert.deepEqual(taken([el("g", {id: "x"}, [el("use", {href: "#x"})])]).left, ["<use>"]);
+  assert.deepEqual(left(taken([el("g", {id: "x"}, [el("use", {href: "#x"})])])), ["<use>"]);
   const many = [el("g", {id: "a"}, Array.from({length: 999}, () => el("rect"))), ...Array.from({length: 20}, () => el("use", {href: "#a"}))];
-  assert.match(String(drawing(file(many))), /more than 20000 parts/);
-  assert.match(String(drawing(file(Array.from({length: 20000}, () => el("rect"))))), /more than 20000 parts/);
+  assert.match(refusal(file(many)), /more than 20000 parts/);
+  assert.match(refusal(file(Array.from({length: 20000}, () => el("rect")))), /more than 20000 parts/);
   let deep = el("g");
   for (let i = 0; i < 80; i++) deep = el("g", {}, [deep]);
-  assert.match(String(drawing(file([deep]))), /64 deep/);
+  assert.match(refusal(file([deep])), /64 deep/);
 });
 
 test("what is no drawing says so", () => {
-  assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: []}), "the file is no SVG");
-  assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: [el("svg", {viewBox: "0 0 1 1"}, [], HTML)]}), "the file is no SVG");
-  assert.equal(drawing({nodeType: 9, nodeValue: null, childNodes: [el("parsererror", {}, ["error on line 1"], HTML)]}), "the file is no SVG");
-  assert.equal(drawing(file([el("parsererror", {}, ["error"], HTML)])), "the file is no SVG");
-  assert.equal(drawing(file([], {})), "the drawing has neither viewBox nor width and height");
-  assert.equal(drawing(file([], {width: "-3", height: "1"})), "the drawing has neither viewBox nor width and height");
+  assert.equal(refusal({nodeType: 9, nodeValue: null, childNodes: []}), "the file is no SVG");
+  assert.equal(refusal({nodeType: 9, nodeValue: null, childNodes: [el("svg", {viewBox: "0 0 1 1"}, [], HTML)]}), "the file is no SVG");
+  assert.equal(refusal({nodeType: 9, nodeValue: null, childNodes: [el("parsererror", {}, ["error on line 1"], HTML)]}), "the file is no SVG");
+  assert.equal(refusal(file([el("parsererror", {}, ["error"], HTML)])), "the file is no SVG");
+  assert.equal(refusal(file([], {})), "the drawing has neither viewBox nor width and height");
+  assert.equal(refusal(file([], {width: "-3", height: "1"})), "the drawing has neither viewBox nor width and height");
   assert.equal((drawing(file([], {width: "30px", height: "20", onload: "alert(1)"})) as Drawing).root.attributes.viewBox, "0 0 30 20");
 });
 

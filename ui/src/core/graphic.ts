@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A drawing of the plant. Anybody may have made the SVG: of it only what is known to be no more than a picture is taken, and
-// what it says of signals. Pure.
-import {tr} from "./texts";
+// what it says of signals. Pure, and the same in each language: the page finds the words.
 
 /** As of a DOM: what is read of it. */
 export interface Given {
@@ -33,7 +32,21 @@ export interface Part {
 export interface Drawing {
   root: Part;
   names: string[]; // of signals, in the order in which they come
-  left: string[]; // what was left out, and how often
+  left: LeftOut[];
+}
+
+/** One of these words, or what stood in the file. */
+export const LEFT_WORDS = ["elsewhere", "handler", "link"] as const;
+export type LeftWord = (typeof LEFT_WORDS)[number];
+export interface LeftOut {
+  what: string;
+  times: number;
+}
+
+/** Why it is no drawing. */
+export interface NoDrawing {
+  why: "noSvg" | "noSize" | "deep" | "many";
+  most: number; // of what there may be, where there is too much
 }
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -77,6 +90,12 @@ type Rules = Map<string, {at: number; said: [string, string][]}>;
 const AT_RULE = /(@[-\w]*)[^;{}]*(?:;|$|\{(?:[^{}]|\{[^{}]*\})*\})/g;
 const SELECTOR = /^(?:[a-zA-Z]+|[a-zA-Z]*\.[-\w]+|#[-\w.]+)$/;
 
+class TooMuch extends Error {
+  constructor(readonly of: NoDrawing) {
+    super(of.why);
+  }
+}
+
 class Reader {
   parts = 0;
   readonly names: string[] = [];
@@ -88,8 +107,8 @@ class Reader {
     this.leftOut.set(what, (this.leftOut.get(what) ?? 0) + 1);
   }
 
-  get left(): string[] {
-    return [...this.leftOut].map(([what, n]) => (n > 1 ? tr("drawing.times", {what, n}) : what));
+  get left(): LeftOut[] {
+    return [...this.leftOut].map(([what, times]) => ({what, times}));
   }
 
   /** What style sheets say, before any element is read: editors give shapes a class, and their paint there. */
@@ -122,7 +141,7 @@ class Reader {
     const local = LOCAL.exec(reference as string);
     if (local && PLAIN.test(other as string)) return `url(#${own(local[1] as string)})${other ? ` ${other}` : ""}`;
     if (PLAIN.test(value)) return value;
-    this.drop(/url|src|image/i.test(value) ? tr("drawing.elsewhere") : `${name}="${value.slice(0, 20)}"`);
+    this.drop(/url|src|image/i.test(value) ? "elsewhere" : `${name}="${value.slice(0, 20)}"`);
     return null;
   }
 
@@ -138,7 +157,7 @@ class Reader {
       else if (PAINT.has(name)) put(name, this.paint(name, value));
       else if (name === "id") put("id", /^[-\w.]+$/.test(value) ? own(value) : null);
       else if (/^(?:[\w-]+:)?href$/.test(name) && of.localName !== "a") put("href", this.link(value));
-      else if (/^on/i.test(name)) this.drop(tr("drawing.handler"));
+      else if (/^on/i.test(name)) this.drop("handler");
       else if (SEEN.has(name) && !AS_EVER.test(value)) this.drop(name);
     }
     for (const [key, value] of this.declared(of.localName ?? "", said)) put(key, this.paint(key, value));
@@ -162,13 +181,13 @@ class Reader {
 
   private link(value: string): string | null {
     const id = /^#([-\w.]+)$/.exec(value.trim())?.[1];
-    if (id == null) this.drop(tr("drawing.elsewhere"));
+    if (id == null) this.drop("elsewhere");
     return id == null ? null : `#${own(id)}`;
   }
 
   /** Null: it is left out. */
   read(of: Given, tag: string, depth: number, live: boolean): Part | null {
-    if (++this.parts > MOST_PARTS || depth > MOST_DEPTH) throw new Error(depth > MOST_DEPTH ? tr("drawing.deep", {most: MOST_DEPTH}) : tr("drawing.many", {most: MOST_PARTS}));
+    if (++this.parts > MOST_PARTS || depth > MOST_DEPTH) throw new TooMuch(depth > MOST_DEPTH ? {why: "deep", most: MOST_DEPTH} : {why: "many", most: MOST_PARTS});
     const attributes = this.attributes(of);
     const moving = live && !["defs", "symbol", "clipPath", "marker"].includes(tag);
     const part: Part = {tag, attributes, parts: [], bound: moving ? this.bound(of, tag) : null};
@@ -181,7 +200,7 @@ class Reader {
       if (child.nodeType !== 1) continue;
       const name = child.localName ?? "";
       if (child.namespaceURI === SVG && (TAGS.has(name) || GROUPS.has(name))) {
-        if (name === "a") this.drop(tr("drawing.link"));
+        if (name === "a") this.drop("link");
         const inner = this.read(child, GROUPS.has(name) ? (tag === "text" || tag === "tspan" ? "tspan" : "g") : name, depth + 1, moving);
         if (inner) part.parts.push(inner);
       } else if (!QUIET.has(name) && (child.namespaceURI === SVG || child.namespaceURI === HTML)) this.drop(`<${name.slice(0, 20)}>`);
@@ -217,7 +236,7 @@ class Reader {
           return false;
         }
         within(target, () => ++this.parts > MOST_PARTS);
-        if (this.parts > MOST_PARTS) throw new Error(tr("drawing.many", {most: MOST_PARTS}));
+        if (this.parts > MOST_PARTS) throw new TooMuch({why: "many", most: MOST_PARTS});
       }
       this.settle(one);
       return true;
@@ -239,10 +258,10 @@ function declarations(style: string): [string, string][] {
 
 const size = (text: string | undefined): number => (text && /^\d+(\.\d+)?(px)?$/.test(text) ? parseFloat(text) : NaN);
 
-/** Of a document that the browser has parsed; a text says why it is no drawing. */
-export function drawing(of: Given): Drawing | string {
+/** Of a document that the browser has parsed. */
+export function drawing(of: Given): Drawing | NoDrawing {
   const root = Array.from(of.childNodes).find(one => one.nodeType === 1);
-  if (!root || root.localName !== "svg" || root.namespaceURI !== SVG || holdsError(root)) return tr("drawing.noSvg");
+  if (!root || root.localName !== "svg" || root.namespaceURI !== SVG || holdsError(root)) return {why: "noSvg", most: 0};
   const reader = new Reader();
   try {
     reader.sheet(root);
@@ -250,12 +269,13 @@ export function drawing(of: Given): Drawing | string {
     reader.settle(read);
     const {width, height, viewBox, ...rest} = read.attributes;
     const box = viewBox ?? (size(width) > 0 && size(height) > 0 ? `0 0 ${size(width)} ${size(height)}` : null);
-    if (!box) return tr("drawing.noSize");
+    if (!box) return {why: "noSize", most: 0};
     read.attributes = {...rest, viewBox: box};
     read.bound = null;
     return {root: read, names: reader.names, left: reader.left};
   } catch (why) {
-    return tr("drawing.notShown", {why: (why as Error).message});
+    if (why instanceof TooMuch) return why.of;
+    throw why;
   }
 }
 

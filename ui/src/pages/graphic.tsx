@@ -6,6 +6,7 @@ import {type Alarm, isUnacknowledged, loopOf} from "../core/alarms";
 import {text as getText} from "../core/api";
 import {duration, exact, missing} from "../core/format";
 import {type Bound, boxOf, type Drawing, drawing, filled, type Part} from "../core/graphic";
+import {leftOut, noDrawing} from "../core/graphicwords";
 import {worstOf} from "../core/list";
 import {loopScale} from "../core/loopdata";
 import {live, marks, plant} from "../core/model";
@@ -30,7 +31,7 @@ export function GraphicPage(): JSX.Element {
   if (p && !p.graphic) return <Nothing title={tr("page.graphic")}>{tr("graphic.none", {plant: p.name})}</Nothing>;
   if (error) return <Nothing title={tr("page.graphic")}>{tr("graphic.failed", {why: error})}</Nothing>;
   if (!p || !read) return <Nothing title={tr("page.graphic")}>{tr("graphic.loading")}</Nothing>;
-  if (typeof read === "string") return <Nothing title={tr("page.graphic")}>{tr("graphic.of", {plant: p.name, why: read})}</Nothing>;
+  if ("why" in read) return <Nothing title={tr("page.graphic")}>{tr("graphic.of", {plant: p.name, why: noDrawing(read)})}</Nothing>;
   return <Shown key={p.generation} of={read} plant={p} />;
 }
 
@@ -48,7 +49,7 @@ function Shown({of, plant: p}: {of: Drawing; plant: Plant}): JSX.Element {
         <button type="button" aria-pressed={table} onClick={() => setTable(!table)}>{tr("common.viewAsTable")}</button>
       </div>
       {unknown.length > 0 && <p class="complaint">{tr(unknown.length > 1 ? "graphic.unknown" : "graphic.unknownOne", {names: unknown.map(name => tr("graphic.quoted", {name})).join(", "), plant: p.name})}</p>}
-      {of.left.length > 0 && <p class="say left-out">{tr("graphic.left", {what: of.left.join(", ")})}</p>}
+      {of.left.length > 0 && <p class="say left-out">{tr("graphic.left", {what: of.left.map(leftOut).join(", ")})}</p>}
       {table ? <Signals of={[...new Set(known)]} /> : (
         <div class="panel picture">
           <svg {...of.root.attributes} role="group" aria-label={tr("graphic.aria", {plant: p.name})}>{inside(of.root, scene)}</svg>
