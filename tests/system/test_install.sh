@@ -76,6 +76,11 @@ done
 # Until 1.0 what the library fills may become longer with each minor version: no program runs with another one.
 version=$(pkg-config --modversion apc)
 readelf -d "$libdir/libapc.so" | grep -q "SONAME.*\[libapc.so.${version%.*}\]" || fail "the soname is not that of $version"
+mkdir "$work/other"
+ln -s "$libdir/libapc.so" "$work/other/libapc.so.0.0"
+# Promise(docs): A program is not run with the library of another minor version, and is told which one it needs.
+[[ $(/sbin/ldconfig -p) == *"libapc.so.${version%.*} "* ]] || # installed on this machine: found there
+  LD_LIBRARY_PATH=$work/other expect 127 "libapc.so.${version%.*}: cannot open shared object file" "$work/shared"
 
 # Only what the headers promise is exported.
 nm -D --defined-only "$libdir/libapc.so" | awk '$2 ~ /[TDBR]/ {sub(/@.*/, "", $3); print $3}' | sort >"$work/exported"
