@@ -121,7 +121,7 @@ while IFS=: read -r file link; do
   case $link in http*) continue ;; esac
   [ -e "$(dirname "$file")/${link%%#*}" ] || fail "$file points at $link, which is not installed"
 done < <(grep -oHE '\]\([^)# ]+' "$doc/README.md" "$doc"/docs/*.md | sed 's/\](//')
-[ "$(grep -c '](docs/' "$doc/README.md")" -gt 10 ] || fail "the installed README has lost its links"
+[ "$(grep -o '](docs/' "$doc/README.md" | wc -l)" -gt 10 ] || fail "the installed README has lost its links"
 unlinked() { sed -zE 's/\[([^]]*)\]\([^)]*\)/\1/g'; }
 for text in README.md docs/experiment-file.md; do
   diff <(unlinked <"$APC_SOURCE_DIR/$text") <(unlinked <"$doc/$text") >"$work/differs" ||
