@@ -82,7 +82,7 @@ BEGIN {
 $1 == "usage" {
   if (synopses++) print ".br"
   rest = $2
-  gsub(/[^A-Za-z0-9_. \[\]|=:-]/, "", rest)
+  gsub(/[^A-Za-z0-9_. \[\]|=:@-]/, "", rest)
   put(bold(name) (name == "apc" ? " \\fICOMMAND\\fR" : "") " [\\fIOPTION\\fR...] " escaped(rest))
 }
 $1 == "doc" {

@@ -29,6 +29,9 @@ page_of() {
     }' "$file" -)
   # Promise(docs/every-program-command)
   [ -z "$untold" ] || fail "$file does not tell of $untold"
+  "$@" --help | sed -nE 's/^(Usage:|  or: ).*\[OPTION\.\.\.\] *(COMMAND )?//p' | while read -r form; do
+    sed 's/\\-/-/g' "$file" | tr '\n' ' ' | grep -qF -- "$form" || fail "the synopsis of $file has not $form"
+  done
 }
 for command in $("$apc" help | sed -nE 's/^  ([a-z]+) .*/\1/p'); do
   page_of "$man/man1/apc-$command.1" "$apc" "$command"
