@@ -364,8 +364,12 @@ static int find_moved_loop(struct why *w, struct replay *r, const char *name, st
                            struct apc_error *why)
 {
     struct nearest nearest = {.wanted = name};
+    const char *within = NULL; /* the loop that is called so within its controller */
     for (size_t i = 0; i < r->loops.n; i++) {
         const struct loops_loop *loop = &r->loops.at[i];
+        const char *dot = strrchr(loop->name, '.');
+        if (dot && strcmp(dot + 1, name) == 0)
+            within = loop->name;
         nearest_look(&nearest, loop->name);
         if (strcmp(loop->name, name) != 0)
             continue;
@@ -376,9 +380,9 @@ static int find_moved_loop(struct why *w, struct replay *r, const char *name, st
         w->output = tag_of(r, &(struct apc_sample){.table = loop->table, .id = loop->output});
         return 0;
     }
+    const char *meant = within ? within : nearest.name;
     return apc_fail(why, APC_ENOTFOUND, "the run has no loop \"%s\"%s%s%s", name,
-                    nearest.name ? ": did you mean \"" : "", nearest.name ? nearest.name : "",
-                    nearest.name ? "\"?" : "");
+                    meant ? ": did you mean \"" : "", meant ? meant : "", meant ? "\"?" : "");
 }
 
 /* The last tick that is not younger; n: there is none. */

@@ -33,6 +33,7 @@ refused() {
   [ $code -eq "$expected" ] && grep -qF -- "$text" err.txt && [ ! -s out.txt ] || fail "apc why $*: $code $(cat err.txt out.txt)"
 }
 refused 1 'the run has no loop "v11": did you mean "v1"?' layers v11@3
+refused 1 'the run has no loop "r1": did you mean "upper.r1"?' layers r1@212
 refused 1 'no tick until then' layers v1@0
 refused 1 'no tick before it is on record' layers v1@0.05
 refused 2 'must be seconds since the start' layers v1@noon
