@@ -44,7 +44,8 @@ static const struct option_spec own_options[] = {
 static const struct cli_spec spec = {
     .args_doc = "FILE",
     .doc = "Show the stability margins of each loop of the experiment FILE, and of all loops at once, in "
-           "gain, phase and delay; the peaks of the sensitivity; and the closed loop's poles. The loop is "
+           "gain, phase and delay; the peaks of the sensitivity; and the closed loop's poles. FILE may be a "
+           "run folder. The loop is "
            "linear around an operating point, and as virtual time has it: sampled, with the delays of its "
            "periods, phases and network. Laws: pi, pid, cascade, lqg, mpc off its limits, and laws of your "
            "own that are linear there.",
