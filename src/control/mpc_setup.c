@@ -413,10 +413,11 @@ static int check_weights(struct apc_law_mpc *p, const struct apc_law_setup *setu
     for (size_t j = 0; j < p->dim.nu; j++)
         dev[p->dim.ny + j] = signal_span(setup->u, j);
     if (try_weights(p, dev, dev + p->dim.ny, NULL) == 0)
-        rc = apc_fail(why, rc,
-                      "settings \"y_scale\" and \"u_scale\": deviations as large, as small or as far apart as "
-                      "these leave weights that nothing can be calculated with; give of each signal one that "
-                      "it really has, as a hundredth of its range");
+        rc =
+            apc_fail(why, rc,
+                     "settings \"y_scale\" and \"u_scale\": deviations as large, as small or as far apart as "
+                     "these leave weights that nothing can be calculated with; give of each signal one that "
+                     "it really has, as a hundredth of its range");
     free(dev);
     return rc;
 }

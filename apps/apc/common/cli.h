@@ -13,8 +13,8 @@
 #include <apcstore.h>
 
 #include "common/exitcode.h"
-#include "operate/operate.h"
 #include "common/option.h"
+#include "operate/operate.h"
 
 enum cli_format { CLI_TEXT = 0, CLI_JSON, CLI_CSV };
 

@@ -63,7 +63,8 @@ static const struct cli_spec spec = {
            "both. If the loop was not under control, the exit code is 1, and the reason is printed. Reasons: "
            "the plant got no command or only fault values, or the loop was open for longer than its "
            "controllers' hold, or again and again. Also: a daemon of the loop hung or crashed, or rows are "
-           "missing in the record. A run folder that is not empty, and a store that another experiment has filled, are "
+           "missing in the record. A run folder that is not empty, and a store that another experiment has "
+           "filled, are "
            "refused.",
     .takes = CLI_STORE | CLI_OWN_STORE | CLI_MAKES_STORE,
     .min_args = 1,
