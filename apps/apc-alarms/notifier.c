@@ -137,7 +137,7 @@ static bool await_command(const struct notifier *n, pid_t pid)
 static bool run_command(const struct notifier *n, const char *text, char *why, size_t size)
 {
     const int input = open_message(text);
-    pid_t pid;
+    pid_t pid = -1;
     int status = 0;
     int rc = input < 0 ? errno : spawn_command(n->is, input, &pid);
     if (input >= 0)
