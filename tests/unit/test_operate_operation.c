@@ -303,6 +303,8 @@ static void of_two_who_saw_the_same_one_is_told(void **state)
     assert_near(newest(APC_TUNING, KP).value, 0.3, 0);
     read_events();
     assert_int_equal(events.n, 1);
+    operation_end(&anna.operation);
+    operation_end(&otto.operation);
 }
 
 /* Each takes whatever is newest: both are written, and each is told what became of his own. */
