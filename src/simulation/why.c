@@ -403,6 +403,8 @@ static int find_ticks(struct move *m, struct why *w, apc_ns from, apc_ns until, 
     if (m->until == 0)
         return apc_fail(why, APC_ENOTFOUND,
                         "%s: no tick before it is on record: there is nothing to compare with", w->loop);
+    if (m->until + 1 == ticks->n) /* a time behind the record is its end */
+        from -= until - ticks->at[m->until].time;
     m->from = last_tick(ticks, from);
     m->from = m->from < m->until ? m->from : from < ticks->at[0].time ? 0 : m->until - 1;
     w->before = &ticks->at[m->from];

@@ -25,6 +25,8 @@ END
 # A time as RFC 3339, no time, and times without a tick.
 [ "$("$apc" why layers v1@2000-01-01T00:11:43Z)" = "$("$apc" why layers v1@703)" ] || fail "a time of day is another instant"
 [ "$("$apc" why layers v1)" = "$("$apc" why layers v1@1e6)" ] || fail "without a time it is not the last tick"
+[ "$("$apc" why layers v1 --over 12)" = "$("$apc" why layers v1@1e6 --over 12)" ] || fail "the end of the record is another time"
+[ "$("$apc" why layers v1 --over 12)" != "$("$apc" why layers v1)" ] || fail "without a time --over says nothing"
 # refused CODE TEXT ARGUMENT...
 refused() {
   local code=0 expected=$1 text=$2
@@ -33,6 +35,7 @@ refused() {
   [ $code -eq "$expected" ] && grep -qF -- "$text" err.txt && [ ! -s out.txt ] || fail "apc why $*: $code $(cat err.txt out.txt)"
 }
 refused 1 'the run has no loop "v11": did you mean "v1"?' layers v11@3
+refused 1 'the run has no loop "v11"' layers v11@3 --json
 refused 1 'the run has no loop "r1": did you mean "upper.r1"?' layers r1@212
 refused 1 'no tick until then' layers v1@0
 refused 1 'no tick before it is on record' layers v1@0.05

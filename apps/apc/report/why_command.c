@@ -265,9 +265,10 @@ static int put_why_cause(const struct why_command *c, const struct why *w, const
     return rc < 0 ? rc : 0;
 }
 
-static int put_why(const struct why_command *c, const struct why *w, struct text *t)
+static int put_why(const struct why_command *c, const struct why *w, unsigned depth, struct text *t)
 {
     int rc = 0;
+    json_add(t, depth ? "above:{" : "{");
     json_add(t, "output:%s, controller:%s, unit:%s, from:%g, time:%g, before:%g, now:%g", w->loop,
              w->by->of->name, w->output ? w->output->unit : NULL,
              apc_ns_to_s(w->before->time - c->replay.start), apc_ns_to_s(w->tick->time - c->replay.start),
@@ -292,22 +293,21 @@ static int explain_move(struct why_command *c, const char *loop, apc_ns at, unsi
     const struct why_cause *moved = NULL;
     (void)apc_ns_from_s(c->options.over, &over);
     int rc = why_find(&w, &c->replay, loop, over > 0 ? at - over : at, at, &why);
-    if (rc < 0)
+    const bool found = rc == 0;
+    if (!found)
         fail_why(c, rc, why.text);
     else
-        rc = json ? put_why(c, &w, &c->json) : print_why(c, &w);
+        rc = json ? put_why(c, &w, depth, &c->json) : print_why(c, &w);
     for (size_t i = 0; i < w.n && rc == 0 && !moved; i++)
         if (w.cause[i].effect != 0 && why_above(&c->replay, &w.cause[i]))
             moved = &w.cause[i];
     if (moved && depth < DEPTH) {
-        if (json)
-            json_add(&c->json, "above:{");
-        else
+        if (!json)
             putchar('\n');
         rc = explain_move(c, why_above(&c->replay, moved), moved->row->time, depth + 1);
-        if (json)
-            json_add(&c->json, "}");
     }
+    if (json && found)
+        json_add(&c->json, depth ? "}" : "}\n");
     why_free(&w);
     return rc;
 }
@@ -345,11 +345,7 @@ int command_why(int argc, char **argv)
     if (rc < 0) {
         fail_why(&c, rc, why.text);
     } else if ((rc = parse_output(&c)) == 0) {
-        if (c.cli.format == CLI_JSON)
-            json_add(&c.json, "{");
         rc = explain_move(&c, c.loop, c.at, 0);
-        if (c.cli.format == CLI_JSON)
-            json_add(&c.json, "}\n");
     } else {
         replay_free(&c.replay);
         return rc;
