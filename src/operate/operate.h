@@ -241,7 +241,8 @@ bool outcome_refusal(struct apc_store *store, const char *name, apc_ns since, ch
  *     operation_finish()   that, in words
  *
  * Who has what was seen from somewhere else, as a page that follows the whole plant, fills it in and asks
- * change_takes(), change_judge(), change_finish().
+ * change_takes(), change_judge(), change_finish(). What he has seen is late: before he refuses for that, he asks
+ * operation_ready(), followed.
  */
 
 struct change {
@@ -250,7 +251,7 @@ struct change {
     struct apc_sample before;          /* what was in force: operation_read() */
     struct apc_sample after; /* value; seq: the newest that its author knows, or APC_SEQ_ANY, then its own */
     int64_t along;           /* of a switch of the scheduler: seq of the setpoint that was written with it */
-    int64_t ticked;          /* seq of the tick that operation_ready() saw first */
+    int64_t ticked;          /* seq of the tick that operation_ready() saw first, or that was followed */
 
     struct apc_sample newest; /* as seen last, their tables and ids from the first: the variable */
     struct apc_sample actual; /* what is in force; of a switch the setpoint */
@@ -272,6 +273,7 @@ struct operation {
     int (*record)(void *ctx, struct apc_store *store, const struct apc_event *event,
                   size_t n); /* NULL: appended */
     void *ctx;
+    bool followed; /* change.ticked is given, 0: none was seen; operation_ready() does not wait for another */
 
     apc_ns time;            /* of the rows and events, UTC; 0: operation_begin() fills it in */
     struct owner_rows with; /* what was written besides: operation_end() */
@@ -294,7 +296,7 @@ int change_finish(const struct change *change, apc_ns utc, struct change_fault *
 /* Its controller has never ticked, or not lately: "nobody applies it: ..." Returns APC_EPERM. */
 int change_nobody(const struct change *change, apc_ns utc, struct change_fault *why);
 
-/* As operation_ready(), for who has followed the ticks of its controller: the last came @p age ago; < 0: none has.
+/* For who has followed the ticks of its controller: the last came @p age ago; < 0: none has.
  * Returns 0, or APC_EPERM with "nobody". */
 int change_takes(const struct change *change, apc_ns age, apc_ns utc, struct change_fault *why);
 

@@ -314,15 +314,16 @@ static int is_change_ready(const struct operation *o, struct change *c, struct a
         return change_nobody(c, apc_clock_utc(NULL), why);
     if (first)
         c->ticked = c->tick.seq;
-    if (c->tick.seq != c->ticked || ticks_now(o, c, store))
+    const bool is_known = c->ticked > 0 || !o->followed;
+    if ((is_known && c->tick.seq != c->ticked) || ticks_now(o, c, store))
         return 1;
-    return apc_clock_mono(NULL) - o->asked < change_patience(c) ? 0
-                                                                : change_nobody(c, apc_clock_utc(NULL), why);
+    const bool may_wait = !o->followed && apc_clock_mono(NULL) - o->asked < change_patience(c);
+    return may_wait ? 0 : change_nobody(c, apc_clock_utc(NULL), why);
 }
 
 int operation_ready(struct operation *o, struct apc_store *store, struct change_fault *why)
 {
-    const bool first = o->asked == 0;
+    const bool first = o->asked == 0 && !o->followed;
     int rc = operation_look(o, store), ready = 1;
     if (rc < 0)
         return fail_of_store(store, rc, why);

@@ -160,6 +160,28 @@ static void who_is_gone_is_named_and_nothing_is_written(void **state)
     assert_int_equal(events.n, 0);
 }
 
+/* Who follows the ticks is a little behind, and does not wait: the store says. */
+static void who_follows_the_ticks_is_told_of_newer_ones(void **state)
+{
+    struct desk d = desk_of("anna", 0.3);
+    struct change_fault why;
+    (void)state;
+
+    d.operation.change = d.change;
+    d.operation.followed = true;
+    ticked(BASE, 300 * S);
+    assert_int_equal(operation_ready(&d.operation, store, &why),
+                     APC_EPERM); /* none was seen, and it is old */
+    assert_string_equal(why.code, "nobody");
+    d.change[0].ticked = d.change[0].tick.seq;
+    assert_int_equal(operation_ready(&d.operation, store, &why), APC_EPERM); /* that was seen */
+    ticked(BASE, 300 * S);
+    assert_int_equal(operation_ready(&d.operation, store, &why), 1); /* by another clock it was just now */
+    d.change[0].ticked = 0;
+    ticked(BASE, 0);
+    assert_int_equal(operation_ready(&d.operation, store, &why), 1);
+}
+
 static void who_has_said_that_it_stops_is_not_ready(void **state)
 {
     struct desk d = desk_of("anna", 0.3);
@@ -357,6 +379,7 @@ int main(void)
         T(who_ticks_is_ready_at_once),
         T(a_controller_by_another_clock_is_known_by_its_next_tick),
         T(who_is_gone_is_named_and_nothing_is_written),
+        T(who_follows_the_ticks_is_told_of_newer_ones),
         T(who_has_said_that_it_stops_is_not_ready),
         T(what_is_in_force_is_settled_and_on_record),
         T(a_controller_that_never_answers_is_waited_for_so_long_only),

@@ -279,30 +279,39 @@ static bool is_remote_setpoint(const struct order *o)
     return o->write.kind == WRITE_SETPOINT && o->beside.now.id > 0 && in_mode(&o->beside.now, APC_MODE_CAS);
 }
 
-/* Would anybody apply it? The page has followed the ticks. */
-static bool check_takers(struct ui *ui, struct request *r, struct order *o)
+/* Would anybody apply it? The page has followed the ticks, a little behind: the store has the last word. */
+static bool check_takers(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
     struct model *m = &ui->model;
     struct change_fault why;
     int rc = 0;
+    o->operation =
+        (struct operation){.plant = &o->plant.view, .change = o->change, .n = o->write.n, .followed = true};
     pthread_mutex_lock(&m->mutex);
-    for (size_t i = 0; i < o->write.n && rc == 0; i++) {
+    for (size_t i = 0; i < o->write.n; i++) {
         struct change *c = &o->change[i];
         const size_t by = c->by ? (size_t)(c->by - o->plant.loops.controller) : SIZE_MAX;
         apc_ns age = -1;
         if (by < m->plant.loops.n_controllers) {
             c->tick = m->tick[by];
+            c->ticked = c->tick.seq;
             c->period = plant_tick_time(&m->plant, by);
             age = model_tick_age(m, by, apc_clock_mono(NULL));
         }
-        rc = change_takes(c, age, apc_clock_utc(NULL), &why);
+        rc |= change_takes(c, age, apc_clock_utc(NULL), &why);
     }
     pthread_mutex_unlock(&m->mutex);
-    return rc == 0 || fault_change(r, &why, NULL);
+    if (rc < 0)
+        rc = operation_ready(&o->operation, store, &why);
+    if (rc < 0 && strcmp(why.code, "store") == 0)
+        fault_store(r, rc, store);
+    else if (rc < 0)
+        (void)fault_change(r, &why, NULL);
+    return rc >= 0;
 }
 
 /* May it be written as things stand? */
-static bool check_now(struct ui *ui, struct request *r, struct order *o)
+static bool check_now(struct ui *ui, struct request *r, struct order *o, struct apc_store *store)
 {
     struct change_fault why;
     if (change_now(&o->plant.view, &o->change[0].to, &o->beside.now, &why) < 0)
@@ -312,7 +321,7 @@ static bool check_now(struct ui *ui, struct request *r, struct order *o)
             stale_fault(r, o);
             return false;
         }
-    return check_takers(ui, r, o);
+    return check_takers(ui, r, o, store);
 }
 
 static void *copied(const void *from, size_t n, size_t size)
@@ -409,7 +418,7 @@ static void carry_out_write(struct ui *ui, struct request *r, struct order *o, s
     if (rc < 0)
         fault_store(r, rc, store);
     else if (!refused)
-        (void)check_now(ui, r, o);
+        (void)check_now(ui, r, o, store);
     if (r->fault.http) { /* nothing was sent */
         end_write(ui, r, o, WRITE_FAILED, 0, r->fault.message);
         return;
