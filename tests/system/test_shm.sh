@@ -146,7 +146,7 @@ for variable in (i << 4 | 1 for i in range(100, 1700)):
     db.execute("INSERT INTO variable VALUES (?, 1, ?, 1, 1, 1)", (variable, pos))
 db.commit()
 END
-expect 1 "$APC_STORE is full: it has no room for sensor 1[0-9]*: make a larger one" "$apc" copy "sqlite:$work/many.db" "$APC_STORE"
+expect 1 "$APC_STORE is full: it has no room for sensor 1[0-9]*: stop its programs, remove /dev/shm/apc\..*, and use shm:.*?size=" "$apc" copy "sqlite:$work/many.db" "$APC_STORE"
 expect 0 'the store is full: it has no room for sensor 1[0-9]*: keep it' "$apc" status
 expect 0 '"refused":1,"full":true' "$apc" status --json
 expect 0 '1 rows found no room, the last at 2' "$apc" status

@@ -318,6 +318,8 @@ int64_t apc_shm_last_seq(const struct apc_shm_write *w, enum apc_table table, in
 /** A variable's row finds no room: that is known to everybody, until a row of it is written. Returns
  * APC_ESTORE. */
 int apc_shm_no_room(struct apc_shm_write *w, uint64_t key);
+/* "shm:NAME ", what it lacks, and the way to a larger one. Returns APC_ESTORE. */
+int apc_shm_too_small(struct apc_shm *shm, const char *format, ...) __attribute__((format(printf, 2, 3)));
 /** A row of it was written. */
 static inline void apc_shm_has_room(struct apc_shm_write *w, uint64_t key)
 {

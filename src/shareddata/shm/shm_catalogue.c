@@ -73,13 +73,11 @@ int apc_shm_describe(struct apc_store *store, const struct apc_tag *tags, size_t
         err = apc_shm_ready(shm);
     }
     if (!err && n > shm->tags) {
-        err = apc_fail(&store->why, APC_ESTORE, "shm:%s holds %zu tags at most, not %zu: make a larger one",
-                       shm->name, shm->tags, n);
+        err = apc_shm_too_small(shm, "holds %zu tags at most, not %zu", shm->tags, n);
     }
     if (!err && catalogue && strlen(catalogue) >= shm->text_size) {
-        err = apc_fail(&store->why, APC_ESTORE,
-                       "shm:%s holds a catalogue of less than %zu bytes, not %zu: make a larger one",
-                       shm->name, shm->text_size, strlen(catalogue));
+        err = apc_shm_too_small(shm, "holds a catalogue of less than %zu bytes, not %zu", shm->text_size,
+                                strlen(catalogue));
     }
     if (!err) {
         err = apc_shm_begin(shm, &w);

@@ -11,6 +11,7 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -42,6 +43,19 @@ static const char machine[16] = "others";
 _Static_assert(sizeof(struct apc_event) % 8 == 0 && sizeof(struct apc_tag) % 8 == 0, "copied by words");
 _Static_assert(sizeof(struct apc_shm_slot) == 192 && sizeof(struct apc_shm_cell) == 64, "cache lines");
 _Static_assert(ATOMIC_LLONG_LOCK_FREE == 2 && ATOMIC_INT_LOCK_FREE == 2, "shared by processes");
+
+/* What has the size that it was made with is made anew, larger. */
+int apc_shm_too_small(struct apc_shm *shm, const char *format, ...)
+{
+    char lacks[128];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(lacks, sizeof lacks, format, args);
+    va_end(args);
+    return apc_fail(&shm->base.why, APC_ESTORE,
+                    "shm:%s %s: stop its programs, remove " DIRECTORY "/apc.%s, and use shm:%s?size=%llu",
+                    shm->name, lacks, shm->name, shm->name, 2 * (unsigned long long)shm->mib);
+}
 
 /* ---- Layout -------------------------------------------------------------------------------- */
 

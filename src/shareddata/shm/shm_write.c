@@ -250,9 +250,8 @@ int apc_shm_no_room(struct apc_shm_write *w, uint64_t key)
     apc_word_put(&h->refused, apc_word_get(&h->refused) + 1);
     apc_word_put(&h->refused_at, (uint64_t)apc_clock_utc(NULL));
     apc_word_put(&h->lacking, key);
-    return apc_fail(&w->shm->base.why, APC_ESTORE,
-                    "shm:%s is full: it has no room for %s %d: make a larger one", w->shm->name,
-                    apc_table_name((enum apc_table)(key >> 32)), (int)(uint32_t)key);
+    return apc_shm_too_small(w->shm, "is full: it has no room for %s %d",
+                             apc_table_name((enum apc_table)(key >> 32)), (int)(uint32_t)key);
 }
 
 static struct apc_shm_slot *add_slot(struct apc_shm_write *w, uint64_t key)
