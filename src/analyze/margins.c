@@ -17,6 +17,7 @@
 #define MOST      1000.0 /* factors */
 #define RATIO     1.08   /* of two factors tried one after the other */
 #define PRECISION 1e-7
+#define ANGLES    45 /* of a half turn, tried one after the other */
 
 /* ---- The map --------------------------------------------------------------------------------- */
 
@@ -222,15 +223,14 @@ static void gain_margins(struct trial *t, struct crossings *found, struct apc_lo
 /* What lags by so much at w lags as much less at -w: the border is that of lag or lead, whichever is nearer. */
 static double phase_margin(struct trial *t, const struct crossings *found)
 {
-    enum { STEPS = 45 };
-    double steps[STEPS], *critical = calloc(found->n + 1, sizeof(*critical)), phase = HUGE_VAL;
+    double steps[ANGLES], *critical = calloc(found->n + 1, sizeof(*critical)), phase = HUGE_VAL;
     struct tries tries = {0};
 
-    for (int k = 0; k < STEPS; k++)
-        steps[k] = (k + 1) * M_PI / STEPS;
+    for (int k = 0; k < ANGLES; k++)
+        steps[k] = (k + 1) * M_PI / ANGLES;
     for (size_t k = 0; k < found->n && critical; k++)
         critical[k] = fmin(found->at[k].phase, 2.0 * M_PI - found->at[k].phase);
-    t->rc = critical ? tries_create(&tries, steps, STEPS, critical, found->n) : APC_ENOMEM;
+    t->rc = critical ? tries_create(&tries, steps, ANGLES, critical, found->n) : APC_ENOMEM;
     t->by = BY_ANGLE;
     if (t->rc == 0)
         phase = first_border(t, &tries, 0.0, true, HUGE_VAL);

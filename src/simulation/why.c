@@ -360,8 +360,9 @@ static int try_causes(struct move *m, struct why *w)
 
 /* ---- A loop's move --------------------------------------------------------------------------- */
 
-static int find_moved_loop(struct why *w, struct replay *r, const char *name, struct replay_controller **rc,
-                           struct apc_error *why)
+/* The loop's controller; NULL: it has none of that name. */
+static struct replay_controller *find_moved_loop(struct why *w, struct replay *r, const char *name,
+                                                 struct apc_error *why)
 {
     struct nearest nearest = {.wanted = name};
     const char *within = NULL; /* the loop that is called so within its controller */
@@ -373,16 +374,16 @@ static int find_moved_loop(struct why *w, struct replay *r, const char *name, st
         nearest_look(&nearest, loop->name);
         if (strcmp(loop->name, name) != 0)
             continue;
-        *rc = &r->controller[loop->controller];
-        w->by = *rc;
+        w->by = &r->controller[loop->controller];
         w->loop = loop->name;
-        w->element = i + 1 - (size_t)(*rc)->of->first_loop;
+        w->element = i + 1 - (size_t)w->by->of->first_loop;
         w->output = tag_of(r, &(struct apc_sample){.table = loop->table, .id = loop->output});
-        return 0;
+        return &r->controller[loop->controller];
     }
     const char *meant = within ? within : nearest.name;
-    return apc_fail(why, APC_ENOTFOUND, "the run has no loop \"%s\"%s%s%s", name,
-                    meant ? ": did you mean \"" : "", meant ? meant : "", meant ? "\"?" : "");
+    apc_fail(why, APC_ENOTFOUND, "the run has no loop \"%s\"%s%s%s", name, meant ? ": did you mean \"" : "",
+             meant ? meant : "", meant ? "\"?" : "");
+    return NULL;
 }
 
 /* The last tick that is not younger; n: there is none. */
@@ -437,11 +438,11 @@ static int read_loop(const struct move *m, struct why *w, struct apc_error *why)
 int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc_ns until,
              struct apc_error *why)
 {
-    struct move m = {.r = r};
     *w = (struct why){0};
-    int rc = find_moved_loop(w, r, loop, &m.rc, why);
-    if (rc == 0)
-        rc = find_ticks(&m, w, from, until, why);
+    struct move m = {.r = r, .rc = find_moved_loop(w, r, loop, why)};
+    if (!m.rc)
+        return APC_ENOTFOUND;
+    int rc = find_ticks(&m, w, from, until, why);
     if (rc < 0)
         return rc;
     if ((rc = replay_start_controller(r, m.rc, NULL, r->start - 1)) < 0) {
