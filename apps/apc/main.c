@@ -78,6 +78,7 @@ static void usage(FILE *out)
 int main(int argc, char **argv)
 {
     streams_keep();
+    option_library();
     if (argc < 2) {
         usage(stderr);
         return EXIT_USAGE;

@@ -2,6 +2,7 @@
 #include "option.h"
 
 #include <assert.h>
+#include <dlfcn.h>
 #include <errno.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -184,6 +185,24 @@ static void print_program_version(FILE *stream, struct argp_state *state)
     fprintf(stream, "%s (libapc) %s\n", state->name, apc_version());
 }
 
+void option_library(void)
+{
+    const char *(*version)(void) = apc_version;
+    void *address;
+    Dl_info found;
+
+    if (strverscmp(apc_version(), APC_VERSION) >= 0)
+        return;
+    memcpy(&address, &version, sizeof address);
+    fprintf(
+        stderr,
+        "%s: this program is of version %s, and the library %s of version %s: install both of one version; "
+        "`ldd` with this program shows which libraries are found\n",
+        program_invocation_short_name, APC_VERSION, dladdr(address, &found) ? found.dli_fname : "libapc.so",
+        apc_version());
+    exit(EXIT_ERROR);
+}
+
 void option_program(struct option_input in[2], const char *doc, int argc, char **argv)
 {
     struct argp_option list[2 * OPTIONS_MAX + 1], own_list[2 * OPTIONS_MAX + 1];
@@ -191,6 +210,7 @@ void option_program(struct option_input in[2], const char *doc, int argc, char *
     const struct argp_child children[] = {{&own, 0, NULL, 0}, {0}};
     const struct argp argp = {list, parse_program, NULL, doc, in[1].option ? children : NULL, NULL, NULL};
 
+    option_library();
     option_list(in[0].option, list);
     if (in[1].option)
         option_list(in[1].option, own_list);

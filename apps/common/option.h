@@ -45,6 +45,8 @@ struct option_input {
     unsigned long long given, by_former; /* which of them, by the present name and by the former one */
 };
 
+/* A library that is older than the program may lack what it relies on, without a word: then it exits, and says which one. */
+void option_library(void);
 /* As argp takes them. */
 void option_list(const struct option_spec *option, struct argp_option list[2 * OPTIONS_MAX + 1]);
 /* An argp parser, whose input is a struct option_input. */

@@ -33,6 +33,14 @@ LD_LIBRARY_PATH=$libdir expect 0 'tick (9|[0-9]{2,}), ' "$work/shared"
 expect 0 'tick (9|[0-9]{2,}), ' "$work/static"
 expect 0 'tick (9|[0-9]{2,}), ' "$work/whole"
 
+# An older library, of the same soname, found first: all functions are there, and who knows what they do.
+echo 'const char *apc_version(void) { return "0.1.9"; }' | cc -shared -fPIC -x c -o "$work/older.so" -
+for program in apc apc-plant apc-ui; do
+  # Promise(docs): A program refuses a library that is older than itself, and names both versions and the library's file.
+  expect 1 "^$program: this program is of version [0-9.]+, and the library $work/older.so of version 0.1.9: install both" \
+    env LD_PRELOAD="$work/older.so" "$APC_BIN/$program" --version
+done
+
 # Each file that is installed is in a package of debian/, or debian/rules takes it away.
 mapfile -t patterns < <(sed -E 's|^usr/lib/\*/|lib/|; s|^usr/||; s|/vendor-completions$|/site-functions|' "$APC_SOURCE_DIR"/debian/*.install)
 mapfile -t removed < <(sed -nE 's|^\trm debian/tmp/usr/||p' "$APC_SOURCE_DIR/debian/rules" | tr ' ' '\n' | sed 's|^debian/tmp/usr/||')
