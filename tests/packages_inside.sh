@@ -41,6 +41,16 @@ done
 wrong=$(systemd-analyze verify "apc@$plant.target" "${units[@]}" 2>&1 | grep -v 'man .* command' | grep '/apc' || true)
 [ -z "$wrong" ] || fail "$wrong"
 
+step "programs of one version and the library of another"
+refused() { # PACKAGE: it does not come alone, and nothing has changed
+  local before
+  before=$(installed)
+  ! apt-get -y install "$1" >/check/refused 2>&1 || fail "$1 was installed beside packages of another version"
+  grep -E 'apc.* Depends: libapc0|downgraded' /check/refused || { cat /check/refused; fail "apt says nothing of the versions"; }
+  [ "$(installed)" = "$before" ] || fail "after a refusal there is: $(installed)"
+}
+refused /check/new/apc_*.deb
+
 step "the tutorial, by who has nothing but the packages and a compiler"
 mkdir first
 (cd first && APC=/usr/share/doc/apc python3 /check/shown.py /usr/share/doc/apc/docs/tutorial.md) || fail "the tutorial shows something else than what comes out"
@@ -125,6 +135,7 @@ until_true 60 settled
 [ "$(sql 'SELECT min(time) FROM apc.sensor')" = "$first" ] || fail "the record does not begin where it did"
 [ "$(systemctl show -P MainPID "apc-client@$plant")" != "$pid" ] || fail "the target restarted nobody"
 echo "rows: $rows, then $(sql 'SELECT count(*) FROM apc.sensor')"
+refused /check/previous/libapc0.*.deb
 
 step "remove"
 mapfile -t ours < <(dpkg-query -W -f='${Package}\n' '*apc*')
