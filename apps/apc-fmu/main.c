@@ -397,7 +397,7 @@ static bool point(struct run *r, const double *in, size_t n, double *out)
 /* What a variable is by itself: its kind and place. */
 static bool tell_start(const struct run *r, const double *in, size_t n, double *out)
 {
-    if (n != 2 || !(in[0] >= 0.0 && in[0] < KIND_TEXT))
+    if (n != 2 || !(in[0] >= 0.0 && in[0] < (double)KIND_TEXT))
         refuse_fmu("asked for a value of its own with %zu numbers", n);
     return r->fmi->get(variable(r, (enum kind)in[0], in[1]), out);
 }

@@ -466,7 +466,7 @@ static double jitter_of_course(const struct world *w, size_t of, size_t tick)
             back[k][p] = s.computed[p][tick][of - (of > 0)];
     }
     for (int k = 0; k <= PER_DECADE * DECADES; k++) {
-        const double angle = M_PI * pow(10.0, -(double)k / PER_DECADE);
+        const double angle = M_PI * pow(10.0, -(double)k / (double)PER_DECADE);
         double sum = 0.0;
 
         for (size_t i = 0; i < KICKS; i++) {

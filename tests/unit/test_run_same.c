@@ -247,7 +247,7 @@ static void with_an_operator_they_give_the_same_numbers(void **state)
         if (apc_simulation_create(&s, e, NULL, &why) < 0)
             fail_msg("%s", why.text);
         for (int step = 0; step < STEPS; step++) {
-            run(s, of[i].until * (step + 1) / STEPS);
+            run(s, of[i].until * (step + 1) / (double)STEPS);
             operate(&sum, s, of[i].names, step);
         }
         count_figures(&sum, s);
