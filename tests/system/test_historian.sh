@@ -101,7 +101,8 @@ ask setpoint 7.5
 becomes '^applied$'
 [ "$(rows_of 7.5)" = 1 ] || fail "what was asked for is there $(rows_of 7.5) times"
 events "$live" | grep -q ",\"$operator\",\"operator\",\"r: .* -> 7.5 (request $(request) of $operator)\"" || fail "no event of it: $(events "$live" | tail -3)"
-until_true 60 test -n "$(sql "SELECT 1 FROM apc.setpoint s JOIN apc.request q USING (seq) WHERE q.id = $(request) AND s.id = 1 AND s.value = 7.5")"
+is_recorded() { [ -n "$(sql "SELECT 1 FROM apc.setpoint s JOIN apc.request q USING (seq) WHERE q.id = $(request) AND s.id = 1 AND s.value = 7.5")" ]; }
+until_true 60 is_recorded
 ask setpoint 6 '2 minutes'
 becomes '^refused: too late, it was asked for 12'
 ask setpoint 6 '-2 minutes'
