@@ -6,7 +6,7 @@ import {readFileSync} from "node:fs";
 import {createRequire} from "node:module";
 import {after, before, test} from "node:test";
 import {drawing, Fake} from "./fake.mjs";
-import {launch, open, screens, until} from "./lib.mjs";
+import {hasContent, launch, open, screens, until} from "./lib.mjs";
 
 const source = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
@@ -42,7 +42,7 @@ for (const colorScheme of ["light", "dark"])
       for (const screen of screens) {
         await go(page, screen);
         await page.locator("main h1").waitFor();
-        await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg, .say) >> visible=true").first().isVisible());
+        await hasContent(page, screen);
         assert.deepEqual(await violations(page, colorScheme), [], screen);
         const table = page.getByRole("button", {name: "View as table"});
         if (await table.count()) {

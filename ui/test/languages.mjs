@@ -7,7 +7,7 @@ import {createRequire} from "node:module";
 import {after, before, test} from "node:test";
 import {gzipSync} from "node:zlib";
 import {drawing, Fake} from "./fake.mjs";
-import {launch, open, screens, until} from "./lib.mjs";
+import {hasContent, launch, open, screens, until} from "./lib.mjs";
 
 const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const texts = language => {
@@ -74,7 +74,7 @@ for (const width of [1280, 400])
       for (const screen of all) {
         await page.evaluate(where => (location.hash = where), screen);
         await until(`${screen} is shown`, async () => (await page.locator("main h1").count()) > 0 && (await page.locator("nav a[aria-current]").getAttribute("href")).includes(screen.split("/")[0]));
-        await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg, .say, .complaint) >> visible=true").first().isVisible());
+        await hasContent(page, screen);
         await look(`${what}, ${screen}`);
         const table = page.getByRole("button", {name: "Als Tabelle"});
         if ((await table.count()) === 0) continue;

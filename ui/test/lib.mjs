@@ -17,6 +17,10 @@ const [, listed] = /export const pages = \[(.*)\] as const/.exec(readFileSync(ne
 const pages = JSON.parse(`[${listed}]`);
 const ways = {trend: ["trend/pens=y,r,u"], alarms: ["alarms/journal", "alarms/figures"]};
 export const screens = pages.flatMap(page => [page, ...(ways[page] ?? [])]);
+/** What a screen has once it is there, with what it has asked the server about; its head is there before. */
+const contents = {"alarms/journal": "main .journal tbody tr, main .journal ~ .say", "alarms/figures": "main caption, main .alarms > .complaint"};
+export const hasContent = (page, screen) => until(`${screen} has its content`, () =>
+  page.locator(contents[screen] ?? "main :is(.value, .u-over, tbody tr, svg, .say, .complaint):not(.toolbar *)").locator("visible=true").first().isVisible());
 
 export function launch() {
   // Its sandbox wants user namespaces, which containers and root do not have; it sees our own page alone.

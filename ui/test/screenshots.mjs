@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The screens, light and dark, and narrow, for scripts/screenshots: of a loop once it has run for long enough; of four tanks under
 // predictive control whose feed fails; of a hundred loops.
-import {api, applied, launch, open, until} from "./lib.mjs";
+import {api, applied, hasContent, launch, open, until} from "./lib.mjs";
 
 const folder = process.env.APC_SHOTS;
 const seconds = Number(process.env.APC_SHOTS_SECONDS);
@@ -15,7 +15,7 @@ async function shots(page, screen, name, {height = size.height, before = async (
     await page.setViewportSize({width, height: size.height});
     await page.emulateMedia({colorScheme});
     await page.goto(page.url().replace(/#.*/, `#${screen}`));
-    await until(`${screen} has its content`, () => page.locator("main :is(.value, .u-over, tbody tr, svg)").first().isVisible());
+    await hasContent(page, screen);
     await before();
     await new Promise(resolve => setTimeout(resolve, 4500));
     // A page of text is large as a picture: less of it will do.

@@ -74,7 +74,7 @@ export function AlarmFiguresView(): JSX.Element {
             </table>
           </div>
           <div class="panel span">
-            <table class="data">
+            <table class="data cards">
               <caption>{tr("performance.frequent")}</caption>
               <thead>
                 <tr><th scope="col">{tr("common.alarm")}</th><th scope="col" class="number">{tr("alarms.activatedShort")}</th><th scope="col" class="number">{tr("performance.share")}</th><th scope="col" class="number">{tr("performance.activeFor")}</th><th scope="col">{tr("performance.chatters")}</th></tr>
@@ -83,10 +83,10 @@ export function AlarmFiguresView(): JSX.Element {
                 {figures.alarms.slice().sort((a, b) => b.raised - a.raised || b.active - a.active).slice(0, MOST_FREQUENT).map(one => (
                   <tr key={one.id}>
                     <th scope="row"><a href={path("alarms", one.alarm)}><Tag name={one.alarm} /></a></th>
-                    <td class="number">{one.raised}</td>
-                    <td class="number">{part(one.raised, figures.raised)}</td>
-                    <td class="number">{duration(one.active)}</td>
-                    <td>{one.chatters ? <><Note label={tr("performance.chatters")} /> {tr("common.yes")}</> : tr("common.no")}</td>
+                    <td class="number" data-label={tr("alarms.activatedShort")}>{one.raised}</td>
+                    <td class="number" data-label={tr("performance.share")}>{part(one.raised, figures.raised)}</td>
+                    <td class="number" data-label={tr("performance.activeFor")}>{duration(one.active)}</td>
+                    <td data-label={tr("performance.chatters")}>{one.chatters ? <><Note label={tr("performance.chatters")} /> {tr("common.yes")}</> : tr("common.no")}</td>
                   </tr>
                 ))}
               </tbody>
