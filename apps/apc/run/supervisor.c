@@ -404,8 +404,9 @@ int supervisor_stop(struct supervisor *s, struct apc_error *why)
         struct child *child = &s->child[i];
         if (child->pid == 0)
             continue;
-        kill(child->pid, SIGTERM);
+        /* first: after SIGTERM it would undo the stop by which a tracer takes hold of one that ends */
         kill(child->pid, SIGCONT);
+        kill(child->pid, SIGTERM);
         bool killed = !ended(s, child);
         if (killed) {
             kill(child->pid, SIGKILL);
