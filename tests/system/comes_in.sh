@@ -45,16 +45,18 @@ recent() { # TIME: within a minute of now
 # comes_in COLUMN LINK [CLIENT]: a run for the rows of which the loop takes no notice, which ends with 0, and one for the others
 comes_in() {
   local column=$1 link=$2 client=${3:-} loop what cell uses tried=0 status
-  cat >"$work/in.conf" <<END
+  cat >"$work/in.all" <<END
 name = "in"; duration = 60.0;
 measurements = ( { name = "y"; low = -40.0; high = 150.0; } ); setpoints = ( { name = "r"; initial = 12.0; } );
 outputs = ( { name = "u"; low = 0.0; high = 10.0; safe = 0.0; fault = 0.5; } );
 plant = { external = true; };
 client = { period = 0.1; link = "$link"; $client };
-controller = { law = "pi"; period = 0.2; hold = 1.0; tuning = ( { Kp = 0.01; tau_i = 10.0; } ); };
+controller = { law = "pi"; period = 0.2; hold = @hold@; tuning = ( { Kp = 0.01; tau_i = 10.0; } ); };
 END
   for loop in 'goes on' 'goes without'; do
     out=$work/${column// /-}-${loop#goes }
+    # a loop that goes on is not opened by a busy machine; one that goes without is waited for
+    sed "s/@hold@/$([ "$loop" = 'goes on' ] && echo 10.0 || echo 1.0)/" "$work/in.all" >"$work/in.conf"
     habit well
     background "${out##*/}" "$apc" run "$work/in.conf" --duration 0 --no-ui --out "$out"
     until_true 60 controlled

@@ -59,10 +59,12 @@ grep -q 'the run failed: the loop was open' "$work/dies/events.csv" || fail "no 
 # each seventh request is refused, and yet the device takes one command after the other
 # Promise(run/verdict-run-somebody)
 habit busy
+sed -i 's/hold = 1.0;/hold = 10.0;/' "$work/q.conf" # that the machine is busy as well opens no loop
 begin busy
 until_true 30 more 'the plant is given its commands' apc-client 0
 takes 60
 judged 0 '^samples:'
+sed -i 's/hold = 10.0;/hold = 1.0;/' "$work/q.conf"
 
 # commands go out, and none of them is the law's: it has no measurement
 # Promise(run/verdict-run-somebody)
