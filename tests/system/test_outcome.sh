@@ -62,8 +62,7 @@ if (until_true 5 in_fault) 2>/dev/null; then # unless somebody was quicker to st
   *) fail "mode auto in a fault: $code $said" ;;
   esac
 fi
-pkill_client() { pgrep -P "$run" -x apc-client | while read -r one; do kill -CONT "$one"; done; }
-pkill_client
+pkill -CONT -P "$run" -x apc-client || true # there may be none just now, as a hung one is killed and started again
 
 # ---- A finished run is a record
 # Promise(run/write-outcome-applied)
