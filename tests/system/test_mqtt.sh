@@ -235,7 +235,7 @@ outcome anna r '"id":"old".*refused: too late'
 command_as anna r "{\"id\":\"ahead\",\"value\":1,\"time\":$(($(date +%s) + 3600))}"
 # Promise(incoming/other-ways)
 outcome anna r '"id":"ahead".*refused: it comes from'
-command_as anna r "{\"id\":\"soon\",\"value\":1,\"time\":$(($(date +%s) + 6))}"
+command_as anna r "{\"id\":\"soon\",\"value\":1,\"time\":$(($(date +%s) + 9))}"
 outcome anna r '"id":"soon".*refused: it comes from'
 command_as anna r "{\"id\":\"ms\",\"value\":1,\"time\":$(date +%s000)}"
 # Promise(incoming/other-ways)
