@@ -18,9 +18,9 @@ const pages = JSON.parse(`[${listed}]`);
 const ways = {trend: ["trend/pens=y,r,u"], alarms: ["alarms/journal", "alarms/figures"]};
 export const screens = pages.flatMap(page => [page, ...(ways[page] ?? [])]);
 /** What a screen has once it is there, with what it has asked the server about; its head is there before. */
-const contents = {"alarms/journal": "main .journal tbody tr, main .journal ~ .say", "alarms/figures": "main caption, main .alarms > .complaint"};
+const contents = {"alarms/journal": ".journal tbody tr, .journal ~ .say", "alarms/figures": "caption"};
 export const hasContent = (page, screen) => until(`${screen} has its content`, () =>
-  page.locator(contents[screen] ?? "main :is(.value, .u-over, tbody tr, svg, .say, .complaint):not(.toolbar *)").locator("visible=true").first().isVisible());
+  page.locator(`main :is(${contents[screen] ?? ".value, .u-over, tbody tr, svg, .say:not(.toolbar *)"}, .complaint:not(.toolbar *), h1 + .say) >> visible=true`).first().isVisible());
 
 export function launch() {
   // Its sandbox wants user namespaces, which containers and root do not have; it sees our own page alone.
