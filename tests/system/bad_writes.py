@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What each front end says of a bad write, and what becomes of a good one: bad_writes.txt, write_outcomes.txt.
 
-    bad_writes.py TABLE cli APC STORE | http PORT ENGINEER OBSERVER | mqtt PORT HEARD | request | python RUN
+    bad_writes.py TABLE cli APC STORE | http PORT ENGINEER OBSERVER | mqtt PORT HEARD | request | python URI
 
 ENGINEER and OBSERVER are tokens; HEARD is the log of a mosquitto_sub of all outcomes. Prints how many were
 asked.
@@ -140,12 +140,13 @@ def request(row):
     return True
 
 
-def python(row, run):
+def python(row, uri):
     import libapc
 
     if row.exception == "-":
         return False
-    with libapc.open_run(run).store() as s:
+    row.outcome()
+    with libapc.Store(uri) as s:
         try:
             s.mode(row.name, row.value) if row.what == "mode" else s.write(row.name, row.value)
             said = "nothing"

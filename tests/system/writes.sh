@@ -3,10 +3,10 @@
 # What the tests of writes share: the front ends of the plant in $work/fast.conf, and a controller that does with a write what it is
 # told to, in the database of the test.
 
-# asked N TABLE FRONT-END [ARGUMENT...]: so many rows of the table can be asked there
+# asked N TABLE FRONT-END [ARGUMENT...]: so many rows of the table can be asked there; by the Python of python_user, if that was made
 asked() {
   local n
-  n=$(python3 "$APC_SOURCE_DIR/tests/system/bad_writes.py" "$APC_SOURCE_DIR/tests/system/$2.txt" "${@:3}") || exit 1
+  n=$("${user:+$user/bin/}python3" "$APC_SOURCE_DIR/tests/system/bad_writes.py" "$APC_SOURCE_DIR/tests/system/$2.txt" "${@:3}") || exit 1
   [ "$n" = "$1" ] || fail "$3: $n rows of $2 were asked instead of $1"
 }
 
