@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include "plants.h"
@@ -819,6 +820,33 @@ static void test_a_schema_may_be_named_like_a_word_of_sql(void **state)
     apc_store_close(store);
 }
 
+/* The vector ends where a page does that nobody may touch. */
+static void test_rows_of_a_table_that_has_none_are_refused_and_no_other_is_looked_at(void **state)
+{
+    (void)state;
+    const size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    char *const pages = mmap(NULL, 2 * page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    assert_true(pages != MAP_FAILED);
+    assert_int_equal(mprotect(pages + page, page, PROT_NONE), 0);
+    struct apc_vector *const vector = (struct apc_vector *)(void *)(pages + page) - 1;
+    *vector = (struct apc_vector){.table = APC_TICK, .id = 1};
+    enum { MANY = 200 };
+    struct apc_sample sample[MANY];
+    for (int i = 0; i < MANY; i++)
+        sample[i] = (struct apc_sample){.table = i < MANY - 1 ? APC_SETPOINT : APC_SENSOR, .id = i + 1};
+    struct apc_store *store = open_direct(LONG);
+    ok(store, apc_store_read(store, sample, MANY));
+    sample[1] = (struct apc_sample){.table = APC_STATE};
+    struct apc_rows rows = {
+        .size = sizeof rows, .sample = sample, .n_samples = 2, .vector = vector, .n_vectors = 1};
+    assert_int_equal(apc_store_read_rows(store, &rows), APC_ESCHEMA);
+    assert_string_equal(apc_store_error(store), "there is no table state");
+    rows.n_samples = 1;
+    ok(store, apc_store_read_rows(store, &rows));
+    apc_store_close(store);
+    munmap(pages, 2 * page);
+}
+
 static void test_postgresql_alone_means_the_environments_database(void **state)
 {
     (void)state;
@@ -1068,6 +1096,7 @@ static void test_a_database_that_is_for_reading_only_by_default_is_named_as_such
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        T(test_rows_of_a_table_that_has_none_are_refused_and_no_other_is_looked_at),
         T(test_a_tick_reads_in_one_round_trip_and_writes_in_one),
         T(test_a_stalled_server_costs_the_timeout_and_the_next_call_works),
         T(test_a_write_that_the_server_does_not_take_ends_at_the_timeout),

@@ -359,8 +359,8 @@ static int send_all(struct exchange *x)
         err = apc_pg_begin(x->pg);
     }
     /* A statement sees what was committed when it begins: several see one moment in such a transaction. */
-    x->framed =
-        x->op == SWAP || (x->op == READ && batch_at(x->pg, x->rows, 0).n < total && x->rows->n_vectors > 0);
+    x->framed = !err && (x->op == SWAP ||
+                         (x->op == READ && batch_at(x->pg, x->rows, 0).n < total && x->rows->n_vectors > 0));
     if (!err && x->framed) {
         err =
             send_command(x->pg, x->op == SWAP ? "BEGIN" : "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY");
