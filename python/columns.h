@@ -52,10 +52,11 @@ int apc_arrow_export(void *list, const struct apc_arrow_column *column, size_t n
 struct apc_wish;
 struct apc_wish *apc_wish_new(void); /* NULL: out of memory */
 void apc_wish_free(struct apc_wish *wish);
-/* Find the setpoint, the tuning parameter or the output @p name, or with @p mode the loop, and who takes it.
- * Returns 0, APC_ENOTFOUND, APC_ERANGE: outside its limits, APC_EPERM: nobody takes it, or an error of the
- * store. */
-int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *name, bool mode, double value,
+/* What a wish is of; APC_WISH_MODE goes with no other. */
+enum apc_wish_kind { APC_WISH_SETPOINT = 1, APC_WISH_OUTPUT = 2, APC_WISH_TUNING = 4, APC_WISH_MODE = 8 };
+/* Find what is called @p name and of one of @p kinds, and who takes it. Returns 0, APC_ENOTFOUND, APC_ERANGE:
+ * outside its limits, APC_EINVAL: no number, APC_EPERM: nobody takes it, or an error of the store. */
+int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *name, int kinds, double value,
                   struct apc_error *why);
 /* Does its controller tick? 1, 0: it may still, APC_EPERM: it does not, or an error of the store. */
 int apc_wish_ready(struct apc_wish *wish, struct apc_store *store, struct apc_error *why);
@@ -65,6 +66,8 @@ int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *a
 int apc_wish_poll(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
 double apc_wish_force(const struct apc_wish *wish); /* what is in force */
 int64_t apc_wish_time(const struct apc_wish *wish); /* of its row */
+/* Say that the role of @p user is too low, and which it takes. Returns APC_EPERM. */
+int apc_wish_role(const char *user, const char *role, const char *wanted, struct apc_error *why);
 
 /* The alarms of a store. One thread at a time. */
 struct apc_alarm_summary;

@@ -37,7 +37,11 @@ void apc_wish_free(struct apc_wish *wish)
     free(wish);
 }
 
-int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name, bool mode, double value,
+_Static_assert((int)APC_WISH_SETPOINT == (int)CHANGE_SETPOINT && (int)APC_WISH_OUTPUT == (int)CHANGE_OUTPUT &&
+                   (int)APC_WISH_TUNING == (int)CHANGE_TUNING && (int)APC_WISH_MODE == (int)CHANGE_MODE,
+               "kinds have the same numbers");
+
+int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name, int kinds, double value,
                   struct apc_error *why)
 {
     const struct plant_view *const plant = &w->plant.view;
@@ -47,8 +51,7 @@ int apc_wish_find(struct apc_wish *w, struct apc_store *store, const char *name,
 
     if (rc < 0)
         return failed(store, rc, why);
-    rc = change_find(plant, name, mode ? CHANGE_MODE : CHANGE_SETPOINT | CHANGE_TUNING | CHANGE_OUTPUT, &to,
-                     &fault);
+    rc = change_find(plant, name, (unsigned)kinds, &to, &fault);
     if (rc == 0)
         rc = change_check(&to, value, &fault);
     if (rc < 0)
@@ -105,4 +108,12 @@ double apc_wish_force(const struct apc_wish *w)
 int64_t apc_wish_time(const struct apc_wish *w)
 {
     return w->operation.time;
+}
+
+int apc_wish_role(const char *user, const char *role, const char *wanted, struct apc_error *why)
+{
+    struct change_fault fault;
+
+    (void)change_role(user, role, wanted, &fault);
+    return said(&fault, why);
 }

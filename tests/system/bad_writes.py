@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What each front end says of a bad write, and what becomes of a good one: bad_writes.txt, write_outcomes.txt.
 
-    bad_writes.py TABLE cli APC STORE | http PORT ENGINEER OBSERVER | mqtt PORT HEARD | request | python URI
+    bad_writes.py TABLE cli APC STORE | http PORT ENGINEER OBSERVER | mqtt PORT HEARD | request | python URI |
+                  opcua URL PASSWORD
 
-ENGINEER and OBSERVER are tokens; HEARD is the log of a mosquitto_sub of all outcomes. Prints how many were
-asked.
+ENGINEER and OBSERVER are tokens; HEARD is the log of a mosquitto_sub of all outcomes; PASSWORD is that of anna and of
+otto. Prints how many were asked.
 """
+import contextlib
+import functools
 import json
 import subprocess
 import sys
@@ -42,6 +45,7 @@ class Row(NamedTuple):
     exit: str
     http: str
     exception: str
+    status: str
     sentence: str
 
     def number(self):
@@ -156,6 +160,54 @@ def python(row, uri):
     return True
 
 
+@functools.lru_cache(None)
+def session(url, user, password):
+    """A client, and the texts of the events that come to it."""
+    from asyncua.sync import Client
+
+    class Heard(list):
+        def event_notification(self, event):
+            self.append(event.Message.Text)
+
+    client, heard = Client(url, timeout=60), Heard()
+    client.set_user(user)
+    client.set_password(password)
+    client.connect()
+    sessions.callback(client.disconnect)
+    client.create_subscription(50, heard).subscribe_events()
+    return client, heard
+
+
+def opcua(row, url, password):
+    from asyncua import ua
+
+    if row.status == "-":
+        return False
+    client, heard = session(url, "otto" if row.who == "otto" else "anna", password)
+    index = client.get_namespace_index("urn:libapc:plant")
+
+    def node(name):
+        return client.get_node(f"ns={index};s={name}")
+
+    table = {"set": "setpoint", "output": "actuator", "mode": "opmode", "tune": "tuning"}[row.what]
+    kind = ua.VariantType.Double if isinstance(row.number(), float) else ua.VariantType.String
+    ways = [("node", lambda: node(f"{table}.{row.name}").write_value(ua.Variant(row.number(), kind)))]
+    if not row.outcome():
+        method = "SetMode" if row.what == "mode" else "Set"
+        ways.append(("method", lambda: node("plant").call_method(node(method), row.name, ua.Variant(row.number(), kind))))
+    for way, write in ways:
+        before = len(heard)
+        try:
+            write()
+            said = "Good: applied"
+        except ua.UaStatusCodeError as e:
+            until("the server says why", lambda: len(heard) > before)
+            said = f"{ua.StatusCode(e.code).name}: {heard[-1]}"
+        say(row, f"OPC UA by its {way}", said, f"{row.status}: ")
+    return True
+
+
 rows = [Row(*line.rstrip("\n").split("|")) for line in open(sys.argv[1]) if not line.startswith("#")]
-ask = {"cli": cli, "http": http, "mqtt": mqtt, "request": request, "python": python}[sys.argv[2]]
-print(sum(ask(row, *sys.argv[3:]) for row in rows))
+ask = {"cli": cli, "http": http, "mqtt": mqtt, "request": request, "python": python, "opcua": opcua}[sys.argv[2]]
+with contextlib.ExitStack() as sessions:
+    print(sum(ask(row, *sys.argv[3:]) for row in rows))

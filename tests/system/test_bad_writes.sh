@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A bad write says the same wherever it comes from, and is not written: bad_writes.txt, asked of apc, the page, a history, and a
-# broker where there is one; of Python by test_python.sh.
+# broker where there is one; of Python by test_python.sh, of OPC UA by test_opcua_writes.sh.
 # Promise(run): A bad write is refused with the same code and the same sentence by the command line, the page, a broker,
 #   a history's requests and Python, and nothing of it is written.
 # shellcheck source=lib.sh

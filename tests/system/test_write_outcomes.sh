@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What becomes of a write is one sentence and one code wherever it comes from: write_outcomes.txt, asked of apc, the page, and a
-# broker where there is one; of Python by test_python.sh. The controller is one that does as it is told.
+# broker where there is one; of Python by test_python.sh, of OPC UA by test_opcua_writes.sh. The controller is one that does as it is told.
 # Promise(run): What becomes of a write says the same by the command line, the page and a broker: applied, superseded,
 #   refused and why, not confirmed, or that nobody applies it.
 # shellcheck source=lib.sh

@@ -74,3 +74,8 @@ def error(code: int, text: str) -> Error:
     made = _KIND.get(code, Error)(text)
     made.code = code
     return made
+
+
+def no_number(value: object) -> Error:
+    """For one that is to be written."""
+    return error(-1, f'"{value!s:.60}" is not a finite number')

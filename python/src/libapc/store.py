@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from importlib import import_module
+from math import nan
 from time import sleep, time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Iterable, NamedTuple, Optional, Union
 
 from .alarms import ACKNOWLEDGE, SHELVE, Alarm, Board
-from .errors import NotFoundError, error
+from .errors import InvalidError, NotFoundError, error, no_number
 from .columns import array, filled
 from .native import Owned, check, ffi, lib, text, timeout_ns, utf8, why
 from .table import Column, Table, utc
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 Time = Union[int, str, "np.datetime64"]
 
 _NONE = 1e300  # APC_VALUE_MAX: no limit
+_NUMBERS = lib.APC_WISH_SETPOINT | lib.APC_WISH_OUTPUT | lib.APC_WISH_TUNING
 
 
 class Tag(NamedTuple):
@@ -218,11 +220,11 @@ class Store:
         would apply it; then nothing was written. `ConflictError`: somebody wrote after it. `TimedOut`: it was written,
         but nobody has confirmed it. Without `wait` it is only written. `author` is who stands in the record; default:
         the user."""
-        return self._wish(name, _number(value), False, author, wait)
+        return self._wish(name, _number(value), _NUMBERS, author, wait)
 
     def mode(self, loop: str, mode: Union[Mode, str], author: Optional[str] = None, wait: bool = True) -> Mode:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
-        return Mode(int(self._wish(loop, float(Mode._wanted(mode)), True, author, wait).value))
+        return Mode(int(self._wish(loop, float(Mode._wanted(mode)), lib.APC_WISH_MODE, author, wait).value))
 
     def alarms(self) -> list[Alarm]:
         """All that the store describes, as they stand."""
@@ -258,14 +260,24 @@ class Store:
             raise error(lib.APC_ESTATE, "this is a history, where nobody applies what is written: open the live store with it, "
                         f"LIVE+HISTORY, or use {command}, which asks its historian")
 
-    def _wish(self, name: str, value: float, mode: bool, author: Optional[str], wait: bool) -> Value:
+    def _missing(self, name: str, kinds: int) -> str:
+        """Why nothing can be written by that name; "": something can."""
+        try:
+            self._wish(name, nan, kinds, None)  # which is looked for, and refused wherever there is something
+        except NotFoundError as e:
+            return str(e)
+        except InvalidError:
+            pass
+        return ""
+
+    def _wish(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True) -> Value:
         wish, reason = ffi.gc(lib.apc_wish_new(), lib.apc_wish_free), why()
         who = utf8("author", author or _user())
         if wish == ffi.NULL:
             raise error(lib.APC_ENOMEM, "out of memory")
         with self._owned as s:
             self._live(s, "apc set")
-            check(lib.apc_wish_find(wish, s, utf8("name", name), mode, value, reason), reason)
+            check(lib.apc_wish_find(wish, s, utf8("name", name), kinds, value, reason), reason)
             while wait and not check(lib.apc_wish_ready(wish, s, reason), reason):
                 sleep(0.05)
             check(lib.apc_wish_write(wish, s, who, reason), reason)
@@ -288,7 +300,7 @@ def _number(value: Any) -> float:
     try:
         return float(value)
     except ValueError:
-        raise error(lib.APC_EINVAL, f'"{value}" is not a finite number') from None
+        raise no_number(value) from None
 
 
 def _user() -> str:

@@ -99,7 +99,8 @@ assert.equal(await value("setpoint.r"), 15);
 assert.equal(await write("actuator.u", DataType.Double, 1), "BadInvalidState");
 await until("why it was refused is an event", () => events.some((e) => /^u = 1: .*Man/.test(e.Message?.text)));
 assert.equal(await write("setpoint.nobody", DataType.Double, 1), "BadNodeIdUnknown");
-assert.equal(await write("sensor.y", DataType.Double, 1), "BadUserAccessDenied");
+assert.equal(await write("sensor.y", DataType.Double, 1), "BadNotWritable");
+await until("why nothing is written there is an event", () => events.some((e) => /sensor.y: there is no "y" to be set/.test(e.Message?.text)));
 assert.equal(await write("tuning.Kp", DataType.Double, 0.25), user ? "BadUserAccessDenied" : "Good");
 assert.equal(await write("opmode.u", DataType.String, "Man"), "Good");
 assert.equal(await write("actuator.u", DataType.Double, 1), "Good");
@@ -109,6 +110,9 @@ const call = async (name, ...args) => {
   return r.statusCode.isGood() ? r.outputArguments[0].value : r.statusCode.name;
 };
 assert.equal(await call("SetMode", "u", "Auto"), "Auto");
+// a parameter takes its role by whatever name
+assert.equal(await call("Set", "Kp", 0.25), user ? "BadUserAccessDenied" : 0.25);
+assert.equal(await call("Set", "tuning.1", 0.25), user ? "BadUserAccessDenied" : 0.25);
 
 // what waits for the controller holds up nobody else of the same connection, and keeps its order
 // Promise(links/opcua-waits): What waits for the controller holds up nobody else of the connection; what is written

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 NAMESPACE = "urn:libapc:plant"
 _FOLDERS = {"sensor": "Measurements", "estimate": "Estimates", "setpoint": "Setpoints", "actuator": "Outputs",
             "opmode": "Modes", "tuning": "Parameters", "alarm": "Alarms"}
-_WRITTEN = ("setpoint", "actuator", "opmode", "tuning")
+READ = {*_FOLDERS, "actual"} - {"alarm"}  #: tables whose newest rows are shown
+_NUMBERS = ("setpoint", "actuator", "tuning")  # that may be written
+_WRITTEN = (*_NUMBERS, "opmode")
 _SEVERITY = (0, 900, 700, 500, 300)  # by priority
 #: of a condition, in this order, those with parts of their own before these; by its event
 _CONDITION = (
@@ -76,6 +78,11 @@ class Space:
     def target(self, node: Any) -> Optional[tuple[str, str]]:
         """Table and name of what is written by a node; None: nothing is."""
         return self._targets.get(node)
+
+    def called(self, node: Any) -> tuple[str, str]:
+        """Table and name of the variable that a node's id speaks of, whether there is one or not; "", "": of none."""
+        table, _, name = str(node.Identifier).partition(".")
+        return (table, name) if node.NamespaceIndex == self._ns and table in _FOLDERS else ("", "")
 
     def historized(self, node: Any) -> Optional[Tag]:
         """The variable whose numbers have a history; None: the node is none."""
@@ -218,15 +225,15 @@ class Space:
         return self._ua.CallMethodResult(StatusCode=self._ua.StatusCode(self._ua.StatusCodes.BadInvalidArgument))
 
     async def _set(self, parent: Any, *given: Any) -> Any:
-        if not _are(given, str, float):
+        if not _are(given, str, object):
             return self._wrong()
         name = given[0].Value
-        table = next((t.table for t in self._tags if t.name == name and t.table in _WRITTEN), "setpoint")
+        table = next((t.table for t in self._tags if t.table in _NUMBERS and name in (t.name, f"{t.table}.{t.id}")), "")
         done = await self._operator.set(self._operator.caller, name, given[1].Value, table)
         return self._result(*done, self._ua.VariantType.Double)
 
     async def _mode(self, parent: Any, *given: Any) -> Any:
-        if not _are(given, str, str):
+        if not _are(given, str, object):
             return self._wrong()
         done = await self._operator.mode(self._operator.caller, given[0].Value, given[1].Value)
         return self._result(*done, self._ua.VariantType.String)

@@ -18,19 +18,22 @@ from pathlib import Path
 from typing import Any, Callable, NamedTuple, Optional
 
 from ..alarms import Alarm
-from ..errors import ConflictError, Error, InvalidError, LimitError, NotFoundError, RefusedError, TimedOut
-from ..native import lib, shown, text
+from ..errors import ConflictError, Error, InvalidError, LimitError, NotFoundError, RefusedError, StateError, TimedOut, no_number
+from ..native import lib, shown, text, utf8, why
 from ..store import Store, Tag
 from ..values import Mode, Value
 from . import history, services
-from .address_space import Space
+from .address_space import READ, Space
 from .users import ROLES, Users
 
 OBSERVER, OPERATOR, ENGINEER = 1, 2, 3
 _WRITERS = 8  # threads: so many writes wait for their outcome at once
 _READERS = 2  # of history
-_OUTCOME = ((LimitError, "BadOutOfRange"), (RefusedError, "BadInvalidState"), (TimedOut, "BadTimeout"),
+_OUTCOME = ((LimitError, "BadOutOfRange"), ((RefusedError, StateError), "BadInvalidState"), (TimedOut, "BadTimeout"),
             (ConflictError, "BadOperationAbandoned"), (NotFoundError, "BadNodeIdUnknown"), (ValueError, "BadTypeMismatch"))
+_KINDS = {"setpoint": lib.APC_WISH_SETPOINT, "actuator": lib.APC_WISH_OUTPUT, "tuning": lib.APC_WISH_TUNING}
+_OPERATED = lib.APC_WISH_SETPOINT | lib.APC_WISH_OUTPUT
+_ALL = _OPERATED | lib.APC_WISH_TUNING
 
 
 class Options(NamedTuple):
@@ -71,7 +74,7 @@ class _Reader:
 
     def look(self) -> Seen:
         tags = [t for t in self._store.tags() if t.name]
-        shown = [t for t in tags if not lib.apc_table_vectors(lib.apc_table_parse(t.table.encode()))]
+        shown = [t for t in tags if t.table in READ]
         values = self._store._read(shown)
         return Seen(tags, {(t.table, t.id): v for t, v in zip(shown, values)}, self._read_alarms())
 
@@ -127,17 +130,19 @@ class Server:
     # ---- What operators do --------------------------------------------------------------------------------------
 
     async def _do(self, what: str, user: Any, rank: int, do: Callable[[Store, str], Any]) -> tuple[Any, Any]:
-        """The outcome: a StatusCode, and what is in force. Who is refused is told in an event as well, in words."""
+        """The outcome: a StatusCode, and what is in force. Who is refused is told in an event as well, in the words of every
+        other front end."""
         codes = self._ua.StatusCodes
         if not self._may(user, rank):
-            said = f"{what}: refused: this takes the role {ROLES[rank]}"
-            await self._space.say(said)
+            reason = why()
+            lib.apc_wish_role(utf8("user", user.name), ROLES[user.rank].encode(), ROLES[rank].encode(), reason)
+            await self._space.say(f"{what}: {text(reason.text)}")
             return self._ua.StatusCode(codes.BadUserAccessDenied), None
 
         try:
             force = await self._with_store(self._writers, lambda store: do(store, user.name))
         except (Error, ValueError, OverflowError) as e:
-            await self._space.say(f"{what}: {e}")
+            await self._space.say(str(e) if str(e).startswith(what) else f"{what}: {e}")
             return self._ua.StatusCode(getattr(codes, status_of(e))), None
         return self._ua.StatusCode(codes.Good), force
 
@@ -151,22 +156,36 @@ class Server:
         return await asyncio.get_running_loop().run_in_executor(threads, work)
 
     async def set(self, user: Any, name: str, value: Any, table: str) -> tuple[Any, Any]:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return self._ua.StatusCode(self._ua.StatusCodes.BadTypeMismatch), None
-        rank = ENGINEER if table == "tuning" else OPERATOR
+        """Of that table alone; "": of those that this user may write."""
+        kinds = _KINDS.get(table, _ALL if self._may(user, ENGINEER) else _OPERATED)
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
 
         def write(store: Store, who: str) -> float:
+            if not is_number:
+                raise no_number(value)
             try:
-                return store.write(name, float(value), who).value
+                return store._wish(name, float(value), kinds, who).value
             except InvalidError as e:  # NaN, infinite: of the right type all the same
                 raise LimitError(str(e)) from e
 
-        return await self._do(f"{name} = {value:g}", user, rank, write)
+        what = f"{name} = {value:.15g}" if is_number else f"{name} = {value!s:.60}"
+        return await self._do(what, user, ENGINEER if table == "tuning" else OPERATOR, write)
 
     async def mode(self, user: Any, loop: str, mode: Any) -> tuple[Any, Any]:
-        if not isinstance(mode, str):
-            return self._ua.StatusCode(self._ua.StatusCodes.BadTypeMismatch), None
-        return await self._do(f"{loop} mode = {mode[:16]}", user, OPERATOR, lambda s, who: Mode(s.mode(loop, mode, who)).name)
+        asked = f"{mode!s:.30}"
+        return await self._do(f"{loop} mode = {asked}", user, OPERATOR, lambda s, who: Mode(s.mode(loop, asked, who)).name)
+
+    async def _nothing(self, user: Any, item: Any) -> Any:
+        """What is written where nothing can be."""
+        codes, (table, name) = self._ua.StatusCodes, self._space.called(item.NodeId)
+
+        def look(store: Store, who: str) -> None:
+            why_not = store._missing(name, lib.APC_WISH_MODE if table == "opmode" else _ALL) if name else ""
+            raise NotFoundError(why_not or "nothing is written there")
+
+        code, _ = await self._do(f"{item.NodeId.to_string():.100}", user, OPERATOR, look)
+        is_there = item.NodeId in self._server.iserver.aspace
+        return self._ua.StatusCode(codes.BadNotWritable) if is_there and code.value == codes.BadNodeIdUnknown else code
 
     async def acknowledge(self, user: Any, alarm: str, comment: str, seen: int) -> tuple[Any, Any]:
         return await self._do(f"{alarm}: not acknowledged", user, OPERATOR,
@@ -191,19 +210,16 @@ class Server:
 
     async def _write_one(self, user: Any, item: Any) -> Any:
         target = self._space.target(item.NodeId)
-        codes, variant = self._ua.StatusCodes, item.Value.Value
-        if item.NodeId not in self._server.iserver.aspace:
-            return self._ua.StatusCode(codes.BadNodeIdUnknown)
         if item.AttributeId != self._ua.AttributeIds.Value or target is None:
-            return self._ua.StatusCode(codes.BadUserAccessDenied)
-        if variant is None or item.IndexRange:
-            return self._ua.StatusCode(codes.BadTypeMismatch)
+            return await self._nothing(user, item)
         table, name = target
-        status = item.Value.StatusCode
-        if status is not None and not status.is_good():
-            await self._space.say(f"{name}: refused: it was written as {status.name}, and what is in doubt does not come into force")
+        codes, status = self._ua.StatusCodes, item.Value.StatusCode
+        if item.IndexRange or status is not None and not status.is_good():
+            how = "in part" if item.IndexRange else f"as {status.name}, and what is in doubt does not come into force"
+            await self._space.say(f"{name}: refused: it was written {how}")
             return self._ua.StatusCode(codes.BadWriteNotSupported)
-        do = self.mode(user, name, variant.Value) if table == "opmode" else self.set(user, name, variant.Value, table)
+        value = item.Value.Value.Value if item.Value.Value is not None else None
+        do = self.mode(user, name, value) if table == "opmode" else self.set(user, name, value, table)
         code, force = await do
         if code.is_good():
             await self._space.put(item.NodeId, force)
