@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What of the gateways of OPC UA needs no OPC UA."""
 
+import asyncio
 from collections.abc import Callable
 from datetime import datetime, timezone
 from types import SimpleNamespace
@@ -82,3 +83,62 @@ def test_units_have_the_numbers_of_their_common_codes() -> None:
     assert [units.number(unit) for unit in ("degC", "°C", "%", "V", "cm", "m3/h", "l/min", "kPa", "mol/L", "N m")] == [
         4408652, 4408652, 20529, 5655636, 4410708, 5067080, 19506, 4935745, 4404024, 20053]
     assert units.number("") is None and units.number("mol%") is None
+
+
+class _Peer:
+    """An OPC UA server with two outputs and no measurement, which takes one node in a request and refuses some values."""
+
+    def __init__(self) -> None:
+        self.refuses: set[float] = set()
+        self.given: dict[str, float] = {}
+
+    async def write_attributes(self, nodes: list[str], values: list[float], attribute: None) -> list[SimpleNamespace]:
+        assert len(nodes) == 1
+        if values[0] in self.refuses:
+            return [SimpleNamespace(name="BadOutOfRange", is_good=lambda: False)]
+        self.given[nodes[0]] = values[0]
+        return [SimpleNamespace(name="Good", is_good=lambda: True)]
+
+
+# Promise(links/opcua-refused): An output that a server refuses costs no other: those are written, and have their safe
+#   values only without new commands.
+def test_an_output_that_is_refused_costs_no_other(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    ua = SimpleNamespace(AttributeIds=SimpleNamespace(Value=None), UaError=RuntimeError, Variant=lambda number, kind: number,
+                         DataValue=lambda value, status: value)
+    monkeypatch.setattr(plant, "import_module", lambda name: ua)
+    now = 1000.0
+    monkeypatch.setattr(plant, "monotonic", lambda: now)
+    peer = _Peer()
+
+    async def commanded(gateway: plant.Gateway, time: int, *u: float) -> bool:
+        for sample, value in zip(gateway._samples, u):
+            sample.value, sample.time, sample.status = value, time, 0
+        return await gateway._command(len(u))
+
+    async def run() -> None:
+        nonlocal now
+        gateway = plant.Gateway(plant.Options("opc.tcp://peer", "", 0, (), (("u", -1.0), ("v", -2.0))))
+        gateway._client, gateway._writes = SimpleNamespace(uaclient=peer), 1
+        gateway._output = [SimpleNamespace(nodeid=name) for name in "uv"]
+        gateway._kinds = [SimpleNamespace(name="Double")] * 2
+        assert await commanded(gateway, 1, 5.0, 6.0) and peer.given == {"u": 5.0, "v": 6.0}
+        peer.refuses = {7.0}
+        assert not await commanded(gateway, 2, 7.0, 8.0) and peer.given == {"u": 5.0, "v": 8.0}
+        now += 4
+        assert not await commanded(gateway, 3, 7.0, 9.0) and peer.given == {"u": 5.0, "v": 9.0}
+        now += 4  # by now u has taken none for longer than the watchdog
+        await gateway._safe("watchdog", now - 5)
+        assert peer.given == {"u": -1.0, "v": 9.0}
+        assert not await commanded(gateway, 3, 5.0, 9.0) and peer.given == {"u": -1.0, "v": 9.0}  # an old one brings nothing back
+        assert await commanded(gateway, 4, 5.0, 9.0) and peer.given == {"u": 5.0, "v": 9.0}
+        peer.refuses = {-1.0}  # and so it is with the safe values
+        await gateway._safe("end", now)
+        assert peer.given == {"u": 5.0, "v": -2.0}
+        peer.refuses, peer.given = set(), {}
+        await gateway._safe("end", now)
+        assert peer.given == {"u": -1.0}
+
+    asyncio.run(run())
+    said = capsys.readouterr().err
+    assert said.count("commands are refused: u: BadOutOfRange\n") == 1 and "watchdog: the safe values were written to u\n" in said
+    assert "commands are taken again\n" in said and "end, and the safe values could not be written: u: BadOutOfRange\n" in said

@@ -29,7 +29,7 @@ with apc.Link(sys.argv[1], timeout=5) as plant:
 PY
 expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1 2
 said gateway '2 outputs were commanded, and there are 1' || fail "why is not told"
-expect 1 'Error' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1000
+expect 1 'RefusedError: .*has not taken the command' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 1000
 # Promise(links/opcua-plant)
 said gateway 'ns=1;s=u: BadOutOfRange' || fail "what the server refuses is not told"
 expect 0 'Value' "$user/bin/python" "$work/ask.py" "tcp:127.0.0.1:$port" 0.25

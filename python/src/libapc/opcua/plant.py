@@ -2,8 +2,9 @@
 """An OPC UA server as a plant: what apc-client asks by frames is read and written there.
 
 Each exchange reads every measurement; a command writes every output first. Whatever fails there closes the client's
-connection without an answer, so that nothing old is taken for new. Without a new command the safe values are written, to
-a plant that was commanded.
+connection without an answer, so that nothing old is taken for new. An output that is refused costs no other: the plant is
+read, and the client learns that its command was not taken. An output that takes no new command has its safe value
+written, if it had one of ours before.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from datetime import datetime, timezone
 from importlib import import_module
 from pathlib import Path
 from time import monotonic, monotonic_ns, time_ns
-from typing import Any, NamedTuple, Optional
+from typing import Any, Iterable, NamedTuple, Optional
 
 from ..errors import Error
 from ..native import check, ffi, lib, shown, why
@@ -47,10 +48,6 @@ class Options(NamedTuple):
 
 def say(text: str) -> None:
     print(f"opcua: {shown(text)}", file=sys.stderr, flush=True)
-
-
-class _Refused(Exception):
-    """A command that the plant cannot take."""
 
 
 class Seen:
@@ -85,10 +82,11 @@ class Gateway:
         self._client: Any = None
         self._lock = asyncio.Lock()
         self._newest = 0  # time that the last command bears
-        self._fed: Optional[float] = None  # when it came; None: there was none, or the plant is at its safe values
+        self._fed: list[Optional[float]] = [None] * len(options.output)  # when each took a new one; None: none, or its safe value
         self._seen = [Seen() for _ in options.measure]
         self._ahead = 0  # ns: the server's clock of ours
-        self._refuses = self._fences = False  # the last command; one of another claim, and that was said
+        self._refuses: set[int] = set()  # outputs of the last command
+        self._fences = False  # a command of another claim, and that was said
         self._claim = 0  # the highest that commands; 0: none has a number
         self._reads = self._writes = _MOST  # nodes in one request
         self._unsafe = ""  # why the safe values were not written, as it was said
@@ -159,19 +157,18 @@ class Gateway:
             except Exception:  # it is away: whatever asyncua says of that
                 pass
 
-    async def _write(self, u: list[float]) -> None:
-        """_Refused: one of them does not fit its node, and none was written."""
-        for number, kind, (node, _) in zip(u, self._kinds, self._o.output):
-            if not _fits(number, kind):
-                raise _Refused(f"{node} is to be {number:g}, which does not fit its type, {kind.name}")
-        values = [_written(self._ua, number, kind) for number, kind in zip(u, self._kinds)]
-        for at in range(0, len(values), self._writes):
-            some = slice(at, at + self._writes)
-            codes = await self._client.uaclient.write_attributes([node.nodeid for node in self._output[some]], values[some],
-                                                                 self._ua.AttributeIds.Value)
-            for code, (node, _) in zip(codes, self._o.output[some]):
-                if not code.is_good():
-                    raise ValueError(f"{node}: {code.name}")
+    async def _write(self, u: dict[int, float]) -> dict[int, str]:
+        """To these outputs. Returns which were refused, and why."""
+        refused = {i: f"{self._o.output[i][0]} is to be {number:g}, which does not fit its type, {self._kinds[i].name}: low and high "
+                      "of the experiment's output are to lie within" for i, number in u.items() if not _fits(number, self._kinds[i])}
+        go = [i for i in u if i not in refused]
+        for at in range(0, len(go), self._writes):
+            some = go[at:at + self._writes]
+            codes = await self._client.uaclient.write_attributes(
+                [self._output[i].nodeid for i in some], [_written(self._ua, u[i], self._kinds[i]) for i in some],
+                self._ua.AttributeIds.Value)
+            refused.update((i, f"{self._o.output[i][0]}: {code.name}") for i, code in zip(some, codes) if not code.is_good())
+        return refused
 
     async def _read(self) -> None:
         read: list[Any] = []
@@ -224,26 +221,20 @@ class Gateway:
         u, stamp = [s.value for s in self._samples[0:n]], max((s.time for s in self._samples[0:n]), default=0)
         if any(s.status & 0x80000000 for s in self._samples[0:n]):
             return False
-        new = stamp != self._newest
-        if not n:
-            return True
-        if not new and self._fed is None:
-            return False  # an old command does not bring it back from its safe values
-        fed, self._fed = self._fed, self._fed or monotonic()  # what fails on the way may have come there
-        try:
-            await self._write(u)
-        except _Refused as e:
-            self._fed = fed
-            if not self._refuses:
-                say(f"commands are refused: {e}; low and high of the experiment's output are to lie within")
-            self._refuses = True
-            return False
-        if self._refuses:
+        new, fed = stamp != self._newest, list(self._fed)
+        go = {i: number for i, number in enumerate(u) if new or fed[i] is not None}  # an old one brings none back from its safe value
+        for i in go:
+            self._fed[i] = fed[i] or monotonic()  # what fails on the way may have come there
+        refused = await self._write(go)
+        if refused.keys() - self._refuses:
+            say(f"commands are refused: {_some(refused.values())}")
+        elif self._refuses and not refused:
             say("commands are taken again")
-        self._refuses = False
-        if new:
-            self._newest, self._fed = stamp, monotonic()
-        return True
+        self._refuses = set(refused)
+        for i in go:
+            self._fed[i] = fed[i] if i in refused else monotonic() if new else self._fed[i]
+        self._newest = stamp
+        return len(go) == n and not refused
 
     async def _exchange(self, request: bytes) -> Optional[bytes]:
         """The reply; None: there is none, and what went wrong is said."""
@@ -274,27 +265,36 @@ class Gateway:
 
     # ---- Running ------------------------------------------------------------------------------------------------
 
-    async def _safe(self, because: str) -> None:
-        """To a plant that has a command of ours, and no other: what somebody else has written is his."""
+    async def _safe(self, because: str, before: float) -> None:
+        """To outputs that have a command of ours, the newest of before then, and no others: what somebody else has written
+        is his."""
         async with self._lock:
-            if self._fed is None or self._client is None:
+            which = {i: self._o.output[i][1] for i, fed in enumerate(self._fed) if fed is not None and fed <= before}
+            if not which or self._client is None:
                 return
             try:
-                await asyncio.wait_for(self._write([safe for _, safe in self._o.output]), self._o.timeout)
-                self._fed, self._unsafe, self._claim = None, "", 0
-                say(f"{because}: the safe values were written")
+                refused = await asyncio.wait_for(self._write(which), self._o.timeout)
             except (ValueError, OSError, asyncio.TimeoutError, self._ua.UaError) as e:
                 reason = str(e) or type(e).__name__
-                if self._unsafe != reason:
-                    say(f"{because}, and the safe values could not be written: {reason}")
-                self._unsafe = reason
                 await self._drop()
+            else:
+                reason = _some(refused.values()) if refused else ""
+                done = [i for i in which if i not in refused]
+                for i in done:
+                    self._fed[i] = None
+                if not any(self._fed):
+                    self._claim = 0
+                if done:
+                    where = "" if len(done) == len(self._fed) else f" to {_some(self._o.output[i][0] for i in done)}"
+                    say(f"{because}: the safe values were written{where}")
+            if reason and self._unsafe != reason:
+                say(f"{because}, and the safe values could not be written: {reason}")
+            self._unsafe = reason
 
     async def _watch(self) -> None:
         while True:
             await asyncio.sleep(self._o.watchdog / 10)
-            if self._fed is not None and monotonic() - self._fed > self._o.watchdog:
-                await self._safe(f"no new command for {self._o.watchdog:g} s")
+            await self._safe(f"no new command for {self._o.watchdog:g} s", monotonic() - self._o.watchdog)
 
     async def run(self, stop: asyncio.Event) -> None:
         """Serve until `stop`. OSError: it cannot listen there."""
@@ -308,7 +308,7 @@ class Gateway:
             if task.done() and task.exception() is not None:
                 say(f"{task.exception()!r}")
             task.cancel()
-        await self._safe("it ends")
+        await self._safe("it ends", math.inf)
         await self._drop()
 
 
@@ -321,6 +321,12 @@ async def _node(client: Any, text: str) -> Any:
     if uri not in uris:
         raise ValueError(f"{text}: the server has no such namespace, but {', '.join(uris[1:])}")
     return client.get_node(f"ns={uris.index(uri)};{identifier}")
+
+
+def _some(texts: Iterable[str]) -> str:
+    """The first ones of them, in one line."""
+    every = list(texts)
+    return ", ".join(every[:3]) + (f", and {len(every) - 3} more" if len(every) > 3 else "")
 
 
 def _written(ua: Any, number: float, kind: Any) -> Any:
