@@ -560,6 +560,26 @@ APC_API int apc_store_ask(struct apc_store *store, struct apc_request *request);
 /** What became of it, when that has been said: 1, 0: that is still to come, or an error. [setup] */
 APC_API int apc_store_asked(struct apc_store *store, int64_t id, char *outcome, size_t size);
 
+/* ---- A store as it was ------------------------------------------------------------------------ */
+
+/**
+ * A store as it stood at @p time, UTC, for reading: who reads what is newest gets the row that was newest
+ * then, by its source time. So it is with histories, events and timing, which end there, and with the
+ * catalogue, where the store keeps former ones; descriptions of variables are those of now. Writes are
+ * refused with APC_EPERM.
+ *
+ * Where rows are missing in the record behind the one that is given, its status is UncertainLastUsableValue
+ * instead of Good. apc_store_error() names one such place after an operation that succeeded, and says where
+ * the experiment was described otherwise. Where the clock was set back, the last row of that time is given.
+ *
+ * @p store stays the caller's and open, and is not used meanwhile. [setup] Returns 0, APC_EINVAL (a time in
+ * the future) or APC_ENOMEM.
+ */
+APC_API int apc_store_past(struct apc_store **past, struct apc_store *store, apc_ns time,
+                           struct apc_error *why);
+/** The instant that a store shows, UTC: that of apc_store_past(), of others now. [any] */
+APC_API apc_ns apc_store_now(const struct apc_store *store);
+
 /* ---- Set-up ------------------------------------------------------------------------------- */
 
 /**

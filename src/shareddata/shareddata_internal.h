@@ -32,6 +32,7 @@ struct apc_store {
     struct apc_error why;
     struct apc_store_stats stats;
     uint64_t claim; /* number of its newest one; 0: none, or they have none */
+    apc_ns instant; /* that it shows; 0: now */
     bool streaming; /* a caller's function is running: it may not call the store */
     int64_t *seq;   /* of the samples of the running append of rows, as they came */
     size_t n_seq;
@@ -81,6 +82,8 @@ struct apc_store_ops {
     int (*author_name)(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
     int (*describe)(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
     int (*catalogue)(struct apc_store *store, char *text, size_t size, int64_t *revision);
+    /* The one that was in force at a time, or the first; NULL: there is only the present one. */
+    int (*catalogue_at)(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision);
     int (*behind)(struct apc_store *store, struct apc_behind *behind);      /* NULL: there is no history */
     int (*requests)(struct apc_store *store, apc_request_fn fn, void *ctx); /* NULL: none can be made */
     int (*answer)(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);
@@ -161,6 +164,12 @@ int apc_store_enter(struct apc_store *store, const void *array, size_t n);
 int apc_store_check_variable(struct apc_store *store, enum apc_table table, int id);
 /** @p range may be NULL; has_fn: there is a function for the rows. */
 int apc_store_check_range(struct apc_store *store, const struct apc_range *range, bool has_fn);
+
+/* ---- store_records.c ------------------------------------------------------------------------- */
+
+/** The catalogue that was in force at a time, or the first one, as far as the store keeps former ones. As
+ * apc_store_catalogue(). */
+int apc_store_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision);
 
 /* ---- rows.c: for stores without a server, what PostgreSQL's constraints say ------------------ */
 

@@ -28,6 +28,11 @@ bool apc_store_connected(const struct apc_store *store)
     return store && store->ops->connected(store);
 }
 
+apc_ns apc_store_now(const struct apc_store *store)
+{
+    return store && store->instant != 0 ? store->instant : apc_clock_utc(NULL);
+}
+
 void apc_store_stats(const struct apc_store *store, struct apc_store_stats *stats)
 {
     struct apc_store_stats all = {.size = 0};

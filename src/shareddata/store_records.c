@@ -149,14 +149,27 @@ int apc_store_describe(struct apc_store *store, const struct apc_tag *tags, size
     return err;
 }
 
-int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+static int enter_catalogue(struct apc_store *store, char *text, size_t size)
 {
-    int64_t none;
-    int err = apc_store_enter(store, NULL, 0);
     if (text && size > 0) {
         text[0] = '\0';
     }
+    return apc_store_enter(store, NULL, 0);
+}
+
+int apc_store_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+{
+    int64_t none;
+    int err = enter_catalogue(store, text, size);
     return err ? err : store->ops->catalogue(store, text, text ? size : 0, revision ? revision : &none);
+}
+
+int apc_store_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision)
+{
+    int err = store->ops->catalogue_at ? enter_catalogue(store, text, size) : 0;
+    return err                        ? err
+           : store->ops->catalogue_at ? store->ops->catalogue_at(store, time, text, size, revision)
+                                      : apc_store_catalogue(store, text, size, revision);
 }
 
 int apc_store_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)

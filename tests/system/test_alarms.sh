@@ -119,6 +119,14 @@ try:
     sys.exit("twice: %s" % ask("api/alarms/r.high/ack", {"seq": alarm["seq"]}, csrf))
 except urllib.error.HTTPError as e:
     assert e.code == 409, e.read()
+then = ask("api/state?at=%r" % alarm["time"]), ask("api/alarms?at=%r" % alarm["time"])
+for state in then:
+    was = next(a for a in state["alarms"] if a["id"] == alarm["id"])
+    assert (state["as_of"], was["seq"], was["state"]) == (alarm["time"], alarm["seq"], alarm["state"]), (state["as_of"], was, alarm)
+try:
+    sys.exit("in the future: %s" % ask("api/state?at=%d" % (time.time() + 60)))
+except urllib.error.HTTPError as e:
+    assert e.code == 422 and b"is in the future" in e.read(), e.code
 last = ask("api/alarms/journal?last=1")["transitions"][0]
 assert (last["alarm"], last["state"]) == ("r.high", "Acknowledged Active") and last["author"], last
 END
@@ -202,3 +210,94 @@ acknowledged() { # FOLDER, and how it is run
 acknowledged "$work/memory"
 acknowledged "$work/file" --store "sqlite:$work/file.db"
 expect 0 'r\.high +1 +Acknowledged Active' "$apc" alarm list --all --store "sqlite:$work/memory/store.db"
+
+# ---- As it was: hundreds of instants of these records, with a client, alarms and controller that were killed, against their tables
+# Promise(run/at-time-shows): `--at TIME` shows what was newest at that time, with the quality and age that it had then.
+
+as_it_was() { # STORE, and the rows of its tables: variable, seq, time in us, status, value, author
+  python3 - "$apc" "$1" "$2" "$3" <<'END' || fail "$1: it was otherwise"
+import csv, json, random, subprocess, sys
+apc, store, file, n = sys.argv[1:]
+random.seed(7)
+tables = "sensor actuator setpoint dim opmode tuning manual state actual estimate alarm".split()
+rows, authors = {}, {}
+for what, *cells in csv.reader(open(file)):
+    if what == "author":
+        authors[int(cells[0])] = cells[1]
+    else:
+        rows.setdefault((what, int(cells[0])), []).append((*map(int, cells[1:4]), float(cells[4]), int(cells[5] or 0)))
+for of in rows.values():
+    of.sort()
+times = sorted(row[1] for of in rows.values() for row in of)
+begin, end = max(of[0][1] for key, of in rows.items() if key[0] == "sensor"), times[-1]
+def text(us):
+    import datetime
+    return (datetime.datetime(1970, 1, 1) + datetime.timedelta(microseconds=us)).isoformat(timespec="microseconds") + "Z"
+def ask(at, *command):
+    done = subprocess.run([apc, *command, "--json", "--store", store, "--at", text(at)], capture_output=True, text=True)
+    assert done.returncode == 0, (command, text(at), done.stderr)
+    return json.loads(done.stdout)
+def newest(table, id, at):
+    of = rows.get((table, id), [])
+    then = [i for i, row in enumerate(of) if row[1] <= at]
+    if not then:
+        return None, False
+    return of[then[-1]], then[-1] + 1 < len(of) and of[then[-1] + 1][0] != of[then[-1]][0] + 1
+def same(v, at):
+    row, doubt = newest(v["table"], v["id"], at)
+    assert (v["seq"] or 0) == (row[0] if row else 0), (v, row, text(at))
+    if row:
+        assert v["value"] == row[3] and v["time"] == text(row[1]) and abs(v["age"] - (at - row[1]) / 1e6) < 2e-3, (v, row, text(at))
+        severity = ["Good", "Uncertain", "Bad"][row[2] >> 30]
+        assert v["status"] == "UncertainLastUsableValue" if doubt and severity == "Good" else v["status"].startswith(severity), (v, row, doubt)
+        assert "author" not in v or v["author"] == authors.get(row[4]), (v, row)
+    return bool(row)
+seen, states = 0, {}
+for i in range(int(n)):
+    at = random.choice((random.randrange(begin, end), random.choice(times) + random.choice((-1, 0, 1))))
+    if not begin <= at < end + 2:
+        continue
+    values = ask(at, "get")
+    assert all(v["as_of"] == text(at) for v in values)
+    seen += sum(same(v, at) for v in values)
+    if i % 4 == 0:
+        status = ask(at, "status")
+        assert status["as_of"] == text(at) and "spools" not in status
+        seen += sum(same(v, at) for v in status["variables"] + status["writes"])
+        loop, = status["loops"]
+        for name, row in ("target", newest("opmode", 1, at)[0]), ("actual", newest("actual", 21, at)[0]):
+            assert loop[name] == (["Man", "Auto", "OOS", "Cas", "IMan", "LO"][int(row[3])] if row else None), (loop, row)
+        assert all(e["time"] <= text(at) for e in status["events"])
+    if i % 8 == 0 and store.startswith("sqlite:"):
+        listed = ask(at, "alarm", "list", "--all")
+        assert listed["as_of"] == text(at)
+        for a in listed["alarms"]:
+            row, _ = newest("alarm", a["id"], at)
+            assert (a["seq"] or 0) == (row[0] if row else 0), (a, row)
+            assert not row or a["time"] == text(row[1]) and states.setdefault(row[3], a["state"]) == a["state"], (a, row)
+            assert not row or a["author"] == authors.get(row[4]), (a, row)
+assert seen > 10 * int(n), seen
+assert not states or len(set(states.values())) == len(states) > 1, states
+for at, why in (begin - 10**10, "it begins at"), (end + 10**15, "is in the future"):
+    done = subprocess.run([apc, "get", "--store", store, "--at", text(at)], capture_output=True, text=True)
+    assert done.returncode == 1 and not done.stdout and why in done.stderr, (done, why)
+END
+}
+python3 - "$work/file.db" >"$work/file.rows" <<'END'
+import csv, sqlite3, sys
+store, out = sqlite3.connect(sys.argv[1]), csv.writer(sys.stdout)
+tables = "sensor actuator setpoint dim opmode tuning manual state actual estimate alarm".split()
+for v, *row in store.execute("SELECT variable, seq, time, status, value, author FROM sample WHERE variable & 15 < 12 AND variable & 15 <> 8"):
+    out.writerow((tables[(v & 15) - 1], v >> 4, *row))
+for row in store.execute("SELECT number, name FROM author"):
+    out.writerow(("author", *row))
+END
+as_it_was "sqlite:$work/file.db" "$work/file.rows" 160
+for table in sensor actuator setpoint dim opmode tuning manual actual estimate alarm; do
+  sql "SELECT concat_ws(',', '$table', id, seq, (extract(epoch FROM time) * 1000000)::int8, status, value, coalesce(author, 0)) FROM apc.$table"
+done >"$work/database.rows"
+sql "SELECT concat_ws(',', 'author', number, name) FROM apc.author" >>"$work/database.rows"
+as_it_was "$APC_STORE" "$work/database.rows" 60
+expect 2 'at is of list only' "$apc" alarm journal --at 1h
+expect 2 'must be a time' "$apc" get --at yesterday
+expect 2 'of one plant' "$apc" status --all --at 1h

@@ -282,6 +282,39 @@ static void assert_any_window_alike(struct world *w)
     }
 }
 
+/* What was newest at any instant. The live store's clock has its steps. */
+static void assert_any_instant_alike(struct world *w)
+{
+    unsigned seed = 11;
+    for (int i = 0; i < 60; i++) {
+        const apc_ns at = time_of(random_below(&seed, (unsigned)w->seq + 200)) + (apc_ns)(i % 3 - 1) * 1000;
+        struct apc_store *stores[2] = {w->both, w->all}, *then = NULL;
+        struct apc_sample s[2][2] = {{{0}}};
+        struct apc_vector v[2];
+        double value[2] = {0};
+        char author[2][APC_AUTHOR_LEN] = {"", ""};
+        for (int k = 0; k < 2; k++) {
+            s[k][0] = (struct apc_sample){.table = APC_SENSOR, .id = 1};
+            s[k][1] = (struct apc_sample){.table = APC_SETPOINT, .id = 1};
+            v[k] = (struct apc_vector){.table = APC_TICK, .id = 1, .room = 1, .value = &value[k]};
+            struct apc_rows rows = {
+                .size = sizeof rows, .sample = s[k], .n_samples = 2, .vector = &v[k], .n_vectors = 1};
+            ok(stores[k], apc_store_past(&then, stores[k], at, NULL));
+            ok(then, apc_store_read_rows(then, &rows));
+            assert_string_equal(apc_store_error(then), "");
+            if (s[k][1].author > 0) {
+                ok(then, apc_store_author_name(then, s[k][1].author, author[k]));
+            }
+            apc_store_close(then);
+            s[k][1].author = 0; /* a number of each store's own */
+        }
+        assert_memory_equal(s[0], s[1], sizeof s[0]);
+        assert_true(v[0].seq == v[1].seq && v[0].time == v[1].time && v[0].status == v[1].status);
+        assert_memory_equal(&value[0], &value[1], sizeof value[0]);
+        assert_string_equal(author[0], author[1]);
+    }
+}
+
 /* Of a ring, more than it holds. */
 static void check_windows(const char *live, int batches)
 {
@@ -296,6 +329,7 @@ static void check_windows(const char *live, int batches)
     }
     grow(&w, 1); /* and then not the newest */
     assert_any_window_alike(&w);
+    assert_any_instant_alike(&w);
     if (batches > 10) {
         const struct answer samples = ask(w.live, 0, &(struct apc_range){0});
         assert_true(samples.n < w.seq && ask(w.live, 1, &(struct apc_range){0}).n < w.seq);

@@ -51,6 +51,49 @@ static void what_a_law_does_not_publish_now_is_old_and_no_alarm(void **state)
     json_decref(all);
 }
 
+/* Promise(run/at-time-shows) */
+static void state_and_alarms_are_told_as_of_a_time(void **state)
+{
+    (void)state;
+    const char *const future[] = {"at", "2200-01-01T00:00:00Z"}, *const then[] = {"at", "1004.5"},
+                      *const never[] = {"at", "then"};
+    put_samples(APC_SENSOR, 1, 10);
+    struct apc_sample r = {.table = APC_SETPOINT, .id = 1, .time = 1002 * S, .value = 0.25};
+    r.author = (uint32_t)apc_store_author(store, "ann");
+    assert_int_equal(apc_store_put(store, &r, 1), 0);
+    r.time = 1005 * S;
+    assert_int_equal(apc_store_put(store, &r, 1), 0);
+    memcpy(query, then, sizeof then);
+    json_t *all = ask(get_state);
+    const json_t *values = json_object_get(all, "values"), *y = json_object_get(values, "sensor.1"),
+                 *sp = json_object_get(values, "setpoint.1");
+    assert_int_equal(request.fault.http, 0);
+    assert_true(json_number_value(json_object_get(all, "as_of")) == 1004.5);
+    assert_true(json_is_null(json_object_get(all, "note")));
+    assert_int_equal(json_integer_value(json_array_get(y, 0)), 5);
+    assert_true(json_number_value(json_array_get(y, 2)) == 4);
+    assert_true(json_number_value(json_object_get(json_object_get(all, "ages"), "sensor.1")) == 0.5);
+    assert_int_equal(json_integer_value(json_array_get(sp, 0)), 1);
+    assert_string_equal(json_string_value(json_object_get(json_object_get(all, "authors"), "setpoint.1")),
+                        "ann");
+    assert_true(json_is_null(json_array_get(json_object_get(values, "actuator.2"), 1)));
+    json_decref(all);
+    json_t *alarms = ask(get_alarms);
+    assert_int_equal(request.fault.http, 0);
+    assert_true(json_number_value(json_object_get(alarms, "as_of")) == 1004.5);
+    assert_int_equal(json_array_size(json_object_get(alarms, "alarms")), 0);
+    json_decref(alarms);
+    for (int i = 0; i < 2; i++) {
+        memcpy(query, i ? never : future, sizeof never);
+        json_decref(ask(get_state));
+        /* the store is in memory, whose clock is its own */
+        assert_int_equal(request.fault.http, i ? 400 : 0);
+        json_decref(ask(get_alarms));
+        assert_int_equal(request.fault.http, i ? 400 : 0);
+    }
+    memset(query, 0, sizeof query);
+}
+
 /*
  * Promise(server/history-events-timing): History, events and timing: limits, `before`, bins, several at
  *   once, filters.
@@ -717,6 +760,7 @@ int main(void)
         T(what_cannot_be_read_is_no_empty_answer),
         T(plants_that_could_not_be_listed_are_not_asked_for_at_once_again),
         T(what_a_law_does_not_publish_now_is_old_and_no_alarm),
+        T(state_and_alarms_are_told_as_of_a_time),
         T(history_is_given_by_name_for_several_at_once),
         T(history_comes_as_csv_of_all_that_was_asked_for),
         T(history_comes_as_binary_columns),

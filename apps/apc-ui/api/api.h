@@ -11,6 +11,11 @@ extern const size_t n_routes;
 extern const struct site ui_site;
 
 void get_plant(struct ui *ui, struct request *r, struct apc_store *store);
+/* The store as of the parameter "at", to be closed; NULL: the fault is set. */
+struct apc_store *request_past(struct request *r, struct apc_store *store);
+/* Members: now, then, and what the record cannot tell of then. */
+void past_members(struct apc_store *past, struct text *t);
+void state_then(struct ui *ui, struct request *r, struct apc_store *store);
 void get_graphic(struct ui *ui, struct request *r, struct apc_store *store);
 void get_state(struct ui *ui, struct request *r, struct apc_store *store);
 void get_diagnostics(struct ui *ui, struct request *r, struct apc_store *store);

@@ -50,22 +50,47 @@ static void give_desk_back(struct desk *desk)
 
 /* ---- As they stand ------------------------------------------------------------------------- */
 
+static void alarms_json(const struct alarm_summary *board, struct apc_store *store, struct text *t)
+{
+    json_add(t, "evaluated:%i, time:%.6jd, alarms:[", alarm_summary_lives(board, apc_store_now(store)),
+             json_some(board->tick.seq > 0 ? board->tick.time : 0));
+    for (size_t i = 0; i < board->e.n_alarms; i++) {
+        json_add(t, "{alarm:%s", board->e.alarm[i].name);
+        alarm_stands_members(&board->at[i], store, t);
+        alarm_described_members(&board->e.alarm[i], t);
+        json_add(t, "}");
+    }
+    json_add(t, "]");
+}
+
+/* Its alarms are those that were described then: none of them is the desk's. */
+static void alarms_then(struct request *r, struct apc_store *store)
+{
+    struct desk desk = {.mutex = PTHREAD_MUTEX_INITIALIZER};
+    struct apc_store *past = request_past(r, store);
+    if (past && take_desk(&desk, r, past)) {
+        json_add(&r->reply, "{");
+        past_members(past, &r->reply);
+        alarms_json(&desk.board, past, &r->reply);
+        json_add(&r->reply, "}");
+    }
+    if (past)
+        give_desk_back(&desk);
+    alarm_summary_close(&desk.board);
+    apc_store_close(past);
+}
+
 void get_alarms(struct ui *ui, struct request *r, struct apc_store *store)
 {
     struct desk *desk = &ui->desk[DESK_PAST];
-    const struct alarm_summary *board = &desk->board;
-    struct text *t = &r->reply;
+    if (request_query(r, "at")) {
+        alarms_then(r, store);
+        return;
+    }
     if (take_desk(desk, r, store)) {
-        const apc_ns utc = apc_clock_utc(NULL);
-        json_add(t, "{t:%.6jd, evaluated:%i, time:%.6jd, alarms:[", utc, alarm_summary_lives(board, utc),
-                 json_some(board->tick.seq > 0 ? board->tick.time : 0));
-        for (size_t i = 0; i < board->e.n_alarms; i++) {
-            json_add(t, "{alarm:%s", board->e.alarm[i].name);
-            alarm_stands_members(&board->at[i], store, t);
-            alarm_described_members(&board->e.alarm[i], t);
-            json_add(t, "}");
-        }
-        json_add(t, "]}");
+        json_add(&r->reply, "{t:%.6jd", apc_clock_utc(NULL));
+        alarms_json(&desk->board, store, &r->reply);
+        json_add(&r->reply, "}");
     }
     give_desk_back(desk);
 }

@@ -58,8 +58,10 @@ void get_graphic(struct ui *ui, struct request *r, struct apc_store *store)
 
 void get_state(struct ui *ui, struct request *r, struct apc_store *store)
 {
-    (void)store;
-    model_state_json(ui, &r->reply);
+    if (store && request_query(r, "at"))
+        state_then(ui, r, store);
+    else
+        model_state_json(ui, &r->reply);
 }
 
 void get_writes(struct ui *ui, struct request *r, struct apc_store *store)

@@ -575,6 +575,11 @@ static enum MHD_Result finish_http(struct exchange *x, const char *path)
         return answer_http(x);
     }
     switch (r->route->where) {
+    case NOW:
+        if (request_query(r, "at"))
+            return give_to(&x->ui->server->readers, x);
+        r->route->handle(x->ui, r, NULL);
+        return answer_http(x);
     case DIRECT:
         r->route->handle(x->ui, r, NULL);
         return answer_http(x);

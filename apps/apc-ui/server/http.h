@@ -24,6 +24,7 @@
 
 enum where {
     DIRECT = 1, /* in the server's thread: never waits */
+    NOW,        /* the same; as PAST with the parameter "at" */
     WRITER,     /* in a writer's, with a store */
     PAST,       /* in a reader's, with a store that may take its time */
     STREAM,

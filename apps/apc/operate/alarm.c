@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "apc/common/cli.h"
+#include "apc/common/past.h"
 #include "apc/common/print.h"
 #include "apc/common/print_alarms.h"
 #include "operate.h"
@@ -20,13 +21,14 @@
 
 struct alarm_options {
     bool all, once, figures;
-    const char *for_, *since, *last, *reason;
+    const char *for_, *since, *last, *reason, *at;
 };
 
 struct session {
     struct cli cli;
     struct alarm_options options;
-    struct apc_store *store;
+    struct past past;
+    struct apc_store *store; /* its own */
     struct alarm_summary summary;
     apc_ns now; /* UTC of the last read */
 };
@@ -41,14 +43,16 @@ static const struct option_spec own_options[] = {
     {"last", 0, "N", "journal: the newest N transitions", OPTION_TEXT, AT(last)},
     {"figures", 0, NULL, "journal: how many alarms there were, as ISA-18.2 and EEMUA 191 judge it",
      OPTION_FLAG, AT(figures)},
+    PAST_OPTION(struct alarm_options),
     {0},
 };
 
 static const struct cli_spec spec = {
     .args_doc = "list\nack NAME...\nshelve NAME...\nunshelve NAME...\nout NAME...\nin NAME...\njournal",
-    .doc = "List the alarms that stand, acknowledge them (and reset those that latch), shelve them for some "
-           "time, take "
-           "them out of service and back in, or show all that they did, in order.",
+    .doc =
+        "List the alarms that stand, or with --at those that stood. Acknowledge them (and reset those that "
+        "latch), shelve them for some time, take them out of service and back in, or show all that they "
+        "did, in order.",
     .takes = CLI_STORE | CLI_FORMAT | CLI_WRITES,
     .min_args = 1,
     .max_args = -1,
@@ -58,7 +62,7 @@ static const struct cli_spec spec = {
 static int read_alarm_summary(struct session *s)
 {
     const int rc = alarm_summary_read(&s->summary, s->store);
-    s->now = apc_clock_utc(NULL);
+    s->now = apc_store_now(s->store);
     return rc < 0 ? cli_store_error(&s->cli, rc, s->store) : EXIT_OK;
 }
 
@@ -148,7 +152,9 @@ static void list_json(struct session *s, const struct alarm_now **at, size_t n)
 {
     struct text t = {.out = stdout};
     char time[APC_TIME_LEN];
-    json_add(&t, "{evaluated:%i, time:%-s, alarms:[", alarm_summary_lives(&s->summary, s->now),
+    json_add(&t, "{");
+    past_json(&s->past, &t);
+    json_add(&t, "evaluated:%i, time:%-s, alarms:[", alarm_summary_lives(&s->summary, s->now),
              time_or_none(s->summary.tick.seq > 0 ? s->summary.tick.time : 0, time));
     for (size_t i = 0; i < n; i++)
         alarm_json(s, at[i], &t);
@@ -159,11 +165,13 @@ static void say_life(const struct session *s)
 {
     char age[PRINT_LEN];
     const double *n = s->summary.numbers;
-    if (s->summary.tick.seq == 0)
+    if (s->summary.tick.seq == 0 && s->past.is)
+        puts("no alarm was evaluated by then");
+    else if (s->summary.tick.seq == 0)
         puts("alarms have never been evaluated in this store: apc-alarms does not run");
     else if (!alarm_summary_lives(&s->summary, s->now))
-        printf("alarms are not evaluated: apc-alarms' last tick was %s ago\n",
-               print_age(s->now - s->summary.tick.time, age));
+        printf("alarms %s not evaluated: apc-alarms' last tick was %s %s\n", s->past.is ? "were" : "are",
+               print_age(s->now - s->summary.tick.time, age), s->past.is ? "before" : "ago");
     else
         printf("%g unacknowledged, %g active; %g shelved, %g suppressed, %g out of service; of %zu\n",
                n[APC_ALARMS_UNACKED], n[APC_ALARMS_ACTIVE], n[APC_ALARMS_SHELVED], n[APC_ALARMS_SUPPRESSED],
@@ -185,10 +193,12 @@ static int list_alarms(struct session *s)
     if (s->cli.format == CLI_JSON) {
         list_json(s, at, n);
     } else {
+        past_show(&s->past, &s->cli);
         say_life(s);
         list_alarms_text(s, at, n);
     }
     free(at);
+    past_note(&s->past, &s->cli);
     return EXIT_OK;
 }
 
@@ -430,6 +440,8 @@ static int act_on_alarms(struct session *s)
     const bool alone = !strcmp(what, "list") || !strcmp(what, "journal");
     if (alone && s->cli.n_args > 1)
         return cli_usage(&s->cli, "%s takes no names", what);
+    if (s->past.is && strcmp(what, "list") != 0)
+        return cli_usage(&s->cli, "--at is of list only");
     if (!strcmp(what, "list"))
         return list_alarms(s);
     if (!strcmp(what, "journal"))
@@ -450,7 +462,8 @@ int command_alarm(int argc, char **argv)
     struct session s = {.cli = {.command = "apc alarm"}};
     struct apc_error why;
     cli_parse(&s.cli, &spec, &s.options, argc, argv);
-    int rc = exit_code_of(cli_open(&s.cli, &s.store));
+    int rc = exit_code_of(past_open(&s.cli, s.options.at, &s.past));
+    s.store = s.past.store;
     if (rc == EXIT_OK && (rc = alarm_summary_open(&s.summary, s.store, &why)) < 0)
         rc = cli_error(&s.cli, rc, "%s", why.text);
     if (rc == EXIT_OK)
@@ -458,6 +471,6 @@ int command_alarm(int argc, char **argv)
     if (rc == EXIT_OK)
         rc = act_on_alarms(&s);
     alarm_summary_close(&s.summary);
-    apc_store_close(s.store);
+    past_close(&s.past);
     return cli_done(&s.cli, rc);
 }

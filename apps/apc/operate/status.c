@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "apc/common/all_plants.h"
+#include "apc/common/past.h"
 #include "apc/common/print.h"
 #include "apc/folder/spools.h"
 #include "common/room.h"
@@ -17,7 +18,7 @@
 #define WINDOW (60 * APC_NS_PER_S)
 
 struct wish {
-    const char *spools;
+    const char *spools, *at;
     bool all;
 };
 
@@ -30,6 +31,7 @@ static const struct option_spec own_options[] = {
      "Of all plants in the database that you may look at: a line each, with the age of the newest "
      "measurement",
      OPTION_FLAG, AT(all)},
+    PAST_OPTION(struct wish),
     {0},
 };
 
@@ -41,7 +43,8 @@ static const struct cli_spec spec = {
            "and actual mode, with the reason where they differ, setpoint SP and its source, measurement PV, "
            "output OP and its limits. Predictive control also shows the result of the last plan, its solve "
            "time, and its active constraints. A measurement or output that was not written for 10 s, or for "
-           "three of its periods if that is longer, is STALE.",
+           "three of its periods if that is longer, is STALE. With --at it is all as it was then; what is "
+           "known of the present only, as room and spools, is left out.",
     .takes = CLI_STORE | CLI_FORMAT,
     .options = own_options,
 };
@@ -86,8 +89,9 @@ static void load_history(struct status *s, struct apc_store *store)
 }
 
 /* Says its own errors. */
-static int load_status(const struct cli *cli, struct apc_store *store, struct status *s)
+static int load_status(const struct cli *cli, const struct past *past, struct status *s)
 {
+    struct apc_store *store = past->store;
     static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR, (enum apc_table)0};
     const struct apc_range last = {.last = EVENTS};
     int rc = cli_plant_load(cli, store, &s->plant);
@@ -97,7 +101,7 @@ static int load_status(const struct cli *cli, struct apc_store *store, struct st
         return rc;
     s->n = (size_t)rc;
     rc = apc_store_read(store, s->samples, s->n);
-    s->now = apc_clock_utc(NULL);
+    s->now = apc_store_now(store);
     if (rc >= 0)
         rc = timing_load(&s->timing, store, &(struct apc_range){.since = s->now - WINDOW}, "lateness");
     if (rc >= 0)
@@ -114,7 +118,7 @@ static int load_status(const struct cli *cli, struct apc_store *store, struct st
         cli_store_error(cli, rc, store);
     else
         load_history(s, store);
-    return rc < 0 ? rc : 0;
+    return rc < 0 ? rc : past_check(past, cli, s->samples, s->n);
 }
 
 /* One loop is shown as its variables; what several show needs not be shown again. */
@@ -306,11 +310,12 @@ static void show_room(const struct status *s)
                print_second(s->room.refused_at, when));
 }
 
-static int show_status(const struct status *s)
+static int show_status(const struct status *s, const struct past *past, const struct cli *cli)
 {
     bool colour = cli_colour();
     int rc = 0;
 
+    past_show(past, cli);
     fputs("store  ", stdout);
     print_clean(stdout, s->store);
     printf("\n       connected, schema version %d\n", s->version);
@@ -393,12 +398,15 @@ static void json_spools(const struct status *s, struct text *t)
 }
 
 /* @why: it could not be read. */
-static void show_status_json(const struct status *s, const char *why)
+static void show_status_json(const struct status *s, const struct past *past, const char *why)
 {
     struct text t = {.out = stdout};
     json_add(&t, "{store:{uri:%s, connected:%i, version:%jd, error:%-s}", s->store, !why,
              why ? JSON_NONE : s->version, why ? why : "");
-    json_spools(s, &t);
+    if (past->is && !why)
+        past_json(past, &t);
+    if (!past->is)
+        json_spools(s, &t);
     if (why) {
         json_add(&t, "}\n");
         return;
@@ -425,13 +433,15 @@ static void show_status_json(const struct status *s, const char *why)
 int command_status(int argc, char **argv)
 {
     struct status status = {.version = 0};
-    struct apc_store *store = NULL;
+    struct past past;
     struct cli cli;
 
     struct wish wish = {.spools = getenv("APC_SPOOL")};
     struct apc_error why;
     cli_parse(&cli, &spec, &wish, argc, argv);
-    const char *dir = wish.spools;
+    const char *dir = wish.at ? NULL : wish.spools;
+    if (wish.all && wish.at)
+        return cli_usage(&cli, "--at is of one plant, and --all of all");
     if (cli.format == CLI_CSV)
         return cli_usage(&cli, "a status is no table: there is --json");
     if (wish.all)
@@ -445,20 +455,24 @@ int command_status(int argc, char **argv)
             cli_error(&cli, 0, "%s is damaged: what can be read of it is counted, and apc drain stores it",
                       status.spools.path[i]);
     }
-    int rc = cli_open(&cli, &store);
+    int rc = past_open(&cli, wish.at, &past);
     if (rc == 0)
-        rc = load_status(&cli, store, &status);
-    if (cli.format == CLI_JSON)
-        show_status_json(&status, rc < 0 ? apc_store_error(store) : NULL);
+        rc = load_status(&cli, &past, &status);
+    if (rc < 0 && past.is)
+        ; /* it is said */
+    else if (cli.format == CLI_JSON)
+        show_status_json(&status, &past, rc < 0 ? apc_store_error(past.store) : NULL);
     else if (rc < 0)
         show_spools(&status, cli_colour());
-    else if ((rc = show_status(&status)) < 0)
+    else if ((rc = show_status(&status, &past, &cli)) < 0)
         cli_error(&cli, rc, "out of memory");
+    if (rc >= 0)
+        past_note(&past, &cli);
     free(status.samples);
     status_loops_free(&status.loops);
     status_writes_free(&status.writes);
     cli_plant_free(&status.plant);
     timing_free(&status.timing);
-    apc_store_close(store);
+    past_close(&past);
     return cli_done(&cli, exit_code_of(rc));
 }

@@ -61,7 +61,7 @@ int status_loops_load(struct status_loops *s, struct apc_store *store, const str
     int rc = read_all(s, store);
     for (size_t i = 0; i < l->n_controllers && rc >= 0; i++)
         rc = status_plan_load(&s->plan[i], store, &plant->tags, l->controller[i].name);
-    s->now = apc_clock_utc(NULL);
+    s->now = apc_store_now(store);
     for (size_t i = 0; i < l->n && rc >= 0; i++)
         (void)mode_reason_find(store, l, &l->at[i], &s->row[LOOP_ROWS * i + LOOP_TARGET],
                                &s->row[LOOP_ROWS * i + LOOP_ACTUAL], s->reason[i]);

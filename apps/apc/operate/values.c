@@ -3,26 +3,43 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "apc/common/past.h"
 #include "apc/common/print.h"
 #include "operate.h"
 
 /* ---- get ---------------------------------------------------------------------------------- */
 
-static const struct cli_spec get_spec = {
-    .args_doc = "[VARIABLE...]",
-    .doc = "Show the newest value of each VARIABLE, or of all that are described. A VARIABLE is a name or "
-           "TABLE.ID, such as sensor.1.",
-    .takes = CLI_STORE | CLI_FORMAT,
-    .max_args = -1,
+struct get_options {
+    const char *at;
 };
 
-static void get_json(const struct cli_tags *tags, const struct apc_sample *samples, int n, apc_ns now)
+static const struct option_spec get_options[] = {PAST_OPTION(struct get_options), {0}};
+
+static const struct cli_spec get_spec = {
+    .args_doc = "[VARIABLE...]",
+    .doc = "Show the newest value of each VARIABLE, or of all that are described; with --at, as it was then. "
+           "A VARIABLE is a name or TABLE.ID, such as sensor.1.",
+    .takes = CLI_STORE | CLI_FORMAT,
+    .max_args = -1,
+    .options = get_options,
+};
+
+static void get_json(const struct cli_tags *tags, const struct apc_sample *samples, int n,
+                     const struct past *past)
 {
     struct text t = {.out = stdout};
+    char author[APC_AUTHOR_LEN];
     json_add(&t, "[");
     for (int i = 0; i < n; i++) {
-        json_add(&t, ",\n");
-        print_sample_json(&t, &samples[i], tags, now);
+        json_add(&t, ",\n{");
+        print_sample_members(&t, &samples[i], tags, apc_store_now(past->store));
+        past_json(past, &t);
+        if (past->is &&
+            (samples[i].author == 0 || apc_store_author_name(past->store, samples[i].author, author) < 0))
+            author[0] = '\0';
+        if (past->is)
+            json_add(&t, "author:%-s", author);
+        json_add(&t, "}");
     }
     json_add(&t, "\n]\n");
 }
@@ -51,35 +68,40 @@ int command_get(int argc, char **argv)
     static const enum apc_table shown[] = {APC_SENSOR, APC_SETPOINT, APC_ACTUATOR,
                                            APC_OPMODE, APC_ACTUAL,   APC_MANUAL,
                                            APC_TUNING, APC_DIM,      (enum apc_table)0};
-    struct apc_store *store = NULL;
+    struct get_options options = {0};
+    struct past past;
     struct cli_tags tags = {0};
     struct apc_sample *samples = NULL;
     struct cli cli;
     int n = 0;
 
-    cli_parse(&cli, &get_spec, NULL, argc, argv);
-    int rc = cli_open(&cli, &store);
+    cli_parse(&cli, &get_spec, &options, argc, argv);
+    int rc = past_open(&cli, options.at, &past);
     if (rc == 0)
-        rc = cli_tags_load(&cli, store, &tags);
+        rc = cli_tags_load(&cli, past.store, &tags);
     if (rc == 0)
         rc = n = cli_variables(&cli, &tags, shown, &samples);
     if (rc < 0)
         goto out;
-    rc = apc_store_read(store, samples, (size_t)n);
-    if (rc < 0) {
-        cli_store_error(&cli, rc, store);
+    rc = apc_store_read(past.store, samples, (size_t)n);
+    if (rc < 0)
+        cli_store_error(&cli, rc, past.store);
+    else
+        rc = past_check(&past, &cli, samples, (size_t)n);
+    if (rc < 0)
         goto out;
-    }
+    past_show(&past, &cli);
     if (cli.format == CLI_JSON)
-        get_json(&tags, samples, n, apc_clock_utc(NULL));
+        get_json(&tags, samples, n, &past);
     else if (cli.format == CLI_CSV)
         get_csv(samples, n);
-    else if ((rc = get_text(&tags, samples, n, apc_clock_utc(NULL))) < 0)
+    else if ((rc = get_text(&tags, samples, n, apc_store_now(past.store))) < 0)
         cli_error(&cli, rc, "out of memory");
+    past_note(&past, &cli);
 out:
     free(samples);
     cli_tags_free(&tags);
-    apc_store_close(store);
+    past_close(&past);
     return cli_done(&cli, exit_code_of(rc));
 }
 

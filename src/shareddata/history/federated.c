@@ -524,6 +524,19 @@ static int federated_catalogue(struct apc_store *store, char *text, size_t size,
     LIVE(store, apc_store_catalogue(live, text, size, revision));
 }
 
+/* Former ones are the history's. */
+static int federated_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size,
+                                  int64_t *revision)
+{
+    struct apc_federated *s = federated_of(store);
+    const apc_ns began = apc_clock_mono(NULL);
+    *revision = 0;
+    int rc =
+        apc_federated_has_history(s) ? apc_store_catalogue_at(s->history, time, text, size, revision) : 0;
+    rc = rc < 0 ? apc_federated_answered(s, rc, began, s->history->why.text) : rc;
+    return rc >= 0 && *revision > 0 ? rc : federated_catalogue(store, text, size, revision);
+}
+
 static int federated_append_events(struct apc_store *store, const struct apc_event *event, size_t n)
 {
     LIVE(store, apc_store_append_events(live, event, n));
@@ -592,6 +605,7 @@ static const struct apc_store_ops federated_store = {
     .author_name = federated_author_name,
     .describe = federated_describe,
     .catalogue = federated_catalogue,
+    .catalogue_at = federated_catalogue_at,
     .claimed = federated_number_of_claim,
     .behind = behind_of,
     .room = federated_room,

@@ -100,17 +100,28 @@ int apc_pg_describe(struct apc_store *store, const struct apc_tag *tags, size_t 
 /* Returns the length of the text in force, of which as much is given as fits; 0 and revision 0: there is
  * none.
  */
-int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+int apc_pg_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision)
 {
-    char none[1];
+    char none[1], bytes[8];
+    struct apc_pg_params p = {0};
     struct answer a = {.pg = apc_pg_of(store), .text = text ? text : none, .size = text ? size : 0};
-    int err = ask_catalogue(&a, "SELECT revision, text FROM catalogue ORDER BY revision DESC LIMIT 1",
-                            &(struct apc_pg_params){0});
+    apc_pg_put_int8(bytes, time == INT64_MAX ? time : apc_pg_time(time));
+    apc_pg_param(&p, bytes, sizeof bytes);
+    int err =
+        ask_catalogue(&a,
+                      "SELECT revision, text FROM catalogue "
+                      "ORDER BY CASE WHEN time <= $1::timestamptz THEN -revision ELSE revision END LIMIT 1",
+                      &p);
     if (err) {
         return err;
     }
     *revision = a.found ? a.number : 0;
     return a.length <= INT32_MAX ? (int)a.length : pg_catalogue_unexpected(a.pg);
+}
+
+int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+{
+    return apc_pg_catalogue_at(store, INT64_MAX, text, size, revision);
 }
 
 /* ---- A history, and what is asked of it ----------------------------------------------------- */

@@ -67,9 +67,9 @@ static int pg_connect(struct apc_store *store)
         .append_rows = apc_pg_append_rows, .vectors = apc_pg_vectors, .claim_set = apc_pg_claim_set,         \
         .release = apc_pg_release, .holder = apc_pg_holder, .seize = apc_pg_seize, .author = apc_pg_author,  \
         .author_name = apc_pg_author_name, .describe = apc_pg_describe, .catalogue = apc_pg_catalogue,       \
-        .init = apc_pg_init, .maintain = apc_pg_maintain, .requests = apc_pg_requests,                       \
-        .answer = apc_pg_answer, .keep_history = apc_pg_keep_history, .is_history = apc_pg_is_history,       \
-        .ask = apc_pg_ask, .asked = apc_pg_asked, .plants = apc_pg_plants,                                   \
+        .catalogue_at = apc_pg_catalogue_at, .init = apc_pg_init, .maintain = apc_pg_maintain,               \
+        .requests = apc_pg_requests, .answer = apc_pg_answer, .keep_history = apc_pg_keep_history,           \
+        .is_history = apc_pg_is_history, .ask = apc_pg_ask, .asked = apc_pg_asked, .plants = apc_pg_plants,  \
     }
 
 const struct apc_store_ops apc_postgresql_store = OPS("postgresql:");

@@ -283,6 +283,7 @@ int apc_pg_is_history(struct apc_store *store);
 int apc_pg_ask(struct apc_store *store, struct apc_request *request);
 int apc_pg_asked(struct apc_store *store, int64_t id, char *outcome, size_t size);
 int apc_pg_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
+int apc_pg_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision);
 int apc_pg_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
 int apc_pg_requests(struct apc_store *store, apc_request_fn fn, void *ctx);
 int apc_pg_answer(struct apc_store *store, int64_t id, int64_t seq, const char *outcome);

@@ -649,6 +649,12 @@ static int spool_catalogue(struct apc_store *store, char *text, size_t size, int
     PASS(store, apc_store_catalogue(inner, text, size, revision));
 }
 
+static int spool_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size,
+                              int64_t *revision)
+{
+    PASS(store, apc_store_catalogue_at(inner, time, text, size, revision));
+}
+
 static int spool_get_tags(struct apc_store *store, struct apc_tag *tags, size_t capacity)
 {
     PASS(store, apc_store_get_tags(inner, tags, capacity));
@@ -742,6 +748,7 @@ static const struct apc_store_ops spooling_store = {
     .author_name = spool_author_name,
     .describe = spool_describe,
     .catalogue = spool_catalogue,
+    .catalogue_at = spool_catalogue_at,
     .get_tags = spool_get_tags,
     .append_events = spool_append_events,
     .events = events,

@@ -610,6 +610,7 @@ const struct apc_store_ops apc_sqlite_store = {
     .author_name = apc_sqlite_author_name,
     .describe = apc_sqlite_describe,
     .catalogue = apc_sqlite_catalogue,
+    .catalogue_at = apc_sqlite_catalogue_at,
     .keep_history = apc_sqlite_keep_history,
     .is_history = apc_sqlite_is_history,
     .ask = apc_sqlite_ask,

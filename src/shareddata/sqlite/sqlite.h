@@ -225,6 +225,7 @@ int apc_sqlite_maintain(struct apc_store *store, const struct apc_retention *kee
 int apc_sqlite_author(struct apc_store *store, const char *name);
 int apc_sqlite_author_name(struct apc_store *store, uint32_t number, char name[APC_AUTHOR_LEN]);
 int apc_sqlite_describe(struct apc_store *store, const struct apc_tag *tags, size_t n, const char *catalogue);
+int apc_sqlite_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision);
 int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision);
 int apc_sqlite_is_history(struct apc_store *store);
 int apc_sqlite_ask(struct apc_store *store, struct apc_request *request);

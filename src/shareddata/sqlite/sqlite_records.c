@@ -378,7 +378,7 @@ int apc_sqlite_describe(struct apc_store *store, const struct apc_tag *tags, siz
     return apc_sqlite_end(sq, err);
 }
 
-int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+int apc_sqlite_catalogue_at(struct apc_store *store, apc_ns time, char *text, size_t size, int64_t *revision)
 {
     struct apc_sqlite *sq = apc_sqlite_of(store);
     sqlite3_stmt *statement = NULL;
@@ -386,10 +386,13 @@ int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64
     *revision = 0;
     sq->base.stats.round_trips++;
     if (found == 0) {
-        found = apc_sqlite_prepare(sq, "SELECT revision, text FROM catalogue ORDER BY revision DESC LIMIT 1",
+        found = apc_sqlite_prepare(sq,
+                                   "SELECT revision, text FROM catalogue"
+                                   " ORDER BY iif(time <= ?1, -revision, revision) LIMIT 1",
                                    &statement);
     }
     if (found == 0) {
+        sqlite3_bind_int64(statement, 1, time == INT64_MAX ? time : apc_sqlite_time(time));
         found = apc_sqlite_step(sq, statement);
     }
     if (found > 0) {
@@ -401,6 +404,11 @@ int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64
     }
     sqlite3_finalize(statement);
     return found < 0 ? found : length;
+}
+
+int apc_sqlite_catalogue(struct apc_store *store, char *text, size_t size, int64_t *revision)
+{
+    return apc_sqlite_catalogue_at(store, INT64_MAX, text, size, revision);
 }
 
 /* ---- A history ------------------------------------------------------------------------------ */

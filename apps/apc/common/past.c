@@ -1,0 +1,86 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+#include "past.h"
+
+#include <stdlib.h>
+
+#include "print.h"
+
+int past_open(const struct cli *cli, const char *at, struct past *past)
+{
+    struct apc_error why;
+    apc_ns time = 0;
+    *past = (struct past){.is = at};
+    if (cli_time(cli, "at", at, &time) != EXIT_OK)
+        exit(EXIT_USAGE);
+    int rc = cli_open(cli, &past->present);
+    past->store = past->present;
+    if (rc >= 0 && at && (rc = apc_store_past(&past->store, past->present, time, &why)) < 0)
+        cli_error(cli, rc, "--at: %s", why.text);
+    return rc;
+}
+
+void past_close(struct past *past)
+{
+    if (past->store != past->present)
+        apc_store_close(past->store);
+    apc_store_close(past->present);
+}
+
+void past_show(const struct past *past, const struct cli *cli)
+{
+    char time[APC_TIME_LEN];
+    if (past->is && cli->format == CLI_TEXT)
+        printf("as of %s, UTC\n", apc_time_format(apc_store_now(past->store), time));
+    else if (past->is && cli->format == CLI_CSV)
+        cli_error(cli, 0, "as of %s, UTC", apc_time_format(apc_store_now(past->store), time));
+}
+
+/* The last operation may have said something else. */
+static const char *note_of(const struct past *past)
+{
+    (void)apc_store_connect(past->store);
+    return apc_store_error(past->store);
+}
+
+void past_json(const struct past *past, struct text *t)
+{
+    char time[APC_TIME_LEN];
+    if (past->is)
+        json_add(t, "as_of:%s, note:%-s", apc_time_format(apc_store_now(past->store), time), note_of(past));
+}
+
+static int take_first_time(void *ctx, const struct apc_sample *s)
+{
+    *(apc_ns *)ctx = s->time;
+    return 1;
+}
+
+int past_check(const struct past *past, const struct cli *cli, const struct apc_sample *samples, size_t n)
+{
+    const apc_ns at = apc_store_now(past->store);
+    char text[APC_TIME_LEN], begins[APC_TIME_LEN];
+    apc_ns first = 0;
+    for (size_t i = 0; i < n; i++)
+        if (!past->is || samples[i].seq > 0)
+            return 0;
+    for (size_t i = 0; i < n && past->is; i++) {
+        const struct apc_range later = {.since = at};
+        apc_ns time = 0;
+        const int rc =
+            apc_store_history(past->present, samples[i].table, samples[i].id, &later, take_first_time, &time);
+        if (rc < 0)
+            return cli_store_error(cli, rc, past->present), rc;
+        first = rc > 0 && (first == 0 || time < first) ? time : first;
+    }
+    if (first != 0)
+        cli_error(cli, APC_ENOTFOUND, "nothing is on record as of %s: it begins at %s",
+                  apc_time_format(at, text), apc_time_format(first, begins));
+    return first != 0 ? APC_ENOTFOUND : 0;
+}
+
+void past_note(const struct past *past, const struct cli *cli)
+{
+    const char *note = past->is ? note_of(past) : "";
+    if (*note)
+        cli_error(cli, 0, "%s", note);
+}
