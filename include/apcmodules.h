@@ -192,6 +192,27 @@ struct apc_sensor {
     size_t n_faults;
 };
 
+/** What may go wrong with an actuator, as sensors' faults do: each makes of the command, or of what the fault
+ * before it in the list made of it, where the actuator stands from a tick on. */
+struct apc_actuator_fault {
+    enum apc_actuator_fault_kind {
+        APC_ACTUATOR_STUCK = 1,  /**< stays where it was */
+        APC_ACTUATOR_STICTION,   /**< sticks within (size + jump) / 2 of where it is; beyond, it slips */
+        APC_ACTUATOR_BACKLASH,   /**< of width size */
+        APC_ACTUATOR_RATE,       /**< goes no faster than size in 1 s */
+        APC_ACTUATOR_SATURATION, /**< goes no farther than low and high */
+        APC_ACTUATOR_REVERSE     /**< goes the wrong way: low is high */
+    } kind;
+    apc_ns at, duration; /**< duration 0: for ever */
+    double size, jump;   /**< units of the input; of stiction: deadband and stickband together, slip jump */
+    double low, high;
+};
+
+struct apc_actuator {
+    const struct apc_actuator_fault *fault; /**< [n_faults]; borrowed */
+    size_t n_faults;
+};
+
 /** From @p at on, since the plant's first tick, disturbance @p k, from 0, is @p value. */
 struct apc_disturbance {
     size_t k;
@@ -217,6 +238,7 @@ struct apc_plantserver_options {
     const struct apc_sensor *sensor; /**< [ny]; NULL: ideal ones; borrowed */
     const double *initial; /**< [nu] input at the first tick, of a plant that is running already: until a
                               command comes or the watchdog trips; NULL: the safe value; copied */
+    const struct apc_actuator *actuator; /**< [nu]; NULL: ideal ones; borrowed */
 };
 struct apc_plantserver;
 
@@ -224,7 +246,7 @@ struct apc_plantserver;
 APC_API int apc_plantserver_create(struct apc_plantserver **server,
                                    const struct apc_plantserver_options *options, struct apc_error *why);
 APC_API void apc_plantserver_destroy(struct apc_plantserver *server); /**< NULL is legal. [setup] */
-/** From now on noise, disturbances and sensors are those of @p options, of which the rest is not looked at:
+/** From now on noise, disturbances, sensors and actuators are those of @p options, of which the rest is not looked at:
  * what of its disturbances has been until now, and its seed, is passed over. [setup] Returns 0 or APC_EINVAL;
  * then nothing has changed. */
 APC_API int apc_plantserver_change(struct apc_plantserver *server,
@@ -253,7 +275,7 @@ APC_API int apc_plantserver_request(struct apc_plantserver *server, struct apc_n
 APC_API const struct apc_watchdog *apc_plantserver_watchdog(const struct apc_plantserver *server);
 /** The newest connection that sent a command; 0: none yet. [any] */
 APC_API uint64_t apc_plantserver_commander(const struct apc_plantserver *server);
-/** What the plant is being given now: [nu]; true when it is the safe value. [tick] */
+/** What the plant's actuators are told now: [nu]; true when it is the safe value. [tick] */
 APC_API bool apc_plantserver_input(const struct apc_plantserver *server, double *u);
 /** What the plant itself put out at the last tick at which it could be solved, before sensors made of it what
  * they show: [ny], the server's own. [tick] */

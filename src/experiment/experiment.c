@@ -784,6 +784,8 @@ void experiment_free(struct experiment *e)
     free(e->plant.disturbance);
     free(e->sensor);
     free(e->faults);
+    free(e->actuator);
+    free(e->actuator_faults);
     free(e->scheduler.sequence);
     free(e->scheduler.z);
     free(e->action);

@@ -176,10 +176,12 @@ struct experiment {
     double duration; /* s; 0: until it is stopped */
     uint64_t seed;   /* of all that is random */
     struct apc_dim dim;
-    struct signal *y, *z, *u;        /* [dim.ny + n_signals], [dim.nz], [dim.nu] */
-    size_t n_signals;                /* that controllers calculate; behind the measurements */
-    struct apc_sensor *sensor;       /* [dim.ny] */
-    struct apc_sensor_fault *faults; /* of all sensors */
+    struct signal *y, *z, *u;                   /* [dim.ny + n_signals], [dim.nz], [dim.nu] */
+    size_t n_signals;                           /* that controllers calculate; behind the measurements */
+    struct apc_sensor *sensor;                  /* [dim.ny] */
+    struct apc_sensor_fault *faults;            /* of all sensors */
+    struct apc_actuator *actuator;              /* [dim.nu] */
+    struct apc_actuator_fault *actuator_faults; /* of all actuators */
 
     struct {
         struct rhythm rhythm; /* of an external one: how often its measurements are new */

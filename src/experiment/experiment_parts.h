@@ -24,6 +24,9 @@ void experiment_read_signals(struct settings *s, const config_setting_t *root, s
 /* noise, quantum and faults of the measurements. */
 void experiment_read_sensors(struct settings *s, const config_setting_t *list, struct experiment *e);
 
+/* faults of the outputs. */
+void experiment_read_actuators(struct settings *s, const config_setting_t *list, struct experiment *e);
+
 /* `modbus` of the client, where its link is one; after the signals. */
 void experiment_read_modbus(struct settings *s, const config_setting_t *client, struct experiment *e);
 

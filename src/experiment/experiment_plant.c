@@ -49,32 +49,51 @@ static size_t find_plant_variable(struct settings *s, const config_setting_t *at
 
 /* ---- Sensors ------------------------------------------------------------------------------- */
 
-static void read_fault(struct settings *s, const config_setting_t *group, struct apc_sensor_fault *fault)
+/* Its kind, 1 and up by @kinds, whose first is none; @said: what there is. Then when it is. */
+static int read_fault_time(struct settings *s, const config_setting_t *group, const char *const *known,
+                           const char *const *kinds, const char *said, apc_ns when[2])
 {
-    static const char *const known[] = {"kind", "at", "duration", "size", NULL};
-    static const char *const kinds[] = {"", "stuck", "drift", "dropout", "spike"};
     char kind[16] = "";
-    int k = APC_FAULT_SPIKE;
+    int k = 1;
     if (!config_setting_is_group(group)) {
         settings_fail(s, group, "expected a group: { kind = \"stuck\"; at = 10.0; duration = 5.0; }");
-        return;
+        return 0;
     }
     settings_known(s, group, known);
     settings_text(s, group, "kind", REQUIRED, kind, sizeof kind);
-    while (k > 0 && strcmp(kinds[k], kind) != 0)
-        k--;
-    if (k == 0)
-        settings_fail(s, config_setting_get_member(group, "kind"),
-                      "\"kind\" must be \"stuck\", \"drift\", \"dropout\" or \"spike\"");
+    while (kinds[k] && strcmp(kinds[k], kind) != 0)
+        k++;
+    if (!kinds[k])
+        settings_fail(s, config_setting_get_member(group, "kind"), "\"kind\" must be %s", said);
     if (s->failed)
-        return;
-    fault->kind = (enum apc_sensor_fault_kind)k;
-    fault->at = seconds(s, group, "at", REQUIRED);
-    fault->duration = seconds(s, group, "duration", OPTIONAL);
-    if (fault->kind == APC_FAULT_DRIFT || fault->kind == APC_FAULT_SPIKE)
-        settings_number(s, group, "size", REQUIRED, -APC_VALUE_MAX / 2, APC_VALUE_MAX / 2, &fault->size);
-    else if (config_setting_get_member(group, "size"))
-        settings_fail(s, group, "a fault of kind \"%s\" has no size", kind);
+        return 0;
+    when[0] = seconds(s, group, "at", REQUIRED);
+    when[1] = seconds(s, group, "duration", OPTIONAL);
+    return k;
+}
+
+/* Settings that some kinds have: required of these, refused of others. */
+static void read_fault_number(struct settings *s, const config_setting_t *group, const char *name, bool has,
+                              double low, double high, double *value)
+{
+    if (has)
+        settings_number(s, group, name, REQUIRED, low, high, value);
+    else if (!s->failed && config_setting_get_member(group, name))
+        settings_fail(s, group, "a fault of kind \"%s\" has no %s",
+                      config_setting_get_string(config_setting_get_member(group, "kind")), name);
+}
+
+static void read_fault(struct settings *s, const config_setting_t *group, struct apc_sensor_fault *fault)
+{
+    static const char *const known[] = {"kind", "at", "duration", "size", NULL};
+    static const char *const kinds[] = {"", "stuck", "drift", "dropout", "spike", NULL};
+    apc_ns when[2] = {0, 0};
+    fault->kind = (enum apc_sensor_fault_kind)read_fault_time(
+        s, group, known, kinds, "\"stuck\", \"drift\", \"dropout\" or \"spike\"", when);
+    fault->at = when[0];
+    fault->duration = when[1];
+    read_fault_number(s, group, "size", fault->kind == APC_FAULT_DRIFT || fault->kind == APC_FAULT_SPIKE,
+                      -APC_VALUE_MAX / 2, APC_VALUE_MAX / 2, &fault->size);
 }
 
 static const config_setting_t *faults_of(struct settings *s, const config_setting_t *list, size_t i)
@@ -105,6 +124,62 @@ void experiment_read_sensors(struct settings *s, const config_setting_t *list, s
         sensor->n_faults = faults ? (size_t)config_setting_length(faults) : 0;
         for (unsigned k = 0; k < sensor->n_faults && !s->failed; k++)
             read_fault(s, config_setting_get_elem(faults, k), &e->faults[n++]);
+    }
+}
+
+/* ---- Actuators ----------------------------------------------------------------------------- */
+
+static void read_actuator_fault(struct settings *s, const config_setting_t *group, const struct apc_tag *tag,
+                                struct apc_actuator_fault *fault)
+{
+    static const char *const known[] = {"kind", "at", "duration", "size", "jump", "low", "high", NULL};
+    static const char *const kinds[] = {"",     "stuck",      "stiction", "backlash",
+                                        "rate", "saturation", "reverse",  NULL};
+    apc_ns when[2] = {0, 0};
+    const int k = read_fault_time(
+        s, group, known, kinds,
+        "\"stuck\", \"stiction\", \"backlash\", \"rate\", \"saturation\" or \"reverse\"", when);
+    const bool ends = k == APC_ACTUATOR_SATURATION;
+    fault->kind = (enum apc_actuator_fault_kind)k;
+    fault->at = when[0];
+    fault->duration = when[1];
+    read_fault_number(s, group, "size",
+                      k == APC_ACTUATOR_STICTION || k == APC_ACTUATOR_BACKLASH || k == APC_ACTUATOR_RATE, 0,
+                      APC_VALUE_MAX / 2, &fault->size);
+    read_fault_number(s, group, "jump", k == APC_ACTUATOR_STICTION, 0, APC_VALUE_MAX / 2, &fault->jump);
+    read_fault_number(s, group, "low", ends, tag->low, tag->high, &fault->low);
+    read_fault_number(s, group, "high", ends, ends ? fault->low : tag->low, tag->high, &fault->high);
+    if (s->failed || k != APC_ACTUATOR_REVERSE)
+        return;
+    fault->low = tag->low;
+    fault->high = tag->high;
+    if (tag->low <= -APC_VALUE_MAX || tag->high >= APC_VALUE_MAX)
+        settings_fail(s, group,
+                      "a fault of kind \"reverse\" swaps the limits: give output %s \"low\" and \"high\"",
+                      tag->name);
+}
+
+void experiment_read_actuators(struct settings *s, const config_setting_t *list, struct experiment *e)
+{
+    size_t n = 0;
+    if (s->failed)
+        return;
+    for (size_t i = 0; i < e->dim.nu; i++) {
+        const config_setting_t *faults = faults_of(s, list, i);
+        n += faults ? (size_t)config_setting_length(faults) : 0;
+    }
+    if (n == 0)
+        return;
+    e->actuator = zeros(s, e->dim.nu, sizeof *e->actuator);
+    e->actuator_faults = zeros(s, n, sizeof *e->actuator_faults);
+    n = 0;
+    for (size_t i = 0; i < e->dim.nu && !s->failed; i++) {
+        const config_setting_t *faults = faults_of(s, list, i);
+        e->actuator[i].fault = e->actuator_faults + n;
+        e->actuator[i].n_faults = faults ? (size_t)config_setting_length(faults) : 0;
+        for (unsigned k = 0; k < e->actuator[i].n_faults && !s->failed; k++)
+            read_actuator_fault(s, config_setting_get_elem(faults, k), &e->u[i].tag,
+                                &e->actuator_faults[n++]);
     }
 }
 

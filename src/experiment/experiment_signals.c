@@ -15,7 +15,7 @@ static const char *const known[][16] = {
     [MEASUREMENT] = {COMMON, "soft", "critical", "period", "noise", "quantum", "faults", NULL},
     [CALCULATED] = {COMMON, "soft", "critical", "rate", NULL},
     [SETPOINT] = {COMMON, "initial", "rate", NULL},
-    [OUTPUT] = {COMMON, "safe", "fault", "initial", "rate", NULL}};
+    [OUTPUT] = {COMMON, "safe", "fault", "initial", "rate", "faults", NULL}};
 
 /* ---- A signal ------------------------------------------------------------------------------ */
 
@@ -151,6 +151,7 @@ void experiment_read_signals(struct settings *s, const config_setting_t *root, s
     e->n_signals = read_signal_list(s, root, "signals", CALCULATED, &e->y, e->dim.ny) - e->dim.ny;
     e->dim.nz = read_signal_list(s, root, "setpoints", SETPOINT, &e->z, 0);
     e->dim.nu = read_signal_list(s, root, "outputs", OUTPUT, &e->u, 0);
+    experiment_read_actuators(s, config_setting_get_member(root, "outputs"), e);
     if (s->failed)
         return;
     check_signal_names(s, root, "measurements", e->y, e->dim.ny, NULL, 0);

@@ -111,6 +111,7 @@ int module_plant(const struct experiment *e, struct apc_plant **plant, struct ap
         .n_disturbances = e->plant.n_disturbances,
         .sensor = e->sensor,
         .initial = runs ? initial : NULL,
+        .actuator = e->actuator,
     };
     how.integrator = e->plant.integrator[0] ? e->plant.integrator : NULL;
     how.period = apc_ns_to_s(e->plant.rhythm.period);

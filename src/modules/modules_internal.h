@@ -54,6 +54,12 @@ bool apc_reading_due(const struct apc_reading *reading, apc_ns t);
 /** What it shows at @p t since the first tick, of @p value; *@p status tells how good that is. [tick] */
 double apc_reading_take(struct apc_reading *reading, apc_ns t, double value, apc_status *status);
 
+/** Check @p n actuators. Returns 0 or APC_EINVAL. */
+int apc_actuators_check(const struct apc_actuator *actuator, size_t n, struct apc_error *why);
+/** Where it stands from @p t since the first tick on, which was at @p position since @p before. [tick] */
+double apc_actuator_move(const struct apc_actuator *actuator, apc_ns before, apc_ns t, double command,
+                         double position);
+
 /**
  * What a loop remembers from tick to tick, besides the seqs that were taken; all of it stands in the tick
  * row. Zeroed: a loop that has not begun.

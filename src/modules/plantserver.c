@@ -35,7 +35,8 @@ struct apc_plantserver {
     double *memory;             /* all the doubles below */
     double *safe, *low, *high;  /* [nu] */
     double *command;            /* [nu] newest accepted */
-    double *input;              /* [nu] what the plant is being given */
+    double *input;              /* [nu] what its actuators are told */
+    double *position;           /* [nu] where they stand: what the plant is being given */
     double *y, *output;         /* [ny] published; what the plant itself puts out */
     double *noise;              /* [nx] of the process */
     struct apc_random *chance;  /* [nx] where that comes from */
@@ -63,6 +64,9 @@ struct apc_plantserver {
     bool too_early; /* and of one that is refused for being ahead of the clock */
     bool ahead;     /* told that the one who commands has a claim ahead of the clock */
 
+    const struct apc_actuator *actuator; /* [nu]; NULL: ideal ones */
+    apc_ns moved_at;                     /* since the first tick: the last time that they did */
+
     const struct apc_disturbance *disturbance; /* those still to come */
     size_t n_disturbances;
 
@@ -88,7 +92,8 @@ static int check_world(const struct apc_plantserver_options *o, struct apc_error
                 "finite, its time not before the one ahead of it",
                 i + 1, o->model->nd);
     }
-    return o->sensor ? apc_sensors_check(o->sensor, o->model->ny, why) : 0;
+    const int rc = o->sensor ? apc_sensors_check(o->sensor, o->model->ny, why) : 0;
+    return rc == 0 && o->actuator ? apc_actuators_check(o->actuator, o->model->nu, why) : rc;
 }
 
 static int take_plantserver_options(struct apc_plantserver_options *o,
@@ -113,7 +118,7 @@ static int take_plantserver_options(struct apc_plantserver_options *o,
 static int allocate_plantserver(struct apc_plantserver *s)
 {
     size_t nu = s->nu, ny = s->ny;
-    double *at = calloc(5 * nu + 2 * ny + s->nx, sizeof(*at));
+    double *at = calloc(6 * nu + 2 * ny + s->nx, sizeof(*at));
 
     s->memory = at;
     s->samples = calloc(nu > ny ? nu : ny, sizeof(*s->samples));
@@ -128,7 +133,8 @@ static int allocate_plantserver(struct apc_plantserver *s)
     s->high = at + 2 * nu;
     s->command = at + 3 * nu;
     s->input = at + 4 * nu;
-    s->y = at + 5 * nu;
+    s->position = at + 5 * nu;
+    s->y = at + 6 * nu;
     s->output = s->y + ny;
     s->noise = s->output + ny;
     return 0;
@@ -155,6 +161,16 @@ static void give_command(struct apc_plantserver *s, bool safe)
 {
     memcpy(s->input, safe ? s->safe : s->command, s->nu * sizeof(*s->input));
     s->input_safe = safe;
+}
+
+/* From @t on, mono, they stand where the command at hand brings them. */
+static void move_actuators(struct apc_plantserver *s, apc_ns t)
+{
+    for (size_t i = 0; i < s->nu; i++)
+        s->position[i] = s->actuator ? apc_actuator_move(&s->actuator[i], s->moved_at, t - s->began_at,
+                                                         s->input[i], s->position[i])
+                                     : s->input[i];
+    s->moved_at = t - s->began_at;
 }
 
 int apc_plantserver_create(struct apc_plantserver **server, const struct apc_plantserver_options *options,
@@ -195,7 +211,9 @@ int apc_plantserver_create(struct apc_plantserver **server, const struct apc_pla
     new->disturbance = o.disturbance;
     new->n_disturbances = o.n_disturbances;
     new->warm = o.initial != NULL;
+    new->actuator = o.actuator;
     give_command(new, !new->warm);
+    memcpy(new->position, new->input, new->nu * sizeof(*new->position));
     *server = new;
     return 0;
 }
@@ -216,6 +234,7 @@ int apc_plantserver_change(struct apc_plantserver *server, const struct apc_plan
         server->noise[i] = o.noise ? o.noise[i] : 0.0;
     for (size_t i = 0; i < server->ny; i++)
         server->sensor[i].sensor = o.sensor ? &o.sensor[i] : &ideal;
+    server->actuator = o.actuator;
     server->disturbance = o.disturbance;
     server->n_disturbances = o.n_disturbances;
     for (; server->ticked && server->n_disturbances &&
@@ -435,7 +454,7 @@ static int hold_inputs(struct apc_plantserver *s, apc_ns from, apc_ns to)
         }
         if (s->n_disturbances && s->began_at + s->disturbance->at < to)
             until = s->began_at + s->disturbance->at;
-        rc = apc_plant_advance(s->plant, apc_ns_to_s(until - from), s->input);
+        rc = apc_plant_advance(s->plant, apc_ns_to_s(until - from), s->position);
         from = until;
     }
     return rc;
@@ -449,6 +468,7 @@ static int advance_served_plant(struct apc_plantserver *s, apc_ns to)
     if (s->split && s->split_at < to) {
         rc = hold_inputs(s, from, s->split_at);
         give_command(s, true);
+        move_actuators(s, s->split_at);
         from = s->split_at > from ? s->split_at : from;
     }
     if (rc == 0)
@@ -469,7 +489,7 @@ static void publish_measurements(struct apc_plantserver *s, struct apc_now now, 
     const bool again = solved && !s->solved;
 
     if (solved)
-        apc_plant_output(s->plant, s->input, s->output);
+        apc_plant_output(s->plant, s->position, s->output);
     for (size_t i = 0; i < s->ny; i++) {
         if (solved && !again && !apc_reading_due(&s->sensor[i], t))
             continue;
@@ -512,6 +532,7 @@ int apc_plantserver_tick(struct apc_plantserver *server, struct apc_now now, str
         /* Of a tick that has something else to say it is said by the next. */
         server->announced = apc_note(notice, APC_NOTICE_RESUMED, "plant takes commands");
     give_command(server, !server->watchdog.commanded);
+    move_actuators(server, server->ticked_at);
     server->split = false;
     return rc;
 }

@@ -31,6 +31,7 @@ static const char *const changeable[] = {"title",
                                          "measurements.*.noise",
                                          "measurements.*.quantum",
                                          "measurements.*.faults",
+                                         "outputs.*.faults",
                                          "setpoints.*.initial",
                                          NULL};
 
@@ -143,11 +144,12 @@ static int compare_experiments(struct texts *t, const struct experiment *was, co
     const int other = settings_parse(&t->is, is->file, is->text, rc == 0 ? why : NULL);
     rc = rc < 0 ? rc : other;
     if (rc == 0 && settings_differ(&d, config_root_setting(&t->was), config_root_setting(&t->is)))
-        rc = apc_fail(why, APC_EINVAL,
-                      "%s is another than in the run: in the middle of a run laws, tuning, settings, modes, "
-                      "setpoints, parameters and disturbances of the plant, noise and faults of measurements "
-                      "and actions may change, nothing else",
-                      d.path);
+        rc =
+            apc_fail(why, APC_EINVAL,
+                     "%s is another than in the run: in the middle of a run laws, tuning, settings, modes, "
+                     "setpoints, parameters and disturbances of the plant, noise and faults of measurements, "
+                     "faults of outputs and actions may change, nothing else",
+                     d.path);
     if (rc == 0 && was->plant.model != is->plant.model &&
         strcmp(was->plant.model->name, is->plant.model->name) != 0)
         rc =
@@ -187,7 +189,8 @@ static int change_plant(struct simulation *s, const struct experiment *was, stru
                                                   .noise = e->plant.noise,
                                                   .disturbance = e->plant.disturbance,
                                                   .n_disturbances = e->plant.n_disturbances,
-                                                  .sensor = e->sensor};
+                                                  .sensor = e->sensor,
+                                                  .actuator = e->actuator};
     double *p = calloc(2 * np + 1, sizeof *p);
     int rc = p ? experiment_draw(was, s->seed, p, why) : apc_fail(why, APC_ENOMEM, "out of memory");
     if (rc == 0)

@@ -27,6 +27,14 @@ expect 0 'the same' "$apc" replay "$work/sim" --tolerance 0
 # of its folder it is the same run again, and nobody is told that something is missing
 ! "$apc" simulate "$work/sim" | grep 'an operator changed' || fail "the file's actions are done, and said not to be"
 
+# ---- Actuators with faults, by other code
+
+# Promise(experiment/actuator-faults): Faults of actuators move the plant by the equations of their kind, and the
+#   record keeps the command.
+mkdir "$work/actuators"
+python3 "$APC_SOURCE_DIR/tests/system/actuators.py" "$apc" "$APC_SOURCE_DIR/experiments/first-order.conf" "$work/actuators" ||
+  fail "an actuator stands elsewhere than its fault says"
+
 # ---- A real run
 
 background run "$apc" run "$work/acting.conf" --duration 0 --no-ui --out "$work/run"
