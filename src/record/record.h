@@ -83,6 +83,11 @@ struct ticks {
 /* Those that a store has of number @p id of @p table, from @p since on. Returns 0, APC_ENOMEM or the store's
  * error; ticks_free() in either case. */
 int ticks_load(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id, apc_ns since);
+/* Behind those that are there, which are older: of a range. The same. */
+int ticks_add(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id,
+              const struct apc_range *range);
+/* Does a tick row name samples of it by their seq? */
+bool ticks_name(enum apc_table table);
 void ticks_free(struct ticks *ticks);
 /* NULL: it is not on record. */
 const struct tick_row *ticks_find(const struct ticks *ticks, int64_t seq);

@@ -77,7 +77,7 @@ static int copy_vectors(struct copy *c, enum apc_table table, int id)
     return c->failed ? c->failed : rc;
 }
 
-static bool is_table_with_names(enum apc_table table)
+bool ticks_name(enum apc_table table)
 {
     return table == APC_SETPOINT || table == APC_OPMODE || table == APC_MANUAL || table == APC_TUNING ||
            table == APC_ACTUAL || table == APC_ESTIMATE;
@@ -92,7 +92,7 @@ static int copy_named(struct copy *c)
     int rc = apc_store_variables(c->from, variable, (size_t)n);
     n = rc < n ? rc : n;
     for (int i = 0; i < n && rc >= 0; i++)
-        if (is_table_with_names(variable[i].table))
+        if (ticks_name(variable[i].table))
             rc = copy_variable_rows(c, variable[i].table, variable[i].id);
         else if (variable[i].table == APC_PREDICTION || variable[i].table == APC_PLAN)
             rc = copy_vectors(c, variable[i].table, variable[i].id);
@@ -182,12 +182,18 @@ static int take_tick_row(void *ctx, const struct apc_vector *row)
     return 0;
 }
 
+int ticks_add(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id,
+              const struct apc_range *range)
+{
+    const size_t before = ticks->n;
+    const int rc = apc_store_vectors(store, table, id, range, take_tick_row, ticks);
+    return rc < 0 ? rc : (size_t)rc > ticks->n - before ? APC_ENOMEM : 0;
+}
+
 int ticks_load(struct ticks *ticks, struct apc_store *store, enum apc_table table, int id, apc_ns since)
 {
-    const struct apc_range range = {.since = since};
     *ticks = (struct ticks){0};
-    int rc = apc_store_vectors(store, table, id, &range, take_tick_row, ticks);
-    return rc < 0 ? rc : (size_t)rc > ticks->n ? APC_ENOMEM : 0;
+    return ticks_add(ticks, store, table, id, &(struct apc_range){.since = since});
 }
 
 void ticks_free(struct ticks *ticks)

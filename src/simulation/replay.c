@@ -20,6 +20,8 @@
 
 #include "base/base_internal.h"
 
+#define PART_INDEX 2 /* of a tick row, behind its mark: number of the tick on its controller's grid */
+
 /* ---- Rows that are named -------------------------------------------------------------------- */
 
 static int by_controller_name(const void *left, const void *right)
@@ -257,6 +259,14 @@ static void find_gone(struct apc_controller *c, const double *row)
 
 /* ---- Comparing ------------------------------------------------------------------------------ */
 
+const char *replay_time(const struct replay *r, apc_ns time, char text[APC_TIME_LEN])
+{
+    if (r->of_store)
+        return apc_time_format(time, text);
+    snprintf(text, APC_TIME_LEN, "%.3f s", apc_ns_to_s(time - r->start));
+    return text;
+}
+
 /* Say of a tick what is the matter with it. */
 static void describe_difference(const struct replay *r, const struct replay_controller *rc,
                                 const struct tick_row *at, const double *row, char text[REPLAY_TEXT],
@@ -266,8 +276,9 @@ static void describe_difference(const struct replay *r, const struct replay_cont
                                 const char *fmt, ...)
 {
     va_list args;
-    const int n = snprintf(text, REPLAY_TEXT, "tick %.0f at %.3f s: ", row[rc->core->offset[APC_TICK_INDEX]],
-                           apc_ns_to_s(at->time - r->start));
+    char time[APC_TIME_LEN];
+    const int n = snprintf(text, REPLAY_TEXT, "tick %.0f at %s: ", row[rc->core->offset[APC_TICK_INDEX]],
+                           replay_time(r, at->time, time));
     va_start(args, fmt);
     vsnprintf(text + n, REPLAY_TEXT - (size_t)n, fmt, args);
     va_end(args);
@@ -568,8 +579,10 @@ int replay_virtual(struct replay *r)
 
 /* ---- Making one ------------------------------------------------------------------------------ */
 
-static int load_samples(struct replay *r, struct apc_store *store)
+/* What was in force when the range begins, and all in it. */
+static int load_samples(struct replay *r, struct apc_store *store, const struct apc_range *range)
 {
+    const struct apc_range before = {.until = range->since, .last = 1};
     int n = apc_store_variables(store, NULL, 0);
     struct apc_sample *variable = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *variable);
     if (!variable)
@@ -577,8 +590,12 @@ static int load_samples(struct replay *r, struct apc_store *store)
     int rc = apc_store_variables(store, variable, (size_t)n);
     n = rc < n ? rc : n;
     for (int i = 0; i < n && rc >= 0; i++)
-        if (!apc_table_vectors(variable[i].table))
-            rc = samples_collect_one(&r->samples, store, variable[i].table, variable[i].id, NULL);
+        if (ticks_name(variable[i].table)) {
+            if (range->since > 0)
+                rc = samples_collect_one(&r->samples, store, variable[i].table, variable[i].id, &before);
+            if (rc >= 0)
+                rc = samples_collect_one(&r->samples, store, variable[i].table, variable[i].id, range);
+        }
     free(variable);
     if (r->samples.n > 0)
         qsort(r->samples.at, r->samples.n, sizeof *r->samples.at, by_controller_name);
@@ -596,7 +613,7 @@ static int load_replay_record(struct replay *r, const char *dir, struct apc_erro
     int rc = ticks_open(&store, path, why);
     if (rc < 0)
         return rc;
-    rc = load_samples(r, store);
+    rc = load_samples(r, store, &(struct apc_range){0});
     for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
         rc = ticks_load(&r->controller[i].ticks, store, APC_TICK, r->e.controllers[i].number, 0);
     for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
@@ -628,15 +645,9 @@ static void compare_builds(struct replay *r, const char *dir)
     add_difference(r, "processor", was.machine, here.machine);
 }
 
-int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
-                struct apc_error *why)
+/* Room for it; the experiment is loaded. */
+static int make_replay(struct replay *r, struct apc_error *why)
 {
-    *r = (struct replay){.other_law = overrides && overrides->law};
-    int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
-    if (rc < 0)
-        return rc;
-    compare_builds(r, dir);
-    r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
     r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
     r->difference = calloc(controllers_loops(&r->e), sizeof *r->difference);
     r->plan = calloc(r->e.dim.nz + 1, sizeof *r->plan);
@@ -646,7 +657,109 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
         return apc_fail(why, APC_ENOMEM, "out of memory");
     for (size_t i = 0; i < r->e.n_controllers; i++)
         r->controller[i].of = &r->e.controllers[i];
-    return load_replay_record(r, dir, why);
+    return 0;
+}
+
+int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
+                struct apc_error *why)
+{
+    *r = (struct replay){.other_law = overrides && overrides->law};
+    int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
+    if (rc < 0)
+        return rc;
+    compare_builds(r, dir);
+    r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
+    rc = make_replay(r, why);
+    return rc < 0 ? rc : load_replay_record(r, dir, why);
+}
+
+/* ---- A part of a store's record --------------------------------------------------------------- */
+
+static int load_catalogue(struct replay *r, struct apc_store *store, struct apc_error *why)
+{
+    int64_t revision;
+    int length = apc_store_catalogue(store, NULL, 0, &revision);
+    char *text = length < 0 ? NULL : calloc((size_t)length + 1, 1);
+    if (text)
+        length = apc_store_catalogue(store, text, (size_t)length + 1, &revision);
+    const struct experiment_source from = {.file = "the store's experiment", .text = text};
+    const int rc = length < 0      ? apc_fail(why, length, "%s", apc_store_error(store))
+                   : !text         ? apc_fail(why, APC_ENOMEM, "out of memory")
+                   : revision == 0 ? apc_fail(why, APC_ENOTFOUND,
+                                              "the store does not say which experiment it is: apc init FILE")
+                                   : experiment_parse(&r->e, &from, EXPERIMENT_LAW, NULL, why);
+    free(text);
+    return rc;
+}
+
+/* The newest ticks of the controller until then. A tick is no sooner than a period after another. */
+static int load_moved_ticks(struct replay *r, const struct replay_part *part, struct replay_controller *moved)
+{
+    const struct apc_range range = {.until = part->until < INT64_MAX ? part->until + 1 : 0,
+                                    .last = (size_t)(part->over / moved->of->rhythm.period) + 2 + part->lead};
+    const int rc = ticks_add(&moved->ticks, part->store, APC_TICK, moved->of->number, &range);
+    r->more = moved->ticks.n >= range.last;
+    return rc;
+}
+
+static int load_part_vectors(struct ticks *to, struct apc_store *store, enum apc_table table, int id,
+                             const struct apc_range *range)
+{
+    const struct apc_range before = {.until = range->since, .last = 1};
+    const int rc = ticks_add(to, store, table, id, &before);
+    return rc < 0 ? rc : ticks_add(to, store, table, id, range);
+}
+
+/* What these ticks name. A row may bear a time that is off a little: another machine's. */
+static int load_named(struct replay *r, struct apc_store *store, const struct replay_controller *moved)
+{
+    const struct ticks *ticks = &moved->ticks;
+    const apc_ns off = APC_NS_PER_S;
+    const struct apc_range range = {.since = ticks->at[0].time - off,
+                                    .until = ticks->at[ticks->n - 1].time + off};
+    int rc = load_samples(r, store, &range);
+    for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
+        if (&r->controller[i] != moved)
+            rc = load_part_vectors(&r->controller[i].ticks, store, APC_TICK, r->controller[i].of->number,
+                                   &range);
+    for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
+        rc = load_part_vectors(&r->plan[k], store, APC_PLAN, (int)k + 1, &range);
+    return rc;
+}
+
+/* t = 0 of those ticks, as near as the least late of them says. */
+static apc_ns part_start(const struct controller *of, const struct ticks *ticks)
+{
+    apc_ns start = INT64_MAX;
+    for (size_t k = 0; k < ticks->n; k++) {
+        const double *row = ticks->value + ticks->at[k].first;
+        const double index = ticks->at[k].n > PART_INDEX ? row[PART_INDEX] : 0;
+        const apc_ns zero = ticks->at[k].time - of->rhythm.phase - (apc_ns)index * of->rhythm.period;
+        start = zero < start ? zero : start;
+    }
+    return start;
+}
+
+int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why)
+{
+    *r = (struct replay){.of_store = true};
+    int rc = load_catalogue(r, part->store, why);
+    if (rc == 0)
+        rc = make_replay(r, why);
+    if (rc < 0)
+        return rc;
+    struct replay_controller *moved = NULL;
+    for (size_t i = 0; i < r->loops.n; i++)
+        if (!strcmp(r->loops.at[i].name, part->loop))
+            moved = &r->controller[r->loops.at[i].controller];
+    if (moved)
+        rc = load_moved_ticks(r, part, moved);
+    if (moved && moved->ticks.n > 0 && rc == 0) {
+        r->start = part_start(moved->of, &moved->ticks);
+        rc = load_named(r, part->store, moved);
+    }
+    return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(part->store))
+                  : 0;
 }
 
 void replay_free(struct replay *r)

@@ -203,6 +203,8 @@ struct replay {
     struct apc_sample lost; /* the last plan that is not on record */
     apc_ns start;           /* t = 0 in the record */
     bool other_law;
+    bool of_store;         /* a part of its record, for why_find(): its texts say UTC */
+    bool more;             /* and there may be older ticks than those that were taken */
     char other_build[150]; /* what made the run, where it was not this one; "": it was, or nobody knows */
     struct replay_watch watch;
     struct apc_error why;
@@ -212,6 +214,15 @@ struct replay {
  * overrides name. Returns 0 or a negative error; replay_free() in either case. */
 int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
                 struct apc_error *why);
+/* Of a loop's record in a store: what the ticks within @p over until @p until need, and @p lead ticks before. */
+struct replay_part {
+    struct apc_store *store;
+    const char *loop;
+    apc_ns over, until; /* until: INT64_MAX: the newest */
+    size_t lead;
+};
+/* The same of that part, for why_find(), with the experiment as the store's catalogue has it. */
+int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why);
 /* Once. Returns 0 or why it ended, with a text in r->why. */
 int replay_run(struct replay *r, const struct replay_watch *watch);
 /*
@@ -269,6 +280,7 @@ struct why {
     double earlier;  /* what it moves without any of them: integral action, ramps, filters */
     double together; /* what they do only together */
     size_t lead;     /* so many ticks were computed before those of the move */
+    bool restarted;  /* no answer: its controller was started anew within the move */
 };
 
 /* Why did @p loop move within the ticks after @p from until @p until, UTC, the last of which is not younger? Both

@@ -18,6 +18,7 @@ struct move {
     struct replay *r;
     struct replay_controller *rc;
     size_t began, from, until;
+    bool restarted; /* its controller was started anew within the move */
     double *row;
     double *u; /* [nu] that it put out at the tick before, as altered */
 };
@@ -175,6 +176,28 @@ static void echo_outputs(const struct move *m, const double *before)
     }
 }
 
+/* Tick @p k did not come out of its record, as @p text says. Does it of a controller that was started anew? */
+static int try_restart(struct move *m, size_t k, const char *text)
+{
+    struct replay_controller *rc = m->rc;
+    const struct tick_row *at = &rc->ticks.at[k];
+    const double *recorded = tick_of_move(m, k);
+    struct apc_notice notice;
+    char time[APC_TIME_LEN];
+    const int err = replay_start_controller(m->r, rc, at - 1, at[-1].time);
+    if (err < 0)
+        return err;
+    (void)replay_give_tick(m->r, rc, at, recorded);
+    replay_compute_tick(rc, recorded, &notice);
+    m->restarted = replay_is_made(rc->core, recorded);
+    if (!m->restarted)
+        return apc_fail(&m->r->why, APC_ESTATE, "%s", text);
+    return apc_fail(&m->r->why, APC_ESTATE,
+                    "%s was started anew before its tick at %s: the move over that is not explained, what is "
+                    "before and behind it is, with a shorter --over",
+                    rc->of->name, replay_time(m->r, at->time, time));
+}
+
 /* Compute it with @p n of the causes as they were before; without any, all of each row has to come out, or the
  * answer is APC_ESTATE. The controller is then at its last tick. */
 static int compute_move(struct move *m, const struct why_cause *cause, size_t n)
@@ -206,12 +229,23 @@ static int compute_move(struct move *m, const struct why_cause *cause, size_t n)
         if (n == 0 && k > m->from && !replay_is_made(rc->core, recorded)) {
             char text[REPLAY_TEXT] = "";
             replay_tell_difference(m->r, rc, at, recorded, missing, text);
-            return apc_fail(&m->r->why, APC_ESTATE, "%s", text);
+            return k > m->began && !missing ? try_restart(m, k, text)
+                                            : apc_fail(&m->r->why, APC_ESTATE, "%s", text);
         }
         if (k < m->until)
             replay_end_tick(rc, at, recorded);
     }
     return 0;
+}
+
+/* Are so many ticks before those of the move, and as many again, of the law that it has now? */
+static bool is_of_law(const struct move *m, size_t lead)
+{
+    const size_t wanted = 2 * lead + 1, first = m->from + 1 > wanted ? m->from + 1 - wanted : 0;
+    for (size_t k = first > 0 ? first - 1 : 0; k < m->began; k++)
+        if (m->rc->ticks.at[k].n != m->rc->core->out_row->n)
+            return false;
+    return true;
 }
 
 /* A row has all that its controller goes on from; but what a store, or a law, keeps beside it may have been
@@ -222,7 +256,7 @@ static int find_beginning(struct move *m)
     for (size_t lead = 0;; lead = 2 * lead + 1) {
         m->began = m->from + 1 > lead ? m->from + 1 - lead : 0;
         rc = compute_move(m, NULL, 0);
-        if (rc != APC_ESTATE || m->began == 0)
+        if (rc != APC_ESTATE || m->began == 0 || m->restarted || !is_of_law(m, lead))
             return rc;
     }
 }
@@ -455,6 +489,7 @@ int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc
     m.u = m.row ? m.row + m.rc->core->out_row->n : NULL;
     rc = m.row ? find_beginning(&m) : APC_ENOMEM;
     w->lead = m.from + 1 - m.began;
+    w->restarted = m.restarted;
     if (rc == 0) {
         const struct apc_controller_state *now = &m.rc->core->state[w->element];
         w->limited = m.rc->core->law.limited[w->element];

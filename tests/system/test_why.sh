@@ -46,3 +46,64 @@ refused 1 'none: cannot be read' none v1@3
 cp -r layers damaged
 sqlite3 damaged/ticks.db "UPDATE sample SET value = 6.4 WHERE variable & 15 = 3 AND value = 6.5"
 refused 1 'another build, or its record is damaged' damaged v1@703
+
+# ---- Of a store: the same numbers as of the folder of its run, and who wrote the setpoint. In a database, and in one behind a
+# live store in shared memory.
+
+fast_experiment
+sed -i -e "/^scheduler/,/};/d" -e "/name = \"r\"/s/high = 100.0;/high = 100.0; initial = 5.0;/" fast.conf # what people set stays
+# commands N: at least so many went out
+commands() { [ "$("$apc" history u --last 1000 --csv 2>/dev/null | wc -l)" -gt "$1" ]; }
+# told FOLDER STORE RUN-ARGUMENT...
+told() {
+  local folder=$1 store=$2 at n
+  shift 2
+  background run "$apc" run fast.conf --duration 0 --no-ui --out "$folder" "$@"
+  local run=$pid
+  until_true 60 test -s "$folder/run.conf"
+  export APC_STORE=$folder
+  until_true 60 commands 20
+  n=$("$apc" history u --last 1000 --csv | wc -l)
+  "$apc" set r 8 >/dev/null
+  until_true 60 commands $((n + 5))
+  "$apc" why u --json >now.json # while it runs
+  kill -INT "$run"
+  wait "$run"
+  at=$(awk -F, '/,setpoint,1,Good,8$/ { set = 1 } set && /,actuator,1,/ && ++n == 2 { print $1 + 0.001 }' "$folder/samples.csv")
+  "$apc" why "$folder" "u@$at" --over 0.3 --json >folder.json
+  began=$(sed -n 's/^start = "\([^"]*\)".*/\1/p' "$folder/record.conf")
+  utc=$(python3 -c 'import datetime, sys; print((datetime.datetime.fromisoformat(sys.argv[1].rstrip("Z") + "+00:00") +
+    datetime.timedelta(seconds=float(sys.argv[2]))).strftime("%Y-%m-%dT%H:%M:%S.%fZ"))' "$began" "$at")
+  "$apc" why "u@$utc" --over 0.3 --json --store "$store" >store.json
+  "$apc" why "u@$utc" --over 0.3 --store "$store" >store.txt
+  # Promise(simulation/why-output-in-a-store)
+  python3 - <<'END' || fail "$folder: another answer of the store: $(cat folder.json store.json)"
+import json
+folder, store, now = json.load(open("folder.json")), json.load(open("store.json")), json.load(open("now.json"))
+first = store["inputs"][0]
+assert (first["input"], first["kind"], first["now"], first["event"]) == ("r", "setpoint", 8, "r: 5 -> 8"), first
+assert first["author"] and first["author"] == folder["inputs"][0]["author"], first
+assert now["output"] == "u" and abs(now["time"] - store["time"]) < 3600
+for answer in folder, store:
+    for key in "time", "from":
+        del answer[key]
+    for of in answer["inputs"]:
+        del of["written"]
+assert folder == store
+END
+  grep -q '^20.*  .*: r: 5 -> 8$' store.txt || fail "who wrote it is not told: $(cat store.txt)"
+}
+database=$APC_STORE
+unset APC_STORE
+told behind "sqlite:$work/history.db" --history "sqlite:$work/history.db"
+refused 1 'the run has no loop "v"' "v@$utc" --store "sqlite:$work/history.db"
+refused 1 'no tick until then' u@2000-01-01 --store "sqlite:$work/history.db"
+refused 2 'must be a time, as 2026-01-31T12:00:00Z' u@noon --store "sqlite:$work/history.db"
+refused 3 'none.db' u --store "sqlite:$work/none.db"
+unset APC_STORE
+told database "$database" --store "$database"
+unset APC_STORE
+# Promise(simulation/why-output-in-a-store)
+sed 's/law = "pi"/law = "pid"/' fast.conf >other.conf
+"$apc" init other.conf --force --store "$database" >/dev/null
+refused 1 'its law, its settings or its model are not those that ran' "u@$utc" --store "$database"

@@ -247,6 +247,62 @@ static void a_damaged_record_is_not_explained(void **state)
     assert_int_equal(why_find(&answer, &replay, "u", at[1].time, at[2].time, &why), 0);
 }
 
+static void assert_same_answer(const struct why *a, const struct why *b)
+{
+    assert_int_equal(a->tick->seq, b->tick->seq);
+    assert_int_equal(a->before->seq, b->before->seq);
+    assert_true(a->u == b->u && a->u_before == b->u_before);
+    assert_true(a->earlier == b->earlier && a->together == b->together);
+    assert_int_equal(a->n, b->n);
+    for (size_t i = 0; i < a->n; i++) {
+        assert_int_equal(a->cause[i].kind, b->cause[i].kind);
+        assert_string_equal(a->cause[i].tag->name, b->cause[i].tag->name);
+        assert_true(a->cause[i].effect == b->cause[i].effect);
+        assert_true(!a->cause[i].row == !b->cause[i].row);
+        assert_true(!a->cause[i].row || a->cause[i].row->seq == b->cause[i].row->seq);
+    }
+}
+
+/*
+ * Promise(simulation/why-output-in-a-store): A store tells why an output moved as the folder of its run does, bit
+ *   for bit, from the ticks that are needed alone.
+ */
+static void a_store_tells_what_the_folder_of_its_run_does(void **state)
+{
+    static const struct {
+        const char *name, *loop;
+        double at, over;
+    } of[] = {{"first-order", "u", 100.1, 0},       {"quadruple-tank-mpc", "v1", 101, 0},
+              {"quadruple-tank-mpc", "v1", 101, 9}, {"two-layers", "v1", 212, 12},
+              {"two-layers", "upper.r1", 212, 0},   {"adiabatic-cstr-nmpc", "F", 60, 3}};
+    (void)state;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct experiment e;
+        struct simulation s;
+        struct why there;
+        struct replay part;
+        struct replay_part asked = {.loop = of[i].loop, .lead = 2};
+        make_run(of[i].name, "", of[i].at + 50);
+        explain(of[i].loop, of[i].at - of[i].over, of[i].at);
+        load_experiment(&e, of[i].name, "");
+        assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
+        assert_int_equal(simulation_run(&s, of[i].at + 50), 0);
+        asked.store = s.store;
+        assert_int_equal(apc_ns_from_s(of[i].over, &asked.over), 0);
+        assert_int_equal(apc_ns_from_s(of[i].at, &asked.until), 0);
+        asked.until += replay.start;
+        if (provision(s.store, &e, PROVISION_KEEP) < 0 || replay_load_part(&part, &asked, &why) < 0 ||
+            why_find(&there, &part, of[i].loop, asked.until - asked.over, asked.until, &why) < 0)
+            fail_msg("%s at %g s: %s", of[i].loop, of[i].at, why.text);
+        assert_same_answer(&answer, &there);
+        assert_true(part.controller->ticks.n < replay.controller->ticks.n); /* the rest is not read */
+        why_free(&there);
+        replay_free(&part);
+        simulation_destroy(&s);
+        experiment_free(&e);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -254,6 +310,7 @@ int main(void)
         cmocka_unit_test_teardown(the_change_that_moved_an_output_comes_first, end),
         cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
         cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
+        cmocka_unit_test_teardown(a_store_tells_what_the_folder_of_its_run_does, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* apc why: what moved an output of a recorded run. */
+/* apc why: what moved an output, of a recorded run or of one whose record is in a store. */
 #include "simulation/simulation.h"
 
 #include <math.h>
@@ -23,14 +23,16 @@ static const struct option_spec own_options[] = {
 };
 
 static const struct cli_spec spec = {
-    .args_doc = "RUN OUTPUT[@TIME]",
-    .doc =
-        "Why output OUTPUT of run folder RUN moved at TIME: seconds since the start of the run, or RFC 3339; "
-        "without it the last tick. Each input that changed is held as it was before, and the tick computed "
-        "again: the difference is its effect. Only ticks that come out of the record bit for bit are "
-        "explained. A setpoint that a loop above moved is followed upwards.",
-    .takes = CLI_FORMAT,
-    .min_args = 2,
+    .args_doc = "[RUN] OUTPUT[@TIME]",
+    .doc = "Why output OUTPUT moved at TIME, in run folder RUN or, without one, in the store; without TIME "
+           "at the "
+           "last tick. TIME is RFC 3339 or, of a folder, seconds since the start of the run or, in a store, "
+           "before "
+           "now as 30s, 10m, 2h, 1d. Each input that changed is held as it was before, and the tick computed "
+           "again: the difference is its effect. Only ticks that come out of the record bit for bit are "
+           "explained. A setpoint that a loop above moved is followed upwards.",
+    .takes = CLI_STORE | CLI_FORMAT,
+    .min_args = 1,
     .max_args = 2,
     .options = own_options,
 };
@@ -39,6 +41,7 @@ struct why_command {
     struct cli cli;
     struct why_options options;
     struct replay replay;
+    struct apc_store *store; /* NULL: of a run folder, which is loaded */
     char loop[APC_TAG_LEN];
     apc_ns at;
     struct text json;
@@ -103,32 +106,87 @@ struct author {
     char source[APC_TAG_LEN], text[200];
 };
 
-static int find_row_author(const struct why_command *c, const struct why_cause *cause, struct author *author)
+static bool is_of_variable(const char *text, const char *name)
+{
+    const size_t n = strlen(name);
+    return strncmp(text, name, n) == 0 && (text[n] == ':' || text[n] == ' ' || text[n] == '.');
+}
+
+struct author_search {
+    const struct why_cause *cause;
+    struct author *author;
+};
+
+static int take_author(void *ctx, const struct apc_event *event)
+{
+    const struct author_search *s = ctx;
+    if (strcmp(event->kind, "operator") != 0 || !is_of_variable(event->text, s->cause->tag->name))
+        return 0;
+    snprintf(s->author->source, sizeof s->author->source, "%s", event->source);
+    snprintf(s->author->text, sizeof s->author->text, "%s", event->text);
+    return 0;
+}
+
+/* The row itself says who; the event, where there is one at its time, says why too. */
+static int find_author_in_store(const struct why_command *c, const struct why_cause *cause,
+                                struct author *author)
+{
+    const struct apc_range range = {.since = cause->row->time - APC_NS_PER_US,
+                                    .until = cause->row->time + APC_NS_PER_US};
+    struct author_search search = {cause, author};
+    char name[APC_AUTHOR_LEN] = "";
+    const int rc = apc_store_events(c->store, &range, take_author, &search);
+    if (rc < 0)
+        return fail_why(c, rc, apc_store_error(c->store));
+    if (cause->row->author > 0 && apc_store_author_name(c->store, cause->row->author, name) >= 0 && name[0])
+        snprintf(author->source, sizeof author->source, "%s", name);
+    return 0;
+}
+
+static int find_author_in_folder(const struct why_command *c, const struct why_cause *cause,
+                                 struct author *author)
 {
     char path[600];
     struct csv *csv;
     struct apc_error none;
     int rc = 0;
-    *author = (struct author){{0}, {0}};
-    if (!cause->row || !cause->tag)
-        return 0;
     snprintf(path, sizeof path, "%.580s/events.csv", c->cli.args[0]);
     if (csv_open(&csv, path, &none) < 0)
         return 0;
     const double at = apc_ns_to_s(cause->row->time - c->replay.start);
-    const size_t name = strlen(cause->tag->name);
     while (csv_expect(csv, "time,severity,source,kind,text", &none) == 0 && (rc = csv_next(csv, &none)) > 0) {
         double t;
         const char *text = csv_text(csv, 4);
         if (strcmp(csv_text(csv, 3), "operator") != 0 || csv_number(csv, 0, &t, &none) < 0 ||
-            fabs(t - at) > 1e-6 || strncmp(text, cause->tag->name, name) != 0 ||
-            (text[name] != ':' && text[name] != ' ' && text[name] != '.'))
+            fabs(t - at) > 1e-6 || !is_of_variable(text, cause->tag->name))
             continue;
         snprintf(author->source, sizeof author->source, "%s", csv_text(csv, 2));
         snprintf(author->text, sizeof author->text, "%s", text);
     }
     csv_close(csv);
     return rc;
+}
+
+static int find_row_author(const struct why_command *c, const struct why_cause *cause, struct author *author)
+{
+    *author = (struct author){{0}, {0}};
+    if (!cause->row || !cause->tag)
+        return 0;
+    return c->store ? find_author_in_store(c, cause, author) : find_author_in_folder(c, cause, author);
+}
+
+/* A time as people are told it, with a unit; as programs are: seconds since the start of the run, or UTC. */
+static const char *when_text(const struct why_command *c, apc_ns time, char text[APC_TIME_LEN])
+{
+    if (c->store)
+        return apc_time_format(time, text);
+    snprintf(text, APC_TIME_LEN, "%.3f s", apc_ns_to_s(time - c->replay.start));
+    return text;
+}
+
+static double when_number(const struct why_command *c, apc_ns time)
+{
+    return apc_ns_to_s(c->store ? time : time - c->replay.start);
 }
 
 /* ---- For people ------------------------------------------------------------------------------ */
@@ -218,12 +276,11 @@ static void print_move_limit(const struct why *w)
 
 static int print_why(const struct why_command *c, const struct why *w)
 {
-    char before[PRINT_LEN], now[PRINT_LEN];
-    const double t = apc_ns_to_s(w->tick->time - c->replay.start);
+    char before[PRINT_LEN], now[PRINT_LEN], time[APC_TIME_LEN];
     const char *unit = w->output ? w->output->unit : "";
     print_clean(stdout, w->loop);
-    printf(": %s -> %s%s%s, tick at %.3f s of %s", print_exact(w->u_before, before), print_exact(w->u, now),
-           *unit ? " " : "", unit, t, w->by->of->name);
+    printf(": %s -> %s%s%s, tick at %s of %s", print_exact(w->u_before, before), print_exact(w->u, now),
+           *unit ? " " : "", unit, when_text(c, w->tick->time, time), w->by->of->name);
     if (w->state_before != w->state)
         printf(", %s -> %s", state_name(w->state_before), state_name(w->state));
     else
@@ -238,9 +295,9 @@ static int print_why(const struct why_command *c, const struct why *w)
         struct author author;
         rc = find_row_author(c, &w->cause[i], &author);
         if (author.source[0]) {
-            printf("%.3f s  ", apc_ns_to_s(w->cause[i].row->time - c->replay.start));
+            printf("%s  ", when_text(c, w->cause[i].row->time, time));
             print_clean(stdout, author.source);
-            fputs(": ", stdout);
+            fputs(author.text[0] ? ": " : "", stdout);
             print_clean(stdout, author.text);
             putchar('\n');
         }
@@ -260,8 +317,8 @@ static int put_why_cause(const struct why_command *c, const struct why *w, const
              kind_name(cause->kind), cause->before, cause->now,
              apc_status_format(cause->status_before, before), apc_status_format(cause->status, status));
     json_add(t, "written:%g, author:%-s, event:%-s, effect:%g}",
-             cause->row ? apc_ns_to_s(cause->row->time - c->replay.start) : (double)NAN, author.source,
-             author.text, cause->effect);
+             cause->row ? when_number(c, cause->row->time) : (double)NAN, author.source, author.text,
+             cause->effect);
     return rc < 0 ? rc : 0;
 }
 
@@ -270,9 +327,8 @@ static int put_why(const struct why_command *c, const struct why *w, unsigned de
     int rc = 0;
     json_add(t, depth ? "above:{" : "{");
     json_add(t, "output:%s, controller:%s, unit:%s, from:%g, time:%g, before:%g, now:%g", w->loop,
-             w->by->of->name, w->output ? w->output->unit : NULL,
-             apc_ns_to_s(w->before->time - c->replay.start), apc_ns_to_s(w->tick->time - c->replay.start),
-             w->u_before, w->u);
+             w->by->of->name, w->output ? w->output->unit : NULL, when_number(c, w->before->time),
+             when_number(c, w->tick->time), w->u_before, w->u);
     json_add(t, "state_before:%s, state:%s, reason:%-s, low:%e, high:%e, earlier:%g, together:%g, inputs:[",
              state_name(w->state_before), state_name(w->state), w->reason, w->low, w->high, w->earlier,
              w->together);
@@ -284,15 +340,39 @@ static int put_why(const struct why_command *c, const struct why *w, unsigned de
 
 /* ---- The command ----------------------------------------------------------------------------- */
 
+#define LEAD 2 /* ticks before those of a move: what is read of a store at first */
+#define MORE 8 /* as many times as many, where these do not tell */
+#define MOST 1024
+
+/* Of a store only what the move needs is read: more where it does not come out of that. */
+static int find_part_move(struct why_command *c, const char *loop, apc_ns at, struct why *w,
+                          struct apc_error *why)
+{
+    struct replay_part part = {.store = c->store, .loop = loop, .until = at, .lead = LEAD};
+    int rc = APC_ESTATE;
+    *w = (struct why){0};
+    (void)apc_ns_from_s(c->options.over, &part.over);
+    const apc_ns from = part.over > 0 ? at - part.over : at;
+    if (!c->store)
+        return why_find(w, &c->replay, loop, from, at, why);
+    for (bool more = true; rc == APC_ESTATE && more && part.lead <= MOST; part.lead *= MORE) {
+        why_free(w);
+        replay_free(&c->replay);
+        if ((rc = replay_load_part(&c->replay, &part, why)) == 0)
+            rc = why_find(w, &c->replay, loop, from, at, why);
+        more = c->replay.more && !w->restarted;
+    }
+    return rc;
+}
+
 static int explain_move(struct why_command *c, const char *loop, apc_ns at, unsigned depth)
 {
     const bool json = c->cli.format == CLI_JSON;
+    char above[APC_TAG_LEN];
     struct apc_error why;
     struct why w;
-    apc_ns over = 0;
     const struct why_cause *moved = NULL;
-    (void)apc_ns_from_s(c->options.over, &over);
-    int rc = why_find(&w, &c->replay, loop, over > 0 ? at - over : at, at, &why);
+    int rc = find_part_move(c, loop, at, &w, &why);
     const bool found = rc == 0;
     if (!found)
         fail_why(c, rc, why.text);
@@ -304,7 +384,8 @@ static int explain_move(struct why_command *c, const char *loop, apc_ns at, unsi
     if (moved && depth < DEPTH) {
         if (!json)
             putchar('\n');
-        rc = explain_move(c, why_above(&c->replay, moved), moved->row->time, depth + 1);
+        snprintf(above, sizeof above, "%s", why_above(&c->replay, moved));
+        rc = explain_move(c, above, moved->row->time, depth + 1);
     }
     if (json && found)
         json_add(&c->json, depth ? "}" : "}\n");
@@ -312,10 +393,10 @@ static int explain_move(struct why_command *c, const char *loop, apc_ns at, unsi
     return rc;
 }
 
-/* OUTPUT[@TIME]; the run is loaded. */
+/* OUTPUT[@TIME]; the run is loaded, if it is one. */
 static int parse_output(struct why_command *c)
 {
-    const char *text = c->cli.args[1], *at = strrchr(text, '@');
+    const char *text = c->cli.args[c->cli.n_args - 1], *at = strrchr(text, '@');
     const size_t length = at ? (size_t)(at - text) : strlen(text);
     double t;
     c->at = INT64_MAX;
@@ -324,6 +405,14 @@ static int parse_output(struct why_command *c)
     memcpy(c->loop, text, length);
     if (!at)
         return 0;
+    if (c->cli.n_args < 2)
+        return cli_when(at + 1, &c->at)
+                   ? EXIT_OK
+                   : cli_usage(
+                         &c->cli,
+                         "\"%s\": \"%s\" must be a time, as 2026-01-31T12:00:00Z, or before now, as 30s, "
+                         "10m, 2h, 1d; in a run folder: apc why RUN %s",
+                         text, at + 1, text);
     if (apc_number_parse(at + 1, &t) == 0 && apc_ns_from_s(t, &c->at) == 0) {
         c->at += c->replay.start;
         return 0;
@@ -336,20 +425,33 @@ static int parse_output(struct why_command *c)
                            text, at + 1);
 }
 
+/* Returns an exit code. */
+static int explain_folder(struct why_command *c)
+{
+    struct apc_error why;
+    int rc = replay_load(&c->replay, c->cli.args[0], NULL, &why);
+    if (rc < 0)
+        return exit_code_of(fail_why(c, rc, why.text));
+    rc = parse_output(c);
+    return rc != EXIT_OK ? rc : exit_code_of(explain_move(c, c->loop, c->at, 0));
+}
+
+static int explain_store(struct why_command *c)
+{
+    int rc = parse_output(c);
+    if (rc == EXIT_OK)
+        rc = exit_code_of(cli_open(&c->cli, &c->store));
+    if (rc == EXIT_OK)
+        rc = exit_code_of(explain_move(c, c->loop, c->at, 0));
+    apc_store_close(c->store);
+    return rc;
+}
+
 int command_why(int argc, char **argv)
 {
     struct why_command c = {.json = {.out = stdout}};
-    struct apc_error why;
     cli_parse(&c.cli, &spec, &c.options, argc, argv);
-    int rc = replay_load(&c.replay, c.cli.args[0], NULL, &why);
-    if (rc < 0) {
-        fail_why(&c, rc, why.text);
-    } else if ((rc = parse_output(&c)) == 0) {
-        rc = explain_move(&c, c.loop, c.at, 0);
-    } else {
-        replay_free(&c.replay);
-        return rc;
-    }
+    const int rc = c.cli.n_args > 1 ? explain_folder(&c) : explain_store(&c);
     replay_free(&c.replay);
-    return cli_done(&c.cli, exit_code_of(rc));
+    return rc == EXIT_USAGE ? rc : cli_done(&c.cli, rc);
 }
