@@ -468,8 +468,8 @@ static int advance_served_plant(struct apc_plantserver *s, apc_ns to)
     if (s->split && s->split_at < to) {
         rc = hold_inputs(s, from, s->split_at);
         give_command(s, true);
-        move_actuators(s, s->split_at);
         from = s->split_at > from ? s->split_at : from;
+        move_actuators(s, from);
     }
     if (rc == 0)
         rc = hold_inputs(s, from, to);

@@ -17,6 +17,7 @@ struct rig {
     struct apc_plantserver *server;
     size_t ny;
     struct apc_sample y[4];
+    double gain, tau; /* of the first-order plant */
 };
 
 static struct rig make(const char *name, struct apc_plantserver_options o)
@@ -32,6 +33,8 @@ static struct rig make(const char *name, struct apc_plantserver_options o)
         fail_msg("%s", why.text);
     o.plant = r.plant;
     r.ny = o.model->ny;
+    r.gain = o.model->param[0].initial;
+    r.tau = o.model->param[1].initial;
     if (apc_plantserver_create(&r.server, &o, &why) < 0)
         fail_msg("%s", why.text);
     return r;
@@ -330,6 +333,53 @@ static void a_period_that_is_no_multiple_of_the_plants_is_kept_on_average(void *
     drop(&r);
 }
 
+/* ---- Actuators ----------------------------------------------------------------------------- */
+
+/* Where it stood in the interval before tick @p k, from states on either side of it; the watchdog gives it its
+ * safe value from 3.1 s on, between two ticks. */
+static double stood(struct rig *r, int k, double *x)
+{
+    const double decay = exp(-0.07 / r->tau), before = *x;
+    const struct apc_now now = {.mono = 5 * S + k * 7 * TICK / 10, .utc = k * TICK};
+
+    assert_int_equal(apc_plantserver_tick(r->server, now, NULL), 0);
+    *x = apc_plant_state(r->plant)[0];
+    return k ? (*x - decay * before) / (1.0 - decay) / r->gain : 0.0;
+}
+
+/* Promise(experiment/actuator-faults) */
+static void an_actuator_that_is_stuck_or_slow_is_so_on_its_way_to_the_safe_value(void **state)
+{
+    const double initial = 5.0;
+    const struct apc_actuator_fault fault[] = {{.kind = APC_ACTUATOR_STUCK, .at = S},
+                                               {.kind = APC_ACTUATOR_RATE, .at = S, .size = 2.0}};
+
+    (void)state;
+    for (int slow = 0; slow < 2; slow++) {
+        const struct apc_actuator actuator = {.fault = &fault[slow], .n_faults = 1};
+        struct rig r =
+            make("first-order", (struct apc_plantserver_options){.actuator = &actuator, .initial = &initial});
+        double x = 0.0, told;
+
+        for (int k = 0; k <= 100; k++) {
+            const double t = 0.07 * k, u = stood(&r, k, &x); /* in the 0.07 s until t */
+            const double fell = k <= 45 ? 5.0 : 5.0 - 2.0 * (0.07 * (k - 1) - 3.08);
+
+            if (k > 0 && t < 3.1)
+                assert_near(u, 5.0, 1e-4);
+            else if (k == 45) /* 0.02 s before the watchdog, 0.05 s after it */
+                assert_near(u,
+                            slow ? 5.0 - 0.04 * (1.0 - exp(-0.05 / r.tau)) / (1.0 - exp(-0.07 / r.tau)) : 5.0,
+                            1e-4);
+            else if (k > 45)
+                assert_near(u, slow ? fmax(fell, 0.0) : 5.0, 1e-4);
+        }
+        assert_true(apc_plantserver_input(r.server, &told));
+        assert_near(told, 0.0, 0.0); /* what it is told is the safe value all the same */
+        drop(&r);
+    }
+}
+
 /* ---- Disturbances -------------------------------------------------------------------------- */
 
 /* Between two ticks, at 0.25 s and 0.55 s: ambient temperature through heater to sensor, in closed form. */
@@ -498,6 +548,7 @@ int main(void)
         cmocka_unit_test(one_sensor_changes_nothing_of_another),
         cmocka_unit_test(a_sensor_shows_whole_steps_only),
         cmocka_unit_test(faults_begin_and_end_when_they_should),
+        cmocka_unit_test(an_actuator_that_is_stuck_or_slow_is_so_on_its_way_to_the_safe_value),
         cmocka_unit_test(a_fault_without_duration_lasts),
         cmocka_unit_test(a_sensor_with_a_period_of_its_own_looks_as_often_and_its_value_stands_with_its_time),
         cmocka_unit_test(a_period_that_is_no_multiple_of_the_plants_is_kept_on_average),
