@@ -52,7 +52,7 @@ for unit in *@.service; do
       tail -n +"$(grep -n '^SystemCallFilter=~' "$unit" | cut -d: -f1)" "$unit" | grep -q '^SystemCallFilter=.*sched_setscheduler' || fail "no thread of $unit can start"
       ;;
   esac
-  for setting in "$scheduling" 'LoadCredential=pgpass:/etc/apc/credentials/%i.%p.pgpass' 'Environment=PGPASSFILE=%d/pgpass' 'LogExtraFields=APC_EXPERIMENT=%i'; do
+  for setting in "$scheduling" 'LoadCredential=pgpass:/etc/apc/credentials/%i.%p.pgpass' 'Environment=PGPASSFILE=%t/%p-%i/pgpass' 'ExecStartPre=/usr/bin/install -m 0600 %d/pgpass %t/%p-%i/pgpass' 'LogExtraFields=APC_EXPERIMENT=%i'; do
     grep -qxF "$setting" "$unit" || fail "$unit has no $setting"
   done
   [ "$(grep -cE '^(LimitRTPRIO|RestrictRealtime)=' "$unit")" = 1 ] || fail "$unit may and may not be scheduled in real time"
