@@ -236,7 +236,7 @@ static int past_variables(struct apc_store *store, struct apc_sample *variables,
 }
 
 /* The text that was in force, to be freed. Of former revisions there are few. */
-static int load_catalogue(struct past *s, apc_ns time, char **text)
+static int catalogue_of_then(struct past *s, apc_ns time, char **text)
 {
     int64_t revision;
     const int length = apc_store_catalogue_at(s->of, time, NULL, 0, &revision);
@@ -251,8 +251,8 @@ static int past_get_tags(struct apc_store *store, struct apc_tag *tags, size_t c
 {
     struct past *s = past_of(store);
     char *now = NULL, *then = NULL;
-    int rc = s->compared ? 0 : load_catalogue(s, INT64_MAX, &now);
-    rc = rc < 0 || s->compared ? rc : load_catalogue(s, s->base.instant, &then);
+    int rc = s->compared ? 0 : catalogue_of_then(s, INT64_MAX, &now);
+    rc = rc < 0 || s->compared ? rc : catalogue_of_then(s, s->base.instant, &then);
     if (rc >= 0 && now && then && strcmp(now, then) != 0 && !s->note.text[0]) {
         apc_fail(&s->note, 0,
                  "the experiment was described otherwise then: names, units and limits are those of now");
