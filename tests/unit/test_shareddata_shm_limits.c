@@ -109,8 +109,9 @@ static void test_a_catalogue_of_any_length_below_its_room_comes_back(void **stat
         text[0] = (char)('b' + i);
     }
     text[room] = '\0';
-    assert_refused(store, apc_store_describe(store, NULL, 0, text), APC_ESTORE,
-                   "holds a catalogue of less than 16384 bytes, not 16384: stop its programs, remove /dev/shm/apc.");
+    assert_refused(
+        store, apc_store_describe(store, NULL, 0, text), APC_ESTORE,
+        "holds a catalogue of less than 16384 bytes, not 16384: stop its programs, remove /dev/shm/apc.");
     assert_int_equal(apc_store_catalogue(store, back, sizeof back, &revision), room - 1);
     assert_int_equal(revision, before);
 }
