@@ -192,8 +192,8 @@ struct apc_sensor {
     size_t n_faults;
 };
 
-/** What may go wrong with an actuator, as sensors' faults do: each makes of the command, or of what the fault
- * before it in the list made of it, where the actuator stands from a tick on. */
+/** What may go wrong with an actuator, as sensors' faults do. Each makes of the command where the actuator
+ * stands from a tick on; of several in the list, each takes what the one before it made. */
 struct apc_actuator_fault {
     enum apc_actuator_fault_kind {
         APC_ACTUATOR_STUCK = 1,  /**< stays where it was */
