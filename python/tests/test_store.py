@@ -40,6 +40,33 @@ def test_history_has_bounds(store):
         store.history("y", last=-1)
 
 
+# Promise(run/at-time-shows)
+def test_a_store_as_it_was(store):
+    y, r = store.history("y"), store.history("r")
+    rng = np.random.default_rng(7)
+    for ns in (*y.time[rng.integers(len(y.time), size=50)].astype(int), *rng.integers(y.time[0].astype(int), y.time[-1].astype(int), 50)):
+        then = store.at(int(ns))
+        for name, rows in ("y", y), ("r", r):
+            last = np.flatnonzero(rows.time.astype(int) <= ns)
+            value = then.read(name)
+            assert value == (rows.value[last[-1]], rows.status[last[-1]], rows.time[last[-1]].astype(int)) if len(last) else value.status.bad
+        assert then.history("y").seq[-1] == np.flatnonzero(y.time.astype(int) <= ns)[-1] + 1
+        assert all(e.time <= ns for e in then.events()) and then.alarms() == [] and then.note == ""
+    assert store.at("1999-12-31").read("y").status.bad  # virtual time begins the day after
+    with pytest.raises(PermissionError, match="nobody can change the past"):
+        then.write("r", 1.0)
+    store.close()
+    with pytest.raises(apc.StateError, match="is closed"):
+        then.read("y")
+
+
+def test_the_future_is_not_on_record(tmp_path):
+    with apc.Store(f"sqlite:{tmp_path}/x.db") as store:
+        store.init()
+        with pytest.raises(ValueError, match="is in the future"):
+            store.at("2200-01-01")
+
+
 def test_columns_outlive_their_store():
     s = apc.Experiment("here.conf", TEXT).simulate()
     s.run()

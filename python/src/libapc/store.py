@@ -113,6 +113,22 @@ class Store:
         made._owned = owned
         return made
 
+    def at(self, time: Time) -> "Store":
+        """The store as it stood then: `read`, `alarms`, `history` and the like give what was newest, by `time` of the rows; a
+        value behind which rows are missing in the record is Uncertain. Nothing can be written there. It lives as long as
+        this one, and both belong to one thread at a time."""
+        out, reason = ffi.new("struct apc_store **"), why()
+        with self._owned as s:
+            check(lib.apc_store_past(out, s, _ns(time), reason), reason)
+        return Store._of(Owned("store", out[0], lib.apc_store_close, self._owned))
+
+    @property
+    def note(self) -> str:
+        """Of a store `at` a time: a sentence about what the record cannot tell of it, as far as it was read; "": nothing."""
+        with self._owned as s:
+            self._check(s, lib.apc_store_connect(s))
+            return text(lib.apc_store_error(s))
+
     def _check(self, s: Any, code: int) -> int:
         if code < 0:
             raise error(code, text(lib.apc_store_error(s)) or text(lib.apc_err_text(code)))
