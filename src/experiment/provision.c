@@ -185,21 +185,6 @@ static int add_controllers(struct tags *t)
     return 0;
 }
 
-/* Those that have to be confirmed. */
-static void add_steps(struct tags *t, const struct signal *signal, size_t n)
-{
-    char name[APC_TAG_LEN];
-    for (size_t i = 0; i < n; i++) {
-        const struct apc_tag *of = &signal[i].tag;
-        if (!(signal[i].confirm > 0))
-            continue;
-        join_names(of->name, "confirm", name);
-        add_tag(t, plain_tag(APC_DIM, LOOPS_STEP(of->table, of->id), name,
-                             "step above which a write has to be confirmed", signal[i].confirm,
-                             signal[i].confirm));
-    }
-}
-
 /* Of the setpoints that the scheduler moves: whose they are, and what they will be. */
 static void add_owners(struct tags *t)
 {
@@ -257,7 +242,7 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      count_published_tags(e) + 5 * controllers_loops(e) + dim->nz + dim->nu +
+                                      count_published_tags(e) + 5 * controllers_loops(e) +
                                       2 * e->scheduler.n + e->n_alarms + 6,
                                   sizeof *t.at)};
     if (!t.at)
@@ -280,8 +265,6 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
         return NULL;
     }
     add_owners(&t);
-    add_steps(&t, e->z, dim->nz);
-    add_steps(&t, e->u, dim->nu);
     add_alarms(&t);
     add_tag(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
     add_tag(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));

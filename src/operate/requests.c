@@ -157,9 +157,7 @@ static int look_at_request(struct requests *r, const struct apc_request *q, stru
              q->reason[0] ? ": " : "", q->reason);
     l->operation = (struct operation){
         .plant = &r->plant.view, .change = &l->change, .n = 1, .author = q->author, .note = l->note};
-    int rc = operation_look(&l->operation, r->live);
-    if (rc == 0)
-        rc = operation_read(&l->operation, r->live);
+    const int rc = operation_look(&l->operation, r->live);
     return rc < 0 ? apc_fail(&r->why, rc, "%s", apc_store_error(r->live)) : 0;
 }
 
@@ -211,8 +209,6 @@ static bool is_wrong(const struct requests *r, struct look *l)
         rc = change_check(&l->change.to, q->value, &l->why);
     if (rc == 0)
         rc = change_now(&r->plant.view, &l->change.to, &l->change.mode, &l->why);
-    if (rc == 0)
-        rc = change_step(&l->change, &l->why);
     return rc < 0 && note_outcome(l, "refused: %s", l->why.text);
 }
 
@@ -240,7 +236,10 @@ static int do_it(struct requests *r, struct look *l)
     mark.origin = apc_seq_last(&l->change.newest) + 1;
     l->operation.mark = &mark;
     l->change.after.seq = l->change.newest.seq;
-    int rc = operation_begin(&l->operation, r->live, &l->why);
+    int rc = operation_read(&l->operation, r->live);
+    if (rc < 0)
+        return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
+    rc = operation_begin(&l->operation, r->live, &l->why);
     operation_end(&l->operation);
     if (rc == APC_ECONFLICT)
         return 1;

@@ -447,23 +447,6 @@ test("Esc in an entry is the entry's alone", async () => {
   document.removeEventListener("keydown", hear);
 });
 
-test("a great step is made only by the button that says so", async () => {
-  await show("loop/1");
-  await type(field, "7");
-  await submit(entry);
-  const asked = env.take("/api/setpoint");
-  assert.equal(asked.body?.confirm, undefined);
-  asked.answer({error: {code: "confirm", message: "a step of more than 2"}}, 409);
-  await settle();
-  assert.match(said('[data-slot="setpoint.1"]'), /failed – a step of more than 2 Confirm the step Dismiss$/);
-  assert.equal(one<HTMLInputElement>(field).value, "7");
-  await click(button("Confirm the step"));
-  const again = env.take("/api/setpoint").body;
-  assert.deepEqual([again?.value, again?.seq, again?.confirm], [7, asked.body?.seq, true]);
-  await env.pass(1.1);
-  await settle();
-});
-
 test("what somebody else has changed is written over only by the button that says so", async () => {
   await show("loop/1");
   await type(field, "7");

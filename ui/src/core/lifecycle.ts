@@ -11,12 +11,11 @@ export interface WriteView {
   to: string; // what was asked for, as text
   reason: string | null;
   stored: boolean; // it is in the database: what was typed is the readback now
-  confirm?: boolean; // so great a step has to be confirmed
 }
 
 export type Happening =
   | {what: "answer"; write: Write}
-  | {what: "refused"; reason: string; confirm?: boolean}
+  | {what: "refused"; reason: string}
   | {what: "no answer"; reason: string};
 
 const order: Record<Phase, number> = {pending: 0, accepted: 1, unknown: 2, applied: 3, superseded: 3, failed: 3};
@@ -30,7 +29,7 @@ export function next(view: WriteView, happening: Happening): WriteView {
       return {...view, phase: write.state, at: write.time, reason: write.reason, stored: write.stored === true};
     }
     case "refused":
-      return isFinal(view.phase) ? view : {...view, phase: "failed", reason: happening.reason, confirm: happening.confirm === true};
+      return isFinal(view.phase) ? view : {...view, phase: "failed", reason: happening.reason};
     case "no answer":
       return view.phase === "pending" ? {...view, phase: "unknown", reason: happening.reason} : view;
   }
