@@ -80,8 +80,13 @@ bool time_parse(const char *text, apc_ns now, apc_ns *value)
     double seconds;
     if (apc_number_parse(text, &seconds) < 0)
         return apc_time_parse(text, value) == 0;
-    return fabs(seconds) <= TIME_MAX && apc_ns_from_s(seconds, value) == 0 &&
-           (seconds >= 0 || !__builtin_add_overflow(now, *value, value));
+    if (fabs(seconds) > TIME_MAX || apc_ns_from_s(seconds, value) < 0)
+        return false;
+    if (seconds < 0)
+        return !__builtin_add_overflow(now, *value, value);
+    /* the microsecond that was meant: a double beside it is up to 0.2 us off */
+    *value = (*value + APC_NS_PER_US / 2) / APC_NS_PER_US * APC_NS_PER_US;
+    return true;
 }
 
 bool query_time(struct request *r, const char *name, apc_ns now, apc_ns *value)
