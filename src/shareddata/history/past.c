@@ -14,6 +14,7 @@
 #include "shareddata/shareddata_internal.h"
 
 #define HOUR (3600 * APC_NS_PER_S)
+#define DAY  (INT64_C(24) * HOUR)
 
 struct past {
     struct apc_store base;
@@ -102,7 +103,7 @@ static int look_in(struct look *l, const struct apc_range *range)
     return rc < 0 ? rc : l->seq > 0;
 }
 
-static const apc_ns steps[] = {HOUR, 24 * HOUR, 8 * 24 * HOUR};
+static const apc_ns steps[] = {HOUR, DAY, INT64_C(8) * DAY};
 #define STEPS (sizeof steps / sizeof *steps)
 
 /* The last row up to the instant. What people write is old: it is the highest seq whatever its time. Of what
@@ -415,7 +416,7 @@ int apc_store_past(struct apc_store **past, struct apc_store *store, apc_ns time
         return apc_fail(why, APC_EINVAL, "%s is in the future: there is no record of it",
                         apc_time_format(time, text));
     }
-    if (time <= INT64_MIN + 400 * 24 * HOUR || time >= INT64_MAX - 400 * 24 * HOUR) {
+    if (time <= INT64_MIN + INT64_C(400) * DAY || time >= INT64_MAX - INT64_C(400) * DAY) {
         return apc_fail(why, APC_EINVAL, "%s is no time that a record can have", apc_time_format(time, text));
     }
     struct past *s = (struct past *)calloc(1, sizeof *s);
