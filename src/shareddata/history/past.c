@@ -134,30 +134,36 @@ static int find_behind(struct look *l, int64_t after)
     return found != 0 ? found : look_in(l, &range);
 }
 
-/* The newest row of a variable is too new: the one that was newest instead. */
-static int find_then(struct past *s, struct apc_sample *sample, struct apc_vector *vector)
+/* The newest row of a variable is too new: the one that was newest instead, and its status. */
+static int find_then(struct look *was, apc_status *status)
 {
-    const enum apc_table table = sample ? sample->table : vector->table;
-    const int id = sample ? sample->id : vector->id;
-    struct look was = {.s = s, .table = table, .id = id, .sample = sample, .vector = vector};
-    struct look next = {.s = s, .table = table, .id = id};
-    if (sample) {
-        *sample = (struct apc_sample){.table = table, .id = id, .status = APC_BAD_NO_DATA};
-    } else {
-        vector->seq = vector->time = 0;
-        vector->n = 0;
-        vector->status = APC_BAD_NO_DATA;
-    }
-    int rc = find_before(&was);
-    rc = rc < 0 ? rc : find_behind(&next, was.seq);
-    if (rc >= 0 && was.seq > 0 && next.seq != was.seq + 1) {
-        apc_status *status = sample ? &sample->status : &vector->status;
+    struct past *s = was->s;
+    struct look next = {.s = s, .table = was->table, .id = was->id};
+    int rc = find_before(was);
+    rc = rc < 0 ? rc : find_behind(&next, was->seq);
+    if (rc >= 0 && was->seq > 0 && next.seq != was->seq + 1) {
         *status = apc_status_severity(*status) == APC_SEVERITY_GOOD ? APC_UNCERTAIN_LAST_USABLE : *status;
-        doubt(s, "rows are missing in the record", table, id, was.time, next.time);
-    } else if (rc >= 0 && was.seq == 0 && next.seq > 1) {
-        doubt(s, "rows are missing in the record", table, id, 0, next.time);
+        doubt(s, "rows are missing in the record", was->table, was->id, was->time, next.time);
+    } else if (rc >= 0 && was->seq == 0 && next.seq > 1) {
+        doubt(s, "rows are missing in the record", was->table, was->id, 0, next.time);
     }
     return rc < 0 ? rc : 0;
+}
+
+static int find_sample_then(struct past *s, struct apc_sample *sample)
+{
+    struct look was = {.s = s, .table = sample->table, .id = sample->id, .sample = sample};
+    *sample = (struct apc_sample){.table = was.table, .id = was.id, .status = APC_BAD_NO_DATA};
+    return find_then(&was, &sample->status);
+}
+
+static int find_vector_then(struct past *s, struct apc_vector *vector)
+{
+    struct look was = {.s = s, .table = vector->table, .id = vector->id, .vector = vector};
+    vector->seq = vector->time = 0;
+    vector->n = 0;
+    vector->status = APC_BAD_NO_DATA;
+    return find_then(&was, &vector->status);
 }
 
 /* ---- All ------------------------------------------------------------------------------------- */
@@ -172,7 +178,7 @@ static int past_read(struct apc_store *store, struct apc_sample *samples, size_t
     struct past *s = past_of(store);
     int rc = apc_store_read(s->of, samples, n);
     for (size_t i = 0; i < n && rc >= 0; i++) {
-        rc = is_later(s, samples[i].seq, samples[i].time) ? find_then(s, &samples[i], NULL) : rc;
+        rc = is_later(s, samples[i].seq, samples[i].time) ? find_sample_then(s, &samples[i]) : rc;
     }
     return answered(s, rc);
 }
@@ -183,11 +189,11 @@ static int past_read_rows(struct apc_store *store, struct apc_rows *rows)
     int rc = apc_store_read_rows(s->of, rows);
     for (size_t i = 0; i < rows->n_samples && rc >= 0; i++) {
         struct apc_sample *sample = &rows->sample[i];
-        rc = is_later(s, sample->seq, sample->time) ? find_then(s, sample, NULL) : rc;
+        rc = is_later(s, sample->seq, sample->time) ? find_sample_then(s, sample) : rc;
     }
     for (size_t i = 0; i < rows->n_vectors && rc >= 0; i++) {
         struct apc_vector *vector = &rows->vector[i];
-        rc = is_later(s, vector->seq, vector->time) ? find_then(s, NULL, vector) : rc;
+        rc = is_later(s, vector->seq, vector->time) ? find_vector_then(s, vector) : rc;
     }
     return answered(s, rc);
 }
