@@ -252,6 +252,7 @@ struct change {
     struct apc_sample after; /* value; seq: the newest that its author knows, or APC_SEQ_ANY, then its own */
     int64_t along;           /* of a switch of the scheduler: seq of the setpoint that was written with it */
     int64_t ticked;          /* seq of the tick that operation_ready() saw first, or that was followed */
+    bool ticks;              /* who follows its controller has seen it tick lately: change_takes() */
 
     struct apc_sample newest; /* as seen last, their tables and ids from the first: the variable */
     struct apc_sample actual; /* what is in force; of a switch the setpoint */
@@ -273,7 +274,7 @@ struct operation {
     int (*record)(void *ctx, struct apc_store *store, const struct apc_event *event,
                   size_t n); /* NULL: appended */
     void *ctx;
-    bool followed; /* change.ticked is given, 0: none was seen; operation_ready() does not wait for another */
+    bool followed; /* change.ticks and .ticked are given, 0: none was seen; operation_ready() does not wait */
 
     apc_ns time;            /* of the rows and events, UTC; 0: operation_begin() fills it in */
     struct owner_rows with; /* what was written besides: operation_end() */

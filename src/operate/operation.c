@@ -308,7 +308,7 @@ static bool ticks_now(const struct operation *o, const struct change *c, struct 
 static int is_change_ready(const struct operation *o, struct change *c, struct apc_store *store, bool first,
                            struct change_fault *why)
 {
-    if (is_owner_switch(c))
+    if (is_owner_switch(c) || (o->followed && c->ticks))
         return 1;
     if (!c->by)
         return change_nobody(c, apc_clock_utc(NULL), why);

@@ -180,6 +180,14 @@ static void who_follows_the_ticks_is_told_of_newer_ones(void **state)
     d.change[0].ticked = 0;
     ticked(BASE, 0);
     assert_int_equal(operation_ready(&d.operation, store, &why), 1);
+    ticked(BASE,
+           -300 * S); /* the clock of its host is ahead; of several changes this one was seen to be taken */
+    assert_int_equal(operation_look(&d.operation, store), 0);
+    d.change[0].ticked = d.change[0].tick.seq;
+    d.change[0].ticks = true;
+    assert_int_equal(operation_ready(&d.operation, store, &why), 1);
+    d.change[0].ticks = false;
+    assert_int_equal(operation_ready(&d.operation, store, &why), APC_EPERM);
 }
 
 static void who_has_said_that_it_stops_is_not_ready(void **state)

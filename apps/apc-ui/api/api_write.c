@@ -284,6 +284,7 @@ static bool check_takers(struct ui *ui, struct request *r, struct order *o, stru
 {
     struct model *m = &ui->model;
     struct change_fault why;
+    bool known = true; /* of all that they tick */
     int rc = 0;
     o->operation =
         (struct operation){.plant = &o->plant.view, .change = o->change, .n = o->write.n, .followed = true};
@@ -298,10 +299,11 @@ static bool check_takers(struct ui *ui, struct request *r, struct order *o, stru
             c->period = plant_tick_time(&m->plant, by);
             age = model_tick_age(m, by, apc_clock_mono(NULL));
         }
-        rc |= change_takes(c, age, apc_clock_utc(NULL), &why);
+        c->ticks = change_takes(c, age, apc_clock_utc(NULL), &why) == 0;
+        known = known && c->ticks;
     }
     pthread_mutex_unlock(&m->mutex);
-    if (rc < 0)
+    if (!known)
         rc = operation_ready(&o->operation, store, &why);
     if (rc < 0 && strcmp(why.code, "store") == 0)
         fault_store(r, rc, store);
