@@ -675,7 +675,7 @@ int replay_load(struct replay *r, const char *dir, const struct experiment_overr
 
 /* ---- A part of a store's record --------------------------------------------------------------- */
 
-static int load_catalogue(struct replay *r, struct apc_store *store, struct apc_error *why)
+static int parse_catalogue(struct replay *r, struct apc_store *store, struct apc_error *why)
 {
     int64_t revision;
     int length = apc_store_catalogue(store, NULL, 0, &revision);
@@ -689,6 +689,18 @@ static int load_catalogue(struct replay *r, struct apc_store *store, struct apc_
                                               "the store does not say which experiment it is: apc init FILE")
                                    : experiment_parse(&r->e, &from, EXPERIMENT_LAW, NULL, why);
     free(text);
+    return rc;
+}
+
+/* The one that was in force then. */
+static int load_catalogue(struct replay *r, const struct replay_part *part, struct apc_error *why)
+{
+    struct apc_store *past = NULL;
+    if (part->until > apc_clock_utc(NULL))
+        return parse_catalogue(r, part->store, why);
+    int rc = apc_store_past(&past, part->store, part->until, why);
+    rc = rc < 0 ? rc : parse_catalogue(r, past, why);
+    apc_store_close(past);
     return rc;
 }
 
@@ -743,7 +755,7 @@ static apc_ns part_start(const struct controller *of, const struct ticks *ticks)
 int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why)
 {
     *r = (struct replay){.of_store = true};
-    int rc = load_catalogue(r, part->store, why);
+    int rc = load_catalogue(r, part, why);
     if (rc == 0)
         rc = make_replay(r, why);
     if (rc < 0)

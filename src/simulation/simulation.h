@@ -221,7 +221,8 @@ struct replay_part {
     apc_ns over, until; /* until: INT64_MAX: the newest */
     size_t lead;
 };
-/* The same of that part, for why_find(), with the experiment as the store's catalogue has it. */
+/* The same of that part, for why_find(), with the experiment as the store's catalogue has it,
+ * and had it then where it keeps former ones. */
 int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why);
 /* Once. Returns 0 or why it ended, with a text in r->why. */
 int replay_run(struct replay *r, const struct replay_watch *watch);

@@ -415,7 +415,7 @@ static struct replay_controller *find_moved_loop(struct why *w, struct replay *r
         return &r->controller[loop->controller];
     }
     const char *meant = within ? within : nearest.name;
-    apc_fail(why, APC_ENOTFOUND, "the run has no loop \"%s\"%s%s%s", name, meant ? ": did you mean \"" : "",
+    apc_fail(why, APC_ENOTFOUND, "there is no loop \"%s\"%s%s%s", name, meant ? ": did you mean \"" : "",
              meant ? meant : "", meant ? "\"?" : "");
     return NULL;
 }

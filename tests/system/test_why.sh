@@ -34,9 +34,9 @@ refused() {
   "$apc" why "$@" >out.txt 2>err.txt || code=$?
   [ $code -eq "$expected" ] && grep -qF -- "$text" err.txt && [ ! -s out.txt ] || fail "apc why $*: $code $(cat err.txt out.txt)"
 }
-refused 1 'the run has no loop "v11": did you mean "v1"?' layers v11@3
-refused 1 'the run has no loop "v11"' layers v11@3 --json
-refused 1 'the run has no loop "r1": did you mean "upper.r1"?' layers r1@212
+refused 1 'there is no loop "v11": did you mean "v1"?' layers v11@3
+refused 1 'there is no loop "v11"' layers v11@3 --json
+refused 1 'there is no loop "r1": did you mean "upper.r1"?' layers r1@212
 refused 1 'no tick until then' layers v1@0
 refused 1 'no tick before it is on record' layers v1@0.05
 refused 2 'must be seconds since the start' layers v1@noon
@@ -96,7 +96,7 @@ END
 database=$APC_STORE
 unset APC_STORE
 told behind "sqlite:$work/history.db" --history "sqlite:$work/history.db"
-refused 1 'the run has no loop "v"' "v@$utc" --store "sqlite:$work/history.db"
+refused 1 'there is no loop "v"' "v@$utc" --store "sqlite:$work/history.db"
 refused 1 'no tick until then' u@2000-01-01 --store "sqlite:$work/history.db"
 refused 2 'must be a time, as 2026-01-31T12:00:00Z' u@noon --store "sqlite:$work/history.db"
 refused 3 'none.db' u --store "sqlite:$work/none.db"
@@ -106,4 +106,6 @@ unset APC_STORE
 # Promise(simulation/why-output-in-a-store)
 sed 's/law = "pi"/law = "pid"/' fast.conf >other.conf
 "$apc" init other.conf --force --store "$database" >/dev/null
-refused 1 'its law, its settings or its model are not those that ran' "u@$utc" --store "$database"
+"$apc" why "u@$utc" --over 0.3 --store "$database" >again.txt
+cmp store.txt again.txt || fail "a move is not explained by the experiment of then: $(cat again.txt)"
+refused 1 'its law, its settings or its model are not those that ran' u --store "$database"
