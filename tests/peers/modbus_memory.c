@@ -8,7 +8,7 @@
 
 int main(int argc, char **argv)
 {
-    modbus_t *server = argc > 1 ? modbus_new_tcp("127.0.0.1", atoi(argv[1])) : NULL;
+    modbus_t *server = argc > 1 ? modbus_new_tcp("127.0.0.1", (int)strtol(argv[1], NULL, 10)) : NULL;
     modbus_mapping_t *memory = modbus_mapping_new(100, 100, 100, 100);
     uint8_t request[MODBUS_TCP_MAX_ADU_LENGTH];
     int listener = server && memory ? modbus_tcp_listen(server, 4) : -1;

@@ -49,7 +49,7 @@ static void a_number_with_zeros_before_it_is_decimal_on_whatever_machine_it_was_
     for (size_t i = 0; i < sizeof durations / sizeof *durations; i++) {
         struct experiment e;
         char text[sizeof world + 100], *to = text;
-        to += sprintf(to, "\xef\xbb\xbfname = \"world\";\r\nduration = %s;\r\n", durations[i]);
+        to += snprintf(to, sizeof text, "\xef\xbb\xbfname = \"world\";\r\nduration = %s;\r\n", durations[i]);
         for (const char *from = behind; *from; from++) {
             if (*from == '\n')
                 *to++ = '\r';

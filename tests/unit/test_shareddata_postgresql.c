@@ -717,7 +717,7 @@ static void test_a_stopped_former_session_is_waited_for_and_is_no_other_writer(v
     assert_int_equal(apc_store_init(store), 0);
     int64_t last[1];
     ok(store, apc_store_claim(store, APC_SENSOR, 1, last));
-    pid_t pid = (pid_t)atoi(cluster_query(own, claimant));
+    const pid_t pid = (pid_t)strtol(cluster_query(own, claimant), NULL, 10);
     assert_true(pid > 1);
 
     assert_int_equal(kill(pid, SIGSTOP), 0);
@@ -736,7 +736,7 @@ static void test_a_stopped_former_session_is_waited_for_and_is_no_other_writer(v
     assert_int_equal(taken, APC_EBUSY); /* for another store it is another writer */
     assert_true(append_again(store, &s, 1) >= 0);
     assert_string_equal(cluster_query(own, "SELECT count(*) FROM p.sensor"), "1");
-    assert_int_not_equal(atoi(cluster_query(own, claimant)), pid);
+    assert_int_not_equal(strtol(cluster_query(own, claimant), NULL, 10), pid);
     assert_int_equal(apc_store_claim(other, APC_SENSOR, 1, last), APC_EBUSY); /* renewed */
     apc_store_close(other);
     apc_store_close(store);

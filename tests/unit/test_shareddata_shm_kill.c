@@ -337,7 +337,11 @@ enum { SOME = 120000, EVERYWHERE = INT_MAX, KILLS = SANITIZED ? 100 : 400, N = 6
 static int random_kills(void)
 {
     const char *given = getenv("APC_KILLS");
-    return given ? atoi(given) : KILLS;
+    char *end = NULL;
+    const long kills = given ? strtol(given, &end, 10) : KILLS;
+    if (given && (end == given || *end || kills < 1 || kills > INT_MAX))
+        fail_msg("APC_KILLS=%s is no number of kills", given);
+    return (int)kills;
 }
 
 static long some(void)

@@ -84,7 +84,7 @@ static int set_up(void **state)
 {
     (void)state;
     plant++;
-    strcpy(folder, "/tmp/apc-spool.XXXXXX");
+    snprintf(folder, sizeof folder, "/tmp/apc-spool.XXXXXX");
     if (!mkdtemp(folder)) {
         return 1;
     }

@@ -24,12 +24,12 @@ static void what_is_packed_is_unpacked(void **state)
     int length;
     (void)state;
 
-    strcpy(ts[0], "2026-01-31 12:00:00.123456"); /* genTimeStampUTC() */
-    strcpy(ts[1], "2026-01-31T12:00:00.5Z");
-    strcpy(ts[2], "2026-01-31T13:00:00+01:00");
-    strcpy(status[0], "'ok'");
-    strcpy(status[1], "ok");
-    strcpy(status[2], "'BadOutOfService'");
+    snprintf(ts[0], sizeof ts[0], "%s", "2026-01-31 12:00:00.123456"); /* genTimeStampUTC() */
+    snprintf(ts[1], sizeof ts[1], "%s", "2026-01-31T12:00:00.5Z");
+    snprintf(ts[2], sizeof ts[2], "%s", "2026-01-31T13:00:00+01:00");
+    snprintf(status[0], sizeof status[0], "%s", "'ok'");
+    snprintf(status[1], sizeof status[1], "%s", "ok");
+    snprintf(status[2], sizeof status[2], "%s", "'BadOutOfService'");
     length = packMultiMsg(buff, 3, ts, status, u);
     assert_string_equal(buff, "apc1 values 0 3;2026-01-31T12:00:00.123456Z,Good,1.5;"
                               "2026-01-31T12:00:00.500000Z,Good,-2.0000000000000001e-300;"
@@ -96,25 +96,25 @@ static void nothing_is_packed_from_bad_arguments(void **state)
     char buff[APC_PACK_MAX] = "old";
     (void)state;
 
-    strcpy(ts[0], "2026-01-31 12:00:00");
-    strcpy(status[0], "ok");
+    snprintf(ts[0], sizeof ts[0], "%s", "2026-01-31 12:00:00");
+    snprintf(status[0], sizeof status[0], "%s", "ok");
     assert_int_equal(packMultiMsg(NULL, 1, NULL, NULL, &u), APC_EINVAL);
     assert_int_equal(packMultiMsg(buff, -1, NULL, NULL, &u), APC_EINVAL);
     assert_string_equal(buff, "");
     assert_int_equal(packMultiMsg(buff, 1, NULL, NULL, NULL), APC_EINVAL);
     assert_int_equal(packMultiMsg(buff, 1, NULL, NULL, &nan_value), APC_EINVAL);
-    strcpy(buff, "old");
-    strcpy(status[0], "ok'); DROP TABLE sensor; --");
+    snprintf(buff, sizeof buff, "%s", "old");
+    snprintf(status[0], sizeof status[0], "%s", "ok'); DROP TABLE sensor; --");
     assert_int_equal(packMultiMsg(buff, 1, ts, status, &u), APC_EINVAL);
     assert_string_equal(buff, "");
-    strcpy(status[0], "'");
+    snprintf(status[0], sizeof status[0], "%s", "'");
     assert_int_equal(packMultiMsg(buff, 1, ts, status, &u), APC_EINVAL);
     memset(status[0], 'x', sizeof status[0]); /* not terminated */
     assert_int_equal(packMultiMsg(buff, 1, ts, status, &u), APC_EINVAL);
-    strcpy(status[0], "ok");
+    snprintf(status[0], sizeof status[0], "%s", "ok");
     memset(ts[0], '1', sizeof ts[0]);
     assert_int_equal(packMultiMsg(buff, 1, ts, status, &u), APC_EINVAL);
-    strcpy(ts[0], "yesterday");
+    snprintf(ts[0], sizeof ts[0], "%s", "yesterday");
     assert_int_equal(packMultiMsg(buff, 1, ts, status, &u), APC_EINVAL);
 }
 
@@ -130,8 +130,8 @@ static void garbage_unpacks_to_nothing(void **state)
     double values[2] = {42, 43};
     (void)state;
 
-    strcpy(ts_back[0], "old");
-    strcpy(status_back[0], "old");
+    snprintf(ts_back[0], sizeof ts_back[0], "%s", "old");
+    snprintf(status_back[0], sizeof status_back[0], "%s", "old");
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         assert_int_equal(unpackMultiMsg(ts_back, status_back, values, bad[i]), APC_EPROTO);
     memset(long_text, 'a', sizeof long_text); /* no end within the 1024 bytes that a listing's buffer has */

@@ -54,7 +54,7 @@ static int read_port(const char *log)
         while (file && fgets(line, sizeof line, file))
             if ((at = strstr(line, "serving http://127.0.0.1:")) != NULL) {
                 fclose(file);
-                return atoi(at + 25);
+                return (int)strtol(at + 25, NULL, 10);
             }
         if (file)
             fclose(file);
