@@ -349,17 +349,23 @@ plugin "$work/moody.so" <<'C'
 #include <stdlib.h>
 #include <unistd.h>
 static const struct apc_param none[] = {{"K", "", "", 1, 0, 2}};
-static int compute(struct apc_law_call *c)
+static void leave_mark(void)
 {
-    const char *mood = getenv("MOOD"), *mark = getenv("MARK");
+    const char *mark = getenv("MARK");
     FILE *file = mark ? fopen(mark, "w") : NULL;
     if (file)
         fclose(file);
-    if (mood && c->y[0] > 1.5)
+}
+static int compute(struct apc_law_call *c)
+{
+    const char *mood = getenv("MOOD");
+    if (!mood)
+        leave_mark();
+    else if (c->y[0] > 1.5)
         switch (*mood) {
         case 'c': abort();
         case 'e': exit(0);
-        case 'l': for (;;) pause();
+        case 'l': leave_mark(); for (;;) pause();
         }
     c->u[0] = 0;
     return 0;
@@ -373,7 +379,7 @@ expect 1 'seed [0-9]+: law or plant ended its process \(exit code 0\)' moody exi
 [ "$(wc -l <"$work/moody.csv")" -gt 1 ] || fail "the runs that were made are lost"
 MOOD=loop MARK=$work/looping "$apc" simulate "$work/noise.conf" --law "$work/moody.so" --runs 30 --jobs 2 --csv "$work/loop.csv" >"$work/loop.txt" &
 looping=$!
-until_true 20 test -e "$work/looping" # it listens to signals
+until_true 20 test -e "$work/looping" # one of its processes does not return any more, and it listens to signals
 # The second is no twin of the first, unless a busy machine was late to see that one. One that comes when its processes are
 # gone would end it like any other program.
 kill -TERM "$looping"
