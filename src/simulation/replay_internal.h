@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* One tick of a recorded run again: shared by replay.c, which compares it, and why.c, which alters it. */
+/* One tick of a recorded run again: replay_load.c reads it, replay.c compares it, and why.c alters it. */
 #ifndef APC_REPLAY_INTERNAL_H
 #define APC_REPLAY_INTERNAL_H
 
@@ -26,6 +26,8 @@ void replay_tell_difference(const struct replay *r, const struct replay_controll
                             char text[REPLAY_TEXT]);
 /* A time of the record, for people. */
 const char *replay_time(const struct replay *r, apc_ns time, char text[APC_TIME_LEN]);
+/* Samples by variable and number, for qsort(). */
+int replay_order_samples(const void *left, const void *right);
 /* The row of @p seq of a variable; NULL: it is not on record. */
 const struct apc_sample *replay_sample(const struct replay *r, enum apc_table table, int id, int64_t seq);
 

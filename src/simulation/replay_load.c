@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* The record that a replay is of: of a run folder all of it, of a store the part that a move needs. */
+#include "replay_internal.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define PART_INDEX 2 /* of a tick row, behind its mark: number of the tick on its controller's grid */
+
+/* What was in force when the range begins, and all in it. */
+static int load_samples(struct replay *r, struct apc_store *store, const struct apc_range *range)
+{
+    const struct apc_range before = {.until = range->since, .last = 1};
+    int n = apc_store_variables(store, NULL, 0);
+    struct apc_sample *variable = n < 0 ? NULL : calloc((size_t)n + 1, sizeof *variable);
+    if (!variable)
+        return n < 0 ? n : APC_ENOMEM;
+    int rc = apc_store_variables(store, variable, (size_t)n);
+    n = rc < n ? rc : n;
+    for (int i = 0; i < n && rc >= 0; i++)
+        if (ticks_name(variable[i].table)) {
+            if (range->since > 0)
+                rc = samples_collect_one(&r->samples, store, variable[i].table, variable[i].id, &before);
+            if (rc >= 0)
+                rc = samples_collect_one(&r->samples, store, variable[i].table, variable[i].id, range);
+        }
+    free(variable);
+    if (r->samples.n > 0)
+        qsort(r->samples.at, r->samples.n, sizeof *r->samples.at, replay_order_samples);
+    return rc < 0 ? rc : 0;
+}
+
+static int load_replay_record(struct replay *r, const char *dir, struct apc_error *why)
+{
+    char path[600];
+    struct apc_store *store;
+    snprintf(path, sizeof path, "%.580s/" TICKS_FILE, dir);
+    if (access(path, R_OK) < 0)
+        return apc_fail(why, errno == ENOENT ? APC_ENOTFOUND : APC_ESYS, "%s: %s%s", path, strerror(errno),
+                        errno == ENOENT ? ": a run of a former version is replayed by that version" : "");
+    int rc = ticks_open(&store, path, why);
+    if (rc < 0)
+        return rc;
+    rc = load_samples(r, store, &(struct apc_range){0});
+    for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
+        rc = ticks_load(&r->controller[i].ticks, store, APC_TICK, r->e.controllers[i].number, 0);
+    for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
+        rc = ticks_load(&r->plan[k], store, APC_PLAN, (int)k + 1, 0);
+    if (rc < 0)
+        apc_fail(why, rc, "%s: %s", path, rc == APC_ENOMEM ? "out of memory" : apc_store_error(store));
+    apc_store_close(store);
+    return rc;
+}
+
+static void add_difference(struct replay *r, const char *what, const char *was, const char *here)
+{
+    const size_t n = strlen(r->other_build);
+    if (was[0] && strcmp(was, here) != 0)
+        snprintf(r->other_build + n, sizeof r->other_build - n, "%sanother %s (%s, here %s)",
+                 n ? ", " : "the run was made by ", what, was, here);
+}
+
+/* What made the record, where it says so. */
+static void compare_builds(struct replay *r, const char *dir)
+{
+    struct record_build was, here;
+    struct apc_error none;
+    if (record_build(&was, dir, &none) < 0)
+        return;
+    record_build_here(&here);
+    add_difference(r, "CVODE", was.cvode, here.cvode);
+    add_difference(r, "libapc", was.libapc, here.libapc);
+    add_difference(r, "processor", was.machine, here.machine);
+}
+
+/* Room for it; the experiment is loaded. */
+static int make_replay(struct replay *r, struct apc_error *why)
+{
+    r->controller = calloc(r->e.n_controllers, sizeof *r->controller);
+    r->difference = calloc(controllers_loops(&r->e), sizeof *r->difference);
+    r->plan = calloc(r->e.dim.nz + 1, sizeof *r->plan);
+    r->tags = provision_tags(&r->e, &r->n_tags);
+    if (!r->controller || !r->difference || !r->plan || !r->tags ||
+        controllers_describe(&r->e, &r->loops) < 0)
+        return apc_fail(why, APC_ENOMEM, "out of memory");
+    for (size_t i = 0; i < r->e.n_controllers; i++)
+        r->controller[i].of = &r->e.controllers[i];
+    return 0;
+}
+
+int replay_load(struct replay *r, const char *dir, const struct experiment_overrides *overrides,
+                struct apc_error *why)
+{
+    *r = (struct replay){.other_law = overrides && overrides->law};
+    int rc = experiment_load(&r->e, dir, EXPERIMENT_LAW, overrides, why);
+    if (rc < 0)
+        return rc;
+    compare_builds(r, dir);
+    r->start = r->e.start ? r->e.start : SIMULATION_BEGIN;
+    rc = make_replay(r, why);
+    return rc < 0 ? rc : load_replay_record(r, dir, why);
+}
+
+/* ---- A part of a store's record --------------------------------------------------------------- */
+
+static int parse_catalogue(struct replay *r, struct apc_store *store, struct apc_error *why)
+{
+    int64_t revision;
+    int length = apc_store_catalogue(store, NULL, 0, &revision);
+    char *text = length < 0 ? NULL : calloc((size_t)length + 1, 1);
+    if (text)
+        length = apc_store_catalogue(store, text, (size_t)length + 1, &revision);
+    const struct experiment_source from = {.file = "the store's experiment", .text = text};
+    const int rc = length < 0      ? apc_fail(why, length, "%s", apc_store_error(store))
+                   : !text         ? apc_fail(why, APC_ENOMEM, "out of memory")
+                   : revision == 0 ? apc_fail(why, APC_ENOTFOUND,
+                                              "the store does not say which experiment it is: apc init FILE")
+                                   : experiment_parse(&r->e, &from, EXPERIMENT_LAW, NULL, why);
+    free(text);
+    return rc;
+}
+
+/* The one that was in force then. */
+static int load_catalogue(struct replay *r, const struct replay_part *part, struct apc_error *why)
+{
+    struct apc_store *past = NULL;
+    if (part->until > apc_clock_utc(NULL))
+        return parse_catalogue(r, part->store, why);
+    int rc = apc_store_past(&past, part->store, part->until, why);
+    rc = rc < 0 ? rc : parse_catalogue(r, past, why);
+    apc_store_close(past);
+    return rc;
+}
+
+/* The newest ticks of the controller until then. A tick is no sooner than a period after another. */
+static int load_moved_ticks(struct replay *r, const struct replay_part *part, struct replay_controller *moved)
+{
+    const struct apc_range range = {.until = part->until < INT64_MAX ? part->until + 1 : 0,
+                                    .last = (size_t)(part->over / moved->of->rhythm.period) + 2 + part->lead};
+    const int rc = ticks_add(&moved->ticks, part->store, APC_TICK, moved->of->number, &range);
+    r->more = moved->ticks.n >= range.last;
+    return rc;
+}
+
+static int load_part_vectors(struct ticks *to, struct apc_store *store, enum apc_table table, int id,
+                             const struct apc_range *range)
+{
+    const struct apc_range before = {.until = range->since, .last = 1};
+    const int rc = ticks_add(to, store, table, id, &before);
+    return rc < 0 ? rc : ticks_add(to, store, table, id, range);
+}
+
+/* What these ticks name. A row may bear a time that is off a little: another machine's. */
+static int load_named(struct replay *r, struct apc_store *store, const struct replay_controller *moved)
+{
+    const struct ticks *ticks = &moved->ticks;
+    const apc_ns off = APC_NS_PER_S;
+    const struct apc_range range = {.since = ticks->at[0].time - off,
+                                    .until = ticks->at[ticks->n - 1].time + off};
+    int rc = load_samples(r, store, &range);
+    for (size_t i = 0; i < r->e.n_controllers && rc == 0; i++)
+        if (&r->controller[i] != moved)
+            rc = load_part_vectors(&r->controller[i].ticks, store, APC_TICK, r->controller[i].of->number,
+                                   &range);
+    for (size_t k = 0; k < r->e.dim.nz && rc == 0; k++)
+        rc = load_part_vectors(&r->plan[k], store, APC_PLAN, (int)k + 1, &range);
+    return rc;
+}
+
+/* t = 0 of those ticks, as near as the least late of them says. */
+static apc_ns part_start(const struct controller *of, const struct ticks *ticks)
+{
+    apc_ns start = INT64_MAX;
+    for (size_t k = 0; k < ticks->n; k++) {
+        const double *row = ticks->value + ticks->at[k].first;
+        const double index = ticks->at[k].n > PART_INDEX ? row[PART_INDEX] : 0;
+        const apc_ns zero = ticks->at[k].time - of->rhythm.phase - (apc_ns)index * of->rhythm.period;
+        start = zero < start ? zero : start;
+    }
+    return start;
+}
+
+int replay_load_part(struct replay *r, const struct replay_part *part, struct apc_error *why)
+{
+    *r = (struct replay){.of_store = true};
+    int rc = load_catalogue(r, part, why);
+    if (rc == 0)
+        rc = make_replay(r, why);
+    if (rc < 0)
+        return rc;
+    struct replay_controller *moved = NULL;
+    for (size_t i = 0; i < r->loops.n; i++)
+        if (!strcmp(r->loops.at[i].name, part->loop))
+            moved = &r->controller[r->loops.at[i].controller];
+    if (moved)
+        rc = load_moved_ticks(r, part, moved);
+    if (moved && moved->ticks.n > 0 && rc == 0) {
+        r->start = part_start(moved->of, &moved->ticks);
+        rc = load_named(r, part->store, moved);
+    }
+    return rc < 0 ? apc_fail(why, rc, "%s", rc == APC_ENOMEM ? "out of memory" : apc_store_error(part->store))
+                  : 0;
+}
+
+void replay_free(struct replay *r)
+{
+    for (size_t i = 0; r->controller && i < r->e.n_controllers; i++) {
+        apc_controller_destroy(r->controller[i].core);
+        ticks_free(&r->controller[i].ticks);
+    }
+    for (size_t k = 0; r->plan && k < r->e.dim.nz; k++)
+        ticks_free(&r->plan[k]);
+    free(r->tags);
+    free(r->plan);
+    free(r->controller);
+    free(r->difference);
+    loops_free(&r->loops);
+    samples_free(&r->samples);
+    experiment_free(&r->e);
+}
