@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# awk -f tests/system/ideal.awk RUN/samples.csv
+# awk -f ideal.awk RUN/samples.csv
 # The paper's experiment as an ideal loop, computed here by itself (exact zero-order hold, no delay but those of the
 # grid: plant every 200 ms, client at 10 ms of every 500, controller at 30 ms of every 2000), against a recorded run
 # of experiments/first-order.conf. Prints the largest deviation of y and of u in percent of the setpoint's step.

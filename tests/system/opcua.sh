@@ -2,8 +2,8 @@
 # shellcheck shell=bash
 # What the tests of OPC UA share: node-opcua on the other side, which nobody here wrote, and is big: scripts/peers opcua. Each is a
 # test by itself, since on a slow machine they would together take longer than one may.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 command -v node >/dev/null || { echo "skipped: there is no node here: run scripts/setup" >&2; exit 77; }
 big_peers opcua

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The library's interface is that of its last release, and what would break a program is found.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 command -v abidiff >/dev/null || { echo "skipped: there is no abidiff (scripts/setup --dev)"; exit 77; }
 abi=$APC_SOURCE_DIR/scripts/abi

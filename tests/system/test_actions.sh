@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What an experiment asks an operator for is done, in virtual time at the very instant, in a real run by `apc run`.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 unset APC_STORE
 
@@ -32,7 +32,7 @@ expect 0 'the same' "$apc" replay "$work/sim" --tolerance 0
 # Promise(experiment/actuator-faults): Faults of actuators move the plant by the equations of their kind, and the
 #   record keeps the command.
 mkdir "$work/actuators"
-python3 "$APC_SOURCE_DIR/tests/system/actuators.py" "$apc" "$APC_SOURCE_DIR/experiments/first-order.conf" "$work/actuators" ||
+python3 "$(dirname "$0")/actuators.py" "$apc" "$APC_SOURCE_DIR/experiments/first-order.conf" "$work/actuators" ||
   fail "an actuator stands elsewhere than its fault says"
 
 # ---- A real run

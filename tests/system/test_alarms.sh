@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Alarms of a plant that runs: raised, acknowledged by one of two, shelved, and all of it in one journal, also over a
 # restart of apc-alarms and a flood.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 
 # r is a signal that an operator moves at will; 1000 more alarms make a flood of it.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc analyze: the margins of the shipped loops, as text, JSON, CSV and a figure; what it does not take says so.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 conf=$APC_SOURCE_DIR/experiments
 
 # number JSON LOOP KEY

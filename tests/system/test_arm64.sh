@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The elementary functions on arm64: the unit test that holds their digests, by a cross compiler, under an emulator. All else
 # on that processor: scripts/platforms.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 for tool in aarch64-linux-gnu-gcc qemu-aarch64-static; do
   command -v $tool >/dev/null || { echo "skipped: there is no $tool: scripts/setup --dev"; exit 77; }
 done

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A law that answers as it is told, and its backup law, in real time: shed, killed while shed, and back.
 # Promise(modes/law-act-gives)
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cat >"$work/moody.c" <<'EOF'
 #include <apccontrol.h>
 #include <string.h>

@@ -3,10 +3,10 @@
 # broker where there is one; of Python by test_python.sh, of OPC UA by test_opcua_writes.sh.
 # Promise(run): A bad write is refused with the same code and the same sentence by the command line, the page, a broker,
 #   a history's requests and Python, and nothing of it is written.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
-# shellcheck source=writes.sh
-. "$(dirname "$0")/writes.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+# shellcheck source=tests/system/writes.sh
+. "$APC_SOURCE_DIR/tests/system/writes.sh"
 PATH=$PATH:/usr/sbin
 name=system-bad-writes-$$
 segment=/dev/shm/apc.$name

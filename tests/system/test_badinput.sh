@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Bad input gets one clear line, the right exit code, and leaves nothing behind.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 good=$work/fast.conf
 bad=$work/bad.conf
@@ -48,7 +48,7 @@ expect 2 'posix cannot spin' "$apc" run "$good" --timer posix --spin
 
 # the experiment file
 expect 1 'nowhere\.conf' "$apc" run "$work/nowhere.conf"
-# (each mistake that there may be, and its sentence: tests/unit/experiment.refusals)
+# (each mistake that there may be, and its sentence: tests/unit/experiment/experiment.refusals)
 change 's/safe = 0.0;/safe = 0.0; initial = 11.0;/' '"initial" is 11'
 change 's/law = "pi";/law = "pi"; limits = { Kp = [0.0, 0.1]; };/' 'Kp of output 1'
 change 's/period = 0.02;/perid = 0.02;/' '"perid".*"period"'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The same run, to the last bit, whichever of its functions the C library picks by the processor.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cd "$APC_SOURCE_DIR/experiments"
 
 # Nothing takes an elementary function of the C library, nor what the compiler's has for complex numbers.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A loop put together from blocks by naming signals: a filter with a range that is valid, a ramp, a PID and two heaters that share its
 # demand. In virtual time, and for a while in real time on PostgreSQL.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cat >"$work/blocks.conf" <<CONF
 name = "blocks"; duration = 600.0;
 measurements = ( { name = "T1"; unit = "degC"; low = -20.0; high = 500.0; faults = ( { kind = "spike"; at = 100.0; duration = 2.0; size = 400.0; } ); },

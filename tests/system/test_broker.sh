@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What the containers `mqtt` and `broker` of docker-compose.yml are made of, without containers: mosquitto as examples/broker sets it up,
 # the certificates of scripts/compose-certificates, a live store in PostgreSQL with a role for apc-mqtt.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 PATH=$APC_BIN:$PATH:/usr/sbin
 for program in mosquitto mosquitto_sub mosquitto_pub; do
   command -v $program >/dev/null || { echo "skipped: there is no $program (scripts/setup --dev)" >&2; exit 77; }

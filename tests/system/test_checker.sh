@@ -4,14 +4,14 @@
 # Promise(stores/acknowledged-survives): What was acknowledged survives kills of writers and of the server; nothing
 #   is doubled or torn.
 # Types(docs/stores.md): APC_KILLS=
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-checker.XXXXXX)
   trap 'rm -rf "$data"' EXIT
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 checker=$APC_BUILD_DIR/tests/checker
 
 # history LINES...: a folder with one writer, one reader, and what the store holds in the end; "wr:LINE" and so on.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The commands of apc: what they print, what they exit with, and that nothing is written after a refusal.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 unset NO_COLOR
-experiment=$(dirname "$0")/../../experiments/first-order.conf
+experiment=$APC_SOURCE_DIR/experiments/first-order.conf
 checks=0
 
 # ---- Tools ----------------------------------------------------------------------------------------------------

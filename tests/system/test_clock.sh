@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The wall clock of running daemons is stepped by an hour, either way: they record it and go on.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 if [ -n "${APC_SANITIZE:-}" ]; then
   echo "the sanitizers want to be loaded before any other library: skipped"
   exit 77

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The wall clock is stepped by an hour, forth and back and back again, under a whole run: live store in shared memory,
 # historian, history in a database. Nothing is lost, doubled or out of order, and no command of the past is done.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 if [ -n "${APC_SANITIZE:-}" ]; then
   echo "the sanitizers want to be loaded before any other library: skipped"
   exit 77

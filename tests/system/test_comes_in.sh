@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What comes in from a plant by frames, Modbus or a serial line, and what becomes of it: the table of docs/guarantees.md.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 # shellcheck source=comes_in.sh
 . "$(dirname "$0")/comes_in.sh"
 puppet() { # LINK
   habit well
-  background puppet python3 "$APC_SOURCE_DIR/tests/system/puppet.py" "$1" "$work/habit"
+  background puppet python3 "$(dirname "$0")/puppet.py" "$1" "$work/habit"
 }
 listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
 

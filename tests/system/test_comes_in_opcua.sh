@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What comes in from an OPC UA server, and what becomes of it: the table of docs/guarantees.md.
-# shellcheck source=opcua.sh
-. "$(dirname "$0")/opcua.sh"
+# shellcheck source=tests/system/opcua.sh
+. "$APC_SOURCE_DIR/tests/system/opcua.sh"
 # shellcheck source=comes_in.sh
 . "$(dirname "$0")/comes_in.sh"
 server=$(free_port)
 habit well
-background puppet "$user/bin/python" "$APC_SOURCE_DIR/tests/system/puppet.py" "opcua:$server" "$work/habit"
+background puppet "$user/bin/python" "$(dirname "$0")/puppet.py" "opcua:$server" "$work/habit"
 listens() { (exec 3<>"/dev/tcp/127.0.0.1/$server"); }
 until_true 60 listens
 background gateway "$user/bin/python" -m libapc.opcua plant "opc.tcp://127.0.0.1:$server" --listen "tcp:127.0.0.1:$port" --measure 'ns=2;s=y' --output 'ns=2;s=u=0'

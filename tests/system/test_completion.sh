@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What bash and zsh offer behind `apc` and its daemons is what the programs take.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 completion=$APC_BUILD_DIR/man/completion
 export PATH=$APC_BIN:$PATH
 unset APC_STORE

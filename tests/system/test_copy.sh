@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # `apc copy` moves everything from one store to another, of whatever kind, and does it once however often it is run.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 file=sqlite:$work/copy.db
 
 # what is in a schema, in an order of its own; timing without the order of its rows

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What a few paths cost in instructions, allocations, system calls and bytes does not rise unseen.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 for tool in valgrind strace; do
   command -v "$tool" >/dev/null || { echo "skipped: there is no $tool (scripts/setup --dev)"; exit 77; }

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # `apc run` without a store keeps the shared data in memory and the record in a file of the run folder: every program finds
 # both, nothing is lost when programs are killed, and nobody else gets in between.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 unset APC_STORE PGHOST PGUSER PGDATABASE # there is no server
 fast_experiment
 

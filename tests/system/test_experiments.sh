@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Every experiment of experiments/ runs in virtual time, and its measurements settle at their setpoints; laws of one's own
 # with settings, and what is said of a law that fails.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 experiments=$APC_SOURCE_DIR/experiments
 
 # How far a measurement may be, on average, from its setpoint before the setpoint changes: about 1 % of the step where
@@ -50,7 +50,7 @@ for file in "$experiments"/*.conf; do
 done
 while read -r name y tolerance; do
   [ -n "$name" ] || continue
-  far=$(awk -F, -v y="$y" -f "$(dirname "$0")/settled.awk" "$work/$name.settled") || fail "$name: $far"
+  far=$(awk -F, -v y="$y" -f "$APC_SOURCE_DIR/tests/system/settled.awk" "$work/$name.settled") || fail "$name: $far"
   awk -v f="$far" -v t="$tolerance" 'BEGIN { exit !(f <= t) }' ||
     fail "$name: measurement $y stays $far from its setpoint; $tolerance at most was expected"
 done <<<"$tolerances"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What happens when parts fail: the plant goes to its safe value by itself, and everything comes back without a bump.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 export APC_CONFIG=$work/fast.conf APC_SPOOL=$work/spool
 "$apc" init "$work/fast.conf" >/dev/null

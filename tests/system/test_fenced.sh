@@ -6,8 +6,8 @@
 # Promise(modes/command-whatever-number): One command with whatever number ends nobody's control for good: a claim is
 #   forgotten when its client is silent, one ahead of the clock takes the plant from no claim, one that is refused
 #   from nobody; who sent it is told by address, also when it has gone.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cat >"$work/fenced.conf" <<CONF
 name = "fenced"; duration = 600.0;
 measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );

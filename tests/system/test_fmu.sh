@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Plants that are FMUs, made here of a tank in C: what they give is what the same tank gives that is built in, and what they do
 # to their process they do to no other.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 [ -x "$APC_BIN/apc-fmu" ] || { echo "skipped: apc-fmu was not built: it needs libzip and expat" >&2; exit 77; }
 [ "$(uname -m)" = x86_64 ] || { echo "skipped: the FMUs of this test are for x86_64" >&2; exit 77; }
 export TMPDIR=$work/tmp # where they are unpacked
@@ -71,7 +71,7 @@ expect 0 '^tank,input,u,"V",0,,,"u of the tank"$' "$apc" plants "$work/three.fmu
 # Promise(links/fmu-shows-states): An FMU that shows its states has the linear model and the margins of the same
 #   plant built in; what it only pretends to show is refused.
 
-alike() { python3 "$APC_SOURCE_DIR/tests/system/alike.py" "$@"; }
+alike() { python3 "$(dirname "$0")/alike.py" "$@"; }
 expect 1 'does not show its states and their derivatives.*apc test, apc identify' "$apc" linearize "$work/two.fmu"
 expect 1 'does not show its states and their derivatives.*apc test, apc identify' "$apc" analyze "$work/two.conf"
 "$apc" linearize first-order u=0.5 tau=7 --json >"$work/built-in.json"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # FMUs that nobody here made, beside a program that nobody here wrote: five of pythonfmu3, FMI 3, and four of pythonfmu, FMI 2, run by us and
 # by fmpy, which give the same trajectories. All are from PyPI, by a lock in tests/peers.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 skip() {
   echo "skipped: $*" >&2
   exit 77
@@ -66,7 +66,7 @@ same reactor u y
 "$apc" linearize quadruple-tank kc=1 --json >"$work/built-in.json"
 "$apc" linearize "$work/quadruple.fmu" --json >"$work/quadruple.json"
 # Promise(links/fmu-shows-states)
-python3 "$APC_SOURCE_DIR/tests/system/alike.py" "$work/built-in.json" "$work/quadruple.json" ||
+python3 "$(dirname "$0")/alike.py" "$work/built-in.json" "$work/quadruple.json" ||
   fail "not the linear model of the tanks that are built in"
 
 # in real time, at rest: each value is one of fmpy's. (The plant is moved seldom enough for an interpreter on a busy machine: a step

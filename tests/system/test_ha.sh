@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Two failovers of a database of three nodes under a run, by the drill of docs/ha.md: its history has each sample once.
 # Types(docs/ha.md): examples/ha/drill
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 status=0
 background drill python3 "$APC_SOURCE_DIR/examples/ha/drill" 2
 ended() { ! in_background "$1" >/dev/null; }

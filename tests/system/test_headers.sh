@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Each function that a header promises says what it does, and from where it may be called: a comment of its own before it
 # or behind it, with one of the tags [setup], [any], [tick].
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 # undocumented HEADER...: the functions that do not.
 undocumented() {

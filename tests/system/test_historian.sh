@@ -2,8 +2,8 @@
 # apc-historian beside a loop that runs in shared memory: into a file, which is locked and full, and into a database (for
 # that see test_outages.sh). Historians are killed; the loop goes on, and afterwards both records are what the live store
 # has, once each.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 name=system-historian-$$
 segment=/dev/shm/apc.$name
 live=shm:$name

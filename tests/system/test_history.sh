@@ -2,14 +2,14 @@
 # `apc run --history`: the loop in memory of its own, the record in a database that is not there when it begins, and is
 # killed in the middle. The run is one that was controlled all the time, and its record is whole.
 # Promise(run/history-own-loop)
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
   data=$(mktemp -d /tmp/apc-history.XXXXXX)
   trap 'rm -rf "$data"' EXIT
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 unset APC_STORE
 fast_experiment
 sed -i 's/hold = 60.0;/hold = 6.0;/' "$work/fast.conf"

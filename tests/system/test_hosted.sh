@@ -2,8 +2,8 @@
 # The whole loop where the owner of the tables is no superuser, as with a hosted PostgreSQL and in docker-compose.yml: each
 # program logs in under a role of its own, the historian of another loop as that owner.
 # Promise(database/no-superuser)
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 owner=hosted_owner_$$
 user() { echo "hosted_$1_$$"; }

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Who follows a page of docs that says that it is run as a test gets what it shows; of other pages, and of README.md, what they type
 # is taken: each `typed PAGE COMMAND` here is what typed.py goes by.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
-shown=$(cd "$(dirname "$0")" && pwd)/shown.py
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+shown=$APC_SOURCE_DIR/tests/system/shown.py
 unset APC_STORE
 export PATH=$APC_BIN:$PATH
 # Promise(docs/moves-postgresql): Who moves to PostgreSQL, connects a PLC, spreads a plant over hosts, makes a backup

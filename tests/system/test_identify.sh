@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # From a record to a model that controls: CSV and run folders, what is found, what is written, what is refused.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cd "$work"
 
 near() { awk -v x="$2" -v e="$3" -v t="$4" 'BEGIN { exit !(x - e <= t && e - x <= t && x != "") }' || fail "$1 is $2, not $3"; }

@@ -2,8 +2,8 @@
 # What is installed is complete: a consumer builds and runs with find_package and with pkg-config, shared and static.
 # Promise(docs/installed-whole-programs): What is installed is whole: programs, man pages, completion, headers,
 #   libraries, package files, documents, examples.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 
 prefix=$work/prefix

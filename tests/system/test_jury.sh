@@ -2,8 +2,8 @@
 # The quadratic programs that closed loops ask, with noise, lost frames and limits that cannot be kept, are solved again
 # by solvers that others wrote: at least three of them have to agree with each answer. casadi brings them, by the lock in
 # tests/peers. APC_JURY=N takes N of each experiment, of a run more for each 300; default 18. Nonlinear programs go to IPOPT.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 skip() {
   echo "skipped: $*" >&2

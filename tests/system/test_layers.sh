@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Two controllers, one above the other, each a process: they join by name, hold their own outputs only, and go on
 # without each other.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 { echo 'name = "layers"; duration = 600.0;' && two_layers; } >"$work/layers.conf"
 export APC_CONFIG=$work/layers.conf
 "$apc" init "$work/layers.conf" >/dev/null

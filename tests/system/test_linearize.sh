@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A model file by itself, and under a controller that computes with it while the plant is another: apc linearize MODELFILE, apc simulate --model.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cd "$work"
 
 at() { "$apc" linearize "$1" --csv | awk -F, -v what="$2" '$1 "," $2 "," $3 == what { print $4 }'; }

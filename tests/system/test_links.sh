@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The paper's loop over every way to a plant, three of whose other sides nobody here wrote: what scripts/links shows, and on each of
 # them what happens when the plant's side stops for 10 s, the client's side does, and the plant is killed.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 unset APC_STORE APC_HISTORY # each run has its own
 [ -z "${APC_SANITIZE:-}" ] || { echo "skipped: five loops at once are more than a sanitized build keeps up with; each link has tests of its own" >&2; exit 77; }
 python_peers

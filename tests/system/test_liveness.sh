@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A daemon lives as long as it ticks: one that does not is killed and started again, what it did not run is counted as
 # missed, and a run that was not controlled says so.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 export APC_STORE=sqlite:$work/store.db
 sed -e 's/hold = [0-9.]*;/hold = 1.0;/' "$work/fast.conf" >"$work/short.conf" # how long a run may go without control

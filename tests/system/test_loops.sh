@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # `apc run` with two controllers, one above the other: each a process of its own, moved and shown by loop.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cat >"$work/loops.conf" <<CONF
 name = "loops"; duration = 600.0;
 measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Every program and command has its man page, with all its options, without a warning, and spelled right.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 man=$APC_BUILD_DIR/man
 pages=("$man"/man1/* "$man"/man8/*)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # More daemons than their supervisor's socket has room for messages: none is taken for hung.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 segment=/dev/shm/apc.many$$
 {
   sed -e '/^controllers = (/,$d' -e "s|^plant = {|plant = { listen = \"tcp:127.0.0.1:$port\";|" \

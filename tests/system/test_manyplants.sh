@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Many plants in one database, a schema each, a hundred of them by APC_PLANTS=100, which take their time: made, maintained and listed; two of them run, with the same names, and
 # nothing of one is in the other; roles of one plant get at nothing of another.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 owner=plants_owner_$$ other=plants_other_$$
 roles_of() { echo "l$1_$$"; } # the prefix of plant 1's or 2's roles

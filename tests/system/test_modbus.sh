@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The paper's loop, ten times as fast, with a plant behind Modbus TCP that nobody here wrote the server of: pymodbus, from
 # PyPI by the lock in tests/peers.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 python_peers
 

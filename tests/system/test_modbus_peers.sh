@@ -2,8 +2,8 @@
 # Registers, coils and bits in the servers of others: pymodbus, modbus-serial (Node), libmodbus, simonvetter/modbus (Go) and
 # tokio-modbus (Rust). Each plant is the memory of such a
 # server, so what is read is what was written, and integral control brings it to its setpoint.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 big_peers modbus
 command -v node >/dev/null || { echo "skipped: there is no node here: run scripts/setup" >&2; exit 77; }

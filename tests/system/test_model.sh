@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A model for a controller in a file of its own: transfer functions, state space in continuous time and sampled are the
 # same to the laws that take one; it is kept with its run; mistakes are told with both files and lines.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 # experiment LAW REST: the paper's plant under that law, the rest being of its controller
 experiment() {
@@ -48,7 +48,7 @@ for law in mpc lqg; do
   [ $law = mpc ] && experiment $law 'model = "sampled.model"; settings = { x_noise = [0.1, 0.0, 0.0, 0.0]; setpoint_preview = 0; };' >"$work/mpc-sampled.conf"
   for model in transfer continuous sampled; do
     "$apc" simulate "$work/$law-$model.conf" --csv "$work/$law-$model.csv" >"$work/$law-$model.log"
-    awk -F, -v y=1 -f "$(dirname "$0")/settled.awk" "$work/$law-$model.csv" >"$work/far" || fail "$law, $model: $(cat "$work/far")"
+    awk -F, -v y=1 -f "$APC_SOURCE_DIR/tests/system/settled.awk" "$work/$law-$model.csv" >"$work/far" || fail "$law, $model: $(cat "$work/far")"
     awk '{ exit !($1 < 0.05) }' "$work/far" || fail "$law with the $model model stays $(cat "$work/far") from its setpoint"
     alike "$work/$law-transfer.csv" "$work/$law-$model.csv" || fail "$law: the $model model is another one"
   done

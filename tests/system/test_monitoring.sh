@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # examples/monitoring with Debian's Prometheus: it scrapes a running loop with a token, takes the rules, and has an answer
 # for each question of the dashboard.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 example=$APC_SOURCE_DIR/examples/monitoring
 if ! command -v python3 >/dev/null || ! command -v prometheus >/dev/null || ! command -v promtool >/dev/null; then
   echo "skipped: there is no prometheus, or no python3 (Debian: apt install prometheus)" >&2

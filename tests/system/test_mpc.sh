@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Predictive control in real time: what its last plan was, and what holds it back, is told while it runs.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 sed -e "s/^  period = 0.2;  .*/&\n  listen = \"tcp:127.0.0.1:$port\";/" -e "s/^  period = 0.2;\$/&\n  link = \"tcp:127.0.0.1:$port\";/" \
   -e 's/^  period = 0.5;/& hold = 60.0;/' "$APC_SOURCE_DIR/experiments/quadruple-tank-mpc.conf" >"$work/mpc.conf"
 status_has() { "$apc" status | grep -Eq -- "$1"; }

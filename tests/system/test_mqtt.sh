@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc-mqtt between a loop in shared memory and mosquitto, over TLS: what the live store has comes to the broker, also what came
 # while it was away, apc-mqtt was killed or the disk was full; what the broker's people command comes to the loop if they may.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 without=$APC_BUILD_DIR/tests/mqtt_without
 # Promise(links): Without libmosquitto there is an apc-mqtt that says so.
 expect 1 'built without libmosquitto.*install libmosquitto-dev' "$without" --broker mqtts://somewhere

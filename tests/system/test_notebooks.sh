@@ -2,8 +2,8 @@
 # The notebooks of examples/notebooks, each from its beginning, with the package as it is installed: what they print is what
 # stands in them. What runs them is big: scripts/peers notebooks.
 # Promise(python): Each notebook runs from its beginning, draws, and prints what stands in it.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 big_peers notebooks
 python_user

@@ -2,8 +2,8 @@
 # The hair dryer's record of Debian's octave-control, fitted to the first half: as good on the second one as the best of
 # Octave's arx and n4sid, judged by Octave; the subspace has the poles and the gain of Octave's.
 # Promise(identification/difference-equations)
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 record=$(compgen -G '/usr/share/octave/packages/control-*/moen4.m') && command -v octave-cli >/dev/null || {
   echo "skipped: there is no Octave with its control package here (scripts/setup --bench, or apt install octave-control)" >&2
   exit 77

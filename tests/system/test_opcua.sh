@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # OPC UA: a run that goes on as a server, encrypted and with users, in which node-opcua walks about.
-# shellcheck source=opcua.sh
-. "$(dirname "$0")/opcua.sh"
+# shellcheck source=tests/system/opcua.sh
+. "$APC_SOURCE_DIR/tests/system/opcua.sh"
 
 # ---- What makes no sense
 

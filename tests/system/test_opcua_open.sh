@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # OPC UA: a run that goes on as a server without encryption, for whoever comes.
-# shellcheck source=opcua.sh
-. "$(dirname "$0")/opcua.sh"
+# shellcheck source=tests/system/opcua.sh
+. "$APC_SOURCE_DIR/tests/system/opcua.sh"
 loop
 plain=$(free_port)
 background open "$user/bin/python" -m libapc.opcua serve "$store" --listen "opc.tcp://127.0.0.1:$plain" --period 0.1 --users "$work/users" --anonymous engineer

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # OPC UA: node-opcua's server as a plant.
-# shellcheck source=opcua.sh
-. "$(dirname "$0")/opcua.sh"
+# shellcheck source=tests/system/opcua.sh
+. "$APC_SOURCE_DIR/tests/system/opcua.sh"
 
 beyond=$(free_port)
 background plant node "$APC_SOURCE_DIR/tests/peers/opcua/plant.mjs" "$beyond" "$work/pki"

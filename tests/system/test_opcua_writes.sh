@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # OPC UA: a bad write, and what becomes of a good one, as through each other front end: bad_writes.txt, write_outcomes.txt.
-# shellcheck source=opcua.sh
-. "$(dirname "$0")/opcua.sh"
-# shellcheck source=writes.sh
-. "$(dirname "$0")/writes.sh"
+# shellcheck source=tests/system/opcua.sh
+. "$APC_SOURCE_DIR/tests/system/opcua.sh"
+# shellcheck source=tests/system/writes.sh
+. "$APC_SOURCE_DIR/tests/system/writes.sh"
 for who in anna:engineer otto:observer; do
   printf 'apc-password\n' | "$apc" user add "${who%:*}" --role "${who#*:}" --users "$work/users" >/dev/null
 done

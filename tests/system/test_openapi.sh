@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Who knows nothing of apc-ui but docs/openapi.json: a client that is made of it reads what the server of a running loop answers, and
 # schemathesis asks for what it allows and for what it does not. What is allowed is never malformed.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 big_peers openapi
 export HOME=$work PYTHONPATH=$peers/python PYTHONDONTWRITEBYTECODE=1

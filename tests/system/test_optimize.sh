@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc optimize: what is found is better, is the same from any number of processes, is what was tried, and is written nowhere
 # unasked; what cannot be searched says so.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 conf=$APC_SOURCE_DIR/experiments/first-order.conf
 over=(--over controller.Kp=0.05..2 --over controller.tau_i=2..50)
 cost() { sed -n 's/^cost .* -> //p' "$1"; }

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # `apc run` outlives its database: a server that hangs, is killed and comes back. Nothing is lost, nothing doubled,
 # and what runs is not touched by a second run.
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-outage.XXXXXX)
   trap 'rm -rf "$data"' EXIT
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 
 data=$(sql 'SHOW data_directory')

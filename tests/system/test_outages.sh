@@ -7,7 +7,7 @@
 # Promise(run/history-own-loop): With a history of its own the loop outlives its database, and its record is whole
 #   afterwards, at the end of the run too.
 # Types(docs/stores.md): APC_OUTAGE=900
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
   data=$(mktemp -d /tmp/apc-outages.XXXXXX)
   trap 'mountpoint -q "$data" && umount "$data"; rm -rf "$data"' EXIT
@@ -18,7 +18,7 @@ if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not 
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 name=system-outages-$$
 segment=/dev/shm/apc.$name
 live=shm:$name

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What apc set, mode and tune say is what became of the write: applied only when the controller used it.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 
 background run "$apc" run "$work/fast.conf" --duration 0 --no-ui --out "$work/run"

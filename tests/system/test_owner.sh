@@ -2,8 +2,8 @@
 # In real time: what an operator sets of a scheduled setpoint is his, over steps and over a scheduler that is killed and
 # started again, until `apc remote`; over each kind of store.
 # Promise(modes/scheduled-setpoint)
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 sed -i -e '/^scheduler/,/};/d' "$work/fast.conf"
 echo 'scheduler = { period = 0.5; sequence = ( [10.0], [11.0] ); };' >>"$work/fast.conf"

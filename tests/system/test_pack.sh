@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc maintain --pack where it cannot go on: its disk is full, it is killed, its server is killed. What is there
 # afterwards are the rows or the chunks, and at last the chunks.
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # a server and a disk of its own
   data=$(mktemp -d /tmp/apc-pack.XXXXXX)
   trap 'mountpoint -q "$data" && umount "$data"; rm -rf "$data"' EXIT
@@ -12,7 +12,7 @@ if [ -z "${APC_OWN_CLUSTER:-}" ]; then # a server and a disk of its own
     "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 sql() { psql -XAtq -v ON_ERROR_STOP=1 -c "SET search_path TO apc, pg_temp" -c "$1"; }
 digest() {

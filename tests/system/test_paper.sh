@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The paper's listings run: together, and with the daemons.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 listings=$APC_BUILD_DIR/examples
 
 # The listings name their role, database and port: a network of one's own where the machine grants one (the database

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A pooler between the programs and the database: in session mode all is as without it, also where a session goes from
 # one program to the next; in transaction mode it is refused and said why.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 PATH=$PATH:/usr/sbin
 command -v pgbouncer >/dev/null || {
   echo "skipped: there is no pgbouncer here: install package pgbouncer" >&2

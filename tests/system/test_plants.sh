@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The plants as a user meets them: listed, linearised, disturbed.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 
 # What is listed can be linearised, and JSON says the same as text does.

@@ -5,8 +5,8 @@
 # Promise(laws): Predictive control in real time is what virtual time makes of it, bit for bit, with a `kill -9`
 #   between; what makes no sense in its settings is refused by `apc run` as by `apc simulate`; what it cannot do is
 #   told while it runs, outputs within limits.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 experiments=$APC_SOURCE_DIR/experiments
 conf=$work/p.conf
 

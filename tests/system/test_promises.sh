@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What the documents say of themselves: the tests that promises are marked at exist, links lead somewhere, what is shown
 # is what is printed, and what is to be done by hand can be done.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+here=$(cd "$(dirname "$0")" && pwd)
 cd "$APC_SOURCE_DIR"
 
 promises=$APC_SOURCE_DIR/scripts/promises
@@ -162,7 +163,7 @@ diff <(sed -n '/^controller.Kp  loop/,/^```/p' docs/simulate.md | grep -v '```')
 
 # ---- each command line of a block names a command and options that there are
 
-commands=$APC_SOURCE_DIR/tests/system/commands.py
+commands=$here/commands.py
 python3 "$commands" "$APC_BIN" "${documents[@]}" >"$work/commands"
 # Promise(docs/command-line-documents): Each command line that the documents show names a command and options that
 #   there are, each piece of Python what the package has.
@@ -174,7 +175,7 @@ printf '```\n$ apc simulate x --frobnicate | apc nothing\napc set: r is nothing\
 
 # ---- each command of a page is typed by a test, as marks in the tests say
 
-typed=$APC_SOURCE_DIR/tests/system/typed.py
+typed=$here/typed.py
 python3 "$typed" "$APC_SOURCE_DIR" README.md docs/*.md sql/README.md >"$work/typed"
 # Promise(docs/typed-commands): Each command in a block of the documents is typed by a test, or by hand where no test
 #   can, as marks in tests and documents say.

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A standby that somebody promotes by hand while the leader lives: two servers take writes. Who writes stays with the one it has;
 # when that is gone, the other one is given what it has missed, from the live store, each row once.
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not the one that all tests share
   data=$(mktemp -d /tmp/apc-promoted.XXXXXX)
   trap 'rm -rf "$data"' EXIT
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 name=system-promoted-$$
 segment=/dev/shm/apc.$name
 live=shm:$name

@@ -3,8 +3,8 @@
 # a real run. They are big: scripts/peers control.
 # Promise(python): do-mpc, CasADi and python-control control our plants as they are; what do-mpc's did in a real run
 #   is computed again bit for bit.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 big_peers control
 export PYTHONPATH=$APC_SOURCE_DIR/python/src:$peers/python PYTHONDONTWRITEBYTECODE=1 MPLCONFIGDIR=$work APC_LAW_TIMEOUT=300

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Laws in Python: what they give is what the same law in C gives, and what they do to their process they do to no other. It
 # takes Python alone: no package is installed.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 export PYTHONPATH=$APC_SOURCE_DIR/python/src PYTHONDONTWRITEBYTECODE=1
 python3 -c 'import sys; sys.exit(sys.version_info < (3, 9))' || { echo "skipped: there is no Python 3.9 or newer here" >&2; exit 77; }
 experiment=$APC_SOURCE_DIR/experiments/first-order.conf

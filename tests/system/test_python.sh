@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The wheel: built from the sources, installed where nothing else is, and what it promises there. What it is built with
 # comes by pip's lock, python/requirements.txt.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
-# shellcheck source=writes.sh
-. "$(dirname "$0")/writes.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+# shellcheck source=tests/system/writes.sh
+. "$APC_SOURCE_DIR/tests/system/writes.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "sanitized build: skipped"; exit 77 ;; esac
 python=$APC_SOURCE_DIR/python
 # Promise(python/wheel-pythons-3): A wheel for all Pythons from 3.9 on is built and installed where nothing else is;
@@ -121,7 +121,7 @@ shows() {
   # Promise(python/docs-python-md): What docs/python.md shows in Python runs as it stands there: experiments, stores,
   #   alarms, a run, an archive, links, models, a law, a plant.
   # Types(docs/python.md): ```python
-  PYTHONPATH=$tools/lib "$user/bin/python" "$APC_SOURCE_DIR/tests/system/python_page.py" "$APC_SOURCE_DIR/docs/python.md" "$work/run" "$port" "$1" \
+  PYTHONPATH=$tools/lib "$user/bin/python" "$(dirname "$0")/python_page.py" "$APC_SOURCE_DIR/docs/python.md" "$work/run" "$port" "$1" \
     >"$work/page.log" 2>&1 || fail "docs/python.md shows what is not so"
 }
 shows live

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # docs/qts.md says what scripts/qts prints, and what it says of that is so.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 "$APC_SOURCE_DIR/scripts/qts" >"$work/tables"
 while read -r line; do
   # Promise(laws): PI, linear and nonlinear predictive control of the same tanks: the tables are what the script

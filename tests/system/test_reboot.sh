@@ -2,8 +2,8 @@
 # A host that goes down and comes up: the live store is gone, the history is old. What the historian had moved is there, without a
 # hole; what people wanted and what the controller goes on from come back, and numbers rise above all that went before, also where
 # the history is away meanwhile. APC_RESETS=20 says so many times what was lost.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 name=system-reboot-$$
 segment=/dev/shm/apc.$name
 live=shm:$name

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A run folder is a complete record: what ran can be replayed and simulated from it, plug-ins included, and nothing of it is
 # overwritten, taken over by another experiment, or read by others.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 unset APC_STORE
 mylaw=$APC_BUILD_DIR/examples/mylaw.so

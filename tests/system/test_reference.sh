@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The reference is made from the headers without a warning, and has what they declare.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 command -v doxygen >/dev/null || { echo "skipped: there is no doxygen (scripts/setup --dev)"; exit 77; }
 reference=$APC_SOURCE_DIR/scripts/reference
 # Promise(docs/headers-comments-make): The headers' comments make a reference without a warning.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A plant of ours as a Modbus server: under our own client, and under somebody else's controller, written with pymodbus.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
 
 # the paper's loop, ten times as fast, its two ends over registers with nobody else between

@@ -2,8 +2,8 @@
 # A release is the same bit for bit when it is made again, and its bill of materials has what is in it. (The packages:
 # scripts/release, as docs/install.md has it, by hand.)
 # Types(docs/install.md): scripts/release
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cd "$APC_SOURCE_DIR"
 command -v dpkg-query >/dev/null || { echo "skipped: this is no Debian"; exit 77; }
 

@@ -2,8 +2,8 @@
 # docs/plants-real.md, step by step, with a PLC that is played.
 # Promise(links): A plant can be connected step by step: read only, by hand from its safe values on, in automatic,
 #   and back.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 segment=/dev/shm/apc.rig$$
 export APC_STORE=shm:rig$$
 

@@ -2,10 +2,10 @@
 # Which room knows which is as docs/architecture.md says, by the symbols of the object files.
 # Promise(run/room-knows-table): Which room knows which is as the table says, by the object files; a room has one
 #   face, a folder 25 files at most, a file 800 lines.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
-rooms=$APC_SOURCE_DIR/tests/system/rooms.py
+rooms=$(dirname "$0")/rooms.py
 document=$APC_SOURCE_DIR/docs/architecture.md
 python3 "$rooms" "$document" "$APC_BUILD_DIR" "$APC_SOURCE_DIR" >"$work/found"
 [ "$(wc -l <"$work/found")" = 1 ] || fail "the rooms are not as docs/architecture.md says: $(sed '$d' "$work/found")"
@@ -40,7 +40,7 @@ found=$(strangers "$APC_SOURCE_DIR/src" "$APC_SOURCE_DIR/apps" | grep -vE '^src/
 
 # A function's name stands for one thing: no two files define the same.
 # Promise(run/room-knows-table)
-python3 "$APC_SOURCE_DIR/tests/system/names.py" "$APC_SOURCE_DIR" >"$work/names"
+python3 "$(dirname "$0")/names.py" "$APC_SOURCE_DIR" >"$work/names"
 [ "$(wc -l <"$work/names")" = 1 ] || fail "names of two functions: $(sed '$d' "$work/names")"
 [ "$(cat "$work/names")" -gt 5000 ] || fail "only $(cat "$work/names") functions: this test sees nothing"
 mkdir -p "$work/src/one" "$work/apps/two"
@@ -48,6 +48,6 @@ for file in src/one/here.c apps/two/there.c apps/two/there_none.c; do
   printf 'static int unlike_%s(void)\n{\n    return 0;\n}\n\nbool APC_PRINTF(1, 2)\n    alike(const char *fmt,\n          ...)\n{\n    return fmt;\n}\n' \
     "$(basename "$file" .c)" >"$work/$file"
 done
-python3 "$APC_SOURCE_DIR/tests/system/names.py" "$work" >"$work/names"
+python3 "$(dirname "$0")/names.py" "$work" >"$work/names"
 printf '%s\n' 'alike is defined in 3 files: apps/two/there.c apps/two/there_none.c src/one/here.c' 4 | cmp - "$work/names" ||
   fail "names of two functions are not found: $(cat "$work/names")"

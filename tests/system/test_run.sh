@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # `apc run` runs the loop with real processes, a real database and a real network, and leaves a whole run folder.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 sed -i -e 's/period = 15.0;/period = 0.5;/' -e 's/sequence = (.*);/sequence = ( [10.0] );/' "$work/fast.conf" # ticks soon, wherever it begins
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # What scripts/ promise: private-postgres removes nothing but its own, lets nobody else in, and leaves nothing
 # behind, however it ends.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 scripts=$APC_SOURCE_DIR/scripts
 private=$scripts/private-postgres
 chmod 755 "$work" # the server may be another user than we are

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The temperature control lab at a serial port, both sides: a plant of ours under the lab's own Python package, and our loop on
 # a board.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 lab=$work/lab
 port() { [ -e "$lab" ]; }

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Two controllers of one output, each a process: one acts, the other goes along until it is promoted, and not before.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cat >"$work/shadow.conf" <<CONF
 name = "shadow"; duration = 600.0;
 measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );

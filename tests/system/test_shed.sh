@@ -2,8 +2,8 @@
 # experiments/two-layers.conf in real time, its upper controller killed from outside: the loops below shed in time, go on
 # by themselves, and are taken up again, each without a bump. It is judged by the record alone: by rows, not by how long
 # this test took to look.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 # What happens here comes from outside, not from the file's actions; and the upper controller is five times as fast.
 sed -e '/^actions = /,$d' -e 's/law = "pi"; period = 5.0/law = "pi"; period = 1.0/' -e 's/law = "pid*";/& hold = 60.0;/' -e 's/period = 200.0/period = 5.0/' \
   -e "s|^plant = {|plant = { listen = \"tcp:127.0.0.1:$port\";|" -e "s|^client = {|client = { link = \"tcp:127.0.0.1:$port\";|" \

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # `apc run --store shm:NAME`: the four daemons and the operator meet in shared memory; who is killed leaves the others
 # undisturbed, and who removes the segment is noticed.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 unset PGHOST PGUSER PGDATABASE # there is no server
 name=system-test-$$
 segment=/dev/shm/apc.$name

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc simulate and apc replay: the same seed gives the same bytes; campaigns do not depend on their processes; laws and
 # plants of the user's run as they are; what fails says so and keeps what there is.
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 conf=$APC_SOURCE_DIR/experiments/first-order.conf
 rough=delay=gamma\(2,0.05\),jitter=normal\(0,0.01\),loss=0.1,duplication=0.05,reordering=0.1,bandwidth=1e5,outage=200-210
 
@@ -42,7 +42,7 @@ hash=$(sha256sum "$work/plain1.csv" | cut -d' ' -f1)
 grep -q "sha256:  $hash" "$work/plain1.txt" || fail "the SHA-256 printed is not that of the samples"
 head -n 1 "$work/plain1.csv" | grep -qx 'time,table,id,status,value' || fail "not the design's CSV"
 # Promise(run/virtual-time): In virtual time a run is the ideal loop.
-awk -f "$APC_SOURCE_DIR/tests/system/ideal.awk" "$work/plain1.csv" || fail "it is not the paper's loop"
+awk -f "$(dirname "$0")/ideal.awk" "$work/plain1.csv" || fail "it is not the paper's loop"
 grep -Eq 'network: .* lost, .* duplicated, .* reordered' "$work/rough1.txt" || fail "no word of what the network did"
 
 # ---- The file's models

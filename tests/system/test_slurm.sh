@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A campaign as an array of jobs, as docs/simulate.md has it, on a cluster of one node of our own: the parts one after another are the
 # campaign of one process, byte by byte. Slurm's daemons are the real ones (Debian's slurmctld and slurmd); they know nobody but us.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 for program in slurmctld slurmd sbatch sinfo; do
   command -v $program >/dev/null || {

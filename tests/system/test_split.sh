@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The network between client and plant is split, that between historian and database, and both at once, each side a network
 # namespace: who is cut off says so and when it is over, the loop goes on, and of the record nothing is lost or doubled.
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_NETWORK:-}" ] && [ "$(id -u)" -eq 0 ] && unshare --net true 2>/dev/null; then # this side as well
   APC_OWN_NETWORK=1 exec unshare --net bash "$0"
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 plant_side=apc-plant-$$ database_side=apc-database-$$
 trap 'status=$?; set +e; ip netns del "$plant_side" 2>/dev/null; ip netns del "$database_side" 2>/dev/null; (exit $status); finish' EXIT
 if [ -z "${APC_OWN_NETWORK:-}" ] || ! ip netns add "$plant_side" 2>/dev/null || ! ip netns add "$database_side" 2>/dev/null ||

@@ -2,14 +2,14 @@
 # Store and forward: the database is killed during `apc run`, the client too, and nothing that was measured is lost.
 # APC_OUTAGE=600 (docs/stores.md) makes the outage last so many seconds; by default it lasts until enough is waiting.
 # Types(docs/stores.md): apc status --spool, APC_OUTAGE=600
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-spool.XXXXXX)
   trap 'rm -rf "$data"' EXIT
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 sed -i 's/hold = 60.0;/hold = 2.0;/' "$work/fast.conf"
 

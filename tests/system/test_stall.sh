@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A store that stalls keeps no frame from the plant: what the plant misses then is new commands, never frames.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 export APC_CONFIG=$work/fast.conf APC_SPOOL=$work/spool
 "$apc" init "$work/fast.conf" >/dev/null

@@ -3,8 +3,8 @@
 # Promise(modes/process-stands-takes): A process stands by (docs/standby.md): it takes the place of a controller that
 #   dies, hangs or is ended, one with a law in Python and one whose log is full among them, and that one writes
 #   nothing any more.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cat >"$work/standby.conf" <<CONF
 name = "standby"; duration = 600.0;
 measurements = ( { name = "y"; unit = "V"; low = -100.0; high = 100.0; } );

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc tune --suggest: from a test of the plant to numbers that control it as they say; written by --apply, and by nothing else.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 sed -i -e 's/^\(  period = 0.02;.*\)$/\1\n  dead_time = 0.3;/' -e 's/name = "y";/name = "y"; noise = 0.02;/' "$work/fast.conf"
 grep -q 'dead_time = 0.3' "$work/fast.conf" || fail "no dead time: $(cat "$work/fast.conf")"

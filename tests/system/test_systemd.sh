@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The units are as systemd wants them, each daemon has one, and none may more than it has to.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 command -v systemd-analyze >/dev/null || { echo "skipped: there is no systemd"; exit 77; }
 
 cp "$APC_BUILD_DIR"/systemd/*.service "$APC_SOURCE_DIR"/systemd/*.target "$APC_SOURCE_DIR"/systemd/*.timer "$work"

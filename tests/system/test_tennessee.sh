@@ -2,8 +2,8 @@
 # The Tennessee Eastman process, an FMU that nobody here wrote the plant of, held by the eight base loops of examples/tennessee-eastman, and by
 # its own controllers: for 4 hours under IDV 1, where ours have to be the better ones in what that disturbs. APC_TENNESSEE=all: for 48 hours under
 # IDV 1, 4 and 8, where in none of their measures ours are worse, and the table is that of the example's README.md.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 case "${APC_SANITIZE:-}" in ?*) echo "skipped: an interpreter is run, not our code; system_fmu runs that"; exit 77 ;; esac
 [ -x "$APC_BIN/apc-fmu" ] || { echo "skipped: apc-fmu was not built: it needs libzip and expat"; exit 77; }
 interpreter=$(python3 -c 'import sysconfig as s; print(s.get_config_var("LIBDIR"), s.get_config_var("INSTSONAME"), sep="/")')

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc test: what it leaves is what apc identify wants, and the plant is where it was, however the test ends.
-# shellcheck source=lib.sh
+# shellcheck source=tests/system/lib.sh
 if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be killed: not the one that all tests share
   data=$(mktemp -d /tmp/apc-test.XXXXXX)
   trap 'rm -rf "$data"' EXIT
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-. "$(dirname "$0")/lib.sh"
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 cat >"$work/heater.conf" <<'END'
 name = "heater"; duration = 900.0;

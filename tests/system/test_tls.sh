@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The paper's loop over an encrypted link: certificates by the command line, a client who is not told of, one whose
 # certificate expires.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 said=$("$APC_BIN/apc-plant" --config "$APC_SOURCE_DIR/experiments/first-order.conf" --listen tls:127.0.0.1:0 --identity "$work/none" 2>&1 || true)
 if [[ $said == *'built without OpenSSL'* ]]; then
@@ -90,7 +90,7 @@ certs client second
 background rivals "$APC_BIN/apc-plant" --config "$work/fast.conf" --client client --client second
 plant=$pid
 until_true 60 grep_log rivals 'running every'
-python3 "$APC_SOURCE_DIR/tests/system/rivals.py" "$port" "$work/certs" client second stranger >"$work/python.log" 2>&1 ||
+python3 "$(dirname "$0")/rivals.py" "$port" "$work/certs" client second stranger >"$work/python.log" 2>&1 ||
   fail "who commands: $(cat "$work/python.log")"
 until_true 60 grep_log rivals 'two clients command the plant and take it from each other: .*\(client\|second\).* (now) and .*\(client\|second\).* (now refused)'
 kill -TERM "$plant"

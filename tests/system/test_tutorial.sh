@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Who follows docs/tutorial.md gets what it shows.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 unset APC_STORE
 export APC=$APC_SOURCE_DIR PATH=$APC_BIN:$PATH
-shown=$(cd "$(dirname "$0")" && pwd)/shown.py
+shown=$APC_SOURCE_DIR/tests/system/shown.py
 cd "$work"
 case "${APC_SANITIZE:-}" in # a plug-in of one's own is built as people do, and loaded by programs that are sanitized
   ?*) echo "sanitized build: skipped"; exit 77 ;;

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc-ui against a running loop: its whole API (tests/ui/probe.c), who may bind where, TLS, users that change.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 fast_experiment
 sed -i 's/period = 15.0;/period = 1500.0;/' "$work/fast.conf" # nobody else writes setpoints
 export HOME=$work

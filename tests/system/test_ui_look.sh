@@ -4,8 +4,8 @@
 # test's own.
 # shellcheck source=browser.sh
 . "$(dirname "$0")/browser.sh"
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 run_loop
 serve ui --config "$work/fast.conf"
 export APC_UI_URL=$ui_url

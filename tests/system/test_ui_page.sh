@@ -9,8 +9,8 @@ if [ -z "${APC_OWN_CLUSTER:-}" ]; then # the server is going to be stopped: not 
   APC_OWN_CLUSTER=1 "$APC_SOURCE_DIR/scripts/private-postgres" "$data/postgres" bash "$0"
   exit
 fi
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 cat >"$work/database" <<EOF
 #!/usr/bin/env bash
 # stop or start the server of this test

@@ -5,8 +5,8 @@
 # Promise(page/pump-fails-four)
 # shellcheck source=browser.sh
 . "$(dirname "$0")/browser.sh"
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 experiment=$APC_SOURCE_DIR/experiments/alarms/pump-failure-mpc
 expect 0 '^h2.bad +1 +426 +1 ' "$apc" simulate "$experiment.conf"
 expect 0 'F1: the backup law acts' "$apc" simulate "$experiment.conf"

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A run is judged by what the plant got, however its link, its device and its sensors come and go meanwhile.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 unset APC_STORE # each run has memory of its own
 habit() { echo "$1" >"$work/habit.new" && mv "$work/habit.new" "$work/habit"; }
 habit well
-background device python3 "$APC_SOURCE_DIR/tests/system/device.py" "$port" "$work/habit" "$work/taken"
+background device python3 "$(dirname "$0")/device.py" "$port" "$work/habit" "$work/taken"
 listens() { (exec 3<>"/dev/tcp/127.0.0.1/$port"); }
 until_true 20 listens
 cat >"$work/q.conf" <<END

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The walks of docs/tuning.md, from an unknown plant to predictive control, and of docs/mpc.md, print what the documents show.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 
 # Promise(docs/walks): What the walks of docs/tuning.md and docs/mpc.md show is what comes out.
 # Types(docs/tuning.md): apc simulate mixer, apc test mixer, apc identify mixer-test, apc tune --suggest mixer-test, cc, cp, grep

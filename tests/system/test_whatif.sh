@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc simulate FILE --from RUN@TIME, STORE@TIME: until then a run is what it was, bit for bit, and unchanged so is its future.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 experiments=$APC_SOURCE_DIR/experiments
 cd "$work"
 

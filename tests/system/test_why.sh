@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # apc why RUN OUTPUT@TIME: which inputs moved an output; what a program reads, and what is refused.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 experiments=$APC_SOURCE_DIR/experiments
 cd "$work"
 "$apc" simulate "$experiments/two-layers.conf" --report layers >/dev/null 2>&1

@@ -3,10 +3,10 @@
 # broker where there is one; of Python by test_python.sh, of OPC UA by test_opcua_writes.sh. The controller is one that does as it is told.
 # Promise(run): What becomes of a write says the same by the command line, the page and a broker: applied, superseded,
 #   refused and why, not confirmed, or that nobody applies it.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
-# shellcheck source=writes.sh
-. "$(dirname "$0")/writes.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
+# shellcheck source=tests/system/writes.sh
+. "$APC_SOURCE_DIR/tests/system/writes.sh"
 PATH=$PATH:/usr/sbin
 export HOME=$work
 fast_experiment

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # The wall clock of a whole run is wrong by twenty years, ahead and behind, and by a fortnight, whose week is packed and
 # written to again: live store in shared memory, historian, history in a database. Nothing is lost, doubled or out of order.
-# shellcheck source=lib.sh
-. "$(dirname "$0")/lib.sh"
+# shellcheck source=tests/system/lib.sh
+. "$APC_SOURCE_DIR/tests/system/lib.sh"
 if [ -n "${APC_SANITIZE:-}" ]; then
   echo "the sanitizers want to be loaded before any other library: skipped"
   exit 77

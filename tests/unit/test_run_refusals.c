@@ -7,7 +7,7 @@
 
 #include "experiment/experiment.h"
 
-#define GOLDEN APC_SOURCE_DIR "/tests/unit/experiment.refusals"
+#define GOLDEN APC_SOURCE_DIR "/tests/unit/experiment/experiment.refusals"
 #define NEW    "experiment.refusals.new" /* where the test runs */
 
 enum { LINES = 32, WIDE = 1024 };

@@ -11,7 +11,7 @@
 
 #include "apc-ui/api/api.h"
 
-#include "../ui/api.h"
+#include "ui/api.h"
 
 #define S    APC_NS_PER_S
 #define JSON "Content-Type: application/json\r\n"

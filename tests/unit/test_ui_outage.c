@@ -14,7 +14,7 @@
 #include "cluster.h"
 #include "proxy.h"
 
-#include "../ui/api.h"
+#include "ui/api.h"
 
 static struct cluster *cluster;
 static struct proxy *proxy;
