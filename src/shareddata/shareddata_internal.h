@@ -5,8 +5,8 @@
  * ones, and dispatches.
  *
  * To add a store: write its file with a `const struct apc_store_ops apc_NAME_store`, name it here and in
- * the list of open.c, and add it to the list of tests/unit/test_shareddata_store.c, which every store has
- * to pass.
+ * the list of open.c, and to that of tests/support/stores.c, which every test of stores goes
+ * through.
  */
 #ifndef APC_SHAREDDATA_INTERNAL_H
 #define APC_SHAREDDATA_INTERNAL_H

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What an operator does, done through the page, against a running plant. tests/system/test_ui_page.sh starts it.
+// What an operator does, done through the page, against a running plant. tests/system/ui/test_ui_page.sh starts it.
 import assert from "node:assert/strict";
 import {after, before, test} from "node:test";
 import {api, applied, database, exported, launch, near, open, phase, phases, post, shown, until, watchPhases} from "./lib.mjs";

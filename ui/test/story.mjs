@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A pump fails on the four tanks, as an operator lives through it: from the drawing and the alarm to the journal. What fails
-// when is tests/system/test_ui_story.sh's.
+// when is tests/system/ui/test_ui_story.sh's.
 import assert from "node:assert/strict";
 import {readFileSync, writeFileSync} from "node:fs";
 import {test} from "node:test";
