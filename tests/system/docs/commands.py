@@ -40,7 +40,7 @@ def python(page):
         yield from (n.attr for n in nodes if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name) and n.value.id == "apc")
 
 
-package = Path(__file__).parents[2] / "python/src/libapc"
+package = Path(__file__).parents[3] / "python/src/libapc"
 modules = ast.literal_eval(re.search(r"^_WHERE = (\{.*?^\})", (package / "__init__.py").read_text(encoding="utf-8"), re.M | re.S)[1])
 exported = {name for names in modules.values() for name in names} | {path.name for path in package.iterdir()}
 helps = {}
