@@ -13,8 +13,9 @@
 #include "base/base_internal.h"
 #include "shareddata/shareddata_internal.h"
 
-#define HOUR (3600 * APC_NS_PER_S)
-#define DAY  (INT64_C(24) * HOUR)
+#define MINUTE (60 * APC_NS_PER_S)
+#define HOUR   (60 * MINUTE)
+#define DAY    (INT64_C(24) * HOUR)
 
 struct past {
     struct apc_store base;
@@ -103,11 +104,11 @@ static int look_in(struct look *l, const struct apc_range *range)
     return rc < 0 ? rc : l->seq > 0;
 }
 
-static const apc_ns steps[] = {HOUR, DAY, INT64_C(8) * DAY};
+static const apc_ns steps[] = {MINUTE, HOUR, DAY, INT64_C(8) * DAY};
 #define STEPS (sizeof steps / sizeof *steps)
 
 /* The last row up to the instant. What people write is old: it is the highest seq whatever its time. Of what
- * comes with every tick, that of the last hour goes first. */
+ * comes with every tick, that of the last minute goes first. */
 static int find_before(struct look *l)
 {
     struct apc_range range = {.until = l->s->until, .last = 1};

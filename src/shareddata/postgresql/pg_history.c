@@ -72,6 +72,22 @@ static struct apc_sample chunk_sample(const struct apc_pack *chunk, size_t i, en
 
 /* ---- Samples ------------------------------------------------------------------------------- */
 
+#define HOUR (3600 * APC_NS_PER_S)
+
+/* A short while, and so long ago that the index on times knows of it. */
+static bool is_long_ago(const struct apc_range *range)
+{
+    return range->since > 0 && range->until > range->since && range->until - range->since <= HOUR &&
+           range->until < apc_clock_utc(NULL) - HOUR;
+}
+
+/* The statement for a range, of those for all, for the last and for the last of long ago. */
+static const char *text_for(const struct apc_range *range, const char *all, const char *last,
+                            const char *then)
+{
+    return range->last == 0 ? all : is_long_ago(range) ? then : last;
+}
+
 /* In rising seq as they come, or the newest ones in falling seq, which are held until all are there. */
 struct chunk_merge {
     struct apc_pg_stream s; /* the first member: the stream's row function has it */
@@ -206,7 +222,7 @@ static int merged_history(struct apc_pg_stream *s, const struct apc_pg_text *tex
     m->count = 0;
     m->ended = false;
     m->newest = NULL;
-    int count = apc_pg_stream(&m->s, range->last > 0 ? text->merged_last : text->merged, p);
+    int count = apc_pg_stream(&m->s, text_for(range, text->merged, text->merged_last, text->merged_then), p);
     count = count < 0 ? count : end_of_merge(m);
     free(m->newest);
     free(m);
@@ -239,7 +255,7 @@ int apc_pg_history(struct apc_store *store, enum apc_table table, int id, const 
         return merged_history(&s, text, range, &p);
     }
     apc_pg_add_range(&p, &b, range);
-    return apc_pg_stream(&s, range->last > 0 ? text->history_last : text->history, &p);
+    return apc_pg_stream(&s, text_for(range, text->history, text->history_last, text->history_then), &p);
 }
 
 /* ---- Vectors ------------------------------------------------------------------------------- */
@@ -290,7 +306,7 @@ int apc_pg_vectors(struct apc_store *store, enum apc_table table, int id, const 
     add_id(&p, number, id);
     apc_pg_add_range(&p, &b, range);
     const struct apc_pg_text *text = &apc_pg_texts[table];
-    int count = apc_pg_stream(&s, range->last > 0 ? text->history_last : text->history, &p);
+    int count = apc_pg_stream(&s, text_for(range, text->history, text->history_last, text->history_then), &p);
     free(s.values);
     return count;
 }

@@ -66,10 +66,13 @@
     DECLARE "SELECT seq, time, status, value" more " FROM " table                                            \
             " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "                   \
             "AND seq > $4::int8 ORDER BY seq"
-/* $5 how many. */
-#define HISTORY_LAST(table, more)                                                                            \
-    DECLARE "SELECT * FROM (SELECT seq, time, status, value" more " FROM " table                             \
-            " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "                   \
+/*
+ * $5 how many. By their key, "id", all that came since is gone through, though LIMIT makes it look cheap: of
+ * long ago they are found by their time, "id + 0" (150 and 3 ms of 600 000 rows a week).
+ */
+#define HISTORY_LAST(table, more, id)                                                                        \
+    DECLARE "SELECT * FROM (SELECT seq, time, status, value" more " FROM " table " WHERE " id                \
+            " = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "                            \
             "AND seq > $4::int8 ORDER BY seq DESC LIMIT $5::int8) AS newest ORDER BY seq"
 
 /*
@@ -95,13 +98,13 @@
 #define CHUNKS(table)                                                                                        \
     " FROM " table "_packed WHERE id = $1::int4 AND until >= $2::timestamptz AND since < $3::timestamptz "   \
     "AND last > $4::int8 "
-#define ROWS(table)                                                                                          \
-    " FROM " table " WHERE id = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "            \
+#define ROWS(table, id)                                                                                      \
+    " FROM " table " WHERE " id " = $1::int4 AND time >= $2::timestamptz AND time < $3::timestamptz "        \
     "AND seq > $4::int8 "
-#define MERGED(table, key)                                                                                   \
-    DECLARE "SELECT seq, time, status, value" MORE                                                           \
-            ", NULL AS data" ROWS(table) "UNION ALL SELECT " key                                             \
-                                         ", NULL, NULL, NULL, NULL, NULL, data" CHUNKS(table) "ORDER BY 1"
+#define MERGED(table, key, id)                                                                               \
+    DECLARE "SELECT seq, time, status, value" MORE ", NULL AS data" ROWS(table, id) ALSO_CHUNKS(table, key)
+#define ALSO_CHUNKS(table, key)                                                                              \
+    "UNION ALL SELECT " key ", NULL, NULL, NULL, NULL, NULL, data" CHUNKS(table) "ORDER BY 1"
 
 /*
  * Chunks that lie in one bin have said all that it needs; of the others, each a part of its own, the data
@@ -136,13 +139,13 @@
     .append = APPEND(table) as_is, .plain_name = "plain_" table, .plain = APPEND_PLAIN(table) as_is,         \
     .repeat = REPEAT(table) as_is, .put = PUT(table, MORE, ", $5::int8[], $6::int8[]") " RETURNING id, seq", \
     .swap = SWAP(table), .bins = BINS(table), .history = HISTORY(table, MORE),                               \
-    .history_last = HISTORY_LAST(table, MORE), .paper_read = READ("apc." table, ""),                         \
-    .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
+    .history_last = HISTORY_LAST(table, MORE, "id"), .history_then = HISTORY_LAST(table, MORE, "id + 0"),    \
+    .paper_read = READ("apc." table, ""), .paper_put = PUT("apc." table, "", "") " ON CONFLICT DO NOTHING"
 
 #define NUMBERS(table) ROWS_OF(table, "")
 #define PACKED(table)                                                                                        \
-    .merged = MERGED(table, "first"), .merged_last = MERGED(table, "last") " DESC",                          \
-    .merged_bins = BINS(table) ADD_CHUNKS(table)
+    .merged = MERGED(table, "first", "id"), .merged_last = MERGED(table, "last", "id") " DESC",              \
+    .merged_then = MERGED(table, "last", "id + 0") " DESC", .merged_bins = BINS(table) ADD_CHUNKS(table)
 #define SHARED_OF(table, as_is) ROWS_OF(table, as_is), .place_name = "place_" table, .place = PLACE(table)
 #define SHARED(table)           SHARED_OF(table, "")
 
@@ -151,7 +154,8 @@
     .append = "INSERT INTO " table VECTORS,                                                                  \
     .repeat = "INSERT INTO " table VECTORS " WHERE i IN (SELECT absent('" table "', $1::int4[], "            \
               "$2::int8[]))",                                                                                \
-    .history = HISTORY(table, ""), .history_last = HISTORY_LAST(table, "")
+    .history = HISTORY(table, ""), .history_last = HISTORY_LAST(table, "", "id"),                            \
+    .history_then = HISTORY_LAST(table, "", "id + 0")
 
 const struct apc_pg_text apc_pg_texts[APC_TABLE_END] = {
     [APC_SENSOR] = {NUMBERS("sensor"), PACKED("sensor")},

@@ -64,8 +64,10 @@ struct apc_pg_text {
     const char *swap;                   /* the next seq of those whose newest is the one given */
     const char *place_name, *place;     /* prepared; the same of what nobody holds. Of what people write */
     const char *history, *history_last; /* declares cursor "rows" */
+    const char *history_then;           /* likewise; the last of long ago */
     const char *bins;                   /* likewise */
     const char *merged, *merged_last, *merged_bins; /* the same with chunks; NULL: it is never packed */
+    const char *merged_then;                        /* likewise */
     const char *paper_read, *paper_put;             /* the same on schema apc, for any PGconn */
 };
 extern const struct apc_pg_text apc_pg_texts[APC_TABLE_END];
