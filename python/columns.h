@@ -60,8 +60,10 @@ int apc_wish_find(struct apc_wish *wish, struct apc_store *store, const char *na
                   struct apc_error *why);
 /* Does its controller tick? 1, 0: it may still, APC_EPERM: it does not, or an error of the store. */
 int apc_wish_ready(struct apc_wish *wish, struct apc_store *store, struct apc_error *why);
-/* Write it, and what hangs on it, with the event. Returns 0 or an error of the store. */
-int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *author, struct apc_error *why);
+/* Write it, and what hangs on it, with the event. Returns 0, APC_EPERM: so great a step has to be @p confirmed,
+ * or an error of the store. */
+int apc_wish_write(struct apc_wish *wish, struct apc_store *store, const char *author, bool confirmed,
+                   struct apc_error *why);
 /* 1: it is in force; 0: not yet, after at most @p timeout; or what else became of it, in words. */
 int apc_wish_poll(struct apc_wish *wish, struct apc_store *store, int64_t timeout, struct apc_error *why);
 double apc_wish_force(const struct apc_wish *wish); /* what is in force */

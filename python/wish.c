@@ -74,7 +74,8 @@ int apc_wish_ready(struct apc_wish *w, struct apc_store *store, struct apc_error
     return rc < 0 ? said(&fault, why) : rc;
 }
 
-int apc_wish_write(struct apc_wish *w, struct apc_store *store, const char *author, struct apc_error *why)
+int apc_wish_write(struct apc_wish *w, struct apc_store *store, const char *author, bool confirmed,
+                   struct apc_error *why)
 {
     struct change_fault fault;
     int rc = operation_read(&w->operation, store);
@@ -82,6 +83,7 @@ int apc_wish_write(struct apc_wish *w, struct apc_store *store, const char *auth
     if (rc < 0)
         return failed(store, rc, why);
     w->operation.author = author;
+    w->operation.confirmed = confirmed;
     rc = operation_begin(&w->operation, store, &fault);
     return rc < 0 ? said(&fault, why) : 0;
 }

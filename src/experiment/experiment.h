@@ -65,6 +65,7 @@ struct signal {
     double safe, fault;         /* manipulated variables only */
     double initial;             /* theirs, and a setpoint's; NAN: it has none */
     double soft_low, soft_high; /* of measurements and calculated signals; -+HUGE_VAL: none */
+    double confirm;             /* greatest step of a write that needs no confirmation; 0: any */
     double rate;                /* greatest change in 1 s, of what a controller puts out; 0: any */
     apc_ns period;              /* of a measurement that comes seldom; 0: the client's */
     bool critical;              /* a law that is whole cannot do without it */

@@ -185,6 +185,21 @@ static int add_controllers(struct tags *t)
     return 0;
 }
 
+/* Those that have to be confirmed. */
+static void add_steps(struct tags *t, const struct signal *signal, size_t n)
+{
+    char name[APC_TAG_LEN];
+    for (size_t i = 0; i < n; i++) {
+        const struct apc_tag *of = &signal[i].tag;
+        if (!(signal[i].confirm > 0))
+            continue;
+        join_names(of->name, "confirm", name);
+        add_tag(t, plain_tag(APC_DIM, LOOPS_STEP(of->table, of->id), name,
+                             "step above which a write has to be confirmed", signal[i].confirm,
+                             signal[i].confirm));
+    }
+}
+
 /* Of the setpoints that the scheduler moves: whose they are, and what they will be. */
 static void add_owners(struct tags *t)
 {
@@ -242,7 +257,7 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
     const size_t ny = dim->ny + e->n_signals;
     struct tags t = {.e = e,
                      .at = calloc(ny + dim->nz + dim->nu + e->n_controllers + count_tuning(e) +
-                                      count_published_tags(e) + 5 * controllers_loops(e) +
+                                      count_published_tags(e) + 5 * controllers_loops(e) + dim->nz + dim->nu +
                                       2 * e->scheduler.n + e->n_alarms + 6,
                                   sizeof *t.at)};
     if (!t.at)
@@ -265,6 +280,8 @@ struct apc_tag *provision_tags(const struct experiment *e, size_t *count)
         return NULL;
     }
     add_owners(&t);
+    add_steps(&t, e->z, dim->nz);
+    add_steps(&t, e->u, dim->nu);
     add_alarms(&t);
     add_tag(&t, plain_tag(APC_DIM, 1, "dim.y", "number of measurements", 1, 1e6));
     add_tag(&t, plain_tag(APC_DIM, 2, "dim.z", "number of setpoints", 1, 1e6));
@@ -402,37 +419,46 @@ static int put_initial_values(struct apc_store *store, struct apc_sample *wanted
  * version of it, what an operator wrote there is not meant for this one: it becomes the file's. @wanted is
  * [n] from id 1 on.
  */
-static int put_renamed(struct apc_store *store, const struct experiment *e, const struct apc_sample *wanted,
+static int put_renamed(struct apc_store *store, const struct description *d, const struct apc_sample *wanted,
                        size_t n)
 {
     const int most = apc_store_get_tags(store, NULL, 0);
-    size_t n_new, renamed = 0;
-    struct apc_tag *new = provision_tags(e, &n_new);
+    const struct apc_tag *new = d->tag;
+    size_t renamed = 0;
     struct apc_tag *was = calloc(most > 0 ? (size_t)most : 1, sizeof *was);
     struct apc_sample *moved = calloc(n + 1, sizeof *moved);
-    int rc = most < 0 ? most : new &&was &&moved ? apc_store_get_tags(store, was, (size_t)most) : APC_ENOMEM;
+    int rc = most < 0 ? most : was && moved ? apc_store_get_tags(store, was, (size_t)most) : APC_ENOMEM;
 
     for (int i = 0; i < rc && i < most; i++)
-        for (size_t k = 0; was[i].table == APC_TUNING && k < n_new; k++)
+        for (size_t k = 0; was[i].table == APC_TUNING && k < d->n; k++)
             if (new[k].table == APC_TUNING &&new[k].id == was[i].id && strcmp(new[k].name, was[i].name) != 0)
                 moved[renamed++] = wanted[new[k].id - 1];
     if (rc >= 0)
         rc = put_initial_values(store, moved, renamed, PROVISION_RESET);
     free(moved);
     free(was);
-    free(new);
     return rc;
 }
 
-/* Of table dim: how many there are of each, and what the laws say that each loop controls. */
+static struct apc_sample *add_step_rows(struct apc_sample *next, const struct signal *signal, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (signal[i].confirm > 0)
+            *next++ = (struct apc_sample){.table = APC_DIM,
+                                          .id = LOOPS_STEP(signal[i].tag.table, signal[i].tag.id),
+                                          .value = signal[i].confirm};
+    return next;
+}
+
+/* Of table dim: how many there are of each, what the laws say that each loop controls, and great steps. */
 static int put_dimensions(struct apc_store *store, const struct experiment *e, apc_ns now)
 {
     const size_t loops = controllers_loops(e), n = 3 + 2 * loops;
-    struct apc_sample *wanted = calloc(n, sizeof *wanted), *next = wanted;
+    struct apc_sample *wanted = calloc(n + e->dim.nz + e->dim.nu, sizeof *wanted), *next = wanted;
     if (!wanted)
         return APC_ENOMEM;
     for (size_t i = 0; i < n; i++)
-        wanted[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 1, .time = now};
+        wanted[i] = (struct apc_sample){.table = APC_DIM, .id = (int)i + 1};
     next++->value = (double)e->dim.ny;
     next++->value = (double)e->dim.nz;
     next++->value = (double)e->dim.nu;
@@ -444,7 +470,10 @@ static int put_dimensions(struct apc_store *store, const struct experiment *e, a
             next++->value = z ? (double)c->z[z - 1].at + 1 : 0;
         }
     }
-    const int rc = put_initial_values(store, wanted, n, PROVISION_RESET);
+    next = add_step_rows(add_step_rows(next, e->z, e->dim.nz), e->u, e->dim.nu);
+    for (struct apc_sample *row = wanted; row < next; row++)
+        row->time = now;
+    const int rc = put_initial_values(store, wanted, (size_t)(next - wanted), PROVISION_RESET);
     free(wanted);
     return rc;
 }
@@ -627,7 +656,8 @@ static int renew_alarms(struct apc_store *store, const struct experiment *e, apc
     return rc < 0 ? rc : 0;
 }
 
-static int put_experiment_rows(struct apc_store *store, const struct experiment *e, enum provision how)
+static int put_experiment_rows(struct apc_store *store, const struct experiment *e,
+                               const struct description *d, enum provision how)
 {
     const size_t n = count_tuning(e);
     const apc_ns now = apc_clock_utc(NULL);
@@ -642,7 +672,7 @@ static int put_experiment_rows(struct apc_store *store, const struct experiment 
                                             .time = now,
                                             .value = law->tuning[k]};
     if (rc >= 0 && how == PROVISION_KEEP)
-        rc = put_renamed(store, e, wanted, n);
+        rc = put_renamed(store, d, wanted, n);
     if (rc >= 0)
         rc = put_initial_values(store, wanted, n, how);
     if (rc >= 0)
@@ -666,7 +696,7 @@ int provision(struct apc_store *store, const struct experiment *e, enum provisio
     struct description d;
     int rc = make_description(&d, e);
     if (rc == 0 && (rc = has_room_for(store, &d)) > 0)
-        rc = put_experiment_rows(store, e, how);
+        rc = put_experiment_rows(store, e, &d, how);
     if (rc >= 0)
         rc = apc_store_describe(store, d.tag, d.n, d.text);
     free_description(&d);

@@ -96,6 +96,7 @@ int change_at(const struct plant_view *p, enum apc_table table, int id, struct c
     snprintf(to->name, sizeof to->name, "%s", output ? output->name : tag->name);
     to->low = output ? output->low : tag->low;
     to->high = output ? output->high : tag->high;
+    to->step = output ? loops_step(p->loops, output->table, output->id) : loops_step(p->loops, table, id);
     return 0;
 }
 

@@ -52,6 +52,21 @@ bool loops_scheduled(const struct loops *l, int setpoint)
     return i < l->n_scheduled;
 }
 
+static void find_steps(struct loops *l, const struct apc_tag *tag, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (tag[i].table == APC_DIM && tag[i].id >= LOOPS_STEP((enum apc_table)0, 0))
+            l->step[l->n_steps++] = (struct loops_step){tag[i].id, tag[i].high};
+}
+
+double loops_step(const struct loops *l, enum apc_table table, int id)
+{
+    for (size_t i = 0; i < l->n_steps; i++)
+        if (l->step[i].id == LOOPS_STEP(table, id))
+            return l->step[i].most;
+    return 0;
+}
+
 bool loops_is_owner_id(int id)
 {
     return id >= LOOPS_IDS && id < 2 * LOOPS_IDS;
@@ -213,8 +228,9 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
 {
     *l = (struct loops){.at = calloc(n + 1, sizeof *l->at),
                         .controller = calloc(n + 1, sizeof *l->controller),
-                        .scheduled = calloc(n + 1, sizeof *l->scheduled)};
-    if (!l->at || !l->controller || !l->scheduled)
+                        .scheduled = calloc(n + 1, sizeof *l->scheduled),
+                        .step = calloc(n + 1, sizeof *l->step)};
+    if (!l->at || !l->controller || !l->scheduled || !l->step)
         return APC_ENOMEM;
     for (size_t i = 0; i < n; i++) { /* they stand by table and id */
         if (!is_loop(&tag[i]))
@@ -228,6 +244,7 @@ int loops_load(struct loops *l, struct apc_store *store, const struct apc_tag *t
     }
     find_periods(l, tag, n);
     find_scheduled(l, tag, n);
+    find_steps(l, tag, n);
     int rc = l->n > 0 ? read_pairs(l, store) : 0;
     find_choices(l, tag, n);
     find_own_loops(l, tag, n);
@@ -240,6 +257,7 @@ void loops_free(struct loops *l)
     free(l->at);
     free(l->controller);
     free(l->scheduled);
+    free(l->step);
     *l = (struct loops){0};
 }
 

@@ -24,6 +24,8 @@
 #define LOOPS_OWNER(setpoint) (LOOPS_IDS + apc_variable_number(APC_SETPOINT, setpoint))
 /* That of an output: the number of the controller that acts on it. */
 #define LOOPS_ACTING(table, output) (2 * LOOPS_IDS + apc_variable_number(table, output))
+/* Of table dim, behind those of the loops: the step of a variable above which a write has to be confirmed. */
+#define LOOPS_STEP(table, variable) (4 * LOOPS_IDS + apc_variable_number(table, variable))
 
 struct loops_controller {
     char name[APC_TAG_LEN];
@@ -46,6 +48,11 @@ struct loops_loop {
     int above;                 /* place of the loop that moves its setpoint in Cas; -1: none does */
 };
 
+struct loops_step {
+    int id; /* LOOPS_STEP() */
+    double most;
+};
+
 struct loops {
     struct loops_loop *at;
     size_t n;
@@ -53,6 +60,8 @@ struct loops {
     size_t n_controllers;
     int *scheduled; /* [n_scheduled] ids of the setpoints that the scheduler moves, in rising order */
     size_t n_scheduled;
+    struct loops_step *step; /* [n_steps] */
+    size_t n_steps;
 };
 
 /* From the tags of a store, its table dim, and its switches of who acts. n is 0 where no loops are described.
@@ -75,6 +84,8 @@ const struct loops_loop *loops_of(const struct loops *loops, enum apc_table tabl
 
 /* Does the scheduler move this setpoint? */
 bool loops_scheduled(const struct loops *loops, int setpoint);
+/* The greatest step of a setpoint or an output that needs no confirmation; 0: any. */
+double loops_step(const struct loops *loops, enum apc_table table, int id);
 /* Is an event of that source said by that controller? By "apc-controller", or with its name where there are
  * several. */
 bool loops_is_from(const struct loops *loops, const struct loops_controller *controller, const char *source);
@@ -100,7 +111,7 @@ int loops_owned(const struct loops *loops, const struct apc_sample *row);
 struct change_fault {
     int err;          /* enum apc_err: an exit code, an exception */
     const char *code; /* "variable": there is none; "value"; "limits"; "mode": not as its loop is; "stale":
-                         somebody was faster; "role"; of an operation, as it says there; static */
+                         somebody was faster; "role"; "confirm"; of an operation, as it says there; static */
     char text[240];   /* which? what was expected? */
 };
 /* Fill it in. Returns @p err. */
@@ -132,6 +143,7 @@ struct change_target {
     enum apc_table table;   /* where it is written */
     int id;
     double low, high;
+    double step;                   /* the greatest that needs no confirmation; 0: any */
     const struct loops_loop *loop; /* loops_of() it */
 };
 
@@ -267,6 +279,7 @@ struct operation {
     const struct plant_view *plant;
     struct change *change; /* [n] in one transaction */
     size_t n;
+    bool confirmed;     /* great steps are meant: change_step() */
     const char *group;  /* they are target modes, of all loops of this: "mode"; NULL: they are not */
     const char *author; /* "": nobody who is known */
     const char *note;   /* behind each event: " (from 10.0.0.1): too warm"; NULL: nothing */
@@ -282,6 +295,9 @@ struct operation {
     apc_ns refused;         /* the same: when it was first seen to be refused; 0: it was not */
 };
 
+/* Is the step from what is in force before too great to be made without a confirmation? Returns 0, or APC_EPERM
+ * with "confirm". operation_begin() asks it. */
+int change_step(const struct change *change, struct change_fault *why);
 /* Fill one in: what was found is to become @p value, whatever is newest. */
 void change_make(const struct plant_view *plant, const struct change_target *to, double value,
                  struct change *change);

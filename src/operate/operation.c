@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 #include "operate.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,6 +42,19 @@ void change_make(const struct plant_view *plant, const struct change_target *to,
         c->mode = (struct apc_sample){.table = APC_OPMODE, .id = to->loop->id};
     if (to->table == APC_MANUAL && to->loop)
         c->before = (struct apc_sample){.table = to->loop->table, .id = to->loop->output};
+}
+
+int change_step(const struct change *c, struct change_fault *why)
+{
+    char before[CHANGE_TEXT], after[CHANGE_TEXT], most[CHANGE_TEXT];
+    const struct apc_sample *was = &c->before;
+    if (!(c->to.step > 0) || (was->seq > 0 && fabs(c->after.value - was->value) <= c->to.step))
+        return 0;
+    decimal_shortest(c->after.value, 6, after);
+    decimal_shortest(c->to.step, 6, most);
+    return change_fail(why, APC_EPERM, "confirm",
+                       "%.60s: %s -> %s is a step of more than %s, which has to be confirmed", c->to.name,
+                       change_text(was, before), after, most);
 }
 
 char *change_words(const struct change *c, const char *group, char *text, size_t size)
@@ -460,7 +474,12 @@ static int fail_stale(const struct operation *o, struct change_fault *why)
 
 int operation_begin(struct operation *o, struct apc_store *store, struct change_fault *why)
 {
-    int rc = o->author[0] ? apc_store_author(store, o->author) : 0;
+    int rc = 0;
+    for (size_t i = 0; i < o->n && rc == 0 && !o->confirmed; i++)
+        rc = change_step(&o->change[i], why);
+    if (rc < 0)
+        return rc;
+    rc = o->author[0] ? apc_store_author(store, o->author) : 0;
     if (rc < 0)
         return fail_of_store(store, rc, why);
     o->time = o->time > 0 ? o->time : apc_clock_utc(NULL);

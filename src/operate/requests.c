@@ -209,6 +209,8 @@ static bool is_wrong(const struct requests *r, struct look *l)
         rc = change_check(&l->change.to, q->value, &l->why);
     if (rc == 0)
         rc = change_now(&r->plant.view, &l->change.to, &l->change.mode, &l->why);
+    if (rc == 0)
+        rc = change_step(&l->change, &l->why);
     return rc < 0 && note_outcome(l, "refused: %s", l->why.text);
 }
 
@@ -236,10 +238,7 @@ static int do_it(struct requests *r, struct look *l)
     mark.origin = apc_seq_last(&l->change.newest) + 1;
     l->operation.mark = &mark;
     l->change.after.seq = l->change.newest.seq;
-    int rc = operation_read(&l->operation, r->live);
-    if (rc < 0)
-        return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
-    rc = operation_begin(&l->operation, r->live, &l->why);
+    int rc = operation_begin(&l->operation, r->live, &l->why);
     operation_end(&l->operation);
     if (rc == APC_ECONFLICT)
         return 1;
@@ -324,6 +323,8 @@ static int handle(struct requests *r, const struct apc_request *request)
         return rc;
     if (is_mark_of(l.mark, request))
         return settle_request(r, &l);
+    if ((rc = operation_read(&l.operation, r->live)) < 0)
+        return apc_fail(&r->why, rc, "%s", apc_store_error(r->live));
     if (is_past(&l, r->most, r->from.ahead ? r->from.ahead : r->most) || is_wrong(r, &l) || is_for_nobody(&l))
         return say_outcome(r, &l, 0, l.said);
     return do_it(r, &l);

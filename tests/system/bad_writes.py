@@ -87,11 +87,11 @@ def cli(row, apc, store):
     return True
 
 
-def http(row, port, engineer, observer):
+def http(row, port, engineer, observer, seq=0):
     if row.http == "-":
         return False
     awaited = row.outcome()
-    body = {"id": int(row.id), "seq": 123456 if row.who == "late" else 0}
+    body = {"id": int(row.id), "seq": 123456 if row.who == "late" else seq}
     if awaited:
         body["seq"] = int(sql("SELECT coalesce(max(seq), 0) FROM apc.setpoint WHERE id = 1"))
     body |= {"mode": row.value} if row.what == "mode" else {"value": row.number()}
@@ -108,6 +108,8 @@ def http(row, port, engineer, observer):
             said = until("the page knows what became of a write", lambda: '"state":"accepted"' not in (now := fetched(again)) and now)
     except urllib.error.HTTPError as e:
         error = json.load(e)["error"]
+        if "confirm" in row.http and error["code"] == "stale":
+            return http(row, port, engineer, observer, error["current"]["setpoint.1"][0])
         said = f"{e.code} {error['code']}: {error['message']}"
     say(row, "page", said, row.http)
     return True

@@ -10,6 +10,9 @@ asked() {
   [ "$n" = "$1" ] || fail "$3: $n rows of $2 were asked instead of $1"
 }
 
+# confirms: a great step of r in $work/fast.conf has to be confirmed
+confirms() { sed -i 's/^setpoints *= ( { /&confirm = 15.0; /' "$work/fast.conf"; }
+
 # page_of STORE: a page, whose port is in $page, with the tokens $engineer and $observer
 page_of() {
   printf 'apc-password\n' | "$apc" user add eve --users "$work/page" >/dev/null

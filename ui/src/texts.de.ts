@@ -183,6 +183,7 @@ export const de = {
   "write.accepted": "angenommen, wartet auf den Regler",
   "write.applied": "wirksam",
   "write.superseded": "überholt",
+  "write.confirm": "Schritt bestätigen",
   "write.failed": "fehlgeschlagen",
   "write.unknown": "unbekannt",
   "write.notKnown": "{why}: Ob geschrieben wurde, ist nicht bekannt",

@@ -182,6 +182,7 @@ export const en = {
   "write.accepted": "accepted, waiting for the controller",
   "write.applied": "applied",
   "write.superseded": "superseded",
+  "write.confirm": "Confirm the step",
   "write.failed": "failed",
   "write.unknown": "unknown",
   "write.notKnown": "{why}: whether it was written is not known",

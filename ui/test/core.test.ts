@@ -366,6 +366,9 @@ test("a write lives from pending to applied, failed or unknown, and no message t
   assert.equal(next(unknown, {what: "answer", write: write("applied")}).phase, "applied");
   assert.equal(next(applied, {what: "no answer", reason: "late"}), applied);
   assert.deepEqual(next(view, {what: "refused", reason: "limits"}).phase, "failed");
+  // of a write that failed the stream may tell before the answer comes
+  const failed = next(view, {what: "answer", write: {...write("failed"), stored: false, confirm: true}});
+  assert.equal(next(failed, {what: "refused", reason: "a great step", confirm: true}).confirm, true);
 });
 
 test("a live window ends now; moving it pauses it, and it never shows the future", () => {

@@ -104,6 +104,26 @@ test("an entry does not fight the readback, and a change by somebody else is not
     assert.equal(await setpoint(page).inputValue(), "11");
   }));
 
+// Promise(modes/confirm-great-step)
+test("a great step is confirmed by keyboard, and not by a second Enter", () =>
+  withPage("loop", {}, async page => {
+    await setpoint(page).fill("-15"); // from 11
+    for (const again of [false, true]) {
+      await setpoint(page).press("Enter");
+      await until(`it is refused${again ? " again" : ""}`, async () => (await phase(page, "setpoint.1")) === "failed");
+    }
+    assert.match(await page.locator('[data-slot="setpoint.1"]').textContent(), /r: 11 -> -15 is a step of more than 20, which has to be confirmed/);
+    assert.equal(await shown(page, "setpoint.1"), 11);
+    for (let i = 0; i < 3; i++) await page.keyboard.press("Tab");
+    assert.equal(await page.locator(":focus").textContent(), "Confirm the step");
+    await page.keyboard.press("Enter");
+    await applied(page, "setpoint.1");
+    assert.equal(await shown(page, "setpoint.1"), -15);
+    const seq = (await api("/api/state")).values["setpoint.1"][0];
+    await post("/api/setpoint", {id: 1, value: 11, seq, confirm: true});
+    await until("it is as before", async () => (await shown(page, "setpoint.1")) === 11);
+  }));
+
 // Promise(server/setpoint-operator-took)
 test("a setpoint that was taken is given back to the scheduler", () =>
   withPage("loop", {}, async page => {

@@ -447,6 +447,25 @@ test("Esc in an entry is the entry's alone", async () => {
   document.removeEventListener("keydown", hear);
 });
 
+test("a great step is made only by the button that says so", async () => {
+  await show("loop/1");
+  await type(field, "7");
+  await submit(entry);
+  const asked = env.take("/api/setpoint");
+  assert.equal(asked.body?.confirm, undefined);
+  asked.answer({error: {code: "confirm", message: "a step of more than 2"}}, 409);
+  await settle();
+  assert.match(said('[data-slot="setpoint.1"]'), /failed – a step of more than 2 Confirm the step Dismiss$/);
+  assert.equal(one<HTMLInputElement>(field).value, "7");
+  await click(button("Confirm the step"));
+  const again = env.take("/api/setpoint");
+  assert.deepEqual([again.body?.value, again.body?.seq, again.body?.confirm], [7, asked.body?.seq, true]);
+  again.answer({error: {code: "role", message: "not you"}}, 403);
+  await settle();
+  assert.match(said('[data-slot="setpoint.1"]'), /failed – not you Retry Dismiss$/);
+  await press("Escape", one(field));
+});
+
 test("what somebody else has changed is written over only by the button that says so", async () => {
   await show("loop/1");
   await type(field, "7");

@@ -19,7 +19,8 @@ static bool fault_change(struct request *r, const struct change_fault *why, cons
     static const struct {
         const char *code;
         int http;
-    } all[] = {{"variable", 404}, {"mode", 409}, {"nobody", 409}, {"stale", 409}, {"unknown", 504}};
+    } all[] = {{"variable", 404}, {"mode", 409},  {"nobody", 409},
+               {"confirm", 409},  {"stale", 409}, {"unknown", 504}};
     int http = 422;
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         http = !strcmp(why->code, all[i].code) ? all[i].http : http;
@@ -40,6 +41,7 @@ struct order {
     struct change change[WRITE_CHANGES + 1]; /* one may be taken along */
     struct beside beside;
     char reason[REASON_LEN];
+    bool confirmed;
     struct known_plant plant; /* as the model had it */
     struct operation operation;
 };
@@ -115,6 +117,14 @@ bool request_reason(struct request *r, const json_t *body, char reason[REASON_LE
         return fault_change(r, &why, "reason");
     snprintf(reason, REASON_LEN, "%s", text);
     return true;
+}
+
+static bool request_confirmed(struct request *r, const json_t *body, bool *confirmed)
+{
+    const json_t *member = json_object_get(body, "confirm");
+    *confirmed = json_is_true(member);
+    return !member || json_is_boolean(member) ||
+           fault_set(&r->fault, 400, "json", "confirm", "\"confirm\" must be true or false");
 }
 
 bool request_begin(struct ui *ui, struct request *r, const struct write *write, struct apc_store *store)
@@ -203,7 +213,7 @@ static bool read_tuning(struct request *r, const json_t *body, struct order *o)
 
 static bool read_write_order(struct request *r, struct order *o)
 {
-    static const char *const value_members[] = {"id", "value", "seq", "reason", "key", NULL};
+    static const char *const value_members[] = {"id", "value", "seq", "confirm", "reason", "key", NULL};
     static const char *const mode_members[] = {"id", "mode", "seq", "reason", "key", NULL};
     static const char *const owner_members[] = {"id", "owner", "seq", "reason", "key", NULL};
     static const char *const tuning_members[] = {"values", "reason", "key", NULL};
@@ -214,7 +224,8 @@ static bool read_write_order(struct request *r, struct order *o)
                               : kind == WRITE_TUNING ? tuning_members
                                                      : value_members,
                               &r->fault);
-    bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason);
+    bool ok = body && request_key(r, body, o->write.key) && request_reason(r, body, o->reason) &&
+              request_confirmed(r, body, &o->confirmed);
     if (ok && kind == WRITE_MODE)
         ok = read_order_mode(r, body, o);
     else if (ok && kind == WRITE_OWNER)
@@ -343,9 +354,10 @@ static int copy_model_plant(struct ui *ui, struct known_plant *to)
     loops->at = copied(from->loops.at, loops->n, sizeof *loops->at);
     loops->controller = copied(from->loops.controller, loops->n_controllers, sizeof *loops->controller);
     loops->scheduled = copied(from->loops.scheduled, loops->n_scheduled, sizeof *loops->scheduled);
+    loops->step = copied(from->loops.step, loops->n_steps, sizeof *loops->step);
     to->view = (struct plant_view){to->tag, from->n, loops};
     pthread_mutex_unlock(&ui->model.mutex);
-    return to->tag && loops->at && loops->controller && loops->scheduled ? 0 : APC_ENOMEM;
+    return to->tag && loops->at && loops->controller && loops->scheduled && loops->step ? 0 : APC_ENOMEM;
 }
 
 /* What the other loop's or the own target cost: of a single change there is one more that is told of. Loops
@@ -381,6 +393,7 @@ static int put_order(struct ui *ui, const struct request *r, struct order *o, st
     o->operation = (struct operation){.plant = &o->plant.view,
                                       .change = o->change,
                                       .n = o->write.n,
+                                      .confirmed = o->confirmed,
                                       .author = o->write.user,
                                       .note = note,
                                       .record = audit_events,
@@ -399,7 +412,11 @@ static void end_write(struct ui *ui, struct request *r, struct order *o, enum wr
                       const char *reason)
 {
     struct text t = {0};
-    const struct write ended = {.state = state, .stored = stored, .n = o->write.n, .change = o->change};
+    const struct write ended = {.state = state,
+                                .stored = stored,
+                                .confirm = r->fault.http && !strcmp(r->fault.code, "confirm"),
+                                .n = o->write.n,
+                                .change = o->change};
     writes_end(ui->writes, o->write.key, &ended, reason, apc_clock_mono(NULL), &t);
     if (r->fault.http == 0) {
         r->reply = t;
@@ -428,6 +445,8 @@ static void carry_out_write(struct ui *ui, struct request *r, struct order *o, s
     rc = put_order(ui, r, o, store, &why);
     if (rc == APC_ECONFLICT)
         stale_fault(r, o);
+    else if (rc < 0 && strcmp(why.code, "confirm") == 0)
+        fault_change(r, &why, "value");
     else if (rc == APC_ENOMEM || (rc < 0 && o->operation.begun == 0))
         fault_store(r, rc, store);
     else if (rc < 0 && strcmp(why.code, "store") == 0)

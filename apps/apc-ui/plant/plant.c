@@ -65,6 +65,9 @@ static bool differs(const struct plant *p, const struct plant *next)
         found = !same_loop(&is->at[i], &was->at[i]);
     for (size_t i = 0; i < is->n_controllers && !found; i++)
         found = !same_controller(&is->controller[i], &was->controller[i]);
+    found = found || is->n_steps != was->n_steps;
+    for (size_t i = 0; i < is->n_steps && !found; i++)
+        found = is->step[i].id != was->step[i].id || is->step[i].most != was->step[i].most;
     return found;
 }
 

@@ -60,9 +60,12 @@ void write_json(const struct write *write, struct text *t)
     static const char *const states[] = {
         [WRITE_BEGUN] = "unknown",         [WRITE_ACCEPTED] = "accepted", [WRITE_APPLIED] = "applied",
         [WRITE_SUPERSEDED] = "superseded", [WRITE_FAILED] = "failed",     [WRITE_UNKNOWN] = "unknown"};
-    json_add(t, "{key:%s, kind:%s, user:%s, time:%.6jd, state:%s, stored:%i, reason:%-s, changes:[",
-             write->key, kinds[write->kind], write->user, write->time, states[write->state], write->stored,
+    json_add(t, "{key:%s, kind:%s, user:%s, time:%.6jd, state:%s, stored:%i, reason:%-s", write->key,
+             kinds[write->kind], write->user, write->time, states[write->state], write->stored,
              write->reason);
+    if (write->confirm)
+        json_add(t, "confirm:%i", 1);
+    json_add(t, "changes:[");
     for (size_t i = 0; i < write->n; i++)
         change_json(write, &write->change[i], t);
     json_add(t, "]}");
@@ -168,6 +171,7 @@ void writes_end(struct writes *w, const char *key, const struct write *ended, co
         write->n = ended->n <= write->n ? ended->n : write->n + 1; /* begin_write() left room for one */
         keep_changes(write->change, ended->change, write->n);
         write->ended = now;
+        write->confirm = ended->confirm;
         turn_write(w, write, ended->state, ended->stored, reason);
         write_json(write, t);
     }

@@ -49,7 +49,8 @@ struct write {
     enum write_kind kind;
     char user[USER_NAME_LEN];
     enum write_state state;
-    int stored; /* 1, 0; -1: not known */
+    int stored;   /* 1, 0; -1: not known */
+    bool confirm; /* it failed, as so great a step has to be confirmed */
     char reason[240];
     apc_ns time;      /* UTC */
     apc_ns ended;     /* monotonic: when the attempt was over, and the controller's time began */

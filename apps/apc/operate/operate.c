@@ -177,8 +177,9 @@ static int carry_out(const struct cli *cli, struct apc_store *store, struct oper
     if (rc != EXIT_OK)
         return rc;
     if (operation_begin(o, store, &why) < 0)
-        return strcmp(why.code, "store") == 0 ? cli_store_error(cli, why.err, store)
-                                              : operate_fault(cli, &why);
+        return strcmp(why.code, "store") == 0     ? cli_store_error(cli, why.err, store)
+               : strcmp(why.code, "confirm") == 0 ? cli_error(cli, why.err, "%s; --confirm does so", why.text)
+                                                  : operate_fault(cli, &why);
     if (cli->no_wait)
         show_written(o);
     else

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* apc get, apc set: the newest values, and the operator's. */
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -107,6 +108,17 @@ out:
 
 /* ---- set ---------------------------------------------------------------------------------- */
 
+struct set_options {
+    bool confirm;
+};
+
+static const struct option_spec set_options[] = {
+    {"confirm", 'c', NULL,
+     "A step of more than the `confirm` of its variable in the experiment file is meant", OPTION_FLAG,
+     .to = offsetof(struct set_options, confirm)},
+    {0},
+};
+
 static const struct cli_spec set_spec = {
     .args_doc = "VARIABLE VALUE [VARIABLE VALUE...]",
     .doc =
@@ -119,6 +131,7 @@ static const struct cli_spec set_spec = {
     .takes = CLI_STORE | CLI_NEGATIVE | CLI_WRITES,
     .min_args = 2,
     .max_args = -1,
+    .options = set_options,
 };
 
 /* Why nobody sets what there is of that name; NULL: there is none. */
@@ -180,12 +193,13 @@ static int check_modes(const struct cli *cli, struct apc_store *store, struct op
     return EXIT_OK;
 }
 
-static int set_values(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n)
+static int set_values(const struct cli *cli, struct apc_store *store, struct change *changes, size_t n,
+                      bool confirmed)
 {
     struct cli_plant plant;
     int rc = exit_code_of(cli_plant_load(cli, store, &plant));
     const struct plant_view view = operate_view(&plant);
-    struct operation o = {.plant = &view, .change = changes, .n = n};
+    struct operation o = {.plant = &view, .change = changes, .n = n, .confirmed = confirmed};
     if (rc == EXIT_OK)
         rc = admit_all(cli, &plant.tags, &o);
     if (rc == EXIT_OK)
@@ -199,9 +213,10 @@ static int set_values(const struct cli *cli, struct apc_store *store, struct cha
 int command_set(int argc, char **argv)
 {
     struct apc_store *store = NULL;
+    struct set_options own = {0};
     struct cli cli;
 
-    cli_parse(&cli, &set_spec, NULL, argc, argv);
+    cli_parse(&cli, &set_spec, &own, argc, argv);
     if (cli.n_args % 2)
         return cli_usage(&cli, "\"%s\" has no value", cli.args[cli.n_args - 1]);
     size_t n = (size_t)cli.n_args / 2;
@@ -214,7 +229,7 @@ int command_set(int argc, char **argv)
         if (change_number(cli.args[2 * i + 1], &changes[i].after.value, &why) < 0)
             rc = cli_usage(&cli, "%s: %s", cli.args[2 * i], why.text);
     if (rc == EXIT_OK && (rc = exit_code_of(cli_open(&cli, &store))) == EXIT_OK)
-        rc = set_values(&cli, store, changes, n);
+        rc = set_values(&cli, store, changes, n, own.confirm);
     apc_store_close(store);
     free(changes);
     return cli_done(&cli, rc);

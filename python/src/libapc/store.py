@@ -229,14 +229,15 @@ class Store:
             self._check(s, lib.apc_store_catalogue(s, room, length + 1, ffi.NULL))
         return text(room)
 
-    def write(self, name: str, value: float, author: Optional[str] = None, wait: bool = True) -> Value:
+    def write(self, name: str, value: float, author: Optional[str] = None, wait: bool = True,
+              confirm: bool = False) -> Value:
         """Write a setpoint, a tuning parameter or, by the name of an output, what goes out in mode Man, as `apc set` and
         `apc tune` do, and wait until its controller has taken it: for three of its periods and 2 s. Returns what is in
         force. `LimitError`: it lies outside its limits. `RefusedError`: the controller refused it, or nobody ticks who
         would apply it; then nothing was written. `ConflictError`: somebody wrote after it. `TimedOut`: it was written,
         but nobody has confirmed it. Without `wait` it is only written. `author` is who stands in the record; default:
-        the user."""
-        return self._wish(name, _number(value), _NUMBERS, author, wait)
+        the user. `confirm`: a step above the file's `confirm` is meant; without it, it is a `RefusedError`."""
+        return self._wish(name, _number(value), _NUMBERS, author, wait, confirm)
 
     def mode(self, loop: str, mode: Union[Mode, str], author: Optional[str] = None, wait: bool = True) -> Mode:
         """Ask for a mode of a loop, by its output or as "upper.r1", as `write`. Returns the mode in force."""
@@ -286,7 +287,8 @@ class Store:
             pass
         return ""
 
-    def _wish(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True) -> Value:
+    def _wish(self, name: str, value: float, kinds: int, author: Optional[str], wait: bool = True,
+              confirm: bool = False) -> Value:
         wish, reason = ffi.gc(lib.apc_wish_new(), lib.apc_wish_free), why()
         who = utf8("author", author or _user())
         if wish == ffi.NULL:
@@ -296,7 +298,7 @@ class Store:
             check(lib.apc_wish_find(wish, s, utf8("name", name), kinds, value, reason), reason)
             while wait and not check(lib.apc_wish_ready(wish, s, reason), reason):
                 sleep(0.05)
-            check(lib.apc_wish_write(wish, s, who, reason), reason)
+            check(lib.apc_wish_write(wish, s, who, confirm, reason), reason)
             while wait and not check(lib.apc_wish_poll(wish, s, 10**8, reason), reason):
                 pass
         return Value(lib.apc_wish_force(wish) if wait else value, Status(lib.APC_GOOD), lib.apc_wish_time(wish))

@@ -13,24 +13,26 @@ segment=/dev/shm/apc.$name
 live=shm:$name
 export HOME=$work
 fast_experiment
+confirms
 "$apc" init --store "$live" "$work/fast.conf" >/dev/null
 background run "$apc" run "$work/fast.conf" --store "$live" --duration 0 --no-ui --out "$work/run"
 ticks() { "$apc" mode --store "$live" | grep -q '^actual  Auto'; }
 until_true 60 ticks
-asked 12 bad_writes cli "$apc" "$live"
+asked 13 bad_writes cli "$apc" "$live"
 
 page_of "$live"
-asked 12 bad_writes http "$page" "$engineer" "$observer"
+asked 13 bad_writes http "$page" "$engineer" "$observer"
 
 background historian "$APC_BIN/apc-historian" --config "$work/fast.conf" --store "$live" --history postgresql: --writes-within 60
 is_history() { [ "$(sql 'SELECT kind FROM apc.catalogue ORDER BY revision DESC LIMIT 1')" = history ]; }
 until_true 60 is_history
-asked 7 bad_writes request
+asked 8 bad_writes request
 
 if broker_of "$live"; then
-  asked 12 bad_writes mqtt "$broker" "$work/outcomes.log"
+  asked 13 bad_writes mqtt "$broker" "$work/outcomes.log"
 fi
 
+# Promise(modes/confirm-great-step)
 written() { "$apc" history "$1" --store "$live" --last 1000 --csv | awk -F, -v value="$2" '$5 == value' | wc -l; }
-[ "$(written r 1e6)$(written r 1)$(written u.manual 1)$(written u.manual 99)$(written tau_i -1)" = 00000 ] || fail "what was refused was written"
+[ "$(written r 1e6)$(written r 1)$(written u.manual 1)$(written u.manual 99)$(written r 50)$(written tau_i -1)" = 000000 ] || fail "what was refused was written"
 [ "$("$apc" history --events --store "$live" --last 1000 --csv | grep -c ',operator,')" = 0 ] || fail "what was refused stands in the record as done"

@@ -17,12 +17,13 @@ serve_of() {
 # Promise(links/opcua-words): By OPC UA a bad write has its own status and the sentence that every other front end
 #   says, in an event, whether it came by a node or a method; so has what becomes of a good one.
 unset APC_STORE
+confirms
 background run "$apc" run "$work/fast.conf" --no-ui --duration 0 --out "$work/run"
 run=$pid
 ticks() { "$apc" mode --store "$work/run" | grep -q '^actual  Auto'; }
 until_true 60 ticks
 serve_of "$(sed -n 's/^live: *\(shm:[^, ]*\).*/\1/p' "$work/run.log")"
-asked 13 bad_writes opcua "$url" apc-password
+asked 14 bad_writes opcua "$url" apc-password
 kill -TERM "$pid"
 wait "$pid" || fail "the server ended with $?"
 kill -INT "$run"

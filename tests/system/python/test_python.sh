@@ -99,7 +99,7 @@ except LookupError as e:
     assert "the run goes on" in str(e), e
 PY
 fast_experiment
-sed -i 's/setpoints *= ( { /&alarms = ( { kind = "high"; limit = 12.0; deadband = 1.0; priority = 1; message = "too much"; } ); /' "$work/fast.conf"
+sed -i 's/setpoints *= ( { /&confirm = 15.0; alarms = ( { kind = "high"; limit = 12.0; deadband = 1.0; priority = 1; message = "too much"; } ); /' "$work/fast.conf"
 echo 'alarms = { period = 0.1; };' >>"$work/fast.conf"
 unset APC_STORE APC_HISTORY
 background run "$apc" run "$work/fast.conf" --no-ui --out "$work/run"
@@ -109,7 +109,7 @@ until_true 60 happened 'actual Auto'
 #   with the reason; who wrote it stands in the record.
 # Promise(python): From Python alarms are read, acknowledged and shelved as by `apc alarm`; who wants what makes no
 #   sense is told.
-asked 12 bad_writes python "$(sed -n 's/^live: *\(shm:[^, ]*\).*/\1/p' "$work/run.log")"
+asked 13 bad_writes python "$(sed -n 's/^live: *\(shm:[^, ]*\).*/\1/p' "$work/run.log")"
 "$user/bin/python" "$work/operate.py" "$work/run" || fail "an operator's write has no outcome"
 example() { "$user/bin/python" "$APC_SOURCE_DIR/examples/python/$1" "${@:2}" >"$work/example.txt" && cat "$work/example.txt"; }
 # Promise(python/periodic-task-python)

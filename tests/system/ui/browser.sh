@@ -25,6 +25,7 @@ serve() {
 run_loop() {
   fast_experiment
   sed -i -e 's/period = 15.0;/period = 1500.0;/' -e 's/period = 0.05;/period = 0.1;/' \
+    -e 's/^setpoints *= ( { /&confirm = 20.0; /' \
     -e 's/{ name = "y";/{ name = "y"; alarms = ({ kind = "high"; limit = 25.0; deadband = 1.0; priority = 2; message = "the tank is full"; response = "lower r"; });/' \
     "$work/fast.conf"
   echo 'alarms = { period = 0.2; };' >>"$work/fast.conf"

@@ -12,7 +12,7 @@ static const char operated_text[] =
     "name = \"operated\"; duration = 10.0;\n"
     "measurements = ( { name = \"y\"; low = -100.0; high = 100.0; } );\n"
     "setpoints = ( { name = \"r\"; low = -50.0; high = 50.0; initial = 1.0; },\n"
-    "              { name = \"w\"; low = -50.0; high = 50.0; initial = 5.0; } );\n"
+    "              { name = \"w\"; low = -50.0; high = 50.0; initial = 5.0; confirm = 10.0; } );\n"
     "outputs = ( { name = \"u\"; low = -20.0; high = 20.0; } );\n"
     "plant = { model = \"first-order\"; period = 0.1; };\n"
     "client = { period = 0.1; };\n"

@@ -366,6 +366,33 @@ static int cannot_record(void *ctx, struct apc_store *live, const struct apc_eve
     return APC_ECONN;
 }
 
+/* Promise(modes/confirm-great-step): A step of more than its `confirm` is written with a confirmation alone, and by
+ *   nobody who cannot be asked. */
+static void a_great_step_is_confirmed_or_not_written(void **state)
+{
+    struct desk d = {0};
+    struct change_fault why;
+    const int64_t before = newest(APC_SETPOINT, SET_W).seq;
+
+    (void)state;
+    wants(&d, "anna", "w", CHANGE_SETPOINT, 15.5); /* from 5 */
+    assert_true(d.change[0].to.step == 10.0);
+    d.operation.change = d.change;
+    assert_int_equal(operation_read(&d.operation, store), 0);
+    assert_int_equal(operation_begin(&d.operation, store, &why), APC_EPERM);
+    assert_string_equal(why.code, "confirm");
+    assert_string_equal(why.text, "w: 5 -> 15.5 is a step of more than 10, which has to be confirmed");
+    assert_int_equal(newest(APC_SETPOINT, SET_W).seq, before);
+    d.operation.confirmed = true;
+    begin(&d);
+    assert_true(newest(APC_SETPOINT, SET_W).value == 15.5);
+    operation_end(&d.operation);
+    memset(&d, 0, sizeof d);
+    wants(&d, "anna", "w", CHANGE_SETPOINT, 5.5); /* as far as it goes without */
+    begin(&d);
+    operation_end(&d.operation);
+}
+
 static void what_is_written_and_not_recorded_is_said(void **state)
 {
     struct desk d = desk_of("anna", 0.3);
@@ -397,6 +424,7 @@ int main(void)
         T(of_several_all_are_waited_for),
         T(of_two_who_saw_the_same_one_is_told),
         T(of_two_who_wrote_the_first_is_superseded),
+        T(a_great_step_is_confirmed_or_not_written),
         T(what_is_written_and_not_recorded_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

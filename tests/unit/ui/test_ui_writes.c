@@ -535,10 +535,12 @@ static void what_is_known_of_a_write_is_shown(void **state)
     assert_non_null(strstr(shown(NULL), "\"to\":0.3,\"seq\":2}"));
     assert_non_null(strstr(shown(NULL), "\"to\":7,\"seq\":1}"));
     begin("key-0002", WRITE_MODE, c, 1);
-    writes_end(writes, "key-0002", &(struct write){.state = WRITE_FAILED, .n = 1, .change = c},
-               "no \"reason\"", 0, &t);
+    writes_end(writes, "key-0002",
+               &(struct write){.state = WRITE_FAILED, .confirm = true, .n = 1, .change = c}, "no \"reason\"",
+               0, &t);
     assert_non_null(strstr(shown("key-0002"), "\"kind\":\"mode\""));
-    assert_non_null(strstr(shown("key-0002"), "\"stored\":false,\"reason\":\"no \\\"reason\\\"\""));
+    assert_non_null(
+        strstr(shown("key-0002"), "\"stored\":false,\"reason\":\"no \\\"reason\\\"\",\"confirm\":true,"));
     assert_non_null(strstr(shown("key-0002"), "\"to\":0.3,\"seq\":null}"));
     assert_non_null(strstr(shown(NULL), "]},{\"key\":\"key-0002\"")); /* the oldest first */
     const size_t before = t.n;

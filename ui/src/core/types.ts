@@ -287,5 +287,6 @@ export interface Write {
   state: "accepted" | "applied" | "superseded" | "failed" | "unknown";
   stored: boolean | null;
   reason: string | null;
+  confirm?: boolean; // it failed: so great a step has to be confirmed
   changes: {ref: Ref; name: string; from: number | null; to: number; seq: number | null}[];
 }

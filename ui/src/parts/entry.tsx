@@ -49,10 +49,10 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
   const ready = value != null && !complaint && !barred && view?.phase !== "pending";
   const unit = one?.unit ? ` ${one.unit}` : "";
   /** What goes out is what stands on the screen: over `seq`. */
-  const apply = (seq: number): void => {
+  const apply = (seq: number, confirm = false): void => {
     if (!ready) return;
     sent.current = draft;
-    void send(name, kind, {id: one?.id, value, seq}, `${one?.name ?? ""} ${said(from.value)} → ${exact(value)}${unit}`);
+    void send(name, kind, {id: one?.id, value, seq, ...(confirm && {confirm})}, `${one?.name ?? ""} ${said(from.value)} → ${exact(value)}${unit}`);
   };
   const revert = (): void => {
     setTyped(null);
@@ -121,7 +121,7 @@ export function Entry({of, kind, label, shown = of, low = null, high = null, blo
           <span>{remote ? tr("entry.remote", {limits: limitsText(low, high), mover: remote.name}) : limitsText(low, high)}</span>
         )}
       </div>
-      <WriteStatus of={name} retry={over} />
+      <WriteStatus of={name} retry={view?.confirm && draft ? () => apply(draft.seq, true) : over} />
     </form>
   );
 }

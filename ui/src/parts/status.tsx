@@ -28,7 +28,7 @@ export function WriteStatus({of, retry}: Props): JSX.Element {
           </span>
           {view.phase === "failed" && (
             <button type="button" onClick={retry}>
-              {tr("parts.retry")}
+              {tr(view.confirm ? "write.confirm" : "parts.retry")}
             </button>
           )}
           {(isFinal(view.phase) || view.phase === "unknown") && view.phase !== "applied" && (
