@@ -20,7 +20,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "common/json.h"
+#include "files/files.h"
 
 #define WAITING 64 /* alarms; of a flood nobody wants to be told one by one */
 

@@ -14,7 +14,7 @@
 #include <apcstore.h>
 
 #include "broker.h"
-#include "common/json.h"
+#include "files/files.h"
 
 struct backlog;
 

@@ -7,8 +7,8 @@
 #include <string.h>
 
 #include "common/body.h"
-#include "common/json.h"
 #include "daemon/worker.h"
+#include "files/files.h"
 #include "operate/operate.h"
 #include "users/users.h"
 

@@ -4,7 +4,7 @@
 #ifndef APC_UI_COLUMNS_H
 #define APC_UI_COLUMNS_H
 
-#include "common/json.h"
+#include "files/files.h"
 
 #define COLUMNS 8
 

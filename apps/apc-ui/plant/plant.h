@@ -7,7 +7,7 @@
 #include <apccontrol.h>
 #include <apcstore.h>
 
-#include "common/json.h"
+#include "files/files.h"
 #include "operate/operate.h"
 
 #define REF_LEN 24 /* "setpoint.2147483647" */

@@ -15,7 +15,7 @@
 
 #include <apcstore.h>
 
-#include "common/json.h"
+#include "files/files.h"
 #include "operate/operate.h"
 #include "plant.h"
 #include "users/users.h"

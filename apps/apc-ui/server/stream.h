@@ -7,7 +7,7 @@
 #ifndef APC_UI_STREAM_H
 #define APC_UI_STREAM_H
 
-#include "common/json.h"
+#include "files/files.h"
 
 #define STREAM_RING    1024       /* messages kept */
 #define STREAM_BYTES   (16 << 20) /* and no more than these */

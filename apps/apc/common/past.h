@@ -4,7 +4,7 @@
 #define APC_CLI_PAST_H
 
 #include "cli.h"
-#include "common/json.h"
+#include "files/files.h"
 
 /* Of a command whose options have the member `at`. */
 #define PAST_OPTION(options)                                                                                 \

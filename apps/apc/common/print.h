@@ -9,7 +9,7 @@
 #include <stdio.h>
 
 #include "cli.h"
-#include "common/json.h"
+#include "files/files.h"
 
 /* ---- Pieces ------------------------------------------------------------------------------- */
 

@@ -5,7 +5,7 @@
 
 #include <stdio.h>
 
-#include "common/json.h"
+#include "files/files.h"
 #include "record/record.h"
 
 /* Times are in s since @p start. Returns 0 or APC_ENOMEM. */

@@ -5,8 +5,8 @@
 
 #include <stdio.h>
 
-#include "common/json.h"
 #include "figures/figures.h"
+#include "files/files.h"
 
 /* A table of them for people, of whole runs and of their parts; at most @most rows (0: all). */
 int figures_print(const struct figures *f, const struct trajectory *c, const struct experiment *e,

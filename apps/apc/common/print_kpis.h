@@ -4,8 +4,8 @@
 
 #include <stdio.h>
 
-#include "common/json.h"
 #include "figures/figures.h"
+#include "files/files.h"
 
 /* Tables for people. Returns 0 or APC_ENOMEM. */
 int kpis_print(const struct kpis *m, FILE *out);

@@ -2,7 +2,7 @@
 #ifndef APC_PRINT_PREDICTION_H
 #define APC_PRINT_PREDICTION_H
 
-#include "common/json.h"
+#include "files/files.h"
 #include "record/record.h"
 
 #include <stdio.h>

@@ -5,8 +5,8 @@
 
 #include "apc/common/cli.h"
 #include "apc/common/mode_reason.h"
-#include "common/json.h"
 #include "common/timing.h"
+#include "files/files.h"
 #include "status_plan.h"
 
 enum { LOOP_TARGET, LOOP_ACTUAL, LOOP_SP, LOOP_OWNER, LOOP_PV, LOOP_OP, LOOP_ROWS };

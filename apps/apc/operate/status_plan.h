@@ -4,7 +4,7 @@
 #define APC_STATUS_PLAN_H
 
 #include "apc/common/cli.h"
-#include "common/json.h"
+#include "files/files.h"
 
 struct status_plan {
     const struct cli_tags *tags;

@@ -4,7 +4,7 @@
 #define APC_STATUS_WRITES_H
 
 #include "apc/common/cli.h"
-#include "common/json.h"
+#include "files/files.h"
 
 struct status_writes {
     const struct cli_tags *tags;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-#include "json.h"
+#include "files.h"
 
 #include <ctype.h>
 #include <inttypes.h>
@@ -8,7 +8,6 @@
 #include <string.h>
 
 #include "base/text.h"
-#include "files/files.h"
 
 /* ---- Text --------------------------------------------------------------------------------- */
 
