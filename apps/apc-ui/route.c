@@ -25,6 +25,7 @@ const struct route routes[] = {
     {"GET", "/api/alarms/figures", ROLE_OBSERVER, PAST, get_alarm_figures, "since until",
      "how many alarms there were"},
     {"GET", "/api/kpis", ROLE_OBSERVER, PAST, get_kpis, "since until", "what the controllers were worth"},
+    {"GET", "/api/why", ROLE_OBSERVER, COMPUTED, get_why, "output at over", "why an output moved"},
     {"GET", "/api/diagnostics", ROLE_OBSERVER, DIRECT, get_diagnostics, "", "how all parts are"},
     {"GET", "/api/writes", ROLE_OBSERVER, DIRECT, get_writes, "key", "what became of writes"},
     {"POST", "/api/setpoint", ROLE_OPERATOR, WRITER, post_setpoint, "", "write a setpoint"},

@@ -4,6 +4,7 @@
  *
  *     server   (one, libmicrohttpd's)  takes requests, answers what is in memory, feeds the streams
  *     writers, readers  (some)         answer what takes a store, or long: each has a store of its own
+ *     computer (one)                   answers what is computed from the record
  *     live     (one)                   waits in the store for newer samples: model, stream, writes
  *     records  (one)                   looks each second for events, timing, descriptions, users
  *     behind   (one)                   asks how far the history is behind the live store, where there are two

@@ -203,8 +203,9 @@ struct replay {
     struct apc_sample lost; /* the last plan that is not on record */
     apc_ns start;           /* t = 0 in the record */
     bool other_law;
-    bool of_store;         /* a part of its record, for why_find(): its texts say UTC */
-    bool more;             /* and there may be older ticks than those that were taken */
+    bool of_store;  /* a part of its record, for why_find(): its texts say UTC */
+    apc_ns give_up; /* why_find() has no answer when the monotonic clock is past it; 0: it takes its time */
+    bool more;      /* and there may be older ticks than those that were taken */
     char other_build[150]; /* what made the run, where it was not this one; "": it was, or nobody knows */
     struct replay_watch watch;
     struct apc_error why;
@@ -220,6 +221,7 @@ struct replay_part {
     const char *loop;
     apc_ns over, until; /* until: INT64_MAX: the newest */
     size_t lead;
+    bool built_in; /* a law or plant of the user's own is refused, before any of it is loaded */
 };
 /* The same of that part, for why_find(), with the experiment as the store's catalogue has it,
  * and had it then where it keeps former ones. */
@@ -293,5 +295,40 @@ int why_find(struct why *w, struct replay *r, const char *loop, apc_ns from, apc
 /* The loop above that wrote the row of a setpoint, at its time; NULL: somebody else did. */
 const char *why_above(const struct replay *r, const struct why_cause *cause);
 void why_free(struct why *w);
+
+/* The same as it is asked for and told. */
+struct why_question {
+    struct replay *replay;   /* of a run folder its record; of a store room for it, zeroed at first */
+    const char *dir;         /* of a run folder */
+    struct apc_store *store; /* or NULL */
+    const char *loop;
+    apc_ns at, over; /* at: INT64_MAX: the last tick; over: 0: one tick */
+    bool built_in;   /* of a store: laws and plants of the user's own are not loaded, but refused */
+    apc_ns give_up;  /* of a store: no answer when the monotonic clock is past it; 0: however long it takes */
+    unsigned depth;  /* so many loops below it were told before */
+};
+/* As why_find(); the replay has to live as long as @p w, and is the caller's to free. */
+int why_ask(struct why *w, const struct why_question *q, struct apc_error *why);
+/* The setpoint by which a loop above moved it; NULL: none did. And the question why that did, with room for its
+ * name. */
+const struct why_cause *why_moved_above(const struct why *w, const struct why_question *q);
+struct why_question why_question_above(const struct why_question *q, const struct why_cause *moved,
+                                       char loop[APC_TAG_LEN]);
+
+/* Who wrote the row of a cause, and in which words, as the operators' events say; "": none does. */
+struct why_author {
+    char source[APC_TAG_LEN], text[200];
+};
+/* Returns 0 or an error with a text in @p why. */
+int why_find_author(const struct why_question *q, const struct why_cause *cause, struct why_author *author,
+                    struct apc_error *why);
+const char *why_kind_name(enum why_kind kind);
+const char *why_state_name(enum apc_loop_state state);
+const char *why_cause_name(const struct why *w, const struct why_cause *cause);
+
+/* The answer's members as JSON, with those of the loops above, of which one that cannot be explained says so.
+ * Returns as why_find(): then what is in @p t is of no use. */
+struct text;
+int why_json(const struct why_question *q, struct text *t, struct apc_error *why);
 
 #endif

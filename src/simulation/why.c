@@ -194,7 +194,7 @@ static int try_restart(struct move *m, size_t k, const char *text)
         return apc_fail(&m->r->why, APC_ESTATE, "%s", text);
     return apc_fail(&m->r->why, APC_ESTATE,
                     "%s was started anew before its tick at %s: the move over that is not explained, what is "
-                    "before and behind it is, with a shorter --over",
+                    "before and behind it is: ask over a shorter time",
                     rc->of->name, replay_time(m->r, at->time, time));
 }
 
@@ -215,6 +215,10 @@ static int compute_move(struct move *m, const struct why_cause *cause, size_t n)
     for (size_t k = m->began; k <= m->until; k++) {
         const struct tick_row *at = &rc->ticks.at[k];
         const double *recorded = tick_of_move(m, k);
+        if (m->r->give_up > 0 && apc_clock_mono(NULL) > m->r->give_up)
+            return apc_fail(
+                &m->r->why, APC_ETIMEDOUT,
+                "to compute it takes too long for the page: apc why on the command line takes its time");
         memcpy(m->row, recorded, at->n * sizeof *m->row);
         for (size_t i = 0; i < n && k > m->from; i++)
             hold_input(m, &cause[i], tick_of_move(m, m->from), m->row);

@@ -162,6 +162,11 @@ static void answers_are_what_openapi_says(void **state)
         {"/api/kpis", 200},
         {"/api/kpis?since=-3600&until=-60", 200},
         {"/api/kpis?since=-60&until=-3600", 422},
+        {"/api/why?output=u", 200},
+        {"/api/why?output=u&at=-1&over=0.5", 200},
+        {"/api/why?output=u&at=-3600", 404},
+        {"/api/why?output=v", 404},
+        {"/api/why?output=u&over=1d", 400},
         {"/api/diagnostics", 200},
         {"/api/writes", 200},
         {"/api/writes?key=no-such-key", 404},
@@ -497,6 +502,10 @@ static void bad_parameters_and_paths_are_refused(void **state)
         const char *code;
     } cases[] = {
         {"/api/history", 422, "parameter"},
+        {"/api/why", 400, "parameter"},
+        {"/api/why?output=u&over=-1", 400, "parameter"},
+        {"/api/why?output=u&over=nan", 400, "parameter"},
+        {"/api/why?output=u&over=86401", 400, "parameter"},
         {"/api/history?var=sensor.1&since=-60", 422, "parameter"},
         {"/api/history?var=sensor.1&since=-60&bins=10&last=10", 422, "parameter"},
         {"/api/history?var=sensor.1&since=-60&bins=0", 400, "parameter"},

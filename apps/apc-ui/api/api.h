@@ -30,6 +30,7 @@ void get_alarm_figures(struct ui *ui, struct request *r, struct apc_store *store
 /* The file of the addresses of plants. Returns 0, where there is none too, or an error in why. */
 int plants_check(const char *path, struct apc_error *why);
 void get_plants(struct ui *ui, struct request *r, struct apc_store *store);
+void get_why(struct ui *ui, struct request *r, struct apc_store *store);
 void get_kpis(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_ack(struct ui *ui, struct request *r, struct apc_store *store);
 void post_alarm_shelve(struct ui *ui, struct request *r, struct apc_store *store);

@@ -2,7 +2,8 @@
 /*
  * The server. libmicrohttpd's one thread takes all requests; one that takes a store is put to sleep and given
  * to a pool of threads, one of which wakes it with its answer. A stream sleeps while there is nothing for it.
- * Long looks into the past have a pool of their own, so that no write waits behind them.
+ * Long looks into the past have a pool of their own, so that no write waits behind them, and what is computed
+ * has one thread, so that no look does.
  *
  * Who may keep a connection, and for how long without a request, is said in connection_limits.h: libmicrohttpd's own
  * limits know neither who is logged in nor who dribbles.
@@ -11,7 +12,6 @@
 
 #include <errno.h>
 #include <inttypes.h>
-#include <math.h>
 #include <netdb.h>
 #include <poll.h>
 #include <stdlib.h>
@@ -26,7 +26,6 @@
 #define PATIENCE    (10 * APC_NS_PER_S)        /* for history */
 #define CONNECTIONS (STRANGERS + MEMBERS + 64) /* the last: on their way out */
 #define SILENCE     30                         /* s */
-#define TIME_MAX    9e9                        /* Unix seconds, and seconds before now, that apc_ns holds */
 
 struct exchange {
     struct ui *ui;
@@ -55,50 +54,10 @@ struct server {
     char *cert, *key;
     struct connection_limits connection_limits;
 
-    struct pool writers, readers;
+    struct pool writers, readers, computer;
 };
 
-/* ---- Requests ----------------------------------------------------------------------------- */
-
-bool query_whole(struct request *r, const char *name, int64_t low, int64_t high, int64_t *value)
-{
-    const char *text = request_query(r, name);
-    char *end;
-    if (!text)
-        return true;
-    errno = 0;
-    long long number = strtoll(text, &end, 10);
-    if (end == text || *end || errno || number < low || number > high)
-        return fault_set(&r->fault, 400, "parameter", name,
-                         "\"%s\" must be a whole number from %" PRId64 " to %" PRId64, name, low, high);
-    *value = number;
-    return true;
-}
-
-bool time_parse(const char *text, apc_ns now, apc_ns *value)
-{
-    double seconds;
-    if (apc_number_parse(text, &seconds) < 0)
-        return apc_time_parse(text, value) == 0;
-    if (fabs(seconds) > TIME_MAX || apc_ns_from_s(seconds, value) < 0)
-        return false;
-    if (seconds < 0)
-        return !__builtin_add_overflow(now, *value, value);
-    /* the microsecond that was meant: a double beside it is up to 0.2 us off */
-    *value = (*value + APC_NS_PER_US / 2) / APC_NS_PER_US * APC_NS_PER_US;
-    return true;
-}
-
-bool query_time(struct request *r, const char *name, apc_ns now, apc_ns *value)
-{
-    const char *text = request_query(r, name);
-    if (!text || time_parse(text, now, value))
-        return true;
-    return fault_set(
-        &r->fault, 400, "parameter", name,
-        "\"%s\" must be Unix seconds, a time such as 2026-01-31T12:00:00Z, or negative seconds before now",
-        name);
-}
+/* ---- Faults ------------------------------------------------------------------------------- */
 
 void fault_store(struct request *r, int rc, const struct apc_store *store)
 {
@@ -592,6 +551,8 @@ static enum MHD_Result finish_http(struct exchange *x, const char *path)
         return give_to(&x->ui->server->writers, x);
     case PAST:
         return give_to(&x->ui->server->readers, x);
+    case COMPUTED:
+        return give_to(&x->ui->server->computer, x);
     case STREAM:
         return answer_stream(x);
     case PAGE:
@@ -759,7 +720,8 @@ int server_start(struct ui *ui, const struct site *site, struct apc_error *why)
     int fd = listen_on_addresses(ui, why);
     if (fd < 0)
         return fd;
-    if (pool_start(&s->writers, ui, WRITERS, 0) < 0 || pool_start(&s->readers, ui, READERS, PATIENCE) < 0) {
+    if (pool_start(&s->writers, ui, WRITERS, 0) < 0 || pool_start(&s->readers, ui, READERS, PATIENCE) < 0 ||
+        pool_start(&s->computer, ui, 1, PATIENCE) < 0) {
         close(fd);
         return apc_fail(why, APC_ESYS, "no thread can be made");
     }
@@ -779,6 +741,7 @@ void server_stop(struct ui *ui)
         return;
     pool_stop(&s->writers);
     pool_stop(&s->readers);
+    pool_stop(&s->computer);
     stream_end(ui->stream, "shutdown", "the server is being stopped");
     for (int i = 0; i < 50 && s->daemon; i++) { /* let the streams read it */
         struct stream_stats stats;
@@ -791,6 +754,7 @@ void server_stop(struct ui *ui)
         MHD_stop_daemon(s->daemon); /* no connection sleeps now: it would not have that */
     pool_free(&s->writers);
     pool_free(&s->readers);
+    pool_free(&s->computer);
     connection_limits_free(&s->connection_limits);
     free(s->cert);
     free(s->key);

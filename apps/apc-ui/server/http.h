@@ -27,6 +27,7 @@ enum where {
     NOW,        /* the same; as PAST with the parameter "at" */
     WRITER,     /* in a writer's, with a store */
     PAST,       /* in a reader's, with a store that may take its time */
+    COMPUTED,   /* the same in the one thread that computes long: neither writes nor readers wait for it */
     STREAM,
     PAGE
 };

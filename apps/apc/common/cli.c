@@ -170,6 +170,7 @@ void cli_parse(struct cli *cli, const struct cli_spec *spec, void *own, int argc
         negative ? negative_options : NULL, parse_args, spec->args_doc, spec->doc, children, NULL, NULL};
     argp_err_exit_status = EXIT_USAGE;
     argp_parse(&argp, argc, argv, negative ? ARGP_IN_ORDER : 0, NULL, &parsing);
+    cli->store_given = cli->store;
     if (!cli->store)
         cli->store = getenv("APC_STORE");
     cli->unnamed = !cli->store || !*cli->store;

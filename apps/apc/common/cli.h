@@ -31,8 +31,9 @@ enum cli_takes {
 struct cli {
     const char *command; /* "apc get": for messages */
     const char *store;
-    bool no_wait; /* for what becomes of a write */
-    bool unnamed; /* neither --store nor APC_STORE gave one */
+    bool no_wait;     /* for what becomes of a write */
+    bool unnamed;     /* neither --store nor APC_STORE gave one */
+    bool store_given; /* --store did */
     enum cli_format format;
     char **args; /* positional arguments */
     int n_args;

@@ -303,6 +303,56 @@ static void a_store_tells_what_the_folder_of_its_run_does(void **state)
     }
 }
 
+/* A store of a run of @p name, and the question why @p loop moved at @p at. */
+static void ask_store(struct simulation *s, struct experiment *e, struct why_question *q, const char *name,
+                      double at)
+{
+    load_experiment(e, name, "");
+    assert_int_equal(simulation_create(s, e, 3, &why), 0);
+    assert_int_equal(simulation_run(s, at), 0);
+    assert_int_equal(provision(s->store, e, PROVISION_KEEP), 0);
+    replay_free(&replay);
+    replay = (struct replay){.controller = NULL};
+    q->replay = &replay;
+    q->store = s->store;
+    q->at = INT64_MAX;
+}
+
+/* A server, whose other readers wait, computes for so long and no longer, and runs nobody's own laws. */
+static void a_question_is_answered_in_time_or_refused(void **state)
+{
+    struct experiment e;
+    struct simulation s;
+    struct why_question q = {.loop = "u", .give_up = 1};
+    char law[400];
+    int64_t revision = 0;
+    (void)state;
+    ask_store(&s, &e, &q, "first-order", 50);
+    assert_int_equal(why_ask(&answer, &q, &why), APC_ETIMEDOUT);
+    assert_has(why.text, "takes too long");
+    q.give_up = 0;
+    assert_int_equal(why_ask(&answer, &q, &why), 0);
+    why_free(&answer);
+    const int n = apc_store_catalogue(s.store, NULL, 0, &revision);
+    char *text = calloc((size_t)n + sizeof law, 1);
+    assert_non_null(text);
+    assert_int_equal(apc_store_catalogue(s.store, text, (size_t)n + 1, &revision), n);
+    char *at = strstr(text, "law = \"pi\"");
+    assert_non_null(at);
+    memmove(at + strlen("law = \"./no.so\""), at + strlen("law = \"pi\""),
+            strlen(at) + 1 - strlen("law = \"pi\""));
+    memcpy(at, "law = \"./no.so\"", strlen("law = \"./no.so\""));
+    assert_true(apc_store_describe(s.store, replay.tags, replay.n_tags, text) >= 0);
+    free(text);
+    assert_true(why_ask(&answer, &q, &why) < 0); /* it is not there */
+    assert_has(why.text, "./no.so");
+    q.built_in = true;
+    assert_int_equal(why_ask(&answer, &q, &why), APC_EPERM);
+    assert_has(why.text, "./no.so is not built in");
+    simulation_destroy(&s);
+    experiment_free(&e);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -311,6 +361,7 @@ int main(void)
         cmocka_unit_test_teardown(each_kind_of_input_is_found, end),
         cmocka_unit_test_teardown(a_damaged_record_is_not_explained, end),
         cmocka_unit_test_teardown(a_store_tells_what_the_folder_of_its_run_does, end),
+        cmocka_unit_test_teardown(a_question_is_answered_in_time_or_refused, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,8 +3,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "experiment/experiment.h"
 #include "figures/figures.h"
+#include "simulation/simulation.h"
 #include "ui_plant.h"
+
+static json_t *answer;
 
 /* ---- What was ----------------------------------------------------------------------------- */
 
@@ -704,11 +708,73 @@ static void what_the_controllers_were_worth_is_told(void **state)
     kpis_free(&m);
 }
 
+/* Of the store of a simulation of that shipped experiment. */
+static void ask_why_of(const char *name, const char *const q[10])
+{
+    char path[300], text[1 << 14];
+    struct experiment e;
+    struct simulation s;
+    struct apc_error why;
+    struct apc_store *there = store;
+    snprintf(path, sizeof path, "%s/experiments/%s.conf", APC_SOURCE_DIR, name);
+    FILE *in = fopen(path, "r");
+    assert_non_null(in);
+    const size_t n = fread(text, 1, sizeof text - 1, in);
+    fclose(in);
+    text[n] = '\0';
+    const struct experiment_source source = {.file = path, .text = text};
+    assert_int_equal(experiment_parse(&e, &source, EXPERIMENT_MODEL | EXPERIMENT_LAW, NULL, &why), 0);
+    assert_int_equal(simulation_create(&s, &e, 3, &why), 0);
+    assert_int_equal(simulation_run(&s, 40), 0);
+    assert_int_equal(provision(s.store, &e, PROVISION_KEEP), 0);
+    memset(query, 0, sizeof query);
+    memcpy(query, q, 10 * sizeof *q);
+    store = s.store;
+    json_t *json = ask(get_why);
+    store = there;
+    simulation_destroy(&s);
+    experiment_free(&e);
+    answer = json;
+}
+
+static void why_an_output_moved_is_told(void **state)
+{
+    static const char *const tick[10] = {"output", "u"}, *const move[10] = {"output", "u", "over", "30"},
+                             *const soon[10] = {"output", "u", "at", "soon"},
+                             *const other[10] = {"output", "v"};
+    double parts = 0;
+    size_t i;
+    const json_t *cause;
+    (void)state;
+    ask_why_of("first-order", tick);
+    assert_int_equal(request.fault.http, 0);
+    assert_string_equal(json_string_value(json_object_get(answer, "output")), "u");
+    json_decref(answer);
+    ask_why_of("first-order", move);
+    json_array_foreach(json_object_get(answer, "inputs"), i, cause) parts +=
+        json_number_value(json_object_get(cause, "effect"));
+    for (i = 0; i < 2; i++)
+        parts += json_number_value(json_object_get(answer, i ? "earlier" : "together"));
+    assert_near(parts,
+                json_number_value(json_object_get(answer, "now")) -
+                    json_number_value(json_object_get(answer, "before")),
+                1e-9);
+    json_decref(answer);
+    ask_why_of("first-order", other);
+    json_decref(answer);
+    assert_int_equal(request.fault.http, 404);
+    assert_string_equal(request.fault.message, "there is no loop \"v\"");
+    ask_why_of("first-order", soon);
+    json_decref(answer);
+    assert_int_equal(request.fault.http, 400);
+}
+
 static void what_cannot_be_read_is_no_empty_answer(void **state)
 {
-    static const char *const series[10] = {"task", "controller", "quantity", "run"};
+    static const char *const series[10] = {"task", "controller", "quantity", "run"}, *const loop[10] = {
+                                                                                         "output", "u1"};
     void (*const ask_past[])(struct ui *, struct request *, struct apc_store *) = {
-        get_events, get_timing, get_timing_series, get_history, get_prediction, get_kpis};
+        get_events, get_timing, get_timing_series, get_history, get_prediction, get_kpis, get_why};
     struct apc_store *there = store;
     (void)state;
     assert_int_equal(apc_store_open(&store, "sqlite:/no/such/folder/store.db", NULL, NULL), 0);
@@ -716,6 +782,8 @@ static void what_cannot_be_read_is_no_empty_answer(void **state)
         memset(query, 0, sizeof query);
         if (ask_past[i] == get_timing_series)
             memcpy(query, series, sizeof series);
+        if (ask_past[i] == get_why)
+            memcpy(query, loop, sizeof loop);
         if (ask_past[i] == get_history)
             ask_history("var", "sensor.1", "last", "3");
         json_decref(ask(ask_past[i]));
@@ -757,6 +825,7 @@ int main(void)
         T(a_bad_sample_is_counted_and_not_averaged),
         T(what_was_expected_stands_beside_what_came),
         T(what_the_controllers_were_worth_is_told),
+        T(why_an_output_moved_is_told),
         T(what_cannot_be_read_is_no_empty_answer),
         T(plants_that_could_not_be_listed_are_not_asked_for_at_once_again),
         T(what_a_law_does_not_publish_now_is_old_and_no_alarm),
