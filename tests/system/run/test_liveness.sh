@@ -7,7 +7,7 @@ fast_experiment
 export APC_STORE=sqlite:$work/store.db
 sed -e 's/hold = [0-9.]*;/hold = 1.0;/' "$work/fast.conf" >"$work/short.conf" # how long a run may go without control
 
-# A law that does as the file $work/order says: hang, or crash at a tick.
+# A law that does as the file $work/order says: hang, or crash at a tick. Without an order it leaves the file $work/order.none.
 cat >"$work/law.c" <<'EOF'
 #include <apccontrol.h>
 #include <stdio.h>
@@ -28,6 +28,13 @@ static int compute(struct apc_law_call *c)
     if (!strncmp(order, "crash", 5)) {
         remove(getenv("ORDER"));
         abort();
+    }
+    if (!order[0]) {
+        char none[256];
+        snprintf(none, sizeof none, "%s.none", getenv("ORDER"));
+        file = fopen(none, "w");
+        if (file)
+            fclose(file);
     }
     c->u[0] = c->tuning[0] * (c->z[0] - c->y[0]);
     return 0;
@@ -64,7 +71,8 @@ until_true 30 another "$run" apc-controller "$before"
 until_true 30 said 'apc-controller no longer ticked, was killed and was started again' hang.log
 until_true 30 said 'plant at its safe value' hang/apc-plant.log
 until_true 30 said 'plant at its safe value' hang.log # the live line
-rm "$ORDER"
+rm -f "$ORDER" "$ORDER.none"
+until_true 30 test -e "$ORDER.none" # the successor may have read the order as well: then its own one has not
 until_true 30 taken hang 2
 kill -INT "$run"
 ends_with "$run" 1
